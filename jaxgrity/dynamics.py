@@ -1,0 +1,57 @@
+"""The equations of motion, M a = -dU/dq - dR/dv (+ F_switch), and the quantities that they conserve."""
+
+import jax
+import jax.numpy as jnp
+
+from jaxgrity.friction import SwitchFriction, switch_force
+from jaxgrity.ground import normal_force, signed_distance
+from jaxgrity.primitives import component, dot, inner, scale
+from jaxgrity.scene import Scene
+from jaxgrity.types import AnyArray, NodeVectors, Scalar
+
+State = tuple[AnyArray, AnyArray]
+
+
+def acceleration(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors) -> NodeVectors:
+    """a = M^-1 (-dU/dq - dR/dv + F_switch), (nodes, 3), m/s^2."""
+    pressed = None
+    if scene.friction is not None:
+        pressed = normal_force(scene.ground, signed_distance(scene.ground, q), component(v, scene.ground.normal))
+    force = -jax.grad(scene.potential_energy)(q, t)
+    if scene.dissipates:
+        force -= jax.grad(scene.dissipation)(v, q, t, pressed)
+    if isinstance(scene.friction, SwitchFriction):
+        force += switch_force(scene.friction, scene.ground, v, pressed, force)
+    return scale(force, 1 / scene.structure.node_mass)
+
+
+def vector_field(t: Scalar, state: State, scene: Scene) -> State:
+    """d/dt (q, v) = (v, a): the right-hand side that every method integrates."""
+    q, v = state
+    return v, acceleration(scene, t, q, v)
+
+
+def kinetic_energy(scene: Scene, v: NodeVectors) -> Scalar:
+    """T = sum m/2 |v|^2, J."""
+    return inner(scene.structure.node_mass, dot(v, v)) / 2
+
+
+def mechanical_energy(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors) -> Scalar:
+    """T + U, J."""
+    return kinetic_energy(scene, v) + scene.potential_energy(q, t)
+
+
+def centre_of_mass(scene: Scene, q: NodeVectors):
+    """sum m x / sum m, (3,), m; of velocities: its velocity."""
+    mass = scene.structure.node_mass
+    return jnp.einsum("n,nk->k", mass, q) / mass.sum()
+
+
+def momentum(scene: Scene, v: NodeVectors):
+    """p = sum m v, (3,), kg m/s."""
+    return jnp.einsum("n,nk->k", scene.structure.node_mass, v)
+
+
+def angular_momentum(scene: Scene, q: NodeVectors, v: NodeVectors):
+    """L = sum m x × v about the origin, (3,), kg m^2/s."""
+    return jnp.einsum("n,nk->k", scene.structure.node_mass, jnp.cross(q, v))

@@ -1,0 +1,50 @@
+"""U(q, t), the potential energy. Every conservative force of the library is `-jax.grad` of this one function."""
+
+import jax.numpy as jnp
+
+from jaxgrity.actuation import Gait, rest_lengths
+from jaxgrity.ground import Ground, contact_energy, signed_distance
+from jaxgrity.primitives import component, edge_vectors, inner, length, positive_part
+from jaxgrity.structure import Members, Structure
+from jaxgrity.types import NodeVectors, PerMember, PerNode, Scalar
+
+UP = (0.0, 0.0, 1.0)
+
+
+def potential_energy(
+    q: NodeVectors,
+    t: Scalar,
+    structure: Structure,
+    gait: Gait | None,
+    gravity: Scalar | None,
+    ground: Ground | None,
+) -> Scalar:
+    """U = U_struts + U_cables + U_gravity + U_contact, J, of the terms that the scene has. q: (nodes, 3), m."""
+    strut_rest, cable_rest = rest_lengths(structure, gait, t)
+    U = jnp.zeros((), q.dtype)
+    if structure.struts is not None:
+        U += strut_energy(q, structure.struts, strut_rest)
+    if structure.cables is not None:
+        U += cable_energy(q, structure.cables, cable_rest)
+    if gravity is not None:
+        U += gravity_energy(q, structure.node_mass, gravity)
+    if ground is not None:
+        U += contact_energy(ground, signed_distance(ground, q))
+    return U
+
+
+def strut_energy(q: NodeVectors, struts: Members, rest_length: PerMember) -> Scalar:
+    """U = sum K/2 (l - L)^2, J."""
+    stretch = length(edge_vectors(q, struts.edges)) - rest_length
+    return inner(struts.stiffness * stretch, stretch) / 2
+
+
+def cable_energy(q: NodeVectors, cables: Members, rest_length: PerMember) -> Scalar:
+    """U = sum K/2 max(0, l - L)^2, J: a slack cable stores nothing."""
+    stretch = positive_part(length(edge_vectors(q, cables.edges)) - rest_length)
+    return inner(cables.stiffness * stretch, stretch) / 2
+
+
+def gravity_energy(q: NodeVectors, node_mass: PerNode, gravity: Scalar) -> Scalar:
+    """U = sum m g z, J."""
+    return gravity * inner(node_mass, component(q, UP))

@@ -1,0 +1,66 @@
+"""The ground: a signed distance, and the normal force of penalty contact."""
+
+import math
+
+import equinox as eqx
+import jax
+
+from jaxgrity.primitives import component, inner, positive_part
+from jaxgrity.types import NodeVectors, PerNode, Scalar, as_float
+
+Direction = tuple[float, float, float]
+
+
+class Ground(eqx.Module):
+    """A plane through the origin, level or falling towards +x by `incline`, that pushes back as a stiff spring.
+
+    phi(x) = n·x with n = (sin theta, 0, cos theta).
+    """
+
+    stiffness: Scalar = eqx.field(converter=as_float)
+    """k_n, N/m, per node"""
+    dissipation: Scalar | None = eqx.field(converter=lambda a: None if a is None else as_float(a), default=None)
+    """alpha of Hunt and Crossley's law, s/m; None: not modelled"""
+    incline: float = eqx.field(static=True, default=0.0)
+    """theta, rad"""
+
+    @property
+    def normal(self) -> Direction:
+        """Outward unit normal n."""
+        return (math.sin(self.incline), 0.0, math.cos(self.incline))
+
+    @property
+    def tangents(self) -> tuple[Direction, Direction]:
+        """Two unit vectors in the plane: down the slope, and level."""
+        return (math.cos(self.incline), 0.0, -math.sin(self.incline)), (0.0, 1.0, 0.0)
+
+
+def signed_distance(ground: Ground, q: NodeVectors) -> PerNode:
+    """phi, m: height of each node above the ground along its normal, negative inside."""
+    return component(q, ground.normal)
+
+
+def contact_energy(ground: Ground, phi: PerNode) -> Scalar:
+    """U = sum k_n/2 min(0, phi)^2, J."""
+    penetration = positive_part(-phi)
+    return ground.stiffness / 2 * inner(penetration, penetration)
+
+
+def contact_dissipation(ground: Ground, v_n: PerNode, phi: PerNode) -> Scalar:
+    """R whose gradient turns k_n pen into Hunt and Crossley's k_n pen max(0, 1 - alpha v_n), W.
+
+    R = sum k_n pen (alpha/2 c^2 + v_n - c) with c = min(v_n, 1/alpha): past 1/alpha the contact lets go, it never
+    pulls. Hunt and Crossley 1975, doi:10.1115/1.3423596.
+    """
+    alpha = ground.dissipation
+    released = positive_part(v_n - 1 / alpha)
+    closing = v_n - released
+    return ground.stiffness * inner(positive_part(-phi), alpha / 2 * closing * closing + released)
+
+
+def normal_force(ground: Ground, phi: PerNode, v_n: PerNode) -> PerNode:
+    """F_n = -dU/dphi - dR/dv_n >= 0, N: what friction is proportional to."""
+    elastic = jax.grad(contact_energy, argnums=1)(ground, phi)
+    if ground.dissipation is None:
+        return -elastic
+    return -elastic - jax.grad(contact_dissipation, argnums=1)(ground, v_n, phi)

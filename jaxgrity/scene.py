@@ -1,0 +1,169 @@
+"""A scene: the composition of a structure and of what acts on it, and the two scalar functions that it is."""
+
+import equinox as eqx
+import jax
+import numpy as np
+
+from jaxgrity.actuation import Gait
+from jaxgrity.dissipation import dissipation_function
+from jaxgrity.energy import potential_energy
+from jaxgrity.friction import Friction, SmoothFriction, SwitchFriction
+from jaxgrity.ground import Ground
+from jaxgrity.structure import InputError, Members, Structure, edge_lengths
+from jaxgrity.types import NodeVectors, PerNode, Scalar, as_float
+from jaxgrity.vibration import equilibrium, natural_frequencies
+
+
+def _optional_float(x: object):
+    return None if x is None else as_float(x)
+
+
+class Scene(eqx.Module):
+    """What is simulated. A part that is None is not modelled, and leaves no trace in the compiled program.
+
+    Raises `InputError` where the parts do not fit each other.
+    """
+
+    structure: Structure
+    gravity: Scalar | None = eqx.field(converter=_optional_float, default=None)
+    """g, m/s^2, along -z"""
+    node_damping: PerNode | None = eqx.field(converter=_optional_float, default=None)
+    """c, N s/m"""
+    ground: Ground | None = None
+    friction: Friction | None = None
+    gait: Gait | None = None
+
+    def __check_init__(self):
+        members = sum(len(m.edges) for m in (self.structure.struts, self.structure.cables) if m)
+        if self.friction is not None and self.ground is None:
+            raise InputError("friction needs a ground to act on; expected [ground] beside [friction]")
+        if self.gait is not None:
+            for k in self.gait.members:
+                if not 0 <= k < members:
+                    raise InputError(f"gait.members names member {k}; expected 0 to {members - 1}, struts first")
+            for name in ("phase", "amplitude", "frequency"):
+                shape = np.shape(getattr(self.gait, name))
+                if shape != (len(self.gait.members),):
+                    raise InputError(
+                        f"gait.{name} has shape {shape}; expected one number for each of the "
+                        f"{len(self.gait.members)} actuated members"
+                    )
+
+    def potential_energy(self, q: NodeVectors, t: Scalar) -> Scalar:
+        """U(q, t), J."""
+        return potential_energy(q, t, self.structure, self.gait, self.gravity, self.ground)
+
+    def dissipation(self, v: NodeVectors, q: NodeVectors, t: Scalar, normal_force: PerNode | None) -> Scalar:
+        """R(v; q, t), W, with friction's normal force held fixed."""
+        smooth = self.friction if isinstance(self.friction, SmoothFriction) else None
+        return dissipation_function(
+            v, q, t, self.structure, self.gait, self.node_damping, self.ground, smooth, normal_force
+        )
+
+    @property
+    def dissipates(self) -> bool:
+        """Whether any force of the scene depends on velocity."""
+        members = (self.structure.struts, self.structure.cables)
+        return (
+            self.node_damping is not None
+            or any(m is not None and m.damping is not None for m in members)
+            or (self.ground is not None and self.ground.dissipation is not None)
+            or self.friction is not None
+        )
+
+    def describe(self) -> str:
+        """What is modelled and what is not, members, masses, prestress, lowest and highest natural frequency.
+
+        Prestress and frequencies are those of the structure alone, in the shape it takes without gravity, ground
+        and gait.
+        """
+        modelled = _terms(self)
+        lines = [
+            ("modelled", ", ".join(name for name, present in modelled if present)),
+            ("not modelled", ", ".join(name for name, present in modelled if not present) or "-"),
+            ("nodes", f"{len(self.structure.nodes)}, {float(self.structure.mass):.4g} kg in all"),
+            *_describe_members(self.structure),
+            *_describe_prestress(self.structure),
+            *_describe_gait(self.gait),
+        ]
+        return "\n".join(f"{name:<20} {text}" for name, text in lines)
+
+
+def as_dtype(scene: Scene, dtype: np.dtype) -> Scene:
+    """The scene with every number as a JAX array of `dtype`."""
+    return jax.tree.map(lambda x: jax.numpy.asarray(x, dtype), scene)
+
+
+def _terms(scene: Scene) -> list[tuple[str, bool]]:
+    struts, cables = scene.structure.struts, scene.structure.cables
+    return [
+        ("strut springs", struts is not None),
+        ("cables (tension only)", cables is not None),
+        ("strut damping", struts is not None and struts.damping is not None),
+        ("cable damping", cables is not None and cables.damping is not None),
+        ("gravity", scene.gravity is not None),
+        ("node damping", scene.node_damping is not None),
+        ("penalty contact", scene.ground is not None),
+        ("contact dissipation", scene.ground is not None and scene.ground.dissipation is not None),
+        ("smooth friction", isinstance(scene.friction, SmoothFriction)),
+        ("Coulomb switch", isinstance(scene.friction, SwitchFriction)),
+        ("gait", scene.gait is not None),
+    ]
+
+
+def _span(values: np.ndarray, unit: str) -> str:
+    low, high = float(np.min(values)), float(np.max(values))
+    return f"{low:.4g} {unit}" if np.isclose(low, high) else f"{low:.4g} to {high:.4g} {unit}"
+
+
+def _describe_members(structure: Structure) -> list[tuple[str, str]]:
+    lines = []
+    for name, members in (("struts", structure.struts), ("cables", structure.cables)):
+        if members is None:
+            continue
+        parts = [
+            f"{len(members.edges)}",
+            f"length {_span(edge_lengths(structure.nodes, members.edges), 'm')}",
+            f"rest length {_span(members.rest_length, 'm')}",
+            f"stiffness {_span(members.stiffness, 'N/m')}",
+        ]
+        if members.damping is not None:
+            parts.append(f"damping {_span(members.damping, 'N s/m')}")
+        lines.append((name, ", ".join(parts)))
+    return lines
+
+
+def _describe_prestress(structure: Structure) -> list[tuple[str, str]]:
+    def energy(q):
+        return potential_energy(q, 0.0, structure, None, None, None)
+
+    if structure.struts is None and structure.cables is None:
+        return []
+    shape = equilibrium(energy, structure.nodes)
+    where = "" if shape is not None else " (in the given shape: no equilibrium found)"
+    shape = np.asarray(structure.nodes) if shape is None else shape
+    forces = []
+    for name, members in (("struts", structure.struts), ("cables", structure.cables)):
+        if members is not None:
+            force = _tension(members, shape, only_pull=name == "cables")
+            forces.append(f"{name} {_span(force, 'N')}")
+    frequencies = natural_frequencies(energy, structure.node_mass, shape)
+    lines = [("prestress", ", ".join(forces) + " (tension positive)" + where)]
+    if frequencies.size:
+        lines.append(("natural frequencies", f"{frequencies[0]:.4g} to {frequencies[-1]:.4g} Hz" + where))
+    return lines
+
+
+def _tension(members: Members, shape: np.ndarray, only_pull: bool) -> np.ndarray:
+    force = np.asarray(members.stiffness) * (edge_lengths(shape, members.edges) - np.asarray(members.rest_length))
+    return np.maximum(force, 0) if only_pull else force
+
+
+def _describe_gait(gait: Gait | None) -> list[tuple[str, str]]:
+    if gait is None:
+        return []
+    text = (
+        f"{len(gait.members)} members, amplitude {_span(gait.amplitude, '')}, frequency {_span(gait.frequency, 'Hz')}, "
+        f"from {float(gait.start):g} s, full after {float(gait.ramp):g} s more"
+    )
+    return [("gait", text.replace(" ,", ","))]

@@ -1,0 +1,296 @@
+"""Scene files: TOML, SI units, radians; every key checked, and errors that say where they are."""
+
+import math
+import re
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import msgspec
+import numpy as np
+from msgspec import Meta
+
+from jaxgrity.actuation import Gait, random_members, random_phases
+from jaxgrity.catalogue import icosahedron, rest_on_face
+from jaxgrity.files import read_text
+from jaxgrity.friction import Friction, SmoothFriction, SwitchFriction
+from jaxgrity.ground import Ground
+from jaxgrity.scene import Scene
+from jaxgrity.structure import InputError, Members, Structure, check_edges, edge_lengths, per_member
+
+Positive = Annotated[float, Meta(gt=0)]
+NotNegative = Annotated[float, Meta(ge=0)]
+Share = Annotated[float, Meta(ge=0, lt=1)]
+Each = float | list[float]
+Pair = tuple[int, int]
+
+
+class _Table(msgspec.Struct, forbid_unknown_fields=True):
+    pass
+
+
+class IcosahedronTable(_Table, tag="icosahedron", tag_field="kind"):
+    strut_length: Positive = 1.0
+    mass: Positive | None = None
+    node_mass: list[Positive] | None = None
+    pose: Literal["face", "strut"] = "strut"
+    height: float = 0.0
+
+
+class CustomTable(_Table, tag="custom", tag_field="kind"):
+    nodes: Annotated[list[tuple[float, float, float]], Meta(min_length=1)]
+    struts: list[Pair] = []
+    cables: list[Pair] = []
+    mass: Positive | None = None
+    node_mass: list[Positive] | None = None
+    pose: Literal["face", "strut"] = "strut"
+    height: float | None = None
+
+
+class StrutsTable(_Table):
+    stiffness: Positive | list[Positive] | None = None
+    rigid: bool = False
+    damping: NotNegative | list[NotNegative] | None = None
+    prestrain: Annotated[float, Meta(lt=1)] | list[Annotated[float, Meta(lt=1)]] | None = None
+    rest_length: Positive | list[Positive] | None = None
+
+
+class CablesTable(_Table):
+    stiffness: Positive | list[Positive]
+    damping: NotNegative | list[NotNegative] | None = None
+    prestrain: Annotated[float, Meta(lt=1)] | list[Annotated[float, Meta(lt=1)]] | None = None
+    rest_length: Positive | list[Positive] | None = None
+
+
+class GravityTable(_Table):
+    g: NotNegative = 9.81
+
+
+class DampingTable(_Table):
+    node: NotNegative | list[NotNegative]
+
+
+class GroundTable(_Table):
+    contact: Literal["penalty", "complementarity"] = "penalty"
+    incline: Annotated[float, Meta(gt=-math.pi / 2, lt=math.pi / 2)] = 0.0
+    stiffness: Positive | None = None
+    dissipation: NotNegative | None = None
+
+
+class FrictionTable(_Table):
+    kind: Literal["smooth", "switch", "cone"] = "smooth"
+    mu: NotNegative | None = None
+    mu_static: NotNegative | None = None
+    mu_kinetic: NotNegative | None = None
+    slip_speed: Positive | None = None
+
+
+class RandomMembers(_Table):
+    """About `random` of the members `of` one kind, drawn by `seed`."""
+
+    random: Annotated[float, Meta(gt=0, le=1)]
+    of: Literal["struts", "cables"] = "cables"
+    seed: int = 0
+
+
+class RandomPhases(_Table):
+    seed: int
+
+
+class GaitTable(_Table, kw_only=True):
+    members: Literal["struts", "cables"] | list[int] | RandomMembers = "struts"
+    amplitude: Share | list[Share] = 0.3
+    frequency: NotNegative | list[NotNegative] = 0.5
+    phase: list[float] | RandomPhases
+    start: NotNegative = 0.0
+    ramp: Positive = 1.0
+
+
+class SceneFile(_Table):
+    structure: IcosahedronTable | CustomTable
+    struts: StrutsTable | None = None
+    cables: CablesTable | None = None
+    gravity: GravityTable | None = None
+    damping: DampingTable | None = None
+    ground: GroundTable | None = None
+    friction: FrictionTable | None = None
+    gait: GaitTable | None = None
+
+
+def load_scene(path: str | Path) -> Scene:
+    """Read a scene file (TOML, SI units, radians).
+
+    Raises `InputError`, one line with the file, the key, the value received and what was expected.
+    """
+    return parse_scene(read_text(path), str(path))
+
+
+def parse_scene(text: str, name: str = "scene") -> Scene:
+    """The scene that a scene file's text describes; `name` stands for the file in errors, as for `load_scene`."""
+    try:
+        tables = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{name}: not TOML: {error}") from error
+    _refuse_not_finite(tables, name, "")
+    try:
+        return build_scene(msgspec.convert(tables, SceneFile, strict=True))
+    except msgspec.ValidationError as error:
+        raise InputError(f"{name}: {_explain(str(error), tables)}") from error
+    except InputError as error:
+        raise InputError(f"{name}: {error}") from error
+
+
+def _refuse_not_finite(value: Any, name: str, key: str) -> None:
+    if isinstance(value, float) and not math.isfinite(value):
+        raise InputError(f"{name}: {key} = {value}: expected a finite number")
+    items = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    for k, item in items:
+        _refuse_not_finite(item, name, f"{key}[{k}]" if isinstance(k, int) else f"{key}.{k}".lstrip("."))
+
+
+def _explain(message: str, tables: dict) -> str:
+    """msgspec's message, its path turned into the file's own key, with the value that was found there."""
+    reason, _, path = message.partition(" - at `$")
+    key, value = path.rstrip("`").lstrip("."), tables
+    for step in re.findall(r"[^.\[\]]+", key):
+        if isinstance(value, list) and step.isdigit():
+            value = value[int(step)]
+        elif isinstance(value, dict) and step in value:
+            value = value[step]
+    received = "" if isinstance(value, (dict, list)) else f" = {value!r}"
+    lowered = reason[:1].lower() + reason[1:]
+    return f"{key}{received}: {lowered}" if key else lowered
+
+
+def build_scene(file: SceneFile) -> Scene:
+    """The scene of a validated scene file. Raises `InputError` where its parts do not fit each other."""
+    _refuse_unsupported(file)
+    structure = _structure(file)
+    damping = file.damping and per_member(file.damping.node, len(structure.nodes), "damping.node")
+    return Scene(
+        structure=structure,
+        gravity=file.gravity.g if file.gravity else None,
+        node_damping=damping,
+        ground=_ground(file.ground),
+        friction=_friction(file.friction),
+        gait=_gait(file.gait, structure),
+    )
+
+
+def _refuse_unsupported(file: SceneFile) -> None:
+    exact = "the methods at hand are for spring struts and penalty contact"
+    if file.struts is not None and file.struts.rigid:
+        raise InputError(f"struts.rigid = true: {exact}; expected struts.stiffness instead")
+    if file.ground is not None and file.ground.contact == "complementarity":
+        raise InputError(f"ground.contact = 'complementarity': {exact}; expected 'penalty'")
+    if file.friction is not None and file.friction.kind == "cone":
+        raise InputError(f"friction.kind = 'cone': {exact}; expected 'smooth' or 'switch'")
+
+
+def _structure(file: SceneFile) -> Structure:
+    table = file.structure
+    if isinstance(table, IcosahedronTable):
+        nodes, struts, cables = icosahedron(table.strut_length)
+    else:
+        nodes, struts, cables = np.array(table.nodes, float), tuple(table.struts), tuple(table.cables)
+        check_edges(nodes, struts, cables)
+    parts = {
+        "struts": _members(file.struts, struts, nodes, "struts"),
+        "cables": _members(file.cables, cables, nodes, "cables"),
+    }
+    return Structure(nodes=_posed(nodes, table, file.ground), node_mass=_node_mass(table, len(nodes)), **parts)
+
+
+def _node_mass(table: IcosahedronTable | CustomTable, count: int) -> np.ndarray:
+    if (table.mass is None) == (table.node_mass is None):
+        raise InputError("structure: expected either mass (in all) or node_mass (a list)")
+    if table.node_mass is not None and len(table.node_mass) != count:
+        raise InputError(f"structure.node_mass has {len(table.node_mass)} numbers; expected {count}, one for each node")
+    return np.full(count, table.mass / count) if table.mass is not None else np.array(table.node_mass, float)
+
+
+def _posed(nodes: np.ndarray, table: IcosahedronTable | CustomTable, ground: GroundTable | None) -> np.ndarray:
+    if table.pose == "face":
+        nodes = rest_on_face(nodes)
+    if table.height is None:
+        return nodes
+    slope = math.tan(ground.incline) if ground else 0.0
+    above = nodes[:, 2] + slope * nodes[:, 0]
+    return nodes + [0.0, 0.0, table.height - above.min()]
+
+
+def _members(table: StrutsTable | CablesTable | None, edges: tuple, nodes: np.ndarray, kind: str) -> Members | None:
+    if not edges:
+        if table is not None:
+            raise InputError(f"{kind}: the structure has none; expected no [{kind}] table")
+        return None
+    if table is None:
+        return None
+    if table.stiffness is None:
+        raise InputError(f"{kind}: expected stiffness (N/m)")
+    if table.prestrain is not None and table.rest_length is not None:
+        raise InputError(f"{kind}: has both prestrain and rest_length; expected one of them")
+    count = len(edges)
+    if table.rest_length is not None:
+        rest = per_member(table.rest_length, count, f"{kind}.rest_length")
+    else:
+        prestrain = per_member(table.prestrain or 0.0, count, f"{kind}.prestrain")
+        rest = (1 - prestrain) * edge_lengths(nodes, edges)
+    damping = per_member(table.damping or 0.0, count, f"{kind}.damping")
+    return Members(
+        edges=edges,
+        stiffness=per_member(table.stiffness, count, f"{kind}.stiffness"),
+        rest_length=rest,
+        damping=damping if damping.any() else None,
+    )
+
+
+def _ground(table: GroundTable | None) -> Ground | None:
+    if table is None:
+        return None
+    if table.stiffness is None:
+        raise InputError("ground: expected stiffness (N/m) for penalty contact")
+    return Ground(table.stiffness, table.dissipation or None, table.incline)
+
+
+def _friction(table: FrictionTable | None) -> Friction | None:
+    if table is None:
+        return None
+    names = {"smooth": ["mu", "slip_speed"], "switch": ["mu_static", "mu_kinetic", "slip_speed"]}[table.kind]
+    given = [n for n in ("mu", "mu_static", "mu_kinetic", "slip_speed") if getattr(table, n) is not None]
+    if given != names:
+        raise InputError(
+            f"friction.kind = {table.kind!r} has the keys {', '.join(given) or 'none'}; expected {', '.join(names)}"
+        )
+    kind = SmoothFriction if table.kind == "smooth" else SwitchFriction
+    return kind(*(getattr(table, name) for name in names))
+
+
+def _gait(table: GaitTable | None, structure: Structure) -> Gait | None:
+    if table is None:
+        return None
+    struts, cables = (len(m.edges) if m else 0 for m in (structure.struts, structure.cables))
+    kinds = {"struts": range(struts), "cables": range(struts, struts + cables)}
+    if isinstance(table.members, RandomMembers):
+        members = random_members(kinds[table.members.of], table.members.random, table.members.seed)
+    elif isinstance(table.members, str):
+        members = tuple(kinds[table.members])
+    else:
+        members = tuple(table.members)
+    if len(set(members)) != len(members) or not members:
+        raise InputError(f"gait.members = {list(members)}: expected at least one member, and none twice")
+    count = len(members)
+    if isinstance(table.phase, RandomPhases):
+        phase = random_phases(1, count, table.phase.seed)[0]
+    elif len(table.phase) == count:
+        phase = np.array(table.phase, float)
+    else:
+        raise InputError(f"gait.phase has {len(table.phase)} numbers; expected {count}, one for each actuated member")
+    return Gait(
+        members=members,
+        phase=phase,
+        amplitude=per_member(table.amplitude, count, "gait.amplitude"),
+        frequency=per_member(table.frequency, count, "gait.frequency"),
+        start=table.start,
+        ramp=table.ramp,
+    )

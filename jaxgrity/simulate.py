@@ -1,0 +1,188 @@
+"""One rollout of one scene, by any method."""
+
+import math
+
+import diffrax
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxgrity.dynamics import State, vector_field
+from jaxgrity.methods import Method, find_method
+from jaxgrity.primitives import edge_vectors, length
+from jaxgrity.scene import Scene, as_dtype
+from jaxgrity.stability import check_step, default_method, default_step
+from jaxgrity.structure import InputError
+from jaxgrity.types import NodeVectors, Path, Times
+
+FAILURES = (
+    "succeeded",
+    "the motion is not finite",
+    "the structure was torn apart",
+    "the most steps allowed were taken",
+    "an implicit step did not converge",
+    "the step became too small",
+)
+TORN = 10.0
+"""a member this many times as long as it was built shows a motion that has blown up, finite or not"""
+
+
+class Trajectory(eqx.Module):
+    """A motion: where every node was at each saved time, how it was computed, and whether it can be believed."""
+
+    times: Times
+    """(frames,), s"""
+    positions: Path
+    """(frames, nodes, 3), m"""
+    velocities: Path
+    """(frames, nodes, 3), m/s"""
+    failure: jax.Array
+    """index into `FAILURES`; 0: succeeded"""
+    steps: jax.Array
+    """accepted steps"""
+    rejected: jax.Array
+    """steps that an adaptive method tried and gave up"""
+    method: str = eqx.field(static=True)
+    dt: float | None = eqx.field(static=True)
+    """fixed step, s; None: adaptive"""
+
+    @property
+    def failed(self) -> bool:
+        return bool(self.failure != 0)
+
+
+class Settings(eqx.Module):
+    """How to integrate, settled: what `settle` makes of the options a user gives."""
+
+    method: Method = eqx.field(static=True)
+    dt: float | None = eqx.field(static=True)
+    dtype: str = eqx.field(static=True)
+    rtol: float = eqx.field(static=True)
+    atol: float = eqx.field(static=True)
+
+
+def settle(
+    scene: Scene,
+    duration: float,
+    method: str | None = None,
+    dt: float | None = None,
+    dtype: str | None = None,
+    rtol: float = 1e-8,
+    atol: float = 1e-8,
+    any_step: bool = False,
+) -> Settings:
+    """Choose what was left open, and refuse what cannot work, before anything compiles.
+
+    Without `method` the scene decides; without `dt` an adaptive method adapts its step to `rtol` and `atol`, any other
+    takes `default_step`. `any_step` lets a step pass that would blow up.
+
+    Raises `InputError`: unknown method; duration, step or tolerance that is not positive and finite; a step too large
+    for the scene; the symplectic method where something dissipates; float64 while JAX's x64 mode is off.
+    """
+    chosen = find_method(method) if method is not None else default_method()
+    for name, value in (("duration", duration), ("dt", dt), ("rtol", rtol), ("atol", atol)):
+        if value is not None and not (value > 0 and math.isfinite(value)):
+            raise InputError(f"{name} = {value}: expected a positive, finite number")
+    if chosen.symplectic and scene.dissipates:
+        raise InputError("method = 'symplectic' integrates scenes without dissipation; this one has damping or friction")
+    dtype = dtype or str(jnp.zeros(()).dtype)
+    if dtype not in ("float32", "float64"):
+        raise InputError(f"dtype = {dtype!r}: expected 'float32' or 'float64'")
+    if dtype == "float64" and not jax.config.jax_enable_x64:  # type: ignore[attr-defined]
+        raise InputError('dtype = \'float64\' needs jax.config.update("jax_enable_x64", True) first')
+    concrete = not any(isinstance(x, jax.core.Tracer) for x in jax.tree.leaves(scene))
+    if dt is None and not chosen.adaptive:
+        dt = default_step(scene, chosen)
+    elif dt is not None and not any_step and concrete:
+        check_step(scene, chosen, dt)
+    return Settings(chosen, dt, dtype, rtol, atol)
+
+
+def simulate(
+    scene: Scene,
+    duration: float,
+    *,
+    method: str | None = None,
+    dt: float | None = None,
+    dtype: str | None = None,
+    rtol: float = 1e-8,
+    atol: float = 1e-8,
+    frame_rate: float = 100.0,
+    positions: NodeVectors | None = None,
+    velocities: NodeVectors | None = None,
+    any_step: bool = False,
+) -> Trajectory:
+    """Integrate the scene's equations of motion over `duration` (s) and save `frame_rate` frames a second.
+
+    The motion starts from `positions` (m; the structure's own where not given) and `velocities` (m/s; at rest). The
+    other options are those of `settle`, which raises `InputError` on bad ones. A motion that fails is returned with
+    its failure code.
+    """
+    settings = settle(scene, duration, method, dt, dtype, rtol, atol, any_step)
+    q = scene.structure.nodes if positions is None else positions
+    v = np.zeros(q.shape) if velocities is None else velocities
+    times = np.linspace(0, duration, max(1, round(duration * frame_rate)) + 1)
+    return _simulate(as_dtype(scene, settings.dtype), (q, v), times, settings)
+
+
+@eqx.filter_jit
+def _simulate(scene: Scene, start: State, times: Times, settings: Settings) -> Trajectory:
+    times = jnp.asarray(times, settings.dtype)
+    start = jax.tree.map(lambda x: jnp.asarray(x, settings.dtype), start)
+    solution = integrate(vector_field, start, times, scene, settings)
+    q, v = solution.ys
+    stats = solution.stats
+    return Trajectory(
+        times=times,
+        positions=q,
+        velocities=v,
+        failure=failure_code(solution.result, state_failure(scene, q[-1], v[-1])),
+        steps=stats["num_accepted_steps"],
+        rejected=stats["num_rejected_steps"],
+        method=settings.method.name,
+        dt=settings.dt,
+    )
+
+
+def integrate(field, start: State, times: Times, args, settings: Settings) -> diffrax.Solution:
+    """`diffeqsolve` of `field` from `times[0]`, saved at `times`. It can be traced, and differentiated forwards."""
+    fixed, method = settings.dt is not None, settings.method
+    solver = method.step() if fixed else method.adapt()  # type: ignore[misc]
+    controller = (
+        diffrax.ConstantStepSize() if fixed else diffrax.PIDController(rtol=settings.rtol, atol=settings.atol)
+    )
+    dt0 = None if settings.dt is None else jnp.asarray(settings.dt, times.dtype)
+    return diffrax.diffeqsolve(
+        diffrax.ODETerm(field),
+        solver,
+        times[0],
+        times[-1],
+        dt0,
+        start,
+        args,
+        saveat=diffrax.SaveAt(ts=times),
+        stepsize_controller=controller,
+        adjoint=diffrax.ForwardMode(),
+        max_steps=None if fixed else 10**6,
+        throw=False,
+    )
+
+
+def failure_code(result, state_failure):
+    """Index into `FAILURES`, from diffrax's result and what `state_failure` says of the last state."""
+    results = diffrax.RESULTS
+    code = jnp.where(result == results.successful, state_failure, 4)
+    code = jnp.where(result == results.max_steps_reached, 3, code)
+    return jnp.where(result == results.dt_min_reached, 5, code)
+
+
+def state_failure(scene: Scene, q: NodeVectors, v: NodeVectors):
+    """1 where the state is not finite, 2 where a member is `TORN` times as long as it was built, else 0."""
+    finite = jnp.all(jnp.isfinite(q)) & jnp.all(jnp.isfinite(v))
+    torn = jnp.zeros((), bool)
+    for members in (scene.structure.struts, scene.structure.cables):
+        if members is not None:
+            built = length(edge_vectors(scene.structure.nodes, members.edges))
+            torn |= jnp.any(length(edge_vectors(q, members.edges)) > TORN * built)
+    return jnp.where(finite, jnp.where(torn, 2, 0), 1)

@@ -1,0 +1,78 @@
+"""Nodes and the members that join them, checked."""
+
+from collections.abc import Sequence
+
+import equinox as eqx
+import numpy as np
+
+from jaxgrity.types import Edges, NodeVectors, PerMember, PerNode, as_float
+
+
+class InputError(ValueError):
+    """A scene, a gait or a setting that cannot be simulated: what, where, the value received, what was expected."""
+
+
+class Members(eqx.Module):
+    """Springs of one kind, struts (which push and pull) or cables (which only pull), by the order of their edges."""
+
+    edges: Edges = eqx.field(static=True)
+    """(i, j), the nodes that each member joins"""
+    stiffness: PerMember = eqx.field(converter=as_float)
+    """K, N/m"""
+    rest_length: PerMember = eqx.field(converter=as_float)
+    """L, m, where nothing actuates the member"""
+    damping: PerMember | None = eqx.field(converter=lambda c: None if c is None else as_float(c), default=None)
+    """c, N s/m, along the member; None: not modelled"""
+
+
+class Structure(eqx.Module):
+    """Point masses, in the positions from which a simulation starts, and the struts and cables between them."""
+
+    nodes: NodeVectors = eqx.field(converter=as_float)
+    """initial positions, m"""
+    node_mass: PerNode = eqx.field(converter=as_float)
+    """m_i, kg"""
+    struts: Members | None = None
+    cables: Members | None = None
+
+    @property
+    def mass(self):
+        """Total mass, kg."""
+        return self.node_mass.sum()
+
+
+def edge_lengths(nodes: NodeVectors, edges: Edges) -> np.ndarray:
+    """Distance between the ends of each edge, m; NumPy, for use before a simulation."""
+    i, j = np.asarray(edges, int).reshape(-1, 2).T
+    return np.linalg.norm(np.asarray(nodes)[i] - np.asarray(nodes)[j], axis=1)
+
+
+def check_edges(nodes: np.ndarray, struts: Edges, cables: Edges, where: str = "structure") -> None:
+    """Refuse members that no robot has.
+
+    Raises `InputError` where a member goes to a node that is not there, joins a node to itself, has no length, or
+    joins two nodes that another member joins already.
+    """
+    seen: dict[tuple[int, int], str] = {}
+    for kind, edges in (("struts", struts), ("cables", cables)):
+        for k, (i, j) in enumerate(edges):
+            place, pair = f"{where}.{kind}[{k}]", (min(i, j), max(i, j))
+            for node in (i, j):
+                if not 0 <= node < len(nodes):
+                    raise InputError(f"{place} = [{i}, {j}]: there is no node {node}; expected 0 to {len(nodes) - 1}")
+            if i == j or np.array_equal(nodes[i], nodes[j]):
+                raise InputError(f"{place} = [{i}, {j}]: the member has no length; expected two nodes apart")
+            if pair in seen:
+                raise InputError(f"{place} = [{i}, {j}]: {seen[pair]} joins these nodes already")
+            seen[pair] = f"{kind}[{k}]"
+
+
+def per_member(value: float | Sequence[float], count: int, where: str) -> np.ndarray:
+    """One number for all members, or a list with one for each, as an array of `count`.
+
+    Raises `InputError` where a list has another length.
+    """
+    array = np.asarray(value, float)
+    if array.ndim and array.shape != (count,):
+        raise InputError(f"{where} has {array.size} numbers; expected one, or {count} (one each)")
+    return np.broadcast_to(array, (count,)).copy()

@@ -1,0 +1,30 @@
+"""Shape aliases, all in one place. Everything is written for one robot; `jax.vmap` adds the population."""
+
+import jax
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+AnyArray = jax.Array | np.ndarray
+
+Scalar = Float[AnyArray, ""]
+PerNode = Float[AnyArray, " nodes"]
+PerMember = Float[AnyArray, " members"]
+PerActuator = Float[AnyArray, " actuators"]
+NodeVectors = Float[AnyArray, "nodes 3"]
+MemberVectors = Float[AnyArray, "members 3"]
+Times = Float[AnyArray, " frames"]
+Path = Float[AnyArray, "frames nodes 3"]
+Vectors = Float[AnyArray, "population 3"]
+Phases = Float[AnyArray, "population actuators"]
+PerGait = Float[AnyArray, " population"]
+Failures = Int[AnyArray, " population"]
+Mask = Bool[AnyArray, " population"]
+Edges = tuple[tuple[int, int], ...]
+
+
+def as_float(x: object) -> AnyArray:
+    """A float64 NumPy array, unless `x` is a JAX array already (it may carry a gradient).
+
+    NumPy, so that a scene built before x64 is switched on loses no digits.
+    """
+    return x if isinstance(x, jax.Array) else np.asarray(x, np.float64)
