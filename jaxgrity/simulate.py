@@ -145,8 +145,13 @@ def _simulate(scene: Scene, start: State, times: Times, settings: Settings) -> T
     )
 
 
-def integrate(field, start: State, times: Times, args, settings: Settings) -> diffrax.Solution:
-    """`diffeqsolve` of `field` from `times[0]`, saved at `times`. It can be traced, and differentiated forwards."""
+def integrate(
+    field, start: State, times: Times, args, settings: Settings, saveat: diffrax.SaveAt | None = None
+) -> diffrax.Solution:
+    """`diffeqsolve` of `field` from the first of `times` to the last, saved at all of them unless `saveat` says else.
+
+    It can be traced, and differentiated in forward mode.
+    """
     fixed, method = settings.dt is not None, settings.method
     solver = method.step() if fixed else method.adapt()  # type: ignore[misc]
     controller = (
@@ -161,7 +166,7 @@ def integrate(field, start: State, times: Times, args, settings: Settings) -> di
         dt0,
         start,
         args,
-        saveat=diffrax.SaveAt(ts=times),
+        saveat=diffrax.SaveAt(ts=times) if saveat is None else saveat,
         stepsize_controller=controller,
         adjoint=diffrax.ForwardMode(),
         max_steps=None if fixed else 10**6,

@@ -1,0 +1,156 @@
+"""Many gaits of one scene in one call: one `vmap`'d vector field inside one `diffeqsolve`, over every device.
+
+The population is the last axis in memory (see `primitives.py`), split into chunks that stay in a core's cache, and the
+chunks are split over `jax.devices()`. A robot that fails is marked, and disturbs no other.
+"""
+
+from collections.abc import Callable
+
+import diffrax
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.sharding import Mesh, PartitionSpec
+
+from jaxgrity.actuation import Gait
+from jaxgrity.dynamics import centre_of_mass, vector_field
+from jaxgrity.scene import Scene, as_dtype
+from jaxgrity.simulate import Settings, failure_code, integrate, settle, state_failure
+from jaxgrity.structure import InputError
+from jaxgrity.types import Failures, PerGait, Phases, Vectors
+
+LANES = 128
+"""robots integrated side by side: enough to fill the vector units, few enough for the cache (measured, float32 and 64)"""
+
+
+class Outcomes(eqx.Module):
+    """Where a population's robots got to."""
+
+    com_start: Vectors
+    """(population, 3), centre of mass at the start, m"""
+    com_end: Vectors
+    """(population, 3), centre of mass at the end, m"""
+    failure: Failures
+    """(population,), index into `simulate.FAILURES`; 0: succeeded"""
+
+    def distance(self) -> PerGait:
+        """(population,), horizontal displacement of the centre of mass, m; NaN where the rollout failed."""
+        moved = np.asarray(self.com_end) - np.asarray(self.com_start)
+        return np.where(np.asarray(self.failure) == 0, np.hypot(moved[:, 0], moved[:, 1]), np.nan)
+
+
+def gaits_of(
+    gait: Gait | None, phase: Phases, amplitude: Phases | None = None, frequency: Phases | None = None
+) -> Gait:
+    """A population of gaits as one `Gait`, a row of each array a robot; what is not given is `gait`'s own.
+
+    Raises `InputError` where the scene has no gait, or the rows have another length than its list of members.
+    """
+    if gait is None:
+        raise InputError("the scene has no gait; expected a [gait] table to vary")
+
+    def rows(given, own):
+        return np.broadcast_to(own, np.shape(phase)) if given is None else given
+
+    count = len(gait.members)
+    for name, given in (("phase", phase), ("amplitude", amplitude), ("frequency", frequency)):
+        if given is not None and (np.ndim(given) != 2 or np.shape(given)[1] != count):
+            raise InputError(f"{name} has shape {np.shape(given)}; expected (gaits, {count}), one an actuated member")
+    return Gait(
+        gait.members, phase, rows(amplitude, gait.amplitude), rows(frequency, gait.frequency), gait.start, gait.ramp
+    )
+
+
+def simulate_population(
+    scene: Scene,
+    gaits: Gait,
+    duration: float,
+    *,
+    method: str | None = None,
+    dt: float | None = None,
+    dtype: str | None = None,
+    rtol: float = 1e-8,
+    atol: float = 1e-8,
+    any_step: bool = False,
+) -> Outcomes:
+    """Roll the scene out once for each of `gaits` (from `gaits_of`), from the structure's own pose at rest.
+
+    Fixed steps of an explicit method advance all robots at once; the steps of any other are chosen, or solved for,
+    robot by robot. Options and errors are those of `simulate.settle`.
+    """
+    settings = settle(scene, duration, method, dt, dtype, rtol, atol, any_step)
+    # lineax's linear solve, inside implicit methods, cannot be traced under shard_map
+    size, devices = gaits.phase.shape[0], 1 if settings.method.implicit else jax.device_count()
+    chunks = -(-size // (devices * LANES))
+    lanes = -(-size // (devices * chunks))
+    varied = (gaits.phase, gaits.amplitude, gaits.frequency)
+    rows = [_deal(np.asarray(x), devices, chunks, lanes, settings.dtype) for x in varied]
+    outcomes = _roll_out(as_dtype(scene, settings.dtype), rows, duration, settings)
+    return jax.tree.map(lambda x: _collect(np.asarray(x), size), outcomes)
+
+
+def _deal(x: np.ndarray, devices: int, chunks: int, lanes: int, dtype: str) -> np.ndarray:
+    """(population, k) to (devices, chunks, k, lanes), the last row repeated where the population does not fill them."""
+    full = x[np.minimum(np.arange(devices * chunks * lanes), len(x) - 1)]
+    return np.ascontiguousarray(full.reshape(devices, chunks, lanes, -1).swapaxes(2, 3), dtype)
+
+
+def _collect(x: np.ndarray, size: int) -> np.ndarray:
+    """(devices, chunks, ..., lanes) back to (population, ...)."""
+    return np.moveaxis(x, -1, 2).reshape(-1, *x.shape[2:-1])[:size]
+
+
+@eqx.filter_jit
+def _roll_out(scene: Scene, rows: list, duration: float, settings: Settings) -> Outcomes:
+    end = jnp.asarray(duration, settings.dtype)
+
+    def share(rows, scene, end):
+        outcomes = jax.lax.map(lambda r: roll_out_lanes(scene, *r, end, settings), [x[0] for x in rows])
+        return jax.tree.map(lambda x: x[None], outcomes)
+
+    devices = rows[0].shape[0]
+    if devices > 1:
+        mesh = Mesh(np.array(jax.devices()), ("population",))
+        split, whole = PartitionSpec("population"), PartitionSpec()
+        share = jax.shard_map(share, mesh=mesh, in_specs=(split, whole, whole), out_specs=split, check_vma=False)
+    return share(rows, scene, end)
+
+
+def roll_out_lanes(scene: Scene, phase, amplitude, frequency, duration, settings: Settings) -> Outcomes:
+    """The rollouts of one chunk: `phase`, `amplitude`, `frequency` are (actuators, lanes); results have lanes last."""
+    scene, axes = in_lanes(scene, phase, amplitude, frequency)
+    nodes = scene.structure.nodes
+    start = (nodes, jnp.zeros_like(nodes))
+    if settings.dt is not None and not settings.method.implicit:
+        field = over_lanes(vector_field, (None, -1, axes))
+        (q, v), result = _last(field, start, duration, scene, settings)
+    else:
+        solve = over_lanes(lambda y, s: _last(vector_field, y, duration, s, settings), (-1, axes))
+        (q, v), result = solve(start, scene)
+    state = over_lanes(state_failure, (axes, -1, -1))(scene, q, v)
+    com = over_lanes(centre_of_mass, (axes, -1))
+    return Outcomes(com(scene, nodes), com(scene, q), failure_code(result, state))
+
+
+def _last(field, start, duration, args, settings: Settings):
+    saveat = diffrax.SaveAt(t1=True)
+    solution = integrate(field, start, jnp.stack([jnp.zeros_like(duration), duration]), args, settings, saveat)
+    return jax.tree.map(lambda x: x[0], solution.ys), solution.result
+
+
+def over_lanes(function: Callable, in_axes: tuple) -> Callable:
+    """`vmap` that leaves the population last."""
+    return jax.vmap(function, in_axes=in_axes, out_axes=-1)
+
+
+def in_lanes(scene: Scene, phase, amplitude, frequency) -> tuple[Scene, Scene]:
+    """The scene with a last axis of lanes on every array but scalars, and the `in_axes` that say so.
+
+    Where some arrays had the axis and others not, JAX's rules for elementwise operations would move it to the front.
+    """
+    lanes = phase.shape[-1]
+    spread = jax.tree.map(lambda x: jnp.broadcast_to(x[..., None], (*x.shape, lanes)) if x.ndim else x, scene)
+    varied = lambda s: (s.gait.phase, s.gait.amplitude, s.gait.frequency)  # noqa: E731
+    spread = eqx.tree_at(varied, spread, (phase, amplitude, frequency))
+    return spread, jax.tree.map(lambda x: -1 if x.ndim else None, spread)
