@@ -18,7 +18,7 @@ from jaxgrity.dynamics import centre_of_mass, vector_field
 from jaxgrity.scene import Scene, as_dtype
 from jaxgrity.simulate import Settings, failure_code, integrate, settle, state_failure
 from jaxgrity.structure import InputError
-from jaxgrity.types import Failures, PerGait, Phases, Vectors
+from jaxgrity.types import Failures, PerGait, Phases, Scalar, Vectors
 
 LANES = 128
 """robots integrated side by side: enough to fill the vector units, few enough for the cache (measured, float32 and 64)"""
@@ -33,11 +33,13 @@ class Outcomes(eqx.Module):
     """(population, 3), centre of mass at the end, m"""
     failure: Failures
     """(population,), index into `simulate.FAILURES`; 0: succeeded"""
+    steps: Failures
+    """(population,), accepted steps"""
 
     def distance(self) -> PerGait:
         """(population,), horizontal displacement of the centre of mass, m; NaN where the rollout failed."""
-        moved = np.asarray(self.com_end) - np.asarray(self.com_start)
-        return np.where(np.asarray(self.failure) == 0, np.hypot(moved[:, 0], moved[:, 1]), np.nan)
+        moved = (self.com_end - self.com_start)[:, :2]
+        return jnp.where(self.failure == 0, jnp.sqrt(jnp.sum(moved * moved, axis=1)), jnp.nan)
 
 
 def gaits_of(
@@ -51,7 +53,7 @@ def gaits_of(
         raise InputError("the scene has no gait; expected a [gait] table to vary")
 
     def rows(given, own):
-        return np.broadcast_to(own, np.shape(phase)) if given is None else given
+        return jnp.broadcast_to(own, np.shape(phase)) if given is None else given
 
     count = len(gait.members)
     for name, given in (("phase", phase), ("amplitude", amplitude), ("frequency", frequency)):
@@ -60,6 +62,12 @@ def gaits_of(
     return Gait(
         gait.members, phase, rows(amplitude, gait.amplitude), rows(frequency, gait.frequency), gait.start, gait.ramp
     )
+
+
+def one_gait(gaits: Gait, k: int) -> Gait:
+    """Gait number `k` of a population."""
+    phase, amplitude, frequency = (np.asarray(x)[k] for x in (gaits.phase, gaits.amplitude, gaits.frequency))
+    return Gait(gaits.members, phase, amplitude, frequency, gaits.start, gaits.ramp)
 
 
 def simulate_population(
@@ -80,41 +88,37 @@ def simulate_population(
     robot by robot. Options and errors are those of `simulate.settle`.
     """
     settings = settle(scene, duration, method, dt, dtype, rtol, atol, any_step)
-    # lineax's linear solve, inside implicit methods, cannot be traced under shard_map
-    size, devices = gaits.phase.shape[0], 1 if settings.method.implicit else jax.device_count()
-    chunks = -(-size // (devices * LANES))
-    lanes = -(-size // (devices * chunks))
-    varied = (gaits.phase, gaits.amplitude, gaits.frequency)
-    rows = [_deal(np.asarray(x), devices, chunks, lanes, settings.dtype) for x in varied]
-    outcomes = _roll_out(as_dtype(scene, settings.dtype), rows, duration, settings)
-    return jax.tree.map(lambda x: _collect(np.asarray(x), size), outcomes)
-
-
-def _deal(x: np.ndarray, devices: int, chunks: int, lanes: int, dtype: str) -> np.ndarray:
-    """(population, k) to (devices, chunks, k, lanes), the last row repeated where the population does not fill them."""
-    full = x[np.minimum(np.arange(devices * chunks * lanes), len(x) - 1)]
-    return np.ascontiguousarray(full.reshape(devices, chunks, lanes, -1).swapaxes(2, 3), dtype)
-
-
-def _collect(x: np.ndarray, size: int) -> np.ndarray:
-    """(devices, chunks, ..., lanes) back to (population, ...)."""
-    return np.moveaxis(x, -1, 2).reshape(-1, *x.shape[2:-1])[:size]
+    return roll_out(as_dtype(scene, settings.dtype), gaits, np.asarray(duration, float), settings)
 
 
 @eqx.filter_jit
-def _roll_out(scene: Scene, rows: list, duration: float, settings: Settings) -> Outcomes:
-    end = jnp.asarray(duration, settings.dtype)
+def roll_out(scene: Scene, gaits: Gait, duration: Scalar, settings: Settings) -> Outcomes:
+    """`simulate_population` without its checks, for use inside other compiled functions."""
+    size = gaits.phase.shape[0]
+    # lineax's linear solve, inside implicit methods, cannot be traced under shard_map
+    devices = 1 if settings.method.implicit else jax.device_count()
+    chunks = -(-size // (devices * LANES))
+    lanes = -(-size // (devices * chunks))
+
+    def deal(x):
+        """(population, k) to (devices, chunks, k, lanes), the last row repeated to fill them."""
+        full = jnp.asarray(x, settings.dtype)[np.minimum(np.arange(devices * chunks * lanes), size - 1)]
+        return full.reshape(devices, chunks, lanes, -1).swapaxes(2, 3)
+
+    def collect(x):
+        """(devices, chunks, ..., lanes) back to (population, ...)."""
+        return jnp.moveaxis(x, -1, 2).reshape(-1, *x.shape[2:-1])[:size]
 
     def share(rows, scene, end):
         outcomes = jax.lax.map(lambda r: roll_out_lanes(scene, *r, end, settings), [x[0] for x in rows])
         return jax.tree.map(lambda x: x[None], outcomes)
 
-    devices = rows[0].shape[0]
     if devices > 1:
         mesh = Mesh(np.array(jax.devices()), ("population",))
         split, whole = PartitionSpec("population"), PartitionSpec()
         share = jax.shard_map(share, mesh=mesh, in_specs=(split, whole, whole), out_specs=split, check_vma=False)
-    return share(rows, scene, end)
+    rows = [deal(x) for x in (gaits.phase, gaits.amplitude, gaits.frequency)]
+    return jax.tree.map(collect, share(rows, scene, jnp.asarray(duration, settings.dtype)))
 
 
 def roll_out_lanes(scene: Scene, phase, amplitude, frequency, duration, settings: Settings) -> Outcomes:
@@ -124,19 +128,20 @@ def roll_out_lanes(scene: Scene, phase, amplitude, frequency, duration, settings
     start = (nodes, jnp.zeros_like(nodes))
     if settings.dt is not None and not settings.method.implicit:
         field = over_lanes(vector_field, (None, -1, axes))
-        (q, v), result = _last(field, start, duration, scene, settings)
+        (q, v), result, steps = _last(field, start, duration, scene, settings)
+        steps = jnp.full(phase.shape[-1], steps)
     else:
         solve = over_lanes(lambda y, s: _last(vector_field, y, duration, s, settings), (-1, axes))
-        (q, v), result = solve(start, scene)
+        (q, v), result, steps = solve(start, scene)
     state = over_lanes(state_failure, (axes, -1, -1))(scene, q, v)
     com = over_lanes(centre_of_mass, (axes, -1))
-    return Outcomes(com(scene, nodes), com(scene, q), failure_code(result, state))
+    return Outcomes(com(scene, nodes), com(scene, q), failure_code(result, state), steps)
 
 
 def _last(field, start, duration, args, settings: Settings):
     saveat = diffrax.SaveAt(t1=True)
     solution = integrate(field, start, jnp.stack([jnp.zeros_like(duration), duration]), args, settings, saveat)
-    return jax.tree.map(lambda x: x[0], solution.ys), solution.result
+    return jax.tree.map(lambda x: x[0], solution.ys), solution.result, solution.stats["num_accepted_steps"]
 
 
 def over_lanes(function: Callable, in_axes: tuple) -> Callable:

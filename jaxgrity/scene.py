@@ -89,6 +89,11 @@ class Scene(eqx.Module):
         return "\n".join(f"{name:<20} {text}" for name, text in lines)
 
 
+def with_gait(scene: Scene, gait: Gait | None) -> Scene:
+    """The scene with another gait, or with none."""
+    return eqx.tree_at(lambda s: s.gait, scene, gait, is_leaf=lambda x: x is None or isinstance(x, Gait))
+
+
 def as_dtype(scene: Scene, dtype: np.dtype) -> Scene:
     """The scene with every number as a JAX array of `dtype`."""
     return jax.tree.map(lambda x: jax.numpy.asarray(x, dtype), scene)

@@ -1,0 +1,30 @@
+"""What the tests share: float64, hypothesis without time limits or files, the reference scene, finite differences."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import hypothesis
+import jax
+import pytest
+
+jax.config.update("jax_enable_x64", True)
+
+# The same examples on every run, so that a failure on one machine is a failure on all.
+hypothesis.settings.register_profile("jaxgrity", deadline=None, max_examples=30, derandomize=True, database=None)
+hypothesis.settings.load_profile("jaxgrity")
+
+SCENES = Path(__file__).parents[1] / "experiments" / "scenes"
+
+
+@pytest.fixture(scope="session")
+def reference():
+    """The robot of scenes/reference.toml: every term but the Coulomb switch."""
+    from jaxgrity.scenefile import load_scene
+
+    return load_scene(SCENES / "reference.toml")
+
+
+@pytest.fixture(scope="session")
+def central_difference() -> Callable:
+    """`central_difference(f, x, h)`: df/dx of a function of one number, with an error of order h^2."""
+    return lambda f, x, h: (f(x + h) - f(x - h)) / (2 * h)

@@ -1,0 +1,213 @@
+"""The methods: their order, what they conserve, that they agree with each other, and what they refuse."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxgrity.dynamics import angular_momentum, kinetic_energy, mechanical_energy, momentum, vector_field
+from jaxgrity.methods import METHODS
+from jaxgrity.scene import Scene, as_dtype
+from jaxgrity.simulate import integrate, settle, simulate
+from jaxgrity.stability import default_step, stable_step
+from jaxgrity.structure import InputError, Members, Structure
+
+T = 0.1
+
+
+def free_robot(reference, damped):
+    """The reference robot afloat: no ground, gravity, gait or drag. Its cables stay taut, so its motion is smooth."""
+    structure = reference.structure
+    if not damped:
+        structure = eqx.tree_at(lambda s: (s.struts.damping, s.cables.damping), structure, (None, None))
+    return Scene(structure)
+
+
+@pytest.fixture(scope="module")
+def damped(reference):
+    return free_robot(reference, damped=True)
+
+
+@pytest.fixture(scope="module")
+def undamped(reference):
+    return free_robot(reference, damped=False)
+
+
+def spin(scene, rate=(1.0, -0.5, 2.0), drift=(0.3, 0.0, -0.2)):
+    """Velocities of a rigid rotation and a drift, m/s."""
+    return np.cross(rate, np.asarray(scene.structure.nodes)) + np.array(drift)
+
+
+def float_off(scene, duration=T, **options):
+    motion = simulate(scene, duration, velocities=spin(scene), frame_rate=50.0, **options)
+    assert not motion.failed
+    return motion
+
+
+@pytest.fixture(scope="module")
+def exact(damped, undamped):
+    """Both motions by Dopri8 at its tightest."""
+    return {s: float_off(s_, method="dopri8", rtol=1e-13, atol=1e-13) for s, s_ in zip("du", (damped, undamped))}
+
+
+def test_cables_stay_taut_in_the_smooth_scene(exact, damped):
+    cables = damped.structure.cables
+    i, j = np.array(cables.edges).T
+    q = np.asarray(exact["d"].positions)
+    assert np.all(np.linalg.norm(q[:, i] - q[:, j], axis=2) > cables.rest_length)
+
+
+@pytest.mark.parametrize(
+    ("name", "which", "steps", "low", "high"),
+    [("rk4", "d", (1e-3, 5e-4, 2.5e-4), 3.8, 4.2), ("symplectic", "u", (4e-4, 2e-4, 1e-4), 1.9, 2.1)],
+)
+def test_error_falls_with_the_order_of_the_method(exact, damped, undamped, name, which, steps, low, high):
+    scene = damped if which == "d" else undamped
+    end = exact[which].positions[-1]
+    errors = [np.abs(float_off(scene, method=name, dt=dt).positions[-1] - end).max() for dt in steps]
+    orders = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert np.all((low <= orders) & (orders <= high)), orders
+
+
+@pytest.mark.parametrize("name", ["tsit5", "kvaerno5"])
+def test_methods_agree_on_the_smooth_scene(exact, damped, name):
+    """1e-9 m, a hundred times the tolerance of each step, at every saved frame."""
+    motion = float_off(damped, method=name, rtol=1e-11, atol=1e-11)
+    np.testing.assert_allclose(motion.positions, exact["d"].positions, rtol=0, atol=1e-9)
+
+
+def test_forces_between_nodes_have_no_resultant_and_no_moment(damped):
+    """Members, damped or not, pull their two ends with opposite forces along the same line."""
+    random = np.random.default_rng(0)
+    q = np.asarray(damped.structure.nodes) + 0.1 * random.normal(size=(12, 3))
+    v = random.normal(size=(12, 3))
+    _, a = vector_field(jnp.asarray(0.0), (q, v), damped)
+    size = float(jnp.sum(damped.structure.node_mass * jnp.linalg.norm(a, axis=1)))
+    assert np.abs(momentum(damped, a)).max() < 1e-14 * size
+    assert np.abs(angular_momentum(damped, q, a)).max() < 1e-14 * size
+
+
+@pytest.mark.parametrize(("name", "dt"), [("rk4", 5e-4), ("symplectic", 1e-4), ("dopri8", None)])
+def test_momentum_and_angular_momentum_are_conserved(exact, damped, undamped, name, dt):
+    """To 1e-12: p by every method; L exactly by Verlet, by others to their error (RK4 at 5e-4 s: not asked)."""
+    if name == "dopri8":
+        scene, motion = damped, exact["d"]
+    else:
+        scene = undamped if name == "symplectic" else damped
+        motion = float_off(scene, method=name, dt=dt)
+    q, v = motion.positions, motion.velocities
+    p = np.array([momentum(scene, x) for x in v])
+    np.testing.assert_allclose(p, np.broadcast_to(p[0], p.shape), rtol=0, atol=1e-12 * np.linalg.norm(p[0]))
+    if name != "rk4":
+        L = np.array([angular_momentum(scene, x, u) for x, u in zip(q, v)])
+        np.testing.assert_allclose(L, np.broadcast_to(L[0], L.shape), rtol=0, atol=1e-12 * np.linalg.norm(L[0]))
+
+
+def test_symplectic_energy_error_stays_bounded(undamped):
+    """Over 20,000 steps the error of the energy swings, and swings no further in the last quarter than in the first."""
+    motion = float_off(undamped, 10.0, method="symplectic", dt=5e-4)
+    E = np.array(jax.vmap(lambda q, v: mechanical_energy(undamped, 0.0, q, v))(motion.positions, motion.velocities))
+    error = np.abs(E - E[0])
+    quarter = len(E) // 4
+    # The largest of some hundred samples of a quasi-periodic swing is itself known to some 10 % only.
+    assert error[-quarter:].max() < 1.25 * error[1:quarter].max()
+    # h^2 omega^2 / 8 of the elastic energy: omega = 300 1/s for the stiffest mode, some 100 J in cables and struts.
+    assert error.max() < 1e-2 * E[0]
+    drift = np.polyfit(motion.times, E, 1)[0] * 10.0
+    assert abs(drift) < 0.25 * error.max()
+
+
+def test_rk4_step_is_the_papers(reference):
+    """One step in contact, under a gait, against section 4's formula; equal but for the order of sums.
+
+    t and h are binary fractions, so that both sides take exactly the same step.
+    """
+    scene, h, t = as_dtype(reference, np.float64), 2.0**-11, 1.25
+    q = jnp.asarray(reference.structure.nodes) - jnp.array([0, 0, 0.025])
+    state = (q, 0.1 * jnp.asarray(np.random.default_rng(0).normal(size=q.shape)))
+
+    def f(t, x):
+        return vector_field(jnp.asarray(t), x, scene)
+
+    def add(x, h, *slopes):
+        return jax.tree.map(lambda a, *k: a + h * sum(k), x, *slopes)
+
+    k1 = f(t, state)
+    k2 = f(t + h / 2, add(state, h / 2, k1))
+    k3 = f(t + h / 2, add(state, h / 2, k2))
+    k4 = f(t + h, add(state, h, k3))
+    expected = add(state, h / 6, k1, k2, k2, k3, k3, k4)
+    settings = settle(reference, h, "rk4", h)
+    times = jnp.array([t, t + h])
+    actual = jax.tree.map(lambda x: x[-1], integrate(vector_field, state, times, scene, settings).ys)
+    # positions and velocities of some m and m/s, with float64's 16 digits
+    for a, b in zip(actual, expected):
+        np.testing.assert_allclose(a, b, rtol=0, atol=1e-14)
+
+
+def oscillator(damping=None):
+    """Two nodes on a strut at rest length: one mode, omega = sqrt(K (1/m1 + 1/m2)), and omega."""
+    nodes = np.array([[0.0, 0, 0], [1.0, 0, 0]])
+    struts = Members(((0, 1),), np.array([100.0]), np.ones(1), damping)
+    return Scene(Structure(nodes, np.array([1.0, 2.0]), struts)), np.sqrt(100.0 * 1.5)
+
+
+@pytest.mark.parametrize(("name", "limit"), [("rk4", 2 * np.sqrt(2)), ("symplectic", 2.0)])
+def test_stable_step_of_an_oscillator_is_the_textbooks(name, limit):
+    """omega h = 2.828 on the imaginary axis for RK4, 2 for Verlet; 1e-4: growth of 1e-6 a step counts as stable."""
+    scene, omega = oscillator()
+    np.testing.assert_allclose(stable_step(scene, METHODS[name]) * omega, limit, rtol=1e-4)
+
+
+@pytest.mark.parametrize("name", ["rk4", "tsit5", "dopri8", "symplectic"])
+def test_motion_blows_up_beyond_the_stable_step_and_not_below(name):
+    """On a strongly damped strut, where every Runge-Kutta method has a clear limit; Verlet on an undamped one."""
+    scene, _ = oscillator(None if name == "symplectic" else np.array([20.0]))
+    limit = stable_step(scene, METHODS[name])
+    stretched = np.array([[0.0, 0, 0], [1.001, 0, 0]])
+
+    def final_energy(factor):
+        motion = simulate(scene, 400 * limit, method=name, dt=factor * limit, positions=stretched, any_step=True)
+        return np.inf if motion.failed else float(kinetic_energy(scene, motion.velocities[-1]))
+
+    start = 100.0 / 2 * 1e-3**2
+    assert final_energy(0.98) <= start
+    assert final_energy(1.02) > 100 * start
+
+
+@pytest.mark.parametrize("name", ["kvaerno3", "kvaerno5"])
+def test_implicit_methods_have_no_largest_step(name):
+    scene, _ = oscillator()
+    assert stable_step(scene, METHODS[name]) == np.inf
+    assert default_step(scene, METHODS[name]) == 1e-2
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"method": "euler"}, r"'euler'.*rk4, tsit5, dopri8"),
+        ({"duration": -1.0}, r"duration = -1"),
+        ({"duration": float("nan")}, r"duration = nan"),
+        ({"dt": 0.0}, r"dt = 0"),
+        ({"rtol": -1e-6, "method": "tsit5"}, r"rtol = -1e-06"),
+        ({"dtype": "float16"}, r"'float16'"),
+        ({"method": "symplectic"}, r"without dissipation"),
+    ],
+)
+def test_what_cannot_work_is_refused_by_name(reference, options, message):
+    with pytest.raises(InputError, match=message):
+        simulate(reference, **({"duration": 1.0} | options))
+
+
+def test_too_large_step_is_refused_with_the_largest_stable_one(reference):
+    limit = stable_step(reference, METHODS["rk4"])
+    with pytest.raises(InputError, match=rf"dt = 0\.1 s.*at most {limit:.3g} s"):
+        simulate(reference, 1.0, dt=0.1)
+
+
+def test_failure_is_data(reference):
+    """A step far too large, asked for in spite of the check, comes back as a motion marked as failed."""
+    motion = simulate(reference, 1.0, dt=0.1, any_step=True)
+    assert motion.failed
+    assert not simulate(reference, 0.1, dt=5e-4).failed
