@@ -1,6 +1,5 @@
 """Files: gaits (CSV), results (JSON, npz). What is read is checked; what is written appears whole or not at all."""
 
-import dataclasses
 import json
 import math
 import os
@@ -62,15 +61,21 @@ def write_whole(path: str | Path, write: Callable[[IO[bytes]], object]) -> None:
 
 
 def save_json(path: str | Path, content: Any) -> None:
-    """Write `content` (dataclasses, arrays and NumPy numbers allowed) as JSON."""
-    text = json.dumps(content, indent=2, default=_plain) + "\n"
+    """Write `content` (arrays and NumPy numbers allowed) as JSON; a number that is not finite as null."""
+    text = json.dumps(_plain(content), indent=2, allow_nan=False) + "\n"
     write_whole(path, lambda file: file.write(text.encode()))
 
 
 def _plain(value: Any) -> Any:
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return dataclasses.asdict(value)
-    return np.asarray(value).tolist()
+    if value is None or isinstance(value, (str, bool, int)):
+        return value
+    if isinstance(value, dict):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return _plain(np.asarray(value).tolist())
 
 
 def save_arrays(path: str | Path, **arrays: Any) -> None:

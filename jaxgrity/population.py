@@ -35,6 +35,9 @@ class Outcomes(eqx.Module):
     """(population,), index into `simulate.FAILURES`; 0: succeeded"""
     steps: Failures
     """(population,), accepted steps"""
+    method: str = eqx.field(static=True)
+    dt: float | None = eqx.field(static=True)
+    """fixed step, s; None: adaptive"""
 
     def distance(self) -> PerGait:
         """(population,), horizontal displacement of the centre of mass, m; NaN where the rollout failed."""
@@ -135,7 +138,7 @@ def roll_out_lanes(scene: Scene, phase, amplitude, frequency, duration, settings
         (q, v), result, steps = solve(start, scene)
     state = over_lanes(state_failure, (axes, -1, -1))(scene, q, v)
     com = over_lanes(centre_of_mass, (axes, -1))
-    return Outcomes(com(scene, nodes), com(scene, q), failure_code(result, state), steps)
+    return Outcomes(com(scene, nodes), com(scene, q), failure_code(result, state), steps, settings.method.name, settings.dt)
 
 
 def _last(field, start, duration, args, settings: Settings):

@@ -85,10 +85,10 @@ def polish(
     gain = checked.distance[winner] - verified.distance[best]
     bars = checked.error_bar[winner] + verified.error_bar[best]
     if gain > bars:
-        reason = f"all {polishing.steps} steps taken; verified gain {gain:.4f} m, error bars {bars:.4f} m together"
+        reason = f"all {polishing.steps} steps taken; verified gain {gain:.4f} m, error bars {bars:.1g} m together"
         kept = (one_gait(candidates, winner), _only(checked, winner), True, horizon, growth)
     else:
-        reason = f"no gait on the way goes verifiably further (gain {gain:.4f} m, error bars {bars:.4f} m together)"
+        reason = f"no gait on the way goes verifiably further (gain {gain:.4f} m, error bars {bars:.1g} m together)"
     return Polished(*kept, norms, distances, reason)
 
 

@@ -1,0 +1,29 @@
+"""What every script does first and last: set JAX up, read the settings, and turn bad input into one line."""
+
+import os
+import sys
+from collections.abc import Callable
+from typing import TypeVar
+
+import jax
+import tyro
+
+from jaxgrity import InputError
+
+Settings = TypeVar("Settings")
+
+
+def run(main: Callable[[Settings], None], settings: type[Settings]) -> None:
+    """Call `main` with `settings` from the command line: float64 allowed, every core a device of its own.
+
+    Ends with exit code 2 and one clear line on bad input.
+    """
+    jax.config.update("jax_enable_x64", True)
+    if "cpu" in (jax.config.jax_platforms or "cpu"):
+        jax.config.update("jax_num_cpu_devices", len(os.sched_getaffinity(0)))
+    chosen = tyro.cli(settings, description=sys.modules["__main__"].__doc__)
+    try:
+        main(chosen)
+    except (InputError, OSError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(2)

@@ -1,0 +1,187 @@
+"""Pictures: the robot, its path, its member lengths, a search's convergence, an animation."""
+
+from collections.abc import Callable
+from pathlib import Path as FilePath
+
+import numpy as np
+from matplotlib.animation import FuncAnimation, PillowWriter
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from mpl_toolkits.mplot3d import Axes3D
+from mpl_toolkits.mplot3d.art3d import Line3DCollection
+
+from jaxgrity.actuation import rest_lengths
+from jaxgrity.files import write_whole
+from jaxgrity.scene import Scene
+from jaxgrity.search import Search
+from jaxgrity.simulate import Trajectory
+from jaxgrity.structure import edge_lengths
+
+STRUT, CABLE, GROUND, PATH = "#c1272d", "#444444", "#d9d4c7", "#0b5fa5"
+
+
+def save(figure: Figure, path: str | FilePath) -> None:
+    """Write a figure as PNG, whole or not at all."""
+    write_whole(path, lambda file: figure.savefig(file, format="png", dpi=130))
+
+
+def centre_path(scene: Scene, trajectory: Trajectory) -> np.ndarray:
+    """(frames, 3), the centre of mass along a trajectory, m."""
+    mass = np.asarray(scene.structure.node_mass)
+    return np.einsum("n,fnk->fk", mass / mass.sum(), np.asarray(trajectory.positions))
+
+
+def draw_robot(axes: Axes3D, scene: Scene, q: np.ndarray, number: bool = False) -> list:
+    """Struts (red, thick), cables (dark, thin) and nodes at positions `q` (nodes, 3); node numbers where asked."""
+    artists = []
+    for members, colour, width in ((scene.structure.struts, STRUT, 3.5), (scene.structure.cables, CABLE, 1.0)):
+        if members is not None:
+            lines = Line3DCollection(q[np.asarray(members.edges)], colors=colour, linewidths=width)
+            artists.append(axes.add_collection3d(lines))
+    artists.append(axes.scatter(*q.T, color="black", s=12, depthshade=False))
+    if number:
+        artists += [axes.text(*(1.1 * (x - q.mean(0)) + q.mean(0)), str(k)) for k, x in enumerate(q)]
+    return artists
+
+
+def structure_figure(scene: Scene) -> Figure:
+    """The structure as it starts, its nodes numbered."""
+    figure = Figure(figsize=(5, 5), layout="constrained")
+    axes = figure.add_subplot(projection="3d")
+    q = np.asarray(scene.structure.nodes)
+    draw_robot(axes, scene, q, number=True)
+    _frame(axes, q.mean(0), np.ptp(q, axis=0).max() / 1.7)
+    return figure
+
+
+def path_figure(scene: Scene, trajectory: Trajectory, error_bar: float | None = None) -> Figure:
+    """Where the centre of mass goes, from above, and its distance from the start against time."""
+    path, times = centre_path(scene, trajectory), np.asarray(trajectory.times)
+    figure = Figure(figsize=(10, 4.5), layout="constrained")
+    above, against = figure.subplots(1, 2)
+    above.plot(path[:, 0], path[:, 1], color=PATH)
+    above.plot(*path[0, :2], "o", color="black", label=f"start, t = {times[0]:g} s")
+    above.plot(*path[-1, :2], "s", color=STRUT, label=f"end, t = {times[-1]:g} s")
+    above.set(xlabel="x (m)", ylabel="y (m)", title="path of the centre of mass, from above")
+    above.axis("equal")
+    above.grid(alpha=0.3)
+    above.legend()
+    distance = np.hypot(*(path - path[0])[:, :2].T)
+    against.plot(times, distance, color=PATH, label="horizontal distance")
+    if error_bar is not None and np.isfinite(error_bar):
+        against.errorbar(
+            times[-1], distance[-1], error_bar, color=STRUT, capsize=5, fmt="s", label=f"end, ± {error_bar:.2g} m"
+        )
+    against.plot(times, path[:, 2], color=CABLE, linewidth=1, label="height")
+    against.set(xlabel="time (s)", ylabel="centre of mass (m)", title="distance from the start, and height")
+    against.grid(alpha=0.3)
+    against.legend()
+    return figure
+
+
+def convergence_figure(search: Search) -> Figure:
+    """Best and median distance of each generation."""
+    figure = Figure(figsize=(6, 4), layout="constrained")
+    axes = figure.subplots()
+    numbers = np.arange(1, len(search.best) + 1)
+    axes.plot(numbers, search.best, "o-", color=STRUT, label="best")
+    axes.plot(numbers, search.median, "o-", color=PATH, label="median")
+    axes.set(xlabel="generation", ylabel="distance (m), not yet verified", title=f"{search.rollouts} rollouts")
+    axes.xaxis.get_major_locator().set_params(integer=True)
+    axes.grid(alpha=0.3)
+    axes.legend()
+    return figure
+
+
+def member_figure(scene: Scene, trajectory: Trajectory) -> Figure:
+    """Length of every member against time, with the actuated members' rest lengths as dashed lines."""
+    q, times = np.asarray(trajectory.positions), np.asarray(trajectory.times)
+    kinds = [(n, m) for n, m in (("struts", scene.structure.struts), ("cables", scene.structure.cables)) if m]
+    figure = Figure(figsize=(9, 3.2 * len(kinds)), layout="constrained")
+    rests = [rest_lengths(scene.structure, scene.gait, t) for t in times]
+    first = 0
+    for axes, (name, members) in zip(figure.subplots(len(kinds), 1, squeeze=False)[:, 0], kinds):
+        lengths = np.array([edge_lengths(x, members.edges) for x in q])
+        rest = np.array([np.asarray(r[0] if name == "struts" else r[1]) for r in rests])
+        many, dashed = len(members.edges) > 8, ""
+        for k, edge in enumerate(members.edges):
+            actuated = scene.gait is not None and first + k in scene.gait.members
+            line = axes.plot(times, lengths[:, k], linewidth=1, label=None if many else f"{edge[0]}-{edge[1]}")[0]
+            if actuated:
+                dashed = ", dashed: rest length"
+                axes.plot(times, rest[:, k], "--", linewidth=1, color=line.get_color(), alpha=0.7)
+        axes.set(xlabel="time (s)", ylabel="length (m)", title=f"{name}{dashed}")
+        axes.grid(alpha=0.3)
+        if not many:
+            axes.legend(title="nodes", loc="center left", bbox_to_anchor=(1, 0.5))
+        first += len(members.edges)
+    return figure
+
+
+def outcomes_figure(com_start: np.ndarray, com_end: np.ndarray, failed: np.ndarray) -> Figure:
+    """Where each robot of a population got to, from above."""
+    figure = Figure(figsize=(5.5, 5), layout="constrained")
+    axes = figure.subplots()
+    moved = (com_end - com_start)[~failed]
+    axes.plot(0, 0, "o", color="black", label="start")
+    axes.scatter(moved[:, 0], moved[:, 1], s=18, color=PATH, label=f"end of {len(moved)} gaits")
+    title = f"{int(failed.sum())} of {len(failed)} rollouts failed" if failed.any() else "displacement of each gait"
+    axes.set(xlabel="x (m)", ylabel="y (m)", title=title)
+    axes.axis("equal")
+    axes.grid(alpha=0.3)
+    axes.legend()
+    return figure
+
+
+def animate(
+    scene: Scene,
+    trajectory: Trajectory,
+    path: str | FilePath,
+    frame_rate: float = 12.5,
+    on_frame: Callable[[int, int], object] | None = None,
+) -> None:
+    """Write a GIF of the motion in real time, with the ground, and the path of the centre of mass as it grows."""
+    q, times, com = np.asarray(trajectory.positions), np.asarray(trajectory.times), centre_path(scene, trajectory)
+    shown = np.unique(np.searchsorted(times, np.arange(times[0], times[-1], 1 / frame_rate)))
+    figure = Figure(figsize=(6, 4.2), layout="constrained")
+    axes = figure.add_subplot(projection="3d")
+    size = np.ptp(q[0], axis=0).max()
+    low, high = com[:, :2].min(0) - 0.8 * size, com[:, :2].max(0) + 0.8 * size
+    if scene.ground is not None:
+        corners = np.array([[low, [high[0], low[1]]], [[low[0], high[1]], high]])
+        z = -np.tan(scene.ground.incline) * corners[..., 0]
+        axes.plot_surface(corners[..., 0], corners[..., 1], z, color=GROUND, alpha=0.6, shade=False)
+        axes.computed_zorder = False
+    trail = axes.plot([], [], [], color=PATH, linewidth=1.5)[0]
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel="x (m)", ylabel="y (m)")
+    bottom, top = min(0.0, float(q[..., 2].min())), float(q[..., 2].max())
+    axes.set_zlim(bottom, top)
+    axes.set_box_aspect((*(high - low), top - bottom), zoom=1.2)
+    axes.view_init(elev=28, azim=_side_view(com))
+    robot: list = []
+
+    def show(k: int) -> list:
+        while robot:
+            robot.pop().remove()
+        robot.extend(draw_robot(axes, scene, q[k]))
+        trail.set_data_3d(com[: k + 1, 0], com[: k + 1, 1], 0 * com[: k + 1, 2])
+        axes.set_title(f"t = {times[k]:.1f} s, {np.hypot(*(com[k] - com[0])[:2]):.2f} m from the start")
+        return robot
+
+    animation = FuncAnimation(figure, show, frames=list(shown), init_func=lambda: [])
+    target = FilePath(path)
+    part = target.with_name(f".{target.stem}.part.gif")
+    animation.save(part, writer=PillowWriter(fps=round(frame_rate)), dpi=80, progress_callback=on_frame)
+    part.replace(target)
+
+
+def _side_view(com: np.ndarray) -> float:
+    """The azimuth, in degrees, from which the motion runs across the picture."""
+    x, y = (com[-1] - com[0])[:2]
+    return float(np.degrees(np.arctan2(y, x))) - 75
+
+
+def _frame(axes: Axes3D | Axes, centre: np.ndarray, half: float) -> None:
+    """Equal axes about `centre`, with units."""
+    for name, middle in zip("xyz", centre):
+        axes.set(**{f"{name}lim": (middle - half, middle + half), f"{name}label": f"{name} (m)"})
