@@ -187,7 +187,9 @@ def report(scene: Scene, search: Search, polished: Polished, settings: Settings,
     save_json(out / "summary.json", summary)
     write_page(out, settings, summary, trajectory)
     print(f"\npolish: {polished.reason} (horizon {polished.horizon:.1f} s)")
-    print(f"verified: {distance:.4f} ± {bar:.1g} m in {settings.duration:g} s, at steps down to {finest:g} s in float64")
+    print(
+        f"verified: {distance:.4f} ± {bar:.1g} m in {settings.duration:g} s, at steps down to {finest:g} s in float64"
+    )
     print(f"open {out}/index.html ({summary['wall_seconds']:.0f} s in all)")
 
 

@@ -13,7 +13,6 @@ from common import run
 
 from jaxgrity import FAILURES, Scene, gaits_of, load_scene, plot, simulate, simulate_population
 from jaxgrity.files import load_phases, save_arrays, save_json
-from jaxgrity.methods import METHODS
 
 Result = TypeVar("Result")
 

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxgrity.primitives import place_rows, take_rows
-from jaxgrity.structure import Members, Structure
+from jaxgrity.structure import Members
 from jaxgrity.types import PerActuator, PerMember, Scalar, as_float
 
 
@@ -47,18 +47,8 @@ def contraction(gait: Gait, t: Scalar) -> PerActuator:
     return gait.amplitude / 2 * r * (1 + jnp.sin(2 * jnp.pi * t * gait.frequency + gait.phase))
 
 
-def rest_lengths(structure: Structure, gait: Gait | None, t: Scalar) -> tuple[PerMember | None, PerMember | None]:
-    """L(t) of all struts and of all cables, m; None where the structure has no such member."""
-    first_cable = len(structure.struts.edges) if structure.struts else 0
-    return (
-        _actuated(structure.struts, gait, t, 0),
-        _actuated(structure.cables, gait, t, first_cable),
-    )
-
-
-def _actuated(members: Members | None, gait: Gait | None, t: Scalar, first: int) -> PerMember | None:
-    if members is None:
-        return None
+def rest_length(members: Members, gait: Gait | None, t: Scalar, first: int) -> PerMember:
+    """L(t) of the struts or of the cables, m; `first` is the number that a gait gives to the first of them."""
     count = len(members.edges)
     slots = tuple(a for a, k in enumerate(gait.members) if first <= k < first + count) if gait else ()
     if gait is None or not slots:

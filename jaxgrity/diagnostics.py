@@ -12,7 +12,8 @@ from jaxgrity.dynamics import centre_of_mass, vector_field
 from jaxgrity.population import simulate_population
 from jaxgrity.scene import Scene, as_dtype
 from jaxgrity.simulate import Settings, integrate, settle
-from jaxgrity.types import PerGait, Times, Vectors
+from jaxgrity.structure import InputError
+from jaxgrity.types import PerActuator, PerGait, Times, Vectors
 
 
 class Verified(NamedTuple):
@@ -63,17 +64,19 @@ def sensitivity(
     """|d com/d phase| along one rollout of the scene's own gait, by forward-mode differentiation, in float64.
 
     Where it is large, neither the distance of a gait nor its gradient says much: a phase off by 0.01 rad moves the
-    robot by a hundredth of this.
+    robot by a hundredth of this. Raises `InputError` where the scene has no gait, and as `settle` does.
     """
+    if scene.gait is None:
+        raise InputError("the scene has no gait; expected one, to be sensitive to its phases")
     settings = settle(scene, duration, method, dt, "float64")
     times = np.linspace(0, duration, max(1, round(duration * frame_rate)) + 1)
-    jacobian = np.asarray(_com_jacobian(as_dtype(scene, np.float64), times, settings))
+    jacobian = np.asarray(_com_jacobian(as_dtype(scene, "float64"), scene.gait.phase, times, settings))
     norm = np.where(np.isfinite(jacobian).all((1, 2)), np.linalg.norm(np.nan_to_num(jacobian), 2, axis=(1, 2)), np.inf)
     return Sensitivity(times, norm)
 
 
 @eqx.filter_jit
-def _com_jacobian(scene: Scene, times: Times, settings: Settings):
+def _com_jacobian(scene: Scene, phase: PerActuator, times: Times, settings: Settings):
     """d com(t)/d phase, (frames, 3, actuators)."""
 
     def path(phase):
@@ -82,4 +85,4 @@ def _com_jacobian(scene: Scene, times: Times, settings: Settings):
         solution = integrate(vector_field, start, jnp.asarray(times), changed, settings)
         return jax.vmap(lambda q: centre_of_mass(changed, q))(solution.ys[0])
 
-    return jax.jacfwd(path)(scene.gait.phase)
+    return jax.jacfwd(path)(jnp.asarray(phase))

@@ -2,12 +2,12 @@
 
 import jax.numpy as jnp
 
-from jaxgrity.actuation import Gait, rest_lengths
+from jaxgrity.actuation import Gait, rest_length
 from jaxgrity.friction import SmoothFriction, slip_dissipation
 from jaxgrity.ground import Ground, contact_dissipation, signed_distance
 from jaxgrity.primitives import component, dot, edge_vectors, inner, inverse, length
-from jaxgrity.structure import Members, Structure
-from jaxgrity.types import NodeVectors, PerMember, PerNode, Scalar
+from jaxgrity.structure import Structure
+from jaxgrity.types import Edges, NodeVectors, PerMember, PerNode, Scalar
 
 
 def dissipation_function(
@@ -26,27 +26,29 @@ def dissipation_function(
     `normal_force` (N, per node) is an argument of its own because friction's R holds it fixed: it depends on v too,
     and only the derivative at fixed F_n is the friction force.
     """
-    strut_rest, cable_rest = rest_lengths(structure, gait, t)
+    struts, cables = structure.struts, structure.cables
     R = jnp.zeros((), v.dtype)
     if node_damping is not None:
         R += inner(node_damping, dot(v, v)) / 2
-    if structure.struts is not None and structure.struts.damping is not None:
-        R += member_dissipation(v, q, structure.struts, None)
-    if structure.cables is not None and structure.cables.damping is not None:
-        R += member_dissipation(v, q, structure.cables, cable_rest)
+    if struts is not None and struts.damping is not None:
+        R += member_dissipation(v, q, struts.edges, struts.damping)
+    if cables is not None and cables.damping is not None:
+        taut_above = rest_length(cables, gait, t, structure.first_cable)
+        R += member_dissipation(v, q, cables.edges, cables.damping, taut_above)
     if ground is not None and ground.dissipation is not None:
         R += contact_dissipation(ground, component(v, ground.normal), signed_distance(ground, q))
-    if ground is not None and friction is not None:
+    if ground is not None and friction is not None and normal_force is not None:
         R += slip_dissipation(friction, ground, v, normal_force)
     return R
 
 
-def member_dissipation(v: NodeVectors, q: NodeVectors, members: Members, slack_below: PerMember | None) -> Scalar:
-    """R = sum c/2 l'^2, W, with l' = d·(v_i - v_j), d the member's direction; cables only while l > `slack_below`."""
-    vectors = edge_vectors(q, members.edges)
+def member_dissipation(
+    v: NodeVectors, q: NodeVectors, edges: Edges, damping: PerMember, taut_above: PerMember | None = None
+) -> Scalar:
+    """R = sum c/2 l'^2, W, with l' = d·(v_i - v_j), d the member's direction; a cable's only while l > `taut_above`."""
+    vectors = edge_vectors(q, edges)
     lengths = length(vectors)
-    rate = dot(vectors, edge_vectors(v, members.edges)) * inverse(lengths)
-    damping = members.damping
-    if slack_below is not None:
-        damping = damping * (lengths > slack_below).astype(rate.dtype)
+    rate = dot(vectors, edge_vectors(v, edges)) * inverse(lengths)
+    if taut_above is not None:
+        damping = damping * (lengths > taut_above).astype(rate.dtype)
     return inner(damping * rate, rate) / 2

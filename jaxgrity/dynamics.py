@@ -14,14 +14,14 @@ State = tuple[AnyArray, AnyArray]
 
 def acceleration(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors) -> NodeVectors:
     """a = M^-1 (-dU/dq - dR/dv + F_switch), (nodes, 3), m/s^2."""
-    pressed = None
-    if scene.friction is not None:
-        pressed = normal_force(scene.ground, signed_distance(scene.ground, q), component(v, scene.ground.normal))
+    ground, friction, pressed = scene.ground, scene.friction, None
+    if ground is not None and friction is not None:
+        pressed = normal_force(ground, signed_distance(ground, q), component(v, ground.normal))
     force = -jax.grad(scene.potential_energy)(q, t)
     if scene.dissipates:
         force -= jax.grad(scene.dissipation)(v, q, t, pressed)
-    if isinstance(scene.friction, SwitchFriction):
-        force += switch_force(scene.friction, scene.ground, v, pressed, force)
+    if isinstance(friction, SwitchFriction) and ground is not None and pressed is not None:
+        force += switch_force(friction, ground, v, pressed, force)
     return scale(force, 1 / scene.structure.node_mass)
 
 

@@ -2,7 +2,7 @@
 
 import jax.numpy as jnp
 
-from jaxgrity.actuation import Gait, rest_lengths
+from jaxgrity.actuation import Gait, rest_length
 from jaxgrity.ground import Ground, contact_energy, signed_distance
 from jaxgrity.primitives import component, edge_vectors, inner, length, positive_part
 from jaxgrity.structure import Members, Structure
@@ -20,12 +20,12 @@ def potential_energy(
     ground: Ground | None,
 ) -> Scalar:
     """U = U_struts + U_cables + U_gravity + U_contact, J, of the terms that the scene has. q: (nodes, 3), m."""
-    strut_rest, cable_rest = rest_lengths(structure, gait, t)
+    struts, cables = structure.struts, structure.cables
     U = jnp.zeros((), q.dtype)
-    if structure.struts is not None:
-        U += strut_energy(q, structure.struts, strut_rest)
-    if structure.cables is not None:
-        U += cable_energy(q, structure.cables, cable_rest)
+    if struts is not None:
+        U += strut_energy(q, struts, rest_length(struts, gait, t, 0))
+    if cables is not None:
+        U += cable_energy(q, cables, rest_length(cables, gait, t, structure.first_cable))
     if gravity is not None:
         U += gravity_energy(q, structure.node_mass, gravity)
     if ground is not None:
@@ -33,15 +33,15 @@ def potential_energy(
     return U
 
 
-def strut_energy(q: NodeVectors, struts: Members, rest_length: PerMember) -> Scalar:
+def strut_energy(q: NodeVectors, struts: Members, rest: PerMember) -> Scalar:
     """U = sum K/2 (l - L)^2, J."""
-    stretch = length(edge_vectors(q, struts.edges)) - rest_length
+    stretch = length(edge_vectors(q, struts.edges)) - rest
     return inner(struts.stiffness * stretch, stretch) / 2
 
 
-def cable_energy(q: NodeVectors, cables: Members, rest_length: PerMember) -> Scalar:
+def cable_energy(q: NodeVectors, cables: Members, rest: PerMember) -> Scalar:
     """U = sum K/2 max(0, l - L)^2, J: a slack cable stores nothing."""
-    stretch = positive_part(length(edge_vectors(q, cables.edges)) - rest_length)
+    stretch = positive_part(length(edge_vectors(q, cables.edges)) - rest)
     return inner(cables.stiffness * stretch, stretch) / 2
 
 

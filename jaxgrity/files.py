@@ -31,7 +31,9 @@ def load_phases(path: str | Path, actuators: int) -> np.ndarray:
         raise InputError(f"{path}: has no gaits; expected one row of {actuators} phases for each")
     for number, row in enumerate(rows, start=1):
         if len(row) != actuators:
-            raise InputError(f"{path}: row {number} has {len(row)} phases; expected {actuators}, one an actuated member")
+            raise InputError(
+                f"{path}: row {number} has {len(row)} phases; expected {actuators}, one an actuated member"
+            )
         for text in row:
             if not _is_finite(text):
                 raise InputError(f"{path}: row {number} has {text.strip()!r}; expected a finite number")
@@ -81,4 +83,4 @@ def _plain(value: Any) -> Any:
 def save_arrays(path: str | Path, **arrays: Any) -> None:
     """Write arrays by their names as a compressed npz file."""
     plain = {name: np.asarray(array) for name, array in arrays.items()}
-    write_whole(path, lambda file: np.savez_compressed(file, **plain))
+    write_whole(path, lambda file: np.savez_compressed(file, **plain))  # type: ignore[arg-type]

@@ -1,4 +1,4 @@
-"""Friction on the ground: smoothed Coulomb friction, which has a dissipation function, and the switch, which has none."""
+"""Friction on the ground: smoothed Coulomb friction, which has a dissipation function, and the switch, without one."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -50,9 +50,7 @@ def switch_force(
     stick = slow * (needed <= friction.mu_static * normal_force).astype(speed.dtype)
     against_slip = (1 - slow) * friction.mu_kinetic * normal_force * inverse(speed)
     against_push = stick + (slow - stick) * friction.mu_kinetic * normal_force * inverse(needed)
-    parts = [
-        along(-against_slip * s - against_push * p, tangent) for s, p, tangent in zip(slip, push, ground.tangents)
-    ]
+    parts = [along(-against_slip * s - against_push * p, tangent) for s, p, tangent in zip(slip, push, ground.tangents)]
     return parts[0] + parts[1]
 
 

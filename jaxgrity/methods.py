@@ -80,8 +80,8 @@ METHODS = {
         Method("rk4", 4, RK4),
         Method("tsit5", 5, diffrax.Tsit5, diffrax.Tsit5),
         Method("dopri8", 8, diffrax.Dopri8, diffrax.Dopri8),
-        Method("kvaerno3", 3, lambda: diffrax.Kvaerno3(_newton()), diffrax.Kvaerno3, implicit=True),
-        Method("kvaerno5", 5, lambda: diffrax.Kvaerno5(_newton()), diffrax.Kvaerno5, implicit=True),
+        Method("kvaerno3", 3, lambda: diffrax.Kvaerno3(root_finder=_newton()), diffrax.Kvaerno3, implicit=True),
+        Method("kvaerno5", 5, lambda: diffrax.Kvaerno5(root_finder=_newton()), diffrax.Kvaerno5, implicit=True),
         Method("symplectic", 2, Verlet, symplectic=True),
     )
 }
@@ -104,7 +104,7 @@ def amplification(method: Method, z: np.ndarray) -> np.ndarray:
     if method.symplectic:
         w = np.maximum(np.abs(z) ** 2 / 2 - 1, 1)
         return w + np.sqrt(w * w - 1)
-    tableau = method.step().tableau  # pyright: ignore[reportAttributeAccessIssue]
+    tableau = method.step().tableau  # type: ignore[attr-defined]
     stages = len(tableau.b_sol)
     a = np.zeros((stages, stages))
     for row, entries in enumerate(tableau.a_lower, start=1):

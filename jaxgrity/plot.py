@@ -7,10 +7,11 @@ import numpy as np
 from matplotlib.animation import FuncAnimation, PillowWriter
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d import Axes3D
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
-from jaxgrity.actuation import rest_lengths
+from jaxgrity.actuation import rest_length
 from jaxgrity.files import write_whole
 from jaxgrity.scene import Scene
 from jaxgrity.search import Search
@@ -87,7 +88,7 @@ def convergence_figure(search: Search) -> Figure:
     axes.plot(numbers, search.best, "o-", color=STRUT, label="best")
     axes.plot(numbers, search.median, "o-", color=PATH, label="median")
     axes.set(xlabel="generation", ylabel="distance (m), not yet verified", title=f"{search.rollouts} rollouts")
-    axes.xaxis.get_major_locator().set_params(integer=True)
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.grid(alpha=0.3)
     axes.legend()
     return figure
@@ -98,11 +99,10 @@ def member_figure(scene: Scene, trajectory: Trajectory) -> Figure:
     q, times = np.asarray(trajectory.positions), np.asarray(trajectory.times)
     kinds = [(n, m) for n, m in (("struts", scene.structure.struts), ("cables", scene.structure.cables)) if m]
     figure = Figure(figsize=(9, 3.2 * len(kinds)), layout="constrained")
-    rests = [rest_lengths(scene.structure, scene.gait, t) for t in times]
     first = 0
     for axes, (name, members) in zip(figure.subplots(len(kinds), 1, squeeze=False)[:, 0], kinds):
         lengths = np.array([edge_lengths(x, members.edges) for x in q])
-        rest = np.array([np.asarray(r[0] if name == "struts" else r[1]) for r in rests])
+        rest = np.array([rest_length(members, scene.gait, t, first) for t in times])
         many, dashed = len(members.edges) > 8, ""
         for k, edge in enumerate(members.edges):
             actuated = scene.gait is not None and first + k in scene.gait.members

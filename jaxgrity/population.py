@@ -21,7 +21,7 @@ from jaxgrity.structure import InputError
 from jaxgrity.types import Failures, PerGait, Phases, Scalar, Vectors
 
 LANES = 128
-"""robots integrated side by side: enough to fill the vector units, few enough for the cache (measured, float32 and 64)"""
+"""robots integrated side by side: enough to fill the vector units, few enough for the cache (measured)"""
 
 
 class Outcomes(eqx.Module):
@@ -138,7 +138,9 @@ def roll_out_lanes(scene: Scene, phase, amplitude, frequency, duration, settings
         (q, v), result, steps = solve(start, scene)
     state = over_lanes(state_failure, (axes, -1, -1))(scene, q, v)
     com = over_lanes(centre_of_mass, (axes, -1))
-    return Outcomes(com(scene, nodes), com(scene, q), failure_code(result, state), steps, settings.method.name, settings.dt)
+    return Outcomes(
+        com(scene, nodes), com(scene, q), failure_code(result, state), steps, settings.method.name, settings.dt
+    )
 
 
 def _last(field, start, duration, args, settings: Settings):

@@ -177,8 +177,9 @@ def _checkpointed_end(scene: Scene, axes: Scene, start, horizon: float, settings
     """The state at `horizon`, by the scene's method stepped inside two nested scans, both checkpointed."""
     terms = diffrax.ODETerm(over_lanes(vector_field, (None, -1, axes)))
     solver = settings.method.step()
-    stretches = max(1, round(np.sqrt(horizon / settings.dt)))
-    steps = int(np.ceil(horizon / settings.dt / stretches))
+    count = horizon / settings.dt  # type: ignore[operator]
+    stretches = max(1, round(np.sqrt(count)))
+    steps = int(np.ceil(count / stretches - 1e-9))
     h = horizon / (stretches * steps)
 
     def step(carry, k):

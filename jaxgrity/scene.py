@@ -10,7 +10,7 @@ from jaxgrity.energy import potential_energy
 from jaxgrity.friction import Friction, SmoothFriction, SwitchFriction
 from jaxgrity.ground import Ground
 from jaxgrity.structure import InputError, Members, Structure, edge_lengths
-from jaxgrity.types import NodeVectors, PerNode, Scalar, as_float
+from jaxgrity.types import AnyArray, NodeVectors, PerNode, Scalar, as_float
 from jaxgrity.vibration import equilibrium, natural_frequencies
 
 
@@ -94,7 +94,7 @@ def with_gait(scene: Scene, gait: Gait | None) -> Scene:
     return eqx.tree_at(lambda s: s.gait, scene, gait, is_leaf=lambda x: x is None or isinstance(x, Gait))
 
 
-def as_dtype(scene: Scene, dtype: np.dtype) -> Scene:
+def as_dtype(scene: Scene, dtype: str) -> Scene:
     """The scene with every number as a JAX array of `dtype`."""
     return jax.tree.map(lambda x: jax.numpy.asarray(x, dtype), scene)
 
@@ -116,7 +116,7 @@ def _terms(scene: Scene) -> list[tuple[str, bool]]:
     ]
 
 
-def _span(values: np.ndarray, unit: str) -> str:
+def _span(values: AnyArray, unit: str) -> str:
     low, high = float(np.min(values)), float(np.max(values))
     return f"{low:.4g} {unit}" if np.isclose(low, high) else f"{low:.4g} to {high:.4g} {unit}"
 

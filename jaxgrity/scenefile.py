@@ -166,7 +166,7 @@ def build_scene(file: SceneFile) -> Scene:
     """The scene of a validated scene file. Raises `InputError` where its parts do not fit each other."""
     _refuse_unsupported(file)
     structure = _structure(file)
-    damping = file.damping and per_member(file.damping.node, len(structure.nodes), "damping.node")
+    damping = per_member(file.damping.node, len(structure.nodes), "damping.node") if file.damping else None
     return Scene(
         structure=structure,
         gravity=file.gravity.g if file.gravity else None,
@@ -216,7 +216,7 @@ def _posed(nodes: np.ndarray, table: IcosahedronTable | CustomTable, ground: Gro
         return nodes
     slope = math.tan(ground.incline) if ground else 0.0
     above = nodes[:, 2] + slope * nodes[:, 0]
-    return nodes + [0.0, 0.0, table.height - above.min()]
+    return nodes + np.array([0.0, 0.0, table.height - above.min()])
 
 
 def _members(table: StrutsTable | CablesTable | None, edges: tuple, nodes: np.ndarray, kind: str) -> Members | None:

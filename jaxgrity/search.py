@@ -127,7 +127,9 @@ def evolve(
     history = []
     for number in range(breeding.generations):
         key, now = jax.random.split(key)
-        generation, genes = _generation(now, genes, np.asarray(number), scene, genome, np.asarray(duration, float), breeding, settings)
+        generation, genes = _generation(
+            now, genes, np.asarray(number), scene, genome, np.asarray(duration, float), breeding, settings
+        )
         history.append([float(generation.fitness[0]), _median(generation.fitness), int(generation.failed)])
         if on_generation is not None:
             on_generation(number, generation)
@@ -137,7 +139,7 @@ def evolve(
 
 @eqx.filter_jit
 def _generation(
-    key, genes: Genes, number, scene: Scene, genome: Genome, duration,  breeding: Breeding, settings: Settings
+    key, genes: Genes, number, scene: Scene, genome: Genome, duration, breeding: Breeding, settings: Settings
 ) -> tuple[Generation, Genes]:
     """Evaluate `genes`, and breed those of the next generation."""
     distance = roll_out(scene, genome.gaits(scene.gait, genes), duration, settings).distance()

@@ -85,12 +85,14 @@ def settle(
         if value is not None and not (value > 0 and math.isfinite(value)):
             raise InputError(f"{name} = {value}: expected a positive, finite number")
     if chosen.symplectic and scene.dissipates:
-        raise InputError("method = 'symplectic' integrates scenes without dissipation; this one has damping or friction")
+        raise InputError(
+            "method = 'symplectic' integrates scenes without dissipation; this one has damping or friction"
+        )
     dtype = dtype or str(jnp.zeros(()).dtype)
     if dtype not in ("float32", "float64"):
         raise InputError(f"dtype = {dtype!r}: expected 'float32' or 'float64'")
     if dtype == "float64" and not jax.config.jax_enable_x64:  # type: ignore[attr-defined]
-        raise InputError('dtype = \'float64\' needs jax.config.update("jax_enable_x64", True) first')
+        raise InputError("dtype = 'float64' needs jax.config.update(\"jax_enable_x64\", True) first")
     concrete = not any(isinstance(x, jax.core.Tracer) for x in jax.tree.leaves(scene))
     if dt is None and not chosen.adaptive:
         dt = default_step(scene, chosen)
@@ -131,7 +133,7 @@ def _simulate(scene: Scene, start: State, times: Times, settings: Settings) -> T
     times = jnp.asarray(times, settings.dtype)
     start = jax.tree.map(lambda x: jnp.asarray(x, settings.dtype), start)
     solution = integrate(vector_field, start, times, scene, settings)
-    q, v = solution.ys
+    q, v = solution.ys  # type: ignore[misc]
     stats = solution.stats
     return Trajectory(
         times=times,
@@ -154,9 +156,7 @@ def integrate(
     """
     fixed, method = settings.dt is not None, settings.method
     solver = method.step() if fixed else method.adapt()  # type: ignore[misc]
-    controller = (
-        diffrax.ConstantStepSize() if fixed else diffrax.PIDController(rtol=settings.rtol, atol=settings.atol)
-    )
+    controller = diffrax.ConstantStepSize() if fixed else diffrax.PIDController(rtol=settings.rtol, atol=settings.atol)
     dt0 = None if settings.dt is None else jnp.asarray(settings.dt, times.dtype)
     return diffrax.diffeqsolve(
         diffrax.ODETerm(field),
@@ -166,7 +166,7 @@ def integrate(
         dt0,
         start,
         args,
-        saveat=diffrax.SaveAt(ts=times) if saveat is None else saveat,
+        saveat=diffrax.SaveAt(ts=jnp.asarray(times)) if saveat is None else saveat,
         stepsize_controller=controller,
         adjoint=diffrax.ForwardMode(),
         max_steps=None if fixed else 10**6,

@@ -25,7 +25,7 @@ def spectrum(scene: Scene) -> np.ndarray:
     if not isinstance(scene.friction, SmoothFriction):
         scene = eqx.tree_at(lambda s: s.friction, scene, None, is_leaf=lambda x: x is None)
     with jax.enable_x64(True):
-        stiffness, damping = _linearise(as_dtype(scene, np.float64), q, 0 * q)
+        stiffness, damping = _linearise(as_dtype(scene, "float64"), q, 0 * q)
     n = q.size
     system = np.zeros((2 * n, 2 * n))
     system[:n, n:] = np.eye(n)

@@ -40,6 +40,11 @@ class Structure(eqx.Module):
         """Total mass, kg."""
         return self.node_mass.sum()
 
+    @property
+    def first_cable(self) -> int:
+        """The number that gaits give to the first cable: members count from the first strut on."""
+        return len(self.struts.edges) if self.struts is not None else 0
+
 
 def edge_lengths(nodes: NodeVectors, edges: Edges) -> np.ndarray:
     """Distance between the ends of each edge, m; NumPy, for use before a simulation."""

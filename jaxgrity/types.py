@@ -6,7 +6,7 @@ from jaxtyping import Bool, Float, Int
 
 AnyArray = jax.Array | np.ndarray
 
-Scalar = Float[AnyArray, ""]
+Scalar = float | Float[AnyArray, ""]
 PerNode = Float[AnyArray, " nodes"]
 PerMember = Float[AnyArray, " members"]
 PerActuator = Float[AnyArray, " actuators"]

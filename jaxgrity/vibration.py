@@ -10,15 +10,17 @@ from jaxgrity.types import NodeVectors, PerNode, Scalar
 Energy = Callable[[NodeVectors], Scalar]
 
 
-def equilibrium(energy: Energy, q: NodeVectors, tolerance: float = 1e-9, iterations: int = 100) -> np.ndarray | None:
-    """A shape near `q` in which every force -dU/dq is below `tolerance` (N), or None where there is none to be found.
+def equilibrium(
+    energy: Energy, start: NodeVectors, tolerance: float = 1e-9, iterations: int = 100
+) -> np.ndarray | None:
+    """A shape near `start` in which every force -dU/dq is below `tolerance` (N); None where none is found.
 
     Newton's method on the energy's own Hessian, each eigenvalue replaced by its magnitude, so that it goes downhill,
     with zero modes left alone and the step halved until U falls (Nocedal and Wright 2006, section 3.4).
     """
     with jax.enable_x64(True):
         value, gradient, hessian = jax.jit(energy), jax.jit(jax.grad(energy)), jax.jit(jax.hessian(energy))
-        q = np.array(q, float)
+        q = np.array(start, float)
         for _ in range(iterations):
             force = -np.asarray(gradient(q)).ravel()
             if np.abs(force).max() < tolerance:
@@ -27,8 +29,8 @@ def equilibrium(energy: Energy, q: NodeVectors, tolerance: float = 1e-9, iterati
             stiff = np.abs(stiffness) > 1e-9 * np.abs(stiffness).max()
             along = modes[:, stiff]
             step = (along @ ((along.T @ force) / np.abs(stiffness[stiff]))).reshape(q.shape)
-            start, factor = float(value(q)), 1.0
-            while factor > 1e-10 and float(value(q + factor * step)) > start + 1e-12 * abs(start):
+            before, factor = float(value(q)), 1.0
+            while factor > 1e-10 and float(value(q + factor * step)) > before + 1e-12 * abs(before):
                 factor /= 2
             q = q + factor * step
     return None
