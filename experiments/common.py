@@ -3,12 +3,15 @@
 import os
 import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import TypeVar
 
 import jax
 import tyro
 
 from jaxgrity import InputError
+
+SCENES = Path(__file__).parent / "scenes"
 
 Settings = TypeVar("Settings")
 

@@ -11,7 +11,7 @@ from html import escape
 from pathlib import Path
 
 import numpy as np
-from common import run
+from common import SCENES, run
 from tqdm import tqdm
 
 from jaxgrity import (
@@ -36,8 +36,6 @@ from jaxgrity.refine import Polished
 from jaxgrity.search import Generation, Search
 from jaxgrity.stability import default_step
 from jaxgrity.structure import InputError
-
-SCENES = Path(__file__).parent / "scenes"
 
 
 @dataclass

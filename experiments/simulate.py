@@ -31,6 +31,8 @@ class Settings:
     """fixed step, s; without it, adaptive methods adapt theirs, others take a safe one"""
     dtype: Literal["float32", "float64"] = "float64"
     """precision of the rollout"""
+    any_step: bool = False
+    """let a step pass that would blow up"""
     out: Path = Path("results/simulate")
     """folder for summary.json, figures, and trajectory.npz of a single rollout"""
     quick: bool = False
@@ -41,7 +43,12 @@ def main(settings: Settings) -> None:
     scene = load_scene(settings.scene)
     print(scene.describe())
     duration = min(settings.duration, 2.0) if settings.quick else settings.duration
-    options = {"method": settings.method, "dt": settings.dt, "dtype": settings.dtype}
+    options = {
+        "method": settings.method,
+        "dt": settings.dt,
+        "dtype": settings.dtype,
+        "any_step": settings.any_step,
+    }
     if settings.gaits is None:
         summary = single(scene, duration, options, settings.out)
     else:

@@ -121,11 +121,15 @@ def roll_out(scene: Scene, gaits: Gait, duration: Scalar, settings: Settings) ->
         split, whole = PartitionSpec("population"), PartitionSpec()
         share = jax.shard_map(share, mesh=mesh, in_specs=(split, whole, whole), out_specs=split, check_vma=False)
     rows = [deal(x) for x in (gaits.phase, gaits.amplitude, gaits.frequency)]
-    return jax.tree.map(collect, share(rows, scene, jnp.asarray(duration, settings.dtype)))
+    outcomes = share(rows, scene, jnp.asarray(duration, settings.dtype))
+    return Outcomes(*(collect(x) for x in outcomes), settings.method.name, settings.dt)
 
 
-def roll_out_lanes(scene: Scene, phase, amplitude, frequency, duration, settings: Settings) -> Outcomes:
-    """The rollouts of one chunk: `phase`, `amplitude`, `frequency` are (actuators, lanes); results have lanes last."""
+def roll_out_lanes(scene: Scene, phase, amplitude, frequency, duration, settings: Settings) -> tuple:
+    """The rollouts of one chunk: `phase`, `amplitude`, `frequency` are (actuators, lanes).
+
+    Returns the first four fields of `Outcomes`, each with the lanes last.
+    """
     scene, axes = in_lanes(scene, phase, amplitude, frequency)
     nodes = scene.structure.nodes
     start = (nodes, jnp.zeros_like(nodes))
@@ -138,9 +142,7 @@ def roll_out_lanes(scene: Scene, phase, amplitude, frequency, duration, settings
         (q, v), result, steps = solve(start, scene)
     state = over_lanes(state_failure, (axes, -1, -1))(scene, q, v)
     com = over_lanes(centre_of_mass, (axes, -1))
-    return Outcomes(
-        com(scene, nodes), com(scene, q), failure_code(result, state), steps, settings.method.name, settings.dt
-    )
+    return com(scene, nodes), com(scene, q), failure_code(result, state), steps
 
 
 def _last(field, start, duration, args, settings: Settings):

@@ -15,7 +15,7 @@ import numpy as np
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 
-from jaxgrity.types import Edges, MemberVectors, NodeVectors, PerMember, Scalar
+from jaxgrity.types import Edges, MemberVectors, NodeVectors, PerMember, Rows, Scalar
 
 
 def _primitive(name: str, implementation: Callable) -> Primitive:
@@ -109,12 +109,12 @@ def along(s: PerMember, direction: tuple[float, float, float]) -> NodeVectors:
     return _extend_p.bind(s, direction=direction)
 
 
-def take_rows(x: PerMember, rows: tuple[int, ...]) -> PerMember:
+def take_rows(x: PerMember, rows: tuple[int, ...]) -> Rows:
     """The chosen rows of `x`."""
     return _take_p.bind(x, rows=rows, size=x.shape[0])
 
 
-def place_rows(x: PerMember, rows: tuple[int, ...], size: int) -> PerMember:
+def place_rows(x: Rows, rows: tuple[int, ...], size: int) -> PerMember:
     """`size` rows, zero but for the chosen ones, which are those of `x`."""
     return _place_p.bind(x, rows=rows, size=size)
 

@@ -8,16 +8,17 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Float, Int
 
 from jaxgrity.actuation import Gait
 from jaxgrity.population import gaits_of, roll_out
 from jaxgrity.scene import Scene, as_dtype
 from jaxgrity.simulate import Settings, settle
 from jaxgrity.structure import InputError
+from jaxgrity.types import AnyArray, Scalar
 
-Genes = Float[Array, "population genes"]
-Fitness = Float[Array, " population"]
+Genes = Float[AnyArray, "*population genes"]
+Fitness = Float[AnyArray, " population"]
 
 
 class Genome(eqx.Module):
@@ -85,7 +86,7 @@ class Generation(NamedTuple):
     genes: Genes
     fitness: Fitness
     """distance, m; -inf where the rollout failed"""
-    failed: Int[Array, ""]
+    failed: Int[AnyArray, ""]
     """how many rollouts failed"""
 
 
@@ -112,6 +113,7 @@ def evolve(
     method: str | None = None,
     dt: float | None = None,
     dtype: str | None = None,
+    any_step: bool = False,
     on_generation: Callable[[int, Generation], None] | None = None,
 ) -> Search:
     """Evolve gaits for the horizontal displacement of the centre of mass over `duration` (s).
@@ -120,7 +122,7 @@ def evolve(
     Raises `InputError` as `simulate.settle` does, before anything compiles.
     """
     breeding = breeding or Breeding()
-    settings = settle(scene, duration, method, dt, dtype)
+    settings = settle(scene, duration, method, dt, dtype, any_step=any_step)
     scene = as_dtype(scene, settings.dtype)
     key, first = jax.random.split(jax.random.key(seed))
     genes = jax.random.uniform(first, (breeding.population, genome.size), settings.dtype)
@@ -150,7 +152,7 @@ def _generation(
     return generation, breed(key, generation, progress, genome, breeding)
 
 
-def breed(key, generation: Generation, progress: float, genome: Genome, breeding: Breeding) -> Genes:
+def breed(key, generation: Generation, progress: Scalar, genome: Genome, breeding: Breeding) -> Genes:
     """The genes of the next generation: elites, and children of two parents, each a tournament's best.
 
     A child takes each gene from a point between its parents, or a little beyond, along the shorter way round the
@@ -165,7 +167,7 @@ def breed(key, generation: Generation, progress: float, genome: Genome, breeding
     weight = jax.random.uniform(blend, mother.shape, dtype, -0.1, 1.1)
     child = mother + weight * towards(mother, father, genome.circular)
     first, last = breeding.mutation_size
-    size = first * (last / first) ** progress
+    size = jnp.asarray(first * (last / first) ** progress, dtype)
     mutated = jax.random.bernoulli(which, breeding.mutation_rate, child.shape)
     child = child + jnp.where(mutated, size * jax.random.normal(mutate, child.shape, dtype), 0)
     child = jnp.where(genome.circular, child % 1, jnp.clip(child, 0, 1))

@@ -83,7 +83,8 @@ def _walk(jaxpr, of_velocity: list[bool]) -> Iterator[Equation]:
         depends = [not hasattr(x, "val") and x in marked for x in eqn.invars]
         yield Equation(eqn.primitive.name, eqn.params, [x.aval.shape for x in eqn.invars], any(depends))
         for inner in _inner_jaxprs(eqn.params):
-            yield from _walk(inner, depends if len(inner.invars) == len(depends) else [any(depends)] * len(inner.invars))
+            same = len(inner.invars) == len(depends)
+            yield from _walk(inner, depends if same else [any(depends)] * len(inner.invars))
         if any(depends):
             marked.update(eqn.outvars)
 

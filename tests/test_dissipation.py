@@ -9,7 +9,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from jaxgrity.dissipation import dissipation_function, member_dissipation
 from jaxgrity.dynamics import acceleration
 from jaxgrity.friction import SmoothFriction, SwitchFriction, slip_dissipation, switch_force
 from jaxgrity.ground import Ground, contact_dissipation, normal_force, signed_distance
@@ -24,9 +23,9 @@ NORMAL = np.array([np.sin(INCLINE), 0, np.cos(INCLINE)])
 SWITCH = SwitchFriction(0.6, 0.4, 0.01)
 
 velocities = arrays(float, (5, 3), elements=st.floats(-3, 3))
-positions = arrays(float, (5, 3), elements=st.floats(-2, 2)).filter(
-    lambda q: all(np.linalg.norm(q[i] - q[j]) > 1e-3 for i, j in EDGES)
-)
+# No member shorter than 0.2 m: close nodes would amplify the rounding of their positions.
+CORNERS = 2.0 * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 1]])
+positions = arrays(float, (5, 3), elements=st.floats(-0.9, 0.9)).map(lambda moved: CORNERS + moved)
 pressures = arrays(float, 5, elements=st.floats(0, 100))
 
 
@@ -50,14 +49,20 @@ def paper_damping(q, v, active):
     return force
 
 
+def dissipative_force(v, q, **parts):
+    """-dR/dv of a scene without ground, N."""
+    structure = Structure(CORNERS, np.ones(5), parts.pop("struts", None), parts.pop("cables", None))
+    return -jax.grad(Scene(structure, **parts).dissipation)(v, q, jnp.asarray(0.0), None)
+
+
 @jax.jit
 def strut_damping_force(v, q):
-    return -jax.grad(member_dissipation)(v, q, members(1.0), None)
+    return dissipative_force(v, q, struts=members(1.0))
 
 
 @jax.jit
 def cable_damping_force(v, q):
-    return -jax.grad(member_dissipation)(v, q, members(1.0), np.full(4, 1.0))
+    return dissipative_force(v, q, cables=members(1.0))
 
 
 @given(velocities, positions)
@@ -75,12 +80,7 @@ def test_cable_damping_acts_only_while_taut(v, q):
 @given(velocities)
 def test_node_damping_takes_power_c_v_squared(v):
     c = np.array([0.5, 1.0, 2.0, 0.0, 3.0])
-    structure = Structure(np.zeros((5, 3)), np.ones(5))
-
-    def R(v):
-        return dissipation_function(v, structure.nodes, jnp.asarray(0.0), structure, None, c, None, None, None)
-
-    power = float(jnp.sum(v * -jax.grad(R)(v)))
+    power = float(jnp.sum(v * dissipative_force(v, CORNERS, node_damping=c)))
     np.testing.assert_allclose(power, -np.sum(c * np.sum(v * v, axis=1)), rtol=1e-14)
 
 
@@ -149,10 +149,10 @@ def test_switch_never_exceeds_static_friction_nor_adds_power_in_a_slide(v, direc
     force = np.asarray(switch_force(SWITCH, GROUND, v, pressed, 30 * direction))
     assert np.all(np.linalg.norm(force, axis=1) <= 0.6 * pressed * (1 + 1e-12) + 1e-12)
     sliding = np.linalg.norm(tangential(v), axis=1) > 0.0101
-    power = np.sum(force * v, axis=1)
-    np.testing.assert_allclose(
-        power[sliding], -0.4 * pressed[sliding] * np.linalg.norm(tangential(v), axis=1)[sliding], rtol=1e-10
-    )
+    power = np.sum(force * v, axis=1)[sliding]
+    lost = (0.4 * pressed * np.linalg.norm(tangential(v), axis=1))[sliding]
+    # as much as a slide at 1 cm/s leaves of the digits of v; the rest is for forces near the smallest float
+    np.testing.assert_allclose(power, -lost, rtol=1e-10, atol=1e-15)
 
 
 @pytest.fixture(scope="module")

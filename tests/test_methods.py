@@ -123,7 +123,7 @@ def test_rk4_step_is_the_papers(reference):
 
     t and h are binary fractions, so that both sides take exactly the same step.
     """
-    scene, h, t = as_dtype(reference, np.float64), 2.0**-11, 1.25
+    scene, h, t = as_dtype(reference, "float64"), 2.0**-11, 1.25
     q = jnp.asarray(reference.structure.nodes) - jnp.array([0, 0, 0.025])
     state = (q, 0.1 * jnp.asarray(np.random.default_rng(0).normal(size=q.shape)))
 

@@ -1,0 +1,113 @@
+"""Populations: right answers, the layout that makes them fast, failures as data."""
+
+import json
+from pathlib import Path
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxgrity import Gait, InputError, gaits_of, random_phases, simulate, simulate_population, with_gait
+from jaxgrity.dynamics import vector_field
+from jaxgrity.population import in_lanes, over_lanes
+from jaxgrity.scene import as_dtype
+from jaxgrity.scenefile import parse_scene
+
+SCENE = Path(__file__).parents[1] / "experiments" / "scenes" / "reference.toml"
+ANSWERS = json.loads((Path(__file__).parent / "data" / "reference_answers.json").read_text())
+
+
+def test_agrees_with_an_independent_program(reference):
+    """The frozen answers have nine digits; 1e-7 m is a hundred times what they leave open."""
+    phases = np.array([row["phase"] for row in ANSWERS["gaits"]])
+    gaits = gaits_of(reference.gait, phases)
+    outcomes = simulate_population(reference, gaits, ANSWERS["duration"], dt=ANSWERS["dt"])
+    expected = np.array([row["com_end"] for row in ANSWERS["gaits"]])
+    np.testing.assert_allclose(outcomes.com_end, expected, rtol=0, atol=1e-7)
+
+
+@pytest.mark.parametrize("method", ["rk4", "tsit5", "kvaerno3"])
+def test_each_member_is_the_rollout_of_its_own(reference, method):
+    """Fixed steps take all robots at once, other methods go robot by robot: each agrees with `simulate`."""
+    phases = random_phases(3, 6, seed=1)
+    outcomes = simulate_population(reference, gaits_of(reference.gait, phases), 0.2, method=method)
+    for k, phase in enumerate(phases):
+        scene = eqx.tree_at(lambda s: s.gait.phase, reference, phase)
+        trajectory = simulate(scene, 0.2, method=method)
+        mass = scene.structure.node_mass
+        com = np.einsum("n,nk->k", mass, trajectory.positions[-1]) / mass.sum()
+        np.testing.assert_allclose(outcomes.com_end[k], com, rtol=0, atol=1e-10)
+        assert int(outcomes.steps[k]) == int(trajectory.steps)
+
+
+def test_more_gaits_than_lanes_keep_their_order(reference):
+    """Chunks and padding are invisible: 300 gaits give what two halves give."""
+    phases = random_phases(300, 6, seed=2)
+    options = {"dt": 1e-3, "dtype": "float32"}
+    whole = simulate_population(reference, gaits_of(reference.gait, phases), 0.05, **options)
+    assert whole.com_end.shape == (300, 3)
+    for part in (slice(0, 130), slice(130, 300)):
+        half = simulate_population(reference, gaits_of(reference.gait, phases[part]), 0.05, **options)
+        np.testing.assert_array_equal(whole.com_end[part], half.com_end)
+
+
+def _primitives(jaxpr) -> list[str]:
+    names = []
+    for equation in jaxpr.eqns:
+        names.append(equation.primitive.name)
+        for value in equation.params.values():
+            inner = getattr(value, "jaxpr", value)
+            if hasattr(inner, "eqns"):
+                names += _primitives(inner)
+    return names
+
+
+@pytest.mark.parametrize("members", ['"struts"', '"cables"', "[0, 3, 7, 20]"])
+def test_the_population_stays_last_in_memory(members):
+    """No transpose in the mapped vector field: the layout on which its speed rests (see `primitives.py`)."""
+    reference_text = SCENE.read_text()
+    count = {'"struts"': 6, '"cables"': 24}.get(members, 4)
+    text = reference_text.replace('members = "struts"', f"members = {members}")
+    text = text.replace("phase = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]", f"phase = {[0.5] * count}")
+    scene = as_dtype(parse_scene(text.replace("incline = 0.0", "incline = 0.1")), "float64")
+    rows = jnp.ones((count, 8))
+    mapped, axes = in_lanes(scene, rows, rows, rows)
+    nodes = mapped.structure.nodes
+    field = over_lanes(vector_field, (None, -1, axes))
+    names = _primitives(jax.make_jaxpr(field)(1.5, (nodes, nodes), mapped).jaxpr)
+    assert "edge_accumulate" in names
+    assert "transpose" not in names
+
+
+def test_a_failed_member_is_data_and_disturbs_no_other(reference):
+    """One gait tears its robot apart; the others go where they go without it."""
+    phases = random_phases(4, 6, seed=3)
+    violent = np.array([0.3, 0.3, 1e9, 0.3])[:, None] * np.ones((4, 6))
+    start_now = eqx.tree_at(lambda s: s.gait.start, reference, 0.0)
+    outcomes = simulate_population(start_now, gaits_of(start_now.gait, phases, amplitude=violent), 0.3, dt=1e-3)
+    assert (np.asarray(outcomes.failure) != 0).tolist() == [False, False, True, False]
+    assert np.isnan(outcomes.distance()).tolist() == [False, False, True, False]
+    alone = simulate_population(start_now, gaits_of(start_now.gait, phases[3:]), 0.3, dt=1e-3)
+    np.testing.assert_allclose(outcomes.com_end[3], alone.com_end[0], rtol=0, atol=1e-12)
+
+
+def test_amplitude_and_frequency_vary_too(reference):
+    """A population of frequencies is the scenes with these frequencies."""
+    phases, frequency = random_phases(2, 6, seed=4), np.array([[0.4] * 6, [0.7] * 6])
+    amplitude = np.array([[0.1] * 6, [0.2] * 6])
+    start_now = eqx.tree_at(lambda s: s.gait.start, reference, 0.0)
+    outcomes = simulate_population(start_now, gaits_of(start_now.gait, phases, amplitude, frequency), 0.5)
+    for k in range(2):
+        gait = Gait(start_now.gait.members, phases[k], amplitude[k], frequency[k], 0.0, 1.0)
+        trajectory = simulate(with_gait(start_now, gait), 0.5)
+        np.testing.assert_allclose(outcomes.com_end[k], trajectory.positions[-1].mean(0), rtol=0, atol=1e-10)
+
+
+def test_bad_gaits_are_refused(reference):
+    """A wrong number of phases, and a scene that has no gait to vary."""
+    with pytest.raises(InputError, match=r"phase has shape \(3, 5\); expected \(gaits, 6\)"):
+        gaits_of(reference.gait, np.zeros((3, 5)))
+    with pytest.raises(InputError, match="no gait"):
+        gaits_of(with_gait(reference, None).gait, np.zeros((3, 6)))

@@ -1,0 +1,142 @@
+"""The scripts as a user runs them: what they leave, and one clear line with exit code 2 on bad input."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from jaxgrity import random_phases
+from jaxgrity.files import load_phases
+
+ROOT = Path(__file__).parents[1]
+SCENE = ROOT / "experiments" / "scenes" / "reference.toml"
+ANSWERS = json.loads((Path(__file__).parent / "data" / "reference_answers.json").read_text())
+
+
+def run(script: str, *arguments: object) -> subprocess.CompletedProcess:
+    command = [sys.executable, str(ROOT / "experiments" / script), *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=280)
+
+
+def write_gaits(path: Path, phases: np.ndarray) -> Path:
+    np.savetxt(path, phases, delimiter=",", fmt="%.17g")
+    return path
+
+
+def test_simulate_agrees_with_an_independent_program(tmp_path):
+    """16 gaits from a CSV, as in the README: every component of every centre of mass within 1e-7 m."""
+    gaits = write_gaits(tmp_path / "gaits.csv", np.array([row["phase"] for row in ANSWERS["gaits"]]))
+    done = run("simulate.py", SCENE, "--gaits", gaits, "--duration", 2, "--dt", 5e-4, "--out", tmp_path / "out")
+    assert done.returncode == 0, done.stderr
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert (summary["method"], summary["dt"], summary["dtype"], summary["duration"]) == ("rk4", 5e-4, "float64", 2.0)
+    assert summary["steps"] == 4000
+    assert summary["failed"] == []
+    assert summary["wall_seconds"] > 0
+    assert summary["compile_seconds"] > 0
+    expected = [row["com_end"] for row in ANSWERS["gaits"]]
+    np.testing.assert_allclose(summary["com_end"], expected, rtol=0, atol=1e-7)
+    assert (tmp_path / "out" / "outcomes.png").stat().st_size > 5000
+
+
+def test_simulate_one_rollout(tmp_path):
+    """One rollout leaves its trajectory and its figures; what the scene file chose is in the summary."""
+    done = run("simulate.py", SCENE, "--duration", 1.5, "--method", "tsit5", "--out", tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "smooth friction" in done.stdout
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    with np.load(tmp_path / "trajectory.npz") as saved:
+        assert saved["positions"].shape == (151, 12, 3)
+        assert saved["velocities"].shape == (151, 12, 3)
+        np.testing.assert_allclose(saved["positions"][-1].mean(0), summary["com_end"][0], atol=1e-12)
+    assert summary["dt"] is None
+    assert (tmp_path / "path.png").exists()
+    assert (tmp_path / "members.png").exists()
+
+
+def test_simulate_reports_a_failure_as_data(tmp_path):
+    """A gait that no step can follow ends in the summary's list of failures, with exit code 0."""
+    text = SCENE.read_text().replace("stiffness = 2e4", "stiffness = 1e10").replace("damping = 36.0", "")
+    (tmp_path / "scene.toml").write_text(text.replace("start = 1.0", "start = 0.0"))
+    gaits = write_gaits(tmp_path / "gaits.csv", random_phases(2, 6, seed=0))
+    done = run(
+        "simulate.py", tmp_path / "scene.toml", "--gaits", gaits, "--duration", 0.05, "--method", "rk4",
+        "--dt", 1e-3, "--any-step", "--out", tmp_path,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert summary["failed"] == [0, 1]
+    assert summary["distance"] == [None, None]
+    assert summary["outcome"][0] == "the motion is not finite"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["missing.toml"], ["missing.toml", "No such file"]),
+        ([SCENE, "--method", "euler"], ["euler", "rk4, tsit5"]),
+        ([SCENE, "--duration", "-1"], ["duration = -1", "positive"]),
+        ([SCENE, "--dt", "0.02"], ["dt = 0.02", "largest stable step", "0.00136"]),
+        ([SCENE, "--method", "symplectic"], ["symplectic", "dissipation"]),
+        ([SCENE, "--gaits", "short.csv"], ["short.csv", "row 2 has 5 phases; expected 6"]),
+        (["stiff.toml"], ["stiff.toml", "struts.stiffness", "-1"]),
+    ],
+)
+def test_bad_input_is_one_line_and_exit_code_2(tmp_path, monkeypatch, arguments, words):
+    """What, where, the value received, what was expected; nothing is written."""
+    monkeypatch.chdir(tmp_path)
+    Path("short.csv").write_text("0,1,2,3,4,5\n0,1,2,3,4\n")
+    Path("stiff.toml").write_text(SCENE.read_text().replace("stiffness = 2e4", "stiffness = -1.0"))
+    done = run("simulate.py", *arguments, "--out", "out")
+    assert done.returncode == 2
+    lines = done.stderr.strip().splitlines()
+    assert len(lines) == 1
+    assert all(word in lines[0] for word in words), lines[0]
+    assert not Path("out").exists()
+
+
+@pytest.mark.parametrize("script", ["simulate.py", "gait_search.py", "throughput.py"])
+def test_help_comes_from_the_settings(script):
+    """Every script explains itself, and has a --quick size."""
+    done = run(script, "--help")
+    assert done.returncode == 0
+    assert "--quick" in done.stdout
+
+
+def test_gait_search_from_end_to_end(tmp_path):
+    """The main job at its quick size: a verified gait, and everything that it promises to leave."""
+    done = run("gait_search.py", "--quick", "--out", tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "verified:" in done.stdout
+    for name in ("convergence.png", "path.png", "members.png", "animation.gif", "index.html"):
+        assert (tmp_path / name).stat().st_size > 500, name
+    gait, summary = (json.loads((tmp_path / name).read_text()) for name in ("gait.json", "summary.json"))
+    assert gait["distance"] > 1.0
+    assert gait["error_bar"] < 0.05 * gait["distance"]
+    assert len(summary["search"]["best"]) == 4
+    assert len(gait["phase"]) == 6
+    with np.load(tmp_path / "trajectory.npz") as saved:
+        moved = saved["positions"][-1].mean(0) - saved["positions"][0].mean(0)
+    assert np.hypot(*moved[:2]) == pytest.approx(gait["distance"], abs=1e-6)
+    csv = write_gaits(tmp_path / "gait.csv", np.array([gait["phase"]]))
+    assert load_phases(csv, 6).tolist() == [gait["phase"]]
+
+
+def test_gait_search_needs_a_gait(tmp_path):
+    """A scene without [gait] has nothing to evolve."""
+    (tmp_path / "still.toml").write_text(SCENE.read_text().split("[gait]")[0])
+    done = run("gait_search.py", "--scene", tmp_path / "still.toml", "--out", tmp_path / "out")
+    assert done.returncode == 2
+    assert "has no [gait]" in done.stderr
+
+
+def test_throughput_measures(tmp_path):
+    """Without the C programs it measures jaxgrity alone; forward and reverse gradients agree."""
+    done = run("throughput.py", "--quick", "--gaits", 8, "--duration", 0.1, "--out", tmp_path)
+    assert done.returncode == 0, done.stderr
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert set(summary["rk4"]) == {"float32", "float64"}
+    assert summary["gradient"]["largest_difference"] < 1e-9
