@@ -60,9 +60,11 @@ def gait_search(facts: dict) -> str:
 def throughput(facts: dict) -> str:
     single, double, gradient = facts["rk4"]["float32"], facts["rk4"]["float64"], facts["gradient"]
     return (
-        f"One RK4 step of one gait of the reference scene, every term of it, takes {single['us']:.2f} us in float32 and "
+        "One RK4 step of one gait of the reference scene, every term of it, takes "
+        f"{single['us']:.2f} us in float32 and "
         f"{double['us']:.2f} us in float64 ({facts['gaits']} gaits, {facts['devices']} cores, median of "
-        f"{facts['repeats']}): {single['ratio']:.1f} and {double['ratio']:.1f} times hand-written SIMD C in the same run, with which the final "
+        f"{facts['repeats']}): {single['ratio']:.1f} and {double['ratio']:.1f} times hand-written "
+        "SIMD C in the same run, with which the final "
         f"centres of mass agree to {double['largest_difference']:.0e} m in float64. The gradient of the distance in "
         f"{gradient['phases']} phases costs {gradient['reverse']:.1f} rollouts by reverse mode with a checkpointed "
         f"step, and {gradient['forward']:.1f} by forward mode; polishing uses the first "

@@ -59,8 +59,8 @@ def contact_dissipation(ground: Ground, v_n: PerNode, phi: PerNode) -> Scalar:
     return ground.stiffness * inner(positive_part(-phi), alpha / 2 * closing * closing + released)
 
 
-def normal_force(ground: Ground, phi: PerNode, v_n: PerNode) -> PerNode:
-    """F_n = -dU/dphi - dR/dv_n >= 0, N: what friction is proportional to."""
+def normal_force(ground: Ground, phi: PerNode, v_n: PerNode | None) -> PerNode:
+    """F_n = -dU/dphi - dR/dv_n >= 0, N: what friction is proportional to. `v_n` counts where the ground dissipates."""
     elastic = jax.grad(contact_energy, argnums=1)(ground, phi)
     if ground.dissipation is None:
         return -elastic

@@ -7,6 +7,7 @@ import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
+import optimistix
 
 from jaxgrity.structure import InputError
 
@@ -70,8 +71,15 @@ class Method(NamedTuple):
         return self.adapt is not None
 
 
-def _newton() -> diffrax.VeryChord:
-    return diffrax.VeryChord(rtol=1e-10, atol=1e-12)
+def _implicit(kind: type) -> dict[str, Callable[[], diffrax.AbstractSolver]]:
+    """A Kvaerno method with full Newton iterations.
+
+    diffrax's default, which keeps one Jacobian for all iterations, converges so slowly where contact, friction and
+    cables switch that most steps are rejected. A tolerance much tighter than 1e-9 fails there in turn.
+    """
+    by_error = diffrax.with_stepsize_controller_tols(optimistix.Newton)
+    fixed = optimistix.Newton(rtol=1e-9, atol=1e-9, norm=optimistix.max_norm)
+    return {"step": lambda: kind(root_finder=fixed), "adapt": lambda: kind(root_finder=by_error())}
 
 
 METHODS = {
@@ -80,8 +88,8 @@ METHODS = {
         Method("rk4", 4, RK4),
         Method("tsit5", 5, diffrax.Tsit5, diffrax.Tsit5),
         Method("dopri8", 8, diffrax.Dopri8, diffrax.Dopri8),
-        Method("kvaerno3", 3, lambda: diffrax.Kvaerno3(root_finder=_newton()), diffrax.Kvaerno3, implicit=True),
-        Method("kvaerno5", 5, lambda: diffrax.Kvaerno5(root_finder=_newton()), diffrax.Kvaerno5, implicit=True),
+        Method("kvaerno3", 3, **_implicit(diffrax.Kvaerno3), implicit=True),
+        Method("kvaerno5", 5, **_implicit(diffrax.Kvaerno5), implicit=True),
         Method("symplectic", 2, Verlet, symplectic=True),
     )
 }

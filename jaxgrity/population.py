@@ -122,7 +122,8 @@ def roll_out(scene: Scene, gaits: Gait, duration: Scalar, settings: Settings) ->
         share = jax.shard_map(share, mesh=mesh, in_specs=(split, whole, whole), out_specs=split, check_vma=False)
     rows = [deal(x) for x in (gaits.phase, gaits.amplitude, gaits.frequency)]
     outcomes = share(rows, scene, jnp.asarray(duration, settings.dtype))
-    return Outcomes(*(collect(x) for x in outcomes), settings.method.name, settings.dt)
+    com_start, com_end, failure, taken = map(collect, outcomes)
+    return Outcomes(com_start, com_end, failure, taken, settings.method.name, settings.dt)
 
 
 def roll_out_lanes(scene: Scene, phase, amplitude, frequency, duration, settings: Settings) -> tuple:

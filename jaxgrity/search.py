@@ -125,7 +125,7 @@ def evolve(
     settings = settle(scene, duration, method, dt, dtype, any_step=any_step)
     scene = as_dtype(scene, settings.dtype)
     key, first = jax.random.split(jax.random.key(seed))
-    genes = jax.random.uniform(first, (breeding.population, genome.size), settings.dtype)
+    genes: Genes = jax.random.uniform(first, (breeding.population, genome.size), settings.dtype)
     history = []
     for number in range(breeding.generations):
         key, now = jax.random.split(key)

@@ -164,9 +164,7 @@ COINCIDENT = np.zeros((NODES, 3))
 AT_REST_LENGTH = np.array([[0, 0, 0], [2, 0, 0], [0, 1, 0], [2, 0, 2], [0, 0, 2.0]])
 
 
-@pytest.mark.parametrize(
-    "q", [COINCIDENT, AT_REST_LENGTH], ids=["coincident nodes", "cables at l = L, nodes at phi = 0"]
-)
+@pytest.mark.parametrize("q", [COINCIDENT, AT_REST_LENGTH], ids=["coincident nodes", "l = L and phi = 0"])
 @pytest.mark.parametrize("order", [1, 2])
 def test_derivatives_are_finite_where_the_energy_has_kinks(q, order):
     def energy(q, rest, k_n):

@@ -110,12 +110,11 @@ def test_symplectic_energy_error_stays_bounded(undamped):
     E = np.array(jax.vmap(lambda q, v: mechanical_energy(undamped, 0.0, q, v))(motion.positions, motion.velocities))
     error = np.abs(E - E[0])
     quarter = len(E) // 4
-    # The largest of some hundred samples of a quasi-periodic swing is itself known to some 10 % only.
-    assert error[-quarter:].max() < 1.25 * error[1:quarter].max()
-    # h^2 omega^2 / 8 of the elastic energy: omega = 300 1/s for the stiffest mode, some 100 J in cables and struts.
-    assert error.max() < 1e-2 * E[0]
-    drift = np.polyfit(motion.times, E, 1)[0] * 10.0
-    assert abs(drift) < 0.25 * error.max()
+    # RK4 at 2e-3 s, which loses 4 % of the energy, misses both by far: a ratio of 2, a drift of 0.9 of the error.
+    assert error[-quarter:].max() < 1.1 * error[1:quarter].max()
+    assert abs(np.polyfit(motion.times, E, 1)[0] * 10.0) < 0.05 * error.max()
+    # h^2 omega^2 / 8 = 3e-3 of what vibrates at omega = 300 1/s, the stiffest mode, which holds less than a third of E
+    assert error.max() < 1e-3 * E[0]
 
 
 def test_rk4_step_is_the_papers(reference):

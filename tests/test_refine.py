@@ -35,7 +35,12 @@ def test_polish_improves_and_verifies(reference, starting):
     before = verify(reference, starting, 4.0, 1e-3)
     steps = []
     result = polish(
-        reference, starting, 4.0, Polishing(8, learning_rate=0.1, largest_sensitivity=1e3), dt=1e-3, on_step=lambda k, d: steps.append(k)
+        reference,
+        starting,
+        4.0,
+        Polishing(8, learning_rate=0.1, largest_sensitivity=1e3),
+        dt=1e-3,
+        on_step=lambda k, d: steps.append(k),
     )
     assert steps == list(range(8))
     assert result.improved

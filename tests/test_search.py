@@ -1,6 +1,5 @@
 """The genetic algorithm: circular genes, elites, repeatability, failures."""
 
-import equinox as eqx
 import jax
 import numpy as np
 import pytest

@@ -1,0 +1,44 @@
+"""The README's library example runs as it stands, and its measured numbers are those of the files it names."""
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def test_library_example_runs():
+    """In a process of its own, from the repository's root, as a reader would run it."""
+    (example,) = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+    done = subprocess.run([sys.executable, "-c", example], cwd=ROOT, capture_output=True, text=True, timeout=250)
+    assert done.returncode == 0, done.stderr
+    assert "modelled" in done.stdout
+    distance, error_bar = map(float, done.stdout.splitlines()[-1].split())
+    assert distance > error_bar > 0
+
+
+def test_measured_numbers_are_those_of_the_files():
+    """The distance and the times per step in the README stand in docs/measured/."""
+    gait = json.loads((ROOT / "docs" / "measured" / "gait_search.json").read_text())
+    assert f"**{gait['distance']:.3f} ± {gait['error_bar']:.1g} m**" in README
+    speed = json.loads((ROOT / "docs" / "measured" / "throughput.json").read_text())
+    for row in speed["rk4"].values():
+        assert f"{row['us']:.2f} us" in README
+
+
+def test_pictures_and_links_are_there():
+    """Every file that the README shows or links to is in the repository."""
+    targets = re.findall(r"\]\(((?!http)[^)#]+)\)", README)
+    assert targets
+    for target in targets:
+        assert (ROOT / target).exists(), target
+
+
+def test_importing_changes_no_configuration():
+    """`import jaxgrity` leaves x64 off, and does not load matplotlib."""
+    code = "import sys, jaxgrity, jax; assert not jax.config.jax_enable_x64; assert 'matplotlib' not in sys.modules"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
