@@ -71,15 +71,18 @@ class Method(NamedTuple):
         return self.adapt is not None
 
 
-def _implicit(kind: type) -> dict[str, Callable[[], diffrax.AbstractSolver]]:
-    """A Kvaerno method with full Newton iterations.
+Build = Callable[[], diffrax.AbstractSolver]
+
+
+def _implicit(kind: type) -> tuple[Build, Build]:
+    """A Kvaerno method for fixed and for adapted steps, with full Newton iterations.
 
     diffrax's default, which keeps one Jacobian for all iterations, converges so slowly where contact, friction and
     cables switch that most steps are rejected. A tolerance much tighter than 1e-9 fails there in turn.
     """
     by_error = diffrax.with_stepsize_controller_tols(optimistix.Newton)
-    fixed = optimistix.Newton(rtol=1e-9, atol=1e-9, norm=optimistix.max_norm)
-    return {"step": lambda: kind(root_finder=fixed), "adapt": lambda: kind(root_finder=by_error())}
+    fixed: optimistix.Newton = optimistix.Newton(rtol=1e-9, atol=1e-9, norm=optimistix.max_norm)
+    return lambda: kind(root_finder=fixed), lambda: kind(root_finder=by_error())
 
 
 METHODS = {
@@ -88,8 +91,8 @@ METHODS = {
         Method("rk4", 4, RK4),
         Method("tsit5", 5, diffrax.Tsit5, diffrax.Tsit5),
         Method("dopri8", 8, diffrax.Dopri8, diffrax.Dopri8),
-        Method("kvaerno3", 3, **_implicit(diffrax.Kvaerno3), implicit=True),
-        Method("kvaerno5", 5, **_implicit(diffrax.Kvaerno5), implicit=True),
+        Method("kvaerno3", 3, *_implicit(diffrax.Kvaerno3), implicit=True),
+        Method("kvaerno5", 5, *_implicit(diffrax.Kvaerno5), implicit=True),
         Method("symplectic", 2, Verlet, symplectic=True),
     )
 }

@@ -1,7 +1,6 @@
 """Scene files: TOML, SI units, radians; every key checked, and errors that say where they are."""
 
 import math
-import re
 import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -15,6 +14,7 @@ from jaxgrity.catalogue import icosahedron, rest_on_face
 from jaxgrity.files import read_text
 from jaxgrity.friction import Friction, SmoothFriction, SwitchFriction
 from jaxgrity.ground import Ground
+from jaxgrity.messages import explain
 from jaxgrity.scene import Scene
 from jaxgrity.structure import InputError, Members, Structure, check_edges, edge_lengths, per_member
 
@@ -135,7 +135,7 @@ def parse_scene(text: str, name: str = "scene") -> Scene:
     try:
         return build_scene(msgspec.convert(tables, SceneFile, strict=True))
     except msgspec.ValidationError as error:
-        raise InputError(f"{name}: {_explain(str(error), tables)}") from error
+        raise InputError(f"{name}: {explain(str(error), tables, SceneFile)}") from error
     except InputError as error:
         raise InputError(f"{name}: {error}") from error
 
@@ -146,20 +146,6 @@ def _refuse_not_finite(value: Any, name: str, key: str) -> None:
     items = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
     for k, item in items:
         _refuse_not_finite(item, name, f"{key}[{k}]" if isinstance(k, int) else f"{key}.{k}".lstrip("."))
-
-
-def _explain(message: str, tables: dict) -> str:
-    """msgspec's message, its path turned into the file's own key, with the value that was found there."""
-    reason, _, path = message.partition(" - at `$")
-    key, value = path.rstrip("`").lstrip("."), tables
-    for step in re.findall(r"[^.\[\]]+", key):
-        if isinstance(value, list) and step.isdigit():
-            value = value[int(step)]
-        elif isinstance(value, dict) and step in value:
-            value = value[step]
-    received = "" if isinstance(value, (dict, list)) else f" = {value!r}"
-    lowered = reason[:1].lower() + reason[1:]
-    return f"{key}{received}: {lowered}" if key else lowered
 
 
 def build_scene(file: SceneFile) -> Scene:
