@@ -31,10 +31,9 @@ from jaxgrity import (
 )
 from jaxgrity.diagnostics import sensitivity
 from jaxgrity.files import save_arrays, save_json, write_whole
-from jaxgrity.methods import find_method
 from jaxgrity.refine import Polished
 from jaxgrity.search import Generation, Search
-from jaxgrity.stability import default_step
+from jaxgrity.stability import default_method, default_step
 from jaxgrity.structure import InputError
 
 
@@ -78,7 +77,7 @@ def main(settings: Settings) -> None:
         raise InputError("polish_gaits and polish_steps: expected at least 1 of each")
     settings.out.mkdir(parents=True, exist_ok=True)
     print(scene.describe(), end="\n\n")
-    dt = settings.dt or default_step(scene, find_method("rk4"))
+    dt = settings.dt or default_step(scene, default_method(scene))
     genome = Genome(len(scene.gait.members), settings.amplitude, settings.frequency)
     search = evolve_with_progress(scene, genome, settings, dt)
     genes = distinct(search.last, genome, settings.polish_gaits)

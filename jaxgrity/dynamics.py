@@ -15,7 +15,7 @@ State = tuple[AnyArray, AnyArray]
 def acceleration(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors) -> NodeVectors:
     """a = M^-1 (-dU/dq - dR/dv + F_switch), (nodes, 3), m/s^2."""
     ground, friction, pressed = scene.ground, scene.friction, None
-    if ground is not None and friction is not None:
+    if ground is not None and friction is not None and not ground.exact:
         v_n = None if ground.dissipation is None else component(v, ground.normal)
         pressed = normal_force(ground, signed_distance(ground, q), v_n)
     force = -jax.grad(scene.potential_energy)(q, t)

@@ -22,25 +22,27 @@ def potential_energy(
     """U = U_struts + U_cables + U_gravity + U_contact, J, of the terms that the scene has. q: (nodes, 3), m."""
     struts, cables = structure.struts, structure.cables
     U = jnp.zeros((), q.dtype)
-    if struts is not None:
+    if struts is not None and not struts.rigid:
         U += strut_energy(q, struts, rest_length(struts, gait, t, 0))
     if cables is not None:
         U += cable_energy(q, cables, rest_length(cables, gait, t, structure.first_cable))
     if gravity is not None:
         U += gravity_energy(q, structure.node_mass, gravity)
-    if ground is not None:
+    if ground is not None and not ground.exact:
         U += contact_energy(ground, signed_distance(ground, q))
     return U
 
 
 def strut_energy(q: NodeVectors, struts: Members, rest: PerMember) -> Scalar:
     """U = sum K/2 (l - L)^2, J."""
+    assert struts.stiffness is not None, "rigid struts store nothing"
     stretch = length(edge_vectors(q, struts.edges)) - rest
     return inner(struts.stiffness * stretch, stretch) / 2
 
 
 def cable_energy(q: NodeVectors, cables: Members, rest: PerMember) -> Scalar:
     """U = sum K/2 max(0, l - L)^2, J: a slack cable stores nothing."""
+    assert cables.stiffness is not None, "a cable is a spring"
     stretch = positive_part(length(edge_vectors(q, cables.edges)) - rest)
     return inner(cables.stiffness * stretch, stretch) / 2
 

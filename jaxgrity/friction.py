@@ -1,4 +1,4 @@
-"""Friction on the ground: smoothed Coulomb friction, which has a dissipation function, and the switch, without one."""
+"""Friction on the ground: smoothed Coulomb friction, the static/kinetic switch, and the exact cone."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -25,7 +25,13 @@ class SwitchFriction(eqx.Module):
     """eps, m/s: below it a node may stick"""
 
 
-Friction = SmoothFriction | SwitchFriction
+class ConeFriction(eqx.Module):
+    """|p_t| <= mu p_n, sticking where it can: Coulomb's cone on the impulses of exact contact."""
+
+    mu: PerNode | Scalar = eqx.field(converter=as_float)
+
+
+Friction = SmoothFriction | SwitchFriction | ConeFriction
 
 
 def slip_dissipation(friction: SmoothFriction, ground: Ground, v: NodeVectors, normal_force: PerNode) -> Scalar:

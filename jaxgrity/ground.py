@@ -6,23 +6,31 @@ import equinox as eqx
 import jax
 
 from jaxgrity.primitives import component, inner, positive_part
-from jaxgrity.types import NodeVectors, PerNode, Scalar, as_float
+from jaxgrity.types import NodeVectors, PerNode, Scalar, as_float_or_none
 
 Direction = tuple[float, float, float]
 
 
 class Ground(eqx.Module):
-    """A plane through the origin, level or falling towards +x by `incline`, that pushes back as a stiff spring.
+    """A plane through the origin, level or falling towards +x: phi(x) = n·x, n = (sin theta, 0, cos theta).
 
-    phi(x) = n·x with n = (sin theta, 0, cos theta).
+    With a stiffness it pushes back as a spring (penalty contact); without one, phi >= 0 is a constraint (Signorini's
+    law: phi >= 0, p_n >= 0, p_n phi = 0).
     """
 
-    stiffness: Scalar = eqx.field(converter=as_float)
-    """k_n, N/m, per node"""
-    dissipation: Scalar | None = eqx.field(converter=lambda a: None if a is None else as_float(a), default=None)
-    """alpha of Hunt and Crossley's law, s/m; None: not modelled"""
-    incline: float = eqx.field(static=True, default=0.0)
+    stiffness: Scalar | None = eqx.field(converter=as_float_or_none)
+    """k_n, N/m, per node; None: exact contact"""
+    dissipation: Scalar | None = eqx.field(converter=as_float_or_none, default=None)
+    """alpha of Hunt and Crossley's law, s/m, with penalty contact; None: not modelled"""
+    incline: float = eqx.field(static=True, converter=float, default=0.0)
     """theta, rad"""
+    restitution: Scalar | None = eqx.field(converter=as_float_or_none, default=None)
+    """e: a node that hits the ground at speed v leaves it at e v, with exact contact; None: it stays"""
+
+    @property
+    def exact(self) -> bool:
+        """Whether contact is a constraint, not a spring."""
+        return self.stiffness is None
 
     @property
     def normal(self) -> Direction:
@@ -42,6 +50,7 @@ def signed_distance(ground: Ground, q: NodeVectors) -> PerNode:
 
 def contact_energy(ground: Ground, phi: PerNode) -> Scalar:
     """U = sum k_n/2 min(0, phi)^2, J."""
+    assert ground.stiffness is not None, "exact contact stores nothing"
     penetration = positive_part(-phi)
     return ground.stiffness / 2 * inner(penetration, penetration)
 
@@ -53,7 +62,7 @@ def contact_dissipation(ground: Ground, v_n: PerNode, phi: PerNode) -> Scalar:
     pulls. Hunt and Crossley 1975, doi:10.1115/1.3423596.
     """
     alpha = ground.dissipation
-    assert alpha is not None, "a ground without dissipation has no R"
+    assert alpha is not None and ground.stiffness is not None, "a ground without dissipation has no R"
     released = positive_part(v_n - 1 / alpha)
     closing = v_n - released
     return ground.stiffness * inner(positive_part(-phi), alpha / 2 * closing * closing + released)

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import optimistix
 
+from jaxgrity.complementarity import Complementarity
 from jaxgrity.structure import InputError
 
 
@@ -65,6 +66,8 @@ class Method(NamedTuple):
     adapt: Callable[[], diffrax.AbstractSolver] | None = None
     implicit: bool = False
     symplectic: bool = False
+    constrained: bool = False
+    """whether it meets rigid struts and exact contact, as only complementarity stepping does"""
 
     @property
     def adaptive(self) -> bool:
@@ -94,6 +97,7 @@ METHODS = {
         Method("kvaerno3", 3, *_implicit(diffrax.Kvaerno3), implicit=True),
         Method("kvaerno5", 5, *_implicit(diffrax.Kvaerno5), implicit=True),
         Method("symplectic", 2, Verlet, symplectic=True),
+        Method("complementarity", 1, Complementarity, constrained=True),
     )
 }
 

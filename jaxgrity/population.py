@@ -14,9 +14,9 @@ import numpy as np
 from jax.sharding import Mesh, PartitionSpec
 
 from jaxgrity.actuation import Gait
-from jaxgrity.dynamics import centre_of_mass, vector_field
+from jaxgrity.dynamics import centre_of_mass
 from jaxgrity.scene import Scene, as_dtype
-from jaxgrity.simulate import Settings, failure_code, integrate, settle, state_failure
+from jaxgrity.simulate import Settings, discretise, failure_code, integrate, settle, state_failure
 from jaxgrity.structure import InputError
 from jaxgrity.types import Failures, PerGait, Phases, Scalar, Vectors
 
@@ -135,21 +135,29 @@ def roll_out_lanes(scene: Scene, phase, amplitude, frequency, duration, settings
     nodes = scene.structure.nodes
     start = (nodes, jnp.zeros_like(nodes))
     if settings.dt is not None and not settings.method.implicit:
-        field = over_lanes(vector_field, (None, -1, axes))
-        (q, v), result, steps = _last(field, start, duration, scene, settings)
+        (q, v), result, steps = _last(discretise_lanes(settings, axes), start, duration, scene, settings)
         steps = jnp.full(phase.shape[-1], steps)
     else:
-        solve = over_lanes(lambda y, s: _last(vector_field, y, duration, s, settings), (-1, axes))
+        solve = over_lanes(lambda y, s: _last(discretise(settings), y, duration, s, settings), (-1, axes))
         (q, v), result, steps = solve(start, scene)
     state = over_lanes(state_failure, (axes, -1, -1))(scene, q, v)
     com = over_lanes(centre_of_mass, (axes, -1))
     return com(scene, nodes), com(scene, q), failure_code(result, state), steps
 
 
-def _last(field, start, duration, args, settings: Settings):
+def _last(problem: tuple, start, duration, args, settings: Settings):
     saveat = diffrax.SaveAt(t1=True)
-    solution = integrate(field, start, jnp.stack([jnp.zeros_like(duration), duration]), args, settings, saveat)
+    solution = integrate(*problem, start, jnp.stack([jnp.zeros_like(duration), duration]), args, settings, saveat)
     return jax.tree.map(lambda x: x[0], solution.ys), solution.result, solution.stats["num_accepted_steps"]
+
+
+def discretise_lanes(settings: Settings, axes: Scene) -> tuple[diffrax.AbstractTerm, diffrax.AbstractSolver]:
+    """`simulate.discretise` for a whole chunk, whose scene has these `in_axes`."""
+
+    def lift(function, in_axes):
+        return over_lanes(function, tuple(axes if a == "s" else a for a in in_axes))
+
+    return discretise(settings, lift)
 
 
 def over_lanes(function: Callable, in_axes: tuple) -> Callable:

@@ -15,7 +15,7 @@ import numpy as np
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 
-from jaxgrity.types import Edges, MemberVectors, NodeVectors, PerMember, Rows, Scalar
+from jaxgrity.types import AnyRows, Edges, MemberVectors, NodeVectors, PerMember, Rows, Scalar
 
 
 def _primitive(name: str, implementation: Callable) -> Primitive:
@@ -99,6 +99,11 @@ def edge_vectors(x: NodeVectors, edges: Edges) -> MemberVectors:
     return _difference_p.bind(x, edges=edges, nodes=x.shape[0])
 
 
+def accumulate(f: MemberVectors, edges: Edges, nodes: int) -> NodeVectors:
+    """The transpose of `edge_vectors`: adds f_k to the first node of edge k, and takes it from the second."""
+    return _accumulate_p.bind(f, edges=edges, nodes=nodes)
+
+
 def component(x: NodeVectors, direction: tuple[float, float, float]) -> PerMember:
     """n·x for each row of `x`, along one constant direction n."""
     return _component_p.bind(x, direction=direction)
@@ -109,12 +114,12 @@ def along(s: PerMember, direction: tuple[float, float, float]) -> NodeVectors:
     return _extend_p.bind(s, direction=direction)
 
 
-def take_rows(x: PerMember, rows: tuple[int, ...]) -> Rows:
+def take_rows(x: AnyRows, rows: tuple[int, ...]) -> Rows:
     """The chosen rows of `x`."""
     return _take_p.bind(x, rows=rows, size=x.shape[0])
 
 
-def place_rows(x: Rows, rows: tuple[int, ...], size: int) -> PerMember:
+def place_rows(x: Rows, rows: tuple[int, ...], size: int) -> AnyRows:
     """`size` rows, zero but for the chosen ones, which are those of `x`."""
     return _place_p.bind(x, rows=rows, size=size)
 

@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from typing import NamedTuple
 
-import diffrax
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -12,8 +11,8 @@ import optax
 
 from jaxgrity.actuation import Gait
 from jaxgrity.diagnostics import Sensitivity, Verified, sensitivity, verify
-from jaxgrity.dynamics import centre_of_mass, vector_field
-from jaxgrity.population import in_lanes, one_gait, over_lanes, simulate_population
+from jaxgrity.dynamics import centre_of_mass
+from jaxgrity.population import discretise_lanes, in_lanes, one_gait, over_lanes, simulate_population
 from jaxgrity.scene import Scene, as_dtype, with_gait
 from jaxgrity.simulate import Settings, settle
 from jaxgrity.structure import InputError
@@ -175,8 +174,7 @@ def _distances(scene: Scene, gaits: Gait, horizon: float, settings: Settings) ->
 
 def _checkpointed_end(scene: Scene, axes: Scene, start, horizon: float, settings: Settings):
     """The state at `horizon`, by the scene's method stepped inside two nested scans, both checkpointed."""
-    terms = diffrax.ODETerm(over_lanes(vector_field, (None, -1, axes)))
-    solver = settings.method.step()
+    terms, solver = discretise_lanes(settings, axes)
     count = horizon / settings.dt  # type: ignore[operator]
     stretches = max(1, round(np.sqrt(count)))
     steps = int(np.ceil(count / stretches - 1e-9))

@@ -7,15 +7,11 @@ import numpy as np
 from jaxgrity.actuation import Gait
 from jaxgrity.dissipation import dissipation_function
 from jaxgrity.energy import potential_energy
-from jaxgrity.friction import Friction, SmoothFriction, SwitchFriction
+from jaxgrity.friction import ConeFriction, Friction, SmoothFriction, SwitchFriction
 from jaxgrity.ground import Ground
 from jaxgrity.structure import InputError, Members, Structure, edge_lengths
-from jaxgrity.types import AnyArray, NodeVectors, PerNode, Scalar, as_float
+from jaxgrity.types import AnyArray, NodeVectors, PerNode, Scalar, as_float_or_none
 from jaxgrity.vibration import equilibrium, natural_frequencies
-
-
-def _optional_float(x: object):
-    return None if x is None else as_float(x)
 
 
 class Scene(eqx.Module):
@@ -25,9 +21,9 @@ class Scene(eqx.Module):
     """
 
     structure: Structure
-    gravity: Scalar | None = eqx.field(converter=_optional_float, default=None)
+    gravity: Scalar | None = eqx.field(converter=as_float_or_none, default=None)
     """g, m/s^2, along -z"""
-    node_damping: PerNode | None = eqx.field(converter=_optional_float, default=None)
+    node_damping: PerNode | None = eqx.field(converter=as_float_or_none, default=None)
     """c, N s/m"""
     ground: Ground | None = None
     friction: Friction | None = None
@@ -37,6 +33,13 @@ class Scene(eqx.Module):
         members = sum(len(m.edges) for m in (self.structure.struts, self.structure.cables) if m)
         if self.friction is not None and self.ground is None:
             raise InputError("friction needs a ground to act on; expected [ground] beside [friction]")
+        if self.friction is not None and self.ground is not None:
+            cone = isinstance(self.friction, ConeFriction)
+            if cone != self.ground.exact:
+                raise InputError(
+                    "friction by a cone goes with exact contact (ground.contact = 'complementarity'), "
+                    "smooth friction and the switch with penalty contact"
+                )
         if self.gait is not None:
             for k in self.gait.members:
                 if not 0 <= k < members:
@@ -71,6 +74,12 @@ class Scene(eqx.Module):
             or self.friction is not None
         )
 
+    @property
+    def constrained(self) -> bool:
+        """Whether struts or contact are constraints, which only complementarity stepping can meet."""
+        struts = self.structure.struts
+        return (struts is not None and struts.rigid) or (self.ground is not None and self.ground.exact)
+
     def describe(self) -> str:
         """What is modelled and what is not, members, masses, prestress, lowest and highest natural frequency.
 
@@ -102,16 +111,19 @@ def as_dtype(scene: Scene, dtype: str) -> Scene:
 def _terms(scene: Scene) -> list[tuple[str, bool]]:
     struts, cables = scene.structure.struts, scene.structure.cables
     return [
-        ("strut springs", struts is not None),
+        ("strut springs", struts is not None and not struts.rigid),
+        ("rigid struts", struts is not None and struts.rigid),
         ("cables (tension only)", cables is not None),
         ("strut damping", struts is not None and struts.damping is not None),
         ("cable damping", cables is not None and cables.damping is not None),
         ("gravity", scene.gravity is not None),
         ("node damping", scene.node_damping is not None),
-        ("penalty contact", scene.ground is not None),
+        ("penalty contact", scene.ground is not None and not scene.ground.exact),
+        ("exact contact", scene.ground is not None and scene.ground.exact),
         ("contact dissipation", scene.ground is not None and scene.ground.dissipation is not None),
         ("smooth friction", isinstance(scene.friction, SmoothFriction)),
         ("Coulomb switch", isinstance(scene.friction, SwitchFriction)),
+        ("Coulomb cone", isinstance(scene.friction, ConeFriction)),
         ("gait", scene.gait is not None),
     ]
 
@@ -130,7 +142,7 @@ def _describe_members(structure: Structure) -> list[tuple[str, str]]:
             f"{len(members.edges)}",
             f"length {_span(edge_lengths(structure.nodes, members.edges), 'm')}",
             f"rest length {_span(members.rest_length, 'm')}",
-            f"stiffness {_span(members.stiffness, 'N/m')}",
+            "rigid" if members.stiffness is None else f"stiffness {_span(members.stiffness, 'N/m')}",
         ]
         if members.damping is not None:
             parts.append(f"damping {_span(members.damping, 'N s/m')}")
@@ -139,11 +151,13 @@ def _describe_members(structure: Structure) -> list[tuple[str, str]]:
 
 
 def _describe_prestress(structure: Structure) -> list[tuple[str, str]]:
+    if structure.struts is None and structure.cables is None:
+        return []
+    structure, constraints = _without_constraints(structure)
+
     def energy(q):
         return potential_energy(q, 0.0, structure, None, None, None)
 
-    if structure.struts is None and structure.cables is None:
-        return []
     shape = equilibrium(energy, structure.nodes)
     where = "" if shape is not None else " (in the given shape: no equilibrium found)"
     shape = np.asarray(structure.nodes) if shape is None else shape
@@ -154,13 +168,26 @@ def _describe_prestress(structure: Structure) -> list[tuple[str, str]]:
             forces.append(f"{name} {_span(force, 'N')}")
     frequencies = natural_frequencies(energy, structure.node_mass, shape)
     lines = [("prestress", ", ".join(forces) + " (tension positive)" + where)]
+    frequencies = frequencies[: frequencies.size - constraints]
     if frequencies.size:
         lines.append(("natural frequencies", f"{frequencies[0]:.4g} to {frequencies[-1]:.4g} Hz" + where))
     return lines
 
 
+def _without_constraints(structure: Structure) -> tuple[Structure, int]:
+    """The structure with rigid struts as very stiff springs, and how many there are: so many modes are not real."""
+    struts, cables = structure.struts, structure.cables
+    if struts is None or not struts.rigid:
+        return structure, 0
+    stiff = 1e5 * float(np.max(cables.stiffness)) if cables is not None else 1e8
+    springs = Members(struts.edges, np.full(len(struts.edges), stiff), struts.rest_length)
+    return Structure(structure.nodes, structure.node_mass, springs, cables), len(struts.edges)
+
+
 def _tension(members: Members, shape: np.ndarray, only_pull: bool) -> np.ndarray:
-    force = np.asarray(members.stiffness) * (edge_lengths(shape, members.edges) - np.asarray(members.rest_length))
+    assert members.stiffness is not None, "rigid members are replaced by stiff springs before"
+    stretch = edge_lengths(shape, members.edges) - np.asarray(members.rest_length)
+    force = np.asarray(members.stiffness) * stretch
     return np.maximum(force, 0) if only_pull else force
 
 

@@ -12,7 +12,7 @@ from msgspec import Meta
 from jaxgrity.actuation import Gait, random_members, random_phases
 from jaxgrity.catalogue import icosahedron, rest_on_face
 from jaxgrity.files import read_text
-from jaxgrity.friction import Friction, SmoothFriction, SwitchFriction
+from jaxgrity.friction import ConeFriction, Friction, SmoothFriction, SwitchFriction
 from jaxgrity.ground import Ground
 from jaxgrity.messages import explain
 from jaxgrity.scene import Scene
@@ -75,6 +75,7 @@ class GroundTable(_Table):
     incline: Annotated[float, Meta(gt=-math.pi / 2, lt=math.pi / 2)] = 0.0
     stiffness: Positive | None = None
     dissipation: NotNegative | None = None
+    restitution: Annotated[float, Meta(ge=0, le=1)] | None = None
 
 
 class FrictionTable(_Table):
@@ -150,7 +151,6 @@ def _refuse_not_finite(value: Any, name: str, key: str) -> None:
 
 def build_scene(file: SceneFile) -> Scene:
     """The scene of a validated scene file. Raises `InputError` where its parts do not fit each other."""
-    _refuse_unsupported(file)
     structure = _structure(file)
     damping = per_member(file.damping.node, len(structure.nodes), "damping.node") if file.damping else None
     return Scene(
@@ -161,16 +161,6 @@ def build_scene(file: SceneFile) -> Scene:
         friction=_friction(file.friction),
         gait=_gait(file.gait, structure),
     )
-
-
-def _refuse_unsupported(file: SceneFile) -> None:
-    exact = "the methods at hand are for spring struts and penalty contact"
-    if file.struts is not None and file.struts.rigid:
-        raise InputError(f"struts.rigid = true: {exact}; expected struts.stiffness instead")
-    if file.ground is not None and file.ground.contact == "complementarity":
-        raise InputError(f"ground.contact = 'complementarity': {exact}; expected 'penalty'")
-    if file.friction is not None and file.friction.kind == "cone":
-        raise InputError(f"friction.kind = 'cone': {exact}; expected 'smooth' or 'switch'")
 
 
 def _structure(file: SceneFile) -> Structure:
@@ -212,8 +202,11 @@ def _members(table: StrutsTable | CablesTable | None, edges: tuple, nodes: np.nd
         return None
     if table is None:
         return None
-    if table.stiffness is None:
-        raise InputError(f"{kind}: expected stiffness (N/m)")
+    rigid = isinstance(table, StrutsTable) and table.rigid
+    if rigid and (table.stiffness is not None or table.damping):
+        raise InputError("struts.rigid = true: a rigid strut has no spring; expected neither stiffness nor damping")
+    if table.stiffness is None and not rigid:
+        raise InputError(f"{kind}: expected stiffness (N/m)" + (" or rigid = true" if kind == "struts" else ""))
     if table.prestrain is not None and table.rest_length is not None:
         raise InputError(f"{kind}: has both prestrain and rest_length; expected one of them")
     count = len(edges)
@@ -225,7 +218,7 @@ def _members(table: StrutsTable | CablesTable | None, edges: tuple, nodes: np.nd
     damping = per_member(table.damping or 0.0, count, f"{kind}.damping")
     return Members(
         edges=edges,
-        stiffness=per_member(table.stiffness, count, f"{kind}.stiffness"),
+        stiffness=None if table.stiffness is None else per_member(table.stiffness, count, f"{kind}.stiffness"),
         rest_length=rest,
         damping=damping if damping.any() else None,
     )
@@ -234,21 +227,30 @@ def _members(table: StrutsTable | CablesTable | None, edges: tuple, nodes: np.nd
 def _ground(table: GroundTable | None) -> Ground | None:
     if table is None:
         return None
-    if table.stiffness is None:
+    exact = table.contact == "complementarity"
+    if exact and (table.stiffness is not None or table.dissipation is not None):
+        raise InputError("ground.contact = 'complementarity' is no spring; expected neither stiffness nor dissipation")
+    if not exact and table.stiffness is None:
         raise InputError("ground: expected stiffness (N/m) for penalty contact")
-    return Ground(table.stiffness, table.dissipation or None, table.incline)
+    if not exact and table.restitution is not None:
+        raise InputError("ground.restitution goes with contact = 'complementarity'; expected dissipation instead")
+    return Ground(table.stiffness, table.dissipation or None, table.incline, table.restitution)
 
 
 def _friction(table: FrictionTable | None) -> Friction | None:
     if table is None:
         return None
-    names = {"smooth": ["mu", "slip_speed"], "switch": ["mu_static", "mu_kinetic", "slip_speed"]}[table.kind]
+    names = {
+        "smooth": ["mu", "slip_speed"],
+        "switch": ["mu_static", "mu_kinetic", "slip_speed"],
+        "cone": ["mu"],
+    }[table.kind]
     given = [n for n in ("mu", "mu_static", "mu_kinetic", "slip_speed") if getattr(table, n) is not None]
     if given != names:
         raise InputError(
             f"friction.kind = {table.kind!r} has the keys {', '.join(given) or 'none'}; expected {', '.join(names)}"
         )
-    kind = SmoothFriction if table.kind == "smooth" else SwitchFriction
+    kind = {"smooth": SmoothFriction, "switch": SwitchFriction, "cone": ConeFriction}[table.kind]
     return kind(*(getattr(table, name) for name in names))
 
 

@@ -1,6 +1,7 @@
 """One rollout of one scene, by any method."""
 
 import math
+from collections.abc import Callable
 
 import diffrax
 import equinox as eqx
@@ -8,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxgrity.complementarity import Complementarity
 from jaxgrity.dynamics import State, vector_field
 from jaxgrity.methods import Method, find_method
 from jaxgrity.primitives import edge_vectors, length
@@ -78,12 +80,17 @@ def settle(
     takes `default_step`. `any_step` lets a step pass that would blow up.
 
     Raises `InputError`: unknown method; duration, step or tolerance that is not positive and finite; a step too large
-    for the scene; the symplectic method where something dissipates; float64 while JAX's x64 mode is off.
+    for the scene; a method that cannot meet the scene's constraints; the symplectic method where something dissipates;
+    float64 while JAX's x64 mode is off.
     """
-    chosen = find_method(method) if method is not None else default_method()
+    chosen = find_method(method) if method is not None else default_method(scene)
     for name, value in (("duration", duration), ("dt", dt), ("rtol", rtol), ("atol", atol)):
         if value is not None and not (value > 0 and math.isfinite(value)):
             raise InputError(f"{name} = {value}: expected a positive, finite number")
+    if scene.constrained and not chosen.constrained:
+        raise InputError(
+            f"method = {chosen.name!r}: this scene has rigid struts or exact contact; expected 'complementarity'"
+        )
     if chosen.symplectic and scene.dissipates:
         raise InputError(
             "method = 'symplectic' integrates scenes without dissipation; this one has damping or friction"
@@ -132,7 +139,7 @@ def simulate(
 def _simulate(scene: Scene, start: State, times: Times, settings: Settings) -> Trajectory:
     times = jnp.asarray(times, settings.dtype)
     start = jax.tree.map(lambda x: jnp.asarray(x, settings.dtype), start)
-    solution = integrate(vector_field, start, times, scene, settings)
+    solution = integrate(*discretise(settings), start, times, scene, settings)
     q, v = solution.ys  # type: ignore[misc]
     stats = solution.stats
     return Trajectory(
@@ -147,19 +154,40 @@ def _simulate(scene: Scene, start: State, times: Times, settings: Settings) -> T
     )
 
 
+def discretise(
+    settings: Settings, lift: Callable = lambda function, in_axes: function
+) -> tuple[diffrax.AbstractTerm, diffrax.AbstractSolver]:
+    """The equations of motion and the solver for them, as diffrax takes them.
+
+    `lift(function, in_axes)` maps the functions over a population; in `in_axes` the letter "s" stands for the scene's.
+    """
+    method = settings.method
+    solver = method.step() if settings.dt is not None or method.adapt is None else method.adapt()
+    if isinstance(solver, Complementarity):
+        axes = {"prepare": ("s", None, None, -1, -1), "sweep": ("s", None, -1, -1, -1)}
+        lifted = {name: lift(getattr(solver, name), in_axes) for name, in_axes in axes.items()}
+        solver = Complementarity(solver.sweeps, **lifted)
+    return diffrax.ODETerm(lift(vector_field, (None, -1, "s"))), solver
+
+
 def integrate(
-    field, start: State, times: Times, args, settings: Settings, saveat: diffrax.SaveAt | None = None
+    terms: diffrax.AbstractTerm,
+    solver: diffrax.AbstractSolver,
+    start: State,
+    times: Times,
+    args,
+    settings: Settings,
+    saveat: diffrax.SaveAt | None = None,
 ) -> diffrax.Solution:
-    """`diffeqsolve` of `field` from the first of `times` to the last, saved at all of them unless `saveat` says else.
+    """`diffeqsolve` of `terms` from the first of `times` to the last, saved at all of them unless `saveat` says else.
 
     It can be traced, and differentiated in forward mode.
     """
-    fixed, method = settings.dt is not None, settings.method
-    solver = method.step() if fixed else method.adapt()  # type: ignore[misc]
+    fixed = settings.dt is not None
     controller = diffrax.ConstantStepSize() if fixed else diffrax.PIDController(rtol=settings.rtol, atol=settings.atol)
     dt0 = None if settings.dt is None else jnp.asarray(settings.dt, times.dtype)
     return diffrax.diffeqsolve(
-        diffrax.ODETerm(field),
+        terms,
         solver,
         times[0],
         times[-1],

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import equinox as eqx
 import numpy as np
 
-from jaxgrity.types import Edges, NodeVectors, PerMember, PerNode, as_float
+from jaxgrity.types import Edges, NodeVectors, PerMember, PerNode, as_float, as_float_or_none
 
 
 class InputError(ValueError):
@@ -17,12 +17,17 @@ class Members(eqx.Module):
 
     edges: Edges = eqx.field(static=True)
     """(i, j), the nodes that each member joins"""
-    stiffness: PerMember = eqx.field(converter=as_float)
-    """K, N/m"""
+    stiffness: PerMember | None = eqx.field(converter=as_float_or_none)
+    """K, N/m; None: rigid, |x_i - x_j| = L(t) is a constraint"""
     rest_length: PerMember = eqx.field(converter=as_float)
     """L, m, where nothing actuates the member"""
-    damping: PerMember | None = eqx.field(converter=lambda c: None if c is None else as_float(c), default=None)
+    damping: PerMember | None = eqx.field(converter=as_float_or_none, default=None)
     """c, N s/m, along the member; None: not modelled"""
+
+    @property
+    def rigid(self) -> bool:
+        """Whether the members are constraints, not springs."""
+        return self.stiffness is None
 
 
 class Structure(eqx.Module):

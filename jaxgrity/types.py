@@ -9,7 +9,8 @@ AnyArray = jax.Array | np.ndarray
 Scalar = float | Float[AnyArray, ""]
 PerNode = Float[AnyArray, " nodes"]
 PerMember = Float[AnyArray, " members"]
-Rows = Float[AnyArray, " rows"]
+Rows = Float[AnyArray, "rows *xyz"]
+AnyRows = Float[AnyArray, "members *xyz"]
 PerActuator = Float[AnyArray, "*population actuators"]
 NodeVectors = Float[AnyArray, "nodes 3"]
 MemberVectors = Float[AnyArray, "members 3"]
@@ -29,3 +30,8 @@ def as_float(x: object) -> AnyArray:
     NumPy, so that a scene built before x64 is switched on loses no digits.
     """
     return x if isinstance(x, jax.Array) else np.asarray(x, np.float64)
+
+
+def as_float_or_none(x: object) -> AnyArray | None:
+    """`as_float`, but for None, which stands for what is not modelled."""
+    return None if x is None else as_float(x)

@@ -1,0 +1,190 @@
+"""Complementarity stepping: exact contact, Coulomb's cone, rigid struts."""
+
+import json
+from pathlib import Path
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxgrity import (
+    InputError,
+    gaits_of,
+    load_scene,
+    parse_scene,
+    random_phases,
+    simulate,
+    simulate_population,
+    verify,
+    with_gait,
+)
+from jaxgrity.actuation import rest_length
+from jaxgrity.complementarity import groups
+from jaxgrity.friction import ConeFriction
+from jaxgrity.ground import Ground
+from jaxgrity.scene import Scene, as_dtype
+from jaxgrity.simulate import discretise, integrate, settle
+from jaxgrity.structure import Structure, edge_lengths
+
+SCENES = Path(__file__).parents[1] / "experiments" / "scenes"
+G = 9.81
+
+
+@pytest.fixture(scope="module")
+def exact():
+    """The reference robot with rigid struts, exact contact and Coulomb's cone."""
+    return load_scene(SCENES / "exact.toml")
+
+
+@pytest.fixture(scope="module")
+def rolling(exact):
+    """Ten seconds of it at the default step."""
+    return simulate(exact, 10.0)
+
+
+def block(incline: float, mu: float | None = None, restitution: float | None = None, height: float = 0.0) -> Scene:
+    """A point mass of 2 kg on, or `height` above, a plane."""
+    ground = Ground(None, None, incline, restitution)
+    structure = Structure(np.array([[0.0, 0.0, height]]), np.array([2.0]))
+    return Scene(structure, gravity=G, ground=ground, friction=None if mu is None else ConeFriction(mu))
+
+
+def test_no_node_is_ever_below_the_plane(rolling):
+    """Signorini's law is met last in every sweep, so only rounding is left."""
+    assert rolling.method == "complementarity"
+    assert np.min(rolling.positions[..., 2]) > -1e-12
+
+
+def test_struts_keep_their_lengths(exact, rolling):
+    """Within 1e-6 m of L(t) in every frame of a roll, at the default step and number of sweeps."""
+
+    struts = exact.structure.struts
+    for t, q in zip(np.asarray(rolling.times), np.asarray(rolling.positions)):
+        step_end = rolling.dt * np.round(t / rolling.dt)
+        if abs(t - step_end) > 1e-9:
+            continue
+        wanted = rest_length(struts, exact.gait, t, 0)
+        np.testing.assert_allclose(edge_lengths(q, struts.edges), wanted, rtol=0, atol=1e-6)
+
+
+def test_the_robot_rolls_as_far_in_a_population(exact, rolling):
+    """The swept loop gives the same answers for one robot and for many."""
+    phases = np.stack([exact.gait.phase, exact.gait.phase + 0.5])
+    outcomes = simulate_population(exact, gaits_of(exact.gait, phases), 10.0)
+    mean = np.asarray(rolling.positions[-1]).mean(0)
+    np.testing.assert_allclose(outcomes.com_end[0], mean, rtol=0, atol=1e-6)
+
+
+def test_first_order_in_the_step(exact):
+    """64 random gaits at 4 s: 5 ms is within 5 mm (median) of 0.25 ms, and halving the step halves the error."""
+    gaits = gaits_of(exact.gait, random_phases(64, 6, seed=0))
+    ends = {dt: np.asarray(simulate_population(exact, gaits, 4.0, dt=dt).com_end) for dt in (5e-3, 2.5e-3, 2.5e-4)}
+    coarse, fine = (np.median(np.linalg.norm(ends[dt] - ends[2.5e-4], axis=1)) for dt in (5e-3, 2.5e-3))
+    assert coarse < 5e-3
+    assert 1.5 < coarse / fine < 3.5
+
+
+@pytest.mark.parametrize("dt", [1e-3, 1e-2])
+def test_a_block_sticks_below_the_friction_angle(dt):
+    """It moves less than 1e-12 m in 10 s, a thousandth below the angle."""
+    scene = block(np.arctan(0.5) * 0.999, mu=0.5)
+    trajectory = simulate(scene, 10.0, dt=dt)
+    assert np.abs(trajectory.positions - trajectory.positions[0]).max() < 1e-12
+
+
+def test_a_block_slides_above_the_friction_angle():
+    """Its speed is exact, g (sin - mu cos) t; its distance is ahead by half a step, as for semi-implicit Euler."""
+    angle, dt = np.arctan(0.5) * 1.2, 1e-3
+    rate = G * (np.sin(angle) - 0.5 * np.cos(angle))
+    trajectory = simulate(block(angle, mu=0.5), 2.0, dt=dt)
+    downhill = np.array([np.cos(angle), 0.0, -np.sin(angle)])
+    assert np.asarray(trajectory.velocities[-1, 0]) @ downhill == pytest.approx(2.0 * rate, rel=1e-9)
+    assert np.asarray(trajectory.positions[-1, 0]) @ downhill == pytest.approx(rate / 2 * 2.0 * (2.0 + dt), rel=1e-9)
+
+
+def test_slip_depends_on_friction_as_it_should():
+    """The derivative of a sliding block's distance by mu is -g cos(theta) t (t + h)/2, exactly."""
+    angle, dt = 0.6, 1e-3
+    scene = as_dtype(block(angle, mu=0.3), "float64")
+    settings = settle(scene, 1.0, dt=dt)
+
+    def distance(mu):
+        changed = eqx.tree_at(lambda s: s.friction.mu, scene, mu)
+        start = (changed.structure.nodes, jnp.zeros((1, 3)))
+        end = integrate(*discretise(settings), start, jnp.array([0.0, 1.0]), changed, settings).ys[0][-1, 0]
+        return end[0] * jnp.cos(angle) - end[2] * jnp.sin(angle)
+
+    slope = jax.jvp(distance, (jnp.array(0.3),), (jnp.array(1.0),))[1]
+    assert float(slope) == pytest.approx(-G * np.cos(angle) * (1.0 + dt) / 2, rel=1e-9)
+
+
+@pytest.mark.parametrize("restitution", [None, 0.0, 0.5, 1.0])
+def test_restitution(restitution):
+    """A ball dropped from 0.5 m leaves the ground at e times the speed at which it came; without e it stays."""
+    trajectory = simulate(block(0.0, restitution=restitution, height=0.5), 0.5, dt=1e-4, frame_rate=1000.0)
+    speed = np.asarray(trajectory.velocities[:, 0, 2])
+    impact = int(np.argmin(speed))
+    leaving = speed[impact + 2] + 2e-3 * G
+    assert leaving == pytest.approx((restitution or 0.0) * -speed[impact], abs=2.5e-2)
+
+
+def test_a_settled_robot_stays(exact):
+    """Without its gait it comes to rest, and then moves less than 1e-9 m in 10 s."""
+
+    trajectory = simulate(with_gait(exact, None), 40.0, dt=1e-2, frame_rate=10.0)
+    assert np.abs(trajectory.positions[-1] - trajectory.positions[-101]).max() < 1e-9
+
+
+def test_struts_that_share_nodes_keep_their_lengths():
+    """A rigid triangle falls on one corner and tips over: three struts, each sharing both its nodes."""
+    text = """
+    [structure]
+    kind = "custom"
+    nodes = [[0, 0, 0.5], [1, 0, 1.0], [0.2, 1, 1.2]]
+    struts = [[0, 1], [1, 2], [2, 0]]
+    mass = 3.0
+    [struts]
+    rigid = true
+    [gravity]
+    [ground]
+    contact = "complementarity"
+    [friction]
+    kind = "cone"
+    mu = 0.4
+    """
+    scene = parse_scene(text)
+    edges = scene.structure.struts.edges
+    assert groups(edges) == ((0,), (1,), (2,))
+    trajectory = simulate(scene, 2.0, dt=1e-3)
+    for q in np.asarray(trajectory.positions)[::10]:
+        np.testing.assert_allclose(edge_lengths(q, edges), edge_lengths(scene.structure.nodes, edges), atol=1e-5)
+    assert trajectory.positions[..., 2].min() > -1e-12
+    assert np.ptp(np.asarray(trajectory.positions[-1, :, 2])) < 1e-3
+
+
+def test_agrees_with_an_independent_program(exact):
+    """Converged answers of a C program written for nothing else, whose sweeps go another way: both are first order."""
+
+    answers = json.loads((Path(__file__).parent / "data" / "exact_answers.json").read_text())
+    gaits = gaits_of(exact.gait, np.array([row["phase"] for row in answers["gaits"]]))
+    outcomes = simulate_population(exact, gaits, answers["duration"], dt=answers["dt"])
+    expected = np.array([row["com_end"] for row in answers["gaits"]])
+    np.testing.assert_allclose(outcomes.com_end, expected, rtol=0, atol=2e-5)
+
+
+def test_verify_knows_the_scene(exact):
+    """Error bars come from the same halving of steps."""
+    verified = verify(exact, gaits_of(exact.gait, random_phases(4, 6, seed=1)), 3.0, 5e-3)
+    finer = simulate_population(exact, gaits_of(exact.gait, random_phases(4, 6, seed=1)), 3.0, dt=1e-4)
+    assert np.all(np.linalg.norm(verified.com_end - finer.com_end, axis=1) <= 1.5 * verified.error_bar)
+
+
+def test_other_methods_are_refused(exact):
+    """Only complementarity stepping meets constraints; penalty friction does not go with exact contact."""
+    with pytest.raises(InputError, match="expected 'complementarity'"):
+        simulate(exact, 1.0, method="rk4")
+    text = (SCENES / "exact.toml").read_text().replace('kind = "cone"', 'kind = "smooth"\nslip_speed = 0.01')
+    with pytest.raises(InputError, match="cone goes with exact contact"):
+        parse_scene(text)
