@@ -11,7 +11,7 @@ from jaxgrity.actuation import Gait
 from jaxgrity.dynamics import centre_of_mass
 from jaxgrity.population import simulate_population
 from jaxgrity.scene import Scene, as_dtype
-from jaxgrity.simulate import Settings, discretise, integrate, settle
+from jaxgrity.simulate import Settings, integrate, settle
 from jaxgrity.structure import InputError
 from jaxgrity.types import PerActuator, PerGait, Times, Vectors
 
@@ -82,7 +82,7 @@ def _com_jacobian(scene: Scene, phase: PerActuator, times: Times, settings: Sett
     def path(phase):
         changed = eqx.tree_at(lambda s: s.gait.phase, scene, phase)
         start = (changed.structure.nodes, jnp.zeros_like(changed.structure.nodes))
-        solution = integrate(*discretise(settings), start, jnp.asarray(times), changed, settings)
+        solution = integrate(start, jnp.asarray(times), changed, settings)
         return jax.vmap(lambda q: centre_of_mass(changed, q))(solution.ys[0])
 
     return jax.jacfwd(path)(jnp.asarray(phase))

@@ -62,7 +62,8 @@ def contact_dissipation(ground: Ground, v_n: PerNode, phi: PerNode) -> Scalar:
     pulls. Hunt and Crossley 1975, doi:10.1115/1.3423596.
     """
     alpha = ground.dissipation
-    assert alpha is not None and ground.stiffness is not None, "a ground without dissipation has no R"
+    assert alpha is not None, "a ground without dissipation has no R"
+    assert ground.stiffness is not None, "exact contact has no R"
     released = positive_part(v_n - 1 / alpha)
     closing = v_n - released
     return ground.stiffness * inner(positive_part(-phi), alpha / 2 * closing * closing + released)

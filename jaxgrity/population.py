@@ -14,7 +14,7 @@ import numpy as np
 from jax.sharding import Mesh, PartitionSpec
 
 from jaxgrity.actuation import Gait
-from jaxgrity.dynamics import centre_of_mass
+from jaxgrity.dynamics import State, centre_of_mass
 from jaxgrity.scene import Scene, as_dtype
 from jaxgrity.simulate import Settings, discretise, failure_code, integrate, settle, state_failure
 from jaxgrity.structure import InputError
@@ -133,21 +133,22 @@ def roll_out_lanes(scene: Scene, phase, amplitude, frequency, duration, settings
     """
     scene, axes = in_lanes(scene, phase, amplitude, frequency)
     nodes = scene.structure.nodes
-    start = (nodes, jnp.zeros_like(nodes))
+    start: State = (nodes, jnp.zeros_like(nodes))
     if settings.dt is not None and not settings.method.implicit:
-        (q, v), result, steps = _last(discretise_lanes(settings, axes), start, duration, scene, settings)
+        (q, v), result, steps = _last(start, duration, scene, settings, discretise_lanes(settings, axes))
         steps = jnp.full(phase.shape[-1], steps)
     else:
-        solve = over_lanes(lambda y, s: _last(discretise(settings), y, duration, s, settings), (-1, axes))
+        solve = over_lanes(lambda y, s: _last(y, duration, s, settings), (-1, axes))
         (q, v), result, steps = solve(start, scene)
     state = over_lanes(state_failure, (axes, -1, -1))(scene, q, v)
     com = over_lanes(centre_of_mass, (axes, -1))
     return com(scene, nodes), com(scene, q), failure_code(result, state), steps
 
 
-def _last(problem: tuple, start, duration, args, settings: Settings):
-    saveat = diffrax.SaveAt(t1=True)
-    solution = integrate(*problem, start, jnp.stack([jnp.zeros_like(duration), duration]), args, settings, saveat)
+def _last(start: State, duration: Scalar, scene: Scene, settings: Settings, problem: tuple | None = None):
+    """The state at `duration`, diffrax's result, and how many steps it took."""
+    times = jnp.stack([jnp.zeros_like(duration), duration])
+    solution = integrate(start, times, scene, settings, diffrax.SaveAt(t1=True), problem)
     return jax.tree.map(lambda x: x[0], solution.ys), solution.result, solution.stats["num_accepted_steps"]
 
 

@@ -179,7 +179,7 @@ def _without_constraints(structure: Structure) -> tuple[Structure, int]:
     struts, cables = structure.struts, structure.cables
     if struts is None or not struts.rigid:
         return structure, 0
-    stiff = 1e5 * float(np.max(cables.stiffness)) if cables is not None else 1e8
+    stiff = 1e5 * float(np.max(cables.stiffness)) if cables is not None and cables.stiffness is not None else 1e8
     springs = Members(struts.edges, np.full(len(struts.edges), stiff), struts.rest_length)
     return Structure(structure.nodes, structure.node_mass, springs, cables), len(struts.edges)
 
@@ -187,7 +187,7 @@ def _without_constraints(structure: Structure) -> tuple[Structure, int]:
 def _tension(members: Members, shape: np.ndarray, only_pull: bool) -> np.ndarray:
     assert members.stiffness is not None, "rigid members are replaced by stiff springs before"
     stretch = edge_lengths(shape, members.edges) - np.asarray(members.rest_length)
-    force = np.asarray(members.stiffness) * stretch
+    force = np.asarray(members.stiffness, float) * stretch
     return np.maximum(force, 0) if only_pull else force
 
 

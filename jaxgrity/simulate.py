@@ -139,7 +139,7 @@ def simulate(
 def _simulate(scene: Scene, start: State, times: Times, settings: Settings) -> Trajectory:
     times = jnp.asarray(times, settings.dtype)
     start = jax.tree.map(lambda x: jnp.asarray(x, settings.dtype), start)
-    solution = integrate(*discretise(settings), start, times, scene, settings)
+    solution = integrate(start, times, scene, settings)
     q, v = solution.ys  # type: ignore[misc]
     stats = solution.stats
     return Trajectory(
@@ -171,18 +171,19 @@ def discretise(
 
 
 def integrate(
-    terms: diffrax.AbstractTerm,
-    solver: diffrax.AbstractSolver,
     start: State,
     times: Times,
-    args,
+    scene: Scene,
     settings: Settings,
     saveat: diffrax.SaveAt | None = None,
+    problem: tuple[diffrax.AbstractTerm, diffrax.AbstractSolver] | None = None,
 ) -> diffrax.Solution:
-    """`diffeqsolve` of `terms` from the first of `times` to the last, saved at all of them unless `saveat` says else.
+    """`diffeqsolve` from the first of `times` to the last, saved at all of them unless `saveat` says else.
 
-    It can be traced, and differentiated in forward mode.
+    `problem` is what `discretise` makes of the settings, for one robot where not given. It can be traced, and
+    differentiated in forward mode.
     """
+    terms, solver = discretise(settings) if problem is None else problem
     fixed = settings.dt is not None
     controller = diffrax.ConstantStepSize() if fixed else diffrax.PIDController(rtol=settings.rtol, atol=settings.atol)
     dt0 = None if settings.dt is None else jnp.asarray(settings.dt, times.dtype)
@@ -193,7 +194,7 @@ def integrate(
         times[-1],
         dt0,
         start,
-        args,
+        scene,
         saveat=diffrax.SaveAt(ts=jnp.asarray(times)) if saveat is None else saveat,
         stepsize_controller=controller,
         adjoint=diffrax.ForwardMode(),

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from exact_problems import PROBLEMS, Problem
 
-from jaxgrity.dynamics import vector_field
 from jaxgrity.methods import METHODS
-from jaxgrity.simulate import integrate, settle
+from jaxgrity.simulate import Settings, integrate, settle
 from jaxgrity.structure import InputError
 
 FRAMES = 5
@@ -47,34 +46,55 @@ def tolerances(problem: Problem, name: str) -> tuple[float, float]:
     return value, gradient
 
 
-@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("name", [name for name in METHODS if name != "complementarity"])
 @pytest.mark.parametrize("title", PROBLEMS)
 def test_motion_and_its_derivative_are_the_exact_ones(title, name):
     problem = PROBLEMS[title]
-    scene, x = problem.setup(problem.value)[0], problem.value
+    scene = problem.setup(problem.value)[0]
     tolerance = STEP_ERROR[name]
     options = dict(method=name, dt=fixed_step(problem, name), rtol=tolerance, atol=tolerance, any_step=True)
     if METHODS[name].symplectic and scene.dissipates:
         with pytest.raises(InputError, match="without dissipation"):
             settle(scene, problem.duration, **options)
         return
-    settings = settle(scene, problem.duration, **options)
-    times = jnp.linspace(0, problem.duration, FRAMES)
-
-    def motion(x):
-        scene, q, v = problem.setup(x)
-        return integrate(vector_field, (jnp.asarray(q), jnp.asarray(v)), times, scene, settings).ys[0]
-
-    def exact(x):
-        return jnp.stack([problem.exact(t, x) for t in times])
-
-    # d/d(log x) = x d/dx: both are lengths
-    q, dq = jax.jit(lambda x: jax.jvp(motion, (x,), (x,)))(x)
-    q_exact, dq_exact = jax.jvp(exact, (x,), (x,))
+    q, dq = motion(problem, settle(scene, problem.duration, **options))
+    q_exact, dq_exact = exact_motion(problem)
     value, gradient = tolerances(problem, name)
     assert np.abs(dq_exact).max() > 100 * gradient, "the tolerance would pass a derivative of zero"
     np.testing.assert_allclose(q, q_exact, rtol=0, atol=value)
     np.testing.assert_allclose(dq, dq_exact, rtol=0, atol=gradient)
+
+
+@pytest.mark.parametrize("title", [title for title, problem in PROBLEMS.items() if problem.kink is None])
+def test_complementarity_stepping_is_of_first_order(title):
+    """Without constraints it is semi-implicit Euler: half the step, at most half the error, of motion and derivative."""
+    problem = PROBLEMS[title]
+    scene = problem.setup(problem.value)[0]
+    errors = []
+    for dt in (4e-4, 2e-4):
+        found = motion(problem, settle(scene, problem.duration, method="complementarity", dt=dt, any_step=True))
+        errors.append([float(np.abs(a - b).max()) for a, b in zip(found, exact_motion(problem))])
+    for coarse, fine in zip(*errors):
+        assert coarse < 5e-3
+        assert fine < 0.55 * coarse or coarse < 1e-12
+
+
+def motion(problem: Problem, settings: Settings) -> tuple:
+    """Positions at five times, and their derivatives by log x: x d/dx, a length too."""
+    times = jnp.linspace(0, problem.duration, FRAMES)
+
+    def positions(x):
+        scene, q, v = problem.setup(x)
+        return integrate((jnp.asarray(q), jnp.asarray(v)), times, scene, settings).ys[0]
+
+    return jax.jit(lambda x: jax.jvp(positions, (x,), (x,)))(problem.value)
+
+
+def exact_motion(problem: Problem) -> tuple:
+    """The same in closed form."""
+    times = jnp.linspace(0, problem.duration, FRAMES)
+    x = problem.value
+    return jax.jvp(lambda x: jnp.stack([problem.exact(t, x) for t in times]), (x,), (x,))
 
 
 def test_bounce_ends_where_it_began():

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxgrity.dynamics import centre_of_mass, vector_field
+from jaxgrity.dynamics import centre_of_mass
 from jaxgrity.simulate import integrate, settle, simulate
 
 DT = 5e-4
@@ -41,7 +41,7 @@ def displacement(reference):
 
     def distance(x):
         scene = changed(reference, x)
-        q = integrate(vector_field, start, times, scene, settings).ys[0]
+        q = integrate(start, times, scene, settings).ys[0]
         return (centre_of_mass(scene, q[-1]) - centre_of_mass(scene, q[0]))[:2]
 
     return jax.jit(distance)

@@ -139,7 +139,7 @@ def test_rk4_step_is_the_papers(reference):
     expected = add(state, h / 6, k1, k2, k2, k3, k3, k4)
     settings = settle(reference, h, "rk4", h)
     times = jnp.array([t, t + h])
-    actual = jax.tree.map(lambda x: x[-1], integrate(vector_field, state, times, scene, settings).ys)
+    actual = jax.tree.map(lambda x: x[-1], integrate(state, times, scene, settings).ys)
     # positions and velocities of some m and m/s, with float64's 16 digits
     for a, b in zip(actual, expected):
         np.testing.assert_allclose(a, b, rtol=0, atol=1e-14)

@@ -139,7 +139,7 @@ def test_describe_says_what_is_modelled():
     text = load_scene(SCENE).describe()
     lines = dict(line.split(maxsplit=1) for line in text.replace("not modelled", "absent").splitlines())
     assert "smooth friction" in lines["modelled"]
-    assert lines["absent"] == "Coulomb switch"
+    assert lines["absent"] == "rigid struts, exact contact, Coulomb switch, Coulomb cone"
     assert "6 kg" in lines["nodes"]
     assert "cables 105" in lines["prestress"]
     assert "Hz" in lines["natural"]
@@ -177,9 +177,10 @@ def bad(old: str, new: str, *words: str):
         bad('members = "struts"', "members = [0, 1, 2, 3, 4, 4]", "gait.members", "none twice"),
         bad("prestrain = 0.3", "prestrain = 0.3\nrest_length = 0.4", "prestrain and rest_length"),
         bad("mu = 0.5", "mu_static = 0.5", "friction.kind = 'smooth'", "mu_static", "expected mu, slip_speed"),
-        bad('contact = "penalty"', 'contact = "complementarity"', "'complementarity'", "expected 'penalty'"),
-        bad("stiffness = 2e4", "rigid = true", "struts.rigid = true", "stiffness"),
-        bad('kind = "smooth"', 'kind = "cone"', "'cone'", "'smooth' or 'switch'"),
+        bad('contact = "penalty"', 'contact = "complementarity"', "ground.contact", "expected neither stiffness"),
+        bad("stiffness = 2e4", "rigid = true", "struts.rigid = true", "neither stiffness nor damping"),
+        bad('kind = "smooth"', 'kind = "cone"', "friction.kind = 'cone'", "expected mu"),
+        bad("dissipation = 2.0", "restitution = 0.5", "ground.restitution", "complementarity"),
         bad("stiffness = 1e4", "", "ground", "expected stiffness"),
         bad("incline = 0.0", "incline = 2.0", "ground.incline = 2.0"),
     ],
