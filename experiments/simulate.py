@@ -26,7 +26,7 @@ class Settings:
     duration: float = 10.0
     """s"""
     method: str | None = None
-    """rk4, tsit5, dopri8, kvaerno3, kvaerno5 or symplectic; without it, the scene decides"""
+    """rk4, tsit5, dopri8, kvaerno3, kvaerno5, symplectic or complementarity; without it, the scene decides"""
     dt: float | None = None
     """fixed step, s; without it, adaptive methods adapt theirs, others take a safe one"""
     dtype: Literal["float32", "float64"] = "float64"

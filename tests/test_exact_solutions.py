@@ -67,7 +67,7 @@ def test_motion_and_its_derivative_are_the_exact_ones(title, name):
 
 @pytest.mark.parametrize("title", [title for title, problem in PROBLEMS.items() if problem.kink is None])
 def test_complementarity_stepping_is_of_first_order(title):
-    """Without constraints it is semi-implicit Euler: half the step, at most half the error, of motion and derivative."""
+    """Without constraints it is semi-implicit Euler: half the step, at most half the error, derivatives too."""
     problem = PROBLEMS[title]
     scene = problem.setup(problem.value)[0]
     errors = []
