@@ -32,6 +32,9 @@ from jaxgrity.scene import Scene
 from jaxgrity.structure import Members
 from jaxgrity.types import Edges, NodeVectors, PerNode, Scalar
 
+SLOWEST = 1e-10
+"""m/s, keeps the derivative of |v_t| finite at rest"""
+
 Impulses = tuple[PerNode, PerNode, PerNode]
 """change of a node's velocity along the ground's normal and its two tangents, m/s"""
 
@@ -115,7 +118,7 @@ def _onto_ground(
     if not isinstance(friction, ConeFriction):
         return w, (pressed, impulses[1], impulses[2])
     held = [p - component(w, tangent) for p, tangent in zip(tangential, ground.tangents)]
-    needed = jnp.sqrt(held[0] * held[0] + held[1] * held[1] + jnp.finfo(w.dtype).tiny)
+    needed = jnp.sqrt(held[0] * held[0] + held[1] * held[1] + SLOWEST * SLOWEST)
     share = jnp.minimum(1, friction.mu * pressed / needed)
     kept = [share * p for p in held]
     for new, old, tangent in zip(kept, tangential, ground.tangents):

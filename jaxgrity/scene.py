@@ -88,7 +88,7 @@ class Scene(eqx.Module):
         """
         modelled = _terms(self)
         lines = [
-            ("modelled", ", ".join(name for name, present in modelled if present)),
+            ("modelled", ", ".join(name for name, present in modelled if present) or "-"),
             ("not modelled", ", ".join(name for name, present in modelled if not present) or "-"),
             ("nodes", f"{len(self.structure.nodes)}, {float(self.structure.mass):.4g} kg in all"),
             *_describe_members(self.structure),

@@ -72,6 +72,8 @@ class Breeding(eqx.Module):
     """standard deviation of a mutation, in turns of the circle, in the first and in the last generation"""
 
     def __check_init__(self):
+        if self.population < 2:
+            raise InputError(f"population = {self.population}: expected at least 2 gaits")
         if not 0 < self.elites < self.population:
             raise InputError(f"elites = {self.elites}: expected 1 to {self.population - 1}, fewer than the population")
         if self.generations < 1 or self.tournament < 1:

@@ -120,6 +120,19 @@ def test_slip_depends_on_friction_as_it_should():
     assert float(slope) == pytest.approx(-G * np.cos(angle) * (1.0 + dt) / 2, rel=1e-9)
 
 
+def test_derivatives_are_finite_at_rest():
+    """A block that lies still on level ground, its slip exactly zero, has derivatives, and they are zero."""
+    scene = as_dtype(block(0.0, mu=0.3), "float64")
+    settings = settle(scene, 0.1, dt=1e-2)
+
+    def end(mu):
+        changed = eqx.tree_at(lambda s: s.friction.mu, scene, mu)
+        start = (changed.structure.nodes, jnp.zeros((1, 3)))
+        return integrate(start, jnp.array([0.0, 0.1]), changed, settings).ys[0][-1, 0]
+
+    np.testing.assert_array_equal(jax.jvp(end, (jnp.array(0.3),), (jnp.array(1.0),))[1], 0.0)
+
+
 @pytest.mark.parametrize("restitution", [None, 0.0, 0.5, 1.0])
 def test_restitution(restitution):
     """A ball dropped from 0.5 m leaves the ground at e times the speed at which it came; without e it stays."""

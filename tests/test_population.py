@@ -81,6 +81,16 @@ def test_the_population_stays_last_in_memory(members):
     assert "transpose" not in names
 
 
+def test_float32_is_float32_throughout(reference):
+    """With x64 switched on, a float32 rollout promotes nothing to float64."""
+    scene = as_dtype(reference, "float32")
+    rows = jnp.ones((6, 8), "float32")
+    mapped, axes = in_lanes(scene, rows, rows, rows)
+    nodes = mapped.structure.nodes
+    field = over_lanes(vector_field, (None, -1, axes))
+    assert "f64" not in str(jax.make_jaxpr(field)(jnp.float32(1.5), (nodes, nodes), mapped))
+
+
 def test_a_failed_member_is_data_and_disturbs_no_other(reference):
     """One gait tears its robot apart; the others go where they go without it."""
     phases = random_phases(4, 6, seed=3)

@@ -116,5 +116,7 @@ def test_bad_settings_are_refused():
     """Elites that fill the population, bounds the wrong way round."""
     with pytest.raises(InputError, match="elites = 8: expected 1 to 7"):
         Breeding(population=8, elites=8)
+    with pytest.raises(InputError, match="population = 0: expected at least 2"):
+        Breeding(population=0)
     with pytest.raises(InputError, match="amplitude"):
         Genome(6, amplitude=(0.4, 0.2))
