@@ -1,6 +1,7 @@
 """jaxgrity: tensegrity robots, simulated differentiably, and the gaits that make them roll."""
 
 from jaxgrity.actuation import Gait, random_phases
+from jaxgrity.audit import energy_audit
 from jaxgrity.diagnostics import sensitivity, verify
 from jaxgrity.population import Outcomes, gaits_of, one_gait, simulate_population
 from jaxgrity.refine import Polishing, polish
@@ -23,6 +24,7 @@ __all__ = [
     "Structure",
     "Trajectory",
     "distinct",
+    "energy_audit",
     "evolve",
     "gaits_of",
     "load_scene",

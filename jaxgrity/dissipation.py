@@ -1,7 +1,5 @@
 """R(v; q, t), Rayleigh's dissipation function. Every dissipative force of the library is `-jax.grad` of it in v."""
 
-import jax.numpy as jnp
-
 from jaxgrity.actuation import Gait, rest_length
 from jaxgrity.friction import SmoothFriction, slip_dissipation
 from jaxgrity.ground import Ground, contact_dissipation, signed_distance
@@ -10,7 +8,7 @@ from jaxgrity.structure import Structure
 from jaxgrity.types import Edges, NodeVectors, PerMember, PerNode, Scalar
 
 
-def dissipation_function(
+def dissipation_terms(
     v: NodeVectors,
     q: NodeVectors,
     t: Scalar,
@@ -20,25 +18,25 @@ def dissipation_function(
     ground: Ground | None,
     friction: SmoothFriction | None,
     normal_force: PerNode | None,
-) -> Scalar:
-    """R = R_nodes + R_struts + R_cables + R_contact + R_friction, W, of the terms that the scene has.
+) -> dict[str, Scalar]:
+    """R_nodes, R_struts, R_cables, R_contact and R_friction, W, those of them that the scene has; R is their sum.
 
     `normal_force` (N, per node) is an argument of its own because friction's R holds it fixed: it depends on v too,
     and only the derivative at fixed F_n is the friction force.
     """
     struts, cables = structure.struts, structure.cables
-    R = jnp.zeros((), v.dtype)
+    R = {}
     if node_damping is not None:
-        R += inner(node_damping, dot(v, v)) / 2
+        R["nodes"] = inner(node_damping, dot(v, v)) / 2
     if struts is not None and struts.damping is not None:
-        R += member_dissipation(v, q, struts.edges, struts.damping)
+        R["struts"] = member_dissipation(v, q, struts.edges, struts.damping)
     if cables is not None and cables.damping is not None:
         taut_above = rest_length(cables, gait, t, structure.first_cable)
-        R += member_dissipation(v, q, cables.edges, cables.damping, taut_above)
+        R["cables"] = member_dissipation(v, q, cables.edges, cables.damping, taut_above)
     if ground is not None and ground.dissipation is not None:
-        R += contact_dissipation(ground, component(v, ground.normal), signed_distance(ground, q))
+        R["contact"] = contact_dissipation(ground, component(v, ground.normal), signed_distance(ground, q))
     if ground is not None and friction is not None and normal_force is not None:
-        R += slip_dissipation(friction, ground, v, normal_force)
+        R["friction"] = slip_dissipation(friction, ground, v, normal_force)
     return R
 
 

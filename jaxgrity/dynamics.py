@@ -7,23 +7,41 @@ from jaxgrity.friction import SwitchFriction, switch_force
 from jaxgrity.ground import normal_force, signed_distance
 from jaxgrity.primitives import component, dot, inner, scale
 from jaxgrity.scene import Scene
-from jaxgrity.types import AnyArray, NodeVectors, Scalar
+from jaxgrity.types import AnyArray, NodeVectors, PerNode, Scalar
 
 State = tuple[AnyArray, AnyArray]
 
 
 def acceleration(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors) -> NodeVectors:
     """a = M^-1 (-dU/dq - dR/dv + F_switch), (nodes, 3), m/s^2."""
-    ground, friction, pressed = scene.ground, scene.friction, None
-    if ground is not None and friction is not None and not ground.exact:
-        v_n = None if ground.dissipation is None else component(v, ground.normal)
-        pressed = normal_force(ground, signed_distance(ground, q), v_n)
-    force = -jax.grad(scene.potential_energy)(q, t)
-    if scene.dissipates:
-        force -= jax.grad(scene.dissipation)(v, q, t, pressed)
-    if isinstance(friction, SwitchFriction) and ground is not None and pressed is not None:
-        force += switch_force(friction, ground, v, pressed, force)
+    pressed = pressing_force(scene, q, v)
+    force = smooth_force(scene, t, q, v, pressed)
+    if isinstance(scene.friction, SwitchFriction):
+        force += switched_friction(scene, v, pressed, force)
     return scale(force, 1 / scene.structure.node_mass)
+
+
+def pressing_force(scene: Scene, q: NodeVectors, v: NodeVectors) -> PerNode | None:
+    """F_n of penalty contact, N, where friction needs it."""
+    ground = scene.ground
+    if ground is None or ground.exact or scene.friction is None:
+        return None
+    v_n = None if ground.dissipation is None else component(v, ground.normal)
+    return normal_force(ground, signed_distance(ground, q), v_n)
+
+
+def smooth_force(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors, pressed: PerNode | None) -> NodeVectors:
+    """-dU/dq - dR/dv, N: all forces but F_switch."""
+    force = -jax.grad(scene.potential_energy)(q, t)
+    return force - jax.grad(scene.dissipation)(v, q, t, pressed) if scene.dissipates else force
+
+
+def switched_friction(scene: Scene, v: NodeVectors, pressed: PerNode | None, force: NodeVectors) -> NodeVectors:
+    """F_switch, N, from the normal and all other forces."""
+    assert isinstance(scene.friction, SwitchFriction), "only the Coulomb switch is a force law of its own"
+    assert scene.ground is not None, "a scene with friction has a ground"
+    assert pressed is not None, "the switch goes with penalty contact"
+    return switch_force(scene.friction, scene.ground, v, pressed, force)
 
 
 def vector_field(t: Scalar, state: State, scene: Scene) -> State:

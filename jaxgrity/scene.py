@@ -2,10 +2,11 @@
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from jaxgrity.actuation import Gait
-from jaxgrity.dissipation import dissipation_function
+from jaxgrity.dissipation import dissipation_terms
 from jaxgrity.energy import potential_energy
 from jaxgrity.friction import ConeFriction, Friction, SmoothFriction, SwitchFriction
 from jaxgrity.ground import Ground
@@ -58,8 +59,14 @@ class Scene(eqx.Module):
 
     def dissipation(self, v: NodeVectors, q: NodeVectors, t: Scalar, normal_force: PerNode | None) -> Scalar:
         """R(v; q, t), W, with friction's normal force held fixed."""
+        return sum(self.dissipation_terms(v, q, t, normal_force).values(), jnp.zeros((), v.dtype))
+
+    def dissipation_terms(
+        self, v: NodeVectors, q: NodeVectors, t: Scalar, normal_force: PerNode | None
+    ) -> dict[str, Scalar]:
+        """The terms of R by their causes, W."""
         smooth = self.friction if isinstance(self.friction, SmoothFriction) else None
-        return dissipation_function(
+        return dissipation_terms(
             v, q, t, self.structure, self.gait, self.node_damping, self.ground, smooth, normal_force
         )
 
@@ -105,7 +112,7 @@ def with_gait(scene: Scene, gait: Gait | None) -> Scene:
 
 def as_dtype(scene: Scene, dtype: str) -> Scene:
     """The scene with every number as a JAX array of `dtype`."""
-    return jax.tree.map(lambda x: jax.numpy.asarray(x, dtype), scene)
+    return jax.tree.map(lambda x: jnp.asarray(x, dtype), scene)
 
 
 def _terms(scene: Scene) -> list[tuple[str, bool]]:

@@ -171,7 +171,7 @@ def discretise(
 
 
 def integrate(
-    start: State,
+    start: tuple,
     times: Times,
     scene: Scene,
     settings: Settings,
@@ -180,8 +180,8 @@ def integrate(
 ) -> diffrax.Solution:
     """`diffeqsolve` from the first of `times` to the last, saved at all of them unless `saveat` says else.
 
-    `problem` is what `discretise` makes of the settings, for one robot where not given. It can be traced, and
-    differentiated in forward mode.
+    `problem` is what `discretise` makes of the settings, for one robot and `start` = (q, v), where not given. It can be
+    traced, and differentiated in forward mode.
     """
     terms, solver = discretise(settings) if problem is None else problem
     fixed = settings.dt is not None

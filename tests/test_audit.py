@@ -1,0 +1,75 @@
+"""The energy balance of rollouts: closed to the error of the steps, with every part in its place."""
+
+import equinox as eqx
+import numpy as np
+import pytest
+
+from jaxgrity import InputError, with_gait
+from jaxgrity.audit import energy_audit
+from jaxgrity.friction import SwitchFriction
+
+
+@pytest.fixture(scope="module")
+def roll(reference):
+    """Three seconds of the reference scene, two of them with its gait, at the step that the balance is judged at."""
+    return energy_audit(reference, 3.0, dt=1e-4)
+
+
+def test_the_balance_closes(roll):
+    """To 1e-6 of the energy turned over, by RK4 at 1e-4 s with smooth friction.
+
+    Left out are the frames at the very ends of the gait's ramp, where dU/dt jumps: the step before such a frame counts
+    half of the jump, the step after it the other half.
+    """
+    away = np.abs(roll.times[:, None] - [1.0, 2.0]).min(axis=1) > 1e-3
+    assert away.sum() == len(roll.times) - 2
+    assert np.abs(roll.residual[away]).max() < 1e-6 * roll.turned_over
+    assert roll.turned_over > 10
+
+
+def test_every_part_has_its_place(roll):
+    """All five causes take energy out and never put any in; the actuators work only once the gait has begun."""
+    assert set(roll.dissipated) == {"nodes", "struts", "cables", "contact", "friction"}
+    for cause, lost in roll.dissipated.items():
+        assert lost[-1] > 1e-4, cause
+        assert np.diff(lost).min() > -1e-9, cause
+    assert np.all(roll.actuation[roll.times < 0.995] == 0)
+    assert np.ptp(roll.actuation) > 1
+
+
+def test_the_residual_is_an_error_of_the_steps(reference):
+    """It falls by far more than the step does: the forces of a drop have corners and jumps, but no more."""
+    still = with_gait(reference, None)
+    coarse, fine = (energy_audit(still, 0.5, dt=dt) for dt in (8e-4, 1e-4))
+    assert np.abs(fine.residual).max() < np.abs(coarse.residual).max() / 8
+    assert np.all(fine.actuation == 0)
+
+
+def test_a_conservative_scene_loses_nothing(reference):
+    """Without damping, friction and gait there is no cause, and energy stays."""
+    bare = with_gait(reference, None)
+    bare = eqx.tree_at(
+        lambda s: (
+            s.friction, s.node_damping, s.ground.dissipation, s.structure.struts.damping, s.structure.cables.damping
+        ),
+        bare,
+        (None,) * 5,
+    )  # fmt: skip
+    audit = energy_audit(bare, 0.5, dt=5e-5)
+    assert audit.dissipated == {}
+    assert np.abs(audit.residual).max() < 1e-6 * audit.turned_over
+
+
+def test_the_switch_is_in_the_balance(reference):
+    """A force law without a dissipation function is audited by its power."""
+    switch = SwitchFriction(0.5, 0.4, 1e-3)
+    scene = eqx.tree_at(lambda s: s.friction, with_gait(reference, None), switch)
+    audit = energy_audit(scene, 0.5, dt=1e-4)
+    assert audit.dissipated["friction"][-1] > 1e-3
+    assert np.abs(audit.residual).max() < 1e-3 * audit.turned_over
+
+
+def test_methods_without_room_for_it_are_refused(reference):
+    """The solvers that are built on (q, v) alone."""
+    with pytest.raises(InputError, match="takes no equations but those of motion"):
+        energy_audit(reference, 1.0, method="complementarity", dt=1e-4)
