@@ -18,7 +18,7 @@ def icosahedron(strut_length: float = 1.0) -> tuple[np.ndarray, Edges, Edges]:
     nodes = np.array([np.roll(corner, axis) for axis in range(3) for corner in pattern]) * strut_length / 4
     struts = tuple((4 * axis + end, 4 * axis + end + 1) for axis in range(3) for end in (0, 2))
     pairs = tuple(combinations(range(12), 2))
-    is_cable = np.isclose(edge_lengths(nodes, pairs), np.sqrt(6) / 4 * strut_length)
+    is_cable = np.isclose(edge_lengths(nodes, pairs), np.sqrt(6) / 4 * strut_length, rtol=1e-9, atol=0)
     return nodes, struts, tuple(pair for pair, chosen in zip(pairs, is_cable) if chosen)
 
 

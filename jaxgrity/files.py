@@ -16,7 +16,7 @@ from jaxgrity.structure import InputError
 def read_text(path: str | Path) -> str:
     """The file's text. Raises `InputError` where it cannot be read."""
     try:
-        return Path(path).read_text(encoding="utf-8")
+        return Path(path).read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
 

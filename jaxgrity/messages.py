@@ -1,20 +1,32 @@
 """Validation errors in a user's words: the key, the value received, what was expected."""
 
 import re
+import reprlib
+import sys
 import types
 import typing
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import msgspec
 
 WORDS = {
+    float: ("a number", "numbers"),
+    int: ("a whole number", "whole numbers"),
+    bool: ("true or false", "true or false"),
+    str: ("a string", "strings"),
+}
+GOT = {
     "float": "a number",
     "int": "a whole number",
-    "bool": "true or false",
-    "str": "a text",
+    "bool": "a boolean",
+    "str": "a string",
     "array": "a list",
+    "list": "a list",
     "object": "a table",
-    "null": "nothing",
+    "date": "a date",
+    "datetime": "a date",
+    "time": "a time",
 }
 
 
@@ -24,80 +36,125 @@ def explain(message: str, tables: dict, model: type) -> str:
     msgspec ends a message with the path to the place, such as "... - at `$.cables.stiffness[3]`".
     """
     reason, _, path = message.partition(" - at `$")
-    key = path.rstrip("`").lstrip(".")
-    value = _look_up(tables, key)
-    unknown = re.search(r"unknown field `(.*)`", reason)
+    steps = [int(index) if index else name for name, index in re.findall(r"\.([^.\[\]`]+)|\[(\d+)\]", path)]
+    value: Any = tables
+    kinds: list[Any] = [model]
+    for step in steps:
+        kinds, value = _inside(kinds, value, step), value[step]
+    unknown = re.search(r"unknown field `(.*)`", reason, re.DOTALL)
     if unknown:
-        name = unknown[1]
-        place, keys = f"{key}.{name}".lstrip("."), ", ".join(_keys(model, key, value))
-        return f"{place}{_received(value.get(name))}: unknown {'key' if key else 'table'}; expected one of {keys}"
+        key = place([*steps, unknown[1]])
+        what, known = "key" if steps else "table", ", ".join(_keys(kinds, value))
+        return f"{key}{_received(value.get(unknown[1]))}: unknown {what}; expected one of {known}"
     missing = re.search(r"required field `(.*)`", reason)
     if missing:
-        return f"{key}.{missing[1]}".lstrip(".") + ": missing; expected it to be given"
-    if reason.startswith(("Invalid value", "Invalid enum value")):
-        return f"{key} = {value!r}: expected {' or '.join(repr(c) for c in _choices(model, key))}"
-    return f"{key}{_received(value)}: {_in_words(reason)}"
+        return f"{place([*steps, missing[1]])}: missing; expected {_expected(_inside(kinds, value, missing[1]))}"
+    got = re.search(r", got `?(\w+)", reason)
+    tail = f", got {GOT.get(got[1], got[1])}" if got else ""
+    return f"{place(steps)}{_received(value)}: expected {_expected(kinds)}{tail}"
+
+
+def place(steps: Sequence[str | int]) -> str:
+    """Where a value stands in the file, such as `cables.stiffness[3]`; a key that is no plain word is quoted."""
+    text = ""
+    for step in steps:
+        if isinstance(step, int):
+            text += f"[{step}]"
+        else:
+            text += "." + (step if re.fullmatch(r"[\w-]+", step) else repr(step))
+    return text.removeprefix(".")
+
+
+def not_finite(value: Any, steps: tuple[str | int, ...] = ()) -> Iterator[tuple[str, int | float]]:
+    """Where a file's numbers are infinite, not a number or too large for a float, and which they are."""
+    if isinstance(value, (int, float)) and not abs(value) <= sys.float_info.max:
+        yield place(steps), value
+    items = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    for step, item in items:
+        yield from not_finite(item, (*steps, step))
+
+
+class _Shown(reprlib.Repr):
+    """Values as the file writes them, the long ones shortened."""
+
+    def repr_bool(self, value: bool, level: int) -> str:
+        return "true" if value else "false"
+
+    def repr_date(self, value: Any, level: int) -> str:
+        return str(value)
+
+    repr_datetime = repr_time = repr_date
+
+
+shown = _Shown().repr
 
 
 def _received(value: Any) -> str:
-    return "" if isinstance(value, dict) else f" = {value!r}"
+    return "" if isinstance(value, dict) else f" = {shown(value)}"
 
 
-def _in_words(reason: str) -> str:
-    """msgspec's names of types, such as `float | array`, as a user would name what the file holds."""
-
-    def words(match: re.Match) -> str:
-        names = [WORDS.get(name, name) for name in match[1].split(" | ") if name != "null"]
-        return " or ".join(names)
-
-    text = re.sub(r"`([^`]*)`", words, reason)
-    return re.sub(r"(\d)\.0\b", r"\1", text[:1].lower() + text[1:])
+def _expected(kinds: Sequence[Any]) -> str:
+    *others, last = (_named(kind) for kind in kinds)
+    return f"{', '.join(others)} or {last}" if others else last
 
 
-def _look_up(tables: Any, key: str) -> Any:
-    for step in re.findall(r"[^.\[\]]+", key):
-        if isinstance(tables, list) and step.isdigit():
-            tables = tables[int(step)]
-        elif isinstance(tables, dict) and step in tables:
-            tables = tables[step]
-    return tables
+def _named(kind: Any, many: bool = False) -> str:
+    """What a user calls a type: `float` is a number, `list[int]` a list of whole numbers."""
+    origin, inner = typing.get_origin(kind), typing.get_args(kind)
+    if origin is typing.Annotated:
+        return _named(inner[0], many) + "".join(_limits(limit) for limit in inner[1:])
+    if origin is typing.Literal:
+        return repr(inner[0])
+    if origin in (list, tuple):
+        size = f"{len(inner)} " if origin is tuple else ""
+        return f"{'lists' if many else 'a list'} of {size}{_named(inner[0], many=True)}"
+    if kind in WORDS:
+        return WORDS[kind][many]
+    tag = kind.__struct_config__.tag_field
+    return f"a table ({f'{tag} = {kind.__struct_config__.tag!r}' if tag else ', '.join(kind.__struct_fields__)})"
 
 
-def _keys(model: type, key: str, table: Any) -> list[str]:
-    """The keys that the table at `key` may have."""
-    config = next(c for c in _models(model, key) if _fits(c, table))
-    tag = [config.__struct_config__.tag_field] if config.__struct_config__.tag_field else []
-    return [*tag, *config.__struct_fields__]
+def _limits(limit: msgspec.Meta) -> str:
+    signs = {">": limit.gt, ">=": limit.ge, "<": limit.lt, "<=": limit.le}
+    text = " and ".join(f"{sign} {number:.4g}" for sign, number in signs.items() if number is not None)
+    least = f", at least {limit.min_length}" if limit.min_length is not None else ""
+    return (f" {text}" if text else "") + least
 
 
-def _fits(model: Any, table: Any) -> bool:
-    tag = model.__struct_config__.tag_field
-    return tag is None or table.get(tag) == model.__struct_config__.tag
+def _inside(kinds: Sequence[Any], value: Any, step: str | int) -> list[Any]:
+    """What may stand at `step`, a key or an index, inside of a `value` that may be one of the `kinds`."""
+    found: list[Any] = []
+    for kind in kinds:
+        kind = typing.get_args(kind)[0] if typing.get_origin(kind) is typing.Annotated else kind
+        if isinstance(step, int):
+            found += [typing.get_args(kind)[0]] if typing.get_origin(kind) in (list, tuple) else []
+        elif _is_table(kind) and step == kind.__struct_config__.tag_field:
+            found.append(typing.Literal[kind.__struct_config__.tag])
+        elif _is_table(kind) and _fits(kind, value):
+            found += _parts(typing.get_type_hints(kind, include_extras=True)[step])
+    return found
 
 
-def _choices(model: type, key: str) -> list[str]:
-    """The texts that stand for something at `key`: an enumeration's, or the tags of the kinds of table."""
-    table, _, name = key.rpartition(".")
-    found: list[str] = []
-    for config in _models(model, table):
-        if config.__struct_config__.tag_field == name:
-            found.append(config.__struct_config__.tag)
-        elif name in config.__struct_fields__:
-            kinds = _parts(typing.get_type_hints(config)[name])
-            found += [c for kind in kinds if typing.get_origin(kind) is typing.Literal for c in typing.get_args(kind)]
-    return list(dict.fromkeys(found))
+def _keys(kinds: Sequence[Any], value: dict) -> list[str]:
+    """The keys that a table may have."""
+    kind = next(kind for kind in kinds if _is_table(kind) and _fits(kind, value))
+    tag = kind.__struct_config__.tag_field
+    return [*([tag] if tag else []), *kind.__struct_fields__]
 
 
-def _models(model: type, key: str) -> list[Any]:
-    """The msgspec structures that the table at `key` may be."""
-    models: list[Any] = [model]
-    for step in filter(None, key.split(".")):
-        parts = [p for m in models for p in _parts(typing.get_type_hints(m)[step])]
-        models = [p for p in parts if isinstance(p, type) and issubclass(p, msgspec.Struct)]
-    return models
+def _is_table(kind: Any) -> bool:
+    return isinstance(kind, type) and issubclass(kind, msgspec.Struct)
 
 
-def _parts(hint: Any) -> tuple:
-    """The members of a union, or the one type."""
-    union = typing.get_origin(hint) in (typing.Union, types.UnionType)
-    return typing.get_args(hint) if union else (hint,)
+def _fits(kind: Any, value: dict) -> bool:
+    tag = kind.__struct_config__.tag_field
+    return tag is None or value.get(tag) == kind.__struct_config__.tag
+
+
+def _parts(hint: Any) -> list[Any]:
+    """The types that a hint allows, each choice of an enumeration by itself, without None."""
+    if typing.get_origin(hint) in (typing.Union, types.UnionType):
+        return [part for member in typing.get_args(hint) for part in _parts(member)]
+    if typing.get_origin(hint) is typing.Literal:
+        return [typing.Literal[choice] for choice in typing.get_args(hint)]
+    return [] if hint is type(None) else [hint]

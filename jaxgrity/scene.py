@@ -44,7 +44,8 @@ class Scene(eqx.Module):
         if self.gait is not None:
             for k in self.gait.members:
                 if not 0 <= k < members:
-                    raise InputError(f"gait.members names member {k}; expected 0 to {members - 1}, struts first")
+                    known = f"0 to {members - 1}, struts first" if members else "no gait, since there are no members"
+                    raise InputError(f"gait.members names member {k}; expected {known}")
             for name in ("phase", "amplitude", "frequency"):
                 shape = np.shape(getattr(self.gait, name))
                 if shape != (len(self.gait.members),):

@@ -3,7 +3,7 @@
 import math
 import tomllib
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import msgspec
 import numpy as np
@@ -14,14 +14,14 @@ from jaxgrity.catalogue import icosahedron, rest_on_face
 from jaxgrity.files import read_text
 from jaxgrity.friction import ConeFriction, Friction, SmoothFriction, SwitchFriction
 from jaxgrity.ground import Ground
-from jaxgrity.messages import explain
+from jaxgrity.messages import explain, not_finite, shown
 from jaxgrity.scene import Scene
 from jaxgrity.structure import InputError, Members, Structure, check_edges, edge_lengths, per_member
 
 Positive = Annotated[float, Meta(gt=0)]
 NotNegative = Annotated[float, Meta(ge=0)]
 Share = Annotated[float, Meta(ge=0, lt=1)]
-Each = float | list[float]
+Seed = Annotated[int, Meta(ge=0)]
 Pair = tuple[int, int]
 
 
@@ -91,11 +91,11 @@ class RandomMembers(_Table):
 
     random: Annotated[float, Meta(gt=0, le=1)]
     of: Literal["struts", "cables"] = "cables"
-    seed: int = 0
+    seed: Seed = 0
 
 
 class RandomPhases(_Table):
-    seed: int
+    seed: Seed
 
 
 class GaitTable(_Table, kw_only=True):
@@ -130,23 +130,17 @@ def parse_scene(text: str, name: str = "scene") -> Scene:
     """The scene that a scene file's text describes; `name` stands for the file in errors, as for `load_scene`."""
     try:
         tables = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+        where, value = next(not_finite(tables), ("", None))
+    except (ValueError, RecursionError) as error:
         raise InputError(f"{name}: not TOML: {error}") from error
-    _refuse_not_finite(tables, name, "")
+    if where:
+        raise InputError(f"{name}: {where} = {shown(value)}: expected a finite number")
     try:
         return build_scene(msgspec.convert(tables, SceneFile, strict=True))
     except msgspec.ValidationError as error:
         raise InputError(f"{name}: {explain(str(error), tables, SceneFile)}") from error
     except InputError as error:
         raise InputError(f"{name}: {error}") from error
-
-
-def _refuse_not_finite(value: Any, name: str, key: str) -> None:
-    if isinstance(value, float) and not math.isfinite(value):
-        raise InputError(f"{name}: {key} = {value}: expected a finite number")
-    items = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
-    for k, item in items:
-        _refuse_not_finite(item, name, f"{key}[{k}]" if isinstance(k, int) else f"{key}.{k}".lstrip("."))
 
 
 def build_scene(file: SceneFile) -> Scene:
@@ -178,8 +172,10 @@ def _structure(file: SceneFile) -> Structure:
 
 
 def _node_mass(table: IcosahedronTable | CustomTable, count: int) -> np.ndarray:
-    if (table.mass is None) == (table.node_mass is None):
-        raise InputError("structure: expected either mass (in all) or node_mass (a list)")
+    if table.mass is None and table.node_mass is None:
+        raise InputError("structure.mass: missing; expected mass (of all nodes) or node_mass (a list, one for each)")
+    if table.mass is not None and table.node_mass is not None:
+        raise InputError(f"structure.mass = {table.mass}: node_mass is given too; expected one of them")
     if table.node_mass is not None and len(table.node_mass) != count:
         raise InputError(f"structure.node_mass has {len(table.node_mass)} numbers; expected {count}, one for each node")
     return np.full(count, table.mass / count) if table.mass is not None else np.array(table.node_mass, float)
@@ -206,22 +202,27 @@ def _members(table: StrutsTable | CablesTable | None, edges: tuple, nodes: np.nd
     if rigid and (table.stiffness is not None or table.damping):
         raise InputError("struts.rigid = true: a rigid strut has no spring; expected neither stiffness nor damping")
     if table.stiffness is None and not rigid:
-        raise InputError(f"{kind}: expected stiffness (N/m)" + (" or rigid = true" if kind == "struts" else ""))
+        raise InputError("struts.stiffness: missing; expected a stiffness (N/m) or rigid = true")
     if table.prestrain is not None and table.rest_length is not None:
-        raise InputError(f"{kind}: has both prestrain and rest_length; expected one of them")
+        given = f"{kind}.prestrain = {shown(table.prestrain)}"
+        raise InputError(f"{given}: rest_length is given too; expected one of them")
     count = len(edges)
     if table.rest_length is not None:
         rest = per_member(table.rest_length, count, f"{kind}.rest_length")
     else:
-        prestrain = per_member(table.prestrain or 0.0, count, f"{kind}.prestrain")
+        prestrain = per_member(_or_zero(table.prestrain), count, f"{kind}.prestrain")
         rest = (1 - prestrain) * edge_lengths(nodes, edges)
-    damping = per_member(table.damping or 0.0, count, f"{kind}.damping")
+    damping = per_member(_or_zero(table.damping), count, f"{kind}.damping")
     return Members(
         edges=edges,
         stiffness=None if table.stiffness is None else per_member(table.stiffness, count, f"{kind}.stiffness"),
         rest_length=rest,
         damping=damping if damping.any() else None,
     )
+
+
+def _or_zero(value: float | list[float] | None) -> float | list[float]:
+    return 0.0 if value is None else value
 
 
 def _ground(table: GroundTable | None) -> Ground | None:
@@ -231,9 +232,10 @@ def _ground(table: GroundTable | None) -> Ground | None:
     if exact and (table.stiffness is not None or table.dissipation is not None):
         raise InputError("ground.contact = 'complementarity' is no spring; expected neither stiffness nor dissipation")
     if not exact and table.stiffness is None:
-        raise InputError("ground: expected stiffness (N/m) for penalty contact")
+        raise InputError("ground.stiffness: missing; expected a stiffness (N/m) for penalty contact")
     if not exact and table.restitution is not None:
-        raise InputError("ground.restitution goes with contact = 'complementarity'; expected dissipation instead")
+        given = f"ground.restitution = {table.restitution}"
+        raise InputError(f"{given} goes with contact = 'complementarity'; expected dissipation instead")
     return Ground(table.stiffness, table.dissipation or None, table.incline, table.restitution)
 
 
@@ -248,7 +250,7 @@ def _friction(table: FrictionTable | None) -> Friction | None:
     given = [n for n in ("mu", "mu_static", "mu_kinetic", "slip_speed") if getattr(table, n) is not None]
     if given != names:
         raise InputError(
-            f"friction.kind = {table.kind!r} has the keys {', '.join(given) or 'none'}; expected {', '.join(names)}"
+            f"friction.kind = {table.kind!r} comes with {', '.join(given) or 'no keys'}; expected {', '.join(names)}"
         )
     kind = {"smooth": SmoothFriction, "switch": SwitchFriction, "cone": ConeFriction}[table.kind]
     return kind(*(getattr(table, name) for name in names))
@@ -257,16 +259,7 @@ def _friction(table: FrictionTable | None) -> Friction | None:
 def _gait(table: GaitTable | None, structure: Structure) -> Gait | None:
     if table is None:
         return None
-    struts, cables = (len(m.edges) if m else 0 for m in (structure.struts, structure.cables))
-    kinds = {"struts": range(struts), "cables": range(struts, struts + cables)}
-    if isinstance(table.members, RandomMembers):
-        members = random_members(kinds[table.members.of], table.members.random, table.members.seed)
-    elif isinstance(table.members, str):
-        members = tuple(kinds[table.members])
-    else:
-        members = tuple(table.members)
-    if len(set(members)) != len(members) or not members:
-        raise InputError(f"gait.members = {list(members)}: expected at least one member, and none twice")
+    members = _actuated(table.members, structure)
     count = len(members)
     if isinstance(table.phase, RandomPhases):
         phase = random_phases(1, count, table.phase.seed)[0]
@@ -282,3 +275,16 @@ def _gait(table: GaitTable | None, structure: Structure) -> Gait | None:
         start=table.start,
         ramp=table.ramp,
     )
+
+
+def _actuated(chosen: str | list[int] | RandomMembers, structure: Structure) -> tuple[int, ...]:
+    if isinstance(chosen, list):
+        if len(set(chosen)) != len(chosen) or not chosen:
+            raise InputError(f"gait.members = {shown(chosen)}: expected at least one member, and none twice")
+        return tuple(chosen)
+    struts, cables = (len(m.edges) if m else 0 for m in (structure.struts, structure.cables))
+    kind = chosen if isinstance(chosen, str) else chosen.of
+    members = range(struts) if kind == "struts" else range(struts, struts + cables)
+    if not members:
+        raise InputError(f"gait.members: {kind!r} is chosen, but none are modelled; expected a [{kind}] table")
+    return tuple(members) if isinstance(chosen, str) else random_members(members, chosen.random, chosen.seed)

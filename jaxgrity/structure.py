@@ -73,7 +73,9 @@ def check_edges(nodes: np.ndarray, struts: Edges, cables: Edges, where: str = "s
             if i == j or np.array_equal(nodes[i], nodes[j]):
                 raise InputError(f"{place} = [{i}, {j}]: the member has no length; expected two nodes apart")
             if pair in seen:
-                raise InputError(f"{place} = [{i}, {j}]: {seen[pair]} joins these nodes already")
+                raise InputError(
+                    f"{place} = [{i}, {j}]: {seen[pair]} joins these nodes already; expected one member between two nodes"
+                )
             seen[pair] = f"{kind}[{k}]"
 
 

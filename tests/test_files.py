@@ -2,6 +2,7 @@
 
 import json
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -22,7 +23,9 @@ def test_phases_from_csv(tmp_path):
         ("1,2\n1\n", "row 2 has 1 phases; expected 2"),
         ("a,b\n", "row 1 has 'a'; expected a finite number"),
         ("1,nan\n", "row 1 has 'nan'; expected a finite number"),
-        ("\n", "has no gaits"),
+        ("1,\n", "row 1 has ''; expected a finite number"),
+        ("1,2\n3,-inf\n", "row 2 has '-inf'; expected a finite number"),
+        ("\n", "has no gaits; expected one row of 2 phases"),
     ],
 )
 def test_bad_csv_is_refused(tmp_path, text, message):
@@ -31,7 +34,18 @@ def test_bad_csv_is_refused(tmp_path, text, message):
     path.write_text(text)
     with pytest.raises(InputError, match=message) as caught:
         load_phases(path, 2)
-    assert "gaits.csv" in str(caught.value)
+    assert str(caught.value).startswith(f"{path}: ")
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("content", [None, b"0.5,\xff\n"], ids=["missing", "not text"])
+def test_phases_that_cannot_be_read(tmp_path, content):
+    """A file that is not there or holds no text is named."""
+    path = tmp_path / "gaits.csv"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(InputError, match=r"gaits\.csv: cannot be read: "):
+        load_phases(path, 2)
 
 
 def test_a_write_that_fails_leaves_the_old_file(tmp_path):
@@ -46,14 +60,37 @@ def test_a_write_that_fails_leaves_the_old_file(tmp_path):
     with pytest.raises(RuntimeError, match="full"):
         write_whole(path, fail)
     assert path.read_text() == "old"
+    with pytest.raises(RuntimeError, match="full"):
+        write_whole(tmp_path / "new.json", fail)
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_file_appears_only_when_it_is_complete(tmp_path):
+    """Until the last byte, readers find the old content."""
+    path = tmp_path / "result.json"
+    path.write_text("old")
+    seen = []
+
+    def write(file):
+        file.write(b"new")
+        file.flush()
+        seen.append(path.read_text())
+
+    write_whole(path, write)
+    assert seen == ["old"]
+    assert path.read_text() == "new"
+    assert list(tmp_path.iterdir()) == [path]
+    assert path.stat().st_mode & 0o777 == 0o644
 
 
 def test_json_holds_arrays_and_numbers(tmp_path):
     """NumPy values become plain ones; what is not finite becomes null, as JSON has no word for it."""
     path = tmp_path / "deep" / "result.json"
-    save_json(path, {"a": np.arange(2), "b": np.float64(0.1), "c": (np.nan, np.inf), "d": None, "e": np.bool_(True)})
+    numbers = {"a": np.arange(2), "b": np.float64(0.1), "c": (np.nan, np.inf), "d": None, "e": np.bool_(True)}
+    nested = {"f": [np.array([[1.5, np.nan]]), {3: np.int64(4)}], "g": jnp.ones(1), "h": np.float32(2)}
+    save_json(path, numbers | nested)
     expected = {"a": [0, 1], "b": 0.1, "c": [None, None], "d": None, "e": True}
+    expected |= {"f": [[[1.5, None]], {"3": 4}], "g": [1.0], "h": 2.0}
     assert json.loads(path.read_text()) == expected
 
 
