@@ -74,7 +74,7 @@ def check_edges(nodes: np.ndarray, struts: Edges, cables: Edges, where: str = "s
                 raise InputError(f"{place} = [{i}, {j}]: the member has no length; expected two nodes apart")
             if pair in seen:
                 raise InputError(
-                    f"{place} = [{i}, {j}]: {seen[pair]} joins these nodes already; expected one member between two nodes"
+                    f"{place} = [{i}, {j}]: {seen[pair]} joins these nodes already; expected one member a pair"
                 )
             seen[pair] = f"{kind}[{k}]"
 
