@@ -158,7 +158,8 @@ def report(scene: Scene, search: Search, polished: Polished, settings: Settings,
         plot.animate(best, trajectory, out / "animation.gif", on_frame=lambda k, n: progress.update())
     summary = {
         "command": command,
-        "settings": {name: str(v) if isinstance(v, Path) else v for name, v in asdict(settings).items()},
+        "scene": settings.scene.name,
+        "settings": {name: value for name, value in asdict(settings).items() if not isinstance(value, Path)},
         "distance": distance,
         "error_bar": bar,
         "verified_at_steps": polished.verified.steps,
