@@ -107,8 +107,8 @@ def test_help_comes_from_the_settings(script):
 
 
 def test_gait_search_from_end_to_end(tmp_path):
-    """The main job at its quick size: a verified gait, and everything that it promises to leave."""
-    done = run("gait_search.py", "--quick", "--out", tmp_path)
+    """The main job at its quick size and a step twice of which would blow up: a verified gait, and all that it leaves."""
+    done = run("gait_search.py", "--quick", "--dt", 1e-3, "--out", tmp_path)
     assert done.returncode == 0, done.stderr
     assert "verified:" in done.stdout
     for name in ("convergence.png", "path.png", "members.png", "animation.gif", "index.html"):
