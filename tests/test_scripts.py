@@ -107,7 +107,7 @@ def test_help_comes_from_the_settings(script):
 
 
 def test_gait_search_from_end_to_end(tmp_path):
-    """The main job at its quick size and a step twice of which would blow up: a verified gait, and all that it leaves."""
+    """The main job, quick, at a step twice of which would blow up: a verified gait, and all that it leaves."""
     done = run("gait_search.py", "--quick", "--dt", 1e-3, "--out", tmp_path)
     assert done.returncode == 0, done.stderr
     assert "verified:" in done.stdout
