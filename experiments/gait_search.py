@@ -58,7 +58,7 @@ class Settings:
     polish_steps: int = 30
     """gradient steps"""
     dt: float | None = None
-    """step of the search, s; verification goes down to a quarter of it; without it, the scene decides"""
+    """step of the search, s; verification is at half of it; without it, the scene decides"""
     seed: int = 0
     """the same seed gives the same search"""
     quick: bool = False
@@ -119,14 +119,14 @@ def polish_with_progress(scene: Scene, gaits: Gait, settings: Settings, dt: floa
 
         coarser = 2 * dt if 2 * dt <= stable_step(scene, default_method(scene)) else dt
         polishing = Polishing(settings.polish_steps, dt=coarser)
-        return polish(scene, gaits, settings.duration, polishing, dt=dt, on_step=show)
+        return polish(scene, gaits, settings.duration, polishing, dt=dt / 2, on_step=show)
 
 
 def report(scene: Scene, search: Search, polished: Polished, settings: Settings, dt: float, began: float) -> None:
     """Write everything down, draw it, and say what was found."""
     out, best = settings.out, with_gait(scene, polished.gait)
-    finest = polished.verified.steps[-1]
-    trajectory = simulate(best, settings.duration, dt=finest, dtype="float64", frame_rate=50)
+    verified_at, _, finest = polished.verified.steps
+    trajectory = simulate(best, settings.duration, dt=verified_at, dtype="float64", frame_rate=50)
     distance, bar = float(polished.verified.distance[0]), float(polished.verified.error_bar[0])
     growth = sensitivity(best, settings.duration, dt=dt)
     command = shlex.join(["python", *sys.argv])
@@ -187,7 +187,7 @@ def report(scene: Scene, search: Search, polished: Polished, settings: Settings,
     write_page(out, settings, summary, trajectory)
     print(f"\npolish: {polished.reason} (horizon {polished.horizon:.1f} s)")
     print(
-        f"verified: {distance:.4f} ± {bar:.1g} m in {settings.duration:g} s, at steps down to {finest:g} s in float64"
+        f"verified: {distance:.4f} ± {bar:.1g} m in {settings.duration:g} s, at {verified_at:g} s against steps down to {finest:g} s, in float64"
     )
     print(f"open {out}/index.html ({summary['wall_seconds']:.0f} s in all)")
 

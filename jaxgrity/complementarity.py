@@ -1,8 +1,7 @@
 """Exact contact and rigid struts: Signorini's law, Coulomb's cone and strut lengths as constraints on each step.
 
-The scheme is Moreau's and Jean's: forces act on the velocity at the start of a step, impulses then make it satisfy the
-constraints at the end. Each constraint is met in closed form, and sweeps over all of them (projected Gauss-Seidel)
-couple them. M. Jean 1999, doi:10.1016/S0045-7825(98)00383-1; Stewart and Trinkle 1996.
+The scheme is Moreau's and Jean's: forces act on the velocity, impulses then make it satisfy the constraints at the end
+of the step. Each constraint is met in closed form, and sweeps over all of them (projected Gauss-Seidel) couple them. M. Jean 1999, doi:10.1016/S0045-7825(98)00383-1; Stewart and Trinkle 1996.
 """
 
 from collections.abc import Callable
@@ -34,6 +33,9 @@ from jaxgrity.types import Edges, NodeVectors, PerNode, Scalar
 
 SLOWEST = 1e-10
 """m/s, keeps the derivative of |v_t| finite at rest"""
+
+FORETELLING_SWEEPS = 8
+"""with which a step estimates its velocity, so that dissipative forces can be taken in its middle"""
 
 Impulses = tuple[PerNode, PerNode, PerNode]
 """change of a node's velocity along the ground's normal and its two tangents, m/s"""
@@ -86,6 +88,14 @@ def sweep(
     return w, impulses
 
 
+def length_error(scene: Scene, h: Scalar, problem: dict[str, Any], w: NodeVectors) -> Scalar:
+    """How far the rigid struts will be from their lengths at the end of the step, at most, m."""
+    struts = scene.structure.struts
+    if struts is None or not struts.rigid:
+        return jnp.zeros_like(w[0, 0])
+    return jnp.max(jnp.abs(length(problem["vectors"] + h * edge_vectors(w, struts.edges)) - problem["lengths"]))
+
+
 def _to_length(
     struts: Members, h: Scalar, problem: dict[str, Any], w: NodeVectors, rows: tuple[int, ...]
 ) -> NodeVectors:
@@ -127,16 +137,28 @@ def _onto_ground(
 
 
 class Complementarity(diffrax.AbstractSolver):
-    """Semi-implicit Euler with constraints, order 1: w = v + h a(q, v); sweeps change w; q1 = q + h w, v1 = w.
+    """A leapfrog with constraints: v lives in the middle of the steps, and forces act on it at the nodes' positions.
+
+    From q at t0 and v in the middle of the last step, of size h0:
+
+        w = v + (h0 + h)/2 M^-1 F(q, (v + w)/2, t0) + impulses,    q1 = q + h w.
+
+    The first step starts from v at t0 (h0 = 0). Dissipative forces need w: sweeps with F(q, v, t0) foretell it, the
+    last ones use what they foretold. The order is 2 where nothing begins or ends to touch, stick or slip, and 1 there.
 
     The last thing that a sweep does is to put every node on or above the ground, so no node is ever below a plane at
     the end of a step. Each sweep about halves what is left of the error in strut lengths.
     """
 
-    sweeps: int = eqx.field(static=True, default=20)
+    sweeps: int = eqx.field(static=True, default=16)
+    """over all constraints, in a step; the most there are where a tolerance is given"""
+    tolerance: float | None = eqx.field(static=True, default=None)
+    """m: sweeps end where every strut has its length within this; a robot that never has gets NaN. None: all sweeps"""
     prepare: Callable = eqx.field(static=True, default=prepare)
     """as the function of this module, or mapped over a population"""
     sweep: Callable = eqx.field(static=True, default=sweep)
+    """likewise"""
+    length_error: Callable = eqx.field(static=True, default=length_error)
     """likewise"""
     term_structure: ClassVar = diffrax.AbstractTerm
     interpolation_cls: ClassVar[Callable] = diffrax.LocalLinearInterpolation
@@ -145,21 +167,47 @@ class Complementarity(diffrax.AbstractSolver):
         return 1
 
     def init(self, terms, t0, t1, y0, args):
-        return None
+        none = jnp.zeros_like(y0[0][:, 0])
+        return jnp.zeros_like(t1 - t0), (none, none, none)
 
     def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
         (q, v), h = y0, t1 - t0
-        _, a = terms.vf(t0, y0, args)
-        problem = self.prepare(args, h, t1, q, v)
+        kick = (solver_state[0] + h) / 2
         none = jnp.zeros_like(q[:, 0])
+        problem = self.prepare(args, h, t1, q, v)
 
-        def again(_, state):
-            return self.sweep(args, h, problem, *state)
+        def constrain(w, impulses, sweeps, tolerance=None):
+            return self._constrain(args, h, problem, (w, impulses), sweeps, tolerance)
+
+        _, a = terms.vf(t0, y0, args)
+        w, impulses = v + kick * a, (none, none, none)
+        if args.dissipates:
+            w, impulses = constrain(w, impulses, FORETELLING_SWEEPS)
+            _, corrected = terms.vf(t0, (q, (v + w) / 2), args)
+            w = w + kick * (corrected - a)
+        w, impulses = constrain(w, impulses, self.sweeps, self.tolerance)
+        y1 = (q + h * w, w)
+        return y1, None, {"y0": y0, "y1": y1}, (h, impulses), diffrax.RESULTS.successful
+
+    def _constrain(self, scene, h, problem, state, sweeps, tolerance):
+        """`state` = (w, impulses) after so many sweeps, or after as many as the tolerance needs."""
 
         # rolled up, and outside the map over a population: unrolled sweeps, or mapped loops, are many times slower
-        w, _ = jax.lax.fori_loop(0, self.sweeps, again, (v + h * a, (none, none, none)))
-        y1 = (q + h * w, w)
-        return y1, None, {"y0": y0, "y1": y1}, None, diffrax.RESULTS.successful
+        if tolerance is None:
+            return jax.lax.fori_loop(0, sweeps, lambda _, s: self.sweep(scene, h, problem, *s), state)
+
+        def off(state):
+            return self.length_error(scene, h, problem, state[0])
+
+        def short_of(carry):
+            done, state = carry
+            return (done < sweeps) & jnp.any(off(state) > tolerance)
+
+        def again(carry):
+            return carry[0] + 1, self.sweep(scene, h, problem, *carry[1])
+
+        _, (w, impulses) = jax.lax.while_loop(short_of, again, (0, state))
+        return jnp.where(off((w, impulses)) <= tolerance, w, jnp.nan), impulses
 
     def func(self, terms, t0, y0, args):
         return terms.vf(t0, y0, args)

@@ -84,13 +84,15 @@ def simulate_population(
     rtol: float = 1e-8,
     atol: float = 1e-8,
     any_step: bool = False,
+    sweeps: int | None = None,
+    strut_tolerance: float | None = None,
 ) -> Outcomes:
     """Roll the scene out once for each of `gaits` (from `gaits_of`), from the structure's own pose at rest.
 
     Fixed steps of an explicit method advance all robots at once; the steps of any other are chosen, or solved for,
     robot by robot. Options and errors are those of `simulate.settle`.
     """
-    settings = settle(scene, duration, method, dt, dtype, rtol, atol, any_step)
+    settings = settle(scene, duration, method, dt, dtype, rtol, atol, any_step, sweeps, strut_tolerance)
     return roll_out(as_dtype(scene, settings.dtype), gaits, np.asarray(duration, float), settings)
 
 

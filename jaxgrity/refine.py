@@ -28,7 +28,7 @@ class Polishing(NamedTuple):
     largest_sensitivity: float = 3.0
     """m/rad: beyond it a gradient describes less than a step's length of the landscape"""
     dt: float | None = None
-    """step of the rollouts that are differentiated, s"""
+    """step of the rollouts that are differentiated, and of those that choose what to verify, s; None: verification's"""
 
 
 class Polished(NamedTuple):
@@ -78,7 +78,7 @@ def polish(
         return Polished(*kept, np.zeros(0), np.zeros(0), _too_sensitive(polishing, horizon, shortest))
     settings = settle(scene, horizon, None, polishing.dt or dt, "float64")
     visited, norms, distances = _climb(scene, gaits, horizon, polishing, settings, on_step)
-    candidates = _most_promising(scene, visited, duration, dt, count=8)
+    candidates = _most_promising(scene, visited, duration, polishing.dt or dt, count=16)
     checked = verify(scene, candidates, duration, dt)
     winner = _best(checked)
     gain = checked.distance[winner] - verified.distance[best]
@@ -142,7 +142,7 @@ def _with_phase(gaits: Gait, phase) -> Gait:
 
 
 def _most_promising(scene: Scene, visited: Gait, duration: float, dt: float, count: int) -> Gait:
-    """The `count` gaits, of all that were visited, that go furthest over the whole duration at the coarse step."""
+    """The `count` gaits, of all that were visited, that go furthest over the whole duration at the step `dt`."""
     distance = np.asarray(simulate_population(scene, visited, duration, dt=dt).distance())
     order = np.argsort(-np.where(np.isfinite(distance), distance, -np.inf))[:count]
     return jax.tree.map(lambda x: x[order] if np.ndim(x) else x, visited)

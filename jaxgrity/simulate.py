@@ -30,6 +30,10 @@ TORN = 10.0
 """a member this many times as long as it was built shows a motion that has blown up, finite or not"""
 
 
+MOST_SWEEPS = 1000
+"""of complementarity stepping in one step, where a tolerance is asked for"""
+
+
 class Trajectory(eqx.Module):
     """A motion: where every node was at each saved time, how it was computed, and whether it can be believed."""
 
@@ -62,6 +66,8 @@ class Settings(eqx.Module):
     dtype: str = eqx.field(static=True)
     rtol: float = eqx.field(static=True)
     atol: float = eqx.field(static=True)
+    sweeps: int | None = eqx.field(static=True, default=None)
+    strut_tolerance: float | None = eqx.field(static=True, default=None)
 
 
 def settle(
@@ -73,15 +79,20 @@ def settle(
     rtol: float = 1e-8,
     atol: float = 1e-8,
     any_step: bool = False,
+    sweeps: int | None = None,
+    strut_tolerance: float | None = None,
 ) -> Settings:
     """Choose what was left open, and refuse what cannot work, before anything compiles.
 
     Without `method` the scene decides; without `dt` an adaptive method adapts its step to `rtol` and `atol`, any other
-    takes `default_step`. `any_step` lets a step pass that would blow up.
+    takes `default_step`. `any_step` lets a step pass that would blow up. Complementarity stepping couples its
+    constraints by a number of `sweeps`, or by as many as bring every strut within `strut_tolerance` (m) of its length;
+    a robot for which `sweeps` (1000, where not given) do not suffice then fails.
 
     Raises `InputError`: unknown method; duration, step or tolerance that is not positive and finite; a step too large
     for the scene; a method that cannot meet the scene's constraints; the symplectic method where something dissipates;
-    float64 while JAX's x64 mode is off.
+    sweeps or their tolerance for any other method, or a tolerance below what the precision allows; float64 while JAX's
+    x64 mode is off.
     """
     chosen = find_method(method) if method is not None else default_method(scene)
     for name, value in (("duration", duration), ("dt", dt), ("rtol", rtol), ("atol", atol)):
@@ -100,12 +111,21 @@ def settle(
         raise InputError(f"dtype = {dtype!r}: expected 'float32' or 'float64'")
     if dtype == "float64" and not jax.config.jax_enable_x64:  # type: ignore[attr-defined]
         raise InputError("dtype = 'float64' needs jax.config.update(\"jax_enable_x64\", True) first")
+    if (sweeps is not None or strut_tolerance is not None) and not chosen.constrained:
+        raise InputError(f"sweeps, strut_tolerance: only complementarity stepping has them, not {chosen.name!r}")
+    if sweeps is not None and sweeps < 1:
+        raise InputError(f"sweeps = {sweeps}: expected at least 1")
+    if strut_tolerance is not None:
+        finest = 100 * float(np.finfo(dtype).eps)
+        if not strut_tolerance >= finest:
+            raise InputError(f"strut_tolerance = {strut_tolerance:g} m: expected at least {finest:.1g} m in {dtype}")
+        sweeps = MOST_SWEEPS if sweeps is None else sweeps
     concrete = not any(isinstance(x, jax.core.Tracer) for x in jax.tree.leaves(scene))
     if dt is None and not chosen.adaptive:
         dt = default_step(scene, chosen)
     elif dt is not None and not any_step and concrete:
         check_step(scene, chosen, dt)
-    return Settings(chosen, dt, dtype, rtol, atol)
+    return Settings(chosen, dt, dtype, rtol, atol, sweeps, strut_tolerance)
 
 
 def simulate(
@@ -121,6 +141,8 @@ def simulate(
     positions: NodeVectors | None = None,
     velocities: NodeVectors | None = None,
     any_step: bool = False,
+    sweeps: int | None = None,
+    strut_tolerance: float | None = None,
 ) -> Trajectory:
     """Integrate the scene's equations of motion over `duration` (s) and save `frame_rate` frames a second.
 
@@ -128,7 +150,7 @@ def simulate(
     other options are those of `settle`, which raises `InputError` on bad ones. A motion that fails is returned with
     its failure code.
     """
-    settings = settle(scene, duration, method, dt, dtype, rtol, atol, any_step)
+    settings = settle(scene, duration, method, dt, dtype, rtol, atol, any_step, sweeps, strut_tolerance)
     q = scene.structure.nodes if positions is None else positions
     v = np.zeros(q.shape) if velocities is None else velocities
     times = np.linspace(0, duration, max(1, round(duration * frame_rate)) + 1)
@@ -164,9 +186,14 @@ def discretise(
     method = settings.method
     solver = method.step() if settings.dt is not None or method.adapt is None else method.adapt()
     if isinstance(solver, Complementarity):
-        axes = {"prepare": ("s", None, None, -1, -1), "sweep": ("s", None, -1, -1, -1)}
+        axes = {
+            "prepare": ("s", None, None, -1, -1),
+            "sweep": ("s", None, -1, -1, -1),
+            "length_error": ("s", None, -1, -1),
+        }
         lifted = {name: lift(getattr(solver, name), in_axes) for name, in_axes in axes.items()}
-        solver = Complementarity(solver.sweeps, **lifted)
+        count = {} if settings.sweeps is None else {"sweeps": settings.sweeps}
+        solver = Complementarity(**count, tolerance=settings.strut_tolerance, **lifted)
     return diffrax.ODETerm(lift(vector_field, (None, -1, "s"))), solver
 
 
