@@ -1,6 +1,7 @@
 """What every script does first and last: set JAX up, read the settings, and turn bad input into one line."""
 
 import os
+import shlex
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -14,6 +15,11 @@ from jaxgrity import InputError
 SCENES = Path(__file__).parent / "scenes"
 
 Settings = TypeVar("Settings")
+
+
+def measured() -> dict:
+    """What every measurement says of itself: the command that made it, and on how many cores."""
+    return {"command": shlex.join(["python", *sys.argv]), "cores": len(os.sched_getaffinity(0))}
 
 
 def run(main: Callable[[Settings], None], settings: type[Settings]) -> None:

@@ -21,19 +21,18 @@ from jaxgrity import (
     Polishing,
     Scene,
     Trajectory,
+    diagnose,
     distinct,
     evolve,
     load_scene,
     plot,
     polish,
-    simulate,
     with_gait,
 )
-from jaxgrity.diagnostics import sensitivity
 from jaxgrity.files import save_arrays, save_json, write_whole
 from jaxgrity.refine import Polished
 from jaxgrity.search import Generation, Search
-from jaxgrity.stability import default_method, default_step, stable_step
+from jaxgrity.stability import default_method, default_step, strictest
 from jaxgrity.structure import InputError
 
 
@@ -117,7 +116,7 @@ def polish_with_progress(scene: Scene, gaits: Gait, settings: Settings, dt: floa
             bar.set_postfix(at_horizon=f"{distance:.3f} m", refresh=False)
             bar.update()
 
-        coarser = 2 * dt if 2 * dt <= stable_step(scene, default_method(scene)) else dt
+        coarser = 2 * dt if 2 * dt <= strictest(scene, default_method(scene))[0] else dt
         polishing = Polishing(settings.polish_steps, dt=coarser)
         return polish(scene, gaits, settings.duration, polishing, dt=dt / 2, on_step=show)
 
@@ -126,9 +125,9 @@ def report(scene: Scene, search: Search, polished: Polished, settings: Settings,
     """Write everything down, draw it, and say what was found."""
     out, best = settings.out, with_gait(scene, polished.gait)
     verified_at, _, finest = polished.verified.steps
-    trajectory = simulate(best, settings.duration, dt=verified_at, dtype="float64", frame_rate=50)
+    diagnosis = diagnose(best, settings.duration, dt=verified_at, dtype="float64", frame_rate=50)
+    trajectory = diagnosis.trajectory
     distance, bar = float(polished.verified.distance[0]), float(polished.verified.error_bar[0])
-    growth = sensitivity(best, settings.duration, dt=dt)
     command = shlex.join(["python", *sys.argv])
     save_json(
         out / "gait.json",
@@ -141,7 +140,7 @@ def report(scene: Scene, search: Search, polished: Polished, settings: Settings,
             "duration": settings.duration,
             "distance": distance,
             "error_bar": bar,
-            "sensitivity_at_end": growth.norm[-1],
+            "diagnosis": diagnosis.summary(),
             "command": command,
         },
     )
@@ -180,14 +179,16 @@ def report(scene: Scene, search: Search, polished: Polished, settings: Settings,
             "gradient_norm": polished.gradient_norm,
             "distance_at_horizon": polished.distance,
         },
-        "sensitivity_at_end": growth.norm[-1],
+        "diagnosis": diagnosis.summary(),
         "wall_seconds": time.perf_counter() - began,
     }
     save_json(out / "summary.json", summary)
     write_page(out, settings, summary, trajectory)
-    print(f"\npolish: {polished.reason} (horizon {polished.horizon:.1f} s)")
+    print(f"\n{diagnosis.table()}")
+    print(f"polish: {polished.reason} (horizon {polished.horizon:.1f} s)")
     print(
-        f"verified: {distance:.4f} ± {bar:.1g} m in {settings.duration:g} s, at {verified_at:g} s against steps down to {finest:g} s, in float64"
+        f"verified: {distance:.4f} ± {bar:.1g} m in {settings.duration:g} s, at {verified_at:g} s, against steps down "
+        f"to {finest:g} s, in float64"
     )
     print(f"open {out}/index.html ({summary['wall_seconds']:.0f} s in all)")
 
@@ -200,7 +201,7 @@ def write_page(out: Path, settings: Settings, summary: dict, trajectory: Traject
         "scene": settings.scene.name,
         "search": f"{search_facts['rollouts']} rollouts, {int(np.sum(search_facts['failed']))} of them failed",
         "polish": f"{polish_facts['reason']}; horizon {polish_facts['horizon']:.1f} s",
-        "sensitivity at the end": f"{summary['sensitivity_at_end']:.3g} m/rad",
+        "sensitivity at the end": f"{summary['diagnosis']['sensitivity']:.3g} m/rad",
         "command": summary["command"],
     }
     table = "".join(f"<tr><th>{escape(name)}</th><td>{escape(text)}</td></tr>" for name, text in rows.items())

@@ -11,8 +11,21 @@ import numpy as np
 import tyro
 from common import run
 
-from jaxgrity import FAILURES, Scene, gaits_of, load_scene, plot, simulate, simulate_population
+from jaxgrity import (
+    FAILURES,
+    Scene,
+    diagnose,
+    gaits_of,
+    load_scene,
+    one_gait,
+    plot,
+    simulate,
+    simulate_population,
+    verify,
+    with_gait,
+)
 from jaxgrity.files import load_phases, save_arrays, save_json
+from jaxgrity.simulate import centre_path
 
 Result = TypeVar("Result")
 
@@ -33,6 +46,8 @@ class Settings:
     """precision of the rollout"""
     any_step: bool = False
     """let a step pass that would blow up"""
+    diagnose: bool = True
+    """say how far the result can be trusted: error bars, energy audit, sensitivity; takes several more rollouts"""
     out: Path = Path("results/simulate")
     """folder for summary.json, figures, and trajectory.npz of a single rollout"""
     quick: bool = False
@@ -50,10 +65,10 @@ def main(settings: Settings) -> None:
         "any_step": settings.any_step,
     }
     if settings.gaits is None:
-        summary = single(scene, duration, options, settings.out)
+        summary = single(scene, duration, options, settings.out, settings.diagnose)
     else:
         phases = load_phases(settings.gaits, len(scene.gait.members) if scene.gait else 0)
-        summary = several(scene, phases, duration, options, settings.out)
+        summary = several(scene, phases, duration, options, settings.out, settings.diagnose)
     save_json(settings.out / "summary.json", {"scene": settings.scene.name, **summary})
     print(f"wrote {settings.out}/summary.json")
 
@@ -68,10 +83,10 @@ def timed(function: Callable[[], Result]) -> tuple[Result, float, float]:
     return result, seconds[1], max(0.0, seconds[0] - seconds[1])
 
 
-def single(scene: Scene, duration: float, options: dict, out: Path) -> dict:
+def single(scene: Scene, duration: float, options: dict, out: Path, checked: bool) -> dict:
     """One rollout with the scene's own gait: its trajectory, its figures, its summary."""
     trajectory, wall, compilation = timed(lambda: simulate(scene, duration, **options))
-    path = plot.centre_path(scene, trajectory)
+    path = centre_path(scene, trajectory)
     distance = float(np.hypot(*(path[-1] - path[0])[:2]))
     save_arrays(
         out / "trajectory.npz",
@@ -80,14 +95,18 @@ def single(scene: Scene, duration: float, options: dict, out: Path) -> dict:
         velocities=trajectory.velocities,
         phase=scene.gait.phase if scene.gait else [],
     )
+    diagnosis = diagnose(scene, duration, **options) if checked else None
     if not trajectory.failed:
-        plot.save(plot.path_figure(scene, trajectory), out / "path.png")
+        bar = diagnosis.error_bar if diagnosis else None
+        plot.save(plot.path_figure(scene, trajectory, bar), out / "path.png")
         if scene.structure.struts or scene.structure.cables:
             plot.save(plot.member_figure(scene, trajectory), out / "members.png")
     print(
         f"{FAILURES[int(trajectory.failure)]}: {duration:g} s in {int(trajectory.steps)} steps, "
         f"{wall:.3f} s of wall time ({compilation:.1f} s to compile); moved {distance:.4f} m"
     )
+    if diagnosis:
+        print(diagnosis.table())
     return {
         "method": trajectory.method,
         "dt": trajectory.dt,
@@ -102,11 +121,12 @@ def single(scene: Scene, duration: float, options: dict, out: Path) -> dict:
         "distance": [distance],
         "failed": [0] if trajectory.failed else [],
         "outcome": [FAILURES[int(trajectory.failure)]],
+        "diagnosis": diagnosis.summary() if diagnosis else None,
     }
 
 
-def several(scene: Scene, phases: np.ndarray, duration: float, options: dict, out: Path) -> dict:
-    """One rollout for each row of phases, all in one call."""
+def several(scene: Scene, phases: np.ndarray, duration: float, options: dict, out: Path, checked: bool) -> dict:
+    """One rollout for each row of phases, all in one call; diagnosed is the gait that goes furthest."""
     gaits = gaits_of(scene.gait, phases)
     outcomes, wall, compilation = timed(lambda: simulate_population(scene, gaits, duration, **options))
     failed, distance = np.asarray(outcomes.failure) != 0, np.asarray(outcomes.distance())
@@ -117,6 +137,12 @@ def several(scene: Scene, phases: np.ndarray, duration: float, options: dict, ou
         f"{len(phases)} gaits, {int(failed.sum())} failed: {duration:g} s each, "
         f"{wall:.3f} s of wall time ({compilation:.1f} s to compile){best}"
     )
+    verified = diagnosis = None
+    if checked and not failed.all():
+        verified = verify(scene, gaits, duration, outcomes.dt, outcomes.method, options["any_step"])
+        furthest = with_gait(scene, one_gait(gaits, int(np.nanargmax(distance))))
+        diagnosis = diagnose(furthest, duration, **options)
+        print(f"error bars: {np.median(verified.error_bar):.2g} m (median); of the furthest:\n{diagnosis.table()}")
     steps = np.asarray(outcomes.steps)
     return {
         "method": outcomes.method,
@@ -131,6 +157,8 @@ def several(scene: Scene, phases: np.ndarray, duration: float, options: dict, ou
         "distance": [float(d) if np.isfinite(d) else None for d in distance],
         "failed": np.flatnonzero(failed),
         "outcome": [FAILURES[int(code)] for code in outcomes.failure],
+        "error_bar": verified.error_bar if verified else None,
+        "diagnosis_of_furthest": diagnosis.summary() if diagnosis else None,
     }
 
 

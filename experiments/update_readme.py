@@ -52,7 +52,7 @@ def gait_search(facts: dict) -> str:
         f"`make gait` ({facts['wall_seconds']:.0f} s on 2 cores; `experiments/gait_search.py`) found a gait that "
         f"travels **{facts['distance']:.3f} ± {facts['error_bar']:.1g} m** in {facts['settings']['duration']:g} s, "
         f"after {search['rollouts']} rollouts and {steps}, {gain}. "
-        f"Its sensitivity at the end is {facts['sensitivity_at_end']:.0f} m per radian of phase "
+        f"Its sensitivity at the end is {facts['diagnosis']['sensitivity']:.0f} m per radian of phase "
         "([docs/measured/gait_search.json](docs/measured/gait_search.json))."
     )
 

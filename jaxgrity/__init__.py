@@ -2,6 +2,7 @@
 
 from jaxgrity.actuation import Gait, random_phases
 from jaxgrity.audit import energy_audit
+from jaxgrity.diagnosis import Diagnosis, diagnose
 from jaxgrity.diagnostics import sensitivity, verify
 from jaxgrity.population import Outcomes, gaits_of, one_gait, simulate_population
 from jaxgrity.refine import Polishing, polish
@@ -9,11 +10,13 @@ from jaxgrity.scene import Scene, with_gait
 from jaxgrity.scenefile import load_scene, parse_scene
 from jaxgrity.search import Breeding, Genome, distinct, evolve
 from jaxgrity.simulate import FAILURES, Trajectory, simulate
+from jaxgrity.stability import stable_step, standing
 from jaxgrity.structure import InputError, Members, Structure
 
 __all__ = [
     "FAILURES",
     "Breeding",
+    "Diagnosis",
     "Gait",
     "Genome",
     "InputError",
@@ -23,6 +26,7 @@ __all__ = [
     "Scene",
     "Structure",
     "Trajectory",
+    "diagnose",
     "distinct",
     "energy_audit",
     "evolve",
@@ -35,6 +39,8 @@ __all__ = [
     "sensitivity",
     "simulate",
     "simulate_population",
+    "stable_step",
+    "standing",
     "verify",
     "with_gait",
 ]

@@ -1,7 +1,8 @@
 """Exact contact and rigid struts: Signorini's law, Coulomb's cone and strut lengths as constraints on each step.
 
 The scheme is Moreau's and Jean's: forces act on the velocity, impulses then make it satisfy the constraints at the end
-of the step. Each constraint is met in closed form, and sweeps over all of them (projected Gauss-Seidel) couple them. M. Jean 1999, doi:10.1016/S0045-7825(98)00383-1; Stewart and Trinkle 1996.
+of the step. Each constraint is met in closed form, and sweeps over all of them (projected Gauss-Seidel) couple them.
+M. Jean 1999, doi:10.1016/S0045-7825(98)00383-1; Stewart and Trinkle 1996.
 """
 
 from collections.abc import Callable

@@ -15,7 +15,7 @@ from jaxgrity.actuation import rest_length
 from jaxgrity.files import write_whole
 from jaxgrity.scene import Scene
 from jaxgrity.search import Search
-from jaxgrity.simulate import Trajectory
+from jaxgrity.simulate import Trajectory, centre_path
 from jaxgrity.structure import edge_lengths
 
 STRUT, CABLE, GROUND, PATH = "#c1272d", "#444444", "#d9d4c7", "#0b5fa5"
@@ -24,12 +24,6 @@ STRUT, CABLE, GROUND, PATH = "#c1272d", "#444444", "#d9d4c7", "#0b5fa5"
 def save(figure: Figure, path: str | FilePath) -> None:
     """Write a figure as PNG, whole or not at all."""
     write_whole(path, lambda file: figure.savefig(file, format="png", dpi=130))
-
-
-def centre_path(scene: Scene, trajectory: Trajectory) -> np.ndarray:
-    """(frames, 3), the centre of mass along a trajectory, m."""
-    mass = np.asarray(scene.structure.node_mass)
-    return np.einsum("n,fnk->fk", mass / mass.sum(), np.asarray(trajectory.positions))
 
 
 def draw_robot(axes: Axes3D, scene: Scene, q: np.ndarray, number: bool = False) -> list:

@@ -58,6 +58,12 @@ class Trajectory(eqx.Module):
         return bool(self.failure != 0)
 
 
+def centre_path(scene: Scene, trajectory: Trajectory) -> np.ndarray:
+    """(frames, 3), the centre of mass along a trajectory, m."""
+    mass = np.asarray(scene.structure.node_mass, float)
+    return np.einsum("n,fnk->fk", mass / mass.sum(), np.asarray(trajectory.positions, float))
+
+
 class Settings(eqx.Module):
     """How to integrate, settled: what `settle` makes of the options a user gives."""
 
@@ -176,6 +182,15 @@ def _simulate(scene: Scene, start: State, times: Times, settings: Settings) -> T
     )
 
 
+def refinements(settings: Settings) -> list[dict]:
+    """Options of `simulate` at the settings' step, its half and its quarter; or at their tolerances, a tenth and a
+    hundredth of them."""
+    name, dt = settings.method.name, settings.dt
+    if dt is not None:
+        return [{"method": name, "dt": dt / 2**k} for k in range(3)]
+    return [{"method": name, "rtol": settings.rtol / 10**k, "atol": settings.atol / 10**k} for k in range(3)]
+
+
 def discretise(
     settings: Settings, lift: Callable = lambda function, in_axes: function
 ) -> tuple[diffrax.AbstractTerm, diffrax.AbstractSolver]:
@@ -192,8 +207,8 @@ def discretise(
             "length_error": ("s", None, -1, -1),
         }
         lifted = {name: lift(getattr(solver, name), in_axes) for name, in_axes in axes.items()}
-        count = {} if settings.sweeps is None else {"sweeps": settings.sweeps}
-        solver = Complementarity(**count, tolerance=settings.strut_tolerance, **lifted)
+        sweeps = solver.sweeps if settings.sweeps is None else settings.sweeps
+        solver = Complementarity(sweeps, settings.strut_tolerance, **lifted)
     return diffrax.ODETerm(lift(vector_field, (None, -1, "s"))), solver
 
 

@@ -1,97 +1,246 @@
 """The largest step that a method takes on a scene without blowing up, predicted from the linearised dynamics."""
 
+from typing import NamedTuple
+
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 
-from jaxgrity.dynamics import acceleration
-from jaxgrity.friction import SmoothFriction
-from jaxgrity.methods import METHODS, Method, amplification
+from jaxgrity.dynamics import State, acceleration
+from jaxgrity.friction import ConeFriction, SmoothFriction, SwitchFriction
+from jaxgrity.methods import METHODS, Method, amplification, find_method
 from jaxgrity.scene import Scene, as_dtype
 from jaxgrity.structure import InputError
 from jaxgrity.types import NodeVectors
 
+GROWTH = 1e-3
+"""by which a motion may grow in a step beyond what it does in truth: Tsit5 amplifies undamped ones at any step"""
+TOUCHING = 1e-6
+"""m, above exact ground, within which a node counts as pressed on it"""
 
-def linearised(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
-    """da/dq (1/s^2) and da/dv (1/s), both (3 nodes, 3 nodes), where the structure stands on the ground at rest.
 
-    The structure is moved, undeformed, to where its lowest nodes press on the ground by its weight, so that the
-    stiffness and damping of penalty contact and smooth friction count. The Coulomb switch, which has no derivative, and
-    constraints are left out.
+class Linearised(NamedTuple):
+    """y'' = -K y - C y' for small motions q + B y about a state: n coordinates y, as many as the constraints leave."""
+
+    stiffness: np.ndarray
+    """(n, n), K, 1/s^2"""
+    damping: np.ndarray
+    """(n, n), C, 1/s"""
+    basis: np.ndarray
+    """(3 nodes, n), B: mass-normalised where there are constraints, else the identity"""
+
+    def modes(self) -> tuple[np.ndarray, np.ndarray]:
+        """(2n,) eigenvalues, 1/s, of the motion, and (3 nodes, 2n) the displacements that go with them."""
+        n = len(self.stiffness)
+        values, vectors = np.linalg.eig(np.block([[np.zeros((n, n)), np.eye(n)], [-self.stiffness, -self.damping]]))
+        return values, self.basis @ vectors[:n]
+
+
+def standing(scene: Scene) -> State:
+    """The structure at rest, undeformed, where its lowest nodes press on the ground by its weight, as it was posed.
+
+    On exact ground they touch it; without ground the structure stays where it is.
     """
     q = np.asarray(scene.structure.nodes, float)
-    if scene.ground is not None and scene.ground.stiffness is not None:
-        q = _standing(scene, scene.ground.normal, float(scene.ground.stiffness), q)
-    if not isinstance(scene.friction, SmoothFriction):
-        scene = eqx.tree_at(lambda s: s.friction, scene, None, is_leaf=lambda x: x is None)
+    if scene.ground is None:
+        return q, 0 * q
+    normal = np.array(scene.ground.normal)
+    height = q @ normal
+    depth = 0.0
+    if scene.ground.stiffness is not None:
+        lowest = np.isclose(height, height.min(), atol=1e-6 * np.ptp(q, axis=0).max() + 1e-12)
+        weight = float(scene.structure.mass) * float(scene.gravity or 0.0)
+        depth = weight / float(scene.ground.stiffness) / lowest.sum() + 1e-12
+    q = q - (height.min() + depth) * normal
+    return q, 0 * q
+
+
+def linearise(scene: Scene, state: State) -> Linearised:
+    """The equations of motion, linearised about `state` = (positions, velocities) at t = 0, in float64.
+
+    Rigid struts, nodes on exact ground and what the cone holds there are constraints: motions against them are left
+    out, and the struts' forces turn with the struts. The Coulomb switch, which has no derivative, counts as absent.
+    """
+    if isinstance(scene.friction, SwitchFriction):
+        scene = eqx.tree_at(lambda s: s.friction, scene, None)
     with jax.enable_x64(True):
-        derivatives = _linearise(as_dtype(scene, "float64"), q, 0 * q)
-    stiffness, damping = (np.asarray(d).reshape(q.size, q.size) for d in derivatives)
-    return stiffness, damping
-
-
-def spectrum(scene: Scene) -> np.ndarray:
-    """Eigenvalues (1/s) of the linearised equations of motion."""
-    stiffness, damping = linearised(scene)
-    n = len(stiffness)
-    return np.linalg.eigvals(np.block([[np.zeros((n, n)), np.eye(n)], [stiffness, damping]]))
+        q, v = (np.asarray(x, float) for x in state)
+        a, slopes = _derivatives(as_dtype(scene, "float64"), q, v)
+    size = q.size
+    stiffness, damping = (-np.asarray(d).reshape(size, size) for d in slopes)
+    mass = np.repeat(np.asarray(scene.structure.node_mass, float), 3)
+    rows = _constraints(scene, q)
+    if not len(rows):
+        return Linearised(stiffness, damping, np.eye(size))
+    forces = np.linalg.lstsq(rows.T, -mass * np.asarray(a).ravel(), rcond=None)[0]
+    stiffness = stiffness - _turning(scene, q, forces) / mass[:, None]
+    root = np.sqrt(mass)
+    _, strengths, axes = np.linalg.svd(rows / root)
+    basis = axes[np.sum(strengths > 1e-9 * strengths[0]) :].T / root[:, None]
+    reduce = basis.T * mass
+    return Linearised(reduce @ stiffness @ basis, reduce @ damping @ basis, basis)
 
 
 @eqx.filter_jit
-def _linearise(scene: Scene, q: NodeVectors, v: NodeVectors):
-    """da/dq and da/dv, (nodes, 3, nodes, 3) each."""
-    return jax.jacfwd(lambda q, v: acceleration(scene, 0.0, q, v), (0, 1))(q, v)
+def _derivatives(scene: Scene, q: NodeVectors, v: NodeVectors):
+    """a, and (da/dq, da/dv), (nodes, 3, nodes, 3) each."""
+    return acceleration(scene, 0.0, q, v), jax.jacfwd(lambda q, v: acceleration(scene, 0.0, q, v), (0, 1))(q, v)
 
 
-def _standing(scene: Scene, normal: tuple, stiffness: float, q: np.ndarray) -> np.ndarray:
-    height = q @ np.array(normal)
-    lowest = np.isclose(height, height.min(), atol=1e-6 * np.ptp(q, axis=0).max() + 1e-12)
-    weight = float(scene.structure.mass) * float(scene.gravity or 0.0)
-    depth = weight / stiffness / lowest.sum() + 1e-12
-    return q - (height.min() + depth) * np.array(normal)
+def _constraints(scene: Scene, q: np.ndarray) -> np.ndarray:
+    """(constraints, 3 nodes): the direction in which each holds; those of rigid struts come first."""
+    struts, ground, rows = scene.structure.struts, scene.ground, []
+    if struts is not None and struts.rigid:
+        for i, j in struts.edges:
+            row = np.zeros(q.shape)
+            row[i] = (q[i] - q[j]) / np.linalg.norm(q[i] - q[j])
+            row[j] = -row[i]
+            rows.append(row.ravel())
+    if ground is not None and ground.exact:
+        held = ground.tangents if isinstance(scene.friction, ConeFriction) else ()
+        for node in np.flatnonzero(q @ np.array(ground.normal) <= TOUCHING):
+            for direction in (ground.normal, *held):
+                row = np.zeros(q.shape)
+                row[node] = direction
+                rows.append(row.ravel())
+    return np.array(rows).reshape(-1, q.size)
 
 
-def stable_step(scene: Scene, method: Method) -> float:
-    """Largest step (s) at which no mode of `spectrum(scene)` grows faster in `method` than it does in truth.
+def _turning(scene: Scene, q: np.ndarray, forces: np.ndarray) -> np.ndarray:
+    """(3 nodes, 3 nodes), N/m: change of the rigid struts' forces as the struts turn, (1 - u u^T) f / l."""
+    struts = scene.structure.struts
+    change = np.zeros((*q.shape, *q.shape))
+    for (i, j), force in zip(struts.edges if struts is not None and struts.rigid else (), forces):
+        d = q[i] - q[j]
+        across = force / np.linalg.norm(d) * (np.eye(3) - np.outer(d, d) / (d @ d))
+        for a, b, sign in ((i, i, 1), (j, j, 1), (i, j, -1), (j, i, -1)):
+            change[a, :, b] += sign * across
+    return change.reshape(q.size, q.size)
 
-    Infinite for implicit methods, which are stable at any step. For complementarity stepping, whose constraints are
-    implicit, only the forces count: h^2 k + 2 h c < 4 with the largest eigenvalues k of M^-1 K and c of M^-1 C.
+
+def stable_step(scene: Scene, state: State, method: Method | str) -> float:
+    """Largest step (s) at which no small motion about `state` grows by `GROWTH` a step more in `method` than in truth.
+
+    Infinite for implicit methods, which are stable at any step. It speaks of small motions: smooth friction, whose
+    force is bounded, chatters beyond it and blows up much later.
     """
-    if method.implicit:
-        return np.inf
-    if method.constrained:
-        k, c = (max(0.0, float(np.linalg.eigvals(-x).real.max())) for x in linearised(scene))
-        return 4 / (c + np.sqrt(c * c + 4 * k)) if k or c else np.inf
-    modes = spectrum(scene)
-    fastest = np.abs(modes).max()
+    method = find_method(method) if isinstance(method, str) else method
+    return np.inf if method.implicit else _largest(linearise(scene, state), method)
+
+
+def _largest(linear: Linearised, method: Method) -> float:
+    fastest = np.abs(linear.modes()[0]).max(initial=0)
     if fastest == 0:
         return np.inf
-
-    def stable(h: float) -> bool:
-        allowed = np.exp(h * np.maximum(modes.real, 0)) * (1 + 1e-6)
-        return bool(np.all(amplification(method, h * modes) <= allowed))
-
     low, high = 1e-3 / fastest, 1e2 / fastest
-    for _ in range(60):
+    for _ in range(50):
         middle = np.sqrt(low * high)
-        low, high = (middle, high) if stable(middle) else (low, middle)
+        low, high = (middle, high) if np.all(_excess(linear, method, middle) <= 1 + GROWTH) else (low, middle)
     return float(low)
 
 
+def _excess(linear: Linearised, method: Method, h: float) -> np.ndarray:
+    """By how much more than in truth one step multiplies each mode; with constraints, each mode of the step."""
+    values, _ = linear.modes()
+    if not method.constrained:
+        return amplification(method, h * values) * np.exp(-h * np.maximum(values.real, 0))
+    one = np.eye(len(linear.stiffness))
+    kick, drag = -h * linear.stiffness, -h * linear.damping
+    # w0 = v + kick q + drag v foretells w = v + kick q + drag (v + w0)/2
+    from_q, from_v = kick + drag @ kick / 2, one + drag + drag @ drag / 2
+    step = np.block([[one + h * from_q, h * from_v], [from_q, from_v]])
+    return np.abs(np.linalg.eigvals(step)) * np.exp(-h * max(0, values.real.max()))
+
+
+def limiting_part(scene: Scene, state: State, method: Method) -> str:
+    """The member, contact or damping with the largest share in the motion that limits `stable_step`, by name."""
+    linear = linearise(scene, state)
+    values, shapes = linear.modes()
+    if method.constrained:
+        worst = np.argmax(np.abs(values))
+    else:
+        worst = np.argmax(_excess(linear, method, 1.01 * _largest(linear, method)))
+    q, v = (np.asarray(x, float) for x in state)
+    shape = np.stack([shapes[:, worst].real, shapes[:, worst].imag]).reshape(2, *q.shape)
+    with jax.enable_x64(True):
+        grown = _work(as_dtype(scene, "float64"), q, v, shape, float(np.abs(values[worst])))
+    return max(_shares(scene, q, shape, grown), key=lambda share: share[0])[1]
+
+
+@eqx.filter_jit
+@eqx.filter_grad
+def _work(scene: Scene, q: NodeVectors, v: NodeVectors, shape, rate):
+    """x·dF for the motion `shape` (real and imaginary part), dF = dF/dq x + rate dF/dv x: linear in each stiffness,
+    damping and friction, so that its derivative by one of them, times that, is the share of the part it belongs to."""
+
+    def work(x):
+        a_q = jax.jvp(lambda q: acceleration(scene, 0.0, q, v), (q,), (x,))[1]
+        a_v = jax.jvp(lambda v: acceleration(scene, 0.0, q, v), (v,), (x,))[1]
+        return jnp.sum(scene.structure.node_mass[:, None] * x * (a_q + rate * a_v))
+
+    return work(shape[0]) + work(shape[1])
+
+
+def _shares(scene: Scene, q: np.ndarray, shape: np.ndarray, slopes: Scene) -> list[tuple[float, str]]:
+    """Size and name of each part's share."""
+    found = []
+    for kind in ("struts", "cables"):
+        members, slope = getattr(scene.structure, kind), getattr(slopes.structure, kind)
+        for name, part in (("", "stiffness"), ("damping of ", "damping")):
+            if members is not None and getattr(members, part) is not None:
+                size = np.abs(np.asarray(getattr(members, part)) * np.asarray(getattr(slope, part)))
+                found += [
+                    (s, f"{name}{kind[:-1]} {k} (nodes {i}, {j})")
+                    for k, (s, (i, j)) in enumerate(zip(size, members.edges))
+                ]
+    if scene.node_damping is not None:
+        size = np.abs(np.asarray(scene.node_damping) * np.asarray(slopes.node_damping))
+        found += [(s, f"damping of node {k}") for k, s in enumerate(size)]
+    ground, slope = scene.ground, slopes.ground
+    if ground is not None and ground.stiffness is not None and slope is not None and slope.stiffness is not None:
+        pressed = q @ np.array(ground.normal) < 0
+        node = int(np.argmax(np.abs(shape).sum((0, 2)) * pressed))
+        contact = float(ground.stiffness) * float(slope.stiffness)
+        if isinstance(scene.friction, SmoothFriction) and isinstance(slopes.friction, SmoothFriction):
+            # friction is proportional to the contact's stiffness too
+            friction = float(np.sum(np.asarray(scene.friction.mu) * np.asarray(slopes.friction.mu)))
+            contact -= friction
+            found.append((abs(friction), f"friction at node {node}"))
+        found.append((abs(contact), f"contact of node {node}"))
+    return found
+
+
+def aloft(scene: Scene) -> State:
+    """The structure at rest and undeformed, far above any ground."""
+    q = np.asarray(scene.structure.nodes, float)
+    return q + np.array([0.0, 0.0, 1e3]), 0 * q
+
+
+def strictest(scene: Scene, method: Method) -> tuple[float, State]:
+    """The smaller stable step (s) of the structure standing and aloft, and the state that it belongs to.
+
+    Penalty contact and friction limit it standing; exact contact holds nodes, and so lets it stand at larger steps.
+    """
+    return min(
+        ((stable_step(scene, state, method), state) for state in (standing(scene), aloft(scene))), key=lambda x: x[0]
+    )
+
+
 def default_step(scene: Scene, method: Method) -> float:
-    """The largest of 1, 2, 5 times a power of ten (s) that is at most 0.4 of the stable step, and 10 ms at most."""
-    target = min(0.4 * stable_step(scene, method), 1e-2)
+    """The largest of 1, 2, 5 times a power of ten (s) that is at most 0.4 of the stable step, and 5 ms at most."""
+    target = min(0.4 * strictest(scene, method)[0], 5e-3)
     power = 10.0 ** np.floor(np.log10(target))
     return float(max(m * power for m in (1, 2, 5) if m * power <= target * (1 + 1e-9)))
 
 
 def check_step(scene: Scene, method: Method, dt: float) -> None:
-    """Raises `InputError`, naming the largest stable step, where a fixed step `dt` would blow up."""
-    limit = stable_step(scene, method)
+    """Raises `InputError`, naming the largest stable step and what sets it, where a fixed step `dt` would blow up."""
+    limit, state = strictest(scene, method)
     if dt > limit:
         raise InputError(
-            f"dt = {dt:g} s is too large for {method.name} on this scene; expected at most {limit:.3g} s, "
-            "the largest stable step"
+            f"dt = {dt:g} s is too large for {method.name} on this scene; expected at most {limit:.3g} s, the largest "
+            f"stable step, set by {limiting_part(scene, state, method)}"
         )
 
 

@@ -25,6 +25,14 @@ def reference():
 
 
 @pytest.fixture(scope="session")
+def exact():
+    """The same robot with rigid struts, exact contact and Coulomb's cone: scenes/exact.toml."""
+    from jaxgrity.scenefile import load_scene
+
+    return load_scene(SCENES / "exact.toml")
+
+
+@pytest.fixture(scope="session")
 def central_difference() -> Callable:
     """`central_difference(f, x, h)`: df/dx of a function of one number, with an error of order h^2."""
     return lambda f, x, h: (f(x + h) - f(x - h)) / (2 * h)

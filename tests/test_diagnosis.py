@@ -1,0 +1,94 @@
+"""One call that says how far a rollout can be trusted."""
+
+import json
+
+import numpy as np
+import pytest
+
+from jaxgrity import diagnose, simulate
+from jaxgrity.dynamics import momentum
+from jaxgrity.files import save_json
+from jaxgrity.scene import Scene
+from jaxgrity.structure import Members, Structure
+
+
+@pytest.fixture(scope="module")
+def roll(reference):
+    return diagnose(reference, 2.5)
+
+
+def test_the_error_bar_covers_the_error(reference, roll):
+    """Of the centre of mass, at every frame, against a step 16 times smaller."""
+    truth = simulate(reference, 2.5, dt=roll.trajectory.dt / 16)
+    off = np.linalg.norm((truth.positions - roll.trajectory.positions).mean(1), axis=1)
+    assert np.all(off <= roll.error_bars + 1e-15)
+    assert roll.error_bar < 1e-2
+
+
+def test_the_summary_says_it_all_and_goes_into_json(roll, tmp_path):
+    """Every line of the table has its number; nothing in it is missing or infinite."""
+    save_json(tmp_path / "diagnosis.json", roll.summary())
+    found = json.loads((tmp_path / "diagnosis.json").read_text())
+    assert found["outcome"] == "succeeded"
+    assert 0 < found["penetration"] < 0.02
+    assert 0 < found["strut_strain"] < 0.05
+    assert found["energy"]["residual"] < 1e-3 * found["energy"]["turned_over"]
+    assert found["momentum_residual"] < 1e-10
+    assert found["sensitivity"] > 0
+    assert 1.0 < found["predictable_up_to"] <= 2.5
+    for line in ("error bar", "energy residual", "momentum residual", "penetration", "strut strain", "predictable"):
+        assert line in roll.table()
+
+
+def test_float32_is_held_against_float64(reference):
+    """The bar of a rollout in float32 includes its rounding."""
+    falling = Scene(reference.structure, gravity=9.81)
+    single = diagnose(falling, 0.3, dt=1e-3, dtype="float32")
+    double = diagnose(falling, 0.3, dt=1e-3)
+    assert single.error_bar > 1e-8
+    assert double.error_bar < 1e-12
+
+
+def test_a_failed_rollout_is_diagnosed_as_one(reference):
+    """An infinite bar, no audit, and the reason."""
+    torn = diagnose(reference, 0.5, dt=0.1, any_step=True)
+    assert torn.error_bar == np.inf
+    assert torn.audit is None
+    assert torn.horizon < 0.5
+    assert torn.summary()["outcome"] != "succeeded"
+    assert torn.table()
+
+
+def test_exact_contact_is_diagnosed_too(exact):
+    """Nothing penetrates, struts keep their lengths, and the balance includes impacts."""
+    found = diagnose(exact, 2.0).summary()
+    assert found["penetration"] < 1e-12
+    assert found["strut_strain"] < 1e-6
+    assert set(found["energy"]["dissipated"]) == {"nodes", "cables", "impacts", "friction"}
+
+
+def test_members_exert_no_net_force(exact, reference):
+    """Where nothing acts from outside, the momentum residual is the momentum, and that stays zero."""
+    for scene in (exact, reference):
+        floating = Scene(scene.structure, gait=scene.gait)
+        found = diagnose(floating, 2.0, dt=1e-3)
+        assert found.audit.momentum_residual.max() < 1e-10
+        end = momentum(floating, found.trajectory.velocities[-1])
+        assert np.abs(end).max() < 1e-10
+
+
+def test_a_rollout_without_a_gait_is_asked_for_its_start():
+    """A free node: d com / d v0 = t."""
+    scene = Scene(Structure(np.zeros((1, 3)), np.ones(1)), gravity=9.81)
+    found = diagnose(scene, 1.0)
+    assert found.sensitivity.unit == "m/(m/s)"
+    np.testing.assert_allclose(found.sensitivity.norm, found.sensitivity.times, atol=1e-9)
+    assert found.error_bar < 1e-12
+
+
+def test_symplectic_rollouts_are_balanced():
+    """Two nodes on an undamped strut: energy stays to second order of the step."""
+    strut = Members(((0, 1),), np.array([100.0]), np.array([0.8]))
+    scene = Scene(Structure(np.array([[0.0, 0, 0], [1.0, 0, 0]]), np.ones(2), strut))
+    coarse, fine = (np.abs(diagnose(scene, 2.0, method="symplectic", dt=h).audit.residual).max() for h in (2e-2, 1e-2))
+    assert 3.5 < coarse / fine < 4.5

@@ -1,0 +1,91 @@
+"""Predicted stability: the limit is where small motions begin to grow, and the message names what sets it."""
+
+import equinox as eqx
+import numpy as np
+import pytest
+from stability import at_rest, measure, random_scene
+
+from jaxgrity import InputError, Members, Scene, Structure, simulate, with_gait
+from jaxgrity.friction import ConeFriction
+from jaxgrity.ground import Ground
+from jaxgrity.methods import METHODS
+from jaxgrity.stability import limiting_part, linearise, stable_step, standing, strictest
+
+
+@pytest.mark.parametrize(("number", "rigid"), [(100, False), (101, False), (102, True), (103, False), (103, True)])
+def test_predicted_within_a_tenth_of_measured(number, rigid):
+    """Random robots in equilibrium, by every method that takes them; experiments/stability.py has twenty."""
+    scene = random_scene(number, contact=number % 2 == 1, damped=number % 4 > 1, rigid=rigid)
+    state = at_rest(scene)
+    for method in METHODS.values():
+        if method.implicit or method.constrained != rigid or (method.symplectic and scene.dissipates):
+            continue
+        predicted = stable_step(scene, state, method)
+        assert measure(scene, state, method, predicted) == pytest.approx(predicted, rel=0.1), method.name
+
+
+def test_standing_presses_on_the_ground_by_the_weight(reference):
+    """Three nodes of the face are as deep in the ground as k_n needs to carry the robot."""
+    q, v = standing(reference)
+    pressed = -np.minimum(q[:, 2], 0) * reference.ground.stiffness
+    assert pressed.sum() == pytest.approx(reference.structure.mass * 9.81, rel=1e-6)
+    assert np.count_nonzero(pressed) == 3
+    assert not v.any()
+
+
+def test_rigid_struts_leave_as_many_coordinates_as_they_should(reference):
+    """36 coordinates less one for each of six struts; on exact ground less three for each of three nodes that stick."""
+    struts = Members(reference.structure.struts.edges, None, reference.structure.struts.rest_length)
+    structure = Structure(reference.structure.nodes, reference.structure.node_mass, struts, reference.structure.cables)
+    free = Scene(structure)
+    assert linearise(free, standing(free)).stiffness.shape == (30, 30)
+    held = Scene(structure, gravity=9.81, ground=Ground(None), friction=ConeFriction(0.5))
+    assert linearise(held, standing(held)).stiffness.shape == (21, 21)
+
+
+def test_a_pendulum_of_a_rigid_strut_swings_at_its_frequency():
+    """A strut under tension turns back: omega^2 = g / l, from nothing but the force that the constraint must exert."""
+    column = Structure(
+        np.array([[0.0, 0, 2], [0, 0, 1.0], [0, 0, 0]]),
+        np.array([1e9, 1.0, 1.0]),
+        Members(((0, 1), (0, 2)), None, np.array([1.0, 2.0])),
+    )
+    scene = Scene(column, gravity=9.81, ground=Ground(None))
+    values, _ = linearise(scene, (column.nodes, 0 * column.nodes)).modes()
+    frequencies = np.abs(values.imag[np.abs(values.real) < 1e-6])
+    assert np.any(np.isclose(frequencies, np.sqrt(9.81), rtol=1e-6))
+
+
+def changed(part, value):
+    return lambda scene: eqx.tree_at(part, scene, value)
+
+
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [
+        (changed(lambda s: s.structure.struts.stiffness, np.r_[2e4, 2e4, 2e7, 2e4, 2e4, 2e4]), "strut 2"),
+        (changed(lambda s: s.structure.cables.damping, np.r_[np.full(23, 8.0), 9e3]), "damping of cable 23"),
+        (changed(lambda s: s.node_damping, np.r_[np.full(11, 0.5), 9e3]), "damping of node 11"),
+        (changed(lambda s: s.friction, None), "strut"),
+        (changed(lambda s: (s.friction, s.ground.stiffness), (None, 1e8)), "contact of node"),
+        (lambda s: s, "friction at node"),
+    ],
+)
+def test_the_limit_is_blamed_on_what_sets_it(reference, change, named):
+    """One member, damper or contact made far stiffer than all others sets the limit, and is named."""
+    scene = change(with_gait(reference, None))
+    _, state = strictest(scene, METHODS["rk4"])
+    assert named in limiting_part(scene, state, METHODS["rk4"])
+
+
+def test_a_step_too_large_is_refused_by_name(reference):
+    """What, where, the value, what was expected; and the override lets it pass."""
+    with pytest.raises(InputError, match=r"dt = 0\.003 s is too large for rk4.*0\.00136 s.*friction at node"):
+        simulate(reference, 0.1, dt=3e-3)
+    assert not simulate(reference, 0.1, dt=3e-3, any_step=True).failed
+
+
+def test_a_scene_that_nothing_drives_takes_any_step():
+    """Free fall has no mode at all."""
+    scene = Scene(Structure(np.zeros((1, 3)), np.ones(1)), gravity=9.81)
+    assert stable_step(scene, standing(scene), "rk4") == np.inf
