@@ -102,8 +102,8 @@ def diagnose(
     method: str | None = None,
     dt: float | None = None,
     dtype: str | None = None,
-    rtol: float = 1e-8,
-    atol: float = 1e-8,
+    rtol: float | None = None,
+    atol: float | None = None,
     any_step: bool = False,
     frame_rate: float = 100.0,
 ) -> Diagnosis:

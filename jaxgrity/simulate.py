@@ -82,28 +82,35 @@ def settle(
     method: str | None = None,
     dt: float | None = None,
     dtype: str | None = None,
-    rtol: float = 1e-8,
-    atol: float = 1e-8,
+    rtol: float | None = None,
+    atol: float | None = None,
     any_step: bool = False,
     sweeps: int | None = None,
     strut_tolerance: float | None = None,
 ) -> Settings:
     """Choose what was left open, and refuse what cannot work, before anything compiles.
 
-    Without `method` the scene decides; without `dt` an adaptive method adapts its step to `rtol` and `atol`, any other
-    takes `default_step`. `any_step` lets a step pass that would blow up. Complementarity stepping couples its
-    constraints by a number of `sweeps`, or by as many as bring every strut within `strut_tolerance` (m) of its length;
-    a robot for which `sweeps` (1000, where not given) do not suffice then fails.
+    Without `method` the scene decides; without `dt` an adaptive method adapts its step to `rtol` and `atol` (1e-8, or
+    1e-5 in float32, where not given), any other takes `default_step`. `any_step` lets a step pass that would blow up.
+    Complementarity stepping couples its constraints by a number of `sweeps`, or by as many as bring every strut within
+    `strut_tolerance` (m) of its length; a robot for which `sweeps` (1000, where not given) do not suffice then fails.
 
     Raises `InputError`: unknown method; duration, step or tolerance that is not positive and finite; a step too large
     for the scene; a method that cannot meet the scene's constraints; the symplectic method where something dissipates;
-    sweeps or their tolerance for any other method, or a tolerance below what the precision allows; float64 while JAX's
+    sweeps or their tolerance for any other method; a tolerance below what the precision allows; float64 while JAX's
     x64 mode is off.
     """
     chosen = find_method(method) if method is not None else default_method(scene)
     for name, value in (("duration", duration), ("dt", dt), ("rtol", rtol), ("atol", atol)):
         if value is not None and not (value > 0 and math.isfinite(value)):
             raise InputError(f"{name} = {value}: expected a positive, finite number")
+    dtype = dtype or str(jnp.zeros(()).dtype)
+    if dtype not in ("float32", "float64"):
+        raise InputError(f"dtype = {dtype!r}: expected 'float32' or 'float64'")
+    if rtol is not None and rtol < 10 * np.finfo(dtype).eps:
+        raise InputError(f"rtol = {rtol:g}: {dtype} cannot meet it; expected at least {10 * np.finfo(dtype).eps:.1g}")
+    loosest = 1e-8 if dtype == "float64" else 1e-5
+    rtol, atol = (loosest if x is None else x for x in (rtol, atol))
     if scene.constrained and not chosen.constrained:
         raise InputError(
             f"method = {chosen.name!r}: this scene has rigid struts or exact contact; expected 'complementarity'"
@@ -112,9 +119,6 @@ def settle(
         raise InputError(
             "method = 'symplectic' integrates scenes without dissipation; this one has damping or friction"
         )
-    dtype = dtype or str(jnp.zeros(()).dtype)
-    if dtype not in ("float32", "float64"):
-        raise InputError(f"dtype = {dtype!r}: expected 'float32' or 'float64'")
     if dtype == "float64" and not jax.config.jax_enable_x64:  # type: ignore[attr-defined]
         raise InputError("dtype = 'float64' needs jax.config.update(\"jax_enable_x64\", True) first")
     if (sweeps is not None or strut_tolerance is not None) and not chosen.constrained:
@@ -141,8 +145,8 @@ def simulate(
     method: str | None = None,
     dt: float | None = None,
     dtype: str | None = None,
-    rtol: float = 1e-8,
-    atol: float = 1e-8,
+    rtol: float | None = None,
+    atol: float | None = None,
     frame_rate: float = 100.0,
     positions: NodeVectors | None = None,
     velocities: NodeVectors | None = None,
@@ -188,7 +192,10 @@ def refinements(settings: Settings) -> list[dict]:
     name, dt = settings.method.name, settings.dt
     if dt is not None:
         return [{"method": name, "dt": dt / 2**k} for k in range(3)]
-    return [{"method": name, "rtol": settings.rtol / 10**k, "atol": settings.atol / 10**k} for k in range(3)]
+    tightest = 10 * float(np.finfo("float64").eps)
+    return [
+        {"method": name, "rtol": max(tightest, settings.rtol / 10**k), "atol": settings.atol / 10**k} for k in range(3)
+    ]
 
 
 def discretise(
@@ -227,7 +234,9 @@ def integrate(
     """
     terms, solver = discretise(settings) if problem is None else problem
     fixed = settings.dt is not None
-    controller = diffrax.ConstantStepSize() if fixed else diffrax.PIDController(rtol=settings.rtol, atol=settings.atol)
+    smallest = 16 * jnp.finfo(times.dtype).eps * times[-1]
+    adaptive = diffrax.PIDController(rtol=settings.rtol, atol=settings.atol, dtmin=smallest)
+    controller = diffrax.ConstantStepSize() if fixed else adaptive
     dt0 = None if settings.dt is None else jnp.asarray(settings.dt, times.dtype)
     return diffrax.diffeqsolve(
         terms,
