@@ -12,6 +12,7 @@ import diffrax
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from jaxgrity.actuation import rest_length
 from jaxgrity.friction import ConeFriction, Friction
@@ -29,7 +30,7 @@ from jaxgrity.primitives import (
     take_rows,
 )
 from jaxgrity.scene import Scene
-from jaxgrity.structure import Members
+from jaxgrity.structure import InputError, Members, edge_lengths
 from jaxgrity.types import Edges, NodeVectors, PerNode, Scalar
 
 SLOWEST = 1e-10
@@ -37,6 +38,9 @@ SLOWEST = 1e-10
 
 FORETELLING_SWEEPS = 8
 """with which a step estimates its velocity, so that dissipative forces can be taken in its middle"""
+
+VIOLATED = 1e-6
+"""m, by which a start may violate the constraints"""
 
 Impulses = tuple[PerNode, PerNode, PerNode]
 """change of a node's velocity along the ground's normal and its two tangents, m/s"""
@@ -55,6 +59,29 @@ def groups(edges: Edges) -> tuple[tuple[int, ...], ...]:
         rest = [k for k in rest if k not in group]
         found.append(tuple(group))
     return tuple(found)
+
+
+def check_start(scene: Scene, q: np.ndarray) -> None:
+    """Refuse a start from which one step would have to jump.
+
+    Raises `InputError` where a node lies below exact ground, or a rigid strut does not have its length L(0).
+    """
+    struts, ground = scene.structure.struts, scene.ground
+    if ground is not None and ground.exact:
+        depth = -(q @ np.array(ground.normal))
+        node = int(np.argmax(depth))
+        if depth[node] > VIOLATED:
+            raise InputError(
+                f"node {node} starts {depth[node]:.3g} m below the ground; expected: on exact contact, on or above it"
+            )
+    if struts is not None and struts.rigid:
+        lengths, wanted = edge_lengths(q, struts.edges), np.asarray(rest_length(struts, scene.gait, 0.0, 0))
+        strut = int(np.argmax(np.abs(lengths - wanted)))
+        if abs(lengths[strut] - wanted[strut]) > VIOLATED:
+            raise InputError(
+                f"strut {strut} starts {lengths[strut]:.6g} m long; expected {wanted[strut]:.6g} m, its rest length at "
+                "t = 0, since it is rigid"
+            )
 
 
 def prepare(scene: Scene, h: Scalar, t1: Scalar, q: NodeVectors, v: NodeVectors) -> dict[str, Any]:

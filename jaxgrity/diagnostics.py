@@ -69,7 +69,7 @@ class Sensitivity(NamedTuple):
     """(frames,), s"""
     norm: Times
     """(frames,), spectral norm of d(com)/d(phase), m/rad; without a gait of d(com)/d(initial velocities), m/(m/s)"""
-    unit: str
+    unit: str = "m/rad"
 
     def horizon(self, largest: float) -> float:
         """The time, s, up to which the norm stays at or below `largest`."""

@@ -35,6 +35,8 @@ class Outcomes(eqx.Module):
     """(population,), index into `simulate.FAILURES`; 0: succeeded"""
     steps: Failures
     """(population,), accepted steps"""
+    rejected: Failures
+    """(population,), steps that an adaptive method tried and gave up"""
     method: str = eqx.field(static=True)
     dt: float | None = eqx.field(static=True)
     """fixed step, s; None: adaptive"""
@@ -124,34 +126,35 @@ def roll_out(scene: Scene, gaits: Gait, duration: Scalar, settings: Settings) ->
         share = jax.shard_map(share, mesh=mesh, in_specs=(split, whole, whole), out_specs=split, check_vma=False)
     rows = [deal(x) for x in (gaits.phase, gaits.amplitude, gaits.frequency)]
     outcomes = share(rows, scene, jnp.asarray(duration, settings.dtype))
-    com_start, com_end, failure, taken = map(collect, outcomes)
-    return Outcomes(com_start, com_end, failure, taken, settings.method.name, settings.dt)
+    com_start, com_end, failure, accepted, rejected = map(collect, outcomes)
+    return Outcomes(com_start, com_end, failure, accepted, rejected, settings.method.name, settings.dt)
 
 
 def roll_out_lanes(scene: Scene, phase, amplitude, frequency, duration, settings: Settings) -> tuple:
     """The rollouts of one chunk: `phase`, `amplitude`, `frequency` are (actuators, lanes).
 
-    Returns the first four fields of `Outcomes`, each with the lanes last.
+    Returns the arrays of `Outcomes`, each with the lanes last.
     """
     scene, axes = in_lanes(scene, phase, amplitude, frequency)
     nodes = scene.structure.nodes
     start: State = (nodes, jnp.zeros_like(nodes))
     if settings.dt is not None and not settings.method.implicit:
         (q, v), result, steps = _last(start, duration, scene, settings, discretise_lanes(settings, axes))
-        steps = jnp.full(phase.shape[-1], steps)
+        steps = [jnp.full(phase.shape[-1], count) for count in steps]
     else:
         solve = over_lanes(lambda y, s: _last(y, duration, s, settings), (-1, axes))
         (q, v), result, steps = solve(start, scene)
     state = over_lanes(state_failure, (axes, -1, -1))(scene, q, v)
     com = over_lanes(centre_of_mass, (axes, -1))
-    return com(scene, nodes), com(scene, q), failure_code(result, state), steps
+    return com(scene, nodes), com(scene, q), failure_code(result, state), *steps
 
 
 def _last(start: State, duration: Scalar, scene: Scene, settings: Settings, problem: tuple | None = None):
-    """The state at `duration`, diffrax's result, and how many steps it took."""
+    """The state at `duration`, diffrax's result, and how many steps were accepted and rejected."""
     times = jnp.stack([jnp.zeros_like(duration), duration])
     solution = integrate(start, times, scene, settings, diffrax.SaveAt(t1=True), problem)
-    return jax.tree.map(lambda x: x[0], solution.ys), solution.result, solution.stats["num_accepted_steps"]
+    counts = [solution.stats[f"num_{kind}_steps"] for kind in ("accepted", "rejected")]
+    return jax.tree.map(lambda x: x[0], solution.ys), solution.result, counts
 
 
 def discretise_lanes(settings: Settings, axes: Scene) -> tuple[diffrax.AbstractTerm, diffrax.AbstractSolver]:

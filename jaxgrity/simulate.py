@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxgrity.complementarity import Complementarity
+from jaxgrity.complementarity import Complementarity, check_start
 from jaxgrity.dynamics import State, vector_field
 from jaxgrity.methods import Method, find_method
 from jaxgrity.primitives import edge_vectors, length
@@ -74,6 +74,7 @@ class Settings(eqx.Module):
     atol: float = eqx.field(static=True)
     sweeps: int | None = eqx.field(static=True, default=None)
     strut_tolerance: float | None = eqx.field(static=True, default=None)
+    max_steps: int = eqx.field(static=True, default=10**6)
 
 
 def settle(
@@ -87,6 +88,8 @@ def settle(
     any_step: bool = False,
     sweeps: int | None = None,
     strut_tolerance: float | None = None,
+    positions: NodeVectors | None = None,
+    max_steps: int = 10**6,
 ) -> Settings:
     """Choose what was left open, and refuse what cannot work, before anything compiles.
 
@@ -94,11 +97,13 @@ def settle(
     1e-5 in float32, where not given), any other takes `default_step`. `any_step` lets a step pass that would blow up.
     Complementarity stepping couples its constraints by a number of `sweeps`, or by as many as bring every strut within
     `strut_tolerance` (m) of its length; a robot for which `sweeps` (1000, where not given) do not suffice then fails.
+    `positions` (m) are where the motion starts, if not at the structure's own. An adaptive method gives up, and the
+    rollout fails, after `max_steps`.
 
     Raises `InputError`: unknown method; duration, step or tolerance that is not positive and finite; a step too large
-    for the scene; a method that cannot meet the scene's constraints; the symplectic method where something dissipates;
-    sweeps or their tolerance for any other method; a tolerance below what the precision allows; float64 while JAX's
-    x64 mode is off.
+    for the scene; a method that cannot meet the scene's constraints; a start that violates them; the symplectic method
+    where something dissipates; sweeps or their tolerance for any other method; a tolerance below what the precision
+    allows; float64 while JAX's x64 mode is off.
     """
     chosen = find_method(method) if method is not None else default_method(scene)
     for name, value in (("duration", duration), ("dt", dt), ("rtol", rtol), ("atol", atol)):
@@ -135,7 +140,9 @@ def settle(
         dt = default_step(scene, chosen)
     elif dt is not None and not any_step and concrete:
         check_step(scene, chosen, dt)
-    return Settings(chosen, dt, dtype, rtol, atol, sweeps, strut_tolerance)
+    if concrete and scene.constrained and not isinstance(positions, jax.core.Tracer):
+        check_start(scene, np.asarray(scene.structure.nodes if positions is None else positions, float))
+    return Settings(chosen, dt, dtype, rtol, atol, sweeps, strut_tolerance, max_steps)
 
 
 def simulate(
@@ -148,6 +155,7 @@ def simulate(
     rtol: float | None = None,
     atol: float | None = None,
     frame_rate: float = 100.0,
+    max_steps: int = 10**6,
     positions: NodeVectors | None = None,
     velocities: NodeVectors | None = None,
     any_step: bool = False,
@@ -160,7 +168,9 @@ def simulate(
     other options are those of `settle`, which raises `InputError` on bad ones. A motion that fails is returned with
     its failure code.
     """
-    settings = settle(scene, duration, method, dt, dtype, rtol, atol, any_step, sweeps, strut_tolerance)
+    settings = settle(
+        scene, duration, method, dt, dtype, rtol, atol, any_step, sweeps, strut_tolerance, positions, max_steps
+    )
     q = scene.structure.nodes if positions is None else positions
     v = np.zeros(q.shape) if velocities is None else velocities
     times = np.linspace(0, duration, max(1, round(duration * frame_rate)) + 1)
@@ -249,7 +259,7 @@ def integrate(
         saveat=diffrax.SaveAt(ts=jnp.asarray(times)) if saveat is None else saveat,
         stepsize_controller=controller,
         adjoint=diffrax.ForwardMode(),
-        max_steps=None if fixed else 10**6,
+        max_steps=None if fixed else settings.max_steps,
         throw=False,
     )
 

@@ -1,0 +1,205 @@
+"""Every method on every hard case: right, refused, or flagged. Never a silent NaN, never a silently wrong number.
+
+A cell is right where the error bar, from smaller steps or tolerances, covers the true error; the truth is the method's
+own model at a far smaller step or tolerance. Rollouts whose bar is wider than 1 cm are flagged by it. Complementarity
+stepping gets the case with rigid struts and exact contact, where that makes sense; all others the penalty model.
+"""
+
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from cases import CASES, Case
+from common import measured, run
+from matplotlib.figure import Figure
+from tqdm import tqdm
+
+from jaxgrity import FAILURES, InputError, Trajectory, plot, simulate
+from jaxgrity.diagnostics import refinement_bar
+from jaxgrity.files import save_json, write_whole
+from jaxgrity.methods import METHODS
+from jaxgrity.simulate import refinements, settle
+
+USEFUL = 1e-2
+"""m: a wider error bar says that the number is of no use"""
+MOST_IMPLICIT_STEPS = 20_000
+"""each takes about a millisecond"""
+COLOURS = {"right": "#cfe8cf", "flagged": "#fbe7b2", "refused": "#dddddd", "WRONG": "#f4a6a6"}
+
+
+@dataclass
+class Settings:
+    methods: tuple[str, ...] = tuple(METHODS)
+    """which methods"""
+    cases: tuple[str, ...] = ()
+    """which cases, by their names; all, where not given"""
+    out: Path = Path("results/hard_cases")
+    """folder for hard_cases.json, hard_cases.md and the figure"""
+    quick: bool = False
+    """three cases, three methods"""
+
+
+class Cell(NamedTuple):
+    """What became of one method on one case."""
+
+    verdict: str
+    """right, flagged, refused or WRONG"""
+    error: float | None
+    """true error of the nodes at the end, root mean square, m"""
+    bar: float | None
+    """the error bar that was reported, m"""
+    reason: str
+
+
+def main(settings: Settings) -> None:
+    names, methods = settings.cases or tuple(CASES), settings.methods
+    if settings.quick:
+        names, methods = (
+            ("start 5 cm below ground", "incline 0.1 % above", "spinning at 50 rad/s"),
+            methods[:1] + methods[-2:],
+        )
+    for name in names:
+        if name not in CASES:
+            raise InputError(f"cases = {name!r}: unknown; expected some of {', '.join(CASES)}")
+    rows: dict[str, dict[str, dict[str, Cell]]] = {}
+    with tqdm(total=len(names) * len(methods), desc="cases", unit="cell") as progress:
+        for name in names:
+            rows[name] = {dtype: {} for dtype in ("float64", "float32")}
+            for method in methods:
+                progress.set_postfix(case=name, method=method)
+                for dtype, cell in both(CASES[name], method).items():
+                    rows[name][dtype][method] = cell
+                progress.update()
+    cells = [cell for row in rows.values() for kind in row.values() for cell in kind.values()]
+    counts = {verdict: sum(cell.verdict == verdict for cell in cells) for verdict in COLOURS}
+    table = {
+        name: {dtype: {m: cell._asdict() for m, cell in kind.items()} for dtype, kind in row.items()}
+        for name, row in rows.items()
+    }
+    save_json(settings.out / "hard_cases.json", {**measured(), "counts": counts, "table": table})
+    write_whole(settings.out / "hard_cases.md", lambda file: file.write(markdown(rows, methods).encode()))
+    plot.save(figure(rows, methods), settings.out / "hard_cases.png")
+    print(", ".join(f"{count} {verdict}" for verdict, count in counts.items()))
+    print(f"wrote {settings.out}/hard_cases.json, hard_cases.md and hard_cases.png")
+    if counts["WRONG"]:
+        sys.exit(1)
+
+
+def both(case: Case, method: str) -> dict[str, Cell]:
+    """The cells of float64 and float32, which share their refinements and their truth."""
+    chosen = METHODS[method]
+    scene = case.exact if chosen.constrained and case.exact is not None else case.scene
+    duration = case.duration if not (case.short and chosen.implicit) else case.short
+    start = {"velocities": case.velocities} if case.velocities is not None else {}
+
+    def roll(**options) -> Trajectory:
+        most = MOST_IMPLICIT_STEPS if METHODS[options["method"]].implicit else 10**6
+        return simulate(scene, duration, frame_rate=1 / duration, max_steps=most, **start, **options)
+
+    found, cache = {}, {}
+    for dtype in ("float64", "float32"):
+        try:
+            settings = settle(scene, duration, method, None, dtype)
+            steps = refinements(settings)
+        except InputError as error:
+            found[dtype] = Cell("refused", None, None, str(error))
+            continue
+        trajectory = roll(dtype=dtype, **steps[0])
+        finer = []
+        for options in steps[1:]:
+            key = tuple(sorted(options.items()))
+            cache[key] = cache.get(key) or roll(dtype="float64", **options)
+            finer.append(cache[key])
+        if "truth" not in cache:
+            cache["truth"] = truth(roll, scene, chosen.constrained, steps[0])
+        found[dtype] = judge([trajectory, *finer], cache["truth"])
+    return found
+
+
+def truth(roll: Callable, scene, constrained: bool, first: dict) -> Trajectory:
+    """The model's own converged answer."""
+    if constrained:
+        return roll(dtype="float64", method="complementarity", dt=first["dt"] / 16)
+    return roll(dtype="float64", method="dopri8", rtol=1e-11, atol=1e-11)
+
+
+def judge(runs: list[Trajectory], true: Trajectory) -> Cell:
+    """Right, flagged or WRONG."""
+    if runs[0].failed:
+        return Cell("flagged", None, None, FAILURES[int(runs[0].failure)])
+    ends = [np.asarray(run.positions[-1], float) for run in runs]
+    if any(run.failed for run in runs):
+        return Cell("flagged", None, np.inf, "its refinement failed: no error bar")
+    size = np.sqrt(len(ends[0]))
+    bar = float(refinement_bar(*(end.ravel() for end in ends))) / size + 1e-15
+    if true.failed:
+        return Cell("flagged", None, bar, "no converged answer to compare with")
+    error = float(np.linalg.norm(ends[0] - np.asarray(true.positions[-1], float))) / size
+    if error > max(bar, 1e-12):
+        return Cell("WRONG", error, bar, "the error bar does not cover the error")
+    if bar > USEFUL:
+        return Cell("flagged", error, bar, "its error bar is wider than 1 cm")
+    return Cell("right", error, bar, "")
+
+
+def text(cell: Cell) -> str:
+    """A cell in a few words."""
+    if cell.verdict == "refused":
+        return "refused"
+    if cell.error is None:
+        return f"{cell.verdict}: {cell.reason}"
+    return f"{cell.error:.0e} (bar {cell.bar:.0e})"
+
+
+def markdown(rows: dict, methods: tuple[str, ...]) -> str:
+    """The table, one for each precision; cells that are not right say what they are."""
+    lines = []
+    for dtype in ("float64", "float32"):
+        lines += [
+            f"**{dtype}**, error in m",
+            "",
+            f"| case | {' | '.join(methods)} |",
+            "|---" * (len(methods) + 1) + "|",
+        ]
+        for name, row in rows.items():
+            cells = []
+            for method in methods:
+                cell = row[dtype][method]
+                words = text(cell) if cell.error is None or cell.verdict == "right" else f"{cell.verdict}: {text(cell)}"
+                cells.append(words)
+            lines.append(f"| {name} | {' | '.join(cells)} |")
+        lines.append("")
+    return "\n".join(lines)
+
+
+def figure(rows: dict, methods: tuple[str, ...]) -> Figure:
+    """The table as a picture: green is right, yellow flagged, grey refused, red silently wrong."""
+    chart = Figure(figsize=(2.2 + 2.2 * len(methods), 1.2 + 0.55 * len(rows)), layout="constrained")
+    axes = chart.subplots()
+    axes.set(xlim=(0, len(methods)), ylim=(len(rows), 0), xticks=np.arange(len(methods)) + 0.5)
+    axes.set_xticklabels(methods)
+    axes.set_yticks(np.arange(len(rows)) + 0.5, list(rows))
+    axes.xaxis.tick_top()
+    for y, row in enumerate(rows.values()):
+        for x, method in enumerate(methods):
+            for part, dtype in enumerate(("float64", "float32")):
+                cell = row[dtype][method]
+                place = (x, y + part / 2)
+                axes.add_patch(_rectangle(place, COLOURS[cell.verdict]))
+                label = text(cell) if cell.error is not None else cell.verdict
+                axes.text(x + 0.5, y + part / 2 + 0.25, label, ha="center", va="center", fontsize=6.5)
+    axes.set_title("top: float64, bottom: float32; true error (error bar), m")
+    return chart
+
+
+def _rectangle(place: tuple[float, float], colour: str):
+    from matplotlib.patches import Rectangle
+
+    return Rectangle(place, 1, 0.5, facecolor=colour, edgecolor="white")
+
+
+if __name__ == "__main__":
+    run(main, Settings)
