@@ -106,7 +106,7 @@ def incline(share: float) -> Case:
 def stiff_struts() -> Case:
     """Struts a million times as stiff as the cables."""
     robot, exact = robots()
-    return Case(eqx.tree_at(lambda s: s.structure.struts.stiffness, robot, np.full(6, 600e6)), exact, 0.2)
+    return Case(eqx.tree_at(lambda s: s.structure.struts.stiffness, robot, np.full(6, 600e6)), exact, 0.1)
 
 
 def unequal_masses() -> Case:
@@ -117,7 +117,7 @@ def unequal_masses() -> Case:
         mass[0] *= 1e-4
         return eqx.tree_at(lambda s: s.structure.node_mass, scene, mass)
 
-    return both(change, 0.1)
+    return both(change, 0.05)
 
 
 def spinning() -> Case:

@@ -18,8 +18,11 @@ Settings = TypeVar("Settings")
 
 
 def measured() -> dict:
-    """What every measurement says of itself: the command that made it, and on how many cores."""
-    return {"command": shlex.join(["python", *sys.argv]), "cores": len(os.sched_getaffinity(0))}
+    """What every measurement says of itself: the command that made it, wherever it put it, and on how many cores."""
+    words = sys.argv[:]
+    if "--out" in words:
+        del words[words.index("--out") : words.index("--out") + 2]
+    return {"command": shlex.join(["python", *words]), "cores": len(os.sched_getaffinity(0))}
 
 
 def run(main: Callable[[Settings], None], settings: type[Settings]) -> None:

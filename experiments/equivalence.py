@@ -155,7 +155,7 @@ def figure(facts: dict) -> Figure:
     row = facts["k_n"]
     deep.loglog(row["values"], row["penetration_at_end"], "s", label="mean penetration at the end")
     known = [(v, w) for v, w in zip(row["values"], row["weight_over_n_k"]) if w is not None]
-    deep.loglog(*zip(*known), "k-", lw=0.8, label="m g / (n k_n)")
+    deep.loglog(*zip(*known), "k-", lw=0.8, label="m g / (n k_n), at rest")
     deep.set(xlabel="k_n (N/m)", ylabel="m")
     deep.legend()
     return chart

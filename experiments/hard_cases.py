@@ -25,8 +25,10 @@ from jaxgrity.simulate import refinements, settle
 
 USEFUL = 1e-2
 """m: a wider error bar says that the number is of no use"""
-MOST_IMPLICIT_STEPS = 20_000
-"""each takes about a millisecond"""
+MOST_IMPLICIT_STEPS = 1_500
+"""of which each takes milliseconds"""
+TOLERANCE = {"float64": 1e-6, "float32": 1e-5}
+"""of adaptive methods"""
 COLOURS = {"right": "#cfe8cf", "flagged": "#fbe7b2", "refused": "#dddddd", "WRONG": "#f4a6a6"}
 
 
@@ -102,7 +104,7 @@ def both(case: Case, method: str) -> dict[str, Cell]:
     found, cache = {}, {}
     for dtype in ("float64", "float32"):
         try:
-            settings = settle(scene, duration, method, None, dtype)
+            settings = settle(scene, duration, method, None, dtype, TOLERANCE[dtype], TOLERANCE[dtype])
             steps = refinements(settings)
         except InputError as error:
             found[dtype] = Cell("refused", None, None, str(error))

@@ -31,8 +31,8 @@ def build(scene: Scene, dt: float, integrator: str) -> mujoco.MjModel:
         axes = ("1 0 0", "0 1 0", "0 0 1")
         slides = "".join(f'<joint type="slide" axis="{axis}" damping="{c:.17g}"/>' for axis in axes)
         bodies.append(
-            f'<body pos="{x[0]:.17g} {x[1]:.17g} {x[2]:.17g}">{slides}<geom size="{RADIUS}" mass="{m:.17g}" contype="1" '
-            f'conaffinity="0"/><site name="n{k}"/></body>'
+            f'<body pos="{x[0]:.17g} {x[1]:.17g} {x[2]:.17g}">{slides}<geom size="{RADIUS}" mass="{m:.17g}" '
+            f'contype="1" conaffinity="0"/><site name="n{k}"/></body>'
         )
     for kind, limit in (("struts", ""), ("cables", 'forcelimited="true" forcerange="-1e9 0"')):
         members = getattr(structure, kind)

@@ -9,11 +9,11 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 import numpy as np
-from common import SCENES, run
+from common import SCENES, measured, run
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
-from jaxgrity import Scene, gaits_of, load_scene, plot, random_phases, simulate_population
+from jaxgrity import Scene, diagnose, gaits_of, load_scene, plot, random_phases, simulate_population
 from jaxgrity.files import save_json
 from jaxgrity.population import roll_out_lanes
 from jaxgrity.refine import distance_and_gradient
@@ -58,9 +58,12 @@ def main(settings: Settings) -> None:
             bar.update()
         gradients = gradient_cost(scene, phases[:64], settings)
         bar.update()
+    diagnosis = diagnose(scene, settings.duration, method="rk4", dt=settings.dt)
     save_json(
         settings.out / "summary.json",
         {
+            **measured(),
+            "diagnosis": diagnosis.summary(),
             "scene": settings.scene.name,
             "gaits": settings.gaits,
             "steps": steps,
@@ -82,6 +85,7 @@ def main(settings: Settings) -> None:
         f"gradient, {gradients['gaits']} gaits, {gradients['horizon']:g} s, relative to the rollout on one core: "
         f"reverse {gradients['reverse']:.1f}, forward {gradients['forward']:.1f} for {gradients['phases']} phases"
     )
+    print(f"the scene's own gait:\n{diagnosis.table()}")
     print(f"wrote {settings.out}/summary.json")
 
 

@@ -115,7 +115,27 @@ def _beside(scene: Scene, times: Times, settings: Settings):
     solver = settings.method.step() if settings.dt is not None else settings.method.adapt()  # type: ignore[misc]
     problem = (diffrax.ODETerm(field), solver)
     (q, v), work = integrate((start, nothing), jnp.asarray(times), scene, settings, problem=problem).ys  # type: ignore[misc]
+    if settings.dt is not None:
+        work["actuation"] += _one_sided(scene, jnp.asarray(times), q, solver.tableau, settings.dt)  # type: ignore[union-attr]
     return *_amounts(scene, jnp.asarray(times), q, v), work
+
+
+def _one_sided(scene: Scene, times: Times, q: Path, tableau: diffrax.ButcherTableau, h: float) -> Times:
+    """(frames,), J: what the work of actuators lacks where a gait's ramp begins or ends in a frame.
+
+    There dU/dt jumps. The stage at the end of the step before the frame should see its value before the jump, and the
+    stage at the beginning of the step after it the value after; both see the value in between. Over both steps this
+    cancels, but not in between, nor where the motion begins with a jump.
+    """
+
+    def off(t, q, side):
+        power = jax.grad(scene.potential_energy, argnums=1)
+        return power(q, t + side * 1e-9) - power(q, t)
+
+    c, b = np.concatenate([[0.0], tableau.c]), np.asarray(tableau.b_sol)
+    before = h * b[c == 1].sum() * jax.vmap(lambda t, q: off(t, q, -1))(times, q)
+    after = h * b[c == 0].sum() * off(times[0], q[0], 1)
+    return jnp.where(jnp.arange(len(times)) > 0, before + after, 0.0)
 
 
 def _amounts(scene: Scene, times, q, v):

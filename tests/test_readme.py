@@ -6,6 +6,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import update_docs
+
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
@@ -27,6 +29,18 @@ def test_measured_numbers_are_those_of_the_files():
     speed = json.loads((ROOT / "docs" / "measured" / "throughput.json").read_text())
     for row in speed["rk4"].values():
         assert f"{row['us']:.2f} us" in README
+
+
+def test_numerics_page_says_what_was_measured():
+    """Each block of docs/numerics.md holds what its file in docs/measured/ says; its pictures and links are there."""
+    page = (ROOT / "docs" / "numerics.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"<!-- measured: (\S+) -->\n(.*?)<!-- end -->", page, re.DOTALL)
+    assert len(blocks) == 8
+    for name, words in blocks:
+        facts = json.loads((ROOT / "docs" / "measured" / f"{name.replace('/', '_')}.json").read_text())
+        assert update_docs.SOURCES[name].words(facts).strip() == words.strip(), name
+    for target in re.findall(r"\]\(((?!http)[^)#]+)\)", page):
+        assert (ROOT / "docs" / target).exists(), target
 
 
 def test_pictures_and_links_are_there():

@@ -1,5 +1,6 @@
 """The scripts as a user runs them: what they leave, and one clear line with exit code 2 on bad input."""
 
+import itertools
 import json
 import subprocess
 import sys
@@ -34,6 +35,11 @@ def test_simulate_agrees_with_an_independent_program(tmp_path):
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert (summary["method"], summary["dt"], summary["dtype"], summary["duration"]) == ("rk4", 5e-4, "float64", 2.0)
     assert summary["steps"] == 4000
+    assert len(summary["error_bar"]) == 16
+    assert max(summary["error_bar"]) < 0.01
+    assert summary["diagnosis_of_furthest"]["error_bar"] == pytest.approx(
+        summary["error_bar"][int(np.argmax(summary["distance"]))], rel=0.2, abs=1e-9
+    )
     assert summary["failed"] == []
     assert summary["wall_seconds"] > 0
     assert summary["compile_seconds"] > 0
@@ -53,6 +59,8 @@ def test_simulate_one_rollout(tmp_path):
         assert saved["velocities"].shape == (151, 12, 3)
         np.testing.assert_allclose(saved["positions"][-1].mean(0), summary["com_end"][0], atol=1e-12)
     assert summary["dt"] is None
+    assert summary["diagnosis"]["error_bar"] < 1e-6
+    assert "energy residual" in done.stdout
     assert (tmp_path / "path.png").exists()
     assert (tmp_path / "members.png").exists()
 
@@ -98,7 +106,10 @@ def test_bad_input_is_one_line_and_exit_code_2(tmp_path, monkeypatch, arguments,
     assert not Path("out").exists()
 
 
-@pytest.mark.parametrize("script", ["simulate.py", "gait_search.py", "throughput.py"])
+SCRIPTS = sorted(path.name for path in (ROOT / "experiments").glob("*.py") if "run(main" in path.read_text())
+
+
+@pytest.mark.parametrize("script", SCRIPTS)
 def test_help_comes_from_the_settings(script):
     """Every script explains itself, and has a --quick size."""
     done = run(script, "--help")
@@ -140,3 +151,61 @@ def test_throughput_measures(tmp_path):
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert set(summary["rk4"]) == {"float32", "float64"}
     assert summary["gradient"]["largest_difference"] < 1e-9
+
+
+def quick(script: str, out: Path, *arguments: object) -> dict:
+    """What a measuring script's --quick size leaves: its JSON; its figures are there too."""
+    done = run(script, "--quick", *arguments, "--out", out)
+    assert done.returncode == 0, done.stderr[-2000:]
+    (first, *_) = out.glob("*.json")
+    assert all(path.stat().st_size > 5000 for path in out.glob("*.png"))
+    assert list(out.glob("*.png"))
+    facts = json.loads(first.read_text())
+    assert facts["command"].startswith("python")
+    assert str(out) not in first.read_text()
+    return facts
+
+
+def test_error_bars_are_honest(tmp_path):
+    """On both models, gaits that nothing was tuned on: nearly all covered, by bars of a few errors."""
+    rows = quick("error_bars.py", tmp_path)["rows"]
+    assert [row["scene"] for row in rows] == ["reference", "exact"]
+    for row in rows:
+        assert row["covered"] >= 0.85
+        assert 1 <= row["median_ratio"] <= 5
+
+
+def test_the_models_tend_to_each_other(tmp_path):
+    """A drop: penalty contact to exact contact, spring struts to rigid ones where nothing slips, at first order."""
+    facts = quick("equivalence.py", tmp_path)
+    assert facts["k_n"]["slope"] == pytest.approx(-1, abs=0.15)
+    assert facts["K, no friction"]["slope"] == pytest.approx(-1, abs=0.15)
+    assert facts["K"]["distance"][-1] > 5 * facts["K, no friction"]["distance"][-1]
+
+
+def test_implicit_methods_take_fewer_steps_on_stiff_scenes(tmp_path):
+    """Than Tsit5, to the same tolerance: struts, ground and friction made stiff, alone and together."""
+    rows = quick("stiff.py", tmp_path)["rows"]
+    by_method = {m: [r for r in rows if r["method"] == m] for m in ("tsit5", "kvaerno3", "kvaerno5")}
+    for explicit, third, fifth in zip(*by_method.values()):
+        assert explicit["outcome"] == third["outcome"] == fifth["outcome"] == "succeeded"
+        assert fifth["steps"] + fifth["rejected"] <= explicit["steps"] + explicit["rejected"], explicit["scene"]
+        assert third["steps"] + third["rejected"] <= explicit["steps"] + explicit["rejected"], explicit["scene"]
+
+
+def test_hard_cases_have_no_silently_wrong_number(tmp_path):
+    """Three cases by three methods, in both precisions; one of them is refused with the reason."""
+    facts = quick("hard_cases.py", tmp_path)
+    assert facts["counts"]["WRONG"] == 0
+    assert facts["counts"]["right"] >= 4
+    below = facts["table"]["start 5 cm below ground"]["float64"]
+    assert "below the ground" in below["complementarity"]["reason"]
+    assert below["rk4"]["verdict"] == "right"
+
+
+def test_work_precision_compares_methods(tmp_path):
+    """Free flight, RK4 and complementarity: errors fall with the step, and both have a cost at 5 mm."""
+    facts = quick("work_precision.py", tmp_path, "--gaits", 8, "--repeats", 1)
+    errors = [p["error"] for p in facts["points"] if p["method"] == "rk4"]
+    assert all(fine < coarse for coarse, fine in itertools.pairwise(errors) if coarse > 1e-10)
+    assert set(facts["cost_at_target"]["free flight"]) == {"rk4 float64", "complementarity float64"}

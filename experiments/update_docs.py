@@ -1,0 +1,199 @@
+"""Write the measured numbers of README and docs, and their pictures, from the results that the scripts left."""
+
+import json
+import re
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+from common import run
+
+from jaxgrity.files import save_json, write_whole
+from jaxgrity.structure import InputError
+
+ROOT = Path(__file__).parents[1]
+
+
+class Source(NamedTuple):
+    """One result: the page that quotes it, the words, and the files in its folder."""
+
+    page: str
+    words: Callable[[dict], str]
+    facts: str
+    pictures: dict[str, str]
+    """file in the results folder: name in docs/images"""
+
+
+@dataclass
+class Settings:
+    results: Path = Path("results")
+    """folder in which the scripts left their results, each in a folder of its own name"""
+    quick: bool = False
+    """it is quick already"""
+
+
+def main(settings: Settings) -> None:
+    sources = found(settings.results)
+    if not sources:
+        raise InputError(f"{settings.results}: holds no results; expected those of {', '.join(SOURCES)}")
+    for name, (source, facts) in sources.items():
+        save_json(ROOT / "docs" / "measured" / f"{name.replace('/', '_')}.json", facts)
+        for picture, target in source.pictures.items():
+            shutil.copyfile(settings.results / Path(name).parts[0] / picture, ROOT / "docs" / "images" / target)
+        page = ROOT / source.page
+        text = fill(page.read_text(encoding="utf-8"), name, source.words(facts))
+        write_whole(page, lambda file, text=text: file.write(text.encode()))
+        print(f"{source.page}: {name}")
+    for name in SOURCES.keys() - sources.keys():
+        print(f"left as it was, no results: {name}")
+
+
+def found(results: Path) -> dict[str, tuple[Source, dict]]:
+    """The sources whose results are there, with what they say."""
+    paths = {name: results / Path(name).parts[0] / source.facts for name, source in SOURCES.items()}
+    return {name: (SOURCES[name], json.loads(path.read_text())) for name, path in paths.items() if path.exists()}
+
+
+def fill(text: str, name: str, words: str) -> str:
+    """`text` with what stands between the marks of `name` replaced. Raises `InputError` where there are none."""
+    marks = re.compile(rf"(<!-- measured: {name} -->\n).*?(<!-- end -->)", re.DOTALL)
+    if not marks.search(text):
+        raise InputError(f"no marks '<!-- measured: {name} -->' in the page; expected one pair")
+    return marks.sub(lambda match: f"{match[1]}{words}\n{match[2]}", text)
+
+
+def gait_search(facts: dict) -> str:
+    polish, search = facts["polish"], facts["search"]
+    gain = "which improved it" if polish["improved"] else "which found nothing better"
+    steps = f"{len(polish['gradient_norm'])} gradient steps over {polish['horizon']:.1f} s"
+    return (
+        f"`make gait` ({facts['wall_seconds']:.0f} s on 2 cores; `experiments/gait_search.py`) found a gait that "
+        f"travels **{facts['distance']:.3f} ± {facts['error_bar']:.1g} m** in {facts['settings']['duration']:g} s, "
+        f"after {search['rollouts']} rollouts and {steps}, {gain}. "
+        f"Its sensitivity at the end is {facts['diagnosis']['sensitivity']:.0f} m per radian of phase "
+        "([docs/measured/gait_search.json](docs/measured/gait_search.json))."
+    )
+
+
+def throughput(facts: dict) -> str:
+    single, double, gradient = facts["rk4"]["float32"], facts["rk4"]["float64"], facts["gradient"]
+    return (
+        "One RK4 step of one gait of the reference scene, every term of it, takes "
+        f"{single['us']:.2f} us in float32 and "
+        f"{double['us']:.2f} us in float64 ({facts['gaits']} gaits, {facts['devices']} cores, median of "
+        f"{facts['repeats']}): {single['ratio']:.1f} and {double['ratio']:.1f} times hand-written "
+        "SIMD C in the same run, with which the final "
+        f"centres of mass agree to {double['largest_difference']:.0e} m in float64. The gradient of the distance in "
+        f"{gradient['phases']} phases costs {gradient['reverse']:.1f} rollouts by reverse mode with a checkpointed "
+        f"step, and {gradient['forward']:.1f} by forward mode; polishing uses the first "
+        "(`experiments/throughput.py --limit FOLDER`, [docs/measured/throughput.json](docs/measured/throughput.json))."
+    )
+
+
+def table(head: list[str], rows: list[list[str]]) -> str:
+    """A Markdown table."""
+    lines = [head, ["---"] * len(head), *rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def made_by(facts: dict, name: str) -> str:
+    """The command beside the numbers."""
+    return f"\n\n`{facts['command']}`, [measured/{name}.json](measured/{name}.json)."
+
+
+def error_bars(facts: dict) -> str:
+    rows = [
+        [
+            row["scene"],
+            f"{row['duration']:g} s",
+            f"{row['dt']:g} s",
+            f"{row['covered']:.0%}",
+            f"{row['median_error']:.1e} m",
+            f"{row['median_bar']:.1e} m",
+            f"{row['median_ratio']:.1f}",
+        ]
+        for row in facts["rows"]
+    ]
+    head = ["scene", "horizon", "step", "covered", "median error", "median bar", "median of bar / error"]
+    return table(head, rows) + made_by(facts, "error_bars")
+
+
+def stability(facts: dict) -> str:
+    rows = [[name, f"{off:.0%}"] for name, off in facts["worst"].items()]
+    head = ["method", f"largest deviation, {facts['scenes']} scenes"]
+    return table(head, rows) + made_by(facts, "stability")
+
+
+def equivalence(name: str) -> Callable[[dict], str]:
+    def words(facts: dict) -> str:
+        rows = []
+        for symbol in ("K", "K, no friction", "k_n"):
+            row = facts[symbol]
+            ends = f"{row['distance'][0]:.1e} to {row['distance'][-1]:.1e} m"
+            rows.append([symbol, f"{row['values'][0]:g} to {row['values'][-1]:g} N/m", ends, f"{row['slope']:.2f}"])
+        contact = facts["k_n"]
+        said = table(["grows", "from, to", "distance between the models, rms", "slope"], rows)
+        if name == "settle":
+            share = contact["penetration_at_end"][-1] / contact["weight_over_n_k"][-1]
+            said += f"\n\nAt the highest k_n the robot stands {share:.3f} m g / (n k_n) deep in the ground."
+        return said + made_by(facts, f"equivalence_{name}")
+
+    return words
+
+
+def stiff(facts: dict) -> str:
+    rows = [
+        [
+            row["scene"],
+            f"{row['tolerance']:g}",
+            row["method"],
+            str(row["steps"]),
+            str(row["rejected"]),
+            f"{row['seconds']:.2f} s",
+            f"{row['error']:.0e} m",
+        ]
+        for row in facts["rows"]
+    ]
+    head = ["scene", "tolerance", "method", "steps", "rejected", "wall time", "error"]
+    return table(head, rows) + made_by(facts, "stiff")
+
+
+def hard_cases(facts: dict) -> str:
+    counts = ", ".join(f"{count} {verdict}" for verdict, count in facts["counts"].items())
+    return f"Cells: {counts}." + made_by(facts, "hard_cases")
+
+
+def work_precision(facts: dict) -> str:
+    methods = sorted({name for row in facts["cost_at_target"].values() for name in row})
+    rows = []
+    for name in methods:
+        costs = [facts["cost_at_target"][scene].get(name) for scene in facts["models_apart"]]
+        rows.append([name, *("-" if cost is None else f"{1e3 * cost:.3f}" for cost in costs)])
+    apart = [f"{gap:.1e} m" for gap in facts["models_apart"].values()]
+    head = [f"ms per gait and simulated second, error at most {1e3 * facts['target']:g} mm", *facts["models_apart"]]
+    return table(head, [*rows, ["the two models are apart by", *apart]]) + made_by(facts, "work_precision")
+
+
+NUMERICS = "docs/numerics.md"
+SOURCES = {
+    "gait_search": Source("README.md", gait_search, "summary.json", {"animation.gif": "rolling.gif"}),
+    "throughput": Source("README.md", throughput, "summary.json", {"throughput.png": "throughput.png"}),
+    "error_bars": Source(NUMERICS, error_bars, "error_bars.json", {"error_bars.png": "error_bars.png"}),
+    "stability": Source(NUMERICS, stability, "stability.json", {"stability.png": "stability.png"}),
+    "stiff": Source(NUMERICS, stiff, "stiff.json", {"stiff.png": "stiff.png"}),
+    "hard_cases": Source(NUMERICS, hard_cases, "hard_cases.json", {"hard_cases.png": "hard_cases.png"}),
+    "work_precision": Source(
+        NUMERICS, work_precision, "work_precision.json", {"work_precision.png": "work_precision.png"}
+    ),
+} | {
+    f"equivalence/{name}": Source(
+        NUMERICS, equivalence(name), f"{name}.json", {f"{name}.png": f"equivalence_{name}.png"}
+    )
+    for name in ("drop", "settle", "roll")
+}
+
+
+if __name__ == "__main__":
+    run(main, Settings)
