@@ -2,18 +2,24 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: gait test lint clean
+.PHONY: gait test lint measure clean
 
 gait: .venv/.installed
 	$(BIN)/python experiments/gait_search.py
 
 test: .venv/.installed-test
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest --numprocesses auto --dist worksteal
 
 lint: .venv/.installed-test
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+
+# Everything that docs/numerics.md quotes; about an hour on 2 cores, which should have nothing else to do.
+measure: .venv/.installed-test
+	for script in error_bars stability equivalence stiff hard_cases; do $(BIN)/python experiments/$$script.py || exit 1; done
+	$(BIN)/python experiments/work_precision.py --mujoco
+	$(BIN)/python experiments/update_docs.py
 
 clean:
 	rm -rf .venv results build *.egg-info .pytest_cache .ruff_cache .mypy_cache .hypothesis

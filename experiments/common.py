@@ -25,12 +25,17 @@ def measured() -> dict:
     return {"command": shlex.join(["python", *words]), "cores": len(os.sched_getaffinity(0))}
 
 
+def configure() -> None:
+    """Float64 allowed: for scripts, and for the processes that they start."""
+    jax.config.update("jax_enable_x64", True)
+
+
 def run(main: Callable[[Settings], None], settings: type[Settings]) -> None:
     """Call `main` with `settings` from the command line: float64 allowed, every core a device of its own.
 
     Ends with exit code 2 and one clear line on bad input.
     """
-    jax.config.update("jax_enable_x64", True)
+    configure()
     if "cpu" in (jax.config.jax_platforms or "cpu"):
         jax.config.update("jax_num_cpu_devices", len(os.sched_getaffinity(0)))
     chosen = tyro.cli(settings, description=sys.modules["__main__"].__doc__)

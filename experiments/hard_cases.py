@@ -5,6 +5,8 @@ own model at a far smaller step or tolerance. Rollouts whose bar is wider than 1
 stepping gets the case with rigid struts and exact contact, where that makes sense; all others the penalty model.
 """
 
+import multiprocessing
+import os
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 from cases import CASES, Case
-from common import measured, run
+from common import configure, measured, run
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
@@ -66,15 +68,15 @@ def main(settings: Settings) -> None:
     for name in names:
         if name not in CASES:
             raise InputError(f"cases = {name!r}: unknown; expected some of {', '.join(CASES)}")
-    rows: dict[str, dict[str, dict[str, Cell]]] = {}
-    with tqdm(total=len(names) * len(methods), desc="cases", unit="cell") as progress:
-        for name in names:
-            rows[name] = {dtype: {} for dtype in ("float64", "float32")}
-            for method in methods:
-                progress.set_postfix(case=name, method=method)
-                for dtype, cell in both(CASES[name], method).items():
-                    rows[name][dtype][method] = cell
-                progress.update()
+    rows: dict[str, dict[str, dict[str, Cell]]] = {name: {"float64": {}, "float32": {}} for name in names}
+    pairs = [(name, method) for name in names for method in methods]
+    # each in a process of its own: a thousand compiled programs do not fit into one
+    pool = multiprocessing.get_context("spawn").Pool(os.cpu_count(), configure, maxtasksperchild=4)
+    with pool, tqdm(total=len(pairs), desc="cases", unit="cell") as progress:
+        for name, method, cells in pool.imap_unordered(one, pairs):
+            for dtype, cell in cells.items():
+                rows[name][dtype][method] = cell
+            progress.update()
     cells = [cell for row in rows.values() for kind in row.values() for cell in kind.values()]
     counts = {verdict: sum(cell.verdict == verdict for cell in cells) for verdict in COLOURS}
     table = {
@@ -88,6 +90,11 @@ def main(settings: Settings) -> None:
     print(f"wrote {settings.out}/hard_cases.json, hard_cases.md and hard_cases.png")
     if counts["WRONG"]:
         sys.exit(1)
+
+
+def one(pair: tuple[str, str]) -> tuple[str, str, dict[str, Cell]]:
+    """`both`, by the names of case and method."""
+    return *pair, both(CASES[pair[0]], pair[1])
 
 
 def both(case: Case, method: str) -> dict[str, Cell]:

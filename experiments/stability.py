@@ -12,17 +12,17 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from common import measured, run
+from common import SCENES, measured, run
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
-from jaxgrity import InputError, Scene, parse_scene, plot, simulate
+from jaxgrity import InputError, Scene, load_scene, parse_scene, plot, simulate
 from jaxgrity.dynamics import State
 from jaxgrity.files import save_json
 from jaxgrity.methods import METHODS, Method
 from jaxgrity.scene import as_dtype
 from jaxgrity.simulate import discretise, settle
-from jaxgrity.stability import stable_step, standing
+from jaxgrity.stability import limiting_part, stable_step, standing, strictest
 from jaxgrity.vibration import equilibrium
 
 FACTORS = np.concatenate([np.linspace(0.5, 0.84, 4), np.arange(0.86, 1.16, 0.02), np.linspace(1.2, 2.0, 5)])
@@ -73,11 +73,26 @@ def main(settings: Settings) -> None:
         name: float(np.max(np.abs([row["ratio"] - 1 for row in rows if row["method"] == name])))
         for name in dict.fromkeys(row["method"] for row in rows)
     }
-    save_json(settings.out / "stability.json", {**measured(), "scenes": count, "worst": worst, "rows": rows})
+    facts = {**measured(), "scenes": count, "worst": worst, "limits": known_limits(), "rows": rows}
+    save_json(settings.out / "stability.json", facts)
     plot.save(figure(rows), settings.out / "stability.png")
     for name, off in worst.items():
         print(f"{name:16s} measured within {off:.1%} of the prediction on {count} scenes")
     print(f"wrote {settings.out}/stability.json and stability.png")
+
+
+def known_limits() -> list[dict]:
+    """The largest stable step, s, on the scenes of this folder, and what sets it."""
+    found = []
+    for name in ("reference", "exact"):
+        scene = load_scene(SCENES / f"{name}.toml")
+        for method in METHODS.values():
+            if not (method.implicit or method.symplectic) and method.constrained == scene.constrained:
+                step, state = strictest(scene, method)
+                found.append(
+                    {"scene": name, "method": method.name, "step": step, "set_by": limiting_part(scene, state, method)}
+                )
+    return found
 
 
 def random_scene(seed: int, contact: bool, damped: bool, rigid: bool) -> Scene:

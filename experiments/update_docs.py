@@ -123,7 +123,9 @@ def error_bars(facts: dict) -> str:
 def stability(facts: dict) -> str:
     rows = [[name, f"{off:.0%}"] for name, off in facts["worst"].items()]
     head = ["method", f"largest deviation, {facts['scenes']} scenes"]
-    return table(head, rows) + made_by(facts, "stability")
+    limits = [[row["scene"], row["method"], f"{1e3 * row['step']:.3g} ms", row["set_by"]] for row in facts["limits"]]
+    known = table(["scene", "method", "largest stable step", "set by"], limits)
+    return f"{table(head, rows)}\n\n{known}" + made_by(facts, "stability")
 
 
 def equivalence(name: str) -> Callable[[dict], str]:

@@ -16,6 +16,13 @@ hypothesis.settings.load_profile("jaxgrity")
 SCENES = Path(__file__).parents[1] / "experiments" / "scenes"
 
 
+@pytest.fixture(scope="module", autouse=True)
+def _forget_compiled_programs():
+    """Thousands of them do not fit into one process."""
+    yield
+    jax.clear_caches()
+
+
 @pytest.fixture(scope="session")
 def reference():
     """The robot of scenes/reference.toml: every term but the Coulomb switch."""
