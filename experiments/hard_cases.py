@@ -83,7 +83,8 @@ def main(settings: Settings) -> None:
         name: {dtype: {m: cell._asdict() for m, cell in kind.items()} for dtype, kind in row.items()}
         for name, row in rows.items()
     }
-    save_json(settings.out / "hard_cases.json", {**measured(), "counts": counts, "table": table})
+    facts = {**measured(), "most_implicit_steps": MOST_IMPLICIT_STEPS, "counts": counts, "table": table}
+    save_json(settings.out / "hard_cases.json", facts)
     write_whole(settings.out / "hard_cases.md", lambda file: file.write(markdown(rows, methods).encode()))
     plot.save(figure(rows, methods), settings.out / "hard_cases.png")
     print(", ".join(f"{count} {verdict}" for verdict, count in counts.items()))

@@ -9,8 +9,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 from common import run
+from hard_cases import Cell, markdown
 
 from jaxgrity.files import save_json, write_whole
+from jaxgrity.methods import METHODS
 from jaxgrity.structure import InputError
 
 ROOT = Path(__file__).parents[1]
@@ -164,7 +166,15 @@ def stiff(facts: dict) -> str:
 
 def hard_cases(facts: dict) -> str:
     counts = ", ".join(f"{count} {verdict}" for verdict, count in facts["counts"].items())
-    return f"Cells: {counts}." + made_by(facts, "hard_cases")
+    rows = {
+        name: {dtype: {m: Cell(**cell) for m, cell in kind.items()} for dtype, kind in row.items()}
+        for name, row in facts["table"].items()
+    }
+    cells = [(m, cell) for row in rows.values() for kind in row.values() for m, cell in kind.items()]
+    reasons = sorted({f"- {m}: {cell.reason}" for m, cell in cells if cell.verdict == "refused"})
+    said = f"Of all cells {counts}; implicit methods were given {facts['most_implicit_steps']} steps."
+    refused = "\n".join(["Refused, with the reason:", "", *reasons])
+    return f"{said}\n\n{markdown(rows, tuple(METHODS))}\n{refused}" + made_by(facts, "hard_cases")
 
 
 def work_precision(facts: dict) -> str:

@@ -36,6 +36,8 @@ TOLERANCES = {
     "kvaerno5": (1e-2, 1e-3, 1e-4, 1e-5, 1e-6),
 }
 """of adaptive methods"""
+SINGLE_TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5, 2e-6)
+"""of adaptive methods in float32"""
 EVALUATIONS = {"rk4": 4, "tsit5": 6, "dopri8": 13, "kvaerno3": 3, "kvaerno5": 6, "symplectic": 1, "complementarity": 2}
 """of the forces in a step; of Kvaerno's methods the implicit equations, each of which takes several"""
 FEW = 4
@@ -162,9 +164,8 @@ def settings_to_try(task: Task, settings: Settings) -> Iterator[tuple[str, str, 
         if (method.symplectic and not task.undamped) or (settings.quick and name not in ("rk4", "complementarity")):
             continue
         for dtype in ("float64",) if settings.quick or method.implicit else ("float32", "float64"):
-            for value in STEPS.get(name) or TOLERANCES[name]:
-                if dtype == "float32" and name not in STEPS and value < 1e-6:
-                    continue
+            tolerances = SINGLE_TOLERANCES if dtype == "float32" else TOLERANCES.get(name, ())
+            for value in STEPS.get(name, tolerances):
                 yield name, dtype, {"dt": value} if name in STEPS else {"rtol": value, "atol": value}
 
 

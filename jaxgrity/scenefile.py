@@ -103,7 +103,7 @@ class GaitTable(_Table, kw_only=True):
     amplitude: Share | list[Share] = 0.3
     frequency: NotNegative | list[NotNegative] = 0.5
     phase: list[float] | RandomPhases
-    start: NotNegative = 0.0
+    start: float = 0.0
     ramp: Positive = 1.0
 
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from jaxgrity import InputError, load_scene, parse_scene
+from jaxgrity.actuation import contraction
 from jaxgrity.friction import ConeFriction, SmoothFriction, SwitchFriction
 from jaxgrity.structure import edge_lengths
 
@@ -344,3 +345,20 @@ def test_errors_name_the_file_that_was_loaded(tmp_path):
     with pytest.raises(InputError) as caught:
         load_scene(path)
     assert str(caught.value) == f"{path}: structure.mass = 0: expected a number > 0"
+
+
+@pytest.mark.parametrize("path", sorted(SCENE.parent.glob("*.toml")), ids=lambda path: path.stem)
+def test_every_scene_that_ships_loads(path):
+    """And says what it models."""
+    scene = load_scene(path)
+    assert scene.describe().startswith("modelled")
+    assert scene.gait is not None
+
+
+def test_a_gait_may_have_begun_before():
+    """start = -ramp: in full swing from t = 0."""
+    text = TEXT.replace("start = 1.0", "start = -1.0")
+    gait = parse_scene(text).gait
+    np.testing.assert_allclose(
+        contraction(gait, 0.0), gait.amplitude / 2 * (1 + np.sin(gait.phase)), rtol=0, atol=1e-15
+    )
