@@ -88,9 +88,9 @@ def known_limits() -> list[dict]:
         scene = load_scene(SCENES / f"{name}.toml")
         for method in METHODS.values():
             if not (method.implicit or method.symplectic) and method.constrained == scene.constrained:
-                step, state = strictest(scene, method)
+                step, taut, state = strictest(scene, method)
                 found.append(
-                    {"scene": name, "method": method.name, "step": step, "set_by": limiting_part(scene, state, method)}
+                    {"scene": name, "method": method.name, "step": step, "set_by": limiting_part(taut, state, method)}
                 )
     return found
 

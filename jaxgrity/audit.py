@@ -74,7 +74,11 @@ def energy_audit(
     *,
     method: str | None = None,
     dt: float | None = None,
+    rtol: float | None = None,
+    atol: float | None = None,
     any_step: bool = False,
+    sweeps: int | None = None,
+    strut_tolerance: float | None = None,
     frame_rate: float = 100.0,
 ) -> EnergyAudit:
     """Roll the scene out in float64, and balance its energy and its momentum.
@@ -82,11 +86,12 @@ def energy_audit(
     dE/dt = dU/dt - v·dR/dv + v·F_switch, dp/dt = sum of the forces that no member exerts, and likewise their moments.
     Each is a further equation beside those of motion, integrated by the same method. The symplectic method and
     complementarity stepping take no further equations: there the works are summed step by step, from the forces and
-    impulses of each step times the mean of its velocities; steps are shortened to fit the frames.
+    impulses of each step times the mean of its velocities; steps are shortened to fit the frames. Where the rollout
+    fails, what comes after is NaN or no longer means anything: `simulate` says whether it does.
 
     Raises `InputError` as `simulate.settle` does.
     """
-    settings = settle(scene, duration, method, dt, "float64", any_step=any_step)
+    settings = settle(scene, duration, method, dt, "float64", rtol, atol, any_step, sweeps, strut_tolerance)
     stepwise = settings.method.symplectic or settings.method.constrained
     interval = max(1 / frame_rate, settings.dt or 0.0)
     times = np.linspace(0, duration, max(1, round(duration / interval)) + 1)
@@ -112,7 +117,7 @@ def _beside(scene: Scene, times: Times, settings: Settings):
         return vector_field(t, y[0], scene), powers(scene, t, *y[0])
 
     nothing = jax.tree.map(jnp.zeros_like, powers(scene, 0.0, *start))
-    solver = settings.method.step() if settings.dt is not None else settings.method.adapt()  # type: ignore[misc]
+    _, solver = discretise(settings)
     problem = (diffrax.ODETerm(field), solver)
     (q, v), work = integrate((start, nothing), jnp.asarray(times), scene, settings, problem=problem).ys  # type: ignore[misc]
     if settings.dt is not None:

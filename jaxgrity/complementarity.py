@@ -39,6 +39,9 @@ SLOWEST = 1e-10
 FORETELLING_SWEEPS = 8
 """with which a step estimates its velocity, so that dissipative forces can be taken in its middle"""
 
+MISSED = 1e-3
+"""of its length, by which no strut may be off at the end of a step: more sweeps, or smaller steps, are needed there"""
+
 VIOLATED = 1e-6
 """m, by which a start may violate the constraints"""
 
@@ -175,13 +178,14 @@ class Complementarity(diffrax.AbstractSolver):
     last ones use what they foretold. The order is 2 where nothing begins or ends to touch, stick or slip, and 1 there.
 
     The last thing that a sweep does is to put every node on or above the ground, so no node is ever below a plane at
-    the end of a step. Each sweep about halves what is left of the error in strut lengths.
+    the end of a step. Each sweep about halves what is left of the error in strut lengths. A robot whose struts are off
+    by more than `MISSED` of their lengths, or by more than the tolerance, at the end of a step gets NaN.
     """
 
     sweeps: int = eqx.field(static=True, default=16)
     """over all constraints, in a step; the most there are where a tolerance is given"""
     tolerance: float | None = eqx.field(static=True, default=None)
-    """m: sweeps end where every strut has its length within this; a robot that never has gets NaN. None: all sweeps"""
+    """m: sweeps end where every strut has its length within this. None: after all sweeps"""
     prepare: Callable = eqx.field(static=True, default=prepare)
     """as the function of this module, or mapped over a population"""
     sweep: Callable = eqx.field(static=True, default=sweep)
@@ -214,6 +218,9 @@ class Complementarity(diffrax.AbstractSolver):
             _, corrected = terms.vf(t0, (q, (v + w) / 2), args)
             w = w + kick * (corrected - a)
         w, impulses = constrain(w, impulses, self.sweeps, self.tolerance)
+        if "lengths" in problem:
+            allowed = MISSED * problem["lengths"].min(0) if self.tolerance is None else self.tolerance
+            w = jnp.where(self.length_error(args, h, problem, w) <= allowed, w, jnp.nan)
         y1 = (q + h * w, w)
         return y1, None, {"y0": y0, "y1": y1}, (h, impulses), diffrax.RESULTS.successful
 
@@ -234,8 +241,7 @@ class Complementarity(diffrax.AbstractSolver):
         def again(carry):
             return carry[0] + 1, self.sweep(scene, h, problem, *carry[1])
 
-        _, (w, impulses) = jax.lax.while_loop(short_of, again, (0, state))
-        return jnp.where(off((w, impulses)) <= tolerance, w, jnp.nan), impulses
+        return jax.lax.while_loop(short_of, again, (0, state))[1]
 
     def func(self, terms, t0, y0, args):
         return terms.vf(t0, y0, args)

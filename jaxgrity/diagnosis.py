@@ -105,6 +105,8 @@ def diagnose(
     rtol: float | None = None,
     atol: float | None = None,
     any_step: bool = False,
+    sweeps: int | None = None,
+    strut_tolerance: float | None = None,
     frame_rate: float = 100.0,
 ) -> Diagnosis:
     """Roll the scene out as `simulate` does, and say how far the result can be trusted.
@@ -112,9 +114,10 @@ def diagnose(
     The error bars compare with rollouts in float64 at half and a quarter of the step (or at a tenth and a hundredth of
     the tolerances), as in `diagnostics.verify`. Raises `InputError` as `settle` does.
     """
-    settings = settle(scene, duration, method, dt, dtype, rtol, atol, any_step)
+    settings = settle(scene, duration, method, dt, dtype, rtol, atol, any_step, sweeps, strut_tolerance)
+    coupling = {"any_step": any_step, "sweeps": sweeps, "strut_tolerance": strut_tolerance}
     runs = [
-        simulate(scene, duration, dtype=dtype, any_step=any_step, frame_rate=frame_rate, **step)
+        simulate(scene, duration, dtype=dtype, frame_rate=frame_rate, **coupling, **step)
         for step, dtype in zip(refinements(settings), (settings.dtype, "float64", "float64"))
     ]
     paths = [centre_path(scene, run) for run in runs]
@@ -122,9 +125,9 @@ def diagnose(
     bars = np.full(len(runs[0].times), np.inf) if failed else refinement_bar(*paths)
     audit = growth = None
     if not runs[0].failed:
-        name, dt = settings.method.name, settings.dt
-        audit = energy_audit(scene, duration, method=name, dt=dt, any_step=any_step, frame_rate=frame_rate)
-        growth = sensitivity(scene, duration, method=name, dt=dt, any_step=any_step)
+        step = refinements(settings)[0]
+        audit = energy_audit(scene, duration, frame_rate=frame_rate, **coupling, **step)
+        growth = sensitivity(scene, duration, **coupling, **step)
     return Diagnosis(runs[0], bars, audit, growth, _penetration(scene, runs[0]), _strut_strain(scene, runs[0]))
 
 

@@ -89,7 +89,11 @@ def sensitivity(
     *,
     method: str | None = None,
     dt: float | None = None,
+    rtol: float | None = None,
+    atol: float | None = None,
     any_step: bool = False,
+    sweeps: int | None = None,
+    strut_tolerance: float | None = None,
     frame_rate: float = 10.0,
 ) -> Sensitivity:
     """|d com/d phase| along one rollout of the scene's own gait, by forward-mode differentiation, in float64.
@@ -98,7 +102,7 @@ def sensitivity(
     robot by a hundredth of this. A scene without a gait is asked for its initial velocities instead. Raises
     `InputError` as `settle` does.
     """
-    settings = settle(scene, duration, method, dt, "float64", any_step=any_step)
+    settings = settle(scene, duration, method, dt, "float64", rtol, atol, any_step, sweeps, strut_tolerance)
     times = np.linspace(0, duration, max(1, round(duration * frame_rate)) + 1)
     varied = np.zeros(scene.structure.nodes.shape) if scene.gait is None else scene.gait.phase
     jacobian = np.asarray(_com_jacobian(as_dtype(scene, "float64"), np.asarray(varied, float), times, settings))

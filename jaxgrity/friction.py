@@ -46,7 +46,8 @@ def switch_force(
 ) -> NodeVectors:
     """F_switch, N. A node sticks while |v_t| < eps and the force that would hold it is within mu_s F_n.
 
-    A sticking node gets that force, the opposite of the tangential part of all `other_forces`. Any other node gets
+    A sticking node gets that force, the opposite of the tangential part of all `other_forces`: it goes on at the speed,
+    below eps, with which it came. Any other node gets
     mu_k F_n against its slip, or, while it is slower than eps, against the slip that `other_forces` are about to start.
     """
     slip = [component(v, tangent) for tangent in ground.tangents]

@@ -15,7 +15,7 @@ from jax.sharding import Mesh, PartitionSpec
 
 from jaxgrity.actuation import Gait
 from jaxgrity.dynamics import State, centre_of_mass
-from jaxgrity.scene import Scene, as_dtype
+from jaxgrity.scene import Scene, as_dtype, with_gait
 from jaxgrity.simulate import Settings, discretise, failure_code, integrate, settle, state_failure
 from jaxgrity.structure import InputError
 from jaxgrity.types import Failures, PerGait, Phases, Scalar, Vectors
@@ -52,7 +52,8 @@ def gaits_of(
 ) -> Gait:
     """A population of gaits as one `Gait`, a row of each array a robot; what is not given is `gait`'s own.
 
-    Raises `InputError` where the scene has no gait, or the rows have another length than its list of members.
+    Raises `InputError` where the scene has no gait, the rows have another length than its list of members, or the arrays
+    differ in their number of rows.
     """
     if gait is None:
         raise InputError("the scene has no gait; expected a [gait] table to vary")
@@ -64,6 +65,8 @@ def gaits_of(
     for name, given in (("phase", phase), ("amplitude", amplitude), ("frequency", frequency)):
         if given is not None and (np.ndim(given) != 2 or np.shape(given)[1] != count):
             raise InputError(f"{name} has shape {np.shape(given)}; expected (gaits, {count}), one an actuated member")
+        if given is not None and np.shape(given) != np.shape(phase):
+            raise InputError(f"{name} has {len(given)} rows; expected {len(phase)}, as many as phase has")
     return Gait(
         gait.members, phase, rows(amplitude, gait.amplitude), rows(frequency, gait.frequency), gait.start, gait.ramp
     )
@@ -71,7 +74,7 @@ def gaits_of(
 
 def one_gait(gaits: Gait, k: int) -> Gait:
     """Gait number `k` of a population."""
-    phase, amplitude, frequency = (np.asarray(x)[k] for x in (gaits.phase, gaits.amplitude, gaits.frequency))
+    phase, amplitude, frequency = (x[k] for x in (gaits.phase, gaits.amplitude, gaits.frequency))
     return Gait(gaits.members, phase, amplitude, frequency, gaits.start, gaits.ramp)
 
 
@@ -91,16 +94,18 @@ def simulate_population(
 ) -> Outcomes:
     """Roll the scene out once for each of `gaits` (from `gaits_of`), from the structure's own pose at rest.
 
+    They take the place of the scene's own gait, if it has one, with all that they say: members, start and ramp too.
     Fixed steps of an explicit method advance all robots at once; the steps of any other are chosen, or solved for,
     robot by robot. Options and errors are those of `simulate.settle`.
     """
+    scene = with_gait(scene, one_gait(gaits, 0))
     settings = settle(scene, duration, method, dt, dtype, rtol, atol, any_step, sweeps, strut_tolerance)
     return roll_out(as_dtype(scene, settings.dtype), gaits, np.asarray(duration, float), settings)
 
 
 @eqx.filter_jit
 def roll_out(scene: Scene, gaits: Gait, duration: Scalar, settings: Settings) -> Outcomes:
-    """`simulate_population` without its checks, for use inside other compiled functions."""
+    """`simulate_population` without its checks, of a scene that has one of the gaits, inside other compiled functions."""
     size = gaits.phase.shape[0]
     # lineax's linear solve, inside implicit methods, cannot be traced under shard_map
     devices = 1 if settings.method.implicit else jax.device_count()

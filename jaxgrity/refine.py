@@ -80,6 +80,8 @@ def polish(
     visited, norms, distances = _climb(scene, gaits, horizon, polishing, settings, on_step)
     candidates = _most_promising(scene, visited, duration, polishing.dt or dt, count=16)
     checked = verify(scene, candidates, duration, dt)
+    if not np.isfinite(checked.error_bar).any():
+        return Polished(*kept, norms, distances, "no gait on the way could be integrated at every step of verification")
     winner = _best(checked)
     gain = checked.distance[winner] - verified.distance[best]
     bars = checked.error_bar[winner] + verified.error_bar[best]

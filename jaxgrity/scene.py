@@ -1,5 +1,7 @@
 """A scene: the composition of a structure and of what acts on it, and the two scalar functions that it is."""
 
+import dataclasses
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -42,6 +44,8 @@ class Scene(eqx.Module):
                     "smooth friction and the switch with penalty contact"
                 )
         if self.gait is not None:
+            if len(set(self.gait.members)) < len(self.gait.members):
+                raise InputError(f"gait.members = {list(self.gait.members)}: expected each member once")
             for k in self.gait.members:
                 if not 0 <= k < members:
                     known = f"0 to {members - 1}, struts first" if members else "no gait, since there are no members"
@@ -73,13 +77,13 @@ class Scene(eqx.Module):
 
     @property
     def dissipates(self) -> bool:
-        """Whether any force of the scene depends on velocity."""
+        """Whether any force of the scene depends on velocity; impulses of exact contact are not forces."""
         members = (self.structure.struts, self.structure.cables)
         return (
             self.node_damping is not None
             or any(m is not None and m.damping is not None for m in members)
             or (self.ground is not None and self.ground.dissipation is not None)
-            or self.friction is not None
+            or isinstance(self.friction, (SmoothFriction, SwitchFriction))
         )
 
     @property
@@ -107,8 +111,8 @@ class Scene(eqx.Module):
 
 
 def with_gait(scene: Scene, gait: Gait | None) -> Scene:
-    """The scene with another gait, or with none."""
-    return eqx.tree_at(lambda s: s.gait, scene, gait, is_leaf=lambda x: x is None or isinstance(x, Gait))
+    """The scene with another gait, or with none. Raises `InputError` where the gait does not fit the structure."""
+    return dataclasses.replace(scene, gait=gait)
 
 
 def as_dtype(scene: Scene, dtype: str) -> Scene:
@@ -166,7 +170,8 @@ def _describe_prestress(structure: Structure) -> list[tuple[str, str]]:
     def energy(q):
         return potential_energy(q, 0.0, structure, None, None, None)
 
-    shape = equilibrium(energy, structure.nodes)
+    scale = max(float(np.max(m.stiffness * m.rest_length)) for m in (structure.struts, structure.cables) if m)
+    shape = equilibrium(energy, structure.nodes, tolerance=1e-10 * scale)
     where = "" if shape is not None else " (in the given shape: no equilibrium found)"
     shape = np.asarray(structure.nodes) if shape is None else shape
     forces = []

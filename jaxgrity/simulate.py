@@ -20,7 +20,7 @@ from jaxgrity.types import NodeVectors, Path, Times
 
 FAILURES = (
     "succeeded",
-    "the motion is not finite",
+    "the motion is not finite, or misses its constraints",
     "the structure was torn apart",
     "the most steps allowed were taken",
     "an implicit step did not converge",
@@ -42,7 +42,7 @@ class Trajectory(eqx.Module):
     positions: Path
     """(frames, nodes, 3), m"""
     velocities: Path
-    """(frames, nodes, 3), m/s"""
+    """(frames, nodes, 3), m/s; of complementarity stepping those in the middle of the step before each frame"""
     failure: jax.Array
     """index into `FAILURES`; 0: succeeded"""
     steps: jax.Array
@@ -114,8 +114,10 @@ def settle(
         raise InputError(f"dtype = {dtype!r}: expected 'float32' or 'float64'")
     if rtol is not None and rtol < 10 * np.finfo(dtype).eps:
         raise InputError(f"rtol = {rtol:g}: {dtype} cannot meet it; expected at least {10 * np.finfo(dtype).eps:.1g}")
-    loosest = 1e-8 if dtype == "float64" else 1e-5
-    rtol, atol = (loosest if x is None else x for x in (rtol, atol))
+    if (rtol is not None or atol is not None) and (dt is not None or not chosen.adaptive):
+        raise InputError(f"rtol, atol: {chosen.name!r} at a fixed step has no tolerances; expected none, or no dt")
+    usual = 1e-8 if dtype == "float64" else 1e-5
+    rtol, atol = (usual if x is None else x for x in (rtol, atol))
     if scene.constrained and not chosen.constrained:
         raise InputError(
             f"method = {chosen.name!r}: this scene has rigid struts or exact contact; expected 'complementarity'"
@@ -245,7 +247,7 @@ def integrate(
     terms, solver = discretise(settings) if problem is None else problem
     fixed = settings.dt is not None
     smallest = 16 * jnp.finfo(times.dtype).eps * times[-1]
-    adaptive = diffrax.PIDController(rtol=settings.rtol, atol=settings.atol, dtmin=smallest)
+    adaptive = diffrax.PIDController(rtol=settings.rtol, atol=settings.atol, dtmin=smallest, force_dtmin=False)
     controller = diffrax.ConstantStepSize() if fixed else adaptive
     dt0 = None if settings.dt is None else jnp.asarray(settings.dt, times.dtype)
     return diffrax.diffeqsolve(

@@ -10,8 +10,8 @@ import numpy as np
 from jaxgrity.dynamics import State, acceleration
 from jaxgrity.friction import ConeFriction, SmoothFriction, SwitchFriction
 from jaxgrity.methods import METHODS, Method, amplification, find_method
-from jaxgrity.scene import Scene, as_dtype
-from jaxgrity.structure import InputError
+from jaxgrity.scene import Scene, as_dtype, with_gait
+from jaxgrity.structure import InputError, edge_lengths
 from jaxgrity.types import NodeVectors
 
 GROWTH = 1e-3
@@ -130,19 +130,19 @@ def stable_step(scene: Scene, state: State, method: Method | str) -> float:
 
 
 def _largest(linear: Linearised, method: Method) -> float:
-    fastest = np.abs(linear.modes()[0]).max(initial=0)
+    values = linear.modes()[0]
+    fastest = np.abs(values).max(initial=0)
     if fastest == 0:
         return np.inf
     low, high = 1e-3 / fastest, 1e2 / fastest
     for _ in range(50):
         middle = np.sqrt(low * high)
-        low, high = (middle, high) if np.all(_excess(linear, method, middle) <= 1 + GROWTH) else (low, middle)
+        low, high = (middle, high) if np.all(_excess(linear, values, method, middle) <= 1 + GROWTH) else (low, middle)
     return float(low)
 
 
-def _excess(linear: Linearised, method: Method, h: float) -> np.ndarray:
+def _excess(linear: Linearised, values: np.ndarray, method: Method, h: float) -> np.ndarray:
     """By how much more than in truth one step multiplies each mode; with constraints, each mode of the step."""
-    values, _ = linear.modes()
     if not method.constrained:
         return amplification(method, h * values) * np.exp(-h * np.maximum(values.real, 0))
     one = np.eye(len(linear.stiffness))
@@ -160,7 +160,7 @@ def limiting_part(scene: Scene, state: State, method: Method) -> str:
     if method.constrained:
         worst = np.argmax(np.abs(values))
     else:
-        worst = np.argmax(_excess(linear, method, 1.01 * _largest(linear, method)))
+        worst = np.argmax(_excess(linear, values, method, 1.01 * _largest(linear, method)))
     q, v = (np.asarray(x, float) for x in state)
     shape = np.stack([shapes[:, worst].real, shapes[:, worst].imag]).reshape(2, *q.shape)
     with jax.enable_x64(True):
@@ -217,14 +217,25 @@ def aloft(scene: Scene) -> State:
     return q + np.array([0.0, 0.0, 1e3]), 0 * q
 
 
-def strictest(scene: Scene, method: Method) -> tuple[float, State]:
-    """The smaller stable step (s) of the structure standing and aloft, and the state that it belongs to.
+def all_taut(scene: Scene) -> Scene:
+    """The scene without its gait, and with rest lengths shortened until no cable is slack in the structure's shape."""
+    scene, cables = with_gait(scene, None), scene.structure.cables
+    if cables is None:
+        return scene
+    lengths = edge_lengths(scene.structure.nodes, cables.edges)
+    taut = np.minimum(np.asarray(cables.rest_length, float), (1 - 1e-9) * lengths)
+    return eqx.tree_at(lambda s: s.structure.cables.rest_length, scene, taut)
+
+
+def strictest(scene: Scene, method: Method) -> tuple[float, Scene, State]:
+    """The smaller stable step (s) of the structure standing and aloft, all cables taut, and what it belongs to.
 
     Penalty contact and friction limit it standing; exact contact holds nodes, and so lets it stand at larger steps.
+    Cables that are slack at first count, for in motion they may be taut.
     """
-    return min(
-        ((stable_step(scene, state, method), state) for state in (standing(scene), aloft(scene))), key=lambda x: x[0]
-    )
+    taut = all_taut(scene)
+    found = [(stable_step(taut, state, method), taut, state) for state in (standing(taut), aloft(taut))]
+    return min(found, key=lambda x: x[0])
 
 
 def default_step(scene: Scene, method: Method) -> float:
@@ -236,11 +247,11 @@ def default_step(scene: Scene, method: Method) -> float:
 
 def check_step(scene: Scene, method: Method, dt: float) -> None:
     """Raises `InputError`, naming the largest stable step and what sets it, where a fixed step `dt` would blow up."""
-    limit, state = strictest(scene, method)
+    limit, taut, state = strictest(scene, method)
     if dt > limit:
         raise InputError(
             f"dt = {dt:g} s is too large for {method.name} on this scene; expected at most {limit:.3g} s, the largest "
-            f"stable step, set by {limiting_part(scene, state, method)}"
+            f"stable step, set by {limiting_part(taut, state, method)}"
         )
 
 

@@ -13,7 +13,10 @@ class InputError(ValueError):
 
 
 class Members(eqx.Module):
-    """Springs of one kind, struts (which push and pull) or cables (which only pull), by the order of their edges."""
+    """Springs of one kind by the order of their edges: struts, which push and pull, or cables, whose springs only pull.
+
+    A cable's damper acts while the cable is longer than its rest length, and resists shortening too.
+    """
 
     edges: Edges = eqx.field(static=True)
     """(i, j), the nodes that each member joins"""

@@ -11,7 +11,7 @@ Energy = Callable[[NodeVectors], Scalar]
 
 
 def equilibrium(
-    energy: Energy, start: NodeVectors, tolerance: float = 1e-6, iterations: int = 100
+    energy: Energy, start: NodeVectors, tolerance: float, iterations: int = 100
 ) -> np.ndarray | None:
     """A shape near `start` in which every force -dU/dq is below `tolerance` (N); None where none is found.
 

@@ -106,7 +106,7 @@ def test_bad_input_is_one_line_and_exit_code_2(tmp_path, monkeypatch, arguments,
     assert not Path("out").exists()
 
 
-SCRIPTS = sorted(path.name for path in (ROOT / "experiments").glob("*.py") if "run(main" in path.read_text())
+SCRIPTS = sorted(path.name for path in (ROOT / "experiments").glob("*.py") if "\n    run(main" in path.read_text())
 
 
 @pytest.mark.parametrize("script", SCRIPTS)

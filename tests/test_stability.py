@@ -74,8 +74,8 @@ def changed(part, value):
 def test_the_limit_is_blamed_on_what_sets_it(reference, change, named):
     """One member, damper or contact made far stiffer than all others sets the limit, and is named."""
     scene = change(with_gait(reference, None))
-    _, state = strictest(scene, METHODS["rk4"])
-    assert named in limiting_part(scene, state, METHODS["rk4"])
+    _, taut, state = strictest(scene, METHODS["rk4"])
+    assert named in limiting_part(taut, state, METHODS["rk4"])
 
 
 def test_a_step_too_large_is_refused_by_name(reference):
