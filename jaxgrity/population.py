@@ -52,8 +52,8 @@ def gaits_of(
 ) -> Gait:
     """A population of gaits as one `Gait`, a row of each array a robot; what is not given is `gait`'s own.
 
-    Raises `InputError` where the scene has no gait, the rows have another length than its list of members, or the arrays
-    differ in their number of rows.
+    Raises `InputError` where the scene has no gait, the rows have another length than its list of members, or the
+    arrays differ in their number of rows.
     """
     if gait is None:
         raise InputError("the scene has no gait; expected a [gait] table to vary")
@@ -105,7 +105,7 @@ def simulate_population(
 
 @eqx.filter_jit
 def roll_out(scene: Scene, gaits: Gait, duration: Scalar, settings: Settings) -> Outcomes:
-    """`simulate_population` without its checks, of a scene that has one of the gaits, inside other compiled functions."""
+    """`simulate_population` without its checks, of a scene with one of the gaits, for other compiled functions."""
     size = gaits.phase.shape[0]
     # lineax's linear solve, inside implicit methods, cannot be traced under shard_map
     devices = 1 if settings.method.implicit else jax.device_count()

@@ -10,9 +10,7 @@ from jaxgrity.types import NodeVectors, PerNode, Scalar
 Energy = Callable[[NodeVectors], Scalar]
 
 
-def equilibrium(
-    energy: Energy, start: NodeVectors, tolerance: float, iterations: int = 100
-) -> np.ndarray | None:
+def equilibrium(energy: Energy, start: NodeVectors, tolerance: float, iterations: int = 100) -> np.ndarray | None:
     """A shape near `start` in which every force -dU/dq is below `tolerance` (N); None where none is found.
 
     Newton's method on the energy's own Hessian, each eigenvalue replaced by its magnitude, so that it goes downhill,

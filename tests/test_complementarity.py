@@ -24,7 +24,7 @@ from jaxgrity.complementarity import groups
 from jaxgrity.friction import ConeFriction
 from jaxgrity.ground import Ground
 from jaxgrity.scene import Scene, as_dtype
-from jaxgrity.simulate import integrate, settle
+from jaxgrity.simulate import FAILURES, integrate, settle
 from jaxgrity.structure import Structure, edge_lengths
 
 SCENES = Path(__file__).parents[1] / "experiments" / "scenes"
@@ -84,6 +84,12 @@ def test_a_tolerance_that_is_not_met_is_a_failure(exact):
     assert simulate(exact, 0.5, strut_tolerance=1e-10, sweeps=3).failed
     gaits = gaits_of(exact.gait, random_phases(2, 6, seed=0))
     assert np.all(simulate_population(exact, gaits, 0.5, strut_tolerance=1e-10, sweeps=3).failure == 1)
+
+
+def test_lost_struts_are_a_failure(exact):
+    """At a step ten times the default the sweeps leave struts more than 0.1 % off: that is no result, and says so."""
+    motion = simulate(exact, 3.0, dt=5e-2, any_step=True)
+    assert FAILURES[int(motion.failure)] == "the motion is not finite, or misses its constraints"
 
 
 def test_sweeps_and_tolerances_that_make_no_sense_are_refused(exact, reference):

@@ -9,7 +9,7 @@ import pytest
 from jaxgrity.dynamics import angular_momentum, kinetic_energy, mechanical_energy, momentum, vector_field
 from jaxgrity.methods import METHODS
 from jaxgrity.scene import Scene, as_dtype
-from jaxgrity.simulate import integrate, settle, simulate
+from jaxgrity.simulate import FAILURES, integrate, settle, simulate
 from jaxgrity.stability import default_step, stable_step, standing
 from jaxgrity.structure import InputError, Members, Structure
 
@@ -190,6 +190,8 @@ def test_implicit_methods_have_no_largest_step(name):
         ({"duration": float("nan")}, r"duration = nan"),
         ({"dt": 0.0}, r"dt = 0"),
         ({"rtol": -1e-6, "method": "tsit5"}, r"rtol = -1e-06"),
+        ({"rtol": 1e-6}, r"rtol, atol: 'rk4' at a fixed step has no tolerances"),
+        ({"rtol": 1e-6, "method": "tsit5", "dt": 1e-3}, r"'tsit5' at a fixed step"),
         ({"dtype": "float16"}, r"'float16'"),
         ({"method": "symplectic"}, r"without dissipation"),
     ],
@@ -203,6 +205,14 @@ def test_too_large_step_is_refused_with_the_largest_stable_one(reference):
     limit = stable_step(reference, standing(reference), METHODS["rk4"])
     with pytest.raises(InputError, match=rf"dt = 0\.1 s.*at most {limit:.3g} s"):
         simulate(reference, 1.0, dt=0.1)
+
+
+def test_a_step_that_becomes_too_small_is_a_failure():
+    """A strut that swings at a million radians a second cannot be resolved over 200 s in float32."""
+    struts = Members(((0, 1),), np.array([1e9]), np.ones(1))
+    scene = Scene(Structure(np.array([[0.0, 0, 0], [1.01, 0, 0]]), np.full(2, 1e-3), struts))
+    motion = simulate(scene, 200.0, method="tsit5", dtype="float32", max_steps=10**5)
+    assert FAILURES[int(motion.failure)] == "the step became too small"
 
 
 def test_failure_is_data(reference):

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxgrity import Gait, InputError, gaits_of, random_phases, simulate, simulate_population, with_gait
+from jaxgrity import Gait, InputError, gaits_of, one_gait, random_phases, simulate, simulate_population, with_gait
 from jaxgrity.dynamics import vector_field
 from jaxgrity.population import in_lanes, over_lanes
 from jaxgrity.scene import as_dtype
@@ -121,3 +121,26 @@ def test_bad_gaits_are_refused(reference):
         gaits_of(reference.gait, np.zeros((3, 5)))
     with pytest.raises(InputError, match="no gait"):
         gaits_of(with_gait(reference, None).gait, np.zeros((3, 6)))
+    with pytest.raises(InputError, match="amplitude has 2 rows; expected 3"):
+        gaits_of(reference.gait, np.zeros((3, 6)), amplitude=np.zeros((2, 6)))
+
+
+def test_gaits_take_the_place_of_the_scenes_own(reference):
+    """With their members, start and ramp; the scene need not have a gait."""
+    rows = np.array([[0.3, 1.0], [2.0, 3.0]])
+    gaits = Gait((7, 20), rows, np.full((2, 2), 0.3), np.full((2, 2), 1.5), 0.0, 0.2)
+    still = with_gait(reference, None)
+    for scene in (reference, still):
+        outcomes = simulate_population(scene, gaits, 0.4)
+        for k in range(2):
+            alone = simulate(with_gait(reference, one_gait(gaits, k)), 0.4)
+            np.testing.assert_allclose(outcomes.com_end[k], alone.positions[-1].mean(0), rtol=0, atol=1e-10)
+    assert np.linalg.norm(outcomes.com_end[0] - outcomes.com_end[1]) > 1e-6
+
+
+def test_a_gait_that_does_not_fit_is_refused(reference):
+    """When it is put into a scene, by name."""
+    for members, message in (((0, 99), "names member 99; expected 0 to 29"), ((3, 3), "expected each member once")):
+        gait = Gait(members, np.zeros(2), np.zeros(2), np.zeros(2))
+        with pytest.raises(InputError, match=message):
+            with_gait(reference, gait)
