@@ -2,10 +2,13 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: gait test lint measure clean
+.PHONY: gait paper test lint measure clean
 
 gait: .venv/.installed
 	$(BIN)/python experiments/gait_search.py
+
+paper: .venv/.installed
+	$(BIN)/python experiments/paper.py
 
 test: .venv/.installed-test
 	$(BIN)/python -m pytest --numprocesses auto --dist worksteal

@@ -121,7 +121,7 @@ def _beside(scene: Scene, times: Times, settings: Settings):
     problem = (diffrax.ODETerm(field), solver)
     (q, v), work = integrate((start, nothing), jnp.asarray(times), scene, settings, problem=problem).ys  # type: ignore[misc]
     if settings.dt is not None:
-        work["actuation"] += _one_sided(scene, jnp.asarray(times), q, solver.tableau, settings.dt)  # type: ignore[union-attr]
+        work["actuation"] += _one_sided(scene, jnp.asarray(times), q, solver.tableau, settings.dt)  # type: ignore[attr-defined]
     return *_amounts(scene, jnp.asarray(times), q, v), work
 
 

@@ -115,7 +115,7 @@ def diagnose(
     the tolerances), as in `diagnostics.verify`. Raises `InputError` as `settle` does.
     """
     settings = settle(scene, duration, method, dt, dtype, rtol, atol, any_step, sweeps, strut_tolerance)
-    coupling = {"any_step": any_step, "sweeps": sweeps, "strut_tolerance": strut_tolerance}
+    coupling: dict[str, Any] = {"any_step": any_step, "sweeps": sweeps, "strut_tolerance": strut_tolerance}
     runs = [
         simulate(scene, duration, dtype=dtype, frame_rate=frame_rate, **coupling, **step)
         for step, dtype in zip(refinements(settings), (settings.dtype, "float64", "float64"))

@@ -170,8 +170,8 @@ def _describe_prestress(structure: Structure) -> list[tuple[str, str]]:
     def energy(q):
         return potential_energy(q, 0.0, structure, None, None, None)
 
-    scale = max(float(np.max(m.stiffness * m.rest_length)) for m in (structure.struts, structure.cables) if m)
-    shape = equilibrium(energy, structure.nodes, tolerance=1e-10 * scale)
+    stiff = [np.asarray(m.stiffness) * np.asarray(m.rest_length) for m in (structure.struts, structure.cables) if m]
+    shape = equilibrium(energy, structure.nodes, tolerance=1e-10 * float(np.max(np.concatenate(stiff))))
     where = "" if shape is not None else " (in the given shape: no equilibrium found)"
     shape = np.asarray(structure.nodes) if shape is None else shape
     forces = []

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 import diffrax
 import equinox as eqx
@@ -198,7 +199,7 @@ def _simulate(scene: Scene, start: State, times: Times, settings: Settings) -> T
     )
 
 
-def refinements(settings: Settings) -> list[dict]:
+def refinements(settings: Settings) -> list[dict[str, Any]]:
     """Options of `simulate` at the settings' step, its half and its quarter; or at their tolerances, a tenth and a
     hundredth of them."""
     name, dt = settings.method.name, settings.dt

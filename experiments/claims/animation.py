@@ -1,0 +1,93 @@
+"""Figure 5: the robot settles, then rolls."""
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from claims.report import REFERENCE, Report, Row, scenes, verdict
+from jaxgrity import Scene, Trajectory, plot, simulate
+from jaxgrity.simulate import centre_path
+
+MOMENT = 8.0
+"""s, of the paper's second frame"""
+ROLLED = 60.0
+"""degrees: an icosahedron that has turned by less may still stand on its first face"""
+
+
+def check(quick: bool) -> Report:
+    """Rollouts of the scenes' own gaits: how far, how much the body has turned, how often its support changed."""
+    duration = 2.0 if quick else 10.0
+    known = scenes()
+    motions = {
+        name: simulate(scene, duration, dt=5e-4, method="rk4", frame_rate=50.0)
+        for name, scene in known.items()
+        if not quick or name == REFERENCE
+    }
+    facts = {name: roll(known[name], motion) for name, motion in motions.items()}
+    rows = [row(name, found) for name, found in facts.items()]
+    figures = {"frames": (frames(known[REFERENCE], motions[REFERENCE]), CAPTION)}
+    return Report("The animation", rows, figures, facts)
+
+
+CAPTION = (
+    "The reference robot with its own gait at the start, settled, and after a partial roll; the path of its centre."
+)
+
+
+def roll(scene: Scene, motion: Trajectory) -> dict:
+    """What the body did by 8 s (or by the end of a shorter motion)."""
+    times, q = np.asarray(motion.times), np.asarray(motion.positions)
+    last = min(len(times) - 1, int(np.searchsorted(times, MOMENT)))
+    path = centre_path(scene, motion)
+    normal = np.array(scene.ground.normal)
+    supports = [frozenset(np.argsort(x @ normal)[:3].tolist()) for x in q[times >= 1.0]]
+    turned = [angle(q[0] - q[0].mean(0), x - x.mean(0)) for x in q[: last + 1]]
+    return {
+        "distance": float(np.hypot(*(path[last] - path[0])[:2])),
+        "size": float(np.ptp(q[0], axis=0).max()),
+        "turned": float(max(turned)),
+        "support_faces": len(set(supports)),
+        "failed": motion.failed,
+    }
+
+
+def angle(before: np.ndarray, after: np.ndarray) -> float:
+    """Degrees of the rotation that best maps one cloud of nodes onto the other (Kabsch 1976)."""
+    u, _, vt = np.linalg.svd(before.T @ after)
+    sign = np.sign(np.linalg.det(u @ vt))
+    rotation = u @ np.diag([1, 1, sign]) @ vt
+    return float(np.degrees(np.arccos(np.clip((np.trace(rotation) - 1) / 2, -1, 1))))
+
+
+def row(name: str, found: dict) -> Row:
+    measured = (
+        f"by 8 s the centre has moved {found['distance']:.2f} m ({found['distance'] / found['size']:.1f} body "
+        f"sizes), the body turned by up to {found['turned']:.0f} degrees, stood on {found['support_faces']} triples "
+        "of nodes"
+    )
+    rolls = found["turned"] >= ROLLED and not found["failed"]
+    why = (
+        "it turns onto other faces: it rolls"
+        if rolls
+        else "it does not turn onto another face: it rocks, hops or slides"
+    )
+    return Row(
+        "it settles, then actuation makes it roll, partly by 8 s", "8, Fig. 5", name, measured, verdict(rolls), why
+    )
+
+
+def frames(scene: Scene, motion: Trajectory) -> Figure:
+    times, q = np.asarray(motion.times), np.asarray(motion.positions)
+    path = centre_path(scene, motion)
+    figure = Figure(figsize=(14, 5), layout="constrained")
+    shown = [0, min(len(times) - 1, 50), min(len(times) - 1, int(np.searchsorted(times, MOMENT)))]
+    for place, k in enumerate(shown):
+        axes = figure.add_subplot(1, 3, place + 1, projection="3d")
+        plot.draw_robot(axes, scene, q[k])
+        axes.plot(path[: k + 1, 0], path[: k + 1, 1], 0 * path[: k + 1, 0], color=plot.PATH)
+        x, y, _ = path[k]
+        corners = np.array([[x - 1, x + 1], [x - 1, x + 1]]), np.array([[y - 1, y - 1], [y + 1, y + 1]])
+        axes.plot_surface(*corners, 0 * corners[0], color=plot.GROUND, alpha=0.5, shade=False)
+        axes.set(xlim=(x - 0.8, x + 0.8), ylim=(y - 0.8, y + 0.8), zlim=(0, 1.2))
+        axes.set(xlabel="x (m)", ylabel="y (m)", zlabel="z (m)", title=f"t = {times[k]:.1f} s")
+        axes.set_box_aspect((1.6, 1.6, 1.2))
+    return figure

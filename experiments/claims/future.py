@@ -1,0 +1,84 @@
+"""Section 9: what the paper leaves to the future, and what this project has of it."""
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from claims.block import LAWS, slide
+from claims.report import CONDITIONAL, FAILS, HOLDS, REFERENCE, Report, Row, scenes, significant
+from jaxgrity import random_phases, sensitivity, simulate_population
+from jaxgrity.ground import Ground
+from jaxgrity.population import gaits_of
+
+
+def check(quick: bool) -> Report:
+    """One number for each direction."""
+    slips = {law: slide(law, 45.0)["slid"] for law in LAWS}
+    exact = slide("cone", 45.0)["exact"]
+    spread = turning(quick)
+    growth = sensitivity(scenes()[REFERENCE], 2.0 if quick else 8.0, method="rk4", dt=1e-3)
+    slope = Ground(None, incline=np.radians(15.0)).normal
+    rows = [
+        Row(
+            "more sophisticated friction or slip models",
+            "9",
+            "1 kg block, 45 degrees",
+            f"smooth, switch and cone slide {', '.join(significant(s, 'm') for s in slips.values())} in 5 s; exact "
+            f"{significant(exact, 'm')}",
+            HOLDS,
+            "there: `jaxgrity/friction.py`, and the cone in `jaxgrity/complementarity.py`; one friction coefficient "
+            "each",
+        ),
+        Row(
+            "multi-step rolling path planning with obstacles",
+            "9",
+            REFERENCE,
+            f"the {spread['gaits']} gaits tried leave into {spread['sectors']} of 8 sectors of 45 degrees",
+            CONDITIONAL,
+            "gaits into most directions exist, which a planner needs; planner and obstacles are not there",
+        ),
+        Row(
+            "real-time feedback control for strut reconfiguration",
+            "9",
+            REFERENCE,
+            f"without feedback, 0.01 rad in the phases moves the end of {growth.times[-1]:g} s by up to "
+            f"{significant(0.01 * growth.norm[-1], 'm')}",
+            FAILS,
+            "not there: gaits are open loop (`jaxgrity/actuation.py`); how much there is to correct is measured "
+            "(`jaxgrity.sensitivity`)",
+        ),
+        Row(
+            "higher-level locomotion in unstructured terrain",
+            "9",
+            "inclined plane",
+            f"ground is one plane, at any incline: n = ({slope[0]:.3f}, 0, {slope[2]:.3f}) at 15 degrees",
+            CONDITIONAL,
+            "inclined planes are there (`jaxgrity/ground.py`), other terrain is not",
+        ),
+    ]
+    return Report("Future directions", rows, {"future": (figure(spread), CAPTION)}, {"slips": slips, "turning": spread})
+
+
+CAPTION = "Where random gaits of the reference robot get to: the directions that a planner could choose from."
+
+
+def turning(quick: bool) -> dict:
+    """Displacements of random gaits, and into how many sectors they lead."""
+    scene = scenes()[REFERENCE]
+    phases = random_phases(8 if quick else 64, len(scene.gait.members), seed=0)
+    outcomes = simulate_population(scene, gaits_of(scene.gait, phases), 2.0 if quick else 8.0, dt=1e-3)
+    moved = np.asarray(outcomes.com_end - outcomes.com_start)[:, :2]
+    far = np.linalg.norm(moved, axis=1) > 0.0
+    sectors = np.floor(np.degrees(np.arctan2(moved[far, 1], moved[far, 0])) / 45).astype(int)
+    return {"gaits": len(phases), "sectors": len(set(sectors.tolist())), "moved": moved}
+
+
+def figure(spread: dict) -> Figure:
+    chart = Figure(figsize=(5, 4.8), layout="constrained")
+    axes = chart.subplots()
+    axes.plot(*np.asarray(spread["moved"]).T, "o", ms=4, label="random gaits, 8 s")
+    axes.plot(0, 0, "k+", ms=12, label="start")
+    axes.set(xlabel="x (m)", ylabel="y (m)")
+    axes.axis("equal")
+    axes.grid(alpha=0.3)
+    axes.legend()
+    return chart
