@@ -73,7 +73,7 @@ def controls(scene: Scene, gait: Gait | None, steps: int, dt: float) -> np.ndarr
 def roll(
     scene: Scene, phases: np.ndarray, duration: float, dt: float, integrator: str, threads: int = 2
 ) -> tuple[np.ndarray, float]:
-    """Centre of mass of each gait at the end, (gaits, 3), m, and the wall time of a warm run, s."""
+    """Positions of each gait's nodes at the end, (gaits, nodes, 3), m, and the wall time of a warm run, s."""
     model, steps = build(scene, dt, integrator), round(duration / dt)
     gaits = gaits_of(scene.gait, phases)
     control = np.stack([controls(scene, one_gait(gaits, k), steps, dt) for k in range(len(phases))])
@@ -83,6 +83,4 @@ def roll(
     began = time.perf_counter()
     states, _ = rollout.rollout(model, data, start, control)
     wall = time.perf_counter() - began
-    q = states[:, -1, 1 : 1 + model.nq].reshape(len(phases), -1, 3) + np.asarray(scene.structure.nodes)
-    mass = np.asarray(scene.structure.node_mass)
-    return np.einsum("n,gnk->gk", mass / mass.sum(), q), wall
+    return states[:, -1, 1 : 1 + model.nq].reshape(len(phases), -1, 3) + np.asarray(scene.structure.nodes), wall

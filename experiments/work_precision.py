@@ -7,7 +7,7 @@ The distance between the two models is drawn beside them.
 """
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -19,7 +19,7 @@ from common import SCENES, measured, run
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
-from jaxgrity import Gait, Outcomes, Scene, gaits_of, load_scene, plot, random_phases, simulate_population
+from jaxgrity import Gait, InputError, Outcomes, Scene, gaits_of, load_scene, plot, random_phases, simulate_population
 from jaxgrity.files import save_json
 from jaxgrity.methods import METHODS
 
@@ -58,7 +58,9 @@ class Settings:
     seed: int = 3
     """of the gaits"""
     out: Path = Path("results/work_precision")
-    """folder for work_precision.json and its figure"""
+    """folder for a JSON and a figure of each scene"""
+    scenes: tuple[str, ...] = ()
+    """those to measure, by name; all, where none are given"""
     quick: bool = False
     """free flight alone, RK4 and complementarity in float64"""
 
@@ -72,18 +74,19 @@ class Task(NamedTuple):
     gaits: Gait
     duration: float
     undamped: bool = False
+    nodes: bool = False
+    """the error is that of all nodes: in the air a centre of mass falls as it must, however wrong the robot's shape"""
 
 
 class Point(NamedTuple):
     """One method at one step or tolerance."""
 
-    scene: str
     method: str
     dtype: str
     setting: float
     """step, s, or tolerance"""
     error: float | None
-    """median distance of the centres of mass from the model's converged answer, m; None where most gaits failed"""
+    """median distance from the model's converged answer, m; None where most gaits failed"""
     failed: int
     seconds: float
     """wall time per gait and simulated second"""
@@ -92,35 +95,39 @@ class Point(NamedTuple):
 
 
 def main(settings: Settings) -> None:
-    points, apart = [], {}
-    chosen = tasks(settings)
+    chosen = [task for task in tasks(settings) if not settings.scenes or task.name in settings.scenes]
+    if not chosen:
+        raise InputError(f"scenes = {settings.scenes}: expected some of {[task.name for task in tasks(settings)]}")
     with tqdm(total=len(chosen), desc="scenes", unit="scene") as bar:
         for task in chosen:
-            bar.set_postfix(scene=task.name, refresh=True)
-            truths = converged(task)
-            apart[task.name] = float(np.median(np.linalg.norm(truths[False] - truths[True], axis=1)))
+            points, truths = [], converged(task)
             for method, dtype, options in settings_to_try(task, settings):
-                points.append(measure(task, method, dtype, options, truths, settings.repeats))
                 bar.set_postfix(scene=task.name, method=method, refresh=True)
+                points.append(measure(task, method, dtype, options, truths, settings.repeats))
             if settings.mujoco:
                 points += mujoco_points(task, settings.repeats)
+            leave(task, points, float(np.median(distance(truths[False], truths[True]))), settings, bar.write)
             bar.update()
-    costs = cost_at_target(points)
+
+
+def leave(task: Task, points: list[Point], apart: float, settings: Settings, say: Callable) -> None:
+    """The scene's JSON and figure, and the cheapest settings for people."""
+    costs, name = cost_at_target(points), task.name.replace(" ", "_")
     facts = {
         **measured(),
+        "scene": task.name,
+        "error_of": "all nodes, root mean square" if task.nodes else "the centre of mass",
         "gaits": settings.gaits,
         "models_apart": apart,
         "target": TARGET,
         "cost_at_target": costs,
         "points": [point._asdict() for point in points],
     }
-    save_json(settings.out / "work_precision.json", facts)
-    plot.save(figure(points, apart), settings.out / "work_precision.png")
-    for scene, rows in costs.items():
-        print(f"{scene}: microseconds per gait and simulated second at {TARGET:g} m")
-        for name, seconds in sorted(rows.items(), key=lambda row: row[1]):
-            print(f"    {name:26s} {1e6 * seconds:10.1f}")
-    print(f"wrote {settings.out}/work_precision.json and work_precision.png")
+    save_json(settings.out / f"{name}.json", facts)
+    plot.save(figure(points, facts), settings.out / f"{name}.png")
+    say(f"{task.name}: microseconds per gait and simulated second at {TARGET:g} m; wrote {settings.out}/{name}.json")
+    for method, seconds in costs.items():
+        say(f"    {method:26s} {1e6 * seconds:10.1f}")
 
 
 def tasks(settings: Settings) -> list[Task]:
@@ -134,7 +141,7 @@ def tasks(settings: Settings) -> list[Task]:
 
     flying = [undamped(scene) for scene in (reference, exact)]
     all_tasks = [
-        Task("free flight", *flying, gaits(0.5, 0.1), 2.0, undamped=True),
+        Task("free flight", *flying, gaits(0.5, 0.1), 2.0, undamped=True, nodes=True),
         Task("drop and settle", reference, exact, gaits(0.5, 0.0), 2.0),
         Task("0.5 Hz roll", reference, exact, gaits(0.5, 0.3), 4.0),
         Task("1 Hz roll", reference, exact, gaits(1.0, 0.3), 4.0),
@@ -152,10 +159,22 @@ def undamped(scene: Scene) -> Scene:
 
 
 def converged(task: Task) -> dict[bool, np.ndarray]:
-    """Centres of mass at the end, (gaits, 3), m, of the penalty model (False) and the exact one (True)."""
+    """Where the penalty model's robots (False) and the exact one's (True) end: `ends`."""
     soft = simulate_population(task.penalty, task.gaits, task.duration, method="dopri8", rtol=1e-10, atol=1e-10)
     hard = simulate_population(task.exact, task.gaits, task.duration, dt=5e-5)
-    return {False: np.asarray(soft.com_end), True: np.asarray(hard.com_end)}
+    return {False: ends(task, soft.positions), True: ends(task, hard.positions)}
+
+
+def ends(task: Task, positions) -> np.ndarray:
+    """(gaits, points, 3), m: of all nodes, or of the centre of mass alone."""
+    q = np.asarray(positions, float)
+    mass = np.asarray(task.penalty.structure.node_mass)
+    return q if task.nodes else np.einsum("n,gnk->gk", mass / mass.sum(), q)[:, None]
+
+
+def distance(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """(gaits,), m, root mean square over the points."""
+    return np.sqrt(np.mean(np.sum((a - b) ** 2, axis=-1), axis=-1))
 
 
 def settings_to_try(task: Task, settings: Settings) -> Iterator[tuple[str, str, dict]]:
@@ -187,13 +206,12 @@ def measure(task: Task, method: str, dtype: str, options: dict, truths: dict, re
         outcomes = roll()
         seconds.append(time.perf_counter() - start)
     count = len(outcomes.com_end)
-    off = np.linalg.norm(np.asarray(outcomes.com_end, float) - truth[:count], axis=1)
+    off = distance(ends(task, outcomes.positions), truth[:count])
     failed = np.asarray(outcomes.failure) != 0
     per = count * task.duration
     tried = float(np.sum(np.asarray(outcomes.steps) + np.asarray(outcomes.rejected)))
     error = float(np.median(np.where(failed, np.inf, off)))
     return Point(
-        task.name,
         method,
         dtype,
         next(iter(options.values())),
@@ -219,51 +237,52 @@ def mujoco_points(task: Task, repeats: int) -> list[Point]:
     for integrator, evaluations in (("Euler", 1), ("RK4", 4)):
         for dt in (3e-3, 2e-3, 1e-3, 5e-4, 2e-4):
             runs = [roll(scene, phases, task.duration, dt, integrator) for _ in range(repeats)]
-            off = np.linalg.norm(runs[0][0] - truth, axis=1)
+            off = distance(ends(task, runs[0][0]), ends(task, truth))
             error = float(np.median(np.where(np.isfinite(off), off, np.inf)))
             seconds = float(np.median([wall for _, wall in runs])) / (len(phases) * task.duration)
             usable = error if np.isfinite(error) and error < 10 else None
-            points.append(Point(task.name, f"mujoco {integrator}", "float64", dt, usable, 0, seconds, evaluations / dt))
+            points.append(Point(f"mujoco {integrator}", "float64", dt, usable, 0, seconds, evaluations / dt))
     return points
 
 
-def cost_at_target(points: list[Point]) -> dict[str, dict[str, float]]:
-    """Wall time, s per gait and simulated second, of the cheapest setting whose error is at most `TARGET`."""
-    costs: dict[str, dict[str, float]] = {}
+def cost_at_target(points: list[Point]) -> dict[str, float]:
+    """Wall time, s per gait and simulated second, of each method's cheapest setting with an error of at most `TARGET`,
+    cheapest first."""
+    costs: dict[str, float] = {}
     for point in points:
-        row, name = costs.setdefault(point.scene, {}), f"{point.method} {point.dtype}"
+        name = f"{point.method} {point.dtype}"
         if point.error is not None and point.error <= TARGET:
-            row[name] = min(point.seconds, row.get(name, np.inf))
-    return costs
+            costs[name] = min(point.seconds, costs.get(name, np.inf))
+    return dict(sorted(costs.items(), key=lambda item: item[1]))
 
 
-def figure(points: list[Point], apart: dict[str, float]) -> Figure:
-    """A column for each scene; above: against wall time, below: against force evaluations."""
-    scenes = list(dict.fromkeys(point.scene for point in points))
-    chart = Figure(figsize=(4.6 * len(scenes), 8), layout="constrained")
-    panels = chart.subplots(2, len(scenes), squeeze=False)
-    for column, scene in enumerate(scenes):
-        for (method, dtype), line in lines(points, scene).items():
-            style = {"color": COLOURS[method], "ls": "-" if dtype == "float64" else ":", "marker": "o", "ms": 3.5}
-            for axes, cost in ((panels[0, column], "seconds"), (panels[1, column], "evaluations")):
-                axes.loglog(
-                    [getattr(p, cost) for p in line], [p.error for p in line], label=f"{method} {dtype}", **style
-                )
-        for axes in panels[:, column]:
-            axes.axhline(apart[scene], color="k", ls="--", lw=0.8)
-            axes.text(0.02, apart[scene], "models apart", transform=axes.get_yaxis_transform(), va="bottom", fontsize=8)
-            axes.set_ylabel("median error, m")
-        panels[0, column].set(title=scene, xlabel="wall time per gait and simulated second, s")
-        panels[1, column].set(xlabel="force evaluations per gait and simulated second")
-    panels[0, 0].legend(fontsize=7)
+def figure(points: list[Point], facts: dict) -> Figure:
+    """Error against wall time, and against force evaluations."""
+    chart = Figure(figsize=(12.5, 5.2), layout="constrained")
+    panels = chart.subplots(1, 2, sharey=True)
+    for (method, dtype), line in lines(points).items():
+        style = {"color": COLOURS[method], "ls": "-" if dtype == "float64" else ":", "marker": "o", "ms": 3.5}
+        for axes, cost in zip(panels, ("seconds", "evaluations")):
+            axes.loglog([getattr(p, cost) for p in line], [p.error for p in line], label=f"{method} {dtype}", **style)
+    for axes in panels:
+        axes.axhline(facts["models_apart"], color="k", ls="--", lw=0.8)
+        place = (0.02, facts["models_apart"])
+        axes.text(*place, "models apart", transform=axes.get_yaxis_transform(), va="bottom", fontsize=8)
+        axes.grid(alpha=0.3)
+    panels[0].set(
+        xlabel="wall time per gait and simulated second (s)", ylabel=f"median error of {facts['error_of']} (m)"
+    )
+    panels[1].set(xlabel="force evaluations per gait and simulated second")
+    panels[1].legend(fontsize=7, loc="center left", bbox_to_anchor=(1, 0.5))
+    chart.suptitle(facts["scene"])
     return chart
 
 
-def lines(points: list[Point], scene: str) -> dict[tuple[str, str], list[Point]]:
-    """The points of a scene by method and precision, those without an error left out."""
+def lines(points: list[Point]) -> dict[tuple[str, str], list[Point]]:
+    """The points by method and precision, those without an error left out."""
     found: dict[tuple[str, str], list[Point]] = {}
     for point in points:
-        if point.scene == scene and point.error is not None:
+        if point.error is not None:
             found.setdefault((point.method, point.dtype), []).append(point)
     return found
 

@@ -18,7 +18,7 @@ from jaxgrity.dynamics import State, centre_of_mass
 from jaxgrity.scene import Scene, as_dtype, with_gait
 from jaxgrity.simulate import Settings, discretise, failure_code, integrate, settle, state_failure
 from jaxgrity.structure import InputError
-from jaxgrity.types import Failures, PerGait, Phases, Scalar, Vectors
+from jaxgrity.types import Failures, Path, PerGait, Phases, Scalar, Vectors
 
 LANES = 128
 """robots integrated side by side: enough to fill the vector units, few enough for the cache (measured)"""
@@ -31,6 +31,8 @@ class Outcomes(eqx.Module):
     """(population, 3), centre of mass at the start, m"""
     com_end: Vectors
     """(population, 3), centre of mass at the end, m"""
+    positions: Path
+    """(population, nodes, 3), where every node is at the end, m"""
     failure: Failures
     """(population,), index into `simulate.FAILURES`; 0: succeeded"""
     steps: Failures
@@ -131,8 +133,9 @@ def roll_out(scene: Scene, gaits: Gait, duration: Scalar, settings: Settings) ->
         share = jax.shard_map(share, mesh=mesh, in_specs=(split, whole, whole), out_specs=split, check_vma=False)
     rows = [deal(x) for x in (gaits.phase, gaits.amplitude, gaits.frequency)]
     outcomes = share(rows, scene, jnp.asarray(duration, settings.dtype))
-    com_start, com_end, failure, accepted, rejected = map(collect, outcomes)
-    return Outcomes(com_start, com_end, failure, accepted, rejected, settings.method.name, settings.dt)
+    com_start, com_end, positions, failure, accepted, rejected = map(collect, outcomes)
+    name, dt = settings.method.name, settings.dt
+    return Outcomes(com_start, com_end, positions, failure, accepted, rejected, name, dt)
 
 
 def roll_out_lanes(scene: Scene, phase, amplitude, frequency, duration, settings: Settings) -> tuple:
@@ -151,7 +154,7 @@ def roll_out_lanes(scene: Scene, phase, amplitude, frequency, duration, settings
         (q, v), result, steps = solve(start, scene)
     state = over_lanes(state_failure, (axes, -1, -1))(scene, q, v)
     com = over_lanes(centre_of_mass, (axes, -1))
-    return com(scene, nodes), com(scene, q), failure_code(result, state), *steps
+    return com(scene, nodes), com(scene, q), q, failure_code(result, state), *steps
 
 
 def _last(start: State, duration: Scalar, scene: Scene, settings: Settings, problem: tuple | None = None):

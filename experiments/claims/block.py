@@ -21,6 +21,8 @@ LAWS: dict[str, Friction] = {
     "switch": SwitchFriction(MU, MU, 1e-6),
     "cone": ConeFriction(MU),
 }
+STICKING = {"smooth": 1e-2, "switch": 1e-6, "cone": 1e-6}
+"""m/s, below which a block counts as sticking: the slip speeds of the first two laws"""
 
 
 def check(quick: bool) -> Report:
@@ -72,7 +74,7 @@ def slide(law: str, angle: float, height: float = 0.0) -> dict:
     touching = pressed > 1e-9
     ratio = np.where(touching, np.linalg.norm(friction, axis=1) / np.where(touching, pressed, 1), 0)
     speed, power = np.linalg.norm(slip, axis=1), np.sum(friction * slip, axis=1)
-    slow = touching & (speed < 1e-6)
+    slow = touching & (speed < STICKING[law])
     along = friction @ down
     theta = np.radians(angle)
     acceleration = max(0.0, G * (np.sin(theta) - MU * np.cos(theta)))
@@ -170,7 +172,7 @@ def complementarity_rows(facts: dict) -> list[Row]:
         stick = max(row["power_while_sticking"] for row in found.values())
         work = sum(abs(row["work_while_sticking"]) for row in found.values())
         slip = max(row["power_while_sliding"] for row in found.values())
-        measured = f"largest |F_t·v_t| {significant(stick, 'W')} sticking (slower than 1e-6 m/s), work "
+        measured = f"largest |F_t·v_t| {significant(stick, 'W')} sticking (slower than {STICKING[law]:g} m/s), work "
         measured += f"{significant(work, 'J')}; {significant(slip, 'W')} sliding"
         why = "while sticking v_t is (nearly) zero; while sliding friction takes mu F_n |v_t|, as it must: the paper's "
         why += "F_t·v_t = 0 cannot be a condition of both"

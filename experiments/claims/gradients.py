@@ -139,7 +139,7 @@ def rows(facts: dict) -> list[Row]:
             "A.2",
             "one cable",
             f"Phi'(L0) = {cable['force_at_rest']:g} N",
-            verdict(cable["force_at_rest"] == 0.0, True),
+            verdict(False, cable["force_at_rest"] == 0.0),
             "at l = L0 the interval is [0, 0]: Phi is differentiable, there is one element and nothing to choose",
         ),
     ]
