@@ -20,7 +20,7 @@ from jaxgrity import (
     with_gait,
 )
 from jaxgrity.actuation import rest_length
-from jaxgrity.complementarity import groups
+from jaxgrity.constraints import groups
 from jaxgrity.friction import ConeFriction
 from jaxgrity.ground import Ground
 from jaxgrity.scene import Scene, as_dtype
