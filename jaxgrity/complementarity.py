@@ -14,12 +14,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxgrity.actuation import rest_length
-from jaxgrity.constraints import length_error, prepare, sweep
+from jaxgrity.constraints import length_error, prepare, sweep, usual_sweeps
 from jaxgrity.scene import Scene
 from jaxgrity.structure import InputError, edge_lengths
-
-FORETELLING_SWEEPS = 2
-"""with which a step estimates its velocity, so that dissipative forces can be taken in its middle"""
 
 MISSED = 1e-3
 """of its length, by which no strut may be off at the end of a step: more sweeps, or smaller steps, are needed there"""
@@ -62,13 +59,12 @@ class Complementarity(diffrax.AbstractSolver):
     last ones use what they foretold. The order is 2 where nothing begins or ends to touch, stick or slip, and 1 there.
 
     The last thing that a sweep does is to put every node on or above the ground, so no node is ever below a plane at
-    the end of a step. Where each node belongs to one strut the sweeps converge as Newton's method does, to 1e-12 m in
-    three; where struts share nodes each leaves about half of the error. A robot whose struts are off
-    by more than `MISSED` of their lengths, or by more than the tolerance, at the end of a step gets NaN.
+    the end of a step. A robot whose struts are off by more than `MISSED` of their lengths, or by more than the
+    tolerance, at the end of a step gets NaN.
     """
 
-    sweeps: int = eqx.field(static=True, default=4)
-    """over all constraints, in a step; the most there are where a tolerance is given"""
+    sweeps: int | None = eqx.field(static=True, default=None)
+    """over all constraints, in a step; the most there are where a tolerance is given. None: `usual_sweeps`"""
     tolerance: float | None = eqx.field(static=True, default=None)
     """m: sweeps end where every strut has its length within this. None: after all sweeps"""
     prepare: Callable = eqx.field(static=True, default=prepare)
@@ -99,10 +95,10 @@ class Complementarity(diffrax.AbstractSolver):
         _, a = terms.vf(t0, y0, args)
         w, impulses = v + kick * a, (none, none, none)
         if args.dissipates:
-            w, impulses = constrain(w, impulses, FORETELLING_SWEEPS)
+            w, impulses = constrain(w, impulses, usual_sweeps(args))
             _, corrected = terms.vf(t0, (q, (v + w) / 2), args)
             w = w + kick * (corrected - a)
-        w, impulses = constrain(w, impulses, self.sweeps, self.tolerance)
+        w, impulses = constrain(w, impulses, self.sweeps or usual_sweeps(args), self.tolerance)
         if "lengths" in problem:
             allowed = MISSED * problem["lengths"].min(0) if self.tolerance is None else self.tolerance
             w = jnp.where(self.length_error(args, h, problem, w) <= allowed, w, jnp.nan)

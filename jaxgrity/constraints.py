@@ -72,6 +72,13 @@ def groups(edges: Edges) -> tuple[tuple[int, ...], ...]:
     return tuple(found)
 
 
+def usual_sweeps(scene: Scene) -> int:
+    """4 where each node belongs to one strut: sweeps are Newton steps then, and four leave rounding alone. 16 where struts
+    share nodes, and each sweep leaves about half of the error."""
+    struts = scene.structure.struts
+    return 4 if struts is None or len(groups(struts.edges)) == 1 else 16
+
+
 def prepare(scene: Scene, h: Scalar, t1: Scalar, q: NodeVectors, v: NodeVectors) -> dict[str, Any]:
     """What stays the same through a step's sweeps: directions, lengths L(t1), the velocity that closes each gap."""
     problem: dict[str, Any] = {"inverse_mass": 1 / scene.structure.node_mass}

@@ -18,7 +18,7 @@ from jaxgrity.dynamics import State, centre_of_mass
 from jaxgrity.scene import Scene, as_dtype, with_gait
 from jaxgrity.simulate import Settings, discretise, failure_code, integrate, settle, state_failure
 from jaxgrity.structure import InputError
-from jaxgrity.types import Failures, Path, PerGait, Phases, Scalar, Vectors
+from jaxgrity.types import Failures, Path, PerGait, Phases, Scalar, Table, Vectors
 
 LANES = 128
 """robots integrated side by side: enough to fill the vector units, few enough for the cache (measured)"""
@@ -49,9 +49,7 @@ class Outcomes(eqx.Module):
         return jnp.where(self.failure == 0, jnp.sqrt(jnp.sum(moved * moved, axis=1)), jnp.nan)
 
 
-def gaits_of(
-    gait: Gait | None, phase: Phases, amplitude: Phases | None = None, frequency: Phases | None = None
-) -> Gait:
+def gaits_of(gait: Gait | None, phase: Phases, amplitude: Table | None = None, frequency: Table | None = None) -> Gait:
     """A population of gaits as one `Gait`, a row of each array a robot; what is not given is `gait`'s own.
 
     Raises `InputError` where the scene has no gait, the rows have another length than its list of members, or the

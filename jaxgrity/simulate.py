@@ -227,8 +227,7 @@ def discretise(
             "length_error": ("s", None, -1, -1),
         }
         lifted = {name: lift(getattr(solver, name), in_axes) for name, in_axes in axes.items()}
-        sweeps = solver.sweeps if settings.sweeps is None else settings.sweeps
-        solver = Complementarity(sweeps, settings.strut_tolerance, **lifted)
+        solver = Complementarity(settings.sweeps, settings.strut_tolerance, **lifted)
     return diffrax.ODETerm(lift(vector_field, (None, -1, "s"))), solver
 
 

@@ -135,7 +135,7 @@ def _largest(linear: Linearised, method: Method) -> float:
     if fastest == 0:
         return np.inf
     low, high = 1e-3 / fastest, 1e2 / fastest
-    for _ in range(50):
+    for _ in range(26):
         middle = np.sqrt(low * high)
         low, high = (middle, high) if np.all(_excess(linear, values, method, middle) <= 1 + GROWTH) else (low, middle)
     return float(low)

@@ -81,7 +81,7 @@ def test_the_limit_is_blamed_on_what_sets_it(reference, change, named):
 def test_cables_that_are_slack_at_first_count(reference):
     """They may come taut: their stiffness limits the step as if they were."""
     parts = lambda s: (s.structure.cables.stiffness, s.structure.cables.rest_length)  # noqa: E731
-    slack = changed(parts, (np.full(24, 1e6), np.full(24, 2.0)))(with_gait(reference, None))
+    slack = changed(parts, (np.full(24, 1e7), np.full(24, 2.0)))(with_gait(reference, None))
     limit, taut, state = strictest(slack, METHODS["rk4"])
     assert limit < 0.5 * stable_step(slack, state, "rk4")
     assert "cable" in limiting_part(taut, state, METHODS["rk4"])
