@@ -37,24 +37,31 @@ Impulses = tuple[PerNode, PerNode, PerNode]
 """change of a node's velocity along the ground's normal and its two tangents, m/s"""
 
 
-class Hold(NamedTuple):
-    """What exact ground lets pass of a small push on each node: all (1), nothing (0), or part of it.
+class Grip(NamedTuple):
+    """What friction lets pass of a small push on each node, along the plane: all (1), nothing (0), or part of it.
 
     A node that sticks does not move. One that slides moves on in its plane, its friction growing by mu times what
     presses it in; a push across its slip turns friction with it, and passes as |v_t|/(|v_t| + mu p_n).
     """
 
+    passes: PerNode
+    """along the slip"""
+    turning: PerNode
+    """across the slip"""
+    growth: PerNode
+    """mu where the node slides, else 0"""
+    heading: tuple[PerNode, PerNode]
+    """unit vector of the slip, in the ground's tangents"""
+
+
+class Hold(NamedTuple):
+    """What exact ground lets pass of a small push on each node."""
+
     ground: Ground
     free: PerNode
-    """along the normal"""
-    passes: PerNode | None = None
-    """along the slip"""
-    turning: PerNode | None = None
-    """across the slip"""
-    friction: PerNode | None = None
-    """mu where the node slides, else 0"""
-    heading: list[PerNode] | None = None
-    """unit vector of the slip, in the ground's tangents"""
+    """along the normal: 1, and 0 where the node is pressed on"""
+    grip: Grip | None
+    """along the plane; None without friction"""
 
 
 def groups(edges: Edges) -> tuple[tuple[int, ...], ...]:
@@ -73,8 +80,8 @@ def groups(edges: Edges) -> tuple[tuple[int, ...], ...]:
 
 
 def usual_sweeps(scene: Scene) -> int:
-    """4 where each node belongs to one strut: sweeps are Newton steps then, and four leave rounding alone. 16 where struts
-    share nodes, and each sweep leaves about half of the error."""
+    """4 where each node belongs to one strut: sweeps are Newton steps then, and four leave rounding alone. 16 where
+    struts share nodes, and each sweep leaves about half of the error."""
     struts = scene.structure.struts
     return 4 if struts is None or len(groups(struts.edges)) == 1 else 16
 
@@ -102,14 +109,14 @@ def sweep(
     scene: Scene, h: Scalar, problem: dict[str, Any], w: NodeVectors, impulses: Impulses
 ) -> tuple[NodeVectors, Impulses]:
     """One pass over all constraints: each group of struts to its length, and after each every node onto the ground."""
-    struts, ground = scene.structure.struts, scene.ground
-    exact = ground is not None and ground.exact
+    struts = scene.structure.struts
+    ground = scene.ground if scene.ground is not None and scene.ground.exact else None
     if struts is None or not struts.rigid:
-        return _onto_ground(ground, scene.friction, problem, w, impulses) if exact else (w, impulses)
+        return (w, impulses) if ground is None else _onto_ground(ground, scene.friction, problem, w, impulses)
     for rows in groups(struts.edges):
-        hold = _hold(ground, scene.friction, w, impulses) if exact else None
+        hold = None if ground is None else _hold(ground, scene.friction, w, impulses)
         w = _to_length(struts, h, problem, w, rows, hold)
-        if exact:
+        if ground is not None:
             w, impulses = _onto_ground(ground, scene.friction, problem, w, impulses)
     return w, impulses
 
@@ -159,12 +166,12 @@ def _hold(ground: Ground, friction: Friction | None, w: NodeVectors, impulses: I
     pressed, *kept = impulses
     free = 1 - (pressed > 0).astype(pressed.dtype)
     if not isinstance(friction, ConeFriction):
-        return Hold(ground, free)
+        return Hold(ground, free, None)
     most = friction.mu * pressed
     size, speed = _size(kept), _size([component(w, tangent) for tangent in ground.tangents])
     sliding = (1 - free) * (size > (1 - 1e-6) * most).astype(size.dtype)
     turning = free + sliding * speed / (speed + most)
-    return Hold(ground, free, free + sliding, turning, sliding * friction.mu, [-k / size for k in kept])
+    return Hold(ground, free, Grip(free + sliding, turning, sliding * friction.mu, (-kept[0] / size, -kept[1] / size)))
 
 
 def _response(hold: Hold, directions: MemberVectors, nodes: tuple[int, ...]) -> MemberVectors:
@@ -172,15 +179,14 @@ def _response(hold: Hold, directions: MemberVectors, nodes: tuple[int, ...]) -> 
     ground = hold.ground
     into = component(directions, ground.normal)
     sideways = [component(directions, tangent) for tangent in ground.tangents]
-    if hold.heading is not None:
-        passes, turning, friction, *heading = (
-            take_rows(x, nodes) for x in (hold.passes, hold.turning, hold.friction, *hold.heading)
-        )
+    if hold.grip is not None:
+        passes, turning, growth = (take_rows(x, nodes) for x in hold.grip[:3])
+        heading = [take_rows(x, nodes) for x in hold.grip.heading]
         forward = heading[0] * sideways[0] + heading[1] * sideways[1]
-        change = (passes - turning) * forward + friction * into
+        change = (passes - turning) * forward + growth * into
         sideways = [turning * s + change * e for s, e in zip(sideways, heading)]
-    parts = zip((into * take_rows(hold.free, nodes), *sideways), (ground.normal, *ground.tangents))
-    return sum(along(part, direction) for part, direction in parts)
+    moves = along(into * take_rows(hold.free, nodes), ground.normal)
+    return moves + along(sideways[0], ground.tangents[0]) + along(sideways[1], ground.tangents[1])
 
 
 def _size(pair: list[PerNode]) -> PerNode:

@@ -80,7 +80,7 @@ def test_struts_keep_their_lengths_as_closely_as_asked(exact):
 
 
 def test_a_tolerance_that_is_not_met_is_a_failure(exact):
-    """One sweep does not suffice for 1e-10 m on the ground: the rollout says so, and so does a robot of a population."""
+    """One sweep does not suffice on the ground: the rollout says so, and so does a robot of a population."""
     assert simulate(exact, 0.5, strut_tolerance=1e-10, sweeps=1).failed
     gaits = gaits_of(exact.gait, random_phases(2, 6, seed=0))
     assert np.all(simulate_population(exact, gaits, 0.5, strut_tolerance=1e-10, sweeps=1).failure == 1)

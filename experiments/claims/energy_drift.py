@@ -8,6 +8,8 @@ from jaxgrity import FAILURES, Scene, energy_audit, simulate
 from jaxgrity.audit import EnergyAudit
 
 STEP = 1e-3
+CONSERVATIVE_STEP = 5e-4
+"""s: the symplectic method is stable up to 0.87 ms on this robot, RK4 up to 1.2"""
 BAR, SHARE = 0.25, 0.05
 """J, and of the peak: what the paper says the drift stays below"""
 SETTLED = 2.0
@@ -81,7 +83,9 @@ def rivals(scene: Scene, duration: float, quick: bool) -> dict:
     """The residual of RK4 and the symplectic method where nothing dissipates, of RK4 with all, and Kvaerno's fate."""
     conservative = without(scene, "node_damping", "friction")
     found = {
-        f"{method}, nothing dissipates": drift(energy_audit(conservative, duration, method=method, dt=STEP))
+        f"{method} at {CONSERVATIVE_STEP:g} s, nothing dissipates": drift(
+            energy_audit(conservative, duration, method=method, dt=CONSERVATIVE_STEP)
+        )
         for method in ("rk4", "symplectic")
     }
     if not quick:
