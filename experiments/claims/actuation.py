@@ -89,7 +89,7 @@ def slow_row(name: str, found: dict, frequencies: tuple[float, ...]) -> Row:
     measured = f"at {frequencies[-1]:g} Hz struts move it {significant(struts[-1], 'm')}, cables "
     measured += f"{significant(cables[-1], 'm')} in {PERIODS} periods; at {frequencies[0]:g} Hz "
     measured += f"{significant(struts[0], 'm')} and {significant(cables[0], 'm')}"
-    why = "which faces the robot tips over depends on which members change, however slowly they do"
+    why = "which way the robot tips depends on which members change, however slowly, and without damping on its bounces"
     if max(struts[-1], cables[-1]) < 0.1 * np.ptp(np.asarray(scenes()[name].structure.nodes), axis=0).max():
         why = "slowly, neither makes it tip: both displacements are small against the body, and not the same"
     return Row(
@@ -128,7 +128,9 @@ def figure(frequencies, slow: dict, paths: dict, spread: dict) -> Figure:
     above.set(xlabel="x (m)", ylabel="y (m)", title=f"{REFERENCE}.toml at {frequencies[-1]:g} Hz")
     above.axis("equal")
     draws.set(ylabel="displacement (m)", title="a random fifth of the cables")
-    moved.legend(fontsize=8)
+    moved.set_xticks(frequencies, [f"{f:.3g}" for f in frequencies])
+    moved.minorticks_off()
+    moved.legend(fontsize=8, ncols=3, loc="lower center", bbox_to_anchor=(0.5, 1.0))
     above.legend(fontsize=8)
     for axes in (moved, above, draws):
         axes.grid(alpha=0.3)

@@ -13,6 +13,8 @@ from jaxgrity.types import NodeVectors
 
 MU, G, K_N, DISSIPATION = 0.8, 9.81, 1e5, 2.0
 STEP, DURATION = 1e-3, 5.0
+SHOWN = slice(0, 1001, 4)
+"""frames in the figure: the first second"""
 FRICTION_ANGLE = float(np.degrees(np.arctan(MU)))
 ANGLES = (10.0, 30.0, 38.0, round(0.999 * FRICTION_ANGLE, 2), round(1.001 * FRICTION_ANGLE, 2), 40.0, 45.0)
 """degrees"""
@@ -79,9 +81,9 @@ def slide(law: str, angle: float, height: float = 0.0) -> dict:
     theta = np.radians(angle)
     acceleration = max(0.0, G * (np.sin(theta) - MU * np.cos(theta)))
     return {
-        "times": np.asarray(motion.times)[::50],
-        "depth": -(q @ normal)[::50],
-        "ratio": ratio[::50],
+        "times": np.asarray(motion.times)[SHOWN],
+        "depth": -(q @ normal)[SHOWN],
+        "ratio": ratio[SHOWN],
         "penetration": float(max(0.0, -(q @ normal).min())),
         "penetration_at_rest": float(max(0.0, -(q[-1] @ normal))),
         "slid": float((q[-1] - q[0]) @ down),

@@ -11,6 +11,8 @@ from jaxgrity import Scene, simulate
 DURATION = 3.0
 TWIN = 1e-11
 """m, by which a second rollout starts elsewhere, to see how fast motions part"""
+ROUNDING = 1e-12
+"""m, below which errors are not those of steps"""
 LOST = 1e-3
 """m: a twin that gets this far apart says that no step small enough exists for the motion to be the true one"""
 
@@ -93,7 +95,7 @@ def roll(case: Case, duration: float, dt: float, off: float = 0.0) -> np.ndarray
 
 def slope(steps: list[float], errors: np.ndarray) -> float:
     """Of log error against log step, where the error is more than rounding."""
-    use = errors > 1e-13
+    use = errors > ROUNDING
     return float(np.polyfit(np.log(np.array(steps)[use]), np.log(errors[use]), 1)[0]) if use.sum() > 2 else np.nan
 
 
@@ -101,11 +103,12 @@ def slope_row(name: str, case: Case, found: dict) -> Row:
     order = 4 if case.method == "rk4" else 1
     measured = f"slope {found['slope_early']:.1f} early on, {found['slope_at_end']:.1f} at the end; {digits(found)}"
     near = abs(found["slope_at_end"] - order) < 0.5
-    why = {
-        True: "the error falls at the order of the method to the end",
-        False: "forces have kinks or jumps, each of which costs orders; what is left at the end depends on how "
-        "motions part",
-    }[near]
+    if near:
+        why = "the error falls at the order of the method to the end"
+    elif found["twins_apart"] > LOST:
+        why = "motions part: at the end no slope is left, and early on only what kinks and jumps of the forces leave of it"
+    else:
+        why = "kinks and jumps of the forces cost orders; motions do not part, so the error goes on falling"
     return Row(f"the error falls with slope {order} ({case.method})", "5.2, Fig. 2", name, measured, verdict(near), why)
 
 
