@@ -79,18 +79,30 @@ def gait_search(facts: dict) -> str:
     )
 
 
-def throughput(facts: dict) -> str:
-    single, double, gradient = facts["rk4"]["float32"], facts["rk4"]["float64"], facts["gradient"]
+def benchmark(facts: dict) -> str:
+    cost = {(p["engine"], p["dtype"], p["dt"]): 1e6 * p["seconds"] for p in facts["points"]}
+    gradient, rates, ratios = facts["gradient"], facts["rollouts_per_second"], facts["ratios_to_C"]
+
+    def said(engine: str, dt: float) -> tuple[str, str]:
+        one, two = (cost[engine, dtype, dt] for dtype in ("float32", "float64"))
+        times = " and ".join(f"{ratios[f'{engine} {dtype} {dt:g}']:.1f}" for dtype in ("float32", "float64"))
+        return f"{one:.0f} us in float32 and {two:.0f} us in float64", f"{times} times"
+
+    (rk4, rk4_times), (exact, exact_times) = said("rk4", 5e-4), said("complementarity", 5e-3)
+    names = dict.fromkeys(name for found in rates.values() for name in found)
+    rows = [[name, *(f"{found[name]:.0f}" if name in found else "-" for found in rates.values())] for name in names]
+    head = ["engine", *(f"rollouts a second at {1e3 * float(target):g} mm" for target in rates)]
     return (
-        "One RK4 step of one gait of the reference scene, every term of it, takes "
-        f"{single['us']:.2f} us in float32 and "
-        f"{double['us']:.2f} us in float64 ({facts['gaits']} gaits, {facts['devices']} cores, median of "
-        f"{facts['repeats']}): {single['ratio']:.1f} and {double['ratio']:.1f} times hand-written "
-        "SIMD C in the same run, with which the final "
-        f"centres of mass agree to {double['largest_difference']:.0e} m in float64. The gradient of the distance in "
-        f"{gradient['phases']} phases costs {gradient['reverse']:.1f} rollouts by reverse mode with a checkpointed "
-        f"step, and {gradient['forward']:.1f} by forward mode; polishing uses the first "
-        "(`experiments/throughput.py --limit FOLDER`, [docs/measured/throughput.json](docs/measured/throughput.json))."
+        f"A simulated second of one gait of the reference scene takes {rk4} by RK4 at 0.5 ms ({rk4_times} hand-written "
+        f"SIMD C, with which centres of mass agree to {facts['largest_difference_from_C']:.0e} m), and {exact} by "
+        f"complementarity stepping at 5 ms ({exact_times} C with {facts['C_sweeps']} sweeps); a plain NumPy loop takes "
+        f"{facts['numpy']['seconds']:.1f} s. {facts['gaits']} gaits of {facts['duration']:g} s, {facts['cores']} cores, "
+        f"median of {facts['repeats']} rounds. The gradient in {gradient['phases']} phases costs "
+        f"{gradient['reverse']:.1f} rollouts by reverse mode with a checkpointed step, {gradient['forward']:.1f} by "
+        f"forward mode; polishing uses the first.\n\n{table(head, rows)}\n\n"
+        f"Rollouts of {facts['duration']:g} s, at the cheapest step whose error (median, against the engine's own "
+        f"converged answer) is within the bound. `{facts['command']}`, "
+        "[docs/measured/benchmark.json](docs/measured/benchmark.json)."
     )
 
 
@@ -191,7 +203,7 @@ NUMERICS = "docs/numerics.md"
 SOURCES = (
     {
         "gait_search": Source("README.md", gait_search, "summary.json", {"animation.gif": "rolling.gif"}),
-        "throughput": Source("README.md", throughput, "summary.json", {"throughput.png": "throughput.png"}),
+        "benchmark": Source("README.md", benchmark, "benchmark.json", {"benchmark.png": "benchmark.png"}),
         "error_bars": Source(NUMERICS, error_bars, "error_bars.json", {"error_bars.png": "error_bars.png"}),
         "stability": Source(NUMERICS, stability, "stability.json", {"stability.png": "stability.png"}),
         "stiff": Source(NUMERICS, stiff, "stiff.json", {"stiff.png": "stiff.png"}),

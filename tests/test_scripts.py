@@ -144,15 +144,6 @@ def test_gait_search_needs_a_gait(tmp_path):
     assert "has no [gait]" in done.stderr
 
 
-def test_throughput_measures(tmp_path):
-    """Without the C programs it measures jaxgrity alone; forward and reverse gradients agree."""
-    done = run("throughput.py", "--quick", "--gaits", 8, "--duration", 0.1, "--out", tmp_path)
-    assert done.returncode == 0, done.stderr
-    summary = json.loads((tmp_path / "summary.json").read_text())
-    assert set(summary["rk4"]) == {"float32", "float64"}
-    assert summary["gradient"]["largest_difference"] < 1e-9
-
-
 def quick(script: str, out: Path, *arguments: object) -> dict:
     """What a measuring script's --quick size leaves: its JSON; its figures are there too."""
     done = run(script, "--quick", *arguments, "--out", out)
@@ -191,6 +182,16 @@ def test_implicit_methods_take_fewer_steps_on_stiff_scenes(tmp_path):
         assert explicit["outcome"] == third["outcome"] == fifth["outcome"] == "succeeded"
         assert fifth["steps"] + fifth["rejected"] <= explicit["steps"] + explicit["rejected"], explicit["scene"]
         assert third["steps"] + third["rejected"] <= explicit["steps"] + explicit["rejected"], explicit["scene"]
+
+
+def test_benchmark_measures(tmp_path):
+    """Without C and MuJoCo it measures what is here; the NumPy loop agrees, forward and reverse gradients too."""
+    facts = quick("benchmark.py", tmp_path, "--gaits", 8, "--duration", 0.8)
+    assert {(p["engine"], p["dtype"]) for p in facts["points"]} == {
+        (engine, dtype) for engine in ("rk4", "complementarity") for dtype in ("float32", "float64")
+    }
+    assert facts["numpy"]["difference"] < 1e-12
+    assert facts["gradient"]["largest_difference"] < 1e-9
 
 
 def test_hard_cases_have_no_silently_wrong_number(tmp_path):

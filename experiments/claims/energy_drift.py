@@ -84,7 +84,7 @@ def adequate_row(name: str, found: dict) -> Row:
     why = (
         "RK4 accounts for the energy to within a percent"
         if small
-        else "more is booked as dissipated than is lost: within a step friction switches, and each stage books another work"
+        else "more is booked as dissipated than is lost: each stage of a step that switches friction books another work"
         if found["residual"] > 0
         else "energy is lost that no force takes: RK4 damps what vibrates near its stability limit"
     )
@@ -93,7 +93,7 @@ def adequate_row(name: str, found: dict) -> Row:
 
 
 def rivals(scene: Scene, duration: float, quick: bool) -> dict:
-    """RK4 against the symplectic method where nothing dissipates, and against Kvaerno's fifth order as far as it gets."""
+    """RK4 against the symplectic method where nothing dissipates, and against Kvaerno5 as far as it gets."""
     conservative, slippery = without(scene, "node_damping", "friction"), without(scene, "friction")
     found = {
         method: drift(energy_audit(conservative, duration, method=method, dt=CONSERVATIVE_STEP))

@@ -106,7 +106,7 @@ def slope_row(name: str, case: Case, found: dict) -> Row:
     if near:
         why = "the error falls at the order of the method to the end"
     elif found["twins_apart"] > LOST:
-        why = "motions part: at the end no slope is left, and early on only what kinks and jumps of the forces leave of it"
+        why = "motions part: at the end no slope is left, and early on what kinks and jumps of the forces leave of it"
     else:
         why = "kinks and jumps of the forces cost orders; motions do not part, so the error goes on falling"
     return Row(f"the error falls with slope {order} ({case.method})", "5.2, Fig. 2", name, measured, verdict(near), why)
