@@ -135,7 +135,8 @@ def _to_length(
     """Impulses along the struts in `rows` after which |d| = L at the end of the step, exactly.
 
     With d = x_i - x_j at the end, and an impulse of 1 along the strut moving it by m (with what the ground answers),
-    |d + s m| = L has the root s = (L^2 - d·d)/(d·m + sqrt((d·m)^2 - m·m (d·d - L^2))).
+    |d + s m| = L has the root s = (sqrt((d·m)^2 - m·m (d·d - L^2)) - d·m)/(m·m), also where forces alone would have
+    turned the strut around.
     """
     every = struts.edges
     edges = tuple(every[k] for k in rows)
@@ -148,11 +149,12 @@ def _to_length(
     if hold is not None:
         answered = [scale(_response(hold, directions, ends), k) for ends, k in zip(zip(*edges), mobility)]
         m = _unless_held(answered[0] + answered[1], m)
-    d_m, excess = dot(d, m), dot(d, d) - lengths * lengths
-    under = d_m * d_m - dot(m, m) * excess
+    d_m, m_m, excess = dot(d, m), dot(m, m), dot(d, d) - lengths * lengths
+    under = d_m * d_m - m_m * excess
     root = jnp.sqrt(jnp.maximum(under, jnp.finfo(under.dtype).tiny))
-    impulse = -excess / (h * (d_m + jnp.where(d_m < 0, -root, root)))
-    return w + scale(accumulate(scale(directions, impulse), edges, w.shape[0]), problem["inverse_mass"])
+    # the same root in the form that does not cancel
+    s = jnp.where(d_m > 0, -excess / (jnp.abs(d_m) + root), (root - d_m) / m_m)
+    return w + scale(accumulate(scale(directions, s / h), edges, w.shape[0]), problem["inverse_mass"])
 
 
 def _unless_held(answered: MemberVectors, free: MemberVectors) -> MemberVectors:

@@ -20,7 +20,7 @@ from jaxgrity import (
     with_gait,
 )
 from jaxgrity.actuation import rest_length
-from jaxgrity.constraints import groups
+from jaxgrity.constraints import groups, prepare, sweep
 from jaxgrity.friction import ConeFriction
 from jaxgrity.ground import Ground
 from jaxgrity.scene import Scene, as_dtype
@@ -92,6 +92,16 @@ def test_sweeps_are_newton_steps(exact):
     assert errors[0] < 1e-3
     assert errors[1] < 1e-5
     assert errors[2] < 1e-10
+
+
+def test_struts_do_not_turn_around():
+    """Where forces alone would carry its ends past each other within the step, a strut keeps its length and its side."""
+    struts = Members(((0, 1),), None, np.ones(1))
+    scene = as_dtype(Scene(Structure(np.array([[0.0, 0, 0], [1, 0, 0]]), np.ones(2), struts)), "float64")
+    q, w = scene.structure.nodes, jnp.array([[30.0, 1, 0], [-30, 0, 0]])
+    w, _ = sweep(scene, 0.1, prepare(scene, 0.1, 0.1, q, w), w, (jnp.zeros(2),) * 3)
+    ends = q + 0.1 * w
+    np.testing.assert_allclose(ends[1] - ends[0], [np.sqrt(1 - 0.01), -0.1, 0], rtol=0, atol=1e-15)
 
 
 def test_lost_struts_are_a_failure(exact):
