@@ -95,8 +95,8 @@ def benchmark(facts: dict) -> str:
     return (
         f"A simulated second of one gait of the reference scene takes {rk4} by RK4 at 0.5 ms ({rk4_times} hand-written "
         f"SIMD C, with which centres of mass agree to {facts['largest_difference_from_C']:.0e} m), and {exact} by "
-        f"complementarity stepping at 5 ms ({exact_times} C with {facts['C_sweeps']} sweeps); a plain NumPy loop takes "
-        f"{facts['numpy']['seconds']:.1f} s. {facts['gaits']} gaits of {facts['duration']:g} s, {facts['cores']} cores, "
+        f"complementarity stepping at 5 ms ({exact_times} C with {facts['C_sweeps']} sweeps); a NumPy loop "
+        f"takes {facts['numpy']['seconds']:.1f} s. {facts['gaits']} gaits of {facts['duration']:g} s, {facts['cores']} cores, "
         f"median of {facts['repeats']} rounds. The gradient in {gradient['phases']} phases costs "
         f"{gradient['reverse']:.1f} rollouts by reverse mode with a checkpointed step, {gradient['forward']:.1f} by "
         f"forward mode; polishing uses the first.\n\n{table(head, rows)}\n\n"

@@ -25,7 +25,7 @@ from jaxgrity.friction import ConeFriction
 from jaxgrity.ground import Ground
 from jaxgrity.scene import Scene, as_dtype
 from jaxgrity.simulate import FAILURES, integrate, settle
-from jaxgrity.structure import Structure, edge_lengths
+from jaxgrity.structure import Members, Structure, edge_lengths
 
 SCENES = Path(__file__).parents[1] / "experiments" / "scenes"
 G = 9.81
@@ -95,7 +95,7 @@ def test_sweeps_are_newton_steps(exact):
 
 
 def test_struts_do_not_turn_around():
-    """Where forces alone would carry its ends past each other within the step, a strut keeps its length and its side."""
+    """Where forces alone would carry its ends past each other within a step, a strut keeps length and side."""
     struts = Members(((0, 1),), None, np.ones(1))
     scene = as_dtype(Scene(Structure(np.array([[0.0, 0, 0], [1, 0, 0]]), np.ones(2), struts)), "float64")
     q, w = scene.structure.nodes, jnp.array([[30.0, 1, 0], [-30, 0, 0]])
