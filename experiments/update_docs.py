@@ -97,7 +97,7 @@ def benchmark(facts: dict) -> str:
         f"SIMD C, with which centres of mass agree to {facts['largest_difference_from_C']:.0e} m), and {exact} by "
         f"complementarity stepping at 5 ms ({exact_times} C with {facts['C_sweeps']} sweeps); a NumPy loop "
         f"takes {facts['numpy']['seconds']:.1f} s. {facts['gaits']} gaits of {facts['duration']:g} s, "
-        f"{facts['cores']} cores, median of {facts['repeats']} rounds. The gradient in {gradient['phases']} phases costs "
+        f"{facts['cores']} cores, median of {facts['repeats']}. The gradient in {gradient['phases']} phases costs "
         f"{gradient['reverse']:.1f} rollouts by reverse mode with a checkpointed step, {gradient['forward']:.1f} by "
         f"forward mode; polishing uses the first.\n\n{table(head, rows)}\n\n"
         f"Rollouts of {facts['duration']:g} s, at the cheapest step whose error (median, against the engine's own "
