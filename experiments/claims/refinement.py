@@ -96,7 +96,7 @@ def roll(case: Case, duration: float, dt: float, off: float = 0.0) -> np.ndarray
 def slope(steps: list[float], errors: np.ndarray) -> float:
     """Of log error against log step, where the error is more than rounding."""
     use = errors > ROUNDING
-    return float(np.polyfit(np.log(np.array(steps)[use]), np.log(errors[use]), 1)[0]) if use.sum() > 2 else np.nan
+    return float(np.polyfit(np.log(np.array(steps)[use]), np.log(errors[use]), 1)[0]) if use.sum() > 1 else np.nan
 
 
 def slope_row(name: str, case: Case, found: dict) -> Row:
