@@ -78,7 +78,7 @@ def test_simulate_reports_a_failure_as_data(tmp_path):
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert summary["failed"] == [0, 1]
     assert summary["distance"] == [None, None]
-    assert summary["outcome"][0] == "the motion is not finite"
+    assert summary["outcome"][0] == "the motion is not finite, or misses its constraints"
 
 
 @pytest.mark.parametrize(
