@@ -15,7 +15,7 @@ from jaxgrity.simulate import Settings, integrate, refinements, settle
 from jaxgrity.types import PerGait, Times, Vectors
 
 SAFETY = 2.5
-"""of error bars: with 2 they covered 94 % of the least predictable set of gaits, with 3 they were five times the error"""
+"""of error bars: 2 covered 94 % of the least predictable set of gaits, 3 would be five times the error"""
 
 
 class Verified(NamedTuple):
@@ -43,8 +43,8 @@ def verify(
     """Distance of each gait at the step `dt`, with an error bar from rollouts at dt, dt/2 and dt/4, all in float64.
 
     With c the centres of mass, d1 = |c(dt) - c(dt/2)| and d2 = |c(dt/2) - c(dt/4)|, further halvings of a method that
-    converges at first order or faster add up to d1 + d2 + d2/2 + ... <= d1 + 2 d2. The bar is `SAFETY` times this, for a single
-    difference may happen to be small. It covers the error of the steps, not what the model leaves out;
+    converges at first order or faster add up to d1 + d2 + d2/2 + ... <= d1 + 2 d2. The bar is `SAFETY` times this, for
+    a single difference may happen to be small. It covers the error of the steps, not what the model leaves out;
     experiments/error_bars.py measures how often it does. Without `dt` the scene decides, and a method that adapts its
     step is compared at 1, 1/10 and 1/100 of its tolerances.
     """
