@@ -112,7 +112,8 @@ def both(case: Case, method: str) -> dict[str, Cell]:
     found, cache = {}, {}
     for dtype in ("float64", "float32"):
         try:
-            settings = settle(scene, duration, method, None, dtype, TOLERANCE[dtype], TOLERANCE[dtype])
+            tolerances = (TOLERANCE[dtype],) * 2 if chosen.adaptive else (None, None)
+            settings = settle(scene, duration, method, None, dtype, *tolerances)
             steps = refinements(settings)
         except InputError as error:
             found[dtype] = Cell("refused", None, None, str(error))
