@@ -128,7 +128,8 @@ def page(reports: list[dict]) -> str:
             case = (row["claim"], row["section"], row["scene"], command)
             cells = (*case, row["measured"], f"**{row['verdict']}**", row["why"])
             parts.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
-        parts += [f"\n![{caption}](images/{picture})\n\n*{caption}*" for picture, caption in report["figures"].items()]
+        for picture, caption in report["figures"].items():
+            parts.append(f"\n![{report['title']}](images/{picture})\n\n*{caption}*")
         parts.append("")
     return "\n".join(parts)
 
