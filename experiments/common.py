@@ -18,10 +18,12 @@ Settings = TypeVar("Settings")
 
 
 def measured() -> dict:
-    """What every measurement says of itself: the command that made it, wherever it put it, and on how many cores."""
+    """What every measurement says of itself: the command that made it, wherever its folders were, and on how many cores."""
     words = sys.argv[:]
     if "--out" in words:
         del words[words.index("--out") : words.index("--out") + 2]
+    if "--limit" in words:
+        words[words.index("--limit") + 1] = "FOLDER"
     return {"command": shlex.join(["python", *words]), "cores": len(os.sched_getaffinity(0))}
 
 
