@@ -18,7 +18,7 @@ Settings = TypeVar("Settings")
 
 
 def measured() -> dict:
-    """What every measurement says of itself: the command that made it, wherever its folders were, and on how many cores."""
+    """What every measurement says of itself: the command that made it, without folders, and on how many cores."""
     words = sys.argv[:]
     if "--out" in words:
         del words[words.index("--out") : words.index("--out") + 2]
