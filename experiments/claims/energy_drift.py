@@ -67,12 +67,8 @@ def drift_row(name: str, found: dict) -> Row:
         f"{significant(found['drift'], 'J')} ({found['share_of_peak']:.1%} of the peak), while the actuators' work "
         f"ranges over {significant(found['actuation_after'], 'J')}"
     )
-    why = (
-        "after 2 s the energy swings with the work of the actuators: that is no drift"
-        if fell
-        else "it has not settled "
-    )
-    why += "" if fell else "by 2 s, and then swings with the work of the actuators"
+    settled = "after 2 s the energy swings with the work of the actuators: that is no drift"
+    why = settled if fell else "it has not settled by 2 s, and then swings with the work of the actuators"
     claim = "the energy drops within 2 s, then drifts by less than 0.25 J, 5 % of the peak"
     return Row(claim, "7.1, Fig. 3", name, measured, verdict(below and small and fell, below), why)
 

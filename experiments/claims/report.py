@@ -8,7 +8,7 @@ from common import SCENES
 from matplotlib.figure import Figure
 
 from jaxgrity import Scene, load_scene
-from jaxgrity.friction import ConeFriction
+from jaxgrity.friction import ConeFriction, SwitchFriction
 from jaxgrity.ground import Ground
 from jaxgrity.structure import Members, Structure
 
@@ -61,7 +61,7 @@ def hardened(scene: Scene) -> Scene:
     """The same robot with rigid struts, exact contact and Coulomb's cone."""
     structure, ground, friction = scene.structure, scene.ground, scene.friction
     struts = Members(structure.struts.edges, None, structure.struts.rest_length)
-    mu = getattr(friction, "mu", None) if hasattr(friction, "mu") else friction.mu_kinetic
+    mu = friction.mu_kinetic if isinstance(friction, SwitchFriction) else friction.mu
     return Scene(
         Structure(structure.nodes, structure.node_mass, struts, structure.cables),
         scene.gravity,
