@@ -24,8 +24,7 @@ from jaxgrity.primitives import (
     take_rows,
 )
 from jaxgrity.scene import Scene
-from jaxgrity.structure import Members
-from jaxgrity.types import Edges, MemberVectors, NodeVectors, PerNode, Scalar
+from jaxgrity.types import AnyRows, Edges, MemberVectors, NodeVectors, PerNode, Rows, Scalar
 
 SLOWEST = 1e-10
 """m/s, keeps the derivative of |v_t| finite at rest"""
@@ -91,8 +90,11 @@ def prepare(scene: Scene, h: Scalar, t1: Scalar, q: NodeVectors, v: NodeVectors)
     problem: dict[str, Any] = {"inverse_mass": 1 / scene.structure.node_mass}
     struts, ground = scene.structure.struts, scene.ground
     if struts is not None and struts.rigid:
-        vectors = edge_vectors(q, struts.edges)
-        problem["vectors"], problem["directions"] = vectors, scale(vectors, inverse(length(vectors)))
+        vectors = problem["vectors"] = edge_vectors(q, struts.edges)
+        directions = scale(vectors, inverse(length(vectors)))
+        problem["pushes"] = [
+            _push(struts.edges, rows, directions, problem["inverse_mass"]) for rows in groups(struts.edges)
+        ]
         problem["lengths"] = rest_length(struts, scene.gait, t1, 0)
     if ground is not None and ground.exact:
         phi = signed_distance(ground, q)
@@ -113,9 +115,9 @@ def sweep(
     ground = scene.ground if scene.ground is not None and scene.ground.exact else None
     if struts is None or not struts.rigid:
         return (w, impulses) if ground is None else _onto_ground(ground, scene.friction, problem, w, impulses)
-    for rows in groups(struts.edges):
+    for rows, push in zip(groups(struts.edges), problem["pushes"]):
         hold = None if ground is None else _hold(ground, scene.friction, w, impulses)
-        w = _to_length(struts, h, problem, w, rows, hold)
+        w = _to_length(struts.edges, h, problem, w, rows, push, hold)
         if ground is not None:
             w, impulses = _onto_ground(ground, scene.friction, problem, w, impulses)
     return w, impulses
@@ -129,8 +131,25 @@ def length_error(scene: Scene, h: Scalar, problem: dict[str, Any], w: NodeVector
     return jnp.max(jnp.abs(length(problem["vectors"] + h * edge_vectors(w, struts.edges)) - problem["lengths"]))
 
 
+def _push(edges: Edges, rows: tuple[int, ...], directions: MemberVectors, inverse_mass: PerNode) -> NodeVectors:
+    """How an impulse of 1 along each strut in `rows` moves its nodes, where nothing answers."""
+    every, count = edges, len(inverse_mass)
+    return scale(accumulate(_some(directions, rows), tuple(every[k] for k in rows), count), inverse_mass)
+
+
+def _some(x: AnyRows, rows: tuple[int, ...]) -> Rows:
+    """`take_rows`, but all as they are."""
+    return x if rows == tuple(range(len(x))) else take_rows(x, rows)
+
+
 def _to_length(
-    struts: Members, h: Scalar, problem: dict[str, Any], w: NodeVectors, rows: tuple[int, ...], hold: Hold | None
+    every: Edges,
+    h: Scalar,
+    problem: dict[str, Any],
+    w: NodeVectors,
+    rows: tuple[int, ...],
+    push: NodeVectors,
+    hold: Hold | None,
 ) -> NodeVectors:
     """Impulses along the struts in `rows` after which |d| = L at the end of the step, exactly.
 
@@ -138,23 +157,19 @@ def _to_length(
     |d + s m| = L has the root s = (sqrt((d·m)^2 - m·m (d·d - L^2)) - d·m)/(m·m), also where forces alone would have
     turned the strut around.
     """
-    every = struts.edges
     edges = tuple(every[k] for k in rows)
-    vectors, directions, lengths = problem["vectors"], problem["directions"], problem["lengths"]
-    if len(rows) < len(every):
-        vectors, directions, lengths = (take_rows(x, rows) for x in (vectors, directions, lengths))
+    vectors, lengths = _some(problem["vectors"], rows), _some(problem["lengths"], rows)
     d = vectors + h * edge_vectors(w, edges)
-    mobility = [take_rows(problem["inverse_mass"], tuple(ends)) for ends in zip(*edges)]
-    m = scale(directions, mobility[0] + mobility[1])
+    m = edge_vectors(push, edges)
     if hold is not None:
-        answered = [scale(_response(hold, directions, ends), k) for ends, k in zip(zip(*edges), mobility)]
-        m = _unless_held(answered[0] + answered[1], m)
+        m = _unless_held(edge_vectors(_response(hold, push), edges), m)
     d_m, m_m, excess = dot(d, m), dot(m, m), dot(d, d) - lengths * lengths
     under = d_m * d_m - m_m * excess
     root = jnp.sqrt(jnp.maximum(under, jnp.finfo(under.dtype).tiny))
     # the same root in the form that does not cancel
     s = jnp.where(d_m > 0, -excess / (jnp.abs(d_m) + root), (root - d_m) / m_m)
-    return w + scale(accumulate(scale(directions, s / h), edges, w.shape[0]), problem["inverse_mass"])
+    strut_of = {node: k for k, edge in enumerate(edges) for node in edge}
+    return w + scale(push, take_rows(s / h, tuple(strut_of.get(node, 0) for node in range(len(w)))))
 
 
 def _unless_held(answered: MemberVectors, free: MemberVectors) -> MemberVectors:
@@ -173,21 +188,21 @@ def _hold(ground: Ground, friction: Friction | None, w: NodeVectors, impulses: I
     size, speed = _size(kept), _size([component(w, tangent) for tangent in ground.tangents])
     sliding = (1 - free) * (size > (1 - 1e-6) * most).astype(size.dtype)
     turning = free + sliding * speed / (speed + most)
-    return Hold(ground, free, Grip(free + sliding, turning, sliding * friction.mu, (-kept[0] / size, -kept[1] / size)))
+    back = -1 / size
+    return Hold(ground, free, Grip(free + sliding, turning, sliding * friction.mu, (kept[0] * back, kept[1] * back)))
 
 
-def _response(hold: Hold, directions: MemberVectors, nodes: tuple[int, ...]) -> MemberVectors:
-    """How the ground lets `nodes` move when they are pushed by 1 along the directions."""
+def _response(hold: Hold, push: NodeVectors) -> NodeVectors:
+    """How the ground lets nodes move that would move by `push` without it."""
     ground = hold.ground
-    into = component(directions, ground.normal)
-    sideways = [component(directions, tangent) for tangent in ground.tangents]
+    into = component(push, ground.normal)
+    sideways = [component(push, tangent) for tangent in ground.tangents]
     if hold.grip is not None:
-        passes, turning, growth = (take_rows(x, nodes) for x in hold.grip[:3])
-        heading = [take_rows(x, nodes) for x in hold.grip.heading]
+        passes, turning, growth, heading = hold.grip
         forward = heading[0] * sideways[0] + heading[1] * sideways[1]
         change = (passes - turning) * forward + growth * into
         sideways = [turning * s + change * e for s, e in zip(sideways, heading)]
-    moves = along(into * take_rows(hold.free, nodes), ground.normal)
+    moves = along(into * hold.free, ground.normal)
     return moves + along(sideways[0], ground.tangents[0]) + along(sideways[1], ground.tangents[1])
 
 

@@ -3,9 +3,9 @@
 from jaxgrity.actuation import Gait, rest_length
 from jaxgrity.friction import SmoothFriction, slip_dissipation
 from jaxgrity.ground import Ground, contact_dissipation, signed_distance
-from jaxgrity.primitives import component, dot, edge_vectors, inner, inverse, length
-from jaxgrity.structure import Structure
-from jaxgrity.types import Edges, NodeVectors, PerMember, PerNode, Scalar
+from jaxgrity.primitives import component, dot, inner, length, over
+from jaxgrity.structure import Structure, member_vectors
+from jaxgrity.types import ByKind, MemberVectors, NodeVectors, PerMember, PerNode, Scalar
 
 
 def dissipation_terms(
@@ -18,21 +18,24 @@ def dissipation_terms(
     ground: Ground | None,
     friction: SmoothFriction | None,
     normal_force: PerNode | None,
+    vectors: tuple[ByKind, ByKind] | None = None,
 ) -> dict[str, Scalar]:
     """R_nodes, R_struts, R_cables, R_contact and R_friction, W, those of them that the scene has; R is their sum.
 
     `normal_force` (N, per node) is an argument of its own because friction's R holds it fixed: it depends on v too,
-    and only the derivative at fixed F_n is the friction force.
+    and only the derivative at fixed F_n is the friction force. `vectors` are d and d' of the members, where the caller
+    has them.
     """
     struts, cables = structure.struts, structure.cables
+    d, rates = (member_vectors(x, structure.damped) for x in (q, v)) if vectors is None else vectors
     R = {}
     if node_damping is not None:
         R["nodes"] = inner(node_damping, dot(v, v)) / 2
     if struts is not None and struts.damping is not None:
-        R["struts"] = member_dissipation(v, q, struts.edges, struts.damping)
+        R["struts"] = member_dissipation(rates["struts"], d["struts"], struts.damping)
     if cables is not None and cables.damping is not None:
         taut_above = rest_length(cables, gait, t, structure.first_cable)
-        R["cables"] = member_dissipation(v, q, cables.edges, cables.damping, taut_above)
+        R["cables"] = member_dissipation(rates["cables"], d["cables"], cables.damping, taut_above)
     if ground is not None and ground.dissipation is not None:
         R["contact"] = contact_dissipation(ground, component(v, ground.normal), signed_distance(ground, q))
     if ground is not None and friction is not None and normal_force is not None:
@@ -41,12 +44,11 @@ def dissipation_terms(
 
 
 def member_dissipation(
-    v: NodeVectors, q: NodeVectors, edges: Edges, damping: PerMember, taut_above: PerMember | None = None
+    rates: MemberVectors, d: MemberVectors, damping: PerMember, taut_above: PerMember | None = None
 ) -> Scalar:
-    """R = sum c/2 l'^2, W, with l' = d·(v_i - v_j), d the member's direction; a cable's only while l > `taut_above`."""
-    vectors = edge_vectors(q, edges)
-    lengths = length(vectors)
-    rate = dot(vectors, edge_vectors(v, edges)) * inverse(lengths)
+    """R = sum c/2 l'^2, W, with l' = d·d'/|d|, d' = v_i - v_j; a cable's only while l > `taut_above`."""
+    lengths = length(d)
+    rate = over(dot(d, rates), lengths)
     if taut_above is not None:
         damping = damping * (lengths > taut_above).astype(rate.dtype)
     return inner(damping * rate, rate) / 2

@@ -7,6 +7,7 @@ from jaxgrity.friction import SwitchFriction, switch_force
 from jaxgrity.ground import normal_force, signed_distance
 from jaxgrity.primitives import component, dot, inner, scale
 from jaxgrity.scene import Scene
+from jaxgrity.structure import member_vectors, onto_nodes
 from jaxgrity.types import AnyArray, NodeVectors, PerNode, Scalar
 
 State = tuple[AnyArray, AnyArray]
@@ -31,9 +32,23 @@ def pressing_force(scene: Scene, q: NodeVectors, v: NodeVectors) -> PerNode | No
 
 
 def smooth_force(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors, pressed: PerNode | None) -> NodeVectors:
-    """-dU/dq - dR/dv, N: all forces but F_switch."""
-    force = -jax.grad(scene.potential_energy)(q, t)
-    return force - jax.grad(scene.dissipation)(v, q, t, pressed) if scene.dissipates else force
+    """-dU/dq - dR/dv, N: all forces but F_switch.
+
+    Springs and dampers act along the same members: U and R are differentiated in the members' vectors too, and what
+    pulls on a member is put on its nodes once.
+    """
+    structure = scene.structure
+    kinds, damped = structure.kinds, structure.damped
+    d = member_vectors(q, kinds)
+    force, pull = jax.grad(scene.potential_energy, argnums=(0, 2))(q, t, d)
+    if scene.dissipates:
+
+        def loss(v, rates):
+            return scene.dissipation(v, q, t, pressed, (d, rates))
+
+        drag, resistance = jax.grad(loss, argnums=(0, 1))(v, member_vectors(v, damped))
+        force, pull = force + drag, pull | {name: pull[name] + resistance[name] for name in damped}
+    return -(force + onto_nodes(pull, kinds, q.shape[0]) if kinds else force)
 
 
 def switched_friction(scene: Scene, v: NodeVectors, pressed: PerNode | None, force: NodeVectors) -> NodeVectors:

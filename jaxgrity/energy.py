@@ -4,9 +4,9 @@ import jax.numpy as jnp
 
 from jaxgrity.actuation import Gait, rest_length
 from jaxgrity.ground import Ground, contact_energy, signed_distance
-from jaxgrity.primitives import component, edge_vectors, inner, length, positive_part
-from jaxgrity.structure import Members, Structure
-from jaxgrity.types import NodeVectors, PerMember, PerNode, Scalar
+from jaxgrity.primitives import component, inner, length, positive_part
+from jaxgrity.structure import Members, Structure, member_vectors
+from jaxgrity.types import ByKind, MemberVectors, NodeVectors, PerMember, PerNode, Scalar
 
 UP = (0.0, 0.0, 1.0)
 
@@ -18,14 +18,19 @@ def potential_energy(
     gait: Gait | None,
     gravity: Scalar | None,
     ground: Ground | None,
+    vectors: ByKind | None = None,
 ) -> Scalar:
-    """U = U_struts + U_cables + U_gravity + U_contact, J, of the terms that the scene has. q: (nodes, 3), m."""
+    """U = U_struts + U_cables + U_gravity + U_contact, J, of the terms that the scene has. q: (nodes, 3), m.
+
+    `vectors` are the members' at q, for whom wants the forces along them apart from those on the nodes.
+    """
     struts, cables = structure.struts, structure.cables
+    d = member_vectors(q, structure.kinds) if vectors is None else vectors
     U = jnp.zeros((), q.dtype)
     if struts is not None and not struts.rigid:
-        U += strut_energy(q, struts, rest_length(struts, gait, t, 0))
+        U += strut_energy(d["struts"], struts, rest_length(struts, gait, t, 0))
     if cables is not None:
-        U += cable_energy(q, cables, rest_length(cables, gait, t, structure.first_cable))
+        U += cable_energy(d["cables"], cables, rest_length(cables, gait, t, structure.first_cable))
     if gravity is not None:
         U += gravity_energy(q, structure.node_mass, gravity)
     if ground is not None and not ground.exact:
@@ -33,17 +38,17 @@ def potential_energy(
     return U
 
 
-def strut_energy(q: NodeVectors, struts: Members, rest: PerMember) -> Scalar:
-    """U = sum K/2 (l - L)^2, J."""
+def strut_energy(d: MemberVectors, struts: Members, rest: PerMember) -> Scalar:
+    """U = sum K/2 (l - L)^2, J, l = |d|."""
     assert struts.stiffness is not None, "rigid struts store nothing"
-    stretch = length(edge_vectors(q, struts.edges)) - rest
+    stretch = length(d) - rest
     return inner(struts.stiffness * stretch, stretch) / 2
 
 
-def cable_energy(q: NodeVectors, cables: Members, rest: PerMember) -> Scalar:
+def cable_energy(d: MemberVectors, cables: Members, rest: PerMember) -> Scalar:
     """U = sum K/2 max(0, l - L)^2, J: a slack cable stores nothing."""
     assert cables.stiffness is not None, "a cable is a spring"
-    stretch = positive_part(length(edge_vectors(q, cables.edges)) - rest)
+    stretch = positive_part(length(d) - rest)
     return inner(cables.stiffness * stretch, stretch) / 2
 
 

@@ -59,7 +59,9 @@ def _difference(x, *, edges, nodes):
 
 def _accumulate(f, *, edges, nodes):
     i, j = _ends(edges)
-    return jnp.zeros((nodes, *f.shape[1:]), f.dtype).at[i].add(f).at[j].add(-f)
+    none = jnp.zeros((nodes, *f.shape[1:]), f.dtype)
+    # not .add(-f): XLA would compute f, and all that leads to it, once more for -f
+    return none.at[i].add(f) - none.at[j].add(f)
 
 
 def _component(x, *, direction):
@@ -67,18 +69,29 @@ def _component(x, *, direction):
 
 
 def _extend(s, *, direction):
-    return jnp.concatenate([(n * s if n else jnp.zeros_like(s))[:, None] for n in direction], axis=1)
+    axis = jax.lax.broadcasted_iota(jnp.int32, (1, 3, *[1] * (s.ndim - 1)), 1)
+    return sum(jnp.where(axis == k, n * s[:, None], 0) for k, n in enumerate(direction) if n)
+
+
+def _take(x, *, rows, size):
+    return x[rows[0] : rows[-1] + 1] if _adjacent(rows) else x[np.asarray(rows)]
 
 
 def _place(x, *, rows, size):
+    if _adjacent(rows):
+        return jnp.pad(x, [(rows[0], size - rows[-1] - 1)] + [(0, 0)] * (x.ndim - 1))
     return jnp.zeros((size, *x.shape[1:]), x.dtype).at[np.asarray(rows)].set(x)
+
+
+def _adjacent(rows):
+    return rows == tuple(range(rows[0], rows[-1] + 1))
 
 
 _difference_p = _primitive("edge_difference", _difference)
 _accumulate_p = _primitive("edge_accumulate", _accumulate)
 _component_p = _primitive("component", _component)
 _extend_p = _primitive("extend", _extend)
-_take_p = _primitive("take_rows", lambda x, *, rows, size: x[np.asarray(rows)])
+_take_p = _primitive("take_rows", _take)
 _place_p = _primitive("place_rows", _place)
 _dot_p = _primitive("dot", lambda a, b: a[:, 0] * b[:, 0] + a[:, 1] * b[:, 1] + a[:, 2] * b[:, 2])
 _scale_p = _primitive("scale", lambda a, s: a * s[:, None])
@@ -149,7 +162,15 @@ def length(d: MemberVectors) -> PerMember:
 def _length_jvp(primals, tangents):
     (d,), (d_dot,) = primals, tangents
     value = length(d)
-    return value, dot(d, d_dot) * inverse(value)
+    return value, over(dot(d, d_dot), value)
+
+
+def over(a: PerMember, b: PerMember) -> PerMember:
+    """a/b, and a where b = 0, with finite derivatives there.
+
+    A division, not a product with 1/b: XLA keeps its result, where it would compute a product anew for each use.
+    """
+    return a / (b + (b == 0).astype(b.dtype))
 
 
 def inverse(x: PerMember) -> PerMember:

@@ -13,7 +13,7 @@ from jaxgrity.energy import potential_energy
 from jaxgrity.friction import ConeFriction, Friction, SmoothFriction, SwitchFriction
 from jaxgrity.ground import Ground
 from jaxgrity.structure import InputError, Members, Structure, edge_lengths
-from jaxgrity.types import AnyArray, NodeVectors, PerNode, Scalar, as_float_or_none
+from jaxgrity.types import AnyArray, ByKind, NodeVectors, PerNode, Scalar, as_float_or_none
 from jaxgrity.vibration import equilibrium, natural_frequencies
 
 
@@ -58,21 +58,33 @@ class Scene(eqx.Module):
                         f"{len(self.gait.members)} actuated members"
                     )
 
-    def potential_energy(self, q: NodeVectors, t: Scalar) -> Scalar:
+    def potential_energy(self, q: NodeVectors, t: Scalar, vectors: ByKind | None = None) -> Scalar:
         """U(q, t), J."""
-        return potential_energy(q, t, self.structure, self.gait, self.gravity, self.ground)
+        return potential_energy(q, t, self.structure, self.gait, self.gravity, self.ground, vectors)
 
-    def dissipation(self, v: NodeVectors, q: NodeVectors, t: Scalar, normal_force: PerNode | None) -> Scalar:
+    def dissipation(
+        self,
+        v: NodeVectors,
+        q: NodeVectors,
+        t: Scalar,
+        normal_force: PerNode | None,
+        vectors: tuple[ByKind, ByKind] | None = None,
+    ) -> Scalar:
         """R(v; q, t), W, with friction's normal force held fixed."""
-        return sum(self.dissipation_terms(v, q, t, normal_force).values(), jnp.zeros((), v.dtype))
+        return sum(self.dissipation_terms(v, q, t, normal_force, vectors).values(), jnp.zeros((), v.dtype))
 
     def dissipation_terms(
-        self, v: NodeVectors, q: NodeVectors, t: Scalar, normal_force: PerNode | None
+        self,
+        v: NodeVectors,
+        q: NodeVectors,
+        t: Scalar,
+        normal_force: PerNode | None,
+        vectors: tuple[ByKind, ByKind] | None = None,
     ) -> dict[str, Scalar]:
         """The terms of R by their causes, W."""
         smooth = self.friction if isinstance(self.friction, SmoothFriction) else None
         return dissipation_terms(
-            v, q, t, self.structure, self.gait, self.node_damping, self.ground, smooth, normal_force
+            v, q, t, self.structure, self.gait, self.node_damping, self.ground, smooth, normal_force, vectors
         )
 
     @property

@@ -5,7 +5,8 @@ from collections.abc import Sequence
 import equinox as eqx
 import numpy as np
 
-from jaxgrity.types import Edges, NodeVectors, PerMember, PerNode, as_float, as_float_or_none
+from jaxgrity.primitives import accumulate, edge_vectors, place_rows, take_rows
+from jaxgrity.types import ByKind, Edges, NodeVectors, PerMember, PerNode, as_float, as_float_or_none
 
 
 class InputError(ValueError):
@@ -49,9 +50,50 @@ class Structure(eqx.Module):
         return self.node_mass.sum()
 
     @property
+    def kinds(self) -> "dict[str, Members]":
+        """Those of "struts" and "cables" that forces act along: rigid members without damping are constraints alone."""
+        kinds = {"struts": self.struts, "cables": self.cables}
+        return {name: m for name, m in kinds.items() if m is not None and not (m.rigid and m.damping is None)}
+
+    @property
+    def damped(self) -> "dict[str, Members]":
+        """Those of `kinds` that have dampers."""
+        return {name: members for name, members in self.kinds.items() if members.damping is not None}
+
+    @property
     def first_cable(self) -> int:
         """The number that gaits give to the first cable: members count from the first strut on."""
         return len(self.struts.edges) if self.struts is not None else 0
+
+
+def member_vectors(x: NodeVectors, kinds: dict[str, Members]) -> ByKind:
+    """x_i - x_j of every member (i, j): of positions, d; of velocities, d'."""
+    rows = _rows(kinds)
+    if not rows:
+        return {}
+    every = edge_vectors(x, tuple(edge for members in kinds.values() for edge in members.edges))
+    return (
+        {name: take_rows(every, numbers) for name, numbers in rows.items()}
+        if len(rows) > 1
+        else {name: every for name in rows}
+    )
+
+
+def onto_nodes(forces: ByKind, kinds: dict[str, Members], nodes: int) -> NodeVectors:
+    """The transpose of `member_vectors`: puts each member's force on its first node, and takes it from the second."""
+    rows = _rows(kinds)
+    edges = tuple(edge for members in kinds.values() for edge in members.edges)
+    placed = [place_rows(forces[name], numbers, len(edges)) for name, numbers in rows.items()]
+    return accumulate(sum(placed[1:], placed[0]), edges, nodes)
+
+
+def _rows(kinds: dict[str, Members]) -> dict[str, tuple[int, ...]]:
+    """Which rows of one list of all members are those of each kind."""
+    rows, first = {}, 0
+    for name, members in kinds.items():
+        rows[name] = tuple(range(first, first + len(members.edges)))
+        first += len(members.edges)
+    return rows
 
 
 def edge_lengths(nodes: NodeVectors, edges: Edges) -> np.ndarray:

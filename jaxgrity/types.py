@@ -22,6 +22,8 @@ Table = Float[AnyArray, "_ _"]
 PerGait = Float[AnyArray, " population"]
 Failures = Int[AnyArray, " population"]
 Mask = Bool[AnyArray, " population"]
+ByKind = dict[str, Float[AnyArray, "_ 3"]]
+"""a vector for each of the "struts" and each of the "cables", where a structure has them"""
 Edges = tuple[tuple[int, int], ...]
 
 

@@ -101,14 +101,18 @@ def along(*directions):
 
 
 def joins(edges):
-    return lambda e: e.params.get("edges") == edges
+    return lambda e: set(edges) <= set(e.params.get("edges", ()))
+
+
+def rates(edges):
+    return lambda e: joins(edges)(e) and e.primitive == "edge_difference" and e.of_velocity
 
 
 ABSENT = {
     "struts": (full(struts=None, gait=None), joins(STRUTS)),
     "cables": (full(cables=None, gait=None), joins(CABLES)),
-    "strut damping": (full(struts=undamped(STRUT_SPRINGS)), lambda e: joins(STRUTS)(e) and e.of_velocity),
-    "cable damping": (full(cables=undamped(CABLE_SPRINGS)), lambda e: joins(CABLES)(e) and e.of_velocity),
+    "strut damping": (full(struts=undamped(STRUT_SPRINGS)), rates(STRUTS)),
+    "cable damping": (full(cables=undamped(CABLE_SPRINGS)), rates(CABLES)),
     "gravity": (full(gravity=None), along(UP)),
     "node damping": (full(node_damping=None), lambda e: e.primitive == "dot" and (5, 3) in e.shapes),
     "contact": (full(ground=None, friction=None), along(GROUND.normal)),
@@ -117,7 +121,7 @@ ABSENT = {
         lambda e: along(GROUND.normal)(e) and e.primitive == "component" and e.of_velocity,
     ),
     "smooth friction": (full(friction=None), along(*GROUND.tangents)),
-    "gait": (full(gait=None), lambda e: e.primitive in ("sin", "clamp", "take_rows", "place_rows")),
+    "gait": (full(gait=None), lambda e: e.primitive in ("sin", "clamp")),
 }
 
 

@@ -8,8 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from jaxgrity.energy import cable_energy, gravity_energy, potential_energy, strut_energy
+from jaxgrity import energy as energies
+from jaxgrity.energy import gravity_energy, potential_energy
 from jaxgrity.ground import Ground, contact_energy, signed_distance
+from jaxgrity.primitives import edge_vectors
 from jaxgrity.structure import Members
 
 NODES = 5
@@ -27,6 +29,14 @@ angles = st.floats(-1.2, 1.2)
 
 def members(rest_length):
     return Members(EDGES, STIFFNESS, rest_length)
+
+
+def strut_energy(q, struts, rest):
+    return energies.strut_energy(edge_vectors(q, struts.edges), struts, rest)
+
+
+def cable_energy(q, cables, rest):
+    return energies.cable_energy(edge_vectors(q, cables.edges), cables, rest)
 
 
 def paper_gradient(q, strain_force):
