@@ -25,7 +25,7 @@ measure: .venv/.installed-test
 	$(BIN)/python experiments/update_docs.py
 
 clean:
-	rm -rf .venv results build *.egg-info .pytest_cache .ruff_cache .mypy_cache .hypothesis
+	rm -rf .venv .cache results build *.egg-info .pytest_cache .ruff_cache .mypy_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 .venv/.installed: pyproject.toml constraints.txt

@@ -1,11 +1,17 @@
 """What every script does first and last: set JAX up, read the settings, and turn bad input into one line."""
 
+import contextlib
 import os
 import shlex
 import sys
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
+
+# Read by Equinox when it is imported: diffrax's own checks, which settings have passed before, then mark a rollout NaN
+# instead of calling back from the compiled program, which JAX could not keep for the next run.
+os.environ.setdefault("EQX_ON_ERROR", "nan")
 
 import jax
 import tyro
@@ -13,6 +19,9 @@ import tyro
 from jaxgrity import InputError
 
 SCENES = Path(__file__).parent / "scenes"
+WHOLE_LOOPS = "--xla_backend_extra_options=xla_cpu_small_while_loop_byte_threshold=1000000000"
+"""one kernel for a whole loop of small steps, where some hundred would be dispatched one by one, on a CPU"""
+CACHE = Path(__file__).parent.parent / ".cache" / "jax"
 
 Settings = TypeVar("Settings")
 
@@ -28,21 +37,46 @@ def measured() -> dict:
 
 
 def configure() -> None:
-    """Float64 allowed: for scripts, and for the processes that they start."""
+    """Float64 allowed, loops compiled whole, compiled programs kept: for scripts, and for processes that they start."""
+    # what the user has set comes later, and wins
+    os.environ["XLA_FLAGS"] = f"{WHOLE_LOOPS} {os.environ.get('XLA_FLAGS', '')}".strip()
     jax.config.update("jax_enable_x64", True)
+    if jax.config.jax_compilation_cache_dir is None:
+        jax.config.update("jax_compilation_cache_dir", str(CACHE))
+        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
+
+
+def join_hosts() -> None:
+    """Make one machine of all processes that SLURM, or whoever sets JAX_COORDINATOR_ADDRESS, started with this script.
+
+    JAX_COORDINATOR_ADDRESS (HOST:PORT of the first), JAX_NUM_PROCESSES and JAX_PROCESS_ID go together.
+    """
+    known = os.environ
+    if "JAX_COORDINATOR_ADDRESS" in known:
+        jax.distributed.initialize(
+            num_processes=int(known["JAX_NUM_PROCESSES"]), process_id=int(known["JAX_PROCESS_ID"])
+        )
+    elif int(known.get("SLURM_STEP_NUM_TASKS", 1)) > 1:
+        jax.distributed.initialize()
 
 
 def run(main: Callable[[Settings], None], settings: type[Settings]) -> None:
     """Call `main` with `settings` from the command line: float64 allowed, every core a device of its own.
 
-    Ends with exit code 2 and one clear line on bad input.
+    Of several processes that work as one, the first alone speaks and leaves files. Ends with exit code 2 and one clear
+    line on bad input.
     """
     configure()
     if "cpu" in (jax.config.jax_platforms or "cpu"):
         jax.config.update("jax_num_cpu_devices", len(os.sched_getaffinity(0)))
     chosen = tyro.cli(settings, description=sys.modules["__main__"].__doc__)
     try:
-        main(chosen)
+        join_hosts()
+        with contextlib.ExitStack() as others:
+            if jax.process_index() > 0:
+                others.enter_context(contextlib.redirect_stdout(others.enter_context(open(os.devnull, "w"))))
+                chosen.out = Path(others.enter_context(tempfile.TemporaryDirectory()))
+            main(chosen)
     except (InputError, OSError) as error:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(2)

@@ -11,7 +11,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.sharding import Mesh, PartitionSpec
+from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
 from jaxgrity.actuation import Gait
 from jaxgrity.dynamics import State, centre_of_mass
@@ -20,8 +20,10 @@ from jaxgrity.simulate import Settings, discretise, failure_code, integrate, set
 from jaxgrity.structure import InputError
 from jaxgrity.types import Failures, Path, PerGait, Phases, Scalar, Table, Vectors
 
-LANES = 128
-"""robots integrated side by side: enough to fill the vector units, few enough for the cache (measured)"""
+LANES = (32, 128)
+"""robots integrated side by side, at least and at most: enough to fill the vector units (measured)"""
+CACHE = 2**20
+"""bytes that the members' vectors of all robots side by side may take: they are used over and over (measured)"""
 
 
 class Outcomes(eqx.Module):
@@ -109,7 +111,7 @@ def roll_out(scene: Scene, gaits: Gait, duration: Scalar, settings: Settings) ->
     size = gaits.phase.shape[0]
     # lineax's linear solve, inside implicit methods, cannot be traced under shard_map
     devices = 1 if settings.method.implicit else jax.device_count()
-    chunks = -(-size // (devices * LANES))
+    chunks = -(-size // (devices * most_lanes(scene, settings)))
     lanes = -(-size // (devices * chunks))
 
     def deal(x):
@@ -131,9 +133,20 @@ def roll_out(scene: Scene, gaits: Gait, duration: Scalar, settings: Settings) ->
         share = jax.shard_map(share, mesh=mesh, in_specs=(split, whole, whole), out_specs=split, check_vma=False)
     rows = [deal(x) for x in (gaits.phase, gaits.amplitude, gaits.frequency)]
     outcomes = share(rows, scene, jnp.asarray(duration, settings.dtype))
-    com_start, com_end, positions, failure, accepted, rejected = map(collect, outcomes)
+    outcomes = [collect(x) for x in outcomes]
+    if devices > jax.local_device_count():
+        # every host gets all outcomes, and goes on as if it had computed them alone
+        outcomes = jax.lax.with_sharding_constraint(outcomes, NamedSharding(mesh, PartitionSpec()))
+    com_start, com_end, positions, failure, accepted, rejected = outcomes
     name, dt = settings.method.name, settings.dt
     return Outcomes(com_start, com_end, positions, failure, accepted, rejected, name, dt)
+
+
+def most_lanes(scene: Scene, settings: Settings) -> int:
+    """How many robots of this size a core integrates side by side: a power of two."""
+    members = sum(len(m.edges) for m in (scene.structure.struts, scene.structure.cables) if m is not None)
+    bytes_each = 3 * np.dtype(settings.dtype).itemsize * max(members, 1)
+    return int(np.clip(2 ** int(np.log2(max(CACHE / bytes_each, 1))), *LANES))
 
 
 def roll_out_lanes(scene: Scene, phase, amplitude, frequency, duration, settings: Settings) -> tuple:

@@ -58,9 +58,24 @@ def _difference(x, *, edges, nodes):
 
 
 def _accumulate(f, *, edges, nodes):
+    """Each node gathers what its members give it: no scatter, which is slow on a GPU and keeps XLA's CPU backend from
+    making one kernel of a whole loop."""
+    given: list[list[tuple[int, int]]] = [[] for _ in range(nodes)]
+    for k, (i, j) in enumerate(zip(*_ends(edges))):
+        given[i].append((k, 1))
+        given[j].append((k, -1))
+    most = max(map(len, given))
+    table = np.array([rows + [(0, 0)] * (most - len(rows)) for rows in given]).swapaxes(0, 1)
+    signs = table[..., 1].astype(f.dtype).reshape(most, nodes, *[1] * (f.ndim - 1))
+    return sum(f[rows] * sign for rows, sign in zip(table[..., 0], signs))
+
+
+def _accumulate_on_cpu(f, *, edges, nodes):
+    if f.ndim < 3:
+        return _accumulate(f, edges=edges, nodes=nodes)
     i, j = _ends(edges)
     none = jnp.zeros((nodes, *f.shape[1:]), f.dtype)
-    # not .add(-f): XLA would compute f, and all that leads to it, once more for -f
+    # whole rows of a population are cheap to scatter; not .add(-f): XLA would compute f, and all that leads to it, twice
     return none.at[i].add(f) - none.at[j].add(f)
 
 
@@ -89,6 +104,7 @@ def _adjacent(rows):
 
 _difference_p = _primitive("edge_difference", _difference)
 _accumulate_p = _primitive("edge_accumulate", _accumulate)
+mlir.register_lowering(_accumulate_p, mlir.lower_fun(_accumulate_on_cpu, multiple_results=False), platform="cpu")
 _component_p = _primitive("component", _component)
 _extend_p = _primitive("extend", _extend)
 _take_p = _primitive("take_rows", _take)

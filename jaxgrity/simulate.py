@@ -228,7 +228,8 @@ def discretise(
         }
         lifted = {name: lift(getattr(solver, name), in_axes) for name, in_axes in axes.items()}
         solver = Complementarity(settings.sweeps, settings.strut_tolerance, **lifted)
-    return diffrax.ODETerm(lift(vector_field, (None, -1, "s"))), solver
+    # jit, so that it is traced once for all its uses in a step
+    return diffrax.ODETerm(jax.jit(lift(vector_field, (None, -1, "s")))), solver
 
 
 def integrate(
