@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 from common import run
 from hard_cases import Cell, markdown
+from speed_words import benchmark, compiled, gradients, made_by, million, scaling, start_up, table
 
 from jaxgrity.files import save_json, write_whole
 from jaxgrity.methods import METHODS
@@ -41,7 +42,7 @@ def main(settings: Settings) -> None:
     if not sources:
         raise InputError(f"{settings.results}: holds no results; expected those of {', '.join(SOURCES)}")
     for name, (source, facts) in sources.items():
-        save_json(ROOT / "docs" / "measured" / f"{name.replace('/', '_')}.json", facts)
+        save_json(ROOT / "docs" / "measured" / measured_name(name, source), facts)
         for picture, target in source.pictures.items():
             shutil.copyfile(settings.results / Path(name).parts[0] / picture, ROOT / "docs" / "images" / target)
         page = ROOT / source.page
@@ -56,6 +57,12 @@ def found(results: Path) -> dict[str, tuple[Source, dict]]:
     """The sources whose results are there, with what they say."""
     paths = {name: results / Path(name).parts[0] / source.facts for name, source in SOURCES.items()}
     return {name: (SOURCES[name], json.loads(path.read_text())) for name, path in paths.items() if path.exists()}
+
+
+def measured_name(name: str, source: Source) -> str:
+    """The file in docs/measured: parts of a page that come from one file share it."""
+    folder, stem = Path(name).parts[0], Path(source.facts).stem
+    return f"{folder if stem == folder or '/' not in name else f'{folder}_{stem}'}.json"
 
 
 def fill(text: str, name: str, words: str) -> str:
@@ -77,48 +84,6 @@ def gait_search(facts: dict) -> str:
         f"Its sensitivity at the end is {facts['diagnosis']['sensitivity']:.0f} m per radian of phase "
         "([docs/measured/gait_search.json](docs/measured/gait_search.json))."
     )
-
-
-def benchmark(facts: dict) -> str:
-    cost = {(p["engine"], p["dtype"], p["dt"]): 1e6 * p["seconds"] for p in facts["points"]}
-    gradient, rates, ratios = facts["gradient"], facts["rollouts_per_second"], facts["ratios_to_C"]
-
-    def said(engine: str, dt: float) -> tuple[str, str]:
-        one, two = (cost[engine, dtype, dt] for dtype in ("float32", "float64"))
-        times = " and ".join(f"{ratios[f'{engine} {dtype} {dt:g}']:.1f}" for dtype in ("float32", "float64"))
-        return f"{one:.0f} us in float32 and {two:.0f} us in float64", f"{times} times"
-
-    (rk4, rk4_times), (exact, exact_times) = said("rk4", 5e-4), said("complementarity", 5e-3)
-    names = dict.fromkeys(name for found in rates.values() for name in found)
-    written = {"limit": "hand-written C, RK4", "exact": "hand-written C, exact contact"}
-    rows = [
-        [written.get(name, name), *(f"{found[name]:.0f}" if name in found else "-" for found in rates.values())]
-        for name in names
-    ]
-    head = ["engine", *(f"rollouts a second at {1e3 * float(target):g} mm" for target in rates)]
-    return (
-        f"A simulated second of one gait of the reference scene takes {rk4} by RK4 at 0.5 ms ({rk4_times} hand-written "
-        f"SIMD C, with which centres of mass agree to {facts['largest_difference_from_C']:.0e} m), and {exact} by "
-        f"complementarity stepping at 5 ms ({exact_times} C with {facts['C_sweeps']} sweeps); a NumPy loop "
-        f"takes {facts['numpy']['seconds']:.1f} s. {facts['gaits']} gaits of {facts['duration']:g} s, "
-        f"{facts['cores']} cores, median of {facts['repeats']}. The gradient in {gradient['phases']} phases costs "
-        f"{gradient['reverse']:.1f} rollouts by reverse mode with a checkpointed step, {gradient['forward']:.1f} by "
-        f"forward mode; polishing uses the first.\n\n{table(head, rows)}\n\n"
-        f"Rollouts of {facts['duration']:g} s, at the cheapest step whose error (median, against the engine's own "
-        f"converged answer) is within the bound. `{facts['command']}`, "
-        "[docs/measured/benchmark.json](docs/measured/benchmark.json)."
-    )
-
-
-def table(head: list[str], rows: list[list[str]]) -> str:
-    """A Markdown table."""
-    lines = [head, ["---"] * len(head), *rows]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
-
-
-def made_by(facts: dict, name: str) -> str:
-    """The command beside the numbers."""
-    return f"\n\n`{facts['command']}`, [measured/{name}.json](measured/{name}.json)."
 
 
 def error_bars(facts: dict) -> str:
@@ -204,10 +169,12 @@ def work_precision(facts: dict) -> str:
 
 
 NUMERICS = "docs/numerics.md"
+PERFORMANCE, SCALING = "docs/performance.md", "docs/scaling.md"
 SOURCES = (
     {
         "gait_search": Source("README.md", gait_search, "summary.json", {"animation.gif": "rolling.gif"}),
         "benchmark": Source("README.md", benchmark, "benchmark.json", {"benchmark.png": "benchmark.png"}),
+        "gradients": Source(PERFORMANCE, gradients, "gradients.json", {"gradients.png": "gradients.png"}),
         "error_bars": Source(NUMERICS, error_bars, "error_bars.json", {"error_bars.png": "error_bars.png"}),
         "stability": Source(NUMERICS, stability, "stability.json", {"stability.png": "stability.png"}),
         "stiff": Source(NUMERICS, stiff, "stiff.json", {"stiff.png": "stiff.png"}),
@@ -218,6 +185,15 @@ SOURCES = (
             NUMERICS, work_precision, f"{name}.json", {f"{name}.png": f"work_precision_{name}.png"}
         )
         for name in ("free_flight", "drop_and_settle", "0.5_Hz_roll", "1_Hz_roll")
+    }
+    | {
+        f"scaling/{name}": Source(page, words, "scaling.json", {"scaling.png": "scaling.png"})
+        for name, page, words in (
+            ("cost", SCALING, scaling),
+            ("million", SCALING, million),
+            ("compiled", PERFORMANCE, compiled),
+            ("start", PERFORMANCE, start_up),
+        )
     }
     | {
         f"equivalence/{name}": Source(

@@ -168,13 +168,13 @@ def distance_and_gradient(scene: Scene, gaits: Gait, horizon: float, settings: S
 def _distances(scene: Scene, gaits: Gait, horizon: float, settings: Settings) -> PerGait:
     scene, axes = in_lanes(scene, gaits.phase.T, gaits.amplitude.T, gaits.frequency.T)
     nodes = scene.structure.nodes
-    q, _ = _checkpointed_end(scene, axes, (nodes, jnp.zeros_like(nodes)), horizon, settings)
+    q, _ = checkpointed_end(scene, axes, (nodes, jnp.zeros_like(nodes)), horizon, settings)
     com = over_lanes(centre_of_mass, (axes, -1))
     moved = (com(scene, q) - com(scene, nodes))[:2]
     return jnp.sqrt(jnp.sum(moved * moved, axis=0))
 
 
-def _checkpointed_end(scene: Scene, axes: Scene, start, horizon: float, settings: Settings):
+def checkpointed_end(scene: Scene, axes: Scene, start, horizon: float, settings: Settings):
     """The state at `horizon`, by the scene's method stepped inside two nested scans, both checkpointed."""
     terms, solver = discretise_lanes(settings, axes)
     count = horizon / settings.dt  # type: ignore[operator]

@@ -1,0 +1,213 @@
+"""How cost grows: with the number of devices, of gaits and of struts; what one rollout costs, and what starting does.
+
+Every part runs in processes of its own, which may use as many cores as they have devices.
+"""
+
+import multiprocessing
+import os
+import re
+import subprocess
+import sys
+import time
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import jax
+import numpy as np
+from common import SCENES, configure, measured, run
+from matplotlib.figure import Figure
+from tower import tower
+from tqdm import tqdm
+
+from jaxgrity import Scene, gaits_of, load_scene, plot, random_phases, simulate, simulate_population
+from jaxgrity.files import save_json
+from jaxgrity.population import roll_out
+from jaxgrity.scene import as_dtype
+from jaxgrity.simulate import settle
+
+METHODS = {"rk4": ("reference", 5e-4), "complementarity": ("exact", 5e-3)}
+"""the scene that each is measured on, and its step, s"""
+TOWER_STEPS = {"rk4": 2e-4, "complementarity": 2e-3}
+"""s"""
+
+
+@dataclass
+class Settings:
+    repeats: int = 5
+    """timed calls, of which the median counts, after one that compiles"""
+    out: Path = Path("results/scaling")
+    """folder for scaling.json and scaling.png"""
+    quick: bool = False
+    """two calls, small populations and towers"""
+
+
+def main(settings: Settings) -> None:
+    repeats = 2 if settings.quick else settings.repeats
+    cores = len(os.sched_getaffinity(0))
+    sizes = [16, 64] if settings.quick else [64, 128, 256, 512, 1024, 2048, 4096]
+    struts = [6, 12] if settings.quick else [6, 18, 60, 180, 600]
+    largest = 64 if settings.quick else 1024
+    tasks: list[tuple] = [("devices", d, population_cost, (m, largest, repeats)) for m in METHODS for d in {1, cores}]
+    tasks += [("population", cores, population_cost, (m, n, repeats)) for m in METHODS for n in sizes]
+    tasks += [("struts", cores, tower_cost, (m, n, repeats)) for m in METHODS for n in struts]
+    tasks += [("single", 1, single_cost, (m, dtype, repeats)) for m in METHODS for dtype in ("float32", "float64")]
+    tasks += [("compiled", 1, compiled, (m,)) for m in METHODS]
+    rows: dict[str, list[dict]] = {"devices": [], "population": [], "struts": [], "single": [], "compiled": []}
+    for name, devices, function, arguments in tqdm(tasks, unit="run"):
+        rows[name].append({"devices": devices, **in_process(devices, function, arguments)})
+    facts = {
+        **measured(),
+        "repeats": repeats,
+        **rows,
+        "exponents": exponents(rows["struts"]),
+        "start": start_up(settings),
+    }
+    save_json(settings.out / "scaling.json", facts)
+    plot.save(figure(rows), settings.out / "scaling.png")
+    report(facts)
+    print(f"wrote {settings.out}/scaling.json and scaling.png")
+
+
+def in_process(devices: int, function: Callable, arguments: tuple) -> dict:
+    """What the function returns in a fresh process with so many devices, on as many cores."""
+    with multiprocessing.get_context("spawn").Pool(1, confine, (devices,)) as pool:
+        return pool.apply(function, arguments)
+
+
+def confine(devices: int) -> None:
+    os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[:devices])
+    configure()
+    jax.config.update("jax_num_cpu_devices", devices)
+
+
+def median_time(function: Callable, repeats: int) -> tuple[float, float]:
+    """Median wall time of a call, s, and what the first call took longer."""
+    seconds = []
+    for _ in range(repeats + 1):
+        start = time.perf_counter()
+        jax.block_until_ready(function())
+        seconds.append(time.perf_counter() - start)
+    warm = float(np.median(seconds[1:]))
+    return warm, seconds[0] - warm
+
+
+def population_cost(method: str, gaits: int, repeats: int) -> dict:
+    """Of `gaits` random gaits over 2 s, in float32."""
+    name, dt = METHODS[method]
+    scene = load_scene(SCENES / f"{name}.toml")
+    return cost(scene, method, gaits, 2.0, dt, repeats)
+
+
+def tower_cost(method: str, struts: int, repeats: int) -> dict:
+    """Of 128 gaits of a tower, in float32, over 100 steps."""
+    scene = tower(struts, exact=method == "complementarity")
+    dt = TOWER_STEPS[method]
+    return {"struts": struts, **cost(scene, method, 128, 100 * dt, dt, repeats)}
+
+
+def cost(scene: Scene, method: str, gaits: int, duration: float, dt: float, repeats: int) -> dict:
+    rows = gaits_of(scene.gait, random_phases(gaits, len(scene.gait.members), seed=0))
+    options = {"method": method, "dt": dt, "dtype": "float32", "any_step": True}
+    seconds, compilation = median_time(lambda: simulate_population(scene, rows, duration, **options), repeats)
+    step = seconds / gaits / round(duration / dt)
+    return {
+        "method": method,
+        "gaits": gaits,
+        "seconds": seconds,
+        "per_gait_and_simulated_second": step / dt,
+        "per_gait_and_step": step,
+        "compile_seconds": compilation,
+    }
+
+
+def single_cost(method: str, dtype: str, repeats: int) -> dict:
+    """One rollout of 10 s, 100 frames a second saved."""
+    name, dt = METHODS[method]
+    scene = load_scene(SCENES / f"{name}.toml")
+    seconds, compilation = median_time(lambda: simulate(scene, 10.0, method=method, dt=dt, dtype=dtype), repeats)
+    return {"method": method, "dtype": dtype, "times_real_time": 10.0 / seconds, "compile_seconds": compilation}
+
+
+def compiled(method: str) -> dict:
+    """Kernels that each loop of the compiled program runs in one pass, for 128 gaits, innermost loops first."""
+    name, dt = METHODS[method]
+    scene = load_scene(SCENES / f"{name}.toml")
+    rows = gaits_of(scene.gait, random_phases(128, 6, seed=0))
+    settings = settle(scene, 1.0, method, dt, "float32", any_step=True)
+    program = roll_out.lower(as_dtype(scene, "float32"), rows, np.asarray(1.0), settings).compile().compiled
+    text = program.as_text()
+    bodies = dict(re.findall(r"^%?([\w.\-]+) .*?\{\n(.*?)^\}", text, re.MULTILINE | re.DOTALL))
+    loops = [
+        Counter(re.findall(r" (fusion|copy|gather|scatter|dot)\(", bodies[body]))
+        for body in re.findall(r" while\(.*?body=%?([\w.\-]+)", text)
+    ]
+    return {"method": method, "loops": [dict(loop) for loop in loops], "transposes": text.count(" transpose(")}
+
+
+def exponents(rows: list[dict]) -> dict[str, float]:
+    """p in cost ~ struts^p, from the smallest tower to the largest."""
+    found = {}
+    for method in METHODS:
+        ours = [row for row in rows if row["method"] == method]
+        growth = ours[-1]["per_gait_and_step"] / ours[0]["per_gait_and_step"]
+        found[method] = float(np.log(growth) / np.log(ours[-1]["struts"] / ours[0]["struts"]))
+    return found
+
+
+def start_up(settings: Settings) -> dict[str, float]:
+    """Seconds: of the imports, and of a script until its first step, with and without a program kept from before."""
+
+    def took(code: str) -> float:
+        return float(subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout)
+
+    clock = "import time; t = time.perf_counter(); {}; print(time.perf_counter() - t)"
+    imports = {name: [took(clock.format(f"import {name}")) for _ in range(3)] for name in ("jax, diffrax", "jaxgrity")}
+    script = Path(__file__).with_name("simulate.py")
+    command = [sys.executable, str(script), str(SCENES / "reference.toml"), "--duration", "1e-3", "--no-diagnose"]
+    seconds = []
+    for _ in range(2):
+        start = time.perf_counter()
+        subprocess.run([*command, "--out", str(settings.out / "start")], capture_output=True, check=True)
+        seconds.append(time.perf_counter() - start)
+    alone, ours = (float(np.median(x)) for x in imports.values())
+    return {"import jax, diffrax": alone, "import jaxgrity": ours, "warm script of two steps": seconds[1]}
+
+
+def report(facts: dict) -> None:
+    for row in facts["devices"]:
+        print(f"{row['method']}, {row['devices']} devices: {1e6 * row['per_gait_and_simulated_second']:.0f} us")
+    for row in facts["population"]:
+        print(f"{row['method']}, {row['gaits']} gaits: {1e6 * row['per_gait_and_simulated_second']:.0f} us")
+    for row in facts["struts"]:
+        print(f"{row['method']}, {row['struts']} struts: {1e6 * row['per_gait_and_step']:.2f} us a step")
+    for row in facts["single"]:
+        print(f"one rollout, {row['method']}, {row['dtype']}: {row['times_real_time']:.0f} times real time")
+    for row in facts["compiled"]:
+        print(f"compiled, {row['method']}: {row['loops']}, {row['transposes']} transposes")
+    print(facts["exponents"], facts["start"])
+
+
+def figure(rows: dict[str, list[dict]]) -> Figure:
+    """Cost per gait against the size of the population, and cost per step against the number of struts."""
+    chart = Figure(figsize=(10, 4), layout="constrained")
+    left, right = chart.subplots(1, 2)
+    for method in METHODS:
+        ours = [row for row in rows["population"] if row["method"] == method]
+        x, y = ([row[key] for row in ours] for key in ("gaits", "per_gait_and_simulated_second"))
+        left.loglog(x, 1e6 * np.array(y), "o-", label=method)
+        ours = [row for row in rows["struts"] if row["method"] == method]
+        x, y = ([row[key] for row in ours] for key in ("struts", "per_gait_and_step"))
+        line = right.loglog(x, 1e6 * np.array(y), "o-", label=method)[0]
+        right.loglog(x, 1e6 * y[0] * np.array(x) / x[0], ":", color=line.get_color(), lw=1)
+    left.set(xlabel="gaits", ylabel="us per gait and simulated second", title="size of the population")
+    right.set(xlabel="struts", ylabel="us per gait and step", title="size of the structure (dotted: linear)")
+    for axes in (left, right):
+        axes.grid(alpha=0.3, which="both")
+        axes.legend()
+    return chart
+
+
+if __name__ == "__main__":
+    run(main, Settings)

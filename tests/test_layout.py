@@ -1,0 +1,77 @@
+"""What is compiled: sums over members by scatter or gather, no scatter for a GPU, chunks that fit the cache."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from tower import tower
+
+from jaxgrity.dynamics import vector_field
+from jaxgrity.population import in_lanes, most_lanes, over_lanes
+from jaxgrity.primitives import accumulate, edge_vectors
+from jaxgrity.scene import as_dtype
+from jaxgrity.simulate import settle, simulate
+from jaxgrity.stability import default_method, default_step
+from jaxgrity.structure import member_vectors, onto_nodes
+
+NODES = 6
+pairs = st.tuples(st.integers(0, NODES - 1), st.integers(0, NODES - 1)).filter(lambda pair: pair[0] != pair[1])
+
+
+@given(st.lists(pairs, min_size=1, max_size=12, unique=True), st.integers(0, 99))
+def test_one_robot_and_a_population_sum_alike(edges, seed):
+    """One gathers, the other scatters; both are the transpose of the difference."""
+    edges = tuple(edges)
+    f = np.random.default_rng(seed).normal(size=(len(edges), 3, 4))
+    incidence = np.zeros((len(edges), NODES))
+    for k, (i, j) in enumerate(edges):
+        incidence[k, i], incidence[k, j] = 1, -1
+    expected = np.einsum("en,ekp->nkp", incidence, f)
+    many = jax.vmap(lambda f: accumulate(f, edges, NODES), in_axes=-1, out_axes=-1)(f)
+    np.testing.assert_allclose(many, expected, atol=1e-14)
+    np.testing.assert_allclose(accumulate(f[..., 0], edges, NODES), expected[..., 0], atol=1e-14)
+    x = np.random.default_rng(seed).normal(size=(NODES, 3))
+    np.testing.assert_allclose(edge_vectors(x, edges), incidence @ x, atol=1e-15)
+
+
+def test_forces_of_kinds_go_where_their_members_are(reference):
+    """`onto_nodes` is the transpose of `member_vectors`, for struts and cables together."""
+    kinds = reference.structure.kinds
+    random = np.random.default_rng(0)
+    x = random.normal(size=(12, 3))
+    forces = {name: random.normal(size=(len(members.edges), 3)) for name, members in kinds.items()}
+    stretched = member_vectors(x, kinds)
+    work = sum(float(jnp.sum(forces[name] * stretched[name])) for name in kinds)
+    np.testing.assert_allclose(float(jnp.sum(x * onto_nodes(forces, kinds, 12))), work, rtol=1e-13)
+
+
+@pytest.mark.parametrize(("platform", "scatters"), [("cpu", True), ("cuda", False)])
+def test_no_scatter_on_a_gpu(reference, platform, scatters):
+    """The vector field of a population, lowered for each platform; neither has to be there."""
+    scene = as_dtype(reference, "float32")
+    rows = jnp.ones((6, 8), "float32")
+    mapped, axes = in_lanes(scene, rows, rows, rows)
+    field = jax.jit(lambda q, s: over_lanes(vector_field, (None, -1, axes))(jnp.float32(1.5), (q, q), s))
+    text = field.trace(mapped.structure.nodes, mapped).lower(lowering_platforms=(platform,)).as_text()
+    assert "stablehlo.gather" in text
+    assert ("stablehlo.scatter" in text) == scatters
+
+
+@pytest.mark.parametrize(("struts", "dtype", "lanes"), [(6, "float64", 128), (600, "float32", 32), (60, "float64", 64)])
+def test_chunks_shrink_as_structures_grow(struts, dtype, lanes):
+    scene = tower(struts, exact=False)
+    assert most_lanes(scene, settle(scene, 1.0, "rk4", 1e-4, dtype, any_step=True)) == lanes
+
+
+@pytest.mark.parametrize("exact", [False, True])
+def test_tower_stands(exact):
+    """Four prisms, for a second at the default step: nothing fails, and no strut changes by a tenth."""
+    scene = tower(12, exact)
+    trajectory = simulate(scene, 1.0, dt=default_step(scene, default_method(scene)))
+    assert not trajectory.failed
+    q, struts = np.asarray(trajectory.positions[-1]), scene.structure.struts
+    lengths = np.linalg.norm([q[i] - q[j] for i, j in struts.edges], axis=1)
+    assert np.all(np.abs(lengths / struts.rest_length - 1) < 0.1)
+    assert q[:, 2].max() > 1.5
