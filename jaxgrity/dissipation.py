@@ -3,7 +3,7 @@
 from jaxgrity.actuation import Gait, rest_length
 from jaxgrity.friction import SmoothFriction, slip_dissipation
 from jaxgrity.ground import Ground, contact_dissipation, signed_distance
-from jaxgrity.primitives import component, dot, inner, length, over
+from jaxgrity.primitives import component, dot, half_squares, inner, length, norm_squared, over
 from jaxgrity.structure import Structure, member_vectors
 from jaxgrity.types import ByKind, MemberVectors, NodeVectors, PerMember, PerNode, Scalar
 
@@ -30,7 +30,7 @@ def dissipation_terms(
     d, rates = (member_vectors(x, structure.damped) for x in (q, v)) if vectors is None else vectors
     R = {}
     if node_damping is not None:
-        R["nodes"] = inner(node_damping, dot(v, v)) / 2
+        R["nodes"] = inner(node_damping, norm_squared(v)) / 2
     if struts is not None and struts.damping is not None:
         R["struts"] = member_dissipation(rates["struts"], d["struts"], struts.damping)
     if cables is not None and cables.damping is not None:
@@ -51,4 +51,4 @@ def member_dissipation(
     rate = over(dot(d, rates), lengths)
     if taut_above is not None:
         damping = damping * (lengths > taut_above).astype(rate.dtype)
-    return inner(damping * rate, rate) / 2
+    return half_squares(damping, rate)

@@ -4,7 +4,7 @@ import jax.numpy as jnp
 
 from jaxgrity.actuation import Gait, rest_length
 from jaxgrity.ground import Ground, contact_energy, signed_distance
-from jaxgrity.primitives import component, inner, length, positive_part
+from jaxgrity.primitives import component, half_squares, inner, length, positive_part
 from jaxgrity.structure import Members, Structure, member_vectors
 from jaxgrity.types import ByKind, MemberVectors, NodeVectors, PerMember, PerNode, Scalar
 
@@ -42,14 +42,14 @@ def strut_energy(d: MemberVectors, struts: Members, rest: PerMember) -> Scalar:
     """U = sum K/2 (l - L)^2, J, l = |d|."""
     assert struts.stiffness is not None, "rigid struts store nothing"
     stretch = length(d) - rest
-    return inner(struts.stiffness * stretch, stretch) / 2
+    return half_squares(struts.stiffness, stretch)
 
 
 def cable_energy(d: MemberVectors, cables: Members, rest: PerMember) -> Scalar:
     """U = sum K/2 max(0, l - L)^2, J: a slack cable stores nothing."""
     assert cables.stiffness is not None, "a cable is a spring"
     stretch = positive_part(length(d) - rest)
-    return inner(cables.stiffness * stretch, stretch) / 2
+    return half_squares(cables.stiffness, stretch)
 
 
 def gravity_energy(q: NodeVectors, node_mass: PerNode, gravity: Scalar) -> Scalar:

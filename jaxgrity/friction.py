@@ -4,7 +4,7 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from jaxgrity.ground import Ground
-from jaxgrity.primitives import along, component, inner, inverse
+from jaxgrity.primitives import along, component, inner, inverse, root
 from jaxgrity.types import NodeVectors, PerNode, Scalar, as_float
 
 
@@ -36,8 +36,8 @@ Friction = SmoothFriction | SwitchFriction | ConeFriction
 
 def slip_dissipation(friction: SmoothFriction, ground: Ground, v: NodeVectors, normal_force: PerNode) -> Scalar:
     """R = sum mu F_n sqrt(|v_t|^2 + eps^2), W, with F_n held fixed."""
-    slip, sideways = (component(v, tangent) for tangent in ground.tangents)
-    speed = jnp.sqrt(slip * slip + sideways * sideways + friction.slip_speed * friction.slip_speed)
+    slip, sideways = (jnp.square(component(v, tangent)) for tangent in ground.tangents)
+    speed = root(slip + sideways + jnp.square(friction.slip_speed))
     return inner(friction.mu * normal_force, speed)
 
 

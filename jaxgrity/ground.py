@@ -5,7 +5,7 @@ import math
 import equinox as eqx
 import jax
 
-from jaxgrity.primitives import component, inner, positive_part
+from jaxgrity.primitives import component, half_squares, inner, positive_part
 from jaxgrity.types import NodeVectors, PerNode, Scalar, as_float_or_none
 
 Direction = tuple[float, float, float]
@@ -52,7 +52,7 @@ def contact_energy(ground: Ground, phi: PerNode) -> Scalar:
     """U = sum k_n/2 min(0, phi)^2, J."""
     assert ground.stiffness is not None, "exact contact stores nothing"
     penetration = positive_part(-phi)
-    return ground.stiffness / 2 * inner(penetration, penetration)
+    return half_squares(ground.stiffness, penetration)
 
 
 def contact_dissipation(ground: Ground, v_n: PerNode, phi: PerNode) -> Scalar:
@@ -66,7 +66,8 @@ def contact_dissipation(ground: Ground, v_n: PerNode, phi: PerNode) -> Scalar:
     assert ground.stiffness is not None, "exact contact has no R"
     released = positive_part(v_n - 1 / alpha)
     closing = v_n - released
-    return ground.stiffness * inner(positive_part(-phi), alpha / 2 * closing * closing + released)
+    elastic = ground.stiffness * positive_part(-phi)
+    return half_squares(alpha * elastic, closing) + inner(elastic, released)
 
 
 def normal_force(ground: Ground, phi: PerNode, v_n: PerNode | None) -> PerNode:

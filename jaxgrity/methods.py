@@ -48,7 +48,9 @@ class RK4(diffrax.AbstractSolver):
             y = jax.tree.map(lambda y0, s, k: y0 + last[i] * s + a[i] * h * k, y0, so_far, k)
             return y, so_far
 
-        y1, _ = jax.lax.fori_loop(0, 4, stage, (y0, jax.tree.map(jnp.zeros_like, y0)))
+        # in reverse mode a stage is computed again: that costs less than to store what leads to it
+        again = jax.checkpoint(stage, prevent_cse=False)
+        y1, _ = jax.lax.fori_loop(0, 4, again, (y0, jax.tree.map(jnp.zeros_like, y0)))
         ends = jax.tree.map(lambda *k: h * jnp.stack(k), self.func(terms, t0, y0, args), self.func(terms, t1, y1, args))
         return y1, None, dict(y0=y0, y1=y1, k=ends), None, diffrax.RESULTS.successful
 

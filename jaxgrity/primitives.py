@@ -58,8 +58,6 @@ def _difference(x, *, edges, nodes):
 
 
 def _accumulate(f, *, edges, nodes):
-    """Each node gathers what its members give it: no scatter, which is slow on a GPU and keeps XLA's CPU backend from
-    making one kernel of a whole loop."""
     given: list[list[tuple[int, int]]] = [[] for _ in range(nodes)]
     for k, (i, j) in enumerate(zip(*_ends(edges))):
         given[i].append((k, 1))
@@ -67,16 +65,8 @@ def _accumulate(f, *, edges, nodes):
     most = max(map(len, given))
     table = np.array([rows + [(0, 0)] * (most - len(rows)) for rows in given]).swapaxes(0, 1)
     signs = table[..., 1].astype(f.dtype).reshape(most, nodes, *[1] * (f.ndim - 1))
+    # each node gathers what its members give it: scatters are slow on GPUs, and keep a CPU's loop from being one kernel
     return sum(f[rows] * sign for rows, sign in zip(table[..., 0], signs))
-
-
-def _accumulate_on_cpu(f, *, edges, nodes):
-    if f.ndim < 3:
-        return _accumulate(f, edges=edges, nodes=nodes)
-    i, j = _ends(edges)
-    none = jnp.zeros((nodes, *f.shape[1:]), f.dtype)
-    # whole rows of a population are cheap to scatter; not .add(-f): XLA would compute f, and all that leads to it, twice
-    return none.at[i].add(f) - none.at[j].add(f)
 
 
 def _component(x, *, direction):
@@ -104,7 +94,6 @@ def _adjacent(rows):
 
 _difference_p = _primitive("edge_difference", _difference)
 _accumulate_p = _primitive("edge_accumulate", _accumulate)
-mlir.register_lowering(_accumulate_p, mlir.lower_fun(_accumulate_on_cpu, multiple_results=False), platform="cpu")
 _component_p = _primitive("component", _component)
 _extend_p = _primitive("extend", _extend)
 _take_p = _primitive("take_rows", _take)
@@ -166,6 +155,43 @@ def scale(a: MemberVectors, s: PerMember) -> MemberVectors:
 def inner(a: PerMember, b: PerMember) -> Scalar:
     """sum_k a_k b_k, the sum over members or nodes that makes an energy of its parts."""
     return _inner_p.bind(a, b)
+
+
+@jax.custom_jvp
+def half_squares(k: PerMember | Scalar, x: PerMember) -> Scalar:
+    """sum k x^2/2 over members or nodes. Its derivative is one product, not two that are the same."""
+    return inner(k * x, x) / 2
+
+
+@half_squares.defjvp
+def _half_squares_jvp(primals, tangents):
+    (k, x), (k_dot, x_dot) = primals, tangents
+    return half_squares(k, x), inner(k * x, x_dot) + inner(jnp.broadcast_to(k_dot, x.shape), x * x) / 2
+
+
+@jax.custom_jvp
+def norm_squared(x: MemberVectors) -> PerMember:
+    """|x|^2, row by row."""
+    return dot(x, x)
+
+
+@norm_squared.defjvp
+def _norm_squared_jvp(primals, tangents):
+    (x,), (x_dot,) = primals, tangents
+    return norm_squared(x), dot(x + x, x_dot)
+
+
+@jax.custom_jvp
+def root(x: PerMember) -> PerMember:
+    """The square root of x > 0. Its derivative is a quotient, which XLA keeps (see `over`)."""
+    return jnp.sqrt(x)
+
+
+@root.defjvp
+def _root_jvp(primals, tangents):
+    (x,), (x_dot,) = primals, tangents
+    value = root(x)
+    return value, x_dot / (value + value)
 
 
 @jax.custom_jvp

@@ -12,6 +12,7 @@ import optax
 from jaxgrity.actuation import Gait
 from jaxgrity.diagnostics import Sensitivity, Verified, sensitivity, verify
 from jaxgrity.dynamics import centre_of_mass
+from jaxgrity.methods import RK4
 from jaxgrity.population import discretise_lanes, in_lanes, one_gait, over_lanes, simulate_population
 from jaxgrity.scene import Scene, as_dtype, with_gait
 from jaxgrity.simulate import Settings, settle
@@ -175,11 +176,14 @@ def _distances(scene: Scene, gaits: Gait, horizon: float, settings: Settings) ->
 
 
 def checkpointed_end(scene: Scene, axes: Scene, start, horizon: float, settings: Settings):
-    """The state at `horizon`, by the scene's method stepped inside two nested scans, both checkpointed."""
+    """The state at `horizon`, by the scene's method stepped inside two nested scans, for reverse mode.
+
+    On the way back the inner scan is run again, stretch by stretch; RK4 then computes each of its stages once more, any
+    other method each of its steps.
+    """
     terms, solver = discretise_lanes(settings, axes)
     count = horizon / settings.dt  # type: ignore[operator]
-    stretches = max(1, round(np.sqrt(count)))
-    steps = int(np.ceil(count / stretches - 1e-9))
+    stretches, steps = _divide(max(1, int(np.ceil(count - 1e-6))))
     h = horizon / (stretches * steps)
 
     def step(carry, k):
@@ -187,10 +191,22 @@ def checkpointed_end(scene: Scene, axes: Scene, start, horizon: float, settings:
         y, _, _, solver_state, _ = solver.step(terms, k * h, (k + 1) * h, y, scene, solver_state, False)
         return (y, solver_state), None
 
+    kept = step if isinstance(solver, RK4) else jax.checkpoint(step)
+
     def stretch(carry, k):
-        return jax.lax.scan(jax.checkpoint(step), carry, k)
+        return jax.lax.scan(kept, carry, k)
 
     numbers = jnp.arange(stretches * steps, dtype=settings.dtype).reshape(stretches, steps)
     first = (start, solver.init(terms, 0.0, h, start, scene))
     (end, _), _ = jax.lax.scan(jax.checkpoint(stretch), first, numbers)
     return end
+
+
+def _divide(count: int) -> tuple[int, int]:
+    """Two factors of `count` near its root; of the next number above it that has such, where it has none."""
+    while True:
+        root = int(np.sqrt(count))
+        for small in range(root, root // 2, -1):
+            if count % small == 0:
+                return count // small, small
+        count += 1
