@@ -1,5 +1,5 @@
 """Speed against error, everything side by side in one run: the library's methods, a plain NumPy loop, and, where they
-are there, hand-written C (--limit FOLDER) and MuJoCo (--mujoco, the extra `peer`).
+are there, hand-written C (--limit FOLDER) and MuJoCo (--mujoco, the extra `peer`; --mjx, the extra `mjx`).
 
 Each engine takes the same gaits on the same cores, in turn, round after round; the median counts. Each is measured
 against its own converged answer: the median over the gaits of the distance of the centres of mass at the end.
@@ -35,6 +35,7 @@ STEPS = {
     "exact": (1e-2, 5e-3, 1e-3),
     "mujoco Euler": (2e-3, 1e-3, 2e-4),
     "mujoco RK4": (1e-3, 2e-4),
+    "mujoco MJX Euler": (1e-3,),
 }
 """s"""
 CONVERGED = {"rk4": 5e-5, "complementarity": 1e-4, "limit": 5e-5, "exact": 5e-5, "mujoco": 5e-5}
@@ -60,6 +61,8 @@ class Settings:
     """folder with the programs limit32, limit64, exact32 and exact64"""
     mujoco: bool = False
     """measure MuJoCo too"""
+    mjx: bool = False
+    """measure MuJoCo's twin in JAX beside it"""
     out: Path = Path("results/benchmark")
     """folder for benchmark.json and benchmark.png"""
     quick: bool = False
@@ -132,6 +135,9 @@ def engines(scenes: dict[str, Scene], phases: np.ndarray, settings: Settings) ->
         for integrator in ("Euler", "RK4"):
             roll = partial(mujoco_roll, scenes["reference"], phases[:FEW], duration, integrator)
             found.append(Engine(f"mujoco {integrator}", "float64", roll, min(FEW, count)))
+    if settings.mujoco and settings.mjx:
+        roll = partial(mujoco_roll, scenes["reference"], phases[:FEW], duration, "MJX Euler")
+        found.append(Engine("mujoco MJX Euler", "float32", roll, min(FEW, count)))
     return found
 
 
@@ -149,9 +155,12 @@ def theirs(program: Path, scene: Scene, phases, duration: float, sweeps, dt: flo
 
 
 def mujoco_roll(scene: Scene, phases, duration: float, integrator: str, dt: float) -> tuple[np.ndarray, float]:
-    from peer import roll
+    from peer import roll, roll_mjx
 
-    positions, seconds = roll(scene, phases, duration, dt, integrator, threads=jax.device_count())
+    if integrator.startswith("MJX"):
+        positions, seconds = roll_mjx(scene, phases, duration, dt, integrator.split()[1])
+    else:
+        positions, seconds = roll(scene, phases, duration, dt, integrator, threads=jax.device_count())
     mass = np.asarray(scene.structure.node_mass)
     return np.einsum("n,gnk->gk", mass / mass.sum(), positions), seconds
 

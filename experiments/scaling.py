@@ -62,7 +62,7 @@ def main(settings: Settings) -> None:
         "repeats": repeats,
         **rows,
         "exponents": exponents(rows["struts"]),
-        "start": start_up(settings),
+        "start": start_up(),
     }
     save_json(settings.out / "scaling.json", facts)
     plot.save(figure(rows), settings.out / "scaling.png")
@@ -143,7 +143,7 @@ def compiled(method: str) -> dict:
         Counter(re.findall(r" (fusion|copy|gather|scatter|dot)\(", bodies[body]))
         for body in re.findall(r" while\(.*?body=%?([\w.\-]+)", text)
     ]
-    return {"method": method, "loops": [dict(loop) for loop in loops], "transposes": text.count(" transpose(")}
+    return {"method": method, "loops": [dict(loop) for loop in loops]}
 
 
 def exponents(rows: list[dict]) -> dict[str, float]:
@@ -156,23 +156,29 @@ def exponents(rows: list[dict]) -> dict[str, float]:
     return found
 
 
-def start_up(settings: Settings) -> dict[str, float]:
-    """Seconds: of the imports, and of a script until its first step, with and without a program kept from before."""
+SCRIPT = """
+from common import SCENES, configure
+configure()
+from jaxgrity import load_scene, simulate
+scene = load_scene(SCENES / "reference.toml")
+scene.describe()
+simulate(scene, 1e-3)
+"""
+"""what simulate.py does until its first steps are taken"""
+
+
+def start_up() -> dict[str, float]:
+    """Seconds: of the imports, and of a script until its first steps, with the programs of the run before it."""
 
     def took(code: str) -> float:
-        return float(subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout)
+        code = f"import time; start = time.perf_counter(); {code}\nprint(time.perf_counter() - start)"
+        command, here = [sys.executable, "-c", code], Path(__file__).parent
+        return float(subprocess.run(command, cwd=here, capture_output=True, text=True, check=True).stdout)
 
-    clock = "import time; t = time.perf_counter(); {}; print(time.perf_counter() - t)"
-    imports = {name: [took(clock.format(f"import {name}")) for _ in range(3)] for name in ("jax, diffrax", "jaxgrity")}
-    script = Path(__file__).with_name("simulate.py")
-    command = [sys.executable, str(script), str(SCENES / "reference.toml"), "--duration", "1e-3", "--no-diagnose"]
-    seconds = []
-    for _ in range(2):
-        start = time.perf_counter()
-        subprocess.run([*command, "--out", str(settings.out / "start")], capture_output=True, check=True)
-        seconds.append(time.perf_counter() - start)
-    alone, ours = (float(np.median(x)) for x in imports.values())
-    return {"import jax, diffrax": alone, "import jaxgrity": ours, "warm script of two steps": seconds[1]}
+    codes = {"import jax, diffrax": "import jax, diffrax", "import jaxgrity": "import jaxgrity", "first steps": SCRIPT}
+    for code in codes.values():
+        took(code)
+    return {name: float(np.median([took(code) for _ in range(3)])) for name, code in codes.items()}
 
 
 def report(facts: dict) -> None:
@@ -185,7 +191,7 @@ def report(facts: dict) -> None:
     for row in facts["single"]:
         print(f"one rollout, {row['method']}, {row['dtype']}: {row['times_real_time']:.0f} times real time")
     for row in facts["compiled"]:
-        print(f"compiled, {row['method']}: {row['loops']}, {row['transposes']} transposes")
+        print(f"compiled, {row['method']}: {row['loops']}")
     print(facts["exponents"], facts["start"])
 
 

@@ -98,16 +98,16 @@ def compiled(facts: dict) -> str:
     rows = []
     for found in facts["compiled"]:
         loops = "; ".join(", ".join(f"{n} {kind}" for kind, n in loop.items()) for loop in found["loops"])
-        rows.append([found["method"], loops, str(found["transposes"])])
-    return table(["method", "each loop, innermost first", "transposes"], rows) + made_by(facts, "scaling")
+        rows.append([found["method"], loops])
+    return table(["method", "each loop, innermost first"], rows) + made_by(facts, "scaling")
 
 
 def start_up(facts: dict) -> str:
     start = facts["start"]
     return (
-        f"`import jaxgrity` takes {start['import jaxgrity']:.2f} s, of which `import jax, diffrax` take "
-        f"{start['import jax, diffrax']:.2f} s; a second run of `experiments/simulate.py` that takes two steps, "
-        f"figures and all, ends after {start['warm script of two steps']:.1f} s." + made_by(facts, "scaling")
+        f"`import jaxgrity` takes {start['import jaxgrity']:.2f} s, of which `import jax, diffrax` "
+        f"take {start['import jax, diffrax']:.2f} s; a second run of `experiments/simulate.py` takes its first steps "
+        f"after {start['first steps']:.1f} s." + made_by(facts, "scaling")
     )
 
 
