@@ -18,10 +18,11 @@ lint: .venv/.installed-test
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-# Everything that docs/numerics.md quotes; about an hour on 2 cores, which should have nothing else to do.
+# Everything that the docs quote; more than an hour on 2 cores, which should have nothing else to do.
 measure: .venv/.installed-test
-	for script in error_bars stability equivalence stiff hard_cases; do $(BIN)/python experiments/$$script.py || exit 1; done
+	for script in error_bars stability equivalence stiff hard_cases gradients scaling; do $(BIN)/python experiments/$$script.py || exit 1; done
 	$(BIN)/python experiments/work_precision.py --mujoco
+	$(BIN)/python experiments/benchmark.py --mujoco
 	$(BIN)/python experiments/update_docs.py
 
 clean:

@@ -12,16 +12,17 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
+from common import SCENES, measured, run
+
 import jax
 import jax.numpy as jnp
 import limit
 import numpy as np
 import numpy_loop
-from common import SCENES, measured, run
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
-from jaxgrity import Scene, diagnose, gaits_of, load_scene, plot, random_phases, simulate_population
+from jaxgrity import InputError, Scene, diagnose, gaits_of, load_scene, plot, random_phases, simulate_population
 from jaxgrity.files import save_json
 from jaxgrity.population import roll_out_lanes
 from jaxgrity.refine import distance_and_gradient
@@ -62,7 +63,7 @@ class Settings:
     mujoco: bool = False
     """measure MuJoCo too"""
     mjx: bool = False
-    """measure MuJoCo's twin in JAX beside it"""
+    """measure MuJoCo's twin in JAX beside it, on one core"""
     out: Path = Path("results/benchmark")
     """folder for benchmark.json and benchmark.png"""
     quick: bool = False
@@ -93,6 +94,8 @@ class Point(NamedTuple):
 
 
 def main(settings: Settings) -> None:
+    if settings.mjx and not settings.mujoco:
+        raise InputError("--mjx goes beside --mujoco, whose converged answer it is measured against; expected both")
     if settings.quick:
         settings.duration, settings.repeats = settings.duration / 8, 2
     scenes = {name: load_scene(SCENES / f"{name}.toml") for name in ("reference", "exact")}
@@ -169,7 +172,7 @@ def measure(chosen: list[Engine], settings: Settings) -> tuple[list[Point], floa
     """Every engine at every step, in turn, `repeats` times over; how far RK4 ends from the C program's answer, m."""
     tasks = [(engine, dt) for engine in chosen for dt in STEPS[engine.name][: 1 if settings.quick else None]]
     truths: dict[str, np.ndarray] = {}
-    for engine in reversed(chosen):  # MuJoCo's RK4 comes last, and converges faster than its Euler
+    for engine in reversed(chosen):  # in float64 MuJoCo's RK4 comes last, and converges faster than its Euler
         family = engine.name.split()[0]
         if family not in truths and engine.dtype == "float64":
             truths[family] = engine.roll(CONVERGED[family] * (4 if settings.quick else 1))[0]

@@ -12,9 +12,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from common import SCENES, measured, run
+
 import equinox as eqx
 import numpy as np
-from common import SCENES, measured, run
 from matplotlib.figure import Figure
 from tqdm import tqdm
 

@@ -10,8 +10,9 @@ from dataclasses import asdict, dataclass
 from html import escape
 from pathlib import Path
 
-import numpy as np
 from common import SCENES, run
+
+import numpy as np
 from tqdm import tqdm
 
 from jaxgrity import (

@@ -13,9 +13,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
+from common import configure, measured, run
+
 import numpy as np
 from cases import CASES, Case
-from common import configure, measured, run
 from matplotlib.figure import Figure
 from tqdm import tqdm
 

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from common import configure, run
+
 from tqdm import tqdm
 
 from jaxgrity import InputError, plot

@@ -6,10 +6,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal, TypeVar
 
+from common import run
+
 import jax
 import numpy as np
 import tyro
-from common import run
 
 from jaxgrity import (
     FAILURES,

@@ -35,10 +35,10 @@ def benchmark(facts: dict) -> str:
         f"complementarity stepping at 5 ms ({exact_times} C with {facts['C_sweeps']} sweeps); a NumPy loop "
         f"takes {facts['numpy']['seconds']:.1f} s. {facts['gaits']} gaits of {facts['duration']:g} s, "
         f"{facts['cores']} cores, median of {facts['repeats']}. The gradient in {gradient['phases']} phases costs "
-        f"{gradient['reverse']:.1f} rollouts by reverse mode with a checkpointed step, {gradient['forward']:.1f} by "
+        f"{gradient['reverse']:.1f} rollouts by reverse mode that computes stages again, {gradient['forward']:.1f} by "
         f"forward mode; polishing uses the first.\n\n{table(head, rows)}\n\n"
         f"Rollouts of {facts['duration']:g} s, at the cheapest step whose error (median, against the engine's own "
-        f"converged answer) is within the bound. `{facts['command']}`, "
+        f"converged answer) is within the bound. MJX, where it is there, has one core. `{facts['command']}`, "
         "[docs/measured/benchmark.json](docs/measured/benchmark.json)."
     )
 
@@ -49,10 +49,11 @@ def microseconds(row: dict) -> str:
 
 def scaling(facts: dict) -> str:
     methods = list(facts["exponents"])
-    by_method = {name: {m: [r for r in facts[name] if r["method"] == m] for m in methods} for name in KINDS}
+    kinds = ("devices", "population", "struts", "single")
+    by_method = {name: {m: [r for r in facts[name] if r["method"] == m] for m in methods} for name in kinds}
     rows = []
     for m in methods:
-        one, several = sorted(by_method["devices"][m], key=lambda row: row["devices"])
+        one, several = by_method["devices"][m]
         gain = one["seconds"] / several["seconds"]
         smallest, largest = by_method["population"][m][0], by_method["population"][m][-1]
         towers = by_method["struts"][m]
@@ -66,7 +67,9 @@ def scaling(facts: dict) -> str:
                 " and ".join(f"{row['times_real_time']:.0f}" for row in by_method["single"][m]),
             ]
         )
-    populations, sizes = ([row[key] for row in by_method[n][methods[0]]] for n, key in KINDS.items() if key)
+    populations, sizes = (
+        [row[key] for row in by_method[n][m]] for n, key in (("population", "gaits"), ("struts",) * 2)
+    )
     head = [
         "method",
         f"{several['devices']} devices, {several['gaits']} gaits",
@@ -76,10 +79,6 @@ def scaling(facts: dict) -> str:
         "one rollout, float32 and float64: times real time",
     ]
     return table(head, rows) + made_by(facts, "scaling")
-
-
-KINDS = {"devices": "", "population": "gaits", "struts": "struts", "single": ""}
-"""of measurements, and what grows in them"""
 
 
 def million(facts: dict) -> str:
@@ -99,15 +98,16 @@ def compiled(facts: dict) -> str:
     for found in facts["compiled"]:
         loops = "; ".join(", ".join(f"{n} {kind}" for kind, n in loop.items()) for loop in found["loops"])
         rows.append([found["method"], loops])
-    return table(["method", "each loop, innermost first"], rows) + made_by(facts, "scaling")
+    return table(["method", "instructions in the body of each loop, innermost first"], rows) + made_by(facts, "scaling")
 
 
 def start_up(facts: dict) -> str:
     start = facts["start"]
     return (
         f"`import jaxgrity` takes {start['import jaxgrity']:.2f} s, of which `import jax, diffrax` "
-        f"take {start['import jax, diffrax']:.2f} s; a second run of `experiments/simulate.py` takes its first steps "
-        f"after {start['first steps']:.1f} s." + made_by(facts, "scaling")
+        f"take {start['import jax, diffrax']:.2f} s; a script that loads, describes and rolls out a "
+        f"scene takes its first steps after {start['first steps']:.1f} s, when it has run before."
+        + made_by(facts, "scaling")
     )
 
 

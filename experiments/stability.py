@@ -8,11 +8,12 @@ measured one is the smallest step at which it grows a thousandfold in 7000 steps
 from dataclasses import dataclass
 from pathlib import Path
 
+from common import SCENES, measured, run
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from common import SCENES, measured, run
 from matplotlib.figure import Figure
 from tqdm import tqdm
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from common import run
+
 from hard_cases import Cell, markdown
 from speed_words import benchmark, compiled, gradients, made_by, million, scaling, start_up, table
 

@@ -12,10 +12,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
+from common import SCENES, measured, run
+
 import equinox as eqx
 import jax
 import numpy as np
-from common import SCENES, measured, run
 from matplotlib.figure import Figure
 from tqdm import tqdm
 

@@ -133,12 +133,12 @@ def length_error(scene: Scene, h: Scalar, problem: dict[str, Any], w: NodeVector
 
 def _push(edges: Edges, rows: tuple[int, ...], directions: MemberVectors, inverse_mass: PerNode) -> NodeVectors:
     """How an impulse of 1 along each strut in `rows` moves its nodes, where nothing answers."""
-    every, count = edges, len(inverse_mass)
-    return scale(accumulate(_some(directions, rows), tuple(every[k] for k in rows), count), inverse_mass)
+    along_struts = accumulate(_some(directions, rows), tuple(edges[k] for k in rows), len(inverse_mass))
+    return scale(along_struts, inverse_mass)
 
 
 def _some(x: AnyRows, rows: tuple[int, ...]) -> Rows:
-    """`take_rows`, but all as they are."""
+    """The chosen rows of `x`; `x` itself where these are all."""
     return x if rows == tuple(range(len(x))) else take_rows(x, rows)
 
 

@@ -23,8 +23,8 @@ def dissipation_terms(
     """R_nodes, R_struts, R_cables, R_contact and R_friction, W, those of them that the scene has; R is their sum.
 
     `normal_force` (N, per node) is an argument of its own because friction's R holds it fixed: it depends on v too,
-    and only the derivative at fixed F_n is the friction force. `vectors` are d and d' of the members, where the caller
-    has them.
+    and only the derivative at fixed F_n is the friction force. Given `vectors`, d and d' of the
+    members, R is a function of d' too, as U is of d.
     """
     struts, cables = structure.struts, structure.cables
     d, rates = (member_vectors(x, structure.damped) for x in (q, v)) if vectors is None else vectors

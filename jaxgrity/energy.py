@@ -22,7 +22,8 @@ def potential_energy(
 ) -> Scalar:
     """U = U_struts + U_cables + U_gravity + U_contact, J, of the terms that the scene has. q: (nodes, 3), m.
 
-    `vectors` are the members' at q, for whom wants the forces along them apart from those on the nodes.
+    Given `vectors`, the members' d at q, U is a function of them too: dU/dq then lacks what acts along the members,
+    which is dU/d(vectors).
     """
     struts, cables = structure.struts, structure.cables
     d = member_vectors(q, structure.kinds) if vectors is None else vectors

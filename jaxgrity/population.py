@@ -21,7 +21,9 @@ from jaxgrity.structure import InputError
 from jaxgrity.types import Failures, Path, PerGait, Phases, Scalar, Table, Vectors
 
 LANES = (32, 128)
-"""robots integrated side by side, at least and at most: enough to fill the vector units (measured)"""
+"""robots that a core integrates side by side, where there are so many: enough to fill the vector units (measured)"""
+MANY = 2**20
+"""on a GPU, which runs them at once (not measured)"""
 CACHE = 2**20
 """bytes that the members' vectors of all robots side by side may take: they are used over and over (measured)"""
 
@@ -143,7 +145,9 @@ def roll_out(scene: Scene, gaits: Gait, duration: Scalar, settings: Settings) ->
 
 
 def most_lanes(scene: Scene, settings: Settings) -> int:
-    """How many robots of this size a core integrates side by side: a power of two."""
+    """How many robots of this size a device integrates side by side: a power of two for a core, all on a GPU."""
+    if jax.default_backend() != "cpu":
+        return MANY
     members = sum(len(m.edges) for m in (scene.structure.struts, scene.structure.cables) if m is not None)
     bytes_each = 3 * np.dtype(settings.dtype).itemsize * max(members, 1)
     return int(np.clip(2 ** int(np.log2(max(CACHE / bytes_each, 1))), *LANES))

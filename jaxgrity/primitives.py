@@ -62,11 +62,19 @@ def _accumulate(f, *, edges, nodes):
     for k, (i, j) in enumerate(zip(*_ends(edges))):
         given[i].append((k, 1))
         given[j].append((k, -1))
+    return _gather(f, given)
+
+
+def _gather(x, given):
+    """Row n of the result is the sum of sign·x[k] over the (k, sign) in given[n].
+
+    No scatter: they are slow on GPUs, and keep a CPU's loop from being one kernel. Every row takes as many terms as the
+    one with the most, so a hub that many members meet at makes all nodes pay.
+    """
     most = max(map(len, given))
     table = np.array([rows + [(0, 0)] * (most - len(rows)) for rows in given]).swapaxes(0, 1)
-    signs = table[..., 1].astype(f.dtype).reshape(most, nodes, *[1] * (f.ndim - 1))
-    # each node gathers what its members give it: scatters are slow on GPUs, and keep a CPU's loop from being one kernel
-    return sum(f[rows] * sign for rows, sign in zip(table[..., 0], signs))
+    signs = table[..., 1].astype(x.dtype).reshape(most, len(given), *[1] * (x.ndim - 1))
+    return sum(x[rows] * sign for rows, sign in zip(table[..., 0], signs))
 
 
 def _component(x, *, direction):
@@ -85,7 +93,10 @@ def _take(x, *, rows, size):
 def _place(x, *, rows, size):
     if _adjacent(rows):
         return jnp.pad(x, [(rows[0], size - rows[-1] - 1)] + [(0, 0)] * (x.ndim - 1))
-    return jnp.zeros((size, *x.shape[1:]), x.dtype).at[np.asarray(rows)].set(x)
+    given: list[list[tuple[int, int]]] = [[] for _ in range(size)]
+    for k, row in enumerate(rows):
+        given[row].append((k, 1))
+    return _gather(x, given)
 
 
 def _adjacent(rows):
@@ -133,12 +144,12 @@ def along(s: PerMember, direction: tuple[float, float, float]) -> NodeVectors:
 
 
 def take_rows(x: AnyRows, rows: tuple[int, ...]) -> Rows:
-    """The chosen rows of `x`."""
+    """The chosen rows of `x`, each as often as it is chosen."""
     return _take_p.bind(x, rows=rows, size=x.shape[0])
 
 
 def place_rows(x: Rows, rows: tuple[int, ...], size: int) -> AnyRows:
-    """`size` rows, zero but for the chosen ones, which are those of `x`."""
+    """The transpose of `take_rows`: `size` rows, each the sum of those rows of `x` that are placed there."""
     return _place_p.bind(x, rows=rows, size=size)
 
 

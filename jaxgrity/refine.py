@@ -154,19 +154,19 @@ def _most_promising(scene: Scene, visited: Gait, duration: float, dt: float, cou
 def distance_and_gradient(scene: Scene, gaits: Gait, horizon: float, settings: Settings) -> tuple[PerGait, Phases]:
     """Horizontal distance of each gait at `horizon` (m), and its gradient in the phases (m/rad), by reverse mode.
 
-    All gaits are integrated at once, in lanes. Only the states at the ends of sqrt(n) of the n steps are kept: each
-    stretch between them is run again, one step at a time, when the reverse pass gets there.
+    All gaits are integrated at once, in lanes, by `checkpointed_end`.
     """
 
     def total(phase):
-        distance = _distances(scene, _with_phase(gaits, phase), horizon, settings)
+        distance = distances(scene, _with_phase(gaits, phase), horizon, settings)
         return jnp.sum(distance), distance
 
     gradient, distance = jax.grad(total, has_aux=True)(gaits.phase)
     return distance, gradient
 
 
-def _distances(scene: Scene, gaits: Gait, horizon: float, settings: Settings) -> PerGait:
+def distances(scene: Scene, gaits: Gait, horizon: float, settings: Settings) -> PerGait:
+    """Horizontal distance of each gait at `horizon`, m, in a form that reverse mode differentiates."""
     scene, axes = in_lanes(scene, gaits.phase.T, gaits.amplitude.T, gaits.frequency.T)
     nodes = scene.structure.nodes
     q, _ = checkpointed_end(scene, axes, (nodes, jnp.zeros_like(nodes)), horizon, settings)
@@ -179,7 +179,8 @@ def checkpointed_end(scene: Scene, axes: Scene, start, horizon: float, settings:
     """The state at `horizon`, by the scene's method stepped inside two nested scans, for reverse mode.
 
     On the way back the inner scan is run again, stretch by stretch; RK4 then computes each of its stages once more, any
-    other method each of its steps.
+    other method each of its steps. Where the steps do not divide into two such scans there are a few more of them, as
+    much smaller.
     """
     terms, solver = discretise_lanes(settings, axes)
     count = horizon / settings.dt  # type: ignore[operator]

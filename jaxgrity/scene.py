@@ -59,7 +59,7 @@ class Scene(eqx.Module):
                     )
 
     def potential_energy(self, q: NodeVectors, t: Scalar, vectors: ByKind | None = None) -> Scalar:
-        """U(q, t), J."""
+        """U(q, t), J; of q and the members' `vectors` where they are given (see `energy.potential_energy`)."""
         return potential_energy(q, t, self.structure, self.gait, self.gravity, self.ground, vectors)
 
     def dissipation(
@@ -70,7 +70,7 @@ class Scene(eqx.Module):
         normal_force: PerNode | None,
         vectors: tuple[ByKind, ByKind] | None = None,
     ) -> Scalar:
-        """R(v; q, t), W, with friction's normal force held fixed."""
+        """R(v; q, t), W, with friction's normal force held fixed; of the members' `vectors` too where given."""
         return sum(self.dissipation_terms(v, q, t, normal_force, vectors).values(), jnp.zeros((), v.dtype))
 
     def dissipation_terms(

@@ -49,7 +49,12 @@ def test_two_hosts_find_what_one_finds():
         free.bind(("127.0.0.1", 0))
         address = f"127.0.0.1:{free.getsockname()[1]}"
     shared = {"JAX_COORDINATOR_ADDRESS": address, "JAX_NUM_PROCESSES": "2"}
-    first, second = (lines(p) for p in [start(**shared, JAX_PROCESS_ID=str(k)) for k in range(2)])
+    hosts = [start(**shared, JAX_PROCESS_ID=str(k)) for k in range(2)]
+    try:
+        first, second = (lines(host) for host in hosts)
+    finally:
+        for host in hosts:
+            host.kill()
     (both, fitness), (one, close) = (lines(start(JAX_NUM_CPU_DEVICES=str(count))) for count in (2, 1))
     assert (both, one) == ("hosts 1 devices 2", "hosts 1 devices 1")
     assert first == second == ["hosts 2 devices 2", fitness]

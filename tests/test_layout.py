@@ -8,10 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tower import tower
 
+from jaxgrity.actuation import Gait
 from jaxgrity.dynamics import vector_field
 from jaxgrity.population import in_lanes, most_lanes, over_lanes
-from jaxgrity.primitives import accumulate, edge_vectors
-from jaxgrity.scene import as_dtype
+from jaxgrity.primitives import accumulate, edge_vectors, take_rows
+from jaxgrity.scene import as_dtype, with_gait
 from jaxgrity.simulate import settle, simulate
 from jaxgrity.stability import default_method, default_step
 from jaxgrity.structure import member_vectors, onto_nodes
@@ -36,6 +37,18 @@ def test_one_robot_and_a_population_sum_alike(edges, seed):
     np.testing.assert_allclose(edge_vectors(x, edges), incidence @ x, atol=1e-15)
 
 
+@given(st.lists(st.integers(0, NODES - 1), min_size=1, max_size=9))
+def test_rows_may_repeat(rows):
+    """Taking a row twice gives both cotangents back to it, in order or not, for one robot and for a population."""
+    rows = tuple(rows)
+    chosen = np.zeros((len(rows), NODES))
+    chosen[np.arange(len(rows)), rows] = 1
+    x = np.random.default_rng(0).normal(size=(NODES, 3))
+    y, back = jax.vjp(lambda x: take_rows(x, rows), x)
+    np.testing.assert_array_equal(y, chosen @ x)
+    np.testing.assert_allclose(back(y)[0], chosen.T @ chosen @ x, rtol=1e-14, atol=1e-14)
+
+
 def test_forces_of_kinds_go_where_their_members_are(reference):
     """`onto_nodes` is the transpose of `member_vectors`, for struts and cables together."""
     kinds = reference.structure.kinds
@@ -48,10 +61,12 @@ def test_forces_of_kinds_go_where_their_members_are(reference):
 
 
 @pytest.mark.parametrize("platform", ["cpu", "cuda"])
-def test_no_scatter(reference, platform):
+@pytest.mark.parametrize("members", [(0, 1, 2, 3, 4, 5), (1, 7, 20)])
+def test_no_scatter(reference, platform, members):
     """In the vector field of a population, lowered for each platform; neither has to be there."""
-    scene = as_dtype(reference, "float32")
-    rows = jnp.ones((6, 8), "float32")
+    some = np.ones(len(members))
+    scene = as_dtype(with_gait(reference, Gait(members, some, some, some)), "float32")
+    rows = jnp.ones((len(members), 8), "float32")
     mapped, axes = in_lanes(scene, rows, rows, rows)
     field = jax.jit(lambda q, s: over_lanes(vector_field, (None, -1, axes))(jnp.float32(1.5), (q, q), s))
     text = field.trace(mapped.structure.nodes, mapped).lower(lowering_platforms=(platform,)).as_text()

@@ -6,7 +6,7 @@ import pytest
 
 from jaxgrity import InputError, Polishing, gaits_of, polish, random_phases, sensitivity, simulate_population, verify
 from jaxgrity.diagnostics import Sensitivity
-from jaxgrity.refine import distance_and_gradient
+from jaxgrity.refine import distance_and_gradient, distances
 from jaxgrity.scene import as_dtype
 from jaxgrity.simulate import settle
 
@@ -22,6 +22,24 @@ def test_reverse_mode_gradient_is_the_derivative(reference):
         step[k] = 1e-5
         slope = (both(phase + step)[0] - both(phase - step)[0]) / 2e-5
         np.testing.assert_allclose(gradient[:, k], slope, rtol=1e-5, atol=1e-7)
+
+
+@pytest.mark.parametrize("name", ["reference", "exact"])
+def test_reverse_mode_is_forward_mode(request, name):
+    """The same derivative of the same steps, to rounding, by both modes and both methods."""
+    scene = as_dtype(request.getfixturevalue(name), "float64")
+    dt = 1e-3 if name == "reference" else 1e-2
+    settings = settle(scene, 1.5, dt=dt, dtype="float64", any_step=True)
+    phase = random_phases(3, 6, seed=5)
+
+    def distance(p):
+        return distances(scene, gaits_of(scene.gait, p), 1.5, settings)
+
+    _, gradient = jax.jit(lambda p: distance_and_gradient(scene, gaits_of(scene.gait, p), 1.5, settings))(phase)
+    tangents = np.broadcast_to(np.eye(6)[:, None], (6, 3, 6))
+    forward = jax.jit(lambda p: jax.lax.map(lambda t: jax.jvp(distance, (p,), (t,))[1], tangents))(phase)
+    assert np.abs(gradient).max() > 1e-3
+    np.testing.assert_allclose(gradient, forward.T, rtol=0, atol=1e-9 * np.abs(gradient).max())
 
 
 @pytest.fixture(scope="module")

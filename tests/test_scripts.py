@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import speed_words
 
 from jaxgrity import random_phases
 from jaxgrity.files import load_phases
@@ -210,3 +211,22 @@ def test_work_precision_compares_methods(tmp_path):
     errors = [p["error"] for p in facts["points"] if p["method"] == "rk4"]
     assert all(fine < coarse for coarse, fine in itertools.pairwise(errors) if coarse > 1e-10)
     assert set(facts["cost_at_target"]) == {"rk4 float64", "complementarity float64"}
+
+
+def test_gradients_agree(tmp_path):
+    """Every mode gives the same gradient, and a checkpointed one keeps less."""
+    facts = quick("gradients.py", tmp_path)
+    assert len({row["mode"] for row in facts["rows"]}) == 5
+    assert all(row["difference"] < 1e-8 for row in facts["rows"])
+    kept = facts["memory"]
+    assert kept["checkpointed reverse"][-1] < kept["plain reverse"][-1] / 10
+
+
+def test_scaling_measures(tmp_path):
+    """Devices, gaits, struts and single rollouts have a cost, and pages can be written of it."""
+    facts = quick("scaling.py", tmp_path)
+    assert [row["devices"] for row in facts["devices"]][:1] == [1]
+    assert all(row["per_gait_and_step"] > 0 for row in facts["population"] + facts["struts"])
+    words = "".join(write(facts) for write in (speed_words.scaling, speed_words.million, speed_words.compiled))
+    assert "complementarity" in words
+    assert "real time" in words

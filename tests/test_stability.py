@@ -9,6 +9,7 @@ from jaxgrity import InputError, Members, Scene, Structure, simulate, with_gait
 from jaxgrity.friction import ConeFriction
 from jaxgrity.ground import Ground
 from jaxgrity.methods import METHODS
+from jaxgrity.simulate import settle
 from jaxgrity.stability import limiting_part, linearise, stable_step, standing, strictest
 
 
@@ -98,3 +99,19 @@ def test_a_scene_that_nothing_drives_takes_any_step():
     """Free fall has no mode at all."""
     scene = Scene(Structure(np.zeros((1, 3)), np.ones(1)), gravity=9.81)
     assert stable_step(scene, standing(scene), "rk4") == np.inf
+
+
+@pytest.mark.parametrize("method", [name for name, method in METHODS.items() if not method.implicit])
+def test_an_absurd_step_is_refused(request, method):
+    """By every explicit method, with the largest stable step in the message."""
+    exact = METHODS[method].constrained
+    scene = request.getfixturevalue("exact" if exact else "reference")
+    if METHODS[method].symplectic:
+        scene = Scene(undamped_springs(scene.structure))
+    with pytest.raises(InputError, match="dt = 100 s is too large"):
+        settle(scene, 1000.0, method, 100.0)
+
+
+def undamped_springs(structure):
+    kinds = [Members(m.edges, m.stiffness, m.rest_length) for m in (structure.struts, structure.cables)]
+    return Structure(structure.nodes, structure.node_mass, *kinds)

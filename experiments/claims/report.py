@@ -2,9 +2,10 @@
 
 from typing import Any, NamedTuple
 
+from common import SCENES
+
 import equinox as eqx
 import numpy as np
-from common import SCENES
 from matplotlib.figure import Figure
 
 from jaxgrity import Scene, load_scene
