@@ -245,8 +245,10 @@ def figure(facts: dict) -> Figure:
     for name, found in facts["memory"].items():
         right.loglog(facts["lengths"], np.array(found) / 2**20, "o-", label=name)
     right.set(xlabel="length of the rollout (s)", ylabel="memory (MiB)", title=f"{cases[-1][0]} gaits, 6 phases")
+    right.set_xticks(facts["lengths"], [f"{t:g}" for t in facts["lengths"]])
+    right.minorticks_off()
     right.legend(fontsize=8)
-    right.grid(alpha=0.3, which="both")
+    right.grid(alpha=0.3)
     return chart
 
 
