@@ -63,7 +63,7 @@ class Settings:
     mujoco: bool = False
     """measure MuJoCo too"""
     mjx: bool = False
-    """measure MuJoCo's twin in JAX beside it, on one core"""
+    """measure MuJoCo's twin in JAX beside it, on one core; goes with --mujoco"""
     out: Path = Path("results/benchmark")
     """folder for benchmark.json and benchmark.png"""
     quick: bool = False

@@ -49,13 +49,18 @@ def configure() -> None:
 def join_hosts() -> None:
     """Make one machine of all processes that SLURM, or whoever sets JAX_COORDINATOR_ADDRESS, started with this script.
 
-    JAX_COORDINATOR_ADDRESS (HOST:PORT of the first), JAX_NUM_PROCESSES and JAX_PROCESS_ID go together.
+    JAX_COORDINATOR_ADDRESS (HOST:PORT of the first), JAX_NUM_PROCESSES and JAX_PROCESS_ID go together: `InputError`
+    where one is missing.
     """
     known = os.environ
     if "JAX_COORDINATOR_ADDRESS" in known:
-        jax.distributed.initialize(
-            num_processes=int(known["JAX_NUM_PROCESSES"]), process_id=int(known["JAX_PROCESS_ID"])
-        )
+        numbers = [known.get(name, "") for name in ("JAX_NUM_PROCESSES", "JAX_PROCESS_ID")]
+        if not all(number.isdigit() for number in numbers):
+            raise InputError(
+                f"JAX_NUM_PROCESSES = {numbers[0]!r}, JAX_PROCESS_ID = {numbers[1]!r}: expected two numbers beside "
+                "JAX_COORDINATOR_ADDRESS"
+            )
+        jax.distributed.initialize(num_processes=int(numbers[0]), process_id=int(numbers[1]))
     elif int(known.get("SLURM_STEP_NUM_TASKS", 1)) > 1:
         jax.distributed.initialize()
 
