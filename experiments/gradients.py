@@ -20,10 +20,9 @@ from matplotlib.figure import Figure
 from tqdm import tqdm
 
 from jaxgrity import Gait, Scene, gaits_of, load_scene, plot, random_phases
-from jaxgrity.dynamics import centre_of_mass
 from jaxgrity.files import save_json
-from jaxgrity.population import discretise_lanes, in_lanes, over_lanes
-from jaxgrity.refine import checkpointed_end
+from jaxgrity.population import discretise_lanes
+from jaxgrity.refine import checkpointed_end, distances
 from jaxgrity.scene import as_dtype
 from jaxgrity.simulate import Settings as Options
 from jaxgrity.simulate import settle
@@ -134,23 +133,13 @@ REVERSE: dict[str, Ends] = {
 FORWARD: Ends = diffrax_end(diffrax.ForwardMode())
 
 
-def distances(make: Callable, end: Ends, horizon: float, options: Options) -> Callable:
+def of_parameters(make: Callable, end: Ends, horizon: float, options: Options) -> Callable:
     """Parameters to the distance of each gait, m."""
-
-    def function(parameters):
-        scene, gaits = make(parameters)
-        scene, axes = in_lanes(scene, gaits.phase.T, gaits.amplitude.T, gaits.frequency.T)
-        nodes = scene.structure.nodes
-        q, _ = end(scene, axes, (nodes, jnp.zeros_like(nodes)), horizon, options)
-        com = over_lanes(centre_of_mass, (axes, -1))
-        moved = (com(scene, q) - com(scene, nodes))[:2]
-        return jnp.sqrt(jnp.sum(moved * moved, axis=0))
-
-    return function
+    return lambda parameters: distances(*make(parameters), horizon, options, end)
 
 
 def by_reverse(make: Callable, end: Ends, horizon: float, options: Options) -> Callable:
-    return jax.jit(jax.grad(lambda p: jnp.sum(distances(make, end, horizon, options)(p))))
+    return jax.jit(jax.grad(lambda p: jnp.sum(of_parameters(make, end, horizon, options)(p))))
 
 
 def by_forward(make: Callable, values: jax.Array, horizon: float, options: Options, together: int) -> Callable:
@@ -159,7 +148,7 @@ def by_forward(make: Callable, values: jax.Array, horizon: float, options: Optio
 
     def directional(p, tangent):
         tangent = jnp.broadcast_to(tangent, p.shape)
-        return jax.jvp(distances(make, FORWARD, horizon, options), (p,), (tangent,))[1]
+        return jax.jvp(of_parameters(make, FORWARD, horizon, options), (p,), (tangent,))[1]
 
     def gradient(p):
         return jax.lax.map(lambda tangent: directional(p, tangent), jnp.eye(count), batch_size=together)
@@ -174,7 +163,7 @@ def compare(
     horizon = horizon or settings.short
     options = settle(scene, horizon, "rk4", 5e-4, "float64", any_step=True)
     values, make = varied(scene, gaits, parameters)
-    alone, _, _ = timed(jax.jit(distances(make, FORWARD, horizon, options)), values, settings.repeats)
+    alone, _, _ = timed(jax.jit(of_parameters(make, FORWARD, horizon, options)), values, settings.repeats)
     modes = {name: by_reverse(make, end, horizon, options) for name, end in REVERSE.items()}
     modes["forward, one by one"] = by_forward(make, values, horizon, options, 1)
     modes[f"forward, {TANGENTS} side by side"] = by_forward(make, values, horizon, options, TANGENTS)

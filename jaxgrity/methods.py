@@ -39,8 +39,9 @@ class RK4(diffrax.AbstractSolver):
 
     def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
         h = t1 - t0
-        table = [(0, 0, 1 / 2, 0), (1 / 2, 1 / 3, 1 / 2, 0), (1 / 2, 2 / 3, 1, 0), (1, 1 / 3, 1 / 6, 1)]
-        c, weight, a, last = (jnp.asarray(x, h.dtype) for x in zip(*table))
+        b, below = self.tableau.b_sol, np.array([row[-1] for row in self.tableau.a_lower])
+        columns = [0, *self.tableau.c], [0, *b[:-1] / below], [*below, b[-1]], [0, 0, 0, 1]
+        c, weight, a, last = (jnp.asarray(x, h.dtype) for x in columns)
 
         def stage(i, carry):
             y, so_far = carry

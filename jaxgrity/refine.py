@@ -165,11 +165,14 @@ def distance_and_gradient(scene: Scene, gaits: Gait, horizon: float, settings: S
     return distance, gradient
 
 
-def distances(scene: Scene, gaits: Gait, horizon: float, settings: Settings) -> PerGait:
-    """Horizontal distance of each gait at `horizon`, m, in a form that reverse mode differentiates."""
+def distances(scene: Scene, gaits: Gait, horizon: float, settings: Settings, end: Callable | None = None) -> PerGait:
+    """Horizontal distance of each gait at `horizon`, m, in a form that reverse mode differentiates.
+
+    `end` integrates all gaits, in lanes; `checkpointed_end` where not given.
+    """
     scene, axes = in_lanes(scene, gaits.phase.T, gaits.amplitude.T, gaits.frequency.T)
     nodes = scene.structure.nodes
-    q, _ = checkpointed_end(scene, axes, (nodes, jnp.zeros_like(nodes)), horizon, settings)
+    q, _ = (end or checkpointed_end)(scene, axes, (nodes, jnp.zeros_like(nodes)), horizon, settings)
     com = over_lanes(centre_of_mass, (axes, -1))
     moved = (com(scene, q) - com(scene, nodes))[:2]
     return jnp.sqrt(jnp.sum(moved * moved, axis=0))
