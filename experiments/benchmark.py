@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 from common import SCENES, measured, run
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import limit
@@ -24,8 +25,8 @@ from tqdm import tqdm
 
 from jaxgrity import InputError, Scene, diagnose, gaits_of, load_scene, plot, random_phases, simulate_population
 from jaxgrity.files import save_json
-from jaxgrity.population import roll_out_lanes
-from jaxgrity.refine import distance_and_gradient
+from jaxgrity.gradients import distance_and_gradient
+from jaxgrity.population import lanes_last, roll_out_lanes
 from jaxgrity.scene import as_dtype
 from jaxgrity.simulate import settle
 
@@ -238,9 +239,8 @@ def gradient_cost(scene: Scene, phases: np.ndarray, settings: Settings) -> dict:
     count = phases.shape[1]
 
     def ends(phase):
-        start, end, *_ = roll_out_lanes(
-            scene, phase, gaits.amplitude.T, gaits.frequency.T, jnp.asarray(horizon), options
-        )
+        varied = eqx.tree_at(lambda g: g.phase, lanes_last(gaits), phase)
+        start, end, *_ = roll_out_lanes(scene, varied, None, jnp.asarray(horizon), options)
         return jnp.hypot(*(end - start)[:2])
 
     def forward(phase):

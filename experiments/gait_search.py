@@ -1,40 +1,49 @@
-"""The main job: evolve a rolling gait, polish it by gradients, verify it, and show it.
+"""The main job: evolve a rolling gait that stands perturbation, polish it by gradients, verify it, and show it.
 
-Leaves gait.json, trajectory.npz, figures, an animation, summary.json and a page to open (index.html).
+Thousands of rough rollouts screen gaits, the scene's own model goes on with the best, and few exact rollouts judge what
+comes out. Every generation is saved: --resume goes on after an interruption, to the very same end. Leaves gait.json,
+population.npz, trajectory.npz, figures, an animation, summary.json and a page to open (index.html).
 """
 
-import shlex
 import sys
 import time
-from dataclasses import asdict, dataclass
-from html import escape
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import Literal
 
 from common import SCENES, run
 
 import numpy as np
+from gait_report import report
 from tqdm import tqdm
 
 from jaxgrity import (
     Breeding,
+    Fitness,
     Gait,
     Genome,
+    InputError,
+    Objective,
     Polishing,
     Scene,
-    Trajectory,
-    diagnose,
+    Uncertainty,
     distinct,
-    evolve,
+    gene_permutations,
     load_scene,
-    plot,
+    one_gait,
     polish,
+    standing_symmetries,
     with_gait,
 )
-from jaxgrity.files import save_arrays, save_json, write_whole
+from jaxgrity.files import save_arrays
+from jaxgrity.ladder import evolve_up, final_verdict, judge_on, rank_correlation, rungs, searched
+from jaxgrity.objectives import with_robots
 from jaxgrity.refine import Polished
-from jaxgrity.search import Generation, Search
-from jaxgrity.stability import default_method, default_step, strictest
-from jaxgrity.structure import InputError
+from jaxgrity.runs import Run, open_run
+from jaxgrity.search import Search, State
+
+COMPARED = 16
+"""evolved gaits, and as many random ones, that go through all rungs of the ladder"""
 
 
 @dataclass
@@ -44,184 +53,191 @@ class Settings:
     out: Path = Path("results/gait_search")
     """folder for everything this script leaves"""
     duration: float = 10.0
-    """horizon over which distance counts, s"""
-    population: int = 128
+    """horizon over which the objective counts, s"""
+    population: int = 64
     """gaits in a generation"""
-    generations: int = 20
-    """generations to evolve"""
+    generations: tuple[int, int] = (32, 20)
+    """generations of screening; on the scene's own model, where screening is on its exact twin"""
+    robots: int = 4
+    """that each gait is tried on in a generation, drawn from what is uncertain"""
+    objective: Objective = field(default_factory=Objective)
+    """what a rollout is worth"""
+    uncertainty: Uncertainty = field(default_factory=lambda: Uncertainty(phase=0.03))
+    """half-widths of what is not known exactly; all zero, with --robots 1: plain distance"""
+    caution: float = 0.0
+    """standard deviations of its robots that are held against a gait"""
     amplitude: tuple[float, float] | None = None
     """bounds between which each member's amplitude evolves too"""
     frequency: tuple[float, float] | None = None
     """bounds (Hz) between which the gait's frequency evolves too"""
-    polish_gaits: int = 16
-    """how many of the best gaits are polished, side by side"""
-    polish_steps: int = 30
-    """gradient steps"""
+    overtones: int = 0
+    """how many more sines each member's Fourier series has"""
+    members: Literal["scene", "struts", "cables"] = "scene"
+    """which members may be actuated"""
+    active: int | None = None
+    """how many of them are, which ones evolves too"""
+    polish: Literal["smoothed", "pathwise", "combined"] = "smoothed"
+    """by which gradient"""
+    polish_rollouts: int = 1024
+    """what polishing may cost; 0: no polish"""
+    polish_gaits: int = 4
+    """how many of the best gaits are polished"""
     dt: float | None = None
-    """step of the search, s; verification is at half of it; without it, the scene decides"""
+    """step of the scene's own model, s; verification is at half of it and below; without it, the scene decides"""
     seed: int = 0
     """the same seed gives the same search"""
+    resume: bool = False
+    """go on with the run in the folder, which had the same settings"""
+    restart: bool = False
+    """begin again where the folder holds an unfinished run"""
     quick: bool = False
-    """a small search that ends within a minute: 5 s horizon, 32 gaits, 4 generations, 4 gradient steps"""
+    """a small search that ends within a minute: 4 s, 16 gaits, 3 generations, 128 rollouts of polish"""
 
 
 def main(settings: Settings) -> None:
     began = time.perf_counter()
-    scene = load_scene(settings.scene)
     if settings.quick:
-        settings.duration, settings.population, settings.generations = 5.0, 32, 4
-        settings.polish_gaits, settings.polish_steps = 4, 4
+        settings.duration, settings.population, settings.generations = 4.0, 16, (3, 2)
+        settings.polish_gaits, settings.polish_rollouts = 1, min(settings.polish_rollouts, 128)
+    scene = actuated(load_scene(settings.scene), settings)
+    genome, fitness = search_space(scene, settings)
+    print(scene.describe(), end="\n\n")
+    known = {n: v for n, v in asdict(settings).items() if n not in ("out", "resume", "restart")}
+    with open_run(settings.out, known, settings.resume, settings.restart) as folder:
+        ladder = rungs(scene, settings.dt)
+        searches = evolve_with_progress(ladder, genome, fitness, settings, folder)
+        chosen, agreement = promote(ladder, genome, fitness, searches[-1], settings)
+        polished = polish_with_progress(ladder, genome, fitness, chosen, settings)
+        best = chosen[0] if polished is None else polished.genes
+        gait = one_gait(genome.gaits(scene.gait, best[None]), 0)
+        if settings.active is not None:
+            gait = without_idle(gait)
+        verdict = final_verdict(scene, gait, settings.duration, fitness, dt=ladder[-1].dt, seed=settings.seed + 1)
+        report(with_gait(scene, gait), ladder, searches, agreement, polished, verdict, settings, began)
+        folder.done()
+
+
+def actuated(scene: Scene, settings: Settings) -> Scene:
+    """The scene with the members that may be actuated."""
     if scene.gait is None:
         raise InputError(f"{settings.scene}: has no [gait]; expected one to evolve")
-    if settings.polish_gaits < 1 or settings.polish_steps < 1:
-        raise InputError("polish_gaits and polish_steps: expected at least 1 of each")
-    settings.out.mkdir(parents=True, exist_ok=True)
-    print(scene.describe(), end="\n\n")
-    dt = settings.dt or default_step(scene, default_method(scene))
-    genome = Genome(len(scene.gait.members), settings.amplitude, settings.frequency)
-    search = evolve_with_progress(scene, genome, settings, dt)
-    genes = distinct(search.last, genome, settings.polish_gaits)
-    if not len(genes):
-        raise InputError("every rollout of the last generation failed; expected a scene that can be integrated")
-    evolved = genome.gaits(scene.gait, np.asarray(genes, float))
-    polished = polish_with_progress(scene, evolved, settings, dt)
-    report(scene, search, polished, settings, dt, began)
+    if settings.members == "scene":
+        return scene
+    first = scene.structure.first_cable
+    every = first + (0 if scene.structure.cables is None else len(scene.structure.cables.edges))
+    members = tuple(range(first)) if settings.members == "struts" else tuple(range(first, every))
+    one = np.ones(len(members))
+    own = scene.gait
+    strongest, quickest = float(np.max(own.amplitude)), float(np.max(own.frequency))
+    return with_gait(scene, Gait(members, 0 * one, strongest * one, quickest * one, own.start, own.ramp))
 
 
-def evolve_with_progress(scene: Scene, genome: Genome, settings: Settings, dt: float) -> Search:
-    """The genetic search in float32, on every core."""
-    breeding = Breeding(settings.population, settings.generations, elites=max(1, settings.population // 16))
-    with tqdm(total=settings.generations, desc="evolving", unit="generation", file=sys.stdout) as bar:
+def search_space(scene: Scene, settings: Settings) -> tuple[Genome, Fitness]:
+    """What evolves, and how it is judged. Raises `InputError` before anything compiles."""
+    if settings.polish_gaits < 1:
+        raise InputError(f"polish_gaits = {settings.polish_gaits}: expected at least 1")
+    assert scene.gait is not None, "a scene without a gait is refused before"
+    members = scene.gait.members
+    # which gaits are the same depends on where the objective leads
+    turned = () if settings.objective.kind == "direction" else standing_symmetries(scene)
+    genome = Genome(
+        len(members),
+        settings.amplitude,
+        settings.frequency,
+        settings.overtones,
+        settings.active,
+        gene_permutations(members, turned),
+    )
+    return genome, Fitness(settings.objective, settings.uncertainty, settings.robots, settings.caution)
 
-        def show(number: int, generation: Generation) -> None:
-            bar.set_postfix(best=f"{float(generation.fitness[0]):.3f} m", failed=int(generation.failed), refresh=False)
+
+def without_idle(gait: Gait) -> Gait:
+    """The gait of those members alone that move."""
+    rows = np.flatnonzero(np.asarray(gait.amplitude) > 0)
+    parts = [np.asarray(part)[rows] for part in (gait.phase, gait.amplitude, gait.frequency)]
+    overtones = tuple(type(o)(np.asarray(o.size)[rows], np.asarray(o.phase)[rows]) for o in gait.overtones)
+    return Gait(tuple(gait.members[k] for k in rows), *parts, gait.start, gait.ramp, overtones)
+
+
+def evolve_with_progress(ladder, genome: Genome, fitness: Fitness, settings: Settings, folder: Run) -> list[Search]:
+    """The genetic search in float32, on every core, on each of the rungs where gaits are searched."""
+    climbed = searched(ladder)
+    elites = max(1, settings.population // 8)
+    breedings = tuple(Breeding(settings.population, n, elites=elites) for n in settings.generations[: len(climbed)])
+    before = sum(state.number for state in folder.states)
+    total = sum(b.generations for b in breedings)
+    with tqdm(total=total, initial=before, desc="evolving", unit="generation", file=sys.stdout) as bar:
+
+        def show(number: int, state: State) -> None:
+            folder.save(number, state)
+            best, _, failed = state.history[-1]
+            bar.set_postfix(rung=climbed[number].name, best=f"{best:.3f}", failed=int(failed), refresh=False)
             bar.update()
 
-        return evolve(
-            scene,
+        searches = evolve_up(
+            climbed,
             genome,
             settings.duration,
-            breeding,
+            breedings,
+            fitness=fitness,
             seed=settings.seed,
-            dt=dt,
-            dtype="float32",
+            states=folder.states,
             on_generation=show,
         )
+    save_arrays(settings.out / "population.npz", genes=searches[-1].last.genes, fitness=searches[-1].last.fitness)
+    return searches
 
 
-def polish_with_progress(scene: Scene, gaits: Gait, settings: Settings, dt: float) -> Polished:
-    """The gradient stage, in float64, at twice the search's step where that is stable: gradients need less accuracy."""
-    with tqdm(total=settings.polish_steps, desc="polishing", unit="step", file=sys.stdout) as bar:
+def promote(ladder, genome: Genome, fitness: Fitness, search: Search, settings: Settings) -> tuple[np.ndarray, dict]:
+    """The best gaits of the search, best first by larger ensembles on the own model; and how far the rungs agree.
 
-        def show(number: int, distance: float) -> None:
-            bar.set_postfix(at_horizon=f"{distance:.3f} m", refresh=False)
+    Evolved and random gaits are judged on every rung by the same draws.
+    """
+    genes = distinct(search.last, genome, COMPARED)
+    if not len(genes):
+        raise InputError("every rollout of the last generation failed; expected a scene that can be integrated")
+    chance = np.random.default_rng(settings.seed).uniform(size=(COMPARED, genome.size))
+    gaits = genome.gaits(ladder[1].scene.gait, np.concatenate([genes, chance]))
+    many = with_robots(fitness, 4 * settings.robots)
+    rows = []
+    for rung in tqdm(ladder, desc="promoting", unit="rung", file=sys.stdout):
+        rows.append(judge_on(rung, gaits, settings.duration, many, settings.seed + 2).fitness)
+    first, table = len(genes), np.array(rows)
+    agreement = {
+        "rungs": [{"name": rung.name, "dt": rung.dt, "dtype": rung.dtype} for rung in ladder],
+        "fitness": table,
+        "evolved": first,
+        "rank_correlation": rank_correlation(table),
+        "rank_correlation_of_the_evolved": rank_correlation(table[:, :first]),
+    }
+    order = np.argsort(-table[1, :first])
+    return np.asarray(genes, float)[order[: settings.polish_gaits]], agreement
+
+
+def polish_with_progress(ladder, genome: Genome, fitness: Fitness, genes, settings: Settings) -> Polished | None:
+    """The gradient stage, on the own model's rung; what it made better is judged on the last one."""
+    if not settings.polish_rollouts:
+        return None
+    own, last = ladder[1], ladder[-1]
+    polishing = Polishing(settings.polish_rollouts, settings.polish)
+    with tqdm(desc="polishing", unit="step", file=sys.stdout) as bar:
+
+        def show(step) -> None:
+            bar.set_postfix(fitness=f"{step.fitness:.3f}", refresh=False)
             bar.update()
 
-        coarser = 2 * dt if 2 * dt <= strictest(scene, default_method(scene))[0] else dt
-        polishing = Polishing(settings.polish_steps, dt=coarser)
-        return polish(scene, gaits, settings.duration, polishing, dt=dt / 2, on_step=show)
-
-
-def report(scene: Scene, search: Search, polished: Polished, settings: Settings, dt: float, began: float) -> None:
-    """Write everything down, draw it, and say what was found."""
-    out, best = settings.out, with_gait(scene, polished.gait)
-    verified_at, _, finest = polished.verified.steps
-    diagnosis = diagnose(best, settings.duration, dt=verified_at, dtype="float64", frame_rate=50)
-    trajectory = diagnosis.trajectory
-    distance, bar = float(polished.verified.distance[0]), float(polished.verified.error_bar[0])
-    command = shlex.join(["python", *sys.argv])
-    save_json(
-        out / "gait.json",
-        {
-            "scene": settings.scene.name,
-            "members": polished.gait.members,
-            "phase": polished.gait.phase,
-            "amplitude": polished.gait.amplitude,
-            "frequency": polished.gait.frequency,
-            "duration": settings.duration,
-            "distance": distance,
-            "error_bar": bar,
-            "diagnosis": diagnosis.summary(),
-            "command": command,
-        },
-    )
-    save_arrays(
-        out / "trajectory.npz",
-        times=trajectory.times,
-        positions=trajectory.positions,
-        velocities=trajectory.velocities,
-        phase=polished.gait.phase,
-    )
-    plot.save(plot.convergence_figure(search), out / "convergence.png")
-    plot.save(plot.path_figure(best, trajectory, bar), out / "path.png")
-    plot.save(plot.member_figure(best, trajectory), out / "members.png")
-    with tqdm(desc="animating", unit="frame", file=sys.stdout) as progress:
-        plot.animate(best, trajectory, out / "animation.gif", on_frame=lambda k, n: progress.update())
-    summary = {
-        "command": command,
-        "scene": settings.scene.name,
-        "settings": {name: value for name, value in asdict(settings).items() if not isinstance(value, Path)},
-        "distance": distance,
-        "error_bar": bar,
-        "verified_at_steps": polished.verified.steps,
-        "search": {
-            "rollouts": search.rollouts,
-            "best": search.best,
-            "median": search.median,
-            "failed": search.failed,
-            "dt": dt,
-            "dtype": "float32",
-        },
-        "polish": {
-            "improved": polished.improved,
-            "reason": polished.reason,
-            "horizon": polished.horizon,
-            "largest_sensitivity": Polishing().largest_sensitivity,
-            "gradient_norm": polished.gradient_norm,
-            "distance_at_horizon": polished.distance,
-        },
-        "diagnosis": diagnosis.summary(),
-        "wall_seconds": time.perf_counter() - began,
-    }
-    save_json(out / "summary.json", summary)
-    write_page(out, settings, summary, trajectory)
-    print(f"\n{diagnosis.table()}")
-    print(f"polish: {polished.reason} (horizon {polished.horizon:.1f} s)")
-    print(
-        f"verified: {distance:.4f} ± {bar:.1g} m in {settings.duration:g} s, at {verified_at:g} s, against steps down "
-        f"to {finest:g} s, in float64"
-    )
-    print(f"open {out}/index.html ({summary['wall_seconds']:.0f} s in all)")
-
-
-def write_page(out: Path, settings: Settings, summary: dict, trajectory: Trajectory) -> None:
-    """A page that shows what was found."""
-    polish_facts, search_facts = summary["polish"], summary["search"]
-    rows = {
-        "verified distance": f"{summary['distance']:.4f} ± {summary['error_bar']:.1g} m in {settings.duration:g} s",
-        "scene": settings.scene.name,
-        "search": f"{search_facts['rollouts']} rollouts, {int(np.sum(search_facts['failed']))} of them failed",
-        "polish": f"{polish_facts['reason']}; horizon {polish_facts['horizon']:.1f} s",
-        "sensitivity at the end": f"{summary['diagnosis']['sensitivity']:.3g} m/rad",
-        "command": summary["command"],
-    }
-    table = "".join(f"<tr><th>{escape(name)}</th><td>{escape(text)}</td></tr>" for name, text in rows.items())
-    pictures = "".join(
-        f'<figure><img src="{name}" alt="{escape(text)}"><figcaption>{escape(text)}</figcaption></figure>'
-        for name, text in (
-            ("animation.gif", "settling, then rolling, in real time"),
-            ("path.png", "path of the centre of mass; the bar at the end is the verified error bar"),
-            ("convergence.png", "distance in each generation of the search, before verification"),
-            ("members.png", "length of every member"),
+        return polish(
+            own.scene,
+            genome,
+            genes,
+            settings.duration,
+            polishing,
+            fitness=fitness,
+            dt=own.dt,
+            final_dt=last.dt,
+            seed=settings.seed,
+            on_step=show,
         )
-    )
-    page = (
-        '<!doctype html><html lang="en"><meta charset="utf-8"><title>A rolling gait</title><style>'
-        "body{font:16px/1.5 sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem}img{max-width:100%}"
-        "th{text-align:left;padding-right:1.5rem;vertical-align:top}figure{margin:2rem 0}</style>"
-        f"<h1>A rolling gait</h1><table>{table}</table>{pictures}</html>\n"
-    )
-    write_whole(out / "index.html", lambda file: file.write(page.encode()))
 
 
 if __name__ == "__main__":

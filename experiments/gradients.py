@@ -21,8 +21,8 @@ from tqdm import tqdm
 
 from jaxgrity import Gait, Scene, gaits_of, load_scene, plot, random_phases
 from jaxgrity.files import save_json
+from jaxgrity.gradients import checkpointed_end, distances
 from jaxgrity.population import discretise_lanes
-from jaxgrity.refine import checkpointed_end, distances
 from jaxgrity.scene import as_dtype
 from jaxgrity.simulate import Settings as Options
 from jaxgrity.simulate import settle

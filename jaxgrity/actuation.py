@@ -9,10 +9,23 @@ from jaxgrity.structure import Members
 from jaxgrity.types import PerActuator, PerMember, Scalar, as_float
 
 
-class Gait(eqx.Module):
-    """Sinusoidal rest lengths: L_k(t) = L0_k (1 - delta_k/2 r(t) (1 + sin(2 pi f_k t + phase_k))).
+class Overtone(eqx.Module):
+    """One more sine in every member's rest length, at a multiple of the gait's frequency."""
 
-    r(t) = clip((t - start)/ramp, 0, 1) lets the robot settle first and keeps the motion smooth.
+    size: PerActuator = eqx.field(converter=as_float)
+    """of the sine, where the gait's own is 1; not negative"""
+    phase: PerActuator = eqx.field(converter=as_float)
+    """rad"""
+
+
+class Gait(eqx.Module):
+    """Periodic rest lengths: L_k(t) = L0_k (1 - delta_k/2 r(t) (1 + s_k(t))).
+
+    s_k = sin(2 pi f_k t + phase_k), or with overtones the normalised Fourier series
+    (sin(2 pi f_k t + phase_k) + sum_h a_hk sin(2 pi h f_k t + phase_hk))/(1 + sum_h a_hk), h = 2, 3, ..., which stays
+    within -1 and 1. r(t) = clip((t - start)/ramp, 0, 1) lets the robot settle first and keeps the motion smooth.
+
+    A population of gaits is one `Gait` whose arrays have a row for each; start and ramp are common to all.
     """
 
     members: tuple[int, ...] = eqx.field(static=True)
@@ -27,6 +40,8 @@ class Gait(eqx.Module):
     """s"""
     ramp: Scalar = eqx.field(converter=as_float, default=1.0)
     """s"""
+    overtones: tuple[Overtone, ...] = ()
+    """of twice the frequency, three times, and so on"""
 
 
 def random_members(candidates: range, fraction: float, seed: int) -> tuple[int, ...]:
@@ -44,13 +59,20 @@ def random_phases(gaits: int, actuators: int, seed: int) -> np.ndarray:
 def contraction(gait: Gait, t: Scalar) -> PerActuator:
     """By which fraction each actuated member is shortened at time t."""
     r = jnp.clip((t - gait.start) / gait.ramp, 0, 1)
-    return gait.amplitude / 2 * r * (1 + jnp.sin(2 * jnp.pi * t * gait.frequency + gait.phase))
+    angle = 2 * jnp.pi * t * gait.frequency
+    wave = jnp.sin(angle + gait.phase)
+    if gait.overtones:
+        for h, overtone in enumerate(gait.overtones, start=2):
+            wave = wave + overtone.size * jnp.sin(h * angle + overtone.phase)
+        wave = wave / (1 + sum(overtone.size for overtone in gait.overtones))
+    return gait.amplitude / 2 * r * (1 + wave)
 
 
 def rest_length(members: Members, gait: Gait | None, t: Scalar, first: int) -> PerMember:
     """L(t) of the struts or of the cables, m; `first` is the number that a gait gives to the first of them."""
     count = len(members.edges)
-    slots = tuple(a for a, k in enumerate(gait.members) if first <= k < first + count) if gait else ()
+    works = {first + k for k in range(count) if k not in members.stuck}
+    slots = tuple(a for a, k in enumerate(gait.members) if k in works) if gait else ()
     if gait is None or not slots:
         return members.rest_length
     rows = tuple(gait.members[a] - first for a in slots)

@@ -214,21 +214,34 @@ def impulsive_work(scene: Scene, t0, h, start: State, end: State, before, after)
     kick, mean = (before[0] + h) / 2, (v + w) / 2
     mass = scene.structure.node_mass
     smooth = jax.tree.map(lambda power: kick * power, powers(scene, t0, q, mean))
-    ground: NodeVectors = jnp.zeros_like(q)
-    if scene.ground is not None and scene.ground.exact:
-        directions = (scene.ground.normal, *scene.ground.tangents)
-        normal, *tangential = [scale(along(p, n), mass) for p, n in zip(after[1], directions)]
-        work = lambda force: inner(jnp.ones_like(mass), dot(force, mean))  # noqa: E731
-        smooth["impacts"] = -work(normal)
+    ground = _ground_impulses(scene, after)
+    work = lambda force: inner(jnp.ones_like(mass), dot(force, mean))  # noqa: E731
+    if ground:
+        smooth["impacts"] = -work(ground[0])
         if scene.friction is not None:
-            smooth["friction"] = -work(tangential[0] + tangential[1])
-        ground = normal + tangential[0] + tangential[1]
+            smooth["friction"] = -work(ground[1] + ground[2])
     if scene.structure.struts is not None and scene.structure.struts.rigid:
-        struts = scale(w - v - kick * acceleration(scene, t0, q, mean), mass) - ground
-        smooth["actuation"] = smooth["actuation"] + inner(jnp.ones_like(mass), dot(struts, mean))
+        struts = strut_impulses(scene, t0, h, start, end, before, after)
+        smooth["actuation"] = smooth["actuation"] + work(struts)
+    ground = sum(ground, jnp.zeros_like(q))
     smooth["impulse"] = smooth["impulse"] + ground.sum(0)
     smooth["moment"] = smooth["moment"] + jnp.cross(q, ground).sum(0)
     return smooth
+
+
+def strut_impulses(scene: Scene, t0, h, start: State, end: State, before, after) -> NodeVectors:
+    """N s, on each node, of its rigid struts in one step: what neither forces nor the ground account for."""
+    (q, v), (_, w) = start, end
+    forces = (before[0] + h) / 2 * acceleration(scene, t0, q, (v + w) / 2)
+    return scale(w - v - forces, scene.structure.node_mass) - sum(_ground_impulses(scene, after), jnp.zeros_like(q))
+
+
+def _ground_impulses(scene: Scene, after) -> list[NodeVectors]:
+    """N s, of exact contact on each node, along the normal and the two tangents, where the scene has it."""
+    if scene.ground is None or not scene.ground.exact:
+        return []
+    directions = (scene.ground.normal, *scene.ground.tangents)
+    return [scale(along(p, n), scene.structure.node_mass) for p, n in zip(after[1], directions)]
 
 
 def _without_members(scene: Scene) -> Scene:

@@ -12,6 +12,9 @@ import numpy as np
 
 from jaxgrity.structure import InputError
 
+PART = ".part"
+"""ending of a file that is not complete yet; a process that is killed leaves it behind"""
+
 
 def read_text(path: str | Path) -> str:
     """The file's text. Raises `InputError` where it cannot be read."""
@@ -51,7 +54,7 @@ def write_whole(path: str | Path, write: Callable[[IO[bytes]], object]) -> None:
     """Let `write` fill a file that takes the place of `path` only when it is complete."""
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    descriptor, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    descriptor, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=PART)
     try:
         with os.fdopen(descriptor, "wb") as file:
             write(file)

@@ -74,16 +74,53 @@ def path_figure(scene: Scene, trajectory: Trajectory, error_bar: float | None = 
     return figure
 
 
-def convergence_figure(search: Search) -> Figure:
-    """Best and median distance of each generation."""
-    figure = Figure(figsize=(6, 4), layout="constrained")
+def convergence_figure(searches: list[Search], names: list[str], unit: str) -> Figure:
+    """Best and median fitness of each generation of the searches that followed each other."""
+    figure = Figure(figsize=(7, 4), layout="constrained")
     axes = figure.subplots()
-    numbers = np.arange(1, len(search.best) + 1)
-    axes.plot(numbers, search.best, "o-", color=STRUT, label="best")
-    axes.plot(numbers, search.median, "o-", color=PATH, label="median")
-    axes.set(xlabel="generation", ylabel="distance (m), not yet verified", title=f"{search.rollouts} rollouts")
+    first = 1
+    for number, (search, name) in enumerate(zip(searches, names)):
+        numbers = np.arange(first, first + len(search.best))
+        for values, colour, kind in ((search.best, STRUT, "best"), (search.median, PATH, "median")):
+            axes.plot(numbers, values, "o-", markersize=3, color=colour, label=None if number else kind)
+        if len(searches) > 1:
+            axes.axvspan(numbers[0] - 0.5, numbers[-1] + 0.5, color=GROUND, alpha=0.6 if number % 2 else 0.2, lw=0)
+            axes.text(numbers.mean(), 0.02, name, ha="center", transform=axes.get_xaxis_transform())
+        first += len(search.best)
+    rollouts = sum(search.rollouts for search in searches)
+    title = f"{rollouts} rollouts, not yet verified"
+    axes.set(xlabel="generation", ylabel=f"fitness ({unit})" if unit else "fitness", title=title)
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.grid(alpha=0.3)
+    axes.legend()
+    return figure
+
+
+def ladder_figure(names: list[str], fitness: np.ndarray, correlation: np.ndarray, unit: str) -> Figure:
+    """Fitness of the same gaits on every rung but the last, against the last; rank correlations in the titles."""
+    figure = Figure(figsize=(4.2 * (len(names) - 1), 4.2), layout="constrained")
+    for k, axes in enumerate(figure.subplots(1, len(names) - 1, squeeze=False)[0]):
+        axes.plot(fitness[-1], fitness[k], "o", color=PATH, alpha=0.7)
+        both = fitness[[k, -1]][:, np.isfinite(fitness[[k, -1]]).all(0)]
+        axes.plot(*[[both.min(), both.max()]] * 2, color=CABLE, linewidth=0.8)
+        axes.set(xlabel=f"{names[-1]} ({unit})", ylabel=f"{names[k]} ({unit})")
+        axes.set_title(f"rank correlation {correlation[k, -1]:.2f}")
+        axes.grid(alpha=0.3)
+    return figure
+
+
+def robust_figure(gaits: dict[str, np.ndarray], unit: str) -> Figure:
+    """The objective of every robot of an ensemble, one histogram for each of the gaits."""
+    figure = Figure(figsize=(7, 4), layout="constrained")
+    axes = figure.subplots()
+    every = np.concatenate(list(gaits.values()))
+    edges = np.linspace(every.min(), every.max() + 1e-9, 30)
+    for (name, each), colour in zip(gaits.items(), (STRUT, PATH, CABLE)):
+        axes.hist(each, edges, alpha=0.55, color=colour, label=f"{name}: {each.mean():.3f} ± {each.std():.2g} {unit}")
+        axes.axvline(each.mean(), color=colour)
+    axes.set(
+        xlabel=f"objective ({unit})" if unit else "objective", ylabel="robots", title="what perturbed robots reach"
+    )
     axes.legend()
     return figure
 

@@ -15,10 +15,12 @@ from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
 from jaxgrity.actuation import Gait
 from jaxgrity.dynamics import State, centre_of_mass
+from jaxgrity.meter import Meters, nothing, read
 from jaxgrity.scene import Scene, as_dtype, with_gait
 from jaxgrity.simulate import Settings, discretise, failure_code, integrate, settle, state_failure
 from jaxgrity.structure import InputError
 from jaxgrity.types import Failures, Path, PerGait, Phases, Scalar, Table, Vectors
+from jaxgrity.uncertainty import Differences, differing
 
 LANES = (32, 128)
 """robots that a core integrates side by side, where there are so many: enough to fill the vector units (measured)"""
@@ -43,6 +45,8 @@ class Outcomes(eqx.Module):
     """(population,), accepted steps"""
     rejected: Failures
     """(population,), steps that an adaptive method tried and gave up"""
+    meters: Meters | None
+    """of every robot, the actuators' with a row for each, where they were asked for"""
     method: str = eqx.field(static=True)
     dt: float | None = eqx.field(static=True)
     """fixed step, s; None: adaptive"""
@@ -78,8 +82,12 @@ def gaits_of(gait: Gait | None, phase: Phases, amplitude: Table | None = None, f
 
 def one_gait(gaits: Gait, k: int) -> Gait:
     """Gait number `k` of a population."""
-    phase, amplitude, frequency = (x[k] for x in (gaits.phase, gaits.amplitude, gaits.frequency))
-    return Gait(gaits.members, phase, amplitude, frequency, gaits.start, gaits.ramp)
+    return jax.tree.map(lambda x: x[k] if np.ndim(x) else x, gaits)
+
+
+def as_population(gait: Gait) -> Gait:
+    """A population of one gait."""
+    return jax.tree.map(lambda x: np.asarray(x)[None] if np.ndim(x) else x, gait)
 
 
 def simulate_population(
@@ -95,21 +103,35 @@ def simulate_population(
     any_step: bool = False,
     sweeps: int | None = None,
     strut_tolerance: float | None = None,
+    differences: Differences | None = None,
+    metered: bool = False,
 ) -> Outcomes:
     """Roll the scene out once for each of `gaits` (from `gaits_of`), from the structure's own pose at rest.
 
     They take the place of the scene's own gait, if it has one, with all that they say: members, start and ramp too.
+    The robots may differ in more than their gaits; steps are judged by the scene itself. `metered` adds `Meters` to
+    what comes back, and needs an explicit method with a fixed step.
     Fixed steps of an explicit method advance all robots at once; the steps of any other are chosen, or solved for,
     robot by robot. Options and errors are those of `simulate.settle`.
     """
     scene = with_gait(scene, one_gait(gaits, 0))
     settings = settle(scene, duration, method, dt, dtype, rtol, atol, any_step, sweeps, strut_tolerance)
-    return roll_out(as_dtype(scene, settings.dtype), gaits, np.asarray(duration, float), settings)
+    end = np.asarray(duration, float)
+    return roll_out(as_dtype(scene, settings.dtype), gaits, end, settings, differences, metered)
 
 
 @eqx.filter_jit
-def roll_out(scene: Scene, gaits: Gait, duration: Scalar, settings: Settings) -> Outcomes:
+def roll_out(
+    scene: Scene,
+    gaits: Gait,
+    duration: Scalar,
+    settings: Settings,
+    differences: Differences | None = None,
+    metered: bool = False,
+) -> Outcomes:
     """`simulate_population` without its checks, of a scene with one of the gaits, for other compiled functions."""
+    if metered and (settings.dt is None or settings.method.implicit):
+        raise InputError(f"method = {settings.method.name!r}: expected an explicit one at a fixed step, to be metered")
     size = gaits.phase.shape[0]
     # lineax's linear solve, inside implicit methods, cannot be traced under shard_map
     devices = 1 if settings.method.implicit else jax.device_count()
@@ -117,31 +139,34 @@ def roll_out(scene: Scene, gaits: Gait, duration: Scalar, settings: Settings) ->
     lanes = -(-size // (devices * chunks))
 
     def deal(x):
-        """(population, k) to (devices, chunks, k, lanes), the last row repeated to fill them."""
+        """(population, ...) to (devices, chunks, ..., lanes), the last row repeated to fill them."""
         full = jnp.asarray(x, settings.dtype)[np.minimum(np.arange(devices * chunks * lanes), size - 1)]
-        return full.reshape(devices, chunks, lanes, -1).swapaxes(2, 3)
+        return jnp.moveaxis(full.reshape(devices, chunks, lanes, *full.shape[1:]), 2, -1)
 
     def collect(x):
         """(devices, chunks, ..., lanes) back to (population, ...)."""
         return jnp.moveaxis(x, -1, 2).reshape(-1, *x.shape[2:-1])[:size]
 
-    def share(rows, scene, end):
-        outcomes = jax.lax.map(lambda r: roll_out_lanes(scene, *r, end, settings), [x[0] for x in rows])
+    varied, common = eqx.partition((gaits, differences), lambda x: jnp.ndim(x) > 0)
+
+    def share(rows, scene, common, end):
+        def chunk(rows):
+            return roll_out_lanes(scene, *eqx.combine(rows, common), end, settings, metered)
+
+        outcomes = jax.lax.map(chunk, jax.tree.map(lambda x: x[0], rows))
         return jax.tree.map(lambda x: x[None], outcomes)
 
     if devices > 1:
         mesh = Mesh(np.array(jax.devices()), ("population",))
         split, whole = PartitionSpec("population"), PartitionSpec()
-        share = jax.shard_map(share, mesh=mesh, in_specs=(split, whole, whole), out_specs=split, check_vma=False)
-    rows = [deal(x) for x in (gaits.phase, gaits.amplitude, gaits.frequency)]
-    outcomes = share(rows, scene, jnp.asarray(duration, settings.dtype))
-    outcomes = [collect(x) for x in outcomes]
+        share = jax.shard_map(share, mesh=mesh, in_specs=(split, whole, whole, whole), out_specs=split, check_vma=False)
+    common = jax.tree.map(lambda x: jnp.asarray(x, settings.dtype), common)
+    outcomes = share(jax.tree.map(deal, varied), scene, common, jnp.asarray(duration, settings.dtype))
+    outcomes = jax.tree.map(collect, outcomes)
     if devices > jax.local_device_count():
         # every host gets all outcomes, and goes on as if it had computed them alone
         outcomes = jax.lax.with_sharding_constraint(outcomes, NamedSharding(mesh, PartitionSpec()))
-    com_start, com_end, positions, failure, accepted, rejected = outcomes
-    name, dt = settings.method.name, settings.dt
-    return Outcomes(com_start, com_end, positions, failure, accepted, rejected, name, dt)
+    return Outcomes(*outcomes, settings.method.name, settings.dt)
 
 
 def most_lanes(scene: Scene, settings: Settings) -> int:
@@ -153,23 +178,54 @@ def most_lanes(scene: Scene, settings: Settings) -> int:
     return int(np.clip(2 ** int(np.log2(max(CACHE / bytes_each, 1))), *LANES))
 
 
-def roll_out_lanes(scene: Scene, phase, amplitude, frequency, duration, settings: Settings) -> tuple:
-    """The rollouts of one chunk: `phase`, `amplitude`, `frequency` are (actuators, lanes).
+def roll_out_lanes(
+    scene: Scene,
+    gaits: Gait,
+    differences: Differences | None,
+    duration: Scalar,
+    settings: Settings,
+    metered: bool = False,
+) -> tuple:
+    """The rollouts of one chunk: the arrays of `gaits` and `differences` have lanes last.
 
     Returns the arrays of `Outcomes`, each with the lanes last.
     """
-    scene, axes = in_lanes(scene, phase, amplitude, frequency)
+    lanes = gaits.phase.shape[-1]
+    scene, axes = in_lanes(scene, gaits, differences)
     nodes = scene.structure.nodes
     start: State = (nodes, jnp.zeros_like(nodes))
-    if settings.dt is not None and not settings.method.implicit:
+    meters = None
+    if metered:
+        (q, v), meters, count = _metered(start, duration, scene, axes, settings)
+        result, steps = diffrax.RESULTS.successful, [jnp.full(lanes, count), jnp.zeros(lanes, int)]
+    elif settings.dt is not None and not settings.method.implicit:
         (q, v), result, steps = _last(start, duration, scene, settings, discretise_lanes(settings, axes))
-        steps = [jnp.full(phase.shape[-1], count) for count in steps]
+        steps = [jnp.full(lanes, count) for count in steps]
     else:
         solve = over_lanes(lambda y, s: _last(y, duration, s, settings), (-1, axes))
         (q, v), result, steps = solve(start, scene)
     state = over_lanes(state_failure, (axes, -1, -1))(scene, q, v)
     com = over_lanes(centre_of_mass, (axes, -1))
-    return com(scene, nodes), com(scene, q), q, failure_code(result, state), *steps
+    return com(scene, nodes), com(scene, q), q, failure_code(result, state), *steps, meters
+
+
+def _metered(start: State, duration: Scalar, scene: Scene, axes: Scene, settings: Settings):
+    """The state at `duration`, all robots' meters, and how many steps were taken, each as long as the others."""
+    terms, solver = discretise_lanes(settings, axes)
+    count = jnp.ceil(duration / settings.dt - 1e-3).astype(int)  # type: ignore[operator]
+    h = duration / count
+    held = over_lanes(nothing, (axes,))(scene)
+    first = solver.init(terms, 0 * h, h, start, scene)
+    lanes = lambda tree: jax.tree.map(lambda x: -1 if x.ndim else None, tree)  # noqa: E731
+    reading = over_lanes(read, (axes, None, None, -1, -1, lanes(first), lanes(first), -1))
+
+    def step(k, carry):
+        y, state, held = carry
+        y1, _, _, after, _ = solver.step(terms, k * h, (k + 1) * h, y, scene, state, False)
+        return y1, after, reading(scene, k * h, h, y, y1, state, after, held)
+
+    end, _, held = jax.lax.fori_loop(0, count, step, (start, first, held))
+    return end, held, count
 
 
 def _last(start: State, duration: Scalar, scene: Scene, settings: Settings, problem: tuple | None = None):
@@ -194,13 +250,18 @@ def over_lanes(function: Callable, in_axes: tuple) -> Callable:
     return jax.vmap(function, in_axes=in_axes, out_axes=-1)
 
 
-def in_lanes(scene: Scene, phase, amplitude, frequency) -> tuple[Scene, Scene]:
-    """The scene with a last axis of lanes on every array but scalars, and the `in_axes` that say so.
+def in_lanes(scene: Scene, gaits: Gait, differences: Differences | None = None) -> tuple[Scene, Scene]:
+    """The scene of many robots, with a last axis of lanes on every array but scalars, and the `in_axes` that say so.
 
-    Where some arrays had the axis and others not, JAX's rules for elementwise operations would move it to the front.
+    `gaits` and `differences` have lanes last already. Where some arrays had the axis and others not, JAX's rules for
+    elementwise operations would move it to the front.
     """
-    lanes = phase.shape[-1]
+    lanes = gaits.phase.shape[-1]
     spread = jax.tree.map(lambda x: jnp.broadcast_to(x[..., None], (*x.shape, lanes)) if x.ndim else x, scene)
-    varied = lambda s: (s.gait.phase, s.gait.amplitude, s.gait.frequency)  # noqa: E731
-    spread = eqx.tree_at(varied, spread, (phase, amplitude, frequency))
-    return spread, jax.tree.map(lambda x: -1 if x.ndim else None, spread)
+    spread = differing(eqx.tree_at(lambda s: s.gait, spread, gaits, is_leaf=lambda x: x is None), differences)
+    return spread, jax.tree.map(lambda x: -1 if jnp.ndim(x) else None, spread)
+
+
+def lanes_last(rows):
+    """Of a population's gaits, or of what differs: the population as the last axis of every array."""
+    return jax.tree.map(lambda x: jnp.moveaxis(x, 0, -1) if jnp.ndim(x) else x, rows)

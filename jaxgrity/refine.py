@@ -1,216 +1,304 @@
-"""Polish: better gaits by gradients, where gradients mean something."""
+"""Polish: better gaits by gradients, where gradients mean something.
+
+The pathwise gradient differentiates the rollouts; it is exact, and useless where they are too sensitive. The smoothed
+one (evolution strategies) is a regression on rollouts with perturbed genes: noisy, and sound on any horizon.
+"""
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Literal, NamedTuple, get_args
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import optax
+from jaxtyping import Float
 
 from jaxgrity.actuation import Gait
-from jaxgrity.diagnostics import Sensitivity, Verified, sensitivity, verify
-from jaxgrity.dynamics import centre_of_mass
-from jaxgrity.methods import RK4
-from jaxgrity.population import discretise_lanes, in_lanes, one_gait, over_lanes, simulate_population
+from jaxgrity.diagnostics import Sensitivity, sensitivity
+from jaxgrity.genome import Genome
+from jaxgrity.gradients import centres
+from jaxgrity.objectives import Fitness, Scores, judge, with_robots
+from jaxgrity.population import Outcomes, one_gait, roll_out
 from jaxgrity.scene import Scene, as_dtype, with_gait
 from jaxgrity.simulate import Settings, settle
 from jaxgrity.structure import InputError
-from jaxgrity.types import PerGait, Phases
+from jaxgrity.types import AnyArray
+from jaxgrity.uncertainty import ensemble
+
+Kind = Literal["smoothed", "pathwise", "combined"]
+OneGait = Float[AnyArray, " genes"]
+COST = 6.0
+"""of a pathwise gradient, in rollouts of its horizon (experiments/benchmark.py measures it)"""
+LENGTHS = (0.0, 0.5, 1.0, 2.0, 4.0)
+"""of each step that are tried: the best goes on, and the next steps grow or shrink with it"""
 
 
 class Polishing(NamedTuple):
     """How to polish."""
 
-    steps: int = 30
-    learning_rate: float = 0.03
-    """rad, of Adam's first step; it falls to a tenth by a cosine"""
+    rollouts: int = 1024
+    """that all steps from all starts may cost together, in rollouts over the whole duration"""
+    kind: Kind = "smoothed"
+    samples: int = 32
+    """rollouts for each gradient"""
+    width: float = 0.005
+    """standard deviation of the smoothed gradient's perturbations, in turns of the circle or shares of the bounds"""
+    learning_rate: float = 0.0065
+    """length of the first step, in the same unit"""
+    robots: int = 16
+    """in the ensemble by which each length of a step is judged"""
+    final_robots: int = 64
+    """in the ensemble by which the ends of all climbs are compared"""
     largest_sensitivity: float = 3.0
-    """m/rad: beyond it a gradient describes less than a step's length of the landscape"""
-    dt: float | None = None
-    """step of the rollouts that are differentiated, and of those that choose what to verify, s; None: verification's"""
+    """m/rad: beyond it a pathwise gradient describes less than a step's length of the landscape"""
+
+
+class Step(NamedTuple):
+    """One step of polishing."""
+
+    horizon: float
+    """s, of the gradient"""
+    gradient_norm: float
+    """of the objective, per turn of the circle or per width of the bounds"""
+    pathwise_share: float
+    """weight of the pathwise gradient, 0 to 1"""
+    length: float
+    """which of `LENGTHS` was best"""
+    fitness: float
+    """of the gait that goes on, by this step's ensemble"""
+
+
+class _Task(NamedTuple):
+    """What stays the same from step to step."""
+
+    scene: Scene
+    genome: Genome
+    duration: float
+    settings: Settings
+    fitness: Fitness
+    polishing: Polishing
 
 
 class Polished(NamedTuple):
-    """What polishing did, and why it stopped."""
+    """What polishing did, and why."""
 
-    gait: Gait
-    """the best verified gait, polished or not"""
-    verified: Verified
-    """of that gait alone"""
+    genes: OneGait
+    """the better gait of the best start and the best end, by the last judgement"""
     improved: bool
+    before: Scores
+    after: Scores
+    """of both, one row each, by one ensemble"""
+    steps: tuple[Step, ...]
+    """of the climb that ended best"""
     horizon: float
-    """s, up to which the sensitivity allowed gradients"""
-    sensitivity: Sensitivity
-    """of the gait that polishing started from"""
-    gradient_norm: np.ndarray
-    """(steps,), median over the gaits, m/rad"""
-    distance: np.ndarray
-    """(steps,), of the best gait at the horizon, m"""
+    """s, up to which the sensitivity allows pathwise gradients"""
+    sensitivity: Sensitivity | None
+    """of the gait that polishing started from; None where no pathwise gradient was asked for"""
+    rollouts: int
+    """spent on the steps, in rollouts over the whole duration; the last judgement comes on top"""
     reason: str
 
 
 def polish(
     scene: Scene,
-    gaits: Gait,
+    genome: Genome,
+    genes: Float[AnyArray, "starts genes"],
     duration: float,
     polishing: Polishing | None = None,
     *,
-    dt: float,
-    on_step: Callable[[int, float], None] | None = None,
+    fitness: Fitness | None = None,
+    dt: float | None = None,
+    dtype: str = "float32",
+    final_dt: float | None = None,
+    final_robots: int = 256,
+    seed: int = 0,
+    any_step: bool = False,
+    on_step: Callable[[Step], None] | None = None,
 ) -> Polished:
-    """Climb in the phases of each of `gaits` by Adam, side by side, and keep the best gait that verifies.
+    """Climb from each of the gaits that `genes` stand for, best first, and keep what verifies.
 
-    The objective is the distance at a horizon up to which the measured sensitivity of the best gait stays below
-    `polishing.largest_sensitivity`; every gait on the way is then judged at the whole `duration`, the best few are
-    verified at dt, dt/2 and dt/4 in float64, and one takes the place of the best starting gait only where it goes
-    further by more than both error bars.
+    Each climb has the same share of the rollouts. Each of its steps is a gradient of the fitness, turned into an update
+    by optax (momentum, its length falling by a cosine); `LENGTHS` of it are judged by one ensemble, and the best goes
+    on. Pathwise gradients look as far ahead as the measured sensitivity of the gait stays below
+    `polishing.largest_sensitivity`, in the first half of the steps half way there; where this does not reach past the
+    first period of full actuation they are not used, and `reason` says so. A combined gradient weighs both by their
+    measured variances, on that horizon. In the end the first of all starts and the best of all ends meet one ensemble
+    of `final_robots` in float64 at `final_dt` (half of dt where not given), and the end counts as an improvement where
+    the mean difference of their fitness passes two standard errors.
+
+    Raises `InputError` as `settle` does.
     """
-    polishing = polishing or Polishing()
-    verified = verify(scene, gaits, duration, dt)
-    best = _best(verified)
-    incumbent = one_gait(gaits, best)
-    growth = sensitivity(with_gait(scene, incumbent), duration, dt=dt)
+    polishing, fitness = polishing or Polishing(), fitness or Fitness()
+    if polishing.kind not in get_args(Kind):
+        raise InputError(f"polishing by {polishing.kind!r}: unknown; expected one of {', '.join(get_args(Kind))}")
+    settings = settle(scene, duration, None, dt, dtype, any_step=any_step)
+    genes = np.atleast_2d(np.asarray(genes, float))
+    kind, horizon, growth, told = polishing.kind, duration, None, ""
+    if kind != "smoothed":
+        kind, horizon, growth, told = _reach(scene, genome, genes[0], duration, settings, polishing)
+    last, steps, spent = genes[0], [], 0
+    if kind is not None:
+        task = _Task(as_dtype(scene, dtype), genome, duration, settings, fitness, polishing)
+        last, steps, spent = _climb_all(task, genes, kind, horizon, seed, on_step)
+    final = settle(scene, duration, None, final_dt or settings.dt / 2, "float64", any_step=any_step)  # type: ignore[operator]
+    pair = np.stack([genes[0], last])
+    judged = _judge_genes(jax.random.key(seed + 1), scene, genome, pair, duration, final, fitness, final_robots)
+    before, after = (jax.tree.map(lambda x, k=k: np.asarray(x)[k : k + 1], judged) for k in (0, 1))
+    gain = np.asarray(judged.each[1] - judged.each[0])
+    error = 2 * gain.std() / np.sqrt(gain.size)
+    difference = float(judged.fitness[1] - judged.fitness[0])
+    improved = bool(difference > error)
+    verdict = f"fitness {'up' if difference > 0 else 'down'} by {abs(difference):.3f} ± {error:.2g}"
+    outcome = "the polished gait is kept" if improved else "the gait is kept as it was"
+    reason = f"{told}{len(steps)} steps; {verdict} over {final_robots} robots: {outcome}" if steps else told
+    best = last if improved else genes[0]
+    return Polished(best, improved, before, after, tuple(steps), horizon, growth, spent, reason)
+
+
+def _reach(scene: Scene, genome: Genome, genes, duration: float, settings: Settings, polishing: Polishing):
+    """Which gradient the sensitivity allows, how far ahead it may look, the sensitivity, and what to say of it."""
+    gait = one_gait(genome.gaits(scene.gait, genes[None]), 0)
+    growth = sensitivity(with_gait(scene, gait), duration, dt=settings.dt, any_step=True)
     horizon = min(duration, growth.horizon(polishing.largest_sensitivity))
-    kept = (incumbent, _only(verified, best), False, horizon, growth)
-    shortest = float(gaits.start + gaits.ramp + 1 / np.max(incumbent.frequency))
-    if horizon < shortest:
-        return Polished(*kept, np.zeros(0), np.zeros(0), _too_sensitive(polishing, horizon, shortest))
-    settings = settle(scene, horizon, None, polishing.dt or dt, "float64")
-    visited, norms, distances = _climb(scene, gaits, horizon, polishing, settings, on_step)
-    candidates = _most_promising(scene, visited, duration, polishing.dt or dt, count=16)
-    checked = verify(scene, candidates, duration, dt)
-    if not np.isfinite(checked.error_bar).any():
-        return Polished(*kept, norms, distances, "no gait on the way could be integrated at every step of verification")
-    winner = _best(checked)
-    gain = checked.distance[winner] - verified.distance[best]
-    bars = checked.error_bar[winner] + verified.error_bar[best]
-    if gain > bars:
-        reason = f"all {polishing.steps} steps taken; verified gain {gain:.4f} m, error bars {bars:.1g} m together"
-        kept = (one_gait(candidates, winner), _only(checked, winner), True, horizon, growth)
-    else:
-        reason = f"no gait on the way goes verifiably further (gain {gain:.4f} m, error bars {bars:.1g} m together)"
-    return Polished(*kept, norms, distances, reason)
+    shortest = _one_period(gait)
+    if horizon >= shortest:
+        return polishing.kind, horizon, growth, ""
+    told = (
+        f"no pathwise gradient was used: |d com/d phase| passes {polishing.largest_sensitivity:g} m/rad after "
+        f"{horizon:.1f} s, before one period of full actuation is over ({shortest:.1f} s); "
+    )
+    return ("smoothed", duration, growth, told) if polishing.kind == "combined" else (None, horizon, growth, told)
 
 
-def _too_sensitive(polishing: Polishing, horizon: float, shortest: float) -> str:
-    return (
-        f"no gradient was used: |d com/d phase| passes {polishing.largest_sensitivity:g} m/rad after {horizon:.1f} s, "
-        f"before one period of full actuation is over ({shortest:.1f} s)"
+def _judge_genes(key, scene: Scene, genome: Genome, genes, duration, settings: Settings, fitness: Fitness, robots: int):
+    """`judge`, of a gait for each row of genes, by ensembles of another size."""
+    gaits = genome.gaits(scene.gait, jnp.asarray(genes, settings.dtype))
+    return judge(
+        key, as_dtype(scene, settings.dtype), gaits, np.asarray(duration, float), settings, with_robots(fitness, robots)
     )
 
 
-def _best(verified: Verified) -> int:
-    """The gait that goes furthest when its error bar is held against it. Raises `InputError` where all failed."""
-    worth = np.where(np.isfinite(verified.error_bar), verified.distance - verified.error_bar, -np.inf)
-    if not np.isfinite(worth).any():
-        raise InputError("every gait failed when it was verified; expected at least one that can be integrated")
-    return int(np.argmax(worth))
+def _climb_all(task: _Task, starts, kind: Kind, horizon: float, seed: int, on_step):
+    """The best of the gaits at which the climbs ended, the steps of its climb, and what all of them cost."""
+    judging = task.polishing.final_robots * len(starts) if len(starts) > 1 else 0
+    share = task.polishing.rollouts - judging
+    if share < len(starts):
+        raise InputError(f"{task.polishing.rollouts} rollouts: expected more, to polish {len(starts)} gaits")
+    task = task._replace(polishing=task.polishing._replace(rollouts=share // len(starts)))
+    climbs = [_climb(task, x, kind, horizon, seed + 1000 * k, on_step) for k, x in enumerate(starts)]
+    ends = np.stack([end for end, _, _ in climbs])
+    spent = sum(cost for _, _, cost in climbs) + judging
+    best = 0
+    if len(starts) > 1:
+        key, robots = jax.random.key(seed + 2), task.polishing.final_robots
+        scores = _judge_genes(key, task.scene, task.genome, ends, task.duration, task.settings, task.fitness, robots)
+        best = int(jnp.argmax(scores.fitness))
+    return ends[best], climbs[best][1], spent
 
 
-def _only(verified: Verified, k: int) -> Verified:
-    return verified._replace(**{name: getattr(verified, name)[k : k + 1] for name in verified._fields[:-1]})
-
-
-def _climb(scene: Scene, gaits: Gait, horizon: float, polishing: Polishing, settings: Settings, on_step):
-    """All gaits that Adam visits, as one population, and the gradient norm and best distance at each step."""
-    schedule = optax.cosine_decay_schedule(polishing.learning_rate, polishing.steps, alpha=0.1)
-    optimiser = optax.adam(schedule)
-    scene, gaits = as_dtype(scene, settings.dtype), jax.tree.map(jnp.asarray, gaits)
-
-    @eqx.filter_jit
-    def ascend(phase, state):
-        distance, gradient = distance_and_gradient(scene, _with_phase(gaits, phase), horizon, settings)
-        size = jnp.linalg.norm(gradient, axis=1)
-        usable = jnp.isfinite(distance) & jnp.isfinite(size)
-        updates, state = optimiser.update(jnp.where(usable[:, None], -gradient, 0), state)
-        return optax.apply_updates(phase, updates), state, jnp.where(usable, distance, -jnp.inf), size
-
-    phase, state = gaits.phase, optimiser.init(gaits.phase)
-    visited, norms, distances = [], [], []
-    for number in range(polishing.steps):
-        phase, state, distance, size = ascend(phase, state)
-        visited.append(_with_phase(gaits, phase))
-        norms.append(float(jnp.nanmedian(size)))
-        distances.append(float(jnp.max(distance)))
+def _climb(task: _Task, genes, kind: Kind, horizon: float, seed: int, on_step) -> tuple[OneGait, list[Step], int]:
+    """The last gait, the steps that led to it, and what they cost."""
+    polishing, genome = task.polishing, task.genome
+    ahead = [horizon] if kind == "smoothed" else [(horizon + _shortest(task, genes)) / 2, horizon]
+    costs = [_cost(task, kind, reach) + (len(LENGTHS) - 1) * polishing.robots for reach in ahead]
+    count = max(1, int(polishing.rollouts / np.mean(costs)))
+    schedule = optax.cosine_decay_schedule(polishing.learning_rate, count, alpha=0.2)
+    optimiser = optax.chain(optax.trace(0.5), optax.normalize_by_update_norm(), optax.scale_by_schedule(schedule))
+    x, scale, found, spent = jnp.asarray(genes, task.settings.dtype), 1.0, [], 0.0
+    state, key = optimiser.init(x), jax.random.key(seed)
+    for number in range(count):
+        half = min(len(ahead) - 1, 2 * number // count)
+        drawn, judged, key = jax.random.split(key, 3)
+        gradient, share = _gradient(drawn, x, task, kind, ahead[half])
+        update, state = optimiser.update(gradient, state)
+        tried = genome.within(x + scale * jnp.asarray(LENGTHS, x.dtype)[:, None] * update)
+        scores = _judge_genes(
+            judged, task.scene, genome, tried, task.duration, task.settings, task.fitness, polishing.robots
+        )
+        best = int(jnp.argmax(scores.fitness))
+        x, scale, spent = tried[best], scale * (0.5, 0.7, 1.0, 1.4, 2.0)[best], spent + costs[half]
+        fitness, norm = float(scores.fitness[best]), float(jnp.linalg.norm(gradient))
+        found.append(Step(ahead[half], norm, float(share), LENGTHS[best], fitness))
         if on_step is not None:
-            on_step(number, distances[-1])
-    together = jax.tree.map(lambda *rows: np.concatenate(rows) if rows[0].ndim else rows[0], *visited)
-    return together, np.array(norms), np.array(distances)
+            on_step(found[-1])
+    return np.asarray(x, float), found, int(spent)
 
 
-def _with_phase(gaits: Gait, phase) -> Gait:
-    return eqx.tree_at(lambda g: g.phase, gaits, phase)
+def _one_period(gait: Gait) -> float:
+    """The time, s, when every actuator has gone through a period at full amplitude."""
+    return float(gait.start + gait.ramp + 1 / np.max(gait.frequency))
 
 
-def _most_promising(scene: Scene, visited: Gait, duration: float, dt: float, count: int) -> Gait:
-    """The `count` gaits, of all that were visited, that go furthest over the whole duration at the step `dt`."""
-    distance = np.asarray(simulate_population(scene, visited, duration, dt=dt).distance())
-    order = np.argsort(-np.where(np.isfinite(distance), distance, -np.inf))[:count]
-    return jax.tree.map(lambda x: x[order] if np.ndim(x) else x, visited)
+def _shortest(task: _Task, genes) -> float:
+    return _one_period(one_gait(task.genome.gaits(task.scene.gait, genes[None]), 0))
 
 
-def distance_and_gradient(scene: Scene, gaits: Gait, horizon: float, settings: Settings) -> tuple[PerGait, Phases]:
-    """Horizontal distance of each gait at `horizon` (m), and its gradient in the phases (m/rad), by reverse mode.
+def _cost(task: _Task, kind: Kind, ahead: float) -> float:
+    """Of one gradient, in rollouts over the whole duration."""
+    share = ahead / task.duration * task.polishing.samples
+    return share * {"smoothed": 1, "pathwise": COST, "combined": 1 + COST}[kind]
 
-    All gaits are integrated at once, in lanes, by `checkpointed_end`.
+
+def _gradient(key, genes, task: _Task, kind: Kind, ahead: float) -> tuple[AnyArray, AnyArray]:
+    """Of the mean objective at the time `ahead`, and the share that the pathwise one has in it."""
+    few = task.polishing.samples // 2
+    pathwise = smoothed = None
+    if kind in ("smoothed", "combined"):
+        smoothed = _smoothed(key, genes, task, np.asarray(ahead), few)
+    if kind in ("pathwise", "combined"):
+        pathwise = _pathwise(key, genes, task, ahead, 2 * few)
+    if smoothed is None or pathwise is None:
+        (mean, _), share = (smoothed or pathwise), 0.0 if pathwise is None else 1.0  # type: ignore[misc]
+        return mean, jnp.asarray(share)
+    return combine(smoothed, pathwise)
+
+
+def combine(smoothed, pathwise) -> tuple[AnyArray, AnyArray]:
+    """The mean of two gradients by the inverse of their variances, and the second one's weight in it.
+
+    Each is a mean and the squared standard error of it, summed over the genes. Suh, Simchowitz, Zhang, Tedrake 2022.
     """
-
-    def total(phase):
-        distance = distances(scene, _with_phase(gaits, phase), horizon, settings)
-        return jnp.sum(distance), distance
-
-    gradient, distance = jax.grad(total, has_aux=True)(gaits.phase)
-    return distance, gradient
+    (first, noise), (second, other) = smoothed, pathwise
+    share = jnp.where(jnp.isfinite(other), noise / (noise + other), 0.0)
+    return first + share * (jnp.where(share > 0, second, 0) - first), share
 
 
-def distances(scene: Scene, gaits: Gait, horizon: float, settings: Settings, end: Callable | None = None) -> PerGait:
-    """Horizontal distance of each gait at `horizon`, m, in a form that reverse mode differentiates.
-
-    `end` integrates all gaits, in lanes; `checkpointed_end` where not given.
-    """
-    scene, axes = in_lanes(scene, gaits.phase.T, gaits.amplitude.T, gaits.frequency.T)
-    nodes = scene.structure.nodes
-    q, _ = (end or checkpointed_end)(scene, axes, (nodes, jnp.zeros_like(nodes)), horizon, settings)
-    com = over_lanes(centre_of_mass, (axes, -1))
-    moved = (com(scene, q) - com(scene, nodes))[:2]
-    return jnp.sqrt(jnp.sum(moved * moved, axis=0))
-
-
-def checkpointed_end(scene: Scene, axes: Scene, start, horizon: float, settings: Settings):
-    """The state at `horizon`, by the scene's method stepped inside two nested scans, for reverse mode.
-
-    On the way back the inner scan is run again, stretch by stretch; RK4 then computes each of its stages once more, any
-    other method each of its steps. Where the steps do not divide into two such scans there are a few more of them, as
-    much smaller.
-    """
-    terms, solver = discretise_lanes(settings, axes)
-    count = horizon / settings.dt  # type: ignore[operator]
-    stretches, steps = _divide(max(1, int(np.ceil(count - 1e-6))))
-    h = horizon / (stretches * steps)
-
-    def step(carry, k):
-        y, solver_state = carry
-        y, _, _, solver_state, _ = solver.step(terms, k * h, (k + 1) * h, y, scene, solver_state, False)
-        return (y, solver_state), None
-
-    kept = step if isinstance(solver, RK4) else jax.checkpoint(step)
-
-    def stretch(carry, k):
-        return jax.lax.scan(kept, carry, k)
-
-    numbers = jnp.arange(stretches * steps, dtype=settings.dtype).reshape(stretches, steps)
-    first = (start, solver.init(terms, 0.0, h, start, scene))
-    (end, _), _ = jax.lax.scan(jax.checkpoint(stretch), first, numbers)
-    return end
+@eqx.filter_jit
+def _smoothed(key, genes, task: _Task, ahead, pairs: int):
+    """g = mean of (f(x + s e) - f(x - s e))/(2 s) e over pairs of robots, e normal, and its squared standard error."""
+    drawn, disturbed = jax.random.split(key)
+    e = jax.random.normal(drawn, (pairs, genes.size), genes.dtype)
+    width, both = task.polishing.width, []
+    for sign in (1, -1):
+        gaits = task.genome.gaits(task.scene.gait, genes + sign * width * e)
+        # pairs meet the same draws of what is uncertain, whose effect then cancels
+        robots, differences = ensemble(disturbed, task.scene, gaits, task.fitness.uncertainty, 1, common=False)
+        objective = task.fitness.objective
+        outcomes = roll_out(task.scene, robots, ahead, task.settings, differences, objective.metered)
+        both.append(objective.worth(task.scene, outcomes, ahead))
+    slope = (both[0] - both[1]) / (2 * width)
+    return _mean_and_noise(jnp.where(jnp.isfinite(slope), slope, 0)[:, None] * e)
 
 
-def _divide(count: int) -> tuple[int, int]:
-    """Two factors of `count` near its root; of the next number above it that has such, where it has none."""
-    while True:
-        root = int(np.sqrt(count))
-        for small in range(root, root // 2, -1):
-            if count % small == 0:
-                return count // small, small
-        count += 1
+@eqx.filter_jit
+def _pathwise(key, genes, task: _Task, ahead: float, robots: int):
+    """The mean gradient over an ensemble of robots, by reverse mode, and its squared standard error."""
+    if task.fitness.objective.metered:
+        raise InputError("what is metered has no pathwise gradient; expected a smoothed one")
+
+    def total(each):
+        gaits = task.genome.gaits(task.scene.gait, each)
+        many, differences = ensemble(key, task.scene, gaits, task.fitness.uncertainty, 1, common=False)
+        start, end = centres(task.scene, many, differences, ahead, task.settings)
+        ones = jnp.zeros(robots, int)
+        name, dt = task.settings.method.name, task.settings.dt
+        outcomes = Outcomes(start, end, jnp.zeros((robots, 0, 3)), ones, ones, ones, None, name, dt)
+        return jnp.sum(task.fitness.objective.worth(task.scene, outcomes, ahead))
+
+    gradients = jax.grad(total)(jnp.tile(genes, (robots, 1)))
+    return _mean_and_noise(gradients)
+
+
+def _mean_and_noise(gradients) -> tuple[AnyArray, AnyArray]:
+    return gradients.mean(0), jnp.sum(gradients.var(0)) / len(gradients)

@@ -31,6 +31,8 @@ class Scene(eqx.Module):
     ground: Ground | None = None
     friction: Friction | None = None
     gait: Gait | None = None
+    up: NodeVectors | None = eqx.field(converter=as_float_or_none, default=None)
+    """unit vectors against gravity, a row a node, all alike, where the ground leans more than its file says; None: z"""
 
     def __check_init__(self):
         members = sum(len(m.edges) for m in (self.structure.struts, self.structure.cables) if m)
@@ -50,8 +52,11 @@ class Scene(eqx.Module):
                 if not 0 <= k < members:
                     known = f"0 to {members - 1}, struts first" if members else "no gait, since there are no members"
                     raise InputError(f"gait.members names member {k}; expected {known}")
-            for name in ("phase", "amplitude", "frequency"):
-                shape = np.shape(getattr(self.gait, name))
+            parts = {name: getattr(self.gait, name) for name in ("phase", "amplitude", "frequency")}
+            for h, overtone in enumerate(self.gait.overtones, start=2):
+                parts |= {f"overtone {h}, size": overtone.size, f"overtone {h}, phase": overtone.phase}
+            for name, part in parts.items():
+                shape = np.shape(part)
                 if shape != (len(self.gait.members),):
                     raise InputError(
                         f"gait.{name} has shape {shape}; expected one number for each of the "
@@ -60,7 +65,7 @@ class Scene(eqx.Module):
 
     def potential_energy(self, q: NodeVectors, t: Scalar, vectors: ByKind | None = None) -> Scalar:
         """U(q, t), J; of q and the members' `vectors` where they are given (see `energy.potential_energy`)."""
-        return potential_energy(q, t, self.structure, self.gait, self.gravity, self.ground, vectors)
+        return potential_energy(q, t, self.structure, self.gait, self.gravity, self.ground, vectors, self.up)
 
     def dissipation(
         self,
@@ -170,6 +175,8 @@ def _describe_members(structure: Structure) -> list[tuple[str, str]]:
         ]
         if members.damping is not None:
             parts.append(f"damping {_span(members.damping, 'N s/m')}")
+        broken = [] if members.stiffness is None else np.flatnonzero(np.asarray(members.stiffness) == 0).tolist()
+        parts += [f"{word} {list(which)}" for word, which in (("broken", broken), ("stuck", members.stuck)) if which]
         lines.append((name, ", ".join(parts)))
     return lines
 

@@ -22,6 +22,7 @@ Positive = Annotated[float, Meta(gt=0)]
 NotNegative = Annotated[float, Meta(ge=0)]
 Share = Annotated[float, Meta(ge=0, lt=1)]
 Seed = Annotated[int, Meta(ge=0)]
+Number = Annotated[int, Meta(ge=0)]
 Pair = tuple[int, int]
 
 
@@ -53,6 +54,7 @@ class StrutsTable(_Table):
     damping: NotNegative | list[NotNegative] | None = None
     prestrain: Annotated[float, Meta(lt=1)] | list[Annotated[float, Meta(lt=1)]] | None = None
     rest_length: Positive | list[Positive] | None = None
+    stuck: list[Number] = []
 
 
 class CablesTable(_Table):
@@ -60,6 +62,8 @@ class CablesTable(_Table):
     damping: NotNegative | list[NotNegative] | None = None
     prestrain: Annotated[float, Meta(lt=1)] | list[Annotated[float, Meta(lt=1)]] | None = None
     rest_length: Positive | list[Positive] | None = None
+    stuck: list[Number] = []
+    broken: list[Number] = []
 
 
 class GravityTable(_Table):
@@ -213,12 +217,24 @@ def _members(table: StrutsTable | CablesTable | None, edges: tuple, nodes: np.nd
         prestrain = per_member(_or_zero(table.prestrain), count, f"{kind}.prestrain")
         rest = (1 - prestrain) * edge_lengths(nodes, edges)
     damping = per_member(_or_zero(table.damping), count, f"{kind}.damping")
+    stiffness = None if table.stiffness is None else per_member(table.stiffness, count, f"{kind}.stiffness")
+    broken = _numbers(table.broken, count, "cables.broken") if isinstance(table, CablesTable) else ()
+    if stiffness is not None and broken:
+        damping[list(broken)] = stiffness[list(broken)] = 0.0
     return Members(
         edges=edges,
-        stiffness=None if table.stiffness is None else per_member(table.stiffness, count, f"{kind}.stiffness"),
+        stiffness=stiffness,
         rest_length=rest,
         damping=damping if damping.any() else None,
+        stuck=_numbers(table.stuck, count, f"{kind}.stuck"),
     )
+
+
+def _numbers(chosen: list[int], count: int, where: str) -> tuple[int, ...]:
+    """Which of `count` members, in ascending order."""
+    if len(set(chosen)) != len(chosen) or any(k >= count for k in chosen):
+        raise InputError(f"{where} = {shown(chosen)}: expected numbers from 0 to {count - 1}, none twice")
+    return tuple(sorted(chosen))
 
 
 def _or_zero(value: float | list[float] | None) -> float | list[float]:

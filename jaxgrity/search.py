@@ -1,4 +1,4 @@
-"""A genetic algorithm over gaits: which phases (amplitudes, frequency) make the robot roll far."""
+"""A genetic algorithm over gaits: which genes make the robot roll far, and keep it rolling when little is known."""
 
 import math
 from collections.abc import Callable
@@ -10,51 +10,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
-from jaxgrity.actuation import Gait
-from jaxgrity.population import gaits_of, roll_out
+from jaxgrity.genome import Genes, Genome
+from jaxgrity.objectives import Fitness, judge
 from jaxgrity.scene import Scene, as_dtype
 from jaxgrity.simulate import Settings, settle
 from jaxgrity.structure import InputError
-from jaxgrity.types import AnyArray, Scalar
-
-Genes = Float[AnyArray, "*population genes"]
-Fitness = Float[AnyArray, " population"]
-
-
-class Genome(eqx.Module):
-    """What evolves, as genes in [0, 1): phases, which go round a circle, then what else has bounds.
-
-    Genes are phase/2 pi for each actuator, then one amplitude each if `amplitude` has bounds, then one frequency for
-    all if `frequency` (Hz) has bounds. What has none stays as the scene's gait says.
-    """
-
-    actuators: int = eqx.field(static=True)
-    amplitude: tuple[float, float] | None = eqx.field(static=True, default=None)
-    frequency: tuple[float, float] | None = eqx.field(static=True, default=None)
-
-    def __check_init__(self):
-        for name, top in (("amplitude", 1.0), ("frequency", math.inf)):
-            bounds = getattr(self, name)
-            if bounds is not None and not 0 <= bounds[0] < bounds[1] <= top:
-                raise InputError(f"{name} = {bounds}: expected two ascending bounds between 0 and {top:g}")
-
-    @property
-    def size(self) -> int:
-        return self.actuators * (2 if self.amplitude else 1) + (1 if self.frequency else 0)
-
-    @property
-    def circular(self) -> np.ndarray:
-        """(genes,), which genes are angles."""
-        return np.arange(self.size) < self.actuators
-
-    def gaits(self, gait: Gait | None, genes: Genes) -> Gait:
-        """The population of gaits that `genes` stand for, around the scene's own `gait`."""
-        n, amplitude, frequency = self.actuators, None, None
-        if self.amplitude:
-            amplitude = _between(self.amplitude, genes[:, n : 2 * n])
-        if self.frequency:
-            frequency = jnp.broadcast_to(_between(self.frequency, genes[:, -1:]), (genes.shape[0], n))
-        return gaits_of(gait, 2 * jnp.pi * genes[:, :n], amplitude, frequency)
+from jaxgrity.types import AnyArray, PerGait, Scalar
 
 
 class Breeding(eqx.Module):
@@ -86,10 +47,27 @@ class Generation(NamedTuple):
     """One generation, evaluated, best gait first."""
 
     genes: Genes
-    fitness: Fitness
-    """distance, m; -inf where the rollout failed"""
+    fitness: PerGait
+    """-inf where a rollout failed"""
+    spread: PerGait
+    """standard deviation of the objective over each gait's ensemble"""
     failed: Int[AnyArray, ""]
-    """how many rollouts failed"""
+    """how many gaits failed"""
+
+
+class State(NamedTuple):
+    """A search between two generations: all that it takes to go on, to the very same end."""
+
+    number: int
+    """of the generation that comes next"""
+    key: AnyArray
+    """of the random numbers that are still to be drawn"""
+    genes: Genes
+    """to be evaluated next"""
+    history: Float[np.ndarray, "generations 3"]
+    """best and median fitness and how many failed, of each generation so far"""
+    evaluated: Generation | None
+    """the last generation; None before the first"""
 
 
 class Search(NamedTuple):
@@ -97,12 +75,19 @@ class Search(NamedTuple):
 
     last: Generation
     best: np.ndarray
-    """(generations,), distance of the best gait, m"""
+    """(generations,), fitness of the best gait"""
     median: np.ndarray
-    """(generations,), of the median gait, m"""
+    """(generations,), of the median gait"""
     failed: np.ndarray
-    """(generations,), how many rollouts failed"""
+    """(generations,), how many gaits failed"""
     rollouts: int
+
+
+def begin(genome: Genome, breeding: Breeding, seed: int, dtype: str) -> State:
+    """A search before its first generation: genes at random."""
+    key, first = jax.random.split(jax.random.key(seed))
+    genes = jax.random.uniform(first, (breeding.population, genome.size), dtype)
+    return State(0, jax.random.key_data(key), genes, np.zeros((0, 3)), None)
 
 
 def evolve(
@@ -111,90 +96,99 @@ def evolve(
     duration: float,
     breeding: Breeding | None = None,
     *,
+    fitness: Fitness | None = None,
     seed: int = 0,
     method: str | None = None,
     dt: float | None = None,
     dtype: str | None = None,
     any_step: bool = False,
-    on_generation: Callable[[int, Generation], None] | None = None,
+    state: State | None = None,
+    on_generation: Callable[[State], None] | None = None,
 ) -> Search:
-    """Evolve gaits for the horizontal displacement of the centre of mass over `duration` (s).
+    """Evolve gaits for `fitness` over `duration` (s); where not given, for distance alone, with nothing uncertain.
 
-    The same seed gives the same search. `on_generation` is called with each generation's number and content.
-    Raises `InputError` as `simulate.settle` does, before anything compiles.
+    Every generation, elites too, meets new draws of what is uncertain. The same seed gives the same search, and so does
+    a `state` of it to go on from. `on_generation` gets the state after each generation. Raises `InputError` as
+    `simulate.settle` does, before anything compiles.
     """
-    breeding = breeding or Breeding()
+    breeding, fitness = breeding or Breeding(), fitness or Fitness()
     settings = settle(scene, duration, method, dt, dtype, any_step=any_step)
     scene = as_dtype(scene, settings.dtype)
-    key, first = jax.random.split(jax.random.key(seed))
-    genes: Genes = jax.random.uniform(first, (breeding.population, genome.size), settings.dtype)
-    history = []
-    for number in range(breeding.generations):
-        key, now = jax.random.split(key)
-        generation, genes = _generation(
-            now, genes, np.asarray(number), scene, genome, np.asarray(duration, float), breeding, settings
-        )
-        history.append([float(generation.fitness[0]), _median(generation.fitness), int(generation.failed)])
+    state = state or begin(genome, breeding, seed, settings.dtype)
+    while state.number < breeding.generations:
+        state = _advance(state, scene, genome, np.asarray(duration, float), breeding, settings, fitness)
         if on_generation is not None:
-            on_generation(number, generation)
-    best, median, failed = np.array(history).T
-    return Search(generation, best, median, failed.astype(int), breeding.population * breeding.generations)
+            on_generation(state)
+    assert state.evaluated is not None, "there is at least one generation"
+    best, median, failed = state.history.T
+    rollouts = breeding.population * breeding.generations * (1 if fitness.uncertainty.none else fitness.robots)
+    return Search(state.evaluated, best, median, failed.astype(int), rollouts)
+
+
+def _advance(state: State, scene, genome, duration, breeding: Breeding, settings: Settings, fitness: Fitness) -> State:
+    key, now = jax.random.split(jax.random.wrap_key_data(jnp.asarray(state.key)))
+    generation, genes = _generation(
+        now, jnp.asarray(state.genes), np.asarray(state.number), scene, genome, duration, breeding, settings, fitness
+    )
+    facts = [float(generation.fitness[0]), _median(generation.fitness), float(generation.failed)]
+    history = np.concatenate([state.history, [facts]])
+    return State(state.number + 1, jax.random.key_data(key), genes, history, generation)
 
 
 @eqx.filter_jit
 def _generation(
-    key, genes: Genes, number, scene: Scene, genome: Genome, duration, breeding: Breeding, settings: Settings
+    key,
+    genes: Genes,
+    number,
+    scene: Scene,
+    genome: Genome,
+    duration,
+    breeding: Breeding,
+    settings: Settings,
+    fitness: Fitness,
 ) -> tuple[Generation, Genes]:
     """Evaluate `genes`, and breed those of the next generation."""
-    distance = roll_out(scene, genome.gaits(scene.gait, genes), duration, settings).distance()
-    fitness = jnp.where(jnp.isfinite(distance), distance, -jnp.inf)
-    order = jnp.argsort(-fitness)
-    generation = Generation(genes[order], fitness[order], jnp.sum(~jnp.isfinite(distance)))
+    drawn, bred = jax.random.split(key)
+    scores = judge(drawn, scene, genome.gaits(scene.gait, genes), duration, settings, fitness)
+    order = jnp.argsort(-scores.fitness)
+    generation = Generation(genes[order], scores.fitness[order], scores.spread[order], jnp.sum(scores.failed))
     progress = number / max(1, breeding.generations - 1)
-    return generation, breed(key, generation, progress, genome, breeding)
+    return generation, breed(bred, generation, progress, genome, breeding)
 
 
 def breed(key, generation: Generation, progress: Scalar, genome: Genome, breeding: Breeding) -> Genes:
     """The genes of the next generation: elites, and children of two parents, each a tournament's best.
 
     A child takes each gene from a point between its parents, or a little beyond, along the shorter way round the
-    circle where the gene is an angle, and mutates some by a normal deviate.
+    circle where the gene is an angle, and mutates some by a normal deviate. Of the gaits that the second parent is by
+    symmetry, the one nearest to the first counts.
     """
     draw, blend, which, mutate = jax.random.split(key, 4)
     genes, dtype = generation.genes, generation.genes.dtype
     children = breeding.population - breeding.elites
     # sorted best first, so the best of a tournament is its lowest index
     parents = jax.random.randint(draw, (2, children, breeding.tournament), 0, breeding.population).min(axis=-1)
-    mother, father = genes[parents[0]], genes[parents[1]]
+    mother, father = genes[parents[0]], genome.nearest_image(genes[parents[0]], genes[parents[1]])
     weight = jax.random.uniform(blend, mother.shape, dtype, -0.1, 1.1)
-    child = mother + weight * towards(mother, father, genome.circular)
+    child = mother + weight * genome.towards(mother, father)
     first, last = breeding.mutation_size
     size = jnp.asarray(first * (last / first) ** progress, dtype)
     mutated = jax.random.bernoulli(which, breeding.mutation_rate, child.shape)
     child = child + jnp.where(mutated, size * jax.random.normal(mutate, child.shape, dtype), 0)
-    child = jnp.where(genome.circular, child % 1, jnp.clip(child, 0, 1))
-    return jnp.concatenate([genes[: breeding.elites], child])
-
-
-def towards(a: Genes, b: Genes, circular: np.ndarray) -> Genes:
-    """b - a, the shorter way round where the gene is an angle: in [-1/2, 1/2) of a turn."""
-    return jnp.where(circular, (b - a + 0.5) % 1 - 0.5, b - a)
+    return jnp.concatenate([genes[: breeding.elites], genome.within(child)])
 
 
 def distinct(generation: Generation, genome: Genome, count: int, apart: float = 0.02) -> Genes:
-    """The best `count` gaits of a generation that differ from each other by at least `apart` in some gene."""
+    """The best `count` gaits of a generation that differ from each other by at least `apart` in some gene, whichever
+    way the robot is turned."""
     chosen: list[int] = []
+    genes = np.asarray(generation.genes)
     for k in np.flatnonzero(np.isfinite(generation.fitness)):
-        gaps = [np.abs(towards(generation.genes[k], generation.genes[c], genome.circular)).max() for c in chosen]
-        if len(chosen) < count and all(gap >= apart for gap in gaps):
+        if len(chosen) < count and all(genome.gap(genes[k], genes[c]) >= apart for c in chosen):
             chosen.append(int(k))
-    return generation.genes[np.array(chosen, int)]
+    return genes[np.array(chosen, int)]
 
 
-def _between(bounds: tuple[float, float], genes: Genes) -> Genes:
-    return bounds[0] + (bounds[1] - bounds[0]) * genes
-
-
-def _median(fitness: Fitness) -> float:
+def _median(fitness: PerGait) -> float:
     finite = np.asarray(fitness)[np.isfinite(fitness)]
     return float(np.median(finite)) if finite.size else -math.inf

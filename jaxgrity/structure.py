@@ -27,6 +27,8 @@ class Members(eqx.Module):
     """L, m, where nothing actuates the member"""
     damping: PerMember | None = eqx.field(converter=as_float_or_none, default=None)
     """c, N s/m, along the member; None: not modelled"""
+    stuck: tuple[int, ...] = eqx.field(static=True, default=())
+    """those of the members (from 0) that keep their rest length whatever a gait asks of them"""
 
     @property
     def rigid(self) -> bool:

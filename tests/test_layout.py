@@ -1,5 +1,6 @@
 """What is compiled: sums over members without scatters, chunks that fit the cache; and a tower of any size."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -67,7 +68,7 @@ def test_no_scatter(reference, platform, members):
     some = np.ones(len(members))
     scene = as_dtype(with_gait(reference, Gait(members, some, some, some)), "float32")
     rows = jnp.ones((len(members), 8), "float32")
-    mapped, axes = in_lanes(scene, rows, rows, rows)
+    mapped, axes = in_lanes(scene, _in_rows(scene.gait, rows))
     field = jax.jit(lambda q, s: over_lanes(vector_field, (None, -1, axes))(jnp.float32(1.5), (q, q), s))
     text = field.trace(mapped.structure.nodes, mapped).lower(lowering_platforms=(platform,)).as_text()
     assert "stablehlo.gather" in text
@@ -90,3 +91,8 @@ def test_tower_stands(exact):
     lengths = np.linalg.norm([q[i] - q[j] for i, j in struts.edges], axis=1)
     assert np.all(np.abs(lengths / struts.rest_length - 1) < 0.1)
     assert q[:, 2].max() > 1.5
+
+
+def _in_rows(gait, rows):
+    """The gait with `rows`, lanes last, as its phases, amplitudes and frequencies."""
+    return eqx.tree_at(lambda g: (g.phase, g.amplitude, g.frequency), gait, (rows, rows, rows))

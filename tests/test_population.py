@@ -73,7 +73,7 @@ def test_the_population_stays_last_in_memory(members):
     text = text.replace("phase = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]", f"phase = {[0.5] * count}")
     scene = as_dtype(parse_scene(text.replace("incline = 0.0", "incline = 0.1")), "float64")
     rows = jnp.ones((count, 8))
-    mapped, axes = in_lanes(scene, rows, rows, rows)
+    mapped, axes = in_lanes(scene, _in_rows(scene.gait, rows))
     nodes = mapped.structure.nodes
     field = over_lanes(vector_field, (None, -1, axes))
     names = _primitives(jax.make_jaxpr(field)(1.5, (nodes, nodes), mapped).jaxpr)
@@ -85,7 +85,7 @@ def test_float32_is_float32_throughout(reference):
     """With x64 switched on, a float32 rollout promotes nothing to float64."""
     scene = as_dtype(reference, "float32")
     rows = jnp.ones((6, 8), "float32")
-    mapped, axes = in_lanes(scene, rows, rows, rows)
+    mapped, axes = in_lanes(scene, _in_rows(scene.gait, rows))
     nodes = mapped.structure.nodes
     field = over_lanes(vector_field, (None, -1, axes))
     assert "f64" not in str(jax.make_jaxpr(field)(jnp.float32(1.5), (nodes, nodes), mapped))
@@ -144,3 +144,8 @@ def test_a_gait_that_does_not_fit_is_refused(reference):
         gait = Gait(members, np.zeros(2), np.zeros(2), np.zeros(2))
         with pytest.raises(InputError, match=message):
             with_gait(reference, gait)
+
+
+def _in_rows(gait, rows):
+    """The gait with `rows`, lanes last, as its phases, amplitudes and frequencies."""
+    return eqx.tree_at(lambda g: (g.phase, g.amplitude, g.frequency), gait, (rows, rows, rows))

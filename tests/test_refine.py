@@ -6,7 +6,7 @@ import pytest
 
 from jaxgrity import InputError, Polishing, gaits_of, polish, random_phases, sensitivity, simulate_population, verify
 from jaxgrity.diagnostics import Sensitivity
-from jaxgrity.refine import distance_and_gradient, distances
+from jaxgrity.gradients import distance_and_gradient, distances
 from jaxgrity.scene import as_dtype
 from jaxgrity.simulate import settle
 
