@@ -27,8 +27,8 @@ Settings = TypeVar("Settings")
 
 
 def measured() -> dict:
-    """What every measurement says of itself: the command that made it, without folders, and on how many cores."""
-    words = sys.argv[:]
+    """What every measurement says of itself: the command that made it, but for folders and --resume, and the cores."""
+    words = [word for word in sys.argv if word not in ("--resume", "--restart")]
     if "--out" in words:
         del words[words.index("--out") : words.index("--out") + 2]
     if "--limit" in words:

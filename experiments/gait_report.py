@@ -1,6 +1,5 @@
 """What a gait search leaves: facts, figures, an animation and a page."""
 
-import shlex
 import sys
 import time
 from dataclasses import asdict
@@ -8,14 +7,19 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
+from common import measured
+
+import jax
+import numpy as np
 from tqdm import tqdm
 
-from jaxgrity import Objective, Scene, diagnose, plot, rolling, simulate_population
+from jaxgrity import Objective, Scene, diagnose, plot, rolling, simulate_population, standing_symmetries, verify
 from jaxgrity.files import save_arrays, save_json, write_whole
 from jaxgrity.ladder import Rung, Verdict
 from jaxgrity.library import gait_facts
 from jaxgrity.population import as_population
 from jaxgrity.refine import Polished
+from jaxgrity.symmetry import Symmetry, image
 
 PICTURES = {
     "animation.gif": "settling, then rolling, in real time",
@@ -37,13 +41,15 @@ def report(best: Scene, ladder, searches, agreement, polished, verdict: Verdict,
     diagnosis = diagnose(best, settings.duration, dt=last.dt, dtype="float64", frame_rate=50)
     trajectory, found = diagnosis.trajectory, verdict.summary()
     motion = rolling(best, trajectory) if best.ground is not None else None
-    command = shlex.join(["python", *sys.argv])
+    command = str(measured()["command"])
     gait = {
         "scene": settings.scene.name,
         **gait_facts(best.gait),
         "duration": settings.duration,
+        "objective": settings.objective.kind,
         **found,
         "motion": None if motion is None else motion.summary(),
+        "directions": directions(best, last, settings.duration),
         "actuators": actuators(best, last, settings.duration),
         "diagnosis": diagnosis.summary(),
         "command": command,
@@ -71,6 +77,23 @@ def report(best: Scene, ladder, searches, agreement, polished, verdict: Verdict,
     print(f"\n{diagnosis.table()}")
     print("\n".join(f"{name}: {text}" for name, text in rows.items()))
     print(f"open {out}/index.html ({summary['wall_seconds']:.0f} s in all)")
+
+
+def directions(best: Scene, rung: Rung, duration: float) -> list[dict[str, float]]:
+    """Where the gait's images under the robot's symmetry lead from the same pose, verified one by one."""
+    images = [image(best.gait, symmetry) for symmetry in standing_symmetries(best) if maps_members(best, symmetry)]
+    gaits = jax.tree.map(lambda *rows: np.stack(rows) if np.ndim(rows[0]) else rows[0], *images)
+    verified = verify(best, gaits, duration, rung.dt)
+    moved = verified.com_end - verified.com_start
+    return [
+        {"heading": heading, "distance": distance, "error_bar": bar}
+        for heading, distance, bar in zip(np.arctan2(moved[:, 1], moved[:, 0]), verified.distance, verified.error_bar)
+    ]
+
+
+def maps_members(scene: Scene, symmetry: Symmetry) -> bool:
+    """Whether the image of the scene's gait actuates the members that the gait does."""
+    return {symmetry.members[k] for k in scene.gait.members} == set(scene.gait.members)
 
 
 def actuators(best: Scene, rung: Rung, duration: float) -> dict[str, Any]:
@@ -108,7 +131,7 @@ def polish_facts(polished: Polished) -> dict[str, Any]:
 def draw(best: Scene, diagnosis, ladder, searches, agreement, polished, verdict: Verdict, settings) -> None:
     """Figures and an animation."""
     out, unit, trajectory = settings.out, settings.objective.unit, diagnosis.trajectory
-    names = [rung.name for rung in ladder]
+    names = tuple(rung.name for rung in ladder)
     plot.save(plot.convergence_figure(searches, names, unit), out / "convergence.png")
     plot.save(plot.ladder_figure(names, agreement["fitness"], agreement["rank_correlation"], unit), out / "ladder.png")
     seen = {"other contact model": verdict.other_model.each[0], "found": verdict.robust.each[0]}
@@ -134,6 +157,9 @@ def words(summary: dict[str, Any], motion) -> dict[str, str]:
         f"step error {robust['step_error']:.1g}",
         "on the other contact model": f"{other['mean']:.3f} ± {other['standard_deviation']:.2g} {unit}",
         "motion": "no ground" if motion is None else motion.sentence(),
+        "directions": ", ".join(
+            f"{d['distance']:.2f} m towards {np.degrees(d['heading']):.0f}°" for d in summary["directions"]
+        ),
         "actuators": f"up to {asked['peak_force']:.0f} N, {asked['peak_rate']:.2g} m/s, {asked['peak_power']:.0f} W; "
         f"{asked['effort_per_weight_and_path']:.2g} J per newton of weight and metre of path",
         "search": f"{rollouts} rollouts; screening ranks gaits as verification does with {ranks:.2f} (Spearman; "

@@ -78,7 +78,7 @@ class Settings:
     """how many of them are, which ones evolves too"""
     polish: Literal["smoothed", "pathwise", "combined"] = "smoothed"
     """by which gradient"""
-    polish_rollouts: int = 1024
+    polish_rollouts: int = 4096
     """what polishing may cost; 0: no polish"""
     polish_gaits: int = 4
     """how many of the best gaits are polished"""
@@ -215,10 +215,10 @@ def promote(ladder, genome: Genome, fitness: Fitness, search: Search, settings: 
 
 
 def polish_with_progress(ladder, genome: Genome, fitness: Fitness, genes, settings: Settings) -> Polished | None:
-    """The gradient stage, on the own model's rung; what it made better is judged on the last one."""
+    """The gradient stage, on the last rung on which gaits evolved; a gain is judged on the ladder's last."""
     if not settings.polish_rollouts:
         return None
-    own, last = ladder[1], ladder[-1]
+    own, last = searched(ladder)[-1], ladder[-1]
     polishing = Polishing(settings.polish_rollouts, settings.polish)
     with tqdm(desc="polishing", unit="step", file=sys.stdout) as bar:
 

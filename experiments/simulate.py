@@ -17,6 +17,7 @@ from jaxgrity import (
     Scene,
     diagnose,
     gaits_of,
+    load_gait,
     load_scene,
     one_gait,
     plot,
@@ -37,6 +38,8 @@ class Settings:
     """scene file (TOML)"""
     gaits: Path | None = None
     """CSV without a header: the phases (rad) of one gait a row"""
+    gait: str | None = None
+    """a gait of the library by its name, or the gait.json of a search, in place of the scene's own"""
     duration: float = 10.0
     """s"""
     method: str | None = None
@@ -57,6 +60,8 @@ class Settings:
 
 def main(settings: Settings) -> None:
     scene = load_scene(settings.scene)
+    if settings.gait is not None:
+        scene = with_gait(scene, load_gait(settings.gait))
     print(scene.describe())
     duration = min(settings.duration, 2.0) if settings.quick else settings.duration
     options = {

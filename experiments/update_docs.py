@@ -11,6 +11,7 @@ from typing import NamedTuple
 from common import run
 
 from hard_cases import Cell, markdown
+from search_words import damage, gait_search, gaits_table, kills, library, rivals
 from speed_words import benchmark, compiled, gradients, made_by, million, scaling, start_up, table
 
 from jaxgrity.files import save_json, write_whole
@@ -50,6 +51,9 @@ def main(settings: Settings) -> None:
         text = fill(page.read_text(encoding="utf-8"), name, source.words(facts))
         write_whole(page, lambda file, text=text: file.write(text.encode()))
         print(f"{source.page}: {name}")
+    for name, words in (("README.md", gaits_table()), (SEARCH, library())):
+        text = fill((ROOT / name).read_text(encoding="utf-8"), "library", words)
+        write_whole(ROOT / name, lambda file, text=text: file.write(text.encode()))
     for name in SOURCES.keys() - sources.keys():
         print(f"left as it was, no results: {name}")
 
@@ -72,19 +76,6 @@ def fill(text: str, name: str, words: str) -> str:
     if not marks.search(text):
         raise InputError(f"no marks '<!-- measured: {name} -->' in the page; expected one pair")
     return marks.sub(lambda match: f"{match[1]}{words}\n{match[2]}", text)
-
-
-def gait_search(facts: dict) -> str:
-    polish, search = facts["polish"], facts["search"]
-    gain = "which improved it" if polish["improved"] else "which found nothing better"
-    steps = f"{len(polish['gradient_norm'])} gradient steps over {polish['horizon']:.1f} s"
-    return (
-        f"`make gait` ({facts['wall_seconds']:.0f} s on 2 cores; `experiments/gait_search.py`) found a gait that "
-        f"travels **{facts['distance']:.3f} ± {facts['error_bar']:.1g} m** in {facts['settings']['duration']:g} s, "
-        f"after {search['rollouts']} rollouts and {steps}, {gain}. "
-        f"Its sensitivity at the end is {facts['diagnosis']['sensitivity']:.0f} m per radian of phase "
-        "([docs/measured/gait_search.json](docs/measured/gait_search.json))."
-    )
 
 
 def error_bars(facts: dict) -> str:
@@ -169,7 +160,7 @@ def work_precision(facts: dict) -> str:
     return said + table(head, rows) + made_by(facts, f"work_precision_{facts['scene'].replace(' ', '_')}")
 
 
-NUMERICS = "docs/numerics.md"
+NUMERICS, SEARCH = "docs/numerics.md", "docs/search.md"
 PERFORMANCE, SCALING = "docs/performance.md", "docs/scaling.md"
 SOURCES = (
     {
@@ -195,6 +186,14 @@ SOURCES = (
             ("compiled", PERFORMANCE, compiled),
             ("start", PERFORMANCE, start_up),
         )
+    }
+    | {
+        f"rivals/{name}": Source(SEARCH, rivals(name), f"{name}.json", {f"{name}.png": f"rivals_{name}.png"})
+        for name in ("exact", "reference")
+    }
+    | {
+        "damage": Source(SEARCH, damage, "damage.json", {"damage.png": "damage.png"}),
+        "kills": Source(SEARCH, kills, "kills.json", {}),
     }
     | {
         f"equivalence/{name}": Source(

@@ -5,6 +5,7 @@ from jaxgrity.audit import energy_audit
 from jaxgrity.diagnosis import Diagnosis, diagnose
 from jaxgrity.diagnostics import sensitivity, verify
 from jaxgrity.genome import Genome
+from jaxgrity.library import gait_names, gait_record, load_gait
 from jaxgrity.objectives import Fitness, Objective
 from jaxgrity.population import Outcomes, gaits_of, one_gait, simulate_population
 from jaxgrity.refine import Polishing, polish
@@ -42,8 +43,11 @@ __all__ = [
     "energy_audit",
     "ensemble",
     "evolve",
+    "gait_names",
+    "gait_record",
     "gaits_of",
     "gene_permutations",
+    "load_gait",
     "load_scene",
     "one_gait",
     "parse_scene",

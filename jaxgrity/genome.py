@@ -86,7 +86,7 @@ class Genome(eqx.Module):
             extra = tuple(
                 Overtone(parts[f"size {h}"] / 2, 2 * jnp.pi * parts[f"phase {h}"]) for h in range(2, 2 + self.overtones)
             )
-            gaits = eqx.tree_at(lambda g: g.overtones, gaits, extra, is_leaf=lambda x: x == ())
+            gaits = eqx.tree_at(lambda g: g.overtones, gaits, extra, is_leaf=lambda x: isinstance(x, tuple))
         if self.active is not None:
             place = jnp.argsort(jnp.argsort(-parts["rank"], axis=-1), axis=-1)
             gaits = eqx.tree_at(lambda g: g.amplitude, gaits, jnp.where(place < self.active, gaits.amplitude, 0))

@@ -74,18 +74,18 @@ def path_figure(scene: Scene, trajectory: Trajectory, error_bar: float | None = 
     return figure
 
 
-def convergence_figure(searches: list[Search], names: list[str], unit: str) -> Figure:
-    """Best and median fitness of each generation of the searches that followed each other."""
+def convergence_figure(searches: list[Search], names: tuple[str, ...] = (), unit: str = "m") -> Figure:
+    """Best and median fitness of each generation of the searches that followed each other, with their `names`."""
     figure = Figure(figsize=(7, 4), layout="constrained")
     axes = figure.subplots()
     first = 1
-    for number, (search, name) in enumerate(zip(searches, names)):
+    for number, search in enumerate(searches):
         numbers = np.arange(first, first + len(search.best))
         for values, colour, kind in ((search.best, STRUT, "best"), (search.median, PATH, "median")):
             axes.plot(numbers, values, "o-", markersize=3, color=colour, label=None if number else kind)
         if len(searches) > 1:
             axes.axvspan(numbers[0] - 0.5, numbers[-1] + 0.5, color=GROUND, alpha=0.6 if number % 2 else 0.2, lw=0)
-            axes.text(numbers.mean(), 0.02, name, ha="center", transform=axes.get_xaxis_transform())
+            axes.text(numbers.mean(), 0.02, names[number], ha="center", transform=axes.get_xaxis_transform())
         first += len(search.best)
     rollouts = sum(search.rollouts for search in searches)
     title = f"{rollouts} rollouts, not yet verified"
@@ -96,7 +96,7 @@ def convergence_figure(searches: list[Search], names: list[str], unit: str) -> F
     return figure
 
 
-def ladder_figure(names: list[str], fitness: np.ndarray, correlation: np.ndarray, unit: str) -> Figure:
+def ladder_figure(names: tuple[str, ...], fitness: np.ndarray, correlation: np.ndarray, unit: str) -> Figure:
     """Fitness of the same gaits on every rung but the last, against the last; rank correlations in the titles."""
     figure = Figure(figsize=(4.2 * (len(names) - 1), 4.2), layout="constrained")
     for k, axes in enumerate(figure.subplots(1, len(names) - 1, squeeze=False)[0]):

@@ -23,7 +23,7 @@ from jaxgrity.population import Outcomes, one_gait, roll_out
 from jaxgrity.scene import Scene, as_dtype, with_gait
 from jaxgrity.simulate import Settings, settle
 from jaxgrity.structure import InputError
-from jaxgrity.types import AnyArray
+from jaxgrity.types import AnyArray, Scalar
 from jaxgrity.uncertainty import ensemble
 
 Kind = Literal["smoothed", "pathwise", "combined"]
@@ -42,8 +42,9 @@ class Polishing(NamedTuple):
     kind: Kind = "smoothed"
     samples: int = 32
     """rollouts for each gradient"""
-    width: float = 0.005
-    """standard deviation of the smoothed gradient's perturbations, in turns of the circle or shares of the bounds"""
+    width: tuple[float, float] = (0.005, 0.005)
+    """standard deviation of the smoothed gradient's perturbations in the first and in the last step, in turns of the
+    circle or shares of the bounds"""
     learning_rate: float = 0.0065
     """length of the first step, in the same unit"""
     robots: int = 16
@@ -69,7 +70,7 @@ class Step(NamedTuple):
     """of the gait that goes on, by this step's ensemble"""
 
 
-class _Task(NamedTuple):
+class Task(NamedTuple):
     """What stays the same from step to step."""
 
     scene: Scene
@@ -77,7 +78,8 @@ class _Task(NamedTuple):
     duration: float
     settings: Settings
     fitness: Fitness
-    polishing: Polishing
+    width: Scalar
+    """of the smoothed gradient"""
 
 
 class Polished(NamedTuple):
@@ -139,8 +141,8 @@ def polish(
         kind, horizon, growth, told = _reach(scene, genome, genes[0], duration, settings, polishing)
     last, steps, spent = genes[0], [], 0
     if kind is not None:
-        task = _Task(as_dtype(scene, dtype), genome, duration, settings, fitness, polishing)
-        last, steps, spent = _climb_all(task, genes, kind, horizon, seed, on_step)
+        task = Task(as_dtype(scene, dtype), genome, duration, settings, fitness, np.asarray(polishing.width[0], dtype))
+        last, steps, spent = _climb_all(task, polishing, genes, kind, horizon, seed, on_step)
     final = settle(scene, duration, None, final_dt or settings.dt / 2, "float64", any_step=any_step)  # type: ignore[operator]
     pair = np.stack([genes[0], last])
     judged = _judge_genes(jax.random.key(seed + 1), scene, genome, pair, duration, final, fitness, final_robots)
@@ -179,38 +181,40 @@ def _judge_genes(key, scene: Scene, genome: Genome, genes, duration, settings: S
     )
 
 
-def _climb_all(task: _Task, starts, kind: Kind, horizon: float, seed: int, on_step):
+def _climb_all(task: Task, polishing: Polishing, starts, kind: Kind, horizon: float, seed: int, on_step):
     """The best of the gaits at which the climbs ended, the steps of its climb, and what all of them cost."""
-    judging = task.polishing.final_robots * len(starts) if len(starts) > 1 else 0
-    share = task.polishing.rollouts - judging
+    judging = polishing.final_robots * len(starts) if len(starts) > 1 else 0
+    share = polishing.rollouts - judging
     if share < len(starts):
-        raise InputError(f"{task.polishing.rollouts} rollouts: expected more, to polish {len(starts)} gaits")
-    task = task._replace(polishing=task.polishing._replace(rollouts=share // len(starts)))
-    climbs = [_climb(task, x, kind, horizon, seed + 1000 * k, on_step) for k, x in enumerate(starts)]
+        raise InputError(f"{polishing.rollouts} rollouts: expected more, to polish {len(starts)} gaits")
+    each = polishing._replace(rollouts=share // len(starts))
+    climbs = [_climb(task, each, x, kind, horizon, seed + 1000 * k, on_step) for k, x in enumerate(starts)]
     ends = np.stack([end for end, _, _ in climbs])
     spent = sum(cost for _, _, cost in climbs) + judging
     best = 0
     if len(starts) > 1:
-        key, robots = jax.random.key(seed + 2), task.polishing.final_robots
+        key, robots = jax.random.key(seed + 2), polishing.final_robots
         scores = _judge_genes(key, task.scene, task.genome, ends, task.duration, task.settings, task.fitness, robots)
         best = int(jnp.argmax(scores.fitness))
     return ends[best], climbs[best][1], spent
 
 
-def _climb(task: _Task, genes, kind: Kind, horizon: float, seed: int, on_step) -> tuple[OneGait, list[Step], int]:
+def _climb(task: Task, polishing: Polishing, genes, kind: Kind, horizon: float, seed: int, on_step):
     """The last gait, the steps that led to it, and what they cost."""
-    polishing, genome = task.polishing, task.genome
+    genome = task.genome
     ahead = [horizon] if kind == "smoothed" else [(horizon + _shortest(task, genes)) / 2, horizon]
-    costs = [_cost(task, kind, reach) + (len(LENGTHS) - 1) * polishing.robots for reach in ahead]
+    costs = [_cost(task, polishing, kind, reach) + len(LENGTHS) * polishing.robots for reach in ahead]
     count = max(1, int(polishing.rollouts / np.mean(costs)))
     schedule = optax.cosine_decay_schedule(polishing.learning_rate, count, alpha=0.2)
     optimiser = optax.chain(optax.trace(0.5), optax.normalize_by_update_norm(), optax.scale_by_schedule(schedule))
     x, scale, found, spent = jnp.asarray(genes, task.settings.dtype), 1.0, [], 0.0
     state, key = optimiser.init(x), jax.random.key(seed)
+    widths = np.geomspace(*polishing.width, count).astype(task.settings.dtype)
     for number in range(count):
         half = min(len(ahead) - 1, 2 * number // count)
         drawn, judged, key = jax.random.split(key, 3)
-        gradient, share = _gradient(drawn, x, task, kind, ahead[half])
+        task = task._replace(width=widths[number])
+        gradient, share = _gradient(drawn, x, task, kind, ahead[half], polishing.samples)
         update, state = optimiser.update(gradient, state)
         tried = genome.within(x + scale * jnp.asarray(LENGTHS, x.dtype)[:, None] * update)
         scores = _judge_genes(
@@ -230,24 +234,24 @@ def _one_period(gait: Gait) -> float:
     return float(gait.start + gait.ramp + 1 / np.max(gait.frequency))
 
 
-def _shortest(task: _Task, genes) -> float:
+def _shortest(task: Task, genes) -> float:
     return _one_period(one_gait(task.genome.gaits(task.scene.gait, genes[None]), 0))
 
 
-def _cost(task: _Task, kind: Kind, ahead: float) -> float:
+def _cost(task: Task, polishing: Polishing, kind: Kind, ahead: float) -> float:
     """Of one gradient, in rollouts over the whole duration."""
-    share = ahead / task.duration * task.polishing.samples
+    share = ahead / task.duration * polishing.samples
     return share * {"smoothed": 1, "pathwise": COST, "combined": 1 + COST}[kind]
 
 
-def _gradient(key, genes, task: _Task, kind: Kind, ahead: float) -> tuple[AnyArray, AnyArray]:
+def _gradient(key, genes, task: Task, kind: Kind, ahead: float, samples: int) -> tuple[AnyArray, AnyArray]:
     """Of the mean objective at the time `ahead`, and the share that the pathwise one has in it."""
-    few = task.polishing.samples // 2
+    few = samples // 2
     pathwise = smoothed = None
     if kind in ("smoothed", "combined"):
-        smoothed = _smoothed(key, genes, task, np.asarray(ahead), few)
+        smoothed = smoothed_gradient(key, genes, task, np.asarray(ahead), few)
     if kind in ("pathwise", "combined"):
-        pathwise = _pathwise(key, genes, task, ahead, 2 * few)
+        pathwise = pathwise_gradient(key, genes, task, ahead, 2 * few)
     if smoothed is None or pathwise is None:
         (mean, _), share = (smoothed or pathwise), 0.0 if pathwise is None else 1.0  # type: ignore[misc]
         return mean, jnp.asarray(share)
@@ -265,11 +269,11 @@ def combine(smoothed, pathwise) -> tuple[AnyArray, AnyArray]:
 
 
 @eqx.filter_jit
-def _smoothed(key, genes, task: _Task, ahead, pairs: int):
+def smoothed_gradient(key, genes, task: Task, ahead, pairs: int):
     """g = mean of (f(x + s e) - f(x - s e))/(2 s) e over pairs of robots, e normal, and its squared standard error."""
     drawn, disturbed = jax.random.split(key)
     e = jax.random.normal(drawn, (pairs, genes.size), genes.dtype)
-    width, both = task.polishing.width, []
+    width, both = task.width, []
     for sign in (1, -1):
         gaits = task.genome.gaits(task.scene.gait, genes + sign * width * e)
         # pairs meet the same draws of what is uncertain, whose effect then cancels
@@ -282,7 +286,7 @@ def _smoothed(key, genes, task: _Task, ahead, pairs: int):
 
 
 @eqx.filter_jit
-def _pathwise(key, genes, task: _Task, ahead: float, robots: int):
+def pathwise_gradient(key, genes, task: Task, ahead: float, robots: int):
     """The mean gradient over an ensemble of robots, by reverse mode, and its squared standard error."""
     if task.fitness.objective.metered:
         raise InputError("what is metered has no pathwise gradient; expected a smoothed one")

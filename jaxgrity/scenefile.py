@@ -35,6 +35,7 @@ class IcosahedronTable(_Table, tag="icosahedron", tag_field="kind"):
     mass: Positive | None = None
     node_mass: list[Positive] | None = None
     pose: Literal["face", "strut"] = "strut"
+    aligned: bool = False
     height: float = 0.0
 
 
@@ -45,6 +46,7 @@ class CustomTable(_Table, tag="custom", tag_field="kind"):
     mass: Positive | None = None
     node_mass: list[Positive] | None = None
     pose: Literal["face", "strut"] = "strut"
+    aligned: bool = False
     height: float | None = None
 
 
@@ -188,6 +190,9 @@ def _node_mass(table: IcosahedronTable | CustomTable, count: int) -> np.ndarray:
 def _posed(nodes: np.ndarray, table: IcosahedronTable | CustomTable, ground: GroundTable | None) -> np.ndarray:
     if table.pose == "face":
         nodes = rest_on_face(nodes)
+    if table.aligned and ground is not None:
+        cosine, sine = math.cos(ground.incline), math.sin(ground.incline)
+        nodes = nodes @ np.array([[cosine, 0, -sine], [0, 1, 0], [sine, 0, cosine]])
     if table.height is None:
         return nodes
     slope = math.tan(ground.incline) if ground else 0.0

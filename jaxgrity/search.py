@@ -31,6 +31,8 @@ class Breeding(eqx.Module):
     """share of genes that mutate"""
     mutation_size: tuple[float, float] = eqx.field(static=True, default=(0.1, 0.02))
     """standard deviation of a mutation, in turns of the circle, in the first and in the last generation"""
+    settled: int | None = eqx.field(static=True, default=None)
+    """generations after which mutations no longer shrink; None: the last one"""
 
     def __check_init__(self):
         if self.population < 2:
@@ -152,7 +154,7 @@ def _generation(
     scores = judge(drawn, scene, genome.gaits(scene.gait, genes), duration, settings, fitness)
     order = jnp.argsort(-scores.fitness)
     generation = Generation(genes[order], scores.fitness[order], scores.spread[order], jnp.sum(scores.failed))
-    progress = number / max(1, breeding.generations - 1)
+    progress = jnp.minimum(1, number / max(1, (breeding.settled or breeding.generations) - 1))
     return generation, breed(bred, generation, progress, genome, breeding)
 
 

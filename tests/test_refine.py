@@ -4,9 +4,23 @@ import jax
 import numpy as np
 import pytest
 
-from jaxgrity import InputError, Polishing, gaits_of, polish, random_phases, sensitivity, simulate_population, verify
+from jaxgrity import (
+    Fitness,
+    Genome,
+    InputError,
+    Objective,
+    Polishing,
+    Uncertainty,
+    gaits_of,
+    polish,
+    random_phases,
+    sensitivity,
+    simulate_population,
+    verify,
+)
 from jaxgrity.diagnostics import Sensitivity
 from jaxgrity.gradients import distance_and_gradient, distances
+from jaxgrity.refine import Task, combine, pathwise_gradient, smoothed_gradient
 from jaxgrity.scene import as_dtype
 from jaxgrity.simulate import settle
 
@@ -42,55 +56,106 @@ def test_reverse_mode_is_forward_mode(request, name):
     np.testing.assert_allclose(gradient, forward.T, rtol=0, atol=1e-9 * np.abs(gradient).max())
 
 
-@pytest.fixture(scope="module")
-def starting(reference):
-    """Two random gaits to polish."""
-    return gaits_of(reference.gait, random_phases(2, 6, seed=7))
+HORIZON, STEP = 4.0, 1e-2
+GENOME = Genome(6)
+ROBUST = Fitness(uncertainty=Uncertainty(phase=0.03), robots=4)
+SMALL = Polishing(rollouts=400, samples=16, robots=8, learning_rate=0.02, final_robots=16)
 
 
-def test_polish_improves_and_verifies(reference, starting):
-    """From random gaits there is much to gain: what is returned is further than the best of them, by its own bars."""
-    before = verify(reference, starting, 4.0, 1e-3)
+def polished(scene, polishing, starts=1, **options):
+    """From random gaits, over 4 s at a coarse step."""
+    genes = random_phases(starts, 6, seed=7) / (2 * np.pi)
+    options = {"fitness": ROBUST, "dt": STEP, "final_dt": STEP, "final_robots": 16} | options
+    return genes, polish(scene, GENOME, genes, HORIZON, polishing, **options)
+
+
+def test_polish_improves_and_verifies(exact):
+    """From a random gait there is much to gain; the last judgement in float64 repeats what is returned."""
     steps = []
-    result = polish(
-        reference,
-        starting,
-        4.0,
-        Polishing(8, learning_rate=0.1, largest_sensitivity=1e3),
-        dt=1e-3,
-        on_step=lambda k, d: steps.append(k),
-    )
-    assert steps == list(range(8))
+    _, result = polished(exact, SMALL, on_step=steps.append)
     assert result.improved
-    assert "verified gain" in result.reason
-    assert result.verified.distance[0] > before.distance.max() + result.verified.error_bar[0]
-    again = verify(reference, gaits_of(reference.gait, result.gait.phase[None]), 4.0, 1e-3)
-    np.testing.assert_allclose(again.distance, result.verified.distance, rtol=0, atol=1e-12)
+    assert "the polished gait is kept" in result.reason
+    assert result.after.mean[0] > result.before.mean[0] + 0.1
+    assert tuple(steps) == result.steps
+    assert 400 - 2 * (16 + 5 * 8) < result.rollouts <= 400
+    _, again = polished(exact, SMALL)
+    np.testing.assert_array_equal(again.genes, result.genes)
+    np.testing.assert_array_equal(again.after.each, result.after.each)
 
 
-def test_polish_keeps_the_start_where_nothing_verifies(reference, starting):
-    """A step too small to matter gains less than the error bars: the best start is returned, and the reason says so."""
-    before = verify(reference, starting, 4.0, 1e-3)
-    best = int(np.argmax(before.distance - before.error_bar))
-    result = polish(reference, starting, 4.0, Polishing(1, learning_rate=1e-9, largest_sensitivity=1e3), dt=1e-3)
+def test_the_best_of_several_climbs_counts(exact):
+    """Each climb has its share, and the comparison of their ends is paid; the result beats the first start."""
+    _, result = polished(exact, SMALL, starts=2)
+    assert result.rollouts <= 400
+    assert result.after.mean[0] > result.before.mean[0]
+
+
+def test_polish_keeps_the_start_where_nothing_is_gained(exact):
+    """Steps of no length gain nothing."""
+    genes, result = polished(exact, SMALL._replace(rollouts=56, learning_rate=0.0))
     assert not result.improved
-    assert "no gait on the way" in result.reason
-    np.testing.assert_array_equal(result.gait.phase, starting.phase[best])
+    assert "kept as it was" in result.reason
+    np.testing.assert_array_equal(result.genes, genes[0])
 
 
-def test_no_gradient_where_the_sensitivity_forbids_it(reference, starting):
-    """With a bound that any motion passes, no gradient step is taken, and the reason names the bound."""
-    result = polish(reference, starting, 4.0, Polishing(5, largest_sensitivity=1e-6), dt=1e-3)
-    assert not result.improved
-    assert len(result.gradient_norm) == 0
-    assert "no gradient was used" in result.reason
+@pytest.mark.parametrize("kind", ["pathwise", "combined"])
+def test_no_pathwise_gradient_where_the_sensitivity_forbids_it(exact, kind):
+    """With a bound that any motion passes it is not used, and the reason says so; the combined one goes on smoothed."""
+    genes, result = polished(exact, SMALL._replace(kind=kind, largest_sensitivity=1e-6))
+    assert "no pathwise gradient was used: |d com/d phase| passes 1e-06 m/rad" in result.reason
+    assert all(step.pathwise_share == 0 for step in result.steps)
+    if kind == "pathwise":
+        assert not result.steps
+        assert not result.improved
+        np.testing.assert_array_equal(result.genes, genes[0])
+    else:
+        assert result.improved
 
 
-def test_polish_refuses_gaits_that_all_fail(reference):
-    """Amplitudes that tear every robot apart leave nothing to polish."""
-    gaits = gaits_of(reference.gait, random_phases(2, 6, seed=7), amplitude=np.full((2, 6), 1e9))
-    with pytest.raises(InputError, match="every gait failed"):
-        polish(reference, gaits, 2.0, dt=1e-3)
+def test_pathwise_polish_where_the_sensitivity_allows_it(exact):
+    """Over the horizon that the measured sensitivity allows, and half way there in the first half of its steps."""
+    _, result = polished(exact, SMALL._replace(kind="pathwise", rollouts=600, samples=4, largest_sensitivity=3.0))
+    assert result.horizon == result.sensitivity.horizon(3.0)
+    ahead = [step.horizon for step in result.steps]
+    assert ahead[0] < ahead[-1] == result.horizon
+    assert all(step.pathwise_share == 1 for step in result.steps)
+    assert result.improved
+
+
+def test_smoothed_and_pathwise_gradients_agree(exact):
+    """In the first second of a gait, where the distance is smooth: within four standard errors of the first, which
+    are a tenth of it."""
+    settings = settle(exact, 2.0, None, STEP, "float64")
+    task = Task(as_dtype(exact, "float64"), GENOME, 2.0, settings, Fitness(), width=1e-3)
+    genes = jax.numpy.asarray(random_phases(1, 6, seed=7)[0] / (2 * np.pi))
+    smoothed, noise = smoothed_gradient(jax.random.key(0), genes, task, np.asarray(2.0), 128)
+    pathwise, none = pathwise_gradient(jax.random.key(0), genes, task, 2.0, 2)
+    assert float(none) < 1e-20
+    error = float(np.sqrt(noise))
+    assert error < 0.2 * np.linalg.norm(pathwise)
+    assert np.linalg.norm(smoothed - pathwise) < 2 * error
+
+
+def test_gradients_are_combined_by_their_variances():
+    """A quarter of the variance has four times the weight; one that is not finite has none."""
+    one, other = np.array([1.0, 0.0]), np.array([0.0, 1.0])
+    mean, share = combine((one, 4.0), (other, 1.0))
+    assert float(share) == pytest.approx(0.8)
+    np.testing.assert_allclose(mean, [0.2, 0.8])
+    mean, share = combine((one, 4.0), (other * np.nan, np.nan))
+    assert float(share) == 0
+    np.testing.assert_allclose(mean, one)
+
+
+def test_bad_polishing_is_refused(exact):
+    """An unknown gradient, too few rollouts, and a pathwise gradient of what is metered."""
+    with pytest.raises(InputError, match="polishing by 'exact': unknown"):
+        polished(exact, SMALL._replace(kind="exact"))
+    with pytest.raises(InputError, match="8 rollouts: expected more, to polish 2 gaits"):
+        polished(exact, SMALL._replace(rollouts=8), starts=2)
+    metered = Fitness(Objective("straightness"))
+    with pytest.raises(InputError, match="no pathwise gradient"):
+        polished(exact, SMALL._replace(kind="pathwise", largest_sensitivity=1e9), fitness=metered)
 
 
 def test_error_bar_covers_the_error(reference):

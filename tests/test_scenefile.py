@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from jaxgrity import InputError, load_scene, parse_scene
-from jaxgrity.actuation import contraction
+from jaxgrity.actuation import contraction, rest_length
 from jaxgrity.friction import ConeFriction, SmoothFriction, SwitchFriction
 from jaxgrity.structure import edge_lengths
 
@@ -162,6 +162,59 @@ def test_kinds_of_friction():
     assert exact.structure.struts.rigid
 
 
+def test_stuck_members_keep_their_rest_length():
+    """Whatever the gait asks of them; the others do as it says, among struts and cables, some actuated or all."""
+    for members, move in (('"struts"', 4), ('"cables"', 22), ("[0, 2, 8, 29, 7]", 2)):
+        gait = (('members = "struts"', f"members = {members}"), (PHASE, "phase = { seed = 3 }"))
+        free = parse_scene(changed(*gait))
+        text = changed(*gait, ("damping = 36.0", "stuck = [4, 2]"), ("damping = 8.0", "stuck = [2, 23]"))
+        scene = parse_scene(text)
+        assert (scene.structure.struts.stuck, scene.structure.cables.stuck) == ((2, 4), (2, 23))
+        moved = 0
+        for kind, first in (("struts", 0), ("cables", 6)):
+            part = getattr(scene.structure, kind)
+            lengths = np.array(rest_length(part, scene.gait, 2.3, first))
+            wanted = np.array(rest_length(getattr(free.structure, kind), free.gait, 2.3, first))
+            wanted[list(part.stuck)] = part.rest_length[list(part.stuck)]
+            np.testing.assert_array_equal(lengths, wanted)
+            moved += np.count_nonzero(lengths != part.rest_length)
+        assert moved == move
+
+
+def test_where_every_actuated_member_is_stuck_nothing_moves():
+    """Rest lengths are those of the structure."""
+    text = changed(('members = "struts"', "members = [1]"), (PHASE, "phase = [0.0]"), ("damping = 36.0", "stuck = [1]"))
+    scene = parse_scene(text)
+    lengths = rest_length(scene.structure.struts, scene.gait, 2.3, 0)
+    np.testing.assert_array_equal(lengths, scene.structure.struts.rest_length)
+
+
+def test_broken_cables_neither_pull_nor_damp():
+    """All else stays: they are still members, with numbers."""
+    whole, scene = (
+        parse_scene(TEXT).structure,
+        parse_scene(changed(("[cables]", "[cables]\nbroken = [7, 3]"))).structure,
+    )
+    others = np.delete(np.arange(24), [3, 7])
+    for part in ("stiffness", "damping"):
+        ours, before = getattr(scene.cables, part), getattr(whole.cables, part)
+        np.testing.assert_array_equal(ours[[3, 7]], 0)
+        np.testing.assert_array_equal(ours[others], before[others])
+    np.testing.assert_array_equal(scene.cables.rest_length, whole.cables.rest_length)
+    assert scene.cables.edges == whole.cables.edges
+
+
+def test_describe_names_what_is_broken_or_stuck():
+    """By their numbers, of rigid struts too; and says nothing where all is well."""
+    text = CUSTOM.replace("[cables]", "[cables]\nbroken = [0]\nstuck = [0]")
+    lines = dict(line.split(maxsplit=1) for line in parse_scene(text).describe().splitlines())
+    assert lines["cables"].endswith("stiffness 0 N/m, broken [0], stuck [0]")
+    assert "stuck" not in lines["struts"]
+    rigid = parse_scene(CUSTOM.replace("stiffness = 10", "rigid = true\nstuck = [0]")).describe()
+    assert "rigid, stuck [0]\n" in rigid
+    assert "broken" not in rigid
+
+
 def test_describe_says_what_is_modelled():
     """Terms, members, masses, prestress and frequencies; the cables of the reference scene carry about 105 N."""
     text = load_scene(SCENE).describe()
@@ -238,6 +291,16 @@ def bad(old: str, new: str, *words: str):
         bad("amplitude = 0.3", "amplitude = 1.0", "gait.amplitude = 1.0: expected a number >= 0 and < 1"),
         bad("incline = 0.0", "incline = 2.0", "ground.incline = 2.0: expected a number > -1.571 and < 1.571"),
         bad(PHASE, "phase = { seed = -1 }", "gait.phase.seed = -1: expected a whole number >= 0"),
+        bad("[struts]", "[struts]\nstuck = [6]", "struts.stuck = [6]: expected numbers from 0 to 5, none twice"),
+        bad(
+            "[cables]", "[cables]\nstuck = [0, 24]", "cables.stuck = [0, 24]: expected numbers from 0 to 23, none twice"
+        ),
+        bad("[cables]", "[cables]\nbroken = [24]", "cables.broken = [24]: expected numbers from 0 to 23, none twice"),
+        bad("[cables]", "[cables]\nbroken = [1, 1]", "cables.broken = [1, 1]: expected", "none twice"),
+        bad("[cables]", "[cables]\nbroken = [-1]", "cables.broken[0] = -1: expected a whole number >= 0"),
+        bad("[cables]", "[cables]\nbroken = 3", "cables.broken = 3: expected a list of whole numbers >= 0"),
+        bad("[struts]", "[struts]\nstuck = [0.5]", "struts.stuck[0] = 0.5: expected a whole number", "got a number"),
+        bad("[struts]", "[struts]\nbroken = [1]", "struts.broken = [1]: unknown key; expected one of stiffness"),
         # of another length
         bad("stiffness = 600.0", "stiffness = [1.0, 2.0]", "cables.stiffness has 2 numbers; expected one, or 24"),
         bad("damping = 36.0", "damping = []", "struts.damping has 0 numbers; expected one, or 6"),

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 import speed_words
 
-from jaxgrity import random_phases
-from jaxgrity.files import load_phases
+from jaxgrity import load_gait, random_phases
 
 ROOT = Path(__file__).parents[1]
 SCENE = ROOT / "experiments" / "scenes" / "reference.toml"
+EXACT = SCENE.with_name("exact.toml")
 ANSWERS = json.loads((Path(__file__).parent / "data" / "reference_answers.json").read_text())
 
 
@@ -118,23 +118,48 @@ def test_help_comes_from_the_settings(script):
     assert "--quick" in done.stdout
 
 
-def test_gait_search_from_end_to_end(tmp_path):
-    """The main job, quick, at a step twice of which would blow up: a verified gait, and all that it leaves."""
-    done = run("gait_search.py", "--quick", "--dt", 1e-3, "--out", tmp_path)
+@pytest.fixture(scope="module")
+def search_run(tmp_path_factory):
+    """The main job, quick, on the cheaper scene, and what it said."""
+    folder = tmp_path_factory.mktemp("search")
+    done = run("gait_search.py", "--quick", "--scene", EXACT, "--out", folder)
     assert done.returncode == 0, done.stderr
-    assert "verified:" in done.stdout
-    for name in ("convergence.png", "path.png", "members.png", "animation.gif", "index.html"):
-        assert (tmp_path / name).stat().st_size > 500, name
-    gait, summary = (json.loads((tmp_path / name).read_text()) for name in ("gait.json", "summary.json"))
-    assert gait["distance"] > 1.0
+    return folder, done.stdout
+
+
+def test_gait_search_from_end_to_end(search_run):
+    """A verified gait, and all that a search leaves; its numbers agree with each other."""
+    folder, said = search_run
+    assert "verified distance:" in said
+    for name in ("convergence", "ladder", "robust", "path", "members"):
+        assert (folder / f"{name}.png").stat().st_size > 5000, name
+    for name in ("animation.gif", "index.html"):
+        assert (folder / name).stat().st_size > 500, name
+    gait, summary = (json.loads((folder / name).read_text()) for name in ("gait.json", "summary.json"))
+    assert gait["distance"] > 0.8
     assert gait["error_bar"] < 0.05 * gait["distance"]
-    assert len(summary["search"]["best"]) == 4
-    assert len(gait["phase"]) == 6
-    with np.load(tmp_path / "trajectory.npz") as saved:
+    assert gait["robust"]["mean"] == pytest.approx(gait["distance"], rel=0.2)
+    assert len(summary["searches"][0]["best"]) == 3
+    assert np.shape(summary["ladder"]["rank_correlation"]) == (3, 3)
+    headings = sorted(one["heading"] for one in gait["directions"])
+    np.testing.assert_allclose(np.diff(headings), 2 * np.pi / 3, atol=0.02)
+    for one in gait["directions"]:
+        assert abs(one["distance"] - gait["distance"]) <= one["error_bar"] + gait["error_bar"]
+    with np.load(folder / "trajectory.npz") as saved:
         moved = saved["positions"][-1].mean(0) - saved["positions"][0].mean(0)
     assert np.hypot(*moved[:2]) == pytest.approx(gait["distance"], abs=1e-6)
-    csv = write_gaits(tmp_path / "gait.csv", np.array([gait["phase"]]))
-    assert load_phases(csv, 6).tolist() == [gait["phase"]]
+    assert load_gait(folder / "gait.json").phase.tolist() == gait["phase"]
+
+
+def test_runs_compare(search_run, tmp_path):
+    """A run beside itself differs in no setting; what is no run is refused in one line."""
+    folder, _ = search_run
+    done = run("compare_gaits.py", folder, folder, "--out", tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "comparison.png").stat().st_size > 5000
+    bad = run("compare_gaits.py", tmp_path, "--out", tmp_path / "out")
+    assert bad.returncode == 2
+    assert "summary.json" in bad.stderr
 
 
 def test_gait_search_needs_a_gait(tmp_path):
@@ -230,3 +255,31 @@ def test_scaling_measures(tmp_path):
     words = "".join(write(facts) for write in (speed_words.scaling, speed_words.million, speed_words.compiled))
     assert "complementarity" in words
     assert "real time" in words
+
+
+def test_damage_is_survived(tmp_path):
+    """Three cases of damage, quick: every way to a gait has a number, and the best of them is verified."""
+    facts = quick("damage.py", tmp_path, "--gait", "rolling_exact")
+    assert len(facts["cases"]) == 3
+    for case in facts["cases"].values():
+        assert case["library"] >= case["as it was"]
+        assert case["error_bar"] < 0.1
+    assert facts["recovered"]["cable"]["cases"] == 2
+
+
+def test_rivals_meet_at_equal_cost(tmp_path):
+    """Random search, the GA, and the GA with polish, quick: the same budget to a few generations, and judged alike."""
+    facts = quick("rivals.py", tmp_path, "--methods", "random", "GA", "GA+smoothed")
+    assert set(facts["methods"]) == {"random", "GA", "GA+smoothed"}
+    for one in facts["runs"]:
+        assert 0.7 * 1024 < one["rollouts"] <= 1024
+        assert one["failed_judges"] == 0
+
+
+def test_nothing_is_lost(tmp_path):
+    """A search that is killed, and resumed, ends with the population of one that was not; no file is broken."""
+    done = run("kills.py", "--quick", "--out", tmp_path)
+    assert done.returncode == 0, done.stderr
+    facts = json.loads((tmp_path / "kills.json").read_text())
+    assert len(facts["kills"]) == 2
+    assert all(kill["same_population"] and not kill["broken_files"] for kill in facts["kills"])

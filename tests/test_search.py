@@ -1,32 +1,44 @@
-"""The genetic algorithm: circular genes, elites, repeatability, failures."""
+"""The genetic algorithm: circular genes, elites, repeatability, what is uncertain, failures."""
 
+from itertools import pairwise
+
+import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
-from jaxgrity import Breeding, Genome, InputError, distinct, evolve
-from jaxgrity.search import Generation, breed, towards
+from jaxgrity import (
+    Breeding,
+    Fitness,
+    Genome,
+    InputError,
+    Objective,
+    Uncertainty,
+    distinct,
+    evolve,
+    gene_permutations,
+    standing_symmetries,
+)
+from jaxgrity.runs import open_run
+from jaxgrity.search import Generation, begin, breed
 
 SMALL = Breeding(population=12, generations=3, elites=2)
-QUICK = {"dt": 1e-3, "dtype": "float32"}
+QUICK = {"dt": 1e-2, "dtype": "float32"}
 
 
 @pytest.fixture(scope="module")
-def search(reference):
-    """One small search, and the best fitness that each generation reported."""
+def search(exact):
+    """One small search, and the state that each generation reported."""
     seen = []
-    result = evolve(
-        reference,
-        Genome(6),
-        2.0,
-        SMALL,
-        seed=3,
-        on_generation=lambda k, g: seen.append((k, float(g.fitness[0]))),
-        **QUICK,
-    )
+    result = evolve(exact, Genome(6), 2.0, SMALL, seed=3, on_generation=seen.append, **QUICK)
     return result, seen
+
+
+def assert_same(mine, its):
+    """Two searches with the same end, to the last bit."""
+    for a, b in zip(jax.tree.leaves(mine), jax.tree.leaves(its), strict=True):
+        np.testing.assert_array_equal(a, b)
 
 
 def test_elites_survive(search):
@@ -38,37 +50,76 @@ def test_elites_survive(search):
 
 
 def test_every_generation_is_reported(search):
-    """Progress arrives once a generation, with the fitness that the history keeps."""
+    """Progress arrives once a generation: as evaluated, with the history so far and the genes that come next."""
     result, seen = search
-    assert [k for k, _ in seen] == [0, 1, 2]
-    assert [fitness for _, fitness in seen] == result.best.tolist()
+    assert [state.number for state in seen] == [1, 2, 3]
+    for state in seen:
+        assert state.history[:, 0].tolist() == result.best[: state.number].tolist()
+        assert float(state.evaluated.fitness[0]) == result.best[state.number - 1]
+        assert float(np.median(state.evaluated.fitness)) == result.median[state.number - 1]
+    assert_same(seen[-1].evaluated, result.last)
+    for before, after in pairwise(seen):
+        np.testing.assert_array_equal(before.genes[:2], before.evaluated.genes[:2])
+        # sorted by fitness since
+        assert sorted(before.genes.tolist()) == sorted(after.evaluated.genes.tolist())
 
 
-def test_a_seed_repeats_its_search(reference, search):
+def test_a_seed_repeats_its_search(exact, search):
     """The same seed gives the same genes to the last bit, another seed others."""
     result, _ = search
-    again = evolve(reference, Genome(6), 2.0, SMALL, seed=3, **QUICK)
-    np.testing.assert_array_equal(result.last.genes, again.last.genes)
-    other = evolve(reference, Genome(6), 2.0, SMALL, seed=4, **QUICK)
+    assert_same(evolve(exact, Genome(6), 2.0, SMALL, seed=3, **QUICK), result)
+    other = evolve(exact, Genome(6), 2.0, SMALL, seed=4, **QUICK)
     assert not np.array_equal(result.last.genes, other.last.genes)
 
 
-@settings(max_examples=50, deadline=None)
-@given(st.floats(0, 0.999), st.floats(0, 0.999))
-def test_the_way_between_angles_is_the_shorter_one(a, b):
-    """From a, the way `towards` b arrives at b, and is at most half a turn."""
-    way = float(towards(np.array([[a]]), np.array([[b]]), np.array([True]))[0, 0])
-    assert abs(way) <= 0.5
-    gap = abs((a + way) % 1 - b)
-    assert min(gap, 1 - gap) < 1e-9
+def test_a_search_goes_on_from_any_of_its_states(exact, search, tmp_path):
+    """To the very same end, also where the state comes from a file, and whatever the seed."""
+    result, seen = search
+    first = begin(Genome(6), SMALL, 3, "float32")
+    with open_run(tmp_path, {}) as run:
+        for number, state in enumerate((first, *seen)):
+            run.save(number, state)
+    with open_run(tmp_path, {}, resume=True) as run:
+        for state in (first, *seen, *run.states):
+            later = []
+            again = evolve(exact, Genome(6), 2.0, SMALL, seed=7, state=state, on_generation=later.append, **QUICK)
+            assert_same(again, result)
+            assert [s.number for s in later] == list(range(state.number + 1, 4))
+            assert_same(later, seen[state.number :])
+
+
+def test_nothing_is_spread_where_nothing_is_uncertain(search):
+    """One robot a gait."""
+    np.testing.assert_array_equal(search[0].last.spread, 0)
+
+
+def test_a_robust_search_repeats_with_its_seed(exact):
+    """To the last bit, by the same draws, with genes that count symmetries; gaits are judged with their spread."""
+    doubts = Uncertainty(phase=0.2, friction=0.3)
+    fitness = Fitness(Objective("direction", heading=1.0), doubts, robots=3, caution=1.0)
+    genome = Genome(6, images=gene_permutations(exact.gait.members, standing_symmetries(exact)))
+    seen = []
+    options = {"fitness": fitness, "seed": 1, **QUICK}
+    result = evolve(exact, genome, 2.0, SMALL, on_generation=seen.append, **options)
+    assert result.rollouts == 36 * 3
+    assert np.asarray(result.last.spread).min() > 0
+    assert_same(evolve(exact, genome, 2.0, SMALL, **options), result)
+    assert_same(evolve(exact, genome, 2.0, SMALL, state=seen[0], **options), result)
+    # elites are judged again, by other robots
+    before, after = (dict(zip(map(tuple, s.evaluated.genes.tolist()), s.evaluated.fitness.tolist())) for s in seen[:2])
+    known = set(before) & set(after)
+    assert len(known) == 2
+    assert all(before[genes] != after[genes] for genes in known)
 
 
 def test_children_of_parents_across_the_seam_stay_there():
     """Parents at 0.95 and 0.05 of a turn have children near 0, not near 0.5; bounded genes stay in their bounds."""
     breeding = Breeding(population=64, generations=2, elites=1, mutation_rate=0.0)
     genes = np.tile([[0.95, 0.0], [0.05, 1.0]], (32, 1))
-    generation = Generation(jax.numpy.asarray(genes), jax.numpy.zeros(64), jax.numpy.array(0))
-    children = np.asarray(breed(jax.random.key(0), generation, 0.0, Genome(1, frequency=(0.1, 1.0)), breeding))
+    generation = Generation(jnp.asarray(genes), jnp.zeros(64), jnp.zeros(64), jnp.array(0))
+    children = np.asarray(
+        eqx.filter_jit(breed)(jax.random.key(0), generation, 0.0, Genome(1, frequency=(0.1, 1.0)), breeding)
+    )
     from_seam = np.minimum(children[:, 0], 1 - children[:, 0])
     assert from_seam.max() <= 0.06 + 1e-12
     assert children[:, 1].min() >= 0
@@ -76,48 +127,46 @@ def test_children_of_parents_across_the_seam_stay_there():
     assert np.ptp(children[:, 1]) > 0.5
 
 
-def test_genes_become_gaits_within_bounds(reference):
-    """Phases in radians, an amplitude for each member, one frequency for all."""
-    genome = Genome(6, amplitude=(0.1, 0.3), frequency=(0.2, 1.0))
-    assert genome.size == 13
-    genes = np.full((2, 13), 0.5)
-    gaits = genome.gaits(reference.gait, genes)
-    np.testing.assert_allclose(gaits.phase, np.pi)
-    np.testing.assert_allclose(gaits.amplitude, 0.2)
-    np.testing.assert_allclose(gaits.frequency, 0.6)
+def test_children_of_images_are_images_of_a_parent():
+    """Parents that are one gait, seen from two sides, have children that are this gait, not half of each."""
+    breeding = Breeding(population=64, generations=2, elites=1, mutation_rate=0.0)
+    genome = Genome(3, images=((0, 1, 2), (1, 2, 0), (2, 0, 1)))
+    genes = np.tile([[0.1, 0.3, 0.6], [0.3, 0.6, 0.1]], (32, 1))
+    generation = Generation(jnp.asarray(genes), jnp.zeros(64), jnp.zeros(64), jnp.array(0))
+    children = eqx.filter_jit(breed)(jax.random.key(0), generation, 0.0, genome, breeding)
+    np.testing.assert_allclose(genome.gap(jnp.asarray(genes), children), 0, atol=1e-15)
 
 
-def test_amplitudes_and_frequency_evolve(reference):
-    """The wider genome runs through a whole search."""
-    genome = Genome(6, amplitude=(0.1, 0.3), frequency=(0.3, 0.6))
-    result = evolve(reference, genome, 2.0, Breeding(8, 2, elites=1), **QUICK)
-    assert result.last.genes.shape == (8, 13)
-    assert np.isfinite(result.best).all()
-
-
-def test_failed_rollouts_rank_last(reference):
-    """Steps near the stable one tear some robots apart: they are counted, and none of them outranks a success."""
-    genome, step = Genome(6, amplitude=(0.0, 0.95)), 9.8e-3
-    unstable = evolve(reference, genome, 4.0, Breeding(64, 1, elites=1), any_step=True, dt=step, dtype="float32")
-    fitness, failed = np.asarray(unstable.last.fitness), int(unstable.failed[-1])
+def test_everything_evolves_and_failed_rollouts_rank_last(exact):
+    """The widest genome runs through a whole search. Ten strokes a second of almost a strut's length tear some robots
+    apart: they are counted, and none of them outranks a success."""
+    genome = Genome(6, amplitude=(0.7, 0.95), frequency=(5.0, 15.0), overtones=1, active=5)
+    seen = []
+    result = evolve(exact, genome, 2.0, Breeding(32, 2, elites=1), on_generation=seen.append, **QUICK)
+    assert result.last.genes.shape == (32, 31)
+    assert np.isfinite([result.best, result.median]).all()
+    fitness, failed = np.asarray(seen[0].evaluated.fitness), int(result.failed[0])
     assert 0 < failed < len(fitness)
     assert np.isneginf(fitness[-failed:]).all()
     assert np.isfinite(fitness[:-failed]).all()
 
 
-def test_distinct_gaits_differ(reference):
-    """The same gait twice counts once, also across the seam of the circle."""
-    genes = np.array([[0.999, 0.5], [0.001, 0.5], [0.3, 0.5]])
-    generation = Generation(jax.numpy.asarray(genes), jax.numpy.array([3.0, 2.0, 1.0]), jax.numpy.array(0))
-    chosen = distinct(generation, Genome(2), 3)
-    np.testing.assert_allclose(chosen, genes[[0, 2]])
+def test_distinct_gaits_differ():
+    """The same gait twice counts once, also across the seam of the circle, or turned; what failed does not count."""
+    genes = np.array([[0.999, 0.5], [0.001, 0.5], [0.3, 0.5], [0.5, 0.3], [0.7, 0.7]])
+    fitness = jnp.array([3.0, 2.0, 1.0, 0.5, -jnp.inf])
+    generation = Generation(jnp.asarray(genes), fitness, jnp.zeros(5), jnp.array(1))
+    np.testing.assert_array_equal(distinct(generation, Genome(2), 5), genes[[0, 2, 3]])
+    np.testing.assert_array_equal(distinct(generation, Genome(2), 2), genes[[0, 2]])
+    np.testing.assert_array_equal(distinct(generation, Genome(2, images=((0, 1), (1, 0))), 5), genes[[0, 2]])
 
 
 def test_bad_settings_are_refused():
-    """Elites that fill the population, bounds the wrong way round."""
+    """Elites that fill the population, too few gaits, generations or rivals."""
     with pytest.raises(InputError, match="elites = 8: expected 1 to 7"):
         Breeding(population=8, elites=8)
     with pytest.raises(InputError, match="population = 0: expected at least 2"):
         Breeding(population=0)
-    with pytest.raises(InputError, match="amplitude"):
-        Genome(6, amplitude=(0.4, 0.2))
+    for options in ({"generations": 0}, {"tournament": 0}):
+        with pytest.raises(InputError, match=r"= 0.*: expected at least 1 of each"):
+            Breeding(**options)

@@ -1,0 +1,229 @@
+"""A broken cable, a stuck strut: how far does a gait still go, and how soon is a better one found?
+
+Every cable breaks in turn, and every strut gets stuck at its rest length (`broken = [k]` under [cables] and
+`stuck = [k]` under [struts] say the same in a scene file). The intact robot's gait is tried as it is; so are all gaits
+of the library for this scene and their images by the robot's symmetry; then the best of them is polished by gradients,
+and in the end a gait is evolved from scratch.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from common import SCENES, measured, run
+
+import equinox as eqx
+import jax
+import numpy as np
+from matplotlib.figure import Figure
+from tqdm import tqdm
+
+from jaxgrity import (
+    Breeding,
+    Fitness,
+    Gait,
+    Genome,
+    InputError,
+    Polishing,
+    Scene,
+    Uncertainty,
+    distinct,
+    evolve,
+    gait_names,
+    gait_record,
+    load_gait,
+    load_scene,
+    one_gait,
+    plot,
+    polish,
+    standing_symmetries,
+    verify,
+    with_gait,
+)
+from jaxgrity.files import save_json
+from jaxgrity.ladder import Rung, judge_on, rungs
+from jaxgrity.objectives import with_robots
+from jaxgrity.population import as_population
+from jaxgrity.symmetry import image
+
+WAYS = ("as it was", "library", "gradient", "scratch")
+TRIES = 64
+"""robots by which candidates are compared"""
+
+
+@dataclass
+class Settings:
+    scene: Path = SCENES / "exact.toml"
+    """scene file with a [gait]"""
+    gait: str = "rolling"
+    """of the intact robot: a name in the library, or a file; its distance is what a recovery is measured against"""
+    duration: float = 10.0
+    """s"""
+    rollouts: int = 2048
+    """for each search from scratch; polishing takes a quarter of them"""
+    enough: float = 0.7
+    """share of the intact distance that counts as recovered"""
+    seed: int = 0
+    """the same seed gives the same numbers"""
+    out: Path = Path("results/damage")
+    """folder for damage.json and damage.png"""
+    quick: bool = False
+    """two cables and a strut, 4 s, 256 rollouts"""
+
+
+def main(settings: Settings) -> None:
+    if settings.quick:
+        settings.duration, settings.rollouts = 4.0, 256
+    scene = load_scene(settings.scene)
+    if scene.gait is None or scene.structure.cables is None:
+        raise InputError(f"{settings.scene}: expected a scene with [cables] and a [gait]")
+    fitness = Fitness(uncertainty=Uncertainty(phase=0.03), robots=4)
+    known = known_gaits(scene, settings)
+    intact = judged(scene, as_population(known[0]), fitness, settings)[0]
+    cases = damaged(scene)
+    if settings.quick:
+        cases = {name: cases[name] for name in ("cable 0", "cable 7", "strut 1")}
+    found = {}
+    with tqdm(cases.items(), unit="case") as bar:
+        for number, (name, broken) in enumerate(bar):
+            found[name] = recover(broken, known, fitness, settings, settings.seed + number)
+            bar.set_postfix(case=name, best=f"{max(found[name][way] for way in WAYS):.2f} m")
+    facts = summary(scene, intact, len(known), found, settings)
+    save_json(settings.out / "damage.json", facts)
+    plot.save(figure(facts), settings.out / "damage.png")
+    for kind, counts in facts["recovered"].items():
+        told = ", ".join(f"{way}: {count}" for way, count in counts.items())
+        print(f"{kind}: at least {settings.enough:.0%} of {intact:.2f} m in so many cases: {told}")
+    print(f"wrote {settings.out}/")
+
+
+def damaged(scene: Scene) -> dict[str, Scene]:
+    """The scene with each cable broken, and with each actuated strut stuck."""
+    cables, struts = scene.structure.cables, scene.structure.struts
+    found = {}
+    for k in range(len(cables.edges)):
+        whole = np.ones(len(cables.edges))
+        whole[k] = 0
+        parts = [part * whole for part in (cables.stiffness, cables.damping) if part is not None]
+        where = lambda s: [p for p in (s.structure.cables.stiffness, s.structure.cables.damping) if p is not None]  # noqa: E731
+        found[f"cable {k}"] = eqx.tree_at(where, scene, parts)
+    for k in range(0 if struts is None else len(struts.edges)):
+        if k in scene.gait.members:
+            # a strut whose amplitude is zero keeps its length: without a program of its own for every case
+            found[f"strut {k}"] = scene if k in struts.stuck else with_gait(scene, stuck(scene.gait, k))
+    return found
+
+
+def stuck(gait: Gait, member: int) -> Gait:
+    """The gait without one member's motion."""
+    still = np.asarray(gait.members) == member
+    return eqx.tree_at(lambda g: g.amplitude, gait, np.where(still, 0.0, gait.amplitude))
+
+
+def known_gaits(scene: Scene, settings: Settings) -> list[Gait]:
+    """The intact robot's gait first, the others of the library that fit the scene, and the images of all of them."""
+    every = [load_gait(settings.gait)]
+    for name in gait_names():
+        record = gait_record(name)
+        if record["scene"] == settings.scene.name and tuple(record["members"]) == scene.gait.members:
+            every.append(load_gait(name))
+    if any(gait.members != scene.gait.members for gait in every):
+        raise InputError(f"{settings.gait}: actuates other members than {settings.scene.name}; expected the same")
+    plain = [gait for gait in every if not gait.overtones]
+    return [image(gait, symmetry) for gait in plain for symmetry in standing_symmetries(scene)]
+
+
+def recover(scene: Scene, known: list[Gait], fitness: Fitness, settings: Settings, seed: int) -> dict[str, Any]:
+    """Robust distance, m, on each of the ways to a gait, and the best gait verified."""
+    moves = np.asarray(scene.gait.amplitude) > 0
+    gaits = jax.tree.map(lambda *rows: np.stack(rows) if np.ndim(rows[0]) else rows[0], *known)
+    gaits = eqx.tree_at(lambda g: g.amplitude, gaits, np.where(moves, gaits.amplitude, 0.0))
+    library = judged(scene, gaits, fitness, settings)
+    best = int(np.argmax(library))
+    candidates = {"library": one_gait(gaits, best)}
+    candidates["gradient"] = polished(with_gait(scene, candidates["library"]), fitness, settings, seed)
+    candidates["scratch"] = from_scratch(scene, fitness, settings, seed)
+    values = {way: judged(scene, as_population(gait), fitness, settings)[0] for way, gait in candidates.items()}
+    winner = candidates[max(values, key=lambda way: values[way])]
+    verified = verify(scene, as_population(winner), settings.duration, rungs(scene)[-1].dt)
+    return {
+        "as it was": float(library[0]),
+        **values,
+        "verified": float(verified.distance[0]),
+        "error_bar": float(verified.error_bar[0]),
+    }
+
+
+def judged(scene: Scene, gaits: Gait, fitness: Fitness, settings: Settings) -> np.ndarray:
+    """Robust distance of each gait, m, by one ensemble for all cases."""
+    rung: Rung = rungs(scene)[1]
+    return judge_on(rung, gaits, settings.duration, with_robots(fitness, TRIES), settings.seed + 999).mean
+
+
+def polished(scene: Scene, fitness: Fitness, settings: Settings, seed: int) -> Gait:
+    """The scene's gait, its phases polished by gradients."""
+    genome, phase = Genome(len(scene.gait.members)), np.asarray(scene.gait.phase)
+    found = polish(
+        scene,
+        genome,
+        (phase / (2 * np.pi) % 1)[None],
+        settings.duration,
+        Polishing(max(128, settings.rollouts // 4)),
+        fitness=fitness,
+        dt=rungs(scene)[0].dt,
+        final_dt=rungs(scene)[1].dt,
+        final_robots=TRIES,
+        seed=seed,
+    )
+    return one_gait(genome.gaits(scene.gait, found.genes[None]), 0)
+
+
+def from_scratch(scene: Scene, fitness: Fitness, settings: Settings, seed: int) -> Gait:
+    """The best of a search whose last generation meets a larger ensemble."""
+    genome, rung = Genome(len(scene.gait.members)), rungs(scene)[0]
+    breeding = Breeding(64, max(1, settings.rollouts // (64 * fitness.robots)))
+    search = evolve(
+        rung.scene, genome, settings.duration, breeding, fitness=fitness, seed=seed, dt=rung.dt, dtype=rung.dtype
+    )
+    gaits = genome.gaits(scene.gait, distinct(search.last, genome, 8))
+    return one_gait(gaits, int(np.argmax(judged(scene, gaits, fitness, settings))))
+
+
+def summary(scene: Scene, intact: float, known: int, found: dict[str, Any], settings: Settings) -> dict[str, Any]:
+    """All cases, and how many recovered on each way, and by the best of them."""
+    recovered: dict[str, dict[str, int]] = {}
+    for kind in ("cable", "strut"):
+        cases = [case for name, case in found.items() if name.startswith(kind)]
+        counts = {way: sum(case[way] >= settings.enough * intact for case in cases) for way in WAYS}
+        counts["any"] = sum(max(case[way] for way in WAYS) >= settings.enough * intact for case in cases)
+        recovered[kind] = {**counts, "cases": len(cases)}
+    return {
+        **measured(),
+        "scene": settings.scene.name,
+        "duration": settings.duration,
+        "rollouts": {"scratch": settings.rollouts, "gradient": settings.rollouts // 4, "library": known * TRIES},
+        "intact": float(intact),
+        "enough": settings.enough,
+        "cases": found,
+        "recovered": recovered,
+    }
+
+
+def figure(facts: dict[str, Any]) -> Figure:
+    """Robust distance in each case on each of the ways, and what counts as recovered."""
+    cases = facts["cases"]
+    chart = Figure(figsize=(12, 4.5), layout="constrained")
+    axes = chart.subplots()
+    x = np.arange(len(cases))
+    for k, way in enumerate(WAYS):
+        axes.bar(x + 0.2 * (k - 1.5), [case[way] for case in cases.values()], 0.2, label=way)
+    axes.axhline(facts["intact"], color="black", lw=1, label="intact")
+    axes.axhline(facts["enough"] * facts["intact"], color="black", lw=1, ls="--", label=f"{facts['enough']:.0%} of it")
+    axes.set_xticks(x, list(cases), rotation=90)
+    axes.set(ylabel=f"robust distance in {facts['duration']:g} s, m", title="a broken cable, or a stuck strut")
+    axes.legend(ncols=6, fontsize="small", loc="upper center", bbox_to_anchor=(0.5, -0.25))
+    return chart
+
+
+if __name__ == "__main__":
+    run(main, Settings)

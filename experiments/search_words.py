@@ -1,0 +1,114 @@
+"""What README and docs say about the gait search, in words and tables, from the facts that the scripts left."""
+
+from speed_words import made_by, table
+
+from jaxgrity import gait_names, gait_record
+
+
+def gait_search(facts: dict) -> str:
+    robust, polish, asked = facts["robust"], facts["polish"], facts["actuators"]
+    rollouts = sum(search["rollouts"] for search in facts["searches"])
+    gain = f"from {polish['before']:.3f} to {polish['after']:.3f} m" if polish["improved"] else "found nothing better"
+    ranks = facts["ladder"]
+    among = ranks["rank_correlation_of_the_evolved"]
+    return (
+        f"`make gait` ({facts['wall_seconds']:.0f} s on 2 cores; `experiments/gait_search.py`) found a gait that "
+        f"travels **{facts['distance']:.3f} ± {facts['error_bar']:.1g} m** in {facts['duration']:g} s; robots whose "
+        f"phases are off by up to 0.03 rad travel {robust['mean']:.3f} m in the mean, with a standard deviation of "
+        f"{robust['standard_deviation']:.2g} m, and on the other contact model "
+        f"{facts['other_contact_model']['mean']:.2f} m. {rollouts} rollouts for the search and {polish['rollouts']} "
+        f"for polishing, which {'brought the mean ' if polish['improved'] else ''}{gain}. Screening ranks gaits as "
+        f"verification does with a rank correlation of {ranks['rank_correlation'][0][-1]:.2f}, but "
+        f"{among[0][-1]:.2f} among the evolved ones; the scene's own model does with {among[1][-1]:.2f}. The gait asks "
+        f"for up to {asked['peak_force']:.0f} N, {asked['peak_rate']:.2f} m/s and {asked['peak_power']:.0f} W of an "
+        "actuator ([docs/measured/gait_search.json](docs/measured/gait_search.json))."
+    )
+
+
+def rivals(name: str):
+    def words(facts: dict) -> str:
+        rows = []
+        for method, found in facts["methods"].items():
+            low, high = found["robust"]["quartiles"]
+            mine = [run for run in facts["runs"] if run["method"] == method]
+            bar = sorted((run["error_bar"] or float("inf")) / run["distance"] for run in mine)[len(mine) // 2]
+            beats = [found["beats"].get(other) for other in ("GA+more", "GA")]
+            rows.append(
+                [
+                    method,
+                    f"{found['robust']['median']:.3f}",
+                    f"{low:.3f} to {high:.3f}",
+                    f"{found['distance']:.3f}",
+                    f"{bar:.1%}",
+                    f"{found['ratio_to_random']:.2f}",
+                    *("-" if count is None else f"{count[0]} of {count[1]}" for count in beats),
+                ]
+            )
+        head = [
+            "search",
+            "robust distance, m: median",
+            "quartiles",
+            "nominal, m",
+            "its error bar",
+            "to random",
+            "beats GA",
+        ]
+        return table(head, rows) + made_by(facts, f"rivals_{name}")
+
+    return words
+
+
+def damage(facts: dict) -> str:
+    rows = []
+    for kind, counts in facts["recovered"].items():
+        total = counts["cases"]
+        rows.append([kind, *(f"{count} of {total}" for way, count in counts.items() if way != "cases")])
+    head = ["broken or stuck", *(way for way in facts["recovered"]["cable"] if way != "cases")]
+    cost = facts["rollouts"]
+    return (
+        f"Cases in which at least {facts['enough']:.0%} of the intact robust distance, {facts['intact']:.2f} m, is "
+        f"reached: by the gait as it was, by the best of the library and its images ({cost['library']} rollouts), "
+        f"by polishing that one ({cost['gradient']}), by a search from scratch ({cost['scratch']}), and by any.\n\n"
+        + table(head, rows)
+        + made_by(facts, "damage")
+    )
+
+
+def kills(facts: dict) -> str:
+    every = facts["kills"]
+    same = sum(kill["same_population"] for kill in every)
+    broken = sum(len(kill["broken_files"]) for kill in every)
+    return (
+        f"{len(every)} searches of {facts['undisturbed_seconds']:.0f} s were killed (SIGKILL) at random moments and "
+        f"resumed: {same} ended with the very same population, and {broken} files were broken."
+        + made_by(facts, "kills")
+    )
+
+
+def library() -> str:
+    """The gaits that come with the library, from their records in the package, and the commands that found them."""
+    commands = "\n".join(f"    # {name}\n    {gait_record(name)['command']}" for name in gait_names())
+    return f"{gaits_table()}\n\nEach is what its command leaves:\n\n{commands}"
+
+
+def gaits_table() -> str:
+    """The gaits that come with the library."""
+    rows = []
+    for name in gait_names():
+        record = gait_record(name)
+        robust = record["robust"]
+        unit = {"speed": "body lengths/s", "cost of transport": ""}.get(record["objective"], "m")
+        asked = record["actuators"]
+        rows.append(
+            [
+                f"`{name}`",
+                record["scene"],
+                f"{record['distance']:.3f} ± {record['error_bar']:.1g} m in {record['duration']:g} s",
+                f"{robust['mean']:.3f} ± {robust['standard_deviation']:.2g} {unit}".strip(),
+                f"{record['other_contact_model']['mean']:.3f}",
+                f"{record['motion']['kind']}, {record['motion']['rolls']} changes of support",
+                f"{asked['peak_force']:.0f} N, {asked['peak_rate']:.2f} m/s, {asked['peak_power']:.0f} W",
+            ]
+        )
+    head = ["gait", "scene", "verified", "robust", "other contact model", "motion", "peak of an actuator"]
+    return table(head, rows)

@@ -1,0 +1,210 @@
+"""Genes: their blocks and bounds, the circle that phases go round, images by symmetry, and the gaits they stand for."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from jaxgrity import Gait, Genome, InputError, gene_permutations, standing_symmetries
+from jaxgrity.actuation import Overtone, contraction
+
+FULL = Genome(
+    3, amplitude=(0.1, 0.3), frequency=(0.2, 1.0), overtones=2, active=2, images=((0, 1, 2), (1, 2, 0), (2, 0, 1))
+)
+"""every kind of gene; its images are the turns of a three-strut prism"""
+GAIT = Gait((0, 1, 2), np.zeros(3), np.full(3, 0.2), np.full(3, 0.5), start=0.0, ramp=1e-3)
+
+unit = st.floats(0, 0.999)
+seeds = st.integers(0, 2**32 - 1)
+
+
+def random_genes(seed: int, *rows: int) -> np.ndarray:
+    return np.random.default_rng(seed).uniform(size=(*rows, FULL.size))
+
+
+def test_blocks_say_what_each_gene_is():
+    """Phases, amplitudes, one frequency, a phase and a size for each overtone, ranks; only phases are circular."""
+    parts = {
+        "phase": 3,
+        "amplitude": 3,
+        "frequency": 1,
+        "phase 2": 3,
+        "size 2": 3,
+        "phase 3": 3,
+        "size 3": 3,
+        "rank": 3,
+    }
+    assert FULL.blocks == parts
+    assert list(FULL.blocks) == list(parts)
+    assert FULL.size == 22
+    assert np.flatnonzero(FULL.circular).tolist() == [0, 1, 2, 7, 8, 9, 13, 14, 15]
+    assert Genome(6).blocks == {"phase": 6}
+    assert Genome(6).circular.all()
+
+
+def test_split_takes_genes_apart_in_their_order():
+    """Joined again, they are the genes; for one gait and for a population."""
+    for rows in ((), (4,)):
+        genes = random_genes(0, *rows)
+        parts = FULL.split(genes)
+        assert {name: part.shape[-1] for name, part in parts.items()} == FULL.blocks
+        np.testing.assert_array_equal(np.concatenate(list(parts.values()), axis=-1), genes)
+
+
+def test_genes_become_gaits_within_bounds(reference):
+    """Phases in radians, an amplitude for each member, one frequency for all."""
+    genome = Genome(6, amplitude=(0.1, 0.3), frequency=(0.2, 1.0))
+    assert genome.size == 13
+    genes = np.full((2, 13), 0.5)
+    gaits = genome.gaits(reference.gait, genes)
+    np.testing.assert_allclose(gaits.phase, np.pi)
+    np.testing.assert_allclose(gaits.amplitude, 0.2)
+    np.testing.assert_allclose(gaits.frequency, 0.6)
+
+
+@pytest.mark.parametrize(("gene", "amplitude", "frequency"), [(0.0, 0.1, 0.2), (1.0, 0.3, 1.0)])
+def test_genes_reach_their_bounds(gene, amplitude, frequency):
+    """And not beyond; start, ramp and members stay the scene's own."""
+    genome = Genome(3, amplitude=(0.1, 0.3), frequency=(0.2, 1.0))
+    gaits = genome.gaits(GAIT, np.full((1, 7), gene))
+    np.testing.assert_allclose(gaits.amplitude, amplitude, rtol=1e-15)
+    np.testing.assert_allclose(gaits.frequency, frequency, rtol=1e-15)
+    assert (gaits.members, gaits.start, gaits.ramp) == (GAIT.members, GAIT.start, GAIT.ramp)
+
+
+def test_what_has_no_genes_stays_as_the_gait_says():
+    """Amplitude and frequency of the scene's own gait, in every row."""
+    gaits = Genome(3).gaits(GAIT, np.zeros((2, 3)))
+    np.testing.assert_array_equal(gaits.amplitude, np.full((2, 3), 0.2))
+    np.testing.assert_array_equal(gaits.frequency, np.full((2, 3), 0.5))
+    assert gaits.overtones == ()
+
+
+@given(seeds, st.floats(0, 10))
+def test_overtones_stay_within_the_amplitude(seed, t):
+    """The normalised series lies within -1 and 1, so that a member shortens by 0 to its amplitude, as by one sine."""
+    gaits = FULL.gaits(GAIT, random_genes(seed, 8))
+    assert all(np.all((np.asarray(o.size) >= 0) & (np.asarray(o.size) <= 0.5)) for o in gaits.overtones)
+    shortened = np.asarray(contraction(gaits, t))
+    assert np.all(shortened >= -1e-15)
+    assert np.all(shortened <= gaits.amplitude + 1e-15)
+
+
+def test_overtones_are_multiples_of_the_frequency():
+    """A sine at twice and at three times the frequency, written out; of no size, they change nothing."""
+    gait = Gait((0,), [0.3], [0.4], [0.5], 0.0, 1e-3, (Overtone([0.25], [1.0]), Overtone([0.5], [2.0])))
+    for t in (0.1, 0.7, 1.3):
+        x = np.pi * t
+        wave = (np.sin(x + 0.3) + 0.25 * np.sin(2 * x + 1.0) + 0.5 * np.sin(3 * x + 2.0)) / 1.75
+        np.testing.assert_allclose(contraction(gait, t), [0.2 * (1 + wave)], rtol=1e-14)
+    silent = Gait((0,), [0.3], [0.4], [0.5], 0.0, 1e-3, (Overtone([0.0], [1.0]),))
+    plain = Gait((0,), [0.3], [0.4], [0.5], 0.0, 1e-3)
+    np.testing.assert_allclose(contraction(silent, 0.7), contraction(plain, 0.7), rtol=1e-15)
+
+
+@given(st.lists(st.sampled_from([0.0, 0.25, 0.5, 1.0]), min_size=20, max_size=20))
+def test_as_many_members_are_active_as_asked(ranks):
+    """Exactly so many, also where ranks are equal, and none ranks below one that is not; the others do not move."""
+    ranks = np.reshape(ranks, (4, 5))
+    five = Gait(tuple(range(5)), np.zeros(5), np.full(5, 0.2), np.full(5, 0.5))
+    for active in (1, 2, 4):
+        moves = np.asarray(Genome(5, active=active).gaits(five, np.concatenate([0 * ranks, ranks], axis=1)).amplitude)
+        assert np.all((moves == 0.2) | (moves == 0))
+        assert np.all((moves > 0).sum(1) == active)
+        for row, moving in zip(ranks, moves > 0):
+            assert row[moving].min() >= row[~moving].max()
+
+
+@given(unit, unit)
+def test_the_way_between_angles_is_the_shorter_one(a, b):
+    """From a, the way `towards` b arrives at b, and is at most half a turn."""
+    way = float(Genome(1).towards(np.array([[a]]), np.array([[b]]))[0, 0])
+    assert abs(way) <= 0.5
+    gap = abs((a + way) % 1 - b)
+    assert min(gap, 1 - gap) < 1e-9
+
+
+@given(unit, unit)
+def test_the_way_between_other_genes_is_their_difference(a, b):
+    """A frequency of 0.9 does not come to 0.1 by way of 1."""
+    way = Genome(1, frequency=(0.1, 1.0)).towards(np.array([0.0, a]), np.array([0.0, b]))
+    assert float(way[1]) == b - a
+
+
+@given(st.floats(-3, 3), st.floats(-3, 3))
+def test_genes_are_brought_back_within_their_bounds(angle, other):
+    """An angle to the same angle on its circle, another gene to the nearer bound; twice is the same as once."""
+    genome = Genome(1, frequency=(0.1, 1.0))
+    held = np.asarray(genome.within(np.array([angle, other])))
+    assert 0 <= held[0] <= 1
+    assert abs((held[0] - angle) - round(held[0] - angle)) < 4e-15
+    assert held[1] == min(max(other, 0.0), 1.0)
+    np.testing.assert_array_equal(genome.towards(genome.within(held), held), 0)
+
+
+@given(seeds)
+def test_nearest_image_is_an_image_and_the_nearest(seed):
+    """Of every block, the three members' genes are turned together; the frequency stays."""
+    a, b = random_genes(seed, 2)
+    parts = [np.asarray(part) for part in FULL.split(b).values()]
+    turned = [[part[list(turn)] if part.shape == (3,) else part for part in parts] for turn in FULL.images]
+    images = np.array([np.concatenate(parts) for parts in turned])
+    away = [np.linalg.norm(FULL.towards(a, image)) for image in images]
+    np.testing.assert_array_equal(FULL.nearest_image(a, b), images[np.argmin(away)])
+
+
+@given(seeds)
+def test_images_of_a_gait_are_no_gap_apart(seed):
+    """Nor does it matter which of two gaits comes first, or how either is turned."""
+    a, b = random_genes(seed, 2)
+    turns = np.array([FULL._permuted(image) for image in FULL.images])
+    np.testing.assert_array_equal(FULL.gap(np.array([a] * 3), a[turns]), 0)
+    gap = float(FULL.gap(a, b))
+    assert 0 < gap <= 1
+    first, second = (np.repeat(a[turns], 3, axis=0), np.tile(b[turns], (3, 1)))
+    for gaps in (FULL.gap(first, second), FULL.gap(second, first)):
+        np.testing.assert_allclose(gaps, gap, rtol=1e-12)
+
+
+def test_a_population_has_the_images_of_its_rows():
+    """Each row of parents by itself."""
+    a, b = random_genes(1, 5), random_genes(2, 5)
+    rows = [FULL.nearest_image(x, y) for x, y in zip(a, b)]
+    assert any(not np.array_equal(row, y) for row, y in zip(rows, b))
+    np.testing.assert_array_equal(FULL.nearest_image(a, b), rows)
+    np.testing.assert_array_equal(FULL.gap(a, b), [FULL.gap(x, y) for x, y in zip(a, b)])
+
+
+def test_without_images_a_gait_is_its_own():
+    """The genes of the other come back untouched."""
+    a, b = np.array([0.1, 0.2]), np.array([0.2, 0.1])
+    assert Genome(2).nearest_image(a, b) is b
+    assert float(Genome(2).gap(a, b)) == pytest.approx(0.1)
+    assert float(Genome(2, images=((0, 1), (1, 0))).gap(a, b)) == 0
+
+
+def test_images_are_those_of_the_standing_robot(exact):
+    """A gait and the same gait turned by 120 degrees, whose genes a robot on a face cannot tell apart."""
+    images = gene_permutations(exact.gait.members, standing_symmetries(exact))
+    assert len(images) == 3
+    genome = Genome(6, images=images)
+    genes = np.random.default_rng(3).uniform(size=6)
+    assert float(genome.gap(genes, genes[list(images[1])])) == 0
+    assert float(Genome(6).gap(genes, genes[list(images[1])])) > 0.1
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"amplitude": (0.4, 0.2)}, r"amplitude = \(0\.4, 0\.2\): expected two ascending bounds between 0 and 1"),
+        ({"amplitude": (0.5, 1.5)}, "amplitude"),
+        ({"frequency": (-0.1, 1.0)}, "frequency .* expected two ascending bounds between 0 and inf"),
+        ({"overtones": -1}, "overtones = -1: expected 0 or more"),
+        ({"active": 0}, "active = 0: expected 1 to 5"),
+        ({"active": 6}, "active = 6: expected 1 to 5, fewer than may be actuated"),
+    ],
+)
+def test_bad_genomes_are_refused(options, message):
+    """Bounds the wrong way round or out of range, fewer than no overtones, all or none of the members."""
+    with pytest.raises(InputError, match=message):
+        Genome(6, **options)

@@ -1,0 +1,220 @@
+"""Meters: what actuators do, and how robots meet the ground, against the energy balance and motions known by hand."""
+
+import dataclasses
+
+import equinox as eqx
+import numpy as np
+import pytest
+
+from jaxgrity import Gait, InputError, Members, Scene, Structure, energy_audit, gaits_of, random_phases
+from jaxgrity import simulate_population as roll
+from jaxgrity.ground import Ground
+from jaxgrity.meter import WINDOW, nothing, read
+from jaxgrity.scene import as_dtype, with_gait
+
+G, CARRIED = 9.81, 2.0
+STEP = 1e-2
+
+
+def rows(scene):
+    """The scene's own gait, two others, and one that does not move."""
+    phases = np.concatenate([[scene.gait.phase], random_phases(2, 6, seed=0), [scene.gait.phase]])
+    return gaits_of(scene.gait, phases, np.array([0.3, 0.3, 0.2, 0.0])[:, None] * np.ones((4, 6)))
+
+
+@pytest.fixture(scope="module")
+def metered(exact):
+    """Two seconds of four robots in the exact scene, one of them with the gait."""
+    return roll(exact, rows(exact), 2.0, dt=STEP, metered=True)
+
+
+def test_meters_disturb_nothing(exact, metered):
+    """Positions are those without meters."""
+    plain = roll(exact, rows(exact), 2.0, dt=STEP)
+    np.testing.assert_allclose(metered.positions, plain.positions, rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(metered.steps, plain.steps)
+    np.testing.assert_array_equal(metered.failure, plain.failure)
+    assert plain.meters is None
+
+
+def test_work_is_that_of_the_balance(exact, metered):
+    """Of exact contact and rigid struts to rounding, for impulses are summed alike."""
+    audit = energy_audit(exact, 2.0, dt=STEP)
+    assert audit.actuation[-1] < -100
+    assert float(metered.meters.work[0]) == pytest.approx(audit.actuation[-1], rel=1e-12)
+
+
+def test_work_of_springs_is_that_of_the_balance_to_the_step(reference):
+    """By less than what a step does at the end: power is summed at the ends of steps, and integrated in the balance.
+
+    Of springs alone, for what takes energy out is not the meters' concern. Positions are those of the balance, which is
+    not metered.
+    """
+    scene = eqx.tree_at(
+        lambda s: (
+            s.friction, s.node_damping, s.ground.dissipation, s.structure.struts.damping, s.structure.cables.damping
+        ),
+        reference,
+        (None,) * 5,
+    )  # fmt: skip
+    scene = eqx.tree_at(lambda s: s.gait.start, scene, np.asarray(0.0))
+    dt = 1e-3
+    audit = energy_audit(scene, 0.6, dt=dt)
+    outcomes = roll(scene, rows(scene), 0.6, dt=dt, metered=True)
+    np.testing.assert_allclose(outcomes.positions[0], audit.positions[-1], rtol=0, atol=1e-12)
+    work, power = audit.actuation, np.diff(audit.actuation)[-1] / np.diff(audit.times)[-1]
+    assert abs(work[-1]) > 10 * dt * abs(power) > 0.1
+    assert float(outcomes.meters.work[0]) == pytest.approx(work[-1], abs=dt * abs(power))
+    assert float(outcomes.meters.work[3]) == 0
+
+
+def test_meters_bound_each_other(metered):
+    """No actuator does more than all do by themselves, no way is shorter than the straight one, none slips aloft."""
+    meters = metered.meters
+    assert np.all(meters.effort[:3] > np.maximum(meters.work[:3], 1))
+    assert np.all(meters.path >= metered.distance() * (1 - 1e-12))
+    assert np.all(meters.path[:3] > 1.05 * metered.distance()[:3])
+    assert np.all((meters.slip >= 0) & (meters.slip <= meters.contact))
+    assert np.all(meters.slip[:3] > 0.1)
+    # of twelve nodes, in the second since the gait began
+    assert np.all(meters.contact <= 12 * (1 - meters.flight) + 1e-9)
+    assert np.all(np.abs(meters.force) <= meters.peak_force)
+    assert np.all(meters.peak_power <= meters.peak_force * meters.peak_rate)
+
+
+def test_a_robot_that_lies_still_costs_nothing(metered):
+    """Once it has settled, it stays on three nodes: no effort, no rate, no slip and, but for rounding, no path."""
+    still = [np.asarray(x)[3] for x in metered.meters]
+    meters = dict(zip(metered.meters._fields, still))
+    for name in ("effort", "slip", "flight", "peak_rate", "peak_power"):
+        np.testing.assert_array_equal(meters[name], 0, err_msg=name)
+    assert meters["contact"] == pytest.approx(3.0, rel=1e-12)
+    assert meters["path"] < 1e-13
+    assert np.all(meters["force"] < -200)
+
+
+def column(rigid: bool, gait: Gait | None = None) -> Scene:
+    """A strut of 1 m that stands upright on one node and carries another: as nothing pushes it aside, it does not fall.
+
+    A spring is as short as the load makes it, and stands as deep in the ground as the weight does.
+    """
+    stiffness, ground = None if rigid else np.array([1e3]), None if rigid else 2e3
+    base = 0.0 if rigid else -(1.0 + CARRIED) * G / 2e3
+    height = 1.0 if rigid else 1.0 - CARRIED * G / 1e3
+    struts = Members(((0, 1),), stiffness, np.array([1.0]))
+    nodes = np.array([[0, 0, base], [0, 0, base + height]])
+    return Scene(Structure(nodes, np.array([1.0, CARRIED]), struts), G, ground=Ground(ground), gait=gait)
+
+
+def strokes(amplitude, frequency) -> Gait:
+    """Of the column's strut, from its full length, in full swing from t = 0."""
+    phase = np.full(len(amplitude), -np.pi / 2)
+    return Gait((0,), *(np.reshape(x, (-1, 1)) for x in (phase, amplitude, frequency)), start=-1.0, ramp=1.0)
+
+
+def test_a_strut_that_lifts_a_load_by_hand():
+    """A rigid one: its force is the load's weight and inertia, its effort the load lifted at each stroke.
+
+    What is lifted is lowered again, and no motor stores it, so that work is nothing and effort is not. Effort is a
+    force times the rate half a step later: 1 % more at a stroke a second, where inertia is 40 % of the weight. Rates
+    peak between two steps, 5e-4 higher; peaks of forces are means.
+    """
+    amplitude, frequency = np.array([0.3, 0.2, 0.0]), np.array([0.5, 1.0, 0.5])
+    outcomes = roll(column(rigid=True), strokes(amplitude, frequency), 2.0, dt=STEP, metered=True)
+    meters = outcomes.meters
+    assert np.asarray(outcomes.failure).tolist() == [0, 0, 0]
+    np.testing.assert_allclose(meters.peak_rate[:, 0], np.pi * frequency * amplitude, rtol=1e-3)
+    lifted = 2.0 * frequency * CARRIED * G * amplitude
+    np.testing.assert_allclose(meters.effort, lifted, rtol=0.012)
+    np.testing.assert_allclose(meters.work, 0, atol=1e-3 * lifted.max())
+    inertia = CARRIED * amplitude / 2 * (2 * np.pi * frequency) ** 2
+    peaks = np.asarray(meters.peak_force[:, 0])
+    assert np.all(peaks <= (CARRIED * G + inertia) * (1 + 1e-3))
+    assert np.all(peaks >= CARRIED * G + 0.9 * inertia - 1e-9)
+    np.testing.assert_allclose(meters.force[2], -CARRIED * G, rtol=1e-9)
+    np.testing.assert_allclose(meters.contact, 2.0, rtol=1e-12)
+    for name in ("path", "slip", "flight"):
+        np.testing.assert_array_equal(getattr(meters, name), 0, err_msg=name)
+
+
+@pytest.mark.parametrize("method", ["rk4", "tsit5"])
+def test_a_spring_that_carries_a_load_by_hand(method):
+    """At rest its force is K (l - L), the load's weight; the work of a stroke is what it lifts and what it stores.
+
+    By half of a stroke, in a time long for the spring, the load comes down by the stroke. What is left of its swing,
+    1 % of the amplitude, is less than 1 % of the work.
+    """
+    gaits = strokes(np.array([0.0, 0.3]), np.array([0.5, 0.5]))
+    outcomes = roll(column(rigid=False), gaits, 1.0, dt=1e-3, method=method, metered=True)
+    assert outcomes.method == method
+    meters, q = outcomes.meters, np.asarray(outcomes.positions)
+    np.testing.assert_allclose(q[0], column(rigid=False).structure.nodes, rtol=0, atol=1e-12)
+    assert float(meters.force[0, 0]) == pytest.approx(1e3 * (q[0, 1, 2] - q[0, 0, 2] - 1.0), rel=1e-8)
+    assert float(meters.force[0, 0]) == pytest.approx(-CARRIED * G, rel=1e-8)
+    assert float(meters.work[0]) == float(meters.effort[0]) == 0
+    assert float(meters.work[1]) == pytest.approx(-0.3 * CARRIED * G, rel=0.01)
+    assert float(meters.peak_rate[1, 0]) == pytest.approx(0.15 * np.pi, rel=1e-4)
+
+
+def test_forces_stand_in_the_gaits_order(reference):
+    """Cables and struts in any order; a slack cable does not pull, a stuck strut has no rate, and each force belongs to
+    its member: over a step of the time that forces are averaged over, it is K (l - L)."""
+    gait = Gait((20, 2, 7, 0), [0.1, 0.7, 2.0, 4.0], [0.3, 0.2, 0.1, 0.25], [0.5, 0.7, 0.9, 1.1], 0.0, 1.0)
+    longer = np.array(reference.structure.cables.rest_length)
+    longer[1] = 3.0
+    stuck = dataclasses.replace(reference.structure.struts, stuck=(2,))
+    scene = eqx.tree_at(
+        lambda s: (s.structure.cables.rest_length, s.structure.struts), with_gait(reference, gait), (longer, stuck)
+    )
+    q = scene.structure.nodes + np.random.default_rng(0).normal(size=(12, 3)) * 0.05
+    state = (q, 0 * q)
+
+    @eqx.filter_jit
+    def one_step(scene):
+        return read(scene, 1.5, WINDOW, state, state, None, None, nothing(scene))
+
+    meters = one_step(as_dtype(scene, "float64"))
+    forces, rates = [], []
+    for k, phase, delta, f in zip(gait.members, gait.phase, gait.amplitude, gait.frequency):
+        members, row = (scene.structure.struts, k) if k < 6 else (scene.structure.cables, k - 6)
+        i, j = members.edges[row]
+        moves = 0 if k == 2 else 1
+        before, after = (
+            members.rest_length[row] * (1 - moves * delta / 2 * (1 + np.sin(2 * np.pi * f * t + phase)))
+            for t in (1.5, 1.5 + WINDOW)
+        )
+        forces.append(members.stiffness[row] * (np.linalg.norm(q[i] - q[j]) - after))
+        rates.append(abs(after - before) / WINDOW)
+    assert forces[2] < 0
+    forces[2] = 0.0
+    assert rates[1] == 0
+    np.testing.assert_allclose(meters.force, forces, rtol=1e-10)
+    np.testing.assert_allclose(meters.peak_force, np.abs(forces), rtol=1e-10)
+    np.testing.assert_allclose(meters.peak_rate, rates, rtol=1e-10)
+    np.testing.assert_allclose(meters.peak_power, np.abs(np.multiply(forces, rates)), rtol=1e-10)
+
+
+def test_counting_begins_with_the_gait(exact):
+    """Fallen by 2 cm before it, the robot has never been in the air; a gait that begins at once sees it fall."""
+    at_once = dataclasses.replace(rows(exact), start=np.asarray(0.0))
+    flight = roll(exact, at_once, 2.0, dt=STEP, metered=True).meters.flight
+    # to the step in which it lands
+    assert float(flight[3]) == pytest.approx(np.sqrt(2 * 0.02 / G), abs=STEP)
+
+
+def test_adaptive_and_implicit_methods_have_no_meters(reference):
+    """Steps of one size, all robots at once: only such are metered."""
+    for options in ({"method": "tsit5"}, {"method": "kvaerno3", "dt": 1e-3}):
+        with pytest.raises(InputError, match="expected an explicit one at a fixed step, to be metered"):
+            roll(reference, rows(reference), 0.1, metered=True, **options)
+
+
+def test_what_cannot_be_metered_is_refused(reference):
+    """Without a gait, nothing is actuated; forces of rigid struts that share a node cannot be told apart."""
+    with pytest.raises(InputError, match="no gait; expected one, whose actuators can be metered"):
+        nothing(with_gait(reference, None))
+    struts = Members(((0, 1), (1, 2)), None, np.ones(2))
+    chain = Structure(np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0]]), np.ones(3), struts)
+    gait = Gait((0,), np.zeros(1), np.zeros(1), np.ones(1))
+    with pytest.raises(InputError, match="rigid struts share nodes: their forces cannot be told apart"):
+        nothing(Scene(chain, gait=gait))

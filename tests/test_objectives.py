@@ -1,0 +1,192 @@
+"""Objectives, computed by hand from outcomes, and the fitness of ensembles."""
+
+import math
+
+import equinox as eqx
+import jax
+import jaxtyping
+import numpy as np
+import pytest
+
+from jaxgrity import (
+    Fitness,
+    InputError,
+    Objective,
+    Outcomes,
+    Uncertainty,
+    ensemble,
+    gaits_of,
+    random_phases,
+    simulate_population,
+    with_gait,
+)
+from jaxgrity.ladder import Rung, judge_on
+from jaxgrity.meter import Meters
+from jaxgrity.objectives import body_length
+
+MOVED = np.array([[3.0, 4.0, 7.0], [-0.6, 0.8, 0.0], [0.0, -2.0, 1.0]])
+"""m, of three robots; the last fails"""
+PATH, EFFORT = np.array([10.0, 2.5, 4.0]), np.array([20.0, 5.0, 1.0])
+RATE = np.array([[0.1, 0.5], [0.4, 0.3], [0.2, 0.2]])
+
+
+def outcomes(metered: bool = True) -> Outcomes:
+    """Three robots that moved as above."""
+    start, zero = np.array([[1.0, 2.0, 0.5]] * 3), np.zeros(3)
+    meters = Meters(PATH, zero, EFFORT, zero, zero, zero, 0 * RATE, 100 * RATE, RATE, 10 * RATE)
+    code, steps = np.array([0, 0, 1]), np.full(3, 5)
+    nodes = np.zeros((3, 12, 3))
+    return Outcomes(start, start + MOVED, nodes, code, steps, 0 * steps, meters if metered else None, "rk4", 1e-3)
+
+
+@pytest.mark.parametrize(
+    ("objective", "worth"),
+    [
+        (Objective(), [5.0, 1.0]),
+        (Objective("direction"), [3.0, -0.6]),
+        (Objective("direction", heading=np.pi / 2), [4.0, 0.8]),
+        (Objective("direction", heading=math.atan2(4, 3)), [5.0, 0.28]),
+        (Objective("speed"), [5.0 / 8, 1.0 / 8]),
+        (Objective("cost of transport"), [-20 / (6 * 9.81 * 5), -5 / (6 * 9.81 * 1)]),
+        (Objective("straightness"), [0.5, 0.4]),
+    ],
+    ids=lambda x: f"{x.kind} {x.heading:.1f}" if isinstance(x, Objective) else "",
+)
+def test_each_kind_by_hand(reference, objective, worth):
+    """Of a robot of 1 m and 6 kg after 8 s; NaN where it failed."""
+    found = np.asarray(objective.worth(reference, outcomes(objective.metered), 8.0))
+    np.testing.assert_allclose(found[:2], worth, rtol=1e-14)
+    assert np.isnan(found[2])
+
+
+def test_speed_is_in_the_robots_own_lengths(reference):
+    """The longest strut as built; without struts, the longest cable."""
+    half = eqx.tree_at(lambda s: s.structure.nodes, reference, reference.structure.nodes / 2)
+    assert float(body_length(half)) == pytest.approx(0.5, rel=1e-14)
+    speeds = [Objective("speed").worth(s, outcomes(), 8.0)[:2] for s in (half, reference)]
+    np.testing.assert_allclose(speeds[0], 2 * speeds[1], rtol=1e-14)
+    loose = eqx.tree_at(lambda s: s.structure.struts, with_gait(reference, None), None)
+    assert float(body_length(loose)) == pytest.approx(np.sqrt(6) / 4, rel=1e-14)
+    bare = eqx.tree_at(lambda s: s.structure.cables, loose, None)
+    with pytest.raises(InputError, match="no members; expected some, to measure its length in"):
+        body_length(bare)
+
+
+KINDS = ("distance", "direction", "speed", "cost of transport", "straightness")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_gait_within_its_bounds_loses_nothing(reference, kind):
+    """Up to the bound itself, by the actuator that needs most."""
+    plain = Objective(kind).worth(reference, outcomes(), 8.0)
+    for bound in ({"largest_rate": 0.5}, {"largest_force": 50.0}, {"largest_power": 5.0}):
+        np.testing.assert_array_equal(Objective(kind, **bound).worth(reference, outcomes(), 8.0), plain)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_gait_beyond_a_bound_comes_after_all_within(reference, kind):
+    """However little it exceeds it, and however far it goes: here the first of two robots, which is better at all
+    but cost, exceeds it with one actuator."""
+    plain = float(Objective(kind).worth(reference, outcomes(), 8.0)[1])
+    for name, peak in (("rate", 0.5), ("force", 50.0), ("power", 5.0)):
+        for share in (1e-6, 1e-3, 0.1):
+            objective = Objective(kind, **{f"largest_{name}": peak / (1 + share)})
+            beyond, within, failed = np.asarray(objective.worth(reference, outcomes(), 8.0))
+            assert beyond < within == plain, (name, share)
+            assert np.isnan(failed)
+
+
+def test_the_more_a_gait_exceeds_bounds_the_less_it_is_worth(reference):
+    """So that a search knows its way back to what is allowed: with the excess, and with every bound exceeded."""
+
+    def worth(**bounds):
+        return float(Objective(**bounds).worth(reference, outcomes(), 8.0)[0])
+
+    beyond = [worth(largest_rate=bound) for bound in (0.4, 0.3, 0.2)]
+    assert beyond[0] > beyond[1] > beyond[2]
+    assert worth(largest_rate=0.4, largest_force=40.0) < worth(largest_rate=0.4)
+    assert worth(largest_rate=0.4, largest_force=60.0) == worth(largest_rate=0.4)
+
+
+def test_what_has_to_be_metered():
+    """Work, paths and bounds; distances come without."""
+    assert [Objective(kind).metered for kind in ("distance", "direction", "speed")] == [False] * 3
+    assert [Objective(kind).metered for kind in ("cost of transport", "straightness")] == [True] * 2
+    assert Objective(largest_rate=1.0).metered
+    assert [Objective(kind).unit for kind in ("distance", "speed", "straightness")] == ["m", "body lengths/s", ""]
+
+
+@pytest.fixture(scope="module")
+def judged(exact):
+    """Three gaits by four robots each, the second of which tears its own apart, with what they were judged by."""
+    doubts = Uncertainty(0.3, 0.1, 0.4, 0.1, 0.1, 0.05, 0.05)
+    fitness = Fitness(Objective("direction", heading=0.7), doubts, robots=4, caution=1.5)
+    amplitude = np.array([0.3, 30.0, 0.2])[:, None] * np.ones((3, 6))
+    gaits = gaits_of(exact.gait, random_phases(3, 6, seed=0), amplitude)
+    rung = Rung("", exact, 1e-2, "float64")
+    return fitness, gaits, judge_on(rung, gaits, 2.5, fitness, seed=5)
+
+
+def test_fitness_is_the_mean_less_caution_times_the_spread(judged):
+    """Of the robots of each ensemble; a gait one of whose robots fails is worth less than any other."""
+    _, _, scores = judged
+    assert scores.failed.tolist() == [False, True, False]
+    assert np.isneginf(scores.fitness[1])
+    good = scores.each[[0, 2]]
+    assert good.std(1).min() > 1e-3
+    np.testing.assert_allclose(scores.mean[[0, 2]], good.mean(1), rtol=1e-12)
+    np.testing.assert_allclose(scores.spread[[0, 2]], good.std(1), rtol=1e-12)
+    np.testing.assert_allclose(scores.fitness[[0, 2]], good.mean(1) - 1.5 * good.std(1), rtol=1e-12)
+
+
+def test_each_robot_is_worth_what_it_does(exact, judged):
+    """As rolled out from the same draws; all robots of a gait stand in its row."""
+    fitness, gaits, scores = judged
+    many, differences = ensemble(jax.random.key(5), exact, gaits, fitness.uncertainty, fitness.robots)
+    alone = simulate_population(exact, many, 2.5, dt=1e-2, differences=differences)
+    expected = np.asarray(fitness.objective.worth(exact, alone, 2.5)).reshape(3, 4)
+    np.testing.assert_allclose(scores.each, expected, rtol=0, atol=1e-12)
+    assert np.isnan(scores.each[1]).any()
+
+
+def test_the_same_seed_draws_the_same_robots(exact, judged):
+    """To the last bit; another seed draws others."""
+    fitness, gaits, scores = judged
+    rung = Rung("", exact, 1e-2, "float64")
+    np.testing.assert_array_equal(judge_on(rung, gaits, 2.5, fitness, seed=5).each, scores.each)
+    assert not np.array_equal(judge_on(rung, gaits, 2.5, fitness, seed=6).fitness, scores.fitness)
+
+
+def test_without_uncertainty_one_robot_is_enough(exact):
+    """It is the gait's own rollout, however many are asked for: there is no spread."""
+    gaits = gaits_of(exact.gait, random_phases(2, 6, seed=0))
+    scores = judge_on(Rung("", exact, 1e-2, "float64"), gaits, 1.5, Fitness(robots=4), seed=0)
+    assert scores.each.shape == (2, 1)
+    np.testing.assert_array_equal(scores.fitness, scores.each[:, 0])
+    np.testing.assert_array_equal(scores.spread, 0)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Objective(largest_rate=0.0), "largest_rate = 0.0: expected a positive number"),
+        (lambda: Objective(largest_force=-1.0), "largest_force = -1.0: expected a positive number"),
+        (lambda: Objective(largest_power=float("nan")), "largest_power = nan: expected a positive number"),
+        (lambda: Fitness(robots=0), "robots = 0: expected at least 1"),
+        (lambda: Fitness(caution=1.0), "caution = 1.0: one robot has no spread; expected robots = 2 or more"),
+    ],
+    ids=["rate", "force", "power", "robots", "caution"],
+)
+def test_bad_objectives_are_refused(make, message):
+    """Bounds that are not positive, ensembles too small for what is asked of them."""
+    with pytest.raises(InputError, match=message):
+        make()
+
+
+def test_an_unknown_kind_is_refused(monkeypatch):
+    """With those that there are; these tests check types too, which would refuse it before."""
+    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
+    with pytest.raises(
+        InputError, match="objective = 'far': unknown; expected one of distance, direction, speed, cost"
+    ):
+        Objective("far")
