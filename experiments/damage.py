@@ -59,7 +59,11 @@ class Settings:
     """of the intact robot: a name in the library, or a file; its distance is what a recovery is measured against"""
     duration: float = 10.0
     """s"""
-    rollouts: int = 2048
+    amplitude: tuple[float, float] = (0.05, 0.5)
+    """bounds within which a search from scratch may choose each member's"""
+    frequency: tuple[float, float] = (0.2, 1.0)
+    """bounds (Hz) within which it may choose the gait's; the same twice, as for amplitudes: it stays as it is"""
+    rollouts: int = 8192
     """for each search from scratch; polishing takes a quarter of them"""
     enough: float = 0.7
     """share of the intact distance that counts as recovered"""
@@ -180,7 +184,10 @@ def polished(scene: Scene, fitness: Fitness, settings: Settings, seed: int) -> G
 
 def from_scratch(scene: Scene, fitness: Fitness, settings: Settings, seed: int) -> Gait:
     """The best of a search whose last generation meets a larger ensemble."""
-    genome, rung = Genome(len(scene.gait.members)), rungs(scene)[0]
+    # a stuck strut's amplitude is zero, and has to stay so
+    varied = ("amplitude", "frequency") if np.all(np.asarray(scene.gait.amplitude) > 0) else ("frequency",)
+    free = {name: bounds for name in varied if np.ptp(bounds := getattr(settings, name))}
+    genome, rung = Genome(len(scene.gait.members), **free), rungs(scene)[0]
     breeding = Breeding(64, max(1, settings.rollouts // (64 * fitness.robots)))
     search = evolve(
         rung.scene, genome, settings.duration, breeding, fitness=fitness, seed=seed, dt=rung.dt, dtype=rung.dtype
@@ -201,6 +208,7 @@ def summary(scene: Scene, intact: float, known: int, found: dict[str, Any], sett
         **measured(),
         "scene": settings.scene.name,
         "duration": settings.duration,
+        "free": {"amplitude": settings.amplitude, "frequency": settings.frequency},
         "rollouts": {"scratch": settings.rollouts, "gradient": settings.rollouts // 4, "library": known * TRIES},
         "intact": float(intact),
         "enough": settings.enough,

@@ -64,11 +64,13 @@ def damage(facts: dict) -> str:
         total = counts["cases"]
         rows.append([kind, *(f"{count} of {total}" for way, count in counts.items() if way != "cases")])
     head = ["broken or stuck", *(way for way in facts["recovered"]["cable"] if way != "cases")]
-    cost = facts["rollouts"]
+    cost, free = facts["rollouts"], facts["free"]
     return (
         f"Cases in which at least {facts['enough']:.0%} of the intact robust distance, {facts['intact']:.2f} m, is "
         f"reached: by the gait as it was, by the best of the library and its images ({cost['library']} rollouts), "
-        f"by polishing that one ({cost['gradient']}), by a search from scratch ({cost['scratch']}), and by any.\n\n"
+        f"by polishing that one ({cost['gradient']}), by a search from scratch ({cost['scratch']}; amplitudes "
+        f"{free['amplitude'][0]:g} to {free['amplitude'][1]:g} and frequency {free['frequency'][0]:g} to "
+        f"{free['frequency'][1]:g} Hz, where the intact gait keeps those of the scene), and by any.\n\n"
         + table(head, rows)
         + made_by(facts, "damage")
     )

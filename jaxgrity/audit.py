@@ -223,9 +223,9 @@ def impulsive_work(scene: Scene, t0, h, start: State, end: State, before, after)
     if scene.structure.struts is not None and scene.structure.struts.rigid:
         struts = strut_impulses(scene, t0, h, start, end, before, after)
         smooth["actuation"] = smooth["actuation"] + work(struts)
-    ground = sum(ground, jnp.zeros_like(q))
-    smooth["impulse"] = smooth["impulse"] + ground.sum(0)
-    smooth["moment"] = smooth["moment"] + jnp.cross(q, ground).sum(0)
+    outside: NodeVectors = sum(ground, jnp.zeros_like(q))
+    smooth["impulse"] = smooth["impulse"] + outside.sum(0)
+    smooth["moment"] = smooth["moment"] + jnp.cross(q, outside).sum(0)
     return smooth
 
 

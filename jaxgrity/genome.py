@@ -68,7 +68,7 @@ class Genome(eqx.Module):
         """(genes,), which genes are angles."""
         return np.concatenate([np.full(count, name.startswith("phase")) for name, count in self.blocks.items()])
 
-    def split(self, genes: Genes) -> dict[str, Genes]:
+    def split(self, genes: Genes) -> dict[str, AnyArray]:
         """The genes of each quantity."""
         ends = np.cumsum(list(self.blocks.values()))
         return dict(zip(self.blocks, jnp.split(jnp.asarray(genes), ends[:-1], axis=-1)))
@@ -96,7 +96,7 @@ class Genome(eqx.Module):
         """Angles brought back to their circle, the rest to its bounds."""
         return jnp.where(self.circular, genes % 1, jnp.clip(genes, 0, 1))
 
-    def towards(self, a: Genes, b: Genes) -> Genes:
+    def towards(self, a: AnyArray, b: AnyArray) -> AnyArray:
         """b - a, the shorter way round where the gene is an angle: in [-1/2, 1/2) of a turn."""
         return jnp.where(self.circular, (b - a + 0.5) % 1 - 0.5, b - a)
 
@@ -122,5 +122,5 @@ class Genome(eqx.Module):
         return np.concatenate(rows)
 
 
-def _between(bounds: tuple[float, float], genes: Genes) -> Genes:
+def _between(bounds: tuple[float, float], genes: AnyArray) -> AnyArray:
     return bounds[0] + (bounds[1] - bounds[0]) * genes

@@ -80,8 +80,18 @@ def evolve_up(
         if found and number >= len(states):
             state = state._replace(genes=found[-1].last.genes)
         told = None if on_generation is None else lambda state, n=number: on_generation(n, state)
-        options = {"fitness": fitness, "dt": rung.dt, "dtype": rung.dtype}
-        found.append(evolve(rung.scene, genome, duration, breeding, state=state, on_generation=told, **options))
+        search = evolve(
+            rung.scene,
+            genome,
+            duration,
+            breeding,
+            fitness=fitness,
+            dt=rung.dt,
+            dtype=rung.dtype,
+            state=state,
+            on_generation=told,
+        )
+        found.append(search)
     return found
 
 

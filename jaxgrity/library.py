@@ -46,13 +46,13 @@ def gait_of(record: dict[str, Any], where: str = "gait") -> Gait:
     try:
         parts = {name: np.array(record[name], float) for name in ("phase", "amplitude", "frequency")}
         overtones = tuple(Overtone(np.array(o["size"]), np.array(o["phase"])) for o in record.get("overtones", []))
-        members, ramp = tuple(int(k) for k in record["members"]), (record["start"], record["ramp"])
+        members, start, ramp = tuple(int(k) for k in record["members"]), record["start"], record["ramp"]
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"{where}: not a gait: {error}; expected what a search leaves in gait.json") from error
     for name, part in parts.items():
         if part.shape != (len(members),) or not np.isfinite(part).all():
             raise InputError(f"{where}: {name} = {record[name]}: expected {len(members)} finite numbers")
-    return Gait(members, *parts.values(), *ramp, overtones)
+    return Gait(members, parts["phase"], parts["amplitude"], parts["frequency"], start, ramp, overtones)
 
 
 def gait_facts(gait: Gait) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from jaxgrity.ground import signed_distance
 from jaxgrity.primitives import component, dot, edge_vectors, inverse, length, take_rows
 from jaxgrity.scene import Scene
 from jaxgrity.structure import InputError
-from jaxgrity.types import PerMember, Scalar
+from jaxgrity.types import AnyArray, PerMember, Scalar
 
 SLIP = 0.02
 """m/s, beyond which a touching node counts as slipping"""
@@ -62,13 +62,14 @@ def nothing(scene: Scene) -> Meters:
 
 def read(scene: Scene, t0: Scalar, h: Scalar, start, end, before, after, held: Meters) -> Meters:
     """The meters after one more step from `start` to `end`; `before` and `after` are the solver's state around it."""
-    q0, (q, v), gait = start[0], end, scene.gait
+    q0, (q, v) = start[0], end
+    assert scene.gait is not None, "`nothing` refuses a scene without a gait"
     exact = _complementary(before)
-    on = (t0 >= gait.start).astype(q.dtype)
+    on = jnp.asarray(t0 >= scene.gait.start).astype(q.dtype)
     if exact:
-        gained = impulsive_work(scene, t0, h, start, end, before, after)["actuation"]
+        work: AnyArray = impulsive_work(scene, t0, h, start, end, before, after)["actuation"]
     else:
-        gained = h * powers(scene, t0 + h, q, v)["actuation"]
+        work = h * jnp.asarray(powers(scene, t0 + h, q, v)["actuation"])
     moved = centre_of_mass(scene, q) - centre_of_mass(scene, q0)
     step = jnp.sqrt(moved[0] * moved[0] + moved[1] * moved[1])
     touching, slipping = _contact(scene, q, v, after if exact else None)
@@ -77,7 +78,7 @@ def read(scene: Scene, t0: Scalar, h: Scalar, start, end, before, after, held: M
     force = held.force + jnp.minimum(1, h / WINDOW) * (tension - held.force)
     return Meters(
         held.path + on * step,
-        held.work + gained,
+        held.work + work,
         held.effort + h * jnp.sum(jnp.maximum(0, -tension * rate), axis=0),
         held.contact + on * h * jnp.sum(touching, axis=0),
         held.slip + on * h * jnp.sum(touching * slipping, axis=0),
@@ -131,10 +132,11 @@ def _tension(scene: Scene, t0: Scalar, h: Scalar, start, end, before, after) -> 
 
 def _actuated(scene: Scene):
     """Members of each kind, which of them are actuated, in ascending order, and the number of the first."""
-    structure = scene.structure
+    structure, gait = scene.structure, scene.gait
+    assert gait is not None, "`nothing` refuses a scene without a gait"
     for members, first in ((structure.struts, 0), (structure.cables, structure.first_cable)):
         if members is not None:
-            rows = tuple(k for k in range(len(members.edges)) if first + k in scene.gait.members)
+            rows = tuple(k for k in range(len(members.edges)) if first + k in gait.members)
             if rows:
                 yield members, rows, first
 
@@ -142,5 +144,6 @@ def _actuated(scene: Scene):
 def _in_order(scene: Scene, parts: list[PerMember]) -> PerMember:
     """Struts' and cables' numbers, joined, in the order in which the gait names the members."""
     joined = parts[0] if len(parts) == 1 else jnp.concatenate(parts)
+    assert scene.gait is not None, "`nothing` refuses a scene without a gait"
     order = tuple(int(k) for k in np.argsort(np.argsort(scene.gait.members)))
     return joined if order == tuple(range(len(order))) else take_rows(joined, order)

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from jaxgrity.actuation import Gait
+from jaxgrity.meter import Meters
 from jaxgrity.population import Outcomes, roll_out
 from jaxgrity.scene import Scene
 from jaxgrity.simulate import Settings
@@ -18,7 +19,7 @@ from jaxgrity.uncertainty import Uncertainty, ensemble
 Kind = Literal["distance", "direction", "speed", "cost of transport", "straightness"]
 METERED = ("cost of transport", "straightness")
 REFUSED = 1e3
-"""by how much a gait loses for each time that it exceeds a bound: more than any objective gives"""
+"""times peak/bound, what a gait loses that exceeds a bound: more than any objective gives"""
 
 
 class Objective(eqx.Module):
@@ -63,26 +64,31 @@ class Objective(eqx.Module):
 
     def worth(self, scene: Scene, outcomes: Outcomes, duration: Scalar) -> PerGait:
         """(population,), NaN where the rollout failed."""
-        distance = outcomes.distance()
-        worth = distance
+        worth = distance = outcomes.distance()
         if self.kind == "direction":
             moved = outcomes.com_end - outcomes.com_start
             along = moved[:, 0] * np.cos(self.heading) + moved[:, 1] * np.sin(self.heading)
             worth = jnp.where(jnp.isfinite(distance), along, jnp.nan)
         elif self.kind == "speed":
             worth = distance / duration / body_length(scene)
-        elif self.kind == "cost of transport":
-            weight = scene.structure.node_mass.sum() * scene.gravity
-            worth = -outcomes.meters.effort / (weight * distance)
+        return self._metered(scene, outcomes.meters, worth) if self.metered else worth
+
+    def _metered(self, scene: Scene, meters: Meters | None, worth: PerGait) -> PerGait:
+        """`worth`, m or m/s, where the kind or a bound needs meters."""
+        assert meters is not None, "rollouts of what is metered have meters"
+        if self.kind == "cost of transport":
+            if scene.gravity is None:
+                raise InputError("cost of transport needs gravity; expected a [gravity] table")
+            worth = -meters.effort / (scene.structure.node_mass.sum() * scene.gravity * worth)
         elif self.kind == "straightness":
-            worth = distance / outcomes.meters.path
+            worth = worth / meters.path
         for name, bound in self.bounds.items():
-            peak = getattr(outcomes.meters, f"peak_{name}").max(-1)
-            worth = worth - REFUSED * jnp.maximum(0, peak / bound - 1)
+            peak = getattr(meters, f"peak_{name}").max(-1)
+            worth = jnp.where(peak > bound, worth - REFUSED * peak / bound, worth)
         return worth
 
 
-def body_length(scene: Scene) -> float:
+def body_length(scene: Scene) -> Scalar:
     """The longest strut as built, m; of a structure without struts, the longest cable."""
     members = scene.structure.struts or scene.structure.cables
     if members is None:

@@ -116,7 +116,9 @@ def robust_figure(gaits: dict[str, np.ndarray], unit: str) -> Figure:
     every = np.concatenate(list(gaits.values()))
     edges = np.linspace(every.min(), every.max() + 1e-9, 30)
     for (name, each), colour in zip(gaits.items(), (STRUT, PATH, CABLE)):
-        axes.hist(each, edges, alpha=0.55, color=colour, label=f"{name}: {each.mean():.3f} ± {each.std():.2g} {unit}")
+        axes.hist(
+            each, list(edges), alpha=0.55, color=colour, label=f"{name}: {each.mean():.3f} ± {each.std():.2g} {unit}"
+        )
         axes.axvline(each.mean(), color=colour)
     axes.set(
         xlabel=f"objective ({unit})" if unit else "objective", ylabel="robots", title="what perturbed robots reach"

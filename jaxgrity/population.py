@@ -166,7 +166,7 @@ def roll_out(
     if devices > jax.local_device_count():
         # every host gets all outcomes, and goes on as if it had computed them alone
         outcomes = jax.lax.with_sharding_constraint(outcomes, NamedSharding(mesh, PartitionSpec()))
-    return Outcomes(*outcomes, settings.method.name, settings.dt)
+    return Outcomes(*outcomes, settings.method.name, settings.dt)  # type: ignore[call-arg]
 
 
 def most_lanes(scene: Scene, settings: Settings) -> int:

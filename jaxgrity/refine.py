@@ -221,7 +221,7 @@ def _climb(task: Task, polishing: Polishing, genes, kind: Kind, horizon: float, 
             judged, task.scene, genome, tried, task.duration, task.settings, task.fitness, polishing.robots
         )
         best = int(jnp.argmax(scores.fitness))
-        x, scale, spent = tried[best], scale * (0.5, 0.7, 1.0, 1.4, 2.0)[best], spent + costs[half]
+        x, scale, spent = tried[best], scale * max(LENGTHS[best], 0.25) ** 0.5, spent + costs[half]
         fitness, norm = float(scores.fitness[best]), float(jnp.linalg.norm(gradient))
         found.append(Step(ahead[half], norm, float(share), LENGTHS[best], fitness))
         if on_step is not None:

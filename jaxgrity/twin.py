@@ -6,7 +6,7 @@ import numpy as np
 from jaxgrity.friction import ConeFriction, SmoothFriction, SwitchFriction
 from jaxgrity.ground import Ground
 from jaxgrity.scene import Scene
-from jaxgrity.structure import InputError, Members
+from jaxgrity.structure import InputError, Members, edge_lengths
 
 SINKS = 2e-3
 """of the body's length, by which three nodes that carry the weight sink into penalty ground"""
@@ -49,8 +49,10 @@ def penalty_twin(scene: Scene) -> Scene:
     struts, ground, friction = scene.structure.struts, scene.ground, scene.friction
     if scene.gravity is None:
         raise InputError("gravity: not modelled; expected it, since the weight says how stiff a ground should be")
-    nodes = np.asarray(scene.structure.nodes)
-    size = max(float(np.linalg.norm(nodes[i] - nodes[j])) for i, j in (struts or scene.structure.cables).edges)
+    members = struts or scene.structure.cables
+    if members is None:
+        raise InputError("the structure has no members; expected some, whose length says how deep it may sink")
+    size = float(edge_lengths(scene.structure.nodes, members.edges).max())
     stiffness = float(scene.structure.mass) * float(scene.gravity) / (3 * SINKS * size)
     if struts is not None and struts.rigid:
         each = np.full(len(struts.edges), 2 * stiffness)
@@ -58,7 +60,7 @@ def penalty_twin(scene: Scene) -> Scene:
         scene = eqx.tree_at(lambda s: s.structure.struts, scene, springs)
     if ground is None or not ground.exact:
         return scene
-    smooth = None if friction is None else SmoothFriction(friction.mu, CREEPS)
+    smooth = SmoothFriction(friction.mu, CREEPS) if isinstance(friction, ConeFriction) else None
     soft = Ground(stiffness, DISSIPATES, ground.incline)
     return eqx.tree_at(lambda s: (s.ground, s.friction), scene, (soft, smooth), is_leaf=_absent)
 

@@ -1,5 +1,6 @@
 """What is never known exactly: in what the robots of a population differ, and ensembles drawn from it."""
 
+from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -9,18 +10,19 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxgrity.actuation import Gait
+from jaxgrity.primitives import edge_vectors, length
 from jaxgrity.scene import Scene
-from jaxgrity.structure import InputError, edge_lengths
+from jaxgrity.structure import InputError
 from jaxgrity.types import AnyArray
 
-DIFFERING = {
-    "friction": lambda s: s.friction,
-    "cable_stiffness": lambda s: s.structure.cables.stiffness,
-    "cable_damping": lambda s: s.structure.cables.damping,
-    "cable_rest_length": lambda s: s.structure.cables.rest_length,
-    "node_mass": lambda s: s.structure.node_mass,
+DIFFERING: dict[str, tuple[str, ...]] = {
+    "friction": ("friction.mu", "friction.mu_static", "friction.mu_kinetic"),
+    "cable_stiffness": ("structure.cables.stiffness",),
+    "cable_damping": ("structure.cables.damping",),
+    "cable_rest_length": ("structure.cables.rest_length",),
+    "node_mass": ("structure.node_mass",),
 }
-"""the part of a scene that each of the `Differences` is a factor of"""
+"""the parts of a scene, those that it has, that each of the `Differences` is a factor of"""
 
 
 class Differences(eqx.Module):
@@ -57,16 +59,21 @@ def differing(scene: Scene, differences: Differences | None) -> Scene:
         if name == "up":
             scene = eqx.tree_at(lambda s: s.up, scene, of_nodes(value), is_leaf=lambda x: x is None)
             continue
-        own = DIFFERING[name](scene) if name == "friction" or "cable" not in name or scene.structure.cables else None
-        if own is None:
+        parts = [part for part in DIFFERING[name] if _part(scene, part) is not None]
+        if not parts:
             raise InputError(f"{name} is to differ, but the scene has none; expected a scene that models it")
-        if name == "friction":
-            slip = {part: getattr(own, part) * of_nodes(value) for part in vars(own) if part.startswith("mu")}
-            changed = eqx.tree_at(lambda f, slip=slip: [getattr(f, part) for part in slip], own, list(slip.values()))
-        else:
-            changed = own * value
-        scene = eqx.tree_at(DIFFERING[name], scene, changed)
+        factor = of_nodes(value) if name == "friction" else value
+        for part in parts:
+            scene = eqx.tree_at(partial(_part, path=part), scene, _part(scene, part) * factor)
     return scene
+
+
+def _part(scene: Scene, path: str) -> Any:
+    """What is at the end of a path of attributes; None where it breaks off."""
+    found: Any = scene
+    for name in path.split("."):
+        found = getattr(found, name, None)
+    return found
 
 
 class Uncertainty(eqx.Module):
@@ -132,13 +139,15 @@ def ensemble(
         many = eqx.tree_at(lambda g: g.amplitude, many, many.amplitude * (1 + each(draw("actuation", actuators))))
     found = {}
     if uncertainty.friction:
+        if scene.friction is None:
+            raise InputError("friction is to differ, but the scene has none; expected a scene that models it")
         found["friction"] = 1 + draw("friction")
     if uncertainty.cable_stiffness or uncertainty.prestress:
         cables = _cables(scene)
         if uncertainty.cable_stiffness:
             found["cable_stiffness"] = 1 + draw("cable_stiffness", 1) * np.ones(len(cables.edges), dtype)
         if uncertainty.prestress:
-            built = jnp.asarray(edge_lengths(np.asarray(scene.structure.nodes), cables.edges), dtype)
+            built = length(edge_vectors(jnp.asarray(scene.structure.nodes, dtype), cables.edges))
             found["cable_rest_length"] = 1 - draw("prestress", 1) * (built / cables.rest_length - 1)
     if uncertainty.node_mass:
         found["node_mass"] = 1 + draw("node_mass", len(scene.structure.nodes))

@@ -14,7 +14,9 @@ FULL = Genome(
 """every kind of gene; its images are the turns of a three-strut prism"""
 GAIT = Gait((0, 1, 2), np.zeros(3), np.full(3, 0.2), np.full(3, 0.5), start=0.0, ramp=1e-3)
 
-unit = st.floats(0, 0.999)
+# numbers so small that processors take them for 0 are left out
+unit = st.floats(0, 0.999, allow_subnormal=False)
+any_number = st.floats(-3, 3, allow_subnormal=False)
 seeds = st.integers(0, 2**32 - 1)
 
 
@@ -128,10 +130,10 @@ def test_the_way_between_angles_is_the_shorter_one(a, b):
 def test_the_way_between_other_genes_is_their_difference(a, b):
     """A frequency of 0.9 does not come to 0.1 by way of 1."""
     way = Genome(1, frequency=(0.1, 1.0)).towards(np.array([0.0, a]), np.array([0.0, b]))
-    assert float(way[1]) == b - a
+    assert float(way[1]) == pytest.approx(b - a, rel=1e-15, abs=1e-300)
 
 
-@given(st.floats(-3, 3), st.floats(-3, 3))
+@given(any_number, any_number)
 def test_genes_are_brought_back_within_their_bounds(angle, other):
     """An angle to the same angle on its circle, another gene to the nearer bound; twice is the same as once."""
     genome = Genome(1, frequency=(0.1, 1.0))
@@ -142,28 +144,29 @@ def test_genes_are_brought_back_within_their_bounds(angle, other):
     np.testing.assert_array_equal(genome.towards(genome.within(held), held), 0)
 
 
-@given(seeds)
-def test_nearest_image_is_an_image_and_the_nearest(seed):
+def test_nearest_image_is_an_image_and_the_nearest():
     """Of every block, the three members' genes are turned together; the frequency stays."""
-    a, b = random_genes(seed, 2)
+    a, b = random_genes(0, 64), random_genes(1, 64)
     parts = [np.asarray(part) for part in FULL.split(b).values()]
-    turned = [[part[list(turn)] if part.shape == (3,) else part for part in parts] for turn in FULL.images]
-    images = np.array([np.concatenate(parts) for parts in turned])
-    away = [np.linalg.norm(FULL.towards(a, image)) for image in images]
-    np.testing.assert_array_equal(FULL.nearest_image(a, b), images[np.argmin(away)])
+    turned = [[p[:, list(turn)] if p.shape[1] == 3 else p for p in parts] for turn in FULL.images]
+    images = np.array([np.concatenate(parts, axis=1) for parts in turned])
+    away = [np.linalg.norm(FULL.towards(a, image), axis=1) for image in images]
+    nearest = np.argmin(away, axis=0)
+    assert set(nearest) == {0, 1, 2}
+    np.testing.assert_array_equal(FULL.nearest_image(a, b), images[nearest, np.arange(64)])
 
 
-@given(seeds)
-def test_images_of_a_gait_are_no_gap_apart(seed):
+def test_images_of_a_gait_are_no_gap_apart():
     """Nor does it matter which of two gaits comes first, or how either is turned."""
-    a, b = random_genes(seed, 2)
-    turns = np.array([FULL._permuted(image) for image in FULL.images])
-    np.testing.assert_array_equal(FULL.gap(np.array([a] * 3), a[turns]), 0)
-    gap = float(FULL.gap(a, b))
-    assert 0 < gap <= 1
-    first, second = (np.repeat(a[turns], 3, axis=0), np.tile(b[turns], (3, 1)))
-    for gaps in (FULL.gap(first, second), FULL.gap(second, first)):
-        np.testing.assert_allclose(gaps, gap, rtol=1e-12)
+    a, b = random_genes(0, 64), random_genes(1, 64)
+    turns = [FULL._permuted(image) for image in FULL.images]
+    gap = np.asarray(FULL.gap(a, b))
+    assert np.all((gap > 0) & (gap <= 1))
+    for p in turns:
+        np.testing.assert_array_equal(FULL.gap(a, a[:, p]), 0)
+        np.testing.assert_allclose(FULL.gap(b[:, p], a), gap, rtol=1e-12)
+        for r in turns:
+            np.testing.assert_allclose(FULL.gap(a[:, p], b[:, r]), gap, rtol=1e-12)
 
 
 def test_a_population_has_the_images_of_its_rows():

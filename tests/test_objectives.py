@@ -10,12 +10,17 @@ import pytest
 
 from jaxgrity import (
     Fitness,
+    Gait,
     InputError,
+    Members,
     Objective,
     Outcomes,
+    Scene,
+    Structure,
     Uncertainty,
     ensemble,
     gaits_of,
+    one_gait,
     random_phases,
     simulate_population,
     with_gait,
@@ -108,6 +113,13 @@ def test_the_more_a_gait_exceeds_bounds_the_less_it_is_worth(reference):
     assert worth(largest_rate=0.4, largest_force=60.0) == worth(largest_rate=0.4)
 
 
+def test_cost_of_transport_needs_a_weight(reference):
+    """It is a share of the work that lifts the robot so far."""
+    weightless = eqx.tree_at(lambda s: s.gravity, reference, None)
+    with pytest.raises(InputError, match="cost of transport needs gravity"):
+        Objective("cost of transport").worth(weightless, outcomes(), 8.0)
+
+
 def test_what_has_to_be_metered():
     """Work, paths and bounds; distances come without."""
     assert [Objective(kind).metered for kind in ("distance", "direction", "speed")] == [False] * 3
@@ -142,7 +154,8 @@ def test_fitness_is_the_mean_less_caution_times_the_spread(judged):
 def test_each_robot_is_worth_what_it_does(exact, judged):
     """As rolled out from the same draws; all robots of a gait stand in its row."""
     fitness, gaits, scores = judged
-    many, differences = ensemble(jax.random.key(5), exact, gaits, fitness.uncertainty, fitness.robots)
+    draw = eqx.filter_jit(ensemble)
+    many, differences = draw(jax.random.key(5), exact, gaits, fitness.uncertainty, fitness.robots)
     alone = simulate_population(exact, many, 2.5, dt=1e-2, differences=differences)
     expected = np.asarray(fitness.objective.worth(exact, alone, 2.5)).reshape(3, 4)
     np.testing.assert_allclose(scores.each, expected, rtol=0, atol=1e-12)
@@ -157,12 +170,16 @@ def test_the_same_seed_draws_the_same_robots(exact, judged):
     assert not np.array_equal(judge_on(rung, gaits, 2.5, fitness, seed=6).fitness, scores.fitness)
 
 
-def test_without_uncertainty_one_robot_is_enough(exact):
-    """It is the gait's own rollout, however many are asked for: there is no spread."""
-    gaits = gaits_of(exact.gait, random_phases(2, 6, seed=0))
-    scores = judge_on(Rung("", exact, 1e-2, "float64"), gaits, 1.5, Fitness(robots=4), seed=0)
+def test_without_uncertainty_one_robot_is_enough():
+    """It is the gait's own rollout, however many are asked for: there is no spread. Here, a jump down a slope."""
+    strut = Members(((0, 1),), None, np.array([1.0]))
+    gait = Gait((0,), np.zeros((2, 1)), np.array([[0.0], [0.2]]), np.ones((2, 1)))
+    structure = Structure(np.array([[0.0, 0, 0], [1, 0, 0]]), np.ones(2), strut)
+    scene = Scene(structure, 9.81, gait=one_gait(gait, 0), up=np.tile([-0.6, 0, 0.8], (2, 1)))
+    scores = judge_on(Rung("", scene, 1e-2, "float64"), gait, 0.5, Fitness(robots=4), seed=0)
     assert scores.each.shape == (2, 1)
     np.testing.assert_array_equal(scores.fitness, scores.each[:, 0])
+    np.testing.assert_allclose(scores.fitness, 0.6 * 9.81 * 0.5**2 / 2, rtol=1e-9)
     np.testing.assert_array_equal(scores.spread, 0)
 
 
