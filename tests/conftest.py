@@ -24,6 +24,12 @@ def _forget_compiled_programs():
 
 
 @pytest.fixture(scope="session")
+def scenes():
+    """The folder of the project's scene files."""
+    return SCENES
+
+
+@pytest.fixture(scope="session")
 def reference():
     """The robot of scenes/reference.toml: every term but the Coulomb switch."""
     from jaxgrity.scenefile import load_scene

@@ -1,0 +1,78 @@
+"""Gaits as files: what comes with the library loads, fits its scene and reaches what its record says; errors."""
+
+import json
+
+import numpy as np
+import pytest
+
+from jaxgrity import Gait, InputError, gait_names, gait_record, load_gait, load_scene, verify, with_gait
+from jaxgrity.actuation import Overtone
+from jaxgrity.files import save_json
+from jaxgrity.library import gait_facts
+from jaxgrity.population import as_population
+
+
+@pytest.mark.parametrize("name", gait_names())
+def test_gaits_of_the_library_fit_their_scenes(name, scenes):
+    """Each has a scene of the project, a number for each member, error bars, and the command that found it."""
+    record, gait = gait_record(name), load_gait(name)
+    scene = with_gait(load_scene(scenes / record["scene"]), gait)
+    assert scene.gait is gait
+    assert record["distance"] > 10 * record["error_bar"] > 0
+    assert record["robust"]["robots"] == 256
+    assert record["command"].startswith("python experiments/gait_search.py")
+
+
+def test_a_gait_reaches_what_its_record_says(scenes):
+    """Verified anew at the same step; the slow one, whose motion is the least sensitive."""
+    record = gait_record("slow")
+    scene = load_scene(scenes / record["scene"])
+    again = verify(scene, as_population(load_gait("slow")), record["duration"], 2.5e-3)
+    assert abs(again.distance[0] - record["distance"]) <= record["error_bar"]
+
+
+def test_a_gait_comes_back_from_its_file(tmp_path):
+    """To the last digit, with start, ramp and overtones."""
+    one = np.array([0.1, 0.2, 1 / 3])
+    gait = Gait((0, 3, 7), one, one / 2, one + 1, 0.5, 2.0, (Overtone(one, 2 * one), Overtone(one / 7, one)))
+    save_json(tmp_path / "gait.json", gait_facts(gait))
+    again = load_gait(tmp_path / "gait.json")
+    assert again.members == gait.members
+    for part in ("phase", "amplitude", "frequency", "start", "ramp"):
+        np.testing.assert_array_equal(getattr(again, part), getattr(gait, part))
+    for old, new in zip(gait.overtones, again.overtones, strict=True):
+        np.testing.assert_array_equal([new.size, new.phase], [old.size, old.phase])
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda r: r.pop("phase"), "not a gait: 'phase'; expected what a search leaves"),
+        (lambda r: r.update(phase=[0.0]), "phase = \\[0.0\\]: expected 2 finite numbers"),
+        (lambda r: r.update(members=["a", "b"]), "not a gait"),
+    ],
+)
+def test_what_is_no_gait_is_refused(tmp_path, change, words):
+    """A missing key, a wrong number of phases, members that are no numbers."""
+    record = gait_facts(Gait((0, 1), np.zeros(2), np.ones(2), np.ones(2)))
+    change(record)
+    save_json(tmp_path / "gait.json", record)
+    with pytest.raises(InputError, match=words):
+        load_gait(tmp_path / "gait.json")
+
+
+def test_unknown_gaits_are_refused(tmp_path):
+    """The names that there are stand in the error; a file that is no JSON is named."""
+    with pytest.raises(InputError, match=r"gait 'fly': unknown; expected a file, or one of .*slow"):
+        load_gait("fly")
+    (tmp_path / "gait.json").write_text("{")
+    with pytest.raises(InputError, match="not JSON"):
+        load_gait(tmp_path / "gait.json")
+
+
+def test_records_are_what_a_search_leaves():
+    """Nothing in them is not finite, and no folder of a machine is in them."""
+    for name in gait_names():
+        text = json.dumps(gait_record(name))
+        assert "NaN" not in text
+        assert "--out" not in text
