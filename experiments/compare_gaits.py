@@ -13,10 +13,12 @@ from matplotlib.figure import Figure
 
 from jaxgrity import InputError, plot
 from jaxgrity.files import read_text, save_json
+from jaxgrity.objectives import UNITS
 
 COLUMNS = {
     "verified, m": lambda s: f"{s['distance']:.3f} ± {s['error_bar'] or np.inf:.1g}",
-    "robust": lambda s: f"{s['robust']['mean']:.3f} ± {s['robust']['standard_deviation']:.2g}",
+    "scene": lambda s: s["scene"],
+    "robust": lambda s: f"{s['robust']['mean']:.3f} ± {s['robust']['standard_deviation']:.2g} {UNITS[s['objective']]}",
     "other model": lambda s: f"{s['other_contact_model']['mean']:.3f}",
     "motion": lambda s: "-" if s["motion"] is None else f"{s['motion']['kind']}, {s['motion']['rolls']} rolls",
     "peak N, m/s, W": lambda s: "{peak_force:.0f}, {peak_rate:.2f}, {peak_power:.0f}".format(**s["actuators"]),
@@ -74,7 +76,7 @@ def flat(settings: dict[str, Any], prefix: str = "") -> dict[str, Any]:
 
 
 def different_settings(runs: dict[str, dict[str, Any]]) -> list[str]:
-    """The settings in which the runs differ, and the scene where it does."""
+    """The settings in which the runs differ."""
     every = [flat(run["settings"]) for run in runs.values()]
     return [key for key in every[0] if any(one.get(key) != every[0][key] for one in every)]
 

@@ -47,6 +47,7 @@ def report(best: Scene, ladder, searches, agreement, polished, verdict: Verdict,
         **gait_facts(best.gait),
         "duration": settings.duration,
         "objective": settings.objective.kind,
+        "settings": {n: v for n, v in asdict(settings).items() if not isinstance(v, Path)},
         **found,
         "motion": None if motion is None else motion.summary(),
         "directions": directions(best, last, settings.duration),
@@ -65,7 +66,6 @@ def report(best: Scene, ladder, searches, agreement, polished, verdict: Verdict,
     draw(best, diagnosis, ladder, searches, agreement, polished, verdict, settings)
     summary = {
         **gait,
-        "settings": {n: v for n, v in asdict(settings).items() if not isinstance(v, Path)},
         "ladder": agreement,
         "searches": [{**search._asdict(), "last": None} for search in searches],
         "polish": None if polished is None else polish_facts(polished),
@@ -98,19 +98,14 @@ def maps_members(scene: Scene, symmetry: Symmetry) -> bool:
 
 def actuators(best: Scene, rung: Rung, duration: float) -> dict[str, Any]:
     """What the gait asks of its actuators."""
-    meters = simulate_population(
-        best, as_population(best.gait), duration, dt=rung.dt, dtype="float64", metered=True
-    ).meters
+    outcomes = simulate_population(best, as_population(best.gait), duration, dt=rung.dt, dtype="float64", metered=True)
+    meters, distance = outcomes.meters, float(outcomes.distance()[0])
     assert meters is not None, "they were asked for"
-    weight, way = float(best.structure.mass) * float(best.gravity or 0.0), float(meters.path[0])
+    weight = float(best.structure.mass) * float(best.gravity or np.nan)
     peaks = {name: float(np.max(getattr(meters, name))) for name in ("peak_rate", "peak_force", "peak_power")}
-    effort = float(meters.effort[0])
-    return {
-        **peaks,
-        "work": float(meters.work[0]),
-        "effort": effort,
-        "effort_per_weight_and_path": effort / weight / way,
-    }
+    works = {name: float(getattr(meters, name)[0]) for name in ("work", "effort")}
+    costs = {f"cost_of_transport_by_{name}": amount / weight / distance for name, amount in works.items()}
+    return {**peaks, **works, **costs}
 
 
 def polish_facts(polished: Polished) -> dict[str, Any]:
@@ -161,7 +156,7 @@ def words(summary: dict[str, Any], motion) -> dict[str, str]:
             f"{d['distance']:.2f} m towards {np.degrees(d['heading']):.0f}°" for d in summary["directions"]
         ),
         "actuators": f"up to {asked['peak_force']:.0f} N, {asked['peak_rate']:.2g} m/s, {asked['peak_power']:.0f} W; "
-        f"{asked['effort_per_weight_and_path']:.2g} J per newton of weight and metre of path",
+        f"cost of transport {asked['cost_of_transport_by_effort']:.2g} (own work of every actuator / (m g d))",
         "search": f"{rollouts} rollouts; screening ranks gaits as verification does with {ranks:.2f} (Spearman; "
         f"{among:.2f} among the evolved)",
         "polish": "none" if summary["polish"] is None else summary["polish"]["reason"],

@@ -5,6 +5,7 @@ comes out. Every generation is saved: --resume goes on after an interruption, to
 population.npz, trajectory.npz, figures, an animation, summary.json and a page to open (index.html).
 """
 
+import hashlib
 import sys
 import time
 from dataclasses import asdict, dataclass, field
@@ -42,6 +43,8 @@ from jaxgrity.refine import Polished
 from jaxgrity.runs import Run, open_run
 from jaxgrity.search import Search, State
 
+UNSEEN = 10**6
+"""added to the seed of the last judgement, whose draws nothing was chosen by"""
 COMPARED = 16
 """evolved gaits, and as many random ones, that go through all rungs of the ladder"""
 
@@ -91,18 +94,19 @@ class Settings:
     restart: bool = False
     """begin again where the folder holds an unfinished run"""
     quick: bool = False
-    """a small search that ends within a minute: 4 s, 16 gaits, 3 generations, 128 rollouts of polish"""
+    """a small search that ends within a minute: 4 s at most, 16 gaits, 3 generations, 128 rollouts of polish"""
 
 
 def main(settings: Settings) -> None:
     began = time.perf_counter()
     if settings.quick:
-        settings.duration, settings.population, settings.generations = 4.0, 16, (3, 2)
+        settings.duration, settings.population, settings.generations = min(settings.duration, 4.0), 16, (3, 2)
         settings.polish_gaits, settings.polish_rollouts = 1, min(settings.polish_rollouts, 128)
     scene = actuated(load_scene(settings.scene), settings)
     genome, fitness = search_space(scene, settings)
     print(scene.describe(), end="\n\n")
-    known = {n: v for n, v in asdict(settings).items() if n not in ("out", "resume", "restart")}
+    known = {n: v for n, v in asdict(settings).items() if n not in ("scene", "out", "resume", "restart")}
+    known["scene_sha256"] = hashlib.sha256(settings.scene.read_bytes()).hexdigest()
     with open_run(settings.out, known, settings.resume, settings.restart) as folder:
         ladder = rungs(scene, settings.dt)
         searches = evolve_with_progress(ladder, genome, fitness, settings, folder)
@@ -112,7 +116,7 @@ def main(settings: Settings) -> None:
         gait = one_gait(genome.gaits(scene.gait, best[None]), 0)
         if settings.active is not None:
             gait = without_idle(gait)
-        verdict = final_verdict(scene, gait, settings.duration, fitness, dt=ladder[-1].dt, seed=settings.seed + 1)
+        verdict = final_verdict(scene, gait, settings.duration, fitness, dt=ladder[-1].dt, seed=settings.seed + UNSEEN)
         report(with_gait(scene, gait), ladder, searches, agreement, polished, verdict, settings, began)
         folder.done()
 
@@ -189,9 +193,9 @@ def evolve_with_progress(ladder, genome: Genome, fitness: Fitness, settings: Set
 
 
 def promote(ladder, genome: Genome, fitness: Fitness, search: Search, settings: Settings) -> tuple[np.ndarray, dict]:
-    """The best gaits of the search, best first by larger ensembles on the own model; and how far the rungs agree.
+    """The best gaits of the search, best first by larger ensembles, and how far the rungs of the ladder agree.
 
-    Evolved and random gaits are judged on every rung by the same draws.
+    Evolved and random gaits are judged on every rung by the same draws; the last rung says which are best.
     """
     genes = distinct(search.last, genome, COMPARED)
     if not len(genes):
@@ -210,7 +214,7 @@ def promote(ladder, genome: Genome, fitness: Fitness, search: Search, settings: 
         "rank_correlation": rank_correlation(table),
         "rank_correlation_of_the_evolved": rank_correlation(table[:, :first]),
     }
-    order = np.argsort(-table[1, :first])
+    order = np.argsort(-table[-1, :first])
     return np.asarray(genes, float)[order[: settings.polish_gaits]], agreement
 
 

@@ -11,7 +11,8 @@ from jaxgrity.files import read_text, save_json
 
 KEPT = (
     "scene", "members", "phase", "amplitude", "frequency", "start", "ramp", "overtones", "duration", "objective",
-    "distance", "error_bar", "robust", "other_contact_model", "motion", "directions", "actuators", "command",
+    "settings", "distance", "error_bar", "robust", "other_contact_model", "motion", "directions", "actuators",
+    "command",
 )  # fmt: skip
 
 

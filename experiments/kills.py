@@ -1,5 +1,6 @@
 """Nothing lost: a search is killed (SIGKILL) at random moments and resumed; it has to end as if nothing had happened.
 
+Moments are uniform from the beginning of the search to the end of its last generation, as an undisturbed run has them.
 Each time every file in the run's folder has to be whole, and after --resume the final population has to be the same to
 the last bit as that of a run that nobody killed.
 """
@@ -12,13 +13,14 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from common import SCENES, measured, run
+from common import measured, run
 
 import numpy as np
 from tqdm import tqdm
 
 from jaxgrity import InputError
 from jaxgrity.files import PART, save_json
+from jaxgrity.runs import load_states
 
 
 @dataclass
@@ -34,52 +36,50 @@ class Settings:
 
 
 def main(settings: Settings) -> None:
-    kills = 2 if settings.quick else settings.kills
-    began = time.perf_counter()
-    search(settings.out / "whole", "--restart")
-    whole, lasted = population(settings.out / "whole"), time.perf_counter() - began
-    moments = np.random.default_rng(settings.seed).uniform(0.05, 0.95, kills) * lasted
-    facts: dict = {**measured(), "undisturbed_seconds": lasted, "kills": []}
+    kills, whole = 2 if settings.quick else settings.kills, settings.out / "whole"
+    search(whole, "--restart")
+    began = time.time()
+    search(whole, "--restart")
+    undisturbed, lasted = population(whole), time.time() - began
+    first, last = ((whole / name).stat().st_mtime - began for name in ("run.json", "population.npz"))
+    moments = np.random.default_rng(settings.seed).uniform(first, last, kills)
+    facts: dict = {**measured(), "undisturbed_seconds": lasted, "moments_between": [first, last], "kills": []}
     for number, moment in enumerate(tqdm(moments, unit="kill")):
         folder = settings.out / f"killed_{number}"
-        alive = subprocess.Popen(command(folder, "--restart"), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        try:
-            alive.wait(moment)
-        except subprocess.TimeoutExpired:
-            alive.send_signal(signal.SIGKILL)
-            alive.wait()
-        broken = broken_files(folder)
-        begun = (folder / "run.json").exists()
-        generations = sum(path.name.startswith("state_") for path in folder.glob("*.npz"))
-        search(folder, "--resume" if begun else "--restart")
+        kill(folder, moment)
+        states, broken = load_states(folder), broken_files(folder)
+        search(folder, "--resume" if (folder / "run.json").exists() else "--restart")
+        same = all(np.array_equal(undisturbed[name], population(folder)[name]) for name in undisturbed)
         facts["kills"].append(
             {
                 "after_seconds": moment,
-                "searches_saved": generations,
+                "generations_saved": [state.number for state in states],
                 "broken_files": broken + broken_files(folder),
-                "same_population": all(np.array_equal(whole[name], population(folder)[name]) for name in whole),
+                "same_population": same,
             }
         )
         save_json(settings.out / "kills.json", facts)
-    same = sum(kill["same_population"] for kill in facts["kills"])
-    broken = sum(len(kill["broken_files"]) for kill in facts["kills"])
+    same = sum(one["same_population"] for one in facts["kills"])
+    broken = sum(len(one["broken_files"]) for one in facts["kills"])
     print(f"{kills} kills: {same} identical final populations, {broken} broken files")
     if same < kills or broken:
         raise InputError(f"{settings.out}: expected {kills} identical populations and no broken file")
 
 
+def kill(folder: Path, moment: float) -> None:
+    """Begin a run, and kill it after so many seconds, if it lives that long."""
+    alive = subprocess.Popen(command(folder, "--restart"), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    try:
+        alive.wait(moment)
+    except subprocess.TimeoutExpired:
+        alive.send_signal(signal.SIGKILL)
+        alive.wait()
+
+
 def command(folder: Path, *options: str) -> list[str]:
-    script = Path(__file__).with_name("gait_search.py")
-    return [
-        sys.executable,
-        str(script),
-        "--quick",
-        "--scene",
-        str(SCENES / "exact.toml"),
-        "--out",
-        str(folder),
-        *options,
-    ]
+    """A small search on both rungs, without polish."""
+    small = ["--duration", "2", "--population", "16", "--generations", "12", "8", "--polish-rollouts", "0"]
+    return [sys.executable, str(Path(__file__).with_name("gait_search.py")), *small, "--out", str(folder), *options]
 
 
 def search(folder: Path, *options: str) -> None:

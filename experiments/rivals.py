@@ -117,6 +117,10 @@ def compete(name: str, searches: dict[str, Callable], settings: Settings) -> lis
     """Every search for every seed; the file has each as soon as it is done."""
     path, runs = settings.out / f"{name}.json", []
     known = {key: asdict(settings)[key] for key in ("rollouts", "duration", "population", "robots")}
+    known |= {"weights": WEIGHTS[name], "shares": [SCREENED, POLISHED], "uncertain": vars(UNCERTAIN)}
+    known |= {"pool": [POOL, STARTS, FINALISTS, OWN_ROBOTS, FINAL_ROBOTS, JUDGES], "polishing": Polishing()._asdict()}
+    known |= {"scene": (SCENES / f"{name}.toml").read_text(encoding="utf-8")}
+    known = json.loads(json.dumps(known))
     if settings.resume and path.exists():
         facts = json.loads(read_text(path))
         if facts["settings"] != known:

@@ -3,6 +3,7 @@
 from speed_words import made_by, table
 
 from jaxgrity import gait_names, gait_record
+from jaxgrity.objectives import UNITS
 
 
 def gait_search(facts: dict) -> str:
@@ -51,6 +52,7 @@ def rivals(name: str):
             "nominal, m",
             "its error bar",
             "to random",
+            "beats GA+more",
             "beats GA",
         ]
         return table(head, rows) + made_by(facts, f"rivals_{name}")
@@ -60,14 +62,17 @@ def rivals(name: str):
 
 def damage(facts: dict) -> str:
     rows = []
-    for kind, counts in facts["recovered"].items():
-        total = counts["cases"]
-        rows.append([kind, *(f"{count} of {total}" for way, count in counts.items() if way != "cases")])
-    head = ["broken or stuck", *(way for way in facts["recovered"]["cable"] if way != "cases")]
+    for name, kinds in facts["recovered"].items():
+        goes = f"{name}, {facts['intact'][name]['robust']:.2f} m"
+        for kind, counts in kinds.items():
+            total = counts["cases"]
+            rows.append([goes, kind, *(f"{count} of {total}" for way, count in counts.items() if way != "cases")])
+    ways = [way for way in next(iter(facts["recovered"].values()))["cable"] if way != "cases"]
+    head = ["intact gait", "broken or stuck", *ways]
     cost, free = facts["rollouts"], facts["free"]
     return (
-        f"Cases in which at least {facts['enough']:.0%} of the intact robust distance, {facts['intact']:.2f} m, is "
-        f"reached: by the gait as it was, by the best of the library and its images ({cost['library']} rollouts), "
+        f"Cases in which at least {facts['enough']:.0%} of an intact gait's robust distance is reached, with the error "
+        f"bar: by the gait as it was, by the best of the library and its images ({cost['library']} rollouts), "
         f"by polishing that one ({cost['gradient']}), by a search from scratch ({cost['scratch']}; amplitudes "
         f"{free['amplitude'][0]:g} to {free['amplitude'][1]:g} and frequency {free['frequency'][0]:g} to "
         f"{free['frequency'][1]:g} Hz, where the intact gait keeps those of the scene), and by any.\n\n"
@@ -80,10 +85,11 @@ def kills(facts: dict) -> str:
     every = facts["kills"]
     same = sum(kill["same_population"] for kill in every)
     broken = sum(len(kill["broken_files"]) for kill in every)
+    between = sum(0 < sum(kill["generations_saved"]) < 20 for kill in every)
     return (
-        f"{len(every)} searches of {facts['undisturbed_seconds']:.0f} s were killed (SIGKILL) at random moments and "
-        f"resumed: {same} ended with the very same population, and {broken} files were broken."
-        + made_by(facts, "kills")
+        f"{len(every)} searches of {facts['undisturbed_seconds']:.0f} s were killed (SIGKILL) at random moments, "
+        f"{between} of them between their first and their last generation, and resumed: {same} ended with the very "
+        f"same population, and {broken} files were broken." + made_by(facts, "kills")
     )
 
 
@@ -99,7 +105,7 @@ def gaits_table() -> str:
     for name in gait_names():
         record = gait_record(name)
         robust = record["robust"]
-        unit = {"speed": "body lengths/s", "cost of transport": ""}.get(record["objective"], "m")
+        unit = UNITS[record["objective"]]
         asked = record["actuators"]
         rows.append(
             [

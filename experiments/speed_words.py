@@ -3,6 +3,7 @@
 
 def table(head: list[str], rows: list[list[str]]) -> str:
     """A Markdown table."""
+    assert all(len(row) == len(head) for row in rows), "a cell for each head"
     lines = [head, ["---"] * len(head), *rows]
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 

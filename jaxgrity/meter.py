@@ -13,16 +13,16 @@ from jaxgrity.ground import signed_distance
 from jaxgrity.primitives import component, dot, edge_vectors, inverse, length, take_rows
 from jaxgrity.scene import Scene
 from jaxgrity.structure import InputError
-from jaxgrity.types import AnyArray, PerMember, Scalar
+from jaxgrity.types import AnyArray, PerActuator, Scalar
 
 SLIP = 0.02
 """m/s, beyond which a touching node counts as slipping"""
 WINDOW = 0.05
-"""s, over which actuator forces are averaged: rigid bodies pass impacts on as impulses, whose peak is no force"""
+"""s, time constant of the moving mean of actuator forces: rigid bodies pass impacts on as impulses, without a peak"""
 
 
 class Meters(NamedTuple):
-    """Since the gait began; forces are means of the last `WINDOW`."""
+    """Since the gait began; forces are moving means, with weights that fall by e in a `WINDOW`."""
 
     path: Scalar
     """m, the horizontal way that the centre of mass went"""
@@ -36,13 +36,13 @@ class Meters(NamedTuple):
     """s, of them those that slip"""
     flight: Scalar
     """s, in which no node touches the ground"""
-    force: PerMember
+    force: PerActuator
     """N, (actuators,), now; tension is positive"""
-    peak_force: PerMember
+    peak_force: PerActuator
     """N, (actuators,)"""
-    peak_rate: PerMember
+    peak_rate: PerActuator
     """m/s, (actuators,), |dL/dt|"""
-    peak_power: PerMember
+    peak_power: PerActuator
     """W, (actuators,), |force dL/dt|"""
 
 
@@ -60,19 +60,21 @@ def nothing(scene: Scene) -> Meters:
     return Meters(*[zero] * 6, *[none] * 4)
 
 
-def read(scene: Scene, t0: Scalar, h: Scalar, start, end, before, after, held: Meters) -> Meters:
-    """The meters after one more step from `start` to `end`; `before` and `after` are the solver's state around it."""
+def read(scene: Scene, t0: Scalar, h: Scalar, start, end, before, after, held: Meters, *, impulsive: bool) -> Meters:
+    """The meters after one more step from `start` to `end`; `before` and `after` are the solver's state around it.
+
+    `impulsive`: the solver is complementarity stepping, whose impulses are in its state.
+    """
     q0, (q, v) = start[0], end
     assert scene.gait is not None, "`nothing` refuses a scene without a gait"
-    exact = _complementary(before)
     on = jnp.asarray(t0 >= scene.gait.start).astype(q.dtype)
-    if exact:
+    if impulsive:
         work: AnyArray = impulsive_work(scene, t0, h, start, end, before, after)["actuation"]
     else:
         work = h * jnp.asarray(powers(scene, t0 + h, q, v)["actuation"])
     moved = centre_of_mass(scene, q) - centre_of_mass(scene, q0)
     step = jnp.sqrt(moved[0] * moved[0] + moved[1] * moved[1])
-    touching, slipping = _contact(scene, q, v, after if exact else None)
+    touching, slipping = _contact(scene, q, v, after if impulsive else None)
     rate = (_lengths(scene, t0 + h) - _lengths(scene, t0)) / h
     tension = _tension(scene, t0, h, start, end, before, after)
     force = held.force + jnp.minimum(1, h / WINDOW) * (tension - held.force)
@@ -90,10 +92,6 @@ def read(scene: Scene, t0: Scalar, h: Scalar, start, end, before, after, held: M
     )
 
 
-def _complementary(solver_state) -> bool:
-    return isinstance(solver_state, tuple) and len(solver_state) == 2
-
-
 def _contact(scene: Scene, q, v, after):
     """Per node 1 where it touches the ground, and 1 where it moves along it."""
     ground = scene.ground
@@ -105,7 +103,7 @@ def _contact(scene: Scene, q, v, after):
     return (pressed > 0).astype(q.dtype), slipping.astype(q.dtype)
 
 
-def _lengths(scene: Scene, t: Scalar) -> PerMember:
+def _lengths(scene: Scene, t: Scalar) -> PerActuator:
     """L(t) of the actuated members, m."""
     parts = []
     for members, rows, first in _actuated(scene):
@@ -113,7 +111,7 @@ def _lengths(scene: Scene, t: Scalar) -> PerMember:
     return _in_order(scene, parts)
 
 
-def _tension(scene: Scene, t0: Scalar, h: Scalar, start, end, before, after) -> PerMember:
+def _tension(scene: Scene, t0: Scalar, h: Scalar, start, end, before, after) -> PerActuator:
     """Of the actuated members, N: of springs K (l - L), of cables if they pull, of rigid struts by their impulses."""
     q, parts = end[0], []
     for members, rows, first in _actuated(scene):
@@ -141,7 +139,7 @@ def _actuated(scene: Scene):
                 yield members, rows, first
 
 
-def _in_order(scene: Scene, parts: list[PerMember]) -> PerMember:
+def _in_order(scene: Scene, parts: list[AnyArray]) -> PerActuator:
     """Struts' and cables' numbers, joined, in the order in which the gait names the members."""
     joined = parts[0] if len(parts) == 1 else jnp.concatenate(parts)
     assert scene.gait is not None, "`nothing` refuses a scene without a gait"

@@ -17,9 +17,10 @@ from jaxgrity.types import AnyArray, PerGait, Scalar
 from jaxgrity.uncertainty import Uncertainty, ensemble
 
 Kind = Literal["distance", "direction", "speed", "cost of transport", "straightness"]
+UNITS = {"distance": "m", "direction": "m", "speed": "body lengths/s", "cost of transport": "", "straightness": ""}
 METERED = ("cost of transport", "straightness")
 REFUSED = 1e3
-"""times peak/bound, what a gait loses that exceeds a bound: more than any objective gives"""
+"""the least that a gait within all bounds is worth; what exceeds one is worth less, the more it does"""
 
 
 class Objective(eqx.Module):
@@ -60,7 +61,7 @@ class Objective(eqx.Module):
 
     @property
     def unit(self) -> str:
-        return {"distance": "m", "direction": "m", "speed": "body lengths/s"}.get(self.kind, "")
+        return UNITS[self.kind]
 
     def worth(self, scene: Scene, outcomes: Outcomes, duration: Scalar) -> PerGait:
         """(population,), NaN where the rollout failed."""
@@ -84,7 +85,7 @@ class Objective(eqx.Module):
             worth = worth / meters.path
         for name, bound in self.bounds.items():
             peak = getattr(meters, f"peak_{name}").max(-1)
-            worth = jnp.where(peak > bound, worth - REFUSED * peak / bound, worth)
+            worth = jnp.where(peak > bound, -REFUSED * (1 + peak / bound), jnp.maximum(worth, -REFUSED))
         return worth
 
 
@@ -113,6 +114,10 @@ class Fitness(eqx.Module):
             raise InputError(f"robots = {self.robots}: expected at least 1")
         if self.robots == 1 and self.caution:
             raise InputError(f"caution = {self.caution}: one robot has no spread; expected robots = 2 or more")
+        if self.uncertainty.none and self.caution:
+            raise InputError(
+                f"caution = {self.caution}: nothing is uncertain, nothing spreads; expected an uncertainty"
+            )
 
 
 def with_robots(fitness: Fitness, robots: int) -> Fitness:

@@ -5,6 +5,7 @@ chunks are split over `jax.devices()`. A robot that fails is marked, and disturb
 """
 
 from collections.abc import Callable
+from functools import partial
 
 import diffrax
 import equinox as eqx
@@ -13,7 +14,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
-from jaxgrity.actuation import Gait
+from jaxgrity.actuation import Gait, Overtone
+from jaxgrity.complementarity import Complementarity
 from jaxgrity.dynamics import State, centre_of_mass
 from jaxgrity.meter import Meters, nothing, read
 from jaxgrity.scene import Scene, as_dtype, with_gait
@@ -75,9 +77,9 @@ def gaits_of(gait: Gait | None, phase: Phases, amplitude: Table | None = None, f
             raise InputError(f"{name} has shape {np.shape(given)}; expected (gaits, {count}), one an actuated member")
         if given is not None and np.shape(given) != np.shape(phase):
             raise InputError(f"{name} has {len(given)} rows; expected {len(phase)}, as many as phase has")
-    return Gait(
-        gait.members, phase, rows(amplitude, gait.amplitude), rows(frequency, gait.frequency), gait.start, gait.ramp
-    )
+    varied = rows(amplitude, gait.amplitude), rows(frequency, gait.frequency)
+    overtones = tuple(Overtone(rows(None, o.size), rows(None, o.phase)) for o in gait.overtones)
+    return Gait(gait.members, phase, *varied, gait.start, gait.ramp, overtones)
 
 
 def one_gait(gaits: Gait, k: int) -> Gait:
@@ -217,7 +219,8 @@ def _metered(start: State, duration: Scalar, scene: Scene, axes: Scene, settings
     held = over_lanes(nothing, (axes,))(scene)
     first = solver.init(terms, 0 * h, h, start, scene)
     lanes = lambda tree: jax.tree.map(lambda x: -1 if x.ndim else None, tree)  # noqa: E731
-    reading = over_lanes(read, (axes, None, None, -1, -1, lanes(first), lanes(first), -1))
+    metering = partial(read, impulsive=isinstance(solver, Complementarity))
+    reading = over_lanes(metering, (axes, None, None, -1, -1, lanes(first), lanes(first), -1))
 
     def step(k, carry):
         y, state, held = carry

@@ -32,6 +32,8 @@ COST = 6.0
 """of a pathwise gradient, in rollouts of its horizon (experiments/benchmark.py measures it)"""
 LENGTHS = (0.0, 0.5, 1.0, 2.0, 4.0)
 """of each step that are tried: the best goes on, and the next steps grow or shrink with it"""
+CLIMB, ENDS, LAST = range(3)
+"""what random numbers are drawn for: none are drawn twice"""
 
 
 class Polishing(NamedTuple):
@@ -94,9 +96,9 @@ class Polished(NamedTuple):
     steps: tuple[Step, ...]
     """of the climb that ended best"""
     horizon: float
-    """s, up to which the sensitivity allows pathwise gradients"""
+    """s, that gradients look ahead"""
     sensitivity: Sensitivity | None
-    """of the gait that polishing started from; None where no pathwise gradient was asked for"""
+    """of the best start; None where no pathwise gradient was asked for"""
     rollouts: int
     """spent on the steps, in rollouts over the whole duration; the last judgement comes on top"""
     reason: str
@@ -122,12 +124,12 @@ def polish(
 
     Each climb has the same share of the rollouts. Each of its steps is a gradient of the fitness, turned into an update
     by optax (momentum, its length falling by a cosine); `LENGTHS` of it are judged by one ensemble, and the best goes
-    on. Pathwise gradients look as far ahead as the measured sensitivity of the gait stays below
-    `polishing.largest_sensitivity`, in the first half of the steps half way there; where this does not reach past the
-    first period of full actuation they are not used, and `reason` says so. A combined gradient weighs both by their
-    measured variances, on that horizon. In the end the first of all starts and the best of all ends meet one ensemble
-    of `final_robots` in float64 at `final_dt` (half of dt where not given), and the end counts as an improvement where
-    the mean difference of their fitness passes two standard errors.
+    on. Pathwise gradients look as far ahead as the measured sensitivities of the starts stay below
+    `polishing.largest_sensitivity`, in the first half of the steps half way there. A start whose own does not let them
+    look past the first period of full actuation is not climbed by them; where none does they are not used, and `reason`
+    says so. A combined gradient weighs both by their measured variances, on that horizon. In the end the first of all
+    starts and the best of all ends meet one ensemble of `final_robots` in float64 at `final_dt` (half of dt where not
+    given), and the end counts as an improvement where the mean difference of their fitness passes two standard errors.
 
     Raises `InputError` as `settle` does.
     """
@@ -136,16 +138,16 @@ def polish(
         raise InputError(f"polishing by {polishing.kind!r}: unknown; expected one of {', '.join(get_args(Kind))}")
     settings = settle(scene, duration, None, dt, dtype, any_step=any_step)
     genes = np.atleast_2d(np.asarray(genes, float))
-    kind, horizon, growth, told = polishing.kind, duration, None, ""
+    kind, starts, horizon, growth, told = polishing.kind, genes, duration, None, ""
     if kind != "smoothed":
-        kind, horizon, growth, told = _reach(scene, genome, genes[0], duration, settings, polishing)
+        kind, starts, horizon, growth, told = _reach(scene, genome, genes, duration, settings, polishing)
     last, steps, spent = genes[0], [], 0
     if kind is not None:
         task = Task(as_dtype(scene, dtype), genome, duration, settings, fitness, np.asarray(polishing.width[0], dtype))
-        last, steps, spent = _climb_all(task, polishing, genes, kind, horizon, seed, on_step)
+        last, steps, spent = _climb_all(task, polishing, starts, kind, horizon, seed, on_step)
     final = settle(scene, duration, None, final_dt or settings.dt / 2, "float64", any_step=any_step)  # type: ignore[operator]
     pair = np.stack([genes[0], last])
-    judged = _judge_genes(jax.random.key(seed + 1), scene, genome, pair, duration, final, fitness, final_robots)
+    judged = _judge_genes(_key(seed, LAST), scene, genome, pair, duration, final, fitness, final_robots)
     before, after = (jax.tree.map(lambda x, k=k: np.asarray(x)[k : k + 1], judged) for k in (0, 1))
     gain = np.asarray(judged.each[1] - judged.each[0])
     error = 2 * gain.std() / np.sqrt(gain.size)
@@ -153,24 +155,32 @@ def polish(
     improved = bool(difference > error)
     verdict = f"fitness {'up' if difference > 0 else 'down'} by {abs(difference):.3f} ± {error:.2g}"
     outcome = "the polished gait is kept" if improved else "the gait is kept as it was"
-    reason = f"{told}{len(steps)} steps; {verdict} over {final_robots} robots: {outcome}" if steps else told
+    reason = f"{told}{len(steps)} steps; {verdict} over {final_robots} robots: {outcome}" if steps else told[:-2]
     best = last if improved else genes[0]
     return Polished(best, improved, before, after, tuple(steps), horizon, growth, spent, reason)
 
 
 def _reach(scene: Scene, genome: Genome, genes, duration: float, settings: Settings, polishing: Polishing):
-    """Which gradient the sensitivity allows, how far ahead it may look, the sensitivity, and what to say of it."""
-    gait = one_gait(genome.gaits(scene.gait, genes[None]), 0)
-    growth = sensitivity(with_gait(scene, gait), duration, dt=settings.dt, any_step=True)
-    horizon = min(duration, growth.horizon(polishing.largest_sensitivity))
-    shortest = _one_period(gait)
-    if horizon >= shortest:
-        return polishing.kind, horizon, growth, ""
+    """Which gradient the sensitivity allows, from which starts, how far ahead; the first's sensitivity; words."""
+    found, allowed = [], []
+    gaits = genome.gaits(scene.gait, genes)
+    for k in range(len(genes)):
+        gait = one_gait(gaits, k)
+        found.append(sensitivity(with_gait(scene, gait), duration, dt=settings.dt, any_step=True))
+        horizon = min(duration, found[-1].horizon(polishing.largest_sensitivity))
+        if horizon >= _one_period(gait):
+            allowed.append((k, horizon))
+    if allowed:
+        starts, horizon = genes[[k for k, _ in allowed]], min(ahead for _, ahead in allowed)
+        dropped = len(genes) - len(allowed)
+        told = f"{dropped} of {len(genes)} starts are too sensitive for pathwise gradients; " if dropped else ""
+        return polishing.kind, starts, horizon, found[0], told
     told = (
         f"no pathwise gradient was used: |d com/d phase| passes {polishing.largest_sensitivity:g} m/rad after "
-        f"{horizon:.1f} s, before one period of full actuation is over ({shortest:.1f} s); "
+        f"{found[0].horizon(polishing.largest_sensitivity):.1f} s, before one period of full actuation is over; "
     )
-    return ("smoothed", duration, growth, told) if polishing.kind == "combined" else (None, horizon, growth, told)
+    kind = "smoothed" if polishing.kind == "combined" else None
+    return kind, genes, duration, found[0], told
 
 
 def _judge_genes(key, scene: Scene, genome: Genome, genes, duration, settings: Settings, fitness: Fitness, robots: int):
@@ -188,18 +198,18 @@ def _climb_all(task: Task, polishing: Polishing, starts, kind: Kind, horizon: fl
     if share < len(starts):
         raise InputError(f"{polishing.rollouts} rollouts: expected more, to polish {len(starts)} gaits")
     each = polishing._replace(rollouts=share // len(starts))
-    climbs = [_climb(task, each, x, kind, horizon, seed + 1000 * k, on_step) for k, x in enumerate(starts)]
+    climbs = [_climb(task, each, x, kind, horizon, _key(seed, CLIMB, k), on_step) for k, x in enumerate(starts)]
     ends = np.stack([end for end, _, _ in climbs])
     spent = sum(cost for _, _, cost in climbs) + judging
     best = 0
     if len(starts) > 1:
-        key, robots = jax.random.key(seed + 2), polishing.final_robots
+        key, robots = _key(seed, ENDS), polishing.final_robots
         scores = _judge_genes(key, task.scene, task.genome, ends, task.duration, task.settings, task.fitness, robots)
         best = int(jnp.argmax(scores.fitness))
     return ends[best], climbs[best][1], spent
 
 
-def _climb(task: Task, polishing: Polishing, genes, kind: Kind, horizon: float, seed: int, on_step):
+def _climb(task: Task, polishing: Polishing, genes, kind: Kind, horizon: float, key, on_step):
     """The last gait, the steps that led to it, and what they cost."""
     genome = task.genome
     ahead = [horizon] if kind == "smoothed" else [(horizon + _shortest(task, genes)) / 2, horizon]
@@ -208,13 +218,15 @@ def _climb(task: Task, polishing: Polishing, genes, kind: Kind, horizon: float, 
     schedule = optax.cosine_decay_schedule(polishing.learning_rate, count, alpha=0.2)
     optimiser = optax.chain(optax.trace(0.5), optax.normalize_by_update_norm(), optax.scale_by_schedule(schedule))
     x, scale, found, spent = jnp.asarray(genes, task.settings.dtype), 1.0, [], 0.0
-    state, key = optimiser.init(x), jax.random.key(seed)
+    state = optimiser.init(x)
     widths = np.geomspace(*polishing.width, count).astype(task.settings.dtype)
     for number in range(count):
         half = min(len(ahead) - 1, 2 * number // count)
         drawn, judged, key = jax.random.split(key, 3)
         task = task._replace(width=widths[number])
         gradient, share = _gradient(drawn, x, task, kind, ahead[half], polishing.samples)
+        if not jnp.any(gradient):
+            continue
         update, state = optimiser.update(gradient, state)
         tried = genome.within(x + scale * jnp.asarray(LENGTHS, x.dtype)[:, None] * update)
         scores = _judge_genes(
@@ -247,11 +259,12 @@ def _cost(task: Task, polishing: Polishing, kind: Kind, ahead: float) -> float:
 def _gradient(key, genes, task: Task, kind: Kind, ahead: float, samples: int) -> tuple[AnyArray, AnyArray]:
     """Of the mean objective at the time `ahead`, and the share that the pathwise one has in it."""
     few = samples // 2
+    one, other = jax.random.split(key)
     pathwise = smoothed = None
     if kind in ("smoothed", "combined"):
-        smoothed = smoothed_gradient(key, genes, task, np.asarray(ahead), few)
+        smoothed = smoothed_gradient(one, genes, task, np.asarray(ahead), few)
     if kind in ("pathwise", "combined"):
-        pathwise = pathwise_gradient(key, genes, task, ahead, 2 * few)
+        pathwise = pathwise_gradient(other, genes, task, ahead, 2 * few)
     if smoothed is None or pathwise is None:
         (mean, _), share = (smoothed or pathwise), 0.0 if pathwise is None else 1.0  # type: ignore[misc]
         return mean, jnp.asarray(share)
@@ -282,7 +295,7 @@ def smoothed_gradient(key, genes, task: Task, ahead, pairs: int):
         outcomes = roll_out(task.scene, robots, ahead, task.settings, differences, objective.metered)
         both.append(objective.worth(task.scene, outcomes, ahead))
     slope = (both[0] - both[1]) / (2 * width)
-    return _mean_and_noise(jnp.where(jnp.isfinite(slope), slope, 0)[:, None] * e)
+    return _mean_and_noise(slope[:, None] * e)
 
 
 @eqx.filter_jit
@@ -295,14 +308,29 @@ def pathwise_gradient(key, genes, task: Task, ahead: float, robots: int):
         gaits = task.genome.gaits(task.scene.gait, each)
         many, differences = ensemble(key, task.scene, gaits, task.fitness.uncertainty, 1, common=False)
         start, end = centres(task.scene, many, differences, ahead, task.settings)
-        ones = jnp.zeros(robots, int)
+        none = jnp.zeros(robots, int)
         name, dt = task.settings.method.name, task.settings.dt
-        outcomes = Outcomes(start, end, jnp.zeros((robots, 0, 3)), ones, ones, ones, None, name, dt)
+        outcomes = Outcomes(start, end, jnp.zeros((robots, 0, 3)), none, none, none, None, name, dt)
         return jnp.sum(task.fitness.objective.worth(task.scene, outcomes, ahead))
 
     gradients = jax.grad(total)(jnp.tile(genes, (robots, 1)))
-    return _mean_and_noise(gradients)
+    # draws come in pairs of opposite signs, whose gradients are no independent samples
+    pairs = gradients.reshape(2, -1, genes.size).mean(0) if robots % 2 == 0 else gradients
+    return _mean_and_noise(pairs)
 
 
-def _mean_and_noise(gradients) -> tuple[AnyArray, AnyArray]:
-    return gradients.mean(0), jnp.sum(gradients.var(0)) / len(gradients)
+def _mean_and_noise(samples) -> tuple[AnyArray, AnyArray]:
+    """The mean over those samples that are finite, 0 where none is, and its squared standard error."""
+    good = jnp.isfinite(samples).all(1, keepdims=True)
+    count = jnp.sum(good)
+    kept = jnp.where(good, samples, 0)
+    mean = kept.sum(0) / jnp.maximum(count, 1)
+    spread = jnp.sum(jnp.where(good, kept - mean, 0) ** 2)
+    return mean, jnp.where(count > 1, spread / jnp.maximum(count, 1) / jnp.maximum(count - 1, 1), jnp.nan)
+
+
+def _key(seed: int, *purpose: int):
+    key = jax.random.key(seed)
+    for number in purpose:
+        key = jax.random.fold_in(key, number)
+    return key

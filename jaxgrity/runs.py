@@ -10,11 +10,13 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from jaxgrity.files import PART, read_text, save_arrays, save_json
+from jaxgrity.files import PART, read_text, save_arrays, save_json, write_whole
 from jaxgrity.search import Generation, State
 from jaxgrity.structure import InputError
 
-SETTINGS, STATE = "run.json", "state_{}.npz"
+SETTINGS, STATE, RESULTS = "run.json", "state_{}.npz", ("summary.json", "gait.json", "population.npz")
+PROBE, ROOM = ".probe", 2**20
+"""a file of so many bytes, which shows that there is room for what a run leaves"""
 
 
 class Run(NamedTuple):
@@ -45,15 +47,20 @@ def open_run(folder: Path, settings: dict[str, Any], resume: bool = False, resta
     `restart` is asked for; where there is nothing to resume, or it had other settings; where the folder cannot be
     written to.
     """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with open(folder / ".lock", "w") as lock:
-            _hold(lock, folder)
+    with contextlib.ExitStack() as held:
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            _hold(held.enter_context(open(folder / ".lock", "w")), folder)
             for left in folder.glob(f".*{PART}"):
                 left.unlink()
-            yield _begin(folder, json.loads(json.dumps(settings, default=str)), resume, restart)
-    except OSError as error:
-        raise InputError(f"{folder}: {error.strerror or error}; expected a folder that can be written to") from error
+            found = _begin(folder, json.loads(json.dumps(settings, default=str)), resume, restart)
+            # a disk that is full is found now, not after the first generation
+            write_whole(folder / PROBE, lambda file: file.write(bytes(ROOM)))
+            (folder / PROBE).unlink()
+        except OSError as error:
+            said = error.strerror or error
+            raise InputError(f"{folder}: {said}; expected a folder that can be written to") from error
+        yield found
 
 
 def _hold(lock, folder: Path) -> None:
@@ -76,8 +83,8 @@ def _begin(folder: Path, settings: dict[str, Any], resume: bool, restart: bool) 
         return Run(folder, load_states(folder))
     if unfinished and not restart and load_states(folder):
         raise InputError(f"{folder}: holds an unfinished run; expected --resume, --restart or another --out")
-    for left in folder.glob(STATE.format("*")):
-        left.unlink()
+    for left in (*folder.glob(STATE.format("*")), *(folder / name for name in RESULTS)):
+        left.unlink(missing_ok=True)
     save_json(folder / SETTINGS, {"settings": settings, "done": False})
     return Run(folder, ())
 

@@ -123,8 +123,8 @@ def test_pathwise_polish_where_the_sensitivity_allows_it(exact):
 
 
 def test_smoothed_and_pathwise_gradients_agree(exact):
-    """In the first second of a gait, where the distance is smooth: within four standard errors of the first, which
-    are a tenth of it."""
+    """In the first second of a gait, where the distance is smooth: within two standard errors of the first one,
+    which are a fifth of it at most."""
     settings = settle(exact, 2.0, None, STEP, "float64")
     task = Task(as_dtype(exact, "float64"), GENOME, 2.0, settings, Fitness(), width=1e-3)
     genes = jax.numpy.asarray(random_phases(1, 6, seed=7)[0] / (2 * np.pi))

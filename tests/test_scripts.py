@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import search_words
 import speed_words
 
 from jaxgrity import load_gait, random_phases
@@ -259,18 +260,20 @@ def test_scaling_measures(tmp_path):
 
 def test_damage_is_survived(tmp_path):
     """Three cases of damage, quick: every way to a gait has a number, and the best of them is verified."""
-    facts = quick("damage.py", tmp_path, "--gait", "rolling_exact")
+    facts = quick("damage.py", tmp_path)
     assert len(facts["cases"]) == 3
     for case in facts["cases"].values():
-        assert case["library"] >= case["as it was"]
-        assert case["error_bar"] < 0.1
-    assert facts["recovered"]["cable"]["cases"] == 2
+        assert all(case[way]["error_bar"] < 0.2 for way in ("as it was", "library", "gradient", "scratch"))
+        assert case["library"]["robust"] >= case["as it was"]["robust"] - 0.05
+    assert facts["recovered"]["rolling_exact"]["cable"]["cases"] == 2
+    assert "of 2" in search_words.damage(facts)
 
 
 def test_rivals_meet_at_equal_cost(tmp_path):
     """Random search, the GA, and the GA with polish, quick: the same budget to a few generations, and judged alike."""
     facts = quick("rivals.py", tmp_path, "--methods", "random", "GA", "GA+smoothed")
-    assert set(facts["methods"]) == {"random", "GA", "GA+smoothed"}
+    assert set(facts["methods"]) == {"plain random", "random", "GA", "GA+smoothed"}
+    assert "| GA+smoothed |" in search_words.rivals("exact")(facts)
     for one in facts["runs"]:
         assert 0.7 * 1024 < one["rollouts"] <= 1024
         assert one["failed_judges"] == 0
@@ -283,3 +286,4 @@ def test_nothing_is_lost(tmp_path):
     facts = json.loads((tmp_path / "kills.json").read_text())
     assert len(facts["kills"]) == 2
     assert all(kill["same_population"] and not kill["broken_files"] for kill in facts["kills"])
+    assert "2 ended with the very same population" in search_words.kills(facts)
