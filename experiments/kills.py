@@ -6,6 +6,7 @@ the last bit as that of a run that nobody killed.
 """
 
 import json
+import shutil
 import signal
 import subprocess
 import sys
@@ -13,7 +14,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from common import measured, run
+from common import SCENES, measured, run
 
 import numpy as np
 from tqdm import tqdm
@@ -32,23 +33,27 @@ class Settings:
     out: Path = Path("results/kills")
     """folder for the runs and kills.json"""
     quick: bool = False
-    """two kills"""
+    """one kill, on exact.toml"""
 
 
 def main(settings: Settings) -> None:
-    kills, whole = 2 if settings.quick else settings.kills, settings.out / "whole"
-    search(whole, "--restart")
+    kills, whole = 1 if settings.quick else settings.kills, settings.out / "whole"
+    options = ["--scene", str(SCENES / "exact.toml")] if settings.quick else []
+    if not settings.quick:
+        # so that the moments are those of a run whose programs are compiled, as the others' will be
+        search(whole, "--restart")
+    shutil.rmtree(whole, ignore_errors=True)
     began = time.time()
-    search(whole, "--restart")
+    search(whole, "--restart", *options)
     undisturbed, lasted = population(whole), time.time() - began
-    first, last = ((whole / name).stat().st_mtime - began for name in ("run.json", "population.npz"))
+    first, last = ((whole / name).stat().st_mtime - began for name in (".lock", "population.npz"))
     moments = np.random.default_rng(settings.seed).uniform(first, last, kills)
     facts: dict = {**measured(), "undisturbed_seconds": lasted, "moments_between": [first, last], "kills": []}
     for number, moment in enumerate(tqdm(moments, unit="kill")):
         folder = settings.out / f"killed_{number}"
-        kill(folder, moment)
+        kill(folder, moment, *options)
         states, broken = load_states(folder), broken_files(folder)
-        search(folder, "--resume" if (folder / "run.json").exists() else "--restart")
+        search(folder, "--resume" if (folder / "run.json").exists() else "--restart", *options)
         same = all(np.array_equal(undisturbed[name], population(folder)[name]) for name in undisturbed)
         facts["kills"].append(
             {
@@ -66,9 +71,11 @@ def main(settings: Settings) -> None:
         raise InputError(f"{settings.out}: expected {kills} identical populations and no broken file")
 
 
-def kill(folder: Path, moment: float) -> None:
+def kill(folder: Path, moment: float, *options: str) -> None:
     """Begin a run, and kill it after so many seconds, if it lives that long."""
-    alive = subprocess.Popen(command(folder, "--restart"), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    alive = subprocess.Popen(
+        command(folder, "--restart", *options), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
     try:
         alive.wait(moment)
     except subprocess.TimeoutExpired:

@@ -70,7 +70,7 @@ class Settings:
     out: Path = Path("results/rivals")
     """folder for a .json and a .png of each scene"""
     quick: bool = False
-    """one scene, 2 seeds, 1024 rollouts of 2 s, 16 gaits in a generation"""
+    """one scene, 1 seed, 1024 rollouts of 2 s, 16 gaits in a generation"""
 
 
 Trace = list[tuple[float, float, int]]
@@ -92,7 +92,7 @@ class Task(NamedTuple):
 
 def main(settings: Settings) -> None:
     if settings.quick:
-        settings = replace(settings, scenes=settings.scenes[:1], seeds=2, rollouts=1024, duration=2.0, population=16)
+        settings = replace(settings, scenes=settings.scenes[:1], seeds=1, rollouts=1024, duration=2.0, population=16)
     searches = contestants(settings)
     for name in settings.scenes:
         runs = compete(name, searches, settings)

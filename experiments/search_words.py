@@ -104,16 +104,16 @@ def gaits_table() -> str:
     rows = []
     for name in gait_names():
         record = gait_record(name)
-        robust = record["robust"]
-        unit = UNITS[record["objective"]]
-        asked = record["actuators"]
+        robust, other, asked = record["robust"], record["other_contact_model"], record["actuators"]
+        # a search maximises, so a cost counts below zero there
+        sign, unit = (-1, "J/(N m)") if record["objective"] == "cost of transport" else (1, UNITS[record["objective"]])
         rows.append(
             [
                 f"`{name}`",
                 record["scene"],
                 f"{record['distance']:.3f} ± {record['error_bar']:.1g} m in {record['duration']:g} s",
-                f"{robust['mean']:.3f} ± {robust['standard_deviation']:.2g} {unit}".strip(),
-                f"{record['other_contact_model']['mean']:.3f}",
+                f"{sign * robust['mean']:.3f} ± {robust['standard_deviation']:.2g} {unit}".strip(),
+                f"{sign * other['mean']:.3f}",
                 f"{record['motion']['kind']}, {record['motion']['rolls']} changes of support",
                 f"{asked['peak_force']:.0f} N, {asked['peak_rate']:.2f} m/s, {asked['peak_power']:.0f} W",
             ]

@@ -51,6 +51,9 @@ def main(settings: Settings) -> None:
         text = fill(page.read_text(encoding="utf-8"), name, source.words(facts))
         write_whole(page, lambda file, text=text: file.write(text.encode()))
         print(f"{source.page}: {name}")
+    fast = settings.results / "fast" / "animation.gif"
+    if fast.exists():
+        shutil.copyfile(fast, ROOT / "docs" / "images" / "fast.gif")
     for name, words in (("README.md", gaits_table()), (SEARCH, library())):
         text = fill((ROOT / name).read_text(encoding="utf-8"), "library", words)
         write_whole(ROOT / name, lambda file, text=text: file.write(text.encode()))

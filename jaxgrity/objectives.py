@@ -83,10 +83,11 @@ class Objective(eqx.Module):
             worth = -meters.effort / (scene.structure.node_mass.sum() * scene.gravity * worth)
         elif self.kind == "straightness":
             worth = worth / meters.path
-        for name, bound in self.bounds.items():
-            peak = getattr(meters, f"peak_{name}").max(-1)
-            worth = jnp.where(peak > bound, -REFUSED * (1 + peak / bound), jnp.maximum(worth, -REFUSED))
-        return worth
+        if not self.bounds:
+            return worth
+        shares = [getattr(meters, f"peak_{name}").max(-1) / bound for name, bound in self.bounds.items()]
+        beyond = sum(jnp.where(share > 1, share, 0) for share in shares)
+        return jnp.where(beyond > 0, -REFUSED * (1 + beyond), jnp.maximum(worth, -REFUSED))
 
 
 def body_length(scene: Scene) -> Scalar:

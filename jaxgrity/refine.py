@@ -238,7 +238,9 @@ def _climb(task: Task, polishing: Polishing, genes, kind: Kind, horizon: float, 
         found.append(Step(ahead[half], norm, float(share), LENGTHS[best], fitness))
         if on_step is not None:
             on_step(found[-1])
-    return np.asarray(x, float), found, int(spent)
+    # genes that did not move keep the digits that the climb's precision lacks
+    stayed = np.asarray(x) == np.asarray(genes, task.settings.dtype)
+    return np.where(stayed, genes, np.asarray(x, float)), found, int(spent)
 
 
 def _one_period(gait: Gait) -> float:

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
+import search_words
 import update_docs
 
 ROOT = Path(__file__).parents[1]
@@ -51,6 +52,12 @@ def test_pictures_and_links_are_there():
     assert targets
     for target in targets:
         assert (ROOT / target).exists(), target
+
+
+def test_gaits_of_the_library_are_those_of_their_records():
+    """In the README, and with the commands that found them in docs/search.md."""
+    assert search_words.gaits_table() in README
+    assert search_words.library() in (ROOT / "docs" / "search.md").read_text(encoding="utf-8")
 
 
 def test_importing_changes_no_configuration():

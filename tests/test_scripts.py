@@ -259,14 +259,14 @@ def test_scaling_measures(tmp_path):
 
 
 def test_damage_is_survived(tmp_path):
-    """Three cases of damage, quick: every way to a gait has a number, and the best of them is verified."""
+    """Two cases of damage, quick: every way to a gait has a number, and the best of them is verified."""
     facts = quick("damage.py", tmp_path)
-    assert len(facts["cases"]) == 3
+    assert set(facts["cases"]) == {"cable 7", "strut 1"}
     for case in facts["cases"].values():
         assert all(case[way]["error_bar"] < 0.2 for way in ("as it was", "library", "gradient", "scratch"))
         assert case["library"]["robust"] >= case["as it was"]["robust"] - 0.05
-    assert facts["recovered"]["rolling_exact"]["cable"]["cases"] == 2
-    assert "of 2" in search_words.damage(facts)
+    assert facts["recovered"]["rolling_exact"]["cable"]["cases"] == 1
+    assert "of 1" in search_words.damage(facts)
 
 
 def test_rivals_meet_at_equal_cost(tmp_path):
@@ -284,6 +284,6 @@ def test_nothing_is_lost(tmp_path):
     done = run("kills.py", "--quick", "--out", tmp_path)
     assert done.returncode == 0, done.stderr
     facts = json.loads((tmp_path / "kills.json").read_text())
-    assert len(facts["kills"]) == 2
+    assert len(facts["kills"]) == 1
     assert all(kill["same_population"] and not kill["broken_files"] for kill in facts["kills"])
-    assert "2 ended with the very same population" in search_words.kills(facts)
+    assert "1 ended with the very same population" in search_words.kills(facts)
