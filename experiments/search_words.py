@@ -106,7 +106,9 @@ def gaits_table() -> str:
         record = gait_record(name)
         robust, other, asked = record["robust"], record["other_contact_model"], record["actuators"]
         # a search maximises, so a cost counts below zero there
-        sign, unit = (-1, "J/(N m)") if record["objective"] == "cost of transport" else (1, UNITS[record["objective"]])
+        sign, unit = (
+            (-1, "W/(m g d)") if record["objective"] == "cost of transport" else (1, UNITS[record["objective"]])
+        )
         rows.append(
             [
                 f"`{name}`",
