@@ -37,7 +37,7 @@ def benchmark(facts: dict) -> str:
         f"NumPy loop takes {facts['numpy']['seconds']:.1f} s. {facts['gaits']} gaits of {facts['duration']:g} s, "
         f"{facts['cores']} cores, median of {facts['repeats']}. The gradient in {gradient['phases']} phases costs "
         f"{gradient['reverse']:.1f} rollouts by reverse mode that computes stages again, {gradient['forward']:.1f} by "
-        f"forward mode; polishing uses the first.\n\n{table(head, rows)}\n\n"
+        f"forward mode; pathwise polish uses the first.\n\n{table(head, rows)}\n\n"
         f"Rollouts of {facts['duration']:g} s, at the cheapest step whose error (median, against the engine's own "
         f"converged answer) is within the bound. MJX, where it is there, has one core. `{facts['command']}`, "
         "[docs/measured/benchmark.json](docs/measured/benchmark.json)."

@@ -7,7 +7,6 @@ one (evolution strategies) is a regression on rollouts with perturbed genes: noi
 from collections.abc import Callable
 from typing import Literal, NamedTuple, get_args
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -17,14 +16,13 @@ from jaxtyping import Float
 from jaxgrity.actuation import Gait
 from jaxgrity.diagnostics import Sensitivity, sensitivity
 from jaxgrity.genome import Genome
-from jaxgrity.gradients import centres
+from jaxgrity.gradients import Task, combine, pathwise_gradient, smoothed_gradient
 from jaxgrity.objectives import Fitness, Scores, judge, with_robots
-from jaxgrity.population import Outcomes, one_gait, roll_out
+from jaxgrity.population import one_gait
 from jaxgrity.scene import Scene, as_dtype, with_gait
 from jaxgrity.simulate import Settings, settle
 from jaxgrity.structure import InputError
-from jaxgrity.types import AnyArray, Scalar
-from jaxgrity.uncertainty import ensemble
+from jaxgrity.types import AnyArray
 
 Kind = Literal["smoothed", "pathwise", "combined"]
 OneGait = Float[AnyArray, " genes"]
@@ -70,18 +68,6 @@ class Step(NamedTuple):
     """which of `LENGTHS` was best"""
     fitness: float
     """of the gait that goes on, by this step's ensemble"""
-
-
-class Task(NamedTuple):
-    """What stays the same from step to step."""
-
-    scene: Scene
-    genome: Genome
-    duration: float
-    settings: Settings
-    fitness: Fitness
-    width: Scalar
-    """of the smoothed gradient"""
 
 
 class Polished(NamedTuple):
@@ -271,64 +257,6 @@ def _gradient(key, genes, task: Task, kind: Kind, ahead: float, samples: int) ->
         (mean, _), share = (smoothed or pathwise), 0.0 if pathwise is None else 1.0  # type: ignore[misc]
         return mean, jnp.asarray(share)
     return combine(smoothed, pathwise)
-
-
-def combine(smoothed, pathwise) -> tuple[AnyArray, AnyArray]:
-    """The mean of two gradients by the inverse of their variances, and the second one's weight in it.
-
-    Each is a mean and the squared standard error of it, summed over the genes. Suh, Simchowitz, Zhang, Tedrake 2022.
-    """
-    (first, noise), (second, other) = smoothed, pathwise
-    share = jnp.where(jnp.isfinite(other), noise / (noise + other), 0.0)
-    return first + share * (jnp.where(share > 0, second, 0) - first), share
-
-
-@eqx.filter_jit
-def smoothed_gradient(key, genes, task: Task, ahead, pairs: int):
-    """g = mean of (f(x + s e) - f(x - s e))/(2 s) e over pairs of robots, e normal, and its squared standard error."""
-    drawn, disturbed = jax.random.split(key)
-    e = jax.random.normal(drawn, (pairs, genes.size), genes.dtype)
-    width, both = task.width, []
-    for sign in (1, -1):
-        gaits = task.genome.gaits(task.scene.gait, genes + sign * width * e)
-        # pairs meet the same draws of what is uncertain, whose effect then cancels
-        robots, differences = ensemble(disturbed, task.scene, gaits, task.fitness.uncertainty, 1, common=False)
-        objective = task.fitness.objective
-        outcomes = roll_out(task.scene, robots, ahead, task.settings, differences, objective.metered)
-        both.append(objective.worth(task.scene, outcomes, ahead))
-    slope = (both[0] - both[1]) / (2 * width)
-    return _mean_and_noise(slope[:, None] * e)
-
-
-@eqx.filter_jit
-def pathwise_gradient(key, genes, task: Task, ahead: float, robots: int):
-    """The mean gradient over an ensemble of robots, by reverse mode, and its squared standard error."""
-    if task.fitness.objective.metered:
-        raise InputError("what is metered has no pathwise gradient; expected a smoothed one")
-
-    def total(each):
-        gaits = task.genome.gaits(task.scene.gait, each)
-        many, differences = ensemble(key, task.scene, gaits, task.fitness.uncertainty, 1, common=False)
-        start, end = centres(task.scene, many, differences, ahead, task.settings)
-        none = jnp.zeros(robots, int)
-        name, dt = task.settings.method.name, task.settings.dt
-        outcomes = Outcomes(start, end, jnp.zeros((robots, 0, 3)), none, none, none, None, name, dt)
-        return jnp.sum(task.fitness.objective.worth(task.scene, outcomes, ahead))
-
-    gradients = jax.grad(total)(jnp.tile(genes, (robots, 1)))
-    # draws come in pairs of opposite signs, whose gradients are no independent samples
-    pairs = gradients.reshape(2, -1, genes.size).mean(0) if robots % 2 == 0 else gradients
-    return _mean_and_noise(pairs)
-
-
-def _mean_and_noise(samples) -> tuple[AnyArray, AnyArray]:
-    """The mean over those samples that are finite, 0 where none is, and its squared standard error."""
-    good = jnp.isfinite(samples).all(1, keepdims=True)
-    count = jnp.sum(good)
-    kept = jnp.where(good, samples, 0)
-    mean = kept.sum(0) / jnp.maximum(count, 1)
-    spread = jnp.sum(jnp.where(good, kept - mean, 0) ** 2)
-    return mean, jnp.where(count > 1, spread / jnp.maximum(count, 1) / jnp.maximum(count - 1, 1), jnp.nan)
 
 
 def _key(seed: int, *purpose: int):

@@ -20,8 +20,14 @@ from jaxgrity import (
     verify,
 )
 from jaxgrity.diagnostics import Sensitivity
-from jaxgrity.gradients import distance_and_gradient, distances
-from jaxgrity.refine import Task, combine, pathwise_gradient, smoothed_gradient
+from jaxgrity.gradients import (
+    Task,
+    combine,
+    distance_and_gradient,
+    distances,
+    pathwise_gradient,
+    smoothed_gradient,
+)
 from jaxgrity.scene import as_dtype
 from jaxgrity.simulate import settle
 
