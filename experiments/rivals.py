@@ -33,16 +33,17 @@ Method = Literal["random", "CMA-ES", "DE", "GA", "GA+more", "cautious GA", "GA+s
 WEIGHTS = {"exact": (1 / 2,), "reference": (1 / 16, 1 / 2)}
 """of a rollout on each of the searched rungs: half the steps, and 33 us against 528 us per simulated second that
 experiments/benchmark.py measures for the exact twin at 10 ms and for RK4 at 0.5 ms"""
-FINALISTS, OWN_ROBOTS, FINAL_ROBOTS, JUDGES = 8, 4, 32, 256
-"""of each search; robots by which the GA searches, by which one finalist is chosen, by which the answers are judged"""
+FINALISTS, OWN_ROBOTS, FINAL_ROBOTS, PAIR_ROBOTS, JUDGES = 8, 4, 32, 64, 256
+"""of each search; robots by which the GA searches, by which one finalist is chosen, by which a polished gait meets its
+start, by which the answers are judged"""
 DRAWS = 10**6
 """seeds of draws for each search; as many before the first are left for the judgement, which takes 0"""
-SCREENED, POLISHED = 0.25, 0.25
+SCREENED, POLISHED = 0.25, 0.4
 """shares of rollouts: of the GA's, on the exact twin where the scene has one; of all, for polish"""
 QUARTILES = (0.25, 0.5, 0.75)
 EVOSAX = {"CMA-ES": "CMA_ES", "DE": "DifferentialEvolution"}
-POOL, STARTS = 16, 4
-"""gaits of the GA's end that are judged by more robots, and those of them that are polished"""
+POOL = 16
+"""gaits of the GA's end that are judged by more robots; the best is the answer, or where polish starts"""
 UNCERTAIN = Uncertainty(phase=0.03)
 robust = partial(Fitness, uncertainty=UNCERTAIN)
 
@@ -118,7 +119,10 @@ def compete(name: str, searches: dict[str, Callable], settings: Settings) -> lis
     path, runs = settings.out / f"{name}.json", []
     known = {key: asdict(settings)[key] for key in ("rollouts", "duration", "population", "robots")}
     known |= {"weights": WEIGHTS[name], "shares": [SCREENED, POLISHED], "uncertain": vars(UNCERTAIN)}
-    known |= {"pool": [POOL, STARTS, FINALISTS, OWN_ROBOTS, FINAL_ROBOTS, JUDGES], "polishing": Polishing()._asdict()}
+    known |= {
+        "pool": [POOL, FINALISTS, OWN_ROBOTS, FINAL_ROBOTS, PAIR_ROBOTS, JUDGES],
+        "polishing": Polishing()._asdict(),
+    }
     known |= {"scene": (SCENES / f"{name}.toml").read_text(encoding="utf-8")}
     known = json.loads(json.dumps(known))
     if settings.resume and path.exists():
@@ -231,16 +235,15 @@ def ours(task: Task, budget: int, seed: int, then: Kind | Literal["more"] | None
             spend(trace, w * each, best, failed)
     genes = distinct(searches[-1].last, task.genome, POOL)
     found = try_out(task, genes, robust(robots=FINAL_ROBOTS), seed, trace)
-    starts = genes[np.argsort(-found)[:STARTS]]
+    best = genes[np.argmax(found)]
     if then is None or then == "more":
-        return starts[0], trace
-    last = weight * 2 * FINAL_ROBOTS  # float64 counts like float32
+        return best, trace
+    last = weight * 2 * PAIR_ROBOTS  # float64 counts like float32
     polishing = Polishing(int((POLISHED * budget - last) / weight), then)
-    options = {"fitness": own, "dt": task.ladder[-1].dt, "final_dt": task.ladder[-1].dt, "final_robots": FINAL_ROBOTS}
-    polished = polish(task.scene, task.genome, starts, task.duration, polishing, seed=draws + len(trace), **options)
-    for step in polished.steps:
-        spend(trace, weight * polished.rollouts / len(polished.steps), step.fitness)
-    spend(trace, last, (polished.after if polished.improved else polished.before).mean[0])
+    options = {"fitness": own, "dt": task.ladder[-1].dt, "final_dt": task.ladder[-1].dt, "final_robots": PAIR_ROBOTS}
+    polished = polish(task.scene, task.genome, best[None], task.duration, polishing, seed=draws + len(trace), **options)
+    judged = polished.after if polished.improved else polished.before
+    spend(trace, weight * polished.rollouts + last, judged.mean[0])
     return polished.genes, trace
 
 

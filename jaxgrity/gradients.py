@@ -1,4 +1,4 @@
-"""Gradients of rollouts: pathwise by reverse mode, smoothed by regression on perturbed ones, and both combined."""
+"""Gradients of rollouts: pathwise by reverse mode, smoothed by regression on perturbed gaits, and both combined."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -7,13 +7,14 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.scipy.special import ndtri
 
 from jaxgrity.actuation import Gait
 from jaxgrity.dynamics import centre_of_mass
 from jaxgrity.genome import Genome
 from jaxgrity.methods import RK4
-from jaxgrity.objectives import Fitness
-from jaxgrity.population import Outcomes, discretise_lanes, in_lanes, lanes_last, over_lanes, roll_out
+from jaxgrity.objectives import Fitness, judge, with_robots
+from jaxgrity.population import Outcomes, discretise_lanes, in_lanes, lanes_last, over_lanes
 from jaxgrity.scene import Scene
 from jaxgrity.simulate import Settings
 from jaxgrity.structure import InputError
@@ -30,7 +31,7 @@ class Task(NamedTuple):
     settings: Settings
     fitness: Fitness
     width: Scalar
-    """of the smoothed gradient"""
+    """standard deviation s of the smoothed gradient's perturbations, as `Polishing.width`"""
 
 
 def distance_and_gradient(scene: Scene, gaits: Gait, horizon: float, settings: Settings) -> tuple[PerGait, Phases]:
@@ -111,36 +112,66 @@ def _divide(count: int) -> tuple[int, int]:
         count += 1
 
 
-def combine(smoothed, pathwise) -> tuple[AnyArray, AnyArray]:
+class Gradient(NamedTuple):
+    """An estimate of a gradient."""
+
+    value: Scalar
+    """of what it is the gradient of, in the mean over the rollouts that it took"""
+    mean: AnyArray
+    """(genes,), per turn of the circle or per width of the bounds"""
+    noise: Scalar
+    """squared standard error of `mean`, summed over the genes; NaN where there is none"""
+    scale: Scalar | float = 1.0
+    """width of the fitness over the rollouts, by which a step is to be weighed less"""
+
+
+def combine(smoothed: Gradient, pathwise: Gradient) -> tuple[Gradient, Scalar]:
     """The mean of two gradients by the inverse of their variances, and the second one's weight in it.
 
-    Each is a mean and the squared standard error of it, summed over the genes. Suh, Simchowitz, Zhang, Tedrake 2022.
+    Suh, Simchowitz, Zhang, Tedrake 2022. The value is the smoothed one's.
     """
-    (first, noise), (second, other) = smoothed, pathwise
+    noise, other = smoothed.noise, pathwise.noise
     share = jnp.where(jnp.isfinite(other), noise / (noise + other), 0.0)
-    return first + share * (jnp.where(share > 0, second, 0) - first), share
+    mean = smoothed.mean + share * (jnp.where(share > 0, pathwise.mean, 0) - smoothed.mean)
+    return Gradient(smoothed.value, mean, jnp.where(share > 0, share * other, noise), smoothed.scale), share
 
 
 @eqx.filter_jit
-def smoothed_gradient(key, genes, task: Task, ahead, pairs: int):
-    """g = mean of (f(x + s e) - f(x - s e))/(2 s) e over pairs of robots, e normal, and its squared standard error."""
+def smoothed_gradient(key, genes, task: Task, ahead: Scalar, samples: int, robots: int) -> Gradient:
+    """g = c mean of (u(x + s e) - u(x - s e))/(2 s) e over pairs of perturbed gaits, e normal; u are their utilities.
+
+    Each gait has the fitness of an ensemble of `robots`; all meet the same draws. It counts by its rank: good gaits lie
+    close to cliffs, and one robot that falls off would outweigh all others. Where fitness is linear, g is its gradient.
+    """
     drawn, disturbed = jax.random.split(key)
-    e = jax.random.normal(drawn, (pairs, genes.size), genes.dtype)
-    width, both = task.width, []
-    for sign in (1, -1):
-        gaits = task.genome.gaits(task.scene.gait, genes + sign * width * e)
-        # pairs meet the same draws of what is uncertain, whose effect then cancels
-        robots, differences = ensemble(disturbed, task.scene, gaits, task.fitness.uncertainty, 1, common=False)
-        objective = task.fitness.objective
-        outcomes = roll_out(task.scene, robots, ahead, task.settings, differences, objective.metered)
-        both.append(objective.worth(task.scene, outcomes, ahead))
-    slope = (both[0] - both[1]) / (2 * width)
-    return _mean_and_noise(slope[:, None] * e)
+    e = jax.random.normal(drawn, (samples // 2, genes.size), genes.dtype)
+    gaits = task.genome.gaits(task.scene.gait, genes + task.width * jnp.concatenate([e, -e]))
+    fitness = with_robots(task.fitness, robots)
+    scores = judge(disturbed, task.scene, gaits, ahead, task.settings, fitness)
+    utility, scale = utilities(scores.fitness)
+    plus, minus = jnp.split(scale * utility, 2)
+    slope = (plus - minus) / (2 * task.width)
+    return Gradient(_mean(scores.fitness), *_mean_and_noise(slope[:, None] * e), scale)
+
+
+def utilities(fitness: PerGait) -> tuple[PerGait, Scalar]:
+    """u = max(0, ln(n/2 + 1) - ln rank), less its mean, and by what to multiply it to replace the fitness, c.
+
+    Wierstra, Schaul, Glasmachers, Sun, Peters, Schmidhuber 2014, by whom the worse half of the n gaits counts alike.
+    Normally distributed fitness times its utilities is in the mean what it is times itself. c is 0 where most failed.
+    """
+    above = jnp.argsort(jnp.argsort(fitness))
+    utility = jnp.maximum(0, np.log(above.size / 2 + 1) - jnp.log(above.size - above))
+    utility = utility - utility.mean()
+    normal, quartiles = ndtri((above + 0.5) / above.size), np.array([0.25, 0.75])
+    spread = jnp.diff(jnp.quantile(fitness, quartiles))[0] / jnp.diff(jnp.quantile(normal, quartiles))[0]
+    scale = spread / jnp.mean(utility * normal)
+    return utility, jnp.where(jnp.isfinite(scale), scale, 0)
 
 
 @eqx.filter_jit
-def pathwise_gradient(key, genes, task: Task, ahead: float, robots: int):
-    """The mean gradient over an ensemble of robots, by reverse mode, and its squared standard error."""
+def pathwise_gradient(key, genes, task: Task, ahead: float, robots: int) -> Gradient:
+    """The mean gradient over an ensemble of robots, by reverse mode."""
     if task.fitness.objective.metered:
         raise InputError("what is metered has no pathwise gradient; expected a smoothed one")
 
@@ -151,12 +182,18 @@ def pathwise_gradient(key, genes, task: Task, ahead: float, robots: int):
         none = jnp.zeros(robots, int)
         name, dt = task.settings.method.name, task.settings.dt
         outcomes = Outcomes(start, end, jnp.zeros((robots, 0, 3)), none, none, none, None, name, dt)
-        return jnp.sum(task.fitness.objective.worth(task.scene, outcomes, ahead))
+        worth = task.fitness.objective.worth(task.scene, outcomes, ahead)
+        return jnp.sum(worth), worth
 
-    gradients = jax.grad(total)(jnp.tile(genes, (robots, 1)))
+    gradients, worth = jax.grad(total, has_aux=True)(jnp.tile(genes, (robots, 1)))
     # draws come in pairs of opposite signs, whose gradients are no independent samples
     pairs = gradients.reshape(2, -1, genes.size).mean(0) if robots % 2 == 0 else gradients
-    return _mean_and_noise(pairs)
+    return Gradient(_mean(worth), *_mean_and_noise(pairs))
+
+
+def _mean(worth: PerGait) -> Scalar:
+    """Over those that did not fail; NaN where all did."""
+    return jnp.nanmean(jnp.where(jnp.isfinite(worth), worth, jnp.nan))
 
 
 def _mean_and_noise(samples) -> tuple[AnyArray, AnyArray]:

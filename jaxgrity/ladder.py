@@ -17,6 +17,7 @@ from jaxgrity.scene import Scene, as_dtype
 from jaxgrity.search import Breeding, Search, State, begin, evolve
 from jaxgrity.simulate import settle
 from jaxgrity.stability import default_method, default_step, strictest
+from jaxgrity.structure import InputError
 from jaxgrity.twin import exact_twin, twin
 from jaxgrity.types import AnyArray
 
@@ -42,15 +43,15 @@ def rungs(scene: Scene, dt: float | None = None) -> tuple[Rung, ...]:
     """
     step = dt or default_step(scene, default_method(scene))
     exact = scene if scene.constrained else exact_twin(scene)
-    screening = Rung("screening", exact, _at_most(COARSE, exact), "float32")
-    own = Rung("own model", scene, step if scene.constrained else _at_most(2 * step, scene), "float32")
+    coarse = default_step(exact, default_method(exact))
+    screening = Rung("screening", exact, _stable(COARSE, coarse, exact), "float32")
+    own = Rung("own model", scene, step if scene.constrained else _stable(2 * step, step, scene), "float32")
     return screening, own, Rung("verification", scene, step / 2, "float64")
 
 
-def _at_most(dt: float, scene: Scene) -> float:
-    """`dt`, s, where the scene is stable at it; else its default step."""
-    method = default_method(scene)
-    return dt if dt <= strictest(scene, method)[0] else default_step(scene, method)
+def _stable(dt: float, otherwise: float, scene: Scene) -> float:
+    """`dt`, s, where the scene is stable at it."""
+    return dt if dt <= strictest(scene, default_method(scene))[0] else otherwise
 
 
 def searched(ladder: tuple[Rung, ...]) -> tuple[Rung, ...]:
@@ -72,8 +73,11 @@ def evolve_up(
     """Evolve on each of the rungs in turn, the population of one going on to the next; the searches, one each.
 
     With `states`, as far as the searches got before, they go on from there. `on_generation` gets a search's number and
-    its state.
+    its state. Raises `InputError` where populations differ in size.
     """
+    sizes = {breeding.population for breeding in breedings}
+    if len(sizes) > 1:
+        raise InputError(f"populations of {sorted(sizes)} gaits: expected one size on all rungs")
     found: list[Search] = []
     for number, (rung, breeding) in enumerate(zip(ladder, breedings)):
         state = states[number] if number < len(states) else begin(genome, breeding, seed + number, rung.dtype)

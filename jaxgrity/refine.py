@@ -1,11 +1,12 @@
 """Polish: better gaits by gradients, where gradients mean something.
 
 The pathwise gradient differentiates the rollouts; it is exact, and useless where they are too sensitive. The smoothed
-one (evolution strategies) is a regression on rollouts with perturbed genes: noisy, and sound on any horizon.
+one (evolution strategies) is a regression on the ranks of perturbed gaits: noisy, and sound on any horizon.
 """
 
+import math
 from collections.abc import Callable
-from typing import Literal, NamedTuple, get_args
+from typing import Any, Literal, NamedTuple, get_args
 
 import jax
 import jax.numpy as jnp
@@ -16,7 +17,7 @@ from jaxtyping import Float
 from jaxgrity.actuation import Gait
 from jaxgrity.diagnostics import Sensitivity, sensitivity
 from jaxgrity.genome import Genome
-from jaxgrity.gradients import Task, combine, pathwise_gradient, smoothed_gradient
+from jaxgrity.gradients import Gradient, Task, combine, pathwise_gradient, smoothed_gradient
 from jaxgrity.objectives import Fitness, Scores, judge, with_robots
 from jaxgrity.population import one_gait
 from jaxgrity.scene import Scene, as_dtype, with_gait
@@ -28,8 +29,8 @@ Kind = Literal["smoothed", "pathwise", "combined"]
 OneGait = Float[AnyArray, " genes"]
 COST = 6.0
 """of a pathwise gradient, in rollouts of its horizon (experiments/benchmark.py measures it)"""
-LENGTHS = (0.0, 0.5, 1.0, 2.0, 4.0)
-"""of each step that are tried: the best goes on, and the next steps grow or shrink with it"""
+AVERAGED = 0.2
+"""share of a climb's steps, the last, whose gaits' mean is its end: it is less noisy than any of them"""
 CLIMB, ENDS, LAST = range(3)
 """what random numbers are drawn for: none are drawn twice"""
 
@@ -40,15 +41,16 @@ class Polishing(NamedTuple):
     rollouts: int = 1024
     """that all steps from all starts may cost together, in rollouts over the whole duration"""
     kind: Kind = "smoothed"
-    samples: int = 32
-    """rollouts for each gradient"""
-    width: tuple[float, float] = (0.005, 0.005)
+    samples: int = 12
+    """perturbed gaits for each smoothed gradient, robots for each pathwise one"""
+    robots: int = 4
+    """in the ensemble that judges each of those"""
+    width: tuple[float, float] = (0.006, 0.004)
     """standard deviation of the smoothed gradient's perturbations in the first and in the last step, in turns of the
     circle or shares of the bounds"""
     learning_rate: float = 0.0065
-    """length of the first step, in the same unit"""
-    robots: int = 16
-    """in the ensemble by which each length of a step is judged"""
+    """length of the first step, in the same unit; the last has a fifth of it"""
+    momentum: float = 0.5
     final_robots: int = 64
     """in the ensemble by which the ends of all climbs are compared"""
     largest_sensitivity: float = 3.0
@@ -61,13 +63,11 @@ class Step(NamedTuple):
     horizon: float
     """s, of the gradient"""
     gradient_norm: float
-    """of the objective, per turn of the circle or per width of the bounds"""
+    """of the fitness, per turn of the circle or per width of the bounds"""
     pathwise_share: float
     """weight of the pathwise gradient, 0 to 1"""
-    length: float
-    """which of `LENGTHS` was best"""
     fitness: float
-    """of the gait that goes on, by this step's ensemble"""
+    """at the horizon, in the mean over what the gradient was taken from"""
 
 
 class Polished(NamedTuple):
@@ -109,13 +109,13 @@ def polish(
     """Climb from each of the gaits that `genes` stand for, best first, and keep what verifies.
 
     Each climb has the same share of the rollouts. Each of its steps is a gradient of the fitness, turned into an update
-    by optax (momentum, its length falling by a cosine); `LENGTHS` of it are judged by one ensemble, and the best goes
-    on. Pathwise gradients look as far ahead as the measured sensitivities of the starts stay below
+    by optax (momentum, its length falling by a cosine). Pathwise gradients look as far ahead as the measured
+    sensitivities of the starts stay below
     `polishing.largest_sensitivity`, in the first half of the steps half way there. A start whose own does not let them
     look past the first period of full actuation is not climbed by them; where none does they are not used, and `reason`
     says so. A combined gradient weighs both by their measured variances, on that horizon. In the end the first of all
     starts and the best of all ends meet one ensemble of `final_robots` in float64 at `final_dt` (half of dt where not
-    given), and the end counts as an improvement where the mean difference of their fitness passes two standard errors.
+    given), and the better one is kept; `reason` has the difference with two standard errors.
 
     Raises `InputError` as `settle` does.
     """
@@ -138,7 +138,7 @@ def polish(
     gain = np.asarray(judged.each[1] - judged.each[0])
     error = 2 * gain.std() / np.sqrt(gain.size)
     difference = float(judged.fitness[1] - judged.fitness[0])
-    improved = bool(difference > error)
+    improved = difference > 0
     verdict = f"fitness {'up' if difference > 0 else 'down'} by {abs(difference):.3f} ± {error:.2g}"
     outcome = "the polished gait is kept" if improved else "the gait is kept as it was"
     reason = f"{told}{len(steps)} steps; {verdict} over {final_robots} robots: {outcome}" if steps else told[:-2]
@@ -196,37 +196,34 @@ def _climb_all(task: Task, polishing: Polishing, starts, kind: Kind, horizon: fl
 
 
 def _climb(task: Task, polishing: Polishing, genes, kind: Kind, horizon: float, key, on_step):
-    """The last gait, the steps that led to it, and what they cost."""
-    genome = task.genome
+    """The gait at the end, the steps that led to it, and what they cost."""
     ahead = [horizon] if kind == "smoothed" else [(horizon + _shortest(task, genes)) / 2, horizon]
-    costs = [_cost(task, polishing, kind, reach) + len(LENGTHS) * polishing.robots for reach in ahead]
+    costs = [_cost(task, polishing, kind, reach) for reach in ahead]
     count = max(1, int(polishing.rollouts / np.mean(costs)))
     schedule = optax.cosine_decay_schedule(polishing.learning_rate, count, alpha=0.2)
-    optimiser = optax.chain(optax.trace(0.5), optax.normalize_by_update_norm(), optax.scale_by_schedule(schedule))
-    x, scale, found, spent = jnp.asarray(genes, task.settings.dtype), 1.0, [], 0.0
-    state = optimiser.init(x)
+    optimiser = optax.chain(
+        optax.trace(polishing.momentum), optax.normalize_by_update_norm(), optax.scale_by_schedule(schedule)
+    )
+    first = x = jnp.asarray(genes, task.settings.dtype)
+    state, path, found, spent = optimiser.init(x), [], [], 0.0
     widths = np.geomspace(*polishing.width, count).astype(task.settings.dtype)
     for number in range(count):
         half = min(len(ahead) - 1, 2 * number // count)
-        drawn, judged, key = jax.random.split(key, 3)
         task = task._replace(width=widths[number])
-        gradient, share = _gradient(drawn, x, task, kind, ahead[half], polishing.samples)
-        if not jnp.any(gradient):
-            continue
-        update, state = optimiser.update(gradient, state)
-        tried = genome.within(x + scale * jnp.asarray(LENGTHS, x.dtype)[:, None] * update)
-        scores = _judge_genes(
-            judged, task.scene, genome, tried, task.duration, task.settings, task.fitness, polishing.robots
-        )
-        best = int(jnp.argmax(scores.fitness))
-        x, scale, spent = tried[best], scale * max(LENGTHS[best], 0.25) ** 0.5, spent + costs[half]
-        fitness, norm = float(scores.fitness[best]), float(jnp.linalg.norm(gradient))
-        found.append(Step(ahead[half], norm, float(share), LENGTHS[best], fitness))
+        gradient, share = _gradient(jax.random.fold_in(key, number), x, task, kind, ahead[half], polishing)
+        spent += costs[half]
+        if jnp.any(gradient.mean):
+            update, state = optimiser.update(gradient.mean / gradient.scale, state)
+            # angles go on beyond a turn, so that their mean is one
+            x = jnp.where(task.genome.circular, x + update, jnp.clip(x + update, 0, 1))
+        path.append(x)
+        found.append(Step(ahead[half], float(jnp.linalg.norm(gradient.mean)), float(share), float(gradient.value)))
         if on_step is not None:
             on_step(found[-1])
+    last = np.stack(path[-math.ceil(AVERAGED * count) :])
     # genes that did not move keep the digits that the climb's precision lacks
-    stayed = np.asarray(x) == np.asarray(genes, task.settings.dtype)
-    return np.where(stayed, genes, np.asarray(x, float)), found, int(spent)
+    end = np.where((last == first).all(0), genes, task.genome.within(last.mean(0, dtype=float)))
+    return end, found, int(spent)
 
 
 def _one_period(gait: Gait) -> float:
@@ -240,23 +237,19 @@ def _shortest(task: Task, genes) -> float:
 
 def _cost(task: Task, polishing: Polishing, kind: Kind, ahead: float) -> float:
     """Of one gradient, in rollouts over the whole duration."""
-    share = ahead / task.duration * polishing.samples
-    return share * {"smoothed": 1, "pathwise": COST, "combined": 1 + COST}[kind]
+    each = {"smoothed": polishing.robots, "pathwise": COST, "combined": polishing.robots + COST}[kind]
+    return ahead / task.duration * polishing.samples * each
 
 
-def _gradient(key, genes, task: Task, kind: Kind, ahead: float, samples: int) -> tuple[AnyArray, AnyArray]:
-    """Of the mean objective at the time `ahead`, and the share that the pathwise one has in it."""
-    few = samples // 2
+def _gradient(key, genes, task: Task, kind: Kind, ahead: float, polishing: Polishing) -> tuple[Gradient, Any]:
+    """Of the fitness at the time `ahead`, and the share that the pathwise one has in it."""
     one, other = jax.random.split(key)
-    pathwise = smoothed = None
-    if kind in ("smoothed", "combined"):
-        smoothed = smoothed_gradient(one, genes, task, np.asarray(ahead), few)
-    if kind in ("pathwise", "combined"):
-        pathwise = pathwise_gradient(other, genes, task, ahead, 2 * few)
-    if smoothed is None or pathwise is None:
-        (mean, _), share = (smoothed or pathwise), 0.0 if pathwise is None else 1.0  # type: ignore[misc]
-        return mean, jnp.asarray(share)
-    return combine(smoothed, pathwise)
+    if kind == "pathwise":
+        return pathwise_gradient(other, genes, task, ahead, polishing.samples), 1.0
+    smoothed = smoothed_gradient(one, genes, task, np.asarray(ahead), polishing.samples, polishing.robots)
+    if kind == "smoothed":
+        return smoothed, 0.0
+    return combine(smoothed, pathwise_gradient(other, genes, task, ahead, polishing.samples))
 
 
 def _key(seed: int, *purpose: int):

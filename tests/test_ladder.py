@@ -55,9 +55,10 @@ def test_rungs_of_an_exact_scene(exact):
 
 
 def test_a_step_of_ones_own(reference, exact):
-    """Verification is at half of it; screening stays as it is."""
+    """Verification is at half of it; screening stays as it is; a step that cannot be doubled is taken as it is."""
     assert [r.dt for r in rungs(reference, 4e-4)] == [0.01, 8e-4, 2e-4]
     assert [r.dt for r in rungs(exact, 2e-3)] == [0.01, 2e-3, 1e-3]
+    assert [r.dt for r in rungs(reference, 1e-3)] == [0.01, 1e-3, 5e-4]
 
 
 def test_rungs_are_no_larger_than_is_stable(reference, exact):
