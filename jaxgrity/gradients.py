@@ -1,5 +1,6 @@
 """Gradients of rollouts: pathwise by reverse mode, smoothed by regression on perturbed gaits, and both combined."""
 
+import math
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -160,10 +161,10 @@ def utilities(fitness: PerGait) -> tuple[PerGait, Scalar]:
     Wierstra, Schaul, Glasmachers, Sun, Peters, Schmidhuber 2014, by whom the worse half of the n gaits counts alike.
     Normally distributed fitness times its utilities is in the mean what it is times itself. c is 0 where most failed.
     """
-    above = jnp.argsort(jnp.argsort(fitness))
-    utility = jnp.maximum(0, np.log(above.size / 2 + 1) - jnp.log(above.size - above))
+    above = jnp.argsort(jnp.argsort(fitness)).astype(fitness.dtype)
+    utility = jnp.maximum(0, math.log(above.size / 2 + 1) - jnp.log(above.size - above))
     utility = utility - utility.mean()
-    normal, quartiles = ndtri((above + 0.5) / above.size), np.array([0.25, 0.75])
+    normal, quartiles = ndtri((above + 0.5) / above.size), np.array([0.25, 0.75], fitness.dtype)
     spread = jnp.diff(jnp.quantile(fitness, quartiles))[0] / jnp.diff(jnp.quantile(normal, quartiles))[0]
     scale = spread / jnp.mean(utility * normal)
     return utility, jnp.where(jnp.isfinite(scale), scale, 0)

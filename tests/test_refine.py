@@ -165,6 +165,21 @@ def test_utilities():
     assert utilities(np.where(fitness < 3.01, -np.inf, fitness))[1] == 0
 
 
+@pytest.mark.parametrize("kind", ["smoothed", "combined"])
+def test_climbs_keep_their_precision(exact, kind, monkeypatch):
+    """Gradients in float32 stay there: a gait in float64 would be rolled out in float64, at twice the cost."""
+    found = []
+
+    def watched(*arguments):
+        found.append(smoothed_gradient(*arguments))
+        return found[-1]
+
+    monkeypatch.setattr("jaxgrity.refine.smoothed_gradient", watched)
+    polished(exact, SMALL._replace(kind=kind, rollouts=300))
+    assert len(found) > 1
+    assert {leaf.dtype for gradient in found for leaf in gradient} == {np.dtype("float32")}
+
+
 def test_gradients_are_combined_by_their_variances():
     """A quarter of the variance has four times the weight; one that is not finite has none."""
     one, other = Gradient(1.0, np.array([1.0, 0.0]), 4.0), Gradient(2.0, np.array([0.0, 1.0]), 1.0)
