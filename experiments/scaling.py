@@ -63,7 +63,7 @@ def main(settings: Settings) -> None:
         "repeats": repeats,
         **rows,
         "exponents": exponents(rows["struts"]),
-        "start": start_up(),
+        "start": start_up(min(3, repeats)),
     }
     save_json(settings.out / "scaling.json", facts)
     plot.save(figure(rows), settings.out / "scaling.png")
@@ -170,7 +170,7 @@ simulate(scene, 1e-3)
 """what simulate.py does until its first steps are taken"""
 
 
-def start_up() -> dict[str, float]:
+def start_up(repeats: int) -> dict[str, float]:
     """Seconds: of the imports, and of a script until its first steps, with the programs of the run before it."""
 
     def took(code: str) -> float:
@@ -181,7 +181,7 @@ def start_up() -> dict[str, float]:
     codes = {"import jax, diffrax": "import jax, diffrax", "import jaxgrity": "import jaxgrity", "first steps": SCRIPT}
     for code in codes.values():
         took(code)
-    return {name: float(np.median([took(code) for _ in range(3)])) for name, code in codes.items()}
+    return {name: float(np.median([took(code) for _ in range(repeats)])) for name, code in codes.items()}
 
 
 def report(facts: dict) -> None:
