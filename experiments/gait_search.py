@@ -39,7 +39,7 @@ from jaxgrity import (
 from jaxgrity.files import save_arrays
 from jaxgrity.ladder import evolve_up, final_verdict, judge_on, rank_correlation, rungs, searched
 from jaxgrity.objectives import with_robots
-from jaxgrity.refine import Polished
+from jaxgrity.refine import Polished, check
 from jaxgrity.runs import Run, open_run
 from jaxgrity.search import Search, State
 
@@ -141,6 +141,8 @@ def search_space(scene: Scene, settings: Settings) -> tuple[Genome, Fitness]:
     if settings.polish_gaits < 1:
         raise InputError(f"polish_gaits = {settings.polish_gaits}: expected at least 1")
     assert scene.gait is not None, "a scene without a gait is refused before"
+    fitness = Fitness(settings.objective, settings.uncertainty, settings.robots, settings.caution)
+    check(Polishing(kind=settings.polish), fitness)
     members = scene.gait.members
     # which gaits are the same depends on where the objective leads
     turned = () if settings.objective.kind == "direction" else standing_symmetries(scene)
@@ -152,7 +154,7 @@ def search_space(scene: Scene, settings: Settings) -> tuple[Genome, Fitness]:
         settings.active,
         gene_permutations(members, turned),
     )
-    return genome, Fitness(settings.objective, settings.uncertainty, settings.robots, settings.caution)
+    return genome, fitness
 
 
 def without_idle(gait: Gait) -> Gait:

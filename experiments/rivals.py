@@ -30,12 +30,14 @@ from jaxgrity.symmetry import gene_permutations, standing_symmetries
 from jaxgrity.uncertainty import Uncertainty
 
 Method = Literal["random", "CMA-ES", "DE", "GA", "GA+more", "cautious GA", "GA+smoothed", "GA+pathwise", "GA+combined"]
-WEIGHTS = {"exact": (1 / 2,), "reference": (1 / 16, 1 / 2)}
-"""of a rollout on each of the searched rungs: half the steps, and 33 us against 528 us per simulated second that
-experiments/benchmark.py measures for the exact twin at 10 ms and for RK4 at 0.5 ms"""
+WEIGHTS = {"exact": (1 / 2,), "reference": (1 / 12.9, 1 / 2)}
+"""of a rollout on each of the searched rungs: half the steps; and 40.9 us against 527.5 us per simulated second, which
+experiments/benchmark.py measures for the exact twin at 10 ms and for RK4 at 0.5 ms, both in float32"""
 FINALISTS, OWN_ROBOTS, FINAL_ROBOTS, PAIR_ROBOTS, JUDGES = 8, 4, 32, 64, 256
 """of each search; robots by which the GA searches, by which one finalist is chosen, by which a polished gait meets its
 start, by which the answers are judged"""
+VERIFIED = 1 / 8
+"""of the default step is the largest of the three by which a nominal gait is verified"""
 DRAWS = 10**6
 """seeds of draws for each search; as many before the first are left for the judgement, which takes 0"""
 SCREENED, POLISHED = 0.25, 0.4
@@ -147,7 +149,7 @@ def judgement(task: Task, genes: np.ndarray) -> dict[str, Any]:
     """Of an answer, the same for all searches and outside of what they may spend."""
     gaits, step = task.genome.gaits(task.scene.gait, genes[None]), default_step(task.scene, default_method(task.scene))
     scores = judge_on(Rung("", task.scene, step, "float64"), gaits, task.duration, robust(robots=JUDGES), seed=0)
-    verified, failed = verify(task.scene, gaits, task.duration, step / 2), int(np.isnan(scores.each).sum())
+    verified, failed = verify(task.scene, gaits, task.duration, step * VERIFIED), int(np.isnan(scores.each).sum())
     found = {"robust": scores.mean[0], "spread": scores.spread[0], "failed_judges": failed}
     return found | {"distance": verified.distance[0], "error_bar": verified.error_bar[0], "genes": genes}
 
@@ -227,7 +229,7 @@ def ours(task: Task, budget: int, seed: int, then: Kind | Literal["more"] | None
     counts.append(generations(task, left - each * np.dot(counts, task.weights[:-1]), each, POOL))
     breedings = [Breeding(task.population, count, elites=task.population // 8) for count in counts]
     if then == "more":
-        more = counts[-1] + int(POLISHED * budget / weight / each)
+        more = generations(task, budget - each * np.dot(counts[:-1], task.weights[:-1]), each, POOL)
         breedings[-1] = Breeding(task.population, more, task.population // 8, settled=counts[-1])
     searches = evolve_up(task.ladder, task.genome, task.duration, tuple(breedings), fitness=own, seed=draws)
     for w, search in zip(task.weights, searches):
@@ -238,12 +240,13 @@ def ours(task: Task, budget: int, seed: int, then: Kind | Literal["more"] | None
     best = genes[np.argmax(found)]
     if then is None or then == "more":
         return best, trace
-    last = weight * 2 * PAIR_ROBOTS  # float64 counts like float32
+    last = 2 * weight * 2 * PAIR_ROBOTS  # float64 counts twice
     polishing = Polishing(int((POLISHED * budget - last) / weight), then)
     options = {"fitness": own, "dt": task.ladder[-1].dt, "final_dt": task.ladder[-1].dt, "final_robots": PAIR_ROBOTS}
     polished = polish(task.scene, task.genome, best[None], task.duration, polishing, seed=draws + len(trace), **options)
     judged = polished.after if polished.improved else polished.before
     spend(trace, weight * polished.rollouts + last, judged.mean[0])
+    tqdm.write(f"{then}, seed {seed}: {polished.reason}")
     return polished.genes, trace
 
 

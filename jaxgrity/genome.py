@@ -96,6 +96,10 @@ class Genome(eqx.Module):
         """Angles brought back to their circle, the rest to its bounds."""
         return jnp.where(self.circular, genes % 1, jnp.clip(genes, 0, 1))
 
+    def bounded(self, genes: Genes) -> Genes:
+        """Angles as they are, the rest brought back to its bounds."""
+        return jnp.where(self.circular, genes, jnp.clip(genes, 0, 1))
+
     def towards(self, a: AnyArray, b: AnyArray) -> AnyArray:
         """b - a, the shorter way round where the gene is an angle: in [-1/2, 1/2) of a turn."""
         return jnp.where(self.circular, (b - a + 0.5) % 1 - 0.5, b - a)

@@ -18,7 +18,6 @@ from jaxgrity.objectives import Fitness, judge, with_robots
 from jaxgrity.population import Outcomes, discretise_lanes, in_lanes, lanes_last, over_lanes
 from jaxgrity.scene import Scene
 from jaxgrity.simulate import Settings
-from jaxgrity.structure import InputError
 from jaxgrity.types import AnyArray, PerGait, Phases, Scalar, Vectors
 from jaxgrity.uncertainty import Differences, ensemble
 
@@ -123,47 +122,54 @@ class Gradient(NamedTuple):
     noise: Scalar
     """squared standard error of `mean`, summed over the genes; NaN where there is none"""
     scale: Scalar | float = 1.0
-    """width of the fitness over the rollouts, by which a step is to be weighed less"""
+    """of the fitness among the rollouts: without it, steps weigh alike on steep and on flat ground"""
 
 
 def combine(smoothed: Gradient, pathwise: Gradient) -> tuple[Gradient, Scalar]:
     """The mean of two gradients by the inverse of their variances, and the second one's weight in it.
 
-    Suh, Simchowitz, Zhang, Tedrake 2022. The value is the smoothed one's.
+    Suh, Simchowitz, Zhang, Tedrake 2022. Where one has no variance the other counts alone. The value is the smoothed
+    one's.
     """
-    noise, other = smoothed.noise, pathwise.noise
-    share = jnp.where(jnp.isfinite(other), noise / (noise + other), 0.0)
-    mean = smoothed.mean + share * (jnp.where(share > 0, pathwise.mean, 0) - smoothed.mean)
-    return Gradient(smoothed.value, mean, jnp.where(share > 0, share * other, noise), smoothed.scale), share
+    noise, other = jnp.asarray(smoothed.noise), jnp.asarray(pathwise.noise)
+    share = jnp.where(jnp.isfinite(noise), noise / jnp.maximum(noise + other, jnp.finfo(noise.dtype).tiny), 1.0)
+    share = jnp.where(jnp.isfinite(other), share, 0.0)
+    mean = jnp.where(share < 1, (1 - share) * smoothed.mean, 0) + jnp.where(share > 0, share * pathwise.mean, 0)
+    both = jnp.where(share == 0, noise, jnp.where(share == 1, other, share * other))
+    return Gradient(smoothed.value, mean, both, smoothed.scale), share
 
 
 @eqx.filter_jit
 def smoothed_gradient(key, genes, task: Task, ahead: Scalar, samples: int, robots: int) -> Gradient:
     """g = c mean of (u(x + s e) - u(x - s e))/(2 s) e over pairs of perturbed gaits, e normal; u are their utilities.
 
-    Each gait has the fitness of an ensemble of `robots`; all meet the same draws. It counts by its rank: good gaits lie
-    close to cliffs, and one robot that falls off would outweigh all others. Where fitness is linear, g is its gradient.
+    Each gait has the fitness of an ensemble of `robots`; all meet the same draws, given which the noise is. Fitness
+    counts by its rank: good gaits lie close to cliffs, and one robot that falls off would outweigh all others. Of many
+    gaits with linear fitness g is the gradient; of 12 it is an eighth longer, in the mean.
     """
     drawn, disturbed = jax.random.split(key)
     e = jax.random.normal(drawn, (samples // 2, genes.size), genes.dtype)
-    gaits = task.genome.gaits(task.scene.gait, genes + task.width * jnp.concatenate([e, -e]))
+    perturbed = task.genome.bounded(genes + task.width * jnp.concatenate([e, -e]))
+    gaits = task.genome.gaits(task.scene.gait, perturbed)
     fitness = with_robots(task.fitness, robots)
     scores = judge(disturbed, task.scene, gaits, ahead, task.settings, fitness)
     utility, scale = utilities(scores.fitness)
     plus, minus = jnp.split(scale * utility, 2)
     slope = (plus - minus) / (2 * task.width)
-    return Gradient(_mean(scores.fitness), *_mean_and_noise(slope[:, None] * e), scale)
+    mean, noise = _mean_and_noise(slope[:, None] * e)
+    known = scale > 0
+    return Gradient(_mean(scores.fitness), mean, jnp.where(known, noise, jnp.nan), jnp.where(known, scale, 1))
 
 
 def utilities(fitness: PerGait) -> tuple[PerGait, Scalar]:
-    """u = max(0, ln(n/2 + 1) - ln rank), less its mean, and by what to multiply it to replace the fitness, c.
+    """u = max(0, ln(n/2 + 1) - ln rank), and by what to multiply it to replace the fitness, c.
 
     Wierstra, Schaul, Glasmachers, Sun, Peters, Schmidhuber 2014, by whom the worse half of the n gaits counts alike.
-    Normally distributed fitness times its utilities is in the mean what it is times itself. c is 0 where most failed.
+    Normally distributed fitness has with c u the covariance that it has with itself. c is 0 where the quartiles of the
+    fitness are not two finite numbers: where a quarter of the gaits or more failed.
     """
     above = jnp.argsort(jnp.argsort(fitness)).astype(fitness.dtype)
     utility = jnp.maximum(0, math.log(above.size / 2 + 1) - jnp.log(above.size - above))
-    utility = utility - utility.mean()
     normal, quartiles = ndtri((above + 0.5) / above.size), np.array([0.25, 0.75], fitness.dtype)
     spread = jnp.diff(jnp.quantile(fitness, quartiles))[0] / jnp.diff(jnp.quantile(normal, quartiles))[0]
     scale = spread / jnp.mean(utility * normal)
@@ -172,9 +178,7 @@ def utilities(fitness: PerGait) -> tuple[PerGait, Scalar]:
 
 @eqx.filter_jit
 def pathwise_gradient(key, genes, task: Task, ahead: float, robots: int) -> Gradient:
-    """The mean gradient over an ensemble of robots, by reverse mode."""
-    if task.fitness.objective.metered:
-        raise InputError("what is metered has no pathwise gradient; expected a smoothed one")
+    """The mean gradient of the objective over an ensemble of robots, by reverse mode."""
 
     def total(each):
         gaits = task.genome.gaits(task.scene.gait, each)

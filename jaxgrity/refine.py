@@ -70,6 +70,15 @@ class Step(NamedTuple):
     """at the horizon, in the mean over what the gradient was taken from"""
 
 
+class Route(NamedTuple):
+    """From where to climb, and how."""
+
+    genes: OneGait
+    kind: Kind
+    horizon: float
+    """s"""
+
+
 class Polished(NamedTuple):
     """What polishing did, and why."""
 
@@ -82,7 +91,7 @@ class Polished(NamedTuple):
     steps: tuple[Step, ...]
     """of the climb that ended best"""
     horizon: float
-    """s, that gradients look ahead"""
+    """s, that its last gradient looked ahead"""
     sensitivity: Sensitivity | None
     """of the best start; None where no pathwise gradient was asked for"""
     rollouts: int
@@ -108,65 +117,80 @@ def polish(
 ) -> Polished:
     """Climb from each of the gaits that `genes` stand for, best first, and keep what verifies.
 
-    Each climb has the same share of the rollouts. Each of its steps is a gradient of the fitness, turned into an update
-    by optax (momentum, its length falling by a cosine). Pathwise gradients look as far ahead as the measured
-    sensitivities of the starts stay below
-    `polishing.largest_sensitivity`, in the first half of the steps half way there. A start whose own does not let them
-    look past the first period of full actuation is not climbed by them; where none does they are not used, and `reason`
-    says so. A combined gradient weighs both by their measured variances, on that horizon. In the end the first of all
-    starts and the best of all ends meet one ensemble of `final_robots` in float64 at `final_dt` (half of dt where not
-    given), and the better one is kept; `reason` has the difference with two standard errors.
+    Each climb has the same share of the rollouts. Each of its steps is a gradient, turned into an update by optax
+    (momentum, its length falling by a cosine). Smoothed gradients are of the fitness. Pathwise and combined ones are of
+    the mean objective at a horizon: as far ahead as the measured sensitivity of the start stays below
+    `polishing.largest_sensitivity`, in the first half of the steps half way there. Where it does not let them look past
+    the first period of full actuation they are not used, and `reason` says so; a combined polish climbs by smoothed
+    gradients then. In the end the first of all starts and the best of all ends meet one ensemble of `final_robots` in
+    float64 at `final_dt` (half of dt where not given), and the better one is kept, however little better; `reason` has
+    the gain with two standard errors.
 
-    Raises `InputError` as `settle` does.
+    Raises `InputError` as `settle` does, and where the rollouts do not pay for a step from each start.
     """
     polishing, fitness = polishing or Polishing(), fitness or Fitness()
-    if polishing.kind not in get_args(Kind):
-        raise InputError(f"polishing by {polishing.kind!r}: unknown; expected one of {', '.join(get_args(Kind))}")
+    check(polishing, fitness)
     settings = settle(scene, duration, None, dt, dtype, any_step=any_step)
-    genes = np.atleast_2d(np.asarray(genes, float))
-    kind, starts, horizon, growth, told = polishing.kind, genes, duration, None, ""
-    if kind != "smoothed":
-        kind, starts, horizon, growth, told = _reach(scene, genome, genes, duration, settings, polishing)
-    last, steps, spent = genes[0], [], 0
-    if kind is not None:
-        task = Task(as_dtype(scene, dtype), genome, duration, settings, fitness, np.asarray(polishing.width[0], dtype))
-        last, steps, spent = _climb_all(task, polishing, starts, kind, horizon, seed, on_step)
     final = settle(scene, duration, None, final_dt or settings.dt / 2, "float64", any_step=any_step)  # type: ignore[operator]
+    genes = np.atleast_2d(np.asarray(genes, float))
+    routes, growth, told = [Route(start, "smoothed", duration) for start in genes], None, ""
+    if polishing.kind != "smoothed":
+        routes, growth, told = _routes(scene, genome, genes, duration, settings, polishing)
+    last, steps, spent = genes[0], [], 0
+    if routes:
+        task = Task(as_dtype(scene, dtype), genome, duration, settings, fitness, np.asarray(polishing.width[0], dtype))
+        last, steps, spent = _climb_all(task, polishing, routes, seed, on_step)
     pair = np.stack([genes[0], last])
     judged = _judge_genes(_key(seed, LAST), scene, genome, pair, duration, final, fitness, final_robots)
     before, after = (jax.tree.map(lambda x, k=k: np.asarray(x)[k : k + 1], judged) for k in (0, 1))
-    gain = np.asarray(judged.each[1] - judged.each[0])
-    error = 2 * gain.std() / np.sqrt(gain.size)
-    difference = float(judged.fitness[1] - judged.fitness[0])
-    improved = difference > 0
-    verdict = f"fitness {'up' if difference > 0 else 'down'} by {abs(difference):.3f} ± {error:.2g}"
+    improved = bool(after.fitness[0] > before.fitness[0])
     outcome = "the polished gait is kept" if improved else "the gait is kept as it was"
-    reason = f"{told}{len(steps)} steps; {verdict} over {final_robots} robots: {outcome}" if steps else told[:-2]
-    best = last if improved else genes[0]
+    reason = f"{told}{len(steps)} steps; {_gain(before, after)}: {outcome}" if steps else told[:-2]
+    best, horizon = last if improved else genes[0], steps[-1].horizon if steps else duration
     return Polished(best, improved, before, after, tuple(steps), horizon, growth, spent, reason)
 
 
-def _reach(scene: Scene, genome: Genome, genes, duration: float, settings: Settings, polishing: Polishing):
-    """Which gradient the sensitivity allows, from which starts, how far ahead; the first's sensitivity; words."""
-    found, allowed = [], []
-    gaits = genome.gaits(scene.gait, genes)
-    for k in range(len(genes)):
+def check(polishing: Polishing, fitness: Fitness) -> None:
+    """Raise `InputError` for what no polishing can do, before a search that it is to follow."""
+    if polishing.kind not in get_args(Kind):
+        raise InputError(f"polishing by {polishing.kind!r}: unknown; expected one of {', '.join(get_args(Kind))}")
+    if polishing.samples < 4 or polishing.samples % 2:
+        raise InputError(f"samples = {polishing.samples}: expected an even number, 4 or more")
+    if polishing.kind != "smoothed" and (fitness.objective.metered or fitness.caution):
+        what = "caution" if fitness.caution else "what is metered"
+        raise InputError(f"{what} has no pathwise gradient; expected a smoothed one")
+
+
+def _gain(before: Scores, after: Scores) -> str:
+    """In words, with two standard errors of the difference of the means, whose draws come in pairs."""
+    gain = after.each[0] - before.each[0]
+    pairs = gain.reshape(2, -1).mean(0) if gain.size % 2 == 0 else gain
+    error = f" ± {2 * pairs.std(ddof=1) / np.sqrt(pairs.size):.2g}" if pairs.size > 1 else ""
+    over = f" over {gain.size} robots" if gain.size > 1 else ""
+    difference = float(after.fitness[0] - before.fitness[0])
+    return f"fitness {'up' if difference > 0 else 'down'} by {abs(difference):.3f}{error}{over}"
+
+
+def _routes(scene: Scene, genome: Genome, genes, duration: float, settings: Settings, polishing: Polishing):
+    """A route from each start by what its sensitivity allows; the sensitivity of the first; words."""
+    routes, growth, refused = [], [], 0
+    gaits, bound = genome.gaits(scene.gait, genes), polishing.largest_sensitivity
+    for k, start in enumerate(genes):
         gait = one_gait(gaits, k)
-        found.append(sensitivity(with_gait(scene, gait), duration, dt=settings.dt, any_step=True))
-        horizon = min(duration, found[-1].horizon(polishing.largest_sensitivity))
+        growth.append(sensitivity(with_gait(scene, gait), duration, dt=settings.dt, any_step=True))
+        horizon = min(duration, growth[-1].horizon(bound))
         if horizon >= _one_period(gait):
-            allowed.append((k, horizon))
-    if allowed:
-        starts, horizon = genes[[k for k, _ in allowed]], min(ahead for _, ahead in allowed)
-        dropped = len(genes) - len(allowed)
-        told = f"{dropped} of {len(genes)} starts are too sensitive for pathwise gradients; " if dropped else ""
-        return polishing.kind, starts, horizon, found[0], told
-    told = (
-        f"no pathwise gradient was used: |d com/d phase| passes {polishing.largest_sensitivity:g} m/rad after "
-        f"{found[0].horizon(polishing.largest_sensitivity):.1f} s, before one period of full actuation is over; "
-    )
-    kind = "smoothed" if polishing.kind == "combined" else None
-    return kind, genes, duration, found[0], told
+            routes.append(Route(start, polishing.kind, horizon))
+        else:
+            refused += 1
+            routes += [Route(start, "smoothed", duration)] if polishing.kind == "combined" else []
+    told = f"{refused} of {len(genes)} starts are too sensitive for pathwise gradients; " if refused else ""
+    if refused == len(genes):
+        told = (
+            f"no pathwise gradient was used: |d com/d phase| passes {bound:g} m/rad after "
+            f"{growth[0].horizon(bound):.1f} s, before one period of full actuation is over; "
+        )
+    return routes, growth[0], told
 
 
 def _judge_genes(key, scene: Scene, genome: Genome, genes, duration, settings: Settings, fitness: Fitness, robots: int):
@@ -177,29 +201,31 @@ def _judge_genes(key, scene: Scene, genome: Genome, genes, duration, settings: S
     )
 
 
-def _climb_all(task: Task, polishing: Polishing, starts, kind: Kind, horizon: float, seed: int, on_step):
+def _climb_all(task: Task, polishing: Polishing, routes: list[Route], seed: int, on_step):
     """The best of the gaits at which the climbs ended, the steps of its climb, and what all of them cost."""
-    judging = polishing.final_robots * len(starts) if len(starts) > 1 else 0
-    share = polishing.rollouts - judging
-    if share < len(starts):
-        raise InputError(f"{polishing.rollouts} rollouts: expected more, to polish {len(starts)} gaits")
-    each = polishing._replace(rollouts=share // len(starts))
-    climbs = [_climb(task, each, x, kind, horizon, _key(seed, CLIMB, k), on_step) for k, x in enumerate(starts)]
+    robots = 1 if task.fitness.uncertainty.none else polishing.final_robots
+    judging = robots * len(routes) if len(routes) > 1 else 0
+    each = polishing._replace(rollouts=(polishing.rollouts - judging) // len(routes))
+    for route in routes:
+        if each.rollouts < _cost(task, polishing, route.kind, route.horizon):
+            raise InputError(f"{polishing.rollouts} rollouts: expected more, to polish {len(routes)} gaits")
+    climbs = [_climb(task, each, route, _key(seed, CLIMB, k), on_step) for k, route in enumerate(routes)]
     ends = np.stack([end for end, _, _ in climbs])
     spent = sum(cost for _, _, cost in climbs) + judging
     best = 0
-    if len(starts) > 1:
-        key, robots = _key(seed, ENDS), polishing.final_robots
+    if len(routes) > 1:
+        key = _key(seed, ENDS)
         scores = _judge_genes(key, task.scene, task.genome, ends, task.duration, task.settings, task.fitness, robots)
         best = int(jnp.argmax(scores.fitness))
     return ends[best], climbs[best][1], spent
 
 
-def _climb(task: Task, polishing: Polishing, genes, kind: Kind, horizon: float, key, on_step):
+def _climb(task: Task, polishing: Polishing, route: Route, key, on_step):
     """The gait at the end, the steps that led to it, and what they cost."""
+    genes, kind, horizon = route
     ahead = [horizon] if kind == "smoothed" else [(horizon + _shortest(task, genes)) / 2, horizon]
     costs = [_cost(task, polishing, kind, reach) for reach in ahead]
-    count = max(1, int(polishing.rollouts / np.mean(costs)))
+    count = int(polishing.rollouts / np.mean(costs))
     schedule = optax.cosine_decay_schedule(polishing.learning_rate, count, alpha=0.2)
     optimiser = optax.chain(
         optax.trace(polishing.momentum), optax.normalize_by_update_norm(), optax.scale_by_schedule(schedule)
@@ -215,7 +241,7 @@ def _climb(task: Task, polishing: Polishing, genes, kind: Kind, horizon: float, 
         if jnp.any(gradient.mean):
             update, state = optimiser.update(gradient.mean / gradient.scale, state)
             # angles go on beyond a turn, so that their mean is one
-            x = jnp.where(task.genome.circular, x + update, jnp.clip(x + update, 0, 1))
+            x = jnp.asarray(task.genome.bounded(x + update))
         path.append(x)
         found.append(Step(ahead[half], float(jnp.linalg.norm(gradient.mean)), float(share), float(gradient.value)))
         if on_step is not None:
@@ -237,7 +263,8 @@ def _shortest(task: Task, genes) -> float:
 
 def _cost(task: Task, polishing: Polishing, kind: Kind, ahead: float) -> float:
     """Of one gradient, in rollouts over the whole duration."""
-    each = {"smoothed": polishing.robots, "pathwise": COST, "combined": polishing.robots + COST}[kind]
+    robots = 1 if task.fitness.uncertainty.none else polishing.robots
+    each = {"smoothed": robots, "pathwise": COST, "combined": robots + COST}[kind]
     return ahead / task.duration * polishing.samples * each
 
 
