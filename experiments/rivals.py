@@ -24,7 +24,7 @@ from tqdm import tqdm
 from jaxgrity import Breeding, Fitness, Genome, InputError, Polishing, Scene, distinct, load_scene, plot, polish, verify
 from jaxgrity.files import read_text, save_json
 from jaxgrity.ladder import Rung, evolve_up, judge_on, rungs, searched
-from jaxgrity.refine import Kind
+from jaxgrity.refine import AVERAGED, Kind
 from jaxgrity.stability import default_method, default_step
 from jaxgrity.symmetry import gene_permutations, standing_symmetries
 from jaxgrity.uncertainty import Uncertainty
@@ -118,15 +118,7 @@ def contestants(settings: Settings) -> dict[str, Callable]:
 
 def compete(name: str, searches: dict[str, Callable], settings: Settings) -> list[dict]:
     """Every search for every seed; the file has each as soon as it is done."""
-    path, runs = settings.out / f"{name}.json", []
-    known = {key: asdict(settings)[key] for key in ("rollouts", "duration", "population", "robots")}
-    known |= {"weights": WEIGHTS[name], "shares": [SCREENED, POLISHED], "uncertain": vars(UNCERTAIN)}
-    known |= {
-        "pool": [POOL, FINALISTS, OWN_ROBOTS, FINAL_ROBOTS, PAIR_ROBOTS, JUDGES],
-        "polishing": Polishing()._asdict(),
-    }
-    known |= {"scene": (SCENES / f"{name}.toml").read_text(encoding="utf-8")}
-    known = json.loads(json.dumps(known))
+    path, runs, known = settings.out / f"{name}.json", [], decisive(name, settings)
     if settings.resume and path.exists():
         facts = json.loads(read_text(path))
         if facts["settings"] != known:
@@ -143,6 +135,15 @@ def compete(name: str, searches: dict[str, Callable], settings: Settings) -> lis
         facts = {"settings": known, "weights": task.weights, "methods": summary(runs), "runs": runs}
         save_json(path, measured() | facts)
     return runs
+
+
+def decisive(name: str, settings: Settings) -> dict[str, Any]:
+    """All that the numbers of one search depend on, as a file holds it."""
+    known = {key: asdict(settings)[key] for key in ("rollouts", "duration", "population", "robots")}
+    known |= {"weights": WEIGHTS[name], "shares": [SCREENED, POLISHED], "uncertain": vars(UNCERTAIN)}
+    known |= {"pool": [POOL, FINALISTS, OWN_ROBOTS, FINAL_ROBOTS, PAIR_ROBOTS, JUDGES]}
+    known |= {"polishing": Polishing()._asdict(), "averaged": AVERAGED, "verified": VERIFIED}
+    return json.loads(json.dumps(known | {"scene": (SCENES / f"{name}.toml").read_text(encoding="utf-8")}))
 
 
 def judgement(task: Task, genes: np.ndarray) -> dict[str, Any]:
