@@ -78,7 +78,8 @@ class Settings:
 
 Trace = list[tuple[float, float, int]]
 """after each generation: rollouts so far, robust distance of the best by the search's own ensemble (m), failed gaits"""
-Found = tuple[np.ndarray, Trace]
+Found = tuple[np.ndarray, Trace] | tuple[np.ndarray, Trace, dict[str, Any]]
+"""the answer, and what polish did"""
 
 
 class Task(NamedTuple):
@@ -129,8 +130,8 @@ def compete(name: str, searches: dict[str, Callable], settings: Settings) -> lis
     task = Task(scene, genome, settings.duration, settings.population, searched(rungs(scene)), WEIGHTS[name])
     wanted, done = product(range(settings.seeds), searches), {(one["seed"], one["method"]) for one in runs}
     for seed, method in tqdm([one for one in wanted if one not in done], desc=name, unit="search"):
-        answer, trace = searches[method](task, settings.rollouts, seed)
-        spent = {"rollouts": trace[-1][0], "failed_gaits": trace[-1][2], "trace": trace}
+        answer, trace, *polished = searches[method](task, settings.rollouts, seed)
+        spent = {"rollouts": trace[-1][0], "failed_gaits": trace[-1][2], "trace": trace, "polish": polished}
         runs.append({"method": method, "seed": seed, **judgement(task, answer), **spent})
         facts = {"settings": known, "weights": task.weights, "methods": summary(runs), "runs": runs}
         save_json(path, measured() | facts)
@@ -247,8 +248,9 @@ def ours(task: Task, budget: int, seed: int, then: Kind | Literal["more"] | None
     polished = polish(task.scene, task.genome, best[None], task.duration, polishing, seed=draws + len(trace), **options)
     judged = polished.after if polished.improved else polished.before
     spend(trace, weight * polished.rollouts + last, judged.mean[0])
-    tqdm.write(f"{then}, seed {seed}: {polished.reason}")
-    return polished.genes, trace
+    share = np.mean([step.pathwise_share for step in polished.steps]) if polished.steps else None
+    said = {"improved": polished.improved, "horizon": polished.horizon, "pathwise_share": share}
+    return polished.genes, trace, {**said, "reason": polished.reason}
 
 
 def by_seed(runs: list[dict], what: str = "robust") -> dict[str, dict[int, float]]:

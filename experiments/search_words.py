@@ -32,17 +32,20 @@ def rivals(name: str):
         for method, found in facts["methods"].items():
             low, high = found["robust"]["quartiles"]
             mine = [run for run in facts["runs"] if run["method"] == method]
-            bar = sorted((run["error_bar"] or float("inf")) / run["distance"] for run in mine)[len(mine) // 2]
-            beats = [found["beats"].get(other) for other in ("GA+more", "GA")]
+            bars = [run["error_bar"] / run["distance"] for run in mine if run["error_bar"] is not None]
+            small = sum(bar < 0.03 for bar in bars)
+            beats = [found["beats"].get(other) for other in ("GA+more", "GA", "CMA-ES")]
+            polished = [one["improved"] for run in mine for one in run.get("polish", [])]
             rows.append(
                 [
                     method,
                     f"{found['robust']['median']:.3f}",
                     f"{low:.3f} to {high:.3f}",
                     f"{found['distance']:.3f}",
-                    f"{bar:.1%}",
+                    f"{small} of {len(mine)}",
                     f"{found['ratio_to_random']:.2f}",
                     *("-" if count is None else f"{count[0]} of {count[1]}" for count in beats),
+                    f"{sum(polished)} of {len(polished)}" if polished else "-",
                 ]
             )
         head = [
@@ -50,10 +53,12 @@ def rivals(name: str):
             "robust distance, m: median",
             "quartiles",
             "nominal, m",
-            "its error bar",
+            "error bar < 3%",
             "to random",
             "beats GA+more",
             "beats GA",
+            "beats CMA-ES",
+            "polish kept",
         ]
         return table(head, rows) + made_by(facts, f"rivals_{name}")
 
