@@ -181,7 +181,7 @@ def polished(scene: Scene, fitness: Fitness, settings: Settings, seed: int) -> G
         genome,
         (phase / (2 * np.pi) % 1)[None],
         settings.duration,
-        Polishing(max(128, settings.rollouts // 4)),
+        Polishing(polish_rollouts(settings)),
         fitness=fitness,
         dt=rungs(scene)[0].dt,
         final_dt=rungs(scene)[1].dt,
@@ -189,6 +189,11 @@ def polished(scene: Scene, fitness: Fitness, settings: Settings, seed: int) -> G
         seed=seed,
     )
     return one_gait(genome.gaits(scene.gait, found.genes[None]), 0)
+
+
+def polish_rollouts(settings: Settings) -> int:
+    """A quarter of what a search from scratch may spend."""
+    return max(128, settings.rollouts // 4)
 
 
 def from_scratch(scene: Scene, fitness: Fitness, settings: Settings, seed: int) -> Gait:
@@ -221,7 +226,7 @@ def summary(intact: dict, known: int, found: dict[str, Any], settings: Settings)
         "scene": settings.scene.name,
         "duration": settings.duration,
         "free": {"amplitude": settings.amplitude, "frequency": settings.frequency},
-        "rollouts": {"scratch": settings.rollouts, "gradient": settings.rollouts // 4, "library": known * TRIES},
+        "rollouts": {"scratch": settings.rollouts, "gradient": polish_rollouts(settings), "library": known * TRIES},
         "gait": settings.gait,
         "intact": intact,
         "enough": settings.enough,
