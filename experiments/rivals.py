@@ -296,7 +296,8 @@ def figure(name: str, runs: list[dict]) -> Figure:
         right.hlines(np.median([*answers.values()]), k - 0.3, k + 0.3, color=f"C{k}", label=method)
     left.set(xlabel="rollouts", ylabel="mean distance of an ensemble (m)", title=f"{name}: by its own ensemble")
     left.legend(fontsize=8)
-    right.set(title=f"{name}: answers, by {JUDGES} robots", xticks=range(k + 1), xticklabels=by_seed(runs))
+    right.set(title=f"{name}: answers, by {JUDGES} robots")
+    right.set_xticks(range(k + 1), by_seed(runs), rotation=30, ha="right")
     return chart
 
 
