@@ -7,7 +7,19 @@ import jax
 import numpy as np
 import pytest
 
-from jaxgrity import Breeding, Fitness, Gait, Genome, Members, Objective, Scene, Structure, Uncertainty, twin
+from jaxgrity import (
+    Breeding,
+    Fitness,
+    Gait,
+    Genome,
+    InputError,
+    Members,
+    Objective,
+    Scene,
+    Structure,
+    Uncertainty,
+    twin,
+)
 from jaxgrity.friction import ConeFriction
 from jaxgrity.ground import Ground
 from jaxgrity.ladder import (
@@ -127,6 +139,14 @@ def test_searches_go_on_from_where_they_were(climb):
         assert_same(again, whole)
         assert [n for n, _ in later] == [n for n, _ in seen[done:]]
         assert_same([s for _, s in later], [s for _, s in seen[done:]])
+
+
+def test_populations_of_one_size_climb():
+    """Another size is refused before anything is rolled out: a population is handed on as it is."""
+    ladder = tuple(Rung(name, sled(), 1e-2, "float32") for name in ("first", "second"))
+    breedings = tuple(Breeding(population=size, generations=2, elites=1) for size in (8, 6))
+    with pytest.raises(InputError, match=r"populations of \[6, 8\] gaits: expected one size"):
+        evolve_up(ladder, Genome(1), 1.0, breedings, fitness=Fitness())
 
 
 def test_the_last_word_on_a_gait():
