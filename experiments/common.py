@@ -69,7 +69,7 @@ def run(main: Callable[[Settings], None], settings: type[Settings]) -> None:
     """Call `main` with `settings` from the command line: float64 allowed, every core a device of its own.
 
     Of several processes that work as one, the first alone speaks and leaves files. Ends with exit code 2 and one clear
-    line on bad input.
+    line on bad input, with 130 and one line on Ctrl-C.
     """
     configure()
     if "cpu" in (jax.config.jax_platforms or "cpu"):
@@ -85,3 +85,7 @@ def run(main: Callable[[Settings], None], settings: type[Settings]) -> None:
     except (InputError, OSError) as error:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(2)
+    except KeyboardInterrupt:
+        again = "; the same command with --resume goes on" if hasattr(chosen, "resume") else ""
+        print(f"\ninterrupted{again}", file=sys.stderr)
+        sys.exit(130)

@@ -57,8 +57,9 @@ def main(settings: Settings) -> None:
 def load_summary(folder: Path) -> dict[str, Any]:
     """What a finished run says of itself. Raises `InputError` where it is not there, or not of a gait search."""
     path = folder / "summary.json"
+    text = read_text(path)
     try:
-        summary = json.loads(read_text(path))
+        summary = json.loads(text)
     except ValueError as error:
         raise InputError(f"{path}: not JSON: {error}") from error
     missing = [key for key in ("distance", "robust", "searches", "settings") if key not in summary]

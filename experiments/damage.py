@@ -1,9 +1,9 @@
 """A broken cable, a stuck strut: how far does a gait still go, and how soon is a better one found?
 
 Every cable breaks in turn, and every strut gets stuck at its rest length (`broken = [k]` under [cables] and
-`stuck = [k]` under [struts] say the same in a scene file). The intact robot's gait is tried as it is; so are all gaits
-of the library for this scene and their images by the robot's symmetry; then the best of them is polished by gradients,
-and in the end a gait is evolved from scratch.
+`stuck = [k]` under [struts] say the same in a scene file). Each gait of the library for this scene is tried as it is;
+so are their images by the robot's symmetry, then the best of all is polished by gradients, and in the end a gait is
+evolved from scratch.
 """
 
 from dataclasses import dataclass
@@ -45,7 +45,8 @@ from jaxgrity.ladder import Rung, judge_on, rungs
 from jaxgrity.objectives import with_robots
 from jaxgrity.symmetry import image
 
-WAYS = ("as it was", "library", "gradient", "scratch")
+NEW = ("library", "gradient", "scratch")
+WAYS = ("as it was", *NEW)
 TRIES, UNSEEN = 64, 10**6
 """robots by which candidates are compared; added to the seed of the last judgement, by whose draws none is chosen"""
 
@@ -91,15 +92,16 @@ def main(settings: Settings) -> None:
     found = {}
     with tqdm(cases.items(), unit="case") as bar:
         for number, (name, broken) in enumerate(bar):
-            found[name] = recover(broken, known, fitness, settings, settings.seed + number)
-            bar.set_postfix(case=name, best=f"{max(found[name][way]['robust'] for way in WAYS):.2f} m")
+            found[name] = recover(broken, list(families), first, known, fitness, settings, settings.seed + number)
+            bar.set_postfix(case=name, best=f"{max(found[name][way]['robust'] for way in NEW):.2f} m")
     facts = summary(intact, known.phase.shape[0], found, settings)
     save_json(settings.out / "damage.json", facts)
     plot.save(figure(facts), settings.out / "damage.png")
     for name, kinds in facts["recovered"].items():
         for kind, counts in kinds.items():
-            told = ", ".join(f"{way}: {count}" for way, count in counts.items())
-            print(f"{kind}: {settings.enough:.0%} of {name}'s {intact[name]['robust']:.2f} m in so many cases: {told}")
+            told = ", ".join(f"{way} {sure} ({mean})" for way, (sure, mean) in counts["reached"].items())
+            goes = f"{settings.enough:.0%} of {name}'s {intact[name]['robust']:.2f} m"
+            print(f"{kind}, {counts['cases']} cases: {goes} with the error bar (in the mean alone): {told}")
     print(f"wrote {settings.out}/")
 
 
@@ -144,18 +146,27 @@ def together(gaits: list[Gait]) -> Gait:
     return jax.tree.map(lambda *rows: np.stack(rows) if np.ndim(rows[0]) else rows[0], *gaits)
 
 
-def recover(scene: Scene, known: Gait, fitness: Fitness, settings: Settings, seed: int) -> dict[str, Any]:
-    """The gait as it was, and the best on each of the ways to another one: robust distance and its error bar, m."""
-    moves = np.asarray(scene.gait.amplitude) > 0
-    gaits = eqx.tree_at(lambda g: g.amplitude, known, np.where(moves, known.amplitude, 0.0))
+def recover(scene: Scene, names: list[str], first: Gait, known: Gait, fitness: Fitness, settings: Settings, seed: int):
+    """Each of the gaits of these names as it was, and the best on each of the ways to another one: what `measure` says.
+
+    `first` has a gait for each name, `known` all their images too.
+    """
+    own, gaits = (still(scene, some) for some in (first, known))
     library = one_gait(gaits, int(np.argmax(judged(scene, gaits, fitness, settings))))
     found = [
-        one_gait(gaits, 0),
+        *(one_gait(own, k) for k in range(len(names))),
         library,
         polished(with_gait(scene, library), fitness, settings, seed),
         from_scratch(scene, fitness, settings, seed),
     ]
-    return dict(zip(WAYS, measure(scene, together(found), fitness, settings)))
+    facts = measure(scene, together(found), fitness, settings)
+    return {"as it was": dict(zip(names, facts)), **dict(zip(NEW, facts[len(names) :]))}
+
+
+def still(scene: Scene, gaits: Gait) -> Gait:
+    """The gaits without the motion of what is stuck in the scene."""
+    moves = np.asarray(scene.gait.amplitude) > 0
+    return eqx.tree_at(lambda g: g.amplitude, gaits, np.where(moves, gaits.amplitude, 0.0))
 
 
 def measure(scene: Scene, gaits: Gait, fitness: Fitness, settings: Settings) -> list[dict[str, float]]:
@@ -211,16 +222,21 @@ def from_scratch(scene: Scene, fitness: Fitness, settings: Settings, seed: int) 
 
 
 def summary(intact: dict, known: int, found: dict[str, Any], settings: Settings) -> dict[str, Any]:
-    """All cases, and how many recovered on each way, and by any of them, as far as each known gait goes intact."""
-    recovered: dict[str, dict[str, dict[str, int]]] = {}
+    """All cases, and for each known gait in how many its intact distance is recovered on each way, and by any."""
+    recovered: dict[str, dict[str, Any]] = {}
     for name, own in intact.items():
         enough = settings.enough * own["robust"]
         recovered[name] = {}
         for kind in ("cable", "strut"):
-            cases = [case for label, case in found.items() if label.startswith(kind)]
-            counts = {way: sum(reached(case[way], enough) for case in cases) for way in WAYS}
-            counts["any"] = sum(any(reached(case[way], enough) for way in WAYS) for case in cases)
-            recovered[name][kind] = {**counts, "cases": len(cases)}
+            cases = [
+                {**case, "as it was": case["as it was"][name]}
+                for label, case in found.items()
+                if label.startswith(kind)
+            ]
+            far = {way: [reached(case[way], enough) for case in cases] for way in WAYS}
+            far["any"] = [tuple(map(any, zip(*tests))) for tests in zip(*far.values())]
+            counts = {way: [sum(column) for column in zip(*tests)] for way, tests in far.items()}
+            recovered[name][kind] = {"cases": len(cases), "reached": counts}
     return {
         **measured(),
         "scene": settings.scene.name,
@@ -235,25 +251,38 @@ def summary(intact: dict, known: int, found: dict[str, Any], settings: Settings)
     }
 
 
-def reached(facts: dict[str, float], enough: float) -> bool:
-    """Whether the robust distance is enough, and the gait's own is too when its error bar is held against it."""
-    return min(facts["robust"], facts["distance"] - facts["error_bar"]) >= enough
+def reached(facts: dict[str, float], enough: float) -> tuple[bool, bool]:
+    """Whether the robust distance is enough and the gait's own less its error bar is too; whether the first is."""
+    far = facts["robust"] >= enough
+    return far and facts["distance"] - facts["error_bar"] >= enough, far
 
 
 def figure(facts: dict[str, Any]) -> Figure:
     """Robust distance in each case on each of the ways, and what counts as recovered."""
-    cases = facts["cases"]
-    chart = Figure(figsize=(12, 4.5), layout="constrained")
+    cases, gait = facts["cases"], facts["gait"]
+    intact = facts["intact"][gait]["robust"]
+    enough = facts["enough"] * intact
+    chart = Figure(figsize=(14, 5), layout="constrained")
     axes = chart.subplots()
     x = np.arange(len(cases))
     for k, way in enumerate(WAYS):
-        axes.bar(x + 0.2 * (k - 1.5), [case[way]["robust"] for case in cases.values()], 0.2, label=way)
-    intact = facts["intact"][facts["gait"]]["robust"]
-    axes.axhline(intact, color="black", lw=1, label=f"{facts['gait']}, intact")
-    axes.axhline(facts["enough"] * intact, color="black", lw=1, ls="--", label=f"{facts['enough']:.0%} of it")
+        rows = [case[way][gait] if way == "as it was" else case[way] for case in cases.values()]
+        place, label = x + 0.2 * (k - 1.5), f"{gait}, {way}" if way == "as it was" else way
+        height, spread = ([row[what] for row in rows] for what in ("robust", "spread"))
+        axes.bar(place, height, 0.2, label=label, yerr=spread, error_kw={"lw": 0.6})
+        unsure = [h if reached(row, enough) == (False, True) else np.nan for h, row in zip(height, rows)]
+        axes.plot(place, unsure, "x", color="black", ms=5, label=None if k else "not sure by its error bar")
+    axes.axhline(intact, color="black", lw=1, label=f"{gait}, intact")
+    axes.axhline(enough, color="black", lw=1, ls="--", label=f"{facts['enough']:.0%} of it")
     axes.set_xticks(x, list(cases), rotation=90)
-    axes.set(ylabel=f"robust distance in {facts['duration']:g} s, m", title="a broken cable, or a stuck strut")
-    axes.legend(ncols=6, fontsize="small", loc="upper center", bbox_to_anchor=(0.5, -0.25))
+    axes.set(
+        xlim=(-0.6, len(cases) - 0.4),
+        ylim=(0, None),
+        ylabel=f"distance in {facts['duration']:g} s, mean and spread of the ensemble, m",
+        title="a broken cable, or a stuck strut: the gait as it was, the library's best, that one polished, a new one "
+        "(its amplitudes and frequency free too)",
+    )
+    axes.legend(ncols=7, fontsize="small", loc="upper center", bbox_to_anchor=(0.5, -0.2))
     return chart
 
 

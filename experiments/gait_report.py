@@ -76,7 +76,7 @@ def report(best: Scene, ladder, searches, agreement, polished, verdict: Verdict,
     write_page(out, "A rolling gait", {**rows, "command": command})
     print(f"\n{diagnosis.table()}")
     print("\n".join(f"{name}: {text}" for name, text in rows.items()))
-    print(f"open {out}/index.html ({summary['wall_seconds']:.0f} s in all)")
+    print(f"open {out}/index.html ({summary['wall_seconds']:.0f} s since this command began)")
 
 
 def directions(best: Scene, rung: Rung, duration: float) -> list[dict[str, float]]:
@@ -128,7 +128,8 @@ def draw(best: Scene, diagnosis, ladder, searches, agreement, polished, verdict:
     out, unit, trajectory = settings.out, settings.objective.unit, diagnosis.trajectory
     names = tuple(rung.name for rung in ladder)
     plot.save(plot.convergence_figure(searches, names, unit), out / "convergence.png")
-    plot.save(plot.ladder_figure(names, agreement["fitness"], agreement["rank_correlation"], unit), out / "ladder.png")
+    ranks = agreement["rank_correlation"], agreement["rank_correlation_of_the_evolved"]
+    plot.save(plot.ladder_figure(names, agreement["fitness"], agreement["evolved"], ranks, unit), out / "ladder.png")
     seen = {"other contact model": verdict.other_model.each[0], "found": verdict.robust.each[0]}
     if polished is not None and polished.improved:
         seen["before polish"] = polished.before.each[0]

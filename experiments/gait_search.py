@@ -39,9 +39,10 @@ from jaxgrity import (
 from jaxgrity.files import save_arrays
 from jaxgrity.ladder import evolve_up, final_verdict, judge_on, rank_correlation, rungs, searched
 from jaxgrity.objectives import with_robots
-from jaxgrity.refine import Polished, check
+from jaxgrity.refine import Polished, check_polishing
 from jaxgrity.runs import Run, open_run
 from jaxgrity.search import Search, State
+from jaxgrity.simulate import settle
 
 UNSEEN = 10**6
 """added to the seed of the last judgement, whose draws nothing was chosen by"""
@@ -94,7 +95,7 @@ class Settings:
     restart: bool = False
     """begin again where the folder holds an unfinished run"""
     quick: bool = False
-    """a small search that ends within a minute: 4 s at most, 16 gaits, 3 generations, 128 rollouts of polish"""
+    """a small search that ends within two minutes: 4 s at most, 16 gaits, 3 generations, 128 rollouts of polish"""
 
 
 def main(settings: Settings) -> None:
@@ -107,8 +108,10 @@ def main(settings: Settings) -> None:
     print(scene.describe(), end="\n\n")
     known = {n: v for n, v in asdict(settings).items() if n not in ("scene", "out", "resume", "restart")}
     known["scene_sha256"] = hashlib.sha256(settings.scene.read_bytes()).hexdigest()
+    ladder = rungs(scene, settings.dt)
+    for rung in ladder:
+        settle(rung.scene, settings.duration, None, rung.dt, rung.dtype)  # refuses what no rung can do
     with open_run(settings.out, known, settings.resume, settings.restart) as folder:
-        ladder = rungs(scene, settings.dt)
         searches = evolve_with_progress(ladder, genome, fitness, settings, folder)
         chosen, agreement = promote(ladder, genome, fitness, searches[-1], settings)
         polished = polish_with_progress(ladder, genome, fitness, chosen, settings)
@@ -142,7 +145,8 @@ def search_space(scene: Scene, settings: Settings) -> tuple[Genome, Fitness]:
         raise InputError(f"polish_gaits = {settings.polish_gaits}: expected at least 1")
     assert scene.gait is not None, "a scene without a gait is refused before"
     fitness = Fitness(settings.objective, settings.uncertainty, settings.robots, settings.caution)
-    check(Polishing(kind=settings.polish), fitness)
+    if settings.polish_rollouts:
+        check_polishing(Polishing(settings.polish_rollouts, settings.polish), fitness, settings.polish_gaits)
     members = scene.gait.members
     # which gaits are the same depends on where the objective leads
     turned = () if settings.objective.kind == "direction" else standing_symmetries(scene)

@@ -40,8 +40,8 @@ VERIFIED = 1 / 8
 """of the default step is the largest of the three by which a nominal gait is verified"""
 DRAWS = 10**6
 """seeds of draws for each search; as many before the first are left for the judgement, which takes 0"""
-SCREENED, POLISHED = 0.25, 0.4
-"""shares of rollouts: of the GA's, on the exact twin where the scene has one; of all, for polish"""
+SCREENED, POLISHED = 0.25, {"exact": 0.4, "reference": 0.55}
+"""shares of rollouts: of the GA's, on the exact twin where the scene has one; of all, for polish, by other seeds"""
 QUARTILES = (0.25, 0.5, 0.75)
 EVOSAX = {"CMA-ES": "CMA_ES", "DE": "DifferentialEvolution"}
 POOL = 16
@@ -92,6 +92,8 @@ class Task(NamedTuple):
     ladder: tuple[Rung, ...]
     """where the GA searches; all others use the last rung, the cheapest of the own model"""
     weights: tuple[float, ...]
+    polished: float
+    """share of the rollouts for polish"""
 
 
 def main(settings: Settings) -> None:
@@ -127,7 +129,9 @@ def compete(name: str, searches: dict[str, Callable], settings: Settings) -> lis
         runs = facts["runs"]
     scene = load_scene(SCENES / f"{name}.toml")
     genome = Genome(6, images=gene_permutations(scene.gait.members, standing_symmetries(scene)))
-    task = Task(scene, genome, settings.duration, settings.population, searched(rungs(scene)), WEIGHTS[name])
+    task = Task(
+        scene, genome, settings.duration, settings.population, searched(rungs(scene)), WEIGHTS[name], POLISHED[name]
+    )
     wanted, done = product(range(settings.seeds), searches), {(one["seed"], one["method"]) for one in runs}
     for seed, method in tqdm([one for one in wanted if one not in done], desc=name, unit="search"):
         answer, trace, *polished = searches[method](task, settings.rollouts, seed)
@@ -141,7 +145,7 @@ def compete(name: str, searches: dict[str, Callable], settings: Settings) -> lis
 def decisive(name: str, settings: Settings) -> dict[str, Any]:
     """All that the numbers of one search depend on, as a file holds it."""
     known = {key: asdict(settings)[key] for key in ("rollouts", "duration", "population", "robots")}
-    known |= {"weights": WEIGHTS[name], "shares": [SCREENED, POLISHED], "uncertain": vars(UNCERTAIN)}
+    known |= {"weights": WEIGHTS[name], "shares": [SCREENED, POLISHED[name]], "uncertain": vars(UNCERTAIN)}
     known |= {"pool": [POOL, FINALISTS, OWN_ROBOTS, FINAL_ROBOTS, PAIR_ROBOTS, JUDGES]}
     known |= {"polishing": Polishing()._asdict(), "averaged": AVERAGED, "verified": VERIFIED}
     return json.loads(json.dumps(known | {"scene": (SCENES / f"{name}.toml").read_text(encoding="utf-8")}))
@@ -226,7 +230,7 @@ def ours(task: Task, budget: int, seed: int, then: Kind | Literal["more"] | None
     generations with mutations that no longer shrink, or on polish by one kind of gradient."""
     trace, each, weight = [], task.population * OWN_ROBOTS, task.weights[-1]
     own, draws = Fitness(uncertainty=UNCERTAIN, robots=OWN_ROBOTS, caution=caution), DRAWS * (seed + 1)
-    left = (1 - POLISHED) * budget if then else budget
+    left = (1 - task.polished) * budget if then else budget
     counts = [max(1, int(SCREENED * left / (w * each))) for w in task.weights[:-1]]
     counts.append(generations(task, left - each * np.dot(counts, task.weights[:-1]), each, POOL))
     breedings = [Breeding(task.population, count, elites=task.population // 8) for count in counts]
@@ -243,7 +247,7 @@ def ours(task: Task, budget: int, seed: int, then: Kind | Literal["more"] | None
     if then is None or then == "more":
         return best, trace
     last = 2 * weight * 2 * PAIR_ROBOTS  # float64 counts twice
-    polishing = Polishing(int((POLISHED * budget - last) / weight), then)
+    polishing = Polishing(int((task.polished * budget - last) / weight), then)
     options = {"fitness": own, "dt": task.ladder[-1].dt, "final_dt": task.ladder[-1].dt, "final_robots": PAIR_ROBOTS}
     polished = polish(task.scene, task.genome, best[None], task.duration, polishing, seed=draws + len(trace), **options)
     judged = polished.after if polished.improved else polished.before

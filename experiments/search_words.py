@@ -1,5 +1,6 @@
 """What README and docs say about the gait search, in words and tables, from the facts that the scripts left."""
 
+import numpy as np
 from speed_words import made_by, table
 
 from jaxgrity import gait_names, gait_record
@@ -11,17 +12,20 @@ def gait_search(facts: dict) -> str:
     rollouts = sum(search["rollouts"] for search in facts["searches"])
     gain = f"from {polish['before']:.3f} to {polish['after']:.3f} m" if polish["improved"] else "found nothing better"
     ranks = facts["ladder"]
-    among = ranks["rank_correlation_of_the_evolved"]
+    rough, own = (
+        f"{every[-1]:.2f} ({among[-1]:.2f} among the evolved ones)"
+        for every, among in zip(ranks["rank_correlation"], ranks["rank_correlation_of_the_evolved"][:2])
+    )
     return (
         f"`make gait` ({facts['wall_seconds']:.0f} s on 2 cores; `experiments/gait_search.py`) found a gait that "
         f"travels **{facts['distance']:.3f} ± {facts['error_bar']:.1g} m** in {facts['duration']:g} s; robots whose "
         f"phases are off by up to 0.03 rad travel {robust['mean']:.3f} m in the mean, with a standard deviation of "
         f"{robust['standard_deviation']:.2g} m, and on the other contact model "
-        f"{facts['other_contact_model']['mean']:.2f} m. {rollouts} rollouts for the search and {polish['rollouts']} "
+        f"{facts['other_contact_model']['mean']:.2f} ± {facts['other_contact_model']['standard_deviation']:.2g} m. "
+        f"{rollouts} rollouts for the search and {polish['rollouts']} "
         f"for polishing, which {'brought the mean ' if polish['improved'] else ''}{gain}. Screening ranks gaits as "
-        f"verification does with a rank correlation of {ranks['rank_correlation'][0][-1]:.2f}, but "
-        f"{among[0][-1]:.2f} among the evolved ones; the scene's own model does with {among[1][-1]:.2f}. The gait asks "
-        f"for up to {asked['peak_force']:.0f} N, {asked['peak_rate']:.2f} m/s and {asked['peak_power']:.0f} W of an "
+        f"verification does with a rank correlation of {rough}, the scene's own model with {own}. The gait asks for up"
+        f" to {asked['peak_force']:.0f} N, {asked['peak_rate']:.2f} m/s and {asked['peak_power']:.0f} W of an "
         "actuator ([docs/measured/gait_search.json](docs/measured/gait_search.json))."
     )
 
@@ -60,28 +64,48 @@ def rivals(name: str):
             "beats CMA-ES",
             "polish kept",
         ]
-        return table(head, rows) + made_by(facts, f"rivals_{name}")
+        return f"{verdict(facts['methods'])}\n\n{table(head, rows)}{made_by(facts, f'rivals_{name}')}"
 
     return words
 
 
+def verdict(methods: dict) -> str:
+    """Who came first, what polish was good for, and how far ahead of random search anyone is."""
+    order = sorted(methods, key=lambda name: -methods[name]["robust"]["median"])
+    places = ", then ".join(f"{name} ({methods[name]['robust']['median']:.3f} m)" for name in order[:3])
+    said = f"By the median, {places} went furthest."
+    if "GA+smoothed" in methods:
+        beats = methods["GA+smoothed"]["beats"]
+        told = [f"{name} on {beats[name][0]} of {beats[name][1]} seeds" for name in ("GA+more", "GA") if name in beats]
+        said += f" Polish by smoothed gradients beat {' and '.join(told)}."
+    best = methods[order[0]]["ratio_to_random"]
+    return f"{said} The best median is {best:.2f} times random search's." if np.isfinite(best) else said
+
+
 def damage(facts: dict) -> str:
-    rows = []
+    rows, still = [], []
     for name, kinds in facts["recovered"].items():
-        goes = f"{name}, {facts['intact'][name]['robust']:.2f} m"
+        goes = facts["intact"][name]["robust"]
         for kind, counts in kinds.items():
-            total = counts["cases"]
-            rows.append([goes, kind, *(f"{count} of {total}" for way, count in counts.items() if way != "cases")])
-    ways = [way for way in next(iter(facts["recovered"].values()))["cable"] if way != "cases"]
-    head = ["intact gait", "broken or stuck", *ways]
+            total, tests = counts["cases"], counts["reached"].values()
+            each = [f"{sure} of {total}" + (f" ({far})" if far > sure else "") for sure, far in tests]
+            rows.append([f"{facts['enough']:.0%} of {name}'s {goes:.2f} m", kind, *each])
+            left = [case["as it was"][name]["robust"] for label, case in facts["cases"].items() if kind in label]
+            still.append([name, f"{goes:.2f} m", kind, *(f"{f(left):.2f} m" for f in (np.median, min, max))])
+    ways = next(iter(facts["recovered"].values()))["cable"]["reached"]
     cost, free = facts["rollouts"], facts["free"]
     return (
-        f"Cases in which at least {facts['enough']:.0%} of an intact gait's robust distance is reached, with the error "
-        f"bar: by the gait as it was, by the best of the library and its images ({cost['library']} rollouts), "
-        f"by polishing that one ({cost['gradient']}), by a search from scratch ({cost['scratch']}; amplitudes "
-        f"{free['amplitude'][0]:g} to {free['amplitude'][1]:g} and frequency {free['frequency'][0]:g} to "
-        f"{free['frequency'][1]:g} Hz, where the intact gait keeps those of the scene), and by any.\n\n"
-        + table(head, rows)
+        "How far each gait of the library still goes as it was, by 64 robots:\n\n"
+        + table(["gait", "intact", "broken or stuck", "median", "least", "most"], still)
+        + f"\n\nCases in which at least {facts['enough']:.0%} of an intact gait's robust distance is reached: by that "
+        f"gait as it was, by the best of the library and its images ({cost['library']} rollouts), by polishing "
+        f"that one ({cost['gradient']}), by a search from scratch ({cost['scratch']}; amplitudes "
+        f"{free['amplitude'][0]:g} to "
+        f"{free['amplitude'][1]:g} and frequency {free['frequency'][0]:g} to {free['frequency'][1]:g} Hz, where polish "
+        "keeps those of its gait), and by any. The searches are the same for all rows; what they are held against "
+        "differs. A case counts where the robust distance is enough, and the distance of the nominal gait less its "
+        "error bar too; in brackets, the cases where the first is.\n\n"
+        + table(["to be reached", "broken or stuck", *ways], rows)
         + made_by(facts, "damage")
     )
 
@@ -120,10 +144,15 @@ def gaits_table() -> str:
                 record["scene"],
                 f"{record['distance']:.3f} ± {record['error_bar']:.1g} m in {record['duration']:g} s",
                 f"{sign * robust['mean']:.3f} ± {robust['standard_deviation']:.2g} {unit}".strip(),
-                f"{sign * other['mean']:.3f}",
+                f"{sign * other['mean']:.3f} ± {other['standard_deviation']:.2g}",
                 f"{record['motion']['kind']}, {record['motion']['rolls']} changes of support",
                 f"{asked['peak_force']:.0f} N, {asked['peak_rate']:.2f} m/s, {asked['peak_power']:.0f} W",
             ]
         )
     head = ["gait", "scene", "verified", "robust", "other contact model", "motion", "peak of an actuator"]
-    return table(head, rows)
+    return (
+        table(head, rows)
+        + "\n\n± of what is verified is the error bar of the time step; of the others it is the standard "
+        "deviation over robots that differ from the model, in the same unit. Cost of transport, W/(m g d), is better "
+        "the lower it is."
+    )

@@ -96,34 +96,48 @@ def convergence_figure(searches: list[Search], names: tuple[str, ...] = (), unit
     return figure
 
 
-def ladder_figure(names: tuple[str, ...], fitness: np.ndarray, correlation: np.ndarray, unit: str) -> Figure:
-    """Fitness of the same gaits on every rung but the last, against the last; rank correlations in the titles."""
-    figure = Figure(figsize=(4.2 * (len(names) - 1), 4.2), layout="constrained")
+def ladder_figure(names: tuple[str, ...], fitness: np.ndarray, evolved: int, correlations: tuple, unit: str) -> Figure:
+    """Fitness of the same gaits on every rung but the last, against the last; the first are the evolved ones.
+
+    `correlations` of all ranks, and of those of the evolved gaits, are in the titles.
+    """
+    figure = Figure(figsize=(4.2 * (len(names) - 1), 4.4), layout="constrained")
+    every, among = correlations
     for k, axes in enumerate(figure.subplots(1, len(names) - 1, squeeze=False)[0]):
-        axes.plot(fitness[-1], fitness[k], "o", color=PATH, alpha=0.7)
+        axes.plot(fitness[-1, evolved:], fitness[k, evolved:], "o", color=CABLE, alpha=0.7, label="random gaits")
+        axes.plot(fitness[-1, :evolved], fitness[k, :evolved], "o", color=PATH, alpha=0.7, label="evolved gaits")
         both = fitness[[k, -1]][:, np.isfinite(fitness[[k, -1]]).all(0)]
-        axes.plot(*[[both.min(), both.max()]] * 2, color=CABLE, linewidth=0.8)
+        axes.plot(*[[both.min(), both.max()]] * 2, color=CABLE, linewidth=0.8, label="equal")
         axes.set(xlabel=f"{names[-1]} ({unit})", ylabel=f"{names[k]} ({unit})")
-        axes.set_title(f"rank correlation {correlation[k, -1]:.2f}")
+        axes.set_title(f"rank correlation {every[k, -1]:.2f}, of the evolved {among[k, -1]:.2f}", fontsize="medium")
+        axes.legend(fontsize="small")
         axes.grid(alpha=0.3)
     return figure
 
 
 def robust_figure(gaits: dict[str, np.ndarray], unit: str) -> Figure:
-    """The objective of every robot of an ensemble, one histogram for each of the gaits."""
+    """The objective of every robot of an ensemble, as shares, one histogram for each of the gaits."""
     figure = Figure(figsize=(7, 4), layout="constrained")
     axes = figure.subplots()
     every = np.concatenate(list(gaits.values()))
     edges = np.linspace(every.min(), every.max() + 1e-9, 30)
     for (name, each), colour in zip(gaits.items(), (STRUT, PATH, CABLE)):
         axes.hist(
-            each, list(edges), alpha=0.55, color=colour, label=f"{name}: {each.mean():.3f} ± {each.std():.2g} {unit}"
+            each,
+            list(edges),
+            weights=np.full(each.size, 1 / each.size),
+            histtype="step",
+            linewidth=1.6,
+            color=colour,
+            label=f"{name}: {each.mean():.3f} {unit}, standard deviation {each.std():.2g}",
         )
-        axes.axvline(each.mean(), color=colour)
+        axes.axvline(each.mean(), color=colour, linestyle=":")
     axes.set(
-        xlabel=f"objective ({unit})" if unit else "objective", ylabel="robots", title="what perturbed robots reach"
+        xlabel=f"objective ({unit})" if unit else "objective",
+        ylabel="share of the robots",
+        title="what perturbed robots reach",
     )
-    axes.legend()
+    axes.legend(fontsize="small", loc="upper left")
     return figure
 
 

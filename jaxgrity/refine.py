@@ -129,10 +129,10 @@ def polish(
     Raises `InputError` as `settle` does, and where the rollouts do not pay for a step from each start.
     """
     polishing, fitness = polishing or Polishing(), fitness or Fitness()
-    check(polishing, fitness)
+    genes = np.atleast_2d(np.asarray(genes, float))
+    check_polishing(polishing, fitness, len(genes))
     settings = settle(scene, duration, None, dt, dtype, any_step=any_step)
     final = settle(scene, duration, None, final_dt or settings.dt / 2, "float64", any_step=any_step)  # type: ignore[operator]
-    genes = np.atleast_2d(np.asarray(genes, float))
     routes, growth, told = [Route(start, "smoothed", duration) for start in genes], None, ""
     if polishing.kind != "smoothed":
         routes, growth, told = _routes(scene, genome, genes, duration, settings, polishing)
@@ -150,8 +150,8 @@ def polish(
     return Polished(best, improved, before, after, tuple(steps), horizon, growth, spent, reason)
 
 
-def check(polishing: Polishing, fitness: Fitness) -> None:
-    """Raise `InputError` for what no polishing can do, before a search that it is to follow."""
+def check_polishing(polishing: Polishing, fitness: Fitness, starts: int) -> None:
+    """Raise `InputError` for what no polishing can do from so many starts, before a search that it is to follow."""
     if polishing.kind not in get_args(Kind):
         raise InputError(f"polishing by {polishing.kind!r}: unknown; expected one of {', '.join(get_args(Kind))}")
     if polishing.samples < 4 or polishing.samples % 2:
@@ -159,6 +159,18 @@ def check(polishing: Polishing, fitness: Fitness) -> None:
     if polishing.kind != "smoothed" and (fitness.objective.metered or fitness.caution):
         what = "caution" if fitness.caution else "what is metered"
         raise InputError(f"{what} has no pathwise gradient; expected a smoothed one")
+    if polishing.kind == "smoothed":
+        _share(polishing, fitness, [_cost(polishing, fitness, "smoothed", 1.0)] * starts)
+
+
+def _share(polishing: Polishing, fitness: Fitness, costs: list[float]) -> tuple[int, int]:
+    """Rollouts for each of the climbs, whose first steps cost so much, and for comparing their ends."""
+    judging = len(costs) * _robots(fitness, polishing.final_robots) if len(costs) > 1 else 0
+    each = (polishing.rollouts - judging) // len(costs)
+    if each < max(costs):
+        least = math.ceil(max(costs)) * len(costs) + judging
+        raise InputError(f"{polishing.rollouts} rollouts of polish: expected {least} or more for {len(costs)} gaits")
+    return each, judging
 
 
 def _gain(before: Scores, after: Scores) -> str:
@@ -203,19 +215,16 @@ def _judge_genes(key, scene: Scene, genome: Genome, genes, duration, settings: S
 
 def _climb_all(task: Task, polishing: Polishing, routes: list[Route], seed: int, on_step):
     """The best of the gaits at which the climbs ended, the steps of its climb, and what all of them cost."""
-    robots = 1 if task.fitness.uncertainty.none else polishing.final_robots
-    judging = robots * len(routes) if len(routes) > 1 else 0
-    each = polishing._replace(rollouts=(polishing.rollouts - judging) // len(routes))
-    for route in routes:
-        if each.rollouts < _cost(task, polishing, route.kind, route.horizon):
-            raise InputError(f"{polishing.rollouts} rollouts: expected more, to polish {len(routes)} gaits")
-    climbs = [_climb(task, each, route, _key(seed, CLIMB, k), on_step) for k, route in enumerate(routes)]
+    firsts = [_cost(polishing, task.fitness, route.kind, route.horizon / task.duration) for route in routes]
+    each, judging = _share(polishing, task.fitness, firsts)
+    polishing = polishing._replace(rollouts=each)
+    climbs = [_climb(task, polishing, route, _key(seed, CLIMB, k), on_step) for k, route in enumerate(routes)]
     ends = np.stack([end for end, _, _ in climbs])
     spent = sum(cost for _, _, cost in climbs) + judging
     best = 0
     if len(routes) > 1:
-        key = _key(seed, ENDS)
-        scores = _judge_genes(key, task.scene, task.genome, ends, task.duration, task.settings, task.fitness, robots)
+        (scene, genome, duration, settings, fitness, _), robots = task, polishing.final_robots
+        scores = _judge_genes(_key(seed, ENDS), scene, genome, ends, duration, settings, fitness, robots)
         best = int(jnp.argmax(scores.fitness))
     return ends[best], climbs[best][1], spent
 
@@ -224,7 +233,7 @@ def _climb(task: Task, polishing: Polishing, route: Route, key, on_step):
     """The gait at the end, the steps that led to it, and what they cost."""
     genes, kind, horizon = route
     ahead = [horizon] if kind == "smoothed" else [(horizon + _shortest(task, genes)) / 2, horizon]
-    costs = [_cost(task, polishing, kind, reach) for reach in ahead]
+    costs = [_cost(polishing, task.fitness, kind, reach / task.duration) for reach in ahead]
     count = int(polishing.rollouts / np.mean(costs))
     schedule = optax.cosine_decay_schedule(polishing.learning_rate, count, alpha=0.2)
     optimiser = optax.chain(
@@ -261,11 +270,16 @@ def _shortest(task: Task, genes) -> float:
     return _one_period(one_gait(task.genome.gaits(task.scene.gait, genes[None]), 0))
 
 
-def _cost(task: Task, polishing: Polishing, kind: Kind, ahead: float) -> float:
-    """Of one gradient, in rollouts over the whole duration."""
-    robots = 1 if task.fitness.uncertainty.none else polishing.robots
+def _cost(polishing: Polishing, fitness: Fitness, kind: Kind, share: float) -> float:
+    """Of one gradient that looks ahead for a share of the duration, in rollouts over the whole of it."""
+    robots = _robots(fitness, polishing.robots)
     each = {"smoothed": robots, "pathwise": COST, "combined": robots + COST}[kind]
-    return ahead / task.duration * polishing.samples * each
+    return share * polishing.samples * each
+
+
+def _robots(fitness: Fitness, robots: int) -> int:
+    """In an ensemble that is asked to have so many: where nothing is uncertain one says it all."""
+    return 1 if fitness.uncertainty.none else robots
 
 
 def _gradient(key, genes, task: Task, kind: Kind, ahead: float, polishing: Polishing) -> tuple[Gradient, Any]:

@@ -3,11 +3,16 @@
 from collections.abc import Callable
 from pathlib import Path
 
+from common import CACHE
+
 import hypothesis
 import jax
 import pytest
 
 jax.config.update("jax_enable_x64", True)
+# one worker's compiled programs are the other's too, and the scripts'
+jax.config.update("jax_compilation_cache_dir", str(CACHE))
+jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
 
 # The same examples on every run, so that a failure on one machine is a failure on all.
 hypothesis.settings.register_profile("jaxgrity", deadline=None, max_examples=30, derandomize=True, database=None)

@@ -31,6 +31,7 @@ from jaxgrity.gradients import (
     smoothed_gradient,
     utilities,
 )
+from jaxgrity.refine import check_polishing
 from jaxgrity.scene import as_dtype
 from jaxgrity.simulate import settle
 
@@ -212,8 +213,11 @@ def test_bad_polishing_is_refused(exact):
     """An unknown gradient, too few rollouts, and a pathwise gradient of what is metered."""
     with pytest.raises(InputError, match="polishing by 'exact': unknown"):
         polished(exact, SMALL._replace(kind="exact"))
-    with pytest.raises(InputError, match="8 rollouts: expected more, to polish 2 gaits"):
+    with pytest.raises(InputError, match="8 rollouts of polish: expected 128 or more for 2 gaits"):
         polished(exact, SMALL._replace(rollouts=8), starts=2)
+    with pytest.raises(InputError, match="80 rollouts of polish: expected 128 or more for 2 gaits"):
+        check_polishing(SMALL._replace(rollouts=2 * 16 + 48), ROBUST, 2)
+    check_polishing(SMALL._replace(rollouts=2 * (16 + 48)), ROBUST, 2)
     metered = Fitness(Objective("straightness"))
     with pytest.raises(InputError, match="what is metered has no pathwise gradient"):
         polished(exact, SMALL._replace(kind="pathwise"), fitness=metered)
