@@ -16,6 +16,7 @@ from jaxgrity import (
     FAILURES,
     Scene,
     diagnose,
+    gait_record,
     gaits_of,
     load_gait,
     load_scene,
@@ -62,6 +63,9 @@ def main(settings: Settings) -> None:
     scene = load_scene(settings.scene)
     if settings.gait is not None:
         scene = with_gait(scene, load_gait(settings.gait))
+        found = gait_record(settings.gait).get("scene", settings.scene.name)
+        if found != settings.scene.name:
+            print(f"the gait {settings.gait} was found on {found}")
     print(scene.describe())
     duration = min(settings.duration, 2.0) if settings.quick else settings.duration
     options = {
