@@ -76,6 +76,7 @@ class Settings:
     """one scene, 1 seed, 1024 rollouts of 2 s, 16 gaits in a generation"""
 
 
+COLOURS = {name: f"C{k}" for k, name in enumerate(get_args(Method))}
 Trace = list[tuple[float, float, int]]
 """after each generation: rollouts so far, robust distance of the best by the search's own ensemble (m), failed gaits"""
 Found = tuple[np.ndarray, Trace] | tuple[np.ndarray, Trace, dict[str, Any]]
@@ -293,11 +294,12 @@ def figure(name: str, runs: list[dict]) -> Figure:
     for k, (method, answers) in enumerate(by_seed(runs).items()):
         traces = [np.array(one["trace"], float).T for one in runs if one["method"] == method]
         spent, style = traces[0][0], "--" if method.startswith("plain") else "-"
+        colour = COLOURS[method.removeprefix("plain ")]
         low, median, high = np.quantile([np.interp(spent, x, best) for x, best, _ in traces], QUARTILES, axis=0)
-        left.plot(spent, median, style, color=f"C{k}", label=method)
-        left.fill_between(spent, low, high, color=f"C{k}", alpha=0.15, lw=0)
-        right.plot(k + np.linspace(-0.15, 0.15, len(answers)), [*answers.values()], "o", ms=4, color=f"C{k}")
-        right.hlines(np.median([*answers.values()]), k - 0.3, k + 0.3, color=f"C{k}", label=method)
+        left.plot(spent, median, style, color=colour, label=method + ", of one robot" * method.startswith("plain"))
+        left.fill_between(spent, low, high, color=colour, alpha=0.15, lw=0)
+        right.plot(k + np.linspace(-0.15, 0.15, len(answers)), [*answers.values()], "o", ms=4, color=colour)
+        right.hlines(np.median([*answers.values()]), k - 0.3, k + 0.3, color=colour, label=method)
     left.set(xlabel="rollouts", ylabel="mean distance of an ensemble (m)", title=f"{name}: by its own ensemble")
     left.legend(fontsize=8)
     right.set(title=f"{name}: answers, by {JUDGES} robots")
