@@ -86,6 +86,8 @@ def run(main: Callable[[Settings], None], settings: type[Settings]) -> None:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(2)
     except KeyboardInterrupt:
-        again = "; the same command with --resume goes on" if hasattr(chosen, "resume") else ""
-        print(f"\ninterrupted{again}", file=sys.stderr)
+        if jax.process_index() == 0:
+            alone = hasattr(chosen, "resume") and jax.process_count() == 1
+            again = "; the same command with --resume goes on from what was saved" if alone else ""
+            print(f"\ninterrupted{again}", file=sys.stderr)
         sys.exit(130)

@@ -137,6 +137,8 @@ def known_gaits(scene: Scene, settings: Settings) -> dict[str, list[Gait]]:
             found[name] = load_gait(name)
     if any(gait.members != scene.gait.members for gait in found.values()):
         raise InputError(f"{settings.gait}: actuates other members than {settings.scene.name}; expected the same")
+    if found[settings.gait].overtones:
+        raise InputError(f"{settings.gait}: has overtones; expected a gait of one sine for each member")
     plain = {name: gait for name, gait in found.items() if not gait.overtones}
     return {name: [image(gait, symmetry) for symmetry in standing_symmetries(scene)] for name, gait in plain.items()}
 
@@ -147,7 +149,7 @@ def together(gaits: list[Gait]) -> Gait:
 
 
 def recover(scene: Scene, names: list[str], first: Gait, known: Gait, fitness: Fitness, settings: Settings, seed: int):
-    """Each of the gaits of these names as it was, and the best on each of the ways to another one: what `measure` says.
+    """What `measure` says of each gait as it was, by its name, and of the best on each of the ways to another one.
 
     `first` has a gait for each name, `known` all their images too.
     """
@@ -227,7 +229,7 @@ def summary(intact: dict, known: int, found: dict[str, Any], settings: Settings)
     for name, own in intact.items():
         enough = settings.enough * own["robust"]
         recovered[name] = {}
-        for kind in ("cable", "strut"):
+        for kind in dict.fromkeys(label.split()[0] for label in found):
             cases = [
                 {**case, "as it was": case["as it was"][name]}
                 for label, case in found.items()
@@ -271,7 +273,14 @@ def figure(facts: dict[str, Any]) -> Figure:
         height, spread = ([row[what] for row in rows] for what in ("robust", "spread"))
         axes.bar(place, height, 0.2, label=label, yerr=spread, error_kw={"lw": 0.6})
         unsure = [h if reached(row, enough) == (False, True) else np.nan for h, row in zip(height, rows)]
-        axes.plot(place, unsure, "x", color="black", ms=5, label=None if k else "not sure by its error bar")
+        axes.plot(
+            place,
+            unsure,
+            "x",
+            color="black",
+            ms=5,
+            label=None if k else "nominal distance less its error bar: too little",
+        )
     axes.axhline(intact, color="black", lw=1, label=f"{gait}, intact")
     axes.axhline(enough, color="black", lw=1, ls="--", label=f"{facts['enough']:.0%} of it")
     axes.set_xticks(x, list(cases), rotation=90)

@@ -110,9 +110,10 @@ def main(settings: Settings) -> None:
     known["scene_sha256"] = hashlib.sha256(settings.scene.read_bytes()).hexdigest()
     ladder = rungs(scene, settings.dt)
     for rung in ladder:
-        settle(rung.scene, settings.duration, None, rung.dt, rung.dtype)  # refuses what no rung can do
+        settle(rung.scene, settings.duration, None, rung.dt, rung.dtype)  # refuses what a later rung could not do
+    breedings = generations(settings, len(searched(ladder)))
     with open_run(settings.out, known, settings.resume, settings.restart) as folder:
-        searches = evolve_with_progress(ladder, genome, fitness, settings, folder)
+        searches = evolve_with_progress(ladder, genome, fitness, breedings, settings, folder)
         chosen, agreement = promote(ladder, genome, fitness, searches[-1], settings)
         polished = polish_with_progress(ladder, genome, fitness, chosen, settings)
         best = chosen[0] if polished is None else polished.genes
@@ -141,8 +142,8 @@ def actuated(scene: Scene, settings: Settings) -> Scene:
 
 def search_space(scene: Scene, settings: Settings) -> tuple[Genome, Fitness]:
     """What evolves, and how it is judged. Raises `InputError` before anything compiles."""
-    if settings.polish_gaits < 1:
-        raise InputError(f"polish_gaits = {settings.polish_gaits}: expected at least 1")
+    if not 1 <= settings.polish_gaits <= COMPARED:
+        raise InputError(f"polish_gaits = {settings.polish_gaits}: expected 1 to {COMPARED}")
     assert scene.gait is not None, "a scene without a gait is refused before"
     fitness = Fitness(settings.objective, settings.uncertainty, settings.robots, settings.caution)
     if settings.polish_rollouts:
@@ -169,11 +170,17 @@ def without_idle(gait: Gait) -> Gait:
     return Gait(tuple(gait.members[k] for k in rows), *parts, gait.start, gait.ramp, overtones)
 
 
-def evolve_with_progress(ladder, genome: Genome, fitness: Fitness, settings: Settings, folder: Run) -> list[Search]:
+def generations(settings: Settings, rungs: int) -> tuple[Breeding, ...]:
+    """How gaits breed on each of the rungs where they are searched."""
+    elites = max(1, settings.population // 8)
+    return tuple(Breeding(settings.population, n, elites=elites) for n in settings.generations[:rungs])
+
+
+def evolve_with_progress(
+    ladder, genome: Genome, fitness: Fitness, breedings: tuple[Breeding, ...], settings: Settings, folder: Run
+) -> list[Search]:
     """The genetic search in float32, on every core, on each of the rungs where gaits are searched."""
     climbed = searched(ladder)
-    elites = max(1, settings.population // 8)
-    breedings = tuple(Breeding(settings.population, n, elites=elites) for n in settings.generations[: len(climbed)])
     before = sum(state.number for state in folder.states)
     total = sum(b.generations for b in breedings)
     with tqdm(total=total, initial=before, desc="evolving", unit="generation", file=sys.stdout) as bar:

@@ -41,7 +41,7 @@ VERIFIED = 1 / 8
 DRAWS = 10**6
 """seeds of draws for each search; as many before the first are left for the judgement, which takes 0"""
 SCREENED, POLISHED = 0.25, {"exact": 0.4, "reference": 0.55}
-"""shares of rollouts: of the GA's, on the exact twin where the scene has one; of all, for polish, by other seeds"""
+"""shares of rollouts: of the GA's, on the exact twin where the scene has one; of all, for polish (by other seeds)"""
 QUARTILES = (0.25, 0.5, 0.75)
 EVOSAX = {"CMA-ES": "CMA_ES", "DE": "DifferentialEvolution"}
 POOL = 16
@@ -295,8 +295,9 @@ def figure(name: str, runs: list[dict]) -> Figure:
         traces = [np.array(one["trace"], float).T for one in runs if one["method"] == method]
         spent, style = traces[0][0], "--" if method.startswith("plain") else "-"
         colour = COLOURS[method.removeprefix("plain ")]
+        label = f"{method}, of one robot" if method.startswith("plain") else method
         low, median, high = np.quantile([np.interp(spent, x, best) for x, best, _ in traces], QUARTILES, axis=0)
-        left.plot(spent, median, style, color=colour, label=method + ", of one robot" * method.startswith("plain"))
+        left.plot(spent, median, style, color=colour, label=label)
         left.fill_between(spent, low, high, color=colour, alpha=0.15, lw=0)
         right.plot(k + np.linspace(-0.15, 0.15, len(answers)), [*answers.values()], "o", ms=4, color=colour)
         right.hlines(np.median([*answers.values()]), k - 0.3, k + 0.3, color=colour, label=method)

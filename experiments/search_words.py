@@ -47,7 +47,7 @@ def rivals(name: str):
                     f"{low:.3f} to {high:.3f}",
                     f"{found['distance']:.3f}",
                     f"{small} of {len(mine)}",
-                    f"{found['ratio_to_random']:.2f}",
+                    "-" if found["ratio_to_random"] is None else f"{found['ratio_to_random']:.2f}",
                     *("-" if count is None else f"{count[0]} of {count[1]}" for count in beats),
                     f"{sum(polished)} of {len(polished)}" if polished else "-",
                 ]
@@ -64,7 +64,9 @@ def rivals(name: str):
             "beats CMA-ES",
             "polish kept",
         ]
-        return f"{verdict(facts['methods'])}\n\n{table(head, rows)}{made_by(facts, f'rivals_{name}')}"
+        share = facts["settings"]["shares"][1]
+        said = f"{verdict(facts['methods'])} Polish had {share:.0%} of the rollouts."
+        return f"{said}\n\n{table(head, rows)}{made_by(facts, f'rivals_{name}')}"
 
     return words
 
@@ -75,11 +77,11 @@ def verdict(methods: dict) -> str:
     places = ", then ".join(f"{name} ({methods[name]['robust']['median']:.3f} m)" for name in order[:3])
     said = f"By the median, {places} went furthest."
     if "GA+smoothed" in methods:
-        beats = methods["GA+smoothed"]["beats"]
-        told = [f"{name} on {beats[name][0]} of {beats[name][1]} seeds" for name in ("GA+more", "GA") if name in beats]
-        said += f" Polish by smoothed gradients beat {' and '.join(told)}."
+        beats, others = methods["GA+smoothed"]["beats"], ("GA+more", "GA", "CMA-ES")
+        told = [f"{name} on {beats[name][0]} of {beats[name][1]} seeds" for name in others if name in beats]
+        said += f" Polish by smoothed gradients beat {', '.join(told)}." if told else ""
     best = methods[order[0]]["ratio_to_random"]
-    return f"{said} The best median is {best:.2f} times random search's." if np.isfinite(best) else said
+    return said if best is None else f"{said} The best median is {best:.2f} times random search's."
 
 
 def damage(facts: dict) -> str:
@@ -90,21 +92,22 @@ def damage(facts: dict) -> str:
             total, tests = counts["cases"], counts["reached"].values()
             each = [f"{sure} of {total}" + (f" ({far})" if far > sure else "") for sure, far in tests]
             rows.append([f"{facts['enough']:.0%} of {name}'s {goes:.2f} m", kind, *each])
-            left = [case["as it was"][name]["robust"] for label, case in facts["cases"].items() if kind in label]
+            cases = [case["as it was"][name]["robust"] for label, case in facts["cases"].items() if kind in label]
+            left = [0.0 if far is None else far for far in cases]
             still.append([name, f"{goes:.2f} m", kind, *(f"{f(left):.2f} m" for f in (np.median, min, max))])
-    ways = next(iter(facts["recovered"].values()))["cable"]["reached"]
+    ways = next(iter(next(iter(facts["recovered"].values())).values()))["reached"]
     cost, free = facts["rollouts"], facts["free"]
     return (
-        "How far each gait of the library still goes as it was, by 64 robots:\n\n"
+        "How far each gait of the library that moves these struts still goes as it was, in the mean of an ensemble (0 "
+        "where a robot failed):\n\n"
         + table(["gait", "intact", "broken or stuck", "median", "least", "most"], still)
         + f"\n\nCases in which at least {facts['enough']:.0%} of an intact gait's robust distance is reached: by that "
         f"gait as it was, by the best of the library and its images ({cost['library']} rollouts), by polishing "
         f"that one ({cost['gradient']}), by a search from scratch ({cost['scratch']}; amplitudes "
-        f"{free['amplitude'][0]:g} to "
-        f"{free['amplitude'][1]:g} and frequency {free['frequency'][0]:g} to {free['frequency'][1]:g} Hz, where polish "
-        "keeps those of its gait), and by any. The searches are the same for all rows; what they are held against "
-        "differs. A case counts where the robust distance is enough, and the distance of the nominal gait less its "
-        "error bar too; in brackets, the cases where the first is.\n\n"
+        f"{free['amplitude'][0]:g} to {free['amplitude'][1]:g} and frequency {free['frequency'][0]:g} to "
+        f"{free['frequency'][1]:g} Hz, where polish keeps those of its gait), and by any. The searches are the same "
+        "for all rows; what they are held against differs. A case counts where the robust distance is enough, and the "
+        "distance of the nominal gait less its error bar too; in brackets, the cases where the first is.\n\n"
         + table(["to be reached", "broken or stuck", *ways], rows)
         + made_by(facts, "damage")
     )
@@ -153,6 +156,6 @@ def gaits_table() -> str:
     return (
         table(head, rows)
         + "\n\n± of what is verified is the error bar of the time step; of the others it is the standard "
-        "deviation over robots that differ from the model, in the same unit. Cost of transport, W/(m g d), is better "
-        "the lower it is."
+        "deviation over robots that differ from the model, in the unit of the robust column. Cost of transport, "
+        "W/(m g d), is better the lower it is."
     )

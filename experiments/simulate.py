@@ -63,8 +63,8 @@ def main(settings: Settings) -> None:
     scene = load_scene(settings.scene)
     if settings.gait is not None:
         scene = with_gait(scene, load_gait(settings.gait))
-        found = gait_record(settings.gait).get("scene", settings.scene.name)
-        if found != settings.scene.name:
+        found = gait_record(settings.gait).get("scene")
+        if found not in (None, settings.scene.name):
             print(f"the gait {settings.gait} was found on {found}")
     print(scene.describe())
     duration = min(settings.duration, 2.0) if settings.quick else settings.duration

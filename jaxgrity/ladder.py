@@ -41,7 +41,7 @@ def rungs(scene: Scene, dt: float | None = None) -> tuple[Rung, ...]:
     twin. Then come the scene's own model in float32 (a penalty scene's at twice its step, where that is stable), and in
     float64 at half its step.
     """
-    step = dt or default_step(scene, default_method(scene))
+    step = default_step(scene, default_method(scene)) if dt is None else dt
     exact = scene if scene.constrained else exact_twin(scene)
     coarse = default_step(exact, default_method(exact))
     screening = Rung("screening", exact, _stable(COARSE, coarse, exact), "float32")

@@ -97,9 +97,9 @@ def convergence_figure(searches: list[Search], names: tuple[str, ...] = (), unit
 
 
 def ladder_figure(names: tuple[str, ...], fitness: np.ndarray, evolved: int, correlations: tuple, unit: str) -> Figure:
-    """Fitness of the same gaits on every rung but the last, against the last; the first are the evolved ones.
+    """Fitness of the same gaits on every rung but the last, against the last; the first `evolved` columns evolved.
 
-    `correlations` of all ranks, and of those of the evolved gaits, are in the titles.
+    `correlations` are the rungs' rank correlations over all gaits, and over the evolved ones: two square arrays.
     """
     figure = Figure(figsize=(4.2 * (len(names) - 1), 4.4), layout="constrained")
     every, among = correlations

@@ -132,7 +132,8 @@ def polish(
     genes = np.atleast_2d(np.asarray(genes, float))
     check_polishing(polishing, fitness, len(genes))
     settings = settle(scene, duration, None, dt, dtype, any_step=any_step)
-    final = settle(scene, duration, None, final_dt or settings.dt / 2, "float64", any_step=any_step)  # type: ignore[operator]
+    final_dt = settings.dt / 2 if final_dt is None else final_dt  # type: ignore[operator]
+    final = settle(scene, duration, None, final_dt, "float64", any_step=any_step)
     routes, growth, told = [Route(start, "smoothed", duration) for start in genes], None, ""
     if polishing.kind != "smoothed":
         routes, growth, told = _routes(scene, genome, genes, duration, settings, polishing)
@@ -151,7 +152,10 @@ def polish(
 
 
 def check_polishing(polishing: Polishing, fitness: Fitness, starts: int) -> None:
-    """Raise `InputError` for what no polishing can do from so many starts, before a search that it is to follow."""
+    """Raise `InputError` for what no polishing can do from so many starts, before a search that it is to follow.
+
+    What pathwise gradients cost depends on the sensitivity of the starts, which is not known then.
+    """
     if polishing.kind not in get_args(Kind):
         raise InputError(f"polishing by {polishing.kind!r}: unknown; expected one of {', '.join(get_args(Kind))}")
     if polishing.samples < 4 or polishing.samples % 2:
@@ -164,12 +168,12 @@ def check_polishing(polishing: Polishing, fitness: Fitness, starts: int) -> None
 
 
 def _share(polishing: Polishing, fitness: Fitness, costs: list[float]) -> tuple[int, int]:
-    """Rollouts for each of the climbs, whose first steps cost so much, and for comparing their ends."""
+    """Rollouts for each of the climbs, of whose steps none costs more than this, and for comparing their ends."""
     judging = len(costs) * _robots(fitness, polishing.final_robots) if len(costs) > 1 else 0
     each = (polishing.rollouts - judging) // len(costs)
     if each < max(costs):
         least = math.ceil(max(costs)) * len(costs) + judging
-        raise InputError(f"{polishing.rollouts} rollouts of polish: expected {least} or more for {len(costs)} gaits")
+        raise InputError(f"{polishing.rollouts} rollouts of polish: expected {least} or more, for {len(costs)} climbs")
     return each, judging
 
 
@@ -215,16 +219,16 @@ def _judge_genes(key, scene: Scene, genome: Genome, genes, duration, settings: S
 
 def _climb_all(task: Task, polishing: Polishing, routes: list[Route], seed: int, on_step):
     """The best of the gaits at which the climbs ended, the steps of its climb, and what all of them cost."""
-    firsts = [_cost(polishing, task.fitness, route.kind, route.horizon / task.duration) for route in routes]
-    each, judging = _share(polishing, task.fitness, firsts)
+    costs = [_cost(polishing, task.fitness, route.kind, route.horizon / task.duration) for route in routes]
+    each, judging = _share(polishing, task.fitness, costs)
     polishing = polishing._replace(rollouts=each)
     climbs = [_climb(task, polishing, route, _key(seed, CLIMB, k), on_step) for k, route in enumerate(routes)]
     ends = np.stack([end for end, _, _ in climbs])
     spent = sum(cost for _, _, cost in climbs) + judging
     best = 0
     if len(routes) > 1:
-        (scene, genome, duration, settings, fitness, _), robots = task, polishing.final_robots
-        scores = _judge_genes(_key(seed, ENDS), scene, genome, ends, duration, settings, fitness, robots)
+        options = task.duration, task.settings, task.fitness, polishing.final_robots
+        scores = _judge_genes(_key(seed, ENDS), task.scene, task.genome, ends, *options)
         best = int(jnp.argmax(scores.fitness))
     return ends[best], climbs[best][1], spent
 

@@ -213,9 +213,9 @@ def test_bad_polishing_is_refused(exact):
     """An unknown gradient, too few rollouts, and a pathwise gradient of what is metered."""
     with pytest.raises(InputError, match="polishing by 'exact': unknown"):
         polished(exact, SMALL._replace(kind="exact"))
-    with pytest.raises(InputError, match="8 rollouts of polish: expected 128 or more for 2 gaits"):
+    with pytest.raises(InputError, match="8 rollouts of polish: expected 128 or more, for 2 climbs"):
         polished(exact, SMALL._replace(rollouts=8), starts=2)
-    with pytest.raises(InputError, match="80 rollouts of polish: expected 128 or more for 2 gaits"):
+    with pytest.raises(InputError, match="80 rollouts of polish: expected 128 or more, for 2 climbs"):
         check_polishing(SMALL._replace(rollouts=2 * 16 + 48), ROBUST, 2)
     check_polishing(SMALL._replace(rollouts=2 * (16 + 48)), ROBUST, 2)
     metered = Fitness(Objective("straightness"))

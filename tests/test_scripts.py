@@ -121,16 +121,21 @@ def test_a_refusal_ends_with_exit_code_2(tmp_path):
     assert not (tmp_path / "out").exists()
 
 
-def test_an_interruption_is_one_line():
+@pytest.mark.parametrize(
+    ("setting", "said"),
+    [("resume", "interrupted; the same command with --resume goes on from what was saved"), ("quick", "interrupted")],
+)
+def test_an_interruption_is_one_line(setting, said):
     """Ctrl-C ends with exit code 130, and says how to go on where one can."""
     code = (
-        "from dataclasses import dataclass; from common import run\n@dataclass\nclass S:\n    resume: bool = False\n"
+        "from dataclasses import dataclass; from common import run\n"
+        f"@dataclass\nclass S:\n    {setting}: bool = False\n"
         "def main(settings): raise KeyboardInterrupt\nrun(main, S)"
     )
     command = [sys.executable, "-c", code]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, cwd=ROOT / "experiments")
     assert done.returncode == 130
-    assert done.stderr.strip() == "interrupted; the same command with --resume goes on"
+    assert done.stderr.strip() == said
 
 
 SCRIPTS = sorted(path.name for path in (ROOT / "experiments").glob("*.py") if "\n    run(main" in path.read_text())
@@ -194,7 +199,9 @@ def test_runs_compare(search_run, tmp_path):
     [
         (["--dt", "0.1"], "largest stable step"),
         (["--dt", "nan"], "dt = nan"),
-        (["--polish-rollouts", "3"], "3 rollouts of polish: expected 448 or more for 4 gaits"),
+        (["--population", "1"], "population = 1: expected at least 2 gaits"),
+        (["--polish-gaits", "17"], "polish_gaits = 17: expected 1 to 16"),
+        (["--polish-rollouts", "3"], "3 rollouts of polish: expected 448 or more, for 4 climbs"),
     ],
 )
 def test_gait_search_refuses_before_it_searches(tmp_path, arguments, said):
