@@ -41,7 +41,8 @@ VERIFIED = 1 / 8
 DRAWS = 10**6
 """seeds of draws for each search; as many before the first are left for the judgement, which takes 0"""
 SCREENED, POLISHED = 0.25, {"exact": 0.4, "reference": 0.55}
-"""shares of rollouts: of the GA's, on the exact twin where the scene has one; of all, for polish (by other seeds)"""
+"""shares of rollouts: of the GA's, on the exact twin where the scene has one; of all, for polish, chosen for each scene
+on other seeds than those that are compared"""
 QUARTILES = (0.25, 0.5, 0.75)
 EVOSAX = {"CMA-ES": "CMA_ES", "DE": "DifferentialEvolution"}
 POOL = 16
@@ -77,6 +78,7 @@ class Settings:
 
 
 COLOURS = {name: f"C{k}" for k, name in enumerate(get_args(Method))}
+"""the same on every figure"""
 Trace = list[tuple[float, float, int]]
 """after each generation: rollouts so far, robust distance of the best by the search's own ensemble (m), failed gaits"""
 Found = tuple[np.ndarray, Trace] | tuple[np.ndarray, Trace, dict[str, Any]]

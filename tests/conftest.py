@@ -1,6 +1,5 @@
 """What the tests share: float64, hypothesis without time limits or files, the reference scene, finite differences."""
 
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -9,10 +8,6 @@ import jax
 import pytest
 
 jax.config.update("jax_enable_x64", True)
-# programs outlive `_forget_compiled_programs`; a folder of its own for each process, since JAX writes without a lock
-PROGRAMS = tempfile.TemporaryDirectory()
-jax.config.update("jax_compilation_cache_dir", PROGRAMS.name)
-jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
 
 # The same examples on every run, so that a failure on one machine is a failure on all.
 hypothesis.settings.register_profile("jaxgrity", deadline=None, max_examples=30, derandomize=True, database=None)
