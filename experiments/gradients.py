@@ -44,7 +44,7 @@ class Settings:
     out: Path = Path("results/gradients")
     """folder for gradients.json and gradients.png"""
     quick: bool = False
-    """a tenth of the longest gradient, two calls, two gaits alone"""
+    """a tenth of the longest gradient, two calls, two gaits and their phases alone"""
 
 
 def main(settings: Settings) -> None:
@@ -53,14 +53,15 @@ def main(settings: Settings) -> None:
     scene = as_dtype(load_scene(SCENES / "reference.toml"), "float64")
     # from the start, for a distance of exactly 0 has no gradient
     scene = eqx.tree_at(lambda s: (s.gait.start, s.gait.ramp), scene, (jnp.asarray(0.0), jnp.asarray(0.1)))
-    many = 2 if settings.quick else 64
-    rows, lengths = [], [settings.short / 2, settings.short * 2, settings.short * 8]
+    many, counts = (2, (6,)) if settings.quick else (64, (6, 100))
+    rows, lengths = [], [settings.short / 2, settings.short * 2, settings.short * 8][:: 2 if settings.quick else 1]
     for count in tqdm((many,) if settings.quick else (1, many), desc="gaits", unit="population"):
         gaits = jax.tree.map(jnp.asarray, gaits_of(scene.gait, random_phases(count, 6, seed=0)))
-        for parameters in (6,) if settings.quick else (6, 100):
+        for parameters in counts:
             rows += compare(scene, gaits, parameters, settings)
-    long = compare(scene, gaits, 6, settings, settings.horizon, ("checkpointed reverse",))
-    long += compare(scene, gaits, 100, settings, settings.horizon, ("checkpointed reverse",))
+    long = []
+    for parameters in counts:
+        long += compare(scene, gaits, parameters, settings, settings.horizon, ("checkpointed reverse",))
     memory = {name: [temporary(scene, gaits, name, t) for t in lengths] for name in REVERSE}
     facts = {**measured(), "short": settings.short, "rows": rows, "long": long, "lengths": lengths, "memory": memory}
     save_json(settings.out / "gradients.json", facts)

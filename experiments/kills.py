@@ -2,7 +2,7 @@
 
 Moments are uniform from the beginning of the search to the end of its last generation, as an undisturbed run has them.
 Each time every file in the run's folder has to be whole, and after --resume the final population has to be the same to
-the last bit as that of a run that nobody killed.
+the last bit as that of a run that nobody killed. What a run does after its last generation is left out.
 """
 
 import json
@@ -90,10 +90,18 @@ def command(folder: Path, *options: str) -> list[str]:
 
 
 def search(folder: Path, *options: str) -> None:
-    """A whole run. Raises `InputError` where it ends badly."""
-    done = subprocess.run(command(folder, *options), capture_output=True, text=True)
-    if done.returncode:
-        raise InputError(f"{folder}: the search ended with {done.returncode}: {done.stderr[-500:]}")
+    """A run to its last generation. Raises `InputError` where it ends before."""
+    final = folder / "population.npz"
+    final.unlink(missing_ok=True)
+    with subprocess.Popen(
+        command(folder, *options), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+    ) as alive:
+        while alive.poll() is None and not final.exists():
+            time.sleep(0.05)
+        alive.kill()
+        said = alive.communicate()[1]
+    if not final.exists():
+        raise InputError(f"{folder}: the search ended with {alive.returncode}: {said[-500:]}")
 
 
 def population(folder: Path) -> dict[str, np.ndarray]:
