@@ -72,7 +72,7 @@ def main(settings: Settings) -> None:
     rows: dict[str, dict[str, dict[str, Cell]]] = {name: {"float64": {}, "float32": {}} for name in names}
     pairs = [(name, method) for name in names for method in methods]
     # each in a process of its own: a thousand compiled programs do not fit into one
-    pool = multiprocessing.get_context("spawn").Pool(os.cpu_count(), configure, maxtasksperchild=4)
+    pool = multiprocessing.get_context("spawn").Pool(len(os.sched_getaffinity(0)), configure, maxtasksperchild=4)
     with pool, tqdm(total=len(pairs), desc="cases", unit="cell") as progress:
         for name, method, cells in pool.imap_unordered(one, pairs):
             for dtype, cell in cells.items():

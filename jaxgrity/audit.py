@@ -23,7 +23,7 @@ from jaxgrity.dynamics import (
 from jaxgrity.friction import SwitchFriction
 from jaxgrity.primitives import along, dot, inner, scale
 from jaxgrity.scene import Scene, as_dtype
-from jaxgrity.simulate import Settings, discretise, integrate, settle
+from jaxgrity.simulate import Settings, as_inputs, discretise, integrate, settle
 from jaxgrity.types import NodeVectors, Path, Scalar, Times
 
 Work = dict[str, jax.Array]
@@ -93,14 +93,14 @@ def energy_audit(
     """
     settings = settle(scene, duration, method, dt, "float64", rtol, atol, any_step, sweeps, strut_tolerance)
     stepwise = settings.method.symplectic or settings.method.constrained
-    interval = max(1 / frame_rate, settings.dt or 0.0)
+    interval = max(1 / frame_rate, float(settings.dt or 0.0))
     times = np.linspace(0, duration, max(1, round(duration / interval)) + 1)
     exact = as_dtype(scene, "float64")
     if stepwise:
         count = int(np.ceil(times[1] / settings.dt - 1e-9))  # type: ignore[operator]
         found = _step_by_step(exact, times, settings, count)
     else:
-        found = _beside(exact, times, settings)
+        found = _beside(exact, times, as_inputs(settings))
     found = jax.tree.map(np.asarray, found)
     times, positions, kinetic, potential, momenta, work = found
     actuation = work.pop("actuation")
@@ -125,7 +125,7 @@ def _beside(scene: Scene, times: Times, settings: Settings):
     return *_amounts(scene, jnp.asarray(times), q, v), work
 
 
-def _one_sided(scene: Scene, times: Times, q: Path, tableau: diffrax.ButcherTableau, h: float) -> Times:
+def _one_sided(scene: Scene, times: Times, q: Path, tableau: diffrax.ButcherTableau, h: Scalar) -> Times:
     """(frames,), J: what the work of actuators lacks where a gait's ramp begins or ends in a frame.
 
     There dU/dt jumps. The stage at the end of the step before the frame should see its value before the jump, and the

@@ -11,7 +11,7 @@ from jaxgrity.actuation import Gait
 from jaxgrity.dynamics import centre_of_mass
 from jaxgrity.population import simulate_population
 from jaxgrity.scene import Scene, as_dtype
-from jaxgrity.simulate import Settings, integrate, refinements, settle
+from jaxgrity.simulate import Settings, as_inputs, integrate, refinements, settle
 from jaxgrity.types import PerGait, Times, Vectors
 
 SAFETY = 2.5
@@ -108,7 +108,9 @@ def sensitivity(
     settings = settle(scene, duration, method, dt, "float64", rtol, atol, any_step, sweeps, strut_tolerance)
     times = np.linspace(0, duration, max(1, round(duration * frame_rate)) + 1)
     varied = np.zeros(scene.structure.nodes.shape) if scene.gait is None else scene.gait.phase
-    jacobian = np.asarray(_com_jacobian(as_dtype(scene, "float64"), np.asarray(varied, float), times, settings))
+    jacobian = np.asarray(
+        _com_jacobian(as_dtype(scene, "float64"), np.asarray(varied, float), times, as_inputs(settings))
+    )
     norm = np.where(np.isfinite(jacobian).all((1, 2)), np.linalg.norm(np.nan_to_num(jacobian), 2, axis=(1, 2)), np.inf)
     return Sensitivity(times, norm, "m/rad" if scene.gait is not None else "m/(m/s)")
 

@@ -15,7 +15,7 @@ from jaxgrity.objectives import Fitness, Scores, judge, with_robots
 from jaxgrity.population import as_population
 from jaxgrity.scene import Scene, as_dtype
 from jaxgrity.search import Breeding, Search, State, begin, evolve
-from jaxgrity.simulate import settle
+from jaxgrity.simulate import as_inputs, settle
 from jaxgrity.stability import default_method, default_step, strictest
 from jaxgrity.structure import InputError
 from jaxgrity.twin import exact_twin, twin
@@ -103,8 +103,8 @@ def judge_on(rung: Rung, gaits: Gait, duration: float, fitness: Fitness, seed: i
     """`judge` on a rung, as NumPy arrays."""
     settings = settle(rung.scene, duration, None, rung.dt, rung.dtype)
     gaits = jax.tree.map(lambda x: np.asarray(x, rung.dtype), gaits)
-    key, end = jax.random.key(seed), np.asarray(duration, float)
-    return jax.tree.map(np.asarray, judge(key, as_dtype(rung.scene, rung.dtype), gaits, end, settings, fitness))
+    key, end, scene = jax.random.key(seed), np.asarray(duration, float), as_dtype(rung.scene, rung.dtype)
+    return jax.tree.map(np.asarray, judge(key, scene, gaits, end, as_inputs(settings), fitness))
 
 
 def rank_correlation(rows: Float[AnyArray, "rungs gaits"]) -> np.ndarray:

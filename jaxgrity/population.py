@@ -5,6 +5,7 @@ chunks are split over `jax.devices()`. A robot that fails is marked, and disturb
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 
 import diffrax
@@ -19,7 +20,7 @@ from jaxgrity.complementarity import Complementarity
 from jaxgrity.dynamics import State, centre_of_mass
 from jaxgrity.meter import Meters, nothing, read
 from jaxgrity.scene import Scene, as_dtype, with_gait
-from jaxgrity.simulate import Settings, discretise, failure_code, integrate, settle, state_failure
+from jaxgrity.simulate import Settings, as_inputs, discretise, failure_code, integrate, settle, state_failure
 from jaxgrity.structure import InputError
 from jaxgrity.types import Failures, Path, PerGait, Phases, Scalar, Table, Vectors
 from jaxgrity.uncertainty import Differences, differing
@@ -50,7 +51,7 @@ class Outcomes(eqx.Module):
     meters: Meters | None
     """of every robot, the actuators' with a row for each, where they were asked for"""
     method: str = eqx.field(static=True)
-    dt: float | None = eqx.field(static=True)
+    dt: Scalar | None
     """fixed step, s; None: adaptive"""
 
     def distance(self) -> PerGait:
@@ -119,7 +120,8 @@ def simulate_population(
     scene = with_gait(scene, one_gait(gaits, 0))
     settings = settle(scene, duration, method, dt, dtype, rtol, atol, any_step, sweeps, strut_tolerance)
     end = np.asarray(duration, float)
-    return roll_out(as_dtype(scene, settings.dtype), gaits, end, settings, differences, metered)
+    outcomes = roll_out(as_dtype(scene, settings.dtype), gaits, end, as_inputs(settings), differences, metered)
+    return replace(outcomes, dt=settings.dt)
 
 
 @eqx.filter_jit
@@ -150,10 +152,11 @@ def roll_out(
         return jnp.moveaxis(x, -1, 2).reshape(-1, *x.shape[2:-1])[:size]
 
     varied, common = eqx.partition((gaits, differences), lambda x: jnp.ndim(x) > 0)
+    inputs, fixed = eqx.partition(settings, eqx.is_array)
 
-    def share(rows, scene, common, end):
+    def share(rows, scene, common, end, inputs):
         def chunk(rows):
-            return roll_out_lanes(scene, *eqx.combine(rows, common), end, settings, metered)
+            return roll_out_lanes(scene, *eqx.combine(rows, common), end, eqx.combine(inputs, fixed), metered)
 
         outcomes = jax.lax.map(chunk, jax.tree.map(lambda x: x[0], rows))
         return jax.tree.map(lambda x: x[None], outcomes)
@@ -161,9 +164,10 @@ def roll_out(
     if devices > 1:
         mesh = Mesh(np.array(jax.devices()), ("population",))
         split, whole = PartitionSpec("population"), PartitionSpec()
-        share = jax.shard_map(share, mesh=mesh, in_specs=(split, whole, whole, whole), out_specs=split, check_vma=False)
+        specs = split, whole, whole, whole, whole
+        share = jax.shard_map(share, mesh=mesh, in_specs=specs, out_specs=split, check_vma=False)
     common = jax.tree.map(lambda x: jnp.asarray(x, settings.dtype), common)
-    outcomes = share(jax.tree.map(deal, varied), scene, common, jnp.asarray(duration, settings.dtype))
+    outcomes = share(jax.tree.map(deal, varied), scene, common, jnp.asarray(duration, settings.dtype), inputs)
     outcomes = jax.tree.map(collect, outcomes)
     if devices > jax.local_device_count():
         # every host gets all outcomes, and goes on as if it had computed them alone
@@ -214,7 +218,7 @@ def roll_out_lanes(
 def _metered(start: State, duration: Scalar, scene: Scene, axes: Scene, settings: Settings):
     """The state at `duration`, all robots' meters, and how many steps were taken, each as long as the others."""
     terms, solver = discretise_lanes(settings, axes)
-    count = jnp.ceil(duration / settings.dt - 1e-3).astype(int)  # type: ignore[operator]
+    count = jnp.ceil(duration / jnp.asarray(settings.dt, settings.dtype) - 1e-3).astype(int)
     h = duration / count
     held = over_lanes(nothing, (axes,))(scene)
     first = solver.init(terms, 0 * h, h, start, scene)

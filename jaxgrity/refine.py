@@ -21,7 +21,7 @@ from jaxgrity.gradients import Gradient, Task, combine, pathwise_gradient, smoot
 from jaxgrity.objectives import Fitness, Scores, judge, with_robots
 from jaxgrity.population import one_gait
 from jaxgrity.scene import Scene, as_dtype, with_gait
-from jaxgrity.simulate import Settings, settle
+from jaxgrity.simulate import Settings, as_inputs, settle
 from jaxgrity.structure import InputError
 from jaxgrity.types import AnyArray
 
@@ -132,7 +132,7 @@ def polish(
     genes = np.atleast_2d(np.asarray(genes, float))
     check_polishing(polishing, fitness, len(genes))
     settings = settle(scene, duration, None, dt, dtype, any_step=any_step)
-    final_dt = settings.dt / 2 if final_dt is None else final_dt  # type: ignore[operator]
+    final_dt = float(settings.dt) / 2 if final_dt is None else final_dt  # type: ignore[arg-type]
     final = settle(scene, duration, None, final_dt, "float64", any_step=any_step)
     routes, growth, told = [Route(start, "smoothed", duration) for start in genes], None, ""
     if polishing.kind != "smoothed":
@@ -193,7 +193,7 @@ def _routes(scene: Scene, genome: Genome, genes, duration: float, settings: Sett
     gaits, bound = genome.gaits(scene.gait, genes), polishing.largest_sensitivity
     for k, start in enumerate(genes):
         gait = one_gait(gaits, k)
-        growth.append(sensitivity(with_gait(scene, gait), duration, dt=settings.dt, any_step=True))
+        growth.append(sensitivity(with_gait(scene, gait), duration, dt=settings.dt, any_step=True))  # type: ignore[arg-type]
         horizon = min(duration, growth[-1].horizon(bound))
         if horizon >= _one_period(gait):
             routes.append(Route(start, polishing.kind, horizon))
@@ -212,9 +212,8 @@ def _routes(scene: Scene, genome: Genome, genes, duration: float, settings: Sett
 def _judge_genes(key, scene: Scene, genome: Genome, genes, duration, settings: Settings, fitness: Fitness, robots: int):
     """`judge`, of a gait for each row of genes, by ensembles of another size."""
     gaits = genome.gaits(scene.gait, jnp.asarray(genes, settings.dtype))
-    return judge(
-        key, as_dtype(scene, settings.dtype), gaits, np.asarray(duration, float), settings, with_robots(fitness, robots)
-    )
+    end, many = np.asarray(duration, float), with_robots(fitness, robots)
+    return judge(key, as_dtype(scene, settings.dtype), gaits, end, as_inputs(settings), many)
 
 
 def _climb_all(task: Task, polishing: Polishing, routes: list[Route], seed: int, on_step):
@@ -243,7 +242,8 @@ def _climb(task: Task, polishing: Polishing, route: Route, key, on_step):
     optimiser = optax.chain(
         optax.trace(polishing.momentum), optax.normalize_by_update_norm(), optax.scale_by_schedule(schedule)
     )
-    first = x = jnp.asarray(genes, task.settings.dtype)
+    # NumPy: on all devices, as a step leaves it, x would have the next one compiled again
+    first = x = np.asarray(genes, task.settings.dtype)
     state, path, found, spent = optimiser.init(x), [], [], 0.0
     widths = np.geomspace(*polishing.width, count).astype(task.settings.dtype)
     for number in range(count):
@@ -254,7 +254,7 @@ def _climb(task: Task, polishing: Polishing, route: Route, key, on_step):
         if jnp.any(gradient.mean):
             update, state = optimiser.update(gradient.mean / gradient.scale, state)
             # angles go on beyond a turn, so that their mean is one
-            x = jnp.asarray(task.genome.bounded(x + update))
+            x = np.asarray(task.genome.bounded(x + update))
         path.append(x)
         found.append(Step(ahead[half], float(jnp.linalg.norm(gradient.mean)), float(share), float(gradient.value)))
         if on_step is not None:

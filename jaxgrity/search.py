@@ -13,7 +13,7 @@ from jaxtyping import Float, Int
 from jaxgrity.genome import Genes, Genome
 from jaxgrity.objectives import Fitness, judge
 from jaxgrity.scene import Scene, as_dtype
-from jaxgrity.simulate import Settings, settle
+from jaxgrity.simulate import Settings, as_inputs, settle
 from jaxgrity.structure import InputError
 from jaxgrity.types import AnyArray, PerGait, Scalar
 
@@ -129,12 +129,12 @@ def evolve(
 
 def _advance(state: State, scene, genome, duration, breeding: Breeding, settings: Settings, fitness: Fitness) -> State:
     key, now = jax.random.split(jax.random.wrap_key_data(jnp.asarray(state.key)))
-    generation, genes = _generation(
-        now, jnp.asarray(state.genes), np.asarray(state.number), scene, genome, duration, breeding, settings, fitness
-    )
+    # NumPy: on all devices, as a generation leaves them, genes would have the next one compiled again
+    genes, number, inputs = np.asarray(state.genes), np.asarray(state.number), as_inputs(settings)
+    generation, bred = _generation(now, genes, number, scene, genome, duration, breeding, inputs, fitness)
     facts = [float(generation.fitness[0]), _median(generation.fitness), float(generation.failed)]
     history = np.concatenate([state.history, [facts]])
-    return State(state.number + 1, jax.random.key_data(key), genes, history, generation)
+    return State(state.number + 1, jax.random.key_data(key), bred, history, generation)
 
 
 @eqx.filter_jit

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import diffrax
@@ -17,7 +18,7 @@ from jaxgrity.primitives import edge_vectors, length
 from jaxgrity.scene import Scene, as_dtype
 from jaxgrity.stability import check_step, default_method, default_step
 from jaxgrity.structure import InputError
-from jaxgrity.types import NodeVectors, Path, Times
+from jaxgrity.types import NodeVectors, Path, Scalar, Times
 
 FAILURES = (
     "succeeded",
@@ -51,7 +52,7 @@ class Trajectory(eqx.Module):
     rejected: jax.Array
     """steps that an adaptive method tried and gave up"""
     method: str = eqx.field(static=True)
-    dt: float | None = eqx.field(static=True)
+    dt: Scalar | None
     """fixed step, s; None: adaptive"""
 
     @property
@@ -69,13 +70,21 @@ class Settings(eqx.Module):
     """How to integrate, settled: what `settle` makes of the options a user gives."""
 
     method: Method = eqx.field(static=True)
-    dt: float | None = eqx.field(static=True)
+    dt: Scalar | None
     dtype: str = eqx.field(static=True)
-    rtol: float = eqx.field(static=True)
-    atol: float = eqx.field(static=True)
+    rtol: Scalar
+    atol: Scalar
     sweeps: int | None = eqx.field(static=True, default=None)
     strut_tolerance: float | None = eqx.field(static=True, default=None)
     max_steps: int = eqx.field(static=True, default=10**6)
+
+
+def as_inputs(settings: Settings) -> Settings:
+    """The settings with step and tolerances as arrays, with which a function is compiled once for all their values.
+
+    As numbers they are part of the compiled program; reverse mode, which has to count the steps, needs them so.
+    """
+    return jax.tree.map(lambda x: np.asarray(x, float), settings)
 
 
 def settle(
@@ -177,7 +186,8 @@ def simulate(
     q = scene.structure.nodes if positions is None else positions
     v = np.zeros(q.shape) if velocities is None else velocities
     times = np.linspace(0, duration, max(1, round(duration * frame_rate)) + 1)
-    return _simulate(as_dtype(scene, settings.dtype), (q, v), times, settings)
+    trajectory = _simulate(as_dtype(scene, settings.dtype), (q, v), times, as_inputs(settings))
+    return replace(trajectory, dt=settings.dt)
 
 
 @eqx.filter_jit
@@ -248,9 +258,9 @@ def integrate(
     terms, solver = discretise(settings) if problem is None else problem
     fixed = settings.dt is not None
     smallest = 16 * jnp.finfo(times.dtype).eps * times[-1]
-    adaptive = diffrax.PIDController(rtol=settings.rtol, atol=settings.atol, dtmin=smallest, force_dtmin=False)
+    dt0, rtol, atol = jax.tree.map(lambda x: jnp.asarray(x, times.dtype), (settings.dt, settings.rtol, settings.atol))
+    adaptive = diffrax.PIDController(rtol=rtol, atol=atol, dtmin=smallest, force_dtmin=False)
     controller = diffrax.ConstantStepSize() if fixed else adaptive
-    dt0 = None if settings.dt is None else jnp.asarray(settings.dt, times.dtype)
     return diffrax.diffeqsolve(
         terms,
         solver,
