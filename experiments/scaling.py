@@ -50,9 +50,7 @@ def main(settings: Settings) -> None:
     sizes = [16] if quick else [64, 128, 256, 512, 1024, 2048, 4096]
     struts = [6, 12] if quick else [6, 18, 60, 180, 600]
     largest = 16 if quick else 1024
-    tasks: list[tuple] = [
-        ("devices", d, population_cost, (m, largest, repeats)) for m in methods for d in sorted({1, cores})
-    ]
+    tasks: list[tuple] = [("devices", d, population_cost, (m, largest, repeats)) for m in methods for d in (1, cores)]
     tasks += [("population", cores, population_cost, (m, n, repeats)) for m in methods for n in sizes]
     tasks += [("struts", cores, tower_cost, (m, n, repeats)) for m in methods for n in struts]
     tasks += [("single", 1, single_cost, (m, dtype, repeats)) for m in methods for dtype in ("float32", "float64")]

@@ -9,7 +9,7 @@ import pytest
 from jaxgrity.dynamics import angular_momentum, kinetic_energy, mechanical_energy, momentum, vector_field
 from jaxgrity.methods import METHODS
 from jaxgrity.scene import Scene, as_dtype
-from jaxgrity.simulate import FAILURES, integrate, settle, simulate
+from jaxgrity.simulate import FAILURES, Settings, as_inputs, integrate, settle, simulate
 from jaxgrity.stability import default_step, stable_step, standing
 from jaxgrity.structure import InputError, Members, Structure
 
@@ -213,6 +213,25 @@ def test_a_step_that_becomes_too_small_is_a_failure():
     scene = Scene(Structure(np.array([[0.0, 0, 0], [1.01, 0, 0]]), np.full(2, 1e-3), struts))
     motion = simulate(scene, 200.0, method="tsit5", dtype="float32", max_steps=10**5)
     assert FAILURES[int(motion.failure)] == "the step became too small"
+
+
+@pytest.mark.parametrize(("name", "fixed"), [("rk4", True), ("tsit5", False), ("kvaerno3", False)])
+def test_another_step_is_not_compiled_anew(name, fixed):
+    """Nor is another tolerance: the solver is built once, where the program is made; each has its own result."""
+    built = []
+    method = METHODS[name]
+    build = method.step if fixed else method.adapt
+    counting = method._replace(**{"step" if fixed else "adapt": lambda: built.append(name) or build()})
+    strut = Members(((0, 1),), np.array([100.0]), np.array([0.8]))
+    scene = Scene(Structure(np.array([[0.0, 0, 0], [1.0, 0, 0]]), np.ones(2), strut))
+    start = scene.structure.nodes, np.zeros((2, 3))
+    run = eqx.filter_jit(lambda settings: integrate(start, jnp.array([0.0, 1.0]), scene, settings).ys[0][-1])
+    choices = [Settings(counting, x if fixed else None, "float64", x, x) for x in (1e-2, 1e-3)]
+    coarse, fine = (run(as_inputs(settings)) for settings in choices)
+    assert built == [name]
+    assert 0 < jnp.abs(coarse - fine).max() < 0.1
+    np.testing.assert_allclose(fine, run(choices[1]), rtol=0, atol=1e-12)
+    assert built == [name, name], "as a number, the step is part of the program"
 
 
 def test_failure_is_data(reference):
