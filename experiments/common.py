@@ -66,13 +66,14 @@ def join_hosts() -> None:
 
 
 def run(main: Callable[[Settings], None], settings: type[Settings]) -> None:
-    """Call `main` with `settings` from the command line: float64 allowed, every core a device of its own.
+    """Call `main` with `settings` from the command line: float64 allowed, every core a device of its own, unless
+    JAX_NUM_CPU_DEVICES says how many there are.
 
     Of several processes that work as one, the first alone speaks and leaves files. Ends with exit code 2 and one clear
     line on bad input, with 130 and one line on Ctrl-C.
     """
     configure()
-    if "cpu" in (jax.config.jax_platforms or "cpu"):
+    if "cpu" in (jax.config.jax_platforms or "cpu") and "JAX_NUM_CPU_DEVICES" not in os.environ:
         jax.config.update("jax_num_cpu_devices", len(os.sched_getaffinity(0)))
     chosen = tyro.cli(settings, description=sys.modules["__main__"].__doc__)
     try:

@@ -2,7 +2,8 @@
 
 Moments are uniform from the beginning of the search to the end of its last generation, as an undisturbed run has them.
 Each time every file in the run's folder has to be whole, and after --resume the final population has to be the same to
-the last bit as that of a run that nobody killed. What a run does after its last generation is left out.
+the last bit as that of a run that nobody killed. One resumed run goes on to its report; the others end with their last
+generation.
 """
 
 import json
@@ -10,6 +11,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -53,7 +55,8 @@ def main(settings: Settings) -> None:
         folder = settings.out / f"killed_{number}"
         kill(folder, moment, *options)
         states, broken = load_states(folder), broken_files(folder)
-        search(folder, "--resume" if (folder / "run.json").exists() else "--restart", *options)
+        again = "--resume" if (folder / "run.json").exists() else "--restart"
+        search(folder, again, *options, to_the_end=number == kills - 1)
         same = all(np.array_equal(undisturbed[name], population(folder)[name]) for name in undisturbed)
         facts["kills"].append(
             {
@@ -89,19 +92,18 @@ def command(folder: Path, *options: str) -> list[str]:
     return [sys.executable, str(Path(__file__).with_name("gait_search.py")), *small, "--out", str(folder), *options]
 
 
-def search(folder: Path, *options: str) -> None:
-    """A run to its last generation. Raises `InputError` where it ends before."""
+def search(folder: Path, *options: str, to_the_end: bool = False) -> None:
+    """A run to its last generation, or to the end of its report. Raises `InputError` where it ends before."""
     final = folder / "population.npz"
     final.unlink(missing_ok=True)
-    with subprocess.Popen(
-        command(folder, *options), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
-    ) as alive:
-        while alive.poll() is None and not final.exists():
+    with tempfile.TemporaryFile("w+") as said:
+        alive = subprocess.Popen(command(folder, *options), stdout=subprocess.DEVNULL, stderr=said)
+        while alive.poll() is None and (to_the_end or not final.exists()):
             time.sleep(0.05)
         alive.kill()
-        said = alive.communicate()[1]
-    if not final.exists():
-        raise InputError(f"{folder}: the search ended with {alive.returncode}: {said[-500:]}")
+        if alive.wait() if to_the_end else not final.exists():
+            said.seek(0)
+            raise InputError(f"{folder}: the search ended with {alive.returncode}: {said.read()[-500:]}")
 
 
 def population(folder: Path) -> dict[str, np.ndarray]:

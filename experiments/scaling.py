@@ -26,7 +26,7 @@ from jaxgrity import Scene, gaits_of, load_scene, plot, random_phases, simulate,
 from jaxgrity.files import save_json
 from jaxgrity.population import roll_out
 from jaxgrity.scene import as_dtype
-from jaxgrity.simulate import settle
+from jaxgrity.simulate import as_inputs, settle
 
 METHODS = {"rk4": ("reference", 5e-4), "complementarity": ("exact", 5e-3)}
 """the scene that each is measured on, and its step, s"""
@@ -138,7 +138,7 @@ def compiled(method: str) -> dict:
     scene = load_scene(SCENES / f"{name}.toml")
     rows = gaits_of(scene.gait, random_phases(128, 6, seed=0))
     settings = settle(scene, 1.0, method, dt, "float32", any_step=True)
-    program = roll_out.lower(as_dtype(scene, "float32"), rows, np.asarray(1.0), settings).compile().compiled
+    program = roll_out.lower(as_dtype(scene, "float32"), rows, np.asarray(1.0), as_inputs(settings)).compile().compiled
     text = program.as_text()
     bodies = dict(re.findall(r"^%?([\w.\-]+) .*?\{\n(.*?)^\}", text, re.MULTILINE | re.DOTALL))
     free = ("parameter", "constant", "tuple", "get-tuple-element", "bitcast")

@@ -119,7 +119,8 @@ def kills(facts: dict) -> str:
     broken = sum(len(kill["broken_files"]) for kill in every)
     between = sum(0 < sum(kill["generations_saved"]) < 20 for kill in every)
     return (
-        f"{len(every)} searches of {facts['undisturbed_seconds']:.0f} s were killed (SIGKILL) at random moments, "
+        f"{len(every)} searches, {facts['undisturbed_seconds']:.0f} s long to their last generation, were killed "
+        "(SIGKILL) at random moments, "
         f"{between} of them between their first and their last generation, and resumed: {same} ended with the very "
         f"same population, and {broken} files were broken." + made_by(facts, "kills")
     )

@@ -22,7 +22,7 @@ from jaxgrity.dynamics import State
 from jaxgrity.files import save_json
 from jaxgrity.methods import METHODS, Method
 from jaxgrity.scene import as_dtype
-from jaxgrity.simulate import discretise, settle
+from jaxgrity.simulate import as_inputs, discretise, settle
 from jaxgrity.stability import limiting_part, stable_step, standing, strictest
 from jaxgrity.vibration import equilibrium
 
@@ -142,7 +142,7 @@ def measure(scene: Scene, state: State, method: Method, predicted: float) -> flo
     if scene.ground is not None and scene.ground.exact:
         draw = draw * (state[0] @ np.array(scene.ground.normal) > 1e-6)[:, None]
     settings = settle(scene, 1.0, method.name, predicted, "float64", any_step=True)
-    largest = np.asarray(spread(as_dtype(scene, "float64"), state, draw, predicted * FACTORS, settings))
+    largest = np.asarray(spread(as_dtype(scene, "float64"), state, draw, predicted * FACTORS, as_inputs(settings)))
     grown = ~(largest < 1e3 * small)
     return float(predicted * FACTORS[np.argmax(grown)]) if grown.any() else np.inf
 

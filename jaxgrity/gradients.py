@@ -37,7 +37,7 @@ class Task(NamedTuple):
 def distance_and_gradient(scene: Scene, gaits: Gait, horizon: float, settings: Settings) -> tuple[PerGait, Phases]:
     """Horizontal distance of each gait at `horizon` (m), and its gradient in the phases (m/rad), by reverse mode.
 
-    All gaits are integrated at once, in lanes, by `checkpointed_end`.
+    All gaits are integrated at once, in lanes, by `checkpointed_end`, which has to know the step: no `as_inputs`.
     """
 
     def total(phase):
@@ -185,8 +185,8 @@ def pathwise_gradient(key, genes, task: Task, ahead: float, robots: int) -> Grad
         many, differences = ensemble(key, task.scene, gaits, task.fitness.uncertainty, 1, common=False)
         start, end = centres(task.scene, many, differences, ahead, task.settings)
         none = jnp.zeros(robots, int)
-        name, dt = task.settings.method.name, task.settings.dt
-        outcomes = Outcomes(start, end, jnp.zeros((robots, 0, 3)), none, none, none, None, name, dt)
+        name = task.settings.method.name
+        outcomes = Outcomes(start, end, jnp.zeros((robots, 0, 3)), none, none, none, None, name, None)
         worth = task.fitness.objective.worth(task.scene, outcomes, ahead)
         return jnp.sum(worth), worth
 

@@ -51,8 +51,8 @@ class Outcomes(eqx.Module):
     meters: Meters | None
     """of every robot, the actuators' with a row for each, where they were asked for"""
     method: str = eqx.field(static=True)
-    dt: Scalar | None
-    """fixed step, s; None: adaptive"""
+    dt: float | None = eqx.field(static=True)
+    """fixed step, s; None: adaptive, or, inside of compiled functions, an input of theirs"""
 
     def distance(self) -> PerGait:
         """(population,), horizontal displacement of the centre of mass, m; NaN where the rollout failed."""
@@ -121,7 +121,7 @@ def simulate_population(
     settings = settle(scene, duration, method, dt, dtype, rtol, atol, any_step, sweeps, strut_tolerance)
     end = np.asarray(duration, float)
     outcomes = roll_out(as_dtype(scene, settings.dtype), gaits, end, as_inputs(settings), differences, metered)
-    return replace(outcomes, dt=settings.dt)
+    return replace(outcomes, dt=settings.dt)  # type: ignore[arg-type]
 
 
 @eqx.filter_jit
@@ -172,7 +172,7 @@ def roll_out(
     if devices > jax.local_device_count():
         # every host gets all outcomes, and goes on as if it had computed them alone
         outcomes = jax.lax.with_sharding_constraint(outcomes, NamedSharding(mesh, PartitionSpec()))
-    return Outcomes(*outcomes, settings.method.name, settings.dt)  # type: ignore[call-arg]
+    return Outcomes(*outcomes, settings.method.name, None)  # type: ignore[call-arg]
 
 
 def most_lanes(scene: Scene, settings: Settings) -> int:

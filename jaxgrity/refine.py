@@ -291,7 +291,8 @@ def _gradient(key, genes, task: Task, kind: Kind, ahead: float, polishing: Polis
     one, other = jax.random.split(key)
     if kind == "pathwise":
         return pathwise_gradient(other, genes, task, ahead, polishing.samples), 1.0
-    smoothed = smoothed_gradient(one, genes, task, np.asarray(ahead), polishing.samples, polishing.robots)
+    any_step = task._replace(settings=as_inputs(task.settings))
+    smoothed = smoothed_gradient(one, genes, any_step, np.asarray(ahead), polishing.samples, polishing.robots)
     if kind == "smoothed":
         return smoothed, 0.0
     return combine(smoothed, pathwise_gradient(other, genes, task, ahead, polishing.samples))

@@ -52,7 +52,7 @@ class Trajectory(eqx.Module):
     rejected: jax.Array
     """steps that an adaptive method tried and gave up"""
     method: str = eqx.field(static=True)
-    dt: Scalar | None
+    dt: float | None = eqx.field(static=True)
     """fixed step, s; None: adaptive"""
 
     @property
@@ -154,6 +154,8 @@ def settle(
         check_step(scene, chosen, dt)
     if concrete and scene.constrained and not isinstance(positions, jax.core.Tracer):
         check_start(scene, np.asarray(scene.structure.nodes if positions is None else positions, float))
+    # no NumPy numbers: those are inputs
+    dt, rtol, atol = jax.tree.map(float, (dt, rtol, atol))
     return Settings(chosen, dt, dtype, rtol, atol, sweeps, strut_tolerance, max_steps)
 
 
@@ -187,7 +189,7 @@ def simulate(
     v = np.zeros(q.shape) if velocities is None else velocities
     times = np.linspace(0, duration, max(1, round(duration * frame_rate)) + 1)
     trajectory = _simulate(as_dtype(scene, settings.dtype), (q, v), times, as_inputs(settings))
-    return replace(trajectory, dt=settings.dt)
+    return replace(trajectory, dt=settings.dt)  # type: ignore[arg-type]
 
 
 @eqx.filter_jit
@@ -205,7 +207,7 @@ def _simulate(scene: Scene, start: State, times: Times, settings: Settings) -> T
         steps=stats["num_accepted_steps"],
         rejected=stats["num_rejected_steps"],
         method=settings.method.name,
-        dt=settings.dt,
+        dt=None,  # an input here, which `simulate` knows
     )
 
 

@@ -22,8 +22,9 @@ def pytest_configure(config):
     worker = getattr(config, "workerinput", None)
     if worker is not None and hasattr(os, "sched_setaffinity"):
         cores, number = sorted(os.sched_getaffinity(0)), int(worker["workerid"].removeprefix("gw"))
-        if len(cores) >= worker["workercount"]:
-            os.sched_setaffinity(0, cores[number :: worker["workercount"]])
+        count = worker["workercount"]
+        if len(cores) >= count:
+            os.sched_setaffinity(0, cores[number % count :: count])
 
 
 @pytest.fixture(scope="module", autouse=True)

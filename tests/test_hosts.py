@@ -1,4 +1,4 @@
-"""Several processes as one: a search on two of them finds what one finds."""
+"""Several processes as one: a search on two of them finds what one finds. Several devices: each program once."""
 
 import os
 import socket
@@ -21,13 +21,36 @@ print("hosts", jax.process_count(), "devices", jax.device_count())
 print(*(float(x).hex() for x in search.last.fitness))
 """
 
+COMPILED = """
+import collections, logging, re
+import jax
+from common import SCENES, configure
+configure()
+jax.config.update("jax_log_compiles", True)
+jax.config.update("jax_enable_compilation_cache", False)
+from jaxgrity import *
+compiled = collections.Counter()
+class Counting(logging.Handler):
+    def emit(self, record):
+        compiled.update(re.findall(r"Finished XLA compilation of jit\\((\\w+)\\)", record.getMessage()))
+logging.getLogger("jax").addHandler(Counting())
+scene, genome = load_scene(SCENES / "exact.toml"), Genome(6)
+fitness, options = Fitness(uncertainty=Uncertainty(phase=0.03), robots=2), {"dt": 1e-2, "any_step": True}
+verify(scene, gaits_of(scene.gait, random_phases(4, 6, seed=0)), 0.5)
+search = evolve(scene, genome, 0.5, Breeding(8, 3, elites=2), fitness=fitness, dtype="float32", **options)
+steps = Polishing(rollouts=32, samples=4, robots=2)
+polish(scene, genome, search.last.genes[:1], 0.5, steps, fitness=fitness, final_robots=4, **options)
+print("devices", jax.device_count())
+print(*(f"{name} {compiled[name]}" for name in ("roll_out", "_generation", "smoothed_gradient", "judge")))
+"""
 
-def start(**environment):
-    """A process that searches, and prints how many processes there were and the fitness of the last generation."""
+
+def start(code=SEARCH, **environment):
+    """A process that runs the code: the search, unless it is given another."""
     known = {k: v for k, v in os.environ.items() if not k.startswith(("SLURM", "JAX_"))}
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
     return subprocess.Popen(
-        [sys.executable, "-W", "error", "-c", SEARCH], env=known | environment, cwd="experiments", **pipes
+        [sys.executable, "-W", "error", "-c", code], env=known | environment, cwd="experiments", **pipes
     )
 
 
@@ -60,3 +83,11 @@ def test_two_hosts_find_what_one_finds():
     assert first == second == ["hosts 2 devices 2", fitness]
     values = ([float.fromhex(x) for x in line.split()] for line in (fitness, close))
     np.testing.assert_allclose(*values, rtol=0, atol=1e-12)
+
+
+@pytest.mark.usefixtures("root")
+def test_each_program_is_compiled_once_on_two_devices():
+    """The three steps of an error bar share a program, and so do all generations, and all steps of a polish."""
+    devices, compiled = lines(start(COMPILED, JAX_NUM_CPU_DEVICES="2"))
+    assert devices == "devices 2"
+    assert compiled == "roll_out 1 _generation 1 smoothed_gradient 1 judge 1"

@@ -234,6 +234,12 @@ def test_another_step_is_not_compiled_anew(name, fixed):
     assert built == [name, name], "as a number, the step is part of the program"
 
 
+def test_settled_steps_are_plain_numbers(reference):
+    """A NumPy number would be an input, which reverse mode cannot count steps by."""
+    settings = settle(reference, 1.0, dt=np.float64(1e-4))
+    assert [type(x) for x in (settings.dt, settings.rtol, settings.atol)] == [float] * 3
+
+
 def test_failure_is_data(reference):
     """A step far too large, asked for in spite of the check, comes back as a motion marked as failed."""
     motion = simulate(reference, 1.0, dt=0.1, any_step=True)

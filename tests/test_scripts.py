@@ -3,6 +3,7 @@
 import importlib
 import itertools
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -25,7 +26,9 @@ ANSWERS = json.loads((Path(__file__).parent / "data" / "reference_answers.json")
 
 def run(script: str, *arguments: object) -> subprocess.CompletedProcess:
     command = [sys.executable, str(ROOT / "experiments" / script), *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=280)
+    # two devices, also where there is one core for each test process
+    known = os.environ | {"JAX_NUM_CPU_DEVICES": "2"}
+    return subprocess.run(command, capture_output=True, text=True, timeout=280, env=known)
 
 
 def write_gaits(path: Path, phases: np.ndarray) -> Path:
