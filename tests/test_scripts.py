@@ -24,11 +24,9 @@ EXACT = SCENE.with_name("exact.toml")
 ANSWERS = json.loads((Path(__file__).parent / "data" / "reference_answers.json").read_text())
 
 
-def run(script: str, *arguments: object) -> subprocess.CompletedProcess:
+def run(script: str, *arguments: object, **environment: str) -> subprocess.CompletedProcess:
     command = [sys.executable, str(ROOT / "experiments" / script), *map(str, arguments)]
-    # two devices, also where there is one core for each test process
-    known = os.environ | {"JAX_NUM_CPU_DEVICES": "2"}
-    return subprocess.run(command, capture_output=True, text=True, timeout=280, env=known)
+    return subprocess.run(command, capture_output=True, text=True, timeout=280, env=os.environ | environment)
 
 
 def write_gaits(path: Path, phases: np.ndarray) -> Path:
@@ -155,9 +153,9 @@ def test_help_comes_from_the_settings(script, capsys):
 
 @pytest.fixture(scope="module")
 def search_run(tmp_path_factory):
-    """The main job, quick, on the cheaper scene, and what it said."""
+    """The main job, quick, on the cheaper scene and on two devices, and what it said."""
     folder = tmp_path_factory.mktemp("search")
-    done = run("gait_search.py", "--quick", "--scene", EXACT, "--out", folder)
+    done = run("gait_search.py", "--quick", "--scene", EXACT, "--out", folder, JAX_NUM_CPU_DEVICES="2")
     assert done.returncode == 0, done.stderr
     return folder, done.stdout
 
