@@ -24,11 +24,11 @@ from matplotlib.figure import Figure
 from tqdm import tqdm
 
 from jaxgrity import InputError, Scene, diagnose, gaits_of, load_scene, plot, random_phases, simulate_population
-from jaxgrity.files import save_json
-from jaxgrity.gradients import distance_and_gradient
-from jaxgrity.population import lanes_last, roll_out_lanes
-from jaxgrity.scene import as_dtype
-from jaxgrity.simulate import settle
+from jaxgrity.io.files import save_json
+from jaxgrity.search.gradients import distance_and_gradient
+from jaxgrity.rollout.population import lanes_last, roll_out_lanes
+from jaxgrity.model.scene import as_dtype
+from jaxgrity.stepping.simulate import settle
 
 STEPS = {
     "rk4": (1e-3, 5e-4, 2e-4),

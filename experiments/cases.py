@@ -7,8 +7,8 @@ import equinox as eqx
 import numpy as np
 
 from jaxgrity import Members, Scene, Structure, load_scene, with_gait
-from jaxgrity.friction import ConeFriction, SmoothFriction
-from jaxgrity.ground import Ground
+from jaxgrity.model.friction import ConeFriction, SmoothFriction
+from jaxgrity.model.ground import Ground
 
 SCENES = Path(__file__).parent / "scenes"
 G = 9.81

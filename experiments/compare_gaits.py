@@ -12,8 +12,8 @@ import tyro
 from matplotlib.figure import Figure
 
 from jaxgrity import InputError, plot
-from jaxgrity.files import read_text, save_json
-from jaxgrity.objectives import UNITS
+from jaxgrity.io.files import read_text, save_json
+from jaxgrity.search.objectives import UNITS
 
 COLUMNS = {
     "verified, m": lambda s: f"{s['distance']:.3f} ± {s['error_bar'] or np.inf:.1g}",

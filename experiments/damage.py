@@ -40,10 +40,10 @@ from jaxgrity import (
     verify,
     with_gait,
 )
-from jaxgrity.files import save_json
-from jaxgrity.ladder import Rung, judge_on, rungs
-from jaxgrity.objectives import with_robots
-from jaxgrity.symmetry import image
+from jaxgrity.io.files import save_json
+from jaxgrity.search.fidelity import Rung, judge_on, rungs
+from jaxgrity.search.objectives import with_robots
+from jaxgrity.model.symmetry import image
 
 NEW = ("library", "gradient", "scratch")
 WAYS = ("as it was", *NEW)

@@ -20,9 +20,9 @@ from matplotlib.figure import Figure
 from tqdm import tqdm
 
 from jaxgrity import Members, Scene, load_scene, plot, simulate, with_gait
-from jaxgrity.files import save_json
-from jaxgrity.friction import SmoothFriction
-from jaxgrity.ground import Ground
+from jaxgrity.io.files import save_json
+from jaxgrity.model.friction import SmoothFriction
+from jaxgrity.model.ground import Ground
 
 FRAME_RATE = 50.0
 

@@ -15,8 +15,8 @@ from matplotlib.figure import Figure
 from tqdm import tqdm
 
 from jaxgrity import Scene, gaits_of, load_scene, plot, random_phases, simulate_population, verify
-from jaxgrity.files import save_json
-from jaxgrity.simulate import settle
+from jaxgrity.io.files import save_json
+from jaxgrity.stepping.simulate import settle
 
 
 @dataclass

@@ -14,12 +14,12 @@ import numpy as np
 from tqdm import tqdm
 
 from jaxgrity import Objective, Scene, diagnose, plot, rolling, simulate_population, standing_symmetries, verify
-from jaxgrity.files import save_arrays, save_json, write_whole
-from jaxgrity.ladder import Rung, Verdict
-from jaxgrity.library import gait_facts
-from jaxgrity.population import as_population
-from jaxgrity.refine import Polished
-from jaxgrity.symmetry import Symmetry, image
+from jaxgrity.io.files import save_arrays, save_json, write_whole
+from jaxgrity.search.fidelity import Rung, Verdict
+from jaxgrity.io.gait_library import gait_facts
+from jaxgrity.rollout.population import as_population
+from jaxgrity.search.polish import Polished
+from jaxgrity.model.symmetry import Symmetry, image
 
 PICTURES = {
     "animation.gif": "settling, then rolling, in real time",

@@ -36,13 +36,13 @@ from jaxgrity import (
     standing_symmetries,
     with_gait,
 )
-from jaxgrity.files import save_arrays
-from jaxgrity.ladder import evolve_up, final_verdict, judge_on, rank_correlation, rungs, searched
-from jaxgrity.objectives import with_robots
-from jaxgrity.refine import Polished, check_polishing
-from jaxgrity.runs import Run, open_run
-from jaxgrity.search import Search, State
-from jaxgrity.simulate import settle
+from jaxgrity.io.files import save_arrays
+from jaxgrity.search.fidelity import evolve_up, final_verdict, judge_on, rank_correlation, rungs, searched
+from jaxgrity.search.objectives import with_robots
+from jaxgrity.search.polish import Polished, check_polishing
+from jaxgrity.search.checkpoint import Run, open_run
+from jaxgrity.search.genetic_algorithm import Search, State
+from jaxgrity.stepping.simulate import settle
 
 UNSEEN = 10**6
 """added to the seed of the last judgement, whose draws nothing was chosen by"""

@@ -20,12 +20,12 @@ from matplotlib.figure import Figure
 from tqdm import tqdm
 
 from jaxgrity import Gait, Scene, gaits_of, load_scene, plot, random_phases
-from jaxgrity.files import save_json
-from jaxgrity.gradients import checkpointed_end, distances
-from jaxgrity.population import discretise_lanes
-from jaxgrity.scene import as_dtype
-from jaxgrity.simulate import Settings as Options
-from jaxgrity.simulate import settle
+from jaxgrity.io.files import save_json
+from jaxgrity.search.gradients import checkpointed_end, distances
+from jaxgrity.rollout.population import discretise_lanes
+from jaxgrity.model.scene import as_dtype
+from jaxgrity.stepping.simulate import Settings as Options
+from jaxgrity.stepping.simulate import settle
 
 Ends = Callable[[Scene, Scene, tuple, float, Options], jax.Array]
 

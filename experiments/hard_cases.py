@@ -21,10 +21,10 @@ from matplotlib.figure import Figure
 from tqdm import tqdm
 
 from jaxgrity import FAILURES, InputError, Trajectory, plot, simulate
-from jaxgrity.diagnostics import refinement_bar
-from jaxgrity.files import save_json, write_whole
-from jaxgrity.methods import METHODS
-from jaxgrity.simulate import refinements, settle
+from jaxgrity.trust.error_bars import refinement_bar
+from jaxgrity.io.files import save_json, write_whole
+from jaxgrity.stepping.methods import METHODS
+from jaxgrity.stepping.simulate import refinements, settle
 
 USEFUL = 1e-2
 """m: a wider error bar says that the number is of no use"""

@@ -7,7 +7,7 @@ from pathlib import Path
 from common import run
 
 from jaxgrity import InputError, load_gait
-from jaxgrity.files import read_text, save_json
+from jaxgrity.io.files import read_text, save_json
 
 KEPT = (
     "scene", "members", "phase", "amplitude", "frequency", "start", "ramp", "overtones", "duration", "objective",

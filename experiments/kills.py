@@ -22,8 +22,8 @@ import numpy as np
 from tqdm import tqdm
 
 from jaxgrity import InputError
-from jaxgrity.files import PART, save_json
-from jaxgrity.runs import load_states
+from jaxgrity.io.files import PART, save_json
+from jaxgrity.search.checkpoint import load_states
 
 
 @dataclass

@@ -17,7 +17,7 @@ from common import configure, run
 from tqdm import tqdm
 
 from jaxgrity import InputError, plot
-from jaxgrity.files import save_json, write_whole
+from jaxgrity.io.files import save_json, write_whole
 
 CLAIMS = (
     "structure_drawn",

@@ -15,7 +15,7 @@ import numpy as np
 from mujoco import rollout
 
 from jaxgrity import Gait, Scene, gaits_of, one_gait
-from jaxgrity.actuation import rest_length
+from jaxgrity.model.actuation import rest_length
 
 RADIUS = 1e-3
 """m, of the spheres that touch the ground, which lies as much lower"""

@@ -22,12 +22,12 @@ from matplotlib.figure import Figure
 from tqdm import tqdm
 
 from jaxgrity import Breeding, Fitness, Genome, InputError, Polishing, Scene, distinct, load_scene, plot, polish, verify
-from jaxgrity.files import read_text, save_json
-from jaxgrity.ladder import Rung, evolve_up, judge_on, rungs, searched
-from jaxgrity.refine import AVERAGED, Kind
-from jaxgrity.stability import default_method, default_step
-from jaxgrity.symmetry import gene_permutations, standing_symmetries
-from jaxgrity.uncertainty import Uncertainty
+from jaxgrity.io.files import read_text, save_json
+from jaxgrity.search.fidelity import Rung, evolve_up, judge_on, rungs, searched
+from jaxgrity.search.polish import AVERAGED, Kind
+from jaxgrity.stepping.stability import default_method, default_step
+from jaxgrity.model.symmetry import gene_permutations, standing_symmetries
+from jaxgrity.rollout.uncertainty import Uncertainty
 
 Method = Literal["random", "CMA-ES", "DE", "GA", "GA+more", "cautious GA", "GA+smoothed", "GA+pathwise", "GA+combined"]
 WEIGHTS = {"exact": (1 / 2,), "reference": (1 / 12.9, 1 / 2)}

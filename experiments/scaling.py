@@ -23,10 +23,10 @@ from tower import tower
 from tqdm import tqdm
 
 from jaxgrity import Scene, gaits_of, load_scene, plot, random_phases, simulate, simulate_population
-from jaxgrity.files import save_json
-from jaxgrity.population import roll_out
-from jaxgrity.scene import as_dtype
-from jaxgrity.simulate import as_inputs, settle
+from jaxgrity.io.files import save_json
+from jaxgrity.rollout.population import roll_out
+from jaxgrity.model.scene import as_dtype
+from jaxgrity.stepping.simulate import as_inputs, settle
 
 METHODS = {"rk4": ("reference", 5e-4), "complementarity": ("exact", 5e-3)}
 """the scene that each is measured on, and its step, s"""

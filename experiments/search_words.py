@@ -4,7 +4,7 @@ import numpy as np
 from speed_words import made_by, table
 
 from jaxgrity import gait_names, gait_record
-from jaxgrity.objectives import UNITS
+from jaxgrity.search.objectives import UNITS
 
 
 def gait_search(facts: dict) -> str:

@@ -27,8 +27,8 @@ from jaxgrity import (
     verify,
     with_gait,
 )
-from jaxgrity.files import load_phases, save_arrays, save_json
-from jaxgrity.simulate import centre_path
+from jaxgrity.io.files import load_phases, save_arrays, save_json
+from jaxgrity.stepping.simulate import centre_path
 
 Result = TypeVar("Result")
 

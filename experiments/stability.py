@@ -18,13 +18,13 @@ from matplotlib.figure import Figure
 from tqdm import tqdm
 
 from jaxgrity import InputError, Scene, load_scene, parse_scene, plot, simulate
-from jaxgrity.dynamics import State
-from jaxgrity.files import save_json
-from jaxgrity.methods import METHODS, Method
-from jaxgrity.scene import as_dtype
-from jaxgrity.simulate import as_inputs, discretise, settle
-from jaxgrity.stability import limiting_part, stable_step, standing, strictest
-from jaxgrity.vibration import equilibrium
+from jaxgrity.stepping.dynamics import State
+from jaxgrity.io.files import save_json
+from jaxgrity.stepping.methods import METHODS, Method
+from jaxgrity.model.scene import as_dtype
+from jaxgrity.stepping.simulate import as_inputs, discretise, settle
+from jaxgrity.stepping.stability import limiting_part, stable_step, standing, strictest
+from jaxgrity.model.modal import equilibrium
 
 FACTORS = np.concatenate([np.linspace(0.5, 0.84, 4), np.arange(0.86, 1.16, 0.02), np.linspace(1.2, 2.0, 5)])
 """steps tried, as multiples of the prediction"""

@@ -16,8 +16,8 @@ from matplotlib.figure import Figure
 from tqdm import tqdm
 
 from jaxgrity import FAILURES, Scene, load_scene, plot, simulate
-from jaxgrity.files import save_json
-from jaxgrity.simulate import centre_path
+from jaxgrity.io.files import save_json
+from jaxgrity.stepping.simulate import centre_path
 
 METHODS = ("tsit5", "kvaerno3", "kvaerno5")
 

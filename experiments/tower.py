@@ -3,8 +3,8 @@
 import numpy as np
 
 from jaxgrity import Gait, Members, Scene, Structure
-from jaxgrity.friction import ConeFriction, SmoothFriction
-from jaxgrity.ground import Ground
+from jaxgrity.model.friction import ConeFriction, SmoothFriction
+from jaxgrity.model.ground import Ground
 
 RADIUS, HEIGHT, GAP = 0.3, 0.6, 0.05
 """m"""

@@ -14,9 +14,9 @@ from hard_cases import Cell, markdown
 from search_words import damage, gait_search, gaits_table, kills, library, rivals
 from speed_words import benchmark, compiled, gradients, made_by, million, scaling, start_up, table
 
-from jaxgrity.files import save_json, write_whole
-from jaxgrity.methods import METHODS
-from jaxgrity.structure import InputError
+from jaxgrity.io.files import save_json, write_whole
+from jaxgrity.stepping.methods import METHODS
+from jaxgrity.core.errors import InputError
 
 ROOT = Path(__file__).parents[1]
 

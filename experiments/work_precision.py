@@ -21,8 +21,8 @@ from matplotlib.figure import Figure
 from tqdm import tqdm
 
 from jaxgrity import Gait, InputError, Outcomes, Scene, gaits_of, load_scene, plot, random_phases, simulate_population
-from jaxgrity.files import save_json
-from jaxgrity.methods import METHODS
+from jaxgrity.io.files import save_json
+from jaxgrity.stepping.methods import METHODS
 
 STEPS = {
     "rk4": (2e-3, 1e-3, 5e-4, 2e-4, 1e-4, 5e-5),

@@ -43,7 +43,7 @@ def scenes():
 @pytest.fixture(scope="session")
 def reference():
     """The robot of scenes/reference.toml: every term but the Coulomb switch."""
-    from jaxgrity.scenefile import load_scene
+    from jaxgrity.io.scene_files import load_scene
 
     return load_scene(SCENES / "reference.toml")
 
@@ -51,7 +51,7 @@ def reference():
 @pytest.fixture(scope="session")
 def exact():
     """The same robot with rigid struts, exact contact and Coulomb's cone: scenes/exact.toml."""
-    from jaxgrity.scenefile import load_scene
+    from jaxgrity.io.scene_files import load_scene
 
     return load_scene(SCENES / "exact.toml")
 

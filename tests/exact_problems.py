@@ -11,11 +11,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxgrity.actuation import Gait
-from jaxgrity.friction import SmoothFriction, SwitchFriction
-from jaxgrity.ground import Ground
-from jaxgrity.scene import Scene
-from jaxgrity.structure import Members, Structure
+from jaxgrity.model.actuation import Gait
+from jaxgrity.model.friction import SmoothFriction, SwitchFriction
+from jaxgrity.model.ground import Ground
+from jaxgrity.model.scene import Scene
+from jaxgrity.model.structure import Members, Structure
 
 G = 9.81
 PAIR = ((0, 1),)

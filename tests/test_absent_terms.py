@@ -13,12 +13,12 @@ import jax
 import numpy as np
 import pytest
 
-from jaxgrity.actuation import Gait
-from jaxgrity.dynamics import vector_field
-from jaxgrity.friction import SmoothFriction, SwitchFriction
-from jaxgrity.ground import Ground
-from jaxgrity.scene import Scene
-from jaxgrity.structure import Members, Structure
+from jaxgrity.model.actuation import Gait
+from jaxgrity.stepping.dynamics import vector_field
+from jaxgrity.model.friction import SmoothFriction, SwitchFriction
+from jaxgrity.model.ground import Ground
+from jaxgrity.model.scene import Scene
+from jaxgrity.model.structure import Members, Structure
 
 # Numbers of nodes, struts and cables differ, so that a shape says what an equation is about; the ground is inclined,
 # so that its normal is not the direction of gravity.

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from jaxgrity import with_gait
-from jaxgrity.audit import energy_audit
-from jaxgrity.friction import SwitchFriction
-from jaxgrity.scene import Scene
+from jaxgrity.trust.energy_audit import energy_audit
+from jaxgrity.model.friction import SwitchFriction
+from jaxgrity.model.scene import Scene
 
 
 @pytest.fixture(scope="module")

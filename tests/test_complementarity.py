@@ -19,13 +19,13 @@ from jaxgrity import (
     verify,
     with_gait,
 )
-from jaxgrity.actuation import rest_length
-from jaxgrity.constraints import groups, prepare, sweep
-from jaxgrity.friction import ConeFriction
-from jaxgrity.ground import Ground
-from jaxgrity.scene import Scene, as_dtype
-from jaxgrity.simulate import FAILURES, integrate, settle
-from jaxgrity.structure import Members, Structure, edge_lengths
+from jaxgrity.model.actuation import rest_length
+from jaxgrity.stepping.constraints import groups, prepare, sweep
+from jaxgrity.model.friction import ConeFriction
+from jaxgrity.model.ground import Ground
+from jaxgrity.model.scene import Scene, as_dtype
+from jaxgrity.stepping.simulate import FAILURES, integrate, settle
+from jaxgrity.model.structure import Members, Structure, edge_lengths
 
 SCENES = Path(__file__).parents[1] / "experiments" / "scenes"
 G = 9.81

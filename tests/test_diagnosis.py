@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from jaxgrity import diagnose, simulate
-from jaxgrity.dynamics import momentum
-from jaxgrity.files import save_json
-from jaxgrity.scene import Scene
-from jaxgrity.structure import Members, Structure
+from jaxgrity.stepping.dynamics import momentum
+from jaxgrity.io.files import save_json
+from jaxgrity.model.scene import Scene
+from jaxgrity.model.structure import Members, Structure
 
 
 @pytest.fixture(scope="module")

@@ -9,11 +9,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from jaxgrity.dynamics import acceleration
-from jaxgrity.friction import SmoothFriction, SwitchFriction, slip_dissipation, switch_force
-from jaxgrity.ground import Ground, contact_dissipation, normal_force, signed_distance
-from jaxgrity.scene import Scene
-from jaxgrity.structure import Members, Structure
+from jaxgrity.stepping.dynamics import acceleration
+from jaxgrity.model.friction import SmoothFriction, SwitchFriction, slip_dissipation, switch_force
+from jaxgrity.model.ground import Ground, contact_dissipation, normal_force, signed_distance
+from jaxgrity.model.scene import Scene
+from jaxgrity.model.structure import Members, Structure
 
 EDGES = ((0, 1), (2, 3), (4, 0), (1, 3))
 DAMPING = np.array([1.0, 5.0, 20.0, 0.5])

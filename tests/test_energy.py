@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from jaxgrity import energy as energies
-from jaxgrity.energy import gravity_energy, potential_energy
-from jaxgrity.ground import Ground, contact_energy, signed_distance
-from jaxgrity.primitives import edge_vectors
-from jaxgrity.structure import Members
+from jaxgrity.model.energy import gravity_energy, potential_energy
+from jaxgrity.model.ground import Ground, contact_energy, signed_distance
+from jaxgrity.core.primitives import edge_vectors
+from jaxgrity.model.structure import Members
 
 NODES = 5
 EDGES = ((0, 1), (2, 3), (4, 0), (1, 3))

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from exact_problems import PROBLEMS, Problem
 
-from jaxgrity.methods import METHODS
-from jaxgrity.simulate import Settings, integrate, settle
-from jaxgrity.structure import InputError
+from jaxgrity.stepping.methods import METHODS
+from jaxgrity.stepping.simulate import Settings, integrate, settle
+from jaxgrity.core.errors import InputError
 
 FRAMES = 5
 # What an adaptive method may err in a step, m and m/s: kvaerno3 would need very many steps for 1e-10.

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from jaxgrity import InputError
-from jaxgrity.files import load_phases, save_arrays, save_json, write_whole
+from jaxgrity.io.files import load_phases, save_arrays, save_json, write_whole
 
 
 def test_phases_from_csv(tmp_path):

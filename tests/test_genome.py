@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jaxgrity import Gait, Genome, InputError, gene_permutations, standing_symmetries
-from jaxgrity.actuation import Overtone, contraction
+from jaxgrity.model.actuation import Overtone, contraction
 
 FULL = Genome(
     3, amplitude=(0.1, 0.3), frequency=(0.2, 1.0), overtones=2, active=2, images=((0, 1, 2), (1, 2, 0), (2, 0, 1))

@@ -6,8 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxgrity.dynamics import centre_of_mass
-from jaxgrity.simulate import integrate, settle, simulate
+from jaxgrity.stepping.dynamics import centre_of_mass
+from jaxgrity.stepping.simulate import integrate, settle, simulate
 
 DT = 5e-4
 # (where in the scene, name): each is varied by a factor, so that all derivatives are metres.

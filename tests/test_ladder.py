@@ -20,9 +20,9 @@ from jaxgrity import (
     Uncertainty,
     twin,
 )
-from jaxgrity.friction import ConeFriction
-from jaxgrity.ground import Ground
-from jaxgrity.ladder import (
+from jaxgrity.model.friction import ConeFriction
+from jaxgrity.model.ground import Ground
+from jaxgrity.search.fidelity import (
     Rung,
     evolve_up,
     final_verdict,
@@ -32,7 +32,7 @@ from jaxgrity.ladder import (
     searched,
     with_robots,
 )
-from jaxgrity.stability import default_method, default_step
+from jaxgrity.stepping.stability import default_method, default_step
 
 SLOPE = 0.1
 STROKES = Gait((0,), [-np.pi / 2], [0.3], [1.0], start=0.0, ramp=0.25)

@@ -9,14 +9,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tower import tower
 
-from jaxgrity.actuation import Gait
-from jaxgrity.dynamics import vector_field
-from jaxgrity.population import in_lanes, most_lanes, over_lanes
-from jaxgrity.primitives import accumulate, edge_vectors, take_rows
-from jaxgrity.scene import as_dtype, with_gait
-from jaxgrity.simulate import settle, simulate
-from jaxgrity.stability import default_method, default_step
-from jaxgrity.structure import member_vectors, onto_nodes
+from jaxgrity.model.actuation import Gait
+from jaxgrity.stepping.dynamics import vector_field
+from jaxgrity.rollout.population import in_lanes, most_lanes, over_lanes
+from jaxgrity.core.primitives import accumulate, edge_vectors, take_rows
+from jaxgrity.model.scene import as_dtype, with_gait
+from jaxgrity.stepping.simulate import settle, simulate
+from jaxgrity.stepping.stability import default_method, default_step
+from jaxgrity.model.structure import member_vectors, onto_nodes
 
 NODES = 6
 pairs = st.tuples(st.integers(0, NODES - 1), st.integers(0, NODES - 1)).filter(lambda pair: pair[0] != pair[1])

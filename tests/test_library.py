@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from jaxgrity import Gait, InputError, gait_names, gait_record, load_gait, load_scene, verify, with_gait
-from jaxgrity.actuation import Overtone
-from jaxgrity.files import save_json
-from jaxgrity.library import gait_facts
-from jaxgrity.population import as_population
+from jaxgrity.model.actuation import Overtone
+from jaxgrity.io.files import save_json
+from jaxgrity.io.gait_library import gait_facts
+from jaxgrity.rollout.population import as_population
 
 
 @pytest.mark.parametrize("name", gait_names())

@@ -8,9 +8,9 @@ import pytest
 
 from jaxgrity import Gait, InputError, Members, Scene, Structure, energy_audit, gaits_of, one_gait, random_phases
 from jaxgrity import simulate_population as roll
-from jaxgrity.ground import Ground
-from jaxgrity.meter import WINDOW, nothing, read
-from jaxgrity.scene import as_dtype, with_gait
+from jaxgrity.model.ground import Ground
+from jaxgrity.rollout.metrics import WINDOW, nothing, read
+from jaxgrity.model.scene import as_dtype, with_gait
 
 G, CARRIED = 9.81, 2.0
 STEP = 1e-2

@@ -6,12 +6,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxgrity.dynamics import angular_momentum, kinetic_energy, mechanical_energy, momentum, vector_field
-from jaxgrity.methods import METHODS
-from jaxgrity.scene import Scene, as_dtype
-from jaxgrity.simulate import FAILURES, Settings, as_inputs, integrate, settle, simulate
-from jaxgrity.stability import default_step, stable_step, standing
-from jaxgrity.structure import InputError, Members, Structure
+from jaxgrity.stepping.dynamics import angular_momentum, kinetic_energy, mechanical_energy, momentum, vector_field
+from jaxgrity.stepping.methods import METHODS
+from jaxgrity.model.scene import Scene, as_dtype
+from jaxgrity.stepping.simulate import FAILURES, Settings, as_inputs, integrate, settle, simulate
+from jaxgrity.stepping.stability import default_step, stable_step, standing
+from jaxgrity.core.errors import InputError
+from jaxgrity.model.structure import Members, Structure
 
 T = 0.1
 

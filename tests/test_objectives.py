@@ -25,9 +25,9 @@ from jaxgrity import (
     simulate_population,
     with_gait,
 )
-from jaxgrity.ladder import Rung, judge_on
-from jaxgrity.meter import Meters
-from jaxgrity.objectives import body_length
+from jaxgrity.search.fidelity import Rung, judge_on
+from jaxgrity.rollout.metrics import Meters
+from jaxgrity.search.objectives import body_length
 
 MOVED = np.array([[3.0, 4.0, 7.0], [-0.6, 0.8, 0.0], [0.0, -2.0, 1.0]])
 """m, of three robots; the last fails"""

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from jaxgrity import Gait, InputError, gaits_of, one_gait, random_phases, simulate, simulate_population, with_gait
-from jaxgrity.dynamics import vector_field
-from jaxgrity.population import in_lanes, over_lanes
-from jaxgrity.scene import as_dtype
-from jaxgrity.scenefile import parse_scene
+from jaxgrity.stepping.dynamics import vector_field
+from jaxgrity.rollout.population import in_lanes, over_lanes
+from jaxgrity.model.scene import as_dtype
+from jaxgrity.io.scene_files import parse_scene
 
 SCENE = Path(__file__).parents[1] / "experiments" / "scenes" / "reference.toml"
 ANSWERS = json.loads((Path(__file__).parent / "data" / "reference_answers.json").read_text())

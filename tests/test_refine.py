@@ -20,8 +20,8 @@ from jaxgrity import (
     simulate_population,
     verify,
 )
-from jaxgrity.diagnostics import Sensitivity
-from jaxgrity.gradients import (
+from jaxgrity.trust.error_bars import Sensitivity
+from jaxgrity.search.gradients import (
     Gradient,
     Task,
     combine,
@@ -31,9 +31,9 @@ from jaxgrity.gradients import (
     smoothed_gradient,
     utilities,
 )
-from jaxgrity.refine import check_polishing
-from jaxgrity.scene import as_dtype
-from jaxgrity.simulate import settle
+from jaxgrity.search.polish import check_polishing
+from jaxgrity.model.scene import as_dtype
+from jaxgrity.stepping.simulate import settle
 
 
 def test_reverse_mode_gradient_is_the_derivative(reference):

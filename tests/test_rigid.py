@@ -5,10 +5,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxgrity.dynamics import kinetic_energy as kinetic_energy_of_nodes
-from jaxgrity.rigid import end_positions, end_velocities, inertia, kinetic_energy
-from jaxgrity.scene import Scene
-from jaxgrity.structure import Structure
+from jaxgrity.stepping.dynamics import kinetic_energy as kinetic_energy_of_nodes
+from jaxgrity.model.rigid_body import end_positions, end_velocities, inertia, kinetic_energy
+from jaxgrity.model.scene import Scene
+from jaxgrity.model.structure import Structure
 
 
 def cross_matrix(w):

@@ -9,11 +9,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from jaxgrity import InputError, simulate, with_gait
-from jaxgrity.ground import Ground
-from jaxgrity.rolling import Rolling, faces, rolling
-from jaxgrity.scene import Scene
-from jaxgrity.simulate import Trajectory
-from jaxgrity.structure import Structure
+from jaxgrity.model.ground import Ground
+from jaxgrity.rollout.rolling import Rolling, faces, rolling
+from jaxgrity.model.scene import Scene
+from jaxgrity.stepping.simulate import Trajectory
+from jaxgrity.model.structure import Structure
 
 BODY = np.sqrt(5) / 2
 """m, from one node of the icosahedron to the one opposite"""

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from jaxgrity import Breeding, Genome, InputError
-from jaxgrity.runs import load_states, open_run
-from jaxgrity.search import Generation, State, begin
+from jaxgrity.search.checkpoint import load_states, open_run
+from jaxgrity.search.genetic_algorithm import Generation, State, begin
 
 SETTINGS = {"scene": Path("robot.toml"), "bounds": (0.1, 0.3), "seed": 3, "dt": None}
 GENOME, BREEDING = Genome(3), Breeding(population=4, elites=1)

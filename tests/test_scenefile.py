@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from jaxgrity import InputError, load_scene, parse_scene
-from jaxgrity.actuation import contraction, rest_length
-from jaxgrity.friction import ConeFriction, SmoothFriction, SwitchFriction
-from jaxgrity.structure import edge_lengths
+from jaxgrity.model.actuation import contraction, rest_length
+from jaxgrity.model.friction import ConeFriction, SmoothFriction, SwitchFriction
+from jaxgrity.model.structure import edge_lengths
 
 SCENE = Path(__file__).parents[1] / "experiments" / "scenes" / "reference.toml"
 TEXT = SCENE.read_text()

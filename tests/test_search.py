@@ -20,8 +20,8 @@ from jaxgrity import (
     gene_permutations,
     standing_symmetries,
 )
-from jaxgrity.runs import open_run
-from jaxgrity.search import Generation, begin, breed
+from jaxgrity.search.checkpoint import open_run
+from jaxgrity.search.genetic_algorithm import Generation, begin, breed
 
 SMALL = Breeding(population=12, generations=3, elites=2)
 QUICK = {"dt": 1e-2, "dtype": "float32"}

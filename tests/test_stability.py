@@ -6,11 +6,11 @@ import pytest
 from stability import at_rest, measure, random_scene
 
 from jaxgrity import InputError, Members, Scene, Structure, simulate, with_gait
-from jaxgrity.friction import ConeFriction
-from jaxgrity.ground import Ground
-from jaxgrity.methods import METHODS
-from jaxgrity.simulate import settle
-from jaxgrity.stability import limiting_part, linearise, stable_step, standing, strictest
+from jaxgrity.model.friction import ConeFriction
+from jaxgrity.model.ground import Ground
+from jaxgrity.stepping.methods import METHODS
+from jaxgrity.stepping.simulate import settle
+from jaxgrity.stepping.stability import limiting_part, linearise, stable_step, standing, strictest
 
 
 @pytest.mark.parametrize(("number", "rigid"), [(100, False), (101, False), (102, True), (103, False), (103, True)])

@@ -10,8 +10,8 @@ import pytest
 from tower import tower
 
 from jaxgrity import Gait, InputError, Structure, simulate_population
-from jaxgrity.scenefile import parse_scene
-from jaxgrity.symmetry import gene_permutations, image, standing_symmetries, symmetries
+from jaxgrity.io.scene_files import parse_scene
+from jaxgrity.model.symmetry import gene_permutations, image, standing_symmetries, symmetries
 
 SCENES = Path(__file__).parents[1] / "experiments" / "scenes"
 

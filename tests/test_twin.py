@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from jaxgrity import InputError, twin
-from jaxgrity.friction import ConeFriction, SmoothFriction, SwitchFriction
-from jaxgrity.twin import exact_twin, penalty_twin
+from jaxgrity.model.friction import ConeFriction, SmoothFriction, SwitchFriction
+from jaxgrity.model.contact_twin import exact_twin, penalty_twin
 
 
 def changed(scene, *parts):

@@ -24,13 +24,13 @@ from jaxgrity import (
     simulate_population,
     with_gait,
 )
-from jaxgrity.dynamics import acceleration, vector_field
-from jaxgrity.friction import ConeFriction, SwitchFriction
-from jaxgrity.ground import Ground
-from jaxgrity.population import in_lanes, lanes_last, one_gait, over_lanes
-from jaxgrity.scene import as_dtype
-from jaxgrity.scenefile import parse_scene
-from jaxgrity.structure import edge_lengths
+from jaxgrity.stepping.dynamics import acceleration, vector_field
+from jaxgrity.model.friction import ConeFriction, SwitchFriction
+from jaxgrity.model.ground import Ground
+from jaxgrity.rollout.population import in_lanes, lanes_last, one_gait, over_lanes
+from jaxgrity.model.scene import as_dtype
+from jaxgrity.io.scene_files import parse_scene
+from jaxgrity.model.structure import edge_lengths
 
 SCENES = Path(__file__).parents[1] / "experiments" / "scenes"
 DOUBTS = Uncertainty(0.2, 0.1, 0.3, 0.15, 0.25, 0.05, 0.12)

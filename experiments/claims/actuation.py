@@ -5,8 +5,8 @@ from matplotlib.figure import Figure
 
 from claims.report import PROGRAM, REFERENCE, TEXT, Report, Row, scenes, significant, verdict
 from jaxgrity import Gait, Scene, gaits_of, simulate, simulate_population, with_gait
-from jaxgrity.actuation import random_members
-from jaxgrity.simulate import centre_path
+from jaxgrity.model.actuation import random_members
+from jaxgrity.stepping.simulate import centre_path
 
 FREQUENCIES = (0.5, 0.25, 0.125, 0.0625, 0.03125)
 """Hz"""

@@ -5,7 +5,7 @@ from matplotlib.figure import Figure
 
 from claims.report import REFERENCE, Report, Row, scenes, verdict
 from jaxgrity import Scene, Trajectory, plot, simulate
-from jaxgrity.simulate import centre_path
+from jaxgrity.stepping.simulate import centre_path
 
 STEP = 5e-4
 MOMENT = 8.0

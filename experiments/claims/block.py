@@ -6,10 +6,10 @@ from matplotlib.figure import Figure
 
 from claims.report import Report, Row, significant, verdict
 from jaxgrity import Scene, Structure, simulate
-from jaxgrity.dynamics import pressing_force, smooth_force, switched_friction
-from jaxgrity.friction import ConeFriction, Friction, SmoothFriction, SwitchFriction
-from jaxgrity.ground import Ground
-from jaxgrity.types import NodeVectors
+from jaxgrity.stepping.dynamics import pressing_force, smooth_force, switched_friction
+from jaxgrity.model.friction import ConeFriction, Friction, SmoothFriction, SwitchFriction
+from jaxgrity.model.ground import Ground
+from jaxgrity.core.types import NodeVectors
 
 MU, G, K_N, DISSIPATION = 0.8, 9.81, 1e5, 2.0
 STEP, DURATION = 1e-3, 5.0

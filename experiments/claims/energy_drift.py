@@ -5,7 +5,7 @@ from matplotlib.figure import Figure
 
 from claims.report import PROGRAM, REFERENCE, TEXT, Report, Row, scenes, significant, verdict, without
 from jaxgrity import FAILURES, Scene, energy_audit, simulate
-from jaxgrity.audit import EnergyAudit
+from jaxgrity.trust.energy_audit import EnergyAudit
 
 STEP = 1e-3
 CONSERVATIVE_STEP = 5e-4

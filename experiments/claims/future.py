@@ -6,8 +6,8 @@ from matplotlib.figure import Figure
 from claims.block import LAWS, slide
 from claims.report import CONDITIONAL, FAILS, HOLDS, REFERENCE, Report, Row, scenes, significant
 from jaxgrity import random_phases, sensitivity, simulate_population
-from jaxgrity.ground import Ground
-from jaxgrity.population import gaits_of
+from jaxgrity.model.ground import Ground
+from jaxgrity.rollout.population import gaits_of
 
 
 def check(quick: bool) -> Report:

@@ -6,10 +6,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from claims.report import Report, Row, verdict
-from jaxgrity.energy import cable_energy, strut_energy
-from jaxgrity.ground import Ground, contact_energy, signed_distance
-from jaxgrity.primitives import edge_vectors
-from jaxgrity.structure import Members
+from jaxgrity.model.energy import cable_energy, strut_energy
+from jaxgrity.model.ground import Ground, contact_energy, signed_distance
+from jaxgrity.core.primitives import edge_vectors
+from jaxgrity.model.structure import Members
 
 K, L0 = 2e4, 0.8
 EDGE = ((0, 1),)

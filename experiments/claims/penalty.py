@@ -17,7 +17,7 @@ from claims.report import (
     without,
 )
 from jaxgrity import Scene, Structure, simulate
-from jaxgrity.ground import Ground
+from jaxgrity.model.ground import Ground
 
 STIFFNESSES = (1e3, 1e4, 1e5, 1e6, 1e7)
 """k_n, N/m"""

@@ -9,9 +9,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from jaxgrity import Scene, load_scene
-from jaxgrity.friction import ConeFriction, SwitchFriction
-from jaxgrity.ground import Ground
-from jaxgrity.structure import Members, Structure
+from jaxgrity.model.friction import ConeFriction, SwitchFriction
+from jaxgrity.model.ground import Ground
+from jaxgrity.model.structure import Members, Structure
 
 HOLDS, CONDITIONAL, FAILS = "holds", "holds with a condition", "does not hold"
 

@@ -8,8 +8,8 @@ from matplotlib.figure import Figure
 
 from claims.report import PROGRAM, REFERENCE, TEXT, Report, Row, scenes, significant, stiffened, verdict, without
 from jaxgrity import Scene, simulate
-from jaxgrity.rigid import end_velocities, inertia
-from jaxgrity.structure import edge_lengths
+from jaxgrity.model.rigid_body import end_velocities, inertia
+from jaxgrity.model.structure import edge_lengths
 
 STIFFNESSES = (1e4, 1e5, 1e6, 1e7)
 DURATION = 0.5

@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 
 from claims.report import PROGRAM, REFERENCE, TEXT, Report, Row, scenes, significant, verdict
 from jaxgrity import Scene, simulate
-from jaxgrity.dynamics import vector_field
+from jaxgrity.stepping.dynamics import vector_field
 
 STEP = 5e-4
 

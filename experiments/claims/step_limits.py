@@ -6,7 +6,7 @@ from stability import at_rest, measure
 
 from claims.report import PROGRAM, REFERENCE, TEXT, Report, Row, scenes, significant, stiffened, verdict, without
 from jaxgrity import energy_audit, stable_step
-from jaxgrity.methods import METHODS
+from jaxgrity.stepping.methods import METHODS
 
 STIFFNESSES = (1e5, 2e5, 5e5, 1e6)
 """K of the struts, N/m"""

@@ -1,0 +1,244 @@
+"""The few linear and bilinear maps that U and R are made of, as JAX primitives that keep the population last.
+
+JAX's own batching rules move a mapped axis to the front, where the inner loops over xyz and the gathers of a CPU
+program cannot be vectorised. The primitives here have jvp, transpose and batching rules that leave it last in memory,
+so that energies written for one robot stay fast under plain `jax.vmap(..., in_axes=-1, out_axes=-1)` and `jax.grad`.
+The rest of a scene's arithmetic is elementwise, and keeps the layout by itself as long as no operand is an array
+without the population axis (`population.py` sees to that).
+"""
+
+from collections.abc import Callable
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.extend.core import Primitive
+from jax.interpreters import ad, batching, mlir
+
+from jaxgrity.core.types import AnyRows, Edges, MemberVectors, NodeVectors, PerMember, Rows, Scalar
+
+
+def _primitive(name: str, implementation: Callable) -> Primitive:
+    primitive = Primitive(name)
+    primitive.def_impl(implementation)
+
+    def abstract(*arrays, **static):
+        shapes = [jax.ShapeDtypeStruct(a.shape, a.dtype) for a in arrays]
+        out = jax.eval_shape(lambda *xs: implementation(*xs, **static), *shapes)
+        return jax.core.ShapedArray(out.shape, out.dtype)
+
+    def batch(arrays, axes, **static):
+        size = next(a.shape[axis] for a, axis in zip(arrays, axes) if axis is not None)
+        last = [
+            jnp.broadcast_to(a[..., None], (*a.shape, size)) if axis is None else jnp.moveaxis(a, axis, -1)
+            for a, axis in zip(arrays, axes)
+        ]
+        out = primitive.bind(*last, **static)
+        return out, out.ndim - 1
+
+    primitive.def_abstract_eval(abstract)
+    batching.primitive_batchers[primitive] = batch
+    mlir.register_lowering(primitive, mlir.lower_fun(implementation, multiple_results=False))
+    return primitive
+
+
+def _linear_pair(forward: Primitive, transposed: Primitive) -> None:
+    ad.deflinear2(forward, lambda ct, _, **static: [transposed.bind(ct, **static)])
+    ad.deflinear2(transposed, lambda ct, _, **static: [forward.bind(ct, **static)])
+
+
+def _ends(edges: Edges) -> tuple[np.ndarray, np.ndarray]:
+    i, j = np.asarray(edges, int).reshape(-1, 2).T
+    return i, j
+
+
+def _difference(x, *, edges, nodes):
+    i, j = _ends(edges)
+    return x[i] - x[j]
+
+
+def _accumulate(f, *, edges, nodes):
+    given: list[list[tuple[int, int]]] = [[] for _ in range(nodes)]
+    for k, (i, j) in enumerate(zip(*_ends(edges))):
+        given[i].append((k, 1))
+        given[j].append((k, -1))
+    return _gather(f, given)
+
+
+def _gather(x, given):
+    """Row n of the result is the sum of sign·x[k] over the (k, sign) in given[n].
+
+    No scatter: they are slow on GPUs, and keep a CPU's loop from being one kernel. Every row takes as many terms as the
+    one with the most, so a hub that many members meet at makes all nodes pay.
+    """
+    most = max(map(len, given))
+    table = np.array([rows + [(0, 0)] * (most - len(rows)) for rows in given]).swapaxes(0, 1)
+    signs = table[..., 1].astype(x.dtype).reshape(most, len(given), *[1] * (x.ndim - 1))
+    return sum(x[rows] * sign for rows, sign in zip(table[..., 0], signs))
+
+
+def _component(x, *, direction):
+    return sum(x[:, k] if n == 1 else n * x[:, k] for k, n in enumerate(direction) if n)
+
+
+def _extend(s, *, direction):
+    axis = jax.lax.broadcasted_iota(jnp.int32, (1, 3, *[1] * (s.ndim - 1)), 1)
+    return sum(jnp.where(axis == k, n * s[:, None], 0) for k, n in enumerate(direction) if n)
+
+
+def _take(x, *, rows, size):
+    return x[rows[0] : rows[-1] + 1] if _adjacent(rows) else x[np.asarray(rows)]
+
+
+def _place(x, *, rows, size):
+    if _adjacent(rows):
+        return jnp.pad(x, [(rows[0], size - rows[-1] - 1)] + [(0, 0)] * (x.ndim - 1))
+    given: list[list[tuple[int, int]]] = [[] for _ in range(size)]
+    for k, row in enumerate(rows):
+        given[row].append((k, 1))
+    return _gather(x, given)
+
+
+def _adjacent(rows):
+    return rows == tuple(range(rows[0], rows[-1] + 1))
+
+
+_difference_p = _primitive("edge_difference", _difference)
+_accumulate_p = _primitive("edge_accumulate", _accumulate)
+_component_p = _primitive("component", _component)
+_extend_p = _primitive("extend", _extend)
+_take_p = _primitive("take_rows", _take)
+_place_p = _primitive("place_rows", _place)
+_dot_p = _primitive("dot", lambda a, b: a[:, 0] * b[:, 0] + a[:, 1] * b[:, 1] + a[:, 2] * b[:, 2])
+_scale_p = _primitive("scale", lambda a, s: a * s[:, None])
+_inner_p = _primitive("inner", lambda a, b: jnp.sum(a * b, axis=0))
+_weigh_p = _primitive("weigh", lambda a, s: a * s)
+
+_linear_pair(_difference_p, _accumulate_p)
+_linear_pair(_component_p, _extend_p)
+_linear_pair(_take_p, _place_p)
+ad.defbilinear(_dot_p, lambda ct, a, b: _scale_p.bind(b, ct), lambda ct, a, b: _scale_p.bind(a, ct))
+ad.defbilinear(_scale_p, lambda ct, a, s: _scale_p.bind(ct, s), lambda ct, a, s: _dot_p.bind(ct, a))
+ad.defbilinear(_inner_p, lambda ct, a, b: _weigh_p.bind(b, ct), lambda ct, a, b: _weigh_p.bind(a, ct))
+ad.defbilinear(_weigh_p, lambda ct, a, s: _weigh_p.bind(ct, s), lambda ct, a, s: _inner_p.bind(ct, a))
+
+
+def edge_vectors(x: NodeVectors, edges: Edges) -> MemberVectors:
+    """x_i - x_j for each edge (i, j). Its transpose sums member forces onto the nodes."""
+    return _difference_p.bind(x, edges=edges, nodes=x.shape[0])
+
+
+def accumulate(f: MemberVectors, edges: Edges, nodes: int) -> NodeVectors:
+    """The transpose of `edge_vectors`: adds f_k to the first node of edge k, and takes it from the second."""
+    return _accumulate_p.bind(f, edges=edges, nodes=nodes)
+
+
+def component(x: NodeVectors, direction: tuple[float, float, float]) -> PerMember:
+    """n·x for each row of `x`, along one constant direction n."""
+    return _component_p.bind(x, direction=direction)
+
+
+def along(s: PerMember, direction: tuple[float, float, float]) -> NodeVectors:
+    """s n for each entry of `s`: vectors along one constant direction n."""
+    return _extend_p.bind(s, direction=direction)
+
+
+def take_rows(x: AnyRows, rows: tuple[int, ...]) -> Rows:
+    """The chosen rows of `x`, each as often as it is chosen."""
+    return _take_p.bind(x, rows=rows, size=x.shape[0])
+
+
+def place_rows(x: Rows, rows: tuple[int, ...], size: int) -> AnyRows:
+    """The transpose of `take_rows`: `size` rows, each the sum of those rows of `x` that are placed there."""
+    return _place_p.bind(x, rows=rows, size=size)
+
+
+def dot(a: MemberVectors, b: MemberVectors) -> PerMember:
+    """a·b, row by row."""
+    return _dot_p.bind(a, b)
+
+
+def scale(a: MemberVectors, s: PerMember) -> MemberVectors:
+    """s a, row by row."""
+    return _scale_p.bind(a, s)
+
+
+def inner(a: PerMember, b: PerMember) -> Scalar:
+    """sum_k a_k b_k, the sum over members or nodes that makes an energy of its parts."""
+    return _inner_p.bind(a, b)
+
+
+@jax.custom_jvp
+def half_squares(k: PerMember | Scalar, x: PerMember) -> Scalar:
+    """sum k x^2/2 over members or nodes. Its derivative is one product, not two that are the same."""
+    return inner(k * x, x) / 2
+
+
+@half_squares.defjvp
+def _half_squares_jvp(primals, tangents):
+    (k, x), (k_dot, x_dot) = primals, tangents
+    return half_squares(k, x), inner(k * x, x_dot) + inner(jnp.broadcast_to(k_dot, x.shape), x * x) / 2
+
+
+@jax.custom_jvp
+def norm_squared(x: MemberVectors) -> PerMember:
+    """|x|^2, row by row."""
+    return dot(x, x)
+
+
+@norm_squared.defjvp
+def _norm_squared_jvp(primals, tangents):
+    (x,), (x_dot,) = primals, tangents
+    return norm_squared(x), dot(x + x, x_dot)
+
+
+@jax.custom_jvp
+def root(x: PerMember) -> PerMember:
+    """The square root of x > 0. Its derivative is a quotient, which XLA keeps (see `over`)."""
+    return jnp.sqrt(x)
+
+
+@root.defjvp
+def _root_jvp(primals, tangents):
+    (x,), (x_dot,) = primals, tangents
+    value = root(x)
+    return value, x_dot / (value + value)
+
+
+@jax.custom_jvp
+def length(d: MemberVectors) -> PerMember:
+    """|d|, row by row. Its derivative at d = 0, where none exists, is taken as 0."""
+    return jnp.sqrt(dot(d, d))
+
+
+@length.defjvp
+def _length_jvp(primals, tangents):
+    (d,), (d_dot,) = primals, tangents
+    value = length(d)
+    return value, over(dot(d, d_dot), value)
+
+
+def over(a: PerMember, b: PerMember) -> PerMember:
+    """a/b, and a where b = 0, with finite derivatives there.
+
+    A division, not a product with 1/b: XLA keeps its result, where it would compute a product anew for each use.
+    """
+    return a / (b + (b == 0).astype(b.dtype))
+
+
+def inverse(x: PerMember) -> PerMember:
+    """1/x for x > 0, and 0 at x = 0, with a finite derivative there."""
+    positive = (x > 0).astype(x.dtype)
+    return positive / (x + (1 - positive))
+
+
+@jax.custom_jvp
+def positive_part(x: PerMember) -> PerMember:
+    """max(0, x), with derivative 0 at x = 0."""
+    return jnp.maximum(x, 0)
+
+
+@positive_part.defjvp
+def _positive_part_jvp(primals, tangents):
+    (x,), (x_dot,) = primals, tangents
+    return positive_part(x), (x > 0).astype(x.dtype) * x_dot

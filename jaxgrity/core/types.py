@@ -1,0 +1,43 @@
+"""Shape aliases, all in one place. Everything is written for one robot; `jax.vmap` adds the population."""
+
+import jax
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+AnyArray = jax.Array | np.ndarray
+
+Scalar = float | Float[AnyArray, ""]
+PerNode = Float[AnyArray, " nodes"]
+PerMember = Float[AnyArray, " members"]
+Rows = Float[AnyArray, "rows *xyz"]
+AnyRows = Float[AnyArray, "members *xyz"]
+PerActuator = Float[AnyArray, "*population actuators"]
+NodeVectors = Float[AnyArray, "nodes 3"]
+MemberVectors = Float[AnyArray, "members 3"]
+Times = Float[AnyArray, " frames"]
+NodeHistory = Float[AnyArray, "frames nodes 3"]
+Vectors = Float[AnyArray, "population 3"]
+Phases = Float[AnyArray, "population actuators"]
+Table = Float[AnyArray, "_ _"]
+PerGait = Float[AnyArray, " population"]
+Failures = Int[AnyArray, " population"]
+Mask = Bool[AnyArray, " population"]
+FinalPositions = Float[AnyArray, "population nodes 3"]
+VectorsByKind = dict[str, Float[AnyArray, "_ 3"]]
+"""a vector for each of the "struts" and each of the "cables", where a structure has them"""
+Edges = tuple[tuple[int, int], ...]
+State = tuple[AnyArray, AnyArray]
+"""positions q (nodes, 3), m, and velocities v (nodes, 3), m/s"""
+
+
+def as_float(x: object) -> AnyArray:
+    """A float64 NumPy array, unless `x` is a JAX array already (it may carry a gradient).
+
+    NumPy, so that a scene built before x64 is switched on loses no digits.
+    """
+    return x if isinstance(x, jax.Array) else np.asarray(x, np.float64)
+
+
+def as_float_or_none(x: object) -> AnyArray | None:
+    """`as_float`, but for None, which stands for what is not modelled."""
+    return None if x is None else as_float(x)

@@ -1,0 +1,91 @@
+"""Files: gaits (CSV), results (JSON, npz). What is read is checked; what is written appears whole or not at all."""
+
+import json
+import math
+import os
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+
+from jaxgrity.core.errors import InputError
+
+PART = ".part"
+"""ending of a file that is not complete yet; a process that is killed leaves it behind"""
+
+
+def read_text(path: str | Path) -> str:
+    """The file's text. Raises `InputError` where it cannot be read."""
+    try:
+        return Path(path).read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
+
+
+def load_phases(path: str | Path, actuators: int) -> np.ndarray:
+    """Gaits from a CSV without a header, (gaits, actuators), rad.
+
+    Raises `InputError` where the file cannot be read, a number is not finite, or a row has another number of phases.
+    """
+    rows = [line.split(",") for line in read_text(path).splitlines() if line.strip()]
+    if not rows:
+        raise InputError(f"{path}: has no gaits; expected one row of {actuators} phases for each")
+    for number, row in enumerate(rows, start=1):
+        if len(row) != actuators:
+            raise InputError(
+                f"{path}: row {number} has {len(row)} phases; expected {actuators}, one an actuated member"
+            )
+        for text in row:
+            if not _is_finite(text):
+                raise InputError(f"{path}: row {number} has {text.strip()!r}; expected a finite number")
+    return np.array(rows, float)
+
+
+def _is_finite(text: str) -> bool:
+    try:
+        return math.isfinite(float(text))
+    except ValueError:
+        return False
+
+
+def write_whole(path: str | Path, write: Callable[[IO[bytes]], object]) -> None:
+    """Let `write` fill a file that takes the place of `path` only when it is complete."""
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    descriptor, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=PART)
+    try:
+        with os.fdopen(descriptor, "wb") as file:
+            write(file)
+            file.flush()
+            os.fsync(file.fileno())
+        os.chmod(temporary, 0o644)
+        os.replace(temporary, path)
+    except BaseException:
+        os.unlink(temporary)
+        raise
+
+
+def save_json(path: str | Path, content: Any) -> None:
+    """Write `content` (arrays and NumPy numbers allowed) as JSON; a number that is not finite as null."""
+    text = json.dumps(_plain(content), indent=2, allow_nan=False) + "\n"
+    write_whole(path, lambda file: file.write(text.encode()))
+
+
+def _plain(value: Any) -> Any:
+    if value is None or isinstance(value, (str, bool, int)):
+        return value
+    if isinstance(value, dict):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return _plain(np.asarray(value).tolist())
+
+
+def save_arrays(path: str | Path, **arrays: Any) -> None:
+    """Write arrays by their names as a compressed npz file."""
+    plain = {name: np.asarray(array) for name, array in arrays.items()}
+    write_whole(path, lambda file: np.savez_compressed(file, **plain))  # type: ignore[arg-type]

@@ -1,0 +1,68 @@
+"""Gaits as files, and those that come with the library."""
+
+import json
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jaxgrity.model.actuation import Gait, Overtone
+from jaxgrity.io.files import read_text
+from jaxgrity.core.errors import InputError
+
+SHIPPED = resources.files("jaxgrity") / "data" / "gaits"
+
+
+def gait_names() -> tuple[str, ...]:
+    """The gaits that come with the library."""
+    return tuple(
+        sorted(entry.name.removesuffix(".json") for entry in SHIPPED.iterdir() if entry.name.endswith(".json"))
+    )
+
+
+def load_gait(name: str | Path) -> Gait:
+    """A gait of the library by its name, or one from a JSON file (`gait.json` of a search).
+
+    Raises `InputError` where there is none, or the file lacks something.
+    """
+    return gait_of(gait_record(name), str(name))
+
+
+def gait_record(name: str | Path) -> dict[str, Any]:
+    """All that is written down of a gait: besides the gait its scene, what it reaches, and the command that made it."""
+    if str(name) in gait_names():
+        return json.loads((SHIPPED / f"{name}.json").read_text(encoding="utf-8"))
+    if not Path(name).exists():
+        raise InputError(f"gait {str(name)!r}: unknown; expected a file, or one of {', '.join(gait_names())}")
+    try:
+        return json.loads(read_text(name))
+    except ValueError as error:
+        raise InputError(f"{name}: not JSON: {error}") from error
+
+
+def gait_of(record: dict[str, Any], where: str = "gait") -> Gait:
+    """The gait that a record describes. Raises `InputError` where something is missing or does not fit."""
+    try:
+        parts = {name: np.array(record[name], float) for name in ("phase", "amplitude", "frequency")}
+        overtones = tuple(Overtone(np.array(o["size"]), np.array(o["phase"])) for o in record.get("overtones", []))
+        members, start, ramp = tuple(int(k) for k in record["members"]), record["start"], record["ramp"]
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(f"{where}: not a gait: {error}; expected what a search leaves in gait.json") from error
+    for name, part in parts.items():
+        if part.shape != (len(members),) or not np.isfinite(part).all():
+            raise InputError(f"{where}: {name} = {record[name]}: expected {len(members)} finite numbers")
+    return Gait(members, parts["phase"], parts["amplitude"], parts["frequency"], start, ramp, overtones)
+
+
+def gait_facts(gait: Gait) -> dict[str, Any]:
+    """The gait as it goes into a JSON file."""
+    return {
+        "members": gait.members,
+        "phase": gait.phase,
+        "amplitude": gait.amplitude,
+        "frequency": gait.frequency,
+        "start": float(gait.start),
+        "ramp": float(gait.ramp),
+        "overtones": [{"size": o.size, "phase": o.phase} for o in gait.overtones],
+    }

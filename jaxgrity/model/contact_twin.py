@@ -1,0 +1,83 @@
+"""The contact twin of a scene: the same robot on the other contact model. What holds on both is no artefact of one."""
+
+import dataclasses
+
+import numpy as np
+
+from jaxgrity.core.errors import InputError
+from jaxgrity.model.friction import ConeFriction, SmoothFriction
+from jaxgrity.model.ground import ExactGround, PenaltyGround
+from jaxgrity.model.rigid_struts import LARGEST_GAP
+from jaxgrity.model.scene import Scene
+from jaxgrity.model.structure import Members, Structure, edge_lengths
+
+DEPTH = 2e-3
+"""share of the body's length, by which three nodes that carry the weight sink into penalty ground"""
+RELAXATION = 1.8e-3
+"""s, c/K of spring struts"""
+DISSIPATION = 2.0
+"""s/m, alpha of Hunt and Crossley's law"""
+SLIP_SPEED = 0.01
+"""m/s, eps of smooth friction"""
+
+
+def exact_twin(scene: Scene) -> Scene:
+    """The scene with rigid struts, exact contact without rebound, and Coulomb's cone, in a pose that it can start from.
+
+    It is the limit of stiff struts and a stiff ground that give nothing back, and of a slip speed of zero; the Coulomb
+    switch keeps its kinetic friction. Where struts start strained, the rigid ones have the lengths of the start: those
+    are what the springs have under load. A start below the ground is lifted until it touches.
+    """
+    structure, struts = scene.structure, scene.structure.struts
+    nodes, ground, friction = structure.nodes, scene.ground, scene.friction
+    if struts is not None and not struts.rigid:
+        rest = _built_lengths(struts, nodes)
+        structure = _with_struts(structure, Members(struts.edges, None, rest, stuck=struts.stuck))
+    if ground is not None and not ground.impulsive:
+        depth = max(0.0, -float((np.asarray(nodes, float) @ np.array(ground.normal)).min()))
+        if depth > LARGEST_GAP:
+            structure = dataclasses.replace(structure, nodes=nodes + depth * np.array(ground.normal))
+        cone = None if friction is None else ConeFriction(friction.sliding_mu)
+        ground, friction = ExactGround(ground.incline), cone
+    return dataclasses.replace(scene, structure=structure, ground=ground, friction=friction)
+
+
+def penalty_twin(scene: Scene) -> Scene:
+    """The scene with spring struts, penalty contact and smooth friction.
+
+    The ground is as stiff as lets three nodes that carry the weight sink by `DEPTH`, a strut twice as stiff; they
+    dissipate as in the scene "reference", whose numbers follow from those of the scene "exact" by this rule.
+
+    Raises `InputError` where no weight says how stiff a ground should be.
+    """
+    struts, ground, friction = scene.structure.struts, scene.ground, scene.friction
+    if scene.gravity is None:
+        raise InputError("gravity: not modelled; expected it, since the weight says how stiff a ground should be")
+    members = struts or scene.structure.cables
+    if members is None:
+        raise InputError("the structure has no members; expected some, whose length says how deep it may sink")
+    size = float(edge_lengths(scene.structure.nodes, members.edges).max())
+    stiffness, structure = float(scene.structure.mass) * float(scene.gravity) / (3 * DEPTH * size), scene.structure
+    if struts is not None and struts.rigid:
+        each = np.full(len(struts.edges), 2 * stiffness)
+        springs = Members(struts.edges, each, struts.rest_length, RELAXATION * each, stuck=struts.stuck)
+        structure = _with_struts(structure, springs)
+    if ground is not None and ground.impulsive:
+        friction = None if friction is None else SmoothFriction(friction.sliding_mu, SLIP_SPEED)
+        ground = PenaltyGround(stiffness, DISSIPATION, ground.incline)
+    return dataclasses.replace(scene, structure=structure, ground=ground, friction=friction)
+
+
+def contact_twin(scene: Scene) -> Scene:
+    """The scene on the other contact model. Raises as `exact_twin` and `penalty_twin` do."""
+    return penalty_twin(scene) if scene.constrained else exact_twin(scene)
+
+
+def _built_lengths(struts: Members, nodes) -> np.ndarray:
+    """The struts' rest lengths, m, but the lengths at the start where those differ from them."""
+    built, rest = edge_lengths(nodes, struts.edges), struts.rest_length
+    return np.where(np.abs(built - rest) > LARGEST_GAP, built, rest)
+
+
+def _with_struts(structure: Structure, struts: Members) -> Structure:
+    return dataclasses.replace(structure, struts=struts)

@@ -1,0 +1,110 @@
+"""The terms of R(v; q, t), Rayleigh's dissipation function, of nodes and members.
+
+Every dissipative force is `-jax.grad` of the sum of R's terms with respect to v.
+"""
+
+from typing import ClassVar
+
+import equinox as eqx
+
+from jaxgrity.core.primitives import dot, half_squares, inner, length, norm_squared, over
+from jaxgrity.core.types import MemberVectors, PerMember, PerNode, Scalar
+from jaxgrity.model.actuation import Gait, rest_length
+from jaxgrity.model.laws import (
+    DissipationTerm,
+    Motion,
+    SceneParts,
+    member_names,
+    moved_members,
+    node_names,
+    unchanged,
+    unchanged_per_node,
+)
+from jaxgrity.model.structure import Members
+
+
+class NodeDamping(DissipationTerm):
+    """R = sum c/2 |v|^2."""
+
+    damping: PerNode
+    name: ClassVar[str] = "node damping"
+    cause: ClassVar[str] = "nodes"
+
+    @classmethod
+    def of(cls, scene: SceneParts) -> "NodeDamping | None":
+        return None if scene.node_damping is None else cls(scene.node_damping)
+
+    def dissipation(self, motion: Motion) -> Scalar:
+        return inner(self.damping, norm_squared(motion.v)) / 2
+
+    def keeps(self, symmetry):
+        return unchanged_per_node(self.damping, symmetry)
+
+    def parts(self, nodes):
+        return node_names("damping of", nodes)
+
+    def scaled(self, factors):
+        return NodeDamping(self.damping * factors)
+
+
+class StrutDamping(DissipationTerm):
+    """R = sum c/2 l'^2, l' = d·d'/|d|."""
+
+    struts: Members
+    name: ClassVar[str] = "strut damping"
+    cause: ClassVar[str] = "struts"
+
+    @classmethod
+    def of(cls, scene: SceneParts) -> "StrutDamping | None":
+        struts = scene.structure.struts
+        return None if struts is None or struts.damping is None else cls(struts)
+
+    def dissipation(self, motion: Motion) -> Scalar:
+        rate, _ = _rate_of_length(motion, "struts")
+        return half_squares(self.struts.damping, rate)
+
+    def keeps(self, symmetry):
+        return unchanged(self.struts.damping, moved_members(self.struts, 0, symmetry))
+
+    def parts(self, nodes):
+        return tuple(f"damping of {name}" for name in member_names("strut", self.struts))
+
+    def scaled(self, factors):
+        return eqx.tree_at(lambda s: s.struts.damping, self, self.struts.damping * factors)
+
+
+class CableDamping(DissipationTerm):
+    """R = sum c/2 l'^2 over the cables that are longer than their rest length L(t); shortening is resisted too."""
+
+    cables: Members
+    gait: Gait | None
+    first: int = eqx.field(static=True)
+    """the number that gaits give to the first cable"""
+    name: ClassVar[str] = "cable damping"
+    cause: ClassVar[str] = "cables"
+
+    @classmethod
+    def of(cls, scene: SceneParts) -> "CableDamping | None":
+        cables = scene.structure.cables
+        return None if cables is None or cables.damping is None else cls(cables, scene.gait, scene.structure.first_cable)
+
+    def dissipation(self, motion: Motion) -> Scalar:
+        taut_above = rest_length(self.cables, self.gait, motion.at.t, self.first)
+        rate, lengths = _rate_of_length(motion, "cables")
+        return half_squares(self.cables.damping * (lengths > taut_above).astype(rate.dtype), rate)
+
+    def keeps(self, symmetry):
+        return unchanged(self.cables.damping, moved_members(self.cables, self.first, symmetry))
+
+    def parts(self, nodes):
+        return tuple(f"damping of {name}" for name in member_names("cable", self.cables))
+
+    def scaled(self, factors):
+        return eqx.tree_at(lambda s: s.cables.damping, self, self.cables.damping * factors)
+
+
+def _rate_of_length(motion: Motion, kind: str) -> tuple[PerMember, PerMember]:
+    """l' = d·d'/|d|, m/s, and l = |d|, m."""
+    d: MemberVectors = motion.at.vectors[kind]
+    lengths = length(d)
+    return over(dot(d, motion.rates[kind]), lengths), lengths

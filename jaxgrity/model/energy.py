@@ -1,0 +1,111 @@
+"""The terms of U(q, t) that act along members and by weight. Every conservative force is `-jax.grad` of their sum."""
+
+from typing import ClassVar
+
+import equinox as eqx
+import numpy as np
+
+from jaxgrity.core.primitives import component, dot, half_squares, inner, length, positive_part
+from jaxgrity.core.types import NodeVectors, PerNode, Scalar
+from jaxgrity.model.actuation import Gait, rest_length
+from jaxgrity.model.laws import (
+    SAME,
+    Configuration,
+    EnergyTerm,
+    SceneParts,
+    Symmetry,
+    member_names,
+    moved_members,
+    unchanged,
+)
+from jaxgrity.model.structure import Members
+
+UP = (0.0, 0.0, 1.0)
+
+
+class StrutSprings(EnergyTerm):
+    """U = sum K/2 (l - L(t))^2, l = |d|: springs that push and pull."""
+
+    struts: Members
+    gait: Gait | None
+    name: ClassVar[str] = "strut springs"
+
+    @classmethod
+    def of(cls, scene: SceneParts) -> "StrutSprings | None":
+        struts = scene.structure.struts
+        return None if struts is None or struts.rigid else cls(struts, scene.gait)
+
+    def energy(self, at: Configuration) -> Scalar:
+        stretch = length(at.vectors["struts"]) - rest_length(self.struts, self.gait, at.t, 0)
+        return half_squares(self.struts.stiffness, stretch)
+
+    def keeps(self, symmetry):
+        return _springs_alike(self.struts, 0, symmetry)
+
+    def parts(self, nodes):
+        return member_names("strut", self.struts)
+
+    def scaled(self, factors):
+        return eqx.tree_at(lambda s: s.struts.stiffness, self, self.struts.stiffness * factors)
+
+
+class CableSprings(EnergyTerm):
+    """U = sum K/2 max(0, l - L(t))^2, l = |d|: a slack cable stores nothing."""
+
+    cables: Members
+    gait: Gait | None
+    first: int = eqx.field(static=True)
+    """the number that gaits give to the first cable"""
+    name: ClassVar[str] = "cables (tension only)"
+
+    @classmethod
+    def of(cls, scene: SceneParts) -> "CableSprings | None":
+        cables = scene.structure.cables
+        return None if cables is None else cls(cables, scene.gait, scene.structure.first_cable)
+
+    def energy(self, at: Configuration) -> Scalar:
+        stretch = positive_part(length(at.vectors["cables"]) - rest_length(self.cables, self.gait, at.t, self.first))
+        return half_squares(self.cables.stiffness, stretch)
+
+    def keeps(self, symmetry):
+        return _springs_alike(self.cables, self.first, symmetry)
+
+    def parts(self, nodes):
+        return member_names("cable", self.cables)
+
+    def scaled(self, factors):
+        return eqx.tree_at(lambda s: s.cables.stiffness, self, self.cables.stiffness * factors)
+
+
+class Gravity(EnergyTerm):
+    """U = sum m g z, with z along `up` where the ground leans more than its file says."""
+
+    g: Scalar
+    node_mass: PerNode
+    up: NodeVectors | None
+    name: ClassVar[str] = "gravity"
+
+    @classmethod
+    def of(cls, scene: SceneParts) -> "Gravity | None":
+        return None if scene.gravity is None else cls(scene.gravity, scene.structure.node_mass, scene.up)
+
+    def energy(self, at: Configuration) -> Scalar:
+        height = component(at.q, UP) if self.up is None else dot(at.q, self.up)
+        return self.g * inner(self.node_mass, height)
+
+    def keeps(self, symmetry):
+        up = np.array(UP) if self.up is None else np.asarray(self.up)[0]
+        return bool(np.allclose(symmetry.matrix @ up, up, rtol=0, atol=SAME))
+
+    def parts(self, nodes):
+        return ("gravity",)
+
+    def scaled(self, factors):
+        return eqx.tree_at(lambda s: s.g, self, self.g * factors[0])
+
+
+def _springs_alike(members: Members, first: int, symmetry: Symmetry) -> bool:
+    """Whether a symmetry maps springs on springs of the same stiffness and rest length, stuck ones on stuck ones."""
+    moved = moved_members(members, first, symmetry)
+    alike = all(unchanged(x, moved) for x in (members.stiffness, members.rest_length) if x is not None)
+    return alike and {moved[k] for k in members.stuck} == set(members.stuck)

@@ -1,0 +1,204 @@
+"""Friction on the ground: smoothed Coulomb friction, the static/kinetic switch, and the exact cone."""
+
+from abc import abstractmethod
+from typing import ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+from jaxgrity.core.errors import InputError
+from jaxgrity.core.primitives import along, component, inner, inverse, root
+from jaxgrity.core.types import NodeVectors, PerNode, Scalar, as_float
+from jaxgrity.model.ground import Ground, held_directions, same_direction
+from jaxgrity.model.laws import Constraint, DissipationTerm, ForceLaw, Law, Motion, node_names, unchanged_per_node
+
+
+class Friction(eqx.Module):
+    """How the ground resists slip."""
+
+    impulsive: eqx.AbstractClassVar[bool]
+    """whether it acts by impulses, beside those of exact contact, or by forces, beside those of penalty contact"""
+    name: eqx.AbstractClassVar[str]
+    """as `Scene.describe` lists it"""
+
+    @abstractmethod
+    def law(self, ground: Ground) -> Law:
+        """What it does on this ground."""
+
+    @property
+    @abstractmethod
+    def sliding_mu(self) -> PerNode | Scalar:
+        """The coefficient of a node that slides."""
+
+
+class SmoothFriction(Friction):
+    """F_t = -mu F_n v_t / sqrt(|v_t|^2 + eps^2): Coulomb's law but for slips slower than about eps."""
+
+    mu: PerNode | Scalar = eqx.field(converter=as_float)
+    slip_speed: Scalar = eqx.field(converter=as_float)
+    """eps, m/s"""
+    impulsive: ClassVar[bool] = False
+    name: ClassVar[str] = "smooth friction"
+
+    def __check_init__(self):
+        _check_positive("slip_speed", self.slip_speed)
+        _check_not_negative("mu", self.mu)
+
+    def law(self, ground):
+        return SlipDissipation(self, ground)
+
+    @property
+    def sliding_mu(self):
+        return self.mu
+
+
+class SwitchFriction(Friction):
+    """Static or kinetic friction by a test of speed and force: Appendix B of the paper the project began from.
+
+    Raises `InputError` where mu_static is smaller than mu_kinetic: friction would grow as a node begins to slide.
+    """
+
+    mu_static: PerNode | Scalar = eqx.field(converter=as_float)
+    mu_kinetic: PerNode | Scalar = eqx.field(converter=as_float)
+    slip_speed: Scalar = eqx.field(converter=as_float)
+    """eps, m/s: below it a node may stick"""
+    impulsive: ClassVar[bool] = False
+    name: ClassVar[str] = "Coulomb switch"
+
+    def __check_init__(self):
+        _check_positive("slip_speed", self.slip_speed)
+        _check_not_negative("mu_kinetic", self.mu_kinetic)
+        known = isinstance(self.mu_static, np.ndarray) and isinstance(self.mu_kinetic, np.ndarray)
+        if known and not np.all(self.mu_static >= self.mu_kinetic):
+            raise InputError(
+                f"friction.mu_static = {self.mu_static}: expected at least mu_kinetic = {self.mu_kinetic}, since "
+                "friction does not grow as a node begins to slide"
+            )
+
+    def law(self, ground):
+        return CoulombSwitch(self, ground)
+
+    @property
+    def sliding_mu(self):
+        return self.mu_kinetic
+
+
+class ConeFriction(Friction):
+    """|p_t| <= mu p_n, sticking where it can: Coulomb's cone on the impulses of exact contact."""
+
+    mu: PerNode | Scalar = eqx.field(converter=as_float)
+    impulsive: ClassVar[bool] = True
+    name: ClassVar[str] = "Coulomb cone"
+
+    def __check_init__(self):
+        _check_not_negative("mu", self.mu)
+
+    def law(self, ground):
+        return CoulombCone(self, ground)
+
+    @property
+    def sliding_mu(self):
+        return self.mu
+
+
+class SlipDissipation(DissipationTerm):
+    """R = sum mu F_n sqrt(|v_t|^2 + eps^2), with F_n held fixed."""
+
+    friction: SmoothFriction
+    ground: Ground
+    name: ClassVar[str] = SmoothFriction.name
+    cause: ClassVar[str] = "friction"
+
+    def dissipation(self, motion: Motion) -> Scalar:
+        assert motion.normal_force is not None, "penalty contact presses on nodes by forces"
+        return slip_dissipation(self.friction, self.ground, motion.v, motion.normal_force)
+
+    def keeps(self, symmetry):
+        alike = unchanged_per_node(self.friction.mu, symmetry)
+        return alike and same_direction(symmetry.matrix, self.ground.normal)
+
+    def parts(self, nodes):
+        return node_names("friction at", nodes)
+
+    def scaled(self, factors):
+        return eqx.tree_at(lambda s: s.friction.mu, self, self.friction.mu * factors)
+
+
+class CoulombSwitch(ForceLaw):
+    """F_switch: see `switch_force`."""
+
+    friction: SwitchFriction
+    ground: Ground
+    name: ClassVar[str] = SwitchFriction.name
+    cause: ClassVar[str] = "friction"
+
+    def force(self, motion: Motion, other_forces: NodeVectors) -> NodeVectors:
+        assert motion.normal_force is not None, "penalty contact presses on nodes by forces"
+        return switch_force(self.friction, self.ground, motion.v, motion.normal_force, other_forces)
+
+    def keeps(self, symmetry):
+        alike = (unchanged_per_node(mu, symmetry) for mu in (self.friction.mu_static, self.friction.mu_kinetic))
+        return all(alike) and same_direction(symmetry.matrix, self.ground.normal)
+
+
+class CoulombCone(Constraint):
+    """|p_t| <= mu p_n for every node."""
+
+    friction: ConeFriction
+    ground: Ground
+    name: ClassVar[str] = ConeFriction.name
+
+    def keeps(self, symmetry):
+        alike = unchanged_per_node(self.friction.mu, symmetry)
+        return alike and same_direction(symmetry.matrix, self.ground.normal)
+
+    def directions(self, q):
+        return held_directions(self.ground, self.ground.tangents, q)
+
+    def violation(self, q):
+        return ""
+
+
+def slip_dissipation(friction: SmoothFriction, ground: Ground, v: NodeVectors, normal_force: PerNode) -> Scalar:
+    """R = sum mu F_n sqrt(|v_t|^2 + eps^2), W, with F_n held fixed."""
+    slip, sideways = (jnp.square(component(v, tangent)) for tangent in ground.tangents)
+    speed = root(slip + sideways + jnp.square(friction.slip_speed))
+    return inner(friction.mu * normal_force, speed)
+
+
+def switch_force(
+    friction: SwitchFriction, ground: Ground, v: NodeVectors, normal_force: PerNode, other_forces: NodeVectors
+) -> NodeVectors:
+    """F_switch, N. A node sticks while |v_t| < eps and the force that would hold it is within mu_s F_n.
+
+    A sticking node gets that force, the opposite of the tangential part of all `other_forces`: it goes on at the speed,
+    below eps, with which it came. Any other node gets
+    mu_k F_n against its slip, or, while it is slower than eps, against the slip that `other_forces` are about to start.
+    """
+    slip = [component(v, tangent) for tangent in ground.tangents]
+    push = [component(other_forces, tangent) for tangent in ground.tangents]
+    speed, needed = (_hypot(*pair) for pair in (slip, push))
+    slow = (speed < friction.slip_speed).astype(speed.dtype)
+    stick = slow * (needed <= friction.mu_static * normal_force).astype(speed.dtype)
+    against_slip = (1 - slow) * friction.mu_kinetic * normal_force * inverse(speed)
+    against_push = stick + (slow - stick) * friction.mu_kinetic * normal_force * inverse(needed)
+    parts = [along(-against_slip * s - against_push * p, tangent) for s, p, tangent in zip(slip, push, ground.tangents)]
+    return parts[0] + parts[1]
+
+
+def _hypot(a: PerNode, b: PerNode) -> PerNode:
+    """sqrt(a^2 + b^2), with derivative 0 where both are 0."""
+    square = a * a + b * b
+    positive = (square > 0).astype(square.dtype)
+    return positive * jnp.sqrt(square + (1 - positive))
+
+
+def _check_positive(name: str, value: Scalar) -> None:
+    if isinstance(value, np.ndarray) and not np.all(value > 0):
+        raise InputError(f"friction.{name} = {value}: expected a positive number")
+
+
+def _check_not_negative(name: str, value: PerNode | Scalar) -> None:
+    if isinstance(value, np.ndarray) and not np.all(value >= 0):
+        raise InputError(f"friction.{name} = {value}: expected no negative number")

@@ -1,0 +1,216 @@
+"""The ground: where it is, and how it pushes back, as a spring or as a constraint."""
+
+import math
+from abc import abstractmethod
+from typing import ClassVar
+
+import equinox as eqx
+import jax
+import numpy as np
+
+from jaxgrity.core.errors import InputError
+from jaxgrity.core.primitives import component, half_squares, inner, positive_part
+from jaxgrity.core.types import AnyArray, NodeVectors, PerNode, Scalar, as_float, as_float_or_none
+from jaxgrity.model.laws import Configuration, Constraint, DissipationTerm, EnergyTerm, Law, Motion, node_names
+from jaxgrity.model.laws import SAME as SAME_DIRECTION
+from jaxgrity.model.rigid_struts import LARGEST_GAP
+
+Direction = tuple[float, float, float]
+
+TOUCHING = 1e-6
+"""m above exact ground, within which a node at rest counts as held by it"""
+
+
+class Ground(eqx.Module):
+    """A plane through the origin, level or falling towards +x: phi(x) = n·x, n = (sin theta, 0, cos theta)."""
+
+    incline: eqx.AbstractVar[float]
+    """theta, rad"""
+    impulsive: eqx.AbstractClassVar[bool]
+    """whether it pushes by impulses, as a constraint, or by forces, as a spring"""
+    touched_below: eqx.AbstractClassVar[float]
+    """m: a node whose signed distance is less touches the ground, in the frames of a trajectory"""
+
+    @property
+    def normal(self) -> Direction:
+        """Outward unit normal n."""
+        return (math.sin(self.incline), 0.0, math.cos(self.incline))
+
+    @property
+    def tangents(self) -> tuple[Direction, Direction]:
+        """Two unit vectors in the plane: down the slope, and level."""
+        return (math.cos(self.incline), 0.0, -math.sin(self.incline)), (0.0, 1.0, 0.0)
+
+    def signed_distance(self, q: NodeVectors) -> PerNode:
+        """phi, m: height of each node above the ground along its normal, negative inside."""
+        return component(q, self.normal)
+
+    @abstractmethod
+    def laws(self) -> tuple[Law, ...]:
+        """What the ground does to the nodes; friction is not among it."""
+
+    @abstractmethod
+    def normal_force(self, q: NodeVectors, v: NodeVectors) -> PerNode | None:
+        """F_n >= 0, N, by which it presses on each node, where the state of the nodes says so; None: by impulses."""
+
+    @abstractmethod
+    def resting_depth(self, weight: float, nodes: int) -> float:
+        """How deep, m, so many nodes stand in it that carry the weight (N)."""
+
+
+class PenaltyGround(Ground):
+    """A ground that pushes back as a spring: F_n = k_n pen max(0, 1 - alpha v_n), pen = max(0, -phi).
+
+    Raises `InputError` where stiffness or dissipation is not positive; None for a dissipation that is not modelled.
+    """
+
+    stiffness: Scalar = eqx.field(converter=as_float)
+    """k_n, N/m, per node"""
+    dissipation: Scalar | None = eqx.field(converter=as_float_or_none, default=None)
+    """alpha of Hunt and Crossley's law, s/m; None: not modelled"""
+    incline: float = eqx.field(static=True, converter=float, default=0.0)
+    impulsive: ClassVar[bool] = False
+    touched_below: ClassVar[float] = 0.0
+
+    def __check_init__(self):
+        for name in ("stiffness", "dissipation"):
+            value = getattr(self, name)
+            if isinstance(value, np.ndarray) and not np.all(value > 0):
+                absent = ", or None where it is not modelled" if name == "dissipation" else ""
+                raise InputError(f"ground.{name} = {value}: expected a positive number{absent}")
+
+    def laws(self):
+        return (PenaltyContact(self), *([] if self.dissipation is None else [ContactDissipation(self)]))
+
+    def normal_force(self, q, v):
+        v_n = None if self.dissipation is None else component(v, self.normal)
+        return normal_force(self, self.signed_distance(q), v_n)
+
+    def resting_depth(self, weight, nodes):
+        return weight / float(self.stiffness) / nodes + 1e-12
+
+
+class ExactGround(Ground):
+    """A ground that no node enters: phi >= 0, p_n >= 0, p_n phi = 0 (Signorini), p_n its impulses."""
+
+    incline: float = eqx.field(static=True, converter=float, default=0.0)
+    restitution: Scalar | None = eqx.field(converter=as_float_or_none, default=None)
+    """e: a node that hits the ground at speed v leaves it at e v; None: it stays"""
+    impulsive: ClassVar[bool] = True
+    touched_below: ClassVar[float] = 2e-3
+
+    def __check_init__(self):
+        e = self.restitution
+        if isinstance(e, np.ndarray) and not np.all((e >= 0) & (e <= 1)):
+            raise InputError(f"ground.restitution = {e}: expected a number from 0 to 1")
+
+    def laws(self):
+        return (ExactContact(self),)
+
+    def normal_force(self, q, v):
+        return None
+
+    def resting_depth(self, weight, nodes):
+        return 0.0
+
+
+class PenaltyContact(EnergyTerm):
+    """U = sum k_n/2 min(0, phi)^2."""
+
+    ground: PenaltyGround
+    name: ClassVar[str] = "penalty contact"
+
+    def energy(self, at: Configuration) -> Scalar:
+        return contact_energy(self.ground, self.ground.signed_distance(at.q))
+
+    def keeps(self, symmetry):
+        return same_direction(symmetry.matrix, self.ground.normal)
+
+    def parts(self, nodes):
+        return node_names("contact of", nodes)
+
+    def scaled(self, factors):
+        return eqx.tree_at(lambda s: s.ground.stiffness, self, self.ground.stiffness * factors)
+
+
+class ContactDissipation(DissipationTerm):
+    """R whose gradient turns k_n pen into Hunt and Crossley's k_n pen max(0, 1 - alpha v_n)."""
+
+    ground: PenaltyGround
+    name: ClassVar[str] = "contact dissipation"
+    cause: ClassVar[str] = "contact"
+
+    def dissipation(self, motion: Motion) -> Scalar:
+        v_n = component(motion.v, self.ground.normal)
+        return contact_dissipation(self.ground, v_n, self.ground.signed_distance(motion.at.q))
+
+    def keeps(self, symmetry):
+        return same_direction(symmetry.matrix, self.ground.normal)
+
+    def parts(self, nodes):
+        return node_names("contact dissipation of", nodes)
+
+    def scaled(self, factors):
+        return eqx.tree_at(lambda s: s.ground.stiffness, self, self.ground.stiffness * factors)
+
+
+class ExactContact(Constraint):
+    """phi >= 0 for every node, by impulses along the normal that only push."""
+
+    ground: ExactGround
+    name: ClassVar[str] = "exact contact"
+
+    def keeps(self, symmetry):
+        return same_direction(symmetry.matrix, self.ground.normal)
+
+    def directions(self, q):
+        return held_directions(self.ground, (self.ground.normal,), q)
+
+    def violation(self, q):
+        depth = -(q @ np.array(self.ground.normal))
+        node = int(np.argmax(depth))
+        if depth[node] <= LARGEST_GAP:
+            return ""
+        return f"node {node} starts {depth[node]:.3g} m below the ground; expected: on exact contact, on or above it"
+
+
+def held_directions(ground: Ground, directions: tuple[Direction, ...], q: np.ndarray) -> np.ndarray:
+    """(constraints, nodes, 3): each of the directions, for each node that touches the ground."""
+    rows = []
+    for node in np.flatnonzero(q @ np.array(ground.normal) <= TOUCHING):
+        for direction in directions:
+            rows.append(np.zeros(q.shape))
+            rows[-1][node] = direction
+    return np.array(rows).reshape(-1, *q.shape)
+
+
+def same_direction(matrix: np.ndarray, direction: Direction) -> bool:
+    """Whether a map leaves a direction as it is."""
+    return bool(np.allclose(matrix @ np.array(direction), direction, rtol=0, atol=SAME_DIRECTION))
+
+
+def contact_energy(ground: PenaltyGround, phi: PerNode) -> Scalar:
+    """U = sum k_n/2 min(0, phi)^2, J."""
+    return half_squares(ground.stiffness, positive_part(-phi))
+
+
+def contact_dissipation(ground: PenaltyGround, v_n: PerNode, phi: PerNode) -> Scalar:
+    """R = sum k_n pen (alpha/2 c^2 + v_n - c), W, with c = min(v_n, 1/alpha) and pen = max(0, -phi).
+
+    Its gradient in v_n is k_n pen min(alpha v_n, 1): past 1/alpha the contact lets go, it never pulls. Hunt and Crossley
+    1975, doi:10.1115/1.3423596.
+    """
+    alpha = ground.dissipation
+    assert alpha is not None, "a ground without dissipation has no R"
+    released = positive_part(v_n - 1 / alpha)
+    closing = v_n - released
+    elastic = ground.stiffness * positive_part(-phi)
+    return half_squares(alpha * elastic, closing) + inner(elastic, released)
+
+
+def normal_force(ground: PenaltyGround, phi: PerNode, v_n: PerNode | None) -> PerNode:
+    """F_n = -dU/dphi - dR/dv_n >= 0, N: what friction is proportional to. `v_n` counts where the ground dissipates."""
+    elastic: AnyArray = jax.grad(contact_energy, argnums=1)(ground, phi)
+    if ground.dissipation is None:
+        return -elastic
+    return -elastic - jax.grad(contact_dissipation, argnums=1)(ground, v_n, phi)

@@ -1,0 +1,157 @@
+"""What a scene is made of: the interfaces of its laws. One law is one class, which says everything about itself.
+
+A law is a term of U(q, t), a term of R(v; q, t), a force without either, or a constraint. `Scene.laws` lists those
+that act; forces, the energy audit, `describe`, symmetries and the report on stability read nothing but that list.
+"""
+
+from abc import abstractmethod
+from collections.abc import Sequence
+from typing import Any, NamedTuple, Protocol, Self
+
+import equinox as eqx
+import numpy as np
+
+from jaxgrity.core.types import AnyArray, NodeVectors, PerNode, Scalar, VectorsByKind
+from jaxgrity.model.structure import Members, Structure
+
+SAME = 1e-9
+"""relative difference of lengths, masses and properties that count as equal"""
+
+
+class Symmetry(NamedTuple):
+    """An orthogonal map about the centre of mass, matrix @ r_i = r_nodes[i], and what it does to the members."""
+
+    nodes: tuple[int, ...]
+    """node i goes where node nodes[i] was"""
+    matrix: np.ndarray
+    """(3, 3); its determinant is -1 with a mirror"""
+    members: tuple[int, ...]
+    """member k becomes member members[k]: struts count from 0, cables go on after them"""
+
+
+class SceneParts(Protocol):
+    """The parts of a `Scene` from which laws are made."""
+
+    structure: Structure
+    gravity: Any
+    node_damping: Any
+    ground: Any
+    friction: Any
+    gait: Any
+    up: Any
+
+
+class Configuration(NamedTuple):
+    """What U is a function of."""
+
+    q: NodeVectors
+    """positions, m"""
+    t: Scalar
+    """time, s"""
+    vectors: VectorsByKind
+    """d = x_i - x_j, m, of those "struts" and "cables" along which forces act"""
+    scene: Any
+    """the `Scene` that the law belongs to"""
+
+
+class Motion(NamedTuple):
+    """What R is a function of."""
+
+    v: NodeVectors
+    """velocities, m/s"""
+    rates: VectorsByKind
+    """d' = v_i - v_j, m/s, of those "struts" and "cables" that have dampers"""
+    normal_force: PerNode | None
+    """F_n, N, by which the ground presses on each node; an input, held fixed in dR/dv; None without penalty friction"""
+    at: Configuration
+    """where"""
+
+
+class Law(eqx.Module):
+    """What every law says about itself."""
+
+    name: eqx.AbstractClassVar[str]
+    """as `Scene.describe` lists it"""
+
+    @abstractmethod
+    def keeps(self, symmetry: Symmetry) -> bool:
+        """Whether the law is the same after the map, so that it maps motions on motions."""
+
+
+class ForceTerm(Law):
+    """A term of U or of R, whose force is proportional to some coefficient: a stiffness, a damping, a friction."""
+
+    @abstractmethod
+    def parts(self, nodes: int) -> tuple[str, ...]:
+        """Names of the parts that push and pull one by one, such as "strut 0 (nodes 0, 1)", for reports."""
+
+    @abstractmethod
+    def scaled(self, factors: AnyArray) -> Self:
+        """The same term with the force of each of its parts multiplied by its factor."""
+
+
+class EnergyTerm(ForceTerm):
+    """A term of the potential energy; its force is -dU/dq."""
+
+    @abstractmethod
+    def energy(self, at: Configuration) -> Scalar:
+        """U, J."""
+
+
+class DissipationTerm(ForceTerm):
+    """A term of Rayleigh's dissipation function; its force is -dR/dv."""
+
+    cause: eqx.AbstractClassVar[str]
+    """under which the energy audit books what is lost"""
+
+    @abstractmethod
+    def dissipation(self, motion: Motion) -> Scalar:
+        """R, W."""
+
+
+class ForceLaw(Law):
+    """A force that has neither a potential nor a dissipation function."""
+
+    cause: eqx.AbstractClassVar[str]
+    """under which the energy audit books what is lost"""
+
+    @abstractmethod
+    def force(self, motion: Motion, other_forces: NodeVectors) -> NodeVectors:
+        """N, (nodes, 3), given the sum of all forces that come from U and R."""
+
+
+class Constraint(Law):
+    """A law on positions or velocities that impulses meet at the end of each step of complementarity stepping."""
+
+    @abstractmethod
+    def directions(self, q: np.ndarray) -> np.ndarray:
+        """(constraints, nodes, 3): the directions in which it holds nodes that are at `q` (nodes, 3)."""
+
+    @abstractmethod
+    def violation(self, q: np.ndarray) -> str:
+        """Words for how a start at `q` (nodes, 3) violates it at t = 0; empty where it does not."""
+
+
+def unchanged(values: AnyArray, moved: Sequence[int]) -> bool:
+    """Whether each of `values` is that of the node or member which takes its place, to `SAME`."""
+    return bool(np.allclose(np.asarray(values)[list(moved)], values, rtol=SAME, atol=0))
+
+
+def unchanged_per_node(coefficient: AnyArray, symmetry: Symmetry) -> bool:
+    """Likewise for a coefficient that is one number for all nodes, or one for each."""
+    return np.ndim(coefficient) == 0 or unchanged(coefficient, symmetry.nodes)
+
+
+def moved_members(members: Members, first: int, symmetry: Symmetry) -> list[int]:
+    """Which of the members takes the place of each, counted from the `first` of their kind."""
+    return [symmetry.members[first + k] - first for k in range(len(members.edges))]
+
+
+def member_names(kind: str, members: Members) -> tuple[str, ...]:
+    """Such as "strut 0 (nodes 0, 1)"."""
+    return tuple(f"{kind} {k} (nodes {i}, {j})" for k, (i, j) in enumerate(members.edges))
+
+
+def node_names(what: str, nodes: int) -> tuple[str, ...]:
+    """Such as "contact of node 0"."""
+    return tuple(f"{what} node {k}" for k in range(nodes))

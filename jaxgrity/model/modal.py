@@ -1,0 +1,66 @@
+"""Modal analysis: equilibrium shapes and natural frequencies, from the Hessian of a potential energy. Always in float64."""
+
+from collections.abc import Callable
+
+import jax
+import numpy as np
+
+from jaxgrity.core.types import NodeVectors, PerNode, Scalar
+
+Energy = Callable[[NodeVectors], Scalar]
+
+ROUNDING = 1e-9
+"""share of the largest squared frequency, below which one is an error of the shape and of arithmetic"""
+
+
+def equilibrium(energy: Energy, start: NodeVectors, tolerance: float, iterations: int = 100) -> np.ndarray | None:
+    """A shape near `start` in which every force -dU/dq is below `tolerance` (N); None where none is found.
+
+    Newton's method on the energy's own Hessian, each eigenvalue replaced by its magnitude, so that it goes downhill,
+    with zero modes left alone and the step halved until U falls (Nocedal and Wright 2006, section 3.4).
+    """
+    with jax.enable_x64(True):
+        value, gradient, hessian = jax.jit(energy), jax.jit(jax.grad(energy)), jax.jit(jax.hessian(energy))
+        q = np.array(start, float)
+        for _ in range(iterations):
+            force = -np.asarray(gradient(q)).ravel()
+            if np.abs(force).max() < tolerance:
+                return q
+            stiffness, modes = np.linalg.eigh(np.asarray(hessian(q)).reshape(q.size, q.size))
+            stiff = np.abs(stiffness) > 1e-9 * np.abs(stiffness).max()
+            along = modes[:, stiff]
+            step = (along @ ((along.T @ force) / np.abs(stiffness[stiff]))).reshape(q.shape)
+            before, factor = float(value(q)), 1.0
+            while factor > 1e-10 and float(value(q + factor * step)) > before + 1e-12 * abs(before):
+                factor /= 2
+            q = q + factor * step
+    return None
+
+
+def natural_frequencies(energy: Energy, node_mass: PerNode, q: NodeVectors, stiff_modes: int = 0) -> np.ndarray:
+    """f = sqrt(eig(M^-1 d2U/dq2)) / 2 pi of the vibrations about `q`, Hz, ascending; its rigid motions left out.
+
+    So are the `stiff_modes` highest, where springs stand for constraints. A direction in which U falls or stays the
+    same (an unstable or floppy mode) counts as 0 Hz, and so does what only rounding makes different from that.
+    """
+    with jax.enable_x64(True):
+        hessian = np.asarray(jax.jit(jax.hessian(energy))(np.array(q, float)))
+    root_mass = np.sqrt(np.repeat(np.asarray(node_mass, float), 3))
+    scaled = hessian.reshape(root_mass.size, -1) / np.outer(root_mass, root_mass)
+    rigid = root_mass[:, None] * _rigid_motions(np.asarray(q, float))
+    basis, size, _ = np.linalg.svd(rigid)
+    free = basis[:, np.sum(size > 1e-9 * size[0]) :]
+    squares = np.linalg.eigvalsh(free.T @ scaled @ free)
+    real = squares[: squares.size - stiff_modes]
+    if not real.size:
+        return real
+    rounding = max(ROUNDING * real[-1], 100 * np.finfo(float).eps * squares[-1])
+    return np.sqrt(np.where(real > rounding, real, 0)) / (2 * np.pi)
+
+
+def _rigid_motions(q: np.ndarray) -> np.ndarray:
+    """Three translations and three rotations about the centre, as columns (3 nodes, 6)."""
+    axes = np.eye(3)
+    moves = [np.tile(axis, (len(q), 1)) for axis in axes]
+    turns = [np.cross(axis, q - q.mean(0)) for axis in axes]
+    return np.stack([motion.ravel() for motion in moves + turns], axis=1)

@@ -1,0 +1,219 @@
+"""A scene: the composition of a structure and of what acts on it, and the two scalar functions that it is."""
+
+import dataclasses
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxgrity.core.errors import InputError
+from jaxgrity.core.types import NodeVectors, PerNode, Scalar, State, VectorsByKind, as_float_or_none
+from jaxgrity.model.actuation import Gait
+from jaxgrity.model.describe import describe
+from jaxgrity.model.dissipation import CableDamping, NodeDamping, StrutDamping
+from jaxgrity.model.energy import CableSprings, Gravity, StrutSprings
+from jaxgrity.model.friction import ConeFriction, Friction, SmoothFriction, SwitchFriction
+from jaxgrity.model.ground import ContactDissipation, ExactContact, Ground, PenaltyContact
+from jaxgrity.model.laws import Configuration, Constraint, DissipationTerm, EnergyTerm, ForceLaw, Law, Motion
+from jaxgrity.model.rigid_struts import RigidStruts
+from jaxgrity.model.structure import Structure, member_vectors
+
+LAWS_OF_STRUCTURES = (StrutSprings, RigidStruts, CableSprings, NodeDamping, StrutDamping, CableDamping, Gravity)
+"""made from a scene's parts where it has them; ground and friction bring their own laws"""
+KNOWN_LAWS = (*LAWS_OF_STRUCTURES, PenaltyContact, ExactContact, ContactDissipation)
+KNOWN_FRICTIONS = (SmoothFriction, SwitchFriction, ConeFriction)
+"""with the laws: what `describe` lists as modelled or not"""
+
+
+class Scene(eqx.Module):
+    """What is simulated. A part that is None is not modelled, and leaves no trace in the compiled program.
+
+    Raises `InputError` where the parts do not fit each other.
+    """
+
+    structure: Structure
+    gravity: Scalar | None = eqx.field(converter=as_float_or_none, default=None)
+    """g, m/s^2, along -z"""
+    node_damping: PerNode | None = eqx.field(converter=as_float_or_none, default=None)
+    """c, N s/m"""
+    ground: Ground | None = None
+    friction: Friction | None = None
+    gait: Gait | None = None
+    up: NodeVectors | None = eqx.field(converter=as_float_or_none, default=None)
+    """unit vectors against gravity, a row a node, all alike, where the ground leans more than its file says; None: z"""
+    terms: tuple[Law, ...] = ()
+    """further laws: terms of U and R of one's own (docs/extending.md)"""
+
+    def __check_init__(self):
+        nodes = len(self.structure.nodes)
+        for name, shape in (("node_damping", (nodes,)), ("up", (nodes, 3))):
+            value = getattr(self, name)
+            if value is not None and np.shape(value) != shape:
+                raise InputError(f"{name} has shape {np.shape(value)}; expected {shape}, a row for each node")
+        for term in self.terms:
+            if not isinstance(term, Law):
+                raise InputError(f"terms has {term!r}; expected a law, such as an EnergyTerm or a DissipationTerm")
+        if self.friction is not None:
+            if self.ground is None:
+                raise InputError("friction needs a ground to act on; expected [ground] beside [friction]")
+            if self.friction.impulsive != self.ground.impulsive:
+                raise InputError(
+                    "friction by a cone goes with exact contact (ground.contact = 'complementarity'), "
+                    "smooth friction and the switch with penalty contact"
+                )
+        if self.gait is not None:
+            _check_gait(self.gait, self.structure.member_count)
+
+    @property
+    def laws(self) -> tuple[Law, ...]:
+        """Everything that acts in the scene, in the order in which U and R sum it up."""
+        found: list[Law] = [law for kind in LAWS_OF_STRUCTURES if (law := kind.of(self)) is not None]
+        if self.ground is not None:
+            found += self.ground.laws()
+            if self.friction is not None:
+                found.append(self.friction.law(self.ground))
+        return (*found, *self.terms)
+
+    @property
+    def energy_terms(self) -> tuple[EnergyTerm, ...]:
+        """The terms of U."""
+        return tuple(law for law in self.laws if isinstance(law, EnergyTerm))
+
+    @property
+    def dissipation_terms(self) -> tuple[DissipationTerm, ...]:
+        """The terms of R."""
+        return tuple(law for law in self.laws if isinstance(law, DissipationTerm))
+
+    @property
+    def force_laws(self) -> tuple[ForceLaw, ...]:
+        """The forces that come neither from U nor from R."""
+        return tuple(law for law in self.laws if isinstance(law, ForceLaw))
+
+    @property
+    def constraints(self) -> tuple[Constraint, ...]:
+        """What complementarity stepping alone can meet."""
+        return tuple(law for law in self.laws if isinstance(law, Constraint))
+
+    @property
+    def dissipates(self) -> bool:
+        """Whether any force of the scene depends on velocity; impulses of exact contact are not forces."""
+        return bool(self.dissipation_terms or self.force_laws)
+
+    @property
+    def constrained(self) -> bool:
+        """Whether struts or contact are constraints."""
+        return bool(self.constraints)
+
+    def potential_energy(self, q: NodeVectors, t: Scalar, vectors: VectorsByKind | None = None) -> Scalar:
+        """U(q, t) = U_struts + U_cables + U_gravity + U_contact + ..., J, of the terms that the scene has.
+
+        Given `vectors`, the members' d at q, U is a function of them too: dU/dq then lacks what acts along the members,
+        which is dU/d(vectors).
+        """
+        at = self.configuration(q, t, vectors)
+        return sum((term.energy(at) for term in self.energy_terms), jnp.zeros((), q.dtype))
+
+    def dissipation(
+        self,
+        v: NodeVectors,
+        q: NodeVectors,
+        t: Scalar,
+        normal_force: PerNode | None,
+        vectors: tuple[VectorsByKind, VectorsByKind] | None = None,
+    ) -> Scalar:
+        """R(v; q, t) = R_nodes + R_struts + R_cables + R_contact + R_friction + ..., W, of the terms that there are.
+
+        `normal_force` (N, per node) is an input of its own because friction's R holds it fixed: it depends on v too,
+        and only the derivative at fixed F_n is the friction force. Given `vectors`, d and d' of the members, R is a
+        function of d' too, as U is of d.
+        """
+        terms = self.dissipation_by_cause(v, q, t, normal_force, vectors)
+        return sum(terms.values(), jnp.zeros((), v.dtype))
+
+    def dissipation_by_cause(
+        self,
+        v: NodeVectors,
+        q: NodeVectors,
+        t: Scalar,
+        normal_force: PerNode | None,
+        vectors: tuple[VectorsByKind, VectorsByKind] | None = None,
+    ) -> dict[str, Scalar]:
+        """The terms of R by their causes, W; terms of one cause are added up."""
+        motion = self.motion(v, q, t, normal_force, vectors)
+        found: dict[str, Scalar] = {}
+        for term in self.dissipation_terms:
+            R = term.dissipation(motion)
+            found[term.cause] = found[term.cause] + R if term.cause in found else R
+        return found
+
+    def configuration(self, q: NodeVectors, t: Scalar, vectors: VectorsByKind | None = None) -> Configuration:
+        """What terms of U are functions of."""
+        d = member_vectors(q, self.structure.kinds) if vectors is None else vectors
+        return Configuration(q, t, d, self)
+
+    def motion(
+        self,
+        v: NodeVectors,
+        q: NodeVectors,
+        t: Scalar,
+        normal_force: PerNode | None,
+        vectors: tuple[VectorsByKind, VectorsByKind] | None = None,
+    ) -> Motion:
+        """What terms of R are functions of."""
+        if vectors is None:
+            vectors = member_vectors(q, self.structure.kinds), member_vectors(v, self.structure.damped)
+        d, rates = vectors
+        return Motion(v, rates, normal_force, Configuration(q, t, d, self))
+
+    def normal_force(self, q: NodeVectors, v: NodeVectors) -> PerNode | None:
+        """F_n of penalty contact, N, where friction needs it."""
+        return None if self.ground is None or self.friction is None else self.ground.normal_force(q, v)
+
+    def describe(self) -> str:
+        """What is modelled and what is not, members, masses, prestress, lowest and highest natural frequency.
+
+        Prestress and frequencies are those of the structure alone, in the shape it takes without gravity, ground
+        and gait.
+        """
+        names = [kind.name for kind in (*KNOWN_LAWS, *KNOWN_FRICTIONS)]
+        return describe(self, self.laws, names)
+
+
+def with_gait(scene: Scene, gait: Gait | None) -> Scene:
+    """The scene with another gait, or with none. Raises `InputError` where the gait does not fit the structure."""
+    return dataclasses.replace(scene, gait=gait)
+
+
+def with_terms(scene: Scene, *terms: Law) -> Scene:
+    """The scene with further laws of one's own, beside those that it has."""
+    return dataclasses.replace(scene, terms=(*scene.terms, *terms))
+
+
+def as_dtype(scene: Scene, dtype: str) -> Scene:
+    """The scene with every number as a JAX array of `dtype`."""
+    return jax.tree.map(lambda x: jnp.asarray(x, dtype), scene)
+
+
+def start_of(scene: Scene) -> State:
+    """The structure as it is posed, at rest."""
+    q = scene.structure.nodes
+    return q, jnp.zeros_like(q)
+
+
+def _check_gait(gait: Gait, members: int) -> None:
+    if len(set(gait.members)) < len(gait.members):
+        raise InputError(f"gait.members = {list(gait.members)}: expected each member once")
+    for k in gait.members:
+        if not 0 <= k < members:
+            known = f"0 to {members - 1}, struts first" if members else "no gait, since there are no members"
+            raise InputError(f"gait.members names member {k}; expected {known}")
+    parts = {name: getattr(gait, name) for name in ("phase", "amplitude", "frequency")}
+    for h, overtone in enumerate(gait.overtones, start=2):
+        parts |= {f"overtone {h}, size": overtone.size, f"overtone {h}, phase": overtone.phase}
+    for name, part in parts.items():
+        if np.shape(part) != (len(gait.members),):
+            raise InputError(
+                f"gait.{name} has shape {np.shape(part)}; expected one number for each of the "
+                f"{len(gait.members)} actuated members"
+            )

@@ -1,0 +1,162 @@
+"""Nodes and the members that join them, checked."""
+
+from collections.abc import Sequence
+
+import equinox as eqx
+import numpy as np
+
+from jaxgrity.core.errors import InputError
+from jaxgrity.core.primitives import accumulate, edge_vectors, place_rows, take_rows
+from jaxgrity.core.types import Edges, NodeVectors, PerMember, PerNode, VectorsByKind, as_float, as_float_or_none
+
+
+class Members(eqx.Module):
+    """Members of one kind, in the order of their edges: struts, which push and pull, or cables, which only pull.
+
+    Raises `InputError` where there are none, or an array has not one number for each member.
+    """
+
+    edges: Edges = eqx.field(static=True)
+    """(i, j), the nodes that each member joins"""
+    stiffness: PerMember | None = eqx.field(converter=as_float_or_none)
+    """K, N/m; None: rigid, |x_i - x_j| = L(t) is a constraint"""
+    rest_length: PerMember = eqx.field(converter=as_float)
+    """L, m, where nothing actuates the member"""
+    damping: PerMember | None = eqx.field(converter=as_float_or_none, default=None)
+    """c, N s/m, along the member; None: not modelled"""
+    stuck: tuple[int, ...] = eqx.field(static=True, default=())
+    """those of the members (from 0) that keep their rest length whatever a gait asks of them"""
+
+    def __check_init__(self):
+        if not self.edges:
+            raise InputError("members: there are no edges; expected at least one, or None where there are no members")
+        for name in ("stiffness", "rest_length", "damping"):
+            value = getattr(self, name)
+            if value is not None and np.shape(value) != (len(self.edges),):
+                expected = f"expected ({len(self.edges)},), one number for each member"
+                raise InputError(f"members.{name} has shape {np.shape(value)}; {expected}")
+
+    @property
+    def rigid(self) -> bool:
+        """Whether the members are constraints, not springs."""
+        return self.stiffness is None
+
+
+class Structure(eqx.Module):
+    """Point masses, in the positions from which a simulation starts, and the struts and cables between them.
+
+    Raises `InputError` where the arrays do not fit each other, or a member joins a node that is not there.
+    """
+
+    nodes: NodeVectors = eqx.field(converter=as_float)
+    """initial positions, m"""
+    node_mass: PerNode = eqx.field(converter=as_float)
+    """m_i, kg"""
+    struts: Members | None = None
+    cables: Members | None = None
+
+    def __check_init__(self):
+        shape, count = np.shape(self.nodes), np.shape(self.node_mass)
+        if len(shape) != 2 or shape[1] != 3 or shape[0] == 0:
+            raise InputError(f"structure.nodes has shape {shape}; expected (nodes, 3), at least one node")
+        if count != shape[:1]:
+            raise InputError(f"structure.node_mass has shape {count}; expected ({shape[0]},), one mass for each node")
+        for name, members in (("struts", self.struts), ("cables", self.cables)):
+            for k, edge in enumerate(members.edges if members is not None else ()):
+                if not all(0 <= node < shape[0] for node in edge):
+                    raise InputError(f"structure.{name}[{k}] = {list(edge)}: expected nodes from 0 to {shape[0] - 1}")
+
+    @property
+    def mass(self):
+        """Total mass, kg."""
+        return self.node_mass.sum()
+
+    @property
+    def kinds(self) -> "dict[str, Members]":
+        """Those of "struts" and "cables" that forces act along: rigid members without damping are constraints alone."""
+        kinds = {"struts": self.struts, "cables": self.cables}
+        return {name: m for name, m in kinds.items() if m is not None and not (m.rigid and m.damping is None)}
+
+    @property
+    def damped(self) -> "dict[str, Members]":
+        """Those of `kinds` that have dampers."""
+        return {name: members for name, members in self.kinds.items() if members.damping is not None}
+
+    @property
+    def member_count(self) -> int:
+        """Struts and cables together."""
+        return sum(len(members.edges) for members in (self.struts, self.cables) if members is not None)
+
+    @property
+    def first_cable(self) -> int:
+        """The number that gaits give to the first cable: members count from the first strut on."""
+        return len(self.struts.edges) if self.struts is not None else 0
+
+
+def member_vectors(x: NodeVectors, kinds: dict[str, Members]) -> VectorsByKind:
+    """x_i - x_j of every member (i, j): of positions, d; of velocities, d'."""
+    rows = _rows(kinds)
+    if not rows:
+        return {}
+    every = edge_vectors(x, tuple(edge for members in kinds.values() for edge in members.edges))
+    return (
+        {name: take_rows(every, numbers) for name, numbers in rows.items()}
+        if len(rows) > 1
+        else {name: every for name in rows}
+    )
+
+
+def onto_nodes(forces: VectorsByKind, kinds: dict[str, Members], nodes: int) -> NodeVectors:
+    """The transpose of `member_vectors`: puts each member's force on its first node, and takes it from the second."""
+    rows = _rows(kinds)
+    edges = tuple(edge for members in kinds.values() for edge in members.edges)
+    placed = [place_rows(forces[name], numbers, len(edges)) for name, numbers in rows.items()]
+    return accumulate(sum(placed[1:], placed[0]), edges, nodes)
+
+
+def _rows(kinds: dict[str, Members]) -> dict[str, tuple[int, ...]]:
+    """Which rows of one list of all members are those of each kind."""
+    rows, first = {}, 0
+    for name, members in kinds.items():
+        rows[name] = tuple(range(first, first + len(members.edges)))
+        first += len(members.edges)
+    return rows
+
+
+def edge_lengths(nodes: NodeVectors, edges: Edges) -> np.ndarray:
+    """Distance between the ends of each edge, m; NumPy, for use before a simulation."""
+    i, j = np.asarray(edges, int).reshape(-1, 2).T
+    return np.linalg.norm(np.asarray(nodes)[i] - np.asarray(nodes)[j], axis=1)
+
+
+def check_edges(nodes: np.ndarray, struts: Edges, cables: Edges, where: str = "structure") -> None:
+    """Refuse members that no robot has.
+
+    Raises `InputError` where a member goes to a node that is not there, joins a node to itself, has no length, or
+    joins two nodes that another member joins already.
+    """
+    seen: dict[tuple[int, int], str] = {}
+    for kind, edges in (("struts", struts), ("cables", cables)):
+        for k, (i, j) in enumerate(edges):
+            place, pair = f"{where}.{kind}[{k}]", (min(i, j), max(i, j))
+            for node in (i, j):
+                if not 0 <= node < len(nodes):
+                    raise InputError(f"{place} = [{i}, {j}]: there is no node {node}; expected 0 to {len(nodes) - 1}")
+            if i == j or np.array_equal(nodes[i], nodes[j]):
+                raise InputError(f"{place} = [{i}, {j}]: the member has no length; expected two nodes apart")
+            if pair in seen:
+                raise InputError(
+                    f"{place} = [{i}, {j}]: {seen[pair]} joins these nodes already; expected one member a pair"
+                )
+            seen[pair] = f"{kind}[{k}]"
+
+
+def per_member(value: float | Sequence[float], count: int, where: str) -> np.ndarray:
+    """One number for all members, or a list with one for each, as an array of `count`.
+
+    Raises `InputError` where a list has another length.
+    """
+    array = np.asarray(value, float)
+    if array.ndim and array.shape != (count,):
+        raise InputError(f"{where} has {array.size} numbers; expected one, or {count} (one each)")
+    return np.broadcast_to(array, (count,)).copy()

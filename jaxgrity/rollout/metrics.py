@@ -1,0 +1,143 @@
+"""What a rollout costs its actuators, and how it meets the ground: summed up step by step, for a whole population."""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+
+from jaxgrity.core.errors import InputError
+from jaxgrity.core.primitives import component, dot, edge_vectors, inverse, length, take_rows
+from jaxgrity.core.types import AnyArray, NodeVectors, PerActuator, PerNode, Scalar
+from jaxgrity.model.actuation import rest_length
+from jaxgrity.model.scene import Scene
+from jaxgrity.stepping.constraints import disjoint_groups, rigid_struts
+from jaxgrity.stepping.dynamics import centre_of_mass
+from jaxgrity.stepping.power import Step, powers, strut_impulses, step_work
+
+SLIPPING = 0.02
+"""m/s, beyond which a touching node counts as slipping"""
+WINDOW = 0.05
+"""s, time constant of the moving mean of actuator forces: rigid bodies pass impacts on as impulses, without a peak"""
+
+
+class Metrics(NamedTuple):
+    """Since the gait began; forces are moving means, with weights that fall by e in a `WINDOW`."""
+
+    path: Scalar
+    """m, length of the horizontal path of the centre of mass"""
+    work: Scalar
+    """J, done by the actuators, as in the energy audit: less what was done on them"""
+    effort: Scalar
+    """J, done by the actuators, each by itself; they get nothing back where work is done on them"""
+    contact: Scalar
+    """s, summed over the nodes that touch the ground"""
+    slip: Scalar
+    """s, of them those that slip"""
+    flight: Scalar
+    """s, in which no node touches the ground"""
+    force: PerActuator
+    """N, (actuators,), now; tension is positive"""
+    peak_force: PerActuator
+    """N, (actuators,)"""
+    peak_rate: PerActuator
+    """m/s, (actuators,), |dL/dt|"""
+    peak_power: PerActuator
+    """W, (actuators,), |force dL/dt|"""
+
+
+def initial_metrics(scene: Scene) -> Metrics:
+    """Before the first step. Raises `InputError` where the forces of actuators cannot be told apart."""
+    if scene.gait is None:
+        raise InputError("the scene has no gait; expected one, whose actuators can be measured")
+    struts = rigid_struts(scene)
+    if struts is not None and len(disjoint_groups(struts.edges)) > 1:
+        raise InputError(
+            "rigid struts share nodes: their forces cannot be told apart; expected struts with a stiffness"
+        )
+    zero = jnp.zeros_like(scene.structure.nodes[0, 0])
+    none = jnp.zeros_like(scene.gait.phase)
+    return Metrics(*[zero] * 6, *[none] * 4)
+
+
+def updated_metrics(scene: Scene, step: Step, so_far: Metrics) -> Metrics:
+    """The metrics after one more step."""
+    (q0, _), (q, v), h = step.start, step.end, step.h
+    assert scene.gait is not None, "`initial_metrics` refuses a scene without a gait"
+    on = jnp.asarray(step.t0 >= scene.gait.start).astype(q.dtype)
+    if step.impulsive:
+        work: AnyArray = step_work(scene, step)["actuation"]
+    else:
+        work = h * jnp.asarray(powers(scene, step.t0 + h, q, v)["actuation"])
+    moved = centre_of_mass(scene, q) - centre_of_mass(scene, q0)
+    way = jnp.sqrt(moved[0] * moved[0] + moved[1] * moved[1])
+    touching, slipping = _contact(scene, step)
+    rate = (_lengths(scene, step.t0 + h) - _lengths(scene, step.t0)) / h
+    tension = _tension(scene, step)
+    force = so_far.force + jnp.minimum(1, h / WINDOW) * (tension - so_far.force)
+    return Metrics(
+        path=so_far.path + on * way,
+        work=so_far.work + work,
+        effort=so_far.effort + h * jnp.sum(jnp.maximum(0, -tension * rate), axis=0),
+        contact=so_far.contact + on * h * jnp.sum(touching, axis=0),
+        slip=so_far.slip + on * h * jnp.sum(touching * slipping, axis=0),
+        flight=so_far.flight + on * h * (1 - jnp.max(touching, axis=0)),
+        force=force,
+        peak_force=jnp.maximum(so_far.peak_force, on * jnp.abs(force)),
+        peak_rate=jnp.maximum(so_far.peak_rate, jnp.abs(rate)),
+        peak_power=jnp.maximum(so_far.peak_power, on * jnp.abs(force * rate)),
+    )
+
+
+def _contact(scene: Scene, step: Step) -> tuple[PerNode, PerNode]:
+    """Per node 1 where it touches the ground, and 1 where it moves along it."""
+    ground, (q, v) = scene.ground, step.end
+    if ground is None:
+        return jnp.zeros_like(q[:, 0]), jnp.zeros_like(q[:, 0])
+    pressed = step.after.impulses.normal if ground.impulsive else -ground.signed_distance(q)
+    along = [component(v, tangent) for tangent in ground.tangents]
+    slipping = along[0] * along[0] + along[1] * along[1] > SLIPPING * SLIPPING
+    return (pressed > 0).astype(q.dtype), slipping.astype(q.dtype)
+
+
+def _lengths(scene: Scene, t: Scalar) -> PerActuator:
+    """L(t) of the actuated members, m."""
+    parts = []
+    for members, rows, first in _actuated(scene):
+        parts.append(take_rows(rest_length(members, scene.gait, t, first), rows))
+    return _in_order(scene, parts)
+
+
+def _tension(scene: Scene, step: Step) -> PerActuator:
+    """Of the actuated members, N: of springs K (l - L), of cables if they pull, of rigid struts by their impulses."""
+    q: NodeVectors = step.end[0]
+    parts: list[AnyArray] = []
+    for members, rows, first in _actuated(scene):
+        edges = tuple(members.edges[k] for k in rows)
+        if members.rigid:
+            vectors = edge_vectors(step.start[0], edges)
+            on_first = take_rows(strut_impulses(scene, step), tuple(i for i, _ in edges))
+            parts.append(-dot(on_first, vectors) * inverse(length(vectors)) / step.kick)
+            continue
+        rest = take_rows(rest_length(members, scene.gait, step.t0 + step.h, first), rows)
+        pull = take_rows(members.stiffness, rows) * (length(edge_vectors(q, edges)) - rest)
+        parts.append(pull if members is scene.structure.struts else jnp.maximum(pull, 0))
+    return _in_order(scene, parts)
+
+
+def _actuated(scene: Scene):
+    """Members of each kind, which of them are actuated, in ascending order, and the number of the first."""
+    structure, gait = scene.structure, scene.gait
+    assert gait is not None, "`initial_metrics` refuses a scene without a gait"
+    for members, first in ((structure.struts, 0), (structure.cables, structure.first_cable)):
+        if members is not None:
+            rows = tuple(k for k in range(len(members.edges)) if first + k in gait.members)
+            if rows:
+                yield members, rows, first
+
+
+def _in_order(scene: Scene, parts: list[AnyArray]) -> PerActuator:
+    """Struts' and cables' numbers, joined, in the order in which the gait names the members."""
+    joined = parts[0] if len(parts) == 1 else jnp.concatenate(parts)
+    assert scene.gait is not None, "`initial_metrics` refuses a scene without a gait"
+    order = tuple(int(k) for k in np.argsort(np.argsort(scene.gait.members)))
+    return joined if order == tuple(range(len(order))) else take_rows(joined, order)

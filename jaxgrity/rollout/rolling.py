@@ -1,0 +1,146 @@
+"""How a robot moved, from a finished trajectory: the faces it stood on in turn; whether it rolls, hops or slides."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.spatial import ConvexHull, QhullError
+from scipy.spatial.distance import pdist
+
+from jaxgrity.model.scene import Scene
+from jaxgrity.stepping.integrate import FAILURES
+from jaxgrity.stepping.simulate import Trajectory, centre_path
+from jaxgrity.core.errors import InputError
+from jaxgrity.model.structure import Structure
+
+LASTING = 0.1
+"""s, for which a face stays the lowest before the robot counts as standing on it"""
+SLIP = 0.02
+"""m/s along the ground, above which a node that touches it slips"""
+HOPPING = 0.1
+"""fraction of the time: a robot that is in the air for longer hops"""
+STAYING = 0.1
+"""body lengths: a robot displaced by less stays"""
+SLIDING = 0.5
+"""fraction of its contact time: a robot that slips for longer slides"""
+TIME_ROUNDING = 1e-4
+"""s, by which times in float32 may be off"""
+
+
+class Rolling(NamedTuple):
+    """How a robot moved from the gait's start on; without a gait, from t = 0 on."""
+
+    supports: tuple[tuple[int, ...], ...]
+    """the faces it stood on, in turn, by their nodes"""
+    since: np.ndarray
+    """(supports,), when each of them became the lowest, s"""
+    rolls: int
+    """changes of support"""
+    slip_share: float
+    """of the contact time, summed over nodes, that in which the node slips; 0 where nothing touches"""
+    airborne_share: float
+    """of the time, that in which no node touches"""
+    straightness: float
+    """horizontal displacement / horizontal path length of the centre of mass; 0 where it does not move"""
+    path_length: float
+    """horizontal, of the centre of mass, m"""
+    kind: str
+    """ "rolls", "hops", "slides" or "stays": see `rolling`"""
+    duration: float
+    """s, for which all this was watched"""
+
+    def summary(self) -> dict[str, Any]:
+        """The numbers, as they go into a JSON file; SI units."""
+        faces = [list(face) for face in self.supports]
+        return self._asdict() | {"supports": faces, "since": self.since.tolist()}
+
+    def sentence(self) -> str:
+        """The numbers, in a line for people."""
+        shown = ["-".join(map(str, face)) for face in self.supports[:2]] + ["..."] * (len(self.supports) > 2)
+        return (
+            f"{self.kind}: {self.rolls} change{'s' * (self.rolls != 1)} of support in {self.duration:.3g} s "
+            f"({', '.join(shown) or 'none lasts'}), slips {100 * self.slip_share:.0f} % of contact time, "
+            f"airborne {100 * self.airborne_share:.0f} %, straightness {self.straightness:.2f}"
+        )
+
+
+def faces(structure: Structure) -> tuple[tuple[int, int, int], ...]:
+    """The triangles of the built nodes' convex hull, each sorted, all sorted; 20 of the six-strut icosahedron.
+
+    A flat face of more than three nodes is several triangles. Raises `InputError` where all nodes lie in a plane.
+    """
+    try:
+        hull = ConvexHull(np.asarray(structure.nodes, float))
+    except QhullError as error:
+        raise InputError(
+            f"the structure's {len(structure.nodes)} nodes lie in a plane: there are no faces to stand on; expected at "
+            "least 4 nodes that do not"
+        ) from error
+    return tuple(sorted((i, j, k) for i, j, k in np.sort(hull.simplices, axis=1).tolist()))
+
+
+def rolling(scene: Scene, trajectory: Trajectory) -> Rolling:
+    """Which faces the robot stood on, how much of the time it slipped or flew, and what that makes of its motion.
+
+    The support is the hull's face whose mean signed distance is lowest, once it has been for `LASTING`, in every frame:
+    frames further apart than that miss changes, and where a robot rattles, more frames find fewer. Nodes touch the
+    ground where phi < `Ground.touched_below`: 2 mm with exact contact, 0 with penalty contact; contact and slip are
+    measured along the ground and its normal, displacement and path in x and y. The first of these that applies is the `kind`:
+
+    "hops": in the air for more than `HOPPING` of the time, also on the spot;
+    "stays": displaced by less than `STAYING` body lengths, the longest distance between two built nodes;
+    "slides": slips for more than `SLIDING` of the contact time, or rolls fewer times than it is body lengths displaced;
+    "rolls".
+
+    Raises `InputError` without ground, where the trajectory failed or has no two frames after the gait's start, or as
+    `faces` does.
+    """
+    ground = scene.ground
+    if ground is None:
+        raise InputError("this scene has no ground to roll on; expected [ground]")
+    if trajectory.failed:
+        raise InputError(f"the trajectory failed: {FAILURES[int(trajectory.failure)]}; expected one that succeeded")
+    times = np.asarray(trajectory.times, float)
+    start = 0.0 if scene.gait is None else float(scene.gait.start)
+    moving = times >= start - TIME_ROUNDING
+    if moving.sum() < 2:
+        raise InputError(f"the trajectory ends at {times[-1]:g} s; expected at least two frames from {start:g} s on")
+    times = times[moving]
+    phi = np.asarray(trajectory.positions, float)[moving] @ np.array(ground.normal)
+    touching = phi < ground.touched_below
+    along = np.asarray(trajectory.velocities, float)[moving] @ np.array(ground.tangents).T
+    slipping = touching & (np.linalg.norm(along, axis=-1) > SLIP)
+    contact = np.trapezoid(touching.sum(1), times)
+    slip_share = float(np.trapezoid(slipping.sum(1), times) / contact) if contact > 0 else 0.0
+    duration = float(times[-1] - times[0])
+    airborne_share = float(np.trapezoid(~touching.any(1) * 1.0, times)) / duration
+    path = centre_path(scene, trajectory)[moving, :2]
+    path_length = float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
+    displacement = float(np.linalg.norm(path[-1] - path[0]))
+    straightness = displacement / path_length if path_length > 0 else 0.0
+    hull = np.array(faces(scene.structure))
+    lowest = phi[:, hull].mean(-1).argmin(1)
+    begins = _changes(lowest, times)
+    supports = tuple(tuple(face) for face in hull[lowest[begins]].tolist())
+    rolls = max(0, len(supports) - 1)
+    lengths = displacement / float(pdist(np.asarray(scene.structure.nodes, float)).max())
+    kind = _name_of_motion(rolls, slip_share, airborne_share, lengths)
+    return Rolling(
+        supports, times[begins], rolls, slip_share, airborne_share, straightness, path_length, kind, duration
+    )
+
+
+def _changes(lowest: np.ndarray, times: np.ndarray) -> np.ndarray:
+    """Frames in which a face that lasts, and is not the one that lasted before it, becomes the lowest."""
+    begins = np.flatnonzero(np.diff(lowest, prepend=-1))
+    ends = np.append(begins[1:], len(lowest)) - 1
+    lasting = begins[times[ends] - times[begins] >= LASTING - TIME_ROUNDING]
+    return lasting[np.diff(lowest[lasting], prepend=-1) != 0]
+
+
+def _name_of_motion(rolls: int, slip_share: float, airborne_share: float, lengths: float) -> str:
+    """By the thresholds of `rolling`; `lengths` is the displacement in body lengths."""
+    if airborne_share > HOPPING:
+        return "hops"
+    if lengths < STAYING:
+        return "stays"
+    return "slides" if slip_share > SLIDING or rolls < lengths else "rolls"

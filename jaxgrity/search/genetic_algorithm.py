@@ -1,0 +1,196 @@
+"""A genetic algorithm over gaits: which genes make the robot roll far, and keep it rolling when little is known."""
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float, Int
+
+from jaxgrity.search.genome import Genes, Genome
+from jaxgrity.search.objectives import Fitness, judge
+from jaxgrity.model.scene import Scene, as_dtype
+from jaxgrity.stepping.simulate import Settings, as_inputs, settle
+from jaxgrity.core.errors import InputError
+from jaxgrity.core.types import AnyArray, PerGait, Scalar
+
+
+class Breeding(eqx.Module):
+    """How one generation makes the next."""
+
+    population: int = eqx.field(static=True, default=128)
+    generations: int = eqx.field(static=True, default=16)
+    elites: int = eqx.field(static=True, default=8)
+    """the best, which go on unchanged"""
+    tournament: int = eqx.field(static=True, default=3)
+    """each parent is the best of so many drawn at random"""
+    mutation_rate: float = eqx.field(static=True, default=0.3)
+    """share of genes that mutate"""
+    mutation_size: tuple[float, float] = eqx.field(static=True, default=(0.1, 0.02))
+    """standard deviation of a mutation, in turns of the circle, in the first and in the last generation"""
+    settled: int | None = eqx.field(static=True, default=None)
+    """generations after which mutations no longer shrink; None: the last one"""
+
+    def __check_init__(self):
+        if self.population < 2:
+            raise InputError(f"population = {self.population}: expected at least 2 gaits")
+        if not 0 < self.elites < self.population:
+            raise InputError(f"elites = {self.elites}: expected 1 to {self.population - 1}, fewer than the population")
+        if self.generations < 1 or self.tournament < 1:
+            raise InputError(
+                f"generations = {self.generations}, tournament = {self.tournament}: expected at least 1 of each"
+            )
+
+
+class Generation(NamedTuple):
+    """One generation, evaluated, best gait first."""
+
+    genes: Genes
+    fitness: PerGait
+    """-inf where a rollout failed"""
+    spread: PerGait
+    """standard deviation of the objective over each gait's ensemble"""
+    failed: Int[AnyArray, ""]
+    """how many gaits failed"""
+
+
+class State(NamedTuple):
+    """A search between two generations: all that it takes to go on, to the very same end."""
+
+    number: int
+    """of the generation that comes next"""
+    key: AnyArray
+    """of the random numbers that are still to be drawn"""
+    genes: Genes
+    """to be evaluated next"""
+    history: Float[np.ndarray, "generations 3"]
+    """best and median fitness and how many failed, of each generation so far"""
+    evaluated: Generation | None
+    """the last generation; None before the first"""
+
+
+class Search(NamedTuple):
+    """A finished search: its last generation, and how it got there."""
+
+    last: Generation
+    best: np.ndarray
+    """(generations,), fitness of the best gait"""
+    median: np.ndarray
+    """(generations,), of the median gait"""
+    failed: np.ndarray
+    """(generations,), how many gaits failed"""
+    rollouts: int
+
+
+def begin(genome: Genome, breeding: Breeding, seed: int, dtype: str) -> State:
+    """A search before its first generation: genes at random."""
+    key, first = jax.random.split(jax.random.key(seed))
+    genes = jax.random.uniform(first, (breeding.population, genome.size), dtype)
+    return State(0, jax.random.key_data(key), genes, np.zeros((0, 3)), None)
+
+
+def evolve(
+    scene: Scene,
+    genome: Genome,
+    duration: float,
+    breeding: Breeding | None = None,
+    *,
+    fitness: Fitness | None = None,
+    seed: int = 0,
+    method: str | None = None,
+    dt: float | None = None,
+    dtype: str | None = None,
+    any_step: bool = False,
+    state: State | None = None,
+    on_generation: Callable[[State], None] | None = None,
+) -> Search:
+    """Evolve gaits for `fitness` over `duration` (s); where not given, for distance alone, with nothing uncertain.
+
+    Every generation, elites too, meets new draws of what is uncertain. The same seed gives the same search, and so does
+    a `state` of it to go on from. `on_generation` gets the state after each generation. Raises `InputError` as
+    `simulate.settle` does, before anything compiles.
+    """
+    breeding, fitness = breeding or Breeding(), fitness or Fitness()
+    settings = settle(scene, duration, method, dt, dtype, any_step=any_step)
+    scene = as_dtype(scene, settings.dtype)
+    state = state or begin(genome, breeding, seed, settings.dtype)
+    while state.number < breeding.generations:
+        state = _advance(state, scene, genome, np.asarray(duration, float), breeding, settings, fitness)
+        if on_generation is not None:
+            on_generation(state)
+    assert state.evaluated is not None, "there is at least one generation"
+    best, median, failed = state.history.T
+    rollouts = breeding.population * breeding.generations * (1 if fitness.uncertainty.none else fitness.robots)
+    return Search(state.evaluated, best, median, failed.astype(int), rollouts)
+
+
+def _advance(state: State, scene, genome, duration, breeding: Breeding, settings: Settings, fitness: Fitness) -> State:
+    key, now = jax.random.split(jax.random.wrap_key_data(jnp.asarray(state.key)))
+    # NumPy: on all devices, as a generation leaves them, genes would have the next one compiled again
+    genes, number, inputs = np.asarray(state.genes), np.asarray(state.number), as_inputs(settings)
+    generation, bred = _generation(now, genes, number, scene, genome, duration, breeding, inputs, fitness)
+    facts = [float(generation.fitness[0]), _median(generation.fitness), float(generation.failed)]
+    history = np.concatenate([state.history, [facts]])
+    return State(state.number + 1, jax.random.key_data(key), bred, history, generation)
+
+
+@eqx.filter_jit
+def _generation(
+    key,
+    genes: Genes,
+    number,
+    scene: Scene,
+    genome: Genome,
+    duration,
+    breeding: Breeding,
+    settings: Settings,
+    fitness: Fitness,
+) -> tuple[Generation, Genes]:
+    """Evaluate `genes`, and breed those of the next generation."""
+    drawn, bred = jax.random.split(key)
+    scores = judge(drawn, scene, genome.gaits(scene.gait, genes), duration, settings, fitness)
+    order = jnp.argsort(-scores.fitness)
+    generation = Generation(genes[order], scores.fitness[order], scores.spread[order], jnp.sum(scores.failed))
+    progress = jnp.minimum(1, number / max(1, (breeding.settled or breeding.generations) - 1))
+    return generation, breed(bred, generation, progress, genome, breeding)
+
+
+def breed(key, generation: Generation, progress: Scalar, genome: Genome, breeding: Breeding) -> Genes:
+    """The genes of the next generation: elites, and children of two parents, each a tournament's best.
+
+    A child takes each gene from a point between its parents, or a little beyond, along the shorter way round the
+    circle where the gene is an angle, and mutates some by a normal deviate. Of the gaits that the second parent is by
+    symmetry, the one nearest to the first counts.
+    """
+    draw, blend, which, mutate = jax.random.split(key, 4)
+    genes, dtype = generation.genes, generation.genes.dtype
+    children = breeding.population - breeding.elites
+    # sorted best first, so the best of a tournament is its lowest index
+    parents = jax.random.randint(draw, (2, children, breeding.tournament), 0, breeding.population).min(axis=-1)
+    mother, father = genes[parents[0]], genome.nearest_image(genes[parents[0]], genes[parents[1]])
+    weight = jax.random.uniform(blend, mother.shape, dtype, -0.1, 1.1)
+    child = mother + weight * genome.towards(mother, father)
+    first, last = breeding.mutation_size
+    size = jnp.asarray(first * (last / first) ** progress, dtype)
+    mutated = jax.random.bernoulli(which, breeding.mutation_rate, child.shape)
+    child = child + jnp.where(mutated, size * jax.random.normal(mutate, child.shape, dtype), 0)
+    return jnp.concatenate([genes[: breeding.elites], genome.within(child)])
+
+
+def distinct(generation: Generation, genome: Genome, count: int, apart: float = 0.02) -> Genes:
+    """The best `count` gaits of a generation that differ from each other by at least `apart` in some gene, whichever
+    way the robot is turned."""
+    chosen: list[int] = []
+    genes = np.asarray(generation.genes)
+    for k in np.flatnonzero(np.isfinite(generation.fitness)):
+        if len(chosen) < count and all(genome.gap(genes[k], genes[c]) >= apart for c in chosen):
+            chosen.append(int(k))
+    return genes[np.array(chosen, int)]
+
+
+def _median(fitness: PerGait) -> float:
+    finite = np.asarray(fitness)[np.isfinite(fitness)]
+    return float(np.median(finite)) if finite.size else -math.inf

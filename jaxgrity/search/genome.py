@@ -1,0 +1,130 @@
+"""What evolves: genes in [0, 1], and the gaits that they stand for."""
+
+import math
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from jaxgrity.model.actuation import Gait, Overtone
+from jaxgrity.rollout.population import gaits_of
+from jaxgrity.core.errors import InputError
+from jaxgrity.core.types import AnyArray
+
+Genes = Float[AnyArray, "*population genes"]
+
+
+class Genome(eqx.Module):
+    """Genes in [0, 1): phases, which go round a circle, then what else has bounds.
+
+    Genes are phase/2 pi for each actuator; then, where asked for, one amplitude each, one frequency for all, for every
+    overtone a phase and a size each, and one rank each. What has no genes stays as the scene's gait says.
+    """
+
+    actuators: int = eqx.field(static=True)
+    amplitude: tuple[float, float] | None = eqx.field(static=True, default=None)
+    """bounds"""
+    frequency: tuple[float, float] | None = eqx.field(static=True, default=None)
+    """bounds, Hz"""
+    overtones: int = eqx.field(static=True, default=0)
+    """how many follow the first sine of every member's Fourier series, of sizes up to half of it"""
+    active: int | None = eqx.field(static=True, default=None)
+    """how many of the actuators move, those that rank highest; the others keep their rest lengths"""
+    images: tuple[tuple[int, ...], ...] = eqx.field(static=True, default=())
+    """permutations of the actuators under which a gait is the same gait, seen from elsewhere (`symmetry.py`)"""
+
+    def __check_init__(self):
+        for name, top in (("amplitude", 1.0), ("frequency", math.inf)):
+            bounds = getattr(self, name)
+            if bounds is not None and not 0 <= bounds[0] < bounds[1] <= top:
+                raise InputError(f"{name} = {bounds}: expected two ascending bounds between 0 and {top:g}")
+        if self.overtones < 0:
+            raise InputError(f"overtones = {self.overtones}: expected 0 or more")
+        if self.active is not None and not 1 <= self.active < self.actuators:
+            raise InputError(f"active = {self.active}: expected 1 to {self.actuators - 1}, fewer than may be actuated")
+
+    @property
+    def blocks(self) -> dict[str, int]:
+        """How many genes each quantity has, in their order."""
+        n = self.actuators
+        found = {"phase": n}
+        if self.amplitude:
+            found["amplitude"] = n
+        if self.frequency:
+            found["frequency"] = 1
+        for h in range(2, 2 + self.overtones):
+            found |= {f"phase {h}": n, f"size {h}": n}
+        if self.active is not None:
+            found["rank"] = n
+        return found
+
+    @property
+    def size(self) -> int:
+        return sum(self.blocks.values())
+
+    @property
+    def circular(self) -> np.ndarray:
+        """(genes,), which genes are angles."""
+        return np.concatenate([np.full(count, name.startswith("phase")) for name, count in self.blocks.items()])
+
+    def split(self, genes: Genes) -> dict[str, AnyArray]:
+        """The genes of each quantity."""
+        ends = np.cumsum(list(self.blocks.values()))
+        return dict(zip(self.blocks, jnp.split(jnp.asarray(genes), ends[:-1], axis=-1)))
+
+    def gaits(self, gait: Gait | None, genes: Genes) -> Gait:
+        """The population of gaits that `genes` stand for, around the scene's own `gait`."""
+        parts = self.split(genes)
+        amplitude = frequency = None
+        if self.amplitude:
+            amplitude = _between(self.amplitude, parts["amplitude"])
+        if self.frequency:
+            frequency = jnp.broadcast_to(_between(self.frequency, parts["frequency"]), parts["phase"].shape)
+        gaits = gaits_of(gait, 2 * jnp.pi * parts["phase"], amplitude, frequency)
+        if self.overtones:
+            extra = tuple(
+                Overtone(parts[f"size {h}"] / 2, 2 * jnp.pi * parts[f"phase {h}"]) for h in range(2, 2 + self.overtones)
+            )
+            gaits = eqx.tree_at(lambda g: g.overtones, gaits, extra, is_leaf=lambda x: isinstance(x, tuple))
+        if self.active is not None:
+            place = jnp.argsort(jnp.argsort(-parts["rank"], axis=-1), axis=-1)
+            gaits = eqx.tree_at(lambda g: g.amplitude, gaits, jnp.where(place < self.active, gaits.amplitude, 0))
+        return gaits
+
+    def within(self, genes: Genes) -> Genes:
+        """Angles brought back to their circle, the rest to its bounds."""
+        return jnp.where(self.circular, genes % 1, jnp.clip(genes, 0, 1))
+
+    def bounded(self, genes: Genes) -> Genes:
+        """Angles as they are, the rest brought back to its bounds."""
+        return jnp.where(self.circular, genes, jnp.clip(genes, 0, 1))
+
+    def towards(self, a: AnyArray, b: AnyArray) -> AnyArray:
+        """b - a, the shorter way round where the gene is an angle: in [-1/2, 1/2) of a turn."""
+        return jnp.where(self.circular, (b - a + 0.5) % 1 - 0.5, b - a)
+
+    def nearest_image(self, a: Genes, b: Genes) -> Genes:
+        """Of the gaits that `b` is by symmetry, the one nearest to `a`."""
+        if len(self.images) < 2:
+            return b
+        images = jnp.stack([b[..., self._permuted(image)] for image in self.images])
+        gaps = jnp.sum(self.towards(a, images) ** 2, axis=-1)
+        which = jnp.argmin(gaps, axis=0)
+        return jnp.take_along_axis(images, which[None, ..., None], axis=0)[0]
+
+    def gap(self, a: Genes, b: Genes) -> AnyArray:
+        """The largest difference of any gene between `a` and the image of `b` nearest to it."""
+        return jnp.abs(self.towards(a, self.nearest_image(a, b))).max(-1)
+
+    def _permuted(self, image: tuple[int, ...]) -> np.ndarray:
+        """The numbers of the genes in the order that permutes the actuators."""
+        rows, first = [], 0
+        for count in self.blocks.values():
+            rows.append(first + (np.array(image) if count == self.actuators else np.arange(count)))
+            first += count
+        return np.concatenate(rows)
+
+
+def _between(bounds: tuple[float, float], genes: AnyArray) -> AnyArray:
+    return bounds[0] + (bounds[1] - bounds[0]) * genes

@@ -1,0 +1,211 @@
+"""Gradients of rollouts: pathwise by reverse mode, smoothed by regression on perturbed gaits, and both combined."""
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.scipy.special import ndtri
+
+from jaxgrity.model.actuation import Gait
+from jaxgrity.stepping.dynamics import centre_of_mass
+from jaxgrity.search.genome import Genome
+from jaxgrity.stepping.methods import RK4
+from jaxgrity.search.objectives import Fitness, judge, with_robots
+from jaxgrity.rollout.population import Outcomes, discretise_lanes, in_lanes, lanes_last, over_lanes
+from jaxgrity.model.scene import Scene
+from jaxgrity.stepping.simulate import Settings
+from jaxgrity.core.types import AnyArray, PerGait, Phases, Scalar, Vectors
+from jaxgrity.rollout.uncertainty import Differences, ensemble
+
+
+class Task(NamedTuple):
+    """What stays the same from step to step."""
+
+    scene: Scene
+    genome: Genome
+    duration: float
+    settings: Settings
+    fitness: Fitness
+    width: Scalar
+    """standard deviation s of the smoothed gradient's perturbations, as `Polishing.width`"""
+
+
+def distance_and_gradient(scene: Scene, gaits: Gait, horizon: float, settings: Settings) -> tuple[PerGait, Phases]:
+    """Horizontal distance of each gait at `horizon` (m), and its gradient in the phases (m/rad), by reverse mode.
+
+    All gaits are integrated at once, in lanes, by `checkpointed_end`, which has to know the step: no `as_inputs`.
+    """
+
+    def total(phase):
+        distance = distances(scene, eqx.tree_at(lambda g: g.phase, gaits, phase), horizon, settings)
+        return jnp.sum(distance), distance
+
+    gradient, distance = jax.grad(total, has_aux=True)(gaits.phase)
+    return distance, gradient
+
+
+def distances(scene: Scene, gaits: Gait, horizon: float, settings: Settings, end: Callable | None = None) -> PerGait:
+    """Horizontal distance of each gait at `horizon`, m, in a form that reverse mode differentiates.
+
+    `end` integrates all gaits, in lanes; `checkpointed_end` where not given.
+    """
+    first, last = centres(scene, gaits, None, horizon, settings, end)
+    moved = (last - first)[:, :2]
+    return jnp.sqrt(jnp.sum(moved * moved, axis=1))
+
+
+def centres(
+    scene: Scene,
+    gaits: Gait,
+    differences: Differences | None,
+    horizon: float,
+    settings: Settings,
+    end: Callable | None = None,
+) -> tuple[Vectors, Vectors]:
+    """(population, 3), centre of mass of each robot at the start and at `horizon`, m, as for `distances`."""
+    scene, axes = in_lanes(scene, lanes_last(gaits), lanes_last(differences))
+    nodes = scene.structure.nodes
+    q, _ = (end or checkpointed_end)(scene, axes, (nodes, jnp.zeros_like(nodes)), horizon, settings)
+    com = over_lanes(centre_of_mass, (axes, -1))
+    return com(scene, nodes).T, com(scene, q).T
+
+
+def checkpointed_end(scene: Scene, axes: Scene, start, horizon: float, settings: Settings):
+    """The state at `horizon`, by the scene's method stepped inside two nested scans, for reverse mode.
+
+    On the way back the inner scan is run again, stretch by stretch; RK4 then computes each of its stages once more, any
+    other method each of its steps. Where the steps do not divide into two such scans there are a few more of them, as
+    much smaller.
+    """
+    terms, solver = discretise_lanes(settings, axes)
+    count = horizon / settings.dt  # type: ignore[operator]
+    stretches, steps = _divide(max(1, int(np.ceil(count - 1e-6))))
+    h = horizon / (stretches * steps)
+
+    def step(carry, k):
+        y, solver_state = carry
+        y, _, _, solver_state, _ = solver.step(terms, k * h, (k + 1) * h, y, scene, solver_state, False)
+        return (y, solver_state), None
+
+    kept = step if isinstance(solver, RK4) else jax.checkpoint(step)
+
+    def stretch(carry, k):
+        return jax.lax.scan(kept, carry, k)
+
+    numbers = jnp.arange(stretches * steps, dtype=settings.dtype).reshape(stretches, steps)
+    first = (start, solver.init(terms, 0.0, h, start, scene))
+    (end, _), _ = jax.lax.scan(jax.checkpoint(stretch), first, numbers)
+    return end
+
+
+def _divide(count: int) -> tuple[int, int]:
+    """Two factors of `count` near its root; of the next number above it that has such, where it has none."""
+    while True:
+        root = int(np.sqrt(count))
+        for small in range(root, root // 2, -1):
+            if count % small == 0:
+                return count // small, small
+        count += 1
+
+
+class Gradient(NamedTuple):
+    """An estimate of a gradient."""
+
+    value: Scalar
+    """of what it is the gradient of, in the mean over the rollouts that it took"""
+    mean: AnyArray
+    """(genes,), per turn of the circle or per width of the bounds"""
+    noise: Scalar
+    """squared standard error of `mean`, summed over the genes; NaN where there is none"""
+    scale: Scalar | float = 1.0
+    """of the fitness among the rollouts: without it, steps weigh alike on steep and on flat ground"""
+
+
+def combine(smoothed: Gradient, pathwise: Gradient) -> tuple[Gradient, Scalar]:
+    """The mean of two gradients by the inverse of their variances, and the second one's weight in it.
+
+    Suh, Simchowitz, Zhang, Tedrake 2022. Where one has no variance the other counts alone. The value is the smoothed
+    one's.
+    """
+    noise, other = jnp.asarray(smoothed.noise), jnp.asarray(pathwise.noise)
+    share = jnp.where(jnp.isfinite(noise), noise / jnp.maximum(noise + other, jnp.finfo(noise.dtype).tiny), 1.0)
+    share = jnp.where(jnp.isfinite(other), share, 0.0)
+    mean = jnp.where(share < 1, (1 - share) * smoothed.mean, 0) + jnp.where(share > 0, share * pathwise.mean, 0)
+    both = jnp.where(share == 0, noise, jnp.where(share == 1, other, share * other))
+    return Gradient(smoothed.value, mean, both, smoothed.scale), share
+
+
+@eqx.filter_jit
+def smoothed_gradient(key, genes, task: Task, ahead: Scalar, samples: int, robots: int) -> Gradient:
+    """g = c mean of (u(x + s e) - u(x - s e))/(2 s) e over pairs of perturbed gaits, e normal; u are their utilities.
+
+    Each gait has the fitness of an ensemble of `robots`; all meet the same draws, given which the noise is. Fitness
+    counts by its rank: good gaits lie close to cliffs, and one robot that falls off would outweigh all others. Of many
+    gaits with linear fitness g is the gradient; of 12 it is an eighth longer, in the mean.
+    """
+    drawn, disturbed = jax.random.split(key)
+    e = jax.random.normal(drawn, (samples // 2, genes.size), genes.dtype)
+    perturbed = task.genome.bounded(genes + task.width * jnp.concatenate([e, -e]))
+    gaits = task.genome.gaits(task.scene.gait, perturbed)
+    fitness = with_robots(task.fitness, robots)
+    scores = judge(disturbed, task.scene, gaits, ahead, task.settings, fitness)
+    utility, scale = utilities(scores.fitness)
+    plus, minus = jnp.split(scale * utility, 2)
+    slope = (plus - minus) / (2 * task.width)
+    mean, noise = _mean_and_noise(slope[:, None] * e)
+    known = scale > 0
+    return Gradient(_mean(scores.fitness), mean, jnp.where(known, noise, jnp.nan), jnp.where(known, scale, 1))
+
+
+def utilities(fitness: PerGait) -> tuple[PerGait, Scalar]:
+    """u = max(0, ln(n/2 + 1) - ln rank), and by what to multiply it to replace the fitness, c.
+
+    Wierstra, Schaul, Glasmachers, Sun, Peters, Schmidhuber 2014, by whom the worse half of the n gaits counts alike.
+    Normally distributed fitness has with c u the covariance that it has with itself. c is 0 where the quartiles of the
+    fitness are not two finite numbers: where a quarter of the gaits or more failed.
+    """
+    above = jnp.argsort(jnp.argsort(fitness)).astype(fitness.dtype)
+    utility = jnp.maximum(0, math.log(above.size / 2 + 1) - jnp.log(above.size - above))
+    normal, quartiles = ndtri((above + 0.5) / above.size), np.array([0.25, 0.75], fitness.dtype)
+    spread = jnp.diff(jnp.quantile(fitness, quartiles))[0] / jnp.diff(jnp.quantile(normal, quartiles))[0]
+    scale = spread / jnp.mean(utility * normal)
+    return utility, jnp.where(jnp.isfinite(scale), scale, 0)
+
+
+@eqx.filter_jit
+def pathwise_gradient(key, genes, task: Task, ahead: float, robots: int) -> Gradient:
+    """The mean gradient of the objective over an ensemble of robots, by reverse mode."""
+
+    def total(each):
+        gaits = task.genome.gaits(task.scene.gait, each)
+        many, differences = ensemble(key, task.scene, gaits, task.fitness.uncertainty, 1, common=False)
+        start, end = centres(task.scene, many, differences, ahead, task.settings)
+        none = jnp.zeros(robots, int)
+        name = task.settings.method.name
+        outcomes = Outcomes(start, end, jnp.zeros((robots, 0, 3)), none, none, none, None, name, None)
+        worth = task.fitness.objective.worth(task.scene, outcomes, ahead)
+        return jnp.sum(worth), worth
+
+    gradients, worth = jax.grad(total, has_aux=True)(jnp.tile(genes, (robots, 1)))
+    # draws come in pairs of opposite signs, whose gradients are no independent samples
+    pairs = gradients.reshape(2, -1, genes.size).mean(0) if robots % 2 == 0 else gradients
+    return Gradient(_mean(worth), *_mean_and_noise(pairs))
+
+
+def _mean(worth: PerGait) -> Scalar:
+    """Over those that did not fail; NaN where all did."""
+    return jnp.nanmean(jnp.where(jnp.isfinite(worth), worth, jnp.nan))
+
+
+def _mean_and_noise(samples) -> tuple[AnyArray, AnyArray]:
+    """The mean over those samples that are finite, 0 where none is, and its squared standard error."""
+    good = jnp.isfinite(samples).all(1, keepdims=True)
+    count = jnp.sum(good)
+    kept = jnp.where(good, samples, 0)
+    mean = kept.sum(0) / jnp.maximum(count, 1)
+    spread = jnp.sum(jnp.where(good, kept - mean, 0) ** 2)
+    return mean, jnp.where(count > 1, spread / jnp.maximum(count, 1) / jnp.maximum(count - 1, 1), jnp.nan)

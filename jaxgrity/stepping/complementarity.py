@@ -1,0 +1,123 @@
+"""Exact contact and rigid struts: a time step whose velocities satisfy constraints.
+
+The scheme is Moreau's and Jean's: forces act on the velocity, impulses then make it satisfy the constraints at the end
+of the step. M. Jean 1999, doi:10.1016/S0045-7825(98)00383-1; Stewart and Trinkle 1996.
+"""
+
+from collections.abc import Callable
+from typing import ClassVar, NamedTuple, Self
+
+import diffrax
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from jaxgrity.core.types import Scalar
+from jaxgrity.stepping.constraints import GroundImpulses, length_error, no_impulses, prepare, sweep, usual_sweeps
+
+LARGEST_LENGTH_ERROR = 1e-3
+"""fraction of its own length by which no strut may be off at the end of a step: more sweeps, or smaller steps, are
+needed there"""
+
+Lift = Callable[[Callable, tuple], Callable]
+"""`lift(function, in_axes)` maps a function over a population; in `in_axes` the letter "s" stands for the scene's"""
+
+
+class ContactState(NamedTuple):
+    """What complementarity stepping carries from step to step."""
+
+    step_size: Scalar
+    """of the last step, s; 0 before the first"""
+    impulses: GroundImpulses
+    """of the last step"""
+
+
+class Complementarity(diffrax.AbstractSolver):
+    """A leapfrog with constraints: v lives in the middle of the steps, and forces act on it at the nodes' positions.
+
+    From q at t0 and v in the middle of the last step, of size h0:
+
+        w = v + (h0 + h)/2 M^-1 F(q, (v + w)/2, t0) + impulses,    q1 = q + h w.
+
+    The first step starts from v at t0 (h0 = 0). Dissipative forces need w: a first round of sweeps, with F(q, v, t0),
+    predicts it, and the last round uses the prediction. The order is 2 where nothing begins or ends to touch, stick or
+    slip, and 1 there.
+
+    The last thing that a sweep does is to put every node on or above the ground, so no node is ever below a plane at
+    the end of a step. A robot whose struts are off by more than `LARGEST_LENGTH_ERROR` of their lengths, or by more
+    than the tolerance, at the end of a step gets NaN.
+    """
+
+    sweeps: int | None = eqx.field(static=True, default=None)
+    """over all constraints, in a step; the most there are where a tolerance is given. None: `usual_sweeps`"""
+    tolerance: float | None = eqx.field(static=True, default=None)
+    """m: sweeps end where every strut has its length within this. None: after all sweeps"""
+    prepare: Callable = eqx.field(static=True, default=prepare)
+    """as the function of this name in `constraints.py`, or mapped over a population"""
+    sweep: Callable = eqx.field(static=True, default=sweep)
+    """likewise"""
+    length_error: Callable = eqx.field(static=True, default=length_error)
+    """likewise"""
+    term_structure: ClassVar = diffrax.AbstractTerm
+    interpolation_cls: ClassVar[Callable] = diffrax.LocalLinearInterpolation
+
+    @classmethod
+    def coupled(cls, sweeps: int | None, tolerance: float | None, lift: Lift) -> Self:
+        """The solver with so many sweeps, or such a tolerance, for one robot or, by `lift`, for a population."""
+        return cls(
+            sweeps,
+            tolerance,
+            lift(prepare, ("s", None, None, -1, -1)),
+            lift(sweep, ("s", None, -1, -1, -1)),
+            lift(length_error, ("s", None, -1, -1)),
+        )
+
+    def order(self, terms):
+        return 1
+
+    def init(self, terms, t0, t1, y0, args):
+        return ContactState(jnp.zeros_like(t1 - t0), no_impulses(y0[1]))
+
+    def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
+        (q, v), h = y0, t1 - t0
+        kick = (solver_state.step_size + h) / 2
+        problem = self.prepare(args, h, t1, q, v)
+
+        def constrain(w, impulses, sweeps, tolerance=None):
+            return self._constrain(args, h, problem, (w, impulses), sweeps, tolerance)
+
+        _, a = terms.vf(t0, y0, args)
+        w, impulses = v + kick * a, no_impulses(v)
+        if args.dissipates:
+            w, impulses = constrain(w, impulses, usual_sweeps(args))
+            _, corrected = terms.vf(t0, (q, (v + w) / 2), args)
+            w = w + kick * (corrected - a)
+        w, impulses = constrain(w, impulses, self.sweeps or usual_sweeps(args), self.tolerance)
+        if problem.lengths is not None:
+            error = self.length_error(args, h, problem, w)
+            met = error.relative <= LARGEST_LENGTH_ERROR if self.tolerance is None else error.largest <= self.tolerance
+            w = jnp.where(met, w, jnp.nan)
+        y1 = (q + h * w, w)
+        return y1, None, {"y0": y0, "y1": y1}, ContactState(h, impulses), diffrax.RESULTS.successful
+
+    def _constrain(self, scene, h, problem, state, sweeps, tolerance):
+        """`state` = (w, impulses) after so many sweeps, or after as many as the tolerance needs."""
+
+        # rolled up, and outside the map over a population: unrolled sweeps, or mapped loops, are many times slower
+        if tolerance is None:
+            return jax.lax.fori_loop(0, sweeps, lambda _, s: self.sweep(scene, h, problem, *s), state)
+
+        def off(state):
+            return self.length_error(scene, h, problem, state[0]).largest
+
+        def short_of(carry):
+            done, state = carry
+            return (done < sweeps) & jnp.any(off(state) > tolerance)
+
+        def again(carry):
+            return carry[0] + 1, self.sweep(scene, h, problem, *carry[1])
+
+        return jax.lax.while_loop(short_of, again, (0, state))[1]
+
+    def func(self, terms, t0, y0, args):
+        return terms.vf(t0, y0, args)

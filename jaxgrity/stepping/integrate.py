@@ -1,0 +1,97 @@
+"""The equations of motion and a method for them, put into diffrax; and what became of a rollout."""
+
+from collections.abc import Callable
+
+import diffrax
+import jax
+import jax.numpy as jnp
+
+from jaxgrity.core.primitives import edge_vectors, length
+from jaxgrity.core.types import NodeVectors, Times
+from jaxgrity.model.scene import Scene
+from jaxgrity.stepping.complementarity import Lift
+from jaxgrity.stepping.dynamics import vector_field
+from jaxgrity.stepping.options import ResolvedOptions
+
+FAILURES = (
+    "succeeded",
+    "the motion is not finite, or misses its constraints",
+    "the structure was torn apart",
+    "the most steps allowed were taken",
+    "an implicit step did not converge",
+    "the step became too small",
+)
+"""what becomes of a rollout, by its failure code"""
+TORN = 10.0
+"""a member this many times as long as it was built shows a motion that has blown up, finite or not"""
+
+
+def one_robot(function: Callable, in_axes: tuple) -> Callable:
+    """The `Lift` of a rollout of one robot: the function as it is."""
+    return function
+
+
+def discretise(
+    options: ResolvedOptions, lift: Lift = one_robot
+) -> tuple[diffrax.AbstractTerm, diffrax.AbstractSolver]:
+    """The equations of motion and the solver for them, as diffrax takes them, for one robot or, by `lift`, for many."""
+    method = options.method
+    solver = method.fixed() if options.dt is not None or method.adaptive is None else method.adaptive()
+    if method.constrained:
+        solver = solver.coupled(options.sweeps, options.strut_tolerance, lift)  # type: ignore[attr-defined]
+    # jit, so that it is traced once for all its uses in a step
+    return diffrax.ODETerm(jax.jit(lift(vector_field, (None, -1, "s")))), solver
+
+
+def integrate(
+    start: tuple,
+    times: Times,
+    scene: Scene,
+    options: ResolvedOptions,
+    saveat: diffrax.SaveAt | None = None,
+    problem: tuple[diffrax.AbstractTerm, diffrax.AbstractSolver] | None = None,
+) -> diffrax.Solution:
+    """`diffeqsolve` from the first of `times` (s) to the last, saved at all of them unless `saveat` says otherwise.
+
+    `problem` is what `discretise` makes of the options, for one robot and `start` = (q, v), where not given. It can be
+    traced, and differentiated in forward mode.
+    """
+    terms, solver = discretise(options) if problem is None else problem
+    fixed = options.dt is not None
+    smallest = 16 * jnp.finfo(times.dtype).eps * times[-1]
+    dt0, rtol, atol = jax.tree.map(lambda x: jnp.asarray(x, times.dtype), (options.dt, options.rtol, options.atol))
+    adaptive = diffrax.PIDController(rtol=rtol, atol=atol, dtmin=smallest, force_dtmin=False)
+    controller = diffrax.ConstantStepSize() if fixed else adaptive
+    return diffrax.diffeqsolve(
+        terms,
+        solver,
+        times[0],
+        times[-1],
+        dt0,
+        start,
+        scene,
+        saveat=diffrax.SaveAt(ts=jnp.asarray(times)) if saveat is None else saveat,
+        stepsize_controller=controller,
+        adjoint=diffrax.ForwardMode(),
+        max_steps=None if fixed else options.max_steps,
+        throw=False,
+    )
+
+
+def failure_code(result, state_failure):
+    """Index into `FAILURES`, from diffrax's result and what `state_failure` says of the last state."""
+    results = diffrax.RESULTS
+    code = jnp.where(result == results.successful, state_failure, 4)
+    code = jnp.where(result == results.max_steps_reached, 3, code)
+    return jnp.where(result == results.dt_min_reached, 5, code)
+
+
+def state_failure(scene: Scene, q: NodeVectors, v: NodeVectors):
+    """1 where the state is not finite, 2 where a member is `TORN` times as long as it was built, else 0."""
+    finite = jnp.all(jnp.isfinite(q)) & jnp.all(jnp.isfinite(v))
+    torn = jnp.zeros((), bool)
+    for members in (scene.structure.struts, scene.structure.cables):
+        if members is not None:
+            built = length(edge_vectors(scene.structure.nodes, members.edges))
+            torn |= jnp.any(length(edge_vectors(q, members.edges)) > TORN * built)
+    return jnp.where(finite, jnp.where(torn, 2, 0), 1)

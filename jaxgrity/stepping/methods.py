@@ -1,0 +1,117 @@
+"""The methods that integrate the equations of motion, as diffrax solvers, by their names, with what each of them can."""
+
+import warnings
+from collections.abc import Callable
+from typing import NamedTuple
+
+import diffrax
+import numpy as np
+import optimistix
+
+from jaxgrity.core.errors import InputError
+from jaxgrity.stepping.complementarity import Complementarity
+from jaxgrity.stepping.runge_kutta import RK4
+from jaxgrity.stepping.verlet import Verlet
+
+Build = Callable[[], diffrax.AbstractSolver]
+
+
+class Method(NamedTuple):
+    """One way to integrate, and what it can; nothing in the library asks for a method's name.
+
+    A method that is neither implicit nor symplectic nor constrained has a solver with a Butcher `tableau`, from which
+    its stability is predicted.
+    """
+
+    name: str
+    order: int
+    fixed: Build
+    """builds the solver for steps of fixed size"""
+    adaptive: Build | None = None
+    """builds it for steps that its own error estimate sets; None: it has none"""
+    implicit: bool = False
+    """whether it solves equations in each step: stable at any step, and robot by robot in a population"""
+    symplectic: bool = False
+    """whether it needs forces that do not depend on velocity"""
+    constrained: bool = False
+    """whether it meets rigid struts and exact contact"""
+    recomputes: bool = False
+    """whether its step computes its stages again in reverse mode, so that no checkpoint is needed around it"""
+
+
+METHODS: dict[str, Method] = {}
+"""the methods by their names"""
+
+ALIASES = {"symplectic": "verlet"}
+"""former names"""
+
+
+def register_method(method: Method) -> Method:
+    """Let scenes be integrated by a method of one's own, under its name. Returns it.
+
+    Raises `InputError` where the name is taken, or an explicit method has no tableau.
+    """
+    if method.name in METHODS or method.name in ALIASES:
+        raise InputError(f"method = {method.name!r}: there is one of this name already; expected another name")
+    plain = not (method.implicit or method.symplectic or method.constrained)
+    if plain and not hasattr(method.fixed(), "tableau"):
+        raise InputError(f"method = {method.name!r}: its solver has no tableau; expected a diffrax.ButcherTableau")
+    METHODS[method.name] = method
+    return method
+
+
+def find_method(name: str) -> Method:
+    """The method called `name`. Raises `InputError` where there is none."""
+    if name in ALIASES:
+        warnings.warn(f"method {name!r} is now called {ALIASES[name]!r}", DeprecationWarning, stacklevel=3)
+        name = ALIASES[name]
+    if name not in METHODS:
+        raise InputError(f"method = {name!r}: unknown; expected one of {', '.join(METHODS)}")
+    return METHODS[name]
+
+
+def constrained_method() -> Method:
+    """The first of the methods that meet rigid struts and exact contact."""
+    return next(method for method in METHODS.values() if method.constrained)
+
+
+def amplification(method: Method, z: np.ndarray) -> np.ndarray:
+    """|R(z)|, by how much one explicit step of size h multiplies a mode y' = lambda y, z = h lambda.
+
+    Runge-Kutta: R(z) = 1 + z b^T (1 - z A)^-1 1. Verlet, on a mode of frequency |lambda|: 1 up to |z| = 2, then
+    w + sqrt(w^2 - 1) with w = |z|^2/2 - 1.
+    """
+    z = np.atleast_1d(np.asarray(z, complex))
+    if method.symplectic:
+        w = np.maximum(np.abs(z) ** 2 / 2 - 1, 1)
+        return w + np.sqrt(w * w - 1)
+    tableau = method.fixed().tableau  # type: ignore[attr-defined]
+    stages = len(tableau.b_sol)
+    a = np.zeros((stages, stages))
+    for row, entries in enumerate(tableau.a_lower, start=1):
+        a[row, : len(entries)] = entries
+    inverse = np.linalg.inv(np.eye(stages) - z[:, None, None] * a)
+    return np.abs(1 + z * np.einsum("i,zij->z", tableau.b_sol, inverse))
+
+
+def _implicit(kind: type) -> tuple[Build, Build]:
+    """A Kvaerno method for fixed and for adapted steps, with full Newton iterations.
+
+    diffrax's default, which keeps one Jacobian for all iterations, converges so slowly where contact, friction and
+    cables switch that most steps are rejected. A tolerance much tighter than 1e-9 fails there in turn.
+    """
+    by_error = diffrax.with_stepsize_controller_tols(optimistix.Newton)
+    fixed: optimistix.Newton = optimistix.Newton(rtol=1e-9, atol=1e-9, norm=optimistix.max_norm)
+    return lambda: kind(root_finder=fixed), lambda: kind(root_finder=by_error())
+
+
+for _method in (
+    Method("rk4", 4, RK4, recomputes=True),
+    Method("tsit5", 5, diffrax.Tsit5, diffrax.Tsit5),
+    Method("dopri8", 8, diffrax.Dopri8, diffrax.Dopri8),
+    Method("kvaerno3", 3, *_implicit(diffrax.Kvaerno3), implicit=True),
+    Method("kvaerno5", 5, *_implicit(diffrax.Kvaerno5), implicit=True),
+    Method("verlet", 2, Verlet, symplectic=True),
+    Method("complementarity", 1, Complementarity, constrained=True),
+):
+    register_method(_method)

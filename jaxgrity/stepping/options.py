@@ -1,0 +1,185 @@
+"""How to integrate: the options that a user may give, and what is made of them for one scene."""
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any, Self
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxgrity.core.errors import InputError
+from jaxgrity.core.types import NodeVectors, Scalar
+from jaxgrity.model.scene import Scene
+from jaxgrity.stepping.methods import Method, find_method
+from jaxgrity.stepping.stability import check_step, default_method, default_step
+
+MOST_SWEEPS = 1000
+"""of complementarity stepping in one step, where a tolerance is asked for"""
+
+
+@dataclass(frozen=True)
+class SolverOptions:
+    """How to integrate; what is None is chosen for the scene, by `resolve`."""
+
+    method: str | None = None
+    """rk4, tsit5, dopri8, kvaerno3, kvaerno5, verlet or complementarity, or a registered one; None: the scene decides"""
+    dt: float | None = None
+    """fixed step, s; None: adaptive methods adapt theirs, others take `default_step`"""
+    dtype: str | None = None
+    """ "float32" or "float64"; None: JAX's own, float64 where x64 is switched on"""
+    rtol: float | None = None
+    """relative tolerance of an adaptive method; None: 1e-8, or 1e-5 in float32"""
+    atol: float | None = None
+    """absolute tolerance, m and m/s, likewise"""
+    sweeps: int | None = None
+    """of complementarity stepping, over all constraints in a step; None: `usual_sweeps`"""
+    strut_tolerance: float | None = None
+    """m: sweeps go on until every rigid strut has its length within this, or `sweeps` (1000 then) are over"""
+    max_steps: int = 10**6
+    """after which an adaptive method gives up, and the rollout fails"""
+    any_step: bool = False
+    """whether to let a step pass that would blow up"""
+
+
+class ResolvedOptions(eqx.Module):
+    """Options that have been checked against a scene, and leave nothing open. Whatever takes options takes these too."""
+
+    method: Method = eqx.field(static=True)
+    dt: Scalar | None
+    """s; None: the method adapts its step"""
+    dtype: str = eqx.field(static=True)
+    rtol: Scalar
+    atol: Scalar
+    sweeps: int | None = eqx.field(static=True, default=None)
+    strut_tolerance: float | None = eqx.field(static=True, default=None)
+    max_steps: int = eqx.field(static=True, default=10**6)
+
+    def as_inputs(self) -> Self:
+        """The same with step and tolerances as arrays, with which a function is compiled once for all their values.
+
+        As numbers they are part of the compiled program; reverse mode, which has to count the steps, needs them so.
+        """
+        return jax.tree.map(lambda x: np.asarray(x, float), self)
+
+    def refined(self) -> list[Self]:
+        """These options, and those at half and a quarter of the step; or at a tenth and a hundredth of the tolerances."""
+        if self.dt is not None:
+            return [replace(self, dt=self.dt / 2**k) for k in range(3)]
+        tightest = 10 * float(np.finfo("float64").eps)
+        tolerances = [(max(tightest, self.rtol / 10**k), self.atol / 10**k) for k in range(3)]
+        return [replace(self, rtol=rtol, atol=atol) for rtol, atol in tolerances]
+
+
+Options = SolverOptions | ResolvedOptions | None
+"""what functions take as `options`"""
+
+
+def resolve(
+    scene: Scene,
+    duration: float,
+    options: Options = None,
+    *,
+    dtype: str | None = None,
+    positions: NodeVectors | None = None,
+) -> ResolvedOptions:
+    """Choose what was left open, and refuse what cannot work, before anything compiles.
+
+    Args:
+        scene: what is to be simulated.
+        duration: s.
+        options: as the user gave them; those that are resolved already stay as they are.
+        dtype: precision, in place of that of the options.
+        positions: (nodes, 3), m, where the motion starts, if not at the structure's own.
+
+    Raises:
+        InputError: unknown method or precision; duration, step or tolerance that is not positive and finite; a step too
+            large for the scene; a method that cannot meet the scene's constraints; a start that violates them; a
+            symplectic method where something dissipates; sweeps or their tolerance for any but a constrained method; a
+            tolerance below what the precision allows; float64 while JAX's x64 mode is off.
+    """
+    _check_positive(duration=duration)
+    concrete = not _traced(scene)
+    if concrete and not _traced(positions):
+        _check_start(scene, scene.structure.nodes if positions is None else positions)
+    if isinstance(options, ResolvedOptions):
+        return options if dtype is None else replace(options, dtype=_dtype(dtype))
+    given = options or SolverOptions()
+    _check_positive(dt=given.dt, rtol=given.rtol, atol=given.atol, max_steps=given.max_steps)
+    method = find_method(given.method) if given.method is not None else default_method(scene)
+    dtype = _dtype(dtype or given.dtype)
+    rtol, atol = _tolerances(given, method, dtype)
+    _check_method(scene, method)
+    sweeps = _sweeps(given, method, dtype)
+    dt = given.dt
+    if dt is None and not method.adaptive:
+        dt = default_step(scene, method)
+    elif dt is not None and not given.any_step and concrete:
+        check_step(scene, method, dt)
+    # no NumPy numbers: those are inputs of what is compiled
+    dt, rtol, atol = jax.tree.map(float, (dt, rtol, atol))
+    return ResolvedOptions(method, dt, dtype, rtol, atol, sweeps, given.strut_tolerance, given.max_steps)
+
+
+def _check_positive(**values: float | None) -> None:
+    for name, value in values.items():
+        if value is not None and not (value > 0 and math.isfinite(value)):
+            raise InputError(f"{name} = {value}: expected a positive, finite number")
+
+
+def _traced(tree: Any) -> bool:
+    """Whether any number of it is a tracer, whose value is not known."""
+    return any(isinstance(x, jax.core.Tracer) for x in jax.tree.leaves(tree))
+
+
+def _dtype(given: str | None) -> str:
+    dtype = given or str(jnp.zeros(()).dtype)
+    if dtype not in ("float32", "float64"):
+        raise InputError(f"dtype = {dtype!r}: expected 'float32' or 'float64'")
+    if dtype == "float64" and not jax.config.jax_enable_x64:  # type: ignore[attr-defined]
+        raise InputError("dtype = 'float64' needs jax.config.update(\"jax_enable_x64\", True) first")
+    return dtype
+
+
+def _tolerances(given: SolverOptions, method: Method, dtype: str) -> tuple[float, float]:
+    rtol, atol, finest = given.rtol, given.atol, 10 * float(np.finfo(dtype).eps)
+    if rtol is not None and rtol < finest:
+        raise InputError(f"rtol = {rtol:g}: {dtype} cannot meet it; expected at least {finest:.1g}")
+    if (rtol is not None or atol is not None) and (given.dt is not None or not method.adaptive):
+        raise InputError(f"rtol, atol: {method.name!r} at a fixed step has no tolerances; expected none, or no dt")
+    usual = 1e-8 if dtype == "float64" else 1e-5
+    return usual if rtol is None else rtol, usual if atol is None else atol
+
+
+def _check_method(scene: Scene, method: Method) -> None:
+    if scene.constrained and not method.constrained:
+        raise InputError(
+            f"method = {method.name!r}: this scene has rigid struts or exact contact; expected 'complementarity'"
+        )
+    if method.symplectic and scene.dissipates:
+        raise InputError(
+            f"method = {method.name!r} integrates scenes without dissipation; this one has damping or friction"
+        )
+
+
+def _sweeps(given: SolverOptions, method: Method, dtype: str) -> int | None:
+    sweeps, tolerance = given.sweeps, given.strut_tolerance
+    if (sweeps is not None or tolerance is not None) and not method.constrained:
+        raise InputError(f"sweeps, strut_tolerance: only complementarity stepping has them, not {method.name!r}")
+    if sweeps is not None and sweeps < 1:
+        raise InputError(f"sweeps = {sweeps}: expected at least 1")
+    if tolerance is None:
+        return sweeps
+    finest = 100 * float(np.finfo(dtype).eps)
+    if not tolerance >= finest:
+        raise InputError(f"strut_tolerance = {tolerance:g} m: expected at least {finest:.1g} m in {dtype}")
+    return MOST_SWEEPS if sweeps is None else sweeps
+
+
+def _check_start(scene: Scene, positions: NodeVectors) -> None:
+    """Refuse a start from which one step would have to jump onto its constraints."""
+    for constraint in scene.constraints:
+        violation = constraint.violation(np.asarray(positions, float))
+        if violation:
+            raise InputError(violation)

@@ -1,0 +1,120 @@
+"""Where energy and momentum come from and go to: the powers of forces, and the works of one step's impulses."""
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from jaxgrity.core.primitives import along, dot, inner, scale
+from jaxgrity.core.types import NodeVectors, Scalar, State
+from jaxgrity.model.scene import Scene
+from jaxgrity.stepping.complementarity import ContactState
+from jaxgrity.stepping.constraints import exact_ground, rigid_struts
+from jaxgrity.stepping.dynamics import acceleration, smooth_force
+
+Work = dict[str, jax.Array]
+"""J of the actuators and of each cause of dissipation; N s and N m s, (3,), of the forces from outside"""
+
+
+class Step(NamedTuple):
+    """One step of a fixed size."""
+
+    t0: Scalar
+    """s"""
+    h: Scalar
+    """s"""
+    start: State
+    end: State
+    before: Any
+    """the solver's state at the start; a `ContactState` where impulses act"""
+    after: Any
+    """likewise at the end"""
+
+    @property
+    def impulsive(self) -> bool:
+        """Whether it is a step of complementarity stepping."""
+        return isinstance(self.after, ContactState)
+
+    @property
+    def kick(self) -> Scalar:
+        """s, for which forces acted on the velocity: from the middle of the last step to the middle of this one."""
+        return (self.before.step_size + self.h) / 2
+
+
+def powers(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors) -> Work:
+    """W: of the actuators, dU/dt, and of each cause of dissipation, v·dR/dv, those that the scene has.
+
+    Beside them "impulse" and "moment": the force, N, and the moment about the origin, N m, that come from outside.
+    """
+    normal_force = scene.normal_force(q, v)
+    outside = smooth_force(_without_members(scene), t, q, v, normal_force)
+    found = {"actuation": jax.grad(scene.potential_energy, argnums=1)(q, jnp.asarray(t, q.dtype))}
+    found |= jax.jvp(lambda v_: scene.dissipation_by_cause(v_, q, t, normal_force), (v,), (v,))[1]
+    if scene.force_laws:
+        others, motion = smooth_force(scene, t, q, v, normal_force), scene.motion(v, q, t, normal_force)
+        for law in scene.force_laws:
+            force = law.force(motion, others)
+            found[law.cause] = -inner(jnp.ones_like(v[:, 0]), dot(v, force))
+            outside = outside + force
+    return found | {"impulse": outside.sum(0), "moment": jnp.cross(q, outside).sum(0)}
+
+
+def step_work(scene: Scene, step: Step) -> Work:
+    """What one step gained: by its impulses, or by the mean of the powers at both its ends."""
+    if step.impulsive:
+        return impulsive_work(scene, step)
+    rates = powers(scene, step.t0, *step.start), powers(scene, step.t0 + step.h, *step.end)
+    return jax.tree.map(lambda a, b: step.h / 2 * (a + b), *rates)
+
+
+def impulsive_work(scene: Scene, step: Step) -> Work:
+    """What one step of complementarity stepping gained, each impulse times the mean of the velocities around it.
+
+    What forces and ground do not account for is the work of the rigid struts, which is actuation.
+    """
+    (q, v), (_, w) = step.start, step.end
+    mean, mass = (v + w) / 2, scene.structure.node_mass
+    gained = jax.tree.map(lambda power: step.kick * power, powers(scene, step.t0, q, mean))
+    gained["actuation"] = _actuation(scene, step)
+    ground = ground_impulses(scene, step.after)
+    work = lambda force: inner(jnp.ones_like(mass), dot(force, mean))  # noqa: E731
+    if ground:
+        gained["impacts"] = -work(ground[0])
+        if scene.friction is not None:
+            gained["friction"] = -work(ground[1] + ground[2])
+    if rigid_struts(scene) is not None:
+        gained["actuation"] = gained["actuation"] + work(strut_impulses(scene, step))
+    outside: NodeVectors = sum(ground, jnp.zeros_like(q))
+    gained["impulse"] = gained["impulse"] + outside.sum(0)
+    gained["moment"] = gained["moment"] + jnp.cross(q, outside).sum(0)
+    return gained
+
+
+def _actuation(scene: Scene, step: Step) -> Scalar:
+    """J: the integral of dU/dt at fixed q over the time for which forces acted; dU/dt may jump within it."""
+    end = step.t0 + step.h / 2
+    q = step.start[0]
+    return scene.potential_energy(q, end) - scene.potential_energy(q, end - step.kick)
+
+
+def strut_impulses(scene: Scene, step: Step) -> NodeVectors:
+    """N s, on each node, of its rigid struts in one step: what neither forces nor the ground account for."""
+    (q, v), (_, w) = step.start, step.end
+    forces = step.kick * acceleration(scene, step.t0, q, (v + w) / 2)
+    impulses = scale(w - v - forces, scene.structure.node_mass)
+    return impulses - sum(ground_impulses(scene, step.after), jnp.zeros_like(q))
+
+
+def ground_impulses(scene: Scene, state: ContactState) -> list[NodeVectors]:
+    """N s, of exact contact on each node, along the normal and the two tangents, where the scene has it."""
+    ground = exact_ground(scene)
+    if ground is None:
+        return []
+    speeds, directions = (state.impulses.normal, *state.impulses.tangential), (ground.normal, *ground.tangents)
+    return [scale(along(p, n), scene.structure.node_mass) for p, n in zip(speeds, directions)]
+
+
+def _without_members(scene: Scene) -> Scene:
+    parts = lambda s: (s.structure.struts, s.structure.cables, s.gait)  # noqa: E731
+    return eqx.tree_at(parts, scene, (None, None, None), is_leaf=lambda x: x is None)

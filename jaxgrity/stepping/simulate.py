@@ -1,0 +1,118 @@
+"""One rollout of one scene, by any method."""
+
+import math
+from dataclasses import replace
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxgrity.core.errors import InputError
+from jaxgrity.core.types import NodeHistory, NodeVectors, State, Times
+from jaxgrity.model.scene import Scene, as_dtype
+from jaxgrity.stepping.integrate import failure_code, integrate, state_failure
+from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
+
+
+class Trajectory(eqx.Module):
+    """A motion: where every node was at each saved time, how it was computed, and whether it can be believed."""
+
+    times: Times
+    """(frames,), s"""
+    positions: NodeHistory
+    """(frames, nodes, 3), m"""
+    velocities: NodeHistory
+    """(frames, nodes, 3), m/s; of complementarity stepping those in the middle of the step before each frame"""
+    failure: jax.Array
+    """index into `FAILURES`; 0: succeeded"""
+    steps: jax.Array
+    """accepted steps"""
+    rejected: jax.Array
+    """steps that an adaptive method tried and gave up"""
+    method: str = eqx.field(static=True)
+    dt: float | None = eqx.field(static=True)
+    """fixed step, s; None: adaptive"""
+
+    @property
+    def failed(self) -> bool:
+        return bool(self.failure != 0)
+
+
+def centre_path(scene: Scene, trajectory: Trajectory) -> np.ndarray:
+    """(frames, 3), the centre of mass along a trajectory, m."""
+    mass = np.asarray(scene.structure.node_mass, float)
+    return np.einsum("n,fnk->fk", mass / mass.sum(), np.asarray(trajectory.positions, float))
+
+
+def frame_times(duration: float, frame_rate: float) -> np.ndarray:
+    """(frames,), s, from 0 to `duration`, as many a second as `frame_rate` says; at least two.
+
+    Raises `InputError` where the rate is not positive and finite.
+    """
+    if not (frame_rate > 0 and math.isfinite(frame_rate)):
+        raise InputError(f"frame_rate = {frame_rate}: expected a positive, finite number of frames a second")
+    return np.linspace(0, duration, max(1, round(duration * frame_rate)) + 1)
+
+
+def simulate(
+    scene: Scene,
+    duration: float,
+    *,
+    options: Options = None,
+    frame_rate: float = 100.0,
+    positions: NodeVectors | None = None,
+    velocities: NodeVectors | None = None,
+) -> Trajectory:
+    """Integrate the scene's equations of motion.
+
+    Args:
+        scene: what moves.
+        duration: s.
+        options: how to integrate; where not given, the scene decides.
+        frame_rate: saved frames a second.
+        positions: (nodes, 3), m, at the start; the structure's own where not given.
+        velocities: (nodes, 3), m/s, at the start; at rest where not given.
+
+    Returns:
+        The motion, from t = 0 to `duration`. One that fails is returned with its failure code.
+
+    Raises:
+        InputError: bad options (see `resolve`), positions or velocities of another shape, a frame rate that is not
+            positive and finite.
+
+    Example:
+        >>> scene = jaxgrity.load_scene("reference")
+        >>> trajectory = jaxgrity.simulate(scene, 0.2, frame_rate=50)
+        >>> trajectory.positions.shape  # (frames, nodes, 3), m
+        (11, 12, 3)
+    """
+    for name, given in (("positions", positions), ("velocities", velocities)):
+        expected = np.shape(scene.structure.nodes)
+        if given is not None and np.shape(given) != expected:
+            raise InputError(f"{name} has shape {np.shape(given)}; expected {expected}, a row for each node")
+    resolved = resolve(scene, duration, options, positions=positions)
+    times = frame_times(duration, frame_rate)
+    q = scene.structure.nodes if positions is None else positions
+    v = np.zeros(q.shape) if velocities is None else velocities
+    trajectory = _simulate(as_dtype(scene, resolved.dtype), (q, v), times, resolved.as_inputs())
+    return replace(trajectory, dt=resolved.dt)  # type: ignore[arg-type]
+
+
+@eqx.filter_jit
+def _simulate(scene: Scene, start: State, times: Times, options: ResolvedOptions) -> Trajectory:
+    times = jnp.asarray(times, options.dtype)
+    start = jax.tree.map(lambda x: jnp.asarray(x, options.dtype), start)
+    solution = integrate(start, times, scene, options)
+    q, v = solution.ys  # type: ignore[misc]
+    stats = solution.stats
+    return Trajectory(
+        times=times,
+        positions=q,
+        velocities=v,
+        failure=failure_code(solution.result, state_failure(scene, q[-1], v[-1])),
+        steps=stats["num_accepted_steps"],
+        rejected=stats["num_rejected_steps"],
+        method=options.method.name,
+        dt=None,  # an input here, which `simulate` knows
+    )

@@ -1,0 +1,198 @@
+"""Where the energy and the momentum of a rollout come from, and where they go."""
+
+from typing import NamedTuple
+
+import diffrax
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxgrity.core.types import NodeHistory, NodeVectors, Scalar, Times
+from jaxgrity.model.scene import Scene, as_dtype, start_of
+from jaxgrity.stepping.dynamics import angular_momentum, kinetic_energy, momentum, vector_field
+from jaxgrity.stepping.integrate import discretise, integrate
+from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
+from jaxgrity.stepping.power import Step, Work, powers, step_work
+from jaxgrity.stepping.simulate import frame_times
+
+
+class Amounts(NamedTuple):
+    """What there is in every frame."""
+
+    times: Times
+    positions: NodeHistory
+    kinetic: Times
+    potential: Times
+    momentum: NodeVectors
+    """(frames, 3), N s"""
+    angular_momentum: NodeVectors
+    """(frames, 3), N m s"""
+
+
+class EnergyAudit(NamedTuple):
+    """Change of energy = actuation work - dissipation, each integrated beside the motion, at every frame, in J."""
+
+    times: Times
+    """(frames,), s; of complementarity stepping the middle of the step before each frame, where its velocities are"""
+    positions: NodeHistory
+    """(frames, nodes, 3), m"""
+    kinetic: Times
+    """(frames,), T"""
+    potential: Times
+    """(frames,), U: members, gravity and penalty contact"""
+    actuation: Times
+    """(frames,), work done by the actuators: the integral of dU/dt at fixed q; rigid struts do theirs as they change"""
+    dissipated: dict[str, Times]
+    """(frames,) for each cause: the integral of v·dR/dv, for the Coulomb switch of -v·F_switch; impacts and friction of
+    exact contact by its impulses"""
+    momentum_residual: Times
+    """(frames,), N s: |change of momentum - impulse of the forces from outside|"""
+    angular_residual: Times
+    """(frames,), N m s, about the origin: |change of angular momentum - impulse of the moments from outside|"""
+
+    @property
+    def residual(self) -> Times:
+        """(frames,), what the balance lacks, J: an error of the time steps."""
+        energy = self.kinetic + self.potential
+        return energy - energy[0] - self.actuation + self.lost
+
+    @property
+    def lost(self) -> Times:
+        """(frames,), all dissipation, J."""
+        return sum(self.dissipated.values(), np.zeros_like(self.times))
+
+    @property
+    def turned_over(self) -> float:
+        """The largest of the amounts that went through the balance, J, against which a residual is small."""
+        return float(max(np.ptp(x) for x in (self.kinetic, self.potential, self.actuation, self.lost)))
+
+
+def energy_audit(
+    scene: Scene, duration: float, *, options: Options = None, frame_rate: float = 100.0
+) -> EnergyAudit:
+    """Roll the scene out in float64, and balance its energy and its momentum.
+
+    dE/dt = dU/dt - v·dR/dv + v·F_switch, dp/dt = sum of the forces that no member exerts, and likewise their moments.
+    Each is a further equation beside those of motion, integrated by the same method. Symplectic methods and
+    complementarity stepping take no further equations: there the works are summed step by step, from the forces and
+    impulses of each step times the mean of its velocities; steps are shortened to fit the frames. Where the rollout
+    fails, what comes after is NaN or no longer means anything: `simulate` says whether it does.
+
+    Args:
+        scene: what moves.
+        duration: s.
+        options: how to integrate; where not given, the scene decides. The precision is float64 in any case.
+        frame_rate: frames a second in which the balance is drawn.
+
+    Returns:
+        Energies (J), works (J) and residuals of momentum, a number for each frame.
+
+    Raises:
+        InputError: bad options (see `resolve`), or a frame rate that is not positive and finite.
+
+    Example:
+        >>> scene = jaxgrity.load_scene("reference")
+        >>> audit = jaxgrity.energy_audit(scene, 0.2)
+        >>> bool(abs(audit.residual).max() < 1e-3 * audit.turned_over)
+        True
+    """
+    resolved = resolve(scene, duration, options, dtype="float64")
+    times = frame_times(duration, frame_rate if resolved.dt is None else min(frame_rate, 1 / resolved.dt))
+    exact = as_dtype(scene, "float64")
+    if resolved.method.symplectic or resolved.method.constrained:
+        count = int(np.ceil(times[1] / resolved.dt - 1e-9))  # type: ignore[operator]
+        amounts, work = _step_by_step(exact, times, resolved, count)
+    else:
+        amounts, work = _beside(exact, times, resolved.as_inputs())
+    amounts, work = jax.tree.map(np.asarray, (amounts, work))
+    actuation, impulse, moment = (work.pop(name) for name in ("actuation", "impulse", "moment"))
+    return EnergyAudit(
+        times=amounts.times,
+        positions=amounts.positions,
+        kinetic=amounts.kinetic,
+        potential=amounts.potential,
+        actuation=actuation,
+        dissipated=work,
+        momentum_residual=_residual(amounts.momentum, impulse),
+        angular_residual=_residual(amounts.angular_momentum, moment),
+    )
+
+
+def _residual(momenta: np.ndarray, gained: np.ndarray) -> Times:
+    return np.linalg.norm(momenta - momenta[0] - gained, axis=1)
+
+
+@eqx.filter_jit
+def _beside(scene: Scene, times: Times, options: ResolvedOptions) -> tuple[Amounts, Work]:
+    """With the works as further equations beside those of motion."""
+    start = start_of(scene)
+
+    def field(t, y, scene):
+        return vector_field(t, y[0], scene), powers(scene, t, *y[0])
+
+    nothing = jax.tree.map(jnp.zeros_like, powers(scene, 0.0, *start))
+    _, solver = discretise(options)
+    problem = (diffrax.ODETerm(field), solver)
+    (q, v), work = integrate((start, nothing), jnp.asarray(times), scene, options, problem=problem).ys  # type: ignore[misc]
+    if options.dt is not None:
+        work["actuation"] += _one_sided(scene, jnp.asarray(times), q, solver.tableau, options.dt)  # type: ignore[attr-defined]
+    return _amounts(scene, jnp.asarray(times), q, v), work
+
+
+def _one_sided(scene: Scene, times: Times, q: NodeHistory, tableau: diffrax.ButcherTableau, h: Scalar) -> Times:
+    """(frames,), J: what the work of actuators lacks where a gait's ramp begins or ends in a frame.
+
+    There dU/dt jumps. The stage at the end of the step before the frame should see its value before the jump, and the
+    stage at the beginning of the step after it the value after; both see the value in between. Over both steps this
+    cancels, but not in between, nor where the motion begins with a jump.
+    """
+
+    def off(t, q, side):
+        power = jax.grad(scene.potential_energy, argnums=1)
+        return power(q, t + side * 1e-9) - power(q, t)
+
+    c, b = np.concatenate([[0.0], tableau.c]), np.asarray(tableau.b_sol)
+    before = h * b[c == 1].sum() * jax.vmap(lambda t, q: off(t, q, -1))(times, q)
+    after = h * b[c == 0].sum() * off(times[0], q[0], 1)
+    return jnp.where(jnp.arange(len(times)) > 0, before + after, 0.0)
+
+
+def _amounts(scene: Scene, times: Times, q: NodeHistory, v: NodeHistory) -> Amounts:
+    return Amounts(
+        times=times,
+        positions=q,
+        kinetic=jax.vmap(lambda v: kinetic_energy(scene, v))(v),
+        potential=jax.vmap(scene.potential_energy)(q, times),
+        momentum=jax.vmap(lambda v: momentum(scene, v))(v),
+        angular_momentum=jax.vmap(lambda q, v: angular_momentum(scene, q, v))(q, v),
+    )
+
+
+@eqx.filter_jit
+def _step_by_step(scene: Scene, times: Times, options: ResolvedOptions, count: int) -> tuple[Amounts, Work]:
+    """With `count` steps from one frame to the next, whose works are summed up."""
+    terms, solver = discretise(options)
+    h = jnp.asarray(times[1] / count)
+    q, v = start_of(scene)
+
+    def step(carry, k):
+        y, before, work = carry
+        y1, _, _, after, _ = solver.step(terms, k * h, (k + 1) * h, y, scene, before, False)
+        gained = step_work(scene, Step(k * h, h, y, y1, before, after))
+        return (y1, after, jax.tree.map(jnp.add, work, gained)), None
+
+    def frame(carry, numbers):
+        carry, _ = jax.lax.scan(step, carry, numbers)
+        return carry, (carry[0], carry[2])
+
+    first = solver.init(terms, 0 * h, h, (q, v), scene)
+    still = Step(0 * h, h, (q, v), (q, v), first, first)
+    nothing = jax.tree.map(jnp.zeros_like, step_work(scene, still))
+    numbers = jnp.arange(count * (len(times) - 1)).reshape(-1, count)
+    _, ((path, speeds), work) = jax.lax.scan(frame, ((q, v), first, nothing), numbers)
+    prepend = lambda a, b: jnp.concatenate([jnp.asarray(a)[None], b])  # noqa: E731
+    path, speeds = prepend(q, path), prepend(v, speeds)
+    back = jnp.where(jnp.arange(len(times)) > 0, h / 2, 0) if still.impulsive else 0 * times
+    path = path - back[:, None, None] * speeds
+    return _amounts(scene, jnp.asarray(times) - back, path, speeds), jax.tree.map(prepend, nothing, work)

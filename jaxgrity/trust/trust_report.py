@@ -1,0 +1,162 @@
+"""How far one rollout can be trusted: every check that the library has, in one call."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from jaxgrity.core.types import Times
+from jaxgrity.model.actuation import rest_length
+from jaxgrity.model.scene import Scene
+from jaxgrity.stepping.integrate import FAILURES
+from jaxgrity.stepping.options import Options, resolve
+from jaxgrity.stepping.simulate import Trajectory, centre_path, simulate
+from jaxgrity.trust.energy_audit import EnergyAudit, energy_audit
+from jaxgrity.trust.error_bars import refinement_bar
+from jaxgrity.trust.sensitivity import Sensitivity, sensitivity
+
+UNCERTAIN = 0.01
+"""rad in each phase, or m/s in the initial velocities where there is no gait: what is taken as not known"""
+PREDICTABLE = 0.01
+"""m, to which a centre of mass counts as predicted"""
+
+
+class TrustReport(NamedTuple):
+    """What one rollout is worth."""
+
+    trajectory: Trajectory
+    """the rollout itself"""
+    error_bars: Times
+    """(frames,), of the centre of mass, m, by smaller steps or tolerances"""
+    audit: EnergyAudit | None
+    """None where the rollout failed"""
+    sensitivity: Sensitivity | None
+    penetration: float
+    """m, how far any node was below the ground, at most"""
+    strut_strain: float
+    """|l - L(t)| / L(t) of any strut, at most; of rigid struts it is the error of their constraint"""
+
+    @property
+    def error_bar(self) -> float:
+        """m, of the centre of mass at the end."""
+        return float(self.error_bars[-1])
+
+    @property
+    def horizon(self) -> float:
+        """s, up to which the centre of mass is known to `PREDICTABLE`: by its error bars, and where an `UNCERTAIN`
+        gait, or start, moves it by no more."""
+        times = np.asarray(self.trajectory.times)
+        beyond = ~(self.error_bars <= PREDICTABLE)
+        exact = float(times[max(0, int(np.argmax(beyond)) - 1)] if beyond.any() else times[-1])
+        return exact if self.sensitivity is None else min(exact, self.sensitivity.horizon(PREDICTABLE / UNCERTAIN))
+
+    def summary(self) -> dict[str, Any]:
+        """The numbers, as they go into a JSON file; SI units."""
+        found: dict[str, Any] = {
+            "outcome": FAILURES[int(self.trajectory.failure)],
+            "error_bar": self.error_bar,
+            "penetration": self.penetration,
+            "strut_strain": self.strut_strain,
+            "predictable_up_to": self.horizon,
+        }
+        if self.audit is not None:
+            found["energy"] = {
+                "turned_over": self.audit.turned_over,
+                "kinetic": self.audit.kinetic[-1],
+                "potential_change": self.audit.potential[-1] - self.audit.potential[0],
+                "actuation": self.audit.actuation[-1],
+                "dissipated": {cause: lost[-1] for cause, lost in self.audit.dissipated.items()},
+                "residual": np.abs(self.audit.residual).max(),
+            }
+            found["momentum_residual"] = self.audit.momentum_residual.max()
+            found["angular_momentum_residual"] = self.audit.angular_residual.max()
+        if self.sensitivity is not None:
+            found["sensitivity"] = self.sensitivity.norm[-1]
+            found["sensitivity_growth_rate"] = self.sensitivity.growth_rate
+        return found
+
+    def table(self) -> str:
+        """The numbers, a line each, for people."""
+        facts, rows = self.summary(), {}
+        rows["outcome"] = facts["outcome"]
+        rows["error bar of the centre of mass"] = f"{facts['error_bar']:.2g} m"
+        if self.audit is not None:
+            energy = facts["energy"]
+            rows["energy"] = f"actuators {energy['actuation']:.4g} J, kinetic {energy['kinetic']:.4g} J, potential "
+            rows["energy"] += f"{energy['potential_change']:+.4g} J"
+            lost = ", ".join(f"{cause} {amount:.3g}" for cause, amount in energy["dissipated"].items())
+            rows["dissipated"] = f"{lost} J" if lost else "nothing"
+            rows["energy residual"] = f"{energy['residual']:.2g} J of {energy['turned_over']:.3g} J turned over"
+            rows["momentum residual"] = f"{facts['momentum_residual']:.2g} N s, angular "
+            rows["momentum residual"] += f"{facts['angular_momentum_residual']:.2g} N m s"
+        rows["largest penetration"] = f"{facts['penetration']:.2g} m"
+        rows["largest strut strain"] = f"{facts['strut_strain']:.2g}"
+        if self.sensitivity is not None:
+            rows["sensitivity at the end"] = f"{facts['sensitivity']:.2g} {self.sensitivity.unit}, growing by "
+            rows["sensitivity at the end"] += f"{facts['sensitivity_growth_rate']:.2g} 1/s"
+        rows["predictable to 1 cm up to"] = f"{facts['predictable_up_to']:.3g} s"
+        wide = max(map(len, rows))
+        return "\n".join(f"{name:<{wide}}  {value}" for name, value in rows.items())
+
+
+def diagnose(
+    scene: Scene, duration: float, *, options: Options = None, frame_rate: float = 100.0
+) -> TrustReport:
+    """Roll the scene out as `simulate` does, and say how far the result can be trusted.
+
+    The error bars compare with rollouts in float64 at half and a quarter of the step (or at a tenth and a hundredth of
+    the tolerances), as in `verify`.
+
+    Args:
+        scene: what moves.
+        duration: s.
+        options: how to integrate; where not given, the scene decides.
+        frame_rate: saved frames a second.
+
+    Returns:
+        The rollout, with error bars, energy audit, sensitivity, penetration and strut strain.
+
+    Raises:
+        InputError: bad options (see `resolve`), or a frame rate that is not positive and finite.
+
+    Example:
+        >>> scene = jaxgrity.load_scene("reference")
+        >>> report = jaxgrity.diagnose(scene, 0.2)
+        >>> report.error_bar < 1e-3, report.horizon  # m; s
+        (True, 0.2)
+    """
+    resolved = resolve(scene, duration, options)
+    first, *finer = resolved.refined()
+    rollouts = [simulate(scene, duration, options=first, frame_rate=frame_rate)]
+    for each in finer:
+        exact = resolve(scene, duration, each, dtype="float64")
+        rollouts.append(simulate(scene, duration, options=exact, frame_rate=frame_rate))
+    paths = [centre_path(scene, rollout) for rollout in rollouts]
+    failed = any(rollout.failed for rollout in rollouts)
+    bars = np.full(len(rollouts[0].times), np.inf) if failed else refinement_bar(*paths)
+    audit = growth = None
+    if not rollouts[0].failed:
+        audit = energy_audit(scene, duration, options=resolved, frame_rate=frame_rate)
+        growth = sensitivity(scene, duration, options=resolved)
+    depth, strain = _penetration(scene, rollouts[0]), _strut_strain(scene, rollouts[0])
+    return TrustReport(rollouts[0], bars, audit, growth, depth, strain)
+
+
+def _penetration(scene: Scene, trajectory: Trajectory) -> float:
+    if scene.ground is None:
+        return 0.0
+    phi = np.asarray(trajectory.positions, float) @ np.array(scene.ground.normal)
+    return max(0.0, float(-phi.min()))
+
+
+def _strut_strain(scene: Scene, trajectory: Trajectory) -> float:
+    """In frames at which a step ends: between them positions are interpolated, and lengths are not."""
+    struts = scene.structure.struts
+    if struts is None:
+        return 0.0
+    times, dt = np.asarray(trajectory.times, float), trajectory.dt
+    ends = np.abs(times / dt - np.round(times / dt)) < 1e-3 if dt is not None else np.ones(len(times), bool)
+    wanted = np.array([rest_length(struts, scene.gait, t, 0) for t in times[ends]])
+    i, j = np.array(struts.edges).T
+    positions = np.asarray(trajectory.positions, float)[ends]
+    lengths = np.linalg.norm(positions[:, i] - positions[:, j], axis=-1)
+    return float(np.max(np.abs(lengths - wanted) / wanted))
