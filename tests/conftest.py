@@ -2,7 +2,6 @@
 
 import os
 from collections.abc import Callable
-from pathlib import Path
 
 import hypothesis
 import jax
@@ -13,8 +12,6 @@ jax.config.update("jax_enable_x64", True)
 # The same examples on every run, so that a failure on one machine is a failure on all.
 hypothesis.settings.register_profile("jaxgrity", deadline=None, max_examples=30, derandomize=True, database=None)
 hypothesis.settings.load_profile("jaxgrity")
-
-SCENES = Path(__file__).parents[1] / "experiments" / "scenes"
 
 
 def pytest_configure(config):
@@ -35,25 +32,19 @@ def _forget_compiled_programs():
 
 
 @pytest.fixture(scope="session")
-def scenes():
-    """The folder of the project's scene files."""
-    return SCENES
-
-
-@pytest.fixture(scope="session")
 def reference():
-    """The robot of scenes/reference.toml: every term but the Coulomb switch."""
-    from jaxgrity.io.scene_files import load_scene
+    """The robot of the scene "reference": every term but the Coulomb switch."""
+    from jaxgrity import load_scene
 
-    return load_scene(SCENES / "reference.toml")
+    return load_scene("reference")
 
 
 @pytest.fixture(scope="session")
 def exact():
-    """The same robot with rigid struts, exact contact and Coulomb's cone: scenes/exact.toml."""
-    from jaxgrity.io.scene_files import load_scene
+    """The same robot with rigid struts, exact contact and Coulomb's cone: the scene "exact"."""
+    from jaxgrity import load_scene
 
-    return load_scene(SCENES / "exact.toml")
+    return load_scene("exact")
 
 
 @pytest.fixture(scope="session")

@@ -1,0 +1,5 @@
+"""What everything else is made of."""
+
+from jaxgrity.core import primitives
+
+__all__ = ["primitives"]

@@ -13,6 +13,10 @@ Rows = Float[AnyArray, "rows *xyz"]
 AnyRows = Float[AnyArray, "members *xyz"]
 PerActuator = Float[AnyArray, "*population actuators"]
 NodeVectors = Float[AnyArray, "nodes 3"]
+AnyPerNode = Float[AnyArray, "nodes *population"]
+"""of one robot, or of many with the population last: the laws of a population's scene hold these"""
+AnyNodeVectors = Float[AnyArray, "nodes 3 *population"]
+"""likewise"""
 MemberVectors = Float[AnyArray, "members 3"]
 Times = Float[AnyArray, " frames"]
 NodeHistory = Float[AnyArray, "frames nodes 3"]

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from jaxgrity.model.actuation import Gait, Overtone
-from jaxgrity.io.files import read_text
 from jaxgrity.core.errors import InputError
+from jaxgrity.io.files import read_text
+from jaxgrity.model.actuation import Gait, Overtone
 
 SHIPPED = resources.files("jaxgrity") / "data" / "gaits"
 

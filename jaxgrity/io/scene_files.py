@@ -294,16 +294,17 @@ def _or_zero(value: float | list[float] | None) -> float | list[float]:
 def _ground(table: GroundTable | None) -> Ground | None:
     if table is None:
         return None
-    exact = table.contact == "complementarity"
-    if exact and (table.stiffness is not None or table.dissipation is not None):
-        raise InputError("ground.contact = 'complementarity' is no spring; expected neither stiffness nor dissipation")
-    if not exact and table.stiffness is None:
+    if table.contact == "complementarity":
+        if table.stiffness is not None or table.dissipation is not None:
+            raise InputError(
+                "ground.contact = 'complementarity' is no spring; expected neither stiffness nor dissipation"
+            )
+        return ExactGround(table.incline, table.restitution)
+    if table.stiffness is None:
         raise InputError("ground.stiffness: missing; expected a stiffness (N/m) for penalty contact")
-    if not exact and table.restitution is not None:
+    if table.restitution is not None:
         given = f"ground.restitution = {table.restitution}"
         raise InputError(f"{given} goes with contact = 'complementarity'; expected dissipation instead")
-    if exact:
-        return ExactGround(table.incline, table.restitution)
     return PenaltyGround(table.stiffness, table.dissipation or None, table.incline)
 
 

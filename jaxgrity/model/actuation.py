@@ -5,8 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxgrity.core.primitives import place_rows, take_rows
-from jaxgrity.model.structure import Members
 from jaxgrity.core.types import PerActuator, PerMember, Scalar, as_float
+from jaxgrity.model.structure import Members
 
 
 class Overtone(eqx.Module):

@@ -7,7 +7,7 @@ import numpy as np
 from jaxgrity.core.types import AnyArray
 from jaxgrity.model.actuation import Gait
 from jaxgrity.model.energy import CableSprings, StrutSprings
-from jaxgrity.model.laws import Configuration, Law, SceneParts
+from jaxgrity.model.laws import Configuration, EnergyTerm, Law, SceneParts
 from jaxgrity.model.modal import equilibrium, natural_frequencies
 from jaxgrity.model.structure import Members, Structure, edge_lengths, member_vectors
 
@@ -60,7 +60,8 @@ def _describe_prestress(structure: Structure) -> list[tuple[str, str]]:
     if structure.member_count == 0:
         return []
     springs, stiff_modes = _as_springs(structure)
-    terms = [CableSprings(springs.cables, None, springs.first_cable)] if springs.cables is not None else []
+    terms: list[EnergyTerm] = []
+    terms += [CableSprings(springs.cables, None, springs.first_cable)] if springs.cables is not None else []
     terms += [StrutSprings(springs.struts, None)] if springs.struts is not None else []
 
     def energy(q):
@@ -68,8 +69,8 @@ def _describe_prestress(structure: Structure) -> list[tuple[str, str]]:
         return sum(term.energy(at) for term in terms)
 
     kinds = [(name, m) for name, m in (("struts", springs.struts), ("cables", springs.cables)) if m is not None]
-    strengths = np.concatenate([np.asarray(m.stiffness) * np.asarray(m.rest_length) for _, m in kinds])
-    found = equilibrium(energy, structure.nodes, tolerance=1e-10 * float(strengths.max()))
+    tolerance = max(1e-10 * _strongest(structure), 100 * np.finfo(float).eps * _strongest(springs))
+    found = equilibrium(energy, structure.nodes, tolerance)
     where = "" if found is not None else " (in the given shape: no equilibrium found)"
     shape = np.asarray(structure.nodes) if found is None else found
     forces = ", ".join(f"{name} {_span(_tension(m, shape, name == 'cables'), 'N')}" for name, m in kinds)
@@ -77,8 +78,14 @@ def _describe_prestress(structure: Structure) -> list[tuple[str, str]]:
     frequencies = natural_frequencies(energy, structure.node_mass, shape, stiff_modes)
     floppy, stiff = int(np.sum(frequencies == 0)), frequencies[frequencies > 0]
     texts = [f"{floppy} of 0 Hz (nothing resists the motion)"] if floppy else []
-    texts += [f"{stiff[0]:.4g} to {stiff[-1]:.4g} Hz"] if stiff.size else []
+    texts += [_span(stiff, "Hz")] if stiff.size else []
     return lines + ([("natural frequencies", ", ".join(texts) + where)] if texts else [])
+
+
+def _strongest(structure: Structure) -> float:
+    """N: the largest force, K L, of any member that is a spring."""
+    springs = [m for m in (structure.struts, structure.cables) if m is not None and m.stiffness is not None]
+    return max((float(np.max(np.asarray(m.stiffness) * np.asarray(m.rest_length))) for m in springs), default=0.0)
 
 
 def _as_springs(structure: Structure) -> tuple[Structure, int]:

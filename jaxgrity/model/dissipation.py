@@ -8,7 +8,7 @@ from typing import ClassVar
 import equinox as eqx
 
 from jaxgrity.core.primitives import dot, half_squares, inner, length, norm_squared, over
-from jaxgrity.core.types import MemberVectors, PerMember, PerNode, Scalar
+from jaxgrity.core.types import AnyPerNode, MemberVectors, PerMember, Scalar
 from jaxgrity.model.actuation import Gait, rest_length
 from jaxgrity.model.laws import (
     DissipationTerm,
@@ -26,7 +26,7 @@ from jaxgrity.model.structure import Members
 class NodeDamping(DissipationTerm):
     """R = sum c/2 |v|^2."""
 
-    damping: PerNode
+    damping: AnyPerNode
     name: ClassVar[str] = "node damping"
     cause: ClassVar[str] = "nodes"
 
@@ -40,8 +40,8 @@ class NodeDamping(DissipationTerm):
     def keeps(self, symmetry):
         return unchanged_per_node(self.damping, symmetry)
 
-    def parts(self, nodes):
-        return node_names("damping of", nodes)
+    def parts(self, scene):
+        return node_names("damping of", scene)
 
     def scaled(self, factors):
         return NodeDamping(self.damping * factors)
@@ -66,7 +66,7 @@ class StrutDamping(DissipationTerm):
     def keeps(self, symmetry):
         return unchanged(self.struts.damping, moved_members(self.struts, 0, symmetry))
 
-    def parts(self, nodes):
+    def parts(self, scene):
         return tuple(f"damping of {name}" for name in member_names("strut", self.struts))
 
     def scaled(self, factors):
@@ -86,17 +86,20 @@ class CableDamping(DissipationTerm):
     @classmethod
     def of(cls, scene: SceneParts) -> "CableDamping | None":
         cables = scene.structure.cables
-        return None if cables is None or cables.damping is None else cls(cables, scene.gait, scene.structure.first_cable)
+        return (
+            None if cables is None or cables.damping is None else cls(cables, scene.gait, scene.structure.first_cable)
+        )
 
     def dissipation(self, motion: Motion) -> Scalar:
-        taut_above = rest_length(self.cables, self.gait, motion.at.t, self.first)
+        damping, taut_above = self.cables.damping, rest_length(self.cables, self.gait, motion.at.t, self.first)
+        assert damping is not None, "`of` makes no law for cables without dampers"
         rate, lengths = _rate_of_length(motion, "cables")
-        return half_squares(self.cables.damping * (lengths > taut_above).astype(rate.dtype), rate)
+        return half_squares(damping * (lengths > taut_above).astype(rate.dtype), rate)
 
     def keeps(self, symmetry):
         return unchanged(self.cables.damping, moved_members(self.cables, self.first, symmetry))
 
-    def parts(self, nodes):
+    def parts(self, scene):
         return tuple(f"damping of {name}" for name in member_names("cable", self.cables))
 
     def scaled(self, factors):

@@ -6,7 +6,7 @@ import equinox as eqx
 import numpy as np
 
 from jaxgrity.core.primitives import component, dot, half_squares, inner, length, positive_part
-from jaxgrity.core.types import NodeVectors, PerNode, Scalar
+from jaxgrity.core.types import AnyNodeVectors, AnyPerNode, Scalar
 from jaxgrity.model.actuation import Gait, rest_length
 from jaxgrity.model.laws import (
     SAME,
@@ -42,7 +42,7 @@ class StrutSprings(EnergyTerm):
     def keeps(self, symmetry):
         return _springs_alike(self.struts, 0, symmetry)
 
-    def parts(self, nodes):
+    def parts(self, scene):
         return member_names("strut", self.struts)
 
     def scaled(self, factors):
@@ -70,7 +70,7 @@ class CableSprings(EnergyTerm):
     def keeps(self, symmetry):
         return _springs_alike(self.cables, self.first, symmetry)
 
-    def parts(self, nodes):
+    def parts(self, scene):
         return member_names("cable", self.cables)
 
     def scaled(self, factors):
@@ -81,8 +81,8 @@ class Gravity(EnergyTerm):
     """U = sum m g z, with z along `up` where the ground leans more than its file says."""
 
     g: Scalar
-    node_mass: PerNode
-    up: NodeVectors | None
+    node_mass: AnyPerNode
+    up: AnyNodeVectors | None
     name: ClassVar[str] = "gravity"
 
     @classmethod
@@ -97,7 +97,7 @@ class Gravity(EnergyTerm):
         up = np.array(UP) if self.up is None else np.asarray(self.up)[0]
         return bool(np.allclose(symmetry.matrix @ up, up, rtol=0, atol=SAME))
 
-    def parts(self, nodes):
+    def parts(self, scene):
         return ("gravity",)
 
     def scaled(self, factors):

@@ -118,8 +118,8 @@ class SlipDissipation(DissipationTerm):
         alike = unchanged_per_node(self.friction.mu, symmetry)
         return alike and same_direction(symmetry.matrix, self.ground.normal)
 
-    def parts(self, nodes):
-        return node_names("friction at", nodes)
+    def parts(self, scene):
+        return node_names("friction at", scene)
 
     def scaled(self, factors):
         return eqx.tree_at(lambda s: s.friction.mu, self, self.friction.mu * factors)

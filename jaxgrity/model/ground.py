@@ -2,7 +2,7 @@
 
 import math
 from abc import abstractmethod
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import equinox as eqx
 import jax
@@ -11,8 +11,8 @@ import numpy as np
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import component, half_squares, inner, positive_part
 from jaxgrity.core.types import AnyArray, NodeVectors, PerNode, Scalar, as_float, as_float_or_none
-from jaxgrity.model.laws import Configuration, Constraint, DissipationTerm, EnergyTerm, Law, Motion, node_names
 from jaxgrity.model.laws import SAME as SAME_DIRECTION
+from jaxgrity.model.laws import Configuration, Constraint, DissipationTerm, EnergyTerm, Law, Motion, node_names
 from jaxgrity.model.rigid_struts import LARGEST_GAP
 
 Direction = tuple[float, float, float]
@@ -24,8 +24,13 @@ TOUCHING = 1e-6
 class Ground(eqx.Module):
     """A plane through the origin, level or falling towards +x: phi(x) = n·x, n = (sin theta, 0, cos theta)."""
 
-    incline: eqx.AbstractVar[float]
-    """theta, rad"""
+    if TYPE_CHECKING:  # type checkers would take an abstract variable for the first field of every ground
+
+        @property
+        def incline(self) -> float: ...
+    else:
+        incline: eqx.AbstractVar[float]
+        """theta, rad"""
     impulsive: eqx.AbstractClassVar[bool]
     """whether it pushes by impulses, as a constraint, or by forces, as a spring"""
     touched_below: eqx.AbstractClassVar[float]
@@ -126,8 +131,8 @@ class PenaltyContact(EnergyTerm):
     def keeps(self, symmetry):
         return same_direction(symmetry.matrix, self.ground.normal)
 
-    def parts(self, nodes):
-        return node_names("contact of", nodes)
+    def parts(self, scene):
+        return node_names("contact of", scene)
 
     def scaled(self, factors):
         return eqx.tree_at(lambda s: s.ground.stiffness, self, self.ground.stiffness * factors)
@@ -147,8 +152,8 @@ class ContactDissipation(DissipationTerm):
     def keeps(self, symmetry):
         return same_direction(symmetry.matrix, self.ground.normal)
 
-    def parts(self, nodes):
-        return node_names("contact dissipation of", nodes)
+    def parts(self, scene):
+        return node_names("contact dissipation of", scene)
 
     def scaled(self, factors):
         return eqx.tree_at(lambda s: s.ground.stiffness, self, self.ground.stiffness * factors)
@@ -197,8 +202,8 @@ def contact_energy(ground: PenaltyGround, phi: PerNode) -> Scalar:
 def contact_dissipation(ground: PenaltyGround, v_n: PerNode, phi: PerNode) -> Scalar:
     """R = sum k_n pen (alpha/2 c^2 + v_n - c), W, with c = min(v_n, 1/alpha) and pen = max(0, -phi).
 
-    Its gradient in v_n is k_n pen min(alpha v_n, 1): past 1/alpha the contact lets go, it never pulls. Hunt and Crossley
-    1975, doi:10.1115/1.3423596.
+    Its gradient in v_n is k_n pen min(alpha v_n, 1): past 1/alpha the contact lets go, it never pulls. Hunt and
+    Crossley 1975, doi:10.1115/1.3423596.
     """
     alpha = ground.dissipation
     assert alpha is not None, "a ground without dissipation has no R"

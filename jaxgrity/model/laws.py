@@ -6,12 +6,15 @@ that act; forces, the energy audit, `describe`, symmetries and the report on sta
 
 from abc import abstractmethod
 from collections.abc import Sequence
-from typing import Any, NamedTuple, Protocol, Self
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import equinox as eqx
 import numpy as np
 
-from jaxgrity.core.types import AnyArray, NodeVectors, PerNode, Scalar, VectorsByKind
+from jaxgrity.core.errors import InputError
+from jaxgrity.core.primitives import dot, edge_vectors, length, over
+from jaxgrity.core.types import AnyArray, MemberVectors, NodeVectors, PerMember, PerNode, Scalar, VectorsByKind
+from jaxgrity.model.actuation import rest_length
 from jaxgrity.model.structure import Members, Structure
 
 SAME = 1e-9
@@ -29,6 +32,7 @@ class Symmetry(NamedTuple):
     """member k becomes member members[k]: struts count from 0, cables go on after them"""
 
 
+@runtime_checkable
 class SceneParts(Protocol):
     """The parts of a `Scene` from which laws are made."""
 
@@ -53,6 +57,16 @@ class Configuration(NamedTuple):
     scene: Any
     """the `Scene` that the law belongs to"""
 
+    def length(self, kind: str) -> PerMember:
+        """l, m, of each of the "struts" or "cables"."""
+        return length(_of_kind(self.vectors, kind, self.q, self.scene))
+
+    def stretch(self, kind: str) -> PerMember:
+        """l - L(t), m, of each of the "struts" or "cables"; a cable is slack where it is negative."""
+        structure = self.scene.structure
+        first = 0 if kind == "struts" else structure.first_cable
+        return self.length(kind) - rest_length(_members(self.scene, kind), self.scene.gait, self.t, first)
+
 
 class Motion(NamedTuple):
     """What R is a function of."""
@@ -65,6 +79,11 @@ class Motion(NamedTuple):
     """F_n, N, by which the ground presses on each node; an input, held fixed in dR/dv; None without penalty friction"""
     at: Configuration
     """where"""
+
+    def rate_of_length(self, kind: str) -> PerMember:
+        """l' = d·d'/|d|, m/s, of each of the "struts" or "cables"."""
+        d = _of_kind(self.at.vectors, kind, self.at.q, self.at.scene)
+        return over(dot(d, _of_kind(self.rates, kind, self.v, self.at.scene)), length(d))
 
 
 class Law(eqx.Module):
@@ -82,11 +101,11 @@ class ForceTerm(Law):
     """A term of U or of R, whose force is proportional to some coefficient: a stiffness, a damping, a friction."""
 
     @abstractmethod
-    def parts(self, nodes: int) -> tuple[str, ...]:
+    def parts(self, scene: SceneParts) -> tuple[str, ...]:
         """Names of the parts that push and pull one by one, such as "strut 0 (nodes 0, 1)", for reports."""
 
     @abstractmethod
-    def scaled(self, factors: AnyArray) -> Self:
+    def scaled(self, factors: AnyArray) -> "ForceTerm":
         """The same term with the force of each of its parts multiplied by its factor."""
 
 
@@ -152,6 +171,18 @@ def member_names(kind: str, members: Members) -> tuple[str, ...]:
     return tuple(f"{kind} {k} (nodes {i}, {j})" for k, (i, j) in enumerate(members.edges))
 
 
-def node_names(what: str, nodes: int) -> tuple[str, ...]:
-    """Such as "contact of node 0"."""
-    return tuple(f"{what} node {k}" for k in range(nodes))
+def node_names(what: str, scene: SceneParts) -> tuple[str, ...]:
+    """Such as "contact of node 0", where `what` is "contact of"."""
+    return tuple(f"{what} node {k}" for k in range(len(scene.structure.nodes)))
+
+
+def _members(scene: SceneParts, kind: str) -> Members:
+    members = {"struts": scene.structure.struts, "cables": scene.structure.cables}.get(kind)
+    if members is None:
+        raise InputError(f"a law acts along {kind!r}, which the scene does not have; expected a scene with them")
+    return members
+
+
+def _of_kind(known: VectorsByKind, kind: str, x: NodeVectors, scene: SceneParts) -> MemberVectors:
+    """The `known` x_i - x_j of members of a kind, or new ones, where no law of the library needs them."""
+    return known[kind] if kind in known else edge_vectors(x, _members(scene, kind).edges)

@@ -1,4 +1,4 @@
-"""Modal analysis: equilibrium shapes and natural frequencies, from the Hessian of a potential energy. Always in float64."""
+"""Modal analysis: equilibrium shapes and natural frequencies from the Hessian of a potential energy, in float64."""
 
 from collections.abc import Callable
 

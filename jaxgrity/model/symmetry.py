@@ -3,11 +3,12 @@
 import jax
 import numpy as np
 
+from jaxgrity.core.errors import InputError
 from jaxgrity.model.actuation import Gait
 from jaxgrity.model.laws import SAME, Symmetry, unchanged
 from jaxgrity.model.scene import Scene
-from jaxgrity.core.errors import InputError
 from jaxgrity.model.structure import Structure
+
 
 def symmetries(structure: Structure, mirrors: bool = True) -> tuple[Symmetry, ...]:
     """All maps under which masses, struts and cables, with all their properties, stay as they are, to `SAME`.

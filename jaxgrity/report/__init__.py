@@ -1,0 +1,5 @@
+"""Pictures and pages."""
+
+from jaxgrity.report import plot
+
+__all__ = ["plot"]

@@ -1,27 +1,25 @@
-"""Pictures: the robot, its path, its member lengths, a search's convergence, an animation."""
+"""Figures: the robot, its path, its member lengths, a search's convergence."""
 
-from collections.abc import Callable
-from pathlib import Path as FilePath
+from pathlib import Path
 
 import numpy as np
-from matplotlib.animation import FuncAnimation, PillowWriter
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d import Axes3D
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
-from jaxgrity.model.actuation import rest_length
 from jaxgrity.io.files import write_whole
+from jaxgrity.model.actuation import rest_length
 from jaxgrity.model.scene import Scene
-from jaxgrity.search.genetic_algorithm import Search
-from jaxgrity.stepping.simulate import Trajectory, centre_path
 from jaxgrity.model.structure import edge_lengths
+from jaxgrity.search.genetic_algorithm import Evolution
+from jaxgrity.stepping.simulate import Trajectory, centre_path
 
 STRUT, CABLE, GROUND, PATH = "#c1272d", "#444444", "#d9d4c7", "#0b5fa5"
 
 
-def save(figure: Figure, path: str | FilePath) -> None:
+def save(figure: Figure, path: str | Path) -> None:
     """Write a figure as PNG, whole or not at all."""
     write_whole(path, lambda file: figure.savefig(file, format="png", dpi=130))
 
@@ -74,7 +72,7 @@ def path_figure(scene: Scene, trajectory: Trajectory, error_bar: float | None = 
     return figure
 
 
-def convergence_figure(searches: list[Search], names: tuple[str, ...] = (), unit: str = "m") -> Figure:
+def convergence_figure(searches: list[Evolution], names: tuple[str, ...] = (), unit: str = "m") -> Figure:
     """Best and median fitness of each generation of the searches that followed each other, with their `names`."""
     figure = Figure(figsize=(7, 4), layout="constrained")
     axes = figure.subplots()
@@ -96,10 +94,13 @@ def convergence_figure(searches: list[Search], names: tuple[str, ...] = (), unit
     return figure
 
 
-def ladder_figure(names: tuple[str, ...], fitness: np.ndarray, evolved: int, correlations: tuple, unit: str) -> Figure:
-    """Fitness of the same gaits on every rung but the last, against the last; the first `evolved` columns evolved.
+def fidelity_figure(
+    names: tuple[str, ...], fitness: np.ndarray, evolved: int, correlations: tuple, unit: str
+) -> Figure:
+    """Fitness of the same gaits on every fidelity level but the last, against the last; the first `evolved` columns
+    evolved.
 
-    `correlations` are the rungs' rank correlations over all gaits, and over the evolved ones: two square arrays.
+    `correlations` are the levels' rank correlations over all gaits, and over the evolved ones: two square arrays.
     """
     figure = Figure(figsize=(4.2 * (len(names) - 1), 4.4), layout="constrained")
     every, among = correlations
@@ -178,54 +179,6 @@ def outcomes_figure(com_start: np.ndarray, com_end: np.ndarray, failed: np.ndarr
     axes.grid(alpha=0.3)
     axes.legend()
     return figure
-
-
-def animate(
-    scene: Scene,
-    trajectory: Trajectory,
-    path: str | FilePath,
-    frame_rate: float = 12.5,
-    on_frame: Callable[[int, int], object] | None = None,
-) -> None:
-    """Write a GIF of the motion in real time, with the ground, and the path of the centre of mass as it grows."""
-    q, times, com = np.asarray(trajectory.positions), np.asarray(trajectory.times), centre_path(scene, trajectory)
-    shown = np.unique(np.searchsorted(times, np.arange(times[0], times[-1], 1 / frame_rate)))
-    figure = Figure(figsize=(6, 4.2), layout="constrained")
-    axes = figure.add_subplot(projection="3d")
-    size = np.ptp(q[0], axis=0).max()
-    low, high = com[:, :2].min(0) - 0.8 * size, com[:, :2].max(0) + 0.8 * size
-    if scene.ground is not None:
-        corners = np.array([[low, [high[0], low[1]]], [[low[0], high[1]], high]])
-        z = -np.tan(scene.ground.incline) * corners[..., 0]
-        axes.plot_surface(corners[..., 0], corners[..., 1], z, color=GROUND, alpha=0.6, shade=False)
-        axes.computed_zorder = False
-    trail = axes.plot([], [], [], color=PATH, linewidth=1.5)[0]
-    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel="x (m)", ylabel="y (m)")
-    bottom, top = min(0.0, float(q[..., 2].min())), float(q[..., 2].max())
-    axes.set_zlim(bottom, top)
-    axes.set_box_aspect((*(high - low), top - bottom), zoom=1.2)
-    axes.view_init(elev=28, azim=_side_view(com))
-    robot: list = []
-
-    def show(k: int) -> list:
-        while robot:
-            robot.pop().remove()
-        robot.extend(draw_robot(axes, scene, q[k]))
-        trail.set_data_3d(com[: k + 1, 0], com[: k + 1, 1], 0 * com[: k + 1, 2])
-        axes.set_title(f"t = {times[k]:.1f} s, {np.hypot(*(com[k] - com[0])[:2]):.2f} m from the start")
-        return robot
-
-    animation = FuncAnimation(figure, show, frames=list(shown), init_func=lambda: [])
-    target = FilePath(path)
-    part = target.with_name(f".{target.stem}.part.gif")
-    animation.save(part, writer=PillowWriter(fps=round(frame_rate)), dpi=80, progress_callback=on_frame)
-    part.replace(target)
-
-
-def _side_view(com: np.ndarray) -> float:
-    """The azimuth, in degrees, from which the motion runs across the picture."""
-    x, y = (com[-1] - com[0])[:2]
-    return float(np.degrees(np.arctan2(y, x))) - 75
 
 
 def _frame(axes: Axes3D | Axes, centre: np.ndarray, half: float) -> None:

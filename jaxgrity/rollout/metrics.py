@@ -2,17 +2,20 @@
 
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import component, dot, edge_vectors, inverse, length, take_rows
-from jaxgrity.core.types import AnyArray, NodeVectors, PerActuator, PerNode, Scalar
+from jaxgrity.core.types import AnyArray, NodeVectors, PerActuator, PerMember, PerNode, Scalar
 from jaxgrity.model.actuation import rest_length
+from jaxgrity.model.laws import EnergyTerm
 from jaxgrity.model.scene import Scene
+from jaxgrity.model.structure import member_vectors
 from jaxgrity.stepping.constraints import disjoint_groups, rigid_struts
 from jaxgrity.stepping.dynamics import centre_of_mass
-from jaxgrity.stepping.power import Step, powers, strut_impulses, step_work
+from jaxgrity.stepping.power import Step, powers, step_work, strut_impulses
 
 SLIPPING = 0.02
 """m/s, beyond which a touching node counts as slipping"""
@@ -108,8 +111,12 @@ def _lengths(scene: Scene, t: Scalar) -> PerActuator:
 
 
 def _tension(scene: Scene, step: Step) -> PerActuator:
-    """Of the actuated members, N: of springs K (l - L), of cables if they pull, of rigid struts by their impulses."""
+    """Of the actuated members, N: of springs K (l - L), of cables if they pull, of rigid struts by their impulses.
+
+    Terms of U that users add to a scene, and that pull on the members too, are added up by their gradients.
+    """
     q: NodeVectors = step.end[0]
+    further = _further_pull(scene, step.t0 + step.h, q)
     parts: list[AnyArray] = []
     for members, rows, first in _actuated(scene):
         edges = tuple(members.edges[k] for k in rows)
@@ -120,8 +127,20 @@ def _tension(scene: Scene, step: Step) -> PerActuator:
             continue
         rest = take_rows(rest_length(members, scene.gait, step.t0 + step.h, first), rows)
         pull = take_rows(members.stiffness, rows) * (length(edge_vectors(q, edges)) - rest)
-        parts.append(pull if members is scene.structure.struts else jnp.maximum(pull, 0))
+        kind = "struts" if members is scene.structure.struts else "cables"
+        pull = pull if kind == "struts" else jnp.maximum(pull, 0)
+        parts.append(pull + take_rows(further[kind], rows) if kind in further else pull)
     return _in_order(scene, parts)
+
+
+def _further_pull(scene: Scene, t: Scalar, q: NodeVectors) -> dict[str, PerMember]:
+    """Tension of every member, N, by the terms of U that users add to a scene; empty where there are none."""
+    terms = [term for term in scene.terms if isinstance(term, EnergyTerm)]
+    if not terms:
+        return {}
+    vectors = member_vectors(q, scene.structure.kinds)
+    pull = jax.grad(lambda d: sum(term.energy(scene.configuration(q, t, d)) for term in terms))(vectors)
+    return {kind: dot(pull[kind], d) * inverse(length(d)) for kind, d in vectors.items()}
 
 
 def _actuated(scene: Scene):

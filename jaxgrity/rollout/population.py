@@ -132,7 +132,7 @@ def simulate_population(
     robot by robot.
 
     Args:
-        scene: what moves; its own gait, if it has one, counts for nothing: members, start and ramp are those of `gaits`.
+        scene: what moves; its own gait, if it has one, does not count: members, start and ramp are those of `gaits`.
         gaits: a population of gaits, as from `gaits_of`.
         duration: s.
         options: how to integrate; where not given, the scene decides. Steps are judged by the scene itself.
@@ -153,7 +153,9 @@ def simulate_population(
         (3,)
     """
     if np.ndim(gaits.phase) != 2 or len(gaits.phase) == 0:
-        raise InputError(f"gaits.phase has shape {np.shape(gaits.phase)}; expected (gaits, actuators), one gait or more")
+        raise InputError(
+            f"gaits.phase has shape {np.shape(gaits.phase)}; expected (gaits, actuators), one gait or more"
+        )
     scene = with_gait(scene, one_gait(gaits, 0))
     resolved = resolve(scene, duration, options)
     end = np.asarray(duration, float)
@@ -241,7 +243,8 @@ def roll_out_lanes(
     metrics = None
     if with_metrics:
         (q, v), metrics, count = _measured(start, duration, scene, axes, options)
-        end = LaneEnd((q, v), diffrax.RESULTS.successful, jnp.full(lanes, count), jnp.zeros(lanes, int))
+        done = diffrax.RESULTS.successful
+        end = LaneEnd((q, v), done, jnp.full(lanes, count), jnp.zeros(lanes, int))  # type: ignore[arg-type]
     elif options.dt is not None and not options.method.implicit:
         end = _last(start, duration, scene, options, discretise_lanes(options, axes))
         end = end._replace(steps=jnp.full(lanes, end.steps), rejected=jnp.full(lanes, end.rejected))
@@ -261,7 +264,8 @@ def _measured(start: State, duration: Scalar, scene: Scene, axes: Scene, options
     held = over_lanes(initial_metrics, (axes,))(scene)
     first = solver.init(terms, 0 * h, h, start, scene)
     lanes = jax.tree.map(lambda x: -1 if x.ndim else None, first)
-    update = over_lanes(updated_metrics, (axes, Step(None, None, (-1, -1), (-1, -1), lanes, lanes), -1))
+    step_axes = Step(None, None, (-1, -1), (-1, -1), lanes, lanes)  # type: ignore[arg-type]
+    update = over_lanes(updated_metrics, (axes, step_axes, -1))
 
     def step(k, carry):
         y, before, held = carry

@@ -6,11 +6,11 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 from scipy.spatial.distance import pdist
 
+from jaxgrity.core.errors import InputError
 from jaxgrity.model.scene import Scene
+from jaxgrity.model.structure import Structure
 from jaxgrity.stepping.integrate import FAILURES
 from jaxgrity.stepping.simulate import Trajectory, centre_path
-from jaxgrity.core.errors import InputError
-from jaxgrity.model.structure import Structure
 
 LASTING = 0.1
 """s, for which a face stays the lowest before the robot counts as standing on it"""
@@ -84,7 +84,8 @@ def rolling(scene: Scene, trajectory: Trajectory) -> Rolling:
     The support is the hull's face whose mean signed distance is lowest, once it has been for `LASTING`, in every frame:
     frames further apart than that miss changes, and where a robot rattles, more frames find fewer. Nodes touch the
     ground where phi < `Ground.touched_below`: 2 mm with exact contact, 0 with penalty contact; contact and slip are
-    measured along the ground and its normal, displacement and path in x and y. The first of these that applies is the `kind`:
+    measured along the ground and its normal, displacement and path in x and y. The first of these that applies is the
+    `kind`:
 
     "hops": in the air for more than `HOPPING` of the time, also on the spot;
     "stays": displaced by less than `STAYING` body lengths, the longest distance between two built nodes;

@@ -9,11 +9,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from jaxgrity.model.actuation import Gait
-from jaxgrity.core.primitives import edge_vectors, length
-from jaxgrity.model.scene import Scene
 from jaxgrity.core.errors import InputError
+from jaxgrity.core.primitives import edge_vectors, length
 from jaxgrity.core.types import AnyArray
+from jaxgrity.model.actuation import Gait
+from jaxgrity.model.scene import Scene
 
 DIFFERING: dict[str, tuple[str, ...]] = {
     "friction": ("friction.mu", "friction.mu_static", "friction.mu_kinetic"),

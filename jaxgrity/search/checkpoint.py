@@ -1,4 +1,4 @@
-"""A run's folder: one process at a time, its state saved whole, and taken up again where it was left."""
+"""A search's folder: one process at a time, its state saved whole, and taken up again where it was left."""
 
 import contextlib
 import fcntl
@@ -10,28 +10,33 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from jaxgrity.io.files import PART, read_text, save_arrays, save_json, write_whole
-from jaxgrity.search.genetic_algorithm import Generation, State
 from jaxgrity.core.errors import InputError
+from jaxgrity.io.files import PART, read_text, save_arrays, save_json, write_whole
+from jaxgrity.search.genetic_algorithm import Generation, Record, SearchState
 
 SETTINGS, STATE, RESULTS = "run.json", "state_{}.npz", ("summary.json", "gait.json", "population.npz")
 PROBE, ROOM = ".probe", 2**20
-"""a file of so many bytes, which shows that there is room for what a run leaves"""
+"""a file of so many bytes, which shows that there is room for what a search leaves"""
 
 
-class Run(NamedTuple):
-    """An open run."""
+class Checkpoint(NamedTuple):
+    """The folder of a search that is under way."""
 
     folder: Path
-    states: tuple[State, ...]
+    states: tuple[SearchState, ...]
     """of its searches, as far as they got"""
 
-    def save(self, number: int, state: State) -> None:
+    def save(self, number: int, state: SearchState) -> None:
         """Keep the state of one of the searches, in place of the one before."""
         evaluated = {} if state.evaluated is None else state.evaluated._asdict()
-        parts = {f"evaluated_{name}": part for name, part in evaluated.items()}
-        plain = {name: part for name, part in state._asdict().items() if name != "evaluated"}
-        save_arrays(self.folder / STATE.format(number), **plain, **parts)
+        save_arrays(
+            self.folder / STATE.format(number),
+            number=state.number,
+            key=state.key,
+            genes=state.genes,
+            **{f"record_{name}": part for name, part in state.record._asdict().items()},
+            **{f"evaluated_{name}": part for name, part in evaluated.items()},
+        )
 
     def done(self) -> None:
         """Nothing is left to go on with."""
@@ -40,17 +45,19 @@ class Run(NamedTuple):
 
 
 @contextlib.contextmanager
-def open_run(folder: Path, settings: dict[str, Any], resume: bool = False, restart: bool = False) -> Iterator[Run]:
-    """Hold `folder` for this process alone, and find out what of a run with these settings is there.
+def open_checkpoint(
+    folder: Path, settings: dict[str, Any], resume: bool = False, restart: bool = False
+) -> Iterator[Checkpoint]:
+    """Hold `folder` for this process alone, and find out what of a search with these settings is there.
 
-    Raises `InputError` where another process holds it; where it has an unfinished run and neither `resume` nor
+    Raises `InputError` where another process holds it; where it has an unfinished search and neither `resume` nor
     `restart` is asked for; where there is nothing to resume, or it had other settings; where the folder cannot be
     written to.
     """
     with contextlib.ExitStack() as held:
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            _hold(held.enter_context(open(folder / ".lock", "w")), folder)
+            _lock(held.enter_context(open(folder / ".lock", "w")), folder)
             for left in folder.glob(f".*{PART}"):
                 left.unlink()
             found = _begin(folder, json.loads(json.dumps(settings, default=str)), resume, restart)
@@ -63,14 +70,14 @@ def open_run(folder: Path, settings: dict[str, Any], resume: bool = False, resta
         yield found
 
 
-def _hold(lock, folder: Path) -> None:
+def _lock(lock, folder: Path) -> None:
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError as error:
         raise InputError(f"{folder}: another run is writing there; expected another --out") from error
 
 
-def _begin(folder: Path, settings: dict[str, Any], resume: bool, restart: bool) -> Run:
+def _begin(folder: Path, settings: dict[str, Any], resume: bool, restart: bool) -> Checkpoint:
     found = json.loads(read_text(folder / SETTINGS)) if (folder / SETTINGS).exists() else None
     unfinished = found is not None and not found.get("done")
     if resume:
@@ -80,22 +87,24 @@ def _begin(folder: Path, settings: dict[str, Any], resume: bool, restart: bool) 
             if found["settings"].get(name) != value:
                 was = found["settings"].get(name)
                 raise InputError(f"{folder}: its run has {name} = {was}, not {value}; expected the same to resume it")
-        return Run(folder, load_states(folder))
+        return Checkpoint(folder, load_states(folder))
     if unfinished and not restart and load_states(folder):
         raise InputError(f"{folder}: holds an unfinished run; expected --resume, --restart or another --out")
     for left in (*folder.glob(STATE.format("*")), *(folder / name for name in RESULTS)):
         left.unlink(missing_ok=True)
     save_json(folder / SETTINGS, {"settings": settings, "done": False})
-    return Run(folder, ())
+    return Checkpoint(folder, ())
 
 
-def load_states(folder: Path) -> tuple[State, ...]:
+def load_states(folder: Path) -> tuple[SearchState, ...]:
     """The states of a run's searches, as far as they got."""
-    found: list[State] = []
+    found: list[SearchState] = []
     while (path := folder / STATE.format(len(found))).exists():
         with np.load(path) as saved:
-            parts = {n.removeprefix("evaluated_"): jnp.asarray(saved[n]) for n in saved if n.startswith("evaluated_")}
-            evaluated = Generation(**parts) if parts else None
-            number, key, history = int(saved["number"]), saved["key"], saved["history"]
-            found.append(State(number, key, jnp.asarray(saved["genes"]), history, evaluated))
+            record = Record(*(saved[f"record_{name}"] for name in Record._fields))
+            evaluated = None
+            if f"evaluated_{Generation._fields[0]}" in saved:
+                evaluated = Generation(*(jnp.asarray(saved[f"evaluated_{name}"]) for name in Generation._fields))
+            genes = jnp.asarray(saved["genes"])
+            found.append(SearchState(int(saved["number"]), saved["key"], genes, record, evaluated))
     return tuple(found)

@@ -8,45 +8,55 @@ import numpy as np
 from jaxtyping import Float
 from scipy.stats import spearmanr
 
-from jaxgrity.model.actuation import Gait
-from jaxgrity.trust.error_bars import Verified, verify
-from jaxgrity.search.genome import Genome
-from jaxgrity.search.objectives import Fitness, Scores, judge, with_robots
-from jaxgrity.rollout.population import as_population
-from jaxgrity.model.scene import Scene, as_dtype
-from jaxgrity.search.genetic_algorithm import Breeding, Search, State, begin, evolve
-from jaxgrity.stepping.simulate import as_inputs, settle
-from jaxgrity.stepping.stability import default_method, default_step, strictest
 from jaxgrity.core.errors import InputError
-from jaxgrity.model.contact_twin import exact_twin, twin
 from jaxgrity.core.types import AnyArray
+from jaxgrity.model.actuation import Gait
+from jaxgrity.model.contact_twin import contact_twin, exact_twin
+from jaxgrity.model.scene import Scene, as_dtype
+from jaxgrity.rollout.population import as_population
+from jaxgrity.search.genetic_algorithm import Evolution, GAConfig, SearchProblem, SearchState, begin, evolve
+from jaxgrity.search.objectives import Scores, judge, with_robots
+from jaxgrity.stepping.options import SolverOptions, resolve
+from jaxgrity.stepping.stability import default_method, default_step, strictest
+from jaxgrity.trust.error_bars import Verified, verify
 
-COARSE = 0.01
-"""s, the step of screening by complementarity: its ranks agree with those at half of it (experiments/gait_search.py)"""
+SCREENING_STEP = 0.01
+"""s, of complementarity stepping: gaits rank at it as they do at half of it"""
+OTHER_MODEL_ROBOTS = 64
+"""the most robots that are rolled out on the contact twin"""
 
 
-class Rung(NamedTuple):
+class FidelityLevel(NamedTuple):
     """One way to roll a gait out."""
 
     name: str
     scene: Scene
     dt: float
+    """s"""
     dtype: str
 
+    @property
+    def options(self) -> SolverOptions:
+        """Its step and its precision."""
+        return SolverOptions(dt=self.dt, dtype=self.dtype)
 
-def rungs(scene: Scene, dt: float | None = None) -> tuple[Rung, ...]:
-    """From rough to exact; `dt` is the scene's own step where not given.
 
-    Screening is by complementarity at `COARSE` in float32: of the scene itself where it is exact, else of its exact
-    twin. Then come the scene's own model in float32 (a penalty scene's at twice its step, where that is stable), and in
-    float64 at half its step.
+def fidelity_levels(scene: Scene, dt: float | None = None) -> tuple[FidelityLevel, ...]:
+    """From rough to exact; `dt` (s) is the scene's own step where not given.
+
+    Screening is complementarity stepping at `SCREENING_STEP` in float32: of the scene itself where it is exact, else of
+    its contact twin. Then come the scene's own model in float32 (a penalty scene's at twice its step, where that is
+    stable), and in float64 at half its step.
+
+    Raises `InputError` where the scene or its contact twin cannot be rolled out.
     """
     step = default_step(scene, default_method(scene)) if dt is None else dt
     exact = scene if scene.constrained else exact_twin(scene)
     coarse = default_step(exact, default_method(exact))
-    screening = Rung("screening", exact, _stable(COARSE, coarse, exact), "float32")
-    own = Rung("own model", scene, step if scene.constrained else _stable(2 * step, step, scene), "float32")
-    return screening, own, Rung("verification", scene, step / 2, "float64")
+    screening = FidelityLevel("screening", exact, _stable(SCREENING_STEP, coarse, exact), "float32")
+    own_step = step if scene.constrained else _stable(2 * step, step, scene)
+    own = FidelityLevel("own model", scene, own_step, "float32")
+    return screening, own, FidelityLevel("verification", scene, step / 2, "float64")
 
 
 def _stable(dt: float, otherwise: float, scene: Scene) -> float:
@@ -54,61 +64,49 @@ def _stable(dt: float, otherwise: float, scene: Scene) -> float:
     return dt if dt <= strictest(scene, default_method(scene))[0] else otherwise
 
 
-def searched(ladder: tuple[Rung, ...]) -> tuple[Rung, ...]:
-    """The rungs on which gaits evolve: screening, and the own model where screening was another's."""
-    return ladder[:1] if ladder[0].scene is ladder[1].scene else ladder[:2]
+def search_levels(levels: tuple[FidelityLevel, ...]) -> tuple[FidelityLevel, ...]:
+    """The levels on which gaits evolve: screening, and the own model where screening was on another."""
+    return levels[:1] if levels[0].scene is levels[1].scene else levels[:2]
 
 
-def evolve_up(
-    ladder: tuple[Rung, ...],
-    genome: Genome,
-    duration: float,
-    breedings: tuple[Breeding, ...],
+def evolve_through(
+    levels: tuple[FidelityLevel, ...],
+    problem: SearchProblem,
+    configs: tuple[GAConfig, ...],
     *,
-    fitness: Fitness,
     seed: int = 0,
-    states: tuple[State, ...] = (),
-    on_generation: Callable[[int, State], None] | None = None,
-) -> list[Search]:
-    """Evolve on each of the rungs in turn, the population of one going on to the next; the searches, one each.
+    states: tuple[SearchState, ...] = (),
+    on_generation: Callable[[int, SearchState], None] | None = None,
+) -> list[Evolution]:
+    """Evolve on each of the levels in turn, the population of one going on to the next; the searches, one each.
 
     With `states`, as far as the searches got before, they go on from there. `on_generation` gets a search's number and
     its state. Raises `InputError` where populations differ in size.
     """
-    sizes = {breeding.population for breeding in breedings}
+    sizes = {config.population for config in configs}
     if len(sizes) > 1:
-        raise InputError(f"populations of {sorted(sizes)} gaits: expected one size on all rungs")
-    found: list[Search] = []
-    for number, (rung, breeding) in enumerate(zip(ladder, breedings)):
-        state = states[number] if number < len(states) else begin(genome, breeding, seed + number, rung.dtype)
+        raise InputError(f"populations of {sorted(sizes)} gaits: expected one size on all levels")
+    found: list[Evolution] = []
+    for number, (level, config) in enumerate(zip(levels, configs)):
+        state = states[number] if number < len(states) else begin(problem.genome, config, seed + number, level.dtype)
         if found and number >= len(states):
             state = state._replace(genes=found[-1].last.genes)
         told = None if on_generation is None else lambda state, n=number: on_generation(n, state)
-        search = evolve(
-            rung.scene,
-            genome,
-            duration,
-            breeding,
-            fitness=fitness,
-            dt=rung.dt,
-            dtype=rung.dtype,
-            state=state,
-            on_generation=told,
-        )
-        found.append(search)
+        here = problem._replace(scene=level.scene)
+        found.append(evolve(here, config, options=level.options, state=state, on_generation=told))
     return found
 
 
-def judge_on(rung: Rung, gaits: Gait, duration: float, fitness: Fitness, seed: int) -> Scores:
-    """`judge` on a rung, as NumPy arrays."""
-    settings = settle(rung.scene, duration, None, rung.dt, rung.dtype)
-    gaits = jax.tree.map(lambda x: np.asarray(x, rung.dtype), gaits)
-    key, end, scene = jax.random.key(seed), np.asarray(duration, float), as_dtype(rung.scene, rung.dtype)
-    return jax.tree.map(np.asarray, judge(key, scene, gaits, end, as_inputs(settings), fitness))
+def judge_at(level: FidelityLevel, gaits: Gait, problem: SearchProblem, seed: int) -> Scores:
+    """`judge` on a fidelity level, by the problem's duration and fitness, as NumPy arrays."""
+    resolved = resolve(level.scene, problem.duration, level.options)
+    gaits = jax.tree.map(lambda x: np.asarray(x, level.dtype), gaits)
+    key, end, scene = jax.random.key(seed), np.asarray(problem.duration, float), as_dtype(level.scene, level.dtype)
+    return jax.tree.map(np.asarray, judge(key, scene, gaits, end, resolved.as_inputs(), problem.fitness))
 
 
-def rank_correlation(rows: Float[AnyArray, "rungs gaits"]) -> np.ndarray:
-    """Spearman's, of every two rungs, over the gaits that all of them could roll out."""
+def rank_correlation(rows: Float[AnyArray, "levels gaits"]) -> np.ndarray:
+    """Spearman's, of every two fidelity levels, over the gaits that all of them could roll out."""
     rows = np.asarray(rows)[:, np.isfinite(rows).all(0)]
     return np.array([[spearmanr(a, b).statistic for b in rows] for a in rows])
 
@@ -123,7 +121,7 @@ class Verdict(NamedTuple):
     step_error: float
     """of the robust mean, by twice the step, with the same draws"""
     other_model: Scores
-    """on the scene's other contact model"""
+    """on the scene's contact twin"""
 
     def summary(self) -> dict[str, Any]:
         """The numbers, as they go into a JSON file; SI units."""
@@ -143,14 +141,30 @@ class Verdict(NamedTuple):
 
 
 def final_verdict(
-    scene: Scene, gait: Gait, duration: float, fitness: Fitness, *, dt: float, robots: int = 256, seed: int = 1
+    problem: SearchProblem,
+    gait: Gait,
+    *,
+    dt: float,
+    robots: int = 256,
+    seed: int = 1,
+    on_progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Verdict:
-    """Verify one gait at `dt` and below, judge it by a large ensemble, and ask the other contact model."""
-    gaits = as_population(gait)
-    verified = verify(scene, gaits, duration, dt)
-    many = with_robots(fitness, robots)
-    fine, coarse = (judge_on(Rung("", scene, h, "float64"), gaits, duration, many, seed) for h in (dt, 2 * dt))
-    other = twin(scene)
-    step = default_step(other, default_method(other))
-    seen = judge_on(Rung("", other, step, "float32"), gaits, duration, with_robots(fitness, min(robots, 64)), seed)
+    """Verify one gait at `dt` (s) and below, judge it by a large ensemble, and roll it out on the contact twin.
+
+    `on_progress` gets how many of these judgements are done, and how many there are.
+    """
+    scene, gaits = problem.scene, as_population(gait)
+    on_progress(0, 4)
+    verified = verify(scene, gaits, problem.duration, options=SolverOptions(dt=dt))
+    on_progress(1, 4)
+    many = problem._replace(fitness=with_robots(problem.fitness, robots))
+    fine = judge_at(FidelityLevel("", scene, dt, "float64"), gaits, many, seed)
+    on_progress(2, 4)
+    coarse = judge_at(FidelityLevel("", scene, 2 * dt, "float64"), gaits, many, seed)
+    on_progress(3, 4)
+    other = contact_twin(scene)
+    level = FidelityLevel("", other, default_step(other, default_method(other)), "float32")
+    few = problem._replace(fitness=with_robots(problem.fitness, min(robots, OTHER_MODEL_ROBOTS)))
+    seen = judge_at(level, gaits, few, seed)
+    on_progress(4, 4)
     return Verdict(verified, fine, abs(float(fine.mean[0] - coarse.mean[0])), seen)

@@ -10,15 +10,28 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
-from jaxgrity.search.genome import Genes, Genome
-from jaxgrity.search.objectives import Fitness, judge
-from jaxgrity.model.scene import Scene, as_dtype
-from jaxgrity.stepping.simulate import Settings, as_inputs, settle
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, PerGait, Scalar
+from jaxgrity.model.scene import Scene, as_dtype
+from jaxgrity.search.genome import Genes, Genome
+from jaxgrity.search.objectives import Fitness, judge
+from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
 
 
-class Breeding(eqx.Module):
+class SearchProblem(NamedTuple):
+    """What is searched for."""
+
+    scene: Scene
+    """the robot, and the gait around which gaits are searched"""
+    genome: Genome
+    """what may vary"""
+    duration: Scalar
+    """s, over which a gait is judged"""
+    fitness: Fitness
+    """how it is judged"""
+
+
+class GAConfig(eqx.Module):
     """How one generation makes the next."""
 
     population: int = eqx.field(static=True, default=128)
@@ -31,7 +44,7 @@ class Breeding(eqx.Module):
     """share of genes that mutate"""
     mutation_size: tuple[float, float] = eqx.field(static=True, default=(0.1, 0.02))
     """standard deviation of a mutation, in turns of the circle, in the first and in the last generation"""
-    settled: int | None = eqx.field(static=True, default=None)
+    shrinking: int | None = eqx.field(static=True, default=None)
     """generations after which mutations no longer shrink; None: the last one"""
 
     def __check_init__(self):
@@ -57,7 +70,18 @@ class Generation(NamedTuple):
     """how many gaits failed"""
 
 
-class State(NamedTuple):
+class Record(NamedTuple):
+    """What remains of each generation."""
+
+    best: Float[np.ndarray, " generations"]
+    """fitness of the best gait"""
+    median: Float[np.ndarray, " generations"]
+    """of the median gait"""
+    failed: Float[np.ndarray, " generations"]
+    """how many gaits failed"""
+
+
+class SearchState(NamedTuple):
     """A search between two generations: all that it takes to go on, to the very same end."""
 
     number: int
@@ -66,13 +90,13 @@ class State(NamedTuple):
     """of the random numbers that are still to be drawn"""
     genes: Genes
     """to be evaluated next"""
-    history: Float[np.ndarray, "generations 3"]
-    """best and median fitness and how many failed, of each generation so far"""
+    record: Record
+    """of the generations so far"""
     evaluated: Generation | None
     """the last generation; None before the first"""
 
 
-class Search(NamedTuple):
+class Evolution(NamedTuple):
     """A finished search: its last generation, and how it got there."""
 
     last: Generation
@@ -85,80 +109,90 @@ class Search(NamedTuple):
     rollouts: int
 
 
-def begin(genome: Genome, breeding: Breeding, seed: int, dtype: str) -> State:
+def begin(genome: Genome, config: GAConfig, seed: int, dtype: str) -> SearchState:
     """A search before its first generation: genes at random."""
     key, first = jax.random.split(jax.random.key(seed))
-    genes = jax.random.uniform(first, (breeding.population, genome.size), dtype)
-    return State(0, jax.random.key_data(key), genes, np.zeros((0, 3)), None)
+    genes = jax.random.uniform(first, (config.population, genome.size), dtype)
+    nothing = Record(*(np.zeros(0) for _ in Record._fields))
+    return SearchState(0, jax.random.key_data(key), genes, nothing, None)
 
 
 def evolve(
-    scene: Scene,
-    genome: Genome,
-    duration: float,
-    breeding: Breeding | None = None,
+    problem: SearchProblem,
+    config: GAConfig | None = None,
     *,
-    fitness: Fitness | None = None,
     seed: int = 0,
-    method: str | None = None,
-    dt: float | None = None,
-    dtype: str | None = None,
-    any_step: bool = False,
-    state: State | None = None,
-    on_generation: Callable[[State], None] | None = None,
-) -> Search:
-    """Evolve gaits for `fitness` over `duration` (s); where not given, for distance alone, with nothing uncertain.
+    options: Options = None,
+    state: SearchState | None = None,
+    on_generation: Callable[[SearchState], None] | None = None,
+) -> Evolution:
+    """Evolve gaits by a genetic algorithm, a whole population in one call for each generation.
 
     Every generation, elites too, meets new draws of what is uncertain. The same seed gives the same search, and so does
-    a `state` of it to go on from. `on_generation` gets the state after each generation. Raises `InputError` as
-    `simulate.settle` does, before anything compiles.
+    a `state` of it to go on from.
+
+    Args:
+        problem: scene, genome, duration (s) and fitness.
+        config: population, generations and how they breed.
+        seed: of all random numbers; not looked at where a state is given.
+        options: how to integrate; where not given, the scene decides.
+        state: of a search that was interrupted, to go on from.
+        on_generation: gets the state after each generation.
+
+    Returns:
+        The last generation, best gait first, and the record of all generations.
+
+    Raises:
+        InputError: bad options (see `resolve`), before anything compiles.
+
+    Example:
+        >>> scene = jaxgrity.load_scene("exact")
+        >>> problem = jaxgrity.SearchProblem(scene, jaxgrity.Genome(6), 1.5, jaxgrity.Fitness())
+        >>> found = jaxgrity.evolve(problem, jaxgrity.GAConfig(population=4, generations=2, elites=1))
+        >>> found.last.genes.shape, found.rollouts
+        ((4, 6), 8)
     """
-    breeding, fitness = breeding or Breeding(), fitness or Fitness()
-    settings = settle(scene, duration, method, dt, dtype, any_step=any_step)
-    scene = as_dtype(scene, settings.dtype)
-    state = state or begin(genome, breeding, seed, settings.dtype)
-    while state.number < breeding.generations:
-        state = _advance(state, scene, genome, np.asarray(duration, float), breeding, settings, fitness)
+    config = config or GAConfig()
+    resolved = resolve(problem.scene, problem.duration, options)
+    problem = problem._replace(
+        scene=as_dtype(problem.scene, resolved.dtype), duration=np.asarray(problem.duration, float)
+    )
+    state = state or begin(problem.genome, config, seed, resolved.dtype)
+    while state.number < config.generations:
+        state = _advance(state, problem, config, resolved.as_inputs())
         if on_generation is not None:
             on_generation(state)
     assert state.evaluated is not None, "there is at least one generation"
-    best, median, failed = state.history.T
-    rollouts = breeding.population * breeding.generations * (1 if fitness.uncertainty.none else fitness.robots)
-    return Search(state.evaluated, best, median, failed.astype(int), rollouts)
+    rollouts = config.population * config.generations * problem.fitness.rollouts
+    best, median, failed = state.record
+    return Evolution(state.evaluated, best, median, failed.astype(int), rollouts)
 
 
-def _advance(state: State, scene, genome, duration, breeding: Breeding, settings: Settings, fitness: Fitness) -> State:
+def _advance(state: SearchState, problem: SearchProblem, config: GAConfig, options: ResolvedOptions) -> SearchState:
     key, now = jax.random.split(jax.random.wrap_key_data(jnp.asarray(state.key)))
     # NumPy: on all devices, as a generation leaves them, genes would have the next one compiled again
-    genes, number, inputs = np.asarray(state.genes), np.asarray(state.number), as_inputs(settings)
-    generation, bred = _generation(now, genes, number, scene, genome, duration, breeding, inputs, fitness)
-    facts = [float(generation.fitness[0]), _median(generation.fitness), float(generation.failed)]
-    history = np.concatenate([state.history, [facts]])
-    return State(state.number + 1, jax.random.key_data(key), bred, history, generation)
+    genes, number = np.asarray(state.genes), np.asarray(state.number)
+    generation, bred = _generation(now, genes, number, problem, config, options)
+    newest = Record(float(generation.fitness[0]), _median(generation.fitness), float(generation.failed))
+    record = Record(*(np.append(so_far, x) for so_far, x in zip(state.record, newest)))
+    return SearchState(state.number + 1, jax.random.key_data(key), bred, record, generation)
 
 
 @eqx.filter_jit
 def _generation(
-    key,
-    genes: Genes,
-    number,
-    scene: Scene,
-    genome: Genome,
-    duration,
-    breeding: Breeding,
-    settings: Settings,
-    fitness: Fitness,
+    key, genes: Genes, number: Scalar, problem: SearchProblem, config: GAConfig, options: ResolvedOptions
 ) -> tuple[Generation, Genes]:
     """Evaluate `genes`, and breed those of the next generation."""
+    scene, genome, duration, fitness = problem
     drawn, bred = jax.random.split(key)
-    scores = judge(drawn, scene, genome.gaits(scene.gait, genes), duration, settings, fitness)
+    scores = judge(drawn, scene, genome.gaits(scene.gait, genes), duration, options, fitness)
     order = jnp.argsort(-scores.fitness)
     generation = Generation(genes[order], scores.fitness[order], scores.spread[order], jnp.sum(scores.failed))
-    progress = jnp.minimum(1, number / max(1, (breeding.settled or breeding.generations) - 1))
-    return generation, breed(bred, generation, progress, genome, breeding)
+    progress = jnp.minimum(1, number / max(1, (config.shrinking or config.generations) - 1))
+    return generation, breed(bred, generation, progress, genome, config)
 
 
-def breed(key, generation: Generation, progress: Scalar, genome: Genome, breeding: Breeding) -> Genes:
+def breed(key, generation: Generation, progress: Scalar, genome: Genome, config: GAConfig) -> Genes:
     """The genes of the next generation: elites, and children of two parents, each a tournament's best.
 
     A child takes each gene from a point between its parents, or a little beyond, along the shorter way round the
@@ -167,17 +201,17 @@ def breed(key, generation: Generation, progress: Scalar, genome: Genome, breedin
     """
     draw, blend, which, mutate = jax.random.split(key, 4)
     genes, dtype = generation.genes, generation.genes.dtype
-    children = breeding.population - breeding.elites
+    children = config.population - config.elites
     # sorted best first, so the best of a tournament is its lowest index
-    parents = jax.random.randint(draw, (2, children, breeding.tournament), 0, breeding.population).min(axis=-1)
+    parents = jax.random.randint(draw, (2, children, config.tournament), 0, config.population).min(axis=-1)
     mother, father = genes[parents[0]], genome.nearest_image(genes[parents[0]], genes[parents[1]])
     weight = jax.random.uniform(blend, mother.shape, dtype, -0.1, 1.1)
     child = mother + weight * genome.towards(mother, father)
-    first, last = breeding.mutation_size
+    first, last = config.mutation_size
     size = jnp.asarray(first * (last / first) ** progress, dtype)
-    mutated = jax.random.bernoulli(which, breeding.mutation_rate, child.shape)
+    mutated = jax.random.bernoulli(which, config.mutation_rate, child.shape)
     child = child + jnp.where(mutated, size * jax.random.normal(mutate, child.shape, dtype), 0)
-    return jnp.concatenate([genes[: breeding.elites], genome.within(child)])
+    return jnp.concatenate([genes[: config.elites], genome.within(child)])
 
 
 def distinct(generation: Generation, genome: Genome, count: int, apart: float = 0.02) -> Genes:

@@ -7,10 +7,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from jaxgrity.model.actuation import Gait, Overtone
-from jaxgrity.rollout.population import gaits_of
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray
+from jaxgrity.model.actuation import Gait, Overtone
+from jaxgrity.rollout.population import gaits_of
 
 Genes = Float[AnyArray, "*population genes"]
 
@@ -32,7 +32,7 @@ class Genome(eqx.Module):
     active: int | None = eqx.field(static=True, default=None)
     """how many of the actuators move, those that rank highest; the others keep their rest lengths"""
     images: tuple[tuple[int, ...], ...] = eqx.field(static=True, default=())
-    """permutations of the actuators under which a gait is the same gait, seen from elsewhere (`symmetry.py`)"""
+    """permutations of the actuators under which a gait is the same gait, seen from elsewhere (`gene_permutations`)"""
 
     def __check_init__(self):
         for name, top in (("amplitude", 1.0), ("frequency", math.inf)):

@@ -10,50 +10,51 @@ import jax.numpy as jnp
 import numpy as np
 from jax.scipy.special import ndtri
 
+from jaxgrity.core.types import AnyArray, PerGait, Phases, Scalar, State, Vectors
 from jaxgrity.model.actuation import Gait
-from jaxgrity.stepping.dynamics import centre_of_mass
-from jaxgrity.search.genome import Genome
-from jaxgrity.stepping.methods import RK4
-from jaxgrity.search.objectives import Fitness, judge, with_robots
+from jaxgrity.model.scene import Scene, start_of
 from jaxgrity.rollout.population import Outcomes, discretise_lanes, in_lanes, lanes_last, over_lanes
-from jaxgrity.model.scene import Scene
-from jaxgrity.stepping.simulate import Settings
-from jaxgrity.core.types import AnyArray, PerGait, Phases, Scalar, Vectors
 from jaxgrity.rollout.uncertainty import Differences, ensemble
+from jaxgrity.search.genetic_algorithm import SearchProblem
+from jaxgrity.search.objectives import judge, with_robots
+from jaxgrity.stepping.dynamics import centre_of_mass
+from jaxgrity.stepping.options import ResolvedOptions
 
 
-class Task(NamedTuple):
-    """What stays the same from step to step."""
+class ClimbTask(NamedTuple):
+    """What stays the same through a climb, but for the width."""
 
-    scene: Scene
-    genome: Genome
-    duration: float
-    settings: Settings
-    fitness: Fitness
+    problem: SearchProblem
+    options: ResolvedOptions
     width: Scalar
-    """standard deviation s of the smoothed gradient's perturbations, as `Polishing.width`"""
+    """standard deviation s of the smoothed gradient's perturbations, as `PolishConfig.width`"""
 
 
-def distance_and_gradient(scene: Scene, gaits: Gait, horizon: float, settings: Settings) -> tuple[PerGait, Phases]:
+def distance_and_gradient(
+    scene: Scene, gaits: Gait, horizon: float, options: ResolvedOptions
+) -> tuple[PerGait, Phases]:
     """Horizontal distance of each gait at `horizon` (m), and its gradient in the phases (m/rad), by reverse mode.
 
-    All gaits are integrated at once, in lanes, by `checkpointed_end`, which has to know the step: no `as_inputs`.
+    All gaits are integrated at once, in lanes, by `checkpointed_end`, which has to know the step: the options must
+    not be those of `as_inputs`.
     """
 
     def total(phase):
-        distance = distances(scene, eqx.tree_at(lambda g: g.phase, gaits, phase), horizon, settings)
+        distance = distances(scene, eqx.tree_at(lambda g: g.phase, gaits, phase), horizon, options)
         return jnp.sum(distance), distance
 
     gradient, distance = jax.grad(total, has_aux=True)(gaits.phase)
     return distance, gradient
 
 
-def distances(scene: Scene, gaits: Gait, horizon: float, settings: Settings, end: Callable | None = None) -> PerGait:
+def distances(
+    scene: Scene, gaits: Gait, horizon: float, options: ResolvedOptions, end: Callable | None = None
+) -> PerGait:
     """Horizontal distance of each gait at `horizon`, m, in a form that reverse mode differentiates.
 
     `end` integrates all gaits, in lanes; `checkpointed_end` where not given.
     """
-    first, last = centres(scene, gaits, None, horizon, settings, end)
+    first, last = centres(scene, gaits, None, horizon, options, end)
     moved = (last - first)[:, :2]
     return jnp.sqrt(jnp.sum(moved * moved, axis=1))
 
@@ -63,26 +64,26 @@ def centres(
     gaits: Gait,
     differences: Differences | None,
     horizon: float,
-    settings: Settings,
+    options: ResolvedOptions,
     end: Callable | None = None,
 ) -> tuple[Vectors, Vectors]:
     """(population, 3), centre of mass of each robot at the start and at `horizon`, m, as for `distances`."""
     scene, axes = in_lanes(scene, lanes_last(gaits), lanes_last(differences))
-    nodes = scene.structure.nodes
-    q, _ = (end or checkpointed_end)(scene, axes, (nodes, jnp.zeros_like(nodes)), horizon, settings)
+    start = start_of(scene)
+    q, _ = (end or checkpointed_end)(scene, axes, start, horizon, options)
     com = over_lanes(centre_of_mass, (axes, -1))
-    return com(scene, nodes).T, com(scene, q).T
+    return com(scene, start[0]).T, com(scene, q).T
 
 
-def checkpointed_end(scene: Scene, axes: Scene, start, horizon: float, settings: Settings):
+def checkpointed_end(scene: Scene, axes: Scene, start: State, horizon: float, options: ResolvedOptions) -> State:
     """The state at `horizon`, by the scene's method stepped inside two nested scans, for reverse mode.
 
-    On the way back the inner scan is run again, stretch by stretch; RK4 then computes each of its stages once more, any
-    other method each of its steps. Where the steps do not divide into two such scans there are a few more of them, as
-    much smaller.
+    On the way back the inner scan is run again, stretch by stretch; a method that recomputes its stages then does so
+    once more, any other is run again step by step. Where the steps do not divide into two such scans there are a few
+    more of them, as much smaller.
     """
-    terms, solver = discretise_lanes(settings, axes)
-    count = horizon / settings.dt  # type: ignore[operator]
+    terms, solver = discretise_lanes(options, axes)
+    count = horizon / options.dt  # type: ignore[operator]
     stretches, steps = _divide(max(1, int(np.ceil(count - 1e-6))))
     h = horizon / (stretches * steps)
 
@@ -91,12 +92,12 @@ def checkpointed_end(scene: Scene, axes: Scene, start, horizon: float, settings:
         y, _, _, solver_state, _ = solver.step(terms, k * h, (k + 1) * h, y, scene, solver_state, False)
         return (y, solver_state), None
 
-    kept = step if isinstance(solver, RK4) else jax.checkpoint(step)
+    kept = step if options.method.recomputes else jax.checkpoint(step)
 
     def stretch(carry, k):
         return jax.lax.scan(kept, carry, k)
 
-    numbers = jnp.arange(stretches * steps, dtype=settings.dtype).reshape(stretches, steps)
+    numbers = jnp.arange(stretches * steps, dtype=options.dtype).reshape(stretches, steps)
     first = (start, solver.init(terms, 0.0, h, start, scene))
     (end, _), _ = jax.lax.scan(jax.checkpoint(stretch), first, numbers)
     return end
@@ -140,7 +141,7 @@ def combine(smoothed: Gradient, pathwise: Gradient) -> tuple[Gradient, Scalar]:
 
 
 @eqx.filter_jit
-def smoothed_gradient(key, genes, task: Task, ahead: Scalar, samples: int, robots: int) -> Gradient:
+def smoothed_gradient(key, genes, task: ClimbTask, ahead: Scalar, samples: int, robots: int) -> Gradient:
     """g = c mean of (u(x + s e) - u(x - s e))/(2 s) e over pairs of perturbed gaits, e normal; u are their utilities.
 
     Each gait has the fitness of an ensemble of `robots`; all meet the same draws, given which the noise is. Fitness
@@ -149,10 +150,10 @@ def smoothed_gradient(key, genes, task: Task, ahead: Scalar, samples: int, robot
     """
     drawn, disturbed = jax.random.split(key)
     e = jax.random.normal(drawn, (samples // 2, genes.size), genes.dtype)
-    perturbed = task.genome.bounded(genes + task.width * jnp.concatenate([e, -e]))
-    gaits = task.genome.gaits(task.scene.gait, perturbed)
-    fitness = with_robots(task.fitness, robots)
-    scores = judge(disturbed, task.scene, gaits, ahead, task.settings, fitness)
+    scene, genome, _, fitness = task.problem
+    perturbed = genome.bounded(genes + task.width * jnp.concatenate([e, -e]))
+    gaits = genome.gaits(scene.gait, perturbed)
+    scores = judge(disturbed, scene, gaits, ahead, task.options, with_robots(fitness, robots))
     utility, scale = utilities(scores.fitness)
     plus, minus = jnp.split(scale * utility, 2)
     slope = (plus - minus) / (2 * task.width)
@@ -177,17 +178,19 @@ def utilities(fitness: PerGait) -> tuple[PerGait, Scalar]:
 
 
 @eqx.filter_jit
-def pathwise_gradient(key, genes, task: Task, ahead: float, robots: int) -> Gradient:
+def pathwise_gradient(key, genes, task: ClimbTask, ahead: float, robots: int) -> Gradient:
     """The mean gradient of the objective over an ensemble of robots, by reverse mode."""
 
+    scene, genome, _, fitness = task.problem
+
     def total(each):
-        gaits = task.genome.gaits(task.scene.gait, each)
-        many, differences = ensemble(key, task.scene, gaits, task.fitness.uncertainty, 1, common=False)
-        start, end = centres(task.scene, many, differences, ahead, task.settings)
+        gaits = genome.gaits(scene.gait, each)
+        many, differences = ensemble(key, scene, gaits, fitness.uncertainty, 1, common=False)
+        start, end = centres(scene, many, differences, ahead, task.options)
         none = jnp.zeros(robots, int)
-        name = task.settings.method.name
+        name = task.options.method.name
         outcomes = Outcomes(start, end, jnp.zeros((robots, 0, 3)), none, none, none, None, name, None)
-        worth = task.fitness.objective.worth(task.scene, outcomes, ahead)
+        worth = fitness.objective.worth(scene, outcomes, ahead)
         return jnp.sum(worth), worth
 
     gradients, worth = jax.grad(total, has_aux=True)(jnp.tile(genes, (robots, 1)))

@@ -1,97 +1,177 @@
 """What makes one gait better than another: an objective for one rollout, and the fitness of an ensemble of them."""
 
-from typing import Literal, NamedTuple, get_args
+from abc import abstractmethod
+from typing import ClassVar, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
-from jaxgrity.model.actuation import Gait
-from jaxgrity.rollout.metrics import Meters
-from jaxgrity.rollout.population import Outcomes, roll_out
-from jaxgrity.model.scene import Scene
-from jaxgrity.stepping.simulate import Settings
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, PerGait, Scalar
+from jaxgrity.model.actuation import Gait
+from jaxgrity.model.scene import Scene
+from jaxgrity.rollout.metrics import Metrics
+from jaxgrity.rollout.population import Outcomes, roll_out
 from jaxgrity.rollout.uncertainty import Uncertainty, ensemble
+from jaxgrity.stepping.options import ResolvedOptions
 
-Kind = Literal["distance", "direction", "speed", "cost of transport", "straightness"]
-UNITS = {"distance": "m", "direction": "m", "speed": "body lengths/s", "cost of transport": "", "straightness": ""}
-METERED = ("cost of transport", "straightness")
-REFUSED = 1e3
-"""the least that a gait within all bounds is worth; what exceeds one is worth less, the more it does"""
+BEYOND_BOUNDS = 1e3
+"""the least loss of a gait that exceeds a bound on its actuators; it loses more, the further it exceeds it"""
 
 
 class Objective(eqx.Module):
-    """What one rollout is worth; more is better.
+    """What one rollout is worth; more is better."""
 
-    distance: horizontal displacement of the centre of mass, m. direction: its part along `heading`, m. speed: distance
-    over duration, in body lengths a second. cost of transport: -W/(m g d), W the actuators' own work without what is
-    done on them (`Meters.effort`: a contracting strut releases prestress, and no motor stores it). straightness: d over
-    the length of the path. Gaits that ask more of an actuator than a bound come after all that do not.
+    unit: eqx.AbstractClassVar[str]
+    """empty for a plain number"""
+    needs_metrics: eqx.AbstractClassVar[bool]
+    """whether rollouts have to be measured step by step (`Outcomes.metrics`)"""
+    any_heading: eqx.AbstractClassVar[bool]
+    """whether a rollout that is turned about the vertical is worth the same"""
+
+    @abstractmethod
+    def worth(self, scene: Scene, outcomes: Outcomes, duration: Scalar) -> PerGait:
+        """(population,), in `unit`; NaN where the rollout failed. `duration` is in s."""
+
+
+class Distance(Objective):
+    """Horizontal displacement of the centre of mass, m."""
+
+    unit: ClassVar[str] = "m"
+    needs_metrics: ClassVar[bool] = False
+    any_heading: ClassVar[bool] = True
+
+    def worth(self, scene, outcomes, duration):
+        return outcomes.distance()
+
+
+class Direction(Objective):
+    """Displacement of the centre of mass along one heading, m."""
+
+    heading: float = eqx.field(static=True, default=0.0)
+    """rad from +x"""
+    unit: ClassVar[str] = "m"
+    needs_metrics: ClassVar[bool] = False
+    any_heading: ClassVar[bool] = False
+
+    def worth(self, scene, outcomes, duration):
+        moved = outcomes.com_end - outcomes.com_start
+        along = moved[:, 0] * np.cos(self.heading) + moved[:, 1] * np.sin(self.heading)
+        return jnp.where(jnp.isfinite(outcomes.distance()), along, jnp.nan)
+
+
+class Speed(Objective):
+    """Distance over duration, in body lengths a second."""
+
+    unit: ClassVar[str] = "body lengths/s"
+    needs_metrics: ClassVar[bool] = False
+    any_heading: ClassVar[bool] = True
+
+    def worth(self, scene, outcomes, duration):
+        return outcomes.distance() / duration / body_length(scene)
+
+
+class CostOfTransport(Objective):
+    """-W/(m g d), W the actuators' own work without what is done on them, d the distance.
+
+    It is `Metrics.effort`: a strut that contracts releases prestress, and no motor stores it. Raises `InputError` on a
+    scene without gravity.
     """
 
-    kind: Kind = eqx.field(static=True, default="distance")
-    heading: float = eqx.field(static=True, default=0.0)
-    """rad from +x, for direction"""
-    largest_rate: float | None = eqx.field(static=True, default=None)
-    """m/s, bound on any actuator's |dL/dt|"""
-    largest_force: float | None = eqx.field(static=True, default=None)
+    unit: ClassVar[str] = ""
+    needs_metrics: ClassVar[bool] = True
+    any_heading: ClassVar[bool] = True
+
+    def worth(self, scene, outcomes, duration):
+        if scene.gravity is None:
+            raise InputError("cost of transport needs gravity; expected a [gravity] table")
+        weight = scene.structure.node_mass.sum() * scene.gravity
+        return -measured(outcomes).effort / (weight * outcomes.distance())
+
+
+class Straightness(Objective):
+    """Distance over the length of the horizontal path of the centre of mass."""
+
+    unit: ClassVar[str] = ""
+    needs_metrics: ClassVar[bool] = True
+    any_heading: ClassVar[bool] = True
+
+    def worth(self, scene, outcomes, duration):
+        return outcomes.distance() / measured(outcomes).path
+
+
+OBJECTIVES: dict[str, type[Objective]] = {}
+"""the objectives by the names that commands know them by"""
+
+
+def register_objective(name: str, kind: type[Objective]) -> type[Objective]:
+    """Let commands search for an objective of one's own, by a name. Returns it.
+
+    Raises `InputError` where the name is taken.
+    """
+    if name in OBJECTIVES:
+        raise InputError(f"objective = {name!r}: there is one of this name already; expected another name")
+    OBJECTIVES[name] = kind
+    return kind
+
+
+def find_objective(name: str) -> type[Objective]:
+    """The objective of this name. Raises `InputError` where there is none."""
+    if name not in OBJECTIVES:
+        raise InputError(f"objective = {name!r}: unknown; expected one of {', '.join(OBJECTIVES)}")
+    return OBJECTIVES[name]
+
+
+for _name, _kind in {
+    "distance": Distance,
+    "direction": Direction,
+    "speed": Speed,
+    "cost of transport": CostOfTransport,
+    "straightness": Straightness,
+}.items():
+    register_objective(_name, _kind)
+
+
+class ActuatorBounds(eqx.Module):
+    """The most that a gait may ask of any actuator; None: no bound. Gaits that ask for more come after all others."""
+
+    rate: float | None = eqx.field(static=True, default=None)
+    """|dL/dt|, m/s"""
+    force: float | None = eqx.field(static=True, default=None)
     """N"""
-    largest_power: float | None = eqx.field(static=True, default=None)
+    power: float | None = eqx.field(static=True, default=None)
     """W"""
 
     def __check_init__(self):
-        if self.kind not in get_args(Kind):
-            raise InputError(f"objective = {self.kind!r}: unknown; expected one of {', '.join(get_args(Kind))}")
-        for name, bound in self.bounds.items():
+        for name, bound in self.given.items():
             if not bound > 0:
                 raise InputError(f"largest_{name} = {bound}: expected a positive number")
 
     @property
-    def bounds(self) -> dict[str, float]:
-        every = {"rate": self.largest_rate, "force": self.largest_force, "power": self.largest_power}
-        return {name: bound for name, bound in every.items() if bound is not None}
+    def given(self) -> dict[str, float]:
+        """Those that there are, by name."""
+        return {name: bound for name, bound in vars(self).items() if bound is not None}
 
-    @property
-    def metered(self) -> bool:
-        """Whether rollouts have to be metered."""
-        return self.kind in METERED or bool(self.bounds)
-
-    @property
-    def unit(self) -> str:
-        return UNITS[self.kind]
-
-    def worth(self, scene: Scene, outcomes: Outcomes, duration: Scalar) -> PerGait:
-        """(population,), NaN where the rollout failed."""
-        worth = distance = outcomes.distance()
-        if self.kind == "direction":
-            moved = outcomes.com_end - outcomes.com_start
-            along = moved[:, 0] * np.cos(self.heading) + moved[:, 1] * np.sin(self.heading)
-            worth = jnp.where(jnp.isfinite(distance), along, jnp.nan)
-        elif self.kind == "speed":
-            worth = distance / duration / body_length(scene)
-        return self._metered(scene, outcomes.meters, worth) if self.metered else worth
-
-    def _metered(self, scene: Scene, meters: Meters | None, worth: PerGait) -> PerGait:
-        """`worth`, m or m/s, where the kind or a bound needs meters."""
-        assert meters is not None, "rollouts of what is metered have meters"
-        if self.kind == "cost of transport":
-            if scene.gravity is None:
-                raise InputError("cost of transport needs gravity; expected a [gravity] table")
-            worth = -meters.effort / (scene.structure.node_mass.sum() * scene.gravity * worth)
-        elif self.kind == "straightness":
-            worth = worth / meters.path
-        if not self.bounds:
-            return worth
-        shares = [getattr(meters, f"peak_{name}").max(-1) / bound for name, bound in self.bounds.items()]
+    def applied(self, worth: PerGait, metrics: Metrics) -> PerGait:
+        """`worth`, and less than -`BEYOND_BOUNDS` for gaits beyond a bound."""
+        shares = [getattr(metrics, f"peak_{name}").max(-1) / bound for name, bound in self.given.items()]
         beyond = sum(jnp.where(share > 1, share, 0) for share in shares)
-        return jnp.where(beyond > 0, -REFUSED * (1 + beyond), jnp.maximum(worth, -REFUSED))
+        return jnp.where(beyond > 0, -BEYOND_BOUNDS * (1 + beyond), jnp.maximum(worth, -BEYOND_BOUNDS))
+
+
+def measured(outcomes: Outcomes) -> Metrics:
+    """The metrics of rollouts for an objective that needs them."""
+    assert outcomes.metrics is not None, "rollouts for an objective that needs metrics have them"
+    return outcomes.metrics
 
 
 def body_length(scene: Scene) -> Scalar:
-    """The longest strut as built, m; of a structure without struts, the longest cable."""
+    """The longest strut as built, m; of a structure without struts, the longest cable.
+
+    Raises `InputError` where there are no members.
+    """
     members = scene.structure.struts or scene.structure.cables
     if members is None:
         raise InputError("the structure has no members; expected some, to measure its length in")
@@ -103,12 +183,13 @@ def body_length(scene: Scene) -> Scalar:
 class Fitness(eqx.Module):
     """How a gait is judged: by the mean of an objective over an ensemble of robots, less some of its spread."""
 
-    objective: Objective = eqx.field(default_factory=Objective)
+    objective: Objective = eqx.field(default_factory=Distance)
     uncertainty: Uncertainty = eqx.field(default_factory=Uncertainty)
     robots: int = eqx.field(static=True, default=1)
     """in each gait's ensemble"""
     caution: float = eqx.field(static=True, default=0.0)
     """how many standard deviations of the ensemble are held against a gait: small perturbations that grow are spread"""
+    bounds: ActuatorBounds = eqx.field(default_factory=ActuatorBounds)
 
     def __check_init__(self):
         if self.robots < 1:
@@ -120,10 +201,25 @@ class Fitness(eqx.Module):
                 f"caution = {self.caution}: nothing is uncertain, nothing spreads; expected an uncertainty"
             )
 
+    @property
+    def needs_metrics(self) -> bool:
+        """Whether rollouts have to be measured step by step."""
+        return self.objective.needs_metrics or bool(self.bounds.given)
+
+    @property
+    def rollouts(self) -> int:
+        """That judge one gait: where nothing is uncertain, one says it all."""
+        return 1 if self.uncertainty.none else self.robots
+
+    def worth(self, scene: Scene, outcomes: Outcomes, duration: Scalar) -> PerGait:
+        """(population,): the objective, within the bounds."""
+        worth = self.objective.worth(scene, outcomes, duration)
+        return self.bounds.applied(worth, measured(outcomes)) if self.bounds.given else worth
+
 
 def with_robots(fitness: Fitness, robots: int) -> Fitness:
     """The same fitness by an ensemble of another size."""
-    return Fitness(fitness.objective, fitness.uncertainty, robots, fitness.caution)
+    return Fitness(fitness.objective, fitness.uncertainty, robots, fitness.caution, fitness.bounds)
 
 
 class Scores(NamedTuple):
@@ -141,14 +237,13 @@ class Scores(NamedTuple):
 
 
 @eqx.filter_jit
-def judge(key, scene: Scene, gaits: Gait, duration: Scalar, settings: Settings, fitness: Fitness) -> Scores:
+def judge(key, scene: Scene, gaits: Gait, duration: Scalar, options: ResolvedOptions, fitness: Fitness) -> Scores:
     """Score every gait by its ensemble, all of them rolled out in one call."""
     differences = None
     if not fitness.uncertainty.none:
         gaits, differences = ensemble(key, scene, gaits, fitness.uncertainty, fitness.robots)
-    objective = fitness.objective
-    outcomes = roll_out(scene, gaits, duration, settings, differences, objective.metered)
-    each = objective.worth(scene, outcomes, duration).reshape(-1, 1 if fitness.uncertainty.none else fitness.robots)
+    outcomes = roll_out(scene, gaits, duration, options, differences, with_metrics=fitness.needs_metrics)
+    each = fitness.worth(scene, outcomes, duration).reshape(-1, fitness.rollouts)
     failed = ~jnp.isfinite(each).all(1)
     mean, spread = each.mean(1), each.std(1)
     worth = jnp.where(failed, -jnp.inf, mean - fitness.caution * spread)

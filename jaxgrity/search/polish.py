@@ -4,79 +4,29 @@ The pathwise gradient differentiates the rollouts; it is exact, and useless wher
 one (evolution strategies) is a regression on the ranks of perturbed gaits: noisy, and sound on any horizon.
 """
 
-import math
 from collections.abc import Callable
-from typing import Any, Literal, NamedTuple, get_args
+from dataclasses import replace
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-import optax
 from jaxtyping import Float
 
-from jaxgrity.model.actuation import Gait
-from jaxgrity.trust.error_bars import Sensitivity, sensitivity
-from jaxgrity.search.genome import Genome
-from jaxgrity.search.gradients import Gradient, Task, combine, pathwise_gradient, smoothed_gradient
-from jaxgrity.search.objectives import Fitness, Scores, judge, with_robots
-from jaxgrity.rollout.population import one_gait
-from jaxgrity.model.scene import Scene, as_dtype, with_gait
-from jaxgrity.stepping.simulate import Settings, as_inputs, settle
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray
+from jaxgrity.model.scene import as_dtype, with_gait
+from jaxgrity.rollout.population import one_gait
+from jaxgrity.search.climb import Climb, ClimbStep, OneGait, Route, climb, one_period
+from jaxgrity.search.genetic_algorithm import SearchProblem
+from jaxgrity.search.gradients import ClimbTask
+from jaxgrity.search.objectives import Scores, judge, with_robots
+from jaxgrity.search.polish_config import PolishConfig, budget, check_polish, cost_of_gradient
+from jaxgrity.stepping.options import Options, ResolvedOptions, SolverOptions, resolve
+from jaxgrity.trust.sensitivity import Sensitivity, sensitivity
 
-Kind = Literal["smoothed", "pathwise", "combined"]
-OneGait = Float[AnyArray, " genes"]
-COST = 6.0
-"""of a pathwise gradient, in rollouts of its horizon: experiments/gradients.py and benchmark.py measure 4 to 6"""
-AVERAGED = 0.2
-"""share of a climb's steps, the last, whose gaits' mean is its end: it is less noisy than any of them"""
-CLIMB, ENDS, LAST = range(3)
+FOR_CLIMBS, FOR_COMPARISON, FOR_THE_END = range(3)
 """what random numbers are drawn for: none twice in one polish"""
-
-
-class Polishing(NamedTuple):
-    """How to polish."""
-
-    rollouts: int = 1024
-    """that all steps from all starts may cost together, in rollouts over the whole duration"""
-    kind: Kind = "smoothed"
-    samples: int = 12
-    """perturbed gaits for each smoothed gradient, robots for each pathwise one"""
-    robots: int = 4
-    """in the ensemble that judges each of those"""
-    width: tuple[float, float] = (0.006, 0.004)
-    """standard deviation of the smoothed gradient's perturbations in the first and in the last step, in turns of the
-    circle or shares of the bounds"""
-    learning_rate: float = 0.0065
-    """length of the first step, in the same unit; the last has a fifth of it"""
-    momentum: float = 0.5
-    final_robots: int = 64
-    """in the ensemble by which the ends of all climbs are compared"""
-    largest_sensitivity: float = 3.0
-    """m/rad: beyond it a pathwise gradient describes less than a step's length of the landscape"""
-
-
-class Step(NamedTuple):
-    """One step of polishing."""
-
-    horizon: float
-    """s, of the gradient"""
-    gradient_norm: float
-    """of the fitness, per turn of the circle or per width of the bounds"""
-    pathwise_share: float
-    """weight of the pathwise gradient, 0 to 1"""
-    fitness: float
-    """at the horizon, in the mean over what the gradient was taken from"""
-
-
-class Route(NamedTuple):
-    """From where to climb, and how."""
-
-    genes: OneGait
-    kind: Kind
-    horizon: float
-    """s"""
 
 
 class Polished(NamedTuple):
@@ -88,7 +38,7 @@ class Polished(NamedTuple):
     before: Scores
     after: Scores
     """of both, one row each, by one ensemble"""
-    steps: tuple[Step, ...]
+    steps: tuple[ClimbStep, ...]
     """of the climb that ended best"""
     horizon: float
     """s, that its last gradient looked ahead"""
@@ -99,82 +49,104 @@ class Polished(NamedTuple):
     reason: str
 
 
+class Routes(NamedTuple):
+    """Which climbs the starts allow, and what was found out about them."""
+
+    routes: list[Route]
+    sensitivity: Sensitivity | None
+    """of the first start"""
+    remarks: list[str]
+
+
 def polish(
-    scene: Scene,
-    genome: Genome,
+    problem: SearchProblem,
     genes: Float[AnyArray, "starts genes"],
-    duration: float,
-    polishing: Polishing | None = None,
+    config: PolishConfig | None = None,
     *,
-    fitness: Fitness | None = None,
-    dt: float | None = None,
-    dtype: str = "float32",
-    final_dt: float | None = None,
-    final_robots: int = 256,
+    options: Options = None,
+    final_options: Options = None,
     seed: int = 0,
-    any_step: bool = False,
-    on_step: Callable[[Step], None] | None = None,
+    on_step: Callable[[ClimbStep], None] | None = None,
 ) -> Polished:
     """Climb from each of the gaits that `genes` stand for, best first, and keep what verifies.
 
     Each climb has the same share of the rollouts. Each of its steps is a gradient, turned into an update by optax
     (momentum, its length falling by a cosine). Smoothed gradients are of the fitness. Pathwise and combined ones are of
     the mean objective at a horizon: as far ahead as the measured sensitivity of the start stays below
-    `polishing.largest_sensitivity`, in the first half of the steps half way there. Where it does not let them look past
+    `config.largest_sensitivity`, in the first half of the steps half way there. Where it does not let them look past
     the first period of full actuation they are not used, and `reason` says so; a combined polish climbs by smoothed
-    gradients then. In the end the first of all starts and the best of all ends meet one ensemble of `final_robots` in
-    float64 at `final_dt` (half of dt where not given), and the better one is kept, however little better; `reason` has
-    the gain with two standard errors.
+    gradients then. In the end the first of all starts and the best of all ends meet one ensemble of
+    `config.final_robots`, and the better one is kept, however little better; `reason` has the gain with two standard
+    errors.
 
-    Raises `InputError` as `settle` does, and where the rollouts do not pay for a step from each start.
+    Args:
+        problem: scene, genome, duration (s) and fitness.
+        genes: (starts, genes) in [0, 1), best first; one row of genes for one start.
+        config: gradients, steps and what they may cost.
+        options: how to integrate the climbs, at a fixed step; in float32 where no precision is given.
+        final_options: how to integrate the last judgement; in float64 at half the step where not given.
+        seed: of all random numbers.
+        on_step: gets each step as it is done.
+
+    Returns:
+        The better gait, and what was done.
+
+    Raises:
+        InputError: bad options (see `resolve`), gradients that the fitness does not have, or rollouts that do not pay
+            for a step from each start.
+
+    Example:
+        >>> scene = jaxgrity.load_scene("exact")
+        >>> problem = jaxgrity.SearchProblem(scene, jaxgrity.Genome(6), 1.5, jaxgrity.Fitness())
+        >>> config = jaxgrity.PolishConfig(rollouts=8, samples=4, robots=1, final_robots=1)
+        >>> polished = jaxgrity.polish(problem, [[0.1, 0.2, 0.3, 0.4, 0.5, 0.6]], config)
+        >>> polished.genes.shape, len(polished.steps)
+        ((6,), 2)
     """
-    polishing, fitness = polishing or Polishing(), fitness or Fitness()
-    genes = np.atleast_2d(np.asarray(genes, float))
-    check_polishing(polishing, fitness, len(genes))
-    settings = settle(scene, duration, None, dt, dtype, any_step=any_step)
-    final_dt = float(settings.dt) / 2 if final_dt is None else final_dt  # type: ignore[arg-type]
-    final = settle(scene, duration, None, final_dt, "float64", any_step=any_step)
-    routes, growth, told = [Route(start, "smoothed", duration) for start in genes], None, ""
-    if polishing.kind != "smoothed":
-        routes, growth, told = _routes(scene, genome, genes, duration, settings, polishing)
-    last, steps, spent = genes[0], [], 0
-    if routes:
-        task = Task(as_dtype(scene, dtype), genome, duration, settings, fitness, np.asarray(polishing.width[0], dtype))
-        last, steps, spent = _climb_all(task, polishing, routes, seed, on_step)
-    pair = np.stack([genes[0], last])
-    judged = _judge_genes(_key(seed, LAST), scene, genome, pair, duration, final, fitness, final_robots)
+    config, genes = config or PolishConfig(), np.atleast_2d(np.asarray(genes, float))
+    check_polish(config, problem.fitness, len(genes))
+    resolved, final = _resolved(problem, options, final_options)
+    found = Routes([Route(start, "smoothed", problem.duration) for start in genes], None, [])
+    if config.kind != "smoothed":
+        found = _routes(problem, genes, resolved, config)
+    best, spent = Climb(genes[0], (), 0), 0
+    if found.routes:
+        rolled = problem._replace(scene=as_dtype(problem.scene, resolved.dtype))
+        task = ClimbTask(rolled, resolved, np.asarray(config.width[0], resolved.dtype))
+        best, spent = _climb_all(task, config, found.routes, seed, on_step)
+    pair = np.stack([genes[0], best.end])
+    judged = _judge_genes(_key(seed, FOR_THE_END), problem, pair, final, config.final_robots)
     before, after = (jax.tree.map(lambda x, k=k: np.asarray(x)[k : k + 1], judged) for k in (0, 1))
     improved = bool(after.fitness[0] > before.fitness[0])
-    outcome = "the polished gait is kept" if improved else "the gait is kept as it was"
-    reason = f"{told}{len(steps)} steps; {_gain(before, after)}: {outcome}" if steps else told[:-2]
-    best, horizon = last if improved else genes[0], steps[-1].horizon if steps else duration
-    return Polished(best, improved, before, after, tuple(steps), horizon, growth, spent, reason)
+    remarks = list(found.remarks)
+    if best.steps:
+        outcome = "the polished gait is kept" if improved else "the gait is kept as it was"
+        remarks += [f"{len(best.steps)} steps", f"{_gain(before, after)}: {outcome}"]
+    return Polished(
+        genes=best.end if improved else genes[0],
+        improved=improved,
+        before=before,
+        after=after,
+        steps=best.steps,
+        horizon=best.steps[-1].horizon if best.steps else problem.duration,
+        sensitivity=found.sensitivity,
+        rollouts=spent,
+        reason="; ".join(remarks),
+    )
 
 
-def check_polishing(polishing: Polishing, fitness: Fitness, starts: int) -> None:
-    """Raise `InputError` for what no polishing can do from so many starts, before a search that it is to follow.
-
-    What pathwise gradients cost depends on the sensitivity of the starts, which is not known then.
-    """
-    if polishing.kind not in get_args(Kind):
-        raise InputError(f"polishing by {polishing.kind!r}: unknown; expected one of {', '.join(get_args(Kind))}")
-    if polishing.samples < 4 or polishing.samples % 2:
-        raise InputError(f"samples = {polishing.samples}: expected an even number, 4 or more")
-    if polishing.kind != "smoothed" and (fitness.objective.metered or fitness.caution):
-        what = "caution" if fitness.caution else "what is metered"
-        raise InputError(f"{what} has no pathwise gradient; expected a smoothed one")
-    if polishing.kind == "smoothed":
-        _share(polishing, fitness, [_cost(polishing, fitness, "smoothed", 1.0)] * starts)
-
-
-def _share(polishing: Polishing, fitness: Fitness, costs: list[float]) -> tuple[int, int]:
-    """Rollouts for each of the climbs, of whose steps none costs more than this, and for comparing their ends."""
-    judging = len(costs) * _robots(fitness, polishing.final_robots) if len(costs) > 1 else 0
-    each = (polishing.rollouts - judging) // len(costs)
-    if each < max(costs):
-        least = math.ceil(max(costs)) * len(costs) + judging
-        raise InputError(f"{polishing.rollouts} rollouts of polish: expected {least} or more, for {len(costs)} climbs")
-    return each, judging
+def _resolved(
+    problem: SearchProblem, options: Options, final_options: Options
+) -> tuple[ResolvedOptions, ResolvedOptions]:
+    """How to integrate the climbs, and the last judgement."""
+    given = SolverOptions() if options is None else options
+    if isinstance(given, SolverOptions) and given.dtype is None:
+        given = replace(given, dtype="float32")
+    resolved = resolve(problem.scene, problem.duration, given)
+    if resolved.dt is None:
+        raise InputError(f"method = {resolved.method.name!r} adapts its step; expected a fixed one (dt) to polish with")
+    half = replace(resolved, dt=float(resolved.dt) / 2)
+    return resolved, resolve(problem.scene, problem.duration, final_options or half, dtype="float64")
 
 
 def _gain(before: Scores, after: Scores) -> str:
@@ -187,115 +159,53 @@ def _gain(before: Scores, after: Scores) -> str:
     return f"fitness {'up' if difference > 0 else 'down'} by {abs(difference):.3f}{error}{over}"
 
 
-def _routes(scene: Scene, genome: Genome, genes, duration: float, settings: Settings, polishing: Polishing):
-    """A route from each start by what its sensitivity allows; the sensitivity of the first; words."""
+def _routes(problem: SearchProblem, genes, options: ResolvedOptions, config: PolishConfig) -> Routes:
+    """A route from each start by what its sensitivity allows."""
+    scene, genome, duration, _ = problem
     routes, growth, refused = [], [], 0
-    gaits, bound = genome.gaits(scene.gait, genes), polishing.largest_sensitivity
+    gaits, bound = genome.gaits(scene.gait, genes), config.largest_sensitivity
     for k, start in enumerate(genes):
         gait = one_gait(gaits, k)
-        growth.append(sensitivity(with_gait(scene, gait), duration, dt=settings.dt, any_step=True))  # type: ignore[arg-type]
+        growth.append(sensitivity(with_gait(scene, gait), duration, options=options))
         horizon = min(duration, growth[-1].horizon(bound))
-        if horizon >= _one_period(gait):
-            routes.append(Route(start, polishing.kind, horizon))
+        if horizon >= one_period(gait):
+            routes.append(Route(start, config.kind, horizon))
         else:
             refused += 1
-            routes += [Route(start, "smoothed", duration)] if polishing.kind == "combined" else []
-    told = f"{refused} of {len(genes)} starts are too sensitive for pathwise gradients; " if refused else ""
+            routes += [Route(start, "smoothed", duration)] if config.kind == "combined" else []
+    remarks = []
     if refused == len(genes):
-        told = (
+        remarks.append(
             f"no pathwise gradient was used: |d com/d phase| passes {bound:g} m/rad after "
-            f"{growth[0].horizon(bound):.1f} s, before one period of full actuation is over; "
+            f"{growth[0].horizon(bound):.1f} s, before one period of full actuation is over"
         )
-    return routes, growth[0], told
+    elif refused:
+        remarks.append(f"{refused} of {len(genes)} starts are too sensitive for pathwise gradients")
+    return Routes(routes, growth[0], remarks)
 
 
-def _judge_genes(key, scene: Scene, genome: Genome, genes, duration, settings: Settings, fitness: Fitness, robots: int):
+def _climb_all(
+    task: ClimbTask, config: PolishConfig, routes: list[Route], seed: int, on_step: Callable | None
+) -> tuple[Climb, int]:
+    """The climb that ended best, and what all of them cost."""
+    fitness, duration = task.problem.fitness, task.problem.duration
+    costs = [cost_of_gradient(config, fitness, route.kind, route.horizon / duration) for route in routes]
+    each, comparison = budget(config, fitness, costs)
+    climbs = [climb(task, config, route, each, _key(seed, FOR_CLIMBS, k), on_step) for k, route in enumerate(routes)]
+    spent = sum(done.cost for done in climbs) + comparison
+    if len(routes) == 1:
+        return climbs[0], spent
+    ends = np.stack([done.end for done in climbs])
+    key = _key(seed, FOR_COMPARISON)
+    scores = _judge_genes(key, task.problem, ends, task.options, config.comparison_robots)
+    return climbs[int(jnp.argmax(scores.fitness))], spent
+
+
+def _judge_genes(key, problem: SearchProblem, genes, options: ResolvedOptions, robots: int) -> Scores:
     """`judge`, of a gait for each row of genes, by ensembles of another size."""
-    gaits = genome.gaits(scene.gait, jnp.asarray(genes, settings.dtype))
-    end, many = np.asarray(duration, float), with_robots(fitness, robots)
-    return judge(key, as_dtype(scene, settings.dtype), gaits, end, as_inputs(settings), many)
-
-
-def _climb_all(task: Task, polishing: Polishing, routes: list[Route], seed: int, on_step):
-    """The best of the gaits at which the climbs ended, the steps of its climb, and what all of them cost."""
-    costs = [_cost(polishing, task.fitness, route.kind, route.horizon / task.duration) for route in routes]
-    each, judging = _share(polishing, task.fitness, costs)
-    polishing = polishing._replace(rollouts=each)
-    climbs = [_climb(task, polishing, route, _key(seed, CLIMB, k), on_step) for k, route in enumerate(routes)]
-    ends = np.stack([end for end, _, _ in climbs])
-    spent = sum(cost for _, _, cost in climbs) + judging
-    best = 0
-    if len(routes) > 1:
-        options = task.duration, task.settings, task.fitness, polishing.final_robots
-        scores = _judge_genes(_key(seed, ENDS), task.scene, task.genome, ends, *options)
-        best = int(jnp.argmax(scores.fitness))
-    return ends[best], climbs[best][1], spent
-
-
-def _climb(task: Task, polishing: Polishing, route: Route, key, on_step):
-    """The gait at the end, the steps that led to it, and what they cost."""
-    genes, kind, horizon = route
-    ahead = [horizon] if kind == "smoothed" else [(horizon + _shortest(task, genes)) / 2, horizon]
-    costs = [_cost(polishing, task.fitness, kind, reach / task.duration) for reach in ahead]
-    count = int(polishing.rollouts / np.mean(costs))
-    schedule = optax.cosine_decay_schedule(polishing.learning_rate, count, alpha=0.2)
-    optimiser = optax.chain(
-        optax.trace(polishing.momentum), optax.normalize_by_update_norm(), optax.scale_by_schedule(schedule)
-    )
-    # NumPy: on all devices, as a step leaves it, x would have the next one compiled again
-    first = x = np.asarray(genes, task.settings.dtype)
-    state, path, found, spent = optimiser.init(x), [], [], 0.0
-    widths = np.geomspace(*polishing.width, count).astype(task.settings.dtype)
-    for number in range(count):
-        half = min(len(ahead) - 1, 2 * number // count)
-        task = task._replace(width=widths[number])
-        gradient, share = _gradient(jax.random.fold_in(key, number), x, task, kind, ahead[half], polishing)
-        spent += costs[half]
-        if jnp.any(gradient.mean):
-            update, state = optimiser.update(gradient.mean / gradient.scale, state)
-            # angles go on beyond a turn, so that their mean is one
-            x = np.asarray(task.genome.bounded(x + update))
-        path.append(x)
-        found.append(Step(ahead[half], float(jnp.linalg.norm(gradient.mean)), float(share), float(gradient.value)))
-        if on_step is not None:
-            on_step(found[-1])
-    last = np.stack(path[-math.ceil(AVERAGED * count) :])
-    # genes that did not move keep the digits that the climb's precision lacks
-    end = np.where((last == first).all(0), genes, task.genome.within(last.mean(0, dtype=float)))
-    return end, found, int(spent)
-
-
-def _one_period(gait: Gait) -> float:
-    """The time, s, when every actuator has gone through a period at full amplitude."""
-    return float(gait.start + gait.ramp + 1 / np.max(gait.frequency))
-
-
-def _shortest(task: Task, genes) -> float:
-    return _one_period(one_gait(task.genome.gaits(task.scene.gait, genes[None]), 0))
-
-
-def _cost(polishing: Polishing, fitness: Fitness, kind: Kind, share: float) -> float:
-    """Of one gradient that looks ahead for a share of the duration, in rollouts over the whole of it."""
-    robots = _robots(fitness, polishing.robots)
-    each = {"smoothed": robots, "pathwise": COST, "combined": robots + COST}[kind]
-    return share * polishing.samples * each
-
-
-def _robots(fitness: Fitness, robots: int) -> int:
-    """In an ensemble that is asked to have so many: where nothing is uncertain one says it all."""
-    return 1 if fitness.uncertainty.none else robots
-
-
-def _gradient(key, genes, task: Task, kind: Kind, ahead: float, polishing: Polishing) -> tuple[Gradient, Any]:
-    """Of the fitness at the time `ahead`, and the share that the pathwise one has in it."""
-    one, other = jax.random.split(key)
-    if kind == "pathwise":
-        return pathwise_gradient(other, genes, task, ahead, polishing.samples), 1.0
-    any_step = task._replace(settings=as_inputs(task.settings))
-    smoothed = smoothed_gradient(one, genes, any_step, np.asarray(ahead), polishing.samples, polishing.robots)
-    if kind == "smoothed":
-        return smoothed, 0.0
-    return combine(smoothed, pathwise_gradient(other, genes, task, ahead, polishing.samples))
+    gaits = problem.genome.gaits(problem.scene.gait, jnp.asarray(genes, options.dtype))
+    end, many = np.asarray(problem.duration, float), with_robots(problem.fitness, robots)
+    return judge(key, as_dtype(problem.scene, options.dtype), gaits, end, options.as_inputs(), many)
 
 
 def _key(seed: int, *purpose: int):

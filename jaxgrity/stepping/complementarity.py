@@ -5,7 +5,7 @@ of the step. M. Jean 1999, doi:10.1016/S0045-7825(98)00383-1; Stewart and Trinkl
 """
 
 from collections.abc import Callable
-from typing import ClassVar, NamedTuple, Self
+from typing import ClassVar, NamedTuple
 
 import diffrax
 import equinox as eqx
@@ -62,7 +62,7 @@ class Complementarity(diffrax.AbstractSolver):
     interpolation_cls: ClassVar[Callable] = diffrax.LocalLinearInterpolation
 
     @classmethod
-    def coupled(cls, sweeps: int | None, tolerance: float | None, lift: Lift) -> Self:
+    def coupled(cls, sweeps: int | None, tolerance: float | None, lift: Lift) -> "Complementarity":
         """The solver with so many sweeps, or such a tolerance, for one robot or, by `lift`, for a population."""
         return cls(
             sweeps,

@@ -4,7 +4,7 @@ Sweeps over all of them (projected Gauss-Seidel) couple them. A strut's impulse 
 at both its ends, which makes sweeps Newton steps where each node belongs to one strut.
 """
 
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import jax.numpy as jnp
 
@@ -20,10 +20,20 @@ from jaxgrity.core.primitives import (
     scale,
     take_rows,
 )
-from jaxgrity.core.types import AnyRows, Edges, MemberVectors, NodeVectors, PerMember, PerNode, Rows, Scalar
+from jaxgrity.core.types import (
+    AnyNodeVectors,
+    AnyRows,
+    Edges,
+    MemberVectors,
+    NodeVectors,
+    PerMember,
+    PerNode,
+    Rows,
+    Scalar,
+)
 from jaxgrity.model.actuation import rest_length
 from jaxgrity.model.friction import Friction
-from jaxgrity.model.ground import Ground
+from jaxgrity.model.ground import ExactGround, Ground
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import Members
 
@@ -94,8 +104,8 @@ class LengthError(NamedTuple):
     """of the length of the strut that it is largest for, in proportion"""
 
 
-def no_impulses(v: NodeVectors) -> GroundImpulses:
-    """Those of a ground that nothing touches."""
+def no_impulses(v: AnyNodeVectors) -> GroundImpulses:
+    """Those of a ground that nothing touches, for velocities (nodes, 3), or (nodes, 3, population)."""
     none = jnp.zeros_like(v[:, 0])
     return GroundImpulses(none, (none, none))
 
@@ -121,9 +131,9 @@ def rigid_struts(scene: Scene) -> Members | None:
     return struts if struts is not None and struts.rigid else None
 
 
-def exact_ground(scene: Scene) -> Ground | None:
+def exact_ground(scene: Scene) -> ExactGround | None:
     """The scene's ground where it is a constraint."""
-    return scene.ground if scene.ground is not None and scene.ground.impulsive else None
+    return cast(ExactGround, scene.ground) if scene.ground is not None and scene.ground.impulsive else None
 
 
 def usual_sweeps(scene: Scene) -> int:
@@ -152,7 +162,7 @@ def prepare(scene: Scene, h: Scalar, t1: Scalar, q: NodeVectors, v: NodeVectors)
     return StepProblem(inverse_mass, vectors, pushes, lengths, closing)
 
 
-def _closing(ground: Ground, h: Scalar, q: NodeVectors, v: NodeVectors) -> PerNode:
+def _closing(ground: ExactGround, h: Scalar, q: NodeVectors, v: NodeVectors) -> PerNode:
     phi = ground.signed_distance(q)
     closing = -phi / h
     if ground.restitution is None:
@@ -183,6 +193,7 @@ def length_error(scene: Scene, h: Scalar, problem: StepProblem, w: NodeVectors) 
     if struts is None:
         none = jnp.zeros_like(w[0, 0])
         return LengthError(none, none)
+    assert problem.vectors is not None and problem.lengths is not None, "`prepare` sets them where struts are rigid"
     off = jnp.abs(length(problem.vectors + h * edge_vectors(w, struts.edges)) - problem.lengths)
     return LengthError(jnp.max(off), jnp.max(off / problem.lengths))
 
@@ -214,6 +225,7 @@ def _to_length(
     turned the strut around.
     """
     edges = tuple(every[k] for k in rows)
+    assert problem.vectors is not None and problem.lengths is not None, "`prepare` sets them where struts are rigid"
     vectors, lengths = _some(problem.vectors, rows), _some(problem.lengths, rows)
     d = vectors + h * edge_vectors(w, edges)
     m = edge_vectors(push, edges)
@@ -242,13 +254,14 @@ def _ground_response(
     free = 1 - (pressed > 0).astype(pressed.dtype)
     if friction is None:
         return GroundResponse(ground, free, None)
-    most = friction.mu * pressed
-    size, speed = _size(kept), _size(tuple(component(w, tangent) for tangent in ground.tangents))
+    mu, (down, level) = friction.sliding_mu, ground.tangents
+    most = mu * pressed
+    size, speed = _size(kept), _size((component(w, down), component(w, level)))
     sliding = (1 - free) * (size > (1 - 1e-6) * most).astype(size.dtype)
     turning = free + sliding * speed / (speed + most)
     back = -1 / size
     heading = (kept[0] * back, kept[1] * back)
-    return GroundResponse(ground, free, FrictionResponse(free + sliding, turning, sliding * friction.mu, heading))
+    return GroundResponse(ground, free, FrictionResponse(free + sliding, turning, sliding * mu, heading))
 
 
 def _answered(response: GroundResponse, push: NodeVectors) -> NodeVectors:
@@ -275,12 +288,14 @@ def _onto_ground(
 ) -> tuple[NodeVectors, GroundImpulses]:
     """Signorini: p_n >= 0 and w_n >= -phi/h, one of them an equality. Coulomb: |p_t| <= mu p_n, sticking if it can."""
     normal, tangential = impulses
+    assert problem.closing is not None, "`prepare` sets it where the ground is exact"
     pressed = positive_part(normal + problem.closing - component(w, ground.normal))
     w = w + along(pressed - normal, ground.normal)
     if friction is None:
         return w, GroundImpulses(pressed, tangential)
-    held = tuple(p - component(w, tangent) for p, tangent in zip(tangential, ground.tangents))
-    share = jnp.minimum(1, friction.mu * pressed / _size(held))
+    down, level = ground.tangents
+    held = (tangential[0] - component(w, down), tangential[1] - component(w, level))
+    share = jnp.minimum(1, friction.sliding_mu * pressed / _size(held))
     kept = (share * held[0], share * held[1])
     for new, old, tangent in zip(kept, tangential, ground.tangents):
         w = w + along(new - old, tangent)

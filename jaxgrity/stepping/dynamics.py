@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxgrity.core.primitives import dot, inner, scale
-from jaxgrity.core.types import NodeVectors, PerNode, Scalar, State
+from jaxgrity.core.types import NodeVectors, PerNode, Scalar, State, VectorsByKind
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import member_vectors, onto_nodes
 
@@ -28,11 +28,23 @@ def smooth_acceleration(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors)
 def smooth_force(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors, normal_force: PerNode | None) -> NodeVectors:
     """-dU/dq - dR/dv, N: all forces but F_switch.
 
-    Springs and dampers act along the same members: U and R are differentiated in the members' vectors too, and what
-    pulls on a member is put on its nodes once.
+    Springs and dampers act along the same members: what pulls on a member is put on its nodes once.
     """
-    structure = scene.structure
-    kinds, damped = structure.kinds, structure.damped
+    kinds = scene.structure.kinds
+    force, pull = _gradients(scene, t, q, v, normal_force)
+    return -(force + onto_nodes(pull, kinds, q.shape[0]) if kinds else force)
+
+
+def outside_force(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors, normal_force: PerNode | None) -> NodeVectors:
+    """The part of `smooth_force`, N, that does not act along members: gravity, contact, damping of nodes and so on."""
+    return -_gradients(scene, t, q, v, normal_force)[0]
+
+
+def _gradients(
+    scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors, normal_force: PerNode | None
+) -> tuple[NodeVectors, VectorsByKind]:
+    """dU/dq + dR/dv with the members' vectors held fixed, and the derivatives in these."""
+    kinds, damped = scene.structure.kinds, scene.structure.damped
     d = member_vectors(q, kinds)
     force, pull = jax.grad(scene.potential_energy, argnums=(0, 2))(q, t, d)
     if scene.dissipation_terms:
@@ -42,7 +54,7 @@ def smooth_force(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors, normal
 
         drag, resistance = jax.grad(loss, argnums=(0, 1))(v, member_vectors(v, damped))
         force, pull = force + drag, pull | {name: pull[name] + resistance[name] for name in damped}
-    return -(force + onto_nodes(pull, kinds, q.shape[0]) if kinds else force)
+    return force, pull
 
 
 def vector_field(t: Scalar, state: State, scene: Scene) -> State:

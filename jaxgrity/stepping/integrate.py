@@ -31,9 +31,7 @@ def one_robot(function: Callable, in_axes: tuple) -> Callable:
     return function
 
 
-def discretise(
-    options: ResolvedOptions, lift: Lift = one_robot
-) -> tuple[diffrax.AbstractTerm, diffrax.AbstractSolver]:
+def discretise(options: ResolvedOptions, lift: Lift = one_robot) -> tuple[diffrax.AbstractTerm, diffrax.AbstractSolver]:
     """The equations of motion and the solver for them, as diffrax takes them, for one robot or, by `lift`, for many."""
     method = options.method
     solver = method.fixed() if options.dt is not None or method.adaptive is None else method.adaptive()

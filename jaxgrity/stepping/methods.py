@@ -1,4 +1,4 @@
-"""The methods that integrate the equations of motion, as diffrax solvers, by their names, with what each of them can."""
+"""The methods that integrate the equations of motion, as diffrax solvers, by their names, and what each can do."""
 
 import warnings
 from collections.abc import Callable
@@ -17,7 +17,7 @@ Build = Callable[[], diffrax.AbstractSolver]
 
 
 class Method(NamedTuple):
-    """One way to integrate, and what it can; nothing in the library asks for a method's name.
+    """One way to integrate, and what it can do; nothing in the library asks for a method's name.
 
     A method that is neither implicit nor symplectic nor constrained has a solver with a Butcher `tableau`, from which
     its stability is predicted.

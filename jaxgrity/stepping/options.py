@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any, Self
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -24,7 +24,7 @@ class SolverOptions:
     """How to integrate; what is None is chosen for the scene, by `resolve`."""
 
     method: str | None = None
-    """rk4, tsit5, dopri8, kvaerno3, kvaerno5, verlet or complementarity, or a registered one; None: the scene decides"""
+    """rk4, tsit5, dopri8, kvaerno3, kvaerno5, verlet, complementarity or a registered one; None: the scene decides"""
     dt: float | None = None
     """fixed step, s; None: adaptive methods adapt theirs, others take `default_step`"""
     dtype: str | None = None
@@ -44,7 +44,7 @@ class SolverOptions:
 
 
 class ResolvedOptions(eqx.Module):
-    """Options that have been checked against a scene, and leave nothing open. Whatever takes options takes these too."""
+    """Options that have been checked against a scene, with nothing left open. What takes options takes these too."""
 
     method: Method = eqx.field(static=True)
     dt: Scalar | None
@@ -56,15 +56,15 @@ class ResolvedOptions(eqx.Module):
     strut_tolerance: float | None = eqx.field(static=True, default=None)
     max_steps: int = eqx.field(static=True, default=10**6)
 
-    def as_inputs(self) -> Self:
+    def as_inputs(self) -> "ResolvedOptions":
         """The same with step and tolerances as arrays, with which a function is compiled once for all their values.
 
         As numbers they are part of the compiled program; reverse mode, which has to count the steps, needs them so.
         """
         return jax.tree.map(lambda x: np.asarray(x, float), self)
 
-    def refined(self) -> list[Self]:
-        """These options, and those at half and a quarter of the step; or at a tenth and a hundredth of the tolerances."""
+    def refined(self) -> "list[ResolvedOptions]":
+        """These options, then half and a quarter of their step, or a tenth and a hundredth of their tolerances."""
         if self.dt is not None:
             return [replace(self, dt=self.dt / 2**k) for k in range(3)]
         tightest = 10 * float(np.finfo("float64").eps)
@@ -99,14 +99,14 @@ def resolve(
             symplectic method where something dissipates; sweeps or their tolerance for any but a constrained method; a
             tolerance below what the precision allows; float64 while JAX's x64 mode is off.
     """
-    _check_positive(duration=duration)
+    _check_positive({"duration": duration})
     concrete = not _traced(scene)
     if concrete and not _traced(positions):
         _check_start(scene, scene.structure.nodes if positions is None else positions)
     if isinstance(options, ResolvedOptions):
         return options if dtype is None else replace(options, dtype=_dtype(dtype))
     given = options or SolverOptions()
-    _check_positive(dt=given.dt, rtol=given.rtol, atol=given.atol, max_steps=given.max_steps)
+    _check_positive({name: getattr(given, name) for name in ("dt", "rtol", "atol", "max_steps")})
     method = find_method(given.method) if given.method is not None else default_method(scene)
     dtype = _dtype(dtype or given.dtype)
     rtol, atol = _tolerances(given, method, dtype)
@@ -122,7 +122,7 @@ def resolve(
     return ResolvedOptions(method, dt, dtype, rtol, atol, sweeps, given.strut_tolerance, given.max_steps)
 
 
-def _check_positive(**values: float | None) -> None:
+def _check_positive(values: dict[str, float | None]) -> None:
     for name, value in values.items():
         if value is not None and not (value > 0 and math.isfinite(value)):
             raise InputError(f"{name} = {value}: expected a positive, finite number")

@@ -2,7 +2,6 @@
 
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 
@@ -11,7 +10,7 @@ from jaxgrity.core.types import NodeVectors, Scalar, State
 from jaxgrity.model.scene import Scene
 from jaxgrity.stepping.complementarity import ContactState
 from jaxgrity.stepping.constraints import exact_ground, rigid_struts
-from jaxgrity.stepping.dynamics import acceleration, smooth_force
+from jaxgrity.stepping.dynamics import acceleration, outside_force, smooth_force
 
 Work = dict[str, jax.Array]
 """J of the actuators and of each cause of dissipation; N s and N m s, (3,), of the forces from outside"""
@@ -48,7 +47,7 @@ def powers(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors) -> Work:
     Beside them "impulse" and "moment": the force, N, and the moment about the origin, N m, that come from outside.
     """
     normal_force = scene.normal_force(q, v)
-    outside = smooth_force(_without_members(scene), t, q, v, normal_force)
+    outside = outside_force(scene, t, q, v, normal_force)
     found = {"actuation": jax.grad(scene.potential_energy, argnums=1)(q, jnp.asarray(t, q.dtype))}
     found |= jax.jvp(lambda v_: scene.dissipation_by_cause(v_, q, t, normal_force), (v,), (v,))[1]
     if scene.force_laws:
@@ -113,8 +112,3 @@ def ground_impulses(scene: Scene, state: ContactState) -> list[NodeVectors]:
         return []
     speeds, directions = (state.impulses.normal, *state.impulses.tangential), (ground.normal, *ground.tangents)
     return [scale(along(p, n), scene.structure.node_mass) for p, n in zip(speeds, directions)]
-
-
-def _without_members(scene: Scene) -> Scene:
-    parts = lambda s: (s.structure.struts, s.structure.cables, s.gait)  # noqa: E731
-    return eqx.tree_at(parts, scene, (None, None, None), is_leaf=lambda x: x is None)

@@ -9,7 +9,7 @@ import numpy as np
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, NodeVectors, State
-from jaxgrity.model.laws import EnergyTerm, ForceTerm
+from jaxgrity.model.laws import DissipationTerm, EnergyTerm, ForceTerm
 from jaxgrity.model.scene import Scene, as_dtype, with_gait
 from jaxgrity.model.structure import edge_lengths
 from jaxgrity.stepping.constraints import rigid_struts
@@ -152,7 +152,7 @@ def limiting_part(scene: Scene, state: State, method: Method) -> str:
     shape = np.stack([shapes[:, worst].real, shapes[:, worst].imag]).reshape(2, *q.shape)
     with jax.enable_x64(True):
         shares = _shares(as_dtype(scene, "float64"), q, v, shape, float(np.abs(values[worst])))
-    names = [name for term in _force_terms(scene) for name in term.parts(len(q))]
+    names = [name for term in _force_terms(scene) for name in term.parts(scene)]
     return names[int(np.argmax(np.abs(np.concatenate([np.asarray(share) for share in shares]))))]
 
 
@@ -180,7 +180,7 @@ def _shares(scene: Scene, q: NodeVectors, v: NodeVectors, shape: AnyArray, rate:
 
             return along(shape[0]) + along(shape[1])
 
-        return jax.grad(work)(jnp.ones(len(term.parts(len(q)))))
+        return jax.grad(work)(jnp.ones(len(term.parts(scene))))
 
     return [share(term) for term in _force_terms(scene)]
 
@@ -190,6 +190,7 @@ def _force(term: ForceTerm, motion):
     scene, (q, t) = motion.at.scene, motion.at[:2]
     if isinstance(term, EnergyTerm):
         return -jax.grad(lambda q: term.energy(scene.configuration(q, t)))(q)
+    assert isinstance(term, DissipationTerm), "a term whose force is a gradient is one of U or of R"
     return -jax.grad(lambda v: term.dissipation(scene.motion(v, q, t, motion.normal_force)))(motion.v)
 
 
@@ -218,6 +219,28 @@ def strictest(scene: Scene, method: Method) -> tuple[float, Scene, State]:
     taut = all_taut(scene)
     found = [(stable_step(taut, state, method), taut, state) for state in (standing(taut), aloft(taut))]
     return min(found, key=lambda x: x[0])
+
+
+class StepLimit(NamedTuple):
+    """The largest fixed step that a scene allows a method."""
+
+    step: float
+    """s"""
+    set_by: str
+    """the member, contact or damping that sets it, by name"""
+
+
+def step_limit(scene: Scene, method: Method | str) -> StepLimit:
+    """The largest stable step of a scene, standing and aloft, and what sets it.
+
+    Example:
+        >>> limit = jaxgrity.step_limit(jaxgrity.load_scene("exact"), "complementarity")
+        >>> round(limit.step, 3), limit.set_by.split()[0]  # s, and "cable 2 (nodes 0, 8)" or one that is its image
+        (0.036, 'cable')
+    """
+    method = find_method(method) if isinstance(method, str) else method
+    step, taut, state = strictest(scene, method)
+    return StepLimit(step, limiting_part(taut, state, method))
 
 
 def default_step(scene: Scene, method: Method) -> float:

@@ -68,9 +68,7 @@ class EnergyAudit(NamedTuple):
         return float(max(np.ptp(x) for x in (self.kinetic, self.potential, self.actuation, self.lost)))
 
 
-def energy_audit(
-    scene: Scene, duration: float, *, options: Options = None, frame_rate: float = 100.0
-) -> EnergyAudit:
+def energy_audit(scene: Scene, duration: float, *, options: Options = None, frame_rate: float = 100.0) -> EnergyAudit:
     """Roll the scene out in float64, and balance its energy and its momentum.
 
     dE/dt = dU/dt - v·dR/dv + v·F_switch, dp/dt = sum of the forces that no member exerts, and likewise their moments.
@@ -98,7 +96,7 @@ def energy_audit(
         True
     """
     resolved = resolve(scene, duration, options, dtype="float64")
-    times = frame_times(duration, frame_rate if resolved.dt is None else min(frame_rate, 1 / resolved.dt))
+    times = frame_times(duration, frame_rate if resolved.dt is None else min(frame_rate, 1 / float(resolved.dt)))
     exact = as_dtype(scene, "float64")
     if resolved.method.symplectic or resolved.method.constrained:
         count = int(np.ceil(times[1] / resolved.dt - 1e-9))  # type: ignore[operator]
@@ -162,8 +160,8 @@ def _amounts(scene: Scene, times: Times, q: NodeHistory, v: NodeHistory) -> Amou
     return Amounts(
         times=times,
         positions=q,
-        kinetic=jax.vmap(lambda v: kinetic_energy(scene, v))(v),
-        potential=jax.vmap(scene.potential_energy)(q, times),
+        kinetic=jnp.asarray(jax.vmap(lambda v: kinetic_energy(scene, v))(v)),
+        potential=jnp.asarray(jax.vmap(scene.potential_energy)(q, times)),
         momentum=jax.vmap(lambda v: momentum(scene, v))(v),
         angular_momentum=jax.vmap(lambda q, v: angular_momentum(scene, q, v))(q, v),
     )

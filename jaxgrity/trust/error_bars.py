@@ -62,8 +62,14 @@ def verify(scene: Scene, gaits: Gait, duration: float, *, options: Options = Non
     failed = np.any([np.asarray(run.failure) != 0 for run in runs], axis=0)
     bar = np.where(failed, np.inf, refinement_bar(*(np.asarray(run.com_end) for run in runs)))
     first = runs[0]
-    steps = tuple(float(each.rtol if each.dt is None else each.dt) for each in resolved)
-    return Verified(np.asarray(first.distance()), bar, np.asarray(first.com_start), np.asarray(first.com_end), steps)
+    coarse, middle, fine = (float(each.rtol if each.dt is None else each.dt) for each in resolved)
+    return Verified(
+        distance=np.asarray(first.distance()),
+        error_bar=bar,
+        com_start=np.asarray(first.com_start),
+        com_end=np.asarray(first.com_end),
+        steps=(coarse, middle, fine),
+    )
 
 
 def refinement_bar(coarse: np.ndarray, middle: np.ndarray, fine: np.ndarray) -> np.ndarray:

@@ -36,9 +36,7 @@ class Sensitivity(NamedTuple):
         return float(np.polyfit(self.times[late], np.log(self.norm[late]), 1)[0]) if late.sum() > 1 else np.nan
 
 
-def sensitivity(
-    scene: Scene, duration: float, *, options: Options = None, frame_rate: float = 10.0
-) -> Sensitivity:
+def sensitivity(scene: Scene, duration: float, *, options: Options = None, frame_rate: float = 10.0) -> Sensitivity:
     """|d com/d phase| along one rollout of the scene's own gait, by forward-mode differentiation, in float64.
 
     Where it is large, neither the distance of a gait nor its gradient says much: a phase off by 0.01 rad moves the

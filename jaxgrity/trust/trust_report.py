@@ -98,9 +98,7 @@ class TrustReport(NamedTuple):
         return "\n".join(f"{name:<{wide}}  {value}" for name, value in rows.items())
 
 
-def diagnose(
-    scene: Scene, duration: float, *, options: Options = None, frame_rate: float = 100.0
-) -> TrustReport:
+def diagnose(scene: Scene, duration: float, *, options: Options = None, frame_rate: float = 100.0) -> TrustReport:
     """Roll the scene out as `simulate` does, and say how far the result can be trusted.
 
     The error bars compare with rollouts in float64 at half and a quarter of the step (or at a tenth and a hundredth of

@@ -1,0 +1,33 @@
+"""Pages whose tables are generated: what stands between `<!-- measured: NAME -->` and `<!-- end -->` is replaced."""
+
+import re
+from pathlib import Path
+
+from jaxgrity import InputError
+from jaxgrity.io.files import read_text, write_whole
+
+
+def table(head: list[str], rows: list[list[str]]) -> str:
+    """A Markdown table."""
+    assert all(len(row) == len(head) for row in rows), "a cell for each head"
+    lines = [head, ["---"] * len(head), *rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def filled(text: str, blocks: dict[str, str]) -> str:
+    """`text` with what stands between the marks of each name replaced.
+
+    Raises `InputError` where a name has no marks, or more than one pair of them.
+    """
+    for name, words in blocks.items():
+        marks = re.compile(rf"(<!-- measured: {re.escape(name)} -->\n).*?(<!-- end -->)", re.DOTALL)
+        text, count = marks.subn(lambda match, words=words: f"{match[1]}{words}\n{match[2]}", text)
+        if count != 1:
+            raise InputError(f"{count} pairs of marks '<!-- measured: {name} -->' in the page; expected one pair")
+    return text
+
+
+def fill_page(path: Path, blocks: dict[str, str], page: Path | None = None) -> None:
+    """Fill the marks of a page, or those of `page` to be written to `path`."""
+    text = filled(read_text(page or path), blocks)
+    write_whole(path, lambda file: file.write(text.encode()))

@@ -1,0 +1,299 @@
+"""A broken cable, a stuck strut: how far does a gait still go, and how soon is a better one found?
+
+Every cable breaks in turn, and every strut gets stuck at its rest length (`broken = [k]` under [cables] and
+`stuck = [k]` under [struts] say the same in a scene file). Each gait of the library for this scene is tried as it is;
+so are their images by the robot's symmetry, then the best of all is polished by gradients, and in the end a gait is
+evolved from scratch.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from jaxgrity.cli.script import measured, run
+
+import equinox as eqx
+import jax
+import numpy as np
+from matplotlib.figure import Figure
+from tqdm import tqdm
+
+from jaxgrity import (
+    Breeding,
+    Fitness,
+    Gait,
+    Genome,
+    InputError,
+    Polishing,
+    Scene,
+    Uncertainty,
+    distinct,
+    evolve,
+    gait_names,
+    gait_record,
+    load_gait,
+    load_scene,
+    one_gait,
+    plot,
+    polish,
+    standing_symmetries,
+    verify,
+    with_gait,
+)
+from jaxgrity.io.files import save_json
+from jaxgrity.model.symmetry import image
+from jaxgrity.search.fidelity import Rung, judge_on, rungs
+from jaxgrity.search.objectives import with_robots
+
+NEW = ("library", "gradient", "scratch")
+WAYS = ("as it was", *NEW)
+TRIES, UNSEEN = 64, 10**6
+"""robots by which candidates are compared; added to the seed of the last judgement, by whose draws none is chosen"""
+
+
+@dataclass
+class Settings:
+    scene: Path = SCENES / "exact.toml"
+    """scene file with a [gait]"""
+    gait: str = "rolling_exact"
+    """of the intact robot: a name in the library, or a file; its distance is what a recovery is measured against"""
+    duration: float = 10.0
+    """s"""
+    amplitude: tuple[float, float] = (0.05, 0.5)
+    """bounds within which a search from scratch may choose each member's"""
+    frequency: tuple[float, float] = (0.2, 1.0)
+    """bounds (Hz) within which it may choose the gait's; the same twice, as for amplitudes: it stays as it is"""
+    rollouts: int = 8192
+    """for each search from scratch; polishing takes a quarter of them"""
+    enough: float = 0.7
+    """share of the intact distance that counts as recovered"""
+    seed: int = 0
+    """the same seed gives the same numbers"""
+    out: Path = Path("results/damage")
+    """folder for damage.json and damage.png"""
+    quick: bool = False
+    """a cable and a strut, 4 s, 256 rollouts"""
+
+
+def main(settings: Settings) -> None:
+    if settings.quick:
+        settings.duration, settings.rollouts = 4.0, 256
+    scene = load_scene(settings.scene)
+    if scene.gait is None or scene.structure.cables is None:
+        raise InputError(f"{settings.scene}: expected a scene with [cables] and a [gait]")
+    fitness = Fitness(uncertainty=Uncertainty(phase=0.03), robots=4)
+    families = known_gaits(scene, settings)
+    known = together([gait for images in families.values() for gait in images])
+    first = together([images[0] for images in families.values()])
+    intact = dict(zip(families, measure(scene, first, fitness, settings)))
+    cases = damaged(scene)
+    if settings.quick:
+        cases = {name: cases[name] for name in ("cable 7", "strut 1")}
+    found = {}
+    with tqdm(cases.items(), unit="case") as bar:
+        for number, (name, broken) in enumerate(bar):
+            found[name] = recover(broken, list(families), first, known, fitness, settings, settings.seed + number)
+            bar.set_postfix(case=name, best=f"{max(found[name][way]['robust'] for way in NEW):.2f} m")
+    facts = summary(intact, known.phase.shape[0], found, settings)
+    save_json(settings.out / "damage.json", facts)
+    plot.save(figure(facts), settings.out / "damage.png")
+    for name, kinds in facts["recovered"].items():
+        for kind, counts in kinds.items():
+            told = ", ".join(f"{way} {sure} ({mean})" for way, (sure, mean) in counts["reached"].items())
+            goes = f"{settings.enough:.0%} of {name}'s {intact[name]['robust']:.2f} m"
+            print(f"{kind}, {counts['cases']} cases: {goes} with the error bar (in the mean alone): {told}")
+    print(f"wrote {settings.out}/")
+
+
+def damaged(scene: Scene) -> dict[str, Scene]:
+    """The scene with each cable broken, and with each actuated strut stuck."""
+    cables, struts = scene.structure.cables, scene.structure.struts
+    found = {}
+    for k in range(len(cables.edges)):
+        whole = np.ones(len(cables.edges))
+        whole[k] = 0
+        parts = [part * whole for part in (cables.stiffness, cables.damping) if part is not None]
+        where = lambda s: [p for p in (s.structure.cables.stiffness, s.structure.cables.damping) if p is not None]  # noqa: E731
+        found[f"cable {k}"] = eqx.tree_at(where, scene, parts)
+    for k in range(0 if struts is None else len(struts.edges)):
+        if k in scene.gait.members:
+            # a strut whose amplitude is zero keeps its length: without a program of its own for every case
+            found[f"strut {k}"] = scene if k in struts.stuck else with_gait(scene, stuck(scene.gait, k))
+    return found
+
+
+def stuck(gait: Gait, member: int) -> Gait:
+    """The gait without one member's motion."""
+    still = np.asarray(gait.members) == member
+    return eqx.tree_at(lambda g: g.amplitude, gait, np.where(still, 0.0, gait.amplitude))
+
+
+def known_gaits(scene: Scene, settings: Settings) -> dict[str, list[Gait]]:
+    """The intact robot's gait first, and the others of the library that fit the scene, with their images."""
+    found = {settings.gait: load_gait(settings.gait)}
+    for name in gait_names():
+        record = gait_record(name)
+        if record["scene"] == settings.scene.name and tuple(record["members"]) == scene.gait.members:
+            found[name] = load_gait(name)
+    if any(gait.members != scene.gait.members for gait in found.values()):
+        raise InputError(f"{settings.gait}: actuates other members than {settings.scene.name}; expected the same")
+    if found[settings.gait].overtones:
+        raise InputError(f"{settings.gait}: has overtones; expected a gait of one sine for each member")
+    plain = {name: gait for name, gait in found.items() if not gait.overtones}
+    return {name: [image(gait, symmetry) for symmetry in standing_symmetries(scene)] for name, gait in plain.items()}
+
+
+def together(gaits: list[Gait]) -> Gait:
+    """Gaits as one population."""
+    return jax.tree.map(lambda *rows: np.stack(rows) if np.ndim(rows[0]) else rows[0], *gaits)
+
+
+def recover(scene: Scene, names: list[str], first: Gait, known: Gait, fitness: Fitness, settings: Settings, seed: int):
+    """What `measure` says of each gait as it was, by its name, and of the best on each of the ways to another one.
+
+    `first` has a gait for each name, `known` all their images too.
+    """
+    own, gaits = (still(scene, some) for some in (first, known))
+    library = one_gait(gaits, int(np.argmax(judged(scene, gaits, fitness, settings))))
+    found = [
+        *(one_gait(own, k) for k in range(len(names))),
+        library,
+        polished(with_gait(scene, library), fitness, settings, seed),
+        from_scratch(scene, fitness, settings, seed),
+    ]
+    facts = measure(scene, together(found), fitness, settings)
+    return {"as it was": dict(zip(names, facts)), **dict(zip(NEW, facts[len(names) :]))}
+
+
+def still(scene: Scene, gaits: Gait) -> Gait:
+    """The gaits without the motion of what is stuck in the scene."""
+    moves = np.asarray(scene.gait.amplitude) > 0
+    return eqx.tree_at(lambda g: g.amplitude, gaits, np.where(moves, gaits.amplitude, 0.0))
+
+
+def measure(scene: Scene, gaits: Gait, fitness: Fitness, settings: Settings) -> list[dict[str, float]]:
+    """What gaits are worth by draws that none was chosen by, in float64, with the error bar of the gait itself."""
+    rung = rungs(scene)[-1]
+    robust = judge_on(rung, gaits, settings.duration, with_robots(fitness, TRIES), settings.seed + UNSEEN)
+    verified = verify(scene, gaits, settings.duration, rung.dt)
+    rows = zip(robust.mean, robust.spread, verified.distance, verified.error_bar)
+    return [dict(zip(("robust", "spread", "distance", "error_bar"), map(float, row))) for row in rows]
+
+
+def judged(scene: Scene, gaits: Gait, fitness: Fitness, settings: Settings) -> np.ndarray:
+    """Robust distance of each gait, m, by one ensemble for all cases."""
+    rung: Rung = rungs(scene)[1]
+    return judge_on(rung, gaits, settings.duration, with_robots(fitness, TRIES), settings.seed + 999).mean
+
+
+def polished(scene: Scene, fitness: Fitness, settings: Settings, seed: int) -> Gait:
+    """The scene's gait, its phases polished by gradients."""
+    genome, phase = Genome(len(scene.gait.members)), np.asarray(scene.gait.phase)
+    found = polish(
+        scene,
+        genome,
+        (phase / (2 * np.pi) % 1)[None],
+        settings.duration,
+        Polishing(polish_rollouts(settings)),
+        fitness=fitness,
+        dt=rungs(scene)[0].dt,
+        final_dt=rungs(scene)[1].dt,
+        final_robots=TRIES,
+        seed=seed,
+    )
+    return one_gait(genome.gaits(scene.gait, found.genes[None]), 0)
+
+
+def polish_rollouts(settings: Settings) -> int:
+    """A quarter of what a search from scratch may spend."""
+    return max(128, settings.rollouts // 4)
+
+
+def from_scratch(scene: Scene, fitness: Fitness, settings: Settings, seed: int) -> Gait:
+    """The best of a search whose last generation meets a larger ensemble."""
+    # a stuck strut's amplitude is zero, and has to stay so
+    varied = ("amplitude", "frequency") if np.all(np.asarray(scene.gait.amplitude) > 0) else ("frequency",)
+    free = {name: bounds for name in varied if np.ptp(bounds := getattr(settings, name))}
+    genome, rung = Genome(len(scene.gait.members), **free), rungs(scene)[0]
+    breeding = Breeding(64, max(1, settings.rollouts // (64 * fitness.robots)))
+    search = evolve(
+        rung.scene, genome, settings.duration, breeding, fitness=fitness, seed=seed, dt=rung.dt, dtype=rung.dtype
+    )
+    gaits = genome.gaits(scene.gait, distinct(search.last, genome, 8))
+    return one_gait(gaits, int(np.argmax(judged(scene, gaits, fitness, settings))))
+
+
+def summary(intact: dict, known: int, found: dict[str, Any], settings: Settings) -> dict[str, Any]:
+    """All cases, and for each known gait in how many its intact distance is recovered on each way, and by any."""
+    recovered: dict[str, dict[str, Any]] = {}
+    for name, own in intact.items():
+        enough = settings.enough * own["robust"]
+        recovered[name] = {}
+        for kind in dict.fromkeys(label.split()[0] for label in found):
+            cases = [
+                {**case, "as it was": case["as it was"][name]}
+                for label, case in found.items()
+                if label.startswith(kind)
+            ]
+            far = {way: [reached(case[way], enough) for case in cases] for way in WAYS}
+            far["any"] = [tuple(map(any, zip(*tests))) for tests in zip(*far.values())]
+            counts = {way: [sum(column) for column in zip(*tests)] for way, tests in far.items()}
+            recovered[name][kind] = {"cases": len(cases), "reached": counts}
+    return {
+        **measured(),
+        "scene": settings.scene.name,
+        "duration": settings.duration,
+        "free": {"amplitude": settings.amplitude, "frequency": settings.frequency},
+        "rollouts": {"scratch": settings.rollouts, "gradient": polish_rollouts(settings), "library": known * TRIES},
+        "gait": settings.gait,
+        "intact": intact,
+        "enough": settings.enough,
+        "cases": found,
+        "recovered": recovered,
+    }
+
+
+def reached(facts: dict[str, float], enough: float) -> tuple[bool, bool]:
+    """Whether the robust distance is enough and the gait's own less its error bar is too; whether the first is."""
+    far = facts["robust"] >= enough
+    return far and facts["distance"] - facts["error_bar"] >= enough, far
+
+
+def figure(facts: dict[str, Any]) -> Figure:
+    """Robust distance in each case on each of the ways, and what counts as recovered."""
+    cases, gait = facts["cases"], facts["gait"]
+    intact = facts["intact"][gait]["robust"]
+    enough = facts["enough"] * intact
+    chart = Figure(figsize=(14, 5), layout="constrained")
+    axes = chart.subplots()
+    x = np.arange(len(cases))
+    for k, way in enumerate(WAYS):
+        rows = [case[way][gait] if way == "as it was" else case[way] for case in cases.values()]
+        place, label = x + 0.2 * (k - 1.5), f"{gait}, {way}" if way == "as it was" else way
+        height, spread = ([row[what] for row in rows] for what in ("robust", "spread"))
+        axes.bar(place, height, 0.2, label=label, yerr=spread, error_kw={"lw": 0.6})
+        unsure = [h if reached(row, enough) == (False, True) else np.nan for h, row in zip(height, rows)]
+        axes.plot(
+            place,
+            unsure,
+            "x",
+            color="black",
+            ms=5,
+            label=None if k else "nominal distance less its error bar: too little",
+        )
+    axes.axhline(intact, color="black", lw=1, label=f"{gait}, intact")
+    axes.axhline(enough, color="black", lw=1, ls="--", label=f"{facts['enough']:.0%} of it")
+    axes.set_xticks(x, list(cases), rotation=90)
+    axes.set(
+        xlim=(-0.6, len(cases) - 0.4),
+        ylim=(0, None),
+        ylabel=f"distance in {facts['duration']:g} s, mean and spread of the ensemble, m",
+        title="a broken cable, or a stuck strut: the gait as it was, the library's best, that one polished, a new one "
+        "(its amplitudes and frequency free too)",
+    )
+    axes.legend(ncols=7, fontsize="small", loc="upper center", bbox_to_anchor=(0.5, -0.2))
+    return chart
+
+
+if __name__ == "__main__":
+    run(main, Settings)

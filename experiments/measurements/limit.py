@@ -1,0 +1,46 @@
+"""Hand-written C beside the library: the programs of a folder, if one is given, on the same scene and gaits.
+
+limit32 and limit64 integrate spring struts and penalty contact by RK4, exact32 and exact64 rigid struts and exact
+contact by semi-implicit steps; each reads a scene as text and prints final centres of mass and its wall time.
+"""
+
+import subprocess
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from jaxgrity import InputError, Scene
+
+
+def roll(
+    program: Path, scene: Scene, phases: np.ndarray, steps: int, dt: float, threads: int, sweeps: int | None = None
+) -> tuple[np.ndarray, float]:
+    """Centre of mass of each gait at the end, (gaits, 3), m, and the wall time that the program measures, s."""
+    if not program.exists():
+        raise InputError(f"{program}: not there; expected the built program")
+    with tempfile.NamedTemporaryFile("w", suffix=".txt") as file:
+        file.write(as_text(scene, phases, steps, dt))
+        file.flush()
+        command = [str(program), file.name, str(threads), *([str(sweeps)] if sweeps is not None else [])]
+        lines = subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
+    facts = dict(word.split("=") for word in lines[-1].split() if "=" in word)
+    return np.array([line.split() for line in lines[:-1]], float), float(facts["seconds"])
+
+
+def as_text(scene: Scene, phases: np.ndarray, steps: int, dt: float) -> str:
+    """The scene as the C programs read it; what its model lacks stands as 0."""
+    structure, gait, ground, friction = scene.structure, scene.gait, scene.ground, scene.friction
+    struts, cables = structure.struts, structure.cables
+    counts = [len(structure.nodes), len(struts.edges), len(cables.edges)]
+    rows = [counts, *np.column_stack([structure.node_mass, structure.nodes])]
+    for members in (struts, cables):
+        none = np.zeros(len(members.edges))
+        stiffness, damping = (none if x is None else x for x in (members.stiffness, members.damping))
+        for (i, j), *numbers in zip(members.edges, stiffness, members.rest_length, damping):
+            rows.append([i, j, *numbers])
+    contact = [getattr(ground, name, None) or 0.0 for name in ("stiffness", "dissipation")]
+    rows.append([scene.gravity, scene.node_damping[0], *contact, friction.mu, getattr(friction, "slip_speed", 1.0)])
+    rows.append([gait.amplitude[0], 2 * np.pi * gait.frequency[0], gait.start, gait.ramp])
+    rows += [[dt, steps, len(phases)], *phases]
+    return "\n".join(" ".join(repr(float(x)) if not isinstance(x, int) else str(x) for x in row) for row in rows) + "\n"

@@ -1,0 +1,236 @@
+"""How cost grows: with the number of devices, of gaits and of struts; what one rollout costs, and what starting does.
+
+Every part runs in processes of its own, which may use as many cores as they have devices.
+"""
+
+import multiprocessing
+import os
+import re
+import subprocess
+import sys
+import time
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from jaxgrity.cli.script import configure, measured, run
+
+import jax
+import numpy as np
+from matplotlib.figure import Figure
+from tqdm import tqdm
+
+from jaxgrity import (
+    Scene,
+    SolverOptions,
+    as_dtype,
+    gaits_of,
+    load_scene,
+    plot,
+    prism_tower,
+    random_phases,
+    resolve,
+    roll_out,
+    simulate,
+    simulate_population,
+)
+from jaxgrity.io.files import save_json
+
+METHODS = {"rk4": ("reference", 5e-4), "complementarity": ("exact", 5e-3)}
+"""the scene that each is measured on, and its step, s"""
+TOWER_STEPS = {"rk4": 2e-4, "complementarity": 2e-3}
+"""s"""
+
+
+@dataclass
+class Settings:
+    repeats: int = 5
+    """timed calls, of which the median counts, after one that compiles"""
+    out: Path = Path("results/scaling")
+    """folder for scaling.json and scaling.png"""
+    quick: bool = False
+    """complementarity alone, one call, few gaits and struts"""
+
+
+def main(settings: Settings) -> None:
+    quick, repeats, cores = settings.quick, 1 if settings.quick else settings.repeats, len(os.sched_getaffinity(0))
+    methods = ["complementarity"] if quick else list(METHODS)
+    sizes = [16] if quick else [64, 128, 256, 512, 1024, 2048, 4096]
+    struts = [6, 12] if quick else [6, 18, 60, 180, 600]
+    largest = 16 if quick else 1024
+    tasks: list[tuple] = [("devices", d, population_cost, (m, largest, repeats)) for m in methods for d in (1, cores)]
+    tasks += [("population", cores, population_cost, (m, n, repeats)) for m in methods for n in sizes]
+    tasks += [("struts", cores, tower_cost, (m, n, repeats)) for m in methods for n in struts]
+    tasks += [("single", 1, single_cost, (m, dtype, repeats)) for m in methods for dtype in ("float32", "float64")]
+    tasks += [("compiled", 1, compiled, (m,)) for m in methods]
+    rows: dict[str, list[dict]] = {"devices": [], "population": [], "struts": [], "single": [], "compiled": []}
+    for name, devices, function, arguments in tqdm(tasks, unit="run"):
+        rows[name].append({"devices": devices, **in_process(devices, function, arguments)})
+    facts = {
+        **measured(),
+        "repeats": repeats,
+        **rows,
+        "exponents": exponents(rows["struts"]),
+        "start": start_up(min(3, repeats)),
+    }
+    save_json(settings.out / "scaling.json", facts)
+    plot.save(figure(rows), settings.out / "scaling.png")
+    report(facts)
+    print(f"wrote {settings.out}/scaling.json and scaling.png")
+
+
+def in_process(devices: int, function: Callable, arguments: tuple) -> dict:
+    """What the function returns in a fresh process with so many devices, on as many cores."""
+    with multiprocessing.get_context("spawn").Pool(1, confine, (devices,)) as pool:
+        return pool.apply(function, arguments)
+
+
+def confine(devices: int) -> None:
+    os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[:devices])
+    configure()
+    jax.config.update("jax_num_cpu_devices", devices)
+
+
+def median_time(function: Callable, repeats: int) -> tuple[float, float]:
+    """Median wall time of a call, s, and what the first call took longer."""
+    seconds = []
+    for _ in range(repeats + 1):
+        start = time.perf_counter()
+        jax.block_until_ready(function())
+        seconds.append(time.perf_counter() - start)
+    warm = float(np.median(seconds[1:]))
+    return warm, seconds[0] - warm
+
+
+def population_cost(method: str, gaits: int, repeats: int) -> dict:
+    """Of `gaits` random gaits over 2 s, in float32."""
+    name, dt = METHODS[method]
+    scene = load_scene(name)
+    return cost(scene, method, gaits, 2.0, dt, repeats)
+
+
+def tower_cost(method: str, struts: int, repeats: int) -> dict:
+    """Of 128 gaits of a tower, in float32, over 100 steps."""
+    scene = prism_tower(struts, exact=method == "complementarity")
+    dt = TOWER_STEPS[method]
+    return {"struts": struts, **cost(scene, method, 128, 100 * dt, dt, repeats)}
+
+
+def cost(scene: Scene, method: str, gaits: int, duration: float, dt: float, repeats: int) -> dict:
+    rows = gaits_of(scene.gait, random_phases(gaits, len(scene.gait.members), seed=0))
+    options = SolverOptions(method=method, dt=dt, dtype="float32", any_step=True)
+    seconds, compilation = median_time(lambda: simulate_population(scene, rows, duration, options=options), repeats)
+    step = seconds / gaits / round(duration / dt)
+    return {
+        "method": method,
+        "gaits": gaits,
+        "seconds": seconds,
+        "per_gait_and_simulated_second": step / dt,
+        "per_gait_and_step": step,
+        "compile_seconds": compilation,
+    }
+
+
+def single_cost(method: str, dtype: str, repeats: int) -> dict:
+    """One rollout of 10 s, 100 frames a second saved."""
+    name, dt = METHODS[method]
+    scene = load_scene(name)
+    options = SolverOptions(method=method, dt=dt, dtype=dtype)
+    seconds, compilation = median_time(lambda: simulate(scene, 10.0, options=options), repeats)
+    return {"method": method, "dtype": dtype, "times_real_time": 10.0 / seconds, "compile_seconds": compilation}
+
+
+def compiled(method: str) -> dict:
+    """Instructions in each loop's body, for 128 gaits, innermost loops first: a kernel each, unless loops are compiled
+    whole."""
+    name, dt = METHODS[method]
+    scene = load_scene(name)
+    rows = gaits_of(scene.gait, random_phases(128, 6, seed=0))
+    options = resolve(scene, 1.0, SolverOptions(method=method, dt=dt, dtype="float32", any_step=True)).as_inputs()
+    program = roll_out.lower(as_dtype(scene, "float32"), rows, np.asarray(1.0), options).compile().compiled
+    text = program.as_text()
+    bodies = dict(re.findall(r"^%?([\w.\-]+) .*?\{\n(.*?)^\}", text, re.MULTILINE | re.DOTALL))
+    free = ("parameter", "constant", "tuple", "get-tuple-element", "bitcast")
+    loops = [
+        Counter(kind for kind in re.findall(r" = .*? ([a-z][a-z-]*)\(", bodies[body]) if kind not in free)
+        for body in re.findall(r" while\(.*?body=%?([\w.\-]+)", text)
+    ]
+    return {"method": method, "loops": [dict(loop) for loop in loops]}
+
+
+def exponents(rows: list[dict]) -> dict[str, float]:
+    """p in cost ~ struts^p, from the smallest tower to the largest."""
+    found = {}
+    for method in dict.fromkeys(row["method"] for row in rows):
+        ours = [row for row in rows if row["method"] == method]
+        growth = ours[-1]["per_gait_and_step"] / ours[0]["per_gait_and_step"]
+        found[method] = float(np.log(growth) / np.log(ours[-1]["struts"] / ours[0]["struts"]))
+    return found
+
+
+SCRIPT = """
+from jaxgrity.cli.script import configure
+configure()
+from jaxgrity import load_scene, simulate
+scene = load_scene("reference")
+scene.describe()
+simulate(scene, 1e-3)
+"""
+"""what a script that simulates does until its first steps are taken"""
+
+
+def start_up(repeats: int) -> dict[str, float]:
+    """Seconds: of the imports, and of a script until its first steps, with the compiled programs of the run before."""
+
+    def took(code: str) -> float:
+        code = f"import time; start = time.perf_counter(); {code}\nprint(time.perf_counter() - start)"
+        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+        return float(done.stdout)
+
+    codes = {
+        "jax and diffrax": "import jax, diffrax",
+        "jaxgrity": "from jaxgrity import load_scene, simulate, simulate_population",
+        "first steps": SCRIPT,
+    }
+    for code in codes.values():
+        took(code)
+    return {name: float(np.median([took(code) for _ in range(repeats)])) for name, code in codes.items()}
+
+
+def report(facts: dict) -> None:
+    for row in facts["devices"]:
+        print(f"{row['method']}, {row['devices']} devices: {1e6 * row['per_gait_and_simulated_second']:.0f} us")
+    for row in facts["population"]:
+        print(f"{row['method']}, {row['gaits']} gaits: {1e6 * row['per_gait_and_simulated_second']:.0f} us")
+    for row in facts["struts"]:
+        print(f"{row['method']}, {row['struts']} struts: {1e6 * row['per_gait_and_step']:.2f} us a step")
+    for row in facts["single"]:
+        print(f"one rollout, {row['method']}, {row['dtype']}: {row['times_real_time']:.0f} times real time")
+    for row in facts["compiled"]:
+        print(f"compiled, {row['method']}: {row['loops']}")
+    print(facts["exponents"], facts["start"])
+
+
+def figure(rows: dict[str, list[dict]]) -> Figure:
+    """Cost per gait against the size of the population, and cost per step against the number of struts."""
+    chart = Figure(figsize=(10, 4), layout="constrained")
+    left, right = chart.subplots(1, 2)
+    for method in dict.fromkeys(row["method"] for row in rows["population"]):
+        ours = [row for row in rows["population"] if row["method"] == method]
+        x, y = ([row[key] for row in ours] for key in ("gaits", "per_gait_and_simulated_second"))
+        left.loglog(x, 1e6 * np.array(y), "o-", label=method)
+        ours = [row for row in rows["struts"] if row["method"] == method]
+        x, y = ([row[key] for row in ours] for key in ("struts", "per_gait_and_step"))
+        line = right.loglog(x, 1e6 * np.array(y), "o-", label=method)[0]
+        right.loglog(x, 1e6 * y[0] * np.array(x) / x[0], ":", color=line.get_color(), lw=1)
+    left.set(xlabel="gaits", ylabel="us per gait and simulated second", title="size of the population")
+    right.set(xlabel="struts", ylabel="us per gait and step", title="size of the structure (dotted: linear)")
+    for axes in (left, right):
+        axes.grid(alpha=0.3, which="both")
+        axes.legend()
+    return chart
+
+
+if __name__ == "__main__":
+    run(main, Settings)

@@ -1,0 +1,114 @@
+"""Implicit against explicit on stiff scenes: steps that Kvaerno's methods and Tsit5 take to the same tolerance.
+
+The robot of the scene "reference", with struts, ground or friction made far stiffer, rolls for two seconds.
+"""
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from jaxgrity.cli.script import measured, run
+
+import equinox as eqx
+import jax
+import numpy as np
+from matplotlib.figure import Figure
+from tqdm import tqdm
+
+from jaxgrity import FAILURES, Scene, SolverOptions, centre_path, load_scene, plot, simulate
+from jaxgrity.io.files import save_json
+
+METHODS = ("tsit5", "kvaerno3", "kvaerno5")
+
+
+@dataclass
+class Settings:
+    duration: float = 2.0
+    """s"""
+    tolerances: tuple[float, ...] = (1e-4, 1e-6)
+    """relative, and absolute in m and m/s"""
+    out: Path = Path("results/stiff")
+    """folder for stiff.json and its figure"""
+    quick: bool = False
+    """half a second, one tolerance"""
+
+
+def main(settings: Settings) -> None:
+    if settings.quick:
+        settings.duration, settings.tolerances = 0.5, (1e-4,)
+    scenes = stiff_scenes(load_scene("reference"))
+    rows = []
+    with tqdm(total=len(scenes) * (1 + len(METHODS) * len(settings.tolerances)), unit="rollout") as bar:
+        for name, scene in scenes.items():
+            bar.set_description(name)
+            truth = simulate(scene, settings.duration, options=SolverOptions("dopri8", rtol=1e-10, atol=1e-10))
+            bar.update()
+            for tolerance in settings.tolerances:
+                for method in METHODS:
+                    rows.append({"scene": name, **cost(scene, settings.duration, method, tolerance, truth)})
+                    bar.update()
+    save_json(settings.out / "stiff.json", {**measured(), "duration": settings.duration, "rows": rows})
+    plot.save(figure(rows), settings.out / "stiff.png")
+    for row in rows:
+        print(
+            f"{row['scene']:14s} {row['tolerance']:g} {row['method']:9s} {row['steps']:6d} steps, {row['rejected']:5d} "
+            f"rejected, {row['seconds']:.2f} s, error {row['error']:.1e} m: {row['outcome']}"
+        )
+    print(f"wrote {settings.out}/stiff.json and stiff.png")
+
+
+def stiff_scenes(scene: Scene) -> dict[str, Scene]:
+    """Struts of 1e6 N/m, ground of 1e6 N/m, a slip speed of 1e-3 m/s, and all three at once."""
+    parts = {
+        "K = 1e6": (lambda s: s.structure.struts.stiffness, np.full(6, 1e6)),
+        "k_n = 1e6": (lambda s: s.ground.stiffness, np.asarray(1e6)),
+        "eps = 1e-3": (lambda s: s.friction.slip_speed, np.asarray(1e-3)),
+    }
+    scenes, together = {"as it is": scene}, scene
+    for name, (part, value) in parts.items():
+        scenes[name] = eqx.tree_at(part, scene, value)
+        together = eqx.tree_at(part, together, value)
+    return scenes | {"all three": together}
+
+
+def cost(scene: Scene, duration: float, method: str, tolerance: float, truth) -> dict:
+    """Steps, wall time of a warm rollout, s, and error of the centre of mass at the end, m."""
+
+    options = SolverOptions(method, rtol=tolerance, atol=tolerance)
+
+    def roll():
+        return jax.block_until_ready(simulate(scene, duration, options=options))
+
+    roll()
+    start = time.perf_counter()
+    trajectory = roll()
+    seconds = time.perf_counter() - start
+    error = np.linalg.norm(centre_path(scene, trajectory)[-1] - centre_path(scene, truth)[-1])
+    return {
+        "method": method,
+        "tolerance": tolerance,
+        "steps": int(trajectory.steps),
+        "rejected": int(trajectory.rejected),
+        "seconds": seconds,
+        "error": float(error),
+        "outcome": FAILURES[int(trajectory.failure)],
+    }
+
+
+def figure(rows: list[dict]) -> Figure:
+    """Steps, rejected ones included, a panel for each tolerance."""
+    tolerances = list(dict.fromkeys(row["tolerance"] for row in rows))
+    scenes = list(dict.fromkeys(row["scene"] for row in rows))
+    chart = Figure(figsize=(5 * len(tolerances), 4), layout="constrained")
+    for axes, tolerance in zip(np.atleast_1d(chart.subplots(1, len(tolerances), sharey=True)), tolerances):
+        for k, method in enumerate(METHODS):
+            mine = [row for row in rows if row["method"] == method and row["tolerance"] == tolerance]
+            axes.bar(np.arange(len(scenes)) + 0.27 * k, [r["steps"] + r["rejected"] for r in mine], 0.25, label=method)
+        axes.set_xticks(np.arange(len(scenes)) + 0.27, scenes)
+        axes.set(yscale="log", ylabel="steps, accepted and rejected", title=f"tolerance {tolerance:g}")
+        axes.legend()
+    return chart
+
+
+if __name__ == "__main__":
+    run(main, Settings)

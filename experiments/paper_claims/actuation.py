@@ -1,0 +1,141 @@
+"""Section 6.5 and appendix C: struts against cables, slowly; and the random fifth of the cables."""
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from jaxgrity import (
+    Gait,
+    Scene,
+    SolverOptions,
+    centre_path,
+    gaits_of,
+    random_members,
+    simulate,
+    simulate_population,
+    with_gait,
+)
+from paper_claims.report import PROGRAM, REFERENCE, TEXT, Report, Row, scenes, significant, verdict
+
+FREQUENCIES = (0.5, 0.25, 0.125, 0.0625, 0.03125)
+"""Hz"""
+PERIODS = 2
+SHARE = 0.2
+ALIKE = 0.1
+"""of the longer displacement, within which two count as the same"""
+RK4 = SolverOptions("rk4", 1e-3)
+
+
+def check(quick: bool) -> Report:
+    """Displacement and path as the frequency tends to zero, both actuations; displacement over random fifths."""
+    known = scenes()
+    names = (REFERENCE,) if quick else (REFERENCE, TEXT, PROGRAM)
+    frequencies = FREQUENCIES[:2] if quick else FREQUENCIES
+    slow = {name: {kind: creep(known[name], kind, frequencies) for kind in ("struts", "cables")} for name in names}
+    seeds = 4 if quick else 32
+    spread = {name: subsets(known[name], seeds, 4.0 if quick else 10.0) for name in names}
+    paths = {kind: np.array(slow[REFERENCE][kind].pop("path")) for kind in ("struts", "cables")}
+    for name in names:
+        for kind in ("struts", "cables"):
+            slow[name][kind].pop("path", None)
+    rows = [slow_row(name, found, frequencies) for name, found in slow.items()]
+    rows += [subset_row(name, found) for name, found in spread.items()]
+    chart = figure(frequencies, slow, paths, spread)
+    return Report("Struts against cables", rows, {"actuation": chart}, {"slow": slow, "subsets": spread})
+
+
+def actuated(scene: Scene, kind: str, frequency: float) -> Scene:
+    """All struts, or a random fifth of the cables, with evenly spread phases, in full swing after one period."""
+    first, struts, cables = 0, len(scene.structure.struts.edges), len(scene.structure.cables.edges)
+    members = tuple(range(struts))
+    if kind == "cables":
+        members = random_members(range(struts, struts + cables), SHARE, seed=0)
+    count = len(members)
+    amplitude = np.full(count, float(np.max(scene.gait.amplitude)))
+    phase = 2 * np.pi * np.arange(count) / count
+    return with_gait(scene, Gait(members, phase, amplitude, np.full(count, frequency), first, 1 / frequency))
+
+
+def creep(scene: Scene, kind: str, frequencies: tuple[float, ...]) -> dict:
+    """m, horizontal displacement over the ramp and `PERIODS` more; the path at the lowest frequency."""
+    moved, failed = [], []
+    for frequency in frequencies:
+        changed = actuated(scene, kind, frequency)
+        motion = simulate(changed, (PERIODS + 1) / frequency, options=RK4, frame_rate=20.0)
+        path = centre_path(changed, motion)
+        after = path[np.asarray(motion.times) >= 1 / frequency]
+        moved.append(float(np.hypot(*(after[-1] - after[0])[:2])))
+        failed.append(motion.failed)
+    return {"moved": moved, "failed": failed, "path": path - path[0]}
+
+
+def subsets(scene: Scene, seeds: int, duration: float) -> list[float]:
+    """m, displacement for each random fifth of the cables, random phases; all have a gait, most of them of size 0."""
+    struts, cables = len(scene.structure.struts.edges), len(scene.structure.cables.edges)
+    every = range(struts, struts + cables)
+    amplitude, phase = np.zeros((seeds, cables)), np.zeros((seeds, cables))
+    for seed in range(seeds):
+        chosen = np.array(random_members(every, SHARE, seed)) - struts
+        amplitude[seed, chosen] = float(np.max(scene.gait.amplitude))
+        phase[seed] = np.random.default_rng(seed).uniform(0, 2 * np.pi, cables)
+    frequency = float(np.max(scene.gait.frequency))
+    gait = Gait(tuple(every), phase[0], amplitude[0], np.full(cables, frequency), 0.0, 1.0)
+    still = with_gait(scene, gait)
+    gaits = gaits_of(gait, phase, amplitude)
+    return [float(d) for d in simulate_population(still, gaits, duration, options=RK4).distance()]
+
+
+def slow_row(name: str, found: dict, frequencies: tuple[float, ...]) -> Row:
+    struts, cables = found["struts"]["moved"], found["cables"]["moved"]
+    longer = max(struts[-1], cables[-1])
+    alike = abs(struts[-1] - cables[-1]) < ALIKE * longer
+    measured = f"at {frequencies[-1]:g} Hz struts move it {significant(struts[-1], 'm')}, cables "
+    measured += f"{significant(cables[-1], 'm')} in {PERIODS} periods; at {frequencies[0]:g} Hz "
+    measured += f"{significant(struts[0], 'm')} and {significant(cables[0], 'm')}"
+    why = "which way the robot tips depends on which members change, however slowly, and without damping on its bounces"
+    if alike:
+        why = f"both displacements agree to {ALIKE:.0%}"
+    elif longer < 0.1 * np.ptp(np.asarray(scenes()[name].structure.nodes), axis=0).max():
+        why = "slowly, neither makes it tip: both displacements are small against the body, and not the same"
+    return Row(
+        "struts and cables roll it alike in the quasi-static limit", "6, 6.5", name, measured, verdict(alike), why
+    )
+
+
+def subset_row(name: str, found: list[float]) -> Row:
+    distance = np.array(found)
+    good = distance[np.isfinite(distance)]
+    quartiles = np.percentile(good, [0, 25, 50, 75, 100])
+    size = float(np.ptp(np.asarray(scenes()[name].structure.nodes), axis=0).max())
+    measured = f"{len(good)} draws: " + ", ".join(significant(q) for q in quartiles) + " m (quartiles)"
+    holds = bool(quartiles[2] > size)
+    why = (
+        f"how far it goes depends on which cables are drawn; the body is {size:.2f} m across, and half of the draws go "
+    )
+    why += "further" if holds else "less far"
+    claim = "a random 20 % of the cables makes it roll"
+    return Row(claim, "6, C", name, measured, verdict(holds, bool(quartiles[4] > size)), why)
+
+
+def figure(frequencies, slow: dict, paths: dict, spread: dict) -> Figure:
+    chart = Figure(figsize=(15, 4.5), layout="constrained")
+    moved, above, draws = chart.subplots(1, 3)
+    for k, (name, found) in enumerate(slow.items()):
+        for kind, style in (("struts", "o-"), ("cables", "s--")):
+            moved.loglog(
+                frequencies, np.maximum(found[kind]["moved"], 1e-6), style, color=f"C{k}", label=f"{name}, {kind}"
+            )
+    for kind, path in paths.items():
+        above.plot(path[:, 0], path[:, 1], label=kind)
+    draws.boxplot([np.array(d)[np.isfinite(d)] for d in spread.values()], tick_labels=list(spread), whis=(0, 100))
+    draws.set_yscale("log")
+    moved.set(xlabel="frequency (Hz)", ylabel="displacement in two periods (m)")
+    above.set(xlabel="x (m)", ylabel="y (m)", title=f"{REFERENCE} at {frequencies[-1]:g} Hz")
+    above.axis("equal")
+    draws.set(ylabel="displacement (m)", title="a random fifth of the cables")
+    moved.set_xticks(frequencies, [f"{f:.3g}" for f in frequencies])
+    moved.minorticks_off()
+    moved.legend(fontsize=8, ncols=3, loc="lower center", bbox_to_anchor=(0.5, 1.0))
+    above.legend(fontsize=8)
+    for axes in (moved, above, draws):
+        axes.grid(alpha=0.3)
+    return chart

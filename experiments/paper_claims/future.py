@@ -1,0 +1,79 @@
+"""Section 9: what the paper leaves to the future, and what this project has of it."""
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from jaxgrity import ExactGround, SolverOptions, gaits_of, random_phases, sensitivity, simulate_population
+from paper_claims.block import LAWS, slide
+from paper_claims.report import CONDITIONAL, FAILS, HOLDS, REFERENCE, Report, Row, scenes, significant
+
+
+def check(quick: bool) -> Report:
+    """One number for each direction."""
+    slips = {law: slide(law, 45.0)["slid"] for law in LAWS}
+    exact = slide("cone", 45.0)["exact"]
+    spread = turning(quick)
+    growth = sensitivity(scenes()[REFERENCE], 2.0 if quick else 8.0, options=SolverOptions("rk4", 1e-3))
+    slope = ExactGround(np.radians(15.0)).normal
+    rows = [
+        Row(
+            "more sophisticated friction or slip models",
+            "9",
+            "1 kg block, 45 degrees",
+            f"smooth, switch and cone slide {', '.join(significant(s, 'm') for s in slips.values())} in 5 s; exact "
+            f"{significant(exact, 'm')}",
+            HOLDS,
+            "there: `jaxgrity/model/friction.py`; one friction coefficient each",
+        ),
+        Row(
+            "multi-step rolling path planning with obstacles",
+            "9",
+            REFERENCE,
+            f"the {spread['gaits']} gaits tried leave into {spread['sectors']} of 8 sectors of 45 degrees",
+            CONDITIONAL,
+            "gaits into most directions exist, which a planner needs; planner and obstacles are not there",
+        ),
+        Row(
+            "real-time feedback control for strut reconfiguration",
+            "9",
+            REFERENCE,
+            f"without feedback the centre of mass after {growth.times[-1]:g} s depends on the phases by "
+            f"{significant(growth.norm[-1], 'm/rad')}",
+            FAILS,
+            "not there: gaits are open loop (`jaxgrity/model/actuation.py`); how much there is to correct is measured "
+            "(`jaxgrity.sensitivity`)",
+        ),
+        Row(
+            "higher-level locomotion in unstructured terrain",
+            "9",
+            "inclined plane",
+            f"ground is one plane, at any incline: n = ({slope[0]:.3f}, 0, {slope[2]:.3f}) at 15 degrees",
+            CONDITIONAL,
+            "inclined planes are there (`jaxgrity/model/ground.py`), other terrain is not",
+        ),
+    ]
+    return Report("Future directions", rows, {"future": figure(spread)}, {"slips": slips, "turning": spread})
+
+
+def turning(quick: bool) -> dict:
+    """Displacements of random gaits, and into how many sectors they lead."""
+    scene = scenes()[REFERENCE]
+    phases = random_phases(8 if quick else 64, len(scene.gait.members), seed=0)
+    duration, options = 2.0 if quick else 8.0, SolverOptions(dt=1e-3)
+    outcomes = simulate_population(scene, gaits_of(scene.gait, phases), duration, options=options)
+    moved = np.asarray(outcomes.com_end - outcomes.com_start)[:, :2]
+    far = np.linalg.norm(moved, axis=1) > 0.0
+    sectors = np.floor(np.degrees(np.arctan2(moved[far, 1], moved[far, 0])) / 45).astype(int)
+    return {"gaits": len(phases), "sectors": len(set(sectors.tolist())), "moved": moved}
+
+
+def figure(spread: dict) -> Figure:
+    chart = Figure(figsize=(5, 4.8), layout="constrained")
+    axes = chart.subplots()
+    axes.plot(*np.asarray(spread["moved"]).T, "o", ms=4, label="random gaits, 8 s")
+    axes.plot(0, 0, "k+", ms=12, label="start")
+    axes.set(xlabel="x (m)", ylabel="y (m)")
+    axes.axis("equal")
+    axes.grid(alpha=0.3)
+    axes.legend()
+    return chart

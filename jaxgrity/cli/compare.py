@@ -1,0 +1,108 @@
+"""Compare gait searches: how they were searched, what they found, and how far that can be trusted."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+from jaxgrity.cli.script import measured
+
+import numpy as np
+import tyro
+from matplotlib.figure import Figure
+
+from jaxgrity.core.errors import InputError
+from jaxgrity.io.files import read_text, save_json
+from jaxgrity.report import plot
+from jaxgrity.search.objectives import find_objective
+
+COLUMNS = {
+    "verified, m": lambda s: f"{s['distance']:.3f} ± {s['error_bar'] or np.inf:.1g}",
+    "scene": lambda s: s["scene"],
+    "robust": lambda s: "{mean:.3f} ± {standard_deviation:.2g}".format(**s["robust"]) + f" {unit(s)}".rstrip(),
+    "other model": lambda s: f"{s['other_contact_model']['mean']:.3f}",
+    "motion": lambda s: "-" if s["motion"] is None else f"{s['motion']['kind']}, {s['motion']['rolls']} rolls",
+    "peak N, m/s, W": lambda s: "{peak_force:.0f}, {peak_rate:.2f}, {peak_power:.0f}".format(**s["actuators"]),
+    "rollouts": lambda s: str(sum(search["rollouts"] for search in s["searches"])),
+    "seconds": lambda s: f"{s['wall_seconds']:.0f}",
+}
+
+
+def unit(summary: dict[str, Any]) -> str:
+    """Of the objective that a search was for."""
+    return find_objective(summary["objective"]).unit
+
+
+@dataclass
+class CompareSettings:
+    runs: Annotated[tuple[Path, ...], tyro.conf.Positional]
+    """folders that searches left"""
+    out: Path = Path("results/compare_gaits")
+    """folder for comparison.json and comparison.png"""
+    quick: bool = False
+    """it is quick anyway"""
+
+
+def main(settings: CompareSettings) -> None:
+    """Print a table of the searches, and leave it as JSON with a figure."""
+    if not settings.runs:
+        raise InputError("no runs: expected at least one folder that a search left")
+    runs = {str(folder): load_summary(folder) for folder in settings.runs}
+    differ = different_settings(runs)
+    rows = [["run", *differ, *COLUMNS]]
+    for name, summary in runs.items():
+        chosen = [json.dumps(flat(summary["settings"])[key]) for key in differ]
+        rows.append([name, *chosen, *(column(summary) for column in COLUMNS.values())])
+    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
+    print("\n".join("  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths)).rstrip() for row in rows))
+    facts = [dict(zip(rows[0], row)) for row in rows[1:]]
+    save_json(settings.out / "comparison.json", {**measured(), "runs": facts})
+    plot.save(figure(runs), settings.out / "comparison.png")
+    print(f"wrote {settings.out}/")
+
+
+def load_summary(folder: Path) -> dict[str, Any]:
+    """What a finished run says of itself. Raises `InputError` where it is not there, or not of a gait search."""
+    path = folder / "summary.json"
+    text = read_text(path)
+    try:
+        summary = json.loads(text)
+    except ValueError as error:
+        raise InputError(f"{path}: not JSON: {error}") from error
+    missing = [key for key in ("distance", "robust", "searches", "settings") if key not in summary]
+    if missing:
+        raise InputError(f"{path}: has no {', '.join(missing)}; expected what a gait search leaves")
+    return summary
+
+
+def flat(settings: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Settings within settings by their paths."""
+    found: dict[str, Any] = {}
+    for name, value in settings.items():
+        found |= flat(value, f"{prefix}{name}.") if isinstance(value, dict) else {f"{prefix}{name}": value}
+    return found
+
+
+def different_settings(runs: dict[str, dict[str, Any]]) -> list[str]:
+    """The settings in which the runs differ."""
+    every = [flat(run["settings"]) for run in runs.values()]
+    return [key for key in every[0] if any(one.get(key) != every[0][key] for one in every)]
+
+
+def figure(runs: dict[str, dict[str, Any]]) -> Figure:
+    """Fitness by generation, and robust results with the spread of their robots."""
+    chart = Figure(figsize=(11, 4.5), layout="constrained")
+    left, right = chart.subplots(1, 2)
+    for k, (name, summary) in enumerate(runs.items()):
+        best = np.concatenate([search["best"] for search in summary["searches"]])
+        (line,) = left.plot(np.arange(1, len(best) + 1), best, label=name)
+        robust = summary["robust"]
+        right.errorbar(robust["mean"], k, xerr=robust["standard_deviation"], fmt="o", color=line.get_color(), capsize=4)
+        right.plot(summary["other_contact_model"]["mean"], k, "x", color=line.get_color())
+    left.set(xlabel="generation", ylabel="fitness of the best, not yet verified")
+    left.legend(fontsize="small")
+    left.grid(alpha=0.3)
+    right.set(yticks=range(len(runs)), yticklabels=[Path(name).name for name in runs], xlabel="robust objective")
+    right.set_title("mean and standard deviation over robots; x: other contact model", fontsize="medium")
+    right.grid(alpha=0.3)
+    return chart

@@ -1,0 +1,105 @@
+"""What every command does first and last: set JAX up, read the settings, and turn bad input into one line.
+
+Import it before anything else of jaxgrity: it says to Equinox what to do about failed checks, which reads that once.
+"""
+
+import contextlib
+import os
+import shlex
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import TypeVar
+
+# Read by Equinox when it is imported: diffrax's own checks, which options have passed before, then mark a rollout NaN
+# instead of calling back from the compiled program, which JAX could not keep for the next run.
+os.environ.setdefault("EQX_ON_ERROR", "nan")
+
+import jax
+import tyro
+
+from jaxgrity.core.errors import InputError
+
+WHOLE_LOOPS = "--xla_backend_extra_options=xla_cpu_small_while_loop_byte_threshold=1000000000"
+"""one kernel for a whole loop of small steps, where some hundred would be dispatched one by one, on a CPU"""
+CACHE = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "jaxgrity"
+"""where compiled programs are kept, unless JAX_COMPILATION_CACHE_DIR says otherwise"""
+
+Settings = TypeVar("Settings")
+
+
+def measured() -> dict:
+    """What every measurement says of itself: the command that made it, but for folders and --resume, and the cores."""
+    words = [word for word in sys.argv[1:] if word not in ("--resume", "--restart")]
+    for option in ("--out", "--limit"):
+        if option in words:
+            words[words.index(option) + 1] = "FOLDER"
+    if "--out" in words:
+        del words[words.index("--out") : words.index("--out") + 2]
+    script = Path(sys.argv[0])
+    program = (
+        [script.name] if script.suffix != ".py" else ["python", script.name if script.is_absolute() else str(script)]
+    )
+    return {"command": shlex.join([*program, *words]), "cores": len(os.sched_getaffinity(0))}
+
+
+def configure() -> None:
+    """Float64 allowed, loops compiled whole, compiled programs kept: for scripts, and for processes that they start."""
+    # what the user has set comes later, and wins
+    os.environ["XLA_FLAGS"] = f"{WHOLE_LOOPS} {os.environ.get('XLA_FLAGS', '')}".strip()
+    jax.config.update("jax_enable_x64", True)
+    if jax.config.jax_compilation_cache_dir is None:
+        jax.config.update("jax_compilation_cache_dir", str(CACHE))
+        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
+
+
+def join_hosts() -> None:
+    """Make one machine of all processes that SLURM, or whoever sets JAX_COORDINATOR_ADDRESS, started with this script.
+
+    JAX_COORDINATOR_ADDRESS (HOST:PORT of the first), JAX_NUM_PROCESSES and JAX_PROCESS_ID go together: `InputError`
+    where one is missing.
+    """
+    known = os.environ
+    if "JAX_COORDINATOR_ADDRESS" in known:
+        numbers = [known.get(name, "") for name in ("JAX_NUM_PROCESSES", "JAX_PROCESS_ID")]
+        if not all(number.isdigit() for number in numbers):
+            raise InputError(
+                f"JAX_NUM_PROCESSES = {numbers[0]!r}, JAX_PROCESS_ID = {numbers[1]!r}: expected two numbers beside "
+                "JAX_COORDINATOR_ADDRESS"
+            )
+        jax.distributed.initialize(num_processes=int(numbers[0]), process_id=int(numbers[1]))
+    elif int(known.get("SLURM_STEP_NUM_TASKS", 1)) > 1:
+        jax.distributed.initialize()
+
+
+def run(main: Callable[[Settings], None], settings: type[Settings]) -> None:
+    """Call `main` with `settings` from the command line, as `execute` does."""
+    configure()
+    execute(main, tyro.cli(settings, description=sys.modules[settings.__module__].__doc__))
+
+
+def execute(main: Callable[[Settings], None], chosen: Settings) -> None:
+    """Call `main` with the settings chosen: every core a device of its own, unless JAX_NUM_CPU_DEVICES says how many.
+
+    Of several processes that work as one, the first alone speaks and leaves files. Ends with exit code 2 and one clear
+    line on bad input, with 130 and one line on Ctrl-C.
+    """
+    if "cpu" in (jax.config.jax_platforms or "cpu") and "JAX_NUM_CPU_DEVICES" not in os.environ:
+        jax.config.update("jax_num_cpu_devices", len(os.sched_getaffinity(0)))
+    try:
+        join_hosts()
+        with contextlib.ExitStack() as others:
+            if jax.process_index() > 0:
+                others.enter_context(contextlib.redirect_stdout(others.enter_context(open(os.devnull, "w"))))
+                chosen.out = Path(others.enter_context(tempfile.TemporaryDirectory()))  # type: ignore[attr-defined]
+            main(chosen)
+    except (InputError, OSError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(2)
+    except KeyboardInterrupt:
+        if jax.process_index() == 0:
+            alone = hasattr(chosen, "resume") and jax.process_count() == 1
+            again = "; the same command with --resume goes on from what was saved" if alone else ""
+            print(f"\ninterrupted{again}", file=sys.stderr)
+        sys.exit(130)

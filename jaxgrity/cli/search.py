@@ -1,0 +1,173 @@
+"""The main job: evolve a rolling gait that stands perturbation, polish it by gradients, verify it, and show it.
+
+Thousands of rough rollouts screen gaits, the scene's own model goes on with the best, and few exact rollouts judge what
+comes out. Every generation is saved: --resume goes on after an interruption, to the very same end. Leaves gait.json,
+population.npz, trajectory.npz, figures, an animation, summary.json and a page to open (index.html).
+"""
+
+import dataclasses
+import sys
+import time
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+from jaxgrity.cli.script import measured
+
+from tqdm import tqdm
+
+from jaxgrity.cli.simulate import scene_name
+from jaxgrity.core.errors import InputError
+from jaxgrity.io.scene_files import load_scene
+from jaxgrity.report.gait_report import Origin, write_report
+from jaxgrity.rollout.uncertainty import Uncertainty
+from jaxgrity.search.objectives import ActuatorBounds, Objective, find_objective
+from jaxgrity.search.pipeline import Progress, SearchResult, search_gaits
+from jaxgrity.search.search_config import SearchConfig
+
+UNITS = {
+    "evolving": "generation",
+    "promoting": "level",
+    "polishing": "step",
+    "verifying": "judgement",
+    "measuring": "measurement",
+    "animating": "frame",
+}
+
+
+@dataclass
+class ObjectiveSettings:
+    kind: str = "distance"
+    """distance, direction, speed, cost of transport or straightness"""
+    heading: float = 0.0
+    """rad from +x, for direction"""
+    largest_rate: float | None = None
+    """m/s, bound on any actuator's |dL/dt|"""
+    largest_force: float | None = None
+    """N"""
+    largest_power: float | None = None
+    """W"""
+
+    @property
+    def objective(self) -> Objective:
+        """What these settings ask for. Raises `InputError` where it is unknown."""
+        kind = find_objective(self.kind)
+        with_heading = any(part.name == "heading" for part in dataclasses.fields(kind))
+        if self.heading and not with_heading:
+            raise InputError(f"heading = {self.heading}: {self.kind!r} has none; expected it with 'direction' alone")
+        return kind(heading=self.heading) if with_heading else kind()
+
+    @property
+    def bounds(self) -> ActuatorBounds:
+        """The most that a gait may ask of an actuator."""
+        return ActuatorBounds(self.largest_rate, self.largest_force, self.largest_power)
+
+
+@dataclass
+class SearchSettings:
+    scene: str = "reference"
+    """a scene of the library by its name (reference, exact, uphill), or a scene file (TOML), with a [gait]"""
+    out: Path = Path("results/gait_search")
+    """folder for everything this command leaves"""
+    duration: float = 10.0
+    """horizon over which the objective counts, s"""
+    population: int = 64
+    """gaits in a generation"""
+    generations: tuple[int, int] = (32, 20)
+    """generations of screening; on the scene's own model, where screening is on its contact twin"""
+    robots: int = 4
+    """that each gait is tried on in a generation, drawn from what is uncertain"""
+    objective: ObjectiveSettings = field(default_factory=ObjectiveSettings)
+    """what a rollout is worth"""
+    uncertainty: Uncertainty = field(default_factory=lambda: Uncertainty(phase=0.03))
+    """half-widths of what is not known exactly; all zero, with --robots 1: plain distance"""
+    caution: float = 0.0
+    """standard deviations of its robots that are held against a gait"""
+    amplitude: tuple[float, float] | None = None
+    """bounds between which each member's amplitude evolves too"""
+    frequency: tuple[float, float] | None = None
+    """bounds (Hz) between which the gait's frequency evolves too"""
+    overtones: int = 0
+    """how many more sines each member's Fourier series has"""
+    members: Literal["scene", "struts", "cables"] = "scene"
+    """which members may be actuated"""
+    active: int | None = None
+    """how many of them are, which ones evolves too"""
+    polish: Literal["smoothed", "pathwise", "combined"] = "smoothed"
+    """by which gradient"""
+    polish_rollouts: int = 4096
+    """what polishing may cost; 0: no polish"""
+    polish_gaits: int = 4
+    """how many of the best gaits are polished"""
+    dt: float | None = None
+    """step of the scene's own model, s; verification is at half of it and below; without it, the scene decides"""
+    seed: int = 0
+    """the same seed gives the same search"""
+    resume: bool = False
+    """go on with the search in the folder, which had the same settings"""
+    restart: bool = False
+    """begin again where the folder holds an unfinished search"""
+    quick: bool = False
+    """a small search that ends within a minute: 4 s at most, 16 gaits, 3 generations, 128 rollouts of polish"""
+
+    @property
+    def config(self) -> SearchConfig:
+        """How to search. Raises `InputError` where the objective is unknown."""
+        same = {part.name: getattr(self, part.name, None) for part in dataclasses.fields(SearchConfig)}
+        return SearchConfig(**same | {"objective": self.objective.objective, "bounds": self.objective.bounds})
+
+
+def main(settings: SearchSettings) -> None:
+    """Search, and leave gait, figures and page."""
+    began = time.perf_counter()
+    if settings.quick:
+        settings.duration, settings.population, settings.generations = min(settings.duration, 4.0), 16, (3, 2)
+        settings.polish_gaits, settings.polish_rollouts = 1, min(settings.polish_rollouts, 128)
+    scene, config = load_scene(settings.scene), settings.config
+    print(scene.describe(), end="\n\n", flush=True)
+    with Bars() as bars:
+
+        def report(result: SearchResult) -> None:
+            origin = Origin(scene_name(settings.scene), settings.objective.kind, told(settings), measured()["command"])
+            bars.rows = write_report(result, origin, settings.out, bars.show)
+
+        search_gaits(
+            scene,
+            config,
+            folder=settings.out,
+            resume=settings.resume,
+            restart=settings.restart,
+            on_progress=bars.hear,
+            report=report,
+        )
+    print("\n" + "\n".join(f"{name}: {text}" for name, text in bars.rows.items()))
+    print(f"open {settings.out}/index.html ({time.perf_counter() - began:.0f} s since this command began)")
+
+
+def told(settings: SearchSettings) -> dict[str, Any]:
+    """The settings that decide a search, as they go into its files."""
+    return {name: value for name, value in asdict(settings).items() if name not in ("out", "scene")}
+
+
+class Bars(ExitStack):
+    """A progress bar for each stage, one after the other."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.stage, self.bar, self.rows = "", None, {}
+
+    def hear(self, progress: Progress) -> None:
+        """Show how far a search is."""
+        self.show(progress.stage, progress.done, progress.total)
+        facts = {name: f"{x:.3f}" if isinstance(x, float) else x for name, x in progress.facts.items()}
+        self.bar.set_postfix(facts)
+
+    def show(self, stage: str, done: int, total: int | None) -> None:
+        """Move the bar of a stage, which begins with the first call."""
+        if stage != self.stage:
+            self.close()
+            self.stage = stage
+            bar = tqdm(total=total, initial=done, desc=stage, unit=UNITS[stage], file=sys.stdout)
+            self.bar = self.enter_context(bar)
+        self.bar.update(done - self.bar.n)

@@ -1,0 +1,176 @@
+"""Roll a scene out: once, with its own gait, or once for each row of phases in a CSV file."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeVar
+
+import jax
+import numpy as np
+import tyro
+
+from jaxgrity.io.files import load_phases, save_arrays, save_json
+from jaxgrity.io.gait_library import gait_record, load_gait
+from jaxgrity.io.scene_files import load_scene
+from jaxgrity.model.scene import Scene, with_gait
+from jaxgrity.report import plot
+from jaxgrity.rollout.population import gaits_of, one_gait, simulate_population
+from jaxgrity.stepping.integrate import FAILURES
+from jaxgrity.stepping.options import SolverOptions
+from jaxgrity.stepping.simulate import centre_path, simulate
+from jaxgrity.trust.error_bars import verify
+from jaxgrity.trust.trust_report import diagnose
+
+Result = TypeVar("Result")
+
+
+@dataclass
+class SimulateSettings:
+    scene: Annotated[str, tyro.conf.Positional]
+    """a scene of the library by its name (reference, exact, uphill), or a scene file (TOML)"""
+    gaits: Path | None = None
+    """CSV without a header: the phases (rad) of one gait a row"""
+    gait: str | None = None
+    """a gait of the library by its name, or the gait.json of a search, in place of the scene's own"""
+    duration: float = 10.0
+    """s"""
+    method: str | None = None
+    """rk4, tsit5, dopri8, kvaerno3, kvaerno5, verlet or complementarity; without it, the scene decides"""
+    dt: float | None = None
+    """fixed step, s; without it, adaptive methods adapt theirs, others take a safe one"""
+    dtype: Literal["float32", "float64"] = "float64"
+    """precision of the rollout"""
+    any_step: bool = False
+    """let a step pass that would blow up"""
+    diagnose: bool = True
+    """say how far the result can be trusted: error bars, energy audit, sensitivity; takes several more rollouts"""
+    out: Path = Path("results/simulate")
+    """folder for summary.json, figures, and trajectory.npz of a single rollout"""
+    quick: bool = False
+    """at most 2 s of motion"""
+
+    @property
+    def options(self) -> SolverOptions:
+        """How to integrate."""
+        return SolverOptions(method=self.method, dt=self.dt, dtype=self.dtype, any_step=self.any_step)
+
+
+def main(settings: SimulateSettings) -> None:
+    """Roll out, and leave summary.json, figures and the trajectory."""
+    scene = chosen_scene(settings.scene, settings.gait)
+    print(scene.describe())
+    duration = min(settings.duration, 2.0) if settings.quick else settings.duration
+    if settings.gaits is None:
+        summary = single(scene, duration, settings)
+    else:
+        phases = load_phases(settings.gaits, len(scene.gait.members) if scene.gait else 0)
+        summary = several(scene, phases, duration, settings)
+    save_json(settings.out / "summary.json", {"scene": scene_name(settings.scene), **summary})
+    print(f"wrote {settings.out}/summary.json")
+
+
+def scene_name(scene: str) -> str:
+    """By which results name a scene: its own name, or that of its file."""
+    return Path(scene).name
+
+
+def chosen_scene(scene: str, gait: str | None) -> Scene:
+    """The scene, with a gait of the library or of a search where one is asked for."""
+    found = load_scene(scene)
+    if gait is None:
+        return found
+    found = with_gait(found, load_gait(gait))
+    home = gait_record(gait).get("scene")
+    if home not in (None, scene_name(scene), f"{scene}.toml"):
+        print(f"the gait {gait} was found on {home}")
+    return found
+
+
+def timed(function: Callable[[], Result]) -> tuple[Result, float, float]:
+    """The result of a second, warm call, its wall time, and what the first call took longer: compilation."""
+    seconds = []
+    for _ in range(2):
+        start = time.perf_counter()
+        result = jax.block_until_ready(function())
+        seconds.append(time.perf_counter() - start)
+    return result, seconds[1], max(0.0, seconds[0] - seconds[1])
+
+
+def single(scene: Scene, duration: float, settings: SimulateSettings) -> dict[str, Any]:
+    """One rollout with the scene's own gait: its trajectory, its figures, its summary."""
+    options, out = settings.options, settings.out
+    trajectory, wall, compilation = timed(lambda: simulate(scene, duration, options=options))
+    path = centre_path(scene, trajectory)
+    distance = float(np.hypot(*(path[-1] - path[0])[:2]))
+    save_arrays(
+        out / "trajectory.npz",
+        times=trajectory.times,
+        positions=trajectory.positions,
+        velocities=trajectory.velocities,
+        phase=scene.gait.phase if scene.gait else [],
+    )
+    print(
+        f"{FAILURES[int(trajectory.failure)]}: {duration:g} s in {int(trajectory.steps)} steps, "
+        f"{wall:.3f} s of wall time ({compilation:.1f} s to compile); moved {distance:.4f} m"
+    )
+    trust = diagnose(scene, duration, options=options) if settings.diagnose else None
+    if not trajectory.failed:
+        plot.save(plot.path_figure(scene, trajectory, trust.error_bar if trust else None), out / "path.png")
+        if scene.structure.member_count:
+            plot.save(plot.member_figure(scene, trajectory), out / "members.png")
+    if trust:
+        print(trust.table())
+    return {
+        "method": trajectory.method,
+        "dt": trajectory.dt,
+        "dtype": settings.dtype,
+        "duration": duration,
+        "steps": int(trajectory.steps),
+        "rejected_steps": int(trajectory.rejected),
+        "wall_seconds": wall,
+        "compile_seconds": compilation,
+        "com_start": [path[0]],
+        "com_end": [path[-1]],
+        "distance": [distance],
+        "failed": [0] if trajectory.failed else [],
+        "outcome": [FAILURES[int(trajectory.failure)]],
+        "diagnosis": trust.summary() if trust else None,
+    }
+
+
+def several(scene: Scene, phases: np.ndarray, duration: float, settings: SimulateSettings) -> dict[str, Any]:
+    """One rollout for each row of phases, all in one call; the report on trust is about the gait that goes furthest."""
+    options, gaits = settings.options, gaits_of(scene.gait, phases)
+    outcomes, wall, compilation = timed(lambda: simulate_population(scene, gaits, duration, options=options))
+    failed, distance = np.asarray(outcomes.failure) != 0, np.asarray(outcomes.distance())
+    figure = plot.outcomes_figure(np.asarray(outcomes.com_start), np.asarray(outcomes.com_end), failed)
+    plot.save(figure, settings.out / "outcomes.png")
+    best = f"; furthest: row {int(np.nanargmax(distance)) + 1}, {np.nanmax(distance):.4f} m" if not failed.all() else ""
+    print(
+        f"{len(phases)} gaits, {int(failed.sum())} failed: {duration:g} s each, "
+        f"{wall:.3f} s of wall time ({compilation:.1f} s to compile){best}"
+    )
+    verified = trust = None
+    if settings.diagnose and not failed.all():
+        verified = verify(scene, gaits, duration, options=options)
+        furthest = with_gait(scene, one_gait(gaits, int(np.nanargmax(distance))))
+        trust = diagnose(furthest, duration, options=options)
+        print(f"error bars: {np.median(verified.error_bar):.2g} m (median); of the furthest:\n{trust.table()}")
+    steps = np.asarray(outcomes.steps)
+    return {
+        "method": outcomes.method,
+        "dt": outcomes.dt,
+        "dtype": settings.dtype,
+        "duration": duration,
+        "steps": int(steps[0]) if np.ptp(steps) == 0 else steps,
+        "wall_seconds": wall,
+        "compile_seconds": compilation,
+        "com_start": outcomes.com_start,
+        "com_end": outcomes.com_end,
+        "distance": [float(d) if np.isfinite(d) else None for d in distance],
+        "failed": np.flatnonzero(failed),
+        "outcome": [FAILURES[int(code)] for code in outcomes.failure],
+        "error_bar": verified.error_bar if verified else None,
+        "diagnosis_of_furthest": trust.summary() if trust else None,
+    }

@@ -1,0 +1,215 @@
+"""What a gait search leaves: facts, figures, an animation and a page."""
+
+from collections.abc import Callable
+from html import escape
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+from jaxgrity.io.files import save_arrays, save_json, write_whole
+from jaxgrity.io.gait_library import gait_facts
+from jaxgrity.model.scene import Scene
+from jaxgrity.model.symmetry import Symmetry, image, standing_symmetries
+from jaxgrity.report import plot
+from jaxgrity.report.animation import animate
+from jaxgrity.rollout.population import as_population, simulate_population
+from jaxgrity.rollout.rolling import Rolling, rolling
+from jaxgrity.search.pipeline import Agreement, SearchResult
+from jaxgrity.search.polish import Polished
+from jaxgrity.stepping.options import SolverOptions
+from jaxgrity.trust.error_bars import verify
+from jaxgrity.trust.trust_report import TrustReport, diagnose
+
+FRAME_RATE = 50
+"""frames a second of the trajectory that is kept"""
+PICTURES = {
+    "animation.gif": "settling, then rolling, in real time",
+    "path.png": "path of the centre of mass; the bar at the end is the verified error bar",
+    "robust.png": "what robots reach that differ from the model by what is uncertain",
+    "fidelity.png": "the same gaits on rough and on exact fidelity levels: how far screening can be believed",
+    "convergence.png": "fitness in each generation of the search, before verification",
+    "members.png": "length of every member",
+}
+STYLE = (
+    "body{font:16px/1.5 sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem}img{max-width:100%}"
+    "th{text-align:left;padding-right:1.5rem;vertical-align:top}figure{margin:2rem 0}"
+)
+
+
+class Origin(NamedTuple):
+    """Where a gait came from, as its files say it."""
+
+    scene: str
+    """name of the scene"""
+    objective: str
+    """name of the objective"""
+    settings: dict[str, Any]
+    """of the search"""
+    command: str
+
+
+Ticker = Callable[[str, int, int | None], None]
+"""hears what is being done, how much of it is done, and of how much"""
+
+
+def write_report(result: SearchResult, origin: Origin, folder: Path, on_progress: Ticker) -> dict[str, str]:
+    """Leave gait.json, trajectory.npz, summary.json, figures, an animation and a page in the folder.
+
+    Returns what was found, in words, by its headings.
+    """
+    scene, last = result.scene, result.levels[-1]
+    fine, duration = SolverOptions(dt=last.dt, dtype="float64"), float(result.problem.duration)
+    on_progress("measuring", 0, 3)
+    trust = diagnose(scene, duration, options=fine, frame_rate=float(FRAME_RATE))
+    on_progress("measuring", 1, 3)
+    found = directions(scene, fine, duration)
+    on_progress("measuring", 2, 3)
+    asked = actuators(scene, fine, duration)
+    on_progress("measuring", 3, 3)
+    motion = rolling(scene, trust.trajectory) if scene.ground is not None else None
+    assert scene.gait is not None, "a search finds a gait"
+    gait = {
+        "scene": origin.scene,
+        **gait_facts(scene.gait),
+        "duration": duration,
+        "objective": origin.objective,
+        "settings": origin.settings,
+        **result.verdict.summary(),
+        "motion": None if motion is None else motion.summary(),
+        "directions": found,
+        "actuators": asked,
+        "diagnosis": trust.summary(),
+        "command": origin.command,
+    }
+    trajectory = trust.trajectory
+    save_json(folder / "gait.json", gait)
+    save_arrays(
+        folder / "trajectory.npz",
+        times=trajectory.times,
+        positions=trajectory.positions,
+        velocities=trajectory.velocities,
+        phase=scene.gait.phase,
+    )
+    draw(result, trust, folder, on_progress)
+    summary = {
+        **gait,
+        "fidelity": agreement_facts(result.agreement),
+        "searches": [{**search._asdict(), "last": None} for search in result.searches],
+        "polish": None if result.polished is None else polish_facts(result.polished),
+        "stage_seconds": result.seconds,
+        "wall_seconds": sum(result.seconds.values()),
+    }
+    save_json(folder / "summary.json", summary)
+    rows = words(summary, motion, result.problem.fitness.objective.unit)
+    write_page(folder, "A rolling gait", {**rows, "command": origin.command})
+    return {"how far to trust it": "\n" + trust.table(), **rows}
+
+
+def directions(best: Scene, options: SolverOptions, duration: float) -> list[dict[str, float]]:
+    """Where the gait's images under the robot's symmetry lead from the same pose, verified one by one."""
+    images = [image(best.gait, symmetry) for symmetry in standing_symmetries(best) if maps_members(best, symmetry)]
+    gaits = jax.tree.map(lambda *rows: np.stack(rows) if np.ndim(rows[0]) else rows[0], *images)
+    verified = verify(best, gaits, duration, options=options)
+    moved = verified.com_end - verified.com_start
+    return [
+        {"heading": heading, "distance": distance, "error_bar": bar}
+        for heading, distance, bar in zip(np.arctan2(moved[:, 1], moved[:, 0]), verified.distance, verified.error_bar)
+    ]
+
+
+def maps_members(scene: Scene, symmetry: Symmetry) -> bool:
+    """Whether the image of the scene's gait actuates the members that the gait does."""
+    return {symmetry.members[k] for k in scene.gait.members} == set(scene.gait.members)
+
+
+def actuators(best: Scene, options: SolverOptions, duration: float) -> dict[str, Any]:
+    """What the gait asks of its actuators."""
+    outcomes = simulate_population(best, as_population(best.gait), duration, options=options, with_metrics=True)
+    metrics, distance = outcomes.metrics, float(outcomes.distance()[0])
+    assert metrics is not None, "they were asked for"
+    weight = float(best.structure.mass) * float(best.gravity or np.nan)
+    peaks = {name: float(np.max(getattr(metrics, name))) for name in ("peak_rate", "peak_force", "peak_power")}
+    works = {name: float(getattr(metrics, name)[0]) for name in ("work", "effort")}
+    costs = {f"cost_of_transport_by_{name}": amount / weight / distance for name, amount in works.items()}
+    return {**peaks, **works, **costs}
+
+
+def polish_facts(polished: Polished) -> dict[str, Any]:
+    """What polishing did, as it goes into a JSON file."""
+    growth = polished.sensitivity
+    return {
+        "improved": polished.improved,
+        "reason": polished.reason,
+        "rollouts": polished.rollouts,
+        "horizon": polished.horizon,
+        "before": float(polished.before.mean[0]),
+        "after": float(polished.after.mean[0]),
+        "sensitivity": None if growth is None else {"times": growth.times, "norm": growth.norm},
+        "steps": [step._asdict() for step in polished.steps],
+    }
+
+
+def agreement_facts(agreement: Agreement) -> dict[str, Any]:
+    """How far the fidelity levels agree, as it goes into a JSON file."""
+    levels = [{"name": level.name, "dt": level.dt, "dtype": level.dtype} for level in agreement.levels]
+    return {**agreement._asdict(), "levels": levels}
+
+
+def draw(result: SearchResult, trust: TrustReport, folder: Path, on_progress: Ticker) -> None:
+    """Figures and an animation."""
+    scene, agreement, polished, verdict = result.scene, result.agreement, result.polished, result.verdict
+    unit, trajectory = result.problem.fitness.objective.unit, trust.trajectory
+    names = tuple(level.name for level in result.levels)
+    plot.save(plot.convergence_figure(list(result.searches), names, unit), folder / "convergence.png")
+    ranks = agreement.rank_correlation, agreement.rank_correlation_of_the_evolved
+    figure = plot.fidelity_figure(names, agreement.fitness, agreement.evolved, ranks, unit)
+    plot.save(figure, folder / "fidelity.png")
+    seen = {"other contact model": verdict.other_model.each[0], "found": verdict.robust.each[0]}
+    if polished is not None and polished.improved:
+        seen["before polish"] = polished.before.each[0]
+    plot.save(plot.robust_figure(seen, unit), folder / "robust.png")
+    plot.save(plot.path_figure(scene, trajectory, float(verdict.verified.error_bar[0])), folder / "path.png")
+    plot.save(plot.member_figure(scene, trajectory), folder / "members.png")
+    gif = folder / "animation.gif"
+    animate(scene, trajectory, gif, on_frame=lambda k, n: on_progress("animating", k + 1, n))
+
+
+def words(summary: dict[str, Any], motion: Rolling | None, unit: str) -> dict[str, str]:
+    """What was found, in words; `unit` is the objective's."""
+    robust, other, asked = summary["robust"], summary["other_contact_model"], summary["actuators"]
+    ranks = summary["fidelity"]["rank_correlation"][0][-1]
+    among = summary["fidelity"]["rank_correlation_of_the_evolved"][0][-1]
+    rollouts = sum(search["rollouts"] for search in summary["searches"])
+    return {
+        "verified distance": f"{summary['distance']:.4f} ± {summary['error_bar']:.1g} m in {summary['duration']:g} s",
+        "robust": f"{robust['mean']:.3f} ± {robust['standard_deviation']:.2g} {unit} over {robust['robots']} robots, "
+        f"step error {robust['step_error']:.1g}",
+        "on the other contact model": f"{other['mean']:.3f} ± {other['standard_deviation']:.2g} {unit}",
+        "motion": "no ground" if motion is None else motion.sentence(),
+        "directions": ", ".join(
+            f"{d['distance']:.2f} m towards {np.degrees(d['heading']):.0f}°" for d in summary["directions"]
+        ),
+        "actuators": f"up to {asked['peak_force']:.0f} N, {asked['peak_rate']:.2g} m/s, {asked['peak_power']:.0f} W; "
+        f"cost of transport {asked['cost_of_transport_by_effort']:.2g} (own work of every actuator / (m g d))",
+        "search": f"{rollouts} rollouts; screening ranks gaits as verification does with {ranks:.2f} (Spearman; "
+        f"{among:.2f} among the evolved)",
+        "polish": "none" if summary["polish"] is None else summary["polish"]["reason"],
+        "sensitivity at the end": f"{summary['diagnosis']['sensitivity']:.3g} m/rad",
+    }
+
+
+def write_page(out: Path, title: str, rows: dict[str, str]) -> None:
+    """A table of `rows`, and below it the pictures that are in the folder."""
+    table = "".join(f"<tr><th>{escape(name)}</th><td>{escape(text)}</td></tr>" for name, text in rows.items())
+    pictures = "".join(
+        f'<figure><img src="{name}" alt="{escape(text)}"><figcaption>{escape(text)}</figcaption></figure>'
+        for name, text in PICTURES.items()
+        if (out / name).exists()
+    )
+    page = (
+        f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{escape(title)}</title><style>{STYLE}</style>'
+        f"<h1>{escape(title)}</h1><table>{table}</table>{pictures}</html>\n"
+    )
+    write_whole(out / "index.html", lambda file: file.write(page.encode()))

@@ -1,0 +1,277 @@
+"""The whole way to a gait: evolve, promote the best to finer models, polish by gradients, verify."""
+
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+
+from jaxgrity.core.errors import InputError
+from jaxgrity.io.files import save_arrays
+from jaxgrity.model.actuation import Gait
+from jaxgrity.model.scene import Scene, with_gait
+from jaxgrity.rollout.population import one_gait
+from jaxgrity.search.checkpoint import Checkpoint, open_checkpoint
+from jaxgrity.search.fidelity import (
+    FidelityLevel,
+    Verdict,
+    evolve_through,
+    fidelity_levels,
+    final_verdict,
+    judge_at,
+    rank_correlation,
+    search_levels,
+)
+from jaxgrity.search.genetic_algorithm import Evolution, GAConfig, SearchProblem, distinct
+from jaxgrity.search.objectives import with_robots
+from jaxgrity.search.polish import Polished, polish
+from jaxgrity.search.polish_config import PolishConfig
+from jaxgrity.search.search_config import (
+    COMPARED,
+    SearchConfig,
+    fingerprint,
+    plain_config,
+    search_problem,
+    with_actuated,
+    without_idle,
+)
+from jaxgrity.stepping.options import resolve
+
+UNSEEN = 10**6
+"""added to the seed of the last judgement, whose draws nothing was chosen by"""
+PROMOTED = 4
+"""times as many robots as in a generation judge them there"""
+
+Stage = Literal["evolving", "promoting", "polishing", "verifying"]
+
+
+class Progress(NamedTuple):
+    """How far a search is."""
+
+    stage: Stage
+    done: int
+    """generations, fidelity levels, steps of polish or judgements"""
+    total: int | None
+    """of them; None: not known"""
+    facts: dict[str, Any]
+    """what is known of the search at this moment"""
+
+
+class Agreement(NamedTuple):
+    """How far the fidelity levels agree about gaits, the first `evolved` of which evolved, the rest being random."""
+
+    levels: tuple[FidelityLevel, ...]
+    fitness: np.ndarray
+    """(levels, gaits)"""
+    evolved: int
+    rank_correlation: np.ndarray
+    """(levels, levels), over all gaits"""
+    rank_correlation_of_the_evolved: np.ndarray
+    """(levels, levels)"""
+
+
+class SearchResult(NamedTuple):
+    """What a search found, and how."""
+
+    scene: Scene
+    """with the gait that was found"""
+    gait: Gait
+    problem: SearchProblem
+    levels: tuple[FidelityLevel, ...]
+    searches: tuple[Evolution, ...]
+    """on the levels where gaits evolve"""
+    agreement: Agreement
+    polished: Polished | None
+    verdict: Verdict
+    seconds: dict[str, float]
+    """wall time of each stage, s, compilation included"""
+
+
+Listener = Callable[[Progress], None]
+
+
+def search_gaits(
+    scene: Scene,
+    config: SearchConfig | None = None,
+    *,
+    folder: Path | str | None = None,
+    resume: bool = False,
+    restart: bool = False,
+    on_progress: Listener | None = None,
+    report: Callable[[SearchResult], None] | None = None,
+) -> SearchResult:
+    """Search for a gait that rolls, and keeps rolling where robot and model differ; polish it, and verify it.
+
+    Thousands of rough rollouts screen gaits, the scene's own model goes on with the best, and few exact rollouts judge
+    what comes out. With a folder every generation is saved, and an interrupted search can be resumed to the very same
+    end.
+
+    Args:
+        scene: the robot, with a gait around which gaits are searched.
+        config: duration, population, objective, uncertainty and so on.
+        folder: where to save the search's states and its last population; nothing is saved where not given.
+        resume: go on with the search in the folder, which had the same scene and config.
+        restart: begin again where the folder holds an unfinished search.
+        on_progress: hears of every generation, level, step and judgement.
+        report: gets the result before the search in the folder counts as done, to leave files there.
+
+    Returns:
+        The gait, and all that is known of it.
+
+    Raises:
+        InputError: a scene without a gait, a config that cannot be searched with, a folder that is in use, cannot be
+            written to or holds another search; before anything compiles, as far as it can be known then.
+
+    Example:
+        >>> scene = jaxgrity.load_scene("exact")
+        >>> config = jaxgrity.SearchConfig(duration=1.5, population=8, generations=(1, 1), robots=2, polish_rollouts=0)
+        >>> result = jaxgrity.search_gaits(scene, config)
+        >>> result.gait.phase.shape, bool(result.verdict.verified.error_bar[0] < 0.1)
+        ((6,), True)
+    """
+    config = config or SearchConfig()
+    if (resume or restart) and folder is None:
+        raise InputError("resume, restart: there is no folder to find a search in; expected folder")
+    scene = with_actuated(scene, config.members)
+    problem = search_problem(scene, config)
+    levels = fidelity_levels(scene, config.dt)
+    for level in levels:
+        resolve(level.scene, config.duration, level.options)  # refuses now what a later level could not do
+    with ExitStack() as held:
+        checkpoint = None
+        if folder is not None:
+            settings = {**plain_config(config), "scene_sha256": fingerprint(scene)}
+            checkpoint = held.enter_context(open_checkpoint(Path(folder), settings, resume, restart))
+        result = _search(problem, levels, config, checkpoint, on_progress or (lambda progress: None))
+        if report is not None:
+            report(result)
+        if checkpoint is not None:
+            checkpoint.done()
+    return result
+
+
+def _search(
+    problem: SearchProblem,
+    levels: tuple[FidelityLevel, ...],
+    config: SearchConfig,
+    checkpoint: Checkpoint | None,
+    listener: Listener,
+) -> SearchResult:
+    """The four stages, one after the other."""
+    began, seconds = time.perf_counter(), {}
+
+    def clocked(stage: Stage):
+        nonlocal began
+        now = time.perf_counter()
+        seconds[stage], began = now - began, now
+
+    searches = _evolve(problem, levels, config, checkpoint, listener)
+    clocked("evolving")
+    chosen, agreement = _promote(problem, levels, searches[-1], config, listener)
+    clocked("promoting")
+    polished = _polish(problem, levels, chosen, config, listener)
+    clocked("polishing")
+    best = chosen[0] if polished is None else polished.genes
+    gait = one_gait(problem.genome.gaits(problem.scene.gait, best[None]), 0)
+    gait = gait if config.active is None else without_idle(gait)
+
+    def judged(done: int, total: int) -> None:
+        listener(Progress("verifying", done, total, {}))
+
+    verdict = final_verdict(problem, gait, dt=levels[-1].dt, seed=config.seed + UNSEEN, on_progress=judged)
+    clocked("verifying")
+    found = with_gait(problem.scene, gait)
+    return SearchResult(found, gait, problem, levels, tuple(searches), agreement, polished, verdict, seconds)
+
+
+def _evolve(
+    problem: SearchProblem,
+    levels: tuple[FidelityLevel, ...],
+    config: SearchConfig,
+    checkpoint: Checkpoint | None,
+    listener: Listener,
+) -> list[Evolution]:
+    """The genetic search in float32, on every core, on each of the levels where gaits are searched."""
+    searched, elites = search_levels(levels), max(1, config.population // 8)
+    configs = tuple(GAConfig(config.population, n, elites=elites) for n in config.generations[: len(searched)])
+    total, states = sum(each.generations for each in configs), () if checkpoint is None else checkpoint.states
+    done = sum(state.number for state in states)
+    listener(Progress("evolving", done, total, {}))
+
+    def heard(number: int, state) -> None:
+        nonlocal done
+        if checkpoint is not None:
+            checkpoint.save(number, state)
+        done += 1
+        facts = {
+            "level": searched[number].name,
+            "best": float(state.record.best[-1]),
+            "failed": int(state.record.failed[-1]),
+        }
+        listener(Progress("evolving", done, total, facts))
+
+    found = evolve_through(searched, problem, configs, seed=config.seed, states=states, on_generation=heard)
+    if checkpoint is not None:
+        last = found[-1].last
+        save_arrays(checkpoint.folder / "population.npz", genes=last.genes, fitness=last.fitness)
+    return found
+
+
+def _promote(
+    problem: SearchProblem,
+    levels: tuple[FidelityLevel, ...],
+    search: Evolution,
+    config: SearchConfig,
+    listener: Listener,
+) -> tuple[np.ndarray, Agreement]:
+    """The best gaits of the search, best first by larger ensembles, and how far the fidelity levels agree.
+
+    Evolved and random gaits are judged on every level by the same draws; the last level says which are best.
+    """
+    genome = problem.genome
+    genes = distinct(search.last, genome, COMPARED)
+    if not len(genes):
+        raise InputError("every rollout of the last generation failed; expected a scene that can be integrated")
+    chance = np.random.default_rng(config.seed).uniform(size=(COMPARED, genome.size))
+    gaits = genome.gaits(problem.scene.gait, np.concatenate([genes, chance]))
+    many = problem._replace(fitness=with_robots(problem.fitness, PROMOTED * config.robots))
+    rows = []
+    for level in levels:
+        listener(Progress("promoting", len(rows), len(levels), {"level": level.name}))
+        rows.append(judge_at(level, gaits, many, config.seed + 2).fitness)
+    listener(Progress("promoting", len(rows), len(levels), {}))
+    first, table = len(genes), np.array(rows)
+    agreement = Agreement(levels, table, first, rank_correlation(table), rank_correlation(table[:, :first]))
+    order = np.argsort(-table[-1, :first])
+    return np.asarray(genes, float)[order[: config.polish_gaits]], agreement
+
+
+def _polish(
+    problem: SearchProblem,
+    levels: tuple[FidelityLevel, ...],
+    genes: np.ndarray,
+    config: SearchConfig,
+    listener: Listener,
+) -> Polished | None:
+    """The gradient stage, on the last level on which gaits evolved; a gain is judged on the last of all levels."""
+    if not config.polish_rollouts:
+        return None
+    own, last, done = search_levels(levels)[-1], levels[-1], 0
+    listener(Progress("polishing", 0, None, {}))
+
+    def heard(step) -> None:
+        nonlocal done
+        done += 1
+        listener(Progress("polishing", done, None, {"fitness": step.fitness}))
+
+    return polish(
+        problem._replace(scene=own.scene),
+        genes,
+        PolishConfig(config.polish_rollouts, config.polish),
+        options=own.options,
+        final_options=last.options,
+        seed=config.seed,
+        on_step=heard,
+    )

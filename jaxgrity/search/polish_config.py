@@ -1,0 +1,88 @@
+"""What polishing may do and what that costs, checked before a search that it is to follow."""
+
+import math
+from collections.abc import Sequence
+from typing import Literal, NamedTuple, get_args
+
+from jaxgrity.core.errors import InputError
+from jaxgrity.search.objectives import Fitness
+
+GradientKind = Literal["smoothed", "pathwise", "combined"]
+
+COST = 6.0
+"""of a pathwise gradient, in rollouts of its horizon: 4 to 6 were measured (docs/performance.md)"""
+
+
+class PolishConfig(NamedTuple):
+    """How to polish."""
+
+    rollouts: int = 1024
+    """that all steps from all starts may cost together, in rollouts over the whole duration"""
+    kind: GradientKind = "smoothed"
+    samples: int = 12
+    """perturbed gaits for each smoothed gradient, robots for each pathwise one"""
+    robots: int = 4
+    """in the ensemble that judges each of those"""
+    width: tuple[float, float] = (0.006, 0.004)
+    """standard deviation of the smoothed gradient's perturbations in the first and in the last step, in turns of the
+    circle or shares of the bounds"""
+    learning_rate: float = 0.0065
+    """length of the first step, in the same unit; the last has a fifth of it"""
+    momentum: float = 0.5
+    comparison_robots: int = 64
+    """in the ensemble by which the ends of all climbs are compared"""
+    final_robots: int = 256
+    """in the ensemble by which the best start and the best end are judged"""
+    largest_sensitivity: float = 3.0
+    """m/rad: beyond it a pathwise gradient describes less than a step's length of the landscape"""
+
+
+class Budget(NamedTuple):
+    """How the rollouts of a polish are spent."""
+
+    each: int
+    """rollouts for each climb"""
+    comparison: int
+    """rollouts that compare the ends of the climbs"""
+
+
+def cost_of_gradient(config: PolishConfig, fitness: Fitness, kind: GradientKind, share: float) -> float:
+    """Of one gradient that looks ahead for a share of the duration, in rollouts over the whole of it."""
+    robots = _robots(fitness, config.robots)
+    each = {"smoothed": robots, "pathwise": COST, "combined": robots + COST}[kind]
+    return share * config.samples * each
+
+
+def budget(config: PolishConfig, fitness: Fitness, costs: Sequence[float]) -> Budget:
+    """The budget of climbs of whose steps none costs more than these, in rollouts.
+
+    Raises `InputError` where it does not pay for a step of each climb.
+    """
+    comparison = len(costs) * _robots(fitness, config.comparison_robots) if len(costs) > 1 else 0
+    each = (config.rollouts - comparison) // len(costs)
+    if each < max(costs):
+        least = math.ceil(max(costs)) * len(costs) + comparison
+        raise InputError(f"{config.rollouts} rollouts of polish: expected {least} or more, for {len(costs)} climbs")
+    return Budget(each, comparison)
+
+
+def check_polish(config: PolishConfig, fitness: Fitness, starts: int) -> None:
+    """Raise `InputError` for what no polish can do from so many starts.
+
+    What pathwise gradients cost depends on the sensitivity of the starts, which is not known before the search.
+    """
+    if config.kind not in get_args(GradientKind):
+        known = ", ".join(get_args(GradientKind))
+        raise InputError(f"polishing by {config.kind!r}: unknown; expected one of {known}")
+    if config.samples < 4 or config.samples % 2:
+        raise InputError(f"samples = {config.samples}: expected an even number, 4 or more")
+    if config.kind != "smoothed" and (fitness.needs_metrics or fitness.caution):
+        what = "caution" if fitness.caution else "an objective or a bound that needs metrics"
+        raise InputError(f"{what} has no pathwise gradient; expected a smoothed one")
+    if config.kind == "smoothed":
+        budget(config, fitness, [cost_of_gradient(config, fitness, "smoothed", 1.0)] * starts)
+
+
+def _robots(fitness: Fitness, robots: int) -> int:
+    """In an ensemble that is asked to have so many: where nothing is uncertain one says it all."""
+    return 1 if fitness.uncertainty.none else robots

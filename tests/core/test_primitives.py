@@ -1,0 +1,39 @@
+"""The linear maps that U and R are made of: sums over members, rows taken and placed, for one robot and for many."""
+
+import jax
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from jaxgrity.core.primitives import accumulate, edge_vectors, take_rows
+
+NODES = 6
+pairs = st.tuples(st.integers(0, NODES - 1), st.integers(0, NODES - 1)).filter(lambda pair: pair[0] != pair[1])
+
+
+@given(st.lists(pairs, min_size=1, max_size=12, unique=True), st.integers(0, 99))
+def test_one_robot_and_a_population_sum_alike(edges, seed):
+    """By the transpose of the difference."""
+    edges = tuple(edges)
+    f = np.random.default_rng(seed).normal(size=(len(edges), 3, 4))
+    incidence = np.zeros((len(edges), NODES))
+    for k, (i, j) in enumerate(edges):
+        incidence[k, i], incidence[k, j] = 1, -1
+    expected = np.einsum("en,ekp->nkp", incidence, f)
+    many = jax.vmap(lambda f: accumulate(f, edges, NODES), in_axes=-1, out_axes=-1)(f)
+    np.testing.assert_allclose(many, expected, atol=1e-14)
+    np.testing.assert_allclose(accumulate(f[..., 0], edges, NODES), expected[..., 0], atol=1e-14)
+    x = np.random.default_rng(seed).normal(size=(NODES, 3))
+    np.testing.assert_allclose(edge_vectors(x, edges), incidence @ x, atol=1e-15)
+
+
+@given(st.lists(st.integers(0, NODES - 1), min_size=1, max_size=9))
+def test_rows_may_repeat(rows):
+    """Taking a row twice gives both cotangents back to it, in order or not, for one robot and for a population."""
+    rows = tuple(rows)
+    chosen = np.zeros((len(rows), NODES))
+    chosen[np.arange(len(rows)), rows] = 1
+    x = np.random.default_rng(0).normal(size=(NODES, 3))
+    y, back = jax.vjp(lambda x: take_rows(x, rows), x)
+    np.testing.assert_array_equal(y, chosen @ x)
+    np.testing.assert_allclose(back(y)[0], chosen.T @ chosen @ x, rtol=1e-14, atol=1e-14)
