@@ -13,7 +13,7 @@ import numpy as np
 
 from jaxgrity.model.actuation import Gait
 from jaxgrity.model.friction import SmoothFriction, SwitchFriction
-from jaxgrity.model.ground import Ground
+from jaxgrity.model.ground import PenaltyGround
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import Members, Structure
 
@@ -164,7 +164,7 @@ def conical_pendulum() -> Problem:
     def setup(g):
         start, speed = jax.jvp(lambda t: hanging(t, g), (0.0,), (1.0,))
         struts = Members(((0, 1), (1, 2)), np.array([column, K]), np.array([3.0, L]))
-        scene = Scene(Structure(start, np.array([heavy, heavy, m]), struts=struts), g, ground=Ground(soil))
+        scene = Scene(Structure(start, np.array([heavy, heavy, m]), struts=struts), g, ground=PenaltyGround(soil))
         return scene, start, speed
 
     return Problem(setup, hanging, G, 1.0, size=length, rate=np.sqrt(K / m), limit=1e-10)
@@ -199,7 +199,7 @@ def bounce() -> Problem:
 
     def setup(k):
         start = np.array([[0.0, 0, height]])
-        return Scene(Structure(start, m * np.ones(1)), G, ground=Ground(k)), start, np.zeros((1, 3))
+        return Scene(Structure(start, m * np.ones(1)), G, ground=PenaltyGround(k)), start, np.zeros((1, 3))
 
     def exact(t, k):
         omega, fall, contact = times(k)
@@ -221,7 +221,7 @@ NORMAL, DOWN = np.array([[np.sin(THETA), 0, np.cos(THETA)]]), np.array([[np.cos(
 def on_incline(friction, g=G, slip=0.0):
     """A node pressed into the slope by its weight, as deep as it stays, and slipping down."""
     start = -M * g * np.cos(THETA) / K_N * NORMAL
-    scene = Scene(Structure(start, M * np.ones(1)), g, ground=Ground(K_N, incline=THETA), friction=friction)
+    scene = Scene(Structure(start, M * np.ones(1)), g, ground=PenaltyGround(K_N, incline=THETA), friction=friction)
     return scene, start, slip * DOWN
 
 

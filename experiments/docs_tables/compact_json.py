@@ -40,7 +40,7 @@ def laid_out(value: Any, indent: str = "", row: bool = False) -> str:
         items = [laid_out(item, inner, row=True) for item in value]
         return "[\n" + ",\n".join(inner + item for item in items) + f"\n{indent}]"
     flat = json.dumps(value, ensure_ascii=False)
-    if isinstance(value, dict) and (_has_rows(value) or not row and (not indent or len(flat) > WIDTH)):
+    if isinstance(value, dict) and (_has_rows(value) or (not row and (not indent or len(flat) > WIDTH))):
         items = [f"{json.dumps(key, ensure_ascii=False)}: {laid_out(item, inner)}" for key, item in value.items()]
         return "{\n" + ",\n".join(inner + item for item in items) + f"\n{indent}}}"
     return flat

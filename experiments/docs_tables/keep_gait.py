@@ -22,7 +22,7 @@ class Settings:
     """folder that gait_search.py left"""
     name: str
     """of the gait in the library"""
-    library: Path = Path("jaxgrity/gaits")
+    library: Path = Path("jaxgrity/data/gaits")
     """folder of the library's records"""
     quick: bool = False
     """it is quick anyway"""

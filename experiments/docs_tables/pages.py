@@ -31,3 +31,8 @@ def fill_page(path: Path, blocks: dict[str, str], page: Path | None = None) -> N
     """Fill the marks of a page, or those of `page` to be written to `path`."""
     text = filled(read_text(page or path), blocks)
     write_whole(path, lambda file: file.write(text.encode()))
+
+
+def made_by(facts: dict, name: str, folder: str = "measured") -> str:
+    """The command and the file beside the numbers; `folder` is docs/measured, as the page sees it."""
+    return f"\n\n`{facts['command']}`, [{folder}/{name}.json]({folder}/{name}.json)."

@@ -1,100 +1,147 @@
-"""What README and docs say about speed, in words and tables, from the facts that the scripts left."""
+"""The tables about speed, of README, docs/performance.md and docs/scaling.md: what they quote, and how they say it."""
+
+from pages import made_by, table
+
+Facts = dict
+
+STEPS = {"rk4": 5e-4, "complementarity": 5e-3}
+"""s, at which the benchmark's methods are quoted"""
 
 
-def table(head: list[str], rows: list[list[str]]) -> str:
-    """A Markdown table."""
-    assert all(len(row) == len(head) for row in rows), "a cell for each head"
-    lines = [head, ["---"] * len(head), *rows]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+def benchmark_facts(raw: Facts) -> Facts:
+    costs = [
+        {key: point[key] for key in ("engine", "dtype", "dt", "seconds")}
+        | {"over_C": raw["ratios_to_C"].get(f"{point['engine']} {point['dtype']} {point['dt']:g}")}
+        for point in raw["points"]
+        if STEPS.get(point["engine"]) == point["dt"]
+    ]
+    kept = ("command", "cores", "gaits", "duration", "repeats", "C_sweeps", "largest_difference_from_C")
+    return {
+        **{name: raw[name] for name in kept},
+        "costs": costs,
+        "numpy_seconds": raw["numpy"]["seconds"],
+        "gradient": {name: raw["gradient"][name] for name in ("phases", "reverse", "forward")},
+        "rollouts_per_second": [
+            {"error": float(target), "rates": rates} for target, rates in raw["rollouts_per_second"].items()
+        ],
+    }
 
 
-def made_by(facts: dict, name: str) -> str:
-    """The command beside the numbers."""
-    return f"\n\n`{facts['command']}`, [measured/{name}.json](measured/{name}.json)."
+def benchmark_table(facts: Facts) -> str:
+    return "\n\n".join([_costs(facts), _rates(facts), _about(facts)]) + made_by(facts, "benchmark", "docs/measured")
 
 
-def benchmark(facts: dict) -> str:
-    cost = {(p["engine"], p["dtype"], p["dt"]): 1e6 * p["seconds"] for p in facts["points"]}
-    gradient, rates, ratios = facts["gradient"], facts["rollouts_per_second"], facts["ratios_to_C"]
+def _costs(facts: Facts) -> str:
+    """Of one gait, each method in both precisions."""
+    said = {"rk4": "RK4", "complementarity": "complementarity stepping"}
+    rows = []
+    for engine in dict.fromkeys(cost["engine"] for cost in facts["costs"]):
+        mine = [cost for cost in facts["costs"] if cost["engine"] == engine]
+        over = [cost["over_C"] for cost in mine]
+        times = "-" if None in over else " and ".join(f"{ratio:.1f}" for ratio in over)
+        step = f"{1e3 * mine[0]['dt']:g} ms"
+        rows.append([f"{said[engine]}, {step}", *(f"{1e6 * cost['seconds']:.0f} us" for cost in mine), times])
+    rows.append(["a NumPy loop, RK4, 0.5 ms", "-", f"{facts['numpy_seconds']:.1f} s", "-"])
+    return table(["a simulated second of one gait", "float32", "float64", "times hand-written SIMD C"], rows)
 
-    def said(engine: str, dt: float) -> tuple[str, str]:
-        one, two = (cost[engine, dtype, dt] for dtype in ("float32", "float64"))
-        times = " and ".join(f"{ratios[f'{engine} {dtype} {dt:g}']:.1f}" for dtype in ("float32", "float64"))
-        return f"{one:.0f} us in float32 and {two:.0f} us in float64", f"{times} times"
 
-    (rk4, rk4_times), (exact, exact_times) = said("rk4", 5e-4), said("complementarity", 5e-3)
-    names = dict.fromkeys(name for found in rates.values() for name in found)
+def _rates(facts: Facts) -> str:
+    """Rollouts a second of each engine, at its cheapest step with an error below each of the bounds."""
     written = {"limit": "hand-written C, RK4", "exact": "hand-written C, exact contact"}
+    bounds = facts["rollouts_per_second"]
+    names = dict.fromkeys(name for bound in bounds for name in bound["rates"])
     rows = [
-        [written.get(name, name), *(f"{found[name]:.0f}" if name in found else "-" for found in rates.values())]
+        [written.get(name, name), *(f"{b['rates'][name]:.0f}" if name in b["rates"] else "-" for b in bounds)]
         for name in names
     ]
-    head = ["engine", *(f"rollouts a second at {1e3 * float(target):g} mm" for target in rates)]
-    return (
-        f"A simulated second of one gait of the reference scene takes {rk4} by RK4 at 0.5 ms ({rk4_times} as long as "
-        f"hand-written SIMD C, with which centres of mass agree to {facts['largest_difference_from_C']:.0e} m), and "
-        f"{exact} by complementarity stepping at 5 ms ({exact_times} as long as C with {facts['C_sweeps']} sweeps); a "
-        f"NumPy loop takes {facts['numpy']['seconds']:.1f} s. {facts['gaits']} gaits of {facts['duration']:g} s, "
-        f"{facts['cores']} cores, median of {facts['repeats']}. The gradient in {gradient['phases']} phases costs "
-        f"{gradient['reverse']:.1f} rollouts by reverse mode that computes stages again, {gradient['forward']:.1f} by "
-        f"forward mode; pathwise polish uses the first.\n\n{table(head, rows)}\n\n"
-        f"Rollouts of {facts['duration']:g} s, at the cheapest step whose error (median, against the engine's own "
-        f"converged answer) is within the bound. MJX, where it is there, has one core. `{facts['command']}`, "
-        "[docs/measured/benchmark.json](docs/measured/benchmark.json)."
-    )
+    return table(["engine", *(f"rollouts a second at {1e3 * b['error']:g} mm" for b in bounds)], rows)
 
 
-def microseconds(row: dict) -> str:
-    return f"{1e6 * row['per_gait_and_simulated_second']:.0f} us"
+def _about(facts: Facts) -> str:
+    """What was measured, and what else came out."""
+    off, gradient = facts["largest_difference_from_C"], facts["gradient"]
+    rows = [
+        ["population", f"{facts['gaits']} gaits of {facts['duration']:g} s on {facts['cores']} cores"],
+        ["timed runs, of which the median counts", str(facts["repeats"])],
+        ["sweeps in a step of hand-written C", str(facts["C_sweeps"])],
+        ["centres of mass, RK4 against hand-written C", "-" if off is None else f"within {off:.0e} m"],
+        [f"gradient in {gradient['phases']} phases, reverse mode", f"{gradient['reverse']:.1f} rollouts"],
+        [f"gradient in {gradient['phases']} phases, forward mode", f"{gradient['forward']:.1f} rollouts"],
+    ]
+    return table(["about these numbers", "measured"], rows)
 
 
-def scaling(facts: dict) -> str:
-    methods = list(facts["exponents"])
-    kinds = ("devices", "population", "struts", "single")
-    by_method = {name: {m: [r for r in facts[name] if r["method"] == m] for m in methods} for name in kinds}
+def scaling_facts(raw: Facts) -> Facts:
     rows = []
-    for m in methods:
-        one, several = by_method["devices"][m]
-        gain = one["seconds"] / several["seconds"]
-        smallest, largest = by_method["population"][m][0], by_method["population"][m][-1]
-        towers = by_method["struts"][m]
+    for method, exponent in raw["exponents"].items():
+        mine = {name: [row for row in raw[name] if row["method"] == method] for name in ("devices", "population")}
+        one, several = mine["devices"]
+        struts = [row for row in raw["struts"] if row["method"] == method]
+        ends = mine["population"][0], mine["population"][-1]
         rows.append(
-            [
-                m,
-                f"{gain:.2f} times as fast as one",
-                f"{microseconds(smallest)} and {microseconds(largest)}",
-                f"{1e6 * towers[0]['per_gait_and_step']:.2f} and {1e6 * towers[-1]['per_gait_and_step']:.0f} us",
-                f"{facts['exponents'][m]:.2f}",
-                " and ".join(f"{row['times_real_time']:.0f}" for row in by_method["single"][m]),
-            ]
+            {
+                "method": method,
+                "devices": several["devices"],
+                "gaits": several["gaits"],
+                "speed_up": one["seconds"] / several["seconds"],
+                "populations": [row["gaits"] for row in ends],
+                "per_gait_and_simulated_second": [row["per_gait_and_simulated_second"] for row in ends],
+                "struts": [struts[0]["struts"], struts[-1]["struts"]],
+                "per_gait_and_step": [struts[0]["per_gait_and_step"], struts[-1]["per_gait_and_step"]],
+                "exponent": exponent,
+                "times_real_time": [row["times_real_time"] for row in raw["single"] if row["method"] == method],
+            }
         )
-    populations, sizes = (
-        [row[key] for row in by_method[n][m]] for n, key in (("population", "gaits"), ("struts",) * 2)
-    )
+    compiled = [{"method": row["method"], "loops": row["loops"]} for row in raw["compiled"]]
+    return {
+        "command": raw["command"],
+        "cores": raw["cores"],
+        "methods": rows,
+        "compiled": compiled,
+        "start": raw["start"],
+    }
+
+
+def microseconds(seconds: float) -> str:
+    return f"{1e6 * seconds:.0f} us"
+
+
+def scaling_table(facts: Facts) -> str:
+    rows = [
+        [
+            row["method"],
+            f"{row['speed_up']:.2f} times as fast as one",
+            " and ".join(microseconds(cost) for cost in row["per_gait_and_simulated_second"]),
+            f"{1e6 * row['per_gait_and_step'][0]:.2f} and {1e6 * row['per_gait_and_step'][1]:.0f} us",
+            f"{row['exponent']:.2f}",
+            " and ".join(f"{times:.0f}" for times in row["times_real_time"]),
+        ]
+        for row in facts["methods"]
+    ]
+    first = facts["methods"][0]
+    populations, struts = (" and ".join(str(size) for size in first[name]) for name in ("populations", "struts"))
     head = [
         "method",
-        f"{several['devices']} devices, {several['gaits']} gaits",
-        f"{populations[0]} and {populations[-1]} gaits, a gait and simulated second",
-        f"{sizes[0]} and {sizes[-1]} struts, a step",
+        f"{first['devices']} devices, {first['gaits']} gaits",
+        f"{populations} gaits, a gait and simulated second",
+        f"{struts} struts, a step",
         "cost ~ struts^",
         "one rollout, float32 and float64: times real time",
     ]
     return table(head, rows) + made_by(facts, "scaling")
 
 
-def million(facts: dict) -> str:
+def million_table(facts: Facts) -> str:
     """What a search of 10^6 gaits costs, by arithmetic on the largest population."""
-    found = []
-    for m in facts["exponents"]:
-        row = [r for r in facts["population"] if r["method"] == m][-1]
-        hours = 1e6 * 10 * row["per_gait_and_simulated_second"] / 3600
-        found.append(f"{hours:.1f} hours by {m} (10 s x {microseconds(row)})")
-    return f"10^6 rollouts of 10 s in float32 take {' or '.join(found)} on {facts['cores']} cores." + made_by(
-        facts, "scaling"
-    )
+    rows = []
+    for row in facts["methods"]:
+        cost = row["per_gait_and_simulated_second"][1]
+        rows.append([row["method"], microseconds(cost), f"{1e6 * 10 * cost / 3600:.1f} hours"])
+    head = ["method", "a gait and simulated second, float32", f"10^6 rollouts of 10 s on {facts['cores']} cores"]
+    return table(head, rows) + made_by(facts, "scaling")
 
 
-def compiled(facts: dict) -> str:
+def compiled_table(facts: Facts) -> str:
     rows = []
     for found in facts["compiled"]:
         loops = "; ".join(", ".join(f"{n} {kind}" for kind, n in loop.items()) for loop in found["loops"])
@@ -102,28 +149,40 @@ def compiled(facts: dict) -> str:
     return table(["method", "instructions in the body of each loop, innermost first"], rows) + made_by(facts, "scaling")
 
 
-def start_up(facts: dict) -> str:
+def start_table(facts: Facts) -> str:
     start = facts["start"]
-    return (
-        f"`import jaxgrity` takes {start['import jaxgrity']:.2f} s, of which `import jax, diffrax` "
-        f"take {start['import jax, diffrax']:.2f} s; a script that loads, describes and rolls out a "
-        f"scene takes its first steps after {start['first steps']:.1f} s, when it has run before."
-        + made_by(facts, "scaling")
-    )
+    rows = [
+        ["importing JAX and diffrax", f"{start['jax and diffrax']:.2f} s"],
+        ["importing jaxgrity, with JAX and diffrax", f"{start['jaxgrity']:.2f} s"],
+        [
+            "a script that loads, describes and simulates a scene: its first steps",
+            f"{start['first steps']:.1f} s",
+        ],
+    ]
+    return table(["from the start of the process", "wall time"], rows) + made_by(facts, "scaling")
 
 
-def gradients(facts: dict) -> str:
+def gradients_facts(raw: Facts) -> Facts:
+    rows = [{key: row[key] for key in ("mode", "gaits", "parameters", "rollouts")} for row in raw["rows"]]
+    long = [{key: row[key] for key in ("gaits", "parameters", "horizon", "rollouts")} for row in raw["long"]]
+    kept = ("command", "cores", "short", "lengths", "memory")
+    return {name: raw[name] for name in kept} | {"rows": rows, "long": long}
+
+
+def gradients_table(facts: Facts) -> str:
     cases = list(dict.fromkeys((row["gaits"], row["parameters"]) for row in facts["rows"]))
     modes = list(dict.fromkeys(row["mode"] for row in facts["rows"]))
     cost = {(row["mode"], row["gaits"], row["parameters"]): row["rollouts"] for row in facts["rows"]}
     rows = [[mode, *(f"{cost[mode, *case]:.1f}" for case in cases)] for mode in modes]
-    head = ["time in rollouts", *(f"{g} gait{'s' if g > 1 else ''}, {p} parameters" for g, p in cases)]
-    memory = [[name, *(f"{x / 2**20:.1f} MiB" for x in found)] for name, found in facts["memory"].items()]
-    long = ", ".join(f"{row['rollouts']:.1f} for {row['parameters']} parameters" for row in facts["long"])
+    gaits = [f"{g} gait{'s' if g > 1 else ''}, {p} parameters" for g, p in cases]
+    head = [f"time in rollouts of {facts['short']:g} s", *gaits]
     first = facts["long"][0]
-    return (
-        f"{table(head, rows)}\n\nOver {facts['short']:g} s. Over {first['horizon']:g} s and {first['gaits']} gaits the "
-        f"checkpointed reverse mode takes, in rollouts: {long}.\n\n"
-        f"{table(['memory beside the state', *(f'{t:g} s' for t in facts['lengths'])], memory)}"
-        + made_by(facts, "gradients")
-    )
+    long_head = [
+        f"checkpointed reverse, {first['gaits']} gaits, {first['horizon']:g} s",
+        *(f"{row['parameters']} parameters" for row in facts["long"]),
+    ]
+    long = ["time in rollouts", *(f"{row['rollouts']:.1f}" for row in facts["long"])]
+    memory = [[name, *(f"{x / 2**20:.1f} MiB" for x in found)] for name, found in facts["memory"].items()]
+    memory_head = ["memory beside the state", *(f"{t:g} s" for t in facts["lengths"])]
+    tables = table(head, rows), table(long_head, [long]), table(memory_head, memory)
+    return "\n\n".join(tables) + made_by(facts, "gradients")

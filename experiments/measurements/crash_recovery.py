@@ -1,4 +1,4 @@
-"""Nothing lost: a search is killed (SIGKILL) at random moments and resumed; it has to end as if nothing had happened.
+"""Crash recovery: a search is killed (SIGKILL) at random moments and resumed; it has to end as if it had not been.
 
 Moments are uniform from the beginning of the search to the end of its last generation, as an undisturbed run has them.
 Each time every file in the run's folder has to be whole, and after --resume the final population has to be the same to
@@ -21,9 +21,8 @@ from jaxgrity.cli.script import measured, run
 import numpy as np
 from tqdm import tqdm
 
-from jaxgrity import InputError
+from jaxgrity import InputError, load_states
 from jaxgrity.io.files import PART, save_json
-from jaxgrity.search.checkpoint import load_states
 
 
 @dataclass
@@ -32,15 +31,15 @@ class Settings:
     """how many runs are killed"""
     seed: int = 0
     """of the moments"""
-    out: Path = Path("results/kills")
-    """folder for the runs and kills.json"""
+    out: Path = Path("results/crash_recovery")
+    """folder for the runs and crash_recovery.json"""
     quick: bool = False
-    """one kill, on exact.toml"""
+    """one kill, on the scene called exact"""
 
 
 def main(settings: Settings) -> None:
     kills, whole = 1 if settings.quick else settings.kills, settings.out / "whole"
-    options = ["--scene", str(SCENES / "exact.toml")] if settings.quick else []
+    options = ["--scene", "exact"] if settings.quick else []
     if not settings.quick:
         # so that the moments are those of a run whose programs are compiled, as the others' will be
         search(whole, "--restart")
@@ -66,7 +65,7 @@ def main(settings: Settings) -> None:
                 "same_population": same,
             }
         )
-        save_json(settings.out / "kills.json", facts)
+        save_json(settings.out / "crash_recovery.json", facts)
     same = sum(one["same_population"] for one in facts["kills"])
     broken = sum(len(one["broken_files"]) for one in facts["kills"])
     print(f"{kills} kills: {same} identical final populations, {broken} broken files")
@@ -87,9 +86,9 @@ def kill(folder: Path, moment: float, *options: str) -> None:
 
 
 def command(folder: Path, *options: str) -> list[str]:
-    """A small search on both rungs, without polish."""
+    """A small search on both fidelity levels, without polish."""
     small = ["--duration", "2", "--population", "16", "--generations", "12", "8", "--polish-rollouts", "0"]
-    return [sys.executable, str(Path(__file__).with_name("gait_search.py")), *small, "--out", str(folder), *options]
+    return [sys.executable, str(Path(__file__).parents[1] / "gait_search.py"), *small, "--out", str(folder), *options]
 
 
 def search(folder: Path, *options: str, to_the_end: bool = False) -> None:

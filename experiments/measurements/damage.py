@@ -19,18 +19,24 @@ from matplotlib.figure import Figure
 from tqdm import tqdm
 
 from jaxgrity import (
-    Breeding,
+    FidelityLevel,
     Fitness,
+    GAConfig,
     Gait,
     Genome,
     InputError,
-    Polishing,
+    PolishConfig,
     Scene,
+    SearchProblem,
+    SolverOptions,
     Uncertainty,
     distinct,
     evolve,
+    fidelity_levels,
     gait_names,
     gait_record,
+    image,
+    judge_at,
     load_gait,
     load_scene,
     one_gait,
@@ -39,11 +45,9 @@ from jaxgrity import (
     standing_symmetries,
     verify,
     with_gait,
+    with_robots,
 )
 from jaxgrity.io.files import save_json
-from jaxgrity.model.symmetry import image
-from jaxgrity.search.fidelity import Rung, judge_on, rungs
-from jaxgrity.search.objectives import with_robots
 
 NEW = ("library", "gradient", "scratch")
 WAYS = ("as it was", *NEW)
@@ -53,8 +57,8 @@ TRIES, UNSEEN = 64, 10**6
 
 @dataclass
 class Settings:
-    scene: Path = SCENES / "exact.toml"
-    """scene file with a [gait]"""
+    scene: str = "exact"
+    """scene with a gait: a name in the library, or a file"""
     gait: str = "rolling_exact"
     """of the intact robot: a name in the library, or a file; its distance is what a recovery is measured against"""
     duration: float = 10.0
@@ -66,7 +70,7 @@ class Settings:
     rollouts: int = 8192
     """for each search from scratch; polishing takes a quarter of them"""
     enough: float = 0.7
-    """share of the intact distance that counts as recovered"""
+    """share of the intact distance from which on a gait counts as recovered"""
     seed: int = 0
     """the same seed gives the same numbers"""
     out: Path = Path("results/damage")
@@ -81,18 +85,18 @@ def main(settings: Settings) -> None:
     scene = load_scene(settings.scene)
     if scene.gait is None or scene.structure.cables is None:
         raise InputError(f"{settings.scene}: expected a scene with [cables] and a [gait]")
-    fitness = Fitness(uncertainty=Uncertainty(phase=0.03), robots=4)
     families = known_gaits(scene, settings)
     known = together([gait for images in families.values() for gait in images])
     first = together([images[0] for images in families.values()])
-    intact = dict(zip(families, measure(scene, first, fitness, settings)))
+    intact = dict(zip(families, measure(problem_of(scene, settings), first, settings)))
     cases = damaged(scene)
     if settings.quick:
         cases = {name: cases[name] for name in ("cable 7", "strut 1")}
     found = {}
     with tqdm(cases.items(), unit="case") as bar:
         for number, (name, broken) in enumerate(bar):
-            found[name] = recover(broken, list(families), first, known, fitness, settings, settings.seed + number)
+            problem = problem_of(broken, settings)
+            found[name] = recover(problem, list(families), first, known, settings, settings.seed + number)
             bar.set_postfix(case=name, best=f"{max(found[name][way]['robust'] for way in NEW):.2f} m")
     facts = summary(intact, known.phase.shape[0], found, settings)
     save_json(settings.out / "damage.json", facts)
@@ -103,6 +107,12 @@ def main(settings: Settings) -> None:
             goes = f"{settings.enough:.0%} of {name}'s {intact[name]['robust']:.2f} m"
             print(f"{kind}, {counts['cases']} cases: {goes} with the error bar (in the mean alone): {told}")
     print(f"wrote {settings.out}/")
+
+
+def problem_of(scene: Scene, settings: Settings) -> SearchProblem:
+    """How gaits of the scene are judged, with phases that may vary."""
+    fitness = Fitness(uncertainty=Uncertainty(phase=0.03), robots=4)
+    return SearchProblem(scene, Genome(len(scene.gait.members)), settings.duration, fitness)
 
 
 def damaged(scene: Scene) -> dict[str, Scene]:
@@ -133,10 +143,10 @@ def known_gaits(scene: Scene, settings: Settings) -> dict[str, list[Gait]]:
     found = {settings.gait: load_gait(settings.gait)}
     for name in gait_names():
         record = gait_record(name)
-        if record["scene"] == settings.scene.name and tuple(record["members"]) == scene.gait.members:
+        if Path(record["scene"]).stem == Path(settings.scene).stem and tuple(record["members"]) == scene.gait.members:
             found[name] = load_gait(name)
     if any(gait.members != scene.gait.members for gait in found.values()):
-        raise InputError(f"{settings.gait}: actuates other members than {settings.scene.name}; expected the same")
+        raise InputError(f"{settings.gait}: actuates other members than {settings.scene}; expected the same")
     if found[settings.gait].overtones:
         raise InputError(f"{settings.gait}: has overtones; expected a gait of one sine for each member")
     plain = {name: gait for name, gait in found.items() if not gait.overtones}
@@ -148,20 +158,22 @@ def together(gaits: list[Gait]) -> Gait:
     return jax.tree.map(lambda *rows: np.stack(rows) if np.ndim(rows[0]) else rows[0], *gaits)
 
 
-def recover(scene: Scene, names: list[str], first: Gait, known: Gait, fitness: Fitness, settings: Settings, seed: int):
+def recover(
+    problem: SearchProblem, names: list[str], first: Gait, known: Gait, settings: Settings, seed: int
+) -> dict[str, Any]:
     """What `measure` says of each gait as it was, by its name, and of the best on each of the ways to another one.
 
     `first` has a gait for each name, `known` all their images too.
     """
-    own, gaits = (still(scene, some) for some in (first, known))
-    library = one_gait(gaits, int(np.argmax(judged(scene, gaits, fitness, settings))))
+    own, gaits = (still(problem.scene, some) for some in (first, known))
+    library = one_gait(gaits, int(np.argmax(judged(problem, gaits, settings))))
     found = [
         *(one_gait(own, k) for k in range(len(names))),
         library,
-        polished(with_gait(scene, library), fitness, settings, seed),
-        from_scratch(scene, fitness, settings, seed),
+        polished(problem, library, settings, seed),
+        from_scratch(problem, settings, seed),
     ]
-    facts = measure(scene, together(found), fitness, settings)
+    facts = measure(problem, together(found), settings)
     return {"as it was": dict(zip(names, facts)), **dict(zip(NEW, facts[len(names) :]))}
 
 
@@ -171,37 +183,39 @@ def still(scene: Scene, gaits: Gait) -> Gait:
     return eqx.tree_at(lambda g: g.amplitude, gaits, np.where(moves, gaits.amplitude, 0.0))
 
 
-def measure(scene: Scene, gaits: Gait, fitness: Fitness, settings: Settings) -> list[dict[str, float]]:
+def measure(problem: SearchProblem, gaits: Gait, settings: Settings) -> list[dict[str, float]]:
     """What gaits are worth by draws that none was chosen by, in float64, with the error bar of the gait itself."""
-    rung = rungs(scene)[-1]
-    robust = judge_on(rung, gaits, settings.duration, with_robots(fitness, TRIES), settings.seed + UNSEEN)
-    verified = verify(scene, gaits, settings.duration, rung.dt)
+    level = fidelity_levels(problem.scene)[-1]
+    robust = judge_at(level, gaits, tried(problem), settings.seed + UNSEEN)
+    verified = verify(problem.scene, gaits, problem.duration, options=level.options)
     rows = zip(robust.mean, robust.spread, verified.distance, verified.error_bar)
     return [dict(zip(("robust", "spread", "distance", "error_bar"), map(float, row))) for row in rows]
 
 
-def judged(scene: Scene, gaits: Gait, fitness: Fitness, settings: Settings) -> np.ndarray:
+def tried(problem: SearchProblem) -> SearchProblem:
+    """The problem with the ensemble by which candidates are compared."""
+    return problem._replace(fitness=with_robots(problem.fitness, TRIES))
+
+
+def judged(problem: SearchProblem, gaits: Gait, settings: Settings) -> np.ndarray:
     """Robust distance of each gait, m, by one ensemble for all cases."""
-    rung: Rung = rungs(scene)[1]
-    return judge_on(rung, gaits, settings.duration, with_robots(fitness, TRIES), settings.seed + 999).mean
+    level: FidelityLevel = fidelity_levels(problem.scene)[1]
+    return judge_at(level, gaits, tried(problem), settings.seed + 999).mean
 
 
-def polished(scene: Scene, fitness: Fitness, settings: Settings, seed: int) -> Gait:
-    """The scene's gait, its phases polished by gradients."""
-    genome, phase = Genome(len(scene.gait.members)), np.asarray(scene.gait.phase)
+def polished(problem: SearchProblem, gait: Gait, settings: Settings, seed: int) -> Gait:
+    """The gait, its phases polished by gradients."""
+    own = problem._replace(scene=with_gait(problem.scene, gait))
+    rough, fine = (level.dt for level in fidelity_levels(own.scene)[:2])
     found = polish(
-        scene,
-        genome,
-        (phase / (2 * np.pi) % 1)[None],
-        settings.duration,
-        Polishing(polish_rollouts(settings)),
-        fitness=fitness,
-        dt=rungs(scene)[0].dt,
-        final_dt=rungs(scene)[1].dt,
-        final_robots=TRIES,
+        own,
+        np.asarray(gait.phase)[None] / (2 * np.pi) % 1,
+        PolishConfig(polish_rollouts(settings), final_robots=TRIES),
+        options=SolverOptions(dt=rough),
+        final_options=SolverOptions(dt=fine),
         seed=seed,
     )
-    return one_gait(genome.gaits(scene.gait, found.genes[None]), 0)
+    return one_gait(own.genome.gaits(gait, found.genes[None]), 0)
 
 
 def polish_rollouts(settings: Settings) -> int:
@@ -209,18 +223,17 @@ def polish_rollouts(settings: Settings) -> int:
     return max(128, settings.rollouts // 4)
 
 
-def from_scratch(scene: Scene, fitness: Fitness, settings: Settings, seed: int) -> Gait:
+def from_scratch(problem: SearchProblem, settings: Settings, seed: int) -> Gait:
     """The best of a search whose last generation meets a larger ensemble."""
+    scene = problem.scene
     # a stuck strut's amplitude is zero, and has to stay so
     varied = ("amplitude", "frequency") if np.all(np.asarray(scene.gait.amplitude) > 0) else ("frequency",)
     free = {name: bounds for name in varied if np.ptp(bounds := getattr(settings, name))}
-    genome, rung = Genome(len(scene.gait.members), **free), rungs(scene)[0]
-    breeding = Breeding(64, max(1, settings.rollouts // (64 * fitness.robots)))
-    search = evolve(
-        rung.scene, genome, settings.duration, breeding, fitness=fitness, seed=seed, dt=rung.dt, dtype=rung.dtype
-    )
+    genome, level = Genome(len(scene.gait.members), **free), fidelity_levels(scene)[0]
+    config = GAConfig(64, max(1, settings.rollouts // (64 * problem.fitness.robots)))
+    search = evolve(problem._replace(scene=level.scene, genome=genome), config, options=level.options, seed=seed)
     gaits = genome.gaits(scene.gait, distinct(search.last, genome, 8))
-    return one_gait(gaits, int(np.argmax(judged(scene, gaits, fitness, settings))))
+    return one_gait(gaits, int(np.argmax(judged(problem, gaits, settings))))
 
 
 def summary(intact: dict, known: int, found: dict[str, Any], settings: Settings) -> dict[str, Any]:
@@ -241,7 +254,7 @@ def summary(intact: dict, known: int, found: dict[str, Any], settings: Settings)
             recovered[name][kind] = {"cases": len(cases), "reached": counts}
     return {
         **measured(),
-        "scene": settings.scene.name,
+        "scene": Path(settings.scene).stem,
         "duration": settings.duration,
         "free": {"amplitude": settings.amplitude, "frequency": settings.frequency},
         "rollouts": {"scratch": settings.rollouts, "gradient": polish_rollouts(settings), "library": known * TRIES},

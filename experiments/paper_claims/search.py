@@ -3,7 +3,19 @@
 import numpy as np
 from matplotlib.figure import Figure
 
-from jaxgrity import Breeding, Gait, Genome, Scene, distinct, evolve, verify, with_gait
+from jaxgrity import (
+    Fitness,
+    GAConfig,
+    Gait,
+    Genome,
+    Scene,
+    SearchProblem,
+    SolverOptions,
+    distinct,
+    evolve,
+    verify,
+    with_gait,
+)
 from paper_claims.report import PROGRAM, REFERENCE, TEXT, Report, Row, scenes, significant, verdict
 
 STEP = 1e-3
@@ -30,10 +42,10 @@ def hunt(scene: Scene, kind: str, quick: bool) -> dict:
     start, ramp = max(0.0, float(scene.gait.start)), 1.0
     changed = with_gait(scene, Gait(tuple(members), np.zeros(size), np.full(size, largest), frequency, start, ramp))
     genome = Genome(size, amplitude=(0.0, largest))
-    breeding = Breeding(population=16, generations=2, elites=2) if quick else Breeding(population=64, generations=12)
-    search = evolve(changed, genome, duration, breeding, seed=0, method="rk4", dt=STEP)
+    config = GAConfig(population=16, generations=2, elites=2) if quick else GAConfig(population=64, generations=12)
+    search = evolve(SearchProblem(changed, genome, duration, Fitness()), config, options=SolverOptions("rk4", STEP))
     finalists = genome.gaits(changed.gait, distinct(search.last, genome, FINALISTS))
-    checked = verify(changed, finalists, duration, STEP / 2, "rk4")
+    checked = verify(changed, finalists, duration, options=SolverOptions("rk4", STEP / 2))
     usable = np.isfinite(checked.error_bar)
     worth = np.where(usable, np.nan_to_num(checked.distance) - np.where(usable, checked.error_bar, 0), -np.inf)
     best = int(np.argmax(worth))

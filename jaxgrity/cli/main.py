@@ -1,5 +1,6 @@
 """The command `jaxgrity`: simulate, search, compare and diagnose."""
 
+from collections.abc import Callable
 from typing import Annotated
 
 from jaxgrity.cli.script import configure, execute
@@ -8,7 +9,7 @@ import tyro
 
 from jaxgrity.cli import compare, diagnose, search, simulate
 
-COMMANDS = {
+COMMANDS: dict[type, Callable] = {
     simulate.SimulateSettings: simulate.main,
     search.SearchSettings: search.main,
     compare.CompareSettings: compare.main,

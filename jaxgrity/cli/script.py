@@ -49,7 +49,7 @@ def configure() -> None:
     # what the user has set comes later, and wins
     os.environ["XLA_FLAGS"] = f"{WHOLE_LOOPS} {os.environ.get('XLA_FLAGS', '')}".strip()
     jax.config.update("jax_enable_x64", True)
-    if jax.config.jax_compilation_cache_dir is None:
+    if jax.config.jax_compilation_cache_dir is None:  # type: ignore[attr-defined]
         jax.config.update("jax_compilation_cache_dir", str(CACHE))
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
 
@@ -85,7 +85,8 @@ def execute(main: Callable[[Settings], None], chosen: Settings) -> None:
     Of several processes that work as one, the first alone speaks and leaves files. Ends with exit code 2 and one clear
     line on bad input, with 130 and one line on Ctrl-C.
     """
-    if "cpu" in (jax.config.jax_platforms or "cpu") and "JAX_NUM_CPU_DEVICES" not in os.environ:
+    platforms = jax.config.jax_platforms  # type: ignore[attr-defined]
+    if "cpu" in (platforms or "cpu") and "JAX_NUM_CPU_DEVICES" not in os.environ:
         jax.config.update("jax_num_cpu_devices", len(os.sched_getaffinity(0)))
     try:
         join_hosts()

@@ -114,7 +114,8 @@ class SearchSettings:
     @property
     def config(self) -> SearchConfig:
         """How to search. Raises `InputError` where the objective is unknown."""
-        same = {part.name: getattr(self, part.name, None) for part in dataclasses.fields(SearchConfig)}
+        known = {part.name for part in dataclasses.fields(SearchConfig)}
+        same: dict[str, Any] = {name: value for name, value in vars(self).items() if name in known}
         return SearchConfig(**same | {"objective": self.objective.objective, "bounds": self.objective.bounds})
 
 
@@ -126,11 +127,12 @@ def main(settings: SearchSettings) -> None:
         settings.polish_gaits, settings.polish_rollouts = 1, min(settings.polish_rollouts, 128)
     scene, config = load_scene(settings.scene), settings.config
     print(scene.describe(), end="\n\n", flush=True)
+    found: dict[str, str] = {}
     with Bars() as bars:
 
         def report(result: SearchResult) -> None:
             origin = Origin(scene_name(settings.scene), settings.objective.kind, told(settings), measured()["command"])
-            bars.rows = write_report(result, origin, settings.out, bars.show)
+            found.update(write_report(result, origin, settings.out, bars.show))
 
         search_gaits(
             scene,
@@ -141,7 +143,7 @@ def main(settings: SearchSettings) -> None:
             on_progress=bars.hear,
             report=report,
         )
-    print("\n" + "\n".join(f"{name}: {text}" for name, text in bars.rows.items()))
+    print("\n" + "\n".join(f"{name}: {text}" for name, text in found.items()))
     print(f"open {settings.out}/index.html ({time.perf_counter() - began:.0f} s since this command began)")
 
 
@@ -155,7 +157,8 @@ class Bars(ExitStack):
 
     def __init__(self) -> None:
         super().__init__()
-        self.stage, self.bar, self.rows = "", None, {}
+        self.stage = ""
+        self.bar = tqdm(disable=True)
 
     def hear(self, progress: Progress) -> None:
         """Show how far a search is."""

@@ -82,7 +82,7 @@ def chosen_scene(scene: str, gait: str | None) -> Scene:
         return found
     found = with_gait(found, load_gait(gait))
     home = gait_record(gait).get("scene")
-    if home not in (None, scene_name(scene), f"{scene}.toml"):
+    if home is not None and Path(home).stem != Path(scene).stem:
         print(f"the gait {gait} was found on {home}")
     return found
 

@@ -1,5 +1,6 @@
 """Modal analysis: equilibrium shapes and natural frequencies from the Hessian of a potential energy, in float64."""
 
+import functools
 from collections.abc import Callable
 
 import jax
@@ -20,18 +21,19 @@ def equilibrium(energy: Energy, start: NodeVectors, tolerance: float, iterations
     with zero modes left alone and the step halved until U falls (Nocedal and Wright 2006, section 3.4).
     """
     with jax.enable_x64(True):
-        value, gradient, hessian = jax.jit(energy), jax.jit(jax.grad(energy)), jax.jit(jax.hessian(energy))
+        expansion = _expansion(energy)
         q = np.array(start, float)
         for _ in range(iterations):
-            force = -np.asarray(gradient(q)).ravel()
+            before, gradient, hessian = (np.asarray(x) for x in expansion(q))
+            force = -gradient.ravel()
             if np.abs(force).max() < tolerance:
                 return q
-            stiffness, modes = np.linalg.eigh(np.asarray(hessian(q)).reshape(q.size, q.size))
+            stiffness, modes = np.linalg.eigh(hessian.reshape(q.size, q.size))
             stiff = np.abs(stiffness) > 1e-9 * np.abs(stiffness).max()
             along = modes[:, stiff]
             step = (along @ ((along.T @ force) / np.abs(stiffness[stiff]))).reshape(q.shape)
-            before, factor = float(value(q)), 1.0
-            while factor > 1e-10 and float(value(q + factor * step)) > before + 1e-12 * abs(before):
+            factor = 1.0
+            while factor > 1e-10 and float(expansion(q + factor * step)[0]) > before + 1e-12 * abs(before):
                 factor /= 2
             q = q + factor * step
     return None
@@ -44,7 +46,7 @@ def natural_frequencies(energy: Energy, node_mass: PerNode, q: NodeVectors, stif
     same (an unstable or floppy mode) counts as 0 Hz, and so does what only rounding makes different from that.
     """
     with jax.enable_x64(True):
-        hessian = np.asarray(jax.jit(jax.hessian(energy))(np.array(q, float)))
+        hessian = np.asarray(_expansion(energy)(np.array(q, float))[2])
     root_mass = np.sqrt(np.repeat(np.asarray(node_mass, float), 3))
     scaled = hessian.reshape(root_mass.size, -1) / np.outer(root_mass, root_mass)
     rigid = root_mass[:, None] * _rigid_motions(np.asarray(q, float))
@@ -56,6 +58,12 @@ def natural_frequencies(energy: Energy, node_mass: PerNode, q: NodeVectors, stif
         return real
     rounding = max(ROUNDING * real[-1], 100 * np.finfo(float).eps * squares[-1])
     return np.sqrt(np.where(real > rounding, real, 0)) / (2 * np.pi)
+
+
+@functools.lru_cache(maxsize=1)
+def _expansion(energy: Energy) -> Callable:
+    """U, dU/dq and d2U/dq2, as one program for the equilibrium and the frequencies of an energy."""
+    return jax.jit(lambda q: (energy(q), jax.grad(energy)(q), jax.hessian(energy)(q)))
 
 
 def _rigid_motions(q: np.ndarray) -> np.ndarray:

@@ -24,6 +24,8 @@ LAWS_OF_STRUCTURES = (StrutSprings, RigidStruts, CableSprings, NodeDamping, Stru
 KNOWN_LAWS = (*LAWS_OF_STRUCTURES, PenaltyContact, ExactContact, ContactDissipation)
 KNOWN_FRICTIONS = (SmoothFriction, SwitchFriction, ConeFriction)
 """with the laws: what `describe` lists as modelled or not"""
+BOOKED_OTHERWISE = ("actuation", "impulse", "moment")
+"""what the energy audit books beside the causes of dissipation"""
 
 
 class Scene(eqx.Module):
@@ -52,8 +54,7 @@ class Scene(eqx.Module):
             if value is not None and np.shape(value) != shape:
                 raise InputError(f"{name} has shape {np.shape(value)}; expected {shape}, a row for each node")
         for term in self.terms:
-            if not isinstance(term, Law):
-                raise InputError(f"terms has {term!r}; expected a law, such as an EnergyTerm or a DissipationTerm")
+            _check_term(term)
         if self.friction is not None:
             if self.ground is None:
                 raise InputError("friction needs a ground to act on; expected [ground] beside [friction]")
@@ -199,6 +200,15 @@ def start_of(scene: Scene) -> State:
     """The structure as it is posed, at rest."""
     q = scene.structure.nodes
     return q, jnp.zeros_like(q)
+
+
+def _check_term(term: Law) -> None:
+    """Refuse what would be left out of the motion, or of the energy audit, without a word."""
+    if not isinstance(term, (EnergyTerm, DissipationTerm, ForceLaw)):
+        raise InputError(f"terms has {term!r}; expected an EnergyTerm, a DissipationTerm or a ForceLaw")
+    cause = getattr(term, "cause", "")
+    if cause in BOOKED_OTHERWISE:
+        raise InputError(f"terms: the cause of {term.name!r} is {cause!r}, which the energy audit uses otherwise")
 
 
 def _check_gait(gait: Gait, members: int) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 
 from jaxgrity.io.files import save_arrays, save_json, write_whole
 from jaxgrity.io.gait_library import gait_facts
+from jaxgrity.model.actuation import Gait
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.symmetry import Symmetry, image, standing_symmetries
 from jaxgrity.report import plot
@@ -109,7 +110,9 @@ def write_report(result: SearchResult, origin: Origin, folder: Path, on_progress
 
 def directions(best: Scene, options: SolverOptions, duration: float) -> list[dict[str, float]]:
     """Where the gait's images under the robot's symmetry lead from the same pose, verified one by one."""
-    images = [image(best.gait, symmetry) for symmetry in standing_symmetries(best) if maps_members(best, symmetry)]
+    gait = best.gait
+    assert gait is not None, "a search finds a gait"
+    images = [image(gait, symmetry) for symmetry in standing_symmetries(best) if maps_members(gait, symmetry)]
     gaits = jax.tree.map(lambda *rows: np.stack(rows) if np.ndim(rows[0]) else rows[0], *images)
     verified = verify(best, gaits, duration, options=options)
     moved = verified.com_end - verified.com_start
@@ -119,13 +122,14 @@ def directions(best: Scene, options: SolverOptions, duration: float) -> list[dic
     ]
 
 
-def maps_members(scene: Scene, symmetry: Symmetry) -> bool:
-    """Whether the image of the scene's gait actuates the members that the gait does."""
-    return {symmetry.members[k] for k in scene.gait.members} == set(scene.gait.members)
+def maps_members(gait: Gait, symmetry: Symmetry) -> bool:
+    """Whether the image of the gait actuates the members that the gait does."""
+    return {symmetry.members[k] for k in gait.members} == set(gait.members)
 
 
 def actuators(best: Scene, options: SolverOptions, duration: float) -> dict[str, Any]:
     """What the gait asks of its actuators."""
+    assert best.gait is not None, "a search finds a gait"
     outcomes = simulate_population(best, as_population(best.gait), duration, options=options, with_metrics=True)
     metrics, distance = outcomes.metrics, float(outcomes.distance()[0])
     assert metrics is not None, "they were asked for"
@@ -166,9 +170,12 @@ def draw(result: SearchResult, trust: TrustReport, folder: Path, on_progress: Ti
     ranks = agreement.rank_correlation, agreement.rank_correlation_of_the_evolved
     figure = plot.fidelity_figure(names, agreement.fitness, agreement.evolved, ranks, unit)
     plot.save(figure, folder / "fidelity.png")
-    seen = {"other contact model": verdict.other_model.each[0], "found": verdict.robust.each[0]}
+    seen: dict[str, np.ndarray] = {
+        "other contact model": np.asarray(verdict.other_model.each[0]),
+        "found": np.asarray(verdict.robust.each[0]),
+    }
     if polished is not None and polished.improved:
-        seen["before polish"] = polished.before.each[0]
+        seen["before polish"] = np.asarray(polished.before.each[0])
     plot.save(plot.robust_figure(seen, unit), folder / "robust.png")
     plot.save(plot.path_figure(scene, trajectory, float(verdict.verified.error_bar[0])), folder / "path.png")
     plot.save(plot.member_figure(scene, trajectory), folder / "members.png")

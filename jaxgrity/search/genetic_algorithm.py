@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -25,7 +25,7 @@ class SearchProblem(NamedTuple):
     """the robot, and the gait around which gaits are searched"""
     genome: Genome
     """what may vary"""
-    duration: Scalar
+    duration: float
     """s, over which a gait is judged"""
     fitness: Fitness
     """how it is judged"""
@@ -154,9 +154,9 @@ def evolve(
     """
     config = config or GAConfig()
     resolved = resolve(problem.scene, problem.duration, options)
-    problem = problem._replace(
-        scene=as_dtype(problem.scene, resolved.dtype), duration=np.asarray(problem.duration, float)
-    )
+    # an array: compiled functions take it as an input, and are not compiled anew for another duration
+    duration: Any = np.asarray(problem.duration, float)
+    problem = problem._replace(scene=as_dtype(problem.scene, resolved.dtype), duration=duration)
     state = state or begin(problem.genome, config, seed, resolved.dtype)
     while state.number < config.generations:
         state = _advance(state, problem, config, resolved.as_inputs())
@@ -173,14 +173,14 @@ def _advance(state: SearchState, problem: SearchProblem, config: GAConfig, optio
     # NumPy: on all devices, as a generation leaves them, genes would have the next one compiled again
     genes, number = np.asarray(state.genes), np.asarray(state.number)
     generation, bred = _generation(now, genes, number, problem, config, options)
-    newest = Record(float(generation.fitness[0]), _median(generation.fitness), float(generation.failed))
+    newest = (float(generation.fitness[0]), _median(generation.fitness), float(generation.failed))
     record = Record(*(np.append(so_far, x) for so_far, x in zip(state.record, newest)))
     return SearchState(state.number + 1, jax.random.key_data(key), bred, record, generation)
 
 
 @eqx.filter_jit
 def _generation(
-    key, genes: Genes, number: Scalar, problem: SearchProblem, config: GAConfig, options: ResolvedOptions
+    key, genes: Genes, number: Int[AnyArray, ""], problem: SearchProblem, config: GAConfig, options: ResolvedOptions
 ) -> tuple[Generation, Genes]:
     """Evaluate `genes`, and breed those of the next generation."""
     scene, genome, duration, fitness = problem

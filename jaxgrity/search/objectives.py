@@ -124,14 +124,11 @@ def find_objective(name: str) -> type[Objective]:
     return OBJECTIVES[name]
 
 
-for _name, _kind in {
-    "distance": Distance,
-    "direction": Direction,
-    "speed": Speed,
-    "cost of transport": CostOfTransport,
-    "straightness": Straightness,
-}.items():
-    register_objective(_name, _kind)
+register_objective("distance", Distance)
+register_objective("direction", Direction)
+register_objective("speed", Speed)
+register_objective("cost of transport", CostOfTransport)
+register_objective("straightness", Straightness)
 
 
 class ActuatorBounds(eqx.Module):

@@ -85,7 +85,7 @@ class SearchResult(NamedTuple):
     agreement: Agreement
     polished: Polished | None
     verdict: Verdict
-    seconds: dict[str, float]
+    seconds: dict[Stage, float]
     """wall time of each stage, s, compilation included"""
 
 
@@ -160,9 +160,10 @@ def _search(
     listener: Listener,
 ) -> SearchResult:
     """The four stages, one after the other."""
-    began, seconds = time.perf_counter(), {}
+    seconds: dict[Stage, float] = {}
+    began = time.perf_counter()
 
-    def clocked(stage: Stage):
+    def clocked(stage: Stage) -> None:
         nonlocal began
         now = time.perf_counter()
         seconds[stage], began = now - began, now
@@ -237,10 +238,10 @@ def _promote(
     chance = np.random.default_rng(config.seed).uniform(size=(COMPARED, genome.size))
     gaits = genome.gaits(problem.scene.gait, np.concatenate([genes, chance]))
     many = problem._replace(fitness=with_robots(problem.fitness, PROMOTED * config.robots))
-    rows = []
+    rows: list[np.ndarray] = []
     for level in levels:
         listener(Progress("promoting", len(rows), len(levels), {"level": level.name}))
-        rows.append(judge_at(level, gaits, many, config.seed + 2).fitness)
+        rows.append(np.asarray(judge_at(level, gaits, many, config.seed + 2).fitness))
     listener(Progress("promoting", len(rows), len(levels), {}))
     first, table = len(genes), np.array(rows)
     agreement = Agreement(levels, table, first, rank_correlation(table), rank_correlation(table[:, :first]))

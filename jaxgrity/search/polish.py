@@ -109,19 +109,14 @@ def polish(
     found = Routes([Route(start, "smoothed", problem.duration) for start in genes], None, [])
     if config.kind != "smoothed":
         found = _routes(problem, genes, resolved, config)
-    best, spent = Climb(genes[0], (), 0), 0
-    if found.routes:
-        rolled = problem._replace(scene=as_dtype(problem.scene, resolved.dtype))
-        task = ClimbTask(rolled, resolved, np.asarray(config.width[0], resolved.dtype))
-        best, spent = _climb_all(task, config, found.routes, seed, on_step)
-    pair = np.stack([genes[0], best.end])
-    judged = _judge_genes(_key(seed, FOR_THE_END), problem, pair, final, config.final_robots)
-    before, after = (jax.tree.map(lambda x, k=k: np.asarray(x)[k : k + 1], judged) for k in (0, 1))
+    rolled = problem._replace(scene=as_dtype(problem.scene, resolved.dtype))
+    task = ClimbTask(rolled, resolved, np.asarray(config.width[0], resolved.dtype))
+    stay = Climb(genes[0], (), 0)
+    best, spent = _climb_all(task, config, found.routes, seed, on_step) if found.routes else (stay, 0)
+    before, after = _before_and_after(problem, genes[0], best.end, final, config, seed)
     improved = bool(after.fitness[0] > before.fitness[0])
-    remarks = list(found.remarks)
-    if best.steps:
-        outcome = "the polished gait is kept" if improved else "the gait is kept as it was"
-        remarks += [f"{len(best.steps)} steps", f"{_gain(before, after)}: {outcome}"]
+    outcome = "the polished gait is kept" if improved else "the gait is kept as it was"
+    done = [f"{len(best.steps)} steps", f"{_gain(before, after)}: {outcome}"] if best.steps else []
     return Polished(
         genes=best.end if improved else genes[0],
         improved=improved,
@@ -131,7 +126,7 @@ def polish(
         horizon=best.steps[-1].horizon if best.steps else problem.duration,
         sensitivity=found.sensitivity,
         rollouts=spent,
-        reason="; ".join(remarks),
+        reason="; ".join([*found.remarks, *done]),
     )
 
 
@@ -199,6 +194,15 @@ def _climb_all(
     key = _key(seed, FOR_COMPARISON)
     scores = _judge_genes(key, task.problem, ends, task.options, config.comparison_robots)
     return climbs[int(jnp.argmax(scores.fitness))], spent
+
+
+def _before_and_after(
+    problem: SearchProblem, start: OneGait, end: OneGait, options: ResolvedOptions, config: PolishConfig, seed: int
+) -> list[Scores]:
+    """The scores of the best start and the best end by one ensemble, one row each."""
+    pair = np.stack([start, end])
+    judged = _judge_genes(_key(seed, FOR_THE_END), problem, pair, options, config.final_robots)
+    return [jax.tree.map(lambda x, k=k: np.asarray(x)[k : k + 1], judged) for k in (0, 1)]
 
 
 def _judge_genes(key, problem: SearchProblem, genes, options: ResolvedOptions, robots: int) -> Scores:

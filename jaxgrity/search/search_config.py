@@ -101,9 +101,9 @@ def search_problem(scene: Scene, config: SearchConfig) -> SearchProblem:
 def without_idle(gait: Gait) -> Gait:
     """The gait of those members alone that move."""
     rows = np.flatnonzero(np.asarray(gait.amplitude) > 0)
-    parts = [np.asarray(part)[rows] for part in (gait.phase, gait.amplitude, gait.frequency)]
-    overtones = tuple(type(o)(np.asarray(o.size)[rows], np.asarray(o.phase)[rows]) for o in gait.overtones)
-    return Gait(tuple(gait.members[k] for k in rows), *parts, gait.start, gait.ramp, overtones)
+    # start and ramp, which all actuators share, are the arrays without an axis
+    moving = jax.tree.map(lambda x: np.asarray(x)[rows] if np.ndim(x) else x, gait)
+    return dataclasses.replace(moving, members=tuple(gait.members[k] for k in rows))
 
 
 def fingerprint(scene: Scene) -> str:

@@ -54,7 +54,7 @@ def powers(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors) -> Work:
         others, motion = smooth_force(scene, t, q, v, normal_force), scene.motion(v, q, t, normal_force)
         for law in scene.force_laws:
             force = law.force(motion, others)
-            found[law.cause] = -inner(jnp.ones_like(v[:, 0]), dot(v, force))
+            _book(found, law.cause, -inner(jnp.ones_like(v[:, 0]), dot(v, force)))
             outside = outside + force
     return found | {"impulse": outside.sum(0), "moment": jnp.cross(q, outside).sum(0)}
 
@@ -79,15 +79,20 @@ def impulsive_work(scene: Scene, step: Step) -> Work:
     ground = ground_impulses(scene, step.after)
     work = lambda force: inner(jnp.ones_like(mass), dot(force, mean))  # noqa: E731
     if ground:
-        gained["impacts"] = -work(ground[0])
+        _book(gained, "impacts", -work(ground[0]))
         if scene.friction is not None:
-            gained["friction"] = -work(ground[1] + ground[2])
+            _book(gained, "friction", -work(ground[1] + ground[2]))
     if rigid_struts(scene) is not None:
         gained["actuation"] = gained["actuation"] + work(strut_impulses(scene, step))
     outside: NodeVectors = sum(ground, jnp.zeros_like(q))
     gained["impulse"] = gained["impulse"] + outside.sum(0)
     gained["moment"] = gained["moment"] + jnp.cross(q, outside).sum(0)
     return gained
+
+
+def _book(work: Work, cause: str, lost) -> None:
+    """Add what was lost to what a cause has lost already."""
+    work[cause] = work[cause] + lost if cause in work else lost
 
 
 def _actuation(scene: Scene, step: Step) -> Scalar:

@@ -11,23 +11,25 @@ import pytest
 
 from jaxgrity import (
     InputError,
+    SolverOptions,
     gaits_of,
     parse_scene,
     random_phases,
+    scene_text,
     simulate,
     simulate_population,
     verify,
     with_gait,
 )
 from jaxgrity.model.actuation import rest_length
-from jaxgrity.stepping.constraints import groups, prepare, sweep
 from jaxgrity.model.friction import ConeFriction
-from jaxgrity.model.ground import Ground
+from jaxgrity.model.ground import ExactGround
 from jaxgrity.model.scene import Scene, as_dtype
-from jaxgrity.stepping.simulate import FAILURES, integrate, settle
 from jaxgrity.model.structure import Members, Structure, edge_lengths
+from jaxgrity.stepping.constraints import disjoint_groups, no_impulses, prepare, sweep
+from jaxgrity.stepping.integrate import FAILURES, integrate
+from jaxgrity.stepping.options import resolve
 
-SCENES = Path(__file__).parents[1] / "experiments" / "scenes"
 G = 9.81
 
 
@@ -49,7 +51,7 @@ def length_errors(scene: Scene, trajectory) -> np.ndarray:
 
 def block(incline: float, mu: float | None = None, restitution: float | None = None, height: float = 0.0) -> Scene:
     """A point mass of 2 kg on, or `height` above, a plane."""
-    ground = Ground(None, None, incline, restitution)
+    ground = ExactGround(incline, restitution)
     structure = Structure(np.array([[0.0, 0.0, height]]), np.array([2.0]))
     return Scene(structure, gravity=G, ground=ground, friction=None if mu is None else ConeFriction(mu))
 
@@ -70,25 +72,25 @@ def test_struts_keep_their_lengths(exact, rolling):
 
 def test_struts_keep_their_lengths_as_closely_as_asked(exact):
     """Sweeps go on until every strut is within the tolerance, for one robot as for many."""
-    trajectory = simulate(exact, 60.0, frame_rate=200.0, strut_tolerance=1e-10)
+    trajectory = simulate(exact, 60.0, frame_rate=200.0, options=SolverOptions(strut_tolerance=1e-10))
     assert not trajectory.failed
     assert length_errors(exact, trajectory).max() < 1e-10
     gaits = gaits_of(exact.gait, np.stack([exact.gait.phase, exact.gait.phase + 1]))
-    outcomes = simulate_population(exact, gaits, 2.0, strut_tolerance=1e-10)
-    alone = simulate(exact, 2.0, strut_tolerance=1e-10)
+    outcomes = simulate_population(exact, gaits, 2.0, options=SolverOptions(strut_tolerance=1e-10))
+    alone = simulate(exact, 2.0, options=SolverOptions(strut_tolerance=1e-10))
     np.testing.assert_allclose(outcomes.com_end[0], np.asarray(alone.positions[-1]).mean(0), rtol=0, atol=1e-8)
 
 
 def test_a_tolerance_that_is_not_met_is_a_failure(exact):
     """One sweep does not suffice on the ground: the rollout says so, and so does a robot of a population."""
-    assert simulate(exact, 0.5, strut_tolerance=1e-10, sweeps=1).failed
+    assert simulate(exact, 0.5, options=SolverOptions(strut_tolerance=1e-10, sweeps=1)).failed
     gaits = gaits_of(exact.gait, random_phases(2, 6, seed=0))
-    assert np.all(simulate_population(exact, gaits, 0.5, strut_tolerance=1e-10, sweeps=1).failure == 1)
+    assert np.all(simulate_population(exact, gaits, 0.5, options=SolverOptions(strut_tolerance=1e-10, sweeps=1)).failure == 1)
 
 
 def test_sweeps_are_newton_steps(exact):
     """Each sweep about squares the error in strut lengths, for what the ground will answer is reckoned with."""
-    errors = [length_errors(exact, simulate(exact, 4.0, frame_rate=200.0, sweeps=count)).max() for count in (1, 2, 3)]
+    errors = [length_errors(exact, simulate(exact, 4.0, frame_rate=200.0, options=SolverOptions(sweeps=count))).max() for count in (1, 2, 3)]
     assert errors[0] < 1e-3
     assert errors[1] < 1e-5
     assert errors[2] < 1e-10
@@ -99,25 +101,25 @@ def test_struts_do_not_turn_around():
     struts = Members(((0, 1),), None, np.ones(1))
     scene = as_dtype(Scene(Structure(np.array([[0.0, 0, 0], [1, 0, 0]]), np.ones(2), struts)), "float64")
     q, w = scene.structure.nodes, jnp.array([[30.0, 1, 0], [-30, 0, 0]])
-    w, _ = sweep(scene, 0.1, prepare(scene, 0.1, 0.1, q, w), w, (jnp.zeros(2),) * 3)
+    w, _ = sweep(scene, 0.1, prepare(scene, 0.1, 0.1, q, w), w, no_impulses(w))
     ends = q + 0.1 * w
     np.testing.assert_allclose(ends[1] - ends[0], [np.sqrt(1 - 0.01), -0.1, 0], rtol=0, atol=1e-15)
 
 
 def test_lost_struts_are_a_failure(exact):
     """At a step ten times the default the sweeps leave struts more than 0.1 % off: that is no result, and says so."""
-    motion = simulate(exact, 3.0, dt=5e-2, any_step=True)
+    motion = simulate(exact, 3.0, options=SolverOptions(dt=5e-2, any_step=True))
     assert FAILURES[int(motion.failure)] == "the motion is not finite, or misses its constraints"
 
 
 def test_sweeps_and_tolerances_that_make_no_sense_are_refused(exact, reference):
     """In one line, before anything compiles."""
     with pytest.raises(InputError, match="sweeps = 0: expected at least 1"):
-        simulate(exact, 1.0, sweeps=0)
+        simulate(exact, 1.0, options=SolverOptions(sweeps=0))
     with pytest.raises(InputError, match="strut_tolerance = 1e-10 m: expected at least 1e-05 m in float32"):
-        simulate(exact, 1.0, strut_tolerance=1e-10, dtype="float32")
+        simulate(exact, 1.0, options=SolverOptions(strut_tolerance=1e-10, dtype="float32"))
     with pytest.raises(InputError, match="only complementarity stepping has them, not 'rk4'"):
-        simulate(reference, 1.0, strut_tolerance=1e-10)
+        simulate(reference, 1.0, options=SolverOptions(strut_tolerance=1e-10))
 
 
 def test_the_robot_rolls_as_far_in_a_population(exact, rolling):
@@ -132,7 +134,7 @@ def test_first_order_in_the_step(exact):
     """64 random gaits at 4 s: 5 ms is within 2 mm (median) of 0.25 ms, 1 ms within 0.4 mm, and so on in proportion."""
     gaits = gaits_of(exact.gait, random_phases(64, 6, seed=0))
     steps = (5e-3, 2.5e-3, 1e-3, 2.5e-4)
-    ends = [np.asarray(simulate_population(exact, gaits, 4.0, dt=dt).com_end) for dt in steps]
+    ends = [np.asarray(simulate_population(exact, gaits, 4.0, options=SolverOptions(dt=dt)).com_end) for dt in steps]
     errors = [np.median(np.linalg.norm(end - ends[-1], axis=1)) for end in ends[:-1]]
     assert errors[0] < 2e-3
     assert errors[2] < 4e-4
@@ -144,7 +146,7 @@ def test_first_order_in_the_step(exact):
 def test_a_block_sticks_below_the_friction_angle(dt):
     """It moves less than 1e-12 m in 10 s, a thousandth below the angle."""
     scene = block(np.arctan(0.5) * 0.999, mu=0.5)
-    trajectory = simulate(scene, 10.0, dt=dt)
+    trajectory = simulate(scene, 10.0, options=SolverOptions(dt=dt))
     assert np.abs(trajectory.positions - trajectory.positions[0]).max() < 1e-12
 
 
@@ -152,7 +154,7 @@ def test_a_block_slides_above_the_friction_angle():
     """Its distance is exact, g (sin - mu cos) t^2/2; its velocity is that of the middle of the last step."""
     angle, dt = np.arctan(0.5) * 1.2, 1e-3
     rate = G * (np.sin(angle) - 0.5 * np.cos(angle))
-    trajectory = simulate(block(angle, mu=0.5), 2.0, dt=dt)
+    trajectory = simulate(block(angle, mu=0.5), 2.0, options=SolverOptions(dt=dt))
     downhill = np.array([np.cos(angle), 0.0, -np.sin(angle)])
     assert np.asarray(trajectory.velocities[-1, 0]) @ downhill == pytest.approx((2.0 - dt / 2) * rate, rel=1e-9)
     assert np.asarray(trajectory.positions[-1, 0]) @ downhill == pytest.approx(rate / 2 * 2.0**2, rel=1e-9)
@@ -162,12 +164,12 @@ def test_slip_depends_on_friction_as_it_should():
     """The derivative of a sliding block's distance by mu is -g cos(theta) t^2/2, exactly."""
     angle, dt = 0.6, 1e-3
     scene = as_dtype(block(angle, mu=0.3), "float64")
-    settings = settle(scene, 1.0, dt=dt)
+    options = resolve(scene, 1.0, SolverOptions(dt=dt))
 
     def distance(mu):
         changed = eqx.tree_at(lambda s: s.friction.mu, scene, mu)
         start = (changed.structure.nodes, jnp.zeros((1, 3)))
-        end = integrate(start, jnp.array([0.0, 1.0]), changed, settings).ys[0][-1, 0]
+        end = integrate(start, jnp.array([0.0, 1.0]), changed, options).ys[0][-1, 0]
         return end[0] * jnp.cos(angle) - end[2] * jnp.sin(angle)
 
     slope = jax.jvp(distance, (jnp.array(0.3),), (jnp.array(1.0),))[1]
@@ -177,12 +179,12 @@ def test_slip_depends_on_friction_as_it_should():
 def test_derivatives_are_finite_at_rest():
     """A block that lies still on level ground, its slip exactly zero, has derivatives, and they are zero."""
     scene = as_dtype(block(0.0, mu=0.3), "float64")
-    settings = settle(scene, 0.1, dt=1e-2)
+    options = resolve(scene, 0.1, SolverOptions(dt=1e-2))
 
     def end(mu):
         changed = eqx.tree_at(lambda s: s.friction.mu, scene, mu)
         start = (changed.structure.nodes, jnp.zeros((1, 3)))
-        return integrate(start, jnp.array([0.0, 0.1]), changed, settings).ys[0][-1, 0]
+        return integrate(start, jnp.array([0.0, 0.1]), changed, options).ys[0][-1, 0]
 
     np.testing.assert_array_equal(jax.jvp(end, (jnp.array(0.3),), (jnp.array(1.0),))[1], 0.0)
 
@@ -190,7 +192,7 @@ def test_derivatives_are_finite_at_rest():
 @pytest.mark.parametrize("restitution", [None, 0.0, 0.5, 1.0])
 def test_restitution(restitution):
     """A ball dropped from 0.5 m leaves the ground at e times the speed at which it came; without e it stays."""
-    trajectory = simulate(block(0.0, restitution=restitution, height=0.5), 0.5, dt=1e-4, frame_rate=1000.0)
+    trajectory = simulate(block(0.0, restitution=restitution, height=0.5), 0.5, frame_rate=1000.0, options=SolverOptions(dt=1e-4))
     speed = np.asarray(trajectory.velocities[:, 0, 2])
     impact = int(np.argmin(speed))
     leaving = speed[impact + 2] + 2e-3 * G
@@ -223,8 +225,8 @@ def test_struts_that_share_nodes_keep_their_lengths():
     """
     scene = parse_scene(text)
     edges = scene.structure.struts.edges
-    assert groups(edges) == ((0,), (1,), (2,))
-    trajectory = simulate(scene, 2.0, dt=1e-3)
+    assert disjoint_groups(edges) == ((0,), (1,), (2,))
+    trajectory = simulate(scene, 2.0, options=SolverOptions(dt=1e-3))
     for q in np.asarray(trajectory.positions)[::10]:
         np.testing.assert_allclose(edge_lengths(q, edges), edge_lengths(scene.structure.nodes, edges), atol=1e-5)
     assert trajectory.positions[..., 2].min() > -1e-12
@@ -234,24 +236,24 @@ def test_struts_that_share_nodes_keep_their_lengths():
 def test_agrees_with_an_independent_program(exact):
     """Converged answers of a C program written for nothing else, whose steps and sweeps go another way."""
 
-    answers = json.loads((Path(__file__).parent / "data" / "exact_answers.json").read_text())
+    answers = json.loads((Path(__file__).parents[1] / "data" / "exact_answers.json").read_text())
     gaits = gaits_of(exact.gait, np.array([row["phase"] for row in answers["gaits"]]))
-    outcomes = simulate_population(exact, gaits, answers["duration"], dt=2e-4)
+    outcomes = simulate_population(exact, gaits, answers["duration"], options=SolverOptions(dt=2e-4))
     expected = np.array([row["com_end"] for row in answers["gaits"]])
     np.testing.assert_allclose(outcomes.com_end, expected, rtol=0, atol=1e-5)
 
 
 def test_verify_knows_the_scene(exact):
     """Error bars come from the same halving of steps."""
-    verified = verify(exact, gaits_of(exact.gait, random_phases(4, 6, seed=1)), 3.0, 5e-3)
-    finer = simulate_population(exact, gaits_of(exact.gait, random_phases(4, 6, seed=1)), 3.0, dt=1e-4)
+    verified = verify(exact, gaits_of(exact.gait, random_phases(4, 6, seed=1)), 3.0, options=SolverOptions(dt=5e-3))
+    finer = simulate_population(exact, gaits_of(exact.gait, random_phases(4, 6, seed=1)), 3.0, options=SolverOptions(dt=1e-4))
     assert np.all(np.linalg.norm(verified.com_end - finer.com_end, axis=1) <= verified.error_bar)
 
 
 def test_other_methods_are_refused(exact):
     """Only complementarity stepping meets constraints; penalty friction does not go with exact contact."""
     with pytest.raises(InputError, match="expected 'complementarity'"):
-        simulate(exact, 1.0, method="rk4")
-    text = (SCENES / "exact.toml").read_text().replace('kind = "cone"', 'kind = "smooth"\nslip_speed = 0.01')
+        simulate(exact, 1.0, options=SolverOptions(method="rk4"))
+    text = scene_text("exact").replace('kind = "cone"', 'kind = "smooth"\nslip_speed = 0.01')
     with pytest.raises(InputError, match="cone goes with exact contact"):
         parse_scene(text)

@@ -9,29 +9,38 @@ import numpy as np
 import pytest
 
 from jaxgrity import (
-    Breeding,
+    Direction,
     Fitness,
+    GAConfig,
+    Generation,
     Genome,
     InputError,
-    Objective,
+    SearchProblem,
+    SolverOptions,
     Uncertainty,
     distinct,
     evolve,
     gene_permutations,
+    open_checkpoint,
     standing_symmetries,
 )
-from jaxgrity.search.checkpoint import open_run
-from jaxgrity.search.genetic_algorithm import Generation, begin, breed
+from jaxgrity.search.genetic_algorithm import begin, breed
 
-SMALL = Breeding(population=12, generations=3, elites=2)
-QUICK = {"dt": 1e-2, "dtype": "float32"}
+SMALL = GAConfig(population=12, generations=3, elites=2)
+OPTIONS = SolverOptions(dt=1e-2, dtype="float32")
 
 
 @pytest.fixture(scope="module")
-def search(exact):
+def problem(exact):
+    """Phases alone, the distance of one robot in 2 s."""
+    return SearchProblem(exact, Genome(6), 2.0, Fitness())
+
+
+@pytest.fixture(scope="module")
+def search(problem):
     """One small search, and the state that each generation reported."""
     seen = []
-    result = evolve(exact, Genome(6), 2.0, SMALL, seed=3, on_generation=seen.append, **QUICK)
+    result = evolve(problem, SMALL, seed=3, options=OPTIONS, on_generation=seen.append)
     return result, seen
 
 
@@ -50,11 +59,11 @@ def test_elites_survive(search):
 
 
 def test_every_generation_is_reported(search):
-    """Progress arrives once a generation: as evaluated, with the history so far and the genes that come next."""
+    """Progress arrives once a generation: as evaluated, with the record so far and the genes that come next."""
     result, seen = search
     assert [state.number for state in seen] == [1, 2, 3]
     for state in seen:
-        assert state.history[:, 0].tolist() == result.best[: state.number].tolist()
+        assert state.record.best.tolist() == result.best[: state.number].tolist()
         assert float(state.evaluated.fitness[0]) == result.best[state.number - 1]
         assert float(np.median(state.evaluated.fitness)) == result.median[state.number - 1]
     assert_same(seen[-1].evaluated, result.last)
@@ -64,25 +73,25 @@ def test_every_generation_is_reported(search):
         assert sorted(before.genes.tolist()) == sorted(after.evaluated.genes.tolist())
 
 
-def test_a_seed_repeats_its_search(exact, search):
+def test_a_seed_repeats_its_search(problem, search):
     """The same seed gives the same genes to the last bit, another seed others."""
     result, _ = search
-    assert_same(evolve(exact, Genome(6), 2.0, SMALL, seed=3, **QUICK), result)
-    other = evolve(exact, Genome(6), 2.0, SMALL, seed=4, **QUICK)
+    assert_same(evolve(problem, SMALL, seed=3, options=OPTIONS), result)
+    other = evolve(problem, SMALL, seed=4, options=OPTIONS)
     assert not np.array_equal(result.last.genes, other.last.genes)
 
 
-def test_a_search_goes_on_from_any_of_its_states(exact, search, tmp_path):
+def test_a_search_goes_on_from_any_of_its_states(problem, search, tmp_path):
     """To the very same end, also where the state comes from a file, and whatever the seed."""
     result, seen = search
     first = begin(Genome(6), SMALL, 3, "float32")
-    with open_run(tmp_path, {}) as run:
+    with open_checkpoint(tmp_path, {}) as checkpoint:
         for number, state in enumerate((first, *seen)):
-            run.save(number, state)
-    with open_run(tmp_path, {}, resume=True) as run:
-        for state in (first, *seen, *run.states):
+            checkpoint.save(number, state)
+    with open_checkpoint(tmp_path, {}, resume=True) as checkpoint:
+        for state in (first, *seen, *checkpoint.states):
             later = []
-            again = evolve(exact, Genome(6), 2.0, SMALL, seed=7, state=state, on_generation=later.append, **QUICK)
+            again = evolve(problem, SMALL, seed=7, options=OPTIONS, state=state, on_generation=later.append)
             assert_same(again, result)
             assert [s.number for s in later] == list(range(state.number + 1, 4))
             assert_same(later, seen[state.number :])
@@ -96,15 +105,15 @@ def test_nothing_is_spread_where_nothing_is_uncertain(search):
 def test_a_robust_search_repeats_with_its_seed(exact):
     """To the last bit, by the same draws, with genes that count symmetries; gaits are judged with their spread."""
     doubts = Uncertainty(phase=0.2, friction=0.3)
-    fitness = Fitness(Objective("direction", heading=1.0), doubts, robots=3, caution=1.0)
+    fitness = Fitness(Direction(heading=1.0), doubts, robots=3, caution=1.0)
     genome = Genome(6, images=gene_permutations(exact.gait.members, standing_symmetries(exact)))
     seen = []
-    options = {"fitness": fitness, "seed": 1, **QUICK}
-    result = evolve(exact, genome, 2.0, SMALL, on_generation=seen.append, **options)
+    problem = SearchProblem(exact, genome, 2.0, fitness)
+    result = evolve(problem, SMALL, seed=1, options=OPTIONS, on_generation=seen.append)
     assert result.rollouts == 36 * 3
     assert np.asarray(result.last.spread).min() > 0
-    assert_same(evolve(exact, genome, 2.0, SMALL, **options), result)
-    assert_same(evolve(exact, genome, 2.0, SMALL, state=seen[0], **options), result)
+    assert_same(evolve(problem, SMALL, seed=1, options=OPTIONS), result)
+    assert_same(evolve(problem, SMALL, options=OPTIONS, state=seen[0]), result)
     # elites are judged again, by other robots
     before, after = (dict(zip(map(tuple, s.evaluated.genes.tolist()), s.evaluated.fitness.tolist())) for s in seen[:2])
     known = set(before) & set(after)
@@ -114,11 +123,11 @@ def test_a_robust_search_repeats_with_its_seed(exact):
 
 def test_children_of_parents_across_the_seam_stay_there():
     """Parents at 0.95 and 0.05 of a turn have children near 0, not near 0.5; bounded genes stay in their bounds."""
-    breeding = Breeding(population=64, generations=2, elites=1, mutation_rate=0.0)
+    config = GAConfig(population=64, generations=2, elites=1, mutation_rate=0.0)
     genes = np.tile([[0.95, 0.0], [0.05, 1.0]], (32, 1))
     generation = Generation(jnp.asarray(genes), jnp.zeros(64), jnp.zeros(64), jnp.array(0))
     children = np.asarray(
-        eqx.filter_jit(breed)(jax.random.key(0), generation, 0.0, Genome(1, frequency=(0.1, 1.0)), breeding)
+        eqx.filter_jit(breed)(jax.random.key(0), generation, 0.0, Genome(1, frequency=(0.1, 1.0)), config)
     )
     from_seam = np.minimum(children[:, 0], 1 - children[:, 0])
     assert from_seam.max() <= 0.06 + 1e-12
@@ -129,11 +138,11 @@ def test_children_of_parents_across_the_seam_stay_there():
 
 def test_children_of_images_are_images_of_a_parent():
     """Parents that are one gait, seen from two sides, have children that are this gait, not half of each."""
-    breeding = Breeding(population=64, generations=2, elites=1, mutation_rate=0.0)
+    config = GAConfig(population=64, generations=2, elites=1, mutation_rate=0.0)
     genome = Genome(3, images=((0, 1, 2), (1, 2, 0), (2, 0, 1)))
     genes = np.tile([[0.1, 0.3, 0.6], [0.3, 0.6, 0.1]], (32, 1))
     generation = Generation(jnp.asarray(genes), jnp.zeros(64), jnp.zeros(64), jnp.array(0))
-    children = eqx.filter_jit(breed)(jax.random.key(0), generation, 0.0, genome, breeding)
+    children = eqx.filter_jit(breed)(jax.random.key(0), generation, 0.0, genome, config)
     np.testing.assert_allclose(genome.gap(jnp.asarray(genes), children), 0, atol=1e-15)
 
 
@@ -142,7 +151,8 @@ def test_everything_evolves_and_failed_rollouts_rank_last(exact):
     apart: they are counted, and none of them outranks a success."""
     genome = Genome(6, amplitude=(0.7, 0.95), frequency=(5.0, 15.0), overtones=1, active=5)
     seen = []
-    result = evolve(exact, genome, 2.0, Breeding(32, 2, elites=1), on_generation=seen.append, **QUICK)
+    problem, config = SearchProblem(exact, genome, 2.0, Fitness()), GAConfig(32, 2, elites=1)
+    result = evolve(problem, config, options=OPTIONS, on_generation=seen.append)
     assert result.last.genes.shape == (32, 31)
     assert np.isfinite([result.best, result.median]).all()
     fitness, failed = np.asarray(seen[0].evaluated.fitness), int(result.failed[0])
@@ -161,12 +171,12 @@ def test_distinct_gaits_differ():
     np.testing.assert_array_equal(distinct(generation, Genome(2, images=((0, 1), (1, 0))), 5), genes[[0, 2]])
 
 
-def test_bad_settings_are_refused():
-    """Elites that fill the population, too few gaits, generations or rivals."""
+def test_bad_configs_are_refused():
+    """Elites that fill the population; too few gaits, generations or gaits in a tournament."""
     with pytest.raises(InputError, match="elites = 8: expected 1 to 7"):
-        Breeding(population=8, elites=8)
+        GAConfig(population=8, elites=8)
     with pytest.raises(InputError, match="population = 0: expected at least 2"):
-        Breeding(population=0)
+        GAConfig(population=0)
     for options in ({"generations": 0}, {"tournament": 0}):
         with pytest.raises(InputError, match=r"= 0.*: expected at least 1 of each"):
-            Breeding(**options)
+            GAConfig(**options)

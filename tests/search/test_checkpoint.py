@@ -1,4 +1,4 @@
-"""A run's folder: states that come back to the last bit, one process at a time, nothing lost unasked."""
+"""A search's folder: states that come back to the last bit, one process at a time, nothing lost unasked."""
 
 from pathlib import Path
 
@@ -7,24 +7,23 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxgrity import Breeding, Genome, InputError
-from jaxgrity.search.checkpoint import load_states, open_run
-from jaxgrity.search.genetic_algorithm import Generation, State, begin
+from jaxgrity import GAConfig, Genome, InputError, load_states, open_checkpoint
+from jaxgrity.search.genetic_algorithm import Generation, Record, SearchState, begin
 
 SETTINGS = {"scene": Path("robot.toml"), "bounds": (0.1, 0.3), "seed": 3, "dt": None}
-GENOME, BREEDING = Genome(3), Breeding(population=4, elites=1)
+GENOME, CONFIG = Genome(3), GAConfig(population=4, elites=1)
 
 
-def state(seed: int, dtype: str = "float32", generations: int = 2) -> State:
+def state(seed: int, dtype: str = "float32", generations: int = 2) -> SearchState:
     """Of a search after so many generations, with numbers at random."""
-    first = begin(GENOME, BREEDING, seed, dtype)
+    first = begin(GENOME, CONFIG, seed, dtype)
     random = np.random.default_rng(seed)
-    history = random.normal(size=(generations, 3))
-    history[0, 0] = -np.inf
+    record = Record(*random.normal(size=(3, generations)))
+    record.best[0] = -np.inf
     fitness = jnp.asarray([*random.normal(size=3), -np.inf], dtype)
     genes = jnp.asarray(random.uniform(size=(4, 3)), dtype)
     evaluated = Generation(genes, fitness, jnp.asarray(random.uniform(size=4), dtype), jnp.asarray(1))
-    return first._replace(number=generations, history=history, evaluated=evaluated)
+    return first._replace(number=generations, record=record, evaluated=evaluated)
 
 
 def assert_same(mine, its):
@@ -38,25 +37,25 @@ def assert_same(mine, its):
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
 def test_states_come_back_to_the_last_bit(tmp_path, dtype):
     """Of every search in its place; the newest of each, and one that has evaluated nothing yet."""
-    first, second = state(0, dtype), begin(GENOME, BREEDING, 1, dtype)
-    with open_run(tmp_path / "run", SETTINGS) as run:
-        assert run.states == ()
-        run.save(0, state(5, dtype, generations=1))
-        run.save(0, first)
-        run.save(1, second)
+    first, second = state(0, dtype), begin(GENOME, CONFIG, 1, dtype)
+    with open_checkpoint(tmp_path / "run", SETTINGS) as checkpoint:
+        assert checkpoint.states == ()
+        checkpoint.save(0, state(5, dtype, generations=1))
+        checkpoint.save(0, first)
+        checkpoint.save(1, second)
     found = load_states(tmp_path / "run")
     assert len(found) == 2
     assert_same(found[0], first)
     assert_same(found[1], second)
     assert found[1].evaluated is None
-    with open_run(tmp_path / "run", SETTINGS, resume=True) as run:
-        assert_same(run.states, (first, second))
+    with open_checkpoint(tmp_path / "run", SETTINGS, resume=True) as checkpoint:
+        assert_same(checkpoint.states, (first, second))
 
 
 def test_a_key_that_comes_back_draws_the_same_numbers(tmp_path):
     """So that a search goes on as if it had never stopped."""
-    with open_run(tmp_path, SETTINGS) as run:
-        run.save(0, state(2))
+    with open_checkpoint(tmp_path, SETTINGS) as checkpoint:
+        checkpoint.save(0, state(2))
     (found,) = load_states(tmp_path)
     draws = [jax.random.uniform(jax.random.wrap_key_data(jnp.asarray(s.key)), (3,)) for s in (found, state(2))]
     np.testing.assert_array_equal(*draws)
@@ -64,61 +63,61 @@ def test_a_key_that_comes_back_draws_the_same_numbers(tmp_path):
 
 def test_one_run_holds_its_folder(tmp_path):
     """A second is refused while the first is open, whatever it asks for, and takes nothing away; then it may begin."""
-    with open_run(tmp_path, SETTINGS) as run:
-        run.save(0, state(0))
+    with open_checkpoint(tmp_path, SETTINGS) as checkpoint:
+        checkpoint.save(0, state(0))
         for options in ({}, {"resume": True}, {"restart": True}):
             with (
                 pytest.raises(InputError, match="another run is writing there; expected another --out"),
-                open_run(tmp_path, SETTINGS, **options),
+                open_checkpoint(tmp_path, SETTINGS, **options),
             ):
                 pass
         assert_same(load_states(tmp_path), (state(0),))
-    with open_run(tmp_path, SETTINGS, resume=True) as run:
-        assert len(run.states) == 1
+    with open_checkpoint(tmp_path, SETTINGS, resume=True) as checkpoint:
+        assert len(checkpoint.states) == 1
 
 
 def test_an_unfinished_run_is_not_overwritten(tmp_path):
     """Only where that is asked for; a run that is done, or that saved nothing, gives way."""
-    with open_run(tmp_path, SETTINGS):
+    with open_checkpoint(tmp_path, SETTINGS):
         pass
-    with open_run(tmp_path, SETTINGS) as run:
-        run.save(0, state(0))
-        run.save(1, state(1))
+    with open_checkpoint(tmp_path, SETTINGS) as checkpoint:
+        checkpoint.save(0, state(0))
+        checkpoint.save(1, state(1))
     with (
         pytest.raises(InputError, match="holds an unfinished run; expected --resume, --restart or another --out"),
-        open_run(tmp_path, SETTINGS),
+        open_checkpoint(tmp_path, SETTINGS),
     ):
         pass
     assert len(load_states(tmp_path)) == 2
-    with open_run(tmp_path, {**SETTINGS, "seed": 4}, restart=True) as run:
-        assert run.states == load_states(tmp_path) == ()
-        run.save(0, state(0))
-        run.done()
-    with open_run(tmp_path, SETTINGS) as run:
-        assert run.states == load_states(tmp_path) == ()
+    with open_checkpoint(tmp_path, {**SETTINGS, "seed": 4}, restart=True) as checkpoint:
+        assert checkpoint.states == load_states(tmp_path) == ()
+        checkpoint.save(0, state(0))
+        checkpoint.done()
+    with open_checkpoint(tmp_path, SETTINGS) as checkpoint:
+        assert checkpoint.states == load_states(tmp_path) == ()
 
 
 def test_a_run_that_breaks_off_can_be_resumed(tmp_path):
     """What it saved is kept, and the folder is free again."""
 
     def broken():
-        with open_run(tmp_path, SETTINGS) as run:
-            run.save(0, state(0))
+        with open_checkpoint(tmp_path, SETTINGS) as checkpoint:
+            checkpoint.save(0, state(0))
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
         broken()
-    with open_run(tmp_path, SETTINGS, resume=True) as run:
-        assert_same(run.states, (state(0),))
+    with open_checkpoint(tmp_path, SETTINGS, resume=True) as checkpoint:
+        assert_same(checkpoint.states, (state(0),))
 
 
 def test_a_finished_run_can_be_looked_at_again(tmp_path):
     """Resuming it gives the states with which it ended."""
-    with open_run(tmp_path, SETTINGS) as run:
-        run.save(0, state(0))
-        run.done()
-    with open_run(tmp_path, SETTINGS, resume=True) as run:
-        assert_same(run.states, (state(0),))
+    with open_checkpoint(tmp_path, SETTINGS) as checkpoint:
+        checkpoint.save(0, state(0))
+        checkpoint.done()
+    with open_checkpoint(tmp_path, SETTINGS, resume=True) as checkpoint:
+        assert_same(checkpoint.states, (state(0),))
 
 
 @pytest.mark.parametrize(
@@ -133,9 +132,9 @@ def test_a_finished_run_can_be_looked_at_again(tmp_path):
 )
 def test_other_settings_do_not_resume_a_run(tmp_path, change, message):
     """They would lead to another end; what is there stays."""
-    with open_run(tmp_path, SETTINGS) as run:
-        run.save(0, state(0))
-    with pytest.raises(InputError, match=message), open_run(tmp_path, SETTINGS | change, resume=True):
+    with open_checkpoint(tmp_path, SETTINGS) as checkpoint:
+        checkpoint.save(0, state(0))
+    with pytest.raises(InputError, match=message), open_checkpoint(tmp_path, SETTINGS | change, resume=True):
         pass
     assert_same(load_states(tmp_path), (state(0),))
 
@@ -143,7 +142,10 @@ def test_other_settings_do_not_resume_a_run(tmp_path, change, message):
 def test_there_has_to_be_a_run_to_resume(tmp_path):
     """A folder that is empty, or not there."""
     for folder in (tmp_path, tmp_path / "new"):
-        with pytest.raises(InputError, match="has no run; expected one to resume"), open_run(folder, {}, resume=True):
+        with (
+            pytest.raises(InputError, match="has no run; expected one to resume"),
+            open_checkpoint(folder, {}, resume=True),
+        ):
             pass
 
 
@@ -152,7 +154,7 @@ def test_files_that_were_never_finished_are_removed(tmp_path):
     left, kept = tmp_path / ".state_0.npz.abc.part", tmp_path / "gait.part"
     left.write_text("half")
     kept.write_text("whole")
-    with open_run(tmp_path, SETTINGS):
+    with open_checkpoint(tmp_path, SETTINGS):
         assert not left.exists()
     assert kept.read_text() == "whole"
 
@@ -162,7 +164,10 @@ def test_a_folder_that_cannot_be_made_is_refused(tmp_path, deeper):
     """A file is in its place, or in that of a folder above: one line, with the path and the system's reason."""
     (tmp_path / "file").write_text("in the way")
     folder = (tmp_path / "file").joinpath(*deeper)
-    with pytest.raises(InputError, match="expected a folder that can be written to") as caught, open_run(folder, {}):
+    with (
+        pytest.raises(InputError, match="expected a folder that can be written to") as caught,
+        open_checkpoint(folder, {}),
+    ):
         pass
     message = str(caught.value)
     assert message.startswith(f"{folder}: ")

@@ -1,4 +1,4 @@
-"""The ladder of fidelity: its rungs, searches that climb it, ranks that they agree on, and the last word on a gait."""
+"""Levels of fidelity: searches that go through them, ranks on which they agree, and the final verdict on a gait."""
 
 import json
 
@@ -8,31 +8,34 @@ import numpy as np
 import pytest
 
 from jaxgrity import (
-    Breeding,
+    ActuatorBounds,
+    ConeFriction,
+    Distance,
+    ExactGround,
+    FidelityLevel,
     Fitness,
+    GAConfig,
     Gait,
     Genome,
     InputError,
     Members,
-    Objective,
     Scene,
+    SearchProblem,
+    Speed,
     Structure,
     Uncertainty,
-    twin,
-)
-from jaxgrity.model.friction import ConeFriction
-from jaxgrity.model.ground import Ground
-from jaxgrity.search.fidelity import (
-    Rung,
-    evolve_up,
+    as_population,
+    contact_twin,
+    default_method,
+    default_step,
+    evolve_through,
+    fidelity_levels,
     final_verdict,
-    judge_on,
+    judge_at,
     rank_correlation,
-    rungs,
-    searched,
+    search_levels,
     with_robots,
 )
-from jaxgrity.stepping.stability import default_method, default_step
 
 SLOPE = 0.1
 STROKES = Gait((0,), [-np.pi / 2], [0.3], [1.0], start=0.0, ramp=0.25)
@@ -42,73 +45,80 @@ def sled() -> Scene:
     """A strut that lies along a slope, with more of its mass at its lower end: with each stroke it creeps down."""
     nodes = np.array([[0, 0, 0], [np.cos(SLOPE), 0, -np.sin(SLOPE)]])
     structure = Structure(nodes, np.array([1.0, 2.0]), Members(((0, 1),), None, np.array([1.0])))
-    return Scene(structure, 9.81, ground=Ground(None, incline=SLOPE), friction=ConeFriction(0.3), gait=STROKES)
+    return Scene(structure, 9.81, ground=ExactGround(incline=SLOPE), friction=ConeFriction(0.3), gait=STROKES)
 
 
-def test_rungs_of_a_penalty_scene(reference, exact):
+def test_a_penalty_scene_is_screened_on_its_exact_twin(reference, exact):
     """Its exact twin at 10 ms, itself in float32 at twice its step, and in float64 at half of it."""
-    screening, own, verification = ladder = rungs(reference)
-    assert [(r.name, r.dt, r.dtype) for r in ladder] == [
+    screening, own, verification = levels = fidelity_levels(reference)
+    assert [(level.name, level.dt, level.dtype) for level in levels] == [
         ("screening", 0.01, "float32"),
         ("own model", 1e-3, "float32"),
         ("verification", 2.5e-4, "float64"),
     ]
     assert eqx.tree_equal(screening.scene, exact)
     assert own.scene is verification.scene is reference
-    assert searched(ladder) == (screening, own)
+    assert search_levels(levels) == (screening, own)
 
 
-def test_rungs_of_an_exact_scene(exact):
+def test_an_exact_scene_is_its_own_screening(exact):
     """Itself throughout: there is one search, for there is one model."""
-    ladder = rungs(exact)
-    assert [(r.dt, r.dtype) for r in ladder] == [(0.01, "float32"), (5e-3, "float32"), (2.5e-3, "float64")]
-    assert all(r.scene is exact for r in ladder)
-    assert searched(ladder) == ladder[:1]
+    levels = fidelity_levels(exact)
+    assert [(level.dt, level.dtype) for level in levels] == [(0.01, "float32"), (5e-3, "float32"), (2.5e-3, "float64")]
+    assert all(level.scene is exact for level in levels)
+    assert search_levels(levels) == levels[:1]
 
 
-def test_a_step_of_ones_own(reference, exact):
+def steps_of(scene, dt=None):
+    """Of all levels, s."""
+    return [level.dt for level in fidelity_levels(scene, dt)]
+
+
+def test_a_step_of_ones_own_is_halved_for_verification(reference, exact):
     """Verification is at half of it; screening stays as it is; a step that cannot be doubled is taken as it is."""
-    assert [r.dt for r in rungs(reference, 4e-4)] == [0.01, 8e-4, 2e-4]
-    assert [r.dt for r in rungs(exact, 2e-3)] == [0.01, 2e-3, 1e-3]
-    assert [r.dt for r in rungs(reference, 1e-3)] == [0.01, 1e-3, 5e-4]
+    assert steps_of(reference, 4e-4) == [0.01, 8e-4, 2e-4]
+    assert steps_of(exact, 2e-3) == [0.01, 2e-3, 1e-3]
+    assert steps_of(reference, 1e-3) == [0.01, 1e-3, 5e-4]
 
 
-def test_rungs_are_no_larger_than_is_stable(reference, exact):
+def test_steps_are_no_larger_than_is_stable(reference, exact):
     """Stiff cables leave neither 10 ms for screening nor twice the step for the own model."""
     stiff = [eqx.tree_at(lambda s: s.structure.cables.stiffness, s, np.full(24, 3e4)) for s in (exact, reference)]
-    steps = [default_step(s, default_method(s)) for s in stiff]
-    assert [r.dt for r in rungs(stiff[0])] == [steps[0], steps[0], steps[0] / 2]
-    assert rungs(stiff[0])[0].dt < 0.01
-    assert rungs(stiff[1])[0].dt == steps[0]
+    steps = [default_step(scene, default_method(scene)) for scene in stiff]
+    assert steps_of(stiff[0]) == [steps[0], steps[0], steps[0] / 2]
+    assert steps_of(stiff[0])[0] < 0.01
+    assert steps_of(stiff[1])[0] == steps[0]
 
 
 def test_rank_correlation_of_known_rows():
-    """1 for the same order, -1 for the opposite; what failed on any rung does not count."""
+    """1 for the same order, -1 for the opposite; what failed on any level does not count."""
     rows = np.array([[1.0, 2, 3, 4, 9, -9], [10, 20, 30, 40, -np.inf, 0], [4, 3, 2, 1, 0, np.nan], [1, 3, 2, 4, 7, 7]])
     expected = [[1, 1, -1, 0.8], [1, 1, -1, 0.8], [-1, -1, 1, -0.8], [0.8, 0.8, -0.8, 1]]
     np.testing.assert_allclose(rank_correlation(rows), expected, rtol=0, atol=1e-12)
 
 
 def test_another_number_of_robots_changes_nothing_else():
-    """Objective, uncertainty and caution stay."""
-    fitness = Fitness(Objective("speed", largest_rate=1.0), Uncertainty(phase=0.1), robots=4, caution=0.5)
+    """Objective, uncertainty, caution and bounds stay."""
+    fitness = Fitness(Speed(), Uncertainty(phase=0.1), robots=4, caution=0.5, bounds=ActuatorBounds(rate=1.0))
     more = with_robots(fitness, 64)
     assert more.robots == 64
     assert eqx.tree_equal(with_robots(more, 4), fitness)
 
 
+LEVELS = tuple(FidelityLevel(name, sled(), 1e-2, "float32") for name in ("first", "second"))
+"""two alike, so that a generation is compiled once"""
+PROBLEM = SearchProblem(sled(), Genome(1), 1.0, Fitness())
+
+
 @pytest.fixture(scope="module")
-def climb():
-    """Two small searches, one after the other, on two rungs alike, to compile once; `climb(**options)` runs them."""
-    ladder = tuple(Rung(name, sled(), 1e-2, "float32") for name in ("first", "second"))
-    breedings = (Breeding(population=8, generations=2, elites=1),) * 2
+def two_searches():
+    """Two small searches, one after the other: `two_searches(**options)` runs them, and says what was reported."""
+    config = GAConfig(population=8, generations=2, elites=1)
 
     def run(**options):
         seen = []
         tell = lambda number, state: seen.append((number, state))  # noqa: E731
-        return evolve_up(
-            ladder, Genome(1), 1.0, breedings, fitness=Fitness(), seed=5, on_generation=tell, **options
-        ), seen
+        return evolve_through(LEVELS, PROBLEM, (config, config), seed=5, on_generation=tell, **options), seen
 
     return run
 
@@ -119,9 +129,9 @@ def assert_same(mine, its):
         np.testing.assert_array_equal(a, b)
 
 
-def test_a_search_hands_its_population_on(climb):
-    """The second one begins with the gaits with which the first one ended: alike rungs judge them alike."""
-    (first, second), seen = climb()
+def test_a_search_hands_its_population_on(two_searches):
+    """The second one begins with the gaits with which the first one ended: alike levels judge them alike."""
+    (first, second), seen = two_searches()
     assert [(number, state.number) for number, state in seen] == [(0, 1), (0, 2), (1, 1), (1, 2)]
     taken = seen[2][1].evaluated
     np.testing.assert_array_equal(taken.genes, first.last.genes)
@@ -130,31 +140,33 @@ def test_a_search_hands_its_population_on(climb):
     assert not np.array_equal(second.last.genes, first.last.genes)
 
 
-def test_searches_go_on_from_where_they_were(climb):
+def test_searches_go_on_from_where_they_were(two_searches):
     """From any state of either search to the same end of both, and only what is new is reported."""
-    whole, seen = climb()
+    whole, seen = two_searches()
     for done, (number, state) in enumerate(seen, start=1):
         states = (state,) if number == 0 else (seen[1][1], state)
-        again, later = climb(states=states)
+        again, later = two_searches(states=states)
         assert_same(again, whole)
         assert [n for n, _ in later] == [n for n, _ in seen[done:]]
         assert_same([s for _, s in later], [s for _, s in seen[done:]])
 
 
-def test_populations_of_one_size_climb():
-    """Another size is refused before anything is rolled out: a population is handed on as it is."""
-    ladder = tuple(Rung(name, sled(), 1e-2, "float32") for name in ("first", "second"))
-    breedings = tuple(Breeding(population=size, generations=2, elites=1) for size in (8, 6))
+def test_populations_of_two_sizes_are_refused():
+    """Before anything is rolled out: a population is handed on as it is."""
+    configs = tuple(GAConfig(population=size, generations=2, elites=1) for size in (8, 6))
     with pytest.raises(InputError, match=r"populations of \[6, 8\] gaits: expected one size"):
-        evolve_up(ladder, Genome(1), 1.0, breedings, fitness=Fitness())
+        evolve_through(LEVELS, PROBLEM, configs)
 
 
-def test_the_last_word_on_a_gait():
+def test_the_final_verdict_is_made_of_what_it_says():
     """Its numbers are those of verification, of ensembles at the same and at twice the step, and of the other model;
     they agree with each other as far as they say, and go into a JSON file."""
     scene, dt = sled(), 5e-3
-    fitness = Fitness(Objective(), Uncertainty(friction=0.1), robots=2)
-    verdict = final_verdict(scene, scene.gait, 1.0, fitness, dt=dt, robots=4, seed=3)
+    problem = SearchProblem(scene, Genome(1), 1.0, Fitness(Distance(), Uncertainty(friction=0.1), robots=2))
+    heard = []
+    tell = lambda done, total: heard.append((done, total))  # noqa: E731
+    verdict = final_verdict(problem, scene.gait, dt=dt, robots=4, seed=3, on_progress=tell)
+    assert heard == [(done, 4) for done in range(5)]
     distance, robust = verdict.verified.distance[0], verdict.robust.each[0]
     assert verdict.verified.steps == (dt, dt / 2, dt / 4)
     assert 0 < verdict.verified.error_bar[0] < distance
@@ -163,17 +175,17 @@ def test_the_last_word_on_a_gait():
     # friction, the one thing that differs, is less for some and more for others
     assert robust.min() < distance < robust.max()
 
-    gaits = jax.tree.map(lambda x: x[None] if np.ndim(x) else x, scene.gait)
-    four = with_robots(fitness, 4)
-    fine, coarse = (judge_on(Rung("", scene, h, "float64"), gaits, 1.0, four, 3) for h in (dt, 2 * dt))
+    gaits = as_population(scene.gait)
+    four = problem._replace(fitness=with_robots(problem.fitness, 4))
+    fine, coarse = (judge_at(FidelityLevel("", scene, h, "float64"), gaits, four, 3) for h in (dt, 2 * dt))
     assert_same(verdict.robust, fine)
     assert verdict.step_error == abs(fine.mean[0] - coarse.mean[0])
     assert 0 < verdict.step_error < robust.mean() / 10
 
     other = verdict.other_model.each[0]
-    soft = twin(scene)
+    soft = contact_twin(scene)
     step = default_step(soft, default_method(soft))
-    assert_same(verdict.other_model, judge_on(Rung("", soft, step, "float32"), gaits, 1.0, four, 3))
+    assert_same(verdict.other_model, judge_at(FidelityLevel("", soft, step, "float32"), gaits, four, 3))
     assert other.shape == (4,)
     # as far as creep at 1 cm/s, which is smooth friction's, goes in a second
     assert abs(other.mean() - robust.mean()) < 0.01

@@ -4,30 +4,41 @@ import math
 
 import equinox as eqx
 import jax
-import jaxtyping
 import numpy as np
 import pytest
 
 from jaxgrity import (
+    OBJECTIVES,
+    ActuatorBounds,
+    CostOfTransport,
+    Direction,
+    Distance,
+    FidelityLevel,
     Fitness,
     Gait,
+    Genome,
     InputError,
     Members,
-    Objective,
+    Metrics,
     Outcomes,
     Scene,
+    SearchProblem,
+    SolverOptions,
+    Speed,
+    Straightness,
     Structure,
     Uncertainty,
+    body_length,
     ensemble,
+    find_objective,
     gaits_of,
+    judge_at,
     one_gait,
     random_phases,
+    register_objective,
     simulate_population,
     with_gait,
 )
-from jaxgrity.search.fidelity import Rung, judge_on
-from jaxgrity.rollout.metrics import Meters
-from jaxgrity.search.objectives import body_length
 
 MOVED = np.array([[3.0, 4.0, 7.0], [-0.6, 0.8, 0.0], [0.0, -2.0, 1.0]])
 """m, of three robots; the last fails"""
@@ -35,31 +46,31 @@ PATH, EFFORT = np.array([10.0, 2.5, 4.0]), np.array([20.0, 5.0, 1.0])
 RATE = np.array([[0.1, 0.5], [0.4, 0.3], [0.2, 0.2]])
 
 
-def outcomes(metered: bool = True) -> Outcomes:
+def outcomes(measured: bool = True) -> Outcomes:
     """Three robots that moved as above."""
     start, zero = np.array([[1.0, 2.0, 0.5]] * 3), np.zeros(3)
-    meters = Meters(PATH, zero, EFFORT, zero, zero, zero, 0 * RATE, 100 * RATE, RATE, 10 * RATE)
+    metrics = Metrics(PATH, zero, EFFORT, zero, zero, zero, 0 * RATE, 100 * RATE, RATE, 10 * RATE)
     code, steps = np.array([0, 0, 1]), np.full(3, 5)
     nodes = np.zeros((3, 12, 3))
-    return Outcomes(start, start + MOVED, nodes, code, steps, 0 * steps, meters if metered else None, "rk4", 1e-3)
+    return Outcomes(start, start + MOVED, nodes, code, steps, 0 * steps, metrics if measured else None, "rk4", 1e-3)
 
 
 @pytest.mark.parametrize(
     ("objective", "worth"),
     [
-        (Objective(), [5.0, 1.0]),
-        (Objective("direction"), [3.0, -0.6]),
-        (Objective("direction", heading=np.pi / 2), [4.0, 0.8]),
-        (Objective("direction", heading=math.atan2(4, 3)), [5.0, 0.28]),
-        (Objective("speed"), [5.0 / 8, 1.0 / 8]),
-        (Objective("cost of transport"), [-20 / (6 * 9.81 * 5), -5 / (6 * 9.81 * 1)]),
-        (Objective("straightness"), [0.5, 0.4]),
+        (Distance(), [5.0, 1.0]),
+        (Direction(), [3.0, -0.6]),
+        (Direction(heading=np.pi / 2), [4.0, 0.8]),
+        (Direction(heading=math.atan2(4, 3)), [5.0, 0.28]),
+        (Speed(), [5.0 / 8, 1.0 / 8]),
+        (CostOfTransport(), [-20 / (6 * 9.81 * 5), -5 / (6 * 9.81 * 1)]),
+        (Straightness(), [0.5, 0.4]),
     ],
-    ids=lambda x: f"{x.kind} {x.heading:.1f}" if isinstance(x, Objective) else "",
+    ids=str,
 )
-def test_each_kind_by_hand(reference, objective, worth):
+def test_each_objective_is_worth_what_is_computed_by_hand(reference, objective, worth):
     """Of a robot of 1 m and 6 kg after 8 s; NaN where it failed."""
-    found = np.asarray(objective.worth(reference, outcomes(objective.metered), 8.0))
+    found = np.asarray(objective.worth(reference, outcomes(objective.needs_metrics), 8.0))
     np.testing.assert_allclose(found[:2], worth, rtol=1e-14)
     assert np.isnan(found[2])
 
@@ -68,7 +79,7 @@ def test_speed_is_in_the_robots_own_lengths(reference):
     """The longest strut as built; without struts, the longest cable."""
     half = eqx.tree_at(lambda s: s.structure.nodes, reference, reference.structure.nodes / 2)
     assert float(body_length(half)) == pytest.approx(0.5, rel=1e-14)
-    speeds = [Objective("speed").worth(s, outcomes(), 8.0)[:2] for s in (half, reference)]
+    speeds = [Speed().worth(s, outcomes(), 8.0)[:2] for s in (half, reference)]
     np.testing.assert_allclose(speeds[0], 2 * speeds[1], rtol=1e-14)
     loose = eqx.tree_at(lambda s: s.structure.struts, with_gait(reference, None), None)
     assert float(body_length(loose)) == pytest.approx(np.sqrt(6) / 4, rel=1e-14)
@@ -77,26 +88,30 @@ def test_speed_is_in_the_robots_own_lengths(reference):
         body_length(bare)
 
 
-KINDS = ("distance", "direction", "speed", "cost of transport", "straightness")
+def worth(reference, kind, **bounds):
+    """Of the three robots, within the bounds."""
+    return Fitness(kind(), bounds=ActuatorBounds(**bounds)).worth(reference, outcomes(), 8.0)
 
 
-@pytest.mark.parametrize("kind", KINDS)
+every_objective = pytest.mark.parametrize("kind", [Distance, Direction, Speed, CostOfTransport, Straightness])
+
+
+@every_objective
 def test_a_gait_within_its_bounds_loses_nothing(reference, kind):
     """Up to the bound itself, by the actuator that needs most."""
-    plain = Objective(kind).worth(reference, outcomes(), 8.0)
-    for bound in ({"largest_rate": 0.5}, {"largest_force": 50.0}, {"largest_power": 5.0}):
-        np.testing.assert_array_equal(Objective(kind, **bound).worth(reference, outcomes(), 8.0), plain)
+    plain = kind().worth(reference, outcomes(), 8.0)
+    for bound in ({"rate": 0.5}, {"force": 50.0}, {"power": 5.0}):
+        np.testing.assert_array_equal(worth(reference, kind, **bound), plain)
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@every_objective
 def test_a_gait_beyond_a_bound_comes_after_all_within(reference, kind):
     """However little it exceeds it, and however far it goes: here the first of two robots, which is better at all
     but cost, exceeds it with one actuator."""
-    plain = float(Objective(kind).worth(reference, outcomes(), 8.0)[1])
+    plain = float(kind().worth(reference, outcomes(), 8.0)[1])
     for name, peak in (("rate", 0.5), ("force", 50.0), ("power", 5.0)):
         for share in (1e-6, 1e-3, 0.1):
-            objective = Objective(kind, **{f"largest_{name}": peak / (1 + share)})
-            beyond, within, failed = np.asarray(objective.worth(reference, outcomes(), 8.0))
+            beyond, within, failed = np.asarray(worth(reference, kind, **{name: peak / (1 + share)}))
             assert beyond < within == plain, (name, share)
             assert np.isnan(failed)
 
@@ -104,39 +119,52 @@ def test_a_gait_beyond_a_bound_comes_after_all_within(reference, kind):
 def test_the_more_a_gait_exceeds_bounds_the_less_it_is_worth(reference):
     """So that a search knows its way back to what is allowed: with the excess, and with every bound exceeded."""
 
-    def worth(**bounds):
-        return float(Objective(**bounds).worth(reference, outcomes(), 8.0)[0])
+    def first(**bounds):
+        return float(worth(reference, Distance, **bounds)[0])
 
-    beyond = [worth(largest_rate=bound) for bound in (0.4, 0.3, 0.2)]
+    beyond = [first(rate=bound) for bound in (0.4, 0.3, 0.2)]
     assert beyond[0] > beyond[1] > beyond[2]
-    assert worth(largest_rate=0.4, largest_force=40.0) < worth(largest_rate=0.4)
-    assert worth(largest_rate=0.4, largest_force=60.0) == worth(largest_rate=0.4)
+    assert first(rate=0.4, force=40.0) < first(rate=0.4)
+    assert first(rate=0.4, force=60.0) == first(rate=0.4)
 
 
 def test_cost_of_transport_needs_a_weight(reference):
     """It is a share of the work that lifts the robot so far."""
     weightless = eqx.tree_at(lambda s: s.gravity, reference, None)
     with pytest.raises(InputError, match="cost of transport needs gravity"):
-        Objective("cost of transport").worth(weightless, outcomes(), 8.0)
+        CostOfTransport().worth(weightless, outcomes(), 8.0)
 
 
-def test_what_has_to_be_metered():
-    """Work, paths and bounds; distances come without."""
-    assert [Objective(kind).metered for kind in ("distance", "direction", "speed")] == [False] * 3
-    assert [Objective(kind).metered for kind in ("cost of transport", "straightness")] == [True] * 2
-    assert Objective(largest_rate=1.0).metered
-    assert [Objective(kind).unit for kind in ("distance", "speed", "straightness")] == ["m", "body lengths/s", ""]
+def test_objectives_say_what_they_need():
+    """Work, paths and bounds need metrics; distances come without. Objectives of distance have their units."""
+    assert [kind().needs_metrics for kind in (Distance, Direction, Speed)] == [False] * 3
+    assert [kind().needs_metrics for kind in (CostOfTransport, Straightness)] == [True] * 2
+    assert not Fitness().needs_metrics
+    assert Fitness(Straightness()).needs_metrics
+    assert Fitness(bounds=ActuatorBounds(rate=1.0)).needs_metrics
+    assert [kind().unit for kind in (Distance, Speed, Straightness)] == ["m", "body lengths/s", ""]
+
+
+def test_only_a_direction_depends_on_the_heading(reference):
+    """Turned about the vertical, outcomes are worth the same to every other objective, as `any_heading` says."""
+    cosine, sine = np.cos(1.0), np.sin(1.0)
+    turn = np.array([[cosine, sine, 0], [-sine, cosine, 0], [0, 0, 1]])
+    as_it_was = outcomes()
+    turned = eqx.tree_at(lambda o: (o.com_start, o.com_end), as_it_was, replace_fn=lambda x: x @ turn)
+    for kind in OBJECTIVES.values():
+        before, after = (kind().worth(reference, found, 8.0)[:2] for found in (as_it_was, turned))
+        assert np.allclose(before, after, rtol=1e-12) == kind.any_heading
 
 
 @pytest.fixture(scope="module")
 def judged(exact):
     """Three gaits by four robots each, the second of which tears its own apart, with what they were judged by."""
     doubts = Uncertainty(0.3, 0.1, 0.4, 0.1, 0.1, 0.05, 0.05)
-    fitness = Fitness(Objective("direction", heading=0.7), doubts, robots=4, caution=1.5)
+    fitness = Fitness(Direction(heading=0.7), doubts, robots=4, caution=1.5)
     amplitude = np.array([0.3, 30.0, 0.2])[:, None] * np.ones((3, 6))
     gaits = gaits_of(exact.gait, random_phases(3, 6, seed=0), amplitude)
-    rung = Rung("", exact, 1e-2, "float64")
-    return fitness, gaits, judge_on(rung, gaits, 2.5, fitness, seed=5)
+    problem = SearchProblem(exact, Genome(6), 2.5, fitness)
+    return problem, gaits, judge_at(FidelityLevel("", exact, 1e-2, "float64"), gaits, problem, seed=5)
 
 
 def test_fitness_is_the_mean_less_caution_times_the_spread(judged):
@@ -153,10 +181,11 @@ def test_fitness_is_the_mean_less_caution_times_the_spread(judged):
 
 def test_each_robot_is_worth_what_it_does(exact, judged):
     """As rolled out from the same draws; all robots of a gait stand in its row."""
-    fitness, gaits, scores = judged
+    problem, gaits, scores = judged
+    fitness = problem.fitness
     draw = eqx.filter_jit(ensemble)
     many, differences = draw(jax.random.key(5), exact, gaits, fitness.uncertainty, fitness.robots)
-    alone = simulate_population(exact, many, 2.5, dt=1e-2, differences=differences)
+    alone = simulate_population(exact, many, 2.5, options=SolverOptions(dt=1e-2), differences=differences)
     expected = np.asarray(fitness.objective.worth(exact, alone, 2.5)).reshape(3, 4)
     np.testing.assert_allclose(scores.each, expected, rtol=0, atol=1e-12)
     assert np.isnan(scores.each[1]).any()
@@ -164,10 +193,10 @@ def test_each_robot_is_worth_what_it_does(exact, judged):
 
 def test_the_same_seed_draws_the_same_robots(exact, judged):
     """To the last bit; another seed draws others."""
-    fitness, gaits, scores = judged
-    rung = Rung("", exact, 1e-2, "float64")
-    np.testing.assert_array_equal(judge_on(rung, gaits, 2.5, fitness, seed=5).each, scores.each)
-    assert not np.array_equal(judge_on(rung, gaits, 2.5, fitness, seed=6).fitness, scores.fitness)
+    problem, gaits, scores = judged
+    level = FidelityLevel("", exact, 1e-2, "float64")
+    np.testing.assert_array_equal(judge_at(level, gaits, problem, seed=5).each, scores.each)
+    assert not np.array_equal(judge_at(level, gaits, problem, seed=6).fitness, scores.fitness)
 
 
 def test_without_uncertainty_one_robot_is_enough():
@@ -176,7 +205,8 @@ def test_without_uncertainty_one_robot_is_enough():
     gait = Gait((0,), np.zeros((2, 1)), np.array([[0.0], [0.2]]), np.ones((2, 1)))
     structure = Structure(np.array([[0.0, 0, 0], [1, 0, 0]]), np.ones(2), strut)
     scene = Scene(structure, 9.81, gait=one_gait(gait, 0), up=np.tile([-0.6, 0, 0.8], (2, 1)))
-    scores = judge_on(Rung("", scene, 1e-2, "float64"), gait, 0.5, Fitness(robots=4), seed=0)
+    problem = SearchProblem(scene, Genome(1), 0.5, Fitness(robots=4))
+    scores = judge_at(FidelityLevel("", scene, 1e-2, "float64"), gait, problem, seed=0)
     assert scores.each.shape == (2, 1)
     np.testing.assert_array_equal(scores.fitness, scores.each[:, 0])
     np.testing.assert_allclose(scores.fitness, 0.6 * 9.81 * 0.5**2 / 2, rtol=1e-9)
@@ -186,13 +216,14 @@ def test_without_uncertainty_one_robot_is_enough():
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: Objective(largest_rate=0.0), "largest_rate = 0.0: expected a positive number"),
-        (lambda: Objective(largest_force=-1.0), "largest_force = -1.0: expected a positive number"),
-        (lambda: Objective(largest_power=float("nan")), "largest_power = nan: expected a positive number"),
+        (lambda: ActuatorBounds(rate=0.0), "largest_rate = 0.0: expected a positive number"),
+        (lambda: ActuatorBounds(force=-1.0), "largest_force = -1.0: expected a positive number"),
+        (lambda: ActuatorBounds(power=float("nan")), "largest_power = nan: expected a positive number"),
         (lambda: Fitness(robots=0), "robots = 0: expected at least 1"),
         (lambda: Fitness(caution=1.0), "caution = 1.0: one robot has no spread; expected robots = 2 or more"),
+        (lambda: Fitness(robots=2, caution=1.0), "caution = 1.0: nothing is uncertain, nothing spreads"),
     ],
-    ids=["rate", "force", "power", "robots", "caution"],
+    ids=["rate", "force", "power", "robots", "one robot", "no uncertainty"],
 )
 def test_bad_objectives_are_refused(make, message):
     """Bounds that are not positive, ensembles too small for what is asked of them."""
@@ -200,10 +231,23 @@ def test_bad_objectives_are_refused(make, message):
         make()
 
 
-def test_an_unknown_kind_is_refused(monkeypatch):
-    """With those that there are; these tests check types too, which would refuse it before."""
-    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
+def test_an_unknown_objective_is_refused():
+    """With those that there are."""
     with pytest.raises(
         InputError, match="objective = 'far': unknown; expected one of distance, direction, speed, cost"
     ):
-        Objective("far")
+        find_objective("far")
+
+
+def test_an_objective_of_ones_own_is_found_by_its_name(monkeypatch):
+    """Once it is registered, and a name that is taken already is refused."""
+
+    class Climb(Distance):
+        """How far the centre of mass rises, m."""
+
+    monkeypatch.setattr("jaxgrity.search.objectives.OBJECTIVES", dict(OBJECTIVES))
+    assert register_objective("climb", Climb) is Climb
+    assert find_objective("climb") is Climb
+    for taken in ("climb", "distance"):
+        with pytest.raises(InputError, match=f"objective = '{taken}': there is one of this name already"):
+            register_objective(taken, Climb)
