@@ -1,7 +1,6 @@
 """The scripts as a user runs them: what they leave, and one clear line with exit code 2 on bad input."""
 
 import importlib
-import itertools
 import json
 import os
 import subprocess
@@ -11,9 +10,7 @@ from pathlib import Path
 import gait_search
 import numpy as np
 import pytest
-import search_words
 import simulate
-import speed_words
 import tyro
 
 from jaxgrity import InputError, load_gait, random_phases
@@ -218,125 +215,3 @@ def test_gait_search_needs_a_gait(tmp_path):
     done = run("gait_search.py", "--scene", tmp_path / "still.toml", "--out", tmp_path / "out")
     assert done.returncode == 2
     assert "has no [gait]" in done.stderr
-
-
-def quick(script: str, out: Path, *arguments: object) -> dict:
-    """What a measuring script's --quick size leaves: its JSON; its figures are there too."""
-    done = run(script, "--quick", *arguments, "--out", out)
-    assert done.returncode == 0, done.stderr[-2000:]
-    (first, *_) = out.glob("*.json")
-    assert all(path.stat().st_size > 5000 for path in out.glob("*.png"))
-    assert list(out.glob("*.png"))
-    facts = json.loads(first.read_text())
-    assert facts["command"].startswith("python")
-    assert str(out) not in first.read_text()
-    return facts
-
-
-def test_error_bars_are_honest(tmp_path):
-    """On both models, gaits that nothing was tuned on: nearly all covered, by bars of a few errors."""
-    rows = quick("error_bars.py", tmp_path)["rows"]
-    assert [row["scene"] for row in rows] == ["reference", "exact"]
-    for row in rows:
-        assert row["covered"] >= 0.85
-        assert 1 <= row["median_ratio"] <= 5
-
-
-def test_the_models_tend_to_each_other(tmp_path):
-    """A drop: penalty contact to exact contact, spring struts to rigid ones where nothing slips, at first order."""
-    facts = quick("equivalence.py", tmp_path)
-    assert facts["k_n"]["slope"] == pytest.approx(-1, abs=0.15)
-    assert facts["K, no friction"]["slope"] == pytest.approx(-1, abs=0.15)
-    assert facts["K"]["distance"][-1] > 5 * facts["K, no friction"]["distance"][-1]
-
-
-def test_implicit_methods_take_fewer_steps_on_stiff_scenes(tmp_path):
-    """Than Tsit5, to the same tolerance: struts, ground and friction made stiff, alone and together."""
-    rows = quick("stiff.py", tmp_path)["rows"]
-    by_method = {m: [r for r in rows if r["method"] == m] for m in ("tsit5", "kvaerno3", "kvaerno5")}
-    for explicit, third, fifth in zip(*by_method.values()):
-        assert explicit["outcome"] == third["outcome"] == fifth["outcome"] == "succeeded"
-        assert fifth["steps"] + fifth["rejected"] <= explicit["steps"] + explicit["rejected"], explicit["scene"]
-        assert third["steps"] + third["rejected"] <= explicit["steps"] + explicit["rejected"], explicit["scene"]
-
-
-def test_benchmark_measures(tmp_path):
-    """Without C and MuJoCo it measures what is here; the NumPy loop agrees, forward and reverse gradients too."""
-    facts = quick("benchmark.py", tmp_path, "--gaits", 8, "--duration", 0.8)
-    assert {(p["engine"], p["dtype"]) for p in facts["points"]} == {
-        (engine, dtype) for engine in ("rk4", "complementarity") for dtype in ("float32", "float64")
-    }
-    assert facts["numpy"]["difference"] < 1e-12
-    assert facts["gradient"]["largest_difference"] < 1e-9
-
-
-def test_hard_cases_have_no_silently_wrong_number(tmp_path):
-    """Three cases by three methods, in both precisions; one of them is refused with the reason."""
-    facts = quick("hard_cases.py", tmp_path)
-    assert facts["counts"]["WRONG"] == 0
-    assert facts["counts"]["right"] >= 4
-    below = facts["table"]["start 5 cm below ground"]["float64"]
-    assert "below the ground" in below["complementarity"]["reason"]
-    assert below["rk4"]["verdict"] == "right"
-
-
-def test_work_precision_compares_methods(tmp_path):
-    """Free flight, RK4 and complementarity: errors fall with the step, and both have a cost at 5 mm."""
-    facts = quick("work_precision.py", tmp_path, "--gaits", 8, "--repeats", 1)
-    errors = [p["error"] for p in facts["points"] if p["method"] == "rk4"]
-    assert all(fine < coarse for coarse, fine in itertools.pairwise(errors) if coarse > 1e-10)
-    assert set(facts["cost_at_target"]) == {"rk4 float64", "complementarity float64"}
-
-
-def test_gradients_agree(tmp_path):
-    """Every mode gives the same gradient, and a checkpointed one keeps less."""
-    facts = quick("gradients.py", tmp_path)
-    assert len({row["mode"] for row in facts["rows"]}) == 5
-    assert all(row["difference"] < 1e-8 for row in facts["rows"])
-    kept = facts["memory"]
-    assert kept["checkpointed reverse"][-1] < kept["plain reverse"][-1] / 10
-
-
-def test_scaling_measures(tmp_path):
-    """Devices, gaits, struts and single rollouts have a cost, and pages can be written of it."""
-    facts = quick("scaling.py", tmp_path)
-    assert [row["devices"] for row in facts["devices"]][:1] == [1]
-    assert all(row["per_gait_and_step"] > 0 for row in facts["population"] + facts["struts"])
-    words = "".join(write(facts) for write in (speed_words.scaling, speed_words.million, speed_words.compiled))
-    assert "complementarity" in words
-    assert "real time" in words
-
-
-def test_damage_is_survived(tmp_path):
-    """Two cases of damage, quick: every way to a gait has a number, and the best of them is verified."""
-    facts = quick("damage.py", tmp_path)
-    assert set(facts["cases"]) == {"cable 7", "strut 1"}
-    for case in facts["cases"].values():
-        assert set(case["as it was"]) == {"rolling_exact", "fast", "slow"}
-        every = [*case["as it was"].values(), *(case[way] for way in ("library", "gradient", "scratch"))]
-        assert all(one["error_bar"] < 0.2 for one in every)
-        assert case["library"]["robust"] >= max(one["robust"] for one in case["as it was"].values()) - 0.05
-    assert facts["recovered"]["rolling_exact"]["cable"]["cases"] == 1
-    assert "of 1" in search_words.damage(facts)
-
-
-def test_rivals_meet_at_equal_cost(tmp_path):
-    """Random search, the GA, the GA running on, and with polish, quick: the same budget to a few generations, and
-    judged alike."""
-    methods = ["random", "GA", "GA+more", "GA+smoothed"]
-    facts = quick("rivals.py", tmp_path, "--methods", *methods)
-    assert set(facts["methods"]) == {"plain random", *methods}
-    assert "| GA+smoothed |" in search_words.rivals("exact")(facts)
-    for one in facts["runs"]:
-        assert 0.7 * 1024 < one["rollouts"] <= 1024
-        assert one["failed_judges"] == 0
-
-
-def test_nothing_is_lost(tmp_path):
-    """A search that is killed, and resumed, ends with the population of one that was not; no file is broken."""
-    done = run("kills.py", "--quick", "--out", tmp_path)
-    assert done.returncode == 0, done.stderr
-    facts = json.loads((tmp_path / "kills.json").read_text())
-    assert len(facts["kills"]) == 1
-    assert all(kill["same_population"] and not kill["broken_files"] for kill in facts["kills"])
-    assert "1 ended with the very same population" in search_words.kills(facts)

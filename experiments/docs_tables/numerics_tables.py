@@ -114,7 +114,8 @@ def _cell_facts(cell: Facts) -> Facts | str:
 
 
 def hard_cases_table(facts: Facts) -> str:
-    counts = table(list(facts["counts"]), [[str(count) for count in facts["counts"].values()]])
+    counts = facts["counts"] | {"steps allowed to implicit methods": facts["most_implicit_steps"]}
+    counts = table(list(counts), [[str(count) for count in counts.values()]])
     methods = [name for name in facts["rows"][0] if name not in ("case", "dtype")]
     found = [counts]
     for dtype in ("float64", "float32"):

@@ -239,7 +239,7 @@ def figure(facts: dict) -> Figure:
         heights = [row["rollouts"] for row in facts["rows"] if (row["gaits"], row["parameters"]) == case]
         label = f"{case[0]} gait{'s' if case[0] > 1 else ''}, {case[1]} parameters"
         left.barh(np.arange(len(names)) + 0.2 * k, heights, 0.18, label=label)
-    left.set_yticks(np.arange(len(names)) + 0.3, names)
+    left.set_yticks(np.arange(len(names)) + 0.1 * (len(cases) - 1), names)
     left.invert_yaxis()
     left.set(xscale="log", xlabel="time of a gradient, in rollouts")
     left.legend(fontsize=8)

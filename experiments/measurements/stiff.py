@@ -106,7 +106,7 @@ def figure(rows: list[dict]) -> Figure:
             axes.bar(np.arange(len(scenes)) + 0.27 * k, [r["steps"] + r["rejected"] for r in mine], 0.25, label=method)
         axes.set_xticks(np.arange(len(scenes)) + 0.27, scenes)
         axes.set(yscale="log", ylabel="steps, accepted and rejected", title=f"tolerance {tolerance:g}")
-        axes.legend()
+    chart.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=len(METHODS))
     return chart
 
 

@@ -13,7 +13,8 @@ import jax
 import jax.numpy as jnp
 
 from jaxgrity.core.types import Scalar
-from jaxgrity.stepping.constraints import GroundImpulses, length_error, no_impulses, prepare, sweep, usual_sweeps
+from jaxgrity.stepping.constraints import length_error, prepare, sweep, usual_sweeps
+from jaxgrity.stepping.ground_response import GroundImpulses, no_impulses
 
 LARGEST_LENGTH_ERROR = 1e-3
 """fraction of its own length by which no strut may be off at the end of a step: more sweeps, or smaller steps, are

@@ -21,7 +21,6 @@ from jaxgrity.core.primitives import (
     take_rows,
 )
 from jaxgrity.core.types import (
-    AnyNodeVectors,
     AnyRows,
     Edges,
     MemberVectors,
@@ -36,21 +35,16 @@ from jaxgrity.model.friction import Friction
 from jaxgrity.model.ground import ExactGround, Ground
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import Members
-
-SLOWEST = 1e-10
-"""m/s, keeps the derivative of |v_t| finite at rest"""
+from jaxgrity.stepping.ground_response import (
+    GroundImpulses,
+    GroundResponse,
+    answered,
+    ground_response,
+    size_in_plane,
+)
 
 HELD = 1e-2
 """fraction of its free motion below which a strut counts as held by the ground at both ends"""
-
-
-class GroundImpulses(NamedTuple):
-    """Change of each node's velocity by the ground, m/s."""
-
-    normal: PerNode
-    """p_n >= 0, along the ground's normal"""
-    tangential: tuple[PerNode, PerNode]
-    """p_t, along its two tangents"""
 
 
 class StepProblem(NamedTuple):
@@ -68,33 +62,6 @@ class StepProblem(NamedTuple):
     """the normal velocity at which a node reaches the ground in this step, or leaves it by restitution, m/s"""
 
 
-class FrictionResponse(NamedTuple):
-    """What friction lets pass of a small push on each node, along the plane: all (1), nothing (0), or part of it.
-
-    A node that sticks does not move. One that slides moves on in its plane, its friction growing by mu times what
-    presses it in; a push across its slip turns friction with it, and passes as |v_t|/(|v_t| + mu p_n).
-    """
-
-    passes: PerNode
-    """along the slip"""
-    turning: PerNode
-    """across the slip"""
-    growth: PerNode
-    """mu where the node slides, else 0"""
-    heading: tuple[PerNode, PerNode]
-    """unit vector of the slip, in the ground's tangents"""
-
-
-class GroundResponse(NamedTuple):
-    """What exact ground lets pass of a small push on each node."""
-
-    ground: Ground
-    free: PerNode
-    """along the normal: 1, and 0 where the node is pressed on"""
-    friction: FrictionResponse | None
-    """along the plane; None without friction"""
-
-
 class LengthError(NamedTuple):
     """How far the rigid struts will be from their lengths at the end of the step, at most."""
 
@@ -102,12 +69,6 @@ class LengthError(NamedTuple):
     """m"""
     relative: Scalar
     """of the length of the strut that it is largest for, in proportion"""
-
-
-def no_impulses(v: AnyNodeVectors) -> GroundImpulses:
-    """Those of a ground that nothing touches, for velocities (nodes, 3), or (nodes, 3, population)."""
-    none = jnp.zeros_like(v[:, 0])
-    return GroundImpulses(none, (none, none))
 
 
 def disjoint_groups(edges: Edges) -> tuple[tuple[int, ...], ...]:
@@ -180,7 +141,7 @@ def sweep(
     if struts is None:
         return (w, impulses) if ground is None else _onto_ground(ground, scene.friction, problem, w, impulses)
     for rows, push in zip(disjoint_groups(struts.edges), problem.pushes):
-        response = None if ground is None else _ground_response(ground, scene.friction, w, impulses)
+        response = None if ground is None else ground_response(ground, scene.friction, w, impulses)
         w = _to_length(struts.edges, h, problem, w, rows, push, response)
         if ground is not None:
             w, impulses = _onto_ground(ground, scene.friction, problem, w, impulses)
@@ -193,7 +154,8 @@ def length_error(scene: Scene, h: Scalar, problem: StepProblem, w: NodeVectors) 
     if struts is None:
         none = jnp.zeros_like(w[0, 0])
         return LengthError(none, none)
-    assert problem.vectors is not None and problem.lengths is not None, "`prepare` sets them where struts are rigid"
+    assert problem.vectors is not None, "`prepare` sets it where struts are rigid"
+    assert problem.lengths is not None, "`prepare` sets it where struts are rigid"
     off = jnp.abs(length(problem.vectors + h * edge_vectors(w, struts.edges)) - problem.lengths)
     return LengthError(jnp.max(off), jnp.max(off / problem.lengths))
 
@@ -225,12 +187,13 @@ def _to_length(
     turned the strut around.
     """
     edges = tuple(every[k] for k in rows)
-    assert problem.vectors is not None and problem.lengths is not None, "`prepare` sets them where struts are rigid"
+    assert problem.vectors is not None, "`prepare` sets it where struts are rigid"
+    assert problem.lengths is not None, "`prepare` sets it where struts are rigid"
     vectors, lengths = _some(problem.vectors, rows), _some(problem.lengths, rows)
     d = vectors + h * edge_vectors(w, edges)
     m = edge_vectors(push, edges)
     if response is not None:
-        m = _unless_held(edge_vectors(_answered(response, push), edges), m)
+        m = _unless_held(edge_vectors(answered(response, push), edges), m)
     d_m, m_m, excess = dot(d, m), dot(m, m), dot(d, d) - lengths * lengths
     under = d_m * d_m - m_m * excess
     root = jnp.sqrt(jnp.maximum(under, jnp.finfo(under.dtype).tiny))
@@ -246,43 +209,6 @@ def _unless_held(answered: MemberVectors, free: MemberVectors) -> MemberVectors:
     return scale(answered, moves) + scale(free, 1 - moves)
 
 
-def _ground_response(
-    ground: Ground, friction: Friction | None, w: NodeVectors, impulses: GroundImpulses
-) -> GroundResponse:
-    """What the ground lets pass now of a small push on each node."""
-    pressed, kept = impulses
-    free = 1 - (pressed > 0).astype(pressed.dtype)
-    if friction is None:
-        return GroundResponse(ground, free, None)
-    mu, (down, level) = friction.sliding_mu, ground.tangents
-    most = mu * pressed
-    size, speed = _size(kept), _size((component(w, down), component(w, level)))
-    sliding = (1 - free) * (size > (1 - 1e-6) * most).astype(size.dtype)
-    turning = free + sliding * speed / (speed + most)
-    back = -1 / size
-    heading = (kept[0] * back, kept[1] * back)
-    return GroundResponse(ground, free, FrictionResponse(free + sliding, turning, sliding * mu, heading))
-
-
-def _answered(response: GroundResponse, push: NodeVectors) -> NodeVectors:
-    """How the ground lets nodes move that would move by `push` without it."""
-    ground = response.ground
-    into = component(push, ground.normal)
-    sideways = [component(push, tangent) for tangent in ground.tangents]
-    if response.friction is not None:
-        passes, turning, growth, heading = response.friction
-        forward = heading[0] * sideways[0] + heading[1] * sideways[1]
-        change = (passes - turning) * forward + growth * into
-        sideways = [turning * s + change * e for s, e in zip(sideways, heading)]
-    moves = along(into * response.free, ground.normal)
-    return moves + along(sideways[0], ground.tangents[0]) + along(sideways[1], ground.tangents[1])
-
-
-def _size(pair: tuple[PerNode, PerNode]) -> PerNode:
-    """Of a vector in the plane, with a finite derivative at 0."""
-    return jnp.sqrt(pair[0] * pair[0] + pair[1] * pair[1] + SLOWEST * SLOWEST)
-
-
 def _onto_ground(
     ground: Ground, friction: Friction | None, problem: StepProblem, w: NodeVectors, impulses: GroundImpulses
 ) -> tuple[NodeVectors, GroundImpulses]:
@@ -295,7 +221,7 @@ def _onto_ground(
         return w, GroundImpulses(pressed, tangential)
     down, level = ground.tangents
     held = (tangential[0] - component(w, down), tangential[1] - component(w, level))
-    share = jnp.minimum(1, friction.sliding_mu * pressed / _size(held))
+    share = jnp.minimum(1, friction.sliding_mu * pressed / size_in_plane(held))
     kept = (share * held[0], share * held[1])
     for new, old, tangent in zip(kept, tangential, ground.tangents):
         w = w + along(new - old, tangent)

@@ -174,11 +174,9 @@ def _shares(scene: Scene, q: NodeVectors, v: NodeVectors, shape: AnyArray, rate:
                 return _force(term.scaled(factors), motion)
 
             def along(x):
-                in_q = jax.jvp(lambda q: force(q, v), (q,), (x,))[1]
-                in_v = jax.jvp(lambda v: force(q, v), (v,), (x,))[1]
-                return jnp.sum(x * (in_q + rate * in_v))
+                return jnp.sum(x * jax.jvp(force, (q, v), (x, rate * x))[1])
 
-            return along(shape[0]) + along(shape[1])
+            return jnp.sum(jax.vmap(along)(shape))
 
         return jax.grad(work)(jnp.ones(len(term.parts(scene))))
 

@@ -1,13 +1,31 @@
-"""Derivatives of the distance rolled, by forward mode through a second of the reference scene, against differences."""
+"""Gradients of rollouts: forward and reverse mode against differences, smoothed ones, and both combined."""
+
+from collections.abc import Callable
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.special import ndtri
 
-from jaxgrity.stepping.dynamics import centre_of_mass
-from jaxgrity.stepping.simulate import integrate, settle, simulate
+from jaxgrity import (
+    Fitness,
+    Genome,
+    SearchProblem,
+    SolverOptions,
+    as_dtype,
+    centre_of_mass,
+    distance_and_gradient,
+    distances,
+    gaits_of,
+    integrate,
+    random_phases,
+    resolve,
+    simulate,
+)
+from jaxgrity.search.gradients import ClimbTask, Gradient, combine, pathwise_gradient, smoothed_gradient, utilities
 
 DT = 5e-4
 # (where in the scene, name): each is varied by a factor, so that all derivatives are metres.
@@ -34,14 +52,14 @@ def changed(scene, x):
 @pytest.fixture(scope="module")
 def displacement(reference):
     """Horizontal displacement of the centre of mass, (2,) m, from t = 1 s, where the robot has settled, to 2 s."""
-    settled = simulate(reference, 1.0, dt=DT)
+    settled = simulate(reference, 1.0, options=SolverOptions(dt=DT))
     start = (settled.positions[-1], settled.velocities[-1])
-    settings = settle(reference, 1.0, "rk4", DT)
+    resolved = resolve(reference, 1.0, SolverOptions(method="rk4", dt=DT))
     times = jnp.linspace(1.0, 2.0, 2)
 
     def distance(x):
         scene = changed(reference, x)
-        q = integrate(start, times, scene, settings).ys[0]
+        q = integrate(start, times, scene, resolved).ys[0]
         return (centre_of_mass(scene, q[-1]) - centre_of_mass(scene, q[0]))[:2]
 
     return jax.jit(distance)
@@ -63,3 +81,110 @@ def test_derivative_is_that_of_central_differences(displacement, jacobian, centr
     unit = jnp.eye(len(PARAMETERS))[k]
     expected = np.asarray(central_difference(lambda x: displacement(x * unit), 0.0, 1e-6))
     np.testing.assert_allclose(jacobian[:, k], expected, rtol=0, atol=1e-6 * np.linalg.norm(expected))
+
+
+class Differentiated(NamedTuple):
+    """Distances of three gaits after 2 s, in float64."""
+
+    distance: Callable
+    """of phases, (3, 6)"""
+    both: Callable
+    """the same and its gradient by reverse mode, compiled"""
+    phase: np.ndarray
+    gradient: np.ndarray
+    """at `phase`"""
+
+
+@pytest.fixture(scope="module", params=["reference", "exact"])
+def differentiated(request):
+    """By each of the two contact models."""
+    scene = as_dtype(request.getfixturevalue(request.param), "float64")
+    step = 1e-3 if request.param == "reference" else 1e-2
+    options = resolve(scene, 2.0, SolverOptions(dt=step, dtype="float64"))
+    phase = random_phases(3, 6, seed=5)
+
+    def distance(phase):
+        return distances(scene, gaits_of(scene.gait, phase), 2.0, options)
+
+    both = jax.jit(lambda phase: distance_and_gradient(scene, gaits_of(scene.gait, phase), 2.0, options))
+    return Differentiated(distance, both, phase, np.asarray(both(phase)[1]))
+
+
+def test_reverse_mode_gradient_is_the_derivative(differentiated):
+    """Against central differences over the first second of the gait; h = 1e-5 leaves an error of about 1e-9."""
+    both, phase = differentiated.both, differentiated.phase
+    for k in (0, 4):
+        step = np.zeros(6)
+        step[k] = 1e-5
+        slope = (both(phase + step)[0] - both(phase - step)[0]) / 2e-5
+        np.testing.assert_allclose(differentiated.gradient[:, k], slope, rtol=1e-5, atol=1e-7)
+
+
+def test_reverse_mode_is_forward_mode(differentiated):
+    """The same derivative of the same steps, to rounding, by both modes and both methods."""
+    distance, _, phase, gradient = differentiated
+    tangents = np.broadcast_to(np.eye(6)[:, None], (6, 3, 6))
+    forward = jax.jit(lambda phase: jax.lax.map(lambda t: jax.jvp(distance, (phase,), (t,))[1], tangents))(phase)
+    assert np.abs(gradient).max() > 1e-3
+    np.testing.assert_allclose(gradient, forward.T, rtol=0, atol=1e-9 * np.abs(gradient).max())
+
+
+def test_smoothed_and_pathwise_gradients_agree(exact):
+    """In the first second of a gait, where the distance is smooth: within two standard errors of the first one,
+    which are a fifth of it at most."""
+    options = resolve(exact, 2.0, SolverOptions(dt=1e-2, dtype="float64"))
+    problem = SearchProblem(as_dtype(exact, "float64"), Genome(6), 2.0, Fitness())
+    task = ClimbTask(problem, options, width=1e-3)
+    genes = jax.numpy.asarray(random_phases(1, 6, seed=7)[0] / (2 * np.pi))
+    smoothed = smoothed_gradient(jax.random.key(0), genes, task, np.asarray(2.0), 512, 1)
+    pathwise = pathwise_gradient(jax.random.key(0), genes, task, 2.0, 4)
+    assert float(pathwise.noise) < 1e-20
+    assert float(smoothed.value) == pytest.approx(float(pathwise.value), abs=1e-4)
+    error = float(np.sqrt(smoothed.noise))
+    assert error < 0.2 * np.linalg.norm(pathwise.mean)
+    assert np.linalg.norm(smoothed.mean - pathwise.mean) < 2 * error
+
+
+def test_utilities_rank_gaits():
+    """The best weighs most and the worse half alike, however far it falls or fails; nothing is known where a quarter
+    failed."""
+    normal = np.random.default_rng(0).permutation(ndtri((np.arange(64) + 0.5) / 64))
+    fitness = 3 + 0.1 * normal
+    found, scale = utilities(fitness)
+    assert np.argmax(found) == np.argmax(fitness)
+    assert np.ptp(found[fitness < 3]) == 0
+    for fallen in (-9.0, -np.inf):
+        other, same = utilities(np.where(fitness == fitness.min(), fallen, fitness))
+        np.testing.assert_array_equal(other, found)
+        assert same == scale
+    some = np.arange(12.0)
+    assert utilities(np.where(some < 2, -np.inf, some))[1] > 0
+    assert utilities(np.where(some < 3, -np.inf, some))[1] == 0
+
+
+def test_utilities_covary_with_a_normal_fitness_as_it_does():
+    """Of 64 gaits, over 2000 samples, to 5%: the scaled ones have its variance for a covariance with it."""
+    samples = 0.3 * np.random.default_rng(0).normal(size=(2000, 64))
+    found, scale = jax.vmap(utilities)(samples)
+    covariance = np.mean((found - found.mean(1, keepdims=True)) * np.asarray(scale)[:, None] * samples)
+    assert covariance == pytest.approx(0.09, rel=0.05)
+
+
+def test_gradients_are_combined_by_their_variances():
+    """A quarter of the variance has four times the weight; one that is not finite has none."""
+    one, other = Gradient(1.0, np.array([1.0, 0.0]), 4.0), Gradient(2.0, np.array([0.0, 1.0]), 1.0)
+    both, share = combine(one, other)
+    assert float(share) == pytest.approx(0.8)
+    np.testing.assert_allclose(both.mean, [0.2, 0.8])
+    assert float(both.noise) == pytest.approx(0.8)
+    for nothing in (Gradient(2.0, np.zeros(2), np.nan), Gradient(2.0, np.full(2, np.nan), np.nan)):
+        both, share = combine(one, nothing)
+        assert float(share) == 0
+        np.testing.assert_allclose(both.mean, one.mean)
+        assert both.noise == 4
+        both, share = combine(nothing, one)
+        assert float(share) == 1
+        np.testing.assert_allclose(both.mean, one.mean)
+        assert both.noise == 4
+    certain = Gradient(1.0, np.ones(2), 0.0)
+    assert np.isfinite(combine(certain, certain)[0].mean).all()

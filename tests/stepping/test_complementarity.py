@@ -26,7 +26,8 @@ from jaxgrity.model.friction import ConeFriction
 from jaxgrity.model.ground import ExactGround
 from jaxgrity.model.scene import Scene, as_dtype
 from jaxgrity.model.structure import Members, Structure, edge_lengths
-from jaxgrity.stepping.constraints import disjoint_groups, no_impulses, prepare, sweep
+from jaxgrity.stepping.constraints import disjoint_groups, prepare, sweep
+from jaxgrity.stepping.ground_response import no_impulses
 from jaxgrity.stepping.integrate import FAILURES, integrate
 from jaxgrity.stepping.options import resolve
 
@@ -85,12 +86,17 @@ def test_a_tolerance_that_is_not_met_is_a_failure(exact):
     """One sweep does not suffice on the ground: the rollout says so, and so does a robot of a population."""
     assert simulate(exact, 0.5, options=SolverOptions(strut_tolerance=1e-10, sweeps=1)).failed
     gaits = gaits_of(exact.gait, random_phases(2, 6, seed=0))
-    assert np.all(simulate_population(exact, gaits, 0.5, options=SolverOptions(strut_tolerance=1e-10, sweeps=1)).failure == 1)
+    assert np.all(
+        simulate_population(exact, gaits, 0.5, options=SolverOptions(strut_tolerance=1e-10, sweeps=1)).failure == 1
+    )
 
 
 def test_sweeps_are_newton_steps(exact):
     """Each sweep about squares the error in strut lengths, for what the ground will answer is reckoned with."""
-    errors = [length_errors(exact, simulate(exact, 4.0, frame_rate=200.0, options=SolverOptions(sweeps=count))).max() for count in (1, 2, 3)]
+    errors = [
+        length_errors(exact, simulate(exact, 4.0, frame_rate=200.0, options=SolverOptions(sweeps=count))).max()
+        for count in (1, 2, 3)
+    ]
     assert errors[0] < 1e-3
     assert errors[1] < 1e-5
     assert errors[2] < 1e-10
@@ -192,7 +198,9 @@ def test_derivatives_are_finite_at_rest():
 @pytest.mark.parametrize("restitution", [None, 0.0, 0.5, 1.0])
 def test_restitution(restitution):
     """A ball dropped from 0.5 m leaves the ground at e times the speed at which it came; without e it stays."""
-    trajectory = simulate(block(0.0, restitution=restitution, height=0.5), 0.5, frame_rate=1000.0, options=SolverOptions(dt=1e-4))
+    trajectory = simulate(
+        block(0.0, restitution=restitution, height=0.5), 0.5, frame_rate=1000.0, options=SolverOptions(dt=1e-4)
+    )
     speed = np.asarray(trajectory.velocities[:, 0, 2])
     impact = int(np.argmin(speed))
     leaving = speed[impact + 2] + 2e-3 * G
@@ -246,7 +254,9 @@ def test_agrees_with_an_independent_program(exact):
 def test_verify_knows_the_scene(exact):
     """Error bars come from the same halving of steps."""
     verified = verify(exact, gaits_of(exact.gait, random_phases(4, 6, seed=1)), 3.0, options=SolverOptions(dt=5e-3))
-    finer = simulate_population(exact, gaits_of(exact.gait, random_phases(4, 6, seed=1)), 3.0, options=SolverOptions(dt=1e-4))
+    finer = simulate_population(
+        exact, gaits_of(exact.gait, random_phases(4, 6, seed=1)), 3.0, options=SolverOptions(dt=1e-4)
+    )
     assert np.all(np.linalg.norm(verified.com_end - finer.com_end, axis=1) <= verified.error_bar)
 
 

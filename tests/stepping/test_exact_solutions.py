@@ -6,15 +6,14 @@ import numpy as np
 import pytest
 from exact_problems import PROBLEMS, Problem
 
-from jaxgrity.stepping.methods import METHODS
-from jaxgrity.stepping.simulate import Settings, integrate, settle
-from jaxgrity.core.errors import InputError
+from jaxgrity import METHODS, InputError, ResolvedOptions, SolverOptions, resolve
+from jaxgrity.stepping.integrate import integrate
 
 FRAMES = 5
 # What an adaptive method may err in a step, m and m/s: kvaerno3 would need very many steps for 1e-10.
 STEP_ERROR = dict.fromkeys(METHODS, 1e-10) | {"kvaerno3": 1e-8}
 # Of the phase of an oscillation after one radian, over (omega h)^order.
-PHASE_ERROR = {"rk4": 1 / 120, "symplectic": 1 / 24}
+PHASE_ERROR = {"rk4": 1 / 120, "verlet": 1 / 24}
 
 
 def fixed_step(problem: Problem, name: str) -> float | None:
@@ -53,12 +52,12 @@ def test_motion_and_its_derivative_are_the_exact_ones(title, name):
     scene = problem.setup(problem.value)[0]
     dt, tolerance = fixed_step(problem, name), STEP_ERROR[name]
     step = {"dt": dt} if dt is not None else {"rtol": tolerance, "atol": tolerance}
-    options = dict(method=name, any_step=True, **step)
+    options = SolverOptions(method=name, any_step=True, **step)
     if METHODS[name].symplectic and scene.dissipates:
         with pytest.raises(InputError, match="without dissipation"):
-            settle(scene, problem.duration, **options)
+            resolve(scene, problem.duration, options)
         return
-    q, dq = motion(problem, settle(scene, problem.duration, **options))
+    q, dq = motion(problem, resolve(scene, problem.duration, options))
     q_exact, dq_exact = exact_motion(problem)
     value, gradient = tolerances(problem, name)
     assert np.abs(dq_exact).max() > 100 * gradient, "the tolerance would pass a derivative of zero"
@@ -73,20 +72,21 @@ def test_complementarity_stepping_is_of_second_order(title):
     scene = problem.setup(problem.value)[0]
     errors = []
     for dt in (4e-4, 2e-4):
-        found = motion(problem, settle(scene, problem.duration, method="complementarity", dt=dt, any_step=True))
+        options = SolverOptions(method="complementarity", dt=dt, any_step=True)
+        found = motion(problem, resolve(scene, problem.duration, options))
         errors.append([float(np.abs(a - b).max()) for a, b in zip(found, exact_motion(problem))])
     for coarse, fine in zip(*errors):
         assert coarse < 1e-4
         assert fine < 0.26 * coarse or coarse < 1e-12
 
 
-def motion(problem: Problem, settings: Settings) -> tuple:
+def motion(problem: Problem, options: ResolvedOptions) -> tuple:
     """Positions at five times, and their derivatives by log x: x d/dx, a length too."""
     times = jnp.linspace(0, problem.duration, FRAMES)
 
     def positions(x):
         scene, q, v = problem.setup(x)
-        return integrate((jnp.asarray(q), jnp.asarray(v)), times, scene, settings).ys[0]
+        return integrate((jnp.asarray(q), jnp.asarray(v)), times, scene, options).ys[0]
 
     return jax.jit(lambda x: jax.jvp(positions, (x,), (x,)))(problem.value)
 

@@ -1,0 +1,254 @@
+"""The measuring scripts as a user runs them, at their quick sizes; and one clear line with exit code 2 on bad input."""
+
+import ast
+import importlib
+import itertools
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numerics_tables
+import pytest
+import search_tables
+import speed_tables
+import stability
+import tyro
+
+import jaxgrity
+from jaxgrity import InputError
+
+EXPERIMENTS = Path(__file__).parents[2] / "experiments"
+SCRIPTS = sorted(
+    path.relative_to(EXPERIMENTS)
+    for folder in ("", "baselines", "docs_tables", "measurements")
+    for path in (EXPERIMENTS / folder).glob("*.py")
+    if "\n    run(main, Settings)" in path.read_text(encoding="utf-8")
+)
+
+
+def run(script: str, *arguments: object, **environment: str) -> subprocess.CompletedProcess:
+    command = [sys.executable, str(EXPERIMENTS / script), *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=280, env=os.environ | environment)
+
+
+def quick(script: str, out: Path, *arguments: object) -> dict:
+    """What a measuring script's --quick size leaves: its JSON; its figures are there too."""
+    done = run(script, "--quick", *arguments, "--out", out)
+    assert done.returncode == 0, done.stderr[-2000:]
+    (first, *_) = out.glob("*.json")
+    assert all(path.stat().st_size > 5000 for path in out.glob("*.png"))
+    assert list(out.glob("*.png"))
+    facts = json.loads(first.read_text())
+    assert facts["command"].startswith("python")
+    assert str(out) not in first.read_text()
+    return facts
+
+
+@pytest.mark.parametrize("script", SCRIPTS, ids=str)
+def test_help_comes_from_the_settings(script, capsys):
+    """Every script explains itself, and has a --quick size."""
+    module = importlib.import_module(script.stem)
+    with pytest.raises(SystemExit, match="0"):
+        tyro.cli(module.Settings, args=["--help"], description=module.__doc__)
+    assert "--quick" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("path", sorted(EXPERIMENTS.rglob("*.py")), ids=lambda path: path.stem)
+def test_no_experiment_imports_what_is_not_public(path):
+    """Names of `jaxgrity.__all__`, or from one of the modules that are public beside it: files, and commands."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            assert not any(name.name.startswith("jaxgrity.") for name in node.names), ast.unparse(node)
+        elif isinstance(node, ast.ImportFrom) and node.module == "jaxgrity":
+            assert {name.name for name in node.names} <= set(jaxgrity.__all__), ast.unparse(node)
+        elif isinstance(node, ast.ImportFrom) and (node.module or "").startswith("jaxgrity."):
+            assert node.module == "jaxgrity.io.files" or node.module.startswith("jaxgrity.cli."), ast.unparse(node)
+
+
+@pytest.mark.parametrize(
+    ("script", "arguments", "words"),
+    [
+        ("benchmark", ["--mjx"], ["--mjx", "--mujoco"]),
+        ("damage", ["--scene", "missing.toml"], ["missing.toml"]),
+        ("damage", ["--gait", "missing"], ["gait 'missing': unknown"]),
+        ("damage", ["--gait", "cables"], ["cables: actuates other members than exact"]),
+        ("hard_cases", ["--cases", "warp drive"], ["cases = 'warp drive': unknown", "drop from 10 m"]),
+        ("hard_cases", ["--methods", "euler"], ["euler", "rk4, tsit5"]),
+        ("work_precision", ["--scenes", "moon"], ["moon", "free flight"]),
+        ("search_baselines", ["--rollouts", "64", "--seeds", "1"], ["64 rollouts: expected more"]),
+        ("keep_gait", ["--run", "missing", "--name", "mine"], ["missing/gait.json"]),
+        ("update_docs", ["--docs", "missing"], ["missing"]),
+    ],
+)
+def test_bad_input_is_one_line(tmp_path, monkeypatch, script, arguments, words):
+    """What, where, the value received, what was expected; nothing is written."""
+    monkeypatch.chdir(tmp_path)
+    module = importlib.import_module(script)
+    out = [] if script in ("keep_gait", "update_docs") else ["--out", "out"]
+    methods = ["--methods", "random", "--plain"] if script == "search_baselines" else []
+    with pytest.raises((InputError, OSError)) as refusal:
+        module.main(tyro.cli(module.Settings, args=[*arguments, *methods, *out]))
+    said = str(refusal.value)
+    assert "\n" not in said
+    assert all(word in said for word in words), said
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_refusal_ends_with_exit_code_2(tmp_path):
+    """And its one line is all that is said."""
+    done = run("measurements/benchmark.py", "--mjx", "--out", tmp_path / "out")
+    assert done.returncode == 2
+    (line,) = done.stderr.strip().splitlines()
+    assert line.startswith("error: --mjx")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.slow
+def test_error_bars_are_honest(tmp_path):
+    """On both models, gaits that nothing was tuned on: nearly all covered, by bars of a few errors."""
+    facts = quick("measurements/error_bars.py", tmp_path)
+    assert [row["scene"] for row in facts["rows"]] == ["reference", "exact"]
+    for row in facts["rows"]:
+        assert row["covered"] >= 0.85
+        assert 1 <= row["median_ratio"] <= 5
+    condensed = numerics_tables.error_bars_facts(facts)
+    assert "| exact | 2 s | 0.005 s |" in numerics_tables.error_bars_table(condensed)
+
+
+@pytest.mark.slow
+def test_the_models_tend_to_each_other(tmp_path):
+    """A drop: penalty contact to exact contact, spring struts to rigid ones where nothing slips, at first order."""
+    facts = quick("measurements/equivalence.py", tmp_path)
+    assert facts["k_n"]["slope"] == pytest.approx(-1, abs=0.15)
+    assert facts["K, no friction"]["slope"] == pytest.approx(-1, abs=0.15)
+    assert facts["K"]["distance"][-1] > 5 * facts["K, no friction"]["distance"][-1]
+    condensed = numerics_tables.equivalence_facts(facts)
+    assert "| k_n | 10000 to 1e+06 N/m |" in numerics_tables.equivalence_table(condensed)
+
+
+@pytest.mark.slow
+def test_implicit_methods_take_fewer_steps_on_stiff_scenes(tmp_path):
+    """Than Tsit5, to the same tolerance: struts, ground and friction made stiff, alone and together."""
+    facts = quick("measurements/stiff.py", tmp_path)
+    by_method = {m: [r for r in facts["rows"] if r["method"] == m] for m in ("tsit5", "kvaerno3", "kvaerno5")}
+    for explicit, third, fifth in zip(*by_method.values()):
+        assert explicit["outcome"] == third["outcome"] == fifth["outcome"] == "succeeded"
+        assert fifth["steps"] + fifth["rejected"] <= explicit["steps"] + explicit["rejected"], explicit["scene"]
+        assert third["steps"] + third["rejected"] <= explicit["steps"] + explicit["rejected"], explicit["scene"]
+    assert "| all three | 0.0001 | kvaerno5 |" in numerics_tables.stiff_table(numerics_tables.stiff_facts(facts))
+
+
+@pytest.mark.slow
+def test_benchmark_measures(tmp_path):
+    """Without C and MuJoCo it measures what is here; the NumPy loop agrees, forward and reverse gradients too."""
+    facts = quick("measurements/benchmark.py", tmp_path, "--gaits", 8, "--duration", 0.8)
+    assert {(p["engine"], p["dtype"]) for p in facts["points"]} == {
+        (engine, dtype) for engine in ("rk4", "complementarity") for dtype in ("float32", "float64")
+    }
+    assert facts["numpy"]["difference"] < 1e-12
+    assert facts["gradient"]["largest_difference"] < 1e-9
+    words = speed_tables.benchmark_table(speed_tables.benchmark_facts(facts))
+    assert "| gradient in 6 phases, reverse mode |" in words
+
+
+@pytest.mark.slow
+def test_hard_cases_have_no_silently_wrong_number(tmp_path):
+    """Three cases by three methods, in both precisions; one of them is refused with the reason."""
+    facts = quick("measurements/hard_cases.py", tmp_path)
+    assert facts["counts"]["WRONG"] == 0
+    assert facts["counts"]["right"] >= 4
+    below = facts["table"]["start 5 cm below ground"]["float64"]
+    assert "below the ground" in below["complementarity"]["reason"]
+    assert below["rk4"]["verdict"] == "right"
+    words = numerics_tables.hard_cases_table(numerics_tables.hard_cases_facts(facts))
+    assert words.count("| start 5 cm below ground |") == 2
+    assert f"| complementarity | {below['complementarity']['reason']} |" in words
+
+
+@pytest.mark.slow
+def test_work_precision_compares_methods(tmp_path):
+    """Free flight, RK4 and complementarity: errors fall with the step, and both have a cost at 5 mm."""
+    facts = quick("measurements/work_precision.py", tmp_path, "--gaits", 8, "--repeats", 1)
+    errors = [p["error"] for p in facts["points"] if p["method"] == "rk4"]
+    assert all(fine < coarse for coarse, fine in itertools.pairwise(errors) if coarse > 1e-10)
+    assert set(facts["cost_at_target"]) == {"rk4 float64", "complementarity float64"}
+    words = numerics_tables.work_precision_table(numerics_tables.work_precision_facts(facts))
+    assert "| all nodes, root mean square | 5 mm |" in words
+
+
+@pytest.mark.slow
+def test_gradients_agree(tmp_path):
+    """Every mode gives the same gradient, and a checkpointed one keeps less."""
+    facts = quick("measurements/gradients.py", tmp_path)
+    assert len({row["mode"] for row in facts["rows"]}) == 5
+    assert all(row["difference"] < 1e-8 for row in facts["rows"])
+    kept = facts["memory"]
+    assert kept["checkpointed reverse"][-1] < kept["plain reverse"][-1] / 10
+    assert "| plain reverse |" in speed_tables.gradients_table(speed_tables.gradients_facts(facts))
+
+
+@pytest.mark.slow
+def test_scaling_measures(tmp_path):
+    """Devices, gaits, struts and single rollouts have a cost, and pages can be written of it."""
+    facts = quick("measurements/scaling.py", tmp_path)
+    assert [row["devices"] for row in facts["devices"]][:1] == [1]
+    assert all(row["per_gait_and_step"] > 0 for row in facts["population"] + facts["struts"])
+    condensed = speed_tables.scaling_facts(facts)
+    names = ("scaling_table", "million_table", "compiled_table", "start_table")
+    words = "".join(getattr(speed_tables, name)(condensed) for name in names)
+    assert words.count("| complementarity |") == 3
+    assert "real time" in words
+
+
+@pytest.mark.slow
+def test_the_largest_steps_of_known_scenes_have_a_reason():
+    """Of every explicit method on the reference scene, and of complementarity stepping on the exact one."""
+    limits = stability.known_limits()
+    known = {(row["scene"], row["method"]): row for row in limits}
+    assert set(known) == {("reference", name) for name in ("rk4", "tsit5", "dopri8")} | {("exact", "complementarity")}
+    assert known["reference", "rk4"]["step"] == pytest.approx(1.36e-3, rel=0.01)
+    assert known["reference", "rk4"]["set_by"].startswith("friction at node")
+    assert known["exact", "complementarity"]["set_by"].startswith("cable")
+
+
+@pytest.mark.slow
+def test_damage_is_survived(tmp_path):
+    """Two cases of damage, quick: every way to a gait has a number, and the best of them is verified."""
+    facts = quick("measurements/damage.py", tmp_path)
+    assert set(facts["cases"]) == {"cable 7", "strut 1"}
+    for case in facts["cases"].values():
+        assert set(case["as it was"]) == {"rolling_exact", "fast", "slow"}
+        every = [*case["as it was"].values(), *(case[way] for way in ("library", "gradient", "scratch"))]
+        assert all(one["error_bar"] < 0.2 for one in every)
+        assert case["library"]["robust"] >= max(one["robust"] for one in case["as it was"].values()) - 0.05
+    assert facts["recovered"]["rolling_exact"]["cable"]["cases"] == 1
+    assert "of 1" in search_tables.damage_table(search_tables.damage_facts(facts))
+
+
+@pytest.mark.slow
+def test_searches_are_compared_at_equal_cost(tmp_path):
+    """Random search, the GA, the GA running on, and with polish, quick: the same budget to a few generations, and
+    judged alike."""
+    methods = ["random", "GA", "GA+more", "GA+smoothed"]
+    facts = quick("baselines/search_baselines.py", tmp_path, "--methods", *methods)
+    assert set(facts["methods"]) == {"plain random", *methods}
+    words = search_tables.search_baselines_table(search_tables.search_baselines_facts(facts))
+    assert "| GA+smoothed |" in words
+    assert "[measured/search_baselines_exact.json]" in words
+    for one in facts["runs"]:
+        assert 0.7 * 1024 < one["rollouts"] <= 1024
+        assert one["failed_judges"] == 0
+
+
+@pytest.mark.slow
+def test_nothing_is_lost_in_a_crash(tmp_path):
+    """A search that is killed, and resumed, ends with the population of one that was not; no file is broken."""
+    done = run("measurements/crash_recovery.py", "--quick", "--out", tmp_path)
+    assert done.returncode == 0, done.stderr
+    facts = json.loads((tmp_path / "crash_recovery.json").read_text())
+    assert len(facts["kills"]) == 1
+    assert all(kill["same_population"] and not kill["broken_files"] for kill in facts["kills"])
+    words = search_tables.crash_recovery_table(search_tables.crash_recovery_facts(facts))
+    assert "| that ended, resumed, with the very same population | 1 |" in words

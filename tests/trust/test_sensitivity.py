@@ -1,0 +1,27 @@
+"""How strongly the centre of mass depends on the phases, and how far ahead gradients mean something."""
+
+import numpy as np
+import pytest
+
+from jaxgrity import Sensitivity, SolverOptions, gaits_of, sensitivity, simulate_population
+
+OPTIONS = SolverOptions(dt=1e-3)
+
+
+def test_sensitivity_is_the_derivative_of_the_path(reference):
+    """Zero until the gait starts, then the norm of d com/d phase, here by central differences."""
+    growth = sensitivity(reference, 2.0, options=OPTIONS)
+    assert growth.norm[growth.times <= 1.0].max() == 0
+    changes = 1e-5 * np.concatenate([np.eye(6), -np.eye(6)])
+    gaits = gaits_of(reference.gait, np.asarray(reference.gait.phase) + changes)
+    ends = np.asarray(simulate_population(reference, gaits, 2.0, options=OPTIONS).com_end)
+    jacobian = (ends[:6] - ends[6:]) / 2e-5
+    assert growth.norm[-1] == pytest.approx(np.linalg.norm(jacobian, 2), rel=1e-5)
+
+
+def test_horizon_is_the_last_time_before_the_bound_is_passed():
+    """Also where the norm falls again later, and where it is never passed, or at once."""
+    growth = Sensitivity(np.arange(5.0), np.array([0.0, 1.0, 2.0, 9.0, 1.0]))
+    assert growth.horizon(2.0) == 2.0
+    assert growth.horizon(10.0) == 4.0
+    assert growth.horizon(-1.0) == 0.0
