@@ -6,9 +6,7 @@ against its own converged answer: the median over the gaits of the distance of t
 """
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -17,9 +15,9 @@ from jaxgrity.cli.script import measured, run
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import limit
 import numpy as np
 import numpy_loop
+from engines import C_SWEEPS, Engine, Others, clock, engines, ours
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
@@ -37,7 +35,6 @@ from jaxgrity import (
     random_phases,
     resolve,
     roll_out_lanes,
-    simulate_population,
 )
 from jaxgrity.io.files import save_json
 
@@ -53,9 +50,6 @@ STEPS = {
 """s"""
 CONVERGED = {"rk4": 5e-5, "complementarity": 1e-4, "limit": 5e-5, "exact": 5e-5, "mujoco": 5e-5}
 """s"""
-C_SWEEPS = 8
-FEW = 16
-"""gaits for MuJoCo, as many as its two threads take in a sensible time; costs are given per gait"""
 TARGETS = (1e-2, 2e-3)
 """m, at which rollouts per second are compared"""
 NUMPY_DURATION = 0.1
@@ -84,16 +78,6 @@ class Settings:
     """an eighth of the time, two rounds, one step of each engine"""
 
 
-class Engine(NamedTuple):
-    """Something that rolls out the gaits."""
-
-    name: str
-    dtype: str
-    roll: Callable[[float], tuple[np.ndarray, float]]
-    """step, s, to the centres of mass at the end, (gaits, 3), m, and the wall time, s"""
-    gaits: int
-
-
 class Point(NamedTuple):
     """One engine at one step."""
 
@@ -114,7 +98,8 @@ def main(settings: Settings) -> None:
         settings.duration, settings.repeats = settings.duration / 8, 2
     scenes = {name: load_scene(name) for name in ("reference", "exact")}
     phases = random_phases(settings.gaits, 6, seed=0)
-    chosen = engines(scenes, phases, settings)
+    others = Others(settings.limit, settings.mujoco, settings.mjx)
+    chosen = engines(scenes, phases, settings.duration, others)
     points, agreement = measure(chosen, settings)
     numpy_seconds, numpy_off = numpy_cost(scenes["reference"], phases[0])
     facts = {
@@ -135,49 +120,6 @@ def main(settings: Settings) -> None:
     plot.save(figure(points, numpy_seconds), settings.out / "benchmark.png")
     report(facts, points)
     print(f"wrote {settings.out}/benchmark.json and benchmark.png")
-
-
-def engines(scenes: dict[str, Scene], phases: np.ndarray, settings: Settings) -> list[Engine]:
-    """All that can run here."""
-    found, count, duration = [], len(phases), settings.duration
-    for dtype in ("float32", "float64"):
-        for method, scene in (("rk4", scenes["reference"]), ("complementarity", scenes["exact"])):
-            found.append(Engine(method, dtype, partial(ours, scene, phases, duration, method, dtype), count))
-        if settings.limit is not None:
-            for name, scene, sweeps in (("limit", scenes["reference"], None), ("exact", scenes["exact"], C_SWEEPS)):
-                program = settings.limit.resolve() / f"{name}{dtype[-2:]}"
-                roll = partial(theirs, program, scene, phases, duration, sweeps)
-                found.append(Engine(name, dtype, roll, count))
-    if settings.mujoco:
-        for integrator in ("Euler", "RK4"):
-            roll = partial(mujoco_roll, scenes["reference"], phases[:FEW], duration, integrator)
-            found.append(Engine(f"mujoco {integrator}", "float64", roll, min(FEW, count)))
-    if settings.mujoco and settings.mjx:
-        roll = partial(mujoco_roll, scenes["reference"], phases[:FEW], duration, "MJX Euler")
-        found.append(Engine("mujoco MJX Euler", "float32", roll, min(FEW, count)))
-    return found
-
-
-def ours(scene: Scene, phases, duration: float, method: str, dtype: str, dt: float) -> tuple[np.ndarray, float]:
-    options = SolverOptions(method=method, dt=dt, dtype=dtype, any_step=True)
-    gaits = gaits_of(scene.gait, phases)
-    seconds, outcomes = clock(lambda: simulate_population(scene, gaits, duration, options=options))
-    return np.asarray(outcomes.com_end, float), seconds
-
-
-def theirs(program: Path, scene: Scene, phases, duration: float, sweeps, dt: float) -> tuple[np.ndarray, float]:
-    return limit.roll(program, scene, phases, round(duration / dt), dt, jax.device_count(), sweeps)
-
-
-def mujoco_roll(scene: Scene, phases, duration: float, integrator: str, dt: float) -> tuple[np.ndarray, float]:
-    from mujoco_peer import roll, roll_mjx
-
-    if integrator.startswith("MJX"):
-        positions, seconds = roll_mjx(scene, phases, duration, dt, integrator.split()[1])
-    else:
-        positions, seconds = roll(scene, phases, duration, dt, integrator, threads=jax.device_count())
-    mass = np.asarray(scene.structure.node_mass)
-    return np.einsum("n,gnk->gk", mass / mass.sum(), positions), seconds
 
 
 def measure(chosen: list[Engine], settings: Settings) -> tuple[list[Point], float | None]:
@@ -203,13 +145,6 @@ def measure(chosen: list[Engine], settings: Settings) -> tuple[list[Point], floa
         points.append(Point(*key, median / per, error, max(0.0, first[key][1] - median)))
     same = [first.get((name, "float64", STEPS["rk4"][1])) for name in ("rk4", "limit")]
     return points, float(np.abs(same[0][0] - same[1][0]).max()) if all(same) else None
-
-
-def clock(function: Callable) -> tuple[float, object]:
-    """Wall time of one call, s, and its result."""
-    start = time.perf_counter()
-    result = jax.block_until_ready(function())
-    return time.perf_counter() - start, result
 
 
 def numpy_cost(scene: Scene, phase: np.ndarray) -> tuple[float, float]:

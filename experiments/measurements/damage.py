@@ -12,9 +12,8 @@ from typing import Any
 
 from jaxgrity.cli.script import measured, run
 
-import equinox as eqx
-import jax
 import numpy as np
+from damaged_robots import damaged, known_gaits, still, together
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
@@ -33,16 +32,11 @@ from jaxgrity import (
     distinct,
     evolve,
     fidelity_levels,
-    gait_names,
-    gait_record,
-    image,
     judge_at,
-    load_gait,
     load_scene,
     one_gait,
     plot,
     polish,
-    standing_symmetries,
     verify,
     with_gait,
     with_robots,
@@ -85,7 +79,7 @@ def main(settings: Settings) -> None:
     scene = load_scene(settings.scene)
     if scene.gait is None or scene.structure.cables is None:
         raise InputError(f"{settings.scene}: expected a scene with [cables] and a [gait]")
-    families = known_gaits(scene, settings)
+    families = known_gaits(scene, settings.scene, settings.gait)
     known = together([gait for images in families.values() for gait in images])
     first = together([images[0] for images in families.values()])
     intact = dict(zip(families, measure(problem_of(scene, settings), first, settings)))
@@ -115,49 +109,6 @@ def problem_of(scene: Scene, settings: Settings) -> SearchProblem:
     return SearchProblem(scene, Genome(len(scene.gait.members)), settings.duration, fitness)
 
 
-def damaged(scene: Scene) -> dict[str, Scene]:
-    """The scene with each cable broken, and with each actuated strut stuck."""
-    cables, struts = scene.structure.cables, scene.structure.struts
-    found = {}
-    for k in range(len(cables.edges)):
-        whole = np.ones(len(cables.edges))
-        whole[k] = 0
-        parts = [part * whole for part in (cables.stiffness, cables.damping) if part is not None]
-        where = lambda s: [p for p in (s.structure.cables.stiffness, s.structure.cables.damping) if p is not None]  # noqa: E731
-        found[f"cable {k}"] = eqx.tree_at(where, scene, parts)
-    for k in range(0 if struts is None else len(struts.edges)):
-        if k in scene.gait.members:
-            # a strut whose amplitude is zero keeps its length: without a program of its own for every case
-            found[f"strut {k}"] = scene if k in struts.stuck else with_gait(scene, stuck(scene.gait, k))
-    return found
-
-
-def stuck(gait: Gait, member: int) -> Gait:
-    """The gait without one member's motion."""
-    still = np.asarray(gait.members) == member
-    return eqx.tree_at(lambda g: g.amplitude, gait, np.where(still, 0.0, gait.amplitude))
-
-
-def known_gaits(scene: Scene, settings: Settings) -> dict[str, list[Gait]]:
-    """The intact robot's gait first, and the others of the library that fit the scene, with their images."""
-    found = {settings.gait: load_gait(settings.gait)}
-    for name in gait_names():
-        record = gait_record(name)
-        if Path(record["scene"]).stem == Path(settings.scene).stem and tuple(record["members"]) == scene.gait.members:
-            found[name] = load_gait(name)
-    if any(gait.members != scene.gait.members for gait in found.values()):
-        raise InputError(f"{settings.gait}: actuates other members than {settings.scene}; expected the same")
-    if found[settings.gait].overtones:
-        raise InputError(f"{settings.gait}: has overtones; expected a gait of one sine for each member")
-    plain = {name: gait for name, gait in found.items() if not gait.overtones}
-    return {name: [image(gait, symmetry) for symmetry in standing_symmetries(scene)] for name, gait in plain.items()}
-
-
-def together(gaits: list[Gait]) -> Gait:
-    """Gaits as one population."""
-    return jax.tree.map(lambda *rows: np.stack(rows) if np.ndim(rows[0]) else rows[0], *gaits)
-
-
 def recover(
     problem: SearchProblem, names: list[str], first: Gait, known: Gait, settings: Settings, seed: int
 ) -> dict[str, Any]:
@@ -175,12 +126,6 @@ def recover(
     ]
     facts = measure(problem, together(found), settings)
     return {"as it was": dict(zip(names, facts)), **dict(zip(NEW, facts[len(names) :]))}
-
-
-def still(scene: Scene, gaits: Gait) -> Gait:
-    """The gaits without the motion of what is stuck in the scene."""
-    moves = np.asarray(scene.gait.amplitude) > 0
-    return eqx.tree_at(lambda g: g.amplitude, gaits, np.where(moves, gaits.amplitude, 0.0))
 
 
 def measure(problem: SearchProblem, gaits: Gait, settings: Settings) -> list[dict[str, float]]:

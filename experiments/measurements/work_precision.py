@@ -19,18 +19,14 @@ import jax
 import numpy as np
 from matplotlib.figure import Figure
 from tqdm import tqdm
+from work_precision_tasks import Task, tasks
 
 from jaxgrity import (
     METHODS,
-    Gait,
     InputError,
     Outcomes,
-    Scene,
     SolverOptions,
-    gaits_of,
-    load_scene,
     plot,
-    random_phases,
     simulate_population,
 )
 from jaxgrity.io.files import save_json
@@ -77,19 +73,6 @@ class Settings:
     """free flight alone, RK4 and complementarity in float64"""
 
 
-class Task(NamedTuple):
-    """One scene, as both models see it."""
-
-    name: str
-    penalty: Scene
-    exact: Scene
-    gaits: Gait
-    duration: float
-    undamped: bool = False
-    nodes: bool = False
-    """the error is that of all nodes: in the air a centre of mass falls as it must, however wrong the robot's shape"""
-
-
 class Point(NamedTuple):
     """One method at one step or tolerance."""
 
@@ -107,9 +90,10 @@ class Point(NamedTuple):
 
 
 def main(settings: Settings) -> None:
-    chosen = [task for task in tasks(settings) if not settings.scenes or task.name in settings.scenes]
+    known = tasks(settings.gaits, settings.seed)[: 1 if settings.quick else None]
+    chosen = [task for task in known if not settings.scenes or task.name in settings.scenes]
     if not chosen:
-        raise InputError(f"scenes = {settings.scenes}: expected some of {[task.name for task in tasks(settings)]}")
+        raise InputError(f"scenes = {settings.scenes}: expected some of {[task.name for task in known]}")
     with tqdm(total=len(chosen), desc="scenes", unit="scene") as bar:
         for task in chosen:
             points, truths = [], converged(task)
@@ -140,34 +124,6 @@ def leave(task: Task, points: list[Point], apart: float, settings: Settings, say
     say(f"{task.name}: microseconds per gait and simulated second at {TARGET:g} m; wrote {settings.out}/{name}.json")
     for method, seconds in costs.items():
         say(f"    {method:26s} {1e6 * seconds:10.1f}")
-
-
-def tasks(settings: Settings) -> list[Task]:
-    """The four scenes."""
-    reference, exact = (load_scene(name) for name in ("reference", "exact"))
-    phases = random_phases(settings.gaits, len(reference.gait.members), settings.seed)
-
-    def gaits(frequency: float, amplitude: float) -> Gait:
-        ones = np.ones_like(phases)
-        return gaits_of(reference.gait, phases, amplitude * ones, frequency * ones)
-
-    flying = [undamped(scene) for scene in (reference, exact)]
-    all_tasks = [
-        Task("free flight", *flying, gaits(0.5, 0.1), 2.0, undamped=True, nodes=True),
-        Task("drop and settle", reference, exact, gaits(0.5, 0.0), 2.0),
-        Task("0.5 Hz roll", reference, exact, gaits(0.5, 0.3), 4.0),
-        Task("1 Hz roll", reference, exact, gaits(1.0, 0.3), 4.0),
-    ]
-    return all_tasks[:1] if settings.quick else all_tasks
-
-
-def undamped(scene: Scene) -> Scene:
-    """The robot in the air, with nothing that dissipates, its gait from the start."""
-    struts, cables = scene.structure.struts, scene.structure.cables
-    members = [eqx.tree_at(lambda m: m.damping, m, None, is_leaf=lambda x: x is None) for m in (struts, cables)]
-    structure = eqx.tree_at(lambda s: (s.struts, s.cables), scene.structure, tuple(members))
-    gait = eqx.tree_at(lambda g: g.start, scene.gait, np.asarray(0.0))
-    return Scene(structure, gravity=scene.gravity, gait=gait)
 
 
 def converged(task: Task) -> dict[bool, np.ndarray]:

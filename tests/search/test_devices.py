@@ -6,17 +6,16 @@ import subprocess
 import sys
 
 import numpy as np
-import pytest
 
 SEARCH = """
 import os
 import jax
-from common import SCENES, configure, join_hosts
+from jaxgrity.cli.script import configure, join_hosts
 configure()
 join_hosts()
-from jaxgrity import Breeding, Genome, evolve, load_scene
-scene = load_scene(SCENES / "exact.toml")
-search = evolve(scene, Genome(6), 1.5, Breeding(12, 2, elites=2), dt=1e-2, dtype="float64", any_step=True)
+from jaxgrity import Fitness, GAConfig, Genome, SearchProblem, SolverOptions, evolve, load_scene
+problem = SearchProblem(load_scene("exact"), Genome(6), 1.5, Fitness())
+search = evolve(problem, GAConfig(12, 2, elites=2), options=SolverOptions(dt=1e-2, dtype="float64"))
 print("hosts", jax.process_count(), "devices", jax.device_count())
 print(*(float(x).hex() for x in search.last.fitness))
 """
@@ -24,7 +23,7 @@ print(*(float(x).hex() for x in search.last.fitness))
 COMPILED = """
 import collections, logging, re
 import jax
-from common import SCENES, configure
+from jaxgrity.cli.script import configure
 configure()
 jax.config.update("jax_log_compiles", True)
 jax.config.update("jax_enable_compilation_cache", False)
@@ -34,12 +33,11 @@ class Counting(logging.Handler):
     def emit(self, record):
         compiled.update(re.findall(r"Finished XLA compilation of jit\\((\\w+)\\)", record.getMessage()))
 logging.getLogger("jax").addHandler(Counting())
-scene, genome = load_scene(SCENES / "exact.toml"), Genome(6)
-fitness, options = Fitness(uncertainty=Uncertainty(phase=0.03), robots=2), {"dt": 1e-2, "any_step": True}
+scene, options = load_scene("exact"), SolverOptions(dt=1e-2)
 verify(scene, gaits_of(scene.gait, random_phases(4, 6, seed=0)), 0.5)
-search = evolve(scene, genome, 0.5, Breeding(8, 3, elites=2), fitness=fitness, dtype="float32", **options)
-steps = Polishing(rollouts=32, samples=4, robots=2)
-polish(scene, genome, search.last.genes[:1], 0.5, steps, fitness=fitness, final_robots=4, **options)
+problem = SearchProblem(scene, Genome(6), 0.5, Fitness(uncertainty=Uncertainty(phase=0.03), robots=2))
+search = evolve(problem, GAConfig(8, 3, elites=2), options=SolverOptions(dt=1e-2, dtype="float32"))
+polish(problem, search.last.genes[:1], PolishConfig(32, samples=4, robots=2, final_robots=4), options=options)
 print("devices", jax.device_count())
 print(*(f"{name} {compiled[name]}" for name in ("roll_out", "_generation", "smoothed_gradient", "judge")))
 """
@@ -49,9 +47,7 @@ def start(code=SEARCH, **environment):
     """A process that runs the code: the search, unless it is given another."""
     known = {k: v for k, v in os.environ.items() if not k.startswith(("SLURM", "JAX_"))}
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-    return subprocess.Popen(
-        [sys.executable, "-W", "error", "-c", code], env=known | environment, cwd="experiments", **pipes
-    )
+    return subprocess.Popen([sys.executable, "-W", "error", "-c", code], env=known | environment, **pipes)
 
 
 def lines(process) -> list[str]:
@@ -60,12 +56,6 @@ def lines(process) -> list[str]:
     return [line for line in out.splitlines() if not line.startswith("[Gloo]")]
 
 
-@pytest.fixture
-def root(request, monkeypatch):
-    monkeypatch.chdir(request.config.rootpath)
-
-
-@pytest.mark.usefixtures("root")
 def test_two_hosts_find_what_one_finds():
     """To the last bit, in float64, with as many devices; within 1e-12 with one, whose vectors are twice as long."""
     with socket.socket() as free:
@@ -85,7 +75,6 @@ def test_two_hosts_find_what_one_finds():
     np.testing.assert_allclose(*values, rtol=0, atol=1e-12)
 
 
-@pytest.mark.usefixtures("root")
 def test_each_program_is_compiled_once_on_two_devices():
     """The three steps of an error bar share a program, and so do all generations, and all steps of a polish."""
     devices, compiled = lines(start(COMPILED, JAX_NUM_CPU_DEVICES="2"))

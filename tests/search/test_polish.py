@@ -82,10 +82,15 @@ def test_no_pathwise_gradient_where_the_sensitivity_forbids_it(exact, kind):
         assert result.improved
 
 
-def test_pathwise_polish_where_the_sensitivity_allows_it(exact):
+@pytest.fixture(scope="module")
+def brisk(exact):
+    """With a gait at 1 Hz, whose first period is over before it becomes sensitive."""
+    return eqx.tree_at(lambda s: s.gait.frequency, exact, np.ones(6))
+
+
+def test_pathwise_polish_where_the_sensitivity_allows_it(brisk):
     """Over the horizon that the measured sensitivity allows, and half way there in the first half of its steps."""
-    quick = eqx.tree_at(lambda s: s.gait.frequency, exact, np.ones(6))
-    _, result = polished(quick, SMALL._replace(kind="pathwise", rollouts=600, samples=4, largest_sensitivity=3.0))
+    _, result = polished(brisk, SMALL._replace(kind="pathwise", rollouts=600, largest_sensitivity=3.0))
     assert result.horizon == result.sensitivity.horizon(3.0)
     ahead = [step.horizon for step in result.steps]
     assert ahead[0] < ahead[-1] == result.horizon
@@ -94,7 +99,7 @@ def test_pathwise_polish_where_the_sensitivity_allows_it(exact):
 
 
 @pytest.mark.parametrize("kind", ["smoothed", "combined"])
-def test_climbs_keep_their_precision(exact, kind, monkeypatch):
+def test_climbs_keep_their_precision(brisk, kind, monkeypatch):
     """Gradients in float32 stay there: a gait in float64 would be rolled out in float64, at twice the cost."""
     found = []
 
@@ -103,7 +108,7 @@ def test_climbs_keep_their_precision(exact, kind, monkeypatch):
         return found[-1]
 
     monkeypatch.setattr("jaxgrity.search.climb.smoothed_gradient", watched)
-    polished(exact, SMALL._replace(kind=kind, rollouts=300))
+    polished(brisk, SMALL._replace(kind=kind, rollouts=300))
     assert len(found) > 1
     assert {leaf.dtype for gradient in found for leaf in gradient} == {np.dtype("float32")}
 

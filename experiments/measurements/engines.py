@@ -1,0 +1,86 @@
+"""What the benchmark compares: the library's methods, hand-written C and MuJoCo, each as a function of the step."""
+
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+import jax
+import limit
+import numpy as np
+
+from jaxgrity import Scene, SolverOptions, gaits_of, simulate_population
+
+C_SWEEPS = 8
+FEW = 16
+"""gaits for MuJoCo, as many as its two threads take in a sensible time; costs are given per gait"""
+
+
+class Engine(NamedTuple):
+    """Something that rolls out the gaits."""
+
+    name: str
+    dtype: str
+    roll: Callable[[float], tuple[np.ndarray, float]]
+    """step, s, to the centres of mass at the end, (gaits, 3), m, and the wall time, s"""
+    gaits: int
+
+
+class Others(NamedTuple):
+    """What is measured beside the library's methods."""
+
+    limit: Path | None
+    """folder with the programs limit32, limit64, exact32 and exact64"""
+    mujoco: bool
+    mjx: bool
+
+
+def engines(scenes: dict[str, Scene], phases: np.ndarray, duration: float, others: Others) -> list[Engine]:
+    """All that can run here."""
+    found, count = [], len(phases)
+    for dtype in ("float32", "float64"):
+        for method, scene in (("rk4", scenes["reference"]), ("complementarity", scenes["exact"])):
+            found.append(Engine(method, dtype, partial(ours, scene, phases, duration, method, dtype), count))
+        if others.limit is not None:
+            for name, scene, sweeps in (("limit", scenes["reference"], None), ("exact", scenes["exact"], C_SWEEPS)):
+                program = others.limit.resolve() / f"{name}{dtype[-2:]}"
+                roll = partial(theirs, program, scene, phases, duration, sweeps)
+                found.append(Engine(name, dtype, roll, count))
+    if others.mujoco:
+        for integrator in ("Euler", "RK4"):
+            roll = partial(mujoco_roll, scenes["reference"], phases[:FEW], duration, integrator)
+            found.append(Engine(f"mujoco {integrator}", "float64", roll, min(FEW, count)))
+    if others.mujoco and others.mjx:
+        roll = partial(mujoco_roll, scenes["reference"], phases[:FEW], duration, "MJX Euler")
+        found.append(Engine("mujoco MJX Euler", "float32", roll, min(FEW, count)))
+    return found
+
+
+def ours(scene: Scene, phases, duration: float, method: str, dtype: str, dt: float) -> tuple[np.ndarray, float]:
+    options = SolverOptions(method=method, dt=dt, dtype=dtype, any_step=True)
+    gaits = gaits_of(scene.gait, phases)
+    seconds, outcomes = clock(lambda: simulate_population(scene, gaits, duration, options=options))
+    return np.asarray(outcomes.com_end, float), seconds
+
+
+def theirs(program: Path, scene: Scene, phases, duration: float, sweeps, dt: float) -> tuple[np.ndarray, float]:
+    return limit.roll(program, scene, phases, round(duration / dt), dt, jax.device_count(), sweeps)
+
+
+def mujoco_roll(scene: Scene, phases, duration: float, integrator: str, dt: float) -> tuple[np.ndarray, float]:
+    from mujoco_peer import roll, roll_mjx
+
+    if integrator.startswith("MJX"):
+        positions, seconds = roll_mjx(scene, phases, duration, dt, integrator.split()[1])
+    else:
+        positions, seconds = roll(scene, phases, duration, dt, integrator, threads=jax.device_count())
+    mass = np.asarray(scene.structure.node_mass)
+    return np.einsum("n,gnk->gk", mass / mass.sum(), positions), seconds
+
+
+def clock(function: Callable) -> tuple[float, object]:
+    """Wall time of one call, s, and its result."""
+    start = time.perf_counter()
+    result = jax.block_until_ready(function())
+    return time.perf_counter() - start, result
