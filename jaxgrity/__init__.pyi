@@ -30,20 +30,9 @@ from .model.structure import Members, Structure, edge_lengths
 from .model.symmetry import gene_permutations, image, standing_symmetries, symmetries
 from .report import plot
 from .report.animation import animate
+from .rollout.lanes import discretise_lanes, in_lanes, lanes_last, over_lanes, roll_out_lanes
 from .rollout.metrics import Metrics
-from .rollout.population import (
-    Outcomes,
-    as_population,
-    discretise_lanes,
-    gaits_of,
-    in_lanes,
-    lanes_last,
-    one_gait,
-    over_lanes,
-    roll_out,
-    roll_out_lanes,
-    simulate_population,
-)
+from .rollout.population import Outcomes, as_population, gaits_of, one_gait, roll_out, simulate_population
 from .rollout.rolling import Rolling, rolling
 from .rollout.uncertainty import Differences, Uncertainty, differing, ensemble
 from .search.checkpoint import Checkpoint, load_states, open_checkpoint

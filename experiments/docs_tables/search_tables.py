@@ -101,7 +101,7 @@ def search_baselines_table(facts: Facts) -> str:
     head = ["search", "robust distance, m: median", "quartiles", "nominal, m", f"error bar < {SURE:.0%}"]
     head += ["times random search's", *(f"beats {other}" for other in OTHERS), "polish kept"]
     about = [str(facts["rollouts"]), f"{facts['duration']:g} s", f"{facts['polished']:.0%}"]
-    settings = table(["rollouts of each search", "of", "share for polish"], [about])
+    settings = table(["rollouts of each search", "duration of a rollout", "share for polish"], [about])
     return f"{table(head, rows)}\n\n{settings}" + made_by(facts, f"search_baselines_{facts['scene']}")
 
 

@@ -92,7 +92,7 @@ def main(settings: Settings) -> None:
     cells = [cell for row in rows.values() for kind in row.values() for cell in kind.values()]
     counts = {verdict: sum(cell.verdict == verdict for cell in cells) for verdict in COLOURS}
     table = {
-        name: {dtype: {m: cell._asdict() for m, cell in kind.items()} for dtype, kind in row.items()}
+        name: {dtype: {method: kind[method]._asdict() for method in methods} for dtype, kind in row.items()}
         for name, row in rows.items()
     }
     facts = {**measured(), "most_implicit_steps": MOST_IMPLICIT_STEPS, "counts": counts, "table": table}

@@ -7,8 +7,8 @@ population.npz, trajectory.npz, figures, an animation, summary.json and a page t
 
 import dataclasses
 import sys
+import threading
 import time
-from contextlib import ExitStack
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -34,6 +34,8 @@ UNITS = {
     "measuring": "measurement",
     "animating": "frame",
 }
+TICK = 2.0
+"""s, after which a bar shows at the latest how much time has passed"""
 
 
 @dataclass
@@ -152,13 +154,26 @@ def told(settings: SearchSettings) -> dict[str, Any]:
     return {name: value for name, value in asdict(settings).items() if name not in ("out", "scene")}
 
 
-class Bars(ExitStack):
-    """A progress bar for each stage, one after the other."""
+class Bars:
+    """A progress bar for each stage, one after the other, whose clock goes on where a step takes long."""
 
     def __init__(self) -> None:
-        super().__init__()
         self.stage = ""
         self.bar = tqdm(disable=True)
+        self.over = threading.Event()
+
+    def __enter__(self) -> "Bars":
+        threading.Thread(target=self.tick, daemon=True).start()
+        return self
+
+    def __exit__(self, *error) -> None:
+        self.over.set()
+        self.bar.close()
+
+    def tick(self) -> None:
+        """Show the time that passes while programs compile and judgements go on."""
+        while not self.over.wait(TICK):
+            self.bar.refresh()
 
     def hear(self, progress: Progress) -> None:
         """Show how far a search is."""
@@ -169,8 +184,7 @@ class Bars(ExitStack):
     def show(self, stage: str, done: int, total: int | None) -> None:
         """Move the bar of a stage, which begins with the first call."""
         if stage != self.stage:
-            self.close()
+            self.bar.close()
             self.stage = stage
-            bar = tqdm(total=total, initial=done, desc=stage, unit=UNITS[stage], file=sys.stdout)
-            self.bar = self.enter_context(bar)
+            self.bar = tqdm(total=total, initial=done, desc=stage, unit=UNITS[stage], file=sys.stdout)
         self.bar.update(done - self.bar.n)

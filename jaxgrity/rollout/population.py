@@ -1,14 +1,11 @@
 """Many gaits of one scene in one call: one `vmap`'d vector field inside one `diffeqsolve`, over every device.
 
-The population is the last axis in memory (see `primitives.py`), split into chunks that stay in a core's cache, and the
+The population is the last axis in memory (see `lanes.py`), split into chunks that stay in a core's cache, and the
 chunks are split over `jax.devices()`. A robot that fails is marked, and disturbs no other.
 """
 
-from collections.abc import Callable
 from dataclasses import replace
-from typing import NamedTuple
 
-import diffrax
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -16,22 +13,13 @@ import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
 from jaxgrity.core.errors import InputError
-from jaxgrity.core.types import AnyArray, Failures, FinalPositions, PerGait, Phases, Scalar, State, Table, Vectors
+from jaxgrity.core.types import Failures, FinalPositions, PerGait, Phases, Scalar, Table, Vectors
 from jaxgrity.model.actuation import Gait, Overtone
-from jaxgrity.model.scene import Scene, as_dtype, start_of, with_gait
-from jaxgrity.rollout.metrics import Metrics, initial_metrics, updated_metrics
-from jaxgrity.rollout.uncertainty import Differences, differing
-from jaxgrity.stepping.dynamics import centre_of_mass
-from jaxgrity.stepping.integrate import discretise, failure_code, integrate, state_failure
+from jaxgrity.model.scene import Scene, as_dtype, with_gait
+from jaxgrity.rollout.lanes import most_lanes, roll_out_lanes
+from jaxgrity.rollout.metrics import Metrics
+from jaxgrity.rollout.uncertainty import Differences
 from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
-from jaxgrity.stepping.power import Step
-
-LANES = (32, 128)
-"""robots that a core integrates side by side, where there are so many: enough to fill the vector units (measured)"""
-MANY = 2**20
-"""on a GPU, which runs them at once (not measured)"""
-CACHE = 2**20
-"""bytes that the members' vectors of all robots side by side may take: they are used over and over (measured)"""
 
 
 class Outcomes(eqx.Module):
@@ -59,27 +47,6 @@ class Outcomes(eqx.Module):
         """(population,), horizontal displacement of the centre of mass, m; NaN where the rollout failed."""
         moved = (self.com_end - self.com_start)[:, :2]
         return jnp.where(self.failure == 0, jnp.sqrt(jnp.sum(moved * moved, axis=1)), jnp.nan)
-
-
-class LaneOutcomes(NamedTuple):
-    """The arrays of `Outcomes`, with the lanes as the last axis of each."""
-
-    com_start: AnyArray
-    com_end: AnyArray
-    positions: AnyArray
-    failure: AnyArray
-    steps: AnyArray
-    rejected: AnyArray
-    metrics: Metrics | None
-
-
-class LaneEnd(NamedTuple):
-    """How rollouts ended."""
-
-    state: State
-    result: diffrax.RESULTS
-    steps: AnyArray
-    rejected: AnyArray
 
 
 def gaits_of(gait: Gait | None, phase: Phases, amplitude: Table | None = None, frequency: Table | None = None) -> Gait:
@@ -215,103 +182,3 @@ def roll_out(
         # every host gets all outcomes, and goes on as if it had computed them alone
         outcomes = jax.lax.with_sharding_constraint(outcomes, NamedSharding(mesh, PartitionSpec()))
     return Outcomes(**outcomes._asdict(), method=options.method.name, dt=None)
-
-
-def most_lanes(scene: Scene, options: ResolvedOptions) -> int:
-    """How many robots of this size a device integrates side by side: a power of two for a core, all on a GPU."""
-    if jax.default_backend() != "cpu":
-        return MANY
-    bytes_each = 3 * np.dtype(options.dtype).itemsize * max(scene.structure.member_count, 1)
-    return int(np.clip(2 ** int(np.log2(max(CACHE / bytes_each, 1))), *LANES))
-
-
-def roll_out_lanes(
-    scene: Scene,
-    gaits: Gait,
-    differences: Differences | None,
-    duration: Scalar,
-    options: ResolvedOptions,
-    with_metrics: bool = False,
-) -> LaneOutcomes:
-    """The rollouts of one chunk: the arrays of `gaits` and `differences` have lanes last.
-
-    All arrays that come back have the lanes last.
-    """
-    lanes = gaits.phase.shape[-1]
-    scene, axes = in_lanes(scene, gaits, differences)
-    start = start_of(scene)
-    metrics = None
-    if with_metrics:
-        (q, v), metrics, count = _measured(start, duration, scene, axes, options)
-        done = diffrax.RESULTS.successful
-        end = LaneEnd((q, v), done, jnp.full(lanes, count), jnp.zeros(lanes, int))  # type: ignore[arg-type]
-    elif options.dt is not None and not options.method.implicit:
-        end = _last(start, duration, scene, options, discretise_lanes(options, axes))
-        end = end._replace(steps=jnp.full(lanes, end.steps), rejected=jnp.full(lanes, end.rejected))
-    else:
-        end = over_lanes(lambda y, s: _last(y, duration, s, options), (-1, axes))(start, scene)
-    q, v = end.state
-    failure = failure_code(end.result, over_lanes(state_failure, (axes, -1, -1))(scene, q, v))
-    com = over_lanes(centre_of_mass, (axes, -1))
-    return LaneOutcomes(com(scene, start[0]), com(scene, q), q, failure, end.steps, end.rejected, metrics)
-
-
-def _measured(start: State, duration: Scalar, scene: Scene, axes: Scene, options: ResolvedOptions):
-    """The state at `duration`, all robots' metrics, and how many steps were taken, each as long as the others."""
-    terms, solver = discretise_lanes(options, axes)
-    count = jnp.ceil(duration / jnp.asarray(options.dt, options.dtype) - 1e-3).astype(int)
-    h = duration / count
-    held = over_lanes(initial_metrics, (axes,))(scene)
-    first = solver.init(terms, 0 * h, h, start, scene)
-    lanes = jax.tree.map(lambda x: -1 if x.ndim else None, first)
-    step_axes = Step(None, None, (-1, -1), (-1, -1), lanes, lanes)  # type: ignore[arg-type]
-    update = over_lanes(updated_metrics, (axes, step_axes, -1))
-
-    def step(k, carry):
-        y, before, held = carry
-        y1, _, _, after, _ = solver.step(terms, k * h, (k + 1) * h, y, scene, before, False)
-        return y1, after, update(scene, Step(k * h, h, y, y1, before, after), held)
-
-    end, _, held = jax.lax.fori_loop(0, count, step, (start, first, held))
-    return end, held, count
-
-
-def _last(
-    start: State, duration: Scalar, scene: Scene, options: ResolvedOptions, problem: tuple | None = None
-) -> LaneEnd:
-    """The end at `duration` of one robot, or by `problem` of all of them at once."""
-    times = jnp.stack([jnp.zeros_like(duration), duration])
-    solution = integrate(start, times, scene, options, diffrax.SaveAt(t1=True), problem)
-    steps, rejected = (solution.stats[f"num_{kind}_steps"] for kind in ("accepted", "rejected"))
-    return LaneEnd(jax.tree.map(lambda x: x[0], solution.ys), solution.result, steps, rejected)
-
-
-def discretise_lanes(options: ResolvedOptions, axes: Scene) -> tuple[diffrax.AbstractTerm, diffrax.AbstractSolver]:
-    """`discretise` for a whole chunk, whose scene has these `in_axes`."""
-
-    def lift(function, in_axes):
-        return over_lanes(function, tuple(axes if a == "s" else a for a in in_axes))
-
-    return discretise(options, lift)
-
-
-def over_lanes(function: Callable, in_axes: tuple) -> Callable:
-    """`vmap` that leaves the population last."""
-    return jax.vmap(function, in_axes=in_axes, out_axes=-1)
-
-
-def in_lanes(scene: Scene, gaits: Gait, differences: Differences | None = None) -> tuple[Scene, Scene]:
-    """The scene of many robots, with a last axis of lanes on every array but scalars, and the `in_axes` that say so.
-
-    `gaits` and `differences` have lanes last already. Where some arrays had the axis and others not, JAX's rules for
-    elementwise operations would move it to the front.
-    """
-    lanes = gaits.phase.shape[-1]
-    spread = jax.tree.map(lambda x: jnp.broadcast_to(x[..., None], (*x.shape, lanes)) if x.ndim else x, scene)
-    spread = differing(eqx.tree_at(lambda s: s.gait, spread, gaits, is_leaf=lambda x: x is None), differences)
-    return spread, jax.tree.map(lambda x: -1 if jnp.ndim(x) else None, spread)
-
-
-def lanes_last(rows):
-    """Of a population's gaits, or of what differs: the population as the last axis of every array."""
-    return jax.tree.map(lambda x: jnp.moveaxis(x, 0, -1) if jnp.ndim(x) else x, rows)

@@ -74,7 +74,7 @@ def _lock(lock, folder: Path) -> None:
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError as error:
-        raise InputError(f"{folder}: another run is writing there; expected another --out") from error
+        raise InputError(f"{folder}: another run is writing there; expected another folder") from error
 
 
 def _begin(folder: Path, settings: dict[str, Any], resume: bool, restart: bool) -> Checkpoint:
@@ -89,7 +89,7 @@ def _begin(folder: Path, settings: dict[str, Any], resume: bool, restart: bool) 
                 raise InputError(f"{folder}: its run has {name} = {was}, not {value}; expected the same to resume it")
         return Checkpoint(folder, load_states(folder))
     if unfinished and not restart and load_states(folder):
-        raise InputError(f"{folder}: holds an unfinished run; expected --resume, --restart or another --out")
+        raise InputError(f"{folder}: holds an unfinished run; expected resume, restart or another folder")
     for left in (*folder.glob(STATE.format("*")), *(folder / name for name in RESULTS)):
         left.unlink(missing_ok=True)
     save_json(folder / SETTINGS, {"settings": settings, "done": False})

@@ -13,7 +13,8 @@ from jax.scipy.special import ndtri
 from jaxgrity.core.types import AnyArray, PerGait, Phases, Scalar, State, Vectors
 from jaxgrity.model.actuation import Gait
 from jaxgrity.model.scene import Scene, start_of
-from jaxgrity.rollout.population import Outcomes, discretise_lanes, in_lanes, lanes_last, over_lanes
+from jaxgrity.rollout.lanes import discretise_lanes, in_lanes, lanes_last, over_lanes
+from jaxgrity.rollout.population import Outcomes
 from jaxgrity.rollout.uncertainty import Differences, ensemble
 from jaxgrity.search.genetic_algorithm import SearchProblem
 from jaxgrity.search.objectives import judge, with_robots

@@ -137,12 +137,14 @@ def search_gaits(
     scene = with_actuated(scene, config.members)
     problem = search_problem(scene, config)
     levels = fidelity_levels(scene, config.dt)
+    # both refuse now what a later stage could not do
     for level in levels:
-        resolve(level.scene, config.duration, level.options)  # refuses now what a later level could not do
+        resolve(level.scene, config.duration, level.options)
+    _ga_configs(levels, config)
     with ExitStack() as held:
         checkpoint = None
         if folder is not None:
-            settings = {**plain_config(config), "scene_sha256": fingerprint(scene)}
+            settings = {**plain_config(config), "fingerprint of the scene": fingerprint(scene)}
             checkpoint = held.enter_context(open_checkpoint(Path(folder), settings, resume, restart))
         result = _search(problem, levels, config, checkpoint, on_progress or (lambda progress: None))
         if report is not None:
@@ -187,6 +189,12 @@ def _search(
     return SearchResult(found, gait, problem, levels, tuple(searches), agreement, polished, verdict, seconds)
 
 
+def _ga_configs(levels: tuple[FidelityLevel, ...], config: SearchConfig) -> tuple[GAConfig, ...]:
+    """Of the search on each of the levels where gaits evolve."""
+    generations, elites = config.generations[: len(search_levels(levels))], max(1, config.population // 8)
+    return tuple(GAConfig(config.population, count, elites=elites) for count in generations)
+
+
 def _evolve(
     problem: SearchProblem,
     levels: tuple[FidelityLevel, ...],
@@ -195,8 +203,7 @@ def _evolve(
     listener: Listener,
 ) -> list[Evolution]:
     """The genetic search in float32, on every core, on each of the levels where gaits are searched."""
-    searched, elites = search_levels(levels), max(1, config.population // 8)
-    configs = tuple(GAConfig(config.population, n, elites=elites) for n in config.generations[: len(searched)])
+    searched, configs = search_levels(levels), _ga_configs(levels, config)
     total, states = sum(each.generations for each in configs), () if checkpoint is None else checkpoint.states
     done = sum(state.number for state in states)
     listener(Progress("evolving", done, total, {}))

@@ -1,4 +1,4 @@
-"""Meters: what actuators do, and how robots meet the ground, against the energy balance and motions known by hand."""
+"""Metrics: what actuators do, and how robots meet the ground, against the energy balance and motions known by hand."""
 
 import dataclasses
 
@@ -6,11 +6,25 @@ import equinox as eqx
 import numpy as np
 import pytest
 
-from jaxgrity import Gait, InputError, Members, Scene, Structure, energy_audit, gaits_of, one_gait, random_phases
+from jaxgrity import (
+    ExactGround,
+    Gait,
+    InputError,
+    Members,
+    PenaltyGround,
+    Scene,
+    SolverOptions,
+    Structure,
+    energy_audit,
+    gaits_of,
+    one_gait,
+    random_phases,
+    with_gait,
+)
 from jaxgrity import simulate_population as roll
-from jaxgrity.model.ground import Ground
-from jaxgrity.rollout.metrics import WINDOW, nothing, read
-from jaxgrity.model.scene import as_dtype, with_gait
+from jaxgrity.model.scene import as_dtype
+from jaxgrity.rollout.metrics import WINDOW, initial_metrics, updated_metrics
+from jaxgrity.stepping.power import Step
 
 G, CARRIED = 9.81, 2.0
 STEP = 1e-2
@@ -23,50 +37,50 @@ def rows(scene):
 
 
 @pytest.fixture(scope="module")
-def metered(exact):
-    """Two seconds of four robots in the exact scene, one of them with the gait."""
-    return roll(exact, rows(exact), 2.0, dt=STEP, metered=True)
+def measured(exact):
+    """Two seconds of four robots in the exact scene, one of them with the scene's own gait."""
+    return roll(exact, rows(exact), 2.0, with_metrics=True, options=SolverOptions(dt=STEP))
 
 
-def test_meters_disturb_nothing(exact, metered):
-    """Positions are those without meters."""
-    plain = roll(exact, rows(exact), 2.0, dt=STEP)
-    np.testing.assert_allclose(metered.positions, plain.positions, rtol=0, atol=1e-12)
-    np.testing.assert_array_equal(metered.steps, plain.steps)
-    np.testing.assert_array_equal(metered.failure, plain.failure)
-    assert plain.meters is None
+def test_measuring_disturbs_nothing(exact, measured):
+    """Positions are those without metrics."""
+    plain = roll(exact, rows(exact), 2.0, options=SolverOptions(dt=STEP))
+    np.testing.assert_allclose(measured.positions, plain.positions, rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(measured.steps, plain.steps)
+    np.testing.assert_array_equal(measured.failure, plain.failure)
+    assert plain.metrics is None
 
 
-def test_work_is_that_of_the_balance(exact, metered):
+def test_work_is_that_of_the_balance(exact, measured):
     """Of exact contact and rigid struts to rounding, for impulses are summed alike."""
-    audit = energy_audit(exact, 2.0, dt=STEP)
+    audit = energy_audit(exact, 2.0, options=SolverOptions(dt=STEP))
     assert audit.actuation[-1] < -100
-    assert float(metered.meters.work[0]) == pytest.approx(audit.actuation[-1], rel=1e-12)
+    assert float(measured.metrics.work[0]) == pytest.approx(audit.actuation[-1], rel=1e-12)
 
 
-def test_meters_bound_each_other(metered):
+def test_metrics_bound_each_other(measured):
     """No actuator does more than all do by themselves, no way is shorter than the straight one, none slips aloft."""
-    meters = metered.meters
-    assert np.all(meters.effort[:3] > np.maximum(meters.work[:3], 1))
-    assert np.all(meters.path >= metered.distance() * (1 - 1e-12))
-    assert np.all(meters.path[:3] > 1.05 * metered.distance()[:3])
-    assert np.all((meters.slip >= 0) & (meters.slip <= meters.contact))
-    assert np.all(meters.slip[:3] > 0.1)
+    metrics = measured.metrics
+    assert np.all(metrics.effort[:3] > np.maximum(metrics.work[:3], 1))
+    assert np.all(metrics.path >= measured.distance() * (1 - 1e-12))
+    assert np.all(metrics.path[:3] > 1.05 * measured.distance()[:3])
+    assert np.all((metrics.slip >= 0) & (metrics.slip <= metrics.contact))
+    assert np.all(metrics.slip[:3] > 0.1)
     # of twelve nodes, in the second since the gait began
-    assert np.all(meters.contact <= 12 * (1 - meters.flight) + 1e-9)
-    assert np.all(np.abs(meters.force) <= meters.peak_force)
-    assert np.all(meters.peak_power <= meters.peak_force * meters.peak_rate)
+    assert np.all(metrics.contact <= 12 * (1 - metrics.flight) + 1e-9)
+    assert np.all(np.abs(metrics.force) <= metrics.peak_force)
+    assert np.all(metrics.peak_power <= metrics.peak_force * metrics.peak_rate)
 
 
-def test_a_robot_that_lies_still_costs_nothing(metered):
+def test_a_robot_that_lies_still_costs_nothing(measured):
     """Once it has settled, it stays on three nodes: no effort, no rate, no slip and, but for rounding, no path."""
-    still = [np.asarray(x)[3] for x in metered.meters]
-    meters = dict(zip(metered.meters._fields, still))
+    still = [np.asarray(x)[3] for x in measured.metrics]
+    metrics = dict(zip(measured.metrics._fields, still))
     for name in ("effort", "slip", "flight", "peak_rate", "peak_power"):
-        np.testing.assert_array_equal(meters[name], 0, err_msg=name)
-    assert meters["contact"] == pytest.approx(3.0, rel=1e-12)
-    assert meters["path"] < 1e-13
-    assert np.all(meters["force"] < -200)
+        np.testing.assert_array_equal(metrics[name], 0, err_msg=name)
+    assert metrics["contact"] == pytest.approx(3.0, rel=1e-12)
+    assert metrics["path"] < 1e-13
+    assert np.all(metrics["force"] < -200)
 
 
 def column(rigid: bool, gait: Gait | None = None) -> Scene:
@@ -74,12 +88,12 @@ def column(rigid: bool, gait: Gait | None = None) -> Scene:
 
     A spring is as short as the load makes it, and stands as deep in the ground as the weight does.
     """
-    stiffness, ground = None if rigid else np.array([1e3]), None if rigid else 2e3
+    stiffness, ground = None if rigid else np.array([1e3]), ExactGround() if rigid else PenaltyGround(2e3)
     base = 0.0 if rigid else -(1.0 + CARRIED) * G / 2e3
     height = 1.0 if rigid else 1.0 - CARRIED * G / 1e3
     struts = Members(((0, 1),), stiffness, np.array([1.0]))
     nodes = np.array([[0, 0, base], [0, 0, base + height]])
-    return Scene(Structure(nodes, np.array([1.0, CARRIED]), struts), G, ground=Ground(ground), gait=gait)
+    return Scene(Structure(nodes, np.array([1.0, CARRIED]), struts), G, ground=ground, gait=gait)
 
 
 def strokes(amplitude, frequency) -> Gait:
@@ -97,22 +111,24 @@ def test_a_strut_that_lifts_a_load_by_hand():
     """
     amplitude, frequency = np.array([0.3, 0.2, 0.2, 0.0]), np.array([0.5, 1.0, 0.25, 0.5])
     lifts = np.array([1, 2, 0, 0])
-    outcomes = roll(column(rigid=True), strokes(amplitude, frequency), 2.0, dt=STEP, metered=True)
-    meters, weight = outcomes.meters, CARRIED * G
+    outcomes = roll(
+        column(rigid=True), strokes(amplitude, frequency), 2.0, with_metrics=True, options=SolverOptions(dt=STEP)
+    )
+    metrics, weight = outcomes.metrics, CARRIED * G
     assert np.asarray(outcomes.failure).tolist() == [0] * 4
-    np.testing.assert_allclose(meters.peak_rate[:, 0], np.pi * frequency * amplitude, rtol=1e-3)
-    np.testing.assert_allclose(meters.effort, weight * amplitude * lifts, rtol=0.012, atol=1e-12)
+    np.testing.assert_allclose(metrics.peak_rate[:, 0], np.pi * frequency * amplitude, rtol=1e-3)
+    np.testing.assert_allclose(metrics.effort, weight * amplitude * lifts, rtol=0.012, atol=1e-12)
     lowered = np.array([0, 0, 0.2, 0])
     # to the last step's work, which is done half a step before its end
-    np.testing.assert_allclose(meters.work, -weight * lowered, atol=1e-3 * weight)
+    np.testing.assert_allclose(metrics.work, -weight * lowered, atol=1e-3 * weight)
     inertia = CARRIED * amplitude / 2 * (2 * np.pi * frequency) ** 2
-    peaks = np.asarray(meters.peak_force[:, 0])
+    peaks = np.asarray(metrics.peak_force[:, 0])
     assert np.all(peaks <= (weight + inertia) * (1 + 1e-3))
     assert np.all(peaks >= weight + 0.9 * inertia - 1e-9)
-    np.testing.assert_allclose(meters.force[3], -weight, rtol=1e-9)
-    np.testing.assert_allclose(meters.contact, 2.0, rtol=1e-12)
+    np.testing.assert_allclose(metrics.force[3], -weight, rtol=1e-9)
+    np.testing.assert_allclose(metrics.contact, 2.0, rtol=1e-12)
     for name in ("path", "slip", "flight"):
-        np.testing.assert_array_equal(getattr(meters, name), 0, err_msg=name)
+        np.testing.assert_array_equal(getattr(metrics, name), 0, err_msg=name)
 
 
 @pytest.mark.parametrize("method", ["rk4", "tsit5"])
@@ -123,29 +139,29 @@ def test_a_spring_that_carries_a_load_by_hand(method):
     1 % of the amplitude, is less than 1 % of the work.
     """
     gaits = strokes(np.array([0.0, 0.3]), np.array([0.5, 0.5]))
-    outcomes = roll(column(rigid=False), gaits, 1.0, dt=1e-3, method=method, metered=True)
+    outcomes = roll(column(rigid=False), gaits, 1.0, with_metrics=True, options=SolverOptions(dt=1e-3, method=method))
     assert outcomes.method == method
-    meters, q = outcomes.meters, np.asarray(outcomes.positions)
+    metrics, q = outcomes.metrics, np.asarray(outcomes.positions)
     np.testing.assert_allclose(q[0], column(rigid=False).structure.nodes, rtol=0, atol=1e-12)
-    assert float(meters.force[0, 0]) == pytest.approx(1e3 * (q[0, 1, 2] - q[0, 0, 2] - 1.0), rel=1e-8)
-    assert float(meters.force[0, 0]) == pytest.approx(-CARRIED * G, rel=1e-8)
-    assert float(meters.work[0]) == float(meters.effort[0]) == 0
-    assert float(meters.work[1]) == pytest.approx(-0.3 * CARRIED * G, rel=0.01)
-    assert float(meters.peak_rate[1, 0]) == pytest.approx(0.15 * np.pi, rel=1e-4)
+    assert float(metrics.force[0, 0]) == pytest.approx(1e3 * (q[0, 1, 2] - q[0, 0, 2] - 1.0), rel=1e-8)
+    assert float(metrics.force[0, 0]) == pytest.approx(-CARRIED * G, rel=1e-8)
+    assert float(metrics.work[0]) == float(metrics.effort[0]) == 0
+    assert float(metrics.work[1]) == pytest.approx(-0.3 * CARRIED * G, rel=0.01)
+    assert float(metrics.peak_rate[1, 0]) == pytest.approx(0.15 * np.pi, rel=1e-4)
 
 
 def test_work_of_springs_is_that_of_the_balance_to_the_step():
     """By less than what a step does at the end: power is summed at the ends of steps, and integrated in the balance.
 
-    Positions are those of the balance, which is not metered.
+    Positions are those of the balance, where nothing is measured.
     """
     dt, gaits = 1e-3, strokes(np.array([0.0, 0.3]), np.array([0.5, 0.5]))
-    outcomes = roll(column(rigid=False), gaits, 0.8, dt=dt, metered=True)
-    audit = energy_audit(column(rigid=False, gait=one_gait(gaits, 1)), 0.8, dt=dt)
+    outcomes = roll(column(rigid=False), gaits, 0.8, with_metrics=True, options=SolverOptions(dt=dt))
+    audit = energy_audit(column(rigid=False, gait=one_gait(gaits, 1)), 0.8, options=SolverOptions(dt=dt))
     np.testing.assert_allclose(outcomes.positions[1], audit.positions[-1], rtol=0, atol=1e-12)
     work, power = audit.actuation, np.diff(audit.actuation)[-1] / np.diff(audit.times)[-1]
     assert abs(work[-1]) > 10 * dt * abs(power) > 0.01
-    assert float(outcomes.meters.work[1]) == pytest.approx(work[-1], abs=dt * abs(power))
+    assert float(outcomes.metrics.work[1]) == pytest.approx(work[-1], abs=dt * abs(power))
 
 
 def test_forces_stand_in_the_gaits_order(reference):
@@ -163,9 +179,9 @@ def test_forces_stand_in_the_gaits_order(reference):
 
     @eqx.filter_jit
     def one_step(scene):
-        return read(scene, 1.5, WINDOW, state, state, None, None, nothing(scene), impulsive=False)
+        return updated_metrics(scene, Step(1.5, WINDOW, state, state, None, None), initial_metrics(scene))
 
-    meters = one_step(as_dtype(scene, "float64"))
+    metrics = one_step(as_dtype(scene, "float64"))
     forces, rates = [], []
     for k, phase, delta, f in zip(gait.members, gait.phase, gait.amplitude, gait.frequency):
         members, row = (scene.structure.struts, k) if k < 6 else (scene.structure.cables, k - 6)
@@ -180,33 +196,33 @@ def test_forces_stand_in_the_gaits_order(reference):
     assert forces[2] < 0
     forces[2] = 0.0
     assert rates[3] == 0
-    np.testing.assert_allclose(meters.force, forces, rtol=1e-10)
-    np.testing.assert_allclose(meters.peak_force, np.abs(forces), rtol=1e-10)
-    np.testing.assert_allclose(meters.peak_rate, rates, rtol=1e-10)
-    np.testing.assert_allclose(meters.peak_power, np.abs(np.multiply(forces, rates)), rtol=1e-10)
+    np.testing.assert_allclose(metrics.force, forces, rtol=1e-10)
+    np.testing.assert_allclose(metrics.peak_force, np.abs(forces), rtol=1e-10)
+    np.testing.assert_allclose(metrics.peak_rate, rates, rtol=1e-10)
+    np.testing.assert_allclose(metrics.peak_power, np.abs(np.multiply(forces, rates)), rtol=1e-10)
 
 
 def test_counting_begins_with_the_gait(exact):
     """Fallen by 2 cm before it, the robot has never been in the air; a gait that begins at once sees it fall."""
     at_once = dataclasses.replace(rows(exact), start=np.asarray(0.0))
-    flight = roll(exact, at_once, 2.0, dt=STEP, metered=True).meters.flight
+    flight = roll(exact, at_once, 2.0, with_metrics=True, options=SolverOptions(dt=STEP)).metrics.flight
     # to the step in which it lands
     assert float(flight[3]) == pytest.approx(np.sqrt(2 * 0.02 / G), abs=STEP)
 
 
-def test_adaptive_and_implicit_methods_have_no_meters(reference):
-    """Steps of one size, all robots at once: only such are metered."""
+def test_adaptive_and_implicit_methods_have_no_metrics(reference):
+    """Steps of one size, all robots at once: only such are measured."""
     for options in ({"method": "tsit5"}, {"method": "kvaerno3", "dt": 1e-3}):
-        with pytest.raises(InputError, match="expected an explicit one at a fixed step, to be metered"):
-            roll(reference, rows(reference), 0.1, metered=True, **options)
+        with pytest.raises(InputError, match="expected an explicit one at a fixed step, for metrics"):
+            roll(reference, rows(reference), 0.1, with_metrics=True, options=SolverOptions(**options))
 
 
-def test_what_cannot_be_metered_is_refused(reference):
+def test_what_cannot_be_measured_is_refused(reference):
     """Without a gait, nothing is actuated; forces of rigid struts that share a node cannot be told apart."""
-    with pytest.raises(InputError, match="no gait; expected one, whose actuators can be metered"):
-        nothing(with_gait(reference, None))
+    with pytest.raises(InputError, match="no gait; expected one, whose actuators can be measured"):
+        initial_metrics(with_gait(reference, None))
     struts = Members(((0, 1), (1, 2)), None, np.ones(2))
     chain = Structure(np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0]]), np.ones(3), struts)
     gait = Gait((0,), np.zeros(1), np.zeros(1), np.ones(1))
     with pytest.raises(InputError, match="rigid struts share nodes: their forces cannot be told apart"):
-        nothing(Scene(chain, gait=gait))
+        initial_metrics(Scene(chain, gait=gait))

@@ -9,21 +9,33 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxgrity import Gait, InputError, gaits_of, one_gait, random_phases, simulate, simulate_population, with_gait
-from jaxgrity.stepping.dynamics import vector_field
-from jaxgrity.rollout.population import in_lanes, over_lanes
+from jaxgrity import (
+    Gait,
+    InputError,
+    SolverOptions,
+    gaits_of,
+    one_gait,
+    parse_scene,
+    prism_tower,
+    random_phases,
+    resolve,
+    scene_text,
+    simulate,
+    simulate_population,
+    with_gait,
+)
 from jaxgrity.model.scene import as_dtype
-from jaxgrity.io.scene_files import parse_scene
+from jaxgrity.rollout.lanes import in_lanes, most_lanes, over_lanes
+from jaxgrity.stepping.dynamics import vector_field
 
-SCENE = Path(__file__).parents[1] / "experiments" / "scenes" / "reference.toml"
-ANSWERS = json.loads((Path(__file__).parent / "data" / "reference_answers.json").read_text())
+ANSWERS = json.loads((Path(__file__).parents[1] / "data" / "reference_answers.json").read_text())
 
 
 def test_agrees_with_an_independent_program(reference):
     """The frozen answers have nine digits; 1e-7 m is a hundred times what they leave open."""
     phases = np.array([row["phase"] for row in ANSWERS["gaits"]])
     gaits = gaits_of(reference.gait, phases)
-    outcomes = simulate_population(reference, gaits, ANSWERS["duration"], dt=ANSWERS["dt"])
+    outcomes = simulate_population(reference, gaits, ANSWERS["duration"], options=SolverOptions(dt=ANSWERS["dt"]))
     expected = np.array([row["com_end"] for row in ANSWERS["gaits"]])
     np.testing.assert_allclose(outcomes.com_end, expected, rtol=0, atol=1e-7)
 
@@ -32,10 +44,12 @@ def test_agrees_with_an_independent_program(reference):
 def test_each_member_is_the_rollout_of_its_own(reference, method):
     """Fixed steps take all robots at once, other methods go robot by robot: each agrees with `simulate`."""
     phases = random_phases(3, 6, seed=1)
-    outcomes = simulate_population(reference, gaits_of(reference.gait, phases), 0.2, method=method)
+    outcomes = simulate_population(
+        reference, gaits_of(reference.gait, phases), 0.2, options=SolverOptions(method=method)
+    )
     for k, phase in enumerate(phases):
         scene = eqx.tree_at(lambda s: s.gait.phase, reference, phase)
-        trajectory = simulate(scene, 0.2, method=method)
+        trajectory = simulate(scene, 0.2, options=SolverOptions(method=method))
         mass = scene.structure.node_mass
         com = np.einsum("n,nk->k", mass, trajectory.positions[-1]) / mass.sum()
         np.testing.assert_allclose(outcomes.com_end[k], com, rtol=0, atol=1e-10)
@@ -45,11 +59,11 @@ def test_each_member_is_the_rollout_of_its_own(reference, method):
 def test_more_gaits_than_lanes_keep_their_order(reference):
     """Chunks and padding are invisible: 300 gaits give what two halves give."""
     phases = random_phases(300, 6, seed=2)
-    options = {"dt": 1e-3, "dtype": "float32"}
-    whole = simulate_population(reference, gaits_of(reference.gait, phases), 0.05, **options)
+    options = SolverOptions(dt=1e-3, dtype="float32")
+    whole = simulate_population(reference, gaits_of(reference.gait, phases), 0.05, options=options)
     assert whole.com_end.shape == (300, 3)
     for part in (slice(0, 130), slice(130, 300)):
-        half = simulate_population(reference, gaits_of(reference.gait, phases[part]), 0.05, **options)
+        half = simulate_population(reference, gaits_of(reference.gait, phases[part]), 0.05, options=options)
         np.testing.assert_array_equal(whole.com_end[part], half.com_end)
 
 
@@ -67,7 +81,7 @@ def _primitives(jaxpr) -> list[str]:
 @pytest.mark.parametrize("members", ['"struts"', '"cables"', "[0, 3, 7, 20]"])
 def test_the_population_stays_last_in_memory(members):
     """No transpose in the mapped vector field: the layout on which its speed rests (see `primitives.py`)."""
-    reference_text = SCENE.read_text()
+    reference_text = scene_text("reference")
     count = {'"struts"': 6, '"cables"': 24}.get(members, 4)
     text = reference_text.replace('members = "struts"', f"members = {members}")
     text = text.replace("phase = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]", f"phase = {[0.5] * count}")
@@ -91,15 +105,39 @@ def test_float32_is_float32_throughout(reference):
     assert "f64" not in str(jax.make_jaxpr(field)(jnp.float32(1.5), (nodes, nodes), mapped))
 
 
+@pytest.mark.parametrize("platform", ["cpu", "cuda"])
+@pytest.mark.parametrize("members", [(0, 1, 2, 3, 4, 5), (1, 7, 20)])
+def test_no_scatter(reference, platform, members):
+    """In the vector field of a population, lowered for each platform; neither has to be there."""
+    some = np.ones(len(members))
+    scene = as_dtype(with_gait(reference, Gait(members, some, some, some)), "float32")
+    rows = jnp.ones((len(members), 8), "float32")
+    mapped, axes = in_lanes(scene, _in_rows(scene.gait, rows))
+    field = jax.jit(lambda q, s: over_lanes(vector_field, (None, -1, axes))(jnp.float32(1.5), (q, q), s))
+    text = field.trace(mapped.structure.nodes, mapped).lower(lowering_platforms=(platform,)).as_text()
+    assert "stablehlo.gather" in text
+    assert "stablehlo.scatter" not in text
+
+
+@pytest.mark.parametrize(("struts", "dtype", "lanes"), [(6, "float64", 128), (600, "float32", 32), (60, "float64", 64)])
+def test_chunks_shrink_as_structures_grow(struts, dtype, lanes):
+    """So that what a core uses over and over stays in its cache."""
+    scene = prism_tower(struts, exact=False)
+    options = SolverOptions(method="rk4", dt=1e-4, dtype=dtype, any_step=True)
+    assert most_lanes(scene, resolve(scene, 1.0, options)) == lanes
+
+
 def test_a_failed_member_is_data_and_disturbs_no_other(reference):
     """One gait tears its robot apart; the others go where they go without it."""
     phases = random_phases(4, 6, seed=3)
     violent = np.array([0.3, 0.3, 1e9, 0.3])[:, None] * np.ones((4, 6))
     start_now = eqx.tree_at(lambda s: s.gait.start, reference, 0.0)
-    outcomes = simulate_population(start_now, gaits_of(start_now.gait, phases, amplitude=violent), 0.3, dt=1e-3)
+    outcomes = simulate_population(
+        start_now, gaits_of(start_now.gait, phases, amplitude=violent), 0.3, options=SolverOptions(dt=1e-3)
+    )
     assert (np.asarray(outcomes.failure) != 0).tolist() == [False, False, True, False]
     assert np.isnan(outcomes.distance()).tolist() == [False, False, True, False]
-    alone = simulate_population(start_now, gaits_of(start_now.gait, phases[3:]), 0.3, dt=1e-3)
+    alone = simulate_population(start_now, gaits_of(start_now.gait, phases[3:]), 0.3, options=SolverOptions(dt=1e-3))
     np.testing.assert_allclose(outcomes.com_end[3], alone.com_end[0], rtol=0, atol=1e-12)
 
 
@@ -123,6 +161,17 @@ def test_bad_gaits_are_refused(reference):
         gaits_of(with_gait(reference, None).gait, np.zeros((3, 6)))
     with pytest.raises(InputError, match="amplitude has 2 rows; expected 3"):
         gaits_of(reference.gait, np.zeros((3, 6)), amplitude=np.zeros((2, 6)))
+
+
+def test_a_population_of_none_is_refused(reference):
+    """As is one gait that is no population."""
+    with pytest.raises(InputError, match="phase has no rows; expected at least one gait"):
+        gaits_of(reference.gait, np.zeros((0, 6)))
+    none = jax.tree.map(lambda x: np.zeros((0, 6)) if np.ndim(x) else x, reference.gait)
+    with pytest.raises(InputError, match=r"gaits.phase has shape \(0, 6\); expected \(gaits, actuators\), one gait or"):
+        simulate_population(reference, none, 1.0)
+    with pytest.raises(InputError, match=r"gaits.phase has shape \(6,\); expected \(gaits, actuators\)"):
+        simulate_population(reference, reference.gait, 1.0)
 
 
 def test_gaits_take_the_place_of_the_scenes_own(reference):

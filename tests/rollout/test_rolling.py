@@ -8,12 +8,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from jaxgrity import InputError, simulate, with_gait
-from jaxgrity.model.ground import Ground
+from jaxgrity import ExactGround, InputError, PenaltyGround, Scene, Structure, Trajectory, simulate, with_gait
 from jaxgrity.rollout.rolling import Rolling, faces, rolling
-from jaxgrity.model.scene import Scene
-from jaxgrity.stepping.simulate import Trajectory
-from jaxgrity.model.structure import Structure
 
 BODY = np.sqrt(5) / 2
 """m, from one node of the icosahedron to the one opposite"""
@@ -119,7 +115,7 @@ def test_rolling_over_edges(scene, lying):
 @pytest.mark.parametrize(("speed", "duration", "slip_share"), [(0.5, 4.0, 1.0), (0.019, 60.0, 0.0)])
 def test_sliding(scene, lying, incline, speed, duration, slip_share):
     """Down the slope, and up; a robot that creeps far without rolling slides too, though no node slips."""
-    scene = dataclasses.replace(scene, ground=Ground(None, None, incline))
+    scene = dataclasses.replace(scene, ground=ExactGround(incline))
     times = np.linspace(0, duration, 401)
     shift = speed * times[:, None] * np.array(scene.ground.tangents[0])
     tilted = Rotation.from_rotvec([0, incline, 0]).apply(lying)
@@ -137,7 +133,8 @@ def test_sliding(scene, lying, incline, speed, duration, slip_share):
 @pytest.mark.parametrize(("stiffness", "sunk"), [(None, 0.0), (1e4, 1e-3)])
 def test_hopping(scene, lying, ahead, stiffness, sunk):
     """On the spot or ahead: in the air from 2 mm on with exact contact, from 0 on with penalty contact."""
-    scene = dataclasses.replace(scene, ground=Ground(stiffness), friction=None)
+    ground = PenaltyGround(stiffness) if stiffness else ExactGround()
+    scene = dataclasses.replace(scene, ground=ground, friction=None)
     times = np.linspace(0, 4, 4001)
     height = 0.1 * np.maximum(0, np.sin(2 * np.pi * times))
     found = rolling(scene, translation(lying, times, np.stack([ahead * times, 0 * times, height - sunk], axis=1)))

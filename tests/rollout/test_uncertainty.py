@@ -2,7 +2,6 @@
 
 import dataclasses
 import functools
-from pathlib import Path
 
 import equinox as eqx
 import jax
@@ -11,28 +10,31 @@ import numpy as np
 import pytest
 
 from jaxgrity import (
+    ConeFriction,
     Differences,
+    ExactGround,
     InputError,
     Scene,
+    SolverOptions,
     Structure,
+    SwitchFriction,
     Uncertainty,
     differing,
     ensemble,
     gaits_of,
+    one_gait,
+    parse_scene,
     random_phases,
+    scene_text,
     simulate,
     simulate_population,
     with_gait,
 )
-from jaxgrity.stepping.dynamics import acceleration, vector_field
-from jaxgrity.model.friction import ConeFriction, SwitchFriction
-from jaxgrity.model.ground import Ground
-from jaxgrity.rollout.population import in_lanes, lanes_last, one_gait, over_lanes
 from jaxgrity.model.scene import as_dtype
-from jaxgrity.io.scene_files import parse_scene
 from jaxgrity.model.structure import edge_lengths
+from jaxgrity.rollout.lanes import in_lanes, lanes_last, over_lanes
+from jaxgrity.stepping.dynamics import acceleration, vector_field
 
-SCENES = Path(__file__).parents[1] / "experiments" / "scenes"
 DOUBTS = Uncertainty(0.2, 0.1, 0.3, 0.15, 0.25, 0.05, 0.12)
 """a half-width of every kind"""
 SHARES = ("friction", "cable_stiffness", "node_mass")
@@ -202,7 +204,7 @@ def test_a_broken_cable_is_that_of_a_scene_file(name, request):
     scene = request.getfixturevalue(name)
     whole = np.ones(24)
     whole[7] = 0
-    text = (SCENES / f"{name}.toml").read_text().replace("[cables]", "[cables]\nbroken = [7]")
+    text = scene_text(name).replace("[cables]", "[cables]\nbroken = [7]")
     assert eqx.tree_equal(differing(scene, Differences(cable_stiffness=whole, cable_damping=whole)), parse_scene(text))
 
 
@@ -213,11 +215,11 @@ def test_each_robot_is_the_rollout_of_its_own_scene(name, dt, request):
     scene = eqx.tree_at(lambda s: s.gait.start, scene, np.asarray(0.0))
     rows = jax.tree.map(lambda *x: np.stack(x), *(one_robot(k) for k in range(3)))
     three = gaits(scene, 3)
-    outcomes = simulate_population(scene, three, 0.4, dt=dt, differences=rows)
+    outcomes = simulate_population(scene, three, 0.4, differences=rows, options=SolverOptions(dt=dt))
     ends = []
     for k in range(3):
         own = with_gait(differing(scene, jax.tree.map(lambda x, k=k: x[k], rows)), one_gait(three, k))
-        ends.append(simulate(own, 0.4, dt=dt, frame_rate=1.0, any_step=True).positions[-1])
+        ends.append(simulate(own, 0.4, frame_rate=1.0, options=SolverOptions(dt=dt, any_step=True)).positions[-1])
     np.testing.assert_allclose(outcomes.positions, ends, rtol=0, atol=1e-12)
     assert np.abs(ends[0] - ends[1]).max() > 1e-4
     assert np.asarray(outcomes.failure).tolist() == [0, 0, 0]
@@ -257,11 +259,11 @@ def test_to_lean_is_to_stand_on_a_slope(reference, incline):
 def test_a_ball_on_leaning_ground_sticks_or_slides():
     """Within friction's cone it stays; beyond, it slides down the lean with g (sin - mu cos), which leapfrog knows."""
     structure = Structure(np.zeros((1, 3)), np.array([2.0]))
-    scene = Scene(structure, gravity=9.81, ground=Ground(None), friction=ConeFriction(0.5))
+    scene = Scene(structure, gravity=9.81, ground=ExactGround(), friction=ConeFriction(0.5))
     for lean in (0.4, 0.6):
         down = np.array([np.cos(0.7), np.sin(0.7), 0])
         up = np.cos(lean) * np.array([0, 0, 1.0]) - np.sin(lean) * down
-        ball = simulate(differing(scene, Differences(up=up)), 0.5, dt=1e-2, frame_rate=4.0)
+        ball = simulate(differing(scene, Differences(up=up)), 0.5, frame_rate=4.0, options=SolverOptions(dt=1e-2))
         slides = max(0, 9.81 * (np.sin(lean) - 0.5 * np.cos(lean)))
         expected = slides / 2 * np.asarray(ball.times)[:, None] ** 2 * down
         np.testing.assert_allclose(ball.positions[:, 0], expected, rtol=0, atol=1e-9)

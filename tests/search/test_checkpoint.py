@@ -67,7 +67,7 @@ def test_one_run_holds_its_folder(tmp_path):
         checkpoint.save(0, state(0))
         for options in ({}, {"resume": True}, {"restart": True}):
             with (
-                pytest.raises(InputError, match="another run is writing there; expected another --out"),
+                pytest.raises(InputError, match="another run is writing there; expected another folder"),
                 open_checkpoint(tmp_path, SETTINGS, **options),
             ):
                 pass
@@ -84,7 +84,7 @@ def test_an_unfinished_run_is_not_overwritten(tmp_path):
         checkpoint.save(0, state(0))
         checkpoint.save(1, state(1))
     with (
-        pytest.raises(InputError, match="holds an unfinished run; expected --resume, --restart or another --out"),
+        pytest.raises(InputError, match="holds an unfinished run; expected resume, restart or another folder"),
         open_checkpoint(tmp_path, SETTINGS),
     ):
         pass

@@ -249,7 +249,7 @@ def test_the_former_name_of_verlet_warns_and_gives_the_same(undamped):
     assert np.asarray(former.positions).tobytes() == np.asarray(motion.positions).tobytes()
     with pytest.raises(InputError, match="method = 'symplectic': there is one of this name already"):
         register_method(METHODS["rk4"]._replace(name="symplectic"))
-    with pytest.warns(DeprecationWarning):
+    with pytest.warns(DeprecationWarning, match="verlet"):
         assert find_method("symplectic") is METHODS["verlet"]
 
 

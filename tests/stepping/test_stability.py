@@ -5,11 +5,9 @@ import numpy as np
 import pytest
 from stability import at_rest, measure, random_scene
 
-from jaxgrity import InputError, Members, Scene, Structure, simulate, with_gait
-from jaxgrity.model.friction import ConeFriction
-from jaxgrity.model.ground import Ground
+from jaxgrity import ConeFriction, ExactGround, InputError, Members, Scene, SolverOptions, Structure, resolve, simulate
+from jaxgrity.model.scene import with_gait
 from jaxgrity.stepping.methods import METHODS
-from jaxgrity.stepping.simulate import settle
 from jaxgrity.stepping.stability import limiting_part, linearise, stable_step, standing, strictest
 
 
@@ -40,7 +38,7 @@ def test_rigid_struts_leave_as_many_coordinates_as_they_should(reference):
     structure = Structure(reference.structure.nodes, reference.structure.node_mass, struts, reference.structure.cables)
     free = Scene(structure)
     assert linearise(free, standing(free)).stiffness.shape == (30, 30)
-    held = Scene(structure, gravity=9.81, ground=Ground(None), friction=ConeFriction(0.5))
+    held = Scene(structure, gravity=9.81, ground=ExactGround(), friction=ConeFriction(0.5))
     assert linearise(held, standing(held)).stiffness.shape == (21, 21)
 
 
@@ -51,7 +49,7 @@ def test_a_pendulum_of_a_rigid_strut_swings_at_its_frequency():
         np.array([1e9, 1.0, 1.0]),
         Members(((0, 1), (0, 2)), None, np.array([1.0, 2.0])),
     )
-    scene = Scene(column, gravity=9.81, ground=Ground(None))
+    scene = Scene(column, gravity=9.81, ground=ExactGround())
     values, _ = linearise(scene, (column.nodes, 0 * column.nodes)).modes()
     frequencies = np.abs(values.imag[np.abs(values.real) < 1e-6])
     assert np.any(np.isclose(frequencies, np.sqrt(9.81), rtol=1e-6))
@@ -91,8 +89,8 @@ def test_cables_that_are_slack_at_first_count(reference):
 def test_a_step_too_large_is_refused_by_name(reference):
     """What, where, the value, what was expected; and the override lets it pass."""
     with pytest.raises(InputError, match=r"dt = 0\.003 s is too large for rk4.*0\.00136 s.*friction at node"):
-        simulate(reference, 0.1, dt=3e-3)
-    assert not simulate(reference, 0.1, dt=3e-3, any_step=True).failed
+        simulate(reference, 0.1, options=SolverOptions(dt=3e-3))
+    assert not simulate(reference, 0.1, options=SolverOptions(dt=3e-3, any_step=True)).failed
 
 
 def test_a_scene_that_nothing_drives_takes_any_step():
@@ -109,7 +107,7 @@ def test_an_absurd_step_is_refused(request, method):
     if METHODS[method].symplectic:
         scene = Scene(undamped_springs(scene.structure))
     with pytest.raises(InputError, match="dt = 100 s is too large"):
-        settle(scene, 1000.0, method, 100.0)
+        resolve(scene, 1000.0, SolverOptions(method=method, dt=100.0))
 
 
 def undamped_springs(structure):

@@ -4,16 +4,13 @@ import equinox as eqx
 import numpy as np
 import pytest
 
-from jaxgrity import with_gait
-from jaxgrity.trust.energy_audit import energy_audit
-from jaxgrity.model.friction import SwitchFriction
-from jaxgrity.model.scene import Scene
+from jaxgrity import Scene, SolverOptions, SwitchFriction, energy_audit, with_gait
 
 
 @pytest.fixture(scope="module")
 def roll(reference):
     """Three seconds of the reference scene, two of them with its gait, at the step that the balance is judged at."""
-    return energy_audit(reference, 3.0, dt=1e-4)
+    return energy_audit(reference, 3.0, options=SolverOptions(dt=1e-4))
 
 
 def test_the_balance_closes(roll):
@@ -36,7 +33,7 @@ def test_every_part_has_its_place(roll):
 def test_the_residual_is_an_error_of_the_steps(reference):
     """It falls by far more than the step does: the forces of a drop have corners and jumps, but no more."""
     still = with_gait(reference, None)
-    coarse, fine = (energy_audit(still, 0.5, dt=dt) for dt in (8e-4, 1e-4))
+    coarse, fine = (energy_audit(still, 0.5, options=SolverOptions(dt=dt)) for dt in (8e-4, 1e-4))
     assert np.abs(fine.residual).max() < np.abs(coarse.residual).max() / 8
     assert np.all(fine.actuation == 0)
 
@@ -45,7 +42,7 @@ def test_the_residual_is_an_error_of_the_steps(reference):
 def test_a_gait_that_begins_at_once_is_balanced(reference, method):
     """dU/dt jumps at t = 0, and the balance knows it, by every method that takes further equations."""
     flying = Scene(reference.structure, gait=eqx.tree_at(lambda g: g.start, reference.gait, np.asarray(0.0)))
-    audit = energy_audit(flying, 0.2, method=method, dt=2e-4)
+    audit = energy_audit(flying, 0.2, options=SolverOptions(method=method, dt=2e-4))
     assert np.abs(audit.residual).max() < 1e-6 * audit.turned_over
 
 
@@ -59,7 +56,7 @@ def test_a_conservative_scene_loses_nothing(reference):
         bare,
         (None,) * 5,
     )  # fmt: skip
-    audit = energy_audit(bare, 0.5, dt=5e-5)
+    audit = energy_audit(bare, 0.5, options=SolverOptions(dt=5e-5))
     assert audit.dissipated == {}
     assert np.abs(audit.residual).max() < 1e-6 * audit.turned_over
 
@@ -68,7 +65,7 @@ def test_the_switch_is_in_the_balance(reference):
     """A force law without a dissipation function is audited by its power."""
     switch = SwitchFriction(0.5, 0.4, 1e-3)
     scene = eqx.tree_at(lambda s: s.friction, with_gait(reference, None), switch)
-    audit = energy_audit(scene, 0.5, dt=1e-4)
+    audit = energy_audit(scene, 0.5, options=SolverOptions(dt=1e-4))
     assert audit.dissipated["friction"][-1] > 1e-3
     assert np.abs(audit.residual).max() < 1e-3 * audit.turned_over
 
@@ -78,7 +75,7 @@ def test_exact_contact_is_balanced_to_second_order(exact):
     for scene, duration in ((with_gait(exact, None), 0.5), (exact, 3.0)):
         residuals = []
         for dt in (4e-3, 1e-3):
-            audit = energy_audit(scene, duration, dt=dt)
+            audit = energy_audit(scene, duration, options=SolverOptions(dt=dt))
             residuals.append(np.abs(audit.residual).max() / audit.turned_over)
             for cause in ("impacts", "friction", "cables", "nodes"):
                 assert audit.dissipated[cause][-1] > 0.05, cause
@@ -88,9 +85,11 @@ def test_exact_contact_is_balanced_to_second_order(exact):
 
 def test_momentum_is_what_the_ground_and_gravity_give(reference, exact):
     """Members exert no net force and no net moment; what the balance lacks is rounding, or falls with the step."""
-    smooth = energy_audit(reference, 2.0, dt=2e-4)
+    smooth = energy_audit(reference, 2.0, options=SolverOptions(dt=2e-4))
     assert smooth.momentum_residual.max() < 1e-11
     assert smooth.angular_residual.max() < 1e-6
-    coarse, fine = (energy_audit(exact, 2.0, dt=dt).momentum_residual.max() for dt in (4e-3, 1e-3))
+    coarse, fine = (
+        energy_audit(exact, 2.0, options=SolverOptions(dt=dt)).momentum_residual.max() for dt in (4e-3, 1e-3)
+    )
     assert fine < coarse / 3
     assert fine < 1e-3

@@ -5,11 +5,9 @@ import json
 import numpy as np
 import pytest
 
-from jaxgrity import diagnose, simulate
-from jaxgrity.stepping.dynamics import momentum
+from jaxgrity import Members, Scene, SolverOptions, Structure, diagnose, simulate
 from jaxgrity.io.files import save_json
-from jaxgrity.model.scene import Scene
-from jaxgrity.model.structure import Members, Structure
+from jaxgrity.stepping.dynamics import momentum
 
 
 @pytest.fixture(scope="module")
@@ -19,7 +17,7 @@ def roll(reference):
 
 def test_the_error_bar_covers_the_error(reference, roll):
     """Of the centre of mass, at every frame, against a step 16 times smaller."""
-    truth = simulate(reference, 2.5, dt=roll.trajectory.dt / 16)
+    truth = simulate(reference, 2.5, options=SolverOptions(dt=roll.trajectory.dt / 16))
     off = np.linalg.norm((truth.positions - roll.trajectory.positions).mean(1), axis=1)
     assert np.all(off <= roll.error_bars + 1e-15)
     assert roll.error_bar < 1e-2
@@ -43,15 +41,15 @@ def test_the_summary_says_it_all_and_goes_into_json(roll, tmp_path):
 def test_float32_is_held_against_float64(reference):
     """The bar of a rollout in float32 includes its rounding."""
     falling = Scene(reference.structure, gravity=9.81)
-    single = diagnose(falling, 0.3, dt=1e-3, dtype="float32")
-    double = diagnose(falling, 0.3, dt=1e-3)
+    single = diagnose(falling, 0.3, options=SolverOptions(dt=1e-3, dtype="float32"))
+    double = diagnose(falling, 0.3, options=SolverOptions(dt=1e-3))
     assert single.error_bar > 1e-8
     assert double.error_bar < 1e-12
 
 
 def test_a_failed_rollout_is_diagnosed_as_one(reference):
     """An infinite bar, no audit, and the reason."""
-    torn = diagnose(reference, 0.5, dt=0.1, any_step=True)
+    torn = diagnose(reference, 0.5, options=SolverOptions(dt=0.1, any_step=True))
     assert torn.error_bar == np.inf
     assert torn.audit is None
     assert torn.horizon < 0.5
@@ -71,7 +69,7 @@ def test_members_exert_no_net_force(exact, reference):
     """Where nothing acts from outside, the momentum residual is the momentum, and that stays zero."""
     for scene in (exact, reference):
         floating = Scene(scene.structure, gait=scene.gait)
-        found = diagnose(floating, 2.0, dt=1e-3)
+        found = diagnose(floating, 2.0, options=SolverOptions(dt=1e-3))
         assert found.audit.momentum_residual.max() < 1e-10
         end = momentum(floating, found.trajectory.velocities[-1])
         assert np.abs(end).max() < 1e-10
@@ -86,9 +84,12 @@ def test_a_rollout_without_a_gait_is_asked_for_its_start():
     assert found.error_bar < 1e-12
 
 
-def test_symplectic_rollouts_are_balanced():
+def test_rollouts_by_verlet_are_balanced():
     """Two nodes on an undamped strut: energy stays to second order of the step."""
     strut = Members(((0, 1),), np.array([100.0]), np.array([0.8]))
     scene = Scene(Structure(np.array([[0.0, 0, 0], [1.0, 0, 0]]), np.ones(2), strut))
-    coarse, fine = (np.abs(diagnose(scene, 2.0, method="symplectic", dt=h).audit.residual).max() for h in (2e-2, 1e-2))
+    coarse, fine = (
+        np.abs(diagnose(scene, 2.0, options=SolverOptions(method="verlet", dt=h)).audit.residual).max()
+        for h in (2e-2, 1e-2)
+    )
     assert 3.5 < coarse / fine < 4.5

@@ -1,0 +1,398 @@
+"""The command `jaxgrity`: what each subcommand leaves, and one clear line with exit code 2 on bad input."""
+
+import importlib
+import json
+import os
+import re
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from jaxgrity import Progress, load_gait, random_phases, scene_text
+from jaxgrity.cli import main as command
+from jaxgrity.cli import script, search
+
+ROOT = Path(__file__).parents[2]
+ANSWERS = json.loads((ROOT / "tests" / "data" / "reference_answers.json").read_text())
+FREE = """
+[structure]
+kind = "icosahedron"
+strut_length = 1.0
+mass = 6.0
+
+[struts]
+stiffness = 2e4
+
+[cables]
+stiffness = 600.0
+prestrain = 0.3
+"""
+"""a scene in which nothing dissipates"""
+
+
+class Done(NamedTuple):
+    """What a command said, and how it ended."""
+
+    code: int
+    out: str
+    errors: str
+
+
+@pytest.fixture
+def jaxgrity(monkeypatch, capsys):
+    """`jaxgrity(*arguments)`: the command, in this process, which has set up what the command would."""
+    monkeypatch.setattr(command, "configure", lambda: None)
+    monkeypatch.setenv("JAX_NUM_CPU_DEVICES", "1")
+
+    def call(*arguments: object) -> Done:
+        monkeypatch.setattr(sys, "argv", ["jaxgrity", *map(str, arguments)])
+        code = 0
+        try:
+            command.main()
+        except SystemExit as end:
+            code = end.code
+        return Done(code, *capsys.readouterr())
+
+    return call
+
+
+def in_its_own_process(*command: object, **environment: str) -> Done:
+    """What a user gets who calls it."""
+    words = [sys.executable, *map(str, command)]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=280, env=os.environ | environment)
+    return Done(done.returncode, done.stdout, done.stderr)
+
+
+def summary_in(folder: Path) -> dict:
+    return json.loads((folder / "summary.json").read_text())
+
+
+def write_gaits(path: Path, phases: np.ndarray) -> Path:
+    np.savetxt(path, phases, delimiter=",", fmt="%.17g")
+    return path
+
+
+# simulate
+
+
+@pytest.mark.slow
+def test_simulate_agrees_with_an_independent_program(jaxgrity, tmp_path):
+    """16 gaits from a CSV: every component of every centre of mass within 1e-7 m."""
+    gaits = write_gaits(tmp_path / "gaits.csv", np.array([row["phase"] for row in ANSWERS["gaits"]]))
+    out = tmp_path / "out"
+    done = jaxgrity("simulate", "reference", "--gaits", gaits, "--duration", 2, "--dt", 5e-4, "--out", out)
+    assert done.code == 0, done.errors
+    summary = summary_in(out)
+    assert (summary["method"], summary["dt"], summary["dtype"], summary["duration"]) == ("rk4", 5e-4, "float64", 2.0)
+    assert summary["scene"] == "reference"
+    assert summary["steps"] == 4000
+    assert len(summary["error_bar"]) == 16
+    assert max(summary["error_bar"]) < 0.01
+    assert summary["diagnosis_of_furthest"]["error_bar"] == pytest.approx(
+        summary["error_bar"][int(np.argmax(summary["distance"]))], rel=0.2, abs=1e-9
+    )
+    assert summary["failed"] == []
+    assert summary["wall_seconds"] > 0
+    assert summary["compile_seconds"] > 0
+    expected = [row["com_end"] for row in ANSWERS["gaits"]]
+    np.testing.assert_allclose(summary["com_end"], expected, rtol=0, atol=1e-7)
+    assert (out / "outcomes.png").stat().st_size > 5000
+
+
+@pytest.mark.slow
+def test_simulate_one_rollout(jaxgrity, tmp_path):
+    """One rollout leaves its trajectory and its figures; what the scene chose is in the summary."""
+    done = jaxgrity("simulate", "reference", "--duration", 1.5, "--method", "tsit5", "--out", tmp_path)
+    assert done.code == 0, done.errors
+    assert "smooth friction" in done.out
+    summary = summary_in(tmp_path)
+    with np.load(tmp_path / "trajectory.npz") as saved:
+        assert saved["positions"].shape == (151, 12, 3)
+        assert saved["velocities"].shape == (151, 12, 3)
+        np.testing.assert_allclose(saved["positions"][-1].mean(0), summary["com_end"][0], atol=1e-12)
+    assert summary["dt"] is None
+    assert summary["diagnosis"]["error_bar"] < 1e-6
+    assert "energy residual" in done.out
+    assert (tmp_path / "path.png").exists()
+    assert (tmp_path / "members.png").exists()
+
+
+@pytest.mark.slow
+def test_simulate_reports_a_failure_as_data(jaxgrity, tmp_path):
+    """A gait that no step can follow ends in the summary's list of failures, with exit code 0."""
+    text = scene_text("reference").replace("stiffness = 2e4", "stiffness = 1e10").replace("damping = 36.0", "")
+    (tmp_path / "scene.toml").write_text(text.replace("start = 1.0", "start = 0.0"))
+    gaits = write_gaits(tmp_path / "gaits.csv", random_phases(2, 6, seed=0))
+    done = jaxgrity(
+        "simulate", tmp_path / "scene.toml", "--gaits", gaits, "--duration", 0.05, "--method", "rk4",
+        "--dt", 1e-3, "--any-step", "--out", tmp_path,
+    )  # fmt: skip
+    assert done.code == 0, done.errors
+    summary = summary_in(tmp_path)
+    assert summary["failed"] == [0, 1]
+    assert summary["distance"] == [None, None]
+    assert summary["outcome"][0] == "the motion is not finite, or misses its constraints"
+
+
+@pytest.mark.slow
+def test_simulate_takes_a_gait_of_the_library(jaxgrity, tmp_path):
+    """In place of the scene's own, by its name; where it was found on another scene, it says so."""
+    exact = tmp_path / "exact.toml"
+    exact.write_text(scene_text("exact"))
+    quickly = ("--duration", 0.2, "--no-diagnose", "--gait", "slow", "--out", tmp_path)
+    for scene, said in (("exact", False), (exact, False), ("reference", True)):
+        done = jaxgrity("simulate", scene, *quickly)
+        assert done.code == 0, done.errors
+        assert ("the gait slow was found on exact\n" in done.out) == said
+        with np.load(tmp_path / "trajectory.npz") as saved:
+            np.testing.assert_array_equal(saved["phase"], load_gait("slow").phase)
+        assert summary_in(tmp_path)["scene"] == Path(scene).name
+
+
+@pytest.mark.slow
+def test_the_former_name_of_verlet_warns_once_and_works(tmp_path):
+    """However many rollouts the command makes."""
+    (tmp_path / "free.toml").write_text(FREE)
+    words = ("simulate", tmp_path / "free.toml", "--method", "symplectic", "--duration", 0.05, "--out", tmp_path)
+    done = in_its_own_process("-m", "jaxgrity.cli.main", *words)
+    assert done.code == 0, done.errors
+    assert summary_in(tmp_path)["method"] == "verlet"
+    assert done.errors.count("DeprecationWarning: method 'symplectic' is now called 'verlet'") == 1
+
+
+# diagnose
+
+
+@pytest.mark.slow
+def test_diagnose_says_how_far_a_rollout_can_be_trusted(jaxgrity, tmp_path):
+    """In a table, as JSON and as a figure; of a gait of the library too."""
+    arguments = ("--gait", "rolling", "--duration", 0.3, "--out", tmp_path)
+    done = jaxgrity("diagnose", "reference", *arguments)
+    assert done.code == 0, done.errors
+    assert "rk4" in done.out
+    for line in ("error bar", "energy residual", "penetration", "predictable"):
+        assert line in done.out
+    facts = json.loads((tmp_path / "diagnosis.json").read_text())
+    assert (facts["scene"], facts["duration"], facts["outcome"]) == ("reference", 0.3, "succeeded")
+    assert 0 < facts["error_bar"] < 1e-3
+    assert (tmp_path / "path.png").stat().st_size > 5000
+
+
+# bad input
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["simulate", "missing.toml"], ["scene 'missing.toml': unknown; expected a file, or one of exact,"]),
+        (["simulate", "moon"], ["scene 'moon': unknown; expected a file, or one of exact,"]),
+        (["simulate", "reference", "--method", "euler"], ["euler", "rk4, tsit5"]),
+        (["simulate", "reference", "--duration", "-1"], ["duration = -1", "positive"]),
+        (["simulate", "reference", "--dt", "0.02"], ["dt = 0.02", "largest stable step", "0.00136"]),
+        (["simulate", "reference", "--method", "verlet"], ["verlet", "dissipation"]),
+        (["simulate", "reference", "--gait", "fly"], ["gait 'fly': unknown", "rolling"]),
+        (["simulate", "reference", "--gaits", "short.csv"], ["short.csv", "row 2 has 5 phases; expected 6"]),
+        (["simulate", "stiff.toml"], ["stiff.toml", "struts.stiffness", "-1"]),
+        (["diagnose", "moon"], ["scene 'moon': unknown; expected a file, or one of exact,"]),
+        (["diagnose", "exact", "--method", "rk4"], ["rk4", "expected 'complementarity'"]),
+        (["diagnose", "reference", "--gait", "fly"], ["gait 'fly': unknown", "rolling"]),
+        (["search", "--scene", "moon"], ["scene 'moon': unknown; expected a file, or one of exact,"]),
+        (["search", "--scene", "still.toml"], ["has no [gait]"]),
+        (["search", "--dt", "0.1"], ["largest stable step"]),
+        (["search", "--dt", "nan"], ["dt = nan"]),
+        (["search", "--population", "1"], ["population = 1: expected at least 2 gaits"]),
+        (["search", "--polish-gaits", "17"], ["polish_gaits = 17: expected 1 to 16"]),
+        (["search", "--polish-rollouts", "3"], ["3 rollouts of polish: expected 448 or more, for 4 climbs"]),
+        (["search", "--objective.kind", "far"], ["objective = 'far': unknown; expected one of distance, direction"]),
+        (["search", "--objective.heading", "1"], ["heading = 1.0: 'distance' has none", "'direction'"]),
+        (["search", "--objective.largest-rate", "0"], ["largest_rate = 0.0: expected a positive number"]),
+        (["search", "--caution", "1", "--robots", "1"], ["caution = 1.0: one robot has no spread"]),
+        (["compare"], ["no runs: expected at least one folder"]),
+        (["compare", "missing"], ["missing/summary.json", "No such file"]),
+        (["compare", "broken"], ["broken/summary.json: not JSON"]),
+        (["compare", "other"], ["other/summary.json: has no robust, searches, settings"]),
+    ],
+    ids=" ".join,
+)
+def test_bad_input_is_one_line(jaxgrity, tmp_path, monkeypatch, arguments, words):
+    """What, where, the value received, what was expected; nothing is written that would have to be removed."""
+    monkeypatch.chdir(tmp_path)
+    Path("short.csv").write_text("0,1,2,3,4,5\n0,1,2,3,4\n")
+    Path("stiff.toml").write_text(scene_text("reference").replace("stiffness = 2e4", "stiffness = -1.0"))
+    Path("still.toml").write_text(scene_text("reference").split("[gait]")[0])
+    for name, text in (("broken", "{"), ("other", '{"distance": 1.0}')):
+        Path(name).mkdir()
+        Path(name, "summary.json").write_text(text)
+    done = jaxgrity(*arguments, "--out", "out")
+    assert done.code == 2
+    (line,) = done.errors.strip().splitlines()
+    assert line.startswith("error: ")
+    assert all(word in line for word in words), line
+    assert not Path("out").exists()
+
+
+def test_there_has_to_be_a_search_to_resume(jaxgrity, tmp_path):
+    """The folder is made, for it is locked before it is looked at."""
+    done = jaxgrity("search", "--scene", "exact", "--resume", "--out", tmp_path)
+    assert done.code == 2
+    (line,) = done.errors.strip().splitlines()
+    assert line == f"error: {tmp_path}: has no run; expected one to resume"
+
+
+@pytest.mark.slow
+def test_a_refusal_ends_with_exit_code_2():
+    """And its one line is all that is said, by the command as by the script that calls it."""
+    for program in (["-m", "jaxgrity.cli.main", "simulate"], [ROOT / "experiments" / "simulate.py"]):
+        done = in_its_own_process(*program, "reference", "--duration", "0")
+        assert done.code == 2
+        assert done.errors.strip() == "error: duration = 0.0: expected a positive, finite number"
+
+
+@pytest.mark.parametrize(
+    ("setting", "said"),
+    [("resume", "interrupted; the same command with --resume goes on from what was saved"), ("quick", "interrupted")],
+)
+def test_an_interruption_is_one_line(monkeypatch, capsys, setting, said):
+    """Ctrl-C ends with exit code 130, and says how to go on where one can."""
+    monkeypatch.setenv("JAX_NUM_CPU_DEVICES", "1")
+
+    @dataclass
+    class Settings:
+        pass
+
+    setattr(Settings, setting, False)
+
+    def interrupt(settings):
+        raise KeyboardInterrupt
+
+    with pytest.raises(SystemExit) as end:
+        script.execute(interrupt, Settings())
+    assert end.value.code == 130
+    assert capsys.readouterr().err.strip() == said
+
+
+# help
+
+
+@pytest.mark.parametrize("name", ["simulate", "search", "compare", "diagnose"])
+def test_help_comes_from_the_settings(jaxgrity, name):
+    """Every subcommand explains itself, and has a --quick size."""
+    done = jaxgrity(name, "--help")
+    assert done.code == 0
+    assert "--quick" in done.out
+    assert "--out" in done.out
+    module = importlib.import_module(f"jaxgrity.cli.{name}")
+    assert words(module.__doc__) in words(done.out)
+
+
+def words(text: str) -> str:
+    """On one line, without the frame that help is printed in."""
+    return " ".join(re.sub("[│╭╮╰╯─]", " ", text).split())
+
+
+def test_help_names_the_subcommands(jaxgrity):
+    done = jaxgrity("--help")
+    assert done.code == 0
+    assert all(name in done.out for name in ("simulate", "search", "compare", "diagnose"))
+
+
+def test_no_subcommand_is_bad_input(jaxgrity):
+    """As is one that there is not."""
+    assert jaxgrity().code == 2
+    assert jaxgrity("fly").code == 2
+
+
+@pytest.mark.parametrize(
+    ("script", "module"), [("simulate", "simulate"), ("gait_search", "search"), ("compare_gaits", "compare")]
+)
+def test_scripts_call_the_commands(script, module):
+    """Under their own names, with the same settings."""
+    library = importlib.import_module(f"jaxgrity.cli.{module}")
+    assert importlib.import_module(script).main is library.main
+
+
+# search and compare
+
+
+@pytest.fixture(scope="module")
+def search_run(tmp_path_factory):
+    """The main job, quick, on the cheaper scene and on two devices, and what it said."""
+    folder = tmp_path_factory.mktemp("search")
+    words = (ROOT / "experiments" / "gait_search.py", "--quick", "--scene", "exact", "--out", folder)
+    done = in_its_own_process(*words, JAX_NUM_CPU_DEVICES="2")
+    assert done.code == 0, done.errors
+    return folder, done.out
+
+
+@pytest.mark.slow
+def test_search_from_end_to_end(search_run):
+    """A verified gait, and all that a search leaves; its numbers agree with each other."""
+    folder, said = search_run
+    assert "verified distance:" in said
+    for name in ("convergence", "fidelity", "robust", "path", "members"):
+        assert (folder / f"{name}.png").stat().st_size > 5000, name
+    for name in ("animation.gif", "index.html"):
+        assert (folder / name).stat().st_size > 500, name
+    gait, summary = (json.loads((folder / name).read_text()) for name in ("gait.json", "summary.json"))
+    assert gait["distance"] > 0.8
+    assert gait["error_bar"] < 0.05 * gait["distance"]
+    assert gait["robust"]["mean"] == pytest.approx(gait["distance"], rel=0.2)
+    assert len(summary["searches"][0]["best"]) == 3
+    assert np.shape(summary["fidelity"]["rank_correlation"]) == (3, 3)
+    headings = sorted(one["heading"] for one in gait["directions"])
+    np.testing.assert_allclose(np.diff(headings), 2 * np.pi / 3, atol=0.02)
+    for one in gait["directions"]:
+        assert abs(one["distance"] - gait["distance"]) <= one["error_bar"] + gait["error_bar"]
+    with np.load(folder / "trajectory.npz") as saved:
+        moved = saved["positions"][-1].mean(0) - saved["positions"][0].mean(0)
+    assert np.hypot(*moved[:2]) == pytest.approx(gait["distance"], abs=1e-6)
+    assert load_gait(folder / "gait.json").phase.tolist() == gait["phase"]
+
+
+@pytest.mark.slow
+def test_every_stage_of_a_search_shows_how_far_it_is(search_run):
+    """Its bar begins with nothing done and ends with everything done."""
+    _, said = search_run
+    lines = [line for line in re.split("[\r\n]+", said) if line]
+    stages = ["evolving", "promoting", "polishing", "verifying", "measuring", "animating"]
+    seen = [line.split(":")[0] for line in lines if re.match("[a-z]+: +[0-9]", line)]
+    assert list(dict.fromkeys(seen)) == stages
+    for stage, total in (("evolving", 3), ("promoting", 3), ("verifying", 4), ("measuring", 3), ("animating", 50)):
+        shown = [line for line in lines if line.startswith(f"{stage}:")]
+        assert f" 0/{total} [" in shown[0]
+        assert f" {total}/{total} [" in shown[-1]
+        assert shown[-1].startswith(f"{stage}: 100%")
+
+
+def test_a_step_that_takes_long_is_not_silent(monkeypatch, capsys):
+    """The bar is shown again, with the time that has passed, while nothing is heard of the search."""
+    assert search.TICK <= 5
+    monkeypatch.setattr(search, "TICK", 0.01)
+    with search.Bars() as bars:
+        bars.hear(Progress("verifying", 1, 4, {}))
+        said = capsys.readouterr().out
+        for _ in range(500):
+            time.sleep(0.01)
+            said += capsys.readouterr().out
+            if said.count("verifying:  25%") >= 4:
+                break
+        else:
+            pytest.fail(f"nothing but {said!r} for 5 s")
+
+
+@pytest.mark.slow
+def test_searches_are_compared(jaxgrity, search_run, tmp_path):
+    """A search beside itself differs in no setting."""
+    folder, _ = search_run
+    done = jaxgrity("compare", folder, folder, "--out", tmp_path)
+    assert done.code == 0, done.errors
+    assert (tmp_path / "comparison.png").stat().st_size > 5000
+    head, one = done.out.splitlines()[:2]
+    assert head.split()[:2] == ["run", "verified,"]
+    assert one.startswith(str(folder))

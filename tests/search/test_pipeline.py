@@ -1,0 +1,243 @@
+"""The whole search as a library call: one result, however often it is interrupted, for an objective of one's own."""
+
+import dataclasses
+import itertools
+import json
+from pathlib import Path
+from typing import Any, ClassVar, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxgrity import (
+    OBJECTIVES,
+    InputError,
+    Objective,
+    Progress,
+    SearchConfig,
+    SearchResult,
+    find_objective,
+    load_states,
+    one_gait,
+    register_objective,
+    search_gaits,
+    with_gait,
+)
+
+pytestmark = pytest.mark.slow
+
+
+class Sideways(Objective):
+    """How far the centre of mass gets to the left, m."""
+
+    unit: ClassVar[str] = "m"
+    needs_metrics: ClassVar[bool] = False
+    any_heading: ClassVar[bool] = False
+
+    def worth(self, scene, outcomes, duration):
+        moved = (outcomes.com_end - outcomes.com_start)[:, 1]
+        return jnp.where(outcomes.failure == 0, moved, jnp.nan)
+
+
+@pytest.fixture(scope="module")
+def config():
+    """A small search for the objective above, by its name."""
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr("jaxgrity.search.objectives.OBJECTIVES", dict(OBJECTIVES))
+        register_objective("sideways", Sideways)
+        objective = find_objective("sideways")()
+    return SearchConfig(
+        duration=1.5,
+        population=4,
+        generations=(2, 1),
+        robots=2,
+        objective=objective,
+        polish_rollouts=96,
+        polish_gaits=1,
+    )
+
+
+class Whole(NamedTuple):
+    """A search that nothing interrupted."""
+
+    result: SearchResult
+    heard: list[Progress]
+    population: dict[str, np.ndarray]
+    """that it left in its folder"""
+    done_at_report: bool
+    done_at_the_end: bool
+
+
+def population_in(folder: Path) -> dict[str, np.ndarray]:
+    with np.load(folder / "population.npz") as saved:
+        return dict(saved)
+
+
+def is_done(folder: Path) -> bool:
+    return json.loads((folder / "run.json").read_text())["done"]
+
+
+@pytest.fixture(scope="module")
+def whole(exact, config, tmp_path_factory):
+    folder, heard, reported = tmp_path_factory.mktemp("whole"), [], []
+
+    def report(result):
+        reported.append((result, is_done(folder)))
+
+    result = search_gaits(exact, config, folder=folder, on_progress=heard.append, report=report)
+    ((told, done_at_report),) = reported
+    assert told is result
+    return Whole(result, heard, population_in(folder), done_at_report, is_done(folder))
+
+
+class Interruption(Exception):  # noqa: N818 it is no error
+    """Raised by a listener, as Ctrl-C would be."""
+
+
+@pytest.fixture
+def interrupted(exact, config, tmp_path):
+    """`interrupted(stage, done)`: the folder of a search that was interrupted when it was so far."""
+
+    def search(stage: str, done: int) -> Path:
+        def stop(progress):
+            if (progress.stage, progress.done) == (stage, done):
+                raise Interruption
+
+        with pytest.raises(Interruption):
+            search_gaits(exact, config, folder=tmp_path, on_progress=stop)
+        return tmp_path
+
+    return search
+
+
+def assert_same(mine: Any, its: Any) -> None:
+    """Of two results all that is not a wall time, to the last bit."""
+    mine, its = (result._replace(seconds={}) for result in (mine, its))
+    assert jax.tree.structure(mine) == jax.tree.structure(its)
+    for a, b in zip(jax.tree.leaves(mine), jax.tree.leaves(its), strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+def test_a_search_ends_with_a_verified_gait(exact, config, whole):
+    """Found for the objective that it was asked for, from the population that it left."""
+    result = whole.result
+    assert result.problem.fitness.objective == config.objective
+    assert eqx.tree_equal(result.scene, with_gait(exact, result.gait))
+    assert [level.name for level in result.levels] == ["screening", "own model", "verification"]
+    assert [search.rollouts for search in result.searches] == [4 * 2 * 2]
+    np.testing.assert_array_equal(whole.population["genes"], result.searches[0].last.genes)
+    np.testing.assert_array_equal(whole.population["fitness"], result.searches[0].last.fitness)
+    assert result.agreement.fitness.shape == (3, result.agreement.evolved + 16)
+    verified, robust = result.verdict.verified, result.verdict.robust.each[0]
+    assert 0 < verified.error_bar[0] < 0.1
+    assert robust.shape == (256,)
+    # to the left, as its robots get in the mean: the phases of each are a little off
+    moved = (verified.com_end - verified.com_start)[0, 1]
+    assert robust.min() < moved < robust.max()
+    assert set(result.seconds) == {"evolving", "promoting", "polishing", "verifying"}
+
+
+def test_the_gait_is_the_better_one_of_evolution_and_polish(whole):
+    """The best of those that evolved by the last level, or what polishing made of it."""
+    result = whole.result
+    assert result.polished is not None
+    agreement, search = result.agreement, result.searches[0]
+    best = np.argmax(agreement.fitness[-1, : agreement.evolved])
+    assert result.polished.improved or np.array_equal(result.polished.genes, search.last.genes[best])
+    genes = result.polished.genes[None]
+    assert_equal_gaits(result.gait, one_gait(result.problem.genome.gaits(result.problem.scene.gait, genes), 0))
+
+
+def assert_equal_gaits(mine, its) -> None:
+    for a, b in zip(jax.tree.leaves(mine), jax.tree.leaves(its), strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+def test_progress_arrives_in_order(whole):
+    """Stage by stage; within each from nothing done to everything, one by one."""
+    stages = {stage: list(heard) for stage, heard in itertools.groupby(whole.heard, lambda progress: progress.stage)}
+    assert list(stages) == ["evolving", "promoting", "polishing", "verifying"]
+    assert len(whole.heard) == sum(map(len, stages.values()))
+    for stage, total in (("evolving", 2), ("promoting", 3), ("verifying", 4)):
+        assert [(heard.done, heard.total) for heard in stages[stage]] == [(k, total) for k in range(total + 1)]
+    steps = whole.result.polished.steps
+    assert [heard.done for heard in stages["polishing"]] == list(range(len(steps) + 1))
+    assert all(heard.total is None for heard in stages["polishing"])
+    best = [heard.facts["best"] for heard in stages["evolving"][1:]]
+    assert best == whole.result.searches[0].best.tolist()
+    assert [heard.facts["level"] for heard in stages["promoting"][:3]] == ["screening", "own model", "verification"]
+    assert [heard.facts["fitness"] for heard in stages["polishing"][1:]] == [step.fitness for step in steps]
+
+
+def test_the_report_comes_before_the_search_counts_as_done(whole):
+    """So that files which a crash kept from being written are written when the search is resumed."""
+    assert not whole.done_at_report
+    assert whole.done_at_the_end
+
+
+@pytest.mark.parametrize(
+    ("stage", "done"), [("evolving", 0), ("evolving", 1), ("evolving", 2), ("polishing", 1), ("verifying", 3)]
+)
+def test_an_interrupted_search_is_resumed_to_the_very_same_end(exact, config, whole, interrupted, stage, done):
+    """Wherever it was interrupted; what was done is not done again."""
+    folder, heard = interrupted(stage, done), []
+    # what the listener raises on hearing of a generation comes after that generation was saved
+    saved = done if stage == "evolving" else 2
+    assert [state.number for state in load_states(folder)] == [saved] * bool(saved)
+    result = search_gaits(exact, config, folder=folder, resume=True, on_progress=heard.append)
+    assert_same(result, whole.result)
+    assert_equal_gaits(population_in(folder), whole.population)
+    assert [one.done for one in heard if one.stage == "evolving"] == list(range(saved, 3))
+    assert is_done(folder)
+
+
+def test_a_search_is_resumed_with_its_own_config_and_scene_alone(exact, config, interrupted):
+    """Others are refused in one line that says what differs; what was saved stays."""
+    folder = interrupted("evolving", 1)
+    with pytest.raises(InputError, match=r"its run has robots = 2, not 3; expected the same to resume it$"):
+        search_gaits(exact, dataclasses.replace(config, robots=3), folder=folder, resume=True)
+    heavier = eqx.tree_at(lambda s: s.structure.node_mass, exact, 2 * exact.structure.node_mass)
+    with pytest.raises(InputError, match=r"its run has fingerprint of the scene = \w+, not \w+; expected"):
+        search_gaits(heavier, config, folder=folder, resume=True)
+    with pytest.raises(InputError, match=r"holds an unfinished run; expected resume, restart or another folder$"):
+        search_gaits(exact, config, folder=folder)
+    assert [state.number for state in load_states(folder)] == [1]
+
+
+def test_a_search_begins_again_where_that_is_asked_for(exact, config, whole, interrupted):
+    """From its first generation."""
+    folder, heard = interrupted("evolving", 1), []
+    result = search_gaits(exact, config, folder=folder, restart=True, on_progress=heard.append)
+    assert [one.done for one in heard if one.stage == "evolving"] == [0, 1, 2]
+    assert_same(result, whole.result)
+
+
+def test_a_search_needs_no_folder(exact, config, whole, tmp_path, monkeypatch):
+    """It finds the same, and leaves no file behind."""
+    monkeypatch.chdir(tmp_path)
+    assert_same(search_gaits(exact, config), whole.result)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_report_that_fails_can_be_made_again(exact, config, whole, tmp_path):
+    """The search is not done then, and nothing of it is searched again."""
+
+    def fail(result):
+        raise OSError("no space left on device")
+
+    with pytest.raises(OSError, match="no space left"):
+        search_gaits(exact, config, folder=tmp_path, report=fail)
+    assert not is_done(tmp_path)
+    heard, reported = [], []
+    search_gaits(exact, config, folder=tmp_path, resume=True, on_progress=heard.append, report=reported.append)
+    assert [one.done for one in heard if one.stage == "evolving"] == [2]
+    assert_same(reported[0], whole.result)
+
+
+@pytest.mark.parametrize("option", ["resume", "restart"])
+def test_only_a_folder_has_a_search_to_resume(exact, config, option):
+    with pytest.raises(InputError, match="there is no folder to find a search in; expected folder"):
+        search_gaits(exact, config, **{option: True})

@@ -1,0 +1,29 @@
+"""The floor plan of docs/design.md is that of the package."""
+
+import re
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+PLAN = (ROOT / "docs" / "design.md").read_text(encoding="utf-8")
+
+
+def test_floor_plan_names_every_module_once_and_no_other():
+    """Modules that only gather others aside."""
+    named = re.findall(r"^\| `(\w+/\w+)` \|", PLAN, re.MULTILINE)
+    modules = [path.relative_to(ROOT / "jaxgrity") for path in (ROOT / "jaxgrity").rglob("*.py")]
+    assert sorted(named) == sorted(path.with_suffix("").as_posix() for path in modules if path.name != "__init__.py")
+
+
+def test_floor_plan_is_in_the_order_of_the_layers_contract():
+    """From the bottom up."""
+    project = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+    (layers,) = re.findall(r"^layers = \[(.*)\]", project, re.MULTILINE)
+    assert re.findall(r"^\| \*\*(\w+)\*\* \|", PLAN, re.MULTILINE) == re.findall(r"\w+", layers)[::-1]
+
+
+def test_links_of_the_pages_lead_somewhere():
+    """Of those for contributors and newcomers."""
+    for page in ("docs/design.md", "docs/extending.md", "docs/glossary.md", "CONTRIBUTING.md", "CHANGELOG.md"):
+        text = (ROOT / page).read_text(encoding="utf-8")
+        for target in re.findall(r"\]\(((?!http)[^)#]+)\)", text):
+            assert ((ROOT / page).parent / target).exists(), f"{page}: {target}"
