@@ -91,8 +91,9 @@ class TrustReport(NamedTuple):
         rows["largest penetration"] = f"{facts['penetration']:.2g} m"
         rows["largest strut strain"] = f"{facts['strut_strain']:.2g}"
         if self.sensitivity is not None:
-            rows["sensitivity at the end"] = f"{facts['sensitivity']:.2g} {self.sensitivity.unit}, growing by "
-            rows["sensitivity at the end"] += f"{facts['sensitivity_growth_rate']:.2g} 1/s"
+            rate = facts["sensitivity_growth_rate"]
+            growing = f", growing by {rate:.2g} 1/s" if np.isfinite(rate) else ""
+            rows["sensitivity at the end"] = f"{facts['sensitivity']:.2g} {self.sensitivity.unit}{growing}"
         rows["predictable to 1 cm up to"] = f"{facts['predictable_up_to']:.3g} s"
         wide = max(map(len, rows))
         return "\n".join(f"{name:<{wide}}  {value}" for name, value in rows.items())

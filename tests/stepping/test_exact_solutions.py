@@ -1,5 +1,8 @@
 """Motions known in closed form, by every method: positions, and their derivatives by a parameter, at five times."""
 
+import functools
+
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -48,6 +51,7 @@ def tolerances(problem: Problem, name: str) -> tuple[float, float]:
 @pytest.mark.parametrize("name", [name for name in METHODS if name != "complementarity"])
 @pytest.mark.parametrize("title", PROBLEMS)
 def test_motion_and_its_derivative_are_the_exact_ones(title, name):
+    """To the tolerance of the method."""
     problem = PROBLEMS[title]
     scene = problem.setup(problem.value)[0]
     dt, tolerance = fixed_step(problem, name), STEP_ERROR[name]
@@ -57,8 +61,8 @@ def test_motion_and_its_derivative_are_the_exact_ones(title, name):
         with pytest.raises(InputError, match="without dissipation"):
             resolve(scene, problem.duration, options)
         return
-    q, dq = motion(problem, resolve(scene, problem.duration, options))
-    q_exact, dq_exact = exact_motion(problem)
+    q, dq = motion(title, resolve(scene, problem.duration, options))
+    q_exact, dq_exact = exact_motion(title)
     value, gradient = tolerances(problem, name)
     assert np.abs(dq_exact).max() > 100 * gradient, "the tolerance would pass a derivative of zero"
     np.testing.assert_allclose(q, q_exact, rtol=0, atol=value)
@@ -73,29 +77,47 @@ def test_complementarity_stepping_is_of_second_order(title):
     errors = []
     for dt in (4e-4, 2e-4):
         options = SolverOptions(method="complementarity", dt=dt, any_step=True)
-        found = motion(problem, resolve(scene, problem.duration, options))
-        errors.append([float(np.abs(a - b).max()) for a, b in zip(found, exact_motion(problem))])
+        found = motion(title, resolve(scene, problem.duration, options))
+        errors.append([float(np.abs(a - b).max()) for a, b in zip(found, exact_motion(title))])
     for coarse, fine in zip(*errors):
         assert coarse < 1e-4
         assert fine < 0.26 * coarse or coarse < 1e-12
 
 
-def motion(problem: Problem, options: ResolvedOptions) -> tuple:
+def motion(title: str, options: ResolvedOptions) -> tuple:
     """Positions at five times, and their derivatives by log x: x d/dx, a length too."""
-    times = jnp.linspace(0, problem.duration, FRAMES)
-
-    def positions(x):
-        scene, q, v = problem.setup(x)
-        return integrate((jnp.asarray(q), jnp.asarray(v)), times, scene, options).ys[0]
-
-    return jax.jit(lambda x: jax.jvp(positions, (x,), (x,)))(problem.value)
+    times = np.linspace(0, PROBLEMS[title].duration, FRAMES)
+    return _rollout_and_derivative(*_numbers(title), times, options.as_inputs())
 
 
-def exact_motion(problem: Problem) -> tuple:
+@functools.cache
+def _numbers(title: str) -> tuple:
+    """Scene, positions and velocities of a problem, and their derivatives by log x."""
+    x = PROBLEMS[title].value
+    return jax.jit(lambda x: jax.jvp(lambda x: jax.tree.map(jnp.asarray, PROBLEMS[title].setup(x)), (x,), (x,)))(x)
+
+
+@eqx.filter_jit
+def _rollout_and_derivative(numbers: tuple, derivatives: tuple, times, options: ResolvedOptions) -> tuple:
+    """Compiled once for all problems of the same structure, for all their numbers, steps and tolerances."""
+
+    def positions(numbers):
+        scene, q, v = numbers
+        return integrate((q, v), times, scene, options).ys[0]
+
+    return jax.jvp(positions, (numbers,), (derivatives,))
+
+
+@functools.cache
+def exact_motion(title: str) -> tuple:
     """The same in closed form."""
+    problem = PROBLEMS[title]
     times = jnp.linspace(0, problem.duration, FRAMES)
-    x = problem.value
-    return jax.jvp(lambda x: jnp.stack([problem.exact(t, x) for t in times]), (x,), (x,))
+
+    def path(x):
+        return jax.vmap(lambda t: problem.exact(t, x))(times)
+
+    return jax.jit(lambda x: jax.jvp(path, (x,), (x,)))(problem.value)
 
 
 def test_bounce_ends_where_it_began():
