@@ -8,7 +8,6 @@ import os
 import shlex
 import sys
 import tempfile
-import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
@@ -50,8 +49,6 @@ def configure() -> None:
     # what the user has set comes later, and wins
     os.environ["XLA_FLAGS"] = f"{WHOLE_LOOPS} {os.environ.get('XLA_FLAGS', '')}".strip()
     jax.config.update("jax_enable_x64", True)
-    # Python shows them to those alone who import the module that warns
-    warnings.filterwarnings("once", category=DeprecationWarning, module="jaxgrity")
     if jax.config.jax_compilation_cache_dir is None:  # type: ignore[attr-defined]
         jax.config.update("jax_compilation_cache_dir", str(CACHE))
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)

@@ -63,7 +63,7 @@ def register_method(method: Method) -> Method:
 def find_method(name: str) -> Method:
     """The method called `name`. Raises `InputError` where there is none."""
     if name in ALIASES:
-        warnings.warn(f"method {name!r} is now called {ALIASES[name]!r}", DeprecationWarning, stacklevel=3)
+        warnings.warn(f"method {name!r} is now called {ALIASES[name]!r}", FutureWarning, stacklevel=2)
         name = ALIASES[name]
     if name not in METHODS:
         raise InputError(f"method = {name!r}: unknown; expected one of {', '.join(METHODS)}")

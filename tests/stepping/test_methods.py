@@ -242,14 +242,14 @@ def test_failure_is_data(reference):
 
 def test_the_former_name_of_verlet_warns_and_gives_the_same(undamped):
     """To the last bit; and no method of one's own can take it."""
-    with pytest.warns(DeprecationWarning, match="method 'symplectic' is now called 'verlet'"):
+    with pytest.warns(FutureWarning, match="method 'symplectic' is now called 'verlet'"):
         former = float_off(undamped, 0.02, method="symplectic", dt=4e-4)
     motion = float_off(undamped, 0.02, method="verlet", dt=4e-4)
     assert former.method == "verlet"
     assert np.asarray(former.positions).tobytes() == np.asarray(motion.positions).tobytes()
     with pytest.raises(InputError, match="method = 'symplectic': there is one of this name already"):
         register_method(METHODS["rk4"]._replace(name="symplectic"))
-    with pytest.warns(DeprecationWarning, match="verlet"):
+    with pytest.warns(FutureWarning, match="verlet"):
         assert find_method("symplectic") is METHODS["verlet"]
 
 
