@@ -83,9 +83,9 @@ def simulate(
 
     Example:
         >>> scene = jaxgrity.load_scene("reference")
-        >>> trajectory = jaxgrity.simulate(scene, 0.2, frame_rate=50)
+        >>> trajectory = jaxgrity.simulate(scene, 0.2)
         >>> trajectory.positions.shape  # (frames, nodes, 3), m
-        (11, 12, 3)
+        (21, 12, 3)
     """
     for name, given in (("positions", positions), ("velocities", velocities)):
         expected = np.shape(scene.structure.nodes)

@@ -52,10 +52,10 @@ def verify(scene: Scene, gaits: Gait, duration: float, *, options: Options = Non
 
     Example:
         >>> scene = jaxgrity.load_scene("exact")
-        >>> gaits = jaxgrity.gaits_of(scene.gait, jaxgrity.random_phases(2, actuators=6, seed=0))
+        >>> gaits = jaxgrity.gaits_of(scene.gait, jaxgrity.random_phases(3, actuators=6, seed=0))
         >>> verified = jaxgrity.verify(scene, gaits, duration=0.2)
         >>> verified.distance.shape, bool((verified.error_bar < 1e-3).all())
-        ((2,), True)
+        ((3,), True)
     """
     resolved = resolve(scene, duration, options, dtype="float64").refined()
     runs = [simulate_population(scene, gaits, duration, options=each) for each in resolved]

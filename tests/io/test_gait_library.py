@@ -33,6 +33,7 @@ def test_gaits_of_the_library_fit_their_scenes(name):
     assert record["command"].startswith("python experiments/gait_search.py")
 
 
+@pytest.mark.slow
 def test_a_gait_reaches_what_its_record_says():
     """Verified anew at the same step; the slow one, whose motion is the least sensitive."""
     record = gait_record("slow")

@@ -52,7 +52,12 @@ def test_a_twin_of_a_twin_is_of_the_first_kind(reference, exact):
     """Of the exact scene it is that scene again; of the reference scene, the penalty twin of the exact one."""
     assert eqx.tree_equal(contact_twin(contact_twin(exact)), exact)
     assert eqx.tree_equal(contact_twin(contact_twin(reference)), contact_twin(exact))
-    assert [s.constrained for s in (reference, contact_twin(reference), exact, contact_twin(exact))] == [False, True, True, False]
+    assert [s.constrained for s in (reference, contact_twin(reference), exact, contact_twin(exact))] == [
+        False,
+        True,
+        True,
+        False,
+    ]
 
 
 @pytest.mark.parametrize("name", ["reference", "exact"])

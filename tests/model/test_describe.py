@@ -79,9 +79,7 @@ def test_rounding_is_no_natural_frequency(struts):
     would look like vibrations of 4e-5 Hz, and forces that are not quite in equilibrium some of 2e-3 Hz.
     """
     lines = described(parse_scene(FLOPPY.replace("stiffness = 2e4", struts)))
-    found = re.fullmatch(
-        r"3 of 0 Hz \(nothing resists the motion\), (.*) to (.*) Hz", lines["natural frequencies"]
-    )
+    found = re.fullmatch(r"3 of 0 Hz \(nothing resists the motion\), (.*) to (.*) Hz", lines["natural frequencies"])
     assert found, lines["natural frequencies"]
     assert float(found[1]) > 1
     assert float(found[2]) > 5

@@ -105,20 +105,22 @@ def test_another_number_of_robots_changes_nothing_else():
     assert eqx.tree_equal(with_robots(more, 4), fitness)
 
 
-LEVELS = tuple(FidelityLevel(name, sled(), 1e-2, "float32") for name in ("first", "second"))
-"""two alike, so that a generation is compiled once"""
-PROBLEM = SearchProblem(sled(), Genome(1), 1.0, Fitness())
+@pytest.fixture(scope="module")
+def two_levels(swimmer):
+    """Two levels that are alike, so that a generation is compiled once, and a problem to search on them."""
+    levels = tuple(FidelityLevel(name, swimmer, 1e-2, "float32") for name in ("first", "second"))
+    return levels, SearchProblem(swimmer, Genome(2), 1.0, Fitness())
 
 
 @pytest.fixture(scope="module")
-def two_searches():
+def two_searches(two_levels):
     """Two small searches, one after the other: `two_searches(**options)` runs them, and says what was reported."""
     config = GAConfig(population=8, generations=2, elites=1)
 
     def run(**options):
         seen = []
         tell = lambda number, state: seen.append((number, state))  # noqa: E731
-        return evolve_through(LEVELS, PROBLEM, (config, config), seed=5, on_generation=tell, **options), seen
+        return evolve_through(*two_levels, (config, config), seed=5, on_generation=tell, **options), seen
 
     return run
 
@@ -151,13 +153,14 @@ def test_searches_go_on_from_where_they_were(two_searches):
         assert_same([s for _, s in later], [s for _, s in seen[done:]])
 
 
-def test_populations_of_two_sizes_are_refused():
+def test_populations_of_two_sizes_are_refused(two_levels):
     """Before anything is rolled out: a population is handed on as it is."""
     configs = tuple(GAConfig(population=size, generations=2, elites=1) for size in (8, 6))
     with pytest.raises(InputError, match=r"populations of \[6, 8\] gaits: expected one size"):
-        evolve_through(LEVELS, PROBLEM, configs)
+        evolve_through(*two_levels, configs)
 
 
+@pytest.mark.slow
 def test_the_final_verdict_is_made_of_what_it_says():
     """Its numbers are those of verification, of ensembles at the same and at twice the step, and of the other model;
     they agree with each other as far as they say, and go into a JSON file."""

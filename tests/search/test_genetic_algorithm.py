@@ -31,9 +31,9 @@ OPTIONS = SolverOptions(dt=1e-2, dtype="float32")
 
 
 @pytest.fixture(scope="module")
-def problem(exact):
+def problem(swimmer):
     """Phases alone, the distance of one robot in 2 s."""
-    return SearchProblem(exact, Genome(6), 2.0, Fitness())
+    return SearchProblem(swimmer, Genome(2), 2.0, Fitness())
 
 
 @pytest.fixture(scope="module")
@@ -84,7 +84,7 @@ def test_a_seed_repeats_its_search(problem, search):
 def test_a_search_goes_on_from_any_of_its_states(problem, search, tmp_path):
     """To the very same end, also where the state comes from a file, and whatever the seed."""
     result, seen = search
-    first = begin(Genome(6), SMALL, 3, "float32")
+    first = begin(Genome(2), SMALL, 3, "float32")
     with open_checkpoint(tmp_path, {}) as checkpoint:
         for number, state in enumerate((first, *seen)):
             checkpoint.save(number, state)
@@ -102,6 +102,7 @@ def test_nothing_is_spread_where_nothing_is_uncertain(search):
     np.testing.assert_array_equal(search[0].last.spread, 0)
 
 
+@pytest.mark.slow
 def test_a_robust_search_repeats_with_its_seed(exact):
     """To the last bit, by the same draws, with genes that count symmetries; gaits are judged with their spread."""
     doubts = Uncertainty(phase=0.2, friction=0.3)
@@ -146,6 +147,7 @@ def test_children_of_images_are_images_of_a_parent():
     np.testing.assert_allclose(genome.gap(jnp.asarray(genes), children), 0, atol=1e-15)
 
 
+@pytest.mark.slow
 def test_everything_evolves_and_failed_rollouts_rank_last(exact):
     """The widest genome runs through a whole search. Ten strokes a second of almost a strut's length tear some robots
     apart: they are counted, and none of them outranks a success."""

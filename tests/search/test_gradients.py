@@ -70,11 +70,13 @@ def jacobian(displacement):
     return np.asarray(jax.jit(jax.jacfwd(displacement))(jnp.zeros(len(PARAMETERS))))
 
 
+@pytest.mark.slow
 def test_robot_moves_and_every_parameter_matters(displacement, jacobian):
     assert np.linalg.norm(displacement(jnp.zeros(len(PARAMETERS)))) > 1e-3
     assert np.all(np.linalg.norm(jacobian, axis=0) > 1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("k", range(len(PARAMETERS)), ids=list(PARAMETERS))
 def test_derivative_is_that_of_central_differences(displacement, jacobian, central_difference, k):
     """To 1e-6, of the same discrete map: RK4 at a fixed step."""
@@ -110,6 +112,7 @@ def differentiated(request):
     return Differentiated(distance, both, phase, np.asarray(both(phase)[1]))
 
 
+@pytest.mark.slow
 def test_reverse_mode_gradient_is_the_derivative(differentiated):
     """Against central differences over the first second of the gait; h = 1e-5 leaves an error of about 1e-9."""
     both, phase = differentiated.both, differentiated.phase
@@ -120,6 +123,7 @@ def test_reverse_mode_gradient_is_the_derivative(differentiated):
         np.testing.assert_allclose(differentiated.gradient[:, k], slope, rtol=1e-5, atol=1e-7)
 
 
+@pytest.mark.slow
 def test_reverse_mode_is_forward_mode(differentiated):
     """The same derivative of the same steps, to rounding, by both modes and both methods."""
     distance, _, phase, gradient = differentiated
@@ -129,6 +133,7 @@ def test_reverse_mode_is_forward_mode(differentiated):
     np.testing.assert_allclose(gradient, forward.T, rtol=0, atol=1e-9 * np.abs(gradient).max())
 
 
+@pytest.mark.slow
 def test_smoothed_and_pathwise_gradients_agree(exact):
     """In the first second of a gait, where the distance is smooth: within two standard errors of the first one,
     which are a fifth of it at most."""
@@ -145,27 +150,30 @@ def test_smoothed_and_pathwise_gradients_agree(exact):
     assert np.linalg.norm(smoothed.mean - pathwise.mean) < 2 * error
 
 
+ranked = jax.jit(utilities)
+
+
 def test_utilities_rank_gaits():
     """The best weighs most and the worse half alike, however far it falls or fails; nothing is known where a quarter
     failed."""
     normal = np.random.default_rng(0).permutation(ndtri((np.arange(64) + 0.5) / 64))
     fitness = 3 + 0.1 * normal
-    found, scale = utilities(fitness)
+    found, scale = ranked(fitness)
     assert np.argmax(found) == np.argmax(fitness)
     assert np.ptp(found[fitness < 3]) == 0
     for fallen in (-9.0, -np.inf):
-        other, same = utilities(np.where(fitness == fitness.min(), fallen, fitness))
+        other, same = ranked(np.where(fitness == fitness.min(), fallen, fitness))
         np.testing.assert_array_equal(other, found)
         assert same == scale
     some = np.arange(12.0)
-    assert utilities(np.where(some < 2, -np.inf, some))[1] > 0
-    assert utilities(np.where(some < 3, -np.inf, some))[1] == 0
+    assert ranked(np.where(some < 2, -np.inf, some))[1] > 0
+    assert ranked(np.where(some < 3, -np.inf, some))[1] == 0
 
 
 def test_utilities_covary_with_a_normal_fitness_as_it_does():
     """Of 64 gaits, over 2000 samples, to 5%: the scaled ones have its variance for a covariance with it."""
     samples = 0.3 * np.random.default_rng(0).normal(size=(2000, 64))
-    found, scale = jax.vmap(utilities)(samples)
+    found, scale = jax.jit(jax.vmap(utilities))(samples)
     covariance = np.mean((found - found.mean(1, keepdims=True)) * np.asarray(scale)[:, None] * samples)
     assert covariance == pytest.approx(0.09, rel=0.05)
 

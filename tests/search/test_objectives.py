@@ -167,6 +167,7 @@ def judged(exact):
     return problem, gaits, judge_at(FidelityLevel("", exact, 1e-2, "float64"), gaits, problem, seed=5)
 
 
+@pytest.mark.slow
 def test_fitness_is_the_mean_less_caution_times_the_spread(judged):
     """Of the robots of each ensemble; a gait one of whose robots fails is worth less than any other."""
     _, _, scores = judged
@@ -179,6 +180,7 @@ def test_fitness_is_the_mean_less_caution_times_the_spread(judged):
     np.testing.assert_allclose(scores.fitness[[0, 2]], good.mean(1) - 1.5 * good.std(1), rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_each_robot_is_worth_what_it_does(exact, judged):
     """As rolled out from the same draws; all robots of a gait stand in its row."""
     problem, gaits, scores = judged
@@ -191,6 +193,7 @@ def test_each_robot_is_worth_what_it_does(exact, judged):
     assert np.isnan(scores.each[1]).any()
 
 
+@pytest.mark.slow
 def test_the_same_seed_draws_the_same_robots(exact, judged):
     """To the last bit; another seed draws others."""
     problem, gaits, scores = judged

@@ -39,6 +39,7 @@ def polished(scene, config, starts=1, fitness=ROBUST, on_step=None):
     return genes, polish(problem, genes, config, options=OPTIONS, final_options=OPTIONS, on_step=on_step)
 
 
+@pytest.mark.slow
 def test_polish_improves_and_verifies(exact):
     """From a random gait there is much to gain; the last judgement in float64 repeats what is returned."""
     steps = []
@@ -53,6 +54,7 @@ def test_polish_improves_and_verifies(exact):
     np.testing.assert_array_equal(again.after.each, result.after.each)
 
 
+@pytest.mark.slow
 def test_the_best_of_several_climbs_counts(exact):
     """Each climb has its share, and the comparison of their ends is paid; the result beats the first start."""
     _, result = polished(exact, SMALL, starts=2)
@@ -60,6 +62,7 @@ def test_the_best_of_several_climbs_counts(exact):
     assert result.after.mean[0] > result.before.mean[0]
 
 
+@pytest.mark.slow
 def test_polish_keeps_the_start_where_nothing_is_gained(exact):
     """Steps of no length gain nothing."""
     genes, result = polished(exact, SMALL._replace(rollouts=48, learning_rate=0.0))
@@ -68,6 +71,7 @@ def test_polish_keeps_the_start_where_nothing_is_gained(exact):
     np.testing.assert_array_equal(result.genes, genes[0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["pathwise", "combined"])
 def test_no_pathwise_gradient_where_the_sensitivity_forbids_it(exact, kind):
     """With a bound that any motion passes it is not used, and the reason says so; the combined one goes on smoothed."""
@@ -88,6 +92,7 @@ def brisk(exact):
     return eqx.tree_at(lambda s: s.gait.frequency, exact, np.ones(6))
 
 
+@pytest.mark.slow
 def test_pathwise_polish_where_the_sensitivity_allows_it(brisk):
     """Over the horizon that the measured sensitivity allows, and half way there in the first half of its steps."""
     _, result = polished(brisk, SMALL._replace(kind="pathwise", rollouts=600, largest_sensitivity=3.0))
@@ -98,6 +103,7 @@ def test_pathwise_polish_where_the_sensitivity_allows_it(brisk):
     assert result.improved
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["smoothed", "combined"])
 def test_climbs_keep_their_precision(brisk, kind, monkeypatch):
     """Gradients in float32 stay there: a gait in float64 would be rolled out in float64, at twice the cost."""

@@ -1,8 +1,11 @@
 """Error bars of distances: they cover the error of the steps, and are infinite where a rollout fails."""
 
 import numpy as np
+import pytest
 
 from jaxgrity import SolverOptions, gaits_of, random_phases, simulate_population, verify
+
+pytestmark = pytest.mark.slow
 
 OPTIONS = SolverOptions(dt=1e-3)
 

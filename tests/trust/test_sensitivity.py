@@ -8,6 +8,7 @@ from jaxgrity import Sensitivity, SolverOptions, gaits_of, sensitivity, simulate
 OPTIONS = SolverOptions(dt=1e-3)
 
 
+@pytest.mark.slow
 def test_sensitivity_is_the_derivative_of_the_path(reference):
     """Zero until the gait starts, then the norm of d com/d phase, here by central differences."""
     growth = sensitivity(reference, 2.0, options=OPTIONS)
