@@ -15,8 +15,9 @@ def test_library_example_runs():
     done = subprocess.run([sys.executable, "-c", example], cwd=ROOT, capture_output=True, text=True, timeout=250)
     assert done.returncode == 0, done.stderr
     assert "modelled" in done.stdout
-    distance, _, error_bar, _ = done.stdout.splitlines()[-1].split()
-    assert float(distance) > float(error_bar) > 0
+    said, error_bar, unit = done.stdout.splitlines()[-1].rsplit(maxsplit=2)
+    assert (said, unit) == ("centre of mass at the end: ±", "m")
+    assert 0 < float(error_bar) < 1e-3
 
 
 def test_pictures_and_links_are_there():

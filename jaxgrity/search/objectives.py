@@ -88,7 +88,7 @@ class CostOfTransport(Objective):
         if scene.gravity is None:
             raise InputError("cost of transport needs gravity; expected a [gravity] table")
         weight = scene.structure.node_mass.sum() * scene.gravity
-        return -measured(outcomes).effort / (weight * outcomes.distance())
+        return -metrics_of(outcomes).effort / (weight * outcomes.distance())
 
 
 class Straightness(Objective):
@@ -99,7 +99,7 @@ class Straightness(Objective):
     any_heading: ClassVar[bool] = True
 
     def worth(self, scene, outcomes, duration):
-        return outcomes.distance() / measured(outcomes).path
+        return outcomes.distance() / metrics_of(outcomes).path
 
 
 OBJECTIVES: dict[str, type[Objective]] = {}
@@ -158,7 +158,7 @@ class ActuatorBounds(eqx.Module):
         return jnp.where(beyond > 0, -BEYOND_BOUNDS * (1 + beyond), jnp.maximum(worth, -BEYOND_BOUNDS))
 
 
-def measured(outcomes: Outcomes) -> Metrics:
+def metrics_of(outcomes: Outcomes) -> Metrics:
     """The metrics of rollouts for an objective that needs them."""
     assert outcomes.metrics is not None, "rollouts for an objective that needs metrics have them"
     return outcomes.metrics
@@ -211,7 +211,7 @@ class Fitness(eqx.Module):
     def worth(self, scene: Scene, outcomes: Outcomes, duration: Scalar) -> PerGait:
         """(population,): the objective, within the bounds."""
         worth = self.objective.worth(scene, outcomes, duration)
-        return self.bounds.applied(worth, measured(outcomes)) if self.bounds.given else worth
+        return self.bounds.applied(worth, metrics_of(outcomes)) if self.bounds.given else worth
 
 
 def with_robots(fitness: Fitness, robots: int) -> Fitness:

@@ -2,6 +2,14 @@
 
 The pathwise gradient differentiates the rollouts; it is exact, and useless where they are too sensitive. The smoothed
 one (evolution strategies) is a regression on the ranks of perturbed gaits: noisy, and sound on any horizon.
+
+Each climb has the same share of the rollouts. Each of its steps is a gradient, turned into an update by optax
+(momentum, its length falling by a cosine). Smoothed gradients are of the fitness. Pathwise and combined ones are of the
+mean objective at a horizon: as far ahead as the measured sensitivity of the start stays below
+`PolishConfig.largest_sensitivity`, in the first half of the steps half way there. Where it does not let them look past
+the first period of full actuation they are not used; a combined polish climbs by smoothed gradients then. In the end
+the first of all starts and the best of all ends are judged by one ensemble of `PolishConfig.final_robots`, and the
+better one is kept, however little better.
 """
 
 from collections.abc import Callable
@@ -70,14 +78,7 @@ def polish(
 ) -> Polished:
     """Climb from each of the gaits that `genes` stand for, best first, and keep what verifies.
 
-    Each climb has the same share of the rollouts. Each of its steps is a gradient, turned into an update by optax
-    (momentum, its length falling by a cosine). Smoothed gradients are of the fitness. Pathwise and combined ones are of
-    the mean objective at a horizon: as far ahead as the measured sensitivity of the start stays below
-    `config.largest_sensitivity`, in the first half of the steps half way there. Where it does not let them look past
-    the first period of full actuation they are not used, and `reason` says so; a combined polish climbs by smoothed
-    gradients then. In the end the first of all starts and the best of all ends meet one ensemble of
-    `config.final_robots`, and the better one is kept, however little better; `reason` has the gain with two standard
-    errors.
+    The module says how; `Polished.reason` says what was done, with the gain and two standard errors of it.
 
     Args:
         problem: scene, genome, duration (s) and fitness.
@@ -109,14 +110,11 @@ def polish(
     found = Routes([Route(start, "smoothed", problem.duration) for start in genes], None, [])
     if config.kind != "smoothed":
         found = _routes(problem, genes, resolved, config)
-    rolled = problem._replace(scene=as_dtype(problem.scene, resolved.dtype))
-    task = ClimbTask(rolled, resolved, np.asarray(config.width[0], resolved.dtype))
     stay = Climb(genes[0], (), 0)
-    best, spent = _climb_all(task, config, found.routes, seed, on_step) if found.routes else (stay, 0)
+    best, spent = _climb_all(problem, resolved, config, found.routes, seed, on_step) if found.routes else (stay, 0)
     before, after = _before_and_after(problem, genes[0], best.end, final, config, seed)
     improved = bool(after.fitness[0] > before.fitness[0])
-    outcome = "the polished gait is kept" if improved else "the gait is kept as it was"
-    done = [f"{len(best.steps)} steps", f"{_gain(before, after)}: {outcome}"] if best.steps else []
+    done = [f"{len(best.steps)} steps", _gain(before, after)] if best.steps else []
     return Polished(
         genes=best.end if improved else genes[0],
         improved=improved,
@@ -151,7 +149,8 @@ def _gain(before: Scores, after: Scores) -> str:
     error = f" ± {2 * pairs.std(ddof=1) / np.sqrt(pairs.size):.2g}" if pairs.size > 1 else ""
     over = f" over {gain.size} robots" if gain.size > 1 else ""
     difference = float(after.fitness[0] - before.fitness[0])
-    return f"fitness {'up' if difference > 0 else 'down'} by {abs(difference):.3f}{error}{over}"
+    outcome = "the polished gait is kept" if difference > 0 else "the gait is kept as it was"
+    return f"fitness {'up' if difference > 0 else 'down'} by {abs(difference):.3f}{error}{over}: {outcome}"
 
 
 def _routes(problem: SearchProblem, genes, options: ResolvedOptions, config: PolishConfig) -> Routes:
@@ -180,9 +179,16 @@ def _routes(problem: SearchProblem, genes, options: ResolvedOptions, config: Pol
 
 
 def _climb_all(
-    task: ClimbTask, config: PolishConfig, routes: list[Route], seed: int, on_step: Callable | None
+    problem: SearchProblem,
+    options: ResolvedOptions,
+    config: PolishConfig,
+    routes: list[Route],
+    seed: int,
+    on_step: Callable | None,
 ) -> tuple[Climb, int]:
     """The climb that ended best, and what all of them cost."""
+    rolled = problem._replace(scene=as_dtype(problem.scene, options.dtype))
+    task = ClimbTask(rolled, options, np.asarray(config.width[0], options.dtype))
     fitness, duration = task.problem.fitness, task.problem.duration
     costs = [cost_of_gradient(config, fitness, route.kind, route.horizon / duration) for route in routes]
     each, comparison = budget(config, fitness, costs)

@@ -319,7 +319,7 @@ def bad(old: str, new: str, *words: str):
         bad(
             'kind = "smooth"\nmu = 0.5',
             'kind = "switch"\nmu_static = 0.4\nmu_kinetic = 0.5',
-            "friction.mu_static = 0.4: expected at least mu_kinetic = 0.5, since friction does not grow as a node begins",
+            "friction.mu_static = 0.4: expected at least mu_kinetic = 0.5, since friction does not grow as a node",
         ),
         bad('kind = "smooth"\nmu = 0.5\nslip_speed = 0.01', "", "'smooth' comes with no keys; expected mu, slip_speed"),
         bad('contact = "penalty"', 'contact = "complementarity"', "ground.contact", "expected neither stiffness"),

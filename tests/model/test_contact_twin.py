@@ -11,7 +11,6 @@ from jaxgrity import InputError, SolverOptions, parse_scene, scene_text, simulat
 from jaxgrity.model.contact_twin import contact_twin, exact_twin, penalty_twin
 from jaxgrity.model.friction import ConeFriction, SmoothFriction, SwitchFriction
 
-
 COARSE = SolverOptions(dt=1e-3)
 
 
@@ -65,7 +64,7 @@ def test_a_twin_keeps_what_is_not_contact(name, request):
     """Pose, masses, cables, gravity, node damping, gait, slope, lean, what is stuck and rest lengths."""
     scene = with_stuck(request.getfixturevalue(name), struts=2, cables=5)
     leaning = np.tile([0.1, 0.0, np.sqrt(0.99)], (12, 1))
-    above_the_slope = scene.structure.nodes + [0, 0, 1.0]
+    above_the_slope = scene.structure.nodes + np.array([0, 0, 1.0])
     scene = changed(scene, (lambda s: s.up, leaning), (lambda s: s.structure.nodes, above_the_slope))
     scene = dataclasses.replace(scene, ground=dataclasses.replace(scene.ground, incline=0.2))
     other = contact_twin(scene)
@@ -109,6 +108,7 @@ def test_exact_twin_of_a_start_below_the_ground_touches_it(reference, incline):
     ],
     ids=["compressed struts", "struts strained differently", "a start below the ground"],
 )
+@pytest.mark.slow
 def test_every_penalty_scene_has_an_exact_twin_that_rolls_out(old, new):
     """Struts that start strained, and nodes that start in the ground, are no violation of the twin's constraints."""
     text = scene_text("reference")

@@ -191,6 +191,7 @@ def kinked_scenes():
 
 @pytest.mark.parametrize("scene", kinked_scenes(), ids=["smooth", "switch"])
 @pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.slow
 def test_derivatives_are_finite_where_the_forces_have_kinks(scene, order):
     """First and second derivatives of the acceleration by state and by every number of the scene, at v = 0."""
     q = scene.structure.nodes

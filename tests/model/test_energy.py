@@ -14,7 +14,7 @@ from jaxgrity.model.energy import CableSprings, Gravity, StrutSprings
 from jaxgrity.model.ground import PenaltyGround, contact_energy
 from jaxgrity.model.laws import Configuration
 from jaxgrity.model.scene import Scene
-from jaxgrity.model.structure import Members, Structure, member_vectors
+from jaxgrity.model.structure import Members, member_vectors
 
 NODES = 5
 EDGES = ((0, 1), (2, 3), (4, 0), (1, 3))

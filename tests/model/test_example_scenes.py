@@ -9,6 +9,7 @@ from jaxgrity.stepping.stability import default_method, default_step
 
 
 @pytest.mark.parametrize("exact", [False, True])
+@pytest.mark.slow
 def test_tower_stands(exact):
     """Four prisms, for a second at the default step: nothing fails, and no strut changes by a tenth."""
     scene = prism_tower(12, exact)

@@ -137,6 +137,7 @@ def test_standing_leaves_what_acts_from_outside(reference):
 
 
 @pytest.mark.parametrize("pose", ["face", "strut"])
+@pytest.mark.slow
 def test_image_rolls_elsewhere(exact, pose):
     """Turned by 120 degrees and back on a face; on a strut by 180 degrees, and mirrored twice.
 

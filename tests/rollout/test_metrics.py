@@ -42,6 +42,7 @@ def measured(exact):
     return roll(exact, rows(exact), 2.0, with_metrics=True, options=SolverOptions(dt=STEP))
 
 
+@pytest.mark.slow
 def test_measuring_disturbs_nothing(exact, measured):
     """Positions are those without metrics."""
     plain = roll(exact, rows(exact), 2.0, options=SolverOptions(dt=STEP))
@@ -51,6 +52,7 @@ def test_measuring_disturbs_nothing(exact, measured):
     assert plain.metrics is None
 
 
+@pytest.mark.slow
 def test_work_is_that_of_the_balance(exact, measured):
     """Of exact contact and rigid struts to rounding, for impulses are summed alike."""
     audit = energy_audit(exact, 2.0, options=SolverOptions(dt=STEP))
@@ -58,6 +60,7 @@ def test_work_is_that_of_the_balance(exact, measured):
     assert float(measured.metrics.work[0]) == pytest.approx(audit.actuation[-1], rel=1e-12)
 
 
+@pytest.mark.slow
 def test_metrics_bound_each_other(measured):
     """No actuator does more than all do by themselves, no way is shorter than the straight one, none slips aloft."""
     metrics = measured.metrics
@@ -72,6 +75,7 @@ def test_metrics_bound_each_other(measured):
     assert np.all(metrics.peak_power <= metrics.peak_force * metrics.peak_rate)
 
 
+@pytest.mark.slow
 def test_a_robot_that_lies_still_costs_nothing(measured):
     """Once it has settled, it stays on three nodes: no effort, no rate, no slip and, but for rounding, no path."""
     still = [np.asarray(x)[3] for x in measured.metrics]
@@ -102,6 +106,7 @@ def strokes(amplitude, frequency) -> Gait:
     return Gait((0,), *(np.reshape(x, (-1, 1)) for x in (phase, amplitude, frequency)), start=-1.0, ramp=1.0)
 
 
+@pytest.mark.slow
 def test_a_strut_that_lifts_a_load_by_hand():
     """A rigid one: its force is the load's weight and inertia, its effort the load lifted at each stroke.
 
@@ -132,6 +137,7 @@ def test_a_strut_that_lifts_a_load_by_hand():
 
 
 @pytest.mark.parametrize("method", ["rk4", "tsit5"])
+@pytest.mark.slow
 def test_a_spring_that_carries_a_load_by_hand(method):
     """At rest its force is K (l - L), the load's weight; the work of a stroke is what it lifts and what it stores.
 
@@ -150,6 +156,7 @@ def test_a_spring_that_carries_a_load_by_hand(method):
     assert float(metrics.peak_rate[1, 0]) == pytest.approx(0.15 * np.pi, rel=1e-4)
 
 
+@pytest.mark.slow
 def test_work_of_springs_is_that_of_the_balance_to_the_step():
     """By less than what a step does at the end: power is summed at the ends of steps, and integrated in the balance.
 
@@ -202,6 +209,7 @@ def test_forces_stand_in_the_gaits_order(reference):
     np.testing.assert_allclose(metrics.peak_power, np.abs(np.multiply(forces, rates)), rtol=1e-10)
 
 
+@pytest.mark.slow
 def test_counting_begins_with_the_gait(exact):
     """Fallen by 2 cm before it, the robot has never been in the air; a gait that begins at once sees it fall."""
     at_once = dataclasses.replace(rows(exact), start=np.asarray(0.0))

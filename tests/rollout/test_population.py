@@ -31,6 +31,7 @@ from jaxgrity.stepping.dynamics import vector_field
 ANSWERS = json.loads((Path(__file__).parents[1] / "data" / "reference_answers.json").read_text())
 
 
+@pytest.mark.slow
 def test_agrees_with_an_independent_program(reference):
     """The frozen answers have nine digits; 1e-7 m is a hundred times what they leave open."""
     phases = np.array([row["phase"] for row in ANSWERS["gaits"]])
@@ -41,6 +42,7 @@ def test_agrees_with_an_independent_program(reference):
 
 
 @pytest.mark.parametrize("method", ["rk4", "tsit5", "kvaerno3"])
+@pytest.mark.slow
 def test_each_member_is_the_rollout_of_its_own(reference, method):
     """Fixed steps take all robots at once, other methods go robot by robot: each agrees with `simulate`."""
     phases = random_phases(3, 6, seed=1)
@@ -56,6 +58,7 @@ def test_each_member_is_the_rollout_of_its_own(reference, method):
         assert int(outcomes.steps[k]) == int(trajectory.steps)
 
 
+@pytest.mark.slow
 def test_more_gaits_than_lanes_keep_their_order(reference):
     """Chunks and padding are invisible: 300 gaits give what two halves give."""
     phases = random_phases(300, 6, seed=2)
@@ -127,6 +130,7 @@ def test_chunks_shrink_as_structures_grow(struts, dtype, lanes):
     assert most_lanes(scene, resolve(scene, 1.0, options)) == lanes
 
 
+@pytest.mark.slow
 def test_a_failed_member_is_data_and_disturbs_no_other(reference):
     """One gait tears its robot apart; the others go where they go without it."""
     phases = random_phases(4, 6, seed=3)
@@ -141,6 +145,7 @@ def test_a_failed_member_is_data_and_disturbs_no_other(reference):
     np.testing.assert_allclose(outcomes.com_end[3], alone.com_end[0], rtol=0, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_amplitude_and_frequency_vary_too(reference):
     """A population of frequencies is the scenes with these frequencies."""
     phases, frequency = random_phases(2, 6, seed=4), np.array([[0.4] * 6, [0.7] * 6])
@@ -174,6 +179,7 @@ def test_a_population_of_none_is_refused(reference):
         simulate_population(reference, reference.gait, 1.0)
 
 
+@pytest.mark.slow
 def test_gaits_take_the_place_of_the_scenes_own(reference):
     """With their members, start and ramp; the scene need not have a gait."""
     rows = np.array([[0.3, 1.0], [2.0, 3.0]])

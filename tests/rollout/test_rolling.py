@@ -199,6 +199,7 @@ def test_what_comes_before_the_gait_does_not_count(exact, lying):
     assert rolling(with_gait(exact, None), trajectory).kind == "slides"
 
 
+@pytest.mark.slow
 def test_a_rollout(exact):
     """Its numbers fit each other and its trajectory, and go into JSON."""
     trajectory = simulate(exact, 8.0, frame_rate=50.0)

@@ -209,6 +209,7 @@ def test_a_broken_cable_is_that_of_a_scene_file(name, request):
 
 
 @pytest.mark.parametrize(("name", "dt"), [("exact", 1e-2), ("reference", 1e-3)])
+@pytest.mark.slow
 def test_each_robot_is_the_rollout_of_its_own_scene(name, dt, request):
     """Robots that differ in everything at once: rounding alone tells them from `simulate`."""
     scene = request.getfixturevalue(name)
@@ -256,6 +257,7 @@ def test_to_lean_is_to_stand_on_a_slope(reference, incline):
     np.testing.assert_allclose(b, a @ turn.T, rtol=0, atol=1e-11)
 
 
+@pytest.mark.slow
 def test_a_ball_on_leaning_ground_sticks_or_slides():
     """Within friction's cone it stays; beyond, it slides down the lean with g (sin - mu cos), which leapfrog knows."""
     structure = Structure(np.zeros((1, 3)), np.array([2.0]))

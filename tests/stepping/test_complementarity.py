@@ -1,5 +1,6 @@
 """Complementarity stepping: exact contact, Coulomb's cone, rigid struts."""
 
+import dataclasses
 import json
 from pathlib import Path
 
@@ -26,7 +27,9 @@ from jaxgrity.model.friction import ConeFriction
 from jaxgrity.model.ground import ExactGround
 from jaxgrity.model.scene import Scene, as_dtype
 from jaxgrity.model.structure import Members, Structure, edge_lengths
-from jaxgrity.stepping.constraints import disjoint_groups, prepare, sweep
+from jaxgrity.stepping.complementarity import LARGEST_LENGTH_ERROR
+from jaxgrity.stepping.constraints import disjoint_groups, length_error, prepare, sweep
+from jaxgrity.stepping.dynamics import acceleration
 from jaxgrity.stepping.ground_response import no_impulses
 from jaxgrity.stepping.integrate import FAILURES, integrate
 from jaxgrity.stepping.options import resolve
@@ -41,13 +44,13 @@ def rolling(exact):
 
 
 def length_errors(scene: Scene, trajectory) -> np.ndarray:
-    """(frames,), how far the struts are from L(t), at most, in the frames where a step ends."""
-    struts, errors = scene.structure.struts, []
-    for t, q in zip(np.asarray(trajectory.times), np.asarray(trajectory.positions)):
-        if abs(t - trajectory.dt * np.round(t / trajectory.dt)) < 1e-9:
-            wanted = rest_length(struts, scene.gait, t, 0)
-            errors.append(np.abs(edge_lengths(q, struts.edges) - wanted).max())
-    return np.array(errors)
+    """(frames, struts), how far each strut is from L(t), in the frames where a step ends."""
+    struts, times, dt = scene.structure.struts, np.asarray(trajectory.times), trajectory.dt
+    ends = np.abs(times - dt * np.round(times / dt)) < 1e-9
+    i, j = np.array(struts.edges).T
+    q = np.asarray(trajectory.positions)[ends]
+    wanted = jax.vmap(lambda t: rest_length(struts, scene.gait, t, 0))(times[ends])
+    return np.abs(np.linalg.norm(q[:, i] - q[:, j], axis=2) - wanted)
 
 
 def block(incline: float, mu: float | None = None, restitution: float | None = None, height: float = 0.0) -> Scene:
@@ -57,20 +60,23 @@ def block(incline: float, mu: float | None = None, restitution: float | None = N
     return Scene(structure, gravity=G, ground=ground, friction=None if mu is None else ConeFriction(mu))
 
 
+@pytest.mark.slow
 def test_no_node_is_ever_below_the_plane(rolling):
     """Signorini's law is met last in every sweep, so only rounding is left."""
     assert rolling.method == "complementarity"
     assert np.min(rolling.positions[..., 2]) > -1e-12
 
 
+@pytest.mark.slow
 def test_struts_keep_their_lengths(exact, rolling):
     """Within 1e-12 m of L(t) in every step of a roll of one minute, by the default sweeps, and no worse at its end."""
-    errors = length_errors(exact, rolling)
+    errors = length_errors(exact, rolling).max(1)
     assert len(errors) == 12001
     assert errors.max() < 1e-12
     assert np.median(errors[-4000:]) <= 2 * np.median(errors[2000:6000]), "the error drifts"
 
 
+@pytest.mark.slow
 def test_struts_keep_their_lengths_as_closely_as_asked(exact):
     """Sweeps go on until every strut is within the tolerance, for one robot as for many."""
     trajectory = simulate(exact, 60.0, frame_rate=200.0, options=SolverOptions(strut_tolerance=1e-10))
@@ -78,28 +84,76 @@ def test_struts_keep_their_lengths_as_closely_as_asked(exact):
     assert length_errors(exact, trajectory).max() < 1e-10
     gaits = gaits_of(exact.gait, np.stack([exact.gait.phase, exact.gait.phase + 1]))
     outcomes = simulate_population(exact, gaits, 2.0, options=SolverOptions(strut_tolerance=1e-10))
-    alone = simulate(exact, 2.0, options=SolverOptions(strut_tolerance=1e-10))
-    np.testing.assert_allclose(outcomes.com_end[0], np.asarray(alone.positions[-1]).mean(0), rtol=0, atol=1e-8)
+    assert trajectory.times[400] == 2.0
+    np.testing.assert_allclose(outcomes.com_end[0], np.asarray(trajectory.positions[400]).mean(0), rtol=0, atol=1e-8)
 
 
+@pytest.mark.slow
 def test_a_tolerance_that_is_not_met_is_a_failure(exact):
     """One sweep does not suffice on the ground: the rollout says so, and so does a robot of a population."""
-    assert simulate(exact, 0.5, options=SolverOptions(strut_tolerance=1e-10, sweeps=1)).failed
+    one_sweep = SolverOptions(strut_tolerance=1e-10, sweeps=1)
+    assert simulate(exact, 0.5, options=one_sweep).failed
     gaits = gaits_of(exact.gait, random_phases(2, 6, seed=0))
-    assert np.all(
-        simulate_population(exact, gaits, 0.5, options=SolverOptions(strut_tolerance=1e-10, sweeps=1)).failure == 1
-    )
+    assert np.all(simulate_population(exact, gaits, 0.5, options=one_sweep).failure == 1)
 
 
-def test_sweeps_are_newton_steps(exact):
-    """Each sweep about squares the error in strut lengths, for what the ground will answer is reckoned with."""
-    errors = [
-        length_errors(exact, simulate(exact, 4.0, frame_rate=200.0, options=SolverOptions(sweeps=count))).max()
-        for count in (1, 2, 3)
-    ]
-    assert errors[0] < 1e-3
-    assert errors[1] < 1e-5
-    assert errors[2] < 1e-10
+@pytest.mark.slow
+def test_sweeps_are_newton_steps(exact, rolling):
+    """Each sweep about squares the error in strut lengths, since impulses allow for what the ground will answer.
+
+    From the state at each step of the first 4 s of a roll, after one sweep, two and three.
+    """
+    h, scene = rolling.dt, as_dtype(exact, "float64")
+
+    @jax.jit
+    def errors(state):
+        t, q, v = state
+        problem = prepare(scene, h, t + h, q, v)
+
+        def again(carry, _):
+            carry = sweep(scene, h, problem, *carry)
+            return carry, length_error(scene, h, problem, carry[0]).largest
+
+        w = v + h * acceleration(scene, t, q, v)
+        return jax.lax.scan(again, (w, no_impulses(w)), length=3)[1]
+
+    states = (x[:800] for x in (rolling.times, rolling.positions, rolling.velocities))
+    largest = jax.lax.map(errors, tuple(states)).max(0)
+    assert 1e-6 < largest[0] < 1e-3
+    assert largest[1] < 1e-5
+    assert largest[2] < 1e-10
+
+
+def with_a_short_strut(scene: Scene, length: float) -> Scene:
+    """The scene with one more strut, far above the robot, and so short that it takes nearly no room."""
+    structure, struts = scene.structure, scene.structure.struts
+    nodes = np.concatenate([structure.nodes, [[0.0, 0.0, 50.0], [length, 0.0, 50.0]]])
+    edges, rest = (*struts.edges, (12, 13)), np.append(struts.rest_length, length)
+    longer = Structure(nodes, np.append(structure.node_mass, [0.5, 0.5]), Members(edges, None, rest), structure.cables)
+    gait = dataclasses.replace(scene.gait, members=tuple(k + (k >= 6) for k in scene.gait.members))
+    return Scene(longer, scene.gravity, None, scene.ground, scene.friction, gait)
+
+
+@pytest.mark.slow
+def test_each_strut_is_judged_by_its_own_length(exact):
+    """Where a long strut may be off by some of a millimetre, a far shorter one beside it changes nothing in that."""
+    scene = with_a_short_strut(exact, 1e-3)
+    motion = simulate(scene, 0.5, frame_rate=200.0, options=SolverOptions(dt=5e-3, sweeps=1))
+    assert not motion.failed
+    errors = length_errors(scene, motion).max(0) / np.asarray(scene.structure.struts.rest_length)
+    assert errors.max() < LARGEST_LENGTH_ERROR
+    assert errors[:6].max() > LARGEST_LENGTH_ERROR * 1e-3, "a thousandth of the short strut's length would be no limit"
+
+
+def test_the_error_of_a_strut_is_relative_to_its_own_length():
+    """A short strut off by less than a long one, but by more of its length, is the worse of the two."""
+    nodes = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0.01, 1, 0]])
+    struts = Members(((0, 1), (2, 3)), None, np.array([1.0, 0.01]))
+    scene = as_dtype(Scene(Structure(nodes, np.ones(4), struts)), "float64")
+    stretching = jnp.array([[0.0, 0, 0], [5e-4, 0, 0], [0, 0, 0], [2e-5, 0, 0]])
+    error = length_error(scene, 1.0, prepare(scene, 1.0, 1.0, scene.structure.nodes, stretching), stretching)
+    assert float(error.largest) == pytest.approx(5e-4, rel=1e-9)
+    assert float(error.relative) == pytest.approx(2e-3, rel=1e-9)
 
 
 def test_struts_do_not_turn_around():
@@ -112,9 +166,13 @@ def test_struts_do_not_turn_around():
     np.testing.assert_allclose(ends[1] - ends[0], [np.sqrt(1 - 0.01), -0.1, 0], rtol=0, atol=1e-15)
 
 
+@pytest.mark.slow
 def test_lost_struts_are_a_failure(exact):
-    """At a step ten times the default the sweeps leave struts more than 0.1 % off: that is no result, and says so."""
-    motion = simulate(exact, 3.0, options=SolverOptions(dt=5e-2, any_step=True))
+    """At a step ten times the default the sweeps leave struts more than 0.1 % off: that is no result, and says so.
+
+    In as many frames as the roll of a minute, whose program it shares.
+    """
+    motion = simulate(exact, 60.0, frame_rate=200.0, options=SolverOptions(dt=5e-2, any_step=True))
     assert FAILURES[int(motion.failure)] == "the motion is not finite, or misses its constraints"
 
 
@@ -128,14 +186,16 @@ def test_sweeps_and_tolerances_that_make_no_sense_are_refused(exact, reference):
         simulate(reference, 1.0, options=SolverOptions(strut_tolerance=1e-10))
 
 
+@pytest.mark.slow
 def test_the_robot_rolls_as_far_in_a_population(exact, rolling):
     """The swept loop gives the same answers for one robot and for many."""
-    phases = np.stack([exact.gait.phase, exact.gait.phase + 0.5])
+    phases = exact.gait.phase + 0.5 * np.arange(8)[:, None]
     outcomes = simulate_population(exact, gaits_of(exact.gait, phases), 10.0)
     mean = np.asarray(rolling.positions[2000]).mean(0)
     np.testing.assert_allclose(outcomes.com_end[0], mean, rtol=0, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_first_order_in_the_step(exact):
     """64 random gaits at 4 s: 5 ms is within 2 mm (median) of 0.25 ms, 1 ms within 0.4 mm, and so on in proportion."""
     gaits = gaits_of(exact.gait, random_phases(64, 6, seed=0))
@@ -156,6 +216,7 @@ def test_a_block_sticks_below_the_friction_angle(dt):
     assert np.abs(trajectory.positions - trajectory.positions[0]).max() < 1e-12
 
 
+@pytest.mark.slow
 def test_a_block_slides_above_the_friction_angle():
     """Its distance is exact, g (sin - mu cos) t^2/2; its velocity is that of the middle of the last step."""
     angle, dt = np.arctan(0.5) * 1.2, 1e-3
@@ -166,6 +227,7 @@ def test_a_block_slides_above_the_friction_angle():
     assert np.asarray(trajectory.positions[-1, 0]) @ downhill == pytest.approx(rate / 2 * 2.0**2, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_slip_depends_on_friction_as_it_should():
     """The derivative of a sliding block's distance by mu is -g cos(theta) t^2/2, exactly."""
     angle, dt = 0.6, 1e-3
@@ -182,6 +244,7 @@ def test_slip_depends_on_friction_as_it_should():
     assert float(slope) == pytest.approx(-G * np.cos(angle) / 2, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_derivatives_are_finite_at_rest():
     """A block that lies still on level ground, its slip exactly zero, has derivatives, and they are zero."""
     scene = as_dtype(block(0.0, mu=0.3), "float64")
@@ -207,6 +270,7 @@ def test_restitution(restitution):
     assert leaving == pytest.approx((restitution or 0.0) * -speed[impact], abs=2.5e-2)
 
 
+@pytest.mark.slow
 def test_a_settled_robot_stays(exact):
     """Without its gait it comes to rest, and then moves less than 1e-9 m in a minute."""
     trajectory = simulate(with_gait(exact, None), 90.0, frame_rate=10.0)
@@ -214,6 +278,7 @@ def test_a_settled_robot_stays(exact):
     assert np.abs(settled - settled[0]).max() < 1e-9
 
 
+@pytest.mark.slow
 def test_struts_that_share_nodes_keep_their_lengths():
     """A rigid triangle falls on one corner and tips over: three struts, each sharing both its nodes."""
     text = """
@@ -241,6 +306,7 @@ def test_struts_that_share_nodes_keep_their_lengths():
     assert np.ptp(np.asarray(trajectory.positions[-1, :, 2])) < 1e-3
 
 
+@pytest.mark.slow
 def test_agrees_with_an_independent_program(exact):
     """Converged answers of a C program written for nothing else, whose steps and sweeps go another way."""
 
@@ -251,12 +317,12 @@ def test_agrees_with_an_independent_program(exact):
     np.testing.assert_allclose(outcomes.com_end, expected, rtol=0, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_verify_knows_the_scene(exact):
     """Error bars come from the same halving of steps."""
-    verified = verify(exact, gaits_of(exact.gait, random_phases(4, 6, seed=1)), 3.0, options=SolverOptions(dt=5e-3))
-    finer = simulate_population(
-        exact, gaits_of(exact.gait, random_phases(4, 6, seed=1)), 3.0, options=SolverOptions(dt=1e-4)
-    )
+    gaits = gaits_of(exact.gait, random_phases(8, 6, seed=1))
+    verified = verify(exact, gaits, 3.0, options=SolverOptions(dt=5e-3))
+    finer = simulate_population(exact, gaits, 3.0, options=SolverOptions(dt=2e-4))
     assert np.all(np.linalg.norm(verified.com_end - finer.com_end, axis=1) <= verified.error_bar)
 
 

@@ -48,8 +48,19 @@ def tolerances(problem: Problem, name: str) -> tuple[float, float]:
     return value, gradient
 
 
-@pytest.mark.parametrize("name", [name for name in METHODS if name != "complementarity"])
-@pytest.mark.parametrize("title", PROBLEMS)
+FAST = [("spring and mass", "rk4"), ("spring and mass", "tsit5"), ("bounce", "rk4"), ("block sliding, smooth", "rk4")]
+"""what is tried of each kind where time is short"""
+
+
+@pytest.mark.parametrize(
+    ("title", "name"),
+    [
+        pytest.param(title, name, marks=() if (title, name) in FAST else pytest.mark.slow)
+        for title in PROBLEMS
+        for name in METHODS
+        if name != "complementarity"
+    ],
+)
 def test_motion_and_its_derivative_are_the_exact_ones(title, name):
     """To the tolerance of the method."""
     problem = PROBLEMS[title]
@@ -69,6 +80,7 @@ def test_motion_and_its_derivative_are_the_exact_ones(title, name):
     np.testing.assert_allclose(dq, dq_exact, rtol=0, atol=gradient)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("title", [title for title, problem in PROBLEMS.items() if problem.kink is None])
 def test_complementarity_stepping_is_of_second_order(title):
     """Without constraints it is a leapfrog: half the step, a quarter of the error, derivatives too."""

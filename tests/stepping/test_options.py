@@ -32,6 +32,7 @@ def test_what_cannot_work_is_refused_by_name(reference, options, message):
         resolve(reference, duration, SolverOptions(**options))
 
 
+@pytest.mark.slow
 def test_too_large_step_is_refused_with_the_largest_stable_one(reference):
     """Of the structure standing on the ground."""
     limit = stable_step(reference, standing(reference), METHODS["rk4"])

@@ -12,6 +12,7 @@ from jaxgrity.stepping.stability import limiting_part, linearise, stable_step, s
 
 
 @pytest.mark.parametrize(("number", "rigid"), [(100, False), (101, False), (102, True), (103, False), (103, True)])
+@pytest.mark.slow
 def test_predicted_within_a_tenth_of_measured(number, rigid):
     """Random robots in equilibrium, by every method that takes them; experiments/stability.py has twenty."""
     scene = random_scene(number, contact=number % 2 == 1, damped=number % 4 > 1, rigid=rigid)
@@ -70,6 +71,7 @@ def changed(part, value):
         (lambda s: s, "friction at node"),
     ],
 )
+@pytest.mark.slow
 def test_the_limit_is_blamed_on_what_sets_it(reference, change, named):
     """One member, damper or contact made far stiffer than all others sets the limit, and is named."""
     scene = change(with_gait(reference, None))
@@ -77,6 +79,7 @@ def test_the_limit_is_blamed_on_what_sets_it(reference, change, named):
     assert named in limiting_part(taut, state, METHODS["rk4"])
 
 
+@pytest.mark.slow
 def test_cables_that_are_slack_at_first_count(reference):
     """They may come taut: their stiffness limits the step as if they were."""
     parts = lambda s: (s.structure.cables.stiffness, s.structure.cables.rest_length)  # noqa: E731
@@ -86,6 +89,7 @@ def test_cables_that_are_slack_at_first_count(reference):
     assert "cable" in limiting_part(taut, state, METHODS["rk4"])
 
 
+@pytest.mark.slow
 def test_a_step_too_large_is_refused_by_name(reference):
     """What, where, the value, what was expected; and the override lets it pass."""
     with pytest.raises(InputError, match=r"dt = 0\.003 s is too large for rk4.*0\.00136 s.*friction at node"):

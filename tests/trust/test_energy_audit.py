@@ -4,7 +4,9 @@ import equinox as eqx
 import numpy as np
 import pytest
 
-from jaxgrity import Scene, SolverOptions, SwitchFriction, energy_audit, with_gait
+from jaxgrity import Gait, Scene, SolverOptions, SwitchFriction, energy_audit, with_gait
+
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
@@ -93,3 +95,21 @@ def test_momentum_is_what_the_ground_and_gravity_give(reference, exact):
     )
     assert fine < coarse / 3
     assert fine < 1e-3
+
+
+def on_cables(exact, start: float):
+    """The exact scene, its cables actuated from `start` (s) on, most of them not at an end of their strokes."""
+    phases = 2 * np.pi * np.arange(24) / 24
+    return with_gait(exact, Gait(tuple(range(6, 30)), phases, np.full(24, 0.15), np.full(24, 0.5), start, ramp=0.5))
+
+
+def test_actuated_cables_are_balanced_wherever_in_a_step_their_gait_begins(exact):
+    """On a step's end or half way between two: dU/dt jumps as the ramp begins, within the time that one step is for."""
+    dt = 5e-3
+    at_a_step, between = (
+        energy_audit(on_cables(exact, start), 1.0, options=SolverOptions(dt=dt)) for start in (0.5, 0.5 + dt / 2)
+    )
+    assert min(np.ptp(audit.actuation) for audit in (at_a_step, between)) > 1
+    for audit in (at_a_step, between):
+        assert np.abs(audit.residual).max() < 5e-3
+    assert np.abs(at_a_step.residual).max() < 3 * np.abs(between.residual).max()

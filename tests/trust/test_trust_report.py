@@ -9,6 +9,8 @@ from jaxgrity import Members, Scene, SolverOptions, Structure, diagnose, simulat
 from jaxgrity.io.files import save_json
 from jaxgrity.stepping.dynamics import momentum
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def roll(reference):

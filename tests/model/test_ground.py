@@ -1,0 +1,45 @@
+"""The two kinds of ground: what they are made of, and what is no ground."""
+
+import numpy as np
+import pytest
+
+from jaxgrity import ExactGround, InputError, PenaltyGround
+
+
+@pytest.mark.parametrize("value", [0.0, -1.0, np.nan])
+@pytest.mark.parametrize("name", ["stiffness", "dissipation"])
+def test_penalty_ground_without_stiffness_or_with_zero_dissipation_is_refused(name, value):
+    """Its contact law divides by the dissipation: None stands for one that is not modelled."""
+    numbers = {"stiffness": 1e4, "dissipation": 2.0, name: value}
+    absent = ", or None where it is not modelled" if name == "dissipation" else ""
+    with pytest.raises(InputError, match=rf"ground\.{name} = {value}: expected a positive number{absent}$"):
+        PenaltyGround(**numbers)
+
+
+@pytest.mark.parametrize("restitution", [-0.1, 1.1, np.nan])
+def test_restitution_is_a_share(restitution):
+    """Of the speed at which a node hits the ground."""
+    with pytest.raises(InputError, match=rf"ground\.restitution = {restitution}: expected a number from 0 to 1"):
+        ExactGround(restitution=restitution)
+
+
+@pytest.mark.parametrize("incline", [0.0, 0.3, -1.2])
+def test_normal_and_tangents_are_orthonormal(incline):
+    """The first tangent goes down the slope, which falls towards +x; the second is level."""
+    ground = ExactGround(incline)
+    axes = np.array([ground.normal, *ground.tangents])
+    np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=1e-15)
+    assert np.sign(ground.tangents[0][2]) == -np.sign(incline)
+    assert ground.tangents[1][2] == 0
+    np.testing.assert_allclose(ground.signed_distance(np.array([ground.normal])), [1.0], rtol=1e-15)
+
+
+def test_what_each_ground_answers_by(reference, exact):
+    """Forces that follow from positions and velocities, or impulses that do not."""
+    q = np.asarray(reference.structure.nodes) - [0, 0, 0.03]
+    pressed = np.asarray(reference.ground.normal_force(q, 0 * q))
+    np.testing.assert_allclose(pressed[pressed > 0], 1e4 * 0.01, rtol=1e-9)
+    assert np.count_nonzero(pressed) == 3
+    assert exact.ground.normal_force(q, 0 * q) is None
+    assert not reference.ground.impulsive
+    assert exact.ground.impulsive

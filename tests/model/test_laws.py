@@ -1,0 +1,221 @@
+"""The laws of a scene: all that there are can act and are listed, and all else that is known follows from the list."""
+
+import inspect
+from typing import ClassVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxgrity import (
+    METHODS,
+    DissipationTerm,
+    EnergyTerm,
+    ForceLaw,
+    Friction,
+    Ground,
+    InputError,
+    Law,
+    Scene,
+    SolverOptions,
+    SwitchFriction,
+    energy_audit,
+    limiting_part,
+    node_names,
+    prism_tower,
+    simulate,
+    standing,
+    standing_symmetries,
+    unchanged,
+    with_gait,
+    with_terms,
+)
+from jaxgrity.model.scene import KNOWN_FRICTIONS, KNOWN_LAWS
+
+
+def concrete(interface: type) -> set[type]:
+    """The classes of the library that implement an interface."""
+    found, left = set(), [interface]
+    while left:
+        kind = left.pop()
+        left += kind.__subclasses__()
+        if kind.__module__.startswith("jaxgrity.") and not inspect.isabstract(kind) and not _lacks_attributes(kind):
+            found.add(kind)
+    return found
+
+
+def _lacks_attributes(kind: type) -> bool:
+    """Whether class attributes that an interface asks for are not there."""
+    return any("AbstractClassVar" in str(getattr(base, "__annotations__", {}).get(name)) and not hasattr(kind, name)
+               for base in kind.__mro__ for name in getattr(base, "__annotations__", {}))  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def scenes(reference, exact):
+    """Between them they have everything."""
+    switch = eqx.tree_at(lambda s: s.friction, reference, SwitchFriction(0.6, 0.4, 1e-3))
+    return reference, exact, switch
+
+
+def test_every_law_of_the_library_is_known():
+    """To `describe`, which names those that do not act: each that ground and structure have, and each of friction."""
+    laws = concrete(Law)
+    assert len(laws) > 10
+    assert {law for law in laws if law not in KNOWN_LAWS and law.name not in {f.name for f in KNOWN_FRICTIONS}} == set()
+    assert set(KNOWN_LAWS) <= laws
+    assert concrete(Friction) == set(KNOWN_FRICTIONS)
+    assert len({law.name for law in laws}) == len(laws)
+
+
+def test_every_law_of_the_library_acts_somewhere(scenes):
+    """A law that no scene brings in is dead; one that acts is of the library."""
+    assert {type(law) for scene in scenes for law in scene.laws} == concrete(Law)
+    assert {type(scene.ground) for scene in scenes} == concrete(Ground)
+    assert {type(scene.friction) for scene in scenes} == concrete(Friction)
+
+
+def test_scenes_describe_every_law_that_acts(scenes):
+    """Under "modelled", and all others under "not modelled"."""
+    names = {kind.name for kind in (*KNOWN_LAWS, *KNOWN_FRICTIONS)}
+    for scene in scenes:
+        lines = scene.describe().splitlines()
+        modelled, absent = (set(line[20:].strip().split(", ")) for line in lines[:2])
+        acting = {law.name for law in scene.laws}
+        assert modelled == acting | {"gait"}
+        assert absent == names - acting
+
+
+class WindDrag(DissipationTerm):
+    """R = sum c/2 |v - w|^2: the air moves at w, and drags the nodes along."""
+
+    coefficient: np.ndarray
+    wind: tuple[float, float, float] = eqx.field(static=True, default=(0.0, 0.0, 0.0))
+    name: ClassVar[str] = "wind drag"
+    cause: ClassVar[str] = "wind"
+
+    def dissipation(self, motion):
+        through_air = motion.v - jnp.asarray(self.wind)
+        return jnp.sum(self.coefficient[:, None] / 2 * through_air**2)
+
+    def keeps(self, symmetry):
+        turned = symmetry.matrix @ np.array(self.wind)
+        return bool(np.allclose(turned, self.wind)) and unchanged(self.coefficient, symmetry.nodes)
+
+    def parts(self, scene):
+        return node_names("wind at", scene)
+
+    def scaled(self, factors):
+        return WindDrag(self.coefficient * factors, self.wind)
+
+
+class Tether(EnergyTerm):
+    """U = k/2 |x_0|^2: a spring from node 0 to the origin."""
+
+    stiffness: np.ndarray
+    name: ClassVar[str] = "tether"
+
+    def energy(self, at):
+        return self.stiffness[0] / 2 * jnp.sum(at.q[0] ** 2)
+
+    def keeps(self, symmetry):
+        return symmetry.nodes[0] == 0
+
+    def parts(self, scene):
+        return ("tether of node 0",)
+
+    def scaled(self, factors):
+        return Tether(self.stiffness * factors)
+
+
+class Lift(ForceLaw):
+    """A force on all nodes, up as long as they move up; it is booked with the wind."""
+
+    force_on_each: float = eqx.field(static=True, default=1.0)
+    name: ClassVar[str] = "lift"
+    cause: ClassVar[str] = "wind"
+
+    def force(self, motion, other_forces):
+        return self.force_on_each * jnp.tanh(motion.v) * jnp.array([0.0, 0.0, 1.0])
+
+    def keeps(self, symmetry):
+        return True
+
+
+@pytest.fixture(scope="module")
+def prism():
+    """A free prism without any dissipation, whose struts and cables alone act."""
+    scene = prism_tower(3, exact=False)
+    structure = eqx.tree_at(lambda s: s.cables.damping, scene.structure, None)
+    return Scene(structure)
+
+
+DRAG = WindDrag(np.full(6, 2.0), (1.0, 0.0, 0.0))
+
+
+def test_what_a_scene_knows_of_itself_follows_from_its_laws(prism):
+    """A term of one's own is described, and makes a scene dissipate that did not."""
+    windy = with_terms(prism, DRAG)
+    assert not prism.dissipates
+    assert windy.dissipates
+    assert with_terms(prism, Lift()).dissipates
+    assert not with_terms(prism, Tether(np.ones(1))).dissipates
+    lines = windy.describe().splitlines()
+    assert "wind drag" in lines[0]
+    assert "wind drag" not in lines[1]
+    with pytest.raises(InputError, match="without dissipation; this one has damping or friction"):
+        simulate(windy, 0.1, options=SolverOptions(method="verlet"))
+
+
+def test_symmetries_ask_every_law(prism):
+    """Wind along the prism's axis leaves its turns, wind across it or a tether at one node none of them."""
+    assert len(standing_symmetries(prism)) == 6
+    along = WindDrag(np.full(6, 2.0), (0.0, 0.0, 1.0))
+    assert len(standing_symmetries(with_terms(prism, along))) == 3
+    for term in (DRAG, Tether(np.ones(1))):
+        assert len(standing_symmetries(with_terms(prism, term))) == 1
+
+
+@pytest.mark.parametrize(
+    ("term", "named"),
+    [
+        (WindDrag(np.array([2.0, 2.0, 2.0, 9e3, 2.0, 2.0])), "wind at node 3"),
+        (Tether(np.full(1, 1e8)), "tether of node 0"),
+    ],
+    ids=["drag", "tether"],
+)
+@pytest.mark.slow
+def test_the_report_on_stability_asks_every_law(prism, term, named):
+    """A term that limits the step is named by the part of it that does."""
+    scene = with_terms(prism, term)
+    assert limiting_part(scene, standing(scene), METHODS["rk4"]) == named
+
+
+@pytest.mark.slow
+def test_the_energy_audit_asks_every_law(prism):
+    """What the air does is booked under the cause that its laws give, added up, and the balance closes."""
+    audits = {}
+    for name, terms in {"drag": (DRAG,), "lift": (Lift(),), "all": (DRAG, Lift(), Tether(np.full(1, 50.0)))}.items():
+        scene = with_gait(with_terms(Scene(prism.structure, gravity=9.81), *terms), None)
+        audits[name] = energy_audit(scene, 0.2, options=SolverOptions(dt=1e-4), frame_rate=50.0)
+        assert set(audits[name].dissipated) == {"wind"}
+        assert np.abs(audits[name].residual).max() < 1e-6 * audits[name].turned_over
+        assert abs(audits[name].lost[-1]) > 1e-3
+    assert audits["all"].lost[-1] != audits["drag"].lost[-1]
+
+
+def test_terms_are_laws():
+    """What is none is refused."""
+    with pytest.raises(InputError, match="terms has 3; expected a law, such as an EnergyTerm or a DissipationTerm"):
+        with_terms(prism_tower(3, exact=False), 3)
+
+
+def test_terms_of_ones_own_are_traced_like_the_librarys(prism):
+    """Their numbers are inputs of what is compiled: a derivative by one is there, and right."""
+
+    def end(c):
+        scene = with_terms(prism, WindDrag(c * jnp.ones(6), (1.0, 0.0, 0.0)))
+        return scene.dissipation(jnp.zeros((6, 3)), scene.structure.nodes, 0.0, None)
+
+    np.testing.assert_allclose(jax.grad(end)(2.0), 6 / 2, rtol=1e-12)

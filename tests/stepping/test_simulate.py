@@ -1,0 +1,53 @@
+"""Rollouts: where they start, when they are saved, and what is refused before anything compiles."""
+
+import numpy as np
+import pytest
+
+from jaxgrity import InputError, Scene, Structure, diagnose, energy_audit, sensitivity, simulate
+from jaxgrity.stepping.simulate import centre_path, frame_times
+
+
+@pytest.fixture(scope="module")
+def falling():
+    """Two nodes of 1 and 3 kg that nothing joins."""
+    return Scene(Structure(np.array([[0.0, 0, 1], [1, 0, 1]]), np.array([1.0, 3.0])), gravity=9.81)
+
+
+def test_a_rollout_starts_where_and_as_fast_as_asked(falling):
+    """Given positions and velocities, in place of the structure's own, at rest; both fall alike."""
+    q, v = np.array([[0.0, 0, 5], [0, 2, 5]]), np.array([[1.0, 0, 0], [0, 0, 3.0]])
+    motion = simulate(falling, 0.5, frame_rate=10.0, positions=q, velocities=v)
+    fall = 9.81 * np.asarray(motion.times)[:, None] * np.array([0, 0, 1.0])
+    np.testing.assert_allclose(motion.velocities, v - fall[:, None], rtol=0, atol=1e-13)
+    ways = v * np.asarray(motion.times)[:, None, None] - (fall * np.asarray(motion.times)[:, None] / 2)[:, None]
+    np.testing.assert_allclose(motion.positions, q + ways, rtol=0, atol=1e-13)
+    centre = np.average(q + ways, axis=1, weights=[1.0, 3.0])
+    np.testing.assert_allclose(centre_path(falling, motion), centre, rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("name", ["positions", "velocities"])
+@pytest.mark.parametrize("shape", [(1, 3), (3, 2), (6,), (2, 3, 1)])
+def test_a_start_of_another_shape_is_refused(falling, name, shape):
+    """One that NumPy would stretch to the right shape too."""
+    with pytest.raises(InputError) as caught:
+        simulate(falling, 1.0, **{name: np.zeros(shape)})
+    assert str(caught.value) == f"{name} has shape {shape}; expected (2, 3), a row for each node"
+
+
+@pytest.mark.parametrize("roll_out", [simulate, energy_audit, sensitivity, diagnose])
+@pytest.mark.parametrize("rate", [0.0, -10.0, float("nan"), float("inf")])
+def test_frame_rates_that_make_no_frames_are_refused(falling, roll_out, rate):
+    """By everything that saves frames."""
+    with pytest.raises(InputError, match=f"frame_rate = {rate}: expected a positive, finite number of frames a second"):
+        roll_out(falling, 1.0, frame_rate=rate)
+
+
+@pytest.mark.parametrize(
+    ("duration", "rate", "frames"), [(2.0, 100.0, 201), (1.0, 3.0, 4), (0.1, 1.0, 2), (0.01, 1e-9, 2), (0.5, 3.0, 3)]
+)
+def test_frames_go_from_the_start_to_the_end(duration, rate, frames):
+    """As many a second as asked, to the nearest whole number; at least two."""
+    times = frame_times(duration, rate)
+    assert len(times) == frames
+    assert (times[0], times[-1]) == (0, duration)
+    np.testing.assert_allclose(np.diff(times), duration / (frames - 1), rtol=1e-12)
