@@ -40,7 +40,8 @@ def main(settings: DiagnoseSettings) -> None:
     duration = min(settings.duration, 2.0) if settings.quick else settings.duration
     options = SolverOptions(method=settings.method, dt=settings.dt, dtype=settings.dtype)
     trust = diagnose(scene, duration, options=options)
-    print(trust.table())
+    step = "steps of its own choice" if trust.trajectory.dt is None else f"dt = {trust.trajectory.dt:g} s"
+    print(f"{trust.trajectory.method}, {step}\n{trust.table()}")
     facts = {"scene": scene_name(settings.scene), "duration": duration, **trust.summary()}
     save_json(settings.out / "diagnosis.json", facts)
     if not trust.trajectory.failed:

@@ -363,7 +363,7 @@ def test_every_stage_of_a_search_shows_how_far_it_is(search_run):
     _, said = search_run
     lines = [line for line in re.split("[\r\n]+", said) if line]
     stages = ["evolving", "promoting", "polishing", "verifying", "measuring", "animating"]
-    seen = [line.split(":")[0] for line in lines if re.match("[a-z]+: +[0-9]", line)]
+    seen = [line.split(":")[0] for line in lines if re.match(r"[a-z]+: +[0-9].*\[\d\d:\d\d", line)]
     assert list(dict.fromkeys(seen)) == stages
     for stage, total in (("evolving", 3), ("promoting", 3), ("verifying", 4), ("measuring", 3), ("animating", 50)):
         shown = [line for line in lines if line.startswith(f"{stage}:")]
