@@ -45,7 +45,7 @@ def test_entry_points_say_what_they_take_return_and_raise(name):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ENTRY_POINTS)
 def test_examples_show_what_happens(name):
-    """Each begins with nothing but `import jaxgrity`, and has a result to compare."""
+    """With nothing imported but jaxgrity; each has a result to compare."""
     example = sections(inspect.getdoc(getattr(jaxgrity, name)))["Example"]
     found = doctest.DocTestParser().get_doctest(inspect.cleandoc(example), {"jaxgrity": jaxgrity}, name, None, None)
     assert any(step.want for step in found.examples)

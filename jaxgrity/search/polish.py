@@ -99,8 +99,8 @@ def polish(
     Example:
         >>> scene = jaxgrity.load_scene("exact")
         >>> problem = jaxgrity.SearchProblem(scene, jaxgrity.Genome(6), 1.5, jaxgrity.Fitness())
-        >>> config = jaxgrity.PolishConfig(rollouts=8, samples=4, robots=1, final_robots=1)
-        >>> polished = jaxgrity.polish(problem, [[0.1, 0.2, 0.3, 0.4, 0.5, 0.6]], config)
+        >>> turns = jaxgrity.random_phases(1, actuators=6, seed=0) / 6.2832
+        >>> polished = jaxgrity.polish(problem, turns, jaxgrity.PolishConfig(rollouts=8, samples=4, final_robots=1))
         >>> polished.genes.shape, len(polished.steps)
         ((6,), 2)
     """

@@ -26,7 +26,7 @@ def test_a_rollout_starts_where_and_as_fast_as_asked(falling):
 
 
 @pytest.mark.parametrize("name", ["positions", "velocities"])
-@pytest.mark.parametrize("shape", [(1, 3), (3, 2), (6,), (2, 3, 1)])
+@pytest.mark.parametrize("shape", [(1, 3), (3, 3)])
 def test_a_start_of_another_shape_is_refused(falling, name, shape):
     """One that NumPy would stretch to the right shape too."""
     with pytest.raises(InputError) as caught:
