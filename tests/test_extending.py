@@ -88,6 +88,7 @@ class _Leash(Constraint):
         return True
 
 
+@pytest.mark.slow
 def test_force_law_pushes_and_is_in_the_balance(reference):
     """12 N on 6 kg for half a second in free fall, and its work of 12 N times the way."""
     aloft = with_terms(Scene(reference.structure), _Push())

@@ -5,10 +5,13 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_library_example_runs():
     """In a process of its own, from the repository's root, as a reader would run it."""
     (example,) = re.findall(r"```python\n(.*?)```", README, re.DOTALL)

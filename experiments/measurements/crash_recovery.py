@@ -27,7 +27,7 @@ from jaxgrity.io.files import PART, save_json
 SMALL = ("--duration", "2", "--population", "16", "--generations", "12", "8", "--polish-rollouts", "0")
 """a search on both fidelity levels, without polish"""
 QUICK = (
-    *("--scene", "exact", "--duration", "1", "--population", "4", "--generations", "3", "2", "--robots", "2"),
+    *("--scene", "exact", "--duration", "2", "--population", "4", "--generations", "3", "2", "--robots", "2"),
     *("--polish-rollouts", "0"),
 )
 """one that only its processes and their compilation take time for"""
@@ -42,7 +42,7 @@ class Settings:
     out: Path = Path("results/crash_recovery")
     """folder for the runs and crash_recovery.json"""
     quick: bool = False
-    """one kill, as soon as a generation is saved, of a search of few generations on the scene called exact"""
+    """one kill, as soon as a generation is saved, of a small search on the scene "exact"; no report"""
 
 
 def main(settings: Settings) -> None:
@@ -63,7 +63,7 @@ def main(settings: Settings) -> None:
         kill(folder, None if settings.quick else moment, *options)
         states, broken = load_states(folder), broken_files(folder)
         again = "--resume" if (folder / "run.json").exists() else "--restart"
-        search(folder, again, *options, to_the_end=number == kills - 1)
+        search(folder, again, *options, to_the_end=number == kills - 1 and not settings.quick)
         same = all(np.array_equal(undisturbed[name], population(folder)[name]) for name in undisturbed)
         facts["kills"].append(
             {

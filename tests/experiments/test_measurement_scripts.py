@@ -96,6 +96,7 @@ def test_bad_input_is_one_line(tmp_path, monkeypatch, script, arguments, words):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_a_refusal_ends_with_exit_code_2(tmp_path):
     """And its one line is all that is said."""
     done = run("measurements/benchmark.py", "--mjx", "--out", tmp_path / "out")

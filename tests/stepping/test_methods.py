@@ -141,6 +141,7 @@ def test_verlet_energy_error_stays_bounded(undamped):
     assert error.max() < 1e-3 * E[0]
 
 
+@pytest.mark.slow
 def test_rk4_step_is_the_papers(reference):
     """One step in contact, under a gait, against section 4's formula; equal but for the order of sums.
 
