@@ -242,3 +242,44 @@ def positive_part(x: PerMember) -> PerMember:
 def _positive_part_jvp(primals, tangents):
     (x,), (x_dot,) = primals, tangents
     return positive_part(x), (x > 0).astype(x.dtype) * x_dot
+
+
+def _materialised(x, one, *, population):
+    return x / one if population else x
+
+
+_materialise_p = Primitive("materialise")
+_materialise_p.def_impl(_materialised)
+_materialise_p.def_abstract_eval(lambda x, one, *, population: jax.core.ShapedArray(x.shape, x.dtype))
+mlir.register_lowering(_materialise_p, mlir.lower_fun(_materialised, multiple_results=False))
+
+
+def _materialise_lanes(arrays, axes, *, population):
+    (x, one), (axis, _) = arrays, axes
+    return _materialise_p.bind(jnp.moveaxis(x, axis, -1), one, population=True), x.ndim - 1
+
+
+def _materialise_jvp(primals, tangents, *, population):
+    (x, one), (x_dot, _) = primals, tangents
+    value = _materialise_p.bind(x, one, population=population)
+    if type(x_dot) is ad.Zero:
+        return value, ad.Zero.from_primal_value(value)
+    return value, _materialise_p.bind(x_dot, one, population=population)
+
+
+def _materialise_transpose(ct, x, one, *, population):
+    return (None if type(ct) is ad.Zero else _materialise_p.bind(ct, one, population=population)), None
+
+
+batching.primitive_batchers[_materialise_p] = _materialise_lanes
+ad.primitive_jvps[_materialise_p] = _materialise_jvp
+ad.primitive_transposes[_materialise_p] = _materialise_transpose
+
+
+def materialise(x: PerMember, one: Scalar) -> PerMember:
+    """`x` itself, which a compiled population computes once and keeps, where XLA would compute it anew for each use.
+
+    There it is divided by `one`, a number that is 1 and that XLA does not know to be 1, since XLA keeps quotients; of
+    one robot it is `x` and nothing else.
+    """
+    return _materialise_p.bind(x, one, population=False)
