@@ -82,8 +82,7 @@ def _component(x, *, direction):
 
 
 def _extend(s, *, direction):
-    axis = jax.lax.broadcasted_iota(jnp.int32, (1, 3, *[1] * (s.ndim - 1)), 1)
-    return sum(jnp.where(axis == k, n * s[:, None], 0) for k, n in enumerate(direction) if n)
+    return s[:, None] * np.asarray(direction, s.dtype).reshape(1, 3, *[1] * (s.ndim - 1))
 
 
 def _take(x, *, rows, size):
@@ -244,42 +243,11 @@ def _positive_part_jvp(primals, tangents):
     return positive_part(x), (x > 0).astype(x.dtype) * x_dot
 
 
-def _materialised(x, one, *, population):
-    return x / one if population else x
-
-
-_materialise_p = Primitive("materialise")
-_materialise_p.def_impl(_materialised)
-_materialise_p.def_abstract_eval(lambda x, one, *, population: jax.core.ShapedArray(x.shape, x.dtype))
-mlir.register_lowering(_materialise_p, mlir.lower_fun(_materialised, multiple_results=False))
-
-
-def _materialise_lanes(arrays, axes, *, population):
-    (x, one), (axis, _) = arrays, axes
-    return _materialise_p.bind(jnp.moveaxis(x, axis, -1), one, population=True), x.ndim - 1
-
-
-def _materialise_jvp(primals, tangents, *, population):
-    (x, one), (x_dot, _) = primals, tangents
-    value = _materialise_p.bind(x, one, population=population)
-    if type(x_dot) is ad.Zero:
-        return value, ad.Zero.from_primal_value(value)
-    return value, _materialise_p.bind(x_dot, one, population=population)
-
-
-def _materialise_transpose(ct, x, one, *, population):
-    return (None if type(ct) is ad.Zero else _materialise_p.bind(ct, one, population=population)), None
-
-
-batching.primitive_batchers[_materialise_p] = _materialise_lanes
-ad.primitive_jvps[_materialise_p] = _materialise_jvp
-ad.primitive_transposes[_materialise_p] = _materialise_transpose
-
-
-def materialise(x: PerMember, one: Scalar) -> PerMember:
-    """`x` itself, which a compiled population computes once and keeps, where XLA would compute it anew for each use.
-
-    There it is divided by `one`, a number that is 1 and that XLA does not know to be 1, since XLA keeps quotients; of
-    one robot it is `x` and nothing else.
-    """
-    return _materialise_p.bind(x, one, population=False)
+def largest(x: PerMember) -> Scalar:
+    """The largest entry, by halves: XLA's own reduction over the first of two axes is a loop without vectors."""
+    while x.shape[0] > 1:
+        half = x.shape[0] // 2
+        rest = take_rows(x, tuple(range(half, x.shape[0])))
+        pairs = jnp.maximum(take_rows(x, tuple(range(half))), take_rows(rest, tuple(range(half))))
+        x = pairs if 2 * half == x.shape[0] else jnp.maximum(pairs, take_rows(rest, (half,) * half))
+    return take_rows(x, (0,))[0]

@@ -8,7 +8,7 @@ from typing import NamedTuple, cast
 
 import jax.numpy as jnp
 
-from jaxgrity.core.primitives import accumulate, edge_vectors, inverse, length, scale
+from jaxgrity.core.primitives import accumulate, edge_vectors, inverse, largest, length, scale
 from jaxgrity.core.types import MemberVectors, NodeVectors, PerMember, PerNode, PerRow, Scalar
 from jaxgrity.model.actuation import rest_length
 from jaxgrity.model.ground import ExactGround
@@ -172,7 +172,7 @@ def length_error(scene: Scene, h: Scalar, problem: StepProblem, trials: Trials) 
     first, second = layout.ends(w, tuple(range(len(layout.edges))))
     d = problem.vectors + (first - second)
     off = jnp.abs(jnp.sqrt(d.dot(d)) - problem.lengths)
-    return LengthError(h * jnp.max(off), jnp.max(off / problem.lengths))
+    return LengthError(h * largest(off), largest(off / problem.lengths))
 
 
 def _to_length(
