@@ -1,14 +1,31 @@
 """What the tests share: float64, hypothesis without time limits or files, the reference scene, finite differences."""
 
 import os
+import shutil
 from collections.abc import Callable
 from pathlib import Path
+
+# As every command sets it (jaxgrity.cli.script), before Equinox is imported: compiled programs then call nothing back,
+# and can be kept.
+os.environ.setdefault("EQX_ON_ERROR", "nan")
 
 import hypothesis
 import jax
 import pytest
 
 jax.config.update("jax_enable_x64", True)
+
+# A program is compiled once for all test processes, the commands that they start, and the next run.
+COMPILED = Path(__file__).parents[1] / ".cache" / "jax-tests"
+for name, value in {
+    "JAX_COMPILATION_CACHE_DIR": str(COMPILED),
+    "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.1",
+}.items():
+    os.environ.setdefault(name, value)
+jax.config.update("jax_compilation_cache_dir", os.environ["JAX_COMPILATION_CACHE_DIR"])
+jax.config.update(
+    "jax_persistent_cache_min_compile_time_secs", float(os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"])
+)
 
 # The same examples on every run, so that a failure on one machine is a failure on all.
 hypothesis.settings.register_profile("jaxgrity", deadline=None, max_examples=30, derandomize=True, database=None)
@@ -18,6 +35,9 @@ hypothesis.settings.load_profile("jaxgrity")
 def pytest_configure(config):
     """Each of several test processes keeps to its own cores: they spend a quarter longer where threads compete."""
     worker = getattr(config, "workerinput", None)
+    if worker is None and sum(path.stat().st_size for path in COMPILED.glob("*")) > 1e9:
+        # nothing else ever removes a program from there
+        shutil.rmtree(COMPILED)
     if worker is not None and hasattr(os, "sched_setaffinity"):
         cores, number = sorted(os.sched_getaffinity(0)), int(worker["workerid"].removeprefix("gw"))
         count = worker["workercount"]

@@ -24,6 +24,14 @@ from tqdm import tqdm
 from jaxgrity import InputError, load_states
 from jaxgrity.io.files import PART, save_json
 
+SMALL = ("--duration", "2", "--population", "16", "--generations", "12", "8", "--polish-rollouts", "0")
+"""a search on both fidelity levels, without polish"""
+QUICK = (
+    *("--scene", "exact", "--duration", "1", "--population", "4", "--generations", "3", "2", "--robots", "2"),
+    *("--polish-rollouts", "0"),
+)
+"""one that only its processes and their compilation take time for"""
+
 
 @dataclass
 class Settings:
@@ -34,15 +42,15 @@ class Settings:
     out: Path = Path("results/crash_recovery")
     """folder for the runs and crash_recovery.json"""
     quick: bool = False
-    """one kill, on the scene called exact"""
+    """one kill, as soon as a generation is saved, of a search of few generations on the scene called exact"""
 
 
 def main(settings: Settings) -> None:
     kills, whole = 1 if settings.quick else settings.kills, settings.out / "whole"
-    options = ["--scene", "exact"] if settings.quick else []
+    options = QUICK if settings.quick else SMALL
     if not settings.quick:
         # so that the moments are those of a run whose programs are compiled, as the others' will be
-        search(whole, "--restart")
+        search(whole, "--restart", *options)
     shutil.rmtree(whole, ignore_errors=True)
     began = time.time()
     search(whole, "--restart", *options)
@@ -52,7 +60,7 @@ def main(settings: Settings) -> None:
     facts: dict = {**measured(), "undisturbed_seconds": lasted, "moments_between": [first, last], "kills": []}
     for number, moment in enumerate(tqdm(moments, unit="kill")):
         folder = settings.out / f"killed_{number}"
-        kill(folder, moment, *options)
+        kill(folder, None if settings.quick else moment, *options)
         states, broken = load_states(folder), broken_files(folder)
         again = "--resume" if (folder / "run.json").exists() else "--restart"
         search(folder, again, *options, to_the_end=number == kills - 1)
@@ -73,22 +81,23 @@ def main(settings: Settings) -> None:
         raise InputError(f"{settings.out}: expected {kills} identical populations and no broken file")
 
 
-def kill(folder: Path, moment: float, *options: str) -> None:
-    """Begin a run, and kill it after so many seconds, if it lives that long."""
+def kill(folder: Path, moment: float | None, *options: str) -> None:
+    """Begin a run, and kill it after so many seconds, or else once a generation is saved, if it lives that long."""
     alive = subprocess.Popen(
         command(folder, "--restart", *options), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
     )
+    while moment is None and alive.poll() is None and not list(folder.glob("state_*.npz")):
+        time.sleep(0.01)
     try:
-        alive.wait(moment)
+        alive.wait(moment or 0)
     except subprocess.TimeoutExpired:
         alive.send_signal(signal.SIGKILL)
         alive.wait()
 
 
 def command(folder: Path, *options: str) -> list[str]:
-    """A small search on both fidelity levels, without polish."""
-    small = ["--duration", "2", "--population", "16", "--generations", "12", "8", "--polish-rollouts", "0"]
-    return [sys.executable, str(Path(__file__).parents[1] / "gait_search.py"), *small, "--out", str(folder), *options]
+    """A search with these options."""
+    return [sys.executable, str(Path(__file__).parents[1] / "gait_search.py"), "--out", str(folder), *options]
 
 
 def search(folder: Path, *options: str, to_the_end: bool = False) -> None:

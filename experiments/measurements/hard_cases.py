@@ -82,8 +82,9 @@ def main(settings: Settings) -> None:
         find_method(method)
     rows: dict[str, dict[str, dict[str, Cell]]] = {name: {"float64": {}, "float32": {}} for name in names}
     pairs = [(name, method) for name in names for method in methods]
-    # each in a process of its own: a thousand compiled programs do not fit into one
-    pool = multiprocessing.get_context("spawn").Pool(len(os.sched_getaffinity(0)), configure, maxtasksperchild=4)
+    # a few in each process: a thousand compiled programs do not fit into one
+    most = None if settings.quick else 4
+    pool = multiprocessing.get_context("spawn").Pool(len(os.sched_getaffinity(0)), configure, maxtasksperchild=most)
     with pool, tqdm(total=len(pairs), desc="cases", unit="cell") as progress:
         for name, method, cells in pool.imap_unordered(one, pairs):
             for dtype, cell in cells.items():

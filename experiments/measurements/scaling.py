@@ -1,8 +1,11 @@
 """How cost grows: with the number of devices, of gaits and of struts; what one rollout costs, and what starting does.
 
-Every part runs in processes of its own, which may use as many cores as they have devices.
+Every part runs in processes of its own, which may use as many cores as they have devices; with --quick all parts for as
+many devices share one.
 """
 
+import contextlib
+import functools
 import multiprocessing
 import os
 import re
@@ -12,6 +15,7 @@ import time
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
+from multiprocessing.pool import Pool
 from pathlib import Path
 
 from jaxgrity.cli.script import configure, measured, run
@@ -65,14 +69,17 @@ def main(settings: Settings) -> None:
     tasks += [("single", 1, single_cost, (m, dtype, repeats)) for m in methods for dtype in ("float32", "float64")]
     tasks += [("compiled", 1, compiled, (m,)) for m in methods]
     rows: dict[str, list[dict]] = {"devices": [], "population": [], "struts": [], "single": [], "compiled": []}
-    for name, devices, function, arguments in tqdm(tasks, unit="run"):
-        rows[name].append({"devices": devices, **in_process(devices, function, arguments)})
+    with contextlib.ExitStack() as running:
+        pools = functools.cache(lambda devices: running.enter_context(process(devices)))
+        for name, devices, function, arguments in tqdm(tasks, unit="run"):
+            found = pools(devices).apply(function, arguments) if quick else in_process(devices, function, arguments)
+            rows[name].append({"devices": devices, **found})
     facts = {
         **measured(),
         "repeats": repeats,
         **rows,
         "exponents": exponents(rows["struts"]),
-        "start": start_up(min(3, repeats)),
+        "start": start_up(min(3, repeats), warm=not quick),
     }
     save_json(settings.out / "scaling.json", facts)
     plot.save(figure(rows), settings.out / "scaling.png")
@@ -82,8 +89,13 @@ def main(settings: Settings) -> None:
 
 def in_process(devices: int, function: Callable, arguments: tuple) -> dict:
     """What the function returns in a fresh process with so many devices, on as many cores."""
-    with multiprocessing.get_context("spawn").Pool(1, confine, (devices,)) as pool:
+    with process(devices) as pool:
         return pool.apply(function, arguments)
+
+
+def process(devices: int) -> Pool:
+    """A fresh process with so many devices, on as many cores."""
+    return multiprocessing.get_context("spawn").Pool(1, confine, (devices,))
 
 
 def confine(devices: int) -> None:
@@ -180,8 +192,9 @@ simulate(scene, 1e-3)
 """what a script that simulates does until its first steps are taken"""
 
 
-def start_up(repeats: int) -> dict[str, float]:
-    """Seconds: of the imports, and of a script until its first steps, with the compiled programs of the run before."""
+def start_up(repeats: int, warm: bool = True) -> dict[str, float]:
+    """Seconds: of the imports, and of a script until its first steps, with the compiled programs of a run before where
+    these are to be warm."""
 
     def took(code: str) -> float:
         code = f"import time; start = time.perf_counter(); {code}\nprint(time.perf_counter() - start)"
@@ -193,7 +206,7 @@ def start_up(repeats: int) -> dict[str, float]:
         "jaxgrity": "from jaxgrity import load_scene, simulate, simulate_population",
         "first steps": SCRIPT,
     }
-    for code in codes.values():
+    for code in codes.values() if warm else ():
         took(code)
     return {name: float(np.median([took(code) for _ in range(repeats)])) for name, code in codes.items()}
 

@@ -19,6 +19,8 @@ from paper_claims.report import PROGRAM, REFERENCE, TEXT, Report, Row, scenes, s
 FREQUENCIES = (0.5, 0.25, 0.125, 0.0625, 0.03125)
 """Hz"""
 PERIODS = 2
+FRAMES = 160
+"""in a period"""
 SHARE = 0.2
 ALIKE = 0.1
 """of the longer displacement, within which two count as the same"""
@@ -60,7 +62,8 @@ def creep(scene: Scene, kind: str, frequencies: tuple[float, ...]) -> dict:
     moved, failed = [], []
     for frequency in frequencies:
         changed = actuated(scene, kind, frequency)
-        motion = simulate(changed, (PERIODS + 1) / frequency, options=RK4, frame_rate=20.0)
+        # as many frames at every frequency: one program
+        motion = simulate(changed, (PERIODS + 1) / frequency, options=RK4, frame_rate=FRAMES * frequency)
         path = centre_path(changed, motion)
         after = path[np.asarray(motion.times) >= 1 / frequency]
         moved.append(float(np.hypot(*(after[-1] - after[0])[:2])))

@@ -1,5 +1,6 @@
 """Figure 4: a block on an incline under each friction law, and the complementarity of appendix B."""
 
+import equinox as eqx
 import jax
 import numpy as np
 from matplotlib.figure import Figure
@@ -107,16 +108,23 @@ def forces(scene: Scene, law: str, q: np.ndarray, v: np.ndarray) -> tuple[np.nda
         pressed = gained @ normal
         return np.maximum(pressed, 0), gained - pressed[:, None] * normal
 
+    pressed, friction = _forces(scene, q[:, None], v[:, None])
+    return np.asarray(pressed), np.asarray(friction)
+
+
+@eqx.filter_jit
+def _forces(scene: Scene, q: jax.Array, v: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """The same of forces that are functions of the state, compiled once for all angles."""
+
     def at(q, v):
         pressed = scene.normal_force(q, v)
-        if law == "switch":
+        if scene.force_laws:
             (switch,) = scene.force_laws
             others = smooth_force(scene, 0.0, q, v, pressed)
             return pressed[0], switch.force(scene.motion(v, q, 0.0, pressed), others)[0]
         return pressed[0], -jax.grad(lambda v: scene.dissipation_by_cause(v, q, 0.0, pressed)["friction"])(v)[0]
 
-    pressed, friction = jax.jit(jax.vmap(at))(q[:, None], v[:, None])
-    return np.asarray(pressed), np.asarray(friction)
+    return jax.vmap(at)(q, v)
 
 
 def penetration_row(law: str, still: dict, dropped: dict) -> Row:

@@ -43,7 +43,7 @@ def animate(
         path: the file to write; its folder is made where there is none.
         frame_rate: frames a second, of those that the trajectory saved the nearest. Beyond 100 it changes nothing,
             since a GIF counts time in hundredths of a second.
-        on_frame: called with a frame's number, from 0, and how many there are, whenever a frame has been drawn.
+        on_frame: called with how many frames have been drawn, and how many there are: at first, and after each.
 
     Returns:
         Nothing: the result is the file.
@@ -62,11 +62,12 @@ def animate(
     palette = _shared_palette([stage.picture(k) for k in (shown[0], shown[len(shown) // 2], shown[-1])])
 
     def frames() -> Iterator[Image.Image]:
-        for number, k in enumerate(shown):
-            picture = stage.picture(k).quantize(palette=palette, dither=Image.Dither.NONE)
+        for drawn, k in enumerate(shown):
             if on_frame is not None:
-                on_frame(number, len(shown))
-            yield picture
+                on_frame(drawn, len(shown))
+            yield stage.picture(k).quantize(palette=palette, dither=Image.Dither.NONE)
+        if on_frame is not None:
+            on_frame(len(shown), len(shown))
 
     write_whole(path, lambda file: _write_gif(file, frames(), durations))
 

@@ -180,7 +180,7 @@ def draw(result: SearchResult, trust: TrustReport, folder: Path, on_progress: Ti
     plot.save(plot.path_figure(scene, trajectory, float(verdict.verified.error_bar[0])), folder / "path.png")
     plot.save(plot.member_figure(scene, trajectory), folder / "members.png")
     gif = folder / "animation.gif"
-    animate(scene, trajectory, gif, on_frame=lambda k, n: on_progress("animating", k + 1, n))
+    animate(scene, trajectory, gif, on_frame=lambda drawn, frames: on_progress("animating", drawn, frames))
 
 
 def words(summary: dict[str, Any], motion: Rolling | None, unit: str) -> dict[str, str]:

@@ -45,14 +45,14 @@ def centre_path(scene: Scene, trajectory: Trajectory) -> np.ndarray:
     return np.einsum("n,fnk->fk", mass / mass.sum(), np.asarray(trajectory.positions, float))
 
 
-def frame_times(duration: float, frame_rate: float) -> np.ndarray:
-    """(frames,), s, from 0 to `duration`, as many a second as `frame_rate` says; at least two.
+def frame_times(duration: float, frame_rate: float, at_most: float = math.inf) -> np.ndarray:
+    """(frames,), s, from 0 to `duration`, as many a second as `frame_rate` says, or `at_most`; at least two.
 
     Raises `InputError` where the rate is not positive and finite.
     """
     if not (frame_rate > 0 and math.isfinite(frame_rate)):
         raise InputError(f"frame_rate = {frame_rate}: expected a positive, finite number of frames a second")
-    return np.linspace(0, duration, max(1, round(duration * frame_rate)) + 1)
+    return np.linspace(0, duration, max(1, round(duration * min(frame_rate, at_most))) + 1)
 
 
 def simulate(

@@ -1,5 +1,6 @@
 """Where the energy and the momentum of a rollout come from, and where they go."""
 
+import math
 from typing import NamedTuple
 
 import diffrax
@@ -96,7 +97,7 @@ def energy_audit(scene: Scene, duration: float, *, options: Options = None, fram
         True
     """
     resolved = resolve(scene, duration, options, dtype="float64")
-    times = frame_times(duration, frame_rate if resolved.dt is None else min(frame_rate, 1 / float(resolved.dt)))
+    times = frame_times(duration, frame_rate, at_most=math.inf if resolved.dt is None else 1 / float(resolved.dt))
     exact = as_dtype(scene, "float64")
     if resolved.method.symplectic or resolved.method.constrained:
         count = int(np.ceil(times[1] / resolved.dt - 1e-9))  # type: ignore[operator]

@@ -249,6 +249,7 @@ def test_nothing_is_lost_in_a_crash(tmp_path):
     assert done.returncode == 0, done.stderr
     facts = json.loads((tmp_path / "crash_recovery.json").read_text())
     assert len(facts["kills"]) == 1
+    assert sum(facts["kills"][0]["generations_saved"]) > 0
     assert all(kill["same_population"] and not kill["broken_files"] for kill in facts["kills"])
     words = search_tables.crash_recovery_table(search_tables.crash_recovery_facts(facts))
     assert "| that ended, resumed, with the very same population | 1 |" in words

@@ -71,7 +71,7 @@ def test_frames_last_as_long_as_the_motion(scene, motion, tmp_path, frame_rate, 
     short = some(carried(motion, 0.0), slice(31))
     animate(scene, short, tmp_path / "a.gif", frame_rate, lambda *call: called.append(call))
     assert read(tmp_path / "a.gif")[1] == durations
-    assert called == [(k, len(durations)) for k in range(len(durations))]
+    assert called == [(drawn, len(durations)) for drawn in range(len(durations) + 1)]
 
 
 @pytest.mark.parametrize("frame_rate", [5.0, 50.0])

@@ -65,7 +65,7 @@ def test_more_gaits_than_lanes_keep_their_order(reference):
     options = SolverOptions(dt=1e-3, dtype="float32")
     whole = simulate_population(reference, gaits_of(reference.gait, phases), 0.05, options=options)
     assert whole.com_end.shape == (300, 3)
-    for part in (slice(0, 130), slice(130, 300)):
+    for part in (slice(0, 150), slice(150, 300)):
         half = simulate_population(reference, gaits_of(reference.gait, phases[part]), 0.05, options=options)
         np.testing.assert_array_equal(whole.com_end[part], half.com_end)
 

@@ -10,6 +10,9 @@ from jaxgrity.model.scene import with_gait
 from jaxgrity.stepping.methods import METHODS
 from jaxgrity.stepping.stability import limiting_part, linearise, stable_step, standing, strictest
 
+TRIED = np.array([0.5, 0.65, 0.8, 0.88, 1.09])
+"""steps, as multiples of the prediction: it is right to a tenth where the last of them alone is unstable"""
+
 
 @pytest.mark.parametrize(("number", "rigid"), [(100, False), (101, False), (102, True), (103, False), (103, True)])
 @pytest.mark.slow
@@ -21,7 +24,7 @@ def test_predicted_within_a_tenth_of_measured(number, rigid):
         if method.implicit or method.constrained != rigid or (method.symplectic and scene.dissipates):
             continue
         predicted = stable_step(scene, state, method)
-        assert measure(scene, state, method, predicted) == pytest.approx(predicted, rel=0.1), method.name
+        assert measure(scene, state, method, predicted, TRIED) == pytest.approx(predicted, rel=0.1), method.name
 
 
 def test_standing_presses_on_the_ground_by_the_weight(reference):
