@@ -11,7 +11,7 @@ from typing import NamedTuple
 import equinox as eqx
 
 from jaxgrity.core.primitives import along, component, place_rows, take_rows
-from jaxgrity.core.types import AnyRows, Edges, PerRow
+from jaxgrity.core.types import AnyArray, AnyRows, Edges, PerMember, PerRow
 from jaxgrity.model.ground import Ground
 
 WITHOUT_GROUND = ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
@@ -57,7 +57,7 @@ class Blocks(NamedTuple):
     @property
     def by_struts(self) -> bool:
         """Whether the first block holds every strut's first end, the second every strut's second end."""
-        return len(self.groups) == 1
+        return len(self.nodes) > 1
 
     def ends(self, values: tuple, group: tuple[int, ...]) -> tuple:
         """Of vectors or numbers for each block, those at the first and at the second ends of the struts of a group."""
@@ -65,7 +65,7 @@ class Blocks(NamedTuple):
             return values[0], values[1]
         return tuple(rows_of(values[0], tuple(self.edges[k][end] for k in group)) for end in (0, 1))
 
-    def at_nodes(self, value: PerRow, group: tuple[int, ...]) -> tuple[PerRow, ...]:
+    def at_nodes(self, value: PerMember, group: tuple[int, ...]) -> tuple[PerRow, ...]:
         """For the blocks that struts reach, the number of each node's strut; any number where it has none."""
         if self.by_struts:
             return value, value
@@ -76,7 +76,7 @@ class Blocks(NamedTuple):
         """Vectors (nodes, 3) as one `Vector` for each block."""
         return tuple(rows_of(vector(x, ground), rows) for rows in self.nodes)
 
-    def numbers(self, x) -> tuple:
+    def numbers(self, x: AnyArray) -> tuple[AnyArray, ...]:
         """A number for each node, one array for each block; a number that all nodes have in common, for each block."""
         return tuple(take_rows(x, rows) if x.ndim else x for rows in self.nodes)
 

@@ -58,8 +58,8 @@ class Complementarity(diffrax.AbstractSolver):
     predicts it, and the last round uses the prediction. The order is 2 where nothing begins or ends to touch, stick or
     slip, and 1 there.
 
-    The last thing that a sweep does is to put every node on or above the ground, so no node is ever below a plane at
-    the end of a step. A robot whose struts are off by more than `LARGEST_LENGTH_ERROR` of their lengths, or by more
+    Velocities are read from trial impulses (see `ground_response.py`), none of which lets a node end a step below the
+    ground. A robot whose struts are off by more than `LARGEST_LENGTH_ERROR` of their lengths, or by more
     than the tolerance, at the end of a step gets NaN.
     """
 
@@ -85,7 +85,7 @@ class Complementarity(diffrax.AbstractSolver):
         problem = self.lift(prepare, ("s", None, None, -1, -1))(args, h, t1, q, v)
         found = self.lift(velocities, ("s", -1, -1))
         _, a = terms.vf(t0, y0, args)
-        trials = self.lift(begin, ("s", -1, -1))(args, problem, v + kick * a)
+        trials = self.lift(begin, ("s", -1))(args, v + kick * a)
         if args.dissipates:
             trials = self._constrain(args, h, problem, trials, usual_sweeps(args))
             _, corrected = terms.vf(t0, (q, (v + found(args, problem, trials)) / 2), args)

@@ -8,14 +8,14 @@ from typing import NamedTuple, cast
 
 import jax.numpy as jnp
 
-from jaxgrity.core.primitives import accumulate, edge_vectors, inverse, largest, length, scale
+from jaxgrity.core.primitives import accumulate, component, edge_vectors, inverse, largest, length, scale
 from jaxgrity.core.types import MemberVectors, NodeVectors, PerMember, PerNode, PerRow, Scalar
 from jaxgrity.model.actuation import rest_length
 from jaxgrity.model.ground import ExactGround
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import Members
 from jaxgrity.stepping.blocks import Blocks, Vector, blocks, rows_of, vector, xyz
-from jaxgrity.stepping.ground_response import Contact, answered, ground_impulse, trial_impulse, velocity
+from jaxgrity.stepping.ground_response import Contact, answered, ground_impulse, velocity
 
 HELD = 1e-2
 """fraction of its free motion below which a strut counts as held by the ground at both ends"""
@@ -39,7 +39,7 @@ class StepProblem(NamedTuple):
     vectors: Vector | None
     """(x_i - x_j)/h of the rigid struts at the start of the step, m/s"""
     pushes: tuple[tuple[Vector, ...], ...]
-    """for each group of struts and each block that it reaches, how an impulse of 1 along the struts moves nodes, 1/kg"""
+    """for each group of struts and each block that it reaches, how nodes move by an impulse of 1 along struts, 1/kg"""
     lengths: PerMember | None
     """L(t1)/h of the rigid struts, m/s"""
     closing: tuple[PerRow, ...] | None
@@ -112,16 +112,16 @@ def _push(scene: Scene, layout: Blocks, group: tuple[int, ...], directions: Memb
     inverse_mass, ground = 1 / scene.structure.node_mass, exact_ground(scene)
     if layout.by_struts:
         first, second = layout.ends(layout.numbers(inverse_mass), group)
-        along_struts = vector(directions, ground)
-        return along_struts * first, along_struts * -second
+        along_strut = vector(directions, ground)
+        return along_strut * first, along_strut * -second
     edges = tuple(layout.edges[k] for k in group)
-    along_struts = accumulate(rows_of(directions, group), edges, len(inverse_mass))
-    return layout.split(scale(along_struts, inverse_mass), ground)
+    on_nodes = accumulate(rows_of(directions, group), edges, len(inverse_mass))
+    return layout.split(scale(on_nodes, inverse_mass), ground)
 
 
-def begin(scene: Scene, problem: StepProblem, w: NodeVectors) -> Trials:
+def begin(scene: Scene, w: NodeVectors) -> Trials:
     """Before the first sweep: velocities `w`, m/s, and no impulses of the ground."""
-    return tuple(map(trial_impulse, _contacts(scene, problem), blocks_of(scene).split(w, exact_ground(scene))))
+    return tuple(part * -1 for part in blocks_of(scene).split(w, exact_ground(scene)))
 
 
 def pushed(scene: Scene, trials: Trials, change: NodeVectors) -> Trials:

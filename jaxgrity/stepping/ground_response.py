@@ -1,13 +1,10 @@
-"""Exact contact on a block of nodes: the impulses of the ground, and how it lets nodes move, as functions of one vector.
+"""Exact contact on a block of nodes: impulses of the ground, and how it lets nodes move, as functions of one vector.
 
-With the ground's impulse p so far, and the velocity w, the trial impulse of a node is
+With the ground's impulse p so far, and the velocity w, the trial impulse of a node is z = p - w. Let c be the normal
+velocity at which the node just touches the ground at the end of the step. Signorini's law (p_n >= 0, w_n >= c, one of
+them an equality) and Coulomb's (|p_t| <= mu p_n, against the slip where it is less) then say
 
-    z = p - w + c n,
-
-c being the normal velocity at which it just touches the ground at the end of the step. Signorini's law (p_n >= 0,
-w_n >= c, one of them an equality) and Coulomb's (|p_t| <= mu p_n, against the slip where it is less) then say
-
-    p_n = max(0, z_n),    p_t = min(1, mu p_n/|z_t|) z_t,    w = p - z + c n,
+    p_n = max(0, z_n + c),    p_t = min(1, mu p_n/|z_t|) z_t,    w = p - z,
 
 and an impulse from elsewhere, which changes w, changes nothing but z. P. Alart and A. Curnier 1991,
 doi:10.1016/0045-7825(91)90022-X. All of it is elementwise, in the components along the ground's normal and tangents.
@@ -39,24 +36,20 @@ def ground_impulse(contact: Contact | None, trial: Vector) -> Vector:
     """p, m/s: by how much the ground changes the velocity of nodes with this trial impulse z."""
     if contact is None:
         return trial * 0
-    pressed = positive_part(trial.normal)
+    pressed = positive_part(trial.normal + contact.closing)
     if contact.mu is None:
         return Vector(pressed, 0 * trial.first, 0 * trial.second)
-    share = _share(contact, trial)
+    share = _share(contact.mu, pressed, trial)
     return Vector(pressed, share * trial.first, share * trial.second)
 
 
 def velocity(contact: Contact | None, trial: Vector) -> Vector:
-    """w, m/s, of nodes with this trial impulse z; w_n >= c to the last bit."""
-    p = ground_impulse(contact, trial)
+    """w = p - z, m/s, of nodes with this trial impulse z; w_n >= c to the last bit."""
     if contact is None:
-        return p - trial
-    return Vector(contact.closing + positive_part(-trial.normal), p.first - trial.first, p.second - trial.second)
-
-
-def trial_impulse(contact: Contact | None, w: Vector) -> Vector:
-    """z of nodes with velocity `w` (m/s) before the ground has answered."""
-    return Vector((0 if contact is None else contact.closing) - w.normal, 0 - w.first, 0 - w.second)
+        return trial * -1
+    p = ground_impulse(contact, trial)
+    normal = jnp.where(trial.normal + contact.closing > 0, contact.closing, -trial.normal)
+    return Vector(normal, p.first - trial.first, p.second - trial.second)
 
 
 def answered(contact: Contact | None, trial: Vector, push: Vector) -> Vector:
@@ -68,12 +61,13 @@ def answered(contact: Contact | None, trial: Vector, push: Vector) -> Vector:
     """
     if contact is None:
         return push
-    pressed = (trial.normal > 0).astype(push.normal.dtype)
-    normal = push.normal * (1 - pressed)
+    pressed = positive_part(trial.normal + contact.closing)
+    touching = (pressed > 0).astype(pressed.dtype)
+    normal = push.normal * (1 - touching)
     if contact.mu is None:
         return Vector(normal, push.first, push.second)
-    share = _share(contact, trial)
-    sliding = pressed * (share < 1).astype(share.dtype)
+    share = _share(contact.mu, pressed, trial)
+    sliding = touching * (share < 1).astype(share.dtype)
     back = jax.lax.rsqrt(_size_squared(trial))
     first, second = trial.first * back, trial.second * back
     along = sliding * (share * (first * push.first + second * push.second) - contact.mu * push.normal)
@@ -81,9 +75,9 @@ def answered(contact: Contact | None, trial: Vector, push: Vector) -> Vector:
     return Vector(normal, passing * push.first + along * first, passing * push.second + along * second)
 
 
-def _share(contact: Contact, trial: Vector) -> PerRow:
+def _share(mu: PerRow | Scalar, pressed: PerRow, trial: Vector) -> PerRow:
     """min(1, mu p_n/|z_t|): 1 where a node sticks, 0 where nothing presses on it."""
-    return jnp.minimum(1, contact.mu * positive_part(trial.normal) * jax.lax.rsqrt(_size_squared(trial)))
+    return jnp.minimum(1, mu * pressed * jax.lax.rsqrt(_size_squared(trial)))
 
 
 def _size_squared(trial: Vector) -> PerRow:

@@ -1,7 +1,5 @@
 """The equations of motion and a method for them, put into diffrax; and what became of a rollout."""
 
-from collections.abc import Callable
-
 import diffrax
 import jax
 import jax.numpy as jnp
