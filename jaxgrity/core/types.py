@@ -9,6 +9,8 @@ AnyArray = jax.Array | np.ndarray
 Scalar = float | Float[AnyArray, ""]
 PerNode = Float[AnyArray, " nodes"]
 PerMember = Float[AnyArray, " members"]
+PerRow = Float[AnyArray, " rows"]
+"""of a block of nodes, or of struts"""
 Rows = Float[AnyArray, "rows *xyz"]
 AnyRows = Float[AnyArray, "members *xyz"]
 PerActuator = Float[AnyArray, "*population actuators"]

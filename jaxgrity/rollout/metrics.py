@@ -13,7 +13,8 @@ from jaxgrity.model.actuation import rest_length
 from jaxgrity.model.laws import EnergyTerm
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import member_vectors
-from jaxgrity.stepping.constraints import disjoint_groups, rigid_struts
+from jaxgrity.stepping.blocks import disjoint_groups
+from jaxgrity.stepping.constraints import rigid_struts
 from jaxgrity.stepping.dynamics import centre_of_mass
 from jaxgrity.stepping.power import Step, powers, step_work, strut_impulses
 

@@ -13,8 +13,17 @@ import jax
 import jax.numpy as jnp
 
 from jaxgrity.core.types import Scalar
-from jaxgrity.stepping.constraints import length_error, prepare, sweep, usual_sweeps
-from jaxgrity.stepping.ground_response import GroundImpulses, no_impulses
+from jaxgrity.stepping.constraints import (
+    GroundImpulses,
+    begin,
+    impulses,
+    length_error,
+    prepare,
+    pushed,
+    sweep,
+    usual_sweeps,
+    velocities,
+)
 
 LARGEST_LENGTH_ERROR = 1e-3
 """fraction of its own length by which no strut may be off at the end of a step: more sweeps, or smaller steps, are
@@ -22,6 +31,11 @@ needed there"""
 
 Lift = Callable[[Callable, tuple], Callable]
 """`lift(function, in_axes)` maps a function over a population; in `in_axes` the letter "s" stands for the scene's"""
+
+
+def one_robot(function: Callable, in_axes: tuple) -> Callable:
+    """The `Lift` of a rollout of one robot: the function as it is."""
+    return function
 
 
 class ContactState(NamedTuple):
@@ -44,8 +58,8 @@ class Complementarity(diffrax.AbstractSolver):
     predicts it, and the last round uses the prediction. The order is 2 where nothing begins or ends to touch, stick or
     slip, and 1 there.
 
-    The last thing that a sweep does is to put every node on or above the ground, so no node is ever below a plane at
-    the end of a step. A robot whose struts are off by more than `LARGEST_LENGTH_ERROR` of their lengths, or by more
+    Velocities are read from trial impulses (see `ground_response.py`), none of which lets a node end a step below the
+    ground. A robot whose struts are off by more than `LARGEST_LENGTH_ERROR` of their lengths, or by more
     than the tolerance, at the end of a step gets NaN.
     """
 
@@ -53,72 +67,58 @@ class Complementarity(diffrax.AbstractSolver):
     """over all constraints, in a step; the most there are where a tolerance is given. None: `usual_sweeps`"""
     tolerance: float | None = eqx.field(static=True, default=None)
     """m: sweeps end where every strut has its length within this. None: after all sweeps"""
-    prepare: Callable = eqx.field(static=True, default=prepare)
-    """as the function of this name in `constraints.py`, or mapped over a population"""
-    sweep: Callable = eqx.field(static=True, default=sweep)
-    """likewise"""
-    length_error: Callable = eqx.field(static=True, default=length_error)
-    """likewise"""
+    lift: Lift = eqx.field(static=True, default=one_robot)
+    """how what is done for one robot is mapped over a population"""
     term_structure: ClassVar = diffrax.AbstractTerm
     interpolation_cls: ClassVar[Callable] = diffrax.LocalLinearInterpolation
-
-    @classmethod
-    def coupled(cls, sweeps: int | None, tolerance: float | None, lift: Lift) -> "Complementarity":
-        """The solver with so many sweeps, or such a tolerance, for one robot or, by `lift`, for a population."""
-        return cls(
-            sweeps,
-            tolerance,
-            lift(prepare, ("s", None, None, -1, -1)),
-            lift(sweep, ("s", None, -1, -1, -1)),
-            lift(length_error, ("s", None, -1, -1)),
-        )
 
     def order(self, terms):
         return 1
 
     def init(self, terms, t0, t1, y0, args):
-        return ContactState(jnp.zeros_like(t1 - t0), no_impulses(y0[1]))
+        nothing = jnp.zeros_like(y0[1][:, 0])
+        return ContactState(jnp.zeros_like(t1 - t0), GroundImpulses(nothing, (nothing, nothing)))
 
     def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
         (q, v), h = y0, t1 - t0
         kick = (solver_state.step_size + h) / 2
-        problem = self.prepare(args, h, t1, q, v)
-
-        def constrain(w, impulses, sweeps, tolerance=None):
-            return self._constrain(args, h, problem, (w, impulses), sweeps, tolerance)
-
+        problem = self.lift(prepare, ("s", None, None, -1, -1))(args, h, t1, q, v)
+        found = self.lift(velocities, ("s", -1, -1))
         _, a = terms.vf(t0, y0, args)
-        w, impulses = v + kick * a, no_impulses(v)
+        trials = self.lift(begin, ("s", -1))(args, v + kick * a)
         if args.dissipates:
-            w, impulses = constrain(w, impulses, usual_sweeps(args))
-            _, corrected = terms.vf(t0, (q, (v + w) / 2), args)
-            w = w + kick * (corrected - a)
-        w, impulses = constrain(w, impulses, self.sweeps or usual_sweeps(args), self.tolerance)
+            trials = self._constrain(args, h, problem, trials, usual_sweeps(args))
+            _, corrected = terms.vf(t0, (q, (v + found(args, problem, trials)) / 2), args)
+            trials = self.lift(pushed, ("s", -1, -1))(args, trials, kick * (corrected - a))
+        trials = self._constrain(args, h, problem, trials, self.sweeps or usual_sweeps(args), self.tolerance)
+        w = found(args, problem, trials)
+        after = ContactState(h, self.lift(impulses, ("s", -1, -1))(args, problem, trials))
         if problem.lengths is not None:
-            error = self.length_error(args, h, problem, w)
+            error = self._length_error(args, h, problem, trials)
             met = error.relative <= LARGEST_LENGTH_ERROR if self.tolerance is None else error.largest <= self.tolerance
             w = jnp.where(met, w, jnp.nan)
         y1 = (q + h * w, w)
-        return y1, None, {"y0": y0, "y1": y1}, ContactState(h, impulses), diffrax.RESULTS.successful
+        return y1, None, {"y0": y0, "y1": y1}, after, diffrax.RESULTS.successful
 
-    def _constrain(self, scene, h, problem, state, sweeps, tolerance):
-        """`state` = (w, impulses) after so many sweeps, or after as many as the tolerance needs."""
+    def _length_error(self, scene, h, problem, trials):
+        return self.lift(length_error, ("s", None, -1, -1))(scene, h, problem, trials)
+
+    def _constrain(self, scene, h, problem, trials, sweeps, tolerance=None):
+        """Trial impulses after so many sweeps, or after as many as the tolerance needs."""
+        once = self.lift(sweep, ("s", -1, -1))
 
         # rolled up, and outside the map over a population: unrolled sweeps, or mapped loops, are many times slower
         if tolerance is None:
-            return jax.lax.fori_loop(0, sweeps, lambda _, s: self.sweep(scene, h, problem, *s), state)
-
-        def off(state):
-            return self.length_error(scene, h, problem, state[0]).largest
+            return jax.lax.fori_loop(0, sweeps, lambda _, trials: once(scene, problem, trials), trials)
 
         def short_of(carry):
-            done, state = carry
-            return (done < sweeps) & jnp.any(off(state) > tolerance)
+            done, trials = carry
+            return (done < sweeps) & jnp.any(self._length_error(scene, h, problem, trials).largest > tolerance)
 
         def again(carry):
-            return carry[0] + 1, self.sweep(scene, h, problem, *carry[1])
+            return carry[0] + 1, once(scene, problem, carry[1])
 
-        return jax.lax.while_loop(short_of, again, (0, state))[1]
+        return jax.lax.while_loop(short_of, again, (0, trials))[1]
 
     def func(self, terms, t0, y0, args):
         return terms.vf(t0, y0, args)

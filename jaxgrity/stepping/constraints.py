@@ -8,58 +8,42 @@ from typing import NamedTuple, cast
 
 import jax.numpy as jnp
 
-from jaxgrity.core.primitives import (
-    accumulate,
-    along,
-    component,
-    dot,
-    edge_vectors,
-    inverse,
-    length,
-    positive_part,
-    scale,
-    take_rows,
-)
-from jaxgrity.core.types import (
-    AnyRows,
-    Edges,
-    MemberVectors,
-    NodeVectors,
-    PerMember,
-    PerNode,
-    Rows,
-    Scalar,
-)
+from jaxgrity.core.primitives import accumulate, component, edge_vectors, inverse, largest, length, scale
+from jaxgrity.core.types import MemberVectors, NodeVectors, PerMember, PerNode, PerRow, Scalar
 from jaxgrity.model.actuation import rest_length
-from jaxgrity.model.friction import Friction
-from jaxgrity.model.ground import ExactGround, Ground
+from jaxgrity.model.ground import ExactGround
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import Members
-from jaxgrity.stepping.ground_response import (
-    GroundImpulses,
-    GroundResponse,
-    answered,
-    ground_response,
-    size_in_plane,
-)
+from jaxgrity.stepping.blocks import Blocks, Vector, blocks, rows_of, vector, xyz
+from jaxgrity.stepping.ground_response import Contact, answered, ground_impulse, velocity
 
 HELD = 1e-2
 """fraction of its free motion below which a strut counts as held by the ground at both ends"""
+
+Trials = tuple[Vector, ...]
+"""of each block, the nodes' trial impulses z, m/s (see `ground_response.py`): all that sweeps change"""
+
+
+class GroundImpulses(NamedTuple):
+    """Change of each node's velocity by the ground, m/s."""
+
+    normal: PerNode
+    """p_n >= 0, along the ground's normal"""
+    tangential: tuple[PerNode, PerNode]
+    """p_t, along its two tangents"""
 
 
 class StepProblem(NamedTuple):
     """What stays the same through a step's sweeps; None where the scene has no such constraint."""
 
-    inverse_mass: PerNode
-    """1/kg"""
-    vectors: MemberVectors | None
-    """x_i - x_j of the rigid struts at the start of the step, m"""
-    pushes: tuple[NodeVectors, ...]
-    """for each group of struts, how an impulse of 1 along each of them moves its nodes, 1/kg"""
+    vectors: Vector | None
+    """(x_i - x_j)/h of the rigid struts at the start of the step, m/s"""
+    pushes: tuple[tuple[Vector, ...], ...]
+    """for each group of struts and each block that it reaches, how nodes move by an impulse of 1 along struts, 1/kg"""
     lengths: PerMember | None
-    """L(t1) of the rigid struts, m"""
-    closing: PerNode | None
-    """the normal velocity at which a node reaches the ground in this step, or leaves it by restitution, m/s"""
+    """L(t1)/h of the rigid struts, m/s"""
+    closing: tuple[PerRow, ...] | None
+    """for each block, the normal velocity at which a node reaches the ground in this step, or leaves it, m/s"""
 
 
 class LengthError(NamedTuple):
@@ -69,21 +53,6 @@ class LengthError(NamedTuple):
     """m"""
     relative: Scalar
     """of the length of the strut that it is largest for, in proportion"""
-
-
-def disjoint_groups(edges: Edges) -> tuple[tuple[int, ...], ...]:
-    """The rows of `edges` in groups whose members share no node, so that each group is met all at once."""
-    rest, found = list(range(len(edges))), []
-    while rest:
-        used: set[int] = set()
-        group = []
-        for k in rest:
-            if not used & set(edges[k]):
-                group.append(k)
-                used |= set(edges[k])
-        rest = [k for k in rest if k not in group]
-        found.append(tuple(group))
-    return tuple(found)
 
 
 def rigid_struts(scene: Scene) -> Members | None:
@@ -103,24 +72,29 @@ def usual_sweeps(scene: Scene) -> int:
     What four sweeps leave of the constraints is rounding on the robots of this library at their default steps. Struts
     that slide flat over rough ground, very unequal masses and chains of struts need more: see `docs/numerics.md`.
     """
-    struts = scene.structure.struts
-    return 4 if struts is None or len(disjoint_groups(struts.edges)) == 1 else 16
+    return 16 if len(blocks_of(scene).groups) > 1 else 4
+
+
+def blocks_of(scene: Scene) -> Blocks:
+    """How the scene's nodes are laid out in a step's sweeps."""
+    struts = rigid_struts(scene)
+    return blocks(struts.edges if struts is not None else (), scene.structure.nodes.shape[0])
 
 
 def prepare(scene: Scene, h: Scalar, t1: Scalar, q: NodeVectors, v: NodeVectors) -> StepProblem:
     """The problem of a step of size h (s) that ends at t1, from positions `q` (m) and velocities `v` (m/s)."""
-    inverse_mass = 1 / scene.structure.node_mass
-    struts, ground = rigid_struts(scene), exact_ground(scene)
+    struts, ground, layout = rigid_struts(scene), exact_ground(scene), blocks_of(scene)
     vectors = lengths = closing = None
-    pushes: tuple[NodeVectors, ...] = ()
+    pushes: tuple[tuple[Vector, ...], ...] = ()
     if struts is not None:
-        vectors = edge_vectors(q, struts.edges)
-        directions = scale(vectors, inverse(length(vectors)))
-        pushes = tuple(_push(struts.edges, rows, directions, inverse_mass) for rows in disjoint_groups(struts.edges))
-        lengths = rest_length(struts, scene.gait, t1, 0)
+        apart = edge_vectors(q, struts.edges)
+        directions = scale(apart, inverse(length(apart)))
+        pushes = tuple(_push(scene, layout, group, directions) for group in layout.groups)
+        vectors = vector(apart, ground) * (1 / h)
+        lengths = rest_length(struts, scene.gait, t1, 0) / h
     if ground is not None:
-        closing = _closing(ground, h, q, v)
-    return StepProblem(inverse_mass, vectors, pushes, lengths, closing)
+        closing = layout.numbers(_closing(ground, h, q, v))
+    return StepProblem(vectors, pushes, lengths, closing)
 
 
 def _closing(ground: ExactGround, h: Scalar, q: NodeVectors, v: NodeVectors) -> PerNode:
@@ -133,96 +107,103 @@ def _closing(ground: ExactGround, h: Scalar, q: NodeVectors, v: NodeVectors) -> 
     return jnp.maximum(closing, -ground.restitution * approach * hits + closing * (1 - hits))
 
 
-def sweep(
-    scene: Scene, h: Scalar, problem: StepProblem, w: NodeVectors, impulses: GroundImpulses
-) -> tuple[NodeVectors, GroundImpulses]:
-    """One pass over all constraints: each group of struts to its length, and after each every node onto the ground."""
-    struts, ground = rigid_struts(scene), exact_ground(scene)
-    if struts is None:
-        return (w, impulses) if ground is None else _onto_ground(ground, scene.friction, problem, w, impulses)
-    for rows, push in zip(disjoint_groups(struts.edges), problem.pushes):
-        response = None if ground is None else ground_response(ground, scene.friction, w, impulses)
-        w = _to_length(struts.edges, h, problem, w, rows, push, response)
-        if ground is not None:
-            w, impulses = _onto_ground(ground, scene.friction, problem, w, impulses)
-    return w, impulses
+def _push(scene: Scene, layout: Blocks, group: tuple[int, ...], directions: MemberVectors) -> tuple[Vector, ...]:
+    """How an impulse of 1 along each strut of a group moves the nodes of each block, where nothing answers."""
+    inverse_mass, ground = 1 / scene.structure.node_mass, exact_ground(scene)
+    if layout.by_struts:
+        first, second = layout.ends(layout.numbers(inverse_mass), group)
+        along_strut = vector(directions, ground)
+        return along_strut * first, along_strut * -second
+    edges = tuple(layout.edges[k] for k in group)
+    on_nodes = accumulate(rows_of(directions, group), edges, len(inverse_mass))
+    return layout.split(scale(on_nodes, inverse_mass), ground)
 
 
-def length_error(scene: Scene, h: Scalar, problem: StepProblem, w: NodeVectors) -> LengthError:
-    """Of rigid struts, at the end of a step of size h (s) with velocities `w` (m/s)."""
-    struts = rigid_struts(scene)
-    if struts is None:
-        none = jnp.zeros_like(w[0, 0])
+def begin(scene: Scene, w: NodeVectors) -> Trials:
+    """Before the first sweep: velocities `w`, m/s, and no impulses of the ground."""
+    return tuple(part * -1 for part in blocks_of(scene).split(w, exact_ground(scene)))
+
+
+def pushed(scene: Scene, trials: Trials, change: NodeVectors) -> Trials:
+    """With `change`, m/s, added to the velocities by something else than the ground."""
+    changes = blocks_of(scene).split(change, exact_ground(scene))
+    return tuple(trial - one for trial, one in zip(trials, changes))
+
+
+def velocities(scene: Scene, problem: StepProblem, trials: Trials) -> NodeVectors:
+    """Of all nodes, m/s."""
+    parts = tuple(map(velocity, _contacts(scene, problem), trials))
+    return xyz(blocks_of(scene).joined(parts), exact_ground(scene))
+
+
+def impulses(scene: Scene, problem: StepProblem, trials: Trials) -> GroundImpulses:
+    """What the ground adds to the velocities of all nodes."""
+    p = blocks_of(scene).joined(tuple(map(ground_impulse, _contacts(scene, problem), trials)))
+    return GroundImpulses(p.normal, (p.first, p.second))
+
+
+def sweep(scene: Scene, problem: StepProblem, trials: Trials) -> Trials:
+    """One pass over all rigid struts, group by group, each to its length; the ground answers at once."""
+    layout, contacts = blocks_of(scene), _contacts(scene, problem)
+    for group, push in zip(layout.groups, problem.pushes):
+        s = layout.at_nodes(_to_length(layout, problem, contacts, group, push, trials), group)
+        met = tuple(trial - one * size for trial, one, size in zip(trials, push, s))
+        trials = met + trials[len(push) :]
+    return trials
+
+
+def _contacts(scene: Scene, problem: StepProblem) -> tuple[Contact | None, ...]:
+    """Of each block of nodes with the ground."""
+    layout, friction = blocks_of(scene), scene.friction
+    none = (None,) * len(layout.nodes)
+    if problem.closing is None:
+        return none
+    mu = none if friction is None else layout.numbers(jnp.asarray(friction.sliding_mu))
+    return tuple(map(Contact, problem.closing, mu))
+
+
+def length_error(scene: Scene, h: Scalar, problem: StepProblem, trials: Trials) -> LengthError:
+    """Of rigid struts, at the end of a step of size h (s)."""
+    if problem.vectors is None or problem.lengths is None:
+        none = jnp.zeros_like(trials[0].normal[0])
         return LengthError(none, none)
-    assert problem.vectors is not None, "`prepare` sets it where struts are rigid"
-    assert problem.lengths is not None, "`prepare` sets it where struts are rigid"
-    off = jnp.abs(length(problem.vectors + h * edge_vectors(w, struts.edges)) - problem.lengths)
-    return LengthError(jnp.max(off), jnp.max(off / problem.lengths))
-
-
-def _push(edges: Edges, rows: tuple[int, ...], directions: MemberVectors, inverse_mass: PerNode) -> NodeVectors:
-    """How an impulse of 1 along each strut in `rows` moves its nodes, where nothing answers."""
-    along_struts = accumulate(_some(directions, rows), tuple(edges[k] for k in rows), len(inverse_mass))
-    return scale(along_struts, inverse_mass)
-
-
-def _some(x: AnyRows, rows: tuple[int, ...]) -> Rows:
-    """The chosen rows of `x`; `x` itself where these are all."""
-    return x if rows == tuple(range(len(x))) else take_rows(x, rows)
+    layout = blocks_of(scene)
+    w = tuple(map(velocity, _contacts(scene, problem), trials))
+    first, second = layout.ends(w, tuple(range(len(layout.edges))))
+    d = problem.vectors + (first - second)
+    off = jnp.abs(jnp.sqrt(d.dot(d)) - problem.lengths)
+    return LengthError(h * largest(off), largest(off / problem.lengths))
 
 
 def _to_length(
-    every: Edges,
-    h: Scalar,
+    layout: Blocks,
     problem: StepProblem,
-    w: NodeVectors,
-    rows: tuple[int, ...],
-    push: NodeVectors,
-    response: GroundResponse | None,
-) -> NodeVectors:
-    """Impulses along the struts in `rows` after which |d| = L at the end of the step, exactly.
+    contacts: tuple[Contact | None, ...],
+    group: tuple[int, ...],
+    push: tuple[Vector, ...],
+    trials: Trials,
+) -> PerMember:
+    """Impulses along the struts of a group after which |d| = L/h at the end of the step, exactly, N s.
 
-    With d = x_i - x_j at the end, and an impulse of 1 along the strut moving it by m (with what the ground answers),
-    |d + s m| = L has the root s = (sqrt((d·m)^2 - m·m (d·d - L^2)) - d·m)/(m·m), also where forces alone would have
-    turned the strut around.
+    With d = (x_i - x_j)/h at the end, and an impulse of 1 along the strut moving it by m (with what the ground
+    answers), |d + s m| = L/h has the root s = (sqrt((d·m)^2 - m·m (d·d - (L/h)^2)) - d·m)/(m·m), also where forces
+    alone would have turned the strut around. Where the ground holds both ends, m is as if they were free.
     """
-    edges = tuple(every[k] for k in rows)
     assert problem.vectors is not None, "`prepare` sets it where struts are rigid"
     assert problem.lengths is not None, "`prepare` sets it where struts are rigid"
-    vectors, lengths = _some(problem.vectors, rows), _some(problem.lengths, rows)
-    d = vectors + h * edge_vectors(w, edges)
-    m = edge_vectors(push, edges)
-    if response is not None:
-        m = _unless_held(edge_vectors(answered(response, push), edges), m)
-    d_m, m_m, excess = dot(d, m), dot(m, m), dot(d, d) - lengths * lengths
+    first, second = layout.ends(tuple(map(velocity, contacts, trials)), group)
+    d, goal = rows_of(problem.vectors, group) + (first - second), rows_of(problem.lengths, group)
+    first, second = layout.ends(push, group)
+    free = first - second
+    first, second = layout.ends(tuple(map(answered, contacts, trials, push)), group)
+    moving = first - second
+    free_squared, moving_squared = free.dot(free), moving.dot(moving)
+    moves = moving_squared > HELD * HELD * free_squared
+    d_m = jnp.where(moves, d.dot(moving), d.dot(free))
+    m_m = jnp.where(moves, moving_squared, free_squared)
+    excess = d.dot(d) - goal * goal
     under = d_m * d_m - m_m * excess
     root = jnp.sqrt(jnp.maximum(under, jnp.finfo(under.dtype).tiny))
     # the same root in the form that does not cancel
-    s = jnp.where(d_m > 0, -excess / (jnp.abs(d_m) + root), (root - d_m) / m_m)
-    strut_of = {node: k for k, edge in enumerate(edges) for node in edge}
-    return w + scale(push, take_rows(s / h, tuple(strut_of.get(node, 0) for node in range(len(w)))))
-
-
-def _unless_held(answered: MemberVectors, free: MemberVectors) -> MemberVectors:
-    """How struts move, and as if they were free where the ground holds both their ends."""
-    moves = (dot(answered, answered) > HELD * HELD * dot(free, free)).astype(free.dtype)
-    return scale(answered, moves) + scale(free, 1 - moves)
-
-
-def _onto_ground(
-    ground: Ground, friction: Friction | None, problem: StepProblem, w: NodeVectors, impulses: GroundImpulses
-) -> tuple[NodeVectors, GroundImpulses]:
-    """Signorini: p_n >= 0 and w_n >= -phi/h, one of them an equality. Coulomb: |p_t| <= mu p_n, sticking if it can."""
-    normal, tangential = impulses
-    assert problem.closing is not None, "`prepare` sets it where the ground is exact"
-    pressed = positive_part(normal + problem.closing - component(w, ground.normal))
-    w = w + along(pressed - normal, ground.normal)
-    if friction is None:
-        return w, GroundImpulses(pressed, tangential)
-    down, level = ground.tangents
-    held = (tangential[0] - component(w, down), tangential[1] - component(w, level))
-    share = jnp.minimum(1, friction.sliding_mu * pressed / size_in_plane(held))
-    kept = (share * held[0], share * held[1])
-    for new, old, tangent in zip(kept, tangential, ground.tangents):
-        w = w + along(new - old, tangent)
-    return w, GroundImpulses(pressed, kept)
+    towards = d_m > 0
+    return jnp.where(towards, -excess, root - d_m) / jnp.where(towards, d_m + root, m_m)

@@ -1,92 +1,84 @@
-"""What the ground lets pass of a small push on each node: the answer that the impulses of rigid struts allow for."""
+"""Exact contact on a block of nodes: impulses of the ground, and how it lets nodes move, as functions of one vector.
+
+With the ground's impulse p so far, and the velocity w, the trial impulse of a node is z = p - w. Let c be the normal
+velocity at which the node just touches the ground at the end of the step. Signorini's law (p_n >= 0, w_n >= c, one of
+them an equality) and Coulomb's (|p_t| <= mu p_n, against the slip where it is less) then say
+
+    p_n = max(0, z_n + c),    p_t = min(1, mu p_n/|z_t|) z_t,    w = p - z,
+
+and an impulse from elsewhere, which changes w, changes nothing but z. P. Alart and A. Curnier 1991,
+doi:10.1016/0045-7825(91)90022-X. All of it is elementwise, in the components along the ground's normal and tangents.
+"""
 
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 
-from jaxgrity.core.primitives import along, component
-from jaxgrity.core.types import AnyNodeVectors, NodeVectors, PerNode
-from jaxgrity.model.friction import Friction
-from jaxgrity.model.ground import Ground
+from jaxgrity.core.primitives import positive_part
+from jaxgrity.core.types import PerRow, Scalar
+from jaxgrity.stepping.blocks import Vector
 
 SLOWEST = 1e-10
-"""m/s, keeps the derivative of |v_t| finite at rest"""
+"""m/s, keeps the derivative of |z_t| finite at 0"""
 
 
-class GroundImpulses(NamedTuple):
-    """Change of each node's velocity by the ground, m/s."""
+class Contact(NamedTuple):
+    """What exact ground is to a block of nodes."""
 
-    normal: PerNode
-    """p_n >= 0, along the ground's normal"""
-    tangential: tuple[PerNode, PerNode]
-    """p_t, along its two tangents"""
+    closing: PerRow
+    """c, m/s"""
+    mu: PerRow | Scalar | None
+    """coefficient of friction of a node that slides; None: no friction"""
 
 
-class FrictionResponse(NamedTuple):
-    """What friction lets pass of a small push on each node, along the plane: all (1), nothing (0), or part of it.
+def ground_impulse(contact: Contact | None, trial: Vector) -> Vector:
+    """p, m/s: by how much the ground changes the velocity of nodes with this trial impulse z."""
+    if contact is None:
+        return trial * 0
+    pressed = positive_part(trial.normal + contact.closing)
+    if contact.mu is None:
+        return Vector(pressed, 0 * trial.first, 0 * trial.second)
+    share = _share(contact.mu, pressed, trial)
+    return Vector(pressed, share * trial.first, share * trial.second)
 
-    A node that sticks does not move. One that slides moves on in its plane, its friction growing by mu times what
-    presses it in; a push across its slip turns friction with it, and passes as |v_t|/(|v_t| + mu p_n).
+
+def velocity(contact: Contact | None, trial: Vector) -> Vector:
+    """w = p - z, m/s, of nodes with this trial impulse z; w_n >= c to the last bit."""
+    if contact is None:
+        return trial * -1
+    p = ground_impulse(contact, trial)
+    normal = jnp.where(trial.normal + contact.closing > 0, contact.closing, -trial.normal)
+    return Vector(normal, p.first - trial.first, p.second - trial.second)
+
+
+def answered(contact: Contact | None, trial: Vector, push: Vector) -> Vector:
+    """dw: how the ground lets nodes move that would move by a small `push` without it; dz = -push.
+
+    A node that is pressed on does not move along the normal. One that sticks does not move at all. One that slides, p_t
+    along e, moves on in its plane, its friction growing by mu times what presses it in; a push across its slip turns
+    friction with it, so that the share 1 - mu p_n/|z_t| of it passes.
     """
-
-    passes: PerNode
-    """along the slip"""
-    turning: PerNode
-    """across the slip"""
-    growth: PerNode
-    """mu where the node slides, else 0"""
-    heading: tuple[PerNode, PerNode]
-    """unit vector of the slip, in the ground's tangents"""
-
-
-class GroundResponse(NamedTuple):
-    """What exact ground lets pass of a small push on each node."""
-
-    ground: Ground
-    free: PerNode
-    """along the normal: 1, and 0 where the node is pressed on"""
-    friction: FrictionResponse | None
-    """along the plane; None without friction"""
+    if contact is None:
+        return push
+    pressed = positive_part(trial.normal + contact.closing)
+    touching = (pressed > 0).astype(pressed.dtype)
+    normal = push.normal * (1 - touching)
+    if contact.mu is None:
+        return Vector(normal, push.first, push.second)
+    share = _share(contact.mu, pressed, trial)
+    sliding = touching * (share < 1).astype(share.dtype)
+    back = jax.lax.rsqrt(_size_squared(trial))
+    first, second = trial.first * back, trial.second * back
+    along = sliding * (share * (first * push.first + second * push.second) - contact.mu * push.normal)
+    passing = 1 - share
+    return Vector(normal, passing * push.first + along * first, passing * push.second + along * second)
 
 
-def no_impulses(v: AnyNodeVectors) -> GroundImpulses:
-    """Those of a ground that nothing touches, for velocities (nodes, 3), or (nodes, 3, population)."""
-    none = jnp.zeros_like(v[:, 0])
-    return GroundImpulses(none, (none, none))
+def _share(mu: PerRow | Scalar, pressed: PerRow, trial: Vector) -> PerRow:
+    """min(1, mu p_n/|z_t|): 1 where a node sticks, 0 where nothing presses on it."""
+    return jnp.minimum(1, mu * pressed * jax.lax.rsqrt(_size_squared(trial)))
 
 
-def ground_response(
-    ground: Ground, friction: Friction | None, w: NodeVectors, impulses: GroundImpulses
-) -> GroundResponse:
-    """What the ground lets pass now of a small push on each node."""
-    pressed, kept = impulses
-    free = 1 - (pressed > 0).astype(pressed.dtype)
-    if friction is None:
-        return GroundResponse(ground, free, None)
-    mu, (down, level) = friction.sliding_mu, ground.tangents
-    most = mu * pressed
-    size, speed = size_in_plane(kept), size_in_plane((component(w, down), component(w, level)))
-    sliding = (1 - free) * (size > (1 - 1e-6) * most).astype(size.dtype)
-    turning = free + sliding * speed / (speed + most)
-    back = -1 / size
-    heading = (kept[0] * back, kept[1] * back)
-    return GroundResponse(ground, free, FrictionResponse(free + sliding, turning, sliding * mu, heading))
-
-
-def answered(response: GroundResponse, push: NodeVectors) -> NodeVectors:
-    """How the ground lets nodes move that would move by `push` without it."""
-    ground = response.ground
-    into = component(push, ground.normal)
-    sideways = [component(push, tangent) for tangent in ground.tangents]
-    if response.friction is not None:
-        passes, turning, growth, heading = response.friction
-        forward = heading[0] * sideways[0] + heading[1] * sideways[1]
-        change = (passes - turning) * forward + growth * into
-        sideways = [turning * s + change * e for s, e in zip(sideways, heading)]
-    moves = along(into * response.free, ground.normal)
-    return moves + along(sideways[0], ground.tangents[0]) + along(sideways[1], ground.tangents[1])
-
-
-def size_in_plane(pair: tuple[PerNode, PerNode]) -> PerNode:
-    """Of a vector in the plane, with a finite derivative at 0."""
-    return jnp.sqrt(pair[0] * pair[0] + pair[1] * pair[1] + SLOWEST * SLOWEST)
+def _size_squared(trial: Vector) -> PerRow:
+    return trial.first * trial.first + trial.second * trial.second + SLOWEST * SLOWEST

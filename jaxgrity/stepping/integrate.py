@@ -1,7 +1,5 @@
 """The equations of motion and a method for them, put into diffrax; and what became of a rollout."""
 
-from collections.abc import Callable
-
 import diffrax
 import jax
 import jax.numpy as jnp
@@ -9,7 +7,7 @@ import jax.numpy as jnp
 from jaxgrity.core.primitives import edge_vectors, length
 from jaxgrity.core.types import NodeVectors, Times
 from jaxgrity.model.scene import Scene
-from jaxgrity.stepping.complementarity import Lift
+from jaxgrity.stepping.complementarity import Lift, one_robot
 from jaxgrity.stepping.dynamics import vector_field
 from jaxgrity.stepping.options import ResolvedOptions
 
@@ -26,17 +24,12 @@ TORN = 10.0
 """a member this many times as long as it was built shows a motion that has blown up, finite or not"""
 
 
-def one_robot(function: Callable, in_axes: tuple) -> Callable:
-    """The `Lift` of a rollout of one robot: the function as it is."""
-    return function
-
-
 def discretise(options: ResolvedOptions, lift: Lift = one_robot) -> tuple[diffrax.AbstractTerm, diffrax.AbstractSolver]:
     """The equations of motion and the solver for them, as diffrax takes them, for one robot or, by `lift`, for many."""
     method = options.method
     solver = method.fixed() if options.dt is not None or method.adaptive is None else method.adaptive()
     if method.constrained:
-        solver = solver.coupled(options.sweeps, options.strut_tolerance, lift)  # type: ignore[attr-defined]
+        solver = type(solver)(options.sweeps, options.strut_tolerance, lift)  # type: ignore[call-arg]
     # jit, so that it is traced once for all its uses in a step
     return diffrax.ODETerm(jax.jit(lift(vector_field, (None, -1, "s")))), solver
 

@@ -5,7 +5,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jaxgrity.core.primitives import accumulate, edge_vectors, take_rows
+from jaxgrity.core.primitives import accumulate, edge_vectors, largest, take_rows
 
 NODES = 6
 pairs = st.tuples(st.integers(0, NODES - 1), st.integers(0, NODES - 1)).filter(lambda pair: pair[0] != pair[1])
@@ -37,3 +37,11 @@ def test_rows_may_repeat(rows):
     y, back = jax.vjp(lambda x: take_rows(x, rows), x)
     np.testing.assert_array_equal(y, chosen @ x)
     np.testing.assert_allclose(back(y)[0], chosen.T @ chosen @ x, rtol=1e-14, atol=1e-14)
+
+
+@given(st.lists(st.floats(-9, 9), min_size=1, max_size=9))
+def test_the_largest_of_some_numbers(x):
+    """However many there are, for one robot and for many at once."""
+    assert largest(np.array(x)) == max(x)
+    many = jax.vmap(largest, in_axes=-1, out_axes=-1)(np.array([x, [0.0] * len(x)]).T)
+    np.testing.assert_array_equal(many, [max(x), 0])
