@@ -29,6 +29,11 @@ CACHE = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "jaxg
 Settings = TypeVar("Settings")
 
 
+def cores() -> int:
+    """How many this process may use; all there are where the system does not say."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
 def measured() -> dict:
     """What every measurement says of itself: the command that made it, but for folders and --resume, and the cores."""
     words = [word for word in sys.argv[1:] if word not in ("--resume", "--restart")]
@@ -41,7 +46,7 @@ def measured() -> dict:
     program = (
         [script.name] if script.suffix != ".py" else ["python", script.name if script.is_absolute() else str(script)]
     )
-    return {"command": shlex.join([*program, *words]), "cores": len(os.sched_getaffinity(0))}
+    return {"command": shlex.join([*program, *words]), "cores": cores()}
 
 
 def configure() -> None:
@@ -87,7 +92,7 @@ def execute(main: Callable[[Settings], None], chosen: Settings) -> None:
     """
     platforms = jax.config.jax_platforms  # type: ignore[attr-defined]
     if "cpu" in (platforms or "cpu") and "JAX_NUM_CPU_DEVICES" not in os.environ:
-        jax.config.update("jax_num_cpu_devices", len(os.sched_getaffinity(0)))
+        jax.config.update("jax_num_cpu_devices", cores())
     try:
         join_hosts()
         with contextlib.ExitStack() as others:

@@ -27,7 +27,10 @@ def exact_twin(scene: Scene) -> Scene:
     It is the limit of stiff struts and a stiff ground that give nothing back, and of a slip speed of zero; the Coulomb
     switch keeps its kinetic friction. Where struts start strained, the rigid ones have the lengths of the start: those
     are what the springs have under load. A start below the ground is lifted until it touches.
+
+    Raises `InputError` where struts are in motion at t = 0, since each gait then needs a start of its own.
     """
+    _check_starts_still(scene)
     structure, struts = scene.structure, scene.structure.struts
     nodes, ground, friction = structure.nodes, scene.ground, scene.friction
     if struts is not None and not struts.rigid:
@@ -71,6 +74,15 @@ def penalty_twin(scene: Scene) -> Scene:
 def contact_twin(scene: Scene) -> Scene:
     """The scene on the other contact model. Raises as `exact_twin` and `penalty_twin` do."""
     return penalty_twin(scene) if scene.constrained else exact_twin(scene)
+
+
+def _check_starts_still(scene: Scene) -> None:
+    gait, struts = scene.gait, scene.structure.struts
+    if gait is not None and struts is not None and any(k < len(struts.edges) for k in gait.members) and gait.start < 0:
+        raise InputError(
+            f"gait.start = {float(gait.start):g}: struts are in motion at t = 0, and rigid ones cannot start from the "
+            "same pose in every gait; expected 0 or later"
+        )
 
 
 def _built_lengths(struts: Members, nodes) -> np.ndarray:

@@ -15,7 +15,7 @@ from jaxgrity.model.laws import SAME as SAME_DIRECTION
 from jaxgrity.model.laws import Configuration, Constraint, DissipationTerm, EnergyTerm, Law, Motion, node_names
 from jaxgrity.model.rigid_struts import LARGEST_GAP
 
-Direction = tuple[float, float, float]
+UnitVector = tuple[float, float, float]
 
 TOUCHING = 1e-6
 """m above exact ground, within which a node at rest counts as held by it"""
@@ -37,12 +37,12 @@ class Ground(eqx.Module):
     """m: a node whose signed distance is less touches the ground, in the frames of a trajectory"""
 
     @property
-    def normal(self) -> Direction:
+    def normal(self) -> UnitVector:
         """Outward unit normal n."""
         return (math.sin(self.incline), 0.0, math.cos(self.incline))
 
     @property
-    def tangents(self) -> tuple[Direction, Direction]:
+    def tangents(self) -> tuple[UnitVector, UnitVector]:
         """Two unit vectors in the plane: down the slope, and level."""
         return (math.cos(self.incline), 0.0, -math.sin(self.incline)), (0.0, 1.0, 0.0)
 
@@ -179,7 +179,7 @@ class ExactContact(Constraint):
         return f"node {node} starts {depth[node]:.3g} m below the ground; expected: on exact contact, on or above it"
 
 
-def held_directions(ground: Ground, directions: tuple[Direction, ...], q: np.ndarray) -> np.ndarray:
+def held_directions(ground: Ground, directions: tuple[UnitVector, ...], q: np.ndarray) -> np.ndarray:
     """(constraints, nodes, 3): each of the directions, for each node that touches the ground."""
     rows = []
     for node in np.flatnonzero(q @ np.array(ground.normal) <= TOUCHING):
@@ -189,7 +189,7 @@ def held_directions(ground: Ground, directions: tuple[Direction, ...], q: np.nda
     return np.array(rows).reshape(-1, *q.shape)
 
 
-def same_direction(matrix: np.ndarray, direction: Direction) -> bool:
+def same_direction(matrix: np.ndarray, direction: UnitVector) -> bool:
     """Whether a map leaves a direction as it is."""
     return bool(np.allclose(matrix @ np.array(direction), direction, rtol=0, atol=SAME_DIRECTION))
 

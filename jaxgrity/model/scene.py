@@ -13,7 +13,7 @@ from jaxgrity.model.actuation import Gait
 from jaxgrity.model.describe import describe
 from jaxgrity.model.dissipation import CableDamping, NodeDamping, StrutDamping
 from jaxgrity.model.energy import CableSprings, Gravity, StrutSprings
-from jaxgrity.model.friction import ConeFriction, Friction, SmoothFriction, SwitchFriction
+from jaxgrity.model.friction import ConeFriction, CoulombCone, Friction, SmoothFriction, SwitchFriction
 from jaxgrity.model.ground import ContactDissipation, ExactContact, Ground, PenaltyContact
 from jaxgrity.model.laws import Configuration, Constraint, DissipationTerm, EnergyTerm, ForceLaw, Law, Motion
 from jaxgrity.model.rigid_struts import RigidStruts
@@ -24,6 +24,8 @@ LAWS_OF_STRUCTURES = (StrutSprings, RigidStruts, CableSprings, NodeDamping, Stru
 KNOWN_LAWS = (*LAWS_OF_STRUCTURES, PenaltyContact, ExactContact, ContactDissipation)
 KNOWN_FRICTIONS = (SmoothFriction, SwitchFriction, ConeFriction)
 """with the laws: what `describe` lists as modelled or not"""
+MET = (RigidStruts, ExactContact, CoulombCone)
+"""the constraints that complementarity stepping meets"""
 BOOKED_OTHERWISE = ("actuation", "impulse", "moment")
 """what the energy audit books beside the causes of dissipation"""
 
@@ -63,6 +65,10 @@ class Scene(eqx.Module):
                     "friction by a cone goes with exact contact (ground.contact = 'complementarity'), "
                     "smooth friction and the switch with penalty contact"
                 )
+        for law in self.constraints:
+            if type(law) not in MET:
+                known = ", ".join(kind.name for kind in MET)
+                raise InputError(f"{law.name}: no method meets this constraint; expected one of {known}, or a force")
         if self.gait is not None:
             _check_gait(self.gait, self.structure.member_count)
 
@@ -168,8 +174,10 @@ class Scene(eqx.Module):
         return Motion(v, rates, normal_force, Configuration(q, t, d, self))
 
     def normal_force(self, q: NodeVectors, v: NodeVectors) -> PerNode | None:
-        """F_n of penalty contact, N, where friction needs it."""
-        return None if self.ground is None or self.friction is None else self.ground.normal_force(q, v)
+        """F_n of penalty contact, N, where friction, or a term of one's own, may need it."""
+        if self.ground is None or not (self.friction is not None or self.terms):
+            return None
+        return self.ground.normal_force(q, v)
 
     def describe(self) -> str:
         """What is modelled and what is not, members, masses, prestress, lowest and highest natural frequency.

@@ -69,7 +69,8 @@ def write_report(result: SearchResult, origin: Origin, folder: Path, on_progress
     on_progress("measuring", 2, 3)
     asked = actuators(scene, fine, duration)
     on_progress("measuring", 3, 3)
-    motion = rolling(scene, trust.trajectory) if scene.ground is not None else None
+    moved = scene.ground is not None and not trust.trajectory.failed
+    motion = rolling(scene, trust.trajectory) if moved else None
     assert scene.gait is not None, "a search finds a gait"
     gait = {
         "scene": origin.scene,
@@ -194,7 +195,7 @@ def words(summary: dict[str, Any], motion: Rolling | None, unit: str) -> dict[st
         "robust": f"{robust['mean']:.3f} ± {robust['standard_deviation']:.2g} {unit} over {robust['robots']} robots, "
         f"step error {robust['step_error']:.1g}",
         "on the other contact model": f"{other['mean']:.3f} ± {other['standard_deviation']:.2g} {unit}",
-        "motion": "no ground" if motion is None else motion.sentence(),
+        "motion": "no ground, or no motion" if motion is None else motion.sentence(),
         "directions": ", ".join(
             f"{d['distance']:.2f} m towards {np.degrees(d['heading']):.0f}°" for d in summary["directions"]
         ),
@@ -203,7 +204,7 @@ def words(summary: dict[str, Any], motion: Rolling | None, unit: str) -> dict[st
         "search": f"{rollouts} rollouts; screening ranks gaits as verification does with {ranks:.2f} (Spearman; "
         f"{among:.2f} among the evolved)",
         "polish": "none" if summary["polish"] is None else summary["polish"]["reason"],
-        "sensitivity at the end": f"{summary['diagnosis']['sensitivity']:.3g} m/rad",
+        "sensitivity at the end": f"{summary['diagnosis'].get('sensitivity', np.nan):.3g} m/rad",
     }
 
 

@@ -9,17 +9,16 @@ from scipy.spatial.distance import pdist
 from jaxgrity.core.errors import InputError
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import Structure
+from jaxgrity.rollout.metrics import SLIPPING
 from jaxgrity.stepping.integrate import FAILURES
 from jaxgrity.stepping.simulate import Trajectory, centre_path
 
 LASTING = 0.1
 """s, for which a face stays the lowest before the robot counts as standing on it"""
-SLIP = 0.02
-"""m/s along the ground, above which a node that touches it slips"""
 HOPPING = 0.1
 """fraction of the time: a robot that is in the air for longer hops"""
 STAYING = 0.1
-"""body lengths: a robot displaced by less stays"""
+"""diameters of the robot: one displaced by less stays"""
 SLIDING = 0.5
 """fraction of its contact time: a robot that slips for longer slides"""
 TIME_ROUNDING = 1e-4
@@ -88,8 +87,8 @@ def rolling(scene: Scene, trajectory: Trajectory) -> Rolling:
     `kind`:
 
     "hops": in the air for more than `HOPPING` of the time, also on the spot;
-    "stays": displaced by less than `STAYING` body lengths, the longest distance between two built nodes;
-    "slides": slips for more than `SLIDING` of the contact time, or rolls fewer times than it is body lengths displaced;
+    "stays": displaced by less than `STAYING` diameters, the longest distance between two built nodes;
+    "slides": slips for more than `SLIDING` of the contact time, or rolls fewer times than it is diameters displaced;
     "rolls".
 
     Raises `InputError` without ground, where the trajectory failed or has no two frames after the gait's start, or as
@@ -109,7 +108,7 @@ def rolling(scene: Scene, trajectory: Trajectory) -> Rolling:
     phi = np.asarray(trajectory.positions, float)[moving] @ np.array(ground.normal)
     touching = phi < ground.touched_below
     along = np.asarray(trajectory.velocities, float)[moving] @ np.array(ground.tangents).T
-    slipping = touching & (np.linalg.norm(along, axis=-1) > SLIP)
+    slipping = touching & (np.linalg.norm(along, axis=-1) > SLIPPING)
     contact = np.trapezoid(touching.sum(1), times)
     slip_share = float(np.trapezoid(slipping.sum(1), times) / contact) if contact > 0 else 0.0
     duration = float(times[-1] - times[0])
@@ -123,8 +122,8 @@ def rolling(scene: Scene, trajectory: Trajectory) -> Rolling:
     begins = _changes(lowest, times)
     supports = tuple(tuple(face) for face in hull[lowest[begins]].tolist())
     rolls = max(0, len(supports) - 1)
-    lengths = displacement / float(pdist(np.asarray(scene.structure.nodes, float)).max())
-    kind = _name_of_motion(rolls, slip_share, airborne_share, lengths)
+    diameters = displacement / float(pdist(np.asarray(scene.structure.nodes, float)).max())
+    kind = _name_of_motion(rolls, slip_share, airborne_share, diameters)
     return Rolling(
         supports, times[begins], rolls, slip_share, airborne_share, straightness, path_length, kind, duration
     )
@@ -138,10 +137,10 @@ def _changes(lowest: np.ndarray, times: np.ndarray) -> np.ndarray:
     return lasting[np.diff(lowest[lasting], prepend=-1) != 0]
 
 
-def _name_of_motion(rolls: int, slip_share: float, airborne_share: float, lengths: float) -> str:
-    """By the thresholds of `rolling`; `lengths` is the displacement in body lengths."""
+def _name_of_motion(rolls: int, slip_share: float, airborne_share: float, diameters: float) -> str:
+    """By the thresholds of `rolling`; `diameters` is the displacement in those of the robot."""
     if airborne_share > HOPPING:
         return "hops"
-    if lengths < STAYING:
+    if diameters < STAYING:
         return "stays"
-    return "slides" if slip_share > SLIDING or rolls < lengths else "rolls"
+    return "slides" if slip_share > SLIDING or rolls < diameters else "rolls"

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.scipy.special import ndtri
 
-from jaxgrity.core.types import AnyArray, PerGait, Phases, Scalar, State, Vectors
+from jaxgrity.core.types import AnyArray, FinalPositions, PerGait, Phases, Scalar, State, Vectors
 from jaxgrity.model.actuation import Gait
 from jaxgrity.model.scene import Scene, start_of
 from jaxgrity.rollout.lanes import discretise_lanes, in_lanes, lanes_last, over_lanes
@@ -55,25 +55,25 @@ def distances(
 
     `end` integrates all gaits, in lanes; `checkpointed_end` where not given.
     """
-    first, last = centres(scene, gaits, None, horizon, options, end)
+    first, last, _ = ends(scene, gaits, None, horizon, options, end)
     moved = (last - first)[:, :2]
     return jnp.sqrt(jnp.sum(moved * moved, axis=1))
 
 
-def centres(
+def ends(
     scene: Scene,
     gaits: Gait,
     differences: Differences | None,
     horizon: float,
     options: ResolvedOptions,
     end: Callable | None = None,
-) -> tuple[Vectors, Vectors]:
-    """(population, 3), centre of mass of each robot at the start and at `horizon`, m, as for `distances`."""
+) -> tuple[Vectors, Vectors, FinalPositions]:
+    """Of each robot, as for `distances`: centre of mass at the start and at `horizon`, and all nodes there, m."""
     scene, axes = in_lanes(scene, lanes_last(gaits), lanes_last(differences))
     start = start_of(scene)
     q, _ = (end or checkpointed_end)(scene, axes, start, horizon, options)
     com = over_lanes(centre_of_mass, (axes, -1))
-    return com(scene, start[0]).T, com(scene, q).T
+    return com(scene, start[0]).T, com(scene, q).T, jnp.moveaxis(q, -1, 0)
 
 
 def checkpointed_end(scene: Scene, axes: Scene, start: State, horizon: float, options: ResolvedOptions) -> State:
@@ -187,10 +187,11 @@ def pathwise_gradient(key, genes, task: ClimbTask, ahead: float, robots: int) ->
     def total(each):
         gaits = genome.gaits(scene.gait, each)
         many, differences = ensemble(key, scene, gaits, fitness.uncertainty, 1, common=False)
-        start, end = centres(scene, many, differences, ahead, task.options)
-        none = jnp.zeros(robots, int)
+        start, end, q = ends(scene, many, differences, ahead, task.options)
+        failure = jnp.where(jnp.isfinite(q).all((1, 2)), 0, 1)
+        steps = jnp.full(robots, round(ahead / task.options.dt))
         name = task.options.method.name
-        outcomes = Outcomes(start, end, jnp.zeros((robots, 0, 3)), none, none, none, None, name, None)
+        outcomes = Outcomes(start, end, q, failure, steps, 0 * steps, None, name, None)
         worth = fitness.objective.worth(scene, outcomes, ahead)
         return jnp.sum(worth), worth
 

@@ -95,6 +95,9 @@ def search_problem(scene: Scene, config: SearchConfig) -> SearchProblem:
     turned = standing_symmetries(scene) if config.objective.any_heading else ()
     images = gene_permutations(members, turned)
     genome = Genome(len(members), config.amplitude, config.frequency, config.overtones, config.active, images)
+    if scene.gait is not None and config.duration <= scene.gait.start:
+        begins = f"the gait begins at {float(scene.gait.start):g} s"
+        raise InputError(f"duration = {config.duration:g} s: {begins}; expected a longer time")
     return SearchProblem(scene, genome, config.duration, fitness)
 
 

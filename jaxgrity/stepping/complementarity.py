@@ -15,12 +15,12 @@ import jax.numpy as jnp
 from jaxgrity.core.types import Scalar
 from jaxgrity.stepping.constraints import (
     GroundImpulses,
-    begin,
     impulses,
     length_error,
     prepare,
     pushed,
     sweep,
+    trials_of,
     usual_sweeps,
     velocities,
 )
@@ -85,7 +85,7 @@ class Complementarity(diffrax.AbstractSolver):
         problem = self.lift(prepare, ("s", None, None, -1, -1))(args, h, t1, q, v)
         found = self.lift(velocities, ("s", -1, -1))
         _, a = terms.vf(t0, y0, args)
-        trials = self.lift(begin, ("s", -1))(args, v + kick * a)
+        trials = self.lift(trials_of, ("s", -1))(args, v + kick * a)
         if args.dissipates:
             trials = self._constrain(args, h, problem, trials, usual_sweeps(args))
             _, corrected = terms.vf(t0, (q, (v + found(args, problem, trials)) / 2), args)

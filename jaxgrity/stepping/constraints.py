@@ -119,7 +119,7 @@ def _push(scene: Scene, layout: Blocks, group: tuple[int, ...], directions: Memb
     return layout.split(scale(on_nodes, inverse_mass), ground)
 
 
-def begin(scene: Scene, w: NodeVectors) -> Trials:
+def trials_of(scene: Scene, w: NodeVectors) -> Trials:
     """Before the first sweep: velocities `w`, m/s, and no impulses of the ground."""
     return tuple(part * -1 for part in blocks_of(scene).split(w, exact_ground(scene)))
 

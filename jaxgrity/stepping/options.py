@@ -12,7 +12,7 @@ import numpy as np
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import NodeVectors, Scalar
 from jaxgrity.model.scene import Scene
-from jaxgrity.stepping.methods import Method, find_method
+from jaxgrity.stepping.methods import Method, constrained_method, find_method
 from jaxgrity.stepping.stability import check_step, default_method, default_step
 
 MOST_SWEEPS = 1000
@@ -89,7 +89,7 @@ def resolve(
     Args:
         scene: what is to be simulated.
         duration: s.
-        options: as the user gave them; those that are resolved already stay as they are.
+        options: as the user gave them; those that are resolved already stay as they are, if the method fits.
         dtype: precision, in place of that of the options.
         positions: (nodes, 3), m, where the motion starts, if not at the structure's own.
 
@@ -104,6 +104,7 @@ def resolve(
     if concrete and not _traced(positions):
         _check_start(scene, scene.structure.nodes if positions is None else positions)
     if isinstance(options, ResolvedOptions):
+        _check_method(scene, options.method)
         return options if dtype is None else replace(options, dtype=_dtype(dtype))
     given = options or SolverOptions()
     _check_positive({name: getattr(given, name) for name in ("dt", "rtol", "atol", "max_steps")})
@@ -155,7 +156,8 @@ def _tolerances(given: SolverOptions, method: Method, dtype: str) -> tuple[float
 def _check_method(scene: Scene, method: Method) -> None:
     if scene.constrained and not method.constrained:
         raise InputError(
-            f"method = {method.name!r}: this scene has rigid struts or exact contact; expected 'complementarity'"
+            f"method = {method.name!r}: this scene has rigid struts or exact contact; expected "
+            f"{constrained_method().name!r}"
         )
     if method.symplectic and scene.dissipates:
         raise InputError(

@@ -1,5 +1,6 @@
 """The largest step that a method takes on a scene without blowing up, predicted from the linearised dynamics."""
 
+import dataclasses
 from typing import NamedTuple
 
 import equinox as eqx
@@ -192,10 +193,16 @@ def _force(term: ForceTerm, motion):
     return -jax.grad(lambda v: term.dissipation(scene.motion(v, q, t, motion.normal_force)))(motion.v)
 
 
-def aloft(scene: Scene) -> State:
-    """The structure at rest and undeformed, far above any ground."""
+def aloft(scene: Scene) -> tuple[Scene, State]:
+    """The structure at rest and undeformed, away from any ground.
+
+    It is lifted, so that the compiled program is that of the robot standing. Terms of one's own may depend on the
+    place: where there are some, the ground is taken away instead.
+    """
     q = np.asarray(scene.structure.nodes, float)
-    return q + np.array([0.0, 0.0, 1e3]), 0 * q
+    if scene.terms:
+        return dataclasses.replace(scene, ground=None, friction=None), (q, 0 * q)
+    return scene, (q + np.array([0.0, 0.0, 1e3]), 0 * q)
 
 
 def all_taut(scene: Scene) -> Scene:
@@ -214,9 +221,14 @@ def strictest(scene: Scene, method: Method) -> tuple[float, Scene, State]:
     Penalty contact and friction limit it standing; exact contact holds nodes, and so lets it stand at larger steps.
     Cables that are slack at first count, for in motion they may be taut.
     """
-    taut = all_taut(scene)
-    found = [(stable_step(taut, state, method), taut, state) for state in (standing(taut), aloft(taut))]
+    found = [(stable_step(*case, method), *case) for case in _cases(scene)]
     return min(found, key=lambda x: x[0])
+
+
+def _cases(scene: Scene) -> list[tuple[Scene, State]]:
+    """Standing and aloft, all cables taut."""
+    taut = all_taut(scene)
+    return [(taut, standing(taut)), aloft(taut)]
 
 
 class StepLimit(NamedTuple):
@@ -229,7 +241,14 @@ class StepLimit(NamedTuple):
 
 
 def step_limit(scene: Scene, method: Method | str) -> StepLimit:
-    """The largest stable step of a scene, standing and aloft, and what sets it.
+    """The largest stable step of a scene, standing and aloft, and what sets it; infinite where nothing does.
+
+    Args:
+        scene: what moves.
+        method: or its name.
+
+    Raises:
+        InputError: where there is no method of this name.
 
     Example:
         >>> limit = jaxgrity.step_limit(jaxgrity.load_scene("exact"), "complementarity")
@@ -238,7 +257,7 @@ def step_limit(scene: Scene, method: Method | str) -> StepLimit:
     """
     method = find_method(method) if isinstance(method, str) else method
     step, taut, state = strictest(scene, method)
-    return StepLimit(step, limiting_part(taut, state, method))
+    return StepLimit(step, limiting_part(taut, state, method) if np.isfinite(step) else "nothing")
 
 
 def default_step(scene: Scene, method: Method) -> float:
@@ -250,8 +269,7 @@ def default_step(scene: Scene, method: Method) -> float:
 
 def check_step(scene: Scene, method: Method, dt: float) -> None:
     """Raises `InputError`, naming the largest stable step and what sets it, where a fixed step `dt` would blow up."""
-    taut = all_taut(scene)
-    if method.implicit or all(_surely_stable(taut, state, method, dt) for state in (standing(taut), aloft(taut))):
+    if method.implicit or all(_surely_stable(*case, method, dt) for case in _cases(scene)):
         return
     limit, taut, state = strictest(scene, method)
     if dt > limit:
@@ -273,5 +291,5 @@ def _surely_stable(scene: Scene, state: State, method: Method, dt: float) -> boo
 
 
 def default_method(scene: Scene) -> Method:
-    """Complementarity stepping for scenes with rigid struts or exact contact, RK4 for all others."""
-    return constrained_method() if scene.constrained else METHODS["rk4"]
+    """The first of the methods that meet constraints for scenes with rigid struts or exact contact, else the first."""
+    return constrained_method() if scene.constrained else next(iter(METHODS.values()))

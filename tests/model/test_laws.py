@@ -11,8 +11,10 @@ import pytest
 
 from jaxgrity import (
     METHODS,
+    ConeFriction,
     DissipationTerm,
     EnergyTerm,
+    ExactGround,
     ForceLaw,
     Friction,
     Ground,
@@ -31,6 +33,7 @@ from jaxgrity import (
     unchanged,
     with_terms,
 )
+from jaxgrity.model.friction import CoulombCone
 from jaxgrity.model.scene import KNOWN_FRICTIONS, KNOWN_LAWS
 
 
@@ -215,3 +218,22 @@ def test_terms_of_ones_own_are_traced_like_the_librarys(prism):
         return scene.dissipation(jnp.zeros((6, 3)), scene.structure.nodes, 0.0, None)
 
     np.testing.assert_allclose(jax.grad(end)(2.0), 6 / 2, rtol=1e-12)
+
+
+class Glue(ConeFriction):
+    """A cone whose law is one of its own."""
+
+    def law(self, ground):
+        return Gluing(self, ground)
+
+
+class Gluing(CoulombCone):
+    """A constraint that no sweep knows of."""
+
+    name: ClassVar[str] = "gluing"
+
+
+def test_a_constraint_that_nothing_meets_is_refused(prism):
+    """Whoever brings it: sweeps would go on as with Coulomb's cone."""
+    with pytest.raises(InputError, match="gluing: no method meets this constraint; expected one of rigid struts"):
+        Scene(prism.structure, gravity=9.81, ground=ExactGround(), friction=Glue(0.5))

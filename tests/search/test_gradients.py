@@ -1,7 +1,7 @@
 """Gradients of rollouts: forward and reverse mode against differences, smoothed ones, and both combined."""
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import equinox as eqx
 import jax
@@ -11,8 +11,10 @@ import pytest
 from scipy.special import ndtri
 
 from jaxgrity import (
+    Distance,
     Fitness,
     Genome,
+    Objective,
     SearchProblem,
     SolverOptions,
     as_dtype,
@@ -148,6 +150,31 @@ def test_smoothed_and_pathwise_gradients_agree(exact):
     error = float(np.sqrt(smoothed.noise))
     assert error < 0.2 * np.linalg.norm(pathwise.mean)
     assert np.linalg.norm(smoothed.mean - pathwise.mean) < 2 * error
+
+
+class DistanceOfNodes(Objective):
+    """The distance, read from where all nodes, which are alike, are at the end."""
+
+    unit: ClassVar[str] = "m"
+    needs_metrics: ClassVar[bool] = False
+    any_heading: ClassVar[bool] = True
+
+    def worth(self, scene, outcomes, duration):
+        moved = (outcomes.positions.mean(1) - outcomes.com_start)[:, :2]
+        return jnp.where(outcomes.failure == 0, jnp.sqrt(jnp.sum(moved * moved, axis=1)), jnp.nan)
+
+
+@pytest.mark.slow
+def test_objectives_may_read_all_that_came_of_a_rollout(exact):
+    """In pathwise gradients too."""
+    options = resolve(exact, 1.2, SolverOptions(dt=1e-2, dtype="float64"))
+    genes = jax.numpy.asarray(random_phases(1, 6, seed=7)[0] / (2 * np.pi))
+    found = []
+    for objective in (Distance(), DistanceOfNodes()):
+        problem = SearchProblem(as_dtype(exact, "float64"), Genome(6), 1.2, Fitness(objective))
+        found.append(pathwise_gradient(jax.random.key(0), genes, ClimbTask(problem, options, 1e-3), 1.2, 1))
+    assert np.abs(found[0].mean).max() > 1e-6
+    np.testing.assert_allclose(found[1].mean, found[0].mean, rtol=1e-9)
 
 
 ranked = jax.jit(utilities)

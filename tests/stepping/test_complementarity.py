@@ -30,7 +30,7 @@ from jaxgrity.model.structure import Members, Structure, edge_lengths
 from jaxgrity.stepping import constraints
 from jaxgrity.stepping.blocks import Blocks, disjoint_groups
 from jaxgrity.stepping.complementarity import LARGEST_LENGTH_ERROR
-from jaxgrity.stepping.constraints import begin, impulses, length_error, prepare, sweep, velocities
+from jaxgrity.stepping.constraints import impulses, length_error, prepare, sweep, trials_of, velocities
 from jaxgrity.stepping.integrate import FAILURES, integrate
 from jaxgrity.stepping.options import resolve
 
@@ -137,7 +137,7 @@ def test_the_error_of_a_strut_is_relative_to_its_own_length():
     scene = as_dtype(Scene(Structure(nodes, np.ones(4), struts)), "float64")
     stretching = jnp.array([[0.0, 0, 0], [5e-4, 0, 0], [0, 0, 0], [2e-5, 0, 0]])
     problem = prepare(scene, 1.0, 1.0, scene.structure.nodes, stretching)
-    error = length_error(scene, 1.0, problem, begin(scene, stretching))
+    error = length_error(scene, 1.0, problem, trials_of(scene, stretching))
     assert float(error.largest) == pytest.approx(5e-4, rel=1e-9)
     assert float(error.relative) == pytest.approx(2e-3, rel=1e-9)
 
@@ -161,7 +161,7 @@ def test_laid_out_by_struts_a_sweep_does_the_same(exact, incline, monkeypatch):
             monkeypatch.setattr(constraints, "blocks", lambda *_: by_nodes)
         problem = prepare(scene, 0.01, 1.5, q, w)
         assert len(problem.closing) == (3 if by_struts else 1)
-        trials = begin(scene, w)
+        trials = trials_of(scene, w)
         for _ in range(3):
             trials = sweep(scene, problem, trials)
         found.append((velocities(scene, problem, trials), impulses(scene, problem, trials)))
@@ -176,7 +176,7 @@ def test_struts_do_not_turn_around():
     scene = as_dtype(Scene(Structure(np.array([[0.0, 0, 0], [1, 0, 0]]), np.ones(2), struts)), "float64")
     q, w = scene.structure.nodes, jnp.array([[30.0, 1, 0], [-30, 0, 0]])
     problem = prepare(scene, 0.1, 0.1, q, w)
-    ends = q + 0.1 * velocities(scene, problem, sweep(scene, problem, begin(scene, w)))
+    ends = q + 0.1 * velocities(scene, problem, sweep(scene, problem, trials_of(scene, w)))
     np.testing.assert_allclose(ends[1] - ends[0], [np.sqrt(1 - 0.01), -0.1, 0], rtol=0, atol=1e-15)
 
 

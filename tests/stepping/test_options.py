@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jaxgrity import METHODS, InputError, ResolvedOptions, SolverOptions, exact_twin, resolve
+from jaxgrity import METHODS, InputError, ResolvedOptions, SolverOptions, exact_twin, resolve, simulate
 from jaxgrity.stepping.options import MOST_SWEEPS
 from jaxgrity.stepping.stability import default_step, stable_step, standing
 
@@ -85,3 +85,10 @@ def test_resolved_steps_are_plain_numbers(reference):
     options = resolve(reference, 1.0, SolverOptions(dt=np.float64(1e-4)))
     assert [type(x) for x in (options.dt, options.rtol, options.atol)] == [float] * 3
     assert [type(x) for x in (options.as_inputs().dt, options.as_inputs().rtol)] == [np.ndarray] * 2
+
+
+def test_options_resolved_for_another_scene_are_refused_where_their_method_does_not_fit(reference, exact):
+    """RK4, chosen for the one, would let the robot of the other fall through its ground."""
+    resolved = resolve(reference, 1.0, SolverOptions(dt=5e-4, any_step=True))
+    with pytest.raises(InputError, match="'rk4': this scene has rigid struts or exact contact; expected 'complem"):
+        simulate(exact, 0.3, options=resolved)

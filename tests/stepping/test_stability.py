@@ -1,11 +1,28 @@
 """Predicted stability: the limit is where small motions begin to grow, and the message names what sets it."""
 
+from typing import ClassVar
+
 import equinox as eqx
 import numpy as np
 import pytest
 from stability import at_rest, measure, random_scene
 
-from jaxgrity import ConeFriction, ExactGround, InputError, Members, Scene, SolverOptions, Structure, resolve, simulate
+from jaxgrity import (
+    ConeFriction,
+    EnergyTerm,
+    ExactGround,
+    InputError,
+    Members,
+    Scene,
+    SolverOptions,
+    Structure,
+    node_names,
+    resolve,
+    simulate,
+    step_limit,
+    with_terms,
+)
+from jaxgrity.core.primitives import inner, norm_squared
 from jaxgrity.model.scene import with_gait
 from jaxgrity.stepping.methods import METHODS
 from jaxgrity.stepping.stability import limiting_part, linearise, stable_step, standing, strictest
@@ -120,3 +137,37 @@ def test_an_absurd_step_is_refused(request, method):
 def undamped_springs(structure):
     kinds = [Members(m.edges, m.stiffness, m.rest_length) for m in (structure.struts, structure.cables)]
     return Structure(structure.nodes, structure.node_mass, *kinds)
+
+
+class Anchor(EnergyTerm):
+    """U = sum k r^4/4, r being the distance of a node from where it was built: soft near there, stiff far away."""
+
+    stiffness: np.ndarray
+    places: np.ndarray
+    name: ClassVar[str] = "anchor"
+
+    def energy(self, at):
+        squared = norm_squared(at.q - self.places)
+        return inner(self.stiffness * squared, squared) / 4
+
+    def keeps(self, symmetry):
+        return False
+
+    def parts(self, scene):
+        return node_names("anchor of", scene)
+
+    def scaled(self, factors):
+        return Anchor(self.stiffness * factors, self.places)
+
+
+@pytest.mark.slow
+def test_a_force_that_depends_on_the_place_is_judged_where_the_robot_is(reference):
+    """Lifted far above the ground, an anchor that hardly pulls would limit the step."""
+    anchored = with_terms(reference, Anchor(np.full(12, 10.0), np.asarray(reference.structure.nodes)))
+    assert step_limit(anchored, "rk4").step == pytest.approx(step_limit(reference, "rk4").step, rel=1e-2)
+
+
+def test_nothing_limits_the_step_where_nothing_pulls():
+    """A point mass that only falls."""
+    limit = step_limit(Scene(Structure(np.zeros((1, 3)), np.ones(1)), gravity=9.81), "rk4")
+    assert (limit.step, limit.set_by) == (np.inf, "nothing")
