@@ -3,7 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 TESTS := $(BIN)/python -m pytest --numprocesses auto --dist worksteal
 
-.PHONY: gait paper check test lint measure clean
+.PHONY: gait paper check test lint bench measure clean
 
 # Evolves, polishes and verifies a rolling gait: results/gait_search/index.html.
 gait: .venv/.installed
@@ -25,6 +25,10 @@ lint: .venv/.installed-test
 	$(BIN)/ruff format --check .
 	$(BIN)/lint-imports --cache-dir .cache/import_linter --no-logo
 	$(BIN)/mypy
+
+# How fast this machine is, in about two minutes; LIMIT=FOLDER measures the C programs there too.
+bench: .venv/.installed
+	$(BIN)/python experiments/measurements/bench.py $(if $(LIMIT),--limit $(LIMIT))
 
 # Everything that the docs quote; more than an hour on 2 cores, which should have nothing else to do.
 MEASUREMENTS := error_bars stability equivalence stiff hard_cases gradients scaling

@@ -6,11 +6,10 @@ from typing import Annotated, Literal
 
 import tyro
 
-from jaxgrity.cli.simulate import chosen_scene, scene_name
+from jaxgrity.cli.simulate import chosen_scene, diagnosed, scene_name
 from jaxgrity.io.files import save_json
 from jaxgrity.report import plot
 from jaxgrity.stepping.options import SolverOptions
-from jaxgrity.trust.trust_report import diagnose
 
 
 @dataclass
@@ -39,7 +38,7 @@ def main(settings: DiagnoseSettings) -> None:
     print(scene.describe(), end="\n\n", flush=True)
     duration = min(settings.duration, 2.0) if settings.quick else settings.duration
     options = SolverOptions(method=settings.method, dt=settings.dt, dtype=settings.dtype)
-    trust = diagnose(scene, duration, options=options)
+    trust = diagnosed(scene, duration, options)
     step = "steps of its own choice" if trust.trajectory.dt is None else f"dt = {trust.trajectory.dt:g} s"
     print(f"{trust.trajectory.method}, {step}\n{trust.table()}")
     facts = {"scene": scene_name(settings.scene), "duration": duration, **trust.summary()}

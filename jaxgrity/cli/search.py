@@ -6,8 +6,6 @@ population.npz, trajectory.npz, figures, an animation, summary.json and a page t
 """
 
 import dataclasses
-import sys
-import threading
 import time
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -15,27 +13,15 @@ from typing import Any, Literal
 
 from jaxgrity.cli.script import measured
 
-from tqdm import tqdm
-
+from jaxgrity.cli.progress import Bars
 from jaxgrity.cli.simulate import scene_name
 from jaxgrity.core.errors import InputError
 from jaxgrity.io.scene_files import load_scene
 from jaxgrity.report.gait_report import Origin, write_report
 from jaxgrity.rollout.uncertainty import Uncertainty
 from jaxgrity.search.objectives import ActuatorBounds, Objective, find_objective
-from jaxgrity.search.pipeline import Progress, SearchResult, search_gaits
+from jaxgrity.search.pipeline import SearchResult, search_gaits
 from jaxgrity.search.search_config import SearchConfig
-
-UNITS = {
-    "evolving": "generation",
-    "promoting": "level",
-    "polishing": "step",
-    "verifying": "judgement",
-    "measuring": "measurement",
-    "animating": "frame",
-}
-TICK = 2.0
-"""s, after which a bar shows at the latest how much time has passed"""
 
 
 @dataclass
@@ -152,39 +138,3 @@ def main(settings: SearchSettings) -> None:
 def told(settings: SearchSettings) -> dict[str, Any]:
     """The settings that decide a search, as they go into its files."""
     return {name: value for name, value in asdict(settings).items() if name not in ("out", "scene")}
-
-
-class Bars:
-    """A progress bar for each stage, one after the other, whose clock goes on where a step takes long."""
-
-    def __init__(self) -> None:
-        self.stage = ""
-        self.bar = tqdm(disable=True)
-        self.over = threading.Event()
-
-    def __enter__(self) -> "Bars":
-        threading.Thread(target=self.tick, daemon=True).start()
-        return self
-
-    def __exit__(self, *error) -> None:
-        self.over.set()
-        self.bar.close()
-
-    def tick(self) -> None:
-        """Show the time that passes while programs compile and judgements go on."""
-        while not self.over.wait(TICK):
-            self.bar.refresh()
-
-    def hear(self, progress: Progress) -> None:
-        """Show how far a search is."""
-        self.show(progress.stage, progress.done, progress.total)
-        facts = {name: f"{x:.3f}" if isinstance(x, float) else x for name, x in progress.facts.items()}
-        self.bar.set_postfix(facts)
-
-    def show(self, stage: str, done: int, total: int | None) -> None:
-        """Move the bar of a stage, which begins with the first call."""
-        if stage != self.stage:
-            self.bar.close()
-            self.stage = stage
-            self.bar = tqdm(total=total, initial=done, desc=stage, unit=UNITS[stage], file=sys.stdout)
-        self.bar.update(done - self.bar.n)

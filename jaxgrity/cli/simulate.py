@@ -10,6 +10,7 @@ import jax
 import numpy as np
 import tyro
 
+from jaxgrity.cli.progress import Bars
 from jaxgrity.io.files import load_phases, save_arrays, save_json
 from jaxgrity.io.gait_library import gait_record, load_gait
 from jaxgrity.io.scene_files import load_scene
@@ -20,7 +21,7 @@ from jaxgrity.stepping.integrate import FAILURES
 from jaxgrity.stepping.options import SolverOptions
 from jaxgrity.stepping.simulate import centre_path, simulate
 from jaxgrity.trust.error_bars import verify
-from jaxgrity.trust.trust_report import diagnose
+from jaxgrity.trust.trust_report import TrustReport, diagnose
 
 Result = TypeVar("Result")
 
@@ -59,7 +60,7 @@ class SimulateSettings:
 def main(settings: SimulateSettings) -> None:
     """Roll out, and leave summary.json, figures and the trajectory."""
     scene = chosen_scene(settings.scene, settings.gait)
-    print(scene.describe())
+    print(scene.describe(), flush=True)
     duration = min(settings.duration, 2.0) if settings.quick else settings.duration
     if settings.gaits is None:
         summary = single(scene, duration, settings)
@@ -87,20 +88,31 @@ def chosen_scene(scene: str, gait: str | None) -> Scene:
     return found
 
 
-def timed(function: Callable[[], Result]) -> tuple[Result, float, float]:
+def timed(function: Callable[[], Result], bars: Bars) -> tuple[Result, float, float]:
     """The result of a second, warm call, its wall time, and what the first call took longer: compilation."""
-    seconds = []
-    for _ in range(2):
+    seconds: list[float] = []
+    for number in range(2):
+        bars.show("rolling out", number, 2)
         start = time.perf_counter()
         result = jax.block_until_ready(function())
         seconds.append(time.perf_counter() - start)
+        bars.show("rolling out", number + 1, 2)
     return result, seconds[1], max(0.0, seconds[0] - seconds[1])
+
+
+def diagnosed(scene: Scene, duration: float, options: SolverOptions) -> TrustReport:
+    """`diagnose`, with a bar that shows how far it is."""
+    with Bars() as bars:
+        return diagnose(
+            scene, duration, options=options, on_progress=lambda done, total: bars.show("diagnosing", done, total)
+        )
 
 
 def single(scene: Scene, duration: float, settings: SimulateSettings) -> dict[str, Any]:
     """One rollout with the scene's own gait: its trajectory, its figures, its summary."""
     options, out = settings.options, settings.out
-    trajectory, wall, compilation = timed(lambda: simulate(scene, duration, options=options))
+    with Bars() as bars:
+        trajectory, wall, compilation = timed(lambda: simulate(scene, duration, options=options), bars)
     path = centre_path(scene, trajectory)
     distance = float(np.hypot(*(path[-1] - path[0])[:2]))
     save_arrays(
@@ -114,7 +126,7 @@ def single(scene: Scene, duration: float, settings: SimulateSettings) -> dict[st
         f"{FAILURES[int(trajectory.failure)]}: {duration:g} s in {int(trajectory.steps)} steps, "
         f"{wall:.3f} s of wall time ({compilation:.1f} s to compile); moved {distance:.4f} m"
     )
-    trust = diagnose(scene, duration, options=options) if settings.diagnose else None
+    trust = diagnosed(scene, duration, options) if settings.diagnose else None
     if not trajectory.failed:
         plot.save(plot.path_figure(scene, trajectory, trust.error_bar if trust else None), out / "path.png")
         if scene.structure.member_count:
@@ -142,7 +154,9 @@ def single(scene: Scene, duration: float, settings: SimulateSettings) -> dict[st
 def several(scene: Scene, phases: np.ndarray, duration: float, settings: SimulateSettings) -> dict[str, Any]:
     """One rollout for each row of phases, all in one call; the report on trust is about the gait that goes furthest."""
     options, gaits = settings.options, gaits_of(scene.gait, phases)
-    outcomes, wall, compilation = timed(lambda: simulate_population(scene, gaits, duration, options=options))
+    with Bars() as bars:
+        roll = lambda: simulate_population(scene, gaits, duration, options=options)  # noqa: E731
+        outcomes, wall, compilation = timed(roll, bars)
     failed, distance = np.asarray(outcomes.failure) != 0, np.asarray(outcomes.distance())
     figure = plot.outcomes_figure(np.asarray(outcomes.com_start), np.asarray(outcomes.com_end), failed)
     plot.save(figure, settings.out / "outcomes.png")
@@ -155,7 +169,7 @@ def several(scene: Scene, phases: np.ndarray, duration: float, settings: Simulat
     if settings.diagnose and not failed.all():
         verified = verify(scene, gaits, duration, options=options)
         furthest = with_gait(scene, one_gait(gaits, int(np.nanargmax(distance))))
-        trust = diagnose(furthest, duration, options=options)
+        trust = diagnosed(furthest, duration, options)
         print(f"error bars: {np.median(verified.error_bar):.2g} m (median); of the furthest:\n{trust.table()}")
     steps = np.asarray(outcomes.steps)
     return {

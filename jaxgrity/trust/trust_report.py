@@ -1,7 +1,9 @@
 """How far one rollout can be trusted: every check that the library has, in one call."""
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 
 from jaxgrity.core.types import Times
@@ -18,6 +20,10 @@ UNCERTAIN = 0.01
 """rad in each phase, or m/s in the initial velocities where there is no gait: what is taken as not known"""
 PREDICTABLE = 0.01
 """m, to which a centre of mass counts as predicted"""
+
+
+MEASUREMENTS = 5
+"""rollouts at three steps, the energy audit and the sensitivity"""
 
 
 class TrustReport(NamedTuple):
@@ -99,7 +105,14 @@ class TrustReport(NamedTuple):
         return "\n".join(f"{name:<{wide}}  {value}" for name, value in rows.items())
 
 
-def diagnose(scene: Scene, duration: float, *, options: Options = None, frame_rate: float = 100.0) -> TrustReport:
+def diagnose(
+    scene: Scene,
+    duration: float,
+    *,
+    options: Options = None,
+    frame_rate: float = 100.0,
+    on_progress: Callable[[int, int], object] = lambda done, total: None,
+) -> TrustReport:
     """Roll the scene out as `simulate` does, and say how far the result can be trusted.
 
     The error bars compare with rollouts in float64 at half and a quarter of the step (or at a tenth and a hundredth of
@@ -110,6 +123,7 @@ def diagnose(scene: Scene, duration: float, *, options: Options = None, frame_ra
         duration: s.
         options: how to integrate; where not given, the scene decides.
         frame_rate: saved frames a second.
+        on_progress: gets how many of the measurements are done, and how many there are.
 
     Returns:
         The rollout, with error bars, energy audit, sensitivity, penetration and strut strain.
@@ -125,18 +139,23 @@ def diagnose(scene: Scene, duration: float, *, options: Options = None, frame_ra
     """
     resolved = resolve(scene, duration, options)
     first, *finer = resolved.refined()
+    on_progress(0, MEASUREMENTS)
     rollouts = [simulate(scene, duration, options=first, frame_rate=frame_rate)]
+    on_progress(1, MEASUREMENTS)
     for each in finer:
         exact = resolve(scene, duration, each, dtype="float64")
         rollouts.append(simulate(scene, duration, options=exact, frame_rate=frame_rate))
+        on_progress(len(rollouts), MEASUREMENTS)
     paths = [centre_path(scene, rollout) for rollout in rollouts]
     failed = any(rollout.failed for rollout in rollouts)
     bars = np.full(len(rollouts[0].times), np.inf) if failed else refinement_bar(*paths)
     audit = growth = None
     if not rollouts[0].failed:
         audit = energy_audit(scene, duration, options=resolved, frame_rate=frame_rate)
+        on_progress(4, MEASUREMENTS)
         growth = sensitivity(scene, duration, options=resolved)
     depth, strain = _penetration(scene, rollouts[0]), _strut_strain(scene, rollouts[0])
+    on_progress(MEASUREMENTS, MEASUREMENTS)
     return TrustReport(rollouts[0], bars, audit, growth, depth, strain)
 
 
@@ -154,7 +173,7 @@ def _strut_strain(scene: Scene, trajectory: Trajectory) -> float:
         return 0.0
     times, dt = np.asarray(trajectory.times, float), trajectory.dt
     ends = np.abs(times / dt - np.round(times / dt)) < 1e-3 if dt is not None else np.ones(len(times), bool)
-    wanted = np.array([rest_length(struts, scene.gait, t, 0) for t in times[ends]])
+    wanted = np.asarray(jax.vmap(lambda t: rest_length(struts, scene.gait, t, 0))(times[ends]))
     i, j = np.array(struts.edges).T
     positions = np.asarray(trajectory.positions, float)[ends]
     lengths = np.linalg.norm(positions[:, i] - positions[:, j], axis=-1)

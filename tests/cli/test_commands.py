@@ -17,7 +17,7 @@ import pytest
 
 from jaxgrity import Progress, load_gait, load_scene, random_phases, scene_text, with_gait
 from jaxgrity.cli import main as command
-from jaxgrity.cli import script, search, simulate
+from jaxgrity.cli import progress, script, simulate
 
 ROOT = Path(__file__).parents[2]
 ANSWERS = json.loads((ROOT / "tests" / "data" / "reference_answers.json").read_text())
@@ -374,9 +374,9 @@ def test_every_stage_of_a_search_shows_how_far_it_is(search_run):
 
 def test_a_step_that_takes_long_is_not_silent(monkeypatch, capsys):
     """The bar is shown again, with the time that has passed, while nothing is heard of the search."""
-    assert search.TICK <= 5
-    monkeypatch.setattr(search, "TICK", 0.01)
-    with search.Bars() as bars:
+    assert progress.TICK <= 5
+    monkeypatch.setattr(progress, "TICK", 0.01)
+    with progress.Bars() as bars:
         bars.hear(Progress("verifying", 1, 4, {}))
         said = capsys.readouterr().out
         for _ in range(500):

@@ -155,6 +155,21 @@ def test_benchmark_measures(tmp_path):
 
 
 @pytest.mark.slow
+def test_the_bench_prints_a_table(tmp_path):
+    """One row for each method, precision and population, with what it would need to be compared."""
+    facts = quick("measurements/bench.py", tmp_path, "--gaits", 2, 4, "--duration", 0.8)
+    assert facts["processor"]
+    rows = {(row["engine"], row["dtype"], row["gaits"]): row for row in facts["rows"]}
+    for engine in ("rk4", "complementarity"):
+        for dtype in ("float32", "float64"):
+            for gaits in (2, 4):
+                row = rows[engine, dtype, gaits]
+                seconds = row["us_per_step_and_gait"] * 1e-6 * 10 / row["dt"]
+                assert row["rollouts_of_10_s_per_second"] == pytest.approx(1 / seconds, rel=1e-9)
+                assert row["times_C"] is None
+
+
+@pytest.mark.slow
 def test_hard_cases_have_no_silently_wrong_number(tmp_path):
     """Three cases by three methods, in both precisions; one of them is refused with the reason."""
     facts = quick("measurements/hard_cases.py", tmp_path)

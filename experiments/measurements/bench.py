@@ -1,0 +1,161 @@
+"""How fast this machine is, in about two minutes: a table of the library's methods, and of MuJoCo and hand-written C.
+
+MuJoCo is measured where it is installed (the extra `peer`), C where --limit names the folder of its programs; they are
+built there if there is a compiler. Engines take turns, so that what slows the machine down slows all of them.
+"""
+
+import platform
+import shutil
+import subprocess
+import time
+from dataclasses import dataclass
+from importlib import metadata, util
+from pathlib import Path
+
+from jaxgrity.cli.script import measured, run
+
+import numpy as np
+from engines import Engine, Others, engines
+from matplotlib.figure import Figure
+from tqdm import tqdm
+
+from jaxgrity import InputError, load_scene, random_phases
+from jaxgrity.io.files import save_json
+from jaxgrity.report.plot import save
+
+STEPS = {"rk4": 5e-4, "complementarity": 5e-3, "limit": 5e-4, "exact": 5e-3, "mujoco Euler": 1e-3}
+"""s; engines without one here are left out"""
+SAME_MODEL = {"rk4": "limit", "complementarity": "exact"}
+"""the C program that does the same"""
+
+
+@dataclass
+class Settings:
+    gaits: tuple[int, ...] = (64, 256)
+    """sizes of the populations"""
+    duration: float = 4.0
+    """simulated time, s"""
+    repeats: int = 5
+    """rounds, of which the median counts"""
+    limit: Path | None = None
+    """folder with the C programs, or with their sources and a Makefile"""
+    out: Path = Path("results/bench")
+    """folder for bench.json and bench.png"""
+    quick: bool = False
+    """an eighth of the time, two rounds"""
+
+
+def main(settings: Settings) -> None:
+    began = time.perf_counter()
+    if settings.quick:
+        settings.duration, settings.repeats = settings.duration / 8, 2
+    if settings.limit is not None:
+        build(settings.limit)
+    scenes = {name: load_scene(name) for name in ("reference", "exact")}
+    others = Others(settings.limit, util.find_spec("mujoco") is not None, False)
+    tasks: list[tuple[int, Engine]] = []
+    for count in settings.gaits:
+        chosen = engines(scenes, random_phases(count, 6, seed=0), settings.duration, others)
+        tasks += [(count, engine) for engine in chosen if engine.name in STEPS]
+    first = [engine.roll(STEPS[engine.name])[1] for _, engine in tqdm(tasks, desc="first", unit="run")]
+    rounds = [
+        [engine.roll(STEPS[engine.name])[1] for _, engine in tasks]
+        for _ in tqdm(range(settings.repeats), desc="rounds", unit="round")
+    ]
+    rows = [
+        row(count, engine, settings.duration, start, seconds)
+        for (count, engine), start, seconds in zip(tasks, first, np.median(rounds, axis=0))
+    ]
+    add_ratios(rows)
+    versions = {name: metadata.version(name) for name in ("jaxgrity", "jax", "jaxlib")}
+    facts = {"processor": processor(), "versions": versions, "duration": settings.duration, "rows": rows}
+    save_json(settings.out / "bench.json", {**measured(), **facts})
+    print(table(facts))
+    save(figure(facts), settings.out / "bench.png")
+    print(
+        f"wrote {settings.out}/bench.json and bench.png ({time.perf_counter() - began:.0f} s since this command began)"
+    )
+    print(
+        "To send it in, open an issue of the project with this table and bench.json; it says nothing but what it shows."
+    )
+
+
+def build(folder: Path) -> None:
+    """Build the C programs where they are not there yet. Raises `InputError` where that does not work."""
+    if all((folder / name).exists() for name in ("limit32", "limit64", "exact32", "exact64")):
+        return
+    if shutil.which("make") is None or shutil.which("cc") is None:
+        raise InputError(f"{folder}: the C programs are not built; expected them, or make and cc to build them")
+    built = subprocess.run(["make", "-C", str(folder)], capture_output=True, text=True, check=False)
+    if built.returncode:
+        raise InputError(f"{folder}: make failed: {built.stderr.strip().splitlines()[-1]}")
+
+
+def row(count: int, engine: Engine, duration: float, first: float, seconds: float) -> dict:
+    """What one engine needs; `first` is the wall time of the call that compiles, s."""
+    steps, share = duration / STEPS[engine.name], seconds / engine.gaits
+    return {
+        "gaits": count,
+        "engine": engine.name,
+        "dtype": engine.dtype,
+        "dt": STEPS[engine.name],
+        "us_per_step_and_gait": 1e6 * share / steps,
+        "rollouts_of_10_s_per_second": duration / 10 / share,
+        "compile_seconds": max(0.0, first - seconds),
+    }
+
+
+def add_ratios(rows: list[dict]) -> None:
+    """The time of each of the library's methods over that of the C program that does the same."""
+    known = {(r["engine"], r["dtype"], r["gaits"]): r["us_per_step_and_gait"] for r in rows}
+    for each in rows:
+        same = known.get((SAME_MODEL.get(each["engine"]), each["dtype"], each["gaits"]))
+        each["times_C"] = None if same is None else each["us_per_step_and_gait"] / same
+
+
+def processor() -> str:
+    """Its name, as the system tells it."""
+    info = Path("/proc/cpuinfo")
+    for line in info.read_text().splitlines() if info.exists() else ():
+        if line.startswith("model name"):
+            return line.split(":")[1].strip()
+    return platform.processor() or platform.machine()
+
+
+def table(facts: dict) -> str:
+    """In Markdown, to be read and to be pasted."""
+    columns = (
+        "engine, precision, gaits, step (s), us a step and gait, rollouts of 10 s a second, times C, compiled in (s)"
+    )
+    lines = [f"| {columns.replace(', ', ' | ')} |", "|" + "---|" * 8]
+    for r in facts["rows"]:
+        times = "" if r["times_C"] is None else f"{r['times_C']:.1f}"
+        lines.append(
+            f"| {r['engine']} | {r['dtype']} | {r['gaits']} | {r['dt']:g} | {r['us_per_step_and_gait']:.3f} | "
+            f"{r['rollouts_of_10_s_per_second']:.0f} | {times} | {r['compile_seconds']:.1f} |"
+        )
+    versions = ", ".join(f"{name} {version}" for name, version in facts["versions"].items())
+    return "\n".join([*lines, f"\n{facts['processor']}, {measured()['cores']} cores; {versions}"])
+
+
+def figure(facts: dict) -> Figure:
+    """Time of a step and gait of every engine, side by side for the sizes of the population."""
+    chart = Figure(figsize=(8, 4), layout="constrained")
+    axes = chart.subplots()
+    sizes = list(dict.fromkeys(r["gaits"] for r in facts["rows"]))
+    names = list(dict.fromkeys(f"{r['engine']}\n{r['dtype']}" for r in facts["rows"]))
+    for k, size in enumerate(sizes):
+        heights = {
+            f"{r['engine']}\n{r['dtype']}": r["us_per_step_and_gait"] for r in facts["rows"] if r["gaits"] == size
+        }
+        places = np.arange(len(names)) + (k - (len(sizes) - 1) / 2) * 0.8 / len(sizes)
+        axes.bar(places, [heights.get(name, np.nan) for name in names], 0.8 / len(sizes), label=f"{size} gaits")
+    axes.set_xticks(range(len(names)), names, fontsize=8)
+    axes.set(yscale="log", ylabel="wall time a step and gait (us)", title=facts["processor"])
+    axes.grid(axis="y", alpha=0.3)
+    axes.legend()
+    return chart
+
+
+if __name__ == "__main__":
+    run(main, Settings)

@@ -1,0 +1,57 @@
+"""How far a command is: a progress bar for each of its stages, which goes on while programs compile."""
+
+import sys
+import threading
+
+from tqdm import tqdm
+
+from jaxgrity.search.pipeline import Progress
+
+UNITS = {
+    "rolling out": "rollout",
+    "diagnosing": "measurement",
+    "evolving": "generation",
+    "promoting": "level",
+    "polishing": "step",
+    "verifying": "judgement",
+    "measuring": "measurement",
+    "animating": "frame",
+}
+TICK = 2.0
+"""s, after which a bar shows at the latest how much time has passed"""
+
+
+class Bars:
+    """A progress bar for each stage, one after the other, whose clock goes on where a step takes long."""
+
+    def __init__(self) -> None:
+        self.stage = ""
+        self.bar = tqdm(disable=True)
+        self.over = threading.Event()
+
+    def __enter__(self) -> "Bars":
+        threading.Thread(target=self.tick, daemon=True).start()
+        return self
+
+    def __exit__(self, *error) -> None:
+        self.over.set()
+        self.bar.close()
+
+    def tick(self) -> None:
+        """Show the time that passes while programs compile and judgements go on."""
+        while not self.over.wait(TICK):
+            self.bar.refresh()
+
+    def hear(self, progress: Progress) -> None:
+        """Show how far a search is."""
+        self.show(progress.stage, progress.done, progress.total)
+        facts = {name: f"{x:.3f}" if isinstance(x, float) else x for name, x in progress.facts.items()}
+        self.bar.set_postfix(facts)
+
+    def show(self, stage: str, done: int, total: int | None) -> None:
+        """Move the bar of a stage, which begins with the first call."""
+        if stage != self.stage:
+            self.bar.close()
+            self.stage = stage
+            self.bar = tqdm(total=total, initial=done, desc=stage, unit=UNITS[stage], file=sys.stdout)
+        self.bar.update(done - self.bar.n)
