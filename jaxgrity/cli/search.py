@@ -89,7 +89,7 @@ class SearchSettings:
     polish_gaits: int = 4
     """how many of the best gaits are polished"""
     dt: float | None = None
-    """step of the scene's own model, s; verification is at half of it and below; without it, the scene decides"""
+    """step of the scene's own model, s; verified at it and below, as errors ask; without it, the scene decides"""
     seed: int = 0
     """the same seed gives the same search"""
     resume: bool = False

@@ -60,8 +60,9 @@ def write_report(result: SearchResult, origin: Origin, folder: Path, on_progress
 
     Returns what was found, in words, by its headings.
     """
-    scene, last = result.scene, result.levels[-1]
-    fine, duration = SolverOptions(dt=last.dt, dtype="float64"), float(result.problem.duration)
+    scene = result.scene
+    duration = float(result.problem.duration)
+    fine = SolverOptions(dt=result.verdict.verified.steps[0], dtype="float64")
     on_progress("measuring", 0, 3)
     trust = diagnose(scene, duration, options=fine, frame_rate=float(FRAME_RATE))
     on_progress("measuring", 1, 3)

@@ -13,7 +13,8 @@ from jaxtyping import Float
 from jaxgrity.core.types import AnyArray
 from jaxgrity.model.actuation import Gait
 from jaxgrity.rollout.population import one_gait
-from jaxgrity.search.gradients import ClimbTask, Gradient, combine, pathwise_gradient, smoothed_gradient
+from jaxgrity.search.genome import Genome
+from jaxgrity.search.gradients import ClimbTask, Gradient, combine, pathwise_gradient, smoothed_gradients
 from jaxgrity.search.polish_config import GradientKind, PolishConfig, cost_of_gradient
 
 AVERAGED = 0.2
@@ -56,39 +57,54 @@ class Climb(NamedTuple):
 def climb(
     task: ClimbTask,
     config: PolishConfig,
-    route: Route,
+    routes: list[Route],
     rollouts: int,
     key,
     on_step: Callable[[ClimbStep], None] | None = None,
-) -> Climb:
-    """Climb for as many steps as the rollouts pay for."""
-    genes, kind, horizon = route
+) -> list[Climb]:
+    """Climb from every start for as many steps as the rollouts pay for: `rollouts` are those of one climb.
+
+    The routes have one kind and one horizon, and are climbed side by side: rollouts of few gaits cost more each.
+    """
+    genes, (_, kind, horizon) = np.stack([route.genes for route in routes]), routes[0]
     _, genome, duration, fitness = task.problem
-    ahead = [horizon] if kind == "smoothed" else [(horizon + _shortest(task, genes)) / 2, horizon]
+    ahead = [horizon] if kind == "smoothed" else [(horizon + _shortest(task, genes[0])) / 2, horizon]
     costs = [cost_of_gradient(config, fitness, kind, reach / duration) for reach in ahead]
     count = int(rollouts / np.mean(costs))
     optimiser = _optimiser(config, count)
     # NumPy: on all devices, as a step leaves it, x would have the next one compiled again
     first = x = np.asarray(genes, task.options.dtype)
-    state, path, found, spent = optimiser.init(x), [], [], 0.0
+    state, path, spent = jax.vmap(optimiser.init)(x), [], 0.0
+    found: list[list[ClimbStep]] = [[] for _ in routes]
     widths = np.geomspace(*config.width, count).astype(task.options.dtype)
     for number in range(count):
         half = min(len(ahead) - 1, 2 * number // count)
         now = task._replace(width=widths[number])
-        gradient, share = _gradient(jax.random.fold_in(key, number), x, now, route, ahead[half], config)
+        gradient, share = _gradients(jax.random.fold_in(key, number), x, now, kind, ahead[half], config)
         spent += costs[half]
-        if jnp.any(gradient.mean):
-            update, state = optimiser.update(gradient.mean / gradient.scale, state)
-            # angles go on beyond a turn, so that their mean is one
-            x = np.asarray(genome.bounded(x + update))
+        x, state = _moved(optimiser, genome, gradient, x, state)
         path.append(x)
-        found.append(ClimbStep(ahead[half], float(jnp.linalg.norm(gradient.mean)), share, float(gradient.value)))
-        if on_step is not None:
-            on_step(found[-1])
+        norms = np.linalg.norm(gradient.mean, axis=1)
+        for steps, norm, weight, value in zip(found, norms, share, np.asarray(gradient.value)):
+            steps.append(ClimbStep(ahead[half], float(norm), float(weight), float(value)))
+            if on_step is not None:
+                on_step(steps[-1])
     last = np.stack(path[-math.ceil(AVERAGED * count) :])
     # genes that did not move keep the digits that the climb's precision lacks
-    end = np.where((last == first).all(0), genes, genome.within(last.mean(0, dtype=float)))
-    return Climb(end, tuple(found), int(spent))
+    ends = np.where((last == first).all(0), genes, genome.within(last.mean(0, dtype=float)))
+    return [Climb(end, tuple(steps), int(spent)) for end, steps in zip(ends, found)]
+
+
+def _moved(optimiser: optax.GradientTransformation, genome: Genome, gradient: Gradient, x: np.ndarray, state):
+    """Every row of genes one step on; those without a gradient stay as they are."""
+    update, after = jax.vmap(optimiser.update)(gradient.mean / jnp.reshape(gradient.scale, (-1, 1)), state)
+    moves = jnp.any(gradient.mean != 0, axis=1)
+
+    def kept(new, old):
+        return jnp.where(moves.reshape(-1, *[1] * (jnp.ndim(new) - 1)), new, old)
+
+    # angles go on beyond a turn, so that their mean is one
+    return np.asarray(kept(genome.bounded(x + update), x)), jax.tree.map(kept, after, state)
 
 
 def one_period(gait: Gait) -> float:
@@ -109,16 +125,21 @@ def _optimiser(config: PolishConfig, count: int) -> optax.GradientTransformation
     )
 
 
-def _gradient(
-    key, genes: OneGait, task: ClimbTask, route: Route, ahead: float, config: PolishConfig
-) -> tuple[Gradient, float]:
-    """Of the fitness at the time `ahead` (s), and the share that the pathwise one has in it."""
+def _gradients(
+    key, genes: np.ndarray, task: ClimbTask, kind: GradientKind, ahead: float, config: PolishConfig
+) -> tuple[Gradient, np.ndarray]:
+    """Of the fitness at the time `ahead` (s), a row for each of the genes, and the share of the pathwise ones in it."""
     one, other = jax.random.split(key)
-    if route.kind == "pathwise":
-        return pathwise_gradient(other, genes, task, ahead, config.samples), 1.0
-    any_step = task._replace(options=task.options.as_inputs())
-    smoothed = smoothed_gradient(one, genes, any_step, np.asarray(ahead), config.samples, config.robots)
-    if route.kind == "smoothed":
-        return smoothed, 0.0
-    both, share = combine(smoothed, pathwise_gradient(other, genes, task, ahead, config.samples))
-    return both, float(share)
+
+    def smoothed() -> Gradient:
+        any_step = task._replace(options=task.options.as_inputs())
+        return smoothed_gradients(one, genes, any_step, np.asarray(ahead), config.samples, config.robots)
+
+    if kind == "smoothed":
+        return smoothed(), np.zeros(len(genes))
+    rows = [pathwise_gradient(other, each, task, ahead, config.samples) for each in genes]
+    pathwise = jax.tree.map(lambda *parts: jnp.stack([jnp.asarray(part) for part in parts]), *rows)
+    if kind == "pathwise":
+        return pathwise, np.ones(len(genes))
+    both, share = jax.vmap(combine)(smoothed(), pathwise)
+    return both, np.asarray(share)

@@ -15,15 +15,17 @@ from jaxgrity.model.contact_twin import contact_twin, exact_twin
 from jaxgrity.model.scene import Scene, as_dtype
 from jaxgrity.rollout.population import as_population
 from jaxgrity.search.genetic_algorithm import Evolution, GAConfig, SearchProblem, SearchState, begin, evolve
-from jaxgrity.search.objectives import Scores, judge, with_robots
+from jaxgrity.search.objectives import Scores, judge, judge_until, standard_error, with_robots
 from jaxgrity.stepping.options import SolverOptions, resolve
 from jaxgrity.stepping.stability import default_method, default_step, strictest
 from jaxgrity.trust.error_bars import Verified, verify
 
 SCREENING_STEP = 0.01
 """s, of complementarity stepping: gaits rank at it as they do at half of it"""
-OTHER_MODEL_ROBOTS = 64
-"""the most robots that are rolled out on the contact twin"""
+PRECISION = 0.01
+"""share of a gait's worth to which the last judgement tells it"""
+ROUND = 64
+"""robots that are rolled out at once there"""
 
 
 class FidelityLevel(NamedTuple):
@@ -117,9 +119,11 @@ class Verdict(NamedTuple):
     verified: Verified
     """of the gait itself"""
     robust: Scores
-    """over an ensemble in float64 at the step of verification, one row"""
+    """over an ensemble in float64, one row"""
+    robust_step: float
+    """s, at which they are"""
     step_error: float
-    """of the robust mean, by twice the step, with the same draws"""
+    """of the mean of the first `ROUND` robots, at the step of verification and at twice that step, with equal draws"""
     other_model: Scores
     """on the scene's contact twin"""
 
@@ -129,11 +133,14 @@ class Verdict(NamedTuple):
         return {
             "distance": float(self.verified.distance[0]),
             "error_bar": float(self.verified.error_bar[0]),
+            "steps": self.verified.steps,
             "robust": {
                 "mean": float(robust.mean()),
                 "standard_deviation": float(robust.std()),
+                "standard_error": standard_error(robust) if robust.size > 1 else None,
                 "tenth_percentile": float(np.quantile(robust, 0.1)),
                 "robots": robust.size,
+                "step": self.robust_step,
                 "step_error": self.step_error,
             },
             "other_contact_model": {"mean": float(other.mean()), "standard_deviation": float(other.std())},
@@ -149,22 +156,36 @@ def final_verdict(
     seed: int = 1,
     on_progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Verdict:
-    """Verify one gait at `dt` (s) and below, judge it by a large ensemble, and roll it out on the contact twin.
+    """Verify one gait, judge it by an ensemble, and roll it out on the contact twin, as closely as `PRECISION` asks.
 
-    `on_progress` gets how many of these judgements are done, and how many there are.
+    The step is 2 `dt` (s) where its error is within `PRECISION`, else `dt`. Robots are added by `ROUND` until the
+    standard error of their mean is within it, or there are `robots`. `on_progress` gets how many of these judgements
+    are done, and how many there are.
     """
     scene, gaits = problem.scene, as_population(gait)
     on_progress(0, 4)
-    verified = verify(scene, gaits, problem.duration, options=SolverOptions(dt=dt))
+    verified = verify(scene, gaits, problem.duration, options=SolverOptions(dt=2 * dt))
+    if not verified.error_bar[0] <= PRECISION * verified.distance[0]:
+        verified = verify(scene, gaits, problem.duration, options=SolverOptions(dt=dt))
     on_progress(1, 4)
-    many = problem._replace(fitness=with_robots(problem.fitness, robots))
-    fine = judge_at(FidelityLevel("", scene, dt, "float64"), gaits, many, seed)
+    some = problem._replace(fitness=with_robots(problem.fitness, min(robots, ROUND)))
+
+    def judged(step: float, number: int = 0) -> Scores:
+        return judge_at(FidelityLevel("", scene, step, "float64"), gaits, some, seed + number)
+
+    fine, coarse = judged(dt), judged(2 * dt)
+    step_error = abs(float(fine.mean[0] - coarse.mean[0]))
+    step, first = (2 * dt, coarse) if step_error <= PRECISION * abs(float(fine.mean[0])) else (dt, fine)
     on_progress(2, 4)
-    coarse = judge_at(FidelityLevel("", scene, 2 * dt, "float64"), gaits, many, seed)
+    robust = judge_until(
+        lambda number: judged(step, number) if number else first,
+        with_robots(problem.fitness, robots).rollouts,
+        problem.fitness.caution,
+        lambda each: standard_error(each[0]) <= PRECISION * abs(float(each.mean())),
+    )
     on_progress(3, 4)
     other = contact_twin(scene)
     level = FidelityLevel("", other, default_step(other, default_method(other)), "float32")
-    few = problem._replace(fitness=with_robots(problem.fitness, min(robots, OTHER_MODEL_ROBOTS)))
-    seen = judge_at(level, gaits, few, seed)
+    seen = judge_at(level, gaits, some, seed)
     on_progress(4, 4)
-    return Verdict(verified, fine, abs(float(fine.mean[0] - coarse.mean[0])), seen)
+    return Verdict(verified, robust, step, step_error, seen)

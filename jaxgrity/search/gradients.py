@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.scipy.special import ndtri
+from jaxtyping import Float
 
 from jaxgrity.core.types import AnyArray, FinalPositions, PerGait, Phases, Scalar, State, Vectors
 from jaxgrity.model.actuation import Gait
@@ -115,15 +116,15 @@ def _divide(count: int) -> tuple[int, int]:
 
 
 class Gradient(NamedTuple):
-    """An estimate of a gradient."""
+    """An estimate of a gradient; of several at once, each array has a row for each."""
 
-    value: Scalar
+    value: AnyArray | float
     """of what it is the gradient of, in the mean over the rollouts that it took"""
     mean: AnyArray
     """(genes,), per turn of the circle or per width of the bounds"""
-    noise: Scalar
+    noise: AnyArray
     """squared standard error of `mean`, summed over the genes; NaN where there is none"""
-    scale: Scalar | float = 1.0
+    scale: AnyArray | float = 1.0
     """of the fitness among the rollouts: without it, steps weigh alike on steep and on flat ground"""
 
 
@@ -142,25 +143,34 @@ def combine(smoothed: Gradient, pathwise: Gradient) -> tuple[Gradient, Scalar]:
 
 
 @eqx.filter_jit
-def smoothed_gradient(key, genes, task: ClimbTask, ahead: Scalar, samples: int, robots: int) -> Gradient:
+def smoothed_gradients(
+    key, genes: Float[AnyArray, "starts genes"], task: ClimbTask, ahead: Scalar, samples: int, robots: int
+) -> Gradient:
     """g = c mean of (u(x + s e) - u(x - s e))/(2 s) e over pairs of perturbed gaits, e normal; u are their utilities.
+
+    Of every row of genes, whose gaits are rolled out side by side in one call.
 
     Each gait has the fitness of an ensemble of `robots`; all meet the same draws, given which the noise is. Fitness
     counts by its rank: good gaits lie close to cliffs, and one robot that falls off would outweigh all others. Of many
     gaits with linear fitness g is the gradient; of 12 it is an eighth longer, in the mean.
     """
     drawn, disturbed = jax.random.split(key)
-    e = jax.random.normal(drawn, (samples // 2, genes.size), genes.dtype)
+    starts, size = genes.shape
+    e = jax.random.normal(drawn, (starts, samples // 2, size), genes.dtype)
     scene, genome, _, fitness = task.problem
-    perturbed = genome.bounded(genes + task.width * jnp.concatenate([e, -e]))
-    gaits = genome.gaits(scene.gait, perturbed)
+    perturbed = genome.bounded(genes[:, None] + task.width * jnp.concatenate([e, -e], axis=1))
+    gaits = genome.gaits(scene.gait, perturbed.reshape(-1, size))
     scores = judge(disturbed, scene, gaits, ahead, task.options, with_robots(fitness, robots))
-    utility, scale = utilities(scores.fitness)
-    plus, minus = jnp.split(scale * utility, 2)
-    slope = (plus - minus) / (2 * task.width)
-    mean, noise = _mean_and_noise(slope[:, None] * e)
-    known = scale > 0
-    return Gradient(_mean(scores.fitness), mean, jnp.where(known, noise, jnp.nan), jnp.where(known, scale, 1))
+
+    def estimate(fitness, e):
+        utility, scale = utilities(fitness)
+        plus, minus = jnp.split(scale * utility, 2)
+        slope = (plus - minus) / (2 * task.width)
+        mean, noise = _mean_and_noise(slope[:, None] * e)
+        known = scale > 0
+        return Gradient(_mean(fitness), mean, jnp.where(known, noise, jnp.nan), jnp.where(known, scale, 1))
+
+    return jax.vmap(estimate)(scores.fitness.reshape(starts, samples), e)
 
 
 def utilities(fitness: PerGait) -> tuple[PerGait, Scalar]:

@@ -1,9 +1,11 @@
 """What makes one gait better than another: an objective for one rollout, and the fitness of an ensemble of them."""
 
 from abc import abstractmethod
+from collections.abc import Callable
 from typing import ClassVar, NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
@@ -240,8 +242,35 @@ def judge(key, scene: Scene, gaits: Gait, duration: Scalar, options: ResolvedOpt
     if not fitness.uncertainty.none:
         gaits, differences = ensemble(key, scene, gaits, fitness.uncertainty, fitness.robots)
     outcomes = roll_out(scene, gaits, duration, options, differences, with_metrics=fitness.needs_metrics)
-    each = fitness.worth(scene, outcomes, duration).reshape(-1, fitness.rollouts)
+    return scored(fitness.worth(scene, outcomes, duration).reshape(-1, fitness.rollouts), fitness.caution)
+
+
+def scored(each: Float[AnyArray, "population robots"], caution: float) -> Scores:
+    """The scores of gaits of whose ensembles every robot was worth so much."""
     failed = ~jnp.isfinite(each).all(1)
     mean, spread = each.mean(1), each.std(1)
-    worth = jnp.where(failed, -jnp.inf, mean - fitness.caution * spread)
+    worth = jnp.where(failed, -jnp.inf, mean - caution * spread)
     return Scores(worth, mean, spread, failed, each)
+
+
+def judge_until(
+    judged: Callable[[int], Scores], robots: int, caution: float, enough: Callable[[np.ndarray], bool]
+) -> Scores:
+    """Scores over more and more robots: `judged(k)` for k = 0, 1, ..., until `enough(each)`, or there are so many.
+
+    Every round has other draws. Of a round's robots the second half has the opposite draws of the first; it is so in
+    what comes back too.
+    """
+    found = jax.tree.map(np.asarray, judged(0))
+    rounds = [found.each.reshape(len(found.each), 2 - found.each.shape[1] % 2, -1)]
+    while found.each.shape[1] < robots and not enough(found.each):
+        rounds.append(np.asarray(judged(len(rounds)).each).reshape(rounds[0].shape))
+        each = np.concatenate(rounds, axis=2)
+        found = jax.tree.map(np.asarray, scored(each.reshape(len(each), -1), caution))
+    return found
+
+
+def standard_error(each: PerGait) -> float:
+    """Of the mean over robots whose second half has the opposite draws of the first, so that pairs are independent."""
+    pairs = np.asarray(each.reshape(2, -1).mean(0) if each.size % 2 == 0 else each)
+    return float(pairs.std(ddof=1) / np.sqrt(pairs.size)) if pairs.size > 1 else np.inf

@@ -41,7 +41,7 @@ from jaxgrity.stepping.options import resolve
 
 UNSEEN = 10**6
 """added to the seed of the last judgement, whose draws nothing was chosen by"""
-PROMOTED = 4
+PROMOTED = 2
 """times as many robots as in a generation judge them there"""
 
 Stage = Literal["evolving", "promoting", "polishing", "verifying"]

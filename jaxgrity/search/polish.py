@@ -8,8 +8,8 @@ Each climb has the same share of the rollouts. Each of its steps is a gradient, 
 mean objective at a horizon: as far ahead as the measured sensitivity of the start stays below
 `PolishConfig.largest_sensitivity`, in the first half of the steps half way there. Where it does not let them look past
 the first period of full actuation they are not used; a combined polish climbs by smoothed gradients then. In the end
-the first of all starts and the best of all ends are judged by one ensemble of `PolishConfig.final_robots`, and the
-better one is kept, however little better.
+the first of all starts and the best of all ends are judged by the same robots, until it is clear which is better, or by
+`PolishConfig.final_robots`; the better one is kept, however little better.
 """
 
 from collections.abc import Callable
@@ -28,13 +28,19 @@ from jaxgrity.rollout.population import one_gait
 from jaxgrity.search.climb import Climb, ClimbStep, OneGait, Route, climb, one_period
 from jaxgrity.search.genetic_algorithm import SearchProblem
 from jaxgrity.search.gradients import ClimbTask
-from jaxgrity.search.objectives import Scores, judge, with_robots
+from jaxgrity.search.objectives import Scores, judge, judge_until, standard_error, with_robots
 from jaxgrity.search.polish_config import PolishConfig, budget, check_polish, cost_of_gradient
 from jaxgrity.stepping.options import Options, ResolvedOptions, SolverOptions, resolve
 from jaxgrity.trust.sensitivity import Sensitivity, sensitivity
 
 FOR_CLIMBS, FOR_COMPARISON, FOR_THE_END = range(3)
 """what random numbers are drawn for: none twice in one polish"""
+ROUND = 64
+"""robots by which the best start and the best end are judged at once"""
+CLEAR = 3.0
+"""standard errors by which one of both has to be better, for no more robots to be asked"""
+ALIKE = 0.005
+"""share of the fitness: nor are more asked where the standard error of the difference is within it"""
 
 
 class Polished(NamedTuple):
@@ -145,8 +151,7 @@ def _resolved(
 def _gain(before: Scores, after: Scores) -> str:
     """In words, with two standard errors of the difference of the means, whose draws come in pairs."""
     gain = after.each[0] - before.each[0]
-    pairs = gain.reshape(2, -1).mean(0) if gain.size % 2 == 0 else gain
-    error = f" ± {2 * pairs.std(ddof=1) / np.sqrt(pairs.size):.2g}" if pairs.size > 1 else ""
+    error = f" ± {2 * standard_error(gain):.2g}" if gain.size > 1 else ""
     over = f" over {gain.size} robots" if gain.size > 1 else ""
     difference = float(after.fitness[0] - before.fitness[0])
     outcome = "the polished gait is kept" if difference > 0 else "the gait is kept as it was"
@@ -192,7 +197,9 @@ def _climb_all(
     fitness, duration = task.problem.fitness, task.problem.duration
     costs = [cost_of_gradient(config, fitness, route.kind, route.horizon / duration) for route in routes]
     each, comparison = budget(config, fitness, costs)
-    climbs = [climb(task, config, route, each, _key(seed, FOR_CLIMBS, k), on_step) for k, route in enumerate(routes)]
+    climbs = []
+    for number, alike in enumerate(_side_by_side(routes)):
+        climbs += climb(task, config, alike, each, _key(seed, FOR_CLIMBS, number), on_step)
     spent = sum(done.cost for done in climbs) + comparison
     if len(routes) == 1:
         return climbs[0], spent
@@ -202,13 +209,30 @@ def _climb_all(
     return climbs[int(jnp.argmax(scores.fitness))], spent
 
 
+def _side_by_side(routes: list[Route]) -> list[list[Route]]:
+    """Smoothed climbs all at once; others one by one, since each looks ahead as far as its start allows."""
+    smoothed = [route for route in routes if route.kind == "smoothed"]
+    return [group for group in (smoothed, *([route] for route in routes if route.kind != "smoothed")) if group]
+
+
 def _before_and_after(
     problem: SearchProblem, start: OneGait, end: OneGait, options: ResolvedOptions, config: PolishConfig, seed: int
 ) -> list[Scores]:
     """The scores of the best start and the best end by one ensemble, one row each."""
     pair = np.stack([start, end])
-    judged = _judge_genes(_key(seed, FOR_THE_END), problem, pair, options, config.final_robots)
-    return [jax.tree.map(lambda x, k=k: np.asarray(x)[k : k + 1], judged) for k in (0, 1)]
+    some = min(config.final_robots, ROUND)
+
+    def judged(number: int) -> Scores:
+        return _judge_genes(_key(seed, FOR_THE_END, number), problem, pair, options, some)
+
+    def clear(each: np.ndarray) -> bool:
+        gain = each[1] - each[0]
+        error = standard_error(gain)
+        return bool(abs(gain.mean()) > CLEAR * error or error <= ALIKE * abs(each.mean()))
+
+    robots = with_robots(problem.fitness, config.final_robots).rollouts
+    found = judge_until(judged, robots, problem.fitness.caution, clear)
+    return [jax.tree.map(lambda x, k=k: x[k : k + 1], found) for k in (0, 1)]
 
 
 def _judge_genes(key, problem: SearchProblem, genes, options: ResolvedOptions, robots: int) -> Scores:

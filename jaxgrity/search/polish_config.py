@@ -32,7 +32,7 @@ class PolishConfig(NamedTuple):
     comparison_robots: int = 64
     """in the ensemble by which the ends of all climbs are compared"""
     final_robots: int = 256
-    """in the ensemble by which the best start and the best end are judged"""
+    """by which the best start and the best end are judged, at most"""
     largest_sensitivity: float = 3.0
     """m/rad: beyond it a pathwise gradient describes less than a step's length of the landscape"""
 

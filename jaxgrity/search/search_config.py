@@ -59,7 +59,7 @@ class SearchConfig:
     polish_gaits: int = 4
     """how many of the best gaits are polished"""
     dt: float | None = None
-    """step of the scene's own model, s; verification is at half of it and below; None: the scene decides"""
+    """step of the scene's own model, s; verification is at it and below, as errors ask; None: the scene decides"""
     seed: int = 0
     """the same seed gives the same search"""
 

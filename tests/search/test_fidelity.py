@@ -36,6 +36,7 @@ from jaxgrity import (
     search_levels,
     with_robots,
 )
+from jaxgrity.search.objectives import judge_until, scored, standard_error
 
 SLOPE = 0.1
 STROKES = Gait((0,), [-np.pi / 2], [0.3], [1.0], start=0.0, ramp=0.25)
@@ -160,10 +161,30 @@ def test_populations_of_two_sizes_are_refused(two_levels):
         evolve_through(*two_levels, configs)
 
 
+@pytest.mark.parametrize("robots", [8, 20])
+def test_robots_are_asked_until_it_is_enough(robots):
+    """In rounds of four, whose second halves have the opposite draws of the first, as have those of all of them."""
+    draws = np.random.default_rng(0).normal(size=(5, 1, 2))
+    asked = []
+
+    def judged(number):
+        asked.append(number)
+        return scored(np.concatenate([1 + draws[number], 1 - draws[number]], axis=1), 0.5)
+
+    scores = judge_until(judged, robots, 0.5, lambda each: each.size >= 12)
+    assert asked == list(range(min(robots, 12) // 4))
+    first, second = scores.each.reshape(2, -1)
+    np.testing.assert_allclose(first + second, 2)
+    assert standard_error(scores.each[0]) == pytest.approx(0, abs=1e-12)
+    assert_same(scores, scored(scores.each, 0.5))
+
+
 @pytest.mark.slow
-def test_the_final_verdict_is_made_of_what_it_says():
-    """Its numbers are those of verification, of ensembles at the same and at twice the step, and of the other model;
-    they agree with each other as far as they say, and go into a JSON file."""
+@pytest.mark.parametrize(("precision", "factor"), [(0.0, 1), (1.0, 2)])
+def test_the_final_verdict_is_made_of_what_it_says(precision, factor, monkeypatch):
+    """Its numbers are those of verification, of ensembles at the step or at twice that, as closely as is asked for, and
+    of the other model; they agree with each other as far as they say, and go into a JSON file."""
+    monkeypatch.setattr("jaxgrity.search.fidelity.PRECISION", precision)
     scene, dt = sled(), 5e-3
     problem = SearchProblem(scene, Genome(1), 1.0, Fitness(Distance(), Uncertainty(friction=0.1), robots=2))
     heard = []
@@ -171,7 +192,7 @@ def test_the_final_verdict_is_made_of_what_it_says():
     verdict = final_verdict(problem, scene.gait, dt=dt, robots=4, seed=3, on_progress=tell)
     assert heard == [(done, 4) for done in range(5)]
     distance, robust = verdict.verified.distance[0], verdict.robust.each[0]
-    assert verdict.verified.steps == (dt, dt / 2, dt / 4)
+    assert verdict.verified.steps == (factor * dt, factor * dt / 2, factor * dt / 4)
     assert 0 < verdict.verified.error_bar[0] < distance
     assert robust.dtype == np.float64
     assert robust.shape == (4,)
@@ -181,7 +202,8 @@ def test_the_final_verdict_is_made_of_what_it_says():
     gaits = as_population(scene.gait)
     four = problem._replace(fitness=with_robots(problem.fitness, 4))
     fine, coarse = (judge_at(FidelityLevel("", scene, h, "float64"), gaits, four, 3) for h in (dt, 2 * dt))
-    assert_same(verdict.robust, fine)
+    assert_same(verdict.robust, fine if factor == 1 else coarse)
+    assert verdict.robust_step == factor * dt
     assert verdict.step_error == abs(fine.mean[0] - coarse.mean[0])
     assert 0 < verdict.step_error < robust.mean() / 10
 
@@ -199,8 +221,10 @@ def test_the_final_verdict_is_made_of_what_it_says():
     assert summary["robust"] == {
         "mean": robust.mean(),
         "standard_deviation": robust.std(),
+        "standard_error": robust.reshape(2, -1).mean(0).std(ddof=1) / np.sqrt(2),
         "tenth_percentile": np.quantile(robust, 0.1),
         "robots": 4,
+        "step": factor * dt,
         "step_error": verdict.step_error,
     }
     assert summary["other_contact_model"] == {"mean": float(other.mean()), "standard_deviation": float(other.std())}

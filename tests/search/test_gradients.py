@@ -27,7 +27,7 @@ from jaxgrity import (
     resolve,
     simulate,
 )
-from jaxgrity.search.gradients import ClimbTask, Gradient, combine, pathwise_gradient, smoothed_gradient, utilities
+from jaxgrity.search.gradients import ClimbTask, Gradient, combine, pathwise_gradient, smoothed_gradients, utilities
 
 DT = 5e-4
 # (where in the scene, name): each is varied by a factor, so that all derivatives are metres.
@@ -143,7 +143,8 @@ def test_smoothed_and_pathwise_gradients_agree(exact):
     problem = SearchProblem(as_dtype(exact, "float64"), Genome(6), 2.0, Fitness())
     task = ClimbTask(problem, options, width=1e-3)
     genes = jax.numpy.asarray(random_phases(1, 6, seed=7)[0] / (2 * np.pi))
-    smoothed = smoothed_gradient(jax.random.key(0), genes, task, np.asarray(2.0), 512, 1)
+    row = smoothed_gradients(jax.random.key(0), genes[None], task, np.asarray(2.0), 512, 1)
+    smoothed = jax.tree.map(lambda x: x[0], row)
     pathwise = pathwise_gradient(jax.random.key(0), genes, task, 2.0, 4)
     assert float(pathwise.noise) < 1e-20
     assert float(smoothed.value) == pytest.approx(float(pathwise.value), abs=1e-4)

@@ -17,7 +17,7 @@ from jaxgrity import (
     polish,
     random_phases,
 )
-from jaxgrity.search.gradients import smoothed_gradient
+from jaxgrity.search.gradients import smoothed_gradients
 
 OPTIONS = SolverOptions(dt=1e-2)
 ROBUST = Fitness(uncertainty=Uncertainty(phase=0.03), robots=4)
@@ -110,10 +110,10 @@ def test_climbs_keep_their_precision(brisk, kind, monkeypatch):
     found = []
 
     def watched(*arguments):
-        found.append(smoothed_gradient(*arguments))
+        found.append(smoothed_gradients(*arguments))
         return found[-1]
 
-    monkeypatch.setattr("jaxgrity.search.climb.smoothed_gradient", watched)
+    monkeypatch.setattr("jaxgrity.search.climb.smoothed_gradients", watched)
     polished(brisk, SMALL._replace(kind=kind, rollouts=300))
     assert len(found) > 1
     assert {leaf.dtype for gradient in found for leaf in gradient} == {np.dtype("float32")}
