@@ -50,14 +50,6 @@ def tolerances(problem: Problem, name: str) -> tuple[float, float]:
 
 FAST = [("spring and mass", "rk4"), ("spring and mass", "tsit5"), ("bounce", "rk4"), ("block sliding, smooth", "rk4")]
 """what is tried of each kind where time is short"""
-LONG_TO_COMPILE = {
-    "dopri8": ("spring and mass", "free fall", "driven strut", "cable snap", "block sliding, smooth"),
-    "kvaerno3": ("spring and mass", "drag", "conical pendulum", "bounce", "block sliding, switch"),
-    "kvaerno5": ("spring and mass", "damped oscillator", "cable snap", "block creeping", "block sticking, switch"),
-}
-"""methods that do not get all problems, which differ in their forces, of which no method knows: a smooth motion by all
-three, then each problem by one of them at least, contact, cables and friction among each one's"""
-assert set().union(*LONG_TO_COMPILE.values()) == set(PROBLEMS)
 
 
 @pytest.mark.parametrize(
@@ -66,7 +58,7 @@ assert set().union(*LONG_TO_COMPILE.values()) == set(PROBLEMS)
         pytest.param(title, name, marks=() if (title, name) in FAST else pytest.mark.slow)
         for title in PROBLEMS
         for name in METHODS
-        if name != "complementarity" and title in LONG_TO_COMPILE.get(name, PROBLEMS)
+        if name != "complementarity"
     ],
 )
 def test_motion_and_its_derivative_are_the_exact_ones(title, name):
