@@ -15,7 +15,7 @@ from jaxgrity.model.contact_twin import contact_twin, exact_twin
 from jaxgrity.model.scene import Scene, as_dtype
 from jaxgrity.rollout.population import as_population
 from jaxgrity.search.genetic_algorithm import Evolution, GAConfig, SearchProblem, SearchState, begin, evolve
-from jaxgrity.search.objectives import Scores, judge, judge_until, standard_error, with_robots
+from jaxgrity.search.objectives import ROUND, Scores, judge, judge_until, standard_error, with_robots
 from jaxgrity.stepping.options import SolverOptions, resolve
 from jaxgrity.stepping.stability import default_method, default_step, strictest
 from jaxgrity.trust.error_bars import Verified, verify
@@ -24,8 +24,6 @@ SCREENING_STEP = 0.01
 """s, of complementarity stepping: gaits rank at it as they do at half of it"""
 PRECISION = 0.01
 """share of a gait's worth to which the last judgement tells it"""
-ROUND = 64
-"""robots that are rolled out at once there"""
 
 
 class FidelityLevel(NamedTuple):

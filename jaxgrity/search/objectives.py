@@ -19,6 +19,8 @@ from jaxgrity.rollout.population import Outcomes, roll_out
 from jaxgrity.rollout.uncertainty import Uncertainty, ensemble
 from jaxgrity.stepping.options import ResolvedOptions
 
+ROUND = 64
+"""robots by which the last judgements begin, and of which more are added by as many"""
 BEYOND_BOUNDS = 1e3
 """the least loss of a gait that exceeds a bound on its actuators; it loses more, the further it exceeds it"""
 

@@ -28,15 +28,13 @@ from jaxgrity.rollout.population import one_gait
 from jaxgrity.search.climb import Climb, ClimbStep, OneGait, Route, climb, one_period
 from jaxgrity.search.genetic_algorithm import SearchProblem
 from jaxgrity.search.gradients import ClimbTask
-from jaxgrity.search.objectives import Scores, judge, judge_until, standard_error, with_robots
+from jaxgrity.search.objectives import ROUND, Scores, judge, judge_until, standard_error, with_robots
 from jaxgrity.search.polish_config import PolishConfig, budget, check_polish, cost_of_gradient
 from jaxgrity.stepping.options import Options, ResolvedOptions, SolverOptions, resolve
 from jaxgrity.trust.sensitivity import Sensitivity, sensitivity
 
 FOR_CLIMBS, FOR_COMPARISON, FOR_THE_END = range(3)
 """what random numbers are drawn for: none twice in one polish"""
-ROUND = 64
-"""robots by which the best start and the best end are judged at once"""
 CLEAR = 3.0
 """standard errors by which one of both has to be better, for no more robots to be asked"""
 ALIKE = 0.005
