@@ -3,7 +3,10 @@ PYTHON ?= python3
 BIN := .venv/bin
 TESTS := $(BIN)/python -m pytest --numprocesses auto --dist worksteal
 
-.PHONY: gait paper check test lint bench measure clean
+.PHONY: install gait paper check test lint bench measure clean
+
+# The library and its command, .venv/bin/jaxgrity.
+install: .venv/.installed
 
 # Evolves, polishes and verifies a rolling gait: results/gait_search/index.html.
 gait: .venv/.installed

@@ -18,9 +18,6 @@ FUNCTIONS = {
     if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
 }
 """all functions and methods, inner ones too"""
-EXPERIMENTS = PACKAGE.parent / "experiments"
-PUBLIC_MODULES = ("jaxgrity.cli.", "jaxgrity.io.files", "jaxgrity.report.plot")
-"""beside the names that the package itself has (docs/design.md)"""
 STUB = ast.parse((PACKAGE / "__init__.pyi").read_text())
 
 LONGEST_MODULE, MEDIAN_MODULE, LONGEST_FUNCTION = 300, 150, 60
@@ -91,19 +88,6 @@ def test_imports_stand_at_the_top():
     """So that what a module needs can be seen, and circles cannot hide."""
     kinds = ast.Import | ast.ImportFrom
     assert not [name for name, node in FUNCTIONS.items() if any(isinstance(x, kinds) for x in ast.walk(node))]
-
-
-def test_experiments_import_what_is_public():
-    """Names of the package, its commands, and the modules for files and figures; nothing else of it."""
-    for path in sorted(EXPERIMENTS.rglob("*.py")):
-        for node in ast.walk(ast.parse(path.read_text())):
-            if isinstance(node, ast.Import):
-                assert all(not name.name.startswith("jaxgrity.") for name in node.names), path
-            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("jaxgrity"):
-                if node.module == "jaxgrity":
-                    assert {name.name for name in node.names} <= set(names_listed()), path
-                else:
-                    assert node.module.startswith(PUBLIC_MODULES), (path, node.module)
 
 
 def test_every_module_says_what_it_is():

@@ -19,9 +19,8 @@ from engines import Engine, Others, engines
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
-from jaxgrity import InputError, load_scene, random_phases
+from jaxgrity import InputError, load_scene, plot, random_phases
 from jaxgrity.io.files import save_json
-from jaxgrity.report.plot import save
 
 STEPS = {"rk4": 5e-4, "complementarity": 5e-3, "limit": 5e-4, "exact": 5e-3, "mujoco Euler": 1e-3}
 """s; engines without one here are left out"""
@@ -71,7 +70,7 @@ def main(settings: Settings) -> None:
     facts = {"processor": processor(), "versions": versions, "duration": settings.duration, "rows": rows}
     save_json(settings.out / "bench.json", {**measured(), **facts})
     print(table(facts))
-    save(figure(facts), settings.out / "bench.png")
+    plot.save(figure(facts), settings.out / "bench.png")
     print(
         f"wrote {settings.out}/bench.json and bench.png ({time.perf_counter() - began:.0f} s since this command began)"
     )

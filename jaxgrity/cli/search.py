@@ -97,7 +97,7 @@ class SearchSettings:
     restart: bool = False
     """begin again where the folder holds an unfinished search"""
     quick: bool = False
-    """a small search that ends within a minute: 4 s at most, 16 gaits, 3 generations, 128 rollouts of polish"""
+    """a small search, mostly compilation: 4 s at most, 16 gaits, 3 generations, 128 rollouts of polish"""
 
     @property
     def config(self) -> SearchConfig:

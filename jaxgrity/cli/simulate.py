@@ -25,6 +25,9 @@ from jaxgrity.trust.trust_report import TrustReport, diagnose
 
 Result = TypeVar("Result")
 
+LEFT = ("summary.json", "trajectory.npz", "path.png", "members.png", "outcomes.png")
+"""what this command leaves; none of an earlier run stays beside those of a later one"""
+
 
 @dataclass
 class SimulateSettings:
@@ -62,6 +65,8 @@ def main(settings: SimulateSettings) -> None:
     scene = chosen_scene(settings.scene, settings.gait)
     print(scene.describe(), flush=True)
     duration = min(settings.duration, 2.0) if settings.quick else settings.duration
+    for left in LEFT:
+        (settings.out / left).unlink(missing_ok=True)
     if settings.gaits is None:
         summary = single(scene, duration, settings)
     else:

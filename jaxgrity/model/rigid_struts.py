@@ -2,6 +2,7 @@
 
 from typing import ClassVar
 
+import jax
 import numpy as np
 
 from jaxgrity.model.actuation import Gait, rest_length
@@ -37,7 +38,9 @@ class RigidStruts(Constraint):
         return rows
 
     def violation(self, q):
-        lengths, wanted = edge_lengths(q, self.struts.edges), np.asarray(rest_length(self.struts, self.gait, 0.0, 0))
+        with jax.enable_x64(True):
+            wanted = np.asarray(rest_length(self.struts, self.gait, 0.0, 0))
+        lengths = edge_lengths(q, self.struts.edges)
         strut = int(np.argmax(np.abs(lengths - wanted)))
         if abs(lengths[strut] - wanted[strut]) <= LARGEST_GAP:
             return ""

@@ -26,6 +26,7 @@ from jaxgrity import (
     search_gaits,
     with_gait,
 )
+from jaxgrity.search.objectives import standard_error
 
 pytestmark = pytest.mark.slow
 
@@ -133,7 +134,8 @@ def test_a_search_ends_with_a_verified_gait(exact, config, whole):
     assert result.agreement.fitness.shape == (3, result.agreement.evolved + 16)
     verified, robust = result.verdict.verified, result.verdict.robust.each[0]
     assert 0 < verified.error_bar[0] < 0.1
-    assert robust.shape == (256,)
+    assert robust.size in (64, 128, 192, 256)
+    assert robust.size == 256 or standard_error(robust) <= 0.01 * abs(robust.mean())
     # to the left, as its robots get in the mean: the phases of each are a little off
     moved = (verified.com_end - verified.com_start)[0, 1]
     assert robust.min() < moved < robust.max()

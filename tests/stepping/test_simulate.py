@@ -1,5 +1,8 @@
 """Rollouts: where they start, when they are saved, and what is refused before anything compiles."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
@@ -51,3 +54,14 @@ def test_frames_go_from_the_start_to_the_end(duration, rate, frames):
     assert len(times) == frames
     assert (times[0], times[-1]) == (0, duration)
     np.testing.assert_allclose(np.diff(times), duration / (frames - 1), rtol=1e-12)
+
+
+@pytest.mark.slow
+def test_without_float64_rollouts_are_in_float32(tmp_path):
+    """After a description too, which takes float64 for a while; nothing warns."""
+    code = (
+        "import jaxgrity; scene = jaxgrity.load_scene('exact'); scene.describe(); "
+        "motion = jaxgrity.simulate(scene, 0.1); print(motion.failed, motion.positions.dtype)"
+    )
+    done = subprocess.run([sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, cwd=tmp_path)
+    assert done.stdout == "False float32\n", done.stderr
