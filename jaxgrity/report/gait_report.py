@@ -100,7 +100,8 @@ def write_report(result: SearchResult, origin: Origin, folder: Path, on_progress
     measured = time.perf_counter()
     draw(result, trust, folder, on_progress)
     drawn = time.perf_counter()
-    seconds = {**result.seconds, "measuring": measured - began, "animating": drawn - measured}
+    seconds = {str(stage): spent for stage, spent in result.seconds.items()}
+    seconds |= {"measuring": measured - began, "animating": drawn - measured}
     summary = {
         **gait,
         "fidelity": agreement_facts(result.agreement),
