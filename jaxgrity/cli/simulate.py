@@ -65,8 +65,6 @@ def main(settings: SimulateSettings) -> None:
     scene = chosen_scene(settings.scene, settings.gait)
     print(scene.describe(), flush=True)
     duration = min(settings.duration, 2.0) if settings.quick else settings.duration
-    for left in LEFT:
-        (settings.out / left).unlink(missing_ok=True)
     if settings.gaits is None:
         summary = single(scene, duration, settings)
     else:
@@ -91,6 +89,12 @@ def chosen_scene(scene: str, gait: str | None) -> Scene:
     if home is not None and Path(home).stem != Path(scene).stem:
         print(f"the gait {gait} was found on {home}")
     return found
+
+
+def forget_earlier(folder: Path) -> None:
+    """Take away what an earlier run left; called once there is something new, for a refused run has no result."""
+    for left in LEFT:
+        (folder / left).unlink(missing_ok=True)
 
 
 def timed(function: Callable[[], Result], bars: Bars) -> tuple[Result, float, float]:
@@ -118,6 +122,7 @@ def single(scene: Scene, duration: float, settings: SimulateSettings) -> dict[st
     options, out = settings.options, settings.out
     with Bars() as bars:
         trajectory, wall, compilation = timed(lambda: simulate(scene, duration, options=options), bars)
+    forget_earlier(out)
     path = centre_path(scene, trajectory)
     distance = float(np.hypot(*(path[-1] - path[0])[:2]))
     save_arrays(
@@ -162,6 +167,7 @@ def several(scene: Scene, phases: np.ndarray, duration: float, settings: Simulat
     with Bars() as bars:
         roll = lambda: simulate_population(scene, gaits, duration, options=options)  # noqa: E731
         outcomes, wall, compilation = timed(roll, bars)
+    forget_earlier(settings.out)
     failed, distance = np.asarray(outcomes.failure) != 0, np.asarray(outcomes.distance())
     figure = plot.outcomes_figure(np.asarray(outcomes.com_start), np.asarray(outcomes.com_end), failed)
     plot.save(figure, settings.out / "outcomes.png")

@@ -38,6 +38,7 @@ class RigidStruts(Constraint):
         return rows
 
     def violation(self, q):
+        # without it, JAX mixes up the precisions of NumPy's numbers where something else had x64 on for a while
         with jax.enable_x64(True):
             wanted = np.asarray(rest_length(self.struts, self.gait, 0.0, 0))
         lengths = edge_lengths(q, self.struts.edges)

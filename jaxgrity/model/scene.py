@@ -24,7 +24,7 @@ LAWS_OF_STRUCTURES = (StrutSprings, RigidStruts, CableSprings, NodeDamping, Stru
 KNOWN_LAWS = (*LAWS_OF_STRUCTURES, PenaltyContact, ExactContact, ContactDissipation)
 KNOWN_FRICTIONS = (SmoothFriction, SwitchFriction, ConeFriction)
 """with the laws: what `describe` lists as modelled or not"""
-MET = (RigidStruts, ExactContact, CoulombCone)
+CONSTRAINTS_MET = (RigidStruts, ExactContact, CoulombCone)
 """the constraints that complementarity stepping meets"""
 BOOKED_OTHERWISE = ("actuation", "impulse", "moment")
 """what the energy audit books beside the causes of dissipation"""
@@ -66,8 +66,8 @@ class Scene(eqx.Module):
                     "smooth friction and the switch with penalty contact"
                 )
         for law in self.constraints:
-            if type(law) not in MET:
-                known = ", ".join(kind.name for kind in MET)
+            if type(law) not in CONSTRAINTS_MET:
+                known = ", ".join(kind.name for kind in CONSTRAINTS_MET)
                 raise InputError(f"{law.name}: no method meets this constraint; expected one of {known}, or a force")
         if self.gait is not None:
             _check_gait(self.gait, self.structure.member_count)

@@ -15,6 +15,7 @@ from jaxgrity.core.types import AnyArray, AnyRows, Edges, PerMember, PerRow
 from jaxgrity.model.ground import Ground
 
 WITHOUT_GROUND = ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
+"""z, x and y: the axes that stand for a normal and two tangents where there is no ground"""
 
 
 class Vector(eqx.Module):
@@ -29,6 +30,7 @@ class Vector(eqx.Module):
 
     @property
     def parts(self) -> tuple[PerRow, PerRow, PerRow]:
+        """Its three components."""
         return self.normal, self.first, self.second
 
     def __add__(self, other: "Vector") -> "Vector":

@@ -59,8 +59,8 @@ class Complementarity(diffrax.AbstractSolver):
     slip, and 1 there.
 
     Velocities are read from trial impulses (see `ground_response.py`), none of which lets a node end a step below the
-    ground. A robot whose struts are off by more than `LARGEST_LENGTH_ERROR` of their lengths, or by more
-    than the tolerance, at the end of a step gets NaN.
+    ground. A robot whose struts are off by more than `LARGEST_LENGTH_ERROR` of their lengths, or by more than the
+    tolerance, at the end of a step gets NaN.
     """
 
     sweeps: int | None = eqx.field(static=True, default=None)

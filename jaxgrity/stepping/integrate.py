@@ -1,5 +1,7 @@
 """The equations of motion and a method for them, put into diffrax; and what became of a rollout."""
 
+import dataclasses
+
 import diffrax
 import jax
 import jax.numpy as jnp
@@ -29,7 +31,8 @@ def discretise(options: ResolvedOptions, lift: Lift = one_robot) -> tuple[diffra
     method = options.method
     solver = method.fixed() if options.dt is not None or method.adaptive is None else method.adaptive()
     if method.constrained:
-        solver = type(solver)(options.sweeps, options.strut_tolerance, lift)  # type: ignore[call-arg]
+        chosen = {"sweeps": options.sweeps, "tolerance": options.strut_tolerance, "lift": lift}
+        solver = dataclasses.replace(solver, **chosen)  # type: ignore[type-var]
     # jit, so that it is traced once for all its uses in a step
     return diffrax.ODETerm(jax.jit(lift(vector_field, (None, -1, "s")))), solver
 

@@ -111,6 +111,7 @@ def test_simulate_agrees_with_an_independent_program(jaxgrity, tmp_path):
 def test_simulate_one_rollout(jaxgrity, tmp_path):
     """With a gait of the library: it leaves its trajectory and its figures; what the scene chose is in the summary."""
     arguments = ("--gait", "rolling", "--duration", 1.5, "--method", "tsit5", "--out", tmp_path)
+    (tmp_path / "outcomes.png").write_bytes(b"of an earlier population")
     done = jaxgrity("simulate", "reference", *arguments)
     assert done.code == 0, done.errors
     assert "smooth friction" in done.out
@@ -125,6 +126,14 @@ def test_simulate_one_rollout(jaxgrity, tmp_path):
     assert "energy residual" in done.out
     assert (tmp_path / "path.png").exists()
     assert (tmp_path / "members.png").exists()
+    assert not (tmp_path / "outcomes.png").exists()
+
+
+def test_a_refused_rollout_leaves_earlier_results_alone(jaxgrity, tmp_path):
+    """They are taken away once there is something new."""
+    (tmp_path / "summary.json").write_text("{}")
+    assert jaxgrity("simulate", "reference", "--method", "euler", "--out", tmp_path).code == 2
+    assert (tmp_path / "summary.json").read_text() == "{}"
 
 
 @pytest.mark.slow

@@ -58,10 +58,13 @@ def test_frames_go_from_the_start_to_the_end(duration, rate, frames):
 
 @pytest.mark.slow
 def test_without_float64_rollouts_are_in_float32(tmp_path):
-    """After a description too, which takes float64 for a while; nothing warns."""
+    """After a description too, which takes float64 for a while; nothing warns. Bare phases are refused as gaits."""
     code = (
         "import jaxgrity; scene = jaxgrity.load_scene('exact'); scene.describe(); "
-        "motion = jaxgrity.simulate(scene, 0.1); print(motion.failed, motion.positions.dtype)"
+        "motion = jaxgrity.simulate(scene, 0.1); print(motion.failed, motion.positions.dtype)\n"
+        "try: jaxgrity.simulate_population(scene, [[0.0] * 6], 0.1)\n"
+        "except jaxgrity.InputError as error: print(error)"
     )
     done = subprocess.run([sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, cwd=tmp_path)
-    assert done.stdout == "False float32\n", done.stderr
+    refused = "gaits is a list; expected a population of gaits, as from gaits_of"
+    assert done.stdout.splitlines() == ["False float32", refused], done.stderr

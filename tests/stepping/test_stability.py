@@ -27,7 +27,7 @@ from jaxgrity.model.scene import with_gait
 from jaxgrity.stepping.methods import METHODS
 from jaxgrity.stepping.stability import limiting_part, linearise, stable_step, standing, strictest
 
-TRIED = np.array([0.5, 0.65, 0.8, 0.88, 1.09])
+TRIED = np.array([0.5, 0.65, 0.8, 0.899, 1.099])
 """steps, as multiples of the prediction: it is right to a tenth where the last of them alone is unstable"""
 
 
