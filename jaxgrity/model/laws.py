@@ -76,7 +76,7 @@ class Motion(NamedTuple):
     rates: VectorsByKind
     """d' = v_i - v_j, m/s, of those "struts" and "cables" that have dampers"""
     normal_force: PerNode | None
-    """F_n, N, by which the ground presses on each node, an input held fixed in dR/dv; None where it presses by no force"""
+    """F_n, N, with which the ground presses on each node, held fixed in dR/dv; None where it presses by no force"""
     at: Configuration
     """where"""
 
