@@ -3,7 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 TESTS := $(BIN)/python -m pytest --numprocesses auto --dist worksteal
 
-.PHONY: install gait paper check test lint bench measure clean
+.PHONY: install gait explore paper docs check test lint bench conformance validate measure clean
 
 # The library and its command, .venv/bin/jaxgrity.
 install: .venv/.installed
@@ -12,16 +12,27 @@ install: .venv/.installed
 gait: .venv/.installed
 	$(BIN)/python experiments/gait_search.py
 
+# A page on this machine whose sliders change a robot and its gait; SCENE=NAME or a scene file.
+explore: .venv/.installed
+	$(BIN)/jaxgrity explore $(SCENE)
+
 # Checks the claims of the paper behind the project: docs/paper.md.
 paper: .venv/.installed
 	$(BIN)/python experiments/paper.py
+
+# The documentation as a site, without a network but for what has to be installed: build/site/index.html.
+docs: .venv/.installed-docs
+	$(BIN)/python -m sphinx --fail-on-warning --keep-going --quiet -b html -c docs --doctree-dir .cache/doctrees . build/site
+	@echo "open build/site/index.html in a browser"
 
 # While one works: everything but the slow tests.
 check: lint
 	$(TESTS) -m "not slow"
 
+# The fast tests check the shapes of all arrays too; in the slow ones that would cost a quarter of the time.
 test: .venv/.installed-test
-	$(TESTS)
+	$(TESTS) -m "not slow"
+	$(TESTS) -m slow --jaxtyping-packages=
 
 lint: .venv/.installed-test
 	$(BIN)/ruff check .
@@ -33,23 +44,48 @@ lint: .venv/.installed-test
 bench: .venv/.installed
 	$(BIN)/python experiments/measurements/bench.py $(if $(LIMIT),--limit $(LIMIT))
 
-# Everything that the docs quote; more than an hour on 2 cores, which should have nothing else to do.
-MEASUREMENTS := error_bars stability equivalence stiff hard_cases gradients scaling
+# Every published or foreign answer that is known, beside ours: docs/conformance.md.
+conformance: .venv/.installed-test
+	$(BIN)/python experiments/measurements/conformance.py
+	$(BIN)/python experiments/docs_tables/update_docs.py
+
+# A measured robot beside its simulation: docs/validation.md.
+validate: .venv/.installed-test
+	$(BIN)/python experiments/measurements/validate.py
+	$(BIN)/python experiments/measurements/identify_spine.py
+	$(BIN)/python experiments/docs_tables/update_docs.py
+
+# Everything that the docs quote; some hours on 2 cores, which should have nothing else to do. LIMIT=FOLDER: C programs.
+MEASUREMENTS := error_bars stability equivalence stiff hard_cases gradients scaling conformance ntrt_structures \
+    orbits orbits_of_searches basin ranges robots_that_differ damage crash_recovery explorer_session stairs_energy \
+    tune_feedback steering goals environments validate identify_spine
+COMPARED := random CMA-ES GA GA+more GA+smoothed
 measure: .venv/.installed-test
 	for name in $(MEASUREMENTS); do $(BIN)/python experiments/measurements/$$name.py || exit 1; done
+	for contact in exact penalty; do $(BIN)/python experiments/measurements/feedback.py --contact $$contact || exit 1; done
 	$(BIN)/python experiments/measurements/work_precision.py --mujoco
-	$(BIN)/python experiments/measurements/benchmark.py --mujoco
+	$(BIN)/python experiments/measurements/benchmark.py --mujoco $(if $(LIMIT),--limit $(LIMIT))
+	$(BIN)/python experiments/measurements/third_opinions.py $(if $(LIMIT),--limit $(LIMIT))
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[baselines]'
+	$(BIN)/python experiments/baselines/lasting_baselines.py
+	$(BIN)/python experiments/baselines/search_baselines.py --scenes exact
+	$(BIN)/python experiments/baselines/search_baselines.py --scenes reference --methods $(COMPARED) --plain
 	$(BIN)/python experiments/docs_tables/update_docs.py
 
 clean:
-	rm -rf .venv .cache results build dist *.egg-info .pytest_cache .ruff_cache .mypy_cache .hypothesis
+	rm -rf .venv .cache results build dist docs/reference *.egg-info .pytest_cache .ruff_cache .mypy_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 .venv/.installed: pyproject.toml constraints.txt
+	@echo "installing jaxgrity and what it needs into .venv/: some minutes, once"
 	test -x $(BIN)/python || $(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable .
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[view,video]'
 	touch $@
 
 .venv/.installed-test: .venv/.installed
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[test]'
+	touch $@
+
+.venv/.installed-docs: .venv/.installed
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[docs]'
 	touch $@

@@ -1,15 +1,77 @@
 # The public interface of jaxgrity, in groups; `jaxgrity/__init__.py` imports each name when it is first used.
 
+from .control.closed_loop import Drive, Loop, drive, loop_start, roll_on, simulate_policy
+from .control.environment import Environment, EnvironmentState, environment
+from .control.feedback import PhaseLocked
+from .control.gymnasium_adapter import GymnasiumEnvironment
+from .control.motors import Motors, contraction_reached
+from .control.plant import Plant, PlantState, actuate, observe, plant_of, plant_start, side_by_side
+from .control.policies import OpenLoop, Policy
+from .control.predictive import Journey, Sampling, costs, lead_to
+from .control.sensors import Errors, Observation, Readings, Sensors, first_readings, measure, read
+from .control.steering import Steered, centre_offsets
+from .control.tasks import TASKS, Task, find_task, ground_of, task_start
 from .core import primitives
 from .core.errors import InputError
+from .formats.conversion import FORMATS, Format, read_any, write_any
+from .formats.foreign import Imported
+from .formats.matlab import read_matlab, save_matlab
+from .formats.meshes import save_mesh
+from .formats.mjcf_plan import mjcf_controls
+from .formats.mjcf_reading import read_mjcf
+from .formats.mjcf_writing import MuJoCoModel, mujoco_model, save_mjcf
+from .formats.ntrt import read_ntrt
+from .formats.spreadsheets import read_tables, save_tables
+from .formats.trajectories import save_trajectory
+from .identification.identify import Estimate, Identified, identify, misfit_of, profile_likelihood
+from .identification.measurements import (
+    MeasuredMotion,
+    MeasuredPoses,
+    Starts,
+    measured_motion,
+    measured_poses,
+    predicted,
+)
+from .identification.observations import (
+    SeenAngles,
+    SeenDistances,
+    SeenPositions,
+    SeenQuantity,
+    SeenTensions,
+    SeenTogether,
+)
+from .identification.parameters import Parameter, changed
+from .identification.posterior import posterior_robots, uncertainty_of
 from .io.gait_library import gait_facts, gait_names, gait_record, load_gait
 from .io.scene_files import load_scene, parse_scene, scene_names, scene_text
-from .model.actuation import Gait, Overtone, random_members, random_phases, rest_length
+from .io.scene_writing import save_scene
+from .model.actuation import Command, Gait, Overtone, random_members, random_phases, rest_length
+from .model.balls import ball
 from .model.catalogue import icosahedron, rest_on_face
 from .model.contact_twin import contact_twin, exact_twin, penalty_twin
+from .model.equilibrium import RestingShape, equilibrium_near, resting_shape
 from .model.example_scenes import prism_tower
+from .model.external import Push, Wind, wind
+from .model.force_laws import ForceLimit, ForceTable, force_limit, force_table
+from .model.form_finding import (
+    Statics,
+    equilibrium_matrix,
+    group_average,
+    nearest_tensegrity,
+    prestress,
+    prestress_stable,
+    rest_lengths,
+    shape_of_force_densities,
+    statics,
+    stress_matrix,
+    super_stable,
+)
 from .model.friction import ConeFriction, Friction, SmoothFriction, SwitchFriction
+from .model.geometry import Geometry
 from .model.ground import ExactGround, Ground, PenaltyGround
+from .model.height_fields import HeightFunction, HeightMap, Waves, bumps, height_map
+from .model.inertia import energy_of_motion, mass_matrix, mobility, momenta
+from .model.inspection import StructureReport, inspect_structure, member_forces
 from .model.laws import (
     Configuration,
     Constraint,
@@ -24,12 +86,28 @@ from .model.laws import (
     unchanged,
 )
 from .model.modal import equilibrium, natural_frequencies
+from .model.motors import Motor
+from .model.prestressed import prestressed
+from .model.prisms import prism, three_strut_robot, tower
+from .model.random_structures import random_tensegrity
 from .model.rigid_body import end_positions, end_velocities, inertia, rigid_kinetic_energy
-from .model.scene import Scene, as_dtype, with_gait, with_terms
+from .model.scene import Scene, as_dtype, body_length, with_gait, with_terms
+from .model.settled import Settled, settled
+from .model.shaking import Shaking, SupportMotion
+from .model.spines import planar_spine, tetrahedral_spine
+from .model.static_response import StaticResponse, static_response
+from .model.stiffness import sparse_mass_matrix, stiffness_matrix
 from .model.structure import Members, Structure, edge_lengths
+from .model.surface import Box, Cylinder, Frame, Slope, Sphere, Stairs, Surface, Union
 from .model.symmetry import gene_permutations, image, standing_symmetries, symmetries
-from .report import plot
+from .model.trusses import d_bar, grid, t_bar
+from .model.vibrations import Modes, vibration_modes
+from .model.waves import Wave, travelling_waves
+from .report import plot, view
 from .report.animation import animate
+from .report.view import Replay, Robot
+from .rollout.clearance import rod_depths
+from .rollout.forces import Forces, forces_along
 from .rollout.lanes import discretise_lanes, in_lanes, lanes_last, over_lanes, roll_out_lanes
 from .rollout.metrics import Metrics
 from .rollout.population import Outcomes, as_population, gaits_of, one_gait, roll_out, simulate_population
@@ -50,31 +128,34 @@ from .search.fidelity import (
 from .search.genetic_algorithm import Evolution, GAConfig, Generation, SearchProblem, SearchState, distinct, evolve
 from .search.genome import Genome
 from .search.gradients import checkpointed_end, distance_and_gradient, distances
+from .search.judging import Fitness, Scores, judge, with_robots, without_measuring
+from .search.models import Model, model_of, rough_step
 from .search.objectives import (
     OBJECTIVES,
     ActuatorBounds,
     CostOfTransport,
     Direction,
     Distance,
-    Fitness,
     Objective,
-    Scores,
     Speed,
+    SteadyDirection,
+    SteadySpeed,
+    SteadyTurn,
     Straightness,
-    body_length,
     find_objective,
-    judge,
+    path_bend,
     register_objective,
-    with_robots,
 )
 from .search.pipeline import Agreement, Progress, SearchResult, search_gaits
 from .search.polish import Polished, polish
 from .search.polish_config import PolishConfig, check_polish
-from .search.search_config import SearchConfig
+from .search.search_config import SearchConfig, ga_configs, search_problem
 from .stepping.dynamics import acceleration, centre_of_mass, smooth_force, vector_field
+from .stepping.final_state import final_state
 from .stepping.integrate import FAILURES, discretise, integrate
 from .stepping.methods import METHODS, Method, find_method, register_method
 from .stepping.options import ResolvedOptions, SolverOptions, resolve
+from .stepping.reactions import reactions
 from .stepping.simulate import Trajectory, centre_path, simulate
 from .stepping.stability import (
     StepLimit,
@@ -85,8 +166,11 @@ from .stepping.stability import (
     standing,
     step_limit,
 )
+from .trust.closed_orbits import ClosedOrbit, closed_orbit
 from .trust.energy_audit import EnergyAudit, energy_audit
 from .trust.error_bars import Verified, refinement_bar, verify
+from .trust.orbit_cycle import OrbitCycle, orbit_cycle
+from .trust.orbits import Orbit, Stability, find_orbit, refined_orbit, stability
 from .trust.sensitivity import Sensitivity, sensitivity
 from .trust.trust_report import TrustReport, diagnose
 
@@ -99,6 +183,7 @@ __all__ = [  # noqa: RUF022 in groups
     "load_gait",
     "load_scene",
     "parse_scene",
+    "save_scene",
     "scene_names",
     "scene_text",
     "Gait",
@@ -106,6 +191,8 @@ __all__ = [  # noqa: RUF022 in groups
     "random_members",
     "random_phases",
     "rest_length",
+    "Settled",
+    "settled",
     "icosahedron",
     "prism_tower",
     "rest_on_face",
@@ -119,6 +206,24 @@ __all__ = [  # noqa: RUF022 in groups
     "ExactGround",
     "Ground",
     "PenaltyGround",
+    "Box",
+    "Cylinder",
+    "Frame",
+    "HeightFunction",
+    "HeightMap",
+    "Slope",
+    "Sphere",
+    "Stairs",
+    "Surface",
+    "Union",
+    "Waves",
+    "Push",
+    "Wind",
+    "wind",
+    "Shaking",
+    "SupportMotion",
+    "bumps",
+    "height_map",
     "equilibrium",
     "natural_frequencies",
     "Scene",
@@ -126,12 +231,77 @@ __all__ = [  # noqa: RUF022 in groups
     "with_gait",
     "with_terms",
     "Members",
+    "Motor",
     "Structure",
+    "ForceLimit",
+    "ForceTable",
+    "force_limit",
+    "force_table",
     "edge_lengths",
+    "energy_of_motion",
+    "mass_matrix",
+    "mobility",
+    "momenta",
     "gene_permutations",
     "image",
     "standing_symmetries",
     "symmetries",
+    "travelling_waves",
+    # files of other programs
+    "FORMATS",
+    "Format",
+    "Imported",
+    "MuJoCoModel",
+    "mjcf_controls",
+    "mujoco_model",
+    "read_any",
+    "read_matlab",
+    "read_mjcf",
+    "read_ntrt",
+    "read_tables",
+    "save_matlab",
+    "save_mesh",
+    "save_mjcf",
+    "save_tables",
+    "save_trajectory",
+    "write_any",
+    # structures by formula
+    "Geometry",
+    "ball",
+    "prism",
+    "three_strut_robot",
+    "tower",
+    "random_tensegrity",
+    "planar_spine",
+    "tetrahedral_spine",
+    "d_bar",
+    "grid",
+    "t_bar",
+    # statics and vibrations: does it stand, how, and how stiffly
+    "RestingShape",
+    "equilibrium_near",
+    "resting_shape",
+    "Statics",
+    "equilibrium_matrix",
+    "group_average",
+    "nearest_tensegrity",
+    "prestress",
+    "prestress_stable",
+    "prestressed",
+    "rest_lengths",
+    "shape_of_force_densities",
+    "statics",
+    "stress_matrix",
+    "super_stable",
+    "StructureReport",
+    "inspect_structure",
+    "member_forces",
+    "StaticResponse",
+    "static_response",
+    "sparse_mass_matrix",
+    "stiffness_matrix",
+    "Modes",
+    "vibration_modes",
     # laws of one's own (docs/extending.md)
     "Configuration",
     "Constraint",
@@ -141,6 +311,7 @@ __all__ = [  # noqa: RUF022 in groups
     "Law",
     "Motion",
     "Symmetry",
+    "Wave",
     "member_names",
     "node_names",
     "primitives",
@@ -154,6 +325,9 @@ __all__ = [  # noqa: RUF022 in groups
     "simulate_population",
     "Rolling",
     "rolling",
+    "Forces",
+    "forces_along",
+    "rod_depths",
     "Differences",
     "Uncertainty",
     "differing",
@@ -168,7 +342,9 @@ __all__ = [  # noqa: RUF022 in groups
     "resolve",
     "Trajectory",
     "centre_path",
+    "final_state",
     "simulate",
+    "reactions",
     "StepLimit",
     "default_method",
     "default_step",
@@ -182,10 +358,83 @@ __all__ = [  # noqa: RUF022 in groups
     "Verified",
     "refinement_bar",
     "verify",
+    "ClosedOrbit",
+    "closed_orbit",
+    "Orbit",
+    "Stability",
+    "find_orbit",
+    "refined_orbit",
+    "OrbitCycle",
+    "orbit_cycle",
+    "stability",
     "Sensitivity",
     "sensitivity",
     "TrustReport",
     "diagnose",
+    # identification: parameters from measurements, and how sure they are
+    "Estimate",
+    "Identified",
+    "identify",
+    "misfit_of",
+    "profile_likelihood",
+    "MeasuredMotion",
+    "MeasuredPoses",
+    "Starts",
+    "measured_motion",
+    "measured_poses",
+    "predicted",
+    "SeenQuantity",
+    "SeenAngles",
+    "SeenDistances",
+    "SeenPositions",
+    "SeenTensions",
+    "SeenTogether",
+    "Parameter",
+    "changed",
+    "posterior_robots",
+    "uncertainty_of",
+    # control: feedback, steering, environments
+    "Policy",
+    "OpenLoop",
+    "PhaseLocked",
+    "Steered",
+    "centre_offsets",
+    "Command",
+    "Errors",
+    "Observation",
+    "Readings",
+    "Sensors",
+    "first_readings",
+    "measure",
+    "read",
+    "Motors",
+    "contraction_reached",
+    "Plant",
+    "PlantState",
+    "actuate",
+    "observe",
+    "plant_of",
+    "plant_start",
+    "side_by_side",
+    "Drive",
+    "Loop",
+    "drive",
+    "loop_start",
+    "roll_on",
+    "simulate_policy",
+    "Journey",
+    "costs",
+    "Sampling",
+    "lead_to",
+    "TASKS",
+    "Task",
+    "find_task",
+    "ground_of",
+    "task_start",
+    "Environment",
+    "EnvironmentState",
+    "environment",
+    "GymnasiumEnvironment",
     # search: gaits that roll
     "Checkpoint",
     "load_states",
@@ -207,6 +456,9 @@ __all__ = [  # noqa: RUF022 in groups
     "distinct",
     "evolve",
     "Genome",
+    "Model",
+    "model_of",
+    "rough_step",
     "OBJECTIVES",
     "ActuatorBounds",
     "CostOfTransport",
@@ -216,12 +468,17 @@ __all__ = [  # noqa: RUF022 in groups
     "Objective",
     "Scores",
     "Speed",
+    "SteadyDirection",
+    "SteadySpeed",
+    "SteadyTurn",
     "Straightness",
     "body_length",
     "find_objective",
+    "path_bend",
     "judge",
     "register_objective",
     "with_robots",
+    "without_measuring",
     "Agreement",
     "Progress",
     "SearchResult",
@@ -231,8 +488,13 @@ __all__ = [  # noqa: RUF022 in groups
     "PolishConfig",
     "check_polish",
     "SearchConfig",
+    "ga_configs",
+    "search_problem",
     # pictures
     "plot",
+    "view",
+    "Replay",
+    "Robot",
     "animate",
     # for measurements of one's own
     "discretise_lanes",

@@ -19,6 +19,18 @@ ENTRY_POINTS = (
     "evolve",
     "polish",
     "search_gaits",
+    "inspect_structure",
+    "resting_shape",
+    "vibration_modes",
+    "static_response",
+    "prestressed",
+    "random_tensegrity",
+    "bumps",
+    "height_map",
+    "wind",
+    "plant_of",
+    "simulate_policy",
+    "environment",
 )
 """those that share scene, gaits, duration and step come one after the other, so that they share compiled programs"""
 SECTIONS = ("Args", "Returns", "Raises", "Example")

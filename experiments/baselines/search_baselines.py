@@ -153,8 +153,9 @@ def decisive(name: str, settings: Settings) -> dict[str, Any]:
 
 def judgement(task: Task, genes: np.ndarray) -> dict[str, Any]:
     """Of an answer, the same for all searches and outside of what they may spend."""
-    scene, genome, duration, _ = task.problem
-    gaits, step = genome.gaits(scene.gait, genes[None]), default_step(scene, default_method(scene))
+    scene, duration = task.problem.scene, task.problem.duration
+    gaits = task.problem.genome.gaits(scene.gait, genes[None])
+    step = default_step(scene, default_method(scene))
     level = FidelityLevel("judgement", scene, step, "float64")
     scores = judge_at(level, gaits, task.judged_by(robust(JUDGES)), seed=0)
     verified = verify(scene, gaits, duration, options=SolverOptions(dt=step * VERIFIED))
@@ -198,6 +199,7 @@ def report(name: str, runs: list[dict]) -> None:
         print(f"  {method:12s} {median:.3f} m ({low:.3f} to {high:.3f}), x {ratio:.2f}, {nominal:.3f} m; {beats}")
 
 
+@plot.styled
 def figure(name: str, runs: list[dict]) -> Figure:
     """How far the best of each search rolled, by its own ensemble, against what it had spent; and the answers."""
     chart = Figure(figsize=(12, 4.5), layout="constrained")

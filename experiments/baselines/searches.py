@@ -187,7 +187,7 @@ def generations(task: Task, budget: float, rollouts: int, finalists: int = FINAL
 
 def _try_out(task: Task, genes, fitness: Fitness, seed: int, trace: Trace, keeps: bool = False) -> np.ndarray:
     """The fitness of each gait, by new draws; the best of all so far counts where the search `keeps` it."""
-    scene, genome, *_ = task.problem
+    scene, genome = task.problem.scene, task.problem.genome
     gaits = genome.gaits(scene.gait, genome.within(np.asarray(genes, float)))
     scores = judge_at(task.levels[-1], gaits, task.judged_by(fitness), DRAWS * (seed + 1) + len(trace))
     best = max(scores.fitness.max(), trace.best[-1] if keeps and trace else -np.inf)

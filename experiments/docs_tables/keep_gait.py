@@ -11,7 +11,7 @@ from jaxgrity.io.files import read_text, save_json
 
 KEPT = (
     "scene", "members", "phase", "amplitude", "frequency", "start", "ramp", "overtones", "duration", "objective",
-    "settings", "distance", "error_bar", "robust", "other_contact_model", "motion", "directions", "actuators",
+    "settings", "distance", "error_bar", "robust", "other_contact_model", "steady", "motion", "directions", "actuators",
     "command",
 )  # fmt: skip
 
@@ -32,10 +32,10 @@ def main(settings: Settings) -> None:
     path = settings.run / "gait.json"
     load_gait(path)
     record = json.loads(read_text(path))
-    missing = [key for key in KEPT if key not in record]
+    missing = [key for key in KEPT if key not in record and key != "steady"]
     if missing:
         raise InputError(f"{path}: has no {', '.join(missing)}; expected what gait_search.py leaves")
-    save_json(settings.library / f"{settings.name}.json", {key: record[key] for key in KEPT})
+    save_json(settings.library / f"{settings.name}.json", {key: record[key] for key in KEPT if key in record})
     print(f"wrote {settings.library / settings.name}.json")
 
 

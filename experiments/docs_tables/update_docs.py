@@ -8,14 +8,19 @@ import json
 import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
 from jaxgrity.cli.script import run
 
+import conformance_tables as conformance
+import control_tables as control
+import gait_tables as gaits
 import numerics_tables as numerics
 import search_tables as search
 import speed_tables as speed
+import validation_tables as validation
 from compact_json import save_compact
 from pages import fill_page
 
@@ -24,6 +29,9 @@ from jaxgrity.io.files import read_text
 
 ROOT = Path(__file__).parents[2]
 README, NUMERICS, SEARCH = "README.md", "docs/numerics.md", "docs/search.md"
+GAITS, CONTROL = "docs/gaits.md", "docs/control.md"
+TERRAIN = "docs/terrain.md"
+VALIDATION = "docs/validation.md"
 PERFORMANCE, SCALING = "docs/performance.md", "docs/scaling.md"
 
 
@@ -56,9 +64,8 @@ def one_block(name: str, page: str, facts: Callable, words: Callable) -> Source:
 SOURCES: dict[str, Source] = {
     "gait_search": Source(
         "gait_search/summary.json",
-        search.gait_search_facts,
-        {"gait_search": Block(README, search.gait_search_table)},
-        {"animation.gif": "rolling.gif"},
+        gaits.gait_search_facts,
+        {"gait_search": Block(README, gaits.gait_search_table)},
     ),
     "benchmark": one_block("benchmark", README, speed.benchmark_facts, speed.benchmark_table),
     "gradients": one_block("gradients", PERFORMANCE, speed.gradients_facts, speed.gradients_table),
@@ -77,6 +84,16 @@ SOURCES: dict[str, Source] = {
     "stability": one_block("stability", NUMERICS, numerics.stability_facts, numerics.stability_table),
     "stiff": one_block("stiff", NUMERICS, numerics.stiff_facts, numerics.stiff_table),
     "hard_cases": one_block("hard_cases", NUMERICS, numerics.hard_cases_facts, numerics.hard_cases_table),
+    "random_structures": Source(
+        "random_structures/random_structures.json",
+        numerics.random_structures_facts,
+        {"random_structures": Block(NUMERICS, numerics.random_structures_table)},
+    ),
+    "stairs_energy": Source(
+        "stairs_energy/stairs_energy.json",
+        numerics.stairs_energy_facts,
+        {"stairs_energy": Block(TERRAIN, numerics.stairs_energy_table)},
+    ),
     **{
         f"{folder}_{name}": Source(
             f"{folder}/{name}.json",
@@ -109,7 +126,56 @@ SOURCES: dict[str, Source] = {
         )
         for name in names
     },
-    "damage": one_block("damage", SEARCH, search.damage_facts, search.damage_table),
+    "orbits": one_block("orbits", GAITS, gaits.orbits_facts, gaits.orbits_table),
+    "ranges": one_block("ranges", GAITS, gaits.ranges_facts, gaits.ranges_table),
+    "third_opinions": one_block("third_opinions", GAITS, gaits.third_opinions_facts, gaits.third_opinions_table),
+    "basin": one_block("basin", GAITS, gaits.basin_facts, gaits.basin_table),
+    "robots_that_differ": one_block(
+        "robots_that_differ", GAITS, gaits.robots_that_differ_facts, gaits.robots_that_differ_table
+    ),
+    "orbits_of_searches": one_block(
+        "orbits_of_searches", GAITS, gaits.orbits_of_searches_facts, gaits.orbits_of_searches_table
+    ),
+    **{
+        name: Source(
+            f"feedback/{name}.json",
+            control.feedback_facts,
+            {name: Block(CONTROL, partial(control.feedback_table, name))},
+            pictures,
+        )
+        for name, pictures in (
+            ("feedback_exact", {"feedback_exact.png": "feedback_exact.png"}),
+            ("feedback_penalty", {}),
+        )
+    },
+    "steering": one_block("steering", CONTROL, control.steering_facts, control.steering_table),
+    "goals": one_block("goals", CONTROL, control.goals_facts, control.goals_table),
+    "environments": Source(
+        "environments/environments.json",
+        control.environments_facts,
+        {"environments": Block(CONTROL, control.environments_table)},
+    ),
+    "conformance": Source(
+        "conformance/conformance.json",
+        conformance.conformance_facts,
+        {"conformance": Block("docs/conformance.md", conformance.conformance_table)},
+    ),
+    "explorer_session": Source(
+        "explorer_session/explorer_session.json",
+        speed.explorer_facts,
+        {"explorer_session": Block("docs/seeing.md", speed.explorer_table)},
+    ),
+    "validation": one_block("validation", VALIDATION, validation.validation_facts, validation.validation_table),
+    "spine": Source(
+        "spine/spine.json",
+        validation.spine_facts,
+        {
+            "spine": Block(VALIDATION, validation.spine_table),
+            "spine/parameters": Block(VALIDATION, validation.spine_parameters_table),
+        },
+        {"spine.png": "spine.png"},
+    ),
+    "ntrt": Source("ntrt/ntrt.json", conformance.ntrt_facts, {"ntrt": Block("docs/files.md", conformance.ntrt_table)}),
     "crash_recovery": Source(
         "crash_recovery/crash_recovery.json",
         search.crash_recovery_facts,
@@ -134,9 +200,6 @@ def main(settings: Settings) -> None:
         if (settings.results / source.raw).exists():
             condense(name, source, settings)
             print(f"docs/measured/{name}.json: from {settings.results / source.raw}")
-    fast = settings.results / "fast" / "animation.gif"
-    if fast.exists():
-        shutil.copyfile(fast, settings.docs / "docs" / "images" / "fast.gif")
     for page, blocks in pages(settings.docs).items():
         fill_page(settings.docs / page, blocks)
         print(f"{page}: {', '.join(blocks)}")
@@ -161,8 +224,8 @@ def pages(root: Path) -> dict[str, dict[str, str]]:
         facts = json.loads(read_text(root / "docs" / "measured" / f"{name}.json"))
         for mark, block in source.blocks.items():
             found.setdefault(block.page, {})[mark] = block.words(facts)
-    found[README]["library"] = found[SEARCH]["library"] = search.gaits_table()
-    found[SEARCH]["library/commands"] = search.gait_commands()
+    found[README]["library"] = found[SEARCH]["library"] = gaits.gaits_table()
+    found[SEARCH]["library/commands"] = gaits.gait_commands()
     return found
 
 

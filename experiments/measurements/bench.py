@@ -137,6 +137,7 @@ def table(facts: dict) -> str:
     return "\n".join([*lines, f"\n{facts['processor']}, {measured()['cores']} cores; {versions}"])
 
 
+@plot.styled
 def figure(facts: dict) -> Figure:
     """Time of a step and gait of every engine, side by side for the sizes of the population."""
     chart = Figure(figsize=(8, 4), layout="constrained")

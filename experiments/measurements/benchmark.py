@@ -187,8 +187,8 @@ def gradient_cost(scene: Scene, phases: np.ndarray, settings: Settings) -> dict:
 
     def ends(phase):
         varied = eqx.tree_at(lambda g: g.phase, lanes_last(gaits), phase)
-        start, end, *_ = roll_out_lanes(scene, varied, None, jnp.asarray(horizon), options)
-        return jnp.hypot(*(end - start)[:2])
+        com_path, *_ = roll_out_lanes(scene, varied, None, jnp.asarray(horizon), options)
+        return jnp.hypot(*(com_path[-1] - com_path[0])[:2])
 
     def forward(phase):
         tangents = jnp.broadcast_to(jnp.eye(count)[:, :, None], (count, *phase.shape))
@@ -226,6 +226,7 @@ def report(facts: dict, points: list[Point]) -> None:
     )
 
 
+@plot.styled
 def figure(points: list[Point], numpy_seconds: float) -> Figure:
     """Error against wall time, a line for each engine and precision."""
     chart = Figure(figsize=(9, 4.8), layout="constrained")

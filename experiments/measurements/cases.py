@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import equinox as eqx
 import numpy as np
+from random_structures import random_scene
 
 from jaxgrity import (
     ConeFriction,
@@ -14,6 +15,7 @@ from jaxgrity import (
     SmoothFriction,
     Structure,
     load_scene,
+    penalty_twin,
     with_gait,
 )
 
@@ -154,6 +156,16 @@ def chattering() -> Case:
     return Case(springy, exact, 60.0)
 
 
+def random_structure(seed: int) -> Case:
+    """One of the structures of random_structures.py, dropped and actuated: loops, shared nodes, supports and all."""
+    exact = random_scene(seed)
+    return Case(penalty_twin(exact), exact, 0.5, short=0.05)
+
+
+SMALL = 12
+"""struts, up to which random structures are among the cases"""
+SEEDS = tuple(seed for seed in range(40) if len(random_scene(seed).structure.struts.edges) <= SMALL)[:10]
+
 CASES: dict[str, Case] = {
     "stiffness ratio 1e6": stiff_struts(),
     "mass ratio 1e4": unequal_masses(),
@@ -174,4 +186,5 @@ CASES: dict[str, Case] = {
     "k_n = 1e3": ground_stiffness(1e3),
     "k_n = 1e5": ground_stiffness(1e5),
     "k_n = 1e8": ground_stiffness(1e8),
+    **{f"random structure {seed}": random_structure(seed) for seed in SEEDS},
 }

@@ -154,6 +154,7 @@ def compare(
     }
 
 
+@plot.styled
 def figure(facts: dict) -> Figure:
     """Distance between the models against stiffness, and penetration at rest against m g / (n k_n)."""
     chart = Figure(figsize=(10, 4), layout="constrained")

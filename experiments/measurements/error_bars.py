@@ -92,6 +92,7 @@ def bars_and_errors(scene: Scene, duration: float, settings: Settings) -> tuple[
     return np.concatenate(bars), np.concatenate(errors), dt
 
 
+@plot.styled
 def figure(rows: list[dict]) -> Figure:
     """Bar against true error, a panel for each case: below the line the bar is too short."""
     chart = Figure(figsize=(4 * len(rows), 4), layout="constrained")

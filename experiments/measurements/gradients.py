@@ -229,6 +229,7 @@ def report(facts: dict) -> None:
         print(f"{name}: " + ", ".join(f"{x / 2**20:.1f} MiB at {t:g} s" for x, t in zip(found, facts["lengths"])))
 
 
+@plot.styled
 def figure(facts: dict) -> Figure:
     """Time of each mode in rollouts, and the memory of the reverse modes against the length of the rollout."""
     chart = Figure(figsize=(11, 4), layout="constrained")

@@ -177,6 +177,7 @@ def text(cell: Cell) -> str:
     return f"{cell.error:.0e} (bar {cell.bar:.0e})"
 
 
+@plot.styled
 def figure(rows: dict, methods: tuple[str, ...]) -> Figure:
     """The table as a picture: green is right, yellow flagged, grey refused, red silently wrong."""
     chart = Figure(figsize=(2.2 + 2.2 * len(methods), 1.2 + 0.55 * len(rows)), layout="constrained")

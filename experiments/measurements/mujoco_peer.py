@@ -1,9 +1,6 @@
-"""MuJoCo on the same robot: the same masses, springs, gaits and gravity, its own contacts. Extra: `peer`.
+"""MuJoCo on the same robot: the model that `jaxgrity.mujoco_model` writes, with its own contacts. Extra: `peer`.
 
-A node is a body on three slides; a member is a tendon with an affine actuator, F = K (L(t) - l) - c l', whose control
-is L(t). A cable's force is clamped to pull, damping included, where jaxgrity's cable is damped only while it is taut.
-Contact is MuJoCo's default soft constraint with its elliptic cone and the scene's friction coefficient, between nodes
-and ground. MJX, MuJoCo written in JAX, takes the same model. Extra: `mjx`.
+MJX, MuJoCo written in JAX, takes the same model. Extra: `mjx`.
 """
 
 import time
@@ -14,60 +11,31 @@ import mujoco
 import numpy as np
 from mujoco import rollout
 
-from jaxgrity import Gait, Scene, gaits_of, one_gait, rest_length
-
-RADIUS = 1e-3
-"""m, of the spheres that touch the ground, which lies as much lower"""
+from jaxgrity import Scene, gaits_of, mjcf_controls, mujoco_model, one_gait
 
 
 def build(scene: Scene, dt: float, integrator: str) -> mujoco.MjModel:
     """The scene as a MuJoCo model with steps of `dt` (s)."""
-    g = 0.0 if scene.gravity is None else float(scene.gravity)
-    structure, ground = scene.structure, scene.ground
-    mass = np.asarray(structure.node_mass)
-    drag = np.zeros(len(mass)) if scene.node_damping is None else np.asarray(scene.node_damping) * np.ones(len(mass))
-    bodies, tendons, actuators = [], [], []
-    for k, (x, m, c) in enumerate(zip(np.asarray(structure.nodes), mass, drag)):
-        axes = ("1 0 0", "0 1 0", "0 0 1")
-        slides = "".join(f'<joint type="slide" axis="{axis}" damping="{c:.17g}"/>' for axis in axes)
-        bodies.append(
-            f'<body pos="{x[0]:.17g} {x[1]:.17g} {x[2]:.17g}">{slides}<geom size="{RADIUS}" mass="{m:.17g}" '
-            f'contype="1" conaffinity="0"/><site name="n{k}"/></body>'
-        )
-    for kind, limit in (("struts", ""), ("cables", 'forcelimited="true" forcerange="-1e9 0"')):
-        members = getattr(structure, kind)
-        for k, (i, j) in enumerate(members.edges if members is not None else ()):
-            stiffness = float(members.stiffness[k])
-            damping = 0.0 if members.damping is None else float(members.damping[k])
-            tendons.append(f'<spatial name="{kind}{k}"><site site="n{i}"/><site site="n{j}"/></spatial>')
-            actuators.append(
-                f'<general tendon="{kind}{k}" gainprm="{stiffness:.17g}" biastype="affine" '
-                f'biasprm="0 {-stiffness:.17g} {-damping:.17g}" {limit}/>'
-            )
-    plane = ""
-    if ground is not None:
-        mu = 0.0 if scene.friction is None else float(np.max(scene.friction.sliding_mu))
-        n = ground.normal
-        plane = (
-            f'<geom type="plane" size="0 0 1" zaxis="{n[0]} {n[1]} {n[2]}" contype="0" conaffinity="1" '
-            f'pos="{-RADIUS * n[0]} 0 {-RADIUS * n[2]}" friction="{mu} 0 0" priority="1"/>'
-        )
-    return mujoco.MjModel.from_xml_string(
-        f'<mujoco><option timestep="{dt:.17g}" integrator="{integrator}" gravity="0 0 {-g:.17g}" cone="elliptic"/>'
-        f"<worldbody>{plane}{''.join(bodies)}</worldbody><tendon>{''.join(tendons)}</tendon>"
-        f"<actuator>{''.join(actuators)}</actuator></mujoco>"
-    )
+    return mujoco.MjModel.from_xml_string(mujoco_model(scene, dt, integrator).xml)
 
 
-def controls(scene: Scene, gait: Gait | None, steps: int, dt: float) -> np.ndarray:
-    """(steps, members), L(t) at the start of each step, m."""
-    structure, times = scene.structure, dt * np.arange(steps)
-    lengths = [
-        np.asarray(jax.vmap(lambda t, m=members, k=first: rest_length(m, gait, t, k))(times))
-        for members, first in ((structure.struts, 0), (structure.cables, structure.first_cable))
-        if members is not None
-    ]
-    return np.concatenate([np.broadcast_to(part, (steps, part.shape[-1])) for part in lengths], axis=1)
+def controls(scene: Scene, phases: np.ndarray, steps: int, model: mujoco.MjModel) -> np.ndarray:
+    """(gaits, steps, actuators), at the start of each step; actuators that damp nodes have none."""
+    gaits, times = gaits_of(scene.gait, phases), model.opt.timestep * np.arange(steps)
+    moved = np.stack([mjcf_controls(scene, times, one_gait(gaits, k)) for k in range(len(phases))])
+    return np.pad(moved, ((0, 0), (0, 0), (0, model.nu - moved.shape[-1])))
+
+
+def sites(model: mujoco.MjModel, states: np.ndarray, nodes: int) -> np.ndarray:
+    """(..., nodes, 3), m, where the nodes are in `states` (..., size), the full physics state of MuJoCo."""
+    data = mujoco.MjData(model)
+    order = [model.site(f"n{k}").id for k in range(nodes)]
+    found = np.zeros((*states.shape[:-1], nodes, 3))
+    for index in np.ndindex(states.shape[:-1]):
+        data.qpos[:] = states[index][1 : 1 + model.nq]
+        mujoco.mj_kinematics(model, data)
+        found[index] = data.site_xpos[order]
+    return found
 
 
 def roll(
@@ -75,26 +43,25 @@ def roll(
 ) -> tuple[np.ndarray, float]:
     """Positions of each gait's nodes at the end, (gaits, nodes, 3), m, and the wall time of a warm run, s."""
     model, steps = build(scene, dt, integrator), round(duration / dt)
-    gaits = gaits_of(scene.gait, phases)
-    control = np.stack([controls(scene, one_gait(gaits, k), steps, dt) for k in range(len(phases))])
+    control = controls(scene, phases, steps, model)
     data = [mujoco.MjData(model) for _ in range(threads)]
     start = np.zeros((len(phases), mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS)))
+    start[:, 1 : 1 + model.nq] = model.qpos0
     rollout.rollout(model, data, start, control[:, :2])
     began = time.perf_counter()
     states, _ = rollout.rollout(model, data, start, control)
     wall = time.perf_counter() - began
-    return states[:, -1, 1 : 1 + model.nq].reshape(len(phases), -1, 3) + np.asarray(scene.structure.nodes), wall
+    return sites(model, states[:, -1], len(scene.structure.nodes)), wall
 
 
 def roll_mjx(scene: Scene, phases: np.ndarray, duration: float, dt: float, integrator: str) -> tuple[np.ndarray, float]:
     """`roll` by MJX in float32, all gaits in one `vmap`."""
     from mujoco import mjx
 
-    steps = round(duration / dt)
+    steps, plain = round(duration / dt), build(scene, dt, integrator)
     with jax.enable_x64(False):
-        model = mjx.put_model(build(scene, dt, integrator))
-        first, gaits = mjx.make_data(model), gaits_of(scene.gait, phases)
-        control = jnp.stack([controls(scene, one_gait(gaits, k), steps, dt) for k in range(len(phases))])
+        model = mjx.put_model(plain)
+        first, control = mjx.make_data(model), jnp.asarray(controls(scene, phases, steps, plain))
 
         @jax.jit
         @jax.vmap
@@ -105,4 +72,18 @@ def roll_mjx(scene: Scene, phases: np.ndarray, duration: float, dt: float, integ
         began = time.perf_counter()
         q = jax.block_until_ready(program(control))
         wall = time.perf_counter() - began
-    return np.asarray(q, float).reshape(len(phases), -1, 3) + np.asarray(scene.structure.nodes), wall
+    states = np.concatenate([np.zeros((len(phases), 1)), np.asarray(q, float)], axis=1)
+    return sites(plain, states, len(scene.structure.nodes)), wall
+
+
+def run_once(scene: Scene, duration: float, dt: float) -> tuple[np.ndarray, float]:
+    """Where the nodes end by the scene's own gait, (nodes, 3), m, by RK4, and how deep in the ground the deepest is."""
+    model, steps = build(scene, dt, "RK4"), round(duration / dt)
+    data = mujoco.MjData(model)
+    for control in mjcf_controls(scene, dt * np.arange(steps)):
+        data.ctrl[: len(control)] = control
+        mujoco.mj_step(model, data)
+    depth = float(-data.contact.dist.min()) if data.ncon else 0.0
+    mujoco.mj_kinematics(model, data)
+    order = [model.site(f"n{k}").id for k in range(len(scene.structure.nodes))]
+    return data.site_xpos[order].copy(), depth

@@ -225,6 +225,7 @@ def report(facts: dict) -> None:
     print(facts["exponents"], facts["start"])
 
 
+@plot.styled
 def figure(rows: dict[str, list[dict]]) -> Figure:
     """Cost per gait against the size of the population, and cost per step against the number of struts."""
     chart = Figure(figsize=(10, 4), layout="constrained")

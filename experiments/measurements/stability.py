@@ -180,6 +180,7 @@ def spread(scene: Scene, state: State, draw, steps, options):
     return jax.vmap(one)(jnp.asarray(steps))
 
 
+@plot.styled
 def figure(rows: list[dict]) -> Figure:
     """Measured against predicted, a colour for each method."""
     chart = Figure(figsize=(5.5, 5), layout="constrained")

@@ -95,6 +95,7 @@ def cost(scene: Scene, duration: float, method: str, tolerance: float, truth) ->
     }
 
 
+@plot.styled
 def figure(rows: list[dict]) -> Figure:
     """Steps, rejected ones included, a panel for each tolerance."""
     tolerances = list(dict.fromkeys(row["tolerance"] for row in rows))

@@ -223,6 +223,7 @@ def cost_at_target(points: list[Point]) -> dict[str, float]:
     return dict(sorted(costs.items(), key=lambda item: item[1]))
 
 
+@plot.styled
 def figure(points: list[Point], facts: dict) -> Figure:
     """Error against wall time, and against force evaluations."""
     chart = Figure(figsize=(12.5, 5.2), layout="constrained")

@@ -9,6 +9,7 @@ from jaxgrity import (
     SolverOptions,
     centre_path,
     gaits_of,
+    plot,
     random_members,
     simulate,
     simulate_population,
@@ -119,6 +120,7 @@ def subset_row(name: str, found: list[float]) -> Row:
     return Row(claim, "6, C", name, measured, verdict(holds, bool(quartiles[4] > size)), why)
 
 
+@plot.styled
 def figure(frequencies, slow: dict, paths: dict, spread: dict) -> Figure:
     chart = Figure(figsize=(15, 4.5), layout="constrained")
     moved, above, draws = chart.subplots(1, 3)

@@ -69,6 +69,7 @@ def row(name: str, found: dict) -> Row:
     return Row(claim, "8, Fig. 5", name, measured, verdict(rolls and known, rolls), why)
 
 
+@plot.styled
 def frames(scene: Scene, motion: Trajectory) -> Figure:
     times, q = np.asarray(motion.times), np.asarray(motion.positions)
     path = centre_path(scene, motion)

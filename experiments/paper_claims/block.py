@@ -15,6 +15,7 @@ from jaxgrity import (
     SolverOptions,
     Structure,
     SwitchFriction,
+    plot,
     simulate,
     smooth_force,
 )
@@ -204,6 +205,7 @@ def complementarity_rows(facts: dict) -> list[Row]:
     return rows
 
 
+@plot.styled
 def figure(facts: dict, dropped: dict) -> Figure:
     chart = Figure(figsize=(14, 4.5), layout="constrained")
     slid, deep, ratio = chart.subplots(1, 3)

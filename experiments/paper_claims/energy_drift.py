@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from matplotlib.figure import Figure
 
-from jaxgrity import FAILURES, EnergyAudit, Scene, SolverOptions, energy_audit, simulate
+from jaxgrity import FAILURES, EnergyAudit, Scene, SolverOptions, energy_audit, plot, simulate
 from paper_claims.report import PROGRAM, REFERENCE, TEXT, Report, Row, scenes, significant, verdict, without
 
 STEP = 1e-3
@@ -126,6 +126,7 @@ def method_rows(found: dict) -> list[Row]:
     return rows
 
 
+@plot.styled
 def figure(audits: dict[str, EnergyAudit]) -> Figure:
     chart = Figure(figsize=(5 * len(audits), 6.5), layout="constrained")
     for (name, audit), above, below in zip(audits.items(), *chart.subplots(2, len(audits), squeeze=False)):

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 from matplotlib.figure import Figure
 
-from jaxgrity import Members, PenaltyGround, Scene, Structure
+from jaxgrity import Members, PenaltyGround, Scene, Structure, plot
 from paper_claims.report import Report, Row, verdict
 
 K, L0 = 2e4, 0.8
@@ -140,6 +140,7 @@ def rows(facts: dict) -> list[Row]:
     ]
 
 
+@plot.styled
 def figure(cable: dict) -> Figure:
     chart = Figure(figsize=(9, 3.8), layout="constrained")
     force, stiffness = chart.subplots(1, 2)

@@ -3,7 +3,7 @@
 import numpy as np
 from matplotlib.figure import Figure
 
-from jaxgrity import PenaltyGround, Scene, SolverOptions, Structure, simulate
+from jaxgrity import PenaltyGround, Scene, SolverOptions, Structure, plot, simulate
 from paper_claims.report import (
     PROGRAM,
     REFERENCE,
@@ -113,6 +113,7 @@ def kkt_row(name: str, landing: dict[str, float], exact: float) -> Row:
     return Row(claim, "6.1", name, measured, verdict(slope < -0.4 and exact < 1e-12), why)
 
 
+@plot.styled
 def figure(resting: dict, landing: dict, by_step: dict) -> Figure:
     chart = Figure(figsize=(11, 4.5), layout="constrained")
     against, steps = chart.subplots(1, 2)

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
-from jaxgrity import Scene, SolverOptions, simulate
+from jaxgrity import Scene, SolverOptions, plot, simulate
 from paper_claims.report import PROGRAM, REFERENCE, TEXT, Report, Row, hardened, scenes, significant, verdict, without
 
 DURATION = 3.0
@@ -158,6 +158,7 @@ def gain_row(name: str, found: dict) -> Row:
     return Row("2.5e-4 s is seven times as accurate as 1e-3 s", "5.2", name, measured, holds, why)
 
 
+@plot.styled
 def figure(cases: dict[str, Case], facts: dict) -> Figure:
     chart = Figure(figsize=(15, 6), layout="constrained")
     end, early, apart = chart.subplots(1, 3)

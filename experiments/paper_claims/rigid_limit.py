@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 from matplotlib.figure import Figure
 
-from jaxgrity import Scene, SolverOptions, edge_lengths, end_velocities, inertia, simulate
+from jaxgrity import Scene, SolverOptions, edge_lengths, end_velocities, inertia, plot, simulate
 from paper_claims.report import PROGRAM, REFERENCE, TEXT, Report, Row, scenes, significant, stiffened, verdict, without
 
 STIFFNESSES = (1e4, 1e5, 1e6, 1e7)
@@ -113,6 +113,7 @@ def mass_row(name: str, found: dict) -> Row:
     return Row("the reduced mass matrix is still m I_36", "A.3, 3.5", name, measured, verdict(found["size"] == 36), why)
 
 
+@plot.styled
 def figure(values: tuple[float, ...], strains: dict) -> Figure:
     chart = Figure(figsize=(6.5, 4.5), layout="constrained")
     axes = chart.subplots()

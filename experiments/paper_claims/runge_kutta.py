@@ -4,7 +4,7 @@ import jax
 import numpy as np
 from matplotlib.figure import Figure
 
-from jaxgrity import Scene, SolverOptions, simulate, vector_field
+from jaxgrity import Scene, SolverOptions, plot, simulate, vector_field
 from paper_claims.report import PROGRAM, REFERENCE, TEXT, Report, Row, scenes, significant, verdict
 
 STEP = 5e-4
@@ -62,6 +62,7 @@ def row(name: str, found: dict) -> Row:
     return Row("the printed RK4 step", "4", name, measured, verdict(first < 1e-14), why)
 
 
+@plot.styled
 def figure(facts: dict) -> Figure:
     chart = Figure(figsize=(6.5, 4.2), layout="constrained")
     axes = chart.subplots()

@@ -13,6 +13,7 @@ from jaxgrity import (
     SolverOptions,
     distinct,
     evolve,
+    plot,
     verify,
     with_gait,
 )
@@ -78,6 +79,7 @@ def row(name: str, found: dict) -> Row:
     return Row(claim, "5.2, 6.7", name, measured, verdict(real and better), why)
 
 
+@plot.styled
 def figure(facts: dict) -> Figure:
     chart = Figure(figsize=(9, 4.8), layout="constrained")
     axes = chart.subplots()

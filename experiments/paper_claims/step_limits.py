@@ -4,7 +4,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from measurements.stability import at_rest, measure
 
-from jaxgrity import METHODS, Scene, SolverOptions, energy_audit, stable_step
+from jaxgrity import METHODS, Scene, SolverOptions, energy_audit, plot, stable_step
 from paper_claims.report import PROGRAM, REFERENCE, TEXT, Report, Row, scenes, significant, stiffened, verdict, without
 
 STIFFNESSES = (1e5, 2e5, 5e5, 1e6)
@@ -67,6 +67,7 @@ def halving_row(name: str, found: list[float]) -> Row:
     return Row("halving dt reduces the drift of energy", "6.6", name, measured, verdict(ratio > 1.2), why)
 
 
+@plot.styled
 def figure(values: tuple[float, ...], limits: dict) -> Figure:
     chart = Figure(figsize=(6.5, 4.5), layout="constrained")
     axes = chart.subplots()

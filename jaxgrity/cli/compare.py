@@ -16,7 +16,15 @@ from jaxgrity.io.files import read_text, save_json
 from jaxgrity.report import plot
 from jaxgrity.search.objectives import find_objective
 
+
+def steady(summary: dict[str, Any]) -> str:
+    """The speed of the orbit, where there is one."""
+    found = summary.get("steady") or {"settled": False}
+    return f"{found['speed']:.3f} ± {found['speed_error_bar'] or np.inf:.1g}" if found["settled"] else "-"
+
+
 COLUMNS = {
+    "steady, m/s": steady,
     "verified, m": lambda s: f"{s['distance']:.3f} ± {s['error_bar'] or np.inf:.1g}",
     "scene": lambda s: s["scene"],
     "robust": lambda s: "{mean:.3f} ± {standard_deviation:.2g}".format(**s["robust"]) + f" {unit(s)}".rstrip(),
@@ -84,11 +92,13 @@ def flat(settings: dict[str, Any], prefix: str = "") -> dict[str, Any]:
 
 
 def different_settings(runs: dict[str, dict[str, Any]]) -> list[str]:
-    """The settings in which the runs differ."""
+    """The settings in which the runs differ, but for how they were started."""
     every = [flat(run["settings"]) for run in runs.values()]
-    return [key for key in every[0] if any(one.get(key) != every[0][key] for one in every)]
+    keys = [key for key in every[0] if key not in ("resume", "restart")]
+    return [key for key in keys if any(one.get(key) != every[0][key] for one in every)]
 
 
+@plot.styled
 def figure(runs: dict[str, dict[str, Any]]) -> Figure:
     """Fitness by generation, and robust results with the spread of their robots."""
     chart = Figure(figsize=(11, 4.5), layout="constrained")

@@ -4,13 +4,16 @@ Import it before anything else of jaxgrity: it says to Equinox what to do about 
 """
 
 import contextlib
+import io
+import itertools
 import os
+import re
 import shlex
 import sys
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 # Read by Equinox when it is imported: diffrax's own checks, which options have passed before, then mark a rollout NaN
 # instead of calling back from the compiled program, which JAX could not keep for the next run.
@@ -81,7 +84,30 @@ def join_hosts() -> None:
 def run(main: Callable[[Settings], None], settings: type[Settings]) -> None:
     """Call `main` with `settings` from the command line, as `execute` does."""
     configure()
-    execute(main, tyro.cli(settings, description=sys.modules[settings.__module__].__doc__))
+    execute(main, from_command_line(settings, description=sys.modules[settings.__module__].__doc__))
+
+
+def from_command_line(settings: Any, **how: Any) -> Any:
+    """The settings that the command line asks for, by `tyro.cli`; what is wrong with it is said in one line."""
+    said = io.StringIO()
+    try:
+        with contextlib.redirect_stderr(said):
+            return tyro.cli(settings, **how)
+    except SystemExit:
+        if said.getvalue():
+            print(f"error: {in_one_line(said.getvalue())}; --help lists what there is", file=sys.stderr)
+        raise
+
+
+def in_one_line(box: str) -> str:
+    """The first paragraph of what tyro says in a box, and the first of the options that it proposes."""
+    plain = re.sub(
+        r"\x1b\[[0-9;]*m", "", box
+    )  # in a terminal it has colours, and no lines around it where letters are ASCII
+    lines = [line.strip("│ ") for line in plain.splitlines() if line.startswith(("│ ", "  "))]
+    first = list(itertools.takewhile(lambda line: line.strip("─-"), lines))
+    proposed = [line for before, line in itertools.pairwise(lines) if before.startswith("Perhaps you meant")]
+    return " ".join(first).rstrip(".") + "".join(f"; perhaps you meant {line}" for line in proposed[:1])
 
 
 def execute(main: Callable[[Settings], None], chosen: Settings) -> None:

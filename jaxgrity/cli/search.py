@@ -21,30 +21,35 @@ from jaxgrity.report.gait_report import Origin, write_report
 from jaxgrity.rollout.uncertainty import Uncertainty
 from jaxgrity.search.objectives import ActuatorBounds, Objective, find_objective
 from jaxgrity.search.pipeline import SearchResult, search_gaits
-from jaxgrity.search.search_config import SearchConfig
+from jaxgrity.search.search_config import UNCERTAIN, SearchConfig
 
 
 @dataclass
 class ObjectiveSettings:
-    kind: str = "distance"
-    """distance, direction, speed, cost of transport or straightness"""
-    heading: float = 0.0
-    """rad from +x, for direction"""
-    largest_rate: float | None = None
-    """m/s, bound on any actuator's |dL/dt|"""
+    kind: str = "steady speed"
+    """steady speed, steady direction, steady turn, distance, direction, speed, cost of transport or straightness"""
+    heading: float | None = None
+    """rad from +x, for steady direction and direction"""
+    turning: float | None = None
+    """rad per body length, positive to the left, for steady turn"""
+    largest_rate: float | None = 1.0
+    """m/s, bound on any actuator's |dL/dt|; None: no bound"""
     largest_force: float | None = None
     """N"""
-    largest_power: float | None = None
+    largest_power: float | None = 200.0
     """W"""
 
     @property
     def objective(self) -> Objective:
         """What these settings ask for. Raises `InputError` where it is unknown."""
         kind = find_objective(self.kind)
-        with_heading = any(part.name == "heading" for part in dataclasses.fields(kind))
-        if self.heading and not with_heading:
-            raise InputError(f"heading = {self.heading}: {self.kind!r} has none; expected it with 'direction' alone")
-        return kind(heading=self.heading) if with_heading else kind()
+        known = {part.name for part in dataclasses.fields(kind)}
+        given = {"heading": self.heading, "turning": self.turning}
+        chosen = {name: value for name, value in given.items() if value is not None}
+        for name, value in chosen.items():
+            if name not in known:
+                raise InputError(f"{name} = {value}: {self.kind!r} has none; expected an objective that has")
+        return kind(**chosen)
 
     @property
     def bounds(self) -> ActuatorBounds:
@@ -54,39 +59,46 @@ class ObjectiveSettings:
 
 @dataclass
 class SearchSettings:
-    scene: str = "reference"
+    scene: str = "exact"
     """a scene of the library by its name (reference, exact, uphill), or a scene file (TOML), with a [gait]"""
     out: Path = Path("results/gait_search")
     """folder for everything this command leaves"""
-    duration: float = 10.0
+    duration: float = 40.0
     """horizon over which the objective counts, s"""
-    population: int = 64
+    population: int = 128
     """gaits in a generation"""
-    generations: tuple[int, int] = (32, 20)
+    generations: tuple[int, int] = (10, 2)
     """generations of screening; on the scene's own model, where screening is on its contact twin"""
     robots: int = 4
     """that each gait is tried on in a generation, drawn from what is uncertain"""
     objective: ObjectiveSettings = field(default_factory=ObjectiveSettings)
     """what a rollout is worth"""
-    uncertainty: Uncertainty = field(default_factory=lambda: Uncertainty(phase=0.03))
-    """half-widths of what is not known exactly; all zero, with --robots 1: plain distance"""
-    caution: float = 0.0
+    uncertainty: Uncertainty = field(default_factory=lambda: UNCERTAIN)
+    """half-widths of what is not known exactly; all zero, with --robots 1 --caution 0: as the model says"""
+    caution: float = 0.5
     """standard deviations of its robots that are held against a gait"""
-    amplitude: tuple[float, float] | None = None
-    """bounds between which each member's amplitude evolves too"""
-    frequency: tuple[float, float] | None = None
-    """bounds (Hz) between which the gait's frequency evolves too"""
+    amplitude: tuple[float, float] | None = (0.05, 0.5)
+    """bounds between which each member's amplitude evolves too; None: it stays as the scene's gait says"""
+    frequency: tuple[float, float] | None = (0.3, 1.6)
+    """bounds (Hz) between which the gait's frequency evolves too; None: likewise"""
     overtones: int = 0
     """how many more sines each member's Fourier series has"""
+    waves: Literal["every", "axis", "none"] = "every"
+    """whether actuators follow each other as every rotation of the robot says, or those about one axis, which lets it
+    turn, or each moves as it likes"""
+    both_models: bool = True
+    """whether the best gaits are tried on both contact models before one is chosen"""
+    wide: bool = True
+    """whether screening looks widely first, and goes on with mutations of the best alone"""
     members: Literal["scene", "struts", "cables"] = "scene"
     """which members may be actuated"""
     active: int | None = None
     """how many of them are, which ones evolves too"""
     polish: Literal["smoothed", "pathwise", "combined"] = "smoothed"
     """by which gradient"""
-    polish_rollouts: int = 4096
+    polish_rollouts: int = 384
     """what polishing may cost; 0: no polish"""
-    polish_gaits: int = 4
+    polish_gaits: int = 1
     """how many of the best gaits are polished"""
     dt: float | None = None
     """step of the scene's own model, s; verified at it and below, as errors ask; without it, the scene decides"""
@@ -97,7 +109,7 @@ class SearchSettings:
     restart: bool = False
     """begin again where the folder holds an unfinished search"""
     quick: bool = False
-    """a small search, mostly compilation: 4 s at most, 16 gaits, 3 generations, 128 rollouts of polish"""
+    """a small search, mostly compilation: 8 s at most, 16 gaits, 3 generations, 128 rollouts of polish"""
 
     @property
     def config(self) -> SearchConfig:
@@ -111,9 +123,14 @@ def main(settings: SearchSettings) -> None:
     """Search, and leave gait, figures and page."""
     began = time.perf_counter()
     if settings.quick:
-        settings.duration, settings.population, settings.generations = min(settings.duration, 4.0), 16, (3, 2)
+        settings.duration, settings.population, settings.generations = min(settings.duration, 8.0), 16, (3, 2)
         settings.polish_gaits, settings.polish_rollouts = 1, min(settings.polish_rollouts, 128)
     scene, config = load_scene(settings.scene), settings.config
+    print(
+        f"Searching for a gait of {scene_name(settings.scene)}: gaits evolve on a rough model, the best go on to finer "
+        f"ones,\nare polished by gradients, and verified. Programs are compiled first, which takes a minute the first "
+        f"time.\nWhat is found goes to {settings.out}/. After Ctrl-C, --resume goes on.\n"
+    )
     print(scene.describe(), end="\n\n", flush=True)
     found: dict[str, str] = {}
     with Bars() as bars:

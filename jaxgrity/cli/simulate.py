@@ -15,7 +15,8 @@ from jaxgrity.io.files import load_phases, save_arrays, save_json
 from jaxgrity.io.gait_library import gait_record, load_gait
 from jaxgrity.io.scene_files import load_scene
 from jaxgrity.model.scene import Scene, with_gait
-from jaxgrity.report import plot
+from jaxgrity.report import plot, view
+from jaxgrity.report.animation import animate
 from jaxgrity.rollout.population import gaits_of, one_gait, simulate_population
 from jaxgrity.stepping.integrate import FAILURES
 from jaxgrity.stepping.options import SolverOptions
@@ -25,7 +26,10 @@ from jaxgrity.trust.trust_report import TrustReport, diagnose
 
 Result = TypeVar("Result")
 
-LEFT = ("summary.json", "trajectory.npz", "path.png", "members.png", "outcomes.png")
+LEFT = (
+    *("summary.json", "trajectory.npz", "path.png", "members.png", "forces.png"),
+    *("replay.html", "animation.gif", "animation.mp4", "outcomes.png"),
+)
 """what this command leaves; none of an earlier run stays beside those of a later one"""
 
 
@@ -49,8 +53,18 @@ class SimulateSettings:
     """let a step pass that would blow up"""
     diagnose: bool = True
     """say how far the result can be trusted: error bars, energy audit, sensitivity; takes several more rollouts"""
+    animation: Literal["none", "gif", "mp4"] = "none"
+    """also leave an animated picture of a single rollout; mp4 needs imageio-ffmpeg (pip install 'jaxgrity[video]')"""
+    fps: float = 25.0
+    """frames a second of the animated picture"""
+    width: int = 640
+    """pixels of the animated picture"""
+    camera: Literal["whole", "follow"] = "whole"
+    """whether the animated picture shows all of the way, or a camera goes along with the robot"""
+    replay: bool = True
+    """leave a page that plays a single rollout in 3D, where viser is installed (pip install 'jaxgrity[view]')"""
     out: Path = Path("results/simulate")
-    """folder for summary.json, figures, and trajectory.npz of a single rollout"""
+    """folder for summary.json, figures, and trajectory.npz and replay.html of a single rollout"""
     quick: bool = False
     """at most 2 s of motion"""
 
@@ -141,6 +155,13 @@ def single(scene: Scene, duration: float, settings: SimulateSettings) -> dict[st
         plot.save(plot.path_figure(scene, trajectory, trust.error_bar if trust else None), out / "path.png")
         if scene.structure.member_count:
             plot.save(plot.member_figure(scene, trajectory), out / "members.png")
+            plot.save(plot.force_figure(scene, trajectory), out / "forces.png")
+        if settings.animation != "none":
+            film = out / f"animation.{settings.animation}"
+            animate(scene, trajectory, film, settings.fps, width=settings.width, camera=settings.camera)
+        if settings.replay and view.available():
+            view.save_html(scene, trajectory, out / "replay.html", title=scene_name(settings.scene))
+            print(f"to see it in 3D, open {out}/replay.html in a browser")
     if trust:
         print(trust.table())
     return {

@@ -15,7 +15,7 @@ import numpy as np
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 
-from jaxgrity.core.types import AnyRows, Edges, MemberVectors, NodeVectors, PerMember, Rows, Scalar
+from jaxgrity.core.types import AnyRows, Edges, MemberVectors, Mobility, NodeVectors, PerMember, Rows, Scalar
 
 
 def _primitive(name: str, implementation: Callable) -> Primitive:
@@ -112,6 +112,8 @@ _dot_p = _primitive("dot", lambda a, b: a[:, 0] * b[:, 0] + a[:, 1] * b[:, 1] + 
 _scale_p = _primitive("scale", lambda a, s: a * s[:, None])
 _inner_p = _primitive("inner", lambda a, b: jnp.sum(a * b, axis=0))
 _weigh_p = _primitive("weigh", lambda a, s: a * s)
+_respond_p = _primitive("respond", lambda a, f, *, of: jnp.sum(a * jnp.expand_dims(f, of), axis=1 - of))
+_outer_p = _primitive("outer", lambda a, b: a[:, None] * b[None])
 
 _linear_pair(_difference_p, _accumulate_p)
 _linear_pair(_component_p, _extend_p)
@@ -119,6 +121,12 @@ _linear_pair(_take_p, _place_p)
 ad.defbilinear(_dot_p, lambda ct, a, b: _scale_p.bind(b, ct), lambda ct, a, b: _scale_p.bind(a, ct))
 ad.defbilinear(_scale_p, lambda ct, a, s: _scale_p.bind(ct, s), lambda ct, a, s: _dot_p.bind(ct, a))
 ad.defbilinear(_inner_p, lambda ct, a, b: _weigh_p.bind(b, ct), lambda ct, a, b: _weigh_p.bind(a, ct))
+ad.defbilinear(
+    _respond_p,
+    lambda ct, a, f, of: _outer_p.bind(*((ct, f) if of == 0 else (f, ct))),
+    lambda ct, a, f, of: _respond_p.bind(a, ct, of=1 - of),
+)
+ad.defbilinear(_outer_p, lambda ct, a, b: _respond_p.bind(ct, b, of=0), lambda ct, a, b: _respond_p.bind(ct, a, of=1))
 ad.defbilinear(_weigh_p, lambda ct, a, s: _weigh_p.bind(ct, s), lambda ct, a, s: _inner_p.bind(ct, a))
 
 
@@ -132,14 +140,14 @@ def accumulate(f: MemberVectors, edges: Edges, nodes: int) -> NodeVectors:
     return _accumulate_p.bind(f, edges=edges, nodes=nodes)
 
 
-def component(x: NodeVectors, direction: tuple[float, float, float]) -> PerMember:
-    """n·x for each row of `x`, along one constant direction n."""
-    return _component_p.bind(x, direction=direction)
+def component(x: NodeVectors, direction: tuple[float, float, float] | NodeVectors) -> PerMember:
+    """n·x for each row of `x`, along one constant direction n, or along one for each row."""
+    return _component_p.bind(x, direction=direction) if isinstance(direction, tuple) else dot(x, direction)
 
 
-def along(s: PerMember, direction: tuple[float, float, float]) -> NodeVectors:
-    """s n for each entry of `s`: vectors along one constant direction n."""
-    return _extend_p.bind(s, direction=direction)
+def along(s: PerMember, direction: tuple[float, float, float] | NodeVectors) -> NodeVectors:
+    """s n for each entry of `s`: vectors along one constant direction n, or along one for each entry."""
+    return _extend_p.bind(s, direction=direction) if isinstance(direction, tuple) else scale(direction, s)
 
 
 def take_rows(x: AnyRows, rows: tuple[int, ...]) -> Rows:
@@ -165,6 +173,11 @@ def scale(a: MemberVectors, s: PerMember) -> MemberVectors:
 def inner(a: PerMember, b: PerMember) -> Scalar:
     """sum_k a_k b_k, the sum over members or nodes that makes an energy of its parts."""
     return _inner_p.bind(a, b)
+
+
+def respond(a: Mobility, f: NodeVectors) -> NodeVectors:
+    """sum_j a_ijk f_jk: a matrix for each of x, y and z, times the vectors of all nodes."""
+    return _respond_p.bind(a, f, of=0)
 
 
 @jax.custom_jvp

@@ -19,10 +19,15 @@ AnyPerNode = Float[AnyArray, "nodes *population"]
 """of one robot, or of many with the population last: the laws of a population's scene hold these"""
 AnyNodeVectors = Float[AnyArray, "nodes 3 *population"]
 """likewise"""
+Mobility = Float[AnyArray, "nodes nodes 3"]
+PerCoordinate = Float[AnyArray, " coordinates"]
+MassMatrix = Float[AnyArray, "coordinates coordinates"]
 MemberVectors = Float[AnyArray, "members 3"]
+Displacement = Float[AnyArray, "3 *population"]
 Times = Float[AnyArray, " frames"]
 NodeHistory = Float[AnyArray, "frames nodes 3"]
 Vectors = Float[AnyArray, "population 3"]
+Paths = Float[AnyArray, "population points 3"]
 Phases = Float[AnyArray, "population actuators"]
 Table = Float[AnyArray, "_ _"]
 PerGait = Float[AnyArray, " population"]
@@ -32,6 +37,8 @@ FinalPositions = Float[AnyArray, "population nodes 3"]
 VectorsByKind = dict[str, Float[AnyArray, "_ 3"]]
 """a vector for each of the "struts" and each of the "cables", where a structure has them"""
 Edges = tuple[tuple[int, int], ...]
+Supports = tuple[tuple[int, str], ...]
+"""nodes, and which of their coordinates "x", "y" and "z" do not move"""
 State = tuple[AnyArray, AnyArray]
 """positions q (nodes, 3), m, and velocities v (nodes, 3), m/s"""
 

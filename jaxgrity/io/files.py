@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
+from PIL import Image
 
 from jaxgrity.core.errors import InputError
 
@@ -22,6 +23,20 @@ def read_text(path: str | Path) -> str:
         return Path(path).read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
+
+
+def read_picture(path: str | Path) -> np.ndarray:
+    """The brightness of a picture, (rows, columns), from 0, black, to 1, white; its first row is the upper one.
+
+    Raises `InputError` where it cannot be read.
+    """
+    try:
+        with Image.open(path) as picture:
+            deep = picture.mode.startswith("I") or picture.mode == "F"
+            grey = np.asarray(picture if deep else picture.convert("L"), float)
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: no picture: {getattr(error, 'strerror', None) or error}") from error
+    return grey / (65535 if deep else 255)
 
 
 def load_phases(path: str | Path, actuators: int) -> np.ndarray:
@@ -69,20 +84,20 @@ def write_whole(path: str | Path, write: Callable[[IO[bytes]], object]) -> None:
 
 def save_json(path: str | Path, content: Any) -> None:
     """Write `content` (arrays and NumPy numbers allowed) as JSON; a number that is not finite as null."""
-    text = json.dumps(_plain(content), indent=2, allow_nan=False) + "\n"
+    text = json.dumps(plain(content), indent=2, allow_nan=False) + "\n"
     write_whole(path, lambda file: file.write(text.encode()))
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
     if value is None or isinstance(value, (str, bool, int)):
         return value
     if isinstance(value, dict):
-        return {str(key): _plain(item) for key, item in value.items()}
+        return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_plain(item) for item in value]
+        return [plain(item) for item in value]
     if isinstance(value, float):
         return value if math.isfinite(value) else None
-    return _plain(np.asarray(value).tolist())
+    return plain(np.asarray(value).tolist())
 
 
 def save_arrays(path: str | Path, **arrays: Any) -> None:

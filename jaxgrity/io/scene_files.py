@@ -1,6 +1,7 @@
 """Scene files: TOML, SI units, radians; every key checked, and errors that say where they are."""
 
 import math
+import re
 import tomllib
 from importlib import resources
 from pathlib import Path
@@ -9,27 +10,34 @@ import msgspec
 import numpy as np
 
 from jaxgrity.core.errors import InputError
-from jaxgrity.core.types import Edges
 from jaxgrity.io.files import read_text
+from jaxgrity.io.grounds import build_ground
+from jaxgrity.io.members import build_members, cable_laws, member_numbers
 from jaxgrity.io.scene_tables import (
-    CablesTable,
+    CustomTable,
     FrictionTable,
     GaitTable,
-    GroundTable,
     RandomMembers,
     RandomPhases,
     SceneFile,
     StructureTable,
-    StrutsTable,
 )
 from jaxgrity.io.validation import explain, not_finite, shown
-from jaxgrity.model.actuation import Gait, random_members, random_phases
+from jaxgrity.model.actuation import Gait, Overtone, random_members, random_phases
 from jaxgrity.model.catalogue import rest_on_face
+from jaxgrity.model.external import Push, wind
 from jaxgrity.model.friction import ConeFriction, Friction, SmoothFriction, SwitchFriction
-from jaxgrity.model.ground import ExactGround, Ground, PenaltyGround
+from jaxgrity.model.geometry import Geometry
+from jaxgrity.model.ground import Ground
+from jaxgrity.model.laws import Law
+from jaxgrity.model.prestressed import prestressed
 from jaxgrity.model.scene import Scene
-from jaxgrity.model.structure import Members, Structure, edge_lengths, per_member
+from jaxgrity.model.shaking import Shaking
+from jaxgrity.model.structure import Structure, per_member
 
+DEEPEST = 50
+DEEP_KEY = re.compile(rf"(?:[\w-]+\.){{{DEEPEST}}}")
+"""a key with so many parts takes the TOML reader minutes, and gigabytes"""
 SHIPPED = resources.files("jaxgrity") / "data" / "scenes"
 
 
@@ -73,6 +81,8 @@ def load_scene(scene: str | Path) -> Scene:
 
 def parse_scene(text: str, name: str = "scene") -> Scene:
     """The scene that a scene file's text describes; `name` stands for the file in errors, as for `load_scene`."""
+    if DEEP_KEY.search(text):
+        raise InputError(f"{name}: a key has more than {DEEPEST} parts; expected one of a scene file's")
     try:
         tables = tomllib.loads(text)
         where, value = next(not_finite(tables), ("", None))
@@ -81,39 +91,67 @@ def parse_scene(text: str, name: str = "scene") -> Scene:
     if where:
         raise InputError(f"{name}: {where} = {shown(value)}: expected a finite number")
     try:
-        return build_scene(msgspec.convert(tables, SceneFile, strict=True))
+        return build_scene(msgspec.convert(tables, SceneFile, strict=True), Path(name).parent)
     except msgspec.ValidationError as error:
         raise InputError(f"{name}: {explain(str(error), tables, SceneFile)}") from error
     except InputError as error:
         raise InputError(f"{name}: {error}") from error
 
 
-def build_scene(file: SceneFile) -> Scene:
-    """The scene of a validated scene file. Raises `InputError` where its parts do not fit each other."""
-    structure = _structure(file)
+def build_scene(file: SceneFile, folder: Path = Path()) -> Scene:
+    """The scene of a validated scene file, which names other files as seen from the `folder`.
+
+    Raises `InputError` where its parts do not fit each other.
+    """
+    ground = build_ground(file.ground, folder)
+    structure = _structure(file, ground)
     damping = per_member(file.damping.node, len(structure.nodes), "damping.node") if file.damping else None
     return Scene(
         structure=structure,
         gravity=file.gravity.g if file.gravity else None,
         node_damping=damping,
-        ground=_ground(file.ground),
+        ground=ground,
         friction=_friction(file.friction),
         gait=_gait(file.gait, structure),
+        shaking=Shaking(**msgspec.structs.asdict(file.shaking)) if file.shaking else None,
+        terms=(*_forces_from_outside(file, len(structure.nodes)), *cable_laws(file.cables, structure.cables)),
     )
 
 
-def _structure(file: SceneFile) -> Structure:
+def _structure(file: SceneFile, ground: Ground | None) -> Structure:
     table = file.structure
-    nodes, struts, cables = table.geometry()
+    nodes, struts, cables = _geometry(table)
     parts = {
-        "struts": _members(file.struts, struts, nodes, "struts"),
-        "cables": _members(file.cables, cables, nodes, "cables"),
+        "struts": build_members(file.struts, struts, nodes, "struts"),
+        "cables": build_members(file.cables, cables, nodes, "cables"),
     }
-    return Structure(nodes=_posed(nodes, table, file.ground), node_mass=_node_mass(table, len(nodes)), **parts)
+    massive = any(members is not None and members.mass is not None for members in parts.values())
+    mass = _node_mass(table, len(nodes), massive)
+    fixed = tuple((each, "xyz") if isinstance(each, int) else (each.node, each.axes) for each in table.fixed)
+    posed = _posed(nodes, table, ground)
+    found = Structure(posed, mass, parts["struts"], parts["cables"], fixed=fixed)
+    if table.prestress is None:
+        return found
+    for kind, members in (("struts", file.struts), ("cables", file.cables)):
+        if members is not None and (members.prestrain is not None or members.rest_length is not None):
+            given = f"structure.prestress = {table.prestress:g} decides all rest lengths"
+            raise InputError(f"{given}; expected neither {kind}.prestrain nor {kind}.rest_length")
+    return prestressed(found, table.prestress)
 
 
-def _node_mass(table: StructureTable, count: int) -> np.ndarray:
+def _geometry(table: StructureTable) -> Geometry:
+    if isinstance(table, CustomTable):
+        return Geometry(*table.geometry())
+    try:
+        return Geometry(*table.geometry())
+    except InputError as error:
+        raise InputError(f"structure.{error}") from error  # it begins with the key
+
+
+def _node_mass(table: StructureTable, count: int, massive: bool) -> np.ndarray:
     if table.mass is None and table.node_mass is None:
+        if massive:
+            return np.zeros(count)
         raise InputError("structure.mass: missing; expected mass (of all nodes) or node_mass (a list, one for each)")
     if table.mass is not None and table.node_mass is not None:
         raise InputError(f"structure.mass = {table.mass}: node_mass is given too; expected one of them")
@@ -122,7 +160,7 @@ def _node_mass(table: StructureTable, count: int) -> np.ndarray:
     return np.full(count, table.mass / count) if table.mass is not None else np.array(table.node_mass, float)
 
 
-def _posed(nodes: np.ndarray, table: StructureTable, ground: GroundTable | None) -> np.ndarray:
+def _posed(nodes: np.ndarray, table: StructureTable, ground: Ground | None) -> np.ndarray:
     if table.pose == "face":
         nodes = rest_on_face(nodes)
     if table.aligned and ground is not None:
@@ -130,72 +168,19 @@ def _posed(nodes: np.ndarray, table: StructureTable, ground: GroundTable | None)
         nodes = nodes @ np.array([[cosine, 0, -sine], [0, 1, 0], [sine, 0, cosine]])
     if table.height is None:
         return nodes
-    slope = math.tan(ground.incline) if ground else 0.0
-    above = nodes[:, 2] + slope * nodes[:, 0]
+    above = nodes[:, 2] if ground is None else nodes[:, 2] - ground.height(nodes[:, 0], nodes[:, 1])
     return nodes + np.array([0.0, 0.0, table.height - above.min()])
 
 
-def _members(table: StrutsTable | CablesTable | None, edges: Edges, nodes: np.ndarray, kind: str) -> Members | None:
-    if not edges:
-        if table is not None:
-            raise InputError(f"{kind}: the structure has none; expected no [{kind}] table")
-        return None
-    if table is None:
-        return None
-    rigid = isinstance(table, StrutsTable) and table.rigid
-    if rigid and (table.stiffness is not None or np.any(_or_zero(table.damping))):
-        raise InputError("struts.rigid = true: a rigid strut has no spring; expected neither stiffness nor damping")
-    if table.stiffness is None and not rigid:
-        raise InputError("struts.stiffness: missing; expected a stiffness (N/m) or rigid = true")
-    if table.prestrain is not None and table.rest_length is not None:
-        given = f"{kind}.prestrain = {shown(table.prestrain)}"
-        raise InputError(f"{given}: rest_length is given too; expected one of them")
-    count = len(edges)
-    if table.rest_length is not None:
-        rest = per_member(table.rest_length, count, f"{kind}.rest_length")
-    else:
-        prestrain = per_member(_or_zero(table.prestrain), count, f"{kind}.prestrain")
-        rest = (1 - prestrain) * edge_lengths(nodes, edges)
-    damping = per_member(_or_zero(table.damping), count, f"{kind}.damping")
-    stiffness = None if table.stiffness is None else per_member(table.stiffness, count, f"{kind}.stiffness")
-    broken = _numbers(table.broken, count, "cables.broken") if isinstance(table, CablesTable) else ()
-    if stiffness is not None and broken:
-        damping[list(broken)] = stiffness[list(broken)] = 0.0
-    return Members(
-        edges=edges,
-        stiffness=stiffness,
-        rest_length=rest,
-        damping=damping if damping.any() else None,
-        stuck=_numbers(table.stuck, count, f"{kind}.stuck"),
-    )
-
-
-def _numbers(chosen: list[int], count: int, where: str) -> tuple[int, ...]:
-    """Which of `count` members, in ascending order."""
-    if len(set(chosen)) != len(chosen) or any(k >= count for k in chosen):
-        raise InputError(f"{where} = {shown(chosen)}: expected numbers from 0 to {count - 1}, none twice")
-    return tuple(sorted(chosen))
-
-
-def _or_zero(value: float | list[float] | None) -> float | list[float]:
-    return 0.0 if value is None else value
-
-
-def _ground(table: GroundTable | None) -> Ground | None:
-    if table is None:
-        return None
-    if table.contact == "complementarity":
-        if table.stiffness is not None or table.dissipation is not None:
-            raise InputError(
-                "ground.contact = 'complementarity' is no spring; expected neither stiffness nor dissipation"
-            )
-        return ExactGround(table.incline, table.restitution)
-    if table.stiffness is None:
-        raise InputError("ground.stiffness: missing; expected a stiffness (N/m) for penalty contact")
-    if table.restitution is not None:
-        given = f"ground.restitution = {table.restitution}"
-        raise InputError(f"{given} goes with contact = 'complementarity'; expected dissipation instead")
-    return PenaltyGround(table.stiffness, table.dissipation or None, table.incline)
+def _forces_from_outside(file: SceneFile, nodes: int) -> tuple[Law, ...]:
+    """The wind and the pushes."""
+    found: list[Law] = []
+    if file.wind is not None:
+        found.append(wind(file.wind.velocity, per_member(file.wind.drag, nodes, "wind.drag"), nodes))
+    for k, table in enumerate(file.pushes):
+        rows = member_numbers(table.nodes, nodes, f"pushes[{k}].nodes")
+        found.append(Push(rows, np.tile(table.force, (len(rows), 1)), table.start, table.duration, table.ramp))
+    return tuple(found)
 
 
 def _friction(table: FrictionTable | None) -> Friction | None:
@@ -233,6 +218,7 @@ def _gait(table: GaitTable | None, structure: Structure) -> Gait | None:
         frequency=per_member(table.frequency, count, "gait.frequency"),
         start=table.start,
         ramp=table.ramp,
+        overtones=tuple(Overtone(np.array(each.size, float), np.array(each.phase, float)) for each in table.overtones),
     )
 
 

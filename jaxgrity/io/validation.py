@@ -93,8 +93,8 @@ def _received(value: Any) -> str:
     return "" if isinstance(value, dict) else f" = {shown(value)}"
 
 
-def _expected(kinds: Sequence[Any]) -> str:
-    *others, last = (_named(kind) for kind in kinds)
+def _expected(kinds: Sequence[Any], many: bool = False) -> str:
+    *others, last = (_named(kind, many) for kind in kinds)
     return f"{', '.join(others)} or {last}" if others else last
 
 
@@ -105,9 +105,11 @@ def _named(kind: Any, many: bool = False) -> str:
         return _named(inner[0], many) + "".join(_limits(limit) for limit in inner[1:])
     if origin is typing.Literal:
         return repr(inner[0])
+    if origin in (typing.Union, types.UnionType):
+        return " or ".join(_named(part, many) for part in inner)
     if origin in (list, tuple):
         size = f"{len(inner)} " if origin is tuple else ""
-        return f"{'lists' if many else 'a list'} of {size}{_named(inner[0], many=True)}"
+        return f"{'lists' if many else 'a list'} of {size}{_expected(_parts(inner[0]), many=True)}"
     if kind in WORDS:
         return WORDS[kind][many]
     tag = kind.__struct_config__.tag_field
@@ -127,7 +129,7 @@ def _inside(kinds: Sequence[Any], value: Any, step: str | int) -> list[Any]:
     for kind in kinds:
         kind = typing.get_args(kind)[0] if typing.get_origin(kind) is typing.Annotated else kind
         if isinstance(step, int):
-            found += [typing.get_args(kind)[0]] if typing.get_origin(kind) in (list, tuple) else []
+            found += _parts(typing.get_args(kind)[0]) if typing.get_origin(kind) in (list, tuple) else []
         elif _is_table(kind) and step == kind.__struct_config__.tag_field:
             found.append(typing.Literal[kind.__struct_config__.tag])
         elif _is_table(kind) and _fits(kind, value):

@@ -4,9 +4,11 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from jaxgrity.core.display import of_report
 from jaxgrity.core.primitives import place_rows, take_rows
 from jaxgrity.core.types import PerActuator, PerMember, Scalar, as_float
-from jaxgrity.model.structure import Members
+from jaxgrity.model.motors import wound
+from jaxgrity.model.structure import Members, Structure
 
 
 class Overtone(eqx.Module):
@@ -43,6 +45,29 @@ class Gait(eqx.Module):
     overtones: tuple[Overtone, ...] = ()
     """of twice the frequency, three times, and so on"""
 
+    def _repr_html_(self) -> str:
+        return of_report("notebook", "gait_html")(self)
+
+
+class Command(eqx.Module):
+    """Rest lengths that a controller asks for: L_k(t) = L0_k (1 - (now_k + rate_k (t - since))).
+
+    In a closed loop it stands in a scene in the place of its gait, for one control period at a time.
+    """
+
+    members: tuple[int, ...] = eqx.field(static=True)
+    """which members are actuated, as in a `Gait`"""
+    now: PerActuator
+    """by which fraction each is shortened at `since`"""
+    rate: PerActuator
+    """1/s, by which that fraction grows"""
+    since: Scalar
+    """s"""
+
+
+Actuation = Gait | Command
+"""what changes rest lengths"""
+
 
 def random_members(candidates: range, fraction: float, seed: int) -> tuple[int, ...]:
     """About `fraction` of the candidates (at least one), drawn at random without replacement, in ascending order."""
@@ -56,8 +81,10 @@ def random_phases(gaits: int, actuators: int, seed: int) -> np.ndarray:
     return np.random.default_rng(seed).uniform(0, 2 * np.pi, (gaits, actuators))
 
 
-def contraction(gait: Gait, t: Scalar) -> PerActuator:
+def contraction(gait: Actuation, t: Scalar) -> PerActuator:
     """By which fraction each actuated member is shortened at time t."""
+    if isinstance(gait, Command):
+        return gait.now + gait.rate * (t - gait.since)
     r = jnp.clip((t - gait.start) / gait.ramp, 0, 1)
     angle = 2 * jnp.pi * t * gait.frequency
     wave = jnp.sin(angle + gait.phase)
@@ -68,17 +95,43 @@ def contraction(gait: Gait, t: Scalar) -> PerActuator:
     return gait.amplitude / 2 * r * (1 + wave)
 
 
-def rest_length(members: Members, gait: Gait | None, t: Scalar, first: int) -> PerMember:
+def rest_length(members: Members, gait: Actuation | None, t: Scalar, first: int) -> PerMember:
     """L(t) of the struts or of the cables, m; `first` is the number that a gait gives to the first of them."""
     count = len(members.edges)
+    own = members.rest_length
+    for motor in members.motors:
+        change = jnp.asarray(wound(motor, take_rows(members.rest_length, (motor.member,))[0], t))
+        own = own + place_rows(change[None], (motor.member,), count)
     works = {first + k for k in range(count) if k not in members.stuck}
     slots = tuple(a for a, k in enumerate(gait.members) if k in works) if gait else ()
     if gait is None or not slots:
-        return members.rest_length
+        return own
     rows = tuple(gait.members[a] - first for a in slots)
     shortened = contraction(gait, t)
     if slots != tuple(range(len(gait.members))):
         shortened = take_rows(shortened, slots)
     if rows != tuple(range(count)):
         shortened = place_rows(shortened, rows, count)
-    return members.rest_length * (1 - shortened)
+    return own * (1 - shortened)
+
+
+def peak_rates(gait: Gait, rest_lengths: PerMember, samples: int = 64) -> PerActuator:
+    """The largest |dL/dt| of every actuated member over a period, m/s, once the ramp is over; of a population too.
+
+    L0 delta/2 2 pi f max |s'|, s' being the wave's derivative in its angle: 1 for a single sine, and with overtones the
+    largest of so many `samples`. `rest_lengths` are L0, m, (actuators,).
+    """
+    steepest: PerActuator | float = 1.0
+    if gait.overtones:
+        angles = jnp.linspace(0, 2 * jnp.pi, samples, endpoint=False).reshape(-1, *[1] * jnp.ndim(gait.phase))
+        slope = jnp.cos(angles + gait.phase)
+        for h, overtone in enumerate(gait.overtones, start=2):
+            slope = slope + h * overtone.size * jnp.cos(h * angles + overtone.phase)
+        steepest = jnp.abs(slope).max(0) / (1 + sum(overtone.size for overtone in gait.overtones))
+    return rest_lengths * gait.amplitude * jnp.pi * gait.frequency * steepest
+
+
+def actuated_lengths(structure: Structure, members: tuple[int, ...]) -> PerMember:
+    """Rest lengths of the actuated members, m, as built."""
+    kinds = [m for m in (structure.struts, structure.cables) if m is not None]
+    return jnp.concatenate([jnp.asarray(m.rest_length) for m in kinds])[np.array(members)]

@@ -35,13 +35,13 @@ def exact_twin(scene: Scene) -> Scene:
     nodes, ground, friction = structure.nodes, scene.ground, scene.friction
     if struts is not None and not struts.rigid:
         rest = _built_lengths(struts, nodes)
-        structure = _with_struts(structure, Members(struts.edges, None, rest, stuck=struts.stuck))
+        structure = _with_struts(structure, dataclasses.replace(struts, stiffness=None, damping=None, rest_length=rest))
     if ground is not None and not ground.impulsive:
-        depth = max(0.0, -float((np.asarray(nodes, float) @ np.array(ground.normal)).min()))
-        if depth > LARGEST_GAP:
-            structure = dataclasses.replace(structure, nodes=nodes + depth * np.array(ground.normal))
+        lowest = -float(ground.measured(np.asarray(nodes, float)).distance.min())
+        if lowest > LARGEST_GAP:
+            structure = dataclasses.replace(structure, nodes=ground.set_down(np.asarray(nodes, float), 0.0))
         cone = None if friction is None else ConeFriction(friction.sliding_mu)
-        ground, friction = ExactGround(ground.incline), cone
+        ground, friction = ExactGround(ground.incline, surface=ground.surface, offset=ground.offset), cone
     return dataclasses.replace(scene, structure=structure, ground=ground, friction=friction)
 
 
@@ -63,11 +63,12 @@ def penalty_twin(scene: Scene) -> Scene:
     stiffness, structure = float(scene.structure.mass) * float(scene.gravity) / (3 * DEPTH * size), scene.structure
     if struts is not None and struts.rigid:
         each = np.full(len(struts.edges), 2 * stiffness)
-        springs = Members(struts.edges, each, struts.rest_length, RELAXATION * each, stuck=struts.stuck)
+        springs = dataclasses.replace(struts, stiffness=each, damping=RELAXATION * each)
         structure = _with_struts(structure, springs)
     if ground is not None and ground.impulsive:
         friction = None if friction is None else SmoothFriction(friction.sliding_mu, SLIP_SPEED)
-        ground = PenaltyGround(stiffness, DISSIPATION, ground.incline)
+        where = ground.surface, ground.offset
+        ground = PenaltyGround(stiffness, DISSIPATION, ground.incline, surface=where[0], offset=where[1])
     return dataclasses.replace(scene, structure=structure, ground=ground, friction=friction)
 
 

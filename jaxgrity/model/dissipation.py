@@ -9,7 +9,8 @@ import equinox as eqx
 
 from jaxgrity.core.primitives import dot, half_squares, inner, length, norm_squared, over
 from jaxgrity.core.types import AnyPerNode, MemberVectors, PerMember, Scalar
-from jaxgrity.model.actuation import Gait, rest_length
+from jaxgrity.model.actuation import Actuation, rest_length
+from jaxgrity.model.clusters import added_up, in_series, to_segments
 from jaxgrity.model.laws import (
     DissipationTerm,
     Motion,
@@ -74,10 +75,13 @@ class StrutDamping(DissipationTerm):
 
 
 class CableDamping(DissipationTerm):
-    """R = sum c/2 l'^2 over the cables that are longer than their rest length L(t); shortening is resisted too."""
+    """R = sum c/2 l'^2 over the cables that are longer than their rest length L(t); shortening is resisted too.
+
+    Of a cable through several nodes, l and l' are the sums over its segments.
+    """
 
     cables: Members
-    gait: Gait | None
+    gait: Actuation | None
     first: int = eqx.field(static=True)
     """the number that gaits give to the first cable"""
     name: ClassVar[str] = "cable damping"
@@ -94,7 +98,11 @@ class CableDamping(DissipationTerm):
         damping, taut_above = self.cables.damping, rest_length(self.cables, self.gait, motion.at.t, self.first)
         assert damping is not None, "`of` makes no law for cables without dampers"
         rate, lengths = _rate_of_length(motion, "cables")
-        return half_squares(damping * (lengths > taut_above).astype(rate.dtype), rate)
+        clusters = self.cables.clusters
+        if not clusters:
+            return half_squares(damping * (lengths > taut_above).astype(rate.dtype), rate)
+        taut = added_up(lengths - taut_above, clusters) > 0
+        return half_squares(in_series(damping, clusters) * taut.astype(rate.dtype), added_up(rate, clusters))
 
     def keeps(self, symmetry):
         return unchanged(self.cables.damping, moved_members(self.cables, self.first, symmetry))
@@ -103,7 +111,8 @@ class CableDamping(DissipationTerm):
         return tuple(f"damping of {name}" for name in member_names("cable", self.cables))
 
     def scaled(self, factors):
-        return eqx.tree_at(lambda s: s.cables.damping, self, self.cables.damping * factors)
+        each = to_segments(factors, self.cables.clusters, len(self.cables.edges))
+        return eqx.tree_at(lambda s: s.cables.damping, self, self.cables.damping * each)
 
 
 def _rate_of_length(motion: Motion, kind: str) -> tuple[PerMember, PerMember]:

@@ -7,7 +7,8 @@ import numpy as np
 
 from jaxgrity.core.primitives import component, dot, half_squares, inner, length, positive_part
 from jaxgrity.core.types import AnyNodeVectors, AnyPerNode, Scalar
-from jaxgrity.model.actuation import Gait, rest_length
+from jaxgrity.model.actuation import Actuation, rest_length
+from jaxgrity.model.clusters import added_up, in_series, to_segments
 from jaxgrity.model.laws import (
     SAME,
     Configuration,
@@ -16,6 +17,7 @@ from jaxgrity.model.laws import (
     Symmetry,
     member_names,
     moved_members,
+    same_roles,
     unchanged,
 )
 from jaxgrity.model.structure import Members
@@ -27,7 +29,7 @@ class StrutSprings(EnergyTerm):
     """U = sum K/2 (l - L(t))^2, l = |d|: springs that push and pull."""
 
     struts: Members
-    gait: Gait | None
+    gait: Actuation | None
     name: ClassVar[str] = "strut springs"
 
     @classmethod
@@ -50,10 +52,10 @@ class StrutSprings(EnergyTerm):
 
 
 class CableSprings(EnergyTerm):
-    """U = sum K/2 max(0, l - L(t))^2, l = |d|: a slack cable stores nothing."""
+    """U = sum K/2 max(0, l - L(t))^2, l = |d|, or their sum in a cluster: a slack cable stores nothing."""
 
     cables: Members
-    gait: Gait | None
+    gait: Actuation | None
     first: int = eqx.field(static=True)
     """the number that gaits give to the first cable"""
     name: ClassVar[str] = "cables (tension only)"
@@ -64,8 +66,11 @@ class CableSprings(EnergyTerm):
         return None if cables is None else cls(cables, scene.gait, scene.structure.first_cable)
 
     def energy(self, at: Configuration) -> Scalar:
-        stretch = positive_part(length(at.vectors["cables"]) - rest_length(self.cables, self.gait, at.t, self.first))
-        return half_squares(self.cables.stiffness, stretch)
+        cables = self.cables
+        longer = length(at.vectors["cables"]) - rest_length(cables, self.gait, at.t, self.first)
+        stretch = positive_part(added_up(longer, cables.clusters))
+        assert cables.stiffness is not None, "cables are springs"
+        return half_squares(in_series(cables.stiffness, cables.clusters), stretch)
 
     def keeps(self, symmetry):
         return _springs_alike(self.cables, self.first, symmetry)
@@ -74,11 +79,15 @@ class CableSprings(EnergyTerm):
         return member_names("cable", self.cables)
 
     def scaled(self, factors):
-        return eqx.tree_at(lambda s: s.cables.stiffness, self, self.cables.stiffness * factors)
+        each = to_segments(factors, self.cables.clusters, len(self.cables.edges))
+        return eqx.tree_at(lambda s: s.cables.stiffness, self, self.cables.stiffness * each)
 
 
 class Gravity(EnergyTerm):
-    """U = sum m g z, with z along `up` where the ground leans more than its file says."""
+    """U = sum m g z, members' mass half at each end.
+
+    z is along `up` where the ground leans more than its file says.
+    """
 
     g: Scalar
     node_mass: AnyPerNode
@@ -87,7 +96,7 @@ class Gravity(EnergyTerm):
 
     @classmethod
     def of(cls, scene: SceneParts) -> "Gravity | None":
-        return None if scene.gravity is None else cls(scene.gravity, scene.structure.node_mass, scene.up)
+        return None if scene.gravity is None else cls(scene.gravity, scene.structure.lumped_mass, scene.up)
 
     def energy(self, at: Configuration) -> Scalar:
         height = component(at.q, UP) if self.up is None else dot(at.q, self.up)
@@ -108,4 +117,4 @@ def _springs_alike(members: Members, first: int, symmetry: Symmetry) -> bool:
     """Whether a symmetry maps springs on springs of the same stiffness and rest length, stuck ones on stuck ones."""
     moved = moved_members(members, first, symmetry)
     alike = all(unchanged(x, moved) for x in (members.stiffness, members.rest_length) if x is not None)
-    return alike and {moved[k] for k in members.stuck} == set(members.stuck)
+    return alike and same_roles(members, moved)

@@ -10,8 +10,11 @@ import numpy as np
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import along, component, inner, inverse, root
 from jaxgrity.core.types import NodeVectors, PerNode, Scalar, as_float
-from jaxgrity.model.ground import Ground, held_directions, same_direction
+from jaxgrity.model.ground import Ground, held_directions
 from jaxgrity.model.laws import Constraint, DissipationTerm, ForceLaw, Law, Motion, node_names, unchanged_per_node
+from jaxgrity.model.surface import Direction
+
+Tangents = tuple[Direction, Direction]
 
 
 class Friction(eqx.Module):
@@ -112,11 +115,12 @@ class SlipDissipation(DissipationTerm):
 
     def dissipation(self, motion: Motion) -> Scalar:
         assert motion.normal_force is not None, "penalty contact presses on nodes by forces"
-        return slip_dissipation(self.friction, self.ground, motion.v, motion.normal_force)
+        tangents = self.ground.frame(motion.at.q).tangents
+        return slip_dissipation(self.friction, tangents, motion.v, motion.normal_force)
 
     def keeps(self, symmetry):
         alike = unchanged_per_node(self.friction.mu, symmetry)
-        return alike and same_direction(symmetry.matrix, self.ground.normal)
+        return alike and self.ground.keeps(symmetry)
 
     def parts(self, scene):
         return node_names("friction at", scene)
@@ -135,11 +139,12 @@ class CoulombSwitch(ForceLaw):
 
     def force(self, motion: Motion, other_forces: NodeVectors) -> NodeVectors:
         assert motion.normal_force is not None, "penalty contact presses on nodes by forces"
-        return switch_force(self.friction, self.ground, motion.v, motion.normal_force, other_forces)
+        tangents = self.ground.frame(motion.at.q).tangents
+        return switch_force(self.friction, tangents, motion.v, motion.normal_force, other_forces)
 
     def keeps(self, symmetry):
         alike = (unchanged_per_node(mu, symmetry) for mu in (self.friction.mu_static, self.friction.mu_kinetic))
-        return all(alike) and same_direction(symmetry.matrix, self.ground.normal)
+        return all(alike) and self.ground.keeps(symmetry)
 
 
 class CoulombCone(Constraint):
@@ -151,24 +156,24 @@ class CoulombCone(Constraint):
 
     def keeps(self, symmetry):
         alike = unchanged_per_node(self.friction.mu, symmetry)
-        return alike and same_direction(symmetry.matrix, self.ground.normal)
+        return alike and self.ground.keeps(symmetry)
 
     def directions(self, q):
-        return held_directions(self.ground, self.ground.tangents, q)
+        return held_directions(self.ground, slice(1, 3), q)
 
     def violation(self, q):
         return ""
 
 
-def slip_dissipation(friction: SmoothFriction, ground: Ground, v: NodeVectors, normal_force: PerNode) -> Scalar:
+def slip_dissipation(friction: SmoothFriction, tangents: Tangents, v: NodeVectors, normal_force: PerNode) -> Scalar:
     """R = sum mu F_n sqrt(|v_t|^2 + eps^2), W, with F_n held fixed."""
-    slip, sideways = (jnp.square(component(v, tangent)) for tangent in ground.tangents)
+    slip, sideways = (jnp.square(component(v, tangent)) for tangent in tangents)
     speed = root(slip + sideways + jnp.square(friction.slip_speed))
     return inner(friction.mu * normal_force, speed)
 
 
 def switch_force(
-    friction: SwitchFriction, ground: Ground, v: NodeVectors, normal_force: PerNode, other_forces: NodeVectors
+    friction: SwitchFriction, tangents: Tangents, v: NodeVectors, normal_force: PerNode, other_forces: NodeVectors
 ) -> NodeVectors:
     """F_switch, N. A node sticks while |v_t| < eps and the force that would hold it is within mu_s F_n.
 
@@ -176,14 +181,14 @@ def switch_force(
     below eps, with which it came. Any other node gets
     mu_k F_n against its slip, or, while it is slower than eps, against the slip that `other_forces` are about to start.
     """
-    slip = [component(v, tangent) for tangent in ground.tangents]
-    push = [component(other_forces, tangent) for tangent in ground.tangents]
+    slip = [component(v, tangent) for tangent in tangents]
+    push = [component(other_forces, tangent) for tangent in tangents]
     speed, needed = (_hypot(*pair) for pair in (slip, push))
     slow = (speed < friction.slip_speed).astype(speed.dtype)
     stick = slow * (needed <= friction.mu_static * normal_force).astype(speed.dtype)
     against_slip = (1 - slow) * friction.mu_kinetic * normal_force * inverse(speed)
     against_push = stick + (slow - stick) * friction.mu_kinetic * normal_force * inverse(needed)
-    parts = [along(-against_slip * s - against_push * p, tangent) for s, p, tangent in zip(slip, push, ground.tangents)]
+    parts = [along(-against_slip * s - against_push * p, tangent) for s, p, tangent in zip(slip, push, tangents)]
     return parts[0] + parts[1]
 
 

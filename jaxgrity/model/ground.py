@@ -1,4 +1,4 @@
-"""The ground: where it is, and how it pushes back, as a spring or as a constraint."""
+"""The ground: how it pushes back, as a spring or as a constraint, where its plane or its surface is."""
 
 import math
 from abc import abstractmethod
@@ -7,22 +7,38 @@ from typing import TYPE_CHECKING, ClassVar
 import equinox as eqx
 import jax
 import numpy as np
+from numpy.typing import ArrayLike
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import component, half_squares, inner, positive_part
-from jaxgrity.core.types import AnyArray, NodeVectors, PerNode, Scalar, as_float, as_float_or_none
-from jaxgrity.model.laws import SAME as SAME_DIRECTION
-from jaxgrity.model.laws import Configuration, Constraint, DissipationTerm, EnergyTerm, Law, Motion, node_names
+from jaxgrity.core.types import AnyArray, AnyNodeVectors, NodeVectors, PerNode, Scalar, as_float, as_float_or_none
+from jaxgrity.model.laws import (
+    Configuration,
+    Constraint,
+    DissipationTerm,
+    EnergyTerm,
+    Law,
+    Motion,
+    Symmetry,
+    node_names,
+)
 from jaxgrity.model.rigid_struts import LARGEST_GAP
+from jaxgrity.model.surface import AXES, Frame, Measured, Slope, Surface, as_double
 
 UnitVector = tuple[float, float, float]
 
+SETTLED_WITHIN = 100
+"""moves along the normal, by which a structure is set down on uneven ground"""
 TOUCHING = 1e-6
 """m above exact ground, within which a node at rest counts as held by it"""
 
 
 class Ground(eqx.Module):
-    """A plane through the origin, level or falling towards +x: phi(x) = n·x, n = (sin theta, 0, cos theta)."""
+    """A plane through the origin, level or falling towards +x: phi(x) = n·x, n = (sin theta, 0, cos theta).
+
+    Or any other `Surface` in its place: where the ground is, and how it pushes back, are chosen one by one. Raises
+    `InputError` where a surface comes with an incline.
+    """
 
     if TYPE_CHECKING:  # type checkers would take an abstract variable for the first field of every ground
 
@@ -31,14 +47,26 @@ class Ground(eqx.Module):
     else:
         incline: eqx.AbstractVar[float]
         """theta, rad"""
+    surface: Surface | None = eqx.field(default=None, kw_only=True)
+    """where the ground is; None: the plane"""
+    offset: AnyNodeVectors | None = eqx.field(converter=as_float_or_none, default=None, kw_only=True)
+    """m, (nodes, 3), all rows alike: how far the surface has been moved; None: not at all"""
     impulsive: eqx.AbstractClassVar[bool]
     """whether it pushes by impulses, as a constraint, or by forces, as a spring"""
     touched_below: eqx.AbstractClassVar[float]
     """m: a node whose signed distance is less touches the ground, in the frames of a trajectory"""
 
+    def __check_init__(self):
+        if self.surface is not None and self.incline:
+            raise InputError(f"ground.incline = {self.incline}: it is that of the plane; expected none with a surface")
+        if self.surface is None and self.offset is not None:
+            raise InputError("ground.offset moves a surface; expected none on the plane")
+
     @property
     def normal(self) -> UnitVector:
-        """Outward unit normal n."""
+        """Outward unit normal n of the plane. Raises `InputError` on a surface, where it varies: see `frame`."""
+        if self.surface is not None:
+            raise InputError("the normal of this ground differs from place to place; expected a plane")
         return (math.sin(self.incline), 0.0, math.cos(self.incline))
 
     @property
@@ -48,7 +76,53 @@ class Ground(eqx.Module):
 
     def signed_distance(self, q: NodeVectors) -> PerNode:
         """phi, m: height of each node above the ground along its normal, negative inside."""
-        return component(q, self.normal)
+        return component(q, self.normal) if self.surface is None else self.surface.signed_distance(self._moved(q))
+
+    def frame(self, q: NodeVectors) -> Frame:
+        """The normal and two tangents: constants on the plane, a row for each of the nodes at q on a surface."""
+        if self.surface is None:
+            return Frame(self.normal, self.tangents)
+        return self.surface.frame(self._moved(q))
+
+    def _moved(self, q: NodeVectors) -> NodeVectors:
+        return q if self.offset is None else q - self.offset
+
+    def height(self, x: ArrayLike, y: ArrayLike) -> np.ndarray:
+        """m, z of the ground at places x, y, m; -infinity where there is none. For use before and after rollouts."""
+        surface = Slope(self.incline) if self.surface is None else self.surface
+        moved = np.zeros(3) if self.offset is None else np.asarray(self.offset, float)[0]
+        with jax.enable_x64(True):
+            x, y = np.asarray(x, float) - moved[0], np.asarray(y, float) - moved[1]
+            return np.asarray(as_double(surface).height(x, y)) + moved[2]
+
+    def measured(self, q: np.ndarray) -> "Measured":
+        """Distances and frames at positions `q` (..., nodes, 3), m, in float64: for use before and after rollouts."""
+        if self.surface is None:
+            axes = np.array([self.normal, *self.tangents])
+            return Measured(q @ axes[0], np.broadcast_to(axes, (*q.shape[:-1], 3, 3)))
+        with jax.enable_x64(True):
+            ground = as_double(self)
+            each = jax.vmap(lambda q: (ground.signed_distance(q), ground.frame(q)))
+            phi, frame = each(np.asarray(q, float).reshape(-1, *q.shape[-2:]))
+            axes = np.stack([frame.normal, *frame.tangents], axis=-2)
+        return Measured(np.asarray(phi).reshape(q.shape[:-1]), axes.reshape(*q.shape[:-1], 3, 3))
+
+    def set_down(self, q: np.ndarray, depth: float) -> np.ndarray:
+        """(nodes, 3): the nodes q, m, moved along the lowest one's normal until that is so deep (m) in the ground."""
+        for _ in range(SETTLED_WITHIN):
+            distance, axes = self.measured(q)
+            node = int(distance.argmin())
+            beyond = distance[node] + depth
+            q = q - beyond * axes[node, 0]
+            if self.surface is None or abs(beyond) < LARGEST_GAP / 10:
+                break
+        return q
+
+    def keeps(self, symmetry: Symmetry) -> bool:
+        """Whether the ground is the same after the map; of surfaces only what leaves every place where it is."""
+        if self.surface is None:
+            return symmetry.leaves(self.normal)
+        return all(symmetry.leaves(axis) for axis in AXES)
 
     @abstractmethod
     def laws(self) -> tuple[Law, ...]:
@@ -88,7 +162,7 @@ class PenaltyGround(Ground):
         return (PenaltyContact(self), *([] if self.dissipation is None else [ContactDissipation(self)]))
 
     def normal_force(self, q, v):
-        v_n = None if self.dissipation is None else component(v, self.normal)
+        v_n = None if self.dissipation is None else component(v, self.frame(q).normal)
         return normal_force(self, self.signed_distance(q), v_n)
 
     def resting_depth(self, weight, nodes):
@@ -129,7 +203,7 @@ class PenaltyContact(EnergyTerm):
         return contact_energy(self.ground, self.ground.signed_distance(at.q))
 
     def keeps(self, symmetry):
-        return same_direction(symmetry.matrix, self.ground.normal)
+        return self.ground.keeps(symmetry)
 
     def parts(self, scene):
         return node_names("contact of", scene)
@@ -146,11 +220,11 @@ class ContactDissipation(DissipationTerm):
     cause: ClassVar[str] = "contact"
 
     def dissipation(self, motion: Motion) -> Scalar:
-        v_n = component(motion.v, self.ground.normal)
+        v_n = component(motion.v, self.ground.frame(motion.at.q).normal)
         return contact_dissipation(self.ground, v_n, self.ground.signed_distance(motion.at.q))
 
     def keeps(self, symmetry):
-        return same_direction(symmetry.matrix, self.ground.normal)
+        return self.ground.keeps(symmetry)
 
     def parts(self, scene):
         return node_names("contact dissipation of", scene)
@@ -166,32 +240,27 @@ class ExactContact(Constraint):
     name: ClassVar[str] = "exact contact"
 
     def keeps(self, symmetry):
-        return same_direction(symmetry.matrix, self.ground.normal)
+        return self.ground.keeps(symmetry)
 
     def directions(self, q):
-        return held_directions(self.ground, (self.ground.normal,), q)
+        return held_directions(self.ground, slice(1), q)
 
     def violation(self, q):
-        depth = -(q @ np.array(self.ground.normal))
+        depth = -self.ground.measured(q).distance
         node = int(np.argmax(depth))
         if depth[node] <= LARGEST_GAP:
             return ""
         return f"node {node} starts {depth[node]:.3g} m below the ground; expected: on exact contact, on or above it"
 
 
-def held_directions(ground: Ground, directions: tuple[UnitVector, ...], q: np.ndarray) -> np.ndarray:
-    """(constraints, nodes, 3): each of the directions, for each node that touches the ground."""
-    rows = []
-    for node in np.flatnonzero(q @ np.array(ground.normal) <= TOUCHING):
-        for direction in directions:
+def held_directions(ground: Ground, axes: slice, q: np.ndarray) -> np.ndarray:
+    """(constraints, nodes, 3): some of the normal and the two tangents, for each node that touches the ground."""
+    rows, (distance, frames) = [], ground.measured(q)
+    for node in np.flatnonzero(distance <= TOUCHING):
+        for direction in frames[node, axes]:
             rows.append(np.zeros(q.shape))
             rows[-1][node] = direction
     return np.array(rows).reshape(-1, *q.shape)
-
-
-def same_direction(matrix: np.ndarray, direction: UnitVector) -> bool:
-    """Whether a map leaves a direction as it is."""
-    return bool(np.allclose(matrix @ np.array(direction), direction, rtol=0, atol=SAME_DIRECTION))
 
 
 def contact_energy(ground: PenaltyGround, phi: PerNode) -> Scalar:

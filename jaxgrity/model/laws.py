@@ -15,6 +15,7 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import dot, edge_vectors, length, over
 from jaxgrity.core.types import AnyArray, MemberVectors, NodeVectors, PerMember, PerNode, Scalar, VectorsByKind
 from jaxgrity.model.actuation import rest_length
+from jaxgrity.model.clusters import added_up, cables_of, nodes_along
 from jaxgrity.model.structure import Members, Structure
 
 SAME = 1e-9
@@ -31,6 +32,10 @@ class Symmetry(NamedTuple):
     members: tuple[int, ...]
     """member k becomes member members[k]: struts count from 0, cables go on after them"""
 
+    def leaves(self, direction: tuple[float, float, float]) -> bool:
+        """Whether it leaves a unit vector as it is, to `SAME`."""
+        return bool(np.allclose(self.matrix @ np.array(direction), direction, rtol=0, atol=SAME))
+
 
 @runtime_checkable
 class SceneParts(Protocol):
@@ -43,6 +48,7 @@ class SceneParts(Protocol):
     friction: Any
     gait: Any
     up: Any
+    shaking: Any
 
 
 class Configuration(NamedTuple):
@@ -62,10 +68,13 @@ class Configuration(NamedTuple):
         return length(_of_kind(self.vectors, kind, self.q, self.scene))
 
     def stretch(self, kind: str) -> PerMember:
-        """l - L(t), m, of each of the "struts" or "cables"; a cable is slack where it is negative."""
-        structure = self.scene.structure
-        first = 0 if kind == "struts" else structure.first_cable
-        return self.length(kind) - rest_length(_members(self.scene, kind), self.scene.gait, self.t, first)
+        """l - L(t), m, of each of the "struts" or "cables"; a cable is slack where it is negative.
+
+        Segments of one cable are added up: see `clusters.py`.
+        """
+        members = _members(self.scene, kind)
+        first = 0 if kind == "struts" else self.scene.structure.first_cable
+        return added_up(self.length(kind) - rest_length(members, self.scene.gait, self.t, first), members.clusters)
 
 
 class Motion(NamedTuple):
@@ -166,9 +175,22 @@ def moved_members(members: Members, first: int, symmetry: Symmetry) -> list[int]
     return [symmetry.members[first + k] - first for k in range(len(members.edges))]
 
 
+def same_roles(members: Members, moved: Sequence[int]) -> bool:
+    """Whether stuck members take the places of stuck ones, and cables those of cables; no motor is like another."""
+    clusters = {frozenset(moved[k] for k in cluster) for cluster in members.clusters}
+    still = all(moved[motor.member] == motor.member for motor in members.motors)
+    same = clusters == set(map(frozenset, members.clusters))
+    return {moved[k] for k in members.stuck} == set(members.stuck) and same and still
+
+
 def member_names(kind: str, members: Members) -> tuple[str, ...]:
-    """Such as "strut 0 (nodes 0, 1)"."""
-    return tuple(f"{kind} {k} (nodes {i}, {j})" for k, (i, j) in enumerate(members.edges))
+    """Such as "strut 0 (nodes 0, 1)", or "cable 3, 4 (nodes 5, 2, 7)" of one that runs through several nodes."""
+    names = []
+    for segments in cables_of(members.clusters, len(members.edges)):
+        numbers = ", ".join(map(str, segments))
+        nodes = ", ".join(map(str, nodes_along(tuple(members.edges[k] for k in segments))))
+        names.append(f"{kind} {numbers} (nodes {nodes})")
+    return tuple(names)
 
 
 def node_names(what: str, scene: SceneParts) -> tuple[str, ...]:

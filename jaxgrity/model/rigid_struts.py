@@ -5,8 +5,8 @@ from typing import ClassVar
 import jax
 import numpy as np
 
-from jaxgrity.model.actuation import Gait, rest_length
-from jaxgrity.model.laws import Constraint, SceneParts, moved_members, unchanged
+from jaxgrity.model.actuation import Actuation, rest_length
+from jaxgrity.model.laws import Constraint, SceneParts, moved_members, same_roles, unchanged
 from jaxgrity.model.structure import Members, edge_lengths
 
 LARGEST_GAP = 1e-6
@@ -17,7 +17,7 @@ class RigidStruts(Constraint):
     """|x_i - x_j| = L(t), a constraint that changes with time where a gait actuates the strut."""
 
     struts: Members
-    gait: Gait | None
+    gait: Actuation | None
     name: ClassVar[str] = "rigid struts"
 
     @classmethod
@@ -27,8 +27,7 @@ class RigidStruts(Constraint):
 
     def keeps(self, symmetry):
         moved = moved_members(self.struts, 0, symmetry)
-        stuck = {moved[k] for k in self.struts.stuck} == set(self.struts.stuck)
-        return unchanged(self.struts.rest_length, moved) and stuck
+        return unchanged(self.struts.rest_length, moved) and same_roles(self.struts, moved)
 
     def directions(self, q):
         rows = np.zeros((len(self.struts.edges), *q.shape))

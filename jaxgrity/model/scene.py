@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxgrity.core.display import of_report
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import NodeVectors, PerNode, Scalar, State, VectorsByKind, as_float_or_none
 from jaxgrity.model.actuation import Gait
@@ -17,6 +18,7 @@ from jaxgrity.model.friction import ConeFriction, CoulombCone, Friction, SmoothF
 from jaxgrity.model.ground import ContactDissipation, ExactContact, Ground, PenaltyContact
 from jaxgrity.model.laws import Configuration, Constraint, DissipationTerm, EnergyTerm, ForceLaw, Law, Motion
 from jaxgrity.model.rigid_struts import RigidStruts
+from jaxgrity.model.shaking import SupportMotion
 from jaxgrity.model.structure import Structure, member_vectors
 
 LAWS_OF_STRUCTURES = (StrutSprings, RigidStruts, CableSprings, NodeDamping, StrutDamping, CableDamping, Gravity)
@@ -26,7 +28,7 @@ KNOWN_FRICTIONS = (SmoothFriction, SwitchFriction, ConeFriction)
 """with the laws: what `describe` lists as modelled or not"""
 CONSTRAINTS_MET = (RigidStruts, ExactContact, CoulombCone)
 """the constraints that complementarity stepping meets"""
-BOOKED_OTHERWISE = ("actuation", "impulse", "moment")
+BOOKED_OTHERWISE = ("actuation", "supports", "impulse", "moment")
 """what the energy audit books beside the causes of dissipation"""
 
 
@@ -46,6 +48,8 @@ class Scene(eqx.Module):
     gait: Gait | None = None
     up: NodeVectors | None = eqx.field(converter=as_float_or_none, default=None)
     """unit vectors against gravity, a row a node, all alike, where the ground leans more than its file says; None: z"""
+    shaking: SupportMotion | None = None
+    """how the supports move; None: they do not"""
     terms: tuple[Law, ...] = ()
     """further laws: terms of U and R of one's own (docs/extending.md)"""
 
@@ -69,8 +73,10 @@ class Scene(eqx.Module):
             if type(law) not in CONSTRAINTS_MET:
                 known = ", ".join(kind.name for kind in CONSTRAINTS_MET)
                 raise InputError(f"{law.name}: no method meets this constraint; expected one of {known}, or a force")
+        if self.shaking is not None:
+            self.shaking.check(self.structure)
         if self.gait is not None:
-            _check_gait(self.gait, self.structure.member_count)
+            _check_gait(self.gait, self.structure)
 
     @property
     def laws(self) -> tuple[Law, ...]:
@@ -179,6 +185,9 @@ class Scene(eqx.Module):
             return None
         return self.ground.normal_force(q, v)
 
+    def _repr_html_(self) -> str:
+        return of_report("notebook", "scene_html")(self)
+
     def describe(self) -> str:
         """What is modelled and what is not, members, masses, prestress, lowest and highest natural frequency.
 
@@ -210,6 +219,19 @@ def start_of(scene: Scene) -> State:
     return q, jnp.zeros_like(q)
 
 
+def body_length(scene: Scene) -> Scalar:
+    """The longest strut as built, m; of a structure without struts, the longest cable.
+
+    Raises `InputError` where there are no members.
+    """
+    members = scene.structure.struts or scene.structure.cables
+    if members is None:
+        raise InputError("the structure has no members; expected some, to measure its length in")
+    i, j = np.array(members.edges).T
+    nodes = scene.structure.nodes
+    return jnp.sqrt(jnp.max(jnp.sum((nodes[i] - nodes[j]) ** 2, axis=1)))
+
+
 def _check_term(term: Law) -> None:
     """Refuse what would be left out of the motion, or of the energy audit, without a word."""
     if not isinstance(term, (EnergyTerm, DissipationTerm, ForceLaw)):
@@ -219,13 +241,17 @@ def _check_term(term: Law) -> None:
         raise InputError(f"terms: the cause of {term.name!r} is {cause!r}, which the energy audit uses otherwise")
 
 
-def _check_gait(gait: Gait, members: int) -> None:
+def _check_gait(gait: Gait, structure: Structure) -> None:
+    members = structure.member_count
     if len(set(gait.members)) < len(gait.members):
         raise InputError(f"gait.members = {list(gait.members)}: expected each member once")
     for k in gait.members:
         if not 0 <= k < members:
             known = f"0 to {members - 1}, struts first" if members else "no gait, since there are no members"
             raise InputError(f"gait.members names member {k}; expected {known}")
+    driven = set(gait.members) & set(structure.driven)
+    if driven:
+        raise InputError(f"gait.members names {sorted(driven)}, which have motors; expected members without")
     parts = {name: getattr(gait, name) for name in ("phase", "amplitude", "frequency")}
     for h, overtone in enumerate(gait.overtones, start=2):
         parts |= {f"overtone {h}, size": overtone.size, f"overtone {h}, phase": overtone.phase}

@@ -7,7 +7,21 @@ import numpy as np
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import accumulate, edge_vectors, place_rows, take_rows
-from jaxgrity.core.types import Edges, NodeVectors, PerMember, PerNode, VectorsByKind, as_float, as_float_or_none
+from jaxgrity.core.types import (
+    AnyArray,
+    AnyPerNode,
+    Edges,
+    Mobility,
+    NodeVectors,
+    PerMember,
+    PerNode,
+    Supports,
+    VectorsByKind,
+    as_float,
+    as_float_or_none,
+)
+from jaxgrity.model.clusters import Clusters, check_clusters
+from jaxgrity.model.motors import Motor
 
 
 class Members(eqx.Module):
@@ -26,15 +40,22 @@ class Members(eqx.Module):
     """c, N s/m, along the member; None: not modelled"""
     stuck: tuple[int, ...] = eqx.field(static=True, default=())
     """those of the members (from 0) that keep their rest length whatever a gait asks of them"""
+    mass: PerMember | None = eqx.field(converter=as_float_or_none, default=None)
+    """m, kg, spread evenly along the member; None: without mass"""
+    clusters: Clusters = eqx.field(static=True, default=())
+    """cables of several segments, each a tuple of members (from 0) that follow each other: see `clusters.py`"""
+    motors: tuple[Motor, ...] = ()
+    """what winds some of the members"""
 
     def __check_init__(self):
         if not self.edges:
             raise InputError("members: there are no edges; expected at least one, or None where there are no members")
-        for name in ("stiffness", "rest_length", "damping"):
+        for name in ("stiffness", "rest_length", "damping", "mass"):
             value = getattr(self, name)
             if value is not None and np.shape(value) != (len(self.edges),):
                 expected = f"expected ({len(self.edges)},), one number for each member"
                 raise InputError(f"members.{name} has shape {np.shape(value)}; {expected}")
+        _check_clusters_and_motors(self)
 
     @property
     def rigid(self) -> bool:
@@ -51,9 +72,13 @@ class Structure(eqx.Module):
     nodes: NodeVectors = eqx.field(converter=as_float)
     """initial positions, m"""
     node_mass: PerNode = eqx.field(converter=as_float)
-    """m_i, kg"""
+    """m_i, kg; it may be 0 where a member has mass, or where the node is fixed"""
     struts: Members | None = None
     cables: Members | None = None
+    fixed: Supports = eqx.field(static=True, default=())
+    """supports: (node, "xyz") for one that does not move, (node, "xz") for one that moves along y alone"""
+    mobility: Mobility | None = None
+    """what `inertia.with_mobility` computes once for all steps of a rollout; None: it is computed where needed"""
 
     def __check_init__(self):
         shape, count = np.shape(self.nodes), np.shape(self.node_mass)
@@ -65,11 +90,48 @@ class Structure(eqx.Module):
             for k, edge in enumerate(members.edges if members is not None else ()):
                 if not all(0 <= node < shape[0] for node in edge):
                     raise InputError(f"structure.{name}[{k}] = {list(edge)}: expected nodes from 0 to {shape[0] - 1}")
+        if self.struts is not None and self.struts.clusters:
+            raise InputError("structure.struts: struts run straight; expected clusters of cables alone")
+        _check_supports(self.fixed, shape[0])
+        _check_masses(self)
 
     @property
     def mass(self):
         """Total mass, kg."""
-        return self.node_mass.sum()
+        return self.lumped_mass.sum()
+
+    @property
+    def rod_masses(self) -> tuple[tuple[AnyArray, Edges], ...]:
+        """The masses, kg, of the struts and of the cables, those that have mass, and the nodes that they join."""
+        members = [m for m in (self.struts, self.cables) if m is not None]
+        return tuple((m.mass, m.edges) for m in members if m.mass is not None)
+
+    @property
+    def coupled(self) -> bool:
+        """Whether the mass matrix is not diagonal, or a node is fixed: forces on one node then accelerate others."""
+        return bool(self.rod_masses or self.fixed)
+
+    @property
+    def lumped_mass(self) -> AnyPerNode:
+        """m_i and half of the mass of each member at the node, kg: what weight, momentum and centre of mass see."""
+        mass = self.node_mass
+        for rod_mass, edges in self.rod_masses:
+            for ends in zip(*edges):
+                mass = mass + place_rows(rod_mass / 2, ends, len(self.nodes))
+        return mass
+
+    @property
+    def free(self) -> np.ndarray:
+        """(nodes, 3), whether a coordinate may move."""
+        free = np.ones((len(self.nodes), 3), bool)
+        for node, axes in self.fixed:
+            free[node, ["xyz".index(axis) for axis in axes]] = False
+        return free
+
+    @property
+    def supported(self) -> np.ndarray:
+        """(nodes, 3), whether a support holds a coordinate."""
+        return ~self.free
 
     @property
     def kinds(self) -> "dict[str, Members]":
@@ -88,9 +150,49 @@ class Structure(eqx.Module):
         return sum(len(members.edges) for members in (self.struts, self.cables) if members is not None)
 
     @property
+    def driven(self) -> tuple[int, ...]:
+        """The members that have motors, struts first."""
+        kinds = ((self.struts, 0), (self.cables, self.first_cable))
+        return tuple(first + motor.member for members, first in kinds if members for motor in members.motors)
+
+    @property
     def first_cable(self) -> int:
         """The number that gaits give to the first cable: members count from the first strut on."""
         return len(self.struts.edges) if self.struts is not None else 0
+
+
+def _check_clusters_and_motors(members: Members) -> None:
+    check_clusters(members.clusters, members.edges)
+    sliding = [k for cluster in members.clusters for k in cluster]
+    if sliding and isinstance(members.mass, np.ndarray) and np.any(members.mass[sliding]):
+        raise InputError("members.mass: a cable that slides takes its mass along; expected 0 in clusters")
+    driven = [motor.member for motor in members.motors]
+    if len(set(driven)) < len(driven) or not all(0 <= k < len(members.edges) for k in driven):
+        raise InputError(f"motors of members {driven}: expected members from 0 to {len(members.edges) - 1}, each once")
+    if set(driven) & set(members.stuck):
+        raise InputError(f"stuck = {list(members.stuck)}: expected no members with motors, which are {driven}")
+
+
+def _check_supports(fixed: Supports, nodes: int) -> None:
+    for node, axes in fixed:
+        if not 0 <= node < nodes:
+            raise InputError(f"structure.fixed names node {node}; expected 0 to {nodes - 1}")
+        if not axes or set(axes) - set("xyz") or len(set(axes)) < len(axes):
+            raise InputError(f"structure.fixed: node {node} is fixed along {axes!r}; expected some of x, y and z")
+    if len({node for node, _ in fixed}) < len(fixed):
+        raise InputError(f"structure.fixed = {[node for node, _ in fixed]}: expected each node once")
+
+
+def _check_masses(structure: Structure) -> None:
+    masses = [structure.node_mass, *(mass for mass, _ in structure.rod_masses)]
+    if not all(isinstance(mass, np.ndarray) for mass in masses):
+        return
+    if any(np.any(mass < 0) for mass in masses):
+        raise InputError("structure: a mass is negative; expected 0 or more")
+    idle = structure.free.any(1) & (np.asarray(structure.lumped_mass) <= 0)
+    if idle.any():
+        node = int(np.argmax(idle))
+        raise InputError(f"structure.node_mass[{node}] = 0: no member there has mass either; expected some mass")
 
 
 def member_vectors(x: NodeVectors, kinds: dict[str, Members]) -> VectorsByKind:

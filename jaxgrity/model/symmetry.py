@@ -11,12 +11,12 @@ from jaxgrity.model.structure import Structure
 
 
 def symmetries(structure: Structure, mirrors: bool = True) -> tuple[Symmetry, ...]:
-    """All maps under which masses, struts and cables, with all their properties, stay as they are, to `SAME`.
+    """All maps under which masses, supports, struts and cables, with all their properties, stay as they are, to `SAME`.
 
     The identity first, then rotations, then, where asked for, those with a mirror. Raises `InputError` where positions
     do not decide the map: all nodes lie in a plane with the centre of mass, or two are in one place.
     """
-    mass, x = np.asarray(structure.node_mass, float), np.asarray(structure.nodes, float)
+    mass, x = np.asarray(structure.lumped_mass, float), np.asarray(structure.nodes, float)
     r = x - mass @ x / mass.sum()
     products, basis = r @ r.T, _basis(r)
     # a map keeps products, so few nodes can be the images of the basis, and they say what the map is
@@ -43,10 +43,12 @@ def symmetries(structure: Structure, mirrors: bool = True) -> tuple[Symmetry, ..
 def standing_symmetries(scene: Scene) -> tuple[Symmetry, ...]:
     """Those `symmetries` of the structure that every law of the scene keeps: gravity, ground, friction and all others.
 
-    They map the start on itself, and a motion of the scene on another of its motions. Raises as `symmetries` does.
+    They map the start on itself, and a motion of the scene on another of its motions. Where supports move, only the
+    identity is counted. Raises as `symmetries` does.
     """
     laws = scene.laws
-    return tuple(s for s in symmetries(scene.structure) if all(law.keeps(s) for law in laws))
+    found = tuple(s for s in symmetries(scene.structure) if all(law.keeps(s) for law in laws))
+    return found if scene.shaking is None else found[:1]
 
 
 def image(gait: Gait, symmetry: Symmetry) -> Gait:
@@ -92,11 +94,21 @@ def _as_symmetry(structure: Structure, r: np.ndarray, matrix: np.ndarray) -> Sym
     apart = gaps.min(axis=1).max() > SAME * np.linalg.norm(r, axis=1).max()
     if apart or len(set(nodes)) < len(nodes) or not unchanged(structure.node_mass, nodes):
         return None
+    if structure.fixed and not _same_supports(structure, nodes, matrix):
+        return None
     members: list[int] = []
     for kind in [m for m in (structure.struts, structure.cables) if m is not None]:
         number = {frozenset(edge): k for k, edge in enumerate(kind.edges)}
         moved = [number.get(frozenset((nodes[i], nodes[j])), -1) for i, j in kind.edges]
         if -1 in moved:
             return None
+        if kind.mass is not None and not unchanged(kind.mass, moved):
+            return None
         members += [len(members) + k for k in moved]
     return Symmetry(nodes, matrix, tuple(members))
+
+
+def _same_supports(structure: Structure, nodes: tuple[int, ...], matrix: np.ndarray) -> bool:
+    """Whether the directions in which each node is fixed are mapped on those of the node whose place it takes."""
+    held = np.eye(3) * ~structure.free[:, :, None]
+    return bool(np.allclose(matrix @ held @ matrix.T, held[list(nodes)], rtol=0, atol=SAME))

@@ -1,5 +1,5 @@
 """Pictures and pages."""
 
-from jaxgrity.report import plot
+from jaxgrity.report import plot, view
 
-__all__ = ["plot"]
+__all__ = ["plot", "view"]

@@ -14,29 +14,37 @@ from jaxgrity.io.gait_library import gait_facts
 from jaxgrity.model.actuation import Gait
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.symmetry import Symmetry, image, standing_symmetries
-from jaxgrity.report import plot
+from jaxgrity.report import plot, view
 from jaxgrity.report.animation import animate
+from jaxgrity.report.steady import steady_facts, steady_rows
 from jaxgrity.rollout.population import as_population, simulate_population
 from jaxgrity.rollout.rolling import Rolling, rolling
 from jaxgrity.search.pipeline import Agreement, SearchResult
 from jaxgrity.search.polish import Polished
 from jaxgrity.stepping.options import SolverOptions
+from jaxgrity.stepping.simulate import Trajectory, some_frames
 from jaxgrity.trust.error_bars import verify
 from jaxgrity.trust.trust_report import TrustReport, diagnose
 
 FRAME_RATE = 50
 """frames a second of the trajectory that is kept"""
+REPLAY = "replay.html"
 PICTURES = {
     "animation.gif": "settling, then rolling, in real time",
+    "orbit.png": "the orbit that the robot settles on: one cycle, seen from a frame that goes along steadily",
+    "gait.png": "which member is how long when, and the faces that the robot stands on",
     "path.png": "path of the centre of mass; the bar at the end is the verified error bar",
     "robust.png": "what robots reach that differ from the model by what is uncertain",
     "fidelity.png": "the same gaits on rough and on exact fidelity levels: how far screening can be believed",
     "convergence.png": "fitness in each generation of the search, before verification",
     "members.png": "length of every member",
+    "forces.png": "force in every member",
 }
 STYLE = (
     "body{font:16px/1.5 sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem}img{max-width:100%}"
-    "th{text-align:left;padding-right:1.5rem;vertical-align:top}figure{margin:2rem 0}"
+    "th{text-align:left;padding-right:1.5rem;vertical-align:top;white-space:nowrap}figure{margin:2rem 0}"
+    "table{border-spacing:0 .3rem}"
+    "iframe{width:100%;height:34rem;border:1px solid #ddd}"
 )
 
 
@@ -61,19 +69,20 @@ def write_report(result: SearchResult, origin: Origin, folder: Path, on_progress
 
     Returns what was found, in words, by its headings.
     """
-    scene = result.scene
-    duration = float(result.problem.duration)
+    scene, duration = result.scene, float(result.problem.duration)
     fine = SolverOptions(dt=result.verdict.verified.steps[0], dtype="float64")
     began = time.perf_counter()
-    on_progress("measuring", 0, 3)
+    on_progress("measuring", 0, 4)
     trust = diagnose(scene, duration, options=fine, frame_rate=float(FRAME_RATE))
-    on_progress("measuring", 1, 3)
+    trajectory = trust.trajectory
+    on_progress("measuring", 1, 4)
     found = directions(scene, fine, duration)
-    on_progress("measuring", 2, 3)
+    on_progress("measuring", 2, 4)
     asked = actuators(scene, fine, duration)
-    on_progress("measuring", 3, 3)
-    moved = scene.ground is not None and not trust.trajectory.failed
-    motion = rolling(scene, trust.trajectory) if moved else None
+    on_progress("measuring", 3, 4)
+    steady = steady_facts(result) if result.problem.fitness.objective.steady else None
+    on_progress("measuring", 4, 4)
+    motion = None if scene.ground is None or trajectory.failed else rolling(scene, trajectory)
     assert scene.gait is not None, "a search finds a gait"
     gait = {
         "scene": origin.scene,
@@ -82,23 +91,20 @@ def write_report(result: SearchResult, origin: Origin, folder: Path, on_progress
         "objective": origin.objective,
         "settings": origin.settings,
         **result.verdict.summary(),
+        "steady": steady,
         "motion": None if motion is None else motion.summary(),
         "directions": found,
         "actuators": asked,
+        "within_bounds": result.within_bounds,
         "diagnosis": trust.summary(),
         "command": origin.command,
     }
-    trajectory = trust.trajectory
     save_json(folder / "gait.json", gait)
-    save_arrays(
-        folder / "trajectory.npz",
-        times=trajectory.times,
-        positions=trajectory.positions,
-        velocities=trajectory.velocities,
-        phase=scene.gait.phase,
-    )
+    arrays = {name: getattr(trajectory, name) for name in ("times", "positions", "velocities")}
+    save_arrays(folder / "trajectory.npz", **arrays, phase=scene.gait.phase)
     measured = time.perf_counter()
     draw(result, trust, folder, on_progress)
+    draw_motion(scene, trajectory, motion, steady, folder)
     drawn = time.perf_counter()
     seconds = {str(stage): spent for stage, spent in result.seconds.items()}
     seconds |= {"measuring": measured - began, "animating": drawn - measured}
@@ -111,9 +117,9 @@ def write_report(result: SearchResult, origin: Origin, folder: Path, on_progress
         "wall_seconds": sum(seconds.values()),
     }
     save_json(folder / "summary.json", summary)
-    rows = words(summary, motion, result.problem.fitness.objective.unit)
-    write_page(folder, "A rolling gait", {**rows, "command": origin.command})
-    return {"how far to trust it": "\n" + trust.table(), **rows}
+    first, rest = outcome_rows(summary), search_rows(summary, motion, result.problem.fitness.objective.unit)
+    write_page(folder, "A rolling gait", first, {**rest, "command": origin.command})
+    return {"how far to trust it": "\n" + trust.table(), **first, **rest}
 
 
 def directions(best: Scene, options: SolverOptions, duration: float) -> list[dict[str, float]]:
@@ -186,45 +192,94 @@ def draw(result: SearchResult, trust: TrustReport, folder: Path, on_progress: Ti
         seen["before polish"] = np.asarray(polished.before.each[0])
     plot.save(plot.robust_figure(seen, unit), folder / "robust.png")
     plot.save(plot.path_figure(scene, trajectory, float(verdict.verified.error_bar[0])), folder / "path.png")
-    plot.save(plot.member_figure(scene, trajectory), folder / "members.png")
     gif = folder / "animation.gif"
     animate(scene, trajectory, gif, on_frame=lambda drawn, frames: on_progress("animating", drawn, frames))
 
 
-def words(summary: dict[str, Any], motion: Rolling | None, unit: str) -> dict[str, str]:
-    """What was found, in words; `unit` is the objective's."""
-    robust, other, asked = summary["robust"], summary["other_contact_model"], summary["actuators"]
+def draw_motion(
+    scene: Scene, trajectory: Trajectory, motion: Rolling | None, steady: dict[str, Any] | None, folder: Path
+) -> None:
+    """The gait beside the motion, lengths, forces, of a settled robot for one cycle alone; the motion in 3D, if viser
+    is installed."""
+    assert scene.gait is not None, "a search finds a gait"
+    end, begin = float(trajectory.times[-1]), 0.0
+    cycle = steady["period"] * steady["periods"] if steady is not None and steady["settled"] else np.inf
+    (folder / "orbit.png").unlink(missing_ok=True)
+    if scene.ground is not None and cycle < end and not trajectory.failed:
+        begin = end - cycle
+        plot.save(plot.orbit_figure(scene, trajectory, cycle, steady["turning"] if steady else 0), folder / "orbit.png")
+    shown = some_frames(trajectory, np.asarray(trajectory.times) >= begin)
+    plot.save(plot.gait_figure(scene.gait, end, motion, begin), folder / "gait.png")
+    plot.save(plot.member_figure(scene, shown), folder / "members.png")
+    plot.save(plot.force_figure(scene, shown), folder / "forces.png")
+    (folder / REPLAY).unlink(missing_ok=True)
+    if view.available():
+        view.save_html(scene, trajectory, folder / REPLAY, title="settling, then rolling")
+
+
+def outcome_rows(summary: dict[str, Any]) -> dict[str, str]:
+    """What the gait does and what it needs, in words, by headings."""
+    steady, asked = summary["steady"], summary["actuators"]
+    return {
+        **({"verified distance": distance_words(summary)} if steady is None else steady_rows(steady)),
+        "actuators must give": f"up to {asked['peak_force']:.0f} N, {asked['peak_rate']:.2g} m/s, "
+        f"{asked['peak_power']:.0f} W; cost of transport {asked['cost_of_transport_by_effort']:.2g} "
+        "(own work of every actuator / (m g d))"
+        + ("" if summary["within_bounds"] else "; no gait was found that stays within the bounds on actuators"),
+    }
+
+
+def search_rows(summary: dict[str, Any], motion: Rolling | None, unit: str) -> dict[str, str]:
+    """How the gait was found and how far that can be trusted, in words; `unit` is the objective's."""
+    robust, other = summary["robust"], summary["other_contact_model"]
     ranks = summary["fidelity"]["rank_correlation"][0][-1]
     among = summary["fidelity"]["rank_correlation_of_the_evolved"][0][-1]
+    last = summary["fidelity"]["levels"][-1]["name"]
     rollouts = sum(search["rollouts"] for search in summary["searches"])
+    verified = {} if summary["steady"] is None else {"verified distance": distance_words(summary)}
     return {
-        "verified distance": f"{summary['distance']:.4f} ± {summary['error_bar']:.1g} m in {summary['duration']:g} s",
-        "robust": f"{robust['mean']:.3f} ± {robust['standard_deviation']:.2g} {unit} over {robust['robots']} robots, "
-        f"step error {robust['step_error']:.1g}",
-        "on the other contact model": f"{other['mean']:.3f} ± {other['standard_deviation']:.2g} {unit}",
+        **verified,
         "motion": "no ground, or no motion" if motion is None else motion.sentence(),
         "directions": ", ".join(
             f"{d['distance']:.2f} m towards {np.degrees(d['heading']):.0f}°" for d in summary["directions"]
         ),
-        "actuators": f"up to {asked['peak_force']:.0f} N, {asked['peak_rate']:.2g} m/s, {asked['peak_power']:.0f} W; "
-        f"cost of transport {asked['cost_of_transport_by_effort']:.2g} (own work of every actuator / (m g d))",
-        "search": f"{rollouts} rollouts; screening ranks gaits as verification does with {ranks:.2f} (Spearman; "
+        "objective": f"{robust['mean']:.3f} ± {robust['standard_deviation']:.2g} {unit} over {robust['robots']} robots "
+        f"that differ, step error {robust['step_error']:.1g}; {other['mean']:.3f} ± "
+        f"{other['standard_deviation']:.2g} on the other contact model",
+        "search": f"{rollouts} rollouts; screening ranks gaits as {last} does with {ranks:.2f} (Spearman; "
         f"{among:.2f} among the evolved)",
         "polish": "none" if summary["polish"] is None else summary["polish"]["reason"],
         "sensitivity at the end": f"{summary['diagnosis'].get('sensitivity', np.nan):.3g} m/rad",
     }
 
 
-def write_page(out: Path, title: str, rows: dict[str, str]) -> None:
-    """A table of `rows`, and below it the pictures that are in the folder."""
-    table = "".join(f"<tr><th>{escape(name)}</th><td>{escape(text)}</td></tr>" for name, text in rows.items())
-    pictures = "".join(
-        f'<figure><img src="{name}" alt="{escape(text)}"><figcaption>{escape(text)}</figcaption></figure>'
-        for name, text in PICTURES.items()
-        if (out / name).exists()
-    )
+def distance_words(summary: dict[str, Any]) -> str:
+    """The distance with its error bar, where that says anything."""
+    known, told = summary["error_bar"] <= summary["distance"], f"in {summary['duration']:g} s"
+    if known:
+        return f"{summary['distance']:.4f} ± {summary['error_bar']:.1g} m {told}"
+    return f"{summary['distance']:.2f} m {told} at this time step; where the robot gets to depends on the step"
+
+
+def write_page(out: Path, title: str, first: dict[str, str], rest: dict[str, str]) -> None:
+    """A table of what comes `first`, the pictures of the motion, the `rest`, and the other pictures in the folder."""
+    shown, replay = {name: text for name, text in PICTURES.items() if (out / name).exists()}, ""
+    if (out / REPLAY).exists():
+        told = escape(shown.pop("animation.gif", PICTURES["animation.gif"]))
+        replay = f'<figure><iframe title="{told}" src="{REPLAY}"></iframe><figcaption>{told}</figcaption></figure>'
+    pictures = {
+        name: f'<figure><img src="{name}" alt="{escape(text)}"><figcaption>{escape(text)}</figcaption></figure>'
+        for name, text in shown.items()
+    }
+    moving = replay + "".join(pictures.pop(name, "") for name in ("animation.gif", "orbit.png"))
     page = (
         f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{escape(title)}</title><style>{STYLE}</style>'
-        f"<h1>{escape(title)}</h1><table>{table}</table>{pictures}</html>\n"
+        f"<h1>{escape(title)}</h1>{_table(first)}{moving}<h2>How it was found, and how far to trust it</h2>"
+        f"{_table(rest)}{''.join(pictures.values())}</html>\n"
     )
     write_whole(out / "index.html", lambda file: file.write(page.encode()))
+
+
+def _table(rows: dict[str, str]) -> str:
+    lines = (f"<tr><th>{escape(name)}</th><td>{escape(text)}</td></tr>" for name, text in rows.items())
+    return f"<table>{''.join(lines)}</table>"

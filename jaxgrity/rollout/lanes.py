@@ -4,7 +4,7 @@ All that is computed for one robot is mapped over that axis here; `population.py
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import diffrax
 import equinox as eqx
@@ -14,6 +14,7 @@ import numpy as np
 
 from jaxgrity.core.types import AnyArray, Scalar, State
 from jaxgrity.model.actuation import Gait
+from jaxgrity.model.inertia import mobility
 from jaxgrity.model.scene import Scene, start_of
 from jaxgrity.rollout.metrics import Metrics, initial_metrics, updated_metrics
 from jaxgrity.rollout.uncertainty import Differences, differing
@@ -33,8 +34,7 @@ CACHE = 2**20
 class LaneOutcomes(NamedTuple):
     """The arrays of `Outcomes`, with the lanes as the last axis of each."""
 
-    com_start: AnyArray
-    com_end: AnyArray
+    com_path: AnyArray
     positions: AnyArray
     failure: AnyArray
     steps: AnyArray
@@ -46,6 +46,7 @@ class LaneEnd(NamedTuple):
     """How rollouts ended."""
 
     state: State
+    com_path: AnyArray
     result: diffrax.RESULTS
     steps: AnyArray
     rejected: AnyArray
@@ -66,36 +67,45 @@ def roll_out_lanes(
     duration: Scalar,
     options: ResolvedOptions,
     with_metrics: bool = False,
+    parts: int = 1,
 ) -> LaneOutcomes:
     """The rollouts of one chunk: the arrays of `gaits` and `differences` have lanes last.
 
-    All arrays that come back have the lanes last.
+    All arrays that come back have the lanes last. `parts` is as in `roll_out`.
     """
     lanes = gaits.phase.shape[-1]
     scene, axes = in_lanes(scene, gaits, differences)
     start = start_of(scene)
-    metrics = None
-    if with_metrics:
-        (q, v), metrics, count = _measured(start, duration, scene, axes, options)
-        done = diffrax.RESULTS.successful
-        end = LaneEnd((q, v), done, jnp.full(lanes, count), jnp.zeros(lanes, int))  # type: ignore[arg-type]
-    elif options.dt is not None and not options.method.implicit:
-        end = _last(start, duration, scene, options, discretise_lanes(options, axes))
+    if differences is not None and differences.velocities is not None:
+        start = start[0], differences.velocities
+    metrics, together = None, options.dt is not None and not options.method.implicit
+    if with_metrics or (together and parts > 1):
+        end, metrics = _in_parts(start, duration, scene, axes, options, (parts, with_metrics))
+    elif together:
+        centre = over_lanes(centre_of_mass, (axes, -1))
+        end = _last(start, duration, scene, options, parts, centre, discretise_lanes(options, axes))
         end = end._replace(steps=jnp.full(lanes, end.steps), rejected=jnp.full(lanes, end.rejected))
     else:
-        end = over_lanes(lambda y, s: _last(y, duration, s, options), (-1, axes))(start, scene)
+        one = lambda y, s: _last(y, duration, s, options, parts, centre_of_mass)  # noqa: E731
+        end = over_lanes(one, (-1, axes))(start, scene)
     q, v = end.state
     failure = failure_code(end.result, over_lanes(state_failure, (axes, -1, -1))(scene, q, v))
-    com = over_lanes(centre_of_mass, (axes, -1))
-    return LaneOutcomes(com(scene, start[0]), com(scene, q), q, failure, end.steps, end.rejected, metrics)
+    return LaneOutcomes(end.com_path, q, failure, end.steps, end.rejected, metrics)
 
 
-def _measured(start: State, duration: Scalar, scene: Scene, axes: Scene, options: ResolvedOptions):
-    """The state at `duration`, all robots' metrics, and how many steps were taken, each as long as the others."""
+def _in_parts(
+    start: State, duration: Scalar, scene: Scene, axes: Scene, options: ResolvedOptions, asked: tuple[int, bool]
+) -> tuple[LaneEnd, Metrics | None]:
+    """The end at `duration`, after steps that are all of one length, and all robots' metrics.
+
+    `asked` says for how many parts of the time, and whether for metrics.
+    """
+    parts, with_metrics = asked
     terms, solver = discretise_lanes(options, axes)
-    count = jnp.ceil(duration / jnp.asarray(options.dt, options.dtype) - 1e-3).astype(int)
-    h = duration / count
-    held = over_lanes(initial_metrics, (axes,))(scene)
+    each = jnp.ceil(duration / parts / jnp.asarray(options.dt, options.dtype) - 1e-3).astype(int)
+    h = duration / (parts * each)
+    centre = over_lanes(centre_of_mass, (axes, -1))
+    held = over_lanes(initial_metrics, (axes,))(scene) if with_metrics else None
     first = solver.init(terms, 0 * h, h, start, scene)
     lanes = jax.tree.map(lambda x: -1 if x.ndim else None, first)
     step_axes = Step(None, None, (-1, -1), (-1, -1), lanes, lanes)  # type: ignore[arg-type]
@@ -104,20 +114,42 @@ def _measured(start: State, duration: Scalar, scene: Scene, axes: Scene, options
     def step(k, carry):
         y, before, held = carry
         y1, _, _, after, _ = solver.step(terms, k * h, (k + 1) * h, y, scene, before, False)
-        return y1, after, update(scene, Step(k * h, h, y, y1, before, after), held)
+        measured = update(scene, Step(k * h, h, y, y1, before, after), held) if with_metrics else None
+        return y1, after, measured
 
-    end, _, held = jax.lax.fori_loop(0, count, step, (start, first, held))
-    return end, held, count
+    def part(carry, number):
+        carry = jax.lax.fori_loop(number * each, (number + 1) * each, step, carry)
+        return carry, centre(scene, carry[0][0])
+
+    (end, _, held), ends = jax.lax.scan(part, (start, first, held), jnp.arange(parts))
+    path: AnyArray = jnp.concatenate([centre(scene, start[0])[None], ends])
+    lanes_of = path.shape[-1]
+    done: Any = diffrax.RESULTS.successful
+    return LaneEnd(end, path, done, jnp.full(lanes_of, parts * each), jnp.zeros(lanes_of, int)), held
 
 
 def _last(
-    start: State, duration: Scalar, scene: Scene, options: ResolvedOptions, problem: tuple | None = None
+    start: State,
+    duration: Scalar,
+    scene: Scene,
+    options: ResolvedOptions,
+    parts: int,
+    centre: Callable,
+    problem: tuple | None = None,
 ) -> LaneEnd:
     """The end at `duration` of one robot, or by `problem` of all of them at once."""
     times = jnp.stack([jnp.zeros_like(duration), duration])
-    solution = integrate(start, times, scene, options, diffrax.SaveAt(t1=True), problem)
+    end = diffrax.SubSaveAt(t1=True)
+    if parts == 1:
+        solution = integrate(start, times, scene, options, diffrax.SaveAt(subs=end), problem)
+        last = jax.tree.map(lambda x: x[0], solution.ys)
+        path = jnp.stack([centre(scene, start[0]), centre(scene, last[0])])
+    else:
+        between = diffrax.SubSaveAt(ts=jnp.linspace(0, duration, parts + 1), fn=lambda t, y, s: centre(s, y[0]))
+        solution = integrate(start, times, scene, options, diffrax.SaveAt(subs=[end, between]), problem)
+        last, path = jax.tree.map(lambda x: x[0], solution.ys[0]), solution.ys[1]  # type: ignore[index]
     steps, rejected = (solution.stats[f"num_{kind}_steps"] for kind in ("accepted", "rejected"))
-    return LaneEnd(jax.tree.map(lambda x: x[0], solution.ys), solution.result, steps, rejected)
+    return LaneEnd(last, path, solution.result, steps, rejected)
 
 
 def discretise_lanes(options: ResolvedOptions, axes: Scene) -> tuple[diffrax.AbstractTerm, diffrax.AbstractSolver]:
@@ -143,7 +175,31 @@ def in_lanes(scene: Scene, gaits: Gait, differences: Differences | None = None) 
     lanes = gaits.phase.shape[-1]
     spread = jax.tree.map(lambda x: jnp.broadcast_to(x[..., None], (*x.shape, lanes)) if x.ndim else x, scene)
     spread = differing(eqx.tree_at(lambda s: s.gait, spread, gaits, is_leaf=lambda x: x is None), differences)
-    return spread, jax.tree.map(lambda x: -1 if jnp.ndim(x) else None, spread)
+    if spread.structure.coupled:
+        response = over_lanes(mobility, (_axes(spread.structure),))(spread.structure)
+        spread = eqx.tree_at(lambda s: s.structure.mobility, spread, response, is_leaf=lambda x: x is None)
+    if scene.ground is not None and scene.ground.surface is not None:
+        # all robots' alike: its numbers are scalars, or tables to look into, and meet no array of nodes by elements
+        spread = eqx.tree_at(_surface, spread, scene.ground.surface)
+    return spread, lane_axes(spread)
+
+
+def lane_axes(scene: Scene) -> Scene:
+    """The `in_axes` of a scene with lanes: the last axis of every array but scalars, and but those of a surface."""
+    axes = _axes(scene)
+    if scene.ground is None or scene.ground.surface is None:
+        return axes
+    common = jax.tree.map(lambda x: None, scene.ground.surface)
+    return eqx.tree_at(_surface, axes, common, is_leaf=lambda x: x is None)
+
+
+def _surface(scene: Scene):
+    return scene.ground.surface  # type: ignore[union-attr]
+
+
+def _axes(x):
+    """The `in_axes` of what has the lanes last in every array but scalars."""
+    return jax.tree.map(lambda x: -1 if jnp.ndim(x) else None, x)
 
 
 def lanes_last(rows):

@@ -10,6 +10,7 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import component, dot, edge_vectors, inverse, length, take_rows
 from jaxgrity.core.types import AnyArray, NodeVectors, PerActuator, PerMember, PerNode, Scalar
 from jaxgrity.model.actuation import rest_length
+from jaxgrity.model.clusters import pull
 from jaxgrity.model.laws import EnergyTerm
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import member_vectors
@@ -76,7 +77,7 @@ def updated_metrics(scene: Scene, step: Step, so_far: Metrics) -> Metrics:
     way = jnp.sqrt(moved[0] * moved[0] + moved[1] * moved[1])
     touching, slipping = _contact(scene, step)
     rate = (_lengths(scene, step.t0 + h) - _lengths(scene, step.t0)) / h
-    tension = _tension(scene, step)
+    tension = actuator_tension(scene, step)
     force = so_far.force + jnp.minimum(1, h / WINDOW) * (tension - so_far.force)
     return Metrics(
         path=so_far.path + on * way,
@@ -98,7 +99,7 @@ def _contact(scene: Scene, step: Step) -> tuple[PerNode, PerNode]:
     if ground is None:
         return jnp.zeros_like(q[:, 0]), jnp.zeros_like(q[:, 0])
     pressed = step.after.impulses.normal if ground.impulsive else -ground.signed_distance(q)
-    along = [component(v, tangent) for tangent in ground.tangents]
+    along = [component(v, tangent) for tangent in ground.frame(q).tangents]
     slipping = along[0] * along[0] + along[1] * along[1] > SLIPPING * SLIPPING
     return (pressed > 0).astype(q.dtype), slipping.astype(q.dtype)
 
@@ -111,7 +112,7 @@ def _lengths(scene: Scene, t: Scalar) -> PerActuator:
     return _in_order(scene, parts)
 
 
-def _tension(scene: Scene, step: Step) -> PerActuator:
+def actuator_tension(scene: Scene, step: Step) -> PerActuator:
     """Of the actuated members, N: of springs K (l - L), of cables if they pull, of rigid struts by their impulses.
 
     Terms of U that users add to a scene, and that pull on the members too, are added up by their gradients.
@@ -126,11 +127,15 @@ def _tension(scene: Scene, step: Step) -> PerActuator:
             on_first = take_rows(strut_impulses(scene, step), tuple(i for i, _ in edges))
             parts.append(-dot(on_first, vectors) * inverse(length(vectors)) / step.kick)
             continue
-        rest = take_rows(rest_length(members, scene.gait, step.t0 + step.h, first), rows)
-        pull = take_rows(members.stiffness, rows) * (length(edge_vectors(q, edges)) - rest)
+        rest = rest_length(members, scene.gait, step.t0 + step.h, first)
+        if members.clusters:
+            longer = length(edge_vectors(q, members.edges)) - rest
+            force = take_rows(pull(members.stiffness, longer, members.clusters), rows)
+        else:
+            force = take_rows(members.stiffness, rows) * (length(edge_vectors(q, edges)) - take_rows(rest, rows))
         kind = "struts" if members is scene.structure.struts else "cables"
-        pull = pull if kind == "struts" else jnp.maximum(pull, 0)
-        parts.append(pull + take_rows(further[kind], rows) if kind in further else pull)
+        force = force if kind == "struts" else jnp.maximum(force, 0)
+        parts.append(force + take_rows(further[kind], rows) if kind in further else force)
     return _in_order(scene, parts)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
 from jaxgrity.core.errors import InputError
-from jaxgrity.core.types import Failures, FinalPositions, PerGait, Phases, Scalar, Table, Vectors
+from jaxgrity.core.types import Failures, FinalPositions, Paths, PerGait, Phases, Scalar, Table, Vectors
 from jaxgrity.model.actuation import Gait, Overtone
 from jaxgrity.model.scene import Scene, as_dtype, with_gait
 from jaxgrity.rollout.lanes import most_lanes, roll_out_lanes
@@ -25,10 +25,8 @@ from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
 class Outcomes(eqx.Module):
     """Where a population's robots got to."""
 
-    com_start: Vectors
-    """(population, 3), centre of mass at the start, m"""
-    com_end: Vectors
-    """(population, 3), centre of mass at the end, m"""
+    com_path: Paths
+    """(population, parts + 1, 3), centre of mass at the start and at the end of each of the parts of the time, m"""
     positions: FinalPositions
     """(population, nodes, 3), where every node is at the end, m"""
     failure: Failures
@@ -42,6 +40,16 @@ class Outcomes(eqx.Module):
     method: str = eqx.field(static=True)
     dt: float | None = eqx.field(static=True)
     """fixed step, s; None: adaptive, or, inside of compiled functions, an input of theirs"""
+
+    @property
+    def com_start(self) -> Vectors:
+        """(population, 3), centre of mass at the start, m."""
+        return self.com_path[:, 0]
+
+    @property
+    def com_end(self) -> Vectors:
+        """(population, 3), centre of mass at the end, m."""
+        return self.com_path[:, -1]
 
     def distance(self) -> PerGait:
         """(population,), horizontal displacement of the centre of mass, m; NaN where the rollout failed."""
@@ -92,6 +100,7 @@ def simulate_population(
     options: Options = None,
     differences: Differences | None = None,
     with_metrics: bool = False,
+    parts: int = 1,
 ) -> Outcomes:
     """Roll the scene out once for each of `gaits`, from the structure's own pose at rest.
 
@@ -105,6 +114,7 @@ def simulate_population(
         options: how to integrate; where not given, the scene decides. Steps are judged by the scene itself.
         differences: in what the robots differ beside their gaits.
         with_metrics: whether to measure actuators and contact, which needs an explicit method at a fixed step.
+        parts: how many parts of equal length the time has, at whose ends the centre of mass is told.
 
     Returns:
         Where each robot got to, a row for each gait. A robot that fails is marked, and disturbs no other.
@@ -129,7 +139,13 @@ def simulate_population(
     resolved = resolve(scene, duration, options)
     end = np.asarray(duration, float)
     outcomes = roll_out(
-        as_dtype(scene, resolved.dtype), gaits, end, resolved.as_inputs(), differences, with_metrics=with_metrics
+        as_dtype(scene, resolved.dtype),
+        gaits,
+        end,
+        resolved.as_inputs(),
+        differences,
+        with_metrics=with_metrics,
+        parts=parts,
     )
     return replace(outcomes, dt=resolved.dt)  # type: ignore[arg-type]
 
@@ -143,6 +159,7 @@ def roll_out(
     differences: Differences | None = None,
     *,
     with_metrics: bool = False,
+    parts: int = 1,
 ) -> Outcomes:
     """`simulate_population` without its checks, of a scene with one of the gaits, for other compiled functions."""
     if with_metrics and (options.dt is None or options.method.implicit):
@@ -167,7 +184,8 @@ def roll_out(
 
     def share(rows, scene, common, end, inputs):
         def chunk(rows):
-            return roll_out_lanes(scene, *eqx.combine(rows, common), end, eqx.combine(inputs, fixed), with_metrics)
+            asked = eqx.combine(inputs, fixed), with_metrics, parts
+            return roll_out_lanes(scene, *eqx.combine(rows, common), end, *asked)
 
         outcomes = jax.lax.map(chunk, jax.tree.map(lambda x: x[0], rows))
         return jax.tree.map(lambda x: x[None], outcomes)

@@ -105,9 +105,9 @@ def rolling(scene: Scene, trajectory: Trajectory) -> Rolling:
     if moving.sum() < 2:
         raise InputError(f"the trajectory ends at {times[-1]:g} s; expected at least two frames from {start:g} s on")
     times = times[moving]
-    phi = np.asarray(trajectory.positions, float)[moving] @ np.array(ground.normal)
+    phi, axes = ground.measured(np.asarray(trajectory.positions, float)[moving])
     touching = phi < ground.touched_below
-    along = np.asarray(trajectory.velocities, float)[moving] @ np.array(ground.tangents).T
+    along = np.einsum("fnk,fnak->fna", np.asarray(trajectory.velocities, float)[moving], axes[..., 1:, :])
     slipping = touching & (np.linalg.norm(along, axis=-1) > SLIPPING)
     contact = np.trapezoid(touching.sum(1), times)
     slip_share = float(np.trapezoid(slipping.sum(1), times) / contact) if contact > 0 else 0.0

@@ -25,10 +25,15 @@ DIFFERING: dict[str, tuple[str, ...]] = {
 """the parts of a scene, those that it has, that each of the `Differences` is a factor of"""
 
 
+PLACED = {"up": "up", "terrain": "ground.offset"}
+"""the parts of a scene, a row a node, that the other `Differences` take the place of"""
+
+
 class Differences(eqx.Module):
     """In what the robots of a population differ beside their gaits, a row of each array a robot; None: in nothing.
 
-    All but `up` are factors of what the scene says. Without the population's axis: in what one robot differs from it.
+    All but `up`, `terrain` and the start are factors of what the scene says. Without the population's axis: in what
+    one robot differs from it.
     """
 
     friction: Float[AnyArray, "*population"] | None = None
@@ -40,6 +45,12 @@ class Differences(eqx.Module):
     node_mass: Float[AnyArray, "*population nodes"] | None = None
     up: Float[AnyArray, "*population 3"] | None = None
     """unit vector against gravity, where the ground leans more than the scene says"""
+    positions: Float[AnyArray, "*population nodes 3"] | None = None
+    """m, of all nodes at the start"""
+    velocities: Float[AnyArray, "*population nodes 3"] | None = None
+    """m/s, likewise"""
+    terrain: Float[AnyArray, "*population 3"] | None = None
+    """m, by how much the ground's surface has been moved"""
 
 
 def differing(scene: Scene, differences: Differences | None) -> Scene:
@@ -54,26 +65,34 @@ def differing(scene: Scene, differences: Differences | None) -> Scene:
 
     found: dict[str, Any] = {} if differences is None else vars(differences)
     for name, value in found.items():
-        if value is None:
+        if value is None or name == "velocities":
             continue
-        if name == "up":
-            scene = eqx.tree_at(lambda s: s.up, scene, of_nodes(value), is_leaf=lambda x: x is None)
+        if name == "positions":
+            scene = eqx.tree_at(lambda s: s.structure.nodes, scene, value)
             continue
-        parts = [part for part in DIFFERING[name] if _part(scene, part) is not None]
+        if name in PLACED:
+            place = partial(part_of, path=PLACED[name])
+            scene = eqx.tree_at(place, scene, of_nodes(value), is_leaf=lambda x: x is None)
+            continue
+        parts = [part for part in DIFFERING[name] if part_of(scene, part) is not None]
         if not parts:
             raise InputError(f"{name} is to differ, but the scene has none; expected a scene that models it")
         factor = of_nodes(value) if name == "friction" else value
         for part in parts:
-            scene = eqx.tree_at(partial(_part, path=part), scene, _part(scene, part) * factor)
+            scene = eqx.tree_at(partial(part_of, path=part), scene, part_of(scene, part) * factor)
     return scene
 
 
-def _part(scene: Scene, path: str) -> Any:
-    """What is at the end of a path of attributes; None where it breaks off."""
+def part_of(scene: Any, path: str) -> Any:
+    """What is at the end of a path of attributes, such as "structure.cables.stiffness"; None where it breaks off."""
     found: Any = scene
     for name in path.split("."):
         found = getattr(found, name, None)
     return found
+
+
+LESS_THAN = {"phase": np.pi / 2, "slope": np.pi / 2, "terrain": np.inf}
+"""the half-widths, all others less than 1"""
 
 
 class Uncertainty(eqx.Module):
@@ -96,10 +115,13 @@ class Uncertainty(eqx.Module):
     """share, of each node"""
     slope: float = eqx.field(static=True, default=0.0)
     """rad, by which the ground leans more than the scene says, in any direction"""
+    terrain: float = eqx.field(static=True, default=0.0)
+    """m, by which uneven ground is moved in x and in y, and up or down, so that the robot starts as high above it: on
+    random bumps, by more than their length, each robot meets ground of its own"""
 
     def __check_init__(self):
         for name, value in vars(self).items():
-            if not 0 <= value < (1 if name not in ("phase", "slope") else np.pi / 2):
+            if not 0 <= value < LESS_THAN.get(name, 1):
                 raise InputError(
                     f"uncertainty of {name} = {value}: expected a half-width, at least 0 and less than all"
                 )
@@ -142,20 +164,42 @@ def ensemble(
         if scene.friction is None:
             raise InputError("friction is to differ, but the scene has none; expected a scene that models it")
         found["friction"] = 1 + draw("friction")
-    if uncertainty.cable_stiffness or uncertainty.prestress:
-        cables = _cables(scene)
-        if uncertainty.cable_stiffness:
-            found["cable_stiffness"] = 1 + draw("cable_stiffness", 1) * np.ones(len(cables.edges), dtype)
-        if uncertainty.prestress:
-            built = length(edge_vectors(jnp.asarray(scene.structure.nodes, dtype), cables.edges))
-            found["cable_rest_length"] = 1 - draw("prestress", 1) * (built / cables.rest_length - 1)
+    if uncertainty.cable_stiffness:
+        found["cable_stiffness"] = 1 + draw("cable_stiffness", 1) * np.ones(len(_cables(scene).edges), dtype)
+    if uncertainty.prestress:
+        found["cable_rest_length"] = _slackened(scene, draw("prestress", 1))
     if uncertainty.node_mass:
         found["node_mass"] = 1 + draw("node_mass", len(scene.structure.nodes))
     if uncertainty.slope:
-        heading = jax.random.uniform(jax.random.fold_in(keys["slope"], 1), (-(-rows // 2),), dtype, 0, 2 * jnp.pi)
-        heading, lean = jnp.concatenate([heading, heading])[:rows], draw("slope")
-        found["up"] = jnp.stack([jnp.sin(lean) * jnp.cos(heading), jnp.sin(lean) * jnp.sin(heading), jnp.cos(lean)], 1)
+        found["up"] = _leaning(jax.random.fold_in(keys["slope"], 1), draw("slope"))
+    if uncertainty.terrain:
+        found["terrain"] = _moved_ground(scene, draw("terrain", 2))
     return many, Differences(**{name: each(drawn) for name, drawn in found.items()})
+
+
+def _slackened(scene: Scene, share: AnyArray) -> AnyArray:
+    """(robots, cables), factors of rest lengths by which tensions in the built shape grow by a share (robots, 1)."""
+    cables = _cables(scene)
+    built = length(edge_vectors(jnp.asarray(scene.structure.nodes, share.dtype), cables.edges))
+    return 1 - share * (built / cables.rest_length - 1)
+
+
+def _leaning(key, lean: AnyArray) -> AnyArray:
+    """(robots, 3): unit vectors against gravity that lean so far (robots,), rad; those of a pair in one direction."""
+    heading = jax.random.uniform(key, (-(-len(lean) // 2),), lean.dtype, 0, 2 * jnp.pi)
+    heading = jnp.concatenate([heading, heading])[: len(lean)]
+    return jnp.stack([jnp.sin(lean) * jnp.cos(heading), jnp.sin(lean) * jnp.sin(heading), jnp.cos(lean)], 1)
+
+
+def _moved_ground(scene: Scene, moved: AnyArray) -> AnyArray:
+    """(robots, 3), m: the surface moved so far (robots, 2), and up or down until the start is as high above it."""
+    ground = scene.ground
+    if ground is None or ground.surface is None:
+        raise InputError("terrain is to differ, but the ground is a plane, or none; expected ground with a surface")
+    x, y, z = jnp.asarray(scene.structure.nodes, moved.dtype).T
+    above = z - ground.surface.height(x, y)
+    there = z - ground.surface.height(x - moved[:, :1], y - moved[:, 1:])
+    return jnp.concatenate([moved, (there.min(1) - above.min())[:, None]], axis=1)
 
 
 def _cables(scene: Scene):

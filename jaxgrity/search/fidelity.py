@@ -12,16 +12,26 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray
 from jaxgrity.model.actuation import Gait
 from jaxgrity.model.contact_twin import contact_twin, exact_twin
-from jaxgrity.model.scene import Scene, as_dtype
+from jaxgrity.model.scene import Scene
 from jaxgrity.rollout.population import as_population
-from jaxgrity.search.genetic_algorithm import Evolution, GAConfig, SearchProblem, SearchState, begin, evolve
-from jaxgrity.search.objectives import ROUND, Scores, judge, judge_until, standard_error, with_robots
-from jaxgrity.stepping.options import SolverOptions, resolve
-from jaxgrity.stepping.stability import default_method, default_step, strictest
+from jaxgrity.search.genetic_algorithm import Evolution, GAConfig, SearchProblem, SearchState, begin, evolve, models_of
+from jaxgrity.search.genome import Genes
+from jaxgrity.search.judging import (
+    ROUND,
+    Fitness,
+    Scores,
+    judge,
+    judge_until,
+    standard_error,
+    with_robots,
+    without_measuring,
+)
+from jaxgrity.search.models import rough_step
+from jaxgrity.search.objectives import BEYOND_BOUNDS, ActuatorBounds
+from jaxgrity.stepping.options import SolverOptions
+from jaxgrity.stepping.stability import default_method, default_step
 from jaxgrity.trust.error_bars import Verified, verify
 
-SCREENING_STEP = 0.01
-"""s, of complementarity stepping: gaits rank at it as they do at half of it"""
 PRECISION = 0.01
 """share of a gait's worth to which the last judgement tells it"""
 
@@ -34,6 +44,10 @@ class FidelityLevel(NamedTuple):
     dt: float
     """s"""
     dtype: str
+    twin: Scene | None = None
+    """its contact twin, where gaits are tried on both contact models"""
+    wide: bool = False
+    """whether gaits are tried without bounds on forces and powers, which cost much to measure"""
 
     @property
     def options(self) -> SolverOptions:
@@ -41,32 +55,33 @@ class FidelityLevel(NamedTuple):
         return SolverOptions(dt=self.dt, dtype=self.dtype)
 
 
-def fidelity_levels(scene: Scene, dt: float | None = None) -> tuple[FidelityLevel, ...]:
+def fidelity_levels(
+    scene: Scene, dt: float | None = None, both: bool = False, wide: bool = False
+) -> tuple[FidelityLevel, ...]:
     """From rough to exact; `dt` (s) is the scene's own step where not given.
 
     Screening is complementarity stepping at `SCREENING_STEP` in float32: of the scene itself where it is exact, else of
     its contact twin. Then come the scene's own model in float32 (a penalty scene's at twice its step, where that is
-    stable), and in float64 at half its step.
+    stable), where gaits are tried on `both` contact models, this and the twin, and last the own model in float64 at
+    half its step. A `wide` search leaves bounds on forces and powers to the levels after screening.
 
     Raises `InputError` where the scene or its contact twin cannot be rolled out.
     """
     step = default_step(scene, default_method(scene)) if dt is None else dt
     exact = scene if scene.constrained else exact_twin(scene)
-    coarse = default_step(exact, default_method(exact))
-    screening = FidelityLevel("screening", exact, _stable(SCREENING_STEP, coarse, exact), "float32")
-    own_step = step if scene.constrained else _stable(2 * step, step, scene)
+    own_step = step if scene.constrained else rough_step(scene, step)
+    screening = FidelityLevel("screening", exact, rough_step(exact), "float32", wide=wide)
     own = FidelityLevel("own model", scene, own_step, "float32")
-    return screening, own, FidelityLevel("verification", scene, step / 2, "float64")
-
-
-def _stable(dt: float, otherwise: float, scene: Scene) -> float:
-    """`dt`, s, where the scene is stable at it."""
-    return dt if dt <= strictest(scene, default_method(scene))[0] else otherwise
+    finest = FidelityLevel("verification", scene, step / 2, "float64")
+    if not both:
+        return screening, own, finest
+    return screening, own, FidelityLevel("both models", scene, own_step, "float32", contact_twin(scene)), finest
 
 
 def search_levels(levels: tuple[FidelityLevel, ...]) -> tuple[FidelityLevel, ...]:
-    """The levels on which gaits evolve: screening, and the own model where screening was on another."""
-    return levels[:1] if levels[0].scene is levels[1].scene else levels[:2]
+    """The levels on which gaits evolve: screening, and the own model where screening leaves something of it out."""
+    alike = levels[0].scene is levels[1].scene and not levels[0].wide
+    return levels[:1] if alike else levels[:2]
 
 
 def evolve_through(
@@ -78,31 +93,37 @@ def evolve_through(
     states: tuple[SearchState, ...] = (),
     on_generation: Callable[[int, SearchState], None] | None = None,
 ) -> list[Evolution]:
-    """Evolve on each of the levels in turn, the population of one going on to the next; the searches, one each.
+    """Evolve on each of the levels in turn, the best of one going on to the next; the searches, one each.
 
     With `states`, as far as the searches got before, they go on from there. `on_generation` gets a search's number and
-    its state. Raises `InputError` where populations differ in size.
+    its state. Raises `InputError` where a population is larger than the one before it.
     """
-    sizes = {config.population for config in configs}
-    if len(sizes) > 1:
-        raise InputError(f"populations of {sorted(sizes)} gaits: expected one size on all levels")
+    sizes = [config.population for config in configs]
+    if sizes != sorted(sizes, reverse=True):
+        raise InputError(f"populations of {sizes} gaits: expected none larger than the one before it")
     found: list[Evolution] = []
     for number, (level, config) in enumerate(zip(levels, configs)):
         state = states[number] if number < len(states) else begin(problem.genome, config, seed + number, level.dtype)
         if found and number >= len(states):
-            state = state._replace(genes=found[-1].last.genes)
+            state = state._replace(genes=found[-1].last.genes[: config.population])
         told = None if on_generation is None else lambda state, n=number: on_generation(n, state)
-        here = problem._replace(scene=level.scene)
+        fitness = without_measuring(problem.fitness) if level.wide else problem.fitness
+        here = problem._replace(scene=level.scene, twin=level.twin, fitness=fitness)
         found.append(evolve(here, config, options=level.options, state=state, on_generation=told))
     return found
 
 
 def judge_at(level: FidelityLevel, gaits: Gait, problem: SearchProblem, seed: int) -> Scores:
-    """`judge` on a fidelity level, by the problem's duration and fitness, as NumPy arrays."""
-    resolved = resolve(level.scene, problem.duration, level.options)
-    gaits = jax.tree.map(lambda x: np.asarray(x, level.dtype), gaits)
-    key, end, scene = jax.random.key(seed), np.asarray(problem.duration, float), as_dtype(level.scene, level.dtype)
-    return jax.tree.map(np.asarray, judge(key, scene, gaits, end, resolved.as_inputs(), problem.fitness))
+    """`judge` on a fidelity level, by the problem's duration and fitness."""
+    models = models_of(problem._replace(scene=level.scene, twin=level.twin), level.options)
+    return judge(jax.random.key(seed), models, gaits, problem.duration, problem.fitness)
+
+
+def within_bounds(level: FidelityLevel, genes: Genes, problem: SearchProblem, bounds: ActuatorBounds) -> np.ndarray:
+    """(gaits,), whether each stays within the bounds on a robot that is as the level's own model says."""
+    fitness, gaits = Fitness(problem.fitness.objective, bounds=bounds), problem.genome.gaits(problem.scene.gait, genes)
+    found = judge_at(level._replace(twin=None), gaits, problem._replace(fitness=fitness), 0)
+    return np.asarray(found.mean > -BEYOND_BOUNDS)
 
 
 def rank_correlation(rows: Float[AnyArray, "levels gaits"]) -> np.ndarray:
@@ -117,7 +138,7 @@ class Verdict(NamedTuple):
     verified: Verified
     """of the gait itself"""
     robust: Scores
-    """over an ensemble in float64, one row"""
+    """over an ensemble, one row, in float32: what a mean over robots loses by it is far below its standard error"""
     robust_step: float
     """s, at which they are"""
     step_error: float
@@ -169,7 +190,7 @@ def final_verdict(
     some = problem._replace(fitness=with_robots(problem.fitness, min(robots, ROUND)))
 
     def judged(step: float, number: int = 0) -> Scores:
-        return judge_at(FidelityLevel("", scene, step, "float64"), gaits, some, seed + number)
+        return judge_at(FidelityLevel("", scene, step, "float32"), gaits, some, seed + number)
 
     fine, coarse = judged(dt), judged(2 * dt)
     step_error = abs(float(fine.mean[0] - coarse.mean[0]))

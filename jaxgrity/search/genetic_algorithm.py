@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -12,10 +12,11 @@ from jaxtyping import Float, Int
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, PerGait, Scalar
-from jaxgrity.model.scene import Scene, as_dtype
+from jaxgrity.model.scene import Scene
 from jaxgrity.search.genome import Genes, Genome
-from jaxgrity.search.objectives import Fitness, judge
-from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
+from jaxgrity.search.judging import Fitness, judge
+from jaxgrity.search.models import Model, model_of, twin_model
+from jaxgrity.stepping.options import Options
 
 
 class SearchProblem(NamedTuple):
@@ -29,6 +30,19 @@ class SearchProblem(NamedTuple):
     """s, over which a gait is judged"""
     fitness: Fitness
     """how it is judged"""
+    twin: Scene | None = None
+    """the scene's contact twin, where every robot is tried on both contact models"""
+
+
+def models_of(problem: SearchProblem, options: Options = None) -> tuple[Model, ...]:
+    """The scene's model, integrated as `options` say, and that of its twin, if any, at a rough step.
+
+    Raises `InputError` as `resolve` does.
+    """
+    own = model_of(problem.scene, problem.duration, options)
+    if problem.twin is None:
+        return (own,)
+    return own, twin_model(problem.twin, problem.duration, own.options.dtype)
 
 
 class GAConfig(eqx.Module):
@@ -46,12 +60,22 @@ class GAConfig(eqx.Module):
     """standard deviation of a mutation, in turns of the circle, in the first and in the last generation"""
     shrinking: int | None = eqx.field(static=True, default=None)
     """generations after which mutations no longer shrink; None: the last one"""
+    drawn: int | None = eqx.field(static=True, default=None)
+    """gaits drawn at random for the first generation, whose best go on; None: as many as in any other"""
+    crossover: float = eqx.field(static=True, default=1.0)
+    """share of children that have two parents; the others have one"""
+    parents: int | None = eqx.field(static=True, default=None)
+    """parents are drawn from so many of the best gaits, all alike; None: by tournaments among all"""
 
     def __check_init__(self):
         if self.population < 2:
             raise InputError(f"population = {self.population}: expected at least 2 gaits")
+        if self.drawn is not None and self.drawn < self.population:
+            raise InputError(f"drawn = {self.drawn}: expected at least {self.population} gaits, the population")
         if not 0 < self.elites < self.population:
             raise InputError(f"elites = {self.elites}: expected 1 to {self.population - 1}, fewer than the population")
+        if self.parents is not None and not 0 < self.parents <= self.population:
+            raise InputError(f"parents = {self.parents}: expected 1 to {self.population}, the population")
         if self.generations < 1 or self.tournament < 1:
             raise InputError(
                 f"generations = {self.generations}, tournament = {self.tournament}: expected at least 1 of each"
@@ -112,7 +136,7 @@ class Evolution(NamedTuple):
 def begin(genome: Genome, config: GAConfig, seed: int, dtype: str) -> SearchState:
     """A search before its first generation: genes at random."""
     key, first = jax.random.split(jax.random.key(seed))
-    genes = jax.random.uniform(first, (config.population, genome.size), dtype)
+    genes = jax.random.uniform(first, (config.drawn or config.population, genome.size), dtype)
     nothing = Record(*(np.zeros(0) for _ in Record._fields))
     return SearchState(0, jax.random.key_data(key), genes, nothing, None)
 
@@ -153,65 +177,59 @@ def evolve(
         ((4, 6), 8)
     """
     config = config or GAConfig()
-    resolved = resolve(problem.scene, problem.duration, options)
-    # an array: compiled functions take it as an input, and are not compiled anew for another duration
-    duration: Any = np.asarray(problem.duration, float)
-    problem = problem._replace(scene=as_dtype(problem.scene, resolved.dtype), duration=duration)
-    state = state or begin(problem.genome, config, seed, resolved.dtype)
+    models = models_of(problem, options)
+    state = state or begin(problem.genome, config, seed, models[0].options.dtype)
     while state.number < config.generations:
-        state = _advance(state, problem, config, resolved.as_inputs())
+        state = _advance(state, problem, config, models)
         if on_generation is not None:
             on_generation(state)
     assert state.evaluated is not None, "there is at least one generation"
-    rollouts = config.population * config.generations * problem.fitness.rollouts
+    gaits = config.population * config.generations + (config.drawn or config.population) - config.population
+    rollouts = gaits * problem.fitness.rollouts
     best, median, failed = state.record
     return Evolution(state.evaluated, best, median, failed.astype(int), rollouts)
 
 
-def _advance(state: SearchState, problem: SearchProblem, config: GAConfig, options: ResolvedOptions) -> SearchState:
+def _advance(state: SearchState, problem: SearchProblem, config: GAConfig, models: tuple[Model, ...]) -> SearchState:
     key, now = jax.random.split(jax.random.wrap_key_data(jnp.asarray(state.key)))
-    # NumPy: on all devices, as a generation leaves them, genes would have the next one compiled again
-    genes, number = np.asarray(state.genes), np.asarray(state.number)
-    generation, bred = _generation(now, genes, number, problem, config, options)
+    drawn, bred = jax.random.split(now)
+    # NumPy: on all devices, as breeding leaves them, genes would have the next rollouts compiled again
+    genes, genome = np.asarray(state.genes), problem.genome
+    scores = judge(drawn, models, genome.gaits(models[0].scene.gait, genes), problem.duration, problem.fitness)
+    order = np.argsort(-scores.fitness, kind="stable")[: config.population]
+    generation = Generation(genes[order], scores.fitness[order], scores.spread[order], np.sum(scores.failed))
+    progress = min(1, state.number / max(1, (config.shrinking or config.generations) - 1))
+    children = _breed(bred, generation, np.asarray(progress, genes.dtype), genome, config)
     newest = (float(generation.fitness[0]), _median(generation.fitness), float(generation.failed))
     record = Record(*(np.append(so_far, x) for so_far, x in zip(state.record, newest)))
-    return SearchState(state.number + 1, jax.random.key_data(key), bred, record, generation)
-
-
-@eqx.filter_jit
-def _generation(
-    key, genes: Genes, number: Int[AnyArray, ""], problem: SearchProblem, config: GAConfig, options: ResolvedOptions
-) -> tuple[Generation, Genes]:
-    """Evaluate `genes`, and breed those of the next generation."""
-    scene, genome, duration, fitness = problem
-    drawn, bred = jax.random.split(key)
-    scores = judge(drawn, scene, genome.gaits(scene.gait, genes), duration, options, fitness)
-    order = jnp.argsort(-scores.fitness)
-    generation = Generation(genes[order], scores.fitness[order], scores.spread[order], jnp.sum(scores.failed))
-    progress = jnp.minimum(1, number / max(1, (config.shrinking or config.generations) - 1))
-    return generation, breed(bred, generation, progress, genome, config)
+    return SearchState(state.number + 1, jax.random.key_data(key), children, record, generation)
 
 
 def breed(key, generation: Generation, progress: Scalar, genome: Genome, config: GAConfig) -> Genes:
-    """The genes of the next generation: elites, and children of two parents, each a tournament's best.
+    """The genes of the next generation: elites, and children of one parent or of two.
 
-    A child takes each gene from a point between its parents, or a little beyond, along the shorter way round the
+    A child of two takes each gene from a point between its parents, or a little beyond, along the shorter way round the
     circle where the gene is an angle, and mutates some by a normal deviate. Of the gaits that the second parent is by
     symmetry, the one nearest to the first counts.
     """
-    draw, blend, which, mutate = jax.random.split(key, 4)
+    draw, blend, which, mutate, crossed = jax.random.split(key, 5)
     genes, dtype = generation.genes, generation.genes.dtype
     children = config.population - config.elites
     # sorted best first, so the best of a tournament is its lowest index
-    parents = jax.random.randint(draw, (2, children, config.tournament), 0, config.population).min(axis=-1)
+    rivals, among = (config.tournament, config.population) if config.parents is None else (1, config.parents)
+    parents = jax.random.randint(draw, (2, children, rivals), 0, among).min(axis=-1)
     mother, father = genes[parents[0]], genome.nearest_image(genes[parents[0]], genes[parents[1]])
     weight = jax.random.uniform(blend, mother.shape, dtype, -0.1, 1.1)
+    weight = jnp.where(jax.random.bernoulli(crossed, config.crossover, (children, 1)), weight, 0)
     child = mother + weight * genome.towards(mother, father)
     first, last = config.mutation_size
     size = jnp.asarray(first * (last / first) ** progress, dtype)
     mutated = jax.random.bernoulli(which, config.mutation_rate, child.shape)
     child = child + jnp.where(mutated, size * jax.random.normal(mutate, child.shape, dtype), 0)
     return jnp.concatenate([genes[: config.elites], genome.within(child)])
+
+
+_breed = eqx.filter_jit(breed)
 
 
 def distinct(generation: Generation, genome: Genome, count: int, apart: float = 0.02) -> Genes:

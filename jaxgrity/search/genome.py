@@ -10,6 +10,7 @@ from jaxtyping import Float
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray
 from jaxgrity.model.actuation import Gait, Overtone
+from jaxgrity.model.waves import Wave
 from jaxgrity.rollout.population import gaits_of
 
 Genes = Float[AnyArray, "*population genes"]
@@ -19,7 +20,8 @@ class Genome(eqx.Module):
     """Genes in [0, 1): phases, which go round a circle, then what else has bounds.
 
     Genes are phase/2 pi for each actuator; then, where asked for, one amplitude each, one frequency for all, for every
-    overtone a phase and a size each, and one rank each. What has no genes stays as the scene's gait says.
+    overtone a phase and a size each, and one rank each. What has no genes stays as the scene's gait says. Where gaits
+    are waves, the actuators of a group have these genes in common, and one gene says which of the waves it is.
     """
 
     actuators: int = eqx.field(static=True)
@@ -33,6 +35,8 @@ class Genome(eqx.Module):
     """how many of the actuators move, those that rank highest; the others keep their rest lengths"""
     images: tuple[tuple[int, ...], ...] = eqx.field(static=True, default=())
     """permutations of the actuators under which a gait is the same gait, seen from elsewhere (`gene_permutations`)"""
+    waves: tuple[Wave, ...] = eqx.field(static=True, default=())
+    """those that gaits may be (`travelling_waves`); empty: each actuator moves as it likes"""
 
     def __check_init__(self):
         for name, top in (("amplitude", 1.0), ("frequency", math.inf)):
@@ -41,14 +45,25 @@ class Genome(eqx.Module):
                 raise InputError(f"{name} = {bounds}: expected two ascending bounds between 0 and {top:g}")
         if self.overtones < 0:
             raise InputError(f"overtones = {self.overtones}: expected 0 or more")
+        if len({wave.groups for wave in self.waves}) > 1 or any(len(w.groups) != self.actuators for w in self.waves):
+            raise InputError(f"waves: expected the same groups of {self.actuators} actuators in each")
+        if self.waves and self.active is not None:
+            raise InputError("waves, active: the actuators of a wave have no ranks; expected one of both")
         if self.active is not None and not 1 <= self.active < self.actuators:
             raise InputError(f"active = {self.active}: expected 1 to {self.actuators - 1}, fewer than may be actuated")
 
     @property
+    def groups(self) -> int:
+        """How many actuators, or groups of them, have genes of their own."""
+        return len(set(self.waves[0].groups)) if self.waves else self.actuators
+
+    @property
     def blocks(self) -> dict[str, int]:
         """How many genes each quantity has, in their order."""
-        n = self.actuators
+        n = self.groups
         found = {"phase": n}
+        if len(self.waves) > 1:
+            found["wave"] = 1
         if self.amplitude:
             found["amplitude"] = n
         if self.frequency:
@@ -75,7 +90,7 @@ class Genome(eqx.Module):
 
     def gaits(self, gait: Gait | None, genes: Genes) -> Gait:
         """The population of gaits that `genes` stand for, around the scene's own `gait`."""
-        parts = self.split(genes)
+        parts = self._of_actuators(self.split(genes))
         amplitude = frequency = None
         if self.amplitude:
             amplitude = _between(self.amplitude, parts["amplitude"])
@@ -105,8 +120,8 @@ class Genome(eqx.Module):
         return jnp.where(self.circular, (b - a + 0.5) % 1 - 0.5, b - a)
 
     def nearest_image(self, a: Genes, b: Genes) -> Genes:
-        """Of the gaits that `b` is by symmetry, the one nearest to `a`."""
-        if len(self.images) < 2:
+        """Of the gaits that `b` is by symmetry, the one nearest to `a`; of waves, `b` itself."""
+        if len(self.images) < 2 or self.waves:
             return b
         images = jnp.stack([b[..., self._permuted(image)] for image in self.images])
         gaps = jnp.sum(self.towards(a, images) ** 2, axis=-1)
@@ -117,11 +132,28 @@ class Genome(eqx.Module):
         """The largest difference of any gene between `a` and the image of `b` nearest to it."""
         return jnp.abs(self.towards(a, self.nearest_image(a, b))).max(-1)
 
+    def _which(self, gene: AnyArray) -> AnyArray:
+        """The number of the wave that a gene stands for."""
+        return jnp.clip((gene * len(self.waves)).astype(int), 0, len(self.waves) - 1)
+
+    def _of_actuators(self, parts: dict[str, AnyArray]) -> dict[str, AnyArray]:
+        """Genes for each actuator, where there is one for each group; its phase is shifted as its wave says."""
+        if not self.waves:
+            return parts
+        shifts = jnp.array([wave.shifts for wave in self.waves], parts["phase"].dtype)
+        groups = np.array(self.waves[0].groups)
+        which = self._which(parts["wave"][..., 0]) if len(shifts) > 1 else 0
+        found = {name: part[..., groups] if part.shape[-1] == self.groups else part for name, part in parts.items()}
+        for name in [name for name in found if name.startswith("phase")]:
+            harmonic = int(name.removeprefix("phase") or 1)
+            found[name] = found[name] + harmonic * shifts[which]
+        return found
+
     def _permuted(self, image: tuple[int, ...]) -> np.ndarray:
         """The numbers of the genes in the order that permutes the actuators."""
         rows, first = [], 0
-        for count in self.blocks.values():
-            rows.append(first + (np.array(image) if count == self.actuators else np.arange(count)))
+        for name, count in self.blocks.items():
+            rows.append(first + (np.array(image) if name != "frequency" else np.arange(count)))
             first += count
         return np.concatenate(rows)
 

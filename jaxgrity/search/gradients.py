@@ -18,8 +18,10 @@ from jaxgrity.rollout.lanes import discretise_lanes, in_lanes, lanes_last, over_
 from jaxgrity.rollout.population import Outcomes
 from jaxgrity.rollout.uncertainty import Differences, ensemble
 from jaxgrity.search.genetic_algorithm import SearchProblem
-from jaxgrity.search.objectives import judge, with_robots
+from jaxgrity.search.judging import judge, with_robots
+from jaxgrity.search.models import Model
 from jaxgrity.stepping.dynamics import centre_of_mass
+from jaxgrity.stepping.final_state import stepped
 from jaxgrity.stepping.options import ResolvedOptions
 
 
@@ -28,6 +30,9 @@ class ClimbTask(NamedTuple):
 
     problem: SearchProblem
     options: ResolvedOptions
+    """of the problem's own scene, with its step: reverse mode has to know it"""
+    models: tuple[Model, ...]
+    """that smoothed gradients are taken on"""
     width: Scalar
     """standard deviation s of the smoothed gradient's perturbations, as `PolishConfig.width`"""
 
@@ -80,39 +85,9 @@ def ends(
 def checkpointed_end(scene: Scene, axes: Scene, start: State, horizon: float, options: ResolvedOptions) -> State:
     """The state at `horizon`, by the scene's method stepped inside two nested scans, for reverse mode.
 
-    On the way back the inner scan is run again, stretch by stretch; a method that recomputes its stages then does so
-    once more, any other is run again step by step. Where the steps do not divide into two such scans there are a few
-    more of them, as much smaller.
+    See `stepped`.
     """
-    terms, solver = discretise_lanes(options, axes)
-    count = horizon / options.dt  # type: ignore[operator]
-    stretches, steps = _divide(max(1, int(np.ceil(count - 1e-6))))
-    h = horizon / (stretches * steps)
-
-    def step(carry, k):
-        y, solver_state = carry
-        y, _, _, solver_state, _ = solver.step(terms, k * h, (k + 1) * h, y, scene, solver_state, False)
-        return (y, solver_state), None
-
-    kept = step if options.method.recomputes else jax.checkpoint(step)
-
-    def stretch(carry, k):
-        return jax.lax.scan(kept, carry, k)
-
-    numbers = jnp.arange(stretches * steps, dtype=options.dtype).reshape(stretches, steps)
-    first = (start, solver.init(terms, 0.0, h, start, scene))
-    (end, _), _ = jax.lax.scan(jax.checkpoint(stretch), first, numbers)
-    return end
-
-
-def _divide(count: int) -> tuple[int, int]:
-    """Two factors of `count` near its root; of the next number above it that has such, where it has none."""
-    while True:
-        root = int(np.sqrt(count))
-        for small in range(root, root // 2, -1):
-            if count % small == 0:
-                return count // small, small
-        count += 1
+    return stepped(scene, start, horizon, options, discretise_lanes(options, axes))
 
 
 class Gradient(NamedTuple):
@@ -142,9 +117,8 @@ def combine(smoothed: Gradient, pathwise: Gradient) -> tuple[Gradient, Scalar]:
     return Gradient(smoothed.value, mean, both, smoothed.scale), share
 
 
-@eqx.filter_jit
 def smoothed_gradients(
-    key, genes: Float[AnyArray, "starts genes"], task: ClimbTask, ahead: Scalar, samples: int, robots: int
+    key, genes: Float[AnyArray, "starts genes"], task: ClimbTask, ahead: float, samples: int, robots: int
 ) -> Gradient:
     """g = c mean of (u(x + s e) - u(x - s e))/(2 s) e over pairs of perturbed gaits, e normal; u are their utilities.
 
@@ -157,20 +131,24 @@ def smoothed_gradients(
     drawn, disturbed = jax.random.split(key)
     starts, size = genes.shape
     e = jax.random.normal(drawn, (starts, samples // 2, size), genes.dtype)
-    scene, genome, _, fitness = task.problem
+    scene, genome, _, fitness, _ = task.problem
     perturbed = genome.bounded(genes[:, None] + task.width * jnp.concatenate([e, -e], axis=1))
     gaits = genome.gaits(scene.gait, perturbed.reshape(-1, size))
-    scores = judge(disturbed, scene, gaits, ahead, task.options, with_robots(fitness, robots))
+    scores = judge(disturbed, task.models, gaits, ahead, with_robots(fitness, robots))
+    return _estimates(scores.fitness.reshape(starts, samples), e, task.width)
 
+
+@eqx.filter_jit
+def _estimates(fitness: Float[AnyArray, "starts samples"], e: AnyArray, width: Scalar) -> Gradient:
     def estimate(fitness, e):
         utility, scale = utilities(fitness)
         plus, minus = jnp.split(scale * utility, 2)
-        slope = (plus - minus) / (2 * task.width)
+        slope = (plus - minus) / (2 * width)
         mean, noise = _mean_and_noise(slope[:, None] * e)
         known = scale > 0
         return Gradient(_mean(fitness), mean, jnp.where(known, noise, jnp.nan), jnp.where(known, scale, 1))
 
-    return jax.vmap(estimate)(scores.fitness.reshape(starts, samples), e)
+    return jax.vmap(estimate)(fitness, e)
 
 
 def utilities(fitness: PerGait) -> tuple[PerGait, Scalar]:
@@ -192,7 +170,7 @@ def utilities(fitness: PerGait) -> tuple[PerGait, Scalar]:
 def pathwise_gradient(key, genes, task: ClimbTask, ahead: float, robots: int) -> Gradient:
     """The mean gradient of the objective over an ensemble of robots, by reverse mode."""
 
-    scene, genome, _, fitness = task.problem
+    scene, genome, _, fitness, _ = task.problem
 
     def total(each):
         gaits = genome.gaits(scene.gait, each)
@@ -201,7 +179,7 @@ def pathwise_gradient(key, genes, task: ClimbTask, ahead: float, robots: int) ->
         failure = jnp.where(jnp.isfinite(q).all((1, 2)), 0, 1)
         steps = jnp.full(robots, round(ahead / task.options.dt))
         name = task.options.method.name
-        outcomes = Outcomes(start, end, q, failure, steps, 0 * steps, None, name, None)
+        outcomes = Outcomes(jnp.stack([start, end], 1), q, failure, steps, 0 * steps, None, name, None)
         worth = fitness.objective.worth(scene, outcomes, ahead)
         return jnp.sum(worth), worth
 

@@ -8,6 +8,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
+from jaxgrity.core.display import of_report
 from jaxgrity.core.errors import InputError
 from jaxgrity.io.files import save_arrays
 from jaxgrity.model.actuation import Gait
@@ -23,27 +24,30 @@ from jaxgrity.search.fidelity import (
     judge_at,
     rank_correlation,
     search_levels,
+    within_bounds,
 )
-from jaxgrity.search.genetic_algorithm import Evolution, GAConfig, SearchProblem, distinct
-from jaxgrity.search.objectives import with_robots
+from jaxgrity.search.genetic_algorithm import Evolution, SearchProblem, distinct
+from jaxgrity.search.judging import without_measuring
+from jaxgrity.search.objectives import ActuatorBounds
 from jaxgrity.search.polish import Polished, polish
 from jaxgrity.search.polish_config import PolishConfig
 from jaxgrity.search.search_config import (
     COMPARED,
     SearchConfig,
     fingerprint,
+    ga_configs,
     plain_config,
     search_problem,
     with_actuated,
     without_idle,
 )
 from jaxgrity.stepping.options import resolve
+from jaxgrity.stepping.stability import default_method, default_step
 
 UNSEEN = 10**6
 """added to the seed of the last judgement, whose draws nothing was chosen by"""
-PROMOTED = 2
-"""times as many robots as in a generation judge them there"""
-
+FINAL_ROBOTS = 128
+"""that judge what polish gained, at most"""
 Stage = Literal["evolving", "promoting", "polishing", "verifying"]
 
 
@@ -85,8 +89,13 @@ class SearchResult(NamedTuple):
     agreement: Agreement
     polished: Polished | None
     verdict: Verdict
+    within_bounds: bool
+    """whether the gait asks no more of its actuators than it may; False where no gait was found that does not"""
     seconds: dict[Stage, float]
     """wall time of each stage, s, compilation included"""
+
+    def _repr_html_(self) -> str:
+        return of_report("notebook", "search_html")(self)
 
 
 Listener = Callable[[Progress], None]
@@ -136,11 +145,11 @@ def search_gaits(
         raise InputError("resume, restart: there is no folder to find a search in; expected folder")
     scene = with_actuated(scene, config.members)
     problem = search_problem(scene, config)
-    levels = fidelity_levels(scene, config.dt)
+    levels = fidelity_levels(scene, config.dt, config.both_models, config.wide)
     # both refuse now what a later stage could not do
     for level in levels:
         resolve(level.scene, config.duration, level.options)
-    _ga_configs(levels, config)
+    ga_configs(config, len(search_levels(levels)))
     with ExitStack() as held:
         checkpoint = None
         if folder is not None:
@@ -172,9 +181,15 @@ def _search(
 
     searches = _evolve(problem, levels, config, checkpoint, listener)
     clocked("evolving")
-    chosen, agreement = _promote(problem, levels, searches[-1], config, listener)
+    # what few gaits ask of their actuators is looked at once, since measuring costs several times a plain rollout
+    plain = problem._replace(fitness=without_measuring(problem.fitness))
+    bounds = problem.fitness.bounds
+    chosen, agreement, inside = _promote(plain, bounds, levels, searches[-1], config, listener)
     clocked("promoting")
-    polished = _polish(problem, levels, chosen, config, listener)
+    polished = _polish(plain, levels, chosen, config, listener)
+    if inside and polished is not None and not within_bounds(levels[1], polished.genes[None], plain, bounds)[0]:
+        reason = f"{polished.reason}; but it is beyond a bound on actuators: the gait is kept as it was"
+        polished = polished._replace(genes=chosen[0], improved=False, reason=reason)
     clocked("polishing")
     best = chosen[0] if polished is None else polished.genes
     gait = one_gait(problem.genome.gaits(problem.scene.gait, best[None]), 0)
@@ -183,16 +198,12 @@ def _search(
     def judged(done: int, total: int) -> None:
         listener(Progress("verifying", done, total, {}))
 
-    verdict = final_verdict(problem, gait, dt=levels[-1].dt, seed=config.seed + UNSEEN, on_progress=judged)
-    clocked("verifying")
     found = with_gait(problem.scene, gait)
-    return SearchResult(found, gait, problem, levels, tuple(searches), agreement, polished, verdict, seconds)
-
-
-def _ga_configs(levels: tuple[FidelityLevel, ...], config: SearchConfig) -> tuple[GAConfig, ...]:
-    """Of the search on each of the levels where gaits evolve."""
-    generations, elites = config.generations[: len(search_levels(levels))], max(1, config.population // 8)
-    return tuple(GAConfig(config.population, count, elites=elites) for count in generations)
+    # a stronger gait than the scene's own may need a smaller step
+    dt = min(levels[-1].dt, default_step(found, default_method(found)) / 2)
+    verdict = final_verdict(plain, gait, dt=dt, seed=config.seed + UNSEEN, on_progress=judged)
+    clocked("verifying")
+    return SearchResult(found, gait, problem, levels, tuple(searches), agreement, polished, verdict, inside, seconds)
 
 
 def _evolve(
@@ -203,7 +214,7 @@ def _evolve(
     listener: Listener,
 ) -> list[Evolution]:
     """The genetic search in float32, on every core, on each of the levels where gaits are searched."""
-    searched, configs = search_levels(levels), _ga_configs(levels, config)
+    searched, configs = search_levels(levels), ga_configs(config, len(search_levels(levels)))
     total, states = sum(each.generations for each in configs), () if checkpoint is None else checkpoint.states
     done = sum(state.number for state in states)
     listener(Progress("evolving", done, total, {}))
@@ -229,14 +240,16 @@ def _evolve(
 
 def _promote(
     problem: SearchProblem,
+    bounds: ActuatorBounds,
     levels: tuple[FidelityLevel, ...],
     search: Evolution,
     config: SearchConfig,
     listener: Listener,
-) -> tuple[np.ndarray, Agreement]:
-    """The best gaits of the search, best first by larger ensembles, and how far the fidelity levels agree.
+) -> tuple[np.ndarray, Agreement, bool]:
+    """The best gaits of the search, best first, how far the fidelity levels agree, and whether the best is in bounds.
 
-    Evolved and random gaits are judged on every level by the same draws; the last level says which are best.
+    Evolved and random gaits are judged on every level by the same draws, up to the one that tries both contact models,
+    where there is one. The last of them says which are best; gaits beyond the bounds on actuators come last.
     """
     genome = problem.genome
     genes = distinct(search.last, genome, COMPARED)
@@ -244,16 +257,18 @@ def _promote(
         raise InputError("every rollout of the last generation failed; expected a scene that can be integrated")
     chance = np.random.default_rng(config.seed).uniform(size=(COMPARED, genome.size))
     gaits = genome.gaits(problem.scene.gait, np.concatenate([genes, chance]))
-    many = problem._replace(fitness=with_robots(problem.fitness, PROMOTED * config.robots))
+    decisive = next((k for k, level in enumerate(levels) if level.twin is not None), len(levels) - 1)
+    levels = levels[: decisive + 1]
     rows: list[np.ndarray] = []
     for level in levels:
         listener(Progress("promoting", len(rows), len(levels), {"level": level.name}))
-        rows.append(np.asarray(judge_at(level, gaits, many, config.seed + 2).fitness))
+        rows.append(np.asarray(judge_at(level, gaits, problem, config.seed + 2).fitness))
     listener(Progress("promoting", len(rows), len(levels), {}))
     first, table = len(genes), np.array(rows)
     agreement = Agreement(levels, table, first, rank_correlation(table), rank_correlation(table[:, :first]))
-    order = np.argsort(-table[-1, :first])
-    return np.asarray(genes, float)[order[: config.polish_gaits]], agreement
+    kept = within_bounds(levels[1], genes, problem, bounds)
+    order = np.lexsort((-table[-1, :first], ~kept))
+    return np.asarray(genes, float)[order[: config.polish_gaits]], agreement, bool(kept[order[0]])
 
 
 def _polish(
@@ -263,10 +278,10 @@ def _polish(
     config: SearchConfig,
     listener: Listener,
 ) -> Polished | None:
-    """The gradient stage, on the last level on which gaits evolved; a gain is judged on the last of all levels."""
+    """The gradient stage, on the last level on which gaits evolved."""
     if not config.polish_rollouts:
         return None
-    own, last, done = search_levels(levels)[-1], levels[-1], 0
+    own, done = search_levels(levels)[-1], 0
     listener(Progress("polishing", 0, None, {}))
 
     def heard(step) -> None:
@@ -277,9 +292,9 @@ def _polish(
     return polish(
         problem._replace(scene=own.scene),
         genes,
-        PolishConfig(config.polish_rollouts, config.polish),
+        PolishConfig(config.polish_rollouts, config.polish, final_robots=FINAL_ROBOTS),
         options=own.options,
-        final_options=last.options,
+        final_options=own.options,
         seed=config.seed,
         on_step=heard,
     )

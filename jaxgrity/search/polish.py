@@ -4,7 +4,8 @@ The pathwise gradient differentiates the rollouts; it is exact, and useless wher
 one (evolution strategies) is a regression on the ranks of perturbed gaits: noisy, and sound on any horizon.
 
 Each climb has the same share of the rollouts. Each of its steps is a gradient, turned into an update by optax
-(momentum, its length falling by a cosine). Smoothed gradients are of the fitness. Pathwise and combined ones are of the
+(momentum, its length falling by a cosine). Smoothed gradients are of the fitness, but
+for bounds on forces and powers, which count when the ends are judged. Pathwise and combined ones are of the
 mean objective at a horizon: as far ahead as the measured sensitivity of the start stays below
 `PolishConfig.largest_sensitivity`, in the first half of the steps half way there. Where it does not let them look past
 the first period of full actuation they are not used; a combined polish climbs by smoothed gradients then. In the end
@@ -26,9 +27,10 @@ from jaxgrity.core.types import AnyArray
 from jaxgrity.model.scene import as_dtype, with_gait
 from jaxgrity.rollout.population import one_gait
 from jaxgrity.search.climb import Climb, ClimbStep, OneGait, Route, climb, one_period
-from jaxgrity.search.genetic_algorithm import SearchProblem
+from jaxgrity.search.genetic_algorithm import SearchProblem, models_of
 from jaxgrity.search.gradients import ClimbTask
-from jaxgrity.search.objectives import ROUND, Scores, judge, judge_until, standard_error, with_robots
+from jaxgrity.search.judging import ROUND, Scores, judge, judge_until, standard_error, with_robots, without_measuring
+from jaxgrity.search.models import Model
 from jaxgrity.search.polish_config import PolishConfig, budget, check_polish, cost_of_gradient
 from jaxgrity.stepping.options import Options, ResolvedOptions, SolverOptions, resolve
 from jaxgrity.trust.sensitivity import Sensitivity, sensitivity
@@ -158,7 +160,7 @@ def _gain(before: Scores, after: Scores) -> str:
 
 def _routes(problem: SearchProblem, genes, options: ResolvedOptions, config: PolishConfig) -> Routes:
     """A route from each start by what its sensitivity allows."""
-    scene, genome, duration, _ = problem
+    scene, genome, duration, _, _ = problem
     routes, growth, refused = [], [], 0
     gaits, bound = genome.gaits(scene.gait, genes), config.largest_sensitivity
     for k, start in enumerate(genes):
@@ -172,9 +174,10 @@ def _routes(problem: SearchProblem, genes, options: ResolvedOptions, config: Pol
             routes += [Route(start, "smoothed", duration)] if config.kind == "combined" else []
     remarks = []
     if refused == len(genes):
+        horizon = min(duration, growth[0].horizon(bound))
+        ends = "the rollout ends" if horizon == duration else f"|d com/d phase| passes {bound:g} m/rad"
         remarks.append(
-            f"no pathwise gradient was used: |d com/d phase| passes {bound:g} m/rad after "
-            f"{growth[0].horizon(bound):.1f} s, before one period of full actuation is over"
+            f"no pathwise gradient was used: {ends} after {horizon:.1f} s, before one period of full actuation is over"
         )
     elif refused:
         remarks.append(f"{refused} of {len(genes)} starts are too sensitive for pathwise gradients")
@@ -190,9 +193,10 @@ def _climb_all(
     on_step: Callable | None,
 ) -> tuple[Climb, int]:
     """The climb that ended best, and what all of them cost."""
-    rolled = problem._replace(scene=as_dtype(problem.scene, options.dtype))
-    task = ClimbTask(rolled, options, np.asarray(config.width[0], options.dtype))
-    fitness, duration = task.problem.fitness, task.problem.duration
+    scene, fitness = as_dtype(problem.scene, options.dtype), without_measuring(problem.fitness)
+    rolled = problem._replace(scene=scene, fitness=fitness)
+    task = ClimbTask(rolled, options, models_of(problem, options), np.asarray(config.width[0], options.dtype))
+    duration = problem.duration
     costs = [cost_of_gradient(config, fitness, route.kind, route.horizon / duration) for route in routes]
     each, comparison = budget(config, fitness, costs)
     climbs = []
@@ -203,8 +207,8 @@ def _climb_all(
         return climbs[0], spent
     ends = np.stack([done.end for done in climbs])
     key = _key(seed, FOR_COMPARISON)
-    scores = _judge_genes(key, task.problem, ends, task.options, config.comparison_robots)
-    return climbs[int(jnp.argmax(scores.fitness))], spent
+    scores = _judge_genes(key, problem, ends, task.models, config.comparison_robots)
+    return climbs[int(np.argmax(scores.fitness))], spent
 
 
 def _side_by_side(routes: list[Route]) -> list[list[Route]]:
@@ -218,10 +222,10 @@ def _before_and_after(
 ) -> list[Scores]:
     """The scores of the best start and the best end by one ensemble, one row each."""
     pair = np.stack([start, end])
-    some = min(config.final_robots, ROUND)
+    some, models = min(config.final_robots, ROUND), models_of(problem, options)
 
     def judged(number: int) -> Scores:
-        return _judge_genes(_key(seed, FOR_THE_END, number), problem, pair, options, some)
+        return _judge_genes(_key(seed, FOR_THE_END, number), problem, pair, models, some)
 
     def clear(each: np.ndarray) -> bool:
         gain = each[1] - each[0]
@@ -233,11 +237,10 @@ def _before_and_after(
     return [jax.tree.map(lambda x, k=k: x[k : k + 1], found) for k in (0, 1)]
 
 
-def _judge_genes(key, problem: SearchProblem, genes, options: ResolvedOptions, robots: int) -> Scores:
+def _judge_genes(key, problem: SearchProblem, genes, models: tuple[Model, ...], robots: int) -> Scores:
     """`judge`, of a gait for each row of genes, by ensembles of another size."""
-    gaits = problem.genome.gaits(problem.scene.gait, jnp.asarray(genes, options.dtype))
-    end, many = np.asarray(problem.duration, float), with_robots(problem.fitness, robots)
-    return judge(key, as_dtype(problem.scene, options.dtype), gaits, end, options.as_inputs(), many)
+    gaits = problem.genome.gaits(problem.scene.gait, jnp.asarray(genes, models[0].options.dtype))
+    return judge(key, models, gaits, problem.duration, with_robots(problem.fitness, robots))
 
 
 def _key(seed: int, *purpose: int):

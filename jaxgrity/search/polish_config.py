@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import Literal, NamedTuple, get_args
 
 from jaxgrity.core.errors import InputError
-from jaxgrity.search.objectives import Fitness
+from jaxgrity.search.judging import Fitness
 
 GradientKind = Literal["smoothed", "pathwise", "combined"]
 
@@ -62,7 +62,7 @@ def budget(config: PolishConfig, fitness: Fitness, costs: Sequence[float]) -> Bu
     each = (config.rollouts - comparison) // len(costs)
     if each < max(costs):
         least = math.ceil(max(costs)) * len(costs) + comparison
-        raise InputError(f"{config.rollouts} rollouts of polish: expected {least} or more, for {len(costs)} climbs")
+        raise InputError(f"{config.rollouts} rollouts of polish: expected {least} or more (climbs: {len(costs)})")
     return Budget(each, comparison)
 
 
@@ -76,9 +76,14 @@ def check_polish(config: PolishConfig, fitness: Fitness, starts: int) -> None:
         raise InputError(f"polishing by {config.kind!r}: unknown; expected one of {known}")
     if config.samples < 4 or config.samples % 2:
         raise InputError(f"samples = {config.samples}: expected an even number, 4 or more")
-    if config.kind != "smoothed" and (fitness.needs_metrics or fitness.caution):
-        what = "caution" if fitness.caution else "an objective or a bound that needs metrics"
-        raise InputError(f"{what} has no pathwise gradient; expected a smoothed one")
+    unfit = {
+        "caution": fitness.caution,
+        "a steady objective": fitness.objective.steady,
+        "an objective or a bound that needs metrics": fitness.needs_metrics,
+    }
+    for what, asked in unfit.items():
+        if config.kind != "smoothed" and asked:
+            raise InputError(f"{what} has no pathwise gradient; expected a smoothed one")
     if config.kind == "smoothed":
         budget(config, fitness, [cost_of_gradient(config, fitness, "smoothed", 1.0)] * starts)
 

@@ -12,40 +12,61 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.model.actuation import Gait
 from jaxgrity.model.scene import Scene, with_gait
 from jaxgrity.model.symmetry import gene_permutations, standing_symmetries
+from jaxgrity.model.waves import travelling_waves
 from jaxgrity.rollout.uncertainty import Uncertainty
-from jaxgrity.search.genetic_algorithm import SearchProblem
+from jaxgrity.search.genetic_algorithm import GAConfig, SearchProblem
 from jaxgrity.search.genome import Genome
-from jaxgrity.search.objectives import ActuatorBounds, Distance, Fitness, Objective
+from jaxgrity.search.judging import Fitness
+from jaxgrity.search.objectives import ActuatorBounds, Objective, SteadySpeed
 from jaxgrity.search.polish_config import GradientKind, PolishConfig, check_polish
+from jaxgrity.trust.orbits import period_of
 
+UNCERTAIN = Uncertainty(phase=0.03, actuation=0.02, friction=0.2, cable_stiffness=0.05, node_mass=0.05)
+"""half-widths of what a search takes as not known exactly, where not told otherwise: rad, then shares"""
+DRAWN = 4
+"""times the population: gaits drawn at random for the first generation of a wide search"""
+MUTATIONS = ((0.12, 0.01), (0.02, 0.004))
+"""widths of mutations in the first and in the last generation, in turns: of a wide screening, and after it"""
 COMPARED = 16
 """evolved gaits, and as many random ones, that are judged on all fidelity levels"""
 
 
 @dataclass(frozen=True)
 class SearchConfig:
-    """How to search for a gait."""
+    """How to search for a gait; by default one that lasts: steady speed, with actuators that exist.
 
-    duration: float = 10.0
+    Amplitudes and the frequency evolve too, and actuators follow each other as the robot's rotations say (`waves`).
+    Robots differ in all that is uncertain, and the best gaits are tried on both contact models.
+    """
+
+    duration: float = 40.0
     """horizon over which the objective counts, s"""
-    population: int = 64
+    population: int = 128
     """gaits in a generation"""
-    generations: tuple[int, int] = (32, 20)
-    """generations of screening; on the scene's own model, where screening is on its contact twin"""
+    generations: tuple[int, int] = (10, 2)
+    """generations of screening; on the scene's own model, where screening leaves something of it out"""
     robots: int = 4
     """that each gait is tried on in a generation, drawn from what is uncertain"""
-    objective: Objective = field(default_factory=Distance)
+    objective: Objective = field(default_factory=SteadySpeed)
     """what a rollout is worth"""
-    bounds: ActuatorBounds = field(default_factory=ActuatorBounds)
+    bounds: ActuatorBounds = field(default_factory=lambda: ActuatorBounds(rate=1.0, power=200.0))
     """the most that a gait may ask of an actuator"""
-    uncertainty: Uncertainty = field(default_factory=lambda: Uncertainty(phase=0.03))
+    uncertainty: Uncertainty = field(default_factory=lambda: UNCERTAIN)
     """half-widths of what is not known exactly"""
-    caution: float = 0.0
+    caution: float = 0.5
     """standard deviations of its robots that are held against a gait"""
-    amplitude: tuple[float, float] | None = None
-    """bounds between which each member's amplitude evolves too"""
-    frequency: tuple[float, float] | None = None
-    """bounds (Hz) between which the gait's frequency evolves too"""
+    amplitude: tuple[float, float] | None = (0.05, 0.5)
+    """bounds between which each member's amplitude evolves too; None: it stays as the scene's gait says"""
+    frequency: tuple[float, float] | None = (0.3, 1.6)
+    """bounds (Hz) between which the gait's frequency evolves too; None: likewise"""
+    waves: Literal["every", "axis", "none"] = "every"
+    """whether gaits are waves (`travelling_waves`) that every rotation of the robot maps on themselves, or those about
+    one axis, which can turn; robots without rotations have none"""
+    both_models: bool = True
+    """whether the best gaits are tried on both contact models before one is chosen"""
+    wide: bool = True
+    """whether screening looks widely: at 4 times the population drawn at random, then at mutations of the best eighth
+    alone; the scene's own model goes on with an eighth of the population"""
     overtones: int = 0
     """how many more sines each member's Fourier series has"""
     members: Literal["scene", "struts", "cables"] = "scene"
@@ -54,14 +75,28 @@ class SearchConfig:
     """how many of them are, which ones evolves too"""
     polish: GradientKind = "smoothed"
     """by which gradient"""
-    polish_rollouts: int = 4096
+    polish_rollouts: int = 384
     """what polishing may cost; 0: no polish"""
-    polish_gaits: int = 4
+    polish_gaits: int = 1
     """how many of the best gaits are polished"""
     dt: float | None = None
     """step of the scene's own model, s; verification is at it and below, as errors ask; None: the scene decides"""
     seed: int = 0
     """the same seed gives the same search"""
+
+
+def ga_configs(config: SearchConfig, levels: int) -> tuple[GAConfig, ...]:
+    """Of the search on each of so many levels where gaits evolve."""
+    size, counts = config.population, config.generations[:levels]
+    if not config.wide:
+        return tuple(GAConfig(size, generations=count, elites=max(1, size // 8)) for count in counts)
+    # with two parents, searches end at the first gaits that roll somehow, and miss the few that roll fast
+    sizes, drawn = (size, max(2, size // 8)), (DRAWN * size, None)
+    best = [max(1, each // 8) for each in sizes]
+    return tuple(
+        GAConfig(each, count, few, 1, 1.0, width, drawn=first, crossover=0.0, parents=few)
+        for each, count, few, width, first in zip(sizes, counts, best, MUTATIONS, drawn)
+    )
 
 
 def with_actuated(scene: Scene, members: Literal["scene", "struts", "cables"]) -> Scene:
@@ -86,19 +121,33 @@ def search_problem(scene: Scene, config: SearchConfig) -> SearchProblem:
     """What evolves, and how it is judged. Raises `InputError` before anything compiles."""
     if not 1 <= config.polish_gaits <= COMPARED:
         raise InputError(f"polish_gaits = {config.polish_gaits}: expected 1 to {COMPARED}")
-    assert scene.gait is not None, "a scene without a gait is refused before"
+    if scene.gait is None:
+        raise InputError("the scene has no [gait]; expected one to evolve")
+    if config.objective.steady:
+        _check_frequency(scene.gait, config.frequency)
     fitness = Fitness(config.objective, config.uncertainty, config.robots, config.caution, config.bounds)
     if config.polish_rollouts:
         check_polish(PolishConfig(config.polish_rollouts, config.polish), fitness, config.polish_gaits)
     members = scene.gait.members
     # which gaits are the same depends on where the objective leads
     turned = standing_symmetries(scene) if config.objective.any_heading else ()
-    images = gene_permutations(members, turned)
-    genome = Genome(len(members), config.amplitude, config.frequency, config.overtones, config.active, images)
-    if scene.gait is not None and config.duration <= scene.gait.start:
+    handed = (each for each in turned if config.objective.either_hand or np.linalg.det(each.matrix) > 0)
+    images = gene_permutations(members, tuple(handed))
+    free = config.waves == "none" or config.active is not None
+    waves = () if free else travelling_waves(scene.structure, members, one_axis=config.waves == "axis")
+    genome = Genome(len(members), config.amplitude, config.frequency, config.overtones, config.active, images, waves)
+    if config.duration <= scene.gait.start:
         begins = f"the gait begins at {float(scene.gait.start):g} s"
         raise InputError(f"duration = {config.duration:g} s: {begins}; expected a longer time")
     return SearchProblem(scene, genome, config.duration, fitness)
+
+
+def _check_frequency(gait: Gait, bounds: tuple[float, float] | None) -> None:
+    """Raise `InputError` where a gait that is to last has no period: orbits are counted in periods."""
+    if bounds is None:
+        period_of(gait)
+    elif not bounds[0] > 0:
+        raise InputError(f"frequency = {bounds}: expected bounds above 0 Hz, for a gait that is to last")
 
 
 def without_idle(gait: Gait) -> Gait:

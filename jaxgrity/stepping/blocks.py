@@ -15,18 +15,18 @@ from jaxgrity.core.types import AnyArray, AnyRows, Edges, PerMember, PerRow
 from jaxgrity.model.ground import Ground
 
 WITHOUT_GROUND = ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
-"""z, x and y: the axes that stand for a normal and two tangents where there is no ground"""
+"""z, x and y: the axes that stand for a normal and two tangents where there is no plane"""
 
 
 class Vector(eqx.Module):
     """A vector for each node of a block, or for each strut, by its components."""
 
     normal: PerRow
-    """along the ground's normal"""
+    """along the normal of the plane; along z where there is none"""
     first: PerRow
-    """along the first of its tangents"""
+    """along the first of its tangents; x"""
     second: PerRow
-    """along the second"""
+    """along the second; y"""
 
     @property
     def parts(self) -> tuple[PerRow, PerRow, PerRow]:
@@ -99,8 +99,8 @@ def rows_of(x, rows: tuple[int, ...]):
 
 
 def axes_of(ground: Ground | None) -> tuple:
-    """The unit vectors along which `Vector` has its components: the ground's normal and tangents, or z, x and y."""
-    return WITHOUT_GROUND if ground is None else (ground.normal, *ground.tangents)
+    """The unit vectors along which `Vector` has its components: a plane's normal and tangents, or z, x and y."""
+    return WITHOUT_GROUND if ground is None or ground.surface is not None else (ground.normal, *ground.tangents)
 
 
 def vector(x: AnyRows, ground: Ground | None) -> Vector:

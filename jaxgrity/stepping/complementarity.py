@@ -12,7 +12,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from jaxgrity.core.types import Scalar
+from jaxgrity.core.types import NodeVectors, Scalar
 from jaxgrity.stepping.constraints import (
     GroundImpulses,
     impulses,
@@ -24,10 +24,14 @@ from jaxgrity.stepping.constraints import (
     usual_sweeps,
     velocities,
 )
+from jaxgrity.stepping.coupled import coupled_impulses
 
 LARGEST_LENGTH_ERROR = 1e-3
 """fraction of its own length by which no strut may be off at the end of a step: more sweeps, or smaller steps, are
 needed there"""
+
+LARGEST_SPEED_ERROR = 1e-3
+"""m/s, by which no velocity may miss what impulses make of it, where struts and contacts are solved together"""
 
 Lift = Callable[[Callable, tuple], Callable]
 """`lift(function, in_axes)` maps a function over a population; in `in_axes` the letter "s" stands for the scene's"""
@@ -45,6 +49,10 @@ class ContactState(NamedTuple):
     """of the last step, s; 0 before the first"""
     impulses: GroundImpulses
     """of the last step"""
+    struts: NodeVectors | None = None
+    """N s, (nodes, 3), of the rigid struts in the last step, where they are solved together; else None"""
+    residual: Scalar | None = None
+    """m/s, by which velocities miss what the impulses make of them, at most; likewise"""
 
 
 class Complementarity(diffrax.AbstractSolver):
@@ -67,6 +75,9 @@ class Complementarity(diffrax.AbstractSolver):
     """over all constraints, in a step; the most there are where a tolerance is given. None: `usual_sweeps`"""
     tolerance: float | None = eqx.field(static=True, default=None)
     """m: sweeps end where every strut has its length within this. None: after all sweeps"""
+    together: bool = eqx.field(static=True, default=False)
+    """whether struts and contacts are solved together (`coupled.py`), as structures need whose nodes belong to several
+    struts, or whose rods have mass, or that are supported"""
     lift: Lift = eqx.field(static=True, default=one_robot)
     """how what is done for one robot is mapped over a population"""
     term_structure: ClassVar = diffrax.AbstractTerm
@@ -77,9 +88,12 @@ class Complementarity(diffrax.AbstractSolver):
 
     def init(self, terms, t0, t1, y0, args):
         nothing = jnp.zeros_like(y0[1][:, 0])
-        return ContactState(jnp.zeros_like(t1 - t0), GroundImpulses(nothing, (nothing, nothing)))
+        first = ContactState(jnp.zeros_like(t1 - t0), GroundImpulses(nothing, (nothing, nothing)))
+        return first._replace(struts=0 * y0[1], residual=nothing[0]) if self.together else first
 
     def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
+        if self.together:
+            return self._step_together(terms, t0, t1, y0, args, solver_state)
         (q, v), h = y0, t1 - t0
         kick = (solver_state.step_size + h) / 2
         problem = self.lift(prepare, ("s", None, None, -1, -1))(args, h, t1, q, v)
@@ -98,6 +112,23 @@ class Complementarity(diffrax.AbstractSolver):
             met = error.relative <= LARGEST_LENGTH_ERROR if self.tolerance is None else error.largest <= self.tolerance
             w = jnp.where(met, w, jnp.nan)
         y1 = (q + h * w, w)
+        return y1, None, {"y0": y0, "y1": y1}, after, diffrax.RESULTS.successful
+
+    def _step_together(self, terms, t0, t1, y0, args, solver_state):
+        (q, v), h = y0, t1 - t0
+        kick = (solver_state.step_size + h) / 2
+        solve = self.lift(coupled_impulses, ("s", None, None, -1, -1, -1, -1))
+        _, a = terms.vf(t0, y0, args)
+        found = solve(args, h, t1, q, v, v + kick * a, solver_state.impulses)
+        if args.dissipates:
+            _, a = terms.vf(t0, (q, (v + found.velocity) / 2), args)
+            found = solve(args, h, t1, q, v, v + kick * a, found.impulses)
+        met = (found.stretch <= LARGEST_LENGTH_ERROR) & (found.error <= LARGEST_SPEED_ERROR)
+        if self.tolerance is not None:
+            met = met & (found.off <= self.tolerance)
+        w = jnp.where(met, found.velocity, jnp.nan)
+        y1 = (q + h * w, w)
+        after = ContactState(h, found.impulses, found.struts, found.error)
         return y1, None, {"y0": y0, "y1": y1}, after, diffrax.RESULTS.successful
 
     def _length_error(self, scene, h, problem, trials):

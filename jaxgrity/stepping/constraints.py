@@ -14,8 +14,9 @@ from jaxgrity.model.actuation import rest_length
 from jaxgrity.model.ground import ExactGround
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import Members
+from jaxgrity.model.surface import Frame
 from jaxgrity.stepping.blocks import Blocks, Vector, blocks, rows_of, vector, xyz
-from jaxgrity.stepping.ground_response import Contact, answered, ground_impulse, velocity
+from jaxgrity.stepping.ground_response import Contact, along_own_axes, answered, ground_impulse, velocity
 
 HELD = 1e-2
 """fraction of its free motion below which a strut counts as held by the ground at both ends"""
@@ -44,6 +45,8 @@ class StepProblem(NamedTuple):
     """L(t1)/h of the rigid struts, m/s"""
     closing: tuple[PerRow, ...] | None
     """for each block, the normal velocity at which a node reaches the ground in this step, or leaves it, m/s"""
+    axes: tuple[tuple[Vector, Vector, Vector], ...] | None
+    """for each block, normal and tangents of uneven ground where its nodes are about to be"""
 
 
 class LengthError(NamedTuple):
@@ -84,7 +87,7 @@ def blocks_of(scene: Scene) -> Blocks:
 def prepare(scene: Scene, h: Scalar, t1: Scalar, q: NodeVectors, v: NodeVectors) -> StepProblem:
     """The problem of a step of size h (s) that ends at t1, from positions `q` (m) and velocities `v` (m/s)."""
     struts, ground, layout = rigid_struts(scene), exact_ground(scene), blocks_of(scene)
-    vectors = lengths = closing = None
+    vectors = lengths = closing = axes = None
     pushes: tuple[tuple[Vector, ...], ...] = ()
     if struts is not None:
         apart = edge_vectors(q, struts.edges)
@@ -93,16 +96,32 @@ def prepare(scene: Scene, h: Scalar, t1: Scalar, q: NodeVectors, v: NodeVectors)
         vectors = vector(apart, ground) * (1 / h)
         lengths = rest_length(struts, scene.gait, t1, 0) / h
     if ground is not None:
-        closing = layout.numbers(_closing(ground, h, q, v))
-    return StepProblem(vectors, pushes, lengths, closing)
+        frame = ground.frame(about_to_be(ground, h, q, v))
+        closing = layout.numbers(closing_speed(ground, frame, h, q, v))
+        if ground.surface is not None:
+            rows = cast(tuple[NodeVectors, ...], (frame.normal, *frame.tangents))
+            axes = tuple(zip(*(layout.split(axis, ground) for axis in rows)))
+    return StepProblem(vectors, pushes, lengths, closing, axes)
 
 
-def _closing(ground: ExactGround, h: Scalar, q: NodeVectors, v: NodeVectors) -> PerNode:
-    phi = ground.signed_distance(q)
+def about_to_be(ground: ExactGround, h: Scalar, q: NodeVectors, v: NodeVectors) -> NodeVectors:
+    """Where exact ground is linearised, m: at the nodes, or on uneven ground where they would be after the step.
+
+    There the gap's error is of the second order in what the step changes of its nodes' ways, and a node that stands
+    meets the wall that it runs into.
+    """
+    return q if ground.surface is None else q + h * v
+
+
+def closing_speed(ground: ExactGround, frame: Frame, h: Scalar, q: NodeVectors, v: NodeVectors) -> PerNode:
+    """The normal velocity (m/s) at which each node reaches the ground in a step of size h (s), or leaves it."""
+    phi = ground.signed_distance(about_to_be(ground, h, q, v))
+    if ground.surface is not None:
+        phi = phi - h * component(v, frame.normal)
     closing = -phi / h
     if ground.restitution is None:
         return closing
-    approach = component(v, ground.normal)
+    approach = component(v, frame.normal)
     hits = ((phi + h * approach < 0) & (approach < 0)).astype(phi.dtype)
     return jnp.maximum(closing, -ground.restitution * approach * hits + closing * (1 - hits))
 
@@ -138,7 +157,9 @@ def velocities(scene: Scene, problem: StepProblem, trials: Trials) -> NodeVector
 
 def impulses(scene: Scene, problem: StepProblem, trials: Trials) -> GroundImpulses:
     """What the ground adds to the velocities of all nodes."""
-    p = blocks_of(scene).joined(tuple(map(ground_impulse, _contacts(scene, problem), trials)))
+    contacts = _contacts(scene, problem)
+    parts = map(ground_impulse, contacts, trials)
+    p = blocks_of(scene).joined(tuple(map(along_own_axes, contacts, parts)))
     return GroundImpulses(p.normal, (p.first, p.second))
 
 
@@ -155,11 +176,11 @@ def sweep(scene: Scene, problem: StepProblem, trials: Trials) -> Trials:
 def _contacts(scene: Scene, problem: StepProblem) -> tuple[Contact | None, ...]:
     """Of each block of nodes with the ground."""
     layout, friction = blocks_of(scene), scene.friction
-    none = (None,) * len(layout.nodes)
+    none: tuple = (None,) * len(layout.nodes)
     if problem.closing is None:
         return none
     mu = none if friction is None else layout.numbers(jnp.asarray(friction.sliding_mu))
-    return tuple(map(Contact, problem.closing, mu))
+    return tuple(map(Contact, problem.closing, mu, none if problem.axes is None else problem.axes))
 
 
 def length_error(scene: Scene, h: Scalar, problem: StepProblem, trials: Trials) -> LengthError:

@@ -3,26 +3,50 @@
 import jax
 import jax.numpy as jnp
 
-from jaxgrity.core.primitives import dot, inner, scale
 from jaxgrity.core.types import NodeVectors, PerNode, Scalar, State, VectorsByKind
+from jaxgrity.model import inertia
 from jaxgrity.model.scene import Scene
+from jaxgrity.model.shaking import support_acceleration
 from jaxgrity.model.structure import member_vectors, onto_nodes
 
 
 def acceleration(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors) -> NodeVectors:
-    """a = M^-1 (-dU/dq - dR/dv + F_switch), (nodes, 3), m/s^2."""
+    """a = M^-1 (-dU/dq - dR/dv + F_switch), (nodes, 3), m/s^2; along fixed coordinates, as the supports move."""
+    return _accelerated(scene, t, total_force(scene, t, q, v))
+
+
+def total_force(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors) -> NodeVectors:
+    """-dU/dq - dR/dv + F_switch, (nodes, 3), N: all forces but those of supports."""
     normal_force = scene.normal_force(q, v)
     force = smooth_force(scene, t, q, v, normal_force)
     laws = scene.force_laws
     if laws:
         motion = scene.motion(v, q, t, normal_force)
         force = sum((law.force(motion, force) for law in laws), force)
-    return scale(force, 1 / scene.structure.node_mass)
+    return force
+
+
+def _accelerated(scene: Scene, t: Scalar, force: NodeVectors) -> NodeVectors:
+    """M^-1 F of the free coordinates, given how the others move, m/s^2."""
+    if scene.shaking is None:
+        return inertia.accelerations(scene.structure, force)
+    carried = support_acceleration(scene.shaking, scene.structure, t)
+    return carried + inertia.accelerations(scene.structure, force - inertia.momenta(scene.structure, carried))
+
+
+def support_forces(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors) -> NodeVectors:
+    """M a - F along the fixed coordinates, (nodes, 3), N: what supports exert on the nodes, by forces alone.
+
+    Rigid struts and exact contact act by impulses, which are not in it: `reactions` knows both.
+    """
+    force = total_force(scene, t, q, v)
+    moved = inertia.momenta(scene.structure, _accelerated(scene, t, force))
+    return inertia.held(scene.structure, moved - force)
 
 
 def smooth_acceleration(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors) -> NodeVectors:
     """M^-1 (-dU/dq - dR/dv), m/s^2: what of the acceleration has derivatives."""
-    return scale(smooth_force(scene, t, q, v, scene.normal_force(q, v)), 1 / scene.structure.node_mass)
+    return _accelerated(scene, t, smooth_force(scene, t, q, v, scene.normal_force(q, v)))
 
 
 def smooth_force(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors, normal_force: PerNode | None) -> NodeVectors:
@@ -38,6 +62,11 @@ def smooth_force(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors, normal
 def outside_force(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors, normal_force: PerNode | None) -> NodeVectors:
     """The part of `smooth_force`, N, that does not act along members: gravity, contact, damping of nodes and so on."""
     return -_gradients(scene, t, q, v, normal_force)[0]
+
+
+def member_pull(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors) -> VectorsByKind:
+    """The part of dU/dq + dR/dv, N, that acts along members: with which each pulls its first node to its second."""
+    return _gradients(scene, t, q, v, scene.normal_force(q, v))[1]
 
 
 def _gradients(
@@ -64,8 +93,8 @@ def vector_field(t: Scalar, state: State, scene: Scene) -> State:
 
 
 def kinetic_energy(scene: Scene, v: NodeVectors) -> Scalar:
-    """T = sum m/2 |v|^2, J."""
-    return inner(scene.structure.node_mass, dot(v, v)) / 2
+    """T, J, of the nodes and of the members with mass: see `inertia.energy_of_motion`."""
+    return inertia.energy_of_motion(scene.structure, v)
 
 
 def mechanical_energy(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors) -> Scalar:
@@ -75,15 +104,17 @@ def mechanical_energy(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors) -
 
 def centre_of_mass(scene: Scene, q: NodeVectors):
     """sum m x / sum m, (3,), m; of velocities: its velocity."""
-    mass = scene.structure.node_mass
+    mass = scene.structure.lumped_mass
     return jnp.einsum("n,nk->k", mass, q) / mass.sum()
 
 
 def momentum(scene: Scene, v: NodeVectors):
     """p = sum m v, (3,), kg m/s."""
-    return jnp.einsum("n,nk->k", scene.structure.node_mass, v)
+    return jnp.einsum("n,nk->k", scene.structure.lumped_mass, v)
 
 
 def angular_momentum(scene: Scene, q: NodeVectors, v: NodeVectors):
-    """L = sum m x × v about the origin, (3,), kg m^2/s."""
+    """L = sum x_i × (M v)_i about the origin, (3,), kg m^2/s."""
+    if scene.structure.rod_masses:
+        return jnp.cross(q, inertia.momenta(scene.structure, v)).sum(0)
     return jnp.einsum("n,nk->k", scene.structure.node_mass, jnp.cross(q, v))

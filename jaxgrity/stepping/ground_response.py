@@ -7,9 +7,12 @@ them an equality) and Coulomb's (|p_t| <= mu p_n, against the slip where it is l
     p_n = max(0, z_n + c),    p_t = min(1, mu p_n/|z_t|) z_t,    w = p - z,
 
 and an impulse from elsewhere, which changes w, changes nothing but z. P. Alart and A. Curnier 1991,
-doi:10.1016/0045-7825(91)90022-X. All of it is elementwise, in the components along the ground's normal and tangents.
+doi:10.1016/0045-7825(91)90022-X. All of it is elementwise, in the components along the ground's normal and tangents;
+on uneven ground each node has its own, into which vectors are turned and from which they are turned back.
 """
 
+from collections.abc import Callable
+from functools import wraps
 from typing import NamedTuple
 
 import jax
@@ -30,8 +33,30 @@ class Contact(NamedTuple):
     """c, m/s"""
     mu: PerRow | Scalar | None
     """coefficient of friction of a node that slides; None: no friction"""
+    axes: tuple[Vector, Vector, Vector] | None = None
+    """normal and two tangents at each node; None: those along which vectors have their components"""
 
 
+def along_own_axes(contact: Contact | None, x: Vector) -> Vector:
+    """The components of vectors along the normal and the tangents of each node's contact."""
+    return x if contact is None or contact.axes is None else Vector(*(axis.dot(x) for axis in contact.axes))
+
+
+def _in_any_components(law: Callable) -> Callable:
+    """A law of a contact and of vectors in components along its axes, of vectors in any components."""
+
+    @wraps(law)
+    def turned(contact: Contact | None, *vectors: Vector) -> Vector:
+        if contact is None or contact.axes is None:
+            return law(contact, *vectors)
+        found = law(contact, *(along_own_axes(contact, x) for x in vectors))
+        normal, first, second = (axis * s for axis, s in zip(contact.axes, found.parts))
+        return normal + first + second
+
+    return turned
+
+
+@_in_any_components
 def ground_impulse(contact: Contact | None, trial: Vector) -> Vector:
     """p, m/s: by how much the ground changes the velocity of nodes with this trial impulse z."""
     if contact is None:
@@ -43,15 +68,17 @@ def ground_impulse(contact: Contact | None, trial: Vector) -> Vector:
     return Vector(pressed, share * trial.first, share * trial.second)
 
 
+@_in_any_components
 def velocity(contact: Contact | None, trial: Vector) -> Vector:
     """w = p - z, m/s, of nodes with this trial impulse z; w_n >= c to the last bit."""
     if contact is None:
         return trial * -1
-    p = ground_impulse(contact, trial)
+    p = ground_impulse(contact._replace(axes=None), trial)
     normal = jnp.where(trial.normal + contact.closing > 0, contact.closing, -trial.normal)
     return Vector(normal, p.first - trial.first, p.second - trial.second)
 
 
+@_in_any_components
 def answered(contact: Contact | None, trial: Vector, push: Vector) -> Vector:
     """dw: how the ground lets nodes move that would move by a small `push` without it; dz = -push.
 

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 
 from jaxgrity.core.primitives import edge_vectors, length
 from jaxgrity.core.types import NodeVectors, Times
+from jaxgrity.model.inertia import with_mobility
 from jaxgrity.model.scene import Scene
 from jaxgrity.stepping.complementarity import Lift, one_robot
 from jaxgrity.stepping.dynamics import vector_field
@@ -31,7 +32,8 @@ def discretise(options: ResolvedOptions, lift: Lift = one_robot) -> tuple[diffra
     method = options.method
     solver = method.fixed() if options.dt is not None or method.adaptive is None else method.adaptive()
     if method.constrained:
-        chosen = {"sweeps": options.sweeps, "tolerance": options.strut_tolerance, "lift": lift}
+        chosen: dict = {"sweeps": options.sweeps, "tolerance": options.strut_tolerance}
+        chosen |= {"together": options.together, "lift": lift}
         solver = dataclasses.replace(solver, **chosen)  # type: ignore[type-var]
     # jit, so that it is traced once for all its uses in a step
     return diffrax.ODETerm(jax.jit(lift(vector_field, (None, -1, "s")))), solver
@@ -51,6 +53,7 @@ def integrate(
     traced, and differentiated in forward mode.
     """
     terms, solver = discretise(options) if problem is None else problem
+    scene = prepared(scene)
     fixed = options.dt is not None
     smallest = 16 * jnp.finfo(times.dtype).eps * times[-1]
     dt0, rtol, atol = jax.tree.map(lambda x: jnp.asarray(x, times.dtype), (options.dt, options.rtol, options.atol))
@@ -70,6 +73,13 @@ def integrate(
         max_steps=None if fixed else options.max_steps,
         throw=False,
     )
+
+
+def prepared(scene: Scene) -> Scene:
+    """The scene with what is computed once for all steps: how forces accelerate nodes, where that is not 1/m_i."""
+    if not scene.structure.coupled or scene.structure.mobility is not None:
+        return scene
+    return dataclasses.replace(scene, structure=with_mobility(scene.structure))
 
 
 def failure_code(result, state_failure):

@@ -12,9 +12,15 @@ import numpy as np
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import NodeVectors, Scalar
 from jaxgrity.model.scene import Scene
+from jaxgrity.stepping.blocks import disjoint_groups
+from jaxgrity.stepping.constraints import exact_ground, rigid_struts
 from jaxgrity.stepping.methods import Method, constrained_method, find_method
 from jaxgrity.stepping.stability import check_step, default_method, default_step
 
+MASS_RATIO = 50
+"""of the nodes of a strut, up to which sweeps are sure to meet it on the ground"""
+ROUGH = 1.0
+"""mu, from which on sweeps may miss"""
 MOST_SWEEPS = 1000
 """of complementarity stepping in one step, where a tolerance is asked for"""
 
@@ -37,6 +43,8 @@ class SolverOptions:
     """of complementarity stepping, over all constraints in a step; None: `usual_sweeps`"""
     strut_tolerance: float | None = None
     """m: sweeps go on until every rigid strut has its length within this, or `sweeps` (1000 then) are over"""
+    together: bool | None = None
+    """whether complementarity stepping solves struts and contacts together; None: where sweeps are not sure to do"""
     max_steps: int = 10**6
     """after which an adaptive method gives up, and the rollout fails"""
     any_step: bool = False
@@ -54,6 +62,7 @@ class ResolvedOptions(eqx.Module):
     atol: Scalar
     sweeps: int | None = eqx.field(static=True, default=None)
     strut_tolerance: float | None = eqx.field(static=True, default=None)
+    together: bool = eqx.field(static=True, default=False)
     max_steps: int = eqx.field(static=True, default=10**6)
 
     def as_inputs(self) -> "ResolvedOptions":
@@ -120,7 +129,8 @@ def resolve(
         check_step(scene, method, dt)
     # no NumPy numbers: those are inputs of what is compiled
     dt, rtol, atol = jax.tree.map(float, (dt, rtol, atol))
-    return ResolvedOptions(method, dt, dtype, rtol, atol, sweeps, given.strut_tolerance, given.max_steps)
+    together = _together(scene, given, method, concrete)
+    return ResolvedOptions(method, dt, dtype, rtol, atol, sweeps, given.strut_tolerance, together, given.max_steps)
 
 
 def _check_positive(values: dict[str, float | None]) -> None:
@@ -177,6 +187,28 @@ def _sweeps(given: SolverOptions, method: Method, dtype: str) -> int | None:
     if not tolerance >= finest:
         raise InputError(f"strut_tolerance = {tolerance:g} m: expected at least {finest:.1g} m in {dtype}")
     return MOST_SWEEPS if sweeps is None else sweeps
+
+
+def _together(scene: Scene, given: SolverOptions, method: Method, concrete: bool) -> bool:
+    """Whether struts and contacts are solved together: by request, where they must be, or where sweeps may fail."""
+    if not method.constrained:
+        if given.together is not None:
+            raise InputError(f"together: only complementarity stepping has it, not {method.name!r}")
+        return False
+    if given.together is not None:
+        if scene.structure.coupled and not given.together:
+            raise InputError("together = False: sweeps know neither rods with mass nor supports; expected True or None")
+        return given.together
+    struts = rigid_struts(scene)
+    if scene.structure.coupled or struts is None:
+        return scene.structure.coupled
+    if len(disjoint_groups(struts.edges)) > 1:
+        return True
+    if not concrete or exact_ground(scene) is None:
+        return False
+    mass, (i, j) = np.asarray(scene.structure.node_mass), np.array(struts.edges).T
+    unequal = np.max(np.maximum(mass[i] / mass[j], mass[j] / mass[i])) > MASS_RATIO
+    return bool(unequal or (scene.friction is not None and np.max(scene.friction.sliding_mu) >= ROUGH))
 
 
 def _check_start(scene: Scene, positions: NodeVectors) -> None:

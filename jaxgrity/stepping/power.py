@@ -7,10 +7,11 @@ import jax.numpy as jnp
 
 from jaxgrity.core.primitives import along, dot, inner, scale
 from jaxgrity.core.types import NodeVectors, Scalar, State
+from jaxgrity.model.inertia import held, momenta
 from jaxgrity.model.scene import Scene
 from jaxgrity.stepping.complementarity import ContactState
-from jaxgrity.stepping.constraints import exact_ground, rigid_struts
-from jaxgrity.stepping.dynamics import acceleration, outside_force, smooth_force
+from jaxgrity.stepping.constraints import about_to_be, exact_ground, rigid_struts
+from jaxgrity.stepping.dynamics import acceleration, outside_force, smooth_force, support_forces, total_force
 
 Work = dict[str, jax.Array]
 """J of the actuators and of each cause of dissipation; N s and N m s, (3,), of the forces from outside"""
@@ -56,6 +57,11 @@ def powers(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors) -> Work:
             force = law.force(motion, others)
             _book(found, law.cause, -inner(jnp.ones_like(v[:, 0]), dot(v, force)))
             outside = outside + force
+    if scene.structure.fixed:
+        reaction = support_forces(scene, t, q, v)
+        outside = outside + reaction
+        if scene.shaking is not None:
+            _book(found, "supports", -inner(jnp.ones_like(v[:, 0]), dot(v, reaction)))
     return found | {"impulse": outside.sum(0), "moment": jnp.cross(q, outside).sum(0)}
 
 
@@ -73,11 +79,11 @@ def impulsive_work(scene: Scene, step: Step) -> Work:
     What forces and ground do not account for is the work of the rigid struts, which is actuation.
     """
     (q, v), (_, w) = step.start, step.end
-    mean, mass = (v + w) / 2, scene.structure.node_mass
+    mean = (v + w) / 2
     gained = jax.tree.map(lambda power: step.kick * power, powers(scene, step.t0, q, mean))
     gained["actuation"] = _actuation(scene, step)
-    ground = ground_impulses(scene, step.after)
-    work = lambda force: inner(jnp.ones_like(mass), dot(force, mean))  # noqa: E731
+    ground = ground_impulses(scene, step)
+    work = lambda force: inner(jnp.ones_like(v[:, 0]), dot(force, mean))  # noqa: E731
     if ground:
         _book(gained, "impacts", -work(ground[0]))
         if scene.friction is not None:
@@ -85,6 +91,12 @@ def impulsive_work(scene: Scene, step: Step) -> Work:
     if rigid_struts(scene) is not None:
         gained["actuation"] = gained["actuation"] + work(strut_impulses(scene, step))
     outside: NodeVectors = sum(ground, jnp.zeros_like(q))
+    if scene.structure.fixed:
+        # those of the forces are among the powers already
+        at_rest = step.kick * support_forces(scene, step.t0, q, mean)
+        outside = outside + support_impulses(scene, step) - at_rest
+        if scene.shaking is not None:
+            _book(gained, "supports", -work(support_impulses(scene, step) - at_rest))
     gained["impulse"] = gained["impulse"] + outside.sum(0)
     gained["moment"] = gained["moment"] + jnp.cross(q, outside).sum(0)
     return gained
@@ -104,16 +116,27 @@ def _actuation(scene: Scene, step: Step) -> Scalar:
 
 def strut_impulses(scene: Scene, step: Step) -> NodeVectors:
     """N s, on each node, of its rigid struts in one step: what neither forces nor the ground account for."""
+    if step.after.struts is not None:
+        return step.after.struts
     (q, v), (_, w) = step.start, step.end
     forces = step.kick * acceleration(scene, step.t0, q, (v + w) / 2)
-    impulses = scale(w - v - forces, scene.structure.node_mass)
-    return impulses - sum(ground_impulses(scene, step.after), jnp.zeros_like(q))
+    impulses = momenta(scene.structure, w - v - forces)
+    return impulses - sum(ground_impulses(scene, step), jnp.zeros_like(q))
 
 
-def ground_impulses(scene: Scene, state: ContactState) -> list[NodeVectors]:
+def support_impulses(scene: Scene, step: Step) -> NodeVectors:
+    """N s, on each node, of its support in one step of complementarity stepping: what nothing else accounts for."""
+    (q, v), (_, w) = step.start, step.end
+    forces = step.kick * total_force(scene, step.t0, q, (v + w) / 2)
+    others = sum(ground_impulses(scene, step), forces + strut_impulses(scene, step))
+    return held(scene.structure, momenta(scene.structure, w - v) - others)
+
+
+def ground_impulses(scene: Scene, step: Step) -> list[NodeVectors]:
     """N s, of exact contact on each node, along the normal and the two tangents, where the scene has it."""
     ground = exact_ground(scene)
     if ground is None:
         return []
-    speeds, directions = (state.impulses.normal, *state.impulses.tangential), (ground.normal, *ground.tangents)
-    return [scale(along(p, n), scene.structure.node_mass) for p, n in zip(speeds, directions)]
+    impulses, frame = step.after.impulses, ground.frame(about_to_be(ground, step.h, *step.start))
+    speeds, directions = (impulses.normal, *impulses.tangential), (frame.normal, *frame.tangents)
+    return [scale(along(p, n), scene.structure.lumped_mass) for p, n in zip(speeds, directions)]

@@ -2,12 +2,14 @@
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxgrity.core.display import of_report
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import NodeHistory, NodeVectors, State, Times
 from jaxgrity.model.scene import Scene, as_dtype
@@ -33,16 +35,36 @@ class Trajectory(eqx.Module):
     method: str = eqx.field(static=True)
     dt: float | None = eqx.field(static=True)
     """fixed step, s; None: adaptive"""
+    scene: Scene | None = None
+    """what moved, where it is known: then the trajectory can be shown"""
 
     @property
     def failed(self) -> bool:
         return bool(self.failure != 0)
 
+    def show(self, **how: Any) -> Any:
+        """A 3D replay, which Jupyter shows: `jaxgrity.view.replay` of this motion, with all that it takes.
+
+        Raises `InputError` where the trajectory does not know its scene, or viser is not installed.
+        """
+        if self.scene is None:
+            raise InputError("this trajectory does not know what moved; expected one that `simulate` returned")
+        return of_report("view", "replay")(self.scene, self, **how)
+
+    def _repr_html_(self) -> str:
+        return of_report("notebook", "trajectory_html")(self)
+
 
 def centre_path(scene: Scene, trajectory: Trajectory) -> np.ndarray:
     """(frames, 3), the centre of mass along a trajectory, m."""
-    mass = np.asarray(scene.structure.node_mass, float)
+    mass = np.asarray(scene.structure.lumped_mass, float)
     return np.einsum("n,fnk->fk", mass / mass.sum(), np.asarray(trajectory.positions, float))
+
+
+def some_frames(trajectory: Trajectory, frames: np.ndarray | slice) -> Trajectory:
+    """The same motion with these of its saved frames alone."""
+    kept = {name: getattr(trajectory, name)[frames] for name in ("times", "positions", "velocities")}
+    return replace(trajectory, **kept)
 
 
 def frame_times(duration: float, frame_rate: float, at_most: float = math.inf) -> np.ndarray:
@@ -78,8 +100,8 @@ def simulate(
         The motion, from t = 0 to `duration`. One that fails is returned with its failure code.
 
     Raises:
-        InputError: bad options (see `resolve`), positions or velocities of another shape, a frame rate that is not
-            positive and finite.
+        InputError: bad options (see `resolve`), positions or velocities of another shape, velocities along
+            coordinates that are fixed, a frame rate that is not positive and finite.
 
     Example:
         >>> scene = jaxgrity.load_scene("reference")
@@ -91,12 +113,15 @@ def simulate(
         expected = np.shape(scene.structure.nodes)
         if given is not None and np.shape(given) != expected:
             raise InputError(f"{name} has shape {np.shape(given)}; expected {expected}, a row for each node")
+    if velocities is not None and np.any(np.asarray(velocities)[~scene.structure.free]):
+        node = int(np.argmax(np.any((np.asarray(velocities) != 0) & ~scene.structure.free, axis=1)))
+        raise InputError(f"velocities[{node}] = {np.asarray(velocities)[node]}: expected 0 where the node is fixed")
     resolved = resolve(scene, duration, options, positions=positions)
     times = frame_times(duration, frame_rate)
     q = scene.structure.nodes if positions is None else positions
     v = np.zeros(q.shape) if velocities is None else velocities
     trajectory = _simulate(as_dtype(scene, resolved.dtype), (q, v), times, resolved.as_inputs())
-    return replace(trajectory, dt=resolved.dt)  # type: ignore[arg-type]
+    return replace(trajectory, dt=resolved.dt, scene=scene)  # type: ignore[arg-type]
 
 
 @eqx.filter_jit
@@ -114,5 +139,5 @@ def _simulate(scene: Scene, start: State, times: Times, options: ResolvedOptions
         steps=stats["num_accepted_steps"],
         rejected=stats["num_rejected_steps"],
         method=options.method.name,
-        dt=None,  # an input here, which `simulate` knows
+        dt=None,  # an input here, which `simulate` knows, as it does the scene
     )

@@ -10,6 +10,7 @@ import numpy as np
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, NodeVectors, State
+from jaxgrity.model.inertia import mass_matrix
 from jaxgrity.model.laws import DissipationTerm, EnergyTerm, ForceTerm
 from jaxgrity.model.scene import Scene, as_dtype, with_gait
 from jaxgrity.model.structure import edge_lengths
@@ -19,6 +20,8 @@ from jaxgrity.stepping.methods import METHODS, Method, amplification, constraine
 
 GROWTH = 1e-3
 """by which a motion may grow in a step beyond what it does in truth: Tsit5 amplifies undamped ones at any step"""
+STANDS_ON = 3
+"""nodes, at least, that carry a structure's weight on uneven ground, although only one touches it as it is set down"""
 WIDEST = 1e2
 """times the fastest mode's time: no larger step is looked at"""
 
@@ -43,18 +46,17 @@ class Linearised(NamedTuple):
 def standing(scene: Scene) -> State:
     """The structure at rest, undeformed, where its lowest nodes press on the ground by its weight, as it was posed.
 
-    On exact ground they touch it; without ground the structure stays where it is.
+    On exact ground they touch it; without ground, or on supports, the structure stays where it is.
     """
     q = np.asarray(scene.structure.nodes, float)
-    if scene.ground is None:
+    if scene.ground is None or scene.structure.fixed:
         return q, 0 * q
-    normal = np.array(scene.ground.normal)
-    height = q @ normal
+    height = scene.ground.measured(q).distance
     lowest = np.isclose(height, height.min(), atol=1e-6 * np.ptp(q, axis=0).max() + 1e-12)
     weight = float(scene.structure.mass) * float(scene.gravity or 0.0)
-    depth = scene.ground.resting_depth(weight, int(lowest.sum()))
-    q = q - (height.min() + depth) * normal
-    return q, 0 * q
+    carrying = int(lowest.sum()) if scene.ground.surface is None else max(int(lowest.sum()), min(STANDS_ON, len(q)))
+    depth = scene.ground.resting_depth(weight, carrying)
+    return scene.ground.set_down(q, depth), 0 * q
 
 
 def linearise(scene: Scene, state: State) -> Linearised:
@@ -67,19 +69,21 @@ def linearise(scene: Scene, state: State) -> Linearised:
     with jax.enable_x64(True):
         q, v = (np.asarray(x, float) for x in state)
         a, slopes = _derivatives(as_dtype(scene, "float64"), q, v)
-    size = q.size
-    stiffness, damping = (-np.asarray(d).reshape(size, size) for d in slopes)
-    mass = np.repeat(np.asarray(scene.structure.node_mass, float), 3)
-    rows = _constraints(scene, q)
+    moves = np.flatnonzero(scene.structure.free)
+    among = np.ix_(moves, moves)
+    stiffness, damping = (-np.asarray(d).reshape(q.size, q.size)[among] for d in slopes)
+    place, rows = np.eye(q.size)[:, moves], _constraints(scene, q)[:, moves]
     if not len(rows):
-        return Linearised(stiffness, damping, np.eye(size))
-    forces = np.linalg.lstsq(rows.T, -mass * np.asarray(a).ravel(), rcond=None)[0]
-    stiffness = stiffness - _turning(scene, q, forces) / mass[:, None]
-    root = np.sqrt(mass)
-    _, strengths, axes = np.linalg.svd(rows / root)
-    basis = axes[np.sum(strengths > 1e-9 * strengths[0]) :].T / root[:, None]
-    reduce = basis.T * mass
-    return Linearised(reduce @ stiffness @ basis, reduce @ damping @ basis, basis)
+        return Linearised(stiffness, damping, place)
+    with jax.enable_x64(True):
+        mass = np.asarray(mass_matrix(scene.structure))[among]
+    forces = np.linalg.lstsq(rows.T, -mass @ np.asarray(a).ravel()[moves], rcond=None)[0]
+    stiffness = stiffness - np.linalg.solve(mass, _turning(scene, q, forces)[among])
+    root = np.linalg.cholesky(mass)
+    _, strengths, axes = np.linalg.svd(np.linalg.solve(root, rows.T).T)
+    basis = np.linalg.solve(root.T, axes[np.sum(strengths > 1e-9 * strengths[0]) :].T)
+    reduce = basis.T @ mass
+    return Linearised(reduce @ stiffness @ basis, reduce @ damping @ basis, place @ basis)
 
 
 @eqx.filter_jit
@@ -197,10 +201,10 @@ def aloft(scene: Scene) -> tuple[Scene, State]:
     """The structure at rest and undeformed, away from any ground.
 
     It is lifted, so that the compiled program is that of the robot standing. Terms of one's own may depend on the
-    place: where there are some, the ground is taken away instead.
+    place, and uneven ground may be anywhere: where there are some, the ground is taken away instead.
     """
     q = np.asarray(scene.structure.nodes, float)
-    if scene.terms:
+    if scene.terms or (scene.ground is not None and scene.ground.surface is not None):
         return dataclasses.replace(scene, ground=None, friction=None), (q, 0 * q)
     return scene, (q + np.array([0.0, 0.0, 1e3]), 0 * q)
 

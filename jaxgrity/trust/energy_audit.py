@@ -12,7 +12,7 @@ import numpy as np
 from jaxgrity.core.types import NodeHistory, NodeVectors, Scalar, Times
 from jaxgrity.model.scene import Scene, as_dtype, start_of
 from jaxgrity.stepping.dynamics import angular_momentum, kinetic_energy, momentum, vector_field
-from jaxgrity.stepping.integrate import discretise, integrate
+from jaxgrity.stepping.integrate import discretise, integrate, prepared
 from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
 from jaxgrity.stepping.power import Step, Work, powers, step_work
 from jaxgrity.stepping.simulate import frame_times
@@ -51,6 +51,8 @@ class EnergyAudit(NamedTuple):
     """(frames,), N s: |change of momentum - impulse of the forces from outside|"""
     angular_residual: Times
     """(frames,), N m s, about the origin: |change of angular momentum - impulse of the moments from outside|"""
+    constraint_residual: float = 0.0
+    """m/s: by how much velocities missed what impulses make of them in any step; 0 where they follow from each other"""
 
     @property
     def residual(self) -> Times:
@@ -101,9 +103,9 @@ def energy_audit(scene: Scene, duration: float, *, options: Options = None, fram
     exact = as_dtype(scene, "float64")
     if resolved.method.symplectic or resolved.method.constrained:
         count = int(np.ceil(times[1] / resolved.dt - 1e-9))  # type: ignore[operator]
-        amounts, work = _step_by_step(exact, times, resolved, count)
+        amounts, work, missed = _step_by_step(exact, times, resolved, count)
     else:
-        amounts, work = _beside(exact, times, resolved.as_inputs())
+        (amounts, work), missed = _beside(exact, times, resolved.as_inputs()), jnp.zeros(())
     amounts, work = jax.tree.map(np.asarray, (amounts, work))
     actuation, impulse, moment = (work.pop(name) for name in ("actuation", "impulse", "moment"))
     return EnergyAudit(
@@ -115,6 +117,7 @@ def energy_audit(scene: Scene, duration: float, *, options: Options = None, fram
         dissipated=work,
         momentum_residual=_residual(amounts.momentum, impulse),
         angular_residual=_residual(amounts.angular_momentum, moment),
+        constraint_residual=float(missed),
     )
 
 
@@ -169,17 +172,20 @@ def _amounts(scene: Scene, times: Times, q: NodeHistory, v: NodeHistory) -> Amou
 
 
 @eqx.filter_jit
-def _step_by_step(scene: Scene, times: Times, options: ResolvedOptions, count: int) -> tuple[Amounts, Work]:
-    """With `count` steps from one frame to the next, whose works are summed up."""
+def _step_by_step(scene: Scene, times: Times, options: ResolvedOptions, count: int) -> tuple[Amounts, Work, jax.Array]:
+    """With `count` steps from one frame to the next, whose works are summed up, and the largest residual of any."""
+    scene = prepared(scene)
     terms, solver = discretise(options)
     h = jnp.asarray(times[1] / count)
     q, v = start_of(scene)
 
     def step(carry, k):
-        y, before, work = carry
+        y, before, work, missed = carry
         y1, _, _, after, _ = solver.step(terms, k * h, (k + 1) * h, y, scene, before, False)
         gained = step_work(scene, Step(k * h, h, y, y1, before, after))
-        return (y1, after, jax.tree.map(jnp.add, work, gained)), None
+        now = getattr(after, "residual", None)
+        missed = missed if now is None else jnp.maximum(missed, now)
+        return (y1, after, jax.tree.map(jnp.add, work, gained), missed), None
 
     def frame(carry, numbers):
         carry, _ = jax.lax.scan(step, carry, numbers)
@@ -189,9 +195,10 @@ def _step_by_step(scene: Scene, times: Times, options: ResolvedOptions, count: i
     still = Step(0 * h, h, (q, v), (q, v), first, first)
     nothing = jax.tree.map(jnp.zeros_like, step_work(scene, still))
     numbers = jnp.arange(count * (len(times) - 1)).reshape(-1, count)
-    _, ((path, speeds), work) = jax.lax.scan(frame, ((q, v), first, nothing), numbers)
+    start = ((q, v), first, nothing, jnp.zeros_like(h))
+    (*_, missed), ((path, speeds), work) = jax.lax.scan(frame, start, numbers)
     prepend = lambda a, b: jnp.concatenate([jnp.asarray(a)[None], b])  # noqa: E731
     path, speeds = prepend(q, path), prepend(v, speeds)
     back = jnp.where(jnp.arange(len(times)) > 0, h / 2, 0) if still.impulsive else 0 * times
     path = path - back[:, None, None] * speeds
-    return _amounts(scene, jnp.asarray(times) - back, path, speeds), jax.tree.map(prepend, nothing, work)
+    return _amounts(scene, jnp.asarray(times) - back, path, speeds), jax.tree.map(prepend, nothing, work), missed

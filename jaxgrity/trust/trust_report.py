@@ -9,6 +9,7 @@ import numpy as np
 from jaxgrity.core.types import Times
 from jaxgrity.model.actuation import rest_length
 from jaxgrity.model.scene import Scene
+from jaxgrity.rollout.clearance import rod_depths
 from jaxgrity.stepping.integrate import FAILURES
 from jaxgrity.stepping.options import Options, resolve
 from jaxgrity.stepping.simulate import Trajectory, centre_path, simulate
@@ -40,6 +41,8 @@ class TrustReport(NamedTuple):
     """m, how far any node was below the ground, at most"""
     strut_strain: float
     """|l - L(t)| / L(t) of any strut, at most; of rigid struts it is the error of their constraint"""
+    rod_depth: float = 0.0
+    """m, how far any strut was in uneven ground between its nodes, at most, where nothing holds it up"""
 
     @property
     def error_bar(self) -> float:
@@ -62,6 +65,7 @@ class TrustReport(NamedTuple):
             "error_bar": self.error_bar,
             "penetration": self.penetration,
             "strut_strain": self.strut_strain,
+            "rod_depth": self.rod_depth,
             "predictable_up_to": self.horizon,
         }
         if self.audit is not None:
@@ -75,6 +79,7 @@ class TrustReport(NamedTuple):
             }
             found["momentum_residual"] = self.audit.momentum_residual.max()
             found["angular_momentum_residual"] = self.audit.angular_residual.max()
+            found["constraint_residual"] = self.audit.constraint_residual
         if self.sensitivity is not None:
             found["sensitivity"] = self.sensitivity.norm[-1]
             found["sensitivity_growth_rate"] = self.sensitivity.growth_rate
@@ -94,7 +99,11 @@ class TrustReport(NamedTuple):
             rows["energy residual"] = f"{energy['residual']:.2g} J of {energy['turned_over']:.3g} J turned over"
             rows["momentum residual"] = f"{facts['momentum_residual']:.2g} N s, angular "
             rows["momentum residual"] += f"{facts['angular_momentum_residual']:.2g} N m s"
+        if facts.get("constraint_residual"):
+            rows["constraint residual"] = f"{facts['constraint_residual']:.2g} m/s in any step"
         rows["largest penetration"] = f"{facts['penetration']:.2g} m"
+        if facts["rod_depth"] > facts["penetration"]:
+            rows["a rod in the ground"] = f"{facts['rod_depth']:.2g} m deep between its nodes, where contact is"
         rows["largest strut strain"] = f"{facts['strut_strain']:.2g}"
         if self.sensitivity is not None:
             rate = facts["sensitivity_growth_rate"]
@@ -156,13 +165,15 @@ def diagnose(
         growth = sensitivity(scene, duration, options=resolved)
     depth, strain = _penetration(scene, rollouts[0]), _strut_strain(scene, rollouts[0])
     on_progress(MEASUREMENTS, MEASUREMENTS)
-    return TrustReport(rollouts[0], bars, audit, growth, depth, strain)
+    uneven = scene.ground is not None and scene.ground.surface is not None
+    rods = float(rod_depths(scene, rollouts[0]).max(initial=0)) if uneven else 0.0
+    return TrustReport(rollouts[0], bars, audit, growth, depth, strain, rods)
 
 
 def _penetration(scene: Scene, trajectory: Trajectory) -> float:
     if scene.ground is None:
         return 0.0
-    phi = np.asarray(trajectory.positions, float) @ np.array(scene.ground.normal)
+    phi = scene.ground.measured(np.asarray(trajectory.positions, float)).distance
     return max(0.0, float(-phi.min()))
 
 

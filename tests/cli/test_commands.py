@@ -21,7 +21,7 @@ from jaxgrity.cli import progress, script, simulate
 
 ROOT = Path(__file__).parents[2]
 ANSWERS = json.loads((ROOT / "tests" / "data" / "reference_answers.json").read_text())
-SUBCOMMANDS = ("simulate", "search", "compare", "diagnose")
+SUBCOMMANDS = ("simulate", "search", "compare", "diagnose", "explore", "inspect", "catalogue")
 FREE = """
 [structure]
 kind = "icosahedron"
@@ -110,7 +110,7 @@ def test_simulate_agrees_with_an_independent_program(jaxgrity, tmp_path):
 @pytest.mark.slow
 def test_simulate_one_rollout(jaxgrity, tmp_path):
     """With a gait of the library: it leaves its trajectory and its figures; what the scene chose is in the summary."""
-    arguments = ("--gait", "rolling", "--duration", 1.5, "--method", "tsit5", "--out", tmp_path)
+    arguments = ("--gait", "lasting", "--duration", 1.5, "--method", "tsit5", "--out", tmp_path)
     (tmp_path / "outcomes.png").write_bytes(b"of an earlier population")
     done = jaxgrity("simulate", "reference", *arguments)
     assert done.code == 0, done.errors
@@ -119,7 +119,7 @@ def test_simulate_one_rollout(jaxgrity, tmp_path):
     with np.load(tmp_path / "trajectory.npz") as saved:
         assert saved["positions"].shape == (151, 12, 3)
         assert saved["velocities"].shape == (151, 12, 3)
-        np.testing.assert_array_equal(saved["phase"], load_gait("rolling").phase)
+        np.testing.assert_array_equal(saved["phase"], load_gait("lasting").phase)
         np.testing.assert_allclose(saved["positions"][-1].mean(0), summary["com_end"][0], atol=1e-12)
     assert summary["dt"] is None
     assert summary["diagnosis"]["error_bar"] < 1e-6
@@ -159,10 +159,10 @@ def test_a_gait_of_the_library_takes_the_place_of_the_scenes_own(tmp_path, capsy
     for scene, said in (
         ("exact", ""),
         (tmp_path / "exact.toml", ""),
-        ("reference", "the gait slow was found on exact\n"),
+        ("reference", "the gait lasting was found on exact\n"),
     ):
-        found = simulate.chosen_scene(str(scene), "slow")
-        assert eqx.tree_equal(found, with_gait(load_scene(scene), load_gait("slow")))
+        found = simulate.chosen_scene(str(scene), "lasting")
+        assert eqx.tree_equal(found, with_gait(load_scene(scene), load_gait("lasting")))
         assert capsys.readouterr().out == said
 
 
@@ -183,7 +183,7 @@ def test_the_former_name_of_verlet_warns_once_and_works(tmp_path):
 @pytest.mark.slow
 def test_diagnose_says_how_far_a_rollout_can_be_trusted(jaxgrity, tmp_path):
     """In a table, as JSON and as a figure; of a gait of the library too."""
-    arguments = ("--gait", "rolling", "--duration", 2, "--dt", 5e-4, "--out", tmp_path)
+    arguments = ("--gait", "lasting", "--duration", 2, "--dt", 5e-4, "--out", tmp_path)
     done = jaxgrity("diagnose", "reference", *arguments)
     assert done.code == 0, done.errors
     assert "rk4" in done.out
@@ -207,21 +207,21 @@ def test_diagnose_says_how_far_a_rollout_can_be_trusted(jaxgrity, tmp_path):
         (["simulate", "reference", "--duration", "-1"], ["duration = -1", "positive"]),
         (["simulate", "reference", "--dt", "0.02"], ["dt = 0.02", "largest stable step", "0.00136"]),
         (["simulate", "reference", "--method", "verlet"], ["verlet", "dissipation"]),
-        (["simulate", "reference", "--gait", "fly"], ["gait 'fly': unknown", "rolling"]),
+        (["simulate", "reference", "--gait", "fly"], ["gait 'fly': unknown", "lasting"]),
         (["simulate", "reference", "--gaits", "short.csv"], ["short.csv", "row 2 has 5 phases; expected 6"]),
         (["simulate", "stiff.toml"], ["stiff.toml", "struts.stiffness", "-1"]),
         (["diagnose", "moon"], ["scene 'moon': unknown; expected a file, or one of exact,"]),
         (["diagnose", "exact", "--method", "rk4"], ["rk4", "expected 'complementarity'"]),
-        (["diagnose", "reference", "--gait", "fly"], ["gait 'fly': unknown", "rolling"]),
+        (["diagnose", "reference", "--gait", "fly"], ["gait 'fly': unknown", "lasting"]),
         (["search", "--scene", "moon"], ["scene 'moon': unknown; expected a file, or one of exact,"]),
         (["search", "--scene", "still.toml"], ["has no [gait]"]),
         (["search", "--dt", "0.1"], ["largest stable step"]),
         (["search", "--dt", "nan"], ["dt = nan"]),
         (["search", "--population", "1"], ["population = 1: expected at least 2 gaits"]),
         (["search", "--polish-gaits", "17"], ["polish_gaits = 17: expected 1 to 16"]),
-        (["search", "--polish-rollouts", "3"], ["3 rollouts of polish: expected 448 or more, for 4 climbs"]),
+        (["search", "--polish-rollouts", "3"], ["3 rollouts of polish: expected 48 or more (climbs: 1)"]),
         (["search", "--objective.kind", "far"], ["objective = 'far': unknown; expected one of distance, direction"]),
-        (["search", "--objective.heading", "1"], ["heading = 1.0: 'distance' has none", "'direction'"]),
+        (["search", "--objective.heading", "1"], ["heading = 1.0: 'steady speed' has none"]),
         (["search", "--objective.largest-rate", "0"], ["largest_rate = 0.0: expected a positive number"]),
         (["search", "--caution", "1", "--robots", "1"], ["caution = 1.0: one robot has no spread"]),
         (["compare"], ["no runs: expected at least one folder"]),
@@ -288,16 +288,53 @@ def test_an_interruption_is_one_line(monkeypatch, capsys, setting, said):
     assert capsys.readouterr().err.strip() == said
 
 
+# explore, inspect and catalogue
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [(("moon",), "scene 'moon': unknown"), (("exact", "--duration", 0), "duration = 0: expected a positive number")],
+)
+def test_explore_refuses_bad_input_before_it_serves(jaxgrity, arguments, said):
+    """In one line; nothing answers."""
+    done = jaxgrity("explore", *arguments)
+    assert done.code == 2
+    assert said in done.errors
+    assert "http" not in done.out
+
+
+def test_inspect_leaves_the_report_and_a_figure(jaxgrity, tmp_path):
+    """What is printed, as numbers: the six-strut robot's one self-stress and one mechanism."""
+    done = jaxgrity("inspect", "exact", "--out", tmp_path)
+    assert done.code == 0, done.errors
+    assert "rank 29, 1 of self-stress, 1 mechanisms" in done.out
+    found = json.loads((tmp_path / "inspection.json").read_text())
+    assert (found["scene"], found["rank"], len(found["forces"])) == ("exact", 29, 30)
+    assert (tmp_path / "forces.png").stat().st_size > 5000
+
+
+def test_catalogue_lists_what_scene_files_can_name(jaxgrity, tmp_path):
+    """Each kind with its keys; their pictures, unless it is to be quick."""
+    done = jaxgrity("catalogue", "--out", tmp_path)
+    assert done.code == 0, done.errors
+    found = {entry["kind"]: entry for entry in json.loads((tmp_path / "catalogue.json").read_text())["structures"]}
+    assert found["ball"]["keys"] == {"struts": 30, "strut_length": 1.0}
+    assert all(name in done.out for name in found)
+    assert {path.stem for path in tmp_path.glob("*.png")} == {*found, "catalogue"}
+    assert jaxgrity("catalogue", "--quick", "--out", tmp_path / "quick").code == 0
+    assert not list((tmp_path / "quick").glob("*.png"))
+
+
 # help
 
 
 @pytest.mark.parametrize("name", SUBCOMMANDS)
 def test_help_comes_from_the_settings(jaxgrity, name):
-    """Every subcommand explains itself, and has a --quick size."""
+    """Every subcommand explains itself; those that end by themselves have a --quick size and a folder of results."""
     done = jaxgrity(name, "--help")
     assert done.code == 0
-    assert "--quick" in done.out
-    assert "--out" in done.out
+    expected = ("--host", "--port") if name == "explore" else ("--quick", "--out")
+    assert all(option in done.out for option in expected)
     module = importlib.import_module(f"jaxgrity.cli.{name}")
     assert words(module.__doc__) in words(done.out)
 
@@ -374,11 +411,42 @@ def test_every_stage_of_a_search_shows_how_far_it_is(search_run):
     stages = ["evolving", "promoting", "polishing", "verifying", "measuring", "animating"]
     seen = [line.split(":")[0] for line in lines if re.match(r"[a-z]+: +[0-9].*\[\d\d:\d\d", line)]
     assert list(dict.fromkeys(seen)) == stages
-    for stage, total in (("evolving", 3), ("promoting", 3), ("verifying", 4), ("measuring", 3), ("animating", 50)):
+    for stage, total in (("evolving", 3), ("promoting", 3), ("verifying", 4), ("measuring", 4), ("animating", 50)):
         shown = [line for line in lines if line.startswith(f"{stage}:")]
         assert f" 0/{total} [" in shown[0]
         assert f" {total}/{total} [" in shown[-1]
         assert shown[-1].startswith(f"{stage}: 100%")
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ((), "Expected one of {simulate, search, "),
+        (("simulat", "exact"), "Unrecognized options: simulat, exact; --help lists what there is"),
+        (("simulate", "exact", "--duration", "soon"), "Error parsing --duration: could not convert string to float"),
+        (("simulate", "exact", "--durations", "3"), "Unrecognized options: --durations, 3; perhaps you meant"),
+        (("simulate", "exact", "--dtype", "float16"), "Expected one of ('float32', 'float64')"),
+        (("explore", "--port", "99999"), "port = 99999: expected a number from 0 to 65535"),
+        (("explore", "--host", "not.a.host"), "host = 'not.a.host': expected an address of this machine"),
+    ],
+)  # fmt: skip
+def test_a_wrong_option_is_one_line(jaxgrity, words, said):
+    """What is wrong, and what there is, without a box around it."""
+    done = jaxgrity(*words)
+    assert done.code == 2
+    assert done.errors.startswith("error: ")
+    assert done.errors.count("\n") == 1
+    assert said in done.errors
+
+
+def test_colours_and_lines_of_a_terminal_are_taken_away():
+    """And the advice below the first paragraph, but for the option that is most like the one that was given."""
+    red, plain = "\x1b[31m", "\x1b[0m"
+    rows = ["Unrecognized options:", "--durations", "─" * 20, "Perhaps you meant:", "    --duration FLOAT", "        s"]
+    lines = [f"{red}╭─ Title ─╮{plain}", *(f"{red}│{plain} {row} {red}│{plain}" for row in rows), f"{red}╰─╯{plain}"]
+    assert (
+        script.in_one_line("\n".join(lines)) == "Unrecognized options: --durations; perhaps you meant --duration FLOAT"
+    )
 
 
 def test_a_step_that_takes_long_is_not_silent(monkeypatch, capsys):
@@ -405,5 +473,5 @@ def test_searches_are_compared(jaxgrity, search_run, tmp_path):
     assert done.code == 0, done.errors
     assert (tmp_path / "comparison.png").stat().st_size > 5000
     head, one = done.out.splitlines()[:2]
-    assert head.split()[:2] == ["run", "verified,"]
+    assert head.split()[:2] == ["run", "steady,"]
     assert one.startswith(str(folder))

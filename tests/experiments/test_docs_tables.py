@@ -16,7 +16,19 @@ from jaxgrity import InputError, gait_record, load_gait
 
 ROOT = Path(__file__).parents[2]
 MEASURED = ROOT / "docs" / "measured"
-BLOCKS = {"README.md": 3, "docs/numerics.md": 11, "docs/performance.md": 3, "docs/scaling.md": 2, "docs/search.md": 6}
+BLOCKS = {
+    "README.md": 3,
+    "docs/conformance.md": 1,
+    "docs/control.md": 5,
+    "docs/files.md": 1,
+    "docs/gaits.md": 6,
+    "docs/numerics.md": 12,
+    "docs/terrain.md": 1,
+    "docs/performance.md": 3,
+    "docs/scaling.md": 2,
+    "docs/search.md": 5,
+    "docs/validation.md": 3,
+}
 
 
 @pytest.fixture
@@ -57,7 +69,7 @@ def test_measured_files_hold_what_pages_quote():
     for file in files:
         text = file.read_text(encoding="utf-8")
         assert text == laid_out(rounded(json.loads(text))) + "\n", file
-    assert sum(len(file.read_text(encoding="utf-8").splitlines()) for file in files) < 800
+    assert sum(len(file.read_text(encoding="utf-8").splitlines()) for file in files) < 1000
 
 
 def test_without_results_nothing_changes(copied, tmp_path):
@@ -149,12 +161,12 @@ def test_compact_json_is_short_and_exact_to_six_digits(tmp_path):
 
 def test_a_gait_is_kept_in_the_library(tmp_path):
     """With what the library's records have, and no more; what is no run of a search is refused."""
-    record = gait_record("slow") | {"diagnosis": {}, "wall_seconds": 1.0}
+    record = gait_record("lasting") | {"diagnosis": {}, "wall_seconds": 1.0}
     save_compact(tmp_path / "run" / "gait.json", record)
     keep_gait.main(keep_gait.Settings(tmp_path / "run", "mine", tmp_path / "library"))
     kept = json.loads((tmp_path / "library" / "mine.json").read_text())
-    assert set(kept) == set(gait_record("slow"))
-    assert load_gait(tmp_path / "library" / "mine.json").members == load_gait("slow").members
+    assert set(kept) == set(gait_record("lasting"))
+    assert load_gait(tmp_path / "library" / "mine.json").members == load_gait("lasting").members
     del record["robust"]
     save_compact(tmp_path / "run" / "gait.json", record)
     with pytest.raises(InputError, match=r"gait.json: has no robust; expected what gait_search.py leaves"):

@@ -2,12 +2,14 @@
 
 from itertools import pairwise
 from pathlib import Path
+from typing import get_args
 
 import equinox as eqx
 import numpy as np
 import pytest
 
-from jaxgrity import InputError, load_scene, parse_scene, scene_names, scene_text
+from jaxgrity import InputError, load_scene, member_forces, parse_scene, scene_names, scene_text
+from jaxgrity.io.scene_tables import CatalogueTable
 from jaxgrity.model.actuation import contraction, rest_length
 from jaxgrity.model.friction import ConeFriction, SmoothFriction, SwitchFriction
 from jaxgrity.model.structure import edge_lengths
@@ -242,14 +244,14 @@ def bad(old: str, new: str, *words: str):
         bad(
             "stiffness = 2e4",
             "stifness = 2e4",
-            "struts.stifness = 20000.0: unknown key; expected one of stiffness, rigid, damping, prestrain, rest_length",
+            "struts.stifness = 20000.0: unknown key; expected one of stiffness, mass, rigid, damping, prestrain, rest",
         ),
         bad("mass = 6.0", "weight = 6", "structure.weight = 6: unknown key; expected one of kind, strut_length, mass"),
         bad("[struts]", "[strutz]", "strutz: unknown table; expected one of structure, struts, cables, gravity"),
         bad("[struts]", '["a\\nb"]', r"'a\nb': unknown table; expected one of structure, struts"),
         bad("stiffness = 2e4", '"a\\nb" = nan', r"struts.'a\nb' = nan: expected a finite number"),
         bad('members = "struts"', "members = { part = 1 }", "gait.members.part = 1: unknown key", "one of random"),
-        bad('kind = "icosahedron"', "", "structure.kind: missing; expected 'icosahedron' or 'custom'"),
+        bad('kind = "icosahedron"', "", "structure.kind: missing; expected 'icosahedron', 'prism', ", " or 'custom'"),
         bad("stiffness = 600.0", "", "cables.stiffness: missing; expected a number > 0 or a list of numbers > 0"),
         bad("stiffness = 2e4", "", "struts.stiffness: missing; expected a stiffness (N/m) or rigid = true"),
         bad("stiffness = 1e4", "", "ground.stiffness: missing; expected a stiffness (N/m)"),
@@ -272,8 +274,18 @@ def bad(old: str, new: str, *words: str):
         bad('members = "struts"', "members = [0.5]", "gait.members[0] = 0.5: expected a whole number, got a number"),
         bad("[gravity]", "[[gravity]]", "gravity = [{'g': 9.81}]: expected a table (g), got a list"),
         # of another choice
-        bad('kind = "icosahedron"', 'kind = "ico"', "structure.kind = 'ico': expected 'icosahedron' or 'custom'"),
-        bad('kind = "icosahedron"', "kind = 3", "structure.kind = 3: expected 'icosahedron' or 'custom', got a whole"),
+        bad(
+            'kind = "icosahedron"',
+            'kind = "ico"',
+            "structure.kind = 'ico': expected 'icosahedron', 'prism', ",
+            " or 'custom'",
+        ),
+        bad(
+            'kind = "icosahedron"',
+            "kind = 3",
+            "structure.kind = 3: expected 'icosahedron', ",
+            " or 'custom', got a whole",
+        ),
         bad('pose = "face"', 'pose = "fac"', "structure.pose = 'fac': expected 'face' or 'strut'"),
         bad('kind = "smooth"', 'kind = "oily"', "friction.kind = 'oily': expected 'smooth', 'switch' or 'cone'"),
         bad(
@@ -357,7 +369,7 @@ def test_bad_scenes_are_refused_in_one_line(old, new, words):
         ),
         bad("nodes = [[0, 0, 0], [1, 0, 0], [0, 1, 0]]", "", "structure.nodes: missing; expected a list of lists"),
         bad("node_mass", "strut_length = 1\nnode_mass", "structure.strut_length = 1: unknown key", "kind, nodes"),
-        bad("[1.0, 2.0, 3.0]", "[1.0, 2.0, 0]", "structure.node_mass[2] = 0: expected a number > 0"),
+        bad("[1.0, 2.0, 3.0]", "[1.0, 2.0, 0]", "structure.node_mass[2] = 0: no member there has mass either"),
         bad("struts = [[0, 1]]", "", "struts: the structure has none; expected no [struts] table"),
     ],
 )
@@ -438,3 +450,49 @@ def test_a_gait_may_have_begun_before():
     np.testing.assert_allclose(
         contraction(gait, 0.0), gait.amplitude / 2 * (1 + np.sin(gait.phase)), rtol=0, atol=1e-15
     )
+
+
+CATALOGUE = """
+[structure]
+kind = "KIND"
+mass = 2.0
+prestress = 30.0
+[struts]
+stiffness = 2e4
+[cables]
+stiffness = 900.0
+"""
+
+
+@pytest.mark.parametrize("kind", [table.__struct_config__.tag for table in get_args(CatalogueTable)])
+def test_every_kind_of_structure_stands_under_its_prestress(kind):
+    """Forces balance at every node in the shape of the formula, and the tightest cable has the tension asked for."""
+    structure = parse_scene(CATALOGUE.replace("KIND", kind)).structure
+    nodes, forces = np.asarray(structure.nodes), member_forces(structure, structure.nodes)
+    balance = np.zeros(nodes.shape)
+    for (i, j), force in zip(structure.struts.edges + structure.cables.edges, forces):
+        pull = force * (nodes[j] - nodes[i]) / np.linalg.norm(nodes[j] - nodes[i])
+        balance[i] += pull
+        balance[j] -= pull
+    np.testing.assert_allclose(balance, 0, atol=1e-7)
+    np.testing.assert_allclose(forces[structure.first_cable :].max(), 30.0, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('"KIND"', '"prism"\nstruts = 2', "structure.struts = 2: expected at least 3"),
+        ('"KIND"', '"ball"\nstruts = 7', "structure.struts = 7: expected 6, 12 or 30"),
+        (
+            '"KIND"',
+            '"tower"\nstages = 1000000',
+            "structure.stages = 1000000: expected a whole number >= 1 and <= 1e+04",
+        ),
+        ("stiffness = 900.0", "stiffness = 900.0\nprestrain = 0.1", "expected neither cables.prestrain nor"),
+        ("stiffness = 900.0", "stiffness = 1.0", "needs a rest length of"),
+        ("prestress = 30.0", "prestress = -3.0", "structure.prestress = -3.0: expected a number > 0"),
+    ],
+)
+def test_structures_that_cannot_be_made_are_refused(old, new, words):
+    """In one line."""
+    assert words in refusal(CATALOGUE.replace(old, new).replace("KIND", "prism"))

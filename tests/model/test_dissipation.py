@@ -97,7 +97,7 @@ def test_contact_force_is_hunt_and_crossleys_and_never_pulls(v_n, phi):
 @given(velocities, pressures)
 def test_smooth_friction_is_coulombs_law_regularised(v, pressed):
     friction = SmoothFriction(0.5, 0.01)
-    force = -jax.grad(slip_dissipation, argnums=2)(friction, GROUND, v, pressed)
+    force = -jax.grad(slip_dissipation, argnums=2)(friction, GROUND.tangents, v, pressed)
     v_t = tangential(v)
     expected = -0.5 * pressed[:, None] * v_t / np.sqrt(np.sum(v_t**2, axis=1) + 0.01**2)[:, None]
     # tangential() leaves 1e-16 m/s of rounding, which 50 N / (0.01 m/s) turns into 1e-11 N at most.
@@ -118,7 +118,7 @@ def switched(slip, push):
     """The tangential force on one node pressed with 100 N that slips and is pushed down the slope."""
     down, level = (np.array(t) for t in GROUND.tangents)
     others = push * down - 100.0 * NORMAL
-    force = switch_force(SWITCH, GROUND, (slip * down)[None], np.array([100.0]), others[None])[0]
+    force = switch_force(SWITCH, GROUND.tangents, (slip * down)[None], np.array([100.0]), others[None])[0]
     assert abs(force @ NORMAL) < 1e-13
     assert abs(force @ level) < 1e-13
     return float(force @ down)
@@ -146,7 +146,7 @@ def test_switch_breaks_away_against_the_push(push):
 @given(velocities, velocities, arrays(float, 5, elements=st.floats(0, 100)))
 def test_switch_never_exceeds_static_friction_nor_adds_power_in_a_slide(v, direction, pressed):
     """Appendix B: |F_t| <= mu_s F_n; and a node faster than eps only loses power."""
-    force = np.asarray(switch_force(SWITCH, GROUND, v, pressed, 30 * direction))
+    force = np.asarray(switch_force(SWITCH, GROUND.tangents, v, pressed, 30 * direction))
     assert np.all(np.linalg.norm(force, axis=1) <= 0.6 * pressed * (1 + 1e-12) + 1e-12)
     sliding = np.linalg.norm(tangential(v), axis=1) > 0.0101
     power = np.sum(force * v, axis=1)[sliding]

@@ -16,14 +16,20 @@ from jaxgrity import (
     EnergyTerm,
     ExactGround,
     ForceLaw,
+    ForceLimit,
+    ForceTable,
     Friction,
     Ground,
     InputError,
     Law,
+    Push,
     Scene,
     SolverOptions,
     SwitchFriction,
+    Wind,
     energy_audit,
+    force_limit,
+    force_table,
     limiting_part,
     node_names,
     prism_tower,
@@ -31,6 +37,7 @@ from jaxgrity import (
     standing,
     standing_symmetries,
     unchanged,
+    wind,
     with_terms,
 )
 from jaxgrity.model.friction import CoulombCone
@@ -58,14 +65,21 @@ def _lacks_attributes(kind: type) -> bool:
 def scenes(reference, exact):
     """Between them they have everything."""
     switch = eqx.tree_at(lambda s: s.friction, reference, SwitchFriction(0.6, 0.4, 1e-3))
-    return reference, exact, switch
+    pushed = with_terms(exact, wind([2.0, 0, 0], 0.01, 12), Push((0,), [[1.0, 0, 0]], 0.1, 0.1))
+    cables = exact.structure.cables
+    laced = with_terms(exact, force_table(cables, [0.0, 0.1, 0.2], [0.0, 60.0, 180.0]), force_limit(cables, 200.0))
+    return reference, exact, switch, pushed, laced
 
 
 def test_every_law_of_the_library_is_known():
-    """To `describe`, which names those that do not act: each that ground and structure have, and each of friction."""
+    """To `describe`, which names those that do not act: each that ground and structure have, and each of friction.
+
+    Forces from outside, and laws of cables that take another one's place, are known where they act.
+    """
     laws = concrete(Law)
     assert len(laws) > 10
-    assert {law for law in laws if law not in KNOWN_LAWS and law.name not in {f.name for f in KNOWN_FRICTIONS}} == set()
+    known = {*KNOWN_LAWS, Wind, Push, ForceTable, ForceLimit}
+    assert {law for law in laws if law not in known and law.name not in {f.name for f in KNOWN_FRICTIONS}} == set()
     assert set(KNOWN_LAWS) <= laws
     assert concrete(Friction) == set(KNOWN_FRICTIONS)
     assert len({law.name for law in laws}) == len(laws)

@@ -1,6 +1,7 @@
 """The animation shows the motion in real time and where it goes, and appears whole or not at all."""
 
 import math
+import subprocess
 from dataclasses import replace
 
 import numpy as np
@@ -149,3 +150,45 @@ def test_an_interrupted_write_leaves_nothing_behind(scene, motion, tmp_path):
         animate(scene, motion, tmp_path / "a.gif", on_frame=interrupt)
     assert [file.name for file in tmp_path.iterdir()] == ["a.gif"]
     assert (tmp_path / "a.gif").read_bytes() == b"as it was"
+
+
+def test_an_mp4_lasts_as_long_as_the_motion(scene, motion, tmp_path):
+    """At its size, by ffmpeg's own account; the file appears whole."""
+    ffmpeg = pytest.importorskip("imageio_ffmpeg")
+    animate(scene, some(carried(motion, 0.0), slice(51)), tmp_path / "a.mp4", 20.0, width=300)
+    command = [ffmpeg.get_ffmpeg_exe(), "-i", str(tmp_path / "a.mp4"), "-f", "null", "-"]
+    said = subprocess.run(command, capture_output=True, text=True, check=True).stderr
+    assert "Duration: 00:00:00.50" in said
+    assert "300x210" in said
+    assert [file.name for file in tmp_path.iterdir()] == ["a.mp4"]
+
+
+def test_bad_widths_and_a_missing_encoder_are_one_line(scene, motion, tmp_path, monkeypatch):
+    """Before anything is drawn."""
+    with pytest.raises(jaxgrity.InputError, match="width = 10: expected 100 to 4000 pixels"):
+        animate(scene, motion, tmp_path / "a.gif", width=10)
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(jaxgrity.InputError, match=r"pip install 'jaxgrity\[video\]'"):
+        animate(scene, motion, tmp_path / "a.mp4")
+
+
+@pytest.mark.parametrize("heading", [0.0, 2.0])
+def test_a_camera_that_follows_keeps_the_robot_in_the_middle(scene, motion, tmp_path, heading):
+    """Large, while the lines on the ground and the path move to the left; on uneven ground as on the plane."""
+    rough = replace(scene, ground=replace(scene.ground, surface=jaxgrity.bumps(deviation=0.03, length=0.8, seed=0)))
+    for ground, robot in (("plane", scene), ("rough", rough)):
+        path = tmp_path / f"{ground}.gif"
+        animate(robot, carried(motion, heading), path, frame_rate=3.0, width=300, camera="follow")
+        pictures, _ = read(path)
+        for picture in pictures:
+            struts = where(picture, STRUT)[:, 1]
+            assert abs(struts.mean() - 150) < 25
+            assert np.ptp(struts) > 60
+        trail = [where(picture, PATH)[:, 1] for picture in pictures]
+        assert trail[-1].min() < 10 < 100 < trail[-1].max() < 190
+
+
+def test_a_camera_that_is_none_of_them_is_refused(scene, motion, tmp_path):
+    """In one line."""
+    with pytest.raises(jaxgrity.InputError, match="camera = 'above': expected whole or follow"):
+        animate(scene, motion, tmp_path / "a.gif", camera="above")

@@ -47,7 +47,7 @@ problem = SearchProblem(scene, Genome(2), 0.5, Fitness(uncertainty=Uncertainty(p
 search = evolve(problem, GAConfig(8, 3, elites=2), options=SolverOptions(dt=1e-2, dtype="float32"))
 polish(problem, search.last.genes[:1], PolishConfig(32, samples=4, robots=2, final_robots=4), options=options)
 print("devices", jax.device_count())
-print(*(f"{name} {compiled[name]}" for name in ("roll_out", "_generation", "smoothed_gradients", "judge")))
+print(*(f"{name} {compiled[name]}" for name in ("roll_out", "breed", "_estimates", "_worth")))
 """
 
 
@@ -84,7 +84,8 @@ def test_two_hosts_find_what_one_finds():
 
 
 def test_each_program_is_compiled_once_on_two_devices():
-    """The three steps of an error bar share a program, and so do all generations, and all steps of a polish."""
+    """The three steps of an error bar share a program of rollouts, all generations and steps of polish another, in
+    float32, and the last judgement has a third, in float64."""
     devices, compiled = lines(start(COMPILED, JAX_NUM_CPU_DEVICES="2"))
     assert devices == "devices 2"
-    assert compiled == "roll_out 1 _generation 1 smoothed_gradients 1 judge 1"
+    assert compiled == "roll_out 3 breed 1 _estimates 1 _worth 2"

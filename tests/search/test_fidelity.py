@@ -1,5 +1,6 @@
 """Levels of fidelity: searches that go through them, ranks on which they agree, and the final verdict on a gait."""
 
+import dataclasses
 import json
 
 import equinox as eqx
@@ -36,7 +37,8 @@ from jaxgrity import (
     search_levels,
     with_robots,
 )
-from jaxgrity.search.objectives import judge_until, scored, standard_error
+from jaxgrity.search.fidelity import within_bounds
+from jaxgrity.search.judging import judge_until, scored, standard_error
 
 SLOPE = 0.1
 STROKES = Gait((0,), [-np.pi / 2], [0.3], [1.0], start=0.0, ramp=0.25)
@@ -106,6 +108,29 @@ def test_another_number_of_robots_changes_nothing_else():
     assert eqx.tree_equal(with_robots(more, 4), fitness)
 
 
+def test_two_models_count_alike():
+    """A robot is worth the mean of what it is worth on both, by the same draws."""
+    steep, flat = sled(), dataclasses.replace(sled(), friction=ConeFriction(0.2))
+    problem = SearchProblem(steep, Genome(1), 1.0, Fitness(uncertainty=Uncertainty(phase=0.3), robots=2))
+    gaits = as_population(STROKES)
+    levels = [FidelityLevel("", scene, 1e-2, "float64") for scene in (steep, flat)]
+    one, other = (judge_at(level, gaits, problem, seed=2).each for level in levels)
+    both = judge_at(levels[0]._replace(twin=flat), gaits, problem, seed=2).each
+    np.testing.assert_allclose(both, (one + other) / 2, rtol=1e-12)
+    assert not np.allclose(one, other)
+
+
+def test_gaits_beyond_a_bound_are_told_from_others():
+    """By the forces that a robot measures which is as the model says; a bound on the rate alone needs no rollout."""
+    problem, level = SearchProblem(sled(), Genome(1), 1.0, Fitness()), FidelityLevel("", sled(), 1e-2, "float64")
+    genes = np.array([[0.1], [0.6]])
+    for force, within in ((1e-3, False), (1e6, True)):
+        assert np.all(within_bounds(level, genes, problem, ActuatorBounds(force=force)) == within)
+    rate = 0.3 * np.pi
+    assert within_bounds(level, genes, problem, ActuatorBounds(rate=1.01 * rate)).all()
+    assert not within_bounds(level, genes, problem, ActuatorBounds(rate=0.99 * rate)).any()
+
+
 @pytest.fixture(scope="module")
 def two_levels(swimmer):
     """Two levels that are alike, so that a generation is compiled once, and a problem to search on them."""
@@ -154,10 +179,10 @@ def test_searches_go_on_from_where_they_were(two_searches):
         assert_same([s for _, s in later], [s for _, s in seen[done:]])
 
 
-def test_populations_of_two_sizes_are_refused(two_levels):
-    """Before anything is rolled out: a population is handed on as it is."""
-    configs = tuple(GAConfig(population=size, generations=2, elites=1) for size in (8, 6))
-    with pytest.raises(InputError, match=r"populations of \[6, 8\] gaits: expected one size"):
+def test_a_population_that_grows_is_refused(two_levels):
+    """Before anything is rolled out: the best of a population are handed on, and there are no more."""
+    configs = tuple(GAConfig(population=size, generations=2, elites=1) for size in (6, 8))
+    with pytest.raises(InputError, match=r"populations of \[6, 8\] gaits: expected none larger"):
         evolve_through(*two_levels, configs)
 
 
@@ -194,17 +219,17 @@ def test_the_final_verdict_is_made_of_what_it_says(precision, factor, monkeypatc
     distance, robust = verdict.verified.distance[0], verdict.robust.each[0]
     assert verdict.verified.steps == (factor * dt, factor * dt / 2, factor * dt / 4)
     assert 0 < verdict.verified.error_bar[0] < distance
-    assert robust.dtype == np.float64
+    assert robust.dtype == np.float32
     assert robust.shape == (4,)
     # friction, the one thing that differs, is less for some and more for others
     assert robust.min() < distance < robust.max()
 
     gaits = as_population(scene.gait)
     four = problem._replace(fitness=with_robots(problem.fitness, 4))
-    fine, coarse = (judge_at(FidelityLevel("", scene, h, "float64"), gaits, four, 3) for h in (dt, 2 * dt))
+    fine, coarse = (judge_at(FidelityLevel("", scene, h, "float32"), gaits, four, 3) for h in (dt, 2 * dt))
     assert_same(verdict.robust, fine if factor == 1 else coarse)
     assert verdict.robust_step == factor * dt
-    assert verdict.step_error == abs(fine.mean[0] - coarse.mean[0])
+    assert verdict.step_error == pytest.approx(abs(float(fine.mean[0]) - float(coarse.mean[0])))
     assert 0 < verdict.step_error < robust.mean() / 10
 
     other = verdict.other_model.each[0]

@@ -137,6 +137,33 @@ def test_children_of_parents_across_the_seam_stay_there():
     assert np.ptp(children[:, 1]) > 0.5
 
 
+def test_children_of_one_parent_are_near_one_of_the_best():
+    """Without crossover every child is a mutation of one gait, and of the few best alone where so many are parents."""
+    config = GAConfig(32, 2, 1, mutation_rate=1.0, mutation_size=(0.01, 0.01), crossover=0.0, parents=3)
+    genes = np.linspace(0, 0.9, 32)[:, None] * np.ones(2)
+    generation = Generation(jnp.asarray(genes), jnp.zeros(32), jnp.zeros(32), jnp.array(0))
+    children = np.asarray(eqx.filter_jit(breed)(jax.random.key(1), generation, 0.0, Genome(2), config))
+    gaps = np.abs((children[1:, None] - genes[:3] + 0.5) % 1 - 0.5).max(-1)
+    assert gaps.min(1).max() < 0.06
+    assert set(gaps.argmin(1)) == {0, 1, 2}
+
+
+def test_a_wide_first_generation_hands_on_its_best(problem):
+    """Of 24 gaits drawn at random 6 go on; all of them were rolled out."""
+    config = GAConfig(population=6, generations=2, elites=2, drawn=24)
+    seen = []
+    found = evolve(problem, config, seed=3, options=OPTIONS, on_generation=seen.append)
+    assert found.rollouts == 24 + 6
+    assert len(begin(problem.genome, config, 3, "float32").genes) == 24
+    assert len(found.last.genes) == 6
+    every = evolve(problem, GAConfig(population=24, generations=1, elites=1), seed=3, options=OPTIONS)
+    np.testing.assert_array_equal(seen[0].evaluated.genes, every.last.genes[:6])
+    with pytest.raises(InputError, match="drawn = 4: expected at least 6 gaits, the population"):
+        GAConfig(population=6, elites=2, drawn=4)
+    with pytest.raises(InputError, match="parents = 7: expected 1 to 6, the population"):
+        GAConfig(population=6, elites=2, parents=7)
+
+
 def test_children_of_images_are_images_of_a_parent():
     """Parents that are one gait, seen from two sides, have children that are this gait, not half of each."""
     config = GAConfig(population=64, generations=2, elites=1, mutation_rate=0.0)

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jaxgrity import Gait, Genome, InputError, gene_permutations, standing_symmetries
+from jaxgrity import Gait, Genome, InputError, Wave, gene_permutations, one_gait, standing_symmetries
 from jaxgrity.model.actuation import Overtone, contraction
 
 FULL = Genome(
@@ -211,3 +211,42 @@ def test_bad_genomes_are_refused(options, message):
     """Bounds the wrong way round or out of range, fewer than no overtones, all or none of the members."""
     with pytest.raises(InputError, match=message):
         Genome(6, **options)
+
+
+WAVES = Genome(
+    4,
+    (0.1, 0.3),
+    (0.2, 1.0),
+    overtones=1,
+    waves=(Wave((0, 0, 1, 1), (0.0, 0.5, 0.0, 0.5)), Wave((0, 0, 1, 1), (0.0, 0.25, 0.0, 0.75))),
+)
+"""two groups of two actuators, which follow each other in one of two ways"""
+
+
+@given(seeds)
+def test_actuators_of_a_wave_follow_each_other(seed):
+    """They share all genes; the wave's shift is added to the phase, twice as much to that of the second harmonic."""
+    assert WAVES.blocks == {"phase": 2, "wave": 1, "amplitude": 2, "frequency": 1, "phase 2": 2, "size 2": 2}
+    genes = np.random.default_rng(seed).uniform(size=WAVES.size)
+    own = Gait((0, 1, 2, 3), np.zeros(4), np.full(4, 0.2), np.full(4, 0.5), start=0.0, ramp=1e-3)
+    gait = one_gait(WAVES.gaits(own, genes[None]), 0)
+    shifts = np.array(WAVES.waves[int(genes[2] >= 0.5)].shifts)
+    np.testing.assert_allclose(gait.phase / (2 * np.pi), genes[[0, 0, 1, 1]] + shifts)
+    np.testing.assert_allclose(gait.amplitude, 0.1 + 0.2 * genes[[3, 3, 4, 4]])
+    np.testing.assert_allclose(gait.frequency, 0.2 + 0.8 * genes[5])
+    np.testing.assert_allclose(gait.overtones[0].phase / (2 * np.pi), genes[[6, 6, 7, 7]] + 2 * shifts)
+    np.testing.assert_allclose(gait.overtones[0].size, genes[[8, 8, 9, 9]] / 2)
+
+
+def test_one_wave_needs_no_gene_to_say_which():
+    """And waves that do not fit the actuators, or each other, are refused."""
+    wave = Wave((0, 0, 0), (0.0, 1 / 3, 2 / 3))
+    assert Genome(3, waves=(wave,)).blocks == {"phase": 1}
+    np.testing.assert_allclose(
+        Genome(3, waves=(wave,)).gaits(GAIT, np.array([[0.1]])).phase[0], 2 * np.pi * (0.1 + np.arange(3) / 3)
+    )
+    for waves in ((Wave((0, 0), (0.0, 0.5)),), (wave, Wave((0, 1, 0), (0.0, 0.0, 0.5)))):
+        with pytest.raises(InputError, match="waves: expected the same groups of 3 actuators in each"):
+            Genome(3, waves=waves)
+    with pytest.raises(InputError, match="waves, active"):
+        Genome(3, waves=(wave,), active=2)

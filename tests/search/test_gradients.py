@@ -27,6 +27,7 @@ from jaxgrity import (
     resolve,
     simulate,
 )
+from jaxgrity.search.genetic_algorithm import models_of
 from jaxgrity.search.gradients import ClimbTask, Gradient, combine, pathwise_gradient, smoothed_gradients, utilities
 
 DT = 5e-4
@@ -141,9 +142,9 @@ def test_smoothed_and_pathwise_gradients_agree(exact):
     which are a fifth of it at most."""
     options = resolve(exact, 2.0, SolverOptions(dt=1e-2, dtype="float64"))
     problem = SearchProblem(as_dtype(exact, "float64"), Genome(6), 2.0, Fitness())
-    task = ClimbTask(problem, options, width=1e-3)
+    task = ClimbTask(problem, options, models_of(problem, options), width=1e-3)
     genes = jax.numpy.asarray(random_phases(1, 6, seed=7)[0] / (2 * np.pi))
-    row = smoothed_gradients(jax.random.key(0), genes[None], task, np.asarray(2.0), 512, 1)
+    row = smoothed_gradients(jax.random.key(0), genes[None], task, 2.0, 512, 1)
     smoothed = jax.tree.map(lambda x: x[0], row)
     pathwise = pathwise_gradient(jax.random.key(0), genes, task, 2.0, 4)
     assert float(pathwise.noise) < 1e-20
@@ -173,7 +174,7 @@ def test_objectives_may_read_all_that_came_of_a_rollout(exact):
     found = []
     for objective in (Distance(), DistanceOfNodes()):
         problem = SearchProblem(as_dtype(exact, "float64"), Genome(6), 1.2, Fitness(objective))
-        found.append(pathwise_gradient(jax.random.key(0), genes, ClimbTask(problem, options, 1e-3), 1.2, 1))
+        found.append(pathwise_gradient(jax.random.key(0), genes, ClimbTask(problem, options, (), 1e-3), 1.2, 1))
     assert np.abs(found[0].mean).max() > 1e-6
     np.testing.assert_allclose(found[1].mean, found[0].mean, rtol=1e-9)
 

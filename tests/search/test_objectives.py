@@ -25,6 +25,9 @@ from jaxgrity import (
     SearchProblem,
     SolverOptions,
     Speed,
+    SteadyDirection,
+    SteadySpeed,
+    SteadyTurn,
     Straightness,
     Structure,
     Uncertainty,
@@ -52,7 +55,8 @@ def outcomes(measured: bool = True) -> Outcomes:
     metrics = Metrics(PATH, zero, EFFORT, zero, zero, zero, 0 * RATE, 100 * RATE, RATE, 10 * RATE)
     code, steps = np.array([0, 0, 1]), np.full(3, 5)
     nodes = np.zeros((3, 12, 3))
-    return Outcomes(start, start + MOVED, nodes, code, steps, 0 * steps, metrics if measured else None, "rk4", 1e-3)
+    path = np.stack([start, start + MOVED], axis=1)
+    return Outcomes(path, nodes, code, steps, 0 * steps, metrics if measured else None, "rk4", 1e-3)
 
 
 @pytest.mark.parametrize(
@@ -89,8 +93,9 @@ def test_speed_is_in_the_robots_own_lengths(reference):
 
 
 def worth(reference, kind, **bounds):
-    """Of the three robots, within the bounds."""
-    return Fitness(kind(), bounds=ActuatorBounds(**bounds)).worth(reference, outcomes(), 8.0)
+    """Of the three robots, within the bounds; struts of 1 m that move at 1 Hz reach the rates with these amplitudes."""
+    gaits = Gait((0, 1), 0 * RATE, RATE / np.pi, 1 + 0 * RATE)
+    return Fitness(kind(), bounds=ActuatorBounds(**bounds)).worth(reference, gaits, outcomes(), 8.0)
 
 
 every_objective = pytest.mark.parametrize("kind", [Distance, Direction, Speed, CostOfTransport, Straightness])
@@ -100,7 +105,7 @@ every_objective = pytest.mark.parametrize("kind", [Distance, Direction, Speed, C
 def test_a_gait_within_its_bounds_loses_nothing(reference, kind):
     """Up to the bound itself, by the actuator that needs most."""
     plain = kind().worth(reference, outcomes(), 8.0)
-    for bound in ({"rate": 0.5}, {"force": 50.0}, {"power": 5.0}):
+    for bound in ({"rate": 0.5 * (1 + 1e-12)}, {"force": 50.0}, {"power": 5.0}):
         np.testing.assert_array_equal(worth(reference, kind, **bound), plain)
 
 
@@ -141,19 +146,62 @@ def test_objectives_say_what_they_need():
     assert [kind().needs_metrics for kind in (CostOfTransport, Straightness)] == [True] * 2
     assert not Fitness().needs_metrics
     assert Fitness(Straightness()).needs_metrics
-    assert Fitness(bounds=ActuatorBounds(rate=1.0)).needs_metrics
+    assert Fitness(bounds=ActuatorBounds(power=1.0)).needs_metrics
+    assert not Fitness(bounds=ActuatorBounds(rate=1.0)).needs_metrics
     assert [kind().unit for kind in (Distance, Speed, Straightness)] == ["m", "body lengths/s", ""]
 
 
+def on_a_path(path: np.ndarray, failure: int = 0) -> Outcomes:
+    """One robot whose centre of mass is at (points, 2), m, at the ends of the parts of the time."""
+    points = np.column_stack([path, np.ones(len(path))])[None]
+    one = np.array([1])
+    return Outcomes(points, np.zeros((1, 12, 3)), np.array([failure]), one, one, None, "rk4", 1e-3)
+
+
+def test_steady_speed_is_that_of_the_settled_part(reference):
+    """The first quarter of the time, here spent on the way back, does not count; a failed robot is worth nothing."""
+    x = np.concatenate([np.linspace(5, 0, 6, endpoint=False), np.linspace(0, 9, 19)])
+    path = np.column_stack([0.6 * x, 0.8 * x])
+    speed = SteadySpeed().worth(reference, on_a_path(path), 24.0)
+    np.testing.assert_allclose(speed, [9 / 18], rtol=1e-12)
+    assert np.isnan(SteadySpeed().worth(reference, on_a_path(path, failure=1), 24.0)[0])
+
+
+@pytest.mark.parametrize("turning", [0.4, -0.4])
+def test_steady_turns_are_worth_their_speed_if_they_turn_as_asked(reference, turning):
+    """On a circle of 1/0.4 m, to the left and to the right; what it turns too little or too much is held against it."""
+    angle = np.sign(turning) * np.linspace(0, 4, 25)
+    path = np.column_stack([np.sin(angle), 1 - np.cos(angle)]) / turning
+    length = 2 * np.sin(4 / 24 / 2) / 0.4 * 18
+    bend = np.sign(turning) * 4 / 24 * 18 / length
+    for asked in (turning, 2 * turning, -turning):
+        worth = SteadyTurn(turning=asked).worth(reference, on_a_path(path), 24.0)
+        expected = length / 18 - 2 * min(1, abs(bend - asked))
+        np.testing.assert_allclose(worth, [expected], rtol=1e-9, atol=1e-12)
+
+
 def test_only_a_direction_depends_on_the_heading(reference):
-    """Turned about the vertical, outcomes are worth the same to every other objective, as `any_heading` says."""
+    """Turned about the vertical, outcomes are worth the same to every other objective, as `any_heading` says; and their
+    mirror images are, as `either_hand` says."""
     cosine, sine = np.cos(1.0), np.sin(1.0)
     turn = np.array([[cosine, sine, 0], [-sine, cosine, 0], [0, 0, 1]])
-    as_it_was = outcomes()
-    turned = eqx.tree_at(lambda o: (o.com_start, o.com_end), as_it_was, replace_fn=lambda x: x @ turn)
+    angle = np.linspace(0, 2, 25)
+    bent = on_a_path(np.column_stack([np.sin(angle), 1 - np.cos(angle)]))
     for kind in OBJECTIVES.values():
-        before, after = (kind().worth(reference, found, 8.0)[:2] for found in (as_it_was, turned))
-        assert np.allclose(before, after, rtol=1e-12) == kind.any_heading
+        as_it_was = bent if kind().parts > 1 else outcomes()
+        for matrix, same in ((turn, kind.any_heading), (np.diag([1.0, -1.0, 1.0]), kind.either_hand)):
+            turned = eqx.tree_at(lambda o: o.com_path, as_it_was, replace_fn=lambda x, m=matrix: x @ m)
+            before, after = (kind().worth(reference, found, 8.0)[:2] for found in (as_it_was, turned))
+            assert np.allclose(before, after, rtol=1e-12) == same, kind
+
+
+def test_a_steady_direction_is_the_displacement_along_it(reference):
+    """Over the settled part, in body lengths a second; against it a robot is worth less than one that stands still."""
+    path = np.linspace(0, 1, 25)[:, None] * np.array([12.0, 16.0])
+    for heading, share in ((0.0, 0.6), (np.pi / 2, 0.8), (np.pi, -0.6)):
+        speed = SteadyDirection(heading).worth(reference, on_a_path(path), 40.0)
+        np.testing.assert_allclose(speed, [0.5 * share], rtol=1e-12, atol=1e-12)
+    assert np.isnan(SteadyDirection().worth(reference, on_a_path(path, failure=1), 40.0)[0])
 
 
 @pytest.fixture(scope="module")

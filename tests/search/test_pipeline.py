@@ -14,11 +14,13 @@ import pytest
 
 from jaxgrity import (
     OBJECTIVES,
+    ActuatorBounds,
     InputError,
     Objective,
     Progress,
     SearchConfig,
     SearchResult,
+    Uncertainty,
     find_objective,
     load_states,
     one_gait,
@@ -26,7 +28,7 @@ from jaxgrity import (
     search_gaits,
     with_gait,
 )
-from jaxgrity.search.objectives import standard_error
+from jaxgrity.search.judging import standard_error
 
 pytestmark = pytest.mark.slow
 
@@ -56,6 +58,14 @@ def config():
         generations=(2, 1),
         robots=2,
         objective=objective,
+        bounds=ActuatorBounds(),
+        uncertainty=Uncertainty(phase=0.03),
+        caution=0.0,
+        amplitude=None,
+        frequency=None,
+        waves="none",
+        both_models=False,
+        wide=False,
         polish_rollouts=96,
         polish_gaits=1,
     )

@@ -11,6 +11,7 @@ from jaxgrity import (
     PolishConfig,
     SearchProblem,
     SolverOptions,
+    SteadySpeed,
     Straightness,
     Uncertainty,
     check_polish,
@@ -123,9 +124,9 @@ def test_bad_polish_configs_are_refused(exact):
     """An unknown gradient, too few rollouts, and a pathwise gradient of what needs metrics."""
     with pytest.raises(InputError, match="polishing by 'exact': unknown"):
         polished(exact, SMALL._replace(kind="exact"))
-    with pytest.raises(InputError, match="8 rollouts of polish: expected 128 or more, for 2 climbs"):
+    with pytest.raises(InputError, match=r"8 rollouts of polish: expected 128 or more \(climbs: 2\)"):
         polished(exact, SMALL._replace(rollouts=8), starts=2)
-    with pytest.raises(InputError, match="80 rollouts of polish: expected 128 or more, for 2 climbs"):
+    with pytest.raises(InputError, match=r"80 rollouts of polish: expected 128 or more \(climbs: 2\)"):
         check_polish(SMALL._replace(rollouts=2 * 16 + 48), ROBUST, 2)
     check_polish(SMALL._replace(rollouts=2 * (16 + 48)), ROBUST, 2)
     measured = Fitness(Straightness())
@@ -134,5 +135,7 @@ def test_bad_polish_configs_are_refused(exact):
     cautious = Fitness(uncertainty=Uncertainty(phase=0.03), robots=4, caution=1.0)
     with pytest.raises(InputError, match="caution has no pathwise gradient"):
         polished(exact, SMALL._replace(kind="combined"), fitness=cautious)
+    with pytest.raises(InputError, match="a steady objective has no pathwise gradient"):
+        polished(exact, SMALL._replace(kind="pathwise"), fitness=Fitness(SteadySpeed()))
     with pytest.raises(InputError, match="samples = 5: expected an even number"):
         polished(exact, SMALL._replace(samples=5))

@@ -1,0 +1,256 @@
+"""The tables about gaits, of README and docs/gaits.md: what they quote, and how they say it."""
+
+import numpy as np
+from pages import made_by, table
+
+from jaxgrity import gait_names, gait_record
+
+Facts = dict
+
+MOST = 0.9
+"""share of robots that have to roll"""
+
+
+def gait_search_facts(raw: Facts) -> Facts:
+    """The gait, what it is worth, and how it was found."""
+    steady = {name: value for name, value in raw["steady"].items() if name != "windows"}
+    return {
+        **{name: raw[name] for name in ("command", "wall_seconds", "stage_seconds")},
+        "steady": steady,
+        "robots": raw["robust"]["robots"],
+        "rollouts": sum(search["rollouts"] for search in raw["searches"]),
+        "polish": raw["polish"]["reason"],
+        "actuators": {name: raw["actuators"][name] for name in ("peak_force", "peak_rate", "peak_power")},
+    }
+
+
+def gait_search_table(facts: Facts) -> str:
+    steady, size = facts["steady"], facts["steady"]["body_length"]
+    robust, other = steady["robust"], steady["other_contact_model"]
+    seconds = facts["stage_seconds"]
+    stages = ", ".join(f"{name} {spent:.0f} s" for name, spent in seconds.items())
+    cycle = (
+        f"{steady['periods']} periods of {steady['period']:.2f} s; shapes return to {1000 * steady['residual']:.1g} mm"
+    )
+    rows = [
+        ["steady speed", f"**{steady['speed'] / size:.3f} ± {steady['speed_error_bar'] / size:.1g} body lengths/s**"],
+        ["watched for", f"{steady['verified_for']:.0f} s"],
+        [
+            "settled after",
+            f"{steady['settled_after']:.0f} s, and then in no 10 s slower than {steady['slowest_window']:.3f} m/s",
+        ],
+        ["turning", f"{_whole_zero(np.degrees(steady['turning'])):.2f} °/s"],
+        ["a cycle", cycle],
+        ["a disturbance is multiplied in a cycle by", f"{steady['multiplier']:.2g}"],
+        [
+            f"over {facts['robots']} robots that differ",
+            f"{robust['mean'] / size:.3f} ± {robust['standard_deviation'] / size:.2g} body lengths/s",
+        ],
+        [
+            "the same on the other contact model",
+            f"{other['speed'] / size:.3f} ± {other['standard_deviation'] / size:.2g} body lengths/s",
+        ],
+        ["asked of an actuator, at most", _peaks(facts["actuators"])],
+        ["rollouts of the search", f"{facts['rollouts']}"],
+        ["polish", facts["polish"]],
+        ["wall time of the search", f"{facts['wall_seconds']:.0f} s: {stages}"],
+    ]
+    return table(["the gait that `make gait` finds", "measured"], rows) + made_by(facts, "gait_search", "docs/measured")
+
+
+def orbits_facts(raw: Facts) -> Facts:
+    """Of each gait on each contact model: its orbit."""
+    names = (
+        "gait", "contact", "own", "settled", "speed", "speed_error_bar", "slowest_window", "turning", "periods",
+        "residual", "multiplier", "returned", "settled_after", "verified_for", "body_length", "body_lengths_per_second",
+    )  # fmt: skip
+    return {"command": raw["command"], "rows": [{name: row[name] for name in names} for row in raw["rows"]]}
+
+
+def orbits_table(facts: Facts) -> str:
+    head = [
+        "gait", "contact", "speed, body lengths/s", "slowest 10 s, m/s", "turning, °/s", "cycle, periods",
+        "shape returns to", "a disturbance is multiplied in a cycle by", "robots that return",
+        "settled after", "watched for",
+    ]  # fmt: skip
+    return table(head, [_orbit_row(row) for row in facts["rows"]]) + made_by(facts, "orbits")
+
+
+def _orbit_row(row: Facts) -> list[str]:
+    contact = f"{row['contact']}, its own" if row["own"] else row["contact"]
+    if not row["settled"] or row["slowest_window"] is None:
+        return [row["gait"], contact, f"{row['body_lengths_per_second']:.2f}, no orbit", *["-"] * 7, _seconds(row)]
+    bar = row["speed_error_bar"] / row["body_length"] if row["speed_error_bar"] is not None else np.inf
+    grows = "-" if row["multiplier"] is None or not np.isfinite(row["multiplier"]) else f"{row['multiplier']:.2g}"
+    returned = "-" if row["returned"] is None else f"{100 * row['returned']:.0f} %"
+    return [
+        row["gait"],
+        contact,
+        f"{row['body_lengths_per_second']:.3f} ± {bar:.1g}",
+        f"{row['slowest_window']:.2f}",
+        f"{_whole_zero(np.degrees(row['turning'])):.1f}",
+        f"{row['periods']}",
+        f"{1000 * row['residual']:.2g} mm",
+        grows,
+        returned,
+        f"{row['settled_after']:.0f} s",
+        _seconds(row),
+    ]
+
+
+def basin_facts(raw: Facts) -> Facts:
+    """What becomes of robots that are dropped anyhow."""
+    return {name: raw[name] for name in ("command", "robots", "rows")}
+
+
+def basin_table(facts: Facts) -> str:
+    head = ["gait", "contact", "robots that roll after 15 s", "in the end", "median time until they roll"]
+    rows = [
+        [
+            row["gait"],
+            f"{row['contact']}, its own" if row["own"] else row["contact"],
+            f"{100 * row['rolling_after_15_s']:.0f} %",
+            f"{100 * row['rolling']:.0f} %",
+            f"{row['median_seconds_until']:.0f} s",
+        ]
+        for row in facts["rows"]
+    ]
+    return table(head, rows) + made_by(facts, "basin")
+
+
+def third_opinions_facts(raw: Facts) -> Facts:
+    """Speeds by program."""
+    return {name: raw[name] for name in ("command", "robots", "rows")}
+
+
+def third_opinions_table(facts: Facts) -> str:
+    rows = [[row["engine"], f"{row['mean']:.3f} ± {row['standard_deviation']:.2g}"] for row in facts["rows"]]
+    return table(["program", "steady speed, body lengths/s"], rows) + made_by(facts, "third_opinions")
+
+
+def ranges_facts(raw: Facts) -> Facts:
+    """Of each quantity, the values that are next to each other about the gait's own where nine robots of ten roll."""
+    rows = []
+    for contact, quantity in dict.fromkeys((row["contact"], row["quantity"]) for row in raw["rows"]):
+        scan = [row for row in raw["rows"] if (row["contact"], row["quantity"]) == (contact, quantity)]
+        rolls = [row["rolling"] >= MOST for row in scan]
+        middle = min(range(len(scan)), key=lambda k: abs(np.log(scan[k]["factor"])))
+        low = high = middle
+        while low > 0 and rolls[low - 1]:
+            low -= 1
+        while high < len(scan) - 1 and rolls[high + 1]:
+            high += 1
+        means = [row["mean"] for row in scan[low : high + 1] if row["mean"] is not None]
+        ends = {"from": scan[low]["factor"], "to": scan[high]["factor"], "whole": low == 0 and high == len(scan) - 1}
+        speeds = {"slowest": min(means, default=None), "fastest": max(means, default=None)}
+        rows.append({"contact": contact, "quantity": quantity, "at_the_gait": rolls[middle], **ends, **speeds})
+    return {"command": raw["command"], "robots": raw["robots"], "rows": rows}
+
+
+def ranges_table(facts: Facts) -> str:
+    rows = [
+        [
+            row["quantity"],
+            row["contact"],
+            f"{row['from']:.2f} to {row['to']:.2f} times" if row["at_the_gait"] else "-",
+            f"{row['slowest']:.2f} to {row['fastest']:.2f}" if row["slowest"] is not None else "-",
+        ]
+        for row in facts["rows"]
+    ]
+    head = ["quantity", "contact", "90 % of the robots roll at", "speed there, body lengths/s"]
+    return table(head, rows) + made_by(facts, "ranges")
+
+
+def robots_that_differ_facts(raw: Facts) -> Facts:
+    """Speeds over robots that differ."""
+    return {name: raw[name] for name in ("command", "robots", "rows")}
+
+
+def robots_that_differ_table(facts: Facts) -> str:
+    head = [
+        "gait",
+        "contact",
+        "as the scene says, body lengths/s",
+        f"{facts['robots']} robots that differ",
+        "share of it",
+    ]
+    return table([*head, "robots above 85 %"], [_robots_row(row) for row in facts["rows"]]) + made_by(
+        facts, "robots_that_differ"
+    )
+
+
+def _robots_row(row: Facts) -> list[str]:
+    mean, spread = (row[name] / row["nominal"] for name in ("mean", "standard_deviation"))
+    return [
+        row["gait"],
+        f"{row['contact']}, its own" if row["own"] else row["contact"],
+        f"{row['nominal']:.3f}",
+        f"{row['mean']:.3f} ± {row['standard_deviation']:.2g}",
+        f"{100 * mean:.0f} % ± {100 * spread:.0f} %",
+        f"{100 * row['rolling']:.0f} %",
+    ]
+
+
+def orbits_of_searches_facts(raw: Facts) -> Facts:
+    """How many of the gaits that short searches found settle, and how well the error bars of their speeds hold."""
+    return {name: raw[name] for name in ("command", "searches", "rows")}
+
+
+def orbits_of_searches_table(facts: Facts) -> str:
+    head = ["contact", "gaits on an orbit", "speed within 1 % of that at 1/8 of the step"]
+    head += ["within the error bar", "off by, in the median", "error bar, in the median"]
+    rows = [
+        [
+            row["contact"],
+            f"{row['settled']} of {row['gaits']}",
+            *(f"{100 * row[name]:.0f} %" for name in ("within_a_hundredth", "covered")),
+            *(f"{100 * row[name]:.2g} %" for name in ("median_off", "median_bar")),
+        ]
+        for row in facts["rows"]
+    ]
+    return table(head, rows) + made_by(facts, "orbits_of_searches")
+
+
+def gaits_table() -> str:
+    """The gaits that come with the library, from their records in the package."""
+    head = [
+        "gait", "scene", "steady speed, body lengths/s", "for", "turning, °/body length",
+        "a disturbance is multiplied in a cycle by",
+        "robots that differ", "on the other contact model", "peak of an actuator",
+    ]  # fmt: skip
+    return table(head, [_gait_row(name) for name in gait_names()])
+
+
+def _gait_row(name: str) -> list[str]:
+    record = gait_record(name)
+    steady, size = record["steady"], record["steady"]["body_length"]
+    ensembles = (record["robust"], record["other_contact_model"])
+    bend = np.degrees(steady["turning"]) / (steady["speed"] / size)
+    return [
+        f"`{name}`",
+        record["scene"],
+        f"{steady['speed'] / size:.3f} ± {steady['speed_error_bar'] / size:.1g}",
+        f"{steady['verified_for']:.0f} s",
+        f"{_whole_zero(bend):.0f}",
+        f"{steady['multiplier']:.2g}",
+        *(f"{each['mean']:.2f} ± {each['standard_deviation']:.2g}" for each in ensembles),
+        _peaks(record["actuators"]),
+    ]
+
+
+def gait_commands() -> str:
+    """The commands that found the library's gaits."""
+    return "\n".join(f"    # {name}\n    {gait_record(name)['command']}" for name in gait_names())
+
+
+def _peaks(asked: Facts) -> str:
+    return f"{asked['peak_force']:.0f} N, {asked['peak_rate']:.2f} m/s, {asked['peak_power']:.0f} W"
+
+
+def _whole_zero(value: float) -> float:
+    """Without a sign where it is rounding alone."""
+    return 0.0 if abs(value) < 1e-6 else value
+
+
+def _seconds(row: Facts) -> str:
+    return f"{row['verified_for']:.0f} s"

@@ -1,0 +1,131 @@
+"""From which drops robots get onto the orbit of a gait: random poses, heights and velocities, on both contact models.
+
+Each robot is turned at random, dropped from up to one body length with a random velocity and spin, and actuated by the
+gait as it is. The figure shows the share of robots that roll at the gait's speed, as time passes.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from jaxgrity.cli.script import measured, run
+
+import numpy as np
+from matplotlib.figure import Figure
+from scipy.spatial.transform import Rotation
+from tqdm import tqdm
+
+from jaxgrity import (
+    Differences,
+    InputError,
+    Scene,
+    body_length,
+    contact_twin,
+    find_orbit,
+    gait_names,
+    gait_record,
+    gaits_of,
+    load_gait,
+    load_scene,
+    plot,
+    simulate_population,
+    with_gait,
+)
+from jaxgrity.io.files import save_json
+
+SPEED, SPIN = 1.0, 2.0
+"""m/s and rad/s, standard deviations of the components of the velocity and of the spin at the start"""
+PART = 5.0
+"""s, over each of which speeds are measured"""
+ENOUGH = 0.85
+"""share of the orbit's speed, in the last part, from which on a robot counts as rolling"""
+
+
+@dataclass
+class Settings:
+    gaits: tuple[str, ...] = ("lasting",)
+    """names of the library's gaits"""
+    robots: int = 256
+    duration: float = 60.0
+    """s"""
+    seed: int = 0
+    """of the drops"""
+    out: Path = Path("results/basin")
+    """folder for basin.json and its figure"""
+    quick: bool = False
+    """8 robots, 20 s, on the gait's own scene alone"""
+
+
+def main(settings: Settings) -> None:
+    if settings.quick:
+        settings.robots, settings.duration = 8, 20.0
+    unknown = sorted(set(settings.gaits) - set(gait_names()))
+    if unknown:
+        raise InputError(f"gaits = {unknown}: unknown; expected some of {', '.join(gait_names())}")
+    cases = [(name, contact) for name in settings.gaits for contact in ("own", "other")[: 2 - settings.quick]]
+    rows, shares = [], {}
+    for name, contact in tqdm(cases, unit="case"):
+        own = with_gait(load_scene(gait_record(name)["scene"]), load_gait(name))
+        scene = own if contact == "own" else contact_twin(own)
+        where = "exact" if scene.constrained else "penalty"
+        orbit = find_orbit(scene, max(120.0, 2 * settings.duration))
+        speeds = dropped(scene, settings)
+        rolling = speeds >= ENOUGH * orbit.speed
+        shares[f"{name}, {where}"] = rolling.mean(0)
+        rows.append({"gait": name, "contact": where, "own": contact == "own", "speed": orbit.speed, **told(rolling)})
+    save_json(settings.out / "basin.json", {**measured(), "robots": settings.robots, "rows": rows})
+    plot.save(figure(shares), settings.out / "basin.png")
+    print("\n".join(f"{row['gait']}, {row['contact']}: {row['rolling']:.0%} roll in the end" for row in rows))
+    print(f"wrote {settings.out}/")
+
+
+def told(rolling: np.ndarray) -> dict[str, Any]:
+    """Of (robots, parts), whether each rolls in each part of the time."""
+    first = np.where(rolling.any(1), rolling.argmax(1), rolling.shape[1])
+    return {
+        "rolling": float(rolling[:, -1].mean()),
+        "rolling_after_15_s": float(rolling[:, int(15.0 / PART) - 1].mean()),
+        "median_seconds_until": float(np.median(first) * PART),
+    }
+
+
+def dropped(scene: Scene, settings: Settings) -> np.ndarray:
+    """(robots, parts), m/s, the speed of each robot in each part of the time; 0 where its rollout failed."""
+    assert scene.gait is not None, "a gait of the library"
+    q, v = drops(scene, settings.robots, settings.seed)
+    gaits = gaits_of(scene.gait, np.repeat(np.asarray(scene.gait.phase)[None], settings.robots, axis=0))
+    parts = round(settings.duration / PART)
+    outcomes = simulate_population(
+        scene, gaits, settings.duration, differences=Differences(positions=q, velocities=v), parts=parts
+    )
+    moved = np.linalg.norm(np.diff(np.asarray(outcomes.com_path)[:, :, :2], axis=1), axis=2)
+    return np.where((np.asarray(outcomes.failure) == 0)[:, None], moved / PART, 0.0)
+
+
+def drops(scene: Scene, robots: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Positions, m, and velocities, m/s, (robots, nodes, 3), of robots in the air: rigid motions, any way up."""
+    draw = np.random.default_rng(seed)
+    mass, x = np.asarray(scene.structure.lumped_mass, float), np.asarray(scene.structure.nodes, float)
+    body = x - mass @ x / mass.sum()
+    turned = np.einsum("rij,nj->rni", Rotation.random(robots, rng=draw).as_matrix(), body)
+    height = draw.uniform(0, float(body_length(scene)), robots)
+    q = turned - turned[:, :, 2].min(1)[:, None, None] * [0, 0, 1] + height[:, None, None] * [0, 0, 1]
+    spin = draw.normal(0, SPIN, (robots, 1, 3))
+    return q, draw.normal(0, SPEED, (robots, 1, 3)) + np.cross(spin, turned)
+
+
+@plot.styled
+def figure(shares: dict[str, np.ndarray]) -> Figure:
+    """The share of robots that roll, over time."""
+    chart = Figure(figsize=(6, 3.5), layout="constrained")
+    axes = chart.subplots()
+    for name, share in shares.items():
+        times = PART * np.arange(len(share) + 1)
+        axes.stairs(100 * share, times, label=name, baseline=None, linewidth=1.8)
+    axes.set(xlabel="time since the drop (s)", ylabel="robots that roll (%)", ylim=(0, 103))
+    axes.legend()
+    return chart
+
+
+if __name__ == "__main__":
+    run(main, Settings)

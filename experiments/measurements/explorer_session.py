@@ -1,0 +1,110 @@
+"""Measure a long session of the explorer: its memory, how soon a slider answers, and what is compiled."""
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from jaxgrity.cli.script import measured, run
+
+import jax
+import numpy as np
+from tqdm import tqdm
+
+from jaxgrity import InputError
+from jaxgrity.cli.explore import Page, served
+from jaxgrity.io.files import save_json
+
+SETTLED_AFTER = 20
+"""rollouts, by which everything has been done once"""
+PATIENCE = 300.0
+"""s, for a single rollout"""
+
+
+@dataclass
+class Settings:
+    scene: str = "exact"
+    """a scene of the library"""
+    duration: float = 10.0
+    """s of motion"""
+    rollouts: int = 500
+    """in one session"""
+    out: Path = Path("results/explorer_session")
+    """folder for explorer_session.json"""
+    quick: bool = False
+    """40 rollouts of 2 s"""
+
+
+def main(settings: Settings) -> None:
+    """Move sliders over and over, as somebody would who waits for each rollout and its error bar."""
+    if not Path("/proc/self/statm").exists():
+        raise InputError("/proc/self/statm: not there; expected Linux, which says how large a process is")
+    if settings.quick:
+        settings.rollouts, settings.duration = 40, 2.0
+    began = time.perf_counter()
+    with served((settings.scene,), settings.duration) as (page, _):
+        wait_until(lambda: "±" in page.words)
+        first = time.perf_counter() - began
+        facts = session(page, settings.rollouts)
+    facts = {
+        **measured(),
+        "scene": settings.scene,
+        "duration": settings.duration,
+        "first_picture_seconds": first,
+    } | facts
+    save_json(settings.out / "explorer_session.json", facts)
+    print(
+        f"{settings.rollouts} rollouts: {facts['megabytes_settled']:.0f} MB after {SETTLED_AFTER}, "
+        f"at most {facts['largest_growth']:.1%} more later\n"
+        f"a slider answers within {facts['slowest_answer']:.2f} s, in the median {facts['median_answer']:.2f} s\n"
+        f"{facts['compiled_later']} programs compiled after the first {SETTLED_AFTER} rollouts"
+    )
+
+
+def session(page: Page, rollouts: int) -> dict:
+    """What becomes of the process's size (MB), of the time until a rollout is shown (s), and of compilation."""
+    rng, compiled = np.random.default_rng(0), []
+    listen = lambda name, seconds, **_: compiled.append(name) if "backend_compile" in name else None  # noqa: E731
+    jax.monitoring.register_event_duration_secs_listener(listen)
+    sizes, answers, early = [], [], 0
+    for number in tqdm(range(rollouts), unit="rollout"):
+        name = rng.choice(sorted(page.sliders))
+        slider, done = page.sliders[name], page.rollouts
+        moved = time.perf_counter()
+        places = np.round(np.arange(slider.min, slider.max, slider.step), 2)
+        slider.value = float(rng.choice(places[places != slider.value]))  # where it is already, it would not move
+        wait_until(lambda done=done: page.rollouts > done)
+        answers.append(time.perf_counter() - moved)
+        wait_until(lambda: "…" not in page.words)
+        sizes.append(megabytes())
+        early = len(compiled) if number < SETTLED_AFTER else early
+    jax.monitoring.unregister_event_duration_listener(listen)
+    settled, later = sizes[SETTLED_AFTER - 1], sizes[SETTLED_AFTER:]
+    return {
+        "rollouts": rollouts,
+        "megabytes_settled": settled,
+        "megabytes_at_the_end": sizes[-1],
+        "largest_growth": max(later) / settled - 1,
+        "median_answer": float(np.median(answers)),
+        "slowest_answer": max(answers),
+        "compiled_later": len(compiled) - early,
+        "megabytes": sizes[:: max(1, rollouts // 50)],
+    }
+
+
+def megabytes() -> float:
+    """The resident size of this process."""
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * 4096 / 1e6
+
+
+def wait_until(condition) -> None:
+    """Raises `InputError` where it takes too long."""
+    end = time.monotonic() + PATIENCE
+    while not condition():
+        if time.monotonic() > end:
+            raise InputError(f"the explorer did not answer within {PATIENCE:g} s")
+        time.sleep(0.005)
+
+
+if __name__ == "__main__":
+    run(main, Settings)

@@ -1,0 +1,193 @@
+"""What feedback wins over the open loop: drops, pushes, bumps, friction and late sensors, on both contact models.
+
+Robots are dropped as in basin.py, half of them actuated by the gait as it is, and half with its clock locked to their
+rolling. After 15 s all are pushed by 1 N s, each in a direction of its own.
+"""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
+
+from jaxgrity.cli.script import measured, run
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from basin import ENOUGH, PART, drops
+from matplotlib.figure import Figure
+from tqdm import tqdm
+
+from jaxgrity import (
+    Differences,
+    Drive,
+    Loop,
+    PhaseLocked,
+    Plant,
+    Scene,
+    Sensors,
+    SolverOptions,
+    as_dtype,
+    bumps,
+    contact_twin,
+    drive,
+    gait_record,
+    load_gait,
+    load_scene,
+    loop_start,
+    plant_of,
+    plot,
+    side_by_side,
+    with_gait,
+)
+from jaxgrity.io.files import save_json
+
+SETTLING = 15.0
+"""s, until robots are pushed"""
+IMPULSE = 1.0
+"""N s"""
+BUMPS, LENGTH = 0.02, 0.8
+"""m, standard deviation and length of bumps"""
+OPEN, CLOSED = "open loop", "feedback"
+
+
+@dataclass
+class Settings:
+    robots: int = 256
+    """for each of the two"""
+    friction: tuple[float, ...] = (0.2, 0.35, 0.7, 1.0)
+    """coefficients"""
+    delays: tuple[float, ...] = (0.1,)
+    """s, of all sensors"""
+    contact: Literal["exact", "penalty"] = "exact"
+    """its model"""
+    seed: int = 0
+    """of drops, pushes and bumps"""
+    out: Path = Path("results/feedback")
+    """folder for feedback_CONTACT.json and its figure"""
+    quick: bool = False
+    """8 robots, one coefficient of friction, one delay"""
+
+
+def main(settings: Settings) -> None:
+    if settings.quick:
+        settings.robots, settings.friction, settings.delays = 8, (0.5,), (0.1,)
+    gait = load_gait("lasting")
+    own = with_gait(load_scene("exact"), gait)
+    speed = float(gait_record("lasting")["steady"]["speed"])
+    rows: list[dict[str, Any]] = []
+    scene = own if settings.contact == "exact" else contact_twin(own)
+    plant = plant_of(scene, gait.members, options=_options(scene))
+    name = settings.out / f"feedback_{settings.contact}"
+    for case, values in tqdm(_cases(plant, settings, speed), unit="case"):
+        rows += [{"case": case, "policy": policy, **told} for policy, told in values.items()]
+        save_json(f"{name}.json", {**measured(), **_said(settings, speed), "rows": rows})
+    plot.save(figure(rows), f"{name}.png")
+    for row in rows:
+        print(f"{row['case']}, {row['policy']}: {row['rolling']:.0%}, {row['speed']:.2f} m/s")
+    print(f"wrote {settings.out}/")
+
+
+def _options(scene: Scene) -> SolverOptions:
+    return SolverOptions(dt=0.01 if scene.constrained else None, dtype="float32")
+
+
+def _said(settings: Settings, speed: float) -> dict[str, Any]:
+    return {"robots": settings.robots, "orbit_speed": speed, "impulse": IMPULSE, "bumps": BUMPS, "settling": SETTLING}
+
+
+def _cases(plant: Plant, settings: Settings, speed: float):
+    """The name of each case, and of both policies the share of robots that roll, and their mean speed, m/s."""
+    there = dropped(plant, settings)
+    yield f"dropped, after {SETTLING:.0f} s", _told(there, speed)
+    rolled = _speeds(there) >= ENOUGH * speed
+    yield f"pushed by {IMPULSE:.0f} N s", _told(pushed(plant, settings, there.end), speed, among=rolled)
+    for mu in settings.friction:
+        factor = np.full(2 * settings.robots, mu / float(plant.scene.friction.sliding_mu))
+        yield f"friction {mu:g}", _told(dropped(plant, settings, factor), speed)
+    for delay in settings.delays:
+        late = replace(plant, sensors=Sensors(delay=round(delay / plant.period)))
+        yield f"sensors {1000 * delay:.0f} ms late", _told(dropped(late, settings), speed)
+    rough = _on_bumps(plant.scene, settings.seed)
+    uneven = plant_of(rough, plant.members, options=_options(rough))
+    yield f"bumps of {100 * BUMPS:.0f} cm", _told(dropped(uneven, settings), speed)
+
+
+def _on_bumps(scene: Scene, seed: int) -> Scene:
+    ground = replace(scene.ground, incline=0.0, surface=bumps(BUMPS, LENGTH, seed))
+    high = scene.structure.nodes + np.array([0, 0, 4 * BUMPS])
+    return replace(scene, ground=ground, structure=replace(scene.structure, nodes=high))
+
+
+def _policy(robots: int) -> PhaseLocked:
+    """The first half of the robots in the open loop, the other with feedback."""
+    gait = load_gait("lasting")
+    rows = jax.tree.map(lambda x: jnp.repeat(jnp.asarray(x)[..., None], 2 * robots, axis=-1), PhaseLocked(gait))
+    return as_dtype(replace(rows, gains=rows.gains * (jnp.arange(2 * robots) >= robots)), "float32")
+
+
+def dropped(plant: Plant, settings: Settings, friction: np.ndarray | None = None) -> Drive:
+    """Both halves from the same drops; where they get to in `SETTLING`."""
+    count = settings.robots
+    many = side_by_side(plant, 2 * count, Differences(friction=np.ones(2 * count) if friction is None else friction))
+    height = np.array([0, 0, 4 * BUMPS if plant.scene.ground.surface is not None else 0.0])
+    q, v = (np.tile(x, (2, 1, 1)) for x in drops(plant.scene, count, settings.seed))
+    start = np.moveaxis(q + height, 0, -1), np.moveaxis(v, 0, -1)
+    policy = _policy(count)
+    loop = loop_start(many, policy, jax.random.key(settings.seed), start, each=True)
+    return _driven(many, policy, loop)
+
+
+def pushed(plant: Plant, settings: Settings, loop: Loop) -> Drive:
+    """Each robot with the impulse in a direction of its own, the same in both halves, from wherever it is."""
+    count = settings.robots
+    many = side_by_side(plant, 2 * count, Differences(friction=np.ones(2 * count)))
+    angle = np.tile(np.random.default_rng(settings.seed).uniform(0, 2 * np.pi, count), 2)
+    kick = IMPULSE / float(plant.scene.structure.mass) * np.stack([np.cos(angle), np.sin(angle), 0 * angle])
+    q, v = loop.plant.motion
+    state = loop.plant._replace(motion=(q, v + jnp.asarray(kick, v.dtype)))
+    return _driven(many, _policy(count), loop._replace(plant=state))
+
+
+def _driven(many: Plant, policy: PhaseLocked, loop: Loop) -> Drive:
+    return drive(many, policy, loop, round(PART / many.period), round(SETTLING / PART), each=True)
+
+
+def _speeds(there: Drive) -> np.ndarray:
+    """(robots,), m/s, in the last part of the time; 0 where the rollout failed."""
+    path = np.asarray(there.path)[-2:, :2]
+    return np.where(np.asarray(there.failure) == 0, np.linalg.norm(path[1] - path[0], axis=0) / PART, 0.0)
+
+
+def _told(there: Drive, speed: float, among: np.ndarray | None = None) -> dict[str, dict[str, float]]:
+    """Of each half, among those robots that count: the share that roll as fast as the orbit, nearly, and the mean."""
+    speeds = _speeds(there).reshape(2, -1)
+    counted = np.ones(speeds.shape, bool) if among is None else among.reshape(2, -1)
+    return {
+        name: {
+            "rolling": float(np.mean(own[chosen] >= ENOUGH * speed)) if chosen.any() else 0.0,
+            "speed": float(own[chosen].mean()) if chosen.any() else 0.0,
+            "counted": int(chosen.sum()),
+        }
+        for name, own, chosen in zip((OPEN, CLOSED), speeds, counted)
+    }
+
+
+@plot.styled
+def figure(rows: list[dict[str, Any]]) -> Figure:
+    """The share of robots that roll in every case."""
+    chart = Figure(figsize=(6, 3.8), layout="constrained")
+    axes = chart.subplots()
+    for k, policy in enumerate((OPEN, CLOSED)):
+        own = [row for row in rows if row["policy"] == policy]
+        places = np.arange(len(own)) + 0.4 * (k - 0.5)
+        axes.barh(places, [100 * row["rolling"] for row in own], height=0.38, label=policy)
+        axes.set_yticks(np.arange(len(own)), [row["case"] for row in own])
+    axes.set(xlabel="robots that roll (%)", xlim=(0, 103))
+    axes.grid(axis="y", visible=False)
+    axes.invert_yaxis()
+    chart.legend(loc="outside upper right", ncols=2)
+    return chart
+
+
+if __name__ == "__main__":
+    run(main, Settings)

@@ -1,0 +1,93 @@
+"""The orbits of gaits of the library: how fast each goes once it has settled, how it turns, and whether it comes back.
+
+Every gait is rolled out on its own scene and on the contact twin, each at three steps. The figure shows the path of the
+centre of mass on both.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from jaxgrity.cli.script import measured, run
+
+import numpy as np
+from matplotlib.figure import Figure
+from tqdm import tqdm
+
+from jaxgrity import (
+    InputError,
+    Scene,
+    centre_path,
+    contact_twin,
+    find_orbit,
+    gait_names,
+    gait_record,
+    load_gait,
+    load_scene,
+    plot,
+    refined_orbit,
+    simulate,
+    stability,
+    with_gait,
+)
+from jaxgrity.io.files import save_json
+
+
+@dataclass
+class Settings:
+    gaits: tuple[str, ...] = ("lasting", "fast", "left", "right")
+    """names of the library's gaits; slow ones need a longer time"""
+    duration: float = 120.0
+    """s, for which each gait is watched"""
+    out: Path = Path("results/orbits")
+    """folder for orbits.json and its figure"""
+    quick: bool = False
+    """one gait, on the exact scene alone, at one step"""
+
+
+def main(settings: Settings) -> None:
+    unknown = sorted(set(settings.gaits) - set(gait_names()))
+    if unknown:
+        raise InputError(f"gaits = {unknown}: unknown; expected some of {', '.join(gait_names())}")
+    names = settings.gaits[:1] if settings.quick else settings.gaits
+    rows, paths = [], {}
+    for name in tqdm(names, desc="gaits", unit="gait"):
+        own = with_gait(load_scene(gait_record(name)["scene"]), load_gait(name))
+        for scene in (own,) if settings.quick else (own, contact_twin(own)):
+            where = "exact" if scene.constrained else "penalty"
+            known = {"gait": name, "contact": where, "own": scene is own}
+            rows.append(known | row(scene, settings.duration, settings.quick))
+            trajectory = simulate(scene, settings.duration, frame_rate=5)
+            paths[f"{name}, {where}"] = np.asarray(centre_path(scene, trajectory))[:, :2]
+    save_json(settings.out / "orbits.json", {**measured(), "rows": rows})
+    plot.save(figure(paths), settings.out / "orbits.png")
+    print(f"{settings.out}/orbits.json, orbits.png")
+
+
+def row(scene: Scene, duration: float, quick: bool) -> dict[str, Any]:
+    """The orbit of one gait on one scene."""
+    orbit, bar = (find_orbit(scene, duration), None) if quick else refined_orbit(scene, duration)
+    held = stability(scene, orbit) if orbit.verified_for else None
+    return {
+        **orbit.summary(),
+        "speed_error_bar": bar,
+        "multiplier": None if held is None else held.largest,
+        "returned": None if held is None else held.returned,
+    }
+
+
+@plot.styled
+def figure(paths: dict[str, np.ndarray]) -> Figure:
+    """The paths of the centre of mass, seen from above."""
+    chart = Figure(figsize=(8, 5), layout="constrained")
+    axes = chart.subplots()
+    for name, path in paths.items():
+        axes.plot(*(path - path[0]).T, "-" if name.endswith("exact") else "--", label=name)
+    axes.set(xlabel="x (m)", ylabel="y (m)", title="centre of mass, from above")
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.legend()
+    return chart
+
+
+if __name__ == "__main__":
+    run(main, Settings)

@@ -1,0 +1,257 @@
+"""Random structures, dropped and actuated: how many of them the step gets through, beside sweeps alone.
+
+Each structure (1 to 30 rigid struts, up to six of them at a node, loops, cables, rods with mass, supports) is rolled
+out with several sets of masses, coefficients of friction and phases. Sweeps know neither rods with mass nor
+supports: they get the same structures with each rod's mass at its ends and without supports.
+"""
+
+import dataclasses
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+from jaxgrity.cli.script import measured, run
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from tqdm import tqdm
+
+from jaxgrity import (
+    ConeFriction,
+    Differences,
+    ExactGround,
+    Gait,
+    Members,
+    Scene,
+    SolverOptions,
+    Structure,
+    as_dtype,
+    discretise_lanes,
+    edge_lengths,
+    in_lanes,
+    lanes_last,
+    over_lanes,
+    resolve,
+    rest_length,
+)
+from jaxgrity.io.files import save_json
+
+STEP = 5e-3
+"""s"""
+CABLES = 0.02
+"""K h^2/m of a cable for the lighter of its nodes, shared by the cables there: far below what is stable"""
+
+
+@dataclass
+class Settings:
+    structures: int = 100
+    """how many"""
+    variants: int = 20
+    """sets of masses, coefficients and phases of each"""
+    duration: float = 3.0
+    """s, of each rollout"""
+    seed: int = 0
+    """the same seed gives the same structures"""
+    out: Path = Path("results/random_structures")
+    """folder for random_structures.json"""
+    quick: bool = False
+    """three structures for a quarter of a second"""
+
+
+class Verdict(NamedTuple):
+    """What became of a structure's variants, an entry each."""
+
+    flagged_at: np.ndarray
+    """s, when the step gave up; NaN where it did not"""
+    residual: np.ndarray
+    """m/s, the largest by which velocities missed what the impulses make of them, up to then"""
+    stretch: np.ndarray
+    """the largest share of its length by which a strut was off, up to then"""
+    depth: np.ndarray
+    """m, the largest by which a node was below the ground, up to then"""
+
+
+def random_scene(seed: int) -> Scene:
+    """A structure above level ground with a gait, by its seed."""
+    rng = np.random.default_rng(seed)
+    count, most = int(rng.integers(1, 31)), int(rng.integers(1, 7))
+    nodes, edges = _grown(rng, count, most)
+    size = len(nodes)
+    nodes[:, 2] += rng.uniform(0, 0.3) - nodes[:, 2].min()
+    node_mass = 10 ** rng.uniform(-1, 1, size)
+    rods = 10 ** rng.uniform(-1, 1, count) * (rng.random(count) < 0.7) if rng.random() < 0.5 else None
+    fixed = ()
+    if rng.random() < 0.3:
+        fixed = ((int(np.argmax(nodes[:, 2])), str(rng.choice(["xyz", "xyz", "xy", "z", "xz"]))),)
+    struts = Members(edges, None, edge_lengths(nodes, edges), mass=rods)
+    structure = Structure(nodes, node_mass, struts, _cables(rng, nodes, node_mass, edges), fixed=fixed)
+    gait = Gait(
+        tuple(range(count)),
+        rng.uniform(0, 2 * np.pi, count),
+        _amplitudes(rng, structure),
+        np.full(count, rng.uniform(0.3, 1.5)),
+        ramp=0.5,
+    )
+    return Scene(structure, 9.81, 0.2 * node_mass, ExactGround(), ConeFriction(1.0), gait)
+
+
+def _grown(rng: np.random.Generator, count: int, most: int) -> tuple[np.ndarray, tuple[tuple[int, int], ...]]:
+    """So many struts, at most `most` at a node: each begins at an old node or a new one, and ends likewise."""
+    nodes: list[np.ndarray] = []
+    edges: list[tuple[int, int]] = []
+    size = 0.5 + 0.1 * np.sqrt(count)
+    for _ in range(count):
+        used = [sum(node in edge for edge in edges) for node in range(len(nodes))]
+        open_ = [node for node in range(len(nodes)) if used[node] < most]
+        if most > 1 and open_ and rng.random() < 0.75:
+            first = int(rng.choice(open_))
+        else:
+            first = len(nodes)
+            nodes.append(rng.uniform(-size, size, 3))
+        near = [
+            node
+            for node in open_
+            if node != first
+            and 0.2 < np.linalg.norm(nodes[node] - nodes[first]) < 1.5
+            and (min(node, first), max(node, first)) not in edges
+        ]
+        if most > 1 and near and rng.random() < 0.35:
+            second = int(rng.choice(near))
+        else:
+            second = len(nodes)
+            way = rng.normal(size=3)
+            nodes.append(nodes[first] + way / np.linalg.norm(way) * rng.uniform(0.3, 1.2))
+        edges.append((min(first, second), max(first, second)))
+    return np.array(nodes), tuple(edges)
+
+
+def _cables(rng: np.random.Generator, nodes: np.ndarray, node_mass: np.ndarray, struts: tuple) -> Members | None:
+    pairs = {tuple(sorted(rng.choice(len(nodes), 2, replace=False).tolist())) for _ in range(len(nodes))}
+    edges = tuple(sorted(pair for pair in pairs if pair not in struts))
+    if not edges:
+        return None
+    there = np.bincount(np.array(edges).ravel(), minlength=len(nodes))
+    lighter = [min(node_mass[i] / there[i], node_mass[j] / there[j]) for i, j in edges]
+    # a variant's masses are a tenth at least
+    stiffness = CABLES / STEP**2 * 0.1 * np.array(lighter)
+    return Members(edges, stiffness, edge_lengths(nodes, edges) * rng.uniform(0.7, 1.0, len(edges)))
+
+
+def _amplitudes(rng: np.random.Generator, structure: Structure) -> np.ndarray:
+    """Of each strut's gait: 0 for those in a loop, which need not close at other lengths, and for some others."""
+    edges, nodes = structure.struts.edges, len(structure.nodes)
+    amplitude = rng.uniform(0.05, 0.2, len(edges)) * (rng.random(len(edges)) < 0.6)
+    whole = _pieces(edges, nodes)
+    bridge = [_pieces((*edges[:k], *edges[k + 1 :]), nodes) > whole for k in range(len(edges))]
+    return amplitude * np.array(bridge)
+
+
+def _pieces(edges: tuple, nodes: int) -> int:
+    """How many parts hang together."""
+    i, j = np.array(edges, int).reshape(-1, 2).T
+    return connected_components(coo_array((np.ones(len(edges)), (i, j)), (nodes, nodes)), directed=False)[0]
+
+
+def variants(scene: Scene, count: int, seed: int) -> tuple[Gait, Differences]:
+    """Gaits, masses over two decades about the scene's, and coefficients of friction from 0 to 1.5."""
+    rng = np.random.default_rng((seed, 1))
+    nodes = len(scene.structure.nodes)
+    gait = scene.gait
+    phases = rng.uniform(0, 2 * np.pi, (count, len(gait.members)))
+    many = dataclasses.replace(
+        gait, phase=phases, amplitude=np.tile(gait.amplitude, (count, 1)), frequency=np.tile(gait.frequency, (count, 1))
+    )
+    masses = 10 ** rng.uniform(-1, 1, (count, nodes))
+    return many, Differences(friction=rng.uniform(0, 1.5, count), node_mass=masses)
+
+
+def for_sweeps(scene: Scene) -> Scene:
+    """The scene as sweeps alone can take it: rods' mass at their ends, no supports."""
+    structure = scene.structure
+    struts = dataclasses.replace(structure.struts, mass=None)
+    lumped = np.asarray(structure.lumped_mass)
+    return dataclasses.replace(
+        scene, structure=dataclasses.replace(structure, node_mass=lumped, struts=struts, fixed=())
+    )
+
+
+def judged(scene: Scene, gaits: Gait, differences: Differences, duration: float, together: bool) -> Verdict:
+    """Roll out all variants side by side, and watch each step."""
+    options = SolverOptions(dt=STEP, dtype="float64", any_step=True, together=together)
+    resolved = resolve(scene, duration, options)
+    single = as_dtype(scene, "float64")
+    gaits, differences = jax.tree.map(lambda x: jnp.asarray(x, float), (gaits, differences))
+    many, axes = in_lanes(single, lanes_last(gaits), lanes_last(differences))
+    terms, solver = discretise_lanes(resolved, axes)
+    steps = round(duration / STEP)
+    edges = np.array(scene.structure.struts.edges).T
+
+    def step(carry, k):
+        (y, inner), worst = carry
+        y1, _, _, after, _ = solver.step(terms, k * STEP, (k + 1) * STEP, y, many, inner, False)
+        q = y1[0]
+        wanted = over_lanes(lambda s: rest_length(s.structure.struts, s.gait, (k + 1) * STEP, 0), (axes,))(many)
+        lengths = jnp.linalg.norm(q[edges[0]] - q[edges[1]], axis=1)
+        residual = jnp.zeros(q.shape[-1]) if after.residual is None else after.residual
+        now = jnp.stack([residual, jnp.max(jnp.abs(lengths / wanted - 1), axis=0), jnp.max(-q[:, 2], axis=0)])
+        fine = jnp.isfinite(q).all(axis=(0, 1))
+        return ((y1, after), jnp.where(fine, jnp.maximum(worst, now), worst)), fine
+
+    start = (many.structure.nodes, 0 * many.structure.nodes)
+    first = solver.init(terms, 0.0, STEP, start, many)
+
+    @jax.jit
+    def roll(start, first):
+        return jax.lax.scan(step, ((start, first), jnp.zeros((3, start[0].shape[-1]))), jnp.arange(steps))
+
+    (_, worst), fine = roll(start, first)
+    fine = np.asarray(fine)
+    at = np.where(fine.all(0), np.nan, STEP * np.argmin(fine, axis=0))
+    return Verdict(at, *np.asarray(worst))
+
+
+def facts_of(verdicts: list[Verdict]) -> dict:
+    """Numbers over all rollouts."""
+    joined = Verdict(*(np.concatenate(parts) for parts in zip(*verdicts)))
+    flagged = np.isfinite(joined.flagged_at)
+    return {
+        "rollouts": len(flagged),
+        "flagged": int(flagged.sum()),
+        "flagged_share": float(flagged.mean()),
+        "structures_with_a_flag": int(sum(np.isfinite(v.flagged_at).any() for v in verdicts)),
+        "largest_residual": float(joined.residual.max()),
+        "median_residual": float(np.median(joined.residual)),
+        "largest_stretch": float(joined.stretch.max()),
+        "median_stretch": float(np.median(joined.stretch)),
+        "largest_depth": float(joined.depth.max()),
+        "off_by_more_than_1e-6": int(np.sum((joined.stretch > 1e-6) & ~flagged)),
+    }
+
+
+def main(settings: Settings) -> None:
+    if settings.quick:
+        settings = dataclasses.replace(settings, structures=3, variants=2, duration=0.25)
+    found: dict[str, list[Verdict]] = {"together": [], "sweeps": []}
+    rows = []
+    for k in tqdm(range(settings.structures)):
+        seed = 1000 * settings.seed + k
+        scene = random_scene(seed)
+        gaits, differences = variants(scene, settings.variants, seed)
+        for name, case in (("together", scene), ("sweeps", for_sweeps(scene))):
+            found[name].append(judged(case, gaits, differences, settings.duration, name == "together"))
+        row = {"seed": seed, "struts": len(scene.structure.struts.edges), "nodes": len(scene.structure.nodes)}
+        rows.append(row | {name: int(np.isfinite(v[-1].flagged_at).sum()) for name, v in found.items()})
+        facts = {name: facts_of(verdicts) for name, verdicts in found.items()}
+        done = measured() | {"duration": settings.duration, "step": STEP, "variants": settings.variants}
+        save_json(settings.out / "random_structures.json", done | facts | {"structures": rows})
+    for name, facts in {name: facts_of(verdicts) for name, verdicts in found.items()}.items():
+        print(
+            f"{name}: {facts['flagged']} of {facts['rollouts']} flagged, residual {facts['largest_residual']:.1e} m/s"
+        )
+
+
+if __name__ == "__main__":
+    run(main, Settings)

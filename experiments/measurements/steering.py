@@ -1,0 +1,121 @@
+"""How a bend steers a robot that feedback keeps rolling, and whether it goes on rolling when the bend is reversed.
+
+Robots that were dropped anyhow roll straight for 20 s, then for 20 s with a bend to the left, and 20 s to the right.
+"""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from jaxgrity.cli.script import measured, run
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from basin import ENOUGH, drops
+from matplotlib.figure import Figure
+
+from jaxgrity import (
+    Loop,
+    PhaseLocked,
+    Plant,
+    SolverOptions,
+    Steered,
+    as_dtype,
+    centre_offsets,
+    drive,
+    load_gait,
+    load_scene,
+    loop_start,
+    plant_of,
+    plot,
+    side_by_side,
+)
+from jaxgrity.io.files import save_json
+
+STRETCH, PARTS = 20.0, 8
+"""s, of each bend, and parts of equal length of it"""
+MEASURED = 4
+"""of these parts, the last ones, in which turning and speed are measured"""
+
+
+@dataclass
+class Settings:
+    bends: tuple[float, ...] = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5)
+    robots: int = 32
+    """for each bend"""
+    seed: int = 0
+    """of the drops"""
+    out: Path = Path("results/steering")
+    """folder for steering.json and its figure"""
+    quick: bool = False
+    """2 robots and one bend"""
+
+
+def main(settings: Settings) -> None:
+    if settings.quick:
+        settings.bends, settings.robots = (0.1,), 2
+    scene, gait, count = load_scene("exact"), load_gait("lasting"), len(settings.bends) * settings.robots
+    plant = plant_of(scene, gait.members, options=SolverOptions(dt=0.01, dtype="float32"))
+    many = side_by_side(plant, count)
+    one = Steered(PhaseLocked(gait), np.array(0.0), centre_offsets(scene.structure, gait.members))
+    policy = as_dtype(jax.tree.map(lambda x: jnp.repeat(jnp.asarray(x)[..., None], count, axis=-1), one), "float32")
+    start = tuple(np.moveaxis(x, 0, -1) for x in drops(scene, count, settings.seed))
+    loop = loop_start(many, policy, jax.random.key(0), start, each=True)
+    bends = np.repeat(settings.bends, settings.robots)
+    paths = []
+    for size in (0 * bends, bends, -bends):
+        loop, path = stretch(many, replace(policy, bend=jnp.asarray(size, jnp.float32)), loop)
+        paths.append(path)
+    speeds, turns = zip(*(told(path) for path in paths))
+    rows: list[dict[str, Any]] = [
+        {
+            "bend": 0.0,
+            "turning": float(np.median(turns[0])),
+            "speed": float(np.median(speeds[0])),
+            "turning_spread": float(turns[0].std()),
+        }
+    ]
+    for k, bend in enumerate(settings.bends):
+        own = slice(k * settings.robots, (k + 1) * settings.robots)
+        # what turns to the right counts as the image of what turns to the left
+        both = np.concatenate([turns[1][own], -turns[2][own]])
+        went_on = speeds[2][own] >= ENOUGH * np.median(speeds[1][own])
+        found = {"turning": float(np.median(both)), "turning_spread": float(both.std()), "went_on": went_on.mean()}
+        rows.append({"bend": bend, "speed": float(np.median(speeds[1][own])), **found})
+    save_json(settings.out / "steering.json", {**measured(), "robots": settings.robots, "rows": rows})
+    plot.save(figure(rows), settings.out / "steering.png")
+    for row in rows:
+        print(f"bend {row['bend']:g}: {np.degrees(row['turning']):.1f} °/s at {row['speed']:.2f} m/s")
+
+
+def stretch(many: Plant, policy: Steered, loop: Loop) -> tuple[Loop, np.ndarray]:
+    """Roll on; (parts + 1, 2, robots), m."""
+    there = drive(many, policy, loop, round(STRETCH / PARTS / many.period), PARTS, each=True)
+    return there.end, np.asarray(there.path, float)[:, :2]
+
+
+def told(path: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(robots,), speed, m/s, and turning, rad/s, to the left positive, in the last parts of a stretch."""
+    moved = np.diff(path, axis=0)[-MEASURED:]
+    heading = np.unwrap(np.arctan2(moved[:, 1], moved[:, 0]), axis=0)
+    part = STRETCH / PARTS
+    return np.linalg.norm(moved, axis=1).mean(0) / part, (heading[-1] - heading[0]) / part / (MEASURED - 1)
+
+
+@plot.styled
+def figure(rows: list[dict[str, Any]]) -> Figure:
+    """Turning and speed against the bend."""
+    chart = Figure(figsize=(7, 3), layout="constrained")
+    bends = [row["bend"] for row in rows]
+    left, right = chart.subplots(1, 2)
+    spread = [np.degrees(row["turning_spread"]) for row in rows]
+    left.errorbar(bends, [np.degrees(row["turning"]) for row in rows], spread, fmt="o-", capsize=2)
+    left.set(xlabel="bend", ylabel="turning (°/s)")
+    right.plot(bends, [row["speed"] for row in rows], "o-")
+    right.set(xlabel="bend", ylabel="speed (m/s)", ylim=(0, None))
+    return chart
+
+
+if __name__ == "__main__":
+    run(main, Settings)

@@ -1,0 +1,60 @@
+"""List the structures of the catalogue, each with its keys in a scene file and a picture."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, get_args
+
+from jaxgrity.io.files import save_json
+from jaxgrity.io.scene_tables import CatalogueTable
+from jaxgrity.model.geometry import Geometry
+from jaxgrity.report import plot
+
+SHARED = ("mass", "node_mass", "fixed", "pose", "aligned", "height", "prestress")
+"""keys that every kind has, and which say nothing about its geometry"""
+
+
+@dataclass
+class CatalogueSettings:
+    out: Path = Path("results/catalogue")
+    """folder for catalogue.json, a picture of each structure, and one of all"""
+    quick: bool = False
+    """the list alone, without pictures"""
+
+
+def main(settings: CatalogueSettings) -> None:
+    """Print the kinds, and leave them as JSON with pictures."""
+    entries, structures = [], {}
+    for table in get_args(CatalogueTable):
+        kind, example = table.__struct_config__.tag, table()
+        geometry = Geometry(*example.geometry())
+        keys = {key: getattr(example, key) for key in table.__struct_fields__ if key not in SHARED}
+        entries.append(entry(kind, keys, geometry))
+        structures[kind] = geometry
+    if not settings.quick:
+        for kind, geometry in structures.items():
+            plot.save(plot.geometry_figure({kind: geometry}), settings.out / f"{kind}.png")
+        plot.save(plot.geometry_figure(structures), settings.out / "catalogue.png")
+    print("\n".join(listed(entries)))
+    save_json(settings.out / "catalogue.json", {"structures": entries})
+    print(f"wrote {settings.out}/")
+
+
+def entry(kind: str, keys: dict[str, Any], geometry: Geometry) -> dict[str, Any]:
+    """What is listed of one kind: its keys with their defaults, and how large it then is."""
+    return {
+        "kind": kind,
+        "keys": keys,
+        "nodes": len(geometry.nodes),
+        "struts": len(geometry.struts),
+        "cables": len(geometry.cables),
+    }
+
+
+def listed(entries: list[dict[str, Any]]) -> list[str]:
+    """A line for each kind."""
+    rows = [["kind", "nodes", "struts", "cables", "keys of [structure], and what they are without being given"]]
+    for found in entries:
+        keys = ", ".join(f"{key} = {'-' if value is None else value}" for key, value in found["keys"].items())
+        rows.append([*(str(found[name]) for name in ("kind", "nodes", "struts", "cables")), keys])
+    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
+    return ["  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths)).rstrip() for row in rows]

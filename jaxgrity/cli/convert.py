@@ -1,0 +1,54 @@
+"""Turn a robot's file into another kind of file: TOML, YAML of NTRT, XML of MuJoCo, MATLAB, CSV, GLB, OBJ."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from jaxgrity.formats.conversion import find_format, read_any, write_any
+from jaxgrity.formats.foreign import Imported
+from jaxgrity.formats.ntrt import DECIMETRE, read_ntrt
+from jaxgrity.model.scene import Scene
+from jaxgrity.model.settled import settled
+
+
+@dataclass
+class ConvertSettings:
+    source: Annotated[str, tyro.conf.Positional]
+    """the file to read (.toml, .yaml, .xml, .mat, .csv), or a scene of the library by its name"""
+    target: Annotated[Path, tyro.conf.Positional]
+    """the file to write (.toml, .xml, .mat, .csv, .glb, .obj)"""
+    settle: bool = False
+    """let the structure come to rest first, without gravity, and set it down on its ground"""
+    unit: float = DECIMETRE
+    """m, the unit of length of NTRT's files"""
+    quick: bool = False
+    """it is quick anyway"""
+
+
+def main(settings: ConvertSettings) -> None:
+    """Read, settle if asked for, write, and say what was read how and what was lost."""
+    found = _read(settings)
+    print(f"read {settings.source}: {counts(found.scene)}")
+    print("\n".join(f"  {note}" for note in found.notes))
+    scene = found.scene
+    if settings.settle:
+        scene, moved = settled(scene)
+        print(f"settled: nodes moved by up to {moved:.4g} m")
+    lost = write_any(scene, settings.target)
+    print(f"wrote {settings.target}")
+    print("\n".join(f"  {note}" for note in lost or ("nothing is lost",)))
+
+
+def _read(settings: ConvertSettings) -> Imported:
+    is_ntrt = Path(settings.source).suffix.lower() in (".yaml", ".yml")
+    find_format(settings.target)  # refuses what it does not know before anything is read
+    return read_ntrt(settings.source, settings.unit) if is_ntrt else read_any(settings.source)
+
+
+def counts(scene: Scene) -> str:
+    """How large a robot is, in words."""
+    structure = scene.structure
+    struts, cables = (len(m.edges) if m is not None else 0 for m in (structure.struts, structure.cables))
+    return f"{len(structure.nodes)} nodes, {struts} struts, {cables} cables, {float(structure.mass):.4g} kg"

@@ -1,0 +1,76 @@
+"""Open a page on this machine whose sliders change a robot, its gait and its ground, and that shows the motion."""
+
+import contextlib
+import socket
+import time
+import webbrowser
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Annotated
+
+import tyro
+
+from jaxgrity.core.errors import InputError
+from jaxgrity.explorer.page import Page
+from jaxgrity.explorer.server import LOOPBACK, guarded_server, silent
+from jaxgrity.io.scene_files import load_scene, scene_names
+from jaxgrity.report import view
+
+
+@dataclass
+class ExploreSettings:
+    scene: Annotated[str, tyro.conf.Positional] = "exact"
+    """a scene of the library by its name (reference, exact, uphill), or a scene file (TOML)"""
+    duration: float = 10.0
+    """s of motion"""
+    host: str = LOOPBACK[0]
+    """address to answer at; any but this machine's own lets others in"""
+    port: int = 8080
+    """or the next that is free"""
+    browser: bool = True
+    """open the page in a browser"""
+
+
+def main(settings: ExploreSettings) -> None:
+    """Serve the page until Ctrl-C."""
+    if not view.available():
+        raise InputError("the explorer needs viser, which is not installed; expected: pip install 'jaxgrity[view]'")
+    if not settings.duration > 0:
+        raise InputError(f"duration = {settings.duration:g}: expected a positive number of seconds")
+    check_address(settings.host, settings.port)
+    load_scene(settings.scene)
+    if settings.host not in LOOPBACK:
+        print(f"warning: answering at {settings.host}, where others on the network can reach the page")
+    names = [settings.scene, *(name for name in scene_names() if name != settings.scene)]
+    with served(tuple(names), settings.duration, settings.host, settings.port) as (_, address):
+        print(f"open {address} in a browser; Ctrl-C ends", flush=True)
+        if settings.browser:
+            webbrowser.open(address)
+        while True:
+            time.sleep(3600)
+
+
+def check_address(host: str, port: int) -> None:
+    """Raises `InputError` where nobody can answer at it: the server itself would wait for ever."""
+    if not 0 <= port < 2**16:
+        raise InputError(f"port = {port}: expected a number from 0 to {2**16 - 1}")
+    try:
+        socket.create_server((host, 0), family=socket.AF_INET6 if ":" in host else socket.AF_INET).close()
+    except OSError as error:
+        raise InputError(f"host = {host!r}: expected an address of this machine ({error})") from error
+
+
+@contextlib.contextmanager
+def served(
+    scenes: tuple[str, ...], duration: float, host: str = LOOPBACK[0], port: int = 0
+) -> Iterator[tuple[Page, str]]:
+    """The page and its address, for as long as it is needed; port 0: any that is free."""
+    server = guarded_server(host, port)
+    page = Page(server, scenes, duration)
+    try:
+        page.start()
+        yield page, f"http://{host}:{server.get_port()}"
+    finally:
+        page.stop()
+        with silent():
+            server.stop()

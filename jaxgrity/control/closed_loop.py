@@ -1,0 +1,141 @@
+"""Rollouts in a closed loop: a policy, sensors, motors and a robot, or many robots side by side."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from jaxgrity.control.plant import Plant, PlantState, actuate, observe, plant_start
+from jaxgrity.control.policies import Memory, Policy
+from jaxgrity.core.errors import InputError
+from jaxgrity.core.types import AnyArray, State
+from jaxgrity.rollout.lanes import over_lanes
+from jaxgrity.stepping.dynamics import centre_of_mass
+from jaxgrity.stepping.integrate import state_failure
+from jaxgrity.stepping.simulate import Trajectory
+
+
+class Loop(NamedTuple):
+    """What a rollout in a closed loop has come to."""
+
+    plant: PlantState
+    memory: Memory
+    """of the policy"""
+
+
+class Drive(NamedTuple):
+    """Where robots got to in a closed loop."""
+
+    path: AnyArray
+    """(samples + 1, 3), or (samples + 1, 3, robots): the centre of mass at the start and after each sample, m"""
+    end: Loop
+    failure: AnyArray
+    """index into `FAILURES`, of each robot; 0: succeeded"""
+
+
+def loop_start(plant: Plant, policy: Policy, key: Any, start: State | None = None, *, each: bool = False) -> Loop:
+    """At t = 0; from `start`, q and v, where given, else as the scene stands.
+
+    `each` says that all of the policy's arrays have the population last: every robot has parameters of its own.
+    """
+    if policy.members != plant.members:
+        raise InputError(f"policy.members = {policy.members}: expected {plant.members}, those of the plant")
+    memory, robots = policy.first(), plant.robots
+    if robots is not None and each:
+        memory = jax.vmap(type(policy).first, in_axes=(_last(policy),), out_axes=-1)(policy)
+    elif robots is not None:
+        memory = jax.tree.map(lambda x, count=robots: jnp.repeat(jnp.asarray(x)[..., None], count, axis=-1), memory)
+    memory = jax.tree.map(lambda x: jnp.asarray(x, plant.options.dtype), memory)
+    return Loop(plant_start(plant, key, start), memory)
+
+
+def roll_on(
+    plant: Plant, policy: Policy, loop: Loop, ticks: int, keep: Callable[[PlantState], Any], *, each: bool = False
+) -> tuple[Loop, Any]:
+    """So many control periods later, and what `keep` took of the state after each of them, stacked in front.
+
+    In every control period the sensors are read, the policy is asked, and the motors move. It is a `lax.scan`: to be
+    jitted, and differentiated in forward and in reverse mode.
+    """
+    ask: Callable = type(policy).__call__
+    if plant.robots is not None:
+        ask = over_lanes(ask, (_last(policy) if each else None, -1, None, -1))
+
+    def tick(loop: Loop, _):
+        seen, state = observe(plant, loop.plant)
+        until = (state.tick + 1) * jnp.asarray(plant.period, plant.options.dtype)
+        wanted, memory = ask(policy, seen, until, loop.memory)
+        state = actuate(plant, state, wanted)
+        return Loop(state, memory), keep(state)
+
+    return jax.lax.scan(jax.checkpoint(tick), loop, length=ticks)
+
+
+@eqx.filter_jit
+def drive(plant: Plant, policy: Policy, loop: Loop, ticks: int, samples: int = 1, *, each: bool = False) -> Drive:
+    """Roll on for `samples` times so many control periods, and look at the centre of mass after each of them."""
+    centre = plant.lift(centre_of_mass, ("s", -1))
+
+    def sample(loop: Loop, _):
+        loop, _ = roll_on(plant, policy, loop, ticks, lambda state: None, each=each)
+        return loop, centre(plant.scene, loop.plant.motion[0])
+
+    first = centre(plant.scene, loop.plant.motion[0])
+    end, path = jax.lax.scan(sample, loop, length=samples)
+    failure = plant.lift(state_failure, ("s", -1, -1))(plant.scene, *end.plant.motion)
+    return Drive(jnp.concatenate([first[None], path]), end, failure)
+
+
+def simulate_policy(
+    plant: Plant, policy: Policy, duration: float, *, start: State | None = None, seed: int = 0
+) -> Trajectory:
+    """One robot's motion under a policy.
+
+    Args:
+        plant: the robot, its sensors and motors, as from `plant_of`.
+        policy: what its controller does.
+        duration: s, rounded to whole control periods.
+        start: q (nodes, 3), m, and v, m/s; as the scene stands, at rest, where not given.
+        seed: of the sensors' noise.
+
+    Returns:
+        The motion, with a frame for each control period. One that fails has its failure code.
+
+    Raises:
+        InputError: a policy that actuates other members than the plant.
+
+    Example:
+        >>> scene = jaxgrity.load_scene("exact")
+        >>> policy = jaxgrity.OpenLoop(jaxgrity.load_gait("lasting"))
+        >>> plant = jaxgrity.plant_of(scene, policy.members)
+        >>> jaxgrity.simulate_policy(plant, policy, 0.1).positions.shape  # (frames, nodes, 3), m
+        (11, 12, 3)
+    """
+    loop = loop_start(plant, policy, jax.random.key(seed), start)
+    ticks = max(1, round(duration / plant.period))
+    q, v = _motion(plant, policy, loop, ticks)
+    first = jax.tree.map(lambda x: x[None], loop.plant.motion)
+    q, v = (jnp.concatenate(parts) for parts in zip(first, (q, v)))
+    return Trajectory(
+        times=plant.period * jnp.arange(ticks + 1, dtype=q.dtype),
+        positions=q,
+        velocities=v,
+        failure=state_failure(plant.scene, q[-1], v[-1]),
+        steps=jnp.asarray(ticks * plant.steps),
+        rejected=jnp.asarray(0),
+        method=plant.options.method.name,
+        dt=plant.period / plant.steps,
+        scene=plant.scene,
+    )
+
+
+@eqx.filter_jit
+def _motion(plant: Plant, policy: Policy, loop: Loop, ticks: int):
+    return roll_on(plant, policy, loop, ticks, lambda state: state.motion)[1]
+
+
+def _last(policy: Policy):
+    """The `in_axes` of a policy whose arrays, but for scalars, have the population last."""
+    return jax.tree.map(lambda x: -1 if jnp.ndim(x) else None, policy)

@@ -1,0 +1,55 @@
+"""Motors, between what a controller asks for and what members do: they lag, and are bounded in rate and in force."""
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+from jaxgrity.core.errors import InputError
+from jaxgrity.core.types import AnyArray
+
+
+class Motors(eqx.Module):
+    """What the motors of all actuated members can do; by default anything. Raises `InputError` where that is nothing.
+
+    Within a control period of length T a motor approaches the rest length that is asked for by the share
+    1 - exp(-T/lag) of what is missing, the exact answer of a first-order lag to a command that is held, yet by `rate` T
+    at most, and not at all against a member that pulls or pushes more than `force`.
+    """
+
+    lag: float | None = eqx.field(static=True, default=None)
+    """s; None: what is asked for is reached within a control period"""
+    rate: float | None = eqx.field(static=True, default=None)
+    """m/s, the largest |dL/dt|; None: unbounded"""
+    force: float | None = eqx.field(static=True, default=None)
+    """N, beyond which a motor stalls; None: unbounded"""
+
+    def __check_init__(self):
+        for name, value in vars(self).items():
+            if value is not None and not (value > 0 and np.isfinite(value)):
+                raise InputError(f"motors.{name} = {value}: expected a positive, finite number, or None")
+
+
+def contraction_reached(
+    motors: Motors, now: AnyArray, wanted: AnyArray, period: float, lengths: AnyArray, tension: AnyArray | None
+) -> AnyArray:
+    """The contraction that motors reach within a control period, (actuators,), or with the population last.
+
+    Args:
+        motors: what they can do.
+        now: by which fraction each member is shortened.
+        wanted: what is asked for.
+        period: s.
+        lengths: L0, m, of the members.
+        tension: N, with which each member pulls; needed where forces are bounded.
+    """
+    change = wanted - now
+    if motors.lag is not None:
+        change = change * (1 - np.exp(-period / motors.lag))
+    if motors.rate is not None:
+        most = motors.rate * period / lengths
+        change = jnp.clip(change, -most, most)
+    if motors.force is not None and tension is not None:
+        # shortening works against a pull, lengthening against a push
+        stalled = (jnp.abs(tension) > motors.force) & (tension * change > 0)
+        change = jnp.where(stalled, 0, change)
+    return now + change

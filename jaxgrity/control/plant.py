@@ -1,0 +1,206 @@
+"""The robot as a controller meets it: commands go in once in a control period, observations come out.
+
+One robot, or many side by side with the population as the last axis in memory (see `rollout/lanes.py`): steps are those
+of the scene's own method, and the physics is the scene's.
+"""
+
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxgrity.control.motors import Motors, contraction_reached
+from jaxgrity.control.sensors import Observation, Readings, Sensors, first_readings, measure, read
+from jaxgrity.core.errors import InputError
+from jaxgrity.core.types import AnyArray, State
+from jaxgrity.model.actuation import Command, Gait, actuated_lengths
+from jaxgrity.model.scene import Scene, as_dtype, start_of, with_gait
+from jaxgrity.rollout.lanes import in_lanes, lane_axes, lanes_last, over_lanes
+from jaxgrity.rollout.metrics import actuator_tension
+from jaxgrity.rollout.uncertainty import Differences
+from jaxgrity.stepping.complementarity import Lift, one_robot
+from jaxgrity.stepping.integrate import discretise, prepared
+from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
+from jaxgrity.stepping.power import Step
+
+PERFECT, UNBOUNDED = Sensors(), Motors()
+"""sensors without errors, motors that do what they are asked"""
+
+
+class PlantState(NamedTuple):
+    """All that a robot, its motors and its sensors carry from one control period to the next."""
+
+    tick: Any
+    """control periods since the start"""
+    motion: State
+    """q, m, and v, m/s"""
+    solver: Any
+    """what the method carries from step to step"""
+    contraction: AnyArray
+    """(actuators,), by which fraction each actuated member is shortened"""
+    tension: AnyArray | None
+    """(actuators,), N, with which each of them pulled in the last step, where motors need to know"""
+    readings: Readings
+    key: Any
+    """of the noise to come"""
+
+
+class Plant(eqx.Module):
+    """A scene with motors and sensors, stepped at a fixed size. Made by `plant_of`."""
+
+    scene: Scene
+    """without a gait; of many robots with the population last, as from `in_lanes`"""
+    members: tuple[int, ...] = eqx.field(static=True)
+    """which are actuated, as in a `Gait`"""
+    options: ResolvedOptions = eqx.field(static=True)
+    """whose step is fixed"""
+    period: float = eqx.field(static=True)
+    """s, from one command to the next"""
+    sensors: Sensors = Sensors()
+    motors: Motors = Motors()
+    robots: int | None = eqx.field(static=True, default=None)
+    """how many; None: one, without an axis for it"""
+
+    @property
+    def lift(self) -> Lift:
+        """How what is done for one robot is mapped over all; "s" stands for the scene's axes."""
+        return _lift_of(self, self.scene)
+
+    @property
+    def steps(self) -> int:
+        """Of the method, in a control period."""
+        assert self.options.dt is not None, "`plant_of` refuses a method that adapts its step"
+        return max(1, int(np.ceil(self.period / self.options.dt - 1e-6)))
+
+
+def plant_of(
+    scene: Scene,
+    members: tuple[int, ...],
+    *,
+    period: float = 0.01,
+    sensors: Sensors = PERFECT,
+    motors: Motors = UNBOUNDED,
+    options: Options = None,
+) -> Plant:
+    """A scene as a plant, of one robot; `side_by_side` makes many of it.
+
+    Args:
+        scene: what moves; its own gait, if it has one, does not count.
+        members: which are actuated, as in a `Gait`.
+        period: s, from one command to the next, in which the method takes steps of one size.
+        sensors: how they err; where not given, they do not.
+        motors: what they can do; where not given, anything.
+        options: how to integrate; where not given, the scene decides.
+
+    Returns:
+        The plant, of which `simulate_policy` makes a motion.
+
+    Raises:
+        InputError: bad options (see `resolve`), a method that adapts its step, or members that the structure lacks.
+
+    Example:
+        >>> plant = jaxgrity.plant_of(jaxgrity.load_scene("exact"), members=(0, 1, 2, 3, 4, 5))
+        >>> plant.period  # s
+        0.01
+    """
+    zeros = np.zeros(len(members))
+    scene = with_gait(scene, Gait(members, zeros, zeros, zeros))
+    resolved = resolve(scene, period, options)
+    if resolved.dt is None or resolved.method.implicit:
+        raise InputError(f"method = {resolved.method.name!r}: expected an explicit one at a fixed step, for control")
+    bare = as_dtype(prepared(with_gait(scene, None)), resolved.dtype)
+    return Plant(bare, tuple(members), resolved, float(period), sensors, motors)
+
+
+def side_by_side(plant: Plant, robots: int, differences: Differences | None = None) -> Plant:
+    """The plant of so many robots, which differ; the rows of `differences` are robots.
+
+    A start that differs is not its business: `plant_start` is told where robots start.
+    """
+    nothing = jnp.zeros((len(plant.members), robots), plant.options.dtype)
+    same = Gait(plant.members, nothing, nothing, nothing)
+    if differences is not None:
+        differences = jax.tree.map(lambda x: jnp.asarray(x, plant.options.dtype), lanes_last(differences))
+    scene, _ = in_lanes(plant.scene, same, differences)
+    bare = eqx.tree_at(lambda s: s.gait, scene, None)
+    return replace(plant, scene=bare, robots=robots)
+
+
+def plant_start(plant: Plant, key: Any, start: State | None = None) -> PlantState:
+    """At t = 0, with motors at rest and sensors awake; from `start`, q and v, where given, else as the scene stands."""
+    dtype = plant.options.dtype
+    motion = start_of(plant.scene) if start is None else jax.tree.map(lambda x: jnp.asarray(x, dtype), start)
+    terms, solver = discretise(plant.options, plant.lift)
+    nothing = jnp.zeros((len(plant.members), *motion[0].shape[2:]), dtype)
+    key, of_bias = jax.random.split(key)
+    first = solver.init(
+        terms, jnp.zeros((), dtype), jnp.asarray(plant.period / plant.steps, dtype), motion, plant.scene
+    )
+    tension = nothing if plant.motors.force is not None else None
+    state = PlantState(jnp.asarray(0), motion, first, nothing, tension, Readings(None, None), key)
+    return state._replace(readings=first_readings(plant.sensors, sense_now(plant, state), of_bias))
+
+
+def sense_now(plant: Plant, state: PlantState) -> Observation:
+    """What sensors without any error say."""
+    scene = _commanded(plant, state, state.contraction)
+    axes = ("s", None, -1, -1)
+    return _lift_of(plant, scene)(measure, axes)(scene, state.tick * plant.period, *state.motion)
+
+
+def observe(plant: Plant, state: PlantState) -> tuple[Observation, PlantState]:
+    """What sensors say, and the state after they were read: once in a control period, before `actuate`."""
+    key, of_noise = jax.random.split(state.key)
+    seen, readings = read(plant.sensors, sense_now(plant, state), state.readings, state.tick, of_noise)
+    return seen, state._replace(readings=readings, key=key)
+
+
+def actuate(plant: Plant, state: PlantState, wanted: AnyArray) -> PlantState:
+    """One control period later: motors move towards the contractions that are `wanted`, at a constant rate.
+
+    Everything in it is differentiable in reverse mode, and computed again there step by step.
+    """
+    lengths = plant.lift(lambda scene: actuated_lengths(scene.structure, plant.members), ("s",))(plant.scene)
+    reached = contraction_reached(plant.motors, state.contraction, wanted, plant.period, lengths, state.tension)
+    scene = _commanded(plant, state, reached)
+    terms, solver = discretise(plant.options, _lift_of(plant, scene))
+    h = jnp.asarray(plant.period / plant.steps, plant.options.dtype)
+
+    def step(carry, k):
+        y, before, _ = carry
+        t0 = (state.tick * plant.steps + k) * h
+        y1, _, _, after, _ = solver.step(terms, t0, t0 + h, y, scene, before, False)
+        tension = None
+        if plant.motors.force is not None:
+            tension = _tension(plant, scene, Step(t0, h, y, y1, before, after))
+        return (y1, after, tension), None
+
+    kept = step if plant.options.method.recomputes else jax.checkpoint(step)
+    (motion, after, tension), _ = jax.lax.scan(
+        kept, (state.motion, state.solver, state.tension), jnp.arange(plant.steps)
+    )
+    return PlantState(state.tick + 1, motion, after, reached, tension, state.readings, state.key)
+
+
+def _commanded(plant: Plant, state: PlantState, reached: AnyArray) -> Scene:
+    """The scene in which members move from where they are to what is reached at the end of the control period."""
+    rate = (reached - state.contraction) / plant.period
+    since = jnp.asarray(state.tick * plant.period, plant.options.dtype)
+    command = Command(plant.members, state.contraction, rate, since)
+    return eqx.tree_at(lambda s: s.gait, plant.scene, command, is_leaf=lambda x: x is None)
+
+
+def _tension(plant: Plant, scene: Scene, step: Step) -> AnyArray:
+    lanes = jax.tree.map(lambda x: -1 if jnp.ndim(x) else None, (step.before, step.after))
+    axes = Step(None, None, (-1, -1), (-1, -1), *lanes)  # type: ignore[arg-type]
+    return _lift_of(plant, scene)(actuator_tension, ("s", axes))(scene, step)
+
+
+def _lift_of(plant: Plant, scene: Scene) -> Lift:
+    if plant.robots is None:
+        return one_robot
+    axes = lane_axes(scene)
+    return lambda function, in_axes: over_lanes(function, tuple(axes if a == "s" else a for a in in_axes))

@@ -1,0 +1,52 @@
+"""Policies: what a controller makes of what a robot senses."""
+
+from abc import abstractmethod
+from typing import TYPE_CHECKING, Any
+
+import equinox as eqx
+
+from jaxgrity.control.sensors import Observation
+from jaxgrity.core.types import PerActuator, Scalar
+from jaxgrity.model.actuation import Gait, contraction
+
+Memory = Any
+"""any tree of arrays that a policy carries from one control period to the next"""
+
+
+class Policy(eqx.Module):
+    """A differentiable function from what a robot senses to what its motors shall do; its arrays are its parameters.
+
+    It is written for one robot. Rollouts map it over populations and differentiate it.
+    """
+
+    if TYPE_CHECKING:  # type checkers would not let a property take the place of a field
+
+        @property
+        def members(self) -> tuple[int, ...]: ...
+    else:
+        members: eqx.AbstractVar[tuple[int, ...]]
+    """which members it actuates, as in a `Gait`"""
+
+    @abstractmethod
+    def first(self) -> Memory:
+        """The memory before the first control period."""
+
+    @abstractmethod
+    def __call__(self, observation: Observation, t: Scalar, memory: Memory) -> tuple[PerActuator, Memory]:
+        """By which fraction each member shall be shortened at time t, s, the end of the control period that begins."""
+
+
+class OpenLoop(Policy):
+    """A gait, whatever the robot senses."""
+
+    gait: Gait
+
+    @property
+    def members(self) -> tuple[int, ...]:
+        return self.gait.members
+
+    def first(self) -> Memory:
+        return ()
+
+    def __call__(self, observation: Observation, t: Scalar, memory: Memory) -> tuple[PerActuator, Memory]:
+        return contraction(self.gait, t), memory

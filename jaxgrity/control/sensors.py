@@ -1,0 +1,139 @@
+"""What a robot senses: orientation and spin of its struts, lengths and tensions of its cables, contact, its place.
+
+Sensors err: they add a bias that stays and noise that does not, are read less often than commands are given, and what
+they say arrives late.
+"""
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Float
+
+from jaxgrity.core.errors import InputError
+from jaxgrity.core.primitives import edge_vectors, inverse, length, scale
+from jaxgrity.core.types import AnyArray, NodeVectors, Scalar
+from jaxgrity.model.scene import Scene
+from jaxgrity.stepping.dynamics import centre_of_mass
+
+
+class Observation(NamedTuple):
+    """What sensors say of one robot."""
+
+    directions: Float[AnyArray, "struts 3"]
+    """unit vectors along the struts, from the second end to the first, in the coordinates of the ground"""
+    spins: Float[AnyArray, "struts 3"]
+    """rad/s, angular velocity of each strut; none about itself"""
+    cable_lengths: Float[AnyArray, " cables"]
+    """m"""
+    tensions: Float[AnyArray, " cables"]
+    """N; 0 where a cable is slack"""
+    contact: Float[AnyArray, " nodes"]
+    """1 where a node touches the ground, else 0"""
+    place: Float[AnyArray, "3"]
+    """m, of the centre of mass, as a camera above the ground or a radio beacon tells it"""
+
+
+class Errors(NamedTuple):
+    """A standard deviation for each part of an `Observation`, in its unit; contact is never wrong."""
+
+    directions: float = 0.0
+    """of each component: about the angle in rad"""
+    spins: float = 0.0
+    cable_lengths: float = 0.0
+    tensions: float = 0.0
+    contact: float = 0.0
+    place: float = 0.0
+
+
+class Readings(NamedTuple):
+    """What sensors carry from one control period to the next."""
+
+    bias: Observation | None
+    """None: the sensors have none"""
+    recent: Observation | None
+    """the last ones, newest first, as an axis in front of every array; None: nothing is held or late"""
+
+
+class Sensors(eqx.Module):
+    """How sensors err; by default they do not.
+
+    Raises `InputError` where a standard deviation or a delay is negative, or a reading is taken less than once in a
+    number of control periods.
+    """
+
+    noise: Errors = eqx.field(static=True, default=Errors())
+    """drawn anew in every reading"""
+    bias: Errors = eqx.field(static=True, default=Errors())
+    """drawn once"""
+    every: int = eqx.field(static=True, default=1)
+    """control periods from one reading to the next, between which the last one is held"""
+    delay: int = eqx.field(static=True, default=0)
+    """control periods until a reading arrives"""
+
+    def __check_init__(self):
+        if min(*self.noise, *self.bias) < 0:
+            raise InputError(f"sensors: noise = {self.noise}, bias = {self.bias}; expected no negative number")
+        if self.every < 1 or self.delay < 0:
+            raise InputError(
+                f"sensors: every = {self.every}, delay = {self.delay} control periods; expected at least 1 and 0"
+            )
+
+
+def measure(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors) -> Observation:
+    """What sensors without any error say of a robot at time t, s, at `q`, m, with velocities `v`, m/s.
+
+    A strut along d = x_i - x_j spins by d × (v_i - v_j)/|d|². A cable pulls by K max(0, l - L(t)). A node touches the
+    ground where phi < `Ground.touched_below`.
+    """
+    nothing: AnyArray = jnp.zeros((0, 3), q.dtype)
+    directions, spins, lengths, tensions = nothing, nothing, nothing[:, 0], nothing[:, 0]
+    contact: AnyArray = jnp.zeros_like(q[:, 0])
+    if scene.structure.struts is not None:
+        d, rate = (edge_vectors(x, scene.structure.struts.edges) for x in (q, v))
+        each = inverse(length(d))
+        directions = scale(d, each)
+        spins = jnp.cross(directions, scale(rate, each))
+    cables = scene.structure.cables
+    if cables is not None:
+        assert cables.stiffness is not None, "cables are springs"
+        lengths = length(edge_vectors(q, cables.edges))
+        tensions = cables.stiffness * jnp.maximum(scene.configuration(q, t).stretch("cables"), 0)
+    if scene.ground is not None:
+        contact = (scene.ground.signed_distance(q) < scene.ground.touched_below).astype(q.dtype)
+    return Observation(directions, spins, lengths, tensions, contact, centre_of_mass(scene, q))
+
+
+def first_readings(sensors: Sensors, seen: Observation, key: Any) -> Readings:
+    """Before the first control period; `seen` is what sensors without error say, of one robot or of many."""
+    bias = _drawn(sensors.bias, seen, key) if any(sensors.bias) else None
+    kept = sensors.delay + 1
+    held = sensors.every > 1 or sensors.delay > 0
+    recent = jax.tree.map(lambda x: jnp.broadcast_to(x, (kept, *x.shape)), seen) if held else None
+    return Readings(bias, recent)  # type: ignore[arg-type]
+
+
+def read(sensors: Sensors, seen: Observation, readings: Readings, tick: Any, key: Any) -> tuple[Observation, Readings]:
+    """What arrives in control period number `tick`, and what sensors carry on.
+
+    Arithmetic is by elements, so that it is the same for one robot and for many with the population last.
+    """
+    new = seen
+    if readings.bias is not None:
+        new = jax.tree.map(jnp.add, new, readings.bias)
+    if any(sensors.noise):
+        new = jax.tree.map(jnp.add, new, _drawn(sensors.noise, new, key))
+    if readings.recent is None:
+        return new, readings
+    if sensors.every > 1:
+        due = tick % sensors.every == 0
+        new = jax.tree.map(lambda x, held: jnp.where(due, x, held[0]), new, readings.recent)
+    recent = jax.tree.map(lambda x, held: jnp.concatenate([x[None], held[:-1]]), new, readings.recent)
+    return jax.tree.map(lambda held: held[-1], recent), Readings(readings.bias, recent)
+
+
+def _drawn(size: Errors, like: Observation, key: Any) -> Observation:
+    """Normal deviates; zeros, without any drawing, where they have no size."""
+    parts = zip(size, like, jax.random.split(key, len(like)))
+    return Observation(*(s * jax.random.normal(k, x.shape, x.dtype) if s else jnp.zeros_like(x) for s, x, k in parts))

@@ -1,0 +1,77 @@
+"""Steering: struts on one side of the robot move further than those on the other, and its path bends."""
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+from jaxgrity.control.policies import Memory, Policy
+from jaxgrity.control.sensors import Observation
+from jaxgrity.core.errors import InputError
+from jaxgrity.core.types import AnyArray, PerActuator, Scalar, as_float
+from jaxgrity.model.structure import Structure
+
+SLOWEST_TRAVEL = 0.05
+"""m/s, below which there is hardly a direction of travel, and steering fades"""
+
+
+class Steered(Policy):
+    """A policy whose commands are smaller on one side: c_k (1 - s y_k), with strut k so far to the left, y_k.
+
+    y_k is the distance of a strut's centre from the robot's, along the horizontal to the left of its direction of
+    travel, in units of the largest such distance as built. It follows from the struts' directions. Struts on the left
+    that stay longer make a path bend to the left (measured: docs/control.md). s is `bend`; where there is a goal, it is
+    `bend` times the angle from the direction of travel to the goal over `full`, within -1 and 1.
+    """
+
+    policy: Policy
+    bend: Scalar = eqx.field(converter=as_float)
+    """at most 1 in size; positive: to the left"""
+    offsets: AnyArray = eqx.field(converter=as_float)
+    """(actuators, struts), from `centre_offsets`: where a strut's centre is, as a sum of all struts' directions"""
+    goal: AnyArray | None = None
+    """(2,), m; None: `bend` stays as it is"""
+    full: Scalar = eqx.field(converter=as_float, default=0.8)
+    """rad, from which angle to the goal on all of the bend is used"""
+    averaged: Scalar = eqx.field(converter=as_float, default=1.0)
+    """s, over which the direction of travel is averaged"""
+
+    @property
+    def members(self) -> tuple[int, ...]:
+        return self.policy.members
+
+    def first(self) -> Memory:
+        """That of the policy, the last place, m, the velocity of travel, m/s, and the time, s."""
+        return self.policy.first(), jnp.zeros(2), jnp.zeros(2), jnp.zeros(())
+
+    def __call__(self, observation: Observation, t: Scalar, memory: Memory) -> tuple[PerActuator, Memory]:
+        inner, last, travel, before = memory
+        wanted, inner = self.policy(observation, t, inner)
+        place, passed = observation.place[:2], t - before
+        fresh = jnp.where(before > 0, (place - last) / passed, 0)
+        travel = travel + (1 - jnp.exp(-passed / self.averaged)) * (fresh - travel)
+        left = jnp.stack([-travel[1], travel[0]])
+        side = self.offsets @ (observation.directions[:, :2] @ left)
+        side = side / jnp.sqrt(jnp.sum(travel * travel) + SLOWEST_TRAVEL**2)
+        bend = self.bend
+        if self.goal is not None:
+            away = self.goal - place
+            # straight ahead where the robot hardly moves, and smooth there
+            slow = SLOWEST_TRAVEL * jnp.sqrt(jnp.sum(away * away) + SLOWEST_TRAVEL**2)
+            off = jnp.arctan2(jnp.dot(left, away), jnp.dot(travel, away) + slow)
+            bend = bend * jnp.clip(off / self.full, -1, 1)
+        return wanted * (1 - bend * side), (inner, place, travel, t)
+
+
+def centre_offsets(structure: Structure, members: tuple[int, ...]) -> np.ndarray:
+    """(actuators, struts): B with (B d)_k the offset of strut k's centre from the robot's, d the struts' directions.
+
+    By least squares in the built shape, in units of the largest offset. Raises `InputError` where a member is no strut.
+    """
+    struts = structure.struts
+    if struts is None or max(members) >= len(struts.edges):
+        raise InputError(f"members = {list(members)}: expected struts alone, to steer by those on one side")
+    x, mass = np.asarray(structure.nodes, float), np.asarray(structure.lumped_mass, float)
+    i, j = np.array(struts.edges).T
+    directions = (x[i] - x[j]) / np.linalg.norm(x[i] - x[j], axis=1)[:, None]
+    centres = ((x[i] + x[j]) / 2 - mass @ x / mass.sum())[np.array(members)]
+    return centres @ np.linalg.pinv(directions) / np.linalg.norm(centres, axis=1).max()

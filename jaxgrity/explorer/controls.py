@@ -1,0 +1,98 @@
+"""What the sliders of the explorer change: numbers of a scene, none of which is part of a compiled program."""
+
+import dataclasses
+from typing import NamedTuple
+
+import equinox as eqx
+import numpy as np
+
+from jaxgrity.core.errors import InputError
+from jaxgrity.model.scene import Scene
+from jaxgrity.model.structure import edge_lengths
+
+LARGEST_PHASE = 6.28
+"""rad, at the end of a slider whose steps are 0.01"""
+
+
+class Knob(NamedTuple):
+    """One number that can be changed."""
+
+    name: str
+    low: float
+    high: float
+    step: float
+    value: float
+    """as the scene has it"""
+    hint: str
+
+
+def knobs(scene: Scene) -> tuple[Knob, ...]:
+    """What can be changed in a scene: only what it has. Raises `InputError` where it has no gait."""
+    gait, cables = scene.gait, scene.structure.cables
+    if gait is None:
+        raise InputError("the scene has no [gait]; the explorer expected one to play with")
+    found = [
+        Knob(
+            "amplitude", 0.0, 0.6, 0.01, float(np.max(gait.amplitude)), "of the strongest member; the others go along"
+        ),
+        Knob("frequency (Hz)", 0.1, 2.0, 0.01, float(np.max(gait.frequency)), "of the fastest member"),
+    ]
+    if scene.friction is not None:
+        mu = float(np.max(np.asarray(scene.friction.sliding_mu)))
+        found.append(Knob("friction", 0.0, max(1.5, 2 * mu), 0.01, mu, "coefficient of a node that slides"))
+    if scene.gravity is not None and scene.up is None:
+        found.append(Knob("incline (degrees)", -15.0, 15.0, 0.5, 0.0, "more than the scene's own; it falls towards +x"))
+    if cables is not None:
+        strain = _prestrain(scene)
+        if strain > 0:
+            found.append(Knob("prestress", 0.0, min(0.8, 2 * strain), 0.01, strain, "strain of the cables as built"))
+        found.append(Knob("cable stiffness", 0.5, 2.0, 0.05, 1.0, "times what the scene says"))
+    phases = np.mod(np.asarray(gait.phase, float), 2 * np.pi)
+    for member, phase in zip(gait.members, phases) if len(phases) <= 12 else ():
+        found.append(Knob(f"phase of {member} (rad)", 0.0, LARGEST_PHASE, 0.01, float(phase), "of this member's sine"))
+    return tuple(found)
+
+
+def adjusted(scene: Scene, values: dict[str, float]) -> Scene:
+    """The scene with the knobs at these values; knobs that are not named stay where they are.
+
+    What changes are arrays of the same shapes, so that whatever is compiled for one setting serves all others.
+    """
+    own = {knob.name: knob.value for knob in knobs(scene)}
+    ratio = {name: values.get(name, value) / value if value else 1.0 for name, value in own.items()}
+    gait, friction, structure = scene.gait, scene.friction, scene.structure
+    assert gait is not None, "`knobs` refuses a scene without a gait"
+    phase = [values.get(f"phase of {m} (rad)", p) for m, p in zip(gait.members, np.asarray(gait.phase, float))]
+    gait = dataclasses.replace(
+        gait,
+        phase=np.array(phase),
+        amplitude=np.asarray(gait.amplitude) * ratio["amplitude"],
+        frequency=np.asarray(gait.frequency) * ratio["frequency (Hz)"],
+    )
+    if "friction" in ratio and friction is not None:
+        names = [field.name for field in dataclasses.fields(friction) if field.name.startswith("mu")]
+        rough = {name: np.asarray(getattr(friction, name)) * ratio["friction"] for name in names}
+        friction = dataclasses.replace(friction, **rough)
+    if structure.cables is not None:
+        cables = _tightened(scene, ratio.get("prestress", 1.0), ratio["cable stiffness"])
+        structure = eqx.tree_at(lambda s: s.cables, structure, cables)
+    up = scene.up
+    if "incline (degrees)" in own:
+        lean = np.radians(values.get("incline (degrees)", 0.0))
+        up = np.tile([-np.sin(lean), 0.0, np.cos(lean)], (len(structure.nodes), 1))
+    return dataclasses.replace(scene, gait=gait, friction=friction, structure=structure, up=up)
+
+
+def _prestrain(scene: Scene) -> float:
+    cables = scene.structure.cables
+    assert cables is not None, "a structure without cables has no prestress"
+    return float(np.mean(1 - np.asarray(cables.rest_length) / edge_lengths(scene.structure.nodes, cables.edges)))
+
+
+def _tightened(scene: Scene, strain: float, stiffness: float):
+    """The cables with their prestrain and their stiffness times these."""
+    cables = scene.structure.cables
+    assert cables is not None, "a structure without cables has none to tighten"
+    built = edge_lengths(scene.structure.nodes, cables.edges)
+    rest = built - (built - np.asarray(cables.rest_length)) * strain
+    return dataclasses.replace(cables, rest_length=rest, stiffness=np.asarray(cables.stiffness) * stiffness)

@@ -1,0 +1,75 @@
+"""What can be saved from the page: each file is sent to the browser, which asks where to put it."""
+
+import dataclasses
+import json
+import math
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jaxgrity.explorer.session import Rolled
+from jaxgrity.io.files import plain
+from jaxgrity.io.gait_library import gait_facts
+from jaxgrity.io.scene_writing import scene_toml
+from jaxgrity.model.scene import Scene
+from jaxgrity.report.animation import animate
+from jaxgrity.report.view import replay
+
+Export = Callable[[Rolled, str], bytes]
+"""makes the contents of a file of what is shown, and the name of its scene"""
+
+
+def gait_file(rolled: Rolled, scene: str) -> bytes:
+    """The gait, which every command takes as `--gait gait.json`."""
+    assert rolled.scene.gait is not None, "the explorer's scenes have a gait"
+    return json.dumps(plain({"scene": scene, **gait_facts(rolled.scene.gait)}), indent=1).encode()
+
+
+def scene_text_of(rolled: Rolled, scene: str) -> bytes:
+    """The robot, its ground and its gait; raises `InputError` where scene files have no words for something."""
+    return scene_toml(upright(rolled.scene)).encode()
+
+
+def upright(scene: Scene) -> Scene:
+    """The scene turned about the y axis until up is z again; its plane is inclined by as much more.
+
+    A scene whose gravity leans another way, or whose ground is no plane, is left as it is where it leans at all.
+    """
+    if scene.up is None:
+        return scene
+    x, y, z = np.asarray(scene.up, float)[0]
+    lean = math.atan2(-x, z)
+    if lean == 0 and y == 0:
+        return dataclasses.replace(scene, up=None)
+    if y or scene.ground is None or scene.ground.surface is not None or np.ptp(scene.up, axis=0).any():
+        return scene
+    turn = np.array([[math.cos(lean), 0, math.sin(lean)], [0, 1, 0], [-math.sin(lean), 0, math.cos(lean)]])
+    structure = dataclasses.replace(scene.structure, nodes=np.asarray(scene.structure.nodes) @ turn.T)
+    inclined: dict[str, Any] = {"incline": scene.ground.incline + lean}
+    ground = dataclasses.replace(scene.ground, **inclined)
+    return dataclasses.replace(scene, structure=structure, ground=ground, up=None)
+
+
+def replay_file(rolled: Rolled, scene: str) -> bytes:
+    """The motion in 3D."""
+    return replay(rolled.scene, rolled.trajectory, title=scene).page.encode()
+
+
+def animation_file(rolled: Rolled, scene: str) -> bytes:
+    """The motion as a GIF."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "animation.gif"
+        animate(rolled.scene, rolled.trajectory, path, camera="follow")
+        return path.read_bytes()
+
+
+EXPORTS: dict[str, Export] = {
+    "gait.json": gait_file,
+    "scene.toml": scene_text_of,
+    "replay.html": replay_file,
+    "animation.gif": animation_file,
+}
+"""by the names of the files"""

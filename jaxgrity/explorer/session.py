@@ -1,0 +1,141 @@
+"""What the explorer computes: one rollout at a time, by programs that are compiled once for a robot."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import jax
+import numpy as np
+
+from jaxgrity.core.errors import InputError
+from jaxgrity.explorer.controls import Knob, adjusted, knobs
+from jaxgrity.io.gait_library import gait_names, load_gait
+from jaxgrity.io.scene_files import load_scene
+from jaxgrity.model.contact_twin import contact_twin
+from jaxgrity.model.scene import Scene, with_gait
+from jaxgrity.report.poses import RobotPoses, robot_poses
+from jaxgrity.stepping.integrate import FAILURES
+from jaxgrity.stepping.options import ResolvedOptions, resolve
+from jaxgrity.stepping.simulate import Trajectory, centre_path, simulate
+from jaxgrity.trust.error_bars import refinement_bar
+from jaxgrity.trust.orbits import find_orbit, period_of
+
+OWN = "the scene's own"
+OTHER = "the other"
+WATCHED_PERIODS = 56
+"""of actuation, in which the robot is to settle on an orbit"""
+FRAME_RATE = 25.0
+"""saved frames a second"""
+
+
+class Rolled(NamedTuple):
+    """One rollout, ready to be shown."""
+
+    scene: Scene
+    trajectory: Trajectory
+    poses: RobotPoses | None
+    """None where it failed"""
+    distance: float
+    """m, horizontal, of the centre of mass"""
+    cost_of_transport: float
+    """work of every actuator by itself, between frames, / (m g distance)"""
+
+    def words(self, error_bar: float | None, orbit: str = "") -> str:
+        """What is worth knowing, as Markdown; `orbit` says what the robot settles on."""
+        if self.poses is None:
+            return f"**failed**: {FAILURES[int(self.trajectory.failure)]}"
+        duration = float(self.trajectory.times[-1])
+        bar = "…" if error_bar is None else f"{error_bar:.2g}"
+        return (
+            f"**{self.distance:.3f} ± {bar} m** in {duration:g} s  \n"
+            f"speed {self.distance / duration:.3f} m/s  \n"
+            f"cost of transport {self.cost_of_transport:.2f}" + (f"  \n{orbit}" if orbit else "")
+        )
+
+
+class Robot3D(NamedTuple):
+    """The robot that the page is about, with all that stays the same while sliders move."""
+
+    scene: Scene
+    knobs: tuple[Knob, ...]
+    duration: float
+    roll: Callable[[dict[str, float]], Rolled]
+    """by the values of the knobs"""
+    error_bar: Callable[[Rolled, Callable[[], bool]], float | None]
+    """m, of the centre of mass at the end; None where it was told to give up"""
+    orbit: Callable[[Rolled], str]
+    """what the robot settles on, in words"""
+
+
+def gaits_for(scene: Scene) -> tuple[str, ...]:
+    """The scene's own gait, and those of the library that actuate members that the scene has."""
+    fitting = [name for name in gait_names() if max(load_gait(name).members) < scene.structure.member_count]
+    return (OWN, *fitting)
+
+
+def chosen_robot(scene: str, contact: str, gait: str, duration: float) -> Robot3D:
+    """The robot of a scene's name or file, on one of the contact models, with a gait of the library.
+
+    Raises `InputError` where the scene has no gait, or has no twin on the other contact model.
+    """
+    found = load_scene(scene)
+    if gait != OWN:
+        found = with_gait(found, load_gait(gait))
+    if contact == OTHER:
+        found = contact_twin(found)
+    known = knobs(found)
+    # one step for all settings: that of the stiffest
+    stiffest = {knob.name: knob.high for knob in known if knob.name == "cable stiffness"}
+    options = resolve(adjusted(found, stiffest), duration)
+
+    def roll(values: dict[str, float]) -> Rolled:
+        scene = adjusted(found, values)
+        trajectory = simulate(scene, duration, options=options, frame_rate=FRAME_RATE)
+        return _rolled(scene, jax.block_until_ready(trajectory))
+
+    def error_bar(rolled: Rolled, give_up: Callable[[], bool]) -> float | None:
+        paths = [centre_path(rolled.scene, rolled.trajectory)]
+        for finer in options.refined()[1:]:
+            if give_up():
+                return None
+            trajectory = simulate(rolled.scene, duration, options=finer, frame_rate=FRAME_RATE)
+            paths.append(centre_path(rolled.scene, trajectory))
+        return float(refinement_bar(*(path[-1:] for path in paths))[0])
+
+    def orbit(rolled: Rolled) -> str:
+        return orbit_words(rolled.scene, options)
+
+    return Robot3D(found, known, duration, roll, error_bar, orbit)
+
+
+def orbit_words(scene: Scene, options: ResolvedOptions) -> str:
+    """What becomes of the robot later; as many periods for all gaits, so that none needs a program of its own."""
+    try:
+        period = period_of(scene.gait)
+        found = find_orbit(scene, (WATCHED_PERIODS + 0.5) * period, options=options)
+    except InputError as error:
+        return f"orbit: {error}"
+    if not found.settled:
+        return f"no orbit after {found.verified_for:.0f} s"
+    turning = np.degrees(found.turning)
+    return (
+        f"settles on an orbit: {found.speed:.3f} m/s, turning by {turning:.1f}°/s, seen for {found.verified_for:.0f} s"
+    )
+
+
+def _rolled(scene: Scene, trajectory: Trajectory) -> Rolled:
+    if trajectory.failed:
+        return Rolled(scene, trajectory, None, np.nan, np.nan)
+    poses = robot_poses(scene, trajectory, FRAME_RATE)
+    moved = poses.centre[-1] - poses.centre[0]
+    distance = float(np.hypot(*moved[:2]))
+    return Rolled(scene, trajectory, poses, distance, _cost_of_transport(scene, poses, distance))
+
+
+def _cost_of_transport(scene: Scene, poses: RobotPoses, distance: float) -> float:
+    """sum over actuators of the integral of max(0, -tension dl/dt) / (m g distance), by differences of frames."""
+    assert scene.gait is not None, "the explorer's scenes have a gait"
+    actuated = list(scene.gait.members)
+    lengths, tension = poses.members.scale[:, actuated, 2], poses.tension[:, actuated]
+    work = -(tension[1:] + tension[:-1]) / 2 * np.diff(lengths, axis=0)
+    weight = float(scene.structure.mass) * float(scene.gravity or np.nan)
+    return float(np.maximum(0, work).sum()) / weight / distance if distance else np.inf

@@ -1,0 +1,70 @@
+"""What all readers and writers of other programs' files have in common."""
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from jaxgrity.core.errors import InputError
+from jaxgrity.io.files import read_text
+from jaxgrity.model.scene import Scene
+
+LARGEST_FILE = 4_000_000
+"""bytes of a text file, above which it is no robot's"""
+MOST_NODES = 10_000
+
+
+class Imported(NamedTuple):
+    """What was read."""
+
+    scene: Scene
+    notes: tuple[str, ...]
+    """sentences: units, what was taken how, what was left out"""
+
+
+def read_limited(path: str | Path) -> str:
+    """The text of a file. Raises `InputError` where it cannot be read, or is larger than a robot can be."""
+    size = Path(path).stat().st_size if Path(path).is_file() else 0
+    if size > LARGEST_FILE:
+        raise InputError(f"{path}: has {size} bytes; expected at most {LARGEST_FILE}")
+    return read_text(path)
+
+
+def finite(value: Any, where: str) -> float:
+    """A number that a file gives as text. Raises `InputError` where it is none, or not finite."""
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        raise InputError(f"{where} = {short(value)}: expected a number") from None
+    if not math.isfinite(number):
+        raise InputError(f"{where} = {short(value)}: expected a finite number")
+    return number
+
+
+def not_negative(value: Any, where: str) -> float:
+    """Likewise, and 0 or more."""
+    number = finite(value, where)
+    if number < 0:
+        raise InputError(f"{where} = {short(value)}: expected no negative number")
+    return number
+
+
+def positive(value: Any, where: str) -> float:
+    """Likewise, and more than 0."""
+    number = finite(value, where)
+    if not number > 0:
+        raise InputError(f"{where} = {short(value)}: expected a positive number")
+    return number
+
+
+def numbers(values: Any, count: int | None, where: str) -> list[float]:
+    """A list of numbers. Raises `InputError` where it is none, or has another length than `count` (None: any)."""
+    if not isinstance(values, Sequence) or isinstance(values, str) or count not in (None, len(values)):
+        raise InputError(f"{where} = {short(values)}: expected a list of {'' if count is None else f'{count} '}numbers")
+    return [finite(value, f"{where}[{k}]") for k, value in enumerate(values)]
+
+
+def short(value: Any) -> str:
+    """A value as errors show it."""
+    text = repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."

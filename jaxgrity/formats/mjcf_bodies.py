@@ -1,0 +1,121 @@
+"""The bodies of a MuJoCo model as nodes with masses, supports, and rods: as heavy, and as hard to turn."""
+
+from typing import Any
+
+import lazy_loader
+import numpy as np
+from scipy.optimize import nnls
+
+from jaxgrity.core.errors import InputError
+from jaxgrity.core.types import Edges, Supports
+from jaxgrity.formats.compounds import bracing
+from jaxgrity.model.structure import Members, edge_lengths
+
+mujoco: Any = lazy_loader.load("mujoco")
+
+MASS_WITHIN, MASS_NOTED = 0.02, 1e-3
+"""share of a body's second moments by which point masses and thin rods at its nodes may miss them, silently too"""
+LEAST_SHARE = 1e-3
+"""of a body's mass, at each node where some node would have none"""
+Rod = tuple[tuple[int, int], float]
+"""the nodes that it joins, and its mass, kg"""
+
+
+def carried(
+    model: Any, data: Any, x: np.ndarray, carrier: np.ndarray, notes: list[str]
+) -> tuple[np.ndarray, Supports, list[Rod]]:
+    """Masses of nodes, supports, and rods with their masses, body by body."""
+    mass, fixed, rods = np.zeros(len(x)), [], []
+    for body in sorted(set(carrier.tolist())):
+        own = np.flatnonzero(carrier == body)
+        name = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_BODY, body) or str(body)
+        joints = np.flatnonzero(model.body_weldid[model.jnt_bodyid] == body)
+        kinds = model.jnt_type[joints]
+        if body == 0:
+            fixed += [(int(node), "xyz") for node in own]
+        elif model.body_weldid[model.body_parentid[body]] != 0:
+            raise InputError(f"body {name}: moves on another body; expected bodies that are free of each other")
+        elif len(kinds) == 1 and kinds[0] == mujoco.mjtJoint.mjJNT_FREE:
+            found, shares = _as_rods(_moments(model, data, body), name, own, x, notes)
+            rods += found
+            mass[own] = shares
+        elif len(own) == 1 and len(kinds) and np.all(kinds == mujoco.mjtJoint.mjJNT_SLIDE):
+            mass[own] = model.body_subtreemass[body]
+            held = _held(model, joints, name)
+            fixed += [(int(own[0]), held)] if held else []
+        else:
+            raise InputError(f"body {name}: expected a free joint, or slides along axes and a single node")
+    return mass, tuple(fixed), rods
+
+
+def _held(model: Any, joints: np.ndarray, name: str) -> str:
+    """The axes along which a body on slides does not move."""
+    axes = np.abs(model.jnt_axis[joints])
+    if not np.allclose(axes.max(1), 1) or len(set(axes.argmax(1))) < len(axes):
+        raise InputError(f"body {name}: its slides are not along x, y or z; expected them to be")
+    return "".join(axis for k, axis in enumerate("xyz") if k not in axes.argmax(1))
+
+
+def _as_rods(
+    moments: tuple[float, np.ndarray, np.ndarray], name: str, own: np.ndarray, x: np.ndarray, notes: list[str]
+) -> tuple[list[Rod], np.ndarray]:
+    """Thin rods, and point masses, kg, at its `own` nodes, that are as heavy as a free body, and as hard to turn."""
+    total, centre, second = moments
+    edges: Edges = ((int(own[0]), int(own[1])),) if len(own) == 2 else _braces(x, own)
+    size = np.ptp(x[own], axis=0).max()
+    rows = [_moments_of(x[[n, n]] - centre, size) for n in own] + [
+        _moments_of(x[list(e)] - centre, size) for e in edges
+    ]
+    wanted = np.r_[1.0, np.zeros(3), (second / total / size**2)[np.triu_indices(3)]]
+    columns, shares = np.array(rows).T, np.zeros(len(rows))
+    for least in (0.0, LEAST_SHARE):
+        shares[: len(own)] = least
+        shares = shares + nnls(columns, wanted - columns[:, : len(own)].sum(1) * least)[0]
+        carries = {node for e, share in zip(edges, shares[len(own) :]) if share > 0 for node in e}
+        if all(share > 0 or int(node) in carries for node, share in zip(own, shares)):
+            break
+        shares = np.zeros(len(rows))
+    missed = np.abs(columns @ shares - wanted).max() / np.abs(wanted[4:]).max()
+    if missed > MASS_WITHIN:
+        raise InputError(
+            f"body {name}: point masses and thin rods between its {len(own)} nodes miss its centre of mass or moments "
+            f"of inertia by {missed:.0%}; expected nodes that span it"
+        )
+    if missed > MASS_NOTED:
+        notes.append(f"body {name}: point masses and thin rods miss its moments of inertia by {missed:.1%}")
+    rods = [(edge, float(share * total)) for edge, share in zip(edges, shares[len(own) :])]
+    return rods, shares[: len(own)] * total
+
+
+def _braces(x: np.ndarray, own: np.ndarray) -> Edges:
+    if len(own) < 2:
+        raise InputError("a free body has one node; expected two or more, so that struts can stand for it")
+    chain = tuple((k, k + 1) for k in range(len(own) - 1))
+    return tuple((int(own[i]), int(own[j])) for i, j in (*chain, *bracing(x[own], chain)))
+
+
+def _moments(model: Any, data: Any, body: int) -> tuple[float, np.ndarray, np.ndarray]:
+    """Mass, centre, and the integral of d d' dm about it, of a body and of all that is welded to it."""
+    welded = np.flatnonzero(model.body_weldid == body)
+    m, at = model.body_mass[welded], data.xipos[welded]
+    total = float(m.sum())
+    centre = m @ at / total
+    second = np.zeros((3, 3))
+    for k, mass, place in zip(welded, m, at):
+        turn, inertia = data.ximat[k].reshape(3, 3), model.body_inertia[k]
+        second += turn @ np.diag(inertia.sum() / 2 - inertia) @ turn.T + mass * np.outer(place - centre, place - centre)
+    return total, centre, second
+
+
+def _moments_of(ends: np.ndarray, size: float) -> np.ndarray:
+    """(10,): mass, first and second moments of a thin rod of mass 1, lengths in units of `size`."""
+    a, b = ends / size
+    second = (2 * np.outer(a, a) + 2 * np.outer(b, b) + np.outer(a, b) + np.outer(b, a)) / 6
+    return np.r_[1.0, (a + b) / 2, second[np.triu_indices(3)]]
+
+
+def rod_members(x: np.ndarray, rods: list[Rod]) -> Members | None:
+    if not rods:
+        return None
+    edges, mass = tuple(edge for edge, _ in rods), np.array([m for _, m in rods])
+    return Members(edges, None, edge_lengths(x, edges), mass=mass if mass.any() else None)

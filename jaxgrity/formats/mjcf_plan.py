@@ -1,0 +1,165 @@
+"""What of a scene becomes rigid bodies, point masses and tendons in MuJoCo, and how its actuators are moved."""
+
+import math
+from typing import NamedTuple
+
+import jax
+import numpy as np
+
+from jaxgrity.core.errors import InputError
+from jaxgrity.core.types import Times
+from jaxgrity.formats.compounds import bodies, is_rigid
+from jaxgrity.model.actuation import Gait, rest_length
+from jaxgrity.model.contact_twin import penalty_twin
+from jaxgrity.model.scene import Scene
+from jaxgrity.model.structure import Members, Structure
+
+THICKNESS = 0.01
+"""radius of a rod over its length, as far as its turning about itself and pictures go"""
+LARGEST_STEP = 2e-3
+"""s"""
+
+
+class Plan(NamedTuple):
+    """Which struts are parts of rigid bodies, and what is left for nodes and tendons."""
+
+    structure: Structure
+    """struts that are no part of a body are springs"""
+    rigid: frozenset[int]
+    """struts"""
+    bodies: tuple[np.ndarray, ...]
+    """their nodes"""
+    node_mass: np.ndarray
+    """kg, without the rods of bodies"""
+    actuated: tuple[int, ...]
+
+
+def mjcf_controls(scene: Scene, times: Times, gait: Gait | None = None) -> np.ndarray:
+    """(times, actuators): the changes of rest length, m, that the scene's gait, or another, asks of its MuJoCo model.
+
+    `times` (s) are those of the steps' starts. Rows are for `data.ctrl`; further actuators of the model, which damp
+    nodes, need none.
+    """
+    structure, moved = scene.structure, scene.gait if gait is None else gait
+    if moved is None:
+        return np.zeros((len(times), 0))
+    columns: dict[int, np.ndarray] = {}
+    for members, first in ((structure.struts, 0), (structure.cables, structure.first_cable)):
+        if members is not None:
+            lengths = np.asarray(jax.vmap(lambda t, m=members, k=first: rest_length(m, moved, t, k))(np.asarray(times)))
+            change = np.broadcast_to(lengths, (len(times), len(members.edges))) - np.asarray(members.rest_length)
+            columns |= {first + k: change[:, k] for k in range(len(members.edges))}
+    return np.stack([columns[k] for k in actuated_members(structure, moved)], axis=1)
+
+
+def actuated_members(structure: Structure, gait: Gait | None) -> tuple[int, ...]:
+    """Members that a gait moves, but for those that are stuck, in ascending order."""
+    stuck = set() if structure.struts is None else set(structure.struts.stuck)
+    if structure.cables is not None:
+        stuck |= {structure.first_cable + k for k in structure.cables.stuck}
+    return () if gait is None else tuple(sorted(set(gait.members) - stuck))
+
+
+def plan_of(scene: Scene) -> tuple[Plan, list[str]]:
+    structure, struts = scene.structure, scene.structure.struts
+    if structure.driven:
+        raise InputError(f"members {list(structure.driven)} have motors, which MuJoCo models lack; expected a gait")
+    if structure.cables is not None and structure.cables.clusters:
+        raise InputError("cables run through several nodes; expected a scene for MuJoCo whose cables join two each")
+    actuated = actuated_members(structure, scene.gait)
+    notes: list[str] = []
+    mass = np.asarray(structure.node_mass, float)
+    nodes, held = np.asarray(structure.nodes, float), {node for node, _ in structure.fixed}
+    if struts is None:
+        return Plan(structure, frozenset(), (), _with_halves(mass, structure.cables), actuated), notes
+    rod = np.zeros(len(struts.edges)) if struts.mass is None else np.asarray(struts.mass, float)
+    may = [
+        k for k in range(len(rod)) if (struts.rigid or rod[k]) and k not in actuated and not held & {*struts.edges[k]}
+    ]
+    rigid: set[int] = set()
+    found = []
+    for body in bodies(tuple(struts.edges[k] for k in may), len(mass)):
+        own = [k for k in may if struts.edges[k][0] in body]
+        place = {int(node): k for k, node in enumerate(body)}
+        inside = tuple((place[i], place[j]) for i, j in (struts.edges[k] for k in own))
+        if is_rigid(nodes[body], inside):
+            rigid |= set(own)
+            found.append(body)
+    others = [k for k in range(len(rod)) if k not in rigid]
+    if struts.rigid and others:
+        struts = penalty_twin(scene).structure.struts
+        assert struts is not None, "it has those of the scene"
+        assert struts.stiffness is not None, "as springs"
+        notes.append(f"{len(others)} rigid struts are springs of {np.max(struts.stiffness):.4g} N/m there")
+    elif rigid and not struts.rigid:
+        notes.append(f"{len(rigid)} struts with mass do not stretch there, as their ends belong to one body")
+    kept = _some(struts, others)
+    if _has_mass(kept) or _has_mass(structure.cables):
+        notes.append("the mass of cables, and of struts that are springs there, is at their ends, half at each")
+    mass = _with_halves(_with_halves(mass, kept), structure.cables)
+    springs = Structure(nodes, np.ones(len(mass)), struts, structure.cables, fixed=structure.fixed)
+    return Plan(springs, frozenset(rigid), tuple(found), mass, actuated), notes
+
+
+def _has_mass(members: Members | None) -> bool:
+    return members is not None and members.mass is not None and bool(np.any(np.asarray(members.mass)))
+
+
+def _some(members: Members, chosen: list[int]) -> Members | None:
+    if not chosen:
+        return None
+    mass = None if members.mass is None else np.asarray(members.mass)[chosen]
+    return Members(tuple(members.edges[k] for k in chosen), None, np.asarray(members.rest_length)[chosen], mass=mass)
+
+
+def _with_halves(mass: np.ndarray, members: Members | None) -> np.ndarray:
+    found = mass.copy()
+    if members is not None and members.mass is not None:
+        for ends in zip(*members.edges):
+            np.add.at(found, list(ends), np.asarray(members.mass) / 2)
+    return found
+
+
+def safe_step(plan: Plan) -> float:
+    """s: an eighth of the period of the stiffest node."""
+    pull, structure = np.zeros(len(plan.node_mass)), plan.structure
+    for members in (structure.struts, structure.cables):
+        if members is None or members.stiffness is None:
+            continue
+        for k, edge in enumerate(members.edges):
+            pull[list(edge)] += 0.0 if members is structure.struts and k in plan.rigid else members.stiffness[k]
+    whole = plan.node_mass.copy()
+    if plan.rigid and structure.struts is not None and structure.struts.mass is not None:
+        for k in plan.rigid:
+            whole[list(structure.struts.edges[k])] += structure.struts.mass[k] / 4
+    fastest = np.sqrt(np.max(2 * pull[whole > 0] / whole[whole > 0], initial=0))
+    return float(min(LARGEST_STEP, 2 * math.pi / fastest / 8 if fastest else LARGEST_STEP))
+
+
+def inertia_of(
+    x: np.ndarray, node_mass: dict[int, float], rods: list[tuple[tuple[int, int], float]]
+) -> tuple[float, np.ndarray, np.ndarray]:
+    """Mass (kg), centre (m) and moments of inertia (kg m^2, 3 x 3) about it of point masses and thin rods at `x`.
+
+    Of two nodes the moment about their own line is not 0 but that of a rod of `THICKNESS`.
+    """
+    mass = sum(node_mass.values()) + sum(m for _, m in rods)
+    ends = [(x[i], x[j], m) for (i, j), m in rods]
+    first = sum((m * x[n] for n, m in node_mass.items()), np.zeros(3)) + sum((m * (a + b) / 2 for a, b, m in ends), 0.0)
+    if not mass > 0:
+        raise InputError("a rigid body has no mass; expected some, for a free body of MuJoCo")
+    centre = first / mass
+    second = sum((m * np.outer(d, d) for d, m in ((x[n] - centre, m) for n, m in node_mass.items())), np.zeros((3, 3)))
+    for a, b, m in ((a - centre, b - centre, m) for a, b, m in ends):
+        second = second + m / 6 * (2 * np.outer(a, a) + 2 * np.outer(b, b) + np.outer(a, b) + np.outer(b, a))
+    inertia = np.trace(second) * np.eye(3) - second
+    if len(node_mass) == 2:
+        i, j = node_mass
+        d = x[j] - x[i]
+        inertia = inertia + mass / 2 * THICKNESS**2 * np.outer(d, d)
+    return mass, centre, inertia
+
+
+def amplitudes(gait: Gait | None) -> dict[int, float]:
+    """The amplitude of each member that a gait moves."""
+    return {} if gait is None else {k: float(a) for k, a in zip(gait.members, np.asarray(gait.amplitude))}

@@ -1,0 +1,186 @@
+"""Scenes as MuJoCo models (MJCF), and the controls by which a gait moves one."""
+
+from pathlib import Path
+from typing import Any, NamedTuple
+from xml.etree import ElementTree
+
+import numpy as np
+
+from jaxgrity.formats.mjcf_plan import THICKNESS, Plan, amplitudes, inertia_of, plan_of, safe_step
+from jaxgrity.io.files import write_whole
+from jaxgrity.model.scene import Scene
+
+RADIUS = 1e-3
+"""m, of the spheres at nodes that touch the ground, which lies as much lower"""
+STRONGEST = 1e9
+"""N, which no cable pulls with"""
+
+
+class MuJoCoModel(NamedTuple):
+    """A scene as MuJoCo has it."""
+
+    xml: str
+    """MJCF: the text of the file"""
+    notes: tuple[str, ...]
+    """sentences: what is modelled otherwise there, or not at all"""
+    actuated: tuple[int, ...]
+    """members in the order of the model's first actuators: struts from 0, then cables"""
+
+
+def save_mjcf(scene: Scene, path: str | Path, timestep: float | None = None, integrator: str = "RK4") -> MuJoCoModel:
+    """Write a scene as a MuJoCo model.
+
+    Struts that are rigid, or have mass, are free bodies with their thin rods' moments of inertia; other nodes are point
+    masses on three slides. Cables, and struts that are springs, are spatial tendons between sites: a cable's spring
+    range is [0, L0], so that it only pulls. Members that the gait moves are actuators on their tendons instead, with
+    the force K (L0 + u - l) - c l', where the control u is the change of rest length, m (`mjcf_controls`); those of
+    cables only pull. Contact is MuJoCo's own, between nodes and the plane.
+
+    Args:
+        scene: what to write.
+        path: of the file (.xml), which appears whole or not at all.
+        timestep: s; None: one that suits the stiffest spring.
+        integrator: Euler, RK4, implicit or implicitfast.
+
+    Returns:
+        The model, with what MuJoCo has otherwise or not at all.
+
+    Raises:
+        InputError: a rigid strut has to become a spring, and no gravity says how stiff one may be; or the scene has
+            motors, or cables that run through several nodes.
+
+    Example:
+        >>> model = jaxgrity.save_mjcf(jaxgrity.load_scene("reference"), "my_robot.xml")
+        >>> model.actuated  # the gait moves the six struts
+        (0, 1, 2, 3, 4, 5)
+    """
+    model = mujoco_model(scene, timestep, integrator)
+    write_whole(path, lambda file: file.write(model.xml.encode()))
+    return model
+
+
+def mujoco_model(scene: Scene, timestep: float | None = None, integrator: str = "RK4") -> MuJoCoModel:
+    """What `save_mjcf` writes. Raises as it does."""
+    plan, notes = plan_of(scene)
+    root = ElementTree.Element("mujoco", model="jaxgrity")
+    g = 0.0 if scene.gravity is None else float(scene.gravity)
+    step = safe_step(plan) if timestep is None else timestep
+    _add(root, "option", timestep=step, integrator=integrator, gravity=[0.0, 0.0, -g], cone="elliptic")
+    world = _add(root, "worldbody")
+    notes += _ground(world, scene)
+    drag = np.zeros(len(plan.node_mass)) if scene.node_damping is None else np.asarray(scene.node_damping, float)
+    in_bodies = {int(node) for nodes in plan.bodies for node in nodes}
+    for number, nodes in enumerate(plan.bodies):
+        _body(world, plan, nodes, number)
+    for node in range(len(drag)):
+        if node not in in_bodies:
+            _point(world, plan, node, drag[node])
+    notes += _members(root, scene, plan)
+    _drag_on_bodies(root, {node: drag[node] for node in sorted(in_bodies) if drag[node]})
+    ElementTree.indent(root)
+    notes += ["laws that have no counterpart in MuJoCo are left out"] if scene.terms else []
+    notes += ["supports do not move there"] if scene.shaking is not None else []
+    return MuJoCoModel(ElementTree.tostring(root, encoding="unicode") + "\n", tuple(notes), plan.actuated)
+
+
+def _ground(world: ElementTree.Element, scene: Scene) -> list[str]:
+    if scene.ground is None:
+        return []
+    if scene.ground.surface is not None:
+        return ["the ground is no plane, and is left out"]
+    mu = 0.0 if scene.friction is None else float(np.max(scene.friction.sliding_mu))
+    n = scene.ground.normal
+    at = [-RADIUS * axis for axis in n]
+    flags = {"contype": 0, "conaffinity": 1, "priority": 1, "friction": [mu, 0.0, 0.0]}
+    _add(world, "geom", name="ground", type="plane", size=[0, 0, 1], zaxis=list(n), pos=at, **flags)
+    return ["contact is MuJoCo's own: soft, with its default stiffness, and with the friction coefficient of the scene"]
+
+
+def _body(world: ElementTree.Element, plan: Plan, nodes: np.ndarray, number: int) -> None:
+    """A free body at its centre of mass."""
+    struts, x = plan.structure.struts, np.asarray(plan.structure.nodes, float)
+    assert struts is not None, "a body is made of struts"
+    own = [k for k in sorted(plan.rigid) if struts.edges[k][0] in nodes]
+    rods = [(struts.edges[k], 0.0 if struts.mass is None else float(struts.mass[k])) for k in own]
+    mass, centre, inertia = inertia_of(x, {int(n): plan.node_mass[n] for n in nodes}, rods)
+    body = _add(world, "body", name=f"body{number}", pos=centre)
+    _add(body, "freejoint")
+    entries = [inertia[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
+    _add(body, "inertial", pos=[0.0, 0.0, 0.0], mass=mass, fullinertia=entries)
+    for k in own:
+        ends = x[list(struts.edges[k])] - centre
+        size = [THICKNESS * np.linalg.norm(ends[1] - ends[0])]
+        _add(body, "geom", type="capsule", fromto=ends.ravel(), size=size, contype=0, conaffinity=0, mass=0)
+    for node in nodes:
+        _node(body, int(node), x[node] - centre, 0.0)
+
+
+def _point(world: ElementTree.Element, plan: Plan, node: int, drag: float) -> None:
+    """A point mass on slides along the axes that no support holds, or a site of the world."""
+    x, free = np.asarray(plan.structure.nodes, float)[node], plan.structure.free[node]
+    if not free.any():
+        _add(world, "site", name=f"n{node}", pos=x)
+        return
+    body = _add(world, "body", name=f"node{node}", pos=x)
+    for axis in np.flatnonzero(free):
+        _add(body, "joint", type="slide", axis=np.eye(3)[axis], damping=drag)
+    _node(body, node, np.zeros(3), plan.node_mass[node])
+
+
+def _node(body: ElementTree.Element, node: int, at: np.ndarray, mass: float) -> None:
+    _add(body, "geom", size=[RADIUS], pos=at, mass=mass, contype=1, conaffinity=0)
+    _add(body, "site", name=f"n{node}", pos=at)
+
+
+def _members(root: ElementTree.Element, scene: Scene, plan: Plan) -> list[str]:
+    """Tendons with springs, and with actuators where a gait moves them."""
+    tendons, actuators = _add(root, "tendon"), _add(root, "actuator")
+    structure, damped = plan.structure, False
+    size = amplitudes(scene.gait)
+    for kind, members, first in (("strut", structure.struts, 0), ("cable", structure.cables, structure.first_cable)):
+        for k, edge in enumerate(members.edges if members is not None else ()):
+            if kind == "strut" and k in plan.rigid:
+                continue
+            assert members is not None, "it has edges"
+            assert members.stiffness is not None, "springs, by the plan"
+            K, L = float(members.stiffness[k]), float(members.rest_length[k])
+            c = 0.0 if members.damping is None else float(members.damping[k])
+            spring: dict[str, Any] = {"stiffness": K, "damping": c, "springlength": [0.0, L] if kind == "cable" else L}
+            if first + k in plan.actuated:
+                spring = {}
+                limits = {"forcelimited": "true", "forcerange": [-STRONGEST, 0.0]} if kind == "cable" else {}
+                reach = {"ctrllimited": "true", "ctrlrange": [-size[first + k] * L, 0.0]} if size[first + k] else {}
+                law = {"gainprm": K, "biastype": "affine", "biasprm": [K * L, -K, -c]}
+                _add(actuators, "general", name=f"{kind}{k}", tendon=f"{kind}{k}", **law, **limits, **reach)
+            damped = damped or bool(spring and kind == "cable" and c)
+            tendon = _add(tendons, "spatial", name=f"{kind}{k}", **spring)
+            for node in edge:
+                _add(tendon, "site", site=f"n{node}")
+    notes = ["cables are damped there while they are slack, too"] if damped else []
+    moved = (
+        f"{len(plan.actuated)} actuators change rest lengths by their controls (m); the gait itself is no part of it"
+    )
+    return [*notes, *([moved] if plan.actuated else [])]
+
+
+def _drag_on_bodies(root: ElementTree.Element, drag: dict[int, float]) -> None:
+    """Damping of nodes that are parts of bodies: forces against the velocities of their sites, along three axes."""
+    actuators = root.find("actuator")
+    assert actuators is not None, "it is there"
+    for node, c in drag.items():
+        for axis in range(3):
+            gear = [*np.eye(3)[axis], 0.0, 0.0, 0.0]
+            bias = {"biastype": "affine", "biasprm": [0.0, 0.0, -c], "gainprm": 0.0}
+            _add(actuators, "general", name=f"drag{node}{'xyz'[axis]}", site=f"n{node}", gear=gear, **bias)
+
+
+def _add(parent: ElementTree.Element, tag: str, **given: Any) -> ElementTree.Element:
+    return ElementTree.SubElement(parent, tag, {name: _text(value) for name, value in given.items()})
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, str):
+        return value
+    return " ".join(
+        repr(float(x)) if isinstance(x, float) else str(x) for x in np.atleast_1d(np.asarray(value)).tolist()
+    )

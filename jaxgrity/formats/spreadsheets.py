@@ -1,0 +1,139 @@
+"""Structures as two tables (CSV), for spreadsheets and pandas: nodes, and members."""
+
+import csv
+import io
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import IO
+
+import numpy as np
+
+from jaxgrity.core.errors import InputError
+from jaxgrity.core.types import AnyArray
+from jaxgrity.formats.foreign import MOST_NODES, Imported, finite, not_negative, positive, read_limited, short
+from jaxgrity.formats.matlab import beside_the_structure
+from jaxgrity.io.files import write_whole
+from jaxgrity.model.scene import Scene
+from jaxgrity.model.structure import Members, Structure, check_edges
+
+NODES = ("x_m", "y_m", "z_m", "mass_kg", "fixed")
+MEMBERS = ("kind", "first", "second", "rest_length_m", "stiffness_N_per_m", "damping_N_s_per_m", "mass_kg")
+KINDS = ("strut", "cable")
+
+
+def table_paths(path: str | Path) -> tuple[Path, Path]:
+    """The two files that `robot.csv`, or either of them, stands for: robot.nodes.csv and robot.members.csv."""
+    path = Path(path)
+    stem = path.name.removesuffix(".csv").removesuffix(".nodes").removesuffix(".members")
+    return path.with_name(f"{stem}.nodes.csv"), path.with_name(f"{stem}.members.csv")
+
+
+def save_tables(scene: Scene, path: str | Path) -> tuple[str, ...]:
+    """Write a structure as two tables beside each other, every number to the last bit.
+
+    `robot.nodes.csv` has a row for each node: x_m, y_m, z_m, mass_kg, and in `fixed` the axes along which it does not
+    move. `robot.members.csv` has a row for each member, struts first: kind, the nodes that it joins (from 0),
+    rest_length_m, stiffness_N_per_m (empty: rigid), damping_N_s_per_m and mass_kg.
+
+    Returns sentences on what they do not hold.
+    """
+    structure, held = scene.structure, dict(scene.structure.fixed)
+    x, mass = np.asarray(structure.nodes, float), np.asarray(structure.node_mass, float)
+    nodes = [[*map(repr, row), repr(m), held.get(k, "")] for k, (row, m) in enumerate(zip(x.tolist(), mass.tolist()))]
+    rows = []
+    for kind, members in zip(KINDS, (structure.struts, structure.cables)):
+        columns = () if members is None else (members.rest_length, members.stiffness, members.damping, members.mass)
+        for k, edge in enumerate(members.edges if members is not None else ()):
+            rows.append([kind, *map(str, edge), *(_cell(column, k) for column in columns)])
+    for place, head, content in zip(table_paths(path), (NODES, MEMBERS), (nodes, rows)):
+        text = io.StringIO()
+        csv.writer(text, lineterminator="\n").writerows([head, *content])
+        write_whole(place, partial(_put, text.getvalue()))
+    stuck = any(m is not None and m.stuck for m in (structure.struts, structure.cables))
+    return (*beside_the_structure(scene), *(["members that are stuck are written as others"] if stuck else []))
+
+
+def _put(text: str, file: IO[bytes]) -> None:
+    file.write(text.encode())
+
+
+def _cell(column: AnyArray | None, k: int) -> str:
+    return "" if column is None else repr(float(column[k]))
+
+
+def read_tables(path: str | Path) -> Imported:
+    """A structure from the two tables that `save_tables` writes; columns may be in any order.
+
+    mass_kg, fixed, damping_N_s_per_m and mass_kg of members may be left out. Raises `InputError`: one line with the
+    file, the row and what was expected.
+    """
+    first, second = table_paths(path)
+    nodes = _rows(first, NODES, ("x_m", "y_m", "z_m"))
+    if not nodes or len(nodes) > MOST_NODES:
+        raise InputError(f"{first}: has {len(nodes)} nodes; expected 1 to {MOST_NODES}")
+    x = np.array([[finite(row[axis], f"{where}.{axis}") for axis in NODES[:3]] for where, row in nodes])
+    mass = np.array([not_negative(row.get("mass_kg") or 0, f"{where}.mass_kg") for where, row in nodes])
+    fixed = tuple((k, row["fixed"].strip()) for k, (_, row) in enumerate(nodes) if row.get("fixed", "").strip())
+    kinds: dict[str, list] = {kind: [] for kind in KINDS}
+    for where, row in _rows(second, MEMBERS, MEMBERS[:4]):
+        if row["kind"] not in kinds:
+            raise InputError(f"{where}.kind = {short(row['kind'])}: expected strut or cable")
+        kinds[row["kind"]].append((where, row))
+    try:
+        struts, cables = (_members(kinds[kind], kind) for kind in KINDS)
+        check_edges(x, () if struts is None else struts.edges, () if cables is None else cables.edges)
+        structure = Structure(x, mass, struts, cables, fixed=fixed)
+    except InputError as error:
+        raise InputError(f"{second}: {str(error).removeprefix(f'{second}: ')}") from error
+    return Imported(Scene(structure), ("SI units, z up; nodes count from 0",))
+
+
+def _rows(path: Path, known: Sequence[str], needed: Sequence[str]) -> list[tuple[str, dict[str, str]]]:
+    """Where each row stands, and its cells by the names of their columns."""
+    try:
+        table = list(csv.reader(io.StringIO(read_limited(path)), strict=True))
+    except csv.Error as error:
+        raise InputError(f"{path}: not CSV: {error}") from error
+    head = [name.strip() for name in table[0]] if table else []
+    for name in head:
+        if name not in known or head.count(name) > 1:
+            raise InputError(f"{path}: has a column {short(name)}; expected {', '.join(known)}, each once")
+    missing = [name for name in needed if name not in head]
+    if missing:
+        raise InputError(f"{path}: has no column {missing[0]}; expected {', '.join(known)}")
+    found = []
+    for number, row in enumerate(table[1:], start=2):
+        if row and len(row) != len(head):
+            raise InputError(f"{path}: line {number} has {len(row)} cells; expected {len(head)}")
+        if row:
+            found.append((f"{path}: line {number}", dict(zip(head, row))))
+    return found
+
+
+def _members(rows: list[tuple[str, dict[str, str]]], kind: str) -> Members | None:
+    if not rows:
+        return None
+    edges = tuple((_node(row["first"], where), _node(row["second"], where)) for where, row in rows)
+    rest = np.array([positive(row["rest_length_m"], f"{where}.rest_length_m") for where, row in rows])
+    rigid = [not row.get("stiffness_N_per_m", "").strip() for _, row in rows]
+    if any(rigid) and (kind == "cable" or not all(rigid)):
+        where = rows[rigid.index(True)][0]
+        raise InputError(f"{where}.stiffness_N_per_m: missing; expected one for each cable, and for all struts or none")
+    stiffness = None if rigid[0] else _column(rows, "stiffness_N_per_m")
+    damping, mass = (_column(rows, name) for name in ("damping_N_s_per_m", "mass_kg"))
+    if rigid[0] and damping.any():
+        raise InputError("rigid struts have no damping; expected none")
+    return Members(
+        edges, stiffness, rest, damping=damping if damping.any() else None, mass=mass if mass.any() else None
+    )
+
+
+def _column(rows: list[tuple[str, dict[str, str]]], name: str) -> np.ndarray:
+    return np.array([not_negative(row.get(name) or 0, f"{where}.{name}") for where, row in rows])
+
+
+def _node(text: str, where: str) -> int:
+    if not text.strip().isdecimal() or len(text) > 9:
+        raise InputError(f"{where} joins {short(text)}; expected the number of a node, from 0")
+    return int(text)

@@ -1,0 +1,279 @@
+"""Parameters of a scene from measurements, with how sure they are: regularised least squares, linearised at its end."""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optimistix as optx
+from jaxtyping import Float
+
+from jaxgrity.core.errors import InputError
+from jaxgrity.core.types import AnyArray
+from jaxgrity.identification.measurements import Measurement, check_units, predicted
+from jaxgrity.identification.parameters import Known, Parameter, Unknowns, changed, check_parameters
+
+TOLD = 0.5
+"""of a plausible spread: the data tell a parameter, or a combination, whose standard deviation they bring below this"""
+
+
+class Estimate(NamedTuple):
+    """What the data say of one parameter."""
+
+    name: str
+    value: float | None
+    """the factor or the offset; None: the data cannot tell it"""
+    standard_error: float
+    """of the value; where the data cannot tell it, what is left of the plausible spread"""
+    interval: tuple[float, float] | None
+    """in which the value is with a probability of 95 %"""
+
+
+class Identified(NamedTuple):
+    """The most probable scene, and how sure it is."""
+
+    scene: Any
+    estimates: tuple[Estimate, ...]
+    parameters: tuple[Parameter, ...]
+    z: Unknowns
+    """of the parameters: multiples of their plausible spreads"""
+    covariance: Float[AnyArray, "parameters parameters"]
+    """of z: what is left of the plausible spreads, starts unknown as they are"""
+    starts: tuple[AnyArray, ...]
+    """the further unknowns of each measurement, such as states at which windows start"""
+    misfit: float
+    """root mean square of the residuals in standard deviations of the noise: 1 where model and noise are right"""
+    converged: bool
+    steps: int
+
+    @property
+    def untold(self) -> tuple[tuple[float, np.ndarray], ...]:
+        """Combinations of the z that the data cannot tell: what is left of their spread, and unit vectors."""
+        left, vectors = np.linalg.eigh(self.covariance)
+        return tuple((float(np.sqrt(x)), v) for x, v in zip(left, vectors.T) if np.sqrt(max(x, 0.0)) > TOLD)
+
+    def summary(self) -> str:
+        """A line for each parameter."""
+        lines = [
+            f"{each.name}: " + (f"{each.value:.4g} ± {each.standard_error:.2g}" if each.value is not None else
+            f"the data cannot tell (plausible: ± {each.standard_error:.2g})")
+            for each in self.estimates
+        ]  # fmt: skip
+        return "\n".join([*lines, f"misfit: {self.misfit:.3g} standard deviations of the noise"])
+
+
+def identify(
+    scene: Known,
+    parameters: Sequence[Parameter],
+    measured: Measurement | Sequence[Measurement],
+    *,
+    tolerance: float = 1e-6,
+    max_steps: int = 100,
+) -> Identified:
+    """The parameters that make what a scene predicts fit what was measured, with their uncertainty.
+
+    It minimises sum ((predicted - value)/noise)^2 + sum z^2, in which z are the parameters in units of their plausible
+    spreads, by Levenberg and Marquardt's method (optimistix). With J the residuals' Jacobian at the minimum, the
+    covariance is that of a linear model with Gaussian noise, (J'J + 1)^-1 (Nocedal and Wright 2006, chapter 10); where
+    the misfit is above 1, the noise counts as so many times as large. A parameter whose spread the data do not bring
+    below half of what was plausible is not told.
+
+    Args:
+        scene: the robot as far as it is known: a `Scene`, or a module of which `measured_poses` makes scenes.
+        parameters: what is not known, and how well.
+        measured: made by `measured_poses` or `measured_motion`; several together count as one.
+        tolerance: relative, of the sum of squares and of z, at which steps end.
+        max_steps: after which it gives up, and is not `converged`.
+
+    Returns:
+        The scene that fits best, estimates with standard errors and 95 % intervals, and what the data cannot tell.
+
+    Raises:
+        InputError: parameters that the scene does not have, fewer numbers measured than parameters, or values in
+            another unit.
+
+    Example:
+        >>> def hung(scene, load):  # each pose has a weight of its own on the lower node
+        ...     return eqx.tree_at(lambda s: s.structure.node_mass, scene, load)
+        >>> cable = jaxgrity.Members(((0, 1),), [100.0], [1.0])
+        >>> hanging = jaxgrity.Structure([[0, 0, 0], [0, 0, -1.1]], [0.0, 1.0], cables=cable, fixed=((0, "xyz"),))
+        >>> scene = jaxgrity.Scene(hanging, gravity=9.81)
+        >>> loads = np.array([[0.0, 1.0], [0.0, 2.0]])
+        >>> z = -1 - loads[:, 1:] * 9.81 / 110.0  # measured: the cable is 10 % stiffer than the scene says
+        >>> poses = jaxgrity.measured_poses(scene, z, 1e-4, jaxgrity.SeenPositions((1,), "z"), commands=loads,
+        ...     command=hung, shapes=np.array([jaxgrity.resting_shape(hung(scene, load)).q for load in loads]))
+        >>> found = jaxgrity.identify(scene, [jaxgrity.Parameter("structure.cables.stiffness", spread=0.3)], poses)
+        >>> print(f"{found.estimates[0].value:.3f}")
+        1.100
+    """
+    every = (measured,) if isinstance(measured, Measurement) else tuple(measured)
+    check_parameters(scene, parameters)
+    count = sum(int(np.isfinite(each.values).sum()) for each in every)
+    if count < len(parameters):
+        raise InputError(f"{count} numbers measured for {len(parameters)} parameters; expected at least as many")
+    problem = _problem(jax.tree.map(lambda x: jnp.asarray(x, "float64"), scene), parameters, every)
+    first = jnp.zeros(sum(problem.sizes))
+    _check_all_units(problem, np.asarray(_linearised(first, problem)[0]))
+    solver: optx.LevenbergMarquardt = optx.LevenbergMarquardt(rtol=tolerance, atol=tolerance)
+    return _judged(problem, optx.least_squares(_residuals, solver, first, problem, throw=False, max_steps=max_steps))
+
+
+def misfit_of(scene: Known, measured: Measurement, start: AnyArray | None = None) -> dict[str, np.ndarray]:
+    """How far a scene is from measurements that it was not fitted to, or was.
+
+    Args:
+        scene: such as `Identified.scene`.
+        measured: made by `measured_poses` or `measured_motion`.
+        start: the further unknowns; their guess where not given.
+
+    Returns:
+        "rms": (columns,), root mean squares of predicted less measured, in SI units; "misfit": of all of them in
+        standard deviations of the noise.
+    """
+    guess = measured.starts()[0] if start is None else start
+    difference = np.asarray(predicted(measured, scene, guess)) - measured.values
+    return {
+        "rms": np.sqrt(np.nanmean(difference**2, axis=0)),
+        "misfit": np.sqrt(np.nanmean((difference / measured.noise) ** 2)),
+    }
+
+
+def profile_likelihood(
+    scene: Known,
+    parameters: Sequence[Parameter],
+    measured: Measurement | Sequence[Measurement],
+    number: int,
+    z: AnyArray,
+) -> np.ndarray:
+    """What the other parameters cannot make up for: the least sum of squares with one parameter held.
+
+    It rises by 1 from its minimum where that parameter is a standard deviation off; where it rises otherwise to both
+    sides, the intervals of `identify`, which take a parabola for granted, are wrong.
+
+    Args:
+        scene, parameters, measured: as for `identify`.
+        number: of the parameter that is held, from 0; at least one other is left.
+        z: (points,), where it is held, in multiples of its plausible spread.
+
+    Returns:
+        (points,), the sum of squares, z^2 included.
+
+    Raises:
+        InputError: as `identify`.
+    """
+    every = (measured,) if isinstance(measured, Measurement) else tuple(measured)
+    held = parameters[number]
+    others = [*parameters[:number], *parameters[number + 1 :]]
+    sums = []
+    for each in np.asarray(z, float):
+        fitted = identify(changed(scene, [held], np.array([each])), others, every)
+        reached = _problem(fitted.scene, (), every)
+        starts = tuple((start, spread) for start, (_, spread) in zip(fitted.starts, reached.starts))
+        r = eqx.tree_at(lambda p: p.starts, reached, starts).misses(np.zeros(sum(reached.sizes)))
+        sums.append(float(r @ r + fitted.z @ fitted.z + each**2))
+    return np.array(sums)
+
+
+class _Problem(eqx.Module):
+    """What is to be fitted. Its arrays are inputs of what is compiled, so that new data compile nothing."""
+
+    scene: eqx.Module
+    parameters: tuple[Parameter, ...] = eqx.field(static=True)
+    every: tuple[Measurement, ...]
+    starts: tuple[tuple[AnyArray, AnyArray], ...]
+    """of each measurement: further unknowns, a guess and its standard deviation"""
+
+    @property
+    def sizes(self) -> list[int]:
+        return [len(self.parameters), *(len(guess) for guess, _ in self.starts)]
+
+    def split(self, y) -> list:
+        """The z of the parameters, and the further unknowns of each measurement, from multiples of their spreads."""
+        z, *further = jnp.split(y, np.cumsum(self.sizes)[:-1])
+        return [z, *(guess + spread * own for (guess, spread), own in zip(self.starts, further))]
+
+    def misses(self, y):
+        """Residuals of the data, 0 where they are missing, and of what goes with them, in standard deviations."""
+        z, *starts = self.split(y)
+        scene, found = changed(self.scene, self.parameters, z), []
+        for each, start in zip(self.every, starts):
+            seen, further = each.predict(scene, start)
+            missing = jnp.isnan(each.values)
+            found += [jnp.where(missing, 0, (seen - jnp.nan_to_num(each.values)) / each.noise).ravel(), further]
+        return jnp.concatenate(found)
+
+
+def _problem(scene, parameters, every) -> _Problem:
+    return _Problem(scene, tuple(parameters), every, tuple(each.starts() for each in every))
+
+
+@eqx.filter_custom_jvp
+def _misses(y, problem: _Problem):
+    return problem.misses(y)
+
+
+@_misses.def_jvp
+def _(primals, tangents):
+    """All columns of the Jacobian at once, by the side of the value: the solver then multiplies with a matrix."""
+    y, problem = primals
+    J, value = jax.jacfwd(lambda y: (problem.misses(y),) * 2, has_aux=True)(y)
+    return value, J @ tangents[0]
+
+
+def _residuals(y, problem: _Problem):
+    """Of the data, and of what is plausible: y itself."""
+    return jnp.concatenate([_misses(y, problem), y])
+
+
+def _judged(problem: _Problem, found: optx.Solution) -> Identified:
+    """What was found, with its covariance."""
+    y, size = found.value, len(problem.parameters)
+    r, J = (np.asarray(x) for x in _linearised(y, problem))
+    misfit = _misfit(r, J, sum(int(np.isnan(each.values).sum()) for each in problem.every), len(y))
+    plausible = np.eye(len(y))  # the rows of J that are z itself
+    covariance = np.linalg.inv((J.T @ J - plausible) / max(1.0, misfit) ** 2 + plausible)[:size, :size]
+    z, *starts = (np.asarray(part) for part in problem.split(y))
+    deviations = np.sqrt(np.diag(covariance))
+    return Identified(
+        changed(problem.scene, problem.parameters, z),
+        tuple(_estimate(*each) for each in zip(problem.parameters, z, deviations)),
+        problem.parameters,
+        z,
+        covariance,
+        tuple(starts),
+        misfit,
+        bool(found.result == optx.RESULTS.successful),
+        int(found.stats["num_steps"]),
+    )
+
+
+def _check_all_units(problem: _Problem, r: np.ndarray) -> None:
+    """From the residuals at the scene as it is given, which are computed by a program that is needed anyway."""
+    for each, (start, _) in zip(problem.every, problem.starts):
+        further = jax.eval_shape(each.predict, problem.scene, start)[1].size
+        own, r = r[: each.values.size].reshape(each.values.shape), r[each.values.size + further :]
+        check_units(each, np.asarray(each.values + own * each.noise))
+
+
+@eqx.filter_jit
+def _linearised(y, problem: _Problem):
+    J, value = jax.jacfwd(lambda y: (_residuals(y, problem),) * 2, has_aux=True)(y)
+    return value, J
+
+
+def _misfit(r: np.ndarray, J: np.ndarray, missing: int, unknowns: int) -> float:
+    """sqrt(chi^2 / degrees of freedom), of the residuals without those of the unknowns themselves."""
+    data, slopes = r[:-unknowns], J[:-unknowns]
+    # a regularised fit follows the data in so many directions
+    followed = float(np.trace(np.linalg.solve(J.T @ J, slopes.T @ slopes)))
+    return float(np.sqrt(np.sum(data**2) / max(len(data) - missing - followed, 1.0)))
+
+
+def _estimate(parameter: Parameter, z: float, error: float) -> Estimate:
+    value, half = float(parameter.value(z)), 1.96 * float(error)
+    size = parameter.spread * float(error) * (value if parameter.kind == "factor" else 1.0)
+    ends = (float(parameter.value(z - half)), float(parameter.value(z + half)))
+    told = error < TOLD
+    return Estimate(parameter.name, value if told else None, size, ends if told else None)

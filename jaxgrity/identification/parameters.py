@@ -1,0 +1,73 @@
+"""Unknown numbers of a scene, by the names of their places, and the scene in which they have changed."""
+
+from collections.abc import Sequence
+from functools import partial
+from typing import NamedTuple, TypeVar
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from jaxgrity.core.errors import InputError
+from jaxgrity.core.types import AnyArray
+from jaxgrity.rollout.uncertainty import part_of
+
+Known = TypeVar("Known", bound=eqx.Module)
+"""a scene, or another module with numbers from which scenes are made"""
+KINDS = ("factor", "offset")
+Unknowns = Float[AnyArray, " unknowns"]
+"""z: each is 0 for the scene as it is given, and plausible from -1 to 1"""
+
+
+class Parameter(NamedTuple):
+    """One unknown number. z times `spread` is the logarithm of a factor, or what is added."""
+
+    path: str
+    """where it is, such as "structure.cables.stiffness" or "friction.mu": any array of numbers in the scene"""
+    spread: float
+    """by how much the scene may plausibly be wrong, before anything is measured: a standard deviation"""
+    kind: str = "factor"
+    """"factor", which keeps the sign, with a relative spread; or "offset", with the spread in the place's own unit"""
+    parts: tuple[int, ...] | None = None
+    """which rows of the array it changes, alike; None: all"""
+
+    @property
+    def name(self) -> str:
+        """Such as "structure.cables.stiffness[0,1]"."""
+        return self.path + ("" if self.parts is None else f"[{','.join(map(str, self.parts))}]")
+
+    def value(self, z):
+        """The factor, or the offset, that z stands for."""
+        return jnp.exp(self.spread * z) if self.kind == "factor" else self.spread * z
+
+
+def changed(scene: Known, parameters: Sequence[Parameter], z: Unknowns) -> Known:
+    """The scene with every parameter at its z; differentiable with respect to them."""
+    for parameter, each in zip(parameters, z, strict=True):
+        leaf = jnp.asarray(part_of(scene, parameter.path))
+        rows = np.zeros((len(leaf), *[1] * (leaf.ndim - 1)) if leaf.ndim else (), bool)
+        rows[... if parameter.parts is None else np.array(parameter.parts)] = True
+        value = parameter.value(each).astype(leaf.dtype)
+        new = leaf * jnp.where(rows, value, 1) if parameter.kind == "factor" else leaf + jnp.where(rows, value, 0)
+        scene = eqx.tree_at(partial(part_of, path=parameter.path), scene, new)
+    return scene
+
+
+def check_parameters(scene: Known, parameters: Sequence[Parameter]) -> None:
+    """Raise `InputError` where there is none, one is named twice, or one names what the scene does not have."""
+    if not parameters:
+        raise InputError("parameters: there are none; expected at least one")
+    for k, parameter in enumerate(parameters):
+        where, leaf = f"parameters[{k}] ({parameter.name})", part_of(scene, parameter.path)
+        if parameter.kind not in KINDS:
+            raise InputError(f"{where}: kind = {parameter.kind!r}; expected one of {', '.join(KINDS)}")
+        if not (np.isfinite(parameter.spread) and parameter.spread > 0):
+            raise InputError(f"{where}: spread = {parameter.spread}; expected a positive, finite number")
+        if not eqx.is_inexact_array_like(leaf) or isinstance(leaf, float):
+            raise InputError(f"{where}: the scene has no such numbers; expected a path such as structure.node_mass")
+        rows = np.shape(leaf)[0] if np.ndim(leaf) else 0
+        if any(not 0 <= row < rows for row in parameter.parts or ()):
+            raise InputError(f"{where}: parts = {list(parameter.parts or ())}; expected rows from 0 to {rows - 1}")
+        if parameter in parameters[:k]:
+            raise InputError(f"{where}: named twice; expected each parameter once")

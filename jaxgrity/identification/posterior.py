@@ -1,0 +1,78 @@
+"""Robots drawn from what is left uncertain after measurements, for populations and searches."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxgrity.core.errors import InputError
+from jaxgrity.identification.identify import Identified
+from jaxgrity.identification.parameters import changed
+from jaxgrity.rollout.uncertainty import DIFFERING, Differences, Uncertainty, part_of
+
+ALIKE = 1e-9
+
+
+def posterior_robots(key: jax.Array, found: Identified, count: int) -> Differences:
+    """So many robots that are as plausible as the measurements leave them, as factors of `Identified.scene`.
+
+    Their z are drawn from the normal distribution of mean `Identified.z` and `Identified.covariance`, so that what the
+    data cannot tell varies as widely as it plausibly may, and combinations that they do tell stay together.
+
+    Args:
+        key: of the draws.
+        found: by `identify`, from a `Scene`.
+        count: how many.
+
+    Returns:
+        What `simulate_population(found.scene, ...)` takes as `differences`.
+
+    Raises:
+        InputError: a parameter in which robots of a population cannot differ.
+    """
+    drawn = np.asarray(
+        jax.random.multivariate_normal(key, jnp.zeros(len(found.z)), jnp.asarray(found.covariance), (count,))
+    )
+    factors = {}
+    for name, paths in DIFFERING.items():
+        own = [k for k, parameter in enumerate(found.parameters) if parameter.path in paths]
+        if own:
+            path = found.parameters[own[0]].path
+            factors[name] = np.stack([_ratio(found, path, own, z) for z in drawn])
+    missing = [p.name for p in found.parameters if not any(p.path in paths for paths in DIFFERING.values())]
+    if missing:
+        raise InputError(f"{missing[0]}: robots of a population cannot differ in it; expected {', '.join(DIFFERING)}")
+    if "friction" in factors:
+        friction = factors["friction"].reshape(count, -1)
+        if np.ptp(friction, axis=1).max() > ALIKE:
+            raise InputError("friction: robots differ alike at all nodes; expected one parameter for all of them")
+        factors["friction"] = friction[:, 0]
+    return Differences(**factors)
+
+
+def _ratio(found: Identified, path: str, numbers: list[int], dz: np.ndarray) -> np.ndarray:
+    """By what a place of the identified scene is multiplied where some of its z change by so much."""
+    known = np.asarray(part_of(found.scene, path))
+    moved = changed(found.scene, [found.parameters[k] for k in numbers], dz[numbers])
+    return np.asarray(part_of(moved, path)) / known
+
+
+def uncertainty_of(found: Identified, **others: float) -> Uncertainty:
+    """What is left uncertain as half-widths of an `Uncertainty`, which searches accept.
+
+    A uniform number with the half-width of root 3 standard deviations has the same standard deviation. Correlations are
+    lost: `posterior_robots` keeps them.
+
+    Args:
+        found: by `identify`; friction and cable stiffness as factors of all nodes and cables are carried over.
+        others: further half-widths of the `Uncertainty`, such as `phase=0.03`.
+
+    Raises:
+        InputError: a parameter of another kind, or a half-width that is not less than all.
+    """
+    names = {path: name for name in ("friction", "cable_stiffness") for path in DIFFERING[name]}
+    widths = {}
+    for parameter, deviation in zip(found.parameters, np.sqrt(np.diag(found.covariance))):
+        if parameter.path not in names or parameter.kind != "factor" or parameter.parts is not None:
+            raise InputError(f"{parameter.name}: an Uncertainty has no half-width for it; expected {', '.join(names)}")
+        widths[names[parameter.path]] = float(np.sqrt(3) * parameter.spread * deviation)
+    return Uncertainty(**{**widths, **others})

@@ -1,0 +1,40 @@
+"""The ground that a scene file's [ground] table describes."""
+
+from pathlib import Path
+
+from jaxgrity.core.errors import InputError
+from jaxgrity.io.scene_tables import GroundTable
+from jaxgrity.model.ground import ExactGround, Ground, PenaltyGround
+from jaxgrity.model.surface import Slope, Surface, Union
+
+
+def build_ground(table: GroundTable | None, folder: Path) -> Ground | None:
+    """The ground of a [ground] table, which names pictures as seen from the `folder`.
+
+    Raises `InputError` where its keys do not fit each other.
+    """
+    if table is None:
+        return None
+    incline, surface = table.incline, _surface(table, folder)
+    if surface is not None and table.surface is None:
+        incline = 0.0  # the plane is one of the surfaces then
+    if table.contact == "complementarity":
+        if table.stiffness is not None or table.dissipation is not None:
+            raise InputError(
+                "ground.contact = 'complementarity' is no spring; expected neither stiffness nor dissipation"
+            )
+        return ExactGround(incline, table.restitution, surface=surface)
+    if table.stiffness is None:
+        raise InputError("ground.stiffness: missing; expected a stiffness (N/m) for penalty contact")
+    if table.restitution is not None:
+        given = f"ground.restitution = {table.restitution}"
+        raise InputError(f"{given} goes with contact = 'complementarity'; expected dissipation instead")
+    return PenaltyGround(table.stiffness, table.dissipation or None, incline, surface=surface)
+
+
+def _surface(table: GroundTable, folder: Path) -> Surface | None:
+    """What is there in place of the plane, with the obstacles on it; None: the plane alone."""
+    surface = None if table.surface is None else table.surface.surface(folder)
+    if not table.obstacles:
+        return surface
+    return Union((surface or Slope(table.incline), *(obstacle.surface(folder) for obstacle in table.obstacles)))

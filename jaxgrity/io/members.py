@@ -1,0 +1,157 @@
+"""The struts and cables of a scene file, and their laws of force, read and written."""
+
+from collections.abc import Callable
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from jaxgrity.core.errors import InputError
+from jaxgrity.core.types import AnyArray, Edges
+from jaxgrity.io.member_tables import CablesTable, MotorTable, StrutsTable
+from jaxgrity.io.validation import shown
+from jaxgrity.model.force_laws import first_slope, force_limit, force_table
+from jaxgrity.model.laws import Law
+from jaxgrity.model.motors import Motor
+from jaxgrity.model.structure import Members, edge_lengths, per_member
+
+
+def build_members(
+    table: StrutsTable | CablesTable | None, edges: Edges, nodes: np.ndarray, kind: str
+) -> Members | None:
+    """The struts or cables of a [struts] or [cables] table, which `kind` is; None where there is none.
+
+    Raises `InputError` where its keys do not fit each other, or not the edges.
+    """
+    if not edges:
+        if table is not None:
+            raise InputError(f"{kind}: the structure has none; expected no [{kind}] table")
+        return None
+    if table is None:
+        return None
+    given = _stiffness(table)
+    if table.prestrain is not None and table.rest_length is not None:
+        strained = f"{kind}.prestrain = {shown(table.prestrain)}"
+        raise InputError(f"{strained}: rest_length is given too; expected one of them")
+    count = len(edges)
+    if table.rest_length is not None:
+        rest = per_member(table.rest_length, count, f"{kind}.rest_length")
+    else:
+        prestrain = per_member(_or_zero(table.prestrain), count, f"{kind}.prestrain")
+        rest = (1 - prestrain) * edge_lengths(nodes, edges)
+    damping = per_member(_or_zero(table.damping), count, f"{kind}.damping")
+    stiffness = None if given is None else per_member(given, count, f"{kind}.stiffness")
+    broken = member_numbers(table.broken, count, "cables.broken") if isinstance(table, CablesTable) else ()
+    if stiffness is not None and broken:
+        damping[list(broken)] = stiffness[list(broken)] = 0.0
+    mass = per_member(_or_zero(table.mass), count, f"{kind}.mass")
+    stuck = member_numbers(table.stuck, count, f"{kind}.stuck")
+    try:
+        return Members(
+            edges=edges,
+            stiffness=stiffness,
+            rest_length=rest,
+            damping=damping if damping.any() else None,
+            stuck=stuck,
+            mass=mass if mass.any() else None,
+            clusters=() if isinstance(table, StrutsTable) else tuple(map(tuple, table.clusters)),
+            motors=tuple(Motor(**msgspec.structs.asdict(motor)) for motor in table.motors),
+        )
+    except InputError as error:
+        raise InputError(f"{kind}: {error}") from error
+
+
+def cable_laws(table: CablesTable | None, cables: Members | None) -> tuple[Law, ...]:
+    """What a [cables] table says of forces that are not linear. Raises `InputError` where it makes no law."""
+    if table is None or cables is None:
+        return ()
+    found: list[Law] = []
+    try:
+        if table.force is not None:
+            found.append(force_table(cables, table.force.stretch, table.force.force))
+        if table.largest_force is not None:
+            found.append(force_limit(cables, table.largest_force))
+    except InputError as error:
+        raise InputError(f"cables: {error}") from error
+    return tuple(found)
+
+
+def _stiffness(table: StrutsTable | CablesTable) -> float | list[float] | None:
+    """K, N/m, by its own key or by the slope with which a table of forces begins; None: rigid."""
+    if isinstance(table, StrutsTable):
+        if table.rigid and (table.stiffness is not None or np.any(_or_zero(table.damping))):
+            raise InputError("struts.rigid = true: a rigid strut has no spring; expected neither stiffness nor damping")
+        if table.stiffness is None and not table.rigid:
+            raise InputError("struts.stiffness: missing; expected a stiffness (N/m) or rigid = true")
+        return table.stiffness
+    if table.force is None:
+        if table.stiffness is None:
+            raise InputError(
+                "cables.stiffness: missing; expected a number > 0 or a list of numbers > 0, or cables.force"
+            )
+        return table.stiffness
+    for name in ("stiffness", "largest_force", "broken"):
+        if getattr(table, name) not in (None, []):
+            raise InputError(f"cables.{name}: the table cables.force has every force; expected no {name} beside it")
+    try:
+        return first_slope(table.force.stretch, table.force.force)
+    except InputError as error:
+        raise InputError(f"cables.force: {error}") from error
+
+
+def member_numbers(chosen: list[int], count: int, where: str) -> tuple[int, ...]:
+    """Which of `count` members, in ascending order."""
+    if len(set(chosen)) != len(chosen) or any(k >= count for k in chosen):
+        raise InputError(f"{where} = {shown(chosen)}: expected numbers from 0 to {count - 1}, none twice")
+    return tuple(sorted(chosen))
+
+
+def _or_zero(value: float | list[float] | None) -> float | list[float]:
+    return 0.0 if value is None else value
+
+
+def members_table(members: Members | None, table: Callable, kind: str, forces: dict[str, Any] | None = None) -> Any:
+    """The [struts] or [cables] table of members, with further keys of their `forces`.
+
+    Raises `InputError` where scene files have no keys for them.
+    """
+    if members is None:
+        return None
+    given: dict[str, Any] = {"rest_length": one_or_all(members.rest_length), "stuck": list(members.stuck)}
+    stiffness = members.stiffness
+    if stiffness is None:
+        if kind == "cables" or members.damping is not None:
+            raise InputError(f"{kind}: rigid members go without damping, and cables are springs, in scene files")
+        given["rigid"] = True
+    else:
+        broken = [int(k) for k in np.flatnonzero(np.asarray(stiffness) == 0)]
+        if broken:
+            # which the file says, and not how stiff they were
+            given["broken"] = broken
+            stiffness = np.where(np.asarray(stiffness) == 0, 1.0, stiffness)
+        given["stiffness"] = one_or_all(stiffness)
+    if "broken" in given and kind == "struts":
+        raise InputError(f"struts: stiffness of {given['broken']} is 0; expected positive ones, as scene files do")
+    for name in ("damping", "mass"):
+        value = getattr(members, name)
+        if value is not None:
+            given[name] = one_or_all(value)
+    if members.clusters:
+        given["clusters"] = [list(cluster) for cluster in members.clusters]
+    given["motors"] = [_motor(motor) for motor in members.motors]
+    given |= forces or {}
+    if "force" in given:
+        del given["stiffness"]  # which the table says
+    return table(**given)
+
+
+def _motor(motor: Motor) -> MotorTable:
+    return MotorTable(
+        **{k: x if x is None or k == "member" else np.asarray(x).tolist() for k, x in vars(motor).items()}
+    )
+
+
+def one_or_all(values: AnyArray) -> float | list[float]:
+    """One number where all are alike, as files may give it."""
+    numbers = np.asarray(values, float)
+    return float(numbers.flat[0]) if numbers.size and np.all(numbers == numbers.flat[0]) else numbers.tolist()

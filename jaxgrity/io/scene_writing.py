@@ -1,0 +1,259 @@
+"""Scenes as scene files: what `load_scene` reads of one is the same scene to the last bit."""
+
+import dataclasses
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from jaxgrity.core.errors import InputError
+from jaxgrity.core.types import Supports
+from jaxgrity.io.files import write_whole
+from jaxgrity.io.ground_tables import (
+    BowlTable,
+    BoxTable,
+    CylinderTable,
+    SphereTable,
+    SplineTable,
+    StairsTable,
+    SurfaceTable,
+    WavesTable,
+)
+from jaxgrity.io.member_tables import ForceKeys
+from jaxgrity.io.members import members_table, one_or_all
+from jaxgrity.io.scene_tables import (
+    CablesTable,
+    CustomTable,
+    DampingTable,
+    FixedAxes,
+    FrictionTable,
+    GaitTable,
+    GravityTable,
+    GroundTable,
+    OvertoneTable,
+    PushTable,
+    SceneFile,
+    ShakingTable,
+    StrutsTable,
+    WindTable,
+)
+from jaxgrity.io.validation import not_finite
+from jaxgrity.model.actuation import Gait
+from jaxgrity.model.external import Push, Wind
+from jaxgrity.model.force_laws import ForceLimit, ForceTable
+from jaxgrity.model.friction import ConeFriction, Friction, SmoothFriction, SwitchFriction
+from jaxgrity.model.ground import ExactGround, Ground, PenaltyGround
+from jaxgrity.model.height_fields import HeightMap, Waves
+from jaxgrity.model.scene import Scene
+from jaxgrity.model.shaking import Shaking, SupportMotion
+from jaxgrity.model.structure import Structure
+from jaxgrity.model.surface import Box, Cylinder, Slope, Sphere, Stairs, Surface, Union
+
+WIDTH = 120
+"""characters, above which a list of lists takes a line for each of them"""
+OBSTACLES = {Box: BoxTable, Sphere: SphereTable, Cylinder: CylinderTable}
+FRICTIONS = {SmoothFriction: "smooth", SwitchFriction: "switch", ConeFriction: "cone"}
+
+
+def save_scene(scene: Scene, path: str | Path) -> None:
+    """Write a scene as a scene file (TOML), which `load_scene` reads as the same scene, to the last bit.
+
+    Structures of every kind are written with their nodes and members one by one, and random ground with its waves; so
+    the file needs no other, and does not change where a formula of the library does.
+
+    Args:
+        scene: what to write.
+        path: of the file, which appears whole or not at all.
+
+    Raises:
+        InputError: the scene has something that scene files have no key for, such as a law of one's own.
+
+    Example:
+        >>> scene = jaxgrity.load_scene("reference")
+        >>> jaxgrity.save_scene(scene, "my_robot.toml")
+        >>> again = jaxgrity.load_scene("my_robot.toml")
+        >>> bool((again.structure.nodes == scene.structure.nodes).all())
+        True
+    """
+    text = scene_toml(scene)
+    write_whole(path, lambda file: file.write(text.encode()))
+
+
+def scene_toml(scene: Scene) -> str:
+    """The text of the scene file that `save_scene` writes. Raises as it does."""
+    tables = msgspec.to_builtins(scene_file(scene))
+    return "\n".join(_lines({name: table for name, table in tables.items() if table not in (None, [])})) + "\n"
+
+
+def scene_file(scene: Scene) -> SceneFile:
+    """The tables of the scene file. Raises as `save_scene` does."""
+    if scene.up is not None:
+        raise InputError("scene.up leans: expected a scene whose ground says how it is inclined (ground.incline)")
+    structure = scene.structure
+    wind, pushes, forces = _laws(scene)
+    file = SceneFile(
+        structure=_structure(structure),
+        struts=members_table(structure.struts, StrutsTable, "struts"),
+        cables=members_table(structure.cables, CablesTable, "cables", forces),
+        gravity=None if scene.gravity is None else GravityTable(float(scene.gravity)),
+        damping=None if scene.node_damping is None else DampingTable(one_or_all(scene.node_damping)),
+        ground=_ground(scene.ground),
+        friction=_friction(scene.friction),
+        wind=wind,
+        pushes=pushes,
+        shaking=_shaking(scene.shaking),
+        gait=_gait(scene.gait),
+    )
+    tables = msgspec.to_builtins(file)
+    for where, value in not_finite(tables):
+        raise InputError(f"{where} = {value}: expected a finite number, as scene files have")
+    try:
+        return msgspec.convert(tables, SceneFile)
+    except msgspec.ValidationError as error:
+        raise InputError(f"the scene does not fit into a scene file: {error}") from error
+
+
+def _structure(structure: Structure) -> CustomTable:
+    struts, cables = ([] if m is None else list(m.edges) for m in (structure.struts, structure.cables))
+    return CustomTable(
+        nodes=[tuple(row) for row in np.asarray(structure.nodes, float).tolist()],
+        node_mass=np.asarray(structure.node_mass, float).tolist(),
+        fixed=_fixed(structure.fixed),
+        struts=struts,
+        cables=cables,
+    )
+
+
+def _fixed(supports: Supports) -> list[int | FixedAxes]:
+    return [node if axes == "xyz" else FixedAxes(node, axes) for node, axes in supports]
+
+
+def _ground(ground: Ground | None) -> GroundTable | None:
+    if ground is None:
+        return None
+    if ground.offset is not None:
+        raise InputError("ground.offset: the surface has been moved; expected one that has not, as scene files do")
+    given = {"incline": ground.incline, **_where(ground.surface)}
+    if type(ground) is ExactGround:
+        e = None if ground.restitution is None else float(ground.restitution)
+        return GroundTable(contact="complementarity", restitution=e, **given)
+    if type(ground) is PenaltyGround:
+        alpha = None if ground.dissipation is None else float(ground.dissipation)
+        return GroundTable(contact="penalty", stiffness=float(ground.stiffness), dissipation=alpha, **given)
+    raise _no_key("ground", ground)
+
+
+def _where(surface: Surface | None) -> dict[str, Any]:
+    """The keys that say where the ground is."""
+    if surface is None:
+        return {}
+    if type(surface) is not Union:
+        return {"surface": _surface(surface)}
+    first, *others = surface.parts
+    obstacles = [OBSTACLES[type(part)](**_numbers(part)) for part in others if type(part) in OBSTACLES]
+    if len(obstacles) < len(others):
+        raise _no_key("ground.surface", surface)
+    base = {"incline": first.incline} if isinstance(first, Slope) else {"surface": _surface(first)}
+    return {**base, "obstacles": obstacles}
+
+
+def _surface(surface: Surface) -> SurfaceTable:
+    if type(surface) is Stairs:
+        return StairsTable(**_numbers(surface), steps=surface.steps)
+    if type(surface) is Sphere and surface.hollow and list(surface.centre) == [0.0, 0.0, float(surface.radius)]:
+        return BowlTable(float(surface.radius))
+    for kind, table in ((Waves, WavesTable), (HeightMap, SplineTable)):
+        if type(surface) is kind:
+            return table(**_numbers(surface))
+    raise _no_key("ground.surface", surface)
+
+
+def _numbers(part: Any) -> dict[str, Any]:
+    """The fields of a part that are arrays, as plain numbers and lists."""
+    if getattr(part, "hollow", False):
+        raise _no_key("ground.obstacles", part)
+    arrays = [field.name for field in dataclasses.fields(part) if isinstance(getattr(part, field.name), np.ndarray)]
+    return {name: getattr(part, name).tolist() for name in arrays}
+
+
+def _friction(friction: Friction | None) -> FrictionTable | None:
+    if friction is None:
+        return None
+    if type(friction) not in FRICTIONS:
+        raise _no_key("friction", friction)
+    given = {name: _scalar(f"friction.{name}", value) for name, value in vars(friction).items()}
+    return FrictionTable(kind=FRICTIONS[type(friction)], **given)  # type: ignore[arg-type]
+
+
+def _scalar(name: str, value: Any) -> float:
+    if np.ndim(value):
+        raise InputError(f"{name} has a number for each node; expected one for all, as scene files do")
+    return float(value)
+
+
+def _gait(gait: Gait | None) -> GaitTable | None:
+    if gait is None:
+        return None
+    return GaitTable(
+        members=list(gait.members),
+        phase=np.asarray(gait.phase, float).tolist(),
+        amplitude=one_or_all(gait.amplitude),
+        frequency=one_or_all(gait.frequency),
+        start=float(gait.start),
+        ramp=float(gait.ramp),
+        overtones=[OvertoneTable(np.asarray(o.size).tolist(), np.asarray(o.phase).tolist()) for o in gait.overtones],
+    )
+
+
+def _shaking(motion: SupportMotion | None) -> ShakingTable | None:
+    if motion is None:
+        return None
+    if type(motion) is not Shaking:
+        raise _no_key("shaking", motion)
+    return ShakingTable(**{name: np.asarray(value).tolist() for name, value in vars(motion).items()})
+
+
+def _laws(scene: Scene) -> tuple[WindTable | None, list[PushTable], dict[str, Any]]:
+    """The wind, the pushes, and keys of the cables; in that order, as files are read."""
+    wind, pushes = None, []
+    forces: dict[str, Any] = {}
+    for number, term in enumerate(scene.terms):
+        if type(term) is Wind and number == 0:
+            wind = WindTable(tuple(np.asarray(term.velocity)[0].tolist()), one_or_all(term.drag))
+        elif type(term) is Push and not forces and np.ptp(term.force, axis=0).max() == 0:
+            times = (float(value) for value in (term.start, term.duration, term.ramp))
+            pushes.append(PushTable(list(term.nodes), tuple(np.asarray(term.force)[0].tolist()), *times))
+        elif type(term) is ForceTable and not forces:
+            forces = {"force": ForceKeys(*(np.asarray(x).tolist() for x in (term.stretch, term.force)))}
+        elif type(term) is ForceLimit and not forces:
+            forces = {"largest_force": one_or_all(term.largest)}
+        else:
+            raise _no_key(f"terms[{number}]", term)
+    return wind, pushes, forces
+
+
+def _no_key(where: str, part: Any) -> InputError:
+    return InputError(f"{where} is a {type(part).__name__} that scene files have no key for; expected one that they do")
+
+
+def _lines(tables: dict[str, Any]) -> Iterator[str]:
+    for name, table in tables.items():
+        for part in table if isinstance(table, list) else [table]:
+            yield f"[[{name}]]" if isinstance(table, list) else f"[{name}]"
+            yield from (f"{key} = {_value(value)}" for key, value in part.items() if value not in (None, []))
+            yield ""
+
+
+def _value(value: Any) -> str:
+    """A value in TOML, which writes numbers, strings, true and false as JSON does."""
+    if isinstance(value, dict):
+        return f"{{ {', '.join(f'{key} = {_value(item)}' for key, item in value.items() if item is not None)} }}"
+    if not isinstance(value, (list, tuple)):
+        return json.dumps(value, ensure_ascii=False)
+    items = [_value(item) for item in value]
+    flat = f"[{', '.join(items)}]"
+    nested = any(isinstance(item, (list, tuple, dict)) for item in value)
+    return flat if len(flat) < WIDTH or not nested else "[\n" + "".join(f"    {item},\n" for item in items) + "]"

@@ -1,0 +1,17 @@
+"""What the tables of a scene file have in common: no unknown keys, and numbers within limits."""
+
+from typing import Annotated
+
+import msgspec
+from msgspec import Meta
+
+Positive = Annotated[float, Meta(gt=0)]
+NotNegative = Annotated[float, Meta(ge=0)]
+Share = Annotated[float, Meta(ge=0, lt=1)]
+Seed = Annotated[int, Meta(ge=0)]
+Number = Annotated[int, Meta(ge=0)]
+Pair = tuple[int, int]
+
+
+class Table(msgspec.Struct, forbid_unknown_fields=True):
+    """Of a scene file; a key that it does not name is refused."""

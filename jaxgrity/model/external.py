@@ -1,0 +1,115 @@
+"""Forces from outside: the wind, and pushes at nodes for a time."""
+
+from typing import ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+from jaxgrity.core.errors import InputError
+from jaxgrity.core.primitives import dot, inner, length, norm_squared, take_rows
+from jaxgrity.core.types import AnyNodeVectors, AnyPerNode, Scalar, as_float
+from jaxgrity.model.laws import DissipationTerm, Motion, node_names, unchanged_per_node
+
+
+class Wind(DissipationTerm):
+    """R = sum c/3 |v - w|^3: drag on each node against its velocity past a uniform wind, F = -c |v - w| (v - w).
+
+    Made by `wind`. The energy audit books what the wind takes, or less than nothing where it drives.
+    """
+
+    velocity: AnyNodeVectors = eqx.field(converter=as_float)
+    """w, m/s, a row a node, all alike"""
+    drag: AnyPerNode = eqx.field(converter=as_float)
+    """c, kg/m, of each node: half the density of air times the coefficient of drag times the area"""
+    name: ClassVar[str] = "wind"
+    cause: ClassVar[str] = "wind"
+
+    def __check_init__(self):
+        if isinstance(self.drag, np.ndarray) and not np.all(self.drag >= 0):
+            raise InputError(f"wind.drag = {self.drag.min()}: expected no negative number")
+
+    def dissipation(self, motion: Motion) -> Scalar:
+        past = motion.v - self.velocity
+        return inner(self.drag * length(past), norm_squared(past)) / 3
+
+    def keeps(self, symmetry):
+        w = tuple(np.asarray(self.velocity)[0])
+        speed = float(np.linalg.norm(w))
+        alike = speed == 0 or symmetry.leaves(tuple(x / speed for x in w))
+        return alike and unchanged_per_node(self.drag, symmetry)
+
+    def parts(self, scene):
+        return node_names("wind at", scene)
+
+    def scaled(self, factors):
+        return Wind(self.velocity, self.drag * factors)
+
+
+class Push(DissipationTerm):
+    """A force F on each of some nodes, from `start` to `start + duration`: R = -s(t) F·v, so that -dR/dv = s F.
+
+    s rises from 0 to 1 and falls again within `ramp` each; the impulse is F (duration - ramp). It is a term of R and
+    not of U, so that the energy audit books its work as its own.
+    """
+
+    nodes: tuple[int, ...] = eqx.field(static=True)
+    """which are pushed"""
+    force: AnyNodeVectors = eqx.field(converter=as_float)
+    """F, N, a row for each of them"""
+    start: Scalar = eqx.field(converter=as_float)
+    """s"""
+    duration: Scalar = eqx.field(converter=as_float)
+    """s"""
+    ramp: Scalar = eqx.field(converter=as_float, default=0.01)
+    """s, at most half of the duration"""
+    name: ClassVar[str] = "push"
+    cause: ClassVar[str] = "push"
+
+    def __check_init__(self):
+        if np.shape(self.force) != (len(self.nodes), 3):
+            raise InputError(
+                f"push.force has shape {np.shape(self.force)}; expected ({len(self.nodes)}, 3), a row a node"
+            )
+        if isinstance(self.ramp, np.ndarray) and not 0 < self.ramp <= self.duration / 2:
+            raise InputError(f"push.ramp = {self.ramp}: expected more than 0 and at most half of the duration")
+
+    def dissipation(self, motion: Motion) -> Scalar:
+        t = motion.at.t - self.start
+        share = jnp.clip(jnp.minimum(t, self.duration - t) / self.ramp, 0, 1)
+        power = dot(take_rows(motion.v, self.nodes), self.force)
+        return -share * inner(power, jnp.ones_like(power))
+
+    def keeps(self, symmetry):
+        pushed = dict(zip(self.nodes, np.asarray(self.force)))
+        moved = {symmetry.nodes[i]: symmetry.matrix @ force for i, force in pushed.items()}
+        return moved.keys() == pushed.keys() and all(np.allclose(moved[i], pushed[i]) for i in pushed)
+
+    def parts(self, scene):
+        return tuple(f"push at node {i}" for i in self.nodes)
+
+    def scaled(self, factors):
+        return eqx.tree_at(lambda s: s.force, self, self.force * factors[:, None])
+
+
+def wind(velocity, drag, nodes: int) -> Wind:
+    """A uniform wind on a structure of so many nodes.
+
+    Args:
+        velocity: (3,), m/s.
+        drag: kg/m, of each node; one number for all, or one for each.
+        nodes: how many there are.
+
+    Returns:
+        The term, for `with_terms`.
+
+    Raises:
+        InputError: where drag is negative.
+
+    Example:
+        >>> calm = jaxgrity.load_scene("exact")
+        >>> windy = jaxgrity.with_terms(calm, jaxgrity.wind([4.0, 0.0, 0.0], 0.05, nodes=12))
+        >>> [term.name for term in windy.terms]
+        ['wind']
+    """
+    return Wind(np.tile(np.asarray(velocity, float), (nodes, 1)), np.broadcast_to(np.asarray(drag, float), (nodes,)))

@@ -1,0 +1,151 @@
+"""Cables that are no linear springs: measured tables of force and stretch, and motors that give way at some force.
+
+Both change the stiffness of the cables' own springs from some stretch on: a force that is linear between the entries
+of a table is the sum of springs that begin to act one after the other. Dampers act as without them.
+"""
+
+import dataclasses
+from collections.abc import Sequence
+from typing import ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+from jaxgrity.core.errors import InputError
+from jaxgrity.core.primitives import half_squares, inverse, positive_part
+from jaxgrity.core.types import AnyArray, AnyRows, Scalar, as_float, as_float_or_none
+from jaxgrity.model.clusters import added_up, cables_of, in_series
+from jaxgrity.model.laws import Configuration, EnergyTerm, member_names
+from jaxgrity.model.structure import Members, per_member
+
+
+class ForceTable(EnergyTerm):
+    """U = sum a_j/2 max(0, l - L(t) - s_j)^2: from the table's entry j on, cables are stiffer by a_j.
+
+    a_j is the change of the table's slope at s_j; the first slope is the cables' stiffness. Made by `force_table`.
+    """
+
+    stretch: AnyArray = eqx.field(converter=as_float)
+    """(entries,), s, m"""
+    force: AnyArray = eqx.field(converter=as_float)
+    """(entries,), N"""
+    factors: AnyRows | None = eqx.field(converter=as_float_or_none, default=None)
+    """by which each cable's force is multiplied, for reports; None: 1"""
+    name: ClassVar[str] = "table of cables' forces"
+
+    def energy(self, at: Configuration) -> Scalar:
+        cables = at.scene.structure.cables
+        longer = at.stretch("cables")
+        cords = added_up(jnp.ones_like(cables.stiffness), cables.clusters)  # one after the other
+        factors = 1 if self.factors is None else self.factors
+        slopes = jnp.diff(self.force) / jnp.diff(self.stretch)
+        return sum(
+            half_squares(factors * (slopes[j] - slopes[j - 1]) / cords, positive_part(longer - cords * self.stretch[j]))
+            for j in range(1, len(slopes))
+        )
+
+    def keeps(self, symmetry):
+        return True  # alike in all cables, and the springs beside them compare stiffness and rest lengths
+
+    def parts(self, scene):
+        return member_names("table of cable", scene.structure.cables)
+
+    def scaled(self, factors):
+        return dataclasses.replace(self, factors=factors)
+
+
+class ForceLimit(EnergyTerm):
+    """U = -sum K/2 max(0, l - L(t) - F/K)^2, so that no cable's spring exceeds F. Made by `force_limit`."""
+
+    largest: AnyRows = eqx.field(converter=as_float)
+    """F, N, of each cable"""
+    factors: AnyRows | None = eqx.field(converter=as_float_or_none, default=None)
+    """by which each cable's force is multiplied, for reports; None: 1"""
+    name: ClassVar[str] = "largest force of cables"
+
+    def energy(self, at: Configuration) -> Scalar:
+        cables = at.scene.structure.cables
+        stiffness = in_series(cables.stiffness, cables.clusters)
+        factors = 1 if self.factors is None else self.factors
+        return -half_squares(
+            factors * stiffness, positive_part(at.stretch("cables") - self.largest * inverse(stiffness))
+        )
+
+    def keeps(self, symmetry):
+        # the springs beside it compare stiffness and rest lengths
+        alike = np.ptp(np.asarray(self.largest)) == 0
+        return bool(alike) or symmetry.members == tuple(range(len(symmetry.members)))
+
+    def parts(self, scene):
+        return member_names("largest force of cable", scene.structure.cables)
+
+    def scaled(self, factors):
+        return dataclasses.replace(self, factors=factors)
+
+
+def force_table(cables: Members, stretch: Sequence[float], force: Sequence[float]) -> ForceTable:
+    """A measured force for all cables: linear between the entries of a table, and beyond the last one as before it.
+
+    Of a cable that runs through several nodes, each segment is such a cord, so that all have the same force.
+
+    Args:
+        cables: whose stiffness is the table's first slope.
+        stretch: l - L, m, ascending from 0.
+        force: N, from 0 on, not falling.
+
+    Returns:
+        The term, for `with_terms`.
+
+    Raises:
+        InputError: the table is no such table, or the cables' stiffness is not its first slope.
+
+    Example:
+        >>> scene = jaxgrity.load_scene("reference")
+        >>> table = jaxgrity.force_table(scene.structure.cables, [0.0, 0.1, 0.2], [0.0, 60.0, 180.0])  # from 600 N/m
+        >>> stiffening = jaxgrity.with_terms(scene, table)
+    """
+    first = first_slope(stretch, force)
+    stiffness = np.asarray(cables.stiffness, float)
+    if not np.allclose(stiffness, first, rtol=1e-9, atol=0):
+        given = sorted(set(stiffness.tolist()))
+        raise InputError(f"the cables' stiffness is {given}; expected {first:g} N/m, the table's first slope")
+    return ForceTable(np.asarray(stretch, float), np.asarray(force, float))
+
+
+def first_slope(stretch: Sequence[float], force: Sequence[float]) -> float:
+    """The stiffness with which a table of forces begins, N/m. Raises `InputError` where it is no such table."""
+    s, f = np.asarray(stretch, float), np.asarray(force, float)
+    shown = f"stretch = {s.tolist()}, force = {f.tolist()}"
+    if s.shape != f.shape or s.ndim != 1 or len(s) < 2 or s[0] != 0 or f[0] != 0:
+        raise InputError(f"{shown}: expected as many numbers in each, two at least, and both from 0 on")
+    if np.any(np.diff(s) <= 0) or np.any(np.diff(f) < 0) or f[1] == 0:
+        raise InputError(f"{shown}: expected an ascending stretch, and a force that rises at first and never falls")
+    return float(f[1] / s[1])
+
+
+def force_limit(cables: Members, largest: float | Sequence[float]) -> ForceLimit:
+    """Cables whose motors give way: beyond a largest force they pay out, and wind in again, at that force.
+
+    It is what a motor without inertia and friction does whose torque is limited: how far it has paid out follows from
+    the length, L = l - F/K, so that it has a potential. The energy that it takes up counts as potential energy, since
+    it gives that back. How fast it pays out is not limited. Dampers pull beside it, beyond the limit too.
+
+    Args:
+        cables: whose motors they are.
+        largest: F, N; one number for all cables, or one for each, segments of one cable counting as one.
+
+    Returns:
+        The term, for `with_terms`.
+
+    Raises:
+        InputError: a force is not positive, or there is not one for each cable.
+
+    Example:
+        >>> scene = jaxgrity.load_scene("reference")
+        >>> yielding = jaxgrity.with_terms(scene, jaxgrity.force_limit(scene.structure.cables, 150.0))
+    """
+    most = per_member(largest, len(cables_of(cables.clusters, len(cables.edges))), "largest_force")
+    if not np.all(most > 0):
+        raise InputError(f"largest_force = {most.min():g}: expected a positive one")
+    return ForceLimit(most)

@@ -1,0 +1,41 @@
+"""What every structure of the catalogue is: nodes, and which of them struts and cables join."""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from jaxgrity.core.errors import InputError
+from jaxgrity.core.types import Edges
+
+
+class Geometry(NamedTuple):
+    """A structure without masses and springs."""
+
+    nodes: Float[np.ndarray, "nodes 3"]
+    """m"""
+    struts: Edges
+    cables: Edges
+
+
+def ring(count: int, radius: float, turn: float, height: float) -> np.ndarray:
+    """`count` nodes (count, 3) evenly on a circle about z, the first at the angle `turn`, rad."""
+    angles = turn + 2 * np.pi / count * np.arange(count)
+    return np.stack([radius * np.cos(angles), radius * np.sin(angles), np.full(count, height)], axis=1)
+
+
+def joined(first: int, second: int, count: int, step: int = 0) -> Edges:
+    """Node i of a ring that starts at number `first` to node i + `step` of one that starts at `second`, for all i."""
+    return tuple((first + i, second + (i + step) % count) for i in range(count))
+
+
+def at_most(name: str, value: int, most: int) -> None:
+    """Raises `InputError` where a number of a structure is larger than can be computed."""
+    if value > most:
+        raise InputError(f"{name} = {value}: expected at most {most}")
+
+
+def at_least(name: str, value: int, least: int) -> None:
+    """Raises `InputError` where a number of a structure is smaller than it can be."""
+    if not value >= least:
+        raise InputError(f"{name} = {value}: expected at least {least}")

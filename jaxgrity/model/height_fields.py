@@ -1,0 +1,161 @@
+"""Ground whose height is a function of x and y: waves, random bumps, measured heights, a function of one's own."""
+
+from collections.abc import Callable
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from scipy.ndimage import spline_filter
+
+from jaxgrity.core.errors import InputError
+from jaxgrity.core.types import AnyArray, as_float
+from jaxgrity.model.surface import Surface
+
+
+class HeightField(Surface):
+    """f = z - h(x, y), with the `height` h that a subclass gives: a distance to first order near the ground alone."""
+
+    @property
+    def level_is_distance(self):
+        return False
+
+    def level(self, x, y, z):
+        return z - self.height(x, y)
+
+
+class HeightFunction(HeightField):
+    """f = z - h(x, y), for a smooth function h of arrays, element by element, written in `jax.numpy`."""
+
+    function: Callable = eqx.field(static=True)
+    """h, m"""
+
+    def height(self, x, y):
+        return self.function(x, y)
+
+
+class Waves(HeightField):
+    """f = z - sum a_k sin(2 pi (x cos(d_k) + y sin(d_k))/l_k + p_k)."""
+
+    amplitude: AnyArray = eqx.field(converter=as_float)
+    """a, (waves,), m"""
+    length: AnyArray = eqx.field(converter=as_float)
+    """l, (waves,), m"""
+    direction: AnyArray = eqx.field(converter=as_float)
+    """d, (waves,), rad, from x towards y"""
+    phase: AnyArray = eqx.field(converter=as_float)
+    """p, (waves,), rad"""
+
+    def __check_init__(self):
+        shapes = {name: np.shape(value) for name, value in vars(self).items()}
+        if len(set(shapes.values())) > 1 or len(shapes["amplitude"]) != 1:
+            raise InputError(f"waves: shapes {shapes}; expected one number a wave in each")
+
+    def height(self, x, y):
+        found = 0 * x
+        for a, length, d, p in zip(self.amplitude, self.length, self.direction, self.phase):
+            rate = 2 * np.pi / length
+            found = found + a * jnp.sin(rate * jnp.cos(d) * x + rate * jnp.sin(d) * y + p)
+        return found
+
+
+def bumps(deviation: float, length: float, seed: int, waves: int = 8) -> Waves:
+    """Random bumps: waves of equal heights, with lengths from 0.7 to 1.5 `length`, in directions and phases by `seed`.
+
+    Args:
+        deviation: m, standard deviation of the ground's height over the plane.
+        length: m, about that from one bump to the next.
+        seed: of the random numbers; another one is another ground.
+        waves: how many; each costs a sine for each node in each evaluation.
+
+    Returns:
+        The surface.
+
+    Raises:
+        InputError: where a size is not positive.
+
+    Example:
+        >>> ground = jaxgrity.PenaltyGround(1e4, 2.0, surface=jaxgrity.bumps(deviation=0.03, length=0.8, seed=0))
+        >>> ground.height([0.0, 0.5], [0.0, 0.0]).shape  # m, at two places
+        (2,)
+    """
+    for name, value in {"deviation": deviation, "length": length, "waves": waves}.items():
+        if not value > 0:
+            raise InputError(f"bumps.{name} = {value}: expected a positive number")
+    draw = np.random.default_rng(seed)
+    return Waves(
+        amplitude=np.full(waves, deviation * np.sqrt(2 / waves)),
+        length=length * 0.7 * (1.5 / 0.7) ** draw.uniform(size=waves),
+        # directions spread evenly, so that no ground is all furrows
+        direction=np.pi * (np.arange(waves) + draw.uniform(size=waves)) / waves,
+        phase=draw.uniform(0, 2 * np.pi, waves),
+    )
+
+
+class HeightMap(HeightField):
+    """f = z - h(x, y), h a cubic spline through heights on a grid: slopes and curvatures are continuous.
+
+    Beyond the grid its edge goes on, level. Made by `height_map`.
+    """
+
+    coefficients: AnyArray = eqx.field(converter=as_float)
+    """(rows + 2, columns + 2), m, of the B-splines, rows along x, columns along y"""
+    corner: AnyArray = eqx.field(converter=as_float)
+    """(2,), m, x and y of the first row and column of heights"""
+    spacing: AnyArray = eqx.field(converter=as_float)
+    """(2,), m, between rows and between columns"""
+
+    def height(self, x, y):
+        rows, columns = self.coefficients.shape
+        first, along_x = _cell((x - self.corner[0]) / self.spacing[0], rows - 2)
+        second, along_y = _cell((y - self.corner[1]) / self.spacing[1], columns - 2)
+        table = jnp.asarray(self.coefficients).reshape(-1)
+        found = 0 * x
+        for i, a in enumerate(along_x):
+            for j, b in enumerate(along_y):
+                found = found + a * b * table[(first + i) * columns + second + j]
+        return found
+
+
+def height_map(heights, size: tuple[float, float], centre: tuple[float, float] = (0.0, 0.0)) -> HeightMap:
+    """Measured ground: the cubic spline through heights on a grid.
+
+    Args:
+        heights: (rows, columns), m, at least 4 of each; rows along x, columns along y.
+        size: m, along x from the first row to the last, along y from the first column to the last.
+        centre: m, x and y of the middle of the grid.
+
+    Returns:
+        The surface.
+
+    Raises:
+        InputError: where the grid is too small, a height is not finite, or a size not positive.
+
+    Example:
+        >>> ramp = jaxgrity.height_map([[0.0] * 5, [0.1] * 5, [0.2] * 5, [0.3] * 5], size=(3.0, 4.0))
+        >>> ground = jaxgrity.ExactGround(surface=ramp)
+        >>> ground.height([-1.5, -0.5], [0.0, 0.0]).round(6).tolist()  # m, in the first and in the second row
+        [0.0, 0.1]
+    """
+    h, extent = np.asarray(heights, float), np.asarray(size, float)
+    if h.ndim != 2 or min(h.shape) < 4:
+        raise InputError(f"heights has shape {h.shape}; expected a table, at least 4 by 4")
+    if not np.isfinite(h).all():
+        raise InputError("heights: some are not finite; expected finite numbers, m")
+    if extent.shape != (2,) or not np.all(extent > 0):
+        raise InputError(f"size = {size}: expected two positive numbers, m")
+    coefficients = np.pad(spline_filter(h, order=3, mode="mirror"), 1, mode="reflect")
+    return HeightMap(coefficients, np.asarray(centre) - extent / 2, extent / (np.array(h.shape) - 1))
+
+
+def _cell(u: AnyArray, count: int) -> tuple[AnyArray, tuple[AnyArray, ...]]:
+    """Of `count` points on a line, 1 apart: the first of four splines about `u`, and the four's weights."""
+    u = jnp.clip(u, 0, count - 1)
+    cell = jnp.clip(jnp.floor(u), 0, count - 2)
+    s = u - cell
+    weights = (
+        (1 - s) ** 3 / 6,
+        (3 * s**3 - 6 * s**2 + 4) / 6,
+        (-3 * s**3 + 3 * s**2 + 3 * s + 1) / 6,
+        s**3 / 6,
+    )
+    return cell.astype(int), weights

@@ -1,0 +1,87 @@
+"""Inertia: the kinetic energy of nodes and of members with mass, the mass matrix, and how forces accelerate nodes.
+
+A member of mass m moves as its ends say, v = (1 - s) v_p + s v_q at the fraction s of its length. That is exact for a
+thin rigid rod, and the linear shape function of a bar element for one that stretches, whose mass stays even along it.
+"""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxgrity.core.primitives import along, component, dot, inner, place_rows, respond, scale, take_rows
+from jaxgrity.core.types import MassMatrix, Mobility, NodeVectors, Scalar
+from jaxgrity.model.structure import Structure
+
+
+def energy_of_motion(structure: Structure, v: NodeVectors) -> Scalar:
+    """T = sum m_i/2 |v_i|^2 + sum m/6 (v_p·v_p + v_p·v_q + v_q·v_q), J, over the nodes and the members with mass."""
+    T = inner(structure.node_mass, dot(v, v)) / 2
+    for mass, edges in structure.rod_masses:
+        first, second = (take_rows(v, ends) for ends in zip(*edges))
+        T = T + inner(mass, dot(first, first) + dot(first, second) + dot(second, second)) / 6
+    return T
+
+
+def momenta(structure: Structure, v: NodeVectors) -> NodeVectors:
+    """M v = dT/dv, (nodes, 3), kg m/s: each node's share of the momentum."""
+    if not structure.rod_masses:
+        return scale(v, structure.node_mass)
+    return jax.grad(energy_of_motion, argnums=1)(structure, v)
+
+
+@jax.jit
+def mass_matrix(structure: Structure) -> MassMatrix:
+    """M = d2T/dv2, (3 nodes, 3 nodes), kg, in the order x, y, z of node 0, then of node 1; supports are not in it.
+
+    Args:
+        structure: nodes and members with their masses.
+
+    Example:
+        >>> rod = jaxgrity.Members(((0, 1),), None, [1.0], mass=[6.0])
+        >>> jaxgrity.mass_matrix(jaxgrity.Structure([[0, 0, 0], [1, 0, 0]], [0.0, 0.0], rod))[::3, ::3].tolist()
+        [[2.0, 1.0], [1.0, 2.0]]
+    """
+    v = jnp.zeros_like(jnp.asarray(structure.nodes))
+    return jax.hessian(energy_of_motion, argnums=1)(structure, v).reshape(v.size, v.size)
+
+
+@jax.jit
+def mobility(structure: Structure) -> Mobility:
+    """a_ijk, 1/kg: how a force on node j along axis k accelerates node i; 0 wherever one of both is fixed along it.
+
+    It is the inverse of the part of the mass matrix that belongs to the free coordinates.
+    """
+    size = len(structure.nodes)
+    mass = mass_matrix(structure).reshape(size, 3, size, 3)
+    free = structure.free.T.astype(mass.dtype)
+    both = free[:, :, None] * free[:, None]
+    of_axes = jnp.moveaxis(jnp.diagonal(mass, axis1=1, axis2=3), -1, 0) * both + np.eye(size) * (1 - free)[:, None]
+    weight = 1 / jnp.sqrt(jnp.diagonal(of_axes, axis1=1, axis2=2))
+    weights = weight[:, :, None] * weight[:, None]
+    return jnp.moveaxis(jnp.linalg.inv(of_axes * weights) * weights * both, 0, -1)
+
+
+def with_mobility(structure: Structure) -> Structure:
+    """The structure with its `mobility`, where that is more than 1/m_i, so that steps need not compute it."""
+    return dataclasses.replace(structure, mobility=mobility(structure)) if structure.coupled else structure
+
+
+def accelerations(structure: Structure, force: NodeVectors) -> NodeVectors:
+    """M^-1 F, (nodes, 3), m/s^2, of the free coordinates; 0 along those that are fixed."""
+    if not structure.coupled:
+        return scale(force, 1 / structure.node_mass)
+    return respond(mobility(structure) if structure.mobility is None else structure.mobility, force)
+
+
+def held(structure: Structure, x: NodeVectors) -> NodeVectors:
+    """The part of vectors at nodes that lies along fixed coordinates: M a - F there is the reaction of a support."""
+    fixed = [(node, "xyz".index(axis)) for node, axes in structure.fixed for axis in axes]
+    total: NodeVectors = jnp.zeros_like(x)
+    for axis in range(3):
+        rows = tuple(node for node, k in fixed if k == axis)
+        if rows:
+            unit = (float(axis == 0), float(axis == 1), float(axis == 2))
+            total = total + place_rows(along(component(take_rows(x, rows), unit), unit), rows, x.shape[0])
+    return total

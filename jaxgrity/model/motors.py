@@ -1,0 +1,74 @@
+"""Motors that wind a member: rest lengths that go from one length asked for to the next, as fast as a motor can.
+
+A motor is an exact function of time, so that no method has to carry a state for it: what it does does not depend on
+the robot. A limit on the force is a law of its own (`force_laws.force_limit`).
+"""
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+from jaxgrity.core.errors import InputError
+from jaxgrity.core.types import AnyArray, Scalar, as_float, as_float_or_none
+
+
+class Motor(eqx.Module):
+    """Winds a member towards each length asked for until it is there, or the next is asked for.
+
+    The wound length w changes at `rate`, and stops at `smallest`; the rest length lags behind it, L' = (w - L)/lag.
+    Before the first time, both are the member's own rest length.
+
+    Raises `InputError` where numbers do not fit.
+    """
+
+    member: int = eqx.field(static=True)
+    """which of the struts, or of the cables, from 0"""
+    times: AnyArray = eqx.field(converter=as_float)
+    """(commands,), s, ascending: when a length is asked for"""
+    lengths: AnyArray = eqx.field(converter=as_float)
+    """(commands,), m, the rest lengths then asked for"""
+    rate: Scalar = eqx.field(converter=as_float)
+    """m/s, at which the motor winds in and pays out"""
+    lag: Scalar | None = eqx.field(converter=as_float_or_none, default=None)
+    """s; None: none"""
+    smallest: Scalar | None = eqx.field(converter=as_float_or_none, default=None)
+    """m, the length at which the spool stops; None: it does not"""
+
+    def __check_init__(self):
+        where = f"motor of member {self.member}"
+        if np.ndim(self.times) != 1 or np.shape(self.times) != np.shape(self.lengths) or not np.size(self.times):
+            shapes = f"times has shape {np.shape(self.times)}, lengths {np.shape(self.lengths)}"
+            raise InputError(f"{where}: {shapes}; expected a length for each time")
+        if isinstance(self.times, np.ndarray) and np.any(np.diff(self.times) <= 0):
+            raise InputError(f"{where}: times = {self.times.tolist()}; expected ascending ones")
+        for name in ("lengths", "rate", "lag", "smallest"):
+            value = getattr(self, name)
+            if isinstance(value, np.ndarray) and np.any(value <= 0):
+                raise InputError(f"{where}: {name} = {value.tolist()}; expected positive numbers")
+
+
+def wound(motor: Motor, start: Scalar, t: Scalar) -> Scalar:
+    """L(t) - L(0), m, of a member whose rest length is `start` at first.
+
+    Each command is a ramp of w: from where the last one ended, at the motor's rate, for as long as it takes. The lag's
+    answer to a ramp of slope 1 is s - lag (1 - exp(-s/lag)) after s seconds.
+    """
+    asked = motor.lengths if motor.smallest is None else jnp.maximum(motor.lengths, motor.smallest)
+    commands = len(motor.times)
+    w, change = start, 0 * start
+    for k in range(commands):
+        move = asked[k] - w
+        if k + 1 < commands:
+            reach = motor.rate * (motor.times[k + 1] - motor.times[k])
+            move = jnp.clip(move, -reach, reach)
+        since = t - motor.times[k]
+        turned = _answer(since, motor.lag) - _answer(since - jnp.abs(move) / motor.rate, motor.lag)
+        change = change + jnp.sign(move) * motor.rate * turned
+        w = w + move
+    return change
+
+
+def _answer(s: Scalar, lag: Scalar | None) -> Scalar:
+    """To a ramp of slope 1 that begins at s = 0."""
+    s = jnp.maximum(s, 0)
+    return s if lag is None else s + lag * jnp.expm1(-s / lag)

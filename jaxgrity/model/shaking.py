@@ -1,0 +1,80 @@
+"""Supports that move by a prescribed function of time, such as a shaking table."""
+
+from abc import abstractmethod
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxgrity.core.errors import InputError
+from jaxgrity.core.primitives import place_rows
+from jaxgrity.core.types import Displacement, NodeVectors, Scalar, as_float
+from jaxgrity.model.inertia import held
+from jaxgrity.model.structure import Structure
+
+
+class SupportMotion(eqx.Module):
+    """How far supports are from where they were at t = 0: all alike, along the axes in which they are fixed.
+
+    It begins at rest: displacement and velocity are 0 at t = 0. Methods integrate the acceleration, which JAX derives.
+    """
+
+    @abstractmethod
+    def displacement(self, t: Scalar) -> Displacement:
+        """(3,), m."""
+
+    def check(self, structure: Structure) -> None:
+        """Raises `InputError` where the structure has no supports, or the motion does not begin at rest."""
+        if not structure.fixed:
+            raise InputError("shaking moves supports, and nothing is fixed; expected a structure with supports")
+        if any(isinstance(x, jax.core.Tracer) for x in jax.tree.leaves(self)):
+            return
+        with jax.enable_x64(True), jax.ensure_compile_time_eval():
+            start, speed = jax.jvp(self.displacement, (jnp.zeros(()),), (jnp.ones(()),))
+        if np.any(np.abs(start) > 1e-12) or np.any(np.abs(speed) > 1e-12):
+            raise InputError(f"shaking: {start} m and {speed} m/s at t = 0; expected supports that begin at rest")
+
+
+class Shaking(SupportMotion):
+    """s(t) = r(t) A sin(2 pi f (t - start)), where r rises smoothly from 0 at `start` to 1 after `ramp`.
+
+    Raises `InputError` where it does not begin at rest.
+    """
+
+    amplitude: Displacement = eqx.field(converter=as_float)
+    """A, (3,), m"""
+    frequency: Scalar = eqx.field(converter=as_float)
+    """f, Hz"""
+    start: Scalar = eqx.field(converter=as_float, default=0.0)
+    """s, not negative"""
+    ramp: Scalar = eqx.field(converter=as_float, default=1.0)
+    """s"""
+
+    def __check_init__(self):
+        if np.shape(self.amplitude)[:1] != (3,):
+            raise InputError(f"shaking.amplitude has shape {np.shape(self.amplitude)}; expected (3,), x, y and z")
+        for name, fine, expected in (
+            ("start", lambda x: x >= 0, "0 or more, since supports begin at rest"),
+            ("ramp", lambda x: x > 0, "a positive number"),
+        ):
+            value = getattr(self, name)
+            if isinstance(value, np.ndarray) and not fine(value):
+                raise InputError(f"shaking.{name} = {value}: expected {expected}")
+
+    def displacement(self, t):
+        since = t - self.start
+        x = jnp.clip(since / self.ramp, 0, 1)
+        return self.amplitude * (x * x * (3 - 2 * x) * jnp.sin(2 * jnp.pi * self.frequency * since))
+
+
+def support_acceleration(motion: SupportMotion, structure: Structure, t: Scalar) -> NodeVectors:
+    """(nodes, 3), m/s^2, of the fixed coordinates; 0 of the others."""
+
+    def velocity(t):
+        return jax.jvp(motion.displacement, (t,), (jnp.ones_like(t),))[1]
+
+    now = jnp.asarray(t, structure.nodes.dtype)
+    a = jax.jvp(velocity, (now,), (jnp.ones_like(now),))[1]
+    moving = tuple(node for node, _ in structure.fixed)
+    return held(structure, place_rows(jnp.broadcast_to(a, (len(moving), 3)), moving, len(structure.nodes)))

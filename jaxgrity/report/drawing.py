@@ -1,0 +1,160 @@
+"""A robot and its ground in a 3D scene of viser: parts that are made once, and moved from frame to frame."""
+
+from typing import Any
+
+import lazy_loader
+import matplotlib
+import numpy as np
+
+from jaxgrity.model.scene import Scene
+from jaxgrity.report.poses import NODE_RADIUS, RobotPoses, Rods, robot_size
+from jaxgrity.report.style import FORCE, GROUND, PATH, SUPPORT
+
+trimesh = lazy_loader.load("trimesh")
+
+WORLD = "/world"
+"""all that is shown; a camera that follows is a world that moves the other way"""
+ROUND = 12
+"""sides of what is round"""
+
+
+def colour(name: str) -> tuple[int, int, int]:
+    """Red, green and blue, 0 to 255."""
+    red, green, blue = (round(255 * x) for x in matplotlib.colors.to_rgb(name))
+    return red, green, blue
+
+
+def turn_to_z(direction: np.ndarray) -> np.ndarray:
+    """The quaternion (w, x, y, z) that turns a unit vector, which does not point straight down, to z."""
+    turn = np.array([1 + direction[2], direction[1], -direction[0], 0.0])
+    return turn / np.linalg.norm(turn)
+
+
+class World:
+    """The frame in which robots and their ground stand."""
+
+    def __init__(self, scene_api: Any, scene: Scene):
+        self._frame = scene_api.add_frame(WORLD, show_axes=False)
+        # where the ground leans more than its file says, gravity leans in the scene: here the world does
+        up = np.array([0.0, 0.0, 1.0]) if scene.up is None else np.asarray(scene.up, float)[0]
+        self.lean(up)
+        if scene.ground is not None:
+            tilt = turn_to_z(np.array(scene.ground.normal)) * np.array([1, -1, -1, -1])
+            size = robot_size(scene)
+            scene_api.add_grid(
+                f"{WORLD}/ground",
+                wxyz=tilt,
+                infinite_grid=True,
+                cell_size=size / 2,
+                section_size=size,
+                cell_color=colour("#bdb7a8"),
+                section_color=colour("#989180"),
+                plane_color=colour(GROUND),
+                plane_opacity=0.9,
+                shadow_opacity=0.35,
+                fade_distance=25 * size,
+            )
+
+    def lean(self, up: np.ndarray) -> None:
+        """Turn the world so that this unit vector points up."""
+        self._frame.wxyz = turn_to_z(up)
+        w, x, y, z = turn_to_z(up)
+        vector = np.array([x, y, z])
+        self._rotate = lambda p: p + 2 * np.cross(vector, np.cross(vector, p) + w * p)
+
+    def look_at(self, point: np.ndarray) -> None:
+        """Move the world so that this point of it comes to where the camera looks."""
+        self._frame.position = -self._rotate(np.asarray(point, float))
+
+
+class RobotDrawing:
+    """One robot's parts in a 3D scene, by a name of its own."""
+
+    def __init__(self, scene_api: Any, name: str, scene: Scene, first: RobotPoses, opacity: float = 1.0):
+        self._api, self._root, self._opacity = scene_api, f"{WORLD}/{name}", None if opacity == 1 else opacity
+        size, struts = robot_size(scene), scene.structure.first_cable
+        self._size = size
+        rod = trimesh.creation.cylinder(1.0, segment=[[0, 0, 0], [0, 0, 1]], sections=ROUND)
+        ball = trimesh.creation.icosphere(subdivisions=2, radius=NODE_RADIUS * size)
+        self._kinds = {"struts": slice(0, struts), "cables": slice(struts, None)}
+        self._members = {
+            kind: self._rods(kind, rod, _some(first.members, rows), first.colours[0, rows])
+            for kind, rows in self._kinds.items()
+            if first.colours[0, rows].size
+        }
+        self._nodes = self._batch("nodes", ball, first.nodes[0], colour("#111111"))
+        self._centre = self._batch("centre of mass", ball, first.centre[:1], colour(PATH))
+        self._forces = self._rods("ground forces", _arrow(), first.ground_forces, colour(FORCE))
+        corners = first.support[0]
+        fan = [(0, k, k + 1) for k in range(1, len(corners) - 1)]
+        self._support = scene_api.add_mesh_simple(
+            f"{self._root}/support polygon",
+            corners,
+            np.array(fan or [(0, 0, 0)]),
+            color=colour(SUPPORT),
+            opacity=0.45,
+            side="double",
+            cast_shadow=False,
+            receive_shadow=False,
+        )
+        self._path: Any = None
+        self.draw_path(first)
+
+    def draw_path(self, poses: RobotPoses) -> None:
+        """The way of the centre of mass, on the ground."""
+        points = np.stack([poses.below[:-1], poses.below[1:]], axis=1).astype(np.float32)
+        points[..., 2] += 4e-3
+        self._path = self._api.add_line_segments(
+            f"{self._root}/path of the centre of mass", points, colors=colour(PATH), thickness=0.012 * self._size
+        )
+
+    def show(self, poses: RobotPoses, frame: int) -> None:
+        """Move everything to where it is in this frame."""
+        for kind, handle in self._members.items():
+            rows = self._kinds[kind]
+            _place(handle, _some(poses.members, rows), frame)
+            if kind == "cables":
+                handle.batched_colors = poses.colours[frame, rows]
+        self._nodes.batched_positions = _single(poses.nodes[frame])
+        self._centre.batched_positions = _single(poses.centre[frame][None])
+        _place(self._forces, poses.ground_forces, frame)
+        self._support.vertices = _single(poses.support[frame])
+
+    def _rods(self, name: str, mesh: Any, rods: Rods, colours: Any) -> Any:
+        return self._batch(name, mesh, rods.position[0], colours, turn=rods.turn[0], scale=rods.scale[0])
+
+    def _batch(self, name: str, mesh: Any, position: np.ndarray, colours: Any, **posed: np.ndarray) -> Any:
+        upright = np.tile(np.array([1.0, 0.0, 0.0, 0.0]), (len(position), 1))
+        return self._api.add_batched_meshes_simple(
+            f"{self._root}/{name}",
+            mesh.vertices,
+            mesh.faces,
+            batched_positions=position,
+            batched_wxyzs=posed.get("turn", upright),
+            batched_scales=posed.get("scale", np.ones_like(position)),
+            batched_colors=colours,
+            opacity=self._opacity,
+            lod="off",
+            flat_shading=False,
+        )
+
+
+def _arrow() -> Any:
+    """One unit long, its shaft one unit thick."""
+    shaft = trimesh.creation.cylinder(1.0, segment=[[0, 0, 0], [0, 0, 0.75]], sections=ROUND)
+    head = trimesh.creation.cone(2.4, 0.25, sections=ROUND)
+    return trimesh.util.concatenate([shaft, head.apply_translation([0, 0, 0.75])])
+
+
+def _some(rods: Rods, rows: slice) -> Rods:
+    return Rods(*(x[:, rows] for x in rods))
+
+
+def _place(handle: Any, rods: Rods, frame: int) -> None:
+    handle.batched_positions = _single(rods.position[frame])
+    handle.batched_wxyzs = _single(rods.turn[frame])
+    handle.batched_scales = _single(rods.scale[frame])
+
+
+def _single(x: np.ndarray) -> np.ndarray:
+    return np.ascontiguousarray(x, np.float32)

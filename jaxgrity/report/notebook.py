@@ -1,0 +1,80 @@
+"""What Jupyter shows of scenes, motions, gaits and searches, as HTML with pictures in it."""
+
+import base64
+import io
+from html import escape
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from jaxgrity.model.actuation import Gait
+from jaxgrity.model.scene import Scene
+from jaxgrity.report import plot
+from jaxgrity.search.pipeline import SearchResult
+from jaxgrity.stepping.integrate import FAILURES
+from jaxgrity.stepping.simulate import Trajectory, centre_path
+
+
+def scene_html(scene: Scene) -> str:
+    """The structure, and beside it what is modelled."""
+    return _side_by_side(plot.structure_figure(scene), scene.describe())
+
+
+def trajectory_html(trajectory: Trajectory) -> str:
+    """Where the robot began and ended, and how the motion was computed."""
+    times = np.asarray(trajectory.times)
+    step = "steps of its own choice" if trajectory.dt is None else f"dt = {trajectory.dt:g} s"
+    words = [
+        f"{times[-1] - times[0]:g} s of motion, {len(times)} saved frames",
+        f"{trajectory.method}, {step}: {FAILURES[int(trajectory.failure)]}",
+    ]
+    if trajectory.scene is None or trajectory.failed:
+        return _text("\n".join(words))
+    moved = np.diff(centre_path(trajectory.scene, trajectory)[[0, -1], :2], axis=0)[0]
+    words += [f"moved {np.hypot(*moved):.3f} m", "in 3D: show()"]
+    return _side_by_side(plot.still_figure(trajectory.scene, trajectory), "\n".join(words))
+
+
+def gait_html(gait: Gait) -> str:
+    """Which member is how long when; of a population of gaits, how many there are."""
+    if np.ndim(gait.phase) > 1:
+        return _text(f"{len(gait.phase)} gaits of {len(gait.members)} members")
+    return _picture(plot.gait_figure(gait))
+
+
+def search_html(result: SearchResult) -> str:
+    """The verdict on what was found, and its gait."""
+    assert result.scene.gait is not None, "a search finds a gait"
+    rows = {name: value for name, value in result.verdict.summary().items() if not isinstance(value, list | tuple)}
+    return _side_by_side(plot.gait_figure(result.scene.gait), "\n".join(_rows(rows)))
+
+
+def _rows(facts: dict[str, Any]) -> list[str]:
+    """A line for each fact, those within others after their names."""
+    lines = []
+    for name, value in facts.items():
+        words = name.replace("_", " ")
+        if isinstance(value, dict):
+            lines.append(f"{words}: " + ", ".join(_rows(value)))
+        else:
+            lines.append(f"{words}: {value:.4g}" if isinstance(value, float) else f"{words}: {value}")
+    return lines
+
+
+def _side_by_side(figure: Figure, words: str) -> str:
+    return (
+        f'<div style="display:flex;flex-wrap:wrap;gap:1rem;align-items:center">{_picture(figure)}{_text(words)}</div>'
+    )
+
+
+def _text(words: str) -> str:
+    return f"<pre>{escape(words)}</pre>"
+
+
+def _picture(figure: Figure) -> str:
+    file = io.BytesIO()
+    figure.savefig(file, format="png", dpi=90)
+    return (
+        f'<img alt="" style="max-width:100%" src="data:image/png;base64,{base64.b64encode(file.getvalue()).decode()}">'
+    )

@@ -1,0 +1,151 @@
+"""What a 3D replay shows of a robot, frame by frame, as numbers: places, turns, sizes and colours of its parts."""
+
+from typing import NamedTuple
+
+import matplotlib
+import numpy as np
+from scipy.spatial import ConvexHull, QhullError
+
+from jaxgrity.core.errors import InputError
+from jaxgrity.core.types import Times
+from jaxgrity.model.scene import Scene
+from jaxgrity.report.style import SLACK, STRUT, TENSION
+from jaxgrity.rollout.forces import forces_along
+from jaxgrity.stepping.simulate import Trajectory, centre_path, frame_times, some_frames
+
+STRUT_RADIUS, CABLE_RADIUS, NODE_RADIUS, FORCE_RADIUS = 0.014, 0.006, 0.022, 0.012
+"""of the robot's size"""
+WEIGHT_LENGTH = 0.5
+"""of the robot's size: how long the arrow of a force is that carries the robot's weight"""
+SLACK_TENSION = 1e-3
+"""of the largest tension: cables that pull with less are shown as slack"""
+
+
+class Rods(NamedTuple):
+    """Straight parts: a body from (0, 0, 0) to (0, 0, 1), turned and stretched."""
+
+    position: np.ndarray
+    """(frames, rods, 3), m, where they begin"""
+    turn: np.ndarray
+    """(frames, rods, 4), quaternions w, x, y, z"""
+    scale: np.ndarray
+    """(frames, rods, 3), m: radius, radius, length"""
+
+
+class RobotPoses(NamedTuple):
+    """One robot in every frame that is shown."""
+
+    times: Times
+    members: Rods
+    """struts first"""
+    colours: np.ndarray
+    """(frames, members, 3), 0 to 255: struts red, cables by their tension, slack ones pale"""
+    nodes: np.ndarray
+    """(frames, nodes, 3), m"""
+    ground_forces: Rods
+    support: np.ndarray
+    """(frames, nodes, 3), m: corners of the convex hull of the nodes that touch the ground, the last one repeated"""
+    centre: np.ndarray
+    """(frames, 3), m, the centre of mass"""
+    below: np.ndarray
+    """(frames, 3), m, the point of the ground below it"""
+    tension: np.ndarray
+    """(frames, members), N"""
+    largest_tension: float
+    """N, of any cable"""
+
+
+def robot_size(scene: Scene) -> float:
+    """The longest side of the box around the structure as it is built, m."""
+    return float(np.ptp(np.asarray(scene.structure.nodes), axis=0).max()) or 1.0
+
+
+def rods(start: np.ndarray, end: np.ndarray, radius: np.ndarray | float) -> Rods:
+    """Rods between points, (frames, rods, 3), as thick as `radius` says, m."""
+    d = end - start
+    length = np.linalg.norm(d, axis=-1)
+    unit = d / np.maximum(length, 1e-12)[..., None]
+    # half the turn from z to d: the quaternion (1 + z·d, cross product z, d); straight down it is any half turn
+    turn = np.stack([1 + unit[..., 2], -unit[..., 1], unit[..., 0], np.zeros_like(length)], axis=-1)
+    turn = np.where(turn[..., :1] < 1e-9, np.array([0.0, 1.0, 0.0, 0.0]), turn)
+    thick = np.broadcast_to(radius, length.shape)
+    return Rods(start, turn / np.linalg.norm(turn, axis=-1, keepdims=True), np.stack([thick, thick, length], axis=-1))
+
+
+def robot_poses(scene: Scene, trajectory: Trajectory, frame_rate: float, offset: tuple = (0.0, 0.0, 0.0)) -> RobotPoses:
+    """A trajectory's saved frames, at most `frame_rate` a second, moved by `offset` (m).
+
+    Raises `InputError` where the frame rate is not positive and finite, or the motion is not finite.
+    """
+    check_motion(trajectory)
+    times = np.asarray(trajectory.times, float)
+    wanted = times[0] + frame_times(times[-1] - times[0], frame_rate)
+    trajectory = some_frames(trajectory, np.unique(np.searchsorted((times[1:] + times[:-1]) / 2, wanted)))
+    forces, size, moved = forces_along(scene, trajectory), robot_size(scene), np.asarray(offset, float)
+    q = np.asarray(trajectory.positions, float) + moved
+    centre = centre_path(scene, trajectory) + moved
+    slope = 0.0 if scene.ground is None else np.tan(scene.ground.incline)
+    below = np.stack([*centre.T[:2], -slope * (centre[:, 0] - moved[0])], axis=-1)
+    weight = float(scene.structure.mass) * float(scene.gravity or 9.81)
+    arrows = forces.ground * (WEIGHT_LENGTH * size / weight)
+    shown = np.linalg.norm(arrows, axis=-1) > 0.01 * size
+    radius, colours, largest = _member_looks(scene, forces.tension, size)
+    return RobotPoses(
+        np.asarray(trajectory.times, float),
+        _members(scene, q, radius),
+        colours,
+        q,
+        rods(q, q + np.where(shown[..., None], arrows, [0, 0, 1e-6]), np.where(shown, FORCE_RADIUS * size, 1e-6)),
+        _support(scene, q, moved),
+        centre,
+        below,
+        forces.tension,
+        largest,
+    )
+
+
+def check_motion(trajectory: Trajectory) -> None:
+    """Raises `InputError` where a position is not finite: there is nothing to show from there on."""
+    finite = np.isfinite(np.asarray(trajectory.positions)).all((1, 2))
+    if not finite.all():
+        since = float(trajectory.times[finite.argmin()])
+        raise InputError(f"the motion is not finite from t = {since:g} s on: expected one that is")
+
+
+def _members(scene: Scene, q: np.ndarray, radius: np.ndarray) -> Rods:
+    kinds = (scene.structure.struts, scene.structure.cables)
+    i, j = np.array([edge for kind in kinds if kind is not None for edge in kind.edges], int).reshape(-1, 2).T
+    return rods(q[:, i], q[:, j], radius)
+
+
+def _member_looks(scene: Scene, tension: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray, float]:
+    """Radius (m) and colour of every member in every frame, and the cables' largest tension, N."""
+    struts = scene.structure.first_cable
+    pull = tension[:, struts:]
+    largest = float(np.abs(pull).max(initial=0.0))
+    share = np.clip(pull / (largest or 1.0), 0, 1)
+    slack = share < SLACK_TENSION
+    red, pale = (np.array(matplotlib.colors.to_rgb(name)) for name in (STRUT, SLACK))
+    cables = np.where(slack[..., None], pale, matplotlib.colormaps[TENSION](share)[..., :3])
+    colours = np.concatenate([np.broadcast_to(red, (len(pull), struts, 3)), cables], axis=1)
+    thin = np.where(slack, 0.5 * CABLE_RADIUS, CABLE_RADIUS) * size
+    radius = np.concatenate([np.full((len(pull), struts), STRUT_RADIUS * size), thin], axis=1)
+    return radius, np.round(255 * colours).astype(np.uint8), largest
+
+
+def _support(scene: Scene, q: np.ndarray, moved: np.ndarray) -> np.ndarray:
+    """Where the robot could be put down without tipping over, just above the ground; elsewhere a point."""
+    if scene.ground is None:
+        return np.repeat(q[:, :1], q.shape[1], axis=1)
+    normal, tangents = np.array(scene.ground.normal), np.array(scene.ground.tangents)
+    height = (q - moved) @ normal
+    flat = q - (height - 2e-3)[..., None] * normal
+    corners = np.empty_like(q)
+    for frame, (points, touches) in enumerate(zip(flat, height < scene.ground.touched_below)):
+        standing = points[touches] if touches.any() else points[:1]
+        try:
+            standing = standing[ConvexHull(standing @ tangents.T).vertices]
+        except (QhullError, ValueError):  # fewer than three, or all on one line
+            standing = standing[:1]
+        corners[frame] = standing[np.minimum(np.arange(q.shape[1]), len(standing) - 1)]
+    return corners

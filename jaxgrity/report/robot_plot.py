@@ -1,0 +1,208 @@
+"""Figures of a robot and its motion: its structure, path, members, gait and energy."""
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from mpl_toolkits.mplot3d import Axes3D
+from mpl_toolkits.mplot3d.art3d import Line3DCollection
+
+from jaxgrity.model.actuation import Gait, contraction, rest_length
+from jaxgrity.model.scene import Scene
+from jaxgrity.model.structure import edge_lengths
+from jaxgrity.report.style import CABLE, GROUND, PATH, STRUT, styled
+from jaxgrity.rollout.forces import forces_along
+from jaxgrity.rollout.rolling import Rolling
+from jaxgrity.stepping.simulate import Trajectory, centre_path
+from jaxgrity.trust.energy_audit import EnergyAudit
+
+
+def draw_robot(axes: Axes3D, scene: Scene, q: np.ndarray, number: bool = False) -> list:
+    """Struts (red, thick), cables (dark, thin) and nodes at positions `q` (nodes, 3); node numbers where asked."""
+    artists = []
+    for members, colour, width in ((scene.structure.struts, STRUT, 3.5), (scene.structure.cables, CABLE, 1.0)):
+        if members is not None:
+            lines = Line3DCollection(q[np.asarray(members.edges)], colors=colour, linewidths=width)
+            artists.append(axes.add_collection3d(lines))
+    artists.append(axes.scatter(*q.T, color="black", s=12, depthshade=False))
+    if number:
+        artists += [axes.text(*(1.1 * (x - q.mean(0)) + q.mean(0)), str(k)) for k, x in enumerate(q)]
+    return artists
+
+
+@styled
+def structure_figure(scene: Scene) -> Figure:
+    """The structure as it starts, its nodes numbered."""
+    figure = Figure(figsize=(5, 5), layout="constrained")
+    axes = figure.add_subplot(projection="3d")
+    q = np.asarray(scene.structure.nodes)
+    draw_robot(axes, scene, q, number=True)
+    _frame(axes, q.mean(0), np.ptp(q, axis=0).max() / 1.7)
+    return figure
+
+
+@styled
+def path_figure(scene: Scene, trajectory: Trajectory, error_bar: float | None = None) -> Figure:
+    """Where the centre of mass goes, from above, and its distance from the start against time."""
+    path, times = centre_path(scene, trajectory), np.asarray(trajectory.times)
+    figure = Figure(figsize=(10, 4.5), layout="constrained")
+    above, against = figure.subplots(1, 2)
+    above.plot(path[:, 0], path[:, 1], color=PATH)
+    above.plot(*path[0, :2], "o", color="black", label=f"start, t = {times[0]:g} s")
+    above.plot(*path[-1, :2], "s", color=STRUT, label=f"end, t = {times[-1]:g} s")
+    above.set(xlabel="x (m)", ylabel="y (m)", title="path of the centre of mass, from above")
+    above.axis("equal")
+    above.legend()
+    distance = np.hypot(*(path - path[0])[:, :2].T)
+    against.plot(times, distance, color=PATH, label="horizontal distance")
+    if error_bar is not None:
+        # a bar longer than the distance says no more than that the end cannot be predicted
+        known = error_bar <= distance[-1]
+        label = f"end, ± {error_bar:.2g} m" if known else "end, which depends on the time step"
+        bar = error_bar if known else None
+        against.errorbar(times[-1], distance[-1], bar, color=STRUT, capsize=5, fmt="s", label=label)
+    against.plot(times, path[:, 2], color=CABLE, linewidth=1, label="height")
+    against.set(xlabel="time (s)", ylabel="centre of mass (m)", title="distance from the start, and height")
+    against.legend()
+    return figure
+
+
+@styled
+def still_figure(scene: Scene, trajectory: Trajectory) -> Figure:
+    """The robot as it starts (pale) and as it ends, and the path of its centre of mass on the ground between."""
+    figure = Figure(figsize=(6, 4), layout="constrained")
+    axes = figure.add_subplot(projection="3d", computed_zorder=False)
+    q, path = np.asarray(trajectory.positions), centre_path(scene, trajectory)
+    slope = 0.0 if scene.ground is None else np.tan(scene.ground.incline)
+    trail = axes.plot(path[:, 0], path[:, 1], -slope * path[:, 0], color=PATH)
+    first, last = draw_robot(axes, scene, q[0]), draw_robot(axes, scene, q[-1])
+    for artist in first:
+        artist.set_alpha(0.25)
+    for artist in (*trail, *first, *last):
+        artist.set_clip_on(False)  # Matplotlib draws 3D axes as a square, narrower than the figure
+        artist.set_in_layout(False)
+    shown = np.concatenate([q[0], q[-1], path])
+    low, high = shown.min(0), shown.max(0)
+    low[2] = min(0.0, low[2])
+    flat = np.maximum(0.1 * np.max(high - low) - (high - low), 0)  # a box without depth cannot be drawn
+    low, high = low - flat / 2, high + flat / 2
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
+    axes.set_box_aspect(high - low, zoom=1.5)
+    x, y = path[-1, :2] - path[0, :2]
+    axes.view_init(elev=25, azim=float(np.degrees(np.arctan2(y, x))) - 75)
+    axes.set_axis_off()
+    moved = np.hypot(x, y)
+    axes.set_title(f"{float(trajectory.times[0]):g} s (pale) to {float(trajectory.times[-1]):g} s: {moved:.2f} m")
+    return figure
+
+
+@styled
+def member_figure(scene: Scene, trajectory: Trajectory) -> Figure:
+    """Length of every member against time, with the actuated members' rest lengths as dashed lines."""
+    q, times = np.asarray(trajectory.positions), np.asarray(trajectory.times)
+    kinds = [(n, m) for n, m in (("struts", scene.structure.struts), ("cables", scene.structure.cables)) if m]
+    figure = Figure(figsize=(9, 3.2 * len(kinds)), layout="constrained")
+    first = 0
+    for axes, (name, members) in zip(figure.subplots(len(kinds), 1, squeeze=False)[:, 0], kinds):
+        lengths = np.array([edge_lengths(x, members.edges) for x in q])
+        rest = np.array([rest_length(members, scene.gait, t, first) for t in times])
+        many, dashed = len(members.edges) > 8, ""
+        for k, edge in enumerate(members.edges):
+            actuated = scene.gait is not None and first + k in scene.gait.members
+            line = axes.plot(times, lengths[:, k], linewidth=1, label=None if many else f"{edge[0]}-{edge[1]}")[0]
+            if actuated:
+                dashed = ", dashed: rest length"
+                axes.plot(times, rest[:, k], "--", linewidth=1, color=line.get_color(), alpha=0.7)
+        axes.set(xlabel="time (s)", ylabel="length (m)", title=f"{name}{dashed}")
+        if not many:
+            axes.legend(title="nodes", loc="center left", bbox_to_anchor=(1, 0.5))
+        first += len(members.edges)
+    return figure
+
+
+@styled
+def force_figure(scene: Scene, trajectory: Trajectory) -> Figure:
+    """Force in every member against time, N, tension positive; slack cables are those at zero."""
+    forces, times = forces_along(scene, trajectory).tension, np.asarray(trajectory.times)
+    kinds = [(n, m) for n, m in (("struts", scene.structure.struts), ("cables", scene.structure.cables)) if m]
+    figure = Figure(figsize=(9, 3.2 * len(kinds)), layout="constrained")
+    first = 0
+    for axes, (name, members) in zip(figure.subplots(len(kinds), 1, squeeze=False)[:, 0], kinds):
+        rows = forces[:, first : first + len(members.edges)]
+        for k, edge in enumerate(members.edges):
+            axes.plot(times, rows[:, k], linewidth=1, label=f"{edge[0]}-{edge[1]}")
+        slack = f", {np.mean(rows < 1e-9):.0%} of the time slack" if name == "cables" else ""
+        axes.set(xlabel="time (s)", ylabel="tension (N)", title=f"{name}{slack}")
+        if len(members.edges) <= 8:
+            axes.legend(title="nodes", loc="center left", bbox_to_anchor=(1, 0.5))
+        first += len(members.edges)
+    return figure
+
+
+@styled
+def energy_figure(audit: EnergyAudit) -> Figure:
+    """Where the actuators' work goes, as stacked areas against time, J: potential, kinetic, lost by each cause.
+
+    Potential energy counts from its lowest value, so that the areas add up to what there was at the start and what the
+    actuators did since (the line): what lies between the areas and the line is the error of the time steps.
+    """
+    figure = Figure(figsize=(8, 4.4), layout="constrained")
+    axes = figure.subplots()
+    lowest = audit.potential.min()
+    parts = {"potential": audit.potential - lowest, "kinetic": audit.kinetic}
+    parts |= {f"lost by {cause}": lost for cause, lost in audit.dissipated.items()}
+    axes.stackplot(audit.times, list(parts.values()), labels=list(parts), alpha=0.8)
+    given = audit.potential[0] - lowest + audit.kinetic[0] + audit.actuation
+    axes.plot(audit.times, given, color="black", label="at the start, and\nwork of the actuators")
+    axes.set(xlabel="time (s)", ylabel="energy (J)", title="where the actuators' work goes")
+    axes.legend(loc="center left", bbox_to_anchor=(1, 0.5))
+    return figure
+
+
+@styled
+def gait_figure(gait: Gait, duration: float | None = None, motion: Rolling | None = None, begin: float = 0.0) -> Figure:
+    """Which actuated member is how long when, as a share of its built rest length; below, the faces it stands on.
+
+    Two periods from when the gait is in full swing on, or all from `begin` to `duration`, s, where that is given:
+    `motion`, which names the faces, goes with that.
+    """
+    full = float(gait.start + gait.ramp)
+    begin, end = (full, full + 2 / float(np.min(gait.frequency))) if duration is None else (begin, duration)
+    times = np.linspace(begin, end, 400)
+    lengths = np.array([1 - np.asarray(contraction(gait, t)) for t in times]).T
+    rows = len(gait.members)
+    strips = [max(1.6, 0.28 * rows), 0.7] if motion is not None else [max(1.6, 0.28 * rows)]
+    figure = Figure(figsize=(8, sum(strips) + 1.3), layout="constrained")
+    panels = figure.subplots(len(strips), 1, squeeze=False, sharex=True, height_ratios=strips)[:, 0]
+    extent = (begin, end, rows - 0.5, -0.5)
+    picture = panels[0].imshow(lengths, aspect="auto", extent=extent, cmap="cividis", interpolation="nearest")
+    every = 1 if rows <= 12 else 4
+    panels[0].set(
+        ylabel="member", yticks=range(0, rows, every), yticklabels=gait.members[::every], title="rest lengths"
+    )
+    panels[0].grid(False)
+    figure.colorbar(picture, ax=list(panels), label="share of the built length")
+    if motion is not None:
+        _draw_supports(panels[1], motion, begin, end)
+    panels[-1].set(xlabel="time (s)", xlim=(begin, end))
+    return figure
+
+
+def _draw_supports(axes: Axes, motion: Rolling, begin: float, end: float) -> None:
+    """A strip of the faces that a robot stands on, one after the other, named where there is room."""
+    until = [*motion.since[1:], end]
+    for k, (face, since, to) in enumerate(zip(motion.supports, np.maximum(motion.since, begin), until)):
+        share = (to - since) / (end - begin)
+        if share > 0:
+            axes.axvspan(since, to, color=GROUND if k % 2 else "#bdb7a8", lw=0)
+        if share > 0.03:
+            angle = 0 if share > 0.1 else 90
+            name = "-".join(map(str, face))
+            axes.text((since + to) / 2, 0.5, name, ha="center", va="center", fontsize=10, rotation=angle)
+    axes.set(ylim=(0, 1), yticks=[], ylabel="face")
+    axes.grid(False)
+
+
+def _frame(axes: Axes3D | Axes, centre: np.ndarray, half: float) -> None:
+    """Equal axes about `centre`, with units."""
+    for name, middle in zip("xyz", centre):
+        axes.set(**{f"{name}lim": (middle - half, middle + half), f"{name}label": f"{name} (m)"})

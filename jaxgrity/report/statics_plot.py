@@ -1,0 +1,67 @@
+"""Pictures of structures at rest: the catalogue, and the forces in members."""
+
+import numpy as np
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import TwoSlopeNorm
+from matplotlib.figure import Figure
+from mpl_toolkits.mplot3d.art3d import Line3DCollection
+
+from jaxgrity.model.geometry import Geometry
+from jaxgrity.model.inspection import StructureReport
+from jaxgrity.model.stiffness import all_edges
+from jaxgrity.report.style import CABLE, STRUT, styled
+
+COLOURS = "coolwarm_r"
+"""compression red, tension blue"""
+
+
+@styled
+def geometry_figure(structures: dict[str, Geometry]) -> Figure:
+    """Struts (red, thick) and cables (dark, thin) of one structure, or of many beside each other, by their names."""
+    columns = min(len(structures), 5)
+    rows = -(-len(structures) // columns)
+    figure = Figure(figsize=(2.3 * columns, 3 * rows), layout="constrained")
+    for number, (name, geometry) in enumerate(structures.items(), start=1):
+        axes = figure.add_subplot(rows, columns, number, projection="3d")
+        q = np.asarray(geometry.nodes)
+        for edges, colour, width in ((geometry.struts, STRUT, 2.5), (geometry.cables, CABLE, 0.9)):
+            axes.add_collection3d(Line3DCollection(q[np.asarray(edges)], colors=colour, linewidths=width))
+        _fit(axes, q)
+        axes.set_axis_off()
+        counts = f"{len(q)} nodes,\n{len(geometry.struts)} struts, {len(geometry.cables)} cables"
+        axes.set_title(f"{name}\n{counts}", fontsize=11)
+    return figure
+
+
+@styled
+def resting_force_figure(report: StructureReport) -> Figure:
+    """The forces in all members, in the shape at rest by colour and, one bar each, by size."""
+    figure = Figure(figsize=(10, 4.6), layout="constrained")
+    axes, bars = figure.add_subplot(1, 2, 1, projection="3d"), figure.add_subplot(1, 2, 2)
+    forces, q = np.asarray(report.forces), np.asarray(report.shape)
+    size = max(float(np.abs(forces).max()), 1e-12)
+    norm = TwoSlopeNorm(0, -size, size)
+    edges, first = np.asarray(all_edges(report.structure)), report.structure.first_cable
+    widths = np.r_[np.full(first, 3.5), np.full(len(edges) - first, 1.5)]
+    axes.add_collection3d(Line3DCollection(q[edges], array=forces, cmap=COLOURS, norm=norm, linewidths=widths))
+    _fit(axes, q)
+    axes.set(xlabel="x (m)", ylabel="y (m)", zlabel="z (m)")
+    axes.set_title("at rest" if report.at_rest else "as given: no equilibrium found", fontsize="medium")
+    shown = ScalarMappable(norm, COLOURS)
+    figure.colorbar(shown, ax=axes, label="force (N), tension positive", shrink=0.7, pad=0.1)
+    bars.bar(np.arange(len(forces)), forces, color=shown.to_rgba(forces), edgecolor=CABLE, linewidth=0.4)
+    bars.axhline(0, color=CABLE, linewidth=0.8)
+    if 0 < first < len(forces):
+        bars.axvline(first - 0.5, color=CABLE, linestyle=":", label=f"struts left, cables from {first} on")
+        bars.legend()
+    bars.set(xlabel="member", ylabel="force (N)")
+    bars.set_title("member forces", fontsize="medium")
+    bars.grid(visible=False, axis="x")
+    return figure
+
+
+def _fit(axes, q: np.ndarray) -> None:
+    """All of the structure, at one scale."""
+    centre, half = (q.max(0) + q.min(0)) / 2, max(float(np.ptp(q, axis=0).max()) / 2, 1e-9)
+    axes.set(**{f"{name}lim": (c - half, c + half) for name, c in zip("xyz", centre)})
+    axes.set_box_aspect((1, 1, 1), zoom=1.1)

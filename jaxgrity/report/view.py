@@ -1,0 +1,213 @@
+"""3D replays: a motion as one HTML file that plays in any browser, from disk, without a network."""
+
+import contextlib
+import html
+import importlib.util
+import io
+import tempfile
+import webbrowser
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import lazy_loader
+import matplotlib
+import numpy as np
+
+from jaxgrity.core.errors import InputError
+from jaxgrity.io.files import write_whole
+from jaxgrity.model.scene import Scene
+from jaxgrity.report.drawing import RobotDrawing, World
+from jaxgrity.report.poses import RobotPoses, robot_poses, robot_size
+from jaxgrity.report.style import FORCE, PATH, SLACK, STRUT, SUPPORT, TENSION
+from jaxgrity.stepping.simulate import Trajectory
+
+viser = lazy_loader.load("viser")
+
+__all__ = ["Replay", "Robot", "available", "replay", "save_html"]
+
+LOOPBACK = "127.0.0.1"
+FIELD_OF_VIEW = 0.75
+"""rad, from the upper to the lower edge of the picture"""
+LEGEND_STYLE = (
+    "#jaxgrity{position:fixed;top:12px;right:12px;z-index:5;font:13px/1.6 sans-serif;color:#222;pointer-events:none;"
+    "background:rgba(255,255,255,.82);border-radius:6px;padding:8px 12px;max-width:22rem}"
+    "#jaxgrity b{font-size:15px}#jaxgrity span{white-space:nowrap;margin-right:12px}"
+    "#jaxgrity i{display:inline-block;width:22px;height:9px;margin-right:7px;border-radius:2px}"
+    "@media(max-height:360px),(max-width:480px){#jaxgrity{display:none}}"
+)
+
+
+class Robot(NamedTuple):
+    """One more robot of a replay."""
+
+    scene: Scene
+    trajectory: Trajectory
+    name: str
+    """under which the replay lists it"""
+    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """m, by which it is moved, to stand beside the others"""
+    opacity: float = 1.0
+    """less than 1: it can be seen through, as a ghost of the first"""
+
+
+class Replay:
+    """A motion in 3D: a page that shows itself in Jupyter, and can be saved or opened in a browser."""
+
+    def __init__(self, page: str):
+        self.page = page
+
+    def save(self, path: str | Path) -> None:
+        """Write the page, whole or not at all."""
+        write_whole(path, lambda file: file.write(self.page.encode()))
+
+    def open(self) -> Path:
+        """Show the page in the computer's browser; returns the temporary file that it lies in."""
+        path = Path(tempfile.mkdtemp(prefix="jaxgrity-")) / "replay.html"
+        self.save(path)
+        webbrowser.open(path.as_uri())
+        return path
+
+    def _repr_html_(self) -> str:
+        frame = 'style="width:100%;height:480px;border:0"'
+        return f'<iframe title="3D replay" {frame} srcdoc="{html.escape(self.page)}"></iframe>'
+
+
+def available() -> bool:
+    """Whether the library is there that draws replays."""
+    return importlib.util.find_spec("viser") is not None
+
+
+def replay(
+    scene: Scene,
+    trajectory: Trajectory,
+    *,
+    others: Sequence[Robot] = (),
+    frame_rate: float = 50.0,
+    follow: bool = True,
+    title: str = "",
+) -> Replay:
+    """A motion in 3D, in real time, with buttons to play, pause, scrub and change the speed.
+
+    Struts are red; cables have the colour of their tension, slack ones are thin and pale. Arrows are the ground's
+    forces on the nodes that touch it (see `forces_along`); the green polygon is the convex hull of these nodes; the
+    line on the ground is the path of the centre of mass. The list of parts, at the lower right, hides each of them.
+
+    Arguments:
+        scene: what moves.
+        trajectory: how it moves.
+        others: further robots, beside the first or over it.
+        frame_rate: frames a second, at most; of those that the trajectory saved the nearest.
+        follow: whether the camera goes along with the first robot.
+        title: stands above the legend.
+
+    Returns:
+        The replay, which shows itself in Jupyter; `save` writes it, `open` shows it in a browser.
+
+    Raises:
+        InputError: where viser is not installed, `frame_rate` is not a positive, finite number, or a position is not
+            finite.
+
+    Example:
+        >>> scene = jaxgrity.load_scene("reference")
+        >>> page = jaxgrity.view.replay(scene, jaxgrity.simulate(scene, 0.2), title="it settles").page
+        >>> "it settles" in page, len(page) < 3e6
+        (True, True)
+    """
+    if not available():
+        raise InputError("3D replays need viser, which is not installed; expected: pip install 'jaxgrity[view]'")
+    robots = [Robot(scene, trajectory, "robot"), *others]
+    names = [robot.name for robot in robots]
+    if len(set(names)) < len(names):
+        raise InputError(f"names of robots: {names}; expected each once")
+    poses = [robot_poses(each.scene, each.trajectory, frame_rate, each.offset) for each in robots]
+    with quiet_server() as server:
+        page = _record(server, robots, poses, follow)
+    return Replay(_with_legend(page, title, poses[0]))
+
+
+def save_html(scene: Scene, trajectory: Trajectory, path: str | Path, **how: Any) -> None:
+    """Write a replay as one HTML file, which needs neither a network nor other files.
+
+    Arguments:
+        scene: what moves.
+        trajectory: how it moves.
+        path: the file to write; it appears whole or not at all.
+        how: what `replay` takes: `others`, `frame_rate`, `follow`, `title`.
+
+    Raises:
+        InputError: as `replay` does.
+
+    Example:
+        >>> scene = jaxgrity.load_scene("exact")
+        >>> jaxgrity.view.save_html(scene, jaxgrity.simulate(scene, 0.2), "replay.html", follow=False)
+    """
+    replay(scene, trajectory, **how).save(path)
+
+
+@contextlib.contextmanager
+def quiet_server() -> Iterator[Any]:
+    """A viser server for as long as a recording takes, which this machine alone can reach; viser would print."""
+    with contextlib.redirect_stdout(io.StringIO()):
+        server = viser.ViserServer(host=LOOPBACK, port=0, verbose=False)
+    try:
+        yield server
+    finally:
+        with contextlib.redirect_stdout(io.StringIO()):
+            server.stop()
+
+
+def _record(server: Any, robots: list[Robot], poses: list[RobotPoses], follow: bool) -> str:
+    """The page of all frames, one after the other."""
+    first = robots[0].scene
+    world = World(server.scene, first)
+    drawings = [
+        RobotDrawing(server.scene, robot.name, robot.scene, each, robot.opacity) for robot, each in zip(robots, poses)
+    ]
+    aim = np.array([0.0, 0.0, 0.4 * robot_size(first)])
+    watched = poses[0].below if follow else np.mean([each.below.mean(0) for each in poses], axis=0)[None]
+    reach = 1.0 if follow else max(1.0, 0.5 * float(np.ptp(poses[0].below[:, :2], axis=0).max()) / robot_size(first))
+    set_camera(server, aim, poses[0], reach * robot_size(first))
+    recording = server.get_scene_serializer()
+    times = max((each.times for each in poses), key=len)
+    for frame, length in enumerate(np.diff(times, append=times[-1])):
+        world.look_at(watched[min(frame, len(watched) - 1)])
+        for drawing, each in zip(drawings, poses):
+            drawing.show(each, min(frame, len(each.times) - 1))
+        recording.insert_sleep(float(length))
+    return recording.as_html()
+
+
+def camera_place(aim: np.ndarray, poses: RobotPoses, distance: float) -> np.ndarray:
+    """Where to look at `aim` from, so that the motion runs to the right."""
+    heading = poses.centre[-1] - poses.centre[0]
+    angle = np.arctan2(heading[1], heading[0]) if np.hypot(*heading[:2]) > 0.1 * distance else 0.0
+    side = angle - np.radians(65)
+    return aim + 2.6 * distance * np.array([np.cos(side), np.sin(side), 0.4])
+
+
+def set_camera(server: Any, aim: np.ndarray, poses: RobotPoses, distance: float) -> None:
+    """Look at `aim`, from the side."""
+    server.initial_camera.position = camera_place(aim, poses, distance)
+    server.initial_camera.look_at = aim
+    server.initial_camera.up = (0.0, 0.0, 1.0)
+    server.initial_camera.fov = FIELD_OF_VIEW
+
+
+def _with_legend(page: str, title: str, poses: RobotPoses) -> str:
+    """The page with what its colours mean."""
+    shades = matplotlib.colormaps[TENSION](np.linspace(0, 1, 8))
+    ramp = "linear-gradient(90deg," + ",".join(matplotlib.colors.to_hex(shade) for shade in shades) + ")"
+    marks = [
+        (STRUT, "struts"),
+        (ramp, f"cables, 0 to {poses.largest_tension:.0f} N"),
+        (SLACK, "slack cables"),
+        (FORCE, "forces of the ground"),
+        (SUPPORT, "support polygon"),
+        (PATH, "centre of mass, its path"),
+    ]
+    rows = "".join(f'<span><i style="background:{look}"></i>{html.escape(name)}</span><br>' for look, name in marks)
+    heading = f"<b>{html.escape(title)}</b><br>" if title else ""
+    legend = f'<style>{LEGEND_STYLE}</style><div id="jaxgrity">{heading}{rows}</div>'
+    head, body, tail = page.rpartition("</body>")
+    return head + legend + body + tail

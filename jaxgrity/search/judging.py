@@ -1,0 +1,156 @@
+"""How a gait is judged: by an ensemble of robots that differ, rolled out on one model or on both."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import numpy as np
+from jaxtyping import Bool, Float
+
+from jaxgrity.core.errors import InputError
+from jaxgrity.core.types import AnyArray, PerGait, Scalar
+from jaxgrity.model.actuation import Gait, actuated_lengths, peak_rates
+from jaxgrity.model.scene import Scene
+from jaxgrity.rollout.population import Outcomes, roll_out
+from jaxgrity.rollout.uncertainty import Uncertainty, ensemble
+from jaxgrity.search.models import Model
+from jaxgrity.search.objectives import ActuatorBounds, Distance, Objective
+
+SMALLEST = 128
+"""rollouts in a call, at least"""
+ROUND = SMALLEST
+"""robots by which the last judgements begin, and of which more are added by as many: fewer would take as long"""
+
+
+class Fitness(eqx.Module):
+    """How a gait is judged: by the mean of an objective over an ensemble of robots, less some of its spread."""
+
+    objective: Objective = eqx.field(default_factory=Distance)
+    uncertainty: Uncertainty = eqx.field(default_factory=Uncertainty)
+    robots: int = eqx.field(static=True, default=1)
+    """in each gait's ensemble"""
+    caution: float = eqx.field(static=True, default=0.0)
+    """how many standard deviations of the ensemble are held against a gait: small perturbations that grow are spread"""
+    bounds: ActuatorBounds = eqx.field(default_factory=ActuatorBounds)
+
+    def __check_init__(self):
+        if self.robots < 1:
+            raise InputError(f"robots = {self.robots}: expected at least 1")
+        if self.robots == 1 and self.caution:
+            raise InputError(f"caution = {self.caution}: one robot has no spread; expected robots = 2 or more")
+        if self.uncertainty.none and self.caution:
+            raise InputError(
+                f"caution = {self.caution}: nothing is uncertain, nothing spreads; expected an uncertainty"
+            )
+
+    @property
+    def needs_metrics(self) -> bool:
+        """Whether rollouts have to be measured step by step."""
+        return self.objective.needs_metrics or self.bounds.needs_metrics
+
+    @property
+    def rollouts(self) -> int:
+        """That judge one gait: where nothing is uncertain, one says it all."""
+        return 1 if self.uncertainty.none else self.robots
+
+    def worth(self, scene: Scene, gaits: Gait, outcomes: Outcomes, duration: Scalar) -> PerGait:
+        """(population,): the objective, within the bounds."""
+        rate = peak_rates(gaits, actuated_lengths(scene.structure, gaits.members)).max(-1)
+        return self.bounds.applied(self.objective.worth(scene, outcomes, duration), rate, outcomes.metrics)
+
+
+def with_robots(fitness: Fitness, robots: int) -> Fitness:
+    """The same fitness by an ensemble of another size."""
+    return Fitness(fitness.objective, fitness.uncertainty, robots, fitness.caution, fitness.bounds)
+
+
+def without_measuring(fitness: Fitness) -> Fitness:
+    """The same fitness without bounds on force and power, for which rollouts are measured at several times the cost."""
+    bounds = ActuatorBounds(rate=fitness.bounds.rate)
+    return Fitness(fitness.objective, fitness.uncertainty, fitness.robots, fitness.caution, bounds)
+
+
+class Scores(NamedTuple):
+    """Of each gait."""
+
+    fitness: PerGait
+    """mean less caution times spread; -inf where a robot failed"""
+    mean: PerGait
+    spread: PerGait
+    """standard deviation over the ensemble"""
+    failed: Bool[AnyArray, " population"]
+    """whether any robot of the ensemble failed"""
+    each: Float[np.ndarray, "population robots"]
+    """the objective of every robot"""
+
+
+def judge(key, models: tuple[Model, ...], gaits: Gait, duration: float, fitness: Fitness) -> Scores:
+    """Score every gait by its ensemble; on several models a robot is worth the mean of what it is worth on each.
+
+    All models meet the same draws. What is compiled is shared by all calls on a model whose rollouts are about as many.
+    """
+    found = [_judged(key, model, gaits, duration, fitness) for model in models]
+    return scored(np.mean(found, axis=0), fitness.caution)
+
+
+def _judged(key, model: Model, gaits: Gait, duration: float, fitness: Fitness) -> np.ndarray:
+    """(population, robots), what each robot's rollout is worth."""
+    (scene, options), count = model, fitness.rollouts
+    dtype, rows = options.dtype, len(gaits.phase) * count
+    gaits, differences = jax.tree.map(lambda x: np.asarray(x, dtype), gaits), None
+    if not fitness.uncertainty.none:
+        gaits, differences = _ensemble(key, scene, gaits, fitness.uncertainty, count)
+    filled = np.minimum(np.arange(shared_size(rows)), rows - 1)
+    gaits, differences = jax.tree.map(lambda x: np.asarray(x)[filled] if np.ndim(x) else x, (gaits, differences))
+    end, parts = np.asarray(duration, float), fitness.objective.parts
+    outcomes = roll_out(scene, gaits, end, options, differences, with_metrics=fitness.needs_metrics, parts=parts)
+    return np.asarray(_worth(fitness, scene, gaits, outcomes, end))[:rows].reshape(-1, count)
+
+
+_ensemble = eqx.filter_jit(ensemble)
+
+
+@eqx.filter_jit
+def _worth(fitness: Fitness, scene: Scene, gaits: Gait, outcomes: Outcomes, duration: Scalar) -> PerGait:
+    return fitness.worth(scene, gaits, outcomes, duration)
+
+
+def shared_size(rows: int) -> int:
+    """How many rollouts a call has that is asked for so many: a power of two, at least `SMALLEST`.
+
+    The last of them is repeated. Up to about a hundred they take hardly longer than few, and a program that stages of a
+    search share need not be compiled for each of them.
+    """
+    return max(SMALLEST, 1 << (rows - 1).bit_length())
+
+
+def scored(each: Float[np.ndarray, "population robots"], caution: float) -> Scores:
+    """The scores of gaits of whose ensembles every robot was worth so much."""
+    failed = ~np.isfinite(each).all(1)
+    mean, spread = each.mean(1), each.std(1)
+    worth = np.where(failed, -np.inf, mean - caution * spread)
+    return Scores(worth, mean, spread, failed, each)
+
+
+def judge_until(
+    judged: Callable[[int], Scores], robots: int, caution: float, enough: Callable[[np.ndarray], bool]
+) -> Scores:
+    """Scores over more and more robots: `judged(k)` for k = 0, 1, ..., until `enough(each)`, or there are so many.
+
+    Every round has other draws. Of a round's robots the second half has the opposite draws of the first; it is so in
+    what comes back too.
+    """
+    found = judged(0)
+    rounds = [found.each.reshape(len(found.each), 2 - found.each.shape[1] % 2, -1)]
+    while found.each.shape[1] < robots and not enough(found.each):
+        rounds.append(judged(len(rounds)).each.reshape(rounds[0].shape))
+        each = np.concatenate(rounds, axis=2)
+        found = scored(each.reshape(len(each), -1), caution)
+    return found
+
+
+def standard_error(each: PerGait) -> float:
+    """Of the mean over robots whose second half has the opposite draws of the first, so that pairs are independent."""
+    pairs = np.asarray(each.reshape(2, -1).mean(0) if each.size % 2 == 0 else each)
+    return float(pairs.std(ddof=1) / np.sqrt(pairs.size)) if pairs.size > 1 else np.inf

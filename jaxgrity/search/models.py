@@ -1,0 +1,41 @@
+"""The models on which gaits are judged: a scene, and how it is integrated."""
+
+from typing import NamedTuple
+
+from jaxgrity.model.scene import Scene, as_dtype
+from jaxgrity.stepping.options import Options, ResolvedOptions, SolverOptions, resolve
+from jaxgrity.stepping.stability import default_method, default_step, strictest
+
+SCREENING_STEP = 0.01
+"""s, of complementarity stepping: gaits rank at it as they do at half of it"""
+
+
+class Model(NamedTuple):
+    """One way to roll gaits out, as compiled functions take it."""
+
+    scene: Scene
+    """of the precision of the options"""
+    options: ResolvedOptions
+    """`as_inputs`"""
+
+
+def model_of(scene: Scene, duration: float, options: Options = None) -> Model:
+    """The scene, integrated as `options` say. Raises `InputError` as `resolve` does."""
+    resolved = resolve(scene, duration, options)
+    return Model(as_dtype(scene, resolved.dtype), resolved.as_inputs())
+
+
+def rough_step(scene: Scene, dt: float | None = None) -> float:
+    """The step for rough rollouts, s: `SCREENING_STEP` on an exact scene, twice `dt` on another, where that is stable.
+
+    Else, and in place of a `dt` that is not given, it is the scene's own step.
+    """
+    method = default_method(scene)
+    own = default_step(scene, method) if dt is None else dt
+    wanted = SCREENING_STEP if scene.constrained else 2 * own
+    return wanted if wanted <= strictest(scene, method)[0] else own
+
+
+def twin_model(twin: Scene, duration: float, dtype: str) -> Model:
+    """The contact twin at its `rough_step`."""
+    return model_of(twin, duration, SolverOptions(dt=rough_step(twin), dtype=dtype))

@@ -1,0 +1,185 @@
+"""Contacts that are coupled by a matrix: impulses of Signorini's law and Coulomb's cone at all nodes at once.
+
+Given G, b and c, find impulses p and velocities w with
+
+    w = b + G p,    p_n >= 0,  w_n >= c,  one of them an equality,    |p_t| <= mu p_n, against the slip where less.
+
+Both laws hold for every trial impulse z, with p = P(z) and w = P(z) - z (see `ground_response.py`), so z has to solve
+H(z) = z - P(z) + b + G P(z) = 0. Newton's method does in a few iterations in most cases, where P' is a generalised
+derivative (Alart and Curnier 1991, doi:10.1016/0045-7825(91)90022-X). Where it gets stuck, the alternating direction
+method of multipliers brings it near: the cone's problem in which the slip w_t of the last iteration adds mu |w_t| to
+w_n (de Saxce and Feng 1998, doi:10.1016/S0895-7177(98)00119-8) is split into a linear system, whose matrix G + rho is
+solved by G's eigenvectors for any rho, and a projection on the cones. Masses count in neither of both: G is scaled so
+that each node's own block has the mean 1, and z is in m/s times the root of the mass.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from jaxgrity.core.types import AnyArray, MassMatrix, NodeVectors, PerCoordinate, PerNode, Scalar
+from jaxgrity.stepping.blocks import Vector
+from jaxgrity.stepping.ground_response import Contact, ground_impulse
+
+NEWTON = 12
+"""iterations at a time, at most"""
+SPLITTINGS = 50
+"""iterations of the other method at a time, where Newton's has failed"""
+ROUNDS = 20
+"""at most, of both in turn"""
+HALVINGS = 8
+"""of a Newton step, among which the one is taken that leaves least of H"""
+
+
+class ContactProblem(NamedTuple):
+    """What impulses at all nodes are asked to do; vectors along normal and tangents, all of it scaled by masses."""
+
+    G: AnyArray
+    """(3 nodes, 3 nodes), symmetric, positive semidefinite: the response to impulses"""
+    b: NodeVectors
+    """velocities without impulses"""
+    contact: Contact
+    """c and mu of each node"""
+    root_mass: PerNode
+    """by which velocities are multiplied here"""
+    tolerance: Scalar
+    """of H, m/s, at which a solution is good enough"""
+
+
+class Solved(NamedTuple):
+    """What was found."""
+
+    trial: NodeVectors
+    """z"""
+    error: Scalar
+    """the largest |H|, m/s: by how much the laws of motion are missed"""
+
+
+def as_impulses(contact: Contact, z: NodeVectors) -> NodeVectors:
+    """P(z): the impulses that both laws make of trial impulses."""
+    p = ground_impulse(contact, Vector(z[:, 0], z[:, 1], z[:, 2]))
+    return jnp.stack(p.parts, axis=1)
+
+
+def missed(problem: ContactProblem, z: NodeVectors) -> NodeVectors:
+    """H(z)."""
+    p = as_impulses(problem.contact, z)
+    return z - p + problem.b + (problem.G @ p.ravel()).reshape(z.shape)
+
+
+def solve_contacts(problem: ContactProblem, start: NodeVectors) -> Solved:
+    """Trial impulses near `start` that solve the problem; where none are found, the best, with their error."""
+    infinite = jnp.array(jnp.inf, start.dtype)
+    nothing = jnp.zeros((), start.dtype)
+    p = as_impulses(problem.contact, start)
+    splitting = _Splitting(p, 0 * p, nothing, 0 * problem.G[0], 0 * problem.G, nothing)
+
+    def unsolved(state):
+        best, _, count = state
+        return (best.error > problem.tolerance) & (count <= ROUNDS)
+
+    def again(state):
+        best, splitting, count = state
+        # loops, for what is done in some rounds alone: a condition would do it in all, in a population
+        splitting = _repeat(count == 1, 1, lambda s: _prepared(problem, s), splitting)
+        splitting = _repeat(count > 0, SPLITTINGS, lambda s: _split(problem, s), splitting)
+        near = splitting.impulse - problem.b - (problem.G @ splitting.impulse.ravel()).reshape(start.shape)
+        found = _newton(problem, jnp.where(count == 0, start, near))
+        better = found.error < best.error
+        best = jax.tree.map(lambda new, old: jnp.where(better, new, old), found, best)
+        return best, splitting, count + 1
+
+    return jax.lax.while_loop(unsolved, again, (Solved(start, infinite), splitting, 0))[0]
+
+
+def _repeat(whether: AnyArray, times: int, step: Callable, state: "_Splitting") -> "_Splitting":
+    last = jnp.where(whether, times, 0)
+    return jax.lax.while_loop(lambda c: c[0] < last, lambda c: (c[0] + 1, step(c[1])), (0, state))[1]
+
+
+def _newton(problem: ContactProblem, start: NodeVectors) -> Solved:
+    """Newton's method on H, each step as long as leaves least of it."""
+    size, one = start.size, jnp.eye(start.size, dtype=start.dtype)
+    ridge = 10 * jnp.finfo(start.dtype).eps
+
+    def error(z):
+        return jnp.max(jnp.abs(missed(problem, z)) / problem.root_mass[:, None])
+
+    def going(state):
+        found, count, falls = state
+        return (found.error > problem.tolerance) & (count < NEWTON) & falls
+
+    def step(state):
+        found, count, _ = state
+        z, left = found.trial, missed(problem, found.trial)
+        slope = _slope(problem.contact, z)
+        through = jnp.einsum("inb,nbc->inc", problem.G.reshape(size, -1, 3), slope).reshape(size, size)
+        blocks = jnp.einsum("nm,nbc->nbmc", jnp.eye(len(z), dtype=z.dtype), slope).reshape(size, size)
+        change = -jnp.linalg.solve(one - (1 - ridge) * blocks + through, left.ravel()).reshape(z.shape)
+        tries = z + change * (0.5 ** jnp.arange(HALVINGS, dtype=z.dtype))[:, None, None]
+        rests = jax.vmap(lambda z: jnp.sum(missed(problem, z) ** 2))(tries)
+        best = jnp.nanargmin(jnp.where(jnp.isfinite(rests), rests, jnp.inf))
+        falls = rests[best] < jnp.sum(left**2)
+        z = jnp.where(falls, tries[best], z)
+        return Solved(z, error(z)), count + 1, falls
+
+    return jax.lax.while_loop(going, step, (Solved(start, error(start)), 0, jnp.array(True)))[0]
+
+
+def _slope(contact: Contact, z: NodeVectors) -> AnyArray:
+    """dP/dz, (nodes, 3, 3)."""
+    units = jnp.broadcast_to(jnp.eye(3, dtype=z.dtype)[:, None], (3, *z.shape))
+    along = jax.vmap(lambda unit: jax.jvp(lambda z: as_impulses(contact, z), (z,), (unit,))[1])(units)
+    return jnp.moveaxis(along, 0, -1)
+
+
+class _Splitting(NamedTuple):
+    """Where the alternating direction method has come to."""
+
+    impulse: NodeVectors
+    """p, in the cones"""
+    slip: NodeVectors
+    """w, its multiplier"""
+    rho: Scalar
+    values: PerCoordinate
+    """eigenvalues of G"""
+    axes: MassMatrix
+    """and its eigenvectors"""
+    done: Scalar
+    """iterations so far"""
+
+
+def _prepared(problem: ContactProblem, state: _Splitting) -> _Splitting:
+    values, axes = jnp.linalg.eigh(problem.G)
+    values = jnp.maximum(values, 0)
+    smallest = jnp.min(jnp.where(values > 1e-9 * values[-1], values, values[-1]))
+    rho = jnp.sqrt(values[-1] * jnp.maximum(smallest, 1e-6 * values[-1]))
+    w = problem.b + (problem.G @ state.impulse.ravel()).reshape(problem.b.shape)
+    return state._replace(slip=w, rho=rho, values=values, axes=axes)
+
+
+def _split(problem: ContactProblem, state: _Splitting) -> _Splitting:
+    """One iteration: a linear system, a projection on the cones; the penalty rho follows the errors of both."""
+    contact, (p, w, rho, values, axes, done) = problem.contact, state
+    mu = jnp.zeros_like(contact.closing) if contact.mu is None else contact.mu * jnp.ones_like(contact.closing)
+    shift = mu * jnp.sqrt(w[:, 1] ** 2 + w[:, 2] ** 2) - contact.closing
+    goal = rho * p + w - problem.b - shift[:, None] * jnp.eye(3, dtype=p.dtype)[0]
+    free = (axes @ ((axes.T @ goal.ravel()) / (values + rho))).reshape(p.shape)
+    after = onto_cone(free - w / rho, mu)
+    w = w - rho * (free - after)
+    primal, dual = rho * jnp.max(jnp.abs(free - after)), rho * jnp.max(jnp.abs(after - p))
+    change = jnp.where(primal > 10 * dual, 3.0, jnp.where(dual > 10 * primal, 1 / 3, 1.0)).astype(p.dtype)
+    rho = jnp.where(done % 10 == 9, rho * change, rho)
+    return _Splitting(after, w, rho, values, axes, done + 1)
+
+
+def onto_cone(x: NodeVectors, mu: PerNode) -> NodeVectors:
+    """The nearest points of the cones |p_t| <= mu p_n; components are along the normal first."""
+    normal, across = x[:, 0], jnp.sqrt(x[:, 1] ** 2 + x[:, 2] ** 2)
+    height = (mu * across + normal) / (mu * mu + 1)
+    safe = jnp.where(across > 0, across, 1)
+    surface = jnp.stack([height, mu * height * x[:, 1] / safe, mu * height * x[:, 2] / safe], axis=1)
+    inside, apart = across <= mu * normal, mu * across <= -normal
+    return jnp.where(inside[:, None], x, jnp.where(apart[:, None], 0, surface))

@@ -1,0 +1,221 @@
+"""One step of rigid struts and exact contact for any structure: shared nodes, rods with mass, supports, any masses.
+
+All struts are met together. The impulses f along them and the ground's impulses p give the velocities
+
+    w = w0 + A (f + p),    f = J^T lambda,    |d(w)| = L/h,    d(w) = (x_i - x_j)/h + w_i - w_j,
+
+with A the mobility of the nodes (`inertia.mobility`) and J the directions of the struts at the start of the step, as in
+`constraints.py`. The struts' Delassus matrix J A J^T is factorised once; what is left, B = A - A J^T (J A J^T)^-1 J A,
+couples the contacts, which `contact_problem.py` solves. Some rounds of both make up for the turning of struts within
+the step. Where a strut turns so far that no impulse along its direction at the start meets its length (a light node
+between heavy ones snaps through, say), directions at the end take their place: velocities are then projected on the
+constraints step by step, as by Gauss and Newton, which loses some energy and has a solution.
+
+Derivatives are those of the solution (implicit function theorem), in forward and in reverse mode.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.flatten_util
+import jax.numpy as jnp
+
+from jaxgrity.core.primitives import edge_vectors, inverse, length
+from jaxgrity.core.types import AnyArray, NodeVectors, PerMember, PerNode, Scalar
+from jaxgrity.model.scene import Scene
+from jaxgrity.stepping.constraints import GroundImpulses
+from jaxgrity.stepping.contact_problem import ContactProblem, as_impulses, solve_contacts
+from jaxgrity.stepping.coupled_problem import (
+    Coupled,
+    Elimination,
+    acted_on,
+    along_struts,
+    contact_of,
+    eliminated,
+    from_frames,
+    in_frames,
+    lengths_after,
+    moved,
+    problem_of,
+    rate_to_length,
+    response,
+    rows_of_struts,
+    scaled,
+)
+
+TURNING = 20
+"""rounds, at most, with the directions at the start of the step"""
+PROJECTIONS = 40
+"""rounds, at most, with directions of their own"""
+STEEPEST = 0.2
+"""cosine of the angle by which a strut may turn within a step, for its direction at the start to be used"""
+SLOW = 1e-2
+"""m/s, added to the largest velocity, of which errors of the contacts are a share"""
+PINV = 1e-12
+"""share of the largest singular value, below which one is zero in derivatives"""
+
+
+class Impulses(NamedTuple):
+    """What acted in one step, N s, (nodes, 3), and how well it meets the constraints."""
+
+    velocity: NodeVectors
+    """w, m/s, after it"""
+    struts: NodeVectors
+    """f, along x, y and z"""
+    ground: NodeVectors
+    """p, along the ground's normal and tangents"""
+    error: Scalar
+    """m/s: the largest |w - w0 - A (f + p)|; contact and cone hold exactly"""
+    stretch: Scalar
+    """the largest share of its length by which a strut is off"""
+
+
+class StepImpulses(NamedTuple):
+    """What a step leaves."""
+
+    velocity: NodeVectors
+    """m/s"""
+    impulses: GroundImpulses
+    """m/s: of the ground, over the mass that rests on each node"""
+    struts: NodeVectors
+    """N s"""
+    error: Scalar
+    """m/s: see `Impulses`"""
+    stretch: Scalar
+    """likewise"""
+    off: Scalar
+    """m, by which a strut is off its length, at most"""
+
+
+def coupled_impulses(
+    scene: Scene, h: Scalar, t1: Scalar, q: NodeVectors, v: NodeVectors, start: NodeVectors, last: GroundImpulses
+) -> StepImpulses:
+    """Solve the step of size h (s) that ends at t1, from `q` (m), `v` (m/s) and `start`, the velocities by forces."""
+    mass = scene.structure.lumped_mass
+    problem = problem_of(scene, h, t1, q, v, start)
+    guess = jnp.stack([last.normal, *last.tangential], axis=1) * mass[:, None]
+    found = solve_step(problem, guess)
+    p = found.ground * inverse(mass)[:, None]
+    off: Scalar = jnp.zeros_like(found.error)
+    if problem.apart is not None:
+        off = h * jnp.max(jnp.abs(lengths_after(problem, found.velocity) - problem.goal))
+    impulses = GroundImpulses(p[:, 0], (p[:, 1], p[:, 2]))
+    return StepImpulses(found.velocity, impulses, found.struts, found.error, found.stretch, off)
+
+
+class _Found(NamedTuple):
+    """What the rounds have come to."""
+
+    struts: NodeVectors
+    """f, N s"""
+    pulls: PerMember
+    """the part of it that is J^T lambda with the directions of now: lambda, N s"""
+    trial: NodeVectors
+    """z of the contacts"""
+    velocity: NodeVectors
+    """w, m/s"""
+    error: Scalar
+    stretch: Scalar
+    along: Scalar
+    """the smallest cosine of the angles by which struts turn within the step"""
+
+
+def solve_step(problem: Coupled, guess: NodeVectors) -> Impulses:
+    """Impulses and velocities that meet all constraints of a step; `guess` is p of the last one, N s.
+
+    Where none are found, those that come nearest, with what they miss.
+    """
+    fixed = jax.tree.map(jax.lax.stop_gradient, problem)
+    found, J, root_mass = _search(fixed, jax.lax.stop_gradient(guess))
+    rest = found.struts - along_struts(J, found.pulls)
+    projected = jnp.any(rows_of_struts(fixed) != J)
+
+    def unmet(unknown):
+        z, pulls = unknown
+        w, p = contact_of(problem, root_mass, z)
+        acted = acted_on(problem, rest + along_struts(jnp.where(projected, J, rows_of_struts(problem)), pulls), p)
+        missed = root_mass[:, None] * in_frames(problem, acted - w)
+        return missed, pulls if problem.apart is None else lengths_after(problem, w) - problem.goal
+
+    def solve_linear(linear, right):
+        flat, restore = jax.flatten_util.ravel_pytree(right)
+        matrix = jax.jacobian(lambda x: jax.flatten_util.ravel_pytree(linear(restore(x)))[0])(jnp.zeros_like(flat))
+        return restore(jnp.linalg.pinv(matrix, rtol=PINV) @ flat)
+
+    z, pulls = jax.lax.custom_root(unmet, (found.trial, found.pulls), lambda _, found: found, solve_linear)
+    w, p = contact_of(problem, root_mass, z)
+    f = rest + along_struts(jnp.where(projected, J, rows_of_struts(problem)), pulls)
+    return Impulses(w, f, p, found.error, found.stretch)
+
+
+def _search(problem: Coupled, guess: NodeVectors) -> tuple[_Found, AnyArray, PerNode]:
+    """What solves the problem, the directions J of the last round, and the roots of the masses that scale contacts."""
+    dtype, nodes = problem.start.dtype, len(problem.start)
+    free = response(problem, rows_of_struts(problem))[2]
+    own = jnp.trace(free.reshape(nodes, 3, nodes, 3).diagonal(axis1=0, axis2=2)) / 3
+    root_mass = 1 / jnp.sqrt(jnp.maximum(own, 1e-9 * jnp.maximum(own.max(), jnp.finfo(dtype).tiny)))
+    first = eliminated(problem, root_mass, rows_of_struts(problem))
+    nothing = jnp.zeros_like(problem.start)
+    infinite = jnp.array(jnp.inf, dtype)
+    trial = root_mass[:, None] * (guess / root_mass[:, None] ** 2 - in_frames(problem, problem.start))
+    start = _Found(nothing, first.J[:, 0] * 0, trial, problem.start, infinite, infinite, jnp.ones((), dtype))
+    if problem.apart is None:
+        return _round(problem, root_mass, first, start), first.J, root_mass
+    fine, close = (jnp.finfo(dtype).eps ** power for power in (0.75, 0.5))
+
+    def attempt(state):
+        """Rounds with one choice of directions: many with those at the start, each with its own thereafter."""
+        count, found, _ = state
+        parts = eliminated(
+            problem, root_mass, jnp.where(count == 0, rows_of_struts(problem), rows_of_struts(problem, found.velocity))
+        )
+        most = jnp.where(count == 0, TURNING, 1)
+
+        def unmet(inner):
+            turned = (count == 0) & (inner[1].along < STEEPEST)
+            return (inner[1].stretch > fine) & (inner[0] < most) & ~turned
+
+        begun = found._replace(pulls=0 * found.pulls, stretch=infinite)
+        inner = (0, begun)
+        found = jax.lax.while_loop(unmet, lambda s: (s[0] + 1, _round(problem, root_mass, parts, s[1])), inner)[1]
+        lost = (count == 0) & ~((found.stretch <= close) & (found.along > STEEPEST))
+        return count + 1, jax.tree.map(lambda a, b: jnp.where(lost, a, b), start, found), parts.J
+
+    def unmet(state):
+        count, found, _ = state
+        return (found.stretch > jnp.where(count == 1, close, fine)) & (count <= PROJECTIONS)
+
+    _, found, J = jax.lax.while_loop(unmet, attempt, (0, start, first.J))
+    return found, J, root_mass
+
+
+def _round(problem: Coupled, root_mass: PerNode, parts: Elimination, found: _Found) -> _Found:
+    """Struts to their lengths, linearised about the velocities of now, and the contacts solved with them."""
+    w, acted = found.velocity, acted_on(problem, found.struts, jnp.zeros_like(found.struts))
+    base: NodeVectors = acted
+    wanted: PerMember = jnp.zeros_like(found.pulls)
+    if problem.apart is not None:
+        wanted = rate_to_length(problem, parts.J, w) + parts.J @ (w - acted).ravel()
+        base = acted + moved(problem.A, along_struts(parts.J, parts.inverse @ wanted))
+    scale = root_mass[:, None]
+    b = scale * in_frames(problem, base)
+    z: NodeVectors = -b
+    error: Scalar = jnp.zeros_like(found.error)
+    if problem.contact is not None:
+        speed = jnp.max(jnp.abs(problem.start)) + SLOW
+        tolerance = jnp.finfo(b.dtype).eps ** 0.75 * speed
+        contact = scaled(problem.contact, root_mass)
+        start = as_impulses(contact, found.trial)
+        start = start - b - (parts.G @ start.ravel()).reshape(b.shape)
+        z, error = solve_contacts(ContactProblem(parts.G, b, contact, root_mass, tolerance), start)
+    w, p = contact_of(problem, root_mass, z)
+    f, pulls = found.struts, found.pulls
+    stretch, along = jnp.zeros_like(error), jnp.ones_like(error)
+    if problem.apart is not None:
+        more = parts.inverse @ (wanted - parts.J @ moved(problem.A, from_frames(problem, p)).ravel())
+        f, pulls = f + along_struts(parts.J, more), pulls + more
+        after = lengths_after(problem, w)
+        stretch = jnp.max(jnp.abs(after - problem.goal) / problem.goal)
+        d = problem.apart + edge_vectors(w, problem.edges)
+        along = jnp.min(jnp.sum(d * problem.apart, axis=1) / (after * length(problem.apart)))
+    return _Found(f, pulls, z, w, error, stretch, along)

@@ -1,0 +1,167 @@
+"""The constraints of one step where nodes are coupled, and the linear algebra of struts and nodes."""
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+from jaxgrity.core.primitives import edge_vectors, length
+from jaxgrity.core.types import AnyArray, Edges, MemberVectors, NodeVectors, PerMember, PerNode, Scalar
+from jaxgrity.model.actuation import rest_length
+from jaxgrity.model.inertia import mobility
+from jaxgrity.model.scene import Scene
+from jaxgrity.model.surface import Frame
+from jaxgrity.stepping.blocks import WITHOUT_GROUND
+from jaxgrity.stepping.constraints import about_to_be, closing_speed, exact_ground, rigid_struts
+from jaxgrity.stepping.contact_problem import as_impulses
+from jaxgrity.stepping.ground_response import Contact
+
+REDUNDANT = 1e-11
+"""share of each strut's own response that is added to it: struts beyond what rigidity needs make J A J^T singular"""
+
+
+class Coupled(eqx.Module):
+    """The constraints of one step, and what solves them."""
+
+    A: AnyArray
+    """(3 nodes, 3 nodes), 1/kg, along x, y and z"""
+    start: NodeVectors
+    """w0, m/s: velocities without impulses"""
+    apart: Any
+    """(struts, 3), (x_i - x_j)/h of the rigid struts, m/s; None: there are none"""
+    goal: Any
+    """(struts,), L/h, m/s; likewise"""
+    contact: Contact | None
+    """c, m/s, and mu"""
+    frame: AnyArray
+    """(nodes, 3, 3): the ground's normal and tangents at each node"""
+    edges: Edges = eqx.field(static=True)
+    """of the rigid struts"""
+
+
+class Elimination(NamedTuple):
+    """The struts' part of the problem, for one choice of their directions."""
+
+    J: AnyArray
+    """(struts, 3 nodes)"""
+    inverse: AnyArray
+    """(struts, struts), kg, (J A J^T)^-1"""
+    G: AnyArray
+    """(3 nodes, 3 nodes): B along normals and tangents, scaled by masses"""
+
+
+def problem_of(scene: Scene, h: Scalar, t1: Scalar, q: NodeVectors, v: NodeVectors, start: NodeVectors) -> Coupled:
+    """The constraints of a step of size h (s) that ends at t1, from `q` (m) and `v` (m/s); `start` is w0 (m/s)."""
+    struts, ground, structure = rigid_struts(scene), exact_ground(scene), scene.structure
+    own = mobility(structure) if structure.mobility is None else structure.mobility
+    A = jnp.einsum("ijk,kl->ikjl", own, jnp.eye(3, dtype=q.dtype)).reshape(q.size, q.size)
+    apart = goal = contact = None
+    axes = Frame(WITHOUT_GROUND[0], WITHOUT_GROUND[1:])
+    if struts is not None:
+        apart, goal = edge_vectors(q, struts.edges) / h, rest_length(struts, scene.gait, t1, 0) / h
+    if ground is not None:
+        never = np.where(structure.free.any(1), 0.0, 1e6).astype(q.dtype)
+        mu = None if scene.friction is None else jnp.asarray(scene.friction.sliding_mu)
+        axes = ground.frame(about_to_be(ground, h, q, v))
+        contact = Contact(closing_speed(ground, axes, h, q, v) - never, mu)
+    rows = [jnp.broadcast_to(jnp.asarray(axis, q.dtype), q.shape) for axis in (axes.normal, *axes.tangents)]
+    frame = jnp.stack(rows, axis=1)
+    return Coupled(A, start, apart, goal, contact, frame, struts.edges if struts is not None else ())
+
+
+def in_frames(problem: Coupled, x: NodeVectors) -> NodeVectors:
+    """Components along normals and tangents of vectors along x, y and z."""
+    return jnp.einsum("nak,nk->na", problem.frame, x)
+
+
+def from_frames(problem: Coupled, x: NodeVectors) -> NodeVectors:
+    """Vectors along x, y and z of components along normals and tangents."""
+    return jnp.einsum("nak,na->nk", problem.frame, x)
+
+
+def rate_to_length(problem: Coupled, J: AnyArray, w: NodeVectors) -> PerMember:
+    """By how much the struts' rates have to change, m/s, along their directions in J, for the lengths to be right."""
+    d = problem.apart + edge_vectors(w, problem.edges)
+    u = units(J, problem.edges)
+    towards = jnp.sum(d * u, axis=1)
+    under = towards * towards - (jnp.sum(d * d, axis=1) - problem.goal**2)
+    exact = jnp.sqrt(jnp.maximum(under, jnp.finfo(w.dtype).tiny)) - towards
+    return jnp.where(under > 0, exact, problem.goal - length(d))
+
+
+def eliminated(problem: Coupled, root_mass: PerNode, J: AnyArray) -> Elimination:
+    """What the directions J make of the struts and of the contacts, scaled by the roots of the masses."""
+    nodes, weight = len(root_mass), jnp.repeat(root_mass, 3)
+    J, inverse, B = response(problem, J)
+    in_frame = jnp.einsum("iak,ikjl,jbl->iajb", problem.frame, B.reshape(nodes, 3, nodes, 3), problem.frame)
+    return Elimination(J, inverse, weight[:, None] * in_frame.reshape(B.shape) * weight)
+
+
+def response(problem: Coupled, J: AnyArray) -> tuple[AnyArray, AnyArray, AnyArray]:
+    """J, (J A J^T)^-1, kg, and B, 1/kg: how nodes move by impulses while struts keep their lengths."""
+    if not len(J):
+        return J, jnp.zeros((0, 0), J.dtype), problem.A
+    AJ = problem.A @ J.T
+    own = J @ AJ
+    scale = 1 / jnp.sqrt(jnp.maximum(jnp.diagonal(own), jnp.finfo(J.dtype).tiny))
+    ridge = max(REDUNDANT, 10 * float(jnp.finfo(J.dtype).eps)) * jnp.eye(len(J), dtype=J.dtype)
+    inverse = jnp.linalg.inv(own * scale[:, None] * scale + ridge) * scale[:, None] * scale
+    return J, inverse, problem.A - AJ @ inverse @ AJ.T
+
+
+def rows_of_struts(problem: Coupled, w: NodeVectors | None = None) -> AnyArray:
+    """J, (struts, 3 nodes): the directions of the struts at the start of the step, or at its end with velocities w."""
+    nodes = len(problem.start)
+    if problem.apart is None:
+        return jnp.zeros((0, 3 * nodes), problem.start.dtype)
+    d = problem.apart if w is None else problem.apart + edge_vectors(w, problem.edges)
+    signs = np.zeros((len(problem.edges), nodes))
+    for row, (i, j) in zip(signs, problem.edges):
+        row[i], row[j] = 1, -1
+    return (signs[:, :, None].astype(d.dtype) * (d / length(d)[:, None])[:, None]).reshape(len(signs), -1)
+
+
+def units(J: AnyArray, edges: Edges) -> MemberVectors:
+    """The directions themselves, (struts, 3)."""
+    rows = np.arange(len(edges))
+    return J.reshape(len(edges), -1, 3)[rows, np.array([i for i, _ in edges])]
+
+
+def lengths_after(problem: Coupled, w: NodeVectors) -> PerMember:
+    """|d| at the end of the step, over h, m/s."""
+    return length(problem.apart + edge_vectors(w, problem.edges))
+
+
+def contact_of(problem: Coupled, root_mass: PerNode, z: NodeVectors) -> tuple[NodeVectors, NodeVectors]:
+    """w, m/s, along x, y and z, and p, N s, along normal and tangents, of trial impulses z."""
+    scale = root_mass[:, None]
+    if problem.contact is None:
+        return from_frames(problem, -z / scale), jnp.zeros_like(z)
+    contact = scaled(problem.contact, root_mass)
+    p = as_impulses(contact, z)
+    # a node that is pressed on moves at c to the last bit, so that none ends the step below the ground
+    pressed = z[:, 0] + contact.closing > 0
+    normal = jnp.where(pressed, problem.contact.closing, -z[:, 0] / root_mass)
+    w = jnp.concatenate([normal[:, None], (p - z)[:, 1:] / scale], axis=1)
+    return from_frames(problem, w), p * scale
+
+
+def scaled(contact: Contact, root_mass: PerNode) -> Contact:
+    """The contacts of velocities times the roots of the masses."""
+    return Contact(contact.closing * root_mass, contact.mu)
+
+
+def acted_on(problem: Coupled, f: NodeVectors, p: NodeVectors) -> NodeVectors:
+    """w0 + A (f + p), m/s."""
+    return problem.start + moved(problem.A, f + from_frames(problem, p))
+
+
+def along_struts(J: AnyArray, pulls: PerMember) -> NodeVectors:
+    """J^T lambda, (nodes, 3)."""
+    return (J.T @ pulls).reshape(-1, 3)
+
+
+def moved(A: AnyArray, impulse: NodeVectors) -> NodeVectors:
+    """A f, m/s."""
+    return (A @ impulse.ravel()).reshape(impulse.shape)

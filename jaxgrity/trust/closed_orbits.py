@@ -1,0 +1,138 @@
+"""Orbits closed by Newton's method, whose speed and turning have derivatives in everything in the scene."""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxgrity.core.errors import InputError
+from jaxgrity.core.types import AnyArray, NodeVectors, Scalar
+from jaxgrity.model.scene import Scene, with_gait
+from jaxgrity.stepping.final_state import final_state
+from jaxgrity.stepping.options import ResolvedOptions, resolve
+from jaxgrity.trust.orbits import Orbit, in_step
+
+ITERATIONS = 20
+CLOSED = 1e-9
+"""m and m/s, by which a state may miss itself after a cycle"""
+
+
+class ClosedOrbit(NamedTuple):
+    """A state that a cycle maps on itself, but for a planar motion."""
+
+    q: NodeVectors
+    """m, at the beginning of a period"""
+    v: NodeVectors
+    """m/s"""
+    speed: Scalar
+    """m/s, of the centre of mass, from cycle to cycle"""
+    turning: Scalar
+    """rad/s about the vertical, positive to the left"""
+    residual: Scalar
+    """m and m/s, by which the state misses itself; speed and turning are NaN above `CLOSED`"""
+
+
+def closed_orbit(scene: Scene, orbit: Orbit, options: ResolvedOptions) -> ClosedOrbit:
+    """The relative periodic orbit near one that `find_orbit` found, as a differentiable function of the scene.
+
+    With P the state after a cycle and G the planar motion by a shift s and an angle a about the centre of mass, it
+    solves P(x) = G(s, a) x for x, s and a, centre and heading held, by Newton's method. The derivatives of x, s and a
+    are those of the implicit function theorem (`jax.lax.custom_root`), in both modes: that of a long rollout, which
+    grows without end where motion is chaotic, is not needed.
+
+    P is smooth where contacts, cables and friction are (penalty contact, smooth friction), but for corners that it
+    passes at single times. Complementarity stepping shifts impacts to whole steps, and its derivatives are not those
+    of speeds: such scenes are refused.
+
+    Args:
+        scene: on level ground, with the gait of the orbit; its arrays may carry derivatives.
+        orbit: by `find_orbit`.
+        options: by `resolve`, at a fixed step, which is shortened so that steps divide the period.
+
+    Returns:
+        The orbit's state, speed and turning; NaN where Newton's method finds none.
+
+    Raises:
+        InputError: rigid struts or exact contact, supports, or options as for `find_orbit`.
+
+    Example:
+        >>> scene = jaxgrity.with_gait(jaxgrity.load_scene("reference"), jaxgrity.load_gait("lasting"))
+        >>> orbit = jaxgrity.find_orbit(scene, 80.0)  # doctest: +SKIP
+        >>> options = jaxgrity.resolve(scene, orbit.period)  # doctest: +SKIP
+        >>> def speed(mu):
+        ...     there = eqx.tree_at(lambda s: s.friction.mu, scene, mu)
+        ...     return jaxgrity.closed_orbit(there, orbit, options).speed
+        >>> jax.grad(speed)(scene.friction.mu)  # doctest: +SKIP
+    """
+    if scene.constrained:
+        raise InputError("closed_orbit: the scene has rigid struts or exact contact; expected `penalty_twin(scene)`")
+    if scene.structure.fixed:
+        raise InputError("closed_orbit: the structure has supports, and moves nowhere; expected one without")
+    assert scene.gait is not None, "an orbit has a gait"
+    running = replace(scene.gait, start=np.array(-10.0 * orbit.period), ramp=np.array(orbit.period))
+    running_scene = with_gait(scene, running)
+    chosen = in_step(running_scene, orbit.period, options)
+    return _closed(running_scene, orbit, resolve(running_scene, orbit.period, chosen))
+
+
+def _closed(scene: Scene, orbit: Orbit, options: ResolvedOptions) -> ClosedOrbit:
+    q0, v0 = (jnp.asarray(x) for x in orbit.state)
+    cycle, size = orbit.periods * orbit.period, q0.size
+    share = jax.lax.stop_gradient(scene.structure.lumped_mass / scene.structure.mass)
+    away = q0 - share @ q0
+
+    def miss(y):
+        q, v = y[:size].reshape(q0.shape), y[size : 2 * size].reshape(q0.shape)
+        shift, angle = y[-3:-1], y[-1]
+        end = final_state(scene, cycle, options, (q, v))
+        centre = share @ q
+        turned = (q - centre) @ _turn(angle).T + centre + jnp.append(shift, 0.0)
+        moved = (share @ q - share @ q0)[:2]
+        heading = share @ (away[:, 0] * (q - centre)[:, 1] - away[:, 1] * (q - centre)[:, 0])
+        return jnp.concatenate([(end[0] - turned).ravel(), (end[1] - v @ _turn(angle).T).ravel(), moved, heading[None]])
+
+    found = jax.lax.custom_root(miss, _guess(scene, (q0, v0), cycle, options, share), _newton, _tangent)
+    residual = jnp.max(jnp.abs(miss(jax.lax.stop_gradient(found))))
+    there = jnp.where(residual <= CLOSED, 1.0, jnp.nan)
+    return ClosedOrbit(
+        found[:size].reshape(q0.shape),
+        found[size : 2 * size].reshape(q0.shape),
+        there * jnp.sqrt(jnp.sum(found[-3:-1] ** 2)) / cycle,
+        there * found[-1] / cycle,
+        residual,
+    )
+
+
+def _turn(angle: Scalar) -> AnyArray:
+    """About the vertical."""
+    c, s = jnp.cos(angle), jnp.sin(angle)
+    return jnp.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def _guess(scene: Scene, state: tuple, cycle: float, options: ResolvedOptions, share: AnyArray) -> AnyArray:
+    """The state, and the shift and the angle of one cycle from it."""
+    q, _ = state
+    end, _ = final_state(jax.lax.stop_gradient(scene), cycle, options, state)
+    shift = (share @ end - share @ q)[:2]
+    a, b = (q - share @ q)[:, :2], (end - share @ end)[:, :2]
+    angle = jnp.arctan2(share @ (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]), share @ jnp.sum(a * b, axis=1))
+    return jnp.concatenate([*(x.ravel() for x in state), shift, angle[None]])
+
+
+def _newton(f, y):
+    def step(carry):
+        y, r, k = carry
+        y = y - jnp.linalg.solve(jax.jacfwd(f)(y), r)
+        return y, f(y), k + 1
+
+    def going(carry):
+        _, r, k = carry
+        return (k < ITERATIONS) & (jnp.max(jnp.abs(r)) > CLOSED / 100) & jnp.all(jnp.isfinite(r))
+
+    return jax.lax.while_loop(going, step, (y, f(y), 0))[0]
+
+
+def _tangent(g, y):
+    return jnp.linalg.solve(jax.jacfwd(g)(jnp.zeros_like(y)), y)

@@ -1,0 +1,74 @@
+"""Shapes that return: what no shift along the ground and no turn about its normal changes of a robot."""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from jaxgrity.core.errors import InputError
+from jaxgrity.core.types import AnyArray, NodeVectors
+from jaxgrity.model.scene import Scene
+
+MOST_PERIODS = 12
+"""of actuation in a cycle, that are looked for"""
+ALIKE = 1.5
+"""times the least change of shape over any number of periods: the first number that comes so close counts"""
+
+
+class Plane(NamedTuple):
+    """The ground on which a robot moves."""
+
+    axes: Float[np.ndarray, "3 3"]
+    """its columns: down the slope, across it, and the normal"""
+    turns: bool
+    """whether a robot that is turned about the normal moves alike: where the plane is level"""
+
+
+def plane_of(scene: Scene) -> Plane:
+    """The plane of a scene; a level one where it has no ground. Raises `InputError` where the ground is none."""
+    if scene.ground is None:
+        return Plane(np.eye(3), True)
+    if scene.ground.surface is not None:
+        raise InputError("ground.surface: expected a plane, on which a motion can repeat itself, for an orbit")
+    s, c = np.sin(scene.ground.incline), np.cos(scene.ground.incline)
+    return Plane(np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]), not scene.ground.incline and scene.up is None)
+
+
+def shape(q: NodeVectors) -> np.ndarray:
+    """What no planar motion changes, m: heights of nodes, and distances between them. Of nodes in a plane's axes."""
+    i, j = np.triu_indices(len(q), 1)
+    return np.concatenate([q[:, 2], np.linalg.norm(q[i] - q[j], axis=1)])
+
+
+def cycle(shapes: Float[np.ndarray, "periods numbers"], path: Float[np.ndarray, "periods 2"]) -> int:
+    """After how many periods shapes return; `path` is where the robot was, m.
+
+    In a cycle the path bends by a semicircle at most: beyond that, a chord says little about its arc.
+    """
+    steps, lags = np.diff(path, axis=0), range(1, MOST_PERIODS + 1)
+    heading = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
+    bends = np.array([abs(np.mean(heading[n:] - heading[:-n])) for n in lags])
+    changes = np.array([np.median(np.abs(shapes[n:] - shapes[:-n]).max(1)) for n in lags])
+    changes[1:][bends[1:] > np.pi] = np.inf
+    rounding = 1e-9 * np.abs(shapes).max()
+    return int(np.argmax(changes <= ALIKE * np.min(changes) + rounding)) + 1
+
+
+def chord(angle: float) -> float:
+    """The chord of an arc of so many radians by its length; that of a semicircle for longer ones."""
+    return float(np.sinc(min(abs(angle), np.pi) / (2 * np.pi)))
+
+
+def moved_onto(
+    mass: AnyArray, q: NodeVectors, other: NodeVectors, plane: Plane
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Nodes moved along the plane so that they fit others best; the shift of the centre of mass from the others, (2,),
+    m; and the angle, rad, by which they had to be turned, where the plane allows that. Of nodes in the plane's axes."""
+    share = np.asarray(mass) / np.sum(mass)
+    centre, aim = share @ q, share @ other
+    a, b = (q - centre)[:, :2], (other - aim)[:, :2]
+    across = share @ (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+    angle = np.arctan2(across, share @ np.sum(a * b, axis=1)) if plane.turns else 0.0
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    moved = np.column_stack([a @ turn.T + aim[:2], q[:, 2]])
+    return moved, (centre - aim)[:2], float(angle)

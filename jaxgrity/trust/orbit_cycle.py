@@ -1,0 +1,70 @@
+"""What a robot does and needs in one cycle of the orbit that it rolls on."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from jaxgrity.model.scene import Scene
+from jaxgrity.rollout.population import as_population, simulate_population
+from jaxgrity.rollout.uncertainty import Differences
+from jaxgrity.stepping.options import Options
+from jaxgrity.trust.orbits import Orbit, in_step, restarted
+
+
+class OrbitCycle(NamedTuple):
+    """One cycle; peaks are those of the actuator that has to give most, forces are means over 50 ms."""
+
+    duration: float
+    """s"""
+    distance: float
+    """m, of the centre of mass, horizontal"""
+    work: float
+    """J, done by the actuators, less what was done on them: on an orbit, what friction and damping take"""
+    effort: float
+    """J, done by the actuators, each by itself; they get nothing back where work is done on them"""
+    cost_of_transport: float
+    """effort / (m g distance); infinite without gravity or where the robot stays"""
+    peak_force: float
+    """N"""
+    peak_rate: float
+    """m/s"""
+    peak_power: float
+    """W"""
+
+    def summary(self) -> dict[str, Any]:
+        """The numbers, as they go into a JSON file; SI units."""
+        return self._asdict()
+
+
+def orbit_cycle(scene: Scene, orbit: Orbit, *, options: Options = None) -> OrbitCycle:
+    """Follow the robot for the cycle after `Orbit.state`.
+
+    Args:
+        scene: with the gait of the orbit.
+        orbit: as from `find_orbit`, by the same options.
+        options: how to integrate; where not given, the scene decides.
+
+    Returns:
+        Energy and actuators in a cycle.
+
+    Raises:
+        InputError: bad options (see `resolve`).
+
+    Example:
+        >>> scene = jaxgrity.with_gait(jaxgrity.load_scene("exact"), jaxgrity.load_gait("lasting"))
+        >>> orbit = jaxgrity.find_orbit(scene, 80.0)
+        >>> cycle = jaxgrity.orbit_cycle(scene, orbit)
+        >>> cycle.distance > 2, cycle.effort > cycle.work > 0
+        (True, True)
+    """
+    here, chosen = restarted(scene, orbit), in_step(restarted(scene, orbit), orbit.period, options)
+    start = Differences(velocities=np.asarray(orbit.state[1])[None])
+    assert here.gait is not None, "an orbit has a gait"
+    gaits = as_population(here.gait)
+    found = simulate_population(here, gaits, orbit.cycle, options=chosen, differences=start, with_metrics=True)
+    metrics, distance = found.metrics, float(found.distance()[0])
+    assert metrics is not None, "they were asked for"
+    weight, effort = float(scene.structure.mass) * float(scene.gravity or 0.0), float(np.asarray(metrics.effort)[0])
+    cost = effort / (weight * distance) if weight * distance > 0 else np.inf
+    peaks = (float(np.max(each)) for each in (metrics.peak_force, metrics.peak_rate, metrics.peak_power))
+    return OrbitCycle(orbit.cycle, distance, float(np.asarray(metrics.work)[0]), effort, cost, *peaks)

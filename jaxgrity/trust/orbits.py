@@ -1,0 +1,283 @@
+"""The orbit that a rolling robot settles on: how fast it goes, how it turns, and whether it comes back when disturbed.
+
+A gait that lasts rolls on a relative periodic orbit: after some periods of actuation the robot is where it was, but for
+a planar motion, a shift along the ground and a turn about the vertical. Speed and turning of the orbit do not depend on
+where the robot started, and converge with the step where the positions of a long rollout do not.
+"""
+
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import numpy as np
+
+from jaxgrity.core.errors import InputError
+from jaxgrity.core.types import State
+from jaxgrity.model.actuation import Gait
+from jaxgrity.model.scene import Scene, body_length, with_gait
+from jaxgrity.rollout.population import gaits_of, simulate_population
+from jaxgrity.rollout.uncertainty import Differences
+from jaxgrity.stepping.options import Options, SolverOptions, resolve
+from jaxgrity.stepping.simulate import Trajectory, centre_path, simulate
+from jaxgrity.trust.cycles import MOST_PERIODS, Plane, chord, cycle, moved_onto, plane_of, shape
+from jaxgrity.trust.error_bars import refinement_bar
+
+FRAMES = 20
+"""saved in each period of actuation"""
+SETTLED = 0.1
+"""body lengths: the robot has settled once shapes change by less over each cycle that follows"""
+WINDOW = 10.0
+"""s, in each of which the displacement is looked at"""
+DISTURBANCE = 0.1
+"""m/s, standard deviation of every coordinate of the velocities of robots that are disturbed"""
+MINOR = 0.1
+"""of the largest spread of disturbed robots: directions in which they spread less are not looked at"""
+DIRECTIONS = 3
+"""in which robots spread, at most"""
+
+
+class Orbit(NamedTuple):
+    """What a robot settled on, in the mean over the later half of the cycles since it settled."""
+
+    period: float
+    """s, of actuation"""
+    periods: int
+    """of actuation in a cycle"""
+    speed: float
+    """m/s, of the centre of mass along the line or the arc that leads through its places at the cycles' ends"""
+    standard_error: float
+    """m/s, of the speed, from its scatter over cycles that do not overlap"""
+    turning: float
+    """rad/s about the vertical, positive to the left"""
+    residual: float
+    """m, by which heights of nodes and distances between them change over a cycle at most; the median over cycles"""
+    settled_after: float
+    """s, from which on shapes returned to `SETTLED` body lengths after each cycle; infinite where that was never so, or
+    too late for two of the longest cycles"""
+    windows: np.ndarray
+    """(windows,), m/s, the mean over the cycles that begin in each `WINDOW` since the robot settled"""
+    verified_for: float
+    """s, for which all this was watched, settling included; 0 where the rollout failed"""
+    state: State
+    """(q, v), in float64, at the end, a whole number of periods after t = 0"""
+    body_length: float
+    """m"""
+
+    @property
+    def cycle(self) -> float:
+        """The time of a cycle, s."""
+        return self.periods * self.period
+
+    @property
+    def settled(self) -> bool:
+        """Whether the robot is on an orbit. One that bounces on the spot is too, on one of speed 0."""
+        return bool(np.isfinite(self.settled_after))
+
+    def summary(self) -> dict[str, Any]:
+        """The numbers, as they go into a JSON file; SI units."""
+        found = {name: value for name, value in self._asdict().items() if name not in ("state", "windows")}
+        slowest = float(self.windows.min()) if self.windows.size else None
+        lengths = self.speed / self.body_length
+        return found | {"slowest_window": slowest, "body_lengths_per_second": lengths, "settled": self.settled}
+
+
+class Stability(NamedTuple):
+    """What becomes of robots that are disturbed on an orbit."""
+
+    multipliers: np.ndarray
+    """(directions,), by which deviations grow in a cycle, complex, largest first; the neutral ones, of a shift along
+    the ground and a turn about the vertical, are taken out"""
+    returned: float
+    """share of the robots that are back on the orbit after two cycles, to `SETTLED` body lengths"""
+    spread: float
+    """m, root mean square deviation of a node after one cycle, of those that returned"""
+
+    @property
+    def largest(self) -> float:
+        """The largest multiplier's size; infinite where no more than half of the robots returned."""
+        return float(np.abs(self.multipliers).max()) if self.returned > 0.5 else np.inf
+
+
+def period_of(gait: Gait | None) -> float:
+    """The period of actuation, s. Raises `InputError` where actuators have none in common."""
+    frequencies = np.unique(np.asarray(gait.frequency, float)) if gait is not None else np.zeros(0)
+    if frequencies.size != 1 or not frequencies[0] > 0:
+        raise InputError(f"frequencies {frequencies.tolist()} Hz: expected one that all actuators share, for an orbit")
+    return float(1 / frequencies[0])
+
+
+def shortest_watch(gait: Gait | None) -> float:
+    """The shortest duration, s, that leaves two cycles of `MOST_PERIODS` in the later half of the gait's full swing.
+
+    Raises `InputError` as `period_of` does.
+    """
+    return (_first_period(gait) + 4 * MOST_PERIODS) * period_of(gait)
+
+
+def find_orbit(scene: Scene, duration: float = 120.0, *, options: Options = None) -> Orbit:
+    """Roll the scene's gait out, and find the orbit that the robot settles on.
+
+    Shapes are compared once a period: heights of nodes above the plane and distances between them, which no planar
+    motion changes. The cycle is the smallest number of periods after which they return nearly as closely as after any
+    other. Speed and turning are those of the planar motions that fit cycles best; on a slope, which a turn does not
+    leave as it is, those of shifts along the plane.
+
+    Args:
+        scene: what rolls, with a gait whose actuators share one frequency.
+        duration: s, settling included.
+        options: how to integrate, at a fixed step, which is shortened so that steps divide the period; where not given,
+            the scene decides. The precision is float64 in any case.
+
+    Returns:
+        The orbit. `Orbit.settled` says whether there is one.
+
+    Raises:
+        InputError: bad options (see `resolve`), no frequency that all actuators share, a ground that is no plane, or a
+            duration that leaves no two cycles to compare.
+
+    Example:
+        >>> scene = jaxgrity.with_gait(jaxgrity.load_scene("exact"), jaxgrity.load_gait("lasting"))
+        >>> orbit = jaxgrity.find_orbit(scene, 80.0)
+        >>> orbit.settled, orbit.speed > 0.5  # m/s
+        (True, True)
+    """
+    period = period_of(scene.gait)
+    least = shortest_watch(scene.gait)
+    if duration < least:
+        raise InputError(f"duration = {duration:g} s: expected at least {least:.4g} s, to see cycles of this gait")
+    count, plane = int(duration / period + 1e-9), plane_of(scene)
+    trajectory = simulate(scene, count * period, options=in_step(scene, period, options), frame_rate=FRAMES / period)
+    return _orbit(scene, trajectory, period, plane, _first_period(scene.gait))
+
+
+def refined_orbit(scene: Scene, duration: float = 120.0, *, options: Options = None) -> tuple[Orbit, float]:
+    """The orbit, and the error bar of its speed, m/s, from orbits at half and a quarter of the step.
+
+    The bar is that of `refinement_bar`, and two standard errors of the speed at the first step on top. It is infinite
+    where a rollout failed. Arguments and errors are those of `find_orbit`.
+    """
+    resolved = resolve(scene, duration, options, dtype="float64")
+    found = [find_orbit(scene, duration, options=each) for each in resolved.refined()]
+    speeds = (np.array([orbit.speed]) for orbit in found)
+    bar = float(refinement_bar(*speeds)) + 2 * found[0].standard_error
+    return found[0], bar if all(orbit.verified_for for orbit in found) else np.inf
+
+
+def stability(scene: Scene, orbit: Orbit, *, options: Options = None, robots: int = 128, seed: int = 0) -> Stability:
+    """Disturb robots on the orbit, and see what becomes of their deviations.
+
+    The velocities of all nodes get normal deviates of `DISTURBANCE`. After one cycle robots differ by d1 from the
+    undisturbed one, after another by d2, planar motions taken out. The multipliers are the eigenvalues of the matrix A
+    for which d2 = A d1 holds best, in those few directions in which robots spread at all. They are
+    about positions, and about disturbances of that size. The derivative of a step-by-step method's own map is no such
+    thing: where impacts fall on whole steps, it describes by how much a touch-down moves within its step
+    (docs/gaits.md).
+
+    Args:
+        scene: with the gait of the orbit.
+        orbit: as from `find_orbit`, by the same options.
+        options: how to integrate; where not given, the scene decides.
+        robots: how many are disturbed.
+        seed: of the disturbances.
+
+    Returns:
+        Multipliers, and how many robots returned.
+
+    Raises:
+        InputError: bad options (see `resolve`).
+    """
+    here, v = restarted(scene, orbit), orbit.state[1]
+    deviates = np.random.default_rng(seed).normal(0, DISTURBANCE, (robots, *v.shape))
+    deviates[0] = 0
+    differences = Differences(velocities=v + deviates)
+    assert here.gait is not None, "an orbit has a gait"
+    gaits = gaits_of(here.gait, np.repeat(np.asarray(here.gait.phase)[None], robots, axis=0))
+    chosen, ends = in_step(here, orbit.period, options), []
+    for cycles in (1, 2):
+        outcomes = simulate_population(here, gaits, cycles * orbit.cycle, options=chosen, differences=differences)
+        ends.append(np.where((np.asarray(outcomes.failure) == 0)[:, None, None], outcomes.positions, np.nan))
+    mass, plane = np.asarray(scene.structure.lumped_mass, float), plane_of(scene)
+    levelled = (end @ plane.axes for end in ends)
+    d1, d2 = (np.array([moved_onto(mass, x, end[0], plane)[0] - end[0] for x in end]) for end in levelled)
+    return _stability(d1[1:], d2[1:], orbit.body_length)
+
+
+def restarted(scene: Scene, orbit: Orbit) -> Scene:
+    """The scene with nodes as they are on the orbit, `Orbit.state`, and with the gait at full amplitude at once.
+
+    The state is a whole number of periods after t = 0, so that the gait goes on as it did.
+    """
+    assert scene.gait is not None, "an orbit has a gait"
+    running = replace(scene.gait, start=np.array(-10.0 * orbit.period), ramp=np.array(orbit.period))
+    return with_gait(eqx.tree_at(lambda s: s.structure.nodes, with_gait(scene, None), orbit.state[0]), running)
+
+
+def _stability(d1: np.ndarray, d2: np.ndarray, size: float) -> Stability:
+    """Of deviations (robots, nodes, 3), m, after one cycle and after two, of a robot so long."""
+    near = np.nan_to_num(np.abs(d1), nan=np.inf).max((1, 2)) <= 2 * SETTLED * size
+    back = near & (np.nan_to_num(np.abs(d2), nan=np.inf).max((1, 2)) <= 2 * SETTLED * size)
+    if back.sum() <= 2 * DIRECTIONS:
+        return Stability(np.array([np.inf]), float(back.mean()), np.inf)
+    a, b = d1[back].reshape(back.sum(), -1), d2[back].reshape(back.sum(), -1)
+    _, sizes, directions = np.linalg.svd(a, full_matrices=False)
+    kept = directions[: max(1, int((sizes[:DIRECTIONS] > MINOR * sizes[0]).sum()))]
+    fitted = np.linalg.lstsq(a @ kept.T, b @ kept.T, rcond=None)[0]
+    found = np.linalg.eigvals(fitted)
+    spread = float(np.sqrt(np.mean(np.sum(d1[back] ** 2, axis=2))))
+    return Stability(found[np.argsort(-np.abs(found))], float(back.mean()), spread)
+
+
+def _first_period(gait: Gait | None) -> int:
+    """The number of the first period that begins at full amplitude."""
+    assert gait is not None, "`period_of` refuses a scene without a gait"
+    return int(np.ceil(float(gait.start + gait.ramp) / period_of(gait) - 1e-9))
+
+
+def in_step(scene: Scene, period: float, options: Options) -> SolverOptions:
+    """The options, in float64, with a step of which each frame of the period has a whole number."""
+    resolved = resolve(scene, period, options, dtype="float64")
+    if resolved.dt is None:
+        raise InputError(f"method = {resolved.method.name!r} adapts its step; expected a fixed one (dt), for an orbit")
+    steps = int(np.ceil(period / FRAMES / float(resolved.dt) - 1e-9))
+    tolerance = resolved.strut_tolerance
+    sweeps = None if tolerance is not None else resolved.sweeps
+    dt = period / FRAMES / steps
+    return SolverOptions(resolved.method.name, dt=dt, dtype="float64", sweeps=sweeps, strut_tolerance=tolerance)
+
+
+def _orbit(scene: Scene, trajectory: Trajectory, period: float, plane: Plane, first: int) -> Orbit:
+    """From a trajectory with `FRAMES` frames in each period, at full amplitude after the `first` periods."""
+    q, v = (np.asarray(x, float) for x in (trajectory.positions, trajectory.velocities))
+    size, mass = float(body_length(scene)), np.asarray(scene.structure.lumped_mass, float)
+    if trajectory.failed:
+        return Orbit(period, 1, 0.0, np.inf, 0.0, np.inf, np.inf, np.zeros(0), 0.0, (q[0], v[0]), size)
+    once = q[::FRAMES][first:] @ plane.axes
+    path = (centre_path(scene, trajectory)[first * FRAMES :] @ plane.axes)[:, :2]
+    shapes, half = np.array([shape(x) for x in once]), len(once) // 2
+    periods = cycle(shapes[half:], path[::FRAMES][half:])
+    changes = np.abs(shapes[periods:] - shapes[:-periods]).max(1)
+    beyond = np.flatnonzero(changes > SETTLED * size)
+    since = int(beyond[-1]) + 1 if beyond.size else 0
+    settled = len(once) - since >= 2 * MOST_PERIODS
+    since = since if settled else half
+    later, time = (len(changes) - since) // 2, periods * period
+    moved = [moved_onto(mass, once[k + periods], once[k], plane) for k in range(since, len(changes))]
+    turned = -float(np.mean([motion[2] for motion in moved[later:]]))
+    every = np.array([np.hypot(*motion[1]) for motion in moved]) / time / chord(turned)
+    speeds, window = every[later:], max(1, round(WINDOW / period))
+    apart = speeds[::periods]
+    error = float(apart.std(ddof=1) / np.sqrt(len(apart))) if len(apart) > 1 else np.inf
+    whole = len(every) // window * window
+    return Orbit(
+        period=period,
+        periods=periods,
+        speed=float(speeds.mean()),
+        standard_error=error,
+        turning=turned / time,
+        residual=float(np.median(changes[since + later :]) if settled else changes[half:].max()),
+        settled_after=(first + since) * period if settled else np.inf,
+        windows=every[:whole].reshape(-1, window).mean(1),
+        verified_for=float(trajectory.times[-1]),
+        state=(q[-1], v[-1]),
+        body_length=size,
+    )

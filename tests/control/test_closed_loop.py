@@ -1,0 +1,194 @@
+"""Closed loops: what a policy makes of a robot is the scene's own motion, for one robot, for many, and in gradients."""
+
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxgrity
+from jaxgrity import (
+    Errors,
+    InputError,
+    Motors,
+    Observation,
+    OpenLoop,
+    PhaseLocked,
+    Sensors,
+    SolverOptions,
+    Steered,
+    centre_offsets,
+)
+
+TEN_MS = SolverOptions(dt=0.01)
+
+
+@pytest.fixture(scope="module")
+def scene():
+    """The exact robot, whose gait begins at once."""
+    gait = replace(jaxgrity.load_gait("lasting"), start=np.array(0.0), ramp=np.array(0.2))
+    return jaxgrity.with_gait(jaxgrity.load_scene("exact"), gait)
+
+
+@pytest.fixture(scope="module")
+def plant(scene):
+    return jaxgrity.plant_of(scene, scene.gait.members, options=TEN_MS)
+
+
+@pytest.fixture(scope="module")
+def rolled(scene, plant):
+    """Under the gait as an open loop, for 0.6 s."""
+    return jaxgrity.simulate_policy(plant, OpenLoop(scene.gait), 0.6)
+
+
+def test_an_open_loop_is_the_gait(scene, rolled):
+    """Where commands come as often as steps, to rounding."""
+    own = jaxgrity.simulate(scene, 0.6, options=TEN_MS)
+    np.testing.assert_allclose(rolled.positions, own.positions, atol=1e-12)
+    assert np.ptp(own.positions[:, 0, 2]) > 0.01
+
+
+def test_feedback_without_gains_is_the_open_loop(scene, plant, rolled):
+    """The clock then keeps time."""
+    kept = jaxgrity.simulate_policy(plant, PhaseLocked(scene.gait, np.zeros((2, 2))), 0.6)
+    np.testing.assert_allclose(kept.positions, rolled.positions, atol=1e-10)
+
+
+@pytest.fixture(scope="module")
+def driver(scene):
+    """A policy with all that feedback and steering have."""
+    gains = np.array([[0.3, -0.2], [0.1, 0.2]])
+    inner = PhaseLocked(scene.gait, gains)
+    return Steered(inner, np.array(0.3), centre_offsets(scene.structure, scene.gait.members), goal=np.array([3.0, 4.0]))
+
+
+@pytest.mark.slow
+def test_robots_side_by_side_move_as_each_alone(scene, plant, driver):
+    """To rounding; they start apart, and one is pushed."""
+    q, v = (np.repeat(np.asarray(x)[..., None], 2, axis=-1) for x in (scene.structure.nodes, np.zeros((12, 3))))
+    v[:, 0, 1] += 0.3
+    many = jaxgrity.side_by_side(plant, 2)
+    end = jaxgrity.drive(many, driver, jaxgrity.loop_start(many, driver, jax.random.key(0), (q, v)), 20, 2)
+    for k in range(2):
+        alone = jaxgrity.simulate_policy(plant, driver, 0.4, start=(q[..., k], v[..., k]))
+        np.testing.assert_allclose(end.end.plant.motion[0][..., k], alone.positions[-1], atol=1e-9)
+    assert end.path.shape == (3, 3, 2)
+    assert abs(end.path[-1, :, 0] - end.path[-1, :, 1]).max() > 0.01
+
+
+@pytest.mark.slow
+def test_gradient_through_a_closed_loop_is_that_of_central_differences(plant, driver):
+    """In gains and bend, while the robot stands on its face, where nothing switches."""
+
+    def place(gains, bend):
+        policy = replace(driver, policy=replace(driver.policy, gains=gains), bend=bend)
+        loop = jaxgrity.loop_start(plant, policy, jax.random.key(0))
+        end, _ = jaxgrity.roll_on(plant, policy, loop, 30, lambda state: None)
+        return jnp.sum(end.plant.motion[0][:, 0] ** 2)
+
+    at = jnp.asarray(driver.policy.gains), jnp.asarray(driver.bend)
+    value = jax.jit(place)
+    gradient = jax.jit(jax.grad(place, argnums=(0, 1)))(*at)
+    for k, step in (((0, 0), 1e-5), ((1, 1), 1e-5)):
+        up, down = (value(at[0].at[k].add(s), at[1]) for s in (step, -step))
+        np.testing.assert_allclose(gradient[0][k], (up - down) / (2 * step), rtol=1e-6)
+    up, down = (value(at[0], at[1] + s) for s in (1e-5, -1e-5))
+    np.testing.assert_allclose(gradient[1], (up - down) / 2e-5, rtol=1e-6)
+    assert abs(gradient[0][0, 0]) > 1e-6
+
+
+def test_motors_lag_and_are_bounded():
+    """By the share that a first-order lag closes, by their rate, and by the force that stalls them."""
+    now, wanted, lengths = np.zeros(2), np.array([0.1, -0.1]), np.array([1.0, 2.0])
+    lagging = jaxgrity.contraction_reached(Motors(lag=0.05), now, wanted, 0.01, lengths, None)
+    np.testing.assert_allclose(lagging, (1 - np.exp(-0.2)) * wanted)
+    slow = jaxgrity.contraction_reached(Motors(rate=0.5), now, wanted, 0.01, lengths, None)
+    np.testing.assert_allclose(slow, [0.005, -0.0025])
+    pulled = jaxgrity.contraction_reached(Motors(force=50.0), now, wanted, 0.01, lengths, np.array([60.0, 60.0]))
+    np.testing.assert_allclose(pulled, [0.0, -0.1])
+
+
+@pytest.mark.slow
+def test_a_motor_that_is_too_weak_does_not_shorten_its_strut(scene):
+    """Struts of this robot are pressed together by more than 1 N: they can shorten, and not lengthen again."""
+    weak = jaxgrity.plant_of(scene, scene.gait.members, motors=Motors(force=1.0), options=TEN_MS)
+    policy = OpenLoop(scene.gait)
+    loop = jaxgrity.loop_start(weak, policy, jax.random.key(0))
+    end, shortened = jaxgrity.roll_on(weak, policy, loop, 60, lambda state: state.contraction)
+    assert end.plant.tension.max() < -1
+    assert np.diff(shortened, axis=0).min() >= 0
+    assert shortened[-1].max() > 0.1
+
+
+def seen(value: float) -> Observation:
+    return Observation(*(np.full(shape, value) for shape in ((6, 3), (6, 3), (24,), (24,), (12,), (3,))))
+
+
+def readings_of(sensors: Sensors, values) -> list[Observation]:
+    """What arrives when the truth takes these values in turn."""
+    held = jaxgrity.first_readings(sensors, seen(values[0]), jax.random.key(1))
+    arrived = []
+    for tick, value in enumerate(values):
+        one, held = jaxgrity.read(sensors, seen(value), held, tick, jax.random.key(tick))
+        arrived.append(one)
+    return arrived
+
+
+def test_readings_are_held_and_late():
+    """Each third one is new, and arrives two control periods later."""
+    late = [float(one.place[0]) for one in readings_of(Sensors(every=3, delay=2), [0, 1, 2, 3, 4, 5, 6, 7, 8])]
+    assert late == [0, 0, 0, 0, 0, 3, 3, 3, 6]
+
+
+def test_biases_stay_and_noise_does_not():
+    """Contact is never wrong."""
+    off = readings_of(Sensors(noise=Errors(place=0.1), bias=Errors(tensions=2.0)), [0.0] * 400)
+    tensions, places = (np.array([getattr(one, name) for one in off]) for name in ("tensions", "place"))
+    assert np.ptp(tensions, axis=0).max() == 0
+    assert 1 < tensions[0].std() < 3
+    assert 0.08 < places.std() < 0.12
+    assert not any(one.contact.any() for one in off)
+
+
+def test_what_sensors_say_without_error(plant, rolled):
+    """Directions are unit vectors, a strut spins about what is normal to it, and cables pull as springs do."""
+    q, v = rolled.positions[-1], rolled.velocities[-1]
+    scene = plant.scene
+    read = jaxgrity.measure(scene, 0.0, q, v)
+    i, j = np.array(scene.structure.struts.edges).T
+    np.testing.assert_allclose(np.linalg.norm(read.directions, axis=1), 1)
+    turned = np.cross(read.spins, q[i] - q[j])
+    along = read.directions * np.sum((v[i] - v[j]) * read.directions, axis=1, keepdims=True)
+    np.testing.assert_allclose(turned, v[i] - v[j] - along, atol=1e-12)
+    lengths = jaxgrity.edge_lengths(q, scene.structure.cables.edges)
+    pulls = scene.structure.cables.stiffness * np.maximum(lengths - scene.structure.cables.rest_length, 0)
+    np.testing.assert_allclose(read.tensions, pulls)
+    np.testing.assert_array_equal(read.contact, q[:, 2] < scene.ground.touched_below)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda scene: Sensors(delay=-1), "delay = -1"),
+        (lambda scene: Sensors(noise=Errors(place=-1.0)), "no negative number"),
+        (lambda scene: Motors(rate=0.0), r"motors.rate = 0.0: expected a positive"),
+        (lambda scene: PhaseLocked(scene.gait, np.zeros(2)), r"gains has shape \(2,\)"),
+        (
+            lambda scene: jaxgrity.simulate_policy(jaxgrity.plant_of(scene, (0,)), OpenLoop(scene.gait), 0.1),
+            r"policy.members = \(0, 1, 2, 3, 4, 5\): expected \(0,\)",
+        ),
+        (lambda scene: centre_offsets(scene.structure, (0, 6)), "expected struts alone"),
+        (lambda scene: jaxgrity.plant_of(scene, (99,)), "gait.members names member 99"),
+        (
+            lambda scene: jaxgrity.plant_of(
+                jaxgrity.load_scene("reference"), (0,), options=SolverOptions(method="tsit5")
+            ),
+            "expected an explicit one at a fixed step",
+        ),
+    ],
+)
+def test_bad_input_is_refused(scene, make, message):
+    """In one line, before anything compiles."""
+    with pytest.raises(InputError, match=message):
+        make(scene)

@@ -1,0 +1,281 @@
+"""MuJoCo models: MuJoCo loads what is written, moves as jaxgrity does, and what is written is read again."""
+
+import dataclasses
+from typing import get_args
+
+import jax
+import numpy as np
+import pytest
+from conformance_dynamics import (
+    FLYING,
+    RESTING_KINDS,
+    RODS_WITH_MASS,
+    SPRINGS,
+    by_both,
+    flying,
+    mean_speed,
+    resting,
+)
+
+from jaxgrity import (
+    InputError,
+    SolverOptions,
+    energy_of_motion,
+    load_gait,
+    load_scene,
+    mjcf_controls,
+    mujoco_model,
+    parse_scene,
+    penalty_twin,
+    read_mjcf,
+    save_mjcf,
+    settled,
+    simulate,
+    with_gait,
+)
+from jaxgrity.io.scene_tables import CatalogueTable
+
+mujoco = pytest.importorskip("mujoco")
+run_once = pytest.importorskip("mujoco_peer").run_once
+
+KINDS = [table.__struct_config__.tag for table in get_args(CatalogueTable)]
+JOINED = ("d_bar", "t_bar", "grid")
+"""kinds in which rods share nodes and are no rigid body"""
+
+
+@pytest.mark.parametrize(
+    "kind", ["icosahedron", "prism", *(pytest.param(k, marks=pytest.mark.slow) for k in KINDS[2:])]
+)
+def test_free_flight_of_spring_struts_agrees(kind):
+    """RK4 at 1e-4 s in both, 0.5 s: within 1e-6 m."""
+    scene = flying(kind, SPRINGS)
+    theirs, ours, _ = by_both(scene, 0.5, 1e-4, SolverOptions(method="rk4", dt=1e-4))
+    np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-6)
+    fallen = ours - scene.structure.nodes
+    assert np.abs(fallen - fallen.mean(0)).max() > 1e-4
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind not in JOINED])
+def test_free_flight_of_rods_with_mass_agrees(kind):
+    """Free bodies in MuJoCo, constraints of complementarity stepping here: within 1e-6 m."""
+    theirs, ours, _ = by_both(flying(kind, RODS_WITH_MASS), 0.5, 1e-4, SolverOptions(dt=5e-5))
+    np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-6)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", JOINED)
+def test_rods_that_share_nodes_are_springs_there(kind):
+    """With their masses at their ends: that robot moves here as there, to 1e-6 m, and the notes name both changes."""
+    scene = flying(kind, RODS_WITH_MASS)
+    twin = penalty_twin(scene)
+    struts = dataclasses.replace(twin.structure.struts, mass=None)
+    lumped = dataclasses.replace(twin.structure, struts=struts, node_mass=scene.structure.lumped_mass)
+    theirs, _ = run_once(scene, 0.5, 1e-4)
+    ours = simulate(dataclasses.replace(twin, structure=lumped), 0.5, options=SolverOptions(dt=1e-4), frame_rate=2.0)
+    np.testing.assert_allclose(ours.positions[-1], theirs, rtol=0, atol=1e-6)
+    notes = " ".join(mujoco_model(scene).notes)
+    assert "rigid struts are springs of" in notes
+    assert "the mass of cables, and of struts that are springs there, is at their ends" in notes
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", RESTING_KINDS)
+def test_settled_heights_agree(kind):
+    """The middle of the nodes at rest, rods with mass: within the penetration of MuJoCo's contact.
+
+    Without friction: with it, feet come to rest where each engine's law of friction leaves them.
+    """
+    theirs, ours, deepest = by_both(resting(kind, mu=0.0), 3.0, 5e-4)
+    assert 0 < deepest < 5e-3
+    assert ours[:, 2].mean() == pytest.approx(theirs[:, 2].mean(), abs=deepest + 1e-4)
+
+
+def test_rods_become_bodies_with_their_moments(exact):
+    """Six free bodies: 0.5 kg and 0.3 kg a rod; the axial moment alone is made up."""
+    struts = dataclasses.replace(exact.structure.struts, mass=np.full(6, 0.3))
+    scene = dataclasses.replace(exact, structure=dataclasses.replace(exact.structure, struts=struts), gait=None)
+    model = mujoco.MjModel.from_xml_string(mujoco_model(scene).xml)
+    assert (model.nbody, model.nv, model.ntendon) == (7, 36 + 0, 24)
+    np.testing.assert_allclose(model.body_mass[1:], 2 * 0.5 + 0.3)
+    # two points of 0.5 kg at 0.5 m, and a rod of 0.3 kg, 1 m long
+    np.testing.assert_allclose(np.sort(model.body_inertia[1:], axis=1)[:, 1:], 2 * 0.5 * 0.25 + 0.3 / 12, rtol=1e-12)
+    # kinetic energy in any motion of one body
+    data = mujoco.MjData(model)
+    data.qvel[:6] = [0.1, 0.2, 0.3, 0.4, 0.5, 0.6]
+    mujoco.mj_forward(model, data)
+    v = np.zeros((12, 3))
+    first = [model.site("n0").id, model.site("n1").id]
+    for row, site in enumerate(first):
+        jacobian = np.zeros((3, model.nv))
+        mujoco.mj_jacSite(model, data, jacobian, None, site)
+        v[row] = jacobian @ data.qvel
+    mass = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, mass) if mujoco.__version__ >= "4" else mujoco.mj_fullM(model, mass, data.qM)
+    theirs = 0.5 * data.qvel @ mass @ data.qvel
+    assert float(energy_of_motion(scene.structure, v)) == pytest.approx(theirs, rel=1e-3)
+
+
+def test_cables_only_pull_and_controls_are_changes_of_rest_length(reference):
+    """A spring range from 0; a gait's actuators have the scene's law, and reach as far as the gait does."""
+    written = mujoco_model(reference)
+    model = mujoco.MjModel.from_xml_string(written.xml)
+    cables = [model.tendon(f"cable{k}").id for k in range(24)]
+    np.testing.assert_array_equal(model.tendon_lengthspring[cables, 0], 0)
+    np.testing.assert_allclose(model.tendon_lengthspring[cables, 1], reference.structure.cables.rest_length)
+    assert written.actuated == tuple(range(6))
+    np.testing.assert_allclose(model.actuator_ctrlrange, [[-0.3, 0.0]] * 6)
+    controls = mjcf_controls(reference, np.linspace(0, 5, 301))
+    assert -0.3 - 1e-12 < controls.min() < -0.29
+    assert controls.max() == 0
+    assert any("the gait itself is no part" in note for note in written.notes)
+
+
+@pytest.mark.slow
+def test_the_lasting_gait_rolls_in_both():
+    """The penalty twin of its scene: MuJoCo's contact is another, so that speeds agree roughly and not exactly."""
+    scene = penalty_twin(with_gait(load_scene("exact"), load_gait("lasting")))
+    theirs, ours = (mean_speed(scene, end, 20.0) for end in by_both(scene, 20.0, 5e-4)[:2])
+    assert theirs > 0.3
+    assert ours == pytest.approx(theirs, rel=0.5)
+
+
+@pytest.mark.parametrize("name", ["reference", "exact", "uphill"])
+def test_what_is_written_is_read(name, tmp_path):
+    """Members, masses, damping, gravity, incline and friction; a gait and its struts' springs as they were written."""
+    scene = load_scene(name)
+    save_mjcf(scene, tmp_path / "robot.xml")
+    again, notes = read_mjcf(tmp_path / "robot.xml")
+    ours, theirs = scene.structure, again.structure
+    np.testing.assert_allclose(theirs.nodes, ours.nodes, atol=1e-12)
+    assert (theirs.struts.edges, theirs.cables.edges) == (ours.struts.edges, ours.cables.edges)
+    np.testing.assert_allclose(theirs.cables.rest_length, ours.cables.rest_length, rtol=1e-12)
+    np.testing.assert_allclose(theirs.cables.damping, ours.cables.damping)
+    np.testing.assert_allclose(theirs.node_mass, ours.node_mass)
+    np.testing.assert_allclose(again.node_damping, scene.node_damping)
+    assert again.ground.incline == pytest.approx(scene.ground.incline)
+    assert (again.gravity, again.friction.mu) == (scene.gravity, scene.friction.sliding_mu)
+    assert any("the gait is not read" in note for note in notes)
+
+
+def test_rods_with_mass_and_supports_are_read(tmp_path):
+    """Masses of ends and rods follow from a body's mass and moments; slides along two axes are a support."""
+    text = FLYING.format(kind="prism", struts=RODS_WITH_MASS, drag=0.2, prestress=50.0, pose="")
+    rods = parse_scene(text)
+    save_mjcf(rods, tmp_path / "robot.xml")
+    again, _ = read_mjcf(tmp_path / "robot.xml")
+    assert again.structure.struts.rigid
+    np.testing.assert_allclose(again.structure.struts.mass, 0.4, rtol=1e-3)
+    np.testing.assert_allclose(again.structure.node_mass, 2 / 6, rtol=1e-3)
+    np.testing.assert_allclose(again.node_damping, 0.2)
+    held = parse_scene(
+        text.replace(RODS_WITH_MASS, SPRINGS).replace("mass = 2.0", 'mass = 2.0\nfixed = [1, {node = 2, axes = "xz"}]')
+    )
+    save_mjcf(held, tmp_path / "held.xml")
+    assert read_mjcf(tmp_path / "held.xml").scene.structure.fixed == held.structure.fixed
+
+
+PUBLIC = """
+<mujoco>
+  <compiler autolimits="true"/>
+  <default>
+    <geom friction="0.8 0.005 0.0001"/>
+    <tendon damping="1"/>
+    <general ctrlrange="-0.05 0.05" gainprm="600" biastype="affine" biasprm="60 -600 -6" forcerange="-60 0"/>
+  </default>
+  <worldbody>
+    <geom type="plane" size="5 5 1"/>
+    {bodies}
+  </worldbody>
+  <tendon>
+    {tendons}
+    <spatial name="driven"><site site="a0"/><site site="b1"/></spatial>
+    <spatial name="idle"><site site="a1"/><site site="b0"/></spatial>
+  </tendon>
+  <actuator><general tendon="driven"/></actuator>
+</mujoco>
+"""
+ROD = """
+    <body name="{name}" pos="{place} 0 0.2" euler="0 {turn} 0">
+      <freejoint/>
+      <geom type="cylinder" fromto="0 0 -0.15 0 0 0.15" size="0.002" mass="0.04"/>
+      <geom type="sphere" pos="0 0 -0.15" size="0.01" mass="0.02"/>
+      <geom type="sphere" pos="0 0 0.15" size="0.01" mass="0.02"/>
+      <site name="{name}0" pos="0 0 -0.15"/>
+      <site name="{name}1" pos="0 0 0.15"/>
+    </body>"""
+
+
+def test_a_robot_of_another_hand(tmp_path):
+    """Defaults, cylinders and spheres, springs that would push, a rest length by an actuator's bias."""
+    bodies = ROD.format(name="a", place=0, turn=0) + ROD.format(name="b", place=0.2, turn=30)
+    tendons = '<spatial stiffness="100" springlength="0.1"><site site="a0"/><site site="b0"/></spatial>'
+    path = tmp_path / "robot.xml"
+    path.write_text(PUBLIC.format(bodies=bodies, tendons=tendons))
+    scene, notes = read_mjcf(path)
+    structure = scene.structure
+    assert structure.struts.edges == ((0, 1), (2, 3))
+    np.testing.assert_allclose(structure.struts.rest_length, 0.3)
+    assert float(structure.mass) == pytest.approx(0.16)
+    # 60/600 m at control 0; of the other the damping that is its default
+    np.testing.assert_allclose(structure.cables.rest_length, [0.1, 0.1])
+    np.testing.assert_allclose(structure.cables.stiffness, [100, 600])
+    np.testing.assert_allclose(structure.cables.damping, [1, 6])
+    assert float(scene.friction.mu) == 0.8
+    assert "1 tendons without a spring are left out: idle" in notes
+    assert "1 tendons would push, too, if they went slack; here they are cables, which do not" in notes
+    rod, ends = structure.struts.mass[0], structure.node_mass[:2]
+    # a thin cylinder and two balls: about its middle, m l^2/12 and what the ends add
+    inertia = 0.04 * (0.09 / 12 + 0.002**2 / 4) + 2 * 0.02 * (0.15**2 + 0.4 * 0.01**2)
+    assert rod * 0.09 / 12 + ends.sum() * 0.15**2 == pytest.approx(inertia, rel=2e-3)
+
+
+REFUSED = {
+    "no XML": ("<mujoco>", "not XML: "),
+    "entities": ('<!DOCTYPE a [<!ENTITY b "c">]><mujoco/>', "has a document type or entities"),
+    "other files": ('<mujoco><include file="a.xml"/></mujoco>', "has <include>, which is not read"),
+    "a million": ('<mujoco><worldbody><replicate count="1000000"/></worldbody></mujoco>', "has <replicate>"),
+    "deep": ("<mujoco>" + "<body>" * 60 + "</body>" * 60 + "</mujoco>", "more than 50 levels deep"),
+    "unknown": ("<mujoco><wheel/></mujoco>", "Schema violation"),
+    "no tendons": ("<mujoco/>", "has no tendons; expected spatial tendons between sites"),
+    "a hinge": (
+        '<mujoco><worldbody><site name="w"/>'
+        '<body><joint/><geom size="1"/><site name="s"/></body></worldbody>'
+        '<tendon><spatial stiffness="1" springlength="0 1"><site site="s"/><site site="w"/></spatial>'
+        "</tendon></mujoco>",
+        "body 1: expected a free joint, or slides along axes",
+    ),
+    "three sites": (
+        '<mujoco><worldbody><site name="a"/><site name="b"/><site name="c"/></worldbody>'
+        '<tendon><spatial stiffness="1"><site site="a"/><site site="b"/><site site="c"/></spatial>'
+        "</tendon></mujoco>",
+        "tendon 0: expected two sites",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("text", "reason"), REFUSED.values(), ids=REFUSED)
+def test_refused_in_one_line(text, reason, tmp_path):
+    """With the file."""
+    path = tmp_path / "robot.xml"
+    path.write_text(text)
+    with pytest.raises(InputError) as caught:
+        read_mjcf(path)
+    message = str(caught.value)
+    assert message.startswith(f"{path}: ")
+    assert reason in message
+    assert message.isprintable()
+
+
+def test_struts_that_must_be_springs_are_named(exact):
+    """A rigid strut that a gait moves is a spring, as stiff as the penalty twin's; without gravity it is refused."""
+    notes = mujoco_model(exact).notes
+    assert "6 rigid struts are springs of 1.962e+04 N/m there" in notes
+    with pytest.raises(InputError, match="gravity: not modelled"):
+        mujoco_model(dataclasses.replace(exact, gravity=None))
+
+
+def test_it_settles_to_what_mujoco_is_given(exact):
+    """`settled` leaves what is at rest where it is."""
+    assert settled(exact).moved < 1e-9
+    assert jax.config.jax_enable_x64

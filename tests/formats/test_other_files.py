@@ -1,0 +1,251 @@
+"""MATLAB, CSV, meshes, motions and the command that converts: what is written is read, by others too."""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.io import loadmat, savemat
+
+from jaxgrity import (
+    FORMATS,
+    InputError,
+    load_scene,
+    parse_scene,
+    read_any,
+    read_matlab,
+    read_tables,
+    save_matlab,
+    save_mesh,
+    save_tables,
+    save_trajectory,
+    simulate,
+    write_any,
+)
+from jaxgrity.cli.convert import ConvertSettings, main
+
+PRISM = """
+[structure]
+kind = "prism"
+node_mass = [1, 2, 3, 4, 5, 0]
+fixed = [1, { node = 2, axes = "xz" }]
+[struts]
+mass = [0.1, 0.2, 0.3]
+stiffness = 2e4
+damping = 3
+[cables]
+stiffness = [1e3, 2e3, 3e3, 1e3, 2e3, 3e3, 1e3, 2e3, 3e3]
+prestrain = 0.1
+"""
+RIGID = PRISM.replace("stiffness = 2e4\ndamping = 3", "rigid = true")
+
+
+def assert_alike(first, second, rtol: float) -> None:
+    """Two structures, to rounding."""
+    np.testing.assert_allclose(first.nodes, second.nodes, rtol=rtol)
+    np.testing.assert_allclose(first.node_mass, second.node_mass, rtol=rtol)
+    assert first.fixed == second.fixed
+    for kind in ("struts", "cables"):
+        ours, theirs = getattr(first, kind), getattr(second, kind)
+        assert ours.edges == theirs.edges
+        for name in ("stiffness", "rest_length", "damping", "mass"):
+            values = getattr(ours, name), getattr(theirs, name)
+            assert (values[0] is None) == (values[1] is None), name
+            if values[0] is not None:
+                np.testing.assert_allclose(*values, rtol=rtol)
+
+
+@pytest.mark.parametrize("text", [PRISM, RIGID], ids=["springs", "rigid"])
+def test_matlab_there_and_back(text, tmp_path):
+    """All of a structure; K = EA/l0 to rounding."""
+    scene = parse_scene(text)
+    save_matlab(scene, tmp_path / "robot.mat")
+    assert_alike(read_matlab(tmp_path / "robot.mat").scene.structure, scene.structure, 1e-15)
+
+
+def test_matlab_files_have_the_names_of_the_toolboxes(tmp_path):
+    """N by columns, C_b and C_s by rows with -1 and 1, EA = K l0 of bars, then strings; supports from 1."""
+    structure = parse_scene(PRISM).structure
+    notes = save_matlab(load_scene("reference"), tmp_path / "other.mat")
+    assert "gravity, damping of nodes, ground, friction, gait" in notes[0]
+    save_matlab(parse_scene(PRISM), tmp_path / "robot.mat")
+    found = loadmat(tmp_path / "robot.mat")
+    np.testing.assert_array_equal(found["N"], structure.nodes.T)
+    directions = found["N"] @ found["C_s"].T
+    i, j = np.array(structure.cables.edges).T
+    np.testing.assert_allclose(directions, (structure.nodes[j] - structure.nodes[i]).T)
+    assert found["C_b"].shape == (3, 6)
+    np.testing.assert_allclose(found["EA"][:3, 0], 2e4 * structure.struts.rest_length)
+    np.testing.assert_allclose(found["EA"][3:, 0], structure.cables.stiffness * structure.cables.rest_length)
+    np.testing.assert_allclose(found["s_0"][0], structure.cables.rest_length)
+    np.testing.assert_array_equal(found["mass"][:3, 0], [0.1, 0.2, 0.3])
+    np.testing.assert_array_equal(found["pinned_X"][:, 0], [2, 3])
+    np.testing.assert_array_equal(found["pinned_Y"][:, 0], [2])
+
+
+def test_matlab_files_of_motes_and_of_tsgfem(tmp_path):
+    """A structure with N, C_b, C_s, s_0 and k, bars rigid with masses m; or E and A, and pairs of numbers from 1."""
+    N = np.array([[0.0, 1, 0.5], [0, 0, 1], [0, 0, 0]])
+    motes = {"N": N, "C_b": [[-1, 1, 0]], "C_s": [[0, -1, 1], [1, 0, -1]], "s_0": [0.9, 1.0], "k": 50.0, "m": 2.0}
+    savemat(tmp_path / "motes.mat", {"prism": motes | {"ms": 0.5, "c": 3.0}})
+    scene, notes = read_matlab(tmp_path / "motes.mat")
+    assert scene.structure.struts.edges == ((0, 1),)
+    assert scene.structure.cables.edges == ((1, 2), (2, 0))
+    assert scene.structure.struts.rigid
+    assert scene.structure.struts.mass.tolist() == [2.0]
+    assert scene.structure.cables.stiffness.tolist() == [50.0, 50.0]
+    assert scene.structure.cables.damping.tolist() == [3.0, 3.0]
+    assert scene.structure.node_mass.tolist() == [0.5, 0.5, 0.5]
+    assert "bars are rigid, as no stiffness of theirs is given" in notes
+    tsgfem = {
+        "N": N,
+        "C_b": [[1, 2]],
+        "C_s": [[2, 3], [3, 1]],
+        "l0": [1.0, 1.0, 1.1],
+        "E": 2e9,
+        "A": [1e-4, 1e-6, 2e-6],
+    }
+    savemat(tmp_path / "tsgfem.mat", tsgfem | {"mass": [1.0, 0.1, 0.1]})
+    structure = read_matlab(tmp_path / "tsgfem.mat").scene.structure
+    assert structure.cables.edges == ((1, 2), (2, 0))
+    np.testing.assert_allclose(structure.struts.stiffness, 2e5)
+    np.testing.assert_allclose(structure.cables.stiffness, [2e3, 4e3 / 1.1])
+
+
+@pytest.mark.parametrize(
+    ("content", "reason"),
+    {
+        "no N": ({"C_b": [[-1, 1]]}, "N: missing; expected a matrix"),
+        "two rows": ({"N": np.zeros((2, 3))}, "N has shape (2, 3); expected 3 by any"),
+        "words": ({"N": "abc"}, "N: expected real numbers"),
+        "NaN": ({"N": [[np.nan], [0], [0]]}, "N: expected finite numbers"),
+        "ends": ({"N": np.eye(3), "C_b": [[1, 1, 0]]}, "C_b has shape (1, 3); expected a row a member"),
+        "beyond": ({"N": np.eye(3), "C_b": [[1, 9]]}, "C_b: expected numbers of nodes from 1 to 3"),
+        "no EA": ({"N": np.eye(3), "C_s": [[1, 2]]}, "EA: missing; expected EA, E and A, or k of strings"),
+        "many": ({"N": np.eye(3), "C_s": [[1, 2]], "l0": [1, 2]}, "l0 has 2 numbers; expected 1, or one for all"),
+        "negative": ({"N": np.eye(3), "C_s": [[1, 2]], "k": -1}, "EA: expected positive stiffness"),
+        "pinned": ({"N": np.eye(3), "pinned_X": [4]}, "pinned_X has 4; expected numbers of nodes from 1 to 3"),
+    }.values(),
+)
+def test_matlab_refusals(content, reason, tmp_path):
+    """In one line, with the file and the variable."""
+    savemat(tmp_path / "robot.mat", content)
+    with pytest.raises(InputError) as caught:
+        read_matlab(tmp_path / "robot.mat")
+    assert str(caught.value).startswith(f"{tmp_path}/robot.mat: {reason}")
+
+
+@pytest.mark.parametrize("text", [PRISM, RIGID], ids=["springs", "rigid"])
+def test_tables_there_and_back(text, tmp_path):
+    """To the last bit, from either file's name or their common one; pandas reads them, too."""
+    scene = parse_scene(text)
+    assert save_tables(scene, tmp_path / "robot.csv") == ()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["robot.members.csv", "robot.nodes.csv"]
+    for name in ("robot.csv", "robot.nodes.csv", "robot.members.csv"):
+        assert_alike(read_tables(tmp_path / name).scene.structure, scene.structure, 0)
+    pandas = pytest.importorskip("pandas")
+    members = pandas.read_csv(tmp_path / "robot.members.csv")
+    assert members.groupby("kind").size().to_dict() == {"cable": 9, "strut": 3}
+    np.testing.assert_array_equal(members["rest_length_m"][3:], scene.structure.cables.rest_length)
+
+
+@pytest.mark.parametrize(
+    ("nodes", "members", "reason"),
+    [
+        ("x_m,y_m\n0,0\n", "", "robot.nodes.csv: has no column z_m"),
+        ("x_m,y_m,z_m,colour\n", "", "robot.nodes.csv: has a column 'colour'"),
+        ("x_m,y_m,z_m\n0,0\n", "", "robot.nodes.csv: line 2 has 2 cells; expected 3"),
+        ("x_m,y_m,z_m\n0,0,inf\n", "", "robot.nodes.csv: line 2.z_m = 'inf': expected a finite number"),
+        ("x_m,y_m,z_m,mass_kg\n0,0,0,1\n", "rope,0,1,1,1\n", "line 2.kind = 'rope': expected strut or cable"),
+        ("x_m,y_m,z_m,mass_kg\n0,0,0,1\n", "cable,0,1,1,1\n", "there is no node 1; expected 0 to 0"),
+        ("x_m,y_m,z_m,mass_kg\n0,0,0,1\n", "cable,0,-1,1,1\n", "line 2 joins '-1'; expected the number of a node"),
+        ("x_m,y_m,z_m,mass_kg\n0,0,0,1\n1,0,0,1\n", "cable,0,1,1,\n", "stiffness_N_per_m: missing"),
+        ("x_m,y_m,z_m,mass_kg\n0,0,0,1\n1,0,0,1\n", "cable,0,1,0,1\n", "rest_length_m = '0': expected a positive"),
+        ('x_m,y_m,z_m\n"0,0', "", "robot.nodes.csv: not CSV: unexpected end of data"),
+    ],
+)
+def test_tables_refusals(nodes, members, reason, tmp_path):
+    """With the file, the line and the column."""
+    (tmp_path / "robot.nodes.csv").write_text(nodes)
+    (tmp_path / "robot.members.csv").write_text("kind,first,second,rest_length_m,stiffness_N_per_m\n" + members)
+    with pytest.raises(InputError) as caught:
+        read_tables(tmp_path / "robot.csv")
+    assert reason in str(caught.value)
+    assert str(caught.value).isprintable()
+
+
+def test_meshes_have_the_shape(reference, tmp_path):
+    """A GLB with struts and cables apart, y up; an OBJ, z up: as wide as the robot and its bars."""
+    trimesh = pytest.importorskip("trimesh")
+    for ending, up in (("glb", 1), ("obj", 2)):
+        save_mesh(reference, tmp_path / f"robot.{ending}")
+        found = trimesh.load(tmp_path / f"robot.{ending}", force="scene")
+        nodes = reference.structure.nodes
+        assert found.bounds[1, up] == pytest.approx(nodes[:, 2].max(), abs=0.02)
+        np.testing.assert_allclose(np.sort(found.extents), np.sort(np.ptp(nodes, axis=0)), atol=0.03)
+    assert set(trimesh.load(tmp_path / "robot.glb").geometry) == {"struts", "cables"}
+
+
+def test_motions_with_units(reference, tmp_path):
+    """netCDF that xarray opens, with dimensions, coordinates and units; npz and CSV hold the same numbers."""
+    motion = simulate(reference, 0.02)
+    for ending in ("nc", "npz", "csv"):
+        save_trajectory(motion, tmp_path / f"motion.{ending}")
+    with np.load(tmp_path / "motion.npz") as arrays:
+        np.testing.assert_array_equal(arrays["positions"], motion.positions)
+    table = np.loadtxt(tmp_path / "motion.csv", delimiter=",", skiprows=1)
+    np.testing.assert_array_equal(table[:, 2:5].reshape(3, 12, 3), motion.positions)
+    np.testing.assert_array_equal(table[:, 5:].reshape(3, 12, 3), motion.velocities)
+    xarray = pytest.importorskip("xarray")
+    with xarray.open_dataset(tmp_path / "motion.nc", decode_times=False) as data:
+        assert data.position.dims == ("time", "node", "axis")
+        assert (data.position.units, data.velocity.units, data.time.units) == ("m", "m s-1", "s")
+        np.testing.assert_array_equal(data.position, motion.positions)
+        np.testing.assert_array_equal(data.velocity.sel(node=2), motion.velocities[:, 2])
+        np.testing.assert_array_equal(data.position.sel(axis=b"z")[:, 0], motion.positions[:, 0, 2])
+    with pytest.raises(InputError, match=r"motion.mp3: unknown ending; expected one of .npz, .csv, .nc"):
+        save_trajectory(motion, tmp_path / "motion.mp3")
+
+
+def test_every_kind_of_file_by_its_ending(tmp_path):
+    """What can be both written and read comes back; the rest is refused with the endings that can."""
+    scene = parse_scene(PRISM.replace("mass = [0.1, 0.2, 0.3]\n", "").replace("5, 0]", "5, 6]"))
+    both = [each.endings[0] for each in FORMATS if each.read and each.write]
+    assert set(both) >= {".toml", ".mat", ".csv", ".xml"}
+    for ending in both:
+        write_any(scene, tmp_path / f"robot{ending}")
+        found = read_any(tmp_path / f"robot{ending}").scene.structure
+        # what a support carries is not moved, and has no mass in a MuJoCo model
+        weighed = dataclasses.replace(found, node_mass=np.where(scene.structure.free.any(1), found.node_mass, 2.0))
+        assert_alike(weighed, scene.structure, 1e-9)
+    with pytest.raises(InputError, match=r"robot.glb: a mesh is not read; expected .toml, .yaml"):
+        read_any(tmp_path / "robot.glb")
+    with pytest.raises(InputError, match=r"robot.yaml: a NTRT structure \(YAML\) is not written; expected .toml, .xml"):
+        write_any(scene, tmp_path / "robot.yaml")
+    with pytest.raises(InputError, match=r"robot.txt: unknown ending; expected .toml"):
+        read_any(tmp_path / "robot.txt")
+
+
+def test_the_command_says_what_was_read_and_what_is_lost(tmp_path, capsys):
+    """From NTRT, in another unit, to a scene file, and on to a file that holds the structure alone."""
+    source = Path(__file__).parents[1] / "data" / "ntrt" / "prism.yaml"
+    main(ConvertSettings(str(source), tmp_path / "robot.toml", unit=1.0))
+    said = capsys.readouterr().out
+    assert "6 nodes, 3 struts, 9 cables, 1.807 kg" in said
+    assert "one unit of length is 1 m" in said
+    assert said.endswith("robot.toml\n  nothing is lost\n")
+    main(ConvertSettings(str(tmp_path / "robot.toml"), tmp_path / "robot.mat"))
+    assert "such a file holds the structure alone: gravity, ground, friction" in capsys.readouterr().out
+    with pytest.raises(InputError, match=r"x.doc: unknown ending"):
+        main(ConvertSettings("reference", Path("x.doc")))
+
+
+def test_the_command_settles(tmp_path, capsys):
+    """A robot that is at rest does not move."""
+    main(ConvertSettings("reference", tmp_path / "robot.toml", settle=True))
+    assert "settled: nodes moved by up to" in capsys.readouterr().out
+    before, after = load_scene("reference").structure, load_scene(tmp_path / "robot.toml").structure
+    shrunk = np.ptp(after.nodes, axis=0) / np.ptp(before.nodes, axis=0)
+    np.testing.assert_allclose(shrunk, shrunk.mean(), rtol=1e-9)  # struts give way, all alike
+    assert 0.98 < shrunk.mean() < 0.99
+    assert after.cables.edges == before.cables.edges

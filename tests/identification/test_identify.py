@@ -1,0 +1,228 @@
+"""Parameters from measurements: exact answers, what cannot be told, bad data, robots drawn from what is left."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxgrity import (
+    Identified,
+    InputError,
+    Members,
+    Parameter,
+    Scene,
+    SeenAngles,
+    SeenDistances,
+    SeenPositions,
+    SeenTensions,
+    SeenTogether,
+    SolverOptions,
+    Starts,
+    Structure,
+    changed,
+    identify,
+    measured_motion,
+    measured_poses,
+    misfit_of,
+    posterior_robots,
+    profile_likelihood,
+    simulate,
+    uncertainty_of,
+)
+
+STIFFNESS = Parameter("structure.cables.stiffness", spread=0.3)
+MASS = Parameter("structure.node_mass", spread=0.3)
+HEIGHT = SeenPositions((1,), "z")
+
+
+def hanging(stiffness=100.0, damping=None) -> Scene:
+    """A mass of 2 kg on a cable of 1 m: z = -1 - m g/K at rest."""
+    cables = Members(((0, 1),), [stiffness], [1.0], damping=None if damping is None else [damping])
+    nodes = np.array([[0.0, 0, 0], [0, 0, -1.1962]])
+    return Scene(Structure(nodes, [0.0, 2.0], cables=cables, fixed=((0, "xyz"), (1, "xy"))), gravity=9.81)
+
+
+def loaded(scene: Scene, load) -> Scene:
+    """With the mass so many times as large."""
+    return eqx.tree_at(lambda s: s.structure.node_mass, scene, scene.structure.node_mass * load)
+
+
+LOADS = np.linspace(0.5, 1.5, 11)
+
+
+def poses(values, noise=1e-3, **changes):
+    """Heights under the loads."""
+    shapes = np.zeros((len(LOADS), 2, 3))
+    shapes[:, 1, 2] = -1.2
+    how = dict(shapes=shapes, commands=LOADS, command=loaded) | changes
+    return measured_poses(hanging(), np.asarray(values, float)[:, None], noise, HEIGHT, **how)
+
+
+def heights(stiffness: float) -> np.ndarray:
+    return -1 - 2 * LOADS * 9.81 / stiffness
+
+
+@pytest.fixture(scope="module")
+def stiffer() -> Identified:
+    """A cable that is a fifth stiffer than the scene says, one pose missing."""
+    seen = heights(120.0)
+    seen[3] = np.nan
+    return identify(hanging(), [STIFFNESS], poses(seen))
+
+
+def test_stiffness_and_its_error_are_those_of_the_closed_form(stiffer):
+    """dz/dlogK = m g/K: s = noise/|dz/dlogK| over the loads that were seen; and the prior's pull is below that."""
+    slope = 2 * np.delete(LOADS, 3) * 9.81 / 120
+    expected = 1 / np.sqrt(np.sum((slope / 1e-3) ** 2) + 1 / 0.3**2)
+    (estimate,) = stiffer.estimates
+    np.testing.assert_allclose(estimate.value, 1.2, atol=1e-4)
+    np.testing.assert_allclose(estimate.standard_error / estimate.value, expected, rtol=1e-3)
+    assert estimate.interval[0] < 1.2 < estimate.interval[1]
+    assert stiffer.converged
+    assert stiffer.untold == ()
+    np.testing.assert_allclose(stiffer.scene.structure.cables.stiffness, [120.0], rtol=1e-4)
+    held_out = misfit_of(stiffer.scene, poses(heights(120.0)))
+    assert held_out["rms"] < 2e-5
+    assert held_out["misfit"] < 0.02
+
+
+def test_intervals_widen_where_the_model_does_not_fit():
+    """By the misfit: as many standard deviations as the residuals have of the noise."""
+    scatter = np.random.default_rng(3).normal(0, 1e-2, len(LOADS))
+    found = identify(hanging(), [STIFFNESS], poses(heights(100.0) + scatter))
+    expected = np.linalg.norm(scatter) / np.sqrt(len(LOADS) - 1) / 1e-3
+    np.testing.assert_allclose(found.misfit, expected, rtol=0.1)
+    told = identify(hanging(), [STIFFNESS], poses(heights(100.0)))
+    np.testing.assert_allclose(found.covariance, told.covariance * found.misfit**2, rtol=0.1)
+
+
+def test_what_data_cannot_tell_gets_no_number():
+    """Poses tell stiffness over mass alone: neither of the two, and one combination, their product."""
+    found = identify(hanging(), [STIFFNESS, MASS], poses(heights(120.0)))
+    assert [each.value for each in found.estimates] == [None, None]
+    assert [each.interval for each in found.estimates] == [None, None]
+    ((left, direction),) = found.untold
+    np.testing.assert_allclose(left, 1.0, rtol=1e-3)
+    np.testing.assert_allclose(np.abs(direction), np.sqrt([0.5, 0.5]), rtol=1e-3)
+    assert direction[0] * direction[1] > 0
+    ratio = found.scene.structure.cables.stiffness[0] / found.scene.structure.node_mass[1]
+    np.testing.assert_allclose(ratio, 60.0, rtol=1e-4)
+    assert "cannot tell" in found.summary()
+
+
+def test_the_profile_is_that_of_the_posterior():
+    """In a nearly linear problem it rises by 1 at one standard deviation."""
+    seen = poses(heights(120.0))
+    found = identify(hanging(), [STIFFNESS, MASS], seen)
+    at = found.z[0] + np.array([-1.0, 0.0, 1.0]) * np.sqrt(found.covariance[0, 0])
+    profile = profile_likelihood(hanging(), [STIFFNESS, MASS], seen, 0, at)
+    np.testing.assert_allclose(profile[[0, 2]] - profile[1], 1.0, rtol=0.02)
+
+
+@pytest.fixture(scope="module")
+def swinging():
+    """How a mass that is thrown moves on a damped cable, 100 times a second, with 2 mm of noise; and the truth."""
+    truth = hanging(120.0, 0.8)
+    options = SolverOptions("rk4", dt=5e-3)
+    start = np.array([[0.0, 0, 0], [0, 0, -0.5]])
+    moved = simulate(truth, 2.0, options=options, velocities=start)
+    path = np.asarray(moved.positions)
+    seen = path[:, 1, 2:] + np.random.default_rng(5).normal(0, 2e-3, (len(path), 1))
+    noisy = path.copy()
+    noisy[:, 1, 2:] = seen
+    return np.asarray(moved.times), seen, noisy, options
+
+
+@pytest.mark.parametrize("windows", [1, 4])
+def test_a_motion_tells_stiffness_and_damping_from_an_unknown_start(swinging, windows):
+    """Within three standard errors, and to 3 % and 25 %; windows that may not miss each other tell nearly as much."""
+    times, seen, path, options = swinging
+    parameters = [STIFFNESS, Parameter("structure.cables.damping", spread=1.0)]
+    scene = hanging(100.0, 0.5)
+    motion = measured_motion(scene, times, seen, 2e-3, HEIGHT, Starts(path, windows), options=options)
+    found = identify(scene, parameters, motion)
+    for estimate, true, within in zip(found.estimates, (1.2, 1.6), (0.03, 0.25)):
+        assert abs(estimate.value - true) < 3 * estimate.standard_error < within * true
+    assert 0.8 < found.misfit < 1.2
+    state = np.asarray(motion.state).copy()
+    state[np.asarray(motion.spread) > 0] = found.starts[0]
+    np.testing.assert_allclose(state[0, 1, 1, 2], -0.5, atol=0.02)
+
+
+def test_observations_see_what_they_say():
+    """Of three nodes in a plane."""
+    nodes = np.array([[0.0, 0, 0], [3, 0, 4], [3, 0, 0]])
+    cables = Members(((0, 1), (0, 2)), [10.0, 20.0], [4.0, 3.5])
+    scene = Scene(Structure(nodes, np.ones(3), cables=cables))
+    everything = SeenTogether(
+        (SeenPositions((1, 2), "zx"), SeenDistances(((0, 1), (1, 2))), SeenAngles(((0, 1),)), SeenTensions())
+    )
+    seen = everything.seen(scene, jnp.asarray(nodes), 0.0)
+    np.testing.assert_allclose(seen, [4, 3, 0, 3, 5, 4, np.arctan2(4, 3), 10, 0], atol=1e-12)
+    assert everything.columns(scene) == 9
+
+
+def test_parameters_change_what_they_name():
+    """Factors and offsets, of all rows or of some."""
+    scene = hanging()
+    moved = changed(scene, [STIFFNESS, Parameter("structure.node_mass", 0.5, "offset", (1,))], np.array([1.0, 2.0]))
+    np.testing.assert_allclose(moved.structure.cables.stiffness, [100 * np.exp(0.3)])
+    np.testing.assert_allclose(moved.structure.node_mass, [0.0, 3.0])
+
+
+def test_robots_are_drawn_from_what_is_left(stiffer):
+    """Factors of the identified scene, with the standard error as their deviation; likewise as half-widths."""
+    robots = posterior_robots(jax.random.key(0), stiffer, 400)
+    assert robots.cable_stiffness.shape == (400, 1)
+    relative = stiffer.estimates[0].standard_error / stiffer.estimates[0].value
+    np.testing.assert_allclose(np.std(robots.cable_stiffness), relative, rtol=0.1)
+    np.testing.assert_allclose(np.mean(robots.cable_stiffness), 1.0, atol=0.2 * relative)
+    width = uncertainty_of(stiffer, phase=0.03)
+    np.testing.assert_allclose([width.cable_stiffness, width.phase], [np.sqrt(3) * relative, 0.03], rtol=1e-6)
+
+
+def motion_of(times, values, **how):
+    path = np.broadcast_to(hanging().structure.nodes, (len(times), 2, 3))
+    return measured_motion(hanging(), times, values, 1e-3, HEIGHT, Starts(path, **how))
+
+
+TIMES = np.linspace(0, 1, 11)
+BAD = {
+    "a missing column": (lambda: motion_of(TIMES, np.zeros((11, 2))), r"shape \(11, 2\); expected \(rows, 1\)"),
+    "time backwards": (lambda: motion_of(TIMES[::-1], np.zeros((11, 1))), r"times\[1\] = 0\.9 s after 1 s: expected"),
+    "all missing": (lambda: poses(np.full(11, np.nan)), "all 11 are missing"),
+    "infinite": (lambda: poses(np.full(11, np.inf)), "is infinite"),
+    "millimetres": (lambda: identify(hanging(), [STIFFNESS], poses(1e3 * heights(100.0))), r"1e\+03 times as large"),
+    "kilometres": (lambda: identify(hanging(), [STIFFNESS], poses(1e-3 * heights(100.0))), "0.001 times as large"),
+    "too few": (
+        lambda: identify(hanging(), [STIFFNESS, MASS], poses(np.r_[heights(100.0)[:1], np.full(10, np.nan)])),
+        "1 numbers measured for 2 parameters",
+    ),
+    "no noise": (lambda: poses(heights(100.0), noise=0.0), "noise: a standard deviation is not positive"),
+    "noise of another shape": (lambda: poses(heights(100.0), noise=np.ones(3)), r"noise has shape \(3,\)"),
+    "shapes": (lambda: poses(heights(100.0), shapes=np.zeros((3, 2, 3))), r"shapes has shape \(3, 2, 3\)"),
+    "commands": (lambda: poses(heights(100.0), commands=LOADS[:4]), "commands has an array of shape"),
+    "windows": (lambda: motion_of(TIMES, np.zeros((11, 1)), windows=3), "windows = 3: expected a number that divides"),
+    "no such node": (lambda: SeenDistances(((0, 7),)).columns(hanging()), "there is no node 7; expected 0 to 1"),
+    "no parameter": (lambda: identify(hanging(), [], poses(heights(100.0))), "there are none"),
+    "unknown place": (
+        lambda: identify(hanging(), [Parameter("structure.cables.colour", 0.1)], poses(heights(100.0))),
+        "the scene has no such numbers",
+    ),
+    "no spread": (lambda: identify(hanging(), [Parameter("gravity", 0.0)], poses(heights(100.0))), "spread = 0.0"),
+    "no robots": (
+        lambda: posterior_robots(
+            jax.random.key(0), identify(hanging(), [Parameter("gravity", 0.1)], poses(heights(100.0))), 3
+        ),
+        "gravity: robots of a population cannot differ in it",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("make", "words"), BAD.values(), ids=BAD)
+def test_bad_data_is_refused_in_one_line(make, words):
+    """What is wrong, what was received, what was expected; nothing is fitted."""
+    with pytest.raises(InputError, match=words) as refusal:
+        make()
+    assert "\n" not in str(refusal.value)

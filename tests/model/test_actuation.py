@@ -1,0 +1,21 @@
+"""What a gait asks of its actuators."""
+
+import jax
+import numpy as np
+
+from jaxgrity import Gait
+from jaxgrity.model.actuation import Overtone, contraction, peak_rates
+
+
+def test_peak_rates_are_those_of_the_rest_lengths():
+    """max |dL/dt| over a period by small differences in time: of single sines, and of Fourier series; of many gaits."""
+    amplitude, frequency, lengths = np.array([0.3, 0.1]), np.array([0.5, 0.8]), np.array([1.0, 0.6])
+    overtone = Overtone(np.array([0.4, 0.2]), np.array([0.3, 2.0]))
+    for overtones in ((), (overtone,)):
+        gait = Gait((0, 1), np.array([0.2, 1.1]), amplitude, frequency, start=0.0, ramp=1e-6, overtones=overtones)
+        times = np.linspace(1.0, 11.0, 4001)
+        shortened = np.asarray(jax.vmap(lambda t, gait=gait: contraction(gait, t))(times))
+        steepest = lengths * np.abs(np.diff(shortened, axis=0)).max(0) / (times[1] - times[0])
+        np.testing.assert_allclose(peak_rates(gait, lengths), steepest, rtol=2e-3)
+    several = jax.tree.map(lambda x: np.stack([x, x]) if np.ndim(x) else x, gait)
+    np.testing.assert_array_equal(peak_rates(several, lengths), np.stack([peak_rates(gait, lengths)] * 2))

@@ -1,0 +1,120 @@
+"""Tables of forces and largest forces of cables: the force by hand, clusters, scene files, what is refused."""
+
+import jax
+import numpy as np
+import pytest
+
+from jaxgrity import (
+    Gait,
+    InputError,
+    Members,
+    Scene,
+    SolverOptions,
+    Structure,
+    energy_audit,
+    force_limit,
+    force_table,
+    inspect_structure,
+    load_scene,
+    parse_scene,
+    save_scene,
+    scene_text,
+    step_limit,
+    with_terms,
+)
+
+STRETCH, FORCE = [0.0, 0.01, 0.03, 0.05], [0.0, 6.0, 10.0, 30.0]
+TABLE = scene_text("reference").replace("stiffness = 600.0", f"force = {{ stretch = {STRETCH}, force = {FORCE} }}")
+LIMIT = scene_text("reference").replace("stiffness = 600.0", "stiffness = 600.0\nlargest_force = 100.0")
+
+
+def pull_of(scene: Scene, stretch: np.ndarray) -> np.ndarray:
+    """N, on the last node, which is moved along x."""
+
+    def force(s):
+        q = scene.structure.nodes + np.zeros_like(scene.structure.nodes)
+        return jax.grad(scene.potential_energy)(jax.numpy.asarray(q).at[-1, 0].add(s), 0.0)[-1, 0]
+
+    return np.asarray(jax.vmap(force)(stretch))
+
+
+def cord(segments: int = 1) -> Scene:
+    """Cords of 600 N/m along x, slack up to 1 m each, as one cable."""
+    nodes = np.arange(segments + 1.0)[:, None] * np.array([1.0, 0.0, 0.0])
+    edges = tuple((k, k + 1) for k in range(segments))
+    clusters = (tuple(range(segments)),) if segments > 1 else ()
+    cables = Members(edges, np.full(segments, 600.0), np.ones(segments), clusters=clusters)
+    return Scene(Structure(nodes, np.ones(segments + 1), None, cables))
+
+
+@pytest.mark.parametrize("segments", [1, 2])
+def test_the_force_is_that_of_the_table(segments):
+    """Straight between entries, on beyond the last; two cords, one after the other, stretch twice as far."""
+    scene = cord(segments)
+    scene = with_terms(scene, force_table(scene.structure.cables, STRETCH, FORCE))
+    s = np.array([-0.1, 0.004, 0.02, 0.044, 0.06])
+    expected = np.interp(s, [*STRETCH, 0.07], [*FORCE, 50.0])
+    np.testing.assert_allclose(pull_of(scene, segments * s), expected, atol=1e-9)
+
+
+@pytest.mark.parametrize("segments", [1, 2])
+def test_no_spring_pulls_with_more_than_the_largest_force(segments):
+    scene = cord(segments)
+    scene = with_terms(scene, force_limit(scene.structure.cables, 12.0))
+    s = np.array([-0.1, 0.01, 0.019, 0.021, 0.3])
+    np.testing.assert_allclose(pull_of(scene, segments * s), np.clip(600.0 * s, 0, 12.0), atol=1e-9)
+
+
+@pytest.mark.slow
+def test_actuators_work_against_the_table_in_the_balance():
+    """A weight of 1 kg hangs where the table's second slope begins, and is lifted up and down."""
+    nodes = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -1.03]])
+    cable = Members(((0, 1),), [600.0], [1.0])
+    hung = Structure(nodes, [0.0, 1.0], None, cable, ((0, "xyz"),))
+    scene = Scene(hung, 9.81, gait=Gait((0,), [0.0], [0.05], [1.0], ramp=0.5))
+    scene = with_terms(scene, force_table(cable, STRETCH, FORCE))
+    audit = energy_audit(scene, 1.0, options=SolverOptions("rk4", 1e-3), frame_rate=20.0)
+    assert abs(audit.residual).max() < 1e-4 * audit.turned_over
+
+
+def test_a_table_that_stiffens_asks_for_smaller_steps():
+    """The reference robot's cables are stretched by 0.18 m, where the table's last slope, 1000 N/m, holds."""
+    plain = load_scene("reference")
+    limits = [step_limit(scene, "complementarity").step for scene in (plain, parse_scene(TABLE))]
+    assert limits[1] <= limits[0]
+
+
+@pytest.mark.parametrize("text", [TABLE, LIMIT], ids=["table", "limit"])
+def test_scene_files_have_them(text, tmp_path):
+    scene = parse_scene(text)
+    assert scene.terms[0].name in scene.describe()
+    save_scene(scene, tmp_path / "robot.toml")
+    again = load_scene(tmp_path / "robot.toml")
+    q = scene.structure.nodes * 1.1
+    assert float(again.potential_energy(q, 0.0)) == float(scene.potential_energy(q, 0.0))
+    with pytest.raises(InputError, match="knows linear springs alone"):
+        inspect_structure(scene)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        (
+            "[0.0, 6.0",
+            "[1.0, 6.0",
+            "cables.force: stretch = .*: expected as many numbers in each, two at least, and both",
+        ),
+        ("10.0, 30.0", "10.0, 9.0", "a force that rises at first and never falls"),
+        ("[0.0, 0.01", "[0.0, 0.04", "expected an ascending stretch"),
+        ("force = {", "stiffness = 5.0\nforce = {", "expected no stiffness beside it"),
+        ("force = {", "largest_force = 5.0\nforce = {", "expected no largest_force beside it"),
+        ("[0.0, 6.0", "[0.0, 'x'", "not TOML|expected"),
+    ],
+)
+def test_bad_tables_are_refused(old, new, words):
+    with pytest.raises(InputError, match=words):
+        parse_scene(TABLE.replace(old, new))
+    with pytest.raises(InputError, match="the table's first slope"):
+        force_table(load_scene("reference").structure.cables, [0.0, 1.0], [0.0, 5.0])
+    with pytest.raises(InputError, match="expected a positive one"):
+        force_limit(load_scene("reference").structure.cables, -1.0)

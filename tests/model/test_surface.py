@@ -1,0 +1,151 @@
+"""Surfaces: that their signed distances are distances, their normals unit vectors, and what is no surface."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxgrity import (
+    Box,
+    Cylinder,
+    ExactGround,
+    HeightFunction,
+    InputError,
+    PenaltyGround,
+    Slope,
+    Sphere,
+    Stairs,
+    Union,
+    Waves,
+    bumps,
+    height_map,
+)
+
+BOX = Box(np.array([0.3, -0.2, 0.1]), np.array([0.8, 0.5, 0.4]), turn=0.4, rounding=0.05)
+SURFACES = {
+    "slope": Slope(0.3),
+    "sphere": Sphere(np.array([0.1, 0.2, -0.3]), 0.7),
+    "bowl": Sphere(np.array([0.0, 0.0, 2.0]), 2.0, hollow=True),
+    "box": BOX,
+    "sharp box": Box(BOX.centre, BOX.size),
+    "log": Cylinder(np.array([-1.0, 0.0, 0.2]), np.array([1.0, 0.5, 0.3]), 0.25),
+    "post": Cylinder(np.array([0.0, 0.0, 0.0]), np.array([0.0, 0.0, 0.5]), 0.3, rounding=0.1),
+    "stairs": Stairs(0.15, 0.3, 4, start=-0.3, turn=0.5, rounding=0.02),
+    "union": Union((Slope(0.1), BOX)),
+}
+HEIGHTS = {
+    "bumps": bumps(0.05, 0.7, seed=3),
+    "function": HeightFunction(lambda x, y: 0.2 * jnp.sin(3 * x) * jnp.cos(2 * y)),
+    "map": height_map(np.random.default_rng(0).uniform(0, 0.2, (8, 9)), (2.0, 2.0)),
+}
+
+
+def points(count=200, seed=0):
+    return jnp.asarray(np.random.default_rng(seed).uniform([-1, -1, 0.0], [1, 1, 1.5], (count, 3)))
+
+
+@pytest.mark.parametrize("name", SURFACES)
+def test_the_nearest_point_is_where_distance_and_normal_say(name):
+    """phi(x - phi n) = 0 outside, and no other point of the surface is nearer: phi changes by no more than the way."""
+    surface, q = SURFACES[name], points()
+    phi, n = surface.signed_distance(q), surface.frame(q).normal
+    outside = np.asarray(phi) > 1e-6
+    assert outside.sum() > 20
+    np.testing.assert_allclose(np.asarray(surface.signed_distance(q - phi[:, None] * n))[outside], 0, atol=1e-9)
+    other = points(seed=1)
+    assert np.all(abs(phi - surface.signed_distance(other)) <= np.linalg.norm(q - other, axis=1) + 1e-12)
+
+
+@pytest.mark.parametrize("name", [*SURFACES, *HEIGHTS])
+def test_frames_are_orthonormal_and_their_normals_are_gradients(name):
+    """At points on the surface, as seen from above; near its edges the gradient has a kink."""
+    surface = (SURFACES | HEIGHTS)[name]
+    x, y = np.random.default_rng(2).uniform(-0.9, 0.9, (2, 100))
+    z = np.asarray(surface.height(x, y))
+    q = jnp.asarray(np.stack([x, y, z], 1)[np.isfinite(z)])
+    assert len(q) > 3
+    frame = surface.frame(q)
+    axes = np.stack([frame.normal, *frame.tangents], 1)
+    np.testing.assert_allclose(axes @ axes.swapaxes(1, 2), np.broadcast_to(np.eye(3), axes.shape), atol=1e-12)
+    slope = jax.grad(lambda q: surface.signed_distance(q).sum())(q + 1e-7 * frame.normal)
+    np.testing.assert_allclose(slope, frame.normal, atol=1e-5)
+
+
+@pytest.mark.parametrize("name", [*SURFACES, *HEIGHTS])
+def test_height_is_where_the_signed_distance_vanishes(name):
+    """From there up all is outside."""
+    surface = (SURFACES | HEIGHTS)[name]
+    x, y = np.random.default_rng(4).uniform(-0.9, 0.9, (2, 60))
+    z = np.asarray(surface.height(x, y))
+    q = np.stack([x, y, z], 1)[np.isfinite(z)]
+    assert np.all(surface.signed_distance(jnp.asarray(q)) > -1e-9)
+    # edges that are rounded lie below the heights of sharp ones by 0.3 radii or less
+    assert np.all(surface.signed_distance(jnp.asarray(q - [0, 0, 0.042])) < 1e-9)
+
+
+def test_a_height_map_goes_through_its_heights():
+    """And beyond its edge, level, on."""
+    heights = np.random.default_rng(1).normal(size=(5, 7))
+    surface = height_map(heights, (4.0, 3.0), centre=(1.0, 2.0))
+    x, y = np.meshgrid(np.linspace(-1, 3, 5), np.linspace(0.5, 3.5, 7), indexing="ij")
+    np.testing.assert_allclose(surface.height(x, y), heights, atol=1e-12)
+    np.testing.assert_allclose(surface.height(np.array([-5.0]), np.array([2.0])), heights[0, 3], atol=1e-12)
+
+
+def test_a_height_map_of_a_smooth_hill_has_its_slopes():
+    """To the fourth order in the grid's spacing."""
+    errors = []
+    for count in (21, 41):
+        x = np.linspace(-2, 2, count)
+        surface = height_map(np.cos(x[:, None] * np.pi / 2) * np.cos(x * np.pi / 2), (4.0, 4.0))
+        at = np.random.default_rng(0).uniform(-1, 1, (2, 50))
+        exact = np.cos(at[0] * np.pi / 2) * np.cos(at[1] * np.pi / 2)
+        errors.append(abs(np.asarray(surface.height(*at)) - exact).max())
+    assert errors[0] < 1e-4
+    assert errors[1] < errors[0] / 12
+
+
+def test_bumps_are_as_high_as_asked_and_another_seed_is_another_ground():
+    """Their standard deviation over a wide field."""
+    x, y = np.random.default_rng(0).uniform(-50, 50, (2, 20000))
+    first, second = (np.asarray(bumps(0.04, 0.5, seed).height(x, y)) for seed in (0, 1))
+    np.testing.assert_allclose([first.std(), second.std()], 0.04, rtol=0.05)
+    assert abs(np.corrcoef(first, second)[0, 1]) < 0.1
+
+
+def test_a_gradient_in_the_terrain_is_that_of_finite_differences(central_difference):
+    """dU/d(amplitude of a wave), of nodes that press on bumps."""
+    q, ground = points() * jnp.array([1, 1, 0.05]), bumps(0.05, 0.7, seed=3)
+
+    def energy(a):
+        waves = Waves(ground.amplitude * a, ground.length, ground.direction, ground.phase)
+        phi = PenaltyGround(1e3, surface=waves).signed_distance(q)
+        return 500 * jnp.sum(jnp.minimum(phi, 0) ** 2)
+
+    assert energy(1.0) > 0.1
+    np.testing.assert_allclose(jax.grad(energy)(1.0), central_difference(energy, 1.0, 1e-6), rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: Sphere(np.zeros(3), -1.0), "sphere.radius = -1.0: expected positive numbers"),
+        (lambda: Box(np.zeros(3), np.array([1.0, 1.0, 0.0])), "box.size"),
+        (lambda: Box(np.zeros(3), np.ones(3), rounding=0.6), "box.rounding = 0.6: expected a radius from 0 to half"),
+        (lambda: Cylinder(np.zeros(3), np.zeros(3), 1.0), "expected two points apart"),
+        (lambda: Stairs(0.1, 0.3, steps=0), "stairs.steps = 0: expected at least 1"),
+        (lambda: Stairs(0.1, -0.3), "stairs.run = -0.3"),
+        (lambda: Union(()), "expected at least one surface"),
+        (lambda: bumps(0.0, 1.0, 0), "bumps.deviation = 0.0: expected a positive number"),
+        (lambda: height_map(np.zeros((2, 9)), (1.0, 1.0)), "expected a table, at least 4 by 4"),
+        (lambda: height_map(np.full((4, 4), np.nan), (1.0, 1.0)), "some are not finite"),
+        (lambda: height_map(np.zeros((4, 4)), (1.0, 0.0)), "expected two positive numbers"),
+        (lambda: Waves(np.ones(2), np.ones(2), np.ones(2), np.ones(3)), "one number a wave"),
+        (lambda: ExactGround(0.1, surface=Slope()), "ground.incline = 0.1: it is that of the plane"),
+        (lambda: ExactGround(offset=np.zeros((1, 3))), "ground.offset moves a surface"),
+        (lambda: ExactGround(surface=Slope(0.1)).normal, "differs from place to place"),
+    ],
+)
+def test_what_is_no_surface_is_refused(make, words):
+    with pytest.raises(InputError, match=words):
+        make()

@@ -1,0 +1,90 @@
+"""The page that a search leaves leads with what the gait does; the picture of its orbit is that of a closed path."""
+
+import numpy as np
+import pytest
+
+import jaxgrity
+from jaxgrity import plot
+from jaxgrity.report.gait_report import outcome_rows, write_page
+from jaxgrity.report.orbit_plot import _moving_frame
+from jaxgrity.report.steady import steady_rows
+
+STEADY = {
+    "settled": True,
+    "speed": 0.8858,
+    "speed_error_bar": 0.0042,
+    "body_lengths_per_second": 0.8858,
+    "verified_for": 298.7,
+    "settled_after": 14.8,
+    "slowest_window": 0.8851,
+    "turning": -1e-12,
+    "multiplier": 0.088,
+    "returned": 1.0,
+    "period": 1.3455,
+    "periods": 2,
+    "residual": 9e-14,
+    "robust": {"mean": 0.824, "standard_deviation": 0.14},
+    "other_contact_model": {"speed": 0.813, "standard_deviation": 0.18},
+}
+ACTUATORS = {"peak_force": 275.1, "peak_rate": 0.988, "peak_power": 143.4, "cost_of_transport_by_effort": 5.41}
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.7, -2.5])
+def test_an_orbit_is_closed_in_its_moving_frame(turn):
+    """What wobbles about a circle, or a line, wobbles about the frame's origin, on the side where it does."""
+    share = np.linspace(0, 1, 101)
+    wobble = 0.05 * np.exp(2j * np.pi * share) + 0.02j * np.sin(4 * np.pi * share)
+    wobble -= wobble.mean()
+    heading = np.exp(1j * (0.3 + turn * share))
+    along = 2.4 * (np.exp(0.3j) * share if turn == 0 else (heading - heading[0]) / (1j * turn))
+    origin, found = _moving_frame(along + heading * wobble, turn)
+    seen = (along + heading * wobble - origin) / found
+    assert abs(seen[-1] - seen[0]) < 1e-12
+    assert abs(seen.mean()) < 1e-12
+    if turn == 0:
+        np.testing.assert_allclose(found, heading, atol=1e-12)
+        np.testing.assert_allclose(seen, wobble, atol=1e-3)
+
+
+def test_a_cycle_must_be_within_the_motion(exact):
+    """And there must be a ground whose touching nodes can be shown."""
+    motion = jaxgrity.simulate(exact, 0.1)
+    with pytest.raises(jaxgrity.InputError, match=r"cycle = 1 s: expected more than 0 and at most the motion's 0\.1 s"):
+        plot.orbit_figure(exact, motion, 1.0)
+    with pytest.raises(jaxgrity.InputError, match="no ground"):
+        plot.orbit_figure(jaxgrity.Scene(exact.structure), motion, 0.05)
+
+
+def test_the_rows_say_what_a_gait_is_worth():
+    """Speed first, then for how long, turning, stability, both models of contact, and what actuators must give."""
+    rows = outcome_rows({"steady": STEADY, "actuators": ACTUATORS, "within_bounds": True})
+    assert list(rows) == [
+        "speed",
+        "lasts",
+        "turning",
+        "stability",
+        "cycle",
+        "both contact models",
+        "actuators must give",
+    ]
+    assert rows["speed"] == "0.886 ± 0.004 m/s (0.886 body lengths a second)"
+    assert rows["lasts"] == "watched for 299 s; settled after 15 s, and then in no 10 s slower than 0.885 m/s"
+    assert rows["turning"] == "0.00°/s"
+    assert rows["actuators must give"].startswith("up to 275 N, 0.99 m/s, 143 W")
+    lost = steady_rows({**STEADY, "settled": False, "residual": 0.3})
+    assert lost == {"orbit": "none: shapes still change by 0.3 m over a cycle"}
+
+
+def test_the_page_leads_with_them(tmp_path):
+    """Then the replay, in place of the animation, and the orbit; the search and its figures come after."""
+    for name in ("replay.html", "animation.gif", "orbit.png", "gait.png"):
+        (tmp_path / name).touch()
+    write_page(tmp_path, "A gait", {"speed": "1 < 2 m/s"}, {"search": "many"})
+    page = (tmp_path / "index.html").read_text()
+    parts = ["1 &lt; 2 m/s", "<iframe", "orbit.png", "<h2>", "many", "gait.png"]
+    places = [page.index(part) for part in parts]
+    assert places == sorted(places)
+    assert "animation.gif" not in page
+    (tmp_path / "replay.html").unlink()
+    write_page(tmp_path, "A gait", {}, {})
+    assert "animation.gif" in (tmp_path / "index.html").read_text()

@@ -1,0 +1,107 @@
+"""Figures: in one style that leaves Matplotlib's own alone, readable where README shows them, and saying what is so."""
+
+import matplotlib
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from matplotlib.text import Text
+from PIL import Image
+
+import jaxgrity
+from jaxgrity import plot
+
+SHOWN_WIDTH = 830 * 0.75
+"""points: how wide a page shows a figure, of 96 pixels an inch"""
+
+
+@pytest.fixture(scope="module")
+def motion():
+    """A scene that rolls, and its motion."""
+    scene = jaxgrity.with_gait(jaxgrity.load_scene("exact"), jaxgrity.load_gait("fast"))
+    return scene, jaxgrity.simulate(scene, 3.0, frame_rate=20.0)
+
+
+@pytest.fixture(scope="module")
+def figures(motion):
+    """One of each kind that shows a robot or its motion."""
+    scene, trajectory = motion
+    return {
+        "structure": plot.structure_figure(scene),
+        "still": plot.still_figure(scene, trajectory),
+        "path": plot.path_figure(scene, trajectory, 0.02),
+        "members": plot.member_figure(scene, trajectory),
+        "forces": plot.force_figure(scene, trajectory),
+        "gait": plot.gait_figure(scene.gait),
+        "gait and faces": plot.gait_figure(scene.gait, 3.0, jaxgrity.rolling(scene, trajectory)),
+        "orbit": plot.orbit_figure(scene, trajectory, 1.0),
+        "energy": plot.energy_figure(jaxgrity.energy_audit(scene, 3.0, frame_rate=20.0)),
+    }
+
+
+def test_letters_are_readable_where_a_page_shows_them(figures):
+    """At least 8 points; figures that are narrower than the page are not enlarged."""
+    for name, figure in figures.items():
+        shrunk = min(1.0, SHOWN_WIDTH / (figure.get_figwidth() * 130 / 96 * 72))
+        # pixels of a figure at 130 dots an inch are shown as pixels of a page at 96
+        sizes = [130 / 96 * shrunk * text.get_fontsize() for text in figure.findobj(Text) if text.get_text()]
+        assert min(sizes) >= 8, name
+
+
+def test_axes_say_what_they_show(figures):
+    """Each with a label, and where it is a quantity, its unit."""
+    for name in ("path", "members", "forces", "gait", "orbit", "energy"):
+        for axes in figures[name].axes:
+            labels = [axes.get_xlabel(), axes.get_ylabel()]
+            assert any(labels), name
+            assert all("(" in label or label in ("", "member", "share of the built length") for label in labels), name
+
+
+def test_the_style_is_the_functions_own(motion):
+    """Whatever the user has set comes neither into the figure nor is it changed."""
+    with matplotlib.rc_context({"font.size": 30, "axes.grid": False}):
+        figure = plot.path_figure(*motion)
+        assert matplotlib.rcParams["font.size"] == 30
+    assert all(axes.xaxis.get_gridlines()[0].get_visible() for axes in figure.axes)
+    assert figure.axes[0].xaxis.label.get_fontsize() == 11
+
+
+def test_energies_add_up_to_what_was_put_in(motion):
+    """The uppermost area ends at the line, but for the error of the steps."""
+    audit = jaxgrity.energy_audit(motion[0], 3.0, frame_rate=20.0)
+    axes = plot.energy_figure(audit).axes[0]
+    (line,) = axes.lines
+    top = axes.collections[-1].get_paths()[0].vertices
+    highest = [top[np.isclose(top[:, 0], t), 1].max() for t in audit.times]
+    np.testing.assert_allclose(highest, line.get_ydata(), atol=2 * np.abs(audit.residual).max() + 1e-9)
+
+
+def test_the_gait_diagram_shows_rest_lengths():
+    """Of each member, from its longest to its shortest; without overtones one and one minus its amplitude."""
+    gait = jaxgrity.load_gait("lasting")
+    assert not gait.overtones
+    picture = plot.gait_figure(gait).axes[0].images[0].get_array()
+    assert picture.shape[0] == len(gait.members)
+    np.testing.assert_allclose(picture.min(1), 1 - gait.amplitude, atol=2e-3)
+
+
+@pytest.mark.parametrize("name", ["a.png", "a.svg"])
+def test_files_are_what_their_names_say(tmp_path, name):
+    """Equal figures make equal files."""
+    for path in (tmp_path / name, tmp_path / f"b{name}"):
+        plot.save(plot.gait_figure(jaxgrity.load_gait("fast")), path)
+    assert (tmp_path / name).read_bytes() == (tmp_path / f"b{name}").read_bytes()
+    if name.endswith("png"):
+        with Image.open(tmp_path / name) as image:
+            assert image.format == "PNG"
+    else:
+        assert b"<svg" in (tmp_path / name).read_bytes()
+
+
+def test_objects_show_themselves_in_jupyter(motion):
+    """With a picture, and what the library says of them in words."""
+    scene, trajectory = motion
+    for thing, said in ((scene, "node"), (trajectory, "moved"), (scene.gait, "")):
+        page = thing._repr_html_()
+        assert "data:image/png;base64," in page
+        assert said in page
+    assert isinstance(plot.still_figure(scene, trajectory), Figure)

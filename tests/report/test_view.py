@@ -1,0 +1,186 @@
+"""The replay is one file that plays in a browser without a network, and shows the robot where it is."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from browser import is_red, screenshot, start_browser, wait_for
+from scipy.ndimage import binary_dilation
+
+import jaxgrity
+from jaxgrity import view
+from jaxgrity.report.poses import robot_poses, robot_size, rods
+from jaxgrity.stepping.simulate import some_frames
+
+
+@pytest.fixture(scope="module")
+def rolling_robot():
+    """A scene that rolls, and 1.5 s of its motion from the middle of it."""
+    scene = jaxgrity.with_gait(jaxgrity.load_scene("exact"), jaxgrity.load_gait("fast"))
+    motion = jaxgrity.simulate(scene, 3.0, frame_rate=50.0)
+    return scene, replace(some_frames(motion, slice(100, None)), times=motion.times[100:] - motion.times[100])
+
+
+@pytest.fixture(scope="module")
+def saved(rolling_robot, tmp_path_factory):
+    """The replay, as a file."""
+    path = tmp_path_factory.mktemp("replay") / "replay.html"
+    view.save_html(*rolling_robot, path, title="a <robot> rolls")
+    return path
+
+
+def projected(points, scene, poses, frame, size):
+    """Columns and rows at which points of the world are drawn when a frame is shown, by a pinhole camera."""
+    width, height = size
+    aim = np.array([0.0, 0.0, 0.4 * robot_size(scene)])
+    place = view.camera_place(aim, poses, robot_size(scene))
+    forward = (aim - place) / np.linalg.norm(aim - place)
+    right = np.cross(forward, [0, 0, 1])
+    right /= np.linalg.norm(right)
+    seen = points - poses.below[frame] - place
+    depth = seen @ forward
+    scale = height / 2 / np.tan(view.FIELD_OF_VIEW / 2) / depth
+    return width / 2 + seen @ right * scale, height / 2 - seen @ np.cross(right, forward) * scale
+
+
+def time_shown(browser):
+    """s, of a replay that stands still."""
+    return float(browser.find_element("css selector", "[role=slider]").get_attribute("aria-valuenow"))
+
+
+def check_drawing(browser, scene, motion):
+    """Struts are red where a pinhole camera would see them, and hardly anything is red elsewhere."""
+    poses = robot_poses(scene, motion, 50.0)
+    frame = int(np.searchsorted(poses.times, time_shown(browser) + 1e-6)) - 1
+    canvas = browser.find_element("css selector", "canvas").rect
+    ends = poses.nodes[frame][np.array(scene.structure.struts.edges)]
+    # along each strut, since something may hide part of it
+    points = (ends[:, :1] + np.linspace(0, 1, 40)[:, None] * (ends[:, 1:] - ends[:, :1])).reshape(-1, 3)
+    columns, rows = projected(points, scene, poses, frame, (canvas["width"], canvas["height"]))
+    places = np.round([rows + canvas["y"], columns + canvas["x"]]).astype(int)
+
+    def drawn():
+        red = is_red(screenshot(browser))
+        # a strut is some pixels wide, and bright where light falls on it
+        return (red,) if binary_dilation(red, iterations=2)[tuple(places)].mean() > 0.75 else None
+
+    (red,) = wait_for(drawn, "struts where they should be")
+    away = np.ones_like(red)
+    for row, column in places.T:
+        away[max(0, row - 8) : row + 8, max(0, column - 8) : column + 8] = False
+    assert (red & away).sum() < 0.05 * red.sum()
+
+
+@pytest.mark.slow
+def test_the_saved_page_draws_and_plays_from_disk_without_a_network(rolling_robot, saved):
+    """Struts are red where they should be; the button stops and starts the motion; nothing is asked of a network."""
+    browser = start_browser()
+    try:
+        browser.execute_cdp_cmd("Network.enable", {})
+        offline = {"offline": True, "latency": 0, "downloadThroughput": 0, "uploadThroughput": 0}
+        browser.execute_cdp_cmd("Network.emulateNetworkConditions", offline)
+        browser.get(saved.as_uri())
+        clock = wait_for(lambda: browser.find_elements("css selector", "input"), "the clock of the replay")[0]
+        button = browser.find_elements("css selector", "button.mantine-ActionIcon-root")[0]
+        wait_for(lambda: float(clock.get_attribute("value")) > 0, "the motion")
+        button.click()
+        stopped = time_shown(browser)
+        browser.execute_script("document.getElementById('jaxgrity').remove()")  # the legend is red too
+        # viser's notice that the browser draws in software covers the robot
+        browser.execute_script("document.querySelectorAll('[class*=Notification]').forEach(e => e.remove())")
+        check_drawing(browser, *rolling_robot)
+        assert time_shown(browser) == stopped
+        button.click()
+        wait_for(lambda: time_shown(browser) != stopped, "the motion, after a click")
+        asked = [json.loads(entry["message"])["message"] for entry in browser.get_log("performance")]
+        urls = [event["params"]["request"]["url"] for event in asked if event["method"] == "Network.requestWillBeSent"]
+        assert not [url for url in urls if not url.startswith(("file:", "data:", "blob:"))]
+        assert not [entry for entry in browser.get_log("browser") if entry["level"] == "SEVERE"]
+    finally:
+        browser.quit()
+
+
+def test_a_long_replay_is_small(rolling_robot):
+    """20 s at 50 frames a second are far below 15 MB, client and all."""
+    scene, motion = rolling_robot
+    times = np.arange(1001) / 50.0
+    frames = np.arange(1001) % len(motion.times)
+    shaken = np.random.default_rng(0).normal(scale=1e-3, size=(1001, 12, 3))  # nothing repeats that could be packed
+    long = replace(
+        motion, times=times, positions=motion.positions[frames] + shaken, velocities=motion.velocities[frames]
+    )
+    page = view.replay(scene, long).page
+    assert len(page.encode()) < 15e6
+
+
+def test_the_page_escapes_titles_and_names_no_address(saved):
+    """It is one file: nothing in it is loaded from elsewhere."""
+    text = saved.read_text(encoding="utf-8")
+    assert "a &lt;robot&gt; rolls" in text
+    assert "a <robot>" not in text
+    assert not [address for address in ("https://", "//cdn", "@import url") if address in text]
+
+
+def test_rods_begin_and_end_where_they_should():
+    """The unit rod, stretched, turned by its quaternion and moved, joins the two points; straight down too."""
+    rng = np.random.default_rng(0)
+    start, end = rng.normal(size=(2, 4, 5, 3))
+    end[0, 0] = start[0, 0] - np.array([0.0, 0.0, 2.0])
+    made = rods(start, end, 0.1)
+    w, vector = made.turn[..., :1], made.turn[..., 1:]
+    along = np.array([0.0, 0.0, 1.0]) * made.scale
+    turned = along + 2 * np.cross(vector, np.cross(vector, along) + w * along)
+    np.testing.assert_allclose(made.position + turned, end, atol=1e-12)
+
+
+def test_slack_cables_are_pale_and_thin(rolling_robot):
+    """Struts are red, and those cables that pull least are marked."""
+    scene, motion = rolling_robot
+    poses = robot_poses(scene, motion, 50.0)
+    tension = jaxgrity.forces_along(scene, motion).tension
+    slack = tension[:, 6:] <= 1e-3 * np.abs(tension[:, 6:]).max()
+    assert slack.any()
+    assert not slack.all()
+    pale = (poses.colours[:, 6:] == [0xB9, 0xC6, 0xD2]).all(-1)
+    np.testing.assert_array_equal(pale, slack)
+    assert (poses.colours[:, :6] == [0xC1, 0x27, 0x2D]).all()
+    assert poses.members.scale[:, 6:, 0][slack].max() < poses.members.scale[:, 6:, 0][~slack].min()
+
+
+def test_frames_are_those_nearest_to_the_rate(rolling_robot):
+    """Of 50 saved frames a second every fifth is shown at 10; never more than there are."""
+    scene, motion = rolling_robot
+    assert len(robot_poses(scene, motion, 10.0).times) == 11
+    assert len(robot_poses(scene, motion, 1e4).times) == len(motion.times)
+
+
+def test_a_bad_frame_rate_is_one_line(rolling_robot):
+    """Before anything is drawn."""
+    with pytest.raises(jaxgrity.InputError, match="frame_rate = 0"):
+        view.replay(*rolling_robot, frame_rate=0.0)
+
+
+def test_without_viser_the_line_says_what_to_install(rolling_robot, monkeypatch):
+    """The library does without it otherwise."""
+    monkeypatch.setattr(view, "available", lambda: False)
+    with pytest.raises(jaxgrity.InputError, match=r"pip install 'jaxgrity\[view\]'"):
+        view.replay(*rolling_robot)
+
+
+def test_robots_stand_beside_each_other(rolling_robot):
+    """By their names, each once; what is beside moves along with the first."""
+    scene, motion = rolling_robot
+    beside = robot_poses(scene, motion, 50.0, (0.0, 2.0, 0.0))
+    moved = beside.nodes - robot_poses(scene, motion, 50.0).nodes
+    np.testing.assert_allclose(moved - np.array([0.0, 2.0, 0.0]), 0, atol=1e-12)
+    with pytest.raises(jaxgrity.InputError, match="expected each once"):
+        view.replay(scene, motion, others=[view.Robot(scene, motion, "robot")])
+
+
+def test_a_trajectory_shows_itself(rolling_robot):
+    """As an iframe in Jupyter; one that does not know its scene says so."""
+    _, motion = rolling_robot
+    assert motion.show(frame_rate=5.0)._repr_html_().startswith("<iframe")
+    with pytest.raises(jaxgrity.InputError, match="does not know what moved"):
+        replace(motion, scene=None).show()

@@ -1,0 +1,73 @@
+"""What a search is made of, before anything is rolled out: what may vary, and what is refused."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from jaxgrity import (
+    Distance,
+    InputError,
+    SearchConfig,
+    SteadySpeed,
+    SteadyTurn,
+    ga_configs,
+    load_scene,
+    parse_scene,
+    scene_text,
+    search_problem,
+    with_gait,
+)
+
+
+def test_by_default_gaits_are_waves_and_look_for_steady_speed(exact):
+    """With one phase and one amplitude for all struts; free gaits have those of every strut."""
+    problem = search_problem(exact, SearchConfig())
+    assert isinstance(problem.fitness.objective, SteadySpeed)
+    assert problem.genome.blocks == {"phase": 1, "wave": 1, "amplitude": 1, "frequency": 1}
+    free = search_problem(exact, SearchConfig(waves="none"))
+    assert free.genome.blocks == {"phase": 6, "amplitude": 6, "frequency": 1}
+
+
+def test_a_turn_is_not_its_mirror_image():
+    """Where the robot stands so that a mirror leaves it as it is, gaits that turn have half of the images."""
+    scene = parse_scene(scene_text("exact").replace('pose = "face"', 'pose = "strut"'))
+    images = {
+        kind: search_problem(scene, SearchConfig(objective=kind(), waves="none")).genome.images
+        for kind in (SteadySpeed, SteadyTurn)
+    }
+    assert len(images[SteadySpeed]) == 2 * len(images[SteadyTurn]) > 2
+
+
+def test_a_wide_search_draws_many_and_goes_on_with_the_best_eighth():
+    """On the scene's own model with fewer; a search that is not wide crosses parents."""
+    screening, own = ga_configs(SearchConfig(population=64), 2)
+    assert (screening.population, screening.drawn, screening.parents, screening.crossover) == (64, 256, 8, 0.0)
+    assert (own.population, own.drawn, own.parents) == (8, None, 1)
+    narrow, _ = ga_configs(SearchConfig(population=64, wide=False), 2)
+    assert narrow.crossover > 0
+
+
+@pytest.mark.parametrize(
+    ("config", "message"),
+    [
+        (SearchConfig(frequency=(0.0, 1.0)), r"frequency = \(0.0, 1.0\): expected bounds above 0 Hz"),
+        (SearchConfig(frequency=None), "expected one that all actuators share"),
+        (SearchConfig(duration=0.5), r"duration = 0.5 s: the gait begins at 1 s; expected a longer time"),
+        (SearchConfig(polish_gaits=0), "polish_gaits = 0: expected 1 to 16"),
+        (SearchConfig(polish="pathwise", caution=0.0), "a steady objective has no pathwise gradient"),
+    ],
+)
+def test_what_cannot_be_searched_is_refused(exact, config, message):
+    """Before anything compiles."""
+    mixed = with_gait(exact, dataclasses.replace(exact.gait, frequency=np.linspace(0.4, 0.6, 6)))
+    with pytest.raises(InputError, match=message):
+        search_problem(mixed, config)
+
+
+def test_a_distance_needs_no_common_period(exact):
+    """Orbits do; a scene without a gait has nothing to evolve."""
+    mixed = with_gait(exact, dataclasses.replace(exact.gait, frequency=np.linspace(0.4, 0.6, 6)))
+    search_problem(mixed, SearchConfig(objective=Distance(), frequency=None))
+    with pytest.raises(InputError, match=r"the scene has no \[gait\]"):
+        search_problem(with_gait(load_scene("exact"), None), SearchConfig())

@@ -1,0 +1,335 @@
+"""Rods with mass, supports, shared nodes and hard contact, against closed forms, equations of their own and a table."""
+
+import dataclasses
+import json
+from pathlib import Path
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.special import ellipk
+
+from jaxgrity import (
+    ConeFriction,
+    Differences,
+    ExactGround,
+    Gait,
+    InputError,
+    Members,
+    Scene,
+    SolverOptions,
+    Structure,
+    as_dtype,
+    discretise,
+    edge_lengths,
+    energy_audit,
+    gaits_of,
+    integrate,
+    reactions,
+    resolve,
+    rest_length,
+    simulate,
+    simulate_population,
+)
+from jaxgrity.stepping.contact_problem import onto_cone
+
+G = 9.81
+ANSWERS = json.loads((Path(__file__).parents[1] / "data" / "rod_answers.json").read_text())
+
+
+def rods(nodes, edges, mass, node_mass=None, stiffness=None, **parts) -> Structure:
+    """Rods of these masses, rigid where no stiffness is given."""
+    nodes, edges = np.asarray(nodes, float), tuple(map(tuple, edges))
+    stiff = None if stiffness is None else np.full(len(edges), stiffness)
+    members = Members(edges, stiff, edge_lengths(nodes, edges), mass=None if mass is None else np.asarray(mass, float))
+    return Structure(
+        nodes, np.zeros(len(nodes)) if node_mass is None else np.asarray(node_mass, float), members, **parts
+    )
+
+
+def on_ground(structure: Structure, mu: float, gait: Gait | None = None) -> Scene:
+    return Scene(structure, G, ground=ExactGround(), friction=ConeFriction(mu), gait=gait)
+
+
+def angles(positions) -> np.ndarray:
+    """Of the rods of a chain from the downward vertical, rad, (frames, rods)."""
+    d = np.diff(np.asarray(positions), axis=1)
+    return np.arctan2(d[..., 0], -d[..., 2])
+
+
+def hanging(*theta: float) -> np.ndarray:
+    steps = [[np.sin(a), 0, -np.cos(a)] for a in theta]
+    return np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
+
+
+@pytest.mark.slow
+def test_a_double_pendulum_of_rods_swings_as_another_program_says():
+    """Within 1e-6 rad at 11 times over 5 s, by steps whose error falls by four as they are halved."""
+    rows = np.array(ANSWERS["double_pendulum"]["rows"])
+    structure = rods(hanging(*rows[0, 1:3]), [(0, 1), (1, 2)], [1.0, 1.0], fixed=((0, "xyz"),))
+    errors = []
+    for dt in (2e-3, 1e-3, 2.5e-4):
+        motion = simulate(Scene(structure, 9.8), 5.0, frame_rate=2.0, options=SolverOptions(dt=dt))
+        errors.append(np.abs(angles(motion.positions) - rows[:, 1:3]).max())
+    assert errors[0] / errors[1] == pytest.approx(4, rel=0.05)
+    assert errors[2] < 1e-6
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("amplitude", [1e-3, 2.5])
+def test_a_rod_swings_about_its_end_in_its_period(amplitude):
+    """2 pi sqrt(2 L/3 g) times 2/pi K(sin^2(A/2)), from small angles to large ones."""
+    period = 4 * np.sqrt(2 / (3 * G)) * ellipk(np.sin(amplitude / 2) ** 2)
+    structure = rods(hanging(amplitude), [(0, 1)], [2.0], fixed=((0, "xyz"),))
+    motion = simulate(Scene(structure, G), period, frame_rate=2 / period, options=SolverOptions(dt=period / 4000))
+    np.testing.assert_allclose(angles(motion.positions)[:, 0], [amplitude, -amplitude, amplitude], rtol=1e-5)
+
+
+@pytest.mark.slow
+def test_a_rod_that_hangs_pulls_at_its_support():
+    """By m g at rest, and by 5/2 m g at the lowest point of a swing from the horizontal; the audit closes with it."""
+    structure = rods(hanging(np.pi / 2), [(0, 1)], [2.0], fixed=((0, "xyz"),))
+    scene = Scene(structure, G)
+    quarter = np.sqrt(2 / (3 * G)) * ellipk(0.5)
+    motion = simulate(scene, quarter, frame_rate=1 / quarter, options=SolverOptions(dt=quarter / 2000))
+    force = np.asarray(reactions(scene, motion))[-1]
+    assert force[0, 2] == pytest.approx(2.5 * 2 * G, rel=1e-3)
+    assert np.all(force[1] == 0)
+    audit = energy_audit(scene, quarter, options=SolverOptions(dt=quarter / 2000))
+    assert audit.momentum_residual.max() < 1e-12
+    assert audit.angular_residual.max() < 1e-9
+    assert abs(audit.residual).max() < 1e-5 * audit.turned_over
+
+
+def test_springs_with_mass_on_a_support_balance_energy_and_momentum():
+    """By a Runge-Kutta method, the reaction of the support among the forces from outside."""
+    structure = rods(hanging(0.8, 0.8), [(0, 1), (1, 2)], [1.0, 1.0], stiffness=1e4, fixed=((0, "xyz"),))
+    options = SolverOptions(method="tsit5", rtol=1e-10, atol=1e-10)
+    audit = energy_audit(Scene(structure, G), 0.5, options=options)
+    assert abs(audit.residual).max() < 1e-7 * audit.turned_over
+    assert audit.momentum_residual.max() < 1e-7
+    assert audit.angular_residual.max() < 1e-7
+
+
+@pytest.mark.slow
+def test_a_rod_thrown_spins_evenly():
+    """Its centre on a parabola, its angle in proportion to time, to second order in the step."""
+    structure = rods([[-0.5, 0, 0], [0.5, 0, 0]], [(0, 1)], [3.0])
+    spin, speed = 4.0, np.array([1.0, 0.5, 3.0])
+    velocities = speed + spin * np.array([[0, -0.5, 0], [0, 0.5, 0]])
+    found = []
+    for dt in (4e-3, 2e-3):
+        options = SolverOptions(dt=dt)
+        motion = simulate(Scene(structure, G), 0.6, frame_rate=10.0, options=options, velocities=velocities)
+        q, t = np.asarray(motion.positions), np.asarray(motion.times)
+        parabola = speed * t[:, None] - [0, 0, G / 2] * t[:, None] ** 2
+        np.testing.assert_allclose(q.mean(1), parabola, rtol=0, atol=1e-12)
+        turned = np.unwrap(np.arctan2(q[:, 1, 1] - q[:, 0, 1], q[:, 1, 0] - q[:, 0, 0]))
+        found.append(np.abs(turned - spin * t).max())
+    assert found[1] < 1e-4
+    assert found[0] / found[1] == pytest.approx(4, rel=0.1)
+
+
+def falling(resist, duration: float, start: float) -> float:
+    """The angle from the vertical of a rod of 1 m that falls from `start`, by an equation of its own, rad."""
+    solution = solve_ivp(resist, (0, duration), [start, 0.0], rtol=1e-11, atol=1e-12)
+    return solution.y[0, -1]
+
+
+ON_ICE = "centre falls straight: (1/12 + sin^2/4) a'' = g/2 sin - sin cos/4 a'^2"
+HELD = "turns about its end: a'' = 3 g/2 sin"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("mu", "law"), [(None, ON_ICE), (2.0, HELD)])
+def test_a_rod_falls_from_nearly_upright(mu, law):
+    """On ice its centre falls straight down; on rough ground it turns about its end."""
+    tilt, duration = 0.2, 0.45
+    structure = rods([[0, 0, 0], [np.sin(tilt), 0, np.cos(tilt)]], [(0, 1)], [2.0])
+    scene = on_ground(structure, 1.0 if mu is None else mu)
+    scene = dataclasses.replace(scene, friction=None) if mu is None else scene
+
+    def rates(t, y):
+        sine, cosine = np.sin(y[0]), np.cos(y[0])
+        on_ice = (G / 2 * sine - sine * cosine / 4 * y[1] ** 2) / (1 / 12 + sine**2 / 4)
+        return [y[1], on_ice if law == ON_ICE else 1.5 * G * sine]
+
+    motion = simulate(scene, duration, frame_rate=1 / duration, options=SolverOptions(dt=1e-3))
+    d = np.asarray(motion.positions[-1, 1] - motion.positions[-1, 0])
+    assert np.arctan2(d[0], d[2]) == pytest.approx(falling(rates, duration, tilt), abs=2e-5)
+    held = float(motion.positions[-1].mean(0)[0]) if mu is None else float(motion.positions[-1, 0, 0])
+    assert held == pytest.approx(np.sin(tilt) / 2 if mu is None else 0.0, abs=1e-12)
+
+
+def test_a_rod_slides_down_a_wall():
+    """One end along the wall, the other along the ground, by supports of some axes: a'' = 3 g/2 sin; and d/dg of it."""
+    tilt, duration = 0.3, 0.5
+    nodes = [[np.sin(tilt), 0, 0], [0, 0, np.cos(tilt)]]
+    scene = as_dtype(Scene(rods(nodes, [(0, 1)], [2.0], fixed=((0, "yz"), (1, "xy"))), G), "float64")
+    options = resolve(scene, duration, SolverOptions(dt=1e-3)).as_inputs()
+
+    def angle(g):
+        changed = eqx.tree_at(lambda s: s.gravity, scene, g)
+        start = (changed.structure.nodes, jnp.zeros((2, 3)))
+        q = integrate(start, jnp.array([0.0, duration]), changed, options).ys[0][-1]
+        return jnp.arctan2(q[0, 0], q[1, 2])
+
+    found, slope = jax.jit(lambda g: jax.jvp(angle, (g,), (1.0,)))(G)
+    at = [falling(lambda t, y, g=g: [y[1], 1.5 * g * np.sin(y[0])], duration, tilt) for g in (G, G + 1e-3, G - 1e-3)]
+    assert float(found) == pytest.approx(at[0], abs=1e-5)
+    assert float(slope) == pytest.approx((at[1] - at[2]) / 2e-3, rel=1e-4)
+
+
+ACTUATED = Gait((0,), np.zeros(1), np.array([0.2]), np.array([0.5]))
+TRIANGLE = [[0, 0, 0], [1, 0, 0], [0.5, 0, 0.5]], [(0, 1), (1, 2), (0, 2)]
+
+
+def lengths_off(scene: Scene, motion) -> float:
+    """The largest error of a strut's length, m."""
+    struts = scene.structure.struts
+    i, j = np.array(struts.edges).T
+    q = np.asarray(motion.positions)
+    wanted = jax.vmap(lambda t: rest_length(struts, scene.gait, t, 0))(jnp.asarray(motion.times))
+    return float(np.abs(np.linalg.norm(q[:, i] - q[:, j], axis=2) - wanted).max())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("mass", "mu"), [((1, 1, 3), 1.2), ((0.5, 0.5, 5), 2.0)])
+def test_a_rough_triangle_whose_base_turns_back(mass, mu):
+    """Three struts that share nodes, the base pressed on at both ends as it changes its length: sweeps alone fail."""
+    scene = on_ground(rods(*TRIANGLE, None, mass), mu, ACTUATED)
+    motion = simulate(scene, 2.0, options=SolverOptions(dt=5e-3))
+    assert not motion.failed
+    assert lengths_off(scene, motion) < 1e-10
+    assert np.min(motion.positions[..., 2]) > -1e-12
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("masses", "mu"), [((1e-6, 1), 0.8), ((1, 1), 8.0)])
+def test_a_strut_that_falls_over_its_light_end(masses, mu):
+    """Where the light end sticks, the heavy one turns about it as a pendulum does, whatever the ratio of masses."""
+    tilt, duration = np.radians(20), 0.3
+    nodes = [[0, 0, 0], [np.sin(tilt), 0, np.cos(tilt)]]
+    scene = on_ground(rods(nodes, [(0, 1)], None, masses), mu)
+    motion = simulate(scene, duration, frame_rate=200.0, options=SolverOptions(dt=1e-3))
+    assert not motion.failed
+    expected = falling(lambda t, y: [y[1], G * np.sin(y[0])], duration, tilt)
+    x, _, z = np.asarray(motion.positions[-1, 1] - motion.positions[-1, 0])
+    assert np.arctan2(x, z) == pytest.approx(expected, abs=1e-5)
+    assert np.abs(motion.positions[-1, 0]).max() < 1e-12
+
+
+@pytest.mark.parametrize(("mu", "dt"), [(1.0, 5e-3), (2.0, 2e-2)])
+def test_a_flat_strut_keeps_its_length_against_friction(mu, dt):
+    """Four sweeps leave an error of about mu g h^2, and fail at 20 ms."""
+    scene = on_ground(rods([[0, 0, 0], [1, 0, 0]], [(0, 1)], None, [1, 1]), mu, ACTUATED)
+    motion = simulate(scene, 2.0, frame_rate=50.0, options=SolverOptions(dt=dt, any_step=True))
+    assert not motion.failed
+    assert lengths_off(scene, motion) < 1e-10
+
+
+@pytest.mark.slow
+def test_a_chain_of_twenty_struts_falls_on_the_ground():
+    """And the error of its lengths stays rounding."""
+    x = np.stack([0.3 * np.arange(21), 0 * np.arange(21), 0.05 + 0.1 * np.random.default_rng(0).random(21)], axis=1)
+    scene = on_ground(rods(x, [(k, k + 1) for k in range(20)], None, np.ones(21)), 0.5)
+    motion = simulate(scene, 1.0, options=SolverOptions(dt=5e-3))
+    assert not motion.failed
+    assert lengths_off(scene, motion) < 1e-10
+
+
+@pytest.mark.slow
+def test_more_struts_than_rigidity_needs():
+    """Ten struts between five nodes, one too many, fall on a corner: lengths are kept to the root of rounding.
+
+    The struts' Delassus matrix is singular there, so that rounds stop at a share of 1.5e-8.
+    """
+    nodes = [[0, 0, 0.2], [1, 0, 0.4], [1, 1, 0.6], [0, 1, 0.4], [0.5, 0.4, 1.2]]
+    edges = [(i, j) for i in range(5) for j in range(i)]
+    scene = on_ground(rods(nodes, edges, None, np.ones(5)), 0.7)
+    motion = simulate(scene, 1.0, options=SolverOptions(dt=5e-3))
+    assert not motion.failed
+    assert lengths_off(scene, motion) < 1e-7
+
+
+@pytest.mark.slow
+def test_solved_together_the_six_strut_robot_moves_as_by_sweeps(exact):
+    """Both satisfy the same conditions in each step."""
+    ends = [simulate(exact, 1.0, options=SolverOptions(together=way)).positions[-1] for way in (False, True)]
+    np.testing.assert_allclose(*ends, rtol=0, atol=1e-8)
+
+
+@pytest.mark.slow
+def test_derivatives_are_those_of_the_motion(central_difference):
+    """A triangle of rods slides and is actuated: forward and reverse mode against differences."""
+    structure = rods(*TRIANGLE, [0.3, 0.2, 0.1], [0.5, 0.5, 1.0])
+    scene = as_dtype(on_ground(structure, 0.4, ACTUATED), "float64")
+    options = resolve(scene, 0.1, SolverOptions(dt=1e-2, any_step=True))
+    terms, solver = discretise(options)
+    push = jnp.array([[1.0, 0.1, 0]] * 3)
+
+    def end(mu, mass):
+        changed = eqx.tree_at(lambda s: (s.friction.mu, s.structure.node_mass), scene, (mu, mass * jnp.ones(3)))
+        y, state = (
+            (changed.structure.nodes, push),
+            solver.init(terms, 0.0, 0.01, (scene.structure.nodes, push), changed),
+        )
+
+        def step(carry, k):
+            y, _, _, state, _ = solver.step(
+                terms, 1.0 + 0.01 * k, 1.01 + 0.01 * k, *carry[:1], changed, carry[1], False
+            )
+            return (y, state), None
+
+        (y, _), _ = jax.lax.scan(step, (y, state), jnp.arange(3.0))
+        return y[0][2, 0] + y[0][0, 0]
+
+    end = jax.jit(end)
+    reverse = jax.jit(jax.grad(end, (0, 1)))(0.4, 0.7)
+    for argument, (value, found) in enumerate(zip((0.4, 0.7), reverse)):
+        at = lambda x: end(*(x if k == argument else y for k, y in enumerate((0.4, 0.7))))  # noqa: B023, E731
+        difference = central_difference(at, value, 1e-5)
+        assert float(found) == pytest.approx(float(difference), rel=1e-5)
+
+
+@pytest.mark.slow
+def test_populations_have_rods_and_supports_of_their_own_masses():
+    """Two robots that differ in node masses move as each alone."""
+    structure = rods(hanging(0.8, 0.4), [(0, 1), (1, 2)], [1.0, 0.5], [0.1, 0.2, 0.3], fixed=((0, "xyz"),))
+    scene = Scene(structure, G, gait=dataclasses.replace(ACTUATED, start=0.1, ramp=0.1))
+    factors = np.array([[1.0, 1.0, 1.0], [2.0, 3.0, 0.5]])
+    options = SolverOptions(dt=5e-3)
+    gaits = gaits_of(scene.gait, np.zeros((2, 1)))
+    together = simulate_population(scene, gaits, 0.5, options=options, differences=Differences(node_mass=factors))
+    for factor, found in zip(factors, together.positions):
+        own = dataclasses.replace(structure, node_mass=structure.node_mass * factor)
+        alone = simulate(dataclasses.replace(scene, structure=own), 0.5, options=options)
+        np.testing.assert_allclose(found, alone.positions[-1], rtol=0, atol=1e-9)
+
+
+def test_the_nearest_point_of_a_cone():
+    """What is left after the projection is at a right angle to it, and in the polar cone."""
+    rng = np.random.default_rng(0)
+    x, mu = rng.normal(size=(200, 3)), 0.6
+    near = np.asarray(onto_cone(jnp.array(x), mu * jnp.ones(200)))
+    across = np.hypot(near[:, 1], near[:, 2])
+    assert np.all(across <= mu * near[:, 0] + 1e-12)
+    rest = x - near
+    np.testing.assert_allclose(np.sum(rest * near, axis=1), 0, atol=1e-12)
+    assert np.all(mu * np.hypot(rest[:, 1], rest[:, 2]) <= -rest[:, 0] + 1e-12)
+
+
+def test_what_makes_no_sense_is_refused(reference, exact):
+    """In one line."""
+    with pytest.raises(InputError, match="only complementarity stepping has it"):
+        simulate(reference, 1.0, options=SolverOptions(together=True))
+    held = dataclasses.replace(exact.structure, fixed=((0, "xyz"),))
+    with pytest.raises(InputError, match="sweeps know neither rods with mass nor supports"):
+        simulate(dataclasses.replace(exact, structure=held), 1.0, options=SolverOptions(together=False))
+    with pytest.raises(InputError, match="expected 0 where the node is fixed"):
+        simulate(dataclasses.replace(exact, structure=held), 1.0, velocities=np.ones((12, 3)))
+    with pytest.raises(InputError, match="nothing is fixed"):
+        reactions(exact, simulate(exact, 0.01))

@@ -1,0 +1,103 @@
+"""The documentation site: nothing is missing from it, all its links lead somewhere, and it needs no network."""
+
+import re
+import subprocess
+import sys
+from html import unescape
+from pathlib import Path
+from urllib.parse import unquote, urlsplit
+
+import pytest
+
+import jaxgrity
+
+ROOT = Path(__file__).parents[1]
+STUB = (ROOT / "jaxgrity" / "__init__.pyi").read_text(encoding="utf-8")
+
+
+@pytest.fixture
+def interface(monkeypatch):
+    """What writes the reference pages."""
+    pytest.importorskip("sphinx")
+    monkeypatch.syspath_prepend(ROOT / "docs" / "site")
+    import interface
+
+    return interface
+
+
+def test_reference_has_every_public_name_once(interface):
+    """In groups with titles, each on a page of its own."""
+    groups = interface.groups(STUB)
+    assert sorted(name for group in groups for name in group.names) == sorted(jaxgrity.__all__)
+    assert len({group.page for group in groups}) == len(groups) > 5
+    assert all(group.names and group.title for group in groups)
+
+
+def test_docstrings_are_plain_text_with_code(interface):
+    """Signs that reStructuredText would read stand for themselves, but in code and examples; sections are kept."""
+    lines = ["|v| of `a*b` is 2 * x_ here.", "", "Args:", "    x: m.", "", "Example:", "    >>> 2 * 3", "    6"]
+    interface.as_plain_text(None, "function", "f", None, None, lines)
+    assert lines[0] == r"\|v\| of `a*b` is 2 \* x\_ here."
+    assert any(line.startswith(":param x:") for line in lines)
+    assert any(line.strip() == ">>> 2 * 3" for line in lines)
+    lines = ["(rows, 3), m: one for each", ""]
+    interface.as_plain_text(None, "attribute", "f.x", None, None, lines)
+    assert lines == ["(rows, 3), m: one for each", ""]
+
+
+def test_every_page_is_in_the_contents():
+    """Of those in docs/ and the notebooks; Sphinx would say so too, but later."""
+    listed = set(re.findall(r"^([\w./]+)$", (ROOT / "docs" / "index.md").read_text(encoding="utf-8"), re.MULTILINE))
+    pages = {path.stem for path in (ROOT / "docs").glob("*.md")} - {"index"}
+    notebooks = {f"../notebooks/{path.stem}" for path in (ROOT / "notebooks").glob("*.ipynb")}
+    assert pages | notebooks <= listed
+
+
+@pytest.mark.slow
+def test_site_is_built_without_a_warning(tmp_path):
+    """Its links and anchors lead somewhere, and nothing that a page loads lies on another machine."""
+    pytest.importorskip("sphinx")
+    options = ["--fail-on-warning", "--keep-going", "--quiet", "-c", "docs", "--doctree-dir", tmp_path / "doctrees"]
+    done = subprocess.run(
+        [sys.executable, "-m", "sphinx", *options, ".", tmp_path / "site"], cwd=ROOT, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    pages = {path: path.read_text(encoding="utf-8") for path in (tmp_path / "site").rglob("*.html")}
+    pages = {path: text for path, text in pages.items() if "_static" not in path.parts}
+    assert len(pages) > 25
+    anchors = {path: set(re.findall(r'\bid="([^"]+)"', text)) for path, text in pages.items()}
+    for path, text in pages.items():
+        loaded = re.findall(r'<(?:script|img|iframe)\b[^>]*\bsrc="([^"]+)"|<link\b[^>]*\bhref="([^"]+)"', text)
+        assert not [one for one in loaded if "".join(one).startswith(("http", "//"))], path
+        for link in re.findall(r'\b(?:href|src)="([^"]+)"', text):
+            to = urlsplit(unescape(link))
+            if to.scheme in ("", "file"):
+                target = (path.parent / unquote(to.path)).resolve() if to.path else path
+                assert target.exists(), f"{path.name}: {link}"
+                assert not to.fragment or to.fragment in anchors.get(target, {to.fragment}), f"{path.name}: {link}"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", ["getting_started", "howto", "cables", "control"])
+def test_examples_of_the_pages_run(page):
+    """The blocks of a page one after the other, as one program."""
+    names = {"__name__": "example"}
+    for block in re.findall(r"```python\n(.*?)```", (ROOT / "docs" / f"{page}.md").read_text("utf-8"), re.DOTALL):
+        exec(compile(block, f"docs/{page}.md", "exec"), names)
+
+
+def test_scene_files_of_the_pages_are_right():
+    """The one that a newcomer copies, and the parts of others."""
+    scene = jaxgrity.load_scene(str(ROOT / "docs" / "my_robot.toml"))
+    assert "rigid struts" in scene.describe()
+    assert scene.gait is not None
+    whole = (ROOT / "docs" / "my_robot.toml").read_text("utf-8")
+    for part in re.findall(r"```toml\n(.*?)```", (ROOT / "docs" / "howto.md").read_text("utf-8"), re.DOTALL):
+        tables = set(re.findall(r"^\[+(\w+)", part, re.MULTILINE))
+        # the tables of the part in place of those of the whole file
+        others = [
+            text for text in re.split(r"^(?=\[)", whole, flags=re.MULTILINE) if text[1:].split("]")[0] not in tables
+        ]
+        kept = [text for text in others if "structure" not in tables or not text.startswith(("[gait", "[struts"))]
+        needed = "[struts]\nstiffness = 1e4\n" if "structure" in tables else ""
+        jaxgrity.parse_scene("\n".join(kept) + needed + part)

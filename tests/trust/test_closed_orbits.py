@@ -1,0 +1,81 @@
+"""Orbits closed by Newton's method, and the derivatives of their speed."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxgrity import (
+    Gait,
+    InputError,
+    Members,
+    Overtone,
+    PenaltyGround,
+    Scene,
+    SmoothFriction,
+    SolverOptions,
+    Structure,
+    closed_orbit,
+    find_orbit,
+    load_scene,
+    resolve,
+)
+
+DT = 2e-3
+
+
+@pytest.fixture(scope="module")
+def crawler():
+    """Two unequal masses on a strut that lengthens faster than it shortens, so that it creeps over the ground."""
+    nodes = np.array([[0.0, 0, -1e-3], [1, 0, -1e-3]])
+    struts = Members(((0, 1),), [2e3], [1.1], damping=[20.0])
+    gait = Gait((0,), [0.0], [0.2], [1.0], start=0.0, ramp=1.0, overtones=(Overtone([0.5], [np.pi / 2]),))
+    scene = Scene(
+        Structure(nodes, [1.0, 3.0], struts=struts),
+        gravity=9.81,
+        ground=PenaltyGround(1e4, 2.0),
+        friction=SmoothFriction(0.2, 0.2),
+        gait=gait,
+    )
+    options = resolve(scene, 1.0, SolverOptions("rk4", DT))
+    return scene, find_orbit(scene, 60.0, options=options), options
+
+
+def speeds(scene, orbit, options, x):
+    """Speed with friction, a mass and the amplitude so many times as large."""
+    places = (lambda s: s.friction.mu, lambda s: s.structure.node_mass, lambda s: s.gait.amplitude)
+    for where, factor in zip(places, x):
+        scene = eqx.tree_at(where, scene, where(scene) * factor)
+    return closed_orbit(scene, orbit, options).speed
+
+
+def test_the_closed_orbit_is_the_one_that_a_long_rollout_settles_on(crawler):
+    """With the same speed, and a state that a cycle maps on itself."""
+    scene, orbit, options = crawler
+    closed = jax.jit(lambda s: closed_orbit(s, orbit, options))(scene)
+    assert orbit.settled
+    assert closed.residual < 1e-9
+    assert closed.speed > 1e-3
+    np.testing.assert_allclose(closed.speed, orbit.speed, rtol=1e-4)
+    np.testing.assert_allclose(closed.turning, orbit.turning, atol=1e-6)
+
+
+@pytest.mark.slow
+def test_derivatives_of_speed_agree_with_differences(crawler):
+    """Forward and reverse mode and central differences of orbits closed anew, to 1e-6 of the largest."""
+    f = jax.jit(lambda x: speeds(*crawler, x))
+    at, h = jnp.ones(3), 1e-4
+    forward, reverse = jax.jit(jax.jacfwd(f))(at), jax.jit(jax.grad(f))(at)
+    differences = [(f(at.at[k].add(h)) - f(at.at[k].add(-h))) / (2 * h) for k in range(3)]
+    size = np.abs(forward).max()
+    assert size > 1e-3
+    np.testing.assert_allclose(reverse, forward, atol=1e-9 * size)
+    np.testing.assert_allclose(differences, forward, atol=1e-6 * size)
+
+
+def test_scenes_without_such_derivatives_are_refused(crawler):
+    """Rigid struts, exact contact."""
+    _, orbit, options = crawler
+    with pytest.raises(InputError, match=r"^closed_orbit: the scene has rigid struts or exact contact; expected"):
+        closed_orbit(load_scene("exact"), orbit, options)

@@ -1,0 +1,151 @@
+"""Orbits: of motions made by hand, whose speed and turning are known, and of a gait that lasts."""
+
+import dataclasses
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxgrity
+from jaxgrity import (
+    Gait,
+    InputError,
+    SolverOptions,
+    Trajectory,
+    find_orbit,
+    load_gait,
+    orbit_cycle,
+    stability,
+    with_gait,
+)
+from jaxgrity.trust import orbits
+from jaxgrity.trust.cycles import MOST_PERIODS, Plane, plane_of
+
+PERIOD, SPEED, TURNING = 0.5, 0.8, 0.3
+LEVEL = Plane(np.eye(3), True)
+
+
+def made_by_hand(scene, wobble: int, noise: float = 0.0, turning: float = TURNING) -> Trajectory:
+    """The robot along an arc to the left, its height, size and heading changing with every `wobble`-th period."""
+    times = np.arange(60 * orbits.FRAMES + 1) * PERIOD / orbits.FRAMES
+    phase = 2 * np.pi * times / (wobble * PERIOD)
+    heading = turning * times + 0.2 * np.sin(phase)
+    nodes = np.asarray(scene.structure.nodes) - np.mean(scene.structure.nodes, axis=0)
+    turn = np.array([[np.cos(heading), -np.sin(heading)], [np.sin(heading), np.cos(heading)]])
+    plane = np.einsum("abt,nb->tna", turn, nodes[:, :2]) * (1 + 0.1 * np.sin(phase))[:, None, None]
+    arc = SPEED / turning * np.stack([np.sin(turning * times), 1 - np.cos(turning * times)], axis=-1)
+    high = nodes[:, 2] + (1 + 0.05 * np.cos(phase))[:, None]
+    q = np.concatenate([plane + arc[:, None], high[..., None]], axis=-1)
+    q = q + noise * np.random.default_rng(0).normal(size=q.shape)
+    return Trajectory(times, q, 0 * q, jnp.array(0), jnp.array(1), jnp.array(0), "rk4", 1e-3)
+
+
+@pytest.mark.parametrize("wobble", [1, 3, 5])
+def test_a_motion_made_by_hand_has_its_speed_and_turning(exact, wobble):
+    """And its cycle: shapes return after so many periods, to rounding."""
+    orbit = orbits._orbit(exact, made_by_hand(exact, wobble), PERIOD, LEVEL, 6)
+    assert orbit.periods == wobble
+    assert orbit.settled
+    assert orbit.residual < 1e-12
+    assert orbit.turning == pytest.approx(TURNING, rel=1e-9)
+    assert orbit.speed == pytest.approx(SPEED, rel=1e-9)
+    np.testing.assert_allclose(orbit.windows, SPEED, rtol=1e-9)
+    assert orbit.standard_error < 1e-12
+    assert orbit.summary()["body_lengths_per_second"] == pytest.approx(orbit.speed)
+
+
+def test_a_cycle_is_no_more_than_a_semicircle(exact):
+    """Where nearly equal cycles follow each other: a whole circle's chord is nothing, however fast the robot went."""
+    orbit = orbits._orbit(exact, made_by_hand(exact, 3, noise=1e-4, turning=0.7), PERIOD, LEVEL, 6)
+    assert orbit.periods == 3
+    assert orbit.speed == pytest.approx(SPEED, rel=1e-2)
+
+
+def test_what_happens_before_the_robot_settles_does_not_count(exact):
+    """A motion that is thrown about for its first 16 periods: the rest is on the orbit, and says since when."""
+    motion = made_by_hand(exact, 3)
+    early = np.asarray(motion.times) < 16.2 * PERIOD
+    q = motion.positions + 0.5 * early[:, None, None] * np.random.default_rng(0).normal(size=motion.positions.shape)
+    orbit = orbits._orbit(exact, dataclasses.replace(motion, positions=q), PERIOD, LEVEL, 6)
+    assert orbit.settled_after == 17 * PERIOD
+    assert orbit.speed == pytest.approx(SPEED, rel=1e-9)
+    assert orbit.residual < 1e-12
+    late = np.asarray(motion.times) > 50 * PERIOD
+    q = motion.positions + 0.5 * late[:, None, None] * np.random.default_rng(0).normal(size=motion.positions.shape)
+    orbit = orbits._orbit(exact, dataclasses.replace(motion, positions=q), PERIOD, LEVEL, 6)
+    assert not orbit.settled
+    assert orbit.residual > orbits.SETTLED
+
+
+def test_up_a_slope_shapes_return_too(exact):
+    """Heights are those above the slope, and the speed is that along it."""
+    slope = dataclasses.replace(exact, ground=dataclasses.replace(exact.ground, incline=0.3))
+    plane = plane_of(slope)
+    motion = made_by_hand(exact, 1, turning=1e-9)
+    q = motion.positions @ plane.axes.T
+    orbit = orbits._orbit(slope, dataclasses.replace(motion, positions=q), PERIOD, plane, 6)
+    assert orbit.residual < 1e-12
+    assert orbit.speed == pytest.approx(SPEED, rel=1e-6)
+    assert orbit.turning == 0
+    bumpy = dataclasses.replace(exact, ground=jaxgrity.ExactGround(surface=jaxgrity.bumps(0.02, 0.5, 0)))
+    with pytest.raises(InputError, match=r"ground.surface: expected a plane"):
+        find_orbit(with_gait(bumpy, load_gait("lasting")))
+
+
+def test_a_motion_that_never_returns_is_no_orbit(exact):
+    """Where shapes differ by decimetres, whatever the number of periods."""
+    assert not orbits._orbit(exact, made_by_hand(exact, 1, noise=0.1), PERIOD, LEVEL, 6).settled
+
+
+def test_multipliers_of_a_map_made_by_hand():
+    """d2 = A d1 in the two directions in which robots spread, and rounding in all others: A's own eigenvalues."""
+    random = np.random.default_rng(0)
+    basis = np.linalg.qr(random.normal(size=(36, 2)))[0]
+    matrix = np.array([[0.5, 0.3], [-0.3, 0.5]])
+    d1 = random.normal(0, 0.02, (60, 2))
+    first, second = ((x @ basis.T).reshape(60, 12, 3) for x in (d1, d1 @ matrix))
+    found = orbits._stability(first, second, 1.0)
+    np.testing.assert_allclose(np.abs(found.multipliers), np.hypot(0.5, 0.3), rtol=1e-6)
+    assert found.largest == pytest.approx(np.hypot(0.5, 0.3))
+    assert found.returned == 1
+    lost = orbits._stability(first, second + 1.0, 1.0)
+    assert lost.returned == 0
+    assert np.isinf(lost.largest)
+
+
+def test_only_gaits_of_one_frequency_have_orbits(exact):
+    """Else nothing is periodic; and a cycle has to be seen more than once."""
+    two = Gait((0, 1), [0.0, 0], [0.1, 0.1], [0.5, 0.7])
+    with pytest.raises(InputError, match=r"frequencies \[0.5, 0.7\] Hz: expected one that all actuators share"):
+        find_orbit(with_gait(exact, two))
+    with pytest.raises(InputError, match=r"duration = 10 s: expected at least .* s, to see cycles"):
+        find_orbit(exact, 10.0)
+
+
+@pytest.mark.parametrize(("frequency", "start"), [(0.5, 1.0), (0.3, 0.0), (2.0, 20.0)])
+def test_the_shortest_watch_leaves_two_of_the_longest_cycles(exact, frequency, start):
+    """In the later half of the time at full amplitude, and no period more."""
+    gait = Gait((0, 1), [0.0, 0], [0.1, 0.1], frequency, start, 1.0)
+    periods = orbits.shortest_watch(gait) * frequency - (start + 1.0) * frequency
+    assert 4 * MOST_PERIODS <= periods < 4 * MOST_PERIODS + 1
+
+
+@pytest.mark.slow
+def test_a_gait_that_lasts_is_on_an_orbit_at_any_step(exact):
+    """At 5 ms and at 2.5 ms it goes as fast, to a hundredth, and robots that are disturbed come back."""
+    scene = with_gait(exact, load_gait("lasting"))
+    coarse, fine = (find_orbit(scene, 70.0, options=SolverOptions(dt=dt)) for dt in (5e-3, 2.5e-3))
+    assert coarse.settled
+    assert coarse.speed == pytest.approx(fine.speed, rel=0.02)
+    assert coarse.windows.min() > 0.9 * coarse.speed
+    cycle, fewer = (
+        orbit_cycle(scene, orbit, options=SolverOptions(dt=dt)) for orbit, dt in ((coarse, 5e-3), (fine, 2.5e-3))
+    )
+    assert cycle.distance == pytest.approx(coarse.speed * coarse.cycle, rel=1e-3)
+    assert cycle.effort == pytest.approx(fewer.effort, rel=0.05)
+    assert 0 < cycle.work < cycle.effort
+    lengths = scene.structure.struts.rest_length * scene.gait.amplitude
+    assert cycle.peak_rate == pytest.approx(np.pi / coarse.period * lengths.max(), rel=1e-2)
+    held = stability(scene, coarse, robots=32)
+    assert held.returned > 0.9
+    assert held.largest < 0.5
