@@ -146,9 +146,10 @@ from .search.objectives import (
     path_bend,
     register_objective,
 )
-from .search.pipeline import Agreement, Progress, SearchResult, search_gaits
+from .search.pipeline import Progress, SearchResult, search_gaits
 from .search.polish import Polished, polish
 from .search.polish_config import PolishConfig, check_polish
+from .search.promotion import Agreement, Promoted
 from .search.search_config import SearchConfig, ga_configs, search_problem
 from .stepping.dynamics import acceleration, centre_of_mass, smooth_force, vector_field
 from .stepping.final_state import final_state
@@ -480,6 +481,7 @@ __all__ = [  # noqa: RUF022 in groups
     "with_robots",
     "without_measuring",
     "Agreement",
+    "Promoted",
     "Progress",
     "SearchResult",
     "search_gaits",

@@ -1,5 +1,7 @@
 """Scenes on which simulators break, each as the penalty model and, where that makes sense, with exact constraints."""
 
+from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple
 
 import equinox as eqx
@@ -162,29 +164,29 @@ def random_structure(seed: int) -> Case:
     return Case(penalty_twin(exact), exact, 0.5, short=0.05)
 
 
-SMALL = 12
-"""struts, up to which random structures are among the cases"""
-SEEDS = tuple(seed for seed in range(40) if len(random_scene(seed).structure.struts.edges) <= SMALL)[:10]
+RANDOM = (11, 14, 21, 23, 24, 27, 30, 34, 35, 36)
+"""seeds of random structures: the first ten with at most 12 struts"""
 
-CASES: dict[str, Case] = {
-    "stiffness ratio 1e6": stiff_struts(),
-    "mass ratio 1e4": unequal_masses(),
-    "drop from 10 m": both(raised(10.0), 1.8),
-    "incline 0.1 % below": incline(0.999),
-    "incline 0.1 % above": incline(1.001),
-    "all cables slack": both(slack, 0.6),
-    "collapsed flat, upright": both(flattened(1), 0.3),
-    "start 5 cm below ground": both(raised(-0.05), 0.5),
-    "all nodes touching": both(flattened(2), 0.5),
-    "20 Hz actuation": both(gait(frequency=20.0, start=0.0, ramp=0.2), 0.5, with_gaits=True),
-    "strut halved in 10 ms": both(
+CASES: dict[str, Callable[[], Case]] = {
+    "stiffness ratio 1e6": stiff_struts,
+    "mass ratio 1e4": unequal_masses,
+    "drop from 10 m": lambda: both(raised(10.0), 1.8),
+    "incline 0.1 % below": lambda: incline(0.999),
+    "incline 0.1 % above": lambda: incline(1.001),
+    "all cables slack": lambda: both(slack, 0.6),
+    "collapsed flat, upright": lambda: both(flattened(1), 0.3),
+    "start 5 cm below ground": lambda: both(raised(-0.05), 0.5),
+    "all nodes touching": lambda: both(flattened(2), 0.5),
+    "20 Hz actuation": lambda: both(gait(frequency=20.0, start=0.0, ramp=0.2), 0.5, with_gaits=True),
+    "strut halved in 10 ms": lambda: both(
         gait(amplitude=0.5, frequency=0.01, phase=np.pi / 2, start=0.1, ramp=0.01), 0.4, with_gaits=True
     ),
-    "spinning at 50 rad/s": spinning(),
-    "1e6 Verlet steps": oscillator(),
-    "chattering at rest, 60 s": chattering(),
-    "k_n = 1e3": ground_stiffness(1e3),
-    "k_n = 1e5": ground_stiffness(1e5),
-    "k_n = 1e8": ground_stiffness(1e8),
-    **{f"random structure {seed}": random_structure(seed) for seed in SEEDS},
+    "spinning at 50 rad/s": spinning,
+    "1e6 Verlet steps": oscillator,
+    "chattering at rest, 60 s": chattering,
+    "k_n = 1e3": partial(ground_stiffness, 1e3),
+    "k_n = 1e5": partial(ground_stiffness, 1e5),
+    "k_n = 1e8": partial(ground_stiffness, 1e8),
+    **{f"random structure {seed}": partial(random_structure, seed) for seed in RANDOM},
 }
+"""each is made when it is asked for: making one computes, which comes after JAX has been told how"""

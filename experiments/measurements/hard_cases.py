@@ -107,7 +107,7 @@ def main(settings: Settings) -> None:
 
 def one(pair: tuple[str, str]) -> tuple[str, str, dict[str, Cell]]:
     """`both`, by the names of case and method."""
-    return *pair, both(CASES[pair[0]], pair[1])
+    return *pair, both(CASES[pair[0]](), pair[1])
 
 
 def both(case: Case, method: str) -> dict[str, Cell]:

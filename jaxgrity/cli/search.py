@@ -75,7 +75,7 @@ class SearchSettings:
     """what a rollout is worth"""
     uncertainty: Uncertainty = field(default_factory=lambda: UNCERTAIN)
     """half-widths of what is not known exactly; all zero, with --robots 1 --caution 0: as the model says"""
-    caution: float = 0.5
+    caution: float = 1.0
     """standard deviations of its robots that are held against a gait"""
     amplitude: tuple[float, float] | None = (0.05, 0.5)
     """bounds between which each member's amplitude evolves too; None: it stays as the scene's gait says"""

@@ -141,6 +141,7 @@ def environment(
         InputError: an unknown task, a scene without a ground or without a gait, bad options (see `resolve`).
 
     Example:
+        >>> import jax
         >>> env = jaxgrity.environment("heading", jaxgrity.load_scene("exact"))
         >>> state = jax.jit(env.reset)(jax.random.key(0))
         >>> env.action_size, state.obs.shape

@@ -19,8 +19,9 @@ from jaxgrity.report.animation import animate
 from jaxgrity.report.steady import steady_facts, steady_rows
 from jaxgrity.rollout.population import as_population, simulate_population
 from jaxgrity.rollout.rolling import Rolling, rolling
-from jaxgrity.search.pipeline import Agreement, SearchResult
+from jaxgrity.search.pipeline import SearchResult
 from jaxgrity.search.polish import Polished
+from jaxgrity.search.promotion import Agreement
 from jaxgrity.stepping.options import SolverOptions
 from jaxgrity.stepping.simulate import Trajectory, some_frames
 from jaxgrity.trust.error_bars import verify
@@ -95,7 +96,7 @@ def write_report(result: SearchResult, origin: Origin, folder: Path, on_progress
         "motion": None if motion is None else motion.summary(),
         "directions": found,
         "actuators": asked,
-        "within_bounds": result.within_bounds,
+        "within_bounds": result.promoted.within_bounds,
         "diagnosis": trust.summary(),
         "command": origin.command,
     }
@@ -110,7 +111,7 @@ def write_report(result: SearchResult, origin: Origin, folder: Path, on_progress
     seconds |= {"measuring": measured - began, "animating": drawn - measured}
     summary = {
         **gait,
-        "fidelity": agreement_facts(result.agreement),
+        "fidelity": agreement_facts(result.promoted.agreement),
         "searches": [{**search._asdict(), "last": None} for search in result.searches],
         "polish": None if result.polished is None else polish_facts(result.polished),
         "stage_seconds": seconds,
@@ -177,7 +178,8 @@ def agreement_facts(agreement: Agreement) -> dict[str, Any]:
 
 def draw(result: SearchResult, trust: TrustReport, folder: Path, on_progress: Ticker) -> None:
     """Figures and an animation."""
-    scene, agreement, polished, verdict = result.scene, result.agreement, result.polished, result.verdict
+    scene, polished, verdict = result.scene, result.polished, result.verdict
+    agreement = result.promoted.agreement
     unit, trajectory = result.problem.fitness.objective.unit, trust.trajectory
     names = tuple(level.name for level in result.levels)
     plot.save(plot.convergence_figure(list(result.searches), names, unit), folder / "convergence.png")

@@ -21,18 +21,15 @@ from jaxgrity.search.fidelity import (
     evolve_through,
     fidelity_levels,
     final_verdict,
-    judge_at,
-    rank_correlation,
     search_levels,
     within_bounds,
 )
-from jaxgrity.search.genetic_algorithm import Evolution, SearchProblem, distinct
+from jaxgrity.search.genetic_algorithm import Evolution, SearchProblem
 from jaxgrity.search.judging import without_measuring
-from jaxgrity.search.objectives import ActuatorBounds
 from jaxgrity.search.polish import Polished, polish
 from jaxgrity.search.polish_config import PolishConfig
+from jaxgrity.search.promotion import Promoted, promote
 from jaxgrity.search.search_config import (
-    COMPARED,
     SearchConfig,
     fingerprint,
     ga_configs,
@@ -63,19 +60,6 @@ class Progress(NamedTuple):
     """what is known of the search at this moment"""
 
 
-class Agreement(NamedTuple):
-    """How far the fidelity levels agree about gaits, the first `evolved` of which evolved, the rest being random."""
-
-    levels: tuple[FidelityLevel, ...]
-    fitness: np.ndarray
-    """(levels, gaits)"""
-    evolved: int
-    rank_correlation: np.ndarray
-    """(levels, levels), over all gaits"""
-    rank_correlation_of_the_evolved: np.ndarray
-    """(levels, levels)"""
-
-
 class SearchResult(NamedTuple):
     """What a search found, and how."""
 
@@ -86,11 +70,9 @@ class SearchResult(NamedTuple):
     levels: tuple[FidelityLevel, ...]
     searches: tuple[Evolution, ...]
     """on the levels where gaits evolve"""
-    agreement: Agreement
+    promoted: Promoted
     polished: Polished | None
     verdict: Verdict
-    within_bounds: bool
-    """whether the gait asks no more of its actuators than it may; False where no gait was found that does not"""
     seconds: dict[Stage, float]
     """wall time of each stage, s, compilation included"""
 
@@ -184,7 +166,12 @@ def _search(
     # what few gaits ask of their actuators is looked at once, since measuring costs several times a plain rollout
     plain = problem._replace(fitness=without_measuring(problem.fitness))
     bounds = problem.fitness.bounds
-    chosen, agreement, inside = _promote(plain, bounds, levels, searches[-1], config, listener)
+
+    def heard(done: int, total: int, facts: dict[str, str]) -> None:
+        listener(Progress("promoting", done, total, facts))
+
+    promoted = promote(plain, bounds, levels, searches[-1], config, heard)
+    chosen, inside = promoted.genes, promoted.within_bounds
     clocked("promoting")
     polished = _polish(plain, levels, chosen, config, listener)
     if inside and polished is not None and not within_bounds(levels[1], polished.genes[None], plain, bounds)[0]:
@@ -203,7 +190,7 @@ def _search(
     dt = min(levels[-1].dt, default_step(found, default_method(found)) / 2)
     verdict = final_verdict(plain, gait, dt=dt, seed=config.seed + UNSEEN, on_progress=judged)
     clocked("verifying")
-    return SearchResult(found, gait, problem, levels, tuple(searches), agreement, polished, verdict, inside, seconds)
+    return SearchResult(found, gait, problem, levels, tuple(searches), promoted, polished, verdict, seconds)
 
 
 def _evolve(
@@ -236,39 +223,6 @@ def _evolve(
         last = found[-1].last
         save_arrays(checkpoint.folder / "population.npz", genes=last.genes, fitness=last.fitness)
     return found
-
-
-def _promote(
-    problem: SearchProblem,
-    bounds: ActuatorBounds,
-    levels: tuple[FidelityLevel, ...],
-    search: Evolution,
-    config: SearchConfig,
-    listener: Listener,
-) -> tuple[np.ndarray, Agreement, bool]:
-    """The best gaits of the search, best first, how far the fidelity levels agree, and whether the best is in bounds.
-
-    Evolved and random gaits are judged on every level by the same draws, up to the one that tries both contact models,
-    where there is one. The last of them says which are best; gaits beyond the bounds on actuators come last.
-    """
-    genome = problem.genome
-    genes = distinct(search.last, genome, COMPARED)
-    if not len(genes):
-        raise InputError("every rollout of the last generation failed; expected a scene that can be integrated")
-    chance = np.random.default_rng(config.seed).uniform(size=(COMPARED, genome.size))
-    gaits = genome.gaits(problem.scene.gait, np.concatenate([genes, chance]))
-    decisive = next((k for k, level in enumerate(levels) if level.twin is not None), len(levels) - 1)
-    levels = levels[: decisive + 1]
-    rows: list[np.ndarray] = []
-    for level in levels:
-        listener(Progress("promoting", len(rows), len(levels), {"level": level.name}))
-        rows.append(np.asarray(judge_at(level, gaits, problem, config.seed + 2).fitness))
-    listener(Progress("promoting", len(rows), len(levels), {}))
-    first, table = len(genes), np.array(rows)
-    agreement = Agreement(levels, table, first, rank_correlation(table), rank_correlation(table[:, :first]))
-    kept = within_bounds(levels[1], genes, problem, bounds)
-    order = np.lexsort((-table[-1, :first], ~kept))
-    return np.asarray(genes, float)[order[: config.polish_gaits]], agreement, bool(kept[order[0]])
 
 
 def _polish(

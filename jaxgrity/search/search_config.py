@@ -53,7 +53,7 @@ class SearchConfig:
     """the most that a gait may ask of an actuator"""
     uncertainty: Uncertainty = field(default_factory=lambda: UNCERTAIN)
     """half-widths of what is not known exactly"""
-    caution: float = 0.5
+    caution: float = 1.0
     """standard deviations of its robots that are held against a gait"""
     amplitude: tuple[float, float] | None = (0.05, 0.5)
     """bounds between which each member's amplitude evolves too; None: it stays as the scene's gait says"""

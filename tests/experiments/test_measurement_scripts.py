@@ -170,6 +170,13 @@ def test_the_bench_prints_a_table(tmp_path):
                 assert row["times_C"] is None
 
 
+def test_random_structures_among_the_hard_cases_are_the_first_small_ones():
+    """Not picked by what becomes of them."""
+    cases = importlib.import_module("cases")
+    small = (seed for seed in itertools.count() if len(cases.random_scene(seed).structure.struts.edges) <= 12)
+    assert tuple(itertools.islice(small, 10)) == cases.RANDOM
+
+
 @pytest.mark.slow
 def test_hard_cases_have_no_silently_wrong_number(tmp_path):
     """Three cases by three methods, in both precisions; one of them is refused with the reason."""

@@ -22,13 +22,16 @@ from jaxgrity import (
     SearchResult,
     Uncertainty,
     find_objective,
+    judge_at,
     load_states,
     one_gait,
     register_objective,
     search_gaits,
     with_gait,
+    without_measuring,
 )
-from jaxgrity.search.judging import standard_error
+from jaxgrity.search.genetic_algorithm import distinct
+from jaxgrity.search.judging import standard_error, with_robots
 
 pytestmark = pytest.mark.slow
 
@@ -141,7 +144,8 @@ def test_a_search_ends_with_a_verified_gait(exact, config, whole):
     assert [search.rollouts for search in result.searches] == [4 * 2 * 2]
     np.testing.assert_array_equal(whole.population["genes"], result.searches[0].last.genes)
     np.testing.assert_array_equal(whole.population["fitness"], result.searches[0].last.fitness)
-    assert result.agreement.fitness.shape == (3, result.agreement.evolved + 16)
+    agreement = result.promoted.agreement
+    assert agreement.fitness.shape == (3, agreement.evolved + 16)
     verified, robust = result.verdict.verified, result.verdict.robust.each[0]
     assert 0 < verified.error_bar[0] < 0.1
     assert robust.size in (64, 128, 192, 256)
@@ -153,14 +157,33 @@ def test_a_search_ends_with_a_verified_gait(exact, config, whole):
 
 
 def test_the_gait_is_the_better_one_of_evolution_and_polish(whole):
-    """The best of those that evolved by the last level, or what polishing made of it."""
+    """The best finalist, or what polishing made of it."""
     result = whole.result
     assert result.polished is not None
-    agreement, search = result.agreement, result.searches[0]
-    best = np.argmax(agreement.fitness[-1, : agreement.evolved])
-    assert result.polished.improved or np.array_equal(result.polished.genes, search.last.genes[best])
+    assert result.polished.improved or np.array_equal(result.polished.genes, result.promoted.genes[0])
     genes = result.polished.genes[None]
     assert_equal_gaits(result.gait, one_gait(result.problem.genome.gaits(result.problem.scene.gait, genes), 0))
+
+
+def test_the_best_few_are_compared_over_many_robots(config, whole):
+    """They are the best of those that evolved by few robots; the best of them by many goes on."""
+    result = whole.result
+    agreement, finals = result.promoted.agreement, result.promoted.finals
+    evolved = distinct(result.searches[0].last, result.problem.genome, 16)
+    few = min(4, len(evolved))
+    assert finals.each.shape == (few, 16 * config.robots)
+    assert np.all(np.diff(finals.fitness) <= 0)
+    best = evolved[np.argsort(-agreement.fitness[-1, : len(evolved)])[:few]]
+    assert any(np.array_equal(result.promoted.genes[0], genes) for genes in best)
+    gaits = result.problem.genome.gaits(result.problem.scene.gait, best)
+    again = judge_at(result.levels[-1], gaits, many(result), config.seed + 3)
+    np.testing.assert_array_equal(np.sort(again.mean), np.sort(finals.mean))
+
+
+def many(result):
+    """The problem of a search with as many robots as its finalists were compared over."""
+    fitness = with_robots(result.problem.fitness, result.promoted.finals.each.shape[1])
+    return result.problem._replace(fitness=without_measuring(fitness))
 
 
 def assert_equal_gaits(mine, its) -> None:

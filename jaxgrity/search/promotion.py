@@ -1,0 +1,92 @@
+"""From the gaits that a search ends with to the one that goes on: judged on finer models, and by more robots."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from jaxgrity.core.errors import InputError
+from jaxgrity.search.fidelity import FidelityLevel, judge_at, rank_correlation, within_bounds
+from jaxgrity.search.genetic_algorithm import Evolution, SearchProblem, distinct
+from jaxgrity.search.genome import Genes
+from jaxgrity.search.judging import Scores, with_robots
+from jaxgrity.search.objectives import ActuatorBounds
+from jaxgrity.search.search_config import COMPARED, SearchConfig
+
+FINALISTS = 4
+"""gaits of the last fidelity level that are compared over more robots"""
+FINALIST_ROBOTS = 16
+"""times as many robots as a gait is tried on in a generation"""
+
+
+class Agreement(NamedTuple):
+    """How far the fidelity levels agree about gaits, the first `evolved` of which evolved, the rest being random."""
+
+    levels: tuple[FidelityLevel, ...]
+    fitness: np.ndarray
+    """(levels, gaits)"""
+    evolved: int
+    rank_correlation: np.ndarray
+    """(levels, levels), over all gaits"""
+    rank_correlation_of_the_evolved: np.ndarray
+    """(levels, levels)"""
+
+
+class Promoted(NamedTuple):
+    """The gaits with which a search goes on."""
+
+    genes: Float[np.ndarray, "polish_gaits genes"]
+    """best first"""
+    finals: Scores
+    """of the finalists, best first, by many robots"""
+    within_bounds: bool
+    """whether the best asks no more of its actuators than it may"""
+    agreement: Agreement
+
+
+def promote(
+    problem: SearchProblem,
+    bounds: ActuatorBounds,
+    levels: tuple[FidelityLevel, ...],
+    search: Evolution,
+    config: SearchConfig,
+    on_level: Callable[[int, int, dict[str, str]], None],
+) -> Promoted:
+    """The best gaits of the search.
+
+    Evolved and random gaits are judged on every level by the same draws, up to the one that tries both contact models,
+    where there is one. The best few by the last of them are finalists. These are judged there again by more robots,
+    since a few do not tell how often a gait fails. Gaits beyond the bounds on actuators come last.
+
+    Raises `InputError` where every rollout of the last generation failed. `on_level` gets how many levels are done, how
+    many there are, and the name of the next.
+    """
+    genome = problem.genome
+    genes = distinct(search.last, genome, COMPARED)
+    if not len(genes):
+        raise InputError("every rollout of the last generation failed; expected a scene that can be integrated")
+    chance = np.random.default_rng(config.seed).uniform(size=(COMPARED, genome.size))
+    gaits = genome.gaits(problem.scene.gait, np.concatenate([genes, chance]))
+    decisive = next((k for k, level in enumerate(levels) if level.twin is not None), len(levels) - 1)
+    levels = levels[: decisive + 1]
+    rows: list[np.ndarray] = []
+    for level in levels:
+        on_level(len(rows), len(levels), {"level": level.name})
+        rows.append(np.asarray(judge_at(level, gaits, problem, config.seed + 2).fitness))
+    on_level(len(rows), len(levels), {})
+    first, table = len(genes), np.array(rows)
+    agreement = Agreement(levels, table, first, rank_correlation(table), rank_correlation(table[:, :first]))
+    kept = within_bounds(levels[1], genes, problem, bounds)
+    best = np.lexsort((-table[-1, :first], ~kept))[: max(FINALISTS, config.polish_gaits)]
+    finals = _finals(problem, levels[-1], genes[best], config)
+    order = np.lexsort((-np.asarray(finals.fitness), ~kept[best]))
+    best, finals = best[order], Scores(*(np.asarray(part)[order] for part in finals))
+    return Promoted(np.asarray(genes, float)[best[: config.polish_gaits]], finals, bool(kept[best[0]]), agreement)
+
+
+def _finals(problem: SearchProblem, level: FidelityLevel, genes: Genes, config: SearchConfig) -> Scores:
+    """The finalists' scores by `FINALIST_ROBOTS` times as many robots as in a generation, where robots differ."""
+    robots = config.robots * (FINALIST_ROBOTS if config.robots > 1 else 1)
+    some = problem._replace(fitness=with_robots(problem.fitness, robots))
+    return judge_at(level, problem.genome.gaits(problem.scene.gait, genes), some, config.seed + 3)
