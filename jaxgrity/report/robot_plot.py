@@ -5,6 +5,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d import Axes3D
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
+from mpl_toolkits.mplot3d.proj3d import proj_transform
 
 from jaxgrity.model.actuation import Gait, contraction, rest_length
 from jaxgrity.model.scene import Scene
@@ -86,13 +87,28 @@ def still_figure(scene: Scene, trajectory: Trajectory) -> Figure:
     flat = np.maximum(0.1 * np.max(high - low) - (high - low), 0)  # a box without depth cannot be drawn
     low, high = low - flat / 2, high + flat / 2
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
-    axes.set_box_aspect(high - low, zoom=1.5)
     x, y = path[-1, :2] - path[0, :2]
     axes.view_init(elev=25, azim=float(np.degrees(np.arctan2(y, x))) - 75)
     axes.set_axis_off()
     moved = np.hypot(x, y)
     axes.set_title(f"{float(trajectory.times[0]):g} s (pale) to {float(trajectory.times[-1]):g} s: {moved:.2f} m")
+    axes.set_box_aspect(high - low, zoom=_zoom_that_fits(axes, high - low, shown))
     return figure
+
+
+def _zoom_that_fits(axes: Axes3D, sides: np.ndarray, points: np.ndarray) -> float:
+    """By which factor a 3D picture of these points fills its figure, with a box of such sides around them."""
+    axes.set_box_aspect(sides)
+    axes.figure.draw_without_rendering()  # lays the figure out
+    around, zoom = axes.bbox, 1.0
+    middle = np.array([(around.x0 + around.x1) / 2, (around.y0 + around.y1) / 2])
+    room = np.minimum(middle - axes.figure.bbox.min, np.array([axes.figure.bbox.x1, around.y1]) - middle)
+    for _ in range(4):  # what is nearer grows faster
+        axes.set_box_aspect(sides, zoom=zoom)
+        across = np.stack(proj_transform(*points.T, axes.get_proj())[:2], axis=-1)
+        reach = np.abs(axes.transData.transform(across) - middle).max(0)
+        zoom *= float(0.95 * np.min(room / np.maximum(reach, 1e-9)))
+    return zoom
 
 
 @styled

@@ -1,8 +1,11 @@
 """Figures: in one style that leaves Matplotlib's own alone, readable where README shows them, and saying what is so."""
 
+import dataclasses
+
 import matplotlib
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 from PIL import Image
@@ -105,3 +108,19 @@ def test_objects_show_themselves_in_jupyter(motion):
         assert "data:image/png;base64," in page
         assert said in page
     assert isinstance(plot.still_figure(scene, trajectory), Figure)
+
+
+@pytest.mark.parametrize("stretch", [(1, 1, 3), (4, 1, 1), (1, 1, 1)], ids=["tall", "long", "plain"])
+def test_a_still_shows_the_whole_robot(reference, stretch):
+    """However tall it is or far it gets: every pixel at the figure's border is white."""
+    nodes = np.asarray(reference.structure.nodes) * np.array(stretch)
+    frames = np.stack([nodes, nodes + np.array([0.2, 0.1, 0.0])])
+    trajectory = jaxgrity.simulate(reference, 0.02, frame_rate=50.0)
+    moved = dataclasses.replace(trajectory, positions=frames, times=np.array([0.0, 1.0]))
+    figure = plot.still_figure(reference, moved)
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    pixels = np.asarray(canvas.buffer_rgba())[..., :3]
+    border = [pixels[:2], pixels[-2:], pixels[:, :2], pixels[:, -2:]]
+    assert all((edge == 255).all() for edge in border)
+    assert (pixels != 255).any(-1).sum() > 2000
