@@ -69,6 +69,8 @@ class SearchSettings:
     """gaits in a generation"""
     generations: tuple[int, int] = (10, 2)
     """generations of screening; on the scene's own model, where screening is on its contact twin"""
+    optimiser: Literal["genetic", "cma-es"] = "genetic"
+    """what makes one generation from the last; cma-es needs the extra `baselines`"""
     robots: int = 4
     """that each gait is tried on in a generation, drawn from what is uncertain"""
     objective: ObjectiveSettings = field(default_factory=ObjectiveSettings)
