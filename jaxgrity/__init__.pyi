@@ -169,6 +169,7 @@ from .stepping.stability import (
 from .trust.closed_orbits import ClosedOrbit, closed_orbit
 from .trust.energy_audit import EnergyAudit, energy_audit
 from .trust.error_bars import Verified, refinement_bar, verify
+from .trust.orbit_gradient import GaitNumbers, SpeedGradient, speed_gradient
 from .trust.orbit_cycle import OrbitCycle, orbit_cycle
 from .trust.orbits import Orbit, Stability, find_orbit, refined_orbit, stability
 from .trust.sensitivity import Sensitivity, sensitivity
@@ -367,6 +368,9 @@ __all__ = [  # noqa: RUF022 in groups
     "OrbitCycle",
     "orbit_cycle",
     "stability",
+    "GaitNumbers",
+    "SpeedGradient",
+    "speed_gradient",
     "Sensitivity",
     "sensitivity",
     "TrustReport",

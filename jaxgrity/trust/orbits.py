@@ -260,7 +260,9 @@ def _orbit(scene: Scene, trajectory: Trajectory, period: float, plane: Plane, fi
     since = int(beyond[-1]) + 1 if beyond.size else 0
     settled = len(once) - since >= 2 * MOST_PERIODS
     since = since if settled else half
+    # a whole number of cycles: on a path that bends, the speed depends on the period with which a cycle begins
     later, time = (len(changes) - since) // 2, periods * period
+    later += (len(changes) - since - later) % periods
     moved = [moved_onto(mass, once[k + periods], once[k], plane) for k in range(since, len(changes))]
     turned = -float(np.mean([motion[2] for motion in moved[later:]]))
     every = np.array([np.hypot(*motion[1]) for motion in moved]) / time / chord(turned)
