@@ -96,7 +96,7 @@ class SearchSettings:
     """which members may be actuated"""
     active: int | None = None
     """how many of them are, which ones evolves too"""
-    polish: Literal["smoothed", "pathwise", "combined"] = "smoothed"
+    polish: Literal["smoothed", "pathwise", "combined", "orbit"] = "smoothed"
     """by which gradient"""
     polish_rollouts: int = 384
     """what polishing may cost; 0: no polish"""

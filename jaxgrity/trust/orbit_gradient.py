@@ -121,6 +121,11 @@ class Derivatives(NamedTuple):
     """as `SpeedGradient.change`"""
     cycles: int
 
+    @property
+    def settled(self) -> bool:
+        """As `SpeedGradient.settled`."""
+        return bool(self.change <= SETTLED_TO)
+
 
 def derivatives_along(
     scene: Scene,
