@@ -169,8 +169,8 @@ from .stepping.stability import (
 from .trust.closed_orbits import ClosedOrbit, closed_orbit
 from .trust.energy_audit import EnergyAudit, energy_audit
 from .trust.error_bars import Verified, refinement_bar, verify
-from .trust.orbit_gradient import GaitNumbers, SpeedGradient, speed_gradient
 from .trust.orbit_cycle import OrbitCycle, orbit_cycle
+from .trust.orbit_gradient import GaitNumbers, SpeedGradient, speed_gradient
 from .trust.orbits import Orbit, Stability, find_orbit, refined_orbit, stability
 from .trust.sensitivity import Sensitivity, sensitivity
 from .trust.trust_report import TrustReport, diagnose

@@ -107,6 +107,6 @@ def load_states(folder: Path) -> tuple[SearchState, ...]:
             if f"evaluated_{Generation._fields[0]}" in saved:
                 evaluated = Generation(*(jnp.asarray(saved[f"evaluated_{name}"]) for name in Generation._fields))
             genes = jnp.asarray(saved["genes"])
-            memory = saved["memory"] if "memory" in saved else None
+            memory = saved.get("memory")
             found.append(SearchState(int(saved["number"]), saved["key"], genes, record, evaluated, memory))
     return tuple(found)

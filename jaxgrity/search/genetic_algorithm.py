@@ -68,8 +68,8 @@ class GAConfig(eqx.Module):
     parents: int | None = eqx.field(static=True, default=None)
     """parents are drawn from so many of the best gaits, all alike; None: by tournaments among all"""
     optimiser: str = eqx.field(static=True, default="genetic")
-    """ "cma-es": the next generation is asked of CMA-ES, which begins at the best gait of the first one with the width of
-    its mutations, and elites, tournaments, crossover and parents do not count"""
+    """ "cma-es": the next generation is asked of CMA-ES, which begins at the best gait of the first, as wide as its
+    mutations; elites, tournaments, crossover and parents do not count"""
 
     def __check_init__(self):
         check_optimiser(self.optimiser)

@@ -99,9 +99,7 @@ def ga_configs(config: SearchConfig, levels: int) -> tuple[GAConfig, ...]:
     sizes, drawn = (size, max(fewest(config.optimiser), size // 8)), (DRAWN * size, None)
     best = [max(1, each // 8) for each in sizes]
     return tuple(
-        GAConfig(
-            each, count, few, 1, 1.0, width, drawn=first, crossover=0.0, parents=few, optimiser=config.optimiser
-        )
+        GAConfig(each, count, few, 1, 1.0, width, drawn=first, crossover=0.0, parents=few, optimiser=config.optimiser)
         for each, count, few, width, first in zip(sizes, counts, best, MUTATIONS, drawn)
     )
 
