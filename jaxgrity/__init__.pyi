@@ -149,6 +149,7 @@ from .search.objectives import (
 from .search.pipeline import Agreement, Progress, SearchResult, search_gaits
 from .search.polish import Polished, polish
 from .search.polish_config import PolishConfig, check_polish
+from .search.repertoire import Repertoire, RepertoireConfig, repertoire
 from .search.search_config import SearchConfig, ga_configs, search_problem
 from .stepping.dynamics import acceleration, centre_of_mass, smooth_force, vector_field
 from .stepping.final_state import final_state
@@ -489,6 +490,9 @@ __all__ = [  # noqa: RUF022 in groups
     "search_gaits",
     "Polished",
     "polish",
+    "Repertoire",
+    "RepertoireConfig",
+    "repertoire",
     "PolishConfig",
     "check_polish",
     "SearchConfig",

@@ -33,10 +33,10 @@ from jaxgrity import (
 from jaxgrity.io.files import save_json
 
 VALUES = {
-    "friction": (np.geomspace(1, 0.2, 25), np.geomspace(1, 3, 12)),
-    "cable stiffness": (np.geomspace(1, 0.6, 22), np.geomspace(1, 2, 28)),
-    "slope": (np.arange(0, -10.1, -0.5), np.arange(0, 10.1, 0.5)),
-    "stiffness of ground and struts": (np.geomspace(32, 0.125, 25),),
+    "friction": (np.geomspace(1, 0.2, 17), np.geomspace(1, 3, 8)),
+    "cable stiffness": (np.geomspace(1, 0.6, 15), np.geomspace(1, 1.8, 14)),
+    "slope": (np.arange(0, -6.1, -0.5), np.arange(0, 6.1, 0.5)),
+    "stiffness of ground and struts": (np.geomspace(8, 0.25, 11),),
 }
 """from the gait's own value outwards: factors, degrees downwards in the heading, and factors of the penalty twin's"""
 SCALED = {"friction": lambda s: s.friction.mu, "cable stiffness": lambda s: s.structure.cables.stiffness}
@@ -47,15 +47,15 @@ LOST = 0.5
 """of the speed on the gait's own scene, below which the orbit is another one"""
 WATCHED = 52.01
 """periods at each value"""
-SHOWN = 24
-"""periods at the end whose speeds the figure shows"""
+SETTLING, SHOWN = 8, 24
+"""periods at the end, after some that are left to settling, whose speeds the figure shows"""
 
 
 @dataclass
 class Settings:
     gait: str = "lasting"
     """of the library, for the scene "exact" """
-    robots: int = 64
+    robots: int = 32
     """by which the multipliers are fitted"""
     out: Path = Path("results/continuation")
     """folder for continuation.json and its figure"""
@@ -134,7 +134,8 @@ def told(name: str, value: float, orbit: Orbit, scene: Scene, settings: Settings
     if not orbit.verified_for:
         return {**row, "speed": None, "turning": None, "periods": None, "multiplier": None, "each": []}
     size = float(body_length(scene))
-    each = np.linalg.norm(np.diff(path_after(scene, orbit, SHOWN), axis=0), axis=1) / orbit.period / size
+    path = path_after(scene, orbit, SETTLING + SHOWN)[SETTLING:]
+    each = np.linalg.norm(np.diff(path, axis=0), axis=1) / orbit.period / size
     held = stability(scene, orbit, robots=settings.robots) if orbit.settled else None
     largest = None if held is None or not np.isfinite(held.largest) else held.largest
     numbers = {"speed": orbit.speed / size, "turning": orbit.turning, "periods": orbit.periods}

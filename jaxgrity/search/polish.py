@@ -115,17 +115,14 @@ def polish(
     config, genes = config or PolishConfig(), np.atleast_2d(np.asarray(genes, float))
     check_polish(config, problem.fitness, len(genes))
     resolved, final = _resolved(problem, options, final_options)
-    found = Routes([Route(start, "smoothed", problem.duration) for start in genes], None, [])
-    if config.kind == "orbit":
-        found = found._replace(routes=[route._replace(kind="orbit") for route in found.routes])
-    elif config.kind != "smoothed":
+    found = Routes([Route(start, config.kind, problem.duration) for start in genes], None, [])
+    if config.kind in ("pathwise", "combined"):
         found = _routes(problem, genes, resolved, config)
-    stay = Climb(genes[0], (), 0)
-    best, spent = _climb_all(problem, resolved, config, found.routes, seed, on_step) if found.routes else (stay, 0)
+    best, spent = Climb(genes[0], (), 0), 0
+    if found.routes:
+        best, spent = _climb_all(problem, resolved, config, found.routes, seed, on_step)
     before, after = _before_and_after(problem, genes[0], best.end, final, config, seed)
     improved = bool(after.fitness[0] > before.fitness[0])
-    done = [f"{len(best.steps)} steps", _gain(before, after)] if best.steps else []
-    remarks = [*found.remarks, best.remark] if best.remark else found.remarks
     return Polished(
         genes=best.end if improved else genes[0],
         improved=improved,
@@ -135,7 +132,7 @@ def polish(
         horizon=best.steps[-1].horizon if best.steps else problem.duration,
         sensitivity=found.sensitivity,
         rollouts=spent,
-        reason="; ".join([*remarks, *done]),
+        reason="; ".join(_told(found, best, before, after)),
     )
 
 
@@ -151,6 +148,12 @@ def _resolved(
         raise InputError(f"method = {resolved.method.name!r} adapts its step; expected a fixed one (dt) to polish with")
     half = replace(resolved, dt=float(resolved.dt) / 2)
     return resolved, resolve(problem.scene, problem.duration, final_options or half, dtype="float64")
+
+
+def _told(found: Routes, best: Climb, before: Scores, after: Scores) -> list[str]:
+    """What `Polished.reason` says."""
+    done = [f"{len(best.steps)} steps", _gain(before, after)] if best.steps else []
+    return [*found.remarks, *([best.remark] if best.remark else []), *done]
 
 
 def _gain(before: Scores, after: Scores) -> str:

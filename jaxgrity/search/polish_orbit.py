@@ -61,7 +61,8 @@ def climb_on_orbit(
     on_step: Callable[[ClimbStep], None] | None = None,
 ) -> Climb:
     """Climb from one gait for as long as the rollouts pay: `start` is its genes, and how many they are."""
-    genes, rollouts = np.asarray(start[0], float), start[1]
+    genes: OneGait = np.asarray(start[0], float)
+    rollouts = start[1]
     fitness = with_robots(problem.fitness, judges_of_a_step(config, problem.fitness))
     optimiser = optax.chain(optax.trace(config.momentum), optax.normalize_by_update_norm())
 

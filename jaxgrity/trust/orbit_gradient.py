@@ -188,6 +188,7 @@ def _change(new: np.ndarray, old: np.ndarray) -> float:
 def _first(scene: Scene, options: ResolvedOptions, orbit: Orbit) -> tuple:
     """What is carried from step to step, on the orbit: the state, and what the method remembers of the last step."""
     terms, solver = discretise(options)
+    assert options.dt is not None, "`in_step` gives a step"
     start = tuple(jnp.asarray(x, float) for x in orbit.state)
     here = prepared(scene)
     return jax.tree.map(jnp.asarray, (start, solver.init(terms, 0.0, options.dt, start, here)))
@@ -217,7 +218,8 @@ def _rolled(scene: Scene, options: ResolvedOptions, steps: int, carried):
     """What is carried, after so many steps, which make a period."""
     terms, solver = discretise(options)
     assert scene.gait is not None, "an orbit has a gait"
-    scene, h = prepared(scene), 1 / (scene.gait.frequency[0] * steps)
+    h = 1 / (scene.gait.frequency[0] * steps)
+    scene = prepared(scene)
 
     def step(carry, k):
         y, remembered = carry
