@@ -1,4 +1,4 @@
-"""The tables about polish and orbits that are followed, of docs/gaits.md: what they quote, and how they say it."""
+"""The tables of docs/gaits.md about polish, orbits that are followed, searches compared and the repertoire."""
 
 import numpy as np
 from pages import made_by, table
@@ -102,3 +102,67 @@ def continuation_table(facts: Facts) -> str:
     ]
     head = ["quantity", "from", "to", "speed, body lengths/s", "largest multiplier", "periods in a cycle"]
     return table(head, rows) + made_by(facts, "continuation")
+
+
+def lasting_baselines_facts(raw: Facts) -> Facts:
+    """Of each search: its answers' speeds on both contact models, and on how many seeds it beats random search."""
+    rows = []
+    for freedom, method in dict.fromkeys((row["freedom"], row["method"]) for row in raw["rows"]):
+        found = {row["seed"]: row for row in raw["rows"] if (row["freedom"], row["method"]) == (freedom, method)}
+        chance = {r["seed"]: r for r in raw["rows"] if (r["freedom"], r["method"]) == (freedom, "random")}
+        own, other = ([row[model] for row in found.values()] for model in ("own", "other"))
+        rows.append(
+            {
+                "freedom": freedom,
+                "method": method,
+                "seeds": len(found),
+                "own": float(np.median(own)),
+                "quartiles": [float(x) for x in np.quantile(own, (0.25, 0.75))],
+                "other": float(np.median(other)),
+                "beats_random": sum(found[s]["own"] > chance[s]["own"] for s in found if s in chance),
+            }
+        )
+    return {name: raw[name] for name in ("command", "gaits", "duration", "polish")} | {"rows": rows}
+
+
+def lasting_baselines_table(facts: Facts) -> str:
+    rows = [
+        [
+            {"waves": "waves", "free": "each actuator as it likes"}[row["freedom"]],
+            row["method"],
+            f"{row['own']:.3f}",
+            f"{row['quartiles'][0]:.3f} to {row['quartiles'][1]:.3f}",
+            f"{row['other']:.3f}",
+            "-" if row["method"] == "random" else f"{row['beats_random']} of {row['seeds']}",
+        ]
+        for row in facts["rows"]
+    ]
+    head = ["gaits", "search", "steady speed, body lengths/s: median", "quartiles", "on the other model, median"]
+    about = [str(facts["gaits"]), f"{facts['duration']:g} s", str(facts["polish"])]
+    settings = table(["gaits that each search tries", "duration of a rollout", "rollouts of polish"], [about])
+    return f"{table([*head, 'beats random search'], rows)}\n\n{settings}" + made_by(facts, "lasting_baselines")
+
+
+def repertoire_facts(raw: Facts) -> Facts:
+    """How many cells were filled, and the orbits of the elites that were looked at."""
+    counts = {"filled": raw["filled"][-1], "cells": raw["cells"][0] * raw["cells"][1], "rollouts": raw["rollouts"]}
+    return {"command": raw["command"], **counts, "rows": raw["rows"]}
+
+
+def repertoire_table(facts: Facts) -> str:
+    rows = [
+        [
+            row["gait"],
+            f"{row['elite_speed']:.2f}",
+            f"{row['elite_bend']:+.2f}",
+            *([f"{row['speed']:.3f}", f"{row['bend']:+.3f}"] if row["settled"] else ["no orbit", "-"]),
+            "-" if row["multiplier"] is None else f"{row['multiplier']:.2g}",
+            "-" if row["returned"] is None else f"{row['returned']:.0%}",
+            f"{row['verified_for']:.0f} s",
+        ]
+        for row in facts["rows"]
+    ]
+    head = ["elite", "speed over its robots, body lengths/s", "bend, rad per body length", "speed of its orbit"]
+    head += ["bend of its orbit", "largest multiplier", "robots that return", "watched for"]
+    about = [f"{facts['filled']} of {facts['cells']}", str(facts["rollouts"])]
+    return f"{table(head, rows)}\n\n{table(['cells with a gait', 'rollouts'], [about])}" + made_by(facts, "repertoire")

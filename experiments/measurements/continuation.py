@@ -33,7 +33,7 @@ from jaxgrity import (
 from jaxgrity.io.files import save_json
 
 VALUES = {
-    "friction": (np.geomspace(1, 0.2, 17), np.geomspace(1, 3, 8)),
+    "friction": (np.geomspace(1, 0.2, 17), np.geomspace(1, 1.95, 7)),
     "cable stiffness": (np.geomspace(1, 0.6, 15), np.geomspace(1, 1.8, 14)),
     "slope": (np.arange(0, -6.1, -0.5), np.arange(0, 6.1, 0.5)),
     "stiffness of ground and struts": (np.geomspace(8, 0.25, 11),),
