@@ -34,6 +34,8 @@ SHORTEST = 1 / 16
 """of the first step's length: a climb ends where steps have become shorter"""
 PULLS = 4
 """by which a gait is brought back within the bound on rates"""
+INSIDE = 1 - 1e-5
+"""of the bound, so that no rounding carries a gait beyond it"""
 
 
 class OrbitSlope(NamedTuple):
@@ -135,7 +137,8 @@ def _within_rate(problem: SearchProblem, before: OneGait, genes: OneGait) -> One
     genes = genome.bounded(jnp.asarray(genes))
     if fitness.bounds.rate is None:
         return np.asarray(genes)
-    limit = max(fitness.bounds.rate / (1 + fitness.uncertainty.actuation), float(rate(jnp.asarray(before))))
+    least = INSIDE * fitness.bounds.rate / (1 + fitness.uncertainty.actuation)
+    limit = max(least, float(rate(jnp.asarray(before))))
     for _ in range(PULLS):
         now, slope = jax.value_and_grad(rate)(genes)
         genes = genome.bounded(genes - jnp.maximum(now - limit, 0) * slope / jnp.maximum(slope @ slope, 1e-12))

@@ -186,8 +186,8 @@ def test_polish_on_the_orbit_keeps_within_the_bound_on_rates(rolling):
     result = polish(bounded, genes[None], config, options=OPTIONS, final_options=OPTIONS)
     assert result.steps
     found = problem.genome.gaits(problem.scene.gait, result.genes[None])
-    assert float(peak_rates(found, lengths).max()) <= limit * (1 + 1e-6)
-    assert result.after.mean[0] >= 0
+    assert float(peak_rates(found, lengths).max()) <= limit
+    assert result.after.mean[0] > 0
 
 
 @pytest.mark.slow
