@@ -1,12 +1,9 @@
-"""The tables of docs/gaits.md about polish, orbits that are followed, searches compared and the repertoire."""
+"""The tables of docs/gaits.md about polish, orbits that are followed, and the repertoire."""
 
 import numpy as np
 from pages import made_by, table
 
 Facts = dict
-
-LOST = 0.5
-"""of the speed on the gait's own scene, below which an orbit is another one"""
 
 
 def polish_comparison_facts(raw: Facts) -> Facts:
@@ -62,10 +59,10 @@ def polish_comparison_table(facts: Facts) -> str:
 
 def continuation_facts(raw: Facts) -> Facts:
     """Of each quantity: from where to where the orbit was followed, its speeds and multipliers there."""
-    own, rows = raw["speed"] / raw["body_length"], []
+    rows = []
     for quantity in dict.fromkeys(row["quantity"] for row in raw["rows"]):
         every = [row for row in raw["rows"] if row["quantity"] == quantity]
-        held = [row for row in every if row["settled"] and row["speed"] > LOST * own]
+        held = [row for row in every if row["on_orbit"]]
         values, speeds = [row["value"] for row in held], [row["speed"] for row in held]
         known = [(row["multiplier"], row["value"]) for row in held if row["multiplier"] is not None]
         rows.append(
@@ -104,45 +101,6 @@ def continuation_table(facts: Facts) -> str:
     return table(head, rows) + made_by(facts, "continuation")
 
 
-def lasting_baselines_facts(raw: Facts) -> Facts:
-    """Of each search: its answers' speeds on both contact models, and on how many seeds it beats random search."""
-    rows = []
-    for freedom, method in dict.fromkeys((row["freedom"], row["method"]) for row in raw["rows"]):
-        found = {row["seed"]: row for row in raw["rows"] if (row["freedom"], row["method"]) == (freedom, method)}
-        chance = {r["seed"]: r for r in raw["rows"] if (r["freedom"], r["method"]) == (freedom, "random")}
-        own, other = ([row[model] for row in found.values()] for model in ("own", "other"))
-        rows.append(
-            {
-                "freedom": freedom,
-                "method": method,
-                "seeds": len(found),
-                "own": float(np.median(own)),
-                "quartiles": [float(x) for x in np.quantile(own, (0.25, 0.75))],
-                "other": float(np.median(other)),
-                "beats_random": sum(found[s]["own"] > chance[s]["own"] for s in found if s in chance),
-            }
-        )
-    return {name: raw[name] for name in ("command", "gaits", "duration", "polish")} | {"rows": rows}
-
-
-def lasting_baselines_table(facts: Facts) -> str:
-    rows = [
-        [
-            {"waves": "waves", "free": "each actuator as it likes"}[row["freedom"]],
-            row["method"],
-            f"{row['own']:.3f}",
-            f"{row['quartiles'][0]:.3f} to {row['quartiles'][1]:.3f}",
-            f"{row['other']:.3f}",
-            "-" if row["method"] == "random" else f"{row['beats_random']} of {row['seeds']}",
-        ]
-        for row in facts["rows"]
-    ]
-    head = ["gaits", "search", "steady speed, body lengths/s: median", "quartiles", "on the other model, median"]
-    about = [str(facts["gaits"]), f"{facts['duration']:g} s", str(facts["polish"])]
-    settings = table(["gaits that each search tries", "duration of a rollout", "rollouts of polish"], [about])
-    return f"{table([*head, 'beats random search'], rows)}\n\n{settings}" + made_by(facts, "lasting_baselines")
-
-
 def repertoire_facts(raw: Facts) -> Facts:
     """How many cells were filled, and the orbits of the elites that were looked at."""
     counts = {"filled": raw["filled"][-1], "cells": raw["cells"][0] * raw["cells"][1], "rollouts": raw["rollouts"]}
@@ -153,6 +111,7 @@ def repertoire_table(facts: Facts) -> str:
     rows = [
         [
             row["gait"],
+            f"{row['watched']}",
             f"{row['elite_speed']:.2f}",
             f"{row['elite_bend']:+.2f}",
             *([f"{row['speed']:.3f}", f"{row['bend']:+.3f}"] if row["settled"] else ["no orbit", "-"]),
@@ -162,7 +121,13 @@ def repertoire_table(facts: Facts) -> str:
         ]
         for row in facts["rows"]
     ]
-    head = ["elite", "speed over its robots, body lengths/s", "bend, rad per body length", "speed of its orbit"]
+    head = [
+        "asked for",
+        "elites watched",
+        "speed over its robots, body lengths/s",
+        "bend, rad per body length",
+        "speed of its orbit",
+    ]
     head += ["bend of its orbit", "largest multiplier", "robots that return", "watched for"]
     about = [f"{facts['filled']} of {facts['cells']}", str(facts["rollouts"])]
     return f"{table(head, rows)}\n\n{table(['cells with a gait', 'rollouts'], [about])}" + made_by(facts, "repertoire")

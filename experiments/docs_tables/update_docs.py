@@ -129,6 +129,7 @@ SOURCES: dict[str, Source] = {
     },
     "orbits": one_block("orbits", GAITS, gaits.orbits_facts, gaits.orbits_table),
     "continuation": one_block("continuation", GAITS, orbit_tables.continuation_facts, orbit_tables.continuation_table),
+    "repertoire": one_block("repertoire", GAITS, orbit_tables.repertoire_facts, orbit_tables.repertoire_table),
     "polish_comparison": one_block(
         "polish_comparison", GAITS, orbit_tables.polish_comparison_facts, orbit_tables.polish_comparison_table
     ),

@@ -36,15 +36,16 @@ VALUES = {
     "friction": (np.geomspace(1, 0.2, 17), np.geomspace(1, 1.95, 7)),
     "cable stiffness": (np.geomspace(1, 0.6, 15), np.geomspace(1, 1.8, 14)),
     "slope": (np.arange(0, -6.1, -0.5), np.arange(0, 6.1, 0.5)),
-    "stiffness of ground and struts": (np.geomspace(8, 0.25, 11),),
+    "stiffness of ground and struts": (np.geomspace(4, 0.25, 9),),
 }
 """from the gait's own value outwards: factors, degrees downwards in the heading, and factors of the penalty twin's"""
 SCALED = {"friction": lambda s: s.friction.mu, "cable stiffness": lambda s: s.structure.cables.stiffness}
 STIFF = (lambda s: s.ground.stiffness, lambda s: s.structure.struts.stiffness, lambda s: s.structure.struts.damping)
 """where a scene has the numbers of each quantity"""
 UNITS = {"slope": "downwards in the heading (°)", "stiffness of ground and struts": "factor of the penalty twin's"}
-LOST = 0.5
-"""of the speed on the gait's own scene, below which the orbit is another one"""
+LOST, TURNED = 0.5, 45.0
+"""of the speed on the gait's own scene, below which the orbit is another one; degrees, by which its heading is, on a
+slope"""
 WATCHED = 52.01
 """periods at each value"""
 SETTLING, SHOWN = 8, 24
@@ -65,36 +66,31 @@ class Settings:
 
 def main(settings: Settings) -> None:
     scene = with_gait(load_scene("exact"), load_gait(settings.gait))
-    watch = WATCHED / float(scene.gait.frequency[0])
-    own = find_orbit(scene, 2 * watch)
+    own = find_orbit(scene, 2 * WATCHED / float(scene.gait.frequency[0]))
     ways = {"friction": (np.array([1.0, 0.9]),)} if settings.quick else VALUES
     rows: list[dict[str, Any]] = []
     branches = [(name, values) for name, every in ways.items() for values in every]
     for name, values in tqdm(branches, unit="branch"):
-        found = followed(scene, own, name, tqdm(values, desc=name, leave=False), watch)
-        rows += [row for value, orbit, there in found for row in [told(name, value, orbit, there, settings)]]
+        rows += followed(scene, own, name, tqdm(values, desc=name, leave=False), settings)
         facts = {**measured(), "gait": settings.gait, "speed": own.speed, "body_length": own.body_length}
         save_json(settings.out / "continuation.json", {**facts, "rows": rows})
     plot.save(figure(rows), settings.out / "continuation.png")
     print(f"wrote {settings.out}/")
 
 
-def followed(
-    scene: Scene, own: Orbit, name: str, values: np.ndarray, watch: float
-) -> Iterator[tuple[float, Orbit, Scene]]:
-    """The orbit at each of the values, up to the first at which it is lost."""
-    last = own
+def followed(scene: Scene, own: Orbit, name: str, values: np.ndarray, settings: Settings) -> Iterator[dict[str, Any]]:
+    """What becomes of the orbit at each of the values, up to the first at which it is lost."""
+    last, watch = own, WATCHED * own.period
     for value in values:
         there = changed(scene, own, name, float(value))
         last = find_orbit(there, watch, beginning=last)
-        yield float(value), last, there
-        if not on_it(last, own.speed):
+        row = told(there, last, own, settings)
+        # where the ground is level an orbit has no heading of its own
+        turned = name == "slope" and abs(row["heading"]) > TURNED
+        row["on_orbit"] = row["settled"] and row["speed"] > LOST * own.speed / own.body_length and not turned
+        yield {"quantity": name, "value": float(value), **row}
+        if not row["on_orbit"]:
             return
-
-
-def on_it(orbit: Orbit, speed: float) -> bool:
-    """Whether the robot still rolls as it did."""
-    return bool(orbit.verified_for and orbit.settled and orbit.speed > LOST * speed)
 
 
 def changed(scene: Scene, own: Orbit, name: str, value: float) -> Scene:
@@ -128,18 +124,25 @@ def path_after(scene: Scene, orbit: Orbit, periods: int) -> np.ndarray:
     return centre_path(scene, trajectory)[:, :2]
 
 
-def told(name: str, value: float, orbit: Orbit, scene: Scene, settings: Settings) -> dict[str, Any]:
-    """What becomes of the orbit at one value: speeds in body lengths/s."""
-    row = {"quantity": name, "value": value, "settled": orbit.settled and orbit.verified_for > 0}
+def told(scene: Scene, orbit: Orbit, own: Orbit, settings: Settings) -> dict[str, Any]:
+    """What the robot does on a scene: speeds in body lengths/s, its heading in degrees from that of its own orbit."""
     if not orbit.verified_for:
-        return {**row, "speed": None, "turning": None, "periods": None, "multiplier": None, "each": []}
+        nothing = dict.fromkeys(("turning", "periods", "multiplier"))
+        return {"settled": False, "speed": 0.0, "heading": 0.0, **nothing, "each": []}
     size = float(body_length(scene))
     path = path_after(scene, orbit, SETTLING + SHOWN)[SETTLING:]
     each = np.linalg.norm(np.diff(path, axis=0), axis=1) / orbit.period / size
+    (x, y), (a, b) = path[-1] - path[0], heading_of(scene, own)
     held = stability(scene, orbit, robots=settings.robots) if orbit.settled else None
-    largest = None if held is None or not np.isfinite(held.largest) else held.largest
-    numbers = {"speed": orbit.speed / size, "turning": orbit.turning, "periods": orbit.periods}
-    return {**row, **numbers, "multiplier": largest, "each": each.tolist()}
+    return {
+        "settled": orbit.settled,
+        "speed": orbit.speed / size,
+        "heading": float(np.degrees(np.arctan2(a * y - b * x, a * x + b * y))),
+        "turning": orbit.turning,
+        "periods": orbit.periods,
+        "multiplier": None if held is None or not np.isfinite(held.largest) else held.largest,
+        "each": each.tolist(),
+    }
 
 
 @plot.styled
@@ -151,15 +154,17 @@ def figure(rows: list[dict[str, Any]]) -> Figure:
     for column, name in enumerate(names):
         mine = [row for row in rows if row["quantity"] == name]
         for row in mine:
-            colour = "C0" if row["settled"] else "0.6"
+            colour = "C0" if row["on_orbit"] else "0.6"
             grid[0, column].plot([row["value"]] * len(row["each"]), row["each"], ".", markersize=3, color=colour)
-        held = sorted((row["value"], row["multiplier"]) for row in mine if row["multiplier"] is not None)
+        held = sorted(
+            (row["value"], row["multiplier"]) for row in mine if row["on_orbit"] and row["multiplier"] is not None
+        )
         grid[1, column].semilogy(*np.array(held).T, "o-", markersize=3)
         grid[1, column].axhline(1, color="0.7", linewidth=0.8, zorder=0)
         grid[0, column].set(title=name)
         grid[1, column].set(xlabel=UNITS.get(name, "factor"))
         if name.startswith("stiffness of"):
-            grid[1, column].set_xscale("log")
+            grid[1, column].set_xscale("log", base=2)
     grid[0, 0].set(ylabel="speed in each period\n(body lengths/s)", ylim=(0, None))
     grid[1, 0].set(ylabel="largest multiplier")
     return chart

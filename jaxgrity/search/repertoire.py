@@ -55,20 +55,24 @@ class Repertoire(NamedTuple):
     bend: Float[np.ndarray, "speeds bends"]
     """rad per body length, positive to the left, likewise"""
     quality: Float[np.ndarray, "speeds bends"]
-    """minus the standard deviation of the speed over those robots, body lengths/s"""
+    """minus the standard deviations over those robots, of the speed (body lengths/s) and of the bend (rad per body
+    length), added up"""
     filled: tuple[int, ...]
     """cells that had a gait after each round"""
     rollouts: int
 
-    def nearest(self, speed: float, bend: float, weights: tuple[float, float] = (1.0, 1.0)) -> Genes:
-        """The genes of the elite whose speed and bend come nearest, their differences weighed so.
+    def nearest(
+        self, speed: float, bend: float, count: int = 1, weights: tuple[float, float] = (1.0, 1.0)
+    ) -> Float[np.ndarray, "count genes"]:
+        """The genes of the elites whose speed and bend come nearest, at most so many, nearest first.
 
-        Raises `InputError` where all cells are empty.
+        Differences of speed and bend count by `weights`. Raises `InputError` where all cells are empty.
         """
         off = (weights[0] * (self.speed - speed)) ** 2 + (weights[1] * (self.bend - bend)) ** 2
         if not np.isfinite(off).any():
             raise InputError("repertoire: all cells are empty; expected an elite in some cell")
-        return self.genes[np.unravel_index(np.nanargmin(off), off.shape)]
+        first = np.argsort(off, axis=None)[: min(count, int(np.isfinite(off).sum()))]
+        return self.genes.reshape(-1, self.genes.shape[-1])[first]
 
 
 class _Tried(NamedTuple):
@@ -86,7 +90,7 @@ def repertoire(
     options: Options = None,
     on_round: Callable[[Repertoire], None] | None = None,
 ) -> Repertoire:
-    """Fill cells of speed and turning with gaits, each with the one whose speed differs least from robot to robot.
+    """Fill cells of speed and turning with gaits, each with the one whose speed and bend differ least from robot to robot.
 
     A gait is tried on the ensemble of the problem's fitness, whose objective does not count; its bound on rates does,
     and a gait with a robot that fails has no place. All gaits of a round roll out in one call.
@@ -172,7 +176,7 @@ def _tried(key, problem: SearchProblem, model: Model, genes: Genes) -> _Tried:
     speed, bend = (np.asarray(x)[:rows].reshape(-1, count) for x in _path(scene, outcomes, end))
     allowed = rate <= (np.inf if fitness.bounds.rate is None else fitness.bounds.rate)
     kept = np.where(allowed & np.isfinite(speed).all(1) & np.isfinite(bend).all(1), 1.0, np.nan)
-    return _Tried(genes, kept * speed.mean(1), kept * bend.mean(1), -kept * speed.std(1))
+    return _Tried(genes, kept * speed.mean(1), kept * bend.mean(1), -kept * (speed.std(1) + bend.std(1)))
 
 
 @eqx.filter_jit

@@ -67,7 +67,10 @@ def test_the_nearest_elite_is_asked_for_by_speed_and_bend(found):
     """Where all cells are empty there is none."""
     elites, _ = found
     cell = tuple(np.argwhere(np.isfinite(elites.speed))[-1])
-    np.testing.assert_array_equal(elites.nearest(elites.speed[cell], elites.bend[cell]), elites.genes[cell])
+    some = elites.nearest(elites.speed[cell], elites.bend[cell], count=500)
+    np.testing.assert_array_equal(some[0], elites.genes[cell])
+    assert len(some) == elites.filled[-1]
+    assert np.isfinite(some).all()
     with pytest.raises(InputError, match="all cells are empty"):
         elites._replace(speed=np.full((8, 3), np.nan)).nearest(0.5, 0.0)
 
