@@ -90,7 +90,7 @@ def repertoire(
     options: Options = None,
     on_round: Callable[[Repertoire], None] | None = None,
 ) -> Repertoire:
-    """Fill cells of speed and turning with gaits, each with the one whose speed and bend differ least from robot to robot.
+    """Fill cells of speed and bend with gaits, each with the one that differs least from robot to robot in both.
 
     A gait is tried on the ensemble of the problem's fitness, whose objective does not count; its bound on rates does,
     and a gait with a robot that fails has no place. All gaits of a round roll out in one call.
