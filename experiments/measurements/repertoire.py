@@ -59,7 +59,7 @@ class Settings:
     """elites that are watched for each gait that is asked for, at most"""
     seed: int = 0
     out: Path = Path("results/repertoire")
-    """folder for repertoire.json, its figure and the gaits"""
+    """folder for repertoire.json, its figure and, in gaits/, a file for each gait"""
     quick: bool = False
     """few gaits, 10 s"""
 
@@ -95,7 +95,7 @@ def verified(
         row = {"elite_speed": float(found.speed[cell]), "elite_bend": float(found.bend[cell]), "watched": number + 1}
         row |= watched(with_gait(scene, gait), settings)
         if row["settled"] and row["multiplier"] is not None and row["multiplier"] < 1:
-            save_json(settings.out / f"{name}.json", gait_facts(gait))
+            save_json(settings.out / "gaits" / f"{name}.json", gait_facts(gait))
             break
     return row
 
