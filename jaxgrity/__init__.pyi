@@ -150,6 +150,7 @@ from .search.pipeline import Progress, SearchResult, search_gaits
 from .search.polish import Polished, polish
 from .search.polish_config import PolishConfig, check_polish
 from .search.promotion import Agreement, Promoted
+from .search.repertoire import Repertoire, RepertoireConfig, repertoire
 from .search.search_config import SearchConfig, ga_configs, search_problem
 from .stepping.dynamics import acceleration, centre_of_mass, smooth_force, vector_field
 from .stepping.final_state import final_state
@@ -171,6 +172,7 @@ from .trust.closed_orbits import ClosedOrbit, closed_orbit
 from .trust.energy_audit import EnergyAudit, energy_audit
 from .trust.error_bars import Verified, refinement_bar, verify
 from .trust.orbit_cycle import OrbitCycle, orbit_cycle
+from .trust.orbit_gradient import GaitNumbers, SpeedGradient, speed_gradient
 from .trust.orbits import Orbit, Stability, find_orbit, refined_orbit, stability
 from .trust.sensitivity import Sensitivity, sensitivity
 from .trust.trust_report import TrustReport, diagnose
@@ -368,6 +370,9 @@ __all__ = [  # noqa: RUF022 in groups
     "OrbitCycle",
     "orbit_cycle",
     "stability",
+    "GaitNumbers",
+    "SpeedGradient",
+    "speed_gradient",
     "Sensitivity",
     "sensitivity",
     "TrustReport",
@@ -487,6 +492,9 @@ __all__ = [  # noqa: RUF022 in groups
     "search_gaits",
     "Polished",
     "polish",
+    "Repertoire",
+    "RepertoireConfig",
+    "repertoire",
     "PolishConfig",
     "check_polish",
     "SearchConfig",

@@ -61,6 +61,8 @@ class Settings:
     """that a search may try, each on as many robots as in the default search"""
     population: int = 64
     """of the GA, and of CMA-ES half as many"""
+    polish: int = SearchConfig().polish_rollouts
+    """rollouts of polish after each search; 0: none"""
     out: Path = Path("results/lasting_baselines")
     """folder for lasting_baselines.json and its figure"""
     quick: bool = False
@@ -68,10 +70,10 @@ class Settings:
 
 
 def main(settings: Settings) -> None:
-    duration, config = SearchConfig().duration, PolishConfig(SearchConfig().polish_rollouts)
+    duration, config = SearchConfig().duration, PolishConfig(settings.polish)
     if settings.quick:
         settings.seeds, settings.gaits, settings.population, duration = 1, 96, 16, 10.0
-        config = PolishConfig(64, final_robots=16)
+        config = PolishConfig(min(settings.polish, 64), final_robots=16)
     if "CMA-ES" in settings.methods:
         built("CMA-ES", 4, 1)
     scene, rows = load_scene("exact"), []
@@ -82,9 +84,12 @@ def main(settings: Settings) -> None:
         problem = search_problem(scene, SearchConfig(duration, settings.population, waves=waves))
         found = searches[method](problem, settings, DRAWS * (seed + 1))
         genes = chosen(problem, found, DRAWS * (seed + 1))
-        own = fidelity_levels(scene)[1]
-        polished = polish(problem, genes[None], config, options=own.options, final_options=own.options, seed=seed)
-        for name, answer in ((method, genes), (f"{method}, polished", polished.genes)):
+        answers = {method: genes}
+        if config.rollouts:
+            own = fidelity_levels(scene)[1].options
+            polished = polish(problem, genes[None], config, options=own, final_options=own, seed=seed)
+            answers[f"{method}, polished"] = polished.genes
+        for name, answer in answers.items():
             rows.append({"freedom": freedom, "method": name, "seed": seed, **judged(problem, answer, settings.quick)})
         facts = {**measured(), "gaits": settings.gaits, "duration": duration, "polish": config.rollouts}
         save_json(settings.out / "lasting_baselines.json", {**facts, "rows": rows})
@@ -170,8 +175,8 @@ def figure(rows: list[dict[str, Any]]) -> Figure:
         methods = list(dict.fromkeys(row["method"] for row in rows if row["freedom"] == freedom))
         for k, method in enumerate(methods):
             found = [row["own"] for row in rows if (row["freedom"], row["method"]) == (freedom, method)]
-            axes.plot(k + np.linspace(-0.15, 0.15, len(found)), found, "o", ms=4, color=f"C{k // 2}")
-            axes.hlines(np.median(found), k - 0.3, k + 0.3, color=f"C{k // 2}")
+            axes.plot(k + np.linspace(-0.15, 0.15, len(found)), found, "o", ms=4, color=f"C{k}")
+            axes.hlines(np.median(found), k - 0.3, k + 0.3, color=f"C{k}")
         axes.set_xticks(range(len(methods)), methods, rotation=30, ha="right")
         axes.set(title={"waves": "gaits are waves", "free": "each actuator as it likes"}[freedom], ylim=(0, None))
         axes.set_ylabel("steady speed (body lengths/s)")

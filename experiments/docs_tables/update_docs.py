@@ -18,6 +18,7 @@ import conformance_tables as conformance
 import control_tables as control
 import gait_tables as gaits
 import numerics_tables as numerics
+import orbit_tables
 import search_tables as search
 import speed_tables as speed
 import validation_tables as validation
@@ -127,6 +128,11 @@ SOURCES: dict[str, Source] = {
         for name in names
     },
     "orbits": one_block("orbits", GAITS, gaits.orbits_facts, gaits.orbits_table),
+    "continuation": one_block("continuation", GAITS, orbit_tables.continuation_facts, orbit_tables.continuation_table),
+    "repertoire": one_block("repertoire", GAITS, orbit_tables.repertoire_facts, orbit_tables.repertoire_table),
+    "polish_comparison": one_block(
+        "polish_comparison", GAITS, orbit_tables.polish_comparison_facts, orbit_tables.polish_comparison_table
+    ),
     "ranges": one_block("ranges", GAITS, gaits.ranges_facts, gaits.ranges_table),
     "third_opinions": one_block("third_opinions", GAITS, gaits.third_opinions_facts, gaits.third_opinions_table),
     "basin": one_block("basin", GAITS, gaits.basin_facts, gaits.basin_table),

@@ -69,6 +69,8 @@ class SearchSettings:
     """gaits in a generation"""
     generations: tuple[int, int] = (10, 2)
     """generations of screening; on the scene's own model, where screening is on its contact twin"""
+    optimiser: Literal["genetic", "cma-es"] = "genetic"
+    """what makes one generation from the last; cma-es needs the extra `baselines`"""
     robots: int = 4
     """that each gait is tried on in a generation, drawn from what is uncertain"""
     objective: ObjectiveSettings = field(default_factory=ObjectiveSettings)
@@ -94,7 +96,7 @@ class SearchSettings:
     """which members may be actuated"""
     active: int | None = None
     """how many of them are, which ones evolves too"""
-    polish: Literal["smoothed", "pathwise", "combined"] = "smoothed"
+    polish: Literal["smoothed", "pathwise", "combined", "orbit"] = "smoothed"
     """by which gradient"""
     polish_rollouts: int = 384
     """what polishing may cost; 0: no polish"""

@@ -34,6 +34,7 @@ class Checkpoint(NamedTuple):
             number=state.number,
             key=state.key,
             genes=state.genes,
+            **({} if state.memory is None else {"memory": state.memory}),
             **{f"record_{name}": part for name, part in state.record._asdict().items()},
             **{f"evaluated_{name}": part for name, part in evaluated.items()},
         )
@@ -106,5 +107,6 @@ def load_states(folder: Path) -> tuple[SearchState, ...]:
             if f"evaluated_{Generation._fields[0]}" in saved:
                 evaluated = Generation(*(jnp.asarray(saved[f"evaluated_{name}"]) for name in Generation._fields))
             genes = jnp.asarray(saved["genes"])
-            found.append(SearchState(int(saved["number"]), saved["key"], genes, record, evaluated))
+            memory = saved.get("memory")
+            found.append(SearchState(int(saved["number"]), saved["key"], genes, record, evaluated, memory))
     return tuple(found)

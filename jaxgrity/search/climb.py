@@ -52,6 +52,8 @@ class Climb(NamedTuple):
     steps: tuple[ClimbStep, ...]
     cost: int
     """in rollouts over the whole duration"""
+    remark: str = ""
+    """why it ended before its rollouts were spent"""
 
 
 def climb(

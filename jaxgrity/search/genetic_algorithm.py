@@ -13,6 +13,7 @@ from jaxtyping import Float, Int
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, PerGait, Scalar
 from jaxgrity.model.scene import Scene
+from jaxgrity.search.cma_es import asked_next, check_optimiser, fewest
 from jaxgrity.search.genome import Genes, Genome
 from jaxgrity.search.judging import Fitness, judge
 from jaxgrity.search.models import Model, model_of, twin_model
@@ -66,10 +67,15 @@ class GAConfig(eqx.Module):
     """share of children that have two parents; the others have one"""
     parents: int | None = eqx.field(static=True, default=None)
     """parents are drawn from so many of the best gaits, all alike; None: by tournaments among all"""
+    optimiser: str = eqx.field(static=True, default="genetic")
+    """ "cma-es": the next generation is asked of CMA-ES, which begins at the best gait of the first, as wide as its
+    mutations; elites, tournaments, crossover and parents do not count"""
 
     def __check_init__(self):
-        if self.population < 2:
-            raise InputError(f"population = {self.population}: expected at least 2 gaits")
+        check_optimiser(self.optimiser)
+        least = fewest(self.optimiser)
+        if self.population < least:
+            raise InputError(f"population = {self.population}: expected at least {least} gaits")
         if self.drawn is not None and self.drawn < self.population:
             raise InputError(f"drawn = {self.drawn}: expected at least {self.population} gaits, the population")
         if not 0 < self.elites < self.population:
@@ -118,6 +124,8 @@ class SearchState(NamedTuple):
     """of the generations so far"""
     evaluated: Generation | None
     """the last generation; None before the first"""
+    memory: AnyArray | None = None
+    """(numbers,), what CMA-ES has learnt; None before the second generation, and of a genetic algorithm"""
 
 
 class Evolution(NamedTuple):
@@ -150,7 +158,7 @@ def evolve(
     state: SearchState | None = None,
     on_generation: Callable[[SearchState], None] | None = None,
 ) -> Evolution:
-    """Evolve gaits by a genetic algorithm, a whole population in one call for each generation.
+    """Evolve gaits by a genetic algorithm, or by CMA-ES, a whole population in one call for each generation.
 
     Every generation, elites too, meets new draws of what is uncertain. The same seed gives the same search, and so does
     a `state` of it to go on from.
@@ -194,15 +202,21 @@ def _advance(state: SearchState, problem: SearchProblem, config: GAConfig, model
     key, now = jax.random.split(jax.random.wrap_key_data(jnp.asarray(state.key)))
     drawn, bred = jax.random.split(now)
     # NumPy: on all devices, as breeding leaves them, genes would have the next rollouts compiled again
-    genes, genome = np.asarray(state.genes), problem.genome
+    raw, genome = np.asarray(state.genes), problem.genome
+    genes = raw if state.memory is None else np.asarray(genome.within(raw))
     scores = judge(drawn, models, genome.gaits(models[0].scene.gait, genes), problem.duration, problem.fitness)
     order = np.argsort(-scores.fitness, kind="stable")[: config.population]
     generation = Generation(genes[order], scores.fitness[order], scores.spread[order], np.sum(scores.failed))
     progress = min(1, state.number / max(1, (config.shrinking or config.generations) - 1))
-    children = _breed(bred, generation, np.asarray(progress, genes.dtype), genome, config)
+    memory = None
+    if config.optimiser == "cma-es":
+        width = config.mutation_size[0]
+        children, memory = asked_next(bred, raw, scores.fitness, state.memory, config.population, width)
+    else:
+        children = _breed(bred, generation, np.asarray(progress, genes.dtype), genome, config)
     newest = (float(generation.fitness[0]), _median(generation.fitness), float(generation.failed))
     record = Record(*(np.append(so_far, x) for so_far, x in zip(state.record, newest)))
-    return SearchState(state.number + 1, jax.random.key_data(key), children, record, generation)
+    return SearchState(state.number + 1, jax.random.key_data(key), children, record, generation, memory)
 
 
 def breed(key, generation: Generation, progress: Scalar, genome: Genome, config: GAConfig) -> Genes:

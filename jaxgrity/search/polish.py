@@ -1,7 +1,8 @@
 """Polish: better gaits by gradients, where gradients mean something.
 
 The pathwise gradient differentiates the rollouts; it is exact, and useless where they are too sensitive. The smoothed
-one (evolution strategies) is a regression on the ranks of perturbed gaits: noisy, and sound on any horizon.
+one (evolution strategies) is a regression on the ranks of perturbed gaits: noisy, and sound on any horizon. The orbit's
+is that of the steady speed of the robot as the scene says (`polish_orbit`).
 
 Each climb has the same share of the rollouts. Each of its steps is a gradient, turned into an update by optax
 (momentum, its length falling by a cosine). Smoothed gradients are of the fitness, but
@@ -32,6 +33,7 @@ from jaxgrity.search.gradients import ClimbTask
 from jaxgrity.search.judging import ROUND, Scores, judge, judge_until, standard_error, with_robots, without_measuring
 from jaxgrity.search.models import Model
 from jaxgrity.search.polish_config import PolishConfig, budget, check_polish, cost_of_gradient
+from jaxgrity.search.polish_orbit import climb_on_orbit
 from jaxgrity.stepping.options import Options, ResolvedOptions, SolverOptions, resolve
 from jaxgrity.trust.sensitivity import Sensitivity, sensitivity
 
@@ -113,14 +115,14 @@ def polish(
     config, genes = config or PolishConfig(), np.atleast_2d(np.asarray(genes, float))
     check_polish(config, problem.fitness, len(genes))
     resolved, final = _resolved(problem, options, final_options)
-    found = Routes([Route(start, "smoothed", problem.duration) for start in genes], None, [])
-    if config.kind != "smoothed":
+    found = Routes([Route(start, config.kind, problem.duration) for start in genes], None, [])
+    if config.kind in ("pathwise", "combined"):
         found = _routes(problem, genes, resolved, config)
-    stay = Climb(genes[0], (), 0)
-    best, spent = _climb_all(problem, resolved, config, found.routes, seed, on_step) if found.routes else (stay, 0)
+    best, spent = Climb(genes[0], (), 0), 0
+    if found.routes:
+        best, spent = _climb_all(problem, resolved, config, found.routes, seed, on_step)
     before, after = _before_and_after(problem, genes[0], best.end, final, config, seed)
     improved = bool(after.fitness[0] > before.fitness[0])
-    done = [f"{len(best.steps)} steps", _gain(before, after)] if best.steps else []
     return Polished(
         genes=best.end if improved else genes[0],
         improved=improved,
@@ -130,7 +132,7 @@ def polish(
         horizon=best.steps[-1].horizon if best.steps else problem.duration,
         sensitivity=found.sensitivity,
         rollouts=spent,
-        reason="; ".join([*found.remarks, *done]),
+        reason="; ".join(_told(found, best, before, after)),
     )
 
 
@@ -146,6 +148,12 @@ def _resolved(
         raise InputError(f"method = {resolved.method.name!r} adapts its step; expected a fixed one (dt) to polish with")
     half = replace(resolved, dt=float(resolved.dt) / 2)
     return resolved, resolve(problem.scene, problem.duration, final_options or half, dtype="float64")
+
+
+def _told(found: Routes, best: Climb, before: Scores, after: Scores) -> list[str]:
+    """What `Polished.reason` says."""
+    done = [f"{len(best.steps)} steps", _gain(before, after)] if best.steps else []
+    return [*found.remarks, *([best.remark] if best.remark else []), *done]
 
 
 def _gain(before: Scores, after: Scores) -> str:
@@ -201,7 +209,12 @@ def _climb_all(
     each, comparison = budget(config, fitness, costs)
     climbs = []
     for number, alike in enumerate(_side_by_side(routes)):
-        climbs += climb(task, config, alike, each, _key(seed, FOR_CLIMBS, number), on_step)
+        key = _key(seed, FOR_CLIMBS, number)
+        if alike[0].kind == "orbit":
+            own = problem._replace(fitness=fitness)
+            climbs.append(climb_on_orbit(own, options, task.models, config, (alike[0].genes, each), key, on_step))
+        else:
+            climbs += climb(task, config, alike, each, key, on_step)
     spent = sum(done.cost for done in climbs) + comparison
     if len(routes) == 1:
         return climbs[0], spent

@@ -6,11 +6,14 @@ from typing import Literal, NamedTuple, get_args
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.search.judging import Fitness
+from jaxgrity.search.objectives import SteadySpeed
 
-GradientKind = Literal["smoothed", "pathwise", "combined"]
+GradientKind = Literal["smoothed", "pathwise", "combined", "orbit"]
 
 COST = 6.0
 """of a pathwise gradient, in rollouts of its horizon: 4 to 6 were measured (docs/performance.md)"""
+ORBIT_COST = 24.0
+"""of an orbit and the gradient of its speed, in rollouts over 40 s, at most where gaits are waves"""
 
 
 class PolishConfig(NamedTuple):
@@ -49,8 +52,15 @@ class Budget(NamedTuple):
 def cost_of_gradient(config: PolishConfig, fitness: Fitness, kind: GradientKind, share: float) -> float:
     """Of one gradient that looks ahead for a share of the duration, in rollouts over the whole of it."""
     robots = _robots(fitness, config.robots)
+    if kind == "orbit":
+        return ORBIT_COST + judges_of_a_step(config, fitness)
     each = {"smoothed": robots, "pathwise": COST, "combined": robots + COST}[kind]
     return share * config.samples * each
+
+
+def judges_of_a_step(config: PolishConfig, fitness: Fitness) -> int:
+    """Robots by which each step on an orbit is judged: half of those that a smoothed gradient takes."""
+    return _robots(fitness, config.samples * config.robots // 2)
 
 
 def budget(config: PolishConfig, fitness: Fitness, costs: Sequence[float]) -> Budget:
@@ -76,16 +86,19 @@ def check_polish(config: PolishConfig, fitness: Fitness, starts: int) -> None:
         raise InputError(f"polishing by {config.kind!r}: unknown; expected one of {known}")
     if config.samples < 4 or config.samples % 2:
         raise InputError(f"samples = {config.samples}: expected an even number, 4 or more")
+    if config.kind == "orbit" and not isinstance(fitness.objective, SteadySpeed):
+        said = f"the objective {type(fitness.objective).__name__} is not the speed of an orbit"
+        raise InputError(f"polishing by 'orbit': {said}; expected SteadySpeed, or another gradient")
     unfit = {
         "caution": fitness.caution,
         "a steady objective": fitness.objective.steady,
         "an objective or a bound that needs metrics": fitness.needs_metrics,
     }
     for what, asked in unfit.items():
-        if config.kind != "smoothed" and asked:
+        if config.kind in ("pathwise", "combined") and asked:
             raise InputError(f"{what} has no pathwise gradient; expected a smoothed one")
-    if config.kind == "smoothed":
-        budget(config, fitness, [cost_of_gradient(config, fitness, "smoothed", 1.0)] * starts)
+    if config.kind in ("smoothed", "orbit"):
+        budget(config, fitness, [cost_of_gradient(config, fitness, config.kind, 1.0)] * starts)
 
 
 def _robots(fitness: Fitness, robots: int) -> int:

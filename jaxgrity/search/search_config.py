@@ -14,6 +14,7 @@ from jaxgrity.model.scene import Scene, with_gait
 from jaxgrity.model.symmetry import gene_permutations, standing_symmetries
 from jaxgrity.model.waves import travelling_waves
 from jaxgrity.rollout.uncertainty import Uncertainty
+from jaxgrity.search.cma_es import fewest
 from jaxgrity.search.genetic_algorithm import GAConfig, SearchProblem
 from jaxgrity.search.genome import Genome
 from jaxgrity.search.judging import Fitness
@@ -45,6 +46,9 @@ class SearchConfig:
     """gaits in a generation"""
     generations: tuple[int, int] = (10, 2)
     """generations of screening; on the scene's own model, where screening leaves something of it out"""
+    optimiser: Literal["genetic", "cma-es"] = "genetic"
+    """what makes one generation from the last: a genetic algorithm, or CMA-ES (the extra `baselines`), which begins at
+    the best gait of the first generation"""
     robots: int = 4
     """that each gait is tried on in a generation, drawn from what is uncertain"""
     objective: Objective = field(default_factory=SteadySpeed)
@@ -89,12 +93,13 @@ def ga_configs(config: SearchConfig, levels: int) -> tuple[GAConfig, ...]:
     """Of the search on each of so many levels where gaits evolve."""
     size, counts = config.population, config.generations[:levels]
     if not config.wide:
-        return tuple(GAConfig(size, generations=count, elites=max(1, size // 8)) for count in counts)
+        few = max(1, size // 8)
+        return tuple(GAConfig(size, generations=count, elites=few, optimiser=config.optimiser) for count in counts)
     # with two parents, searches end at the first gaits that roll somehow, and miss the few that roll fast
-    sizes, drawn = (size, max(2, size // 8)), (DRAWN * size, None)
+    sizes, drawn = (size, max(fewest(config.optimiser), size // 8)), (DRAWN * size, None)
     best = [max(1, each // 8) for each in sizes]
     return tuple(
-        GAConfig(each, count, few, 1, 1.0, width, drawn=first, crossover=0.0, parents=few)
+        GAConfig(each, count, few, 1, 1.0, width, drawn=first, crossover=0.0, parents=few, optimiser=config.optimiser)
         for each, count, few, width, first in zip(sizes, counts, best, MUTATIONS, drawn)
     )
 

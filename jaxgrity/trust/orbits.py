@@ -114,7 +114,9 @@ def shortest_watch(gait: Gait | None) -> float:
     return (_first_period(gait) + 4 * MOST_PERIODS) * period_of(gait)
 
 
-def find_orbit(scene: Scene, duration: float = 120.0, *, options: Options = None) -> Orbit:
+def find_orbit(
+    scene: Scene, duration: float = 120.0, *, options: Options = None, beginning: Orbit | None = None
+) -> Orbit:
     """Roll the scene's gait out, and find the orbit that the robot settles on.
 
     Shapes are compared once a period: heights of nodes above the plane and distances between them, which no planar
@@ -127,6 +129,8 @@ def find_orbit(scene: Scene, duration: float = 120.0, *, options: Options = None
         duration: s, settling included.
         options: how to integrate, at a fixed step, which is shortened so that steps divide the period; where not given,
             the scene decides. The precision is float64 in any case.
+        beginning: an orbit to begin on, its state and with the gait in full swing, in place of the scene's own pose at
+            rest: that of a scene that differs a little, to follow the orbit from one to the other.
 
     Returns:
         The orbit. `Orbit.settled` says whether there is one.
@@ -145,9 +149,11 @@ def find_orbit(scene: Scene, duration: float = 120.0, *, options: Options = None
     least = shortest_watch(scene.gait)
     if duration < least:
         raise InputError(f"duration = {duration:g} s: expected at least {least:.4g} s, to see cycles of this gait")
-    count, plane = int(duration / period + 1e-9), plane_of(scene)
-    trajectory = simulate(scene, count * period, options=in_step(scene, period, options), frame_rate=FRAMES / period)
-    return _orbit(scene, trajectory, period, plane, _first_period(scene.gait))
+    count, plane, first = int(duration / period + 1e-9), plane_of(scene), _first_period(scene.gait)
+    here, v = (scene, None) if beginning is None else (restarted(scene, beginning), beginning.state[1])
+    chosen = in_step(here, period, options)
+    trajectory = simulate(here, count * period, options=chosen, frame_rate=FRAMES / period, velocities=v)
+    return _orbit(scene, trajectory, period, plane, first if beginning is None else 0)
 
 
 def refined_orbit(scene: Scene, duration: float = 120.0, *, options: Options = None) -> tuple[Orbit, float]:
@@ -260,7 +266,9 @@ def _orbit(scene: Scene, trajectory: Trajectory, period: float, plane: Plane, fi
     since = int(beyond[-1]) + 1 if beyond.size else 0
     settled = len(once) - since >= 2 * MOST_PERIODS
     since = since if settled else half
+    # a whole number of cycles: on a path that bends, the speed depends on the period with which a cycle begins
     later, time = (len(changes) - since) // 2, periods * period
+    later += (len(changes) - since - later) % periods
     moved = [moved_onto(mass, once[k + periods], once[k], plane) for k in range(since, len(changes))]
     turned = -float(np.mean([motion[2] for motion in moved[later:]]))
     every = np.array([np.hypot(*motion[1]) for motion in moved]) / time / chord(turned)

@@ -13,6 +13,7 @@ import control_tables
 import gait_tables
 import numerics_tables
 import numpy as np
+import orbit_tables
 import pytest
 import search_tables
 import speed_tables
@@ -306,3 +307,18 @@ def test_robots_are_driven_by_feedback_to_goals_and_in_environments(tmp_path):
     assert facts["rows"][0]["repeated"]
     assert "| heading | 800 | " in control_tables.environments_table(control_tables.environments_facts(facts))
     assert np.shape(quick("measurements/tune_feedback.py", tmp_path / "tune")["gains"]) == (2, 2)
+
+
+@pytest.mark.slow
+def test_orbits_are_followed_gaits_polished_and_a_repertoire_filled(tmp_path):
+    """Quick sizes: what the tables of docs/gaits.md about them are made of."""
+    facts = quick("measurements/continuation.py", tmp_path / "continuation")
+    assert "| friction | 0.90 times, no further tried | 1.00 times" in orbit_tables.continuation_table(
+        orbit_tables.continuation_facts(facts)
+    )
+    facts = orbit_tables.polish_comparison_facts(quick("measurements/polish_comparison.py", tmp_path / "polish"))
+    assert [row["way"] for row in facts["rows"]] == ["search runs on", "smoothed", "orbit"]
+    assert all(row["spent"] <= facts["rollouts"] for row in facts["rows"])
+    facts = orbit_tables.repertoire_facts(quick("measurements/repertoire.py", tmp_path / "repertoire"))
+    assert 0 < facts["filled"] < facts["cells"]
+    assert "| straight | 1 |" in orbit_tables.repertoire_table(facts)

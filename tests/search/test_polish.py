@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from jaxgrity import (
+    ActuatorBounds,
     Fitness,
     Genome,
     InputError,
@@ -15,9 +16,12 @@ from jaxgrity import (
     Straightness,
     Uncertainty,
     check_polish,
+    load_gait,
     polish,
     random_phases,
+    with_gait,
 )
+from jaxgrity.model.actuation import actuated_lengths, peak_rates
 from jaxgrity.search.gradients import smoothed_gradients
 
 OPTIONS = SolverOptions(dt=1e-2)
@@ -139,3 +143,68 @@ def test_bad_polish_configs_are_refused(exact):
         polished(exact, SMALL._replace(kind="pathwise"), fitness=Fitness(SteadySpeed()))
     with pytest.raises(InputError, match="samples = 5: expected an even number"):
         polished(exact, SMALL._replace(samples=5))
+
+
+@pytest.fixture(scope="module")
+def rolling(exact):
+    """A gait that lasts, as the problem of steady speed over 20 s, and its genes: amplitude and frequency."""
+    scene = with_gait(exact, load_gait("lasting"))
+    genome = Genome(6, frequency=(0.3, 1.6), amplitude=(0.05, 0.5))
+    amplitude, frequency = (float(x[0]) for x in (scene.gait.amplitude, scene.gait.frequency))
+    phase = np.asarray(scene.gait.phase) / (2 * np.pi)
+    genes = np.concatenate([phase, np.full(6, (amplitude - 0.05) / 0.45), [(frequency - 0.3) / 1.3]])
+    fitness = Fitness(SteadySpeed(), Uncertainty(friction=0.05), robots=2)
+    return SearchProblem(scene, genome, 20.0, fitness), genes
+
+
+@pytest.mark.slow
+def test_polish_on_the_orbit_climbs_its_speed(rolling):
+    """Faster on the very robots that judge its steps, in each of which the fitness does not fall."""
+    problem, genes = rolling
+    config = PolishConfig(600, "orbit", samples=4, robots=2, final_robots=16)
+    steps = []
+    result = polish(problem, genes[None], config, options=OPTIONS, final_options=OPTIONS, on_step=steps.append)
+    assert tuple(steps) == result.steps
+    assert len(steps) >= 2
+    assert result.rollouts <= 600
+    assert result.improved
+    assert result.after.mean[0] > result.before.mean[0] + 1e-3
+    assert np.all(np.diff([step.fitness for step in steps]) >= 0)
+
+
+@pytest.mark.slow
+def test_polish_on_the_orbit_keeps_within_the_bound_on_rates(rolling):
+    """The gradient asks for a higher frequency; the gait that is found is no quicker than the bound allows."""
+    problem, genes = rolling
+    gait = problem.genome.gaits(problem.scene.gait, genes[None])
+    lengths = actuated_lengths(problem.scene.structure, gait.members)
+    limit = float(peak_rates(gait, lengths).max()) * 1.001
+    bounded = problem._replace(
+        fitness=Fitness(SteadySpeed(), Uncertainty(friction=0.05), robots=2, bounds=ActuatorBounds(rate=limit))
+    )
+    config = PolishConfig(400, "orbit", samples=4, robots=2, final_robots=16)
+    result = polish(bounded, genes[None], config, options=OPTIONS, final_options=OPTIONS)
+    assert result.steps
+    found = problem.genome.gaits(problem.scene.gait, result.genes[None])
+    assert float(peak_rates(found, lengths).max()) <= limit
+    assert result.after.mean[0] > 0
+
+
+@pytest.mark.slow
+def test_polish_on_the_orbit_needs_one(rolling, monkeypatch):
+    """Where the robot settles on none, the reason says so, and the gait is kept as it was."""
+    problem, genes = rolling
+    monkeypatch.setattr("jaxgrity.trust.orbits.SETTLED", 0.0)
+    config = PolishConfig(200, "orbit", samples=4, robots=2, final_robots=16)
+    result = polish(problem, genes[None], config, options=OPTIONS, final_options=OPTIONS)
+    assert result.reason == "the robot settles on no orbit"
+    assert not result.steps
+    np.testing.assert_array_equal(result.genes, genes)
+
+
+def test_polish_on_the_orbit_is_of_steady_speed_alone(exact):
+    """A distance from the start is no property of an orbit; and one gradient has to be paid."""
+    with pytest.raises(InputError, match="the objective Distance is not the speed of an orbit; expected SteadySpeed"):
+        polished(exact, SMALL._replace(kind="orbit"))
+    with pytest.raises(InputError, match="20 rollouts of polish: expected"):
+        check_polish(SMALL._replace(kind="orbit", rollouts=20), Fitness(SteadySpeed()), 1)

@@ -1,0 +1,174 @@
+"""The orbit of a gait, followed: from exact contact to penalty contact, and along friction, cable stiffness and slope.
+
+Each orbit begins in the state of the one before, at a value a little further from the gait's own, until the robot rolls
+on no orbit any more. Where one attracts, the largest multiplier says how soon it will cease to.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from jaxgrity.cli.script import measured, run
+
+import equinox as eqx
+import numpy as np
+from matplotlib.figure import Figure
+from tqdm import tqdm
+
+from jaxgrity import (
+    Orbit,
+    Scene,
+    body_length,
+    centre_path,
+    find_orbit,
+    load_gait,
+    load_scene,
+    penalty_twin,
+    plot,
+    simulate,
+    stability,
+    with_gait,
+)
+from jaxgrity.io.files import save_json
+
+VALUES = {
+    "friction": (np.geomspace(1, 0.2, 17), np.geomspace(1, 1.95, 7)),
+    "cable stiffness": (np.geomspace(1, 0.6, 15), np.geomspace(1, 1.8, 14)),
+    "slope": (np.arange(0, -6.1, -0.5), np.arange(0, 6.1, 0.5)),
+    "stiffness of ground and struts": (np.geomspace(4, 0.25, 9),),
+}
+"""from the gait's own value outwards: factors, degrees downwards in the heading, and factors of the penalty twin's"""
+SCALED = {"friction": lambda s: s.friction.mu, "cable stiffness": lambda s: s.structure.cables.stiffness}
+STIFF = (lambda s: s.ground.stiffness, lambda s: s.structure.struts.stiffness, lambda s: s.structure.struts.damping)
+"""where a scene has the numbers of each quantity"""
+UNITS = {"slope": "downwards in the heading (°)", "stiffness of ground and struts": "factor of the penalty twin's"}
+LOST, TURNED = 0.5, 45.0
+"""of the speed on the gait's own scene, below which the orbit is another one; degrees, by which its heading is, on a
+slope"""
+WATCHED = 52.01
+"""periods at each value"""
+SETTLING, SHOWN = 8, 24
+"""periods at the end, after some that are left to settling, whose speeds the figure shows"""
+
+
+@dataclass
+class Settings:
+    gait: str = "lasting"
+    """of the library, for the scene "exact" """
+    robots: int = 32
+    """by which the multipliers are fitted"""
+    out: Path = Path("results/continuation")
+    """folder for continuation.json and its figure"""
+    quick: bool = False
+    """friction alone, two values"""
+
+
+def main(settings: Settings) -> None:
+    scene = with_gait(load_scene("exact"), load_gait(settings.gait))
+    own = find_orbit(scene, 2 * WATCHED / float(scene.gait.frequency[0]))
+    ways = {"friction": (np.array([1.0, 0.9]),)} if settings.quick else VALUES
+    rows: list[dict[str, Any]] = []
+    branches = [(name, values) for name, every in ways.items() for values in every]
+    for name, values in tqdm(branches, unit="branch"):
+        rows += followed(scene, own, name, tqdm(values, desc=name, leave=False), settings)
+        facts = {**measured(), "gait": settings.gait, "speed": own.speed, "body_length": own.body_length}
+        save_json(settings.out / "continuation.json", {**facts, "rows": rows})
+    plot.save(figure(rows), settings.out / "continuation.png")
+    print(f"wrote {settings.out}/")
+
+
+def followed(scene: Scene, own: Orbit, name: str, values: np.ndarray, settings: Settings) -> Iterator[dict[str, Any]]:
+    """What becomes of the orbit at each of the values, up to the first at which it is lost."""
+    last, watch = own, WATCHED * own.period
+    for value in values:
+        there = changed(scene, own, name, float(value))
+        last = find_orbit(there, watch, beginning=last)
+        row = told(there, last, own, settings)
+        # where the ground is level an orbit has no heading of its own
+        turned = name == "slope" and abs(row["heading"]) > TURNED
+        row["on_orbit"] = row["settled"] and row["speed"] > LOST * own.speed / own.body_length and not turned
+        yield {"quantity": name, "value": float(value), **row}
+        if not row["on_orbit"]:
+            return
+
+
+def changed(scene: Scene, own: Orbit, name: str, value: float) -> Scene:
+    """The scene at one value of a quantity."""
+    if name in SCALED:
+        return eqx.tree_at(SCALED[name], scene, np.asarray(SCALED[name](scene)) * value)
+    if name == "slope":
+        # the ground stays as it is and gravity leans, so that states carry over
+        heading, lean = heading_of(scene, own), np.radians(value)
+        up = np.array([-np.sin(lean) * heading[0], -np.sin(lean) * heading[1], np.cos(lean)])
+        return replace(scene, up=np.tile(up, (len(scene.structure.nodes), 1)))
+    twin = penalty_twin(scene)
+    for where in STIFF:
+        twin = eqx.tree_at(where, twin, np.asarray(where(twin)) * value)
+    return twin
+
+
+def heading_of(scene: Scene, orbit: Orbit) -> np.ndarray:
+    """(2,), the direction in which the robot goes in the cycle after the orbit's state."""
+    moved = np.diff(path_after(scene, orbit, orbit.periods)[[0, -1]], axis=0)[0]
+    return moved / np.linalg.norm(moved)
+
+
+def path_after(scene: Scene, orbit: Orbit, periods: int) -> np.ndarray:
+    """(periods + 1, 2), where the centre of mass is after each of the periods that follow the orbit's state, m."""
+    gait = replace(scene.gait, start=np.array(-10 * orbit.period), ramp=np.array(orbit.period))
+    here = eqx.tree_at(lambda s: s.structure.nodes, with_gait(scene, None), orbit.state[0])
+    trajectory = simulate(
+        with_gait(here, gait), periods * orbit.period, frame_rate=1 / orbit.period, velocities=orbit.state[1]
+    )
+    return centre_path(scene, trajectory)[:, :2]
+
+
+def told(scene: Scene, orbit: Orbit, own: Orbit, settings: Settings) -> dict[str, Any]:
+    """What the robot does on a scene: speeds in body lengths/s, its heading in degrees from that of its own orbit."""
+    if not orbit.verified_for:
+        nothing = dict.fromkeys(("turning", "periods", "multiplier"))
+        return {"settled": False, "speed": 0.0, "heading": 0.0, **nothing, "each": []}
+    size = float(body_length(scene))
+    path = path_after(scene, orbit, SETTLING + SHOWN)[SETTLING:]
+    each = np.linalg.norm(np.diff(path, axis=0), axis=1) / orbit.period / size
+    (x, y), (a, b) = path[-1] - path[0], heading_of(scene, own)
+    held = stability(scene, orbit, robots=settings.robots) if orbit.settled else None
+    return {
+        "settled": orbit.settled,
+        "speed": orbit.speed / size,
+        "heading": float(np.degrees(np.arctan2(a * y - b * x, a * x + b * y))),
+        "turning": orbit.turning,
+        "periods": orbit.periods,
+        "multiplier": None if held is None or not np.isfinite(held.largest) else held.largest,
+        "each": each.tolist(),
+    }
+
+
+@plot.styled
+def figure(rows: list[dict[str, Any]]) -> Figure:
+    """Of each quantity the speed in every one of the last periods, and the largest multiplier."""
+    names = list(dict.fromkeys(row["quantity"] for row in rows))
+    chart = Figure(figsize=(3.2 * len(names) + 0.6, 5), layout="constrained")
+    grid = chart.subplots(2, len(names), sharex="col", sharey="row", squeeze=False)
+    for column, name in enumerate(names):
+        mine = [row for row in rows if row["quantity"] == name]
+        for row in mine:
+            colour = "C0" if row["on_orbit"] else "0.6"
+            grid[0, column].plot([row["value"]] * len(row["each"]), row["each"], ".", markersize=3, color=colour)
+        held = sorted(
+            (row["value"], row["multiplier"]) for row in mine if row["on_orbit"] and row["multiplier"] is not None
+        )
+        grid[1, column].semilogy(*np.array(held).T, "o-", markersize=3)
+        grid[1, column].axhline(1, color="0.7", linewidth=0.8, zorder=0)
+        grid[0, column].set(title=name)
+        grid[1, column].set(xlabel=UNITS.get(name, "factor"))
+        if name.startswith("stiffness of"):
+            grid[1, column].set_xscale("log", base=2)
+    grid[0, 0].set(ylabel="speed in each period\n(body lengths/s)", ylim=(0, None))
+    grid[1, 0].set(ylabel="largest multiplier")
+    return chart
+
+
+if __name__ == "__main__":
+    run(main, Settings)

@@ -1,0 +1,145 @@
+"""Polish on the orbit: a climb by the derivative of the steady speed itself, which no horizon bounds.
+
+Each gradient is of the orbit of the robot as the scene says, found anew at every gait; each step has to be worth it to
+an ensemble of robots that differ, the same for all steps of a climb. A step that is not is taken back and halved.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+from jax.flatten_util import ravel_pytree
+
+from jaxgrity.core.types import Scalar
+from jaxgrity.model.actuation import Gait, actuated_lengths, peak_rates
+from jaxgrity.model.scene import body_length, with_gait
+from jaxgrity.rollout.population import one_gait
+from jaxgrity.search.climb import Climb, ClimbStep, OneGait
+from jaxgrity.search.genetic_algorithm import SearchProblem
+from jaxgrity.search.judging import Scores, judge, with_robots
+from jaxgrity.search.models import Model
+from jaxgrity.search.polish_config import PolishConfig, judges_of_a_step
+from jaxgrity.stepping.options import ResolvedOptions
+from jaxgrity.trust.orbit_gradient import derivatives_along, numbers_of
+from jaxgrity.trust.orbits import find_orbit, shortest_watch
+
+TANGENT = 3.5
+"""cost of a forward tangent, in rollouts: 28 for eight were measured"""
+DOUBLE = 2.0
+"""cost of float64, in rollouts of float32"""
+SHORTEST = 1 / 16
+"""of the first step's length: a climb ends where steps have become shorter"""
+PULLS = 4
+"""by which a gait is brought back within the bound on rates"""
+INSIDE = 1 - 1e-5
+"""of the bound, so that no rounding carries a gait beyond it"""
+
+
+class OrbitSlope(NamedTuple):
+    """Of one gait's orbit."""
+
+    speed: float
+    """body lengths/s"""
+    gradient: OneGait
+    """body lengths/s per turn of the circle or per width of the bounds"""
+    cost: float
+    """in rollouts over the whole duration"""
+    watched: float
+    """s, through which tangents were carried"""
+    remark: str
+    """why there is no gradient; empty where there is"""
+
+
+def climb_on_orbit(
+    problem: SearchProblem,
+    options: ResolvedOptions,
+    models: tuple[Model, ...],
+    config: PolishConfig,
+    start: tuple[OneGait, int],
+    key,
+    on_step: Callable[[ClimbStep], None] | None = None,
+) -> Climb:
+    """Climb from one gait for as long as the rollouts pay: `start` is its genes, and how many they are."""
+    genes: OneGait = np.asarray(start[0], float)
+    rollouts = start[1]
+    fitness = with_robots(problem.fitness, judges_of_a_step(config, problem.fitness))
+    optimiser = optax.chain(optax.trace(config.momentum), optax.normalize_by_update_norm())
+
+    def judged(each: OneGait) -> Scores:
+        gaits = problem.genome.gaits(problem.scene.gait, jnp.asarray(each, models[0].options.dtype)[None])
+        return judge(key, models, gaits, problem.duration, fitness)
+
+    best, length, steps = float(judged(genes).fitness[0]), config.learning_rate, []
+    spent, memory, slope = float(fitness.rollouts), optimiser.init(genes), orbit_slope(problem, genes, options)
+    spent += slope.cost
+    while not slope.remark and spent + fitness.rollouts <= rollouts and length >= SHORTEST * config.learning_rate:
+        update, after = optimiser.update(slope.gradient, memory)
+        tried = _within_rate(problem, genes, genes + length * np.asarray(update))
+        value = float(judged(tried).fitness[0])
+        spent += fitness.rollouts
+        steps.append(ClimbStep(slope.watched, float(np.linalg.norm(slope.gradient)), 1.0, max(best, value)))
+        if on_step is not None:
+            on_step(steps[-1])
+        if value > best:
+            best, genes, memory = value, tried, after
+            if spent + slope.cost + fitness.rollouts > rollouts:
+                break
+            slope = orbit_slope(problem, genes, options)
+            spent += slope.cost
+        else:
+            length, memory = length / 2, optimiser.init(genes)
+    return Climb(np.asarray(problem.genome.within(genes)), tuple(steps), int(spent), slope.remark)
+
+
+def orbit_slope(problem: SearchProblem, genes: OneGait, options: ResolvedOptions) -> OrbitSlope:
+    """The steady speed of the gait that genes stand for, and its gradient in them, as far as there is an orbit."""
+    scene, genome, duration, _, _ = problem
+    here = with_gait(scene, one_gait(genome.gaits(scene.gait, jnp.asarray(genes)[None]), 0))
+
+    def numbers(each):
+        return ravel_pytree(numbers_of(_row(genome.gaits(scene.gait, each[None]))))[0]
+
+    directions = np.asarray(jax.jacfwd(numbers)(jnp.asarray(genes, float))).T
+    counts = np.flatnonzero(np.abs(directions).max(1) > 0)
+    watch, size = shortest_watch(here.gait) * (1 + 1e-6), float(body_length(scene))
+    orbit = find_orbit(here, watch, options=options)
+    cost, nothing = DOUBLE * watch / duration, np.zeros(len(directions))
+    if not orbit.settled:
+        return OrbitSlope(orbit.speed / size, nothing, cost, 0.0, "the robot settles on no orbit")
+    found = derivatives_along(here, orbit, directions[counts], options=options)
+    watched = found.cycles * orbit.cycle
+    cost += DOUBLE * (1 + TANGENT * len(counts)) * watched / duration
+    gradient = nothing.copy()
+    gradient[counts] = found.rows[:, 0] / size
+    remark = "" if found.settled else "the orbit has no derivative: tangents do not settle"
+    return OrbitSlope(orbit.speed / size, gradient, cost, watched, remark)
+
+
+def _row(gaits: Gait) -> Gait:
+    """The first of a population of gaits, traced."""
+    return jax.tree.map(lambda x: x[0] if jnp.ndim(x) else x, gaits)
+
+
+def _within_rate(problem: SearchProblem, before: OneGait, genes: OneGait) -> OneGait:
+    """Genes brought back along the gradient of the largest rate, to where no robot passes the bound on it.
+
+    Robots whose amplitudes are off leave less than the bound; a gait that began beyond that may stay as it is.
+    """
+    genome, fitness = problem.genome, problem.fitness
+
+    def rate(each) -> Scalar:
+        gaits = genome.gaits(problem.scene.gait, each[None])
+        return peak_rates(gaits, actuated_lengths(problem.scene.structure, gaits.members)).max()
+
+    genes = genome.bounded(jnp.asarray(genes))
+    if fitness.bounds.rate is None:
+        return np.asarray(genes)
+    least = INSIDE * fitness.bounds.rate / (1 + fitness.uncertainty.actuation)
+    limit = max(least, float(rate(jnp.asarray(before))))
+    for _ in range(PULLS):
+        now, slope = jax.value_and_grad(rate)(genes)
+        genes = genome.bounded(genes - jnp.maximum(now - limit, 0) * slope / jnp.maximum(slope @ slope, 1e-12))
+    return np.asarray(genes)

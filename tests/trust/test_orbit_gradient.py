@@ -1,0 +1,96 @@
+"""Derivatives of an orbit's speed in the numbers of its gait, by tangents that settle."""
+
+import dataclasses
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxgrity import (
+    Gait,
+    InputError,
+    Members,
+    Overtone,
+    PenaltyGround,
+    Scene,
+    SmoothFriction,
+    SolverOptions,
+    Structure,
+    closed_orbit,
+    find_orbit,
+    load_gait,
+    resolve,
+    speed_gradient,
+    with_gait,
+)
+
+
+@pytest.fixture(scope="module")
+def crawler():
+    """Two unequal masses on a strut that lengthens faster than it shortens, so that it creeps over the ground."""
+    nodes = np.array([[0.0, 0, -1e-3], [1, 0, -1e-3]])
+    struts = Members(((0, 1),), [2e3], [1.1], damping=[20.0])
+    gait = Gait((0,), [0.0], [0.2], [1.0], start=0.0, ramp=1.0, overtones=(Overtone([0.5], [np.pi / 2]),))
+    scene = Scene(
+        Structure(nodes, [1.0, 3.0], struts=struts),
+        gravity=9.81,
+        ground=PenaltyGround(1e4, 2.0),
+        friction=SmoothFriction(0.2, 0.2),
+        gait=gait,
+    )
+    options = SolverOptions("rk4", 2e-3)
+    return scene, find_orbit(scene, 60.0, options=options), options
+
+
+def test_tangents_settle_at_what_the_implicit_function_theorem_gives(crawler):
+    """On a smooth scene, where `closed_orbit` solves for the derivative instead of waiting for it."""
+    scene, orbit, options = crawler
+    found = speed_gradient(scene, orbit, options=options)
+    assert found.settled
+    np.testing.assert_allclose(found.speed, orbit.speed, rtol=1e-5)
+    resolved = resolve(scene, 1.0, options)
+
+    def speed(amplitude):
+        there = eqx.tree_at(lambda s: s.gait.amplitude, scene, amplitude)
+        return closed_orbit(there, orbit, resolved).speed
+
+    expected = jax.jit(jax.jacfwd(speed))(jnp.asarray(scene.gait.amplitude))
+    assert abs(expected[0]) > 1e-3
+    np.testing.assert_allclose(found.of_speed.amplitude, expected, rtol=1e-4)
+
+
+def test_a_gait_that_begins_earlier_is_as_fast(crawler):
+    """All phases together, overtones' twice, are a shift of time: no speed depends on it."""
+    scene, orbit, options = crawler
+    slope = speed_gradient(scene, orbit, options=options).of_speed
+    shift = slope.phase.sum() + 2 * slope.overtones[0].phase.sum()
+    assert abs(slope.phase.sum()) > 1e-3
+    np.testing.assert_allclose(shift, 0, atol=1e-4 * abs(slope.phase.sum()))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["amplitude", "frequency"])
+def test_derivatives_agree_with_orbits_found_anew(exact, name):
+    """With exact contact at a coarse step, by central differences that move no touch-down to another step."""
+    options, h = SolverOptions(dt=0.01), 1e-6
+    scene = with_gait(exact, load_gait("lasting"))
+    found = speed_gradient(scene, find_orbit(scene, 80.0, options=options), options=options)
+    assert found.settled
+
+    def speed(change):
+        gait = dataclasses.replace(scene.gait, **{name: np.asarray(getattr(scene.gait, name)) + change})
+        return find_orbit(with_gait(scene, gait), 80.0, options=options).speed
+
+    differences = (speed(h) - speed(-h)) / (2 * h)
+    np.testing.assert_allclose(np.sum(getattr(found.of_speed, name)), differences, rtol=1e-5)
+
+
+def test_what_has_no_derivative_is_refused(crawler):
+    """A rollout that failed, and too few cycles to see tangents settle."""
+    scene, orbit, options = crawler
+    with pytest.raises(InputError, match="orbit: its rollout failed; expected one that was watched to the end"):
+        speed_gradient(scene, orbit._replace(verified_for=0.0), options=options)
+    with pytest.raises(InputError, match="most_cycles = 2: expected at least 3"):
+        speed_gradient(scene, orbit, options=options, most_cycles=2)
