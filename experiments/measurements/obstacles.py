@@ -50,8 +50,9 @@ ARENA = (-3.0, -5.0, 13.0, 5.0)
 """m, the least and the largest x and y"""
 DISCS, RADII, ACROSS = 9, (0.25, 0.6), 3.0
 """obstacles of a field, between which radii, m, and how far from the straight way, m"""
-REACH, SPARE = 0.6, 0.3
-"""m, how far a robot sticks out from its centre of mass, and how much wider than that a free way is on both sides"""
+REACH, SPARE, NEAR = 0.6, 0.3, 0.05
+"""m, how far a robot sticks out from its centre of mass, how much wider than that a free way of a field is on both
+sides, and how near to obstacles plans may lead on top of it"""
 UNKNOWN = 0.25
 """share of the friction, within which it is drawn"""
 GAITS = ("lasting", "fast", "left", "right")
@@ -77,7 +78,7 @@ def main(settings: Settings) -> None:
         settings.fields, settings.samples, settings.patience = 2, 4, 1.5
     scene = load_scene("exact")
     fields = drawn_fields(settings)
-    maps = [way_map(field, GOAL, ARENA, reach=REACH + SPARE) for field in fields]
+    maps = [way_map(field, GOAL, ARENA, reach=REACH + NEAR) for field in fields]
     found = led(scene, settings, maps)
     nothing = Discs(np.zeros((0, 2)), np.zeros(0))
     blind = led(scene, settings, [way_map(nothing, GOAL, ARENA)] * len(fields))
@@ -215,7 +216,7 @@ def figure(fields: list[Discs], maps: list[WayMap], found: Travels, blind: Trave
             axes.plot(*path.T, label=label, **style)
         axes.plot(*way.way(found.path[0, :2, k]).T, ":", color="black", lw=0.8, label="first plan")
         axes.plot(*GOAL, "o", markersize=5, markerfacecolor="none", color="black")
-        axes.set(aspect="equal", xlim=(-2, 11.5), ylim=(-4.5, 4.5))
+        axes.set(aspect="equal", xlim=(-2, 12), ylim=(-5, 5))
         told_here = told(found, field, k)
         axes.set_title(
             "reached" if told_here["reached"] else "touched" if told_here["touched"] else "not reached", size=8

@@ -56,7 +56,7 @@ def room(discs: Discs, places: np.ndarray) -> np.ndarray:
     if not len(discs.radii):
         return np.full(places.shape[:-1], np.inf)
     away = np.linalg.norm(places[..., None, :] - discs.centres, axis=-1)
-    return (away - discs.radii).min(-1)
+    return np.asarray((away - discs.radii).min(-1))
 
 
 def gap(discs: Discs, structure: Structure, q: np.ndarray) -> np.ndarray:
@@ -75,7 +75,7 @@ def gap(discs: Discs, structure: Structure, q: np.ndarray) -> np.ndarray:
         share = ((centre - a) * along).sum(-1) / np.maximum((along * along).sum(-1), 1e-12)
         near = a + np.clip(share, 0, 1)[..., None] * along
         least = np.minimum(least, np.linalg.norm(near - centre, axis=-1).min(-1) - radius)
-    return least
+    return np.asarray(least)
 
 
 class WayMap(NamedTuple):
@@ -92,11 +92,16 @@ class WayMap(NamedTuple):
     """(points along x, points along y), m; infinite where no way leads to the goal"""
 
     def to_go(self, places: np.ndarray) -> np.ndarray:
-        """(...,), m, from each of `places` (..., 2), between points of the grid by interpolation, within its border."""
+        """(...,), m, from each of `places` (..., 2), between points of the grid by interpolation.
+
+        Outside the arena a metre counts `CLOSE` times, and where no way leads to the goal, three times the longest.
+        """
         finite = np.isfinite(self.distance)
         table = np.where(finite, self.distance, 3 * self.distance[finite].max(initial=1.0))
         where = np.moveaxis((places - self.corner) / self.spacing, -1, 0)
-        return map_coordinates(table, where, order=1, mode="nearest")
+        inside = np.stack([np.clip(w, 0, n - 1.0) for w, n in zip(where, table.shape)])
+        beyond = self.spacing * np.linalg.norm(where - inside, axis=0)
+        return map_coordinates(table, inside, order=1) + CLOSE * beyond
 
     def way(self, start: np.ndarray) -> np.ndarray:
         """(points, 2), m: the shortest way over the grid from `start` (2,), or that place alone where there is none."""
