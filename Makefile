@@ -58,7 +58,7 @@ validate: .venv/.installed-test
 # Everything that the docs quote; some hours on 2 cores, which should have nothing else to do. LIMIT=FOLDER: C programs.
 MEASUREMENTS := error_bars stability equivalence stiff hard_cases gradients scaling conformance ntrt_structures \
     orbits orbits_of_searches basin ranges robots_that_differ damage crash_recovery explorer_session stairs_energy \
-    tune_feedback steering goals environments validate identify_spine
+    tune_feedback tune_on_bumps steering goals obstacles predictive_speed environments validate identify_spine
 COMPARED := random CMA-ES GA GA+more GA+smoothed
 measure: .venv/.installed-test
 	for name in $(MEASUREMENTS); do $(BIN)/python experiments/measurements/$$name.py || exit 1; done
@@ -68,6 +68,7 @@ measure: .venv/.installed-test
 	$(BIN)/python experiments/measurements/third_opinions.py $(if $(LIMIT),--limit $(LIMIT))
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[baselines]'
 	$(BIN)/python experiments/baselines/lasting_baselines.py
+	$(BIN)/python experiments/baselines/task_baselines.py
 	$(BIN)/python experiments/baselines/search_baselines.py --scenes exact
 	$(BIN)/python experiments/baselines/search_baselines.py --scenes reference --methods $(COMPARED) --plain
 	$(BIN)/python experiments/docs_tables/update_docs.py

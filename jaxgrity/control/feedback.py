@@ -93,4 +93,4 @@ def sure_footed(gait: Gait) -> PhaseLocked:
             f"gait.amplitude = {np.asarray(gait.amplitude).tolist()}: expected less than 0.9, to be enlarged"
         )
     faster = replace(gait, amplitude=larger, frequency=SURE_FREQUENCY * np.asarray(gait.frequency))
-    return PhaseLocked(faster, SURE_GAINS, SURE_SWINGS)
+    return PhaseLocked(faster, np.array(SURE_GAINS), np.array(SURE_SWINGS))

@@ -232,7 +232,10 @@ def _costs(fate: _Fate, maps: Sequence[WayMap], foresight: Foresight) -> np.ndar
 def _expected(fate: _Fate, best: np.ndarray, foresight: Foresight) -> tuple[np.ndarray, np.ndarray]:
     """Of the samples that were taken: the mean place at the next choice, (2, robots), and the spread at the horizon."""
     own = fate.path[:, :, np.arange(len(best)), best]
-    soon = own[round(foresight.interval * LOOKS) - 1].mean(-1)
+    # between two looks where a choice falls there
+    when = foresight.interval * LOOKS - 1
+    k = min(int(when + 1e-9), len(own) - 2)
+    soon = (own[k] + (when - k) * (own[k + 1] - own[k])).mean(-1)
     return soon, np.sqrt(own[-1].var(-1).sum(0))
 
 
