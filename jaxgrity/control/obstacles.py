@@ -98,10 +98,10 @@ class WayMap(NamedTuple):
         """
         finite = np.isfinite(self.distance)
         table = np.where(finite, self.distance, 3 * self.distance[finite].max(initial=1.0))
-        where = np.moveaxis((places - self.corner) / self.spacing, -1, 0)
+        where = ((places - self.corner) / self.spacing).reshape(-1, 2).T
         inside = np.stack([np.clip(w, 0, n - 1.0) for w, n in zip(where, table.shape)])
         beyond = self.spacing * np.linalg.norm(where - inside, axis=0)
-        return map_coordinates(table, inside, order=1) + CLOSE * beyond
+        return (map_coordinates(table, inside, order=1) + CLOSE * beyond).reshape(places.shape[:-1])
 
     def way(self, start: np.ndarray) -> np.ndarray:
         """(points, 2), m: the shortest way over the grid from `start` (2,), or that place alone where there is none."""

@@ -60,6 +60,7 @@ def test_outside_the_arena_it_is_further():
     way = jaxgrity.way_map(NOTHING, np.array([10.0, 0.0]), ARENA)
     inside, outside = way.to_go(np.array([[4.0, 4.0], [4.0, 5.0]]))
     assert outside > inside + 2
+    assert way.to_go(np.array([4.0, 4.0])) == pytest.approx(inside)  # a place alone has no axis of places
 
 
 def test_the_gap_is_that_of_members_not_of_nodes(scene):
