@@ -22,7 +22,8 @@ their rounding end at other gains. What these are worth is measured in docs/cont
 
 SURE_GAINS, SURE_SWINGS = ((0.23, 0.45), (-0.34, 0.24)), ((0.24, 0.02), (-0.19, -0.01))
 SURE_AMPLITUDE, SURE_FREQUENCY = 1.11, 1.14
-"""likewise of "lasting", and by what it is larger and faster, from experiments/measurements/tune_on_bumps.py"""
+"""likewise of "lasting", and by what it is larger and faster: rounded, from one run of the method in
+experiments/measurements/tune_on_bumps.py that moved the bounds of the clock's speed too"""
 FASTEST_SWING = 3.0
 """1/s, beyond which du/dt does not count"""
 
