@@ -58,7 +58,8 @@ validate: .venv/.installed-test
 # Everything that the docs quote; some hours on 2 cores, which should have nothing else to do. LIMIT=FOLDER: C programs.
 MEASUREMENTS := error_bars stability equivalence stiff hard_cases gradients scaling conformance ntrt_structures \
     orbits orbits_of_searches basin ranges continuation robots_that_differ polish_comparison damage crash_recovery \
-    repertoire explorer_session stairs_energy tune_feedback steering goals environments validate identify_spine
+    repertoire explorer_session stairs_energy tune_feedback tune_on_bumps steering goals obstacles predictive_speed \
+    environments validate identify_spine
 COMPARED := random CMA-ES GA GA+more GA+smoothed
 measure: .venv/.installed-test
 	for name in $(MEASUREMENTS); do $(BIN)/python experiments/measurements/$$name.py || exit 1; done
@@ -68,6 +69,7 @@ measure: .venv/.installed-test
 	$(BIN)/python experiments/measurements/third_opinions.py $(if $(LIMIT),--limit $(LIMIT))
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[baselines]'
 	$(BIN)/python experiments/baselines/lasting_baselines.py
+	$(BIN)/python experiments/baselines/task_baselines.py
 	$(BIN)/python experiments/baselines/search_baselines.py --scenes exact
 	$(BIN)/python experiments/baselines/search_baselines.py --scenes reference --methods $(COMPARED) --plain
 	$(BIN)/python experiments/docs_tables/update_docs.py

@@ -2,15 +2,18 @@
 
 from .control.closed_loop import Drive, Loop, drive, loop_start, roll_on, simulate_policy
 from .control.environment import Environment, EnvironmentState, environment
-from .control.feedback import PhaseLocked
+from .control.feedback import PhaseLocked, sure_footed
+from .control.gait_choices import GaitChoices, gait_choices
 from .control.gymnasium_adapter import GymnasiumEnvironment
 from .control.motors import Motors, contraction_reached
+from .control.obstacles import Discs, WayMap, discs_of, gap, room, way_map
 from .control.plant import Plant, PlantState, actuate, observe, plant_of, plant_start, side_by_side
 from .control.policies import OpenLoop, Policy
 from .control.predictive import Journey, Sampling, costs, lead_to
 from .control.sensors import Errors, Observation, Readings, Sensors, first_readings, measure, read
 from .control.steering import Steered, centre_offsets
 from .control.tasks import TASKS, Task, find_task, ground_of, task_start
+from .control.travel import Foresight, Travels, travel
 from .core import primitives
 from .core.errors import InputError
 from .formats.conversion import FORMATS, Format, read_any, write_any
@@ -403,6 +406,7 @@ __all__ = [  # noqa: RUF022 in groups
     "Policy",
     "OpenLoop",
     "PhaseLocked",
+    "sure_footed",
     "Steered",
     "centre_offsets",
     "Command",
@@ -432,6 +436,17 @@ __all__ = [  # noqa: RUF022 in groups
     "costs",
     "Sampling",
     "lead_to",
+    "Discs",
+    "discs_of",
+    "gap",
+    "room",
+    "WayMap",
+    "way_map",
+    "GaitChoices",
+    "gait_choices",
+    "Foresight",
+    "Travels",
+    "travel",
     "TASKS",
     "Task",
     "find_task",

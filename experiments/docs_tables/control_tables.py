@@ -13,11 +13,13 @@ def feedback_facts(raw: Facts) -> Facts:
 
 def feedback_table(name: str, facts: Facts) -> str:
     found = {(row["case"], row["policy"]): row for row in facts["rows"]}
+    policies = list(dict.fromkeys(row["policy"] for row in facts["rows"]))
     rows = []
     for case in dict.fromkeys(row["case"] for row in facts["rows"]):
-        both = (found[case, policy] for policy in ("open loop", "feedback"))
-        rows.append([case, *(f"{100 * row['rolling']:.0f} %, {row['speed']:.2f} m/s" for row in both)])
-    head = ["case", "open loop: robots that roll, mean speed", "with feedback"]
+        own = (found[case, policy] for policy in policies)
+        rows.append([case, *(f"{100 * row['rolling']:.0f} %, {row['speed']:.2f} m/s" for row in own)])
+    first, *others = policies
+    head = ["case", f"{first}: robots that roll, mean speed", *others]
     return table(head, rows) + made_by(facts, name, "measured")
 
 
@@ -87,3 +89,79 @@ def environments_table(facts: Facts) -> str:
     ]
     head = ["task", "steps", "wall time", "processor time", "episodes", "numbers that are not finite"]
     return table(head, rows) + made_by(facts, "environments", "measured")
+
+
+def obstacles_facts(raw: Facts) -> Facts:
+    """How many robots got round their obstacles, and how."""
+    rows = raw["rows"]
+    names = ("command", "cores", "patience", "samples", "copies", "interval", "horizon", "gaits", "spread", "surprise")
+    arrived = [row for row in rows if row["reached"]]
+    return {
+        **{name: raw[name] for name in (*names, "seconds_a_choice")},
+        "fields": len(rows),
+        "planned": {name: sum(row[name] for row in rows) for name in ("reached", "arrived", "touched")},
+        "blind": {name: sum(row["blind"][name] for row in rows) for name in ("reached", "arrived", "touched")},
+        "seconds": float(np.median([row["seconds"] for row in arrived])) if arrived else None,
+        "gap": min((row["gap"] for row in arrived), default=None),
+        "length": float(np.median([row["length"] for row in arrived])) if arrived else None,
+    }
+
+
+def obstacles_table(facts: Facts) -> str:
+    shares = ", ".join(f"{name} {100 * share:.0f} %" for name, share in facts["gaits"].items())
+    count = facts["fields"]
+    rows = []
+    for label, name in (("round obstacles, by the plan", "planned"), ("straight to the goal, blind", "blind")):
+        own = facts[name]
+        rows.append([label, f"{own['reached']} of {count}", f"{own['touched']}", f"{count - own['arrived']}"])
+    head = [f"goal within {facts['patience']:g} s", "reached, nothing touched", "touched something", "did not arrive"]
+    words = table(head, rows)
+    if facts["seconds"] is not None:
+        took = f"{facts['seconds']:.0f} s and {facts['length']:.0f} m (medians)"
+        apart, off = (f"{100 * facts[name]:.0f} cm" for name in ("spread", "surprise"))
+        parts = [
+            f"\n\nA way took {took}; no robot that reached its goal came nearer to an obstacle than",
+            f"{100 * facts['gap']:.0f} cm. What was chosen: {shares}. Robots of the model that try the way that is",
+            f"chosen are apart by {apart} after {facts['horizon']:g} s (standard deviation, median);",
+            f"after {facts['interval']:g} s the robot is {off} from where they said (median).",
+            f"A choice for all {count} robots takes {facts['seconds_a_choice']:.1f} s.",
+        ]
+        words += " ".join(parts)
+    return words + made_by(facts, "obstacles", "measured")
+
+
+def predictive_speed_facts(raw: Facts) -> Facts:
+    """How fast the predictive controller chooses."""
+    return {name: raw[name] for name in ("command", "cores", "rate", "horizon", "rows")}
+
+
+def predictive_speed_table(facts: Facts) -> str:
+    rows = [
+        [f"{row['samples']}", f"{row['milliseconds']:.0f} ms", f"{row['real_time']:.2g} times"] for row in facts["rows"]
+    ]
+    head = [
+        f"rollouts of {facts['horizon']:g} s",
+        "a choice takes",
+        f"real time, at {facts['rate']:g} choices a second",
+    ]
+    return table(head, rows) + made_by(facts, "predictive_speed", "measured")
+
+
+def task_baselines_facts(raw: Facts) -> Facts:
+    """What each controller reaches in each task."""
+    return {name: raw[name] for name in ("command", "cores", "episodes", "led", "generations", "rows")}
+
+
+def task_baselines_table(facts: Facts) -> str:
+    names = list(dict.fromkeys(name for row in facts["rows"] for name in row["progress"]))
+    rows = [
+        [
+            row["task"],
+            *(
+                f"{row['progress'][name]:.2f} ± {row['error'][name]:.2f}" if name in row["progress"] else "-"
+                for name in names
+            ),
+        ]
+        for row in facts["rows"]
+    ]
+    return table(["progress, m/s", *names], rows) + made_by(facts, "task_baselines", "measured")

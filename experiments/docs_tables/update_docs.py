@@ -156,6 +156,11 @@ SOURCES: dict[str, Source] = {
     },
     "steering": one_block("steering", CONTROL, control.steering_facts, control.steering_table),
     "goals": one_block("goals", CONTROL, control.goals_facts, control.goals_table),
+    "obstacles": one_block("obstacles", CONTROL, control.obstacles_facts, control.obstacles_table),
+    "predictive_speed": one_block(
+        "predictive_speed", CONTROL, control.predictive_speed_facts, control.predictive_speed_table
+    ),
+    "task_baselines": one_block("task_baselines", CONTROL, control.task_baselines_facts, control.task_baselines_table),
     "environments": Source(
         "environments/environments.json",
         control.environments_facts,

@@ -1,5 +1,7 @@
 """Feedback that keeps a gait: its clock runs slower or faster with how the robot lies."""
 
+from dataclasses import replace
+
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
@@ -18,30 +20,42 @@ GAINS = ((0.2, 0.29), (-0.15, 0.17))
 """of the gait "lasting", from one run of the method in experiments/measurements/tune_feedback.py; runs that differ in
 their rounding end at other gains. What these are worth is measured in docs/control.md."""
 
+SURE_GAINS, SURE_SWINGS = ((0.23, 0.45), (-0.34, 0.24)), ((0.24, 0.02), (-0.19, -0.01))
+SURE_AMPLITUDE, SURE_FREQUENCY = 1.11, 1.14
+"""likewise of "lasting", and by what it is larger and faster: rounded, from one run of the method in
+experiments/measurements/tune_on_bumps.py that moved the bounds of the clock's speed too"""
+FASTEST_SWING = 3.0
+"""1/s, beyond which du/dt does not count"""
+
 
 class PhaseLocked(Policy):
     """A gait of struts whose clock c is kept in step with the robot's rolling: a phase-locked oscillator.
 
-    dc/dt = 1 + sum_h (a_h C_h + b_h S_h), within `SLOWEST` and `FASTEST`, with
+    dc/dt = 1 + sum_h (a_h C_h + b_h S_h + a'_h C'_h + b'_h S'_h), within `SLOWEST` and `FASTEST`, with
 
-        C_h = sum_k u_k^2 cos(h theta_k),   S_h = sum_k u_k^2 sin(h theta_k),   h = 1, 2,
+        C_h = sum_k u_k^2 cos(h theta_k),         S_h = sum_k u_k^2 sin(h theta_k),   h = 1, 2,
+        C'_h = sum_k u_k du_k/dt cos(h theta_k),  S'_h = sum_k u_k du_k/dt sin(h theta_k),
 
     where u_k is the vertical component of strut k's direction, and theta_k = 2 pi f_k c + phase_k the angle at which
-    its actuator stands. A rotation that maps the gait on itself but for a shift of time leaves C_h and S_h as they are,
+    its actuator stands. A rotation that maps the gait on itself but for a shift of time leaves all these as they are,
     so that one law serves on every face. With gains of zero it is the open loop.
     """
 
     gait: Gait
     gains: AnyArray = eqx.field(converter=as_float, default=GAINS)
     """(2, 2): a_h and b_h in row h"""
+    swings: AnyArray = eqx.field(converter=as_float, default=((0.0, 0.0), (0.0, 0.0)))
+    """(2, 2), s: a'_h and b'_h likewise; du_k/dt, from the struts' spins, counts up to `FASTEST_SWING`"""
 
     @property
     def members(self) -> tuple[int, ...]:
         return self.gait.members
 
     def __check_init__(self):
-        if np.shape(self.gains)[:2] != (2, 2):
-            raise InputError(f"gains has shape {np.shape(self.gains)}; expected (2, 2), a_h and b_h in each row")
+        for name in ("gains", "swings"):
+            if np.shape(getattr(self, name))[:2] != (2, 2):
+                found = np.shape(getattr(self, name))
+                raise InputError(f"{name} has shape {found}; expected (2, 2), a_h and b_h in each row")
 
     def first(self) -> Memory:
         """The clock and the time until which it has run, s."""
@@ -53,9 +67,31 @@ class PhaseLocked(Policy):
                 f"gait.members = {list(self.members)}: expected struts alone, whose directions tell the clock"
             )
         clock, last = memory
-        upright = observation.directions[np.array(self.members), 2] ** 2
+        own = np.array(self.members)
+        along, spin = observation.directions[own], observation.spins[own]
+        upright = along[:, 2]
+        swing = spin[:, 0] * along[:, 1] - spin[:, 1] * along[:, 0]
         angle = 2 * jnp.pi * self.gait.frequency * clock + self.gait.phase
         waves = jnp.stack([jnp.stack([jnp.cos(h * angle), jnp.sin(h * angle)]) for h in (1, 2)])
-        rate = jnp.clip(1 + jnp.sum(self.gains * (waves @ upright)), SLOWEST, FASTEST)
+        told = jnp.sum(self.gains * (waves @ upright**2))
+        told = told + jnp.sum(self.swings * (waves @ (upright * jnp.clip(swing, -FASTEST_SWING, FASTEST_SWING))))
+        rate = jnp.clip(1 + told, SLOWEST, FASTEST)
         clock = clock + rate * (t - last)
         return contraction(self.gait, clock), (clock, t)
+
+
+def sure_footed(gait: Gait) -> PhaseLocked:
+    """Feedback for uneven ground: a gait a little larger and faster, whose clock heeds how fast struts swing.
+
+    Gains, and the factors of amplitude and frequency, were found for the library's gait "lasting" on bumps of 2 cm;
+    what they are worth there, and on ground on which they were not found, is measured in docs/control.md.
+
+    Raises `InputError` where a member would be shortened by all of its length.
+    """
+    larger = SURE_AMPLITUDE * np.asarray(gait.amplitude)
+    if not np.all(larger < 1):
+        raise InputError(
+            f"gait.amplitude = {np.asarray(gait.amplitude).tolist()}: expected less than 0.9, to be enlarged"
+        )
+    faster = replace(gait, amplitude=larger, frequency=SURE_FREQUENCY * np.asarray(gait.frequency))
+    return PhaseLocked(faster, np.array(SURE_GAINS), np.array(SURE_SWINGS))

@@ -9,6 +9,7 @@ import time
 from dataclasses import replace
 from typing import NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -120,20 +121,29 @@ def _chosen(
     turns = draw.uniform(0, 1, count) * (draw.uniform(size=count) < sampling.jumping)
     turns[0] = 0
     shifts = turns / float(np.max(policy.policy.gait.frequency))  # type: ignore[attr-defined]
-    rows = lambda x: jnp.repeat(jnp.asarray(x, dtype)[..., None], count, axis=-1)  # noqa: E731
-    candidates = replace(jax.tree.map(rows, policy), bend=jnp.asarray(bends, dtype))
-    (clock, until), *others = jax.tree.map(rows, loop.memory)
-    memory = ((clock + jnp.asarray(shifts, dtype), until), *others)
-    state = plant_start(many, loop.plant.key, jax.tree.map(rows, loop.plant.motion))
-    state = state._replace(tick=loop.plant.tick, contraction=rows(loop.plant.contraction))
-    ticks = round(1 / sampling.per_second / many.period)
-    there = drive(
-        many, candidates, Loop(state, memory), ticks, round(sampling.horizon * sampling.per_second), each=True
-    )
-    best = int(np.argmin(costs(np.asarray(there.path)[:, :2], np.asarray(there.failure), goal)))
+    path, failure = _tried(many, policy, loop, jnp.asarray(bends, dtype), jnp.asarray(shifts, dtype), sampling)
+    best = int(np.argmin(costs(np.asarray(path)[:, :2], np.asarray(failure), goal)))
     (clock, until), *others = loop.memory
     chosen = Loop(loop.plant, ((clock + jnp.asarray(shifts[best], dtype), until), *others))
     return replace(policy, bend=jnp.asarray(bends[best], dtype)), chosen
+
+
+@eqx.filter_jit
+def _tried(many: Plant, policy: Steered, loop: Loop, bends: AnyArray, shifts: AnyArray, sampling: Sampling):
+    """(looks, 3, samples), m, and (samples,): where each sample gets to, and whether it fails.
+
+    One compiled program from the robot's state on: what is not compiled takes longer than the rollouts do.
+    """
+    rows = lambda x: jnp.repeat(jnp.asarray(x, many.options.dtype)[..., None], len(bends), axis=-1)  # noqa: E731
+    candidates = replace(jax.tree.map(rows, policy), bend=bends)
+    (clock, until), *others = jax.tree.map(rows, loop.memory)
+    state = plant_start(many, loop.plant.key, jax.tree.map(rows, loop.plant.motion))
+    state = state._replace(tick=loop.plant.tick, contraction=rows(loop.plant.contraction))
+    ticks = round(1 / sampling.per_second / many.period)
+    looks = round(sampling.horizon * sampling.per_second)
+    ahead = Loop(state, ((clock + shifts, until), *others))
+    there = drive(many, candidates, ahead, ticks, looks, each=True)
+    return there.path, there.failure
 
 
 def costs(path: np.ndarray, failure: np.ndarray, goal: np.ndarray) -> np.ndarray:

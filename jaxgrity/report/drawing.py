@@ -7,6 +7,7 @@ import matplotlib
 import numpy as np
 
 from jaxgrity.model.scene import Scene
+from jaxgrity.model.surface import Box, Cylinder, Sphere
 from jaxgrity.report.poses import NODE_RADIUS, RobotPoses, Rods, robot_size
 from jaxgrity.report.style import FORCE, GROUND, PATH, SUPPORT
 
@@ -14,6 +15,8 @@ trimesh = lazy_loader.load("trimesh")
 
 WORLD = "/world"
 """all that is shown; a camera that follows is a world that moves the other way"""
+WAY = "#3b5bdb"
+"""the colour of lines that are shown beside a robot"""
 ROUND = 12
 """sides of what is round"""
 
@@ -34,6 +37,7 @@ class World:
     """The frame in which robots and their ground stand."""
 
     def __init__(self, scene_api: Any, scene: Scene):
+        self._api = scene_api
         self._frame = scene_api.add_frame(WORLD, show_axes=False)
         # where the ground leans more than its file says, gravity leans in the scene: here the world does
         up = np.array([0.0, 0.0, 1.0]) if scene.up is None else np.asarray(scene.up, float)[0]
@@ -54,6 +58,18 @@ class World:
                 shadow_opacity=0.35,
                 fade_distance=25 * size,
             )
+
+    def draw_solid(self, name: str, solid: Box | Cylinder | Sphere) -> None:
+        """An obstacle."""
+        mesh = _solid(solid)
+        self._api.add_mesh_simple(
+            f"{WORLD}/{name}", mesh.vertices, mesh.faces, color=colour("#8d8674"), flat_shading=True
+        )
+
+    def draw_way(self, name: str, points: np.ndarray) -> None:
+        """A line through `points`, (points, 3), m."""
+        pieces = np.stack([points[:-1], points[1:]], axis=1).astype(np.float32)
+        self._api.add_line_segments(f"{WORLD}/{name}", pieces, colors=colour(WAY), thickness=0.02)
 
     def lean(self, up: np.ndarray) -> None:
         """Turn the world so that this unit vector points up."""
@@ -137,6 +153,19 @@ class RobotDrawing:
             lod="off",
             flat_shading=False,
         )
+
+
+def _solid(part: Box | Cylinder | Sphere) -> Any:
+    """The mesh of an obstacle."""
+    if isinstance(part, Cylinder):
+        ends = [np.asarray(part.start, float), np.asarray(part.end, float)]
+        return trimesh.creation.cylinder(float(part.radius), segment=ends, sections=4 * ROUND)
+    if isinstance(part, Sphere):
+        ball = trimesh.creation.icosphere(subdivisions=3, radius=float(part.radius))
+        return ball.apply_translation(np.asarray(part.centre, float))
+    turned = trimesh.transformations.rotation_matrix(float(part.turn), [0, 0, 1])
+    turned[:3, 3] = np.asarray(part.centre, float)
+    return trimesh.creation.box(np.asarray(part.size, float), transform=turned)
 
 
 def _arrow() -> Any:

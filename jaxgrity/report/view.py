@@ -6,8 +6,9 @@ import importlib.util
 import io
 import tempfile
 import webbrowser
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import lazy_loader
@@ -17,6 +18,7 @@ import numpy as np
 from jaxgrity.core.errors import InputError
 from jaxgrity.io.files import write_whole
 from jaxgrity.model.scene import Scene
+from jaxgrity.model.surface import Box, Cylinder, Sphere
 from jaxgrity.report.drawing import RobotDrawing, World
 from jaxgrity.report.poses import RobotPoses, robot_poses, robot_size
 from jaxgrity.report.style import FORCE, PATH, SLACK, STRUT, SUPPORT, TENSION
@@ -24,7 +26,7 @@ from jaxgrity.stepping.simulate import Trajectory
 
 viser = lazy_loader.load("viser")
 
-__all__ = ["Replay", "Robot", "available", "replay", "save_html"]
+__all__ = ["Props", "Replay", "Robot", "available", "replay", "save_html"]
 
 LOOPBACK = "127.0.0.1"
 FIELD_OF_VIEW = 0.75
@@ -49,6 +51,15 @@ class Robot(NamedTuple):
     """m, by which it is moved, to stand beside the others"""
     opacity: float = 1.0
     """less than 1: it can be seen through, as a ghost of the first"""
+
+
+class Props(NamedTuple):
+    """What is shown beside robots."""
+
+    solids: tuple[Box | Cylinder | Sphere, ...] = ()
+    """obstacles"""
+    ways: Mapping[str, np.ndarray] = MappingProxyType({})
+    """lines by their names, (points, 3), m"""
 
 
 class Replay:
@@ -86,6 +97,7 @@ def replay(
     frame_rate: float = 50.0,
     follow: bool = True,
     title: str = "",
+    props: Props | None = None,
 ) -> Replay:
     """A motion in 3D, in real time, with buttons to play, pause, scrub and change the speed.
 
@@ -100,6 +112,7 @@ def replay(
         frame_rate: frames a second, at most; of those that the trajectory saved the nearest.
         follow: whether the camera goes along with the first robot.
         title: stands above the legend.
+        props: obstacles and lines to be shown, such as a plan; what the robot meets is not their business.
 
     Returns:
         The replay, which shows itself in Jupyter; `save` writes it, `open` shows it in a browser.
@@ -122,7 +135,7 @@ def replay(
         raise InputError(f"names of robots: {names}; expected each once")
     poses = [robot_poses(each.scene, each.trajectory, frame_rate, each.offset) for each in robots]
     with quiet_server() as server:
-        page = _record(server, robots, poses, follow)
+        page = _record(server, robots, poses, follow, props or Props())
     return Replay(_with_legend(page, title, poses[0]))
 
 
@@ -133,7 +146,7 @@ def save_html(scene: Scene, trajectory: Trajectory, path: str | Path, **how: Any
         scene: what moves.
         trajectory: how it moves.
         path: the file to write; it appears whole or not at all.
-        how: what `replay` takes: `others`, `frame_rate`, `follow`, `title`.
+        how: what `replay` takes: `others`, `frame_rate`, `follow`, `title`, `props`.
 
     Raises:
         InputError: as `replay` does.
@@ -157,10 +170,14 @@ def quiet_server() -> Iterator[Any]:
             server.stop()
 
 
-def _record(server: Any, robots: list[Robot], poses: list[RobotPoses], follow: bool) -> str:
+def _record(server: Any, robots: list[Robot], poses: list[RobotPoses], follow: bool, props: Props) -> str:
     """The page of all frames, one after the other."""
     first = robots[0].scene
     world = World(server.scene, first)
+    for number, solid in enumerate(props.solids):
+        world.draw_solid(f"obstacle {number}", solid)
+    for name, points in props.ways.items():
+        world.draw_way(name, points)
     drawings = [
         RobotDrawing(server.scene, robot.name, robot.scene, each, robot.opacity) for robot, each in zip(robots, poses)
     ]

@@ -2,6 +2,7 @@
 
 import ast
 import importlib
+import importlib.util
 import itertools
 import json
 import os
@@ -322,3 +323,29 @@ def test_orbits_are_followed_gaits_polished_and_a_repertoire_filled(tmp_path):
     facts = orbit_tables.repertoire_facts(quick("measurements/repertoire.py", tmp_path / "repertoire"))
     assert 0 < facts["filled"] < facts["cells"]
     assert "| straight | 1 |" in orbit_tables.repertoire_table(facts)
+
+
+@pytest.mark.slow
+def test_robots_are_led_round_obstacles_and_feedback_is_tuned_on_bumps(tmp_path):
+    """Quick sizes, in which nothing arrives; a robot that did not arrive never counts as one that did."""
+    facts = quick("measurements/obstacles.py", tmp_path / "obstacles")
+    assert not any(row["reached"] for row in facts["rows"])
+    told = control_tables.obstacles_table(control_tables.obstacles_facts(facts))
+    assert "| round obstacles, by the plan | 0 of 2 | 0 | 2 |" in told
+    assert (tmp_path / "obstacles" / "replay.html").exists()
+    facts = quick("measurements/predictive_speed.py", tmp_path / "predictive_speed")
+    assert "| 8 | " in control_tables.predictive_speed_table(control_tables.predictive_speed_facts(facts))
+    facts = quick("measurements/tune_on_bumps.py", tmp_path / "tune_on_bumps")
+    assert np.shape(facts["swings"]) == (2, 2)
+
+
+@pytest.mark.slow
+def test_baselines_of_tasks_need_evosax_and_leave_a_table(tmp_path):
+    """With it the quick size makes a table; without it there is one clear line."""
+    if importlib.util.find_spec("evosax") is None:
+        done = run("baselines/task_baselines.py", "--quick", "--out", tmp_path)
+        assert done.returncode == 2
+        assert "needs evosax" in done.stderr
+        return
+    facts = quick("baselines/task_baselines.py", tmp_path)
+    assert "| heading | " in control_tables.task_baselines_table(control_tables.task_baselines_facts(facts))

@@ -1,0 +1,94 @@
+"""Gaits to choose from, one number for each, with their images under the robot's symmetries."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxgrity.control.feedback import PhaseLocked
+from jaxgrity.control.steering import Steered, centre_offsets
+from jaxgrity.core.errors import InputError
+from jaxgrity.core.types import AnyArray
+from jaxgrity.model.actuation import Gait, Overtone
+from jaxgrity.model.structure import Structure
+from jaxgrity.model.symmetry import image, symmetries
+
+REST = "rest"
+"""the name of the gait that does nothing"""
+SAME = 1e-6
+"""rad and fractions, by which gaits that are the same may differ"""
+
+
+class GaitChoices(NamedTuple):
+    """Gaits with feedback and a bend, as one policy. Made by `gait_choices`."""
+
+    policy: Steered
+    """its arrays have the gaits as the last axis"""
+    names: tuple[str, ...]
+    """of each; images of a gait have its name. The last one is `REST`"""
+
+    def chosen(self, rows: AnyArray, bends: AnyArray) -> Steered:
+        """The policy of robots that use these gaits, (robots,), with these bends, (robots,), the robots last."""
+        taken = jax.tree.map(lambda x: x[..., jnp.asarray(rows)], self.policy)
+        return replace(taken, bend=jnp.asarray(bends, taken.bend.dtype))
+
+    @property
+    def frequency(self) -> AnyArray:
+        """Hz, (gaits,), of the first actuator."""
+        return self.policy.policy.gait.frequency[0]  # type: ignore[attr-defined]
+
+
+def gait_choices(structure: Structure, gaits: Mapping[str, PhaseLocked], dtype: str = "float32") -> GaitChoices:
+    """Gaits with feedback, all their images under the structure's symmetries, mirrors included, and one that rests.
+
+    An image that is the gait itself at another time is left out: a clock that jumps does the same.
+
+    Raises `InputError` where there is none, or gaits differ in their members, their start or their ramp.
+    """
+    if not gaits:
+        raise InputError("gaits: there are none; expected at least one")
+    common = lambda gait: (gait.members, float(gait.start), float(gait.ramp))  # noqa: E731
+    first = next(iter(gaits.values())).gait
+    found: list[tuple[str, PhaseLocked]] = []
+    harmonics = max(len(locked.gait.overtones) for locked in gaits.values())
+    for name, locked in gaits.items():
+        gait = locked.gait
+        if common(gait) != common(first):
+            raise InputError(f"gaits: {name!r} has other members, or another start or ramp, than the first one")
+        own = [image(gait, symmetry) for symmetry in symmetries(structure)]
+        for k, each in enumerate(own):
+            if not any(_later(each, before) for before in own[:k]):
+                found.append((name, replace(locked, gait=_with_overtones(each, harmonics))))
+    still = found[0][1]
+    resting = replace(still, gait=replace(still.gait, amplitude=0 * np.asarray(still.gait.amplitude)))
+    found.append((REST, resting))
+    stacked = jax.tree.map(lambda *x: np.stack(x, axis=-1), *(locked for _, locked in found))
+    offsets = np.repeat(centre_offsets(structure, first.members)[..., None], len(found), axis=-1)
+    none = np.zeros(len(found))
+    policy = Steered(stacked, none, offsets, full=none + 0.8, averaged=none + 1.0)
+    return GaitChoices(jax.tree.map(lambda x: jnp.asarray(x, dtype), policy), tuple(name for name, _ in found))
+
+
+def _with_overtones(gait: Gait, harmonics: int) -> Gait:
+    """The gait with so many overtones, those that it lacks of size 0."""
+    none = np.zeros(len(gait.members))
+    return replace(gait, overtones=gait.overtones + (Overtone(none, none),) * (harmonics - len(gait.overtones)))
+
+
+def _later(one: Gait, other: Gait) -> bool:
+    """Whether one gait is the other at another time."""
+    same = all(
+        np.allclose(a, b, rtol=0, atol=SAME)
+        for a, b in [
+            (one.amplitude, other.amplitude),
+            (one.frequency, other.frequency),
+            *((p.size, q.size) for p, q in zip(one.overtones, other.overtones)),
+        ]
+    )
+    shift = one.phase[0] - other.phase[0]
+    pairs = [(one.phase, other.phase), *((p.phase, q.phase) for p, q in zip(one.overtones, other.overtones))]
+    turned = [np.exp(1j * (a - b - h * shift)) for h, (a, b) in enumerate(pairs, start=1)]
+    return same and all(np.allclose(turn, 1, rtol=0, atol=SAME) for turn in turned)

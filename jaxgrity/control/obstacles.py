@@ -1,0 +1,175 @@
+"""Obstacles to be kept clear of: discs on the ground, how far a robot is from them, and ways round them to a goal."""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.ndimage import map_coordinates
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import dijkstra
+
+from jaxgrity.core.errors import InputError
+from jaxgrity.model.ground import Ground
+from jaxgrity.model.structure import Structure
+from jaxgrity.model.surface import Box, Cylinder, Slope, Sphere, Union
+
+STEPS = ((1, 0), (0, 1), (1, 1), (1, -1), (2, 1), (1, 2), (2, -1), (1, -2))
+"""from one point of a grid to others, and back: ways in 16 directions, at most 2.8 % longer than straight ones"""
+CLOSE = 8.0
+"""how many times longer a metre counts where a robot would touch, compared with one where there is room"""
+
+
+class Discs(NamedTuple):
+    """What a robot, seen from above, shall not touch."""
+
+    centres: np.ndarray
+    """(discs, 2), m"""
+    radii: np.ndarray
+    """(discs,), m"""
+
+
+def discs_of(ground: Ground) -> Discs:
+    """The discs about the obstacles of a scene's ground, seen from above; about a box that through its corners.
+
+    Raises `InputError` where a part of its surface is neither a plane nor a box, a ball or a cylinder.
+    """
+    surface = ground.surface
+    parts = surface.parts if isinstance(surface, Union) else () if surface is None else (surface,)
+    found = []
+    for part in parts:
+        if isinstance(part, Cylinder):
+            ends = np.array([np.asarray(part.start), np.asarray(part.end)], float)[:, :2]
+            found.append((*ends.mean(0), float(part.radius) + np.linalg.norm(ends[1] - ends[0]) / 2))
+        elif isinstance(part, Box):
+            found.append((*np.asarray(part.centre, float)[:2], np.hypot(*np.asarray(part.size, float)[:2]) / 2))
+        elif isinstance(part, Sphere) and not part.hollow:
+            found.append((*np.asarray(part.centre, float)[:2], float(part.radius)))
+        elif not isinstance(part, Slope):
+            raise InputError(
+                f"ground: {type(part).__name__} is nothing to go round; expected planes, boxes, balls and cylinders"
+            )
+    table = np.array(found, float).reshape(-1, 3)
+    return Discs(table[:, :2], table[:, 2])
+
+
+def room(discs: Discs, places: np.ndarray) -> np.ndarray:
+    """(...,), m, from each of `places` (..., 2) to the nearest disc's edge; negative inside; infinite without discs."""
+    if not len(discs.radii):
+        return np.full(places.shape[:-1], np.inf)
+    away = np.linalg.norm(places[..., None, :] - discs.centres, axis=-1)
+    return np.asarray((away - discs.radii).min(-1))
+
+
+def gap(discs: Discs, structure: Structure, q: np.ndarray) -> np.ndarray:
+    """(...,), m, between a robot at `q` (..., nodes, 3) and the nearest disc, seen from above; negative: it touches.
+
+    The robot is all its struts and cables, as straight lines. One that has a disc among its members counts by those:
+    nothing gets there without touching first.
+    """
+    if not len(discs.radii):
+        return np.full(q.shape[:-2], np.inf)
+    edges = [edge for kind in (structure.struts, structure.cables) if kind is not None for edge in kind.edges]
+    i, j = np.array(edges).T
+    a, along = q[..., i, :2], q[..., j, :2] - q[..., i, :2]
+    least = np.full(q.shape[:-2], np.inf)
+    for centre, radius in zip(discs.centres, discs.radii):
+        share = ((centre - a) * along).sum(-1) / np.maximum((along * along).sum(-1), 1e-12)
+        near = a + np.clip(share, 0, 1)[..., None] * along
+        least = np.minimum(least, np.linalg.norm(near - centre, axis=-1).min(-1) - radius)
+    return np.asarray(least)
+
+
+class WayMap(NamedTuple):
+    """How far it is to a goal from everywhere, round all discs. Made by `way_map`."""
+
+    discs: Discs
+    goal: np.ndarray
+    """(2,), m"""
+    corner: np.ndarray
+    """(2,), m, of the first point of the grid"""
+    spacing: float
+    """m"""
+    distance: np.ndarray
+    """(points along x, points along y), m; infinite where no way leads to the goal"""
+
+    def to_go(self, places: np.ndarray) -> np.ndarray:
+        """(...,), m, from each of `places` (..., 2), between points of the grid by interpolation.
+
+        Outside the arena a metre counts `CLOSE` times, and where no way leads to the goal, three times the longest.
+        """
+        finite = np.isfinite(self.distance)
+        table = np.where(finite, self.distance, 3 * self.distance[finite].max(initial=1.0))
+        where = ((places - self.corner) / self.spacing).reshape(-1, 2).T
+        inside = np.stack([np.clip(w, 0, n - 1.0) for w, n in zip(where, table.shape)])
+        beyond = self.spacing * np.linalg.norm(where - inside, axis=0)
+        return (map_coordinates(table, inside, order=1) + CLOSE * beyond).reshape(places.shape[:-1])
+
+    def way(self, start: np.ndarray) -> np.ndarray:
+        """(points, 2), m: the shortest way over the grid from `start` (2,), or that place alone where there is none."""
+        here = np.rint((np.asarray(start) - self.corner) / self.spacing).astype(int)
+        here = np.clip(here, 0, np.array(self.distance.shape) - 1)
+        found = [np.asarray(start, float)]
+        steps = np.array([*STEPS, *(tuple(-k for k in step) for step in STEPS)])
+        while np.isfinite(self.distance[tuple(here)]) and self.distance[tuple(here)] > 0:
+            near = here + steps
+            near = near[((near >= 0) & (near < self.distance.shape)).all(1)]
+            reach = self.spacing * np.linalg.norm(near - here, axis=1)
+            gain = (self.distance[tuple(here)] - self.distance[tuple(near.T)]) / reach
+            here = near[int(np.argmax(gain))]
+            found.append(self.corner + self.spacing * here)
+        return np.array(found)
+
+
+def way_map(
+    discs: Discs,
+    goal: np.ndarray,
+    arena: tuple[float, float, float, float],
+    *,
+    reach: float = 0.6,
+    comfort: float = 0.4,
+    spacing: float = 0.1,
+) -> WayMap:
+    """Distances to a goal round all discs, by Dijkstra's method on a grid of 16 directions.
+
+    Args:
+        discs: what to keep clear of.
+        goal: (2,), m.
+        arena: the least x, the least y, the largest x and the largest y, m, between which ways are looked for.
+        reach: m, how far the robot sticks out from its centre of mass, which no way comes nearer to a disc.
+        comfort: m, on top of that, within which a way counts as longer, up to `CLOSE` times.
+        spacing: m, of the grid.
+
+    Returns:
+        The distances. They are infinite where no way leads to the goal.
+
+    Raises:
+        InputError: a goal outside the arena, or numbers that are not positive.
+    """
+    low, high = np.array(arena[:2], float), np.array(arena[2:], float)
+    if not np.all((low < goal) & (goal < high)):
+        raise InputError(f"goal = {np.asarray(goal).tolist()}: expected one inside the arena {arena}")
+    if min(reach, comfort, spacing) <= 0:
+        raise InputError(f"reach, comfort, spacing = {reach}, {comfort}, {spacing} m: expected positive numbers")
+    shape = tuple((np.ceil((high - low) / spacing) + 1).astype(int))
+    x, y = (low[k] + spacing * np.arange(shape[k]) for k in range(2))
+    free = room(discs, np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)) - reach
+    weight = np.where(free > 0, 1 + (CLOSE - 1) * np.clip(1 - free / comfort, 0, 1), np.inf)
+    number = np.arange(weight.size).reshape(shape)
+    ends, costs = [], []
+    for step in STEPS:
+        a, b = _shifted(number, step)
+        cost = spacing * np.hypot(*step) * (weight.ravel()[a] + weight.ravel()[b]) / 2
+        ends.append(np.stack([a, b])[:, np.isfinite(cost)])
+        costs.append(cost[np.isfinite(cost)])
+    (a, b), cost = np.concatenate(ends, axis=1), np.concatenate(costs)
+    graph = coo_matrix((cost, (a, b)), shape=(weight.size, weight.size)).tocsr()
+    nearest = np.rint((np.asarray(goal) - low) / spacing).astype(int)
+    distance = dijkstra(graph, directed=False, indices=int(number[tuple(nearest)]))
+    return WayMap(discs, np.asarray(goal, float), low, spacing, distance.reshape(shape))
+
+
+def _shifted(number: np.ndarray, step: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
+    """Points of a grid and those that are a step further, where there are both."""
+    (i, j), (m, n) = step, number.shape
+    first = number[: m - i, max(0, -j) : n - max(0, j)]
+    second = number[i:, max(0, j) : n + min(0, j)]
+    return first.ravel(), second.ravel()

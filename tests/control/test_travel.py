@@ -1,0 +1,167 @@
+"""Obstacles, ways round them, gaits to choose from, and robots that are led round obstacles."""
+
+import re
+from dataclasses import replace
+
+import jax
+import numpy as np
+import pytest
+
+import jaxgrity
+from jaxgrity import Cylinder, Discs, Foresight, InputError, PhaseLocked, Slope, SolverOptions, Union
+
+ARENA = (-2.0, -4.0, 12.0, 4.0)
+NOTHING = Discs(np.zeros((0, 2)), np.zeros(0))
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return jaxgrity.load_scene("exact")
+
+
+def test_a_way_round_a_disc_is_as_long_as_a_taut_string():
+    """Two tangents and an arc about the disc and the robot's reach; 3 % longer, in 16 directions and beyond comfort."""
+    way = jaxgrity.way_map(
+        Discs(np.array([[5.0, 0.0]]), np.array([1.0])), np.array([10.0, 0.0]), ARENA, comfort=1e-6, spacing=0.05
+    )
+    radius, far = 1.6, 5.0
+    tangent = np.sqrt(far**2 - radius**2)
+    taut = 2 * tangent + radius * (np.pi - 2 * np.arctan2(tangent, radius))
+    (length,) = way.to_go(np.zeros((1, 2)))
+    assert taut <= length <= 1.03 * taut
+    points = way.way(np.zeros(2))
+    np.testing.assert_allclose(points[-1], [10.0, 0.0], atol=0.05)
+    assert jaxgrity.room(way.discs, points).min() > 0.6
+    assert np.linalg.norm(np.diff(points, axis=0), axis=1).sum() == pytest.approx(length, rel=1e-6)
+
+
+def test_comfort_keeps_ways_away_from_obstacles():
+    """With comfort the way leaves more room where there is plenty."""
+    disc, goal = Discs(np.array([[5.0, 0.0]]), np.array([1.0])), np.array([10.0, 0.0])
+    rooms = [
+        jaxgrity.room(disc, jaxgrity.way_map(disc, goal, ARENA, comfort=comfort).way(np.zeros(2))).min()
+        for comfort in (1e-6, 0.8)
+    ]
+    assert rooms[1] > rooms[0] + 0.3
+
+
+def test_there_is_no_way_through_a_wall():
+    """A row of discs from one side of the arena to the other; without it there is a way."""
+    wall = Discs(np.stack([np.full(9, 5.0), np.linspace(-4, 4, 9)], axis=1), np.full(9, 0.4))
+    blocked, free = (jaxgrity.way_map(discs, np.array([10.0, 0.0]), ARENA) for discs in (wall, NOTHING))
+    start = tuple(np.rint((np.zeros(2) - free.corner) / free.spacing).astype(int))
+    assert np.isinf(blocked.distance[start])
+    assert free.distance[start] == pytest.approx(10.0)
+    assert len(blocked.way(np.zeros(2))) == 1
+
+
+def test_outside_the_arena_it_is_further():
+    """Nothing is gained by leaving it: a metre beyond its border counts more than one inside."""
+    way = jaxgrity.way_map(NOTHING, np.array([10.0, 0.0]), ARENA)
+    inside, outside = way.to_go(np.array([[4.0, 4.0], [4.0, 5.0]]))
+    assert outside > inside + 2
+    assert way.to_go(np.array([4.0, 4.0])) == pytest.approx(inside)  # a place alone has no axis of places
+
+
+def test_the_gap_is_that_of_members_not_of_nodes(scene):
+    """A post beside the middle of a strut, beyond reach of both its ends; and one that the strut goes through."""
+    q = np.asarray(scene.structure.nodes, float)
+    i, j = scene.structure.struts.edges[0]
+    middle, along = (q[i] + q[j])[:2] / 2, (q[i] - q[j])[:2]
+    here = Discs(middle[None], np.array([0.05]))
+    assert jaxgrity.gap(here, scene.structure, q) < 0
+    assert np.linalg.norm(q[[i, j], :2] - middle, axis=1).min() > 0.05
+    side = np.array([-along[1], along[0]]) / np.linalg.norm(along)
+    far = q[:, :2] @ side
+    beyond = Discs((middle + side * (far.max() - middle @ side + 0.3))[None], np.array([0.1]))
+    assert jaxgrity.gap(beyond, scene.structure, q) == pytest.approx(0.2, abs=0.15)
+    assert jaxgrity.gap(beyond, scene.structure, q) >= 0.2 - 1e-12
+    assert jaxgrity.gap(NOTHING, scene.structure, q[None]).tolist() == [np.inf]
+
+
+def test_obstacles_of_a_scene_are_discs(scene):
+    """An upright post and a box; hills are refused."""
+    posts = Union((Slope(), Cylinder([2, 1, 0], [2, 1, 1], 0.3), jaxgrity.Box([4, 0, 0.5], [0.6, 0.8, 1.0])))
+    found = jaxgrity.discs_of(replace(scene.ground, surface=posts))
+    np.testing.assert_allclose(found.centres, [[2, 1], [4, 0]])
+    np.testing.assert_allclose(found.radii, [0.3, 0.5])
+    with pytest.raises(InputError, match="Waves is nothing to go round"):
+        jaxgrity.discs_of(replace(scene.ground, surface=jaxgrity.bumps(0.02, 0.8, 0)))
+
+
+def test_gaits_to_choose_from_have_all_images_of_gaits_but_for_shifts_of_time(scene):
+    """The travelling wave is its own image; of gaits that turn there are as many as ways to swap strut pairs."""
+    gaits = {name: PhaseLocked(jaxgrity.load_gait(name)) for name in ("lasting", "left")}
+    found = jaxgrity.gait_choices(scene.structure, gaits)
+    assert found.names == ("lasting", *["left"] * (len(found.names) - 2), "rest")
+    assert found.names.count("left") > 1
+    own = found.chosen(np.array([0, len(found.names) - 1]), np.zeros(2)).policy.gait
+    np.testing.assert_allclose(own.amplitude[:, 0], jaxgrity.load_gait("lasting").amplitude, rtol=1e-6)
+    assert not np.any(own.amplitude[:, 1])
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda scene: jaxgrity.way_map(NOTHING, np.array([20.0, 0.0]), ARENA), "goal = [20.0, 0.0]"),
+        (lambda scene: jaxgrity.way_map(NOTHING, np.zeros(2), ARENA, spacing=0.0), "expected positive numbers"),
+        (lambda scene: jaxgrity.gait_choices(scene.structure, {}), "gaits: there are none"),
+        (
+            lambda scene: jaxgrity.sure_footed(replace(jaxgrity.load_gait("lasting"), amplitude=np.full(6, 0.95))),
+            "expected less than 0.9,",
+        ),
+    ],
+)
+def test_bad_input_is_refused(scene, make, message):
+    """Before anything is compiled."""
+    with pytest.raises(InputError, match=re.escape(message)):
+        make(scene)
+
+
+def led(scene, discs: list[Discs], foresight: Foresight):
+    """Robots that stand at the origin, with goals 3 m away along x."""
+    gaits = jaxgrity.gait_choices(scene.structure, {"lasting": PhaseLocked(jaxgrity.load_gait("lasting"))})
+    model = jaxgrity.plant_of(scene, gaits.policy.members, options=SolverOptions(dt=0.01, dtype="float32"))
+    maps = [jaxgrity.way_map(field, np.array([3.0, 0.0]), ARENA) for field in discs]
+    q = np.repeat(np.asarray(scene.structure.nodes, float)[..., None], len(discs), axis=-1)
+    start = q, np.zeros_like(q)
+    many = jaxgrity.side_by_side(model, len(discs))
+    with pytest.raises(InputError, match="expected one for each"):
+        jaxgrity.travel(many, model, gaits, maps[:-1])
+    return jaxgrity.travel(many, model, gaits, maps, start=start, foresight=foresight)
+
+
+@pytest.mark.slow
+def test_robots_are_led_to_goals_and_never_touch_without_being_told(scene):
+    """One in the open arrives; one whose goal is walled in does not, and keeps clear of the wall or is told not to."""
+    angle = np.linspace(0, 2 * np.pi, 16, endpoint=False)
+    ring = Discs(np.array([3.0, 0.0]) + 1.2 * np.stack([np.cos(angle), np.sin(angle)], axis=1), np.full(16, 0.25))
+    found = led(scene, [NOTHING, ring], Foresight(samples=16, friction=(1.0,), interval=0.5, patience=25.0))
+    assert found.reached.tolist() == [True, False]
+    end = found.arrived[0]
+    assert np.linalg.norm(found.path[end, :2, 0] - [3.0, 0.0]) < 0.3
+    touched = [jaxgrity.gap(ring, scene.structure, q) for q in found.nodes[: found.arrived[1] + 1, :, :, 1]]
+    assert found.gap[1] == pytest.approx(min(touched))
+    # the model is the robot, which starts from rest as the model does; later the robot's solver begins with the
+    # impulses of the step before, of which the model is not told
+    assert found.surprise[0].max() < 1e-5
+    assert np.all(found.spread == 0)
+
+
+def test_the_clock_heeds_how_fast_struts_swing(scene):
+    """du/dt from spins is that of directions along a motion, by central differences."""
+    plant = jaxgrity.plant_of(scene, jaxgrity.load_gait("lasting").members)
+    gait = replace(jaxgrity.load_gait("lasting"), start=np.array(0.0), ramp=np.array(0.1))
+    motion = jaxgrity.simulate_policy(plant, jaxgrity.OpenLoop(gait), 0.5)
+    q, v = np.asarray(motion.positions), np.asarray(motion.velocities)
+    k, h = 20, 1e-6
+    seen = [jaxgrity.measure(scene, 0.0, q[k] + s * h * v[k], v[k]) for s in (-1, 0, 1)]
+    rate = (seen[2].directions[:, 2] - seen[0].directions[:, 2]) / (2 * h)
+    angle = np.asarray(gait.phase)
+    expected = float(np.sum(seen[1].directions[:, 2] * rate * np.cos(angle)))
+    swings = np.array([[0.5, 0.0], [0.0, 0.0]])
+    one = PhaseLocked(gait, np.zeros((2, 2)), swings)
+    _, (clock, _) = one(seen[1], 0.01, jax.tree.map(np.asarray, (0.0, 0.0)))
+    assert np.abs(rate).max() < 3
+    assert abs(expected) > 1e-3
+    assert float(clock) == pytest.approx(0.01 * (1 + 0.5 * expected), rel=1e-6)
