@@ -24,14 +24,8 @@ from .formats.ntrt import read_ntrt
 from .formats.spreadsheets import read_tables, save_tables
 from .formats.trajectories import save_trajectory
 from .identification.identify import Estimate, Identified, identify, misfit_of, profile_likelihood
-from .identification.measurements import (
-    MeasuredMotion,
-    MeasuredPoses,
-    Starts,
-    measured_motion,
-    measured_poses,
-    predicted,
-)
+from .identification.measurements import MeasuredPoses, measured_poses, predicted
+from .identification.motions import MeasuredMotion, Starts, measured_motion
 from .identification.observations import (
     SeenAngles,
     SeenDistances,

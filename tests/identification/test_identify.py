@@ -203,7 +203,7 @@ BAD = {
     "noise of another shape": (lambda: poses(heights(100.0), noise=np.ones(3)), r"noise has shape \(3,\)"),
     "shapes": (lambda: poses(heights(100.0), shapes=np.zeros((3, 2, 3))), r"shapes has shape \(3, 2, 3\)"),
     "commands": (lambda: poses(heights(100.0), commands=LOADS[:4]), "commands has an array of shape"),
-    "windows": (lambda: motion_of(TIMES, np.zeros((11, 1)), windows=3), "windows = 3: expected a number that divides"),
+    "windows": (lambda: motion_of(TIMES, np.zeros((11, 1)), windows=3), "windows = 3: expected a divisor of"),
     "no such node": (lambda: SeenDistances(((0, 7),)).columns(hanging()), "there is no node 7; expected 0 to 1"),
     "no parameter": (lambda: identify(hanging(), [], poses(heights(100.0))), "there are none"),
     "unknown place": (
