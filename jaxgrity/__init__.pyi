@@ -145,7 +145,7 @@ from .search.polish import Polished, polish
 from .search.polish_config import PolishConfig, check_polish
 from .search.search_config import SearchConfig, ga_configs, search_problem
 from .stepping.dynamics import acceleration, centre_of_mass, smooth_force, vector_field
-from .stepping.final_state import final_state
+from .stepping.final_state import final_state, states_at
 from .stepping.integrate import FAILURES, discretise, integrate
 from .stepping.methods import METHODS, Method, find_method, register_method
 from .stepping.options import ResolvedOptions, SolverOptions, resolve
@@ -337,6 +337,7 @@ __all__ = [  # noqa: RUF022 in groups
     "Trajectory",
     "centre_path",
     "final_state",
+    "states_at",
     "simulate",
     "reactions",
     "StepLimit",

@@ -61,7 +61,8 @@ class Identified(NamedTuple):
             f"the data cannot tell (plausible: ± {each.standard_error:.2g})")
             for each in self.estimates
         ]  # fmt: skip
-        return "\n".join([*lines, f"misfit: {self.misfit:.3g} standard deviations of the noise"])
+        end = "" if self.converged else "; the fit did not converge, and its intervals are not to be trusted"
+        return "\n".join([*lines, f"misfit: {self.misfit:.3g} standard deviations of the noise{end}"])
 
 
 def identify(
@@ -69,7 +70,7 @@ def identify(
     parameters: Sequence[Parameter],
     measured: Measurement | Sequence[Measurement],
     *,
-    tolerance: float = 1e-6,
+    tolerance: float = 1e-5,
     max_steps: int = 100,
 ) -> Identified:
     """The parameters that make what a scene predicts fit what was measured, with their uncertainty.
@@ -84,7 +85,7 @@ def identify(
         scene: the robot as far as it is known: a `Scene`, or a module of which `measured_poses` makes scenes.
         parameters: what is not known, and how well.
         measured: made by `measured_poses` or `measured_motion`; several together count as one.
-        tolerance: of the sum of squares: it ends where a full step would lower it by less.
+        tolerance: of the sum of squares: it ends where a full step would lower it by less, or hardly changes it.
         max_steps: after which it gives up, and is not `converged`.
 
     Returns:

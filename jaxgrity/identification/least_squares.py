@@ -13,6 +13,8 @@ from jaxgrity.identification.parameters import Parameter, changed
 
 FIRST_DAMPING, SMALLEST_DAMPING, LARGEST_DAMPING = 1e-3, 1e-9, 1e8
 """of Levenberg and Marquardt's steps, relative to the curvature along each unknown"""
+ROUGHNESS = 3e-6
+"""of the sum of squares: what a step changes by less is not worth another"""
 
 
 class Problem(eqx.Module):
@@ -90,6 +92,9 @@ def least_squares(problem: Problem, at: Point, tolerance: float, max_steps: int)
         damped = curvature + damping * np.diag(np.diag(curvature))
         y = at.y - scipy.linalg.solve(damped, slope, assume_a="pos")
         tried = Point(y, *linearised(y, problem))
+        # or where a nearly full step makes no difference that corners of forces would not make too
+        if damping <= FIRST_DAMPING and abs(tried.cost - at.cost) <= tolerance + ROUGHNESS * at.cost:
+            return Found(min(at, tried, key=lambda point: point.cost), True, number)
         if tried.cost < at.cost and np.isfinite(tried.J).all():
             at, damping = tried, max(damping / 10, SMALLEST_DAMPING)
             curvature, slope = _normal_equations(at)

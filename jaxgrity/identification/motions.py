@@ -157,9 +157,7 @@ def measured_motion(
     if path.shape != expected or not np.isfinite(path).all():
         raise InputError(f"path has shape {path.shape}; expected {expected}, finite positions of all nodes")
     if windows < 1 or intervals < windows or intervals % windows:
-        raise InputError(
-            f"windows = {windows}: expected a divisor of the {intervals} steps from frame to frame"
-        )
+        raise InputError(f"windows = {windows}: expected a divisor of the {intervals} steps from frame to frame")
     if starts.spread is None and windows > 1:
         raise InputError(f"windows = {windows}, spread = None: expected one window where the start is known")
     if starts.spread is not None and scene.structure.struts is not None and scene.structure.struts.rigid:
