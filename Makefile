@@ -58,7 +58,7 @@ validate: .venv/.installed-test
 # Everything that the docs quote; some hours on 2 cores, which should have nothing else to do. LIMIT=FOLDER: C programs.
 MEASUREMENTS := error_bars stability equivalence stiff hard_cases gradients scaling conformance ntrt_structures \
     orbits orbits_of_searches basin ranges robots_that_differ damage crash_recovery explorer_session stairs_energy \
-    tune_feedback steering goals environments validate identify_spine
+    tune_feedback steering goals environments validate identify_spine identification leaf_gradients
 COMPARED := random CMA-ES GA GA+more GA+smoothed
 measure: .venv/.installed-test
 	for name in $(MEASUREMENTS); do $(BIN)/python experiments/measurements/$$name.py || exit 1; done

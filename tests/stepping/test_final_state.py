@@ -36,7 +36,7 @@ def test_forward_and_reverse_mode_agree_with_differences_for_every_leaf(case):
 
 def ball(height: float, exact: bool = False) -> Scene:
     """A point mass of 1 kg above the ground."""
-    ground = ExactGround() if exact else PenaltyGround(1e4, 0.0)
+    ground = ExactGround() if exact else PenaltyGround(1e4)
     friction = ConeFriction(0.0) if exact else None
     return Scene(Structure([[0.0, 0, height]], [1.0]), gravity=9.81, ground=ground, friction=friction)
 
@@ -66,10 +66,9 @@ def test_at_the_corner_of_a_force_the_slack_side_is_returned():
 
 
 def test_through_a_bounce_the_derivative_is_that_of_the_motion():
-    """Penalty contact, passed at single times: a ball falls from h onto a spring, and is back at h after a period.
+    """Penalty contact that is made and lost at single times: the derivative agrees with differences.
 
-    By energy, a ball that starts with speed v at the height h is there again with the speed v: dv1/dv0 after a given
-    time agrees with differences, though contact switches twice.
+    A ball that is thrown up faster is higher later, one that is thrown down faster too, once it has bounced.
     """
     scene = ball(0.02)
     options = resolve(scene, 0.2, SolverOptions("rk4", dt=1e-4))
@@ -81,7 +80,7 @@ def test_through_a_bounce_the_derivative_is_that_of_the_motion():
     forward, reverse = derivative(height, -0.5)
     moved = [float(jax.jit(height)(-0.5 + h)) for h in (1e-4, -1e-4)]
     np.testing.assert_allclose(reverse, forward, rtol=1e-9)
-    assert abs(forward) > 0.1
+    assert forward < -0.01
     np.testing.assert_allclose(forward, (moved[0] - moved[1]) / 2e-4, rtol=1e-3)
 
 
