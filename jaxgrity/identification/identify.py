@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray
-from jaxgrity.identification.least_squares import Found, Point, Problem, least_squares, linearised, problem_of
+from jaxgrity.identification.least_squares import Found, Point, Problem, fitting_problem, least_squares, linearised
 from jaxgrity.identification.measurements import Measurement, check_units, predicted
 from jaxgrity.identification.parameters import Known, Parameter, Unknowns, changed, check_parameters
 
@@ -114,7 +114,7 @@ def identify(
     count = sum(int(np.isfinite(each.values).sum()) for each in every)
     if count < len(parameters):
         raise InputError(f"{count} numbers measured for {len(parameters)} parameters; expected at least as many")
-    problem = problem_of(jax.tree.map(lambda x: jnp.asarray(x, "float64"), scene), parameters, every)
+    problem = fitting_problem(jax.tree.map(lambda x: jnp.asarray(x, "float64"), scene), parameters, every)
     first = np.zeros(sum(problem.sizes))
     r, J = linearised(first, problem)
     _check_all_units(problem, r)
@@ -170,7 +170,7 @@ def profile_likelihood(
     sums = []
     for each in np.asarray(z, float):
         fitted = identify(changed(scene, [held], np.array([each])), others, every)
-        reached = problem_of(fitted.scene, (), every)
+        reached = fitting_problem(fitted.scene, (), every)
         starts = tuple((start, spread) for start, (_, spread) in zip(fitted.starts, reached.starts))
         r, _ = linearised(np.zeros(sum(reached.sizes)), eqx.tree_at(lambda p: p.starts, reached, starts))
         sums.append(float(r @ r + fitted.z @ fitted.z + each**2))

@@ -58,7 +58,7 @@ class Problem(eqx.Module):
         return changed(self.scene, self.parameters, z)
 
 
-def problem_of(scene, parameters, every) -> Problem:
+def fitting_problem(scene, parameters, every) -> Problem:
     return Problem(scene, tuple(parameters), every, tuple(each.starts() for each in every))
 
 
