@@ -27,14 +27,8 @@ from .formats.ntrt import read_ntrt
 from .formats.spreadsheets import read_tables, save_tables
 from .formats.trajectories import save_trajectory
 from .identification.identify import Estimate, Identified, identify, misfit_of, profile_likelihood
-from .identification.measurements import (
-    MeasuredMotion,
-    MeasuredPoses,
-    Starts,
-    measured_motion,
-    measured_poses,
-    predicted,
-)
+from .identification.measurements import MeasuredPoses, measured_poses, predicted
+from .identification.motions import MeasuredMotion, Starts, measured_motion
 from .identification.observations import (
     SeenAngles,
     SeenDistances,
@@ -156,7 +150,7 @@ from .search.promotion import Agreement, Promoted
 from .search.repertoire import Repertoire, RepertoireConfig, repertoire
 from .search.search_config import SearchConfig, ga_configs, search_problem
 from .stepping.dynamics import acceleration, centre_of_mass, smooth_force, vector_field
-from .stepping.final_state import final_state
+from .stepping.final_state import final_state, states_at
 from .stepping.integrate import FAILURES, discretise, integrate
 from .stepping.methods import METHODS, Method, find_method, register_method
 from .stepping.options import ResolvedOptions, SolverOptions, resolve
@@ -349,6 +343,7 @@ __all__ = [  # noqa: RUF022 in groups
     "Trajectory",
     "centre_path",
     "final_state",
+    "states_at",
     "simulate",
     "reactions",
     "StepLimit",

@@ -17,6 +17,7 @@ from jaxgrity.cli.script import run
 import conformance_tables as conformance
 import control_tables as control
 import gait_tables as gaits
+import identification_tables as identification
 import numerics_tables as numerics
 import orbit_tables
 import search_tables as search
@@ -32,7 +33,7 @@ ROOT = Path(__file__).parents[2]
 README, NUMERICS, SEARCH = "README.md", "docs/numerics.md", "docs/search.md"
 GAITS, CONTROL = "docs/gaits.md", "docs/control.md"
 TERRAIN = "docs/terrain.md"
-VALIDATION = "docs/validation.md"
+VALIDATION, IDENTIFICATION = "docs/validation.md", "docs/identification.md"
 PERFORMANCE, SCALING = "docs/performance.md", "docs/scaling.md"
 
 
@@ -185,6 +186,12 @@ SOURCES: dict[str, Source] = {
             "spine/parameters": Block(VALIDATION, validation.spine_parameters_table),
         },
         {"spine.png": "spine.png"},
+    ),
+    "identification": one_block(
+        "identification", IDENTIFICATION, identification.identification_facts, identification.identification_table
+    ),
+    "leaf_gradients": one_block(
+        "leaf_gradients", IDENTIFICATION, identification.leaf_gradients_facts, identification.leaf_gradients_table
     ),
     "ntrt": Source("ntrt/ntrt.json", conformance.ntrt_facts, {"ntrt": Block("docs/files.md", conformance.ntrt_table)}),
     "crash_recovery": Source(

@@ -7,11 +7,11 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-import optimistix as optx
 from jaxtyping import Float
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray
+from jaxgrity.identification.least_squares import Found, Point, Problem, fitting_problem, least_squares, linearised
 from jaxgrity.identification.measurements import Measurement, check_units, predicted
 from jaxgrity.identification.parameters import Known, Parameter, Unknowns, changed, check_parameters
 
@@ -61,7 +61,8 @@ class Identified(NamedTuple):
             f"the data cannot tell (plausible: ± {each.standard_error:.2g})")
             for each in self.estimates
         ]  # fmt: skip
-        return "\n".join([*lines, f"misfit: {self.misfit:.3g} standard deviations of the noise"])
+        end = "" if self.converged else "; the fit did not converge, and its intervals are not to be trusted"
+        return "\n".join([*lines, f"misfit: {self.misfit:.3g} standard deviations of the noise{end}"])
 
 
 def identify(
@@ -69,13 +70,13 @@ def identify(
     parameters: Sequence[Parameter],
     measured: Measurement | Sequence[Measurement],
     *,
-    tolerance: float = 1e-6,
+    tolerance: float = 1e-5,
     max_steps: int = 100,
 ) -> Identified:
     """The parameters that make what a scene predicts fit what was measured, with their uncertainty.
 
     It minimises sum ((predicted - value)/noise)^2 + sum z^2, in which z are the parameters in units of their plausible
-    spreads, by Levenberg and Marquardt's method (optimistix). With J the residuals' Jacobian at the minimum, the
+    spreads, by Levenberg and Marquardt's method. With J the residuals' Jacobian at the minimum, the
     covariance is that of a linear model with Gaussian noise, (J'J + 1)^-1 (Nocedal and Wright 2006, chapter 10); where
     the misfit is above 1, the noise counts as so many times as large. A parameter whose spread the data do not bring
     below half of what was plausible is not told.
@@ -84,7 +85,7 @@ def identify(
         scene: the robot as far as it is known: a `Scene`, or a module of which `measured_poses` makes scenes.
         parameters: what is not known, and how well.
         measured: made by `measured_poses` or `measured_motion`; several together count as one.
-        tolerance: relative, of the sum of squares and of z, at which steps end.
+        tolerance: of the sum of squares: it ends where a full step would lower it by less, or hardly changes it.
         max_steps: after which it gives up, and is not `converged`.
 
     Returns:
@@ -113,11 +114,11 @@ def identify(
     count = sum(int(np.isfinite(each.values).sum()) for each in every)
     if count < len(parameters):
         raise InputError(f"{count} numbers measured for {len(parameters)} parameters; expected at least as many")
-    problem = _problem(jax.tree.map(lambda x: jnp.asarray(x, "float64"), scene), parameters, every)
-    first = jnp.zeros(sum(problem.sizes))
-    _check_all_units(problem, np.asarray(_linearised(first, problem)[0]))
-    solver: optx.LevenbergMarquardt = optx.LevenbergMarquardt(rtol=tolerance, atol=tolerance)
-    return _judged(problem, optx.least_squares(_residuals, solver, first, problem, throw=False, max_steps=max_steps))
+    problem = fitting_problem(jax.tree.map(lambda x: jnp.asarray(x, "float64"), scene), parameters, every)
+    first = np.zeros(sum(problem.sizes))
+    r, J = linearised(first, problem)
+    _check_all_units(problem, r)
+    return _judged(problem, least_squares(problem, Point(first, r, J), tolerance, max_steps))
 
 
 def misfit_of(scene: Known, measured: Measurement, start: AnyArray | None = None) -> dict[str, np.ndarray]:
@@ -169,71 +170,19 @@ def profile_likelihood(
     sums = []
     for each in np.asarray(z, float):
         fitted = identify(changed(scene, [held], np.array([each])), others, every)
-        reached = _problem(fitted.scene, (), every)
+        reached = fitting_problem(fitted.scene, (), every)
         starts = tuple((start, spread) for start, (_, spread) in zip(fitted.starts, reached.starts))
-        r = eqx.tree_at(lambda p: p.starts, reached, starts).misses(np.zeros(sum(reached.sizes)))
+        r, _ = linearised(np.zeros(sum(reached.sizes)), eqx.tree_at(lambda p: p.starts, reached, starts))
         sums.append(float(r @ r + fitted.z @ fitted.z + each**2))
     return np.array(sums)
 
 
-class _Problem(eqx.Module):
-    """What is to be fitted. Its arrays are inputs of what is compiled, so that new data compile nothing."""
-
-    scene: eqx.Module
-    parameters: tuple[Parameter, ...] = eqx.field(static=True)
-    every: tuple[Measurement, ...]
-    starts: tuple[tuple[AnyArray, AnyArray], ...]
-    """of each measurement: further unknowns, a guess and its standard deviation"""
-
-    @property
-    def sizes(self) -> list[int]:
-        return [len(self.parameters), *(len(guess) for guess, _ in self.starts)]
-
-    def split(self, y) -> list:
-        """The z of the parameters, and the further unknowns of each measurement, from multiples of their spreads."""
-        z, *further = jnp.split(y, np.cumsum(self.sizes)[:-1])
-        return [z, *(guess + spread * own for (guess, spread), own in zip(self.starts, further))]
-
-    def misses(self, y):
-        """Residuals of the data, 0 where they are missing, and of what goes with them, in standard deviations."""
-        z, *starts = self.split(y)
-        scene, found = changed(self.scene, self.parameters, z), []
-        for each, start in zip(self.every, starts):
-            seen, further = each.predict(scene, start)
-            missing = jnp.isnan(each.values)
-            found += [jnp.where(missing, 0, (seen - jnp.nan_to_num(each.values)) / each.noise).ravel(), further]
-        return jnp.concatenate(found)
-
-
-def _problem(scene, parameters, every) -> _Problem:
-    return _Problem(scene, tuple(parameters), every, tuple(each.starts() for each in every))
-
-
-@eqx.filter_custom_jvp
-def _misses(y, problem: _Problem):
-    return problem.misses(y)
-
-
-@_misses.def_jvp
-def _(primals, tangents):
-    """All columns of the Jacobian at once, by the side of the value: the solver then multiplies with a matrix."""
-    y, problem = primals
-    J, value = jax.jacfwd(lambda y: (problem.misses(y),) * 2, has_aux=True)(y)
-    return value, J @ tangents[0]
-
-
-def _residuals(y, problem: _Problem):
-    """Of the data, and of what is plausible: y itself."""
-    return jnp.concatenate([_misses(y, problem), y])
-
-
-def _judged(problem: _Problem, found: optx.Solution) -> Identified:
+def _judged(problem: Problem, found: Found) -> Identified:
     """What was found, with its covariance."""
-    y, size = found.value, len(problem.parameters)
-    r, J = (np.asarray(x) for x in _linearised(y, problem))
-    misfit = _misfit(r, J, sum(int(np.isnan(each.values).sum()) for each in problem.every), len(y))
-    plausible = np.eye(len(y))  # the rows of J that are z itself
-    covariance = np.linalg.inv((J.T @ J - plausible) / max(1.0, misfit) ** 2 + plausible)[:size, :size]
+    (y, r, J), size = found.at, len(problem.parameters)
+    told, plausible = J.T @ J, np.eye(len(y))
+    misfit = _misfit(r, told, sum(int(np.isnan(each.values).sum()) for each in problem.every))
+    covariance = np.linalg.inv(told / max(1.0, misfit) ** 2 + plausible)[:size, :size]
     z, *starts = (np.asarray(part) for part in problem.split(y))
     deviations = np.sqrt(np.diag(covariance))
     return Identified(
@@ -244,12 +193,12 @@ def _judged(problem: _Problem, found: optx.Solution) -> Identified:
         covariance,
         tuple(starts),
         misfit,
-        bool(found.result == optx.RESULTS.successful),
-        int(found.stats["num_steps"]),
+        found.converged,
+        found.steps,
     )
 
 
-def _check_all_units(problem: _Problem, r: np.ndarray) -> None:
+def _check_all_units(problem: Problem, r: np.ndarray) -> None:
     """From the residuals at the scene as it is given, which are computed by a program that is needed anyway."""
     for each, (start, _) in zip(problem.every, problem.starts):
         further = jax.eval_shape(each.predict, problem.scene, start)[1].size
@@ -257,18 +206,11 @@ def _check_all_units(problem: _Problem, r: np.ndarray) -> None:
         check_units(each, np.asarray(each.values + own * each.noise))
 
 
-@eqx.filter_jit
-def _linearised(y, problem: _Problem):
-    J, value = jax.jacfwd(lambda y: (_residuals(y, problem),) * 2, has_aux=True)(y)
-    return value, J
-
-
-def _misfit(r: np.ndarray, J: np.ndarray, missing: int, unknowns: int) -> float:
-    """sqrt(chi^2 / degrees of freedom), of the residuals without those of the unknowns themselves."""
-    data, slopes = r[:-unknowns], J[:-unknowns]
+def _misfit(r: np.ndarray, told: np.ndarray, missing: int) -> float:
+    """sqrt(chi^2 / degrees of freedom), of the residuals of the data, with J'J = `told`."""
     # a regularised fit follows the data in so many directions
-    followed = float(np.trace(np.linalg.solve(J.T @ J, slopes.T @ slopes)))
-    return float(np.sqrt(np.sum(data**2) / max(len(data) - missing - followed, 1.0)))
+    followed = float(np.trace(np.linalg.solve(told + np.eye(len(told)), told)))
+    return float(np.sqrt(r @ r / max(len(r) - missing - followed, 1.0)))
 
 
 def _estimate(parameter: Parameter, z: float, error: float) -> Estimate:

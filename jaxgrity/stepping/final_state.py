@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxgrity.core.errors import InputError
-from jaxgrity.core.types import State
+from jaxgrity.core.types import State, Times
 from jaxgrity.model.scene import Scene
 from jaxgrity.stepping.integrate import discretise, prepared
 from jaxgrity.stepping.options import ResolvedOptions
@@ -77,6 +77,33 @@ def stepped(
     first = (start, solver.init(terms, 0.0, h, start, scene))
     (end, _), _ = jax.lax.scan(jax.checkpoint(stretch), first, numbers)
     return end
+
+
+def states_at(scene: Scene, start: State, times: Times, steps: int, options: ResolvedOptions) -> State:
+    """(q, v) at all of `times` (s), (frames, nodes, 3) each, by so many fixed steps from each frame to the next.
+
+    A bare scan: for the derivatives of one rollout by many numbers in forward mode, which identification needs, it
+    costs two thirds of a `diffeqsolve` with saved frames, and compiles in less than half of the time.
+    """
+    scene, (terms, solver) = prepared(scene), discretise(options)
+    times = jnp.asarray(times, options.dtype)
+
+    def frame(carry, ends):
+        h = (ends[1] - ends[0]) / steps
+
+        def step(carry, k):
+            y, solver_state = carry
+            t = ends[0] + k * h
+            y, _, _, solver_state, _ = solver.step(terms, t, t + h, y, scene, solver_state, False)
+            return (y, solver_state), None
+
+        carry, _ = jax.lax.scan(step, carry, jnp.arange(steps, dtype=options.dtype))
+        return carry, carry[0]
+
+    start = jax.tree.map(lambda x: jnp.asarray(x, options.dtype), start)
+    first = (start, solver.init(terms, times[0], times[1], start, scene))
+    _, later = jax.lax.scan(frame, first, jnp.stack([times[:-1], times[1:]], axis=1))
+    return jax.tree.map(lambda x, rest: jnp.concatenate([x[None], rest]), start, later)
 
 
 def _divide(count: int) -> tuple[int, int]:

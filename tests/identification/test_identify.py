@@ -150,6 +150,31 @@ def test_a_motion_tells_stiffness_and_damping_from_an_unknown_start(swinging, wi
     np.testing.assert_allclose(state[0, 1, 1, 2], -0.5, atol=0.02)
 
 
+def test_windows_give_the_derivatives_of_the_whole(swinging):
+    """Window by window they are those of the prediction as a whole, jumps included."""
+    times, seen, path, options = swinging
+    scene = hanging(100.0, 0.5)
+    motion = measured_motion(scene, times, seen, 2e-3, HEIGHT, Starts(path, 4), options=options)
+    z, start = jnp.array([0.3]), jnp.asarray(motion.starts()[0])
+
+    def scene_at(z):
+        return changed(scene, [STIFFNESS], z)
+
+    (rows, jumps), slopes = jax.jit(lambda z, start: motion.linearised(scene_at, z, start))(z, start)
+    expected = jax.jacfwd(lambda y: motion.predict(scene_at(y[:1]), y[1:]))(jnp.concatenate([z, start]))
+    for found, right, size in zip(slopes, expected, (rows, jumps)):
+        assert found.shape == (*size.shape, 1 + len(start))
+        assert np.abs(right).max() > 0.1
+        np.testing.assert_allclose(found, right, atol=1e-9 * np.abs(right).max())
+
+
+def test_a_fit_that_gave_up_says_so():
+    """After one step of several."""
+    found = identify(hanging(), [STIFFNESS], poses(heights(200.0)), max_steps=1)
+    assert not found.converged
+    assert "did not converge" in found.summary()
+
+
 def test_observations_see_what_they_say():
     """Of three nodes in a plane."""
     nodes = np.array([[0.0, 0, 0], [3, 0, 4], [3, 0, 0]])
@@ -203,7 +228,7 @@ BAD = {
     "noise of another shape": (lambda: poses(heights(100.0), noise=np.ones(3)), r"noise has shape \(3,\)"),
     "shapes": (lambda: poses(heights(100.0), shapes=np.zeros((3, 2, 3))), r"shapes has shape \(3, 2, 3\)"),
     "commands": (lambda: poses(heights(100.0), commands=LOADS[:4]), "commands has an array of shape"),
-    "windows": (lambda: motion_of(TIMES, np.zeros((11, 1)), windows=3), "windows = 3: expected a number that divides"),
+    "windows": (lambda: motion_of(TIMES, np.zeros((11, 1)), windows=3), "windows = 3: expected a divisor of"),
     "no such node": (lambda: SeenDistances(((0, 7),)).columns(hanging()), "there is no node 7; expected 0 to 1"),
     "no parameter": (lambda: identify(hanging(), [], poses(heights(100.0))), "there are none"),
     "unknown place": (

@@ -1,0 +1,50 @@
+"""The tables of docs/identification.md."""
+
+from numerics_tables import chosen
+from pages import made_by, table
+
+Facts = dict
+CASES = {"rolling": "rolls by its gait", "ten": "rolls, ten unknown", "dropped": "is dropped and slides"}
+
+
+def identification_facts(raw: Facts) -> Facts:
+    kept = ("duration", "windows", "trials", "converged", "seconds", "longest", "parameters")
+    cases = {name: chosen(facts, *kept) for name, facts in raw["cases"].items()}
+    return chosen(raw, "command", "cores") | {"cases": cases}
+
+
+def identification_table(facts: Facts) -> str:
+    rows = []
+    for name, case in facts["cases"].items():
+        about = f"{CASES[name]}, {case['duration']:g} s, {case['windows']} window{'s' * (case['windows'] > 1)}"
+        converged = f"{case['converged']} of {case['trials']}"
+        for each in case["parameters"]:
+            told = each["told"]
+            cells = [
+                f"{each[key]:.2%}" if told else "cannot be told" for key in ("standard_error", "median", "largest")
+            ]
+            counts = [f"{each[key]} of {case['trials']}" if told else "" for key in ("within_2_percent", "covered")]
+            rows.append([about, converged, f"`{each['name']}`", *cells, *counts])
+            about = converged = ""
+    head = ["the robot", "converged", "parameter", "standard error", "off by, median", "most"]
+    return table([*head, "within 2 %", "inside its interval"], rows) + made_by(facts, "identification")
+
+
+def leaf_gradients_facts(raw: Facts) -> Facts:
+    rows: dict[str, Facts] = {}
+    for row in raw["rows"]:
+        worst = rows.setdefault(row["robot"], {"arrays": 0, "matter": 0, "reverse": 0.0, "differences": 0.0})
+        worst["arrays"] += 1
+        worst["matter"] += row["derivative"] != 0
+        for kind in ("reverse", "differences"):
+            worst[kind] = max(worst[kind], row[kind])
+    return chosen(raw, "command", "cores") | {"robots": rows}
+
+
+def leaf_gradients_table(facts: Facts) -> str:
+    rows = [
+        [name, f"{each['matter']} of {each['arrays']}", f"{each['reverse']:.0e}", f"{each['differences']:.0e}"]
+        for name, each in facts["robots"].items()
+    ]
+    head = ["what", "arrays that matter", "reverse mode off forward mode", "central differences off forward mode"]
+    return table(head, rows) + made_by(facts, "leaf_gradients")

@@ -1,0 +1,183 @@
+"""Measured motions, cut into windows for multiple shooting, and what a scene predicts of them."""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from jaxgrity.core.errors import InputError
+from jaxgrity.core.types import AnyArray, NodeHistory, Times
+from jaxgrity.identification.measurements import Measurement, Values, checked
+from jaxgrity.identification.observations import SeenQuantity
+from jaxgrity.model.scene import Scene
+from jaxgrity.stepping.final_state import states_at
+from jaxgrity.stepping.integrate import integrate
+from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
+
+FITTED_FRAMES = 8
+"""from which the velocity at the start of a window is guessed"""
+
+
+class MeasuredMotion(Measurement):
+    """A motion, cut into windows that each start from a state of their own. Made by `measured_motion`."""
+
+    values: Values
+    noise: Values
+    observation: SeenQuantity
+    times: Float[AnyArray, "windows frames"]
+    """s, from each window's start to the next one's; the first frame of the next is the last of this one"""
+    options: ResolvedOptions
+    state: Float[AnyArray, "windows 2 nodes 3"]
+    """positions, m, and velocities, m/s, at the windows' starts: known, or a guess"""
+    spread: Float[AnyArray, "windows 2 nodes 3"]
+    """standard deviations of the guess; 0 where it is known"""
+    unknown: tuple[int, ...] = eqx.field(static=True)
+    """which numbers of the states are not known"""
+    jump: tuple[float, float] = eqx.field(static=True)
+    """m and m/s, standard deviations of jumps from a window to the next: what the model leaves out in each"""
+    steps: int | None = eqx.field(static=True)
+    """from frame to frame; None: the method adapts its step"""
+
+    def starts(self):
+        unknown = np.array(self.unknown, int)
+        return np.asarray(self.state).ravel()[unknown], np.asarray(self.spread).ravel()[unknown]
+
+    def predict(self, scene, start):
+        states = self._states(start)
+        found = jax.lax.map(lambda one: self._window(scene, *one), (states, jnp.asarray(self.times)))
+        return self._joined(*found, states)
+
+    def linearised(self, scene_at, z, start):
+        """Window by window, since each depends on its own start alone: all starts at once would cost their square."""
+        count, windows = len(z), len(self.state)
+        own, states = len(self.unknown) // windows, self._states(start)
+        places = np.array(self.unknown[:own], int)
+
+        def window(given):
+            state, times, y = given
+
+            def both(y):
+                there = state.ravel().at[places].set(y[count:]).reshape(state.shape)
+                found = (*self._window(scene_at(y[:count]), there, times), there)
+                return found, found
+
+            slopes, found = jax.jacfwd(both, has_aux=True)(y)
+            return found, slopes
+
+        y = jnp.concatenate([jnp.broadcast_to(z, (windows, count)), start.reshape(windows, own)], axis=1)
+        found, slopes = jax.lax.map(window, (states, jnp.asarray(self.times), y))
+        return self._joined(*found), self._joined(*(_spread_out(slope, count) for slope in slopes))
+
+    def _states(self, start):
+        """The states at the windows' starts, those that are not known as given."""
+        states = jnp.asarray(self.state)
+        return states.ravel().at[np.array(self.unknown, int)].set(start).reshape(states.shape)
+
+    def _window(self, scene, state, times):
+        """What is seen of a window, a row a frame, and the state at its end."""
+        if self.steps:
+            q, v = states_at(scene, (state[0], state[1]), times, self.steps, self.options)
+        else:
+            q, v = integrate((state[0], state[1]), times, scene, self.options).ys  # type: ignore[misc]
+        return jax.vmap(lambda q, t: self.observation.seen(scene, q, t))(q, times), jnp.stack([q[-1], v[-1]])
+
+    def _joined(self, seen, ends, states):
+        """The rows of all windows, and by how much windows miss each other; a last axis more: derivatives of both."""
+        rows = jnp.concatenate([seen[:, :-1].reshape(-1, *seen.shape[2:]), seen[-1, -1:]])
+        allowed = np.array(self.jump).reshape(2, 1, 1, *[1] * (states.ndim - 4))
+        jumps = (ends[:-1] - states[1:]) / allowed
+        return rows, jumps.reshape(-1, *jumps.shape[4:])
+
+
+def _spread_out(slopes: AnyArray, count: int) -> AnyArray:
+    """(windows, ..., z and a window's own start) to (windows, ..., z and the starts of all windows)."""
+    windows, own = len(slopes), slopes.shape[-1] - count
+    apart = jnp.zeros((windows, *slopes.shape[1:-1], windows, own), slopes.dtype)
+    number = np.arange(windows)
+    apart = apart.at[number, ..., number, :].set(slopes[..., count:])
+    return jnp.concatenate([slopes[..., :count], apart.reshape(*slopes.shape[:-1], windows * own)], axis=-1)
+
+
+class Starts(NamedTuple):
+    """From where a measured motion starts, and into how many windows it is cut, each with a start of its own."""
+
+    path: NodeHistory
+    """(frames, nodes, 3), m, a guess of the motion, such as what was measured, or a rollout"""
+    windows: int = 1
+    spread: tuple[float, float] | None = (0.02, 1.0)
+    """m and m/s, standard deviations of the guess of each window's start; None: the motion starts at rest, where the
+    path does, and this is known"""
+    jump: tuple[float, float] = (1e-3, 1e-2)
+    """m and m/s, by which the end of a window may plausibly miss the start of the next"""
+
+
+def measured_motion(
+    scene: Scene,
+    times: Times,
+    values: Values,
+    noise: AnyArray | float,
+    observation: SeenQuantity,
+    starts: Starts,
+    *,
+    options: Options = None,
+) -> MeasuredMotion:
+    """A motion seen at known times.
+
+    Long rollouts that roll are chaotic, and their residuals have many minima. Cut into windows, each of which starts
+    from a state of its own, they are fitted by multiple shooting: jumps between windows count as residuals too.
+
+    Args:
+        scene: the robot with its gait, to check the rest against.
+        times: (frames,), s since the gait's t = 0, increasing.
+        values: (frames, columns of the observation), SI units; NaN where missing.
+        noise: their standard deviation: one number, one for each column, or one for each value.
+        observation: what the columns are.
+        starts: from where the motion starts, and how well that is known.
+        options: how to integrate; where not given, the scene decides. The precision is float64.
+
+    Returns:
+        What `identify` takes.
+
+    Raises:
+        InputError: shapes do not fit each other, times do not increase, all values are missing, the noise is not
+            positive, options that do not fit the scene, or unknown starts of a robot with rigid struts.
+    """
+    values, noise = checked(scene, values, noise, observation)
+    times, path, windows = np.asarray(times, float), np.asarray(starts.path, float), starts.windows
+    if times.shape != (len(values),):
+        raise InputError(f"times has shape {times.shape}; expected ({len(values)},), one for each row of values")
+    early = np.flatnonzero(~(np.diff(times) > 0))
+    if early.size:
+        k = int(early[0]) + 1
+        raise InputError(f"times[{k}] = {times[k]:g} s after {times[k - 1]:g} s: expected times that increase")
+    expected, intervals = (len(times), *np.shape(scene.structure.nodes)), len(times) - 1
+    if path.shape != expected or not np.isfinite(path).all():
+        raise InputError(f"path has shape {path.shape}; expected {expected}, finite positions of all nodes")
+    if windows < 1 or intervals < windows or intervals % windows:
+        raise InputError(f"windows = {windows}: expected a divisor of the {intervals} steps from frame to frame")
+    if starts.spread is None and windows > 1:
+        raise InputError(f"windows = {windows}, spread = None: expected one window where the start is known")
+    if starts.spread is not None and scene.structure.struts is not None and scene.structure.struts.rigid:
+        raise InputError("spread: rigid struts leave no start free; expected None, or struts that are springs")
+    first = np.arange(windows) * (intervals // windows)
+    cut = np.stack([times[k : k + intervals // windows + 1] for k in first])
+    state = np.stack([_state_at(times, path, int(k)) for k in first])
+    if starts.spread is None:
+        state[:, 1] = 0
+    deviations = np.array(starts.spread or (0.0, 0.0))[:, None, None]
+    spread = np.broadcast_to(deviations, state.shape) * scene.structure.free
+    unknown = tuple(np.flatnonzero(spread > 0).tolist())
+    resolved = resolve(scene, float(cut[0, -1] - cut[0, 0]), options, dtype="float64")
+    steps = None if resolved.dt is None else int(np.ceil(np.diff(times).max() / resolved.dt - 1e-6))
+    return MeasuredMotion(values, noise, observation, cut, resolved, state, spread, unknown, starts.jump, steps)
+
+
+def _state_at(times: np.ndarray, path: np.ndarray, frame: int) -> np.ndarray:
+    """(2, nodes, 3): position and velocity of the straight line, or the parabola, that fits the next frames best."""
+    near = slice(frame, frame + FITTED_FRAMES)
+    t = times[near] - times[frame]
+    fitted = np.polynomial.polynomial.polyfit(t, path[near].reshape(len(t), -1), min(2, len(t) - 1))
+    return fitted[:2].reshape(2, *path.shape[1:])
