@@ -117,16 +117,16 @@ def obstacles_table(facts: Facts) -> str:
     head = [f"goal within {facts['patience']:g} s", "reached, nothing touched", "touched something", "did not arrive"]
     words = table(head, rows)
     if facts["seconds"] is not None:
-        took = f"{facts['seconds']:.0f} s and {facts['length']:.0f} m (medians)"
         apart, off = (f"{100 * facts[name]:.0f} cm" for name in ("spread", "surprise"))
-        parts = [
-            f"\n\nA way took {took}; no robot that reached its goal came nearer to an obstacle than",
-            f"{100 * facts['gap']:.0f} cm. What was chosen: {shares}. Robots of the model that try the way that is",
-            f"chosen are apart by {apart} after {facts['horizon']:g} s (standard deviation, median);",
-            f"after {facts['interval']:g} s the robot is {off} from where they said (median).",
-            f"A choice for all {count} robots takes {facts['seconds_a_choice']:.1f} s.",
+        more = [
+            ["a way round obstacles, median", f"{facts['seconds']:.0f} s, {facts['length']:.0f} m"],
+            ["nearest to an obstacle, of robots that arrived", f"{100 * facts['gap']:.0f} cm"],
+            ["gaits that were chosen", shares],
+            [f"spread of the model's robots on a chosen way after {facts['horizon']:g} s, median", apart],
+            [f"from there to the robot after {facts['interval']:g} s, median", off],
+            [f"a choice for all {count} robots", f"{facts['seconds_a_choice']:.1f} s"],
         ]
-        words += " ".join(parts)
+        words += "\n\n" + table(["of these ways", "measured"], more)
     return words + made_by(facts, "obstacles", "measured")
 
 

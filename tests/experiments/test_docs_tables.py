@@ -63,13 +63,13 @@ def test_every_block_is_a_table_or_a_list_of_commands():
 
 
 def test_measured_files_hold_what_pages_quote():
-    """One for each source and one for the paper, as `save_compact` writes it, a few hundred lines in all."""
+    """One for each source and one for the paper, as `save_compact` writes it, of thirty lines on average."""
     files = sorted(MEASURED.iterdir())
     assert [file.stem for file in files] == sorted([*update_docs.SOURCES, "paper"])
     for file in files:
         text = file.read_text(encoding="utf-8")
         assert text == laid_out(rounded(json.loads(text))) + "\n", file
-    assert sum(len(file.read_text(encoding="utf-8").splitlines()) for file in files) < 1000
+    assert sum(len(file.read_text(encoding="utf-8").splitlines()) for file in files) < 30 * len(files)
 
 
 def test_without_results_nothing_changes(copied, tmp_path):
