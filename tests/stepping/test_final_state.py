@@ -37,7 +37,8 @@ def test_forward_and_reverse_mode_agree_with_differences_for_every_leaf(case):
     matter = {row["leaf"] for row in rows if row["derivative"] != 0}
     assert len(matter) >= len(rows) / 2
     rest_lengths = {row["leaf"] for row in rows if row["leaf"].endswith("rest_length")}
-    assert rest_lengths and rest_lengths <= matter
+    assert rest_lengths
+    assert rest_lengths <= matter
 
 
 def ball(height: float, exact: bool = False) -> Scene:
