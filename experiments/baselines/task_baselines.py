@@ -85,12 +85,12 @@ def main(settings: Settings) -> None:
         progress, _ = rolled(padded, keys(settings, 10**6))
         row: dict[str, Any] = {"task": task, "trained": trained} | {
             "progress": {name: float(own.mean()) for name, own in zip(known, progress)},
-            "error": {name: float(own.std() / np.sqrt(len(own))) for name, own in zip(known, progress)},
+            "error": {name: float(own.std(ddof=1) / np.sqrt(len(own))) for name, own in zip(known, progress)},
         }
         if task in LED and settings.led:
             led = predicted(env, settings)
             row["progress"][PREDICTIVE] = float(led.mean())
-            row["error"][PREDICTIVE] = float(led.std() / np.sqrt(len(led)))
+            row["error"][PREDICTIVE] = float(led.std(ddof=1) / np.sqrt(len(led)))
         rows.append(row)
         told = {"episodes": settings.episodes, "led": settings.led, "generations": settings.generations}
         save_json(settings.out / "task_baselines.json", {**measured(), **told, "rows": rows})

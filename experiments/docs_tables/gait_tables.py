@@ -170,7 +170,7 @@ def robots_that_differ_table(facts: Facts) -> str:
     head = [
         "gait",
         "contact",
-        "as the scene says, body lengths/s",
+        "as the scene says, on its own contact, body lengths/s",
         f"{facts['robots']} robots that differ",
         "share of it",
     ]

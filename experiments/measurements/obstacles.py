@@ -45,6 +45,8 @@ from jaxgrity import (
 )
 from jaxgrity.io.files import save_json
 
+PERIOD = 0.01
+"""s, in which robots get a command"""
 GOAL = np.array([10.0, 0.0])
 ARENA = (-3.0, -5.0, 13.0, 5.0)
 """m, the least and the largest x and y"""
@@ -83,8 +85,10 @@ def main(settings: Settings) -> None:
     nothing = Discs(np.zeros((0, 2)), np.zeros(0))
     blind = led(scene, settings, [way_map(nothing, GOAL, ARENA)] * len(fields))
     rows = [{"seed": k, **told(found, field, k), "blind": told(blind, field, k)} for k, field in enumerate(fields)]
-    names = names_of(scene)
-    shares = {name: float(np.mean(np.isin(found.gaits, _rows_of(names, name)))) for name in dict.fromkeys(names)}
+    names, frames = names_of(scene), round(Foresight().interval / PERIOD)
+    going = np.arange(len(found.gaits))[:, None] * frames < found.arrived
+    chosen = found.gaits[going]
+    shares = {name: float(np.mean(np.isin(chosen, _rows_of(names, name)))) for name in dict.fromkeys(names)}
     save_json(
         settings.out / "obstacles.json",
         {
@@ -95,8 +99,8 @@ def main(settings: Settings) -> None:
             "interval": Foresight().interval,
             "horizon": Foresight().horizon,
             "gaits": shares,
-            "spread": float(np.nanmedian(found.spread)),
-            "surprise": float(np.nanmedian(found.surprise)),
+            "spread": float(np.nanmedian(found.spread[going])),
+            "surprise": float(np.nanmedian(found.surprise[going])),
             "seconds_a_choice": found.seconds,
             "rows": rows,
         },
@@ -177,7 +181,7 @@ def told(found: Travels, field: Discs, robot: int) -> dict[str, Any]:
         "arrived": bool(here),
         "touched": least < 0,
         "reached": bool(here and least >= 0),
-        "seconds": 0.01 * end,
+        "seconds": PERIOD * end,
         "gap": least,
         "length": float(np.linalg.norm(np.diff(path[::10], axis=0), axis=1).sum()),
     }

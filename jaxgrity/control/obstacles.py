@@ -104,7 +104,9 @@ class WayMap(NamedTuple):
         return (map_coordinates(table, inside, order=1) + CLOSE * beyond).reshape(places.shape[:-1])
 
     def way(self, start: np.ndarray) -> np.ndarray:
-        """(points, 2), m: the shortest way over the grid from `start` (2,), or that place alone where there is none."""
+        """(points, 2), m: a way downhill on the distances from `start` (2,), within about a per cent of the shortest.
+
+        That place alone where there is none."""
         here = np.rint((np.asarray(start) - self.corner) / self.spacing).astype(int)
         here = np.clip(here, 0, np.array(self.distance.shape) - 1)
         found = [np.asarray(start, float)]

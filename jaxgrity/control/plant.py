@@ -76,6 +76,21 @@ class Plant(eqx.Module):
         return max(1, int(np.ceil(self.period / self.options.dt - 1e-6)))
 
 
+def check_model(robot: Plant, model: Plant) -> None:
+    """Raise `InputError` where a model is not actuated as the robot is, or not as often."""
+    if (model.members, model.period) != (robot.members, robot.period):
+        own, other = (f"members {plant.members} every {plant.period:g} s" for plant in (robot, model))
+        raise InputError(f"model: {other}; expected {own}, as the robot has")
+
+
+def whole_number(name: str, seconds: float, part: float) -> int:
+    """How many times a part, s, goes into some seconds. Raises `InputError` where that is no whole number."""
+    count = round(seconds / part)
+    if count < 1 or abs(seconds / part - count) > 1e-6 * count:
+        raise InputError(f"{name} = {seconds:g} s: expected a multiple of {part:g} s")
+    return count
+
+
 def plant_of(
     scene: Scene,
     members: tuple[int, ...],

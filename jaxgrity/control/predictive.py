@@ -15,8 +15,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxgrity.control.closed_loop import Loop, drive, loop_start
-from jaxgrity.control.plant import Plant, plant_start, side_by_side
+from jaxgrity.control.plant import Plant, check_model, plant_start, side_by_side, whole_number
 from jaxgrity.control.steering import Steered
+from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, State
 
 REACHED = 0.3
@@ -84,12 +85,18 @@ def lead_to(
         Its path, whether and when the goal was reached, and how fast choosing was.
 
     Raises:
-        InputError: a policy that actuates other members than the robot.
+        InputError: a policy or a model that actuates other members than the robot, a model with another period, times
+            that are no multiples of each other.
     """
-    draw, goal = np.random.default_rng(seed), np.asarray(goal, float)
+    check_model(robot, model)
+    look = whole_number("1 / per_second", 1 / sampling.per_second, robot.period)
+    looks = whole_number("interval", sampling.interval, 1 / sampling.per_second)
+    whole_number("horizon", sampling.horizon, 1 / sampling.per_second)
+    if not sampling.patience > 0:
+        raise InputError(f"patience = {sampling.patience:g} s: expected a positive time")
+    draw, goal, policy = np.random.default_rng(seed), np.asarray(goal, float), replace(policy, goal=None)
     many = side_by_side(model, sampling.samples)
     loop = loop_start(robot, policy, jax.random.key(seed), start)
-    look = round(1 / sampling.per_second / robot.period)
     paths: list[np.ndarray] = []
     bends: list[float] = []
     spent: list[float] = []
@@ -98,11 +105,11 @@ def lead_to(
         began = time.perf_counter()
         policy, loop = _chosen(many, policy, loop, goal, draw, sampling)
         spent.append(time.perf_counter() - began)
-        there = drive(robot, policy, loop, look, round(sampling.interval * sampling.per_second))
-        loop, passed = there.end, passed + sampling.interval
+        there = drive(robot, policy, loop, look, looks)
+        near = np.linalg.norm(np.asarray(there.path)[:, :2] - goal, axis=1) < REACHED
+        loop, passed = there.end, passed + (near.argmax() if near.any() else looks) / sampling.per_second
         paths.append(np.asarray(there.path)[bool(paths) :])
         bends.append(float(policy.bend))
-        near = np.linalg.norm(paths[-1][:, :2] - goal, axis=1) < REACHED
         if near.any() or there.failure != 0:
             break
     path = np.concatenate(paths)

@@ -8,7 +8,7 @@ robot takes the one that leaves the shortest way to go (`WayMap`), and is asked 
 
 import time
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import equinox as eqx
 import jax
@@ -18,14 +18,14 @@ import numpy as np
 from jaxgrity.control.closed_loop import Loop, loop_start, roll_on
 from jaxgrity.control.gait_choices import GaitChoices
 from jaxgrity.control.obstacles import WayMap, gap, room
-from jaxgrity.control.plant import Plant, plant_start, side_by_side
+from jaxgrity.control.plant import Plant, check_model, plant_start, side_by_side, whole_number
+from jaxgrity.control.predictive import REACHED
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import State
 from jaxgrity.rollout.uncertainty import Differences
 from jaxgrity.stepping.dynamics import centre_of_mass
+from jaxgrity.stepping.integrate import state_failure
 
-REACHED = 0.3
-"""m, from the goal, within which it counts as reached"""
 TOUCHING = 100.0
 """m, by which a way counts as longer for each metre by which the robot comes too close to an obstacle"""
 LOOKS = 10
@@ -117,24 +117,31 @@ def travel(
         Paths, and which robots reached their goals without touching anything.
 
     Raises:
-        InputError: not as many robots as maps, or a policy that actuates other members than the robots.
+        InputError: not as many robots as maps, a policy or a model that actuates other members than the robots, a model
+            with another period, fewer than two samples, times that are no multiples of each other.
     """
     count = robots.robots
     if count is None or count != len(maps):
         raise InputError(f"maps: there are {len(maps)}, for {count} robots; expected one for each, of `side_by_side`")
+    check_model(robots, model)
+    ticks = whole_number("interval", foresight.interval, robots.period)
+    looks = whole_number("horizon", foresight.horizon, 1 / LOOKS)
+    whole_number("a look", 1 / LOOKS, model.period)
+    if foresight.samples < 2 or foresight.patience < foresight.interval:
+        found = f"samples = {foresight.samples}, patience = {foresight.patience:g} s"
+        raise InputError(f"{found}: expected at least 2 samples, and {foresight.interval:g} s")
     draw, copies = np.random.default_rng(foresight.seed), len(foresight.friction)
     lanes = count * foresight.samples * copies
     many = side_by_side(model, lanes, Differences(friction=np.tile(foresight.friction, count * foresight.samples)))
     rows, bends = np.zeros(count, int), np.zeros(count)
     loop = loop_start(robots, gaits.chosen(rows, bends), jax.random.key(foresight.seed), start, each=True)
-    ticks = round(foresight.interval / robots.period)
     kept = [np.asarray(loop.plant.motion[0])[None]]
     said: list[tuple[np.ndarray, ...]] = []
     spent, over = [], np.zeros(count, bool)
     for choice in range(round(foresight.patience / foresight.interval)):
         began = time.perf_counter()
         tried = _drawn(draw, gaits, rows, bends, foresight)
-        fate = _foreseen(many, gaits, loop, tried, foresight)
+        fate = _foreseen(many, gaits, loop, tried, looks)
         best = _costs(fate, maps, foresight).argmin(1)
         spent.append(time.perf_counter() - began)
         old, each = rows, np.arange(count)
@@ -172,15 +179,14 @@ def _with_clock(gaits: GaitChoices, loop: Loop, old: np.ndarray, new: np.ndarray
     return Loop(loop.plant, ((clock * share + jump, until), *others))
 
 
-def _foreseen(many: Plant, gaits: GaitChoices, loop: Loop, tried, foresight: Foresight) -> _Fate:
+def _foreseen(many: Plant, gaits: GaitChoices, loop: Loop, tried, looks: int) -> _Fate:
     """What becomes of all samples."""
-    count, copies = len(tried[0]), len(foresight.friction)
+    count, samples = tried[0].shape
+    copies = cast(int, many.robots) // (count * samples)
     rows, bends, turns = (np.repeat(x.ravel(), copies) for x in tried)
-    old = np.repeat(tried[0][:, 0], foresight.samples * copies)
-    path, failed = _tried(
-        many, gaits.chosen(rows, bends), gaits, loop, (old, rows, turns), round(foresight.horizon * LOOKS)
-    )
-    shape = (count, foresight.samples, copies)
+    old = np.repeat(tried[0][:, 0], samples * copies)
+    path, failed = _tried(many, gaits.chosen(rows, bends), gaits, loop, (old, rows, turns), looks)
+    shape = (count, samples, copies)
     return _Fate(np.asarray(path, float).reshape(-1, 2, *shape), np.asarray(failed).reshape(shape))
 
 
@@ -199,12 +205,19 @@ def _tried(many: Plant, policy, gaits: GaitChoices, loop: Loop, clocks, looks: i
         return loop, centre(many.scene, loop.plant.motion[0])[:2]
 
     end, path = jax.lax.scan(look, ahead, length=looks)
-    return path, ~jnp.all(jnp.isfinite(end.plant.motion[0]), axis=(0, 1))
+    return path, _failed(many, end) != 0
 
 
 @eqx.filter_jit
 def _moved(robots: Plant, policy, loop: Loop, ticks: int):
-    return roll_on(robots, policy, loop, ticks, lambda state: state.motion[0], each=True)
+    """The loop after so many control periods, and the nodes in each; NaN of robots that failed by then."""
+    loop, nodes = roll_on(robots, policy, loop, ticks, lambda state: state.motion[0], each=True)
+    return loop, jnp.where(_failed(robots, loop) != 0, jnp.nan, nodes)
+
+
+def _failed(many: Plant, loop: Loop):
+    """(robots,), as `state_failure` says."""
+    return many.lift(state_failure, ("s", -1, -1))(many.scene, *loop.plant.motion)
 
 
 def _costs(fate: _Fate, maps: Sequence[WayMap], foresight: Foresight) -> np.ndarray:

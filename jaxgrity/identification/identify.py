@@ -58,7 +58,7 @@ class Identified(NamedTuple):
         """A line for each parameter."""
         lines = [
             f"{each.name}: " + (f"{each.value:.4g} ± {each.standard_error:.2g}" if each.value is not None else
-            f"the data cannot tell (plausible: ± {each.standard_error:.2g})")
+            f"the data cannot tell (± {each.standard_error:.2g} is left)")
             for each in self.estimates
         ]  # fmt: skip
         end = "" if self.converged else "; the fit did not converge, and its intervals are not to be trusted"
@@ -117,6 +117,8 @@ def identify(
     problem = fitting_problem(jax.tree.map(lambda x: jnp.asarray(x, "float64"), scene), parameters, every)
     first = np.zeros(sum(problem.sizes))
     r, J = linearised(first, problem)
+    if not (np.isfinite(r).all() and np.isfinite(J).all()):
+        raise InputError("scene: what it predicts is not finite; expected one whose motions and shapes can be computed")
     _check_all_units(problem, r)
     return _judged(problem, least_squares(problem, Point(first, r, J), tolerance, max_steps))
 

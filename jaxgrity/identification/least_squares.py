@@ -102,7 +102,7 @@ def least_squares(problem: Problem, at: Point, tolerance: float, max_steps: int)
             break
         else:
             damping *= 10
-    return Found(at, False, max_steps)
+    return Found(at, False, number)
 
 
 def _normal_equations(at: Point) -> tuple[np.ndarray, np.ndarray]:

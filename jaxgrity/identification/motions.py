@@ -154,8 +154,11 @@ def measured_motion(
         k = int(early[0]) + 1
         raise InputError(f"times[{k}] = {times[k]:g} s after {times[k - 1]:g} s: expected times that increase")
     expected, intervals = (len(times), *np.shape(scene.structure.nodes)), len(times) - 1
-    if path.shape != expected or not np.isfinite(path).all():
-        raise InputError(f"path has shape {path.shape}; expected {expected}, finite positions of all nodes")
+    if path.shape != expected:
+        raise InputError(f"path has shape {path.shape}; expected {expected}, positions of all nodes")
+    if not np.isfinite(path).all():
+        frame, node = np.argwhere(~np.isfinite(path))[0, :2]
+        raise InputError(f"path[{frame}, {node}] is not finite; expected a guess of it where it was not seen")
     if windows < 1 or intervals < windows or intervals % windows:
         raise InputError(f"windows = {windows}: expected a divisor of the {intervals} steps from frame to frame")
     if starts.spread is None and windows > 1:
@@ -164,9 +167,10 @@ def measured_motion(
         raise InputError("spread: rigid struts leave no start free; expected None, or struts that are springs")
     first = np.arange(windows) * (intervals // windows)
     cut = np.stack([times[k : k + intervals // windows + 1] for k in first])
-    state = np.stack([_state_at(times, path, int(k)) for k in first])
     if starts.spread is None:
-        state[:, 1] = 0
+        state = np.stack([path[:1], 0 * path[:1]], axis=1)
+    else:
+        state = np.stack([_state_at(times, path, int(k)) for k in first])
     deviations = np.array(starts.spread or (0.0, 0.0))[:, None, None]
     spread = np.broadcast_to(deviations, state.shape) * scene.structure.free
     unknown = tuple(np.flatnonzero(spread > 0).tolist())

@@ -62,6 +62,8 @@ def check_parameters(scene: Known, parameters: Sequence[Parameter]) -> None:
         where, leaf = f"parameters[{k}] ({parameter.name})", part_of(scene, parameter.path)
         if parameter.kind not in KINDS:
             raise InputError(f"{where}: kind = {parameter.kind!r}; expected one of {', '.join(KINDS)}")
+        if parameter.parts == ():
+            raise InputError(f"{where}: parts = (): expected numbers, or None for all")
         if not (np.isfinite(parameter.spread) and parameter.spread > 0):
             raise InputError(f"{where}: spread = {parameter.spread}; expected a positive, finite number")
         if not eqx.is_inexact_array_like(leaf) or isinstance(leaf, float):

@@ -36,7 +36,7 @@ def posterior_robots(key: jax.Array, found: Identified, count: int) -> Differenc
     for name, paths in DIFFERING.items():
         own = [k for k, parameter in enumerate(found.parameters) if parameter.path in paths]
         if own:
-            path = found.parameters[own[0]].path
+            path = _one_path(found, own)
             factors[name] = np.stack([_ratio(found, path, own, z) for z in drawn])
     missing = [p.name for p in found.parameters if not any(p.path in paths for paths in DIFFERING.values())]
     if missing:
@@ -49,11 +49,23 @@ def posterior_robots(key: jax.Array, found: Identified, count: int) -> Differenc
     return Differences(**factors)
 
 
+def _one_path(found: Identified, own: list[int]) -> str:
+    """Of parameters by which robots differ alike; refuses what a factor cannot say."""
+    paths = sorted({found.parameters[k].path for k in own})
+    if len(paths) > 1:
+        raise InputError(f"{', '.join(paths)}: robots differ alike in them; expected one of them")
+    known = np.asarray(part_of(found.scene, paths[0]))
+    if any(found.parameters[k].kind == "offset" for k in own) and np.any(known == 0):
+        raise InputError(f"{paths[0]}: an offset of 0 is no factor; expected factors, or numbers other than 0")
+    return paths[0]
+
+
 def _ratio(found: Identified, path: str, numbers: list[int], dz: np.ndarray) -> np.ndarray:
     """By what a place of the identified scene is multiplied where some of its z change by so much."""
     known = np.asarray(part_of(found.scene, path))
-    moved = changed(found.scene, [found.parameters[k] for k in numbers], dz[numbers])
-    return np.asarray(part_of(moved, path)) / known
+    moved = np.asarray(part_of(changed(found.scene, [found.parameters[k] for k in numbers], dz[numbers]), path))
+    # what has no mass has none in any robot
+    return np.divide(moved, known, out=np.ones_like(moved), where=known != 0)
 
 
 def uncertainty_of(found: Identified, **others: float) -> Uncertainty:
@@ -67,12 +79,14 @@ def uncertainty_of(found: Identified, **others: float) -> Uncertainty:
         others: further half-widths of the `Uncertainty`, such as `phase=0.03`.
 
     Raises:
-        InputError: a parameter of another kind, or a half-width that is not less than all.
+        InputError: a parameter of another kind, two for the same half-width, or a half-width of 1 or more.
     """
     names = {path: name for name in ("friction", "cable_stiffness") for path in DIFFERING[name]}
     widths = {}
     for parameter, deviation in zip(found.parameters, np.sqrt(np.diag(found.covariance))):
         if parameter.path not in names or parameter.kind != "factor" or parameter.parts is not None:
             raise InputError(f"{parameter.name}: an Uncertainty has no half-width for it; expected {', '.join(names)}")
+        if names[parameter.path] in widths:
+            raise InputError(f"{parameter.name}: another parameter has the same half-width; expected one of them")
         widths[names[parameter.path]] = float(np.sqrt(3) * parameter.spread * deviation)
     return Uncertainty(**{**widths, **others})

@@ -24,7 +24,7 @@ from jaxgrity.model.scene import Scene, as_dtype, with_gait
 from jaxgrity.stepping.integrate import discretise, prepared
 from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
 from jaxgrity.trust.cycles import Plane, plane_of
-from jaxgrity.trust.orbits import Orbit, in_step, restarted
+from jaxgrity.trust.orbits import Orbit, in_step, period_of, restarted
 
 MOST_CYCLES = 40
 """through which tangents are carried"""
@@ -95,7 +95,7 @@ def speed_gradient(
 
     Raises:
         InputError: bad options (see `resolve`), a method that adapts its step, an orbit whose rollout failed, fewer
-            than three cycles.
+            than three cycles, a scene without a gait.
 
     Example:
         >>> scene = jaxgrity.with_gait(jaxgrity.load_scene("exact"), jaxgrity.load_gait("lasting"))
@@ -104,7 +104,8 @@ def speed_gradient(
         >>> bool(abs(found.speed - orbit.speed) < 1e-6), found.of_speed.phase.shape  # m/s
         (True, (6,))
     """
-    assert scene.gait is not None, "an orbit has a gait"
+    period_of(scene.gait)
+    assert scene.gait is not None, "`period_of` refuses a scene without a gait"
     at, unravel = ravel_pytree(numbers_of(scene.gait))
     found = derivatives_along(scene, orbit, np.eye(at.size), options=options, most_cycles=most_cycles)
     of_speed, of_turning = (jax.tree.map(np.asarray, unravel(jnp.asarray(column))) for column in found.rows.T)

@@ -88,7 +88,8 @@ class Stability(NamedTuple):
     """(directions,), by which deviations grow in a cycle, complex, largest first; the neutral ones, of a shift along
     the ground and a turn about the vertical, are taken out"""
     returned: float
-    """share of the robots that are back on the orbit after two cycles, to `SETTLED` body lengths"""
+    """share of the robots of which no coordinate is more than 2 `SETTLED` body lengths off the orbit, after one cycle
+    and after two"""
     spread: float
     """m, root mean square deviation of a node after one cycle, of those that returned"""
 
@@ -190,8 +191,9 @@ def stability(scene: Scene, orbit: Orbit, *, options: Options = None, robots: in
         Multipliers, and how many robots returned.
 
     Raises:
-        InputError: bad options (see `resolve`).
+        InputError: bad options (see `resolve`), a scene without a gait.
     """
+    period_of(scene.gait)
     here, v = restarted(scene, orbit), orbit.state[1]
     deviates = np.random.default_rng(seed).normal(0, DISTURBANCE, (robots, *v.shape))
     deviates[0] = 0

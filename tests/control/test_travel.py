@@ -148,6 +148,31 @@ def test_robots_are_led_to_goals_and_never_touch_without_being_told(scene):
     assert np.all(found.spread == 0)
 
 
+@pytest.mark.slow
+def test_ways_spread_where_robots_of_the_model_differ(scene):
+    """In their friction: robots of equal friction go the same way."""
+    spreads = [
+        led(scene, [NOTHING], Foresight(samples=6, friction=friction, interval=0.5, horizon=1.5, patience=6.0)).spread
+        for friction in ((1.0, 1.0), (0.5, 1.5))
+    ]
+    assert spreads[0].max() == 0
+    assert spreads[1].max() > 0.01
+
+
+@pytest.mark.parametrize(
+    ("how", "message"),
+    [
+        ({"samples": 1}, "samples = 1, patience = 60 s: expected at least 2 samples"),
+        ({"patience": 0.5}, "samples = 24, patience = 0.5 s: expected at least 2 samples, and 0.75 s"),
+        ({"interval": 0.755}, "interval = 0.755 s: expected a multiple of 0.01 s"),
+        ({"horizon": 0.05}, "horizon = 0.05 s: expected a multiple of 0.1 s"),
+    ],
+)
+def test_foresight_that_makes_no_sense_is_refused(scene, how, message):
+    with pytest.raises(InputError, match=re.escape(message)):
+        led(scene, [NOTHING], Foresight(**how))
+
+
 def test_the_clock_heeds_how_fast_struts_swing(scene):
     """du/dt from spins is that of directions along a motion, by central differences."""
     plant = jaxgrity.plant_of(scene, jaxgrity.load_gait("lasting").members)

@@ -207,6 +207,32 @@ def test_robots_are_drawn_from_what_is_left(stiffer):
     np.testing.assert_allclose([width.cable_stiffness, width.phase], [np.sqrt(3) * relative, 0.03], rtol=1e-6)
 
 
+def test_nodes_without_mass_have_none_in_any_robot_drawn(stiffer):
+    """What is drawn are factors, and nothing times a factor is nothing."""
+    drawn = stiffer._replace(parameters=(MASS,))
+    factors = posterior_robots(jax.random.key(0), drawn, 20).node_mass
+    assert np.isfinite(factors).all()
+    assert np.ptp(factors[:, 1]) > 0
+    np.testing.assert_array_equal(factors[:, 0], 1.0)
+
+
+def test_two_frictions_are_not_one_factor(stiffer):
+    """Robots differ in both alike: that they were identified apart would be lost."""
+    both = tuple(Parameter(f"friction.{name}", 0.3) for name in ("mu_static", "mu_kinetic"))
+    drawn = stiffer._replace(parameters=both, covariance=np.eye(2), z=np.zeros(2))
+    with pytest.raises(InputError, match=r"friction\.mu_kinetic, friction\.mu_static: robots differ alike in them"):
+        posterior_robots(jax.random.key(0), drawn, 3)
+    with pytest.raises(InputError, match=r"friction\.mu_kinetic: another parameter has the same half-width"):
+        uncertainty_of(drawn)
+
+
+def test_a_known_start_is_the_first_place():
+    """At rest there, whatever the path does next."""
+    path = np.array(hanging().structure.nodes) + 0.02 * np.sin(50 * TIMES)[:, None, None] + 0.01
+    motion = measured_motion(hanging(), TIMES, np.zeros((11, 1)), 1e-3, HEIGHT, Starts(path, spread=None))
+    np.testing.assert_array_equal(motion.state[0], [path[0], 0 * path[0]])
+
+
 def motion_of(times, values, **how):
     path = np.broadcast_to(hanging().structure.nodes, (len(times), 2, 3))
     return measured_motion(hanging(), times, values, 1e-3, HEIGHT, Starts(path, **how))
@@ -228,6 +254,16 @@ BAD = {
     "noise of another shape": (lambda: poses(heights(100.0), noise=np.ones(3)), r"noise has shape \(3,\)"),
     "shapes": (lambda: poses(heights(100.0), shapes=np.zeros((3, 2, 3))), r"shapes has shape \(3, 2, 3\)"),
     "commands": (lambda: poses(heights(100.0), commands=LOADS[:4]), "commands has an array of shape"),
+    "a gap in the path": (
+        lambda: measured_motion(
+            hanging(), TIMES, np.zeros((11, 1)), 1e-3, HEIGHT, Starts(np.full((11, 2, 3), [[np.nan], [0.0]]))
+        ),
+        r"path\[0, 0\] is not finite",
+    ),
+    "no parts": (
+        lambda: identify(hanging(), [Parameter("gravity", 0.1, parts=())], poses(heights(100.0))),
+        r"parts = \(\)",
+    ),
     "windows": (lambda: motion_of(TIMES, np.zeros((11, 1)), windows=3), "windows = 3: expected a divisor of"),
     "no such node": (lambda: SeenDistances(((0, 7),)).columns(hanging()), "there is no node 7; expected 0 to 1"),
     "no parameter": (lambda: identify(hanging(), [], poses(heights(100.0))), "there are none"),
