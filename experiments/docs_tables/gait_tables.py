@@ -157,7 +157,7 @@ def ranges_table(facts: Facts) -> str:
         ]
         for row in facts["rows"]
     ]
-    head = ["quantity", "contact", "90 % of the robots roll at", "speed there, body lengths/s"]
+    head = ["quantity", "contact", f"90 % of {facts['robots']} robots roll at", "speed there, body lengths/s"]
     return table(head, rows) + made_by(facts, "ranges")
 
 

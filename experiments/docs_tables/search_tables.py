@@ -61,6 +61,44 @@ def search_baselines_table(facts: Facts) -> str:
     return f"{table(head, rows)}\n\n{settings}" + made_by(facts, f"search_baselines_{facts['scene']}")
 
 
+def lasting_baselines_facts(raw: Facts) -> Facts:
+    """Of each search: its answers' steady speeds on both contact models."""
+    rows = []
+    for freedom, method in dict.fromkeys((row["freedom"], row["method"]) for row in raw["rows"]):
+        mine = [row for row in raw["rows"] if (row["freedom"], row["method"]) == (freedom, method)]
+        own = [row["own"] for row in mine]
+        quartiles = [float(x) for x in np.quantile(own, (0.25, 0.75))]
+        other = float(np.median([row["other"] for row in mine]))
+        about = {"freedom": freedom, "method": method, "seeds": len(mine)}
+        rows.append({**about, "median": float(np.median(own)), "quartiles": quartiles, "other": other})
+    return {name: raw[name] for name in ("command", "cores", "gaits", "duration", "polish")} | {"rows": rows}
+
+
+def lasting_baselines_table(facts: Facts) -> str:
+    rows = [
+        [
+            row["method"],
+            {"waves": "waves", "free": "any"}[row["freedom"]],
+            f"{row['seeds']}",
+            f"{row['median']:.3f}",
+            f"{row['quartiles'][0]:.3f} to {row['quartiles'][1]:.3f}",
+            f"{row['other']:.3f}",
+        ]
+        for row in facts["rows"]
+    ]
+    head = [
+        "search",
+        "gaits",
+        "seeds",
+        "steady speed, body lengths/s: median",
+        "quartiles",
+        "on the other model: median",
+    ]
+    about = [str(facts["gaits"]), f"{facts['duration']:g} s", str(facts["polish"])]
+    settings = table(["gaits that each search tries", "duration", "rollouts for polish"], [about])
+    return f"{table(head, rows)}\n\n{settings}" + made_by(facts, "lasting_baselines")
+
+
 def damage_facts(raw: Facts) -> Facts:
     """For each way to a gait: in how many cases it is fast enough, and its speeds in the median case."""
     rows = []

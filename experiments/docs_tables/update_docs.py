@@ -128,6 +128,10 @@ SOURCES: dict[str, Source] = {
         )
         for name in names
     },
+    "damage": one_block("damage", SEARCH, search.damage_facts, search.damage_table),
+    "lasting_baselines": one_block(
+        "lasting_baselines", SEARCH, search.lasting_baselines_facts, search.lasting_baselines_table
+    ),
     "orbits": one_block("orbits", GAITS, gaits.orbits_facts, gaits.orbits_table),
     "continuation": one_block("continuation", GAITS, orbit_tables.continuation_facts, orbit_tables.continuation_table),
     "repertoire": one_block("repertoire", GAITS, orbit_tables.repertoire_facts, orbit_tables.repertoire_table),

@@ -26,7 +26,8 @@ BLOCKS = {
     "docs/terrain.md": 1,
     "docs/performance.md": 3,
     "docs/scaling.md": 2,
-    "docs/search.md": 5,
+    "docs/identification.md": 2,
+    "docs/search.md": 7,
     "docs/validation.md": 3,
 }
 
