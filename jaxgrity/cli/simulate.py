@@ -13,7 +13,7 @@ import tyro
 from jaxgrity.cli.progress import Bars
 from jaxgrity.io.files import load_phases, save_arrays, save_json
 from jaxgrity.io.gait_library import gait_record, load_gait
-from jaxgrity.io.scene_files import load_scene
+from jaxgrity.io.scene_files import load_scene, scene_names
 from jaxgrity.model.scene import Scene, with_gait
 from jaxgrity.report import plot, view
 from jaxgrity.report.animation import animate
@@ -101,8 +101,20 @@ def chosen_scene(scene: str, gait: str | None) -> Scene:
     found = with_gait(found, load_gait(gait))
     home = gait_record(gait).get("scene")
     if home is not None and Path(home).stem != Path(scene).stem:
-        print(f"the gait {gait} was found on {home}")
+        print(f"the gait {gait} was found on {home}{_other_members(found, str(home))}")
     return found
+
+
+def _other_members(scene: Scene, home: str) -> str:
+    """What a gait moves that is a strut on the library's scene where it was found, and a cable here, or the reverse."""
+    if scene.gait is None or home not in scene_names():
+        return ""
+    there, here = load_scene(home).structure.first_cable, scene.structure.first_cable
+    swapped = [k for k in scene.gait.members if (k < there) != (k < here)]
+    if not swapped:
+        return ""
+    kinds = ("struts", "cables") if there > here else ("cables", "struts")
+    return f"; its members {', '.join(map(str, swapped))} are {kinds[0]} there, and {kinds[1]} here"
 
 
 def forget_earlier(folder: Path) -> None:

@@ -123,13 +123,7 @@ def travel(
     count = robots.robots
     if count is None or count != len(maps):
         raise InputError(f"maps: there are {len(maps)}, for {count} robots; expected one for each, of `side_by_side`")
-    check_model(robots, model)
-    ticks = whole_number("interval", foresight.interval, robots.period)
-    looks = whole_number("horizon", foresight.horizon, 1 / LOOKS)
-    whole_number("a look", 1 / LOOKS, model.period)
-    if foresight.samples < 2 or foresight.patience < foresight.interval:
-        found = f"samples = {foresight.samples}, patience = {foresight.patience:g} s"
-        raise InputError(f"{found}: expected at least 2 samples, and {foresight.interval:g} s")
+    ticks, looks = _counts(robots, model, foresight)
     draw, copies = np.random.default_rng(foresight.seed), len(foresight.friction)
     lanes = count * foresight.samples * copies
     many = side_by_side(model, lanes, Differences(friction=np.tile(foresight.friction, count * foresight.samples)))
@@ -157,6 +151,17 @@ def travel(
         if over.all():
             break
     return _told(model, np.concatenate(kept), maps, [np.array(x) for x in zip(*said)], spent)
+
+
+def _counts(robots: Plant, model: Plant, foresight: Foresight) -> tuple[int, int]:
+    """Control periods between choices, and looks ahead. Raises `InputError` where robot, model and times do not fit."""
+    check_model(robots, model)
+    whole_number("a look", 1 / LOOKS, model.period)
+    if foresight.samples < 2 or foresight.patience < foresight.interval:
+        found = f"samples = {foresight.samples}, patience = {foresight.patience:g} s"
+        raise InputError(f"{found}: expected at least 2 samples, and {foresight.interval:g} s")
+    ticks = whole_number("interval", foresight.interval, robots.period)
+    return ticks, whole_number("horizon", foresight.horizon, 1 / LOOKS)
 
 
 def _drawn(draw: np.random.Generator, gaits: GaitChoices, rows: np.ndarray, bends: np.ndarray, foresight: Foresight):

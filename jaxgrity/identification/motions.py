@@ -153,12 +153,8 @@ def measured_motion(
     if early.size:
         k = int(early[0]) + 1
         raise InputError(f"times[{k}] = {times[k]:g} s after {times[k - 1]:g} s: expected times that increase")
-    expected, intervals = (len(times), *np.shape(scene.structure.nodes)), len(times) - 1
-    if path.shape != expected:
-        raise InputError(f"path has shape {path.shape}; expected {expected}, positions of all nodes")
-    if not np.isfinite(path).all():
-        frame, node = np.argwhere(~np.isfinite(path))[0, :2]
-        raise InputError(f"path[{frame}, {node}] is not finite; expected a guess of it where it was not seen")
+    _check_path(path, (len(times), *np.shape(scene.structure.nodes)))
+    intervals = len(times) - 1
     if windows < 1 or intervals < windows or intervals % windows:
         raise InputError(f"windows = {windows}: expected a divisor of the {intervals} steps from frame to frame")
     if starts.spread is None and windows > 1:
@@ -177,6 +173,14 @@ def measured_motion(
     resolved = resolve(scene, float(cut[0, -1] - cut[0, 0]), options, dtype="float64")
     steps = None if resolved.dt is None else int(np.ceil(np.diff(times).max() / resolved.dt - 1e-6))
     return MeasuredMotion(values, noise, observation, cut, resolved, state, spread, unknown, starts.jump, steps)
+
+
+def _check_path(path: np.ndarray, expected: tuple[int, ...]) -> None:
+    if path.shape != expected:
+        raise InputError(f"path has shape {path.shape}; expected {expected}, positions of all nodes")
+    if not np.isfinite(path).all():
+        frame, node = np.argwhere(~np.isfinite(path))[0, :2]
+        raise InputError(f"path[{frame}, {node}] is not finite; expected a guess of it where it was not seen")
 
 
 def _state_at(times: np.ndarray, path: np.ndarray, frame: int) -> np.ndarray:

@@ -19,6 +19,8 @@ LARGEST = 1500
 """members up to which self-stress and mechanisms are counted, which takes a dense matrix of that size"""
 EXACT = 1e-6
 """share of the largest singular value of A below which one counts as zero, since shapes at rest are not exact"""
+NOTHING = 1e-6
+"""share of the force that would stretch the softest member to twice its length: below it a member carries nothing"""
 SHOWN = 5
 """frequencies that the report names"""
 
@@ -41,11 +43,17 @@ class StructureReport(NamedTuple):
     """self-stress and mechanisms at `shape`; None where the structure is too large to count them, or a cable runs
     through several nodes"""
     prestress_stable: bool | None
-    """whether the forces are a self-stress that stiffens every mechanism; None where they balance loads too"""
+    """whether the forces are a self-stress that stiffens every mechanism; None where they balance loads too, or there
+    are neither forces nor mechanisms"""
     super_stable: bool | None
     """likewise: whether it is stable for any stiffness"""
     frequencies: PerRow
     """Hz, the lowest, of vibrations about `shape`"""
+
+    @property
+    def loose(self) -> int:
+        """How many ways to move, beside rigid motions, meet no resistance at all."""
+        return int(np.sum(self.frequencies == 0))
 
     @property
     def slack(self) -> tuple[int, ...]:
@@ -85,6 +93,7 @@ class StructureReport(NamedTuple):
             "shape": self.shape,
             "forces": self.forces,
             "slack_cables": list(self.slack),
+            "loose": self.loose,
             "frequencies": self.frequencies,
         }
 
@@ -93,9 +102,13 @@ class StructureReport(NamedTuple):
         states, loose = (counted.self_stress.shape[1], len(counted.mechanisms)) if counted else (0, 0)
         static = f"rank {counted.rank}, {states} of self-stress, {loose} mechanisms" if counted else "not counted"
         given = f"nodes move by up to {self.moved:.3g} m from the given shape"
-        where = (
-            f"{'stable' if self.stable else 'unstable'}; {given}" if self.at_rest else "none found near the given shape"
-        )
+        where = f"{'stable' if self.stable else 'unstable'}; {given}"
+        if not self.at_rest:
+            where = "none found near the given shape"
+        elif self.loose:
+            where = f"neutral: {self.loose} ways to move meet no resistance; {given}"
+            if not np.any(self.forces):
+                where += "; no member carries force: give [cables] prestrain, or [structure] prestress"
         kinds = {
             "struts": self.forces[: self.structure.first_cable],
             "cables": self.forces[self.structure.first_cable :],
@@ -136,7 +149,9 @@ def inspect_structure(scene: Scene) -> StructureReport:
     """
     structure = scene.structure
     if structure.member_count == 0:
-        raise InputError("the structure has no members; expected struts or cables to inspect")
+        raise InputError(
+            "the structure has no members; expected struts or cables, with [struts] and [cables] in a scene file"
+        )
     for term in scene.terms:
         if isinstance(term, EnergyTerm):
             raise InputError(
@@ -152,12 +167,13 @@ def inspect_structure(scene: Scene) -> StructureReport:
     except InputError:
         shape, stable, at_rest = given, False, False
     edges = all_edges(structure)
-    forces = member_forces(structure, shape)
+    forces = _that_count(structure, member_forces(structure, shape))
     slides = structure.cables is not None and structure.cables.clusters
     countable = len(edges) <= LARGEST and not slides
     counted = statics(shape, edges, structure.supported, EXACT) if countable else None
     density = forces / edge_lengths(shape, edges)
-    stressed = counted if at_rest and not loaded and np.any(forces) else None
+    judged = counted is not None and at_rest and not loaded and (np.any(forces) or len(counted.mechanisms) > 0)
+    stressed = counted if judged else None
     return StructureReport(
         structure=structure,
         shape=shape,
@@ -170,6 +186,15 @@ def inspect_structure(scene: Scene) -> StructureReport:
         super_stable=super_stable(shape, edges, density) if stressed else None,
         frequencies=np.asarray(vibration_modes(alone, shape).frequency),
     )
+
+
+def _that_count(structure: Structure, forces: PerMember) -> PerMember:
+    """The forces, those that are `NOTHING` but rounding taken for 0."""
+    springs = as_springs(structure)[0]
+    kinds = [kind for kind in (springs.struts, springs.cables) if kind is not None]
+    stretch = np.concatenate([(np.asarray(kind.stiffness, float) * kind.rest_length).ravel() for kind in kinds])
+    softest = stretch[stretch > 0].min(initial=np.inf)
+    return np.where(np.abs(forces) > NOTHING * softest, forces, 0.0) if np.isfinite(softest) else forces
 
 
 def member_forces(structure: Structure, q: NodeVectors) -> PerMember:

@@ -1,6 +1,7 @@
 """A scene: the composition of a structure and of what acts on it, and the two scalar functions that it is."""
 
 import dataclasses
+from typing import TypeVar
 
 import equinox as eqx
 import jax
@@ -208,8 +209,11 @@ def with_terms(scene: Scene, *terms: Law) -> Scene:
     return dataclasses.replace(scene, terms=(*scene.terms, *terms))
 
 
-def as_dtype(scene: Scene, dtype: str) -> Scene:
-    """The scene with every number as a JAX array of `dtype`."""
+Module = TypeVar("Module", bound=eqx.Module)
+
+
+def as_dtype(scene: Module, dtype: str) -> Module:
+    """The scene, or a policy, with every number as a JAX array of `dtype`."""
     return jax.tree.map(lambda x: jnp.asarray(x, dtype), scene)
 
 

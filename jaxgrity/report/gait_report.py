@@ -119,7 +119,7 @@ def write_report(result: SearchResult, origin: Origin, folder: Path, on_progress
     }
     save_json(folder / "summary.json", summary)
     first, rest = outcome_rows(summary), search_rows(summary, motion, result.problem.fitness.objective.unit)
-    write_page(folder, "A rolling gait", first, {**rest, "command": origin.command})
+    write_page(folder, f"A gait that {motion.kind}" if motion else "A gait", first, {**rest, "command": origin.command})
     return {"how far to trust it": "\n" + trust.table(), **first, **rest}
 
 

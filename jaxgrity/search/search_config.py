@@ -28,6 +28,10 @@ DRAWN = 4
 """times the population: gaits drawn at random for the first generation of a wide search"""
 MUTATIONS = ((0.12, 0.01), (0.02, 0.004))
 """widths of mutations in the first and in the last generation, in turns: of a wide screening, and after it"""
+NO_GAIT = (
+    'the scene has no [gait]; expected one to begin from, such as [gait] members = "struts", amplitude = 0.3, '
+    "frequency = 0.8, phase = { seed = 1 }"
+)
 COMPARED = 16
 """evolved gaits, and as many random ones, that are judged on all fidelity levels"""
 
@@ -110,7 +114,7 @@ def with_actuated(scene: Scene, members: Literal["scene", "struts", "cables"]) -
     Raises `InputError` where the scene has no gait, or no such members.
     """
     if scene.gait is None:
-        raise InputError("the scene has no [gait]; expected one to evolve")
+        raise InputError(NO_GAIT)
     if members == "scene":
         return scene
     first, every = scene.structure.first_cable, scene.structure.member_count
@@ -127,7 +131,7 @@ def search_problem(scene: Scene, config: SearchConfig) -> SearchProblem:
     if not 1 <= config.polish_gaits <= COMPARED:
         raise InputError(f"polish_gaits = {config.polish_gaits}: expected 1 to {COMPARED}")
     if scene.gait is None:
-        raise InputError("the scene has no [gait]; expected one to evolve")
+        raise InputError(NO_GAIT)
     if config.objective.steady:
         _check_frequency(scene.gait, config.frequency)
     fitness = Fitness(config.objective, config.uncertainty, config.robots, config.caution, config.bounds)

@@ -1,6 +1,8 @@
 """The report on a structure: what it counts, where it stands, what its members bear."""
 
 import dataclasses
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -111,3 +113,24 @@ def test_the_figure_shows_every_member(prism_report, tmp_path):
     assert red[0] > red[2]
     assert blue[2] > blue[0]
     assert (tmp_path / "forces.png").stat().st_size > 5000
+
+
+def test_a_limp_structure_is_not_called_stable():
+    """Without prestress no member carries anything but rounding, and mechanisms meet no resistance."""
+    report = inspect_structure(parse_scene(re.sub(r"prestress = .*", "", PRISM)))
+    assert not np.any(report.forces)
+    assert len(report.slack) == len(report.structure.cables.edges)
+    assert report.loose > 0
+    assert report.prestress_stable is False
+    assert f"neutral: {report.loose} ways to move meet no resistance" in report.table()
+    assert "no member carries force: give [cables] prestrain, or [structure] prestress" in report.table()
+
+
+def test_the_structure_of_the_recipe_stands():
+    """The scene in docs/howto.md with nodes of its own."""
+    page = (Path(__file__).parents[2] / "docs" / "howto.md").read_text(encoding="utf-8")
+    (scene,) = re.findall(r"```toml\n(\[structure\]\nkind = \"custom\".*?)```", page, re.DOTALL)
+    report = inspect_structure(parse_scene(scene))
+    assert report.prestress_stable
+    assert report.slack == ()
+    assert report.moved < 0.05
