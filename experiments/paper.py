@@ -19,7 +19,7 @@ from docs_tables.pages import fill_page, table
 from paper_claims.report import VERDICTS
 from tqdm import tqdm
 
-from jaxgrity import InputError, plot
+from jaxgrity import InputError, plot, view
 from jaxgrity.io.files import read_text, save_json, write_whole
 
 CLAIMS = (
@@ -89,6 +89,8 @@ def check(task: tuple[str, Path, bool]) -> tuple[str, dict[str, Any]]:
     report = importlib.import_module(f"paper_claims.{name}").check(quick)
     for label, figure in report.figures.items():
         plot.save(figure, out / f"paper_{label}.png")
+    if report.motion is not None:
+        view.keep_html(*report.motion, out / f"replay_{name}.html", title=report.title)
     facts = {
         "number": CLAIMS.index(name) + 1,
         "title": report.title,

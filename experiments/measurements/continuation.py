@@ -26,6 +26,7 @@ from jaxgrity import (
     load_scene,
     penalty_twin,
     plot,
+    restarted,
     simulate,
     stability,
     with_gait,
@@ -116,11 +117,8 @@ def heading_of(scene: Scene, orbit: Orbit) -> np.ndarray:
 
 def path_after(scene: Scene, orbit: Orbit, periods: int) -> np.ndarray:
     """(periods + 1, 2), where the centre of mass is after each of the periods that follow the orbit's state, m."""
-    gait = replace(scene.gait, start=np.array(-10 * orbit.period), ramp=np.array(orbit.period))
-    here = eqx.tree_at(lambda s: s.structure.nodes, with_gait(scene, None), orbit.state[0])
-    trajectory = simulate(
-        with_gait(here, gait), periods * orbit.period, frame_rate=1 / orbit.period, velocities=orbit.state[1]
-    )
+    here = restarted(scene, orbit)
+    trajectory = simulate(here, periods * orbit.period, frame_rate=1 / orbit.period, velocities=orbit.state[1])
     return centre_path(scene, trajectory)[:, :2]
 
 

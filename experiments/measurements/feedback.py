@@ -40,7 +40,9 @@ from jaxgrity import (
     plant_of,
     plot,
     side_by_side,
+    simulate_policy,
     sure_footed,
+    view,
     with_gait,
 )
 from jaxgrity.io.files import save_json
@@ -88,9 +90,26 @@ def main(settings: Settings) -> None:
         rows += [{"case": case, "policy": policy, **told} for policy, told in values.items()]
         save_json(f"{name}.json", {**measured(), **_said(settings, speed), "rows": rows})
     plot.save(figure(rows), f"{name}.png")
+    keep_replay(plant, settings, Path(f"{name}.html"))
     for row in rows:
         print(f"{row['case']}, {row['policy']}: {row['rolling']:.0%}, {row['speed']:.2f} m/s")
     print(f"wrote {settings.out}/")
+
+
+def keep_replay(plant: Plant, settings: Settings, path: Path) -> None:
+    """One robot of the drops under each policy, side by side."""
+    (q,), (v,) = drops(plant.scene, 1, settings.seed)
+    seconds, every = 1.0 if settings.quick else SETTLING, _policy(1)
+    motions = [
+        simulate_policy(plant, jax.tree.map(lambda x, k=k: x[..., k], every), seconds, start=(q, v))
+        for k in range(len(POLICIES))
+    ]
+    others = [
+        view.Robot(motion.scene, motion, policy, (0.0, 3.0 * k, 0.0))
+        for k, (motion, policy) in enumerate(zip(motions, POLICIES))
+        if k
+    ]
+    view.keep_html(motions[0].scene, motions[0], path, others=others, title=", ".join(POLICIES))
 
 
 def _options(scene: Scene) -> SolverOptions:

@@ -8,7 +8,7 @@ from jaxgrity.cli.script import measured, run
 
 import numpy as np
 
-from jaxgrity import FAILURES, Scene, contact_twin, read_ntrt, settled, simulate
+from jaxgrity import FAILURES, Scene, contact_twin, read_ntrt, settled, simulate, view
 from jaxgrity.io.files import save_json
 
 NASA = Path(__file__).parents[2] / "tests" / "data" / "ntrt" / "nasa"
@@ -29,13 +29,13 @@ def main(settings: Settings) -> None:
     files, duration = (FILES[:2], 0.5) if settings.quick else (FILES, settings.duration)
     rows = []
     for name in files:
-        rows.append(row(name, duration))
+        rows.append(row(name, duration, settings.out))
         print({key: value if isinstance(value, str | dict) else float(value) for key, value in rows[-1].items()})
         save_json(settings.out / "ntrt.json", {**measured(), "duration": duration, "rows": rows})
 
 
-def row(name: str, duration: float) -> dict[str, Any]:
-    """What is said of a file."""
+def row(name: str, duration: float, out: Path) -> dict[str, Any]:
+    """What is said of a file; leaves a replay of it on exact contact."""
     scene = read_ntrt(NASA / f"{name}.yaml").scene
     structure, found = scene.structure, settled(scene)
     return {
@@ -46,14 +46,16 @@ def row(name: str, duration: float) -> dict[str, Any]:
         "mass": float(structure.mass),
         "size": float(np.ptp(structure.nodes, axis=0).max()),
         "moved": found.moved,
-        "exact": standing(found.scene, duration),
+        "exact": standing(found.scene, duration, out / f"replay_{name}.html"),
         "penalty": standing(contact_twin(found.scene), duration),
     }
 
 
-def standing(scene: Scene, duration: float) -> dict[str, Any]:
+def standing(scene: Scene, duration: float, replay: Path | None = None) -> dict[str, Any]:
     """Heights, m, at the start and in the end, and the largest speed, m/s, then."""
-    motion = simulate(scene, duration, frame_rate=2.0)
+    motion = simulate(scene, duration, frame_rate=25.0)
+    if replay is not None:
+        view.keep_html(scene, motion, replay, title=replay.stem.removeprefix("replay_"), follow=False)
     q, v = np.asarray(motion.positions), np.asarray(motion.velocities)
     heights = np.ptp(q[:, :, 2], axis=1)
     outcome = FAILURES[int(motion.failure)]

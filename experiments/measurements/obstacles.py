@@ -106,9 +106,8 @@ def main(settings: Settings) -> None:
         },
     )
     plot.save(figure(fields, maps, found, blind), settings.out / "obstacles.png")
-    if view.available():
-        shown = int(np.argmax([row["reached"] for row in rows]))
-        keep_replay(scene, fields[shown], maps[shown], found, shown, settings.out / "replay.html")
+    shown = int(np.argmax([row["reached"] for row in rows]))
+    keep_replay(scene, fields[shown], maps[shown], found, shown, settings.out / "replay.html")
     for name, each in (("planned", rows), ("blind", [row["blind"] for row in rows])):
         print(f"{name}: {sum(row['reached'] for row in each)} of {len(each)} reached without touching")
 
@@ -192,13 +191,14 @@ def keep_replay(scene: Scene, field: Discs, way: WayMap, found: Travels, robot: 
     posts = tuple(Cylinder([*c, 0.0], [*c, 1.0], r) for c, r in zip(field.centres, field.radii))
     twin = contact_twin(scene)
     q = found.nodes[: found.arrived[robot] + 1 : 2, :, :, robot]
-    v = np.gradient(q, 0.02, axis=0)
-    times = 0.02 * np.arange(len(q))
-    motion = Trajectory(times, q, v, np.array(0), np.array(len(q)), np.array(0), "", 0.02, twin)
+    shown_every = 2 * PERIOD
+    v = np.gradient(q, shown_every, axis=0)
+    times = shown_every * np.arange(len(q))
+    motion = Trajectory(times, q, v, np.array(0), np.array(len(q)), np.array(0), "", shown_every, twin)
     planned = way.way(found.path[0, :2, robot])
     lines = {"planned way": np.column_stack([planned, np.full(len(planned), 0.01)])}
     props = view.Props(posts, lines)
-    view.save_html(twin, motion, path, frame_rate=25.0, title="round obstacles", props=props)
+    view.keep_html(twin, motion, path, frame_rate=25.0, title="round obstacles", props=props)
 
 
 def _outcome(row: dict[str, Any]) -> str:

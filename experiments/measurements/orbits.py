@@ -28,9 +28,13 @@ from jaxgrity import (
     refined_orbit,
     simulate,
     stability,
+    view,
     with_gait,
 )
 from jaxgrity.io.files import save_json
+
+SHOWN = 20.0
+"""s, of each gait's replay"""
 
 
 @dataclass
@@ -53,6 +57,8 @@ def main(settings: Settings) -> None:
     rows, paths = [], {}
     for name in tqdm(names, desc="gaits", unit="gait"):
         own = with_gait(load_scene(gait_record(name)["scene"]), load_gait(name))
+        shown = simulate(own, SHOWN, frame_rate=50)
+        view.keep_html(own, shown, settings.out / f"replay_{name}.html", title=name)
         for scene in (own,) if settings.quick else (own, contact_twin(own)):
             where = "exact" if scene.constrained else "penalty"
             known = {"gait": name, "contact": where, "own": scene is own}

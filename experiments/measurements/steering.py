@@ -30,6 +30,8 @@ from jaxgrity import (
     plant_of,
     plot,
     side_by_side,
+    simulate_policy,
+    view,
 )
 from jaxgrity.io.files import save_json
 
@@ -85,8 +87,23 @@ def main(settings: Settings) -> None:
         rows.append({"bend": bend, "speed": float(np.median(speeds[1][own])), **found})
     save_json(settings.out / "steering.json", {**measured(), "robots": settings.robots, "rows": rows})
     plot.save(figure(rows), settings.out / "steering.png")
+    keep_replay(plant, as_dtype(one, "float32"), settings)
     for row in rows:
         print(f"bend {row['bend']:g}: {np.degrees(row['turning']):.1f} °/s at {row['speed']:.2f} m/s")
+
+
+def keep_replay(plant: Plant, policy: Steered, settings: Settings) -> None:
+    """Robots that stand side by side, one for each bend that is widest to a side, and one that goes straight."""
+    size, seconds = max(settings.bends), 1.0 if settings.quick else STRETCH
+    straight, left, right = (
+        simulate_policy(plant, replace(policy, bend=jnp.asarray(bend, jnp.float32)), seconds)
+        for bend in (0.0, size, -size)
+    )
+    others = [
+        view.Robot(plant.scene, motion, f"bend {bend:+g}", (0.0, side, 0.0))
+        for motion, bend, side in ((left, size, 3.0), (right, -size, -3.0))
+    ]
+    view.keep_html(straight.scene, straight, settings.out / "replay.html", others=others, title="steering")
 
 
 def stretch(many: Plant, policy: Steered, loop: Loop) -> tuple[Loop, np.ndarray]:

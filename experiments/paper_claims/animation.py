@@ -27,7 +27,7 @@ def check(quick: bool) -> Report:
         found["distance_finer"] = roll(known[name], finer[name])["distance"]
     rows = [row(name, found) for name, found in facts.items()]
     figures = {"frames": frames(known[REFERENCE], motions[REFERENCE])}
-    return Report("The animation", rows, figures, facts)
+    return Report("The animation", rows, figures, facts, (known[REFERENCE], motions[REFERENCE]))
 
 
 def roll(scene: Scene, motion: Trajectory) -> dict:

@@ -6,7 +6,7 @@ import equinox as eqx
 import numpy as np
 from matplotlib.figure import Figure
 
-from jaxgrity import ConeFriction, ExactGround, Members, Scene, Structure, load_scene
+from jaxgrity import ConeFriction, ExactGround, Members, Scene, Structure, Trajectory, load_scene
 
 HOLDS, CONDITIONAL, FAILS = VERDICTS = "holds", "holds with a condition", "does not hold"
 
@@ -35,6 +35,8 @@ class Report(NamedTuple):
     """by name; docs/paper.md has their captions"""
     facts: dict[str, Any]
     """the numbers, for JSON"""
+    motion: tuple[Scene, Trajectory] | None = None
+    """what a replay shows, where the claim is about how a robot moves"""
 
 
 def verdict(holds: bool, under_condition: bool = False) -> str:

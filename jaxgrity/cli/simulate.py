@@ -171,8 +171,7 @@ def single(scene: Scene, duration: float, settings: SimulateSettings) -> dict[st
         if settings.animation != "none":
             film = out / f"animation.{settings.animation}"
             animate(scene, trajectory, film, settings.fps, width=settings.width, camera=settings.camera)
-        if settings.replay and view.available():
-            view.save_html(scene, trajectory, out / "replay.html", title=scene_name(settings.scene))
+        if settings.replay and view.keep_html(scene, trajectory, out / "replay.html", title=scene_name(settings.scene)):
             print(f"to see it in 3D, open {out}/replay.html in a browser")
     if trust:
         print(trust.table())

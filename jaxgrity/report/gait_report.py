@@ -31,7 +31,7 @@ FRAME_RATE = 50
 """frames a second of the trajectory that is kept"""
 REPLAY = "replay.html"
 PICTURES = {
-    "animation.gif": "settling, then rolling, in real time",
+    "animation.gif": "from the start on, in real time",
     "orbit.png": "the orbit that the robot settles on: one cycle, seen from a frame that goes along steadily",
     "gait.png": "which member is how long when, and the faces that the robot stands on",
     "path.png": "path of the centre of mass; the bar at the end is the verified error bar",
@@ -214,9 +214,7 @@ def draw_motion(
     plot.save(plot.gait_figure(scene.gait, end, motion, begin), folder / "gait.png")
     plot.save(plot.member_figure(scene, shown), folder / "members.png")
     plot.save(plot.force_figure(scene, shown), folder / "forces.png")
-    (folder / REPLAY).unlink(missing_ok=True)
-    if view.available():
-        view.save_html(scene, trajectory, folder / REPLAY, title="settling, then rolling")
+    view.keep_html(scene, trajectory, folder / REPLAY, title="from the start on")
 
 
 def outcome_rows(summary: dict[str, Any]) -> dict[str, str]:

@@ -26,7 +26,7 @@ from jaxgrity.stepping.simulate import Trajectory
 
 viser = lazy_loader.load("viser")
 
-__all__ = ["Props", "Replay", "Robot", "available", "replay", "save_html"]
+__all__ = ["Props", "Replay", "Robot", "available", "keep_html", "replay", "save_html"]
 
 LOOPBACK = "127.0.0.1"
 FIELD_OF_VIEW = 0.75
@@ -156,6 +156,14 @@ def save_html(scene: Scene, trajectory: Trajectory, path: str | Path, **how: Any
         >>> jaxgrity.view.save_html(scene, jaxgrity.simulate(scene, 0.2), "replay.html", follow=False)
     """
     replay(scene, trajectory, **how).save(path)
+
+
+def keep_html(scene: Scene, trajectory: Trajectory, path: str | Path, **how: Any) -> bool:
+    """`save_html` where viser is installed, and whether it is; what an earlier run left there goes in any case."""
+    Path(path).unlink(missing_ok=True)
+    if available():
+        save_html(scene, trajectory, path, **how)
+    return available()
 
 
 @contextlib.contextmanager
