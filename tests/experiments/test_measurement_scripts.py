@@ -297,10 +297,12 @@ def test_the_lasting_gait_is_followed_from_drops_and_on_other_robots(tmp_path):
 def test_robots_are_driven_by_feedback_to_goals_and_in_environments(tmp_path):
     """Quick sizes: what the tables of docs/control.md are made of."""
     facts = quick("measurements/feedback.py", tmp_path / "feedback")
+    assert (tmp_path / "feedback" / "feedback_exact.html").exists()
     assert "| sensors 100 ms late |" in control_tables.feedback_table(
         "feedback_exact", control_tables.feedback_facts(facts)
     )
     facts = quick("measurements/steering.py", tmp_path / "steering")
+    assert (tmp_path / "steering" / "replay.html").exists()
     assert "| 0.1 | " in control_tables.steering_table(control_tables.steering_facts(facts))
     facts = quick("measurements/goals.py", tmp_path / "goals")
     assert " of 1 |" in control_tables.goals_table(control_tables.goals_facts(facts))

@@ -184,3 +184,13 @@ def test_a_trajectory_shows_itself(rolling_robot):
     assert motion.show(frame_rate=5.0)._repr_html_().startswith("<iframe")
     with pytest.raises(jaxgrity.InputError, match="does not know what moved"):
         replace(motion, scene=None).show()
+
+
+def test_a_replay_is_kept_where_it_can_be_and_an_old_one_never(tmp_path, monkeypatch, rolling_robot):
+    """Without viser there is none, not even that of an earlier run, which would show another motion."""
+    path = tmp_path / "replay.html"
+    assert view.keep_html(*rolling_robot, path)
+    assert path.stat().st_size > 1e5
+    monkeypatch.setattr(view, "available", lambda: False)
+    assert not view.keep_html(*rolling_robot, path)
+    assert not path.exists()
