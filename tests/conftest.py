@@ -9,6 +9,7 @@ from pathlib import Path
 # As every command sets it (jaxgrity.cli.script), before Equinox is imported: compiled programs then call nothing back,
 # and can be kept.
 os.environ.setdefault("EQX_ON_ERROR", "nan")
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import hypothesis
 import jax

@@ -19,6 +19,10 @@ from typing import Any, TypeVar
 # instead of calling back from the compiled program, which JAX could not keep for the next run.
 os.environ.setdefault("EQX_ON_ERROR", "nan")
 
+# Read by OpenBLAS when JAX loads it for its factorisations: those of a robot are small, and on a machine with other
+# work threads that wait for each other make them up to a hundred times slower. Cores are used as devices.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 import jax
 import tyro
 

@@ -6,7 +6,7 @@ Given G, b and c, find impulses p and velocities w with
 
 Both laws hold for every trial impulse z, with p = P(z) and w = P(z) - z (see `ground_response.py`), so z has to solve
 H(z) = z - P(z) + b + G P(z) = 0. Newton's method does in a few iterations in most cases, where P' is a generalised
-derivative (Alart and Curnier 1991, doi:10.1016/0045-7825(91)90022-X). Where it gets stuck, the alternating direction
+derivative (Alart and Curnier 1991, doi:10.1016/0045-7825(91)90022-X). Where it does not, the alternating direction
 method of multipliers brings it near: the cone's problem in which the slip w_t of the last iteration adds mu |w_t| to
 w_n (de Saxce and Feng 1998, doi:10.1016/S0895-7177(98)00119-8) is split into a linear system, whose matrix G + rho is
 solved by G's eigenvectors for any rho, and a projection on the cones. Masses count in neither of both: G is scaled so
@@ -45,7 +45,9 @@ class ContactProblem(NamedTuple):
     root_mass: PerNode
     """by which velocities are multiplied here"""
     tolerance: Scalar
-    """of H, m/s, at which a solution is good enough"""
+    """of H, m/s, that Newton's method aims at"""
+    enough: Scalar
+    """of H, m/s, that is good enough where it gets stuck: between very different masses rounding can be as much"""
 
 
 class Solved(NamedTuple):
@@ -78,7 +80,7 @@ def solve_contacts(problem: ContactProblem, start: NodeVectors) -> Solved:
 
     def unsolved(state):
         best, _, count = state
-        return (best.error > problem.tolerance) & (count <= ROUNDS)
+        return (best.error > jnp.where(count == 0, problem.tolerance, problem.enough)) & (count <= ROUNDS)
 
     def again(state):
         best, splitting, count = state
@@ -100,7 +102,7 @@ def _repeat(whether: AnyArray, times: int, step: Callable, state: "_Splitting") 
 
 
 def _newton(problem: ContactProblem, start: NodeVectors) -> Solved:
-    """Newton's method on H, each step as long as leaves least of it."""
+    """Newton's method on H, each step as long as leaves least of it; of all points the best."""
     size, one = start.size, jnp.eye(start.size, dtype=start.dtype)
     ridge = 10 * jnp.finfo(start.dtype).eps
 
@@ -108,24 +110,25 @@ def _newton(problem: ContactProblem, start: NodeVectors) -> Solved:
         return jnp.max(jnp.abs(missed(problem, z)) / problem.root_mass[:, None])
 
     def going(state):
-        found, count, falls = state
-        return (found.error > problem.tolerance) & (count < NEWTON) & falls
+        best, _, count = state
+        return (best.error > problem.tolerance) & (count < NEWTON)
 
     def step(state):
-        found, count, _ = state
-        z, left = found.trial, missed(problem, found.trial)
+        best, z, count = state
+        left = missed(problem, z)
         slope = _slope(problem.contact, z)
         through = jnp.einsum("inb,nbc->inc", problem.G.reshape(size, -1, 3), slope).reshape(size, size)
         blocks = jnp.einsum("nm,nbc->nbmc", jnp.eye(len(z), dtype=z.dtype), slope).reshape(size, size)
         change = -jnp.linalg.solve(one - (1 - ridge) * blocks + through, left.ravel()).reshape(z.shape)
         tries = z + change * (0.5 ** jnp.arange(HALVINGS, dtype=z.dtype))[:, None, None]
         rests = jax.vmap(lambda z: jnp.sum(missed(problem, z) ** 2))(tries)
-        best = jnp.nanargmin(jnp.where(jnp.isfinite(rests), rests, jnp.inf))
-        falls = rests[best] < jnp.sum(left**2)
-        z = jnp.where(falls, tries[best], z)
-        return Solved(z, error(z)), count + 1, falls
+        shortest = jnp.nanargmin(jnp.where(jnp.isfinite(rests), rests, jnp.inf))
+        # at a corner of P no step leaves less: the whole one often leads past it
+        z = jnp.where(rests[shortest] < jnp.sum(left**2), tries[shortest], tries[0])
+        now = Solved(z, error(z))
+        return jax.tree.map(lambda new, old: jnp.where(now.error < best.error, new, old), now, best), z, count + 1
 
-    return jax.lax.while_loop(going, step, (Solved(start, error(start)), 0, jnp.array(True)))[0]
+    return jax.lax.while_loop(going, step, (Solved(start, error(start)), start, 0))[0]
 
 
 def _slope(contact: Contact, z: NodeVectors) -> AnyArray:
@@ -141,7 +144,7 @@ class _Splitting(NamedTuple):
     impulse: NodeVectors
     """p, in the cones"""
     slip: NodeVectors
-    """w, its multiplier"""
+    """w + `_shift`, its multiplier"""
     rho: Scalar
     values: PerCoordinate
     """eigenvalues of G"""
@@ -157,17 +160,25 @@ def _prepared(problem: ContactProblem, state: _Splitting) -> _Splitting:
     smallest = jnp.min(jnp.where(values > 1e-9 * values[-1], values, values[-1]))
     rho = jnp.sqrt(values[-1] * jnp.maximum(smallest, 1e-6 * values[-1]))
     w = problem.b + (problem.G @ state.impulse.ravel()).reshape(problem.b.shape)
-    return state._replace(slip=w, rho=rho, values=values, axes=axes)
+    return state._replace(slip=w + _shift(problem.contact, w), rho=rho, values=values, axes=axes)
+
+
+def _shift(contact: Contact, w: NodeVectors) -> NodeVectors:
+    """mu |w_t| - c along the normals: with it, velocities are in the cone that is dual to the impulses'."""
+    mu = _friction(contact)
+    return (mu * jnp.sqrt(w[:, 1] ** 2 + w[:, 2] ** 2) - contact.closing)[:, None] * jnp.eye(3, dtype=w.dtype)[0]
+
+
+def _friction(contact: Contact) -> PerNode:
+    return jnp.zeros_like(contact.closing) if contact.mu is None else contact.mu * jnp.ones_like(contact.closing)
 
 
 def _split(problem: ContactProblem, state: _Splitting) -> _Splitting:
     """One iteration: a linear system, a projection on the cones; the penalty rho follows the errors of both."""
-    contact, (p, w, rho, values, axes, done) = problem.contact, state
-    mu = jnp.zeros_like(contact.closing) if contact.mu is None else contact.mu * jnp.ones_like(contact.closing)
-    shift = mu * jnp.sqrt(w[:, 1] ** 2 + w[:, 2] ** 2) - contact.closing
-    goal = rho * p + w - problem.b - shift[:, None] * jnp.eye(3, dtype=p.dtype)[0]
+    p, w, rho, values, axes, done = state
+    goal = rho * p + w - problem.b - _shift(problem.contact, w)
     free = (axes @ ((axes.T @ goal.ravel()) / (values + rho))).reshape(p.shape)
-    after = onto_cone(free - w / rho, mu)
+    after = onto_cone(free - w / rho, _friction(problem.contact))
     w = w - rho * (free - after)
     primal, dual = rho * jnp.max(jnp.abs(free - after)), rho * jnp.max(jnp.abs(after - p))
     change = jnp.where(primal > 10 * dual, 3.0, jnp.where(dual > 10 * primal, 1 / 3, 1.0)).astype(p.dtype)

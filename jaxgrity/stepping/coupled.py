@@ -126,7 +126,9 @@ def solve_step(problem: Coupled, guess: NodeVectors) -> Impulses:
     Where none are found, those that come nearest, with what they miss.
     """
     fixed = jax.tree.map(jax.lax.stop_gradient, problem)
-    found, J, root_mass = _search(fixed, jax.lax.stop_gradient(guess))
+    # On a CPU robots are solved one after the other: side by side all of them iterate until the last one is done.
+    search = jax.custom_batching.sequential_vmap(_search) if jax.default_backend() == "cpu" else _search
+    found, J, root_mass = search(fixed, jax.lax.stop_gradient(guess))
     rest = found.struts - along_struts(J, found.pulls)
     projected = jnp.any(rows_of_struts(fixed) != J)
 
@@ -157,7 +159,10 @@ def _search(problem: Coupled, guess: NodeVectors) -> tuple[_Found, AnyArray, Per
     first = eliminated(problem, root_mass, rows_of_struts(problem))
     nothing = jnp.zeros_like(problem.start)
     infinite = jnp.array(jnp.inf, dtype)
-    trial = root_mass[:, None] * (guess / root_mass[:, None] ** 2 - in_frames(problem, problem.start))
+    trial = guess / root_mass[:, None]
+    if problem.contact is not None:
+        # so that P(z) are the impulses of the last step: at rest they are those of this one
+        trial = trial.at[:, 0].add(-problem.contact.closing * root_mass)
     start = _Found(nothing, first.J[:, 0] * 0, trial, problem.start, infinite, infinite, jnp.ones((), dtype))
     if problem.apart is None:
         return _round(problem, root_mass, first, start), first.J, root_mass
@@ -203,11 +208,11 @@ def _round(problem: Coupled, root_mass: PerNode, parts: Elimination, found: _Fou
     error: Scalar = jnp.zeros_like(found.error)
     if problem.contact is not None:
         speed = jnp.max(jnp.abs(problem.start)) + SLOW
-        tolerance = jnp.finfo(b.dtype).eps ** 0.75 * speed
+        tolerance, enough = (jnp.finfo(b.dtype).eps ** power * speed for power in (0.75, 0.6))
         contact = scaled(problem.contact, root_mass)
         start = as_impulses(contact, found.trial)
         start = start - b - (parts.G @ start.ravel()).reshape(b.shape)
-        z, error = solve_contacts(ContactProblem(parts.G, b, contact, root_mass, tolerance), start)
+        z, error = solve_contacts(ContactProblem(parts.G, b, contact, root_mass, tolerance, enough), start)
     w, p = contact_of(problem, root_mass, z)
     f, pulls = found.struts, found.pulls
     stretch, along = jnp.zeros_like(error), jnp.ones_like(error)
