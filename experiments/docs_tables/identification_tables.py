@@ -17,7 +17,7 @@ def identification_table(facts: Facts) -> str:
     rows = []
     for name, case in facts["cases"].items():
         about = f"{CASES[name]}, {case['duration']:g} s, {case['windows']} window{'s' * (case['windows'] > 1)}"
-        converged = f"{case['converged']} of {case['trials']}"
+        converged = f"{case['converged']} of {case['trials']}, {case['seconds']:.0f} s, {case['longest']:.0f} s"
         for each in case["parameters"]:
             told = each["told"]
             cells = [
@@ -26,7 +26,7 @@ def identification_table(facts: Facts) -> str:
             counts = [f"{each[key]} of {case['trials']}" if told else "" for key in ("within_2_percent", "covered")]
             rows.append([about, converged, f"`{each['name']}`", *cells, *counts])
             about = converged = ""
-    head = ["the robot", "converged", "parameter", "standard error", "off by, median", "most"]
+    head = ["the robot", "converged, a fit takes, the longest", "parameter", "standard error", "off by, median", "most"]
     return table([*head, "within 2 %", "inside its interval"], rows) + made_by(facts, "identification")
 
 
