@@ -59,7 +59,7 @@ validate: .venv/.installed-test
 MEASUREMENTS := error_bars stability equivalence stiff hard_cases gradients scaling conformance ntrt_structures \
     orbits orbits_of_searches basin ranges continuation robots_that_differ polish_comparison damage crash_recovery \
     repertoire explorer_session stairs_energy tune_feedback tune_on_bumps steering goals obstacles predictive_speed \
-    environments validate identify_spine identification leaf_gradients
+    environments validate identify_spine identification sim_to_real leaf_gradients
 COMPARED := random CMA-ES GA GA+more GA+smoothed
 measure: .venv/.installed-test
 	for name in $(MEASUREMENTS); do $(BIN)/python experiments/measurements/$$name.py || exit 1; done

@@ -194,6 +194,15 @@ SOURCES: dict[str, Source] = {
     "identification": one_block(
         "identification", IDENTIFICATION, identification.identification_facts, identification.identification_table
     ),
+    "sim_to_real": Source(
+        "sim_to_real/sim_to_real.json",
+        identification.sim_to_real_facts,
+        {
+            "sim_to_real": Block(IDENTIFICATION, identification.sim_to_real_table),
+            "sim_to_real/shares": Block(IDENTIFICATION, identification.sim_to_real_shares),
+        },
+        {"sim_to_real.png": "sim_to_real.png"},
+    ),
     "leaf_gradients": one_block(
         "leaf_gradients", IDENTIFICATION, identification.leaf_gradients_facts, identification.leaf_gradients_table
     ),

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import control_tables
 import gait_tables
+import identification_tables
 import numerics_tables
 import numpy as np
 import orbit_tables
@@ -339,6 +340,14 @@ def test_robots_are_led_round_obstacles_and_feedback_is_tuned_on_bumps(tmp_path)
     assert "| 8 | " in control_tables.predictive_speed_table(control_tables.predictive_speed_facts(facts))
     facts = quick("measurements/tune_on_bumps.py", tmp_path / "tune_on_bumps")
     assert np.shape(facts["swings"]) == (2, 2)
+
+
+@pytest.mark.slow
+def test_speeds_are_foretold(tmp_path):
+    """Quick size: what the tables of docs/identification.md are made of."""
+    facts = identification_tables.sim_to_real_facts(quick("measurements/sim_to_real.py", tmp_path))
+    assert "| after identification | " in identification_tables.sim_to_real_table(facts)
+    assert "| before | `structure.cables.stiffness` | 10.0% |" in identification_tables.sim_to_real_shares(facts)
 
 
 @pytest.mark.slow
