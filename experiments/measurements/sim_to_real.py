@@ -81,7 +81,7 @@ def main(settings: Settings) -> None:
     facts = {name: facts_of(each, after if name == "after" else None) for name, each in found.items()}
     about = {"gait": settings.gait, "robots": settings.robots, "seen": settings.seen, "true": true.speed}
     save_json(settings.out / "sim_to_real.json", {**measured(), **about, "forecasts": facts})
-    plot.save(figure(found, true.speed), settings.out / "sim_to_real.png")
+    plot.save(figure(facts, true.speed), settings.out / "sim_to_real.png")
     print(f"the robot itself rolls at {true.speed:.4g} m/s")
     for name, each in found.items():
         print(f"{name} identification: {each.summary()}")
@@ -131,18 +131,20 @@ def facts_of(each: SpeedForecast, identified: Identified | None) -> dict[str, An
 
 
 @plot.styled
-def figure(found: dict[str, SpeedForecast], true: float) -> Figure:
+def figure(forecasts: dict[str, dict[str, Any]], true: float) -> Figure:
     """Speeds of all robots, sorted, and what each parameter is worth knowing, before and after."""
     chart = Figure(figsize=(10, 3.4), layout="constrained")
-    sorted_speeds, *bars = chart.subplots(1, 1 + len(found))
-    for axes, (name, each) in zip(bars, found.items()):
-        percent = np.linspace(0, 100, len(each.speeds))
-        sorted_speeds.plot(percent, np.sort(each.speeds), label=f"{name} identification")
-        places, kinds = np.arange(len(each.names)), {"orbit's gradient": each.gradient_shares, "robots": each.shares}
-        for offset, (label, shares) in zip((0.2, -0.2), kinds.items()):
-            axes.barh(places + offset, 100 * shares, 0.38, label=label)
-        names = [path.removeprefix("structure.").replace(".", "\n").replace("_", " ") for path in each.names]
-        axes.set(yticks=places, yticklabels=names, xlabel="variance gone if known (%)")
+    sorted_speeds, *bars = chart.subplots(1, 1 + len(forecasts))
+    kinds = {"gradient_share": "by the orbit's gradient", "share": "over the robots"}
+    for axes, (name, each) in zip(bars, forecasts.items()):
+        percent = np.linspace(0, 100, len(each["speeds"]))
+        sorted_speeds.plot(percent, np.sort(each["speeds"]), label=f"{name} identification")
+        places = np.arange(len(each["parameters"]))
+        for offset, (kind, label) in zip((0.2, -0.2), kinds.items()):
+            axes.barh(places + offset, [100 * row[kind] for row in each["parameters"]], 0.38, label=label)
+        paths = [row["name"].removeprefix("structure.") for row in each["parameters"]]
+        names = [path.replace(".", "\n").replace("_", " ") for path in paths]
+        axes.set(yticks=places, yticklabels=names, xlabel="variance gone once known (%)")
         axes.set_title(f"{name.capitalize()} identification")
     bars[0].legend()
     sorted_speeds.axhline(true, color="black", linewidth=1, linestyle=":", label="the robot itself")
