@@ -21,9 +21,8 @@ NEAR = 0.1
 """standard errors: by how much parameters may still be off where corners of forces end a descent"""
 CORRECTIONS, WORTH = 6, 0.5
 """steps that at most share a Jacobian, while each brings the sum of squares below that share of the last"""
-LOOSE, LOOSE_STEPS, LOOSE_TOLERANCE = (1000.0, 100.0, 10.0), 4, 0.01
-"""times the jumps that are asked for: those with which windows are fitted first; with each, Jacobians at most, and the
-share of the sum of squares below which another full step is not worth one"""
+LOOSE, LOOSE_STEPS = (1000.0, 100.0, 10.0), 2
+"""times the jumps that are asked for: those with which windows are fitted first, and Jacobians with each"""
 
 
 class Problem(eqx.Module):
@@ -114,10 +113,6 @@ class Weighted(NamedTuple):
     problem: Problem
     weights: np.ndarray
 
-    @property
-    def loose(self) -> bool:
-        return bool(self.weights.min() < 1)
-
     def linearised(self, y: np.ndarray) -> Point:
         r, J = linearised(y, self.problem)
         return Point(y, r * self.weights, J * self.weights[:, None])
@@ -162,7 +157,7 @@ def _descended(problem: Weighted, at: Point, tolerance: float, most: int) -> Fou
         curvature, slope = _normal_equations(at)
         full = scipy.linalg.solve(curvature, slope, assume_a="pos")
         # what a full step would gain by the linear model
-        if slope @ full <= (LOOSE_TOLERANCE * at.cost if problem.loose else tolerance):
+        if slope @ full <= tolerance:
             return Found(at, True, steps)
         y, cost = _advanced(problem, at, curvature, damping)
         while not cost < at.cost and damping < LARGEST_DAMPING:
