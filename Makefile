@@ -53,13 +53,15 @@ conformance: .venv/.installed-test
 validate: .venv/.installed-test
 	$(BIN)/python experiments/measurements/validate.py
 	$(BIN)/python experiments/measurements/identify_spine.py
+	$(BIN)/python experiments/measurements/spine_dynamics.py
 	$(BIN)/python experiments/docs_tables/update_docs.py
 
 # Everything that the docs quote; some hours on 2 cores, which should have nothing else to do. LIMIT=FOLDER: C programs.
 MEASUREMENTS := error_bars stability equivalence stiff hard_cases gradients scaling conformance ntrt_structures \
     orbits orbits_of_searches basin ranges continuation robots_that_differ polish_comparison damage crash_recovery \
     repertoire explorer_session stairs_energy tune_feedback tune_on_bumps steering goals obstacles predictive_speed \
-    environments validate identify_spine identification leaf_gradients
+    environments validate identify_spine spine_dynamics identification sim_to_real design_study \
+    leaf_gradients
 COMPARED := random CMA-ES GA GA+more GA+smoothed
 measure: .venv/.installed-test
 	for name in $(MEASUREMENTS); do $(BIN)/python experiments/measurements/$$name.py || exit 1; done

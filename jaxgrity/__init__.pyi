@@ -39,6 +39,7 @@ from .identification.observations import (
 )
 from .identification.parameters import Parameter, changed
 from .identification.posterior import posterior_robots, uncertainty_of
+from .identification.speed_forecast import SpeedForecast, speed_forecast, speed_slopes
 from .io.gait_library import gait_facts, gait_names, gait_record, load_gait
 from .io.scene_files import load_scene, parse_scene, scene_names, scene_text
 from .io.scene_writing import save_scene
@@ -398,6 +399,9 @@ __all__ = [  # noqa: RUF022 in groups
     "changed",
     "posterior_robots",
     "uncertainty_of",
+    "SpeedForecast",
+    "speed_forecast",
+    "speed_slopes",
     # control: feedback, steering, environments
     "Policy",
     "OpenLoop",

@@ -17,7 +17,7 @@ def identification_table(facts: Facts) -> str:
     rows = []
     for name, case in facts["cases"].items():
         about = f"{CASES[name]}, {case['duration']:g} s, {case['windows']} window{'s' * (case['windows'] > 1)}"
-        converged = f"{case['converged']} of {case['trials']}"
+        converged = f"{case['converged']} of {case['trials']}, {case['seconds']:.0f} s, {case['longest']:.0f} s"
         for each in case["parameters"]:
             told = each["told"]
             cells = [
@@ -26,7 +26,7 @@ def identification_table(facts: Facts) -> str:
             counts = [f"{each[key]} of {case['trials']}" if told else "" for key in ("within_2_percent", "covered")]
             rows.append([about, converged, f"`{each['name']}`", *cells, *counts])
             about = converged = ""
-    head = ["the robot", "converged", "parameter", "standard error", "off by, median", "most"]
+    head = ["the robot", "converged, a fit takes, the longest", "parameter", "standard error", "off by, median", "most"]
     return table([*head, "within 2 %", "inside its interval"], rows) + made_by(facts, "identification")
 
 
@@ -48,3 +48,38 @@ def leaf_gradients_table(facts: Facts) -> str:
     ]
     head = ["what", "arrays that matter", "reverse mode off forward mode", "central differences off forward mode"]
     return table(head, rows) + made_by(facts, "leaf_gradients")
+
+
+def sim_to_real_facts(raw: Facts) -> Facts:
+    names = ("speed", "mean", "standard_deviation", "by_gradient", "rolling", "explained", "parameters")
+    forecasts = {name: chosen(each, *names) for name, each in raw["forecasts"].items()}
+    return chosen(raw, "command", "cores", "gait", "robots", "seen", "true") | {"forecasts": forecasts}
+
+
+def sim_to_real_table(facts: Facts) -> str:
+    rows = [
+        [
+            f"{name} identification",
+            f"{each['mean']:.4f} ± {each['standard_deviation']:.2g}",
+            f"{each['speed']:.4f} ± {each['by_gradient']:.2g}",
+            f"{each['rolling']:.0%}",
+            f"{each['explained']:.0%}",
+        ]
+        for name, each in facts["forecasts"].items()
+    ]
+    rows.append(["the robot itself", f"{facts['true']:.4f}", "", "", ""])
+    head = ["plausible robots", f"steady speed of {facts['robots']}, m/s", "of the most probable, ± by the gradient"]
+    return table([*head, "roll", "of the variance linear"], rows) + made_by(facts, "sim_to_real")
+
+
+def sim_to_real_shares(facts: Facts) -> str:
+    rows = []
+    for name, forecast in facts["forecasts"].items():
+        about = name
+        for each in forecast["parameters"]:
+            shares = [f"{each[key]:.0%}" for key in ("gradient_share", "share")]
+            rows.append([about, f"`{each['name']}`", f"{each['spread']:.1%}", f"{each['slope']:+.4f}", *shares])
+            about = ""
+    head = ["identification", "parameter", "not known by", "speed per plausible spread, m/s"]
+    last = ["variance that goes once known: by the gradient", "over the robots"]
+    return table([*head, *last], rows) + made_by(facts, "sim_to_real")

@@ -1,6 +1,7 @@
 """The tables of docs/gaits.md about polish, orbits that are followed, and the repertoire."""
 
 import numpy as np
+from numerics_tables import chosen
 from pages import made_by, table
 
 Facts = dict
@@ -131,3 +132,33 @@ def repertoire_table(facts: Facts) -> str:
     head += ["bend of its orbit", "largest multiplier", "robots that return", "watched for"]
     about = [f"{facts['filled']} of {facts['cells']}", str(facts["rollouts"])]
     return f"{table(head, rows)}\n\n{table(['cells with a gait', 'rollouts'], [about])}" + made_by(facts, "repertoire")
+
+
+ROLLS = 0.1
+"""m/s, below which a robot counts as staying where it is"""
+
+
+def design_study_facts(raw: Facts) -> Facts:
+    return chosen(raw, "command", "cores", "limits", "designs", "minutes", "processor_minutes", "rows")
+
+
+def design_study_table(facts: Facts) -> str:
+    rows = []
+    for row in facts["rows"]:
+        about = [row["kind"], f"{row['power']:g} W"]
+        if row["speed"] is None or row["speed"] < ROLLS:
+            rows.append([*about, "none rolls", *[""] * 7])
+            continue
+        factors = [f"{row['factors'][name]:.2f}" for name in row["factors"]]
+        forces = f"{row['strut_force']:.0f} N, {row['cable_force']:.0f} N"
+        asked = [f"{row['peak_power']:.0f} W", forces, f"{row['cost_of_transport']:.2f}"]
+        rows.append([*about, f"**{row['speed']:.3f}**", *asked, *factors])
+    head = ["chosen", "power allowed", "steady speed, m/s", "power needed", "struts, cables", "cost of transport"]
+    head += ["cable stiffness, times", "rest length", "swing", "frequency"]
+    minutes = f"{facts['designs']} designs, {facts['minutes']:.0f} minutes"
+    took = f"{minutes}, {facts['processor_minutes']:.0f} of them of one core's time"
+    limits = f"{facts['limits'][0]:g} N for struts, {facts['limits'][1]:g} N for cables"
+    about = table(
+        ["the study", "measured"], [["both searches, of as many designs each", took], ["limits besides power", limits]]
+    )
+    return table(head, rows) + "\n\n" + about + made_by(facts, "design_study")

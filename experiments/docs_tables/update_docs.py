@@ -182,6 +182,9 @@ SOURCES: dict[str, Source] = {
         {"explorer_session": Block("docs/seeing.md", speed.explorer_table)},
     ),
     "validation": one_block("validation", VALIDATION, validation.validation_facts, validation.validation_table),
+    "spine_dynamics": one_block(
+        "spine_dynamics", VALIDATION, validation.spine_dynamics_facts, validation.spine_dynamics_table
+    ),
     "spine": Source(
         "spine/spine.json",
         validation.spine_facts,
@@ -193,6 +196,16 @@ SOURCES: dict[str, Source] = {
     ),
     "identification": one_block(
         "identification", IDENTIFICATION, identification.identification_facts, identification.identification_table
+    ),
+    "design_study": one_block("design_study", GAITS, orbit_tables.design_study_facts, orbit_tables.design_study_table),
+    "sim_to_real": Source(
+        "sim_to_real/sim_to_real.json",
+        identification.sim_to_real_facts,
+        {
+            "sim_to_real": Block(IDENTIFICATION, identification.sim_to_real_table),
+            "sim_to_real/shares": Block(IDENTIFICATION, identification.sim_to_real_shares),
+        },
+        {"sim_to_real.png": "sim_to_real.png"},
     ),
     "leaf_gradients": one_block(
         "leaf_gradients", IDENTIFICATION, identification.leaf_gradients_facts, identification.leaf_gradients_table

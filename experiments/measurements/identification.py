@@ -78,7 +78,7 @@ class Case(NamedTuple):
 
 CASES = {
     "rolling": Case(FOUR, True, 0.0, 3.0, 6, 0.2),
-    "ten": Case(TEN, True, 0.0, 3.0, 6, 0.04),
+    "ten": Case(TEN, True, 0.0, 3.0, 6, 0.1),
     "dropped": Case(FOUR, False, 0.2, 0.6, 1, 1.0),
 }
 
@@ -88,7 +88,7 @@ class Settings:
     cases: tuple[str, ...] = ("rolling", "ten", "dropped")
     """kinds of throws; what the folder has of others is kept"""
     trials: int = 100
-    """of a throw with a drop; a fifth of them roll for 3 s, and 4 % have ten unknown parameters"""
+    """of a throw with a drop; a fifth of them roll for 3 s, and a tenth have ten unknown parameters"""
     speed: float = 1.5
     """m/s, of the throw"""
     dt: float = 5e-4

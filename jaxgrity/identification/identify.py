@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray
-from jaxgrity.identification.least_squares import Found, Point, Problem, fitting_problem, least_squares, linearised
+from jaxgrity.identification.least_squares import Found, Problem, fitting_problem, least_squares, residuals
 from jaxgrity.identification.measurements import Measurement, check_units, predicted
 from jaxgrity.identification.parameters import Known, Parameter, Unknowns, changed, check_parameters
 
@@ -86,7 +86,7 @@ def identify(
         parameters: what is not known, and how well.
         measured: made by `measured_poses` or `measured_motion`; several together count as one.
         tolerance: of the sum of squares: it ends where a full step would lower it by less, or hardly changes it.
-        max_steps: after which it gives up, and is not `converged`.
+        max_steps: Jacobians, after which it gives up, and is not `converged`.
 
     Returns:
         The scene that fits best, estimates with standard errors and 95 % intervals, and what the data cannot tell.
@@ -116,11 +116,11 @@ def identify(
         raise InputError(f"{count} numbers measured for {len(parameters)} parameters; expected at least as many")
     problem = fitting_problem(jax.tree.map(lambda x: jnp.asarray(x, "float64"), scene), parameters, every)
     first = np.zeros(sum(problem.sizes))
-    r, J = linearised(first, problem)
-    if not (np.isfinite(r).all() and np.isfinite(J).all()):
+    r = np.asarray(residuals(first, problem))
+    if not np.isfinite(r).all():
         raise InputError("scene: what it predicts is not finite; expected one whose motions and shapes can be computed")
     _check_all_units(problem, r)
-    return _judged(problem, least_squares(problem, Point(first, r, J), tolerance, max_steps))
+    return _judged(problem, least_squares(problem, first, tolerance, max_steps))
 
 
 def misfit_of(scene: Known, measured: Measurement, start: AnyArray | None = None) -> dict[str, np.ndarray]:
@@ -174,7 +174,7 @@ def profile_likelihood(
         fitted = identify(changed(scene, [held], np.array([each])), others, every)
         reached = fitting_problem(fitted.scene, (), every)
         starts = tuple((start, spread) for start, (_, spread) in zip(fitted.starts, reached.starts))
-        r, _ = linearised(np.zeros(sum(reached.sizes)), eqx.tree_at(lambda p: p.starts, reached, starts))
+        r = np.asarray(residuals(np.zeros(sum(reached.sizes)), eqx.tree_at(lambda p: p.starts, reached, starts)))
         sums.append(float(r @ r + fitted.z @ fitted.z + each**2))
     return np.array(sums)
 
@@ -202,9 +202,8 @@ def _judged(problem: Problem, found: Found) -> Identified:
 
 def _check_all_units(problem: Problem, r: np.ndarray) -> None:
     """From the residuals at the scene as it is given, which are computed by a program that is needed anyway."""
-    for each, (start, _) in zip(problem.every, problem.starts):
-        further = jax.eval_shape(each.predict, problem.scene, start)[1].size
-        own, r = r[: each.values.size].reshape(each.values.shape), r[each.values.size + further :]
+    for each, sizes in zip(problem.every, problem.sizes_of_data):
+        own, r = r[: sizes[0]].reshape(each.values.shape), r[sum(sizes) :]
         check_units(each, np.asarray(each.values + own * each.noise))
 
 

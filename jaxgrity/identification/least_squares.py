@@ -3,10 +3,12 @@
 from typing import NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 import scipy.linalg
 
+from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray
 from jaxgrity.identification.measurements import Measurement
 from jaxgrity.identification.parameters import Parameter, changed
@@ -15,6 +17,12 @@ FIRST_DAMPING, SMALLEST_DAMPING, LARGEST_DAMPING = 1e-3, 1e-9, 1e8
 """of Levenberg and Marquardt's steps, relative to the curvature along each unknown"""
 ROUGHNESS = 3e-6
 """of the sum of squares: what a step changes by less is not worth another"""
+NEAR = 0.1
+"""standard errors: by how much parameters may still be off where corners of forces end a descent"""
+CORRECTIONS, WORTH = 6, 0.5
+"""steps that at most share a Jacobian, while each brings the sum of squares below that share of the last"""
+LOOSE, LOOSE_STEPS = (1000.0, 100.0, 10.0), 2
+"""times the jumps that are asked for: those with which windows are fitted first, and Jacobians with each"""
 
 
 class Problem(eqx.Module):
@@ -54,6 +62,23 @@ class Problem(eqx.Module):
             first += len(start)
         return jnp.concatenate(found), jnp.concatenate(slopes)
 
+    def residuals(self, y):
+        """Those of `misses` alone."""
+        z, *starts = self.split(y)
+        found = []
+        for each, start in zip(self.every, starts):
+            seen, further = each.predict(self._scene_at(z), start)
+            missing = jnp.isnan(each.values)
+            found += [jnp.where(missing, 0, (seen - jnp.nan_to_num(each.values)) / each.noise).ravel(), further]
+        return jnp.concatenate(found)
+
+    @property
+    def sizes_of_data(self) -> list[tuple[int, int]]:
+        """Of each measurement: how many residuals of the data, and how many of what goes with them."""
+        starts = (start for start, _ in self.starts)
+        further = (jax.eval_shape(each.predict, self.scene, start)[1].size for each, start in zip(self.every, starts))
+        return [(each.values.size, size) for each, size in zip(self.every, further)]
+
     def _scene_at(self, z):
         return changed(self.scene, self.parameters, z)
 
@@ -72,37 +97,107 @@ class Point(NamedTuple):
     @property
     def cost(self) -> float:
         """The sum of squares, y itself included; infinite where a rollout fails."""
-        cost = float(self.r @ self.r + self.y @ self.y)
-        return cost if np.isfinite(cost) else np.inf
+        return _sum_of_squares(self.y, self.r)
 
 
 class Found(NamedTuple):
     at: Point
     converged: bool
     steps: int
+    """Jacobians that were computed"""
 
 
-def least_squares(problem: Problem, at: Point, tolerance: float, max_steps: int) -> Found:
-    """Levenberg and Marquardt's method: steps that fail are tried again shorter, until they do not matter any more."""
-    damping, curvature, slope = FIRST_DAMPING, *_normal_equations(at)
-    for number in range(1, max_steps + 1):
+class Weighted(NamedTuple):
+    """A problem whose residuals count more or less than they are."""
+
+    problem: Problem
+    weights: np.ndarray
+
+    def linearised(self, y: np.ndarray) -> Point:
+        r, J = linearised(y, self.problem)
+        return Point(y, r * self.weights, J * self.weights[:, None])
+
+    def residuals(self, y: np.ndarray) -> np.ndarray:
+        return np.asarray(residuals(y, self.problem)) * self.weights
+
+    def reweighted(self, weights: np.ndarray, at: Point) -> tuple["Weighted", Point]:
+        """With other weights, and what has been computed there, with them."""
+        ratio = weights / self.weights
+        return Weighted(self.problem, weights), Point(at.y, at.r * ratio, at.J * ratio[:, None])
+
+
+def least_squares(problem: Problem, y: np.ndarray, tolerance: float, max_steps: int) -> Found:
+    """The least sum of squares from y on, windows that must nearly meet at first let loose.
+
+    Windows that may hardly miss each other make a narrow, curved valley, and where the first guess is far off, one
+    with side valleys. Let loose, each window follows its own data, and a few steps bring parameters near; so the jumps
+    that are allowed go from `LOOSE` times those asked for down to them. Raises `InputError` without derivatives.
+    """
+    jumps = np.concatenate([np.arange(sum(sizes)) >= sizes[0] for sizes in problem.sizes_of_data])
+    levels = (*LOOSE, 1.0) if jumps.any() else (1.0,)
+    weighted = Weighted(problem, np.where(jumps, 1 / levels[0], 1.0))
+    at, taken = weighted.linearised(y), 1
+    if not np.isfinite(at.J).all():
+        raise InputError("scene: derivatives of what it predicts are not finite; expected one that is not at a corner")
+    for times in levels:
+        weighted, at = weighted.reweighted(np.where(jumps, 1 / times, 1.0), at)
+        most = max_steps - taken if times == 1 else min(LOOSE_STEPS, max_steps - taken)
+        found = _descended(weighted, at, tolerance, most)
+        at, taken = found.at, taken + found.steps
+    return found._replace(steps=taken)
+
+
+def _descended(problem: Weighted, at: Point, tolerance: float, most: int) -> Found:
+    """Levenberg and Marquardt's method: steps that fail are tried again shorter, until they do not matter any more.
+
+    From a point at which the derivatives are known; they are computed `most` times more.
+    """
+    damping, steps = FIRST_DAMPING, 0
+    while True:
+        curvature, slope = _normal_equations(at)
+        full = scipy.linalg.solve(curvature, slope, assume_a="pos")
         # what a full step would gain by the linear model
-        if slope @ scipy.linalg.solve(curvature, slope, assume_a="pos") <= tolerance:
-            return Found(at, True, number)
-        damped = curvature + damping * np.diag(np.diag(curvature))
-        y = at.y - scipy.linalg.solve(damped, slope, assume_a="pos")
-        tried = Point(y, *linearised(y, problem))
-        # or where a nearly full step makes no difference that corners of forces would not make too
-        if damping <= FIRST_DAMPING and abs(tried.cost - at.cost) <= tolerance + ROUGHNESS * at.cost:
-            return Found(min(at, tried, key=lambda point: point.cost), True, number)
-        if tried.cost < at.cost and np.isfinite(tried.J).all():
-            at, damping = tried, max(damping / 10, SMALLEST_DAMPING)
-            curvature, slope = _normal_equations(at)
-        elif damping > LARGEST_DAMPING:
-            break
-        else:
+        if slope @ full <= tolerance:
+            return Found(at, True, steps)
+        y, cost = _advanced(problem, at, curvature, damping)
+        while not cost < at.cost and damping < LARGEST_DAMPING:
             damping *= 10
-    return Found(at, False, number)
+            y, cost = _advanced(problem, at, curvature, damping)
+        # no step makes a difference that corners of forces would not make too
+        rough = at.cost - cost <= tolerance + ROUGHNESS * at.cost
+        if rough and _offset(len(problem.problem.parameters), curvature, full) <= NEAR:
+            return Found(at, True, steps)
+        if steps == most or not cost < at.cost:
+            return Found(at, False, steps)
+        tried, steps = problem.linearised(y), steps + 1
+        if not np.isfinite(tried.J).all():
+            return Found(at, False, steps)
+        at, damping = tried, max(damping / 10, SMALLEST_DAMPING)
+
+
+def _advanced(problem: Weighted, at: Point, curvature: np.ndarray, damping: float) -> tuple[np.ndarray, float]:
+    """The best of some steps by one Jacobian, and its sum of squares.
+
+    The first is that of Levenberg and Marquardt. Where windows have to meet, it leaves their jumps off by what the
+    motion is not linear, which alone would forbid all but tiny steps; the further ones correct that (second-order
+    corrections, Nocedal and Wright 2006, section 15.6), and cost a rollout each, not a Jacobian.
+    """
+    factors = scipy.linalg.cho_factor(curvature + damping * np.diag(np.diag(curvature)))
+    y, r, best = at.y, at.r, (at.y, np.inf)
+    for _ in range(CORRECTIONS):
+        y = y - scipy.linalg.cho_solve(factors, at.J.T @ r + y)
+        r = problem.residuals(y)
+        cost, last = _sum_of_squares(y, r), best[1]
+        best = min(best, (y, cost), key=lambda one: one[1])
+        if not cost < WORTH * last:
+            break
+    return best
+
+
+def _offset(size: int, curvature: np.ndarray, full: np.ndarray) -> float:
+    """Root mean square of what a full step would change so many parameters by, in standard errors."""
+    covariance = np.linalg.inv(curvature)[:size, :size]
+    return float(np.sqrt(full[:size] @ np.linalg.solve(covariance, full[:size]) / size)) if size else 0.0
 
 
 def _normal_equations(at: Point) -> tuple[np.ndarray, np.ndarray]:
@@ -110,10 +205,22 @@ def _normal_equations(at: Point) -> tuple[np.ndarray, np.ndarray]:
     return at.J.T @ at.J + np.eye(len(at.y)), at.J.T @ at.r + at.y
 
 
+def _sum_of_squares(y: np.ndarray, r: np.ndarray) -> float:
+    with np.errstate(over="ignore", invalid="ignore"):
+        cost = float(r @ r + y @ y)
+    return cost if np.isfinite(cost) else np.inf
+
+
 def linearised(y: np.ndarray, problem: Problem) -> tuple[np.ndarray, np.ndarray]:
     """Residuals of the data, (residuals,), and their derivatives, (residuals, unknowns)."""
     r, J = _compiled_misses(jnp.asarray(y), problem)
     return np.asarray(r), np.asarray(J)
+
+
+@eqx.filter_jit
+def residuals(y: AnyArray, problem: Problem) -> AnyArray:
+    """Residuals of the data alone, for a hundredth of what their derivatives cost."""
+    return problem.residuals(y)
 
 
 @eqx.filter_jit

@@ -36,7 +36,7 @@ class MeasuredMotion(Measurement):
     """standard deviations of the guess; 0 where it is known"""
     unknown: tuple[int, ...] = eqx.field(static=True)
     """which numbers of the states are not known"""
-    jump: tuple[float, float] = eqx.field(static=True)
+    jump: Float[AnyArray, "2"]
     """m and m/s, standard deviations of jumps from a window to the next: what the model leaves out in each"""
     steps: int | None = eqx.field(static=True)
     """from frame to frame; None: the method adapts its step"""
@@ -87,7 +87,7 @@ class MeasuredMotion(Measurement):
     def _joined(self, seen, ends, states):
         """The rows of all windows, and by how much windows miss each other; a last axis more: derivatives of both."""
         rows = jnp.concatenate([seen[:, :-1].reshape(-1, *seen.shape[2:]), seen[-1, -1:]])
-        allowed = np.array(self.jump).reshape(2, 1, 1, *[1] * (states.ndim - 4))
+        allowed = jnp.asarray(self.jump).reshape(2, 1, 1, *[1] * (states.ndim - 4))
         jumps = (ends[:-1] - states[1:]) / allowed
         return rows, jumps.reshape(-1, *jumps.shape[4:])
 
@@ -172,7 +172,8 @@ def measured_motion(
     unknown = tuple(np.flatnonzero(spread > 0).tolist())
     resolved = resolve(scene, float(cut[0, -1] - cut[0, 0]), options, dtype="float64")
     steps = None if resolved.dt is None else int(np.ceil(np.diff(times).max() / resolved.dt - 1e-6))
-    return MeasuredMotion(values, noise, observation, cut, resolved, state, spread, unknown, starts.jump, steps)
+    jump = np.array(starts.jump, float)
+    return MeasuredMotion(values, noise, observation, cut, resolved, state, spread, unknown, jump, steps)
 
 
 def _check_path(path: np.ndarray, expected: tuple[int, ...]) -> None:

@@ -29,10 +29,18 @@ def posterior_robots(key: jax.Array, found: Identified, count: int) -> Differenc
     Raises:
         InputError: a parameter in which robots of a population cannot differ.
     """
-    drawn = np.asarray(
-        jax.random.multivariate_normal(key, jnp.zeros(len(found.z)), jnp.asarray(found.covariance), (count,))
-    )
-    factors = {}
+    return robots_at(found, deviates(key, found, count))
+
+
+def deviates(key: jax.Array, found: Identified, count: int) -> np.ndarray:
+    """(count, parameters), by how much the z of robots drawn differ from `Identified.z`."""
+    none = jnp.zeros(len(found.z))
+    return np.asarray(jax.random.multivariate_normal(key, none, jnp.asarray(found.covariance), (count,)))
+
+
+def robots_at(found: Identified, drawn: np.ndarray) -> Differences:
+    """Robots whose z differ from `Identified.z` by rows of `drawn`. Raises `InputError` as `posterior_robots`."""
+    count, factors = len(drawn), {}
     for name, paths in DIFFERING.items():
         own = [k for k, parameter in enumerate(found.parameters) if parameter.path in paths]
         if own:

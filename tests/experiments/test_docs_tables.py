@@ -21,14 +21,14 @@ BLOCKS = {
     "docs/conformance.md": 1,
     "docs/control.md": 8,
     "docs/files.md": 1,
-    "docs/gaits.md": 9,
+    "docs/gaits.md": 10,
     "docs/numerics.md": 12,
     "docs/terrain.md": 1,
     "docs/performance.md": 3,
     "docs/scaling.md": 2,
-    "docs/identification.md": 2,
+    "docs/identification.md": 4,
     "docs/search.md": 7,
-    "docs/validation.md": 3,
+    "docs/validation.md": 4,
 }
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import control_tables
 import gait_tables
+import identification_tables
 import numerics_tables
 import numpy as np
 import orbit_tables
@@ -20,6 +21,7 @@ import search_tables
 import speed_tables
 import stability
 import tyro
+import validation_tables
 
 import jaxgrity
 from jaxgrity import InputError
@@ -77,6 +79,8 @@ def test_no_experiment_imports_what_is_not_public(path):
     [
         ("benchmark", ["--mjx"], ["--mjx", "--mujoco"]),
         ("damage", ["--gait", "missing"], ["gait = 'missing': unknown"]),
+        ("sim_to_real", ["--gait", "missing"], ["gait = 'missing': unknown"]),
+        ("design_study", ["--strut-force", "-1"], ["expected positive limits"]),
         ("hard_cases", ["--cases", "warp drive"], ["cases = 'warp drive': unknown", "drop from 10 m"]),
         ("hard_cases", ["--methods", "euler"], ["euler", "rk4, tsit5"]),
         ("work_precision", ["--scenes", "moon"], ["moon", "free flight"]),
@@ -339,6 +343,31 @@ def test_robots_are_led_round_obstacles_and_feedback_is_tuned_on_bumps(tmp_path)
     assert "| 8 | " in control_tables.predictive_speed_table(control_tables.predictive_speed_facts(facts))
     facts = quick("measurements/tune_on_bumps.py", tmp_path / "tune_on_bumps")
     assert np.shape(facts["swings"]) == (2, 2)
+
+
+@pytest.mark.slow
+def test_robots_are_designed(tmp_path):
+    """Quick size: what the table of docs/gaits.md about it is made of; limits are kept."""
+    facts = orbit_tables.design_study_facts(quick("measurements/design_study.py", tmp_path))
+    assert [row["kind"] for row in facts["rows"]] == ["gait alone", "robot and gait"]
+    assert all(row["peak_power"] <= 160 and row["strut_force"] <= facts["limits"][0] for row in facts["rows"])
+    assert "| robot and gait | 160 W | **" in orbit_tables.design_study_table(facts)
+
+
+@pytest.mark.slow
+def test_damping_of_the_spine_is_not_told(tmp_path):
+    """Quick size: what the table of docs/validation.md about it is made of."""
+    facts = validation_tables.spine_dynamics_facts(quick("measurements/spine_dynamics.py", tmp_path))
+    assert facts["ratios"] == facts["tried"]
+    assert "| damping ratios that cannot be told apart | 0.01 to 1 |" in validation_tables.spine_dynamics_table(facts)
+
+
+@pytest.mark.slow
+def test_speeds_are_foretold(tmp_path):
+    """Quick size: what the tables of docs/identification.md are made of."""
+    facts = identification_tables.sim_to_real_facts(quick("measurements/sim_to_real.py", tmp_path))
+    assert "| after identification | " in identification_tables.sim_to_real_table(facts)
+    assert "| before | `structure.cables.stiffness` | 10.0% |" in identification_tables.sim_to_real_shares(facts)
 
 
 @pytest.mark.slow

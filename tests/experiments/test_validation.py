@@ -5,6 +5,7 @@ import shutil
 import jax
 import numpy as np
 import pytest
+import spine_dynamics
 import spine_tables
 from spine_robot import FOLDER, commanded, load_spine, pose, resting_shapes, rms
 
@@ -62,6 +63,24 @@ def test_tables_are_made_of_logs(tmp_path):
     assert all(pose[6] == "0.000000" for pose in poses)
     response = np.genfromtxt(tmp_path / "out" / "response.csv", delimiter=",", names=True)
     assert response["progress"][response["time"] < -0.99].size == 0
+
+
+def test_the_response_of_a_mode_is_that_of_the_closed_form():
+    """To a step, 1 - (1 + w t) exp(-w t) at critical damping, and 1 - cos(w t) without damping."""
+    times, w = np.linspace(0.0, 1.0, 50), 2 * np.pi * 2.0
+    step = np.array([0.0, 0.0, 0.0])
+    critical = spine_dynamics.response(times, 2.0, 1.0, step)
+    np.testing.assert_allclose(critical, 1 - (1 + w * times) * np.exp(-w * times), atol=0.02)
+    np.testing.assert_allclose(spine_dynamics.response(times, 2.0, 0.0, step), 1 - np.cos(w * times), atol=0.05)
+
+
+def test_a_response_that_rings_tells_its_damping():
+    """Of a slow mode, clocks without scatter, and motors that are done at once: the least squares are at the truth."""
+    times = np.linspace(-1, 1, 41)
+    seen = {"time": times, "standard_error": np.full(41, 0.01)}
+    seen["progress"] = spine_dynamics.response(times, 2.0, 0.1, np.array([-0.5, 0.1, 0.02]))
+    squares = [spine_dynamics.fitted(seen, 2.0, ratio)["squares"] for ratio in (0.03, 0.1, 0.3)]
+    assert squares[1] < 4 < min(squares[0], squares[2])
 
 
 @pytest.mark.parametrize(

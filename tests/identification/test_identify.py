@@ -168,6 +168,22 @@ def test_windows_give_the_derivatives_of_the_whole(swinging):
         np.testing.assert_allclose(found, right, atol=1e-9 * np.abs(right).max())
 
 
+@pytest.mark.parametrize("stiffness", [100.0, 60.0])
+def test_windows_that_must_meet_are_fitted_in_few_steps_from_far_off(swinging, stiffness):
+    """From half of the stiffness too; jumps a thousandth as large make a narrow valley, and change nothing."""
+    times, seen, path, options = swinging
+    parameters = [Parameter("structure.cables.stiffness", 1.0), Parameter("structure.cables.damping", 1.0)]
+    scene, found = hanging(stiffness, 0.5), []
+    for jump in ((1e-3, 1e-2), (1e-6, 1e-5)):
+        starts = Starts(path, 4, jump=jump)
+        motion = measured_motion(scene, times, seen, 2e-3, HEIGHT, starts, options=options)
+        found.append(identify(scene, parameters, motion))
+    assert all(each.converged and each.steps < 20 for each in found)
+    values = np.array([[each.value for each in one.estimates] for one in found])
+    np.testing.assert_allclose(values[:, 0] * stiffness, 120.0, rtol=0.003)
+    np.testing.assert_allclose(values[0], values[1], rtol=0.03)
+
+
 def test_a_fit_that_gave_up_says_so():
     """After one step of several."""
     found = identify(hanging(), [STIFFNESS], poses(heights(200.0)), max_steps=1)

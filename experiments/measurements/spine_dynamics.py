@@ -1,0 +1,109 @@
+"""Whether the camera can tell the damping of the measured spine: its mean response to commands, beside that of its
+slowest mode, whose damping ratio is scanned.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from jaxgrity.cli.script import measured, run
+
+import numpy as np
+from matplotlib.figure import Figure
+from scipy.ndimage import gaussian_filter1d
+from scipy.optimize import least_squares
+from spine_robot import FOLDER, commanded, load_spine, numbers, read_table, resting_shapes
+
+from jaxgrity import plot, vibration_modes
+from jaxgrity.io.files import save_json
+
+RATIOS = np.geomspace(0.01, 1.0, 13)
+"""damping over critical damping"""
+STEP = 2e-3
+"""s, of the simulated response"""
+WIDER = 3.84
+"""of chi^2 per degree of freedom at its least: by which it may rise within an interval of 95 %"""
+
+
+@dataclass
+class Settings:
+    tables: Path = FOLDER
+    """folder with spine.toml and the tables of measurements"""
+    out: Path = Path("results/spine_dynamics")
+    """folder for spine_dynamics.json and the figure"""
+    quick: bool = False
+    """three damping ratios"""
+
+
+def main(settings: Settings) -> None:
+    ratios = RATIOS[::6] if settings.quick else RATIOS
+    spine, table = load_spine(settings.tables), read_table(settings.tables / "response.csv")
+    seen = {name: numbers(table, name) for name in ("time", "progress", "standard_error")}
+    # of rigid struts, stiff springs in this analysis, the vertebra keeps three slow modes
+    modes = np.array(
+        [
+            vibration_modes(commanded(spine.scene, spine.retraction[k]), q, count=3).frequency
+            for k, q in list(enumerate(resting_shapes(spine)))[:: len(spine.retraction) // 4]
+        ]
+    )
+    frequency = float(np.median(modes[:, 0]))
+    fits = [fitted(seen, frequency, ratio) for ratio in ratios]
+    squares = np.array([fit["squares"] for fit in fits])
+    freedom = len(seen["time"]) - 4
+    kept = ratios[squares <= squares.min() * (1 + WIDER / freedom)]
+    facts = {"lowest": modes.min(0), "highest": modes.max(0), "frequency": frequency}
+    facts |= {"misfit": np.sqrt(squares.min() / freedom), "ratios": [kept.min(), kept.max()]}
+    facts |= {"tried": [ratios.min(), ratios.max()], "fits": fits}
+    save_json(settings.out / "spine_dynamics.json", {**measured(), **facts})
+    plot.save(figure(seen, frequency, fits), settings.out / "spine_dynamics.png")
+    print(f"slowest mode {frequency:.2f} Hz; damping ratios from {kept.min():.2g} to {kept.max():.2g} fit alike")
+    print(f"{settings.out}/spine_dynamics.json, spine_dynamics.png")
+
+
+def response(times: np.ndarray, frequency: float, ratio: float, shape: np.ndarray) -> np.ndarray:
+    """Progress of a mode driven by motors that move evenly, from `shape`: begin, duration and scatter of clocks, s.
+
+    x'' + 2 ratio w x' + w^2 x = w^2 u, exact for u constant over each step.
+    """
+    begin, duration, scatter = shape
+    grid, w = np.arange(-2.0, 2.0, STEP), 2 * np.pi * frequency
+    u = np.clip((grid - begin) / max(duration, STEP), 0, 1)
+    x, v, path = 0.0, 0.0, []
+    for each in u:
+        # semi-implicit Euler, with the damping implicit: w STEP is a hundredth
+        v = (v + STEP * w * w * (each - x)) / (1 + 2 * STEP * ratio * w)
+        x = x + STEP * v
+        path.append(x)
+    return np.interp(times, grid, gaussian_filter1d(path, max(abs(scatter) / STEP, 1e-3)))
+
+
+def fitted(seen: dict[str, np.ndarray], frequency: float, ratio: float) -> dict:
+    """Begin, duration and scatter that fit best, for one damping ratio."""
+
+    def misses(shape):
+        return (response(seen["time"], frequency, ratio, shape) - seen["progress"]) / seen["standard_error"]
+
+    found = min((least_squares(misses, [-0.6, 0.5, s], diff_step=1e-3) for s in (0.03, 0.15)), key=lambda f: f.cost)
+    return {"ratio": ratio, "squares": 2 * found.cost, "shape": found.x}
+
+
+@plot.styled
+def figure(seen: dict[str, np.ndarray], frequency: float, fits: list[dict]) -> Figure:
+    """The mean response and that of least and most damping; chi^2 over the damping ratio."""
+    chart = Figure(figsize=(9, 3.4), layout="constrained")
+    left, right = chart.subplots(1, 2)
+    left.errorbar(seen["time"], seen["progress"], 2 * seen["standard_error"], fmt=".", color="0.4", label="camera")
+    times = np.linspace(-1, 1, 400)
+    for fit, line in ((fits[0], "-"), (fits[-1], "--")):
+        path = response(times, frequency, fit["ratio"], fit["shape"])
+        left.plot(times, path, line, label=f"damping ratio {fit['ratio']:.2g}")
+    left.set(xlabel="time after the command (s)", ylabel="progress", title="Mean response")
+    left.legend()
+    squares = [fit["squares"] for fit in fits]
+    right.semilogx([fit["ratio"] for fit in fits], squares, "o-")
+    right.set(xlabel="damping ratio", ylabel="sum of squares (standard errors)", title="Misfit")
+    right.set_ylim(0, 1.2 * max(squares))
+    return chart
+
+
+if __name__ == "__main__":
+    run(main, Settings)
