@@ -18,8 +18,34 @@ def feedback_table(name: str, facts: Facts) -> str:
     for case in dict.fromkeys(row["case"] for row in facts["rows"]):
         own = (found[case, policy] for policy in policies)
         rows.append([case, *(f"{100 * row['rolling']:.0f} %, {row['speed']:.2f} m/s" for row in own)])
+    level, rough = (next(case for case, _ in found if case.startswith(word)) for word in ("dropped", "bumps"))
+    shares = (found[rough, policy]["speed"] / found[level, policy]["speed"] for policy in policies)
+    rows.append(["speed on bumps, of that on level ground", *(f"{100 * share:.0f} %" for share in shares)])
     first, *others = policies
     head = ["case", f"{first}: robots that roll, mean speed", *others]
+    return table(head, rows) + made_by(facts, name, "measured")
+
+
+def tuning_facts(raw: Facts) -> Facts:
+    """What known feedback and that of a run are made of, and what they are worth."""
+    return {name: raw[name] for name in ("command", "cores", "robots", "seconds", "judged")}
+
+
+def tuning_table(name: str, facts: Facts) -> str:
+    rows = []
+    for row in facts["judged"]:
+        gains, swings, (larger, faster) = (row["numbers"][part] for part in (slice(4), slice(4, 8), slice(8, 10)))
+        told = [f"{100 * row[where]['rolling']:.0f} %, {row[where]['speed']:.2f} m/s" for where in ("level", "bumps")]
+        words = [", ".join(f"{x + 0:.2f}" for x in numbers) for numbers in (gains, swings)]
+        rows.append([row["name"], *words, f"{larger:.2f}, {faster:.2f}", *told])
+    head = [
+        "feedback",
+        "gains",
+        "swings, s",
+        "times the gait's amplitude and frequency",
+        "level ground",
+        "bumps of 2 cm",
+    ]
     return table(head, rows) + made_by(facts, name, "measured")
 
 

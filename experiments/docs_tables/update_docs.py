@@ -152,12 +152,13 @@ SOURCES: dict[str, Source] = {
             f"feedback/{name}.json",
             control.feedback_facts,
             {name: Block(CONTROL, partial(control.feedback_table, name))},
-            pictures,
+            {f"{name}.png": f"{name}.png"},
         )
-        for name, pictures in (
-            ("feedback_exact", {"feedback_exact.png": "feedback_exact.png"}),
-            ("feedback_penalty", {}),
-        )
+        for name in ("feedback_exact", "feedback_penalty")
+    },
+    **{
+        name: one_block(name, CONTROL, control.tuning_facts, partial(control.tuning_table, name))
+        for name in ("tune_feedback", "tune_on_bumps")
     },
     "steering": one_block("steering", CONTROL, control.steering_facts, control.steering_table),
     "goals": one_block("goals", CONTROL, control.goals_facts, control.goals_table),

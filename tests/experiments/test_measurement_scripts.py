@@ -13,7 +13,6 @@ from pathlib import Path
 import control_tables
 import gait_tables
 import numerics_tables
-import numpy as np
 import orbit_tables
 import pytest
 import search_tables
@@ -309,7 +308,10 @@ def test_robots_are_driven_by_feedback_to_goals_and_in_environments(tmp_path):
     facts = quick("measurements/environments.py", tmp_path / "environments")
     assert facts["rows"][0]["repeated"]
     assert "| heading | 800 | " in control_tables.environments_table(control_tables.environments_facts(facts))
-    assert np.shape(quick("measurements/tune_feedback.py", tmp_path / "tune")["gains"]) == (2, 2)
+    facts = quick("measurements/tune_feedback.py", tmp_path / "tune")
+    assert "| found by this run |" in control_tables.tuning_table("tune_feedback", control_tables.tuning_facts(facts))
+    judged = {row["name"]: row for row in facts["judged"]}
+    assert judged["found by this run"]["numbers"][4:] == judged["default"]["numbers"][4:] == [0.0] * 4 + [1.0] * 2
 
 
 @pytest.mark.slow
@@ -338,7 +340,9 @@ def test_robots_are_led_round_obstacles_and_feedback_is_tuned_on_bumps(tmp_path)
     facts = quick("measurements/predictive_speed.py", tmp_path / "predictive_speed")
     assert "| 8 | " in control_tables.predictive_speed_table(control_tables.predictive_speed_facts(facts))
     facts = quick("measurements/tune_on_bumps.py", tmp_path / "tune_on_bumps")
-    assert np.shape(facts["swings"]) == (2, 2)
+    assert "| `sure_footed` |" in control_tables.tuning_table("tune_on_bumps", control_tables.tuning_facts(facts))
+    found = next(row for row in facts["judged"] if row["name"] == "found by this run")
+    assert found["numbers"] != facts["judged"][0]["numbers"]
 
 
 @pytest.mark.slow
