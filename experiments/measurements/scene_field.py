@@ -110,8 +110,8 @@ def figure(scene: Scene, way: WayMap, found: Travels) -> Figure:
     """The height of the ground between obstacles, the plan from the start of the first robot, and all paths."""
     chart = Figure(figsize=(6.5, 3.8), layout="constrained")
     axes = chart.subplots()
-    x, y = np.meshgrid(np.linspace(-2, 12, 281), np.linspace(-4, 4, 161))
-    height = np.where(room(way.discs, np.stack([x, y], -1)) > 0, scene.ground.height(x, y), np.nan)
+    x, y = np.meshgrid(np.linspace(-2, 12, 281), np.linspace(-5, 5, 201))
+    height = np.where(room(way.discs, np.stack([x, y], -1)) > 0.1, scene.ground.height(x, y), np.nan)
     shown = axes.pcolormesh(x, y, 100 * height, cmap="Greys", alpha=0.5, shading="auto", rasterized=True)
     for centre, radius in zip(way.discs.centres, way.discs.radii):
         axes.add_patch(Circle(centre, radius, color="#b9b2a3"))
@@ -119,7 +119,7 @@ def figure(scene: Scene, way: WayMap, found: Travels) -> Figure:
         axes.plot(*found.path[: end + 1, :2, k].T, lw=1)
     axes.plot(*way.way(found.path[0, :2, 0]).T, ":", color="black", lw=1, label="first plan")
     axes.plot(*way.goal, "o", markersize=6, markerfacecolor="none", color="black")
-    axes.set(aspect="equal", xlim=(-2, 12), ylim=(-4, 4), xlabel="x (m)", ylabel="y (m)")
+    axes.set(aspect="equal", xlim=(-2, 12), ylim=(-5, 5), xlabel="x (m)", ylabel="y (m)")
     chart.colorbar(shown, label="ground (cm)", shrink=0.7)
     axes.legend(loc="upper left")
     return chart
