@@ -81,7 +81,7 @@ def sine(x: Numbers) -> Numbers:
 @jax.custom_jvp
 def cosine(x: Numbers) -> Numbers:
     """cos x, likewise."""
-    return _sine_near_zero(np.pi / 2 - abs(_within_half_a_turn(x)))
+    return _sine_near_zero(np.pi / 2 - jnp.abs(_within_half_a_turn(x)))
 
 
 sine.defjvps(lambda x_dot, value, x: cosine(x) * x_dot)
