@@ -41,8 +41,6 @@ from jaxgrity.io.files import save_json
 
 FAR = 1000.0
 """m, to a goal that stands for a direction"""
-LED = ("heading", "goal", "recover")
-"""tasks with a direction on level ground, on which the predictive controller is tried"""
 SCALE = np.array([0.15] * 4 + [0.1] * 4 + [0.1, 0.1, 0.15])
 """of the numbers that are trained, about how far each may move at first"""
 OPEN, FEEDBACK, SURE, TRAINED, PREDICTIVE = "open loop", "feedback", "sure-footed", "trained", "predictive"
@@ -87,7 +85,7 @@ def main(settings: Settings) -> None:
             "progress": {name: float(own.mean()) for name, own in zip(known, progress)},
             "error": {name: float(own.std(ddof=1) / np.sqrt(len(own))) for name, own in zip(known, progress)},
         }
-        if task in LED and settings.led:
+        if settings.led:
             led = predicted(env, settings)
             row["progress"][PREDICTIVE] = float(led.mean())
             row["error"][PREDICTIVE] = float(led.std(ddof=1) / np.sqrt(len(led)))
@@ -202,7 +200,10 @@ def predicted(env: Environment, settings: Settings) -> np.ndarray:
         sampling = Sampling(patience=env.episode * env.plant.period)
         there = lead_to(env.plant, env.plant, policy, goal, start=state.plant.motion, seed=number, sampling=sampling)
         path = there.path[:, :2]
-        towards = np.linalg.norm(path[0] - goal) - np.linalg.norm(path[-1] - goal)
+        if env.task.towards == "anywhere":
+            towards = np.linalg.norm(np.diff(path, axis=0), axis=1).sum()
+        else:
+            towards = np.linalg.norm(path[0] - goal) - np.linalg.norm(path[-1] - goal)
         found.append(towards / there.seconds)
     return np.array(found)
 

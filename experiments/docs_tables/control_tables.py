@@ -18,8 +18,34 @@ def feedback_table(name: str, facts: Facts) -> str:
     for case in dict.fromkeys(row["case"] for row in facts["rows"]):
         own = (found[case, policy] for policy in policies)
         rows.append([case, *(f"{100 * row['rolling']:.0f} %, {row['speed']:.2f} m/s" for row in own)])
+    level, rough = (next(case for case, _ in found if case.startswith(word)) for word in ("dropped", "bumps"))
+    shares = (found[rough, policy]["speed"] / found[level, policy]["speed"] for policy in policies)
+    rows.append(["speed on bumps, of that on level ground", *(f"{100 * share:.0f} %" for share in shares)])
     first, *others = policies
     head = ["case", f"{first}: robots that roll, mean speed", *others]
+    return table(head, rows) + made_by(facts, name, "measured")
+
+
+def tuning_facts(raw: Facts) -> Facts:
+    """What known feedback and that of a run are made of, and what they are worth."""
+    return {name: raw[name] for name in ("command", "cores", "robots", "seconds", "judged")}
+
+
+def tuning_table(name: str, facts: Facts) -> str:
+    rows = []
+    for row in facts["judged"]:
+        gains, swings, (larger, faster) = (row["numbers"][part] for part in (slice(4), slice(4, 8), slice(8, 10)))
+        told = [f"{100 * row[where]['rolling']:.0f} %, {row[where]['speed']:.2f} m/s" for where in ("level", "bumps")]
+        words = [", ".join(f"{x + 0:.2f}" for x in numbers) for numbers in (gains, swings)]
+        rows.append([row["name"], *words, f"{larger:.2f}, {faster:.2f}", *told])
+    head = [
+        "feedback",
+        "gains",
+        "swings, s",
+        "times the gait's amplitude and frequency",
+        "level ground",
+        "bumps of 2 cm",
+    ]
     return table(head, rows) + made_by(facts, name, "measured")
 
 
@@ -42,6 +68,30 @@ def steering_table(facts: Facts) -> str:
     return table(head, rows) + made_by(facts, "steering", "measured")
 
 
+def transitions_facts(raw: Facts) -> Facts:
+    """How many robots go on rolling when their gait is exchanged."""
+    return {name: raw[name] for name in ("command", "cores", "robots", "rows")}
+
+
+def transitions_table(facts: Facts) -> str:
+    over = sorted({row["over"] for row in facts["rows"]})
+    found = {(row["gait"], row["over"]): row for row in facts["rows"]}
+    rows = []
+    for name in dict.fromkeys(row["gait"] for row in facts["rows"]):
+        own = [found[name, seconds] for seconds in over]
+        shares = [f"{100 * row['went_on']:.0f} %, {100 * row['came_back']:.0f} %" for row in own]
+        rows.append([name, f"{own[0]['expected']:.2f} m/s", f"{100 * own[0]['anew']:.0f} %", *shares])
+    ways = ["at once" if seconds == 0 else f"over {seconds:g} s" for seconds in over]
+    head = [
+        "the other gait",
+        "its speed",
+        "as fast, with it from the drop on",
+        f"go on, come back: {ways[0]}",
+        *ways[1:],
+    ]
+    return table(head, rows) + made_by(facts, "transitions", "measured")
+
+
 def goals_facts(raw: Facts) -> Facts:
     """In how many trials the goal was reached, how soon, and how the controller looked ahead."""
     rows = raw["rows"]
@@ -55,7 +105,7 @@ def goals_facts(raw: Facts) -> Facts:
     }
 
 
-def goals_table(facts: Facts) -> str:
+def goals_table(name: str, facts: Facts) -> str:
     sampling = facts["sampling"]
     looked = f"{sampling['samples']} rollouts of {sampling['horizon']:g} s, once in {sampling['interval']:g} s"
     share = {name: f"{facts[name]} of {facts['trials']}" for name in ("reached", "feedback", "open_loop")}
@@ -67,7 +117,7 @@ def goals_table(facts: Facts) -> str:
         [f"choosing from {looked}", f"{facts['real_time']:.2g} times as fast as the robot moves"],
     ]
     head = [f"within {facts['within']:g} m of the goal, in at most {facts['patience']:.0f} s", "trials"]
-    return table(head, rows) + made_by(facts, "goals", "measured")
+    return table(head, rows) + made_by(facts, name, "measured")
 
 
 def environments_facts(raw: Facts) -> Facts:
@@ -128,6 +178,31 @@ def obstacles_table(facts: Facts) -> str:
         ]
         words += "\n\n" + table(["of these ways", "measured"], more)
     return words + made_by(facts, "obstacles", "measured")
+
+
+def scene_field_facts(raw: Facts) -> Facts:
+    """How many robots got through the field of a scene file."""
+    rows = raw["rows"]
+    return {
+        **{name: raw[name] for name in ("command", "cores", "patience", "obstacles", "seconds_a_choice")},
+        "robots": len(rows),
+        **{name: sum(row[name] for row in rows) for name in ("reached", "arrived", "touched")},
+        "seconds": float(np.median([row["seconds"] for row in rows])),
+        "gap": min(row["gap"] for row in rows),
+    }
+
+
+def scene_field_table(facts: Facts) -> str:
+    count = facts["robots"]
+    rows = [
+        ["goal reached, nothing touched", f"{facts['reached']} of {count}"],
+        ["touched something", f"{facts['touched']}"],
+        [f"did not arrive in {facts['patience']:g} s", f"{count - facts['arrived']}"],
+        ["time on the way, median", f"{facts['seconds']:.0f} s"],
+        ["nearest to an obstacle", f"{100 * facts['gap']:.0f} cm"],
+    ]
+    head = [f"robots among the {facts['obstacles']} obstacles of a scene file", "measured"]
+    return table(head, rows) + made_by(facts, "scene_field", "measured")
 
 
 def predictive_speed_facts(raw: Facts) -> Facts:

@@ -152,15 +152,26 @@ SOURCES: dict[str, Source] = {
             f"feedback/{name}.json",
             control.feedback_facts,
             {name: Block(CONTROL, partial(control.feedback_table, name))},
-            pictures,
+            {f"{name}.png": f"{name}.png"},
         )
-        for name, pictures in (
-            ("feedback_exact", {"feedback_exact.png": "feedback_exact.png"}),
-            ("feedback_penalty", {}),
-        )
+        for name in ("feedback_exact", "feedback_penalty")
+    },
+    **{
+        name: one_block(name, CONTROL, control.tuning_facts, partial(control.tuning_table, name))
+        for name in ("tune_feedback", "tune_on_bumps")
     },
     "steering": one_block("steering", CONTROL, control.steering_facts, control.steering_table),
-    "goals": one_block("goals", CONTROL, control.goals_facts, control.goals_table),
+    **{
+        name: Source(
+            f"goals/{name}.json",
+            control.goals_facts,
+            {name: Block(CONTROL, partial(control.goals_table, name))},
+            {f"{name}.png": f"{name}.png"},
+        )
+        for name in ("goals_slope", "goals_bumps")
+    },
+    "scene_field": one_block("scene_field", CONTROL, control.scene_field_facts, control.scene_field_table),
+    "transitions": one_block("transitions", CONTROL, control.transitions_facts, control.transitions_table),
     "obstacles": one_block("obstacles", CONTROL, control.obstacles_facts, control.obstacles_table),
     "predictive_speed": one_block(
         "predictive_speed", CONTROL, control.predictive_speed_facts, control.predictive_speed_table

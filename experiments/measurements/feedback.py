@@ -86,7 +86,10 @@ def main(settings: Settings) -> None:
     scene = own if settings.contact == "exact" else contact_twin(own)
     plant = plant_of(scene, gait.members, options=_options(scene))
     name = settings.out / f"feedback_{settings.contact}"
-    for case, values in tqdm(_cases(plant, settings, speed), unit="case"):
+    count = 5 + len(settings.friction) + len(settings.delays)
+    bar = tqdm(_cases(plant, settings, speed), total=count, unit="case")
+    for case, values in bar:
+        bar.set_postfix_str(case)
         rows += [{"case": case, "policy": policy, **told} for policy, told in values.items()]
         save_json(f"{name}.json", {**measured(), **_said(settings, speed), "rows": rows})
     plot.save(figure(rows), f"{name}.png")

@@ -1,13 +1,13 @@
-"""A goal 10 m away, across a slope of 5 degrees, on a robot that the controller does not know exactly.
+"""A goal 10 m away, across a slope of 5 degrees or on bumps, on a robot that the controller does not know exactly.
 
 The robot is the contact twin, with springs for struts and ground, and its friction is off by up to 30 %. The controller
-plans on the exact model with nominal friction, and sees the state of the nodes without error. Beside it: the gait as it
-is, and the gait with feedback, neither of which knows of the goal.
+plans on the exact model with nominal friction, knows the slope but not the bumps, and sees the state of the nodes
+without error. Beside it: the gait as it is, and the gait with feedback, neither of which knows of the goal.
 """
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from jaxgrity.cli.script import measured, run
 
@@ -28,6 +28,7 @@ from jaxgrity import (
     Steered,
     Task,
     as_dtype,
+    bumps,
     centre_offsets,
     contact_twin,
     drive,
@@ -51,22 +52,27 @@ PATIENCE, WITHIN = 60.0, 0.3
 MOTORS = Motors(rate=1.2)
 
 
+BUMPS, LENGTH = 0.02, 0.8
+"""m, standard deviation and length of bumps; every trial has its own"""
+
+
 @dataclass
 class Settings:
+    ground: Literal["slope", "bumps"] = "slope"
     trials: int = 20
     samples: int = 64
     """rollouts of the model for each choice"""
     seed: int = 0
     """of starts, friction and samples"""
     out: Path = Path("results/goals")
-    """folder for goals.json and its figure"""
+    """folder for goals_GROUND.json and its figure"""
     quick: bool = False
-    """one trial, on level ground of the exact model, of 2 s"""
+    """one trial of 2 s, on the exact model, without the slope"""
 
 
 def main(settings: Settings) -> None:
     model_scene = load_scene("exact")
-    if not settings.quick:
+    if settings.ground == "slope" and not settings.quick:
         model_scene = ground_of(Task("uphill", incline=SLOPE), model_scene, seed=0)
     gait = load_gait("lasting")
     model = _plant(model_scene)
@@ -78,18 +84,21 @@ def main(settings: Settings) -> None:
     draw = np.random.default_rng(settings.seed)
     paths: list[np.ndarray] = []
     rows: list[dict[str, Any]] = []
+    name = f"goals_{settings.ground}"
     for trial in tqdm(range(trials), unit="trial"):
         factor = 1 + draw.uniform(-UNKNOWN, UNKNOWN)
         q, v = drops(model_scene, 1, settings.seed + trial)
         start = q[0] + np.array([0, 0, np.tan(SLOPE) * np.abs(q[0][:, 0]).max() + 0.02]), v[0]
         robot = _with_friction(twin, factor)
+        if settings.ground == "bumps":
+            robot, start = _on_bumps(robot, settings.seed + trial), (start[0] + np.array([0, 0, 4 * BUMPS]), start[1])
         found = lead_to(robot, model, feedback, GOAL, start=start, seed=trial, sampling=sampling)
         paths.append(found.path[:, :2])
         row = {"friction": factor, "reached": found.reached, "seconds": found.seconds, "real_time": found.real_time}
         rows.append(row | {"closest": _closest(found)} | _blind(robot, feedback, start, sampling.patience))
-        told = {"goal": GOAL.tolist(), "slope": float(SLOPE), "patience": PATIENCE, "within": WITHIN}
-        save_json(settings.out / "goals.json", {**measured(), **told, "sampling": sampling._asdict(), "rows": rows})
-    plot.save(figure(paths), settings.out / "goals.png")
+        told = {"goal": GOAL.tolist(), "ground": settings.ground, "patience": PATIENCE, "within": WITHIN}
+        save_json(settings.out / f"{name}.json", {**measured(), **told, "sampling": sampling._asdict(), "rows": rows})
+    plot.save(figure(paths, settings.ground), settings.out / f"{name}.png")
     print(f"reached in {sum(row['reached'] for row in rows)} of {len(rows)} trials; wrote {settings.out}/")
 
 
@@ -102,6 +111,12 @@ def _with_friction(plant: Plant, factor: float) -> Plant:
     friction = jax.tree.map(lambda x: x, plant.scene.friction)
     friction = replace(friction, mu=friction.mu * factor)
     return replace(plant, scene=replace(plant.scene, friction=friction))
+
+
+def _on_bumps(plant: Plant, seed: int) -> Plant:
+    """The same robot on ground that no controller knows."""
+    ground = replace(plant.scene.ground, incline=0.0, surface=as_dtype(bumps(BUMPS, LENGTH, seed), "float32"))
+    return replace(plant, scene=replace(plant.scene, ground=ground))
 
 
 def _closest(journey: Journey) -> float:
@@ -121,7 +136,7 @@ def _blind(robot: Plant, feedback: Steered, start, duration: float) -> dict[str,
 
 
 @plot.styled
-def figure(paths: list[np.ndarray]) -> Figure:
+def figure(paths: list[np.ndarray], ground: str) -> Figure:
     """The paths of all trials, from above."""
     chart = Figure(figsize=(6, 3.8), layout="constrained")
     axes = chart.subplots()
@@ -129,7 +144,8 @@ def figure(paths: list[np.ndarray]) -> Figure:
         axes.plot(path[:, 1], path[:, 0], linewidth=0.9, alpha=0.8)
     axes.plot(*GOAL[::-1], "o", markersize=9, markerfacecolor="none", color="black")
     axes.annotate("goal", GOAL[::-1], textcoords="offset points", xytext=(8, 8))
-    axes.set(xlabel="y, across the slope (m)", ylabel="x, downhill (m)", aspect="equal")
+    across, downhill = ("y, across the slope (m)", "x, downhill (m)") if ground == "slope" else ("y (m)", "x (m)")
+    axes.set(xlabel=across, ylabel=downhill, aspect="equal")
     axes.invert_yaxis()
     return chart
 

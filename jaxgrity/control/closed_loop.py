@@ -88,6 +88,22 @@ def drive(plant: Plant, policy: Policy, loop: Loop, ticks: int, samples: int = 1
     return Drive(jnp.concatenate([first[None], path]), end, failure)
 
 
+def taken_over(model: Plant, loop: Loop, each: int) -> Loop:
+    """Where robots are, as the start of so many robots of a model for each of them, side by side.
+
+    The model knows motion, motors, time and memory; its method and its sensors begin anew. Of one robot `loop` has no
+    axis of robots.
+    """
+
+    def spread(x):
+        x = jnp.asarray(x, model.options.dtype)
+        return jnp.repeat(x[..., None] if loop.plant.motion[0].ndim == 2 else x, each, axis=-1)
+
+    state = plant_start(model, loop.plant.key, jax.tree.map(spread, loop.plant.motion))
+    state = state._replace(tick=loop.plant.tick, contraction=spread(loop.plant.contraction))
+    return Loop(state, jax.tree.map(spread, loop.memory))
+
+
 def simulate_policy(
     plant: Plant, policy: Policy, duration: float, *, start: State | None = None, seed: int = 0
 ) -> Trajectory:

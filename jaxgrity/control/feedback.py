@@ -17,13 +17,13 @@ SLOWEST, FASTEST = 0.0, 2.0
 
 
 GAINS = ((0.2, 0.29), (-0.15, 0.17))
-"""of the gait "lasting", from one run of the method in experiments/measurements/tune_feedback.py; runs that differ in
-their rounding end at other gains. What these are worth is measured in docs/control.md."""
+"""of the gait "lasting", rounded from one search; experiments/measurements/tune_feedback.py searches anew, and compares
+what it finds with these"""
 
 SURE_GAINS, SURE_SWINGS = ((0.23, 0.45), (-0.34, 0.24)), ((0.24, 0.02), (-0.19, -0.01))
 SURE_AMPLITUDE, SURE_FREQUENCY = 1.11, 1.14
-"""likewise of "lasting", and by what it is larger and faster: rounded, from one run of the method in
-experiments/measurements/tune_on_bumps.py that moved the bounds of the clock's speed too"""
+"""likewise of "lasting", and by what it is larger and faster: rounded from one search on bumps, and compared with what
+experiments/measurements/tune_on_bumps.py finds"""
 FASTEST_SWING = 3.0
 """1/s, beyond which du/dt does not count"""
 

@@ -9,6 +9,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.model.ground import Ground
+from jaxgrity.model.height_fields import HeightField
 from jaxgrity.model.structure import Structure
 from jaxgrity.model.surface import Box, Cylinder, Slope, Sphere, Union
 
@@ -30,7 +31,8 @@ class Discs(NamedTuple):
 def discs_of(ground: Ground) -> Discs:
     """The discs about the obstacles of a scene's ground, seen from above; about a box that through its corners.
 
-    Raises `InputError` where a part of its surface is neither a plane nor a box, a ball or a cylinder.
+    Planes and height fields are what robots roll on: bumps and hills are no obstacles. Raises `InputError` where a part
+    of the surface is neither that nor a box, a ball or a cylinder.
     """
     surface = ground.surface
     parts = surface.parts if isinstance(surface, Union) else () if surface is None else (surface,)
@@ -43,9 +45,10 @@ def discs_of(ground: Ground) -> Discs:
             found.append((*np.asarray(part.centre, float)[:2], np.hypot(*np.asarray(part.size, float)[:2]) / 2))
         elif isinstance(part, Sphere) and not part.hollow:
             found.append((*np.asarray(part.centre, float)[:2], float(part.radius)))
-        elif not isinstance(part, Slope):
+        elif not isinstance(part, Slope | HeightField):
             raise InputError(
-                f"ground: {type(part).__name__} is nothing to go round; expected planes, boxes, balls and cylinders"
+                f"ground: {type(part).__name__} is nothing to go round, nor to roll on; "
+                "expected planes, height fields, boxes, balls and cylinders"
             )
     table = np.array(found, float).reshape(-1, 3)
     return Discs(table[:, :2], table[:, 2])

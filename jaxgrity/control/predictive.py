@@ -14,8 +14,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxgrity.control.closed_loop import Loop, drive, loop_start
-from jaxgrity.control.plant import Plant, check_model, plant_start, side_by_side, whole_number
+from jaxgrity.control.closed_loop import Loop, drive, loop_start, taken_over
+from jaxgrity.control.plant import Plant, check_model, side_by_side, whole_number
 from jaxgrity.control.steering import Steered
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, State
@@ -143,12 +143,11 @@ def _tried(many: Plant, policy: Steered, loop: Loop, bends: AnyArray, shifts: An
     """
     rows = lambda x: jnp.repeat(jnp.asarray(x, many.options.dtype)[..., None], len(bends), axis=-1)  # noqa: E731
     candidates = replace(jax.tree.map(rows, policy), bend=bends)
-    (clock, until), *others = jax.tree.map(rows, loop.memory)
-    state = plant_start(many, loop.plant.key, jax.tree.map(rows, loop.plant.motion))
-    state = state._replace(tick=loop.plant.tick, contraction=rows(loop.plant.contraction))
+    ahead = taken_over(many, loop, len(bends))
+    (clock, until), *others = ahead.memory
+    ahead = ahead._replace(memory=((clock + shifts, until), *others))
     ticks = round(1 / sampling.per_second / many.period)
     looks = round(sampling.horizon * sampling.per_second)
-    ahead = Loop(state, ((clock + shifts, until), *others))
     there = drive(many, candidates, ahead, ticks, looks, each=True)
     return there.path, there.failure
 

@@ -15,15 +15,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxgrity.control.closed_loop import Loop, loop_start, roll_on
+from jaxgrity.control.closed_loop import Loop, drive, loop_start, roll_on, taken_over
 from jaxgrity.control.gait_choices import GaitChoices
 from jaxgrity.control.obstacles import WayMap, gap, room
-from jaxgrity.control.plant import Plant, check_model, plant_start, side_by_side, whole_number
+from jaxgrity.control.plant import Plant, check_model, side_by_side, whole_number
 from jaxgrity.control.predictive import REACHED
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import State
 from jaxgrity.rollout.uncertainty import Differences
-from jaxgrity.stepping.dynamics import centre_of_mass
 from jaxgrity.stepping.integrate import state_failure
 
 TOUCHING = 100.0
@@ -199,18 +198,9 @@ def _foreseen(many: Plant, gaits: GaitChoices, loop: Loop, tried, looks: int) ->
 def _tried(many: Plant, policy, gaits: GaitChoices, loop: Loop, clocks, looks: int):
     """(looks, 2, lanes), m, and (lanes,): where each lane gets to, and whether it fails."""
     each = clocks[0].shape[0] // loop.plant.motion[0].shape[-1]
-    spread = lambda x: jnp.repeat(jnp.asarray(x, many.options.dtype), each, axis=-1)  # noqa: E731
-    state = plant_start(many, loop.plant.key, jax.tree.map(spread, loop.plant.motion))
-    state = state._replace(tick=loop.plant.tick, contraction=spread(loop.plant.contraction))
-    ahead = _with_clock(gaits, Loop(state, jax.tree.map(spread, loop.memory)), *clocks)
-    centre = many.lift(centre_of_mass, ("s", -1))
-
-    def look(loop: Loop, _):
-        loop, _ = roll_on(many, policy, loop, round(1 / LOOKS / many.period), lambda state: None, each=True)
-        return loop, centre(many.scene, loop.plant.motion[0])[:2]
-
-    end, path = jax.lax.scan(look, ahead, length=looks)
-    return path, _failed(many, end) != 0
+    ahead = _with_clock(gaits, taken_over(many, loop, each), *clocks)
+    there = drive(many, policy, ahead, round(1 / LOOKS / many.period), looks, each=True)
+    return there.path[1:, :2], there.failure != 0
 
 
 @eqx.filter_jit

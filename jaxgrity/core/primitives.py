@@ -15,7 +15,7 @@ import numpy as np
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 
-from jaxgrity.core.types import AnyRows, Edges, MemberVectors, Mobility, NodeVectors, PerMember, Rows, Scalar
+from jaxgrity.core.types import AnyArray, AnyRows, Edges, MemberVectors, Mobility, NodeVectors, PerMember, Rows, Scalar
 
 
 def _primitive(name: str, implementation: Callable) -> Primitive:
@@ -114,10 +114,13 @@ _inner_p = _primitive("inner", lambda a, b: jnp.sum(a * b, axis=0))
 _weigh_p = _primitive("weigh", lambda a, s: a * s)
 _respond_p = _primitive("respond", lambda a, f, *, of: jnp.sum(a * jnp.expand_dims(f, of), axis=1 - of))
 _outer_p = _primitive("outer", lambda a, b: a[:, None] * b[None])
+_ones_p = _primitive("ones", jnp.ones_like)
+_lie_p = _primitive("population_last", lambda x: x)
 
 _linear_pair(_difference_p, _accumulate_p)
 _linear_pair(_component_p, _extend_p)
 _linear_pair(_take_p, _place_p)
+_linear_pair(_lie_p, _lie_p)
 ad.defbilinear(_dot_p, lambda ct, a, b: _scale_p.bind(b, ct), lambda ct, a, b: _scale_p.bind(a, ct))
 ad.defbilinear(_scale_p, lambda ct, a, s: _scale_p.bind(ct, s), lambda ct, a, s: _dot_p.bind(ct, a))
 ad.defbilinear(_inner_p, lambda ct, a, b: _weigh_p.bind(b, ct), lambda ct, a, b: _weigh_p.bind(a, ct))
@@ -173,6 +176,16 @@ def scale(a: MemberVectors, s: PerMember) -> MemberVectors:
 def inner(a: PerMember, b: PerMember) -> Scalar:
     """sum_k a_k b_k, the sum over members or nodes that makes an energy of its parts."""
     return _inner_p.bind(a, b)
+
+
+def ones(x: PerMember) -> PerMember:
+    """1 for each entry of `x`, and for each robot where x differs between them: what meets x later keeps its layout."""
+    return _ones_p.bind(jax.lax.stop_gradient(x))
+
+
+def population_last(x: AnyArray) -> AnyArray:
+    """The same numbers, after an operation whose batching rule moves the population to the front."""
+    return _lie_p.bind(x)
 
 
 def respond(a: Mobility, f: NodeVectors) -> NodeVectors:

@@ -7,7 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.ndimage import spline_filter
 
+from jaxgrity.core.elementwise import clipped, sine
 from jaxgrity.core.errors import InputError
+from jaxgrity.core.primitives import population_last
 from jaxgrity.core.types import AnyArray, as_float
 from jaxgrity.model.surface import Surface
 
@@ -54,7 +56,7 @@ class Waves(HeightField):
         found = 0 * x
         for a, length, d, p in zip(self.amplitude, self.length, self.direction, self.phase):
             rate = 2 * np.pi / length
-            found = found + a * jnp.sin(rate * jnp.cos(d) * x + rate * jnp.sin(d) * y + p)
+            found = found + a * sine(rate * jnp.cos(d) * x + rate * jnp.sin(d) * y + p)
         return found
 
 
@@ -112,7 +114,7 @@ class HeightMap(HeightField):
         found = 0 * x
         for i, a in enumerate(along_x):
             for j, b in enumerate(along_y):
-                found = found + a * b * table[(first + i) * columns + second + j]
+                found = found + a * b * population_last(table[(first + i) * columns + second + j])
         return found
 
 
@@ -149,7 +151,7 @@ def height_map(heights, size: tuple[float, float], centre: tuple[float, float] =
 
 def _cell(u: AnyArray, count: int) -> tuple[AnyArray, tuple[AnyArray, ...]]:
     """Of `count` points on a line, 1 apart: the first of four splines about `u`, and the four's weights."""
-    u = jnp.clip(u, 0, count - 1)
+    u = clipped(u, 0.0, count - 1.0)
     cell = jnp.clip(jnp.floor(u), 0, count - 2)
     s = u - cell
     weights = (

@@ -10,8 +10,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxgrity.core.elementwise import larger, magnitude, smaller
 from jaxgrity.core.errors import InputError
-from jaxgrity.core.primitives import along, component, inner, over
+from jaxgrity.core.primitives import along, component, inner, ones, over, positive_part
 from jaxgrity.core.types import AnyArray, NodeVectors, PerNode, Scalar, as_float
 
 AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -64,7 +65,7 @@ class Surface(eqx.Module):
         slopes = _gradient(self.level, *coordinates(q))
         size = _length(*slopes)
         x, y, z = (over(slope, size) for slope in slopes)
-        sign = jnp.where(z < 0, -1.0, 1.0).astype(z.dtype)
+        sign = 1 - 2 * (z < 0).astype(z.dtype)
         a = -1 / (sign + z)
         b = x * y * a
         first = rows_of_xyz(1 + sign * x * x * a, sign * b, -sign * x)
@@ -130,7 +131,7 @@ class Box(Surface):
 
     def level(self, x, y, z):
         ways = (*self._turned(x, y), z - self.centre[2])
-        return _beyond_faces([abs(way) - side / 2 for way, side in zip(ways, self.size)], self.rounding)
+        return _beyond_faces([magnitude(way) - side / 2 for way, side in zip(ways, self.size)], self.rounding)
 
     def height(self, x, y):
         inside = [abs(a) <= s / 2 for a, s in zip(self._turned(x, y), self.size)]
@@ -168,7 +169,7 @@ class Cylinder(Surface):
         a = [x - middle[0], y - middle[1], z - middle[2]]
         ahead = sum(n * d for n, d in zip(unit, a))
         out = _length(*(d - n * ahead for n, d in zip(unit, a)))
-        return _beyond_faces([out - self.radius, abs(ahead) - size / 2], self.rounding)
+        return _beyond_faces([out - self.radius, magnitude(ahead) - size / 2], self.rounding)
 
     def height(self, x, y):
         return _from_above(self, x, y, jnp.maximum(self.start[2], self.end[2]) + self.radius)
@@ -201,7 +202,7 @@ class Stairs(Surface):
         f = z
         for k in range(self.steps):
             faces = [self.start + k * self.run - ahead, z - (k + 1) * self.rise]
-            f = jnp.minimum(f, _beyond_faces(faces, self.rounding))
+            f = smaller(f, _beyond_faces(faces, self.rounding))
         return f
 
     def height(self, x, y):
@@ -223,7 +224,7 @@ class Union(Surface):
     def level(self, x, y, z):
         first, *others = (part._distance(x, y, z) for part in self.parts)
         for f in others:
-            first = jnp.minimum(first, f)
+            first = smaller(first, f)
         return first
 
     def height(self, x, y):
@@ -252,7 +253,7 @@ def as_double(part):
 
 def _gradient(f: Callable, *x: PerNode) -> tuple[PerNode, ...]:
     """df/dx of an elementwise function of several arrays, each by itself."""
-    return jax.grad(lambda *x: inner(f(*x), jnp.ones_like(x[0])), tuple(range(len(x))))(*x)
+    return jax.grad(lambda *x: inner(f(*x), ones(x[0])), tuple(range(len(x))))(*x)
 
 
 def _length(*parts: PerNode) -> PerNode:
@@ -268,8 +269,9 @@ def _beyond_faces(outside: list[PerNode], rounding: Scalar) -> PerNode:
     beyond = [way + rounding for way in outside]
     deepest = beyond[0]
     for way in beyond[1:]:
-        deepest = jnp.maximum(deepest, way)
-    return _length(*(jnp.maximum(way, 0) for way in beyond)) + jnp.minimum(deepest, 0) - rounding
+        deepest = larger(deepest, way)
+    inside = deepest - positive_part(deepest)
+    return _length(*(positive_part(way) for way in beyond)) + inside - rounding
 
 
 def _from_above(surface: Surface, x: AnyArray, y: AnyArray, top: Scalar) -> AnyArray:

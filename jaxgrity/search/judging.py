@@ -96,6 +96,19 @@ def judge(key, models: tuple[Model, ...], gaits: Gait, duration: float, fitness:
 
 def _judged(key, model: Model, gaits: Gait, duration: float, fitness: Fitness) -> np.ndarray:
     """(population, robots), what each robot's rollout is worth."""
+    rows, parts = len(gaits.phase) * fitness.rollouts, fitness.objective.parts
+    gaits, outcomes = ensembles_rolled_out(key, model, gaits, duration, fitness, parts, fitness.needs_metrics)
+    worth = _worth(fitness, model.scene, gaits, outcomes, np.asarray(duration, float))
+    return np.asarray(worth)[:rows].reshape(-1, fitness.rollouts)
+
+
+def ensembles_rolled_out(
+    key, model: Model, gaits: Gait, duration: float, fitness: Fitness, parts: int, with_metrics: bool
+) -> tuple[Gait, Outcomes]:
+    """The rollouts of every gait's robots, those of the first gait first, and the gait of each.
+
+    There are `shared_size` of them: the last one is repeated.
+    """
     (scene, options), count = model, fitness.rollouts
     dtype, rows = options.dtype, len(gaits.phase) * count
     gaits, differences = jax.tree.map(lambda x: np.asarray(x, dtype), gaits), None
@@ -103,9 +116,8 @@ def _judged(key, model: Model, gaits: Gait, duration: float, fitness: Fitness) -
         gaits, differences = _ensemble(key, scene, gaits, fitness.uncertainty, count)
     filled = np.minimum(np.arange(shared_size(rows)), rows - 1)
     gaits, differences = jax.tree.map(lambda x: np.asarray(x)[filled] if np.ndim(x) else x, (gaits, differences))
-    end, parts = np.asarray(duration, float), fitness.objective.parts
-    outcomes = roll_out(scene, gaits, end, options, differences, with_metrics=fitness.needs_metrics, parts=parts)
-    return np.asarray(_worth(fitness, scene, gaits, outcomes, end))[:rows].reshape(-1, count)
+    end = np.asarray(duration, float)
+    return gaits, roll_out(scene, gaits, end, options, differences, with_metrics=with_metrics, parts=parts)
 
 
 _ensemble = eqx.filter_jit(ensemble)

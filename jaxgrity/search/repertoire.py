@@ -16,11 +16,10 @@ from jaxtyping import Float
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, PerGait
 from jaxgrity.model.actuation import actuated_lengths, peak_rates
-from jaxgrity.rollout.population import Outcomes, roll_out
-from jaxgrity.rollout.uncertainty import ensemble
+from jaxgrity.rollout.population import Outcomes
 from jaxgrity.search.genetic_algorithm import SearchProblem
 from jaxgrity.search.genome import Genes
-from jaxgrity.search.judging import shared_size
+from jaxgrity.search.judging import ensembles_rolled_out
 from jaxgrity.search.models import Model, model_of
 from jaxgrity.search.objectives import PARTS, path_bend
 from jaxgrity.stepping.options import Options
@@ -162,18 +161,12 @@ def _varied(
 
 def _tried(key, problem: SearchProblem, model: Model, genes: Genes) -> _Tried:
     """What each gait does on its ensemble; NaN where a robot fails, or a rate is beyond its bound."""
-    scene, options, fitness = model.scene, model.options, problem.fitness
-    gaits = problem.genome.gaits(problem.scene.gait, np.asarray(genes, options.dtype))
-    gaits, differences, count = jax.tree.map(lambda x: np.asarray(x, options.dtype), gaits), None, fitness.rollouts
+    scene, fitness = model.scene, problem.fitness
+    gaits = problem.genome.gaits(problem.scene.gait, np.asarray(genes, model.options.dtype))
     rate = np.asarray(peak_rates(gaits, actuated_lengths(scene.structure, gaits.members)).max(-1))
-    if not fitness.uncertainty.none:
-        gaits, differences = ensemble(key, scene, gaits, fitness.uncertainty, count)
-    rows = len(genes) * count
-    filled = np.minimum(np.arange(shared_size(rows)), rows - 1)
-    gaits, differences = jax.tree.map(lambda x: np.asarray(x)[filled] if np.ndim(x) else x, (gaits, differences))
-    end = np.asarray(problem.duration, float)
-    outcomes = roll_out(scene, gaits, end, options, differences, parts=PARTS)
-    speed, bend = (np.asarray(x)[:rows].reshape(-1, count) for x in _path(scene, outcomes, end))
+    _, outcomes = ensembles_rolled_out(key, model, gaits, problem.duration, fitness, PARTS, False)
+    found = _path(scene, outcomes, np.asarray(problem.duration, float))
+    speed, bend = (np.asarray(x)[: len(genes) * fitness.rollouts].reshape(len(genes), -1) for x in found)
     allowed = rate <= (np.inf if fitness.bounds.rate is None else fitness.bounds.rate)
     kept = np.where(allowed & np.isfinite(speed).all(1) & np.isfinite(bend).all(1), 1.0, np.nan)
     return _Tried(genes, kept * speed.mean(1), kept * bend.mean(1), -kept * (speed.std(1) + bend.std(1)))

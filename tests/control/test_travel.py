@@ -80,13 +80,15 @@ def test_the_gap_is_that_of_members_not_of_nodes(scene):
 
 
 def test_obstacles_of_a_scene_are_discs(scene):
-    """An upright post and a box; hills are refused."""
+    """An upright post and a box, on a plane or on bumps; stairs are refused."""
     posts = Union((Slope(), Cylinder([2, 1, 0], [2, 1, 1], 0.3), jaxgrity.Box([4, 0, 0.5], [0.6, 0.8, 1.0])))
     found = jaxgrity.discs_of(replace(scene.ground, surface=posts))
     np.testing.assert_allclose(found.centres, [[2, 1], [4, 0]])
     np.testing.assert_allclose(found.radii, [0.3, 0.5])
-    with pytest.raises(InputError, match="Waves is nothing to go round"):
-        jaxgrity.discs_of(replace(scene.ground, surface=jaxgrity.bumps(0.02, 0.8, 0)))
+    bumpy = Union((jaxgrity.bumps(0.02, 0.8, 0), *posts.parts[1:]))
+    np.testing.assert_array_equal(jaxgrity.discs_of(replace(scene.ground, surface=bumpy)).centres, found.centres)
+    with pytest.raises(InputError, match="Stairs is nothing to go round, nor to roll on"):
+        jaxgrity.discs_of(replace(scene.ground, surface=jaxgrity.Stairs(0.1, 0.3)))
 
 
 def test_gaits_to_choose_from_have_all_images_of_gaits_but_for_shifts_of_time(scene):

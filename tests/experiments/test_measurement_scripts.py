@@ -14,7 +14,6 @@ import control_tables
 import gait_tables
 import identification_tables
 import numerics_tables
-import numpy as np
 import orbit_tables
 import pytest
 import search_tables
@@ -308,12 +307,19 @@ def test_robots_are_driven_by_feedback_to_goals_and_in_environments(tmp_path):
     facts = quick("measurements/steering.py", tmp_path / "steering")
     assert (tmp_path / "steering" / "replay.html").exists()
     assert "| 0.1 | " in control_tables.steering_table(control_tables.steering_facts(facts))
-    facts = quick("measurements/goals.py", tmp_path / "goals")
-    assert " of 1 |" in control_tables.goals_table(control_tables.goals_facts(facts))
+    facts = quick("measurements/transitions.py", tmp_path / "transitions")
+    assert "| left | " in control_tables.transitions_table(control_tables.transitions_facts(facts))
+    for ground in ("slope", "bumps"):
+        name = f"goals_{ground}"
+        facts = quick("measurements/goals.py", tmp_path / name, "--ground", ground)
+        assert " of 1 |" in control_tables.goals_table(name, control_tables.goals_facts(facts))
     facts = quick("measurements/environments.py", tmp_path / "environments")
     assert facts["rows"][0]["repeated"]
     assert "| heading | 800 | " in control_tables.environments_table(control_tables.environments_facts(facts))
-    assert np.shape(quick("measurements/tune_feedback.py", tmp_path / "tune")["gains"]) == (2, 2)
+    facts = quick("measurements/tune_feedback.py", tmp_path / "tune")
+    assert "| found by this run |" in control_tables.tuning_table("tune_feedback", control_tables.tuning_facts(facts))
+    judged = {row["name"]: row for row in facts["judged"]}
+    assert judged["found by this run"]["numbers"][4:] == judged["default"]["numbers"][4:] == [0.0] * 4 + [1.0] * 2
 
 
 @pytest.mark.slow
@@ -339,10 +345,16 @@ def test_robots_are_led_round_obstacles_and_feedback_is_tuned_on_bumps(tmp_path)
     told = control_tables.obstacles_table(control_tables.obstacles_facts(facts))
     assert "| round obstacles, by the plan | 0 of 2 | 0 | 2 |" in told
     assert (tmp_path / "obstacles" / "replay.html").exists()
+    facts = quick("measurements/scene_field.py", tmp_path / "scene_field")
+    assert "| goal reached, nothing touched | 0 of 2 |" in control_tables.scene_field_table(
+        control_tables.scene_field_facts(facts)
+    )
     facts = quick("measurements/predictive_speed.py", tmp_path / "predictive_speed")
     assert "| 8 | " in control_tables.predictive_speed_table(control_tables.predictive_speed_facts(facts))
     facts = quick("measurements/tune_on_bumps.py", tmp_path / "tune_on_bumps")
-    assert np.shape(facts["swings"]) == (2, 2)
+    assert "| `sure_footed` |" in control_tables.tuning_table("tune_on_bumps", control_tables.tuning_facts(facts))
+    found = next(row for row in facts["judged"] if row["name"] == "found by this run")
+    assert found["numbers"] != facts["judged"][0]["numbers"]
 
 
 @pytest.mark.slow

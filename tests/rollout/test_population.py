@@ -114,6 +114,26 @@ def test_the_population_stays_last_in_memory(members):
     assert "transpose" not in names
 
 
+@pytest.mark.parametrize(
+    "surface",
+    [
+        'surface = { kind = "bumps", deviation = 0.02, length = 0.8, seed = 0 }',
+        'surface = { kind = "stairs", rise = 0.1, run = 0.3, steps = 2, start = 0.5 }',
+        'obstacles = [{ kind = "box", centre = [2, 0, 0.2], size = [0.4, 0.4, 0.4] }]',
+        'obstacles = [{ kind = "cylinder", start = [2, 0, 0], end = [2, 0, 1], radius = 0.3 }]',
+    ],
+)
+def test_the_population_stays_last_in_memory_on_uneven_ground(surface):
+    """Normals and distances are gradients of the surface, and forces gradients of those: none has a transpose."""
+    text = scene_text("reference").replace("incline = 0.0", surface)
+    scene = as_dtype(parse_scene(text), "float64")
+    assert scene.ground.surface is not None
+    mapped, axes = in_lanes(scene, _in_rows(scene.gait, jnp.ones((6, 8))))
+    nodes = mapped.structure.nodes
+    field = over_lanes(vector_field, (None, -1, axes))
+    assert "transpose" not in _primitives(jax.make_jaxpr(field)(1.5, (nodes, nodes), mapped).jaxpr)
+
+
 def test_float32_is_float32_throughout(reference):
     """With x64 switched on, a float32 rollout promotes nothing to float64."""
     scene = as_dtype(reference, "float32")

@@ -1,0 +1,189 @@
+"""Whether robots go on rolling when their gait is exchanged for another, at once or little by little, and back again.
+
+Robots that were dropped anyhow roll with the gait `lasting` and feedback. Then the commands of another gait take the
+place of its own: one that is slower, smaller, faster, or that turns. Both gaits' clocks run on side by side, and for a
+while each member gets a mean of what both ask for. Beside it: robots that use the other gait from the drop on.
+"""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from jaxgrity.cli.script import measured, run
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from basin import ENOUGH, drops
+from matplotlib.figure import Figure
+
+from jaxgrity import (
+    Loop,
+    PhaseLocked,
+    Plant,
+    Policy,
+    SolverOptions,
+    drive,
+    gait_choices,
+    load_gait,
+    load_scene,
+    loop_start,
+    plant_of,
+    plot,
+    side_by_side,
+)
+from jaxgrity.core.types import Scalar
+from jaxgrity.io.files import save_json
+
+SETTLING, STRETCH, LAST = 20.0, 40.0, 10.0
+"""s, before the exchange, from its beginning on, and of that the last ones, in which speed is measured"""
+PART = 0.5
+"""s, in which the shares of both gaits stay"""
+FACTORS = {"0.7 times as often": (1.0, 0.7), "0.85 times as large": (0.85, 1.0), "1.2 times as often": (1.0, 1.2)}
+"""of the amplitude and the frequency of `lasting`"""
+TURNING = ("left", "right")
+
+
+@dataclass
+class Settings:
+    robots: int = 64
+    """for each gait and each way to exchange it"""
+    over: tuple[float, ...] = (0.0, 2.0, 5.0)
+    """s, in which the gaits are exchanged; 0: at once"""
+    seed: int = 0
+    """of the drops"""
+    out: Path = Path("results/transitions")
+    """folder for transitions.json and its figure"""
+    quick: bool = False
+    """2 robots, exchanged at once"""
+
+
+class Blend(Policy):
+    """A mean of what two policies ask for."""
+
+    one: Policy
+    other: Policy
+    share: Scalar
+    """of the other one"""
+
+    @property
+    def members(self):
+        return self.one.members
+
+    def first(self):
+        return self.one.first(), self.other.first()
+
+    def __call__(self, observation, t, memory):
+        asked, kept = zip(*(policy(observation, t, m) for policy, m in zip((self.one, self.other), memory)))
+        return (1 - self.share) * asked[0] + self.share * asked[1], kept
+
+
+def main(settings: Settings) -> None:
+    if settings.quick:
+        settings.robots, settings.over = 2, (0.0,)
+    scene, names = load_scene("exact"), (*FACTORS, *TURNING)
+    cases = [(name, over) for name in names for over in settings.over]
+    count = len(cases) * settings.robots
+    plant = plant_of(scene, load_gait("lasting").members, options=SolverOptions(dt=0.01, dtype="float32"))
+    many = side_by_side(plant, count)
+    policy = both(scene, [name for name, _ in cases for _ in range(settings.robots)])
+    q, v = (np.tile(x, (len(cases), 1, 1)) for x in drops(scene, settings.robots, settings.seed))
+    start = np.moveaxis(q, 0, -1), np.moveaxis(v, 0, -1)
+    loop = loop_start(many, policy, jax.random.key(0), start, each=True)
+    over = np.repeat([over for _, over in cases], settings.robots)
+    shares = exchanged(over)
+    speeds = {}
+    _, speeds["anew"] = stretch(many, policy, loop, np.ones_like(shares))
+    loop, speeds["before"] = stretch(many, policy, loop, np.zeros((round(SETTLING / PART), count)))
+    loop, speeds["after"] = stretch(many, policy, loop, shares)
+    _, speeds["back"] = stretch(many, policy, loop, 1 - shares)
+    rows = told(cases, {name: own.reshape(len(cases), -1) for name, own in speeds.items()})
+    save_json(settings.out / "transitions.json", {**measured(), "robots": settings.robots, "rows": rows})
+    plot.save(figure(rows), settings.out / "transitions.png")
+    for row in rows:
+        print(f"{row['gait']}, over {row['over']:g} s: {row['went_on']:.0%} go on, {row['came_back']:.0%} come back")
+
+
+def both(scene, names: list[str]) -> Blend:
+    """Each robot's own pair of gaits."""
+    gait = load_gait("lasting")
+    gaits = {"lasting": PhaseLocked(gait)}
+    for name, (larger, faster) in FACTORS.items():
+        gaits[name] = PhaseLocked(replace(gait, amplitude=larger * gait.amplitude, frequency=faster * gait.frequency))
+    for name in TURNING:
+        gaits[name] = PhaseLocked(load_gait(name), np.zeros((2, 2)))
+    choices = gait_choices(scene.structure, gaits)
+    one, other = (
+        choices.chosen(np.array([choices.names.index(name) for name in own]), np.zeros(len(names))).policy
+        for own in (["lasting"] * len(names), names)
+    )
+    return Blend(one, other, jnp.zeros(len(names), jnp.float32))
+
+
+def exchanged(over: np.ndarray) -> np.ndarray:
+    """(parts, robots): the other gait's share in each part of a stretch."""
+    middle = PART * (np.arange(round(STRETCH / PART)) + 0.5)[:, None]
+    return np.clip(middle / np.maximum(over, 1e-9), 0, 1)
+
+
+def stretch(many: Plant, policy: Blend, loop: Loop, shares: np.ndarray) -> tuple[Loop, np.ndarray]:
+    """Roll on with these shares, (parts, robots); (robots,), m/s, in the last seconds, 0 where a rollout failed."""
+    ticks, path = round(PART / many.period), []
+    for share in shares:
+        there = drive(many, replace(policy, share=jnp.asarray(share, jnp.float32)), loop, ticks, each=True)
+        loop = there.end
+        path.append(np.asarray(there.path)[-1, :2])
+    moved = np.diff(np.array(path)[-round(LAST / PART) - 1 :], axis=0)
+    # in parts of 2.5 s, so that a path that bends counts
+    whole = moved.reshape(-1, 5, *moved.shape[1:]).sum(1)
+    speed = np.linalg.norm(whole, axis=1).sum(0) / LAST
+    return loop, np.where(np.asarray(there.failure) == 0, speed, 0.0)
+
+
+def told(cases: list[tuple[str, float]], speeds: dict[str, np.ndarray]) -> list[dict[str, Any]]:
+    """Of (cases, robots): among those that rolled before, how many went on with the other gait, and then came back.
+
+    A robot goes on if it is nearly as fast as those in the middle that have used the gait from the drop on.
+    """
+    rows, own = [], float(np.median(speeds["before"]))
+    for k, (name, over) in enumerate(cases):
+        rolled = speeds["before"][k] >= ENOUGH * own
+        expected = float(np.median(speeds["anew"][k]))
+        went_on = speeds["after"][k] >= ENOUGH * expected
+        rows.append(
+            {
+                "gait": name,
+                "over": over,
+                "rolled": int(rolled.sum()),
+                "before": own,
+                "speed": float(np.median(speeds["after"][k])),
+                "expected": expected,
+                "anew": float(np.mean(speeds["anew"][k] >= ENOUGH * expected)),
+                "went_on": float(went_on[rolled].mean()) if rolled.any() else 0.0,
+                "came_back": float((speeds["back"][k] >= ENOUGH * own)[rolled].mean()) if rolled.any() else 0.0,
+            }
+        )
+    return rows
+
+
+@plot.styled
+def figure(rows: list[dict[str, Any]]) -> Figure:
+    """The share of robots that go on after each exchange, and after that back."""
+    names, over = list(dict.fromkeys(row["gait"] for row in rows)), sorted({row["over"] for row in rows})
+    chart = Figure(figsize=(7, 3.2), layout="constrained")
+    panes = chart.subplots(1, 2, sharey=True)
+    for axes, what, title in zip(panes, ("went_on", "came_back"), ("to the other gait", "and back")):
+        for k, seconds in enumerate(over):
+            own = [100 * row[what] for row in rows if row["over"] == seconds]
+            places = np.arange(len(names)) + 0.27 * (k - (len(over) - 1) / 2)
+            axes.barh(places, own, height=0.25, label="at once" if seconds == 0 else f"over {seconds:g} s")
+        axes.set_yticks(range(len(names)), names)
+        axes.set(title=title, xlabel="robots that go on (%)", xlim=(0, 103))
+        axes.grid(axis="y", visible=False)
+    panes[0].invert_yaxis()
+    chart.legend(*panes[0].get_legend_handles_labels(), loc="outside upper center", ncols=len(over))
+    return chart
+
+
+if __name__ == "__main__":
+    run(main, Settings)

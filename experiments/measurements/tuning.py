@@ -1,0 +1,170 @@
+"""What the scripts that tune feedback share: the cross-entropy method, drops, and a last judgement.
+
+Each generation draws controllers from normal distributions, drops the same robots under each of them, and moves the
+distributions towards the best (Rubinstein 1999, doi:10.1023/A:1010091220143). A controller is ten numbers: the gains
+and the gains of swings of `PhaseLocked`, and the factors of the gait's amplitude and frequency.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from basin import ENOUGH, PART, drops
+from matplotlib.figure import Figure
+from tqdm import tqdm
+
+from jaxgrity import (
+    Differences,
+    PhaseLocked,
+    Plant,
+    SolverOptions,
+    Task,
+    as_dtype,
+    drive,
+    gait_record,
+    ground_of,
+    load_gait,
+    load_scene,
+    loop_start,
+    plant_of,
+    plot,
+    side_by_side,
+)
+
+GAIT = "lasting"
+BUMPS, FAR = 0.02, 30.0
+"""m, standard deviation of the height; m, how far from the middle of the ground robots are dropped on bumps"""
+LOW, HIGH = np.array([-3.0] * 8 + [0.5] * 2), np.array([3.0] * 8 + [1.4, 1.8])
+BEST, MOVED, LEAST_SPREAD = 5, 0.4, 0.01
+"""candidates towards which the distributions move, how far, and what is added to their spread"""
+OPEN_LOOP = np.array([0.0] * 8 + [1.0] * 2)
+JUDGED_BUMPS, JUDGED_DROPS = 0, 10**6
+"""seeds of ground and drops of the last judgement, on which nothing is tuned"""
+
+
+class Search(NamedTuple):
+    """Where a search starts, and how wide; numbers with a spread of 0 stay."""
+
+    start: np.ndarray
+    spread: np.ndarray
+    worth: Callable[[np.ndarray], np.ndarray]
+    """(candidates,), of the speeds (candidates, robots), m/s, over the last 5 s of 15 s"""
+
+
+@dataclass
+class Size:
+    generations: int
+    candidates: int
+    robots: int
+    """dropped under each candidate"""
+    judged: int
+    """robots of the last judgement, under each controller"""
+    seed: int
+    """of candidates and drops"""
+
+
+def tuned(plant: Plant, search: Search, size: Size) -> tuple[np.ndarray, list[dict[str, Any]]]:
+    """The mean after all generations, and of each generation what its start, its mean and its best are worth."""
+    draw, mean, spread = np.random.default_rng(size.seed), search.start, search.spread
+    rows: list[dict[str, Any]] = []
+    for number in tqdm(range(size.generations), unit="generation"):
+        tried = np.clip(mean + spread * draw.standard_normal((size.candidates, len(mean))), LOW, HIGH)
+        tried[0], tried[1] = search.start, mean
+        worth = search.worth(dropped(plant, tried, size.robots, 1000 * (size.seed + 1) + number))
+        best = np.argsort(-worth)[:BEST]
+        rows.append({"start": worth[0], "mean": worth[1], "best": worth[best[0]], "numbers": mean})
+        mean = (1 - MOVED) * mean + MOVED * tried[best].mean(0)
+        spread = (1 - MOVED) * spread + MOVED * tried[best].std(0) + LEAST_SPREAD * (search.spread > 0)
+    return mean, rows
+
+
+def dropped(plant: Plant, tried: np.ndarray, each: int, seed: int) -> np.ndarray:
+    """(candidates, robots), m/s, over the last part of 15 s; 0 where a rollout failed.
+
+    Robots are dropped anyhow, on uneven ground each at a place of its own.
+    """
+    count, uneven = each * len(tried), plant.scene.ground.surface is not None
+    places = np.random.default_rng(seed).uniform(-FAR, FAR, (each, 3)) * [1, 1, 0]
+    many = side_by_side(plant, count, Differences(terrain=np.tile(places, (len(tried), 1))) if uneven else None)
+    q, v = drops(load_scene("exact"), each, seed)
+    q = q + np.array([0, 0, 4 * BUMPS if uneven else 0])
+    start = tuple(np.moveaxis(np.tile(x, (len(tried), 1, 1)), 0, -1) for x in (q, v))
+    policy = feedback(np.moveaxis(np.repeat(tried, each, axis=0), 0, -1))
+    loop = loop_start(many, policy, jax.random.key(0), start, each=True)
+    there = drive(many, policy, loop, round(PART / many.period), 3, each=True)
+    moved = np.asarray(there.path)[-2:, :2]
+    speeds = np.where(np.asarray(there.failure) == 0, np.linalg.norm(moved[1] - moved[0], axis=0) / PART, 0)
+    return speeds.reshape(len(tried), each)
+
+
+def feedback(rows: np.ndarray) -> PhaseLocked:
+    """Of ten numbers, (10, robots)."""
+    count = rows.shape[1]
+    policy = jax.tree.map(lambda x: jnp.repeat(jnp.asarray(x)[..., None], count, axis=-1), PhaseLocked(load_gait(GAIT)))
+    gait = replace(policy.gait, amplitude=policy.gait.amplitude * rows[8], frequency=policy.gait.frequency * rows[9])
+    gains, swings = (rows[k : k + 4].reshape(2, 2, count) for k in (0, 4))
+    return as_dtype(replace(policy, gait=gait, gains=gains, swings=swings), "float32")
+
+
+def numbers_of(policy: PhaseLocked) -> np.ndarray:
+    """(10,), the inverse of `feedback`."""
+    gait = load_gait(GAIT)
+    factors = [float(np.mean(getattr(policy.gait, name) / getattr(gait, name))) for name in ("amplitude", "frequency")]
+    return np.array([*np.ravel(policy.gains), *np.ravel(policy.swings), *factors])
+
+
+def level() -> Plant:
+    return _plant(load_scene("exact"))
+
+
+def rough(seed: int) -> Plant:
+    """On bumps; another seed is another ground."""
+    return _plant(ground_of(Task("heading", bumps=BUMPS), load_scene("exact"), seed=seed))
+
+
+def _plant(scene) -> Plant:
+    return plant_of(scene, load_gait(GAIT).members, options=SolverOptions(dt=0.01, dtype="float32"))
+
+
+def orbit_speed() -> float:
+    """m/s, of the gait without feedback."""
+    return float(gait_record(GAIT)["steady"]["speed"])
+
+
+def judgement(controllers: dict[str, np.ndarray], size: Size) -> list[dict[str, Any]]:
+    """Of controllers by name: the share of robots that roll and the mean speed, on ground and from drops of its own."""
+    tried = np.array(list(controllers.values()))
+    rows = [{"name": name, "numbers": numbers} for name, numbers in controllers.items()]
+    for where, plant in (("level", level()), ("bumps", rough(JUDGED_BUMPS))):
+        speeds = dropped(plant, tried, size.judged, JUDGED_DROPS)
+        for row, own in zip(rows, speeds):
+            row[where] = {"rolling": float(np.mean(own >= ENOUGH * orbit_speed())), "speed": float(own.mean())}
+    return rows
+
+
+def leave(out: Path, name: str, facts: dict[str, Any]) -> None:
+    """The figure of a search, and what it found in words."""
+    plot.save(figure(facts["rows"]), out / f"{name}.png")
+    for row in facts["judged"]:
+        told = ", ".join(f"{where}: {row[where]['rolling']:.0%}, {row[where]['speed']:.2f} m/s" for where in WHERE)
+        print(f"{row['name']}: {np.round(row['numbers'], 2).tolist()}; {told}")
+    print(f"wrote {out}/")
+
+
+WHERE = ("level", "bumps")
+
+
+@plot.styled
+def figure(rows: list[dict[str, Any]]) -> Figure:
+    """What the best, the mean and the start are worth, generation by generation."""
+    chart = Figure(figsize=(5, 3.2), layout="constrained")
+    axes = chart.subplots()
+    for name, label in (("best", "best candidate"), ("mean", "mean of the distribution"), ("start", "where it began")):
+        axes.plot([row[name] for row in rows], label=label)
+    axes.set(xlabel="generation", ylabel="worth (m/s)", ylim=(0, None))
+    axes.legend()
+    return chart
