@@ -117,12 +117,13 @@ class Complementarity(diffrax.AbstractSolver):
     def _step_together(self, terms, t0, t1, y0, args, solver_state):
         (q, v), h = y0, t1 - t0
         kick = (solver_state.step_size + h) / 2
-        solve = self.lift(coupled_impulses, ("s", None, None, -1, -1, -1, -1))
+        solve = self.lift(coupled_impulses, ("s", None, -1, -1, -1, -1))
         _, a = terms.vf(t0, y0, args)
-        found = solve(args, h, t1, q, v, v + kick * a, solver_state.impulses)
+        start = v + kick * a
+        found = solve(args, (h, t1), y0, start, start, solver_state.impulses)
         if args.dissipates:
             _, a = terms.vf(t0, (q, (v + found.velocity) / 2), args)
-            found = solve(args, h, t1, q, v, v + kick * a, found.impulses)
+            found = solve(args, (h, t1), y0, v + kick * a, found.velocity, found.impulses)
         met = (found.stretch <= LARGEST_LENGTH_ERROR) & (found.error <= LARGEST_SPEED_ERROR)
         if self.tolerance is not None:
             met = met & (found.off <= self.tolerance)

@@ -21,7 +21,7 @@ import jax.flatten_util
 import jax.numpy as jnp
 
 from jaxgrity.core.primitives import edge_vectors, inverse, length
-from jaxgrity.core.types import AnyArray, NodeVectors, PerMember, PerNode, Scalar
+from jaxgrity.core.types import AnyArray, NodeVectors, PerMember, PerNode, Scalar, State
 from jaxgrity.model.scene import Scene
 from jaxgrity.stepping.constraints import GroundImpulses
 from jaxgrity.stepping.contact_problem import ContactProblem, as_impulses, solve_contacts
@@ -88,13 +88,23 @@ class StepImpulses(NamedTuple):
 
 
 def coupled_impulses(
-    scene: Scene, h: Scalar, t1: Scalar, q: NodeVectors, v: NodeVectors, start: NodeVectors, last: GroundImpulses
+    scene: Scene,
+    times: tuple[Scalar, Scalar],
+    state: State,
+    start: NodeVectors,
+    near: NodeVectors,
+    last: GroundImpulses,
 ) -> StepImpulses:
-    """Solve the step of size h (s) that ends at t1, from `q` (m), `v` (m/s) and `start`, the velocities by forces."""
+    """Solve the step of `times` (its size h and its end, s) from `state` (q, m, and v, m/s).
+
+    `start` are the velocities that forces alone lead to, `near` some that are near those asked for; `last` are the
+    ground's impulses of the last step.
+    """
+    (h, t1), (q, v) = times, state
     mass = scene.structure.lumped_mass
     problem = problem_of(scene, h, t1, q, v, start)
     guess = jnp.stack([last.normal, *last.tangential], axis=1) * mass[:, None]
-    found = solve_step(problem, guess)
+    found = solve_step(problem, guess, near)
     p = found.ground * inverse(mass)[:, None]
     off: Scalar = jnp.zeros_like(found.error)
     if problem.apart is not None:
@@ -120,15 +130,17 @@ class _Found(NamedTuple):
     """the smallest cosine of the angles by which struts turn within the step"""
 
 
-def solve_step(problem: Coupled, guess: NodeVectors) -> Impulses:
+def solve_step(problem: Coupled, guess: NodeVectors, near: NodeVectors) -> Impulses:
     """Impulses and velocities that meet all constraints of a step; `guess` is p of the last one, N s.
+
+    Struts are linearised first about the velocities `near`, m/s.
 
     Where none are found, those that come nearest, with what they miss.
     """
     fixed = jax.tree.map(jax.lax.stop_gradient, problem)
     # On a CPU robots are solved one after the other: side by side all of them iterate until the last one is done.
     search = jax.custom_batching.sequential_vmap(_search) if jax.default_backend() == "cpu" else _search
-    found, J, root_mass = search(fixed, jax.lax.stop_gradient(guess))
+    found, J, root_mass = search(fixed, *jax.lax.stop_gradient((guess, near)))
     rest = found.struts - along_struts(J, found.pulls)
     projected = jnp.any(rows_of_struts(fixed) != J)
 
@@ -150,7 +162,7 @@ def solve_step(problem: Coupled, guess: NodeVectors) -> Impulses:
     return Impulses(w, f, p, found.error, found.stretch)
 
 
-def _search(problem: Coupled, guess: NodeVectors) -> tuple[_Found, AnyArray, PerNode]:
+def _search(problem: Coupled, guess: NodeVectors, near: NodeVectors) -> tuple[_Found, AnyArray, PerNode]:
     """What solves the problem, the directions J of the last round, and the roots of the masses that scale contacts."""
     dtype, nodes = problem.start.dtype, len(problem.start)
     free = response(problem, rows_of_struts(problem))[2]
@@ -163,7 +175,7 @@ def _search(problem: Coupled, guess: NodeVectors) -> tuple[_Found, AnyArray, Per
     if problem.contact is not None:
         # so that P(z) are the impulses of the last step: at rest they are those of this one
         trial = trial.at[:, 0].add(-problem.contact.closing * root_mass)
-    start = _Found(nothing, first.J[:, 0] * 0, trial, problem.start, infinite, infinite, jnp.ones((), dtype))
+    start = _Found(nothing, first.J[:, 0] * 0, trial, near, infinite, infinite, jnp.ones((), dtype))
     if problem.apart is None:
         return _round(problem, root_mass, first, start), first.J, root_mass
     fine, close = (jnp.finfo(dtype).eps ** power for power in (0.75, 0.5))
