@@ -78,7 +78,7 @@ def test_site_is_built_without_a_warning(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("page", ["getting_started", "howto", "cables", "control"])
+@pytest.mark.parametrize("page", ["getting_started", "howto", "cables", "control", "identification"])
 def test_examples_of_the_pages_run(page):
     """The blocks of a page one after the other, as one program."""
     names = {"__name__": "example"}

@@ -95,8 +95,10 @@ def main(settings: Settings) -> None:
     if min(*settings.powers, settings.strut_force, settings.cable_force) <= 0:
         raise InputError("powers, strut_force or cable_force: not positive; expected positive limits")
     began, scene, rows = time.perf_counter(), with_gait(load_scene("exact"), load_gait("lasting")), []
+    # the second search goes on from all that the first one tried: its designs are among those of the second
+    archive = tried(scene, np.zeros((1, 4)), settings)
     for kind, free in (("gait alone", GAIT_ALONE), ("robot and gait", np.ones(4))):
-        random, archive = np.random.default_rng(settings.seed), tried(scene, np.zeros((1, 4)), settings)
+        random = np.random.default_rng(settings.seed)
         for power in tqdm(sorted(settings.powers), desc=kind, unit="limit"):
             archive = searched(scene, archive, free, settings, power, random)
             rows.append({"kind": kind, "power": power} | first_verified(scene, archive, settings, power))
@@ -153,7 +155,7 @@ def searched(
 ) -> Archive:
     """An evolution strategy: draws around the mean of the best so far, as wide as these differ; all are kept."""
     spread = FIRST_STEP * (HIGHEST - LOWEST)
-    for _ in range(settings.generations):
+    for _ in tqdm(range(settings.generations), unit="generation", leave=False):
         elite = archive.x[np.argsort(-archive.worth(settings, power))[: max(2, round(ELITE * settings.designs))]]
         wide = np.maximum(1.2 * elite.std(0), 0.1 * spread) if len(elite) > settings.designs / 8 else spread
         x = elite.mean(0) + wide * random.normal(size=(settings.designs, 4))

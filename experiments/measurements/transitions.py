@@ -32,7 +32,6 @@ from jaxgrity import (
     plot,
     side_by_side,
 )
-from jaxgrity.core.types import Scalar
 from jaxgrity.io.files import save_json
 
 SETTLING, STRETCH, LAST = 20.0, 40.0, 10.0
@@ -63,7 +62,7 @@ class Blend(Policy):
 
     one: Policy
     other: Policy
-    share: Scalar
+    share: jax.Array
     """of the other one"""
 
     @property
