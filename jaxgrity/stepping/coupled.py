@@ -174,7 +174,7 @@ def _search(problem: Coupled, guess: NodeVectors, near: NodeVectors) -> tuple[_F
     trial = guess / root_mass[:, None]
     if problem.contact is not None:
         # so that P(z) are the impulses of the last step: at rest they are those of this one
-        trial = trial.at[:, 0].add(-problem.contact.closing * root_mass)
+        trial = trial - (problem.contact.closing * root_mass)[:, None] * jnp.eye(3, dtype=dtype)[0]
     start = _Found(nothing, first.J[:, 0] * 0, trial, near, infinite, infinite, jnp.ones((), dtype))
     if problem.apart is None:
         return _round(problem, root_mass, first, start), first.J, root_mass
