@@ -2,7 +2,7 @@
 
 Robots are dropped as in basin.py: a third of them actuated by the gait as it is, a third with its clock locked to their
 rolling, and a third with feedback that was tuned on bumps, on other ground and from other drops than those here. After
-15 s all are pushed by 1 N s, each in a direction of its own.
+15 s each is pushed by 1 N s, in a direction and at a time of its own within 5 s, and has 15 s more.
 """
 
 from dataclasses import dataclass, replace
@@ -51,6 +51,8 @@ SETTLING = 15.0
 """s, until robots are pushed"""
 IMPULSE = 1.0
 """N s"""
+PUSHES, TIMES = 5.0, 20
+"""s, for how long from then on, and at how many different times, robots are pushed; each once"""
 BUMPS, LENGTH = 0.02, 0.8
 """m, standard deviation and length of bumps"""
 SLOPE = 5.0
@@ -179,14 +181,22 @@ def dropped(plant: Plant, settings: Settings, friction: np.ndarray | None = None
 
 
 def pushed(plant: Plant, settings: Settings, loop: Loop) -> Drive:
-    """Each robot with the impulse in a direction of its own, the same in all thirds, from wherever it is."""
+    """Each robot with the impulse in a direction and at a time of its own, the same in all thirds, from where it is."""
     count, every = settings.robots, len(POLICIES) * settings.robots
-    many = side_by_side(plant, every, Differences(friction=np.ones(every)))
-    angle = np.tile(np.random.default_rng(settings.seed).uniform(0, 2 * np.pi, count), len(POLICIES))
+    many, policy = side_by_side(plant, every, Differences(friction=np.ones(every))), _policy(count)
+    draw = np.random.default_rng(settings.seed)
+    angle = np.tile(draw.uniform(0, 2 * np.pi, count), len(POLICIES))
+    when = np.tile(draw.integers(0, TIMES, count), len(POLICIES))
     kick = IMPULSE / float(plant.scene.structure.mass) * np.stack([np.cos(angle), np.sin(angle), 0 * angle])
-    q, v = loop.plant.motion
-    state = loop.plant._replace(motion=(q, v + jnp.asarray(kick, v.dtype)))
-    return _driven(many, _policy(count), loop._replace(plant=state))
+
+    def stretch(loop: Loop, k):
+        (q, v), now = loop.plant.motion, jnp.asarray(kick) * (when == k)
+        state = loop.plant._replace(motion=(q, v + now.astype(v.dtype)))
+        rolled = drive(many, policy, loop._replace(plant=state), round(PUSHES / TIMES / plant.period), each=True)
+        return rolled.end, None
+
+    loop, _ = jax.lax.scan(stretch, loop, jnp.arange(TIMES))
+    return _driven(many, policy, loop)
 
 
 def _driven(many: Plant, policy: PhaseLocked, loop: Loop) -> Drive:
