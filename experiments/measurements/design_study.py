@@ -95,10 +95,8 @@ def main(settings: Settings) -> None:
     if min(*settings.powers, settings.strut_force, settings.cable_force) <= 0:
         raise InputError("powers, strut_force or cable_force: not positive; expected positive limits")
     began, scene, rows = time.perf_counter(), with_gait(load_scene("exact"), load_gait("lasting")), []
-    # the second search goes on from all that the first one tried: its designs are among those of the second
-    archive = tried(scene, np.zeros((1, 4)), settings)
     for kind, free in (("gait alone", GAIT_ALONE), ("robot and gait", np.ones(4))):
-        random = np.random.default_rng(settings.seed)
+        random, archive = np.random.default_rng(settings.seed), tried(scene, np.zeros((1, 4)), settings)
         for power in tqdm(sorted(settings.powers), desc=kind, unit="limit"):
             archive = searched(scene, archive, free, settings, power, random)
             rows.append({"kind": kind, "power": power} | first_verified(scene, archive, settings, power))
