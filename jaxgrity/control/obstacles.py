@@ -147,10 +147,10 @@ def way_map(
         The distances. They are infinite where no way leads to the goal.
 
     Raises:
-        InputError: a goal outside the arena, or numbers that are not positive.
+        InputError: a goal outside the arena or too near to a disc, or numbers that are not positive.
     """
     low, high = np.array(arena[:2], float), np.array(arena[2:], float)
-    if not np.all((low < goal) & (goal < high)):
+    if np.shape(goal) != (2,) or not np.all((low < goal) & (goal < high)):
         raise InputError(f"goal = {np.asarray(goal).tolist()}: expected one inside the arena {arena}")
     if min(reach, comfort, spacing) <= 0:
         raise InputError(f"reach, comfort, spacing = {reach}, {comfort}, {spacing} m: expected positive numbers")
@@ -168,6 +168,11 @@ def way_map(
     (a, b), cost = np.concatenate(ends, axis=1), np.concatenate(costs)
     graph = coo_matrix((cost, (a, b)), shape=(weight.size, weight.size)).tocsr()
     nearest = np.rint((np.asarray(goal) - low) / spacing).astype(int)
+    if not np.isfinite(weight[tuple(nearest)]):
+        near = float(free[tuple(nearest)]) + reach
+        raise InputError(
+            f"goal = {np.asarray(goal).tolist()}: {near:.2g} m from a disc; expected more than reach, {reach:g} m"
+        )
     distance = dijkstra(graph, directed=False, indices=int(number[tuple(nearest)]))
     return WayMap(discs, np.asarray(goal, float), low, spacing, distance.reshape(shape))
 

@@ -107,6 +107,13 @@ def test_gaits_to_choose_from_have_all_images_of_gaits_but_for_shifts_of_time(sc
     [
         (lambda scene: jaxgrity.way_map(NOTHING, np.array([20.0, 0.0]), ARENA), "goal = [20.0, 0.0]"),
         (lambda scene: jaxgrity.way_map(NOTHING, np.zeros(2), ARENA, spacing=0.0), "expected positive numbers"),
+        (lambda scene: jaxgrity.way_map(NOTHING, np.zeros(3), ARENA), "goal = [0.0, 0.0, 0.0]"),
+        (
+            lambda scene: jaxgrity.way_map(
+                jaxgrity.Discs(np.array([[4.0, 0.5]]), np.array([0.5])), np.array([4.0, 1.2]), ARENA
+            ),
+            "goal = [4.0, 1.2]: 0.2 m from a disc; expected more than reach, 0.6 m",
+        ),
         (lambda scene: jaxgrity.gait_choices(scene.structure, {}), "gaits: there are none"),
         (
             lambda scene: jaxgrity.sure_footed(replace(jaxgrity.load_gait("lasting"), amplitude=np.full(6, 0.95))),
