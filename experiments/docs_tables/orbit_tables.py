@@ -158,5 +158,7 @@ def design_study_table(facts: Facts) -> str:
     minutes = f"{facts['designs']} designs, {facts['minutes']:.0f} minutes"
     took = f"{minutes}, {facts['processor_minutes']:.0f} of them of one core's time"
     limits = f"{facts['limits'][0]:g} N for struts, {facts['limits'][1]:g} N for cables"
-    about = table(["the study", "measured"], [["both searches, of as many designs each", took], ["limits besides power", limits]])
+    about = table(
+        ["the study", "measured"], [["both searches, of as many designs each", took], ["limits besides power", limits]]
+    )
     return table(head, rows) + "\n\n" + about + made_by(facts, "design_study")

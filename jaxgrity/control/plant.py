@@ -176,8 +176,12 @@ def observe(plant: Plant, state: PlantState) -> tuple[Observation, PlantState]:
 def actuate(plant: Plant, state: PlantState, wanted: AnyArray) -> PlantState:
     """One control period later: motors move towards the contractions that are `wanted`, at a constant rate.
 
-    Everything in it is differentiable in reverse mode, and computed again there step by step.
+    Everything in it is differentiable in reverse mode, and computed again there step by step. Raises `InputError` for
+    another number of contractions than there are actuated members.
     """
+    if jnp.shape(wanted) != jnp.shape(state.contraction):
+        shapes = f"{jnp.shape(wanted)}: expected {jnp.shape(state.contraction)}"
+        raise InputError(f"commands have the shape {shapes}, one for each actuated member")
     lengths = plant.lift(lambda scene: actuated_lengths(scene.structure, plant.members), ("s",))(plant.scene)
     reached = contraction_reached(plant.motors, state.contraction, wanted, plant.period, lengths, state.tension)
     scene = _commanded(plant, state, reached)

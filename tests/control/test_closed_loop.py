@@ -167,6 +167,18 @@ def test_what_sensors_say_without_error(plant, rolled):
     np.testing.assert_array_equal(read.contact, q[:, 2] < scene.ground.touched_below)
 
 
+class Short(jaxgrity.Policy):
+    """Commands for four members, whatever there are."""
+
+    members: tuple[int, ...]
+
+    def first(self):
+        return None
+
+    def __call__(self, observation, t, memory):
+        return jnp.zeros(4), memory
+
+
 @pytest.mark.parametrize(
     ("make", "message"),
     [
@@ -177,6 +189,12 @@ def test_what_sensors_say_without_error(plant, rolled):
         (
             lambda scene: jaxgrity.simulate_policy(jaxgrity.plant_of(scene, (0,)), OpenLoop(scene.gait), 0.1),
             r"policy.members = \(0, 1, 2, 3, 4, 5\): expected \(0,\)",
+        ),
+        (
+            lambda scene: jaxgrity.simulate_policy(
+                jaxgrity.plant_of(scene, tuple(range(6))), Short(tuple(range(6))), 0.1
+            ),
+            r"commands have the shape \(4,\): expected \(6,\)",
         ),
         (lambda scene: centre_offsets(scene.structure, (0, 6)), "expected struts alone"),
         (lambda scene: jaxgrity.plant_of(scene, (99,)), "gait.members names member 99"),
