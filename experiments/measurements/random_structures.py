@@ -6,11 +6,14 @@ supports: they get the same structures with each rod's mass at its ends and with
 """
 
 import dataclasses
-from dataclasses import dataclass
+import json
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass, field
+from multiprocessing import get_context
 from pathlib import Path
 from typing import NamedTuple
 
-from jaxgrity.cli.script import measured, run
+from jaxgrity.cli.script import configure, cores, measured, run
 
 import jax
 import jax.numpy as jnp
@@ -24,6 +27,7 @@ from jaxgrity import (
     Differences,
     ExactGround,
     Gait,
+    InputError,
     Members,
     Scene,
     SolverOptions,
@@ -55,6 +59,10 @@ class Settings:
     """s, of each rollout"""
     seed: int = 0
     """the same seed gives the same structures"""
+    workers: int = field(default_factory=cores)
+    """processes, each of which rolls out one structure after the other"""
+    resume: bool = False
+    """keep the structures that an earlier run with the same settings has finished"""
     out: Path = Path("results/random_structures")
     """folder for random_structures.json"""
     quick: bool = False
@@ -213,15 +221,25 @@ def judged(scene: Scene, gaits: Gait, differences: Differences, duration: float,
     return Verdict(at, *np.asarray(worst))
 
 
-def facts_of(verdicts: list[Verdict]) -> dict:
+def structure_row(seed: int, count: int, duration: float) -> dict:
+    """What became of all variants of one structure, by both solvers."""
+    scene = random_scene(seed)
+    gaits, differences = variants(scene, count, seed)
+    row = {"seed": seed, "struts": len(scene.structure.struts.edges), "nodes": len(scene.structure.nodes)}
+    for name, case in (("together", scene), ("sweeps", for_sweeps(scene))):
+        row[name] = judged(case, gaits, differences, duration, name == "together")._asdict()
+    return row
+
+
+def facts_of(verdicts: list[dict]) -> dict:
     """Numbers over all rollouts."""
-    joined = Verdict(*(np.concatenate(parts) for parts in zip(*verdicts)))
+    joined = Verdict(*(np.concatenate([np.array(v[name], float) for v in verdicts]) for name in Verdict._fields))
     flagged = np.isfinite(joined.flagged_at)
     return {
         "rollouts": len(flagged),
         "flagged": int(flagged.sum()),
         "flagged_share": float(flagged.mean()),
-        "structures_with_a_flag": int(sum(np.isfinite(v.flagged_at).any() for v in verdicts)),
+        "structures_with_a_flag": int(sum(np.isfinite(np.array(v["flagged_at"], float)).any() for v in verdicts)),
         "largest_residual": float(joined.residual.max()),
         "median_residual": float(np.median(joined.residual)),
         "largest_stretch": float(joined.stretch.max()),
@@ -231,26 +249,38 @@ def facts_of(verdicts: list[Verdict]) -> dict:
     }
 
 
+def facts_by_solver(rows: list[dict]) -> dict[str, dict]:
+    return {name: facts_of([row[name] for row in rows]) for name in ("together", "sweeps")}
+
+
+def kept(path: Path, about: dict) -> list[dict]:
+    """The structures that a run with the same settings has finished."""
+    if not path.exists():
+        return []
+    earlier = json.loads(path.read_text())
+    if any(earlier.get(key) != value for key, value in about.items()):
+        raise InputError(f"{path}: made with other settings; expected {about} to resume")
+    return earlier["structures"]
+
+
 def main(settings: Settings) -> None:
     if settings.quick:
         settings = dataclasses.replace(settings, structures=3, variants=2, duration=0.25)
-    found: dict[str, list[Verdict]] = {"together": [], "sweeps": []}
-    rows = []
-    for k in tqdm(range(settings.structures)):
-        seed = 1000 * settings.seed + k
-        scene = random_scene(seed)
-        gaits, differences = variants(scene, settings.variants, seed)
-        for name, case in (("together", scene), ("sweeps", for_sweeps(scene))):
-            found[name].append(judged(case, gaits, differences, settings.duration, name == "together"))
-        row = {"seed": seed, "struts": len(scene.structure.struts.edges), "nodes": len(scene.structure.nodes)}
-        rows.append(row | {name: int(np.isfinite(v[-1].flagged_at).sum()) for name, v in found.items()})
-        facts = {name: facts_of(verdicts) for name, verdicts in found.items()}
-        done = measured() | {"duration": settings.duration, "step": STEP, "variants": settings.variants}
-        save_json(settings.out / "random_structures.json", done | facts | {"structures": rows})
-    for name, facts in {name: facts_of(verdicts) for name, verdicts in found.items()}.items():
-        print(
-            f"{name}: {facts['flagged']} of {facts['rollouts']} flagged, residual {facts['largest_residual']:.1e} m/s"
-        )
+    about = {"duration": settings.duration, "step": STEP, "variants": settings.variants, "seed": settings.seed}
+    path = settings.out / "random_structures.json"
+    rows = kept(path, about) if settings.resume else []
+    seeds = [1000 * settings.seed + k for k in range(settings.structures)]
+    missing = sorted(set(seeds) - {row["seed"] for row in rows})
+    # a process keeps every program that it has compiled: a new one for each structure
+    pool = ProcessPoolExecutor(settings.workers, get_context("spawn"), configure, max_tasks_per_child=1)
+    with pool, tqdm(total=len(seeds), initial=len(rows), unit="structure") as bar:
+        running = [pool.submit(structure_row, seed, settings.variants, settings.duration) for seed in missing]
+        for done in as_completed(running):
+            rows = sorted([*rows, done.result()], key=lambda row: row["seed"])
+            save_json(path, measured() | about | facts_by_solver(rows) | {"structures": rows})
+            bar.update()
+    for name, fact in facts_by_solver(rows).items():
+        print(f"{name}: {fact['flagged']} of {fact['rollouts']} flagged, residual {fact['largest_residual']:.1e} m/s")
 
 
 if __name__ == "__main__":

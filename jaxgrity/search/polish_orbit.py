@@ -77,7 +77,7 @@ def climb_on_orbit(
     spent += slope.cost
     while not slope.remark and spent + fitness.rollouts <= rollouts and length >= SHORTEST * config.learning_rate:
         update, after = optimiser.update(slope.gradient, memory)
-        tried = _within_rate(problem, genes, genes + length * np.asarray(update))
+        tried = np.asarray(problem.genome.within(_within_rate(problem, genes, genes + length * np.asarray(update))))
         value = float(judged(tried).fitness[0])
         spent += fitness.rollouts
         steps.append(ClimbStep(slope.watched, float(np.linalg.norm(slope.gradient)), 1.0, max(best, value)))
@@ -91,7 +91,7 @@ def climb_on_orbit(
             spent += slope.cost
         else:
             length, memory = length / 2, optimiser.init(genes)
-    return Climb(np.asarray(problem.genome.within(genes)), tuple(steps), int(spent), slope.remark)
+    return Climb(genes, tuple(steps), int(spent), slope.remark)
 
 
 def orbit_slope(problem: SearchProblem, genes: OneGait, options: ResolvedOptions) -> OrbitSlope:
