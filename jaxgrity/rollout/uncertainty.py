@@ -20,6 +20,7 @@ DIFFERING: dict[str, tuple[str, ...]] = {
     "cable_stiffness": ("structure.cables.stiffness",),
     "cable_damping": ("structure.cables.damping",),
     "cable_rest_length": ("structure.cables.rest_length",),
+    "strut_rest_length": ("structure.struts.rest_length",),
     "node_mass": ("structure.node_mass",),
 }
 """the parts of a scene, those that it has, that each of the `Differences` is a factor of"""
@@ -42,6 +43,8 @@ class Differences(eqx.Module):
     """0 for a broken cable, as its damping"""
     cable_damping: Float[AnyArray, "*population cables"] | None = None
     cable_rest_length: Float[AnyArray, "*population cables"] | None = None
+    strut_rest_length: Float[AnyArray, "*population struts"] | None = None
+    """with rigid struts, `positions` have to fit"""
     node_mass: Float[AnyArray, "*population nodes"] | None = None
     up: Float[AnyArray, "*population 3"] | None = None
     """unit vector against gravity, where the ground leans more than the scene says"""

@@ -6,13 +6,20 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxgrity.core.errors import InputError
-from jaxgrity.core.types import State, Times
+from jaxgrity.core.types import Scalar, State, Times
 from jaxgrity.model.scene import Scene
 from jaxgrity.stepping.integrate import discretise, prepared
 from jaxgrity.stepping.options import ResolvedOptions
 
 
-def final_state(scene: Scene, duration: float, options: ResolvedOptions, start: State | None = None) -> State:
+def final_state(
+    scene: Scene,
+    duration: Scalar,
+    options: ResolvedOptions,
+    start: State | None = None,
+    *,
+    steps: int | None = None,
+) -> State:
     """The state (q, v) after a rollout of fixed steps, differentiable in both modes.
 
     Every array of the scene, of its gait, and the start may carry derivatives. The page identification says which
@@ -23,6 +30,7 @@ def final_state(scene: Scene, duration: float, options: ResolvedOptions, start: 
         duration: s; the last step ends there, and all are as long, no longer than the options say.
         options: by `resolve`, with a step; not those of `as_inputs`, since reverse mode has to count steps.
         start: positions, m, and velocities, m/s, (nodes, 3) each; the structure as posed, at rest, where not given.
+        steps: how many, or a few more; by the options where not given. Where it is, the duration may carry derivatives.
 
     Returns:
         Positions and velocities at the end, (nodes, 3) each.
@@ -43,15 +51,16 @@ def final_state(scene: Scene, duration: float, options: ResolvedOptions, start: 
         raise InputError(f"method = {options.method.name!r} adapts its step; expected a fixed one (dt)")
     q = jnp.asarray(scene.structure.nodes, options.dtype)
     begin = (q, jnp.zeros_like(q)) if start is None else jax.tree.map(lambda x: jnp.asarray(x, options.dtype), start)
-    return stepped(prepared(scene), begin, duration, options, discretise(options))
+    return stepped(prepared(scene), begin, duration, options, discretise(options), steps)
 
 
 def stepped(
     scene: Scene,
     start: State,
-    duration: float,
+    duration: Scalar,
     options: ResolvedOptions,
     problem: tuple[diffrax.AbstractTerm, diffrax.AbstractSolver],
+    steps: int | None = None,
 ) -> State:
     """The state after `duration`, by the method of `problem`, stepped inside two nested scans.
 
@@ -60,7 +69,9 @@ def stepped(
     more of them, as much smaller.
     """
     terms, solver = problem
-    stretches, steps = _divide(max(1, int(np.ceil(duration / options.dt - 1e-6))))  # type: ignore[operator]
+    if steps is None:
+        steps = max(1, int(np.ceil(float(duration) / float(options.dt) - 1e-6)))  # type: ignore[arg-type]
+    stretches, steps = _divide(steps)
     h = duration / (stretches * steps)
 
     def step(carry, k):

@@ -71,6 +71,7 @@ def closed_orbit(scene: Scene, orbit: Orbit, options: ResolvedOptions) -> Closed
     if scene.structure.fixed:
         raise InputError("closed_orbit: the structure has supports, and moves nowhere; expected one without")
     assert scene.gait is not None, "an orbit has a gait"
+    # at full amplitude throughout, whatever the frequency
     running = replace(scene.gait, start=np.array(-10.0 * orbit.period), ramp=np.array(orbit.period))
     running_scene = with_gait(scene, running)
     chosen = in_step(running_scene, orbit.period, options)
@@ -78,22 +79,28 @@ def closed_orbit(scene: Scene, orbit: Orbit, options: ResolvedOptions) -> Closed
 
 
 def _closed(scene: Scene, orbit: Orbit, options: ResolvedOptions) -> ClosedOrbit:
+    assert scene.gait is not None, "an orbit has a gait"
+    assert options.dt is not None, "`in_step` gives a step"
     q0, v0 = (jnp.asarray(x) for x in orbit.state)
-    cycle, size = orbit.periods * orbit.period, q0.size
+    size, steps = q0.size, round(orbit.cycle / float(options.dt))
+    # the number of steps is that of the orbit; how long they are follows the frequency, with its derivatives
+    cycle = orbit.periods / jnp.ravel(scene.gait.frequency)[0]
     share = jax.lax.stop_gradient(scene.structure.lumped_mass / scene.structure.mass)
     away = q0 - share @ q0
 
     def miss(y):
         q, v = y[:size].reshape(q0.shape), y[size : 2 * size].reshape(q0.shape)
         shift, angle = y[-3:-1], y[-1]
-        end = final_state(scene, cycle, options, (q, v))
+        end = final_state(scene, cycle, options, (q, v), steps=steps)
         centre = share @ q
         turned = (q - centre) @ _turn(angle).T + centre + jnp.append(shift, 0.0)
         moved = (share @ q - share @ q0)[:2]
         heading = share @ (away[:, 0] * (q - centre)[:, 1] - away[:, 1] * (q - centre)[:, 0])
         return jnp.concatenate([(end[0] - turned).ravel(), (end[1] - v @ _turn(angle).T).ravel(), moved, heading[None]])
 
-    found = jax.lax.custom_root(miss, _guess(scene, (q0, v0), cycle, options, share), _newton, _tangent)
+    found = jax.lax.custom_root(
+        miss, _guess(*jax.lax.stop_gradient((scene, (q0, v0), cycle)), options, steps, share), _newton, _tangent
+    )
     residual = jnp.max(jnp.abs(miss(jax.lax.stop_gradient(found))))
     there = jnp.where(residual <= CLOSED, 1.0, jnp.nan)
     return ClosedOrbit(
@@ -111,10 +118,12 @@ def _turn(angle: Scalar) -> AnyArray:
     return jnp.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
-def _guess(scene: Scene, state: tuple, cycle: float, options: ResolvedOptions, share: AnyArray) -> AnyArray:
+def _guess(
+    scene: Scene, state: tuple, cycle: Scalar, options: ResolvedOptions, steps: int, share: AnyArray
+) -> AnyArray:
     """The state, and the shift and the angle of one cycle from it."""
     q, _ = state
-    end, _ = final_state(jax.lax.stop_gradient(scene), cycle, options, state)
+    end, _ = final_state(scene, cycle, options, state, steps=steps)
     shift = (share @ end - share @ q)[:2]
     a, b = (q - share @ q)[:, :2], (end - share @ end)[:, :2]
     angle = jnp.arctan2(share @ (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]), share @ jnp.sum(a * b, axis=1))

@@ -9,13 +9,19 @@ import pytest
 from jaxgrity import (
     InputError,
     closed_orbit,
+    find_orbit,
     load_scene,
 )
 
 
 def speeds(scene, orbit, options, x):
-    """Speed with friction, a mass and the amplitude so many times as large."""
-    places = (lambda s: s.friction.mu, lambda s: s.structure.node_mass, lambda s: s.gait.amplitude)
+    """Speed with friction, all masses, amplitude and frequency so many times as large."""
+    places = (
+        lambda s: s.friction.mu,
+        lambda s: s.structure.node_mass,
+        lambda s: s.gait.amplitude,
+        lambda s: s.gait.frequency,
+    )
     for where, factor in zip(places, x):
         scene = eqx.tree_at(where, scene, where(scene) * factor)
     return closed_orbit(scene, orbit, options).speed
@@ -36,13 +42,23 @@ def test_the_closed_orbit_is_the_one_that_a_long_rollout_settles_on(crawler):
 def test_derivatives_of_speed_agree_with_differences(crawler):
     """Forward and reverse mode and central differences of orbits closed anew, to 1e-6 of the largest."""
     f = jax.jit(lambda x: speeds(*crawler, x))
-    at, h = jnp.ones(3), 1e-4
+    at, h = jnp.ones(4), 1e-4
     forward, reverse = jax.jit(jax.jacfwd(f))(at), jax.jit(jax.grad(f))(at)
-    differences = [(f(at.at[k].add(h)) - f(at.at[k].add(-h))) / (2 * h) for k in range(3)]
+    differences = [(f(at.at[k].add(h)) - f(at.at[k].add(-h))) / (2 * h) for k in range(4)]
     size = np.abs(forward).max()
     assert size > 1e-3
     np.testing.assert_allclose(reverse, forward, atol=1e-9 * size)
     np.testing.assert_allclose(differences, forward, atol=1e-6 * size)
+
+
+@pytest.mark.slow
+def test_a_higher_frequency_has_an_orbit_of_its_own(crawler):
+    """Found from the orbit of the lower one, it is the one on which the robot settles at that frequency."""
+    scene, orbit, options = crawler
+    quicker = eqx.tree_at(lambda s: s.gait.frequency, scene, scene.gait.frequency * 1.02)
+    closed = closed_orbit(quicker, orbit, options)
+    assert abs(closed.speed - orbit.speed) > 1e-4 * orbit.speed
+    np.testing.assert_allclose(closed.speed, find_orbit(quicker, 60.0, options=options).speed, rtol=1e-4)
 
 
 def test_scenes_without_such_derivatives_are_refused(crawler):
