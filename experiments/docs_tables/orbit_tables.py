@@ -147,14 +147,14 @@ def design_study_table(facts: Facts) -> str:
     for row in facts["rows"]:
         about = [row["kind"], f"{row['power']:g} W"]
         if row["speed"] is None or row["speed"] < ROLLS:
-            rows.append([*about, "none rolls", *[""] * 7])
+            rows.append([*about, "none rolls", *[""] * 9])
             continue
-        factors = [f"{row['factors'][name]:.2f}" for name in row["factors"]]
+        factors = [f"{factor:.2f}" for factor in row["factors"].values()]
         forces = f"{row['strut_force']:.0f} N, {row['cable_force']:.0f} N"
         asked = [f"{row['peak_power']:.0f} W", forces, f"{row['cost_of_transport']:.2f}"]
-        rows.append([*about, f"**{row['speed']:.3f}**", *asked, *factors])
+        rows.append([*about, f"**{row['speed']:.3f}**", *asked, *factors[:2], ", ".join(factors[2:5]), *factors[5:]])
     head = ["chosen", "power allowed", "steady speed, m/s", "power needed", "struts, cables", "cost of transport"]
-    head += ["cable stiffness, times", "rest length", "swing", "frequency"]
+    head += ["cable stiffness, times", "rest length", "pairs of struts", "mass", "swing", "frequency"]
     minutes = f"{facts['designs']} designs, {facts['minutes']:.0f} minutes"
     took = f"{minutes}, {facts['processor_minutes']:.0f} of them of one core's time"
     limits = f"{facts['limits'][0]:g} N for struts, {facts['limits'][1]:g} N for cables"
@@ -162,3 +162,28 @@ def design_study_table(facts: Facts) -> str:
         ["the study", "measured"], [["both searches, of as many designs each", took], ["limits besides power", limits]]
     )
     return table(head, rows) + "\n\n" + about + made_by(facts, "design_study")
+
+
+def design_gradient_facts(raw: Facts) -> Facts:
+    kept = ("speed", "peak_power", "strut_force")
+    rows = [
+        chosen(row, "power", "exact", "said")
+        | {name: row[name] and chosen(row[name], *kept) for name in ("penalty", "climbed", "back") if name in row}
+        | {"steps": len(row.get("steps", [])), "kept": sum(step["kept"] for step in row.get("steps", []))}
+        for row in raw["rows"]
+    ]
+    return chosen(raw, "command", "cores", "minutes") | {"rows": rows}
+
+
+def design_gradient_table(facts: Facts) -> str:
+    rows = []
+    for row in facts["rows"]:
+        about = [f"{row['power']:g} W", f"{row['exact']:.3f}"]
+        if not row["penalty"]:
+            rows.append([*about, row["said"], "", "", ""])
+            continue
+        cells = [f"{row[name]['speed']:.3f}" if row[name] else "" for name in ("penalty", "climbed", "back")]
+        rows.append([*about, *cells[:2], f"{row['kept']} of {row['steps']}", cells[2]])
+    head = ["power allowed", "by the search, exact contact, m/s", "the same on penalty contact"]
+    head += ["after the climb there", "steps that were worth it", "back on exact contact"]
+    return table(head, rows) + made_by(facts, "design_gradient")

@@ -43,8 +43,6 @@ class Differences(eqx.Module):
     """0 for a broken cable, as its damping"""
     cable_damping: Float[AnyArray, "*population cables"] | None = None
     cable_rest_length: Float[AnyArray, "*population cables"] | None = None
-    strut_rest_length: Float[AnyArray, "*population struts"] | None = None
-    """with rigid struts, `positions` have to fit"""
     node_mass: Float[AnyArray, "*population nodes"] | None = None
     up: Float[AnyArray, "*population 3"] | None = None
     """unit vector against gravity, where the ground leans more than the scene says"""
@@ -54,6 +52,8 @@ class Differences(eqx.Module):
     """m/s, likewise"""
     terrain: Float[AnyArray, "*population 3"] | None = None
     """m, by how much the ground's surface has been moved"""
+    strut_rest_length: Float[AnyArray, "*population struts"] | None = None
+    """a factor; with rigid struts, `positions` have to fit"""
 
 
 def differing(scene: Scene, differences: Differences | None) -> Scene:

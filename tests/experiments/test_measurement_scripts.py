@@ -364,6 +364,14 @@ def test_robots_are_designed(tmp_path):
     assert [row["kind"] for row in facts["rows"]] == ["gait alone", "robot and gait"]
     assert all(row["peak_power"] <= 160 and row["strut_force"] <= facts["limits"][0] for row in facts["rows"])
     assert "| robot and gait | 160 W | **" in orbit_tables.design_study_table(facts)
+    study = tmp_path / "design_study.json"
+    climbed = orbit_tables.design_gradient_facts(
+        quick("measurements/design_gradient.py", tmp_path / "climbs", "--study", study)
+    )
+    (row,) = climbed["rows"]
+    assert row["power"] == 160
+    assert row["kept"] <= row["steps"] <= 4
+    assert orbit_tables.design_gradient_table(climbed).startswith("| power allowed |")
 
 
 @pytest.mark.slow

@@ -272,6 +272,24 @@ def test_a_ball_on_leaning_ground_sticks_or_slides():
         assert (slides > 0) == (lean == 0.6)
 
 
+def test_robots_with_struts_of_other_lengths_keep_them(exact):
+    """Rigid, and as long from the first step to the last as the robot's own differences say."""
+    factors, ends = np.array([1.0, 0.9, 1.1]), np.array(exact.structure.struts.edges)
+    nodes = np.asarray(exact.structure.nodes)
+    positions = np.array([nodes.mean(0) + factor * (nodes - nodes.mean(0)) + [0, 0, 0.2] for factor in factors])
+    differences = Differences(
+        strut_rest_length=factors[:, None] * np.ones(6),
+        cable_rest_length=factors[:, None] * np.ones(24),
+        positions=positions,
+    )
+    still = gaits_of(exact.gait, np.zeros((3, 6)), amplitude=np.zeros((3, 6)))
+    found = simulate_population(exact, still, 0.6, options=SolverOptions(dtype="float64"), differences=differences)
+    q = np.asarray(found.positions)
+    lengths = np.linalg.norm(q[:, ends[:, 0]] - q[:, ends[:, 1]], axis=2)
+    np.testing.assert_array_equal(found.failure, 0)
+    np.testing.assert_allclose(lengths, factors[:, None] * np.asarray(exact.structure.struts.rest_length), rtol=1e-9)
+
+
 @pytest.mark.parametrize(
     ("part", "name"),
     [
@@ -279,13 +297,14 @@ def test_a_ball_on_leaning_ground_sticks_or_slides():
         (lambda s: s.structure.cables, "cable_stiffness"),
         (lambda s: s.structure.cables, "cable_damping"),
         (lambda s: s.structure.cables, "cable_rest_length"),
+        (lambda s: s.structure.struts, "strut_rest_length"),
         (lambda s: s.structure.cables.damping, "cable_damping"),
     ],
 )
 def test_what_a_scene_lacks_cannot_differ(exact, part, name):
     """Friction, cables, or their damping, that are not modelled."""
     scene = eqx.tree_at(part, exact, None)
-    value = np.asarray(1.1) if name == "friction" else np.ones(24)
+    value = {"friction": np.asarray(1.1), "strut_rest_length": np.ones(6)}.get(name, np.ones(24))
     with pytest.raises(InputError, match=f"{name} is to differ, but the scene has none; expected a scene that models"):
         differing(scene, Differences(**{name: value}))
 
