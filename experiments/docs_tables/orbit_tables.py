@@ -155,17 +155,20 @@ def design_study_table(facts: Facts) -> str:
         rows.append([*about, f"**{row['speed']:.3f}**", *asked, *factors[:2], ", ".join(factors[2:5]), *factors[5:]])
     head = ["chosen", "power allowed", "steady speed, m/s", "power needed", "struts, cables", "cost of transport"]
     head += ["cable stiffness, times", "rest length", "pairs of struts", "mass", "swing", "frequency"]
-    minutes = f"{facts['designs']} designs, {facts['minutes']:.0f} minutes"
-    took = f"{minutes}, {facts['processor_minutes']:.0f} of them of one core's time"
+    minutes = f"{facts['designs']} designs, {facts['minutes']:.0f} minutes on {facts['cores']} cores"
+    took = f"{minutes}, {facts['processor_minutes']:.0f} minutes of processor time"
     limits = f"{facts['limits'][0]:g} N for struts, {facts['limits'][1]:g} N for cables"
-    about = table(
-        ["the study", "measured"], [["both searches, of as many designs each", took], ["limits besides power", limits]]
-    )
+    about = table(["the study", "measured"], [["both searches", took], ["limits besides power", limits]])
     return table(head, rows) + "\n\n" + about + made_by(facts, "design_study")
 
 
+def _told(found: Facts) -> str:
+    """Of one design on one contact model."""
+    return f"{found['speed']:.3f}, {found['peak_power']:.0f} W" + ("" if found["settled"] else ", no orbit")
+
+
 def design_gradient_facts(raw: Facts) -> Facts:
-    kept = ("speed", "peak_power", "strut_force")
+    kept = ("speed", "settled", "peak_power", "strut_force")
     rows = [
         chosen(row, "power", "exact", "said")
         | {name: row[name] and chosen(row[name], *kept) for name in ("penalty", "climbed", "back") if name in row}
@@ -182,8 +185,8 @@ def design_gradient_table(facts: Facts) -> str:
         if not row["penalty"]:
             rows.append([*about, row["said"], "", "", ""])
             continue
-        cells = [f"{row[name]['speed']:.3f}" if row[name] else "" for name in ("penalty", "climbed", "back")]
-        rows.append([*about, *cells[:2], f"{row['kept']} of {row['steps']}", cells[2]])
-    head = ["power allowed", "by the search, exact contact, m/s", "the same on penalty contact"]
+        penalty, climbed, back = (row[name] and _told(row[name]) for name in ("penalty", "climbed", "back"))
+        rows.append([*about, penalty, climbed, f"{row['kept']} of {row['steps']}", back or ""])
+    head = ["power allowed", "by the search, exact contact, m/s", "the same on penalty contact, power needed"]
     head += ["after the climb there", "steps that were worth it", "back on exact contact"]
     return table(head, rows) + made_by(facts, "design_gradient")

@@ -197,11 +197,11 @@ def figure(rows: list[dict[str, Any]]) -> Figure:
             axes.barh(place, relative, 0.8 / len(some), label=f"{row['power']:g} W")
         kept = [row["penalty"]["speed"], *(step["speed"] for step in row["steps"] if step["kept"])]
         climb.plot(range(len(kept)), kept, "o-", label=f"{row['power']:g} W")
-    for axes, name in ((speed, "speed"), (power, "power needed")):
+    for axes, name in ((speed, "speed"), (power, "power")):
         axes.axvline(0, color="black", linewidth=0.8)
         axes.set_yticks(range(len(NAMES)), NAMES if axes is speed else [""] * len(NAMES))
         axes.invert_yaxis()
-        axes.set(xlabel=f"% of the {name} for 1 % of the number", title=f"What {name} depends on")
+        axes.set(xlabel="% for 1 % of the number", title=f"What {name} depends on")
     climb.set(xlabel="steps that were worth it", ylabel="steady speed (m/s)", ylim=(0, None), title="Penalty contact")
     climb.xaxis.get_major_locator().set_params(integer=True)
     speed.legend(title="allowed")

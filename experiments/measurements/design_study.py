@@ -124,14 +124,16 @@ def rolls(row: dict[str, Any]) -> bool:
 @plot.styled
 def figure(rows: list[dict[str, Any]]) -> Figure:
     """Speed and cost of transport over the power that an actuator may give, and the designs."""
-    chart = Figure(figsize=(11, 3.4), layout="constrained")
+    chart = Figure(figsize=(12, 3.4), layout="constrained")
     speed, cost, design = chart.subplots(1, 3)
     found = [row for row in rows if rolls(row)]
-    for kind in dict.fromkeys(row["kind"] for row in found):
+    for kind, look in zip(KINDS, ("s", "o-")):
         own = [row for row in found if row["kind"] == kind]
         power = [row["power"] for row in own]
-        speed.plot(power, [row["speed"] for row in own], "o-", label=kind)
-        cost.plot(power, [row["cost_of_transport"] for row in own], "o-", label=kind)
+        # squares are larger and empty: a point of both kinds shows as both
+        mark: dict[str, Any] = {"markersize": 10, "markerfacecolor": "none"} if look == "s" else {}
+        speed.plot(power, [row["speed"] for row in own], look, label=kind, zorder=3, **mark)
+        cost.plot(power, [row["cost_of_transport"] for row in own], look, label=kind, zorder=3, **mark)
     for name in NAMES:
         built = [row for row in found if row["kind"] == "robot and gait"]
         design.plot([row["power"] for row in built], [row["factors"][name] for row in built], "o-", label=name)
@@ -144,7 +146,7 @@ def figure(rows: list[dict[str, Any]]) -> Figure:
     cost.set(ylabel="cost of transport", ylim=(0, None), title="At what cost")
     design.set(ylabel="times the scene's", ylim=(0, None), title="Robot and gait")
     speed.legend()
-    design.legend()
+    design.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize="small")
     return chart
 
 
