@@ -333,3 +333,17 @@ def test_what_makes_no_sense_is_refused(reference, exact):
         simulate(dataclasses.replace(exact, structure=held), 1.0, velocities=np.ones((12, 3)))
     with pytest.raises(InputError, match="nothing is fixed"):
         reactions(exact, simulate(exact, 0.01))
+
+
+def test_float32_stays_float32():
+    """Rods with mass, a support and the ground: the same motion as in float64, as far as single precision goes."""
+    nodes = [[0.0, 0, 0.8], [0.6, 0, 0.6], [1.2, 0.2, 0.3]]
+    structure = rods(nodes, [(0, 1), (1, 2)], [0.5, 0.7], node_mass=[0.1, 0.2, 0.1], fixed=((0, "xyz"),))
+    scene = on_ground(structure, 0.5)
+    moved = [
+        simulate(scene, 0.3, options=SolverOptions("complementarity", dt=5e-3, dtype=dtype, any_step=True))
+        for dtype in ("float32", "float64")
+    ]
+    assert [str(each.positions.dtype) for each in moved] == ["float32", "float64"]
+    assert not any(each.failed for each in moved)
+    np.testing.assert_allclose(moved[0].positions, moved[1].positions, atol=1e-4)
