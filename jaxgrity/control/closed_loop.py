@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from jaxgrity.control.plant import Plant, PlantState, actuate, observe, plant_start
 from jaxgrity.control.policies import Memory, Policy
@@ -120,7 +121,7 @@ def simulate_policy(
         The motion, with a frame for each control period. One that fails has its failure code.
 
     Raises:
-        InputError: a policy that actuates other members than the plant.
+        InputError: a policy that actuates other members than the plant, or a duration that is not positive.
 
     Example:
         >>> scene = jaxgrity.load_scene("exact")
@@ -129,6 +130,8 @@ def simulate_policy(
         >>> jaxgrity.simulate_policy(plant, policy, 0.1).positions.shape  # (frames, nodes, 3), m
         (11, 12, 3)
     """
+    if not 0 < duration < np.inf:
+        raise InputError(f"duration = {duration:g} s: expected a positive number")
     loop = loop_start(plant, policy, jax.random.key(seed), start)
     ticks = max(1, round(duration / plant.period))
     q, v = _motion(plant, policy, loop, ticks)

@@ -65,7 +65,9 @@ class Environment:
         return jax.eval_shape(self.reset, jax.random.key(0)).obs.shape[0]
 
     def reset(self, key: Any) -> EnvironmentState:
-        """The start of an episode, drawn by `key`."""
+        """The start of an episode, drawn by `key`, such as `jax.random.key(0)`; `InputError` where it is no key."""
+        if not (jnp.issubdtype(getattr(key, "dtype", int), jax.dtypes.prng_key) or jnp.shape(key) == (2,)):
+            raise InputError(f"key = {key!r}: expected a key, such as jax.random.key(0)")
         starts, aims, noise = jax.random.split(key, 3)
         state = plant_start(self.plant, noise, task_start(self.task, self.plant.scene, starts))
         place = centre_of_mass(self.plant.scene, state.motion[0])
@@ -79,8 +81,11 @@ class Environment:
     def step(self, state: EnvironmentState, action: AnyArray) -> EnvironmentState:
         """One control period later; of an `action` (action_size,), what is beyond -1 and 1 does not count.
 
-        A rollout that fails is done, with observation and reward of zero: numbers are always finite.
+        A rollout that fails is done, with observation and reward of zero: numbers are always finite. Raises
+        `InputError` for an action of another shape.
         """
+        if jnp.shape(action) != (self.action_size,):
+            raise InputError(f"action has shape {jnp.shape(action)}; expected ({self.action_size},), one a member")
         dtype = self.plant.options.dtype
         wanted = self.contraction * (1 + jnp.clip(jnp.asarray(action, dtype), -1, 1)) / 2
         after = actuate(self.plant, state.plant, wanted)

@@ -147,8 +147,19 @@ def way_map(
         The distances. They are infinite where no way leads to the goal.
 
     Raises:
-        InputError: a goal outside the arena or too near to a disc, or numbers that are not positive.
+        InputError: a goal outside the arena or too near to a disc, numbers that are not positive, or discs that are not
+            (discs, 2) centres and as many radii.
     """
+    count = np.size(discs.radii)
+    if (
+        np.shape(discs.centres) != (count, 2)
+        or np.shape(discs.radii) != (count,)
+        or np.any(np.asarray(discs.radii) <= 0)
+    ):
+        raise InputError(
+            f"discs: centres of shape {np.shape(discs.centres)}, radii {np.asarray(discs.radii).tolist()} m; expected "
+            "(discs, 2), and as many positive numbers"
+        )
     low, high = np.array(arena[:2], float), np.array(arena[2:], float)
     if np.shape(goal) != (2,) or not np.all((low < goal) & (goal < high)):
         raise InputError(f"goal = {np.asarray(goal).tolist()}: expected one inside the arena {arena}")

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Float
 
 from jaxgrity.core.errors import InputError
@@ -59,8 +60,7 @@ class Readings(NamedTuple):
 class Sensors(eqx.Module):
     """How sensors err; by default they do not.
 
-    Raises `InputError` where a standard deviation or a delay is negative, or a reading is taken less than once in a
-    number of control periods.
+    Raises `InputError` where a standard deviation or a delay is negative, or control periods are no whole numbers.
     """
 
     noise: Errors = eqx.field(static=True, default=Errors())
@@ -75,9 +75,11 @@ class Sensors(eqx.Module):
     def __check_init__(self):
         if min(*self.noise, *self.bias) < 0:
             raise InputError(f"sensors: noise = {self.noise}, bias = {self.bias}; expected no negative number")
-        if self.every < 1 or self.delay < 0:
+        whole = all(isinstance(count, int | np.integer) for count in (self.every, self.delay))
+        if not whole or self.every < 1 or self.delay < 0:
             raise InputError(
-                f"sensors: every = {self.every}, delay = {self.delay} control periods; expected at least 1 and 0"
+                f"sensors: every = {self.every}, delay = {self.delay} control periods; "
+                "expected whole numbers, at least 1 and 0"
             )
 
 

@@ -8,7 +8,6 @@ import dataclasses
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 
 from jaxgrity.core.primitives import along, component, dot, inner, place_rows, respond, scale, take_rows
 from jaxgrity.core.types import MassMatrix, Mobility, NodeVectors, Scalar
@@ -57,7 +56,10 @@ def mobility(structure: Structure) -> Mobility:
     mass = mass_matrix(structure).reshape(size, 3, size, 3)
     free = structure.free.T.astype(mass.dtype)
     both = free[:, :, None] * free[:, None]
-    of_axes = jnp.moveaxis(jnp.diagonal(mass, axis1=1, axis2=3), -1, 0) * both + jnp.eye(size, dtype=mass.dtype) * (1 - free)[:, None]
+    of_axes = (
+        jnp.moveaxis(jnp.diagonal(mass, axis1=1, axis2=3), -1, 0) * both
+        + jnp.eye(size, dtype=mass.dtype) * (1 - free)[:, None]
+    )
     weight = 1 / jnp.sqrt(jnp.diagonal(of_axes, axis1=1, axis2=2))
     weights = weight[:, :, None] * weight[:, None]
     return jnp.moveaxis(jnp.linalg.inv(of_axes * weights) * weights * both, 0, -1)

@@ -196,6 +196,13 @@ class Short(jaxgrity.Policy):
             ),
             r"commands have the shape \(4,\): expected \(6,\)",
         ),
+        (
+            lambda scene: jaxgrity.simulate_policy(
+                jaxgrity.plant_of(scene, tuple(range(6))), OpenLoop(scene.gait), -1.0
+            ),
+            "duration = -1 s: expected a positive number",
+        ),
+        (lambda scene: jaxgrity.Sensors(every=0), "every = 0, delay = 0 control periods; expected whole numbers"),
         (lambda scene: centre_offsets(scene.structure, (0, 6)), "expected struts alone"),
         (lambda scene: jaxgrity.plant_of(scene, (99,)), "gait.members names member 99"),
         (

@@ -97,3 +97,8 @@ def test_bad_input_is_refused(scene):
         jaxgrity.environment("fly", scene)
     with pytest.raises(InputError, match="the scene has no gait"):
         jaxgrity.environment("speed", jaxgrity.with_gait(scene, None))
+    env = jaxgrity.environment("speed", scene)
+    with pytest.raises(InputError, match="key = 0: expected a key"):
+        env.reset(0)
+    with pytest.raises(InputError, match=r"action has shape \(\); expected \(6,\)"):
+        env.step(jax.eval_shape(env.reset, jax.random.key(0)), np.zeros(()))

@@ -114,6 +114,14 @@ def test_gaits_to_choose_from_have_all_images_of_gaits_but_for_shifts_of_time(sc
             ),
             "goal = [4.0, 1.2]: 0.2 m from a disc; expected more than reach, 0.6 m",
         ),
+        (
+            lambda scene: jaxgrity.way_map(Discs(np.zeros((1, 2)), np.array([-0.5])), np.array([4.0, 0.0]), ARENA),
+            "discs: centres of shape (1, 2), radii [-0.5] m; expected",
+        ),
+        (
+            lambda scene: jaxgrity.way_map(Discs(np.zeros((2, 2)), np.array([0.5])), np.array([4.0, 0.0]), ARENA),
+            "discs: centres of shape (2, 2), radii [0.5] m; expected",
+        ),
         (lambda scene: jaxgrity.gait_choices(scene.structure, {}), "gaits: there are none"),
         (
             lambda scene: jaxgrity.sure_footed(replace(jaxgrity.load_gait("lasting"), amplitude=np.full(6, 0.95))),
