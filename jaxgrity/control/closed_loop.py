@@ -12,6 +12,7 @@ from jaxgrity.control.plant import Plant, PlantState, actuate, observe, plant_st
 from jaxgrity.control.policies import Memory, Policy
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, State
+from jaxgrity.model.scene import as_dtype
 from jaxgrity.rollout.lanes import over_lanes
 from jaxgrity.stepping.dynamics import centre_of_mass
 from jaxgrity.stepping.integrate import state_failure
@@ -61,6 +62,7 @@ def roll_on(
     jitted, and differentiated in forward and in reverse mode.
     """
     ask: Callable = type(policy).__call__
+    policy = as_dtype(policy, plant.options.dtype)
     if plant.robots is not None:
         ask = over_lanes(ask, (_last(policy) if each else None, -1, None, -1))
 
