@@ -150,16 +150,7 @@ def way_map(
         InputError: a goal outside the arena or too near to a disc, numbers that are not positive, or discs that are not
             (discs, 2) centres and as many radii.
     """
-    count = np.size(discs.radii)
-    if (
-        np.shape(discs.centres) != (count, 2)
-        or np.shape(discs.radii) != (count,)
-        or np.any(np.asarray(discs.radii) <= 0)
-    ):
-        raise InputError(
-            f"discs: centres of shape {np.shape(discs.centres)}, radii {np.asarray(discs.radii).tolist()} m; expected "
-            "(discs, 2), and as many positive numbers"
-        )
+    _check_discs(discs)
     low, high = np.array(arena[:2], float), np.array(arena[2:], float)
     if np.shape(goal) != (2,) or not np.all((low < goal) & (goal < high)):
         raise InputError(f"goal = {np.asarray(goal).tolist()}: expected one inside the arena {arena}")
@@ -186,6 +177,20 @@ def way_map(
         )
     distance = dijkstra(graph, directed=False, indices=int(number[tuple(nearest)]))
     return WayMap(discs, np.asarray(goal, float), low, spacing, distance.reshape(shape))
+
+
+def _check_discs(discs: Discs) -> None:
+    """Raise `InputError` for shapes that do not fit, or radii that are not positive."""
+    count = np.size(discs.radii)
+    if (
+        np.shape(discs.centres) != (count, 2)
+        or np.shape(discs.radii) != (count,)
+        or np.any(np.asarray(discs.radii) <= 0)
+    ):
+        raise InputError(
+            f"discs: centres of shape {np.shape(discs.centres)}, radii {np.asarray(discs.radii).tolist()} m; expected "
+            "(discs, 2), and as many positive numbers"
+        )
 
 
 def _shifted(number: np.ndarray, step: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
