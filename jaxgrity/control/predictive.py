@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxgrity.control.closed_loop import Loop, drive, loop_start, taken_over
+from jaxgrity.control.feedback import PhaseLocked
 from jaxgrity.control.plant import Plant, check_model, side_by_side, whole_number
 from jaxgrity.control.steering import Steered
 from jaxgrity.core.errors import InputError
@@ -86,9 +87,11 @@ def lead_to(
 
     Raises:
         InputError: a policy or a model that actuates other members than the robot, a model with another period, times
-            that are no multiples of each other.
+            that are no multiples of each other, a policy other than a steered `PhaseLocked` one, or a goal that is no
+            place.
     """
     check_model(robot, model)
+    _check_policy(policy, goal)
     look = whole_number("1 / per_second", 1 / sampling.per_second, robot.period)
     looks = whole_number("interval", sampling.interval, 1 / sampling.per_second)
     whole_number("horizon", sampling.horizon, 1 / sampling.per_second)
@@ -116,6 +119,15 @@ def lead_to(
     typical = float(np.median(spent[1:] or spent))
     reached = bool(near.any())
     return Journey(path, reached, passed, np.array(bends), sampling.interval / typical)
+
+
+def _check_policy(policy: Steered, goal: AnyArray) -> None:
+    """Raise `InputError` for a policy without bend or clock to choose, and for a goal that is no place."""
+    if not (isinstance(policy, Steered) and isinstance(policy.policy, PhaseLocked)):
+        found = f"Steered({type(policy.policy).__name__})" if isinstance(policy, Steered) else type(policy).__name__
+        raise InputError(f"policy = {found}: expected a Steered(PhaseLocked), whose bend and clock are chosen")
+    if np.shape(goal) != (2,) or not np.isfinite(np.asarray(goal)).all():
+        raise InputError(f"goal = {np.asarray(goal).tolist()}: expected a place (x, y), m")
 
 
 def _chosen(

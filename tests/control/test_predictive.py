@@ -77,3 +77,12 @@ def test_a_model_that_acts_at_other_times_is_refused(walker):
     model = replace(plant, period=0.02)
     with pytest.raises(InputError, match=r"model: members .* every 0\.02 s; expected members .* every 0\.01 s"):
         jaxgrity.lead_to(plant, model, policy, np.ones(2))
+
+
+def test_policies_without_a_clock_and_goals_that_are_no_places_are_refused(walker):
+    plant, policy = walker
+    blind = replace(policy, policy=jaxgrity.OpenLoop(policy.policy.gait))
+    with pytest.raises(InputError, match=r"policy = Steered\(OpenLoop\): expected a Steered\(PhaseLocked\)"):
+        jaxgrity.lead_to(plant, plant, blind, np.ones(2))
+    with pytest.raises(InputError, match=r"goal = \[1.0, 1.0, 1.0\]: expected a place"):
+        jaxgrity.lead_to(plant, plant, policy, np.ones(3))
