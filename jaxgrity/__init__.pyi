@@ -89,6 +89,7 @@ from .model.prestressed import prestressed
 from .model.prisms import prism, three_strut_robot, tower
 from .model.random_structures import random_tensegrity
 from .model.rigid_body import end_positions, end_velocities, inertia, rigid_kinetic_energy
+from .model.rod_contact import RodContact, with_contact_along_struts
 from .model.scene import Scene, as_dtype, body_length, with_gait, with_terms
 from .model.settled import Settled, settled
 from .model.shaking import Shaking, SupportMotion
@@ -231,6 +232,8 @@ __all__ = [  # noqa: RUF022 in groups
     "as_dtype",
     "with_gait",
     "with_terms",
+    "RodContact",
+    "with_contact_along_struts",
     "Members",
     "Motor",
     "Structure",

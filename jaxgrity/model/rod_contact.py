@@ -1,0 +1,180 @@
+"""Penalty contact between the ends of struts: points along each rod that the ground pushes as it pushes nodes."""
+
+from typing import Any, ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+from jaxgrity.core.errors import InputError
+from jaxgrity.core.primitives import place_rows, take_rows
+from jaxgrity.core.types import AnyArray, NodeVectors, Scalar
+from jaxgrity.model.friction import SmoothFriction
+from jaxgrity.model.ground import PenaltyGround, contact_dissipation, contact_energy, normal_force
+from jaxgrity.model.laws import Configuration, DissipationTerm, EnergyTerm, ForceLaw, Motion
+from jaxgrity.model.scene import Scene, with_terms
+
+
+class Points(eqx.Module):
+    """Points x_p = (1 - s) x_i + s x_j along struts: weights by position carry what moves, and back what pushes."""
+
+    struts: tuple[int, ...] = eqx.field(static=True)
+    """of each point"""
+    ends: tuple[tuple[int, ...], tuple[int, ...]] = eqx.field(static=True)
+    """nodes i and j of each point"""
+    share: AnyArray
+    """s, (points,)"""
+    strength: AnyArray
+    """(points,), times the ground's stiffness"""
+
+    def of(self, x: NodeVectors) -> AnyArray:
+        """(points, 3): places or velocities of the points, of those of the nodes."""
+        i, j = (take_rows(x, ends) for ends in self.ends)
+        return i + self.share[:, None] * (j - i)
+
+    def on_nodes(self, force: AnyArray, nodes: int) -> NodeVectors:
+        """(nodes, 3), N: forces on the points, as forces on the nodes that do as much work."""
+        at_j = self.share[:, None] * force
+        return place_rows(force - at_j, self.ends[0], nodes) + place_rows(at_j, self.ends[1], nodes)
+
+    def ground(self, scene: Scene) -> PenaltyGround | None:
+        """The scene's ground as the points feel it; None where reports have taken it away."""
+        ground = scene.ground
+        if not isinstance(ground, PenaltyGround):
+            return None
+        if ground.offset is not None:
+            ground = eqx.tree_at(lambda g: g.offset, ground, ground.offset[:1])
+        return eqx.tree_at(lambda g: g.stiffness, ground, jnp.broadcast_to(ground.stiffness, ()) * self.strength)
+
+    def alike(self, symmetry: Any) -> bool:
+        """Whether struts with points take the places of such struts; all have them at the same shares."""
+        return {symmetry.members[k] for k in self.struts} == set(self.struts)
+
+    def names(self, what: str) -> tuple[str, ...]:
+        return tuple(f"{what} strut {k} at {s:.2g} of its length" for k, s in zip(self.struts, np.asarray(self.share)))
+
+    def times(self, factors: AnyArray) -> "Points":
+        return eqx.tree_at(lambda p: p.strength, self, self.strength * factors)
+
+
+class RodContact(EnergyTerm):
+    """U = sum k_p/2 min(0, phi(x_p))^2."""
+
+    points: Points
+    name: ClassVar[str] = "penalty contact along struts"
+
+    def energy(self, at: Configuration) -> Scalar:
+        ground = self.points.ground(at.scene)
+        if ground is None:
+            return jnp.zeros((), at.q.dtype)
+        return contact_energy(ground, ground.signed_distance(self.points.of(at.q)))
+
+    def keeps(self, symmetry):
+        return self.points.alike(symmetry)
+
+    def parts(self, scene):
+        return self.points.names("contact of")
+
+    def scaled(self, factors):
+        return RodContact(self.points.times(factors))
+
+
+class RodContactDissipation(DissipationTerm):
+    """Hunt and Crossley's R at the points, as `ContactDissipation` is at the nodes."""
+
+    points: Points
+    name: ClassVar[str] = "contact dissipation along struts"
+    cause: ClassVar[str] = "contact"
+
+    def dissipation(self, motion: Motion) -> Scalar:
+        ground = self.points.ground(motion.at.scene)
+        if ground is None or ground.dissipation is None:
+            return jnp.zeros((), motion.v.dtype)
+        x, v = self.points.of(motion.at.q), self.points.of(motion.v)
+        return contact_dissipation(ground, jnp.sum(v * _normals(ground, x), axis=1), ground.signed_distance(x))
+
+    def keeps(self, symmetry):
+        return self.points.alike(symmetry)
+
+    def parts(self, scene):
+        return self.points.names("contact dissipation of")
+
+    def scaled(self, factors):
+        return RodContactDissipation(self.points.times(factors))
+
+
+class RodFriction(ForceLaw):
+    """Smooth friction at the points: F_t = -mu F_n v_t/sqrt(|v_t|^2 + eps^2), with mu between those of the ends."""
+
+    points: Points
+    name: ClassVar[str] = "smooth friction along struts"
+    cause: ClassVar[str] = "friction"
+
+    def force(self, motion: Motion, other_forces: NodeVectors) -> NodeVectors:
+        scene, nodes = motion.at.scene, len(motion.v)
+        ground = self.points.ground(scene)
+        if ground is None or scene.friction is None:
+            return jnp.zeros_like(motion.v)
+        x, v = self.points.of(motion.at.q), self.points.of(motion.v)
+        normals = _normals(ground, x)
+        v_n = jnp.sum(v * normals, axis=1)
+        slip = v - v_n[:, None] * normals
+        pressed = normal_force(ground, ground.signed_distance(x), v_n)
+        mu = self.points.of(jnp.broadcast_to(scene.friction.mu, (nodes,))[:, None] * jnp.ones((1, 3), x.dtype))[:, 0]
+        speed = jnp.sqrt(jnp.sum(slip * slip, axis=1) + scene.friction.slip_speed**2)
+        return self.points.on_nodes(-(mu * pressed / speed)[:, None] * slip, nodes)
+
+    def keeps(self, symmetry):
+        return self.points.alike(symmetry)
+
+
+def with_contact_along_struts(scene: Scene, count: int, struts: tuple[int, ...] | None = None) -> Scene:
+    """The scene with `count` points of contact between the ends of its struts, evenly spaced.
+
+    A point x_p = (1 - s) x_i + s x_j gets the forces that a node would get there from a ground whose stiffness is
+    divided by `count`, and passes them to both ends by the same weights. So a rod meets edges, posts and crests
+    between its nodes (docs/terrain.md).
+
+    Args:
+        scene: with penalty contact, whose friction, if any, is smooth.
+        count: points of each strut.
+        struts: which of them; all, where not given.
+
+    Returns:
+        The scene with `RodContact`, and with the dissipation and friction that its ground and friction have.
+
+    Raises:
+        InputError: exact contact, which is at nodes (`penalty_twin` makes penalty contact of it), another friction,
+            fewer points than one, or struts that there are not.
+
+    Example:
+        >>> scene = jaxgrity.with_contact_along_struts(jaxgrity.load_scene("reference"), 3)
+        >>> [law.name for law in scene.terms][0]
+        'penalty contact along struts'
+    """
+    members, ground = scene.structure.struts, scene.ground
+    if not isinstance(ground, PenaltyGround):
+        raise InputError(
+            "contact along struts needs penalty contact; expected such a ground, as of `penalty_twin(scene)`"
+        )
+    if scene.friction is not None and not isinstance(scene.friction, SmoothFriction):
+        raise InputError(f"friction: {type(scene.friction).__name__} along struts; expected smooth friction, or none")
+    known = range(0 if members is None else len(members.edges))
+    chosen = tuple(known) if struts is None else tuple(struts)
+    if members is None or not chosen or not set(chosen) <= set(known) or len(set(chosen)) < len(chosen):
+        raise InputError(f"struts = {list(chosen)}: expected some of the scene's {len(known)}, each once")
+    if count < 1:
+        raise InputError(f"count = {count}: expected at least 1 point on each strut")
+    each = tuple(k for k in chosen for _ in range(count))
+    share = np.tile(np.arange(1, count + 1) / (count + 1), len(chosen))
+    i, j = (tuple(members.edges[k][end] for k in each) for end in (0, 1))
+    points = Points(each, (i, j), share, np.full(len(each), 1 / count))
+    laws: list[Any] = [RodContact(points)]
+    laws += [] if ground.dissipation is None else [RodContactDissipation(points)]
+    laws += [] if scene.friction is None else [RodFriction(points)]
+    return with_terms(scene, *laws)
+
+
+def _normals(ground: PenaltyGround, x: AnyArray) -> AnyArray:
+    """(points, 3)."""
+    return jnp.broadcast_to(jnp.asarray(ground.frame(x).normal, x.dtype), x.shape)
