@@ -38,9 +38,11 @@ from jaxgrity import (
     standing_symmetries,
     unchanged,
     wind,
+    with_contact_along_struts,
     with_terms,
 )
 from jaxgrity.model.friction import CoulombCone
+from jaxgrity.model.rod_contact import RodContact, RodContactDissipation, RodFriction
 from jaxgrity.model.scene import KNOWN_FRICTIONS, KNOWN_LAWS
 
 
@@ -68,17 +70,18 @@ def scenes(reference, exact):
     pushed = with_terms(exact, wind([2.0, 0, 0], 0.01, 12), Push((0,), [[1.0, 0, 0]], 0.1, 0.1))
     cables = exact.structure.cables
     laced = with_terms(exact, force_table(cables, [0.0, 0.1, 0.2], [0.0, 60.0, 180.0]), force_limit(cables, 200.0))
-    return reference, exact, switch, pushed, laced
+    return reference, exact, switch, pushed, laced, with_contact_along_struts(reference, 2)
 
 
 def test_every_law_of_the_library_is_known():
     """To `describe`, which names those that do not act: each that ground and structure have, and each of friction.
 
-    Forces from outside, and laws of cables that take another one's place, are known where they act.
+    Forces from outside, contact between nodes, and laws of cables that take another one's place are known where they
+    act.
     """
     laws = concrete(Law)
     assert len(laws) > 10
-    known = {*KNOWN_LAWS, Wind, Push, ForceTable, ForceLimit}
+    known = {*KNOWN_LAWS, Wind, Push, ForceTable, ForceLimit, RodContact, RodContactDissipation, RodFriction}
     assert {law for law in laws if law not in known and law.name not in {f.name for f in KNOWN_FRICTIONS}} == set()
     assert set(KNOWN_LAWS) <= laws
     assert concrete(Friction) == set(KNOWN_FRICTIONS)
