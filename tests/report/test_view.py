@@ -52,20 +52,22 @@ def time_shown(browser):
 def check_drawing(browser, scene, motion):
     """Struts are red where a pinhole camera would see them, and hardly anything is red elsewhere."""
     poses = robot_poses(scene, motion, 50.0)
-    frame = int(np.searchsorted(poses.times, time_shown(browser) + 1e-6)) - 1
     canvas = browser.find_element("css selector", "canvas").rect
-    ends = poses.nodes[frame][np.array(scene.structure.struts.edges)]
-    # along each strut, since something may hide part of it
-    points = (ends[:, :1] + np.linspace(0, 1, 40)[:, None] * (ends[:, 1:] - ends[:, :1])).reshape(-1, 3)
-    columns, rows = projected(points, scene, poses, frame, (canvas["width"], canvas["height"]))
-    places = np.round([rows + canvas["y"], columns + canvas["x"]]).astype(int)
 
     def drawn():
+        # viser's notice that the browser draws in software covers the robot, and comes when it likes
+        browser.execute_script("document.querySelectorAll('[class*=Notification]').forEach(e => e.remove())")
+        frame = int(np.searchsorted(poses.times, time_shown(browser) + 1e-6)) - 1
+        ends = poses.nodes[frame][np.array(scene.structure.struts.edges)]
+        # along each strut, since something may hide part of it
+        points = (ends[:, :1] + np.linspace(0, 1, 40)[:, None] * (ends[:, 1:] - ends[:, :1])).reshape(-1, 3)
+        columns, rows = projected(points, scene, poses, frame, (canvas["width"], canvas["height"]))
+        places = np.round([rows + canvas["y"], columns + canvas["x"]]).astype(int)
         red = is_red(screenshot(browser))
         # a strut is some pixels wide, and bright where light falls on it
-        return (red,) if binary_dilation(red, iterations=2)[tuple(places)].mean() > 0.75 else None
+        return (red, places) if binary_dilation(red, iterations=2)[tuple(places)].mean() > 0.75 else None
 
-    (red,) = wait_for(drawn, "struts where they should be")
+    red, places = wait_for(drawn, "struts where they should be")
     away = np.ones_like(red)
     for row, column in places.T:
         away[max(0, row - 8) : row + 8, max(0, column - 8) : column + 8] = False
@@ -85,10 +87,9 @@ def test_the_saved_page_draws_and_plays_from_disk_without_a_network(rolling_robo
         button = browser.find_elements("css selector", "button.mantine-ActionIcon-root")[0]
         wait_for(lambda: float(clock.get_attribute("value")) > 0, "the motion")
         button.click()
-        stopped = time_shown(browser)
         browser.execute_script("document.getElementById('jaxgrity').remove()")  # the legend is red too
-        # viser's notice that the browser draws in software covers the robot
-        browser.execute_script("document.querySelectorAll('[class*=Notification]').forEach(e => e.remove())")
+        check_drawing(browser, *rolling_robot)
+        stopped = time_shown(browser)
         check_drawing(browser, *rolling_robot)
         assert time_shown(browser) == stopped
         button.click()
