@@ -1,7 +1,7 @@
 # The public interface of jaxgrity, in groups; `jaxgrity/__init__.py` imports each name when it is first used.
 
 from .control.closed_loop import Drive, Loop, drive, loop_start, roll_on, simulate_policy
-from .control.environment import Environment, EnvironmentState, environment
+from .control.environment import Environment, EnvironmentState, Situation, environment
 from .control.feedback import PhaseLocked, sure_footed
 from .control.gait_choices import GaitChoices, gait_choices
 from .control.gymnasium_adapter import GymnasiumEnvironment
@@ -12,7 +12,7 @@ from .control.policies import OpenLoop, Policy
 from .control.predictive import Journey, Sampling, costs, lead_to
 from .control.sensors import Errors, Observation, Readings, Sensors, first_readings, measure, read
 from .control.steering import Steered, centre_offsets
-from .control.tasks import TASKS, Task, find_task, ground_of, task_start
+from .control.tasks import REACHED, TASKS, Task, find_task, ground_of, progressed, task_start
 from .control.travel import Foresight, Travels, travel
 from .core import primitives
 from .core.errors import InputError
@@ -453,10 +453,13 @@ __all__ = [  # noqa: RUF022 in groups
     "TASKS",
     "Task",
     "find_task",
+    "progressed",
+    "REACHED",
     "ground_of",
     "task_start",
     "Environment",
     "EnvironmentState",
+    "Situation",
     "environment",
     "GymnasiumEnvironment",
     # search: gaits that roll

@@ -8,11 +8,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxgrity.control.plant import Plant, PlantState, actuate, observe, plant_start
+from jaxgrity.control.plant import Plant, PlantState, actuate, check_one, observe, plant_start
 from jaxgrity.control.policies import Memory, Policy
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, State
-from jaxgrity.model.scene import as_dtype
+from jaxgrity.model.scene import floats_as
 from jaxgrity.rollout.lanes import over_lanes
 from jaxgrity.stepping.dynamics import centre_of_mass
 from jaxgrity.stepping.integrate import state_failure
@@ -41,16 +41,19 @@ def loop_start(plant: Plant, policy: Policy, key: Any, start: State | None = Non
     """At t = 0; from `start`, q and v, where given, else as the scene stands.
 
     `each` says that all of the policy's arrays have the population last: every robot has parameters of its own.
+    Floating numbers of the memory take the plant's precision. Raises `InputError` for a policy that actuates other
+    members than the plant, for `each` of a plant of one robot, and for a start of another shape.
     """
     if policy.members != plant.members:
         raise InputError(f"policy.members = {policy.members}: expected {plant.members}, those of the plant")
     memory, robots = policy.first(), plant.robots
+    if each and robots is None:
+        raise InputError("each = True: the plant has one robot; expected many, of `side_by_side`")
     if robots is not None and each:
         memory = jax.vmap(type(policy).first, in_axes=(_last(policy),), out_axes=-1)(policy)
     elif robots is not None:
         memory = jax.tree.map(lambda x, count=robots: jnp.repeat(jnp.asarray(x)[..., None], count, axis=-1), memory)
-    memory = jax.tree.map(lambda x: jnp.asarray(x, plant.options.dtype), memory)
-    return Loop(plant_start(plant, key, start), memory)
+    return Loop(plant_start(plant, key, start), floats_as(memory, plant.options.dtype))
 
 
 def roll_on(
@@ -59,10 +62,10 @@ def roll_on(
     """So many control periods later, and what `keep` took of the state after each of them, stacked in front.
 
     In every control period the sensors are read, the policy is asked, and the motors move. It is a `lax.scan`: to be
-    jitted, and differentiated in forward and in reverse mode.
+    jitted, and differentiated in forward and in reverse mode; of a rollout that fails, derivatives are not finite.
     """
     ask: Callable = type(policy).__call__
-    policy = as_dtype(policy, plant.options.dtype)
+    policy = floats_as(policy, plant.options.dtype)
     if plant.robots is not None:
         ask = over_lanes(ask, (_last(policy) if each else None, -1, None, -1))
 
@@ -79,16 +82,23 @@ def roll_on(
 @eqx.filter_jit
 def drive(plant: Plant, policy: Policy, loop: Loop, ticks: int, samples: int = 1, *, each: bool = False) -> Drive:
     """Roll on for `samples` times so many control periods, and look at the centre of mass after each of them."""
-    centre = plant.lift(centre_of_mass, ("s", -1))
 
     def sample(loop: Loop, _):
         loop, _ = roll_on(plant, policy, loop, ticks, lambda state: None, each=each)
-        return loop, centre(plant.scene, loop.plant.motion[0])
+        return loop, places(plant, loop)
 
-    first = centre(plant.scene, loop.plant.motion[0])
     end, path = jax.lax.scan(sample, loop, length=samples)
-    failure = plant.lift(state_failure, ("s", -1, -1))(plant.scene, *end.plant.motion)
-    return Drive(jnp.concatenate([first[None], path]), end, failure)
+    return Drive(jnp.concatenate([places(plant, loop)[None], path]), end, failures(plant, end))
+
+
+def places(plant: Plant, loop: Loop) -> AnyArray:
+    """(3,), or (3, robots), m: centres of mass."""
+    return plant.lift(centre_of_mass, ("s", -1))(plant.scene, loop.plant.motion[0])
+
+
+def failures(plant: Plant, loop: Loop) -> AnyArray:
+    """Of each robot, the index into `FAILURES`; 0: it is where it can be."""
+    return plant.lift(state_failure, ("s", -1, -1))(plant.scene, *loop.plant.motion)
 
 
 def taken_over(model: Plant, loop: Loop, each: int) -> Loop:
@@ -99,7 +109,7 @@ def taken_over(model: Plant, loop: Loop, each: int) -> Loop:
     """
 
     def spread(x):
-        x = jnp.asarray(x, model.options.dtype)
+        x = floats_as(x, model.options.dtype)
         return jnp.repeat(x[..., None] if loop.plant.motion[0].ndim == 2 else x, each, axis=-1)
 
     state = plant_start(model, loop.plant.key, jax.tree.map(spread, loop.plant.motion))
@@ -120,10 +130,12 @@ def simulate_policy(
         seed: of the sensors' noise.
 
     Returns:
-        The motion, with a frame for each control period. One that fails has its failure code.
+        The motion, with a frame for each control period; its scene has no gait, for the policy's commands are not
+        part of it. One that fails has its failure code.
 
     Raises:
-        InputError: a policy that actuates other members than the plant, or a duration that is not positive.
+        InputError: a plant of many robots, a policy that actuates other members than the plant, or a duration that is
+            not positive.
 
     Example:
         >>> scene = jaxgrity.load_scene("exact")
@@ -132,6 +144,7 @@ def simulate_policy(
         >>> jaxgrity.simulate_policy(plant, policy, 0.1).positions.shape  # (frames, nodes, 3), m
         (11, 12, 3)
     """
+    check_one(plant, "simulate_policy")
     if not 0 < duration < np.inf:
         raise InputError(f"duration = {duration:g} s: expected a positive number")
     loop = loop_start(plant, policy, jax.random.key(seed), start)

@@ -3,17 +3,18 @@
 They have the shape of those of Brax: a state goes in and a state comes out, with observation, reward and done in it.
 """
 
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from jaxgrity.control.motors import Motors
-from jaxgrity.control.plant import PERFECT, Plant, PlantState, actuate, observe, plant_of, plant_start
+from jaxgrity.control.plant import PERFECT, Plant, PlantState, actuate, observe, plant_of, plant_start, whole_number
 from jaxgrity.control.sensors import Observation, Sensors
-from jaxgrity.control.tasks import Task, drawn_aim, find_task, ground_of, task_start, wanted_direction
+from jaxgrity.control.tasks import Task, drawn_aim, find_task, ground_of, progressed, task_start, wanted_direction
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray
 from jaxgrity.model.scene import Scene
@@ -21,24 +22,38 @@ from jaxgrity.stepping.dynamics import centre_of_mass
 from jaxgrity.stepping.integrate import state_failure
 from jaxgrity.stepping.options import Options
 
-METRE_A_SECOND = Motors(rate=1.0)
-"""motors as fast as gaits of the library ask for"""
+METRE_A_SECOND = Motors(rate=1.0, stroke=0.5)
+"""motors as fast as gaits of the library ask for, with room for those of `sure_footed`"""
+
+
+class Situation(NamedTuple):
+    """All that goes on from one step to the next."""
+
+    plant: PlantState
+    aim: AnyArray
+    """(2,), the heading or the goal's place, m"""
+    average: AnyArray
+    """(2,), m/s, the averaged velocity of the task's progress"""
 
 
 class EnvironmentState(eqx.Module):
-    """One robot in one episode."""
+    """One robot in one episode, with the fields of Brax's `State`."""
 
-    plant: PlantState
+    pipeline_state: Situation
     obs: AnyArray
     """(observation_size,), what the policy sees: see `Environment.sensed`"""
     reward: AnyArray
-    """v·d, m/s, less what effort costs"""
+    """the task's progress, m/s, less what effort costs"""
     done: AnyArray
-    """1 where the episode is over: the goal reached, the time up, or the rollout failed; else 0"""
-    aim: AnyArray
-    """(2,), the heading or the goal's place, m"""
+    """1 from where the episode is over: the goal reached, the time up, or the rollout failed; else 0"""
     metrics: dict[str, AnyArray]
     """"progress", m/s; "effort", 1/s^2; "reached" and "failed", 1 or 0"""
+    info: dict[str, Any]
+    """what wrappers keep here; steps hand it on"""
+
+    def replace(self, **changes: Any) -> "EnvironmentState":
+        """The state with other values of some fields."""
+        return replace(self, **changes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,8 +62,6 @@ class Environment:
 
     plant: Plant
     task: Task
-    contraction: float
-    """by which fraction of its length an action of 1 shortens a member; one of -1 does not"""
     effort_cost: float
     """by which the mean square rate of the contractions, 1/s^2, counts against the reward, m/s"""
     episode: int
@@ -66,55 +79,61 @@ class Environment:
 
     def reset(self, key: Any) -> EnvironmentState:
         """The start of an episode, drawn by `key`, such as `jax.random.key(0)`; `InputError` where it is no key."""
-        if not (jnp.issubdtype(getattr(key, "dtype", int), jax.dtypes.prng_key) or jnp.shape(key) == (2,)):
+        kind = getattr(key, "dtype", np.dtype(int))
+        if not (jnp.issubdtype(kind, jax.dtypes.prng_key) or (jnp.shape(key) == (2,) and kind == np.uint32)):
             raise InputError(f"key = {key!r}: expected a key, such as jax.random.key(0)")
         starts, aims, noise = jax.random.split(key, 3)
         state = plant_start(self.plant, noise, task_start(self.task, self.plant.scene, starts))
         place = centre_of_mass(self.plant.scene, state.motion[0])
         aim = drawn_aim(self.task, place, aims)
         seen, state = observe(self.plant, state)
-        obs = self.sensed(state, seen, aim, jnp.zeros_like(place))
         zero = jnp.zeros_like(place[0])
         metrics: dict[str, AnyArray] = dict.fromkeys(("progress", "effort", "reached", "failed"), zero)
-        return EnvironmentState(state, obs, zero, zero, aim, metrics)
+        situation = Situation(state, aim, jnp.zeros_like(place[:2]))
+        return EnvironmentState(situation, self.sensed(state, seen, aim), zero, zero, metrics, {})
 
     def step(self, state: EnvironmentState, action: AnyArray) -> EnvironmentState:
-        """One control period later; of an `action` (action_size,), what is beyond -1 and 1 does not count.
+        """One control period later. Of an `action` (action_size,), -1 leaves a member as long as it is built, 1
+        shortens it by the motors' `stroke`, and what is beyond does not count.
 
-        A rollout that fails is done, with observation and reward of zero: numbers are always finite. Raises
-        `InputError` for an action of another shape.
+        A rollout that fails is done, with observation and reward of zero: numbers are always finite, but derivatives of
+        such a rollout are not. An episode that is over stays so, with rewards of zero. Raises `InputError` for an
+        action of another shape.
         """
         if jnp.shape(action) != (self.action_size,):
             raise InputError(f"action has shape {jnp.shape(action)}; expected ({self.action_size},), one a member")
         dtype = self.plant.options.dtype
-        wanted = self.contraction * (1 + jnp.clip(jnp.asarray(action, dtype), -1, 1)) / 2
-        after = actuate(self.plant, state.plant, wanted)
-        before, place = (centre_of_mass(self.plant.scene, s.motion[0]) for s in (state.plant, after))
-        velocity = (place - before) / self.plant.period
-        towards = wanted_direction(self.task, state.aim, before, velocity)
-        progress = jnp.dot(velocity[:2], towards)
-        effort = jnp.mean(((after.contraction - state.plant.contraction) / self.plant.period) ** 2)
+        wanted = self.plant.motors.stroke * (1 + jnp.clip(jnp.asarray(action, dtype), -1, 1)) / 2
+        old, aim, average = state.pipeline_state
+        after = actuate(self.plant, old, wanted)
+        before, place = (centre_of_mass(self.plant.scene, s.motion[0]) for s in (old, after))
+        progress, average = progressed(self.task, aim, before, place, self.plant.period, average)
+        effort = jnp.mean(((after.contraction - old.contraction) / self.plant.period) ** 2)
         seen, after = observe(self.plant, after)
         failed = state_failure(self.plant.scene, *after.motion) != 0
-        near = jnp.sum((state.aim - place[:2]) ** 2) < self.task.reached**2
-        reached = (self.task.towards == "goal") & near
-        done = failed | reached | (after.tick >= self.episode)
-        told = lambda x: jnp.where(failed, 0, x).astype(dtype)  # noqa: E731
-        obs, reward = told(self.sensed(after, seen, state.aim, velocity)), told(progress - self.effort_cost * effort)
-        metrics: dict[str, AnyArray] = {
-            "progress": told(progress),
-            "effort": told(effort),
-            "reached": reached,
-            "failed": failed,
+        near = jnp.sum((aim - place[:2]) ** 2) < self.task.reached**2
+        reached = near if self.task.towards == "goal" else jnp.zeros_like(near)
+        over = state.done > 0
+        counts = lambda x: jnp.where(failed | over, 0, x).astype(dtype)  # noqa: E731
+        metrics = state.metrics | {
+            "progress": counts(progress),
+            "effort": counts(effort),
+            "reached": reached.astype(dtype),
+            "failed": failed.astype(dtype),
         }
-        metrics = {name: jnp.asarray(value, dtype) for name, value in metrics.items()}
-        return EnvironmentState(after, obs, reward, done.astype(dtype), state.aim, metrics)
+        return EnvironmentState(
+            pipeline_state=Situation(after, aim, average),
+            obs=jnp.where(failed, 0, self.sensed(after, seen, aim)).astype(dtype),
+            reward=counts(progress - self.effort_cost * effort),
+            done=(over | failed | reached | (after.tick >= self.episode)).astype(dtype),
+            metrics=metrics,
+            info=state.info,
+        )
 
-    def sensed(self, state: PlantState, seen: Observation, aim: AnyArray, velocity: AnyArray) -> AnyArray:
+    def sensed(self, state: PlantState, seen: Observation, aim: AnyArray) -> AnyArray:
         """All sensors' readings in the order of `Observation`, but for the place, then d, (2,), as the place that was
         read says, and the contractions."""
-        towards = wanted_direction(self.task, aim, seen.place, velocity)
-        known = [*seen._replace(place=towards), state.contraction]
+        known = [*seen._replace(place=wanted_direction(self.task, aim, seen.place)), state.contraction]
         return jnp.concatenate([jnp.ravel(part) for part in known])
 
 
@@ -134,16 +153,18 @@ def environment(
         task: one of `TASKS`: speed, heading, goal, slope, bumps or recover.
         scene: the robot, its ground and friction; its gait does not count, but for the members that it actuates.
         sensors: how they err; where not given, they do not.
-        motors: what they can do; where not given, 1 m/s.
+        motors: what they can do; where not given, 1 m/s, and to shorten a member by half.
         options: how to integrate; where not given, the scene decides.
-        seconds: of an episode.
+        seconds: of an episode, a multiple of 0.01 s.
         effort_cost: m s: times the mean square rate of the contractions, what effort costs.
 
     Returns:
         The environment, whose `reset` and `step` are pure.
 
     Raises:
-        InputError: an unknown task, a scene without a ground or without a gait, bad options (see `resolve`).
+        InputError: an unknown task, a scene without a ground or without a gait, or with another ground than a level
+            plane for a task that brings its own, bad options (see `resolve`), seconds that are no multiple of 0.01,
+            or an effort cost that is negative or not finite.
 
     Example:
         >>> import jax
@@ -155,7 +176,9 @@ def environment(
     asked = find_task(task)
     if scene.gait is None:
         raise InputError("the scene has no gait; expected one, whose members are those that actions move")
+    if not (np.isfinite(effort_cost) and effort_cost >= 0):
+        raise InputError(f"effort_cost = {effort_cost} m s: expected a finite number, at least 0")
     plant = plant_of(
         ground_of(asked, scene, seed=0), scene.gait.members, sensors=sensors, motors=motors, options=options
     )
-    return Environment(plant, asked, 0.4, effort_cost, round(seconds / plant.period))
+    return Environment(plant, asked, effort_cost, whole_number("seconds", seconds, plant.period))

@@ -80,6 +80,16 @@ class PhaseLocked(Policy):
         return contraction(self.gait, clock), (clock, t)
 
 
+def one_frequency(gait: Gait) -> None:
+    """Raise `InputError` for a gait of several frequencies: where its clock jumps, it is not at another place of one
+    cycle."""
+    if np.ptp(np.asarray(gait.frequency)) > 0:
+        raise InputError(
+            f"gait.frequency = {np.asarray(gait.frequency).tolist()}: expected the same for all members, "
+            "for a clock that jumps to another place of the cycle"
+        )
+
+
 def sure_footed(gait: Gait) -> PhaseLocked:
     """Feedback for uneven ground: a gait a little larger and faster, whose clock heeds how fast struts swing.
 

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxgrity.control.feedback import PhaseLocked
+from jaxgrity.control.feedback import PhaseLocked, one_frequency
 from jaxgrity.control.steering import Steered, centre_offsets
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray
@@ -46,7 +46,8 @@ def gait_choices(structure: Structure, gaits: Mapping[str, PhaseLocked], dtype: 
 
     An image that is the gait itself at another time is left out: a clock that jumps does the same.
 
-    Raises `InputError` where there is none, or gaits differ in their members, their start or their ramp.
+    Raises `InputError` where there is none, one has several frequencies, or gaits differ in their members, their start
+    or their ramp.
     """
     if not gaits:
         raise InputError("gaits: there are none; expected at least one")
@@ -56,6 +57,7 @@ def gait_choices(structure: Structure, gaits: Mapping[str, PhaseLocked], dtype: 
     harmonics = max(len(locked.gait.overtones) for locked in gaits.values())
     for name, locked in gaits.items():
         gait = locked.gait
+        one_frequency(gait)
         if common(gait) != common(first):
             raise InputError(f"gaits: {name!r} has other members, or another start or ramp, than the first one")
         own = [image(gait, symmetry) for symmetry in symmetries(structure)]

@@ -5,7 +5,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from jaxgrity.control.environment import Environment
+from jaxgrity.control.environment import Environment, EnvironmentState
 from jaxgrity.core.errors import InputError
 
 try:
@@ -33,6 +33,7 @@ class GymnasiumEnvironment(gymnasium.Env):
         most = np.finfo(np.float32).max
         self.observation_space = gymnasium.spaces.Box(-most, most, (environment.observation_size,), np.float32)
         self._reset, self._step = jax.jit(environment.reset), jax.jit(environment.step)
+        self._state: EnvironmentState | None = None
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None):
         """The first observation of an episode that `seed`, or else the last one's random numbers, draw."""
@@ -41,7 +42,12 @@ class GymnasiumEnvironment(gymnasium.Env):
         return np.asarray(self._state.obs, np.float32), self._told()
 
     def step(self, action):
-        """Observation, reward, whether the episode terminated, whether it was truncated, and the metrics."""
+        """Observation, reward, whether the episode terminated, whether it was truncated, and the metrics.
+
+        Raises Gymnasium's `ResetNeeded` before the first reset.
+        """
+        if self._state is None:
+            raise gymnasium.error.ResetNeeded("step: expected a reset before it")
         self._state = self._step(self._state, action)
         told = self._told()
         over = bool(told["reached"] or told["failed"])
@@ -49,4 +55,5 @@ class GymnasiumEnvironment(gymnasium.Env):
         return np.asarray(self._state.obs, np.float32), float(self._state.reward), over, truncated, told
 
     def _told(self) -> dict[str, float]:
+        assert self._state is not None, "an episode has begun"
         return {name: float(value) for name, value in self._state.metrics.items()}

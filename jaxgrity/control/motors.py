@@ -9,11 +9,14 @@ from jaxgrity.core.types import AnyArray
 
 
 class Motors(eqx.Module):
-    """What the motors of all actuated members can do; by default anything. Raises `InputError` where that is nothing.
+    """What the motors of all actuated members can do; by default nearly anything.
+
+    Raises `InputError` where that is nothing.
 
     Within a control period of length T a motor approaches the rest length that is asked for by the share
     1 - exp(-T/lag) of what is missing, the exact answer of a first-order lag to a command that is held, yet by `rate` T
-    at most, and not at all against a member that pulls or pushes more than `force`.
+    at most, and not at all against a member that pulls or pushes more than `force`. Commands beyond `stroke` count as
+    that.
     """
 
     lag: float | None = eqx.field(static=True, default=None)
@@ -22,11 +25,15 @@ class Motors(eqx.Module):
     """m/s, the largest |dL/dt|; None: unbounded"""
     force: float | None = eqx.field(static=True, default=None)
     """N, beyond which a motor stalls; None: unbounded"""
+    stroke: float = eqx.field(static=True, default=0.9)
+    """the largest fraction of its length by which a member is shortened or lengthened, less than 1"""
 
     def __check_init__(self):
         for name, value in vars(self).items():
             if value is not None and not (value > 0 and np.isfinite(value)):
                 raise InputError(f"motors.{name} = {value}: expected a positive, finite number, or None")
+        if not self.stroke < 1:
+            raise InputError(f"motors.stroke = {self.stroke}: expected less than 1, a fraction of a member's length")
 
 
 def contraction_reached(
@@ -42,7 +49,7 @@ def contraction_reached(
         lengths: L0, m, of the members.
         tension: N, with which each member pulls; needed where forces are bounded.
     """
-    change = wanted - now
+    change = jnp.clip(wanted, -motors.stroke, motors.stroke) - now
     if motors.lag is not None:
         change = change * (1 - np.exp(-period / motors.lag))
     if motors.rate is not None:

@@ -92,10 +92,11 @@ class WayMap(NamedTuple):
     spacing: float
     """m"""
     distance: np.ndarray
-    """(points along x, points along y), m; infinite where no way leads to the goal"""
+    """(points along x, points along y), m, of which those near an obstacle count up to `CLOSE` times; infinite where no
+    way leads to the goal"""
 
     def to_go(self, places: np.ndarray) -> np.ndarray:
-        """(...,), m, from each of `places` (..., 2), between points of the grid by interpolation.
+        """(...,), m, counted as in `distance`, from each of `places` (..., 2), by interpolation.
 
         Outside the arena a metre counts `CLOSE` times, and where no way leads to the goal, three times the longest.
         """
@@ -141,7 +142,7 @@ def way_map(
         arena: the least x, the least y, the largest x and the largest y, m, between which ways are looked for.
         reach: m, how far the robot sticks out from its centre of mass, which no way comes nearer to a disc.
         comfort: m, on top of that, within which a way counts as longer, up to `CLOSE` times.
-        spacing: m, of the grid.
+        spacing: m, of the grid, at most half of `reach`.
 
     Returns:
         The distances. They are infinite where no way leads to the goal.
@@ -154,8 +155,9 @@ def way_map(
     low, high = np.array(arena[:2], float), np.array(arena[2:], float)
     if np.shape(goal) != (2,) or not np.all((low < goal) & (goal < high)):
         raise InputError(f"goal = {np.asarray(goal).tolist()}: expected one inside the arena {arena}")
-    if min(reach, comfort, spacing) <= 0:
-        raise InputError(f"reach, comfort, spacing = {reach}, {comfort}, {spacing} m: expected positive numbers")
+    if not (min(reach, comfort, spacing) > 0 and spacing <= reach / 2):
+        found = f"reach, comfort, spacing = {reach}, {comfort}, {spacing} m"
+        raise InputError(f"{found}: expected positive numbers, and a spacing of at most half of reach")
     shape = tuple((np.ceil((high - low) / spacing) + 1).astype(int))
     x, y = (low[k] + spacing * np.arange(shape[k]) for k in range(2))
     free = room(discs, np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)) - reach

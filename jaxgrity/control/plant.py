@@ -76,6 +76,12 @@ class Plant(eqx.Module):
         return max(1, int(np.ceil(self.period / self.options.dt - 1e-6)))
 
 
+def check_one(plant: Plant, where: str) -> None:
+    """Raise `InputError` for a plant of many robots."""
+    if plant.robots is not None:
+        raise InputError(f"{where}: the plant has {plant.robots} robots side by side; expected one, of `plant_of`")
+
+
 def check_model(robot: Plant, model: Plant) -> None:
     """Raise `InputError` where a model is not actuated as the robot is, or not as often."""
     if (model.members, model.period) != (robot.members, robot.period):
@@ -85,7 +91,7 @@ def check_model(robot: Plant, model: Plant) -> None:
 
 def whole_number(name: str, seconds: float, part: float) -> int:
     """How many times a part, s, goes into some seconds. Raises `InputError` where that is no whole number."""
-    count = round(seconds / part)
+    count = round(seconds / part) if np.isfinite(seconds) else 0
     if count < 1 or abs(seconds / part - count) > 1e-6 * count:
         raise InputError(f"{name} = {seconds:g} s: expected a multiple of {part:g} s")
     return count
@@ -114,13 +120,18 @@ def plant_of(
         The plant, of which `simulate_policy` makes a motion.
 
     Raises:
-        InputError: bad options (see `resolve`), a method that adapts its step, or members that the structure lacks.
+        InputError: bad options (see `resolve`), a method that adapts its step, no members or such as the structure
+            lacks, or a period that is not positive.
 
     Example:
         >>> plant = jaxgrity.plant_of(jaxgrity.load_scene("exact"), members=(0, 1, 2, 3, 4, 5))
         >>> plant.period  # s
         0.01
     """
+    if not members:
+        raise InputError("members = (): expected at least one that is actuated")
+    if not (np.isfinite(period) and period > 0):
+        raise InputError(f"period = {period} s: expected a positive number")
     zeros = np.zeros(len(members))
     scene = with_gait(scene, Gait(members, zeros, zeros, zeros))
     resolved = resolve(scene, period, options)
@@ -133,8 +144,15 @@ def plant_of(
 def side_by_side(plant: Plant, robots: int, differences: Differences | None = None) -> Plant:
     """The plant of so many robots, which differ; the rows of `differences` are robots.
 
-    A start that differs is not its business: `plant_start` is told where robots start.
+    A start that differs is not its business: `plant_start` is told where robots start. Raises `InputError` for a plant
+    of many robots, for fewer than one robot, and for differences of another number of robots.
     """
+    check_one(plant, "side_by_side")
+    if robots < 1:
+        raise InputError(f"robots = {robots}: expected at least 1")
+    rows = {x.shape[0] for x in jax.tree.leaves(differences)} if differences is not None else set()
+    if rows - {robots}:
+        raise InputError(f"differences are those of {', '.join(map(str, sorted(rows)))} robots: expected {robots}")
     nothing = jnp.zeros((len(plant.members), robots), plant.options.dtype)
     same = Gait(plant.members, nothing, nothing, nothing)
     if differences is not None:
@@ -145,8 +163,15 @@ def side_by_side(plant: Plant, robots: int, differences: Differences | None = No
 
 
 def plant_start(plant: Plant, key: Any, start: State | None = None) -> PlantState:
-    """At t = 0, with motors at rest and sensors awake; from `start`, q and v, where given, else as the scene stands."""
+    """At t = 0, with motors at rest and sensors awake; from `start`, q and v, where given, else as the scene stands.
+
+    Raises `InputError` for a start of another shape.
+    """
     dtype = plant.options.dtype
+    shapes = None if start is None else {np.shape(x) for x in start}
+    if shapes is not None and shapes != {plant.scene.structure.nodes.shape}:
+        expected = f"q and v of shape {plant.scene.structure.nodes.shape} each"
+        raise InputError(f"start has arrays of shape {', '.join(map(str, sorted(shapes)))}: expected {expected}")
     motion = start_of(plant.scene) if start is None else jax.tree.map(lambda x: jnp.asarray(x, dtype), start)
     terms, solver = discretise(plant.options, plant.lift)
     nothing = jnp.zeros((len(plant.members), *motion[0].shape[2:]), dtype)

@@ -1,8 +1,9 @@
 """Model-predictive control by sampling: a model of the robot tries out many ways of steering, and the best is taken.
 
 Every so often the robot's state is given to as many robots of a model, side by side, as there are samples. Each is
-steered in its own way for a horizon: another bend of its path, and another place in the cycle of its gait. Of the one
-that comes closest to the goal the robot takes the bend and the clock, until it is asked again.
+steered in its own way for a horizon: with bends of its own, between knots on straight lines, and from another place in
+the cycle of its gait. Where there are several rounds, later ones draw about the best of those before. The way that
+comes closest to the goal is followed until the controller is asked again; then what is left of it is tried first.
 """
 
 import time
@@ -14,21 +15,20 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxgrity.control.closed_loop import Loop, drive, loop_start, taken_over
-from jaxgrity.control.feedback import PhaseLocked
-from jaxgrity.control.plant import Plant, check_model, side_by_side, whole_number
-from jaxgrity.control.steering import Steered
+from jaxgrity.control.closed_loop import Loop, failures, loop_start, places, roll_on, taken_over
+from jaxgrity.control.feedback import PhaseLocked, one_frequency
+from jaxgrity.control.plant import Plant, check_model, check_one, side_by_side, whole_number
+from jaxgrity.control.steering import Steered, clock_moved
+from jaxgrity.control.tasks import REACHED
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, State
-
-REACHED = 0.3
-"""m, from the goal, within which it counts as reached"""
 
 
 class Sampling(NamedTuple):
     """How a predictive controller looks ahead."""
 
     samples: int = 64
+    """for each choice, in all its rounds"""
     horizon: float = 3.0
     """s, for which each of them is rolled out"""
     interval: float = 0.5
@@ -36,13 +36,21 @@ class Sampling(NamedTuple):
     widest: float = 0.6
     """the largest bend, see `Steered`"""
     jumping: float = 0.5
-    """share of the samples whose clocks jump to another place in the cycle"""
+    """share of the samples of the first round whose clocks jump to another place in the cycle"""
+    knots: int = 1
+    """bends over the horizon, between which it changes along straight lines; 1: it stays"""
+    rounds: int = 1
+    """in which samples are drawn: the first at random, others about the best before, as in the cross-entropy method"""
     per_second: int = 10
     """looks at the distance to the goal"""
     patience: float = 60.0
     """s, after which the goal is given up"""
 
 
+ELITE = 8
+"""of so many samples of all rounds before, one is among the best about which the next round draws"""
+NARROW, LATER = 0.3, 0.05
+"""standard deviations of what later rounds draw: in shares of the largest bend, and in turns of the clock"""
 USUAL = Sampling()
 """if nothing else is asked for"""
 
@@ -56,7 +64,7 @@ class Journey(NamedTuple):
     seconds: float
     """until the goal was reached, or the time was up"""
     bends: np.ndarray
-    """what was chosen"""
+    """the first of each choice"""
     real_time: float
     """seconds that pass for the robot, per second that choosing takes, compilation left out"""
 
@@ -86,39 +94,40 @@ def lead_to(
         Its path, whether and when the goal was reached, and how fast choosing was.
 
     Raises:
-        InputError: a policy or a model that actuates other members than the robot, a model with another period, times
-            that are no multiples of each other, a policy other than a steered `PhaseLocked` one, or a goal that is no
-            place.
+        InputError: a policy or a model that actuates other members than the robot, a model with another period, a plant
+            of many robots, times that are no multiples of each other, a policy other than a steered `PhaseLocked` one
+            of one frequency, a goal that is no place, or a sampling that makes no sense.
     """
     check_model(robot, model)
+    for plant, name in ((robot, "robot"), (model, "model")):
+        check_one(plant, name)
     _check_policy(policy, goal)
-    look = whole_number("1 / per_second", 1 / sampling.per_second, robot.period)
-    looks = whole_number("interval", sampling.interval, 1 / sampling.per_second)
-    whole_number("horizon", sampling.horizon, 1 / sampling.per_second)
-    if not sampling.patience > 0:
-        raise InputError(f"patience = {sampling.patience:g} s: expected a positive time")
+    look, looks, choices = _checked(sampling, robot.period)
     draw, goal, policy = np.random.default_rng(seed), np.asarray(goal, float), replace(policy, goal=None)
-    many = side_by_side(model, sampling.samples)
+    many = side_by_side(model, sampling.samples // sampling.rounds)
     loop = loop_start(robot, policy, jax.random.key(seed), start)
+    knots = np.full(sampling.knots, float(policy.bend))
     paths: list[np.ndarray] = []
     bends: list[float] = []
     spent: list[float] = []
-    passed = 0.0
-    while passed < sampling.patience:
+    for choice in range(choices):
         began = time.perf_counter()
-        policy, loop = _chosen(many, policy, loop, goal, draw, sampling)
+        knots, turns = best(many, policy, loop, goal, draw, sampling, knots)
         spent.append(time.perf_counter() - began)
-        there = drive(robot, policy, loop, look, looks)
-        near = np.linalg.norm(np.asarray(there.path)[:, :2] - goal, axis=1) < REACHED
-        loop, passed = there.end, passed + (near.argmax() if near.any() else looks) / sampling.per_second
-        paths.append(np.asarray(there.path)[bool(paths) :])
-        bends.append(float(policy.bend))
-        if near.any() or there.failure != 0:
+        loop = loop._replace(memory=clock_moved(loop.memory, 1.0, turns / _frequency(policy)))
+        bend = between(sampling) @ knots
+        loop, path, failed = followed(robot, policy, loop, bend[:looks], look)
+        path = np.asarray(path)[bool(choice) :]
+        bends.append(float(bend[0]))
+        near = np.linalg.norm(path[:, :2] - goal, axis=1) < REACHED
+        paths.append(path[: near.argmax() + 1] if near.any() else path)
+        if near.any() or failed:
             break
+        knots = shifted(knots, sampling)
     path = np.concatenate(paths)
     typical = float(np.median(spent[1:] or spent))
-    reached = bool(near.any())
-    return Journey(path, reached, passed, np.array(bends), sampling.interval / typical)
+    passed = (len(path) - 1) / sampling.per_second
+    return Journey(path, bool(near.any()), passed, np.array(bends), sampling.interval / typical)
 
 
 def _check_policy(policy: Steered, goal: AnyArray) -> None:
@@ -126,42 +135,106 @@ def _check_policy(policy: Steered, goal: AnyArray) -> None:
     if not (isinstance(policy, Steered) and isinstance(policy.policy, PhaseLocked)):
         found = f"Steered({type(policy.policy).__name__})" if isinstance(policy, Steered) else type(policy).__name__
         raise InputError(f"policy = {found}: expected a Steered(PhaseLocked), whose bend and clock are chosen")
+    one_frequency(policy.policy.gait)
     if np.shape(goal) != (2,) or not np.isfinite(np.asarray(goal)).all():
         raise InputError(f"goal = {np.asarray(goal).tolist()}: expected a place (x, y), m")
 
 
-def _chosen(
-    many: Plant, policy: Steered, loop: Loop, goal: np.ndarray, draw: np.random.Generator, sampling: Sampling
-) -> tuple[Steered, Loop]:
-    """The policy with the best bend, and the loop with the best clock; the first sample goes on as before."""
-    count, dtype = sampling.samples, many.options.dtype
-    bends = draw.uniform(-sampling.widest, sampling.widest, count)
-    bends[0] = policy.bend
-    turns = draw.uniform(0, 1, count) * (draw.uniform(size=count) < sampling.jumping)
-    turns[0] = 0
-    shifts = turns / float(np.max(policy.policy.gait.frequency))  # type: ignore[attr-defined]
-    path, failure = _tried(many, policy, loop, jnp.asarray(bends, dtype), jnp.asarray(shifts, dtype), sampling)
-    best = int(np.argmin(costs(np.asarray(path)[:, :2], np.asarray(failure), goal)))
-    (clock, until), *others = loop.memory
-    chosen = Loop(loop.plant, ((clock + jnp.asarray(shifts[best], dtype), until), *others))
-    return replace(policy, bend=jnp.asarray(bends[best], dtype)), chosen
+def _checked(sampling: Sampling, period: float) -> tuple[int, int, int]:
+    """Control periods of a look, looks from choice to choice, and choices. Raises `InputError` where nothing fits."""
+    each = sampling.samples // max(sampling.rounds, 1)
+    if min(each, sampling.rounds, sampling.knots) < 1:
+        found = f"samples = {sampling.samples}, rounds = {sampling.rounds}, knots = {sampling.knots}"
+        raise InputError(f"{found}: expected at least 1 of each, and a sample for each round")
+    if not (0 < sampling.widest <= 1 and 0 <= sampling.jumping <= 1):
+        found = f"widest = {sampling.widest:g}, jumping = {sampling.jumping:g}"
+        raise InputError(f"{found}: expected a bend above 0, and at most 1, and a share")
+    look = whole_number("1 / per_second", 1 / sampling.per_second, period)
+    looks = whole_number("interval", sampling.interval, 1 / sampling.per_second)
+    if whole_number("horizon", sampling.horizon, 1 / sampling.per_second) < looks:
+        raise InputError(f"horizon = {sampling.horizon:g} s: expected at least the interval, {sampling.interval:g} s")
+    return look, looks, whole_number("patience", sampling.patience, sampling.interval)
+
+
+def between(sampling: Sampling) -> np.ndarray:
+    """(looks, knots): the weight of each knot in the middle of each look, on straight lines between knots."""
+    looks = round(sampling.horizon * sampling.per_second)
+    place = (np.arange(looks) + 0.5) / looks * (sampling.knots - 1)
+    return np.maximum(0, 1 - np.abs(place[:, None] - np.arange(sampling.knots)))
+
+
+def shifted(knots: np.ndarray, sampling: Sampling) -> np.ndarray:
+    """What is left of the knots one interval later; the last one stays."""
+    if len(knots) == 1:
+        return knots
+    times = np.linspace(0, sampling.horizon, len(knots))
+    return np.interp(times + sampling.interval, times, knots)
+
+
+def _frequency(policy: Steered) -> float:
+    return float(np.max(policy.policy.gait.frequency))  # type: ignore[attr-defined]
+
+
+def best(
+    many: Plant,
+    policy: Steered,
+    loop: Loop,
+    goal: np.ndarray,
+    draw: np.random.Generator,
+    sampling: Sampling,
+    before: np.ndarray,
+) -> tuple[np.ndarray, float]:
+    """The best knots, and by how many turns the clock shall jump; the first sample goes on as `before`."""
+    count, dtype = sampling.samples // sampling.rounds, many.options.dtype
+    found: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+    for number in range(sampling.rounds):
+        if number:
+            knots, turns = _about_the_best(found, count, draw, sampling)
+        else:
+            knots = draw.uniform(-sampling.widest, sampling.widest, (len(before), count))
+            turns = draw.uniform(0, 1, count) * (draw.uniform(size=count) < sampling.jumping)
+            knots[:, 0], turns[0] = before, 0
+        bends, shifts = between(sampling) @ knots, turns / _frequency(policy)
+        look = round(1 / sampling.per_second / many.period)
+        path, failure = _tried(many, policy, loop, jnp.asarray(bends, dtype), jnp.asarray(shifts, dtype), look)
+        found.append((knots, turns, costs(np.asarray(path)[:, :2], np.asarray(failure), goal)))
+    knots, turns, cost = (np.concatenate(part, axis=-1) for part in zip(*found))
+    first = int(np.argmin(cost))
+    return knots[:, first], float(turns[first])
+
+
+def _about_the_best(found: list, count: int, draw: np.random.Generator, sampling: Sampling):
+    """Knots and turns, normally distributed about those of the best of all rounds before, each as likely as another."""
+    knots, turns, cost = (np.concatenate(part, axis=-1) for part in zip(*found))
+    elite = np.argsort(cost, kind="stable")[: max(1, len(cost) // ELITE)]
+    chosen = draw.choice(elite, count)
+    moved = knots[:, chosen] + NARROW * sampling.widest * draw.normal(size=(len(knots), count))
+    return np.clip(moved, -sampling.widest, sampling.widest), turns[chosen] + LATER * draw.normal(size=count)
 
 
 @eqx.filter_jit
-def _tried(many: Plant, policy: Steered, loop: Loop, bends: AnyArray, shifts: AnyArray, sampling: Sampling):
+def _tried(many: Plant, policy: Steered, loop: Loop, bends: AnyArray, shifts: AnyArray, look: int):
     """(looks, 3, samples), m, and (samples,): where each sample gets to, and whether it fails.
 
     One compiled program from the robot's state on: what is not compiled takes longer than the rollouts do.
     """
-    rows = lambda x: jnp.repeat(jnp.asarray(x, many.options.dtype)[..., None], len(bends), axis=-1)  # noqa: E731
-    candidates = replace(jax.tree.map(rows, policy), bend=bends)
-    ahead = taken_over(many, loop, len(bends))
-    (clock, until), *others = ahead.memory
-    ahead = ahead._replace(memory=((clock + shifts, until), *others))
-    ticks = round(1 / sampling.per_second / many.period)
-    looks = round(sampling.horizon * sampling.per_second)
-    there = drive(many, candidates, ahead, ticks, looks, each=True)
-    return there.path, there.failure
+    count = bends.shape[-1]
+    rows = lambda x: jnp.repeat(jnp.asarray(x, many.options.dtype)[..., None], count, axis=-1)  # noqa: E731
+    ahead = taken_over(many, loop, count)
+    ahead = ahead._replace(memory=clock_moved(ahead.memory, 1.0, shifts))
+    return followed(many, jax.tree.map(rows, policy), ahead, bends, look, each=True)[1:]
+
+
+@eqx.filter_jit
+def followed(plant: Plant, policy: Steered, loop: Loop, bends: AnyArray, look: int, *, each: bool = False):
+    """The loop after bends (looks,), or (looks, robots), the path with its start, (looks + 1, 3), and the failure."""
+
+    def one(loop: Loop, bend):
+        loop, _ = roll_on(plant, replace(policy, bend=bend), loop, look, lambda state: None, each=each)
+        return loop, places(plant, loop)
+
+    end, path = jax.lax.scan(one, loop, jnp.asarray(bends, plant.options.dtype))
+    return end, jnp.concatenate([places(plant, loop)[None], path]), failures(plant, end)
 
 
 def costs(path: np.ndarray, failure: np.ndarray, goal: np.ndarray) -> np.ndarray:

@@ -37,7 +37,10 @@ class Observation(NamedTuple):
 
 
 class Errors(NamedTuple):
-    """A standard deviation for each part of an `Observation`, in its unit; contact is never wrong."""
+    """How large the error of each part of an `Observation` is: a standard deviation, in the part's unit.
+
+    Directions stay unit vectors, and no tension is negative.
+    """
 
     directions: float = 0.0
     """of each component: about the angle in rad"""
@@ -45,6 +48,7 @@ class Errors(NamedTuple):
     cable_lengths: float = 0.0
     tensions: float = 0.0
     contact: float = 0.0
+    """the probability, not a standard deviation, with which a node's contact is told wrongly"""
     place: float = 0.0
 
 
@@ -60,7 +64,8 @@ class Readings(NamedTuple):
 class Sensors(eqx.Module):
     """How sensors err; by default they do not.
 
-    Raises `InputError` where a standard deviation or a delay is negative, or control periods are no whole numbers.
+    Raises `InputError` where a standard deviation is negative or not finite, a probability is above 1, a delay is
+    negative, or control periods are no whole numbers.
     """
 
     noise: Errors = eqx.field(static=True, default=Errors())
@@ -73,8 +78,12 @@ class Sensors(eqx.Module):
     """control periods until a reading arrives"""
 
     def __check_init__(self):
-        if min(*self.noise, *self.bias) < 0:
-            raise InputError(f"sensors: noise = {self.noise}, bias = {self.bias}; expected no negative number")
+        sizes = np.array([*self.noise, *self.bias], float)
+        if not (np.isfinite(sizes).all() and (sizes >= 0).all() and max(self.noise.contact, self.bias.contact) <= 1):
+            raise InputError(
+                f"sensors: noise = {self.noise}, bias = {self.bias}; expected finite numbers, none negative, "
+                "and for contact at most 1"
+            )
         whole = all(isinstance(count, int | np.integer) for count in (self.every, self.delay))
         if not whole or self.every < 1 or self.delay < 0:
             raise InputError(
@@ -108,11 +117,17 @@ def measure(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors) -> Observat
 
 
 def first_readings(sensors: Sensors, seen: Observation, key: Any) -> Readings:
-    """Before the first control period; `seen` is what sensors without error say, of one robot or of many."""
-    bias = _drawn(sensors.bias, seen, key) if any(sensors.bias) else None
+    """Before the first control period; `seen` is what sensors without error say, of one robot or of many.
+
+    A robot that has stood still until then has been read before: late sensors begin with one such reading, which errs
+    as all others do.
+    """
+    of_bias, of_noise = jax.random.split(key)
+    bias = _drawn(sensors.bias, seen, of_bias) if any(sensors.bias) else None
     kept = sensors.delay + 1
     held = sensors.every > 1 or sensors.delay > 0
-    recent = jax.tree.map(lambda x: jnp.broadcast_to(x, (kept, *x.shape)), seen) if held else None
+    before = _erring(sensors, seen, bias, of_noise)
+    recent = jax.tree.map(lambda x: jnp.broadcast_to(x, (kept, *x.shape)), before) if held else None
     return Readings(bias, recent)  # type: ignore[arg-type]
 
 
@@ -121,11 +136,7 @@ def read(sensors: Sensors, seen: Observation, readings: Readings, tick: Any, key
 
     Arithmetic is by elements, so that it is the same for one robot and for many with the population last.
     """
-    new = seen
-    if readings.bias is not None:
-        new = jax.tree.map(jnp.add, new, readings.bias)
-    if any(sensors.noise):
-        new = jax.tree.map(jnp.add, new, _drawn(sensors.noise, new, key))
+    new = _erring(sensors, seen, readings.bias, key)
     if readings.recent is None:
         return new, readings
     if sensors.every > 1:
@@ -135,7 +146,28 @@ def read(sensors: Sensors, seen: Observation, readings: Readings, tick: Any, key
     return jax.tree.map(lambda held: held[-1], recent), Readings(readings.bias, recent)
 
 
+def _erring(sensors: Sensors, seen: Observation, bias: Observation | None, key: Any) -> Observation:
+    """One reading, with its bias and its noise."""
+    if bias is not None:
+        seen = _with_error(sensors.bias, seen, bias)
+    if any(sensors.noise):
+        seen = _with_error(sensors.noise, seen, _drawn(sensors.noise, seen, key))
+    return seen
+
+
+def _with_error(size: Errors, seen: Observation, error: Observation) -> Observation:
+    """Errors of contact turn a bit over; all others are added."""
+    off = jax.tree.map(jnp.add, seen, error)
+    off = off._replace(contact=jnp.abs(seen.contact - error.contact))
+    if size.directions:
+        off = off._replace(directions=off.directions / jnp.linalg.norm(off.directions, axis=1, keepdims=True))
+    return off._replace(tensions=jnp.maximum(off.tensions, 0)) if size.tensions else off
+
+
 def _drawn(size: Errors, like: Observation, key: Any) -> Observation:
-    """Normal deviates; zeros, without any drawing, where they have no size."""
-    parts = zip(size, like, jax.random.split(key, len(like)))
-    return Observation(*(s * jax.random.normal(k, x.shape, x.dtype) if s else jnp.zeros_like(x) for s, x, k in parts))
+    """Normal deviates, and 1 for contact that is wrong; zeros, without any drawing, where they have no size."""
+    keys = Observation(*jax.random.split(key, len(like)))
+    normal = lambda s, x, k: s * jax.random.normal(k, x.shape, x.dtype) if s else jnp.zeros_like(x)  # noqa: E731
+    drawn = Observation(*(normal(*part) for part in zip(size, like, keys)))
+    wrong = jax.random.bernoulli(keys.contact, size.contact, like.contact.shape)
+    return drawn._replace(contact=wrong.astype(like.contact.dtype))

@@ -1,6 +1,7 @@
 """Steering: struts on one side of the robot move further than those on the other, and its path bends."""
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -21,6 +22,8 @@ class Steered(Policy):
     travel, in units of the largest such distance as built. It follows from the struts' directions. Struts on the left
     that stay longer make a path bend to the left (measured: docs/control.md). s is `bend`; where there is a goal, it is
     `bend` times the angle from the direction of travel to the goal over `full`, within -1 and 1.
+
+    Raises `InputError` for a bend beyond -1 and 1, and for offsets of other members than the policy's.
     """
 
     policy: Policy
@@ -34,6 +37,13 @@ class Steered(Policy):
     """rad, from which angle to the goal on all of the bend is used"""
     averaged: Scalar = eqx.field(converter=as_float, default=1.0)
     """s, over which the direction of travel is averaged"""
+
+    def __check_init__(self):
+        if not isinstance(self.bend, jax.core.Tracer) and not np.all(np.abs(np.asarray(self.bend)) <= 1):
+            raise InputError(f"bend = {np.asarray(self.bend).tolist()}: expected numbers between -1 and 1")
+        if np.ndim(self.offsets) < 2 or np.shape(self.offsets)[0] != len(self.members):
+            expected = f"({len(self.members)}, struts), of `centre_offsets`"
+            raise InputError(f"offsets have the shape {np.shape(self.offsets)}: expected {expected}")
 
     @property
     def members(self) -> tuple[int, ...]:
@@ -60,6 +70,12 @@ class Steered(Policy):
             off = jnp.arctan2(jnp.dot(left, away), jnp.dot(travel, away) + slow)
             bend = bend * jnp.clip(off / self.full, -1, 1)
         return wanted * (1 - bend * side), (inner, place, travel, t)
+
+
+def clock_moved(memory: Memory, times: AnyArray | float, jump: AnyArray | float) -> Memory:
+    """The memory of a steered `PhaseLocked` policy whose clock shows so many times what it did, and `jump`, s, more."""
+    (clock, until), *others = memory
+    return ((clock * jnp.asarray(times, clock.dtype) + jnp.asarray(jump, clock.dtype), until), *others)
 
 
 def centre_offsets(structure: Structure, members: tuple[int, ...]) -> np.ndarray:

@@ -14,26 +14,32 @@ from jaxgrity.model.height_fields import bumps
 from jaxgrity.model.scene import Scene
 from jaxgrity.stepping.dynamics import centre_of_mass
 
+REACHED = 0.3
+"""m, from a goal, within which it counts as reached"""
 DROP = 1.0, 2.0
 """m/s and rad/s, standard deviations of velocity and spin of a robot that has fallen"""
+CLEAR = 0.02
+"""m, between the ground and the lowest node of a robot that starts"""
+AVERAGED = 1.0
+"""s, over which the velocity is averaged where any direction is as good as another"""
 
 
 class Task(NamedTuple):
-    """What is asked of a robot. In every control period it is rewarded by v·d for the velocity v of its centre of mass
-    along the direction d that is wanted, m/s."""
+    """What is asked of a robot. In every control period it is rewarded for its progress, m/s: for v·d, with the
+    velocity v of its centre of mass and the direction d that is wanted. Where no direction is, for |u| with
+    du/dt = (v - u)/T, T = `AVERAGED`: shaking in place gets it nowhere."""
 
     towards: str
-    """what d is: "anywhere", the direction in which it moves; "heading", one drawn at the start; "goal", that to the
-    goal; "uphill" """
+    """what d is: "anywhere", none; "heading", one drawn at the start; "goal", that to the goal; "uphill" """
     incline: float = 0.0
     """rad, of the ground"""
     bumps: float = 0.0
     """m, standard deviation of the ground's height"""
     fallen: bool = False
-    """whether it starts in the air, any way up, moving and spinning; else it stands, turned about the vertical"""
+    """whether it starts high in the air, moving and spinning; else at rest, just above the ground; any way up"""
     distance: float = 10.0
     """m, from the start to the goal, in a direction drawn at the start"""
-    reached: float = 0.3
+    reached: float = REACHED
     """m, from the goal, within which the episode is done"""
 
 
@@ -56,33 +62,33 @@ def find_task(name: str) -> Task:
 
 
 def ground_of(task: Task, scene: Scene, seed: int) -> Scene:
-    """The scene on the task's ground; bumps are drawn by `seed`. Raises `InputError` where it has no ground."""
-    if scene.ground is None:
-        raise InputError("this scene has no ground to roll on; expected [ground]")
+    """The scene on the task's ground, its robot just above it; bumps are drawn by `seed`.
+
+    A task that says nothing of the ground leaves the scene's own. Raises `InputError` where the scene has no ground, or
+    one that is not level although the task brings its own.
+    """
     ground = scene.ground
-    if task.incline:
-        ground = dataclasses.replace(ground, incline=task.incline, surface=None)  # type: ignore[call-arg]
-    if task.bumps:
-        surface = bumps(task.bumps, 0.8, seed)
-        ground = dataclasses.replace(ground, incline=0.0, surface=surface)  # type: ignore[call-arg]
-    q = ground.set_down(np.asarray(scene.structure.nodes, float), -0.02)
+    if ground is None:
+        raise InputError("this scene has no ground to roll on; expected [ground]")
+    if task.incline or task.bumps:
+        if ground.surface is not None or float(ground.incline) != 0:
+            raise InputError("ground: this task brings its own; expected a scene on a level plane")
+        surface = bumps(task.bumps, 0.8, seed) if task.bumps else None
+        ground = dataclasses.replace(ground, incline=task.incline, surface=surface)  # type: ignore[call-arg]
+    q = ground.set_down(np.asarray(scene.structure.nodes, float), -CLEAR)
     structure = dataclasses.replace(scene.structure, nodes=q)
     return dataclasses.replace(scene, ground=ground, structure=structure)
 
 
 def task_start(task: Task, scene: Scene, key: Any) -> State:
-    """A start, q and v, drawn by `key`: just above the ground, turned about the vertical, or fallen from the air."""
+    """A start, q and v, drawn by `key`, turned anyhow: at rest just above the ground, or falling from the air."""
     turns, heights, speeds, spins = jax.random.split(key, 4)
     q = jnp.asarray(scene.structure.nodes)
-    body = q - centre_of_mass(scene, q)
+    body = (q - centre_of_mass(scene, q)) @ _any_turn(jax.random.normal(turns, (4,), q.dtype)).T
     if not task.fallen:
-        angle = 2 * jnp.pi * jax.random.uniform(turns, (), q.dtype)
-        c, s, none, one = jnp.cos(angle), jnp.sin(angle), jnp.zeros_like(angle), jnp.ones_like(angle)
-        turn = jnp.stack([c, -s, none, s, c, none, none, none, one]).reshape(3, 3)
-        return lifted(scene.ground, body @ turn.T, 0.02), jnp.zeros_like(q)
-    body = body @ _any_turn(jax.random.normal(turns, (4,), q.dtype)).T
+        return lifted(scene.ground, body, CLEAR), jnp.zeros_like(q)
     speed, spin = (size * jax.random.normal(k, (3,), q.dtype) for size, k in zip(DROP, (speeds, spins)))
-    height = 0.02 + jax.random.uniform(heights, (), q.dtype)
+    height = CLEAR + jax.random.uniform(heights, (), q.dtype)
     return lifted(scene.ground, body, height), speed + jnp.cross(spin, body)
 
 
@@ -94,14 +100,29 @@ def lifted(ground: Ground | None, q: NodeVectors, height: AnyArray | float) -> N
     return q
 
 
-def wanted_direction(task: Task, aim: AnyArray, place: AnyArray, velocity: AnyArray) -> AnyArray:
-    """d, (2,), a unit vector, or shorter within a centimetre of the goal; `aim` is a heading or the goal's place."""
+def wanted_direction(task: Task, aim: AnyArray, place: AnyArray) -> AnyArray:
+    """d, (2,), a unit vector, or shorter within a centimetre of the goal; `aim` is a heading or the goal's place. Where
+    no direction is wanted, zeros."""
     if task.towards == "heading":
         return aim
-    if task.towards == "uphill":
-        return jnp.array([-1.0, 0.0], place.dtype)
-    way = aim - place[:2] if task.towards == "goal" else velocity[:2]
-    return way / jnp.sqrt(jnp.sum(way * way) + 1e-4)
+    if task.towards == "goal":
+        way = aim - place[:2]
+        return way / jnp.sqrt(jnp.sum(way * way) + 1e-4)
+    return jnp.array([-1.0 if task.towards == "uphill" else 0.0, 0.0], place.dtype)
+
+
+def progressed(
+    task: Task, aim: AnyArray, before: AnyArray, place: AnyArray, period: float, average: AnyArray
+) -> tuple[AnyArray, AnyArray]:
+    """How well a robot does that was at `before` one period, s, ago and is at `place`, (3,), m.
+
+    Returns its progress, m/s, and the averaged velocity u, (2,), m/s, which was `average` a period ago.
+    """
+    velocity = (place - before)[:2] / period
+    average = average + -float(np.expm1(-period / AVERAGED)) * (velocity - average)
+    if task.towards != "anywhere":
+        return jnp.dot(velocity, wanted_direction(task, aim, before)), average
+    return jnp.sqrt(jnp.sum(average * average) + 1e-12), average
 
 
 def drawn_aim(task: Task, place: AnyArray, key: Any) -> AnyArray:

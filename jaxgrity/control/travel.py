@@ -15,18 +15,20 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxgrity.control.closed_loop import Loop, drive, loop_start, roll_on, taken_over
+from jaxgrity.control.closed_loop import Loop, drive, failures, loop_start, roll_on, taken_over
 from jaxgrity.control.gait_choices import GaitChoices
 from jaxgrity.control.obstacles import WayMap, gap, room
-from jaxgrity.control.plant import Plant, check_model, side_by_side, whole_number
-from jaxgrity.control.predictive import REACHED
+from jaxgrity.control.plant import Plant, check_model, check_one, side_by_side, whole_number
+from jaxgrity.control.steering import clock_moved
+from jaxgrity.control.tasks import REACHED
 from jaxgrity.core.errors import InputError
-from jaxgrity.core.types import State
+from jaxgrity.core.types import AnyArray, State
 from jaxgrity.rollout.uncertainty import Differences
-from jaxgrity.stepping.integrate import state_failure
 
 TOUCHING = 100.0
 """m, by which a way counts as longer for each metre by which the robot comes too close to an obstacle"""
+ARRIVING = 1000.0
+"""m, by which a way that gets to the goal, and touches nothing, counts as shorter"""
 LOOKS = 10
 """a second, at which places are compared with obstacles when ways to go on are tried"""
 
@@ -45,7 +47,7 @@ class Foresight(NamedTuple):
     widest: float = 0.6
     """the largest bend, see `Steered`"""
     usual: float = 0.6
-    """share of the samples that use the first gait, the others any"""
+    """share of the samples that use the first gait; the others use any, the first and all images included"""
     reach: float = 0.6
     """m, how far the robot sticks out from its centre of mass"""
     margin: float = 0.1
@@ -117,12 +119,12 @@ def travel(
 
     Raises:
         InputError: not as many robots as maps, a policy or a model that actuates other members than the robots, a model
-            with another period, fewer than two samples, times that are no multiples of each other.
+            with another period, times that are no multiples of each other, or a foresight that makes no sense.
     """
     count = robots.robots
     if count is None or count != len(maps):
         raise InputError(f"maps: there are {len(maps)}, for {count} robots; expected one for each, of `side_by_side`")
-    ticks, looks = _counts(robots, model, foresight)
+    ticks, looks, choices = _counts(robots, model, foresight)
     draw, copies = np.random.default_rng(foresight.seed), len(foresight.friction)
     lanes = count * foresight.samples * copies
     many = side_by_side(model, lanes, Differences(friction=np.tile(foresight.friction, count * foresight.samples)))
@@ -131,11 +133,12 @@ def travel(
     kept = [np.asarray(loop.plant.motion[0])[None]]
     said: list[tuple[np.ndarray, ...]] = []
     spent, over = [], np.zeros(count, bool)
-    for choice in range(round(foresight.patience / foresight.interval)):
+    for choice in range(choices):
         began = time.perf_counter()
         tried = _drawn(draw, gaits, rows, bends, foresight)
         fate = _foreseen(many, gaits, loop, tried, looks)
-        best = _costs(fate, maps, foresight).argmin(1)
+        costs = [way_costs(fate.path[:, :, k], fate.failed[k], way, foresight) for k, way in enumerate(maps)]
+        best = np.array(costs).argmin(1)
         spent.append(time.perf_counter() - began)
         old, each = rows, np.arange(count)
         rows, bends, turns = (x[each, best] for x in tried)
@@ -152,15 +155,26 @@ def travel(
     return _told(model, np.concatenate(kept), maps, [np.array(x) for x in zip(*said)], spent)
 
 
-def _counts(robots: Plant, model: Plant, foresight: Foresight) -> tuple[int, int]:
-    """Control periods between choices, and looks ahead. Raises `InputError` where robot, model and times do not fit."""
+def _counts(robots: Plant, model: Plant, foresight: Foresight) -> tuple[int, int, int]:
+    """Control periods between choices, looks ahead, and choices. Raises `InputError` where robot, model and times do
+    not fit."""
     check_model(robots, model)
+    check_one(model, "model")
     whole_number("a look", 1 / LOOKS, model.period)
-    if foresight.samples < 2 or foresight.patience < foresight.interval:
-        found = f"samples = {foresight.samples}, patience = {foresight.patience:g} s"
-        raise InputError(f"{found}: expected at least 2 samples, and {foresight.interval:g} s")
+    friction = np.array(foresight.friction, float)
+    if foresight.samples < 2 or not len(friction) or not (np.isfinite(friction) & (friction >= 0)).all():
+        found = f"samples = {foresight.samples}, friction = {foresight.friction}"
+        raise InputError(f"{found}: expected at least 2 samples, and factors that are not negative")
+    if not (0 <= foresight.widest <= 1 and 0 <= foresight.usual <= 1):
+        raise InputError(f"widest = {foresight.widest:g}, usual = {foresight.usual:g}: expected numbers from 0 to 1")
+    if not (foresight.reach > 0 and foresight.margin >= 0):
+        raise InputError(f"reach, margin = {foresight.reach:g}, {foresight.margin:g} m: expected a positive reach")
     ticks = whole_number("interval", foresight.interval, robots.period)
-    return ticks, whole_number("horizon", foresight.horizon, 1 / LOOKS)
+    looks = whole_number("horizon", foresight.horizon, 1 / LOOKS)
+    if foresight.horizon < foresight.interval:
+        found = f"horizon = {foresight.horizon:g} s"
+        raise InputError(f"{found}: expected at least the interval, {foresight.interval:g} s")
+    return ticks, looks, whole_number("patience", foresight.patience, foresight.interval)
 
 
 def _drawn(draw: np.random.Generator, gaits: GaitChoices, rows: np.ndarray, bends: np.ndarray, foresight: Foresight):
@@ -175,12 +189,10 @@ def _drawn(draw: np.random.Generator, gaits: GaitChoices, rows: np.ndarray, bend
     return chosen, bent, turns
 
 
-def _with_clock(gaits: GaitChoices, loop: Loop, old: np.ndarray, new: np.ndarray, turns: np.ndarray) -> Loop:
+def _with_clock(gaits: GaitChoices, loop: Loop, old: AnyArray, new: AnyArray, turns: AnyArray) -> Loop:
     """The loop with clocks that show the same angle in another gait, and have jumped by so many turns."""
-    (clock, until), *others = loop.memory
-    share = gaits.frequency[old] / gaits.frequency[new]
-    jump = jnp.asarray(turns, clock.dtype) / gaits.frequency[new]
-    return Loop(loop.plant, ((clock * share + jump, until), *others))
+    frequency = gaits.frequency
+    return loop._replace(memory=clock_moved(loop.memory, frequency[old] / frequency[new], turns / frequency[new]))
 
 
 def _foreseen(many: Plant, gaits: GaitChoices, loop: Loop, tried, looks: int) -> _Fate:
@@ -207,34 +219,28 @@ def _tried(many: Plant, policy, gaits: GaitChoices, loop: Loop, clocks, looks: i
 def _moved(robots: Plant, policy, loop: Loop, ticks: int):
     """The loop after so many control periods, and the nodes in each; NaN of robots that failed by then."""
     loop, nodes = roll_on(robots, policy, loop, ticks, lambda state: state.motion[0], each=True)
-    return loop, jnp.where(_failed(robots, loop) != 0, jnp.nan, nodes)
+    return loop, jnp.where(failures(robots, loop) != 0, jnp.nan, nodes)
 
 
-def _failed(many: Plant, loop: Loop):
-    """(robots,), as `state_failure` says."""
-    return many.lift(state_failure, ("s", -1, -1))(many.scene, *loop.plant.motion)
+def way_costs(path: np.ndarray, failed: np.ndarray, way: WayMap, foresight: Foresight) -> np.ndarray:
+    """(samples,), m: how far it is to the goal at the horizon, the mean of the mean and the worst of the copies.
 
-
-def _costs(fate: _Fate, maps: Sequence[WayMap], foresight: Foresight) -> np.ndarray:
-    """(robots, samples), m: how far it is to the goal at the horizon, the mean of the mean and the worst of the copies.
-
-    One that gets there counts the seconds until then, less 1000; one that comes too close to an obstacle before counts
-    `TOUCHING` times by how much.
+    One that gets there and keeps clear of obstacles until then counts the seconds until then, less `ARRIVING`; one that
+    comes too close to an obstacle counts `TOUCHING` times by how much, wherever it gets. Of a `path` (looks, 2,
+    samples, copies), m; one that `failed` (samples, copies) is worse than all others.
     """
-    found = []
-    for robot, way in enumerate(maps):
-        path = np.moveaxis(fate.path[:, :, robot], 1, -1)
-        failed = fate.failed[robot] | ~np.isfinite(path).all((0, -1))
-        path = np.where(np.isfinite(path), path, 0.0)
-        near = np.linalg.norm(path - way.goal, axis=-1) < REACHED / 2
-        there, first = near.any(0), near.argmax(0)
-        close = np.maximum(foresight.reach + foresight.margin - room(way.discs, path), 0)
-        before = np.arange(len(path))[:, None, None] <= np.where(there, first, len(path))
-        worth = np.where(there, first / LOOKS - 1000.0, way.to_go(path[-1]))
-        worth = worth + TOUCHING * (close * before).max(0)
-        worth = np.where(failed, 1e6, worth)
-        found.append((worth.mean(-1) + worth.max(-1)) / 2)
-    return np.array(found)
+    path = np.moveaxis(path, 1, -1)
+    failed = failed | ~np.isfinite(path).all((0, -1))
+    path = np.where(np.isfinite(path), path, 0.0)
+    near = np.linalg.norm(path - way.goal, axis=-1) < REACHED / 2
+    there, first = near.any(0), near.argmax(0)
+    close = np.maximum(foresight.reach + foresight.margin - room(way.discs, path), 0)
+    before = np.arange(len(path))[:, None, None] <= np.where(there, first, len(path))
+    touching = (close * before).max(0)
+    arrives = there & (touching == 0)
+    worth = np.where(arrives, first / LOOKS - ARRIVING, way.to_go(path[-1]) + TOUCHING * touching)
+    worth = np.where(failed, 1e6, worth)
+    return np.asarray((worth.mean(-1) + worth.max(-1)) / 2)
 
 
 def _expected(fate: _Fate, best: np.ndarray, foresight: Foresight) -> tuple[np.ndarray, np.ndarray]:

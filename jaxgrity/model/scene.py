@@ -1,7 +1,7 @@
 """A scene: the composition of a structure and of what acts on it, and the two scalar functions that it is."""
 
 import dataclasses
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import equinox as eqx
 import jax
@@ -215,6 +215,15 @@ Module = TypeVar("Module", bound=eqx.Module)
 def as_dtype(scene: Module, dtype: str) -> Module:
     """The scene, or a policy, with every number as a JAX array of `dtype`."""
     return jax.tree.map(lambda x: jnp.asarray(x, dtype), scene)
+
+
+def floats_as(tree: Any, dtype: str) -> Any:
+    """The tree with its floating-point numbers as JAX arrays of `dtype`; integers, masks and random keys stay."""
+
+    def cast(x):
+        return jnp.asarray(x, dtype) if jnp.issubdtype(jnp.result_type(x), jnp.floating) else jnp.asarray(x)
+
+    return jax.tree.map(cast, tree)
 
 
 def start_of(scene: Scene) -> State:

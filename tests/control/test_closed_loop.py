@@ -79,11 +79,13 @@ def test_robots_side_by_side_move_as_each_alone(scene, plant, driver):
 
 @pytest.mark.slow
 def test_gradient_through_a_closed_loop_is_that_of_central_differences(plant, driver):
-    """In gains and bend, while the robot stands on its face, where nothing switches."""
+    """In gains and bend, while the robot stands on its face, where nothing switches; it believes that it travels."""
 
     def place(gains, bend):
         policy = replace(driver, policy=replace(driver.policy, gains=gains), bend=bend)
         loop = jaxgrity.loop_start(plant, policy, jax.random.key(0))
+        inner, last, _, before = loop.memory
+        loop = loop._replace(memory=(inner, last, jnp.array([0.5, 0.2]), before))
         end, _ = jaxgrity.roll_on(plant, policy, loop, 30, lambda state: None)
         return jnp.sum(end.plant.motion[0][:, 0] ** 2)
 
@@ -96,6 +98,128 @@ def test_gradient_through_a_closed_loop_is_that_of_central_differences(plant, dr
     up, down = (value(at[0], at[1] + s) for s in (1e-5, -1e-5))
     np.testing.assert_allclose(gradient[1], (up - down) / 2e-5, rtol=1e-6)
     assert abs(gradient[0][0, 0]) > 1e-6
+    assert abs(gradient[1]) > 1e-6
+
+
+def clock_rate(policy: PhaseLocked, observation: Observation, clock: float) -> float:
+    """dc/dt that a policy makes of one observation."""
+    _, (after, _) = policy(observation, 0.01, (jnp.asarray(clock), jnp.asarray(0.0)))
+    return (float(after) - clock) / 0.01
+
+
+@pytest.fixture(scope="module")
+def moment(rolled):
+    """What sensors say in the middle of a motion."""
+    return jaxgrity.measure(rolled.scene, 0.0, rolled.positions[35], rolled.velocities[35])
+
+
+def test_the_clock_runs_as_its_law_says(scene, moment):
+    """By hand, within its limits; and at both of them."""
+    gains, clock = np.array([[0.3, -0.2], [0.1, 0.2]]), 0.37
+    u = np.asarray(moment.directions)[:, 2]
+    angle = 2 * np.pi * scene.gait.frequency * clock + scene.gait.phase
+    rate = 1.0
+    for h in (1, 2):
+        rate += gains[h - 1] @ [np.sum(u**2 * np.cos(h * angle)), np.sum(u**2 * np.sin(h * angle))]
+    assert 0 < rate < 2
+    assert abs(rate - 1) > 0.01
+    assert clock_rate(PhaseLocked(scene.gait, gains), moment, clock) == pytest.approx(rate, rel=1e-9)
+    told = (rate - 1) / abs(rate - 1)
+    strong = PhaseLocked(scene.gait, 1e3 * gains), PhaseLocked(scene.gait, -1e3 * gains)
+    found = [clock_rate(policy, moment, clock) for policy in strong]
+    np.testing.assert_allclose(found, [1 + told, 1 - told], atol=1e-9)
+
+
+def test_the_clock_does_not_ask_on_which_face_the_robot_lies(scene, moment):
+    """Under every symmetry of the structure the image of the gait, on the robot's image, has the same clock."""
+    i, j = np.array(scene.structure.struts.edges).T
+    policy = PhaseLocked(scene.gait, np.array([[0.3, -0.2], [0.1, 0.2]]), np.array([[0.2, 0.1], [-0.1, 0.05]]))
+    own, found = clock_rate(policy, moment, 0.37), jaxgrity.symmetries(scene.structure)
+    assert len(found) == 24
+    for symmetry in found:
+        ends = dict(zip(zip(i, j), range(6)))
+        directions, spins = np.zeros((6, 3)), np.zeros((6, 3))
+        for k, pair in enumerate(zip(i, j)):
+            a, b = symmetry.nodes[pair[0]], symmetry.nodes[pair[1]]
+            sign = 1 if (a, b) in ends else -1
+            to = ends[(a, b)] if sign > 0 else ends[(b, a)]
+            assert to == symmetry.members[k]
+            directions[to], spins[to] = sign * moment.directions[k], moment.spins[k]
+        seen = moment._replace(directions=directions, spins=spins)
+        locked = replace(policy, gait=jaxgrity.image(scene.gait, symmetry))
+        assert clock_rate(locked, seen, 0.37) == pytest.approx(own, rel=1e-9)
+    assert own != pytest.approx(clock_rate(policy, moment, 0.5), rel=1e-3)
+
+
+def asked(policy: Steered, observation: Observation, travel: list[float]):
+    """Commands of a policy that believes to travel like this, at the origin, and of its inner policy."""
+    memory = (policy.policy.first(), observation.place[:2], jnp.array(travel), jnp.asarray(0.3))
+    inner, _ = policy.policy(observation, jnp.asarray(0.3), policy.policy.first())
+    return np.asarray(policy(observation, jnp.asarray(0.3 + 1e-9), memory)[0]), np.asarray(inner)
+
+
+def test_struts_on_the_left_stay_longer_in_a_bend_to_the_left(scene):
+    """By where strut centres are as built, with +x for the direction of travel; to the right it is the other way."""
+    q = np.asarray(scene.structure.nodes)
+    seen = jaxgrity.measure(scene, 0.0, q, np.zeros_like(q))
+    i, j = np.array(scene.structure.struts.edges).T
+    left = ((q[i] + q[j]) / 2 - q.mean(0))[:, 1]
+    offsets = centre_offsets(scene.structure, scene.gait.members)
+    gait = replace(scene.gait, ramp=np.array(0.01))
+    for bend in (0.3, -0.3):
+        steered, plain = asked(Steered(OpenLoop(gait), bend, offsets), seen, [0.5, 0.0])
+        expected = plain * (1 - bend * left / np.abs(np.linalg.norm((q[i] + q[j]) / 2 - q.mean(0), axis=1)).max())
+        np.testing.assert_allclose(steered, expected, rtol=0.02, atol=1e-3)
+        assert np.ptp(steered / plain) > 0.2
+
+
+def test_a_goal_on_the_left_is_a_bend_to_the_left(scene):
+    """All of the bend where it is beside or behind the robot, none straight ahead, the other way round on the right."""
+    q = np.asarray(scene.structure.nodes) * 1.0
+    seen = jaxgrity.measure(scene, 0.0, q, np.zeros_like(q))._replace(place=np.zeros(3))
+    offsets = centre_offsets(scene.structure, scene.gait.members)
+    gait = replace(scene.gait, ramp=np.array(0.01))
+    to = lambda goal, bend: asked(Steered(OpenLoop(gait), bend, offsets, np.array(goal)), seen, [0.5, 0.0])[0]  # noqa: E731
+    ahead, left, right = (to(goal, 0.3) for goal in ([5.0, 0.0], [0.0, 5.0], [0.0, -5.0]))
+    fixed = [asked(Steered(OpenLoop(gait), bend, offsets), seen, [0.5, 0.0])[0] for bend in (0.0, 0.3, -0.3)]
+    for own, same in zip((ahead, left, right), fixed):
+        np.testing.assert_allclose(own, same, rtol=1e-6)
+
+
+class Counting(jaxgrity.Policy):
+    """Commands from an integer, a mask and a random key that it remembers."""
+
+    members: tuple[int, ...]
+    table: jax.Array
+    """of integers"""
+
+    def first(self):
+        return jnp.asarray(0), jnp.asarray(True), jax.random.key(0)
+
+    def __call__(self, observation, t, memory):
+        count, even, key = memory
+        key, drawn = jax.random.split(key)
+        size = jnp.where(even, 0.1, 0.2) * jax.random.uniform(drawn, (len(self.members),), observation.place.dtype)
+        return size * (self.table[count % 2] > 0), (count + 1, ~even, key)
+
+
+def test_memories_and_parameters_keep_their_kinds(scene):
+    """Integers count, masks choose and keys draw, in single precision too."""
+    plant = jaxgrity.plant_of(scene, scene.gait.members, options=SolverOptions(dt=0.01, dtype="float32"))
+    policy = Counting(scene.gait.members, jnp.array([1, 0]))
+    loop = jaxgrity.loop_start(plant, policy, jax.random.key(0))
+    end, contracted = jaxgrity.roll_on(plant, policy, loop, 4, lambda state: state.contraction)
+    assert int(end.memory[0]) == 4
+    assert bool(end.memory[1])
+    assert contracted.dtype == np.float32
+    np.testing.assert_array_equal(np.asarray(contracted).any(1), [True, False, True, False])
+
+
+def test_commands_beyond_the_stroke_count_as_that():
+    """On both sides."""
+    none, wanted = np.zeros(3), np.array([1.5, -2.0, 0.3])
+    reached = jaxgrity.contraction_reached(Motors(stroke=0.5), none, wanted, 0.01, np.ones(3), None)
+    np.testing.assert_allclose(reached, [0.5, -0.5, 0.3])
 
 
 def test_motors_lag_and_are_bounded():
@@ -142,13 +266,39 @@ def test_readings_are_held_and_late():
 
 
 def test_biases_stay_and_noise_does_not():
-    """Contact is never wrong."""
+    """Contact is not wrong where nothing says so."""
     off = readings_of(Sensors(noise=Errors(place=0.1), bias=Errors(tensions=2.0)), [0.0] * 400)
     tensions, places = (np.array([getattr(one, name) for one in off]) for name in ("tensions", "place"))
     assert np.ptp(tensions, axis=0).max() == 0
     assert 1 < tensions[0].std() < 3
     assert 0.08 < places.std() < 0.12
     assert not any(one.contact.any() for one in off)
+
+
+def test_late_readings_err_from_the_first_on():
+    """What arrives while the delay lasts has the bias, and noise, of every other reading."""
+    off = readings_of(Sensors(bias=Errors(place=1.0, tensions=1.0), delay=3), [0.0] * 5)
+    for one in off:
+        np.testing.assert_array_equal(one.place, off[-1].place)
+    assert np.all(off[0].place != 0)
+    noisy = readings_of(Sensors(noise=Errors(place=1.0), delay=3), [0.0] * 5)
+    assert np.all(noisy[0].place != 0)
+    assert np.all(noisy[0].place != noisy[4].place)
+
+
+def test_errors_respect_what_readings_are():
+    """Contact is told wrongly as often as said, always by the same nodes where that is a bias; unit vectors stay so."""
+    wrong = np.array([one.contact for one in readings_of(Sensors(noise=Errors(contact=0.2)), [0.0] * 300)])
+    assert set(np.unique(wrong)) == {0.0, 1.0}
+    assert 0.15 < wrong.mean() < 0.25
+    stuck = np.array([one.contact for one in readings_of(Sensors(bias=Errors(contact=0.5)), [1.0] * 9)])
+    assert np.ptp(stuck, axis=0).max() == 0
+    assert 0 < stuck[0].mean() < 1
+    noisy = readings_of(Sensors(noise=Errors(directions=0.3, tensions=5.0)), [1.0] * 9)
+    for one in noisy:
+        np.testing.assert_allclose(np.linalg.norm(one.directions, axis=1), 1)
+        assert one.tensions.min() == 0
+    assert np.ptp([one.directions[0, 0] for one in noisy]) > 0.1
 
 
 def test_what_sensors_say_without_error(plant, rolled):
@@ -183,7 +333,43 @@ class Short(jaxgrity.Policy):
     ("make", "message"),
     [
         (lambda scene: Sensors(delay=-1), "delay = -1"),
-        (lambda scene: Sensors(noise=Errors(place=-1.0)), "no negative number"),
+        (lambda scene: Sensors(noise=Errors(place=-1.0)), "expected finite numbers, none negative"),
+        (lambda scene: Sensors(bias=Errors(spins=np.nan)), "expected finite numbers, none negative"),
+        (lambda scene: Sensors(noise=Errors(contact=1.5)), "for contact at most 1"),
+        (lambda scene: Motors(stroke=1.0), r"motors.stroke = 1.0: expected less than 1"),
+        (lambda scene: jaxgrity.plant_of(scene, ()), r"members = \(\): expected at least one"),
+        (lambda scene: jaxgrity.plant_of(scene, (0,), period=np.nan), "period = nan s: expected a positive number"),
+        (lambda scene: jaxgrity.side_by_side(jaxgrity.plant_of(scene, (0,)), 0), "robots = 0: expected at least 1"),
+        (
+            lambda scene: jaxgrity.side_by_side(
+                jaxgrity.plant_of(scene, (0,)), 3, jaxgrity.Differences(friction=np.ones(2))
+            ),
+            "differences are those of 2 robots: expected 3",
+        ),
+        (
+            lambda scene: jaxgrity.side_by_side(jaxgrity.side_by_side(jaxgrity.plant_of(scene, (0,)), 2), 2),
+            "side_by_side: the plant has 2 robots side by side; expected one",
+        ),
+        (
+            lambda scene: jaxgrity.simulate_policy(
+                jaxgrity.side_by_side(jaxgrity.plant_of(scene, tuple(range(6))), 2), OpenLoop(scene.gait), 0.1
+            ),
+            "simulate_policy: the plant has 2 robots",
+        ),
+        (
+            lambda scene: jaxgrity.loop_start(
+                jaxgrity.plant_of(scene, tuple(range(6))), OpenLoop(scene.gait), jax.random.key(0), each=True
+            ),
+            "each = True: the plant has one robot",
+        ),
+        (
+            lambda scene: jaxgrity.simulate_policy(
+                jaxgrity.plant_of(scene, tuple(range(6))), OpenLoop(scene.gait), 0.1, start=(np.zeros(3), np.zeros(3))
+            ),
+            r"start has arrays of shape \(3,\): expected q and v of shape \(12, 3\) each",
+        ),
+        (lambda scene: Steered(OpenLoop(scene.gait), np.nan, np.zeros((6, 6))), "bend = nan: expected numbers between"),
+        (lambda scene: Steered(OpenLoop(scene.gait), 0.1, np.zeros(6)), r"offsets have the shape \(6,\): expected"),
         (lambda scene: Motors(rate=0.0), r"motors.rate = 0.0: expected a positive"),
         (lambda scene: PhaseLocked(scene.gait, np.zeros(2)), r"gains has shape \(2,\)"),
         (

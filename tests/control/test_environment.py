@@ -1,7 +1,9 @@
 """Environments: the same seed is the same episode, numbers stay finite, and Gymnasium's own check passes."""
 
+import itertools
 from dataclasses import replace
 
+import gymnasium
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -9,7 +11,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import jaxgrity
-from jaxgrity import InputError, SolverOptions
+from jaxgrity import TASKS, InputError, Situation, SolverOptions
 
 QUICK = SolverOptions(dt=0.01, dtype="float32")
 
@@ -52,14 +54,132 @@ def test_an_episode_is_over_at_the_goal_and_where_the_rollout_fails(goal):
     """A failed one has an observation and a reward of zero."""
     state = jax.jit(goal.reset)(jax.random.key(0))
     step = jax.jit(goal.step)
-    place = jaxgrity.centre_of_mass(goal.plant.scene, state.plant.motion[0])[:2]
-    there = step(replace(state, aim=place), jnp.zeros(6))
+    plant, _, average = state.pipeline_state
+    place = jaxgrity.centre_of_mass(goal.plant.scene, plant.motion[0])[:2]
+    there = step(state.replace(pipeline_state=Situation(plant, place, average)), jnp.zeros(6))
     assert there.done == there.metrics["reached"] == 1
-    q, v = state.plant.motion
-    lost = step(replace(state, plant=state.plant._replace(motion=(q * jnp.nan, v))), jnp.zeros(6))
+    later = step(there, jnp.ones(6))
+    assert later.done == 1
+    assert there.reward != 0 == later.reward
+    q, v = plant.motion
+    broken = plant._replace(motion=(q * jnp.nan, v))
+    lost = step(state.replace(pipeline_state=Situation(broken, place, average)), jnp.zeros(6))
     assert lost.done == lost.metrics["failed"] == 1
     assert lost.reward == 0
     assert not lost.obs.any()
+
+
+def rolled(env, key, actions):
+    """The states of an episode, the start included, and where the centre of mass is in each, m."""
+    first = env.reset(key)
+    _, states = jax.lax.scan(lambda state, action: (env.step(state, action),) * 2, first, actions)
+    q = jnp.concatenate([first.pipeline_state.plant.motion[0][None], states.pipeline_state.plant.motion[0]])
+    return first, states, jax.vmap(lambda x: jaxgrity.centre_of_mass(env.plant.scene, x))(q)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("task", ["heading", "goal", "slope", "speed"])
+def test_rewards_are_progress_less_what_effort_costs(task, scene):
+    """By hand, from places and contractions; and the wanted direction is what the observation says it is."""
+    env = jaxgrity.environment(task, scene, options=QUICK, seconds=0.5, effort_cost=0.01)
+    actions = jax.random.uniform(jax.random.key(2), (40, 6), minval=-1, maxval=1)
+    first, states, place = jax.jit(lambda: rolled(env, jax.random.key(1), actions))()
+    place, aim = np.asarray(place, float)[:, :2], np.asarray(first.pipeline_state.aim, float)
+    velocity = np.diff(place, axis=0) / 0.01
+    if task == "speed":
+        average = np.zeros((41, 2))
+        for k, v in enumerate(velocity):
+            average[k + 1] = average[k] + (1 - np.exp(-0.01)) * (v - average[k])
+        progress, wanted = np.linalg.norm(average[1:], axis=1), np.zeros((40, 2))
+    else:
+        wanted = {"heading": aim + 0 * place, "slope": [-1, 0] + 0 * place}.get(task, aim - place)
+        wanted = wanted / np.linalg.norm(wanted, axis=1, keepdims=True)
+        progress, wanted = np.sum(velocity * wanted[:-1], axis=1), wanted[1:]
+    np.testing.assert_allclose(states.metrics["progress"], progress, atol=2e-4)
+    contracted = np.concatenate([np.zeros((1, 6)), states.pipeline_state.plant.contraction])
+    effort = np.mean((np.diff(contracted, axis=0) / 0.01) ** 2, axis=1)
+    np.testing.assert_allclose(states.reward, progress - 0.01 * effort, atol=2e-4)
+    assert effort.max() > 1
+    np.testing.assert_allclose(states.obs[:, -8:-6], wanted, atol=1e-4)
+    np.testing.assert_array_equal(states.obs[:, -6:], contracted[1:])
+
+
+def test_shaking_in_place_is_no_progress():
+    """Where any direction is as good as another: a place that swings by 5 cm twice a second, and one that goes on."""
+    times = np.arange(0, 10, 0.01)
+    swinging = np.stack([0.05 * np.sin(4 * np.pi * times), 0 * times, 0 * times], axis=1)
+    going = np.stack([0.3 * times, 0 * times, 0 * times], axis=1)
+    means = []
+    for path in (swinging, going):
+        average, told = np.zeros(2), []
+        for before, place in itertools.pairwise(path):
+            progress, average = jaxgrity.progressed(TASKS["speed"], np.zeros(2), before, place, 0.01, average)
+            told.append(progress)
+        means.append(np.mean(told))
+    assert np.mean(np.abs(np.diff(swinging[:, 0]))) / 0.01 > 0.3
+    assert means[0] < 0.05
+    assert means[1] == pytest.approx(0.3 * 0.9, abs=0.01)
+
+
+@pytest.mark.slow
+def test_gradient_of_rewards_is_that_of_central_differences(scene):
+    """In the action, of a robot that has come to rest on a face, where nothing switches."""
+    lagging = jaxgrity.Motors(lag=0.05, stroke=0.5)
+    env = jaxgrity.environment("heading", scene, options=SolverOptions(dt=0.01), motors=lagging)
+
+    def on(state, action, ticks):
+        def step(state, _):
+            state = env.step(state, action)
+            return state, (state.reward, state.metrics["progress"])
+
+        return jax.lax.scan(step, state, length=ticks)
+
+    state, _ = jax.jit(lambda: on(env.reset(jax.random.key(3)), -jnp.ones(6), 300))()
+    assert np.abs(state.pipeline_state.plant.motion[1]).max() < 1e-3
+    at = jnp.linspace(-0.9, -0.8, 6)
+    for k in range(2):
+        total = jax.jit(lambda action, k=k: on(state, action, 10)[1][k].sum())
+        gradient = jax.jit(jax.grad(total))(at)
+        for a in (0, 4):
+            up, down = (total(at.at[a].add(s)) for s in (1e-5, -1e-5))
+            np.testing.assert_allclose(gradient[a], (up - down) / 2e-5, rtol=1e-6)
+            assert abs(gradient[a]) > 1e-3
+
+
+def test_actions_shorten_members_up_to_the_stroke(scene):
+    """-1 not at all, 1 by the motors' stroke, and what is beyond does not count."""
+    env = jaxgrity.environment("heading", scene, options=QUICK, motors=jaxgrity.Motors(stroke=0.3))
+    state = env.step(env.reset(jax.random.key(0)), np.array([-1.0, 0.0, 1.0, 5.0, -5.0, 0.5]))
+    expected = [0.0, 0.15, 0.3, 0.3, 0.0, 0.225]
+    np.testing.assert_allclose(state.pipeline_state.plant.contraction, expected, atol=1e-6)
+
+
+def test_tasks_keep_the_ground_that_they_do_not_bring(scene):
+    """A heading may be asked for on a scene's own slope; a slope of the task's own may not, and is not dropped."""
+    steep = replace(scene, ground=replace(scene.ground, incline=0.1))
+    assert jaxgrity.ground_of(TASKS["heading"], steep, seed=0).ground.incline == 0.1
+    for task in ("slope", "bumps"):
+        with pytest.raises(InputError, match="this task brings its own; expected a scene on a level plane"):
+            jaxgrity.environment(task, steep)
+
+
+@pytest.mark.slow
+def test_wrappers_of_brax_accept_environments(goal):
+    """Where Brax is installed, with its own: mapped, with episodes that begin anew, and sums of what happened."""
+    training = pytest.importorskip("brax.envs.wrappers.training")
+    env = training.EvalWrapper(training.wrap(goal, episode_length=15))
+    step = jax.jit(env.step)
+    state = jax.jit(env.reset)(jax.random.split(jax.random.PRNGKey(0), 3))
+    start = state.obs
+    for _ in range(15):
+        assert not state.done.any()
+        state = step(state, jnp.ones((3, 6)))
+    assert state.done.all()
+    np.testing.assert_array_equal(state.obs, start)
+    np.testing.assert_array_equal(state.info["eval_metrics"].episode_steps, 15)
+    again = step(state, jnp.ones((3, 6)))
+    assert not again.done.any()
+    assert int(again.pipeline_state.plant.tick[0]) == 1
 
 
 @pytest.mark.slow
@@ -85,6 +205,8 @@ def test_starts_stand_just_above_their_ground(task, scene):
 def test_gymnasium_accepts_the_adapter(goal):
     """By its own check, warnings being errors; time that is up truncates an episode."""
     env = jaxgrity.GymnasiumEnvironment(goal)
+    with pytest.raises(gymnasium.error.ResetNeeded, match="expected a reset"):
+        env.step(np.zeros(6, np.float32))
     check_env(env, skip_render_check=True)
     env.reset(seed=1)
     ends = [env.step(np.zeros(6, np.float32))[2:4] for _ in range(20)]
@@ -97,8 +219,15 @@ def test_bad_input_is_refused(scene):
         jaxgrity.environment("fly", scene)
     with pytest.raises(InputError, match="the scene has no gait"):
         jaxgrity.environment("speed", jaxgrity.with_gait(scene, None))
+    for seconds in (-1.0, 0.0, np.nan, np.inf, 0.015):
+        with pytest.raises(InputError, match=f"seconds = {seconds:g} s: expected a multiple of 0.01 s"):
+            jaxgrity.environment("speed", scene, seconds=seconds)
+    with pytest.raises(InputError, match="effort_cost = nan m s: expected a finite number, at least 0"):
+        jaxgrity.environment("speed", scene, effort_cost=np.nan)
     env = jaxgrity.environment("speed", scene)
     with pytest.raises(InputError, match="key = 0: expected a key"):
         env.reset(0)
+    with pytest.raises(InputError, match=r"key = .*: expected a key"):
+        env.reset(jnp.zeros(2))
     with pytest.raises(InputError, match=r"action has shape \(\); expected \(6,\)"):
         env.step(jax.eval_shape(env.reset, jax.random.key(0)), np.zeros(()))

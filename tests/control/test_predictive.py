@@ -8,6 +8,8 @@ import pytest
 
 import jaxgrity
 from jaxgrity import InputError, PhaseLocked, Sampling, SolverOptions, Steered, centre_offsets
+from jaxgrity.control.predictive import best, between, followed, shifted
+from jaxgrity.control.steering import clock_moved
 
 
 @pytest.fixture(scope="module")
@@ -41,8 +43,59 @@ def test_a_robot_that_is_led_to_a_goal_comes_closer_than_one_that_is_not(walker)
     assert away(led.path) < away(alone) - 2
     near = np.linalg.norm(led.path[:, :2] - goal, axis=1) < 0.3
     assert led.reached == near.any()
-    assert led.seconds == pytest.approx((near.argmax() if led.reached else len(near) - 1) / 10)
+    assert led.seconds == pytest.approx((len(led.path) - 1) / 10)
+    assert near.sum() == led.reached == near[-1]  # the path ends where the goal is reached
     assert len(led.bends) == np.ceil(led.seconds / 0.5)
+
+
+@pytest.mark.slow
+def test_rounds_about_the_best_find_better_ways(walker):
+    """Of as many rollouts of the model: four rounds of 16, with bends that change, beside one of 64 and one of 16."""
+    plant, policy = walker
+    loop = jaxgrity.loop_start(plant, policy, jax.random.key(0))
+    loop = jaxgrity.drive(plant, policy, loop, 300).end
+    goal = np.array([-1.0, 1.5])
+
+    def reached(seed, **how):
+        sampling, draw = Sampling(horizon=3.0, **how), np.random.default_rng(seed)
+        many = jaxgrity.side_by_side(plant, sampling.samples // sampling.rounds)
+        knots, turns = best(many, policy, loop, goal, draw, sampling, np.zeros(sampling.knots))
+        bends = between(sampling) @ knots
+        moved = loop._replace(memory=clock_moved(loop.memory, 1.0, turns / float(policy.policy.gait.frequency[0])))
+        _, path, _ = followed(plant, policy, moved, bends, 10)
+        return np.linalg.norm(np.asarray(path)[-1, :2] - goal)
+
+    few = [reached(seed, samples=16) for seed in range(4)]
+    rounds = [reached(seed, samples=64, rounds=4, knots=2) for seed in range(4)]
+    assert np.mean(rounds) < np.mean(few)
+
+
+def test_bends_change_along_straight_lines_between_knots():
+    """Seen in the middle of each look; what is left of them an interval later is tried first."""
+    sampling = Sampling(horizon=1.0, interval=0.5, knots=3)
+    bends = between(sampling) @ np.array([0.0, 0.5, 0.1])
+    np.testing.assert_allclose(bends, [0.05, 0.15, 0.25, 0.35, 0.45, 0.46, 0.38, 0.30, 0.22, 0.14])
+    np.testing.assert_allclose(between(Sampling(horizon=1.0)) @ np.array([0.3]), 0.3)
+    np.testing.assert_allclose(shifted(np.array([0.0, 0.5, 0.1]), sampling), [0.5, 0.1, 0.1])
+
+
+def test_a_journey_makes_no_choice_beyond_its_patience(walker):
+    """60 intervals of 0.1 s, whose sum is not quite 6 s, and one of 0.3 s."""
+    plant, policy = walker
+    sampling = Sampling(samples=2, horizon=0.1, interval=0.1, patience=0.3)
+    led = jaxgrity.lead_to(plant, plant, policy, np.array([50.0, 0.0]), sampling=sampling)
+    assert len(led.bends) == 3
+    assert led.seconds == pytest.approx(0.3)
+
+
+def test_gaits_of_several_frequencies_have_no_cycle_to_jump_in(walker):
+    plant, policy = walker
+    gait = policy.policy.gait
+    odd = replace(policy, policy=PhaseLocked(replace(gait, frequency=gait.frequency * np.linspace(1, 2, 6))))
+    with pytest.raises(InputError, match=r"gait.frequency = .*: expected the same for all members"):
+        jaxgrity.lead_to(plant, plant, odd, np.ones(2))
+    with pytest.raises(InputError, match=r"gait.frequency = .*: expected the same for all members"):
+        jaxgrity.gait_choices(jaxgrity.load_scene("exact").structure, {"odd": odd.policy})
 
 
 def test_a_policy_of_another_goal_is_led_as_one_without(walker):
@@ -63,10 +116,17 @@ def test_a_policy_of_another_goal_is_led_as_one_without(walker):
         ({"interval": 0.05}, "interval = 0.05 s: expected a multiple of 0.1 s"),
         ({"interval": 0.25}, "interval = 0.25 s: expected a multiple of 0.1 s"),
         ({"per_second": 200}, "1 / per_second = 0.005 s: expected a multiple of 0.01 s"),
-        ({"patience": 0.0}, "patience = 0 s: expected a positive time"),
+        ({"patience": 0.0}, "patience = 0 s: expected a multiple of 0.5 s"),
+        ({"patience": np.nan}, "patience = nan s: expected a multiple of 0.5 s"),
+        ({"patience": 0.7}, "patience = 0.7 s: expected a multiple of 0.5 s"),
+        ({"horizon": 0.3}, "horizon = 0.3 s: expected at least the interval, 0.5 s"),
+        ({"samples": 0}, "samples = 0, rounds = 1, knots = 1: expected at least 1 of each"),
+        ({"samples": 2, "rounds": 3}, "samples = 2, rounds = 3, knots = 1: expected .* a sample for each round"),
+        ({"knots": 0}, "knots = 0: expected at least 1"),
+        ({"widest": -1.0}, "widest = -1, jumping = 0.5: expected a bend above 0"),
     ],
 )
-def test_times_that_do_not_fit_are_refused(walker, how, message):
+def test_samplings_that_make_no_sense_are_refused(walker, how, message):
     plant, policy = walker
     with pytest.raises(InputError, match=message):
         jaxgrity.lead_to(plant, plant, policy, np.ones(2), sampling=Sampling(**how))

@@ -9,6 +9,7 @@ import pytest
 
 import jaxgrity
 from jaxgrity import Cylinder, Discs, Foresight, InputError, PhaseLocked, Slope, SolverOptions, Union
+from jaxgrity.control.travel import way_costs
 
 ARENA = (-2.0, -4.0, 12.0, 4.0)
 NOTHING = Discs(np.zeros((0, 2)), np.zeros(0))
@@ -109,6 +110,10 @@ def test_gaits_to_choose_from_have_all_images_of_gaits_but_for_shifts_of_time(sc
         (lambda scene: jaxgrity.way_map(NOTHING, np.zeros(2), ARENA, spacing=0.0), "expected positive numbers"),
         (lambda scene: jaxgrity.way_map(NOTHING, np.zeros(3), ARENA), "goal = [0.0, 0.0, 0.0]"),
         (
+            lambda scene: jaxgrity.way_map(NOTHING, np.zeros(2), ARENA, spacing=0.4),
+            "a spacing of at most half of reach",
+        ),
+        (
             lambda scene: jaxgrity.way_map(
                 jaxgrity.Discs(np.array([[4.0, 0.5]]), np.array([0.5])), np.array([4.0, 1.2]), ARENA
             ),
@@ -148,6 +153,29 @@ def led(scene, discs: list[Discs], foresight: Foresight):
     return jaxgrity.travel(many, model, gaits, maps, start=start, foresight=foresight)
 
 
+def test_arriving_does_not_make_up_for_touching():
+    """The straight way to the goal leads through a small disc right before it; one round it is worth more.
+
+    So is standing still. Without the disc the straight way is the best, and the sooner the better; a way that fails
+    is the worst.
+    """
+    share = np.linspace(0.1, 1.0, 10)
+    straight = np.stack([3 * share, 0 * share], axis=1)
+    soon = np.stack([np.minimum(6 * share, 3.0), 0 * share], axis=1)
+    still = 0 * straight
+    detour = np.stack([3 * share, 1.5 * np.sin(np.pi * np.minimum(share, 0.8))], axis=1)
+    paths = np.stack([straight, soon, detour, still, straight], axis=-1)[..., None]
+    failed = np.array([False] * 4 + [True])[:, None]
+    foresight, goal = Foresight(reach=0.3), np.array([3.0, 0.0])
+    disc = Discs(np.array([[2.2, 0.0]]), np.array([0.3]))
+    ways = [jaxgrity.way_map(discs, goal, ARENA, reach=0.3) for discs in (NOTHING, disc)]
+    free, blocked = (way_costs(paths, failed, way, foresight) for way in ways)
+    assert free.argmin() == 1
+    assert free.argmax() == blocked.argmax() == 4
+    assert blocked[2] < blocked[0]
+    assert blocked[3] < blocked[0]
+
+
 @pytest.mark.slow
 def test_robots_are_led_to_goals_and_never_touch_without_being_told(scene):
     """One in the open arrives; one whose goal is walled in does not, and keeps clear of the wall or is told not to."""
@@ -179,8 +207,12 @@ def test_ways_spread_where_robots_of_the_model_differ(scene):
 @pytest.mark.parametrize(
     ("how", "message"),
     [
-        ({"samples": 1}, "samples = 1, patience = 60 s: expected at least 2 samples"),
-        ({"patience": 0.5}, "samples = 24, patience = 0.5 s: expected at least 2 samples, and 0.75 s"),
+        ({"samples": 1}, "samples = 1, friction = (0.75, 1.0, 1.25): expected at least 2 samples"),
+        ({"friction": ()}, "samples = 24, friction = (): expected at least 2 samples, and factors"),
+        ({"patience": 0.5}, "patience = 0.5 s: expected a multiple of 0.75 s"),
+        ({"widest": np.nan}, "widest = nan, usual = 0.6: expected numbers from 0 to 1"),
+        ({"reach": 0.0}, "reach, margin = 0, 0.1 m: expected a positive reach"),
+        ({"horizon": 0.5}, "horizon = 0.5 s: expected at least the interval, 0.75 s"),
         ({"interval": 0.755}, "interval = 0.755 s: expected a multiple of 0.01 s"),
         ({"horizon": 0.05}, "horizon = 0.05 s: expected a multiple of 0.1 s"),
     ],
