@@ -183,11 +183,12 @@ def obstacles_table(facts: Facts) -> str:
 def scene_field_facts(raw: Facts) -> Facts:
     """How many robots got through the field of a scene file."""
     rows = raw["rows"]
+    arrived = [row for row in rows if row["reached"]]
     return {
         **{name: raw[name] for name in ("command", "cores", "patience", "obstacles", "seconds_a_choice")},
         "robots": len(rows),
         **{name: sum(row[name] for row in rows) for name in ("reached", "arrived", "touched")},
-        "seconds": float(np.median([row["seconds"] for row in rows])),
+        "seconds": float(np.median([row["seconds"] for row in arrived])) if arrived else None,
         "gap": min(row["gap"] for row in rows),
     }
 
@@ -198,7 +199,10 @@ def scene_field_table(facts: Facts) -> str:
         ["goal reached, nothing touched", f"{facts['reached']} of {count}"],
         ["touched something", f"{facts['touched']}"],
         [f"did not arrive in {facts['patience']:g} s", f"{count - facts['arrived']}"],
-        ["time on the way, median", f"{facts['seconds']:.0f} s"],
+        [
+            "time on the way of those that arrived, median",
+            "-" if facts["seconds"] is None else f"{facts['seconds']:.0f} s",
+        ],
         ["nearest to an obstacle", f"{100 * facts['gap']:.0f} cm"],
     ]
     head = [f"robots among the {facts['obstacles']} obstacles of a scene file", "measured"]

@@ -16,15 +16,15 @@ import jax.numpy as jnp
 import numpy as np
 from basin import drops
 from matplotlib.figure import Figure
+from obstacles import bounded
 from tqdm import tqdm
 
 from jaxgrity import (
+    REACHED,
     Journey,
-    Motors,
     PhaseLocked,
     Plant,
     Sampling,
-    SolverOptions,
     Steered,
     Task,
     as_dtype,
@@ -37,7 +37,6 @@ from jaxgrity import (
     load_gait,
     load_scene,
     loop_start,
-    plant_of,
     plot,
 )
 from jaxgrity.io.files import save_json
@@ -47,11 +46,8 @@ GOAL = np.array([0.0, 10.0])
 """m; the slope falls towards +x"""
 UNKNOWN = 0.3
 """share of the friction, within which it is drawn"""
-PATIENCE, WITHIN = 60.0, 0.3
-"""s, after which a trial has failed, and m, within which the goal is reached"""
-MOTORS = Motors(rate=1.2)
-
-
+PATIENCE = 60.0
+"""s, after which a trial has failed"""
 BUMPS, LENGTH = 0.02, 0.8
 """m, standard deviation and length of bumps; every trial has its own"""
 
@@ -75,8 +71,8 @@ def main(settings: Settings) -> None:
     if settings.ground == "slope" and not settings.quick:
         model_scene = ground_of(Task("uphill", incline=SLOPE), model_scene, seed=0)
     gait = load_gait("lasting")
-    model = _plant(model_scene)
-    twin = model if settings.quick else _plant(contact_twin(model_scene))
+    model = bounded(model_scene)
+    twin = model if settings.quick else bounded(contact_twin(model_scene))
     trials = 1 if settings.quick else settings.trials
     sampling = Sampling(samples=8 if settings.quick else settings.samples, patience=2.0 if settings.quick else PATIENCE)
     offsets = centre_offsets(model_scene.structure, gait.members)
@@ -96,15 +92,10 @@ def main(settings: Settings) -> None:
         paths.append(found.path[:, :2])
         row = {"friction": factor, "reached": found.reached, "seconds": found.seconds, "real_time": found.real_time}
         rows.append(row | {"closest": _closest(found)} | _blind(robot, feedback, start, sampling.patience))
-        told = {"goal": GOAL.tolist(), "ground": settings.ground, "patience": PATIENCE, "within": WITHIN}
+        told = {"goal": GOAL.tolist(), "ground": settings.ground, "patience": PATIENCE, "within": REACHED}
         save_json(settings.out / f"{name}.json", {**measured(), **told, "sampling": sampling._asdict(), "rows": rows})
     plot.save(figure(paths, settings.ground), settings.out / f"{name}.png")
     print(f"reached in {sum(row['reached'] for row in rows)} of {len(rows)} trials; wrote {settings.out}/")
-
-
-def _plant(scene) -> Plant:
-    options = SolverOptions(dt=0.01 if scene.constrained else None, dtype="float32")
-    return plant_of(scene, load_gait("lasting").members, motors=MOTORS, options=options)
 
 
 def _with_friction(plant: Plant, factor: float) -> Plant:
@@ -131,7 +122,7 @@ def _blind(robot: Plant, feedback: Steered, start, duration: float) -> dict[str,
         policy = replace(feedback, policy=locked)
         loop = loop_start(robot, policy, jax.random.key(0), start)
         path = np.asarray(drive(robot, policy, loop, 10, round(10 * duration)).path)[:, :2]
-        found[name] = bool((np.linalg.norm(path - GOAL, axis=1) < WITHIN).any())
+        found[name] = bool((np.linalg.norm(path - GOAL, axis=1) < REACHED).any())
     return found
 
 

@@ -18,6 +18,7 @@ from matplotlib.patches import Circle
 from tqdm import tqdm
 
 from jaxgrity import (
+    REACHED,
     Cylinder,
     Differences,
     Discs,
@@ -145,8 +146,8 @@ def _rows_of(names: tuple[str, ...], name: str) -> list[int]:
 def led(scene: Scene, settings: Settings, maps: list[WayMap]) -> Travels:
     """All robots, from drops anyhow."""
     count = len(maps)
-    model = _plant(scene)
-    robot = model if settings.quick else _plant(contact_twin(scene))
+    model = bounded(scene)
+    robot = model if settings.quick else bounded(contact_twin(scene))
     draw = np.random.default_rng(settings.seed + 1)
     friction = 1 + draw.uniform(-UNKNOWN, UNKNOWN, count)
     start = tuple(np.moveaxis(x, 0, -1) for x in drops(scene, count, settings.seed))
@@ -164,7 +165,8 @@ def led(scene: Scene, settings: Settings, maps: list[WayMap]) -> Travels:
         )
 
 
-def _plant(scene: Scene) -> Plant:
+def bounded(scene: Scene) -> Plant:
+    """A plant in single precision, at a coarse step where struts are rigid, with motors of 1.2 m/s."""
     options = SolverOptions(dt=0.01 if scene.constrained else None, dtype="float32")
     return plant_of(scene, load_gait("lasting").members, motors=Motors(rate=1.2), options=options)
 
@@ -172,7 +174,7 @@ def _plant(scene: Scene) -> Plant:
 def told(found: Travels, field: Discs, robot: int) -> dict[str, Any]:
     """Of one robot, judged by the field that is there."""
     end = int(found.arrived[robot])
-    here = np.linalg.norm(found.path[end, :2, robot] - GOAL) < 0.3
+    here = np.linalg.norm(found.path[end, :2, robot] - GOAL) < REACHED
     nodes = found.nodes[: end + 1, :, :, robot]
     least = float(gap(field, load_scene("exact").structure, nodes).min())
     path = found.path[: end + 1, :2, robot]
@@ -221,10 +223,7 @@ def figure(fields: list[Discs], maps: list[WayMap], found: Travels, blind: Trave
         axes.plot(*way.way(found.path[0, :2, k]).T, ":", color="black", lw=0.8, label="first plan")
         axes.plot(*GOAL, "o", markersize=5, markerfacecolor="none", color="black")
         axes.set(aspect="equal", xlim=(-2, 12), ylim=(-5, 5))
-        told_here = told(found, field, k)
-        axes.set_title(
-            "reached" if told_here["reached"] else "touched" if told_here["touched"] else "not reached", size=8
-        )
+        axes.set_title(_outcome(told(found, field, k)), size=8)
     for axes in panes[len(fields) :]:
         axes.set_visible(False)
     chart.legend(*panes[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)

@@ -14,17 +14,14 @@ import numpy as np
 from basin import drops
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
-from obstacles import ARENA, GAITS, GOAL, NEAR, REACH, UNKNOWN, told
+from obstacles import ARENA, GAITS, GOAL, NEAR, REACH, UNKNOWN, bounded, told
 from tqdm import tqdm
 
 from jaxgrity import (
     Differences,
     Foresight,
-    Motors,
     PhaseLocked,
-    Plant,
     Scene,
-    SolverOptions,
     Travels,
     WayMap,
     contact_twin,
@@ -32,7 +29,6 @@ from jaxgrity import (
     gait_choices,
     load_gait,
     load_scene,
-    plant_of,
     plot,
     room,
     side_by_side,
@@ -87,22 +83,17 @@ def led(scene: Scene, settings: Settings, way: WayMap) -> Travels:
     foresight = Foresight(samples=settings.samples, patience=settings.patience, reach=REACH, seed=settings.seed)
     gaits = {name: PhaseLocked(load_gait(name), np.zeros((2, 2))) for name in GAITS}
     gaits["lasting"] = sure_footed(load_gait("lasting"))
-    robot = _plant(scene if settings.quick else contact_twin(scene))
+    robot = bounded(scene if settings.quick else contact_twin(scene))
     with tqdm(total=round(foresight.patience / foresight.interval), unit="choice") as bar:
         return travel(
             side_by_side(robot, count, Differences(friction=friction)),
-            _plant(scene),
+            bounded(scene),
             gait_choices(scene.structure, gaits),
             [way] * count,
             start=start,
             foresight=foresight,
             on_choice=lambda _: bar.update(),
         )
-
-
-def _plant(scene: Scene) -> Plant:
-    options = SolverOptions(dt=0.01 if scene.constrained else None, dtype="float32")
-    return plant_of(scene, load_gait("lasting").members, motors=Motors(rate=1.2), options=options)
 
 
 @plot.styled
