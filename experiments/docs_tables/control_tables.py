@@ -8,7 +8,7 @@ Facts = dict
 
 def feedback_facts(raw: Facts) -> Facts:
     """Of each case: how many robots roll, and how fast."""
-    return {name: raw[name] for name in ("command", "robots", "orbit_speed", "rows")}
+    return {name: raw[name] for name in ("command", "robots", "orbit_speed", "rate", "rows")}
 
 
 def feedback_table(name: str, facts: Facts) -> str:
@@ -17,10 +17,14 @@ def feedback_table(name: str, facts: Facts) -> str:
     rows = []
     for case in dict.fromkeys(row["case"] for row in facts["rows"]):
         own = (found[case, policy] for policy in policies)
-        rows.append([case, *(f"{100 * row['rolling']:.0f} %, {row['speed']:.2f} m/s" for row in own)])
-    level, rough = (next(case for case, _ in found if case.startswith(word)) for word in ("dropped", "bumps"))
-    shares = (found[rough, policy]["speed"] / found[level, policy]["speed"] for policy in policies)
-    rows.append(["speed on bumps, of that on level ground", *(f"{100 * share:.0f} %" for share in shares)])
+        rows.append([case, *(f"{row['rolled']} of {row['counted']}, {row['speed']:.2f} m/s" for row in own)])
+    cases = list(dict.fromkeys(case for case, _ in found))
+    levels, roughs = ([case for case in cases if case.startswith(word)] for word in ("dropped", "bumps"))
+    for level, rough in zip(levels, roughs):
+        shares = (found[rough, policy]["speed"] / found[level, policy]["speed"] for policy in policies)
+        _, _, motors = rough.partition(", ")
+        name = "speed on bumps, of that on level ground" + (f", {motors}" if motors else "")
+        rows.append([name, *(f"{100 * share:.0f} %" for share in shares)])
     first, *others = policies
     head = ["case", f"{first}: robots that roll, mean speed", *others]
     return table(head, rows) + made_by(facts, name, "measured")

@@ -2,9 +2,12 @@
 
 Robots are dropped as in basin.py: a third of them actuated by the gait as it is, a third with its clock locked to their
 rolling, and a third with feedback that was tuned on bumps, on other ground and from other drops than those here. After
-15 s each is pushed by 1 N s, in a direction and at a time of its own within 5 s, and has 15 s more.
+15 s each is pushed by 1 N s, in a direction and at a time of its own within 5 s, and has 15 s more. Beside that the
+ground begins to lean after 15 s, so that each robot finds itself on its way up or down a slope, and has 15 s more.
+Motors are bounded; drops and bumps are repeated with others.
 """
 
+import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -22,6 +25,7 @@ from jaxgrity import (
     Differences,
     Drive,
     Loop,
+    Motors,
     PhaseLocked,
     Plant,
     Scene,
@@ -68,6 +72,10 @@ class Settings:
     """coefficients"""
     delays: tuple[float, ...] = (0.05, 0.1)
     """s, of all sensors"""
+    rate: float = 1.2
+    """m/s, of the motors"""
+    other_rates: tuple[float, ...] = (1.0, math.inf)
+    """m/s, likewise, of drops and bumps that are repeated"""
     contact: Literal["exact", "penalty"] = "exact"
     """its model"""
     seed: int = 0
@@ -80,15 +88,15 @@ class Settings:
 
 def main(settings: Settings) -> None:
     if settings.quick:
-        settings.robots, settings.friction, settings.delays = 8, (0.5,), (0.1,)
+        settings.robots, settings.friction, settings.delays, settings.other_rates = 8, (0.5,), (0.1,), ()
     gait = load_gait("lasting")
     own = with_gait(load_scene("exact"), gait)
     speed = float(gait_record("lasting")["steady"]["speed"])
     rows: list[dict[str, Any]] = []
     scene = own if settings.contact == "exact" else contact_twin(own)
-    plant = plant_of(scene, gait.members, options=_options(scene))
+    plant = _plant(scene, settings.rate)
     name = settings.out / f"feedback_{settings.contact}"
-    count = 5 + len(settings.friction) + len(settings.delays)
+    count = 6 + len(settings.friction) + len(settings.delays) + 2 * len(settings.other_rates)
     bar = tqdm(_cases(plant, settings, speed), total=count, unit="case")
     for case, values in bar:
         bar.set_postfix_str(case)
@@ -117,19 +125,23 @@ def keep_replay(plant: Plant, settings: Settings, path: Path) -> None:
     view.keep_html(motions[0].scene, motions[0], path, others=others, title=", ".join(POLICIES))
 
 
-def _options(scene: Scene) -> SolverOptions:
-    return SolverOptions(dt=0.01 if scene.constrained else None, dtype="float32")
+def _plant(scene: Scene, rate: float) -> Plant:
+    options = SolverOptions(dt=0.01 if scene.constrained else None, dtype="float32")
+    motors = Motors(rate=rate if math.isfinite(rate) else None)
+    return plant_of(scene, load_gait("lasting").members, motors=motors, options=options)
 
 
 def _said(settings: Settings, speed: float) -> dict[str, Any]:
-    return {"robots": settings.robots, "orbit_speed": speed, "impulse": IMPULSE, "bumps": BUMPS, "settling": SETTLING}
+    about = {"robots": settings.robots, "orbit_speed": speed, "impulse": IMPULSE, "bumps": BUMPS, "settling": SETTLING}
+    return about | {"rate": settings.rate}
 
 
 def _cases(plant: Plant, settings: Settings, speed: float):
-    """The name of each case, and of both policies the share of robots that roll, and their mean speed, m/s."""
+    """The name of each case, and of all policies the share of robots that roll, and their mean speed, m/s."""
     there = dropped(plant, settings)
     yield f"dropped, after {SETTLING:.0f} s", _told(there, speed)
     rolled = _speeds(there) >= ENOUGH * speed
+    before = there
     yield f"pushed by {IMPULSE:.0f} N s", _told(pushed(plant, settings, there.end), speed, among=rolled)
     for mu in settings.friction:
         factor = np.full(len(POLICIES) * settings.robots, mu / float(plant.scene.friction.sliding_mu))
@@ -137,17 +149,19 @@ def _cases(plant: Plant, settings: Settings, speed: float):
     for delay in settings.delays:
         late = replace(plant, sensors=Sensors(delay=round(delay / plant.period)))
         yield f"sensors {1000 * delay:.0f} ms late", _told(dropped(late, settings), speed)
-    rough = _on_bumps(plant.scene, settings.seed)
-    yield f"bumps of {100 * BUMPS:.0f} cm", _told(dropped(_like(plant, rough), settings), speed)
-    steep = ground_of(Task("uphill", incline=np.radians(SLOPE)), plant.scene, seed=0)
-    there = dropped(_like(plant, steep), settings)
-    ahead = np.diff(np.asarray(there.path)[-2:, 0], axis=0)[0]
-    for name, chosen in (("up", ahead < 0), ("down", ahead > 0)):
-        yield f"slope of {SLOPE:.0f} degrees, on the way {name}", _told(there, speed, among=chosen)
-
-
-def _like(plant: Plant, scene: Scene) -> Plant:
-    return plant_of(scene, plant.members, options=_options(scene))
+    rough, bumpy = _on_bumps(plant.scene, settings.seed), f"bumps of {100 * BUMPS:.0f} cm"
+    yield bumpy, _told(dropped(_plant(rough, settings.rate), settings), speed)
+    steep = _plant(ground_of(Task("uphill", incline=np.radians(SLOPE)), plant.scene, seed=0), settings.rate)
+    slope = f"slope of {SLOPE:.0f} degrees"
+    yield f"{slope}, any way", _told(dropped(steep, settings), speed)
+    for name, sign in (("up", 1.0), ("down", -1.0)):
+        ahead = _moved(before) / (np.linalg.norm(_moved(before), axis=0) + 1e-9)
+        there = leaning(plant, settings, before.end, sign * ahead)
+        yield f"{slope}, on the way {name}", _told(there, speed, among=rolled, towards=ahead)
+    for rate in settings.other_rates:
+        motors = f"motors of {rate:g} m/s" if math.isfinite(rate) else "unbounded motors"
+        for name, scene in (("dropped", plant.scene), (bumpy, rough)):
+            yield f"{name}, {motors}", _told(dropped(_plant(scene, rate), settings), speed)
 
 
 def _on_bumps(scene: Scene, seed: int) -> Scene:
@@ -199,24 +213,40 @@ def pushed(plant: Plant, settings: Settings, loop: Loop) -> Drive:
     return _driven(many, policy, loop)
 
 
+def leaning(plant: Plant, settings: Settings, loop: Loop, uphill: np.ndarray) -> Drive:
+    """From where robots are, on ground that rises from now on in the directions `uphill`, (2, robots)."""
+    angle = np.radians(SLOPE)
+    up = np.stack([*(np.sin(angle) * uphill), np.full(uphill.shape[1], np.cos(angle))], axis=-1)
+    return _driven(side_by_side(plant, len(up), Differences(up=up)), _policy(settings.robots), loop)
+
+
 def _driven(many: Plant, policy: PhaseLocked, loop: Loop) -> Drive:
     return drive(many, policy, loop, round(PART / many.period), round(SETTLING / PART), each=True)
 
 
-def _speeds(there: Drive) -> np.ndarray:
-    """(robots,), m/s, in the last part of the time; 0 where the rollout failed."""
-    path = np.asarray(there.path)[-2:, :2]
-    return np.where(np.asarray(there.failure) == 0, np.linalg.norm(path[1] - path[0], axis=0) / PART, 0.0)
+def _speeds(there: Drive, towards: np.ndarray | None = None) -> np.ndarray:
+    """(robots,), m/s, in the last part of the time, in a direction or in any; 0 where the rollout failed."""
+    moved = _moved(there) / PART
+    speeds = np.linalg.norm(moved, axis=0) if towards is None else np.sum(towards * moved, axis=0)
+    return np.where(np.asarray(there.failure) == 0, speeds, 0.0)
 
 
-def _told(there: Drive, speed: float, among: np.ndarray | None = None) -> dict[str, dict[str, float]]:
+def _moved(there: Drive) -> np.ndarray:
+    """(2, robots), m, in the last part of the time."""
+    return np.diff(np.asarray(there.path)[-2:, :2], axis=0)[0]
+
+
+def _told(
+    there: Drive, speed: float, among: np.ndarray | None = None, towards: np.ndarray | None = None
+) -> dict[str, dict[str, float]]:
     """Of each third, among those robots that count: the share that roll as fast as the orbit, nearly, and the mean."""
-    speeds = _speeds(there).reshape(len(POLICIES), -1)
+    speeds = _speeds(there, towards).reshape(len(POLICIES), -1)
     counted = np.ones(speeds.shape, bool) if among is None else among.reshape(len(POLICIES), -1)
     return {
         name: {
             "rolling": float(np.mean(own[chosen] >= ENOUGH * speed)) if chosen.any() else 0.0,
             "speed": float(own[chosen].mean()) if chosen.any() else 0.0,
+            "rolled": int(np.sum(own[chosen] >= ENOUGH * speed)),
             "counted": int(chosen.sum()),
         }
         for name, own, chosen in zip(POLICIES, speeds, counted)
@@ -226,7 +256,7 @@ def _told(there: Drive, speed: float, among: np.ndarray | None = None) -> dict[s
 @plot.styled
 def figure(rows: list[dict[str, Any]]) -> Figure:
     """The share of robots that roll in every case."""
-    chart = Figure(figsize=(6, 5), layout="constrained")
+    chart = Figure(figsize=(6.5, 7), layout="constrained")
     axes = chart.subplots()
     for k, policy in enumerate(POLICIES):
         own = [row for row in rows if row["policy"] == policy]
