@@ -5,9 +5,10 @@ plans on the exact model with nominal friction, knows the slope but not the bump
 without error. Beside it: the gait as it is, and the gait with feedback, neither of which knows of the goal.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 from jaxgrity.cli.script import measured, run
 
@@ -21,7 +22,6 @@ from tqdm import tqdm
 
 from jaxgrity import (
     REACHED,
-    Journey,
     PhaseLocked,
     Plant,
     Sampling,
@@ -66,36 +66,61 @@ class Settings:
     """one trial of 2 s, on the exact model, without the slope"""
 
 
+class Trial(NamedTuple):
+    """One robot that the controller does not know exactly, and what it knows."""
+
+    robot: Plant
+    model: Plant
+    start: tuple[np.ndarray, np.ndarray]
+    """q, m, and v, m/s"""
+    friction: float
+    """times nominal"""
+
+
 def main(settings: Settings) -> None:
-    model_scene = load_scene("exact")
-    if settings.ground == "slope" and not settings.quick:
-        model_scene = ground_of(Task("uphill", incline=SLOPE), model_scene, seed=0)
-    gait = load_gait("lasting")
-    model = bounded(model_scene)
-    twin = model if settings.quick else bounded(contact_twin(model_scene))
-    trials = 1 if settings.quick else settings.trials
     sampling = Sampling(samples=8 if settings.quick else settings.samples, patience=2.0 if settings.quick else PATIENCE)
-    offsets = centre_offsets(model_scene.structure, gait.members)
-    feedback = as_dtype(Steered(PhaseLocked(gait), np.array(0.0), offsets), "float32")
-    draw = np.random.default_rng(settings.seed)
     paths: list[np.ndarray] = []
     rows: list[dict[str, Any]] = []
-    name = f"goals_{settings.ground}"
-    for trial in tqdm(range(trials), unit="trial"):
-        factor = 1 + draw.uniform(-UNKNOWN, UNKNOWN)
-        q, v = drops(model_scene, 1, settings.seed + trial)
-        start = q[0] + np.array([0, 0, np.tan(SLOPE) * np.abs(q[0][:, 0]).max() + 0.02]), v[0]
-        robot = _with_friction(twin, factor)
-        if settings.ground == "bumps":
-            robot, start = _on_bumps(robot, settings.seed + trial), (start[0] + np.array([0, 0, 4 * BUMPS]), start[1])
-        found = lead_to(robot, model, feedback, GOAL, start=start, seed=trial, sampling=sampling)
+    name, count = f"goals_{settings.ground}", 1 if settings.quick else settings.trials
+    for number, trial in enumerate(tqdm(drawn_trials(settings, count), total=count, unit="trial")):
+        found = lead_to(trial.robot, trial.model, feedback(), GOAL, start=trial.start, seed=number, sampling=sampling)
         paths.append(found.path[:, :2])
-        row = {"friction": factor, "reached": found.reached, "seconds": found.seconds, "real_time": found.real_time}
-        rows.append(row | {"closest": _closest(found)} | _blind(robot, feedback, start, sampling.patience))
+        row = {
+            "friction": trial.friction,
+            "reached": found.reached,
+            "seconds": found.seconds,
+            "real_time": found.real_time,
+            "closest": float(np.linalg.norm(found.path[:, :2] - GOAL, axis=1).min()),
+        }
+        rows.append(row | _blind(trial, sampling.patience))
         told = {"goal": GOAL.tolist(), "ground": settings.ground, "patience": PATIENCE, "within": REACHED}
         save_json(settings.out / f"{name}.json", {**measured(), **told, "sampling": sampling._asdict(), "rows": rows})
     plot.save(figure(paths, settings.ground), settings.out / f"{name}.png")
     print(f"reached in {sum(row['reached'] for row in rows)} of {len(rows)} trials; wrote {settings.out}/")
+
+
+def drawn_trials(settings: Settings, count: int) -> Iterator[Trial]:
+    """Starts, friction and bumps, drawn by the seed."""
+    scene = load_scene("exact")
+    if settings.ground == "slope" and not settings.quick:
+        scene = ground_of(Task("uphill", incline=SLOPE), scene, seed=0)
+    model = bounded(scene)
+    twin = model if settings.quick else bounded(contact_twin(scene))
+    draw = np.random.default_rng(settings.seed)
+    for number in range(count):
+        factor = 1 + draw.uniform(-UNKNOWN, UNKNOWN)
+        robot = _with_friction(twin, factor)
+        (q,), (v,) = drops(scene, 1, settings.seed + number)
+        above = np.tan(SLOPE) * np.abs(q[:, 0]).max() + 0.02
+        if settings.ground == "bumps":
+            robot, above = _on_bumps(robot, settings.seed + number), above + 4 * BUMPS
+        yield Trial(robot, model, (q + np.array([0, 0, above]), v), factor)
+
+
+def feedback() -> Steered:
+    """The gait with feedback, going straight on."""
+    scene, gait = load_scene("exact"), load_gait("lasting")
+    return as_dtype(Steered(PhaseLocked(gait), np.array(0.0), centre_offsets(scene.structure, gait.members)), "float32")
 
 
 def _with_friction(plant: Plant, factor: float) -> Plant:
@@ -110,18 +135,15 @@ def _on_bumps(plant: Plant, seed: int) -> Plant:
     return replace(plant, scene=replace(plant.scene, ground=ground))
 
 
-def _closest(journey: Journey) -> float:
-    return float(np.linalg.norm(journey.path[:, :2] - GOAL, axis=1).min())
-
-
-def _blind(robot: Plant, feedback: Steered, start, duration: float) -> dict[str, bool]:
+def _blind(trial: Trial, duration: float) -> dict[str, bool]:
     """Whether the same robot passes the goal by chance, without and with feedback that does not know of it."""
     found = {}
     for name, gains in (("open_loop", 0.0), ("feedback", 1.0)):
-        locked = replace(feedback.policy, gains=feedback.policy.gains * jnp.float32(gains))
-        policy = replace(feedback, policy=locked)
-        loop = loop_start(robot, policy, jax.random.key(0), start)
-        path = np.asarray(drive(robot, policy, loop, 10, round(10 * duration)).path)[:, :2]
+        straight = feedback()
+        locked = replace(straight.policy, gains=straight.policy.gains * jnp.float32(gains))
+        policy = replace(straight, policy=locked)
+        loop = loop_start(trial.robot, policy, jax.random.key(0), trial.start)
+        path = np.asarray(drive(trial.robot, policy, loop, 10, round(10 * duration)).path)[:, :2]
         found[name] = bool((np.linalg.norm(path - GOAL, axis=1) < REACHED).any())
     return found
 
