@@ -6,8 +6,10 @@ is compared on episodes on which it was not trained. What is told is the progres
 effort too.
 """
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +37,7 @@ from jaxgrity import (
     load_scene,
     measure,
     plot,
+    progressed,
     sure_footed,
 )
 from jaxgrity.io.files import save_json
@@ -54,7 +57,7 @@ class Settings:
     candidates: int = 16
     episodes: int = 16
     """of each candidate in each generation, and of each controller in the end, on others"""
-    led: int = 4
+    led: int = 16
     """episodes of the predictive controller"""
     seed: int = 0
     out: Path = Path("results/task_baselines")
@@ -74,13 +77,13 @@ def main(settings: Settings) -> None:
     strategy = built(settings.candidates)
     rows: list[dict[str, Any]] = []
     for task in tqdm(settings.tasks, unit="task"):
+        began = time.perf_counter()
         options = SolverOptions(dt=0.01, dtype="float32")
         env = environment(task, load_scene("exact"), options=options, seconds=seconds)
         rolled = rollouts(env)
         trained = train(rolled, strategy, settings)
         known = known_controllers() | {TRAINED: trained}
-        padded = np.concatenate([np.array(list(known.values())), np.tile(trained, (settings.candidates - 4, 1))])
-        progress, _ = rolled(padded, keys(settings, 10**6))
+        progress = judged(rolled, list(known.values()), settings)
         row: dict[str, Any] = {"task": task, "trained": trained} | {
             "progress": {name: float(own.mean()) for name, own in zip(known, progress)},
             "error": {name: float(own.std(ddof=1) / np.sqrt(len(own))) for name, own in zip(known, progress)},
@@ -89,12 +92,23 @@ def main(settings: Settings) -> None:
             led = predicted(env, settings)
             row["progress"][PREDICTIVE] = float(led.mean())
             row["error"][PREDICTIVE] = float(led.std(ddof=1) / np.sqrt(len(led)))
-        rows.append(row)
+        rows.append(row | {"seconds": time.perf_counter() - began})
         told = {"episodes": settings.episodes, "led": settings.led, "generations": settings.generations}
         save_json(settings.out / "task_baselines.json", {**measured(), **told, "rows": rows})
     plot.save(figure(rows), settings.out / "task_baselines.png")
     for row in rows:
         print(f"{row['task']}: " + ", ".join(f"{name} {x:.2f} m/s" for name, x in row["progress"].items()))
+
+
+def judged(rolled: Callable, numbers: list[np.ndarray], settings: Settings) -> np.ndarray:
+    """(controllers, episodes), m/s: progress on episodes on which nothing was trained, as many controllers at once as
+    there are candidates, for which all is compiled."""
+    found: list[np.ndarray] = []
+    while len(found) < len(numbers):
+        some = numbers[len(found) : len(found) + settings.candidates]
+        padded = [*some, *[some[-1]] * (settings.candidates - len(some))]
+        found += list(rolled(np.array(padded), keys(settings, 10**6))[0][: len(some)])
+    return np.array(found)
 
 
 def built(population: int):
@@ -154,23 +168,17 @@ def episode(env: Environment, numbers, key):
     """One episode of the controller that eleven numbers describe."""
     policy = controller(numbers)
     state = env.reset(key)
-    goal = wanted(env, state.aim)
+    goal = wanted(env, state.pipeline_state.aim)
 
     def step(carry, tick):
-        state, memory, over = carry
-        seen = measure(env.plant.scene, 0.0, *state.plant.motion)
+        before, memory = carry
+        seen = measure(env.plant.scene, 0.0, *before.pipeline_state.plant.motion)
         contraction, memory = replace(policy, goal=goal)(seen, jnp.float32(env.plant.period) * (tick + 1), memory)
-        state = env.step(state, 2 * contraction / env.contraction - 1)
-        counted = 1 - over
-        return (state, memory, jnp.maximum(over, state.done)), (
-            counted * state.metrics["progress"],
-            counted * state.reward,
-            counted,
-        )
+        state = env.step(before, 2 * contraction / env.plant.motors.stroke - 1)
+        return (state, memory), (state.metrics["progress"], state.reward, 1 - before.done)
 
     first = jax.tree.map(lambda x: jnp.asarray(x, jnp.float32), policy.first())
-    start = (state, first, jnp.zeros((), jnp.float32))
-    _, (progress, reward, counted) = jax.lax.scan(step, start, jnp.arange(env.episode))
+    _, (progress, reward, counted) = jax.lax.scan(step, (state, first), jnp.arange(env.episode))
     return progress.sum() / counted.sum(), reward.sum() / counted.sum()
 
 
@@ -191,20 +199,20 @@ def wanted(env: Environment, aim):
 
 
 def predicted(env: Environment, settings: Settings) -> np.ndarray:
-    """(episodes,), m/s: progress under predictive control, whose model is the robot itself."""
+    """(episodes,), m/s: progress, counted as for all others, of predictive control whose model is the robot itself."""
     found = []
     policy = controller(np.asarray(known_controllers()[FEEDBACK], np.float32))
     for number, key in enumerate(keys(settings, 10**6)[: settings.led]):
         state = env.reset(key)
-        goal = np.asarray(wanted(env, state.aim), float)
-        sampling = Sampling(patience=env.episode * env.plant.period)
-        there = lead_to(env.plant, env.plant, policy, goal, start=state.plant.motion, seed=number, sampling=sampling)
-        path = there.path[:, :2]
-        if env.task.towards == "anywhere":
-            towards = np.linalg.norm(np.diff(path, axis=0), axis=1).sum()
-        else:
-            towards = np.linalg.norm(path[0] - goal) - np.linalg.norm(path[-1] - goal)
-        found.append(towards / there.seconds)
+        plant, aim, average = state.pipeline_state
+        goal = np.asarray(wanted(env, aim), float)
+        sampling = Sampling(patience=env.episode * env.plant.period, per_second=round(1 / env.plant.period))
+        there = lead_to(env.plant, env.plant, policy, goal, start=plant.motion, seed=number, sampling=sampling)
+        told = []
+        for before, place in pairwise(there.path):
+            progress, average = progressed(env.task, aim, before, place, env.plant.period, average)
+            told.append(float(progress))
+        found.append(np.mean(told))
     return np.array(found)
 
 

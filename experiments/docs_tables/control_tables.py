@@ -78,14 +78,15 @@ def transitions_facts(raw: Facts) -> Facts:
 
 
 def transitions_table(facts: Facts) -> str:
-    over = sorted({row["over"] for row in facts["rows"]})
+    over = list(dict.fromkeys(row["over"] for row in facts["rows"]))
     found = {(row["gait"], row["over"]): row for row in facts["rows"]}
     rows = []
     for name in dict.fromkeys(row["gait"] for row in facts["rows"]):
         own = [found[name, seconds] for seconds in over]
         shares = [f"{100 * row['went_on']:.0f} %, {100 * row['came_back']:.0f} %" for row in own]
         rows.append([name, f"{own[0]['expected']:.2f} m/s", f"{100 * own[0]['anew']:.0f} %", *shares])
-    ways = ["at once" if seconds == 0 else f"over {seconds:g} s" for seconds in over]
+    words = {0.0: "at once", -1.0: "at once, with a clock chosen by a model"}
+    ways = [words.get(seconds, f"over {seconds:g} s") for seconds in over]
     head = [
         "the other gait",
         "its speed",
@@ -247,4 +248,6 @@ def task_baselines_table(facts: Facts) -> str:
         ]
         for row in facts["rows"]
     ]
-    return table(["progress, m/s", *names], rows) + made_by(facts, "task_baselines", "measured")
+    minutes = sum(row["seconds"] for row in facts["rows"]) / 60
+    spent = f"\n\nAll of it, training included, took {minutes:.0f} minutes on {facts['cores']} cores."
+    return table(["progress, m/s", *names], rows) + spent + made_by(facts, "task_baselines", "measured")
