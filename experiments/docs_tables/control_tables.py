@@ -125,6 +125,33 @@ def goals_table(name: str, facts: Facts) -> str:
     return table(head, rows) + made_by(facts, name, "measured")
 
 
+def sampling_ways_facts(raw: Facts) -> Facts:
+    """How soon each way of drawing samples leads to the goal."""
+    rows = [
+        {
+            **{name: row[name] for name in ("way", "knots", "reached", "milliseconds")},
+            "mean": float(np.mean(row["seconds"])),
+            "deviation": float(np.std(row["seconds"], ddof=1)) if len(row["seconds"]) > 1 else 0.0,
+        }
+        for row in raw["rows"]
+    ]
+    return {**{name: raw[name] for name in ("command", "cores", "trials", "samples", "patience")}, "rows": rows}
+
+
+def sampling_ways_table(facts: Facts) -> str:
+    rows = [
+        [
+            f"{row['way']}, {row['knots']} bend{'s' * (row['knots'] > 1)}",
+            f"{row['reached']} of {facts['trials']}",
+            f"{row['mean']:.1f} ± {row['deviation']:.1f} s",
+            f"{row['milliseconds']:.0f} ms",
+        ]
+        for row in facts["rows"]
+    ]
+    head = [f"{facts['samples']} rollouts for each choice", "reached", "time, its standard deviation", "a choice takes"]
+    return table(head, rows) + made_by(facts, "sampling_ways", "measured")
+
+
 def environments_facts(raw: Facts) -> Facts:
     """How fast each environment was."""
     return {name: raw[name] for name in ("command", "cores", "robots", "rows")}
@@ -135,14 +162,23 @@ def environments_table(facts: Facts) -> str:
         [
             row["task"],
             f"{row['steps']}",
-            f"{row['seconds']:.1f} s",
-            f"{row['processor_seconds']:.1f} s",
+            f"{1e6 * row['seconds'] / row['steps']:.1f} s",
+            f"{1e6 * row['processor_seconds'] / row['steps']:.1f} s",
             f"{row['episodes']}",
+            f"{row['failed']}",
             f"{row['not_finite']}",
         ]
         for row in facts["rows"]
     ]
-    head = ["task", "steps", "wall time", "processor time", "episodes", "numbers that are not finite"]
+    head = [
+        "task",
+        "steps",
+        "wall time for a million",
+        "processor time for a million",
+        "episodes",
+        "of these failed",
+        "numbers that are not finite",
+    ]
     return table(head, rows) + made_by(facts, "environments", "measured")
 
 

@@ -170,6 +170,7 @@ SOURCES: dict[str, Source] = {
         )
         for name in ("goals_slope", "goals_bumps")
     },
+    "sampling_ways": one_block("sampling_ways", CONTROL, control.sampling_ways_facts, control.sampling_ways_table),
     "scene_field": one_block("scene_field", CONTROL, control.scene_field_facts, control.scene_field_table),
     "transitions": one_block("transitions", CONTROL, control.transitions_facts, control.transitions_table),
     "obstacles": one_block("obstacles", CONTROL, control.obstacles_facts, control.obstacles_table),

@@ -37,9 +37,9 @@ class Sampling(NamedTuple):
     """the largest bend, see `Steered`"""
     jumping: float = 0.5
     """share of the samples of the first round whose clocks jump to another place in the cycle"""
-    knots: int = 1
+    knots: int = 3
     """bends over the horizon, between which it changes along straight lines; 1: it stays"""
-    rounds: int = 1
+    rounds: int = 2
     """in which samples are drawn: the first at random, others about the best before, as in the cross-entropy method"""
     per_second: int = 10
     """looks at the distance to the goal"""
