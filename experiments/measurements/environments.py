@@ -20,7 +20,7 @@ from jaxgrity.io.files import save_json
 @dataclass
 class Settings:
     tasks: tuple[str, ...] = tuple(TASKS)
-    steps: int = 1_000_000
+    steps: int = 10_000_000
     """of each environment, in all"""
     robots: int = 256
     """side by side"""
