@@ -1,6 +1,6 @@
 # The public interface of jaxgrity, in groups; `jaxgrity/__init__.py` imports each name when it is first used.
 
-from .control.closed_loop import Drive, Loop, drive, loop_start, roll_on, simulate_policy, taken_over
+from .control.closed_loop import Drive, Loop, drive, loop_start, roll_on, simulate_policy
 from .control.environment import Environment, EnvironmentState, Situation, environment
 from .control.feedback import PhaseLocked, sure_footed
 from .control.gait_choices import GaitChoices, gait_choices
@@ -434,7 +434,6 @@ __all__ = [  # noqa: RUF022 in groups
     "drive",
     "loop_start",
     "roll_on",
-    "taken_over",
     "simulate_policy",
     "Journey",
     "costs",

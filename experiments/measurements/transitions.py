@@ -1,10 +1,9 @@
 """Whether robots go on rolling when their gait is exchanged for another, at once or little by little, and back again.
 
-Robots that were dropped anyhow roll with the gait `lasting` and feedback. Then the commands of another gait take the
-place of its own: one that is slower, smaller, faster, or that turns. Both gaits' clocks run on side by side, and for a
-while each member gets a mean of what both ask for; or the exchange is at once, with the other gait's clock at the place
-from which a model of the robot says that it goes on best. The robots' friction is off by up to 25 %, of which the model
-knows nothing. Beside it: robots that use the other gait from the drop on.
+Robots that were dropped anyhow, and whose friction is off by up to 25 %, roll with `sure_footed` feedback. Then the
+commands of another gait take the place of its own: one that is slower, smaller, faster, or that turns to the left or,
+as its mirror image, to the right. Both gaits' clocks run on side by side, and for a while each member gets a mean of
+what both ask for. Beside it: robots that use the other gait from the drop on.
 """
 
 from dataclasses import dataclass, replace
@@ -28,13 +27,15 @@ from jaxgrity import (
     SolverOptions,
     drive,
     gait_choices,
+    image,
     load_gait,
     load_scene,
     loop_start,
     plant_of,
     plot,
     side_by_side,
-    taken_over,
+    sure_footed,
+    symmetries,
 )
 from jaxgrity.io.files import save_json
 
@@ -42,11 +43,15 @@ SETTLING, STRETCH, LAST = 20.0, 40.0, 10.0
 """s, before the exchange, from its beginning on, and of that the last ones, in which speed is measured"""
 PART = 0.5
 """s, in which the shares of both gaits stay"""
-FACTORS = {"0.7 times as often": (1.0, 0.7), "0.85 times as large": (0.85, 1.0), "1.2 times as often": (1.0, 1.2)}
-"""of the amplitude and the frequency of `lasting`"""
-TURNING = ("left", "right")
-CHOSEN = -1.0
-"""in the place of the seconds of an exchange: at once, with a clock that is chosen by the model"""
+FACTORS = {
+    "0.4 times as often": (1.0, 0.4),
+    "0.6 times as often": (1.0, 0.6),
+    "0.8 times as often": (1.0, 0.8),
+    "1.1 times as often": (1.0, 1.1),
+    "0.8 times as large": (0.8, 1.0),
+}
+"""of the frequency and the amplitude"""
+LEFT, RIGHT = "left", "its mirror image"
 UNKNOWN = 0.25
 """share of the friction, within which it is drawn"""
 
@@ -55,16 +60,14 @@ UNKNOWN = 0.25
 class Settings:
     robots: int = 64
     """for each gait and each way to exchange it"""
-    over: tuple[float, ...] = (0.0, 2.0, 5.0, CHOSEN)
-    """s, in which the gaits are exchanged; 0: at once; -1: at once, with a clock that a model chooses"""
-    tries: int = 16
-    """places of the clock that the model tries"""
+    over: tuple[float, ...] = (0.0, 2.0, 5.0)
+    """s, in which the gaits are exchanged; 0: at once"""
     seed: int = 0
     """of the drops"""
     out: Path = Path("results/transitions")
     """folder for transitions.json and its figure"""
     quick: bool = False
-    """2 robots, exchanged at once, and with 2 places of the clock"""
+    """2 robots, exchanged at once"""
 
 
 class Blend(Policy):
@@ -89,8 +92,8 @@ class Blend(Policy):
 
 def main(settings: Settings) -> None:
     if settings.quick:
-        settings.robots, settings.over, settings.tries = 2, (0.0, CHOSEN), 2
-    scene, names = load_scene("exact"), (*FACTORS, *TURNING)
+        settings.robots, settings.over = 2, (0.0,)
+    scene, names = load_scene("exact"), (*FACTORS, LEFT, RIGHT)
     cases = [(name, over) for name in names for over in settings.over]
     count = len(cases) * settings.robots
     plant = plant_of(scene, load_gait("lasting").members, options=SolverOptions(dt=0.01, dtype="float32"))
@@ -105,54 +108,24 @@ def main(settings: Settings) -> None:
     speeds = {}
     _, speeds["anew"] = stretch(many, policy, loop, np.ones_like(shares))
     loop, speeds["before"] = stretch(many, policy, loop, np.zeros((round(SETTLING / PART), count)))
-    loop = with_chosen_clocks(plant, policy, loop, np.flatnonzero(over == CHOSEN), settings.tries)
     loop, speeds["after"] = stretch(many, policy, loop, shares)
     _, speeds["back"] = stretch(many, policy, loop, 1 - shares)
     rows = told(cases, {name: own.reshape(len(cases), -1) for name, own in speeds.items()})
     save_json(settings.out / "transitions.json", {**measured(), "robots": settings.robots, "rows": rows})
     plot.save(figure(rows), settings.out / "transitions.png")
     for row in rows:
-        print(f"{row['gait']}, {way(row['over'])}: {row['went_on']:.0%} go on, {row['came_back']:.0%} come back")
-
-
-def way(over: float) -> str:
-    """How gaits are exchanged, in words."""
-    return {0.0: "at once", CHOSEN: "at once, clock chosen by a model"}.get(over, f"over {over:g} s")
-
-
-def with_chosen_clocks(model: Plant, policy: Blend, loop: Loop, lanes: np.ndarray, tries: int) -> Loop:
-    """The loop in which the other gait's clock has jumped, for these robots, to where the model fares best."""
-    if not len(lanes):
-        return loop
-    own = lambda tree: jax.tree.map(lambda x: x[..., lanes], tree)  # noqa: E731
-    plant = loop.plant._replace(motion=own(loop.plant.motion), contraction=own(loop.plant.contraction))
-    many = side_by_side(model, len(lanes) * tries)
-    ahead = taken_over(many, Loop(plant, own(loop.memory)), tries)
-    lasts = 1 / np.asarray(policy.other.gait.frequency)[0, lanes]
-    jumps = lasts[:, None] * np.arange(tries) / tries
-    tried = jax.tree.map(lambda x: jnp.repeat(x[..., lanes], tries, axis=-1), policy)
-    shares = np.ones((round(STRETCH / PART), many.robots))
-    _, speeds = stretch(many, tried, _jumped(ahead, jumps.ravel()), shares)
-    best = speeds.reshape(jumps.shape).argmax(1)
-    every = np.zeros(loop.memory[1][0].shape)
-    every[lanes] = jumps[np.arange(len(lanes)), best]
-    return _jumped(loop, every)
-
-
-def _jumped(loop: Loop, jumps: np.ndarray) -> Loop:
-    """With the other gait's clock later by so much, (robots,), s."""
-    one, (clock, until) = loop.memory
-    return loop._replace(memory=(one, (clock + jnp.asarray(jumps, clock.dtype), until)))
+        print(f"{row['gait']}, over {row['over']:g} s: {row['went_on']:.0%} go on, {row['came_back']:.0%} come back")
 
 
 def both(scene, names: list[str]) -> Blend:
     """Each robot's own pair of gaits."""
     gait = load_gait("lasting")
-    gaits = {"lasting": PhaseLocked(gait)}
+    gaits = {"lasting": sure_footed(gait)}
     for name, (larger, faster) in FACTORS.items():
-        gaits[name] = PhaseLocked(replace(gait, amplitude=larger * gait.amplitude, frequency=faster * gait.frequency))
-    for name in TURNING:
-        gaits[name] = PhaseLocked(load_gait(name), np.zeros((2, 2)))
+        gaits[name] = sure_footed(replace(gait, amplitude=larger * gait.amplitude, frequency=faster * gait.frequency))
+    mirror = next(one for one in symmetries(scene.structure) if np.linalg.det(one.matrix) < 0)
+    gaits[LEFT] = PhaseLocked(load_gait("left"), np.zeros((2, 2)))
+    gaits[RIGHT] = PhaseLocked(image(load_gait("left"), mirror), np.zeros((2, 2)))
     choices = gait_choices(scene.structure, gaits)
     one, other = (
         choices.chosen(np.array([choices.names.index(name) for name in own]), np.zeros(len(names))).policy
@@ -216,13 +189,13 @@ def figure(rows: list[dict[str, Any]]) -> Figure:
     for axes, what, title in zip(panes, ("went_on", "came_back"), ("to the other gait", "and back")):
         for k, seconds in enumerate(over):
             own = [100 * row[what] for row in rows if row["over"] == seconds]
-            places = np.arange(len(names)) + 0.2 * (k - (len(over) - 1) / 2)
-            axes.barh(places, own, height=0.19, label=way(seconds))
+            places = np.arange(len(names)) + 0.27 * (k - (len(over) - 1) / 2)
+            axes.barh(places, own, height=0.25, label="at once" if seconds == 0 else f"over {seconds:g} s")
         axes.set_yticks(range(len(names)), names)
         axes.set(title=title, xlabel="robots that go on (%)", xlim=(0, 103))
         axes.grid(axis="y", visible=False)
     panes[0].invert_yaxis()
-    chart.legend(*panes[0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
+    chart.legend(*panes[0].get_legend_handles_labels(), loc="outside upper center", ncols=len(over))
     return chart
 
 

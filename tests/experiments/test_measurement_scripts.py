@@ -309,6 +309,10 @@ def test_robots_are_driven_by_feedback_to_goals_and_in_environments(tmp_path):
     assert "| 0.1 | " in control_tables.steering_table(control_tables.steering_facts(facts))
     facts = quick("measurements/transitions.py", tmp_path / "transitions")
     assert "| left | " in control_tables.transitions_table(control_tables.transitions_facts(facts))
+    facts = quick("measurements/sampling_ways.py", tmp_path / "sampling_ways")
+    assert "| two rounds, 3 bends | 0 of 1 |" in control_tables.sampling_ways_table(
+        control_tables.sampling_ways_facts(facts)
+    )
     for ground in ("slope", "bumps"):
         name = f"goals_{ground}"
         facts = quick("measurements/goals.py", tmp_path / name, "--ground", ground)
