@@ -52,9 +52,9 @@ OPEN, FEEDBACK, SURE, TRAINED, PREDICTIVE = "open loop", "feedback", "sure-foote
 @dataclass
 class Settings:
     tasks: tuple[str, ...] = tuple(TASKS)
-    generations: int = 12
+    generations: int = 50
     """of training, of each task"""
-    candidates: int = 16
+    candidates: int = 24
     episodes: int = 16
     """of each candidate in each generation, and of each controller in the end, on others"""
     led: int = 16
