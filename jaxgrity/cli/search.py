@@ -83,6 +83,8 @@ class SearchSettings:
     """bounds between which each member's amplitude evolves too; None: it stays as the scene's gait says"""
     frequency: tuple[float, float] | None = (0.3, 1.6)
     """bounds (Hz) between which the gait's frequency evolves too; None: likewise"""
+    scaled: bool = False
+    """whether amplitudes are scaled down to what the bound on the rate allows; else gaits beyond it are lost"""
     overtones: int = 0
     """how many more sines each member's Fourier series has"""
     waves: Literal["every", "axis", "none"] = "every"

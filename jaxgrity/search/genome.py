@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray
-from jaxgrity.model.actuation import Gait, Overtone
+from jaxgrity.model.actuation import Gait, Overtone, peak_rates
 from jaxgrity.model.waves import Wave
 from jaxgrity.rollout.population import gaits_of
 
@@ -37,6 +37,8 @@ class Genome(eqx.Module):
     """permutations of the actuators under which a gait is the same gait, seen from elsewhere (`gene_permutations`)"""
     waves: tuple[Wave, ...] = eqx.field(static=True, default=())
     """those that gaits may be (`travelling_waves`); empty: each actuator moves as it likes"""
+    quickest: tuple[float, ...] = eqx.field(static=True, default=())
+    """1/s, the largest |dL/dt| / L0 of each actuator, to which amplitudes are scaled down; empty: they are not"""
 
     def __check_init__(self):
         for name, top in (("amplitude", 1.0), ("frequency", math.inf)):
@@ -45,6 +47,8 @@ class Genome(eqx.Module):
                 raise InputError(f"{name} = {bounds}: expected two ascending bounds between 0 and {top:g}")
         if self.overtones < 0:
             raise InputError(f"overtones = {self.overtones}: expected 0 or more")
+        if self.quickest and (len(self.quickest) != self.actuators or not min(self.quickest) > 0):
+            raise InputError(f"quickest = {self.quickest}: expected {self.actuators} positive numbers")
         if len({wave.groups for wave in self.waves}) > 1 or any(len(w.groups) != self.actuators for w in self.waves):
             raise InputError(f"waves: expected the same groups of {self.actuators} actuators in each")
         if self.waves and self.active is not None:
@@ -105,6 +109,10 @@ class Genome(eqx.Module):
         if self.active is not None:
             place = jnp.argsort(jnp.argsort(-parts["rank"], axis=-1), axis=-1)
             gaits = eqx.tree_at(lambda g: g.amplitude, gaits, jnp.where(place < self.active, gaits.amplitude, 0))
+        if self.quickest:
+            most = jnp.array(self.quickest, gaits.phase.dtype)
+            beyond = jnp.maximum(1, peak_rates(gaits, jnp.ones_like(most)) / most)
+            gaits = eqx.tree_at(lambda g: g.amplitude, gaits, gaits.amplitude / beyond)
         return gaits
 
     def within(self, genes: Genes) -> Genes:

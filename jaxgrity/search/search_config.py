@@ -9,7 +9,7 @@ import jax
 import numpy as np
 
 from jaxgrity.core.errors import InputError
-from jaxgrity.model.actuation import Gait
+from jaxgrity.model.actuation import Gait, actuated_lengths
 from jaxgrity.model.scene import Scene, with_gait
 from jaxgrity.model.symmetry import gene_permutations, standing_symmetries
 from jaxgrity.model.waves import travelling_waves
@@ -59,6 +59,8 @@ class SearchConfig:
     """what a rollout is worth"""
     bounds: ActuatorBounds = field(default_factory=lambda: ActuatorBounds(rate=1.0, power=200.0))
     """the most that a gait may ask of an actuator"""
+    scaled: bool = False
+    """whether amplitudes are scaled down to what the bound on the rate allows; else gaits beyond it are lost"""
     uncertainty: Uncertainty = field(default_factory=lambda: UNCERTAIN)
     """half-widths of what is not known exactly"""
     caution: float = 1.0
@@ -144,11 +146,29 @@ def search_problem(scene: Scene, config: SearchConfig) -> SearchProblem:
     images = gene_permutations(members, tuple(handed))
     free = config.waves == "none" or config.active is not None
     waves = () if free else travelling_waves(scene.structure, members, one_axis=config.waves == "axis")
-    genome = Genome(len(members), config.amplitude, config.frequency, config.overtones, config.active, images, waves)
+    genome = Genome(
+        len(members),
+        config.amplitude,
+        config.frequency,
+        config.overtones,
+        config.active,
+        images,
+        waves,
+        _quickest(scene, config) if config.scaled else (),
+    )
     if config.duration <= scene.gait.start:
         begins = f"the gait begins at {float(scene.gait.start):g} s"
         raise InputError(f"duration = {config.duration:g} s: {begins}; expected a longer time")
     return SearchProblem(scene, genome, config.duration, fitness)
+
+
+def _quickest(scene: Scene, config: SearchConfig) -> tuple[float, ...]:
+    """The largest |dL/dt| / L0, 1/s, of each actuator, also of a robot whose amplitudes are as far off as can be."""
+    if config.bounds.rate is None:
+        raise InputError("scaled: there is no bound on the rate of actuators; expected one to scale amplitudes to")
+    assert scene.gait is not None, "`search_problem` refuses a scene without a gait"
+    lengths = np.asarray(actuated_lengths(scene.structure, scene.gait.members), float)
+    return tuple(config.bounds.rate / (1 + config.uncertainty.actuation) / lengths)
 
 
 def _check_frequency(gait: Gait, bounds: tuple[float, float] | None) -> None:
