@@ -23,8 +23,8 @@ def feedback_table(name: str, facts: Facts) -> str:
     for level, rough in zip(levels, roughs):
         shares = (found[rough, policy]["speed"] / found[level, policy]["speed"] for policy in policies)
         _, _, motors = rough.partition(", ")
-        name = "speed on bumps, of that on level ground" + (f", {motors}" if motors else "")
-        rows.append([name, *(f"{100 * share:.0f} %" for share in shares)])
+        label = "speed on bumps, of that on level ground" + (f", {motors}" if motors else "")
+        rows.append([label, *(f"{100 * share:.0f} %" for share in shares)])
     first, *others = policies
     head = ["case", f"{first}: robots that roll, mean speed", *others]
     return table(head, rows) + made_by(facts, name, "measured")
