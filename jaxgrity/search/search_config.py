@@ -168,7 +168,7 @@ def _quickest(scene: Scene, config: SearchConfig) -> tuple[float, ...]:
         raise InputError("scaled: there is no bound on the rate of actuators; expected one to scale amplitudes to")
     assert scene.gait is not None, "`search_problem` refuses a scene without a gait"
     lengths = np.asarray(actuated_lengths(scene.structure, scene.gait.members), float)
-    return tuple(config.bounds.rate / (1 + config.uncertainty.actuation) / lengths)
+    return tuple((config.bounds.rate / (1 + config.uncertainty.actuation) / lengths).tolist())
 
 
 def _check_frequency(gait: Gait, bounds: tuple[float, float] | None) -> None:

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jaxgrity import Gait, Genome, InputError, Wave, gene_permutations, one_gait, standing_symmetries
-from jaxgrity.model.actuation import Overtone, contraction
+from jaxgrity.model.actuation import Overtone, contraction, peak_rates
 
 FULL = Genome(
     3, amplitude=(0.1, 0.3), frequency=(0.2, 1.0), overtones=2, active=2, images=((0, 1, 2), (1, 2, 0), (2, 0, 1))
@@ -205,12 +205,27 @@ def test_images_are_those_of_the_standing_robot(exact):
         ({"overtones": -1}, "overtones = -1: expected 0 or more"),
         ({"active": 0}, "active = 0: expected 1 to 5"),
         ({"active": 6}, "active = 6: expected 1 to 5, fewer than may be actuated"),
+        ({"quickest": (1.0,) * 5}, "quickest = .*: expected 6 positive numbers"),
+        ({"quickest": (0.0,) * 6}, "quickest = .*: expected 6 positive numbers"),
     ],
 )
 def test_bad_genomes_are_refused(options, message):
     """Bounds the wrong way round or out of range, fewer than no overtones, all or none of the members."""
     with pytest.raises(InputError, match=message):
         Genome(6, **options)
+
+
+def test_amplitudes_are_scaled_down_to_the_quickest_that_members_may_move():
+    """Slow gaits stay as they are; of quick ones each member moves as quickly as it may."""
+    options = {"amplitude": (0.0, 0.6), "frequency": (0.3, 3.0), "overtones": 1}
+    genes = np.random.default_rng(0).uniform(size=(64, Genome(3, **options).size))
+    plain, scaled = (Genome(3, **options, quickest=most).gaits(GAIT, genes) for most in ((), (1.0, 0.5, 2.0)))
+    before, after = (np.asarray(peak_rates(gaits, np.ones(3))) for gaits in (plain, scaled))
+    np.testing.assert_allclose(after, np.minimum(before, [1.0, 0.5, 2.0]))
+    slow = before < [1.0, 0.5, 2.0]
+    assert 0.1 < slow.mean() < 0.9
+    np.testing.assert_allclose(scaled.amplitude[slow], plain.amplitude[slow])
+    np.testing.assert_array_equal(scaled.phase, plain.phase)
 
 
 WAVES = Genome(

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from jaxgrity import (
+    ActuatorBounds,
     Distance,
     InputError,
     SearchConfig,
@@ -18,6 +19,7 @@ from jaxgrity import (
     search_problem,
     with_gait,
 )
+from jaxgrity.model.actuation import actuated_lengths, peak_rates
 
 
 def test_by_default_gaits_are_waves_and_look_for_steady_speed(exact):
@@ -39,6 +41,15 @@ def test_a_turn_is_not_its_mirror_image():
     assert len(images[SteadySpeed]) == 2 * len(images[SteadyTurn]) > 2
 
 
+def test_scaled_gaits_stay_within_the_bound_on_the_rate(exact):
+    """With strokes that are off by as much as they may be, too."""
+    config = SearchConfig(scaled=True, waves="none", frequency=(0.3, 3.0))
+    problem = search_problem(exact, config)
+    gaits = problem.genome.gaits(exact.gait, np.random.default_rng(0).uniform(size=(64, problem.genome.size)))
+    rates = peak_rates(gaits, actuated_lengths(exact.structure, exact.gait.members))
+    assert float(rates.max()) == pytest.approx(config.bounds.rate / (1 + config.uncertainty.actuation))
+
+
 def test_a_wide_search_draws_many_and_goes_on_with_the_best_eighth():
     """On the scene's own model with fewer; a search that is not wide crosses parents."""
     screening, own = ga_configs(SearchConfig(population=64), 2)
@@ -54,6 +65,10 @@ def test_a_wide_search_draws_many_and_goes_on_with_the_best_eighth():
         (SearchConfig(frequency=(0.0, 1.0)), r"frequency = \(0.0, 1.0\): expected bounds above 0 Hz"),
         (SearchConfig(frequency=None), "expected one that all actuators share"),
         (SearchConfig(duration=0.5), r"duration = 0.5 s: the gait begins at 1 s; expected a longer time"),
+        (
+            SearchConfig(scaled=True, frequency=(0.3, 1.0), bounds=ActuatorBounds()),
+            "scaled: there is no bound on the rate of actuators",
+        ),
         (SearchConfig(polish_gaits=0), "polish_gaits = 0: expected 1 to 16"),
         (SearchConfig(polish="pathwise", caution=0.0), "a steady objective has no pathwise gradient"),
     ],
