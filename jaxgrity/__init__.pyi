@@ -11,7 +11,7 @@ from .control.plant import Plant, PlantState, actuate, observe, plant_of, plant_
 from .control.policies import OpenLoop, Policy
 from .control.predictive import Journey, Sampling, costs, lead_to
 from .control.sensors import Errors, Observation, Readings, Sensors, first_readings, measure, read
-from .control.steering import Steered, centre_offsets
+from .control.steering import Blend, Steered, centre_offsets
 from .control.tasks import REACHED, TASKS, Task, find_task, ground_of, progressed, task_start
 from .control.travel import Foresight, Travels, travel
 from .core import primitives
@@ -411,6 +411,7 @@ __all__ = [  # noqa: RUF022 in groups
     "PhaseLocked",
     "sure_footed",
     "Steered",
+    "Blend",
     "centre_offsets",
     "Command",
     "Errors",

@@ -111,8 +111,9 @@ def repertoire_facts(raw: Facts) -> Facts:
 def repertoire_table(facts: Facts) -> str:
     rows = [
         [
-            row["gait"],
+            row["gait"] + (", a mirror image" if row["mirrored"] else ""),
             f"{row['watched']}",
+            f"{row['attracting']}",
             f"{row['elite_speed']:.2f}",
             f"{row['elite_bend']:+.2f}",
             *([f"{row['speed']:.3f}", f"{row['bend']:+.3f}"] if row["settled"] else ["no orbit", "-"]),
@@ -124,7 +125,8 @@ def repertoire_table(facts: Facts) -> str:
     ]
     head = [
         "asked for",
-        "elites watched",
+        "watched",
+        "on orbits that attract",
         "speed over its robots, body lengths/s",
         "bend, rad per body length",
         "speed of its orbit",

@@ -1,5 +1,6 @@
 """How fast environments are, and whether a random policy ever gets a number that is not finite."""
 
+import dataclasses
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +16,9 @@ from tqdm import tqdm
 
 from jaxgrity import TASKS, Environment, InputError, SolverOptions, environment, load_scene, plot
 from jaxgrity.io.files import save_json
+
+DEFAULTS = "double precision, 5 ms"
+"""what `environment` takes where nothing else is said"""
 
 
 @dataclass
@@ -43,6 +47,10 @@ def main(settings: Settings) -> None:
         options = SolverOptions(dt=0.01, dtype="float32")
         rows.append({"task": task} | timed(environment(task, load_scene("exact"), options=options), settings))
         save_json(settings.out / "environments.json", {**measured(), "robots": settings.robots, "rows": rows})
+    defaults = environment(settings.tasks[0], load_scene("exact"))
+    fewer = dataclasses.replace(settings, steps=max(settings.robots, settings.steps // 10))
+    rows.append({"task": f"{settings.tasks[0]}, {DEFAULTS}"} | timed(defaults, fewer))
+    save_json(settings.out / "environments.json", {**measured(), "robots": settings.robots, "rows": rows})
     plot.save(figure(rows), settings.out / "environments.png")
     for row in rows:
         print(f"{row['task']}: {row['steps']} steps in {row['seconds']:.1f} s, {row['not_finite']} numbers not finite")

@@ -71,6 +71,7 @@ def main(settings: Settings) -> None:
                 "samples": samples,
                 "real_time": found.real_time,
                 "milliseconds": 1000 / settings.rate / found.real_time,
+                "slowest": 1000 * float(np.quantile(found.spent, 0.95)),
                 "choices": len(found.bends),
             }
         )

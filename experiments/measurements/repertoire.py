@@ -1,8 +1,9 @@
 """A repertoire of gaits: speeds and turnings by MAP-Elites, and the orbits of some of its elites.
 
-Of what is asked for, the nearest elites are watched one after the other, until one settles on an orbit that attracts.
-Gaits are waves about one axis of the robot, which lets it turn. Of the repertoire a straight, a left, a right, a slow
-and a fast gait are rolled out until they settle, and disturbed; each is left as a file.
+Gaits are waves about one axis of the robot, which lets it turn. A straight, a left, a right, a slow and a fast gait are
+asked for: the nearest elites, and mirror images of those that are nearest with the other hand, are rolled out until
+they settle, and disturbed. The orbit that attracts and comes nearest to what was asked is told, and its gait left as a
+file.
 """
 
 from dataclasses import dataclass
@@ -17,6 +18,7 @@ from matplotlib.figure import Figure
 from tqdm import tqdm
 
 from jaxgrity import (
+    Gait,
     Repertoire,
     RepertoireConfig,
     Scene,
@@ -26,12 +28,14 @@ from jaxgrity import (
     body_length,
     find_orbit,
     gait_facts,
+    image,
     load_scene,
     one_gait,
     plot,
     repertoire,
     search_problem,
     stability,
+    symmetries,
     with_gait,
 )
 from jaxgrity.io.files import save_json
@@ -51,12 +55,12 @@ class Settings:
     rounds: int = 12
     robots: int = 4
     """that each gait is tried on, which differ as in a search"""
-    duration: float = 40.0
+    duration: float = 60.0
     """s"""
     watch: float = 120.0
     """s, for which elites are watched"""
     tries: int = 6
-    """elites that are watched for each gait that is asked for, at most"""
+    """elites, and as many mirror images, that are watched for each gait that is asked for, at most"""
     seed: int = 0
     out: Path = Path("results/repertoire")
     """folder for repertoire.json, its figure and, in gaits/, a file for each gait"""
@@ -87,17 +91,39 @@ def main(settings: Settings) -> None:
 def verified(
     problem: SearchProblem, scene: Scene, found: Repertoire, asked: tuple[float, float], settings: Settings, name: str
 ) -> dict[str, Any]:
-    """The orbit of the nearest elite that has one which attracts, in body lengths; its gait goes to a file."""
-    row: dict[str, Any] = {}
-    for number, genes in enumerate(found.nearest(*asked, settings.tries, WEIGHTS)):
-        gait = jax.tree.map(np.asarray, one_gait(problem.genome.gaits(scene.gait, genes[None]), 0))
-        cell = tuple(np.argwhere((found.genes == genes).all(-1))[0])
-        row = {"elite_speed": float(found.speed[cell]), "elite_bend": float(found.bend[cell]), "watched": number + 1}
-        row |= watched(with_gait(scene, gait), settings)
-        if row["settled"] and row["multiplier"] is not None and row["multiplier"] < 1:
-            save_json(settings.out / "gaits" / f"{name}.json", gait_facts(gait))
-            break
-    return row
+    """Of the elites that were watched: the orbit, in body lengths, that attracts and comes nearest to what was asked.
+
+    Its gait goes to a file. Where none attracts, the first elite that was watched.
+    """
+    tried = [
+        (gait, about | watched(with_gait(scene, gait), settings))
+        for gait, about in candidates(problem, scene, found, asked, settings.tries)
+    ]
+    held = [(gait, row) for gait, row in tried if row["settled"] and (row["multiplier"] or 1.0) < 1]
+    count = {"watched": len(tried), "attracting": len(held)}
+    if not held:
+        return tried[0][1] | count
+    off = lambda row: WEIGHTS[0] * abs(row["speed"] - asked[0]) + WEIGHTS[1] * abs(row["bend"] - asked[1])  # noqa: E731
+    gait, row = min(held, key=lambda each: off(each[1]))
+    save_json(settings.out / "gaits" / f"{name}.json", gait_facts(gait))
+    return row | count
+
+
+def candidates(
+    problem: SearchProblem, scene: Scene, found: Repertoire, asked: tuple[float, float], tries: int
+) -> list[tuple[Gait, dict[str, Any]]]:
+    """The nearest elites, and the mirror images of those that come nearest with the other hand."""
+    speed, bend = asked
+    mirror = next(one for one in symmetries(scene.structure) if np.linalg.det(one.matrix) < 0)
+    gaits = []
+    for hand in (1, -1):
+        for genes in found.nearest(speed, hand * bend, tries, WEIGHTS):
+            gait = jax.tree.map(np.asarray, one_gait(problem.genome.gaits(scene.gait, genes[None]), 0))
+            cell = tuple(np.argwhere((found.genes == genes).all(-1))[0])
+            about = {"elite_speed": float(found.speed[cell]), "elite_bend": hand * float(found.bend[cell])}
+            about["mirrored"] = hand < 0
+            gaits.append((gait if hand > 0 else image(gait, mirror), about))
+    return gaits
 
 
 def watched(scene: Scene, settings: Settings) -> dict[str, Any]:

@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 
 from jaxgrity import (
     Loop,
+    Motors,
     PhaseLocked,
     Plant,
     SolverOptions,
@@ -58,7 +59,8 @@ def main(settings: Settings) -> None:
     if settings.quick:
         settings.bends, settings.robots = (0.1,), 2
     scene, gait, count = load_scene("exact"), load_gait("lasting"), len(settings.bends) * settings.robots
-    plant = plant_of(scene, gait.members, options=SolverOptions(dt=0.01, dtype="float32"))
+    options = SolverOptions(dt=0.01, dtype="float32")
+    plant = plant_of(scene, gait.members, motors=Motors(rate=1.2), options=options)
     many = side_by_side(plant, count)
     one = Steered(PhaseLocked(gait), np.array(0.0), centre_offsets(scene.structure, gait.members))
     policy = as_dtype(jax.tree.map(lambda x: jnp.repeat(jnp.asarray(x)[..., None], count, axis=-1), one), "float32")

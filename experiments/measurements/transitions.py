@@ -19,11 +19,12 @@ from basin import ENOUGH, drops
 from matplotlib.figure import Figure
 
 from jaxgrity import (
+    Blend,
     Differences,
     Loop,
+    Motors,
     PhaseLocked,
     Plant,
-    Policy,
     SolverOptions,
     drive,
     gait_choices,
@@ -70,33 +71,14 @@ class Settings:
     """2 robots, exchanged at once"""
 
 
-class Blend(Policy):
-    """A mean of what two policies ask for."""
-
-    one: Policy
-    other: Policy
-    share: jax.Array
-    """of the other one"""
-
-    @property
-    def members(self):
-        return self.one.members
-
-    def first(self):
-        return self.one.first(), self.other.first()
-
-    def __call__(self, observation, t, memory):
-        asked, kept = zip(*(policy(observation, t, m) for policy, m in zip((self.one, self.other), memory)))
-        return (1 - self.share) * asked[0] + self.share * asked[1], kept
-
-
 def main(settings: Settings) -> None:
     if settings.quick:
         settings.robots, settings.over = 2, (0.0,)
     scene, names = load_scene("exact"), (*FACTORS, LEFT, RIGHT)
     cases = [(name, over) for name in names for over in settings.over]
     count = len(cases) * settings.robots
-    plant = plant_of(scene, load_gait("lasting").members, options=SolverOptions(dt=0.01, dtype="float32"))
+    options = SolverOptions(dt=0.01, dtype="float32")
+    plant = plant_of(scene, load_gait("lasting").members, motors=Motors(rate=1.2), options=options)
     friction = 1 + np.random.default_rng(settings.seed).uniform(-UNKNOWN, UNKNOWN, settings.robots)
     many = side_by_side(plant, count, Differences(friction=np.tile(friction, len(cases))))
     policy = both(scene, [name for name, _ in cases for _ in range(settings.robots)])

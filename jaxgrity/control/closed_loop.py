@@ -41,15 +41,24 @@ def loop_start(plant: Plant, policy: Policy, key: Any, start: State | None = Non
     """At t = 0; from `start`, q and v, where given, else as the scene stands.
 
     `each` says that all of the policy's arrays have the population last: every robot has parameters of its own.
-    Floating numbers of the memory take the plant's precision. Raises `InputError` for a policy that actuates other
-    members than the plant, for `each` of a plant of one robot, and for a start of another shape.
+    Floating numbers of the memory take the plant's precision. Raises `InputError` for what is no policy or no key, a
+    policy that actuates other members than the plant, `each` of a plant of one robot or of a policy that has not as
+    many rows, and a start of another shape.
     """
+    if not isinstance(policy, Policy):
+        raise InputError(f"policy is a {type(policy).__name__}: expected a Policy, such as OpenLoop(gait)")
     if policy.members != plant.members:
         raise InputError(f"policy.members = {policy.members}: expected {plant.members}, those of the plant")
     memory, robots = policy.first(), plant.robots
     if each and robots is None:
         raise InputError("each = True: the plant has one robot; expected many, of `side_by_side`")
     if robots is not None and each:
+        sizes = {np.shape(x)[-1] for x in jax.tree.leaves(policy) if np.ndim(x)}
+        if sizes - {robots}:
+            found = f"the last axes have {', '.join(map(str, sorted(sizes)))} rows"
+            raise InputError(
+                f"each = True: {found}; expected {robots}, one for each robot, in all arrays of the policy"
+            )
         memory = jax.vmap(type(policy).first, in_axes=(_last(policy),), out_axes=-1)(policy)
     elif robots is not None:
         memory = jax.tree.map(lambda x, count=robots: jnp.repeat(jnp.asarray(x)[..., None], count, axis=-1), memory)

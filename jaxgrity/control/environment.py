@@ -12,7 +12,17 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxgrity.control.motors import Motors
-from jaxgrity.control.plant import PERFECT, Plant, PlantState, actuate, observe, plant_of, plant_start, whole_number
+from jaxgrity.control.plant import (
+    PERFECT,
+    Plant,
+    PlantState,
+    actuate,
+    check_key,
+    observe,
+    plant_of,
+    plant_start,
+    whole_number,
+)
 from jaxgrity.control.sensors import Observation, Sensors
 from jaxgrity.control.tasks import Task, drawn_aim, find_task, ground_of, progressed, task_start, wanted_direction
 from jaxgrity.core.errors import InputError
@@ -47,9 +57,9 @@ class EnvironmentState(eqx.Module):
     done: AnyArray
     """1 from where the episode is over: the goal reached, the time up, or the rollout failed; else 0"""
     metrics: dict[str, AnyArray]
-    """"progress", m/s; "effort", 1/s^2; "reached" and "failed", 1 or 0"""
+    """"progress", m/s; "effort", 1/s^2; "reached" and "failed", 1 from where that happened, else 0"""
     info: dict[str, Any]
-    """what wrappers keep here; steps hand it on"""
+    """"truncation", 1 where nothing but the time ended the episode; and what wrappers keep here"""
 
     def replace(self, **changes: Any) -> "EnvironmentState":
         """The state with other values of some fields."""
@@ -79,9 +89,7 @@ class Environment:
 
     def reset(self, key: Any) -> EnvironmentState:
         """The start of an episode, drawn by `key`, such as `jax.random.key(0)`; `InputError` where it is no key."""
-        kind = getattr(key, "dtype", np.dtype(int))
-        if not (jnp.issubdtype(kind, jax.dtypes.prng_key) or (jnp.shape(key) == (2,) and kind == np.uint32)):
-            raise InputError(f"key = {key!r}: expected a key, such as jax.random.key(0)")
+        check_key(key)
         starts, aims, noise = jax.random.split(key, 3)
         state = plant_start(self.plant, noise, task_start(self.task, self.plant.scene, starts))
         place = centre_of_mass(self.plant.scene, state.motion[0])
@@ -90,7 +98,8 @@ class Environment:
         zero = jnp.zeros_like(place[0])
         metrics: dict[str, AnyArray] = dict.fromkeys(("progress", "effort", "reached", "failed"), zero)
         situation = Situation(state, aim, jnp.zeros_like(place[:2]))
-        return EnvironmentState(situation, self.sensed(state, seen, aim), zero, zero, metrics, {})
+        info = {"truncation": zero}
+        return EnvironmentState(situation, self.sensed(state, seen, aim), zero, zero, metrics, info)
 
     def step(self, state: EnvironmentState, action: AnyArray) -> EnvironmentState:
         """One control period later. Of an `action` (action_size,), -1 leaves a member as long as it is built, 1
@@ -110,10 +119,10 @@ class Environment:
         progress, average = progressed(self.task, aim, before, place, self.plant.period, average)
         effort = jnp.mean(((after.contraction - old.contraction) / self.plant.period) ** 2)
         seen, after = observe(self.plant, after)
-        failed = state_failure(self.plant.scene, *after.motion) != 0
+        failed = (state_failure(self.plant.scene, *after.motion) != 0) | (state.metrics["failed"] > 0)
         near = jnp.sum((aim - place[:2]) ** 2) < self.task.reached**2
-        reached = near if self.task.towards == "goal" else jnp.zeros_like(near)
-        over = state.done > 0
+        reached = (near if self.task.towards == "goal" else jnp.zeros_like(near)) | (state.metrics["reached"] > 0)
+        over, late = state.done > 0, after.tick >= self.episode
         counts = lambda x: jnp.where(failed | over, 0, x).astype(dtype)  # noqa: E731
         metrics = state.metrics | {
             "progress": counts(progress),
@@ -125,9 +134,9 @@ class Environment:
             pipeline_state=Situation(after, aim, average),
             obs=jnp.where(failed, 0, self.sensed(after, seen, aim)).astype(dtype),
             reward=counts(progress - self.effort_cost * effort),
-            done=(over | failed | reached | (after.tick >= self.episode)).astype(dtype),
+            done=(over | failed | reached | late).astype(dtype),
             metrics=metrics,
-            info=state.info,
+            info=state.info | {"truncation": (late & ~failed & ~reached).astype(dtype)},
         )
 
     def sensed(self, state: PlantState, seen: Observation, aim: AnyArray) -> AnyArray:

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -53,9 +54,11 @@ class PhaseLocked(Policy):
 
     def __check_init__(self):
         for name in ("gains", "swings"):
-            if np.shape(getattr(self, name))[:2] != (2, 2):
-                found = np.shape(getattr(self, name))
-                raise InputError(f"{name} has shape {found}; expected (2, 2), a_h and b_h in each row")
+            own = getattr(self, name)
+            if np.shape(own)[:2] != (2, 2):
+                raise InputError(f"{name} has shape {np.shape(own)}; expected (2, 2), a_h and b_h in each row")
+            if not isinstance(own, jax.core.Tracer) and not np.isfinite(own).all():
+                raise InputError(f"{name} = {np.asarray(own).tolist()}: expected finite numbers")
 
     def first(self) -> Memory:
         """The clock and the time until which it has run, s."""

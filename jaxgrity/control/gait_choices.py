@@ -18,6 +18,8 @@ from jaxgrity.model.symmetry import image, symmetries
 
 REST = "rest"
 """the name of the gait that does nothing"""
+NO_RAMP = 1e-3
+"""s, in which gaits begin: less than a control period"""
 SAME = 1e-6
 """rad and fractions, by which gaits that are the same may differ"""
 
@@ -44,22 +46,21 @@ class GaitChoices(NamedTuple):
 def gait_choices(structure: Structure, gaits: Mapping[str, PhaseLocked], dtype: str = "float32") -> GaitChoices:
     """Gaits with feedback, all their images under the structure's symmetries, mirrors included, and one that rests.
 
-    An image that is the gait itself at another time is left out: a clock that jumps does the same.
+    An image that is the gait itself at another time is left out: a clock that jumps does the same. None of them has a
+    start or a ramp: a clock that shows another gait's angle would be thrown back into it.
 
-    Raises `InputError` where there is none, one has several frequencies, or gaits differ in their members, their start
-    or their ramp.
+    Raises `InputError` where there is none, one has several frequencies, or gaits differ in their members.
     """
-    if not gaits:
-        raise InputError("gaits: there are none; expected at least one")
-    common = lambda gait: (gait.members, float(gait.start), float(gait.ramp))  # noqa: E731
+    if not gaits or REST in gaits:
+        raise InputError(f"gaits: {list(gaits)}; expected at least one, none of them called {REST!r}")
     first = next(iter(gaits.values())).gait
     found: list[tuple[str, PhaseLocked]] = []
     harmonics = max(len(locked.gait.overtones) for locked in gaits.values())
     for name, locked in gaits.items():
-        gait = locked.gait
+        gait = replace(locked.gait, start=np.array(0.0), ramp=np.array(NO_RAMP))
         one_frequency(gait)
-        if common(gait) != common(first):
-            raise InputError(f"gaits: {name!r} has other members, or another start or ramp, than the first one")
+        if gait.members != first.members:
+            raise InputError(f"gaits: {name!r} has other members than the first one")
         own = [image(gait, symmetry) for symmetry in symmetries(structure)]
         for k, each in enumerate(own):
             if not any(_later(each, before) for before in own[:k]):

@@ -28,12 +28,14 @@ class Discs(NamedTuple):
     """(discs,), m"""
 
 
-def discs_of(ground: Ground) -> Discs:
+def discs_of(ground: Ground | None) -> Discs:
     """The discs about the obstacles of a scene's ground, seen from above; about a box that through its corners.
 
-    Planes and height fields are what robots roll on: bumps and hills are no obstacles. Raises `InputError` where a part
-    of the surface is neither that nor a box, a ball or a cylinder.
+    Planes and height fields are what robots roll on: bumps and hills are no obstacles. Raises `InputError` where there
+    is no ground, and where a part of the surface is neither that nor a box, a ball or a cylinder.
     """
+    if ground is None:
+        raise InputError("ground: there is none; expected that of a scene with [ground]")
     surface = ground.surface
     parts = surface.parts if isinstance(surface, Union) else () if surface is None else (surface,)
     found = []
@@ -91,6 +93,8 @@ class WayMap(NamedTuple):
     """(2,), m, of the first point of the grid"""
     spacing: float
     """m"""
+    reach: float
+    """m, how far the robot sticks out from its centre of mass"""
     distance: np.ndarray
     """(points along x, points along y), m, of which those near an obstacle count up to `CLOSE` times; infinite where no
     way leads to the goal"""
@@ -100,7 +104,7 @@ class WayMap(NamedTuple):
 
         Outside the arena a metre counts `CLOSE` times, and where no way leads to the goal, three times the longest.
         """
-        finite = np.isfinite(self.distance)
+        places, finite = np.asarray(places, float), np.isfinite(self.distance)
         table = np.where(finite, self.distance, 3 * self.distance[finite].max(initial=1.0))
         where = ((places - self.corner) / self.spacing).reshape(-1, 2).T
         inside = np.stack([np.clip(w, 0, n - 1.0) for w, n in zip(where, table.shape)])
@@ -110,7 +114,9 @@ class WayMap(NamedTuple):
     def way(self, start: np.ndarray) -> np.ndarray:
         """(points, 2), m: a way downhill on the distances from `start` (2,), within about a per cent of the shortest.
 
-        That place alone where there is none."""
+        That place alone where there is none. Raises `InputError` where `start` is no place."""
+        if np.shape(start) != (2,) or not np.isfinite(start).all():
+            raise InputError(f"start = {np.asarray(start).tolist()}: expected a place (x, y), m")
         here = np.rint((np.asarray(start) - self.corner) / self.spacing).astype(int)
         here = np.clip(here, 0, np.array(self.distance.shape) - 1)
         found = [np.asarray(start, float)]
@@ -152,10 +158,12 @@ def way_map(
             (discs, 2) centres and as many radii.
     """
     _check_discs(discs)
+    if np.shape(arena) != (4,) or not np.isfinite(arena).all():
+        raise InputError(f"arena = {arena}: expected four numbers: the least x and y, and the largest x and y, m")
     low, high = np.array(arena[:2], float), np.array(arena[2:], float)
     if np.shape(goal) != (2,) or not np.all((low < goal) & (goal < high)):
         raise InputError(f"goal = {np.asarray(goal).tolist()}: expected one inside the arena {arena}")
-    if not (min(reach, comfort, spacing) > 0 and spacing <= reach / 2):
+    if not ((np.array([reach, comfort, spacing]) > 0).all() and spacing <= reach / 2):
         found = f"reach, comfort, spacing = {reach}, {comfort}, {spacing} m"
         raise InputError(f"{found}: expected positive numbers, and a spacing of at most half of reach")
     shape = tuple((np.ceil((high - low) / spacing) + 1).astype(int))
@@ -178,7 +186,7 @@ def way_map(
             f"goal = {np.asarray(goal).tolist()}: {near:.2g} m from a disc; expected more than reach, {reach:g} m"
         )
     distance = dijkstra(graph, directed=False, indices=int(number[tuple(nearest)]))
-    return WayMap(discs, np.asarray(goal, float), low, spacing, distance.reshape(shape))
+    return WayMap(discs, np.asarray(goal, float), low, spacing, reach, distance.reshape(shape))
 
 
 def _check_discs(discs: Discs) -> None:

@@ -76,6 +76,11 @@ class Plant(eqx.Module):
         return max(1, int(np.ceil(self.period / self.options.dt - 1e-6)))
 
 
+def is_count(number: Any, least: int) -> bool:
+    """Whether it is a whole number, no less than that."""
+    return isinstance(number, int | np.integer) and int(number) >= least
+
+
 def check_one(plant: Plant, where: str) -> None:
     """Raise `InputError` for a plant of many robots."""
     if plant.robots is not None:
@@ -87,6 +92,13 @@ def check_model(robot: Plant, model: Plant) -> None:
     if (model.members, model.period) != (robot.members, robot.period):
         own, other = (f"members {plant.members} every {plant.period:g} s" for plant in (robot, model))
         raise InputError(f"model: {other}; expected {own}, as the robot has")
+
+
+def check_key(key: Any) -> None:
+    """Raise `InputError` for what is no random key."""
+    kind, shape = getattr(key, "dtype", np.dtype(int)), np.shape(key)
+    if not ((jnp.issubdtype(kind, jax.dtypes.prng_key) and shape == ()) or (kind == np.uint32 and shape == (2,))):
+        raise InputError(f"key of type {kind} and shape {shape}: expected one key, such as jax.random.key(0)")
 
 
 def whole_number(name: str, seconds: float, part: float) -> int:
@@ -128,6 +140,7 @@ def plant_of(
         >>> plant.period  # s
         0.01
     """
+    members = tuple(int(k) for k in members)
     if not members:
         raise InputError("members = (): expected at least one that is actuated")
     if not (np.isfinite(period) and period > 0):
@@ -138,7 +151,7 @@ def plant_of(
     if resolved.dt is None or resolved.method.implicit:
         raise InputError(f"method = {resolved.method.name!r}: expected an explicit one at a fixed step, for control")
     bare = as_dtype(prepared(with_gait(scene, None)), resolved.dtype)
-    return Plant(bare, tuple(members), resolved, float(period), sensors, motors)
+    return Plant(bare, members, resolved, float(period), sensors, motors)
 
 
 def side_by_side(plant: Plant, robots: int, differences: Differences | None = None) -> Plant:
@@ -148,8 +161,8 @@ def side_by_side(plant: Plant, robots: int, differences: Differences | None = No
     of many robots, for fewer than one robot, and for differences of another number of robots.
     """
     check_one(plant, "side_by_side")
-    if robots < 1:
-        raise InputError(f"robots = {robots}: expected at least 1")
+    if not is_count(robots, 1):
+        raise InputError(f"robots = {robots}: expected a whole number, at least 1")
     rows = {x.shape[0] for x in jax.tree.leaves(differences)} if differences is not None else set()
     if rows - {robots}:
         raise InputError(f"differences are those of {', '.join(map(str, sorted(rows)))} robots: expected {robots}")
@@ -165,8 +178,9 @@ def side_by_side(plant: Plant, robots: int, differences: Differences | None = No
 def plant_start(plant: Plant, key: Any, start: State | None = None) -> PlantState:
     """At t = 0, with motors at rest and sensors awake; from `start`, q and v, where given, else as the scene stands.
 
-    Raises `InputError` for a start of another shape.
+    Raises `InputError` for a start of another shape, and for a key that is none.
     """
+    check_key(key)
     dtype = plant.options.dtype
     shapes = None if start is None else {np.shape(x) for x in start}
     if shapes is not None and shapes != {plant.scene.structure.nodes.shape}:

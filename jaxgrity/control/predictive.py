@@ -17,7 +17,7 @@ import numpy as np
 
 from jaxgrity.control.closed_loop import Loop, failures, loop_start, places, roll_on, taken_over
 from jaxgrity.control.feedback import PhaseLocked, one_frequency
-from jaxgrity.control.plant import Plant, check_model, check_one, side_by_side, whole_number
+from jaxgrity.control.plant import Plant, check_model, check_one, is_count, side_by_side, whole_number
 from jaxgrity.control.steering import Steered, clock_moved
 from jaxgrity.control.tasks import REACHED
 from jaxgrity.core.errors import InputError
@@ -40,7 +40,7 @@ class Sampling(NamedTuple):
     knots: int = 3
     """bends over the horizon, between which it changes along straight lines; 1: it stays"""
     rounds: int = 2
-    """in which samples are drawn: the first at random, others about the best before, as in the cross-entropy method"""
+    """in which samples are drawn, as many in each: the first at random, others about the best before"""
     per_second: int = 10
     """looks at the distance to the goal"""
     patience: float = 60.0
@@ -66,7 +66,9 @@ class Journey(NamedTuple):
     bends: np.ndarray
     """the first of each choice"""
     real_time: float
-    """seconds that pass for the robot, per second that choosing takes, compilation left out"""
+    """seconds that pass for the robot, per second that choosing takes, in the middle, compilation left out"""
+    spent: np.ndarray
+    """s, that each choice took; the first of all compiles"""
 
 
 def lead_to(
@@ -127,7 +129,7 @@ def lead_to(
     path = np.concatenate(paths)
     typical = float(np.median(spent[1:] or spent))
     passed = (len(path) - 1) / sampling.per_second
-    return Journey(path, bool(near.any()), passed, np.array(bends), sampling.interval / typical)
+    return Journey(path, bool(near.any()), passed, np.array(bends), sampling.interval / typical, np.array(spent))
 
 
 def _check_policy(policy: Steered, goal: AnyArray) -> None:
@@ -142,10 +144,10 @@ def _check_policy(policy: Steered, goal: AnyArray) -> None:
 
 def _checked(sampling: Sampling, period: float) -> tuple[int, int, int]:
     """Control periods of a look, looks from choice to choice, and choices. Raises `InputError` where nothing fits."""
-    each = sampling.samples // max(sampling.rounds, 1)
-    if min(each, sampling.rounds, sampling.knots) < 1:
-        found = f"samples = {sampling.samples}, rounds = {sampling.rounds}, knots = {sampling.knots}"
-        raise InputError(f"{found}: expected at least 1 of each, and a sample for each round")
+    counts = sampling.samples, sampling.rounds, sampling.knots, sampling.per_second
+    if not all(is_count(count, 1) for count in counts) or sampling.samples % sampling.rounds:
+        found = f"samples = {counts[0]}, rounds = {counts[1]}, knots = {counts[2]}, per_second = {counts[3]}"
+        raise InputError(f"{found}: expected whole numbers, at least 1, and as many samples in each round")
     if not (0 < sampling.widest <= 1 and 0 <= sampling.jumping <= 1):
         found = f"widest = {sampling.widest:g}, jumping = {sampling.jumping:g}"
         raise InputError(f"{found}: expected a bend above 0, and at most 1, and a share")

@@ -78,6 +78,8 @@ class Sensors(eqx.Module):
     """control periods until a reading arrives"""
 
     def __check_init__(self):
+        if not (isinstance(self.noise, Errors) and isinstance(self.bias, Errors)):
+            raise InputError("sensors: noise and bias are no `Errors`; expected such as Errors(place=0.01)")
         sizes = np.array([*self.noise, *self.bias], float)
         if not (np.isfinite(sizes).all() and (sizes >= 0).all() and max(self.noise.contact, self.bias.contact) <= 1):
             raise InputError(

@@ -1,4 +1,5 @@
-"""Steering: struts on one side of the robot move further than those on the other, and its path bends."""
+"""Steering: struts on one side of the robot move further than those on the other, and its path bends; and gaits that
+take each other's place."""
 
 import equinox as eqx
 import jax
@@ -23,7 +24,8 @@ class Steered(Policy):
     that stay longer make a path bend to the left (measured: docs/control.md). s is `bend`; where there is a goal, it is
     `bend` times the angle from the direction of travel to the goal over `full`, within -1 and 1.
 
-    Raises `InputError` for a bend beyond -1 and 1, and for offsets of other members than the policy's.
+    Raises `InputError` for a bend beyond -1 and 1, a goal that is no place, and offsets of other members than the
+    policy's.
     """
 
     policy: Policy
@@ -41,6 +43,8 @@ class Steered(Policy):
     def __check_init__(self):
         if not isinstance(self.bend, jax.core.Tracer) and not np.all(np.abs(np.asarray(self.bend)) <= 1):
             raise InputError(f"bend = {np.asarray(self.bend).tolist()}: expected numbers between -1 and 1")
+        if self.goal is not None and np.shape(self.goal)[:1] != (2,):
+            raise InputError(f"goal has the shape {np.shape(self.goal)}: expected (2,), a place (x, y), m")
         if np.ndim(self.offsets) < 2 or np.shape(self.offsets)[0] != len(self.members):
             expected = f"({len(self.members)}, struts), of `centre_offsets`"
             raise InputError(f"offsets have the shape {np.shape(self.offsets)}: expected {expected}")
@@ -70,6 +74,33 @@ class Steered(Policy):
             off = jnp.arctan2(jnp.dot(left, away), jnp.dot(travel, away) + slow)
             bend = bend * jnp.clip(off / self.full, -1, 1)
         return wanted * (1 - bend * side), (inner, place, travel, t)
+
+
+class Blend(Policy):
+    """A mean of what two policies ask for, (1 - s) a + s b with s = `share`: one gait can take the place of another
+    little by little. The clocks of both run on, whatever the share. Raises `InputError` where they differ in their
+    members."""
+
+    one: Policy
+    other: Policy
+    share: Scalar = eqx.field(converter=as_float)
+    """of the other one"""
+
+    def __check_init__(self):
+        if self.one.members != self.other.members:
+            raise InputError(f"other.members = {self.other.members}: expected {self.one.members}, those of the first")
+
+    @property
+    def members(self) -> tuple[int, ...]:
+        return self.one.members
+
+    def first(self) -> Memory:
+        """Those of both policies."""
+        return self.one.first(), self.other.first()
+
+    def __call__(self, observation: Observation, t: Scalar, memory: Memory) -> tuple[PerActuator, Memory]:
+        asked, kept = zip(*(policy(observation, t, m) for policy, m in zip((self.one, self.other), memory)))
+        return (1 - self.share) * asked[0] + self.share * asked[1], kept
 
 
 def clock_moved(memory: Memory, times: AnyArray | float, jump: AnyArray | float) -> Memory:

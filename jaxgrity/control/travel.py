@@ -15,15 +15,17 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxgrity.control.closed_loop import Loop, drive, failures, loop_start, roll_on, taken_over
+from jaxgrity.control.closed_loop import Loop, drive, failures, loop_start, places, roll_on, taken_over
 from jaxgrity.control.gait_choices import GaitChoices
 from jaxgrity.control.obstacles import WayMap, gap, room
-from jaxgrity.control.plant import Plant, check_model, check_one, side_by_side, whole_number
+from jaxgrity.control.plant import Plant, check_model, check_one, is_count, side_by_side, whole_number
 from jaxgrity.control.steering import clock_moved
 from jaxgrity.control.tasks import REACHED
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, State
+from jaxgrity.model.structure import Structure
 from jaxgrity.rollout.uncertainty import Differences
+from jaxgrity.stepping.dynamics import centre_of_mass
 
 TOUCHING = 100.0
 """m, by which a way counts as longer for each metre by which the robot comes too close to an obstacle"""
@@ -119,18 +121,24 @@ def travel(
 
     Raises:
         InputError: not as many robots as maps, a policy or a model that actuates other members than the robots, a model
-            with another period, times that are no multiples of each other, or a foresight that makes no sense.
+            with another period, maps for a smaller reach than the foresight's, times that are no multiples of each
+            other, or a foresight that makes no sense.
     """
     count = robots.robots
     if count is None or count != len(maps):
         raise InputError(f"maps: there are {len(maps)}, for {count} robots; expected one for each, of `side_by_side`")
     ticks, looks, choices = _counts(robots, model, foresight)
+    if min(way.reach for way in maps) < foresight.reach:
+        least = min(way.reach for way in maps)
+        raise InputError(
+            f"maps: made for a reach of {least:g} m; expected at least {foresight.reach:g} m, as foresight"
+        )
     draw, copies = np.random.default_rng(foresight.seed), len(foresight.friction)
     lanes = count * foresight.samples * copies
     many = side_by_side(model, lanes, Differences(friction=np.tile(foresight.friction, count * foresight.samples)))
     rows, bends = np.zeros(count, int), np.zeros(count)
     loop = loop_start(robots, gaits.chosen(rows, bends), jax.random.key(foresight.seed), start, each=True)
-    kept = [np.asarray(loop.plant.motion[0])[None]]
+    kept, path = [np.asarray(loop.plant.motion[0])[None]], [np.asarray(places(robots, loop))[None]]
     said: list[tuple[np.ndarray, ...]] = []
     spent, over = [], np.zeros(count, bool)
     for choice in range(choices):
@@ -143,16 +151,17 @@ def travel(
         old, each = rows, np.arange(count)
         rows, bends, turns = (x[each, best] for x in tried)
         expected = _expected(fate, best, foresight)
-        loop, nodes = _moved(robots, gaits.chosen(rows, bends), _with_clock(gaits, loop, old, rows, turns), ticks)
+        loop, nodes, went = _moved(robots, gaits.chosen(rows, bends), _with_clock(gaits, loop, old, rows, turns), ticks)
         kept.append(np.asarray(nodes))
-        here = np.einsum("n,nkr->kr", _shares(model), kept[-1][-1])[:2]
-        said.append((rows, expected[1], np.linalg.norm(expected[0] - here, axis=0)))
-        over |= _near(model, kept[-1], maps).any(0) | ~np.isfinite(kept[-1]).all((0, 1, 2))
+        path.append(np.asarray(went))
+        said.append((rows, expected[1], np.linalg.norm(expected[0] - path[-1][-1, :2], axis=0)))
+        over |= _near(path[-1], maps).any(0) | ~np.isfinite(kept[-1]).all((0, 1, 2))
         if on_choice is not None:
             on_choice(choice)
         if over.all():
             break
-    return _told(model, np.concatenate(kept), maps, [np.array(x) for x in zip(*said)], spent)
+    chosen = [np.array(x) for x in zip(*said)]
+    return told(robots.scene.structure, (np.concatenate(kept), np.concatenate(path)), maps, chosen, spent)
 
 
 def _counts(robots: Plant, model: Plant, foresight: Foresight) -> tuple[int, int, int]:
@@ -162,7 +171,7 @@ def _counts(robots: Plant, model: Plant, foresight: Foresight) -> tuple[int, int
     check_one(model, "model")
     whole_number("a look", 1 / LOOKS, model.period)
     friction = np.array(foresight.friction, float)
-    if foresight.samples < 2 or not len(friction) or not (np.isfinite(friction) & (friction >= 0)).all():
+    if not is_count(foresight.samples, 2) or not len(friction) or not (np.isfinite(friction) & (friction >= 0)).all():
         found = f"samples = {foresight.samples}, friction = {foresight.friction}"
         raise InputError(f"{found}: expected at least 2 samples, and factors that are not negative")
     if not (0 <= foresight.widest <= 1 and 0 <= foresight.usual <= 1):
@@ -217,9 +226,11 @@ def _tried(many: Plant, policy, gaits: GaitChoices, loop: Loop, clocks, looks: i
 
 @eqx.filter_jit
 def _moved(robots: Plant, policy, loop: Loop, ticks: int):
-    """The loop after so many control periods, and the nodes in each; NaN of robots that failed by then."""
-    loop, nodes = roll_on(robots, policy, loop, ticks, lambda state: state.motion[0], each=True)
-    return loop, jnp.where(failures(robots, loop) != 0, jnp.nan, nodes)
+    """The loop after so many control periods, and nodes and centres of mass in each; NaN of robots that failed."""
+    centre = robots.lift(centre_of_mass, ("s", -1))
+    kept = lambda state: (state.motion[0], centre(robots.scene, state.motion[0]))  # noqa: E731
+    loop, seen = roll_on(robots, policy, loop, ticks, kept, each=True)
+    return loop, *(jnp.where(failures(robots, loop) != 0, jnp.nan, x) for x in seen)
 
 
 def way_costs(path: np.ndarray, failed: np.ndarray, way: WayMap, foresight: Foresight) -> np.ndarray:
@@ -253,30 +264,30 @@ def _expected(fate: _Fate, best: np.ndarray, foresight: Foresight) -> tuple[np.n
     return soon, np.sqrt(own[-1].var(-1).sum(0))
 
 
-def _shares(model: Plant) -> np.ndarray:
-    mass = np.asarray(model.scene.structure.lumped_mass, float)
-    return mass / mass.sum()
-
-
-def _near(model: Plant, nodes: np.ndarray, maps: Sequence[WayMap]) -> np.ndarray:
+def _near(path: np.ndarray, maps: Sequence[WayMap]) -> np.ndarray:
     """(frames, robots): whether the centre of mass is at the goal."""
-    path = np.einsum("n,fnkr->fkr", _shares(model), nodes)[:, :2]
-    return np.linalg.norm(path - np.array([way.goal for way in maps]).T, axis=1) < REACHED
+    return np.linalg.norm(path[:, :2] - np.array([way.goal for way in maps]).T, axis=1) < REACHED
 
 
-def _told(
-    model: Plant, nodes: np.ndarray, maps: Sequence[WayMap], said: list[np.ndarray], spent: list[float]
+def told(
+    structure: Structure,
+    seen: tuple[np.ndarray, np.ndarray],
+    maps: Sequence[WayMap],
+    said: list[np.ndarray],
+    spent: list[float],
 ) -> Travels:
-    near, fine = _near(model, nodes, maps), np.isfinite(nodes).all((1, 2))
+    """What became of robots whose nodes and centres of mass were `seen`, (frames, nodes, 3, robots) and (frames, 3,
+    robots), NaN from where a rollout failed. A goal counts that was reached before a failure, with nothing touched."""
+    nodes, path = seen
+    near, fine = _near(path, maps), np.isfinite(nodes).all((1, 2))
     there = near & np.logical_and.accumulate(fine, axis=0)
     ended = np.where(there.any(0), there.argmax(0), np.where(fine.all(0), len(nodes) - 1, (~fine).argmax(0)))
     gaps = np.array(
         [
-            np.nanmin(gap(way.discs, model.scene.structure, nodes[: end + 1, ..., k]))
+            np.nanmin(gap(way.discs, structure, nodes[: end + 1, ..., k]))
             for k, (way, end) in enumerate(zip(maps, ended))
         ]
     )
-    path = np.einsum("n,fnkr->fkr", _shares(model), nodes)
     rows, spread, surprise = said
     seconds = float(np.median(spent[1:] or spent))
     return Travels(nodes, path, there.any(0) & (gaps > 0), ended, gaps, rows, spread, surprise, seconds)

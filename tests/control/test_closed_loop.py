@@ -10,6 +10,7 @@ import pytest
 import jaxgrity
 from jaxgrity import (
     Errors,
+    Gait,
     InputError,
     Motors,
     Observation,
@@ -20,6 +21,7 @@ from jaxgrity import (
     Steered,
     centre_offsets,
 )
+from jaxgrity.control.closed_loop import taken_over
 
 TEN_MS = SolverOptions(dt=0.01)
 
@@ -78,25 +80,54 @@ def test_robots_side_by_side_move_as_each_alone(scene, plant, driver):
 
 
 @pytest.mark.slow
-def test_gradient_through_a_closed_loop_is_that_of_central_differences(plant, driver):
-    """In gains and bend, while the robot stands on its face, where nothing switches; it believes that it travels."""
+def test_a_model_takes_over_a_robot_in_motion(scene):
+    """With its contractions, its memory and its time: on penalty contact, where no solver carries anything, exactly."""
+    twin = jaxgrity.contact_twin(scene)
+    plant = jaxgrity.plant_of(twin, scene.gait.members)
+    policy = PhaseLocked(scene.gait)
+    loop = jaxgrity.drive(plant, policy, jaxgrity.loop_start(plant, policy, jax.random.key(0)), 120).end
+    many = jaxgrity.side_by_side(plant, 2)
+    on = jaxgrity.drive(plant, policy, loop, 20).end.plant.motion[0]
+    copies = jaxgrity.drive(many, policy, taken_over(many, loop, 2), 20).end.plant.motion[0]
+    for k in range(2):
+        np.testing.assert_allclose(copies[..., k], on, atol=1e-10)
+    assert np.abs(on - loop.plant.motion[0]).max() > 0.01
 
-    def place(gains, bend):
-        policy = replace(driver, policy=replace(driver.policy, gains=gains), bend=bend)
+
+def test_a_blend_is_a_mean_of_both(scene, moment):
+    """With shares of 0, 1/4 and 1; clocks of both run on."""
+    one, other = PhaseLocked(scene.gait), OpenLoop(replace(scene.gait, amplitude=0.5 * scene.gait.amplitude))
+    t = jnp.asarray(0.4)
+    alone = [policy(moment, t, policy.first())[0] for policy in (one, other)]
+    for share in (0.0, 0.25, 1.0):
+        blend = jaxgrity.Blend(one, other, share)
+        asked, ((clock, until), _) = blend(moment, t, blend.first())
+        np.testing.assert_allclose(asked, (1 - share) * alone[0] + share * alone[1])
+        assert float(until) == 0.4
+        assert float(clock) > 0
+    with pytest.raises(InputError, match=r"other.members = \(0,\): expected"):
+        jaxgrity.Blend(one, Short((0,)), 0.5)
+
+
+@pytest.mark.slow
+def test_gradient_through_a_closed_loop_is_that_of_central_differences(plant, driver):
+    """In gains, of swings too, and in the bend, of a robot that stands and believes to travel: nothing switches."""
+
+    def place(gains, bend, swings):
+        policy = replace(driver, policy=replace(driver.policy, gains=gains, swings=swings), bend=bend)
         loop = jaxgrity.loop_start(plant, policy, jax.random.key(0))
         inner, last, _, before = loop.memory
         loop = loop._replace(memory=(inner, last, jnp.array([0.5, 0.2]), before))
         end, _ = jaxgrity.roll_on(plant, policy, loop, 30, lambda state: None)
         return jnp.sum(end.plant.motion[0][:, 0] ** 2)
 
-    at = jnp.asarray(driver.policy.gains), jnp.asarray(driver.bend)
+    at = jnp.asarray(driver.policy.gains), jnp.asarray(driver.bend), jnp.full((2, 2), 0.1)
     value = jax.jit(place)
-    gradient = jax.jit(jax.grad(place, argnums=(0, 1)))(*at)
-    for k, step in (((0, 0), 1e-5), ((1, 1), 1e-5)):
-        up, down = (value(at[0].at[k].add(s), at[1]) for s in (step, -step))
-        np.testing.assert_allclose(gradient[0][k], (up - down) / (2 * step), rtol=1e-6)
-    up, down = (value(at[0], at[1] + s) for s in (1e-5, -1e-5))
-    np.testing.assert_allclose(gradient[1], (up - down) / 2e-5, rtol=1e-6)
+    gradient = jax.jit(jax.grad(place, argnums=(0, 1, 2)))(*at)
+    for which, k in ((0, (0, 0)), (0, (0, 1)), (0, (1, 0)), (0, (1, 1)), (1, ()), (2, (0, 1))):
+        moved = ([x.at[k].add(s) if n == which else x for n, x in enumerate(at)] for s in (1e-5, -1e-5))
+        up, down = (value(*each) for each in moved)
+        np.testing.assert_allclose(gradient[which][k], (up - down) / 2e-5, rtol=1e-6)
     assert abs(gradient[0][0, 0]) > 1e-6
     assert abs(gradient[1]) > 1e-6
 
@@ -315,6 +346,19 @@ def test_what_sensors_say_without_error(plant, rolled):
     pulls = scene.structure.cables.stiffness * np.maximum(lengths - scene.structure.cables.rest_length, 0)
     np.testing.assert_allclose(read.tensions, pulls)
     np.testing.assert_array_equal(read.contact, q[:, 2] < scene.ground.touched_below)
+    assert 0 < np.sum(read.contact) < 12
+
+
+def test_tensions_are_those_of_cables_that_are_wound_up(scene):
+    """A cable that is actuated pulls as its rest length at that time says."""
+    cables = scene.structure.cables
+    gait = Gait((6,), np.zeros(1), np.array([0.4]), np.array([0.5]), np.array(0.0), np.array(0.01))
+    q = np.asarray(scene.structure.nodes)
+    read = jaxgrity.measure(jaxgrity.with_gait(scene, gait), 0.5, q, np.zeros_like(q))
+    length = jaxgrity.edge_lengths(q, cables.edges)[0]
+    wound = cables.rest_length[0] * (1 - 0.2 * (1 + np.sin(np.pi / 2)))
+    assert read.tensions[0] == pytest.approx(cables.stiffness[0] * (length - wound), rel=1e-9)
+    assert read.tensions[0] > 1.5 * read.tensions[1]
 
 
 class Short(jaxgrity.Policy):
@@ -336,10 +380,28 @@ class Short(jaxgrity.Policy):
         (lambda scene: Sensors(noise=Errors(place=-1.0)), "expected finite numbers, none negative"),
         (lambda scene: Sensors(bias=Errors(spins=np.nan)), "expected finite numbers, none negative"),
         (lambda scene: Sensors(noise=Errors(contact=1.5)), "for contact at most 1"),
+        (lambda scene: PhaseLocked(scene.gait, np.full((2, 2), np.nan)), "gains = .*: expected finite numbers"),
+        (
+            lambda scene: Steered(OpenLoop(scene.gait), 0.1, np.zeros((6, 6)), np.zeros(3)),
+            r"goal has the shape \(3,\): expected \(2,\)",
+        ),
+        (
+            lambda scene: jaxgrity.loop_start(jaxgrity.plant_of(scene, tuple(range(6))), OpenLoop(scene.gait), 0),
+            r"key of type int64 and shape \(\): expected one key",
+        ),
+        (
+            lambda scene: jaxgrity.loop_start(
+                jaxgrity.side_by_side(jaxgrity.plant_of(scene, tuple(range(6))), 2),
+                OpenLoop(scene.gait),
+                jax.random.key(0),
+                each=True,
+            ),
+            "each = True: the last axes have 6 rows; expected 2, one for each robot",
+        ),
         (lambda scene: Motors(stroke=1.0), r"motors.stroke = 1.0: expected less than 1"),
         (lambda scene: jaxgrity.plant_of(scene, ()), r"members = \(\): expected at least one"),
         (lambda scene: jaxgrity.plant_of(scene, (0,), period=np.nan), "period = nan s: expected a positive number"),
-        (lambda scene: jaxgrity.side_by_side(jaxgrity.plant_of(scene, (0,)), 0), "robots = 0: expected at least 1"),
+        (lambda scene: jaxgrity.side_by_side(jaxgrity.plant_of(scene, (0,)), 0), "robots = 0: expected a whole number"),
         (
             lambda scene: jaxgrity.side_by_side(
                 jaxgrity.plant_of(scene, (0,)), 3, jaxgrity.Differences(friction=np.ones(2))

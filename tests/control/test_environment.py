@@ -40,13 +40,14 @@ def test_many_episodes_under_a_random_policy(goal):
 
         return jax.lax.scan(step, jax.vmap(goal.reset)(keys), jax.random.split(keys[0], 20))
 
-    _, (obs, reward, done) = episodes(keys)
+    end, (obs, reward, done) = episodes(keys)
     assert obs.shape == (20, 4, goal.observation_size)
     assert np.all(np.isfinite(obs))
     assert np.all(np.isfinite(reward))
     assert np.ptp(reward[-1]) > 0
     np.testing.assert_array_equal(done.sum(0), 1)
     np.testing.assert_array_equal(done[-1], 1)
+    np.testing.assert_array_equal(end.info["truncation"], 1)
     np.testing.assert_array_equal(episodes(keys)[1][1], reward)
 
 
@@ -58,8 +59,10 @@ def test_an_episode_is_over_at_the_goal_and_where_the_rollout_fails(goal):
     place = jaxgrity.centre_of_mass(goal.plant.scene, plant.motion[0])[:2]
     there = step(state.replace(pipeline_state=Situation(plant, place, average)), jnp.zeros(6))
     assert there.done == there.metrics["reached"] == 1
-    later = step(there, jnp.ones(6))
-    assert later.done == 1
+    away = there.pipeline_state._replace(aim=place + 5)
+    later = step(there.replace(pipeline_state=away), jnp.ones(6))
+    assert later.done == later.metrics["reached"] == 1
+    assert there.info["truncation"] == later.info["truncation"] == 0
     assert there.reward != 0 == later.reward
     q, v = plant.motion
     broken = plant._replace(motion=(q * jnp.nan, v))
@@ -211,6 +214,7 @@ def test_gymnasium_accepts_the_adapter(goal):
     env.reset(seed=1)
     ends = [env.step(np.zeros(6, np.float32))[2:4] for _ in range(20)]
     assert ends == [(False, False)] * 19 + [(False, True)]
+    assert env.step(np.zeros(6, np.float32))[2:4] == (False, True)
 
 
 def test_bad_input_is_refused(scene):
@@ -225,9 +229,8 @@ def test_bad_input_is_refused(scene):
     with pytest.raises(InputError, match="effort_cost = nan m s: expected a finite number, at least 0"):
         jaxgrity.environment("speed", scene, effort_cost=np.nan)
     env = jaxgrity.environment("speed", scene)
-    with pytest.raises(InputError, match="key = 0: expected a key"):
-        env.reset(0)
-    with pytest.raises(InputError, match=r"key = .*: expected a key"):
-        env.reset(jnp.zeros(2))
+    for key in (0, jnp.zeros(2), jax.random.split(jax.random.key(0), 4)):
+        with pytest.raises(InputError, match=r"key of type .*: expected one key"):
+            env.reset(key)
     with pytest.raises(InputError, match=r"action has shape \(\); expected \(6,\)"):
         env.step(jax.eval_shape(env.reset, jax.random.key(0)), np.zeros(()))

@@ -50,7 +50,7 @@ def test_a_robot_that_is_led_to_a_goal_comes_closer_than_one_that_is_not(walker)
 
 @pytest.mark.slow
 def test_rounds_about_the_best_find_better_ways(walker):
-    """Of as many rollouts of the model: four rounds of 16, with bends that change, beside one of 64 and one of 16."""
+    """Of as many rollouts of the model: four rounds of 16, beside one of 64."""
     plant, policy = walker
     loop = jaxgrity.loop_start(plant, policy, jax.random.key(0))
     loop = jaxgrity.drive(plant, policy, loop, 300).end
@@ -65,9 +65,20 @@ def test_rounds_about_the_best_find_better_ways(walker):
         _, path, _ = followed(plant, policy, moved, bends, 10)
         return np.linalg.norm(np.asarray(path)[-1, :2] - goal)
 
-    few = [reached(seed, samples=16) for seed in range(4)]
-    rounds = [reached(seed, samples=64, rounds=4, knots=2) for seed in range(4)]
-    assert np.mean(rounds) < np.mean(few)
+    once = [reached(seed, samples=64, rounds=1) for seed in range(6)]
+    rounds = [reached(seed, samples=64, rounds=4) for seed in range(6)]
+    assert np.mean(rounds) < np.mean(once)
+
+
+def test_what_is_left_of_a_way_is_tried_first(walker):
+    """Of one sample for each choice nothing else is tried."""
+    plant, policy = walker
+    loop = jaxgrity.loop_start(plant, policy, jax.random.key(0))
+    sampling, before = Sampling(samples=1, rounds=1, horizon=0.5), np.array([0.1, -0.2, 0.3])
+    many = jaxgrity.side_by_side(plant, 1)
+    knots, turns = best(many, policy, loop, np.ones(2), np.random.default_rng(0), sampling, before)
+    np.testing.assert_array_equal(knots, before)
+    assert turns == 0
 
 
 def test_bends_change_along_straight_lines_between_knots():
@@ -75,7 +86,7 @@ def test_bends_change_along_straight_lines_between_knots():
     sampling = Sampling(horizon=1.0, interval=0.5, knots=3)
     bends = between(sampling) @ np.array([0.0, 0.5, 0.1])
     np.testing.assert_allclose(bends, [0.05, 0.15, 0.25, 0.35, 0.45, 0.46, 0.38, 0.30, 0.22, 0.14])
-    np.testing.assert_allclose(between(Sampling(horizon=1.0)) @ np.array([0.3]), 0.3)
+    np.testing.assert_allclose(between(Sampling(horizon=1.0, knots=1)) @ np.array([0.3]), 0.3)
     np.testing.assert_allclose(shifted(np.array([0.0, 0.5, 0.1]), sampling), [0.5, 0.1, 0.1])
 
 
@@ -120,9 +131,11 @@ def test_a_policy_of_another_goal_is_led_as_one_without(walker):
         ({"patience": np.nan}, "patience = nan s: expected a multiple of 0.5 s"),
         ({"patience": 0.7}, "patience = 0.7 s: expected a multiple of 0.5 s"),
         ({"horizon": 0.3}, "horizon = 0.3 s: expected at least the interval, 0.5 s"),
-        ({"samples": 0}, "samples = 0, rounds = 1, knots = 1: expected at least 1 of each"),
-        ({"samples": 2, "rounds": 3}, "samples = 2, rounds = 3, knots = 1: expected .* a sample for each round"),
-        ({"knots": 0}, "knots = 0: expected at least 1"),
+        ({"samples": 0}, "samples = 0, rounds = 2, knots = 3, per_second = 10: expected whole numbers, at least 1"),
+        ({"samples": 65}, "samples = 65, rounds = 2, .*: expected .* as many samples in each round"),
+        ({"samples": 64.0}, "samples = 64.0, .*: expected whole numbers"),
+        ({"knots": 0}, "knots = 0, .*: expected whole numbers, at least 1"),
+        ({"per_second": 0}, "per_second = 0: expected whole numbers, at least 1"),
         ({"widest": -1.0}, "widest = -1, jumping = 0.5: expected a bend above 0"),
     ],
 )

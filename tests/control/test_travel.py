@@ -9,7 +9,7 @@ import pytest
 
 import jaxgrity
 from jaxgrity import Cylinder, Discs, Foresight, InputError, PhaseLocked, Slope, SolverOptions, Union
-from jaxgrity.control.travel import way_costs
+from jaxgrity.control.travel import told, way_costs
 
 ARENA = (-2.0, -4.0, 12.0, 4.0)
 NOTHING = Discs(np.zeros((0, 2)), np.zeros(0))
@@ -127,7 +127,21 @@ def test_gaits_to_choose_from_have_all_images_of_gaits_but_for_shifts_of_time(sc
             lambda scene: jaxgrity.way_map(Discs(np.zeros((2, 2)), np.array([0.5])), np.array([4.0, 0.0]), ARENA),
             "discs: centres of shape (2, 2), radii [0.5] m; expected",
         ),
-        (lambda scene: jaxgrity.gait_choices(scene.structure, {}), "gaits: there are none"),
+        (lambda scene: jaxgrity.gait_choices(scene.structure, {}), "gaits: []; expected at least one"),
+        (
+            lambda scene: jaxgrity.gait_choices(scene.structure, {"rest": PhaseLocked(jaxgrity.load_gait("lasting"))}),
+            "gaits: ['rest']; expected at least one, none of them called 'rest'",
+        ),
+        (lambda scene: jaxgrity.discs_of(None), "ground: there is none"),
+        (lambda scene: jaxgrity.way_map(NOTHING, np.zeros(2), (-3, -5, 13)), "arena = (-3, -5, 13): expected four"),
+        (
+            lambda scene: jaxgrity.way_map(NOTHING, np.zeros(2), ARENA, comfort=np.nan),
+            "reach, comfort, spacing = 0.6, nan, 0.1 m: expected positive numbers",
+        ),
+        (
+            lambda scene: jaxgrity.way_map(NOTHING, np.zeros(2), ARENA).way(np.array([np.nan, 0])),
+            "start = [nan, 0.0]: expected a place",
+        ),
         (
             lambda scene: jaxgrity.sure_footed(replace(jaxgrity.load_gait("lasting"), amplitude=np.full(6, 0.95))),
             "expected less than 0.9,",
@@ -174,6 +188,47 @@ def test_arriving_does_not_make_up_for_touching():
     assert free.argmax() == blocked.argmax() == 4
     assert blocked[2] < blocked[0]
     assert blocked[3] < blocked[0]
+
+
+def test_a_goal_counts_that_was_reached_in_time_and_with_nothing_touched(scene):
+    """Of robots that are moved past a disc, through one, past one until the rollout fails, and not far enough."""
+    q = np.asarray(scene.structure.nodes, float)
+    q = q - q.mean(0)
+    goal, frames = np.array([6.0, 0.0]), 25
+    x = np.linspace(0, 6, frames)[:, None, None] * np.array([1.0, 0, 0])
+    nodes = np.stack([q + x, q + x, q + x, q + 0.5 * x], axis=-1)
+    nodes[10:, ..., 2] = np.nan
+    path = nodes.mean(1)
+    beside, amid = (Discs(np.array([[3.0, y]]), np.array([0.3])) for y in (2.0, 0.0))
+    maps = [jaxgrity.way_map(discs, goal, ARENA) for discs in (beside, amid, beside, beside)]
+    said = [np.zeros((1, 4)), np.zeros((1, 4)), np.zeros((1, 4))]
+    found = told(scene.structure, (nodes, path), maps, said, [1.0])
+    assert found.reached.tolist() == [True, False, False, False]
+    assert found.gap[0] > 0 > found.gap[1]
+    assert found.arrived.tolist() == [23, 23, 10, 24]
+
+
+@pytest.mark.slow
+def test_where_a_robot_is_does_not_depend_on_what_it_is_taken_for(scene):
+    """Its centre of mass is that of its own masses; the model's are other ones."""
+    heavy = replace(scene.structure, node_mass=np.where(np.arange(12) < 2, 2.0, 0.5))
+    gaits = jaxgrity.gait_choices(scene.structure, {"lasting": PhaseLocked(jaxgrity.load_gait("lasting"))})
+    options = SolverOptions(dt=0.01, dtype="float32")
+    robot, model = (
+        jaxgrity.plant_of(one, gaits.policy.members, options=options)
+        for one in (replace(scene, structure=heavy), scene)
+    )
+    maps = [jaxgrity.way_map(NOTHING, np.array([3.0, 0.0]), ARENA)]
+    quick = Foresight(samples=2, friction=(1.0,), interval=0.5, horizon=0.5, patience=0.5)
+    found = jaxgrity.travel(jaxgrity.side_by_side(robot, 1), model, gaits, maps, foresight=quick)
+    own = jaxgrity.centre_of_mass(robot.scene, found.nodes[-1, ..., 0])
+    np.testing.assert_allclose(found.path[-1, :, 0], own, atol=1e-5)
+    assert np.abs(own - found.nodes[-1, ..., 0].mean(0)).max() > 0.01
+
+
+def test_maps_for_a_smaller_robot_are_refused(scene):
+    with pytest.raises(InputError, match=r"maps: made for a reach of 0.6 m; expected at least 0.9 m"):
+        led(scene, [NOTHING], Foresight(reach=0.9))
 
 
 @pytest.mark.slow
