@@ -214,7 +214,7 @@ def orbits_of_searches_table(facts: Facts) -> str:
 def gaits_table() -> str:
     """The gaits that come with the library, from their records in the package."""
     head = [
-        "gait", "scene", "steady speed, body lengths/s", "for", "turning, °/body length",
+        "gait", "scene", "how it moves", "steady speed, body lengths/s", "for", "turning, °/body length",
         "a disturbance is multiplied in a cycle by",
         "robots that differ", "on the other contact model", "peak of an actuator",
     ]  # fmt: skip
@@ -229,6 +229,7 @@ def _gait_row(name: str) -> list[str]:
     return [
         f"`{name}`",
         record["scene"],
+        record["motion"]["kind"],
         f"{steady['speed'] / size:.3f} ± {steady['speed_error_bar'] / size:.1g}",
         f"{steady['verified_for']:.0f} s",
         f"{_whole_zero(bend):.0f}",

@@ -41,7 +41,7 @@ ENOUGH = 0.85
 
 @dataclass
 class Settings:
-    gaits: tuple[str, ...] = ("lasting", "fast")
+    gaits: tuple[str, ...] = ("lasting", "fast", "cables")
     """names of the library's gaits"""
     robots: int = 64
     """that each gait is tried on"""

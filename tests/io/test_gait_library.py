@@ -32,8 +32,8 @@ def test_gaits_of_the_library_fit_their_scenes(name):
     assert steady["verified_for"] > 290
     assert steady["slowest_window"] > 0.9 * steady["speed"] > 9 * steady["speed_error_bar"] > 0
     assert steady["multiplier"] < 1
-    assert record["robust"]["robots"] == 256
-    assert "python experiments/gait_search.py" in record["command"]
+    assert record["robust"]["robots"] >= 128
+    assert record["command"].startswith(("python experiments/gait_search.py", "jaxgrity search "))
 
 
 @pytest.mark.slow
