@@ -211,6 +211,21 @@ def orbits_of_searches_table(facts: Facts) -> str:
     return table(head, rows) + made_by(facts, "orbits_of_searches")
 
 
+def climbing_facts(raw: Facts) -> Facts:
+    """How fast the gait climbs each slope, by friction."""
+    return {name: raw[name] for name in ("command", "friction", "duration", "rows")}
+
+
+def climbing_table(facts: Facts) -> str:
+    rows = [
+        [f"{row['slope']:g}°", *(", ".join(f"{speed + 0:.2f}" for speed in row[name]) for name in ("own", "other"))]
+        for row in facts["rows"]
+    ]
+    friction = ", ".join(f"{mu:.2g}" for mu in facts["friction"])
+    head = ["slope", f"m/s uphill, exact contact, friction {friction}", "likewise, penalty contact"]
+    return table(head, rows) + made_by(facts, "climbing")
+
+
 def gaits_table() -> str:
     """The gaits that come with the library, from their records in the package."""
     head = [

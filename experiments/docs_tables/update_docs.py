@@ -138,6 +138,7 @@ SOURCES: dict[str, Source] = {
     "polish_comparison": one_block(
         "polish_comparison", GAITS, orbit_tables.polish_comparison_facts, orbit_tables.polish_comparison_table
     ),
+    "climbing": one_block("climbing", GAITS, gaits.climbing_facts, gaits.climbing_table),
     "ranges": one_block("ranges", GAITS, gaits.ranges_facts, gaits.ranges_table),
     "third_opinions": one_block("third_opinions", GAITS, gaits.third_opinions_facts, gaits.third_opinions_table),
     "basin": one_block("basin", GAITS, gaits.basin_facts, gaits.basin_table),
