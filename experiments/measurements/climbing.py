@@ -81,7 +81,7 @@ def figure(rows: list[dict[str, Any]], friction: list[float]) -> Figure:
         axes.axhline(0, color="black", linewidth=0.8)
         axes.set(title=title, xlabel="slope (degrees)", ylim=(-0.3, 0.35))
     panes[0].set_ylabel("speed uphill (m/s)")
-    panes[0].legend()
+    panes[0].legend(loc="lower left")
     return chart
 
 
