@@ -9,7 +9,7 @@ import pytest
 
 import jaxgrity
 from jaxgrity import Cylinder, Discs, Foresight, InputError, PhaseLocked, Slope, SolverOptions, Union
-from jaxgrity.control.travel import told, way_costs
+from jaxgrity.control.travel import travels_of, way_costs
 
 ARENA = (-2.0, -4.0, 12.0, 4.0)
 NOTHING = Discs(np.zeros((0, 2)), np.zeros(0))
@@ -133,7 +133,10 @@ def test_gaits_to_choose_from_have_all_images_of_gaits_but_for_shifts_of_time(sc
             "gaits: ['rest']; expected at least one, none of them called 'rest'",
         ),
         (lambda scene: jaxgrity.discs_of(None), "ground: there is none"),
-        (lambda scene: jaxgrity.way_map(NOTHING, np.zeros(2), (-3, -5, 13)), "arena = (-3, -5, 13): expected four"),
+        (
+            lambda scene: jaxgrity.way_map(NOTHING, np.zeros(2), (-3.0, -5.0, np.nan, 5.0)),
+            "arena = (-3.0, -5.0, nan, 5.0): expected four",
+        ),
         (
             lambda scene: jaxgrity.way_map(NOTHING, np.zeros(2), ARENA, comfort=np.nan),
             "reach, comfort, spacing = 0.6, nan, 0.1 m: expected positive numbers",
@@ -202,7 +205,7 @@ def test_a_goal_counts_that_was_reached_in_time_and_with_nothing_touched(scene):
     beside, amid = (Discs(np.array([[3.0, y]]), np.array([0.3])) for y in (2.0, 0.0))
     maps = [jaxgrity.way_map(discs, goal, ARENA) for discs in (beside, amid, beside, beside)]
     said = [np.zeros((1, 4)), np.zeros((1, 4)), np.zeros((1, 4))]
-    found = told(scene.structure, (nodes, path), maps, said, [1.0])
+    found = travels_of(scene.structure, (nodes, path), maps, said, [1.0])
     assert found.reached.tolist() == [True, False, False, False]
     assert found.gap[0] > 0 > found.gap[1]
     assert found.arrived.tolist() == [23, 23, 10, 24]
