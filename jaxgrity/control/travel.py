@@ -124,15 +124,8 @@ def travel(
             with another period, maps for a smaller reach than the foresight's, times that are no multiples of each
             other, or a foresight that makes no sense.
     """
-    count = robots.robots
-    if count is None or count != len(maps):
-        raise InputError(f"maps: there are {len(maps)}, for {count} robots; expected one for each, of `side_by_side`")
-    ticks, looks, choices = _counts(robots, model, foresight)
-    if min(way.reach for way in maps) < foresight.reach:
-        least = min(way.reach for way in maps)
-        raise InputError(
-            f"maps: made for a reach of {least:g} m; expected at least {foresight.reach:g} m, as foresight"
-        )
+    ticks, looks, choices = _counts(robots, model, maps, foresight)
+    count = len(maps)
     draw, copies = np.random.default_rng(foresight.seed), len(foresight.friction)
     lanes = count * foresight.samples * copies
     many = side_by_side(model, lanes, Differences(friction=np.tile(foresight.friction, count * foresight.samples)))
@@ -161,12 +154,20 @@ def travel(
         if over.all():
             break
     chosen = [np.array(x) for x in zip(*said)]
-    return told(robots.scene.structure, (np.concatenate(kept), np.concatenate(path)), maps, chosen, spent)
+    return travels_of(robots.scene.structure, (np.concatenate(kept), np.concatenate(path)), maps, chosen, spent)
 
 
-def _counts(robots: Plant, model: Plant, foresight: Foresight) -> tuple[int, int, int]:
-    """Control periods between choices, looks ahead, and choices. Raises `InputError` where robot, model and times do
-    not fit."""
+def _counts(robots: Plant, model: Plant, maps: Sequence[WayMap], foresight: Foresight) -> tuple[int, int, int]:
+    """Control periods between choices, looks ahead, and choices. Raises `InputError` where robots, model, maps and
+    times do not fit."""
+    if robots.robots is None or robots.robots != len(maps):
+        found = f"maps: there are {len(maps)}, for {robots.robots} robots"
+        raise InputError(f"{found}; expected one for each, of `side_by_side`")
+    least = min(way.reach for way in maps)
+    if least < foresight.reach:
+        raise InputError(
+            f"maps: made for a reach of {least:g} m; expected at least {foresight.reach:g} m, as foresight"
+        )
     check_model(robots, model)
     check_one(model, "model")
     whole_number("a look", 1 / LOOKS, model.period)
@@ -269,7 +270,7 @@ def _near(path: np.ndarray, maps: Sequence[WayMap]) -> np.ndarray:
     return np.linalg.norm(path[:, :2] - np.array([way.goal for way in maps]).T, axis=1) < REACHED
 
 
-def told(
+def travels_of(
     structure: Structure,
     seen: tuple[np.ndarray, np.ndarray],
     maps: Sequence[WayMap],
