@@ -73,6 +73,7 @@ measure: .venv/.installed-test
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[baselines]'
 	$(BIN)/python experiments/baselines/lasting_baselines.py
 	$(BIN)/python experiments/baselines/task_baselines.py
+	$(BIN)/python experiments/baselines/library_gaits.py
 	$(BIN)/python experiments/baselines/search_baselines.py --scenes exact
 	$(BIN)/python experiments/baselines/search_baselines.py --scenes reference --methods $(COMPARED) --plain
 	$(BIN)/python experiments/docs_tables/update_docs.py

@@ -13,6 +13,7 @@ from pathlib import Path
 import control_tables
 import gait_tables
 import identification_tables
+import library_gaits
 import numerics_tables
 import orbit_tables
 import pytest
@@ -24,6 +25,7 @@ import validation_tables
 
 import jaxgrity
 from jaxgrity import InputError
+from jaxgrity.cli.search import SearchSettings
 
 EXPERIMENTS = Path(__file__).parents[2] / "experiments"
 SCRIPTS = sorted(
@@ -59,6 +61,16 @@ def test_help_comes_from_the_settings(script, capsys):
     with pytest.raises(SystemExit, match="0"):
         tyro.cli(module.Settings, args=["--help"], description=module.__doc__)
     assert "--quick" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("name", jaxgrity.gait_names())
+def test_commands_of_the_library_are_commands(name):
+    """The search that found a gait can be asked for again, and says of itself what its record says."""
+    record = jaxgrity.gait_record(name)
+    settings = tyro.cli(SearchSettings, args=library_gaits.options_of(record["command"]))
+    assert settings.seed == record["settings"]["seed"]
+    assert settings.population == record["settings"]["population"]
+    assert settings.objective.kind == record["objective"]
 
 
 @pytest.mark.parametrize("path", sorted(EXPERIMENTS.rglob("*.py")), ids=lambda path: path.stem)
