@@ -57,9 +57,9 @@ class Settings:
     """searches to compare"""
     seeds: int = 8
     """searches by each method"""
-    gaits: int = 1024
+    gaits: int = 512
     """that a search may try, each on as many robots as in the default search"""
-    population: int = 64
+    population: int = 32
     """of the GA, and of CMA-ES half as many"""
     polish: int = SearchConfig().polish_rollouts
     """rollouts of polish after each search; 0: none"""
