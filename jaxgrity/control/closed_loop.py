@@ -53,12 +53,7 @@ def loop_start(plant: Plant, policy: Policy, key: Any, start: State | None = Non
     if each and robots is None:
         raise InputError("each = True: the plant has one robot; expected many, of `side_by_side`")
     if robots is not None and each:
-        sizes = {np.shape(x)[-1] for x in jax.tree.leaves(policy) if np.ndim(x)}
-        if sizes - {robots}:
-            found = f"the last axes have {', '.join(map(str, sorted(sizes)))} rows"
-            raise InputError(
-                f"each = True: {found}; expected {robots}, one for each robot, in all arrays of the policy"
-            )
+        _check_each(policy, robots)
         memory = jax.vmap(type(policy).first, in_axes=(_last(policy),), out_axes=-1)(policy)
     elif robots is not None:
         memory = jax.tree.map(lambda x, count=robots: jnp.repeat(jnp.asarray(x)[..., None], count, axis=-1), memory)
@@ -76,6 +71,8 @@ def roll_on(
     ask: Callable = type(policy).__call__
     policy = floats_as(policy, plant.options.dtype)
     if plant.robots is not None:
+        if each:
+            _check_each(policy, plant.robots)
         ask = over_lanes(ask, (_last(policy) if each else None, -1, None, -1))
 
     def tick(loop: Loop, _):
@@ -177,6 +174,14 @@ def simulate_policy(
 @eqx.filter_jit
 def _motion(plant: Plant, policy: Policy, loop: Loop, ticks: int):
     return roll_on(plant, policy, loop, ticks, lambda state: state.motion)[1]
+
+
+def _check_each(policy: Policy, robots: int) -> None:
+    """Raise `InputError` for a policy of which not every array has a row for each robot, as its last axis."""
+    sizes = {np.shape(x)[-1] for x in jax.tree.leaves(policy) if np.ndim(x)}
+    if sizes - {robots}:
+        found = f"the last axes have {', '.join(map(str, sorted(sizes)))} rows"
+        raise InputError(f"each = True: {found}; expected {robots}, one for each robot, in all arrays of the policy")
 
 
 def _last(policy: Policy):

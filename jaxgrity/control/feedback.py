@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxgrity.control.policies import Memory, Policy
+from jaxgrity.control.policies import Memory, Policy, check_gait
 from jaxgrity.control.sensors import Observation
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, PerActuator, Scalar, as_float
@@ -53,6 +53,7 @@ class PhaseLocked(Policy):
         return self.gait.members
 
     def __check_init__(self):
+        check_gait(self.gait)
         for name in ("gains", "swings"):
             own = getattr(self, name)
             if np.shape(own)[:2] != (2, 2):

@@ -140,9 +140,9 @@ def plant_of(
         >>> plant.period  # s
         0.01
     """
+    if not np.size(members) or np.ndim(members) != 1:
+        raise InputError(f"members = {members}: expected at least one that is actuated, as (0, 1, 2)")
     members = tuple(int(k) for k in members)
-    if not members:
-        raise InputError("members = (): expected at least one that is actuated")
     if not (np.isfinite(period) and period > 0):
         raise InputError(f"period = {period} s: expected a positive number")
     zeros = np.zeros(len(members))

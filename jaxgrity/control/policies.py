@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 import equinox as eqx
 
 from jaxgrity.control.sensors import Observation
+from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import PerActuator, Scalar
 from jaxgrity.model.actuation import Gait, contraction
 
@@ -36,10 +37,19 @@ class Policy(eqx.Module):
         """By which fraction each member shall be shortened at time t, s, the end of the control period that begins."""
 
 
+def check_gait(gait: Gait) -> None:
+    """Raise `InputError` for what is no gait, such as a gait's name."""
+    if not isinstance(gait, Gait):
+        raise InputError(f"gait = {gait!r}: expected a Gait, such as load_gait('lasting')")
+
+
 class OpenLoop(Policy):
-    """A gait, whatever the robot senses."""
+    """A gait, whatever the robot senses. Raises `InputError` for what is no gait."""
 
     gait: Gait
+
+    def __check_init__(self):
+        check_gait(self.gait)
 
     @property
     def members(self) -> tuple[int, ...]:

@@ -9,7 +9,7 @@ import numpy as np
 from jaxgrity.control.policies import Memory, Policy
 from jaxgrity.control.sensors import Observation
 from jaxgrity.core.errors import InputError
-from jaxgrity.core.types import AnyArray, PerActuator, Scalar, as_float
+from jaxgrity.core.types import AnyArray, PerActuator, Scalar, as_float, as_float_or_none
 from jaxgrity.model.structure import Structure
 
 SLOWEST_TRAVEL = 0.05
@@ -33,7 +33,7 @@ class Steered(Policy):
     """at most 1 in size; positive: to the left"""
     offsets: AnyArray = eqx.field(converter=as_float)
     """(actuators, struts), from `centre_offsets`: where a strut's centre is, as a sum of all struts' directions"""
-    goal: AnyArray | None = None
+    goal: AnyArray | None = eqx.field(converter=as_float_or_none, default=None)
     """(2,), m; None: `bend` stays as it is"""
     full: Scalar = eqx.field(converter=as_float, default=0.8)
     """rad, from which angle to the goal on all of the bend is used"""
@@ -45,6 +45,8 @@ class Steered(Policy):
             raise InputError(f"bend = {np.asarray(self.bend).tolist()}: expected numbers between -1 and 1")
         if self.goal is not None and np.shape(self.goal)[:1] != (2,):
             raise InputError(f"goal has the shape {np.shape(self.goal)}: expected (2,), a place (x, y), m")
+        if self.goal is not None and not isinstance(self.goal, jax.core.Tracer) and not np.isfinite(self.goal).all():
+            raise InputError(f"goal = {np.asarray(self.goal).tolist()}: expected finite numbers, m")
         if np.ndim(self.offsets) < 2 or np.shape(self.offsets)[0] != len(self.members):
             expected = f"({len(self.members)}, struts), of `centre_offsets`"
             raise InputError(f"offsets have the shape {np.shape(self.offsets)}: expected {expected}")
