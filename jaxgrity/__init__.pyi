@@ -104,6 +104,7 @@ from .model.vibrations import Modes, vibration_modes
 from .model.waves import Wave, travelling_waves
 from .report import plot, view
 from .report.animation import animate
+from .report.steady import steady_facts
 from .report.view import Replay, Robot
 from .rollout.clearance import rod_depths
 from .rollout.forces import Forces, forces_along
@@ -150,6 +151,7 @@ from .search.polish import Polished, polish
 from .search.polish_config import PolishConfig, check_polish
 from .search.promotion import Agreement, Promoted
 from .search.repertoire import Repertoire, RepertoireConfig, repertoire
+from .search.robot_motions import RobotMotions, robot_motions
 from .search.search_config import SearchConfig, ga_configs, search_problem
 from .stepping.dynamics import acceleration, centre_of_mass, smooth_force, vector_field
 from .stepping.final_state import final_state, states_at
@@ -503,6 +505,9 @@ __all__ = [  # noqa: RUF022 in groups
     "body_length",
     "find_objective",
     "path_bend",
+    "RobotMotions",
+    "robot_motions",
+    "steady_facts",
     "judge",
     "register_objective",
     "with_robots",

@@ -13,11 +13,9 @@ MOST = 0.9
 
 def gait_search_facts(raw: Facts) -> Facts:
     """The gait, what it is worth, and how it was found."""
-    steady = {name: value for name, value in raw["steady"].items() if name != "windows"}
     return {
         **{name: raw[name] for name in ("command", "wall_seconds", "stage_seconds")},
-        "steady": steady,
-        "robots": raw["robust"]["robots"],
+        "steady": raw["steady"],
         "rollouts": sum(search["rollouts"] for search in raw["searches"]),
         "polish": raw["polish"]["reason"],
         "actuators": {name: raw["actuators"][name] for name in ("peak_force", "peak_rate", "peak_power")},
@@ -43,19 +41,32 @@ def gait_search_table(facts: Facts) -> str:
         ["a cycle", cycle],
         ["a disturbance is multiplied in a cycle by", f"{steady['multiplier']:.2g}"],
         [
-            f"over {facts['robots']} robots that differ",
-            f"{robust['mean'] / size:.3f} ± {robust['standard_deviation'] / size:.2g} body lengths/s",
+            f"over {robust['robots']} robots that differ, for a minute",
+            _of_robots(robust["mean"], robust, steady),
         ],
         [
             "the same on the other contact model",
-            f"{other['speed'] / size:.3f} ± {other['standard_deviation'] / size:.2g} body lengths/s",
+            _of_robots(other["speed"], other, steady),
         ],
-        ["asked of an actuator, at most", _peaks(facts["actuators"])],
+        ["changes of support in a cycle", f"{len(steady['cycle']['supports'])}"],
+        [
+            "asked of an actuator, at most",
+            f"{_peaks(steady['cycle'])} in a cycle; {_peaks(facts['actuators'])} with the start",
+        ],
+        ["cost of transport", f"{steady['cycle']['cost_of_transport']:.2f}"],
         ["rollouts of the search", f"{facts['rollouts']}"],
         ["polish", facts["polish"]],
         ["wall time of the search", f"{facts['wall_seconds']:.0f} s: {stages}"],
     ]
     return table(["the gait that `make gait` finds", "measured"], rows) + made_by(facts, "gait_search", "docs/measured")
+
+
+def _of_robots(speed: float, robots: Facts, steady: Facts) -> str:
+    """Speeds along paths, and their shares of the orbit's."""
+    mean, spread = speed / steady["speed"], robots["standard_deviation"] / steady["speed"]
+    size = steady["body_length"]
+    lengths = f"{speed / size:.3f} ± {robots['standard_deviation'] / size:.2g} body lengths/s"
+    return f"{lengths}: {100 * mean:.0f} % ± {100 * spread:.0f} % of it"
 
 
 def orbits_facts(raw: Facts) -> Facts:
@@ -168,19 +179,16 @@ def robots_that_differ_facts(raw: Facts) -> Facts:
 
 def robots_that_differ_table(facts: Facts) -> str:
     head = [
-        "gait",
-        "contact",
-        "as the scene says, on its own contact, body lengths/s",
-        f"{facts['robots']} robots that differ",
-        "share of it",
-    ]
-    return table([*head, "robots above 85 %"], [_robots_row(row) for row in facts["rows"]]) + made_by(
-        facts, "robots_that_differ"
-    )
+        "gait", "contact", "its orbit's speed, own contact, body lengths/s",
+        f"{facts['robots']} robots that differ, along their paths", "share of it", "robots above 85 %",
+        "displacement over time", "bend, ° per body length: median", "quartiles",
+    ]  # fmt: skip
+    return table(head, [_robots_row(row) for row in facts["rows"]]) + made_by(facts, "robots_that_differ")
 
 
 def _robots_row(row: Facts) -> list[str]:
     mean, spread = (row[name] / row["nominal"] for name in ("mean", "standard_deviation"))
+    bend, low, high = (_whole_zero(round(np.degrees(each))) for each in (row["bend"], *row["bend_quartiles"]))
     return [
         row["gait"],
         f"{row['contact']}, its own" if row["own"] else row["contact"],
@@ -188,6 +196,9 @@ def _robots_row(row: Facts) -> list[str]:
         f"{row['mean']:.3f} ± {row['standard_deviation']:.2g}",
         f"{100 * mean:.0f} % ± {100 * spread:.0f} %",
         f"{100 * row['rolling']:.0f} %",
+        f"{row['displacement']:.3f} ± {row['displacement_standard_deviation']:.2g}",
+        f"{bend:.0f}",
+        f"{low:.0f} to {high:.0f}",
     ]
 
 
@@ -229,9 +240,10 @@ def climbing_table(facts: Facts) -> str:
 def gaits_table() -> str:
     """The gaits that come with the library, from their records in the package."""
     head = [
-        "gait", "scene", "how it moves", "steady speed, body lengths/s", "for", "turning, °/body length",
-        "a disturbance is multiplied in a cycle by",
-        "robots that differ", "on the other contact model", "peak of an actuator",
+        "gait", "scene", "steady speed, body lengths/s", "for", "slowest 10 s", "turning, °/body length",
+        "a disturbance is multiplied in a cycle by", "robots that differ", "on the other contact model",
+        "their bends, °/body length", "changes of support in a cycle", "peaks of an actuator in a cycle",
+        "cost of transport",
     ]  # fmt: skip
     return table(head, [_gait_row(name) for name in gait_names()])
 
@@ -239,18 +251,23 @@ def gaits_table() -> str:
 def _gait_row(name: str) -> list[str]:
     record = gait_record(name)
     steady, size = record["steady"], record["steady"]["body_length"]
-    ensembles = (record["robust"], record["other_contact_model"])
+    robust, other, cycle = steady["robust"], steady["other_contact_model"], steady["cycle"]
     bend = np.degrees(steady["turning"]) / (steady["speed"] / size)
+    bends = (f"{_whole_zero(round(np.degrees(each['bend']))):.0f}" for each in (robust, other))
     return [
         f"`{name}`",
         record["scene"],
-        record["motion"]["kind"],
         f"{steady['speed'] / size:.3f} ± {steady['speed_error_bar'] / size:.1g}",
         f"{steady['verified_for']:.0f} s",
+        f"{100 * steady['slowest_window'] / steady['speed']:.0f} %",
         f"{_whole_zero(bend):.0f}",
         f"{steady['multiplier']:.2g}",
-        *(f"{each['mean']:.2f} ± {each['standard_deviation']:.2g}" for each in ensembles),
-        _peaks(record["actuators"]),
+        f"{robust['mean'] / size:.3f} ± {robust['standard_deviation'] / size:.2g}",
+        f"{other['speed'] / size:.3f} ± {other['standard_deviation'] / size:.2g}",
+        ", ".join(bends),
+        f"{len(cycle['supports'])}",
+        _peaks(cycle),
+        f"{cycle['cost_of_transport']:.1f}",
     ]
 
 

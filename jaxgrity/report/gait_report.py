@@ -1,5 +1,6 @@
 """What a gait search leaves: facts, figures, an animation and a page."""
 
+import itertools
 import time
 from collections.abc import Callable
 from html import escape
@@ -16,17 +17,20 @@ from jaxgrity.model.scene import Scene
 from jaxgrity.model.symmetry import Symmetry, image, standing_symmetries
 from jaxgrity.report import plot, view
 from jaxgrity.report.animation import animate
-from jaxgrity.report.steady import steady_facts, steady_rows
+from jaxgrity.report.steady import PARTS, steady_facts, steady_rows
 from jaxgrity.rollout.population import as_population, simulate_population
 from jaxgrity.rollout.rolling import Rolling, rolling
-from jaxgrity.search.pipeline import SearchResult
+from jaxgrity.search.pipeline import UNSEEN, SearchResult
 from jaxgrity.search.polish import Polished
 from jaxgrity.search.promotion import Agreement
 from jaxgrity.stepping.options import SolverOptions
 from jaxgrity.stepping.simulate import Trajectory, some_frames
+from jaxgrity.stepping.stability import default_method, default_step
 from jaxgrity.trust.error_bars import verify
 from jaxgrity.trust.trust_report import TrustReport, diagnose
 
+WATCHED = 7.5
+"""times the search's duration, for which a gait that is to last is watched"""
 FRAME_RATE = 50
 """frames a second of the trajectory that is kept"""
 REPLAY = "replay.html"
@@ -72,17 +76,19 @@ def write_report(result: SearchResult, origin: Origin, folder: Path, on_progress
     """
     scene, duration = result.scene, float(result.problem.duration)
     fine = SolverOptions(dt=result.verdict.verified.steps[0], dtype="float64")
+    lasts = result.problem.fitness.objective.steady
+    done, parts = itertools.count(), 3 + (PARTS if lasts else 0)
+    tick = lambda: on_progress("measuring", next(done), parts)  # noqa: E731
     began = time.perf_counter()
-    on_progress("measuring", 0, 4)
+    tick()
     trust = diagnose(scene, duration, options=fine, frame_rate=float(FRAME_RATE))
     trajectory = trust.trajectory
-    on_progress("measuring", 1, 4)
+    tick()
     found = directions(scene, fine, duration)
-    on_progress("measuring", 2, 4)
+    tick()
     asked = actuators(scene, fine, duration)
-    on_progress("measuring", 3, 4)
-    steady = steady_facts(result) if result.problem.fitness.objective.steady else None
-    on_progress("measuring", 4, 4)
+    tick()
+    steady = _watched(result, tick) if lasts else None
     motion = None if scene.ground is None or trajectory.failed else rolling(scene, trajectory)
     assert scene.gait is not None, "a search finds a gait"
     gait = {
@@ -121,6 +127,15 @@ def write_report(result: SearchResult, origin: Origin, folder: Path, on_progress
     first, rest = outcome_rows(summary), search_rows(summary, motion, result.problem.fitness.objective.unit)
     write_page(folder, f"A gait that {motion.kind}" if motion else "A gait", first, {**rest, "command": origin.command})
     return {"how far to trust it": "\n" + trust.table(), **first, **rest}
+
+
+def _watched(result: SearchResult, tick: Callable[[], None]) -> dict[str, Any]:
+    """How the gait lasts, by robots that differ as in the search."""
+    # the last level has half of the step that was asked for, which this gait may not allow
+    step = min(2 * result.levels[-1].dt, default_step(result.scene, default_method(result.scene)))
+    problem = result.problem
+    watched, uncertain = WATCHED * float(problem.duration), problem.fitness.uncertainty
+    return steady_facts(result.scene, uncertain, duration=watched, dt=step, seed=UNSEEN, on_progress=tick)
 
 
 def directions(best: Scene, options: SolverOptions, duration: float) -> list[dict[str, float]]:

@@ -1,43 +1,61 @@
 """What becomes of a gait in the long run: facts for a search's files, and a line for people."""
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from jaxgrity.search.fidelity import Verdict, final_verdict
-from jaxgrity.search.judging import Fitness
-from jaxgrity.search.objectives import SteadySpeed
-from jaxgrity.search.pipeline import UNSEEN, SearchResult
+from jaxgrity.model.contact_twin import contact_twin
+from jaxgrity.model.scene import Scene
+from jaxgrity.rollout.uncertainty import Uncertainty
+from jaxgrity.search.robot_motions import robot_motions
 from jaxgrity.stepping.options import SolverOptions
 from jaxgrity.stepping.stability import default_method, default_step
 from jaxgrity.trust.orbit_cycle import orbit_cycle
 from jaxgrity.trust.orbits import WINDOW, find_orbit, period_of, refined_orbit, shortest_watch, stability
 
-WATCHED = 7.5
-"""times the search's duration, for which a gait that is to last is watched"""
+Facts = dict[str, Any]
+PARTS = 5
+"""of the work, after each of which progress is told"""
 
 
-def steady_facts(result: SearchResult) -> dict[str, Any]:
-    """The orbit that the gait settles on, how stable it is, and what remains of its speed on the other contact model.
+def steady_facts(
+    scene: Scene,
+    uncertainty: Uncertainty,
+    *,
+    duration: float = 300.0,
+    dt: float | None = None,
+    seed: int = 0,
+    on_progress: Callable[[], None] = lambda: None,
+) -> Facts:
+    """The orbit that a gait settles on, how stable it is, and how robots that differ move on both contact models.
 
-    SI units; the speeds of ensembles are displacements over the settled part of the search's duration, whatever the
-    objective was.
+    Args:
+        scene: with a gait whose actuators share one frequency.
+        uncertainty: by how much robots differ (`robot_motions`).
+        duration: s, for which the robot is watched; longer where cycles of this gait need it, and a whole number of
+            periods.
+        dt: s; the scene's own step where not given.
+        seed: of the draws of robots.
+        on_progress: is called `PARTS` times.
+
+    Returns:
+        Numbers by their names, in SI units: those of `Orbit`, `OrbitCycle` ("cycle"), `Stability` and `RobotMotions`
+        ("robust" and "other_contact_model").
+
+    Raises:
+        InputError: as `find_orbit` and `robot_motions` do.
     """
-    scene = result.scene
-    # the last level has half of the step that was asked for, which this gait may not allow
-    step = min(2 * result.levels[-1].dt, default_step(scene, default_method(scene)))
-    options = SolverOptions(dt=step)
-    least = shortest_watch(scene.gait)
-    watched = max(WATCHED * float(result.problem.duration), least)
-    watched = float(np.ceil(watched / period_of(scene.gait)) * period_of(scene.gait))
+    step = default_step(scene, default_method(scene)) if dt is None else dt
+    options, least = SolverOptions(dt=step), shortest_watch(scene.gait)
+    watched = float(np.ceil(max(duration, least) / period_of(scene.gait)) * period_of(scene.gait))
     orbit = find_orbit(scene, watched, options=options)
+    on_progress()
     _, bar = refined_orbit(scene, max(watched / 3, least), options=options)
+    on_progress()
     held = stability(scene, orbit, options=options) if orbit.verified_for else None
-    size, found = orbit.body_length, _speeds(result, step).summary()
-
-    def in_metres(facts: dict[str, Any], *names: str) -> dict[str, Any]:
-        return {name: None if facts[name] is None else size * facts[name] for name in names}
-
+    on_progress()
+    robust, other = _over_robots(scene, uncertainty, step, seed, on_progress)
     return {
         **orbit.summary(),
         "speed_error_bar": bar,
@@ -45,24 +63,30 @@ def steady_facts(result: SearchResult) -> dict[str, Any]:
         "cycle": orbit_cycle(scene, orbit, options=options).summary() if orbit.verified_for else None,
         "spread": None if held is None else held.spread,
         "returned": None if held is None else held.returned,
-        "other_contact_model": {
-            "speed": size * found["other_contact_model"]["mean"],
-            **in_metres(found["other_contact_model"], "standard_deviation"),
-        },
-        "robust": in_metres(found["robust"], "mean", "standard_deviation", "standard_error", "step_error"),
+        "other_contact_model": other,
+        "robust": robust,
     }
 
 
-def _speeds(result: SearchResult, step: float) -> Verdict:
-    """The verdict on the gait's steady speed; that of the search where speed was its objective."""
-    if type(result.problem.fitness.objective) is SteadySpeed:
-        return result.verdict
-    problem, uncertain = result.problem, result.problem.fitness.uncertainty
-    speed = Fitness(SteadySpeed(), uncertain, problem.fitness.robots)
-    return final_verdict(problem._replace(fitness=speed), result.gait, dt=step / 2, seed=UNSEEN)
+def _over_robots(
+    scene: Scene, uncertainty: Uncertainty, step: float, seed: int, on_progress: Callable[[], None]
+) -> tuple[Facts, Facts]:
+    """Robots that differ, on the own model and on its contact twin, for a minute."""
+    coarse, fine = (
+        robot_motions(scene, uncertainty, seed=seed, options=SolverOptions(dt=dt, dtype="float32"))
+        for dt in (step, step / 2)
+    )
+    on_progress()
+    twin = contact_twin(scene)
+    options = SolverOptions(dt=default_step(twin, default_method(twin)), dtype="float32")
+    other = robot_motions(twin, uncertainty, seed=seed, options=options).summary()
+    on_progress()
+    robust = fine.summary()
+    mean, error = robust.pop("speed"), abs(float(fine.speed.mean() - coarse.speed.mean()))
+    return {"mean": mean, **robust, "step_error": error}, other
 
 
-def steady_rows(steady: dict[str, Any]) -> dict[str, str]:
+def steady_rows(steady: Facts) -> dict[str, str]:
     """The orbit in words for people, by their headings."""
     if not steady["settled"]:
         return {"orbit": f"none: shapes still change by {steady['residual']:.2g} m over a cycle"}
@@ -75,10 +99,24 @@ def steady_rows(steady: dict[str, Any]) -> dict[str, str]:
         "speed": f"{steady['speed']:.3f} ± {steady['speed_error_bar']:.1g} m/s ({lengths:.3f} body lengths a second)",
         "lasts": f"watched for {steady['verified_for']:.0f} s; settled after {since:.0f} s, "
         f"and then in no {WINDOW:g} s slower than {slowest:.3f} m/s",
-        "turning": f"{round(np.degrees(steady['turning']), 2) + 0.0:.2f}°/s",
+        "turning": f"{round(np.degrees(steady['turning']), 2) + 0.0:.2f}°/s; robots that differ bend by "
+        f"{_bends(own)} in a body length, on the other model by {_bends(other)}",
         "stability": (held if np.isfinite(steady["multiplier"]) else "") + back,
         "cycle": f"{cycle:.2f} s, {steady['periods']} periods of actuation; its shape returns to "
-        f"{1000 * steady['residual']:.2g} mm",
-        "both contact models": f"{own['mean']:.3f} ± {own['standard_deviation']:.2g} m/s over robots that differ; "
-        f"{other['speed']:.3f} ± {other['standard_deviation']:.2g} m/s on the other model",
+        f"{1000 * steady['residual']:.2g} mm"
+        + (f"; stands in turn on {_faces(steady['cycle'])}" if steady["cycle"] else ""),
+        "both contact models": f"{own['mean']:.3f} ± {own['standard_deviation']:.2g} m/s over {own['robots']} robots "
+        f"that differ; {other['speed']:.3f} ± {other['standard_deviation']:.2g} m/s on the other model",
     }
+
+
+def _faces(cycle: Facts) -> str:
+    return ", ".join("-".join(map(str, face)) for face in cycle["supports"]) or "no face that lasts"
+
+
+def _bends(robots: Facts) -> str:
+    """From the lower quartile to the upper."""
+    if robots["bend"] is None:
+        return "no known angle"
+    low, high = (round(np.degrees(each)) + 0.0 for each in robots["bend_quartiles"])
+    return f"{low:.0f}° to {high:.0f}°"

@@ -6,9 +6,14 @@ import numpy as np
 
 from jaxgrity.model.scene import Scene
 from jaxgrity.rollout.population import as_population, simulate_population
+from jaxgrity.rollout.rolling import rolling
 from jaxgrity.rollout.uncertainty import Differences
-from jaxgrity.stepping.options import Options
+from jaxgrity.stepping.options import Options, SolverOptions
+from jaxgrity.stepping.simulate import simulate
 from jaxgrity.trust.orbits import Orbit, in_step, restarted
+
+FRAME_RATE = 50.0
+"""1/s, at which the faces are told"""
 
 
 class OrbitCycle(NamedTuple):
@@ -30,10 +35,12 @@ class OrbitCycle(NamedTuple):
     """m/s"""
     peak_power: float
     """W"""
+    supports: tuple[tuple[int, ...], ...]
+    """the faces that the robot stands on, in turn, by their nodes (`rolling`); empty without ground"""
 
     def summary(self) -> dict[str, Any]:
         """The numbers, as they go into a JSON file; SI units."""
-        return self._asdict()
+        return self._asdict() | {"supports": [list(face) for face in self.supports]}
 
 
 def orbit_cycle(scene: Scene, orbit: Orbit, *, options: Options = None) -> OrbitCycle:
@@ -67,4 +74,13 @@ def orbit_cycle(scene: Scene, orbit: Orbit, *, options: Options = None) -> Orbit
     weight, effort = float(scene.structure.mass) * float(scene.gravity or 0.0), float(np.asarray(metrics.effort)[0])
     cost = effort / (weight * distance) if weight * distance > 0 else np.inf
     peaks = (float(np.max(each)) for each in (metrics.peak_force, metrics.peak_rate, metrics.peak_power))
-    return OrbitCycle(orbit.cycle, distance, float(np.asarray(metrics.work)[0]), effort, cost, *peaks)
+    work = float(np.asarray(metrics.work)[0])
+    return OrbitCycle(orbit.cycle, distance, work, effort, cost, *peaks, _supports(here, orbit, chosen))
+
+
+def _supports(scene: Scene, orbit: Orbit, options: SolverOptions) -> tuple[tuple[int, ...], ...]:
+    """The faces of the cycle after the orbit's state, from which the scene begins."""
+    if scene.ground is None:
+        return ()
+    trajectory = simulate(scene, orbit.cycle, options=options, frame_rate=FRAME_RATE, velocities=orbit.state[1])
+    return () if trajectory.failed else rolling(scene, trajectory).supports

@@ -36,6 +36,14 @@ def test_gaits_of_the_library_fit_their_scenes(name):
     assert steady["speed"] > 10 * steady["speed_error_bar"] > 0
     assert steady["multiplier"] < 1
     assert record["robust"]["robots"] >= 128
+    assert steady["returned"] > 0.9
+    assert steady["spread"] < 0.1 * steady["body_length"]
+    assert 0 < steady["cycle"]["work"] < steady["cycle"]["effort"]
+    assert steady["robust"]["robots"] == steady["other_contact_model"]["robots"] == 128
+    shares = [steady["robust"]["mean"], steady["other_contact_model"]["speed"]] / np.array(steady["speed"])
+    assert (shares > (0.85 if record["scene"] != "uphill" else 0.8)).all()
+    for each in (steady["robust"], steady["other_contact_model"]):
+        assert each["standard_deviation"] < 0.15 * steady["speed"]
     assert record["command"].startswith(("python experiments/gait_search.py", "jaxgrity search "))
 
 

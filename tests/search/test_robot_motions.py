@@ -1,0 +1,83 @@
+"""Robots that differ from the model: speeds and bends of made-up motions, the same draws, and what is refused."""
+
+import jax
+import numpy as np
+import pytest
+
+import jaxgrity
+from jaxgrity.search import robot_motions as module
+
+KNOWN = jaxgrity.Uncertainty()
+FRICTION = jaxgrity.Uncertainty(friction=0.3)
+
+
+def arcs(turns, failure):
+    """Outcomes of robots that go once a second through a tenth of a metre along arcs, in `PARTS` parts of 24 s."""
+    times = np.arange(module.PARTS + 1.0)
+
+    def rolled(key, model, gaits, duration, fitness, parts, with_metrics):
+        assert parts == module.PARTS
+        heading = np.outer(turns, times)
+        steps = np.stack([np.cos(heading), np.sin(heading), 0 * heading], -1)[:, :-1] * 0.1
+        path = np.concatenate([np.zeros((len(turns), 1, 3)), np.cumsum(steps, 1)], 1)
+        failed = np.array(failure)
+        path[failed != 0] = np.nan
+        rest = {"positions": path[:, -1:], "steps": failed, "rejected": failed}
+        return gaits, jaxgrity.Outcomes(com_path=path, failure=failed, metrics=None, method="", dt=None, **rest)
+
+    return rolled
+
+
+def test_speeds_are_those_along_paths(exact, monkeypatch):
+    """Straight on, on arcs to the left and to the right; what failed has no speed and no bend."""
+    turns = [0.0, 0.2, -0.1, 0.0]
+    monkeypatch.setattr(module, "ensembles_rolled_out", arcs(turns, [0, 0, 0, 1]))
+    scene = jaxgrity.with_gait(exact, jaxgrity.load_gait("lasting"))
+    found = jaxgrity.robot_motions(scene, FRICTION, robots=4, duration=24.0)
+    size = float(jaxgrity.body_length(scene))
+    np.testing.assert_allclose(found.speed, [0.1, 0.1, 0.1, 0.0], rtol=1e-6)
+    np.testing.assert_allclose(found.bend, [0.0, 2.0 * size, -1.0 * size, np.nan], rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(np.hypot(*found.velocity.T)[[0, 3]], [0.1, 0.0], rtol=1e-6)
+    half = 9 * 0.2
+    chord = 0.1 * abs(np.sin(half) / (18 * np.sin(0.1)))
+    np.testing.assert_allclose(np.hypot(*found.velocity[1]), chord, rtol=1e-5)
+    facts = found.summary()
+    assert facts["speed"] == pytest.approx(0.075)
+    assert facts["bend"] == pytest.approx(0.0, abs=1e-9)
+    assert facts["robots"] == 4
+
+
+def test_all_may_fail(exact, monkeypatch):
+    """Their speed is 0, and no bend is known."""
+    monkeypatch.setattr(module, "ensembles_rolled_out", arcs([0.1, 0.1], [2, 1]))
+    scene = jaxgrity.with_gait(exact, jaxgrity.load_gait("lasting"))
+    facts = jaxgrity.robot_motions(scene, FRICTION, robots=2, duration=24.0).summary()
+    assert (facts["speed"], facts["bend"], facts["bend_quartiles"]) == (0.0, None, [None, None])
+
+
+def test_robots_differ_by_what_is_uncertain(exact):
+    """Where nothing is, one robot says it all; the same seed draws the same robots."""
+    scene = jaxgrity.with_gait(exact, jaxgrity.load_gait("lasting"))
+    options = jaxgrity.SolverOptions(dt=0.01, dtype="float32")
+    draw = lambda uncertain, seed: jaxgrity.robot_motions(  # noqa: E731
+        scene, uncertain, robots=4, duration=4.0, seed=seed, options=options
+    )
+    first, again, other = draw(FRICTION, 0), draw(FRICTION, 0), draw(FRICTION, 1)
+    jax.tree.map(np.testing.assert_array_equal, first, again)
+    assert len(set(first.speed)) == 4
+    assert not np.array_equal(first.speed, other.speed)
+    assert draw(KNOWN, 0).speed.shape == (1,)
+
+
+@pytest.mark.parametrize(
+    ("change", "robots", "words"),
+    [
+        (lambda scene: jaxgrity.with_gait(scene, None), 4, "the scene has no gait; expected with_gait"),
+        (lambda scene: scene, 0, "robots = 0: expected at least 1"),
+    ],
+)
+def test_bad_input_is_one_line(exact, change, robots, words):
+    """No gait, no robots."""
+    scene = change(jaxgrity.with_gait(exact, jaxgrity.load_gait("lasting")))
+    with pytest.raises(jaxgrity.InputError, match=words):
+        jaxgrity.robot_motions(scene, FRICTION, robots=robots)
