@@ -7,6 +7,8 @@ from jaxgrity import gait_names, gait_record
 
 Facts = dict
 
+CLIMBS = 0.1
+"""m/s uphill, from which on a robot counts as climbing"""
 MOST = 0.9
 """share of robots that have to roll"""
 
@@ -228,13 +230,23 @@ def climbing_facts(raw: Facts) -> Facts:
 
 
 def climbing_table(facts: Facts) -> str:
+    ways = ("own", "finer", "other")
     rows = [
-        [f"{row['slope']:g}°", *(", ".join(f"{speed + 0:.2f}" for speed in row[name]) for name in ("own", "other"))]
+        [f"{row['slope']:g}°", *(", ".join(f"{speed + 0:.2f}" for speed in row[name]) for name in ways)]
         for row in facts["rows"]
     ]
     friction = ", ".join(f"{mu:.2g}" for mu in facts["friction"])
-    head = ["slope", f"m/s uphill, exact contact, friction {friction}", "likewise, penalty contact"]
+    steepest = [", ".join(f"{_steepest(facts, name, k):g}°" for k in range(len(facts["friction"]))) for name in ways]
+    rows.append([f"steepest with {CLIMBS} m/s", *steepest])
+    head = ["slope", f"m/s uphill, exact contact, friction {friction}", "at half the step", "penalty contact"]
     return table(head, rows) + made_by(facts, "climbing")
+
+
+def _steepest(facts: Facts, way: str, k: int) -> float:
+    """The steepest slope, degrees, that robots of the k-th friction climb, and all from the scene's own up to it."""
+    climbed = [row["slope"] for row in facts["rows"] if row[way][k] >= CLIMBS]
+    missed = [row["slope"] for row in facts["rows"] if row[way][k] < CLIMBS and row["slope"] > min(climbed, default=0)]
+    return max((slope for slope in climbed if slope < min(missed, default=np.inf)), default=np.nan)
 
 
 def gaits_table() -> str:

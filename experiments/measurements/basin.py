@@ -43,7 +43,7 @@ ENOUGH = 0.85
 
 @dataclass
 class Settings:
-    gaits: tuple[str, ...] = ("lasting",)
+    gaits: tuple[str, ...] = ("straight",)
     """names of the library's gaits"""
     robots: int = 256
     duration: float = 60.0

@@ -55,7 +55,7 @@ SETTLING, SHOWN = 8, 24
 
 @dataclass
 class Settings:
-    gait: str = "lasting"
+    gait: str = "straight"
     """of the library, for the scene "exact" """
     robots: int = 32
     """by which the multipliers are fitted"""

@@ -39,7 +39,7 @@ SHOWN = 20.0
 
 @dataclass
 class Settings:
-    gaits: tuple[str, ...] = ("lasting", "fast", "cables", "left", "right")
+    gaits: tuple[str, ...] = ("straight", "lasting", "fast", "cables", "left", "right")
     """names of the library's gaits; slow ones need a longer time"""
     duration: float = 120.0
     """s, for which each gait is watched"""

@@ -47,7 +47,7 @@ ROLLING = 0.3
 
 @dataclass
 class Settings:
-    gait: str = "lasting"
+    gait: str = "straight"
     """of the library"""
     values: int = 27
     """of each quantity"""

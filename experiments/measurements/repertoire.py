@@ -3,7 +3,7 @@
 Gaits are waves about one axis of the robot, which lets it turn. A straight, a left, a right, a slow and a fast gait are
 asked for: the nearest elites, and mirror images of those that are nearest with the other hand, are rolled out until
 they settle, and disturbed. The orbit that attracts and comes nearest to what was asked is told, and its gait left as a
-file.
+file; none is told twice.
 """
 
 from dataclasses import dataclass
@@ -46,6 +46,10 @@ WEIGHTS = (1.0, 2.0)
 """of differences in speed and in bend"""
 
 
+RETURN = 0.9
+"""share of the robots that are disturbed which come back to an orbit that attracts"""
+
+
 @dataclass
 class Settings:
     drawn: int = 256
@@ -59,7 +63,7 @@ class Settings:
     """s"""
     watch: float = 120.0
     """s, for which elites are watched"""
-    tries: int = 6
+    tries: int = 8
     """elites, and as many mirror images, that are watched for each gait that is asked for, at most"""
     seed: int = 0
     out: Path = Path("results/repertoire")
@@ -78,9 +82,9 @@ def main(settings: Settings) -> None:
     with tqdm(total=settings.rounds + 1, unit="round") as bar:
         options = SolverOptions(dt=0.01, dtype="float32")
         found = repertoire(problem, config, seed=settings.seed, options=options, on_round=lambda _: bar.update())
-    rows = []
+    rows: list[dict[str, Any]] = []
     for name, asked in tqdm(ASKED.items(), unit="gait"):
-        rows.append({"gait": name, **verified(problem, scene, found, asked, settings, name)})
+        rows.append({"gait": name, **verified(problem, scene, found, asked, settings, name, rows)})
     cells = {part: np.where(np.isfinite(x), x, None).tolist() for part, x in zip(("speed", "bend"), found[1:3])}
     facts = {**measured(), "rollouts": found.rollouts, "filled": list(found.filled), "cells": list(config.cells)}
     save_json(settings.out / "repertoire.json", {**facts, **cells, "rows": rows})
@@ -89,17 +93,31 @@ def main(settings: Settings) -> None:
 
 
 def verified(
-    problem: SearchProblem, scene: Scene, found: Repertoire, asked: tuple[float, float], settings: Settings, name: str
+    problem: SearchProblem,
+    scene: Scene,
+    found: Repertoire,
+    asked: tuple[float, float],
+    settings: Settings,
+    name: str,
+    others: list[dict[str, Any]],
 ) -> dict[str, Any]:
     """Of the elites that were watched: the orbit, in body lengths, that attracts and comes nearest to what was asked.
 
-    Its gait goes to a file. Where none attracts, the first elite that was watched.
+    One attracts if its multipliers are below 1 and `RETURN` of the robots that are disturbed come back. Its gait, which
+    is none of the others', goes to a file. Where none attracts, the first elite that was watched.
     """
     tried = [
         (gait, about | watched(with_gait(scene, gait), settings))
         for gait, about in candidates(problem, scene, found, asked, settings.tries)
     ]
-    held = [(gait, row) for gait, row in tried if row["settled"] and (row["multiplier"] or 1.0) < 1]
+    held = [
+        (gait, row)
+        for gait, row in tried
+        if row["settled"]
+        and (row["multiplier"] or 1.0) < 1
+        and row["returned"] >= RETURN
+        and not any(row["cell"] == other["cell"] and row["mirrored"] == other["mirrored"] for other in others)
+    ]
     count = {"watched": len(tried), "attracting": len(held)}
     if not held:
         return tried[0][1] | count
@@ -121,7 +139,7 @@ def candidates(
             gait = jax.tree.map(np.asarray, one_gait(problem.genome.gaits(scene.gait, genes[None]), 0))
             cell = tuple(np.argwhere((found.genes == genes).all(-1))[0])
             about = {"elite_speed": float(found.speed[cell]), "elite_bend": hand * float(found.bend[cell])}
-            about["mirrored"] = hand < 0
+            about |= {"mirrored": hand < 0, "cell": [int(k) for k in cell]}
             gaits.append((gait if hand > 0 else image(gait, mirror), about))
     return gaits
 

@@ -1,4 +1,4 @@
-"""The lasting gait by programs that share no code with jaxgrity: hand-written C, and MuJoCo with contacts of its own.
+"""A gait that lasts by programs that share no code with jaxgrity: hand-written C, and MuJoCo with contacts of its own.
 
 Nothing was searched for on them. Robots that begin at different phases of the gait are rolled out; their speed is the
 displacement after they have settled. Extra: `peer` for MuJoCo; --limit names the folder of the built C programs.
@@ -36,7 +36,7 @@ Ends = Callable[[np.ndarray, float], np.ndarray]
 
 @dataclass
 class Settings:
-    gait: str = "lasting"
+    gait: str = "straight"
     """of the library, with one amplitude and one frequency for all actuators"""
     robots: int = 16
     """that begin at phases of their own"""
