@@ -23,8 +23,9 @@ from jaxgrity.stepping.integrate import discretise, failure_code, integrate, sta
 from jaxgrity.stepping.options import ResolvedOptions
 from jaxgrity.stepping.power import Step
 
-LANES = (32, 128)
-"""robots that a core integrates side by side, where there are so many: enough to fill the vector units (measured)"""
+FEWEST, SIDE_BY_SIDE = 32, 512
+"""robots that a core integrates side by side, at least, and bytes of one number of all of them, at most: enough to fill
+the vector units, few enough for the nearest caches (measured)"""
 MANY = 2**20
 """on a GPU, which runs them at once (not measured)"""
 CACHE = 2**20
@@ -57,7 +58,8 @@ def most_lanes(scene: Scene, options: ResolvedOptions) -> int:
     if jax.default_backend() != "cpu":
         return MANY
     bytes_each = 3 * np.dtype(options.dtype).itemsize * max(scene.structure.member_count, 1)
-    return int(np.clip(2 ** int(np.log2(max(CACHE / bytes_each, 1))), *LANES))
+    most = SIDE_BY_SIDE // np.dtype(options.dtype).itemsize
+    return int(np.clip(2 ** int(np.log2(max(CACHE / bytes_each, 1))), FEWEST, most))
 
 
 def roll_out_lanes(

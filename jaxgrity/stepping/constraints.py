@@ -224,7 +224,8 @@ def _to_length(
     m_m = jnp.where(moves, moving_squared, free_squared)
     excess = d.dot(d) - goal * goal
     under = d_m * d_m - m_m * excess
-    root = jnp.sqrt(jnp.maximum(under, jnp.finfo(under.dtype).tiny))
-    # the same root in the form that does not cancel
     towards = d_m > 0
-    return jnp.where(towards, -excess, root - d_m) / jnp.where(towards, d_m + root, m_m)
+    # |d·m| + sqrt(...), by which the root of either sign has a form that does not cancel; what takes the square root
+    # once is one loop, where XLA would compute all that is before it once more for each use
+    sum_ = jnp.where(towards, d_m, -d_m) + jnp.sqrt(jnp.maximum(under, jnp.finfo(under.dtype).tiny))
+    return jnp.where(towards, -excess, sum_) / jnp.where(towards, sum_, m_m)

@@ -15,10 +15,9 @@ from collections.abc import Callable
 from functools import wraps
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 
-from jaxgrity.core.primitives import positive_part
+from jaxgrity.core.primitives import inverse_root, positive_part
 from jaxgrity.core.types import PerRow, Scalar
 from jaxgrity.stepping.blocks import Vector
 
@@ -95,7 +94,7 @@ def answered(contact: Contact | None, trial: Vector, push: Vector) -> Vector:
         return Vector(normal, push.first, push.second)
     share = _share(contact.mu, pressed, trial)
     sliding = touching * (share < 1).astype(share.dtype)
-    back = jax.lax.rsqrt(_size_squared(trial))
+    back = inverse_root(_size_squared(trial))
     first, second = trial.first * back, trial.second * back
     along = sliding * (share * (first * push.first + second * push.second) - contact.mu * push.normal)
     passing = 1 - share
@@ -104,7 +103,7 @@ def answered(contact: Contact | None, trial: Vector, push: Vector) -> Vector:
 
 def _share(mu: PerRow | Scalar, pressed: PerRow, trial: Vector) -> PerRow:
     """min(1, mu p_n/|z_t|): 1 where a node sticks, 0 where nothing presses on it."""
-    return jnp.minimum(1, mu * pressed * jax.lax.rsqrt(_size_squared(trial)))
+    return jnp.minimum(1, mu * pressed * inverse_root(_size_squared(trial)))
 
 
 def _size_squared(trial: Vector) -> PerRow:

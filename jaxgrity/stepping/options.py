@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxgrity.core.errors import InputError
+from jaxgrity.core.remembered import remembered
 from jaxgrity.core.types import NodeVectors, Scalar
 from jaxgrity.model.scene import Scene
 from jaxgrity.stepping.blocks import disjoint_groups
@@ -17,6 +18,8 @@ from jaxgrity.stepping.constraints import exact_ground, rigid_struts
 from jaxgrity.stepping.methods import Method, constrained_method, find_method
 from jaxgrity.stepping.stability import check_step, default_method, default_step
 
+KEPT = 64
+"""scenes, with options, of which it is known that they go together: checks take longer than a short rollout"""
 MASS_RATIO = 50
 """of the nodes of a strut, up to which sweeps are sure to meet it on the ground"""
 ROUGH = 1.0
@@ -109,16 +112,24 @@ def resolve(
             tolerance below what the precision allows; float64 while JAX's x64 mode is off.
     """
     _check_positive({"duration": duration})
+    return _resolved(scene, options, dtype, positions, bool(jax.config.jax_enable_x64))  # type: ignore[attr-defined]
+
+
+@remembered(KEPT)
+def _resolved(
+    scene: Scene, options: Options, dtype: str | None, positions: NodeVectors | None, x64: bool
+) -> ResolvedOptions:
+    """`resolve` without the duration, on which nothing else depends; `x64` is whether float64 is switched on."""
     concrete = not _traced(scene)
     if concrete and not _traced(positions):
         _check_start(scene, scene.structure.nodes if positions is None else positions)
     if isinstance(options, ResolvedOptions):
         _check_method(scene, options.method)
-        return options if dtype is None else replace(options, dtype=_dtype(dtype))
+        return options if dtype is None else replace(options, dtype=_dtype(dtype, x64))
     given = options or SolverOptions()
     _check_positive({name: getattr(given, name) for name in ("dt", "rtol", "atol", "max_steps")})
     method = find_method(given.method) if given.method is not None else default_method(scene)
-    dtype = _dtype(dtype or given.dtype)
+    dtype = _dtype(dtype or given.dtype, x64)
     rtol, atol = _tolerances(given, method, dtype)
     _check_method(scene, method)
     sweeps = _sweeps(given, method, dtype)
@@ -144,11 +155,11 @@ def _traced(tree: Any) -> bool:
     return any(isinstance(x, jax.core.Tracer) for x in jax.tree.leaves(tree))
 
 
-def _dtype(given: str | None) -> str:
+def _dtype(given: str | None, x64: bool) -> str:
     dtype = given or str(jnp.zeros(()).dtype)
     if dtype not in ("float32", "float64"):
         raise InputError(f"dtype = {dtype!r}: expected 'float32' or 'float64'")
-    if dtype == "float64" and not jax.config.jax_enable_x64:  # type: ignore[attr-defined]
+    if dtype == "float64" and not x64:
         raise InputError("dtype = 'float64' needs jax.config.update(\"jax_enable_x64\", True) first")
     return dtype
 
