@@ -84,14 +84,13 @@ def main(settings: Settings) -> None:
         problem = search_problem(scene, SearchConfig(duration, settings.population, waves=waves))
         found = searches[method](problem, settings, DRAWS * (seed + 1))
         genes = chosen(problem, found, DRAWS * (seed + 1))
-        answers: dict[str, tuple[np.ndarray, bool | None]] = {method: (genes, None)}
+        answers = {method: genes}
         if config.rollouts:
             own = fidelity_levels(scene)[1].options
             polished = polish(problem, genes[None], config, options=own, final_options=own, seed=seed)
-            answers[f"{method}, polished"] = polished.genes, bool(polished.improved)
-        for name, (answer, kept) in answers.items():
-            known = {"freedom": freedom, "method": name, "seed": seed, "kept": kept}
-            rows.append(known | judged(problem, answer, settings.quick))
+            answers[f"{method}, polished"] = polished.genes
+        for name, answer in answers.items():
+            rows.append({"freedom": freedom, "method": name, "seed": seed, **judged(problem, answer, settings.quick)})
         facts = {**measured(), "gaits": settings.gaits, "duration": duration, "polish": config.rollouts}
         save_json(settings.out / "lasting_baselines.json", {**facts, "rows": rows})
     plot.save(figure(rows), settings.out / "lasting_baselines.png")
@@ -158,17 +157,13 @@ def chosen(problem: SearchProblem, genes: np.ndarray, seed: int) -> np.ndarray:
 
 
 def judged(problem: SearchProblem, genes: np.ndarray, quick: bool) -> dict[str, Any]:
-    """Mean steady speed of an answer over robots on both contact models, body lengths/s, the same for all searches.
-
-    A robot whose rollout failed has none; how many there are is told.
-    """
+    """Mean steady speed of an answer over robots on both contact models, body lengths/s, the same for all searches."""
     gaits = problem.genome.gaits(problem.scene.gait, genes[None])
     fitness = with_robots(unmeasured(problem).fitness, 8 if quick else JUDGES)
     here = problem._replace(fitness=fitness, duration=problem.duration if quick else JUDGED_FOR)
     models = {"own": problem.scene, "other": contact_twin(problem.scene)}
-    each = {name: judge_at(fidelity_levels(scene)[1], gaits, here, 0).each[0] for name, scene in models.items()}
-    failed = {f"{name}_failed": int((~np.isfinite(found)).sum()) for name, found in each.items()}
-    return {name: float(np.nan_to_num(found).mean()) for name, found in each.items()} | failed
+    means = {name: judge_at(fidelity_levels(scene)[1], gaits, here, 0).mean[0] for name, scene in models.items()}
+    return {name: float(np.nan_to_num(mean)) for name, mean in means.items()}
 
 
 @plot.styled

@@ -70,8 +70,6 @@ def lasting_baselines_facts(raw: Facts) -> Facts:
         quartiles = [float(x) for x in np.quantile(own, (0.25, 0.75))]
         other = float(np.median([row["other"] for row in mine]))
         about = {"freedom": freedom, "method": method, "seeds": len(mine)}
-        about["kept"] = None if mine[0]["kept"] is None else sum(row["kept"] for row in mine)
-        about["failed"] = sum(row["own_failed"] + row["other_failed"] for row in mine)
         rows.append({**about, "median": float(np.median(own)), "quartiles": quartiles, "other": other})
     return {name: raw[name] for name in ("command", "cores", "gaits", "duration", "polish")} | {"rows": rows}
 
@@ -85,15 +83,17 @@ def lasting_baselines_table(facts: Facts) -> str:
             f"{row['median']:.3f}",
             f"{row['quartiles'][0]:.3f} to {row['quartiles'][1]:.3f}",
             f"{row['other']:.3f}",
-            "-" if row["kept"] is None else f"{row['kept']}",
-            f"{row['failed']}",
         ]
         for row in facts["rows"]
     ]
     head = [
-        "search", "gaits", "seeds", "steady speed, body lengths/s: median", "quartiles", "on the other model: median",
-        "polish kept", "robots that failed",
-    ]  # fmt: skip
+        "search",
+        "gaits",
+        "seeds",
+        "steady speed, body lengths/s: median",
+        "quartiles",
+        "on the other model: median",
+    ]
     about = [str(facts["gaits"]), f"{facts['duration']:g} s", str(facts["polish"])]
     settings = table(["gaits that each search tries", "duration", "rollouts for polish"], [about])
     return f"{table(head, rows)}\n\n{settings}" + made_by(facts, "lasting_baselines")

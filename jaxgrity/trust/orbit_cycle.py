@@ -73,9 +73,9 @@ def orbit_cycle(scene: Scene, orbit: Orbit, *, options: Options = None) -> Orbit
     assert metrics is not None, "they were asked for"
     weight, effort = float(scene.structure.mass) * float(scene.gravity or 0.0), float(np.asarray(metrics.effort)[0])
     cost = effort / (weight * distance) if weight * distance > 0 else np.inf
-    peaks = (float(np.max(each)) for each in (metrics.peak_force, metrics.peak_rate, metrics.peak_power))
+    force, rate, power = (float(np.max(each)) for each in (metrics.peak_force, metrics.peak_rate, metrics.peak_power))
     work = float(np.asarray(metrics.work)[0])
-    return OrbitCycle(orbit.cycle, distance, work, effort, cost, *peaks, _supports(here, orbit, chosen))
+    return OrbitCycle(orbit.cycle, distance, work, effort, cost, force, rate, power, _supports(here, orbit, chosen))
 
 
 def _supports(scene: Scene, orbit: Orbit, options: SolverOptions) -> tuple[tuple[int, ...], ...]:
