@@ -50,7 +50,7 @@ def gait_search_table(facts: Facts) -> str:
             "the same on the other contact model",
             _of_robots(other["speed"], other, steady),
         ],
-        ["changes of support in a cycle", f"{len(steady['cycle']['supports'])}"],
+        ["faces that it stands on in a cycle", f"{len(steady['cycle']['supports'])}"],
         [
             "asked of an actuator, at most",
             f"{_peaks(steady['cycle'])} in a cycle; {_peaks(facts['actuators'])} with the start",
@@ -254,7 +254,7 @@ def gaits_table() -> str:
     head = [
         "gait", "scene", "steady speed, body lengths/s", "for", "slowest 10 s", "turning, °/body length",
         "a disturbance is multiplied in a cycle by", "robots that differ", "on the other contact model",
-        "their bends, °/body length", "changes of support in a cycle", "peaks of an actuator in a cycle",
+        "their bends, °/body length", "faces that it stands on in a cycle", "peaks of an actuator in a cycle",
         "cost of transport",
     ]  # fmt: skip
     return table(head, [_gait_row(name) for name in gait_names()])

@@ -227,5 +227,5 @@ def _to_length(
     towards = d_m > 0
     # |d·m| + sqrt(...), by which the root of either sign has a form that does not cancel; what takes the square root
     # once is one loop, where XLA would compute all that is before it once more for each use
-    sum_ = jnp.where(towards, d_m, -d_m) + jnp.sqrt(jnp.maximum(under, jnp.finfo(under.dtype).tiny))
-    return jnp.where(towards, -excess, sum_) / jnp.where(towards, sum_, m_m)
+    larger = jnp.where(towards, d_m, -d_m) + jnp.sqrt(jnp.maximum(under, jnp.finfo(under.dtype).tiny))
+    return jnp.where(towards, -excess, larger) / jnp.where(towards, larger, m_m)
