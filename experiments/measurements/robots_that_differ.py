@@ -95,13 +95,16 @@ def told(found: RobotMotions, orbit: float, size: float) -> dict[str, Any]:
 @plot.styled
 def figure(every: dict[str, np.ndarray]) -> Figure:
     """The speed of every robot, sorted."""
-    chart = Figure(figsize=(6, 4), layout="constrained")
+    chart = Figure(figsize=(8, 4), layout="constrained")
     axes = chart.subplots()
+    gaits = list(dict.fromkeys(name.split(", ")[0] for name in every))
     for name, found in every.items():
-        axes.plot(np.linspace(0, 100, len(found)), np.sort(found), "-" if name.endswith("exact") else "--", label=name)
+        gait, contact = name.split(", ")
+        line = {"color": f"C{gaits.index(gait)}", "linestyle": "-" if contact == "exact" else "--"}
+        axes.plot(np.linspace(0, 100, len(found)), np.sort(found), label=name, **line)
     axes.set(xlabel="robots (%), slowest first", ylabel="speed along the path (body lengths/s)", ylim=(0, None))
     axes.set_title("Robots that differ from the model")
-    axes.legend()
+    chart.legend(loc="outside right upper")
     return chart
 
 
