@@ -6,7 +6,7 @@ import equinox as eqx
 import numpy as np
 
 from jaxgrity.core.errors import InputError
-from jaxgrity.core.primitives import accumulate, edge_vectors, place_rows, take_rows
+from jaxgrity.core.primitives import accumulate, edge_vectors, place_rows
 from jaxgrity.core.types import (
     AnyArray,
     AnyPerNode,
@@ -197,32 +197,13 @@ def _check_masses(structure: Structure) -> None:
 
 def member_vectors(x: NodeVectors, kinds: dict[str, Members]) -> VectorsByKind:
     """x_i - x_j of every member (i, j): of positions, d; of velocities, d'."""
-    rows = _rows(kinds)
-    if not rows:
-        return {}
-    every = edge_vectors(x, tuple(edge for members in kinds.values() for edge in members.edges))
-    return (
-        {name: take_rows(every, numbers) for name, numbers in rows.items()}
-        if len(rows) > 1
-        else {name: every for name in rows}
-    )
+    return {name: edge_vectors(x, members.edges) for name, members in kinds.items()}
 
 
 def onto_nodes(forces: VectorsByKind, kinds: dict[str, Members], nodes: int) -> NodeVectors:
     """The transpose of `member_vectors`: puts each member's force on its first node, and takes it from the second."""
-    rows = _rows(kinds)
-    edges = tuple(edge for members in kinds.values() for edge in members.edges)
-    placed = [place_rows(forces[name], numbers, len(edges)) for name, numbers in rows.items()]
-    return accumulate(sum(placed[1:], placed[0]), edges, nodes)
-
-
-def _rows(kinds: dict[str, Members]) -> dict[str, tuple[int, ...]]:
-    """Which rows of one list of all members are those of each kind."""
-    rows, first = {}, 0
-    for name, members in kinds.items():
-        rows[name] = tuple(range(first, first + len(members.edges)))
-        first += len(members.edges)
-    return rows
+    placed = [accumulate(forces[name], members.edges, nodes) for name, members in kinds.items()]
+    return sum(placed[1:], placed[0])
 
 
 def edge_lengths(nodes: NodeVectors, edges: Edges) -> np.ndarray:

@@ -23,7 +23,7 @@ from jaxgrity.stepping.integrate import discretise, failure_code, integrate, sta
 from jaxgrity.stepping.options import ResolvedOptions
 from jaxgrity.stepping.power import Step
 
-FEWEST, SIDE_BY_SIDE = 32, 512
+FEWEST, SIDE_BY_SIDE = 32, 256
 """robots that a core integrates side by side, at least, and bytes of one number of all of them, at most: enough to fill
 the vector units, few enough for the nearest caches (measured)"""
 MANY = 2**20
