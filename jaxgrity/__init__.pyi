@@ -174,6 +174,7 @@ from .trust.energy_audit import EnergyAudit, energy_audit
 from .trust.error_bars import Verified, refinement_bar, verify
 from .trust.orbit_cycle import OrbitCycle, orbit_cycle
 from .trust.orbit_gradient import GaitNumbers, SpeedGradient, speed_gradient
+from .trust.orbit_symmetry import Repetition, repetition
 from .trust.orbits import Orbit, Stability, find_orbit, refined_orbit, restarted, stability
 from .trust.sensitivity import Sensitivity, sensitivity
 from .trust.trust_report import TrustReport, diagnose
@@ -374,6 +375,8 @@ __all__ = [  # noqa: RUF022 in groups
     "restarted",
     "OrbitCycle",
     "orbit_cycle",
+    "Repetition",
+    "repetition",
     "stability",
     "GaitNumbers",
     "SpeedGradient",

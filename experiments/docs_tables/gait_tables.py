@@ -211,13 +211,14 @@ def orbits_of_searches_facts(raw: Facts) -> Facts:
 
 def orbits_of_searches_table(facts: Facts) -> str:
     head = ["contact", "gaits on an orbit", "speed within 1 % of that at 1/8 of the step"]
-    head += ["within the error bar", "off by, in the median", "error bar, in the median"]
+    head += ["within the error bar", "off by, in the median", "error bar, in the median", "order: median (quartiles)"]
     rows = [
         [
             row["contact"],
             f"{row['settled']} of {row['gaits']}",
             *(f"{100 * row[name]:.0f} %" for name in ("within_a_hundredth", "covered")),
             *(f"{100 * row[name]:.2g} %" for name in ("median_off", "median_bar")),
+            "{1:.1f} ({0:.1f} to {2:.1f})".format(*row["order"]),
         ]
         for row in facts["rows"]
     ]

@@ -1,7 +1,8 @@
 """How well speeds of orbits converge with the step, on gaits of short searches by seeds that nothing was tuned on.
 
 The speed at the default step is compared with that at an eighth of it, and with the error bar that steps of 1, 1/2 and
-1/4 give. Leaves orbits_of_searches.json and a figure.
+1/4 give. The order p of the speed, |error| ~ step^p, is measured from steps of 1, 1/2 and 1/4. Leaves
+orbits_of_searches.json and a figure.
 """
 
 from dataclasses import dataclass
@@ -40,8 +41,8 @@ FIRST_SEED = 1000
 """well beyond those that defaults were chosen by"""
 WATCHED_PERIODS = 80.5
 """of actuation, for every gait, so that all share a program"""
-FINEST = 8
-"""times smaller steps, which tell how far the default step is off"""
+PARTS = 1, 2, 4, 8
+"""into which the default step is divided; the finest tells how far the others are off"""
 GROUPS = {"exact": "exact contact", "penalty": "penalty contact"}
 
 
@@ -73,7 +74,7 @@ def main(settings: Settings) -> None:
     save_json(settings.out / "each.json", rows)
     plot.save(figure(rows), settings.out / "orbits_of_searches.png")
     for row in facts["rows"]:
-        print({key: value if isinstance(value, (str, int)) else round(value, 4) for key, value in row.items()})
+        print({key: value if isinstance(value, (str, int)) else np.round(value, 4) for key, value in row.items()})
     print(f"wrote {settings.out}/")
 
 
@@ -86,15 +87,14 @@ def searched(scene: Scene, seed: int, settings: Settings) -> Gait:
 
 
 def converged(scene: Scene) -> dict[str, Any]:
-    """Speeds of the orbit, m/s, at the default step and at the finest, and the error bar of the first."""
+    """Speeds of the orbit, m/s, at every step, and the error bar of the first."""
     watched = WATCHED_PERIODS / float(np.max(scene.gait.frequency))
     step = default_step(scene, default_method(scene))
     orbit, bar = refined_orbit(scene, watched, options=SolverOptions(dt=step))
-    finest = find_orbit(scene, watched, options=SolverOptions(dt=step / FINEST))
+    finer = [find_orbit(scene, watched, options=SolverOptions(dt=step / parts)) for parts in PARTS[1:]]
     return {
-        "settled": orbit.settled and finest.settled,
-        "speed": orbit.speed,
-        "finest": finest.speed,
+        "settled": orbit.settled and all(each.settled for each in finer),
+        "speeds": [orbit.speed, *(each.speed for each in finer)],
         "speed_error_bar": bar,
         "residual": orbit.residual,
         "periods": orbit.periods,
@@ -105,8 +105,10 @@ def summary(rows: list[dict[str, Any]], contact: str) -> dict[str, Any]:
     """Of the gaits on one contact model that settled on an orbit at both steps."""
     here = [row for row in rows if row["contact"] == contact]
     kept = [row for row in here if row["settled"]]
-    speeds, finest, bars = (np.array([row[key] for row in kept]) for key in ("speed", "finest", "speed_error_bar"))
-    off = np.abs(speeds - finest)
+    speeds, bars = (np.array([row[key] for row in kept]) for key in ("speeds", "speed_error_bar"))
+    finest = speeds[:, -1]
+    off = np.abs(speeds[:, 0] - finest)
+    orders = order(speeds)
     return {
         "contact": contact,
         "gaits": len(here),
@@ -115,23 +117,40 @@ def summary(rows: list[dict[str, Any]], contact: str) -> dict[str, Any]:
         "covered": float((off <= bars).mean()) if kept else None,
         "median_off": float(np.median(off / finest)) if kept else None,
         "median_bar": float(np.median(bars / finest)) if kept else None,
+        "order": np.quantile(orders, [0.25, 0.5, 0.75]).tolist() if kept else None,
     }
+
+
+def order(speeds: np.ndarray) -> np.ndarray:
+    """p of speeds v(h), v(h/2), v(h/4), ..., (gaits, steps), by log2 |v(h) - v(h/2)| / |v(h/2) - v(h/4)|."""
+    changes = np.maximum(np.abs(np.diff(speeds[:, :3])), np.finfo(float).tiny)
+    return np.log2(changes[:, 0] / changes[:, 1])
 
 
 @plot.styled
 def figure(rows: list[dict[str, Any]]) -> Figure:
-    """By how much each speed is off, against its error bar; points below the line are covered."""
-    chart = Figure(figsize=(6, 5), layout="constrained")
-    axes = chart.subplots()
-    for contact, mark in zip(GROUPS, ("o", "x"), strict=True):
+    """By how much each speed is off, against its error bar, those below the line covered; and against the step."""
+    chart = Figure(figsize=(10, 4.5), layout="constrained")
+    bars, steps = chart.subplots(1, 2)
+    for k, (contact, mark) in enumerate(zip(GROUPS, ("o", "x"), strict=True)):
         kept = [row for row in rows if row["contact"] == contact and row["settled"]]
-        off = [max(abs(row["speed"] - row["finest"]), 1e-7) for row in kept]
-        axes.loglog([row["speed_error_bar"] for row in kept], off, mark, label=GROUPS[contact], fillstyle="none")
+        speeds = np.array([row["speeds"] for row in kept]).reshape(len(kept), len(PARTS))
+        off = np.maximum(np.abs(speeds[:, :-1] - speeds[:, -1:]), 1e-10)
+        bars.loglog([row["speed_error_bar"] for row in kept], off[:, 0], mark, label=GROUPS[contact], fillstyle="none")
+        for each in off:
+            steps.loglog(1 / np.array(PARTS[:-1]), each, color=f"C{k}", lw=0.5, alpha=0.3)
+        if kept:
+            steps.loglog(1 / np.array(PARTS[:-1]), np.median(off, axis=0), f"C{k}{mark}-", label=GROUPS[contact])
     ends = np.array([1e-7, 1.0])
-    axes.loglog(ends, ends, "k--", lw=1, label="off by the error bar")
-    axes.set(xlabel="error bar (m/s)", ylabel=f"difference from 1/{FINEST} of the step (m/s)")
-    axes.set_title("Speeds of orbits and their error bars")
-    axes.legend()
+    bars.loglog(ends, ends, "k--", lw=1, label="off by the error bar")
+    bars.set(xlabel="error bar (m/s)", ylabel=f"difference from 1/{PARTS[-1]} of the step (m/s)")
+    bars.set_title("At the default step, and the error bars")
+    steps.set(xlabel="step (default steps)", ylabel=f"difference from 1/{PARTS[-1]} of the step (m/s)")
+    steps.set_title("Over the step: every gait, and the median")
+    steps.set_xticks(1 / np.array(PARTS[:-1]), ["1", "1/2", "1/4"])
+    steps.minorticks_off()
+    for axes in (bars, steps):
+        axes.legend()
     return chart
 
 

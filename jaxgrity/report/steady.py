@@ -12,6 +12,7 @@ from jaxgrity.search.robot_motions import robot_motions
 from jaxgrity.stepping.options import SolverOptions
 from jaxgrity.stepping.stability import default_method, default_step
 from jaxgrity.trust.orbit_cycle import orbit_cycle
+from jaxgrity.trust.orbit_symmetry import repetition
 from jaxgrity.trust.orbits import WINDOW, find_orbit, period_of, refined_orbit, shortest_watch, stability
 
 Facts = dict[str, Any]
@@ -40,8 +41,8 @@ def steady_facts(
         on_progress: is called `PARTS` times.
 
     Returns:
-        Numbers by their names, in SI units: those of `Orbit`, `OrbitCycle` ("cycle"), `Stability` and `RobotMotions`
-        ("robust" and "other_contact_model").
+        Numbers by their names, in SI units: those of `Orbit`, `OrbitCycle` ("cycle"), `Repetition` ("repetition"),
+        `Stability` and `RobotMotions` ("robust" and "other_contact_model").
 
     Raises:
         InputError: as `find_orbit` and `robot_motions` do.
@@ -61,6 +62,7 @@ def steady_facts(
         "speed_error_bar": bar,
         "multiplier": None if held is None else held.largest,
         "cycle": orbit_cycle(scene, orbit, options=options).summary() if orbit.verified_for else None,
+        "repetition": repetition(scene, orbit, options=options)._asdict() if orbit.verified_for else None,
         "spread": None if held is None else held.spread,
         "returned": None if held is None else held.returned,
         "other_contact_model": other,
@@ -104,10 +106,17 @@ def steady_rows(steady: Facts) -> dict[str, str]:
         "stability": (held if np.isfinite(steady["multiplier"]) else "") + back,
         "cycle": f"{cycle:.2f} s, {steady['periods']} periods of actuation; its shape returns to "
         f"{1000 * steady['residual']:.2g} mm"
+        + _repeats(steady.get("repetition"), cycle)
         + (f"; stands in turn on {_faces(steady['cycle'])}" if steady["cycle"] else ""),
         "both contact models": f"{own['mean']:.3f} ± {own['standard_deviation']:.2g} m/s over {own['robots']} robots "
         f"that differ; {other['speed']:.3f} ± {other['standard_deviation']:.2g} m/s on the other model",
     }
+
+
+def _repeats(found: Facts | None, cycle: float) -> str:
+    """Of a motion that repeats itself with other nodes within its cycle."""
+    times = 1 if found is None else round(cycle / found["time"])
+    return "" if times == 1 else f"; with other nodes in the places of these it repeats itself {times} times in it"
 
 
 def _faces(cycle: Facts) -> str:

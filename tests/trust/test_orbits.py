@@ -1,6 +1,7 @@
 """Orbits: of motions made by hand, whose speed and turning are known, and of a gait that lasts."""
 
-import dataclasses
+from dataclasses import replace
+from fractions import Fraction
 
 import jax.numpy as jnp
 import numpy as np
@@ -15,10 +16,14 @@ from jaxgrity import (
     find_orbit,
     load_gait,
     orbit_cycle,
+    repetition,
     stability,
+    symmetries,
+    travelling_waves,
     with_gait,
 )
-from jaxgrity.trust import orbits
+from jaxgrity.model.symmetry import gene_permutations
+from jaxgrity.trust import orbit_symmetry, orbits
 from jaxgrity.trust.cycles import MOST_PERIODS, Plane, plane_of
 
 PERIOD, SPEED, TURNING = 0.5, 0.8, 0.3
@@ -66,28 +71,28 @@ def test_what_happens_before_the_robot_settles_does_not_count(exact):
     motion = made_by_hand(exact, 3)
     early = np.asarray(motion.times) < 16.2 * PERIOD
     q = motion.positions + 0.5 * early[:, None, None] * np.random.default_rng(0).normal(size=motion.positions.shape)
-    orbit = orbits._orbit(exact, dataclasses.replace(motion, positions=q), PERIOD, LEVEL, 6)
+    orbit = orbits._orbit(exact, replace(motion, positions=q), PERIOD, LEVEL, 6)
     assert orbit.settled_after == 17 * PERIOD
     assert orbit.speed == pytest.approx(SPEED, rel=1e-9)
     assert orbit.residual < 1e-12
     late = np.asarray(motion.times) > 50 * PERIOD
     q = motion.positions + 0.5 * late[:, None, None] * np.random.default_rng(0).normal(size=motion.positions.shape)
-    orbit = orbits._orbit(exact, dataclasses.replace(motion, positions=q), PERIOD, LEVEL, 6)
+    orbit = orbits._orbit(exact, replace(motion, positions=q), PERIOD, LEVEL, 6)
     assert not orbit.settled
     assert orbit.residual > orbits.SETTLED
 
 
 def test_up_a_slope_shapes_return_too(exact):
     """Heights are those above the slope, and the speed is that along it."""
-    slope = dataclasses.replace(exact, ground=dataclasses.replace(exact.ground, incline=0.3))
+    slope = replace(exact, ground=replace(exact.ground, incline=0.3))
     plane = plane_of(slope)
     motion = made_by_hand(exact, 1, turning=1e-9)
     q = motion.positions @ plane.axes.T
-    orbit = orbits._orbit(slope, dataclasses.replace(motion, positions=q), PERIOD, plane, 6)
+    orbit = orbits._orbit(slope, replace(motion, positions=q), PERIOD, plane, 6)
     assert orbit.residual < 1e-12
     assert orbit.speed == pytest.approx(SPEED, rel=1e-6)
     assert orbit.turning == 0
-    bumpy = dataclasses.replace(exact, ground=jaxgrity.ExactGround(surface=jaxgrity.bumps(0.02, 0.5, 0)))
+    bumpy = replace(exact, ground=jaxgrity.ExactGround(surface=jaxgrity.bumps(0.02, 0.5, 0)))
     with pytest.raises(InputError, match=r"ground.surface: expected a plane"):
         find_orbit(with_gait(bumpy, load_gait("lasting")))
 
@@ -130,6 +135,27 @@ def test_the_shortest_watch_leaves_two_of_the_longest_cycles(exact, frequency, s
     assert 4 * MOST_PERIODS <= periods < 4 * MOST_PERIODS + 1
 
 
+def test_a_wave_follows_every_rotation_and_other_gaits_none(exact):
+    """By a third of a period, or at once; a phase, or an amplitude, of its own keeps a gait from it."""
+    rotations = symmetries(exact.structure, mirrors=False)
+    wave = travelling_waves(exact.structure, exact.gait.members)[0]
+    gait = replace(exact.gait, phase=2 * np.pi * np.array(wave.shifts) + 0.3, amplitude=np.full(6, 0.2))
+
+    def shares(gait):
+        slots = [gene_permutations(gait.members, (rotation,)) for rotation in rotations]
+        return [orbit_symmetry._shift(gait, each) for each in slots]
+
+    found = shares(gait)
+    assert set(found) == {Fraction(0), Fraction(1, 3), Fraction(2, 3)}
+    for rotation, share in zip(rotations, found, strict=True):
+        phases = dict(zip(gait.members, gait.phase, strict=True))
+        for member in gait.members:
+            ahead = (phases[member] - phases[rotation.members[member]]) / (2 * np.pi) - float(share)
+            assert ahead == pytest.approx(round(ahead), abs=1e-9)
+    for other in (replace(gait, phase=gait.phase + np.eye(6)[2]), replace(gait, amplitude=0.2 + 0.1 * np.eye(6)[2])):
+        assert shares(other).count(None) >= 8
+
+
 @pytest.mark.slow
 def test_a_gait_that_lasts_is_on_an_orbit_at_any_step(exact):
     """At 5 ms and at 2.5 ms it goes as fast, to a hundredth, and robots that are disturbed come back."""
@@ -147,6 +173,10 @@ def test_a_gait_that_lasts_is_on_an_orbit_at_any_step(exact):
     assert len(cycle.supports) == 12
     for now, after in zip(cycle.supports, (*cycle.supports[1:], cycle.supports[0]), strict=True):
         assert len(set(now) & set(after)) == 2
+    found = repetition(scene, coarse)
+    assert coarse.cycle / found.time == pytest.approx(6)
+    images = [tuple(sorted(found.nodes[node] for node in face)) for face in cycle.supports]
+    assert images == [*cycle.supports[2:], *cycle.supports[:2]]
     lengths = scene.structure.struts.rest_length * scene.gait.amplitude
     assert cycle.peak_rate == pytest.approx(np.pi / coarse.period * lengths.max(), rel=1e-2)
     held = stability(scene, coarse, robots=32)

@@ -1,0 +1,103 @@
+"""The symmetry of an orbit: how soon the motion repeats itself with other nodes in the places of these."""
+
+from fractions import Fraction
+from math import lcm
+from typing import NamedTuple
+
+import numpy as np
+
+from jaxgrity.model.actuation import Gait
+from jaxgrity.model.scene import Scene
+from jaxgrity.model.symmetry import gene_permutations, symmetries
+from jaxgrity.stepping.options import Options
+from jaxgrity.stepping.simulate import simulate
+from jaxgrity.trust.cycles import ALIKE, plane_of, shape
+from jaxgrity.trust.orbits import Orbit, in_step, restarted
+
+LARGEST_PART = 12
+"""into so many parts of a period a symmetry may divide it, at most"""
+ROUNDING = 1e-6
+"""body lengths, by which a shape may differ however closely the orbit returns"""
+SETTLING = 4
+"""cycles that are left to the robot to settle at the step that the comparison needs"""
+
+
+class Repetition(NamedTuple):
+    """How soon the motion repeats itself, but for a planar motion and a symmetry of the robot that the gait shares."""
+
+    time: float
+    """s; that of the whole cycle where no symmetry makes it shorter"""
+    nodes: tuple[int, ...]
+    """(nodes,): after that time node nodes[i] moves as node i did"""
+    residual: float
+    """m, by which heights of nodes and distances between them then differ at most"""
+
+
+def repetition(scene: Scene, orbit: Orbit, *, options: Options = None) -> Repetition:
+    """The shortest time after which the motion repeats itself with other nodes in the places of these.
+
+    A symmetry g of the structure takes node i to g(i). Where a gait's phases satisfy p_g(k) = p_k - 2 pi s, member g(k)
+    does after the time s T what member k did (T the period), and the motion may do so too: x_g(i)(t + (m + s) T) =
+    G x_i(t), with G a planar motion, or its mirror image where g is one, and m whole periods. Whether it does is seen
+    from shapes, as in `find_orbit`, over a whole cycle.
+
+    Args:
+        scene: with the gait of the orbit; its structure's own nodes decide the symmetries.
+        orbit: as from `find_orbit`, by the same options.
+        options: how to integrate; where not given, the scene decides. The step is shortened so that steps divide the
+            times that are compared.
+
+    Returns:
+        The repetition; that of the whole cycle where there is none sooner, or where the rollout failed.
+
+    Raises:
+        InputError: bad options (see `resolve`), positions that do not decide the symmetries (see `symmetries`).
+
+    Example:
+        >>> scene = jaxgrity.with_gait(jaxgrity.load_scene("exact"), jaxgrity.load_gait("lasting"))
+        >>> orbit = jaxgrity.find_orbit(scene, 80.0)
+        >>> found = jaxgrity.repetition(scene, orbit)
+        >>> round(orbit.cycle / found.time)  # times in a cycle
+        6
+    """
+    assert scene.gait is not None, "an orbit has a gait"
+    found = [
+        (share, symmetry.nodes)
+        for symmetry in symmetries(scene.structure)
+        if (share := _shift(scene.gait, gene_permutations(scene.gait.members, (symmetry,)))) is not None
+    ]
+    frames = 4 * lcm(*(share.denominator for share, _ in found))
+    here = restarted(scene, orbit)
+    chosen = in_step(here, orbit.period / frames, options)
+    duration = (SETTLING + 2) * orbit.cycle
+    trajectory = simulate(here, duration, options=chosen, frame_rate=frames / orbit.period, velocities=orbit.state[1])
+    whole = Repetition(orbit.cycle, tuple(range(len(scene.structure.nodes))), orbit.residual)
+    if trajectory.failed:
+        return whole
+    long = frames * orbit.periods
+    q = np.asarray(trajectory.positions, float)[-2 * long :] @ plane_of(scene).axes
+    before = np.array([shape(x) for x in q[:long]])
+    limit = ALIKE * _change(q, before, long, whole.nodes) + ROUNDING * orbit.body_length
+    lags = [(m * frames + int(share * frames), nodes) for share, nodes in found for m in range(orbit.periods)]
+    for lag, nodes in sorted(lags):
+        if 0 < lag < long and (change := _change(q, before, lag, nodes)) <= limit:
+            return Repetition(lag * orbit.period / frames, nodes, change)
+    return whole
+
+
+def _change(q: np.ndarray, before: np.ndarray, lag: int, nodes: tuple[int, ...]) -> float:
+    """By how much the shapes of (frames, nodes, 3) differ from those a lag before, node nodes[i] taken for i, m."""
+    after = np.array([shape(x[list(nodes)]) for x in q[lag : lag + len(before)]])
+    return float(np.abs(after - before).max())
+
+
+def _shift(gait: Gait, places: tuple[tuple[int, ...], ...]) -> Fraction | None:
+    """The s in [0, 1) by which phases say that a gait follows a symmetry; None where it does not."""
+    if not places:
+        return None
+    phase, amplitude, image = np.asarray(gait.phase, float), np.asarray(gait.amplitude, float), list(places[0])
+    turns = (phase[image] - phase) / (2 * np.pi)
+    share = Fraction(float(turns[0] % 1)).limit_denominator(LARGEST_PART)
+    off = np.abs((turns - float(share) + 0.5) % 1 - 0.5)
+    alike = off.max() < 1e-6 and np.allclose(amplitude[image], amplitude)
+    return share % 1 if alike else None
