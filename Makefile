@@ -74,6 +74,8 @@ measure: .venv/.installed-test
 	$(BIN)/python experiments/baselines/lasting_baselines.py
 	$(BIN)/python experiments/baselines/task_baselines.py
 	$(BIN)/python experiments/baselines/library_gaits.py
+	$(BIN)/python experiments/docs_tables/watch_gaits.py
+	$(BIN)/python experiments/gait_search.py --restart
 	$(BIN)/python experiments/baselines/search_baselines.py --scenes exact
 	$(BIN)/python experiments/baselines/search_baselines.py --scenes reference --methods $(COMPARED) --plain
 	$(BIN)/python experiments/docs_tables/update_docs.py

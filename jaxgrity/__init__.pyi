@@ -173,9 +173,10 @@ from .trust.closed_orbits import ClosedOrbit, closed_orbit
 from .trust.energy_audit import EnergyAudit, energy_audit
 from .trust.error_bars import Verified, refinement_bar, verify
 from .trust.orbit_cycle import OrbitCycle, orbit_cycle
+from .trust.orbit_error_bars import OrbitErrorBars, orbit_error_bars, refined_orbit
 from .trust.orbit_gradient import GaitNumbers, SpeedGradient, speed_gradient
 from .trust.orbit_symmetry import Repetition, repetition
-from .trust.orbits import Orbit, Stability, find_orbit, refined_orbit, restarted, stability
+from .trust.orbits import Orbit, Stability, find_orbit, restarted, stability
 from .trust.sensitivity import Sensitivity, sensitivity
 from .trust.trust_report import TrustReport, diagnose
 
@@ -372,6 +373,8 @@ __all__ = [  # noqa: RUF022 in groups
     "Stability",
     "find_orbit",
     "refined_orbit",
+    "OrbitErrorBars",
+    "orbit_error_bars",
     "restarted",
     "OrbitCycle",
     "orbit_cycle",

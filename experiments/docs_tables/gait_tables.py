@@ -21,6 +21,7 @@ def gait_search_facts(raw: Facts) -> Facts:
         "rollouts": sum(search["rollouts"] for search in raw["searches"]),
         "polish": raw["polish"]["reason"],
         "actuators": {name: raw["actuators"][name] for name in ("peak_force", "peak_rate", "peak_power")},
+        "slip_share": raw["motion"]["slip_share"],
     }
 
 
@@ -39,9 +40,16 @@ def gait_search_table(facts: Facts) -> str:
             "settled after",
             f"{steady['settled_after']:.0f} s, and then in no 10 s slower than {steady['slowest_window']:.3f} m/s",
         ],
-        ["turning", f"{_whole_zero(np.degrees(steady['turning'])):.2f} °/s"],
+        [
+            "turning",
+            f"{_whole_zero(np.degrees(steady['turning'])):.2f} ± {np.degrees(steady['turning_error_bar']):.1g} °/s",
+        ],
         ["a cycle", cycle],
-        ["a disturbance is multiplied in a cycle by", f"{steady['multiplier']:.2g}"],
+        ["with other nodes in the places of these it repeats itself in a cycle", f"{_repeats(steady)} times"],
+        [
+            "a disturbance is multiplied in a cycle by (shifts along the ground and turns about the vertical apart)",
+            f"{steady['multiplier']:.2g} ± {steady['multiplier_error_bar']:.1g}",
+        ],
         [
             f"over {robust['robots']} robots that differ, for a minute",
             _of_robots(robust["mean"], robust, steady),
@@ -55,7 +63,8 @@ def gait_search_table(facts: Facts) -> str:
             "asked of an actuator, at most",
             f"{_peaks(steady['cycle'])} in a cycle; {_peaks(facts['actuators'])} with the start",
         ],
-        ["cost of transport", f"{steady['cycle']['cost_of_transport']:.2f}"],
+        ["cost of transport", _with_bar(steady["cycle"], "cost_of_transport", ".2f")],
+        ["nodes slip that touch", f"{100 * facts['slip_share']:.0f} % of the time"],
         ["rollouts of the search", f"{facts['rollouts']}"],
         ["polish", facts["polish"]],
         ["wall time of the search", f"{facts['wall_seconds']:.0f} s: {stages}"],
@@ -64,11 +73,21 @@ def gait_search_table(facts: Facts) -> str:
 
 
 def _of_robots(speed: float, robots: Facts, steady: Facts) -> str:
-    """Speeds along paths, and their shares of the orbit's."""
+    """Their mean speed along paths with its standard error, the standard deviation, and the shares of the orbit's."""
     mean, spread = speed / steady["speed"], robots["standard_deviation"] / steady["speed"]
     size = steady["body_length"]
-    lengths = f"{speed / size:.3f} ± {robots['standard_deviation'] / size:.2g} body lengths/s"
-    return f"{lengths}: {100 * mean:.0f} % ± {100 * spread:.0f} % of it"
+    lengths = f"{speed / size:.3f} ± {robots['standard_error'] / size:.1g} body lengths/s"
+    scatter = f"standard deviation {robots['standard_deviation'] / size:.2g}"
+    return f"{lengths}, {scatter}: {100 * mean:.0f} % of it, {100 * spread:.0f} %"
+
+
+def _repeats(steady: Facts) -> int:
+    return round(steady["period"] * steady["periods"] / steady["repetition"]["time"])
+
+
+def _with_bar(cycle: Facts, name: str, how: str) -> str:
+    """A number of a cycle and its error bar."""
+    return f"{cycle[name]:{how}} ± {cycle['error_bars'][name]:.1g}"
 
 
 def orbits_facts(raw: Facts) -> Facts:
@@ -210,12 +229,13 @@ def orbits_of_searches_facts(raw: Facts) -> Facts:
 
 
 def orbits_of_searches_table(facts: Facts) -> str:
-    head = ["contact", "gaits on an orbit", "speed within 1 % of that at 1/8 of the step"]
+    head = ["contact", "gaits on an orbit", "shape returns to 1 mm", "speed within 1 % of that at 1/8 of the step"]
     head += ["within the error bar", "off by, in the median", "error bar, in the median", "order: median (quartiles)"]
     rows = [
         [
             row["contact"],
             f"{row['settled']} of {row['gaits']}",
+            f"{row['closed']} of {row['settled']}",
             *(f"{100 * row[name]:.0f} %" for name in ("within_a_hundredth", "covered")),
             *(f"{100 * row[name]:.2g} %" for name in ("median_off", "median_bar")),
             "{1:.1f} ({0:.1f} to {2:.1f})".format(*row["order"]),
@@ -250,13 +270,17 @@ def _steepest(facts: Facts, way: str, k: int) -> float:
     return max((slope for slope in climbed if slope < min(missed, default=np.inf)), default=np.nan)
 
 
+PEAKS = (("peak_force", ".0f", " N"), ("peak_rate", ".2f", " m/s"), ("peak_power", ".0f", " W"))
+"""of an actuator in a cycle: name, format and unit"""
+
+
 def gaits_table() -> str:
     """The gaits that come with the library, from their records in the package."""
     head = [
         "gait", "scene", "steady speed, body lengths/s", "for", "slowest 10 s", "turning, °/body length",
-        "a disturbance is multiplied in a cycle by", "robots that differ", "on the other contact model",
-        "their bends, °/body length", "faces that it stands on in a cycle", "peaks of an actuator in a cycle",
-        "cost of transport",
+        "a disturbance is multiplied in a cycle by", "robots that differ: mean (standard deviation)",
+        "on the other contact model", "their bends, °/body length", "faces that it stands on in a cycle",
+        "times that it repeats itself in it", "peaks of an actuator in a cycle", "cost of transport", "nodes slip",
     ]  # fmt: skip
     return table(head, [_gait_row(name) for name in gait_names()])
 
@@ -265,7 +289,8 @@ def _gait_row(name: str) -> list[str]:
     record = gait_record(name)
     steady, size = record["steady"], record["steady"]["body_length"]
     robust, other, cycle = steady["robust"], steady["other_contact_model"], steady["cycle"]
-    bend = np.degrees(steady["turning"]) / (steady["speed"] / size)
+    each_length = np.degrees(size / steady["speed"])
+    bend, bar = each_length * steady["turning"], each_length * steady["turning_error_bar"]
     bends = (f"{_whole_zero(round(np.degrees(each['bend']))):.0f}" for each in (robust, other))
     return [
         f"`{name}`",
@@ -273,14 +298,16 @@ def _gait_row(name: str) -> list[str]:
         f"{steady['speed'] / size:.3f} ± {steady['speed_error_bar'] / size:.1g}",
         f"{steady['verified_for']:.0f} s",
         f"{100 * steady['slowest_window'] / steady['speed']:.0f} %",
-        f"{_whole_zero(bend):.0f}",
-        f"{steady['multiplier']:.2g}",
-        f"{robust['mean'] / size:.3f} ± {robust['standard_deviation'] / size:.2g}",
-        f"{other['speed'] / size:.3f} ± {other['standard_deviation'] / size:.2g}",
+        f"{_whole_zero(bend):.1f} ± {bar:.1g}",
+        f"{steady['multiplier']:.2g} ± {steady['multiplier_error_bar']:.1g}",
+        f"{robust['mean'] / size:.3f} ({robust['standard_deviation'] / size:.2g})",
+        f"{other['speed'] / size:.3f} ({other['standard_deviation'] / size:.2g})",
         ", ".join(bends),
         f"{len(cycle['supports'])}",
-        _peaks(cycle),
-        f"{cycle['cost_of_transport']:.1f}",
+        f"{_repeats(steady)}",
+        ", ".join(_with_bar(cycle, name, how) + unit for name, how, unit in PEAKS),
+        _with_bar(cycle, "cost_of_transport", ".1f"),
+        f"{100 * record['motion']['slip_share']:.0f} %",
     ]
 
 

@@ -8,11 +8,23 @@ from jaxgrity.cli.script import run
 
 from tqdm import tqdm
 
-from jaxgrity import InputError, SearchConfig, gait_names, load_gait, load_scene, steady_facts, with_gait
+from jaxgrity import (
+    InputError,
+    SearchConfig,
+    gait_names,
+    load_gait,
+    load_scene,
+    rolling,
+    simulate,
+    steady_facts,
+    with_gait,
+)
 from jaxgrity.io.files import read_text, save_json
 
 SEED = 10**6
 """of the draws of robots: as in the last judgement of a search"""
+FRAME_RATE = 50.0
+"""1/s, at which it is told whether a robot rolls, as in the report of a search"""
 
 
 @dataclass
@@ -38,7 +50,8 @@ def main(settings: Settings) -> None:
         record = json.loads(read_text(path))
         scene = with_gait(load_scene(record["scene"]), load_gait(path))
         steady = steady_facts(scene, SearchConfig().uncertainty, duration=settings.duration, seed=SEED)
-        save_json(path, record | {"steady": steady})
+        trajectory = simulate(scene, record["duration"], frame_rate=FRAME_RATE)
+        save_json(path, record | {"steady": steady, "motion": rolling(scene, trajectory).summary()})
         tqdm.write(f"{name}: {steady['body_lengths_per_second']:.3f} body lengths/s")
 
 

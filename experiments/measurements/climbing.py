@@ -31,7 +31,7 @@ from jaxgrity.io.files import save_json
 
 @dataclass
 class Settings:
-    slopes: tuple[float, ...] = (0.0, 5.0, 10.0, 12.5, 15.0, 17.5, 20.0)
+    slopes: tuple[float, ...] = (0.0, 5.0, 10.0, 12.5, 15.0, 17.5, 20.0, 22.5, 25.0, 27.5, 30.0)
     """degrees"""
     friction: tuple[float, ...] = (0.8, 0.9, 1.0, 1.1, 1.2)
     """times the scene's"""

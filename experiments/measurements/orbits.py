@@ -35,6 +35,8 @@ from jaxgrity.io.files import save_json
 
 SHOWN = 20.0
 """s, of each gait's replay"""
+NEAR = 20.0
+"""m, which the paths of gaits that turn do not leave"""
 
 
 @dataclass
@@ -84,14 +86,20 @@ def row(scene: Scene, duration: float, quick: bool) -> dict[str, Any]:
 
 @plot.styled
 def figure(paths: dict[str, np.ndarray]) -> Figure:
-    """The paths of the centre of mass, seen from above."""
-    chart = Figure(figsize=(8, 5), layout="constrained")
-    axes = chart.subplots()
+    """The paths of the centre of mass, seen from above; those that stay near in a pane of their own."""
+    chart = Figure(figsize=(10, 4.5), layout="constrained")
+    far, near = chart.subplots(1, 2)
+    colours = {gait: f"C{k}" for k, gait in enumerate(dict.fromkeys(name.split(", ")[0] for name in paths))}
     for name, path in paths.items():
-        axes.plot(*(path - path[0]).T, "-" if name.endswith("exact") else "--", label=name)
-    axes.set(xlabel="x (m)", ylabel="y (m)", title="centre of mass, from above")
-    axes.set_aspect("equal", adjustable="datalim")
-    axes.legend()
+        gait, contact = name.split(", ")
+        here = near if np.abs(path - path[0]).max() < NEAR else far
+        style = {"color": colours[gait], "linestyle": "-" if contact == "exact" else "--", "linewidth": 1.0}
+        here.plot(*(path - path[0]).T, label=name, **style)
+    for axes, title in ((far, "centre of mass, from above"), (near, f"gaits that turn, within {NEAR:g} m")):
+        axes.set(xlabel="x (m)", ylabel="y (m)", title=title)
+        axes.set_aspect("equal", adjustable="datalim")
+        if axes.lines:
+            axes.legend(fontsize="small")
     return chart
 
 

@@ -43,6 +43,8 @@ WATCHED_PERIODS = 80.5
 """of actuation, for every gait, so that all share a program"""
 PARTS = 1, 2, 4, 8
 """into which the default step is divided; the finest tells how far the others are off"""
+CLOSED = 1e-3
+"""m: shapes of an orbit that is told to close return so closely"""
 GROUPS = {"exact": "exact contact", "penalty": "penalty contact"}
 
 
@@ -113,6 +115,7 @@ def summary(rows: list[dict[str, Any]], contact: str) -> dict[str, Any]:
         "contact": contact,
         "gaits": len(here),
         "settled": len(kept),
+        "closed": sum(row["residual"] < CLOSED for row in kept),
         "within_a_hundredth": float((off <= 0.01 * finest).mean()) if kept else None,
         "covered": float((off <= bars).mean()) if kept else None,
         "median_off": float(np.median(off / finest)) if kept else None,

@@ -39,7 +39,7 @@ from jaxgrity import (
 from jaxgrity.io.files import save_json
 
 WAYS = ("search runs on", "smoothed", "orbit")
-FINALISTS, COMPARED = 4, 16
+FINALISTS, COMPARED = 4, 32
 """of a search, and the robots by which they are compared"""
 WIDTH = 0.004
 """of the last mutations, with which a search runs on: a turn of the circle, or the width of the bounds, is 1"""
@@ -116,9 +116,9 @@ def gone_on(
     seed: int,
 ) -> tuple[np.ndarray, dict[str, Any]]:
     """The genes at which one way ends, and what is said of it."""
-    start, *search = begun
+    start = begun[0]
     if way == "search runs on":
-        return runs_on(problem, level, *search, settings.rollouts, seed), {}
+        return runs_on(problem, level, begun, settings.rollouts, seed), {}
     config = PolishConfig(settings.rollouts, way, final_robots=64 if not settings.quick else 8)
     found = polish(problem, start[None], config, options=level.options, final_options=level.options, seed=seed)
     facts = {"kept": found.improved, "steps": len(found.steps), "spent": found.rollouts, "reason": found.reason}
@@ -126,14 +126,20 @@ def gone_on(
 
 
 def runs_on(
-    problem: SearchProblem, level: FidelityLevel, state: SearchState, done: GAConfig, rollouts: int, seed: int
+    problem: SearchProblem,
+    level: FidelityLevel,
+    begun: tuple[np.ndarray, SearchState, GAConfig],
+    rollouts: int,
+    seed: int,
 ) -> np.ndarray:
-    """The best gait of more generations on the scene's own model, with mutations no wider than the last ones."""
+    """The best of the start and of more generations on the scene's own model, with mutations as narrow as the last."""
+    (start, state, done), count = begun, FINALISTS - 1
     size = done.population
-    count = max(1, (rollouts - FINALISTS * COMPARED) // (size * problem.fitness.rollouts))
-    more = GAConfig(size, count, done.elites, 1, 1.0, (WIDTH, WIDTH), crossover=0.0, parents=done.parents)
+    generations = max(1, (rollouts - FINALISTS * COMPARED) // (size * problem.fitness.rollouts))
+    more = GAConfig(size, generations, done.elites, 1, 1.0, (WIDTH, WIDTH), crossover=0.0, parents=done.parents)
     _, found = evolve_through((level, level), problem, (done, more), seed=seed + UNSEEN, states=(state,))
-    return compared(problem, level, distinct(found.last, problem.genome, FINALISTS, apart=0.0), seed + 1)
+    better = distinct(found.last, problem.genome, count, apart=0.0)
+    return compared(problem, level, np.concatenate([start[None], better]), seed + 1)
 
 
 def compared(problem: SearchProblem, level: FidelityLevel, genes: np.ndarray, seed: int) -> np.ndarray:

@@ -3,7 +3,7 @@
 Gaits are waves about one axis of the robot, which lets it turn. A straight, a left, a right, a slow and a fast gait are
 asked for: the nearest elites, and mirror images of those that are nearest with the other hand, are rolled out until
 they settle, and disturbed. The orbit that attracts and comes nearest to what was asked is told, and its gait left as a
-file; none is told twice.
+file; no cell of the repertoire is told twice, but as its own mirror image.
 """
 
 from dataclasses import dataclass

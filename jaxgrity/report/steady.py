@@ -11,9 +11,9 @@ from jaxgrity.rollout.uncertainty import Uncertainty
 from jaxgrity.search.robot_motions import robot_motions
 from jaxgrity.stepping.options import SolverOptions
 from jaxgrity.stepping.stability import default_method, default_step
-from jaxgrity.trust.orbit_cycle import orbit_cycle
+from jaxgrity.trust.orbit_error_bars import orbit_error_bars
 from jaxgrity.trust.orbit_symmetry import repetition
-from jaxgrity.trust.orbits import WINDOW, find_orbit, period_of, refined_orbit, shortest_watch, stability
+from jaxgrity.trust.orbits import WINDOW, find_orbit, period_of, shortest_watch, stability
 
 Facts = dict[str, Any]
 PARTS = 5
@@ -41,8 +41,8 @@ def steady_facts(
         on_progress: is called `PARTS` times.
 
     Returns:
-        Numbers by their names, in SI units: those of `Orbit`, `OrbitCycle` ("cycle"), `Repetition` ("repetition"),
-        `Stability` and `RobotMotions` ("robust" and "other_contact_model").
+        Numbers by their names, in SI units: those of `Orbit`, `OrbitCycle` ("cycle"), their `OrbitErrorBars`,
+        `Repetition` ("repetition"), `Stability` and `RobotMotions` ("robust" and "other_contact_model").
 
     Raises:
         InputError: as `find_orbit` and `robot_motions` do.
@@ -52,16 +52,19 @@ def steady_facts(
     watched = float(np.ceil(max(duration, least) / period_of(scene.gait)) * period_of(scene.gait))
     orbit = find_orbit(scene, watched, options=options)
     on_progress()
-    _, bar = refined_orbit(scene, max(watched / 3, least), options=options)
+    _, cycle, bars = orbit_error_bars(scene, max(watched / 3, least), options=options)
     on_progress()
     held = stability(scene, orbit, options=options) if orbit.verified_for else None
     on_progress()
     robust, other = _over_robots(scene, uncertainty, step, seed, on_progress)
     return {
         **orbit.summary(),
-        "speed_error_bar": bar,
+        "speed_error_bar": bars.speed,
+        "turning_error_bar": bars.turning,
         "multiplier": None if held is None else held.largest,
-        "cycle": orbit_cycle(scene, orbit, options=options).summary() if orbit.verified_for else None,
+        "multiplier_error_bar": bars.multiplier,
+        "multipliers": None if held is None else np.abs(held.multipliers).tolist(),
+        "cycle": None if cycle is None else cycle.summary() | {"error_bars": bars.cycle},
         "repetition": repetition(scene, orbit, options=options)._asdict() if orbit.verified_for else None,
         "spread": None if held is None else held.spread,
         "returned": None if held is None else held.returned,
@@ -95,22 +98,32 @@ def steady_rows(steady: Facts) -> dict[str, str]:
     own, other, cycle = steady["robust"], steady["other_contact_model"], steady["period"] * steady["periods"]
     slowest, since = steady["slowest_window"], steady["settled_after"]
     lengths = steady["body_lengths_per_second"]
-    held = f"a disturbance is multiplied by {steady['multiplier']:.2g} in a cycle; "
+    held = (
+        f"a disturbance is multiplied by {steady['multiplier']:.2g} ± {steady['multiplier_error_bar']:.1g} in a cycle, "
+        "shifts along the ground and turns about the vertical left out, which stay; "
+    )
     back = f"{100 * steady['returned']:.0f} % of the robots that are disturbed return"
     return {
         "speed": f"{steady['speed']:.3f} ± {steady['speed_error_bar']:.1g} m/s ({lengths:.3f} body lengths a second)",
         "lasts": f"watched for {steady['verified_for']:.0f} s; settled after {since:.0f} s, "
         f"and then in no {WINDOW:g} s slower than {slowest:.3f} m/s",
-        "turning": f"{round(np.degrees(steady['turning']), 2) + 0.0:.2f}°/s; robots that differ bend by "
+        "turning": f"{round(np.degrees(steady['turning']), 2) + 0.0:.2f} ± "
+        f"{np.degrees(steady['turning_error_bar']):.1g} °/s; robots that differ bend by "
         f"{_bends(own)} in a body length, on the other model by {_bends(other)}",
         "stability": (held if np.isfinite(steady["multiplier"]) else "") + back,
         "cycle": f"{cycle:.2f} s, {steady['periods']} periods of actuation; its shape returns to "
         f"{1000 * steady['residual']:.2g} mm"
-        + _repeats(steady.get("repetition"), cycle)
+        + _repeats(steady["repetition"], cycle)
         + (f"; stands in turn on {_faces(steady['cycle'])}" if steady["cycle"] else ""),
-        "both contact models": f"{own['mean']:.3f} ± {own['standard_deviation']:.2g} m/s over {own['robots']} robots "
-        f"that differ; {other['speed']:.3f} ± {other['standard_deviation']:.2g} m/s on the other model",
+        "both contact models": f"{_mean(own['mean'], own)} over {own['robots']} robots that differ; "
+        f"{_mean(other['speed'], other)} on the other model",
     }
+
+
+def _mean(speed: float, robots: Facts) -> str:
+    """With its standard error."""
+    scatter = robots["standard_deviation"]
+    return f"{speed:.3f} ± {robots['standard_error']:.1g} m/s (standard deviation {scatter:.2g})"
 
 
 def _repeats(found: Facts | None, cycle: float) -> str:

@@ -19,8 +19,6 @@ HOPPING = 0.1
 """fraction of the time: a robot that is in the air for longer hops"""
 STAYING = 0.1
 """diameters of the robot: one displaced by less stays"""
-SLIDING = 0.5
-"""fraction of its contact time: a robot that slips for longer slides"""
 TIME_ROUNDING = 1e-4
 """s, by which times in float32 may be off"""
 
@@ -88,7 +86,7 @@ def rolling(scene: Scene, trajectory: Trajectory) -> Rolling:
 
     "hops": in the air for more than `HOPPING` of the time, also on the spot;
     "stays": displaced by less than `STAYING` diameters, the longest distance between two built nodes;
-    "slides": slips for more than `SLIDING` of the contact time, or rolls fewer times than it is diameters displaced;
+    "slides": rolls fewer times than it is diameters displaced;
     "rolls".
 
     Raises `InputError` without ground, where the trajectory failed or has no two frames after the gait's start, or as
@@ -123,7 +121,7 @@ def rolling(scene: Scene, trajectory: Trajectory) -> Rolling:
     supports = tuple(tuple(face) for face in hull[lowest[begins]].tolist())
     rolls = max(0, len(supports) - 1)
     diameters = displacement / float(pdist(np.asarray(scene.structure.nodes, float)).max())
-    kind = _name_of_motion(rolls, slip_share, airborne_share, diameters)
+    kind = _name_of_motion(rolls, airborne_share, diameters)
     return Rolling(
         supports, times[begins], rolls, slip_share, airborne_share, straightness, path_length, kind, duration
     )
@@ -137,10 +135,10 @@ def _changes(lowest: np.ndarray, times: np.ndarray) -> np.ndarray:
     return lasting[np.diff(lowest[lasting], prepend=-1) != 0]
 
 
-def _name_of_motion(rolls: int, slip_share: float, airborne_share: float, diameters: float) -> str:
+def _name_of_motion(rolls: int, airborne_share: float, diameters: float) -> str:
     """By the thresholds of `rolling`; `diameters` is the displacement in those of the robot."""
     if airborne_share > HOPPING:
         return "hops"
     if diameters < STAYING:
         return "stays"
-    return "slides" if slip_share > SLIDING or rolls < diameters else "rolls"
+    return "slides" if rolls < diameters else "rolls"

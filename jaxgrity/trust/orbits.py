@@ -20,7 +20,6 @@ from jaxgrity.rollout.uncertainty import Differences
 from jaxgrity.stepping.options import Options, SolverOptions, resolve
 from jaxgrity.stepping.simulate import Trajectory, centre_path, simulate
 from jaxgrity.trust.cycles import MOST_PERIODS, Plane, chord, cycle, moved_onto, plane_of, shape
-from jaxgrity.trust.error_bars import refinement_bar
 
 FRAMES = 20
 """saved in each period of actuation"""
@@ -155,19 +154,6 @@ def find_orbit(
     chosen = in_step(here, period, options)
     trajectory = simulate(here, count * period, options=chosen, frame_rate=FRAMES / period, velocities=v)
     return _orbit(scene, trajectory, period, plane, first if beginning is None else 0)
-
-
-def refined_orbit(scene: Scene, duration: float = 120.0, *, options: Options = None) -> tuple[Orbit, float]:
-    """The orbit, and the error bar of its speed, m/s, from orbits at half and a quarter of the step.
-
-    The bar is that of `refinement_bar`, and two standard errors of the speed at the first step on top. It is infinite
-    where a rollout failed. Arguments and errors are those of `find_orbit`.
-    """
-    resolved = resolve(scene, duration, options, dtype="float64")
-    found = [find_orbit(scene, duration, options=each) for each in resolved.refined()]
-    speeds = (np.array([orbit.speed]) for orbit in found)
-    bar = float(refinement_bar(*speeds)) + 2 * found[0].standard_error
-    return found[0], bar if all(orbit.verified_for for orbit in found) else np.inf
 
 
 def stability(scene: Scene, orbit: Orbit, *, options: Options = None, robots: int = 128, seed: int = 0) -> Stability:

@@ -18,14 +18,30 @@ STEADY = {
     "settled_after": 14.8,
     "slowest_window": 0.8851,
     "turning": -1e-12,
+    "turning_error_bar": 0.0035,
     "multiplier": 0.088,
+    "multiplier_error_bar": 0.021,
     "returned": 1.0,
     "period": 1.3455,
     "periods": 2,
     "residual": 9e-14,
+    "repetition": {"time": 1.3455, "nodes": [], "residual": 0.0},
     "cycle": {"supports": [[6, 9, 11], [0, 6, 9]]},
-    "robust": {"mean": 0.824, "standard_deviation": 0.14, "bend": 0.0, "bend_quartiles": [-0.1, 0.2], "robots": 128},
-    "other_contact_model": {"speed": 0.813, "standard_deviation": 0.18, "bend": None, "bend_quartiles": [None, None]},
+    "robust": {
+        "mean": 0.824,
+        "standard_deviation": 0.14,
+        "standard_error": 0.012,
+        "bend": 0.0,
+        "bend_quartiles": [-0.1, 0.2],
+        "robots": 128,
+    },
+    "other_contact_model": {
+        "speed": 0.813,
+        "standard_deviation": 0.18,
+        "standard_error": 0.016,
+        "bend": None,
+        "bend_quartiles": [None, None],
+    },
 }
 ACTUATORS = {"peak_force": 275.1, "peak_rate": 0.988, "peak_power": 143.4, "cost_of_transport_by_effort": 5.41}
 
@@ -71,10 +87,17 @@ def test_the_rows_say_what_a_gait_is_worth():
     assert rows["speed"] == "0.886 ± 0.004 m/s (0.886 body lengths a second)"
     assert rows["lasts"] == "watched for 299 s; settled after 15 s, and then in no 10 s slower than 0.885 m/s"
     assert rows["turning"] == (
-        "0.00°/s; robots that differ bend by -6° to 11° in a body length, on the other model by no known angle"
+        "0.00 ± 0.2 °/s; robots that differ bend by -6° to 11° in a body length, on the other model by no known angle"
     )
+    assert rows["stability"].startswith(
+        "a disturbance is multiplied by 0.088 ± 0.02 in a cycle, shifts along the ground"
+    )
+    assert "with other nodes in the places of these it repeats itself 2 times in it" in rows["cycle"]
     assert rows["cycle"].endswith("stands in turn on 6-9-11, 0-6-9")
-    assert rows["both contact models"].startswith("0.824 ± 0.14 m/s over 128 robots that differ; 0.813 ± 0.18 m/s")
+    assert rows["both contact models"] == (
+        "0.824 ± 0.01 m/s (standard deviation 0.14) over 128 robots that differ; "
+        "0.813 ± 0.02 m/s (standard deviation 0.18) on the other model"
+    )
     assert rows["actuators must give"].startswith("up to 275 N, 0.99 m/s, 143 W")
     lost = steady_rows({**STEADY, "settled": False, "residual": 0.3})
     assert lost == {"orbit": "none: shapes still change by 0.3 m over a cycle"}

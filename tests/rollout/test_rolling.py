@@ -108,7 +108,7 @@ def test_rolling_over_edges(scene, lying):
     np.testing.assert_allclose(found.straightness, np.linalg.norm(np.sum(legs, axis=0)) / length, rtol=1e-12)
     assert found.kind == "rolls"
     slipping = rolling(scene, motion(times, np.array(positions), np.add(velocities, [0.1, 0, 0])))
-    assert (slipping.rolls, slipping.slip_share, slipping.kind) == (6, 1, "slides")
+    assert (slipping.rolls, slipping.slip_share, slipping.kind) == (6, 1, "rolls")
 
 
 @pytest.mark.parametrize("incline", [0.0, 0.3, -0.3])

@@ -16,6 +16,7 @@ from jaxgrity import (
     find_orbit,
     load_gait,
     orbit_cycle,
+    orbit_error_bars,
     repetition,
     stability,
     symmetries,
@@ -177,6 +178,15 @@ def test_a_gait_that_lasts_is_on_an_orbit_at_any_step(exact):
     assert coarse.cycle / found.time == pytest.approx(6)
     images = [tuple(sorted(found.nodes[node] for node in face)) for face in cycle.supports]
     assert images == [*cycle.supports[2:], *cycle.supports[:2]]
+    again, _, bars = orbit_error_bars(scene, 70.0, options=SolverOptions(dt=5e-3))
+    finest = find_orbit(scene, 70.0, options=SolverOptions(dt=5e-3 / 8))
+    reached = orbit_cycle(scene, finest, options=SolverOptions(dt=5e-3 / 8))
+    assert (again.speed, again.turning) == (coarse.speed, coarse.turning)
+    assert abs(finest.speed - coarse.speed) < bars.speed < 0.02
+    assert abs(finest.turning - coarse.turning) <= bars.turning + 1e-6
+    for name in ("cost_of_transport", "peak_rate", "peak_power", "work", "distance"):
+        assert abs(getattr(reached, name) - getattr(cycle, name)) <= bars.cycle[name] + 1e-9, name
+        assert bars.cycle[name] < 0.3 * getattr(cycle, name), name
     lengths = scene.structure.struts.rest_length * scene.gait.amplitude
     assert cycle.peak_rate == pytest.approx(np.pi / coarse.period * lengths.max(), rel=1e-2)
     held = stability(scene, coarse, robots=32)
