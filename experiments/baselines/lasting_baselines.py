@@ -7,7 +7,7 @@ its finalists by more robots. All answers are then judged by one and the same en
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -89,7 +89,7 @@ def main(settings: Settings) -> None:
         answers = {method: genes}
         kept: dict[str, bool] = {}
         for kind in POLISH if settings.polish else ():
-            own, config = fidelity_levels(scene)[1].options, replace(polishing, kind=kind)
+            own, config = fidelity_levels(scene)[1].options, polishing._replace(kind=kind)
             polished = polish(problem, genes[None], config, options=own, final_options=own, seed=seed)
             answers[name := f"{method}, polish {kind}"] = polished.genes
             kept[name] = polished.improved

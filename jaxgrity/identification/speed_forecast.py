@@ -156,8 +156,10 @@ def speed_slopes(
         options: as for `find_orbit`.
 
     Raises:
-        InputError: as `closed_orbit`; or an orbit that Newton's method does not close.
+        InputError: rigid struts or exact contact; as `closed_orbit`; or an orbit that Newton's method does not close.
     """
+    if scene.constrained:
+        raise InputError("speed_slopes: the scene has rigid struts or exact contact; expected `penalty_twin(scene)`")
     resolved = resolve(scene, orbit.period, in_step(scene, orbit.period, options))
     slopes = np.asarray(_speed_slopes(scene, parameters, orbit, resolved))
     if not np.isfinite(slopes).all():
