@@ -156,8 +156,10 @@ def third_opinions_facts(raw: Facts) -> Facts:
 
 
 def third_opinions_table(facts: Facts) -> str:
-    rows = [[row["engine"], f"{row['mean']:.3f} ± {row['standard_deviation']:.2g}"] for row in facts["rows"]]
-    return table(["program", "steady speed, body lengths/s"], rows) + made_by(facts, "third_opinions")
+    numbers = ((row["engine"], row["mean"], row["standard_deviation"], row["slowest"]) for row in facts["rows"])
+    rows = [[engine, f"{mean:.3f}", f"{scatter:.2g}", f"{slowest:.3f}"] for engine, mean, scatter, slowest in numbers]
+    head = ["program", f"steady speed of {facts['robots']} robots, body lengths/s", "standard deviation", "slowest"]
+    return table(head, rows) + made_by(facts, "third_opinions")
 
 
 def ranges_facts(raw: Facts) -> Facts:

@@ -64,7 +64,8 @@ def main(settings: Settings) -> None:
         moved = ends(phases, settings.duration) - ends(phases, settings.settled)
         seconds = settings.duration - settings.settled
         speeds[name] = np.hypot(moved[:, 0], moved[:, 1]) / seconds / float(body_length(scene))
-        rows.append({"engine": name, "mean": np.mean(speeds[name]), "standard_deviation": np.std(speeds[name])})
+        mean, scatter, slowest = (float(f(speeds[name])) for f in (np.mean, np.std, np.min))
+        rows.append({"engine": name, "mean": mean, "standard_deviation": scatter, "slowest": slowest})
     save_json(settings.out / "third_opinions.json", {**measured(), "robots": settings.robots, "rows": rows})
     plot.save(figure(speeds), settings.out / "third_opinions.png")
     for row in rows:
