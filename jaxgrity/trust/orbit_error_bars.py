@@ -45,7 +45,7 @@ def orbit_error_bars(
     """The orbit, a cycle of it, and the error bars of all their numbers, from half and a quarter of the step.
 
     Each bar is that of `refinement_bar`, the speed's as in `refined_orbit`. The number of periods in a cycle may differ
-    from step to step; work, effort, distance and duration are compared by the period.
+    from step to step; work, effort, distance, duration and multipliers are compared over as many periods.
 
     Args:
         scene: what rolls, with a gait whose actuators share one frequency.
@@ -67,7 +67,11 @@ def orbit_error_bars(
     per_cycle = {name: found[0].periods if name in EXTENSIVE else 1 for name in coarse}
     bars = {name: per_cycle[name] * _bar(coarse[name], *(each[name] for each in finer)) for name in coarse}
     largest = [stability(scene, found[0], options=refined[0][1], seed=seed).largest for seed in range(DRAWS)]
-    largest += [stability(scene, orbit, options=each).largest for orbit, each in refined[1:]]
+    # of so many periods as the first one's cycle has
+    largest += [
+        stability(scene, orbit, options=each).largest ** (found[0].periods / orbit.periods)
+        for orbit, each in refined[1:]
+    ]
     multiplier = float(np.abs(np.array(largest[1:]) - largest[0]).max()) if np.isfinite(largest).all() else np.inf
     turning = _bar(*(orbit.turning for orbit in found))
     return found[0], cycles[0], OrbitErrorBars(_speed_bar(found), turning, multiplier, bars)
