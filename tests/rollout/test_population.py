@@ -159,7 +159,7 @@ def test_no_scatter(reference, platform, members):
 
 
 @pytest.mark.parametrize(
-    ("struts", "dtype", "lanes"), [(6, "float32", 64), (6, "float64", 32), (600, "float32", 32), (200, "float32", 64)]
+    ("struts", "dtype", "lanes"), [(6, "float32", 64), (6, "float64", 32), (600, "float32", 32), (120, "float32", 64)]
 )
 def test_chunks_shrink_as_structures_grow(struts, dtype, lanes):
     """So that what a core uses over and over stays in its cache."""
