@@ -87,7 +87,8 @@ def _repeats(steady: Facts) -> int:
 
 def _with_bar(cycle: Facts, name: str, how: str) -> str:
     """A number of a cycle and its error bar."""
-    return f"{cycle[name]:{how}} ± {cycle['error_bars'][name]:.1g}"
+    bar = cycle["error_bars"][name]
+    return f"{cycle[name]:{how}} ± {bar:{'.0f' if bar >= 1 else '.1g'}}"
 
 
 def orbits_facts(raw: Facts) -> Facts:
