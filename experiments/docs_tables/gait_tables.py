@@ -1,9 +1,7 @@
-"""The tables about gaits, of README and docs/gaits.md: what they quote, and how they say it."""
+"""The tables of docs/gaits.md about gaits that last: what they quote, and how they say it."""
 
 import numpy as np
-from pages import made_by, table
-
-from jaxgrity import gait_names, gait_record
+from pages import made_by, table, whole_zero
 
 Facts = dict
 
@@ -11,84 +9,6 @@ CLIMBS = 0.1
 """m/s uphill, from which on a robot counts as climbing"""
 MOST = 0.9
 """share of robots that have to roll"""
-
-
-def gait_search_facts(raw: Facts) -> Facts:
-    """The gait, what it is worth, and how it was found."""
-    return {
-        **{name: raw[name] for name in ("command", "wall_seconds", "stage_seconds")},
-        "steady": raw["steady"],
-        "rollouts": sum(search["rollouts"] for search in raw["searches"]),
-        "polish": raw["polish"]["reason"],
-        "actuators": {name: raw["actuators"][name] for name in ("peak_force", "peak_rate", "peak_power")},
-        "slip_share": raw["motion"]["slip_share"],
-    }
-
-
-def gait_search_table(facts: Facts) -> str:
-    steady, size = facts["steady"], facts["steady"]["body_length"]
-    robust, other = steady["robust"], steady["other_contact_model"]
-    seconds = facts["stage_seconds"]
-    stages = ", ".join(f"{name} {spent:.0f} s" for name, spent in seconds.items())
-    cycle = (
-        f"{steady['periods']} periods of {steady['period']:.2f} s; shapes return to {1000 * steady['residual']:.1g} mm"
-    )
-    rows = [
-        ["steady speed", f"**{steady['speed'] / size:.3f} ± {steady['speed_error_bar'] / size:.1g} body lengths/s**"],
-        ["watched for", f"{steady['verified_for']:.0f} s"],
-        [
-            "settled after",
-            f"{steady['settled_after']:.0f} s, and then in no 10 s slower than {steady['slowest_window']:.3f} m/s",
-        ],
-        [
-            "turning",
-            f"{_whole_zero(np.degrees(steady['turning'])):.2f} ± {np.degrees(steady['turning_error_bar']):.1g} °/s",
-        ],
-        ["a cycle", cycle],
-        ["with other nodes in the places of these it repeats itself in a cycle", f"{_repeats(steady)} times"],
-        [
-            "a disturbance is multiplied in a cycle by (shifts along the ground and turns about the vertical apart)",
-            f"{steady['multiplier']:.2g} ± {steady['multiplier_error_bar']:.1g}",
-        ],
-        [
-            f"over {robust['robots']} robots that differ, for a minute",
-            _of_robots(robust["mean"], robust, steady),
-        ],
-        [
-            "the same on the other contact model",
-            _of_robots(other["speed"], other, steady),
-        ],
-        ["faces that it stands on in a cycle", f"{len(steady['cycle']['supports'])}"],
-        [
-            "asked of an actuator, at most",
-            f"{_peaks(steady['cycle'])} in a cycle; {_peaks(facts['actuators'])} with the start",
-        ],
-        ["cost of transport", _with_bar(steady["cycle"], "cost_of_transport", ".2f")],
-        ["nodes slip that touch", f"{100 * facts['slip_share']:.0f} % of the time"],
-        ["rollouts of the search", f"{facts['rollouts']}"],
-        ["polish", facts["polish"]],
-        ["wall time of the search", f"{facts['wall_seconds']:.0f} s: {stages}"],
-    ]
-    return table(["the gait that `make gait` finds", "measured"], rows) + made_by(facts, "gait_search", "docs/measured")
-
-
-def _of_robots(speed: float, robots: Facts, steady: Facts) -> str:
-    """Their mean speed along paths with its standard error, the standard deviation, and the shares of the orbit's."""
-    mean, spread = speed / steady["speed"], robots["standard_deviation"] / steady["speed"]
-    size = steady["body_length"]
-    lengths = f"{speed / size:.3f} ± {robots['standard_error'] / size:.1g} body lengths/s"
-    scatter = f"standard deviation {robots['standard_deviation'] / size:.2g}"
-    return f"{lengths}, {scatter}: {100 * mean:.0f} % of it, {100 * spread:.0f} %"
-
-
-def _repeats(steady: Facts) -> int:
-    return round(steady["period"] * steady["periods"] / steady["repetition"]["time"])
-
-
-def _with_bar(cycle: Facts, name: str, how: str) -> str:
-    """A number of a cycle and its error bar."""
-    bar = cycle["error_bars"][name]
-    return f"{cycle[name]:{how}} ± {bar:{'.0f' if bar >= 1 else '.1g'}}"
 
 
 def orbits_facts(raw: Facts) -> Facts:
@@ -121,7 +41,7 @@ def _orbit_row(row: Facts) -> list[str]:
         contact,
         f"{row['body_lengths_per_second']:.3f} ± {bar:.1g}",
         f"{row['slowest_window']:.2f}",
-        f"{_whole_zero(np.degrees(row['turning'])):.1f}",
+        f"{whole_zero(np.degrees(row['turning'])):.1f}",
         f"{row['periods']}",
         f"{1000 * row['residual']:.2g} mm",
         grows,
@@ -212,7 +132,7 @@ def robots_that_differ_table(facts: Facts) -> str:
 
 def _robots_row(row: Facts) -> list[str]:
     mean, spread = (row[name] / row["nominal"] for name in ("mean", "standard_deviation"))
-    bend, low, high = (_whole_zero(round(np.degrees(each))) for each in (row["bend"], *row["bend_quartiles"]))
+    bend, low, high = (whole_zero(round(np.degrees(each))) for each in (row["bend"], *row["bend_quartiles"]))
     return [
         row["gait"],
         f"{row['contact']}, its own" if row["own"] else row["contact"],
@@ -271,61 +191,6 @@ def _steepest(facts: Facts, way: str, k: int) -> float:
     climbed = [row["slope"] for row in facts["rows"] if row[way][k] >= CLIMBS]
     missed = [row["slope"] for row in facts["rows"] if row[way][k] < CLIMBS and row["slope"] > min(climbed, default=0)]
     return max((slope for slope in climbed if slope < min(missed, default=np.inf)), default=np.nan)
-
-
-PEAKS = (("peak_force", ".0f", " N"), ("peak_rate", ".2f", " m/s"), ("peak_power", ".0f", " W"))
-"""of an actuator in a cycle: name, format and unit"""
-
-
-def gaits_table() -> str:
-    """The gaits that come with the library, from their records in the package."""
-    head = [
-        "gait", "scene", "steady speed, body lengths/s", "for", "slowest 10 s", "turning, °/body length",
-        "a disturbance is multiplied in a cycle by", "robots that differ: mean (standard deviation)",
-        "on the other contact model", "their bends, °/body length", "faces that it stands on in a cycle",
-        "times that it repeats itself in it", "peaks of an actuator in a cycle", "cost of transport", "nodes slip",
-    ]  # fmt: skip
-    return table(head, [_gait_row(name) for name in gait_names()])
-
-
-def _gait_row(name: str) -> list[str]:
-    record = gait_record(name)
-    steady, size = record["steady"], record["steady"]["body_length"]
-    robust, other, cycle = steady["robust"], steady["other_contact_model"], steady["cycle"]
-    each_length = np.degrees(size / steady["speed"])
-    bend, bar = each_length * steady["turning"], each_length * steady["turning_error_bar"]
-    bends = (f"{_whole_zero(round(np.degrees(each['bend']))):.0f}" for each in (robust, other))
-    return [
-        f"`{name}`",
-        record["scene"],
-        f"{steady['speed'] / size:.3f} ± {steady['speed_error_bar'] / size:.1g}",
-        f"{steady['verified_for']:.0f} s",
-        f"{100 * steady['slowest_window'] / steady['speed']:.0f} %",
-        f"{_whole_zero(bend):.1f} ± {bar:.1g}",
-        f"{steady['multiplier']:.2g} ± {steady['multiplier_error_bar']:.1g}",
-        f"{robust['mean'] / size:.3f} ({robust['standard_deviation'] / size:.2g})",
-        f"{other['speed'] / size:.3f} ({other['standard_deviation'] / size:.2g})",
-        ", ".join(bends),
-        f"{len(cycle['supports'])}",
-        f"{_repeats(steady)}",
-        ", ".join(_with_bar(cycle, name, how) + unit for name, how, unit in PEAKS),
-        _with_bar(cycle, "cost_of_transport", ".1f"),
-        f"{100 * record['motion']['slip_share']:.0f} %",
-    ]
-
-
-def gait_commands() -> str:
-    """The commands that found the library's gaits."""
-    return "\n".join(f"    # {name}\n    {gait_record(name)['command']}" for name in gait_names())
-
-
-def _peaks(asked: Facts) -> str:
-    return f"{asked['peak_force']:.0f} N, {asked['peak_rate']:.2f} m/s, {asked['peak_power']:.0f} W"
-
-
-def _whole_zero(value: float) -> float:
-    """Without a sign where it is rounding alone."""
-    return 0.0 if abs(value) < 1e-6 else value
 
 
 def _seconds(row: Facts) -> str:

@@ -36,3 +36,8 @@ def fill_page(path: Path, blocks: dict[str, str], page: Path | None = None) -> N
 def made_by(facts: dict, name: str, folder: str = "measured") -> str:
     """The command and the file beside the numbers; `folder` is docs/measured, as the page sees it."""
     return f"\n\n`{facts['command']}`, [{folder}/{name}.json]({folder}/{name}.json)."
+
+
+def whole_zero(value: float) -> float:
+    """Without a sign where it is rounding alone."""
+    return 0.0 if abs(value) < 1e-6 else value

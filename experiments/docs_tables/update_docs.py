@@ -18,6 +18,7 @@ import conformance_tables as conformance
 import control_tables as control
 import gait_tables as gaits
 import identification_tables as identification
+import library_tables as library
 import numerics_tables as numerics
 import orbit_tables
 import search_tables as search
@@ -66,8 +67,8 @@ def one_block(name: str, page: str, facts: Callable, words: Callable) -> Source:
 SOURCES: dict[str, Source] = {
     "gait_search": Source(
         "gait_search/summary.json",
-        gaits.gait_search_facts,
-        {"gait_search": Block(README, gaits.gait_search_table)},
+        library.gait_search_facts,
+        {"gait_search": Block(README, library.gait_search_table)},
     ),
     "benchmark": one_block("benchmark", README, speed.benchmark_facts, speed.benchmark_table),
     "gradients": one_block("gradients", PERFORMANCE, speed.gradients_facts, speed.gradients_table),
@@ -275,8 +276,8 @@ def pages(root: Path) -> dict[str, dict[str, str]]:
         facts = json.loads(read_text(root / "docs" / "measured" / f"{name}.json"))
         for mark, block in source.blocks.items():
             found.setdefault(block.page, {})[mark] = block.words(facts)
-    found[README]["library"] = found[SEARCH]["library"] = gaits.gaits_table()
-    found[SEARCH]["library/commands"] = gaits.gait_commands()
+    found[README]["library"] = found[SEARCH]["library"] = library.gaits_table()
+    found[SEARCH]["library/commands"] = library.gait_commands()
     return found
 
 

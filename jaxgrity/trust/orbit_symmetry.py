@@ -96,6 +96,7 @@ def _shift(gait: Gait, places: tuple[tuple[int, ...], ...]) -> Fraction | None:
     if not places:
         return None
     phase, amplitude, image = np.asarray(gait.phase, float), np.asarray(gait.amplitude, float), list(places[0])
+    # overtones are not looked at: where they do not follow, neither do the shapes
     turns = (phase[image] - phase) / (2 * np.pi)
     share = Fraction(float(turns[0] % 1)).limit_denominator(LARGEST_PART)
     off = np.abs((turns - float(share) + 0.5) % 1 - 0.5)
