@@ -63,6 +63,6 @@ def screenshot(browser) -> np.ndarray:
 
 
 def is_red(pixels: np.ndarray) -> np.ndarray:
-    """Which pixels are red, as struts are in light and shadow; orange is not."""
+    """Which pixels are red, as struts are: dark in shadow, pink in full light; orange is not."""
     red, green, blue = np.moveaxis(pixels, -1, 0)
-    return (red > 90) & (red > 1.6 * green) & (red > 1.4 * blue) & (green < 1.3 * blue)
+    return (red - np.maximum(green, blue) > 40) & (green < 1.3 * blue)
