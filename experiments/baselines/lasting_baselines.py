@@ -1,5 +1,5 @@
 """Searches for gaits that last, at equal cost: random search, CMA-ES of evosax (the extra `baselines`) and this
-library's genetic algorithm (GA), each alone and followed by polish.
+library's genetic algorithm (GA), each alone and followed by either polish.
 
 Phases, amplitudes and frequency are free; what counts is steady speed by robots that differ. Gaits are waves, or each
 actuator moves as it likes. All searches screen by the same rough rollouts, and may have as many of them; each compares
@@ -45,6 +45,8 @@ DRAWN = 4
 """times the population: random gaits with which every search begins"""
 FINALISTS, COMPARED, JUDGES, JUDGED_FOR = 8, 32, 64, 60.0
 """answers that are compared, and the robots by which; those by which all answers are judged, and for how long, s"""
+POLISH = ("smoothed", "orbit")
+"""kinds of it"""
 DRAWS = 10**6
 """seeds of draws that each search has to itself; those below it are for the judgement of the answers"""
 
@@ -62,7 +64,7 @@ class Settings:
     population: int = 32
     """of the GA, and of CMA-ES half as many"""
     polish: int = SearchConfig().polish_rollouts
-    """rollouts of polish after each search; 0: none"""
+    """rollouts of each kind of polish after each search; 0: none"""
     out: Path = Path("results/lasting_baselines")
     """folder for lasting_baselines.json and its figure"""
     quick: bool = False
@@ -70,10 +72,10 @@ class Settings:
 
 
 def main(settings: Settings) -> None:
-    duration, config = SearchConfig().duration, PolishConfig(settings.polish)
+    duration, polishing = SearchConfig().duration, PolishConfig(settings.polish)
     if settings.quick:
         settings.seeds, settings.gaits, settings.population, duration = 1, 96, 16, 10.0
-        config = PolishConfig(min(settings.polish, 64), final_robots=16)
+        polishing = PolishConfig(min(settings.polish, 64), final_robots=16)
     if "CMA-ES" in settings.methods:
         built("CMA-ES", 4, 1)
     scene, rows = load_scene("exact"), []
@@ -85,18 +87,21 @@ def main(settings: Settings) -> None:
         found = searches[method](problem, settings, DRAWS * (seed + 1))
         genes = chosen(problem, found, DRAWS * (seed + 1))
         answers = {method: genes}
-        if config.rollouts:
-            own = fidelity_levels(scene)[1].options
+        kept: dict[str, bool] = {}
+        for kind in POLISH if settings.polish else ():
+            own, config = fidelity_levels(scene)[1].options, polishing._replace(kind=kind)
             polished = polish(problem, genes[None], config, options=own, final_options=own, seed=seed)
-            answers[f"{method}, polished"] = polished.genes
+            answers[name := f"{method}, polish {kind}"] = polished.genes
+            kept[name] = polished.improved
         for name, answer in answers.items():
-            rows.append({"freedom": freedom, "method": name, "seed": seed, **judged(problem, answer, settings.quick)})
-        facts = {**measured(), "gaits": settings.gaits, "duration": duration, "polish": config.rollouts}
+            known = {"freedom": freedom, "method": name, "seed": seed, "kept": kept.get(name)}
+            rows.append(known | judged(problem, answer, settings.quick))
+        facts = {**measured(), "gaits": settings.gaits, "duration": duration, "polish": polishing.rollouts}
         save_json(settings.out / "lasting_baselines.json", {**facts, "rows": rows})
     plot.save(figure(rows), settings.out / "lasting_baselines.png")
     for freedom, method in dict.fromkeys((row["freedom"], row["method"]) for row in rows):
         speeds = [row["own"] for row in rows if (row["freedom"], row["method"]) == (freedom, method)]
-        print(f"{freedom}, {method}: median {np.median(speeds):.3f} body lengths/s")
+        print(f"{freedom}, {method}: median {np.nanmedian(speeds):.3f} body lengths/s")
     print(f"wrote {settings.out}/")
 
 
@@ -157,13 +162,13 @@ def chosen(problem: SearchProblem, genes: np.ndarray, seed: int) -> np.ndarray:
 
 
 def judged(problem: SearchProblem, genes: np.ndarray, quick: bool) -> dict[str, Any]:
-    """Mean steady speed of an answer over robots on both contact models, body lengths/s, the same for all searches."""
+    """Mean steady speed of an answer over robots on both contact models, body lengths/s, the same for all searches; not
+    a number where a robot failed."""
     gaits = problem.genome.gaits(problem.scene.gait, genes[None])
     fitness = with_robots(unmeasured(problem).fitness, 8 if quick else JUDGES)
     here = problem._replace(fitness=fitness, duration=problem.duration if quick else JUDGED_FOR)
     models = {"own": problem.scene, "other": contact_twin(problem.scene)}
-    means = {name: judge_at(fidelity_levels(scene)[1], gaits, here, 0).mean[0] for name, scene in models.items()}
-    return {name: float(np.nan_to_num(mean)) for name, mean in means.items()}
+    return {name: float(judge_at(fidelity_levels(each)[1], gaits, here, 0).mean[0]) for name, each in models.items()}
 
 
 @plot.styled
@@ -176,7 +181,7 @@ def figure(rows: list[dict[str, Any]]) -> Figure:
         for k, method in enumerate(methods):
             found = [row["own"] for row in rows if (row["freedom"], row["method"]) == (freedom, method)]
             axes.plot(k + np.linspace(-0.15, 0.15, len(found)), found, "o", ms=4, color=f"C{k}")
-            axes.hlines(np.median(found), k - 0.3, k + 0.3, color=f"C{k}")
+            axes.hlines(np.nanmedian(found), k - 0.3, k + 0.3, color=f"C{k}")
         axes.set_xticks(range(len(methods)), methods, rotation=30, ha="right")
         axes.set(title={"waves": "gaits are waves", "free": "each actuator as it likes"}[freedom], ylim=(0, None))
         axes.set_ylabel("steady speed (body lengths/s)")

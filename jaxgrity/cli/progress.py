@@ -14,8 +14,7 @@ UNITS = {
     "promoting": "level",
     "polishing": "step",
     "verifying": "judgement",
-    "measuring": "measurement",
-    "animating": "frame",
+    "reporting": "part",
 }
 TICK = 2.0
 """s, after which a bar shows at the latest how much time has passed"""

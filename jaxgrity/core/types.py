@@ -1,6 +1,7 @@
 """Shape aliases, all in one place. Everything is written for one robot; `jax.vmap` adds the population."""
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
@@ -41,6 +42,11 @@ Supports = tuple[tuple[int, str], ...]
 """nodes, and which of their coordinates "x", "y" and "z" do not move"""
 State = tuple[AnyArray, AnyArray]
 """positions q (nodes, 3), m, and velocities v (nodes, 3), m/s"""
+
+
+def namespace_of(array: object):
+    """`jax.numpy` for JAX's arrays, NumPy for any other: with few numbers, it needs no compiled program."""
+    return jnp if isinstance(array, jax.Array) else np
 
 
 def as_float(x: object) -> AnyArray:

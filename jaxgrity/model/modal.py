@@ -15,7 +15,7 @@ ROUNDING = 1e-9
 
 
 def equilibrium(
-    energy: Energy, start: NodeVectors, tolerance: float, iterations: int = 100, free: np.ndarray | None = None
+    energy: Energy, start: NodeVectors, tolerance: float, iterations: int = 300, free: np.ndarray | None = None
 ) -> np.ndarray | None:
     """A shape near `start` in which every force -dU/dq is below `tolerance` (N); None where none is found.
 

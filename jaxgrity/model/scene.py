@@ -10,7 +10,7 @@ import numpy as np
 
 from jaxgrity.core.display import of_report
 from jaxgrity.core.errors import InputError
-from jaxgrity.core.types import NodeVectors, PerNode, Scalar, State, VectorsByKind, as_float_or_none
+from jaxgrity.core.types import NodeVectors, PerNode, Scalar, State, VectorsByKind, as_float_or_none, namespace_of
 from jaxgrity.model.actuation import Gait
 from jaxgrity.model.describe import describe
 from jaxgrity.model.dissipation import CableDamping, NodeDamping, StrutDamping
@@ -242,7 +242,7 @@ def body_length(scene: Scene) -> Scalar:
         raise InputError("the structure has no members; expected some, to measure its length in")
     i, j = np.array(members.edges).T
     nodes = scene.structure.nodes
-    return jnp.sqrt(jnp.max(jnp.sum((nodes[i] - nodes[j]) ** 2, axis=1)))
+    return namespace_of(nodes).sqrt(((nodes[i] - nodes[j]) ** 2).sum(1).max())
 
 
 def _check_term(term: Law) -> None:

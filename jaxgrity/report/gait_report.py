@@ -1,38 +1,33 @@
 """What a gait search leaves: facts, figures, an animation and a page."""
 
 import itertools
+import threading
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from html import escape
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import jax
 import numpy as np
 
 from jaxgrity.io.files import save_arrays, save_json, write_whole
 from jaxgrity.io.gait_library import gait_facts
-from jaxgrity.model.actuation import Gait
 from jaxgrity.model.scene import Scene
-from jaxgrity.model.symmetry import Symmetry, image, standing_symmetries
 from jaxgrity.report import plot, view
 from jaxgrity.report.animation import animate
-from jaxgrity.report.steady import PARTS, steady_facts, steady_rows
-from jaxgrity.rollout.population import as_population, simulate_population
+from jaxgrity.report.measuring import gait_measured
+from jaxgrity.report.steady import PARTS, steady_rows
 from jaxgrity.rollout.rolling import Rolling, rolling
-from jaxgrity.search.pipeline import UNSEEN, SearchResult
+from jaxgrity.search.pipeline import SearchResult
 from jaxgrity.search.polish import Polished
 from jaxgrity.search.promotion import Agreement
 from jaxgrity.stepping.options import SolverOptions
-from jaxgrity.stepping.simulate import Trajectory, some_frames
-from jaxgrity.stepping.stability import default_method, default_step
-from jaxgrity.trust.error_bars import verify
+from jaxgrity.stepping.simulate import Trajectory, simulate, some_frames
 from jaxgrity.trust.trust_report import TrustReport, diagnose
 
-WATCHED = 7.5
-"""times the search's duration, for which a gait that is to last is watched"""
-FRAME_RATE = 50
-"""frames a second of the trajectory that is kept"""
+FRAME_RATE, REPLAYED = 50, 25.0
+"""frames a second of the trajectory that is kept, and of its replay"""
 REPLAY = "replay.html"
 PICTURES = {
     "animation.gif": "from the start on, in real time",
@@ -76,19 +71,19 @@ def write_report(result: SearchResult, origin: Origin, folder: Path, on_progress
     """
     scene, duration = result.scene, float(result.problem.duration)
     fine = SolverOptions(dt=result.verdict.verified.steps[0], dtype="float64")
-    lasts = result.problem.fitness.objective.steady
-    done, parts = itertools.count(), 3 + (PARTS if lasts else 0)
-    tick = lambda: on_progress("measuring", next(done), parts)  # noqa: E731
-    began = time.perf_counter()
+    parts = 5 + (PARTS if result.problem.fitness.objective.steady else 0)
+    tick, began = _ticker(on_progress, parts), time.perf_counter()
     tick()
-    trust = diagnose(scene, duration, options=fine, frame_rate=float(FRAME_RATE))
-    trajectory = trust.trajectory
-    tick()
-    found = directions(scene, fine, duration)
-    tick()
-    asked = actuators(scene, fine, duration)
-    tick()
-    steady = _watched(result, tick) if lasts else None
+    with ThreadPoolExecutor() as beside:  # a program is compiled on one core, one robot rolls on one, and so do we draw
+        measuring = beside.submit(gait_measured, result, fine, tick)
+        trajectory = simulate(scene, duration, options=fine, frame_rate=float(FRAME_RATE))
+        diagnosing = beside.submit(diagnose, scene, duration, options=fine, frame_rate=float(FRAME_RATE))
+        diagnosing.add_done_callback(lambda _: tick())
+        animate(scene, trajectory, folder / "animation.gif")
+        view.keep_html(scene, trajectory, folder / REPLAY, frame_rate=REPLAYED, title="from the start on")
+        tick()
+        trust, (steady, found, asked) = diagnosing.result(), measuring.result()
+    draw(result, trust, folder)
     motion = None if scene.ground is None or trajectory.failed else rolling(scene, trajectory)
     assert scene.gait is not None, "a search finds a gait"
     gait = {
@@ -109,12 +104,10 @@ def write_report(result: SearchResult, origin: Origin, folder: Path, on_progress
     save_json(folder / "gait.json", gait)
     arrays = {name: getattr(trajectory, name) for name in ("times", "positions", "velocities")}
     save_arrays(folder / "trajectory.npz", **arrays, phase=scene.gait.phase)
-    measured = time.perf_counter()
-    draw(result, trust, folder, on_progress)
     draw_motion(scene, trajectory, motion, steady, folder)
-    drawn = time.perf_counter()
+    tick()
     seconds = {str(stage): spent for stage, spent in result.seconds.items()}
-    seconds |= {"measuring": measured - began, "animating": drawn - measured}
+    seconds |= {"reporting": time.perf_counter() - began}
     summary = {
         **gait,
         "fidelity": agreement_facts(result.promoted.agreement),
@@ -127,47 +120,6 @@ def write_report(result: SearchResult, origin: Origin, folder: Path, on_progress
     first, rest = outcome_rows(summary), search_rows(summary, motion, result.problem.fitness.objective.unit)
     write_page(folder, f"A gait that {motion.kind}" if motion else "A gait", first, {**rest, "command": origin.command})
     return {"how far to trust it": "\n" + trust.table(), **first, **rest}
-
-
-def _watched(result: SearchResult, tick: Callable[[], None]) -> dict[str, Any]:
-    """How the gait lasts, by robots that differ as in the search."""
-    # the last level has half of the step that was asked for, which this gait may not allow
-    step = min(2 * result.levels[-1].dt, default_step(result.scene, default_method(result.scene)))
-    problem = result.problem
-    watched, uncertain = WATCHED * float(problem.duration), problem.fitness.uncertainty
-    return steady_facts(result.scene, uncertain, duration=watched, dt=step, seed=UNSEEN, on_progress=tick)
-
-
-def directions(best: Scene, options: SolverOptions, duration: float) -> list[dict[str, float]]:
-    """Where the gait's images under the robot's symmetry lead from the same pose, verified one by one."""
-    gait = best.gait
-    assert gait is not None, "a search finds a gait"
-    images = [image(gait, symmetry) for symmetry in standing_symmetries(best) if maps_members(gait, symmetry)]
-    gaits = jax.tree.map(lambda *rows: np.stack(rows) if np.ndim(rows[0]) else rows[0], *images)
-    verified = verify(best, gaits, duration, options=options)
-    moved = verified.com_end - verified.com_start
-    return [
-        {"heading": heading, "distance": distance, "error_bar": bar}
-        for heading, distance, bar in zip(np.arctan2(moved[:, 1], moved[:, 0]), verified.distance, verified.error_bar)
-    ]
-
-
-def maps_members(gait: Gait, symmetry: Symmetry) -> bool:
-    """Whether the image of the gait actuates the members that the gait does."""
-    return {symmetry.members[k] for k in gait.members} == set(gait.members)
-
-
-def actuators(best: Scene, options: SolverOptions, duration: float) -> dict[str, Any]:
-    """What the gait asks of its actuators."""
-    assert best.gait is not None, "a search finds a gait"
-    outcomes = simulate_population(best, as_population(best.gait), duration, options=options, with_metrics=True)
-    metrics, distance = outcomes.metrics, float(outcomes.distance()[0])
-    assert metrics is not None, "they were asked for"
-    weight = float(best.structure.mass) * float(best.gravity or np.nan)
-    peaks = {name: float(np.max(getattr(metrics, name))) for name in ("peak_rate", "peak_force", "peak_power")}
-    works = {name: float(getattr(metrics, name)[0]) for name in ("work", "effort")}
-    costs = {f"cost_of_transport_by_{name}": amount / weight / distance for name, amount in works.items()}
-    return {**peaks, **works, **costs}
 
 
 def polish_facts(polished: Polished) -> dict[str, Any]:
@@ -191,8 +143,19 @@ def agreement_facts(agreement: Agreement) -> dict[str, Any]:
     return {**agreement._asdict(), "levels": levels}
 
 
-def draw(result: SearchResult, trust: TrustReport, folder: Path, on_progress: Ticker) -> None:
-    """Figures and an animation."""
+def _ticker(on_progress: Ticker, parts: int) -> Callable[[], None]:
+    """What tells of one part more, whichever thread it was done by."""
+    done, turn = itertools.count(), threading.Lock()
+
+    def tick() -> None:
+        with turn:
+            on_progress("reporting", next(done), parts)
+
+    return tick
+
+
+def draw(result: SearchResult, trust: TrustReport, folder: Path) -> None:
+    """Figures of the search, and of where it got the robot."""
     scene, polished, verdict = result.scene, result.polished, result.verdict
     agreement = result.promoted.agreement
     unit, trajectory = result.problem.fitness.objective.unit, trust.trajectory
@@ -209,15 +172,12 @@ def draw(result: SearchResult, trust: TrustReport, folder: Path, on_progress: Ti
         seen["before polish"] = np.asarray(polished.before.each[0])
     plot.save(plot.robust_figure(seen, unit), folder / "robust.png")
     plot.save(plot.path_figure(scene, trajectory, float(verdict.verified.error_bar[0])), folder / "path.png")
-    gif = folder / "animation.gif"
-    animate(scene, trajectory, gif, on_frame=lambda drawn, frames: on_progress("animating", drawn, frames))
 
 
 def draw_motion(
     scene: Scene, trajectory: Trajectory, motion: Rolling | None, steady: dict[str, Any] | None, folder: Path
 ) -> None:
-    """The gait beside the motion, lengths, forces, of a settled robot for one cycle alone; the motion in 3D, if viser
-    is installed."""
+    """The gait beside the motion, lengths, forces, of a settled robot for one cycle alone."""
     assert scene.gait is not None, "a search finds a gait"
     end, begin = float(trajectory.times[-1]), 0.0
     cycle = steady["period"] * steady["periods"] if steady is not None and steady["settled"] else np.inf
@@ -229,7 +189,6 @@ def draw_motion(
     plot.save(plot.gait_figure(scene.gait, end, motion, begin), folder / "gait.png")
     plot.save(plot.member_figure(scene, shown), folder / "members.png")
     plot.save(plot.force_figure(scene, shown), folder / "forces.png")
-    view.keep_html(scene, trajectory, folder / REPLAY, title="from the start on")
 
 
 def outcome_rows(summary: dict[str, Any]) -> dict[str, str]:

@@ -13,10 +13,10 @@ from jaxgrity.stepping.options import SolverOptions
 from jaxgrity.stepping.stability import default_method, default_step
 from jaxgrity.trust.orbit_error_bars import orbit_error_bars
 from jaxgrity.trust.orbit_symmetry import repetition
-from jaxgrity.trust.orbits import WINDOW, find_orbit, period_of, shortest_watch, stability
+from jaxgrity.trust.orbits import WINDOW, period_of, shortest_watch, stability
 
 Facts = dict[str, Any]
-PARTS = 5
+PARTS = 4
 """of the work, after each of which progress is told"""
 
 
@@ -50,13 +50,11 @@ def steady_facts(
     step = default_step(scene, default_method(scene)) if dt is None else dt
     options, least = SolverOptions(dt=step), shortest_watch(scene.gait)
     watched = float(np.ceil(max(duration, least) / period_of(scene.gait)) * period_of(scene.gait))
-    orbit = find_orbit(scene, watched, options=options)
-    on_progress()
-    _, cycle, bars = orbit_error_bars(scene, max(watched / 3, least), options=options)
+    robust, other = _over_robots(scene, uncertainty, step, seed, on_progress)
+    orbit, cycle, bars = orbit_error_bars(scene, watched, options=options)
     on_progress()
     held = stability(scene, orbit, options=options) if orbit.verified_for else None
     on_progress()
-    robust, other = _over_robots(scene, uncertainty, step, seed, on_progress)
     return {
         **orbit.summary(),
         "speed_error_bar": bars.speed,

@@ -13,7 +13,7 @@ import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
 from jaxgrity.core.errors import InputError
-from jaxgrity.core.types import Failures, FinalPositions, Paths, PerGait, Phases, Scalar, Table, Vectors
+from jaxgrity.core.types import Failures, FinalPositions, Paths, PerGait, Phases, Scalar, Table, Vectors, namespace_of
 from jaxgrity.model.actuation import Gait, Overtone
 from jaxgrity.model.scene import Scene, with_gait
 from jaxgrity.rollout.lanes import most_lanes, roll_out_lanes
@@ -69,7 +69,7 @@ def gaits_of(gait: Gait | None, phase: Phases, amplitude: Table | None = None, f
         raise InputError("phase has no rows; expected at least one gait")
 
     def rows(given, own):
-        return jnp.broadcast_to(own, np.shape(phase)) if given is None else given
+        return namespace_of(phase).broadcast_to(own, np.shape(phase)) if given is None else given
 
     count = len(gait.members)
     for name, given in (("phase", phase), ("amplitude", amplitude), ("frequency", frequency)):
@@ -139,7 +139,7 @@ def simulate_population(
     resolved = resolve(scene, duration, options)
     end = np.asarray(duration, float)
     # NumPy's numbers stay so: the compiled function takes them faster than JAX's
-    cast = lambda x: (jnp if isinstance(x, jax.Array) else np).asarray(x, resolved.dtype)  # noqa: E731
+    cast = lambda x: namespace_of(x).asarray(x, resolved.dtype)  # noqa: E731
     outcomes = roll_out(
         jax.tree.map(cast, scene),
         gaits,

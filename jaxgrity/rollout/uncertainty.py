@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import edge_vectors, length
-from jaxgrity.core.types import AnyArray
+from jaxgrity.core.types import AnyArray, namespace_of
 from jaxgrity.model.actuation import Gait
 from jaxgrity.model.scene import Scene
 
@@ -98,6 +98,10 @@ LESS_THAN = {"phase": np.pi / 2, "slope": np.pi / 2, "terrain": np.inf}
 """the half-widths, all others less than 1"""
 
 
+FEWEST_PAIRS = 64
+"""of robots that are drawn, so that one compiled program serves ensembles of all sizes up to that"""
+
+
 class Uncertainty(eqx.Module):
     """Half-widths: each quantity is uniform within plus and minus so much of what the scene and the gait say.
 
@@ -146,38 +150,65 @@ def ensemble(
     uncertain.
     """
     dtype, (size, actuators) = gaits.phase.dtype, gaits.phase.shape
-    keys = dict(zip(vars(uncertainty), jax.random.split(key, len(vars(uncertainty)))))
     rows = count if common else count * size
+    asked = tuple(name for name, half_width in vars(uncertainty).items() if half_width)
+    between = _uniform(key, asked, actuators, len(scene.structure.nodes), max(FEWEST_PAIRS, -(-rows // 2)), dtype)
+    xp = namespace_of(gaits.phase)
+    precise = float if xp is np else dtype  # NumPy rounds once, at the end
 
-    def draw(name: str, *shape: int):
-        half = jax.random.uniform(keys[name], (-(-rows // 2), *shape), dtype, -1, 1)
-        return getattr(uncertainty, name) * jnp.concatenate([half, -half])[:rows]
+    def draw(name: str):
+        half = np.asarray(getattr(uncertainty, name), dtype) * xp.asarray(between[name], precise)[: -(-rows // 2)]
+        return xp.concatenate([half, -half])[:rows]
 
     def each(drawn):
         """A row of draws for each robot."""
-        return jnp.tile(drawn, (size if common else 1, *[1] * (drawn.ndim - 1)))
+        return xp.tile(drawn, (size if common else 1, *[1] * (drawn.ndim - 1)))
 
-    many = jax.tree.map(lambda x: jnp.repeat(x, count, axis=0) if x.ndim else x, gaits)
+    many = jax.tree.map(lambda x: xp.repeat(x, count, axis=0) if np.ndim(x) else x, gaits)
     if uncertainty.phase:
-        many = eqx.tree_at(lambda g: g.phase, many, many.phase + each(draw("phase", actuators)))
+        many = eqx.tree_at(lambda g: g.phase, many, (many.phase + each(draw("phase"))).astype(dtype))
     if uncertainty.actuation:
-        many = eqx.tree_at(lambda g: g.amplitude, many, many.amplitude * (1 + each(draw("actuation", actuators))))
+        scaled = many.amplitude * each((1 + draw("actuation")).astype(dtype))
+        many = eqx.tree_at(lambda g: g.amplitude, many, scaled)
+    found = _differences(key, scene, {name: draw(name) for name in asked}, dtype)
+    return many, Differences(**{name: each(drawn) for name, drawn in found.items()})
+
+
+def _differences(key, scene: Scene, drawn: dict[str, AnyArray], dtype: np.dtype) -> dict[str, AnyArray]:
+    """What `Differences` have, by the draws of what is uncertain, a row for each robot."""
     found = {}
-    if uncertainty.friction:
+    if "friction" in drawn:
         if scene.friction is None:
             raise InputError("friction is to differ, but the scene has none; expected a scene that models it")
-        found["friction"] = 1 + draw("friction")
-    if uncertainty.cable_stiffness:
-        found["cable_stiffness"] = 1 + draw("cable_stiffness", 1) * np.ones(len(_cables(scene).edges), dtype)
-    if uncertainty.prestress:
-        found["cable_rest_length"] = _slackened(scene, draw("prestress", 1))
-    if uncertainty.node_mass:
-        found["node_mass"] = 1 + draw("node_mass", len(scene.structure.nodes))
-    if uncertainty.slope:
-        found["up"] = _leaning(jax.random.fold_in(keys["slope"], 1), draw("slope"))
-    if uncertainty.terrain:
-        found["terrain"] = _moved_ground(scene, draw("terrain", 2))
-    return many, Differences(**{name: each(drawn) for name, drawn in found.items()})
+        found["friction"] = (1 + drawn["friction"]).astype(dtype)
+    if "cable_stiffness" in drawn:
+        factors = (1 + drawn["cable_stiffness"]).astype(dtype)
+        found["cable_stiffness"] = factors.repeat(len(_cables(scene).edges), axis=1)
+    if "prestress" in drawn:
+        found["cable_rest_length"] = _slackened(scene, drawn["prestress"].astype(dtype))
+    if "node_mass" in drawn:
+        found["node_mass"] = (1 + drawn["node_mass"]).astype(dtype)
+    if "slope" in drawn:
+        found["up"] = _leaning(jax.random.fold_in(_keys(key)["slope"], 1), drawn["slope"].astype(dtype))
+    if "terrain" in drawn:
+        found["terrain"] = _moved_ground(scene, drawn["terrain"].astype(dtype))
+    return found
+
+
+def _keys(key) -> dict[str, AnyArray]:
+    """One for each of the quantities that may be uncertain, by their names."""
+    return dict(zip(vars(Uncertainty()), jax.random.split(key, len(vars(Uncertainty())))))
+
+
+@eqx.filter_jit
+def _uniform(
+    key, asked: tuple[str, ...], actuators: int, nodes: int, pairs: int, dtype: np.dtype
+) -> dict[str, Float[AnyArray, "pairs ..."]]:
+    """Uniform numbers between -1 and 1, for each pair of robots, of the quantities that are asked for."""
+    numbers: dict[str, tuple[int, ...]] = {"phase": (actuators,), "actuation": (actuators,), "node_mass": (nodes,)}
+    numbers |= {"cable_stiffness": (1,), "prestress": (1,), "friction": (), "slope": (), "terrain": (2,)}
+    keys = _keys(key)
+    return {name: jax.random.uniform(keys[name], (pairs, *numbers[name]), dtype, -1, 1) for name in asked}
 
 
 def _slackened(scene: Scene, share: AnyArray) -> AnyArray:

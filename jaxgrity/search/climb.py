@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable
 from typing import NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -74,7 +75,6 @@ def climb(
     costs = [cost_of_gradient(config, fitness, kind, reach / duration) for reach in ahead]
     count = int(rollouts / np.mean(costs))
     optimiser = _optimiser(config, count)
-    # NumPy: on all devices, as a step leaves it, x would have the next one compiled again
     first = x = np.asarray(genes, task.options.dtype)
     state, path, spent = jax.vmap(optimiser.init)(x), [], 0.0
     found: list[list[ClimbStep]] = [[] for _ in routes]
@@ -84,7 +84,9 @@ def climb(
         now = task._replace(width=widths[number])
         gradient, share = _gradients(jax.random.fold_in(key, number), x, now, kind, ahead[half], config)
         spent += costs[half]
-        x, state = _moved(optimiser, genome, gradient, x, state)
+        moved, state = _moved(optimiser, genome, gradient, x, state)
+        # NumPy: on all devices, as a step leaves it, x would have the next one compiled again
+        x = np.asarray(moved)
         path.append(x)
         norms = np.linalg.norm(gradient.mean, axis=1)
         for steps, norm, weight, value in zip(found, norms, share, np.asarray(gradient.value)):
@@ -97,7 +99,8 @@ def climb(
     return [Climb(end, tuple(steps), int(spent)) for end, steps in zip(ends, found)]
 
 
-def _moved(optimiser: optax.GradientTransformation, genome: Genome, gradient: Gradient, x: np.ndarray, state):
+@eqx.filter_jit
+def _moved(optimiser: optax.GradientTransformation, genome: Genome, gradient: Gradient, x: AnyArray, state):
     """Every row of genes one step on; those without a gradient stay as they are."""
     update, after = jax.vmap(optimiser.update)(gradient.mean / jnp.reshape(gradient.scale, (-1, 1)), state)
     moves = jnp.any(gradient.mean != 0, axis=1)
@@ -106,7 +109,7 @@ def _moved(optimiser: optax.GradientTransformation, genome: Genome, gradient: Gr
         return jnp.where(moves.reshape(-1, *[1] * (jnp.ndim(new) - 1)), new, old)
 
     # angles go on beyond a turn, so that their mean is one
-    return np.asarray(kept(genome.bounded(x + update), x)), jax.tree.map(kept, after, state)
+    return kept(genome.bounded(x + update), x), jax.tree.map(kept, after, state)
 
 
 def one_period(gait: Gait) -> float:

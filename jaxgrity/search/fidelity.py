@@ -1,6 +1,7 @@
 """From thousands of rough rollouts to a few exact ones: where gaits are searched, and how the best are verified."""
 
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple
 
 import jax
@@ -182,29 +183,34 @@ def final_verdict(
     are done, and how many there are.
     """
     scene, gaits = problem.scene, as_population(gait)
-    on_progress(0, 4)
-    verified = verify(scene, gaits, problem.duration, options=SolverOptions(dt=2 * dt))
-    if not verified.error_bar[0] <= PRECISION * verified.distance[0]:
-        verified = verify(scene, gaits, problem.duration, options=SolverOptions(dt=dt))
-    on_progress(1, 4)
     some = problem._replace(fitness=with_robots(problem.fitness, min(robots, ROUND)))
+
+    def verified_at(step: float) -> Verified:
+        return verify(scene, gaits, problem.duration, options=SolverOptions(dt=step))
 
     def judged(step: float, number: int = 0) -> Scores:
         return judge_at(FidelityLevel("", scene, step, "float32"), gaits, some, seed + number)
 
-    fine, coarse = judged(dt), judged(2 * dt)
-    step_error = abs(float(fine.mean[0] - coarse.mean[0]))
-    step, first = (2 * dt, coarse) if step_error <= PRECISION * abs(float(fine.mean[0])) else (dt, fine)
-    on_progress(2, 4)
-    robust = judge_until(
-        lambda number: judged(step, number) if number else first,
-        with_robots(problem.fitness, robots).rollouts,
-        problem.fitness.caution,
-        lambda each: standard_error(each[0]) <= PRECISION * abs(float(each.mean())),
-    )
-    on_progress(3, 4)
-    other = contact_twin(scene)
-    level = FidelityLevel("", other, default_step(other, default_method(other)), "float32")
-    seen = judge_at(level, gaits, some, seed)
+    on_progress(0, 4)
+    with ThreadPoolExecutor() as beside:  # one robot rolls on one core
+        verifying = beside.submit(verified_at, 2 * dt)
+        fine, coarse = judged(dt), judged(2 * dt)
+        step_error = abs(float(fine.mean[0] - coarse.mean[0]))
+        step, first = (2 * dt, coarse) if step_error <= PRECISION * abs(float(fine.mean[0])) else (dt, fine)
+        on_progress(1, 4)
+        robust = judge_until(
+            lambda number: judged(step, number) if number else first,
+            with_robots(problem.fitness, robots).rollouts,
+            problem.fitness.caution,
+            lambda each: standard_error(each[0]) <= PRECISION * abs(float(each.mean())),
+        )
+        on_progress(2, 4)
+        other = contact_twin(scene)
+        level = FidelityLevel("", other, default_step(other, default_method(other)), "float32")
+        seen = judge_at(level, gaits, some, seed)
+        on_progress(3, 4)
+        verified = verifying.result()
+    if not verified.error_bar[0] <= PRECISION * verified.distance[0]:
+        verified = verified_at(dt)
     on_progress(4, 4)
     return Verdict(verified, robust, step, step_error, seen)

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxgrity.core.errors import InputError
-from jaxgrity.core.types import AnyArray
+from jaxgrity.core.types import AnyArray, namespace_of
 from jaxgrity.model.actuation import Gait, Overtone, peak_rates
 from jaxgrity.model.waves import Wave
 from jaxgrity.rollout.population import gaits_of
@@ -90,28 +90,32 @@ class Genome(eqx.Module):
     def split(self, genes: Genes) -> dict[str, AnyArray]:
         """The genes of each quantity."""
         ends = np.cumsum(list(self.blocks.values()))
-        return dict(zip(self.blocks, jnp.split(jnp.asarray(genes), ends[:-1], axis=-1)))
+        return dict(zip(self.blocks, namespace_of(genes).split(genes, ends[:-1], axis=-1)))
 
     def gaits(self, gait: Gait | None, genes: Genes) -> Gait:
-        """The population of gaits that `genes` stand for, around the scene's own `gait`."""
+        """The population of gaits that `genes` stand for, around the scene's own `gait`.
+
+        Of NumPy's arrays it is one of NumPy's.
+        """
+        xp = namespace_of(genes)
         parts = self._of_actuators(self.split(genes))
         amplitude = frequency = None
         if self.amplitude:
             amplitude = _between(self.amplitude, parts["amplitude"])
         if self.frequency:
-            frequency = jnp.broadcast_to(_between(self.frequency, parts["frequency"]), parts["phase"].shape)
-        gaits = gaits_of(gait, 2 * jnp.pi * parts["phase"], amplitude, frequency)
+            frequency = xp.broadcast_to(_between(self.frequency, parts["frequency"]), parts["phase"].shape)
+        gaits = gaits_of(gait, 2 * np.pi * parts["phase"], amplitude, frequency)
         if self.overtones:
             extra = tuple(
-                Overtone(parts[f"size {h}"] / 2, 2 * jnp.pi * parts[f"phase {h}"]) for h in range(2, 2 + self.overtones)
+                Overtone(parts[f"size {h}"] / 2, 2 * np.pi * parts[f"phase {h}"]) for h in range(2, 2 + self.overtones)
             )
             gaits = eqx.tree_at(lambda g: g.overtones, gaits, extra, is_leaf=lambda x: isinstance(x, tuple))
         if self.active is not None:
-            place = jnp.argsort(jnp.argsort(-parts["rank"], axis=-1), axis=-1)
-            gaits = eqx.tree_at(lambda g: g.amplitude, gaits, jnp.where(place < self.active, gaits.amplitude, 0))
+            place = xp.argsort(xp.argsort(-parts["rank"], axis=-1), axis=-1)
+            gaits = eqx.tree_at(lambda g: g.amplitude, gaits, xp.where(place < self.active, gaits.amplitude, 0))
         if self.quickest:
-            most = jnp.array(self.quickest, gaits.phase.dtype)
-            beyond = jnp.maximum(1, peak_rates(gaits, jnp.ones_like(most)) / most)
+            most = xp.array(self.quickest, gaits.phase.dtype)
+            beyond = xp.maximum(1, peak_rates(gaits, xp.ones_like(most)) / most)
             gaits = eqx.tree_at(lambda g: g.amplitude, gaits, gaits.amplitude / beyond)
         return gaits
 
@@ -142,13 +146,13 @@ class Genome(eqx.Module):
 
     def _which(self, gene: AnyArray) -> AnyArray:
         """The number of the wave that a gene stands for."""
-        return jnp.clip((gene * len(self.waves)).astype(int), 0, len(self.waves) - 1)
+        return (gene * len(self.waves)).astype(int).clip(0, len(self.waves) - 1)
 
     def _of_actuators(self, parts: dict[str, AnyArray]) -> dict[str, AnyArray]:
         """Genes for each actuator, where there is one for each group; its phase is shifted as its wave says."""
         if not self.waves:
             return parts
-        shifts = jnp.array([wave.shifts for wave in self.waves], parts["phase"].dtype)
+        shifts = namespace_of(parts["phase"]).array([wave.shifts for wave in self.waves], parts["phase"].dtype)
         groups = np.array(self.waves[0].groups)
         which = self._which(parts["wave"][..., 0]) if len(shifts) > 1 else 0
         found = {name: part[..., groups] if part.shape[-1] == self.groups else part for name, part in parts.items()}

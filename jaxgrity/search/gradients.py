@@ -133,7 +133,7 @@ def smoothed_gradients(
     e = jax.random.normal(drawn, (starts, samples // 2, size), genes.dtype)
     scene, genome, _, fitness, _ = task.problem
     perturbed = genome.bounded(genes[:, None] + task.width * jnp.concatenate([e, -e], axis=1))
-    gaits = genome.gaits(scene.gait, perturbed.reshape(-1, size))
+    gaits = genome.gaits(scene.gait, np.asarray(perturbed).reshape(-1, size))
     scores = judge(disturbed, task.models, gaits, ahead, with_robots(fitness, robots))
     return _estimates(scores.fitness.reshape(starts, samples), e, task.width)
 

@@ -12,6 +12,7 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, PerGait, Scalar
 from jaxgrity.model.actuation import Gait, actuated_lengths, peak_rates
 from jaxgrity.model.scene import Scene
+from jaxgrity.rollout.lanes import most_lanes
 from jaxgrity.rollout.population import Outcomes, roll_out
 from jaxgrity.rollout.uncertainty import Uncertainty, ensemble
 from jaxgrity.search.models import Model
@@ -107,20 +108,25 @@ def ensembles_rolled_out(
 ) -> tuple[Gait, Outcomes]:
     """The rollouts of every gait's robots, those of the first gait first, and the gait of each.
 
-    There are `shared_size` of them: the last one is repeated.
+    There are a whole number of `call_size` of them: the last one is repeated. Every call has that size, so that one
+    compiled program serves all stages of a search.
     """
     (scene, options), count = model, fitness.rollouts
     dtype, rows = options.dtype, len(gaits.phase) * count
     gaits, differences = jax.tree.map(lambda x: np.asarray(x, dtype), gaits), None
     if not fitness.uncertainty.none:
-        gaits, differences = _ensemble(key, scene, gaits, fitness.uncertainty, count)
-    filled = np.minimum(np.arange(shared_size(rows)), rows - 1)
-    gaits, differences = jax.tree.map(lambda x: np.asarray(x)[filled] if np.ndim(x) else x, (gaits, differences))
-    end = np.asarray(duration, float)
-    return gaits, roll_out(scene, gaits, end, options, differences, with_metrics=with_metrics, parts=parts)
+        gaits, differences = ensemble(key, scene, gaits, fitness.uncertainty, count)
+    size, end = call_size(rows, model), np.asarray(duration, float)
 
+    def some(numbers):
+        return jax.tree.map(lambda x: np.asarray(x)[numbers] if np.ndim(x) else x, (gaits, differences))
 
-_ensemble = eqx.filter_jit(ensemble)
+    filled = np.minimum(np.arange(-(-rows // size) * size), rows - 1)
+    calls = [
+        roll_out(scene, robots, end, options, differ, with_metrics=with_metrics, parts=parts)
+        for robots, differ in map(some, filled.reshape(-1, size))
+    ]
+    return some(filled)[0], jax.tree.map(lambda *found: np.concatenate(found), *calls)
 
 
 @eqx.filter_jit
@@ -128,13 +134,11 @@ def _worth(fitness: Fitness, scene: Scene, gaits: Gait, outcomes: Outcomes, dura
     return fitness.worth(scene, gaits, outcomes, duration)
 
 
-def shared_size(rows: int) -> int:
-    """How many rollouts a call has that is asked for so many: a power of two, at least `SMALLEST`.
-
-    The last of them is repeated. Up to about a hundred they take hardly longer than few, and a program that stages of a
-    search share need not be compiled for each of them.
-    """
-    return max(SMALLEST, 1 << (rows - 1).bit_length())
+def call_size(rows: int, model: Model) -> int:
+    """How many rollouts a call has, of so many that are asked for: as many as the cores integrate side by side, or a
+    smaller power of two, at least `SMALLEST`, which take hardly longer than few."""
+    most = jax.device_count() * most_lanes(model.scene, model.options)
+    return max(SMALLEST, min(most, 1 << (rows - 1).bit_length()))
 
 
 def scored(each: Float[np.ndarray, "population robots"], caution: float) -> Scores:

@@ -19,7 +19,6 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
@@ -252,7 +251,7 @@ def _before_and_after(
 
 def _judge_genes(key, problem: SearchProblem, genes, models: tuple[Model, ...], robots: int) -> Scores:
     """`judge`, of a gait for each row of genes, by ensembles of another size."""
-    gaits = problem.genome.gaits(problem.scene.gait, jnp.asarray(genes, models[0].options.dtype))
+    gaits = problem.genome.gaits(problem.scene.gait, np.asarray(genes, models[0].options.dtype))
     return judge(key, models, gaits, problem.duration, with_robots(problem.fitness, robots))
 
 

@@ -2,6 +2,7 @@
 
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import numpy as np
 from jaxtyping import Float
@@ -85,6 +86,9 @@ def robot_motions(
     )
     outcomes = jax.tree.map(lambda x: x[: fitness.rollouts], outcomes)
     held, size = np.asarray(outcomes.failure) == 0, float(body_length(scene))
-    speed, bend = (np.asarray(each, float) for each in path_bend(scene, outcomes, np.asarray(duration)))
+    speed, bend = (np.asarray(each, float) for each in _path_bend(scene, outcomes, np.asarray(duration)))
     velocity = np.nan_to_num(np.asarray(steady_velocity(outcomes, np.asarray(duration)), float))
     return RobotMotions(np.where(held, size * speed, 0.0), velocity, np.where(held, bend, np.nan))
+
+
+_path_bend = eqx.filter_jit(path_bend)

@@ -16,6 +16,10 @@ from jaxgrity.model.scene import Scene, as_dtype
 from jaxgrity.stepping.integrate import failure_code, integrate, state_failure
 from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
 
+ROOM = 2**16
+"""nodes in all saved frames, up to which motions of a scene share one compiled program: the last frame is saved again
+until there are so many"""
+
 
 class Trajectory(eqx.Module):
     """A motion: where every node was at each saved time, how it was computed, and whether it can be believed."""
@@ -120,8 +124,13 @@ def simulate(
     times = frame_times(duration, frame_rate)
     q = scene.structure.nodes if positions is None else positions
     v = np.zeros(q.shape) if velocities is None else velocities
-    trajectory = _simulate(as_dtype(scene, resolved.dtype), (q, v), times, resolved.as_inputs())
-    return replace(trajectory, dt=resolved.dt, scene=scene)  # type: ignore[arg-type]
+    frames = len(times)
+    padded = np.pad(times, (0, max(0, ROOM // len(q) - frames)), mode="edge")
+    trajectory = _simulate(as_dtype(scene, resolved.dtype), (q, v), padded, resolved.as_inputs())
+    # sliced by NumPy, which compiles nothing for it
+    names = ("times", "positions", "velocities")
+    saved = {name: jnp.asarray(np.asarray(getattr(trajectory, name))[:frames]) for name in names}
+    return replace(trajectory, **saved, dt=resolved.dt, scene=scene)  # type: ignore[arg-type]
 
 
 @eqx.filter_jit

@@ -184,7 +184,7 @@ def _strut_strain(scene: Scene, trajectory: Trajectory) -> float:
         return 0.0
     times, dt = np.asarray(trajectory.times, float), trajectory.dt
     ends = np.abs(times / dt - np.round(times / dt)) < 1e-3 if dt is not None else np.ones(len(times), bool)
-    wanted = np.asarray(jax.vmap(lambda t: rest_length(struts, scene.gait, t, 0))(times[ends]))
+    wanted = np.asarray(jax.jit(jax.vmap(lambda t: rest_length(struts, scene.gait, t, 0)))(times[ends]))
     i, j = np.array(struts.edges).T
     positions = np.asarray(trajectory.positions, float)[ends]
     lengths = np.linalg.norm(positions[:, i] - positions[:, j], axis=-1)

@@ -1,0 +1,73 @@
+"""What is measured of the gait that a search found, for its report."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from jaxgrity.model.actuation import Gait
+from jaxgrity.model.scene import Scene
+from jaxgrity.model.symmetry import Symmetry, image, standing_symmetries
+from jaxgrity.report.steady import steady_facts
+from jaxgrity.rollout.population import as_population, simulate_population
+from jaxgrity.rollout.uncertainty import Differences
+from jaxgrity.search.pipeline import UNSEEN, SearchResult
+from jaxgrity.stepping.options import SolverOptions
+from jaxgrity.stepping.stability import default_method, default_step
+from jaxgrity.trust.error_bars import verify
+
+WATCHED = 7.5
+"""times the search's duration, for which a gait that is to last is watched"""
+
+
+def gait_measured(
+    result: SearchResult, fine: SolverOptions, tick: Callable[[], None]
+) -> tuple[dict[str, Any] | None, list[dict[str, float]], dict[str, Any]]:
+    """How the gait lasts, by robots that differ as in the search; its directions, and what it asks of actuators."""
+    scene, problem, steady = result.scene, result.problem, None
+    duration = float(problem.duration)
+    if problem.fitness.objective.steady:
+        # the last level has half of the step that was asked for, which this gait may not allow
+        step = min(2 * result.levels[-1].dt, default_step(scene, default_method(scene)))
+        uncertain = problem.fitness.uncertainty
+        steady = steady_facts(scene, uncertain, duration=WATCHED * duration, dt=step, seed=UNSEEN, on_progress=tick)
+    found = directions(scene, fine, duration)
+    tick()
+    asked = actuators(scene, fine, duration)
+    tick()
+    return steady, found, asked
+
+
+def directions(best: Scene, options: SolverOptions, duration: float) -> list[dict[str, float]]:
+    """Where the gait's images under the robot's symmetry lead from the same pose, verified one by one."""
+    gait = best.gait
+    assert gait is not None, "a search finds a gait"
+    images = [image(gait, symmetry) for symmetry in standing_symmetries(best) if maps_members(gait, symmetry)]
+    found = []
+    for each in images:
+        verified = verify(best, as_population(each), duration, options=options)
+        x, y, _ = (verified.com_end - verified.com_start)[0]
+        facts = {"heading": np.arctan2(y, x), "distance": verified.distance[0], "error_bar": verified.error_bar[0]}
+        found.append({name: float(value) for name, value in facts.items()})
+    return found
+
+
+def maps_members(gait: Gait, symmetry: Symmetry) -> bool:
+    """Whether the image of the gait actuates the members that the gait does."""
+    return {symmetry.members[k] for k in gait.members} == set(gait.members)
+
+
+def actuators(best: Scene, options: SolverOptions, duration: float) -> dict[str, Any]:
+    """What the gait asks of its actuators."""
+    assert best.gait is not None, "a search finds a gait"
+    # from rest, said so that `orbit_cycle` shares the compiled program
+    start = Differences(velocities=np.zeros((1, *best.structure.nodes.shape)))
+    gaits = as_population(best.gait)
+    outcomes = simulate_population(best, gaits, duration, options=options, differences=start, with_metrics=True)
+    metrics, distance = outcomes.metrics, float(outcomes.distance()[0])
+    assert metrics is not None, "they were asked for"
+    weight = float(best.structure.mass) * float(best.gravity or np.nan)
+    peaks = {name: float(np.max(getattr(metrics, name))) for name in ("peak_rate", "peak_force", "peak_power")}
+    works = {name: float(getattr(metrics, name)[0]) for name in ("work", "effort")}
+    costs = {f"cost_of_transport_by_{name}": amount / weight / distance for name, amount in works.items()}
+    return {**peaks, **works, **costs}
