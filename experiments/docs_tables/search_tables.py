@@ -66,11 +66,13 @@ def lasting_baselines_facts(raw: Facts) -> Facts:
     rows = []
     for freedom, method in dict.fromkeys((row["freedom"], row["method"]) for row in raw["rows"]):
         mine = [row for row in raw["rows"] if (row["freedom"], row["method"]) == (freedom, method)]
-        own = [row["own"] for row in mine]
-        quartiles = [float(x) for x in np.quantile(own, (0.25, 0.75))]
-        other = float(np.median([row["other"] for row in mine]))
-        about = {"freedom": freedom, "method": method, "seeds": len(mine)}
-        rows.append({**about, "median": float(np.median(own)), "quartiles": quartiles, "other": other})
+        # none where a robot failed
+        own, other = ([row[name] for row in mine if row[name] is not None] for name in ("own", "other"))
+        kept = [row["kept"] for row in mine if row["kept"] is not None]
+        about = {"freedom": freedom, "method": method, "seeds": len(mine), "stood": len(own)}
+        low, median, high = (float(x) for x in np.quantile(own, (0.25, 0.5, 0.75)))
+        found = {"median": median, "quartiles": [low, high], "other": float(np.median(other))}
+        rows.append({**about, **found, "kept": sum(kept) if kept else None})
     return {name: raw[name] for name in ("command", "cores", "gaits", "duration", "polish")} | {"rows": rows}
 
 
@@ -79,20 +81,22 @@ def lasting_baselines_table(facts: Facts) -> str:
         [
             row["method"],
             {"waves": "waves", "free": "any"}[row["freedom"]],
-            f"{row['seeds']}",
+            f"{row['stood']} of {row['seeds']}",
             f"{row['median']:.3f}",
             f"{row['quartiles'][0]:.3f} to {row['quartiles'][1]:.3f}",
             f"{row['other']:.3f}",
+            "" if row["kept"] is None else f"{row['kept']} of {row['seeds']}",
         ]
         for row in facts["rows"]
     ]
     head = [
         "search",
         "gaits",
-        "seeds",
+        "seeds, no robot failed",
         "steady speed, body lengths/s: median",
         "quartiles",
         "on the other model: median",
+        "polish kept",
     ]
     about = [str(facts["gaits"]), f"{facts['duration']:g} s", str(facts["polish"])]
     settings = table(["gaits that each search tries", "duration", "rollouts for polish"], [about])

@@ -133,6 +133,7 @@ SOURCES: dict[str, Source] = {
     "lasting_baselines": one_block(
         "lasting_baselines", SEARCH, search.lasting_baselines_facts, search.lasting_baselines_table
     ),
+    "library_gaits": one_block("library_gaits", SEARCH, library.library_gaits_facts, library.library_gaits_table),
     "orbits": one_block("orbits", GAITS, gaits.orbits_facts, gaits.orbits_table),
     "continuation": one_block("continuation", GAITS, orbit_tables.continuation_facts, orbit_tables.continuation_table),
     "repertoire": one_block("repertoire", GAITS, orbit_tables.repertoire_facts, orbit_tables.repertoire_table),

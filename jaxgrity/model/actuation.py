@@ -6,7 +6,7 @@ import numpy as np
 
 from jaxgrity.core.display import of_report
 from jaxgrity.core.primitives import place_rows, take_rows
-from jaxgrity.core.types import PerActuator, PerMember, Scalar, as_float
+from jaxgrity.core.types import PerActuator, PerMember, Scalar, as_float, namespace_of
 from jaxgrity.model.motors import wound
 from jaxgrity.model.structure import Members, Structure
 
@@ -115,20 +115,23 @@ def rest_length(members: Members, gait: Actuation | None, t: Scalar, first: int)
     return own * (1 - shortened)
 
 
-def peak_rates(gait: Gait, rest_lengths: PerMember, samples: int = 64) -> PerActuator:
+def peak_rates(gait: Gait, rest_lengths: PerMember, samples: int = 96) -> PerActuator:
     """The largest |dL/dt| of every actuated member over a period, m/s, once the ramp is over; of a population too.
 
     L0 delta/2 2 pi f max |s'|, s' being the wave's derivative in its angle: 1 for a single sine, and with overtones the
-    largest of so many `samples`. `rest_lengths` are L0, m, (actuators,).
+    largest of so many `samples`, which waves whose members follow each other by halves, thirds or quarters of a period
+    all meet. `rest_lengths` are L0, m, (actuators,).
     """
     steepest: PerActuator | float = 1.0
     if gait.overtones:
-        angles = jnp.linspace(0, 2 * jnp.pi, samples, endpoint=False).reshape(-1, *[1] * jnp.ndim(gait.phase))
-        slope = jnp.cos(angles + gait.phase)
+        xp = namespace_of(gait.phase)
+        angles = np.linspace(0, 2 * np.pi, samples, endpoint=False).reshape(-1, *[1] * np.ndim(gait.phase))
+        angles = angles.astype(gait.phase.dtype)
+        slope = xp.cos(angles + gait.phase)
         for h, overtone in enumerate(gait.overtones, start=2):
-            slope = slope + h * overtone.size * jnp.cos(h * angles + overtone.phase)
-        steepest = jnp.abs(slope).max(0) / (1 + sum(overtone.size for overtone in gait.overtones))
-    return rest_lengths * gait.amplitude * jnp.pi * gait.frequency * steepest
+            slope = slope + h * overtone.size * xp.cos(h * angles + overtone.phase)
+        steepest = abs(slope).max(0) / (1 + sum(overtone.size for overtone in gait.overtones))
+    return rest_lengths * gait.amplitude * np.pi * gait.frequency * steepest
 
 
 def actuated_lengths(structure: Structure, members: tuple[int, ...]) -> PerMember:

@@ -27,7 +27,7 @@ BLOCKS = {
     "docs/performance.md": 3,
     "docs/scaling.md": 2,
     "docs/identification.md": 4,
-    "docs/search.md": 7,
+    "docs/search.md": 8,
     "docs/validation.md": 4,
 }
 

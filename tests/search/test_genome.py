@@ -253,6 +253,18 @@ def test_actuators_of_a_wave_follow_each_other(seed):
     np.testing.assert_allclose(gait.overtones[0].size, genes[[8, 8, 9, 9]] / 2)
 
 
+@given(seeds)
+def test_a_wave_that_is_scaled_down_stays_one(seed):
+    """Actuators that follow each other by thirds of a period keep one amplitude; none is quicker than it may."""
+    wave = Wave((0, 0, 0, 1, 1, 1), (0.0, 1 / 3, 2 / 3, 0.5, 5 / 6, 1 / 6))
+    genome = Genome(6, (0.1, 0.6), (0.5, 3.0), overtones=1, waves=(wave,), quickest=(0.8,) * 6)
+    own = Gait(tuple(range(6)), np.zeros(6), np.full(6, 0.2), np.full(6, 0.5), start=0.0, ramp=1e-3)
+    gaits = genome.gaits(own, np.random.default_rng(seed).uniform(size=(8, genome.size)))
+    amplitudes = np.asarray(gaits.amplitude).reshape(8, 2, 3)
+    np.testing.assert_allclose(amplitudes, np.broadcast_to(amplitudes[..., :1], (8, 2, 3)), rtol=1e-12)
+    assert np.asarray(peak_rates(gaits, np.ones(6))).max() <= 0.8 * (1 + 1e-12)
+
+
 def test_one_wave_needs_no_gene_to_say_which():
     """And waves that do not fit the actuators, or each other, are refused."""
     wave = Wave((0, 0, 0), (0.0, 1 / 3, 2 / 3))
