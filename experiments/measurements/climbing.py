@@ -83,9 +83,9 @@ def figure(rows: list[dict[str, Any]], friction: list[float]) -> Figure:
         for k, mu in enumerate(friction):
             axes.plot([row["slope"] for row in rows], speeds[:, k], "o-", label=f"friction {mu:.2g}")
         axes.axhline(0, color="black", linewidth=0.8)
-        axes.set(title=title, xlabel="slope (degrees)", ylim=(-0.3, 0.35))
+        axes.set(title=title, xlabel="slope (degrees)")
     panes[0].set_ylabel("speed uphill (m/s)")
-    panes[0].legend(loc="lower left")
+    panes[0].legend(loc="lower left", fontsize="small")
     return chart
 
 
