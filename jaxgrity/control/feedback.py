@@ -3,13 +3,13 @@
 from dataclasses import replace
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 
 from jaxgrity.control.policies import Memory, Policy, check_gait
 from jaxgrity.control.sensors import Observation
 from jaxgrity.core.errors import InputError
+from jaxgrity.core.tracing import traced
 from jaxgrity.core.types import AnyArray, PerActuator, Scalar, as_float
 from jaxgrity.model.actuation import Gait, contraction
 
@@ -58,7 +58,7 @@ class PhaseLocked(Policy):
             own = getattr(self, name)
             if np.shape(own)[:2] != (2, 2):
                 raise InputError(f"{name} has shape {np.shape(own)}; expected (2, 2), a_h and b_h in each row")
-            if not isinstance(own, jax.core.Tracer) and not np.isfinite(own).all():
+            if not traced(own) and not np.isfinite(own).all():
                 raise InputError(f"{name} = {np.asarray(own).tolist()}: expected finite numbers")
 
     def first(self) -> Memory:

@@ -2,13 +2,13 @@
 take each other's place."""
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 
 from jaxgrity.control.policies import Memory, Policy
 from jaxgrity.control.sensors import Observation
 from jaxgrity.core.errors import InputError
+from jaxgrity.core.tracing import traced
 from jaxgrity.core.types import AnyArray, PerActuator, Scalar, as_float, as_float_or_none
 from jaxgrity.model.structure import Structure
 
@@ -41,11 +41,11 @@ class Steered(Policy):
     """s, over which the direction of travel is averaged"""
 
     def __check_init__(self):
-        if not isinstance(self.bend, jax.core.Tracer) and not np.all(np.abs(np.asarray(self.bend)) <= 1):
+        if not traced(self.bend) and not np.all(np.abs(np.asarray(self.bend)) <= 1):
             raise InputError(f"bend = {np.asarray(self.bend).tolist()}: expected numbers between -1 and 1")
         if self.goal is not None and np.shape(self.goal)[:1] != (2,):
             raise InputError(f"goal has the shape {np.shape(self.goal)}: expected (2,), a place (x, y), m")
-        if self.goal is not None and not isinstance(self.goal, jax.core.Tracer) and not np.isfinite(self.goal).all():
+        if self.goal is not None and not traced(self.goal) and not np.isfinite(self.goal).all():
             raise InputError(f"goal = {np.asarray(self.goal).tolist()}: expected finite numbers, m")
         if np.ndim(self.offsets) < 2 or np.shape(self.offsets)[0] != len(self.members):
             expected = f"({len(self.members)}, struts), of `centre_offsets`"

@@ -7,6 +7,8 @@ from typing import Any, NamedTuple, ParamSpec, TypeVar
 import jax
 import numpy as np
 
+from jaxgrity.core.tracing import traced
+
 P = ParamSpec("P")
 R = TypeVar("R")
 
@@ -45,9 +47,9 @@ def remembered(size: int) -> Callable[[Callable[P, R]], Callable[P, R]]:
 
 def _contents(tree: Any) -> Hashable | None:
     """What is in a tree, arrays by their numbers; None where it is being traced."""
-    leaves, kind = jax.tree.flatten(tree)
-    if any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
+    if traced(tree):
         return None
+    leaves, kind = jax.tree.flatten(tree)
     return kind, tuple(map(_content, leaves))
 
 

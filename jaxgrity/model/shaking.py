@@ -9,6 +9,7 @@ import numpy as np
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import place_rows
+from jaxgrity.core.tracing import traced
 from jaxgrity.core.types import Displacement, NodeVectors, Scalar, as_float
 from jaxgrity.model.inertia import held
 from jaxgrity.model.structure import Structure
@@ -28,7 +29,7 @@ class SupportMotion(eqx.Module):
         """Raises `InputError` where the structure has no supports, or the motion does not begin at rest."""
         if not structure.fixed:
             raise InputError("shaking moves supports, and nothing is fixed; expected a structure with supports")
-        if any(isinstance(x, jax.core.Tracer) for x in jax.tree.leaves(self)):
+        if traced(self):
             return
         with jax.enable_x64(True), jax.ensure_compile_time_eval():
             start, speed = jax.jvp(self.displacement, (jnp.zeros(()),), (jnp.ones(()),))

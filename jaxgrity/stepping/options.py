@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any
 
 import equinox as eqx
 import jax
@@ -11,6 +10,7 @@ import numpy as np
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.remembered import remembered
+from jaxgrity.core.tracing import traced
 from jaxgrity.core.types import NodeVectors, Scalar
 from jaxgrity.model.scene import Scene
 from jaxgrity.stepping.blocks import disjoint_groups
@@ -120,8 +120,8 @@ def _resolved(
     scene: Scene, options: Options, dtype: str | None, positions: NodeVectors | None, x64: bool
 ) -> ResolvedOptions:
     """`resolve` without the duration, on which nothing else depends; `x64` is whether float64 is switched on."""
-    concrete = not _traced(scene)
-    if concrete and not _traced(positions):
+    concrete = not traced(scene)
+    if concrete and not traced(positions):
         _check_start(scene, scene.structure.nodes if positions is None else positions)
     if isinstance(options, ResolvedOptions):
         _check_method(scene, options.method)
@@ -148,11 +148,6 @@ def _check_positive(values: dict[str, float | None]) -> None:
     for name, value in values.items():
         if value is not None and not (value > 0 and math.isfinite(value)):
             raise InputError(f"{name} = {value}: expected a positive, finite number")
-
-
-def _traced(tree: Any) -> bool:
-    """Whether any number of it is a tracer, whose value is not known."""
-    return any(isinstance(x, jax.core.Tracer) for x in jax.tree.leaves(tree))
 
 
 def _dtype(given: str | None, x64: bool) -> str:

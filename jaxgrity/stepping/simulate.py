@@ -11,6 +11,7 @@ import numpy as np
 
 from jaxgrity.core.display import of_report
 from jaxgrity.core.errors import InputError
+from jaxgrity.core.tracing import traced
 from jaxgrity.core.types import NodeHistory, NodeVectors, State, Times
 from jaxgrity.model.scene import Scene, as_dtype
 from jaxgrity.stepping.integrate import failure_code, integrate, state_failure
@@ -18,7 +19,7 @@ from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
 
 ROOM = 2**16
 """nodes in all saved frames, up to which motions of a scene share one compiled program: the last frame is saved again
-until there are so many"""
+until there are so many, but for motions that are differentiated"""
 
 
 class Trajectory(eqx.Module):
@@ -117,20 +118,22 @@ def simulate(
         expected = np.shape(scene.structure.nodes)
         if given is not None and np.shape(given) != expected:
             raise InputError(f"{name} has shape {np.shape(given)}; expected {expected}, a row for each node")
-    if velocities is not None and np.any(np.asarray(velocities)[~scene.structure.free]):
-        node = int(np.argmax(np.any((np.asarray(velocities) != 0) & ~scene.structure.free, axis=1)))
+    held = ~scene.structure.free
+    if velocities is not None and not traced(velocities) and np.any(np.asarray(velocities)[held]):
+        node = int(np.argmax(np.any((np.asarray(velocities) != 0) & held, axis=1)))
         raise InputError(f"velocities[{node}] = {np.asarray(velocities)[node]}: expected 0 where the node is fixed")
     resolved = resolve(scene, duration, options, positions=positions)
     times = frame_times(duration, frame_rate)
     q = scene.structure.nodes if positions is None else positions
     v = np.zeros(q.shape) if velocities is None else velocities
-    frames = len(times)
-    padded = np.pad(times, (0, max(0, ROOM // len(q) - frames)), mode="edge")
-    trajectory = _simulate(as_dtype(scene, resolved.dtype), (q, v), padded, resolved.as_inputs())
-    # sliced by NumPy, which compiles nothing for it
-    names = ("times", "positions", "velocities")
-    saved = {name: jnp.asarray(np.asarray(getattr(trajectory, name))[:frames]) for name in names}
-    return replace(trajectory, **saved, dt=resolved.dt, scene=scene)  # type: ignore[arg-type]
+    saved = times if traced((scene, q, v)) else np.pad(times, (0, max(0, ROOM // len(q) - len(times))), mode="edge")
+    trajectory = _simulate(as_dtype(scene, resolved.dtype), (q, v), saved, resolved.as_inputs())
+    if len(saved) > len(times):
+        # sliced by NumPy, which compiles nothing for it
+        names = ("times", "positions", "velocities")
+        kept = {name: jnp.asarray(np.asarray(getattr(trajectory, name))[: len(times)]) for name in names}
+        trajectory = replace(trajectory, **kept)  # type: ignore[arg-type]
+    return replace(trajectory, dt=resolved.dt, scene=scene)  # type: ignore[arg-type]
 
 
 @eqx.filter_jit

@@ -305,7 +305,9 @@ def test_the_lasting_gait_is_followed_from_drops_and_on_other_robots(tmp_path):
     assert 0 <= row["rolling_after_15_s"] <= 1
     assert row["median_seconds_until"] <= 20.0
     climbed = gait_tables.climbing_facts(quick("measurements/climbing.py", tmp_path / "climbing"))
-    assert gait_tables.climbing_table(climbed).splitlines()[2].startswith("| 15° | 0.1")
+    (steep,) = (row for row in climbed["rows"] if row["slope"] == 15)
+    assert min(steep["own"]) > 0.3
+    assert f"| 15° | {steep['own'][0]:.2f}, " in gait_tables.climbing_table(climbed)
     scans = quick("measurements/ranges.py", tmp_path / "ranges")
     assert len(gait_tables.ranges_facts(scans)["rows"]) == len(scans["rows"]) / 3
     assert all(one["mean"] is None or one["slowest"] <= one["mean"] <= one["fastest"] for one in scans["rows"])

@@ -3,6 +3,7 @@
 import subprocess
 import sys
 
+import jax
 import numpy as np
 import pytest
 
@@ -68,3 +69,16 @@ def test_without_float64_rollouts_are_in_float32(tmp_path):
     done = subprocess.run([sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, cwd=tmp_path)
     refused = "gaits is a list; expected a population of gaits, as from gaits_of"
     assert done.stdout.splitlines() == ["False float32", refused], done.stderr
+
+
+def test_rollouts_are_differentiated_by_forward_mode(falling):
+    """In all saved frames, whose number is that of a rollout that is not differentiated: dx/dv = t in free fall."""
+
+    def path(speed):
+        velocities = np.array([[0.0, 0, 0], [0, 0, 1]]) * speed
+        return simulate(falling, 0.5, frame_rate=10.0, velocities=velocities).positions
+
+    positions, slope = jax.jvp(path, (2.0,), (1.0,))
+    np.testing.assert_allclose(positions, path(2.0), rtol=0, atol=1e-13)
+    np.testing.assert_allclose(slope[:, 1, 2], np.linspace(0, 0.5, 6), rtol=0, atol=1e-13)
+    assert not np.any(slope[:, 0])
