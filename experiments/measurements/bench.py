@@ -15,7 +15,7 @@ from pathlib import Path
 from jaxgrity.cli.script import measured, run
 
 import numpy as np
-from engines import Engine, Others, engines
+from engines import Engine, Others, engines, seconds_of
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
@@ -58,7 +58,7 @@ def main(settings: Settings) -> None:
         tasks += [(count, engine) for engine in chosen if engine.name in STEPS]
     first = [engine.roll(STEPS[engine.name])[1] for _, engine in tqdm(tasks, desc="first", unit="run")]
     rounds = [
-        [engine.roll(STEPS[engine.name])[1] for _, engine in tasks]
+        [seconds_of(engine, STEPS[engine.name]) for _, engine in tasks]
         for _ in tqdm(range(settings.repeats), desc="rounds", unit="round")
     ]
     rows = [

@@ -17,7 +17,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import numpy_loop
-from engines import C_SWEEPS, Engine, Others, clock, engines, ours
+from engines import C_SWEEPS, Engine, Others, clock, engines, ours, seconds_of
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
@@ -135,7 +135,7 @@ def measure(chosen: list[Engine], settings: Settings) -> tuple[list[Point], floa
     seconds: dict[tuple, list[float]] = {key: [] for key in first}
     for _ in tqdm(range(settings.repeats), desc="rounds", unit="round"):
         for engine, dt in tasks:
-            seconds[engine.name, engine.dtype, dt].append(engine.roll(dt)[1])
+            seconds[engine.name, engine.dtype, dt].append(seconds_of(engine, dt))
     points = []
     for engine, dt in tasks:
         key = (engine.name, engine.dtype, dt)

@@ -13,6 +13,9 @@ import numpy as np
 from jaxgrity import Scene, SolverOptions, gaits_of, simulate_population
 
 C_SWEEPS = 8
+AT_LEAST = 0.2
+"""s, for which an engine is timed in each of its turns, at most `MOST` times over"""
+MOST = 100
 FEW = 16
 """gaits for MuJoCo, as many as its two threads take in a sensible time; costs are given per gait"""
 
@@ -55,6 +58,17 @@ def engines(scenes: dict[str, Scene], phases: np.ndarray, duration: float, other
         roll = partial(mujoco_roll, scenes["reference"], phases[:FEW], duration, "MJX Euler")
         found.append(Engine("mujoco MJX Euler", "float32", roll, min(FEW, count)))
     return found
+
+
+def seconds_of(engine: Engine, dt: float) -> float:
+    """Wall time of a rollout, s: the median of as many as take `AT_LEAST`.
+
+    One alone, of some milliseconds, would be as slow as the engine before has left caches and the processor's clock.
+    """
+    seconds: list[float] = []
+    while sum(seconds) < AT_LEAST and len(seconds) < MOST:
+        seconds.append(engine.roll(dt)[1])
+    return float(np.median(seconds))
 
 
 def ours(scene: Scene, phases, duration: float, method: str, dtype: str, dt: float) -> tuple[np.ndarray, float]:

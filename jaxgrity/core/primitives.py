@@ -232,12 +232,13 @@ def _root_jvp(primals, tangents):
 
 @jax.custom_jvp
 def inverse_root(x: PerMember) -> PerMember:
-    """1/sqrt(x) for x > 0.
+    """1/sqrt(x) for x > 0, as the root of a quotient.
 
-    XLA has vector instructions for it in float32; in float64 it calls a function for each number, wherever the quotient
-    of 1 and a root stands, on processors whose vectors have 256 bits. So there it is the root of the quotient.
+    Both are rounded alike on every processor. XLA's own `rsqrt`, which it makes of the quotient of a root too, begins
+    with an approximation that depends on the length of the processor's vectors in float32; in float64 it calls a
+    function for each number where they have 256 bits.
     """
-    return jax.lax.rsqrt(x) if x.dtype == jnp.float32 else jnp.sqrt(1 / x)
+    return jnp.sqrt(1 / x)
 
 
 @inverse_root.defjvp

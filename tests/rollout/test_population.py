@@ -1,6 +1,9 @@
 """Populations: right answers, the layout that makes them fast, failures as data."""
 
 import json
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import equinox as eqx
@@ -244,3 +247,25 @@ def test_a_gait_that_does_not_fit_is_refused(reference):
 def _in_rows(gait, rows):
     """The gait with `rows`, lanes last, as its phases, amplitudes and frequencies."""
     return eqx.tree_at(lambda g: (g.phase, g.amplitude, g.frequency), gait, (rows, rows, rows))
+
+
+@pytest.mark.slow
+def test_answers_do_not_depend_on_the_length_of_vectors():
+    """To the last bit. With 64 gaits LLVM takes all the bits that it may, with fewer it may not."""
+    code = (
+        "from jaxgrity.cli.script import configure; configure()\n"
+        "from jaxgrity import SolverOptions, gaits_of, load_scene, random_phases, simulate_population\n"
+        "for name, dtype in (('exact', 'float32'), ('exact', 'float64'), ('reference', 'float32')):\n"
+        "    scene = load_scene(name)\n"
+        "    gaits = gaits_of(scene.gait, random_phases(64, 6, seed=0))\n"
+        "    outcomes = simulate_population(scene, gaits, 1.0, options=SolverOptions(dtype=dtype))\n"
+        "    print(outcomes.positions.__array__().tobytes().hex())\n"
+    )
+
+    def printed(bits: int) -> str:
+        env = os.environ | {"XLA_FLAGS": f"--xla_cpu_prefer_vector_width={bits}"}
+        return subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True, check=True).stdout
+
+    short, long = map(printed, (128, 512))
+    assert len(short) > 1000
+    assert short == long
