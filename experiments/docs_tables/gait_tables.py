@@ -1,5 +1,7 @@
 """The tables of docs/gaits.md about gaits that last: what they quote, and how they say it."""
 
+import itertools
+
 import numpy as np
 from pages import made_by, table, whole_zero
 
@@ -7,6 +9,8 @@ Facts = dict
 
 CLIMBS = 0.1
 """m/s uphill, from which on a robot counts as climbing"""
+OWN_SLOPE = 15.0
+"""degrees, of the scene `uphill`"""
 MOST = 0.9
 """share of robots that have to roll"""
 
@@ -180,17 +184,17 @@ def climbing_table(facts: Facts) -> str:
         for row in facts["rows"]
     ]
     friction = ", ".join(f"{mu:.2g}" for mu in facts["friction"])
-    steepest = [", ".join(f"{_steepest(facts, name, k):g}°" for k in range(len(facts["friction"]))) for name in ways]
+    steepest = [", ".join(_steepest(facts, name, k) for k in range(len(facts["friction"]))) for name in ways]
     rows.append([f"steepest with {CLIMBS} m/s", *steepest])
     head = ["slope", f"m/s uphill, exact contact, friction {friction}", "at half the step", "penalty contact"]
     return table(head, rows) + made_by(facts, "climbing")
 
 
-def _steepest(facts: Facts, way: str, k: int) -> float:
-    """The steepest slope, degrees, that robots of the k-th friction climb, and all from the scene's own up to it."""
-    climbed = [row["slope"] for row in facts["rows"] if row[way][k] >= CLIMBS]
-    missed = [row["slope"] for row in facts["rows"] if row[way][k] < CLIMBS and row["slope"] > min(climbed, default=0)]
-    return max((slope for slope in climbed if slope < min(missed, default=np.inf)), default=np.nan)
+def _steepest(facts: Facts, way: str, k: int) -> str:
+    """The steepest slope that robots of the k-th friction climb, and all from the gait's own up to it."""
+    from_own = [row for row in facts["rows"] if row["slope"] >= OWN_SLOPE]
+    climbed = list(itertools.takewhile(lambda row: row[way][k] >= CLIMBS, from_own))
+    return f"{climbed[-1]['slope']:g}°" if climbed else "none"
 
 
 def _seconds(row: Facts) -> str:

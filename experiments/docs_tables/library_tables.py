@@ -106,17 +106,21 @@ def _gait_row(name: str) -> list[str]:
     robust, other, cycle = steady["robust"], steady["other_contact_model"], steady["cycle"]
     each_length = np.degrees(size / steady["speed"])
     bend, bar = each_length * steady["turning"], each_length * steady["turning_error_bar"]
+    along = steady.get("along_heading")
+    own, twin = (robust["mean"], robust), (other["speed"], other)
+    if along is not None:
+        own, twin = ((along[name]["mean"], along[name]) for name in ("robust", "other_contact_model"))
     bends = (f"{whole_zero(round(np.degrees(each['bend']))):.0f}" for each in (robust, other))
     return [
         f"`{name}`",
         record["scene"],
-        f"{steady['speed'] / size:.3f} ± {steady['speed_error_bar'] / size:.1g}",
+        f"{steady['speed'] / size:.3f} ± {steady['speed_error_bar'] / size:.1g}"
+        + ("" if along is None else f"; {along['speed'] / size:.3f} uphill"),
         f"{steady['verified_for']:.0f} s",
         f"{100 * steady['slowest_window'] / steady['speed']:.0f} %",
-        f"{whole_zero(bend):.1f} ± {bar:.1g}",
+        f"{whole_zero(bend):.1f} ± {bar:.1g}" if along is None else "not defined on a slope",
         f"{steady['multiplier']:.2g} ± {steady['multiplier_error_bar']:.1g}",
-        f"{robust['mean'] / size:.3f} ({robust['standard_deviation'] / size:.2g})",
-        f"{other['speed'] / size:.3f} ({other['standard_deviation'] / size:.2g})",
+        *(f"{mean / size:.3f} ({robots['standard_deviation'] / size:.2g})" for mean, robots in (own, twin)),
         ", ".join(bends),
         f"{len(cycle['supports'])}",
         f"{_repeats(steady)}",
@@ -149,5 +153,5 @@ def library_gaits_table(facts: Facts) -> str:
         ]
         for row in facts["rows"]
     ]
-    head = ["search of", "the library's gait, body lengths/s", "found on another machine"]
+    head = ["search of", "the library's gait then, body lengths/s", "found by its command"]
     return table(head, rows) + made_by(facts, "library_gaits")

@@ -7,6 +7,9 @@ Facts = dict
 STEPS = {"rk4": 5e-4, "complementarity": 5e-3}
 """s, at which the benchmark's methods are quoted"""
 
+SEARCHED = 256
+"""gaits, of the sizes between the smallest and the largest the one that is quoted too"""
+
 
 def benchmark_facts(raw: Facts) -> Facts:
     costs = [
@@ -62,7 +65,7 @@ def _about(facts: Facts) -> str:
     off, gradient = facts["largest_difference_from_C"], facts["gradient"]
     rows = [
         ["population", f"{facts['gaits']} gaits of {facts['duration']:g} s on {facts['cores']} cores"],
-        ["timed runs, of which the median counts", str(facts["repeats"])],
+        ["rounds, of which the median counts", str(facts["repeats"])],
         ["sweeps in a step of hand-written C", str(facts["C_sweeps"])],
         ["centres of mass, RK4 against hand-written C", "-" if off is None else f"within {off:.0e} m"],
         [f"gradient in {gradient['phases']} phases, reverse mode", f"{gradient['reverse']:.1f} rollouts"],
@@ -77,15 +80,16 @@ def scaling_facts(raw: Facts) -> Facts:
         mine = {name: [row for row in raw[name] if row["method"] == method] for name in ("devices", "population")}
         one, several = mine["devices"]
         struts = [row for row in raw["struts"] if row["method"] == method]
-        ends = mine["population"][0], mine["population"][-1]
+        sizes = mine["population"]
+        told = {row["gaits"]: row for row in (sizes[0], *(row for row in sizes if row["gaits"] == SEARCHED), sizes[-1])}
         rows.append(
             {
                 "method": method,
                 "devices": several["devices"],
                 "gaits": several["gaits"],
                 "speed_up": one["seconds"] / several["seconds"],
-                "populations": [row["gaits"] for row in ends],
-                "per_gait_and_simulated_second": [row["per_gait_and_simulated_second"] for row in ends],
+                "populations": list(told),
+                "per_gait_and_simulated_second": [row["per_gait_and_simulated_second"] for row in told.values()],
                 "struts": [struts[0]["struts"], struts[-1]["struts"]],
                 "per_gait_and_step": [struts[0]["per_gait_and_step"], struts[-1]["per_gait_and_step"]],
                 "exponent": exponent,
@@ -111,7 +115,7 @@ def scaling_table(facts: Facts) -> str:
         [
             row["method"],
             f"{row['speed_up']:.2f} times as fast as one",
-            " and ".join(microseconds(cost) for cost in row["per_gait_and_simulated_second"]),
+            ", ".join(microseconds(cost) for cost in row["per_gait_and_simulated_second"]),
             f"{1e6 * row['per_gait_and_step'][0]:.2f} and {1e6 * row['per_gait_and_step'][1]:.0f} us",
             f"{row['exponent']:.2f}",
             " and ".join(f"{times:.0f}" for times in row["times_real_time"]),
@@ -119,7 +123,7 @@ def scaling_table(facts: Facts) -> str:
         for row in facts["methods"]
     ]
     first = facts["methods"][0]
-    populations, struts = (" and ".join(str(size) for size in first[name]) for name in ("populations", "struts"))
+    populations, struts = (", ".join(str(size) for size in first[name]) for name in ("populations", "struts"))
     head = [
         "method",
         f"{first['devices']} devices, {first['gaits']} gaits",
@@ -155,8 +159,12 @@ def start_table(facts: Facts) -> str:
         ["importing JAX and diffrax", f"{start['jax and diffrax']:.2f} s"],
         ["importing jaxgrity, with JAX and diffrax", f"{start['jaxgrity']:.2f} s"],
         [
-            "a script that loads, describes and simulates a scene: its first steps",
+            "a script that loads, describes and simulates a scene: its first steps, with what an earlier run compiled",
             f"{start['first steps']:.1f} s",
+        ],
+        [
+            "the same with nothing compiled before",
+            f"{start['first steps, cold']:.1f} s",
         ],
     ]
     return table(["from the start of the process", "wall time"], rows) + made_by(facts, "scaling")
@@ -164,7 +172,7 @@ def start_table(facts: Facts) -> str:
 
 def gradients_facts(raw: Facts) -> Facts:
     rows = [{key: row[key] for key in ("mode", "gaits", "parameters", "rollouts")} for row in raw["rows"]]
-    long = [{key: row[key] for key in ("gaits", "parameters", "horizon", "rollouts")} for row in raw["long"]]
+    long = [{key: row[key] for key in ("gaits", "parameters", "method", "horizon", "rollouts")} for row in raw["long"]]
     kept = ("command", "cores", "short", "lengths", "memory")
     return {name: raw[name] for name in kept} | {"rows": rows, "long": long}
 
@@ -179,7 +187,7 @@ def gradients_table(facts: Facts) -> str:
     first = facts["long"][0]
     long_head = [
         f"checkpointed reverse, {first['gaits']} gaits, {first['horizon']:g} s",
-        *(f"{row['parameters']} parameters" for row in facts["long"]),
+        *(f"{row['parameters']} parameters, {row['method']}" for row in facts["long"]),
     ]
     long = ["time in rollouts", *(f"{row['rollouts']:.1f}" for row in facts["long"])]
     memory = [[name, *(f"{x / 2**20:.1f} MiB" for x in found)] for name, found in facts["memory"].items()]

@@ -49,7 +49,10 @@ def main(settings: Settings) -> None:
         path = settings.library / f"{name}.json"
         record = json.loads(read_text(path))
         scene = with_gait(load_scene(record["scene"]), load_gait(path))
-        steady = steady_facts(scene, SearchConfig().uncertainty, duration=settings.duration, seed=SEED)
+        asked = record["settings"]["objective"]
+        heading = asked["heading"] if asked["kind"] == "steady direction" else None
+        uncertain = SearchConfig().uncertainty
+        steady = steady_facts(scene, uncertain, duration=settings.duration, seed=SEED, heading=heading)
         trajectory = simulate(scene, record["duration"], frame_rate=FRAME_RATE)
         save_json(path, record | {"steady": steady, "motion": rolling(scene, trajectory).summary()})
         tqdm.write(f"{name}: {steady['body_lengths_per_second']:.3f} body lengths/s")

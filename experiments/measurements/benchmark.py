@@ -40,11 +40,11 @@ from jaxgrity.io.files import save_json
 
 STEPS = {
     "rk4": (1e-3, 5e-4, 2e-4),
-    "complementarity": (2e-2, 1e-2, 5e-3, 2e-3, 1e-3),
+    "complementarity": (3e-2, 2e-2, 1.4e-2, 1e-2, 8e-3, 5e-3, 2e-3, 1e-3),
     "limit": (1e-3, 5e-4, 2e-4),
-    "exact": (1e-2, 5e-3, 1e-3),
-    "mujoco Euler": (2e-3, 1e-3, 2e-4),
-    "mujoco RK4": (1e-3, 2e-4),
+    "exact": (2e-2, 1.4e-2, 1e-2, 5e-3, 2e-3, 1e-3),
+    "mujoco Euler": (4e-3, 3e-3, 2e-3, 1e-3, 8e-4, 5e-4, 2e-4),
+    "mujoco RK4": (1.4e-3, 1e-3, 5e-4, 2e-4),
     "mujoco MJX Euler": (1e-3,),
 }
 """s"""
@@ -65,7 +65,7 @@ class Settings:
     duration: float = 4.0
     """simulated time, s"""
     repeats: int = 5
-    """rounds, of which the median counts, after a first that compiles"""
+    """rounds after a first that compiles; the median of them counts"""
     limit: Path | None = None
     """folder with the programs limit32, limit64, exact32 and exact64"""
     mujoco: bool = False

@@ -11,6 +11,7 @@ import os
 import re
 import subprocess
 import sys
+import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable
@@ -193,13 +194,18 @@ simulate(scene, 1e-3)
 
 
 def start_up(repeats: int, warm: bool = True) -> dict[str, float]:
-    """Seconds: of the imports, and of a script until its first steps, with the compiled programs of a run before where
-    these are to be warm."""
+    """Seconds: of the imports, and of a script until its first steps, with nothing compiled before, and with the
+    compiled programs of a run before where these are to be warm."""
 
-    def took(code: str) -> float:
+    def took(code: str, **variables: str) -> float:
         code = f"import time; start = time.perf_counter(); {code}\nprint(time.perf_counter() - start)"
-        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+        known = os.environ | variables
+        done = subprocess.run([sys.executable, "-c", code], env=known, capture_output=True, text=True, check=True)
         return float(done.stdout)
+
+    def took_cold(code: str) -> float:
+        with tempfile.TemporaryDirectory() as empty:
+            return took(code, JAX_COMPILATION_CACHE_DIR=empty)
 
     codes = {
         "jax and diffrax": "import jax, diffrax",
@@ -208,7 +214,8 @@ def start_up(repeats: int, warm: bool = True) -> dict[str, float]:
     }
     for code in codes.values() if warm else ():
         took(code)
-    return {name: float(np.median([took(code) for _ in range(repeats)])) for name, code in codes.items()}
+    found = {name: float(np.median([took(code) for _ in range(repeats)])) for name, code in codes.items()}
+    return found | {"first steps, cold": float(np.median([took_cold(SCRIPT) for _ in range(repeats)]))}
 
 
 def report(facts: dict) -> None:

@@ -92,6 +92,8 @@ class SearchSettings:
     turn, or each moves as it likes"""
     both_models: bool = True
     """whether the best gaits are tried on both contact models before one is chosen"""
+    attracting: bool = True
+    """whether, of the best, gaits whose orbit attracts disturbed robots come first"""
     wide: bool = True
     """whether screening looks widely first, and goes on with mutations of the best alone"""
     members: Literal["scene", "struts", "cables"] = "scene"

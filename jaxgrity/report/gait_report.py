@@ -21,7 +21,7 @@ from jaxgrity.report.steady import PARTS, steady_rows
 from jaxgrity.rollout.rolling import Rolling, rolling
 from jaxgrity.search.pipeline import SearchResult
 from jaxgrity.search.polish import Polished
-from jaxgrity.search.promotion import Agreement
+from jaxgrity.search.promotion import Agreement, Promoted
 from jaxgrity.stepping.options import SolverOptions
 from jaxgrity.stepping.simulate import Trajectory, simulate, some_frames
 from jaxgrity.trust.trust_report import TrustReport, diagnose
@@ -111,6 +111,7 @@ def write_report(result: SearchResult, origin: Origin, folder: Path, on_progress
     summary = {
         **gait,
         "fidelity": agreement_facts(result.promoted.agreement),
+        "finalists": finalist_facts(result.promoted),
         "searches": [{**search._asdict(), "last": None} for search in result.searches],
         "polish": None if result.polished is None else polish_facts(result.polished),
         "stage_seconds": seconds,
@@ -120,6 +121,12 @@ def write_report(result: SearchResult, origin: Origin, folder: Path, on_progress
     first, rest = outcome_rows(summary), search_rows(summary, motion, result.problem.fitness.objective.unit)
     write_page(folder, f"A gait that {motion.kind}" if motion else "A gait", first, {**rest, "command": origin.command})
     return {"how far to trust it": "\n" + trust.table(), **first, **rest}
+
+
+def finalist_facts(promoted: Promoted) -> dict[str, Any]:
+    """Among which gaits one was chosen, best first, as it goes into a JSON file."""
+    multipliers = None if promoted.multipliers is None else promoted.multipliers.tolist()
+    return {"fitness": np.asarray(promoted.finals.fitness).tolist(), "multipliers": multipliers}
 
 
 def polish_facts(polished: Polished) -> dict[str, Any]:
@@ -222,9 +229,18 @@ def search_rows(summary: dict[str, Any], motion: Rolling | None, unit: str) -> d
         f"{other['standard_deviation']:.2g} on the other contact model",
         "search": f"{rollouts} rollouts; screening ranks gaits as {last} does with {ranks:.2f} (Spearman; "
         f"{among:.2f} among the evolved)",
+        **_chosen(summary["finalists"]["multipliers"]),
         "polish": "none" if summary["polish"] is None else summary["polish"]["reason"],
         "sensitivity at the end": f"{summary['diagnosis'].get('sensitivity', np.nan):.3g} m/rad",
     }
+
+
+def _chosen(multipliers: list[float] | None) -> dict[str, str]:
+    """By how much the finalists' orbits multiply disturbances, the chosen one's first."""
+    if multipliers is None:
+        return {}
+    told = ", ".join(f"{each:.2g}" if np.isfinite(each) else "no orbit" for each in multipliers)
+    return {"finalists": f"their orbits multiply a disturbance in a cycle by {told}; the first was chosen"}
 
 
 def distance_words(summary: dict[str, Any]) -> str:

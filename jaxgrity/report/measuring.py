@@ -11,6 +11,7 @@ from jaxgrity.model.symmetry import Symmetry, image, standing_symmetries
 from jaxgrity.report.steady import steady_facts
 from jaxgrity.rollout.population import as_population, simulate_population
 from jaxgrity.rollout.uncertainty import Differences
+from jaxgrity.search.objectives import SteadyDirection
 from jaxgrity.search.pipeline import UNSEEN, SearchResult
 from jaxgrity.stepping.options import SolverOptions
 from jaxgrity.stepping.stability import default_method, default_step
@@ -29,13 +30,21 @@ def gait_measured(
     if problem.fitness.objective.steady:
         # the last level has half of the step that was asked for, which this gait may not allow
         step = min(2 * result.levels[-1].dt, default_step(scene, default_method(scene)))
-        uncertain = problem.fitness.uncertainty
-        steady = steady_facts(scene, uncertain, duration=WATCHED * duration, dt=step, seed=UNSEEN, on_progress=tick)
+        asked = problem.fitness.objective
+        steady = steady_facts(
+            scene,
+            problem.fitness.uncertainty,
+            duration=WATCHED * duration,
+            dt=step,
+            seed=UNSEEN,
+            heading=asked.heading if isinstance(asked, SteadyDirection) else None,
+            on_progress=tick,
+        )
     found = directions(scene, fine, duration)
     tick()
-    asked = actuators(scene, fine, duration)
+    given = actuators(scene, fine, duration)
     tick()
-    return steady, found, asked
+    return steady, found, given
 
 
 def directions(best: Scene, options: SolverOptions, duration: float) -> list[dict[str, float]]:

@@ -1,21 +1,23 @@
 """What becomes of a gait in the long run: facts for a search's files, and a line for people."""
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from jaxgrity.model.contact_twin import contact_twin
 from jaxgrity.model.scene import Scene
 from jaxgrity.rollout.uncertainty import Uncertainty
-from jaxgrity.search.robot_motions import robot_motions
+from jaxgrity.search.robot_motions import RobotMotions, robot_motions
 from jaxgrity.stepping.options import SolverOptions
 from jaxgrity.stepping.stability import default_method, default_step
 from jaxgrity.trust.orbit_error_bars import orbit_error_bars
 from jaxgrity.trust.orbit_symmetry import repetition
-from jaxgrity.trust.orbits import WINDOW, period_of, shortest_watch, stability
+from jaxgrity.trust.orbits import WINDOW, Orbit, period_of, shortest_watch, stability
 
 Facts = dict[str, Any]
+MODELS = ("robust", "other_contact_model")
+"""robots that differ, on the own contact model and on its twin"""
 PARTS = 4
 """of the work, after each of which progress is told"""
 
@@ -27,6 +29,7 @@ def steady_facts(
     duration: float = 300.0,
     dt: float | None = None,
     seed: int = 0,
+    heading: float | None = None,
     on_progress: Callable[[], None] = lambda: None,
 ) -> Facts:
     """The orbit that a gait settles on, how stable it is, and how robots that differ move on both contact models.
@@ -38,11 +41,13 @@ def steady_facts(
             periods.
         dt: s; the scene's own step where not given.
         seed: of the draws of robots.
+        heading: rad from +x, along which the gait is to go, if along one; then how fast it does is told too.
         on_progress: is called `PARTS` times.
 
     Returns:
         Numbers by their names, in SI units: those of `Orbit`, `OrbitCycle` ("cycle"), their `OrbitErrorBars`,
-        `Repetition` ("repetition"), `Stability` and `RobotMotions` ("robust" and "other_contact_model").
+        `Repetition` ("repetition"), `Stability` and `RobotMotions` ("robust" and "other_contact_model"; along a heading
+        in "along_heading").
 
     Raises:
         InputError: as `find_orbit` and `robot_motions` do.
@@ -50,7 +55,7 @@ def steady_facts(
     step = default_step(scene, default_method(scene)) if dt is None else dt
     options, least = SolverOptions(dt=step), shortest_watch(scene.gait)
     watched = float(np.ceil(max(duration, least) / period_of(scene.gait)) * period_of(scene.gait))
-    robust, other = _over_robots(scene, uncertainty, step, seed, on_progress)
+    robots = _over_robots(scene, uncertainty, step, seed, on_progress)
     orbit, cycle, bars = orbit_error_bars(scene, watched, options=options)
     on_progress()
     held = stability(scene, orbit, options=options) if orbit.verified_for else None
@@ -66,14 +71,24 @@ def steady_facts(
         "repetition": repetition(scene, orbit, options=options)._asdict() if orbit.verified_for else None,
         "spread": None if held is None else held.spread,
         "returned": None if held is None else held.returned,
-        "other_contact_model": other,
-        "robust": robust,
+        "other_contact_model": robots.other.summary(),
+        "robust": _with_mean(robots),
+        "along_heading": None if heading is None else _along(heading, orbit, robots),
     }
+
+
+class _Robots(NamedTuple):
+    """Robots that differ, on the own model and on its contact twin."""
+
+    own: RobotMotions
+    other: RobotMotions
+    step_error: float
+    """m/s, by which the mean speed on the own model changes with half of the step"""
 
 
 def _over_robots(
     scene: Scene, uncertainty: Uncertainty, step: float, seed: int, on_progress: Callable[[], None]
-) -> tuple[Facts, Facts]:
+) -> _Robots:
     """Robots that differ, on the own model and on its contact twin, for a minute."""
     coarse, fine = (
         robot_motions(scene, uncertainty, seed=seed, options=SolverOptions(dt=dt, dtype="float32"))
@@ -82,11 +97,24 @@ def _over_robots(
     on_progress()
     twin = contact_twin(scene)
     options = SolverOptions(dt=default_step(twin, default_method(twin)), dtype="float32")
-    other = robot_motions(twin, uncertainty, seed=seed, options=options).summary()
+    other = robot_motions(twin, uncertainty, seed=seed, options=options)
     on_progress()
-    robust = fine.summary()
-    mean, error = robust.pop("speed"), abs(float(fine.speed.mean() - coarse.speed.mean()))
-    return {"mean": mean, **robust, "step_error": error}, other
+    return _Robots(fine, other, abs(float(fine.speed.mean() - coarse.speed.mean())))
+
+
+def _with_mean(robots: _Robots) -> Facts:
+    """Of the own model; the speed is the mean of what a search judges."""
+    found = robots.own.summary()
+    return {"mean": found.pop("speed"), **found, "step_error": robots.step_error}
+
+
+def _along(heading: float, orbit: Orbit, robots: _Robots) -> Facts:
+    """Horizontal speeds along a heading, m/s, of the orbit, and of robots on both contact models."""
+    way = np.array([np.cos(heading), np.sin(heading)])
+    told: Facts = {"heading": heading, "speed": float(np.array(orbit.velocity) @ way)}
+    for name, speeds in (("robust", robots.own.velocity @ way), ("other_contact_model", robots.other.velocity @ way)):
+        told[name] = {"mean": float(speeds.mean()), "standard_deviation": float(speeds.std())}
+    return told
 
 
 def steady_rows(steady: Facts) -> dict[str, str]:
@@ -108,6 +136,7 @@ def steady_rows(steady: Facts) -> dict[str, str]:
         "turning": f"{round(np.degrees(steady['turning']), 2) + 0.0:.2f} ± "
         f"{np.degrees(steady['turning_error_bar']):.1g} °/s; robots that differ bend by "
         f"{_bends(own)} in a body length, on the other model by {_bends(other)}",
+        **_headed(steady["along_heading"]),
         "stability": (held if np.isfinite(steady["multiplier"]) else "") + back,
         "cycle": f"{cycle:.2f} s, {steady['periods']} periods of actuation; its shape returns to "
         f"{1000 * steady['residual']:.2g} mm"
@@ -115,6 +144,16 @@ def steady_rows(steady: Facts) -> dict[str, str]:
         + (f"; stands in turn on {_faces(steady['cycle'])}" if steady["cycle"] else ""),
         "both contact models": f"{_mean(own['mean'], own)} over {own['robots']} robots that differ; "
         f"{_mean(other['speed'], other)} on the other model",
+    }
+
+
+def _headed(along: Facts | None) -> dict[str, str]:
+    """How fast a gait goes along the heading that was asked for, if one was."""
+    if along is None:
+        return {}
+    own, other = (f"{along[k]['mean']:.3f} (standard deviation {along[k]['standard_deviation']:.2g})" for k in MODELS)
+    return {
+        "along its heading": f"{along['speed']:.3f} m/s; robots that differ {own} m/s, on the other model {other} m/s"
     }
 
 

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxgrity.core.errors import InputError
+from jaxgrity.search.attraction import orbit_multipliers
 from jaxgrity.search.fidelity import FidelityLevel, judge_at, rank_correlation, within_bounds
 from jaxgrity.search.genetic_algorithm import Evolution, SearchProblem, distinct
 from jaxgrity.search.genome import Genes
@@ -40,6 +41,8 @@ class Promoted(NamedTuple):
     """best first"""
     finals: Scores
     """of the finalists, best first, by many robots"""
+    multipliers: Float[np.ndarray, " finalists"] | None
+    """by which a disturbance grows in a cycle of each finalist's orbit; infinite without one. None: not asked for"""
     within_bounds: bool
     """whether the best asks no more of its actuators than it may"""
     agreement: Agreement
@@ -57,7 +60,8 @@ def promote(
 
     Evolved and random gaits are judged on every level by the same draws, up to the one that tries both contact models,
     where there is one. The best few by the last of them are finalists. These are judged there again by more robots,
-    since a few do not tell how often a gait fails. Gaits beyond the bounds on actuators come last.
+    since a few do not tell how often a gait fails. Those whose orbit does not attract (a multiplier of 1 or more) come
+    after those whose orbit does, where that is asked for; gaits beyond the bounds on actuators come last.
 
     Raises `InputError` where every rollout of the last generation failed. `on_level` gets how many levels are done, how
     many there are, and the name of the next.
@@ -68,6 +72,7 @@ def promote(
         raise InputError("every rollout of the last generation failed; expected a scene that can be integrated")
     chance = np.random.default_rng(config.seed).uniform(size=(COMPARED, genome.size))
     gaits = genome.gaits(problem.scene.gait, np.concatenate([genes, chance]))
+    step = 2 * levels[-1].dt
     decisive = next((k for k, level in enumerate(levels) if level.twin is not None), len(levels) - 1)
     levels = levels[: decisive + 1]
     rows: list[np.ndarray] = []
@@ -80,9 +85,21 @@ def promote(
     kept = within_bounds(levels[1], genes, problem, bounds)
     best = np.lexsort((-table[-1, :first], ~kept))[: max(FINALISTS, config.polish_gaits)]
     finals = _finals(problem, levels[-1], genes[best], config)
-    order = np.lexsort((-np.asarray(finals.fitness), ~kept[best]))
+    multipliers = _multipliers(problem, genes[best], step) if config.attracting else None
+    repels = np.zeros(len(best), bool) if multipliers is None else multipliers >= 1
+    order = np.lexsort((-np.asarray(finals.fitness), repels, ~kept[best]))
     best, finals = best[order], Scores(*(np.asarray(part)[order] for part in finals))
-    return Promoted(np.asarray(genes, float)[best[: config.polish_gaits]], finals, bool(kept[best[0]]), agreement)
+    multipliers = None if multipliers is None else multipliers[order]
+    chosen = np.asarray(genes, float)[best[: config.polish_gaits]]
+    return Promoted(chosen, finals, multipliers, bool(kept[best[0]]), agreement)
+
+
+def _multipliers(problem: SearchProblem, genes: Genes, step: float) -> np.ndarray | None:
+    """Of the gaits' orbits, for objectives that look for orbits, on planes."""
+    scene = problem.scene
+    if not problem.fitness.objective.steady or scene.ground is None or scene.ground.surface is not None:
+        return None
+    return orbit_multipliers(scene, problem.genome.gaits(scene.gait, genes), step)
 
 
 def _finals(problem: SearchProblem, level: FidelityLevel, genes: Genes, config: SearchConfig) -> Scores:

@@ -74,6 +74,8 @@ class SearchConfig:
     one axis, which can turn; robots without rotations have none"""
     both_models: bool = True
     """whether the best gaits are tried on both contact models before one is chosen"""
+    attracting: bool = True
+    """whether, of the best, gaits whose orbit attracts come first (`stability`), where the objective is steady"""
     wide: bool = True
     """whether screening looks widely: at 4 times the population drawn at random, then at mutations of the best eighth
     alone; the scene's own model goes on with an eighth of the population"""

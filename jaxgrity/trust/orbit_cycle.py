@@ -22,7 +22,7 @@ class OrbitCycle(NamedTuple):
     duration: float
     """s"""
     distance: float
-    """m, of the centre of mass, horizontal"""
+    """m, of the centre of mass, along the line or the arc of `Orbit.speed`"""
     work: float
     """J, done by the actuators, less what was done on them: on an orbit, what friction and damping take"""
     effort: float
@@ -69,7 +69,7 @@ def orbit_cycle(scene: Scene, orbit: Orbit, *, options: Options = None) -> Orbit
     assert here.gait is not None, "an orbit has a gait"
     gaits = as_population(here.gait)
     found = simulate_population(here, gaits, orbit.cycle, options=chosen, differences=start, with_metrics=True)
-    metrics, distance = found.metrics, float(found.distance()[0])
+    metrics, distance = found.metrics, orbit.speed * orbit.cycle
     assert metrics is not None, "they were asked for"
     weight, effort = float(scene.structure.mass) * float(scene.gravity or 0.0), float(np.asarray(metrics.effort)[0])
     cost = effort / (weight * distance) if weight * distance > 0 else np.inf

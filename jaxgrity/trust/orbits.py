@@ -47,7 +47,9 @@ class Orbit(NamedTuple):
     standard_error: float
     """m/s, of the speed, from its scatter over cycles that do not overlap"""
     turning: float
-    """rad/s about the vertical, positive to the left"""
+    """rad/s about the vertical, positive to the left; 0 on a slope, which a turn does not leave as it is"""
+    velocity: tuple[float, float]
+    """(along x, along y), m/s, horizontal displacement over time: less than the speed where the path bends"""
     residual: float
     """m, by which heights of nodes and distances between them change over a cycle at most; the median over cycles"""
     settled_after: float
@@ -244,11 +246,12 @@ def _orbit(scene: Scene, trajectory: Trajectory, period: float, plane: Plane, fi
     q, v = (np.asarray(x, float) for x in (trajectory.positions, trajectory.velocities))
     size, mass = float(body_length(scene)), np.asarray(scene.structure.lumped_mass, float)
     if trajectory.failed:
-        return Orbit(period, 1, 0.0, np.inf, 0.0, np.inf, np.inf, np.zeros(0), 0.0, (q[0], v[0]), size)
+        none = (0.0, 0.0)
+        return Orbit(period, 1, 0.0, np.inf, 0.0, none, np.inf, np.inf, np.zeros(0), 0.0, (q[0], v[0]), size)
     once = q[::FRAMES][first:] @ plane.axes
-    path = (centre_path(scene, trajectory)[first * FRAMES :] @ plane.axes)[:, :2]
+    places = centre_path(scene, trajectory)[first * FRAMES :: FRAMES]
     shapes, half = np.array([shape(x) for x in once]), len(once) // 2
-    periods = cycle(shapes[half:], path[::FRAMES][half:])
+    periods = cycle(shapes[half:], (places @ plane.axes)[half:, :2])
     changes = np.abs(shapes[periods:] - shapes[:-periods]).max(1)
     beyond = np.flatnonzero(changes > SETTLED * size)
     since = int(beyond[-1]) + 1 if beyond.size else 0
@@ -264,12 +267,14 @@ def _orbit(scene: Scene, trajectory: Trajectory, period: float, plane: Plane, fi
     apart = speeds[::periods]
     error = float(apart.std(ddof=1) / np.sqrt(len(apart))) if len(apart) > 1 else np.inf
     whole = len(every) // window * window
+    way = (places[-1] - places[since + later])[:2] / (len(places) - 1 - since - later) / period
     return Orbit(
         period=period,
         periods=periods,
         speed=float(speeds.mean()),
         standard_error=error,
         turning=turned / time,
+        velocity=(float(way[0]), float(way[1])),
         residual=float(np.median(changes[since + later :]) if settled else changes[half:].max()),
         settled_after=(first + since) * period if settled else np.inf,
         windows=every[:whole].reshape(-1, window).mean(1),

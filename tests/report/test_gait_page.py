@@ -22,6 +22,7 @@ STEADY = {
     "multiplier": 0.088,
     "multiplier_error_bar": 0.021,
     "returned": 1.0,
+    "along_heading": None,
     "period": 1.3455,
     "periods": 2,
     "residual": 9e-14,
@@ -99,6 +100,9 @@ def test_the_rows_say_what_a_gait_is_worth():
         "0.813 ± 0.02 m/s (standard deviation 0.18) on the other model"
     )
     assert rows["actuators must give"].startswith("up to 275 N, 0.99 m/s, 143 W")
+    robots = {name: {"mean": 0.6, "standard_deviation": 0.1} for name in ("robust", "other_contact_model")}
+    uphill = steady_rows({**STEADY, "along_heading": {"heading": 3.1, "speed": 0.67, **robots}})
+    assert uphill["along its heading"].startswith("0.670 m/s; robots that differ 0.600 (standard deviation 0.1) m/s")
     lost = steady_rows({**STEADY, "settled": False, "residual": 0.3})
     assert lost == {"orbit": "none: shapes still change by 0.3 m over a cycle"}
 

@@ -20,6 +20,7 @@ from jaxgrity import (
     SolverOptions,
     Structure,
     gaits_of,
+    load_scene,
     one_gait,
     parse_scene,
     prism_tower,
@@ -247,6 +248,17 @@ def test_a_gait_that_does_not_fit_is_refused(reference):
 def _in_rows(gait, rows):
     """The gait with `rows`, lanes last, as its phases, amplitudes and frequencies."""
     return eqx.tree_at(lambda g: (g.phase, g.amplitude, g.frequency), gait, (rows, rows, rows))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["exact", "reference"])
+def test_faster_rollouts_end_where_slower_ones_did(name):
+    """16 gaits after 4 s in float64, against an earlier version of the library, which took twice the time."""
+    ends = json.loads((Path(__file__).parents[1] / "data" / "earlier_rollouts.json").read_text())[name]
+    scene = load_scene(name)
+    gaits = gaits_of(scene.gait, random_phases(16, 6, seed=0))
+    outcomes = simulate_population(scene, gaits, 4.0, options=SolverOptions(dtype="float64"))
+    np.testing.assert_allclose(outcomes.com_end, ends, rtol=0, atol=1e-9)
 
 
 @pytest.mark.slow

@@ -20,16 +20,22 @@ from jaxgrity import (
     Progress,
     SearchConfig,
     SearchResult,
+    SolverOptions,
     Uncertainty,
     find_objective,
+    find_orbit,
+    gaits_of,
     judge_at,
+    load_gait,
     load_states,
     one_gait,
     register_objective,
     search_gaits,
+    stability,
     with_gait,
     without_measuring,
 )
+from jaxgrity.search.attraction import orbit_multipliers
 from jaxgrity.search.genetic_algorithm import distinct
 from jaxgrity.search.judging import standard_error, with_robots
 
@@ -178,6 +184,33 @@ def test_the_best_few_are_compared_over_many_robots(config, whole):
     gaits = result.problem.genome.gaits(result.problem.scene.gait, best)
     again = judge_at(result.levels[-1], gaits, many(result), config.seed + 3)
     np.testing.assert_array_equal(np.sort(again.mean), np.sort(finals.mean))
+    assert result.promoted.multipliers is None  # the objective does not look for orbits
+
+
+def test_a_gait_whose_orbit_attracts_comes_first(exact, monkeypatch):
+    """Before those that are worth more by their robots, whose orbit repels, or that settle on none."""
+    config = SearchConfig(duration=8.0, population=8, generations=(1, 1), robots=2, polish_rollouts=0)
+    told = lambda scene, gaits, dt: np.where(np.arange(len(gaits.phase)) % 2, 0.5, 1.5)  # noqa: E731
+    monkeypatch.setattr("jaxgrity.search.promotion.orbit_multipliers", told)
+    promoted = search_gaits(exact, config).promoted
+    attracts = promoted.multipliers < 1
+    assert set(attracts) == {True, False}
+    np.testing.assert_array_equal(attracts, np.sort(attracts)[::-1])
+    for part in (attracts, ~attracts):
+        assert np.all(np.diff(np.asarray(promoted.finals.fitness)[part]) <= 0)
+
+
+def test_multipliers_are_those_of_the_gaits_orbits(exact):
+    """As from an orbit that is watched for longer, at another step; a gait that never settles has none."""
+    known = load_gait("straight")
+    each_as_it_likes = np.random.default_rng(0).uniform(0, 6, known.phase.shape)
+    gaits = gaits_of(known, np.array([known.phase, each_as_it_likes]))
+    lasting, wandering = orbit_multipliers(exact, gaits, 5e-3)
+    scene, options = with_gait(exact, known), SolverOptions(dt=4e-3)
+    longer = stability(scene, find_orbit(scene, 100.0, options=options), options=options)
+    assert lasting == pytest.approx(longer.largest, abs=0.1)
+    assert lasting < 0.5
+    assert wandering == np.inf
 
 
 def many(result):

@@ -1,0 +1,27 @@
+"""Whether the orbits that gaits settle on attract: a search prefers those on which robots that are pushed come back."""
+
+import numpy as np
+from jaxtyping import Float
+
+from jaxgrity.model.actuation import Gait
+from jaxgrity.model.scene import Scene, with_gait
+from jaxgrity.rollout.population import one_gait
+from jaxgrity.stepping.options import SolverOptions
+from jaxgrity.stepping.stability import default_method, default_step
+from jaxgrity.trust.orbits import find_orbit, shortest_watch, stability
+
+
+def orbit_multipliers(scene: Scene, gaits: Gait, dt: float) -> Float[np.ndarray, " gaits"]:
+    """Of each gait the largest multiplier of the orbit that it settles on (`stability`); infinite without an orbit.
+
+    Steps are `dt` (s), or what the scene decides with a gait that needs smaller ones. Raises `InputError` as
+    `find_orbit` does.
+    """
+    return np.array([_multiplier(with_gait(scene, one_gait(gaits, k)), dt) for k in range(len(gaits.phase))])
+
+
+def _multiplier(scene: Scene, dt: float) -> float:
+    assert scene.gait is not None, "it was given"
+    options = SolverOptions(dt=min(dt, default_step(scene, default_method(scene))))
+    orbit = find_orbit(scene, shortest_watch(scene.gait), options=options)
+    return stability(scene, orbit, options=options).largest if orbit.settled else np.inf
