@@ -61,13 +61,17 @@ def basin_facts(raw: Facts) -> Facts:
 
 
 def basin_table(facts: Facts) -> str:
-    head = ["gait", "contact", "robots that roll after 15 s", "in the end", "median time until they roll"]
+    head = [
+        "gait", "contact", "robots that roll after 15 s", "in the end", "in the end on the orbit, by their shapes",
+        "median time until they roll",
+    ]  # fmt: skip
     rows = [
         [
             row["gait"],
             f"{row['contact']}, its own" if row["own"] else row["contact"],
             f"{100 * row['rolling_after_15_s']:.0f} %",
             f"{100 * row['rolling']:.0f} %",
+            f"{100 * row['on_the_orbit']:.0f} %",
             f"{row['median_seconds_until']:.0f} s",
         ]
         for row in facts["rows"]

@@ -1,7 +1,8 @@
 """From which drops robots get onto the orbit of a gait: random poses, heights and velocities, on both contact models.
 
 Each robot is turned at random, dropped from up to one body length with a random velocity and spin, and actuated by the
-gait as it is. The figure shows the share of robots that roll at the gait's speed, as time passes.
+gait as it is. The figure shows the share of robots that roll at the gait's speed, as time passes. In the end their
+shapes are compared with those that the orbit goes through, with any symmetric node in the place of each.
 """
 
 from dataclasses import dataclass
@@ -18,6 +19,7 @@ from tqdm import tqdm
 from jaxgrity import (
     Differences,
     InputError,
+    Orbit,
     Scene,
     body_length,
     contact_twin,
@@ -28,10 +30,14 @@ from jaxgrity import (
     load_gait,
     load_scene,
     plot,
+    simulate,
     simulate_population,
+    symmetries,
     with_gait,
 )
 from jaxgrity.io.files import save_json
+from jaxgrity.trust.cycles import plane_of, shape
+from jaxgrity.trust.orbits import in_step, restarted
 
 SPEED, SPIN = 1.0, 2.0
 """m/s and rad/s, standard deviations of the components of the velocity and of the spin at the start"""
@@ -39,6 +45,10 @@ PART = 5.0
 """s, over each of which speeds are measured"""
 ENOUGH = 0.85
 """share of the orbit's speed, in the last part, from which on a robot counts as rolling"""
+FRAMES = 100
+"""of the orbit in a period, with which shapes are compared"""
+NEAR = 0.05
+"""body lengths, by which heights of nodes and distances between them may differ from the orbit's at most"""
 
 
 @dataclass
@@ -69,10 +79,11 @@ def main(settings: Settings) -> None:
         scene = own if contact == "own" else contact_twin(own)
         where = "exact" if scene.constrained else "penalty"
         orbit = find_orbit(scene, max(120.0, 2 * settings.duration))
-        speeds = dropped(scene, settings)
+        speeds, ends = dropped(scene, settings)
         rolling = speeds >= ENOUGH * orbit.speed
         shares[f"{name}, {where}"] = rolling.mean(0)
-        rows.append({"gait": name, "contact": where, "own": contact == "own", "speed": orbit.speed, **told(rolling)})
+        row = {"gait": name, "contact": where, "own": contact == "own", "speed": orbit.speed, **told(rolling)}
+        rows.append({**row, "on_the_orbit": on_the_orbit(scene, orbit, ends)})
     save_json(settings.out / "basin.json", {**measured(), "robots": settings.robots, "rows": rows})
     plot.save(figure(shares), settings.out / "basin.png")
     print("\n".join(f"{row['gait']}, {row['contact']}: {row['rolling']:.0%} roll in the end" for row in rows))
@@ -89,8 +100,22 @@ def told(rolling: np.ndarray) -> dict[str, Any]:
     }
 
 
-def dropped(scene: Scene, settings: Settings) -> np.ndarray:
-    """(robots, parts), m/s, the speed of each robot in each part of the time; 0 where its rollout failed."""
+def on_the_orbit(scene: Scene, orbit: Orbit, ends: np.ndarray) -> float:
+    """Share of the robots (robots, nodes, 3) whose shape is one of the orbit, with symmetric nodes in any places."""
+    here, axes = restarted(scene, orbit), plane_of(scene).axes
+    chosen = in_step(here, orbit.period / FRAMES, None)
+    motion = simulate(here, orbit.cycle, options=chosen, frame_rate=FRAMES / orbit.period, velocities=orbit.state[1])
+    through = np.array([shape(x) for x in np.asarray(motion.positions, float) @ axes])
+    least = np.full(len(ends), np.inf)
+    for symmetry in symmetries(scene.structure):
+        for k, x in enumerate(ends @ axes):
+            least[k] = min(least[k], np.abs(through - shape(x[list(symmetry.nodes)])).max(1).min())
+    return float(np.mean(least <= NEAR * orbit.body_length))
+
+
+def dropped(scene: Scene, settings: Settings) -> tuple[np.ndarray, np.ndarray]:
+    """(robots, parts), m/s, the speed of each robot in each part of the time, 0 where its rollout failed; (robots,
+    nodes, 3), m, where nodes are in the end."""
     assert scene.gait is not None, "a gait of the library"
     q, v = drops(scene, settings.robots, settings.seed)
     gaits = gaits_of(scene.gait, np.repeat(np.asarray(scene.gait.phase)[None], settings.robots, axis=0))
@@ -99,7 +124,8 @@ def dropped(scene: Scene, settings: Settings) -> np.ndarray:
         scene, gaits, settings.duration, differences=Differences(positions=q, velocities=v), parts=parts
     )
     moved = np.linalg.norm(np.diff(np.asarray(outcomes.com_path)[:, :, :2], axis=1), axis=2)
-    return np.where((np.asarray(outcomes.failure) == 0)[:, None], moved / PART, 0.0)
+    speeds = np.where((np.asarray(outcomes.failure) == 0)[:, None], moved / PART, 0.0)
+    return speeds, np.asarray(outcomes.positions, float)
 
 
 def drops(scene: Scene, robots: int, seed: int) -> tuple[np.ndarray, np.ndarray]:

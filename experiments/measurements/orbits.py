@@ -41,8 +41,8 @@ NEAR = 20.0
 
 @dataclass
 class Settings:
-    gaits: tuple[str, ...] = ("straight", "lasting", "fast", "cables", "left", "right")
-    """names of the library's gaits; slow ones need a longer time"""
+    gaits: tuple[str, ...] = ("straight", "lasting", "fast", "cables", "left", "right", "uphill")
+    """names of the library's gaits"""
     duration: float = 120.0
     """s, for which each gait is watched"""
     out: Path = Path("results/orbits")
