@@ -172,6 +172,7 @@ from .stepping.stability import (
 from .trust.closed_orbits import ClosedOrbit, closed_orbit
 from .trust.energy_audit import EnergyAudit, energy_audit
 from .trust.error_bars import Verified, refinement_bar, verify
+from .trust.multipliers import FloquetMultipliers, floquet_multipliers
 from .trust.orbit_cycle import OrbitCycle, orbit_cycle
 from .trust.orbit_error_bars import OrbitErrorBars, orbit_error_bars, refined_orbit
 from .trust.orbit_gradient import GaitNumbers, SpeedGradient, speed_gradient
@@ -369,6 +370,8 @@ __all__ = [  # noqa: RUF022 in groups
     "verify",
     "ClosedOrbit",
     "closed_orbit",
+    "FloquetMultipliers",
+    "floquet_multipliers",
     "Orbit",
     "Stability",
     "find_orbit",

@@ -136,6 +136,7 @@ SOURCES: dict[str, Source] = {
     "library_gaits": one_block("library_gaits", SEARCH, library.library_gaits_facts, library.library_gaits_table),
     "orbits": one_block("orbits", GAITS, gaits.orbits_facts, gaits.orbits_table),
     "continuation": one_block("continuation", GAITS, orbit_tables.continuation_facts, orbit_tables.continuation_table),
+    "multipliers": one_block("multipliers", GAITS, orbit_tables.multipliers_facts, orbit_tables.multipliers_table),
     "repertoire": one_block("repertoire", GAITS, orbit_tables.repertoire_facts, orbit_tables.repertoire_table),
     "polish_comparison": one_block(
         "polish_comparison", GAITS, orbit_tables.polish_comparison_facts, orbit_tables.polish_comparison_table

@@ -21,7 +21,7 @@ BLOCKS = {
     "docs/conformance.md": 1,
     "docs/control.md": 14,
     "docs/files.md": 1,
-    "docs/gaits.md": 12,
+    "docs/gaits.md": 13,
     "docs/numerics.md": 12,
     "docs/terrain.md": 1,
     "docs/performance.md": 3,

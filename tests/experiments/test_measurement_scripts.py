@@ -257,16 +257,22 @@ def test_the_largest_steps_of_known_scenes_have_a_reason():
 
 @pytest.mark.slow
 def test_damage_is_survived(tmp_path):
-    """Two cases of damage, quick: every way to a gait has its speed on both contact models, and a row in the docs."""
+    """The intact robot and two cases of damage, quick: every way to a gait has its speed on both contact models, and a
+    row in the docs. A stuck strut is no matter to a gait of cables, so the library's recovers that case."""
     facts = quick("measurements/damage.py", tmp_path)
     assert set(facts["cases"]) == {"cable 7", "strut 1"}
-    for case in facts["cases"].values():
-        assert set(case) == {"as it was", "library", "wave", "free"}
-        speeds = [one[model]["mean"] for one in case.values() for model in ("own", "other")]
+    for robot in (facts["intact"], *facts["cases"].values()):
+        assert set(robot) == {"as it was", "library", "wave", "free", "cables, scaled"}
+        speeds = [one[model]["mean"] for one in robot.values() for model in ("own", "other")]
         assert all(0 < speed < 2 for speed in speeds)
-        assert case["library"]["own"]["mean"] > case["as it was"]["own"]["mean"] - 0.05
-    assert facts["recovered"]["strut"]["cases"] == 1
-    assert "of 1" in search_tables.damage_table(search_tables.damage_facts(facts))
+        assert robot["library"]["own"]["mean"] > robot["as it was"]["own"]["mean"] - 0.05
+    intact, stuck = facts["intact"]["library"], facts["cases"]["strut 1"]["library"]
+    assert intact["gait"] == stuck["gait"] == "cables"
+    assert stuck["own"]["mean"] == pytest.approx(intact["own"]["mean"], abs=0.02)
+    assert facts["recovered"]["strut"]["cases"] == facts["recovered"]["strut"]["best"]["any"] == 1
+    page = search_tables.damage_table(search_tables.damage_facts(facts))
+    assert "| strut | library: `cables` |" in page
+    assert all(f"| {robot} | cables, scaled |" in page for robot in ("nothing", "cable", "strut"))
 
 
 @pytest.mark.slow
@@ -356,6 +362,19 @@ def test_orbits_are_followed_gaits_polished_and_a_repertoire_filled(tmp_path):
     facts = orbit_tables.repertoire_facts(quick("measurements/repertoire.py", tmp_path / "repertoire"))
     assert 0 < facts["filled"] < facts["cells"]
     assert re.search(r"\| straight(, a mirror image)? \| 2 \|", orbit_tables.repertoire_table(facts))
+
+
+@pytest.mark.slow
+def test_multipliers_are_told_of_an_orbit_that_attracts_and_of_one_that_strays(tmp_path):
+    """Quick size: neutral ones are 1 on both; what is left of a small disturbance tells the two apart."""
+    facts = orbit_tables.multipliers_facts(quick("measurements/multipliers.py", tmp_path))
+    straight, first = facts["rows"]
+    assert max(straight["neutral_off"], first["neutral_off"]) < 1e-8
+    assert straight["derivative"][1] < 0.2
+    assert straight["disturbed"]["0.01"] < 1e-8
+    assert first["disturbed"]["0.01"] > 1e-5
+    assert 1e-4 < first["strays"] < 0.02
+    assert "| straight | exact | 2 |" in orbit_tables.multipliers_table(facts)
 
 
 @pytest.mark.slow

@@ -1,0 +1,223 @@
+"""Floquet multipliers of orbits by the derivative of the map over a cycle, beside robots that are really disturbed.
+
+Of the library's gait `straight` on both contact models, and of the first gait that was found to last, at three steps:
+the derivative says that it repels, and yet it stays within millimetres. The figure shows how disturbances of several
+sizes go on, and the map over a cycle along its most unstable direction, close up.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from jaxgrity.cli.script import measured, run
+
+import numpy as np
+from matplotlib.figure import Figure
+from tqdm import tqdm
+
+from jaxgrity import (
+    Differences,
+    FloquetMultipliers,
+    Orbit,
+    Scene,
+    SolverOptions,
+    contact_twin,
+    find_orbit,
+    floquet_multipliers,
+    gaits_of,
+    load_gait,
+    load_scene,
+    plot,
+    resolve,
+    restarted,
+    simulate,
+    simulate_population,
+    stability,
+    with_gait,
+)
+from jaxgrity.io.files import save_json
+
+FIRST = Path(__file__).with_name("first_lasting.json")
+"""the first gait that was found to last"""
+SIZES = (1e-6, 1e-4, 1e-2)
+"""m/s, standard deviations of every coordinate of the velocities of robots that are disturbed"""
+SETTLING = 10
+"""cycles, after which a watch begins to count"""
+FRAMES = 20
+"""saved in each period where an orbit is looked for"""
+PENALTY_STEP = 2e-4
+"""s, on penalty contact: the default one is too long for some moments of a cycle, at which it may begin"""
+NEAR = 2e-3
+"""m, by which nodes are moved along the most unstable direction, at most"""
+
+
+@dataclass
+class Settings:
+    duration: float = 120.0
+    """s, for which orbits are looked for"""
+    cycles: int = 100
+    """for which each orbit is watched then"""
+    moments: int = 8
+    """beginnings of cycles at which multipliers are taken; on penalty contact, which takes long, a quarter of them"""
+    robots: int = 6
+    """that are disturbed, of each size"""
+    followed: int = 40
+    """cycles for which they are followed"""
+    close: int = 801
+    """robots by which the map is drawn"""
+    out: Path = Path("results/multipliers")
+    """folder for multipliers.json and its figure"""
+    quick: bool = False
+    """exact contact at its own step alone, fewer robots, moments and cycles"""
+
+
+class Case(NamedTuple):
+    """A gait on one contact model, at one step."""
+
+    gait: str
+    scene: Scene
+    part: int = 1
+    """of the scene's own step"""
+
+    @property
+    def contact(self) -> str:
+        return "exact" if self.scene.constrained else "penalty"
+
+
+def main(settings: Settings) -> None:
+    if settings.quick:
+        settings.duration, settings.cycles, settings.moments = 80.0, 20, 2
+        settings.robots, settings.followed, settings.close = 2, 10, 51
+    rows, curves, maps, periods = [], {}, {}, {}
+    for case in tqdm(cases(settings.quick), unit="case"):
+        options = step_of(case)
+        orbit = find_orbit(case.scene, settings.duration, options=options)
+        # finer steps may return more closely after twice as many periods; all of one gait are told of as many
+        orbit = orbit._replace(periods=periods.setdefault((case.gait, case.contact), orbit.periods))
+        found, facts = multipliers(case, orbit, options, settings)
+        row = {"gait": case.gait, "contact": case.contact, "part": case.part, "periods": orbit.periods}
+        row |= watched(case.scene, orbit, options, settings.cycles) | facts
+        if case.contact == "exact":
+            curve = deviations(case.scene, orbit, options, settings)
+            curves[case.gait, case.part] = curve
+            row["disturbed"] = {f"{size:g}": float(np.median(curve[k, :, -1])) for k, size in enumerate(SIZES)}
+        if case.gait != "straight" and case.part in (1, 4):
+            maps[case.gait, case.part] = close_up(case.scene, orbit, options, found, settings.close)
+        rows.append(row)
+        save_json(settings.out / "multipliers.json", {**measured(), "followed": settings.followed, "rows": rows})
+    plot.save(figure(curves, maps), settings.out / "multipliers.png")
+    print(f"wrote {settings.out}/")
+
+
+def cases(quick: bool) -> list[Case]:
+    """The rows of the table."""
+    exact = load_scene("exact")
+    straight, first = (with_gait(exact, load_gait(name)) for name in ("straight", FIRST))
+    few = [Case("straight", straight), Case("first lasting", first)]
+    rest = [Case("straight", contact_twin(straight)), *(Case("first lasting", first, part) for part in (2, 4))]
+    return few if quick else [few[0], rest[0], few[1], *rest[1:]]
+
+
+def step_of(case: Case) -> SolverOptions:
+    """The scene's own step, a little shorter, so that each frame of a period has a whole number; or a part of it."""
+    own, period = resolve(case.scene, 1.0), 1 / float(case.scene.gait.frequency[0])
+    dt = float(own.dt) if case.scene.constrained else PENALTY_STEP
+    steps = FRAMES * int(np.ceil(period / FRAMES / dt)) * case.part
+    return SolverOptions(own.method.name, dt=period / steps, dtype="float64")
+
+
+def multipliers(
+    case: Case, orbit: Orbit, options: SolverOptions, settings: Settings
+) -> tuple[FloquetMultipliers, dict[str, Any]]:
+    """Those of the first moment, and what is told of all: by the derivative, and by robots off by 0.1 m/s."""
+    moments = settings.moments if case.contact == "exact" else max(1, settings.moments // 4)
+    found, disturbed = [], []
+    for k in tqdm(range(moments), desc=f"{case.gait}, {case.contact}, dt / {case.part}", leave=False):
+        found.append(floquet_multipliers(case.scene, orbit, options=options, after=(SETTLING + k) * orbit.periods))
+        there = orbit._replace(state=found[-1].state)
+        disturbed.append(stability(case.scene, there, options=options).largest)
+    derivative = [each.largest for each in found]
+    return found[0], {
+        "moments": moments,
+        "neutral": {name: [each.neutral[name] for each in found] for name in found[0].neutral},
+        "derivative": derivative,
+        "second": [float(np.abs(each.others[1])) for each in found],
+        "by_disturbance": [value if np.isfinite(value) else None for value in disturbed],
+    }
+
+
+def shapes(positions: np.ndarray) -> np.ndarray:
+    """(frames, numbers), m, of nodes (frames, nodes, 3): heights, and distances between nodes."""
+    q = np.asarray(positions, float)
+    i, j = np.triu_indices(q.shape[1], 1)
+    return np.concatenate([q[..., 2], np.linalg.norm(q[:, i] - q[:, j], axis=2)], axis=1)
+
+
+def rolled(scene: Scene, orbit: Orbit, options: SolverOptions, cycles: int, more: Any = 0.0) -> np.ndarray:
+    """(cycles + 1, numbers), shapes at the beginning of each cycle, of a robot that begins so much faster, m/s."""
+    here, v = restarted(scene, orbit), orbit.state[1] + more
+    trajectory = simulate(here, cycles * orbit.cycle, options=options, frame_rate=1 / orbit.cycle, velocities=v)
+    return shapes(trajectory.positions)
+
+
+def watched(scene: Scene, orbit: Orbit, options: SolverOptions, cycles: int) -> dict[str, float]:
+    """By how much shapes miss themselves after a cycle, in the median, and stray from their mean, at most; m."""
+    seen = rolled(scene, orbit, options, SETTLING + cycles)[SETTLING:]
+    return {
+        "residual": float(np.median(np.abs(np.diff(seen, axis=0)).max(1))),
+        "strays": float(np.abs(seen - seen.mean(0)).max()),
+        "cycles": cycles,
+    }
+
+
+def deviations(scene: Scene, orbit: Orbit, options: SolverOptions, settings: Settings) -> np.ndarray:
+    """(sizes, robots, cycles), m, by which the shape of a disturbed robot differs from that of one that is not."""
+    alone = rolled(scene, orbit, options, settings.followed)
+    draws = [np.random.default_rng(seed).normal(size=orbit.state[1].shape) for seed in range(settings.robots)]
+    found = [[rolled(scene, orbit, options, settings.followed, size * draw) for draw in draws] for size in SIZES]
+    return np.abs(np.array(found) - alone).max(-1)[:, :, 1:]
+
+
+def close_up(
+    scene: Scene, orbit: Orbit, options: SolverOptions, found: FloquetMultipliers, robots: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """How far robots are moved along the most unstable direction, m, and the shape's main coordinate a cycle later.
+
+    That coordinate, m, is along the direction in which the shapes then differ most: how much that height or distance
+    changes that changes most.
+    """
+    way = np.real(found.directions[0])
+    moved = np.linspace(-NEAR, NEAR, robots)
+    q, v = (x + moved[:, None, None] * way[k] / np.abs(way[0]).max() for k, x in enumerate(found.state))
+    here = restarted(scene, orbit._replace(state=found.state))
+    gaits = gaits_of(here.gait, np.repeat(np.asarray(here.gait.phase)[None], robots, axis=0))
+    start = Differences(positions=q, velocities=v)
+    outcomes = simulate_population(here, gaits, orbit.cycle, options=options, differences=start)
+    ends = shapes(outcomes.positions)
+    ends = ends - ends[robots // 2]
+    main = np.linalg.svd(ends - ends.mean(0), full_matrices=False)[2][0]
+    return moved, ends @ main * main[np.abs(main).argmax()]
+
+
+@plot.styled
+def figure(curves: dict[tuple, np.ndarray], maps: dict[tuple, tuple[np.ndarray, np.ndarray]]) -> Figure:
+    """Deviations over cycles, and the map over a cycle, close up; by gait and part of the step."""
+    chart = Figure(figsize=(4.5 + 4 * len(maps), 4), layout="constrained")
+    first, *others = chart.subplots(1, 1 + len(maps))
+    for (gait, part), style in zip([key for key in curves if key[1] == 1], ("--", "-"), strict=True):
+        for k, size in enumerate(SIZES):
+            middle = 1e3 * np.maximum(np.median(curves[gait, part][k], axis=0), 1e-13)
+            label = f"{gait}, {size:g} m/s"
+            first.semilogy(np.arange(1, len(middle) + 1), middle, style, color=f"C{k}", label=label, linewidth=1.2)
+    first.set(xlabel="cycles since the disturbance", ylabel="shape differs by (mm)", title="disturbed robots")
+    first.set_ylim(1e-11, 1e5)
+    first.legend(fontsize="x-small", ncol=2, loc="upper center")
+    for axes, ((gait, part), (moved, after)) in zip(others, maps.items(), strict=True):
+        axes.plot(1e3 * moved, 1e3 * after, ".", markersize=2)
+        axes.set(xlabel="moved along its unstable direction (mm)", ylabel="shape a cycle later (mm)")
+        axes.set_title(f"{gait}, {'own step' if part == 1 else f'1/{part} of the step'}")
+    return chart
+
+
+if __name__ == "__main__":
+    run(main, Settings)
