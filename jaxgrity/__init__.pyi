@@ -176,7 +176,7 @@ from .trust.multipliers import FloquetMultipliers, floquet_multipliers
 from .trust.orbit_cycle import OrbitCycle, orbit_cycle
 from .trust.orbit_error_bars import OrbitErrorBars, orbit_error_bars, refined_orbit
 from .trust.orbit_gradient import GaitNumbers, SpeedGradient, speed_gradient
-from .trust.orbit_symmetry import Repetition, repetition
+from .trust.orbit_symmetry import Repetition, distance_from_orbit, repetition
 from .trust.orbits import Orbit, Stability, find_orbit, restarted, stability
 from .trust.sensitivity import Sensitivity, sensitivity
 from .trust.trust_report import TrustReport, diagnose
@@ -382,6 +382,7 @@ __all__ = [  # noqa: RUF022 in groups
     "OrbitCycle",
     "orbit_cycle",
     "Repetition",
+    "distance_from_orbit",
     "repetition",
     "stability",
     "GaitNumbers",

@@ -104,28 +104,58 @@ def lasting_baselines_table(facts: Facts) -> str:
 
 
 def damage_facts(raw: Facts) -> Facts:
-    """For each way to a gait: in how many cases it is fast enough, and its speeds in the median case."""
-    rows = []
+    """For each way to a gait: its speeds on the intact robot, and on damaged ones, and in how many they are enough."""
+    kept = ("command", "cores", "gait", "enough", "duration", "population", "generations", "gaits")
+    rows = [_damage_row("nothing", way, [found]) for way, found in raw["intact"].items()]
     for kind, counts in raw["recovered"].items():
         cases = [case for name, case in raw["cases"].items() if name.startswith(kind)]
-        for way in cases[0]:
-            speeds = {m: float(np.median([case[way][m]["mean"] for case in cases])) for m in ("own", "other")}
-            rows.append({"kind": kind, "way": way, "cases": counts["cases"], "recovered": counts[way], **speeds})
-        rows.append({"kind": kind, "way": "any", "cases": counts["cases"], "recovered": counts["any"]})
-    kept = ("command", "cores", "gait", "enough", "gaits", "intact")
+        for way in raw["intact"]:
+            row = _damage_row(kind, way, [case[way] for case in cases])
+            rows.append(row | {"of_best": counts["best"][way], "of_same_way": counts["same way"][way]})
+        rows.append({"kind": kind, "way": "any", "cases": counts["cases"], "of_best": counts["best"]["any"]})
     return {name: raw[name] for name in kept} | {"rows": rows}
 
 
-def damage_table(facts: Facts) -> str:
-    def speed(means: Facts) -> list[str]:
-        return [f"{means[model]:.2f}" if model in means else "-" for model in ("own", "other")]
+def _damage_row(kind: str, way: str, found: list[Facts]) -> Facts:
+    """What one way reaches in some cases: the slowest, the median and the fastest of them, and by which gaits."""
+    speeds = {
+        model: [float(x) for x in np.quantile([one[model]["mean"] for one in found], (0, 0.5, 1))]
+        for model in ("own", "other")
+    }
+    names = sorted({one["gait"] for one in found if one["gait"]})
+    beyond = sum(not one["within_bounds"] for one in found)
+    return {"kind": kind, "way": way, "cases": len(found), "names": names, "beyond_bounds": beyond, **speeds}
 
-    intact = {model: facts["intact"][model]["mean"] for model in ("own", "other")}
-    rows = [["nothing", facts["gait"], "-", *speed(intact)]]
-    rows += [[row["kind"], row["way"], f"{row['recovered']} of {row['cases']}", *speed(row)] for row in facts["rows"]]
-    head = ["broken or stuck", "gait", f"rolls at {facts['enough']:.0%} of the intact speed on both models"]
-    head += ["speed in the median case, body lengths/s", "on the other model"]
-    return table(head, rows) + made_by(facts, "damage")
+
+def damage_table(facts: Facts) -> str:
+    counts = ("of_best", "of_same_way", "beyond_bounds")
+    rows = [
+        [
+            row["kind"],
+            ": ".join([row["way"], *row.get("names", [])]),
+            *(_speeds(row, model) for model in ("own", "other")),
+            *(f"{row[name]} of {row['cases']}" if name in row else "" for name in counts),
+        ]
+        for row in facts["rows"]
+    ]
+    enough = f"{facts['enough']:.0%}"
+    head = ["broken or stuck", "gait", "speed, body lengths/s: median case (slowest to fastest)", "on the other model"]
+    head += [f"{enough} of the intact robot's best", f"{enough} of what the same way reaches there"]
+    head += ["asks more of actuators than it may"]
+    about = [facts["gaits"]["library"], facts["population"], facts["generations"], facts["gaits"]["free"]]
+    settings = table(
+        ["gaits tried: library", "each search: population", "generations", "gaits in all", "duration"],
+        [[*map(str, about), f"{facts['duration']:g} s"]],
+    )
+    return f"{table(head, rows)}\n\n{settings}" + made_by(facts, "damage")
+
+
+def _speeds(row: Facts, model: str) -> str:
+    """Of the median case, and of the slowest and the fastest where they are not the same to the digits shown."""
+    if model not in row:
+        return ""
+    low, median, high = (f"{speed:.2f}" for speed in row[model])
+    return median if low == high else f"{median} ({low} to {high})"
 
 
 def crash_recovery_facts(raw: Facts) -> Facts:

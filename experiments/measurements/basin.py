@@ -19,10 +19,10 @@ from tqdm import tqdm
 from jaxgrity import (
     Differences,
     InputError,
-    Orbit,
     Scene,
     body_length,
     contact_twin,
+    distance_from_orbit,
     find_orbit,
     gait_names,
     gait_record,
@@ -30,14 +30,10 @@ from jaxgrity import (
     load_gait,
     load_scene,
     plot,
-    simulate,
     simulate_population,
-    symmetries,
     with_gait,
 )
 from jaxgrity.io.files import save_json
-from jaxgrity.trust.cycles import plane_of, shape
-from jaxgrity.trust.orbits import in_step, restarted
 
 SPEED, SPIN = 1.0, 2.0
 """m/s and rad/s, standard deviations of the components of the velocity and of the spin at the start"""
@@ -45,8 +41,6 @@ PART = 5.0
 """s, over each of which speeds are measured"""
 ENOUGH = 0.85
 """share of the orbit's speed, in the last part, from which on a robot counts as rolling"""
-FRAMES = 100
-"""of the orbit in a period, with which shapes are compared"""
 NEAR = 0.05
 """body lengths, by which heights of nodes and distances between them may differ from the orbit's at most"""
 
@@ -83,7 +77,8 @@ def main(settings: Settings) -> None:
         rolling = speeds >= ENOUGH * orbit.speed
         shares[f"{name}, {where}"] = rolling.mean(0)
         row = {"gait": name, "contact": where, "own": contact == "own", "speed": orbit.speed, **told(rolling)}
-        rows.append({**row, "on_the_orbit": on_the_orbit(scene, orbit, ends)})
+        near = distance_from_orbit(scene, orbit, ends) <= NEAR * orbit.body_length
+        rows.append({**row, "on_the_orbit": float(near.mean())})
     save_json(settings.out / "basin.json", {**measured(), "robots": settings.robots, "rows": rows})
     plot.save(figure(shares), settings.out / "basin.png")
     print("\n".join(f"{row['gait']}, {row['contact']}: {row['rolling']:.0%} roll in the end" for row in rows))
@@ -98,19 +93,6 @@ def told(rolling: np.ndarray) -> dict[str, Any]:
         "rolling_after_15_s": float(rolling[:, int(15.0 / PART) - 1].mean()),
         "median_seconds_until": float(np.median(first) * PART),
     }
-
-
-def on_the_orbit(scene: Scene, orbit: Orbit, ends: np.ndarray) -> float:
-    """Share of the robots (robots, nodes, 3) whose shape is one of the orbit, with symmetric nodes in any places."""
-    here, axes = restarted(scene, orbit), plane_of(scene).axes
-    chosen = in_step(here, orbit.period / FRAMES, None)
-    motion = simulate(here, orbit.cycle, options=chosen, frame_rate=FRAMES / orbit.period, velocities=orbit.state[1])
-    through = np.array([shape(x) for x in np.asarray(motion.positions, float) @ axes])
-    least = np.full(len(ends), np.inf)
-    for symmetry in symmetries(scene.structure):
-        for k, x in enumerate(ends @ axes):
-            least[k] = min(least[k], np.abs(through - shape(x[list(symmetry.nodes)])).max(1).min())
-    return float(np.mean(least <= NEAR * orbit.body_length))
 
 
 def dropped(scene: Scene, settings: Settings) -> tuple[np.ndarray, np.ndarray]:

@@ -2,14 +2,15 @@
 
 Every cable breaks in turn, and every strut gets stuck at its rest length (`broken = [k]` under [cables] and
 `stuck = [k]` under [struts] say the same in a scene file). What counts is steady speed, in the mean over robots that
-differ, on both contact models. The intact robot's gait is tried as it is; so are all gaits of the library with their
-images by the robot's symmetry; and two short searches look for new ones. One has the freedom that the intact robot's
-gait was found with, a wave's phases, amplitudes and frequency; in the other each actuator moves as it likes.
+differ, on both contact models. The intact robot's gait is tried as it is; so are all gaits of the library, those of
+cables too, as each rotation and mirroring of the robot sees them. Three short searches look for new ones: for waves of
+struts, for gaits of struts that each move as they like, and for gaits of cables alone, as quick as actuators can be.
+All of it is done with the intact robot too, since a short search may find little there as well.
 """
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from jaxgrity.cli.script import measured, run
 
@@ -20,11 +21,16 @@ from matplotlib.figure import Figure
 from tqdm import tqdm
 
 from jaxgrity import (
+    ActuatorBounds,
+    FidelityLevel,
+    Fitness,
     Gait,
     InputError,
     Scene,
     SearchConfig,
     SearchProblem,
+    Symmetry,
+    Uncertainty,
     contact_twin,
     distinct,
     evolve_through,
@@ -39,76 +45,90 @@ from jaxgrity import (
     one_gait,
     plot,
     search_problem,
-    standing_symmetries,
-    with_robots,
+    symmetries,
+    with_gait,
 )
 from jaxgrity.io.files import save_json
 
-WAYS = ("as it was", "library", "wave", "free")
+CABLES = {"members": "cables", "waves": "none", "scaled": True, "amplitude": (0.05, 0.7), "frequency": (0.2, 2.5)}
+SEARCHES: dict[str, dict[str, Any]] = {"wave": {}, "free": {"waves": "none"}, "cables, scaled": CABLES}
+"""what each search of a robot may vary, and how"""
+WAYS = ("as it was", "library", *SEARCHES)
 FINALISTS, TRIES, ROBOTS, UNSEEN = 8, 16, 64, 10**6
 """gaits of a search that are compared, and the robots by which; those of the last judgement, and what is added to the
 seed for it: by its draws no gait is chosen"""
+
+OTHER, BEYOND = "on the other contact model", "asks more of actuators than it may"
+Ways = dict[str, dict[str, Any]]  # what `measure` says of one robot, by the ways to a gait
+
+
+class Known(NamedTuple):
+    """Gaits that are known before anything is damaged."""
+
+    names: tuple[str, ...]
+    """in the library; of its images a gait as it is comes first"""
+    gaits: Gait
+    """a population, of every member"""
 
 
 @dataclass
 class Settings:
     gait: str = "lasting"
-    """of the intact robot, in the library: its speed is what a recovery is measured against"""
+    """of the library: what the robot does when it is damaged"""
     cases: tuple[str, ...] = ()
     """which damages, as "cable 7" or "strut 1"; every one where not given"""
     duration: float = 40.0
     """s"""
-    population: int = 64
+    population: int = 128
     """gaits in a generation of a search"""
-    generations: int = 8
+    generations: int = 25
     """of a search"""
     enough: float = 0.7
-    """share of the intact speed from which on a gait counts as recovered"""
+    """share of what the intact robot reaches from which on a gait counts as recovered"""
     seed: int = 0
     """the same seed gives the same numbers"""
     out: Path = Path("results/damage")
     """folder for damage.json and damage.png"""
     quick: bool = False
-    """a cable and a strut, 10 s, small searches"""
+    """a cable and a strut, 5 s, small searches; the library's gaits as they are alone"""
 
 
 def main(settings: Settings) -> None:
     if settings.quick:
-        settings.duration, settings.population, settings.generations = 10.0, 16, 1
-    if settings.gait not in gait_names():
-        raise InputError(f"gait = {settings.gait!r}: unknown; expected one of {', '.join(gait_names())}")
+        settings.duration, settings.population, settings.generations = 5.0, 16, 1
+    if settings.gait not in (plain := plain_names()):
+        raise InputError(f"gait = {settings.gait!r}: unknown or with overtones; expected one of {', '.join(plain)}")
     scene = load_scene(gait_record(settings.gait)["scene"])
     every = damaged(scene)
     chosen = ("cable 7", "strut 1") if settings.quick else settings.cases or tuple(every)
     if unknown := [name for name in chosen if name not in every]:
         raise InputError(f"cases = {unknown}: unknown; expected some of {', '.join(every)}")
-    cases, found = {name: every[name] for name in chosen}, {}
-    gaits = known_gaits(scene, settings.gait)
-    intact = measure(problem_of(scene, "every", settings), together(gaits[:1]), settings.seed)[0]
-    with tqdm(cases.items(), unit="case") as bar:
-        for number, (name, broken) in enumerate(bar):
-            found[name] = recover(scene, broken, gaits, settings, settings.seed + number)
-            bar.set_postfix(case=name, best=f"{max(one['own']['mean'] for one in found[name].values()):.2f}")
-            facts = facts_of(found, intact, settings)
+    robots, found = {"intact": scene} | {name: every[name] for name in chosen}, {}
+    known = known_gaits(scene, symmetries(scene.structure)[: 1 if settings.quick else None])
+    with tqdm(robots.items(), unit="robot") as bar:
+        for number, (name, robot) in enumerate(bar):
+            found[name] = recover(scene, robot, known, settings, settings.seed + number)
+            bar.set_postfix(robot=name, best=f"{fastest(found[name])['own']['mean']:.2f}")
+            facts = facts_of(found, known, settings)
             save_json(settings.out / "damage.json", facts)  # after each: it takes a while
     plot.save(figure(facts), settings.out / "damage.png")
     for kind, counts in facts["recovered"].items():
-        print(f"{kind}: {settings.enough:.0%} of the intact speed is reached in", counts)
+        print(f"{kind}: {settings.enough:.0%} of the intact robot's best is reached in", counts["best"])
     print(f"wrote {settings.out}/")
 
 
-def facts_of(found: dict[str, Any], intact: dict[str, Any], settings: Settings) -> dict[str, Any]:
-    """What goes into the file, of the cases that are done."""
-    kinds = {name.split()[0] for name in found}
+def facts_of(found: dict[str, Ways], known: Known, settings: Settings) -> dict[str, Any]:
+    """What goes into the file, of the robots that are done, the intact one first."""
+    cases = {name: case for name, case in found.items() if name != "intact"}
+    kinds = dict.fromkeys(name.split()[0] for name in cases)  # cable, strut
+    searched = settings.population * (3 + settings.generations)  # the first generation is four times as large
     return {
         **measured(),
-        "gait": settings.gait,
-        "duration": settings.duration,
-        "enough": settings.enough,
-        "gaits": search_config("every", settings).population * (3 + settings.generations),
-        "intact": intact,
-        "cases": found,
-        "recovered": {kind: recovered(found, intact, kind, settings.enough) for kind in sorted(kinds)},
+        **{name: getattr(settings, name) for name in ("gait", "duration", "enough", "population", "generations")},
+        "gaits": {"as it was": 1, "library": len(known.names)} | dict.fromkeys(SEARCHES, searched),
+        "intact": found["intact"],
+        "cases": cases,
+        "recovered": {kind: recovered(cases, found["intact"], kind, settings.enough) for kind in kinds},
     }
 
 
@@ -126,11 +146,42 @@ def damaged(scene: Scene) -> dict[str, Scene]:
     return found
 
 
-def known_gaits(scene: Scene, first: str) -> list[Gait]:
-    """The library's gaits that fit the scene, the `first` one and then each with its images."""
-    names = [name for name in gait_names() if tuple(gait_record(name)["members"]) == scene.gait.members]
-    plain = [gait for gait in map(load_gait, names) if not gait.overtones]
-    return [load_gait(first), *(image(gait, turned) for gait in plain for turned in standing_symmetries(scene))]
+def plain_names() -> list[str]:
+    """The library's gaits without overtones: those with some ask for stronger actuators than searches may."""
+    return [name for name in gait_names() if not load_gait(name).overtones]
+
+
+def known_gaits(scene: Scene, turned: tuple[Symmetry, ...]) -> Known:
+    """The library's gaits that fit, of struts and of cables alike, each turned and mirrored as said."""
+    names, gaits = [], []
+    for name in plain_names():
+        own, other = scene.structure, load_scene(gait_record(name)["scene"]).structure
+        if (own.struts.edges, own.cables.edges) == (other.struts.edges, other.cables.edges):
+            names += [name] * len(turned)
+            gaits += [image(of_every_member(scene, load_gait(name)), symmetry) for symmetry in turned]
+    return Known(tuple(names), together(gaits))
+
+
+def of_every_member(scene: Scene, gait: Gait) -> Gait:
+    """The same gait, or population, with all other members as actuators that do nothing: so any two are alike."""
+
+    def placed(values):
+        found = np.zeros((*np.shape(values)[:-1], scene.structure.member_count))
+        found[..., list(gait.members)] = values
+        return found
+
+    parts = [placed(part) for part in (gait.phase, gait.amplitude, gait.frequency)]
+    return Gait(tuple(range(scene.structure.member_count)), *parts, gait.start, gait.ramp)
+
+
+def of_cables(scene: Scene) -> Scene:
+    """The scene with a gait of all cables to begin from, and no struts that are stuck: they stay as long as they are
+    anyway."""
+    first, own = scene.structure.first_cable, scene.gait
+    one = np.ones(scene.structure.member_count - first)
+    cables = tuple(range(first, first + len(one)))
+    gait = Gait(cables, 0 * one, own.amplitude.max() * one, own.frequency.max() * one, own.start, own.ramp)
+    return eqx.tree_at(lambda s: s.structure.struts, with_gait(scene, gait), replace(scene.structure.struts, stuck=()))
 
 
 def together(gaits: list[Gait]) -> Gait:
@@ -138,88 +189,108 @@ def together(gaits: list[Gait]) -> Gait:
     return jax.tree.map(lambda *rows: np.stack(rows) if np.ndim(rows[0]) else rows[0], *gaits)
 
 
-def search_config(waves: str, settings: Settings) -> SearchConfig:
-    """Screening of the default search alone."""
-    return SearchConfig(settings.duration, settings.population, (settings.generations, 0), waves=waves)
+def search_config(way: str, settings: Settings) -> SearchConfig:
+    """Screening alone, with what may vary on this way."""
+    return SearchConfig(settings.duration, settings.population, (settings.generations, 0), **SEARCHES[way])
 
 
-def problem_of(scene: Scene, waves: str, settings: Settings) -> SearchProblem:
-    """How gaits of the intact robot are judged, and what of them may vary."""
-    return search_problem(scene, search_config(waves, settings))
-
-
-def recover(intact: Scene, broken: Scene, gaits: list[Gait], settings: Settings, seed: int) -> dict[str, Any]:
+def recover(intact: Scene, robot: Scene, known: Known, settings: Settings, seed: int) -> Ways:
     """What `measure` says of the gait as it was, and of the best on each of the ways to another one."""
-    problem = problem_of(intact, "every", settings)._replace(scene=broken)
-    chosen = [gaits[0], best(problem, together(gaits), settings.seed)]
-    for waves in ("every", "none"):
-        # waves follow from the intact robot's rotations, which damage leaves none of
-        here = problem_of(intact, waves, settings)._replace(scene=broken)
-        levels, configs = fidelity_levels(broken, wide=True), ga_configs(search_config(waves, settings), 1)
-        (search,) = evolve_through(levels[:1], here, configs, seed=seed)
-        found = here.genome.gaits(broken.gait, distinct(search.last, here.genome, FINALISTS))
-        chosen.append(best(problem, found, settings.seed))
-    return dict(zip(WAYS, measure(problem, together(chosen), settings.seed), strict=True))
+    problem = search_problem(intact, search_config("wave", settings))._replace(scene=robot)
+    level = fidelity_levels(robot)[1]
+    which = best(level, problem, known.gaits, settings.seed)
+    chosen = [one_gait(known.gaits, k) for k in (known.names.index(settings.gait), which)]
+    for way in SEARCHES:
+        found = evolved(intact, robot, way, settings, seed)
+        chosen.append(one_gait(found, best(level, problem, found, settings.seed)))
+    names = (settings.gait, known.names[which], *[None] * len(SEARCHES))
+    rows = zip(WAYS, names, measure(level, problem, together(chosen), settings.seed), strict=True)
+    return {way: {"gait": name, **row} for way, name, row in rows}
 
 
-def tried(problem: SearchProblem, robots: int) -> SearchProblem:
-    """The problem with an ensemble of so many robots, and without bounds, which damage may exceed."""
-    fitness = eqx.tree_at(lambda f: f.bounds, problem.fitness, type(problem.fitness.bounds)())
-    return problem._replace(fitness=with_robots(fitness, robots))
+def evolved(intact: Scene, robot: Scene, way: str, settings: Settings, seed: int) -> Gait:
+    """The finalists of a search of the robot, of every member."""
+    config = search_config(way, settings)
+    if config.members == "cables":
+        robot = of_cables(robot)
+    whole = intact if config.waves == "every" else robot  # waves follow from rotations, of which damage leaves none
+    problem = search_problem(whole, config)._replace(scene=robot)
+    (search,) = evolve_through(fidelity_levels(robot, wide=True)[:1], problem, ga_configs(config, 1), seed=seed)
+    finalists = distinct(search.last, problem.genome, FINALISTS)
+    return of_every_member(robot, problem.genome.gaits(robot.gait, finalists))
 
 
-def best(problem: SearchProblem, gaits: Gait, seed: int) -> Gait:
-    """The gait that is fastest in the mean over robots, on the scene's own model."""
-    level = fidelity_levels(problem.scene)[1]
-    found = judge_at(level, gaits, tried(problem, TRIES), seed)
-    return one_gait(gaits, int(np.argmax(np.nan_to_num(found.mean, nan=-np.inf))))
+def best(level: FidelityLevel, problem: SearchProblem, gaits: Gait, seed: int) -> int:
+    """Which gait is fastest in the mean over robots, on the scene's own model; those beyond a bound come last."""
+    found = judge_at(level, gaits, with_fitness(problem, TRIES, ActuatorBounds()), seed)
+    return int(np.lexsort((-np.nan_to_num(found.mean, nan=-np.inf), ~within_bounds(level, problem, gaits)))[0])
 
 
-def measure(problem: SearchProblem, gaits: Gait, seed: int) -> list[dict[str, Any]]:
+def with_fitness(problem: SearchProblem, robots: int, bounds: ActuatorBounds) -> SearchProblem:
+    """The problem with an ensemble of so many robots, and other bounds; one robot is as the scene says."""
+    uncertain = problem.fitness.uncertainty if robots > 1 else Uncertainty()
+    return problem._replace(fitness=Fitness(problem.fitness.objective, uncertain, robots, bounds=bounds))
+
+
+def within_bounds(level: FidelityLevel, problem: SearchProblem, gaits: Gait) -> np.ndarray:
+    """(gaits,), whether each asks no more of actuators than a default search allows, of the robot as it is said."""
+    alone = with_fitness(problem, 1, problem.fitness.bounds)
+    return np.asarray(judge_at(level, gaits, alone, 0).mean >= 0)  # a speed, or less than nothing beyond them
+
+
+def measure(level: FidelityLevel, problem: SearchProblem, gaits: Gait, seed: int) -> list[dict[str, Any]]:
     """Steady speed of each gait, body lengths/s: mean and spread over robots on the own contact model and the other."""
-    rows: list[dict[str, Any]] = [{} for _ in gaits.phase]
-    for name, scene in (("own", problem.scene), ("other", contact_twin(problem.scene))):
-        found = judge_at(fidelity_levels(scene)[1], gaits, tried(problem, ROBOTS), seed + UNSEEN)
+    rows: list[dict[str, Any]] = [{"within_bounds": bool(inside)} for inside in within_bounds(level, problem, gaits)]
+    unbounded = with_fitness(problem, ROBOTS, ActuatorBounds())
+    for name, here in (("own", level), ("other", fidelity_levels(contact_twin(problem.scene))[1])):
+        found = judge_at(here, gaits, unbounded, seed + UNSEEN)
         for row, mean, spread in zip(rows, found.mean, found.spread, strict=True):
             row[name] = {"mean": float(np.nan_to_num(mean)), "standard_deviation": float(np.nan_to_num(spread))}
     return rows
 
 
-def recovered(found: dict[str, Any], intact: dict[str, Any], kind: str, enough: float) -> dict[str, int]:
-    """In how many cases each way, and any of them, reaches enough of the intact speed on both contact models."""
-    cases = [case for name, case in found.items() if name.startswith(kind)]
-    reached = [
-        {way: all(one[m]["mean"] >= enough * intact[m]["mean"] for m in intact) for way, one in case.items()}
-        for case in cases
-    ]
-    counts = {way: sum(case[way] for case in reached) for way in WAYS}
-    return {"cases": len(cases), **counts, "any": sum(any(case.values()) for case in reached)}
+def fastest(case: Ways) -> dict[str, Any]:
+    """What is fastest on the own contact model, of all ways; ways beyond the bounds on actuators come last."""
+    return max(case.values(), key=lambda one: (one["within_bounds"], one["own"]["mean"]))
+
+
+def recovered(cases: dict[str, Ways], intact: Ways, kind: str, enough: float) -> dict[str, Any]:
+    """In how many cases each way, and any of them, reaches enough of the intact robot's best on both contact models,
+    within the bounds on actuators; and each way enough of what the same way reaches on the intact robot."""
+
+    def reaches(one: dict[str, Any], wanted: dict[str, Any]) -> bool:
+        fast = (one[model]["mean"] >= enough * wanted[model]["mean"] for model in ("own", "other"))
+        return one["within_bounds"] and all(fast)
+
+    top, some = fastest(intact), [case for name, case in cases.items() if name.startswith(kind)]
+    of_best = {way: sum(reaches(case[way], top) for case in some) for way in WAYS}
+    of_best["any"] = sum(any(reaches(one, top) for one in case.values()) for case in some)
+    alike = {way: sum(reaches(case[way], intact[way]) for case in some) for way in WAYS}
+    return {"cases": len(some), "best": of_best, "same way": alike}
 
 
 @plot.styled
 def figure(facts: dict[str, Any]) -> Figure:
-    """Steady speed in each case on each of the ways, and what counts as recovered."""
-    cases, intact = facts["cases"], facts["intact"]["own"]["mean"]
-    chart = Figure(figsize=(14, 5), layout="constrained")
+    """Steady speed of each robot on each of the ways, and what counts as recovered."""
+    robots, top = {"intact": facts["intact"]} | facts["cases"], fastest(facts["intact"])["own"]["mean"]
+    chart = Figure(figsize=(12, 5), layout="constrained")
     axes = chart.subplots()
-    x = np.arange(len(cases))
+    x, width = np.arange(len(robots)), 0.85 / len(WAYS)
     for k, way in enumerate(WAYS):
-        rows = [case[way]["own"] for case in cases.values()]
-        spread = [row["standard_deviation"] for row in rows]
-        place = x + 0.2 * (k - 1.5)
-        axes.bar(place, [row["mean"] for row in rows], 0.2, label=way, yerr=spread, error_kw={"lw": 0.6})
-        others = [case[way]["other"]["mean"] for case in cases.values()]
-        axes.plot(place, others, ".", color="black", ms=4, label=None if k else "on the other contact model")
-    axes.axhline(intact, color="black", lw=1, label=f"{facts['gait']}, intact")
-    axes.axhline(facts["enough"] * intact, color="black", lw=1, ls="--", label=f"{facts['enough']:.0%} of it")
-    axes.set_xticks(x, list(cases), rotation=90)
-    axes.set(
-        xlim=(-0.6, len(cases) - 0.4),
-        ylim=(0, None),
-        ylabel="steady speed, body lengths/s",
-        title="damage: the gait as it was, the best of the library, a new wave, a new gait of any kind",
-    )
-    axes.legend(ncols=7, fontsize="small", loc="upper center", bbox_to_anchor=(0.5, -0.2))
+        rows, place = [robot[way] for robot in robots.values()], x + width * (k - (len(WAYS) - 1) / 2)
+        speed, spread = ([row["own"][name] for row in rows] for name in ("mean", "standard_deviation"))
+        axes.bar(place, speed, width, label=way, yerr=spread, error_kw={"lw": 0.6})
+        axes.plot(place, [row["other"]["mean"] for row in rows], "k.", ms=4, label=None if k else OTHER)
+        beyond = [not row["within_bounds"] for row in rows]
+        axes.plot(place[beyond], np.zeros(sum(beyond)) + 0.03, "kx", ms=5, label=None if k else BEYOND)
+    axes.axhline(top, color="black", lw=1, label="the intact robot's best")
+    axes.axhline(facts["enough"] * top, color="black", lw=1, ls="--", label=f"{facts['enough']:.0%} of that")
+    axes.axvline(0.5, color="grey", lw=0.8)
+    axes.grid(visible=False, axis="x")
+    axes.set_xticks(x, list(robots), rotation=90 if len(robots) > 10 else 0)
+    title = "the gait as it was, the best of the library, and the best of three short searches"
+    axes.set(xlim=(-0.5, len(x) - 0.5), ylim=(0, None), ylabel="steady speed, body lengths/s", title=title)
+    chart.legend(ncols=4, fontsize="small", loc="outside lower center")
     return chart
 
 

@@ -5,7 +5,9 @@ from math import lcm
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
+from jaxgrity.core.types import FinalPositions
 from jaxgrity.model.actuation import Gait
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.symmetry import gene_permutations, symmetries
@@ -18,6 +20,8 @@ LARGEST_PART = 12
 """into so many parts of a period a symmetry may divide it, at most"""
 ROUNDING = 1e-6
 """body lengths, by which a shape may differ however closely the orbit returns"""
+MOMENTS = 100
+"""of the orbit in a period, to which shapes of robots are compared"""
 SETTLING = 4
 """cycles that are left to the robot to settle at the step that the comparison needs"""
 
@@ -83,6 +87,38 @@ def repetition(scene: Scene, orbit: Orbit, *, options: Options = None) -> Repeti
         if 0 < lag < long and (change := _change(q, before, lag, nodes)) <= limit:
             return Repetition(lag * orbit.period / frames, nodes, change)
     return whole
+
+
+def distance_from_orbit(
+    scene: Scene, orbit: Orbit, positions: FinalPositions, *, options: Options = None
+) -> Float[np.ndarray, " robots"]:
+    """By how much robots' shapes differ from the nearest that the orbit goes through, or a symmetric image of it.
+
+    Shapes are heights of nodes and distances between them, which no planar motion changes; images have other nodes in
+    the places of these, as the structure's symmetries say. The orbit is looked at `MOMENTS` times in a period.
+
+    Args:
+        scene: with the gait of the orbit; its structure's own nodes decide the symmetries.
+        orbit: as from `find_orbit`, by the same options.
+        positions: (robots, nodes, 3), m.
+        options: how to integrate; where not given, the scene decides.
+
+    Returns:
+        (robots,), m, the largest difference of a height or a distance.
+
+    Raises:
+        InputError: bad options (see `resolve`), positions that do not decide the symmetries (see `symmetries`).
+    """
+    here, axes = restarted(scene, orbit), plane_of(scene).axes
+    chosen, rate = in_step(here, orbit.period / MOMENTS, options), MOMENTS / orbit.period
+    trajectory = simulate(here, orbit.cycle, options=chosen, frame_rate=rate, velocities=orbit.state[1])
+    through = np.array([shape(x) for x in np.asarray(trajectory.positions, float) @ axes])
+    images = [list(symmetry.nodes) for symmetry in symmetries(scene.structure)]
+    least = [
+        min(np.abs(through - shape(x[nodes])).max(1).min() for nodes in images)
+        for x in np.asarray(positions, float) @ axes
+    ]
+    return np.array(least)
 
 
 def _change(q: np.ndarray, before: np.ndarray, lag: int, nodes: tuple[int, ...]) -> float:

@@ -13,6 +13,7 @@ from jaxgrity import (
     InputError,
     SolverOptions,
     Trajectory,
+    distance_from_orbit,
     find_orbit,
     load_gait,
     orbit_cycle,
@@ -168,7 +169,7 @@ def test_a_gait_that_lasts_is_on_an_orbit_at_any_step(exact):
     cycle, fewer = (
         orbit_cycle(scene, orbit, options=SolverOptions(dt=dt)) for orbit, dt in ((coarse, 5e-3), (fine, 2.5e-3))
     )
-    assert cycle.distance == pytest.approx(coarse.speed * coarse.cycle, rel=1e-3)
+    assert cycle.distance == pytest.approx(np.hypot(*coarse.velocity) * coarse.cycle, rel=1e-3)  # it rolls straight
     assert cycle.effort == pytest.approx(fewer.effort, rel=0.05)
     assert 0 < cycle.work < cycle.effort
     assert len(cycle.supports) == 12
@@ -178,6 +179,11 @@ def test_a_gait_that_lasts_is_on_an_orbit_at_any_step(exact):
     assert coarse.cycle / found.time == pytest.approx(6)
     images = [tuple(sorted(found.nodes[node] for node in face)) for face in cycle.supports]
     assert images == [*cycle.supports[2:], *cycle.supports[:2]]
+    here, turn = coarse.state[0], np.array([[0, 1.0, 0], [-1, 0, 0], [0, 0, 1]])
+    image = here[list(found.nodes)] @ turn + [3, 4, 0]
+    off = distance_from_orbit(scene, coarse, np.array([here, image, scene.structure.nodes, here + [0, 0, 0.2]]))
+    assert off[:2].max() < 1e-6
+    assert off[2:].min() > 0.05
     again, _, bars = orbit_error_bars(scene, 70.0, options=SolverOptions(dt=5e-3))
     finest = find_orbit(scene, 70.0, options=SolverOptions(dt=5e-3 / 8))
     reached = orbit_cycle(scene, finest, options=SolverOptions(dt=5e-3 / 8))
