@@ -179,9 +179,9 @@ def test_a_gait_that_lasts_is_on_an_orbit_at_any_step(exact):
     assert coarse.cycle / found.time == pytest.approx(6)
     images = [tuple(sorted(found.nodes[node] for node in face)) for face in cycle.supports]
     assert images == [*cycle.supports[2:], *cycle.supports[:2]]
-    here, turn = coarse.state[0], np.array([[0, 1.0, 0], [-1, 0, 0], [0, 0, 1]])
-    image = here[list(found.nodes)] @ turn + [3, 4, 0]
-    off = distance_from_orbit(scene, coarse, np.array([here, image, scene.structure.nodes, here + [0, 0, 0.2]]))
+    here, turn, lift = coarse.state[0], np.array([[0, 1.0, 0], [-1, 0, 0], [0, 0, 1]]), np.array([0, 0, 0.2])
+    image = here[list(found.nodes)] @ turn + np.array([3, 4, 0])
+    off = distance_from_orbit(scene, coarse, np.array([here, image, scene.structure.nodes, here + lift]))
     assert off[:2].max() < 1e-6
     assert off[2:].min() > 0.05
     again, _, bars = orbit_error_bars(scene, 70.0, options=SolverOptions(dt=5e-3))
