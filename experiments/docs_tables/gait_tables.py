@@ -92,7 +92,7 @@ def third_opinions_table(facts: Facts) -> str:
 
 
 def ranges_facts(raw: Facts) -> Facts:
-    """Of each quantity, the values that are next to each other about the gait's own where all robots roll but one of eight."""
+    """Of each quantity, the values next to each other about the gait's own where all robots roll but one of eight."""
     rows = []
     for contact, quantity in dict.fromkeys((row["contact"], row["quantity"]) for row in raw["rows"]):
         scan = [row for row in raw["rows"] if (row["contact"], row["quantity"]) == (contact, quantity)]
@@ -120,7 +120,12 @@ def ranges_table(facts: Facts) -> str:
         ]
         for row in facts["rows"]
     ]
-    head = ["quantity", "contact", f"{np.ceil(MOST * facts['robots']):.0f} of {facts['robots']} robots roll at", "speed there, body lengths/s"]
+    head = [
+        "quantity",
+        "contact",
+        f"{np.ceil(MOST * facts['robots']):.0f} of {facts['robots']} robots roll at",
+        "speed there, body lengths/s",
+    ]
     return table(head, rows) + made_by(facts, "ranges")
 
 

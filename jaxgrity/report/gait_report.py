@@ -240,7 +240,7 @@ def _chosen(multipliers: list[float] | None) -> dict[str, str]:
     if multipliers is None:
         return {}
     told = ", ".join(f"{each:.2g}" if np.isfinite(each) else "no orbit" for each in multipliers)
-    return {"finalists": f"their orbits multiply a disturbance in a cycle by {told}; the first was chosen"}
+    return {"finalists": f"their orbits multiply a disturbance in a cycle by {told}; the first is worth most"}
 
 
 def distance_words(summary: dict[str, Any]) -> str:

@@ -79,7 +79,7 @@ def promote(
     for level in levels:
         on_level(len(rows), len(levels), {"level": level.name})
         rows.append(np.asarray(judge_at(level, gaits, problem, config.seed + 2).fitness))
-    on_level(len(rows), len(levels), {})
+    on_level(len(rows), len(levels), {"level": "finalists"})
     first, table = len(genes), np.array(rows)
     agreement = Agreement(levels, table, first, rank_correlation(table), rank_correlation(table[:, :first]))
     kept = within_bounds(levels[1], genes, problem, bounds)

@@ -7,7 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from jaxgrity.core.types import FinalPositions
+from jaxgrity.core.errors import InputError
+from jaxgrity.core.types import AnyArray
 from jaxgrity.model.actuation import Gait
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.symmetry import gene_permutations, symmetries
@@ -90,12 +91,13 @@ def repetition(scene: Scene, orbit: Orbit, *, options: Options = None) -> Repeti
 
 
 def distance_from_orbit(
-    scene: Scene, orbit: Orbit, positions: FinalPositions, *, options: Options = None
+    scene: Scene, orbit: Orbit, positions: AnyArray, *, options: Options = None
 ) -> Float[np.ndarray, " robots"]:
     """By how much robots' shapes differ from the nearest that the orbit goes through, or a symmetric image of it.
 
     Shapes are heights of nodes and distances between them, which no planar motion changes; images have other nodes in
-    the places of these, as the structure's symmetries say. The orbit is looked at `MOMENTS` times in a period.
+    the places of these, as the structure's symmetries say. The orbit is looked at `MOMENTS` times in a period, so that
+    a robot on it may be as far off as shapes change in half of the time between.
 
     Args:
         scene: with the gait of the orbit; its structure's own nodes decide the symmetries.
@@ -107,15 +109,19 @@ def distance_from_orbit(
         (robots,), m, the largest difference of a height or a distance.
 
     Raises:
-        InputError: bad options (see `resolve`), positions that do not decide the symmetries (see `symmetries`).
+        InputError: positions of another shape, bad options (see `resolve`), nodes that do not decide the symmetries
+            (see `symmetries`).
     """
+    nodes = np.shape(scene.structure.nodes)
+    if np.ndim(positions) != 3 or np.shape(positions)[1:] != nodes:
+        raise InputError(f"positions have shape {np.shape(positions)}; expected (robots, {nodes[0]}, 3)")
     here, axes = restarted(scene, orbit), plane_of(scene).axes
     chosen, rate = in_step(here, orbit.period / MOMENTS, options), MOMENTS / orbit.period
     trajectory = simulate(here, orbit.cycle, options=chosen, frame_rate=rate, velocities=orbit.state[1])
     through = np.array([shape(x) for x in np.asarray(trajectory.positions, float) @ axes])
     images = [list(symmetry.nodes) for symmetry in symmetries(scene.structure)]
     least = [
-        min(np.abs(through - shape(x[nodes])).max(1).min() for nodes in images)
+        min(np.abs(through - shape(x[image])).max(1).min() for image in images)
         for x in np.asarray(positions, float) @ axes
     ]
     return np.array(least)

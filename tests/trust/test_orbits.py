@@ -184,6 +184,8 @@ def test_a_gait_that_lasts_is_on_an_orbit_at_any_step(exact):
     off = distance_from_orbit(scene, coarse, np.array([here, image, scene.structure.nodes, here + lift]))
     assert off[:2].max() < 1e-6
     assert off[2:].min() > 0.05
+    with pytest.raises(InputError, match=r"positions have shape \(12, 3\); expected \(robots, 12, 3\)"):
+        distance_from_orbit(scene, coarse, here)
     again, _, bars = orbit_error_bars(scene, 70.0, options=SolverOptions(dt=5e-3))
     finest = find_orbit(scene, 70.0, options=SolverOptions(dt=5e-3 / 8))
     reached = orbit_cycle(scene, finest, options=SolverOptions(dt=5e-3 / 8))
