@@ -99,7 +99,7 @@ def figure(paths: dict[str, np.ndarray]) -> Figure:
         axes.set(xlabel="x (m)", ylabel="y (m)", title=title)
         axes.set_aspect("equal", adjustable="datalim")
         if axes.lines:
-            axes.legend(fontsize="small")
+            axes.legend(fontsize="small", loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=3)
     return chart
 
 

@@ -129,9 +129,10 @@ def simulate(
     saved = times if traced((scene, q, v)) else np.pad(times, (0, max(0, ROOM // len(q) - len(times))), mode="edge")
     trajectory = _simulate(as_dtype(scene, resolved.dtype), (q, v), saved, resolved.as_inputs())
     if len(saved) > len(times):
-        # sliced by NumPy, which compiles nothing for it
+        # known numbers are sliced by NumPy, which compiles nothing for it; inside of another jitted function none are
+        known = (lambda x: x) if traced(trajectory) else np.asarray
         names = ("times", "positions", "velocities")
-        kept = {name: jnp.asarray(np.asarray(getattr(trajectory, name))[: len(times)]) for name in names}
+        kept = {name: jnp.asarray(known(getattr(trajectory, name))[: len(times)]) for name in names}
         trajectory = replace(trajectory, **kept)  # type: ignore[arg-type]
     return replace(trajectory, dt=resolved.dt, scene=scene)  # type: ignore[arg-type]
 

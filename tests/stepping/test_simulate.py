@@ -7,7 +7,7 @@ import jax
 import numpy as np
 import pytest
 
-from jaxgrity import InputError, Scene, Structure, diagnose, energy_audit, sensitivity, simulate
+from jaxgrity import InputError, Scene, SolverOptions, Structure, diagnose, energy_audit, sensitivity, simulate
 from jaxgrity.stepping.simulate import centre_path, frame_times
 
 
@@ -82,3 +82,10 @@ def test_rollouts_are_differentiated_by_forward_mode(falling):
     np.testing.assert_allclose(positions, path(2.0), rtol=0, atol=1e-13)
     np.testing.assert_allclose(slope[:, 1, 2], np.linspace(0, 0.5, 6), rtol=0, atol=1e-13)
     assert not np.any(slope[:, 0])
+
+
+def test_rollouts_may_be_compiled_with_what_is_made_of_them(falling):
+    """Inside of a jitted function, which knows no numbers."""
+    options = SolverOptions("rk4", 1e-2)
+    height = jax.jit(lambda: simulate(falling, 0.5, options=options, frame_rate=10.0).positions[:, 0, 2])
+    np.testing.assert_allclose(height(), 1 - 9.81 / 2 * np.linspace(0, 0.5, 6) ** 2, rtol=0, atol=1e-13)
