@@ -12,9 +12,13 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
+from jaxgrity.core.primitives import inverse, over
 from jaxgrity.core.types import NodeVectors, Scalar
 from jaxgrity.stepping.constraints import (
     GroundImpulses,
+    blocks_of,
+    excess,
+    excess_rate,
     impulses,
     length_error,
     prepare,
@@ -140,17 +144,48 @@ class Complementarity(diffrax.AbstractSolver):
         once = self.lift(sweep, ("s", -1, -1))
 
         # rolled up, and outside the map over a population: unrolled sweeps, or mapped loops, are many times slower
-        if tolerance is None:
-            return jax.lax.fori_loop(0, sweeps, lambda _, trials: once(scene, problem, trials), trials)
+        def swept(scene, h, problem, trials):
+            if tolerance is None:
+                return jax.lax.fori_loop(0, sweeps, lambda _, trials: once(scene, problem, trials), trials)
 
-        def short_of(carry):
-            done, trials = carry
-            return (done < sweeps) & jnp.any(self._length_error(scene, h, problem, trials).largest > tolerance)
+            def short_of(carry):
+                done, trials = carry
+                return (done < sweeps) & jnp.any(self._length_error(scene, h, problem, trials).largest > tolerance)
 
-        def again(carry):
-            return carry[0] + 1, once(scene, problem, carry[1])
+            def again(carry):
+                return carry[0] + 1, once(scene, problem, carry[1])
 
-        return jax.lax.while_loop(short_of, again, (0, trials))[1]
+            return jax.lax.while_loop(short_of, again, (0, trials))[1]
+
+        if blocks_of(scene).by_struts:
+            swept = self._differentiated_where_it_ends(swept)
+        return swept(scene, h, problem, trials)
+
+    def _differentiated_where_it_ends(self, swept):
+        """The sweeps, with the derivative of what they converge to, where each node belongs to one strut.
+
+        Sweeps change the trial impulses by z = z0 - S u alone, with u the `pushes` of impulses of 1 along the struts,
+        until F(z, ...) = 0, the struts' `excess`, to rounding. By the implicit function theorem the derivative of S
+        is then that of F with S held, over dF/dS: it costs less than one sweep's, and needs none of those before.
+        """
+        swept = jax.custom_jvp(swept)
+        excess_of, rate_of = (self.lift(function, ("s", -1, -1)) for function in (excess, excess_rate))
+
+        @swept.defjvp
+        def derivative(primals, tangents):
+            (scene, _, problem, before), (scene_dot, _, problem_dot, before_dot) = primals, tangents
+            after = swept(*primals)
+            (pushes,), (pushes_dot,) = problem.pushes, problem_dot.pushes
+            held = tuple(
+                z_dot - u_dot * ((z0 - z).dot(u) * inverse(u.dot(u)))
+                for z_dot, u_dot, z, z0, u in zip(before_dot, pushes_dot, after, before, pushes)
+            )
+            at, along = (scene, problem, after), (scene_dot, problem_dot, held + before_dot[len(pushes) :])
+            rate = over(jax.jvp(excess_of, at, along)[1], rate_of(*at))
+            found = tuple(z_dot + u * rate for z_dot, u in zip(held, pushes))
+            return after, found + before_dot[len(pushes) :]
+
+        return swept
 
     def func(self, terms, t0, y0, args):
         return terms.vf(t0, y0, args)

@@ -196,19 +196,41 @@ def length_error(scene: Scene, h: Scalar, problem: StepProblem, trials: Trials) 
     return LengthError(h * largest(off), largest(off / problem.lengths))
 
 
-def _to_length(
+def excess(scene: Scene, problem: StepProblem, trials: Trials) -> PerMember:
+    """(|d|^2 - (L/h)^2)/2 of all rigid struts, m^2/s^2, 0 where a strut will have its length; d as in `_to_length`."""
+    layout = blocks_of(scene)
+    strut = _strut(layout, problem, _contacts(scene, problem), layout.groups[0], problem.pushes[0], trials)
+    return strut.excess / 2
+
+
+def excess_rate(scene: Scene, problem: StepProblem, trials: Trials) -> PerMember:
+    """d·m, the derivative of `excess` by an impulse along its strut, m^2/s^2 each N s."""
+    layout = blocks_of(scene)
+    return _strut(layout, problem, _contacts(scene, problem), layout.groups[0], problem.pushes[0], trials).d_m
+
+
+class _Strut(NamedTuple):
+    """Struts of a group in the middle of a sweep."""
+
+    excess: PerMember
+    """d·d - (L/h)^2"""
+    d_m: PerMember
+    """d·m"""
+    m_m: PerMember
+    """m·m"""
+
+
+def _strut(
     layout: Blocks,
     problem: StepProblem,
     contacts: tuple[Contact | None, ...],
     group: tuple[int, ...],
     push: tuple[Vector, ...],
     trials: Trials,
-) -> PerMember:
-    """Impulses along the struts of a group after which |d| = L/h at the end of the step, exactly, N s.
+) -> _Strut:
+    """With d = (x_i - x_j)/h at the end of the step, m/s, and m, by which an impulse of 1 along the strut changes it.
 
-    With d = (x_i - x_j)/h at the end, and an impulse of 1 along the strut moving it by m (with what the ground
-    answers), |d + s m| = L/h has the root s = (sqrt((d·m)^2 - m·m (d·d - (L/h)^2)) - d·m)/(m·m), also where forces
-    alone would have turned the strut around. Where the ground holds both ends, m is as if they were free.
+    m holds what the ground answers; where the ground holds both ends, m is as if they were free.
     """
     assert problem.vectors is not None, "`prepare` sets it where struts are rigid"
     assert problem.lengths is not None, "`prepare` sets it where struts are rigid"
@@ -221,8 +243,25 @@ def _to_length(
     free_squared, moving_squared = free.dot(free), moving.dot(moving)
     moves = moving_squared > HELD * HELD * free_squared
     d_m = jnp.where(moves, d.dot(moving), d.dot(free))
-    m_m = jnp.where(moves, moving_squared, free_squared)
-    excess = d.dot(d) - goal * goal
+    return _Strut(d.dot(d) - goal * goal, d_m, jnp.where(moves, moving_squared, free_squared))
+
+
+def _to_length(
+    layout: Blocks,
+    problem: StepProblem,
+    contacts: tuple[Contact | None, ...],
+    group: tuple[int, ...],
+    push: tuple[Vector, ...],
+    trials: Trials,
+) -> PerMember:
+    """Impulses along the struts of a group after which |d| = L/h at the end of the step, exactly, N s.
+
+    With d and m of `_strut`, |d + s m| = L/h has the root s = (sqrt((d·m)^2 - m·m (d·d - (L/h)^2)) - d·m)/(m·m), also
+    where forces alone would have turned the strut around.
+    """
+    assert problem.vectors is not None, "`prepare` sets it where struts are rigid"
+    assert problem.lengths is not None, "`prepare` sets it where struts are rigid"
+    excess, d_m, m_m = _strut(layout, problem, contacts, group, push, trials)
     under = d_m * d_m - m_m * excess
     towards = d_m > 0
     # |d·m| + sqrt(...), by which the root of either sign has a form that does not cancel; what takes the square root

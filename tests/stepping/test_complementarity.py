@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+from functools import partial
 from pathlib import Path
 
 import equinox as eqx
@@ -29,7 +30,7 @@ from jaxgrity.model.scene import Scene, as_dtype
 from jaxgrity.model.structure import Members, Structure, edge_lengths
 from jaxgrity.stepping import constraints
 from jaxgrity.stepping.blocks import Blocks, disjoint_groups
-from jaxgrity.stepping.complementarity import LARGEST_LENGTH_ERROR
+from jaxgrity.stepping.complementarity import LARGEST_LENGTH_ERROR, Complementarity
 from jaxgrity.stepping.constraints import impulses, length_error, prepare, sweep, trials_of, velocities
 from jaxgrity.stepping.integrate import FAILURES, integrate
 from jaxgrity.stepping.options import resolve
@@ -142,18 +143,23 @@ def test_the_error_of_a_strut_is_relative_to_its_own_length():
     assert float(error.relative) == pytest.approx(2e-3, rel=1e-9)
 
 
-@pytest.mark.parametrize("incline", [0.0, 0.3])
-def test_laid_out_by_struts_a_sweep_does_the_same(exact, incline, monkeypatch):
-    """As laid out by nodes, the way of struts that share some: with a free node beside them, pressed on, slipping."""
+def thrown_about(exact: Scene, incline: float) -> tuple[Scene, jax.Array, jax.Array]:
+    """Six struts and a free node, some nodes pressed on, some slipping: scene, positions and velocities."""
     structure = exact.structure
     nodes, mass = np.vstack([structure.nodes, [0.0, 0.0, 0.5]]), np.append(structure.node_mass, 0.3)
     ground = ExactGround(incline)
-    scene = Scene(Structure(nodes, mass, structure.struts), G, None, ground, ConeFriction(0.5), exact.gait)
-    scene = as_dtype(scene, "float64")
+    scene = Scene(Structure(nodes, mass, structure.struts), G, None, ground, ConeFriction(0.1), exact.gait)
     rng = np.random.default_rng(0)
     q, w = nodes + 0.02 * rng.normal(size=nodes.shape), 2 * rng.normal(size=nodes.shape)
     q[:, 2] -= np.median(q[:, 2])
-    edges, everywhere = structure.struts.edges, tuple(range(len(nodes)))
+    return as_dtype(scene, "float64"), jnp.asarray(q), jnp.asarray(w)
+
+
+@pytest.mark.parametrize("incline", [0.0, 0.3])
+def test_laid_out_by_struts_a_sweep_does_the_same(exact, incline, monkeypatch):
+    """As laid out by nodes, the way of struts that share some: with a free node beside them, pressed on, slipping."""
+    scene, q, w = thrown_about(exact, incline)
+    edges, everywhere = scene.structure.struts.edges, tuple(range(len(q)))
     by_nodes = Blocks((everywhere,), disjoint_groups(edges), edges)
     found = []
     for by_struts in (True, False):
@@ -166,8 +172,48 @@ def test_laid_out_by_struts_a_sweep_does_the_same(exact, incline, monkeypatch):
             trials = sweep(scene, problem, trials)
         found.append((velocities(scene, problem, trials), impulses(scene, problem, trials)))
     pressed = np.asarray(found[0][1].normal)
-    assert 0 < np.count_nonzero(pressed) < len(nodes)
+    assert 0 < np.count_nonzero(pressed) < len(q)
     jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=0, atol=1e-12), *found)
+
+
+@pytest.mark.parametrize("tolerance", [None, 1e-10])
+@pytest.mark.parametrize("incline", [0.0, 0.3])
+def test_derivatives_of_sweeps_are_those_of_each_in_turn(exact, incline, tolerance):
+    """Where they end they have forgotten where they began: twelve, differentiated one by one, have the same.
+
+    With respect to positions, velocities, friction and the lengths of struts; with a tolerance in reverse mode too.
+    """
+    scene, q, w = thrown_about(exact, incline)
+    stepper = Complementarity()
+
+    def one_by_one(scene, problem, trials):
+        for _ in range(12):
+            trials = sweep(scene, problem, trials)
+        return trials
+
+    def converged(scene, problem, trials):
+        return stepper._constrain(scene, 0.01, problem, trials, 12, tolerance)
+
+    def after(sweeps, q, w, mu, factor):
+        changed = eqx.tree_at(lambda s: s.friction.mu, scene, mu)
+        changed = eqx.tree_at(lambda s: s.structure.struts.rest_length, changed, replace_fn=lambda x: factor * x)
+        problem = prepare(changed, 0.01, 1.5, q, w)
+        trials = sweeps(changed, problem, trials_of(changed, w))
+        return velocities(changed, problem, trials), impulses(changed, problem, trials).normal
+
+    at = (q, w, jnp.asarray(0.1), jnp.ones(6))
+    rng = np.random.default_rng(1)
+    weights = jax.tree.map(lambda x: rng.normal(size=x.shape), jax.eval_shape(partial(after, one_by_one), *at))
+
+    def weighted(sweeps, *at):
+        return sum(jnp.vdot(x, y) for x, y in zip(weights, after(sweeps, *at)))
+
+    slopes = [jax.jit(jax.grad(partial(weighted, s), argnums=(0, 1, 2, 3)))(*at) for s in (one_by_one, converged)]
+    assert all(np.abs(slope).max() > 1e-2 for slope in slopes[0])
+    jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-9), *slopes)
+    along = tuple(rng.normal(size=x.shape) for x in at)
+    forward = jax.jvp(partial(weighted, converged), at, along)[1]
+    np.testing.assert_allclose(forward, sum(jnp.vdot(x, y) for x, y in zip(along, slopes[0])), rtol=1e-9)
 
 
 def test_struts_do_not_turn_around():
