@@ -14,7 +14,7 @@ PEAKS = (("peak_force", ".0f", " N"), ("peak_rate", ".2f", " m/s"), ("peak_power
 def gait_search_facts(raw: Facts) -> Facts:
     """The gait, what it is worth, and how it was found."""
     return {
-        **{name: raw[name] for name in ("command", "wall_seconds", "stage_seconds")},
+        **{name: raw[name] for name in ("command", "wall_seconds", "stage_seconds", "reporting_seconds")},
         "steady": raw["steady"],
         "rollouts": sum(search["rollouts"] for search in raw["searches"]),
         "polish": raw["polish"]["reason"],
@@ -26,8 +26,8 @@ def gait_search_facts(raw: Facts) -> Facts:
 def gait_search_table(facts: Facts) -> str:
     steady, size = facts["steady"], facts["steady"]["body_length"]
     robust, other = steady["robust"], steady["other_contact_model"]
-    seconds = facts["stage_seconds"]
-    stages = ", ".join(f"{name} {spent:.0f} s" for name, spent in seconds.items())
+    seconds, reporting = facts["stage_seconds"], facts["reporting_seconds"]
+    stages, parts = (", ".join(f"{name} {s:.0f} s" for name, s in found.items()) for found in (seconds, reporting))
     cycle = (
         f"{steady['periods']} periods of {steady['period']:.2f} s; shapes return to {1000 * steady['residual']:.1g} mm"
     )
@@ -66,6 +66,7 @@ def gait_search_table(facts: Facts) -> str:
         ["rollouts of the search", f"{facts['rollouts']}"],
         ["polish", facts["polish"]],
         ["wall time of the search", f"{facts['wall_seconds']:.0f} s: {stages}"],
+        ["of the report, side by side", parts],
     ]
     return table(["the gait that `make gait` finds", "measured"], rows) + made_by(facts, "gait_search", "docs/measured")
 

@@ -94,6 +94,7 @@ def scaling_facts(raw: Facts) -> Facts:
                 "per_gait_and_step": [struts[0]["per_gait_and_step"], struts[-1]["per_gait_and_step"]],
                 "exponent": exponent,
                 "times_real_time": [row["times_real_time"] for row in raw["single"] if row["method"] == method],
+                "in_C": _in_c(raw, method, list(told)) if raw["C"] else None,
             }
         )
     compiled = [{"method": row["method"], "loops": row["loops"]} for row in raw["compiled"]]
@@ -103,6 +104,19 @@ def scaling_facts(raw: Facts) -> Facts:
         "methods": rows,
         "compiled": compiled,
         "start": raw["start"],
+    }
+
+
+def _in_c(raw: Facts, method: str, sizes: list[int]) -> Facts:
+    """Of the C program that does the same as a method: its speed-up, and its cost in populations of the sizes."""
+    mine = [row for row in raw["C"] if row["method"] == method]
+    cost = {(row["devices"], row["gaits"]): row["per_gait_and_simulated_second"] for row in mine}
+    several, gaits = (max(key[k] for key in cost) for k in (0, 1))
+    both = next(size for threads, size in cost if threads == 1)
+    assert gaits == sizes[-1], "C and the library are measured at the same sizes"
+    return {
+        "speed_up": cost[1, both] / cost[several, both],
+        "per_gait_and_simulated_second": [cost[several, size] for size in sizes],
     }
 
 
@@ -121,6 +135,16 @@ def scaling_table(facts: Facts) -> str:
             " and ".join(f"{times:.0f}" for times in row["times_real_time"]),
         ]
         for row in facts["methods"]
+    ]
+    in_c = [row for row in facts["methods"] if row["in_C"]]
+    rows += [
+        [
+            f"hand-written C, as {row['method']}",
+            f"{row['in_C']['speed_up']:.2f} times",
+            ", ".join(microseconds(cost) for cost in row["in_C"]["per_gait_and_simulated_second"]),
+            *3 * ["-"],
+        ]
+        for row in in_c
     ]
     first = facts["methods"][0]
     populations, struts = (", ".join(str(size) for size in first[name]) for name in ("populations", "struts"))
@@ -148,9 +172,10 @@ def million_table(facts: Facts) -> str:
 def compiled_table(facts: Facts) -> str:
     rows = []
     for found in facts["compiled"]:
-        loops = "; ".join(", ".join(f"{n} {kind}" for kind, n in loop.items()) for loop in found["loops"])
-        rows.append([found["method"], loops])
-    return table(["method", "instructions in the body of each loop, innermost first"], rows) + made_by(facts, "scaling")
+        counts = [", ".join(f"{n} {kind}" for kind, n in loop["instructions"].items()) for loop in found["loops"]]
+        rows.append([found["method"], "; ".join(counts), "; ".join(str(loop["roots"]) for loop in found["loops"])])
+    head = ["method", "instructions in the body of each loop, innermost first", "roots in one pass, of one gait"]
+    return table(head, rows) + made_by(facts, "scaling")
 
 
 def start_table(facts: Facts) -> str:

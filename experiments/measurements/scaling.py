@@ -22,7 +22,9 @@ from pathlib import Path
 from jaxgrity.cli.script import configure, measured, run
 
 import jax
+import limit
 import numpy as np
+from engines import C_SWEEPS
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
@@ -46,12 +48,16 @@ METHODS = {"rk4": ("reference", 5e-4), "complementarity": ("exact", 5e-3)}
 """the scene that each is measured on, and its step, s"""
 TOWER_STEPS = {"rk4": 2e-4, "complementarity": 2e-3}
 """s"""
+IN_C = {"rk4": ("limit32", None), "complementarity": ("exact32", C_SWEEPS)}
+"""the C program that does the same in float32, and its sweeps"""
 
 
 @dataclass
 class Settings:
     repeats: int = 5
     """timed calls, of which the median counts, after one that compiles"""
+    limit: Path | None = None
+    """folder with the C programs"""
     out: Path = Path("results/scaling")
     """folder for scaling.json and scaling.png"""
     quick: bool = False
@@ -69,7 +75,13 @@ def main(settings: Settings) -> None:
     tasks += [("struts", cores, tower_cost, (m, n, repeats)) for m in methods for n in struts]
     tasks += [("single", 1, single_cost, (m, dtype, repeats)) for m in methods for dtype in ("float32", "float64")]
     tasks += [("compiled", 1, compiled, (m,)) for m in methods]
-    rows: dict[str, list[dict]] = {"devices": [], "population": [], "struts": [], "single": [], "compiled": []}
+    if settings.limit is not None:
+        tasks += [
+            ("C", d, cost_in_c, (settings.limit.resolve(), m, largest, repeats)) for m in methods for d in (1, cores)
+        ]
+        tasks += [("C", cores, cost_in_c, (settings.limit.resolve(), m, n, repeats)) for m in methods for n in sizes]
+    kinds = ("devices", "population", "struts", "single", "compiled", "C")
+    rows: dict[str, list[dict]] = {kind: [] for kind in kinds}
     with contextlib.ExitStack() as running:
         pools = functools.cache(lambda devices: running.enter_context(process(devices)))
         for name, devices, function, arguments in tqdm(tasks, unit="run"):
@@ -145,6 +157,18 @@ def cost(scene: Scene, method: str, gaits: int, duration: float, dt: float, repe
     }
 
 
+def cost_in_c(folder: Path, method: str, gaits: int, repeats: int) -> dict:
+    """As `population_cost`, of the C program that does the same."""
+    (name, dt), (program, sweeps) = METHODS[method], IN_C[method]
+    scene, phases = load_scene(name), random_phases(gaits, 6, seed=0)
+    threads = jax.device_count()
+    seconds = [
+        limit.roll(folder / program, scene, phases, round(2 / dt), dt, threads, sweeps)[1] for _ in range(repeats)
+    ]
+    each = float(np.median(seconds)) / gaits / 2
+    return {"method": method, "gaits": gaits, "per_gait_and_simulated_second": each}
+
+
 def single_cost(method: str, dtype: str, repeats: int) -> dict:
     """One rollout of 10 s, 100 frames a second saved."""
     name, dt = METHODS[method]
@@ -155,8 +179,11 @@ def single_cost(method: str, dtype: str, repeats: int) -> dict:
 
 
 def compiled(method: str) -> dict:
-    """Instructions in each loop's body, for 128 gaits, innermost loops first: a kernel each, unless loops are compiled
-    whole."""
+    """Of each loop's body, for 128 gaits, innermost loops first: its instructions, and the roots that a gait takes.
+
+    Instructions are a kernel each, unless loops are compiled whole. A root inside of a fusion is computed once for each
+    number that comes out of it: if lengths were computed anew for each use, these would be more than there are lengths.
+    """
     name, dt = METHODS[method]
     scene = load_scene(name)
     rows = gaits_of(scene.gait, random_phases(128, 6, seed=0))
@@ -164,12 +191,26 @@ def compiled(method: str) -> dict:
     program = roll_out.lower(as_dtype(scene, "float32"), rows, np.asarray(1.0), options).compile().compiled
     text = program.as_text()
     bodies = dict(re.findall(r"^%?([\w.\-]+) .*?\{\n(.*?)^\}", text, re.MULTILINE | re.DOTALL))
+    names = re.findall(r" while\(.*?body=%?([\w.\-]+)", text)
+    return {
+        "method": method,
+        "loops": [{"instructions": instructions(bodies[b]), "roots": roots(bodies, b)} for b in names],
+    }
+
+
+def instructions(body: str) -> dict[str, int]:
+    """How many of each kind, but for those that cost nothing."""
     free = ("parameter", "constant", "tuple", "get-tuple-element", "bitcast")
-    loops = [
-        Counter(kind for kind in re.findall(r" = .*? ([a-z][a-z-]*)\(", bodies[body]) if kind not in free)
-        for body in re.findall(r" while\(.*?body=%?([\w.\-]+)", text)
-    ]
-    return {"method": method, "loops": [dict(loop) for loop in loops]}
+    return dict(Counter(kind for kind in re.findall(r" = .*? ([a-z][a-z-]*)\(", body) if kind not in free))
+
+
+def roots(bodies: dict[str, str], body: str) -> float:
+    """Square roots taken in one pass, of one gait, without those of loops inside."""
+    found = 0
+    for shape, fused in re.findall(r" = \w+\[([\d,]+)\]\S* fusion\(.*?calls=%?([\w.\-]+)", bodies[body]):
+        *rows, _ = map(int, shape.split(","))  # the robots are last
+        found += int(np.prod(rows)) * len(re.findall(r" sqrt\(", bodies[fused]))
+    return found
 
 
 def exponents(rows: list[dict]) -> dict[str, float]:
@@ -229,6 +270,9 @@ def report(facts: dict) -> None:
         print(f"one rollout, {row['method']}, {row['dtype']}: {row['times_real_time']:.0f} times real time")
     for row in facts["compiled"]:
         print(f"compiled, {row['method']}: {row['loops']}")
+    for row in facts["C"]:
+        each = 1e6 * row["per_gait_and_simulated_second"]
+        print(f"C for {row['method']}, {row['devices']} threads, {row['gaits']} gaits: {each:.0f} us")
     print(facts["exponents"], facts["start"])
 
 

@@ -1,10 +1,20 @@
 """Whether numbers are known, or only stand for those of a function that is being differentiated or compiled."""
 
+from contextlib import AbstractContextManager, nullcontext
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 
 
 def traced(tree: Any) -> bool:
     """Whether any number of it is a tracer, whose value is not known."""
     return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(tree))
+
+
+def evaluated() -> AbstractContextManager:
+    """Within it operations on known numbers have known results, also where a function around it is being compiled.
+
+    Elsewhere it does nothing, for JAX takes each operation inside of jitted functions alone then, which takes seconds.
+    """
+    return jax.ensure_compile_time_eval() if traced(jnp.zeros(())) else nullcontext()

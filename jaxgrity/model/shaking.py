@@ -9,7 +9,7 @@ import numpy as np
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import place_rows
-from jaxgrity.core.tracing import traced
+from jaxgrity.core.tracing import evaluated, traced
 from jaxgrity.core.types import Displacement, NodeVectors, Scalar, as_float
 from jaxgrity.model.inertia import held
 from jaxgrity.model.structure import Structure
@@ -31,7 +31,7 @@ class SupportMotion(eqx.Module):
             raise InputError("shaking moves supports, and nothing is fixed; expected a structure with supports")
         if traced(self):
             return
-        with jax.enable_x64(True), jax.ensure_compile_time_eval():
+        with jax.enable_x64(True), evaluated():
             start, speed = jax.jvp(self.displacement, (jnp.zeros(()),), (jnp.ones(()),))
         if np.any(np.abs(start) > 1e-12) or np.any(np.abs(speed) > 1e-12):
             raise InputError(f"shaking: {start} m and {speed} m/s at t = 0; expected supports that begin at rest")

@@ -67,19 +67,29 @@ Ticker = Callable[[str, int, int | None], None]
 def write_report(result: SearchResult, origin: Origin, folder: Path, on_progress: Ticker) -> dict[str, str]:
     """Leave gait.json, trajectory.npz, summary.json, figures, an animation and a page in the folder.
 
-    Returns what was found, in words, by its headings.
+    Returns what was found, in words, by its headings. The summary's `reporting_seconds` are those of the report's
+    longest parts, some of which run side by side.
     """
     scene, duration = result.scene, float(result.problem.duration)
     fine = SolverOptions(dt=result.verdict.verified.steps[0], dtype="float64")
     parts = 5 + (PARTS if result.problem.fitness.objective.steady else 0)
     tick, began = _ticker(on_progress, parts), time.perf_counter()
+    spent: dict[str, float] = {}
+
+    def clocked(part: str, function: Callable, *given, **options):
+        start = time.perf_counter()
+        found = function(*given, **options)
+        spent[part] = time.perf_counter() - start
+        return found
+
     tick()
     with ThreadPoolExecutor() as beside:  # a program is compiled on one core, one robot rolls on one, and so do we draw
-        measuring = beside.submit(gait_measured, result, fine, tick)
-        trajectory = simulate(scene, duration, options=fine, frame_rate=float(FRAME_RATE))
-        diagnosing = beside.submit(diagnose, scene, duration, options=fine, frame_rate=float(FRAME_RATE))
+        measuring = beside.submit(clocked, "measuring", gait_measured, result, fine, tick)
+        frames = {"options": fine, "frame_rate": float(FRAME_RATE)}
+        trajectory = clocked("motion", simulate, scene, duration, **frames)
+        diagnosing = beside.submit(clocked, "diagnosis", diagnose, scene, duration, **frames)
         diagnosing.add_done_callback(lambda _: tick())
-        animate(scene, trajectory, folder / "animation.gif")
+        clocked("animation", animate, scene, trajectory, folder / "animation.gif")
         view.keep_html(scene, trajectory, folder / REPLAY, frame_rate=REPLAYED, title="from the start on")
         tick()
         trust, (steady, found, asked) = diagnosing.result(), measuring.result()
@@ -115,6 +125,7 @@ def write_report(result: SearchResult, origin: Origin, folder: Path, on_progress
         "searches": [{**search._asdict(), "last": None} for search in result.searches],
         "polish": None if result.polished is None else polish_facts(result.polished),
         "stage_seconds": seconds,
+        "reporting_seconds": spent,
         "wall_seconds": sum(seconds.values()),
     }
     save_json(folder / "summary.json", summary)

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxgrity.core.errors import InputError
+from jaxgrity.core.tracing import evaluated
 from jaxgrity.core.types import AnyArray, NodeVectors, State
 from jaxgrity.model.inertia import mass_matrix
 from jaxgrity.model.laws import DissipationTerm, EnergyTerm, ForceTerm
@@ -66,7 +67,7 @@ def linearise(scene: Scene, state: State) -> Linearised:
     out, and the struts' forces turn with the struts. Laws of force that have no derivative (the Coulomb switch) count
     as absent.
     """
-    with jax.enable_x64(True), jax.ensure_compile_time_eval():
+    with jax.enable_x64(True), evaluated():
         q, v = (np.asarray(x, float) for x in state)
         a, slopes = _derivatives(as_dtype(scene, "float64"), q, v)
     moves = np.flatnonzero(scene.structure.free)
@@ -75,7 +76,7 @@ def linearise(scene: Scene, state: State) -> Linearised:
     place, rows = np.eye(q.size)[:, moves], _constraints(scene, q)[:, moves]
     if not len(rows):
         return Linearised(stiffness, damping, place)
-    with jax.enable_x64(True), jax.ensure_compile_time_eval():
+    with jax.enable_x64(True), evaluated():
         mass = np.asarray(mass_matrix(scene.structure))[among]
     forces = np.linalg.lstsq(rows.T, -mass @ np.asarray(a).ravel()[moves], rcond=None)[0]
     stiffness = stiffness - np.linalg.solve(mass, _turning(scene, q, forces)[among])
