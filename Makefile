@@ -57,7 +57,7 @@ validate: .venv/.installed-test
 	$(BIN)/python experiments/docs_tables/update_docs.py
 
 # Everything that the docs quote; some hours on 2 cores, which should have nothing else to do. LIMIT=FOLDER: C programs.
-MEASUREMENTS := error_bars stability equivalence stiff hard_cases gradients scaling conformance ntrt_structures \
+MEASUREMENTS := error_bars stability equivalence stiff hard_cases gradients conformance ntrt_structures \
     orbits multipliers orbits_of_searches basin ranges continuation robots_that_differ polish_comparison damage crash_recovery \
     repertoire explorer_session climbing stairs_energy tune_feedback tune_on_bumps steering transitions sampling_ways obstacles scene_field \
     predictive_speed environments validate identify_spine spine_dynamics identification sim_to_real design_study design_gradient \
@@ -68,6 +68,7 @@ measure: .venv/.installed-test
 	for contact in exact penalty; do $(BIN)/python experiments/measurements/feedback.py --contact $$contact || exit 1; done
 	for ground in slope bumps; do $(BIN)/python experiments/measurements/goals.py --ground $$ground || exit 1; done
 	$(BIN)/python experiments/measurements/work_precision.py --mujoco
+	$(BIN)/python experiments/measurements/scaling.py $(if $(LIMIT),--limit $(LIMIT))
 	$(BIN)/python experiments/measurements/benchmark.py --mujoco $(if $(LIMIT),--limit $(LIMIT))
 	$(BIN)/python experiments/measurements/third_opinions.py $(if $(LIMIT),--limit $(LIMIT))
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[baselines]'

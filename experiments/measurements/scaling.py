@@ -76,10 +76,9 @@ def main(settings: Settings) -> None:
     tasks += [("single", 1, single_cost, (m, dtype, repeats)) for m in methods for dtype in ("float32", "float64")]
     tasks += [("compiled", 1, compiled, (m,)) for m in methods]
     if settings.limit is not None:
-        tasks += [
-            ("C", d, cost_in_c, (settings.limit.resolve(), m, largest, repeats)) for m in methods for d in (1, cores)
-        ]
-        tasks += [("C", cores, cost_in_c, (settings.limit.resolve(), m, n, repeats)) for m in methods for n in sizes]
+        folder = settings.limit.resolve()
+        tasks += [("C", 1, cost_in_c, (folder, m, largest, 1, repeats)) for m in methods]
+        tasks += [("C", cores, cost_in_c, (folder, m, n, cores, repeats)) for m in methods for n in sizes]
     kinds = ("devices", "population", "struts", "single", "compiled", "C")
     rows: dict[str, list[dict]] = {kind: [] for kind in kinds}
     with contextlib.ExitStack() as running:
@@ -157,11 +156,10 @@ def cost(scene: Scene, method: str, gaits: int, duration: float, dt: float, repe
     }
 
 
-def cost_in_c(folder: Path, method: str, gaits: int, repeats: int) -> dict:
+def cost_in_c(folder: Path, method: str, gaits: int, threads: int, repeats: int) -> dict:
     """As `population_cost`, of the C program that does the same."""
     (name, dt), (program, sweeps) = METHODS[method], IN_C[method]
     scene, phases = load_scene(name), random_phases(gaits, 6, seed=0)
-    threads = jax.device_count()
     seconds = [
         limit.roll(folder / program, scene, phases, round(2 / dt), dt, threads, sweeps)[1] for _ in range(repeats)
     ]
@@ -204,12 +202,12 @@ def instructions(body: str) -> dict[str, int]:
     return dict(Counter(kind for kind in re.findall(r" = .*? ([a-z][a-z-]*)\(", body) if kind not in free))
 
 
-def roots(bodies: dict[str, str], body: str) -> float:
-    """Square roots taken in one pass, of one gait, without those of loops inside."""
+def roots(bodies: dict[str, str], body: str) -> int:
+    """Square roots taken in one pass, of one gait, not in loops inside; in a fusion one for each number out."""
     found = 0
-    for shape, fused in re.findall(r" = \w+\[([\d,]+)\]\S* fusion\(.*?calls=%?([\w.\-]+)", bodies[body]):
+    for shape, fused in re.findall(r" = \w+\[([\d,]+)\]\S* (?:sqrt|fusion\(.*?calls=%?([\w.\-]+))", bodies[body]):
         *rows, _ = map(int, shape.split(","))  # the robots are last
-        found += int(np.prod(rows)) * len(re.findall(r" sqrt\(", bodies[fused]))
+        found += int(np.prod(rows)) * (len(re.findall(r" sqrt\(", bodies[fused])) if fused else 1)
     return found
 
 

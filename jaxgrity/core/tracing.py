@@ -15,6 +15,7 @@ def traced(tree: Any) -> bool:
 def evaluated() -> AbstractContextManager:
     """Within it operations on known numbers have known results, also where a function around it is being compiled.
 
-    Elsewhere it does nothing, for JAX takes each operation inside of jitted functions alone then, which takes seconds.
+    Elsewhere it does nothing: `ensure_compile_time_eval` would make JAX run jitted functions operation by operation,
+    which takes seconds.
     """
     return jax.ensure_compile_time_eval() if traced(jnp.zeros(())) else nullcontext()

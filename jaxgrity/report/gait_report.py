@@ -67,32 +67,14 @@ Ticker = Callable[[str, int, int | None], None]
 def write_report(result: SearchResult, origin: Origin, folder: Path, on_progress: Ticker) -> dict[str, str]:
     """Leave gait.json, trajectory.npz, summary.json, figures, an animation and a page in the folder.
 
-    Returns what was found, in words, by its headings. The summary's `reporting_seconds` are those of the report's
-    longest parts, some of which run side by side.
+    Returns what was found, in words, by its headings. The summary's `reporting_seconds` are those of its longest
+    parts, which run side by side; drawing figures and keeping the replay are the rest.
     """
     scene, duration = result.scene, float(result.problem.duration)
     fine = SolverOptions(dt=result.verdict.verified.steps[0], dtype="float64")
     parts = 5 + (PARTS if result.problem.fitness.objective.steady else 0)
     tick, began = _ticker(on_progress, parts), time.perf_counter()
-    spent: dict[str, float] = {}
-
-    def clocked(part: str, function: Callable, *given, **options):
-        start = time.perf_counter()
-        found = function(*given, **options)
-        spent[part] = time.perf_counter() - start
-        return found
-
-    tick()
-    with ThreadPoolExecutor() as beside:  # a program is compiled on one core, one robot rolls on one, and so do we draw
-        measuring = beside.submit(clocked, "measuring", gait_measured, result, fine, tick)
-        frames = {"options": fine, "frame_rate": float(FRAME_RATE)}
-        trajectory = clocked("motion", simulate, scene, duration, **frames)
-        diagnosing = beside.submit(clocked, "diagnosis", diagnose, scene, duration, **frames)
-        diagnosing.add_done_callback(lambda _: tick())
-        clocked("animation", animate, scene, trajectory, folder / "animation.gif")
-        view.keep_html(scene, trajectory, folder / REPLAY, frame_rate=REPLAYED, title="from the start on")
-        tick()
-        trust, (steady, found, asked) = diagnosing.result(), measuring.result()
+    trajectory, trust, (steady, found, asked), parts_took = _side_by_side(result, fine, folder, tick)
     draw(result, trust, folder)
     motion = None if scene.ground is None or trajectory.failed else rolling(scene, trajectory)
     assert scene.gait is not None, "a search finds a gait"
@@ -125,13 +107,39 @@ def write_report(result: SearchResult, origin: Origin, folder: Path, on_progress
         "searches": [{**search._asdict(), "last": None} for search in result.searches],
         "polish": None if result.polished is None else polish_facts(result.polished),
         "stage_seconds": seconds,
-        "reporting_seconds": spent,
+        "reporting_seconds": parts_took,
         "wall_seconds": sum(seconds.values()),
     }
     save_json(folder / "summary.json", summary)
     first, rest = outcome_rows(summary), search_rows(summary, motion, result.problem.fitness.objective.unit)
     write_page(folder, f"A gait that {motion.kind}" if motion else "A gait", first, {**rest, "command": origin.command})
     return {"how far to trust it": "\n" + trust.table(), **first, **rest}
+
+
+def _side_by_side(result: SearchResult, fine: SolverOptions, folder: Path, tick: Callable[[], None]):
+    """The motion, its diagnosis, what `gait_measured` finds, and the seconds that each took; an animation and a replay.
+
+    A program is compiled on one core, one robot rolls on one, and so do we draw.
+    """
+    scene, duration, spent = result.scene, float(result.problem.duration), {}
+
+    def clocked(part: str, function: Callable, *given, **options) -> Any:
+        start = time.perf_counter()
+        found = function(*given, **options)
+        spent[part] = time.perf_counter() - start
+        return found
+
+    tick()
+    with ThreadPoolExecutor() as beside:
+        measuring = beside.submit(clocked, "measuring", gait_measured, result, fine, tick)
+        frames = {"options": fine, "frame_rate": float(FRAME_RATE)}
+        trajectory = clocked("motion", simulate, scene, duration, **frames)
+        diagnosing = beside.submit(clocked, "diagnosis", diagnose, scene, duration, **frames)
+        diagnosing.add_done_callback(lambda _: tick())
+        clocked("animation", animate, scene, trajectory, folder / "animation.gif")
+        view.keep_html(scene, trajectory, folder / REPLAY, frame_rate=REPLAYED, title="from the start on")
+        tick()
+        return trajectory, diagnosing.result(), measuring.result(), spent
 
 
 def finalist_facts(promoted: Promoted) -> dict[str, Any]:

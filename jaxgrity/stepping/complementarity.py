@@ -18,7 +18,6 @@ from jaxgrity.stepping.constraints import (
     GroundImpulses,
     blocks_of,
     excess,
-    excess_rate,
     impulses,
     length_error,
     prepare,
@@ -166,13 +165,14 @@ class Complementarity(diffrax.AbstractSolver):
 
         Sweeps change the trial impulses by z = z0 - S u alone, with u the `pushes` of impulses of 1 along the struts,
         until F(z, ...) = 0, the struts' `excess`, to rounding. By the implicit function theorem the derivative of S
-        is then that of F with S held, over dF/dS: it costs less than one sweep's, and needs none of those before.
+        is then that of F with S held, over -dF/dS: it costs less than one sweep's, and needs none of those before.
         """
         swept = jax.custom_jvp(swept)
-        excess_of, rate_of = (self.lift(function, ("s", -1, -1)) for function in (excess, excess_rate))
+        excess_of = self.lift(excess, ("s", -1, -1))
 
         @swept.defjvp
         def derivative(primals, tangents):
+            # what follows from the size of the step is in the problem
             (scene, _, problem, before), (scene_dot, _, problem_dot, before_dot) = primals, tangents
             after = swept(*primals)
             (pushes,), (pushes_dot,) = problem.pushes, problem_dot.pushes
@@ -181,8 +181,9 @@ class Complementarity(diffrax.AbstractSolver):
                 for z_dot, u_dot, z, z0, u in zip(before_dot, pushes_dot, after, before, pushes)
             )
             at, along = (scene, problem, after), (scene_dot, problem_dot, held + before_dot[len(pushes) :])
-            rate = over(jax.jvp(excess_of, at, along)[1], rate_of(*at))
-            found = tuple(z_dot + u * rate for z_dot, u in zip(held, pushes))
+            _, excess_dot, rate = jax.jvp(excess_of, at, along, has_aux=True)
+            more = over(excess_dot, rate)
+            found = tuple(z_dot + u * more for z_dot, u in zip(held, pushes))
             return after, found + before_dot[len(pushes) :]
 
         return swept

@@ -196,28 +196,30 @@ def length_error(scene: Scene, h: Scalar, problem: StepProblem, trials: Trials) 
     return LengthError(h * largest(off), largest(off / problem.lengths))
 
 
-def excess(scene: Scene, problem: StepProblem, trials: Trials) -> PerMember:
-    """(|d|^2 - (L/h)^2)/2 of all rigid struts, m^2/s^2, 0 where a strut will have its length; d as in `_to_length`."""
+def excess(scene: Scene, problem: StepProblem, trials: Trials) -> tuple[PerMember, PerMember]:
+    """By how much rigid struts, no two of which share a node, miss their lengths: F = (|d|^2 - (L/h)^2)/2, m^2/s^2.
+
+    And what an impulse along a strut adds to F, d·m, m^2/s^2 each N s, with d and m as in `_to_length`. Where the
+    ground holds both ends, so that none changes F, it is d·m of free ends.
+    """
     layout = blocks_of(scene)
     strut = _strut(layout, problem, _contacts(scene, problem), layout.groups[0], problem.pushes[0], trials)
-    return strut.excess / 2
-
-
-def excess_rate(scene: Scene, problem: StepProblem, trials: Trials) -> PerMember:
-    """d·m, the derivative of `excess` by an impulse along its strut, m^2/s^2 each N s."""
-    layout = blocks_of(scene)
-    return _strut(layout, problem, _contacts(scene, problem), layout.groups[0], problem.pushes[0], trials).d_m
+    held = strut.moving.dot(strut.moving) == 0
+    rate = jnp.where(held, strut.d.dot(strut.free), strut.d.dot(strut.moving))
+    return (strut.d.dot(strut.d) - strut.goal * strut.goal) / 2, rate
 
 
 class _Strut(NamedTuple):
     """Struts of a group in the middle of a sweep."""
 
-    excess: PerMember
-    """d·d - (L/h)^2"""
-    d_m: PerMember
-    """d·m"""
-    m_m: PerMember
-    """m·m"""
+    d: Vector
+    """(x_i - x_j)/h at the end of the step, m/s"""
+    goal: PerMember
+    """L/h, m/s"""
+    free: Vector
+    """by how much an impulse of 1 along the strut would change d without the ground, 1/kg"""
+    moving: Vector
+    """the same with what the ground answers"""
 
 
 def _strut(
@@ -228,10 +230,6 @@ def _strut(
     push: tuple[Vector, ...],
     trials: Trials,
 ) -> _Strut:
-    """With d = (x_i - x_j)/h at the end of the step, m/s, and m, by which an impulse of 1 along the strut changes it.
-
-    m holds what the ground answers; where the ground holds both ends, m is as if they were free.
-    """
     assert problem.vectors is not None, "`prepare` sets it where struts are rigid"
     assert problem.lengths is not None, "`prepare` sets it where struts are rigid"
     first, second = layout.ends(tuple(map(velocity, contacts, trials)), group)
@@ -239,11 +237,7 @@ def _strut(
     first, second = layout.ends(push, group)
     free = first - second
     first, second = layout.ends(tuple(map(answered, contacts, trials, push)), group)
-    moving = first - second
-    free_squared, moving_squared = free.dot(free), moving.dot(moving)
-    moves = moving_squared > HELD * HELD * free_squared
-    d_m = jnp.where(moves, d.dot(moving), d.dot(free))
-    return _Strut(d.dot(d) - goal * goal, d_m, jnp.where(moves, moving_squared, free_squared))
+    return _Strut(d, goal, free, first - second)
 
 
 def _to_length(
@@ -256,12 +250,16 @@ def _to_length(
 ) -> PerMember:
     """Impulses along the struts of a group after which |d| = L/h at the end of the step, exactly, N s.
 
-    With d and m of `_strut`, |d + s m| = L/h has the root s = (sqrt((d·m)^2 - m·m (d·d - (L/h)^2)) - d·m)/(m·m), also
-    where forces alone would have turned the strut around.
+    With d = (x_i - x_j)/h at the end, and an impulse of 1 along the strut moving it by m (with what the ground
+    answers), |d + s m| = L/h has the root s = (sqrt((d·m)^2 - m·m (d·d - (L/h)^2)) - d·m)/(m·m), also where forces
+    alone would have turned the strut around. Where the ground holds both ends, m is as if they were free.
     """
-    assert problem.vectors is not None, "`prepare` sets it where struts are rigid"
-    assert problem.lengths is not None, "`prepare` sets it where struts are rigid"
-    excess, d_m, m_m = _strut(layout, problem, contacts, group, push, trials)
+    d, goal, free, moving = _strut(layout, problem, contacts, group, push, trials)
+    free_squared, moving_squared = free.dot(free), moving.dot(moving)
+    moves = moving_squared > HELD * HELD * free_squared
+    d_m = jnp.where(moves, d.dot(moving), d.dot(free))
+    m_m = jnp.where(moves, moving_squared, free_squared)
+    excess = d.dot(d) - goal * goal
     under = d_m * d_m - m_m * excess
     towards = d_m > 0
     # |d·m| + sqrt(...), by which the root of either sign has a form that does not cancel; what takes the square root

@@ -14,6 +14,8 @@ import pytest
 from jaxgrity import (
     InputError,
     SolverOptions,
+    bumps,
+    final_state,
     gaits_of,
     parse_scene,
     random_phases,
@@ -23,6 +25,7 @@ from jaxgrity import (
     verify,
     with_gait,
 )
+from jaxgrity.core.tracing import traced
 from jaxgrity.model.actuation import rest_length
 from jaxgrity.model.friction import ConeFriction
 from jaxgrity.model.ground import ExactGround
@@ -176,44 +179,77 @@ def test_laid_out_by_struts_a_sweep_does_the_same(exact, incline, monkeypatch):
     jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=0, atol=1e-12), *found)
 
 
-@pytest.mark.parametrize("tolerance", [None, 1e-10])
-@pytest.mark.parametrize("incline", [0.0, 0.3])
-def test_derivatives_of_sweeps_are_those_of_each_in_turn(exact, incline, tolerance):
-    """Where they end they have forgotten where they began: twelve, differentiated one by one, have the same.
+def converged(scene: Scene, problem, trials, sweeps: int, tolerance: float | None = None):
+    """Trial impulses after sweeps, with their derivative where they end."""
+    return Complementarity()._constrain(scene, 0.01, problem, trials, sweeps, tolerance)
 
-    With respect to positions, velocities, friction and the lengths of struts; with a tolerance in reverse mode too.
+
+def one_by_one(scene: Scene, problem, trials, sweeps: int):
+    """The same, differentiated through each sweep."""
+    return jax.lax.fori_loop(0, sweeps, lambda _, trials: sweep(scene, problem, trials), trials)
+
+
+@pytest.mark.parametrize(
+    ("ground", "friction", "tolerance"),
+    [
+        (ExactGround(0.3), ConeFriction(0.1), None),
+        pytest.param(ExactGround(), ConeFriction(0.1), 1e-10, marks=pytest.mark.slow),
+        pytest.param(ExactGround(restitution=0.5), None, None, marks=pytest.mark.slow),
+        pytest.param(ExactGround(surface=bumps(0.05, 0.6, seed=1)), ConeFriction(0.1), None, marks=pytest.mark.slow),
+    ],
+    ids=["incline", "with a tolerance", "restitution", "bumps"],
+)
+def test_derivatives_of_sweeps_are_those_of_each_in_turn(exact, ground, friction, tolerance):
+    """Where they end they have forgotten where they began: eight, differentiated one by one, have the same.
+
+    And so have differences; with respect to positions, velocities, masses and the lengths of struts, in both modes.
     """
-    scene, q, w = thrown_about(exact, incline)
-    stepper = Complementarity()
+    scene, q, w = thrown_about(exact, 0.0)
+    scene = as_dtype(dataclasses.replace(scene, ground=ground, friction=friction), "float64")
 
-    def one_by_one(scene, problem, trials):
-        for _ in range(12):
-            trials = sweep(scene, problem, trials)
-        return trials
-
-    def converged(scene, problem, trials):
-        return stepper._constrain(scene, 0.01, problem, trials, 12, tolerance)
-
-    def after(sweeps, q, w, mu, factor):
-        changed = eqx.tree_at(lambda s: s.friction.mu, scene, mu)
+    def after(sweeps, q, w, mass, factor):
+        changed = eqx.tree_at(lambda s: s.structure.node_mass, scene, mass)
         changed = eqx.tree_at(lambda s: s.structure.struts.rest_length, changed, replace_fn=lambda x: factor * x)
         problem = prepare(changed, 0.01, 1.5, q, w)
-        trials = sweeps(changed, problem, trials_of(changed, w))
+        trials = sweeps(changed, problem, trials_of(changed, w), 8)
         return velocities(changed, problem, trials), impulses(changed, problem, trials).normal
 
-    at = (q, w, jnp.asarray(0.1), jnp.ones(6))
+    at = (q, w, scene.structure.node_mass, jnp.ones(6))
     rng = np.random.default_rng(1)
     weights = jax.tree.map(lambda x: rng.normal(size=x.shape), jax.eval_shape(partial(after, one_by_one), *at))
 
     def weighted(sweeps, *at):
         return sum(jnp.vdot(x, y) for x, y in zip(weights, after(sweeps, *at)))
 
-    slopes = [jax.jit(jax.grad(partial(weighted, s), argnums=(0, 1, 2, 3)))(*at) for s in (one_by_one, converged)]
+    ends = partial(weighted, partial(converged, tolerance=tolerance))
+    slopes = [jax.jit(jax.grad(of, argnums=(0, 1, 2, 3)))(*at) for of in (partial(weighted, one_by_one), ends)]
     assert all(np.abs(slope).max() > 1e-2 for slope in slopes[0])
     jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-9), *slopes)
     along = tuple(rng.normal(size=x.shape) for x in at)
-    forward = jax.jvp(partial(weighted, converged), at, along)[1]
-    np.testing.assert_allclose(forward, sum(jnp.vdot(x, y) for x, y in zip(along, slopes[0])), rtol=1e-9)
+    expected = sum(jnp.vdot(x, y) for x, y in zip(along, slopes[0]))
+    np.testing.assert_allclose(jax.jvp(ends, at, along)[1], expected, rtol=1e-9)
+    moved = [jax.jit(ends)(*(x + h * d for x, d in zip(at, along))) for h in (1e-7, -1e-7)]
+    np.testing.assert_allclose((moved[0] - moved[1]) / 2e-7, expected, rtol=1e-5)
+
+
+def test_the_derivative_is_right_where_a_light_end_sticks():
+    """There sweeps take the strut for held at both ends, and need thousands: differences agree all the same."""
+    angle, masses = 1.2, np.array([1 / 120, 1.0])
+    nodes = jnp.array([[0.0, 0, 0], [np.cos(angle), 0, np.sin(angle)]])
+    struts = Members(((0, 1),), None, np.ones(1))
+    scene = as_dtype(Scene(Structure(nodes, masses, struts), G, None, ExactGround(), ConeFriction(0.5)), "float64")
+    v = jnp.array([[0.0, 0, 0], [-0.3 * np.sin(angle), 0.1, 0.3 * np.cos(angle)]]) - jnp.array([0.0, 0, 2e-3 * G])
+
+    def after(factor):
+        problem = prepare(scene, 2e-3, 2e-3, nodes, factor * v)
+        trials = converged(scene, problem, trials_of(scene, factor * v), 3000)
+        assert traced(trials) or float(length_error(scene, 2e-3, problem, trials).relative) < 1e-12
+        return velocities(scene, problem, trials)
+
+    slope = jax.jvp(after, (1.0,), (1.0,))[1]
+    moved = [after(1.0 + h) for h in (1e-6, -1e-6)]
+    assert np.abs(slope).max() > 0.1
+    np.testing.assert_allclose(slope, (moved[0] - moved[1]) / 2e-6, rtol=1e-5, atol=1e-6)
 
 
 def test_struts_do_not_turn_around():
@@ -302,6 +338,21 @@ def test_slip_depends_on_friction_as_it_should():
 
     slope = jax.jvp(distance, (jnp.array(0.3),), (jnp.array(1.0),))[1]
     assert float(slope) == pytest.approx(-G * np.cos(angle) / 2, rel=1e-9)
+
+
+@pytest.mark.slow
+def test_reverse_mode_works_with_a_tolerance_of_struts(exact):
+    """Though the number of sweeps depends on the state then."""
+    options = resolve(exact, 0.5, SolverOptions(dt=5e-3, dtype="float64", strut_tolerance=1e-10))
+
+    def height(mu):
+        return final_state(eqx.tree_at(lambda s: s.friction.mu, exact, mu), 0.5, options)[0][:, 2].sum()
+
+    reverse, forward = (float(mode(height)(jnp.asarray(0.5))) for mode in (jax.grad, jax.jacfwd))
+    moved = [float(height(jnp.asarray(0.5 + h))) for h in (1e-6, -1e-6)]
+    assert abs(forward) > 1e-4
+    assert reverse == pytest.approx(forward, rel=1e-9)
+    assert forward == pytest.approx((moved[0] - moved[1]) / 2e-6, rel=1e-4)
 
 
 @pytest.mark.slow
