@@ -56,7 +56,7 @@ def main(settings: Settings) -> None:
     for count in settings.gaits:
         chosen = engines(scenes, random_phases(count, 6, seed=0), settings.duration, others)
         tasks += [each for each in chosen if each.name in STEPS and (each.gaits == count or count == settings.gaits[0])]
-    first = [engine.roll(STEPS[engine.name])[1] for engine in tqdm(tasks, desc="first", unit="run")]
+    first = [engine.roll(STEPS[engine.name])[1] for engine in tqdm(tasks, desc="compiling", unit="run")]
     rounds = [
         [seconds_of(engine, STEPS[engine.name]) for engine in tasks]
         for _ in tqdm(range(settings.repeats), desc="rounds", unit="round")
@@ -124,11 +124,11 @@ def processor() -> str:
 def table(facts: dict) -> str:
     """In Markdown, to be read and to be pasted."""
     columns = (
-        "engine, precision, gaits, step (s), us a step and gait, rollouts of 10 s a second, times C, compiled in (s)"
+        "engine, precision, gaits, step (s), us for a step of a gait, rollouts of 10 s a second, times C, compiled (s)"
     )
     lines = [f"| {columns.replace(', ', ' | ')} |", "|" + "---|" * 8]
     for r in facts["rows"]:
-        times = "" if r["times_C"] is None else f"{r['times_C']:.1f}"
+        times = "-" if r["times_C"] is None else f"{r['times_C']:.1f}"
         lines.append(
             f"| {r['engine']} | {r['dtype']} | {r['gaits']} | {r['dt']:g} | {r['us_per_step_and_gait']:.3f} | "
             f"{r['rollouts_of_10_s_per_second']:.0f} | {times} | {r['compile_seconds']:.1f} |"

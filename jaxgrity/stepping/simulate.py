@@ -93,6 +93,8 @@ def simulate(
 ) -> Trajectory:
     """Integrate the scene's equations of motion.
 
+    The motion has derivatives in forward mode; reverse mode takes `final_state`.
+
     Args:
         scene: what moves.
         duration: s.

@@ -394,6 +394,8 @@ def test_search_from_end_to_end(search_run):
     assert gait["robust"]["mean"] == pytest.approx(gait["steady"]["body_lengths_per_second"], rel=0.2)
     assert [len(search["best"]) for search in summary["searches"]] == [3, 2]
     assert np.shape(summary["fidelity"]["rank_correlation"]) == (3, 3)
+    assert set(summary["reporting_seconds"]) == {"motion", "animation", "diagnosis", "measuring"}
+    assert 0 < max(summary["reporting_seconds"].values()) < summary["stage_seconds"]["reporting"]
     headings = sorted(one["heading"] for one in gait["directions"])
     np.testing.assert_allclose(np.diff(headings), 2 * np.pi / 3, atol=0.02)
     for one in gait["directions"]:

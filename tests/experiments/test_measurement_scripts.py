@@ -242,6 +242,13 @@ def test_scaling_measures(tmp_path):
     words = "".join(getattr(speed_tables, name)(condensed) for name in names)
     assert words.count("| complementarity |") == 3
     assert "real time" in words
+    assert "hand-written C" not in words
+    assert [loop["roots"] for loop in facts["compiled"][0]["loops"][:2]] == [18, 18]  # 12 nodes and 6 struts a sweep
+    sizes = ((1, 16, 2e-5), (2, 16, 1e-5))
+    rows = [dict(zip(("devices", "gaits", "per_gait_and_simulated_second"), size)) for size in sizes]
+    facts["C"] = [{"method": "complementarity", **row} for row in rows]
+    words = speed_tables.scaling_table(speed_tables.scaling_facts(facts))
+    assert "| hand-written C, as complementarity | 2.00 times | 10 us |" in words
 
 
 @pytest.mark.slow
