@@ -12,7 +12,6 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from jaxgrity.core.primitives import inverse, over
 from jaxgrity.core.types import NodeVectors, Scalar
 from jaxgrity.stepping.constraints import (
     GroundImpulses,
@@ -22,6 +21,8 @@ from jaxgrity.stepping.constraints import (
     length_error,
     prepare,
     pushed,
+    rates_at_lengths,
+    rates_held,
     sweep,
     trials_of,
     usual_sweeps,
@@ -104,7 +105,7 @@ class Complementarity(diffrax.AbstractSolver):
         _, a = terms.vf(t0, y0, args)
         trials = self.lift(trials_of, ("s", -1))(args, v + kick * a)
         if args.dissipates:
-            trials = self._constrain(args, h, problem, trials, usual_sweeps(args))
+            trials = self._constrain(args, h, problem, trials, usual_sweeps(args), converged=False)
             _, corrected = terms.vf(t0, (q, (v + found(args, problem, trials)) / 2), args)
             trials = self.lift(pushed, ("s", -1, -1))(args, trials, kick * (corrected - a))
         trials = self._constrain(args, h, problem, trials, self.sweeps or usual_sweeps(args), self.tolerance)
@@ -138,12 +139,15 @@ class Complementarity(diffrax.AbstractSolver):
     def _length_error(self, scene, h, problem, trials):
         return self.lift(length_error, ("s", None, -1, -1))(scene, h, problem, trials)
 
-    def _constrain(self, scene, h, problem, trials, sweeps, tolerance=None):
-        """Trial impulses after so many sweeps, or after as many as the tolerance needs."""
+    def _constrain(self, scene, h, problem, trials, sweeps, tolerance=None, converged=True):
+        """Trial impulses after so many sweeps, or after as many as the tolerance needs.
+
+        Where they have not `converged` to rounding, their derivative is through the last of them.
+        """
         once = self.lift(sweep, ("s", -1, -1))
 
         # rolled up, and outside the map over a population: unrolled sweeps, or mapped loops, are many times slower
-        def swept(scene, h, problem, trials):
+        def swept(sweeps, scene, h, problem, trials):
             if tolerance is None:
                 return jax.lax.fori_loop(0, sweeps, lambda _, trials: once(scene, problem, trials), trials)
 
@@ -156,37 +160,38 @@ class Complementarity(diffrax.AbstractSolver):
 
             return jax.lax.while_loop(short_of, again, (0, trials))[1]
 
-        if blocks_of(scene).by_struts:
-            swept = self._differentiated_where_it_ends(swept)
-        return swept(scene, h, problem, trials)
+        if not blocks_of(scene).by_struts:
+            return swept(sweeps, scene, h, problem, trials)
 
-    def _differentiated_where_it_ends(self, swept):
-        """The sweeps, with the derivative of what they converge to, where each node belongs to one strut.
+        @jax.custom_jvp
+        def differentiable(scene, h, problem, trials):
+            return swept(sweeps, scene, h, problem, trials)
 
-        Sweeps change the trial impulses by z = z0 - S u alone, with u the `pushes` of impulses of 1 along the struts,
-        until F(z, ...) = 0, the struts' `excess`, to rounding. By the implicit function theorem the derivative of S
-        is then that of F with S held, over -dF/dS: it costs less than one sweep's, and needs none of those before.
-        """
-        swept = jax.custom_jvp(swept)
-        excess_of = self.lift(excess, ("s", -1, -1))
-
-        @swept.defjvp
+        @differentiable.defjvp
         def derivative(primals, tangents):
             # what follows from the size of the step is in the problem
             (scene, _, problem, before), (scene_dot, _, problem_dot, before_dot) = primals, tangents
-            after = swept(*primals)
-            (pushes,), (pushes_dot,) = problem.pushes, problem_dot.pushes
-            held = tuple(
-                z_dot - u_dot * ((z0 - z).dot(u) * inverse(u.dot(u)))
-                for z_dot, u_dot, z, z0, u in zip(before_dot, pushes_dot, after, before, pushes)
-            )
-            at, along = (scene, problem, after), (scene_dot, problem_dot, held + before_dot[len(pushes) :])
-            _, excess_dot, rate = jax.jvp(excess_of, at, along, has_aux=True)
-            more = over(excess_dot, rate)
-            found = tuple(z_dot + u * more for z_dot, u in zip(held, pushes))
-            return after, found + before_dot[len(pushes) :]
+            if converged:
+                after = differentiable(*primals)
+                return after, self._rates(scene, problem, before, after, (scene_dot, problem_dot, before_dot))
+            almost = swept(sweeps - 1, *primals)
+            almost_dot = self._rates(scene, problem, before, almost, (scene_dot, problem_dot, before_dot))
+            return jax.jvp(once, (scene, problem, almost), (scene_dot, problem_dot, almost_dot))
 
-        return swept
+        return differentiable(scene, h, problem, trials)
+
+    def _rates(self, scene, problem, before, after, rates):
+        """The derivative of what sweeps converge to, where each node belongs to one strut.
+
+        Sweeps change the trial impulses by z = z0 - S u alone, with u the `pushes` of impulses of 1 along the struts,
+        until F(z, ...) = 0, the struts' `excess`. By the implicit function theorem the derivative of S is that of F
+        with S held, over -dF/dS: it costs less than one sweep's, and needs none of those before.
+        """
+        scene_dot, problem_dot, before_dot = rates
+        held = self.lift(rates_held, (-1, -1, -1, -1, -1))(problem, problem_dot, before, before_dot, after)
+        at, along = (scene, problem, after), (scene_dot, problem_dot, held)
+        _, missed, slope = jax.jvp(self.lift(excess, ("s", -1, -1)), at, along, has_aux=True)
+        return self.lift(rates_at_lengths, (-1, -1, -1, -1))(problem, held, missed, slope)
 
     def func(self, terms, t0, y0, args):
         return terms.vf(t0, y0, args)

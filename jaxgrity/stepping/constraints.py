@@ -8,7 +8,7 @@ from typing import NamedTuple, cast
 
 import jax.numpy as jnp
 
-from jaxgrity.core.primitives import accumulate, component, edge_vectors, inverse, largest, length, scale
+from jaxgrity.core.primitives import accumulate, component, edge_vectors, inverse, largest, length, over, scale
 from jaxgrity.core.types import MemberVectors, NodeVectors, PerMember, PerNode, PerRow, Scalar
 from jaxgrity.model.actuation import rest_length
 from jaxgrity.model.ground import ExactGround
@@ -207,6 +207,28 @@ def excess(scene: Scene, problem: StepProblem, trials: Trials) -> tuple[PerMembe
     held = strut.moving.dot(strut.moving) == 0
     rate = jnp.where(held, strut.d.dot(strut.free), strut.d.dot(strut.moving))
     return (strut.d.dot(strut.d) - strut.goal * strut.goal) / 2, rate
+
+
+def rates_held(
+    problem: StepProblem, problem_rates: StepProblem, before: Trials, before_rates: Trials, after: Trials
+) -> Trials:
+    """The derivative of trial impulses z = z0 - S u with the impulses S, N s, held: dz0 - S du, with u the pushes."""
+    (pushes,), (push_rates,) = problem.pushes, problem_rates.pushes
+    found = (
+        rate - push_rate * ((z0 - z).dot(u) * inverse(u.dot(u)))
+        for rate, push_rate, z, z0, u in zip(before_rates, push_rates, after, before, pushes)
+    )
+    return (*found, *before_rates[len(pushes) :])
+
+
+def rates_at_lengths(problem: StepProblem, held: Trials, missed: PerMember, slope: PerMember) -> Trials:
+    """The derivative of trial impulses that keep struts at their lengths: `held`, and -missed/slope along each strut.
+
+    `missed` is how fast `excess` changes with impulses held, and `slope` what an impulse of 1 adds to it.
+    """
+    (pushes,) = problem.pushes
+    change = over(missed, slope)
+    return (*(rate + u * change for rate, u in zip(held, pushes)), *held[len(pushes) :])
 
 
 class _Strut(NamedTuple):
