@@ -167,7 +167,7 @@ def sweep(scene: Scene, problem: StepProblem, trials: Trials) -> Trials:
     """One pass over all rigid struts, group by group, each to its length; the ground answers at once."""
     layout, contacts = blocks_of(scene), _contacts(scene, problem)
     for group, push in zip(layout.groups, problem.pushes):
-        s = layout.at_nodes(_to_length(layout, problem, contacts, group, push, trials), group)
+        s = layout.at_nodes(_to_length(_strut(layout, problem, contacts, group, push, trials)), group)
         met = tuple(trial - one * size for trial, one, size in zip(trials, push, s))
         trials = met + trials[len(push) :]
     return trials
@@ -262,21 +262,14 @@ def _strut(
     return _Strut(d, goal, free, first - second)
 
 
-def _to_length(
-    layout: Blocks,
-    problem: StepProblem,
-    contacts: tuple[Contact | None, ...],
-    group: tuple[int, ...],
-    push: tuple[Vector, ...],
-    trials: Trials,
-) -> PerMember:
+def _to_length(struts: _Strut) -> PerMember:
     """Impulses along the struts of a group after which |d| = L/h at the end of the step, exactly, N s.
 
     With d = (x_i - x_j)/h at the end, and an impulse of 1 along the strut moving it by m (with what the ground
     answers), |d + s m| = L/h has the root s = (sqrt((d·m)^2 - m·m (d·d - (L/h)^2)) - d·m)/(m·m), also where forces
     alone would have turned the strut around. Where the ground holds both ends, m is as if they were free.
     """
-    d, goal, free, moving = _strut(layout, problem, contacts, group, push, trials)
+    d, goal, free, moving = struts
     free_squared, moving_squared = free.dot(free), moving.dot(moving)
     moves = moving_squared > HELD * HELD * free_squared
     d_m = jnp.where(moves, d.dot(moving), d.dot(free))
