@@ -5,6 +5,7 @@ chunks are split over `jax.devices()`. A robot that fails is marked, and disturb
 """
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -13,13 +14,15 @@ import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
 from jaxgrity.core.errors import InputError
+from jaxgrity.core.remembered import remembered
+from jaxgrity.core.tracing import traced
 from jaxgrity.core.types import Failures, FinalPositions, Paths, PerGait, Phases, Scalar, Table, Vectors, namespace_of
 from jaxgrity.model.actuation import Gait, Overtone
 from jaxgrity.model.scene import Scene, with_gait
 from jaxgrity.rollout.lanes import most_lanes, roll_out_lanes
 from jaxgrity.rollout.metrics import Metrics
 from jaxgrity.rollout.uncertainty import Differences
-from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
+from jaxgrity.stepping.options import KEPT, Options, ResolvedOptions, resolve
 
 
 class Outcomes(eqx.Module):
@@ -135,21 +138,49 @@ def simulate_population(
         raise InputError(
             f"gaits.phase has shape {np.shape(gaits.phase)}; expected (gaits, actuators), one gait or more"
         )
-    scene = with_gait(scene, one_gait(gaits, 0))
-    resolved = resolve(scene, duration, options)
-    end = np.asarray(duration, float)
-    # NumPy's numbers stay so: the compiled function takes them faster than JAX's
-    cast = lambda x: namespace_of(x).asarray(x, resolved.dtype)  # noqa: E731
+    x64 = bool(jax.config.jax_enable_x64)  # type: ignore[attr-defined]
+    common = _common(scene, _standing(gaits), duration, options, x64)
     outcomes = roll_out(
-        jax.tree.map(cast, scene),
-        gaits,
-        end,
-        resolved.as_inputs(),
-        differences,
-        with_metrics=with_metrics,
-        parts=parts,
+        common.scene, gaits, common.end, common.inputs, differences, with_metrics=with_metrics, parts=parts
     )
-    return replace(outcomes, dt=resolved.dt)  # type: ignore[arg-type]
+    return replace(outcomes, dt=common.dt)  # type: ignore[arg-type]
+
+
+def _standing(gaits: Gait) -> Gait:
+    """One gait without the numbers on which nothing depends before gaits begin: the same for all populations.
+
+    It is the first of them where they have begun by t = 0, or where that is not known.
+    """
+    if traced(gaits.start) or gaits.start < 0:
+        return one_gait(gaits, 0)
+    return jax.tree.map(lambda x: np.zeros(np.shape(x)[1:]) if np.ndim(x) else x, gaits)
+
+
+class _Common(NamedTuple):
+    """What all gaits of a call, and mostly those of the next call too, have in common."""
+
+    scene: Scene
+    end: Scalar
+    """s"""
+    inputs: ResolvedOptions
+    dt: float | None
+    """s"""
+
+
+@remembered(KEPT)
+def _common(scene: Scene, gait: Gait, duration: float, options: Options, x64: bool) -> _Common:
+    """The scene with a gait whose numbers do not count, in the precision of its options, which are resolved.
+
+    Where they are known, its arrays are on every device already: to put them there takes longer than a short rollout.
+    """
+    scene = with_gait(scene, gait)
+    resolved = resolve(scene, duration, options)
+    cast = lambda x: namespace_of(x).asarray(x, resolved.dtype)  # noqa: E731
+    arrays = jax.tree.map(cast, scene), np.asarray(duration, float), resolved.as_inputs()
+    if not traced(arrays) and jax.process_count() == 1 and not resolved.method.implicit:
+        everywhere = NamedSharding(Mesh(np.array(jax.devices()), ("population",)), PartitionSpec())
+        arrays = jax.tree.map(lambda x: jax.device_put(x, everywhere), arrays)
+    return _Common(*arrays, resolved.dt)  # type: ignore[arg-type]
 
 
 @eqx.filter_jit
