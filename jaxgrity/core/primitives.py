@@ -116,11 +116,14 @@ _respond_p = _primitive("respond", lambda a, f, *, of: jnp.sum(a * jnp.expand_di
 _outer_p = _primitive("outer", lambda a, b: a[:, None] * b[None])
 _ones_p = _primitive("ones", jnp.ones_like)
 _lie_p = _primitive("population_last", lambda x: x)
+_same_p = _primitive("same", lambda x: x)
+_stored_p = _primitive("stored", lambda x: x / (x == x).astype(x.dtype))
 
 _linear_pair(_difference_p, _accumulate_p)
 _linear_pair(_component_p, _extend_p)
 _linear_pair(_take_p, _place_p)
 _linear_pair(_lie_p, _lie_p)
+_linear_pair(_same_p, _stored_p)
 ad.defbilinear(_dot_p, lambda ct, a, b: _scale_p.bind(b, ct), lambda ct, a, b: _scale_p.bind(a, ct))
 ad.defbilinear(_scale_p, lambda ct, a, s: _scale_p.bind(ct, s), lambda ct, a, s: _dot_p.bind(ct, a))
 ad.defbilinear(_inner_p, lambda ct, a, b: _weigh_p.bind(b, ct), lambda ct, a, b: _weigh_p.bind(a, ct))
@@ -186,6 +189,14 @@ def ones(x: PerMember) -> PerMember:
 def population_last(x: AnyArray) -> AnyArray:
     """The same numbers, after an operation whose batching rule moves the population to the front."""
     return _lie_p.bind(x)
+
+
+def store_cotangent(x: AnyArray) -> AnyArray:
+    """x itself; in reverse mode its cotangent is stored, where XLA would compute it anew for each use.
+
+    A quotient by 1 of which XLA does not know that it is 1: quotients are kept (see `over`).
+    """
+    return _same_p.bind(x)
 
 
 def respond(a: Mobility, f: NodeVectors) -> NodeVectors:

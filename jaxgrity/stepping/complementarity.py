@@ -11,7 +11,9 @@ import diffrax
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jax.ad_checkpoint import checkpoint_name
 
+from jaxgrity.core.primitives import store_cotangent
 from jaxgrity.core.types import NodeVectors, Scalar
 from jaxgrity.stepping.constraints import (
     GroundImpulses,
@@ -36,6 +38,9 @@ needed there"""
 
 LARGEST_SPEED_ERROR = 1e-3
 """m/s, by which no velocity may miss what impulses make of it, where struts and contacts are solved together"""
+
+SWEPT = "swept"
+"""the name of what reverse mode keeps of a step: sweeps are not run again on the way back"""
 
 Lift = Callable[[Callable, tuple], Callable]
 """`lift(function, in_axes)` maps a function over a population; in `in_axes` the letter "s" stands for the scene's"""
@@ -100,13 +105,14 @@ class Complementarity(diffrax.AbstractSolver):
             return self._step_together(terms, t0, t1, y0, args, solver_state)
         (q, v), h = y0, t1 - t0
         kick = (solver_state.step_size + h) / 2
-        problem = self.lift(prepare, ("s", None, None, -1, -1))(args, h, t1, q, v)
+        problem = jax.tree.map(store_cotangent, self.lift(prepare, ("s", None, None, -1, -1))(args, h, t1, q, v))
         found = self.lift(velocities, ("s", -1, -1))
-        _, a = terms.vf(t0, y0, args)
+        accelerated = lambda v: store_cotangent(terms.vf(t0, (q, v), args)[1])  # noqa: E731
+        a = accelerated(v)
         trials = self.lift(trials_of, ("s", -1))(args, v + kick * a)
         if args.dissipates:
             trials = self._constrain(args, h, problem, trials, usual_sweeps(args), converged=False)
-            _, corrected = terms.vf(t0, (q, (v + found(args, problem, trials)) / 2), args)
+            corrected = accelerated((v + found(args, problem, trials)) / 2)
             trials = self.lift(pushed, ("s", -1, -1))(args, trials, kick * (corrected - a))
         trials = self._constrain(args, h, problem, trials, self.sweeps or usual_sweeps(args), self.tolerance)
         w = found(args, problem, trials)
@@ -172,9 +178,9 @@ class Complementarity(diffrax.AbstractSolver):
             # what follows from the size of the step is in the problem
             (scene, _, problem, before), (scene_dot, _, problem_dot, before_dot) = primals, tangents
             if converged:
-                after = differentiable(*primals)
+                after = checkpoint_name(differentiable(*primals), SWEPT)
                 return after, self._rates(scene, problem, before, after, (scene_dot, problem_dot, before_dot))
-            almost = swept(sweeps - 1, *primals)
+            almost = checkpoint_name(swept(sweeps - 1, *primals), SWEPT)
             almost_dot = self._rates(scene, problem, before, almost, (scene_dot, problem_dot, before_dot))
             return jax.jvp(once, (scene, problem, almost), (scene_dot, problem_dot, almost_dot))
 

@@ -3,11 +3,12 @@
 import jax
 import jax.numpy as jnp
 
+from jaxgrity.core.primitives import store_cotangent
 from jaxgrity.core.types import NodeVectors, PerNode, Scalar, State, VectorsByKind
 from jaxgrity.model import inertia
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.shaking import support_acceleration
-from jaxgrity.model.structure import member_vectors, onto_nodes
+from jaxgrity.model.structure import Members, member_vectors, onto_nodes
 
 
 def acceleration(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors) -> NodeVectors:
@@ -74,16 +75,21 @@ def _gradients(
 ) -> tuple[NodeVectors, VectorsByKind]:
     """dU/dq + dR/dv with the members' vectors held fixed, and the derivatives in these."""
     kinds, damped = scene.structure.kinds, scene.structure.damped
-    d = member_vectors(q, kinds)
+    d = _member_vectors(q, kinds)
     force, pull = jax.grad(scene.potential_energy, argnums=(0, 2))(q, t, d)
     if scene.dissipation_terms:
 
         def loss(v, rates):
             return scene.dissipation(v, q, t, normal_force, (d, rates))
 
-        drag, resistance = jax.grad(loss, argnums=(0, 1))(v, member_vectors(v, damped))
+        drag, resistance = jax.grad(loss, argnums=(0, 1))(v, _member_vectors(v, damped))
         force, pull = force + drag, pull | {name: pull[name] + resistance[name] for name in damped}
     return force, pull
+
+
+def _member_vectors(x: NodeVectors, kinds: dict[str, Members]) -> VectorsByKind:
+    """`member_vectors`, whose cotangents every node gathers from several members."""
+    return jax.tree.map(store_cotangent, member_vectors(x, kinds))
 
 
 def vector_field(t: Scalar, state: State, scene: Scene) -> State:

@@ -8,6 +8,7 @@ import numpy as np
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import Scalar, State, Times
 from jaxgrity.model.scene import Scene
+from jaxgrity.stepping.complementarity import SWEPT
 from jaxgrity.stepping.integrate import discretise, prepared
 from jaxgrity.stepping.options import ResolvedOptions
 
@@ -65,8 +66,8 @@ def stepped(
     """The state after `duration`, by the method of `problem`, stepped inside two nested scans.
 
     On the way back the inner scan is run again, stretch by stretch; a method that recomputes its stages then does so
-    once more, any other is run again step by step. Where the steps do not divide into two such scans there are a few
-    more of them, as much smaller.
+    once more, any other is run again step by step, but for sweeps over constraints, whose results are kept. Where the
+    steps do not divide into two such scans there are a few more of them, as much smaller.
     """
     terms, solver = problem
     if steps is None:
@@ -79,7 +80,8 @@ def stepped(
         y, _, _, solver_state, _ = solver.step(terms, k * h, (k + 1) * h, y, scene, solver_state, False)
         return (y, solver_state), None
 
-    kept = step if options.method.recomputes else jax.checkpoint(step)
+    sweeps = jax.checkpoint_policies.save_only_these_names(SWEPT)
+    kept = step if options.method.recomputes else jax.checkpoint(step, policy=sweeps)
 
     def stretch(carry, k):
         return jax.lax.scan(kept, carry, k)

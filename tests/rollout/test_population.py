@@ -32,6 +32,7 @@ from jaxgrity import (
     with_gait,
 )
 from jaxgrity.model.scene import as_dtype
+from jaxgrity.rollout import population
 from jaxgrity.rollout.lanes import in_lanes, most_lanes, over_lanes
 from jaxgrity.stepping.dynamics import vector_field
 
@@ -243,6 +244,30 @@ def test_a_gait_that_does_not_fit_is_refused(reference):
         gait = Gait(members, np.zeros(2), np.zeros(2), np.zeros(2))
         with pytest.raises(InputError, match=message):
             with_gait(reference, gait)
+
+
+@pytest.mark.slow
+def test_what_gaits_share_is_prepared_once(reference, monkeypatch):
+    """Other gaits need nothing of it anew, another scene does; answers are those of rollouts by themselves."""
+    prepared = []
+    resolved = lambda *args: prepared.append(args) or resolve(*args)  # noqa: E731
+    monkeypatch.setattr(population, "resolve", resolved)
+    scenes = [eqx.tree_at(lambda s: s.gravity, reference, np.array(g)) for g in (1.62, 3.71)]
+    at_once = eqx.tree_at(lambda g: (g.start, g.ramp), reference.gait, (np.array(0.0), np.array(0.1)))
+    for seed in range(3):
+        gaits = gaits_of(at_once, random_phases(2, 6, seed))
+        for scene in scenes:
+            outcomes = simulate_population(scene, gaits, 0.2, options=AT_ONCE)
+            alone = simulate(with_gait(scene, one_gait(gaits, 1)), 0.2, options=AT_ONCE)
+            np.testing.assert_allclose(outcomes.positions[1], alone.positions[-1], rtol=0, atol=1e-10)
+    assert len(prepared) == len(scenes)
+
+
+def test_a_gait_that_runs_at_the_start_is_refused_where_struts_are_rigid(exact):
+    """They do not have the lengths then that the structure is posed with."""
+    running = eqx.tree_at(lambda g: g.start, exact.gait, np.array(-1.0))
+    with pytest.raises(InputError, match=r"strut 1 starts 1 m long; expected 0\.7"):
+        simulate_population(exact, gaits_of(running, random_phases(2, 6, seed=0)), 0.1)
 
 
 def _in_rows(gait, rows):
