@@ -242,24 +242,6 @@ def _root_jvp(primals, tangents):
 
 
 @jax.custom_jvp
-def inverse_root(x: PerMember) -> PerMember:
-    """1/sqrt(x) for x > 0, as the root of a quotient.
-
-    Both are rounded alike on every processor. XLA's own `rsqrt`, which it makes of the quotient of a root too, begins
-    with an approximation that depends on the length of the processor's vectors in float32; in float64 it calls a
-    function for each number where they have 256 bits.
-    """
-    return jnp.sqrt(1 / x)
-
-
-@inverse_root.defjvp
-def _inverse_root_jvp(primals, tangents):
-    (x,), (x_dot,) = primals, tangents
-    value = inverse_root(x)
-    return value, x_dot * (value * value * value * -0.5)
-
-
-@jax.custom_jvp
 def length(d: MemberVectors) -> PerMember:
     """|d|, row by row. Its derivative at d = 0, where none exists, is taken as 0."""
     return jnp.sqrt(dot(d, d))

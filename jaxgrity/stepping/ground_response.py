@@ -17,7 +17,8 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 
-from jaxgrity.core.primitives import inverse_root, positive_part
+from jaxgrity.core.elementwise import inverse_root
+from jaxgrity.core.primitives import positive_part
 from jaxgrity.core.types import PerRow, Scalar
 from jaxgrity.stepping.blocks import Vector
 

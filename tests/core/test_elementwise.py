@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxgrity.core.elementwise import clipped, cosine, larger, magnitude, sine, smaller
+from jaxgrity.core.elementwise import clipped, cosine, inverse_root, larger, magnitude, sine, smaller
 
 
 @pytest.mark.parametrize(("dtype", "within"), [("float32", 3e-7), ("float64", 1e-15)])
@@ -17,6 +17,17 @@ def test_sine_and_cosine_are_those_of_numpy(dtype, within):
             found = jax.jit(own)(x)
             assert found.dtype == dtype
             np.testing.assert_allclose(np.asarray(found, float), numpys(x.astype(float)), rtol=0, atol=within)
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_inverse_roots(dtype):
+    """1/sqrt(x) and its derivative, for numbers of any size."""
+    x = np.logspace(-20, 20, 81).astype(dtype)
+    tolerance = 8 * np.finfo(dtype).eps
+    np.testing.assert_allclose(inverse_root(jnp.asarray(x)), x.astype(float) ** -0.5, rtol=tolerance)
+    near = jnp.asarray(np.logspace(-3, 3, 7), dtype)
+    slopes = jax.jvp(inverse_root, (near,), (jnp.ones_like(near),))[1]
+    np.testing.assert_allclose(slopes, -0.5 * np.asarray(near, float) ** -1.5, rtol=tolerance)
 
 
 def test_derivatives_of_a_sine_are_sines():

@@ -3,25 +3,13 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jaxgrity.core.primitives import accumulate, edge_vectors, inverse_root, largest, store_cotangent, take_rows
+from jaxgrity.core.primitives import accumulate, edge_vectors, largest, store_cotangent, take_rows
 
 NODES = 6
 pairs = st.tuples(st.integers(0, NODES - 1), st.integers(0, NODES - 1)).filter(lambda pair: pair[0] != pair[1])
-
-
-@pytest.mark.parametrize("dtype", ["float32", "float64"])
-def test_inverse_roots(dtype):
-    """1/sqrt(x) and its derivative, for numbers of any size."""
-    x = np.logspace(-20, 20, 81).astype(dtype)
-    tolerance = 8 * np.finfo(dtype).eps
-    np.testing.assert_allclose(inverse_root(jnp.asarray(x)), x.astype(float) ** -0.5, rtol=tolerance)
-    near = jnp.asarray(np.logspace(-3, 3, 7), dtype)
-    slopes = jax.jvp(inverse_root, (near,), (jnp.ones_like(near),))[1]
-    np.testing.assert_allclose(slopes, -0.5 * np.asarray(near, float) ** -1.5, rtol=tolerance)
 
 
 @given(st.lists(pairs, min_size=1, max_size=12, unique=True), st.integers(0, 99))
