@@ -163,7 +163,7 @@ def million_table(facts: Facts) -> str:
     rows = []
     for row in facts["methods"]:
         cost = row["per_gait_and_simulated_second"][-1]
-        rows.append([row["method"], microseconds(cost), f"{1e6 * 10 * cost / 3600:.1f} hours"])
+        rows.append([row["method"], microseconds(cost), f"{1e6 * 10 * cost / 60:.0f} minutes"])
     head = ["method", "a gait and simulated second, float32", f"10^6 rollouts of 10 s on {facts['cores']} cores"]
     return table(head, rows) + made_by(facts, "scaling")
 

@@ -73,7 +73,7 @@ class Complementarity(diffrax.AbstractSolver):
 
     The first step starts from v at t0 (h0 = 0). Dissipative forces need w: a first round of sweeps, with F(q, v, t0),
     predicts it, and the last round uses the prediction. The order is 2 where nothing begins or ends to touch, stick or
-    slip, and 1 there.
+    slip, and 1 there and where a node slides along a curve: friction acts against w, not the mean of v and w.
 
     Velocities are read from trial impulses (see `ground_response.py`), none of which lets a node end a step below the
     ground. A robot whose struts are off by more than `LARGEST_LENGTH_ERROR` of their lengths, or by more than the

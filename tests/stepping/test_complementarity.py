@@ -64,6 +64,21 @@ def block(incline: float, mu: float | None = None, restitution: float | None = N
     return Scene(structure, gravity=G, ground=ground, friction=None if mu is None else ConeFriction(mu))
 
 
+def test_the_order_is_1_where_a_node_slides_along_a_curve():
+    """It is thrown across a slope with mu = tan(incline), on which its speed and that down the slope add up to what
+    they are at first. Friction acts against the velocity at the end of a step: half the step, half the error."""
+    slope, speed = 0.35, 0.5
+    scene, errors = block(slope, np.tan(slope)), []
+    for dt in (5e-3, 2.5e-3, 1.25e-3):
+        thrown = {"velocities": np.array([[0.0, speed, 0.0]])}
+        velocity = simulate(scene, 0.1, options=SolverOptions(dt=dt, any_step=True), **thrown).velocities[-1, 0]
+        down = velocity @ np.array([np.cos(slope), 0.0, -np.sin(slope)])
+        errors.append(abs(np.linalg.norm(velocity) + down - speed))
+    assert 0.1 < down < 0.9 * np.linalg.norm(velocity)
+    assert 1e-3 < errors[0] < 2e-2
+    np.testing.assert_allclose(np.array(errors[:-1]) / errors[1:], 2, atol=0.1)
+
+
 @pytest.mark.slow
 def test_no_node_is_ever_below_the_plane(rolling):
     """Signorini's law is met last in every sweep, so only rounding is left."""
