@@ -15,14 +15,14 @@ from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.remembered import remembered
-from jaxgrity.core.tracing import traced
+from jaxgrity.core.tracing import evaluated, traced
 from jaxgrity.core.types import Failures, FinalPositions, Paths, PerGait, Phases, Scalar, Table, Vectors, namespace_of
 from jaxgrity.model.actuation import Gait, Overtone
 from jaxgrity.model.scene import Scene, with_gait
 from jaxgrity.rollout.lanes import most_lanes, roll_out_lanes
 from jaxgrity.rollout.metrics import Metrics
 from jaxgrity.rollout.uncertainty import Differences
-from jaxgrity.stepping.options import KEPT, Options, ResolvedOptions, resolve
+from jaxgrity.stepping.options import KEPT, Options, ResolvedOptions, check_positive, resolve
 
 
 class Outcomes(eqx.Module):
@@ -138,48 +138,47 @@ def simulate_population(
         raise InputError(
             f"gaits.phase has shape {np.shape(gaits.phase)}; expected (gaits, actuators), one gait or more"
         )
+    check_positive({"duration": duration})
+    first = one_gait(gaits, 0)
+    if traced((gaits.start, gaits.ramp)) or np.any(np.less(gaits.start, 0)) or np.any(np.less_equal(gaits.ramp, 0)):
+        # it may run at t = 0 already: rigid struts that the structure is posed with have to be as long as it says
+        resolve(with_gait(scene, first), duration, options)
     x64 = bool(jax.config.jax_enable_x64)  # type: ignore[attr-defined]
-    common = _common(scene, _standing(gaits), duration, options, x64)
-    outcomes = roll_out(
-        common.scene, gaits, common.end, common.inputs, differences, with_metrics=with_metrics, parts=parts
-    )
+    common = _common(scene, _still(first), options, x64)
+    end = np.asarray(duration, float)
+    outcomes = roll_out(common.scene, gaits, end, common.inputs, differences, with_metrics=with_metrics, parts=parts)
     return replace(outcomes, dt=common.dt)  # type: ignore[arg-type]
 
 
-def _standing(gaits: Gait) -> Gait:
-    """One gait without the numbers on which nothing depends before gaits begin: the same for all populations.
-
-    It is the first of them where they have begun by t = 0, or where that is not known.
-    """
-    if traced(gaits.start) or gaits.start < 0:
-        return one_gait(gaits, 0)
-    return jax.tree.map(lambda x: np.zeros(np.shape(x)[1:]) if np.ndim(x) else x, gaits)
+def _still(gait: Gait) -> Gait:
+    """A gait of the same members, start and ramp that moves none of them."""
+    return replace(jax.tree.map(lambda x: np.zeros(np.shape(x)), gait), start=gait.start, ramp=gait.ramp)
 
 
 class _Common(NamedTuple):
     """What all gaits of a call, and mostly those of the next call too, have in common."""
 
     scene: Scene
-    end: Scalar
-    """s"""
     inputs: ResolvedOptions
     dt: float | None
     """s"""
 
 
 @remembered(KEPT)
-def _common(scene: Scene, gait: Gait, duration: float, options: Options, x64: bool) -> _Common:
-    """The scene with a gait whose numbers do not count, in the precision of its options, which are resolved.
+def _common(scene: Scene, gait: Gait, options: Options, x64: bool) -> _Common:
+    """The scene in the precision of its options, and these resolved, with a gait in the place of all those to come.
 
-    Where they are known, its arrays are on every device already: to put them there takes longer than a short rollout.
+    Its arrays are put on every device once, where they can be: that takes longer than a short rollout.
     """
     scene = with_gait(scene, gait)
-    resolved = resolve(scene, duration, options)
-    cast = lambda x: namespace_of(x).asarray(x, resolved.dtype)  # noqa: E731
-    arrays = jax.tree.map(cast, scene), np.asarray(duration, float), resolved.as_inputs()
-    if not traced(arrays) and jax.process_count() == 1 and not resolved.method.implicit:
-        everywhere = NamedSharding(Mesh(np.array(jax.devices()), ("population",)), PartitionSpec())
-        arrays = jax.tree.map(lambda x: jax.device_put(x, everywhere), arrays)
+    resolved = resolve(scene, 1.0, options)
+    # copies, since the caller may change the numbers of NumPy's arrays
+    cast = lambda x: namespace_of(x).array(x, resolved.dtype)  # noqa: E731
+    with evaluated():
+        arrays = jax.tree.map(cast, scene), resolved.as_inputs()
+        if not traced(arrays) and jax.process_count() == 1 and not resolved.method.implicit:
+            everywhere = NamedSharding(Mesh(np.array(jax.devices()), ("population",)), PartitionSpec())
+            arrays = jax.tree.map(lambda x: jax.device_put(x, everywhere), arrays)
     return _Common(*arrays, resolved.dt)  # type: ignore[arg-type]
 
 

@@ -40,7 +40,8 @@ LARGEST_SPEED_ERROR = 1e-3
 """m/s, by which no velocity may miss what impulses make of it, where struts and contacts are solved together"""
 
 SWEPT = "swept"
-"""the name of what reverse mode keeps of a step: sweeps are not run again on the way back"""
+"""the name of what reverse mode keeps of a step where each node belongs to one strut: what sweeps have found, so that
+they are not run again (but for the last of those that predict)"""
 
 Lift = Callable[[Callable, tuple], Callable]
 """`lift(function, in_axes)` maps a function over a population; in `in_axes` the letter "s" stands for the scene's"""

@@ -66,8 +66,8 @@ def stepped(
     """The state after `duration`, by the method of `problem`, stepped inside two nested scans.
 
     On the way back the inner scan is run again, stretch by stretch; a method that recomputes its stages then does so
-    once more, any other is run again step by step, but for sweeps over constraints, whose results are kept. Where the
-    steps do not divide into two such scans there are a few more of them, as much smaller.
+    once more, any other is run again step by step, but for sweeps whose results are kept (`SWEPT`). Where the steps do
+    not divide into two such scans there are a few more of them, as much smaller.
     """
     terms, solver = problem
     if steps is None:

@@ -111,7 +111,7 @@ def resolve(
             symplectic method where something dissipates; sweeps or their tolerance for any but a constrained method; a
             tolerance below what the precision allows; float64 while JAX's x64 mode is off.
     """
-    _check_positive({"duration": duration})
+    check_positive({"duration": duration})
     return _resolved(scene, options, dtype, positions, bool(jax.config.jax_enable_x64))  # type: ignore[attr-defined]
 
 
@@ -127,7 +127,7 @@ def _resolved(
         _check_method(scene, options.method)
         return options if dtype is None else replace(options, dtype=_dtype(dtype, x64))
     given = options or SolverOptions()
-    _check_positive({name: getattr(given, name) for name in ("dt", "rtol", "atol", "max_steps")})
+    check_positive({name: getattr(given, name) for name in ("dt", "rtol", "atol", "max_steps")})
     method = find_method(given.method) if given.method is not None else default_method(scene)
     dtype = _dtype(dtype or given.dtype, x64)
     rtol, atol = _tolerances(given, method, dtype)
@@ -144,7 +144,8 @@ def _resolved(
     return ResolvedOptions(method, dt, dtype, rtol, atol, sweeps, given.strut_tolerance, together, given.max_steps)
 
 
-def _check_positive(values: dict[str, float | None]) -> None:
+def check_positive(values: dict[str, float | None]) -> None:
+    """Raises `InputError` where a value is given, by its name, that is not positive and finite."""
     for name, value in values.items():
         if value is not None and not (value > 0 and math.isfinite(value)):
             raise InputError(f"{name} = {value}: expected a positive, finite number")

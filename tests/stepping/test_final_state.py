@@ -21,6 +21,7 @@ from jaxgrity import (
     resolve,
     states_at,
 )
+from jaxgrity.model.scene import as_dtype
 
 
 @pytest.mark.slow
@@ -111,6 +112,19 @@ def test_through_an_exact_impact_the_derivative_lacks_the_time_of_the_impact():
         return final_state(scene, 0.1, options, start)[0][0, 2]
 
     assert derivative(landed, 0.02) == (0.0, 0.0)
+
+
+@pytest.mark.slow
+def test_sweeps_are_not_run_again_step_by_step(exact):
+    """On the way back each stretch is run again, and then its steps once more, which know what sweeps found."""
+    scene = as_dtype(exact, "float64")
+    options = resolve(scene, 0.06, SolverOptions(dt=5e-3, sweeps=7))
+
+    def height(g):
+        return final_state(eqx.tree_at(lambda s: s.gravity, scene, g), 0.06, options)[0][0, 2]
+
+    compiled = jax.jit(jax.grad(height)).lower(scene.gravity).compile().as_text()
+    assert compiled.count('"known_trip_count":{"n":"7"}') == 2
 
 
 def test_states_at_frames_are_those_of_single_rollouts():
