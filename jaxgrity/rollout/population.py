@@ -139,20 +139,24 @@ def simulate_population(
             f"gaits.phase has shape {np.shape(gaits.phase)}; expected (gaits, actuators), one gait or more"
         )
     check_positive({"duration": duration})
-    first = one_gait(gaits, 0)
-    if traced((gaits.start, gaits.ramp)) or np.any(np.less(gaits.start, 0)) or np.any(np.less_equal(gaits.ramp, 0)):
-        # it may run at t = 0 already: rigid struts that the structure is posed with have to be as long as it says
-        resolve(with_gait(scene, first), duration, options)
     x64 = bool(jax.config.jax_enable_x64)  # type: ignore[attr-defined]
-    common = _common(scene, _still(first), options, x64)
+    common = _common(scene, _at_start(gaits), options, x64)
     end = np.asarray(duration, float)
     outcomes = roll_out(common.scene, gaits, end, common.inputs, differences, with_metrics=with_metrics, parts=parts)
     return replace(outcomes, dt=common.dt)  # type: ignore[arg-type]
 
 
-def _still(gait: Gait) -> Gait:
-    """A gait of the same members, start and ramp that moves none of them."""
-    return replace(jax.tree.map(lambda x: np.zeros(np.shape(x)), gait), start=gait.start, ramp=gait.ramp)
+def _at_start(gaits: Gait) -> Gait:
+    """A gait whose rest lengths at t = 0 are those of the first, which rigid struts have to have at the start.
+
+    It is that one where gaits may have begun by then. Else nothing moves yet, and its numbers are zeros, so that it is
+    the same for all populations.
+    """
+    first = one_gait(gaits, 0)
+    known = not traced((gaits.start, gaits.ramp))
+    if not known or np.any(np.less(gaits.start, 0)) or np.any(np.less_equal(gaits.ramp, 0)):
+        return first
+    return replace(jax.tree.map(lambda x: np.zeros(np.shape(x)), first), start=first.start, ramp=first.ramp)
 
 
 class _Common(NamedTuple):
@@ -166,7 +170,7 @@ class _Common(NamedTuple):
 
 @remembered(KEPT)
 def _common(scene: Scene, gait: Gait, options: Options, x64: bool) -> _Common:
-    """The scene in the precision of its options, and these resolved, with a gait in the place of all those to come.
+    """The scene in the precision of its options, and these resolved, with one gait in the place of those of a call.
 
     Its arrays are put on every device once, where they can be: that takes longer than a short rollout.
     """

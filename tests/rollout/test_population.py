@@ -19,6 +19,7 @@ from jaxgrity import (
     Scene,
     SolverOptions,
     Structure,
+    as_population,
     gaits_of,
     load_scene,
     one_gait,
@@ -291,6 +292,21 @@ def test_a_gait_that_runs_at_the_start_is_refused_where_struts_are_rigid(exact, 
     running = eqx.tree_at(lambda g: (g.start, g.ramp), exact.gait, (np.array(start), np.array(ramp)))
     with pytest.raises(InputError, match=r"strut 1 starts 1 m long; expected 0\.\d+ m, its rest length at t = 0"):
         simulate_population(exact, gaits_of(running, random_phases(2, 6, seed=0)), 0.1)
+
+
+@pytest.mark.slow
+def test_gaits_that_run_at_the_start_go_on_from_a_pose_of_theirs(exact):
+    """Rigid struts have the lengths of that moment, not those that they are built with."""
+    gaits = gaits_of(exact.gait, random_phases(2, 6, seed=0))
+    options = SolverOptions(dt=5e-3)
+    for k in range(2):
+        moved = simulate(with_gait(exact, one_gait(gaits, k)), 1.6, options=options)
+        later = eqx.tree_at(lambda s: s.structure.nodes, exact, np.asarray(moved.positions[-1]))
+        turned = one_gait(gaits, k).phase + 2 * np.pi * 1.6 * exact.gait.frequency
+        running = Gait(exact.gait.members, turned, exact.gait.amplitude, exact.gait.frequency, -0.6, 1.0)
+        outcomes = simulate_population(later, as_population(running), 0.1, options=options)
+        alone = simulate(with_gait(later, running), 0.1, options=options)
+        np.testing.assert_allclose(outcomes.positions[0], alone.positions[-1], rtol=0, atol=1e-10)
 
 
 def _in_rows(gait, rows):
