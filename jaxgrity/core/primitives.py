@@ -194,7 +194,7 @@ def population_last(x: AnyArray) -> AnyArray:
 def store_cotangent(x: AnyArray) -> AnyArray:
     """x itself; in reverse mode its cotangent is stored, where XLA would compute it anew for each use.
 
-    A quotient by 1 of which XLA does not know that it is 1: quotients are kept (see `over`).
+    It is divided by a 1 that XLA does not know, since XLA keeps quotients (see `over`).
     """
     return _same_p.bind(x)
 

@@ -29,8 +29,7 @@ def remembered(size: int) -> Callable[[Callable[P, R]], Callable[P, R]]:
     """A decorator for functions that nothing but their arguments decides: the last `size` answers are kept.
 
     Arguments are trees. Arrays count by their numbers, whether or not they are the same arrays as before. What is
-    raised is not kept, nor is anything that is being traced, since its numbers are not known. `forget()` of what is
-    decorated lets go of all answers.
+    raised is not kept, nor is anything that is being traced, since its numbers are not known.
     """
 
     def decorate(function: Callable[P, R]) -> Callable[P, R]:
@@ -41,7 +40,6 @@ def remembered(size: int) -> Callable[[Callable[P, R]], Callable[P, R]]:
             contents = _contents((args, kwargs))
             return function(*args, **kwargs) if contents is None else kept(_Call(contents, args, kwargs))
 
-        found.forget = kept.cache_clear  # type: ignore[attr-defined]
         return found
 
     return decorate

@@ -175,7 +175,7 @@ def _common(scene: Scene, gait: Gait, options: Options, x64: bool) -> _Common:
     Its arrays are put on every device once, where they can be: that takes longer than a short rollout.
     """
     scene = with_gait(scene, gait)
-    resolved = resolve(scene, 1.0, options)
+    resolved = resolve(scene, 1.0, options)  # the same for any duration
     # copies, since the caller may change the numbers of NumPy's arrays
     cast = lambda x: namespace_of(x).array(x, resolved.dtype)  # noqa: E731
     with evaluated():

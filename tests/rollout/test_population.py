@@ -32,10 +32,12 @@ from jaxgrity import (
     simulate_population,
     with_gait,
 )
+from jaxgrity.core.remembered import remembered
 from jaxgrity.model.scene import as_dtype
 from jaxgrity.rollout import population
 from jaxgrity.rollout.lanes import in_lanes, most_lanes, over_lanes
 from jaxgrity.stepping.dynamics import vector_field
+from jaxgrity.stepping.options import KEPT
 
 AT_ONCE = SolverOptions(dt=1e-3, any_step=True)
 """a stable step that is not checked: nothing is compiled but the rollout"""
@@ -253,7 +255,7 @@ def test_what_gaits_share_is_prepared_once(swimmer, monkeypatch):
     prepared = []
     resolved = lambda *args: prepared.append(args) or resolve(*args)  # noqa: E731
     monkeypatch.setattr(population, "resolve", resolved)
-    population._common.forget()
+    monkeypatch.setattr(population, "_common", remembered(KEPT)(population._common.__wrapped__))
     scenes = [eqx.tree_at(lambda s: s.node_damping, swimmer, factor * swimmer.node_damping) for factor in (1.5, 2.5)]
     for seed in range(3):
         gaits = gaits_of(swimmer.gait, random_phases(2, 2, seed))
@@ -265,15 +267,14 @@ def test_what_gaits_share_is_prepared_once(swimmer, monkeypatch):
 
 
 @pytest.mark.slow
-def test_what_is_kept_is_as_it_was(swimmer):
+def test_what_is_kept_is_as_it_was(swimmer, monkeypatch):
     """Of a call inside of a compiled function, and of arrays that are changed afterwards."""
     gaits = gaits_of(swimmer.gait, random_phases(2, 2, seed=0))
 
-    def ends(phases, scene=swimmer):
-        again = gaits_of(scene.gait, phases)
-        return simulate_population(scene, again, 0.3, options=AT_ONCE).com_end
+    def ends(phases):
+        return simulate_population(swimmer, gaits_of(swimmer.gait, phases), 0.3, options=AT_ONCE).com_end
 
-    population._common.forget()
+    monkeypatch.setattr(population, "_common", remembered(KEPT)(population._common.__wrapped__))
     compiled = jax.jit(ends)(gaits.phase)
     np.testing.assert_allclose(ends(gaits.phase), compiled, rtol=0, atol=1e-12)
     for method in ("rk4", "kvaerno3"):
