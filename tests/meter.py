@@ -57,7 +57,7 @@ class Counter:
 
 
 def _cpu_seconds() -> float:
-    """Processor time (s) of this process and of all that it started and that have ended: other work does not change it."""
+    """Processor time (s) of this process and of those it started that have ended; other work does not change it."""
     times = os.times()
     return times.user + times.system + times.children_user + times.children_system
 
