@@ -3,7 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 TESTS := $(BIN)/python -m pytest --numprocesses auto --dist worksteal
 
-.PHONY: install gait explore paper docs check test lint bench conformance validate measure clean
+.PHONY: install gait explore paper docs check test verify lint bench conformance validate measure clean
 
 # The library and its command, .venv/bin/jaxgrity.
 install: .venv/.installed
@@ -27,12 +27,17 @@ docs: .venv/.installed-docs
 
 # While one works: everything but the slow tests.
 check: lint
-	$(TESTS) -m "not slow"
+	$(TESTS) -m "not slow and not campaign"
 
-# The fast tests check the shapes of all arrays too; in the slow ones that would cost a quarter of the time.
+# All that shows that the product is right. The fast tests check the shapes of all arrays too; in slow ones that would
+# cost a quarter of the time.
 test: .venv/.installed-test
-	$(TESTS) -m "not slow"
+	$(TESTS) -m "not slow and not campaign"
 	$(TESTS) -m slow --jaxtyping-packages=
+
+# Before a release, or after a large change: long campaigns, beyond `make test`.
+verify: .venv/.installed-test
+	$(TESTS) -m campaign --jaxtyping-packages=
 
 lint: .venv/.installed-test
 	$(BIN)/ruff check .

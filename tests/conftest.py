@@ -42,7 +42,7 @@ hypothesis.settings.load_profile("jaxgrity")
 
 def pytest_configure(config):
     """Each of several test processes keeps to its own cores: they spend a quarter longer where threads compete."""
-    config.pluginmanager.register(Meter(("slow",), COMPILED.parent), "meter")
+    config.pluginmanager.register(Meter(("slow", "campaign"), COMPILED.parent), "meter")
     worker = getattr(config, "workerinput", None)
     if worker is None and sum(path.stat().st_size for path in COMPILED.glob("*")) > 1e9:
         # nothing else ever removes a program from there
