@@ -15,7 +15,7 @@ from jaxgrity.model.ground import ExactGround
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import Members
 from jaxgrity.stepping.blocks import Blocks, Vector, blocks, rows_of, vector, xyz
-from jaxgrity.stepping.entering import closing_speed, linearised_at
+from jaxgrity.stepping.entering import closing_speed, where_met
 from jaxgrity.stepping.ground_response import Contact, along_own_axes, answered, ground_impulse, velocity
 
 HELD = 1e-2
@@ -96,9 +96,9 @@ def prepare(scene: Scene, h: Scalar, t1: Scalar, q: NodeVectors, v: NodeVectors)
         vectors = vector(apart, ground) * (1 / h)
         lengths = rest_length(struts, scene.gait, t1, 0) / h
     if ground is not None:
-        at = linearised_at(ground, h, q, v)
-        frame = ground.frame(at)
-        closing = layout.numbers(closing_speed(ground, frame, h, q, v, at))
+        met = where_met(ground, h, q, v)
+        frame = ground.frame(met.at)
+        closing = layout.numbers(closing_speed(ground, frame, h, v, met))
         if ground.surface is not None:
             rows = cast(tuple[NodeVectors, ...], (frame.normal, *frame.tangents))
             axes = tuple(zip(*(layout.split(axis, ground) for axis in rows)))

@@ -14,33 +14,43 @@ INSIDE = 1e-9
 """m, from which depth on a node is in the ground: at it the nearest face is the one that the node came through"""
 ROUNDINGS = 16
 """the same in roundings of 1 m, where these are more"""
-TRIALS = 6
-"""places along a node's way at which the ground is looked at, to find where it enters: faces need two or three"""
+TRIALS = 4
+"""places within a node's way at which the ground is looked at, to find where it enters"""
 
 
-def linearised_at(ground: ExactGround, h: Scalar, q: NodeVectors, v: NodeVectors) -> NodeVectors:
-    """Where exact ground is linearised in a step of size h (s) from q with v, m.
+class Met(NamedTuple):
+    """Where exact ground is linearised in a step, of each node."""
+
+    at: NodeVectors
+    """m"""
+    share: PerNode | float
+    """of the node's way in the step, from its start"""
+
+
+def where_met(ground: ExactGround, h: Scalar, q: NodeVectors, v: NodeVectors) -> Met:
+    """Where exact ground is linearised in a step of size h (s) from q (m) with v (m/s).
 
     On the plane at the nodes. On uneven ground where they would be after the step: there the gap's error is of the
     second order in what the step changes of their ways, and a node that stands meets the wall that it runs into. A node
     whose way leads into ground with edges meets it where it enters: farther on another face may be nearer.
     """
     if ground.surface is None:
-        return q
-    way = h * v
-    return q + way if ground.surface.smooth else _entries(ground, q, way)
+        return Met(q, 0.0)
+    if ground.surface.smooth:
+        return Met(q + h * v, 1.0)
+    start, way = coordinates(q if ground.offset is None else q - ground.offset), coordinates(h * v)
+    share = _share(ground.surface, start, way)
+    return Met(q + rows_of_xyz(*(share * a for a in way)), share)
 
 
-def closing_speed(
-    ground: ExactGround, frame: Frame, h: Scalar, q: NodeVectors, v: NodeVectors, at: NodeVectors
-) -> PerNode:
+def closing_speed(ground: ExactGround, frame: Frame, h: Scalar, v: NodeVectors, met: Met) -> PerNode:
     """The normal velocity (m/s) at which each node reaches the ground in a step of size h (s), or leaves it.
 
-    The ground is the plane with this `frame` that touches the surface's level at `at`, as `linearised_at` has it.
+    The ground is the plane with this `frame` where it is `met`.
     """
-    phi = ground.signed_distance(at)
+    phi = ground.signed_distance(met.at)
     if ground.surface is not None:
-        phi = phi - component(at - q, frame.normal)
+        phi = phi - h * component(v, frame.normal) * met.share
     closing = -phi / h
     if ground.restitution is None:
         return closing
@@ -55,57 +65,47 @@ class _Place(NamedTuple):
     s: PerNode
     """share of the way"""
     f: PerNode
-    """m, the level there, and `INSIDE` more: negative in the ground"""
-    slope: PerNode
-    """m, df/ds"""
+    """m, the level there, and the depth from which on a node is inside: negative in the ground"""
 
 
-def _entries(ground: ExactGround, q: NodeVectors, way: NodeVectors) -> NodeVectors:
-    """Where each node enters the ground on its way; its end, where the node does not enter, or was inside before."""
-    assert ground.surface is not None, "the plane needs no search"
-    start, along = coordinates(q if ground.offset is None else q - ground.offset), coordinates(way)
-    s = _first(*jax.lax.stop_gradient((ground.surface, start, along)))
-    # Newton's step from a root changes nothing but the derivative, which is the root's
-    here = _at(ground.surface, start, along, s)
-    before = jax.lax.stop_gradient(here)
-    s = s + jnp.where(s < 1, _ahead(before._replace(s=0 * s), here.f - before.f), 0)
-    return q + rows_of_xyz(*(s * a for a in along))
+@jax.custom_jvp
+def _share(surface: Surface, start: tuple[PerNode, ...], way: tuple[PerNode, ...]) -> PerNode:
+    """The share of each node's way at which it is just inside; 1 where it does not enter, or was inside before.
 
-
-def _first(surface: Surface, start: tuple[PerNode, ...], way: tuple[PerNode, ...]) -> PerNode:
-    """The share of the way at which a node is just inside; 1 where it does not enter.
-
-    Newton's method from outside never passes the first root in a convex body, whose distance is convex along a line.
-    Where it does, between bodies, or leads nowhere, along a face, it starts from inside, or halves the bracket.
+    From two places outside a secant leads on. It never passes the first root in a convex body, whose distance is convex
+    along a line; the first secant falls as fast as any distance can. Where one leads nowhere, along a face, the bracket
+    about the root is halved.
     """
-    out, inside = (_at(surface, start, way, share + 0 * start[0]) for share in (0.0, 1.0))
-    began_outside, deep = out.f >= 0, _inside(start[0])
-    for _ in range(TRIALS):
-        entered = inside.f < 0
-        ahead, back = _ahead(out, out.f + deep), _ahead(inside, inside.f + deep)
-        otherwise = jnp.where(_between(out, back, inside), back, (out.s + inside.s) / 2)
-        s = jnp.where(_between(out, ahead, inside), ahead, jnp.where(entered, otherwise, inside.s))
-        tried = _at(surface, start, way, s)
-        is_in = tried.f < 0
-        out = _Place(*(jnp.where(is_in, old, new) for old, new in zip(out, tried)))
-        inside = _Place(*(jnp.where(is_in, new, old) for old, new in zip(inside, tried)))
-    return jnp.where(began_outside & (inside.f < 0), inside.s, 1)
+    deep = max(INSIDE, ROUNDINGS * float(jnp.finfo(start[0].dtype).eps))
+    at = lambda s: _Place(s, surface.level(*(x + s * a for x, a in zip(start, way))) + deep)  # noqa: E731
+    first, last = at(0 * start[0]), at(1 + 0 * start[0])
+    size = jnp.sqrt(sum(a * a for a in way))
+
+    def tried(_, known: tuple[_Place, _Place, _Place]) -> tuple[_Place, _Place, _Place]:
+        """One place more: the last two that are known outside, and the first inside, or the way's end."""
+        before, out, inside = known
+        falls = before.f - out.f
+        ahead = out.s + (out.f + deep) * (out.s - before.s) / jnp.where(falls > 0, falls, 1)
+        leads = (falls > 0) & (ahead > out.s) & (ahead < inside.s)
+        new = at(jnp.where(leads, ahead, jnp.where(inside.f < 0, (out.s + inside.s) / 2, inside.s)))
+        enters = new.f < 0
+        return _where(enters, before, out), _where(enters, out, new), _where(enters, new, inside)
+
+    fastest = _Place(first.s - 1, first.f + size)
+    *_, inside = jax.lax.fori_loop(0, TRIALS, tried, (fastest, first, last))
+    return jnp.where((first.f >= 0) & (inside.f < 0), inside.s, 1)
 
 
-def _at(surface: Surface, start: tuple[PerNode, ...], way: tuple[PerNode, ...], s: PerNode) -> _Place:
-    f, slope = jax.jvp(surface.level, tuple(x + s * a for x, a in zip(start, way)), way)
-    return _Place(s, f + _inside(s), slope)
+def _where(condition: AnyArray, one: _Place, other: _Place) -> _Place:
+    return _Place(*(jnp.where(condition, a, b) for a, b in zip(one, other)))
 
 
-def _inside(like: PerNode) -> float:
-    return max(INSIDE, ROUNDINGS * float(jnp.finfo(like.dtype).eps))
-
-
-def _ahead(place: _Place, f: PerNode) -> PerNode:
-    """The share at which the level is lower by `f`, m, by its slope; where it does not fall, none that counts."""
-    falls = place.slope < 0
-    return place.s - jnp.where(falls, f, 0) / jnp.where(falls, place.slope, -1)
-
-
-def _between(out: _Place, s: PerNode, inside: _Place) -> AnyArray:
-    return (s > out.s) & (s < inside.s)
+@_share.defjvp
+def _share_jvp(primals, tangents):
+    """The root's: what the level gains where the share is held, over how fast it falls along the way."""
+    s = _share(*primals)
+    level = lambda surface, start, way, s: surface.level(*(x + s * a for x, a in zip(start, way)))  # noqa: E731
+    _, gains = jax.jvp(lambda *held: level(*held, s), primals, tangents)
+    _, slope = jax.jvp(lambda s: level(*primals, s), (s,), (jnp.ones_like(s),))
+    found = (s < 1) & (slope < 0)
+    return s, jnp.where(found, gains, 0) / jnp.where(found, -slope, 1)
