@@ -11,6 +11,7 @@ import threading
 import warnings
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -18,7 +19,7 @@ import equinox as eqx
 import numpy as np
 import pytest
 
-from jaxgrity import Progress, Sensitivity, load_gait, load_scene, random_phases, scene_text, with_gait
+from jaxgrity import Progress, Sensitivity, load_gait, load_scene, random_phases, robot_motions, scene_text, with_gait
 from jaxgrity.cli import main as command
 from jaxgrity.cli import progress, script, simulate
 
@@ -402,6 +403,8 @@ def search_run(request, jaxgrity, tmp_path_factory):
         known = Sensitivity(np.array([0.0, 8.0]), np.array([0.0, 5.0]))
         with pytest.MonkeyPatch.context() as patched:
             patched.setattr("jaxgrity.trust.trust_report.sensitivity", lambda *arguments, **how: known)
+            # and the longest rollouts: speeds of robots that differ
+            patched.setattr("jaxgrity.report.steady.robot_motions", partial(robot_motions, duration=15.0))
             done = jaxgrity("search", *words)
     else:
         script = ROOT / "experiments" / "gait_search.py"
