@@ -19,7 +19,17 @@ import equinox as eqx
 import numpy as np
 import pytest
 
-from jaxgrity import Progress, Sensitivity, load_gait, load_scene, random_phases, robot_motions, scene_text, with_gait
+from jaxgrity import (
+    InputError,
+    Progress,
+    Sensitivity,
+    load_gait,
+    load_scene,
+    random_phases,
+    robot_motions,
+    scene_text,
+    with_gait,
+)
 from jaxgrity.cli import main as command
 from jaxgrity.cli import progress, script, simulate
 
@@ -305,6 +315,22 @@ def test_an_interruption_is_one_line(monkeypatch, capsys, setting, said):
         script.execute(interrupt, Settings())
     assert end.value.code == 130
     assert capsys.readouterr().err.strip() == said
+
+
+def test_processes_that_work_as_one_say_how_many_they_are(monkeypatch):
+    """And which of them each is; without that there is one clear line."""
+    joined = []
+    monkeypatch.setattr("jax.distributed.initialize", lambda **how: joined.append(how))
+    monkeypatch.delenv("SLURM_STEP_NUM_TASKS", raising=False)
+    script.join_hosts()
+    assert not joined
+    for name, value in (("COORDINATOR_ADDRESS", "127.0.0.1:1"), ("NUM_PROCESSES", "2"), ("PROCESS_ID", "1")):
+        monkeypatch.setenv(f"JAX_{name}", value)
+    script.join_hosts()
+    assert joined == [{"num_processes": 2, "process_id": 1}]
+    monkeypatch.delenv("JAX_PROCESS_ID")
+    with pytest.raises(InputError, match="JAX_NUM_PROCESSES = '2', JAX_PROCESS_ID = '': expected two numbers"):
+        script.join_hosts()
 
 
 # explore, inspect and catalogue
