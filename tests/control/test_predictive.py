@@ -52,7 +52,30 @@ def test_a_robot_that_is_led_to_a_goal_comes_closer_than_one_that_is_not(walker)
     assert len(led.bends) == np.ceil(led.seconds / 0.5)
 
 
-@pytest.mark.slow
+def test_rounds_about_the_best_find_better_ways_of_a_cart(walker, monkeypatch):
+    """Of a cart at 0.5 m/s that turns as it is bent, with its goal out of reach: the last distance is the cost."""
+    plant, policy = walker
+    loop, goal = jaxgrity.loop_start(plant, policy, jax.random.key(0)), np.array([-1.0, 1.5])
+
+    def tried(many, policy, loop, bends, shifts, look):
+        heading = np.cumsum(np.asarray(bends), axis=0) * 0.1
+        steps = 0.05 * np.stack([np.cos(heading), np.sin(heading), 0 * heading], axis=1)
+        return np.cumsum(steps, axis=0), np.zeros(bends.shape[-1], int)
+
+    monkeypatch.setattr("jaxgrity.control.predictive._tried", tried)
+
+    def away(seed, rounds):
+        sampling, draw = Sampling(samples=64, rounds=rounds, horizon=3.0), np.random.default_rng(seed)
+        knots, _ = best(plant, policy, loop, goal, draw, sampling, np.zeros(sampling.knots))
+        path, _ = tried(None, None, None, (between(sampling) @ knots)[:, None], None, 10)
+        return np.linalg.norm(path[-1, :2, 0] - goal)
+
+    once, several = (np.mean([away(seed, rounds) for seed in range(30)]) for rounds in (1, 4))
+    straight = np.linalg.norm(goal - [1.5, 0.0])
+    assert several < once < straight - 0.3
+
+
+@pytest.mark.campaign
 def test_rounds_about_the_best_find_better_ways(walker):
     """Of as many rollouts of the model: four rounds of 16, beside one of 64."""
     plant, policy = walker

@@ -70,10 +70,9 @@ def test_the_summary_names_the_most_useful_first(forecast):
     assert lines[1].startswith(f"{best.name}, known exactly: variance of the speed down by ")
 
 
-def test_what_has_no_forecast_is_refused(crawler):
+def test_what_has_no_forecast_is_refused(creeping):
     """Too few robots, no gait, and parameters in which robots cannot differ."""
-    scene, _, _ = crawler
-    key = jax.random.key(0)
+    scene, key = creeping, jax.random.key(0)
     with pytest.raises(InputError, match=r"^robots = 2: expected at least 3"):
         speed_forecast(key, known(scene), robots=2)
     with pytest.raises(InputError, match=r"expected one that all actuators share"):
