@@ -25,7 +25,6 @@ from jaxgrity import (
     with_contact_along_struts,
 )
 from jaxgrity.stepping.dynamics import total_force
-from jaxgrity.stepping.power import powers
 
 STIFFNESS, MASS, G = 2e4, 1.0, 9.81
 POST = Box((0.0, 0.0, 0.0), (0.2, 2.0, 0.6))
@@ -76,24 +75,11 @@ def test_a_point_gets_what_a_node_gets_there():
     np.testing.assert_allclose(both, np.repeat(alone / 2, 2, axis=0), rtol=1e-12, atol=1e-12)
 
 
-def test_the_power_of_all_forces_is_booked():
-    """Of rods that lie on the ball and move anyhow: what forces take from T is what U gains, and what is booked."""
-    scene = with_contact_along_struts(across(SmoothFriction(0.3, 0.05)), 3)
-    random = np.random.default_rng(0)
-    q = np.asarray(scene.structure.nodes) + random.uniform(-0.05, 0.02, (20, 2, 3))
-    v = random.normal(0, 0.5, q.shape)
-
-    @jax.jit
-    @jax.vmap
-    def at(q, v):
-        _, gained = jax.jvp(lambda q: scene.potential_energy(q, 0.0), (q,), (v,))
-        return jnp.sum(v * total_force(scene, jnp.array(0.0), q, v)), gained, powers(scene, 0.0, q, v)
-
-    power, gained, booked = at(q, v)
-    assert (booked["friction"] > 1e-3).sum() > 5
-    assert (booked["contact"] > 1e-3).sum() > 5
-    lost = booked["contact"] + booked["friction"] + booked["struts"]
-    np.testing.assert_allclose(power, -gained - lost, rtol=1e-12, atol=1e-10)
+def test_the_power_of_all_forces_is_booked(booked):
+    """Of a rod on the ball: some of its points are pressed in, and slide."""
+    found = booked(with_contact_along_struts(across(SmoothFriction(0.3, 0.05)), 3))
+    assert (found["friction"] > 1e-3).sum() > 5
+    assert (abs(found["contact"]) > 1e-3).sum() > 5
 
 
 @pytest.mark.campaign

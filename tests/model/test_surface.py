@@ -43,7 +43,6 @@ HEIGHTS = {
 }
 
 
-
 height = eqx.filter_jit(lambda surface, x, y: surface.height(x, y))
 
 
