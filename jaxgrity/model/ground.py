@@ -93,7 +93,7 @@ class Ground(eqx.Module):
         moved = np.zeros(3) if self.offset is None else np.asarray(self.offset, float)[0]
         with jax.enable_x64(True):
             x, y = np.asarray(x, float) - moved[0], np.asarray(y, float) - moved[1]
-            return np.asarray(_height(as_double(surface), x, y)) + moved[2]
+            return np.asarray(as_double(surface).height(x, y)) + moved[2]
 
     def measured(self, q: np.ndarray) -> "Measured":
         """Distances and frames at positions `q` (..., nodes, 3), m, in float64: for use before and after rollouts."""
@@ -259,9 +259,6 @@ def held_directions(ground: Ground, axes: slice, q: np.ndarray) -> np.ndarray:
             rows.append(np.zeros(q.shape))
             rows[-1][node] = direction
     return np.array(rows).reshape(-1, *q.shape)
-
-
-_height = eqx.filter_jit(lambda surface, x, y: surface.height(x, y))
 
 
 @eqx.filter_jit
