@@ -135,7 +135,8 @@ def _beside(scene: Scene, times: Times, options: ResolvedOptions) -> tuple[Amoun
 
     nothing = jax.tree.map(jnp.zeros_like, powers(scene, 0.0, *start))
     _, solver = discretise(options)
-    problem = (diffrax.ODETerm(field), solver)
+    # jit, so that it is traced once for all its uses in a step
+    problem = (diffrax.ODETerm(jax.jit(field)), solver)
     (q, v), work = integrate((start, nothing), jnp.asarray(times), scene, options, problem=problem).ys  # type: ignore[misc]
     if options.dt is not None:
         work["actuation"] += _one_sided(scene, jnp.asarray(times), q, solver.tableau, options.dt)  # type: ignore[attr-defined]
