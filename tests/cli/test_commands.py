@@ -16,8 +16,8 @@ import numpy as np
 import pytest
 
 from jaxgrity import Progress, load_gait, load_scene, random_phases, scene_text, with_gait
+from jaxgrity.cli import command_line, progress, script, simulate
 from jaxgrity.cli import main as command
-from jaxgrity.cli import progress, script, simulate
 
 ROOT = Path(__file__).parents[2]
 ANSWERS = json.loads((ROOT / "tests" / "data" / "reference_answers.json").read_text())
@@ -49,7 +49,7 @@ class Done(NamedTuple):
 @pytest.fixture
 def jaxgrity(monkeypatch, capsys):
     """`jaxgrity(*arguments)`: the command, in this process, which has set up what the command would."""
-    monkeypatch.setattr(command, "configure", lambda: None)
+    monkeypatch.setattr(script, "configure", lambda: None)
     monkeypatch.setenv("JAX_NUM_CPU_DEVICES", "1")
 
     def call(*arguments: object) -> Done:
@@ -448,7 +448,8 @@ def test_colours_and_lines_of_a_terminal_are_taken_away():
     rows = ["Unrecognized options:", "--durations", "─" * 20, "Perhaps you meant:", "    --duration FLOAT", "        s"]
     lines = [f"{red}╭─ Title ─╮{plain}", *(f"{red}│{plain} {row} {red}│{plain}" for row in rows), f"{red}╰─╯{plain}"]
     assert (
-        script.in_one_line("\n".join(lines)) == "Unrecognized options: --durations; perhaps you meant --duration FLOAT"
+        command_line.in_one_line("\n".join(lines))
+        == "Unrecognized options: --durations; perhaps you meant --duration FLOAT"
     )
 
 
