@@ -3,16 +3,15 @@
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-import jax
 import numpy as np
 
 from jaxgrity.core.types import Times
-from jaxgrity.model.actuation import rest_length
+from jaxgrity.model.actuation import rest_lengths_along
 from jaxgrity.model.scene import Scene
 from jaxgrity.rollout.clearance import rod_depths
 from jaxgrity.stepping.integrate import FAILURES
 from jaxgrity.stepping.options import Options, resolve
-from jaxgrity.stepping.simulate import Trajectory, centre_path, simulate
+from jaxgrity.stepping.simulate import Trajectory, centre_path, simulate, with_room
 from jaxgrity.trust.energy_audit import EnergyAudit, energy_audit
 from jaxgrity.trust.error_bars import refinement_bar
 from jaxgrity.trust.sensitivity import Sensitivity, sensitivity
@@ -184,7 +183,8 @@ def _strut_strain(scene: Scene, trajectory: Trajectory) -> float:
         return 0.0
     times, dt = np.asarray(trajectory.times, float), trajectory.dt
     ends = np.abs(times / dt - np.round(times / dt)) < 1e-3 if dt is not None else np.ones(len(times), bool)
-    wanted = np.asarray(jax.jit(jax.vmap(lambda t: rest_length(struts, scene.gait, t, 0)))(times[ends]))
+    wanted = np.asarray(rest_lengths_along(struts, scene.gait, with_room(times, len(scene.structure.nodes)), 0))
+    wanted = wanted[: len(times)][ends]
     i, j = np.array(struts.edges).T
     positions = np.asarray(trajectory.positions, float)[ends]
     lengths = np.linalg.norm(positions[:, i] - positions[:, j], axis=-1)
