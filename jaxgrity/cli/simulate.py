@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -19,7 +20,7 @@ from jaxgrity.report.animation import animate
 from jaxgrity.rollout.population import gaits_of, one_gait, simulate_population
 from jaxgrity.stepping.integrate import FAILURES
 from jaxgrity.stepping.options import SolverOptions
-from jaxgrity.stepping.simulate import centre_path, simulate
+from jaxgrity.stepping.simulate import Trajectory, centre_path, simulate
 from jaxgrity.trust.error_bars import verify
 from jaxgrity.trust.trust_report import TrustReport, diagnose
 
@@ -125,17 +126,14 @@ def single(scene: Scene, duration: float, settings: SimulateSettings) -> dict[st
         f"{FAILURES[int(trajectory.failure)]}: {duration:g} s in {int(trajectory.steps)} steps, "
         f"{wall:.3f} s of wall time ({compilation:.1f} s to compile); moved {distance:.4f} m"
     )
-    trust = diagnosed(scene, duration, options) if settings.diagnose else None
+    with ThreadPoolExecutor(1) as beside:  # compiling leaves a core free to draw
+        drawing = beside.submit(draw, scene, trajectory, settings)
+        trust = diagnosed(scene, duration, options) if settings.diagnose else None
+        shown = drawing.result()
     if not trajectory.failed:
         plot.save(plot.path_figure(scene, trajectory, trust.error_bar if trust else None), out / "path.png")
-        if scene.structure.member_count:
-            plot.save(plot.member_figure(scene, trajectory), out / "members.png")
-            plot.save(plot.force_figure(scene, trajectory), out / "forces.png")
-        if settings.animation != "none":
-            film = out / f"animation.{settings.animation}"
-            animate(scene, trajectory, film, settings.fps, width=settings.width, camera=settings.camera)
-        if settings.replay and view.keep_html(scene, trajectory, out / "replay.html", title=scene_name(settings.scene)):
-            print(f"to see it in 3D, open {out}/replay.html in a browser")
+    if shown:
+        print(f"to see it in 3D, open {out}/replay.html in a browser")
     if trust:
         print(trust.table())
     return {
@@ -154,6 +152,21 @@ def single(scene: Scene, duration: float, settings: SimulateSettings) -> dict[st
         "outcome": [FAILURES[int(trajectory.failure)]],
         "diagnosis": trust.summary() if trust else None,
     }
+
+
+def draw(scene: Scene, trajectory: Trajectory, settings: SimulateSettings) -> bool:
+    """Leave all pictures of a rollout that need no diagnosis, and say whether there is a replay among them."""
+    out = settings.out
+    if trajectory.failed:
+        return False
+    if scene.structure.member_count:
+        plot.save(plot.member_figure(scene, trajectory), out / "members.png")
+        plot.save(plot.force_figure(scene, trajectory), out / "forces.png")
+    if settings.animation != "none":
+        film = out / f"animation.{settings.animation}"
+        animate(scene, trajectory, film, settings.fps, width=settings.width, camera=settings.camera)
+    title = scene_name(settings.scene)
+    return settings.replay and view.keep_html(scene, trajectory, out / "replay.html", title=title)
 
 
 def several(scene: Scene, phases: np.ndarray, duration: float, settings: SimulateSettings) -> dict[str, Any]:
