@@ -71,7 +71,7 @@ def some_frames(trajectory: Trajectory, frames: np.ndarray | slice) -> Trajector
     # known numbers are sliced by NumPy, which compiles nothing for it; inside of another jitted function none are
     known = (lambda x: x) if traced(trajectory) else np.asarray
     names = ("times", "positions", "velocities")
-    kept = {name: jnp.asarray(known(getattr(trajectory, name))[frames]) for name in names}
+    kept = {name: jax.device_put(known(getattr(trajectory, name))[frames]) for name in names}
     return replace(trajectory, **kept)  # type: ignore[arg-type]
 
 
@@ -137,7 +137,10 @@ def simulate(
     times = frame_times(duration, frame_rate)
     q = scene.structure.nodes if positions is None else positions
     v = np.zeros(q.shape) if velocities is None else velocities
-    saved = times if traced((scene, q, v)) else with_room(times, len(q))
+    saved = times
+    if not traced((scene, q, v)):
+        saved = with_room(times, len(q))
+        q, v = np.asarray(q, resolved.dtype), np.asarray(v, resolved.dtype)  # else each precision has its own program
     trajectory = _simulate(as_dtype(scene, resolved.dtype), (q, v), saved, resolved.as_inputs())
     if len(saved) > len(times):
         trajectory = some_frames(trajectory, slice(len(times)))

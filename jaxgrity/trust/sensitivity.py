@@ -15,6 +15,9 @@ from jaxgrity.rollout.uncertainty import Differences
 from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
 from jaxgrity.stepping.simulate import frame_times
 
+ROOM = 128
+"""frames, by multiples of which programs are compiled: shorter motions share them"""
+
 
 class Sensitivity(NamedTuple):
     """How strongly the centre of mass depends on what is never known exactly, as time goes on."""
@@ -63,34 +66,52 @@ def sensitivity(scene: Scene, duration: float, *, options: Options = None, frame
     """
     resolved = resolve(scene, duration, options, dtype="float64")
     times = frame_times(duration, frame_rate)
-    found = _com_jacobian(as_dtype(scene, "float64"), np.asarray(duration, float), resolved.as_inputs(), len(times) - 1)
-    jacobian = np.asarray(found)
+    parts = len(times) - 1
+    exact, end, inputs = as_dtype(scene, "float64"), np.asarray(duration, float), resolved.as_inputs()
+    if resolved.dt is None or resolved.method.implicit:
+        found = _com_jacobian_of_one(exact, end, inputs, parts)
+    else:
+        found = _com_jacobian(exact, end, inputs, ROOM * -(-parts // ROOM), np.asarray(parts))
+    jacobian = np.asarray(found)[: len(times)]
     norm = np.where(np.isfinite(jacobian).all((1, 2)), np.linalg.norm(np.nan_to_num(jacobian), 2, axis=(1, 2)), np.inf)
     return Sensitivity(times, norm, "m/rad" if scene.gait is not None else "m/(m/s)")
 
 
 @eqx.filter_jit
-def _com_jacobian(scene: Scene, duration: Scalar, options: ResolvedOptions, parts: int) -> AnyArray:
-    """d com(t)/d varied, (parts + 1, 3, numbers varied).
+def _com_jacobian(scene: Scene, duration: Scalar, options: ResolvedOptions, room: int, parts: Scalar) -> AnyArray:
+    """d com(t)/d varied, (room + 1, 3, numbers varied), where all robots of a population take the same steps.
 
-    Where all robots of a population take the same steps, each varies another number, and this is one derivative of
-    their rollout: mapping the derivative of one robot's rollout over the numbers takes JAX three times as long to
-    trace, and twice as long to run.
+    Each varies another number, and this is one derivative of their rollout: mapping the derivative of one robot's
+    rollout over the numbers takes JAX three times as long to trace, and twice as long to run.
     """
-    own = jnp.zeros_like(scene.structure.nodes) if scene.gait is None else scene.gait.phase
-    still = Gait((), *jnp.zeros((3, 0)), 0.0, 1.0)
-
-    def path(varied: AnyArray) -> AnyArray:
-        lanes = varied.shape[-1]
-        spread = lambda x: jnp.broadcast_to(x[..., None], (*x.shape, lanes)) if jnp.ndim(x) else x  # noqa: E731
-        gaits, differences = jax.tree.map(spread, scene.gait or still), None
-        if scene.gait is None:
-            differences = Differences(velocities=varied)
-        else:
-            gaits = eqx.tree_at(lambda g: g.phase, gaits, varied)
-        return roll_out_lanes(scene, gaits, differences, duration, options, parts=parts).com_path
-
-    if options.dt is None or options.method.implicit:
-        return jax.jacfwd(lambda x: path(x[..., None])[..., 0])(own).reshape(parts + 1, 3, own.size)
+    own = _varied(scene)
     each = jnp.broadcast_to(own[..., None], (*own.shape, own.size))
-    return jax.jvp(path, (each,), (jnp.eye(own.size, dtype=own.dtype).reshape(each.shape),))[1]
+    one_each = jnp.eye(own.size, dtype=own.dtype).reshape(each.shape)
+    return jax.jvp(lambda x: _paths(scene, x, duration, options, (room, parts)), (each,), (one_each,))[1]
+
+
+@eqx.filter_jit
+def _com_jacobian_of_one(scene: Scene, duration: Scalar, options: ResolvedOptions, parts: int) -> AnyArray:
+    """The same with one rollout, (parts + 1, 3, numbers varied), where each robot would choose its steps by itself."""
+    own = _varied(scene)
+    path = lambda x: _paths(scene, x[..., None], duration, options, parts)[..., 0]  # noqa: E731
+    return jax.jacfwd(path)(own).reshape(parts + 1, 3, own.size)
+
+
+def _varied(scene: Scene) -> AnyArray:
+    """What the scene itself says of what is varied."""
+    return jnp.zeros_like(scene.structure.nodes) if scene.gait is None else scene.gait.phase
+
+
+def _paths(
+    scene: Scene, varied: AnyArray, duration: Scalar, options: ResolvedOptions, parts: int | tuple[int, Scalar]
+) -> AnyArray:
+    """(parts + 1, 3, lanes), m: paths of the centre of mass where this varies, lanes last."""
+    lanes, differences = varied.shape[-1], None
+    spread = lambda x: jnp.broadcast_to(x[..., None], (*x.shape, lanes)) if jnp.ndim(x) else x  # noqa: E731
+    if scene.gait is None:
+        nothing = jnp.zeros((0, lanes))
+        gaits, differences = Gait((), nothing, nothing, nothing), Differences(velocities=varied)
+    else:
+        gaits = eqx.tree_at(lambda g: g.phase, jax.tree.map(spread, scene.gait), varied)
+    return roll_out_lanes(scene, gaits, differences, duration, options, parts=parts).com_path
