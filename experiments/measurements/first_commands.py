@@ -14,6 +14,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import termios
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -92,6 +93,7 @@ def measure(name: str, place: Path) -> dict:
     kept = {"JAX_COMPILATION_CACHE_DIR": str(place / "compiled"), "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.1"}
     began = time.perf_counter()
     terminal, inside = pty.openpty()  # as a user has it: what is printed comes out at once
+    termios.tcsetwinsize(inside, (24, 100))  # without a width, no progress bar would be shown
     child = subprocess.Popen(
         [sys.executable, HERE / "metered.py", report, *program],
         cwd=place,

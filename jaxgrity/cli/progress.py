@@ -12,6 +12,7 @@ if TYPE_CHECKING:
 UNITS = {
     "rolling out": "rollout",
     "diagnosing": "measurement",
+    "drawing": "picture",
     "evolving": "generation",
     "promoting": "level",
     "polishing": "step",

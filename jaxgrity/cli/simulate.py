@@ -129,7 +129,9 @@ def single(scene: Scene, duration: float, settings: SimulateSettings) -> dict[st
     with ThreadPoolExecutor(1) as beside:  # compiling leaves a core free to draw
         drawing = beside.submit(draw, scene, trajectory, settings)
         trust = diagnosed(scene, duration, options) if settings.diagnose else None
-        shown = drawing.result()
+        with Bars() as bars:
+            bars.show("drawing", 0, None)
+            shown = drawing.result()
     if not trajectory.failed:
         plot.save(plot.path_figure(scene, trajectory, trust.error_bar if trust else None), out / "path.png")
     if shown:

@@ -45,7 +45,7 @@ class Trajectory(eqx.Module):
 
     @property
     def failed(self) -> bool:
-        return bool(self.failure != 0)
+        return bool(np.asarray(self.failure) != 0)
 
     def show(self, **how: Any) -> Any:
         """A 3D replay, which Jupyter shows: `jaxgrity.view.replay` of this motion, with all that it takes.
