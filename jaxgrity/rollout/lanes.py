@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxgrity.core.types import AnyArray, Scalar, State
+from jaxgrity.core.types import AnyArray, Count, Scalar, State
 from jaxgrity.model.actuation import Gait
 from jaxgrity.model.inertia import mobility
 from jaxgrity.model.scene import Scene, start_of
@@ -69,7 +69,7 @@ def roll_out_lanes(
     duration: Scalar,
     options: ResolvedOptions,
     with_metrics: bool = False,
-    parts: int | tuple[int, Scalar] = 1,
+    parts: int | tuple[int, Count] = 1,
 ) -> LaneOutcomes:
     """The rollouts of one chunk: the arrays of `gaits` and `differences` have lanes last.
 

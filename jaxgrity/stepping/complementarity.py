@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from jax.ad_checkpoint import checkpoint_name
 
 from jaxgrity.core.primitives import store_cotangent
-from jaxgrity.core.types import NodeVectors, Scalar
+from jaxgrity.core.types import Count, NodeVectors, Scalar
 from jaxgrity.stepping.constraints import (
     GroundImpulses,
     blocks_of,
@@ -81,9 +81,9 @@ class Complementarity(diffrax.AbstractSolver):
     tolerance, at the end of a step gets NaN.
     """
 
-    sweeps: int | Scalar | None = None
+    sweeps: Count | None = None
     """over all constraints, in a step; the most there are where a tolerance is given. None: `usual_sweeps`"""
-    tolerance: float | Scalar | None = None
+    tolerance: Scalar | None = None
     """m: sweeps end where every strut has its length within this. None: after all sweeps"""
     together: bool = eqx.field(static=True, default=False)
     """whether struts and contacts are solved together (`coupled.py`), as structures need whose nodes belong to several

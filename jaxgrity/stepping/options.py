@@ -11,7 +11,7 @@ import numpy as np
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.remembered import remembered
 from jaxgrity.core.tracing import traced
-from jaxgrity.core.types import NodeVectors, Scalar
+from jaxgrity.core.types import Count, NodeVectors, Scalar
 from jaxgrity.model.scene import Scene
 from jaxgrity.stepping.blocks import disjoint_groups
 from jaxgrity.stepping.constraints import exact_ground, rigid_struts
@@ -63,8 +63,8 @@ class ResolvedOptions(eqx.Module):
     dtype: str = eqx.field(static=True)
     rtol: Scalar
     atol: Scalar
-    sweeps: int | Scalar | None = None
-    strut_tolerance: float | Scalar | None = None
+    sweeps: Count | None = None
+    strut_tolerance: Scalar | None = None
     together: bool = eqx.field(static=True, default=False)
     max_steps: int = eqx.field(static=True, default=10**6)
 

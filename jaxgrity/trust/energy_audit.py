@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxgrity.core.types import NodeHistory, NodeVectors, Scalar, Times
+from jaxgrity.core.types import Count, NodeHistory, NodeVectors, Scalar, Times
 from jaxgrity.model.scene import Scene, as_dtype, start_of
 from jaxgrity.stepping.dynamics import angular_momentum, kinetic_energy, momentum, vector_field
 from jaxgrity.stepping.integrate import discretise, integrate, prepared
@@ -174,7 +174,7 @@ def _amounts(scene: Scene, times: Times, q: NodeHistory, v: NodeHistory) -> Amou
 
 @eqx.filter_jit
 def _step_by_step(
-    scene: Scene, times: Times, options: ResolvedOptions, counts: tuple[Scalar, Scalar]
+    scene: Scene, times: Times, options: ResolvedOptions, counts: tuple[Count, Count]
 ) -> tuple[Amounts, Work, jax.Array]:
     """Works summed up step by step, and the largest residual of any step.
 

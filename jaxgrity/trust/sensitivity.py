@@ -7,10 +7,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxgrity.core.types import AnyArray, Scalar, Times
+from jaxgrity.core.types import AnyArray, Count, Scalar, Times
 from jaxgrity.model.actuation import Gait
 from jaxgrity.model.scene import Scene, as_dtype
-from jaxgrity.rollout.lanes import roll_out_lanes
+from jaxgrity.rollout.lanes import lanes_last, roll_out_lanes
 from jaxgrity.rollout.uncertainty import Differences
 from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
 from jaxgrity.stepping.simulate import frame_times
@@ -78,7 +78,7 @@ def sensitivity(scene: Scene, duration: float, *, options: Options = None, frame
 
 
 @eqx.filter_jit
-def _com_jacobian(scene: Scene, duration: Scalar, options: ResolvedOptions, room: int, parts: Scalar) -> AnyArray:
+def _com_jacobian(scene: Scene, duration: Scalar, options: ResolvedOptions, room: int, parts: Count) -> AnyArray:
     """d com(t)/d varied, (room + 1, 3, numbers varied), where all robots of a population take the same steps.
 
     Each varies another number, and this is one derivative of their rollout: mapping the derivative of one robot's
@@ -104,14 +104,15 @@ def _varied(scene: Scene) -> AnyArray:
 
 
 def _paths(
-    scene: Scene, varied: AnyArray, duration: Scalar, options: ResolvedOptions, parts: int | tuple[int, Scalar]
+    scene: Scene, varied: AnyArray, duration: Scalar, options: ResolvedOptions, parts: int | tuple[int, Count]
 ) -> AnyArray:
     """(parts + 1, 3, lanes), m: paths of the centre of mass where this varies, lanes last."""
     lanes, differences = varied.shape[-1], None
     spread = lambda x: jnp.broadcast_to(x[..., None], (*x.shape, lanes)) if jnp.ndim(x) else x  # noqa: E731
     if scene.gait is None:
         nothing = jnp.zeros((0, lanes))
-        gaits, differences = Gait((), nothing, nothing, nothing), Differences(velocities=varied)
+        gaits = Gait((), nothing, nothing, nothing)
+        differences = lanes_last(Differences(velocities=jnp.moveaxis(varied, -1, 0)))
     else:
         gaits = eqx.tree_at(lambda g: g.phase, jax.tree.map(spread, scene.gait), varied)
     return roll_out_lanes(scene, gaits, differences, duration, options, parts=parts).com_path
