@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxgrity.core.types import NodeHistory, NodeVectors, Scalar, Times
+from jaxgrity.core.types import AnyArray, NodeHistory, NodeVectors, Scalar, Times
 from jaxgrity.model.scene import Scene, as_dtype, start_of
 from jaxgrity.stepping.dynamics import angular_momentum, kinetic_energy, momentum, vector_field
 from jaxgrity.stepping.integrate import discretise, integrate, prepared
@@ -103,7 +103,7 @@ def energy_audit(scene: Scene, duration: float, *, options: Options = None, fram
     exact = as_dtype(scene, "float64")
     if resolved.method.symplectic or resolved.method.constrained:
         count = int(np.ceil(times[1] / resolved.dt - 1e-9))  # type: ignore[operator]
-        amounts, work, missed = _step_by_step(exact, times, resolved, count)
+        amounts, work, missed = _step_by_step(exact, times, resolved.as_inputs(), np.asarray(count))
     else:
         (amounts, work), missed = _beside(exact, times, resolved.as_inputs()), jnp.zeros(())
     amounts, work = jax.tree.map(np.asarray, (amounts, work))
@@ -173,31 +173,35 @@ def _amounts(scene: Scene, times: Times, q: NodeHistory, v: NodeHistory) -> Amou
 
 
 @eqx.filter_jit
-def _step_by_step(scene: Scene, times: Times, options: ResolvedOptions, count: int) -> tuple[Amounts, Work, jax.Array]:
-    """With `count` steps from one frame to the next, whose works are summed up, and the largest residual of any."""
+def _step_by_step(
+    scene: Scene, times: Times, options: ResolvedOptions, count: AnyArray
+) -> tuple[Amounts, Work, jax.Array]:
+    """With `count` steps from one frame to the next, whose works are summed up, and the largest residual of any.
+
+    One program for all steps: `count` is an input, and so are the options' numbers.
+    """
     scene = prepared(scene)
     terms, solver = discretise(options)
     h = jnp.asarray(times[1] / count)
     q, v = start_of(scene)
 
-    def step(carry, k):
+    def step(k, carry):
         y, before, work, missed = carry
         y1, _, _, after, _ = solver.step(terms, k * h, (k + 1) * h, y, scene, before, False)
         gained = step_work(scene, Step(k * h, h, y, y1, before, after))
         now = getattr(after, "residual", None)
         missed = missed if now is None else jnp.maximum(missed, now)
-        return (y1, after, jax.tree.map(jnp.add, work, gained), missed), None
+        return y1, after, jax.tree.map(jnp.add, work, gained), missed
 
-    def frame(carry, numbers):
-        carry, _ = jax.lax.scan(step, carry, numbers)
+    def frame(carry, number):
+        carry = jax.lax.fori_loop(number * count, (number + 1) * count, step, carry)
         return carry, (carry[0], carry[2])
 
     first = solver.init(terms, 0 * h, h, (q, v), scene)
     still = Step(0 * h, h, (q, v), (q, v), first, first)
     nothing = jax.tree.map(jnp.zeros_like, step_work(scene, still))
-    numbers = jnp.arange(count * (len(times) - 1)).reshape(-1, count)
     start = ((q, v), first, nothing, jnp.zeros_like(h))
-    (*_, missed), ((path, speeds), work) = jax.lax.scan(frame, start, numbers)
+    (*_, missed), ((path, speeds), work) = jax.lax.scan(frame, start, jnp.arange(len(times) - 1))
     prepend = lambda a, b: jnp.concatenate([jnp.asarray(a)[None], b])  # noqa: E731
     path, speeds = prepend(q, path), prepend(v, speeds)
     back = jnp.where(jnp.arange(len(times)) > 0, h / 2, 0) if still.impulsive else 0 * times
