@@ -33,8 +33,8 @@ ENTRY_POINTS = (
     "environment",
 )
 """those that share scene, gaits, duration and step come one after the other, so that they share compiled programs"""
-CAMPAIGNS = ("search_gaits",)
-"""those whose examples take long; a search as a whole has tests of its own"""
+CAMPAIGNS = ("search_gaits", "diagnose")
+"""those whose examples take long; searches have tests of their own, and the README's example has a diagnosis"""
 SECTIONS = ("Args", "Returns", "Raises", "Example")
 
 
