@@ -235,3 +235,27 @@ def explorer_table(facts: Facts) -> str:
         ["largest growth later", f"{facts['largest_growth']:.1%}"],
     ]
     return table(["a long session", "measured"], rows) + made_by(facts, "explorer_session")
+
+
+def first_commands_facts(raw: Facts) -> Facts:
+    return {name: raw[name] for name in ("command", "cores", "commands", "before")}
+
+
+def first_commands_table(facts: Facts) -> str:
+    """Each command cold and warm; where an earlier version was measured too, its numbers come first."""
+    head = ["command", "first word (s)", "to the end (s)", "processor (s)", "tracing (s)", "compiling (s)", "programs"]
+    rows = []
+    for name, states in facts["commands"].items():
+        for state, now in states.items():
+            earlier = (facts["before"] or {}).get(name, {}).get(state)
+            said = f"`{name}`" if name.startswith(("simulate", "diagnose", "search", "explore")) else name
+            row = [f"{said}, {state}"]
+            for column in ("first_word", "seconds", "cpu", "tracing", "compiling", "programs"):
+                was = "" if earlier is None else f"{_to_read(earlier[column])} → "
+                row.append(was + _to_read(now[column]))
+            rows.append(row)
+    return table(head, rows) + made_by(facts, "first_commands")
+
+
+def _to_read(number: float) -> str:
+    return f"{number:.0f}" if number >= 10 or number == int(number) else f"{number:.1f}"
