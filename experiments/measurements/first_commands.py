@@ -64,21 +64,20 @@ def main(settings: Settings) -> None:
         raise InputError(f"commands = {sorted(unknown)}: expected names among {list(COMMANDS)}")
     before = earlier(settings.before)
     names = ("help", "README's gradient") if settings.quick else settings.commands
-    facts = {}
+    rows = []
     with tqdm(total=2 * len(names), unit="run") as bar, tempfile.TemporaryDirectory() as folder:
         for name in names:
-            facts[name] = {}
             for state, numbers in cold_and_warm(name, Path(folder)):
-                facts[name][state] = numbers
+                rows.append({"name": name, "state": state, **numbers})
                 bar.write(f"{name}, {state}: " + ", ".join(f"{key} {x:.3g}" for key, x in numbers.items()))
                 bar.update()
     save_json(
-        settings.out / "first_commands.json", {**measured(), "command": COMMAND, "commands": facts, "before": before}
+        settings.out / "first_commands.json", {**measured(), "command": COMMAND, "commands": rows, "before": before}
     )
     print(f"wrote {settings.out}/first_commands.json")
 
 
-def earlier(path: Path | None) -> dict | None:
+def earlier(path: Path | None) -> list[dict] | None:
     """What was measured of an earlier version; without its file, what the documentation has of one."""
     if path is not None:
         return json.loads(read_text(path))["commands"]
