@@ -28,6 +28,8 @@ from jaxgrity import InputError
 from jaxgrity.io.files import read_text, save_json
 
 HERE = Path(__file__).parent
+COMMAND = "python experiments/measurements/first_commands.py"
+MEASURED = HERE.parents[1] / "docs" / "measured" / "first_commands.json"
 COMMANDS = {
     "help": ("--help",),
     "simulate exact": ("simulate", "exact"),
@@ -47,7 +49,7 @@ COLUMNS = ("first_word", "longest_silence", "seconds", "cpu", "imports", "tracin
 @dataclass
 class Settings:
     before: Path | None = None
-    """first_commands.json of an earlier version, which is kept beside the new numbers"""
+    """first_commands.json of an earlier version, which is kept beside the new numbers; None: the one that is there"""
     commands: tuple[str, ...] = tuple(COMMANDS)
     """names of those that are measured"""
     out: Path = Path("results/first_commands")
@@ -60,18 +62,26 @@ def main(settings: Settings) -> None:
     unknown = set(settings.commands) - set(COMMANDS)
     if unknown:
         raise InputError(f"commands = {sorted(unknown)}: expected names among {list(COMMANDS)}")
-    before = None if settings.before is None else json.loads(read_text(settings.before))["commands"]
+    before = earlier(settings.before)
     names = ("help", "README's gradient") if settings.quick else settings.commands
-    facts = {}
+    rows = []
     with tqdm(total=2 * len(names), unit="run") as bar, tempfile.TemporaryDirectory() as folder:
         for name in names:
-            facts[name] = {}
             for state, numbers in cold_and_warm(name, Path(folder)):
-                facts[name][state] = numbers
+                rows.append({"name": name, "state": state, **numbers})
                 bar.write(f"{name}, {state}: " + ", ".join(f"{key} {x:.3g}" for key, x in numbers.items()))
                 bar.update()
-    save_json(settings.out / "first_commands.json", {**measured(), "commands": facts, "before": before})
+    save_json(
+        settings.out / "first_commands.json", {**measured(), "command": COMMAND, "commands": rows, "before": before}
+    )
     print(f"wrote {settings.out}/first_commands.json")
+
+
+def earlier(path: Path | None) -> list[dict] | None:
+    """What was measured of an earlier version; without its file, what the documentation has of one."""
+    if path is not None:
+        return json.loads(read_text(path))["commands"]
+    return json.loads(read_text(MEASURED))["before"] if MEASURED.exists() else None
 
 
 def cold_and_warm(name: str, folder: Path) -> Iterator[tuple[str, dict]]:
@@ -90,7 +100,7 @@ def measure(name: str, place: Path) -> dict:
         (place / "example.py").write_text(readme_example())
         program = ["example.py"]
     report = place / "report.json"
-    kept = {"JAX_COMPILATION_CACHE_DIR": str(place / "compiled"), "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.1"}
+    kept = {"JAX_COMPILATION_CACHE_DIR": str(place / "compiled"), "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0"}
     began = time.perf_counter()
     terminal, inside = pty.openpty()  # as a user has it: what is printed comes out at once
     termios.tcsetwinsize(inside, (24, 100))  # without a width, no progress bar would be shown

@@ -127,7 +127,7 @@ def single(scene: Scene, duration: float, settings: SimulateSettings) -> dict[st
         f"{wall:.3f} s of wall time ({compilation:.1f} s to compile); moved {distance:.4f} m"
     )
     with ThreadPoolExecutor(1) as beside:  # compiling leaves a core free to draw
-        drawing = beside.submit(draw, scene, trajectory, settings)
+        drawing = beside.submit(leave_pictures, scene, trajectory, settings)
         trust = diagnosed(scene, duration, options) if settings.diagnose else None
         with Bars() as bars:
             bars.show("drawing", 0, None)
@@ -156,7 +156,7 @@ def single(scene: Scene, duration: float, settings: SimulateSettings) -> dict[st
     }
 
 
-def draw(scene: Scene, trajectory: Trajectory, settings: SimulateSettings) -> bool:
+def leave_pictures(scene: Scene, trajectory: Trajectory, settings: SimulateSettings) -> bool:
     """Leave all pictures of a rollout that need no diagnosis, and say whether there is a replay among them."""
     out = settings.out
     if trajectory.failed:
