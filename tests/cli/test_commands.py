@@ -30,8 +30,8 @@ from jaxgrity import (
     scene_text,
     with_gait,
 )
+from jaxgrity.cli import command_line, progress, script, simulate
 from jaxgrity.cli import main as command
-from jaxgrity.cli import progress, script, simulate
 
 ROOT = Path(__file__).parents[2]
 ANSWERS = json.loads((ROOT / "tests" / "data" / "reference_answers.json").read_text())
@@ -67,7 +67,7 @@ def jaxgrity():
     def call(*arguments: object) -> Done:
         out, errors, code = io.StringIO(), io.StringIO(), 0
         with pytest.MonkeyPatch.context() as patched, redirect_stdout(out), redirect_stderr(errors):
-            patched.setattr(command, "configure", lambda: None)
+            patched.setattr(script, "configure", lambda: None)
             patched.setenv("JAX_NUM_CPU_DEVICES", "1")
             patched.setattr(sys, "argv", ["jaxgrity", *map(str, arguments)])
             try:
@@ -507,7 +507,8 @@ def test_colours_and_lines_of_a_terminal_are_taken_away():
     rows = ["Unrecognized options:", "--durations", "─" * 20, "Perhaps you meant:", "    --duration FLOAT", "        s"]
     lines = [f"{red}╭─ Title ─╮{plain}", *(f"{red}│{plain} {row} {red}│{plain}" for row in rows), f"{red}╰─╯{plain}"]
     assert (
-        script.in_one_line("\n".join(lines)) == "Unrecognized options: --durations; perhaps you meant --duration FLOAT"
+        command_line.in_one_line("\n".join(lines))
+        == "Unrecognized options: --durations; perhaps you meant --duration FLOAT"
     )
 
 
