@@ -101,7 +101,9 @@ class Ground(eqx.Module):
             axes = np.array([self.normal, *self.tangents])
             return Measured(q @ axes[0], np.broadcast_to(axes, (*q.shape[:-1], 3, 3)))
         with jax.enable_x64(True):
-            phi, frame = _measured(as_double(self), np.asarray(q, float).reshape(-1, *q.shape[-2:]))
+            ground = as_double(self)
+            each = jax.vmap(lambda q: (ground.signed_distance(q), ground.frame(q)))
+            phi, frame = each(np.asarray(q, float).reshape(-1, *q.shape[-2:]))
             axes = np.stack([frame.normal, *frame.tangents], axis=-2)
         return Measured(np.asarray(phi).reshape(q.shape[:-1]), axes.reshape(*q.shape[:-1], 3, 3))
 
@@ -259,12 +261,6 @@ def held_directions(ground: Ground, axes: slice, q: np.ndarray) -> np.ndarray:
             rows.append(np.zeros(q.shape))
             rows[-1][node] = direction
     return np.array(rows).reshape(-1, *q.shape)
-
-
-@eqx.filter_jit
-def _measured(ground: Ground, q: AnyArray) -> tuple[AnyArray, Frame]:
-    """Of positions (frames, nodes, 3), m."""
-    return jax.vmap(lambda q: (ground.signed_distance(q), ground.frame(q)))(q)
 
 
 def contact_energy(ground: PenaltyGround, phi: PerNode) -> Scalar:
