@@ -99,6 +99,7 @@ def climb_on_orbit(
 def orbit_slope(problem: SearchProblem, genes: OneGait, options: ResolvedOptions) -> OrbitSlope:
     """The steady speed of the gait that genes stand for, and its gradient in them, as far as there is an orbit."""
     scene, genome, duration, _, _ = problem
+    assert scene.gait is not None, "a search refuses a scene without a gait"
     here = with_gait(scene, one_gait(genome.gaits(scene.gait, jnp.asarray(genes)[None]), 0))
     directions = np.asarray(_numbers_by_genes(genome, scene.gait, jnp.asarray(genes, float))).T
     counts = np.flatnonzero(np.abs(directions).max(1) > 0)
