@@ -66,7 +66,7 @@ MEASUREMENTS := error_bars stability equivalence stiff hard_cases gradients conf
     orbits multipliers orbits_of_searches basin ranges continuation robots_that_differ polish_comparison damage crash_recovery \
     repertoire explorer_session climbing stairs_energy tune_feedback tune_on_bumps steering transitions sampling_ways obstacles scene_field \
     predictive_speed environments validate identify_spine spine_dynamics identification sim_to_real design_study design_gradient \
-    leaf_gradients random_structures
+    leaf_gradients random_structures first_commands
 COMPARED := random CMA-ES GA GA+more GA+smoothed
 measure: .venv/.installed-test
 	for name in $(MEASUREMENTS); do $(BIN)/python experiments/measurements/$$name.py || exit 1; done

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-PATIENCE = 60.0
-"""s, for which a page may take to do what is expected: it is drawn without a graphics card, beside other tests"""
+PATIENCE = 600.0
+"""s, after which a page hangs: it is drawn without a graphics card, and other tests may run beside this one"""
 
 
 def start_browser():

@@ -5,70 +5,14 @@ the twenty tests that spent longest on making programs. `.cache/test-meter.json`
 """
 
 import json
-import os
-import time
 from collections import defaultdict
 from pathlib import Path
 
-import jax
 import pytest
+from compile_meter import Counter
 
-EVENTS = {
-    "/jax/core/compile/jaxpr_trace_duration": "tracing",
-    "/jax/core/compile/jaxpr_to_mlir_module_duration": "tracing",
-    "/jax/core/compile/backend_compile_duration": "compiling",
-}
-"""Durations that JAX reports, by the column in which they count. Reading a kept program counts as compiling it."""
-HIT = "/jax/compilation_cache/cache_hits"
-"""The event of a program that was read from the cache."""
 LONGEST = 20
 """Number of tests in the second table."""
-
-
-class Counter:
-    """Programs made and kept ones read since the last reset, with the spans of time (s) of each column."""
-
-    def __init__(self):
-        self.reset()
-        jax.monitoring.register_event_duration_secs_listener(self._duration)
-        jax.monitoring.register_event_listener(self._event)
-
-    def reset(self):
-        self.spans, self.programs, self.read = {"tracing": [], "compiling": []}, 0, 0
-        self.cpu_before = _cpu_seconds()
-
-    def _duration(self, event, seconds, **_):
-        if event in EVENTS:
-            now = time.monotonic()
-            self.spans[EVENTS[event]].append((now - seconds, now))
-            self.programs += EVENTS[event] == "compiling"
-
-    def _event(self, event, **_):
-        self.read += event == HIT
-
-    def result(self) -> dict:
-        """Seconds of each column, where spans inside of others count once, and numbers of programs."""
-        return {
-            "cpu": _cpu_seconds() - self.cpu_before,
-            **{column: _covered(spans) for column, spans in self.spans.items()},
-            "programs": self.programs,
-            "kept": self.read,
-        }
-
-
-def _cpu_seconds() -> float:
-    """Processor time (s) of this process and of those it started that have ended; other work does not change it."""
-    times = os.times()
-    return times.user + times.system + times.children_user + times.children_system
-
-
-def _covered(spans) -> float:
-    """Length of the union of spans (start, end)."""
-    total, last = 0.0, -float("inf")
-    for start, end in sorted(spans):
-        total += max(0.0, end - max(start, last))
-        last = max(last, end)
-    return total
 
 
 class Meter:
@@ -77,6 +21,7 @@ class Meter:
     def __init__(self, sizes: tuple[str, ...], folder: Path):
         self.counter, self.sizes, self.folder = Counter(), sizes, folder
         self.tests = defaultdict(lambda: defaultdict(float))
+        self.counter.listen()
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_protocol(self, item, nextitem):

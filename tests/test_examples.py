@@ -33,6 +33,8 @@ ENTRY_POINTS = (
     "environment",
 )
 """those that share scene, gaits, duration and step come one after the other, so that they share compiled programs"""
+CAMPAIGNS = ("search_gaits", "diagnose")
+"""those whose examples take long; searches have tests of their own, and the README's example has a diagnosis"""
 SECTIONS = ("Args", "Returns", "Raises", "Example")
 
 
@@ -54,8 +56,13 @@ def test_entry_points_say_what_they_take_return_and_raise(name):
     assert re.match(r"\s+InputError: ", found["Raises"])
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ENTRY_POINTS)
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=pytest.mark.campaign if name in CAMPAIGNS else pytest.mark.slow)
+        for name in ENTRY_POINTS
+    ],
+)
 def test_examples_show_what_happens(name):
     """With nothing imported but jaxgrity; each has a result to compare."""
     example = sections(inspect.getdoc(getattr(jaxgrity, name)))["Example"]

@@ -25,6 +25,8 @@ SECTIONS = {
     section.splitlines()[0]: re.findall(r"```python\n(.*?)```", section, re.DOTALL)
     for section in PAGE.split("\n## ")[1:]
 }
+CAMPAIGNS = ("A force with a potential", "A contact law", "An objective")
+"""sections whose examples take long; the others show the same of force laws and of registries"""
 
 
 @pytest.fixture
@@ -37,9 +39,14 @@ def _registries_as_before():
         registry.update(known)
 
 
-@pytest.mark.slow
 @pytest.mark.usefixtures("_registries_as_before")
-@pytest.mark.parametrize("section", SECTIONS)
+@pytest.mark.parametrize(
+    "section",
+    [
+        pytest.param(name, marks=pytest.mark.campaign if name.startswith(CAMPAIGNS) else pytest.mark.slow)
+        for name in SECTIONS
+    ],
+)
 def test_example_works(section):
     """Each section's blocks run one after the other, as one program; the last one checks what the first one adds."""
     names = {"__name__": "example"}

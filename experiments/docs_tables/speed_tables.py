@@ -235,3 +235,32 @@ def explorer_table(facts: Facts) -> str:
         ["largest growth later", f"{facts['largest_growth']:.1%}"],
     ]
     return table(["a long session", "measured"], rows) + made_by(facts, "explorer_session")
+
+
+WAITED = ("first_word", "seconds", "cpu", "tracing", "compiling", "programs")
+"""what the table of the first commands has of each"""
+
+
+def first_commands_facts(raw: Facts) -> Facts:
+    kept = ("name", "state", *WAITED)
+    rows = {key: [{name: row[name] for name in kept} for row in raw[key] or []] for key in ("commands", "before")}
+    return {"command": raw["command"], "cores": raw["cores"], **rows}
+
+
+def first_commands_table(facts: Facts) -> str:
+    """Each command cold and warm; where an earlier version was measured too, its numbers come first."""
+    head = ["command", "first word (s)", "to the end (s)", "processor (s)", "tracing (s)", "compiling (s)", "programs"]
+    rows = []
+    before = {(row["name"], row["state"]): row for row in facts["before"]}
+    for now in facts["commands"]:
+        earlier = before.get((now["name"], now["state"]))
+        row = [f"{now['name']}, {now['state']}"]
+        for column in WAITED:
+            was = "" if earlier is None else f"{_to_read(earlier[column])} → "
+            row.append(was + _to_read(now[column]))
+        rows.append(row)
+    return table(head, rows) + made_by(facts, "first_commands")
+
+
+def _to_read(number: float) -> str:
+    return f"{number:.0f}" if number >= 10 or number == int(number) else f"{number:.1f}"

@@ -83,6 +83,11 @@ SOURCES: dict[str, Source] = {
         },
         {"scaling.png": "scaling.png"},
     ),
+    "first_commands": Source(
+        "first_commands/first_commands.json",
+        speed.first_commands_facts,
+        {"first_commands": Block(PERFORMANCE, speed.first_commands_table)},
+    ),
     "error_bars": one_block("error_bars", NUMERICS, numerics.error_bars_facts, numerics.error_bars_table),
     "stability": one_block("stability", NUMERICS, numerics.stability_facts, numerics.stability_table),
     "stiff": one_block("stiff", NUMERICS, numerics.stiff_facts, numerics.stiff_table),

@@ -1,9 +1,8 @@
 """List the structures of the catalogue, each with its keys in a scene file and a picture."""
 
-from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, get_args
 
+from jaxgrity.cli.settings import CatalogueSettings
 from jaxgrity.io.files import save_json
 from jaxgrity.io.scene_tables import CatalogueTable
 from jaxgrity.model.geometry import Geometry
@@ -11,14 +10,6 @@ from jaxgrity.report import plot
 
 SHARED = ("mass", "node_mass", "fixed", "pose", "aligned", "height", "prestress")
 """keys that every kind has, and which say nothing about its geometry"""
-
-
-@dataclass
-class CatalogueSettings:
-    out: Path = Path("results/catalogue")
-    """folder for catalogue.json, a picture of each structure, and one of all"""
-    quick: bool = False
-    """the list alone, without pictures"""
 
 
 def main(settings: CatalogueSettings) -> None:

@@ -1,16 +1,15 @@
 """Compare gait searches: how they were searched, what they found, and how far that can be trusted."""
 
 import json
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 from jaxgrity.cli.script import measured
 
 import numpy as np
-import tyro
 from matplotlib.figure import Figure
 
+from jaxgrity.cli.settings import CompareSettings
 from jaxgrity.core.errors import InputError
 from jaxgrity.io.files import read_text, save_json
 from jaxgrity.report import plot
@@ -39,16 +38,6 @@ COLUMNS = {
 def unit(summary: dict[str, Any]) -> str:
     """Of the objective that a search was for."""
     return find_objective(summary["objective"]).unit
-
-
-@dataclass
-class CompareSettings:
-    runs: Annotated[tuple[Path, ...], tyro.conf.Positional]
-    """folders that searches left"""
-    out: Path = Path("results/compare_gaits")
-    """folder for comparison.json and comparison.png"""
-    quick: bool = False
-    """it is quick anyway"""
 
 
 def main(settings: CompareSettings) -> None:

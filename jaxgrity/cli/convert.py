@@ -1,33 +1,14 @@
 """Turn a robot's file into another kind of file: TOML, YAML of NTRT, XML of MuJoCo, MATLAB, CSV, GLB, OBJ."""
 
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
 
-import tyro
-
+from jaxgrity.cli.settings import ConvertSettings
 from jaxgrity.formats.conversion import find_format, read_any, write_any
 from jaxgrity.formats.foreign import Imported
 from jaxgrity.formats.mjcf_reading import read_mjcf
-from jaxgrity.formats.ntrt import DECIMETRE, read_ntrt
+from jaxgrity.formats.ntrt import read_ntrt
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.settled import settled
-
-
-@dataclass
-class ConvertSettings:
-    source: Annotated[str, tyro.conf.Positional]
-    """the file to read (.toml, .yaml, .xml, .mat, .csv), or a scene of the library by its name"""
-    target: Annotated[Path, tyro.conf.Positional]
-    """the file to write (.toml, .xml, .mat, .csv, .glb, .obj)"""
-    settle: bool = False
-    """let the structure come to rest first, without gravity, and set it down on its ground"""
-    unit: float = DECIMETRE
-    """m, the unit of length of NTRT's files"""
-    drop: tuple[str, ...] = ()
-    """kinds of what a MuJoCo model may lose: contact, radius, friction, limits, damping, actuators, air, forces"""
-    quick: bool = False
-    """it is quick anyway"""
 
 
 def main(settings: ConvertSettings) -> None:

@@ -1,35 +1,10 @@
 """Say how far one rollout of a scene can be trusted: error bars, energy and momentum, sensitivity, penetration."""
 
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Annotated, Literal
-
-import tyro
-
+from jaxgrity.cli.settings import DiagnoseSettings
 from jaxgrity.cli.simulate import chosen_scene, diagnosed, scene_name
 from jaxgrity.io.files import save_json
 from jaxgrity.report import plot
 from jaxgrity.stepping.options import SolverOptions
-
-
-@dataclass
-class DiagnoseSettings:
-    scene: Annotated[str, tyro.conf.Positional]
-    """a scene of the library by its name (reference, exact, uphill), or a scene file (TOML)"""
-    gait: str | None = None
-    """a gait of the library by its name, or the gait.json of a search, in place of the scene's own"""
-    duration: float = 10.0
-    """s"""
-    method: str | None = None
-    """rk4, tsit5, dopri8, kvaerno3, kvaerno5, verlet or complementarity; without it, the scene decides"""
-    dt: float | None = None
-    """fixed step, s; without it, adaptive methods adapt theirs, others take a safe one"""
-    dtype: Literal["float32", "float64"] = "float64"
-    """precision of the rollout"""
-    out: Path = Path("results/diagnose")
-    """folder for diagnosis.json and path.png"""
-    quick: bool = False
-    """at most 2 s of motion"""
 
 
 def main(settings: DiagnoseSettings) -> None:

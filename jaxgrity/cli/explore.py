@@ -5,30 +5,13 @@ import socket
 import time
 import webbrowser
 from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import Annotated
 
-import tyro
-
+from jaxgrity.cli.settings import ExploreSettings
 from jaxgrity.core.errors import InputError
 from jaxgrity.explorer.page import Page
 from jaxgrity.explorer.server import LOOPBACK, guarded_server, silent
 from jaxgrity.io.scene_files import load_scene, scene_names
 from jaxgrity.report import view
-
-
-@dataclass
-class ExploreSettings:
-    scene: Annotated[str, tyro.conf.Positional] = "exact"
-    """a scene of the library by its name (reference, exact, uphill), or a scene file (TOML)"""
-    duration: float = 10.0
-    """s of motion"""
-    host: str = LOOPBACK[0]
-    """address to answer at; any but this machine's own lets others in"""
-    port: int = 8080
-    """or the next that is free"""
-    browser: bool = True
-    """open the page in a browser"""
 
 
 def main(settings: ExploreSettings) -> None:

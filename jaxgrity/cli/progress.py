@@ -2,14 +2,17 @@
 
 import sys
 import threading
+from typing import TYPE_CHECKING
 
 from tqdm import tqdm
 
-from jaxgrity.search.pipeline import Progress
+if TYPE_CHECKING:
+    from jaxgrity.search.pipeline import Progress
 
 UNITS = {
     "rolling out": "rollout",
     "diagnosing": "measurement",
+    "drawing": "picture",
     "evolving": "generation",
     "promoting": "level",
     "polishing": "step",
@@ -41,7 +44,7 @@ class Bars:
         while not self.over.wait(TICK):
             self.bar.refresh()
 
-    def hear(self, progress: Progress) -> None:
+    def hear(self, progress: "Progress") -> None:
         """Show how far a search is."""
         self.show(progress.stage, progress.done, progress.total)
         facts = {name: f"{x:.3f}" if isinstance(x, float) else x for name, x in progress.facts.items()}

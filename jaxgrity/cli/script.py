@@ -4,16 +4,14 @@ Import it before anything else of jaxgrity: it says to Equinox what to do about 
 """
 
 import contextlib
-import io
-import itertools
+import gc
 import os
-import re
 import shlex
 import sys
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 # Read by Equinox when it is imported: diffrax's own checks, which options have passed before, then mark a rollout NaN
 # instead of calling back from the compiled program, which JAX could not keep for the next run.
@@ -24,8 +22,8 @@ os.environ.setdefault("EQX_ON_ERROR", "nan")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import jax
-import tyro
 
+from jaxgrity.cli.command_line import from_command_line
 from jaxgrity.core.errors import InputError
 
 LOOPS = "--xla_backend_extra_options=xla_cpu_small_while_loop_byte_threshold=1000000000,-unroll-full-max-count=16"
@@ -33,6 +31,9 @@ LOOPS = "--xla_backend_extra_options=xla_cpu_small_while_loop_byte_threshold=100
 over robots is written out, which would keep LLVM from using vector instructions for it."""
 VECTORS = "--xla_cpu_prefer_vector_width=512"
 """Vectors as long as the processor has them, where LLVM would take half of that; answers are the same to the bit."""
+COLLECTED = 200_000, 50, 100
+"""Python's thresholds of garbage collection. Tracing makes millions of objects that live on in caches: looking through
+them as often as Python does by itself takes a fifth of the time."""
 CACHE = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "jaxgrity"
 """where compiled programs are kept, unless JAX_COMPILATION_CACHE_DIR says otherwise"""
 
@@ -63,10 +64,11 @@ def configure() -> None:
     """Float64 allowed, loops compiled whole, compiled programs kept: for scripts, and for processes that they start."""
     # what the user has set comes later, and wins
     os.environ["XLA_FLAGS"] = f"{LOOPS} {VECTORS} {os.environ.get('XLA_FLAGS', '')}".strip()
+    gc.set_threshold(*COLLECTED)
     jax.config.update("jax_enable_x64", True)
     if jax.config.jax_compilation_cache_dir is None:  # type: ignore[attr-defined]
         jax.config.update("jax_compilation_cache_dir", str(CACHE))
-        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
+        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
 
 
 def join_hosts() -> None:
@@ -91,30 +93,9 @@ def join_hosts() -> None:
 def run(main: Callable[[Settings], None], settings: type[Settings]) -> None:
     """Call `main` with `settings` from the command line, as `execute` does."""
     configure()
-    execute(main, from_command_line(settings, description=sys.modules[settings.__module__].__doc__))
-
-
-def from_command_line(settings: Any, **how: Any) -> Any:
-    """The settings that the command line asks for, by `tyro.cli`; what is wrong with it is said in one line."""
-    said = io.StringIO()
-    try:
-        with contextlib.redirect_stderr(said):
-            return tyro.cli(settings, **how)
-    except SystemExit:
-        if said.getvalue():
-            print(f"error: {in_one_line(said.getvalue())}; --help lists what there is", file=sys.stderr)
-        raise
-
-
-def in_one_line(box: str) -> str:
-    """The first paragraph of what tyro says in a box, and the first of the options that it proposes."""
-    plain = re.sub(
-        r"\x1b\[[0-9;]*m", "", box
-    )  # in a terminal it has colours, and no lines around it where letters are ASCII
-    lines = [line.strip("│ ") for line in plain.splitlines() if line.startswith(("│ ", "  "))]
-    first = list(itertools.takewhile(lambda line: line.strip("─-"), lines))
-    proposed = [line for before, line in itertools.pairwise(lines) if before.startswith("Perhaps you meant")]
-    return " ".join(first).rstrip(".") + "".join(f"; perhaps you meant {line}" for line in proposed[:1])
+    undocumented = (settings.__doc__ or "").startswith(f"{settings.__name__}(")  # as dataclasses do it by themselves
+    described = sys.modules[settings.__module__] if undocumented else settings
+    execute(main, from_command_line(settings, description=described.__doc__))
 
 
 def execute(main: Callable[[Settings], None], chosen: Settings) -> None:

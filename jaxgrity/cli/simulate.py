@@ -2,15 +2,15 @@
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Any, TypeVar
 
 import jax
 import numpy as np
-import tyro
 
 from jaxgrity.cli.progress import Bars
+from jaxgrity.cli.settings import SimulateSettings
 from jaxgrity.io.files import load_phases, save_arrays, save_json
 from jaxgrity.io.gait_library import gait_record, load_gait
 from jaxgrity.io.scene_files import load_scene, scene_names
@@ -20,7 +20,7 @@ from jaxgrity.report.animation import animate
 from jaxgrity.rollout.population import gaits_of, one_gait, simulate_population
 from jaxgrity.stepping.integrate import FAILURES
 from jaxgrity.stepping.options import SolverOptions
-from jaxgrity.stepping.simulate import centre_path, simulate
+from jaxgrity.stepping.simulate import Trajectory, centre_path, simulate
 from jaxgrity.trust.error_bars import verify
 from jaxgrity.trust.trust_report import TrustReport, diagnose
 
@@ -31,47 +31,6 @@ LEFT = (
     *("replay.html", "animation.gif", "animation.mp4", "outcomes.png"),
 )
 """what this command leaves; none of an earlier run stays beside those of a later one"""
-
-
-@dataclass
-class SimulateSettings:
-    scene: Annotated[str, tyro.conf.Positional]
-    """a scene of the library by its name (reference, exact, uphill), or a scene file (TOML)"""
-    gaits: Path | None = None
-    """CSV without a header: the phases (rad) of one gait a row"""
-    gait: str | None = None
-    """a gait of the library by its name, or the gait.json of a search, in place of the scene's own"""
-    duration: float = 10.0
-    """s"""
-    method: str | None = None
-    """rk4, tsit5, dopri8, kvaerno3, kvaerno5, verlet or complementarity; without it, the scene decides"""
-    dt: float | None = None
-    """fixed step, s; without it, adaptive methods adapt theirs, others take a safe one"""
-    dtype: Literal["float32", "float64"] = "float64"
-    """precision of the rollout"""
-    any_step: bool = False
-    """let a step pass that would blow up"""
-    diagnose: bool = True
-    """say how far the result can be trusted: error bars, energy audit, sensitivity; takes several more rollouts"""
-    animation: Literal["none", "gif", "mp4"] = "none"
-    """also leave an animated picture of a single rollout; mp4 needs imageio-ffmpeg (pip install 'jaxgrity[video]')"""
-    fps: float = 25.0
-    """frames a second of the animated picture"""
-    width: int = 640
-    """pixels of the animated picture"""
-    camera: Literal["whole", "follow"] = "whole"
-    """whether the animated picture shows all of the way, or a camera goes along with the robot"""
-    replay: bool = True
-    """leave a page that plays a single rollout in 3D, where viser is installed (pip install 'jaxgrity[view]')"""
-    out: Path = Path("results/simulate")
-    """folder for summary.json, figures, and trajectory.npz and replay.html of a single rollout"""
-    quick: bool = False
-    """at most 2 s of motion"""
-
-    @property
-    def options(self) -> SolverOptions:
-        """How to integrate."""
-        return SolverOptions(method=self.method, dt=self.dt, dtype=self.dtype, any_step=self.any_step)
 
 
 def main(settings: SimulateSettings) -> None:
@@ -86,6 +45,11 @@ def main(settings: SimulateSettings) -> None:
         summary = several(scene, phases, duration, settings)
     save_json(settings.out / "summary.json", {"scene": scene_name(settings.scene), **summary})
     print(f"wrote {settings.out}/summary.json")
+
+
+def options_of(settings: SimulateSettings) -> SolverOptions:
+    """How to integrate."""
+    return SolverOptions(method=settings.method, dt=settings.dt, dtype=settings.dtype, any_step=settings.any_step)
 
 
 def scene_name(scene: str) -> str:
@@ -145,7 +109,7 @@ def diagnosed(scene: Scene, duration: float, options: SolverOptions) -> TrustRep
 
 def single(scene: Scene, duration: float, settings: SimulateSettings) -> dict[str, Any]:
     """One rollout with the scene's own gait: its trajectory, its figures, its summary."""
-    options, out = settings.options, settings.out
+    options, out = options_of(settings), settings.out
     with Bars() as bars:
         trajectory, wall, compilation = timed(lambda: simulate(scene, duration, options=options), bars)
     forget_earlier(out)
@@ -162,17 +126,16 @@ def single(scene: Scene, duration: float, settings: SimulateSettings) -> dict[st
         f"{FAILURES[int(trajectory.failure)]}: {duration:g} s in {int(trajectory.steps)} steps, "
         f"{wall:.3f} s of wall time ({compilation:.1f} s to compile); moved {distance:.4f} m"
     )
-    trust = diagnosed(scene, duration, options) if settings.diagnose else None
+    with ThreadPoolExecutor(1) as beside:  # compiling leaves a core free to draw
+        drawing = beside.submit(leave_pictures, scene, trajectory, settings)
+        trust = diagnosed(scene, duration, options) if settings.diagnose else None
+        with Bars() as bars:
+            bars.show("drawing", 0, None)
+            shown = drawing.result()
     if not trajectory.failed:
         plot.save(plot.path_figure(scene, trajectory, trust.error_bar if trust else None), out / "path.png")
-        if scene.structure.member_count:
-            plot.save(plot.member_figure(scene, trajectory), out / "members.png")
-            plot.save(plot.force_figure(scene, trajectory), out / "forces.png")
-        if settings.animation != "none":
-            film = out / f"animation.{settings.animation}"
-            animate(scene, trajectory, film, settings.fps, width=settings.width, camera=settings.camera)
-        if settings.replay and view.keep_html(scene, trajectory, out / "replay.html", title=scene_name(settings.scene)):
-            print(f"to see it in 3D, open {out}/replay.html in a browser")
+    if shown:
+        print(f"to see it in 3D, open {out}/replay.html in a browser")
     if trust:
         print(trust.table())
     return {
@@ -193,9 +156,24 @@ def single(scene: Scene, duration: float, settings: SimulateSettings) -> dict[st
     }
 
 
+def leave_pictures(scene: Scene, trajectory: Trajectory, settings: SimulateSettings) -> bool:
+    """Leave all pictures of a rollout that need no diagnosis, and say whether there is a replay among them."""
+    out = settings.out
+    if trajectory.failed:
+        return False
+    if scene.structure.member_count:
+        plot.save(plot.member_figure(scene, trajectory), out / "members.png")
+        plot.save(plot.force_figure(scene, trajectory), out / "forces.png")
+    if settings.animation != "none":
+        film = out / f"animation.{settings.animation}"
+        animate(scene, trajectory, film, settings.fps, width=settings.width, camera=settings.camera)
+    title = scene_name(settings.scene)
+    return settings.replay and view.keep_html(scene, trajectory, out / "replay.html", title=title)
+
+
 def several(scene: Scene, phases: np.ndarray, duration: float, settings: SimulateSettings) -> dict[str, Any]:
     """One rollout for each row of phases, all in one call; the report on trust is about the gait that goes furthest."""
-    options, gaits = settings.options, gaits_of(scene.gait, phases)
+    options, gaits = options_of(settings), gaits_of(scene.gait, phases)
     with Bars() as bars:
         roll = lambda: simulate_population(scene, gaits, duration, options=options)  # noqa: E731
         outcomes, wall, compilation = timed(roll, bars)

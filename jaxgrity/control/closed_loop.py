@@ -155,14 +155,14 @@ def simulate_policy(
         raise InputError(f"duration = {duration:g} s: expected a positive number")
     loop = loop_start(plant, policy, jax.random.key(seed), start)
     ticks = max(1, round(duration / plant.period))
-    q, v = _motion(plant, policy, loop, ticks)
+    (q, v), failure = _motion(plant, policy, loop, ticks)
     first = jax.tree.map(lambda x: x[None], loop.plant.motion)
     q, v = (jnp.concatenate(parts) for parts in zip(first, (q, v)))
     return Trajectory(
         times=plant.period * jnp.arange(ticks + 1, dtype=q.dtype),
         positions=q,
         velocities=v,
-        failure=state_failure(plant.scene, q[-1], v[-1]),
+        failure=failure,
         steps=jnp.asarray(ticks * plant.steps),
         rejected=jnp.asarray(0),
         method=plant.options.method.name,
@@ -173,7 +173,8 @@ def simulate_policy(
 
 @eqx.filter_jit
 def _motion(plant: Plant, policy: Policy, loop: Loop, ticks: int):
-    return roll_on(plant, policy, loop, ticks, lambda state: state.motion)[1]
+    end, motion = roll_on(plant, policy, loop, ticks, lambda state: state.motion)
+    return motion, state_failure(plant.scene, *end.plant.motion)
 
 
 def _check_each(policy: Policy, robots: int) -> None:

@@ -195,6 +195,8 @@ def plant_start(plant: Plant, key: Any, start: State | None = None) -> PlantStat
     )
     tension = nothing if plant.motors.force is not None else None
     state = PlantState(jnp.asarray(0), motion, first, nothing, tension, Readings(None, None), key)
+    if not plant.sensors.remember:
+        return state
     return state._replace(readings=first_readings(plant.sensors, sense_now(plant, state), of_bias))
 
 

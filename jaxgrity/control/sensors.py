@@ -77,6 +77,11 @@ class Sensors(eqx.Module):
     delay: int = eqx.field(static=True, default=0)
     """control periods until a reading arrives"""
 
+    @property
+    def remember(self) -> bool:
+        """Whether anything is carried from one control period to the next: a bias, or readings held or late."""
+        return any(self.bias) or self.every > 1 or self.delay > 0
+
     def __check_init__(self):
         if not (isinstance(self.noise, Errors) and isinstance(self.bias, Errors)):
             raise InputError("sensors: noise and bias are no `Errors`; expected such as Errors(place=0.01)")

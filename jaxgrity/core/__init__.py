@@ -1,5 +1,5 @@
 """What everything else is made of."""
 
-from jaxgrity.core import primitives
+import lazy_loader
 
-__all__ = ["primitives"]
+__getattr__, __dir__, __all__ = lazy_loader.attach(__name__, ["primitives"])

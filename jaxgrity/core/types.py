@@ -8,6 +8,8 @@ from jaxtyping import Bool, Float, Int
 AnyArray = jax.Array | np.ndarray
 
 Scalar = float | Float[AnyArray, ""]
+Count = int | Int[AnyArray, ""]
+"""a number of steps, of sweeps or of frames, known or an input of a compiled program"""
 PerNode = Float[AnyArray, " nodes"]
 PerMember = Float[AnyArray, " members"]
 PerRow = Float[AnyArray, " rows"]

@@ -1,12 +1,13 @@
 """Gaits: rest lengths that change with time."""
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 
 from jaxgrity.core.display import of_report
 from jaxgrity.core.primitives import place_rows, take_rows
-from jaxgrity.core.types import PerActuator, PerMember, Scalar, as_float, namespace_of
+from jaxgrity.core.types import AnyArray, PerActuator, PerMember, Scalar, Times, as_float, namespace_of
 from jaxgrity.model.motors import wound
 from jaxgrity.model.structure import Members, Structure
 
@@ -113,6 +114,12 @@ def rest_length(members: Members, gait: Actuation | None, t: Scalar, first: int)
     if rows != tuple(range(count)):
         shortened = place_rows(shortened, rows, count)
     return own * (1 - shortened)
+
+
+@eqx.filter_jit
+def rest_lengths_along(members: Members, gait: Actuation | None, times: Times, first: int) -> AnyArray:
+    """(times, members), m: L(t) as `rest_length` says, at many times in one program."""
+    return jax.vmap(lambda t: rest_length(members, gait, t, first))(times)
 
 
 def peak_rates(gait: Gait, rest_lengths: PerMember, samples: int = 96) -> PerActuator:

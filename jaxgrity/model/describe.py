@@ -2,10 +2,12 @@
 
 from collections.abc import Sequence
 
+import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 
-from jaxgrity.core.types import AnyArray
+from jaxgrity.core.types import AnyArray, NodeVectors, Scalar
 from jaxgrity.model.actuation import Gait
 from jaxgrity.model.energy import CableSprings, StrutSprings
 from jaxgrity.model.inertia import mass_matrix
@@ -13,6 +15,19 @@ from jaxgrity.model.laws import Configuration, EnergyTerm, Law, SceneParts
 from jaxgrity.model.modal import equilibrium, natural_frequencies
 from jaxgrity.model.springs import as_springs, largest_force, spring_forces
 from jaxgrity.model.structure import Members, Structure, edge_lengths, member_vectors
+
+
+class SpringEnergy(eqx.Module):
+    """U of the members' springs alone, J, as a function of the nodes' places."""
+
+    springs: Structure
+
+    def __call__(self, q: NodeVectors) -> Scalar:
+        springs, at = self.springs, Configuration(q, 0.0, member_vectors(q, self.springs.kinds), None)
+        terms: list[EnergyTerm] = []
+        terms += [CableSprings(springs.cables, None, springs.first_cable)] if springs.cables is not None else []
+        terms += [StrutSprings(springs.struts, None)] if springs.struts is not None else []
+        return sum((term.energy(at) for term in terms), jnp.zeros(()))
 
 
 def describe(scene: SceneParts, laws: Sequence[Law], known: Sequence[str]) -> str:
@@ -72,14 +87,7 @@ def _describe_prestress(structure: Structure) -> list[tuple[str, str]]:
     if structure.member_count == 0:
         return []
     springs, stiff_modes = as_springs(structure)
-    terms: list[EnergyTerm] = []
-    terms += [CableSprings(springs.cables, None, springs.first_cable)] if springs.cables is not None else []
-    terms += [StrutSprings(springs.struts, None)] if springs.struts is not None else []
-
-    def energy(q):
-        at = Configuration(q, 0.0, member_vectors(q, springs.kinds), None)
-        return sum(term.energy(at) for term in terms)
-
+    energy = SpringEnergy(springs)
     kinds = [(name, m) for name, m in (("struts", springs.struts), ("cables", springs.cables)) if m is not None]
     tolerance = max(1e-10 * largest_force(structure), 100 * np.finfo(float).eps * largest_force(springs))
     found = equilibrium(energy, structure.nodes, tolerance, free=structure.free)

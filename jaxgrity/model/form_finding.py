@@ -8,10 +8,8 @@ stress matrix Omega (nodes, nodes) the second: A q = (Omega x 1_3) x. Members ar
 from typing import NamedTuple
 
 import numpy as np
-import scipy.sparse as sp
-import scipy.sparse.linalg as spla
+import scipy
 from jaxtyping import Float
-from scipy.optimize import linprog
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, Edges, NodeVectors, PerMember
@@ -37,20 +35,20 @@ class Statics(NamedTuple):
     """rigid motions that supports leave"""
 
 
-def equilibrium_matrix(nodes: NodeVectors, edges: Edges) -> sp.csc_array:
+def equilibrium_matrix(nodes: NodeVectors, edges: Edges) -> scipy.sparse.csc_array:
     """A (3 nodes, members), m: A q are the forces that hold each node, the coordinates of a node next to each other."""
     x = np.asarray(nodes, float)
     C = incidence(edges, len(x))
     d = C @ x
-    by_axis = [C.T @ sp.diags_array(d[:, axis]) for axis in range(3)]
+    by_axis = [C.T @ scipy.sparse.diags_array(d[:, axis]) for axis in range(3)]
     rows = np.arange(3 * len(x)).reshape(3, len(x)).T.ravel()
-    return sp.csc_array(sp.vstack(by_axis, format="csr")[rows])
+    return scipy.sparse.csc_array(scipy.sparse.vstack(by_axis, format="csr")[rows])
 
 
-def stress_matrix(force_density: PerMember, edges: Edges, nodes: int) -> sp.csc_array:
+def stress_matrix(force_density: PerMember, edges: Edges, nodes: int) -> scipy.sparse.csc_array:
     """Omega = C' diag(q) C (nodes, nodes), N/m, with C the incidence matrix."""
     C = incidence(edges, nodes)
-    return sp.csc_array(C.T @ sp.diags_array(np.asarray(force_density, float)) @ C)
+    return scipy.sparse.csc_array(C.T @ scipy.sparse.diags_array(np.asarray(force_density, float)) @ C)
 
 
 def statics(nodes: NodeVectors, edges: Edges, fixed: Fixed | None = None, tolerance: float = RANK) -> Statics:
@@ -94,20 +92,20 @@ def prestress(
     edges = (*struts, *cables)
     free = free_coordinates(len(nodes), fixed)
     length = edge_lengths(nodes, edges)
-    A = equilibrium_matrix(nodes, edges)[free] @ sp.diags_array(1 / length)
+    A = equilibrium_matrix(nodes, edges)[free] @ scipy.sparse.diags_array(1 / length)
     first, count = len(struts), len(edges)
     # unknowns: members' forces, and the smallest of the cables', which is what is to be large
-    none = sp.csc_array((A.shape[0], 1))
-    pull = sp.eye_array(count, format="csc")[first:]
-    slack = sp.hstack([-pull, np.ones((count - first, 1))])
+    none = scipy.sparse.csc_array((A.shape[0], 1))
+    pull = scipy.sparse.eye_array(count, format="csc")[first:]
+    slack = scipy.sparse.hstack([-pull, np.ones((count - first, 1))])
     bounds = [(None, None)] * first + [(0, 1)] * (count - first) + [(None, 1)]
     goal = np.zeros(count + 1)
     goal[-1] = -1
-    found = linprog(
+    found = scipy.optimize.linprog(
         goal,
         A_ub=slack,
         b_ub=np.zeros(count - first),
-        A_eq=sp.hstack([A, none]),
+        A_eq=scipy.sparse.hstack([A, none]),
         b_eq=np.zeros(len(free)),
         bounds=bounds,
     )
@@ -144,7 +142,7 @@ def shape_of_force_densities(
         held = np.asarray(fixed, bool)[:, axis]
         rows = Omega[~held]
         try:
-            solve = spla.splu(sp.csc_matrix(rows[:, ~held]))
+            solve = scipy.sparse.linalg.splu(scipy.sparse.csc_matrix(rows[:, ~held]))
         except RuntimeError as error:
             raise InputError(
                 "the force densities do not decide the shape; expected more supports, or others"

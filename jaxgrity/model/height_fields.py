@@ -6,7 +6,7 @@ from typing import ClassVar
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from scipy.ndimage import spline_filter
+import scipy
 
 from jaxgrity.core.elementwise import clipped, sine
 from jaxgrity.core.errors import InputError
@@ -148,7 +148,7 @@ def height_map(heights, size: tuple[float, float], centre: tuple[float, float] =
         raise InputError("heights: some are not finite; expected finite numbers, m")
     if extent.shape != (2,) or not np.all(extent > 0):
         raise InputError(f"size = {size}: expected two positive numbers, m")
-    coefficients = np.pad(spline_filter(h, order=3, mode="mirror"), 1, mode="reflect")
+    coefficients = np.pad(scipy.ndimage.spline_filter(h, order=3, mode="mirror"), 1, mode="reflect")
     return HeightMap(coefficients, np.asarray(centre) - extent / 2, extent / (np.array(h.shape) - 1))
 
 

@@ -1,12 +1,13 @@
 """Modal analysis: equilibrium shapes and natural frequencies from the Hessian of a potential energy, in float64."""
 
-import functools
 from collections.abc import Callable
+from functools import lru_cache, partial
 
+import equinox as eqx
 import jax
 import numpy as np
 
-from jaxgrity.core.types import MassMatrix, NodeVectors, PerNode, Scalar
+from jaxgrity.core.types import AnyArray, MassMatrix, NodeVectors, PerNode, Scalar
 
 Energy = Callable[[NodeVectors], Scalar]
 
@@ -74,10 +75,22 @@ def natural_frequencies(
     return np.sqrt(np.where(real > rounding, real, 0)) / (2 * np.pi)
 
 
-@functools.lru_cache(maxsize=1)
 def _expansion(energy: Energy) -> Callable:
-    """U, dU/dq and d2U/dq2, as one program for the equilibrium and the frequencies of an energy."""
-    return jax.jit(lambda q: (energy(q), jax.grad(energy)(q), jax.hessian(energy)(q)))
+    """U, dU/dq and d2U/dq2, as one program for the equilibrium and the frequencies of an energy.
+
+    Where the energy is a module, its numbers are inputs of a program that all energies of its kind share.
+    """
+    return partial(_expanded, energy) if isinstance(energy, eqx.Module) else _expansion_of_one(energy)
+
+
+@lru_cache(maxsize=1)
+def _expansion_of_one(energy: Energy) -> Callable:
+    return jax.jit(lambda q: _expanded(energy, q))
+
+
+@eqx.filter_jit
+def _expanded(energy: Energy, q: NodeVectors) -> tuple[Scalar, NodeVectors, AnyArray]:
+    return energy(q), jax.grad(energy)(q), jax.hessian(energy)(q)
 
 
 def _rigid_motions(q: np.ndarray, moves: np.ndarray) -> np.ndarray:

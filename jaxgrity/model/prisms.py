@@ -4,7 +4,7 @@ from collections.abc import Callable
 from itertools import pairwise
 
 import numpy as np
-from scipy.optimize import brentq
+import scipy
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import Edges
@@ -121,7 +121,7 @@ def _stressed_twist(shape: Callable[[float], np.ndarray], orbits: list[Edges], s
     values = [determinant(twist) for twist in SCAN]
     for (low, before), (high, after) in pairwise(zip(SCAN, values)):
         if before * after < 0:
-            twist = brentq(determinant, low, high, xtol=1e-15, rtol=1e-15)
+            twist = scipy.optimize.brentq(determinant, low, high, xtol=1e-15, rtol=1e-15)
             density = np.linalg.svd(reduced(twist))[2][-1]
             density = density * np.sign(density[-1])
             if np.all(density[stages:] > 0):

@@ -5,7 +5,7 @@ from typing import ClassVar
 import jax
 import numpy as np
 
-from jaxgrity.model.actuation import Actuation, rest_length
+from jaxgrity.model.actuation import Actuation, rest_lengths_along
 from jaxgrity.model.laws import Constraint, SceneParts, moved_members, same_roles, unchanged
 from jaxgrity.model.structure import Members, edge_lengths
 
@@ -39,7 +39,7 @@ class RigidStruts(Constraint):
     def violation(self, q):
         # without it, JAX mixes up the precisions of NumPy's numbers where something else had x64 on for a while
         with jax.enable_x64(True):
-            wanted = np.asarray(rest_length(self.struts, self.gait, 0.0, 0))
+            wanted = np.asarray(rest_lengths_along(self.struts, self.gait, np.zeros(1), 0))[0]
         lengths = edge_lengths(q, self.struts.edges)
         strut = int(np.argmax(np.abs(lengths - wanted)))
         if abs(lengths[strut] - wanted[strut]) <= LARGEST_GAP:

@@ -283,10 +283,9 @@ def _beyond_faces(outside: list[PerNode], rounding: Scalar) -> PerNode:
 
 def _from_above(surface: Surface, x: AnyArray, y: AnyArray, top: Scalar) -> AnyArray:
     """`Surface.height` of one whose f is a distance: from the height `top` down by f, which never goes too far."""
-    z = jnp.broadcast_to(top, jnp.shape(x))
     f = surface.level
-    for _ in range(64):
-        z = z - f(x, y, z)
+    z = jnp.broadcast_to(jnp.asarray(top, jnp.result_type(x, top)), jnp.shape(x))
+    z = jax.lax.fori_loop(0, 64, lambda _, z: z - f(x, y, z), z)
     return jnp.where(f(x, y, z) < 1e-6, z, -jnp.inf)
 
 

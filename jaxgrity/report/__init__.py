@@ -1,5 +1,5 @@
 """Pictures and pages."""
 
-from jaxgrity.report import plot, view
+import lazy_loader
 
-__all__ = ["plot", "view"]
+__getattr__, __dir__, __all__ = lazy_loader.attach(__name__, ["plot", "view"])

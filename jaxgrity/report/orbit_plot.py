@@ -1,11 +1,11 @@
 """The figure of an orbit: one cycle of it, seen from a frame that goes along with the robot."""
 
 import numpy as np
+import scipy
 from jaxtyping import Complex
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
-from scipy.interpolate import make_interp_spline
 from scipy.spatial import ConvexHull, QhullError
 
 from jaxgrity.core.errors import InputError
@@ -78,7 +78,7 @@ def _last_cycle(trajectory: Trajectory, cycle: float) -> tuple[Times, NodeHistor
             f"cycle = {cycle:g} s: expected more than 0 and at most the motion's {times[-1] - times[0]:g} s"
         )
     wanted = np.linspace(times[-1] - cycle, times[-1], FRAMES + 1)
-    return wanted, make_interp_spline(times, np.asarray(trajectory.positions, float))(wanted)
+    return wanted, scipy.interpolate.make_interp_spline(times, np.asarray(trajectory.positions, float))(wanted)
 
 
 def _flat(x: np.ndarray) -> Complex[np.ndarray, "..."]:

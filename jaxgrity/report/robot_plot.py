@@ -7,13 +7,13 @@ from mpl_toolkits.mplot3d import Axes3D
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
 from mpl_toolkits.mplot3d.proj3d import proj_transform
 
-from jaxgrity.model.actuation import Gait, contraction, rest_length
+from jaxgrity.model.actuation import Gait, contraction, rest_lengths_along
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import edge_lengths
 from jaxgrity.report.style import CABLE, GROUND, PATH, STRUT, styled
 from jaxgrity.rollout.forces import forces_along
 from jaxgrity.rollout.rolling import Rolling
-from jaxgrity.stepping.simulate import Trajectory, centre_path
+from jaxgrity.stepping.simulate import Trajectory, centre_path, with_room
 from jaxgrity.trust.energy_audit import EnergyAudit
 
 
@@ -120,7 +120,7 @@ def member_figure(scene: Scene, trajectory: Trajectory) -> Figure:
     first = 0
     for axes, (name, members) in zip(figure.subplots(len(kinds), 1, squeeze=False)[:, 0], kinds):
         lengths = np.array([edge_lengths(x, members.edges) for x in q])
-        rest = np.array([rest_length(members, scene.gait, t, first) for t in times])
+        rest = np.asarray(rest_lengths_along(members, scene.gait, with_room(times, q.shape[1]), first))[: len(times)]
         many, dashed = len(members.edges) > 8, ""
         for k, edge in enumerate(members.edges):
             actuated = scene.gait is not None and first + k in scene.gait.members

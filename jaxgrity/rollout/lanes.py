@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxgrity.core.types import AnyArray, Scalar, State
+from jaxgrity.core.types import AnyArray, Count, Scalar, State
 from jaxgrity.model.actuation import Gait
 from jaxgrity.model.inertia import mobility
 from jaxgrity.model.scene import Scene, start_of
@@ -69,26 +69,28 @@ def roll_out_lanes(
     duration: Scalar,
     options: ResolvedOptions,
     with_metrics: bool = False,
-    parts: int = 1,
+    parts: int | tuple[int, Count] = 1,
 ) -> LaneOutcomes:
     """The rollouts of one chunk: the arrays of `gaits` and `differences` have lanes last.
 
-    All arrays that come back have the lanes last. `parts` is as in `roll_out`.
+    All arrays that come back have the lanes last. `parts` is as in `roll_out`. Where steps are all of one length it may
+    also say for how many parts there is room, and how many there are, which is an input: the others repeat the end.
     """
+    room, used = parts if isinstance(parts, tuple) else (parts, None)
     lanes = gaits.phase.shape[-1]
     scene, axes = in_lanes(scene, gaits, differences)
     start = start_of(scene)
     if differences is not None and differences.velocities is not None:
         start = start[0], differences.velocities
     metrics, together = None, options.dt is not None and not options.method.implicit
-    if with_metrics or (together and parts > 1):
-        end, metrics = _in_parts(start, duration, scene, axes, options, (parts, with_metrics))
+    if with_metrics or (together and room > 1):
+        end, metrics = _in_parts(start, duration, scene, axes, options, (room, used, with_metrics))
     elif together:
         centre = over_lanes(centre_of_mass, (axes, -1))
-        end = _last(start, duration, scene, options, parts, centre, discretise_lanes(options, axes))
+        end = _last(start, duration, scene, options, room, centre, discretise_lanes(options, axes))
         end = end._replace(steps=jnp.full(lanes, end.steps), rejected=jnp.full(lanes, end.rejected))
     else:
-        one = lambda y, s: _last(y, duration, s, options, parts, centre_of_mass)  # noqa: E731
+        one = lambda y, s: _last(y, duration, s, options, room, centre_of_mass)  # noqa: E731
         end = over_lanes(one, (-1, axes))(start, scene)
     q, v = end.state
     failure = failure_code(end.result, over_lanes(state_failure, (axes, -1, -1))(scene, q, v))
@@ -96,13 +98,14 @@ def roll_out_lanes(
 
 
 def _in_parts(
-    start: State, duration: Scalar, scene: Scene, axes: Scene, options: ResolvedOptions, asked: tuple[int, bool]
+    start: State, duration: Scalar, scene: Scene, axes: Scene, options: ResolvedOptions, asked: tuple
 ) -> tuple[LaneEnd, Metrics | None]:
     """The end at `duration`, after steps that are all of one length, and all robots' metrics.
 
-    `asked` says for how many parts of the time, and whether for metrics.
+    `asked` says for how many parts of the time, how many of them are used, and whether for metrics.
     """
-    parts, with_metrics = asked
+    room, used, with_metrics = asked
+    parts = room if used is None else used
     terms, solver = discretise_lanes(options, axes)
     each = jnp.ceil(duration / parts / jnp.asarray(options.dt, options.dtype) - 1e-3).astype(int)
     h = duration / (parts * each)
@@ -120,10 +123,11 @@ def _in_parts(
         return y1, after, measured
 
     def part(carry, number):
-        carry = jax.lax.fori_loop(number * each, (number + 1) * each, step, carry)
+        after = number + 1 if used is None else jnp.minimum(number + 1, used)
+        carry = jax.lax.fori_loop(number * each, after * each, step, carry)
         return carry, centre(scene, carry[0][0])
 
-    (end, _, held), ends = jax.lax.scan(part, (start, first, held), jnp.arange(parts))
+    (end, _, held), ends = jax.lax.scan(part, (start, first, held), jnp.arange(room))
     path: AnyArray = jnp.concatenate([centre(scene, start[0])[None], ends])
     lanes_of = path.shape[-1]
     done: Any = diffrax.RESULTS.successful

@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 
 import jax
 import numpy as np
+import scipy
 from jaxtyping import Float
-from scipy.stats import spearmanr
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray
@@ -130,7 +130,7 @@ def within_bounds(level: FidelityLevel, genes: Genes, problem: SearchProblem, bo
 def rank_correlation(rows: Float[AnyArray, "levels gaits"]) -> np.ndarray:
     """Spearman's, of every two fidelity levels, over the gaits that all of them could roll out."""
     rows = np.asarray(rows)[:, np.isfinite(rows).all(0)]
-    return np.array([[spearmanr(a, b).statistic for b in rows] for a in rows])
+    return np.array([[scipy.stats.spearmanr(a, b).statistic for b in rows] for a in rows])
 
 
 class Verdict(NamedTuple):

@@ -7,18 +7,20 @@ an ensemble of robots that differ, the same for all steps of a climb. A step tha
 from collections.abc import Callable
 from typing import NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import optax
 from jax.flatten_util import ravel_pytree
 
-from jaxgrity.core.types import Scalar
+from jaxgrity.core.types import AnyArray, Scalar
 from jaxgrity.model.actuation import Gait, actuated_lengths, peak_rates
-from jaxgrity.model.scene import body_length, with_gait
+from jaxgrity.model.scene import Scene, body_length, with_gait
 from jaxgrity.rollout.population import one_gait
 from jaxgrity.search.climb import Climb, ClimbStep, OneGait
 from jaxgrity.search.genetic_algorithm import SearchProblem
+from jaxgrity.search.genome import Genome
 from jaxgrity.search.judging import Scores, judge, with_robots
 from jaxgrity.search.models import Model
 from jaxgrity.search.polish_config import PolishConfig, judges_of_a_step
@@ -97,12 +99,9 @@ def climb_on_orbit(
 def orbit_slope(problem: SearchProblem, genes: OneGait, options: ResolvedOptions) -> OrbitSlope:
     """The steady speed of the gait that genes stand for, and its gradient in them, as far as there is an orbit."""
     scene, genome, duration, _, _ = problem
+    assert scene.gait is not None, "a search refuses a scene without a gait"
     here = with_gait(scene, one_gait(genome.gaits(scene.gait, jnp.asarray(genes)[None]), 0))
-
-    def numbers(each):
-        return ravel_pytree(numbers_of(_row(genome.gaits(scene.gait, each[None]))))[0]
-
-    directions = np.asarray(jax.jacfwd(numbers)(jnp.asarray(genes, float))).T
+    directions = np.asarray(_numbers_by_genes(genome, scene.gait, jnp.asarray(genes, float))).T
     counts = np.flatnonzero(np.abs(directions).max(1) > 0)
     watch, size = shortest_watch(here.gait) * (1 + 1e-6), float(body_length(scene))
     orbit = find_orbit(here, watch, options=options)
@@ -118,6 +117,16 @@ def orbit_slope(problem: SearchProblem, genes: OneGait, options: ResolvedOptions
     return OrbitSlope(orbit.speed / size, gradient, cost, watched, remark)
 
 
+@eqx.filter_jit
+def _numbers_by_genes(genome: Genome, own: Gait, genes: AnyArray) -> AnyArray:
+    """(numbers, genes), the derivative of the numbers of the gait that genes stand for."""
+
+    def numbers(each):
+        return ravel_pytree(numbers_of(_row(genome.gaits(own, each[None]))))[0]
+
+    return jax.jacfwd(numbers)(genes)
+
+
 def _row(gaits: Gait) -> Gait:
     """The first of a population of gaits, traced."""
     return jax.tree.map(lambda x: x[0] if jnp.ndim(x) else x, gaits)
@@ -129,17 +138,20 @@ def _within_rate(problem: SearchProblem, before: OneGait, genes: OneGait) -> One
     Robots whose amplitudes are off leave less than the bound; a gait that began beyond that may stay as it is.
     """
     genome, fitness = problem.genome, problem.fitness
-
-    def rate(each) -> Scalar:
-        gaits = genome.gaits(problem.scene.gait, each[None])
-        return peak_rates(gaits, actuated_lengths(problem.scene.structure, gaits.members)).max()
-
-    genes = genome.bounded(jnp.asarray(genes))
     if fitness.bounds.rate is None:
-        return np.asarray(genes)
+        return np.asarray(genome.bounded(jnp.asarray(genes)))
     least = INSIDE * fitness.bounds.rate / (1 + fitness.uncertainty.actuation)
-    limit = max(least, float(rate(jnp.asarray(before))))
+    return np.asarray(_brought_back(problem.scene, genome, least, jnp.asarray(before), jnp.asarray(genes)))
+
+
+@eqx.filter_jit
+def _brought_back(scene: Scene, genome: Genome, least: Scalar, before: AnyArray, genes: AnyArray) -> AnyArray:
+    def rate(each) -> Scalar:
+        gaits = genome.gaits(scene.gait, each[None])
+        return peak_rates(gaits, actuated_lengths(scene.structure, gaits.members)).max()
+
+    genes, limit = genome.bounded(genes), jnp.maximum(least, rate(before))
     for _ in range(PULLS):
         now, slope = jax.value_and_grad(rate)(genes)
         genes = genome.bounded(genes - jnp.maximum(now - limit, 0) * slope / jnp.maximum(slope @ slope, 1e-12))
-    return np.asarray(genes)
+    return genes

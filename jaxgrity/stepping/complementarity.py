@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from jax.ad_checkpoint import checkpoint_name
 
 from jaxgrity.core.primitives import store_cotangent
-from jaxgrity.core.types import NodeVectors, Scalar
+from jaxgrity.core.types import Count, NodeVectors, Scalar
 from jaxgrity.stepping.constraints import (
     GroundImpulses,
     blocks_of,
@@ -81,9 +81,9 @@ class Complementarity(diffrax.AbstractSolver):
     tolerance, at the end of a step gets NaN.
     """
 
-    sweeps: int | None = eqx.field(static=True, default=None)
+    sweeps: Count | None = None
     """over all constraints, in a step; the most there are where a tolerance is given. None: `usual_sweeps`"""
-    tolerance: float | None = eqx.field(static=True, default=None)
+    tolerance: Scalar | None = None
     """m: sweeps end where every strut has its length within this. None: after all sweeps"""
     together: bool = eqx.field(static=True, default=False)
     """whether struts and contacts are solved together (`coupled.py`), as structures need whose nodes belong to several
@@ -115,7 +115,7 @@ class Complementarity(diffrax.AbstractSolver):
             trials = self._constrain(args, h, problem, trials, usual_sweeps(args), converged=False)
             corrected = accelerated((v + found(args, problem, trials)) / 2)
             trials = self.lift(pushed, ("s", -1, -1))(args, trials, kick * (corrected - a))
-        trials = self._constrain(args, h, problem, trials, self.sweeps or usual_sweeps(args), self.tolerance)
+        trials = self._constrain(args, h, problem, trials, self._most_sweeps(args), self.tolerance)
         w = found(args, problem, trials)
         after = ContactState(h, self.lift(impulses, ("s", -1, -1))(args, problem, trials))
         if problem.lengths is not None:
@@ -142,6 +142,9 @@ class Complementarity(diffrax.AbstractSolver):
         y1 = (q + h * w, w)
         after = ContactState(h, found.impulses, found.struts, found.error)
         return y1, None, {"y0": y0, "y1": y1}, after, diffrax.RESULTS.successful
+
+    def _most_sweeps(self, scene):
+        return usual_sweeps(scene) if self.sweeps is None else self.sweeps
 
     def _length_error(self, scene, h, problem, trials):
         return self.lift(length_error, ("s", None, -1, -1))(scene, h, problem, trials)

@@ -11,7 +11,7 @@ import numpy as np
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.remembered import remembered
 from jaxgrity.core.tracing import traced
-from jaxgrity.core.types import NodeVectors, Scalar
+from jaxgrity.core.types import Count, NodeVectors, Scalar
 from jaxgrity.model.scene import Scene
 from jaxgrity.stepping.blocks import disjoint_groups
 from jaxgrity.stepping.constraints import exact_ground, rigid_struts
@@ -63,17 +63,17 @@ class ResolvedOptions(eqx.Module):
     dtype: str = eqx.field(static=True)
     rtol: Scalar
     atol: Scalar
-    sweeps: int | None = eqx.field(static=True, default=None)
-    strut_tolerance: float | None = eqx.field(static=True, default=None)
+    sweeps: Count | None = None
+    strut_tolerance: Scalar | None = None
     together: bool = eqx.field(static=True, default=False)
     max_steps: int = eqx.field(static=True, default=10**6)
 
     def as_inputs(self) -> "ResolvedOptions":
-        """The same with step and tolerances as arrays, with which a function is compiled once for all their values.
+        """The same with step, sweeps and tolerances as arrays: a function is compiled once for all their values.
 
         As numbers they are part of the compiled program; reverse mode, which has to count the steps, needs them so.
         """
-        return jax.tree.map(lambda x: np.asarray(x, float), self)
+        return jax.tree.map(lambda x: np.asarray(x, int if isinstance(x, int) else float), self)
 
     def refined(self) -> "list[ResolvedOptions]":
         """These options, then half and a quarter of their step, or a tenth and a hundredth of their tolerances."""

@@ -45,7 +45,7 @@ class Trajectory(eqx.Module):
 
     @property
     def failed(self) -> bool:
-        return bool(self.failure != 0)
+        return bool(np.asarray(self.failure) != 0)
 
     def show(self, **how: Any) -> Any:
         """A 3D replay, which Jupyter shows: `jaxgrity.view.replay` of this motion, with all that it takes.
@@ -68,8 +68,11 @@ def centre_path(scene: Scene, trajectory: Trajectory) -> np.ndarray:
 
 def some_frames(trajectory: Trajectory, frames: np.ndarray | slice) -> Trajectory:
     """The same motion with these of its saved frames alone."""
-    kept = {name: getattr(trajectory, name)[frames] for name in ("times", "positions", "velocities")}
-    return replace(trajectory, **kept)
+    # known numbers are sliced by NumPy, which compiles nothing for it; inside of another jitted function none are
+    known = (lambda x: x) if traced(trajectory) else np.asarray
+    names = ("times", "positions", "velocities")
+    kept = {name: jax.device_put(known(getattr(trajectory, name))[frames]) for name in names}
+    return replace(trajectory, **kept)  # type: ignore[arg-type]
 
 
 def frame_times(duration: float, frame_rate: float, at_most: float = math.inf) -> np.ndarray:
@@ -80,6 +83,12 @@ def frame_times(duration: float, frame_rate: float, at_most: float = math.inf) -
     if not (frame_rate > 0 and math.isfinite(frame_rate)):
         raise InputError(f"frame_rate = {frame_rate}: expected a positive, finite number of frames a second")
     return np.linspace(0, duration, max(1, round(duration * min(frame_rate, at_most))) + 1)
+
+
+def with_room(frames: np.ndarray, nodes: int) -> np.ndarray:
+    """The same frames, the last one over and over until `ROOM` is full, so that motions share compiled programs."""
+    more = max(0, ROOM // nodes - len(frames))
+    return np.pad(frames, [(0, more), *[(0, 0)] * (np.ndim(frames) - 1)], mode="edge")
 
 
 def simulate(
@@ -128,14 +137,13 @@ def simulate(
     times = frame_times(duration, frame_rate)
     q = scene.structure.nodes if positions is None else positions
     v = np.zeros(q.shape) if velocities is None else velocities
-    saved = times if traced((scene, q, v)) else np.pad(times, (0, max(0, ROOM // len(q) - len(times))), mode="edge")
+    saved = times
+    if not traced((scene, q, v)):
+        saved = with_room(times, len(q))
+        q, v = np.asarray(q, resolved.dtype), np.asarray(v, resolved.dtype)  # else each precision has its own program
     trajectory = _simulate(as_dtype(scene, resolved.dtype), (q, v), saved, resolved.as_inputs())
     if len(saved) > len(times):
-        # known numbers are sliced by NumPy, which compiles nothing for it; inside of another jitted function none are
-        known = (lambda x: x) if traced(trajectory) else np.asarray
-        names = ("times", "positions", "velocities")
-        kept = {name: jnp.asarray(known(getattr(trajectory, name))[: len(times)]) for name in names}
-        trajectory = replace(trajectory, **kept)  # type: ignore[arg-type]
+        trajectory = some_frames(trajectory, slice(len(times)))
     return replace(trajectory, dt=resolved.dt, scene=scene)  # type: ignore[arg-type]
 
 

@@ -9,13 +9,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxgrity.core.types import NodeHistory, NodeVectors, Scalar, Times
+from jaxgrity.core.types import Count, NodeHistory, NodeVectors, Scalar, Times
 from jaxgrity.model.scene import Scene, as_dtype, start_of
 from jaxgrity.stepping.dynamics import angular_momentum, kinetic_energy, momentum, vector_field
 from jaxgrity.stepping.integrate import discretise, integrate, prepared
 from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
 from jaxgrity.stepping.power import Step, Work, powers, step_work
-from jaxgrity.stepping.simulate import frame_times
+from jaxgrity.stepping.simulate import frame_times, with_room
 
 
 class Amounts(NamedTuple):
@@ -100,13 +100,14 @@ def energy_audit(scene: Scene, duration: float, *, options: Options = None, fram
     """
     resolved = resolve(scene, duration, options, dtype="float64")
     times = frame_times(duration, frame_rate, at_most=math.inf if resolved.dt is None else 1 / float(resolved.dt))
-    exact = as_dtype(scene, "float64")
+    exact, saved = as_dtype(scene, "float64"), with_room(times, len(scene.structure.nodes))
     if resolved.method.symplectic or resolved.method.constrained:
         count = int(np.ceil(times[1] / resolved.dt - 1e-9))  # type: ignore[operator]
-        amounts, work, missed = _step_by_step(exact, times, resolved, count)
+        counts = np.asarray(count), np.asarray(len(times))
+        amounts, work, missed = _step_by_step(exact, saved, resolved.as_inputs(), counts)
     else:
-        (amounts, work), missed = _beside(exact, times, resolved.as_inputs()), jnp.zeros(())
-    amounts, work = jax.tree.map(np.asarray, (amounts, work))
+        (amounts, work), missed = _beside(exact, saved, resolved.as_inputs()), jnp.zeros(())
+    amounts, work = jax.tree.map(lambda x: np.asarray(x)[: len(times)], (amounts, work))
     actuation, impulse, moment = (work.pop(name) for name in ("actuation", "impulse", "moment"))
     return EnergyAudit(
         times=amounts.times,
@@ -172,33 +173,38 @@ def _amounts(scene: Scene, times: Times, q: NodeHistory, v: NodeHistory) -> Amou
 
 
 @eqx.filter_jit
-def _step_by_step(scene: Scene, times: Times, options: ResolvedOptions, count: int) -> tuple[Amounts, Work, jax.Array]:
-    """With `count` steps from one frame to the next, whose works are summed up, and the largest residual of any."""
+def _step_by_step(
+    scene: Scene, times: Times, options: ResolvedOptions, counts: tuple[Count, Count]
+) -> tuple[Amounts, Work, jax.Array]:
+    """Works summed up step by step, and the largest residual of any step.
+
+    `counts` are the steps from one frame to the next, and the frames; `times` has room for more of these.
+    """
+    count, frames = counts
     scene = prepared(scene)
     terms, solver = discretise(options)
     h = jnp.asarray(times[1] / count)
     q, v = start_of(scene)
 
-    def step(carry, k):
+    def step(k, carry):
         y, before, work, missed = carry
         y1, _, _, after, _ = solver.step(terms, k * h, (k + 1) * h, y, scene, before, False)
         gained = step_work(scene, Step(k * h, h, y, y1, before, after))
         now = getattr(after, "residual", None)
         missed = missed if now is None else jnp.maximum(missed, now)
-        return (y1, after, jax.tree.map(jnp.add, work, gained), missed), None
+        return y1, after, jax.tree.map(jnp.add, work, gained), missed
 
-    def frame(carry, numbers):
-        carry, _ = jax.lax.scan(step, carry, numbers)
-        return carry, (carry[0], carry[2])
+    def frame(number, held):
+        carry, rows = held
+        carry = jax.lax.fori_loop(number * count, (number + 1) * count, step, carry)
+        return carry, jax.tree.map(lambda all_of, x: all_of.at[number + 1].set(x), rows, (carry[0], carry[2]))
 
     first = solver.init(terms, 0 * h, h, (q, v), scene)
     still = Step(0 * h, h, (q, v), (q, v), first, first)
     nothing = jax.tree.map(jnp.zeros_like, step_work(scene, still))
-    numbers = jnp.arange(count * (len(times) - 1)).reshape(-1, count)
+    rows = jax.tree.map(lambda x: jnp.broadcast_to(x, (len(times), *jnp.shape(x))), ((q, v), nothing))
     start = ((q, v), first, nothing, jnp.zeros_like(h))
-    (*_, missed), ((path, speeds), work) = jax.lax.scan(frame, start, numbers)
-    prepend = lambda a, b: jnp.concatenate([jnp.asarray(a)[None], b])  # noqa: E731
-    path, speeds = prepend(q, path), prepend(v, speeds)
+    (*_, missed), ((path, speeds), work) = jax.lax.fori_loop(0, frames - 1, frame, (start, rows))
     back = jnp.where(jnp.arange(len(times)) > 0, h / 2, 0) if still.impulsive else 0 * times
     path = path - back[:, None, None] * speeds
-    return _amounts(scene, jnp.asarray(times) - back, path, speeds), jax.tree.map(prepend, nothing, work), missed
+    return _amounts(scene, jnp.asarray(times) - back, path, speeds), work, missed

@@ -235,8 +235,8 @@ def in_step(scene: Scene, period: float, options: Options) -> SolverOptions:
     if resolved.dt is None:
         raise InputError(f"method = {resolved.method.name!r} adapts its step; expected a fixed one (dt), for an orbit")
     steps = int(np.ceil(period / FRAMES / float(resolved.dt) - 1e-9))
-    tolerance = resolved.strut_tolerance
-    sweeps = None if tolerance is not None else resolved.sweeps
+    tolerance = None if resolved.strut_tolerance is None else float(resolved.strut_tolerance)
+    sweeps = None if tolerance is not None or resolved.sweeps is None else int(resolved.sweeps)
     dt = period / FRAMES / steps
     return SolverOptions(resolved.method.name, dt=dt, dtype="float64", sweeps=sweeps, strut_tolerance=tolerance)
 

@@ -1,18 +1,19 @@
 """How far one rollout can be trusted: every check that the library has, in one call."""
 
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 
 from jaxgrity.core.types import Times
-from jaxgrity.model.actuation import rest_length
+from jaxgrity.model.actuation import rest_lengths_along
 from jaxgrity.model.scene import Scene
 from jaxgrity.rollout.clearance import rod_depths
 from jaxgrity.stepping.integrate import FAILURES
 from jaxgrity.stepping.options import Options, resolve
-from jaxgrity.stepping.simulate import Trajectory, centre_path, simulate
+from jaxgrity.stepping.simulate import Trajectory, centre_path, simulate, with_room
 from jaxgrity.trust.energy_audit import EnergyAudit, energy_audit
 from jaxgrity.trust.error_bars import refinement_bar
 from jaxgrity.trust.sensitivity import Sensitivity, sensitivity
@@ -151,23 +152,36 @@ def diagnose(
     on_progress(0, MEASUREMENTS)
     rollouts = [simulate(scene, duration, options=first, frame_rate=frame_rate)]
     on_progress(1, MEASUREMENTS)
-    for each in finer:
-        exact = resolve(scene, duration, each, dtype="float64")
-        rollouts.append(simulate(scene, duration, options=exact, frame_rate=frame_rate))
-        on_progress(len(rollouts), MEASUREMENTS)
+    audit = growth = None
+    with ThreadPoolExecutor(1) as beside:  # what takes longest is compiled on a core of its own
+        growing = None if rollouts[0].failed else beside.submit(_sensitivity_there(), scene, duration, options=resolved)
+        for each in finer:
+            exact = resolve(scene, duration, each, dtype="float64")
+            rollouts.append(simulate(scene, duration, options=exact, frame_rate=frame_rate))
+            on_progress(len(rollouts), MEASUREMENTS)
+        if growing is not None:
+            audit = energy_audit(scene, duration, options=resolved, frame_rate=frame_rate)
+            on_progress(4, MEASUREMENTS)
+            growth = growing.result()
     paths = [centre_path(scene, rollout) for rollout in rollouts]
     failed = any(rollout.failed for rollout in rollouts)
     bars = np.full(len(rollouts[0].times), np.inf) if failed else refinement_bar(*paths)
-    audit = growth = None
-    if not rollouts[0].failed:
-        audit = energy_audit(scene, duration, options=resolved, frame_rate=frame_rate)
-        on_progress(4, MEASUREMENTS)
-        growth = sensitivity(scene, duration, options=resolved)
     depth, strain = _penetration(scene, rollouts[0]), _strut_strain(scene, rollouts[0])
     on_progress(MEASUREMENTS, MEASUREMENTS)
     uneven = scene.ground is not None and scene.ground.surface is not None
     rods = float(rod_depths(scene, rollouts[0]).max(initial=0)) if uneven else 0.0
     return TrustReport(rollouts[0], bars, audit, growth, depth, strain, rods)
+
+
+def _sensitivity_there() -> Callable[..., Sensitivity]:
+    """`sensitivity` for another thread, to which a precision that was switched on for this one alone goes along."""
+    x64 = bool(jax.config.jax_enable_x64)  # type: ignore[attr-defined]
+
+    def there(*given: Any, **how: Any) -> Sensitivity:
+        with jax.enable_x64(x64):
+            return sensitivity(*given, **how)
+
+    return there
 
 
 def _penetration(scene: Scene, trajectory: Trajectory) -> float:
@@ -184,7 +198,8 @@ def _strut_strain(scene: Scene, trajectory: Trajectory) -> float:
         return 0.0
     times, dt = np.asarray(trajectory.times, float), trajectory.dt
     ends = np.abs(times / dt - np.round(times / dt)) < 1e-3 if dt is not None else np.ones(len(times), bool)
-    wanted = np.asarray(jax.jit(jax.vmap(lambda t: rest_length(struts, scene.gait, t, 0)))(times[ends]))
+    wanted = np.asarray(rest_lengths_along(struts, scene.gait, with_room(times, len(scene.structure.nodes)), 0))
+    wanted = wanted[: len(times)][ends]
     i, j = np.array(struts.edges).T
     positions = np.asarray(trajectory.positions, float)[ends]
     lengths = np.linalg.norm(positions[:, i] - positions[:, j], axis=-1)

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -24,6 +25,7 @@ from jaxgrity import (
 from jaxgrity.control.closed_loop import taken_over
 
 TEN_MS = SolverOptions(dt=0.01)
+measure = eqx.filter_jit(jaxgrity.measure)
 
 
 @pytest.fixture(scope="module")
@@ -122,11 +124,11 @@ def test_gradient_through_a_closed_loop_is_that_of_central_differences(plant, dr
         return jnp.sum(end.plant.motion[0][:, 0] ** 2)
 
     at = jnp.asarray(driver.policy.gains), jnp.asarray(driver.bend), jnp.full((2, 2), 0.1)
-    value = jax.jit(place)
-    gradient = jax.jit(jax.grad(place, argnums=(0, 1, 2)))(*at)
+    both = jax.jit(jax.value_and_grad(place, argnums=(0, 1, 2)))
+    _, gradient = both(*at)
     for which, k in ((0, (0, 0)), (0, (0, 1)), (0, (1, 0)), (0, (1, 1)), (1, ()), (2, (0, 1))):
         moved = ([x.at[k].add(s) if n == which else x for n, x in enumerate(at)] for s in (1e-5, -1e-5))
-        up, down = (value(*each) for each in moved)
+        up, down = (both(*each)[0] for each in moved)
         np.testing.assert_allclose(gradient[which][k], (up - down) / 2e-5, rtol=1e-6)
     assert abs(gradient[0][0, 0]) > 1e-6
     assert abs(gradient[1]) > 1e-6
@@ -141,7 +143,7 @@ def clock_rate(policy: PhaseLocked, observation: Observation, clock: float) -> f
 @pytest.fixture(scope="module")
 def moment(rolled):
     """What sensors say in the middle of a motion."""
-    return jaxgrity.measure(rolled.scene, 0.0, rolled.positions[35], rolled.velocities[35])
+    return measure(rolled.scene, 0.0, rolled.positions[35], rolled.velocities[35])
 
 
 def test_the_clock_runs_as_its_law_says(scene, moment):
@@ -192,7 +194,7 @@ def asked(policy: Steered, observation: Observation, travel: list[float]):
 def test_struts_on_the_left_stay_longer_in_a_bend_to_the_left(scene):
     """By where strut centres are as built, with +x for the direction of travel; to the right it is the other way."""
     q = np.asarray(scene.structure.nodes)
-    seen = jaxgrity.measure(scene, 0.0, q, np.zeros_like(q))
+    seen = measure(scene, 0.0, q, np.zeros_like(q))
     i, j = np.array(scene.structure.struts.edges).T
     left = ((q[i] + q[j]) / 2 - q.mean(0))[:, 1]
     offsets = centre_offsets(scene.structure, scene.gait.members)
@@ -207,7 +209,7 @@ def test_struts_on_the_left_stay_longer_in_a_bend_to_the_left(scene):
 def test_a_goal_on_the_left_is_a_bend_to_the_left(scene):
     """All of the bend where it is beside or behind the robot, none straight ahead, the other way round on the right."""
     q = np.asarray(scene.structure.nodes) * 1.0
-    seen = jaxgrity.measure(scene, 0.0, q, np.zeros_like(q))._replace(place=np.zeros(3))
+    seen = measure(scene, 0.0, q, np.zeros_like(q))._replace(place=np.zeros(3))
     offsets = centre_offsets(scene.structure, scene.gait.members)
     gait = replace(scene.gait, ramp=np.array(0.01))
     to = lambda goal, bend: asked(Steered(OpenLoop(gait), bend, offsets, np.array(goal)), seen, [0.5, 0.0])[0]  # noqa: E731
@@ -336,7 +338,7 @@ def test_what_sensors_say_without_error(plant, rolled):
     """Directions are unit vectors, a strut spins about what is normal to it, and cables pull as springs do."""
     q, v = rolled.positions[-1], rolled.velocities[-1]
     scene = plant.scene
-    read = jaxgrity.measure(scene, 0.0, q, v)
+    read = measure(scene, 0.0, q, v)
     i, j = np.array(scene.structure.struts.edges).T
     np.testing.assert_allclose(np.linalg.norm(read.directions, axis=1), 1)
     turned = np.cross(read.spins, q[i] - q[j])
@@ -354,7 +356,7 @@ def test_tensions_are_those_of_cables_that_are_wound_up(scene):
     cables = scene.structure.cables
     gait = Gait((6,), np.zeros(1), np.array([0.4]), np.array([0.5]), np.array(0.0), np.array(0.01))
     q = np.asarray(scene.structure.nodes)
-    read = jaxgrity.measure(jaxgrity.with_gait(scene, gait), 0.5, q, np.zeros_like(q))
+    read = measure(jaxgrity.with_gait(scene, gait), 0.5, q, np.zeros_like(q))
     length = jaxgrity.edge_lengths(q, cables.edges)[0]
     wound = cables.rest_length[0] * (1 - 0.2 * (1 + np.sin(np.pi / 2)))
     assert read.tensions[0] == pytest.approx(cables.stiffness[0] * (length - wound), rel=1e-9)

@@ -23,8 +23,14 @@ def scene():
 
 @pytest.fixture(scope="module")
 def goal(scene):
-    """With 0.2 s for the goal."""
-    return jaxgrity.environment("goal", scene, options=QUICK, seconds=0.2)
+    """With 0.2 s for the goal, and a short stroke."""
+    return jaxgrity.environment("goal", scene, options=QUICK, seconds=0.2, motors=jaxgrity.Motors(stroke=0.3))
+
+
+@pytest.fixture(scope="module")
+def jitted(goal):
+    """Its `reset` and `step`."""
+    return jax.jit(goal.reset), jax.jit(goal.step)
 
 
 def test_many_episodes_under_a_random_policy(goal):
@@ -51,10 +57,10 @@ def test_many_episodes_under_a_random_policy(goal):
     np.testing.assert_array_equal(episodes(keys)[1][1], reward)
 
 
-def test_an_episode_is_over_at_the_goal_and_where_the_rollout_fails(goal):
+def test_an_episode_is_over_at_the_goal_and_where_the_rollout_fails(goal, jitted):
     """A failed one has an observation and a reward of zero."""
-    state = jax.jit(goal.reset)(jax.random.key(0))
-    step = jax.jit(goal.step)
+    reset, step = jitted
+    state = reset(jax.random.key(0))
     plant, _, average = state.pipeline_state
     place = jaxgrity.centre_of_mass(goal.plant.scene, plant.motion[0])[:2]
     there = step(state.replace(pipeline_state=Situation(plant, place, average)), jnp.zeros(6))
@@ -80,8 +86,11 @@ def rolled(env, key, actions):
     return first, states, jax.vmap(lambda x: jaxgrity.centre_of_mass(env.plant.scene, x))(q)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("task", ["heading", "goal", "slope", "speed"])
+@pytest.mark.parametrize(
+    "task",
+    [pytest.param(name, marks=pytest.mark.slow) for name in ("goal", "speed")]
+    + [pytest.param(name, marks=pytest.mark.campaign) for name in ("heading", "slope")],
+)
 def test_rewards_are_progress_less_what_effort_costs(task, scene):
     """By hand, from places and contractions; and the wanted direction is what the observation says it is."""
     env = jaxgrity.environment(task, scene, options=QUICK, seconds=0.5, effort_cost=0.01)
@@ -105,6 +114,15 @@ def test_rewards_are_progress_less_what_effort_costs(task, scene):
     assert effort.max() > 1
     np.testing.assert_allclose(states.obs[:, -8:-6], wanted, atol=1e-4)
     np.testing.assert_array_equal(states.obs[:, -6:], contracted[1:])
+
+
+@pytest.mark.parametrize(("task", "wanted"), [("heading", [0.6, 0.8]), ("slope", [-1.0, 0.0]), ("goal", [0.0, 1.0])])
+def test_progress_is_the_velocity_along_the_wanted_direction(task, wanted):
+    """Of a robot at the origin that moves along x and y: a heading, uphill, and the way to a goal on the y axis."""
+    before, place = np.zeros(3), np.array([3e-3, 5e-3, -7e-3])
+    aim = np.array([0.0, 2.0]) if task == "goal" else np.array([0.6, 0.8])
+    progress, _ = jaxgrity.progressed(TASKS[task], aim, before, place, 0.01, np.zeros(2))
+    np.testing.assert_allclose(progress, np.dot([0.3, 0.5], wanted), rtol=1e-4)
 
 
 def test_shaking_in_place_is_no_progress():
@@ -140,19 +158,23 @@ def test_gradient_of_rewards_is_that_of_central_differences(scene):
     state, _ = jax.jit(lambda: on(env.reset(jax.random.key(3)), -jnp.ones(6), 300))()
     assert np.sum(np.all(np.abs(state.pipeline_state.plant.motion[1]) < 1e-9, axis=1)) == 3  # it stands on them
     at = jnp.linspace(-0.9, -0.8, 6)
-    for k in range(2):
-        total = jax.jit(lambda action, k=k: on(state, action, 10)[1][k].sum())
-        gradient = jax.jit(jax.grad(total))(at)
-        for a in (0, 4):
-            up, down = (total(at.at[a].add(s)) for s in (1e-5, -1e-5))
-            np.testing.assert_allclose(gradient[a], (up - down) / 2e-5, rtol=1e-6)
-            assert abs(gradient[a]) > 1e-3
+
+    def totals(action):
+        sums = jnp.stack(on(state, action, 10)[1]).sum(1)
+        return sums, sums
+
+    both = jax.jit(jax.jacrev(totals, has_aux=True))
+    gradient, _ = both(at)
+    for a in (0, 4):
+        up, down = (both(at.at[a].add(s))[1] for s in (1e-5, -1e-5))
+        np.testing.assert_allclose(gradient[:, a], (up - down) / 2e-5, rtol=1e-6)
+        assert np.abs(gradient[:, a]).min() > 1e-3
 
 
-def test_actions_shorten_members_up_to_the_stroke(scene):
+def test_actions_shorten_members_up_to_the_stroke(jitted):
     """-1 not at all, 1 by the motors' stroke, and what is beyond does not count."""
-    env = jaxgrity.environment("heading", scene, options=QUICK, motors=jaxgrity.Motors(stroke=0.3))
-    state = env.step(env.reset(jax.random.key(0)), np.array([-1.0, 0.0, 1.0, 5.0, -5.0, 0.5]))
+    reset, step = jitted
+    state = step(reset(jax.random.key(0)), jnp.array([-1.0, 0.0, 1.0, 5.0, -5.0, 0.5]))
     expected = [0.0, 0.15, 0.3, 0.3, 0.0, 0.225]
     np.testing.assert_allclose(state.pipeline_state.plant.contraction, expected, atol=1e-6)
 
@@ -185,8 +207,11 @@ def test_wrappers_of_brax_accept_environments(goal):
     assert int(again.pipeline_state.plant.tick[0]) == 1
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("task", ["heading", "slope", "bumps", "recover"])
+@pytest.mark.parametrize(
+    "task",
+    [pytest.param(name, marks=pytest.mark.slow) for name in ("bumps", "recover")]
+    + [pytest.param(name, marks=pytest.mark.campaign) for name in ("heading", "slope")],
+)
 def test_starts_stand_just_above_their_ground(task, scene):
     """Within a body length where the robot has fallen, and within a few centimetres else; seeds draw other starts."""
     env = jaxgrity.environment(task, scene, options=QUICK)

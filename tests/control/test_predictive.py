@@ -11,11 +11,15 @@ from jaxgrity import InputError, PhaseLocked, Sampling, SolverOptions, Steered, 
 from jaxgrity.control.predictive import best, between, followed, shifted
 from jaxgrity.control.steering import clock_moved
 
+HASTY = Sampling(samples=2, horizon=0.1, interval=0.1)
+"""a choice of two ways that is made ten times a second: its programs serve several tests"""
+
 
 @pytest.fixture(scope="module")
 def walker():
-    """A robot, and a policy that can be steered."""
+    """A robot, and a policy that can be steered, whose gait begins at once."""
     scene, gait = jaxgrity.load_scene("exact"), jaxgrity.load_gait("lasting")
+    gait = replace(gait, start=np.array(0.0), ramp=np.array(0.2))
     plant = jaxgrity.plant_of(scene, gait.members, options=SolverOptions(dt=0.01, dtype="float32"))
     policy = Steered(PhaseLocked(gait), np.array(0.0), centre_offsets(scene.structure, gait.members))
     return plant, jaxgrity.as_dtype(policy, "float32")
@@ -48,7 +52,30 @@ def test_a_robot_that_is_led_to_a_goal_comes_closer_than_one_that_is_not(walker)
     assert len(led.bends) == np.ceil(led.seconds / 0.5)
 
 
-@pytest.mark.slow
+def test_rounds_about_the_best_find_better_ways_of_a_cart(walker, monkeypatch):
+    """Of a cart at 0.5 m/s that turns as it is bent, with its goal out of reach: the last distance is the cost."""
+    plant, policy = walker
+    loop, goal = jaxgrity.loop_start(plant, policy, jax.random.key(0)), np.array([-1.0, 1.5])
+
+    def tried(many, policy, loop, bends, shifts, look):
+        heading = np.cumsum(np.asarray(bends), axis=0) * 0.1
+        steps = 0.05 * np.stack([np.cos(heading), np.sin(heading), 0 * heading], axis=1)
+        return np.cumsum(steps, axis=0), np.zeros(bends.shape[-1], int)
+
+    monkeypatch.setattr("jaxgrity.control.predictive._tried", tried)
+
+    def away(seed, rounds):
+        sampling, draw = Sampling(samples=64, rounds=rounds, horizon=3.0), np.random.default_rng(seed)
+        knots, _ = best(plant, policy, loop, goal, draw, sampling, np.zeros(sampling.knots))
+        path, _ = tried(None, None, None, (between(sampling) @ knots)[:, None], None, 10)
+        return np.linalg.norm(path[-1, :2, 0] - goal)
+
+    once, several = (np.mean([away(seed, rounds) for seed in range(30)]) for rounds in (1, 4))
+    straight = np.linalg.norm(goal - [1.5, 0.0])
+    assert several < once < straight - 0.3
+
+
+@pytest.mark.campaign
 def test_rounds_about_the_best_find_better_ways(walker):
     """Of as many rollouts of the model: four rounds of 16, beside one of 64."""
     plant, policy = walker
@@ -74,7 +101,7 @@ def test_what_is_left_of_a_way_is_tried_first(walker):
     """Of one sample for each choice nothing else is tried."""
     plant, policy = walker
     loop = jaxgrity.loop_start(plant, policy, jax.random.key(0))
-    sampling, before = Sampling(samples=1, rounds=1, horizon=0.5), np.array([0.1, -0.2, 0.3])
+    sampling, before = HASTY._replace(samples=1, rounds=1), np.array([0.1, -0.2, 0.3])
     many = jaxgrity.side_by_side(plant, 1)
     knots, turns = best(many, policy, loop, np.ones(2), np.random.default_rng(0), sampling, before)
     np.testing.assert_array_equal(knots, before)
@@ -93,7 +120,7 @@ def test_bends_change_along_straight_lines_between_knots():
 def test_a_journey_makes_no_choice_beyond_its_patience(walker):
     """60 intervals of 0.1 s, whose sum is not quite 6 s, and one of 0.3 s."""
     plant, policy = walker
-    sampling = Sampling(samples=2, horizon=0.1, interval=0.1, patience=0.3)
+    sampling = HASTY._replace(patience=0.3)
     led = jaxgrity.lead_to(plant, plant, policy, np.array([50.0, 0.0]), sampling=sampling)
     assert len(led.bends) == 3
     assert led.seconds == pytest.approx(0.3)
@@ -112,13 +139,14 @@ def test_gaits_of_several_frequencies_have_no_cycle_to_jump_in(walker):
 def test_a_policy_of_another_goal_is_led_as_one_without(walker):
     """What it was going to does not count."""
     plant, policy = walker
-    sampling = Sampling(samples=4, horizon=0.5, patience=1.0)
+    sampling = HASTY._replace(patience=0.6)
     goal = np.array([0.5, 0.5])
     paths = [
         jaxgrity.lead_to(plant, plant, replace(policy, goal=other), goal, sampling=sampling).path
         for other in (None, np.array([-3.0, 1.0], np.float32))
     ]
     np.testing.assert_array_equal(*paths)
+    assert np.ptp(paths[0][:, :2], axis=0).max() > 1e-3
 
 
 @pytest.mark.parametrize(

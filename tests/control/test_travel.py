@@ -13,6 +13,8 @@ from jaxgrity.control.travel import travels_of, way_costs
 
 ARENA = (-2.0, -4.0, 12.0, 4.0)
 NOTHING = Discs(np.zeros((0, 2)), np.zeros(0))
+NEAR = Foresight(samples=6, interval=0.5, horizon=1.5, patience=6.0)
+"""what serves several tests by the same programs, with two frictions"""
 
 
 @pytest.fixture(scope="module")
@@ -222,7 +224,7 @@ def test_where_a_robot_is_does_not_depend_on_what_it_is_taken_for(scene):
         for one in (replace(scene, structure=heavy), scene)
     )
     maps = [jaxgrity.way_map(NOTHING, np.array([3.0, 0.0]), ARENA)]
-    quick = Foresight(samples=2, friction=(1.0,), interval=0.5, horizon=0.5, patience=0.5)
+    quick = NEAR._replace(friction=(1.0, 1.0), patience=0.5)
     found = jaxgrity.travel(jaxgrity.side_by_side(robot, 1), model, gaits, maps, foresight=quick)
     own = jaxgrity.centre_of_mass(robot.scene, found.nodes[-1, ..., 0])
     np.testing.assert_allclose(found.path[-1, :, 0], own, atol=1e-5)
@@ -254,10 +256,7 @@ def test_robots_are_led_to_goals_and_never_touch_without_being_told(scene):
 @pytest.mark.slow
 def test_ways_spread_where_robots_of_the_model_differ(scene):
     """In their friction: robots of equal friction go the same way."""
-    spreads = [
-        led(scene, [NOTHING], Foresight(samples=6, friction=friction, interval=0.5, horizon=1.5, patience=6.0)).spread
-        for friction in ((1.0, 1.0), (0.5, 1.5))
-    ]
+    spreads = [led(scene, [NOTHING], NEAR._replace(friction=friction)).spread for friction in ((1.0, 1.0), (0.5, 1.5))]
     assert spreads[0].max() == 0
     assert spreads[1].max() > 0.01
 

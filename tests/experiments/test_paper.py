@@ -21,10 +21,14 @@ KNOWN = {
     "runge_kutta": [HOLDS],
 }
 """verdicts that hold at any size"""
+CHEAP = ("structure_drawn", "animation", "runge_kutta")
+"""claims that show how all are checked; the others are campaigns"""
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", CLAIMS)
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=pytest.mark.slow if name in CHEAP else pytest.mark.campaign) for name in CLAIMS],
+)
 def test_every_claim_is_measured_and_judged(name, tmp_path):
     """Rows with numbers in them and a verdict, figures that are there, all in a JSON file."""
     found, report = check((name, tmp_path, True))

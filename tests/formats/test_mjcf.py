@@ -43,8 +43,13 @@ JOINED = ("d_bar", "t_bar", "grid")
 """kinds in which rods share nodes and are no rigid body"""
 
 
+def campaigns(kinds, but) -> list:
+    """The kinds but some, as parameters that campaigns alone take."""
+    return [pytest.param(kind, marks=pytest.mark.campaign) for kind in kinds if kind not in but]
+
+
 @pytest.mark.parametrize(
-    "kind", ["icosahedron", "prism", *(pytest.param(k, marks=pytest.mark.slow) for k in KINDS[2:])]
+    "kind", ["prism", pytest.param("t_bar", marks=pytest.mark.slow), *campaigns(KINDS, but=("prism", "t_bar"))]
 )
 def test_free_flight_of_spring_struts_agrees(kind):
     """RK4 at 1e-4 s in both, 0.5 s: within 1e-6 m."""
@@ -55,16 +60,22 @@ def test_free_flight_of_spring_struts_agrees(kind):
     assert np.abs(fallen - fallen.mean(0)).max() > 1e-4
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind not in JOINED])
+@pytest.mark.parametrize(
+    "kind",
+    [
+        pytest.param("prism", marks=pytest.mark.slow),
+        # its vertebrae are bodies of several rods
+        pytest.param("planar_spine", marks=pytest.mark.slow),
+        *campaigns(KINDS, but=("prism", "planar_spine", *JOINED)),
+    ],
+)
 def test_free_flight_of_rods_with_mass_agrees(kind):
     """Free bodies in MuJoCo, constraints of complementarity stepping here: within 1e-6 m."""
     theirs, ours, _ = by_both(flying(kind, RODS_WITH_MASS), 0.5, 1e-4, SolverOptions(dt=5e-5))
     np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-6)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", JOINED)
+@pytest.mark.parametrize("kind", [pytest.param("t_bar", marks=pytest.mark.slow), *campaigns(JOINED, but=("t_bar",))])
 def test_rods_that_share_nodes_are_springs_there(kind):
     """With their masses at their ends: that robot moves here as there, to 1e-6 m, and the notes name both changes."""
     scene = flying(kind, RODS_WITH_MASS)
@@ -79,8 +90,9 @@ def test_rods_that_share_nodes_are_springs_there(kind):
     assert "the mass of cables, and of struts that are springs there, is at their ends" in notes
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", RESTING_KINDS)
+@pytest.mark.parametrize(
+    "kind", [pytest.param("prism", marks=pytest.mark.slow), *campaigns(RESTING_KINDS, but=("prism",))]
+)
 def test_settled_heights_agree(kind):
     """The middle of the nodes at rest, rods with mass: within the penetration of MuJoCo's contact.
 

@@ -41,6 +41,7 @@ def test_slopes_are_those_of_orbits_found_anew(crawler):
         np.testing.assert_allclose((ends[0] - ends[1]) / (2 * h), slopes[k], atol=0.02 * np.abs(slopes).max())
 
 
+@pytest.mark.slow
 def test_the_gradient_and_the_robots_agree_on_a_small_spread(forecast):
     """On the deviation within what 64 robots tell, and on the shares."""
     s, C = forecast.slopes, CORRELATED
@@ -52,6 +53,7 @@ def test_the_gradient_and_the_robots_agree_on_a_small_spread(forecast):
     assert forecast.rolling == 1
 
 
+@pytest.mark.slow
 def test_a_share_is_what_goes_when_the_parameter_becomes_known(forecast):
     """s'Cs less s'(C without k)s, for the conditional covariance given z_k."""
     s, C = forecast.slopes, CORRELATED
@@ -60,6 +62,7 @@ def test_a_share_is_what_goes_when_the_parameter_becomes_known(forecast):
         np.testing.assert_allclose(share, 1 - s @ given @ s / (s @ C @ s))
 
 
+@pytest.mark.slow
 def test_the_summary_names_the_most_useful_first(forecast):
     lines = forecast.summary().splitlines()
     best = PARAMETERS[int(np.argmax(forecast.gradient_shares))]
@@ -67,10 +70,9 @@ def test_the_summary_names_the_most_useful_first(forecast):
     assert lines[1].startswith(f"{best.name}, known exactly: variance of the speed down by ")
 
 
-def test_what_has_no_forecast_is_refused(crawler):
+def test_what_has_no_forecast_is_refused(creeping):
     """Too few robots, no gait, and parameters in which robots cannot differ."""
-    scene, _, _ = crawler
-    key = jax.random.key(0)
+    scene, key = creeping, jax.random.key(0)
     with pytest.raises(InputError, match=r"^robots = 2: expected at least 3"):
         speed_forecast(key, known(scene), robots=2)
     with pytest.raises(InputError, match=r"expected one that all actuators share"):

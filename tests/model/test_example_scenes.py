@@ -8,8 +8,9 @@ from jaxgrity.model.catalogue import PRISM_HEIGHT, prism_tower_geometry
 from jaxgrity.stepping.stability import default_method, default_step
 
 
-@pytest.mark.parametrize("exact", [False, True])
-@pytest.mark.slow
+@pytest.mark.parametrize(
+    "exact", [pytest.param(False, marks=pytest.mark.campaign), pytest.param(True, marks=pytest.mark.slow)]
+)
 def test_tower_stands(exact):
     """Four prisms, for a second at the default step: nothing fails, and no strut changes by a tenth."""
     scene = prism_tower(12, exact)

@@ -211,7 +211,15 @@ def test_the_report_on_stability_asks_every_law(prism, term, named):
     assert limiting_part(scene, standing(scene), METHODS["rk4"]) == named
 
 
-@pytest.mark.slow
+def test_the_power_of_every_law_is_booked(prism, booked):
+    """Under the cause that it gives; two laws of one cause are added up."""
+    scene = with_terms(Scene(prism.structure, gravity=9.81), DRAG, Lift(np.ones(())), Tether(np.full(1, 50.0)))
+    found = booked(scene)
+    assert set(found) == {"wind", "actuation", "impulse", "moment"}
+    assert abs(found["wind"]).min() > 0.1
+
+
+@pytest.mark.campaign
 def test_the_energy_audit_asks_every_law(prism):
     """What the air does is booked under the cause that its laws give, added up, and the balance closes."""
     falling, options = Scene(prism.structure, gravity=9.81), SolverOptions(dt=1e-4)

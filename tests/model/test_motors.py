@@ -50,7 +50,7 @@ def test_a_motor_is_as_slow_as_its_rate_and_lag_and_stops_at_its_spool():
 
     at = np.linspace(0.0, 5.0, 26)
     expected = solve_ivp(rates, (0, 5), [0.7, 0.7], "LSODA", at, rtol=1e-8, atol=1e-10, max_step=0.01).y[1]
-    found = jax.vmap(lambda t: rest_length(members, None, t, 0)[0])(at)
+    found = jax.jit(jax.vmap(lambda t: rest_length(members, None, t, 0)[0]))(at)
     np.testing.assert_allclose(found, expected, atol=1e-4)
     np.testing.assert_allclose(found[-1], 0.25, atol=2e-3)
 
@@ -62,13 +62,20 @@ def test_lengths_have_derivatives_in_what_is_asked_for():
         motor = Motor(0, times, lengths, rate=0.3)
         return rest_length(Members(((0, 1),), None, [0.7], motors=(motor,)), None, 0.9, 0)[0]
 
-    by_time, by_length = jax.grad(length, argnums=(0, 1))(np.array([0.5]), np.array([0.4]))
+    slopes = jax.jit(jax.grad(length, argnums=(0, 1)))
+    by_time, by_length = slopes(np.array([0.5]), np.array([0.4]))
     np.testing.assert_allclose((by_time[0], by_length[0]), (0.3, 0.0), atol=1e-12)
-    there = jax.grad(length, argnums=1)(np.array([0.5]), np.array([0.65]))
+    _, there = slopes(np.array([0.5]), np.array([0.65]))
     np.testing.assert_allclose(there[0], 1.0)
 
 
-@pytest.mark.slow
+def test_the_power_of_a_motor_is_booked(booked):
+    """While it winds, and at the end, when it only approaches the last length."""
+    found = booked(one_member(Motor(0, [0.1], [0.595], rate=0.2, lag=0.08)))["actuation"]
+    assert found.max() > 1
+
+
+@pytest.mark.campaign
 def test_a_motor_lifts_a_weight_and_its_work_is_what_that_takes():
     """Wound in by 0.1 m, so slowly that the cable stays taut, from one step to another: m g h once it hangs still."""
     audit = energy_audit(one_member(Motor(0, [0.1], [0.595], rate=0.2, lag=0.08)), 1.4, frame_rate=20.0)
@@ -83,7 +90,7 @@ def test_a_rigid_strut_with_a_motor_has_the_motors_length():
     scene = one_member(Motor(0, [0.1], [0.5], rate=0.4, lag=0.05), rigid=True)
     moved = simulate(scene, 0.5, options=SolverOptions(dt=5e-3), frame_rate=20.0)
     struts = scene.structure.struts
-    wanted = [float(rest_length(struts, None, t, 0)[0]) for t in moved.times]
+    wanted = jax.jit(jax.vmap(lambda t: rest_length(struts, None, t, 0)[0]))(np.asarray(moved.times))
     np.testing.assert_allclose([edge_lengths(q, struts.edges)[0] for q in moved.positions], wanted, atol=1e-9)
     assert wanted[-1] < 0.6
 

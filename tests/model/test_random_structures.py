@@ -6,7 +6,7 @@ import pytest
 from jaxgrity import InputError, edge_lengths, prestress, random_tensegrity
 
 
-@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow), pytest.param(2, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("seed", [0, *(pytest.param(n, marks=pytest.mark.campaign) for n in (1, 2))])
 def test_random_structure_carries_a_stress(seed):
     """With every cable in tension, in the shape that is returned; struts share no nodes."""
     nodes, struts, cables = random_tensegrity(5, seed, strut_length=2.0)

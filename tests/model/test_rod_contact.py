@@ -10,12 +10,14 @@ import jaxgrity
 from jaxgrity import (
     Box,
     Differences,
+    Gait,
     InputError,
     Members,
     PenaltyGround,
     Scene,
     SmoothFriction,
     SolverOptions,
+    Sphere,
     Structure,
     energy_audit,
     rod_depths,
@@ -25,21 +27,26 @@ from jaxgrity import (
 from jaxgrity.stepping.dynamics import total_force
 
 STIFFNESS, MASS, G = 2e4, 1.0, 9.81
+POST = Box((0.0, 0.0, 0.0), (0.2, 2.0, 0.6))
+"""half as wide as three points of the rod are apart"""
+BALL = Sphere((0.0, 0.0, 0.0), 0.3)
+"""as high: a smaller program"""
 
 
-def across(friction=None, damping=None) -> Scene:
-    """A rod, level along x, above a post half as wide as the rod's points are apart."""
+def across(friction=None, damping=None, surface=BALL, gait=None) -> Scene:
+    """A rod, level along x, above the middle of the surface."""
     nodes = np.array([[-0.5, 0.0, 0.31], [0.5, 0.0, 0.31]])
     struts = Members(((0, 1),), [1e4], [1.0], damping=[20.0])
-    ground = PenaltyGround(STIFFNESS, 2.0, surface=Box((0.0, 0.0, 0.0), (0.2, 2.0, 0.6)))
+    ground = PenaltyGround(STIFFNESS, 2.0, surface=surface)
     damped = None if damping is None else np.full(2, damping)
-    return Scene(Structure(nodes, [MASS, MASS], struts), G, damped, ground, friction)
+    return Scene(Structure(nodes, [MASS, MASS], struts), G, damped, ground, friction, gait)
 
 
-def test_a_rod_rests_on_a_post_between_its_nodes():
+@pytest.mark.parametrize("surface", [BALL, pytest.param(POST, marks=pytest.mark.campaign)], ids=["ball", "post"])
+def test_a_rod_rests_on_what_is_between_its_nodes(surface):
     """As deep in it as its weight presses the point that touches, where contact at nodes lets it fall through."""
-    scene = across(damping=20.0)
-    options = SolverOptions("rk4", dt=1e-3)
+    scene = across(damping=20.0, surface=surface)
+    options = SolverOptions("rk4", dt=1e-3, any_step=True)
     held = with_contact_along_struts(scene, 3)
     fallen, resting = (simulate(each, 3.0, frame_rate=10.0, options=options) for each in (scene, held))
     assert fallen.positions[-1, :, 2].max() < -1
@@ -57,36 +64,54 @@ def test_a_point_gets_what_a_node_gets_there():
     point = Scene(Structure(q[:1], [MASS]), None, None, across().ground, friction)
     there, moving = q.mean(0, keepdims=True), v.mean(0, keepdims=True)
 
-    def force(each, q, v):
-        return total_force(each, jnp.array(0.0), q, v)
+    @jax.jit
+    def forces():
+        at = [(point, there, moving), (scene, q, v), (across(friction), q, v)]
+        return [total_force(each, jnp.array(0.0), *state) for each, *state in at]
 
-    alone = force(point, there, moving)
-    both = force(scene, q, v) - force(across(friction), q, v)
+    alone, with_points, with_nodes = forces()
+    both = with_points - with_nodes
     assert jnp.linalg.norm(alone[0, :2]) > 1
     np.testing.assert_allclose(both, np.repeat(alone / 2, 2, axis=0), rtol=1e-12, atol=1e-12)
 
 
+def test_the_power_of_all_forces_is_booked(booked):
+    """Of a rod on the ball: some of its points are pressed in, and slide."""
+    found = booked(with_contact_along_struts(across(SmoothFriction(0.3, 0.05)), 3))
+    assert (found["friction"] > 1e-3).sum() > 5
+    assert (abs(found["contact"]) > 1e-3).sum() > 5
+
+
+@pytest.mark.campaign
 def test_energy_is_accounted_for():
     """Of a rod that tips over the post and slides off: what is lost is booked, to a thousandth of the energy."""
-    scene = across(SmoothFriction(0.3, 0.05))
+    scene = across(SmoothFriction(0.3, 0.05), surface=POST)
     beside = eqx.tree_at(lambda s: s.structure.nodes, scene, scene.structure.nodes + np.array([0.2, 0.0, 0.0]))
     audit = energy_audit(with_contact_along_struts(beside, 3), 0.4, options=SolverOptions(dt=2e-4))
     assert audit.dissipated["friction"][-1] > 1e-2
     assert abs(audit.residual).max() < 1e-3 * 2 * MASS * G * 0.3
 
 
-def test_populations_and_gradients_agree_with_one_robot():
-    """A robot of many moves as it does alone; forward mode agrees with central differences."""
-    scene = with_contact_along_struts(jaxgrity.load_scene("reference"), 2, struts=(0, 3))
-    options = SolverOptions(dt=1e-3)
-    gaits = jaxgrity.gaits_of(scene.gait, jaxgrity.random_phases(2, actuators=6, seed=0))
-    many = jaxgrity.simulate_population(
-        scene, gaits, 0.3, options=options, differences=Differences(friction=np.array([1.0, 0.8]))
-    )
-    one = jaxgrity.with_gait(scene, jax.tree.map(lambda x: x[0] if np.ndim(x) else x, gaits))
-    alone = simulate(one, 0.3, options=options)
-    np.testing.assert_allclose(many.positions[0], alone.positions[-1], atol=1e-6)
+def test_a_population_moves_as_each_robot_does():
+    """With gaits and frictions of their own, over ground that their points slide on."""
+    gait = Gait((0,), [0.0], [0.2], [2.0], start=0.0, ramp=0.1)
+    scene = with_contact_along_struts(across(SmoothFriction(0.3, 0.05), gait=gait), 3)
+    options = SolverOptions("rk4", dt=1e-3, any_step=True)
+    gaits = jaxgrity.gaits_of(gait, np.array([[0.5], [2.0]]))
+    mu = np.array([1.0, 0.2])
+    shift = np.array([0.2, 0.05, 0.0])
+    scene = eqx.tree_at(lambda s: s.structure.nodes, scene, scene.structure.nodes + shift)
+    many = jaxgrity.simulate_population(scene, gaits, 0.3, options=options, differences=Differences(friction=mu))
+    for k in range(2):
+        one = jaxgrity.with_gait(scene, jax.tree.map(lambda x, k=k: x[k] if np.ndim(x) else x, gaits))
+        one = eqx.tree_at(lambda s: s.friction.mu, one, one.friction.mu * mu[k])
+        alone = simulate(one, 0.3, options=options)
+        np.testing.assert_allclose(many.positions[k], alone.positions[-1], atol=1e-6)
+    assert abs(many.positions[1] - many.positions[0]).max() > 1e-2
 
+
+def test_gradients_agree_with_central_differences():
+    """In forward mode, of a rod that falls on the ball."""
     resolved = jaxgrity.resolve(across(), 0.1, SolverOptions("rk4", dt=1e-3))
     held = with_contact_along_struts(across(SmoothFriction(0.3, 0.05)), 3)
 
@@ -96,8 +121,10 @@ def test_populations_and_gradients_agree_with_one_robot():
         return jaxgrity.final_state(held, 0.1, resolved, start)[0][0, 2]
 
     h = 1e-4
-    _, forward = jax.jvp(jax.jit(height), (0.3,), (1.0,))
-    np.testing.assert_allclose((height(0.3 + h) - height(0.3 - h)) / (2 * h), forward, atol=1e-7)
+    with_slope = jax.jit(lambda z: jax.jvp(height, (z,), (1.0,)))
+    (below, _), (_, forward), (above, _) = map(with_slope, (0.3 - h, 0.3, 0.3 + h))
+    assert abs(forward) > 1e-4
+    np.testing.assert_allclose((above - below) / (2 * h), forward, atol=1e-7)
 
 
 @pytest.mark.parametrize(

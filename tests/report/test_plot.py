@@ -21,7 +21,7 @@ SHOWN_WIDTH = 830 * 0.75
 def motion():
     """A scene that rolls, and its motion."""
     scene = jaxgrity.with_gait(jaxgrity.load_scene("exact"), jaxgrity.load_gait("fast"))
-    return scene, jaxgrity.simulate(scene, 3.0, frame_rate=20.0)
+    return scene, jaxgrity.simulate(scene, 3.0, frame_rate=50.0)
 
 
 @pytest.fixture(scope="module")

@@ -64,8 +64,15 @@ def swimmer():
     return Scene(structure, node_damping=np.array([0.5, 1.0, 3.0]), gait=gait)
 
 
-@pytest.mark.parametrize(("method", "robot"), [("rk4", "reference"), ("tsit5", "swimmer"), ("kvaerno3", "swimmer")])
-@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("method", "robot"),
+    [
+        pytest.param("rk4", "swimmer", marks=pytest.mark.slow),
+        pytest.param("rk4", "reference", marks=pytest.mark.campaign),
+        pytest.param("tsit5", "swimmer", marks=pytest.mark.slow),
+        pytest.param("kvaerno3", "swimmer", marks=pytest.mark.campaign),
+    ],
+)
 def test_each_member_is_the_rollout_of_its_own(request, method, robot):
     """Fixed steps take all robots at once, other methods go robot by robot: each agrees with `simulate`."""
     scene = eqx.tree_at(lambda s: s.gait.start, request.getfixturevalue(robot), np.asarray(0.0))
@@ -83,14 +90,16 @@ def test_each_member_is_the_rollout_of_its_own(request, method, robot):
 
 
 @pytest.mark.slow
-def test_more_gaits_than_lanes_keep_their_order(reference):
+def test_more_gaits_than_lanes_keep_their_order(swimmer):
     """Chunks and padding are invisible: 300 gaits give what two halves give."""
-    phases = random_phases(300, 6, seed=2)
-    options = SolverOptions(dt=1e-3, dtype="float32")
-    whole = simulate_population(reference, gaits_of(reference.gait, phases), 0.05, options=options)
+    phases = random_phases(300, 2, seed=2)
+    options = SolverOptions("rk4", dt=1e-2, dtype="float32", any_step=True)
+    assert most_lanes(swimmer, resolve(swimmer, 0.5, options)) < 150
+    whole = simulate_population(swimmer, gaits_of(swimmer.gait, phases), 0.5, options=options)
     assert whole.com_end.shape == (300, 3)
+    assert len(np.unique(whole.com_end[:, 0])) > 250
     for part in (slice(0, 150), slice(150, 300)):
-        half = simulate_population(reference, gaits_of(reference.gait, phases[part]), 0.05, options=options)
+        half = simulate_population(swimmer, gaits_of(swimmer.gait, phases[part]), 0.5, options=options)
         np.testing.assert_array_equal(whole.com_end[part], half.com_end)
 
 
@@ -192,17 +201,14 @@ def test_a_failed_member_is_data_and_disturbs_no_other(reference):
 
 
 @pytest.mark.slow
-def test_amplitude_and_frequency_vary_too(reference):
+def test_amplitude_and_frequency_vary_too(swimmer):
     """A population of frequencies is the scenes with these frequencies."""
-    phases, frequency = random_phases(2, 6, seed=4), np.array([[0.4] * 6, [0.7] * 6])
-    amplitude = np.array([[0.1] * 6, [0.2] * 6])
-    start_now = eqx.tree_at(lambda s: s.gait.start, reference, 0.0)
-    outcomes = simulate_population(
-        start_now, gaits_of(start_now.gait, phases, amplitude, frequency), 0.5, options=AT_ONCE
-    )
+    phases, frequency = random_phases(2, 2, seed=4), np.array([[0.4] * 2, [0.7] * 2])
+    amplitude = np.array([[0.1] * 2, [0.2] * 2])
+    outcomes = simulate_population(swimmer, gaits_of(swimmer.gait, phases, amplitude, frequency), 0.5, options=AT_ONCE)
     for k in range(2):
-        gait = Gait(start_now.gait.members, phases[k], amplitude[k], frequency[k], 0.0, 1.0)
-        trajectory = simulate(with_gait(start_now, gait), 0.5, options=AT_ONCE)
+        gait = Gait(swimmer.gait.members, phases[k], amplitude[k], frequency[k], 0.0, 0.5)
+        trajectory = simulate(with_gait(swimmer, gait), 0.5, options=AT_ONCE)
         np.testing.assert_allclose(outcomes.com_end[k], trajectory.positions[-1].mean(0), rtol=0, atol=1e-10)
 
 
@@ -228,15 +234,14 @@ def test_a_population_of_none_is_refused(reference):
 
 
 @pytest.mark.slow
-def test_gaits_take_the_place_of_the_scenes_own(reference):
+def test_gaits_take_the_place_of_the_scenes_own(swimmer):
     """With their members, start and ramp; the scene need not have a gait."""
-    rows = np.array([[0.3, 1.0], [2.0, 3.0]])
-    gaits = Gait((7, 20), rows, np.full((2, 2), 0.3), np.full((2, 2), 1.5), 0.0, 0.2)
-    still = with_gait(reference, None)
-    for scene in (reference, still):
+    gaits = Gait((1,), np.array([[0.3], [2.0]]), np.full((2, 1), 0.3), np.full((2, 1), 1.5), 0.0, 0.2)
+    still = with_gait(swimmer, None)
+    for scene in (swimmer, still):
         outcomes = simulate_population(scene, gaits, 0.4, options=AT_ONCE)
         for k in range(2):
-            alone = simulate(with_gait(reference, one_gait(gaits, k)), 0.4, options=AT_ONCE)
+            alone = simulate(with_gait(swimmer, one_gait(gaits, k)), 0.4, options=AT_ONCE)
             np.testing.assert_allclose(outcomes.com_end[k], alone.positions[-1].mean(0), rtol=0, atol=1e-10)
     assert np.linalg.norm(outcomes.com_end[0] - outcomes.com_end[1]) > 1e-6
 
@@ -326,17 +331,28 @@ def test_faster_rollouts_end_where_slower_ones_did(name):
     np.testing.assert_allclose(outcomes.com_end, ends, rtol=0, atol=1e-9)
 
 
-@pytest.mark.slow
-def test_answers_do_not_depend_on_the_length_of_vectors():
+@pytest.mark.parametrize("name", ["exact", "reference"])
+def test_no_operation_rounds_as_vectors_are_long(name, request):
+    """XLA's `rsqrt` begins with an approximation, for which processors differ; roots and quotients are exact."""
+    scene = as_dtype(request.getfixturevalue(name), "float32")
+    mapped, axes = in_lanes(scene, _in_rows(scene.gait, jnp.ones((6, 64), "float32")))
+    field = jax.jit(lambda q, s: over_lanes(vector_field, (None, -1, axes))(jnp.float32(1.5), (q, q), s))
+    text = field.lower(mapped.structure.nodes, mapped).compile().as_text()
+    assert "sqrt(" in text
+    assert "rsqrt(" not in text
+
+
+@pytest.mark.parametrize(("name", "dtype"), [("exact", "float32"), ("exact", "float64"), ("reference", "float32")])
+@pytest.mark.campaign
+def test_answers_do_not_depend_on_the_length_of_vectors(name, dtype):
     """To the last bit. With 64 gaits LLVM takes all the bits that it may, with fewer it may not."""
     code = (
         "from jaxgrity.cli.script import configure; configure()\n"
         "from jaxgrity import SolverOptions, gaits_of, load_scene, random_phases, simulate_population\n"
-        "for name, dtype in (('exact', 'float32'), ('exact', 'float64'), ('reference', 'float32')):\n"
-        "    scene = load_scene(name)\n"
-        "    gaits = gaits_of(scene.gait, random_phases(64, 6, seed=0))\n"
-        "    outcomes = simulate_population(scene, gaits, 1.0, options=SolverOptions(dtype=dtype))\n"
-        "    print(outcomes.positions.__array__().tobytes().hex())\n"
+        f"scene = load_scene({name!r})\n"
+        "gaits = gaits_of(scene.gait, random_phases(64, 6, seed=0))\n"
+        f"outcomes = simulate_population(scene, gaits, 1.0, options=SolverOptions(dtype={dtype!r}))\n"
+        "print(outcomes.positions.__array__().tobytes().hex())\n"
     )
 
     def printed(bits: int) -> str:

@@ -208,8 +208,13 @@ def test_a_broken_cable_is_that_of_a_scene_file(name, request):
     assert eqx.tree_equal(differing(scene, Differences(cable_stiffness=whole, cable_damping=whole)), parse_scene(text))
 
 
-@pytest.mark.parametrize(("name", "dt"), [("exact", 1e-2), ("reference", 1e-3)])
-@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "dt"),
+    [
+        pytest.param("exact", 1e-2, marks=pytest.mark.slow),
+        pytest.param("reference", 1e-3, marks=pytest.mark.campaign),
+    ],
+)
 def test_each_robot_is_the_rollout_of_its_own_scene(name, dt, request):
     """Robots that differ in everything at once: rounding alone tells them from `simulate`."""
     scene = request.getfixturevalue(name)
@@ -238,7 +243,7 @@ def test_robots_that_differ_stay_last_in_memory(reference):
     assert "f64" not in text
 
 
-@pytest.mark.parametrize("incline", [0.0, 0.2])
+@pytest.mark.parametrize("incline", [pytest.param(0.0, marks=pytest.mark.campaign), 0.2])
 def test_to_lean_is_to_stand_on_a_slope(reference, incline):
     """Turned with the slope, forces on an incline are those on level ground that leans; on a slope, those on a steeper
     one: gravity, contact, friction and members, for nodes in the ground and above it, at any speed."""

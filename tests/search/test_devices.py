@@ -8,8 +8,6 @@ import sys
 import numpy as np
 import pytest
 
-pytestmark = pytest.mark.slow
-
 SEARCH = """
 import os
 import jax
@@ -59,11 +57,12 @@ def start(code=SEARCH, **environment):
 
 
 def lines(process) -> list[str]:
-    out, errors = process.communicate(timeout=240)
+    out, errors = process.communicate()
     assert process.returncode == 0, errors
     return [line for line in out.splitlines() if not line.startswith("[Gloo]")]
 
 
+@pytest.mark.campaign
 def test_two_hosts_find_what_one_finds():
     """To the last bit, in float64, with as many devices; within 1e-12 with one, whose vectors are twice as long."""
     with socket.socket() as free:
@@ -83,6 +82,7 @@ def test_two_hosts_find_what_one_finds():
     np.testing.assert_allclose(*values, rtol=0, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_each_program_is_compiled_once_on_two_devices():
     """The three steps of an error bar share a program of rollouts, all generations and steps of polish another, in
     float32, and the last judgement has a third, in float64."""

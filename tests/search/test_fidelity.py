@@ -108,22 +108,22 @@ def test_another_number_of_robots_changes_nothing_else():
     assert eqx.tree_equal(with_robots(more, 4), fitness)
 
 
-def test_two_models_count_alike():
+def test_two_models_count_alike(swimmer):
     """A robot is worth the mean of what it is worth on both, by the same draws."""
-    steep, flat = sled(), dataclasses.replace(sled(), friction=ConeFriction(0.2))
-    problem = SearchProblem(steep, Genome(1), 1.0, Fitness(uncertainty=Uncertainty(phase=0.3), robots=2))
-    gaits = as_population(STROKES)
-    levels = [FidelityLevel("", scene, 1e-2, "float64") for scene in (steep, flat)]
+    thick = dataclasses.replace(swimmer, node_damping=3 * swimmer.node_damping)
+    problem = SearchProblem(swimmer, Genome(2), 1.0, Fitness(uncertainty=Uncertainty(phase=0.3), robots=2))
+    gaits = as_population(swimmer.gait)
+    levels = [FidelityLevel("", scene, 1e-2, "float64") for scene in (swimmer, thick)]
     one, other = (judge_at(level, gaits, problem, seed=2).each for level in levels)
-    both = judge_at(levels[0]._replace(twin=flat), gaits, problem, seed=2).each
+    both = judge_at(levels[0]._replace(twin=thick), gaits, problem, seed=2).each
     np.testing.assert_allclose(both, (one + other) / 2, rtol=1e-12)
     assert not np.allclose(one, other)
 
 
-def test_gaits_beyond_a_bound_are_told_from_others():
+def test_gaits_beyond_a_bound_are_told_from_others(swimmer):
     """By the forces that a robot measures which is as the model says; a bound on the rate alone needs no rollout."""
-    problem, level = SearchProblem(sled(), Genome(1), 1.0, Fitness()), FidelityLevel("", sled(), 1e-2, "float64")
-    genes = np.array([[0.1], [0.6]])
+    problem, level = SearchProblem(swimmer, Genome(2), 1.0, Fitness()), FidelityLevel("", swimmer, 1e-2, "float64")
+    genes = np.array([[0.1, 0.2], [0.6, 0.3]])
     for force, within in ((1e-3, False), (1e6, True)):
         assert np.all(within_bounds(level, genes, problem, ActuatorBounds(force=force)) == within)
     rate = 0.3 * np.pi

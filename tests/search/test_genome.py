@@ -1,5 +1,6 @@
 """Genes: their blocks and bounds, the circle that phases go round, images by symmetry, and the gaits they stand for."""
 
+import jax
 import numpy as np
 import pytest
 from hypothesis import given
@@ -18,6 +19,9 @@ GAIT = Gait((0, 1, 2), np.zeros(3), np.full(3, 0.2), np.full(3, 0.5), start=0.0,
 unit = st.floats(0, 0.999, allow_subnormal=False)
 any_number = st.floats(-3, 3, allow_subnormal=False)
 seeds = st.integers(0, 2**32 - 1)
+
+
+gap, nearest_image = jax.jit(FULL.gap), jax.jit(FULL.nearest_image)
 
 
 def random_genes(seed: int, *rows: int) -> np.ndarray:
@@ -153,29 +157,29 @@ def test_nearest_image_is_an_image_and_the_nearest():
     away = [np.linalg.norm(FULL.towards(a, image), axis=1) for image in images]
     nearest = np.argmin(away, axis=0)
     assert set(nearest) == {0, 1, 2}
-    np.testing.assert_array_equal(FULL.nearest_image(a, b), images[nearest, np.arange(64)])
+    np.testing.assert_array_equal(nearest_image(a, b), images[nearest, np.arange(64)])
 
 
 def test_images_of_a_gait_are_no_gap_apart():
     """Nor does it matter which of two gaits comes first, or how either is turned."""
     a, b = random_genes(0, 64), random_genes(1, 64)
     turns = [FULL._permuted(image) for image in FULL.images]
-    gap = np.asarray(FULL.gap(a, b))
-    assert np.all((gap > 0) & (gap <= 1))
+    apart = np.asarray(gap(a, b))
+    assert np.all((apart > 0) & (apart <= 1))
     for p in turns:
-        np.testing.assert_array_equal(FULL.gap(a, a[:, p]), 0)
-        np.testing.assert_allclose(FULL.gap(b[:, p], a), gap, rtol=1e-12)
+        np.testing.assert_array_equal(gap(a, a[:, p]), 0)
+        np.testing.assert_allclose(gap(b[:, p], a), apart, rtol=1e-12)
         for r in turns:
-            np.testing.assert_allclose(FULL.gap(a[:, p], b[:, r]), gap, rtol=1e-12)
+            np.testing.assert_allclose(gap(a[:, p], b[:, r]), apart, rtol=1e-12)
 
 
 def test_a_population_has_the_images_of_its_rows():
     """Each row of parents by itself."""
     a, b = random_genes(1, 5), random_genes(2, 5)
-    rows = [FULL.nearest_image(x, y) for x, y in zip(a, b)]
+    rows = [nearest_image(x, y) for x, y in zip(a, b)]
     assert any(not np.array_equal(row, y) for row, y in zip(rows, b))
-    np.testing.assert_array_equal(FULL.nearest_image(a, b), rows)
-    np.testing.assert_array_equal(FULL.gap(a, b), [FULL.gap(x, y) for x, y in zip(a, b)])
+    np.testing.assert_array_equal(nearest_image(a, b), rows)
+    np.testing.assert_array_equal(gap(a, b), [gap(x, y) for x, y in zip(a, b)])
 
 
 def test_without_images_a_gait_is_its_own():

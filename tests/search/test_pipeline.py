@@ -15,6 +15,7 @@ import pytest
 from jaxgrity import (
     OBJECTIVES,
     ActuatorBounds,
+    Fitness,
     InputError,
     Objective,
     Progress,
@@ -38,6 +39,7 @@ from jaxgrity import (
 from jaxgrity.search.attraction import orbit_multipliers
 from jaxgrity.search.genetic_algorithm import distinct
 from jaxgrity.search.judging import standard_error, with_robots
+from jaxgrity.search.promotion import promote
 
 pytestmark = pytest.mark.slow
 
@@ -187,12 +189,19 @@ def test_the_best_few_are_compared_over_many_robots(config, whole):
     assert result.promoted.multipliers is None  # the objective does not look for orbits
 
 
-def test_a_gait_whose_orbit_attracts_comes_first(exact, monkeypatch):
+class SteadilySideways(Sideways):
+    """The same of an orbit."""
+
+    steady: ClassVar[bool] = True
+
+
+def test_a_gait_whose_orbit_attracts_comes_first(config, whole, monkeypatch):
     """Before those that are worth more by their robots, whose orbit repels, or that settle on none."""
-    config = SearchConfig(duration=8.0, population=8, generations=(1, 1), robots=2, polish_rollouts=0)
     told = lambda scene, gaits, dt: np.where(np.arange(len(gaits.phase)) % 2, 0.5, 1.5)  # noqa: E731
     monkeypatch.setattr("jaxgrity.search.promotion.orbit_multipliers", told)
-    promoted = search_gaits(exact, config).promoted
+    found, fitness = whole.result, Fitness(SteadilySideways(), config.uncertainty, config.robots)
+    problem, silent = found.problem._replace(fitness=fitness), lambda done, total, facts: None
+    promoted = promote(problem, config.bounds, found.levels, found.searches[0], config, silent)
     attracts = promoted.multipliers < 1
     assert set(attracts) == {True, False}
     np.testing.assert_array_equal(attracts, np.sort(attracts)[::-1])

@@ -55,14 +55,14 @@ def test_all_may_fail(exact, monkeypatch):
     assert (facts["speed"], facts["bend"], facts["bend_quartiles"]) == (0.0, None, [None, None])
 
 
-def test_robots_differ_by_what_is_uncertain(exact):
+def test_robots_differ_by_what_is_uncertain(swimmer):
     """Where nothing is, one robot says it all; the same seed draws the same robots."""
-    scene = jaxgrity.with_gait(exact, jaxgrity.load_gait("lasting"))
     options = jaxgrity.SolverOptions(dt=0.01, dtype="float32")
     draw = lambda uncertain, seed: jaxgrity.robot_motions(  # noqa: E731
-        scene, uncertain, robots=4, duration=4.0, seed=seed, options=options
+        swimmer, uncertain, robots=4, duration=4.0, seed=seed, options=options
     )
-    first, again, other = draw(FRICTION, 0), draw(FRICTION, 0), draw(FRICTION, 1)
+    strokes = jaxgrity.Uncertainty(actuation=0.3)
+    first, again, other = draw(strokes, 0), draw(strokes, 0), draw(strokes, 1)
     jax.tree.map(np.testing.assert_array_equal, first, again)
     assert len(set(first.speed)) == 4
     assert not np.array_equal(first.speed, other.speed)

@@ -10,6 +10,7 @@ import pytest
 from exact_problems import PROBLEMS, Problem
 
 from jaxgrity import METHODS, InputError, ResolvedOptions, SolverOptions, resolve
+from jaxgrity.model.scene import as_dtype
 from jaxgrity.stepping.integrate import integrate
 
 FRAMES = 5
@@ -48,14 +49,34 @@ def tolerances(problem: Problem, name: str) -> tuple[float, float]:
     return value, gradient
 
 
+# Forces do not know the method, nor a method the forces: each motion by one method at least, each method on one motion.
 FAST = [("spring and mass", "rk4"), ("spring and mass", "tsit5"), ("bounce", "rk4"), ("block sliding, smooth", "rk4")]
-"""what is tried of each kind where time is short"""
+SLOW = [
+    ("free fall", "verlet"),
+    ("drag", "kvaerno3"),
+    ("damped oscillator", "kvaerno5"),
+    ("driven strut", "dopri8"),
+    ("driven strut", "verlet"),
+    ("conical pendulum", "rk4"),
+    ("cable snap", "kvaerno5"),
+    ("block creeping", "rk4"),
+    ("block sliding, switch", "rk4"),
+    ("block sticking, switch", "rk4"),
+]
+BY_COMPLEMENTARITY = ["damped oscillator", "driven strut"]
+
+
+def size_of(title: str, name: str) -> tuple:
+    """The mark of a motion and a method: what no list has is for campaigns."""
+    if (title, name) in FAST:
+        return ()
+    return pytest.mark.slow if (title, name) in SLOW else pytest.mark.campaign
 
 
 @pytest.mark.parametrize(
     ("title", "name"),
     [
-        pytest.param(title, name, marks=() if (title, name) in FAST else pytest.mark.slow)
+        pytest.param(title, name, marks=size_of(title, name))
         for title in PROBLEMS
         for name in METHODS
         if name != "complementarity"
@@ -80,8 +101,14 @@ def test_motion_and_its_derivative_are_the_exact_ones(title, name):
     np.testing.assert_allclose(dq, dq_exact, rtol=0, atol=gradient)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("title", [title for title, problem in PROBLEMS.items() if problem.kink is None])
+@pytest.mark.parametrize(
+    "title",
+    [
+        pytest.param(title, marks=pytest.mark.slow if title in BY_COMPLEMENTARITY else pytest.mark.campaign)
+        for title, problem in PROBLEMS.items()
+        if problem.kink is None
+    ],
+)
 def test_complementarity_stepping_is_of_second_order(title):
     """Without constraints it is a leapfrog: half the step, a quarter of the error, derivatives too."""
     problem = PROBLEMS[title]
@@ -106,7 +133,7 @@ def motion(title: str, options: ResolvedOptions) -> tuple:
 def _numbers(title: str) -> tuple:
     """Scene, positions and velocities of a problem, and their derivatives by log x."""
     x = PROBLEMS[title].value
-    return jax.jit(lambda x: jax.jvp(lambda x: jax.tree.map(jnp.asarray, PROBLEMS[title].setup(x)), (x,), (x,)))(x)
+    return jax.jit(lambda x: jax.jvp(lambda x: as_dtype(PROBLEMS[title].setup(x), "float64"), (x,), (x,)))(x)
 
 
 @eqx.filter_jit

@@ -1,6 +1,7 @@
 """Motions on uneven ground: against closed forms, an independent ODE, and one contact model against the other."""
 
 import dataclasses
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -107,20 +108,30 @@ def test_both_contact_models_meet_as_the_penalty_ground_stiffens():
     assert apart[2] < 1e-3
 
 
-@pytest.mark.slow
+def as_plane(x, y):
+    """The height of an incline of 0.3 rad."""
+    return -np.tan(0.3) * x
+
+
+PENALTY, EXACT = partial(PenaltyGround, 1e4, 2.0), ExactGround
+
+
 @pytest.mark.parametrize("mu", [0.2, 0.5])
-def test_friction_on_a_surface_is_that_on_the_plane(mu):
+@pytest.mark.parametrize(
+    ("kind", "surface"),
+    [
+        pytest.param(EXACT, HeightFunction(as_plane), marks=pytest.mark.slow),
+        pytest.param(PENALTY, Slope(0.3), marks=pytest.mark.slow),
+        pytest.param(EXACT, Slope(0.3), marks=pytest.mark.campaign),
+        pytest.param(PENALTY, HeightFunction(as_plane), marks=pytest.mark.campaign),
+    ],
+)
+def test_friction_on_a_surface_is_that_on_the_plane(kind, surface, mu):
     """A node slides down, or sticks on, the same slope given as a plane, as a surface, and as a function."""
-    slope = HeightFunction(lambda x, y: -np.tan(0.3) * x)
-    for kind, friction, dt in (
-        (ExactGround, ConeFriction(mu), 5e-3),
-        (lambda *a, **k: PenaltyGround(1e4, 2.0, *a, **k), SmoothFriction(mu, 0.01), 5e-4),
-    ):
-        plane = moved(node(kind(0.3), friction=friction), 0.5, dt)[-1]
-        for surface in (Slope(0.3), slope):
-            np.testing.assert_allclose(
-                moved(node(kind(surface=surface), friction=friction), 0.5, dt)[-1], plane, atol=1e-10
-            )
+    friction, dt = (ConeFriction(mu), 5e-3) if kind is EXACT else (SmoothFriction(mu, 0.01), 5e-4)
+    grounds = kind(0.3), kind(surface=surface)
+    plane, same = (moved(node(ground, friction=friction), 0.5, dt)[-1] for ground in grounds)
+    np.testing.assert_allclose(same, plane, atol=1e-10)
 
 
 @pytest.mark.slow
@@ -153,8 +164,14 @@ def falling_block(kind):
     return Scene(body, G, np.full(8, 0.2), *grounds[kind])
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("kind", "dt"), [("penalty", 5e-4), ("exact", 2e-3)])
+# Penalty contact with other surfaces than a plane: nodes in a bowl, on a slope and on bumps.
+ON_STAIRS = [
+    pytest.param("penalty", 5e-4, marks=pytest.mark.campaign),
+    pytest.param("exact", 2e-3, marks=pytest.mark.slow),
+]
+
+
+@pytest.mark.parametrize(("kind", "dt"), ON_STAIRS)
 def test_a_block_comes_to_rest_on_stairs(kind, dt):
     """Dropped over an edge it topples onto treads that carry its weight."""
     scene = falling_block(kind)
@@ -164,13 +181,12 @@ def test_a_block_comes_to_rest_on_stairs(kind, dt):
     distance = scene.ground.measured(still).distance
     assert distance.min() > {"penalty": -2e-3, "exact": -1e-4}[kind]
     if kind == "penalty":
-        pressed = scene.normal_force(jnp.asarray(still), jnp.zeros((8, 3)))
-        directions = scene.ground.frame(jnp.asarray(still)).normal
-        assert abs(float(jnp.sum(pressed * directions[:, 2])) - 2 * G) < 1.0
+        pressed = jax.jit(lambda q: scene.normal_force(q, jnp.zeros((8, 3))))(still)
+        upward = scene.ground.measured(still).axes[:, 0, 2]
+        assert abs(np.sum(pressed * upward) - 2 * G) < 1.0
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("kind", "dt"), [("penalty", 5e-4), ("exact", 2e-3)])
+@pytest.mark.parametrize(("kind", "dt"), ON_STAIRS)
 def test_what_the_balance_misses_on_stairs_falls_with_the_step(kind, dt):
     """Nodes land, and pass from one face to the next, within a step, where forces jump: an error of the step alone."""
     missed = []
@@ -181,28 +197,50 @@ def test_what_the_balance_misses_on_stairs_falls_with_the_step(kind, dt):
     assert missed[1] < 1e-3
 
 
-@pytest.mark.slow
-def test_a_robot_rolls_down_bumps_and_its_energy_is_booked(reference, exact):
+def downhill(scene, waves=3):
+    """The scene without its gait, at rest on a bumpy slope."""
+    hills = bumps(0.02, 0.6, seed=1, waves=waves)
+    ground = dataclasses.replace(scene.ground, surface=HeightFunction(lambda x, y: hills.height(x, y) - 0.3 * x))
+    nodes = ground.set_down(np.asarray(scene.structure.nodes), -0.001)
+    return dataclasses.replace(
+        scene, ground=ground, gait=None, structure=dataclasses.replace(scene.structure, nodes=nodes)
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "steps", "residuals"),
+    [
+        pytest.param("reference", [None], [1e-4], marks=pytest.mark.campaign),
+        pytest.param("exact", [1.25e-3, 2.5e-3], [1e-4, 4e-4], marks=pytest.mark.slow),
+    ],
+    ids=["penalty", "exact"],
+)
+def test_a_robot_rolls_down_bumps_and_its_energy_is_booked(request, name, steps, residuals):
     """On a bumpy slope, on both contact models: energy and momentum close as on a plane, to the order of the step."""
-    waves = bumps(0.02, 0.6, seed=1)
-    downhill = HeightFunction(lambda x, y: waves.height(x, y) - 0.3 * x)
-    for scene, step, residual in ((reference, None, 1e-4), (exact, 1.25e-3, 1e-4), (exact, 2.5e-3, 4e-4)):
-        ground = dataclasses.replace(scene.ground, surface=downhill)
-        nodes = ground.set_down(np.asarray(scene.structure.nodes), -0.001)
-        uneven = dataclasses.replace(
-            scene, ground=ground, gait=None, structure=dataclasses.replace(scene.structure, nodes=nodes)
-        )
+    uneven = downhill(request.getfixturevalue(name))
+    for step, residual in zip(steps, residuals):
         audit = energy_audit(uneven, 0.8, frame_rate=20.0, options=SolverOptions(dt=step))
-        assert (audit.positions[-1] - nodes)[:, 0].mean() > 0.05
+        assert (audit.positions[-1] - uneven.structure.nodes)[:, 0].mean() > 0.05
         assert abs(audit.residual).max() < residual * audit.turned_over
         assert audit.momentum_residual.max() < 0.02
 
 
-def test_the_stable_step_is_that_of_the_plane(reference):
-    """The same slope as a surface limits the step as the plane does; a stiff wave limits it too."""
-    plane = step_limit(reference, "rk4")
-    same = dataclasses.replace(reference, ground=dataclasses.replace(reference.ground, surface=Slope(0.0)))
-    found = step_limit(same, "rk4")
+@pytest.mark.slow
+def test_the_energy_of_a_node_that_slides_down_bumps_is_booked():
+    """On penalty contact."""
+    uneven = downhill(node(PENALTY(), friction=SmoothFriction(0.2, 0.01)), waves=2)
+    audit = energy_audit(uneven, 0.8, frame_rate=20.0, options=SolverOptions(dt=1e-3))
+    assert audit.positions[-1, 0, 0] > 0.2
+    assert abs(audit.residual).max() < 1e-5 * audit.turned_over
+    assert audit.momentum_residual.max() < 1e-9
+    assert audit.dissipated["friction"][-1] > 0.1
+    assert audit.dissipated["contact"][-1] > 1e-6
+
+
+def test_the_stable_step_is_that_of_the_plane():
+    """The same slope as a surface limits the step as the plane does."""
+    grounds = PenaltyGround(1e4, 2.0), PenaltyGround(1e4, 2.0, surface=Slope(0.0))
+    plane, found = (step_limit(node(ground, friction=SmoothFriction(0.5, 0.01)), "rk4") for ground in grounds)
     np.testing.assert_allclose(found.step, plane.step, rtol=1e-6)
     assert found.set_by.split()[0] == plane.set_by.split()[0]
 
@@ -224,7 +262,41 @@ def test_robots_of_an_ensemble_start_alike_on_ground_of_their_own(exact):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("surface", [Slope(0.3), HeightFunction(lambda x, y: -np.tan(0.3) * x)])
+def test_a_rod_with_mass_slides_in_a_bowl_as_its_equation_says():
+    """Across the way it goes, its ends on the bowl, it turns about the bowl's centre: to first order in the step.
+
+    With d from the rod's middle to the centre, and mu R/d times the radial force for friction, since the two normals
+    point inwards; where mu is large, it stays.
+    """
+    half, angle, duration = 0.6, 1.0, 0.7
+    d = np.sqrt(RADIUS**2 - half**2)
+    nodes = np.array([[d * np.sin(angle), y, RADIUS - d * np.cos(angle)] for y in (-half, half)])
+    body = Structure(nodes, np.zeros(2), Members(((0, 1),), None, [2 * half], mass=[2.0]))
+
+    def ends(mu, dt):
+        scene = Scene(body, G, ground=ExactGround(surface=BOWL), friction=ConeFriction(mu))
+        motion = simulate(scene, duration, options=SolverOptions(dt=dt, any_step=True))
+        assert not motion.failed
+        x, y, z = np.asarray(motion.positions[-1]).T
+        np.testing.assert_allclose(y, [-half, half], atol=1e-9)
+        np.testing.assert_allclose([x[0], z[0]], [x[1], z[1]], atol=1e-9)
+        return np.arctan2(x[0], RADIUS - z[0])
+
+    for mu in (0.0, 0.2):
+
+        def rates(t, y, mu=mu):
+            radial = G / d * np.cos(y[0]) + y[1] ** 2
+            return [y[1], -G / d * np.sin(y[0]) + mu * RADIUS / d * radial]
+
+        exact = solve_ivp(rates, (0, duration), [angle, 0.0], rtol=1e-10, atol=1e-12).y[0, -1]
+        errors = [ends(mu, dt) - exact for dt in (2e-3, 1e-3)]
+        assert abs(errors[1]) < 2e-3
+        np.testing.assert_allclose(errors[1], errors[0] / 2, rtol=0.02)
+    assert abs(ends(3.0, 2e-3) - angle) < 1e-9
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("surface", [Slope(0.3), HeightFunction(as_plane)])
 def test_rods_with_mass_slide_on_a_surface_as_on_the_plane(surface):
     """Three rods that share their nodes fall on the same slope, given as a plane, as a surface and as a function."""
     nodes, edges = np.array([[0, 0, 0.1], [1, 0, 0.0], [0.4, 0.8, 0.2]]), ((0, 1), (1, 2), (2, 0))
@@ -238,7 +310,7 @@ def test_rods_with_mass_slide_on_a_surface_as_on_the_plane(surface):
     np.testing.assert_allclose(ends[1].positions[-1], ends[0].positions[-1], rtol=0, atol=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_solved_together_the_robot_moves_on_bumps_as_by_sweeps(exact):
     """Both satisfy the same conditions in each step, with a normal of its own at each node."""
     ground = dataclasses.replace(exact.ground, surface=bumps(0.03, 0.6, seed=2))

@@ -1,0 +1,89 @@
+"""What a process waits for: programs that JAX traces, compiles or reads from its cache, and modules that it imports."""
+
+import builtins
+import os
+import sys
+import time
+from typing import Any
+
+EVENTS = {
+    "/jax/core/compile/jaxpr_trace_duration": "tracing",
+    "/jax/core/compile/jaxpr_to_mlir_module_duration": "tracing",
+    "/jax/core/compile/backend_compile_duration": "compiling",
+}
+"""Durations that JAX reports, by the column in which they count. Reading a kept program counts as compiling it."""
+HIT = "/jax/compilation_cache/cache_hits"
+"""The event of a program that was read from the cache."""
+
+
+class Counter:
+    """Programs made and kept ones read since the last reset, with the spans of time (s) of each column."""
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def listen(self) -> None:
+        """Hear from now on what JAX reports; this imports JAX."""
+        import jax
+
+        jax.monitoring.register_event_duration_secs_listener(self._duration)
+        jax.monitoring.register_event_listener(self._event)
+
+    def reset(self) -> None:
+        self.spans: dict[str, list[tuple[float, float]]] = {"tracing": [], "compiling": []}
+        self.programs, self.read = 0, 0
+        self.cpu_before = cpu_seconds()
+
+    def _duration(self, event: str, seconds: float, **_: Any) -> None:
+        if event in EVENTS:
+            now = time.monotonic()
+            self.spans[EVENTS[event]].append((now - seconds, now))
+            self.programs += EVENTS[event] == "compiling"
+
+    def _event(self, event: str, **_: Any) -> None:
+        self.read += event == HIT
+
+    def result(self) -> dict[str, float]:
+        """Seconds of each column, where spans inside of others count once, and numbers of programs."""
+        return {
+            "cpu": cpu_seconds() - self.cpu_before,
+            **{column: covered(spans) for column, spans in self.spans.items()},
+            "programs": self.programs,
+            "kept": self.read,
+        }
+
+
+class Imports:
+    """The spans of time (s) in which statements import modules, from when it is made."""
+
+    def __init__(self, counter: Counter) -> None:
+        self.spans: list[tuple[float, float]] = []
+        self._counter, self._import, self._listening = counter, builtins.__import__, False
+        builtins.__import__ = self._timed  # type: ignore[assignment]
+
+    def _timed(self, *args: Any, **kwargs: Any) -> Any:
+        began = time.monotonic()
+        try:
+            return self._import(*args, **kwargs)
+        finally:
+            if (now := time.monotonic()) - began > 1e-3:
+                self.spans.append((began, now))
+            # as soon as somebody has imported JAX: the meter itself must not, for that takes most of a second
+            if not self._listening and getattr(sys.modules.get("jax"), "monitoring", None):
+                self._listening = True
+                self._counter.listen()
+
+
+def cpu_seconds() -> float:
+    """Processor time (s) of this process and of those it started that have ended; other work does not change it."""
+    times = os.times()
+    return times.user + times.system + times.children_user + times.children_system
+
+
+def covered(spans: list[tuple[float, float]]) -> float:
+    """Length of the union of spans (start, end)."""
+    total, last = 0.0, -float("inf")
+    for start, end in sorted(spans):
+        total += max(0.0, end - max(start, last))
+        last = max(last, end)
+    return total

@@ -1,0 +1,158 @@
+"""What a user waits for at the first commands: the first word, the end, and what the time goes to.
+
+Each command runs in a process of its own, with an empty folder for compiled programs (cold), and again with what the
+first left there (warm). Processor seconds hardly depend on what else a machine does, wall seconds do.
+"""
+
+import json
+import os
+import pty
+import re
+import select
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import termios
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from jaxgrity.cli.script import measured, run
+
+from tqdm import tqdm
+
+from jaxgrity import InputError
+from jaxgrity.io.files import read_text, save_json
+
+HERE = Path(__file__).parent
+COMMAND = "python experiments/measurements/first_commands.py"
+MEASURED = HERE.parents[1] / "docs" / "measured" / "first_commands.json"
+COMMANDS = {
+    "help": ("--help",),
+    "simulate exact": ("simulate", "exact"),
+    "simulate reference": ("simulate", "reference"),
+    "diagnose exact": ("diagnose", "exact"),
+    "search --quick": ("search", "--quick"),
+    "explore": ("explore", "--no-browser", "--port", "0"),
+    "README's gradient": (),
+}
+"""arguments of `jaxgrity`, by their names in the table; none: the first example of README.md"""
+ENDLESS = {"explore": re.compile(rb"shown after|Ctrl-C ends")}
+"""what says that a command without an end has done what a user waits for; it is interrupted then"""
+COLUMNS = ("first_word", "longest_silence", "seconds", "cpu", "imports", "tracing", "compiling", "programs", "kept")
+"""of the measurement of a command: seconds, the number of programs made or read, and of those that were read"""
+
+
+@dataclass
+class Settings:
+    before: Path | None = None
+    """first_commands.json of an earlier version, which is kept beside the new numbers; None: the one that is there"""
+    commands: tuple[str, ...] = tuple(COMMANDS)
+    """names of those that are measured"""
+    out: Path = Path("results/first_commands")
+    """folder for first_commands.json"""
+    quick: bool = False
+    """the help and README's gradient alone"""
+
+
+def main(settings: Settings) -> None:
+    unknown = set(settings.commands) - set(COMMANDS)
+    if unknown:
+        raise InputError(f"commands = {sorted(unknown)}: expected names among {list(COMMANDS)}")
+    before = earlier(settings.before)
+    names = ("help", "README's gradient") if settings.quick else settings.commands
+    rows = []
+    with tqdm(total=2 * len(names), unit="run") as bar, tempfile.TemporaryDirectory() as folder:
+        for name in names:
+            for state, numbers in cold_and_warm(name, Path(folder)):
+                rows.append({"name": name, "state": state, **numbers})
+                bar.write(f"{name}, {state}: " + ", ".join(f"{key} {x:.3g}" for key, x in numbers.items()))
+                bar.update()
+    save_json(
+        settings.out / "first_commands.json", {**measured(), "command": COMMAND, "commands": rows, "before": before}
+    )
+    print(f"wrote {settings.out}/first_commands.json")
+
+
+def earlier(path: Path | None) -> list[dict] | None:
+    """What was measured of an earlier version; without its file, what the documentation has of one."""
+    if path is not None:
+        return json.loads(read_text(path))["commands"]
+    return json.loads(read_text(MEASURED))["before"] if MEASURED.exists() else None
+
+
+def cold_and_warm(name: str, folder: Path) -> Iterator[tuple[str, dict]]:
+    """The measurements of a command, with nothing compiled before and then with what that left."""
+    place = folder / re.sub(r"\W+", "_", name)
+    place.mkdir()
+    for state in ("cold", "warm"):
+        yield state, measure(name, place)
+    shutil.rmtree(place)
+
+
+def measure(name: str, place: Path) -> dict:
+    """What one run of a command needs, in the folder `place`, where compiled programs are kept too."""
+    program = ["jaxgrity.cli.main", *COMMANDS[name]]
+    if not COMMANDS[name]:
+        (place / "example.py").write_text(readme_example())
+        program = ["example.py"]
+    report = place / "report.json"
+    kept = {"JAX_COMPILATION_CACHE_DIR": str(place / "compiled"), "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0"}
+    began = time.perf_counter()
+    terminal, inside = pty.openpty()  # as a user has it: what is printed comes out at once
+    termios.tcsetwinsize(inside, (24, 100))  # without a width, no progress bar would be shown
+    child = subprocess.Popen(
+        [sys.executable, HERE / "metered.py", report, *program],
+        cwd=place,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(HERE.parents[1]), *sys.path]), **kept},
+        stdin=subprocess.DEVNULL,
+        stdout=inside,
+        stderr=inside,
+    )
+    os.close(inside)
+    words, said = heard(terminal, began, ENDLESS.get(name), child)
+    code = child.wait()
+    seconds = time.perf_counter() - began
+    if code != 0 and name not in ENDLESS:
+        raise InputError(f"{name} ended with code {code}: {said.decode(errors='replace')[-500:]}")
+    gaps = [later - earlier for earlier, later in zip([began, *words], [*words, time.perf_counter()])]
+    return {
+        "first_word": words[0] - began,
+        "longest_silence": max(gaps),
+        "seconds": seconds,
+        **json.loads(report.read_text()),
+    }
+
+
+def heard(terminal: int, began: float, enough: re.Pattern | None, child: subprocess.Popen) -> tuple[list[float], bytes]:
+    """When something was said, s, and what; a command that says `enough` is interrupted."""
+    times, said = [], b""
+    while True:
+        ready, _, _ = select.select([terminal], [], [], 300.0)
+        try:
+            word = os.read(terminal, 65536) if ready else b""
+        except OSError:  # on Linux that is how a terminal says that nobody is left on its other side
+            word = b""
+        if not word:
+            break
+        times.append(time.perf_counter())
+        said += word
+        if enough is not None and enough.search(said):
+            child.send_signal(signal.SIGINT)
+            enough = None
+    os.close(terminal)
+    return times, said
+
+
+def readme_example() -> str:
+    """The first example in Python of README.md."""
+    found = re.search(r"```python\n(.*?)```", read_text(HERE.parents[1] / "README.md"), re.DOTALL)
+    assert found, "README.md has an example"
+    return found[1]
+
+
+if __name__ == "__main__":
+    run(main, Settings)

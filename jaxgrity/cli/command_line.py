@@ -1,0 +1,33 @@
+"""The settings that a command line asks for; nothing of JAX is imported to read them, or to show --help."""
+
+import contextlib
+import io
+import itertools
+import re
+import sys
+from typing import Any
+
+import tyro
+
+
+def from_command_line(settings: Any, **how: Any) -> Any:
+    """The settings that the command line asks for, by `tyro.cli`; what is wrong with it is said in one line."""
+    said = io.StringIO()
+    try:
+        with contextlib.redirect_stderr(said):
+            return tyro.cli(settings, **how)
+    except SystemExit:
+        if said.getvalue():
+            print(f"error: {in_one_line(said.getvalue())}; --help lists what there is", file=sys.stderr)
+        raise
+
+
+def in_one_line(box: str) -> str:
+    """The first paragraph of what tyro says in a box, and the first of the options that it proposes."""
+    plain = re.sub(
+        r"\x1b\[[0-9;]*m", "", box
+    )  # in a terminal it has colours, and no lines around it where letters are ASCII
+    lines = [line.strip("│ ") for line in plain.splitlines() if line.startswith(("│ ", "  "))]
+    first = list(itertools.takewhile(lambda line: line.strip("─-"), lines))
+    proposed = [line for before, line in itertools.pairwise(lines) if before.startswith("Perhaps you meant")]
+    return " ".join(first).rstrip(".") + "".join(f"; perhaps you meant {line}" for line in proposed[:1])

@@ -1,0 +1,134 @@
+"""What a user waits for: imports before the first word, and programs that are compiled, never seconds."""
+
+import json
+import os
+import subprocess
+import sys
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import jax
+import numpy as np
+import pytest
+from compile_meter import Counter
+
+from jaxgrity import SearchConfig, SolverOptions, Uncertainty, diagnose, energy_audit, load_scene, sensitivity, simulate
+from jaxgrity.cli.search import config_of
+from jaxgrity.cli.settings import SearchSettings, UncertaintySettings
+
+ROOT = Path(__file__).parents[2]
+HEAVY = {"jax", "scipy", "matplotlib", "diffrax", "equinox", "optax"}
+MOST_PROGRAMS = 16
+"""that `simulate exact` makes, with its diagnosis and its figures; it was 32 before anybody counted"""
+
+
+@pytest.fixture
+def compiled():
+    """`compiled(function)`: how many programs a call makes."""
+    counter = Counter()
+    counter.listen()
+
+    def count(function) -> int:
+        counter.reset()
+        function()
+        return counter.programs
+
+    yield count
+    jax.monitoring.unregister_event_duration_listener(counter._duration)
+    jax.monitoring.unregister_event_listener(counter._event)
+
+
+def of_own_process(code: str, *arguments: str, **how) -> str:
+    """What a program prints that is run by itself."""
+    words = [sys.executable, "-c", code, *arguments]
+    return subprocess.run(words, capture_output=True, text=True, timeout=280, check=True, **how).stdout
+
+
+@pytest.mark.parametrize("arguments", [("--help",), ("simulate", "--help"), ("search", "--help")])
+def test_help_imports_nothing_that_takes_long(arguments):
+    """Neither JAX nor what draws figures; the words stand there all the same."""
+    code = (
+        "import sys\nfrom jaxgrity.cli.main import main\ntry:\n    main()\n"
+        "except SystemExit:\n    print('\\nIMPORTED', *{name.partition('.')[0] for name in sys.modules})"
+    )
+    said, _, imported = of_own_process(code, *arguments).partition("IMPORTED")
+    assert "usage: jaxgrity" in said
+    assert "tyro" in imported.split()
+    assert not HEAVY & set(imported.split())
+
+
+def test_the_first_word_comes_before_jax():
+    """A command says its name as soon as its settings are read; its modules are imported after that."""
+    code = (
+        "import builtins, sys\nspeak = builtins.print\n"
+        "def heard(*words, **how):\n    speak(*words, 'jax' in sys.modules, **how)\n"
+        "builtins.print = heard\nfrom jaxgrity.cli.main import main\n"
+        "try:\n    main()\nexcept SystemExit:\n    pass"
+    )
+    assert of_own_process(code, "simulate", "no such scene").startswith("simulate: loading JAX ... False\n")
+
+
+def test_settings_say_what_the_library_does_by_itself():
+    """They repeat its numbers, since they are read before it is imported."""
+    assert config_of(SearchSettings()) == SearchConfig()
+    assert asdict(UncertaintySettings()).keys() == vars(Uncertainty()).keys()
+
+
+def test_describing_again_compiles_nothing(compiled, exact):
+    """Nor does another scene of the same kind."""
+    exact.describe()
+    softer = replace(exact, gravity=np.asarray(1.6))
+    assert compiled(exact.describe) == 0
+    assert compiled(load_scene("exact").describe) == 0
+    assert compiled(softer.describe) == 0
+
+
+@pytest.mark.slow
+def test_other_numbers_compile_nothing(compiled, exact, reference):
+    """Of sweeps, tolerances, the precision of starts, and frames."""
+    q = np.asarray(exact.structure.nodes)
+    roll = lambda duration=0.05, **how: lambda: simulate(exact, duration, **how)  # noqa: E731
+    roll()()
+    assert compiled(roll(positions=q, velocities=np.zeros(q.shape, np.float32))) == 0
+    assert compiled(roll(0.06, frame_rate=50.0)) == 0
+    roll(options=SolverOptions(sweeps=4))()
+    assert compiled(roll(options=SolverOptions(sweeps=7))) == 0
+    roll(options=SolverOptions(strut_tolerance=1e-9))()
+    assert compiled(roll(options=SolverOptions(strut_tolerance=1e-10, sweeps=30))) == 0
+    adaptive = lambda rtol: simulate(reference, 0.02, options=SolverOptions("tsit5", rtol=rtol))  # noqa: E731
+    adaptive(1e-4)
+    assert compiled(lambda: adaptive(1e-5)) == 0
+
+
+@pytest.mark.slow
+def test_diagnoses_of_other_durations_compile_nothing(compiled, reference):
+    """Nor at other steps, nor with other numbers of frames."""
+    free = replace(reference, ground=None, friction=None, gait=None)
+    diagnose(free, 0.05)
+    assert compiled(lambda: diagnose(free, 0.07, frame_rate=50.0, options=SolverOptions(dt=1e-4))) == 0
+
+
+@pytest.mark.slow
+def test_simulate_makes_few_programs(tmp_path):
+    """In a process of its own, with its diagnosis, its figures and its replay; some more than there are, for other
+    versions of JAX."""
+    metered = ROOT / "experiments" / "measurements" / "metered.py"
+    command = ("jaxgrity.cli.main", "simulate", "exact", "--duration", "0.2", "--out", str(tmp_path / "out"))
+    subprocess.run(
+        [sys.executable, metered, tmp_path / "report.json", *command],
+        check=True,
+        capture_output=True,
+        timeout=280,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT), *sys.path]), "JAX_NUM_CPU_DEVICES": "1"},
+    )
+    report = json.loads((tmp_path / "report.json").read_text())
+    assert 0 < report["programs"] <= MOST_PROGRAMS
+    assert (tmp_path / "out" / "forces.png").exists()
+
+
+def test_frames_that_fill_a_program_are_not_among_the_results(exact):
+    """Of motions shorter than the room that programs have for them."""
+    audit, growth = energy_audit(exact, 0.05), sensitivity(exact, 0.3)
+    assert audit.times.shape == audit.kinetic.shape == audit.lost.shape == (6,)
+    assert growth.times.shape == growth.norm.shape == (4,)
+    assert np.ptp(audit.positions, axis=0).max() > 0
