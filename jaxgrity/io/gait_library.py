@@ -10,6 +10,7 @@ import numpy as np
 from jaxgrity.core.errors import InputError
 from jaxgrity.io.files import read_text
 from jaxgrity.model.actuation import Gait, Overtone
+from jaxgrity.model.structure import Structure
 
 SHIPPED = resources.files("jaxgrity") / "data" / "gaits"
 
@@ -47,17 +48,21 @@ def gait_of(record: dict[str, Any], where: str = "gait") -> Gait:
         parts = {name: np.array(record[name], float) for name in ("phase", "amplitude", "frequency")}
         overtones = tuple(Overtone(np.array(o["size"]), np.array(o["phase"])) for o in record.get("overtones", []))
         members, start, ramp = tuple(int(k) for k in record["members"]), record["start"], record["ramp"]
-    except (KeyError, TypeError, ValueError) as error:
+        counts = record.get("robot")
+        robot = None if counts is None else (int(counts[0]), int(counts[1]), int(counts[2]))
+    except (KeyError, IndexError, TypeError, ValueError) as error:
         raise InputError(f"{where}: not a gait: {error}; expected what a search leaves in gait.json") from error
     for name, part in parts.items():
         if part.shape != (len(members),) or not np.isfinite(part).all():
             raise InputError(f"{where}: {name} = {record[name]}: expected {len(members)} finite numbers")
-    return Gait(members, parts["phase"], parts["amplitude"], parts["frequency"], start, ramp, overtones)
+    return Gait(members, parts["phase"], parts["amplitude"], parts["frequency"], start, ramp, overtones, robot)
 
 
-def gait_facts(gait: Gait) -> dict[str, Any]:
-    """The gait as it goes into a JSON file."""
+def gait_facts(gait: Gait, structure: Structure | None = None) -> dict[str, Any]:
+    """The gait as it goes into a JSON file; with the structure that it moves, it is refused for others."""
+    robot = gait.robot if structure is None else structure.counts
     return {
+        "robot": robot,
         "members": gait.members,
         "phase": gait.phase,
         "amplitude": gait.amplitude,

@@ -150,6 +150,12 @@ class Structure(eqx.Module):
         return sum(len(members.edges) for members in (self.struts, self.cables) if members is not None)
 
     @property
+    def counts(self) -> tuple[int, int, int]:
+        """Nodes, struts and cables."""
+        struts, cables = (0 if members is None else len(members.edges) for members in (self.struts, self.cables))
+        return len(self.nodes), struts, cables
+
+    @property
     def driven(self) -> tuple[int, ...]:
         """The members that have motors, struts first."""
         kinds = ((self.struts, 0), (self.cables, self.first_cable))
