@@ -48,19 +48,20 @@ def gait_of(record: dict[str, Any], where: str = "gait") -> Gait:
         parts = {name: np.array(record[name], float) for name in ("phase", "amplitude", "frequency")}
         overtones = tuple(Overtone(np.array(o["size"]), np.array(o["phase"])) for o in record.get("overtones", []))
         members, start, ramp = tuple(int(k) for k in record["members"]), record["start"], record["ramp"]
-        counts = record.get("robot")
-        robot = None if counts is None else (int(counts[0]), int(counts[1]), int(counts[2]))
-    except (KeyError, IndexError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"{where}: not a gait: {error}; expected what a search leaves in gait.json") from error
     for name, part in parts.items():
         if part.shape != (len(members),) or not np.isfinite(part).all():
             raise InputError(f"{where}: {name} = {record[name]}: expected {len(members)} finite numbers")
+    robot = record.get("robot")
+    if not isinstance(robot, str | None):
+        raise InputError(f"{where}: robot = {robot}: expected a text, as a search leaves it in gait.json")
     return Gait(members, parts["phase"], parts["amplitude"], parts["frequency"], start, ramp, overtones, robot)
 
 
 def gait_facts(gait: Gait, structure: Structure | None = None) -> dict[str, Any]:
     """The gait as it goes into a JSON file; with the structure that it moves, it is refused for others."""
-    robot = gait.robot if structure is None else structure.counts
+    robot = gait.robot if structure is None else structure.robot
     return {
         "robot": robot,
         "members": gait.members,

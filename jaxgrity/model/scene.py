@@ -262,9 +262,10 @@ def _check_term(term: Law) -> None:
 
 
 def _check_robot(gait: Gait, structure: Structure) -> None:
-    if gait.robot is not None and gait.robot != structure.counts:
-        own, other = (f"{n} nodes, {s} struts and {c} cables" for n, s, c in (structure.counts, gait.robot))
-        raise InputError(f"gait: that of another robot, of {other}; this one has {own}; expected a gait of its own")
+    if gait.robot not in (None, structure.robot):
+        raise InputError(
+            f"gait: that of another robot, of {gait.robot}; this one has {structure.robot}; expected a gait of its own"
+        )
 
 
 def _check_gait(gait: Gait, structure: Structure) -> None:

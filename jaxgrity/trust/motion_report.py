@@ -13,9 +13,6 @@ from jaxgrity.stepping.simulate import Trajectory, centre_path
 from jaxgrity.trust.cycles import MOST_PERIODS, plane_of, shape
 from jaxgrity.trust.orbits import SETTLED, period_of
 
-COMPARED = 2
-"""cycles, at least, after which shapes have to return before a motion counts as settled"""
-
 
 class MotionReport(NamedTuple):
     """What a robot does in a rollout."""
@@ -76,13 +73,19 @@ def _settled(scene: Scene, trajectory: Trajectory) -> tuple[float, int]:
         off = np.array([np.abs(shape(x @ axes) - shape(q[-1] @ axes)).max() for x in q]) > size
         last = int(np.flatnonzero(off)[-1]) + 1 if off.any() else 0
         return (float(times[last]), 0) if times[last] < times[-1] / 2 else (np.inf, 0)
-    moments = period * np.arange(np.ceil(start / period - 1e-9), np.floor(times[-1] / period + 1e-9) + 1)
-    shapes = np.array([shape(_at(moment, times, q) @ axes) for moment in moments])
-    for periods in range(1, min(MOST_PERIODS, (len(shapes) - 1) // COMPARED) + 1):
-        changed = np.abs(shapes[periods:] - shapes[:-periods]).max(1) > size
+    moving = times >= start
+    times, levelled = times[moving], q[moving] @ axes
+    shapes = np.array([shape(x) for x in levelled])
+    for periods in range(1, MOST_PERIODS + 1):
+        cycle = periods * period
+        again = times[times + 2 * cycle <= times[-1]]
+        if not len(again):  # a motion has settled once it was seen to repeat itself for a cycle
+            break
+        compared = times[times + cycle <= times[-1]]
+        changed = np.abs(_at(compared + cycle, times, shapes) - shapes[: len(compared)]).max(1) > size
         first = int(np.flatnonzero(changed)[-1]) + 1 if changed.any() else 0
-        if len(shapes) - 1 - first >= COMPARED * periods:
-            return float(moments[first]), periods
+        if first < len(again):
+            return float(times[first]), periods
     return np.inf, 0
 
 
@@ -90,8 +93,8 @@ def _full_swing(gait: Gait) -> float:
     return float(gait.start + gait.ramp)
 
 
-def _at(moment: float, times: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """Positions between two frames, m."""
-    k = int(np.clip(np.searchsorted(times, moment), 1, len(times) - 1))
-    share = (moment - times[k - 1]) / (times[k] - times[k - 1])
-    return q[k - 1] + share * (q[k] - q[k - 1])
+def _at(moments: np.ndarray, times: np.ndarray, shapes: np.ndarray) -> np.ndarray:
+    """Shapes between two frames, m."""
+    k = np.clip(np.searchsorted(times, moments), 1, len(times) - 1)
+    share = ((moments - times[k - 1]) / (times[k] - times[k - 1]))[:, None]
+    return shapes[k - 1] + share * (shapes[k] - shapes[k - 1])
