@@ -42,7 +42,7 @@ class GroundFound(NamedTuple):
     """(3,), m, by which nodes are moved, so that they touch a plane through the origin as their balls touch that one"""
 
 
-def ground_of(model: Any, data: Any, x: np.ndarray, carrier: np.ndarray, losses: Losses) -> GroundFound:
+def touched_plane(model: Any, data: Any, x: np.ndarray, carrier: np.ndarray, losses: Losses) -> GroundFound:
     """The plane, for nodes `x` (m) of the bodies `carrier`; friction and radii at each of them.
 
     Raises `InputError` where contact would be another one here, unless the caller drops it.

@@ -13,7 +13,7 @@ import numpy as np
 from jaxgrity.core.errors import InputError
 from jaxgrity.formats.foreign import MOST_NODES, Imported, read_limited
 from jaxgrity.formats.mjcf_bodies import carried, rod_members
-from jaxgrity.formats.mjcf_contact import ground_of
+from jaxgrity.formats.mjcf_contact import touched_plane
 from jaxgrity.formats.mjcf_losses import Losses, check_losses, name_of
 from jaxgrity.formats.mjcf_tendons import Spring, drag_of_sites, springs_of
 from jaxgrity.model.scene import Scene
@@ -118,7 +118,7 @@ def _imported(model: Any, drop: Collection[str]) -> Imported:
     cables = _members([spring for spring in springs if spring.kind == "cable"])
     check_edges(x, () if struts is None else struts.edges, () if cables is None else cables.edges)
     drag = _drag(model, nodes, merged, place, losses)
-    found = ground_of(model, data, x, nodes.carrier[used], losses)
+    found = touched_plane(model, data, x, nodes.carrier[used], losses)
     structure = Structure(x - found.lift, masses, struts, cables, fixed=fixed)
     scene = Scene(structure, _gravity(model) or None, drag if drag.any() else None, found.ground, found.friction)
     return Imported(scene, ("SI units, z up, as in MuJoCo", *notes))
