@@ -1,6 +1,6 @@
 """Where exact ground is linearised in a step: at the face that a node enters first, or where it is about to be."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -14,8 +14,10 @@ INSIDE = 1e-9
 """m, from which depth on a node is in the ground: at it the nearest face is the one that the node came through"""
 ROUNDINGS = 16
 """the same in roundings of 1 m, where these are more"""
-TRIALS = 4
-"""places within a node's way at which the ground is looked at, to find where it enters"""
+TRIALS = 16
+"""places within a node's way at which the ground is looked at, at most, to find where it enters; most need two"""
+FOUND = 4
+"""times as deep as where the inside begins, a place is where the node enters"""
 
 
 class Met(NamedTuple):
@@ -68,6 +70,19 @@ class _Place(NamedTuple):
     """m, the level there, and the depth from which on a node is inside: negative in the ground"""
 
 
+class _Bracket(NamedTuple):
+    """What is known of each node's way."""
+
+    before: _Place
+    """outside, before the next"""
+    out: _Place
+    """the last place that is known outside"""
+    inside: _Place
+    """the first inside, or the end of the way"""
+    trials: Any
+    """how many places between were looked at"""
+
+
 @jax.custom_jvp
 def _share(surface: Surface, start: tuple[PerNode, ...], way: tuple[PerNode, ...]) -> PerNode:
     """The share of each node's way at which it is just inside; 1 where it does not enter, or was inside before.
@@ -79,21 +94,31 @@ def _share(surface: Surface, start: tuple[PerNode, ...], way: tuple[PerNode, ...
     deep = max(INSIDE, ROUNDINGS * float(jnp.finfo(start[0].dtype).eps))
     at = lambda s: _Place(s, surface.level(*(x + s * a for x, a in zip(start, way))) + deep)  # noqa: E731
     first, last = at(0 * start[0]), at(1 + 0 * start[0])
-    size = jnp.sqrt(sum(a * a for a in way))
+    fastest = _Place(first.s - 1, first.f + jnp.sqrt(sum(a * a for a in way)))
 
-    def tried(_, known: tuple[_Place, _Place, _Place]) -> tuple[_Place, _Place, _Place]:
-        """One place more: the last two that are known outside, and the first inside, or the way's end."""
-        before, out, inside = known
-        falls = before.f - out.f
-        ahead = out.s + (out.f + deep) * (out.s - before.s) / jnp.where(falls > 0, falls, 1)
-        leads = (falls > 0) & (ahead > out.s) & (ahead < inside.s)
-        new = at(jnp.where(leads, ahead, jnp.where(inside.f < 0, (out.s + inside.s) / 2, inside.s)))
-        enters = new.f < 0
-        return _where(enters, before, out), _where(enters, out, new), _where(enters, new, inside)
+    def goes_on(known: _Bracket) -> AnyArray:
+        return jnp.any(_next(known, deep)[1]) & (known.trials < TRIALS)
 
-    fastest = _Place(first.s - 1, first.f + size)
-    *_, inside = jax.lax.fori_loop(0, TRIALS, tried, (fastest, first, last))
+    def tried(known: _Bracket) -> _Bracket:
+        s, searched = _next(known, deep)
+        new = at(s)
+        enters, stays = searched & (new.f < 0), searched & (new.f >= 0)
+        before, out = _where(stays, known.out, known.before), _where(stays, new, known.out)
+        return _Bracket(before, out, _where(enters, new, known.inside), known.trials + 1)
+
+    inside = jax.lax.while_loop(goes_on, tried, _Bracket(fastest, first, last, 0)).inside
     return jnp.where((first.f >= 0) & (inside.f < 0), inside.s, 1)
+
+
+def _next(known: _Bracket, deep: float) -> tuple[PerNode, AnyArray]:
+    """The share at which to look next, and of which nodes anything is left to find."""
+    before, out, inside, _ = known
+    falls = before.f - out.f
+    ahead = out.s + (out.f + deep) * (out.s - before.s) / jnp.where(falls > 0, falls, 1)
+    leads = (falls > 0) & (ahead > out.s) & (ahead < inside.s)
+    found = (inside.f < 0) & (inside.f > -FOUND * deep)
+    s = jnp.where(leads, ahead, (out.s + inside.s) / 2)
+    return s, (out.f >= 0) & (leads | (inside.f < 0)) & ~found
 
 
 def _where(condition: AnyArray, one: _Place, other: _Place) -> _Place:
