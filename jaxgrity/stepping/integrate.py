@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jaxgrity.core.primitives import edge_vectors, length
 from jaxgrity.core.types import NodeVectors, Times
 from jaxgrity.model.inertia import with_mobility
-from jaxgrity.model.scene import Scene
+from jaxgrity.model.scene import Scene, with_scales
 from jaxgrity.stepping.complementarity import Lift, one_robot
 from jaxgrity.stepping.dynamics import vector_field
 from jaxgrity.stepping.options import ResolvedOptions
@@ -76,7 +76,9 @@ def integrate(
 
 
 def prepared(scene: Scene) -> Scene:
-    """The scene with what is computed once for all steps: how forces accelerate nodes, where that is not 1/m_i."""
+    """The scene with what is computed once for all steps: its scales, and how forces accelerate nodes, where that is
+    not 1/m_i."""
+    scene = with_scales(scene)
     if not scene.structure.coupled or scene.structure.mobility is not None:
         return scene
     return dataclasses.replace(scene, structure=with_mobility(scene.structure))

@@ -12,6 +12,7 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.remembered import remembered
 from jaxgrity.core.tracing import traced
 from jaxgrity.core.types import NodeVectors, Scalar
+from jaxgrity.model.scales import length_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.stepping.blocks import disjoint_groups
 from jaxgrity.stepping.constraints import exact_ground, rigid_struts
@@ -221,6 +222,6 @@ def _together(scene: Scene, given: SolverOptions, method: Method, concrete: bool
 def _check_start(scene: Scene, positions: NodeVectors) -> None:
     """Refuse a start from which one step would have to jump onto its constraints."""
     for constraint in scene.constraints:
-        violation = constraint.violation(np.asarray(positions, float))
+        violation = constraint.violation(np.asarray(positions, float), float(length_scale(scene)))
         if violation:
             raise InputError(violation)
