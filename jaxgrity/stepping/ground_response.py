@@ -66,7 +66,7 @@ def ground_impulse(contact: Contact | None, trial: Vector) -> Vector:
     pressed = positive_part(trial.normal + contact.closing)
     if contact.mu is None:
         return Vector(pressed, 0 * trial.first, 0 * trial.second)
-    share = _share(contact, pressed, trial)
+    share = _share(contact.mu, pressed, _size_squared(contact, trial))
     return Vector(pressed, share * trial.first, share * trial.second)
 
 
@@ -95,7 +95,7 @@ def answered(contact: Contact | None, trial: Vector, push: Vector) -> Vector:
     normal = push.normal * (1 - touching)
     if contact.mu is None:
         return Vector(normal, push.first, push.second)
-    share = _share(contact, pressed, trial)
+    share = _share(contact.mu, pressed, _size_squared(contact, trial))
     sliding = touching * (share < 1).astype(share.dtype)
     back = inverse_root(_size_squared(contact, trial))
     first, second = trial.first * back, trial.second * back
@@ -104,9 +104,9 @@ def answered(contact: Contact | None, trial: Vector, push: Vector) -> Vector:
     return Vector(normal, passing * push.first + along * first, passing * push.second + along * second)
 
 
-def _share(contact: Contact, pressed: PerRow, trial: Vector) -> PerRow:
+def _share(mu: PerRow | Scalar, pressed: PerRow, size_squared: PerRow) -> PerRow:
     """min(1, mu p_n/|z_t|): 1 where a node sticks, 0 where nothing presses on it."""
-    return jnp.minimum(1, contact.mu * pressed * inverse_root(_size_squared(contact, trial)))
+    return jnp.minimum(1, mu * pressed * inverse_root(size_squared))
 
 
 def _size_squared(contact: Contact, trial: Vector) -> PerRow:

@@ -261,15 +261,14 @@ def step_limit(scene: Scene, method: Method | str) -> StepLimit:
         >>> round(limit.step, 3), limit.set_by.split()[0]  # s, and "cable 2 (nodes 0, 8)" or one that is its image
         (0.036, 'cable')
     """
-    step, *case = strictest(scene, method := find_method(method) if isinstance(method, str) else method)
-    return StepLimit(step, limiting_part(*case, method) if np.isfinite(step) else "nothing")
+    step, taut, state = strictest(scene, method := find_method(method) if isinstance(method, str) else method)
+    return StepLimit(step, limiting_part(taut, state, method) if np.isfinite(step) else "nothing")
 
 
 def default_step(scene: Scene, method: Method) -> float:
-    """The largest of 1, 2, 5 times a power of ten (s) that is at most 0.4 of the stable step, and `LARGEST_STEP`.
+    """The largest of 1, 2, 5 times a power of ten (s) up to 0.4 of the stable step, and up to `LARGEST_STEP`.
 
-    Round, so that frames fall on the ends of steps: of one motion at another size, the step may be a little smaller.
-    """
+    Round, so that frames fall on steps: at another size, the same motion may get a step up to 2.5 times as small."""
     target = min(0.4 * strictest(scene, method)[0], LARGEST_STEP * float(time_scale(scene)))
     power = 10.0 ** np.floor(np.log10(target))
     return float(max(m * power for m in (1, 2, 5) if m * power <= target * (1 + 1e-9)))
@@ -291,8 +290,10 @@ def _surely_stable(scene: Scene, state: State, method: Method, dt: float) -> boo
     """Whether `dt`, its half and its quarter are stable, and within `stable_step`'s range: a look, not a search."""
     linear = linearise(scene, state)
     values = linear.modes()[0]
+    if not values.any():
+        return True
     stable = all(np.all(_excess(linear, values, method, h) <= 1 + GROWTH) for h in (dt, dt / 2, dt / 4))
-    return not values.any() or (stable and bool(dt * np.abs(values).max() < WIDEST))
+    return stable and bool(dt * np.abs(values).max() < WIDEST)
 
 
 def default_method(scene: Scene) -> Method:

@@ -8,6 +8,7 @@ import numpy as np
 
 from jaxgrity.core.types import Times
 from jaxgrity.model.actuation import rest_length
+from jaxgrity.model.scales import length_scale, speed_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.rollout.clearance import rod_depths
 from jaxgrity.stepping.integrate import FAILURES
@@ -18,9 +19,10 @@ from jaxgrity.trust.error_bars import refinement_bar
 from jaxgrity.trust.sensitivity import Sensitivity, sensitivity
 
 UNCERTAIN = 0.01
-"""rad in each phase, or m/s in the initial velocities where there is no gait: what is taken as not known"""
+"""rad in each phase, or where there is no gait m/s in the initial velocities of a body of one metre: what is taken as
+not known"""
 PREDICTABLE = 0.01
-"""m, to which a centre of mass counts as predicted"""
+"""m, to which the centre of mass of a body of one metre counts as predicted"""
 
 
 MEASUREMENTS = 5
@@ -51,12 +53,22 @@ class TrustReport(NamedTuple):
 
     @property
     def horizon(self) -> float:
-        """s, up to which the centre of mass is known to `PREDICTABLE`: by its error bars, and where an `UNCERTAIN`
-        gait, or start, moves it by no more."""
+        """s, up to which the centre of mass is known to `predictable`: by its error bars, and where an `UNCERTAIN`
+        gait, or start, moves it by no more. The end of the rollout where it is known to the end: longer, then."""
         times = np.asarray(self.trajectory.times)
-        beyond = ~(self.error_bars <= PREDICTABLE)
+        beyond = ~(self.error_bars <= self.predictable)
         exact = float(times[max(0, int(np.argmax(beyond)) - 1)] if beyond.any() else times[-1])
-        return exact if self.sensitivity is None else min(exact, self.sensitivity.horizon(PREDICTABLE / UNCERTAIN))
+        if self.sensitivity is None:
+            return exact
+        scene, in_phases = self.trajectory.scene, self.sensitivity.unit == "m/rad"
+        speed = 1.0 if scene is None or in_phases else float(speed_scale(scene))
+        return min(exact, self.sensitivity.horizon(self.predictable / (UNCERTAIN * speed)))
+
+    @property
+    def predictable(self) -> float:
+        """m, `PREDICTABLE` of this body: to which its centre of mass counts as predicted."""
+        scene = self.trajectory.scene
+        return PREDICTABLE * (1.0 if scene is None else float(length_scale(scene)))
 
     def summary(self) -> dict[str, Any]:
         """The numbers, as they go into a JSON file; SI units."""
@@ -109,7 +121,8 @@ class TrustReport(NamedTuple):
             rate = facts["sensitivity_growth_rate"]
             growing = f", growing by {rate:.2g} 1/s" if np.isfinite(rate) else ""
             rows["sensitivity at the end"] = f"{facts['sensitivity']:.2g} {self.sensitivity.unit}{growing}"
-        rows["predictable to 1 cm up to"] = f"{facts['predictable_up_to']:.3g} s"
+        lasting = "at least " if facts["predictable_up_to"] >= float(self.trajectory.times[-1]) else ""
+        rows[f"predictable to {100 * self.predictable:.3g} cm up to"] = f"{lasting}{facts['predictable_up_to']:.3g} s"
         wide = max(map(len, rows))
         return "\n".join(f"{name:<{wide}}  {value}" for name, value in rows.items())
 
