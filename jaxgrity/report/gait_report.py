@@ -13,6 +13,7 @@ import numpy as np
 
 from jaxgrity.io.files import save_arrays, save_json, write_whole
 from jaxgrity.io.gait_library import gait_facts
+from jaxgrity.model.scales import time_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.report import plot, view
 from jaxgrity.report.animation import animate
@@ -132,7 +133,7 @@ def _side_by_side(result: SearchResult, fine: SolverOptions, folder: Path, tick:
     tick()
     with ThreadPoolExecutor() as beside:
         measuring = beside.submit(clocked, "measuring", gait_measured, result, fine, tick)
-        frames = {"options": fine, "frame_rate": float(FRAME_RATE)}
+        frames = {"options": fine, "frame_rate": FRAME_RATE / float(time_scale(scene))}
         trajectory = clocked("motion", simulate, scene, duration, **frames)
         diagnosing = beside.submit(clocked, "diagnosis", diagnose, scene, duration, **frames)
         diagnosing.add_done_callback(lambda _: tick())

@@ -90,8 +90,8 @@ def rolling(scene: Scene, trajectory: Trajectory) -> Rolling:
     "slides": rolls fewer times than it is diameters displaced;
     "rolls".
 
-    Raises `InputError` without ground, where the trajectory failed or has no two frames after the gait's start, or as
-    `faces` does.
+    Raises `InputError` without ground, where the trajectory failed, has no two frames after the gait's start, or frames
+    further apart than twice the time for which a face has to last, or as `faces` does.
     """
     ground = scene.ground
     if ground is None:
@@ -105,6 +105,12 @@ def rolling(scene: Scene, trajectory: Trajectory) -> Rolling:
     if moving.sum() < 2:
         raise InputError(f"the trajectory ends at {times[-1]:g} s; expected at least two frames from {start:g} s on")
     times = times[moving]
+    apart, longest = float(np.diff(times).max()), 2 * LASTING * time
+    if apart > longest + TIME_ROUNDING * time:
+        raise InputError(
+            f"the trajectory's frames are up to {apart:.3g} s apart, in which a robot of this size may roll; expected "
+            f"a frame_rate of at least {1 / longest:.4g}"
+        )
     phi, axes = ground.measured(np.asarray(trajectory.positions, float)[moving])
     touching = phi < ground.touched_below * size
     along = np.einsum("fnk,fnak->fna", np.asarray(trajectory.velocities, float)[moving], axes[..., 1:, :])

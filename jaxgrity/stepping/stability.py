@@ -153,16 +153,14 @@ def limiting_part(scene: Scene, state: State, method: Method) -> str:
     """The member, contact or damping with the largest share in the motion that limits `stable_step`, by name."""
     linear = linearise(scene, state)
     values, shapes = linear.modes()
-    if method.constrained:
-        worst = np.argmax(np.abs(values))
-    else:
-        worst = np.argmax(_excess(linear, values, method, 1.01 * _largest(linear, method)))
+    size = np.abs(values) if method.constrained else _excess(linear, values, method, 1.01 * _largest(linear, method))
+    worst = np.argmax(size)
     q, v = (np.asarray(x, float) for x in state)
     shape = np.stack([shapes[:, worst].real, shapes[:, worst].imag]).reshape(2, *q.shape)
     with jax.enable_x64(True):
         shares = _shares(as_dtype(scene, "float64"), q, v, shape, float(np.abs(values[worst])))
     names = [name for term in _force_terms(scene) for name in term.parts(scene)]
-    return names[int(np.argmax(np.abs(np.concatenate(list(map(np.asarray, shares))))))]
+    return names[int(np.argmax(np.abs(np.concatenate(shares))))]
 
 
 def _force_terms(scene: Scene) -> list[ForceTerm]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from jaxgrity.core.types import Times
 from jaxgrity.model.actuation import rest_length
-from jaxgrity.model.scales import length_scale, speed_scale
+from jaxgrity.model.scales import length_scale, speed_scale, time_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.rollout.clearance import rod_depths
 from jaxgrity.stepping.integrate import FAILURES
@@ -24,7 +24,8 @@ not known"""
 PREDICTABLE = 0.01
 """m, to which the centre of mass of a body of one metre counts as predicted"""
 
-
+SLOPES = 10.0
+"""1/s, at which the sensitivity of a body of one metre is taken"""
 MEASUREMENTS = 5
 """rollouts at three steps, the energy audit and the sensitivity"""
 
@@ -175,7 +176,7 @@ def diagnose(
     if not rollouts[0].failed:
         audit = energy_audit(scene, duration, options=resolved, frame_rate=frame_rate)
         on_progress(4, MEASUREMENTS)
-        growth = sensitivity(scene, duration, options=resolved)
+        growth = sensitivity(scene, duration, options=resolved, frame_rate=SLOPES / float(time_scale(scene)))
     depth, strain = _penetration(scene, rollouts[0]), _strut_strain(scene, rollouts[0])
     on_progress(MEASUREMENTS, MEASUREMENTS)
     uneven = scene.ground is not None and scene.ground.surface is not None
