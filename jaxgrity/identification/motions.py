@@ -1,5 +1,6 @@
 """Measured motions, cut into windows for multiple shooting, and what a scene predicts of them."""
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import equinox as eqx
@@ -171,9 +172,16 @@ def measured_motion(
     spread = np.broadcast_to(deviations, state.shape) * scene.structure.free
     unknown = tuple(np.flatnonzero(spread > 0).tolist())
     resolved = resolve(scene, float(cut[0, -1] - cut[0, 0]), options, dtype="float64")
-    steps = None if resolved.dt is None else int(np.ceil(np.diff(times).max() / resolved.dt - 1e-6))
     jump = np.array(starts.jump, float)
-    return MeasuredMotion(values, noise, observation, cut, resolved, state, spread, unknown, jump, steps)
+    found = MeasuredMotion(values, noise, observation, cut, resolved, state, spread, unknown, jump, None)
+    return with_options(found, resolved)
+
+
+def with_options(motion: MeasuredMotion, options: ResolvedOptions) -> MeasuredMotion:
+    """The measurement, to be predicted by other means: as many steps from frame to frame as they need."""
+    longest = max(float(np.diff(times).max()) for times in np.asarray(motion.times))
+    steps = None if options.dt is None else int(np.ceil(longest / options.dt - 1e-6))
+    return replace(motion, options=options, steps=steps)
 
 
 def _check_path(path: np.ndarray, expected: tuple[int, ...]) -> None:
