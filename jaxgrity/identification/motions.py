@@ -171,15 +171,20 @@ def measured_motion(
         state = np.stack([path[:1], 0 * path[:1]], axis=1)
     else:
         state = np.stack([_state_at(times, path, int(k)) for k in first])
-    size = np.array([float(length_scale(scene)), float(speed_scale(scene))])
-    given = starts.spread or (0.0, 0.0)
-    deviations = (size * SPREAD if isinstance(given, str) else np.array(given))[:, None, None]
-    spread = np.broadcast_to(deviations, state.shape) * scene.structure.free
+    deviations, jump = _deviations(scene, starts)
+    spread = np.broadcast_to(deviations[:, None, None], state.shape) * scene.structure.free
     unknown = tuple(np.flatnonzero(spread > 0).tolist())
     resolved = resolve(scene, float(cut[0, -1] - cut[0, 0]), options, dtype="float64")
-    jump = size * JUMP if starts.jump is None else np.array(starts.jump, float)
     found = MeasuredMotion(values, noise, observation, cut, resolved, state, spread, unknown, jump, None)
     return with_options(found, resolved)
+
+
+def _deviations(scene: Scene, starts: Starts) -> tuple[np.ndarray, np.ndarray]:
+    """Those of starts and of jumps, m and m/s."""
+    size = np.array([float(length_scale(scene)), float(speed_scale(scene))])
+    given = starts.spread or (0.0, 0.0)
+    spread = size * SPREAD if isinstance(given, str) else np.array(given, float)
+    return spread, size * JUMP if starts.jump is None else np.array(starts.jump, float)
 
 
 def with_options(motion: MeasuredMotion, options: ResolvedOptions) -> MeasuredMotion:

@@ -16,7 +16,7 @@ from jaxgrity.core.types import AnyArray
 
 FEWEST_ROWS = 10
 """rows, from which residuals are tested"""
-LAGS, LONGEST = 10, 10
+LAGS, LONGEST = 10, 20
 """rows apart, at most, at which residuals are compared; and order, at most, of the process that is fitted to them"""
 UNLIKELY = 1e-3
 """probability, below which a test counts as failed: white noise fails one of three in three of a thousand fits"""
@@ -38,12 +38,15 @@ class ResidualTests(NamedTuple):
     size_probability: float
     """that noise of the size that was said has residuals so large"""
     independent: float
-    """residuals that are worth as much as independent ones"""
+    """residuals that are worth as much as independent ones: all, where they are so small that what was said of the noise
+    allows for their correlation"""
+    share: float = 1.0
+    """of all residuals, that those are"""
 
     @property
     def correlated(self) -> bool:
-        """Whether one of the tests of independence failed."""
-        return bool(min(self.independence, self.runs) < UNLIKELY)
+        """Whether one of the tests of independence failed, of residuals that are not small beside the noise."""
+        return bool(min(self.independence, self.runs) < UNLIKELY and self.share < 1)
 
     @property
     def too_large(self) -> bool:
@@ -94,9 +97,12 @@ def judged_residuals(every: list[Series], misfit: float, freedom: float) -> Resi
     correlations, pairs = _correlations(every)
     independence = float(chi2.sf(np.sum(pairs * correlations**2), len(pairs)))
     means, squares = np.sum([_independent(each) for each in every], axis=0)
-    freedom = freedom * squares / sum(each.seen.sum() for each in every)
+    count = sum(each.seen.sum() for each in every)
+    freedom = freedom * squares / count
     large = float(chi2.sf(freedom * misfit**2, freedom))
-    return ResidualTests(float(correlations[0]), independence, _runs(every), misfit, large, float(means))
+    worth = float(min(means / max(min(1.0, misfit**2), np.finfo(float).eps), count))
+    tests = float(correlations[0]), independence, _runs(every)
+    return ResidualTests(*tests, misfit, large, worth, worth / float(count))
 
 
 def scores_covariance(series: Series, J: np.ndarray) -> np.ndarray:
@@ -163,7 +169,7 @@ def _independent(series: Series) -> np.ndarray:
     """How many independent numbers tell a mean as well as those of the series, and how many the mean of the squares."""
     autocorrelation, across = _process(series)
     # columns that go together count as fewer
-    columns = np.trace(across) ** 2 / np.sum(across**2)
+    columns = np.trace(across) ** 2 / max(np.sum(across**2), np.finfo(float).tiny)
     share = 1 - np.arange(1, len(series.r)) / len(series.r)
     lasting = np.array([1 + 2 * np.sum(autocorrelation[1:] ** power * share) for power in (1, 2)])
     return np.asarray(series.seen.sum() / series.r.shape[1] * columns / np.maximum(lasting, 1.0))
@@ -215,7 +221,7 @@ def widened(covariance: AnyArray, least: AnyArray, tests: ResidualTests) -> np.n
     variances = np.diag(covariance)
     if not (np.isfinite(covariance).all() and np.all(variances > 0)):
         return np.asarray(least)
-    larger = np.sqrt(np.maximum(1, np.diag(least) / variances))
     # the variance of a mean is known from an autoregressive process as from half as many independent residuals
-    larger = larger * t.ppf(0.975, max(tests.independent / 2, 1.0)) / norm.ppf(0.975)
+    few = t.ppf(0.975, max(tests.independent / 2, 1.0)) / norm.ppf(0.975)
+    larger = np.maximum(few, np.sqrt(np.diag(least) / variances))
     return np.asarray(covariance * larger[:, None] * larger)
