@@ -38,7 +38,7 @@ class ResidualTests(NamedTuple):
     size_probability: float
     """that noise of the size that was said has residuals so large"""
     independent: float
-    """residuals that are worth as much as independent ones: all, where they are so small that what was said of the noise
+    """residuals that are worth as much as independent ones: all, where they are so small that the noise that was said
     allows for their correlation"""
     share: float = 1.0
     """of all residuals, that those are"""
