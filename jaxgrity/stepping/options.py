@@ -144,6 +144,14 @@ def _resolved(
     return ResolvedOptions(method, dt, dtype, rtol, atol, sweeps, given.strut_tolerance, together, given.max_steps)
 
 
+def options_of(scene: Scene, method: str, dt: float, dtype: str) -> ResolvedOptions:
+    """The options of a motion of the scene, whose start has been checked: its method, its step (s), its precision."""
+    given, chosen = SolverOptions(), find_method(method)
+    rtol, atol = _tolerances(given, chosen, dtype)
+    together = _together(scene, given, chosen, not traced(scene))
+    return ResolvedOptions(chosen, dt, dtype, rtol, atol, together=together)
+
+
 def check_positive(values: dict[str, float | None]) -> None:
     """Raises `InputError` where a value is given, by its name, that is not positive and finite."""
     for name, value in values.items():
