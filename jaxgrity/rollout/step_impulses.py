@@ -8,6 +8,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy
 
 from jaxgrity.core.primitives import accumulate, dot, edge_vectors, inverse, length, scale
 from jaxgrity.core.types import AnyArray, NodeHistory, NodeVectors, PerMember, Scalar, Times
@@ -21,6 +22,8 @@ from jaxgrity.stepping.simulate import Trajectory
 
 MOST = 2**10
 """Smallest number of steps for which there is room: motions with fewer share a compiled program."""
+NEAR = 1e-3
+"""Share of a step within which a frame counts as at the step's beginning: times are rounded."""
 
 
 class Impulses(NamedTuple):
@@ -59,11 +62,13 @@ def impulses_along(scene: Scene, trajectory: Trajectory) -> Impulses:
     times = np.asarray(trajectory.times, float)
     dt, dtype = float(trajectory.dt), str(trajectory.positions.dtype)  # type: ignore[arg-type]
     options = options_of(scene, trajectory.method, dt, dtype)
-    count = math.ceil((times[-1] - times[0]) / dt - 1e-6)
+    count = math.ceil((times[-1] - times[0]) / dt - NEAR)
     starts = np.append(np.minimum(times[0] + dt * np.arange(count), times[-1]), times[-1] + np.array([0, dt]))
     plan = _plan(scene, trajectory, starts)
-    taken = _stepped(as_dtype(scene, dtype), options.as_inputs(), jax.tree.map(jnp.asarray, plan), count + 1)
+    taken = _stepped(as_dtype(scene, dtype), options.as_inputs(), plan, np.asarray(count + 1))
     ends = np.append(times, starts[-1])
+    # a motion begins with half a step: its velocity is then in the middle of the first one
+    acted = ends - (np.minimum(ends, starts[1]) / 2 if times[0] == 0 else 0)
 
     def means(each):
         total = np.cumsum(np.asarray(each, float)[: count + 1], axis=0)
@@ -72,7 +77,7 @@ def impulses_along(scene: Scene, trajectory: Trajectory) -> Impulses:
         share = (ends - starts[before]) / (starts[before + 1] - starts[before])
         share = share.reshape(-1, *[1] * (total.ndim - 1))
         at = total[before] + share * (total[before + 1] - total[before])
-        return np.diff(at, axis=0) / np.diff(ends).reshape(-1, *[1] * (total.ndim - 1))
+        return np.diff(at, axis=0) / np.diff(acted).reshape(-1, *[1] * (total.ndim - 1))
 
     return jax.tree.map(means, taken)
 
@@ -83,16 +88,22 @@ def _plan(scene: Scene, trajectory: Trajectory, starts: Times) -> Plan:
     q, v = (np.asarray(x) for x in (trajectory.positions, trajectory.velocities))
     room = max(MOST, 2 ** math.ceil(math.log2(steps)))
     frame = np.clip(np.searchsorted((times[1:] + times[:-1]) / 2, starts[:-1]), 0, len(times) - 1)
-    near = np.abs(times[frame] - starts[:-1]) < 1e-3 * float(trajectory.dt)  # type: ignore[arg-type]
+    near = np.abs(times[frame] - starts[:-1]) < NEAR * float(trajectory.dt)  # type: ignore[arg-type]
     struts, more = rigid_struts(scene), np.zeros((len(times), 0))
     if struts is not None:
         i, j = np.array(struts.edges).T
         with jax.enable_x64(True):
             asked = _asked_lengths(as_dtype(scene, "float64"), jnp.asarray(_padded(times, room)))[: len(times)]
         more = np.linalg.norm(q[:, i].astype(float) - q[:, j], axis=-1) - np.asarray(asked)
-    between = np.array([np.interp(starts, times, one) for one in more.T]).reshape(-1, len(starts)).T
+    # Only frames at steps have the true lengths, and they are smooth: their second derivative is a force.
+    at = np.unique(frame[near])
+    if len(at) < 2:
+        at, more = np.arange(2), 0 * more[:2]
+    smooth = scipy.interpolate.make_interp_spline(times[at], np.nan_to_num(more[at]), k=min(3, len(at) - 1))
     known = (_padded(x[frame] * near[:, None, None], room) for x in (q, v))
-    return Plan(_padded(starts, room + 1), _padded(near, room), *known, _padded(between, room + 1).astype(q.dtype))
+    return Plan(
+        _padded(starts, room + 1), _padded(near, room), *known, _padded(smooth(starts), room + 1).astype(q.dtype)
+    )
 
 
 def _padded(rows: np.ndarray, size: int) -> np.ndarray:
