@@ -57,6 +57,13 @@ def as_float(x: object) -> AnyArray:
     return x if isinstance(x, jax.Array) else np.asarray(x, np.float64)
 
 
+def as_known_float(x: object) -> float:
+    """A Python number, which becomes part of the compiled program. Raises `InputError` where it is being traced."""
+    if isinstance(x, jax.core.Tracer):
+        raise InputError("incline: it is a number of the program itself; expected a known one. Gravity may lean in its place: `Scene.up`")
+    return float(x)  # type: ignore[arg-type]
+
+
 def as_float_or_none(x: object) -> AnyArray | None:
     """`as_float`, but for None, which stands for what is not modelled."""
     return None if x is None else as_float(x)

@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxgrity.core.display import of_report
+from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import place_rows, take_rows
 from jaxgrity.core.types import PerActuator, PerMember, Scalar, as_float, namespace_of
 from jaxgrity.model.motors import wound
@@ -44,6 +45,10 @@ class Gait(eqx.Module):
     """s"""
     overtones: tuple[Overtone, ...] = ()
     """of twice the frequency, three times, and so on"""
+
+    def __check_init__(self):
+        if isinstance(self.ramp, np.ndarray) and not np.all(self.ramp > 0):
+            raise InputError(f"gait.ramp = {self.ramp}: expected a positive time, s, however short")
 
     def _repr_html_(self) -> str:
         return of_report("notebook", "gait_html")(self)

@@ -72,6 +72,7 @@ def resting_shape(
         >>> jaxgrity.resting_shape(scene).stable
         True
     """
+    refuse_traced((scene, start, loads), "resting_shape", "`equilibrium_near` has derivatives of what this finds")
     springs = with_spring_struts(scene)
     q = np.array(scene.structure.nodes if start is None else start, float)
     pull = np.zeros(q.shape) if loads is None else np.asarray(loads, float)

@@ -71,7 +71,7 @@ def forces_along(scene: Scene, trajectory: Trajectory) -> Forces:
     tension = found.tension
     if impulses.struts.size:
         tension = np.concatenate([impulses.struts, tension[:, scene.structure.first_cable :]], axis=1)
-    return Forces(tension, impulses.ground, impulses.supports)
+    return Forces(tension, np.asarray(impulses.ground), np.asarray(impulses.supports))
 
 
 def reactions(scene: Scene, trajectory: Trajectory) -> NodeHistory:

@@ -11,9 +11,10 @@ import numpy as np
 import scipy
 
 from jaxgrity.core.primitives import accumulate, dot, edge_vectors, inverse, length, scale
-from jaxgrity.core.types import AnyArray, NodeHistory, NodeVectors, PerMember, Scalar, Times
-from jaxgrity.model.actuation import rest_length
-from jaxgrity.model.scene import Scene, as_dtype
+from jaxgrity.core.types import AnyArray, Edges, NodeHistory, NodeVectors, PerMember, Scalar, Times
+from jaxgrity.model.actuation import Actuation, rest_length
+from jaxgrity.model.scene import Scene, as_dtype, floats_as
+from jaxgrity.model.structure import Members
 from jaxgrity.stepping.constraints import rigid_struts
 from jaxgrity.stepping.integrate import discretise, prepared
 from jaxgrity.stepping.options import ResolvedOptions, options_of
@@ -82,7 +83,7 @@ def impulses_along(scene: Scene, trajectory: Trajectory) -> Impulses:
     return jax.tree.map(means, taken)
 
 
-def _plan(scene: Scene, trajectory: Trajectory, starts: Times) -> Plan:
+def _plan(scene: Scene, trajectory: Trajectory, starts: np.ndarray) -> Plan:
     """The steps that begin at `starts`, s, but for the last of these, where they end."""
     times, steps = np.asarray(trajectory.times, float), len(starts) - 1
     q, v = (np.asarray(x) for x in (trajectory.positions, trajectory.velocities))
@@ -93,16 +94,22 @@ def _plan(scene: Scene, trajectory: Trajectory, starts: Times) -> Plan:
     if struts is not None:
         i, j = np.array(struts.edges).T
         with jax.enable_x64(True):
-            asked = _asked_lengths(as_dtype(scene, "float64"), jnp.asarray(_padded(times, room)))[: len(times)]
-        more = np.linalg.norm(q[:, i].astype(float) - q[:, j], axis=-1) - np.asarray(asked)
+            asked = _asked_lengths(
+                as_dtype(struts, "float64"), floats_as(scene.gait, "float64"), jnp.asarray(_padded(times, room))
+            )
+        more = np.linalg.norm(q[:, i].astype(float) - q[:, j], axis=-1) - np.asarray(asked)[: len(times)]
     # Only frames at steps have the true lengths, and they are smooth: their second derivative is a force.
     at = np.unique(frame[near])
     if len(at) < 2:
         at, more = np.arange(2), 0 * more[:2]
     smooth = scipy.interpolate.make_interp_spline(times[at], np.nan_to_num(more[at]), k=min(3, len(at) - 1))
-    known = (_padded(x[frame] * near[:, None, None], room) for x in (q, v))
+    places, speeds = (_padded(x[frame] * near[:, None, None], room) for x in (q, v))
     return Plan(
-        _padded(starts, room + 1), _padded(near, room), *known, _padded(smooth(starts), room + 1).astype(q.dtype)
+        _padded(starts, room + 1),
+        _padded(near, room),
+        places,
+        speeds,
+        _padded(smooth(starts), room + 1).astype(q.dtype),
     )
 
 
@@ -111,9 +118,9 @@ def _padded(rows: np.ndarray, size: int) -> np.ndarray:
 
 
 @eqx.filter_jit
-def _asked_lengths(scene: Scene, times: Times) -> AnyArray:
+def _asked_lengths(struts: Members, gait: Actuation | None, times: Times) -> AnyArray:
     """(frames, struts), m: what the scene says of its rigid struts."""
-    return jax.vmap(lambda t: rest_length(scene.structure.struts, scene.gait, t, 0))(times)
+    return jax.vmap(lambda t: rest_length(struts, gait, t, 0))(times)
 
 
 @eqx.filter_jit
@@ -139,9 +146,12 @@ def _stepped(scene: Scene, options: ResolvedOptions, plan: Plan, count: AnyArray
     first = solver.init(terms, times[0], times[1], start, scene)
     # in the middle of a motion, velocities are those in the middle of the step before
     first = first._replace(step_size=jnp.where(begins_at_rest, 0, times[1] - times[0]))
-    struts = 0 if rigid_struts(scene) is None else len(scene.structure.struts.edges)
+    struts = rigid_struts(scene)
     room = len(plan.taken_up)
-    empty = (jnp.zeros((room, *shape), nodes.dtype) for shape in ((struts,), nodes.shape, nodes.shape))
+    empty = (
+        jnp.zeros((room, *shape), nodes.dtype)
+        for shape in ((len(struts.edges) if struts else 0,), nodes.shape, nodes.shape)
+    )
     return jax.lax.fori_loop(0, count, step, (start, first, Impulses(*empty)))[2]
 
 
@@ -156,18 +166,18 @@ def _with_lengths(scene: Scene, t: Scalar, longer: PerMember) -> Scene:
 
 
 def _impulses(scene: Scene, step: Step) -> Impulses:
-    nothing = jnp.zeros_like(step.start[0])
-    supports = support_impulses(scene, step) if scene.structure.fixed else nothing
-    struts = jnp.zeros(0, nothing.dtype)
-    if rigid_struts(scene) is not None:
-        struts = _along(scene, step.start[0], strut_impulses(scene, step))
-    return Impulses(struts, sum(ground_impulses(scene, step), nothing), supports)
+    nothing: AnyArray = jnp.zeros_like(step.start[0])
+    struts = rigid_struts(scene)
+    supports: AnyArray = support_impulses(scene, step) if scene.structure.fixed else nothing
+    pulls = jnp.zeros(0, nothing.dtype)
+    if struts is not None:
+        pulls = _along(struts.edges, step.start[0], strut_impulses(scene, step))
+    return Impulses(pulls, sum(ground_impulses(scene, step), nothing), supports)
 
 
-def _along(scene: Scene, q: NodeVectors, impulse: NodeVectors) -> PerMember:
+def _along(edges: Edges, q: NodeVectors, impulse: NodeVectors) -> PerMember:
     """The tensions T of struts, N s, whose sum on the nodes, J^T T, is the `impulse`, by least squares."""
-    edges, nodes = scene.structure.struts.edges, q.shape[0]
-    d = edge_vectors(q, edges)
+    nodes, d = q.shape[0], edge_vectors(q, edges)
     u = scale(d, inverse(length(d)))
     back = lambda T: -accumulate(scale(u, T), edges, nodes)  # noqa: E731
     pulls = lambda f: -dot(u, edge_vectors(f, edges))  # noqa: E731
