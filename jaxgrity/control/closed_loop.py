@@ -8,12 +8,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxgrity.control.plant import Plant, PlantState, actuate, check_one, observe, plant_start
+from jaxgrity.control.plant import Plant, PlantState, actuate, check_one, observe, plant_start, whole_state
 from jaxgrity.control.policies import Memory, Policy
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, State
 from jaxgrity.model.scene import floats_as
 from jaxgrity.rollout.lanes import over_lanes
+from jaxgrity.stepping.complementarity import ContactState
 from jaxgrity.stepping.dynamics import centre_of_mass
 from jaxgrity.stepping.integrate import state_failure
 from jaxgrity.stepping.simulate import Trajectory
@@ -110,15 +111,23 @@ def failures(plant: Plant, loop: Loop) -> AnyArray:
 def taken_over(model: Plant, loop: Loop, each: int) -> Loop:
     """Where robots are, as the start of so many robots of a model for each of them, side by side.
 
-    The model knows motion, motors, time and memory; its method and its sensors begin anew. Of one robot `loop` has no
-    axis of robots.
+    The model knows motion, motors, time and memory; its sensors begin anew. Where both methods are complementarity
+    stepping, that of the model goes on from where the robots' is; else it begins anew. Of one robot `loop` has no axis
+    of robots.
     """
+    robots = loop.plant.motion[0].shape[2:]
 
     def spread(x):
         x = floats_as(x, model.options.dtype)
-        return jnp.repeat(x[..., None] if loop.plant.motion[0].ndim == 2 else x, each, axis=-1)
+        return jnp.repeat(x if robots else x[..., None], each, axis=-1)
 
-    state = plant_start(model, loop.plant.key, jax.tree.map(spread, loop.plant.motion))
+    motion = jax.tree.map(spread, loop.plant.motion)
+    state = plant_start(model, loop.plant.key, motion)
+    last, own = loop.plant.solver, state.solver
+    if isinstance(last, ContactState) and isinstance(own, ContactState):
+        # velocities that lie half of the robots' last step before, and not at the time of the start
+        taken = spread(jnp.broadcast_to(last.step_size, robots))
+        state = state._replace(motion=motion, solver=own._replace(step_size=taken))
     state = state._replace(tick=loop.plant.tick, contraction=spread(loop.plant.contraction))
     return Loop(state, jax.tree.map(spread, loop.memory))
 
@@ -156,7 +165,7 @@ def simulate_policy(
     loop = loop_start(plant, policy, jax.random.key(seed), start)
     ticks = max(1, round(duration / plant.period))
     q, v = _motion(plant, policy, loop, ticks)
-    first = jax.tree.map(lambda x: x[None], loop.plant.motion)
+    first = jax.tree.map(lambda x: x[None], whole_state(plant, loop.plant))
     q, v = (jnp.concatenate(parts) for parts in zip(first, (q, v)))
     return Trajectory(
         times=plant.period * jnp.arange(ticks + 1, dtype=q.dtype),
@@ -173,7 +182,7 @@ def simulate_policy(
 
 @eqx.filter_jit
 def _motion(plant: Plant, policy: Policy, loop: Loop, ticks: int):
-    return roll_on(plant, policy, loop, ticks, lambda state: state.motion)[1]
+    return roll_on(plant, policy, loop, ticks, lambda state: whole_state(plant, state))[1]
 
 
 def _check_each(policy: Policy, robots: int) -> None:

@@ -80,6 +80,22 @@ class Push(DissipationTerm):
         power = dot(take_rows(motion.v, self.nodes), self.force)
         return -share * inner(power, jnp.ones_like(power))
 
+    def during(self, begin, end):
+        seconds = end - begin
+        none = seconds <= 0
+        mean = (self._integral(end) - self._integral(begin)) / jnp.where(none, 1, seconds)
+        # at its full force, with ramps of 1 s before and after; times are common to robots side by side
+        longest = jnp.max(seconds)
+        instead = (self.force * mean, end - longest - 1, longest + 2, jnp.ones_like(longest))
+        return eqx.tree_at(lambda push: (push.force, push.start, push.duration, push.ramp), self, instead)
+
+    def _integral(self, t: Scalar) -> Scalar:
+        """Of s up to time t, s: each ramp is one of slope 1/ramp that begins, and one that ends it."""
+        since = t - self.start
+        corners = (0.0, self.ramp, self.duration - self.ramp, self.duration)
+        begun = [jnp.square(jnp.maximum(since - corner, 0)) for corner in corners]
+        return (begun[0] - begun[1] - begun[2] + begun[3]) / (2 * self.ramp)
+
     def keeps(self, symmetry):
         pushed = dict(zip(self.nodes, np.asarray(self.force)))
         moved = {symmetry.nodes[i]: symmetry.matrix @ force for i, force in pushed.items()}

@@ -180,6 +180,12 @@ class Scene(eqx.Module):
         d, rates = vectors
         return Motion(v, rates, normal_force, Configuration(q, t, d, self))
 
+    def during(self, begin: Scalar, end: Scalar) -> "Scene":
+        """The scene whose terms act at each time from `begin` to `end`, s, as they do in their mean."""
+        if all(type(term).during is Law.during for term in self.terms):
+            return self
+        return eqx.tree_at(lambda scene: scene.terms, self, tuple(term.during(begin, end) for term in self.terms))
+
     def normal_force(self, q: NodeVectors, v: NodeVectors) -> PerNode | None:
         """F_n of penalty contact, N, where friction, or a term of one's own, may need it."""
         if self.ground is None or not (self.friction is not None or self.terms):
@@ -227,9 +233,9 @@ def floats_as(tree: Any, dtype: str) -> Any:
 
 
 def start_of(scene: Scene) -> State:
-    """The structure as it is posed, at rest."""
+    """The structure as it is posed, at rest: NumPy's zeros, which are known to be zeros where all else is traced."""
     q = scene.structure.nodes
-    return q, jnp.zeros_like(q)
+    return q, np.zeros(q.shape, q.dtype)
 
 
 def body_length(scene: Scene) -> Scalar:

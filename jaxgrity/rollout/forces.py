@@ -14,7 +14,7 @@ from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import Members
 from jaxgrity.stepping.constraints import rigid_struts
 from jaxgrity.stepping.dynamics import acceleration, member_pull
-from jaxgrity.stepping.simulate import Trajectory
+from jaxgrity.stepping.simulate import Trajectory, velocities_midway
 
 SMALL = 1e-6
 """weight of the ground's forces beside what is not balanced: next to none"""
@@ -51,7 +51,9 @@ def forces_along(scene: Scene, trajectory: Trajectory) -> Forces:
         >>> forces.tension.shape, forces.ground.shape
         ((51, 30), (51, 12, 3))
     """
-    q, v, t = (np.asarray(x, float) for x in (trajectory.positions, trajectory.velocities, trajectory.times))
+    q, v, t = (
+        np.asarray(x, float) for x in (trajectory.positions, velocities_midway(scene, trajectory), trajectory.times)
+    )
     pull, given, contact = (np.asarray(x) for x in _known(scene, jnp.asarray(t), jnp.asarray(q), jnp.asarray(v)))
     struts, exact = rigid_struts(scene), scene.ground is not None and scene.ground.impulsive
     if struts is None and not exact:

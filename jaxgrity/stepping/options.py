@@ -12,6 +12,7 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.remembered import remembered
 from jaxgrity.core.tracing import traced
 from jaxgrity.core.types import NodeVectors, Scalar
+from jaxgrity.model.rigid_struts import LARGEST_GAP
 from jaxgrity.model.scene import Scene
 from jaxgrity.stepping.blocks import disjoint_groups
 from jaxgrity.stepping.constraints import exact_ground, rigid_struts
@@ -95,6 +96,7 @@ def resolve(
     *,
     dtype: str | None = None,
     positions: NodeVectors | None = None,
+    since: Scalar = 0.0,
 ) -> ResolvedOptions:
     """Choose what was left open, and refuse what cannot work, before anything compiles.
 
@@ -104,6 +106,7 @@ def resolve(
         options: as the user gave them; those that are resolved already stay as they are, if the method fits.
         dtype: precision, in place of that of the options.
         positions: (nodes, 3), m, where the motion starts, if not at the structure's own.
+        since: s, when it starts: rigid struts have to have their lengths of then.
 
     Raises:
         InputError: unknown method or precision; duration, step or tolerance that is not positive and finite; a step too
@@ -112,17 +115,14 @@ def resolve(
             tolerance below what the precision allows; float64 while JAX's x64 mode is off.
     """
     check_positive({"duration": duration})
-    return _resolved(scene, options, dtype, positions, bool(jax.config.jax_enable_x64))  # type: ignore[attr-defined]
+    check_start(scene, positions, since)
+    return _resolved(scene, options, dtype, bool(jax.config.jax_enable_x64))  # type: ignore[attr-defined]
 
 
 @remembered(KEPT)
-def _resolved(
-    scene: Scene, options: Options, dtype: str | None, positions: NodeVectors | None, x64: bool
-) -> ResolvedOptions:
+def _resolved(scene: Scene, options: Options, dtype: str | None, x64: bool) -> ResolvedOptions:
     """`resolve` without the duration, on which nothing else depends; `x64` is whether float64 is switched on."""
     concrete = not traced(scene)
-    if concrete and not traced(positions):
-        _check_start(scene, scene.structure.nodes if positions is None else positions)
     if isinstance(options, ResolvedOptions):
         _check_method(scene, options.method)
         return options if dtype is None else replace(options, dtype=_dtype(dtype, x64))
@@ -218,9 +218,17 @@ def _together(scene: Scene, given: SolverOptions, method: Method, concrete: bool
     return bool(unequal or (scene.friction is not None and np.max(scene.friction.sliding_mu) >= ROUGH))
 
 
-def _check_start(scene: Scene, positions: NodeVectors) -> None:
-    """Refuse a start from which one step would have to jump onto its constraints."""
+@remembered(KEPT)
+def check_start(scene: Scene, positions: NodeVectors | None = None, since: Scalar = 0.0) -> None:
+    """Refuse a start, at `since` (s), from which one step would have to jump onto its constraints.
+
+    Positions (nodes, 3), m, are the structure's own where not given. Numbers that are being traced are not looked at:
+    they get a failure code (`integrate.start_failure`).
+    """
+    if traced((scene, positions, since)):
+        return
+    q = np.asarray(scene.structure.nodes if positions is None else positions, float)
     for constraint in scene.constraints:
-        violation = constraint.violation(np.asarray(positions, float))
-        if violation:
-            raise InputError(violation)
+        gaps = np.asarray(constraint.gaps(q, since))
+        if gaps.size and not gaps.max() <= LARGEST_GAP:
+            raise InputError(constraint.complaint(q, float(since), int(gaps.argmax())))

@@ -4,6 +4,7 @@ import math
 from dataclasses import replace
 from typing import Any
 
+import diffrax
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -12,9 +13,11 @@ import numpy as np
 from jaxgrity.core.display import of_report
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.tracing import traced
-from jaxgrity.core.types import NodeHistory, NodeVectors, State, Times
+from jaxgrity.core.types import AnyArray, NodeHistory, NodeVectors, Scalar, State, Times
 from jaxgrity.model.scene import Scene, as_dtype
-from jaxgrity.stepping.integrate import failure_code, integrate, state_failure
+from jaxgrity.stepping.handover import at_rest, midway, velocities_at
+from jaxgrity.stepping.integrate import failure_code, integrate, prepared, start_failure, state_failure
+from jaxgrity.stepping.methods import find_method
 from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
 
 ROOM = 2**16
@@ -30,7 +33,8 @@ class Trajectory(eqx.Module):
     positions: NodeHistory
     """(frames, nodes, 3), m"""
     velocities: NodeHistory
-    """(frames, nodes, 3), m/s; of complementarity stepping those in the middle of the step before each frame"""
+    """(frames, nodes, 3), m/s, at the time of each frame; of complementarity stepping before contact and rigid struts
+    act in the step to come, so that a node at rest on the ground has -g h/2 (`handover.midway` takes that back)"""
     failure: jax.Array
     """index into `FAILURES`; 0: succeeded"""
     steps: jax.Array
@@ -66,6 +70,23 @@ def centre_path(scene: Scene, trajectory: Trajectory) -> np.ndarray:
     return np.einsum("n,fnk->fk", mass / mass.sum(), np.asarray(trajectory.positions, float))
 
 
+def velocities_midway(scene: Scene, trajectory: Trajectory) -> np.ndarray:
+    """(frames, nodes, 3), m/s: velocities that contact and rigid struts let pass, for reports on slip and on impulses.
+
+    Of complementarity stepping those in the middle of the step before each frame; of other methods the trajectory's.
+    """
+    if trajectory.dt is None or not find_method(trajectory.method).constrained:
+        return np.asarray(trajectory.velocities, float)
+    dtype = str(trajectory.positions.dtype)
+    frames = (trajectory.times, trajectory.positions, trajectory.velocities)
+    return np.asarray(_midway(as_dtype(scene, dtype), np.asarray(trajectory.dt, dtype), *frames), float)
+
+
+@eqx.filter_jit
+def _midway(scene: Scene, dt: Scalar, times: Times, positions: NodeHistory, velocities: NodeHistory) -> NodeHistory:
+    return midway(prepared(scene), dt, times, positions, velocities)
+
+
 def some_frames(trajectory: Trajectory, frames: np.ndarray | slice) -> Trajectory:
     """The same motion with these of its saved frames alone."""
     kept = {name: getattr(trajectory, name)[frames] for name in ("times", "positions", "velocities")}
@@ -93,7 +114,8 @@ def simulate(
 ) -> Trajectory:
     """Integrate the scene's equations of motion.
 
-    The motion has derivatives in forward mode; reverse mode takes `final_state`.
+    The motion has derivatives in forward mode; reverse mode takes `rollout`. A frame is a start: given back as
+    positions and velocities, it goes on as the motion does, but that time begins anew.
 
     Args:
         scene: what moves.
@@ -129,7 +151,7 @@ def simulate(
     q = scene.structure.nodes if positions is None else positions
     v = np.zeros(q.shape) if velocities is None else velocities
     saved = times if traced((scene, q, v)) else np.pad(times, (0, max(0, ROOM // len(q) - len(times))), mode="edge")
-    trajectory = _simulate(as_dtype(scene, resolved.dtype), (q, v), saved, resolved.as_inputs())
+    trajectory = _simulate(as_dtype(scene, resolved.dtype), (q, v), saved, np.asarray(len(times)), resolved.as_inputs())
     if len(saved) > len(times):
         # known numbers are sliced by NumPy, which compiles nothing for it; inside of another jitted function none are
         known = (lambda x: x) if traced(trajectory) else np.asarray
@@ -140,19 +162,42 @@ def simulate(
 
 
 @eqx.filter_jit
-def _simulate(scene: Scene, start: State, times: Times, options: ResolvedOptions) -> Trajectory:
+def _simulate(scene: Scene, start: State, times: Times, frames: int | AnyArray, options: ResolvedOptions) -> Trajectory:
     times = jnp.asarray(times, options.dtype)
     start = jax.tree.map(lambda x: jnp.asarray(x, options.dtype), start)
-    solution = integrate(start, times, scene, options)
+    impulsive = options.method.constrained
+    solution = integrate(start, times, scene, options, diffrax.SaveAt(ts=times, solver_state=impulsive))
     q, v = solution.ys  # type: ignore[misc]
-    stats = solution.stats
+    stats, failure = solution.stats, failure_code(solution.result, state_failure(scene, q[-1], v[-1]))
+    if impulsive:
+        later = _later(times, start, options.dt, solution.solver_state.step_size)  # type: ignore[union-attr]
+        v = velocities_at(prepared(scene), times, (q, v), later, frames)
+        misplaced = start_failure(scene, start[0])
+        failure = jnp.where(misplaced != 0, misplaced, failure)
     return Trajectory(
         times=times,
         positions=q,
         velocities=v,
-        failure=failure_code(solution.result, state_failure(scene, q[-1], v[-1])),
+        failure=failure,
         steps=stats["num_accepted_steps"],
         rejected=stats["num_rejected_steps"],
         method=options.method.name,
         dt=None,  # an input here, which `simulate` knows, as it does the scene
     )
+
+
+def _later(times: Times, start: State, h: Scalar | None, last: Scalar) -> Times:
+    """(frames,), s: by how much later each frame is than the velocities that complementarity stepping has there.
+
+    Half a step, but for those between the frames of a robot at rest and the end of its first step, and those in the
+    last step, whose size is `last`: there velocities are interpolated between times that lie otherwise.
+    """
+    assert h is not None, "complementarity stepping has steps of a fixed size"
+
+    def of_whole_steps(t):
+        return h / 2 * jnp.where(at_rest(start[1]), jnp.clip((t - times[0]) / h, 0, 1), 1)
+
+    before = times[-1] - last
+    share = jnp.clip((times - before) / last, 0, 1)
+    of_last = (1 - share) * of_whole_steps(before) + share * last / 2
+    return jnp.where(times > before, of_last, of_whole_steps(times))

@@ -21,6 +21,7 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, NodeVectors, PerActuator, Scalar
 from jaxgrity.model.actuation import Gait, Overtone
 from jaxgrity.model.scene import Scene, as_dtype, with_gait
+from jaxgrity.stepping.handover import begin
 from jaxgrity.stepping.integrate import discretise, prepared
 from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
 from jaxgrity.trust.cycles import Plane, plane_of
@@ -188,11 +189,9 @@ def _change(new: np.ndarray, old: np.ndarray) -> float:
 
 def _first(scene: Scene, options: ResolvedOptions, orbit: Orbit) -> tuple:
     """What is carried from step to step, on the orbit: the state, and what the method remembers of the last step."""
-    terms, solver = discretise(options)
     assert options.dt is not None, "`in_step` gives a step"
     start = tuple(jnp.asarray(x, float) for x in orbit.state)
-    here = prepared(scene)
-    return jax.tree.map(jnp.asarray, (start, solver.init(terms, 0.0, options.dt, start, here)))
+    return jax.tree.map(jnp.asarray, begin(discretise(options), prepared(scene), 0.0, options.dt, start))
 
 
 @eqx.filter_jit
