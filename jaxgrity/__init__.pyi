@@ -159,6 +159,7 @@ from .stepping.integrate import FAILURES, discretise, integrate
 from .stepping.methods import METHODS, Method, find_method, register_method
 from .stepping.options import ResolvedOptions, SolverOptions, resolve
 from .stepping.reactions import reactions
+from .stepping.rollout import Rolled, rollout
 from .stepping.simulate import Trajectory, centre_path, simulate
 from .stepping.stability import (
     StepLimit,
@@ -353,6 +354,8 @@ __all__ = [  # noqa: RUF022 in groups
     "centre_path",
     "final_state",
     "states_at",
+    "Rolled",
+    "rollout",
     "simulate",
     "reactions",
     "StepLimit",

@@ -165,7 +165,7 @@ class Constraint(Law):
 
     @abstractmethod
     def gaps(self, q: NodeVectors, t: Scalar) -> AnyArray:
-        """(parts,), m: by how much a start at `q` violates each part of it at time t; traced numbers can be asked too."""
+        """(parts,), m: by how much a start at `q` violates each part of it at time t, also of traced numbers."""
 
     @abstractmethod
     def complaint(self, q: np.ndarray, t: float, part: int) -> str:

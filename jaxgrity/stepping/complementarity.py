@@ -74,8 +74,9 @@ class Complementarity(diffrax.AbstractSolver):
 
     A robot at rest starts from v at t0 (h0 = 0); one that moves as if there had been a step before (`handover.py`).
     Laws that act for a time are taken in their mean over that of the kick. Dissipative forces need w: a first round of
-    sweeps, with F(q, v, t0), predicts it, and the last round uses the prediction. The order is 2 where nothing begins or ends to touch, stick or
-    slip, and 1 there and where a node slides along a curve: friction acts against w, not the mean of v and w.
+    sweeps, with F(q, v, t0), predicts it, and the last round uses the prediction. The order is 2 where nothing begins
+    or ends to touch, stick or slip, and 1 there and where a node slides along a curve: friction acts against w, not the
+    mean of v and w.
 
     Velocities are read from trial impulses (see `ground_response.py`), none of which lets a node end a step below the
     ground. A robot whose struts are off by more than `LARGEST_LENGTH_ERROR` of their lengths, or by more than the

@@ -135,13 +135,23 @@ def _resolved(scene: Scene, options: Options, dtype: str | None, x64: bool) -> R
     sweeps = _sweeps(given, method, dtype)
     dt = given.dt
     if dt is None and not method.adaptive:
-        dt = default_step(scene, method)
+        dt = _default_step(scene, method)
     elif dt is not None and not given.any_step and concrete:
         check_step(scene, method, dt)
     # no NumPy numbers: those are inputs of what is compiled
     dt, rtol, atol = jax.tree.map(float, (dt, rtol, atol))
     together = _together(scene, given, method, concrete)
     return ResolvedOptions(method, dt, dtype, rtol, atol, sweeps, given.strut_tolerance, together, given.max_steps)
+
+
+def _default_step(scene: Scene, method: Method) -> float:
+    try:
+        return default_step(scene, method)
+    except (jax.errors.ConcretizationTypeError, jax.errors.TracerArrayConversionError) as error:
+        raise InputError(
+            "dt: the scene's numbers are being traced, so that no step can be chosen; pass options = "
+            "jaxgrity.resolve(scene, duration) of a scene whose numbers are known, or a dt"
+        ) from error
 
 
 def check_positive(values: dict[str, float | None]) -> None:

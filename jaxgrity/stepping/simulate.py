@@ -12,7 +12,7 @@ import numpy as np
 
 from jaxgrity.core.display import of_report
 from jaxgrity.core.errors import InputError
-from jaxgrity.core.tracing import traced
+from jaxgrity.core.tracing import forward_mode_only, traced
 from jaxgrity.core.types import AnyArray, NodeHistory, NodeVectors, Scalar, State, Times
 from jaxgrity.model.scene import Scene, as_dtype
 from jaxgrity.stepping.handover import at_rest, midway, velocities_at
@@ -23,6 +23,8 @@ from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
 ROOM = 2**16
 """nodes in all saved frames, up to which motions of a scene share one compiled program: the last frame is saved again
 until there are so many, but for motions that are differentiated"""
+
+REVERSE = "simulate has derivatives in forward mode alone (jax.jacfwd, jax.jvp); for reverse mode use jaxgrity.rollout"
 
 
 class Trajectory(eqx.Module):
@@ -138,6 +140,8 @@ def simulate(
         >>> trajectory.positions.shape  # (frames, nodes, 3), m
         (21, 12, 3)
     """
+    if traced(duration):
+        raise InputError("duration is being traced; pass a known number of seconds, or use jaxgrity.rollout")
     for name, given in (("positions", positions), ("velocities", velocities)):
         expected = np.shape(scene.structure.nodes)
         if given is not None and np.shape(given) != expected:
@@ -174,6 +178,7 @@ def _simulate(scene: Scene, start: State, times: Times, frames: int | AnyArray, 
         v = velocities_at(prepared(scene), times, (q, v), later, frames)
         misplaced = start_failure(scene, start[0])
         failure = jnp.where(misplaced != 0, misplaced, failure)
+    q, v = forward_mode_only((q, v), REVERSE)
     return Trajectory(
         times=times,
         positions=q,
