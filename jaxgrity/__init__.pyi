@@ -160,7 +160,7 @@ from .stepping.methods import METHODS, Method, find_method, register_method
 from .stepping.options import ResolvedOptions, SolverOptions, resolve
 from .stepping.reactions import reactions
 from .stepping.rollout import Rolled, rollout
-from .stepping.simulate import Trajectory, centre_path, simulate
+from .stepping.simulate import Trajectory, centre_path, simulate, velocities_midway
 from .stepping.stability import (
     StepLimit,
     default_method,
@@ -352,6 +352,7 @@ __all__ = [  # noqa: RUF022 in groups
     "resolve",
     "Trajectory",
     "centre_path",
+    "velocities_midway",
     "final_state",
     "states_at",
     "Rolled",

@@ -49,8 +49,9 @@ class Wind(DissipationTerm):
 class Push(DissipationTerm):
     """A force F on each of some nodes, from `start` to `start + duration`: R = -s(t) F·v, so that -dR/dv = s F.
 
-    s rises from 0 to 1 and falls again within `ramp` each; the impulse is F (duration - ramp). It is a term of R and
-    not of U, so that the energy audit books its work as its own.
+    s rises from 0 to 1 and falls again within `ramp` each; the impulse is F (duration - ramp). Complementarity stepping
+    gives all of it at any step; Runge-Kutta methods take steps that see it. It is a term of R and not of U, so that the
+    energy audit books its work as its own.
     """
 
     nodes: tuple[int, ...] = eqx.field(static=True)
@@ -90,11 +91,18 @@ class Push(DissipationTerm):
         return eqx.tree_at(lambda push: (push.force, push.start, push.duration, push.ramp), self, instead)
 
     def _integral(self, t: Scalar) -> Scalar:
-        """Of s up to time t, s: each ramp is one of slope 1/ramp that begins, and one that ends it."""
+        """Of s up to time t, s: over its rise, what is between, and its fall, each as long as it has lasted by then."""
         since = t - self.start
-        corners = (0.0, self.ramp, self.duration - self.ramp, self.duration)
-        begun = [jnp.square(jnp.maximum(since - corner, 0)) for corner in corners]
-        return (begun[0] - begun[1] - begun[2] + begun[3]) / (2 * self.ramp)
+        rising = jnp.clip(since, 0, self.ramp)
+        falling = jnp.clip(since - self.duration + self.ramp, 0, self.ramp)
+        between = jnp.clip(since - self.ramp, 0, self.duration - 2 * self.ramp)
+        return rising * rising / (2 * self.ramp) + between + falling - falling * falling / (2 * self.ramp)
+
+    def bends(self):
+        return self.start + jnp.stack([0 * self.ramp, self.ramp, self.duration - self.ramp, self.duration])
+
+    def finest(self):
+        return float(self.ramp) / 2
 
     def keeps(self, symmetry):
         pushed = dict(zip(self.nodes, np.asarray(self.force)))

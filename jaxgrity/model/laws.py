@@ -113,6 +113,14 @@ class Law(eqx.Module):
         """
         return self
 
+    def bends(self) -> AnyArray:
+        """(times,), s: when it begins, ends, or bends otherwise; steps that adapt end there."""
+        return np.zeros(0)
+
+    def finest(self) -> float:
+        """s, the largest fixed step of Runge-Kutta methods that sees all of it; infinite where any does."""
+        return np.inf
+
 
 class ForceTerm(Law):
     """A term of U or of R, whose force is proportional to some coefficient: a stiffness, a damping, a friction."""

@@ -1,6 +1,7 @@
 """The equations of motion and a method for them, put into diffrax; and what became of a rollout."""
 
 import dataclasses
+from typing import Any
 
 import diffrax
 import jax
@@ -9,6 +10,7 @@ import jax.numpy as jnp
 from jaxgrity.core.primitives import edge_vectors, length
 from jaxgrity.core.types import NodeVectors, Scalar, Times
 from jaxgrity.model.inertia import with_mobility
+from jaxgrity.model.laws import Law
 from jaxgrity.model.rigid_struts import LARGEST_GAP
 from jaxgrity.model.scene import Scene
 from jaxgrity.stepping.complementarity import Lift, one_robot
@@ -62,7 +64,11 @@ def integrate(
     fixed = options.dt is not None
     smallest = 16 * jnp.finfo(times.dtype).eps * times[-1]
     dt0, rtol, atol = jax.tree.map(lambda x: jnp.asarray(x, times.dtype), (options.dt, options.rtol, options.atol))
-    adaptive = diffrax.PIDController(rtol=rtol, atol=atol, dtmin=smallest, force_dtmin=False)
+    adaptive: Any = diffrax.PIDController(rtol=rtol, atol=atol, dtmin=smallest, force_dtmin=False)
+    bends = [term.bends() for term in scene.terms if type(term).bends is not Law.bends]
+    if bends:
+        # an error estimate sees nothing of a push that lies between two of its stages
+        adaptive = diffrax.ClipStepSizeController(adaptive, step_ts=jnp.sort(jnp.concatenate(bends)))
     if options.method.constrained:
         first = jnp.minimum(dt0, times[-1] - times[0])
         start, remembered = begin((terms, solver), scene, times[0], first, start)

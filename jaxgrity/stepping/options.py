@@ -138,15 +138,27 @@ def _resolved(scene: Scene, options: Options, dtype: str | None, x64: bool) -> R
         dt = _default_step(scene, method)
     elif dt is not None and not given.any_step and concrete:
         check_step(scene, method, dt)
+        finest = _seen_by(scene, method)
+        if dt > 2 * finest:
+            raise InputError(
+                f"dt = {dt:g} s: a push, or another force that acts for a short time, would be lost between the steps "
+                f"of {method.name}; expected at most {finest:g} s"
+            )
     # no NumPy numbers: those are inputs of what is compiled
     dt, rtol, atol = jax.tree.map(float, (dt, rtol, atol))
     together = _together(scene, given, method, concrete)
     return ResolvedOptions(method, dt, dtype, rtol, atol, sweeps, given.strut_tolerance, together, given.max_steps)
 
 
+def _seen_by(scene: Scene, method: Method) -> float:
+    """s, the largest step that sees all that acts for a short time, such as a push."""
+    acting = () if method.constrained or traced(scene) else scene.terms
+    return min((term.finest() for term in acting), default=np.inf)
+
+
 def _default_step(scene: Scene, method: Method) -> float:
     try:
-        return default_step(scene, method)
+        return min(default_step(scene, method), _seen_by(scene, method))
     except (jax.errors.ConcretizationTypeError, jax.errors.TracerArrayConversionError) as error:
         raise InputError(
             "dt: the scene's numbers are being traced, so that no step can be chosen; pass options = "
