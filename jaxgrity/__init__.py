@@ -12,7 +12,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 
 class _Package(ModuleType):
-    """Keeps the name `rollout` for the function: Python would give it to the sub-package as soon as that is imported."""
+    """Keeps the name `rollout` for the function: Python would give it to the sub-package once that is imported."""
 
     @property
     def rollout(self):

@@ -32,7 +32,7 @@ DIRECTIONS = 60
 """of conjugate gradients in each of them, at most"""
 
 
-def at_rest(v: NodeVectors) -> AnyArray:
+def at_rest(v: AnyArray) -> AnyArray:
     """Whether no node moves; of each of many robots side by side."""
     return jnp.all(v == 0, axis=(0, 1))
 

@@ -4,7 +4,6 @@ import math
 from dataclasses import replace
 from typing import Any
 
-import diffrax
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -107,7 +106,7 @@ def frame_times(duration: float, frame_rate: float, at_most: float = math.inf) -
 
 def simulate(
     scene: Scene,
-    duration: float,
+    duration: Scalar,
     *,
     options: Options = None,
     frame_rate: float = 100.0,
@@ -169,12 +168,12 @@ def simulate(
 def _simulate(scene: Scene, start: State, times: Times, frames: int | AnyArray, options: ResolvedOptions) -> Trajectory:
     times = jnp.asarray(times, options.dtype)
     start = jax.tree.map(lambda x: jnp.asarray(x, options.dtype), start)
-    impulsive = options.method.constrained
-    solution = integrate(start, times, scene, options, diffrax.SaveAt(ts=times, solver_state=impulsive))
+    solution = integrate(start, times, scene, options)
     q, v = solution.ys  # type: ignore[misc]
     stats, failure = solution.stats, failure_code(solution.result, state_failure(scene, q[-1], v[-1]))
-    if impulsive:
-        later = _later(times, start, options.dt, solution.solver_state.step_size)  # type: ignore[union-attr]
+    if options.method.constrained:
+        assert options.dt is not None, "complementarity stepping has steps of a fixed size"
+        later = _later(times, start, options.dt, stats["num_accepted_steps"])
         v = velocities_at(prepared(scene), times, (q, v), later, frames)
         misplaced = start_failure(scene, start[0])
         failure = jnp.where(misplaced != 0, misplaced, failure)
@@ -191,18 +190,15 @@ def _simulate(scene: Scene, start: State, times: Times, frames: int | AnyArray, 
     )
 
 
-def _later(times: Times, start: State, h: Scalar | None, last: Scalar) -> Times:
+def _later(times: Times, start: State, dt: Scalar, steps: AnyArray) -> Times:
     """(frames,), s: by how much later each frame is than the velocities that complementarity stepping has there.
 
-    Half a step, but for those between the frames of a robot at rest and the end of its first step, and those in the
-    last step, whose size is `last`: there velocities are interpolated between times that lie otherwise.
+    At the end of a step that is half of its size, and 0 at the start of a robot at rest; between, it changes evenly, as
+    velocities are interpolated. diffrax takes a first step of `dt`, and has `steps` in all; the second makes up for
+    what the others are shorter, where the duration is no multiple of dt.
     """
-    assert h is not None, "complementarity stepping has steps of a fixed size"
-
-    def of_whole_steps(t):
-        return h / 2 * jnp.where(at_rest(start[1]), jnp.clip((t - times[0]) / h, 0, 1), 1)
-
-    before = times[-1] - last
-    share = jnp.clip((times - before) / last, 0, 1)
-    of_last = (1 - share) * of_whole_steps(before) + share * last / 2
-    return jnp.where(times > before, of_last, of_whole_steps(times))
+    duration = times[-1] - times[0]
+    h, first = duration / steps, jnp.minimum(dt, duration)
+    ends = times[0] + jnp.stack([0 * h, first, 2 * h, 3 * h])
+    halves = jnp.stack([jnp.where(at_rest(start[1]), 0, first), first, 2 * h - first, h]) / 2
+    return jnp.interp(times, ends, halves)
