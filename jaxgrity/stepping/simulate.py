@@ -149,8 +149,8 @@ def simulate(
     if velocities is not None and not traced(velocities) and np.any(np.asarray(velocities)[held]):
         node = int(np.argmax(np.any((np.asarray(velocities) != 0) & held, axis=1)))
         raise InputError(f"velocities[{node}] = {np.asarray(velocities)[node]}: expected 0 where the node is fixed")
-    resolved = resolve(scene, duration, options, positions=positions)
-    times = frame_times(duration, frame_rate)
+    resolved = resolve(scene, float(duration), options, positions=positions)
+    times = frame_times(float(duration), frame_rate)
     q = scene.structure.nodes if positions is None else positions
     v = np.zeros(q.shape) if velocities is None else velocities
     saved = times if traced((scene, q, v)) else np.pad(times, (0, max(0, ROOM // len(q) - len(times))), mode="edge")

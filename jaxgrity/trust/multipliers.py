@@ -117,13 +117,14 @@ def _linearised(
         y, _, _, remembered, _ = solver.step(terms, k * h, (k + 1) * h, y, scene, remembered, False)
         return (y, remembered), None
 
-    first = begin(problem, scene, 0 * h, h, tuple(jnp.asarray(x) for x in start))
+    first = begin(problem, scene, 0 * h, h, (jnp.asarray(start[0]), jnp.asarray(start[1])))
     carried, remembered = jax.lax.fori_loop(0, ahead, lambda k, carry: step(carry, k.astype(float))[0], first)
     at, unravel = ravel_pytree(jnp.stack(finish(scene, ahead * h, carried, remembered)) @ axes)
 
     def after_a_cycle(x):
         numbers = ahead + jnp.arange(steps, dtype=float)
-        carried = begin(problem, scene, ahead * h, h, tuple(unravel(x) @ axes.T))[0]
+        q, v = unravel(x) @ axes.T
+        carried = begin(problem, scene, ahead * h, h, (q, v))[0]
         carry, _ = jax.lax.scan(step, (carried, remembered), numbers)
         end = jnp.stack(finish(scene, (ahead + steps) * h, *carry)) @ axes
         return end.ravel(), end

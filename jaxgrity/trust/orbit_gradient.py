@@ -190,7 +190,8 @@ def _change(new: np.ndarray, old: np.ndarray) -> float:
 def _first(scene: Scene, options: ResolvedOptions, orbit: Orbit) -> tuple:
     """What is carried from step to step, on the orbit: the state, and what the method remembers of the last step."""
     assert options.dt is not None, "`in_step` gives a step"
-    start = tuple(jnp.asarray(x, float) for x in orbit.state)
+    q, v = orbit.state
+    start = jnp.asarray(q, float), jnp.asarray(v, float)
     return jax.tree.map(jnp.asarray, begin(discretise(options), prepared(scene), 0.0, options.dt, start))
 
 
