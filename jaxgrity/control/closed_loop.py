@@ -16,7 +16,8 @@ from jaxgrity.model.scene import floats_as
 from jaxgrity.rollout.lanes import over_lanes
 from jaxgrity.stepping.complementarity import ContactState
 from jaxgrity.stepping.dynamics import centre_of_mass
-from jaxgrity.stepping.integrate import state_failure
+from jaxgrity.stepping.integrate import start_failure, state_failure
+from jaxgrity.stepping.options import check_start
 from jaxgrity.stepping.simulate import Trajectory
 
 
@@ -44,7 +45,7 @@ def loop_start(plant: Plant, policy: Policy, key: Any, start: State | None = Non
     `each` says that all of the policy's arrays have the population last: every robot has parameters of its own.
     Floating numbers of the memory take the plant's precision. Raises `InputError` for what is no policy or no key, a
     policy that actuates other members than the plant, `each` of a plant of one robot or of a policy that has not as
-    many rows, and a start of another shape.
+    many rows, and a start of another shape, or that is known and violates rigid struts or exact contact.
     """
     if not isinstance(policy, Policy):
         raise InputError(f"policy is a {type(policy).__name__}: expected a Policy, such as OpenLoop(gait)")
@@ -58,7 +59,17 @@ def loop_start(plant: Plant, policy: Policy, key: Any, start: State | None = Non
         memory = jax.vmap(type(policy).first, in_axes=(_last(policy),), out_axes=-1)(policy)
     elif robots is not None:
         memory = jax.tree.map(lambda x, count=robots: jnp.repeat(jnp.asarray(x)[..., None], count, axis=-1), memory)
-    return Loop(plant_start(plant, key, start), floats_as(memory, plant.options.dtype))
+    return Loop(plant_start(plant, key, _placed(plant, start)), floats_as(memory, plant.options.dtype))
+
+
+def _placed(plant: Plant, start: State | None) -> State | None:
+    """The start; of robots that it puts below exact ground, or stretches, without velocities, so that they fail."""
+    if start is None or np.shape(start[0]) != plant.scene.structure.nodes.shape:
+        return start
+    if plant.robots is None:
+        check_start(plant.scene, start[0])
+    misplaced = plant.lift(start_failure, ("s", -1))(plant.scene, jnp.asarray(start[0], plant.options.dtype))
+    return start[0], jnp.where(misplaced != 0, jnp.nan, start[1])
 
 
 def roll_on(

@@ -15,7 +15,7 @@ from jaxgrity.identification.observations import SeenQuantity
 from jaxgrity.model.scene import Scene
 from jaxgrity.stepping.final_state import states_at
 from jaxgrity.stepping.integrate import integrate
-from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
+from jaxgrity.stepping.options import Options, ResolvedOptions, check_start, resolve
 
 FITTED_FRAMES = 8
 """from which the velocity at the start of a window is guessed"""
@@ -143,7 +143,8 @@ def measured_motion(
 
     Raises:
         InputError: shapes do not fit each other, times do not increase, all values are missing, the noise is not
-            positive, options that do not fit the scene, or unknown starts of a robot with rigid struts.
+            positive, options that do not fit the scene, unknown starts of a robot with rigid struts, or a known one that
+            violates them.
     """
     values, noise = checked(scene, values, noise, observation)
     times, path, windows = np.asarray(times, float), np.asarray(starts.path, float), starts.windows
@@ -170,6 +171,8 @@ def measured_motion(
     deviations = np.array(starts.spread or (0.0, 0.0))[:, None, None]
     spread = np.broadcast_to(deviations, state.shape) * scene.structure.free
     unknown = tuple(np.flatnonzero(spread > 0).tolist())
+    if starts.spread is None:
+        check_start(scene, path[0], times[0])
     resolved = resolve(scene, float(cut[0, -1] - cut[0, 0]), options, dtype="float64")
     steps = None if resolved.dt is None else int(np.ceil(np.diff(times).max() / resolved.dt - 1e-6))
     jump = np.array(starts.jump, float)
