@@ -17,8 +17,8 @@ from jaxgrity import (
     SwitchFriction,
     plot,
     simulate,
-    velocities_midway,
     smooth_force,
+    velocities_midway,
 )
 from paper_claims.report import Report, Row, significant, verdict
 

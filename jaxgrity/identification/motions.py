@@ -143,8 +143,7 @@ def measured_motion(
 
     Raises:
         InputError: shapes do not fit each other, times do not increase, all values are missing, the noise is not
-            positive, options that do not fit the scene, unknown starts of a robot with rigid struts, or a known one that
-            violates them.
+            positive, options that do not fit the scene, or starts that rigid struts or exact contact do not allow.
     """
     values, noise = checked(scene, values, noise, observation)
     times, path, windows = np.asarray(times, float), np.asarray(starts.path, float), starts.windows
@@ -165,14 +164,13 @@ def measured_motion(
     first = np.arange(windows) * (intervals // windows)
     cut = np.stack([times[k : k + intervals // windows + 1] for k in first])
     if starts.spread is None:
+        check_start(scene, path[0], times[0])
         state = np.stack([path[:1], 0 * path[:1]], axis=1)
     else:
         state = np.stack([_state_at(times, path, int(k)) for k in first])
     deviations = np.array(starts.spread or (0.0, 0.0))[:, None, None]
     spread = np.broadcast_to(deviations, state.shape) * scene.structure.free
     unknown = tuple(np.flatnonzero(spread > 0).tolist())
-    if starts.spread is None:
-        check_start(scene, path[0], times[0])
     resolved = resolve(scene, float(cut[0, -1] - cut[0, 0]), options, dtype="float64")
     steps = None if resolved.dt is None else int(np.ceil(np.diff(times).max() / resolved.dt - 1e-6))
     jump = np.array(starts.jump, float)
