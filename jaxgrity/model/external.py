@@ -8,7 +8,7 @@ import numpy as np
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import dot, inner, length, norm_squared, take_rows
-from jaxgrity.core.types import AnyNodeVectors, AnyPerNode, Scalar, as_float
+from jaxgrity.core.types import AnyArray, AnyNodeVectors, AnyPerNode, Scalar, as_float
 from jaxgrity.model.laws import DissipationTerm, Motion, node_names, unchanged_per_node
 
 
@@ -90,7 +90,7 @@ class Push(DissipationTerm):
         instead = (self.force * mean, end - longest - 1, longest + 2, jnp.ones_like(longest))
         return eqx.tree_at(lambda push: (push.force, push.start, push.duration, push.ramp), self, instead)
 
-    def _integral(self, t: Scalar) -> Scalar:
+    def _integral(self, t: Scalar | AnyArray) -> AnyArray:
         """Of s up to time t, s: over its rise, what is between, and its fall, each as long as it has lasted by then."""
         since = t - self.start
         rising = jnp.clip(since, 0, self.ramp)

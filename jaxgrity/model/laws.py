@@ -105,7 +105,7 @@ class Law(eqx.Module):
     def keeps(self, symmetry: Symmetry) -> bool:
         """Whether the law is the same after the map, so that it maps motions on motions."""
 
-    def during(self, begin: Scalar, end: Scalar) -> "Law":
+    def during(self, begin: Scalar | AnyArray, end: Scalar) -> "Law":
         """The law that acts at each time from `begin` to `end`, s, as this one does in their mean.
 
         Complementarity stepping takes forces once in a step. A law that may act for less time than a step takes says

@@ -10,7 +10,16 @@ import numpy as np
 
 from jaxgrity.core.display import of_report
 from jaxgrity.core.errors import InputError
-from jaxgrity.core.types import NodeVectors, PerNode, Scalar, State, VectorsByKind, as_float_or_none, namespace_of
+from jaxgrity.core.types import (
+    AnyArray,
+    NodeVectors,
+    PerNode,
+    Scalar,
+    State,
+    VectorsByKind,
+    as_float_or_none,
+    namespace_of,
+)
 from jaxgrity.model.actuation import Gait
 from jaxgrity.model.describe import describe
 from jaxgrity.model.dissipation import CableDamping, NodeDamping, StrutDamping
@@ -180,8 +189,11 @@ class Scene(eqx.Module):
         d, rates = vectors
         return Motion(v, rates, normal_force, Configuration(q, t, d, self))
 
-    def during(self, begin: Scalar, end: Scalar) -> "Scene":
-        """The scene whose terms act at each time from `begin` to `end`, s, as they do in their mean."""
+    def during(self, begin: Scalar | AnyArray, end: Scalar) -> "Scene":
+        """The scene whose terms act at each time from `begin` to `end`, s, as they do in their mean.
+
+        Of many robots side by side, with the population last in all arrays, `begin` may be one number for each.
+        """
         if all(type(term).during is Law.during for term in self.terms):
             return self
         return eqx.tree_at(lambda scene: scene.terms, self, tuple(term.during(begin, end) for term in self.terms))

@@ -46,7 +46,7 @@ ALL["verlet"] = undamped, "verlet"
 
 def in_pieces(scene: Scene, options, pieces: int):
     """(q, v) after all steps, in so many pieces."""
-    times, state, each = DT * np.arange(STEPS + 1), None, STEPS // pieces
+    times, state, each = options.dt * np.arange(STEPS + 1), None, STEPS // pieces
     for k in range(0, STEPS, each):
         rolled = rollout(scene, times[[k, k + each]], start=state, options=options, steps=each)
         assert rolled.ok
