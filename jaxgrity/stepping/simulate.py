@@ -198,7 +198,7 @@ def _later(times: Times, start: State, dt: Scalar, steps: AnyArray) -> Times:
     what the others are shorter, where the duration is no multiple of dt.
     """
     duration = times[-1] - times[0]
-    h, first = duration / steps, jnp.minimum(dt, duration)
+    h, first = duration / steps, jnp.minimum(jnp.asarray(dt, times.dtype), duration)
     ends = times[0] + jnp.stack([0 * h, first, 2 * h, 3 * h])
     halves = jnp.stack([jnp.where(at_rest(start[1]), 0, first), first, 2 * h - first, h]) / 2
     return jnp.interp(times, ends, halves)
