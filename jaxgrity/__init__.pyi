@@ -159,7 +159,7 @@ from .stepping.integrate import FAILURES, discretise, integrate
 from .stepping.methods import METHODS, Method, find_method, register_method
 from .stepping.options import ResolvedOptions, SolverOptions, resolve
 from .stepping.reactions import reactions
-from .stepping.rollout import Rolled, rollout
+from .stepping.rollout import RolledOut, rollout
 from .stepping.simulate import Trajectory, centre_path, simulate, velocities_midway
 from .stepping.stability import (
     StepLimit,
@@ -355,7 +355,7 @@ __all__ = [  # noqa: RUF022 in groups
     "velocities_midway",
     "final_state",
     "states_at",
-    "Rolled",
+    "RolledOut",
     "rollout",
     "simulate",
     "reactions",

@@ -22,7 +22,7 @@ from jaxgrity.rollout.lanes import in_lanes, lane_axes, lanes_last, over_lanes
 from jaxgrity.rollout.metrics import actuator_tension
 from jaxgrity.rollout.uncertainty import Differences
 from jaxgrity.stepping.complementarity import Lift, one_robot
-from jaxgrity.stepping.handover import begin, finish
+from jaxgrity.stepping.handover import carried_from, state_from
 from jaxgrity.stepping.integrate import discretise, prepared
 from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
 from jaxgrity.stepping.power import Step
@@ -191,7 +191,7 @@ def plant_start(plant: Plant, key: Any, start: State | None = None) -> PlantStat
     nothing = jnp.zeros((len(plant.members), *motion[0].shape[2:]), dtype)
     key, of_bias = jax.random.split(key)
     problem, step = discretise(plant.options, plant.lift), jnp.asarray(plant.period / plant.steps, dtype)
-    motion, first = begin(problem, plant.scene, jnp.zeros((), dtype), step, motion)
+    motion, first = carried_from(problem, plant.scene, jnp.zeros((), dtype), step, motion)
     motion = tuple(jnp.asarray(x) for x in motion)
     tension = nothing if plant.motors.force is not None else None
     state = PlantState(jnp.asarray(0), motion, first, nothing, tension, Readings(None, None), key)
@@ -203,8 +203,8 @@ def whole_state(plant: Plant, state: PlantState) -> State:
     scene, now = _commanded(plant, state, state.contraction), state.tick * plant.period
     lanes = jax.tree.map(lambda x: -1 if jnp.ndim(x) else None, state.solver)
     if plant.robots is None:
-        return finish(scene, now, state.motion, state.solver)
-    return over_lanes(finish, (lane_axes(scene), None, -1, lanes))(scene, now, state.motion, state.solver)
+        return state_from(scene, now, state.motion, state.solver)
+    return over_lanes(state_from, (lane_axes(scene), None, -1, lanes))(scene, now, state.motion, state.solver)
 
 
 def sense_now(plant: Plant, state: PlantState) -> Observation:

@@ -161,15 +161,14 @@ def measured_motion(
         raise InputError(f"windows = {windows}, spread = None: expected one window where the start is known")
     if starts.spread is not None and scene.structure.struts is not None and scene.structure.struts.rigid:
         raise InputError("spread: rigid struts leave no start free; expected None, or struts that are springs")
-    first = np.arange(windows) * (intervals // windows)
+    first = range(0, intervals, intervals // windows)
     cut = np.stack([times[k : k + intervals // windows + 1] for k in first])
     if starts.spread is None:
         check_start(scene, path[0], times[0])
         state = np.stack([path[:1], 0 * path[:1]], axis=1)
     else:
-        state = np.stack([_state_at(times, path, int(k)) for k in first])
-    deviations = np.array(starts.spread or (0.0, 0.0))[:, None, None]
-    spread = np.broadcast_to(deviations, state.shape) * scene.structure.free
+        state = np.stack([_state_at(times, path, k) for k in first])
+    spread = np.ones(state.shape) * np.array(starts.spread or (0.0, 0.0))[:, None, None] * scene.structure.free
     unknown = tuple(np.flatnonzero(spread > 0).tolist())
     resolved = resolve(scene, float(cut[0, -1] - cut[0, 0]), options, dtype="float64")
     steps = None if resolved.dt is None else int(np.ceil(np.diff(times).max() / resolved.dt - 1e-6))

@@ -19,7 +19,7 @@ from jaxgrity.model.scene import Scene, start_of
 from jaxgrity.rollout.metrics import Metrics, initial_metrics, updated_metrics
 from jaxgrity.rollout.uncertainty import Differences, differing
 from jaxgrity.stepping.dynamics import centre_of_mass
-from jaxgrity.stepping.handover import begin
+from jaxgrity.stepping.handover import carried_from
 from jaxgrity.stepping.integrate import discretise, failure_code, integrate, start_failure, state_failure
 from jaxgrity.stepping.options import ResolvedOptions
 from jaxgrity.stepping.power import Step
@@ -111,7 +111,7 @@ def _in_parts(
     h = duration / (parts * each)
     centre = over_lanes(centre_of_mass, (axes, -1))
     held = over_lanes(initial_metrics, (axes,))(scene) if with_metrics else None
-    start, first = begin((terms, solver), scene, 0 * h, h, start)
+    start, first = carried_from((terms, solver), scene, 0 * h, h, start)
     lanes = jax.tree.map(lambda x: -1 if x.ndim else None, first)
     step_axes = Step(None, None, (-1, -1), (-1, -1), lanes, lanes)  # type: ignore[arg-type]
     update = over_lanes(updated_metrics, (axes, step_axes, -1))

@@ -11,7 +11,7 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import Scalar, State, Times
 from jaxgrity.model.scene import Scene, start_of
 from jaxgrity.stepping.complementarity import SWEPT
-from jaxgrity.stepping.handover import Problem, begin, finish
+from jaxgrity.stepping.handover import Problem, carried_from, state_from
 from jaxgrity.stepping.integrate import discretise, prepared
 from jaxgrity.stepping.options import ResolvedOptions, check_start
 
@@ -61,7 +61,7 @@ def final_state(
     q, v = start_of(scene) if start is None else start
     scene, first = prepared(scene), (jnp.asarray(q, options.dtype), jnp.asarray(v, options.dtype))
     end = stepped(scene, first, (since, since + duration), options, discretise(options), steps)
-    return finish(scene, since + duration, *end)
+    return state_from(scene, since + duration, *end)
 
 
 def stepped(
@@ -97,7 +97,7 @@ def stepped(
         return jax.lax.scan(kept, carry, k)
 
     numbers = jnp.arange(stretches * steps, dtype=options.dtype).reshape(stretches, steps)
-    first = begin(problem, scene, since, h, start)
+    first = carried_from(problem, scene, since, h, start)
     return jax.lax.scan(jax.checkpoint(stretch), first, numbers)[0]
 
 
@@ -138,10 +138,10 @@ def states_at(
         return carry, carry
 
     start = jax.tree.map(lambda x: jnp.asarray(x, options.dtype), start)
-    first = begin(problem, scene, times[0], (times[1] - times[0]) / steps, start)
+    first = carried_from(problem, scene, times[0], (times[1] - times[0]) / steps, start)
     between = jnp.stack([times[:-1], times[1:]], axis=1)
     _, later = jax.lax.scan(jax.checkpoint(frame) if reverse else frame, first, between)
-    later = jax.vmap(lambda t, y, remembered: finish(scene, t, y, remembered))(times[1:], *later)
+    later = jax.vmap(lambda t, y, remembered: state_from(scene, t, y, remembered))(times[1:], *later)
     return jax.tree.map(lambda x, rest: jnp.concatenate([x[None], rest]), start, later)
 
 

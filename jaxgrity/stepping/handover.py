@@ -37,7 +37,7 @@ def at_rest(v: AnyArray) -> AnyArray:
     return jnp.all(v == 0, axis=(0, 1))
 
 
-def begin(problem: Problem, scene: Scene, t: Scalar, h: Scalar, start: State) -> tuple[State, Any]:
+def carried_from(problem: Problem, scene: Scene, t: Scalar, h: Scalar, start: State) -> tuple[State, Any]:
     """What the method carries at t (s), before a first step of size h (s), from `start` = (q, v) then.
 
     Robots at rest begin with half a kick, as if nothing had acted before; those that move, with a whole one.
@@ -53,7 +53,7 @@ def begin(problem: Problem, scene: Scene, t: Scalar, h: Scalar, start: State) ->
     return (q, w), first._replace(step_size=jnp.where(still, 0, h).astype(q.dtype))
 
 
-def finish(scene: Scene, t: Scalar, carried: State, remembered: Any) -> State:
+def state_from(scene: Scene, t: Scalar, carried: State, remembered: Any) -> State:
     """(q, v) at t (s), of one robot, from what the method carries."""
     if not isinstance(remembered, ContactState):
         return carried

@@ -15,7 +15,7 @@ from jaxgrity.model.rigid_struts import LARGEST_GAP
 from jaxgrity.model.scene import Scene
 from jaxgrity.stepping.complementarity import Lift, one_robot
 from jaxgrity.stepping.dynamics import vector_field
-from jaxgrity.stepping.handover import begin
+from jaxgrity.stepping.handover import carried_from
 from jaxgrity.stepping.options import ResolvedOptions
 
 FAILURES = (
@@ -71,7 +71,7 @@ def integrate(
         adaptive = diffrax.ClipStepSizeController(adaptive, step_ts=jnp.sort(jnp.concatenate(bends)))
     if options.method.constrained:
         first = jnp.minimum(dt0, times[-1] - times[0])
-        start, remembered = begin((terms, solver), scene, times[0], first, start)
+        start, remembered = carried_from((terms, solver), scene, times[0], first, start)
     controller = diffrax.ConstantStepSize() if fixed else adaptive
     return diffrax.diffeqsolve(
         terms,

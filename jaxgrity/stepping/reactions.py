@@ -7,7 +7,7 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import NodeHistory
 from jaxgrity.model.scene import Scene, as_dtype
 from jaxgrity.stepping.dynamics import support_forces
-from jaxgrity.stepping.handover import begin
+from jaxgrity.stepping.handover import carried_from
 from jaxgrity.stepping.integrate import discretise, prepared
 from jaxgrity.stepping.methods import find_method
 from jaxgrity.stepping.options import SolverOptions, resolve
@@ -50,7 +50,7 @@ def reactions(scene: Scene, trajectory: Trajectory) -> NodeHistory:
     h = jnp.asarray(trajectory.dt, dtype)
 
     def during(t, q, v):
-        start, before = begin(problem, scene, t, h, (q, v))
+        start, before = carried_from(problem, scene, t, h, (q, v))
         # a whole kick also for a robot at rest, so that it is a mean over the step
         before = before._replace(step_size=h)
         end, _, _, after, _ = solver.step(terms, t, t + h, start, scene, before, False)

@@ -16,7 +16,7 @@ from jaxgrity.stepping.integrate import start_failure, state_failure
 from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
 
 
-class Rolled(NamedTuple):
+class RolledOut(NamedTuple):
     """A motion, and whether it can be believed."""
 
     positions: NodeHistory
@@ -34,7 +34,7 @@ def rollout(
     start: State | None = None,
     options: Options = None,
     steps: int | None = None,
-) -> Rolled:
+) -> RolledOut:
     """Roll a scene out from the first of some times to the last, by fixed steps.
 
     It is a pure function of the scene, the times and the start. It is differentiable in both modes with respect to
@@ -84,9 +84,9 @@ def rollout(
 
 
 @eqx.filter_jit
-def _rolled(scene: Scene, start: State, times: Times, steps: int, options: ResolvedOptions) -> Rolled:
+def _rolled(scene: Scene, start: State, times: Times, steps: int, options: ResolvedOptions) -> RolledOut:
     times = jnp.asarray(times, options.dtype)
     start = jax.tree.map(lambda x: jnp.asarray(x, options.dtype), start)
     q, v = states_at(scene, start, times, steps, options, reverse=True)
     fits = start_failure(scene, start[0], times[0]) == 0
-    return Rolled(q, v, fits & (state_failure(scene, q[-1], v[-1]) == 0))
+    return RolledOut(q, v, fits & (state_failure(scene, q[-1], v[-1]) == 0))

@@ -12,7 +12,7 @@ from jaxtyping import Complex, Float
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, State
 from jaxgrity.model.scene import Scene, as_dtype
-from jaxgrity.stepping.handover import begin, finish
+from jaxgrity.stepping.handover import carried_from, state_from
 from jaxgrity.stepping.integrate import discretise, prepared
 from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
 from jaxgrity.trust.cycles import Plane, moved_onto, plane_of
@@ -117,16 +117,16 @@ def _linearised(
         y, _, _, remembered, _ = solver.step(terms, k * h, (k + 1) * h, y, scene, remembered, False)
         return (y, remembered), None
 
-    first = begin(problem, scene, 0 * h, h, (jnp.asarray(start[0]), jnp.asarray(start[1])))
+    first = carried_from(problem, scene, 0 * h, h, (jnp.asarray(start[0]), jnp.asarray(start[1])))
     carried, remembered = jax.lax.fori_loop(0, ahead, lambda k, carry: step(carry, k.astype(float))[0], first)
-    at, unravel = ravel_pytree(jnp.stack(finish(scene, ahead * h, carried, remembered)) @ axes)
+    at, unravel = ravel_pytree(jnp.stack(state_from(scene, ahead * h, carried, remembered)) @ axes)
 
     def after_a_cycle(x):
         numbers = ahead + jnp.arange(steps, dtype=float)
         q, v = unravel(x) @ axes.T
-        carried = begin(problem, scene, ahead * h, h, (q, v))[0]
+        carried = carried_from(problem, scene, ahead * h, h, (q, v))[0]
         carry, _ = jax.lax.scan(step, (carried, remembered), numbers)
-        end = jnp.stack(finish(scene, (ahead + steps) * h, *carry)) @ axes
+        end = jnp.stack(state_from(scene, (ahead + steps) * h, *carry)) @ axes
         return end.ravel(), end
 
     derivative, end = jax.jacfwd(after_a_cycle, has_aux=True)(at)

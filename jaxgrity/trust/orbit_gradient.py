@@ -22,7 +22,7 @@ from jaxgrity.core.types import AnyArray, NodeVectors, PerActuator, Scalar
 from jaxgrity.model.actuation import Gait, Overtone
 from jaxgrity.model.scene import Scene, as_dtype, with_gait
 from jaxgrity.stepping.complementarity import ContactState
-from jaxgrity.stepping.handover import begin
+from jaxgrity.stepping.handover import carried_from
 from jaxgrity.stepping.integrate import discretise, prepared
 from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
 from jaxgrity.trust.cycles import Plane, plane_of
@@ -197,7 +197,7 @@ def _first(scene: Scene, options: ResolvedOptions, orbit: Orbit) -> tuple:
     assert options.dt is not None, "`in_step` gives a step"
     q, v = orbit.state
     start = jnp.asarray(q, float), jnp.asarray(v, float)
-    carried, remembered = begin(discretise(options), prepared(scene), 0.0, options.dt, start)
+    carried, remembered = carried_from(discretise(options), prepared(scene), 0.0, options.dt, start)
     if isinstance(remembered, ContactState):
         remembered = remembered._replace(step_size=jnp.zeros_like(remembered.step_size))
     return jax.tree.map(jnp.asarray, (carried, remembered))
