@@ -133,7 +133,12 @@ def motion(title: str, options: ResolvedOptions) -> tuple:
 def _numbers(title: str) -> tuple:
     """Scene, positions and velocities of a problem, and their derivatives by log x."""
     x = PROBLEMS[title].value
-    return jax.jit(lambda x: jax.jvp(lambda x: as_dtype(PROBLEMS[title].setup(x), "float64"), (x,), (x,)))(x)
+
+    def setup(x):
+        scene, *start = PROBLEMS[title].setup(x)
+        return as_dtype(scene, "float64"), *(jnp.asarray(part, float) for part in start)
+
+    return jax.jit(lambda x: jax.jvp(setup, (x,), (x,)))(x)
 
 
 @eqx.filter_jit
