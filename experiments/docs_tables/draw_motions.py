@@ -24,7 +24,7 @@ class Animation(NamedTuple):
 
 
 ANIMATIONS = (
-    Animation("lasting", "exact", 7.0, "follow"),
+    Animation("straight", "exact", 7.0, "follow"),
     Animation("fast", "exact", 7.0, "follow"),
     Animation("left", "exact", 15.0, "whole"),
 )

@@ -10,9 +10,9 @@ from jaxgrity import InputError, load_gait
 from jaxgrity.io.files import read_text, save_json
 
 KEPT = (
-    "scene", "members", "phase", "amplitude", "frequency", "start", "ramp", "overtones", "duration", "objective",
-    "settings", "distance", "error_bar", "robust", "other_contact_model", "steady", "motion", "directions", "actuators",
-    "command",
+    "scene", "robot", "members", "phase", "amplitude", "frequency", "start", "ramp", "overtones", "duration",
+    "objective", "settings", "distance", "error_bar", "robust", "other_contact_model", "steady", "motion", "directions",
+    "actuators", "command",
 )  # fmt: skip
 
 

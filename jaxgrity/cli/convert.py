@@ -5,6 +5,7 @@ from pathlib import Path
 from jaxgrity.cli.settings import ConvertSettings
 from jaxgrity.formats.conversion import find_format, read_any, write_any
 from jaxgrity.formats.foreign import Imported
+from jaxgrity.formats.mjcf_reading import read_mjcf
 from jaxgrity.formats.ntrt import read_ntrt
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.settled import settled
@@ -25,9 +26,13 @@ def main(settings: ConvertSettings) -> None:
 
 
 def _read(settings: ConvertSettings) -> Imported:
-    is_ntrt = Path(settings.source).suffix.lower() in (".yaml", ".yml")
     find_format(settings.target)  # refuses what it does not know before anything is read
-    return read_ntrt(settings.source, settings.unit) if is_ntrt else read_any(settings.source)
+    ending = Path(settings.source).suffix.lower()
+    if ending in (".yaml", ".yml"):
+        return read_ntrt(settings.source, settings.unit)
+    if ending in (".xml", ".mjcf"):
+        return read_mjcf(settings.source, settings.drop)
+    return read_any(settings.source)
 
 
 def counts(scene: Scene) -> str:

@@ -233,5 +233,7 @@ class ConvertSettings:
     """let the structure come to rest first, without gravity, and set it down on its ground"""
     unit: float = 0.1
     """m, the unit of length of NTRT's files"""
+    drop: tuple[str, ...] = ()
+    """kinds of what a MuJoCo model may lose: contact, radius, friction, limits, damping, actuators, air, forces"""
     quick: bool = False
     """it is quick anyway"""

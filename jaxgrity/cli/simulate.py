@@ -13,7 +13,7 @@ from jaxgrity.cli.progress import Bars
 from jaxgrity.cli.settings import SimulateSettings
 from jaxgrity.io.files import load_phases, save_arrays, save_json
 from jaxgrity.io.gait_library import gait_record, load_gait
-from jaxgrity.io.scene_files import load_scene, scene_names
+from jaxgrity.io.scene_files import load_scene
 from jaxgrity.model.scene import Scene, with_gait
 from jaxgrity.report import plot, view
 from jaxgrity.report.animation import animate
@@ -22,6 +22,7 @@ from jaxgrity.stepping.integrate import FAILURES
 from jaxgrity.stepping.options import SolverOptions
 from jaxgrity.stepping.simulate import Trajectory, centre_path, simulate
 from jaxgrity.trust.error_bars import verify
+from jaxgrity.trust.motion_report import MotionReport, motion_report
 from jaxgrity.trust.trust_report import TrustReport, diagnose
 
 Result = TypeVar("Result")
@@ -65,20 +66,8 @@ def chosen_scene(scene: str, gait: str | None) -> Scene:
     found = with_gait(found, load_gait(gait))
     home = gait_record(gait).get("scene")
     if home is not None and Path(home).stem != Path(scene).stem:
-        print(f"the gait {gait} was found on {home}{_other_members(found, str(home))}")
+        print(f"the gait {gait} was found on {home}")
     return found
-
-
-def _other_members(scene: Scene, home: str) -> str:
-    """What a gait moves that is a strut on the library's scene where it was found, and a cable here, or the reverse."""
-    if scene.gait is None or home not in scene_names():
-        return ""
-    there, here = load_scene(home).structure.first_cable, scene.structure.first_cable
-    swapped = [k for k in scene.gait.members if (k < there) != (k < here)]
-    if not swapped:
-        return ""
-    kinds = ("struts", "cables") if there > here else ("cables", "struts")
-    return f"; its members {', '.join(map(str, swapped))} are {kinds[0]} there, and {kinds[1]} here"
 
 
 def forget_earlier(folder: Path) -> None:
@@ -124,7 +113,7 @@ def single(scene: Scene, duration: float, settings: SimulateSettings) -> dict[st
     )
     print(
         f"{FAILURES[int(trajectory.failure)]}: {duration:g} s in {int(trajectory.steps)} steps, "
-        f"{wall:.3f} s of wall time ({compilation:.1f} s to compile); moved {distance:.4f} m"
+        f"{wall:.3f} s of wall time ({compilation:.1f} s to compile)"
     )
     with ThreadPoolExecutor(1) as beside:  # compiling leaves a core free to draw
         drawing = beside.submit(leave_pictures, scene, trajectory, settings)
@@ -136,6 +125,8 @@ def single(scene: Scene, duration: float, settings: SimulateSettings) -> dict[st
         plot.save(plot.path_figure(scene, trajectory, trust.error_bar if trust else None), out / "path.png")
     if shown:
         print(f"to see it in 3D, open {out}/replay.html in a browser")
+    motion = motion_report(scene, trajectory)
+    print(conclusion(distance, trust.error_bar if trust else None, motion))
     if trust:
         print(trust.table())
     return {
@@ -152,8 +143,23 @@ def single(scene: Scene, duration: float, settings: SimulateSettings) -> dict[st
         "distance": [distance],
         "failed": [0] if trajectory.failed else [],
         "outcome": [FAILURES[int(trajectory.failure)]],
+        "motion": motion.summary() if motion else None,
         "diagnosis": trust.summary() if trust else None,
     }
+
+
+def conclusion(distance: float, error_bar: float | None, motion: MotionReport | None) -> str:
+    """What a rollout comes to, in words; that its distance (m) means nothing comes first, where that is so."""
+    if not np.isfinite(distance):
+        return "no distance: the rollout failed"
+    moved = f"moved {distance:.4f} m"
+    if error_bar is not None and not np.isfinite(error_bar):
+        moved = f"the distance means nothing, since its error bar is unknown: {moved}"
+    elif error_bar is not None:
+        moved += f", ± {error_bar:.2g} m"
+        if error_bar > distance:
+            moved = f"the distance means nothing, since its error bar is larger: {moved}"
+    return moved if motion is None else f"{moved}\n{motion.sentence()}"
 
 
 def leave_pictures(scene: Scene, trajectory: Trajectory, settings: SimulateSettings) -> bool:

@@ -25,7 +25,9 @@ Export = Callable[[Rolled, str], bytes]
 def gait_file(rolled: Rolled, scene: str) -> bytes:
     """The gait, which every command takes as `--gait gait.json`."""
     assert rolled.scene.gait is not None, "the explorer's scenes have a gait"
-    return json.dumps(plain({"scene": scene, **gait_facts(rolled.scene.gait)}), indent=1).encode()
+    return json.dumps(
+        plain({"scene": scene, **gait_facts(rolled.scene.gait, rolled.scene.structure)}), indent=1
+    ).encode()
 
 
 def scene_text_of(rolled: Rolled, scene: str) -> bytes:

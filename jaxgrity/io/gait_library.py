@@ -10,6 +10,7 @@ import numpy as np
 from jaxgrity.core.errors import InputError
 from jaxgrity.io.files import read_text
 from jaxgrity.model.actuation import Gait, Overtone
+from jaxgrity.model.structure import Structure
 
 SHIPPED = resources.files("jaxgrity") / "data" / "gaits"
 
@@ -52,12 +53,17 @@ def gait_of(record: dict[str, Any], where: str = "gait") -> Gait:
     for name, part in parts.items():
         if part.shape != (len(members),) or not np.isfinite(part).all():
             raise InputError(f"{where}: {name} = {record[name]}: expected {len(members)} finite numbers")
-    return Gait(members, parts["phase"], parts["amplitude"], parts["frequency"], start, ramp, overtones)
+    robot = record.get("robot")
+    if not isinstance(robot, str | None):
+        raise InputError(f"{where}: robot = {robot}: expected a text, as a search leaves it in gait.json")
+    return Gait(members, parts["phase"], parts["amplitude"], parts["frequency"], start, ramp, overtones, robot)
 
 
-def gait_facts(gait: Gait) -> dict[str, Any]:
-    """The gait as it goes into a JSON file."""
+def gait_facts(gait: Gait, structure: Structure | None = None) -> dict[str, Any]:
+    """The gait as it goes into a JSON file; with the structure that it moves, it is refused for others."""
+    robot = gait.robot if structure is None else structure.robot
     return {
+        "robot": robot,
         "members": gait.members,
         "phase": gait.phase,
         "amplitude": gait.amplitude,

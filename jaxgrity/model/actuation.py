@@ -45,6 +45,8 @@ class Gait(eqx.Module):
     """s"""
     overtones: tuple[Overtone, ...] = ()
     """of twice the frequency, three times, and so on"""
+    robot: str | None = eqx.field(static=True, default=None)
+    """`Structure.robot` of the one that it is for; None: any that has these members"""
 
     def _repr_html_(self) -> str:
         return of_report("notebook", "gait_html")(self)

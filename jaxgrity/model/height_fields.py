@@ -1,6 +1,7 @@
 """Ground whose height is a function of x and y: waves, random bumps, measured heights, a function of one's own."""
 
 from collections.abc import Callable
+from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -16,6 +17,8 @@ from jaxgrity.model.surface import Surface
 
 class HeightField(Surface):
     """f = z - h(x, y), with the `height` h that a subclass gives: a distance to first order near the ground alone."""
+
+    smooth: ClassVar[bool] = True
 
     @property
     def level_is_distance(self):

@@ -200,7 +200,14 @@ class Scene(eqx.Module):
 
 
 def with_gait(scene: Scene, gait: Gait | None) -> Scene:
-    """The scene with another gait, or with none. Raises `InputError` where the gait does not fit the structure."""
+    """The scene with another gait, or with none.
+
+    Raises `InputError` where the gait does not fit the structure, or is that of another robot, as gaits of the library
+    and of searches know.
+    """
+    if gait is not None and gait.robot is not None:
+        _check_robot(gait, scene.structure)
+        gait = dataclasses.replace(gait, robot=None)  # so that all gaits of a robot share one program
     return dataclasses.replace(scene, gait=gait)
 
 
@@ -254,7 +261,15 @@ def _check_term(term: Law) -> None:
         raise InputError(f"terms: the cause of {term.name!r} is {cause!r}, which the energy audit uses otherwise")
 
 
+def _check_robot(gait: Gait, structure: Structure) -> None:
+    if gait.robot not in (None, structure.robot):
+        raise InputError(
+            f"gait: that of another robot, of {gait.robot}; this one has {structure.robot}; expected a gait of its own"
+        )
+
+
 def _check_gait(gait: Gait, structure: Structure) -> None:
+    _check_robot(gait, structure)
     members = structure.member_count
     if len(set(gait.members)) < len(gait.members):
         raise InputError(f"gait.members = {list(gait.members)}: expected each member once")

@@ -1,5 +1,6 @@
 """Nodes and the members that join them, checked."""
 
+import zlib
 from collections.abc import Sequence
 
 import equinox as eqx
@@ -148,6 +149,14 @@ class Structure(eqx.Module):
     def member_count(self) -> int:
         """Struts and cables together."""
         return sum(len(members.edges) for members in (self.struts, self.cables) if members is not None)
+
+    @property
+    def robot(self) -> str:
+        """Which nodes are joined by what: the sizes of a structure, and a number that stands for all its members."""
+        struts, cables = (() if members is None else members.edges for members in (self.struts, self.cables))
+        joined = repr([[[int(i), int(j)] for i, j in edges] for edges in (struts, cables)])
+        number = zlib.crc32(joined.encode())
+        return f"{len(self.nodes)} nodes, {len(struts)} struts, {len(cables)} cables ({number:08x})"
 
     @property
     def driven(self) -> tuple[int, ...]:

@@ -3,7 +3,7 @@
 import math
 from abc import abstractmethod
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import equinox as eqx
 import jax
@@ -56,6 +56,11 @@ class Surface(eqx.Module):
         """Whether |grad f| = 1."""
         return True
 
+    @property
+    def smooth(self) -> bool:
+        """Whether the normal changes little on a node's way in a step: no edges, and no bodies to pass through."""
+        return False
+
     def signed_distance(self, q: NodeVectors) -> PerNode:
         """phi, m, of each node."""
         return self._distance(*coordinates(q))
@@ -81,6 +86,7 @@ class Slope(Surface):
 
     incline: float = eqx.field(static=True, converter=float, default=0.0)
     """theta, rad"""
+    smooth: ClassVar[bool] = True
 
     def level(self, x, y, z):
         return math.sin(self.incline) * x + math.cos(self.incline) * z
@@ -97,6 +103,7 @@ class Sphere(Surface):
     radius: Scalar = eqx.field(converter=as_float)
     """r, m"""
     hollow: bool = eqx.field(static=True, default=False)
+    smooth = property(lambda self: self.hollow)
 
     def __check_init__(self):
         _check_size("sphere", "radius", self.radius)

@@ -80,7 +80,7 @@ def write_report(result: SearchResult, origin: Origin, folder: Path, on_progress
     assert scene.gait is not None, "a search finds a gait"
     gait = {
         "scene": origin.scene,
-        **gait_facts(scene.gait),
+        **gait_facts(scene.gait, scene.structure),
         "duration": duration,
         "objective": origin.objective,
         "settings": origin.settings,

@@ -8,14 +8,14 @@ from typing import NamedTuple, cast
 
 import jax.numpy as jnp
 
-from jaxgrity.core.primitives import accumulate, component, edge_vectors, inverse, largest, length, over, scale
+from jaxgrity.core.primitives import accumulate, edge_vectors, inverse, largest, length, over, scale
 from jaxgrity.core.types import MemberVectors, NodeVectors, PerMember, PerNode, PerRow, Scalar
 from jaxgrity.model.actuation import rest_length
 from jaxgrity.model.ground import ExactGround
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import Members
-from jaxgrity.model.surface import Frame
 from jaxgrity.stepping.blocks import Blocks, Vector, blocks, rows_of, vector, xyz
+from jaxgrity.stepping.entering import closing_speed, where_met
 from jaxgrity.stepping.ground_response import Contact, along_own_axes, answered, ground_impulse, velocity
 
 HELD = 1e-2
@@ -46,7 +46,7 @@ class StepProblem(NamedTuple):
     closing: tuple[PerRow, ...] | None
     """for each block, the normal velocity at which a node reaches the ground in this step, or leaves it, m/s"""
     axes: tuple[tuple[Vector, Vector, Vector], ...] | None
-    """for each block, normal and tangents of uneven ground where its nodes are about to be"""
+    """for each block, normal and tangents of uneven ground where it is linearised"""
 
 
 class LengthError(NamedTuple):
@@ -96,34 +96,13 @@ def prepare(scene: Scene, h: Scalar, t1: Scalar, q: NodeVectors, v: NodeVectors)
         vectors = vector(apart, ground) * (1 / h)
         lengths = rest_length(struts, scene.gait, t1, 0) / h
     if ground is not None:
-        frame = ground.frame(about_to_be(ground, h, q, v))
-        closing = layout.numbers(closing_speed(ground, frame, h, q, v))
+        met = where_met(ground, h, q, v)
+        frame = ground.frame(met.at)
+        closing = layout.numbers(closing_speed(ground, frame, h, v, met))
         if ground.surface is not None:
             rows = cast(tuple[NodeVectors, ...], (frame.normal, *frame.tangents))
             axes = tuple(zip(*(layout.split(axis, ground) for axis in rows)))
     return StepProblem(vectors, pushes, lengths, closing, axes)
-
-
-def about_to_be(ground: ExactGround, h: Scalar, q: NodeVectors, v: NodeVectors) -> NodeVectors:
-    """Where exact ground is linearised, m: at the nodes, or on uneven ground where they would be after the step.
-
-    There the gap's error is of the second order in what the step changes of its nodes' ways, and a node that stands
-    meets the wall that it runs into.
-    """
-    return q if ground.surface is None else q + h * v
-
-
-def closing_speed(ground: ExactGround, frame: Frame, h: Scalar, q: NodeVectors, v: NodeVectors) -> PerNode:
-    """The normal velocity (m/s) at which each node reaches the ground in a step of size h (s), or leaves it."""
-    phi = ground.signed_distance(about_to_be(ground, h, q, v))
-    if ground.surface is not None:
-        phi = phi - h * component(v, frame.normal)
-    closing = -phi / h
-    if ground.restitution is None:
-        return closing
-    approach = component(v, frame.normal)
-    hits = ((phi + h * approach < 0) & (approach < 0)).astype(phi.dtype)
-    return jnp.maximum(closing, -ground.restitution * approach * hits + closing * (1 - hits))
 
 
 def _push(scene: Scene, layout: Blocks, group: tuple[int, ...], directions: MemberVectors) -> tuple[Vector, ...]:

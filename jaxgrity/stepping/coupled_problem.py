@@ -13,8 +13,9 @@ from jaxgrity.model.inertia import mobility
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.surface import Frame
 from jaxgrity.stepping.blocks import WITHOUT_GROUND
-from jaxgrity.stepping.constraints import about_to_be, closing_speed, exact_ground, rigid_struts
+from jaxgrity.stepping.constraints import exact_ground, rigid_struts
 from jaxgrity.stepping.contact_problem import as_impulses
+from jaxgrity.stepping.entering import closing_speed, where_met
 from jaxgrity.stepping.ground_response import Contact
 
 REDUNDANT = 1e-11
@@ -63,8 +64,9 @@ def problem_of(scene: Scene, h: Scalar, t1: Scalar, q: NodeVectors, v: NodeVecto
     if ground is not None:
         never = np.where(structure.free.any(1), 0.0, 1e6).astype(q.dtype)
         mu = None if scene.friction is None else jnp.asarray(scene.friction.sliding_mu)
-        axes = ground.frame(about_to_be(ground, h, q, v))
-        contact = Contact(closing_speed(ground, axes, h, q, v) - never, mu)
+        met = where_met(ground, h, q, v)
+        axes = ground.frame(met.at)
+        contact = Contact(closing_speed(ground, axes, h, v, met) - never, mu)
     rows = [jnp.broadcast_to(jnp.asarray(axis, q.dtype), q.shape) for axis in (axes.normal, *axes.tangents)]
     frame = jnp.stack(rows, axis=1)
     return Coupled(A, start, apart, goal, contact, frame, struts.edges if struts is not None else ())

@@ -10,8 +10,9 @@ from jaxgrity.core.types import NodeVectors, Scalar, State
 from jaxgrity.model.inertia import held, momenta
 from jaxgrity.model.scene import Scene
 from jaxgrity.stepping.complementarity import ContactState
-from jaxgrity.stepping.constraints import about_to_be, exact_ground, rigid_struts
+from jaxgrity.stepping.constraints import exact_ground, rigid_struts
 from jaxgrity.stepping.dynamics import acceleration, outside_force, smooth_force, support_forces, total_force
+from jaxgrity.stepping.entering import where_met
 
 Work = dict[str, jax.Array]
 """J of the actuators and of each cause of dissipation; N s and N m s, (3,), of the forces from outside"""
@@ -137,6 +138,6 @@ def ground_impulses(scene: Scene, step: Step) -> list[NodeVectors]:
     ground = exact_ground(scene)
     if ground is None:
         return []
-    impulses, frame = step.after.impulses, ground.frame(about_to_be(ground, step.h, *step.start))
+    impulses, frame = step.after.impulses, ground.frame(where_met(ground, step.h, *step.start).at)
     speeds, directions = (impulses.normal, *impulses.tangential), (frame.normal, *frame.tangents)
     return [scale(along(p, n), scene.structure.lumped_mass) for p, n in zip(speeds, directions)]

@@ -193,7 +193,7 @@ PUBLIC = """
   <default>
     <geom friction="0.8 0.005 0.0001"/>
     <tendon damping="1"/>
-    <general ctrlrange="-0.05 0.05" gainprm="600" biastype="affine" biasprm="60 -600 -6" forcerange="-60 0"/>
+    <general ctrlrange="-0.05 0.05" gainprm="600" biastype="affine" biasprm="60 -600 -6" forcerange="-600 0"/>
   </default>
   <worldbody>
     <geom type="plane" size="5 5 1"/>
@@ -202,7 +202,7 @@ PUBLIC = """
   <tendon>
     {tendons}
     <spatial name="driven"><site site="a0"/><site site="b1"/></spatial>
-    <spatial name="idle"><site site="a1"/><site site="b0"/></spatial>
+    <spatial name="idle" damping="0"><site site="a1"/><site site="b0"/></spatial>
   </tendon>
   <actuator><general tendon="driven"/></actuator>
 </mujoco>
@@ -229,10 +229,10 @@ def test_a_robot_of_another_hand(tmp_path):
     assert structure.struts.edges == ((0, 1), (2, 3))
     np.testing.assert_allclose(structure.struts.rest_length, 0.3)
     assert float(structure.mass) == pytest.approx(0.16)
-    # 60/600 m at control 0; of the other the damping that is its default
+    # 60/600 m at control 0; the tendon's own damping, which is its default, and the actuator's
     np.testing.assert_allclose(structure.cables.rest_length, [0.1, 0.1])
     np.testing.assert_allclose(structure.cables.stiffness, [100, 600])
-    np.testing.assert_allclose(structure.cables.damping, [1, 6])
+    np.testing.assert_allclose(structure.cables.damping, [1, 7])
     assert float(scene.friction.mu) == 0.8
     assert "1 tendons without a spring are left out: idle" in notes
     assert "1 tendons would push, too, if they went slack; here they are cables, which do not" in notes

@@ -1,7 +1,9 @@
 """Gaits as files: what comes with the library loads, fits its scene and reaches what its record says; errors."""
 
 import json
+from dataclasses import replace
 
+import equinox as eqx
 import numpy as np
 import pytest
 
@@ -26,7 +28,7 @@ def test_gaits_of_the_library_fit_their_scenes(name):
     """Each has a scene of the project, a number for each member, error bars, and the command that found it."""
     record, gait = gait_record(name), load_gait(name)
     scene = with_gait(load_scene(record["scene"]), gait)
-    assert scene.gait is gait
+    assert eqx.tree_equal(scene.gait, replace(gait, robot=None))
     steady = record["steady"]
     assert steady["settled"]
     assert steady["verified_for"] > 290

@@ -1,0 +1,260 @@
+"""What of a MuJoCo model touches its plane: radii, friction and places, as MuJoCo itself combines them."""
+
+from typing import Any, NamedTuple
+
+import lazy_loader
+import numpy as np
+from scipy.optimize import nnls
+
+from jaxgrity.core.errors import InputError
+from jaxgrity.formats.mjcf_losses import Losses, name_of
+from jaxgrity.model.friction import ConeFriction
+from jaxgrity.model.ground import ExactGround
+
+mujoco: Any = lazy_loader.load("mujoco")
+
+SAME_PLACE = 1e-4
+"""share of the robot's size, within which a node is at the centre of a sphere, and radii are one"""
+SMALL = 0.02
+"""share of the robot's size: arms of friction that spins and rolls, and starts inside the plane, of which notes say"""
+LEAST_FRICTION = 1.01e-5
+"""MuJoCo has no less, in place of none"""
+
+
+class Touching(NamedTuple):
+    """A ball of a body that touches the plane: a sphere, an end of a capsule, or a corner of a box."""
+
+    geom: int
+    body: int
+    centre: np.ndarray
+    """m"""
+    radius: float
+    """m, with MuJoCo's margin"""
+    mu: float
+
+
+class GroundFound(NamedTuple):
+    """What of the model is ground; nothing where nothing touches a plane."""
+
+    ground: ExactGround | None
+    friction: ConeFriction | None
+    lift: np.ndarray
+    """(3,), m, by which nodes are moved, so that they touch a plane through the origin as their balls touch that one"""
+
+
+def touched_plane(model: Any, data: Any, x: np.ndarray, carrier: np.ndarray, losses: Losses) -> GroundFound:
+    """The plane, for nodes `x` (m) of the bodies `carrier`; friction and radii at each of them.
+
+    Raises `InputError` where contact would be another one here, unless the caller drops it.
+    """
+    size = float(np.ptp(x, axis=0).max())
+    _others_that_touch(model, data, losses)
+    plane, contacts = _contacts(model, data)
+    if plane is None:
+        if np.any(model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE):
+            losses.note("nothing touches the plane: the scene has no ground")
+        return GroundFound(None, None, np.zeros(3))
+    n = data.geom_xmat[plane].reshape(3, 3)[:, 2]
+    if abs(n[1]) > 1e-9 or n[2] <= 0:
+        raise InputError(f"the plane's normal is {n.round(4).tolist()}; expected one that falls along x, or none")
+    mu = {geom: _friction(model, geom, found, size, losses) for geom, found in contacts.items()}
+    balls = [ball for geom, found in contacts.items() for ball in _balls(model, data, geom, found[0], mu[geom], losses)]
+    moving = carrier != 0
+    at = _at_nodes(model, balls, x, carrier, SAME_PLACE * size, losses)
+    radius = _one_radius([r for r, _ in at.values()], SAME_PLACE * size, losses)
+    _only_nodes(model, balls, x, np.where(moving, carrier, -1), set(at), (radius, SAME_PLACE * size), losses)
+    lift = _lift(n, data.geom_xpos[plane], radius, x[moving], size, losses)
+    losses.note("contact is between nodes and the plane; it is exact, where MuJoCo's is soft")
+    highest = max((m for _, m in at.values()), default=0.0)
+    each = np.array([at[k][1] if k in at else highest for k in range(len(x))])
+    friction = ConeFriction(highest) if np.all(each == highest) else ConeFriction(each)
+    return GroundFound(ExactGround(float(np.arctan2(n[0], n[2]))), friction, lift)
+
+
+def _contacts(model: Any, data: Any) -> tuple[int | None, dict[int, list[Any]]]:
+    """The plane that moving bodies touch, and of each of their geoms what MuJoCo makes of its contacts with it.
+
+    For that all bodies are moved through the plane, so that MuJoCo itself says what touches: masks, pairs, priorities,
+    exclusions, margins and overrides are its own.
+    """
+    found: dict[int, list[Any]] = {}
+    touched = []
+    for plane in np.flatnonzero(model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE).tolist():
+        normal = data.geom_xmat[plane].reshape(3, 3)[:, 2]
+        reach = float((data.geom_xpos @ normal + model.geom_rbound).max() - data.geom_xpos[plane] @ normal)
+        beyond = _moved(model, -(abs(reach) + 1) * normal)
+        contacts = [contact for contact in beyond.contact if plane in contact.geom]
+        for contact in contacts:
+            geom = int(contact.geom[0] if contact.geom[1] == plane else contact.geom[1])
+            kept = (int(contact.dim), np.array(contact.friction), float(contact.includemargin))
+            found.setdefault(geom, []).append(kept)
+        touched += [plane] if contacts else []
+    if len(touched) > 1:
+        raise InputError(f"has {len(touched)} planes that bodies touch; expected one, or none")
+    return (touched[0] if touched else None), found
+
+
+def _moved(model: Any, way: np.ndarray) -> Any:
+    """MuJoCo's data with every body that stands on the world moved by `way`, m."""
+    data, places = mujoco.MjData(model), model.body_pos.copy()
+    free = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_FREE)
+    for k in range(3):
+        data.qpos[model.jnt_qposadr[free] + k] += way[k]
+    roots = np.flatnonzero((model.body_parentid == 0) & (model.body_weldid != 0))
+    model.body_pos[roots] += way
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    mujoco.mj_collision(model, data)
+    model.body_pos[:] = places
+    if data.warning[mujoco.mjtWarning.mjWARN_CONTACTFULL].number:
+        raise InputError("has more contacts than MuJoCo has memory for; expected fewer parts")
+    return data
+
+
+def _friction(model: Any, geom: int, contacts: list[Any], size: float, losses: Losses) -> float:
+    """mu of the contacts of a geom with the plane."""
+    dim, friction, _ = contacts[0]
+    if dim == 1:
+        return 0.0
+    name = f"geom {name_of(model, 'geom', geom)}"
+    if friction[0] != friction[1]:
+        losses.lose("friction", f"{name}: friction {friction[0]:g} and {friction[1]:g} along two tangents")
+    arms = {"spins": friction[2] if dim >= 4 else 0.0, "rolls": max(friction[3:]) if dim == 6 else 0.0}
+    for motion, arm in arms.items():
+        if arm > SMALL * size:
+            losses.lose("friction", f"{name}: friction against what {motion}, with an arm of {arm:g} m")
+    mu = float(max(friction[:2]))
+    return mu if mu > LEAST_FRICTION else 0.0
+
+
+def _balls(model: Any, data: Any, geom: int, contact: Any, mu: float, losses: Losses) -> list[Touching]:
+    """What of a geom touches planes, as balls. Cylinders are discs at both ends: within other balls, or lost."""
+    kind, size = int(model.geom_type[geom]), model.geom_size[geom]
+    at, turn, margin = data.geom_xpos[geom].copy(), data.geom_xmat[geom].reshape(3, 3), contact[2]
+    types = mujoco.mjtGeom
+    body = int(model.body_weldid[model.geom_bodyid[geom]])
+    if kind == types.mjGEOM_SPHERE:
+        places, radius = [at], float(size[0])
+    elif kind in (types.mjGEOM_CAPSULE, types.mjGEOM_CYLINDER):
+        places, radius = [at + s * size[1] * turn[:, 2] for s in (-1, 1)], float(size[0])
+    elif kind == types.mjGEOM_BOX:
+        corners = np.stack(np.meshgrid(*[(-1, 1)] * 3), -1).reshape(-1, 3)
+        places, radius = list(at + (corners * size) @ turn.T), 0.0
+    else:
+        losses.lose("contact", f"geom {name_of(model, 'geom', geom)} touches the plane with a shape of its own")
+        return []
+    return [Touching(geom, body, place, radius + margin, mu) for place in places]
+
+
+def _at_nodes(
+    model: Any, balls: list[Touching], x: np.ndarray, carrier: np.ndarray, within: float, losses: Losses
+) -> dict[int, tuple[float, float]]:
+    """Radius and mu at each node that is the centre of a ball: those of the largest one."""
+    found: dict[int, tuple[float, float]] = {}
+    cylinder = mujoco.mjtGeom.mjGEOM_CYLINDER
+    for ball in sorted(balls, key=lambda ball: (model.geom_type[ball.geom] == cylinder, -ball.radius)):
+        own = np.flatnonzero(carrier == ball.body)
+        if not len(own):
+            continue
+        node = int(own[np.argmin(np.linalg.norm(x[own] - ball.centre, axis=1))])
+        if np.linalg.norm(x[node] - ball.centre) > within:
+            continue
+        if node in found:
+            radius, mu = found[node]
+            if abs(radius - ball.radius) <= within and mu != ball.mu:
+                name = name_of(model, "geom", ball.geom)
+                losses.lose("friction", f"geom {name}: friction {ball.mu:g}, where another geom has {mu:g}")
+                found[node] = (radius, max(mu, ball.mu))
+            if ball.radius <= radius + within:
+                continue
+        if model.geom_type[ball.geom] == cylinder:
+            name = name_of(model, "geom", ball.geom)
+            losses.lose("radius", f"geom {name}: the rims of a cylinder of {ball.radius:g} m touch the plane")
+        found[node] = (ball.radius, ball.mu)
+    return found
+
+
+def _one_radius(radii: list[float], within: float, losses: Losses) -> float:
+    if not radii:
+        return 0.0
+    if max(radii) - min(radii) > within:
+        losses.lose("radius", f"nodes touch the plane with radii from {min(radii):g} to {max(radii):g} m")
+    return max(radii)
+
+
+def _only_nodes(
+    model: Any,
+    balls: list[Touching],
+    x: np.ndarray,
+    carrier: np.ndarray,
+    at: set[int],
+    sizes: tuple[float, float],
+    losses: Losses,
+) -> None:
+    """Nothing but nodes touches the plane, and every node that can reach it does; `carrier` is -1 of what is fixed."""
+    radius, within = sizes
+    corners = {body: x[[k for k in at if carrier[k] == body]] for body in set(carrier.tolist())}
+    for ball in balls:
+        inside = ball.radius <= radius + within and _within(corners.get(ball.body), ball.centre, within)
+        if not inside:
+            name, place = name_of(model, "geom", ball.geom), ball.centre.round(4).tolist()
+            losses.lose("contact", f"geom {name} touches the plane about {place} m, where its body has no site")
+    for node in np.flatnonzero(carrier != -1):
+        if not _within(corners[int(carrier[node])], x[node], within):
+            name, place = name_of(model, "body", int(carrier[node])), x[node].round(4).tolist()
+            losses.lose("contact", f"body {name}: its site at {place} m touches nothing, but nodes touch the plane")
+
+
+def _within(corners: np.ndarray | None, place: np.ndarray, within: float) -> bool:
+    """Whether a place is in the convex hull of `corners`."""
+    if corners is None or not len(corners):
+        return False
+    away = (corners - place).T
+    scale = max(float(np.abs(away).max()), within)
+    return bool(nnls(np.vstack([away / scale, np.ones(len(corners))]), np.r_[0, 0, 0, 1.0])[1] * scale <= 2 * within)
+
+
+def _lift(n: np.ndarray, plane: np.ndarray, radius: float, x: np.ndarray, size: float, losses: Losses) -> np.ndarray:
+    level = float(n @ plane) + radius
+    deep = level - float((x @ n).min())
+    if deep > SMALL * size:
+        losses.lose("contact", f"the robot starts {deep:.4g} m inside the plane, and is pushed out of it")
+    elif deep > 1e-12:
+        losses.note(f"the robot starts {deep:.4g} m inside the plane; here it starts on it")
+    away = level - max(deep, 0.0)
+    if radius > 0:
+        losses.note(
+            f"what touches the plane has a radius of {radius:.4g} m: the plane is so much higher here, and nodes slide "
+            "or stick on it where their balls would roll"
+        )
+    if abs(away) > 1e-12:
+        losses.note(f"nodes are moved by {away:.4g} m against the plane's normal, onto a plane through the origin")
+    return away * n
+
+
+def _others_that_touch(model: Any, data: Any, losses: Losses) -> None:
+    """Contact that a scene does not have: of bodies with each other, and with what stands beside the plane."""
+    body = model.body_weldid[model.geom_bodyid]
+    for contact in data.contact:
+        first, second = (int(body[geom]) for geom in contact.geom)
+        if first and second:
+            names = " and ".join(name_of(model, "body", b) for b in (first, second))
+            losses.lose("contact", f"bodies {names} touch each other at the start")
+    plane = model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
+    masks = np.stack([model.geom_contype, model.geom_conaffinity, body], 1)
+    standing = np.unique(masks[(body == 0) & ~plane], axis=0)
+    moving = np.unique(masks[body != 0], axis=0)
+    pairs = [(int(a), int(b)) for a, b in zip(model.pair_geom1, model.pair_geom2) if not plane[a] and not plane[b]]
+    beside = any(not body[a] or not body[b] for a, b in pairs)
+    if beside or any(_meets(model, one, moving) for one in standing):
+        losses.lose("contact", "bodies touch what stands beside the plane")
+    if len(pairs) or any(_meets(model, one, moving[k + 1 :]) for k, one in enumerate(moving)):
+        losses.note("bodies that meet each other touch there; here they pass through each other")
+
+
+def _meets(model: Any, one: np.ndarray, others: np.ndarray) -> bool:
+    """Whether masks let a body touch one of others."""
+    others = others[others[:, 2] != one[2]]
+    low, high = np.minimum(others[:, 2], one[2]), np.maximum(others[:, 2], one[2])
+    excluded = np.isin((low.astype(int) << 16) + high, model.exclude_signature.astype(int))
+    return bool(np.any((((one[0] & others[:, 1]) | (others[:, 0] & one[1])) != 0) & ~excluded))

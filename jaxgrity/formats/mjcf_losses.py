@@ -1,0 +1,127 @@
+"""What a MuJoCo model has and a scene has not: named in a note, or refused unless the caller says to drop it."""
+
+from collections.abc import Collection
+from typing import Any
+
+import lazy_loader
+import numpy as np
+
+from jaxgrity.core.errors import InputError
+
+mujoco: Any = lazy_loader.load("mujoco")
+
+DROPPABLE = {
+    "contact": "what touches what, and where",
+    "radius": "radii of what touches the plane, where they differ",
+    "friction": "coefficients that have no counterpart, and dry friction of joints and tendons",
+    "limits": "limits of tendons, joints and forces",
+    "damping": "of free joints, and of tendons without a spring",
+    "actuators": "those that are no springs of tendons",
+    "air": "density, viscosity and wind",
+    "forces": "springs of joints, gravity compensation, armature, nonlinear springs",
+}
+"""what changes the motion, by the names by which callers may drop it"""
+FAR = 10.0
+"""times its length at the start, from which on a limit of a tendon is out of reach"""
+
+
+class Losses:
+    """Notes on what is read how, and what of the model the caller gives up."""
+
+    def __init__(self, drop: Collection[str], notes: list[str]):
+        """Raises `InputError` where `drop` has a name that is not in `DROPPABLE`."""
+        unknown = sorted({drop} if isinstance(drop, str) else set(drop) - set(DROPPABLE))
+        if unknown:
+            raise InputError(f"drop = {unknown}: expected a list of some of {', '.join(DROPPABLE)}")
+        self.drop = frozenset(drop)
+        self.notes = notes
+
+    def note(self, sentence: str) -> None:
+        self.notes.append(sentence)
+
+    def lose(self, kind: str, what: str) -> None:
+        """Raises `InputError` unless the caller drops things of this kind; then a note says so."""
+        if kind not in self.drop:
+            raise InputError(f"{what}, which would be lost; drop={kind!r}, or --drop {kind}, reads the model without it")
+        self.note(f"dropped: {what}")
+
+
+def name_of(model: Any, kind: str, number: int) -> str:
+    """As errors name a part: by the name that the file gives it, or by its number."""
+    return mujoco.mj_id2name(model, getattr(mujoco.mjtObj, f"mjOBJ_{kind.upper()}"), number) or str(number)
+
+
+def check_losses(model: Any, losses: Losses) -> None:
+    """Of options, bodies, joints and tendons. Contact and actuators are looked at where they are read."""
+    _options(model, losses)
+    _joints(model, losses)
+    _tendons(model, losses)
+    if np.any(model.body_gravcomp):
+        losses.lose("forces", f"body {_first(model, 'body', model.body_gravcomp)}: gravity compensation")
+    if getattr(model, "nplastic", 0):
+        losses.lose("forces", "plastic springs")
+    if model.nkey:
+        losses.note(f"{model.nkey} keyframes are not read: the robot starts where its bodies are placed")
+
+
+def _options(model: Any, losses: Losses) -> None:
+    if model.opt.density or model.opt.viscosity:
+        losses.lose("air", f"air of {model.opt.density:g} kg/m^3 and {model.opt.viscosity:g} Pa s")
+    flags = mujoco.mjtDisableBit
+    for name in ("SPRING", "DAMPER", "PASSIVE", "ACTUATION"):
+        if model.opt.disableflags & int(getattr(flags, f"mjDSBL_{name}", 0)):
+            raise InputError(f"option flag {name.lower()} is disabled; expected it to be enabled")
+    if model.opt.disableactuator:
+        losses.lose("actuators", "groups of actuators that are disabled")
+
+
+def _joints(model: Any, losses: Losses) -> None:
+    free = model.jnt_type[model.dof_jntid] == mujoco.mjtJoint.mjJNT_FREE if model.nv else np.zeros(0, bool)
+    for kind, values, what in (
+        ("damping", _with_terms(model, "dof_damping") * free, "damping of a free joint"),
+        ("damping", _terms(model, "dof_dampingpoly") * ~free, "damping that is not in proportion to speed"),
+        ("friction", model.dof_frictionloss, "dry friction (frictionloss)"),
+        ("forces", model.dof_armature, "armature"),
+        ("forces", _with_terms(model, "jnt_stiffness")[model.dof_jntid] if model.nv else np.zeros(0), "a spring"),
+        ("limits", model.jnt_limited[model.dof_jntid] if model.nv else np.zeros(0), "a limited range"),
+    ):
+        if np.any(values):
+            joint = int(model.dof_jntid[np.flatnonzero(values)[0]])
+            losses.lose(kind, f"body {name_of(model, 'body', int(model.jnt_bodyid[joint]))}: its joint has {what}")
+
+
+def _tendons(model: Any, losses: Losses) -> None:
+    for kind, values, what in (
+        ("limits", model.tendon_actfrclimited, "a limited force of its actuators"),
+        ("friction", model.tendon_frictionloss, "dry friction (frictionloss)"),
+        ("forces", getattr(model, "tendon_armature", np.zeros(model.ntendon)), "armature"),
+        ("forces", _terms(model, "tendon_stiffnesspoly"), "a spring that is not linear"),
+        ("damping", _terms(model, "tendon_dampingpoly"), "damping that is not in proportion to speed"),
+    ):
+        if np.any(values):
+            losses.lose(kind, f"tendon {_first(model, 'tendon', values)}: {what}")
+    for t in np.flatnonzero(model.tendon_limited).tolist():
+        (low, high), margin, length = model.tendon_range[t], model.tendon_margin[t], model.tendon_length0[t]
+        name, reach = name_of(model, "tendon", t), f"its length is limited to {low:g} to {high:g} m"
+        if low - margin > 0 or high - margin < FAR * length:
+            losses.lose("limits", f"tendon {name}: {reach}")
+        else:
+            losses.note(f"tendon {name}: {reach} there, and not at all here; it is {length:.4g} m long at the start")
+
+
+def _first(model: Any, kind: str, values: np.ndarray) -> str:
+    return name_of(model, kind, int(np.flatnonzero(values)[0]))
+
+
+def _terms(model: Any, name: str) -> np.ndarray:
+    """Whether there are terms of higher order, one number each; versions of MuJoCo before 4 know none."""
+    found = getattr(model, name, None)
+    if found is None:
+        found = getattr(model, name.removesuffix("poly"))
+        return np.zeros(len(found))
+    return np.abs(found).reshape(len(found), -1 if len(found) else 1).sum(1)
+
+
+def _with_terms(model: Any, name: str) -> np.ndarray:
+    """The coefficient of first order and those of higher ones, one number each, to compare with 0."""
+    return np.abs(np.reshape(getattr(model, name), (-1,))) + _terms(model, f"{name}poly")

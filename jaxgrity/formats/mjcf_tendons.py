@@ -1,0 +1,147 @@
+"""Tendons and actuators of a MuJoCo model as members, and actuators that push against velocities as damping."""
+
+from typing import Any, NamedTuple
+
+import lazy_loader
+import numpy as np
+
+from jaxgrity.core.errors import InputError
+from jaxgrity.formats.mjcf_losses import Losses, name_of
+
+mujoco: Any = lazy_loader.load("mujoco")
+
+
+class Spring(NamedTuple):
+    """A tendon, as a member."""
+
+    kind: str
+    """strut: it pushes, too; cable: it does not"""
+    ends: tuple[int, int]
+    """sites, later nodes"""
+    stiffness: float
+    rest_length: float
+    damping: float
+
+
+class Driven(NamedTuple):
+    """What an actuator makes of its tendon, where its control is 0, or the nearest to 0 that it may be."""
+
+    kind: str
+    stiffness: float
+    rest_length: float
+    damping: float
+
+
+def springs_of(model: Any, data: Any, losses: Losses) -> list[Spring]:
+    """Kind, sites, K (N/m), L (m) and c (N s/m) of each spatial tendon that is a spring or has an actuator."""
+    if not model.ntendon:
+        raise InputError("has no tendons; expected spatial tendons between sites")
+    driven = _actuators(model, data, losses)
+    found, idle = [], []
+    for t in range(model.ntendon):
+        name, ends = name_of(model, "tendon", t), _ends(model, t)
+        K, c = float(model.tendon_stiffness[t]), float(model.tendon_damping[t])
+        low, high = model.tendon_lengthspring[t]
+        if t in driven and K:
+            raise InputError(f"tendon {name}: has a spring and an actuator with one; expected one of them")
+        if t in driven:
+            own = driven[t]
+            found.append(Spring(own.kind, ends, own.stiffness, own.rest_length, own.damping + c))
+        elif not K:
+            idle.append(name)
+            if c:
+                losses.lose("damping", f"tendon {name}: damping without a spring")
+        elif low == high or low == 0:
+            found.append(Spring("strut" if low == high else "cable", ends, K, float(high), c))
+        else:
+            raise InputError(f"tendon {name}: springlength {low:g} to {high:g}; expected one length, or from 0 on")
+    if idle:
+        names = f"{', '.join(idle[:5])}{'...' * (len(idle) > 5)}"
+        losses.note(f"{len(idle)} tendons without a spring are left out: {names}")
+    if any(spring.kind == "cable" and spring.damping for spring in found):
+        losses.note("the damping of tendons acts there while they are slack, too; here while they pull")
+    return found
+
+
+def _ends(model: Any, tendon: int) -> tuple[int, int]:
+    first, count = model.tendon_adr[tendon], model.tendon_num[tendon]
+    wraps = range(first, first + count)
+    if count != 2 or any(model.wrap_type[w] != mujoco.mjtWrap.mjWRAP_SITE for w in wraps):
+        name = name_of(model, "tendon", tendon)
+        raise InputError(f"tendon {name}: expected two sites, and nothing that it wraps about")
+    return int(model.wrap_objid[first]), int(model.wrap_objid[first + 1])
+
+
+def _actuators(model: Any, data: Any, losses: Losses) -> dict[int, Driven]:
+    """Of each tendon with an actuator that is a spring; actuators of other kinds than these and drags are lost."""
+    found: dict[int, Driven] = {}
+    for a in range(model.nu):
+        if model.actuator_trntype[a] == mujoco.mjtTrn.mjTRN_SITE and _is_drag(model, a):
+            continue
+        tendon = int(model.actuator_trnid[a, 0])
+        name = name_of(model, "actuator", a)
+        spring = _spring(model, a)
+        if spring is None or tendon in found:
+            losses.lose("actuators", f"actuator {name}: no spring of a tendon that has a rest length at control 0")
+            continue
+        found[tendon] = spring
+        _beside(model, data, a, name, losses)
+    if found:
+        losses.note(f"{len(found)} actuators are springs whose rest length their control changes; the gait is not read")
+    return found
+
+
+def _spring(model: Any, a: int) -> Driven | None:
+    """The force gain u + b0 + b1 l + b2 l', with gain = -b1, as K (L - l) - c l' with L = (b0 + gain u)/K."""
+    gain, bias = model.actuator_gainprm[a], model.actuator_biasprm[a]
+    of_tendon = model.actuator_trntype[a] == mujoco.mjtTrn.mjTRN_TENDON and model.actuator_gear[a, 0] == 1
+    fixed = model.actuator_gaintype[a] == mujoco.mjtGain.mjGAIN_FIXED
+    affine = model.actuator_biastype[a] == mujoco.mjtBias.mjBIAS_AFFINE and np.isclose(gain[0], -bias[1], rtol=1e-9)
+    if not (of_tendon and fixed and affine) or gain[0] <= 0 or bias[2] > 0:
+        return None
+    u = float(np.clip(0.0, *model.actuator_ctrlrange[a])) if model.actuator_ctrllimited[a] else 0.0
+    rest = float(bias[0] / gain[0]) + u
+    pulls = model.actuator_forcelimited[a] and model.actuator_forcerange[a, 1] <= 0
+    return Driven("cable" if pulls else "strut", float(gain[0]), rest, float(-bias[2])) if rest > 0 else None
+
+
+def _beside(model: Any, data: Any, a: int, name: str, losses: Losses) -> None:
+    """What an actuator has beside its spring: lags, limits of its force, inertia."""
+    lags = [int(getattr(mujoco.mjtDyn, f"mjDYN_{kind}")) for kind in ("INTEGRATOR", "FILTER", "FILTEREXACT")]
+    if int(model.actuator_dyntype[a]) in lags:
+        losses.note(f"actuator {name}: lags behind its control there; here a gait's rest lengths are followed at once")
+    elif model.actuator_dyntype[a] != mujoco.mjtDyn.mjDYN_NONE:
+        losses.lose("actuators", f"actuator {name}: a state of its own")
+    if np.any(getattr(model, "actuator_delay", np.zeros(model.nu))[a]):
+        losses.note(f"actuator {name}: is late there; here a gait's rest lengths are followed at once")
+    for what in ("damping", "armature"):
+        if np.any(getattr(model, f"actuator_{what}", np.zeros(model.nu))[a]):
+            losses.lose("actuators", f"actuator {name}: {what} of its own")
+    if model.actuator_forcelimited[a]:
+        low, high = model.actuator_forcerange[a]
+        force = float(data.actuator_force[a])
+        if force <= low or force >= high > 0:
+            losses.lose("limits", f"actuator {name}: its force is limited to the {force:g} N of the start")
+        elif low > -1e6 or 0 < high < 1e6:
+            losses.note(f"actuator {name}: its force is limited to {low:g} to {high:g} N there, and not at all here")
+
+
+def _is_drag(model: Any, a: int) -> bool:
+    """Whether it is a force against the velocity of a site along one axis, and nothing else."""
+    gain, bias, gear = model.actuator_gainprm[a], model.actuator_biasprm[a], model.actuator_gear[a]
+    affine = model.actuator_biastype[a] == mujoco.mjtBias.mjBIAS_AFFINE
+    free = not (gain[0] or bias[0] or bias[1] or model.actuator_forcelimited[a])
+    return bool(affine and free and bias[2] < 0 and sorted(gear.tolist()) == [0, 0, 0, 0, 0, 1] and gear[:3].any())
+
+
+def drag_of_sites(model: Any, losses: Losses) -> dict[int, float]:
+    """N s/m, of sites that actuators slow down alike along all three axes."""
+    along: dict[int, list[float]] = {}
+    for a in np.flatnonzero(model.actuator_trntype[: model.nu] == mujoco.mjtTrn.mjTRN_SITE):
+        if _is_drag(model, int(a)):
+            each = along.setdefault(int(model.actuator_trnid[a, 0]), [0.0, 0.0, 0.0])
+            each[int(np.argmax(model.actuator_gear[a, :3]))] -= float(model.actuator_biasprm[a, 2])
+    for site, each in along.items():
+        if max(each) != min(each):
+            losses.lose("actuators", f"site {name_of(model, 'site', site)}: damping {each} N s/m along x, y and z")
+    return {site: max(each) for site, each in along.items()}

@@ -1,0 +1,193 @@
+"""MuJoCo models of many hands: what touches how, limits, damping, actuators. What is lost is refused, or named."""
+
+import numpy as np
+import pytest
+
+from jaxgrity import InputError, read_mjcf, simulate
+
+mujoco = pytest.importorskip("mujoco")
+
+LOW = 0.2 * np.array([[np.cos(a), np.sin(a), 0.0] for a in 2 * np.pi / 3 * np.arange(3)])
+TOP = 0.2 * np.array([[np.cos(a), np.sin(a), 0.0] for a in 2 * np.pi / 3 * (np.arange(3) + 1) + np.pi / 6])
+ROD = '<geom name="g{k}" type="capsule" size="{radius}" fromto="{a} {b}" mass="0.3"/>'
+CABLE = """<spatial name="c{k}" stiffness="400" damping="2" springlength="0 {rest:.6f}">
+<site site="{i}"/><site site="{j}"/></spatial>"""
+MODEL = """<mujoco><option timestep="0.0005"/><worldbody>
+<geom name="floor" type="plane" size="1 1 1"/>{bodies}</worldbody><tendon>{tendons}</tendon></mujoco>"""
+UNTOUCHED = ROD.replace("/>", ' contype="0" conaffinity="0"/>')
+
+
+def prism(radius=0.01, geoms=ROD, joint="<freejoint/>", above=0.05, apart=0.0):
+    """Three rods that nine cables hold, as MJCF: capsules, unless told otherwise, `above` (m) the floor."""
+    low, top = LOW + np.array([0, 0, above]), TOP + np.array([0, 0, above + 0.3])
+    bodies = tendons = ""
+    for k, (a, b) in enumerate(zip(low, top)):
+        a, b = ("{:.9f} {:.9f} {:.9f}".format(*x) for x in (a, b))
+        geom = geoms.format(k=k, radius=radius + apart * k, a=a, b=b)
+        sites = f'<site name="a{k}" pos="{a}"/><site name="b{k}" pos="{b}"/>'
+        bodies += f'<body name="rod{k}">{joint}{geom}{sites}</body>'
+    x = {**{f"a{k}": low[k] for k in range(3)}, **{f"b{k}": top[k] for k in range(3)}}
+    pairs = [(f"{s}{k}", f"{s}{(k + 1) % 3}") for s in "ab" for k in range(3)] + [
+        (f"a{k}", f"b{(k - 1) % 3}") for k in range(3)
+    ]
+    for k, (i, j) in enumerate(pairs):
+        tendons += CABLE.format(k=k, rest=0.8 * np.linalg.norm(x[i] - x[j]), i=i, j=j)
+    return MODEL.format(bodies=bodies, tendons=tendons)
+
+
+@pytest.fixture
+def read(tmp_path):
+    """Of a model's text."""
+
+    def from_text(text, **how):
+        path = tmp_path / "robot.xml"
+        path.write_text(text)
+        return read_mjcf(path, **how)
+
+    return from_text
+
+
+def with_pairs(mu, text):
+    pairs = "".join(f'<pair geom1="floor" geom2="g{k}" friction="{mu} {mu}"/>' for k in range(3))
+    return text.replace("</mujoco>", f"<contact>{pairs}</contact></mujoco>")
+
+
+def with_actuator(element, text):
+    return text.replace("</mujoco>", f"<actuator>{element}</actuator></mujoco>")
+
+
+BALLS = ROD.replace("capsule", "cylinder").replace("{radius}", "0.004") + "".join(
+    f'<geom type="sphere" size="{{radius}}" pos="{{{end}}}" mass="0.05"/>' for end in "ab"
+)
+
+
+def settled_heights(text, found):
+    """z of the robot's sites after 3 s, there and here, by the plane that each has."""
+    model = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    below = data.site_xpos[0, 2] - found.scene.structure.nodes[0, 2]
+    mujoco.mj_step(model, data, 6000)
+    end = np.asarray(simulate(found.scene, 3.0, frame_rate=1.0).positions[-1])
+    return data.site_xpos[:, 2], end[:, 2] + below
+
+
+@pytest.mark.slow
+def test_settled_heights_are_those_of_mujoco(read):
+    """Capsules in pairs with slippery ground, and balls without friction: within 2 mm of MuJoCo's soft contact.
+
+    A radius that is not read makes 10 and 30 mm. With more friction feet rest where each engine's law leaves them.
+    """
+    balls = prism(0.03, BALLS).replace(FLOOR, FLOOR + ' condim="1" priority="1"')
+    for text in (with_pairs(0.1, prism()), balls):
+        theirs, ours = settled_heights(text, read(text))
+        assert np.sort(theirs)[2] < 0.04
+        np.testing.assert_allclose(ours.mean(), theirs.mean(), rtol=0, atol=2e-3)
+
+
+def test_the_radius_is_that_of_what_touches(read):
+    """Of capsules and balls; thin rods between balls do not count. Notes name a radius where there is one."""
+    for text, radius in ((prism(0.01), 0.01), (prism(0.03, BALLS), 0.03)):
+        scene, notes = read(text)
+        np.testing.assert_allclose(scene.structure.nodes[:, 2].min(), 0.05 - radius, atol=1e-9)
+        assert any(f"has a radius of {radius:g} m" in note for note in notes)
+    shifted = prism().replace('type="plane"', 'type="plane" pos="0 0 -0.2"')
+    np.testing.assert_allclose(read(shifted).scene.structure.nodes[:, 2].min(), 0.24, atol=1e-9)
+    scene, _ = read(prism(0.01, ROD.replace("/>", ' margin="0.004"/>')))
+    np.testing.assert_allclose(scene.structure.nodes[:, 2].min(), 0.036, atol=1e-9)
+
+
+def test_no_radius_is_named_where_there_is_none(read):
+    """Nothing is said of spheres that are not there, or of a move by 0 m; without contact there is no ground."""
+    scene, notes = read(prism(geoms=UNTOUCHED))
+    assert scene.ground is None
+    assert "nothing touches the plane: the scene has no ground" in notes
+    assert not any("radius" in note or "moved" in note for note in notes)
+
+
+def test_friction_is_what_mujoco_combines(read):
+    """Of pairs, of the rougher of two, of the one with priority; none where contact has one dimension; by rods."""
+    rough = prism().replace(FLOOR, FLOOR + ' friction="0.4"').replace('size="0.01"', 'size="0.01" friction="0.7"')
+    first = rough.replace(FLOOR, FLOOR + ' priority="1"')
+    smooth = first.replace('priority="1"', 'priority="1" condim="1"')
+    for text, mu in ((with_pairs(0.1, prism()), 0.1), (rough, 0.7), (first, 0.4), (smooth, 0.0), (prism(), 1.0)):
+        assert float(read(text).scene.friction.mu) == mu
+    two = rough.replace('friction="0.7"', 'friction="0.2"', 1)
+    np.testing.assert_array_equal(read(two).scene.friction.mu, [0.4, 0.4, 0.7, 0.7, 0.7, 0.7])
+
+
+BALL = '<geom type="sphere" size="SIZE" pos="0.{k} 0.3 0.2" mass="0" contype="MASK" conaffinity="MASK"/>'
+BOX = '<geom type="box" size="0.01 0.01 0.01" pos="{a}" mass="0"/>'
+STEP = '<geom type="box" size="1 1 0.1" pos="1 0 0"/>'
+FLOOR, TENDON, SPRING = 'size="1 1 1"', 'name="c0"', 'stiffness="400"'
+SERVO = '<position tendon="c0" kp="100"/>'
+WEAK = '<general tendon="c0" gainprm="600" biastype="affine" biasprm="60 -600 -6" forcerange="-20 0"/>'
+ROLLING = FLOOR + ' condim="6" friction="1 0.005 0.1"'
+SLACK = prism().replace(SPRING, 'stiffness="0"', 1)
+REFUSED = {
+    "radii": (prism(apart=0.005), "radius", "radii from 0.01 to 0.02 m"),
+    "cylinders": (prism(geoms=ROD.replace("capsule", "cylinder")), "radius", "the rims of a cylinder of 0.01 m"),
+    "a ball elsewhere": (
+        prism(geoms=ROD + BALL.replace("SIZE", "0.02").replace("MASK", "1")), "contact", "where its body has no site",
+    ),
+    "corners": (prism(geoms=UNTOUCHED + BOX), "contact", "where its body has no site"),
+    "one end": (prism(geoms=UNTOUCHED + BALLS.split("/>")[1] + "/>"), "contact", "touches nothing, but nodes touch"),
+    "a step": (prism().replace("<body", STEP + "<body", 1), "contact", "bodies touch what stands beside the plane"),
+    "overlaps": (
+        prism(geoms=ROD + BALL.replace("SIZE", "0.2").replace("MASK", "2")), "contact", "touch each other at the start",
+    ),
+    "inside the plane": (prism(above=-0.05), "contact", "inside the plane"),
+    "directions": (with_pairs(0.1, prism()).replace('"0.1 0.1"', '"0.1 0.3"', 1), "friction", "along two tangents"),
+    "rolling friction": (prism().replace(FLOOR, ROLLING), "friction", "against what rolls, with an arm of 0.1 m"),
+    "a limit": (prism().replace(TENDON, TENDON + ' limited="true" range="0 0.4"'), "limits", "limited to 0 to 0.4 m"),
+    "dry friction": (prism().replace(TENDON, TENDON + ' frictionloss="1"'), "friction", "tendon c0: dry friction"),
+    "damped bodies": (prism(joint='<joint type="free" damping="0.5"/>'), "damping", "damping of a free joint"),
+    "inertia": (prism(joint='<joint type="free" armature="0.5"/>'), "forces", "armature"),
+    "air": (prism().replace("<option", '<option density="1.2" viscosity="2e-5"'), "air", "air of 1.2 kg/m^3"),
+    "floats": (prism().replace('name="rod1"', 'name="rod1" gravcomp="1"'), "forces", "rod1: gravity compensation"),
+    "a damper": (SLACK, "damping", "tendon c0: damping without a spring"),
+    "a motor": (with_actuator('<motor tendon="c0"/>', prism()), "actuators", "actuator 0: no spring"),
+    "a servo": (with_actuator(SERVO, prism()), "actuators", "actuator 0: no spring"),
+    "a weak spring": (with_actuator(WEAK, SLACK), "limits", "limited to the -20 N of the start"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("text", "kind", "reason"), REFUSED.values(), ids=REFUSED)
+def test_another_motion_is_refused_unless_it_may_be(text, kind, reason, read):
+    """In one line that names what would be lost; dropped, a note says what was."""
+    with pytest.raises(InputError) as caught:
+        read(text)
+    assert reason in str(caught.value)
+    assert f"drop='{kind}'" in str(caught.value)
+    found = read(text, drop=[kind])
+    assert any(note.startswith("dropped: ") and reason in note for note in found.notes)
+
+
+def test_what_has_no_effect_is_a_note(read):
+    """Lags, keyframes, a limit out of reach, bodies that could meet, damping while slack."""
+    spring = '<general tendon="c0" gainprm="600" biastype="affine" biasprm="60 -600 -6" {more}/>'
+    lagging = spring.format(more='dyntype="filter" dynprm="0.1" forcerange="-900 0"')
+    text = with_actuator(lagging, SLACK)
+    text = text.replace('name="c1"', 'name="c1" limited="true" range="0 9"')
+    text = text.replace("</mujoco>", '<keyframe><key time="1"/></keyframe></mujoco>')
+    scene, notes = read(text)
+    for said in (
+        "actuator 0: lags behind its control there",
+        "its force is limited to -900 to 0 N there",
+        "1 keyframes are not read",
+        "tendon c1: its length is limited to 0 to 9 m there",
+        "bodies that meet each other touch there",
+        "the damping of tendons acts there while they are slack, too",
+    ):
+        assert any(said in note for note in notes), said
+    assert scene.structure.cables.damping[-1] == 2
+    # the control that is nearest to 0 within its range counts
+    moved = with_actuator(spring.format(more='ctrlrange="0.05 0.2"'), SLACK)
+    np.testing.assert_allclose(read(moved).scene.structure.cables.rest_length[0], 0.15)
+
+
+def test_kinds_that_may_be_dropped_are_named(read):
+    """An unknown one is refused with the list, and a text in the place of a list."""
+    for drop in (["wheels"], "radius"):
+        with pytest.raises(InputError, match="expected a list of some of contact, radius, friction, limits"):
+            read(prism(), drop=drop)

@@ -1,0 +1,209 @@
+"""Nodes that meet edges: the face that their way enters first is the one that holds them, on either side of it."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxgrity import (
+    Box,
+    ConeFriction,
+    Cylinder,
+    ExactGround,
+    Scene,
+    Slope,
+    SolverOptions,
+    Sphere,
+    Stairs,
+    Structure,
+    Union,
+    bumps,
+    simulate,
+)
+from jaxgrity.stepping.entering import where_met
+
+G, DT = 9.81, 5e-3
+CORNER = 1e-9
+"""m: nodes that pass an edge within this meet either face"""
+
+
+def paths(surface, starts, velocities=None, friction=None, duration=0.4):
+    """(times, nodes, 3), m: positions after each step of nodes that know nothing of each other."""
+    body = Structure(np.asarray(starts, float), np.ones(len(starts)))
+    scene = Scene(body, G, ground=ExactGround(surface=surface), friction=friction)
+    options = SolverOptions(dt=DT, any_step=True)
+    found = simulate(scene, duration, options=options, velocities=velocities, frame_rate=1 / DT)
+    assert not found.failed
+    return np.asarray(found.positions)
+
+
+class Block:
+    """A convex body with flat faces: n·x <= d for all of them, and what a line meets of it."""
+
+    def __init__(self, normals, distances):
+        self.normals, self.distances = np.asarray(normals, float), np.asarray(distances, float)
+
+    def entered(self, start, way):
+        """For each line the share at which it enters, infinite where it does not, its face, and whether it is a tie."""
+        gap, rate = self.distances - start @ self.normals.T, way @ self.normals.T
+        with np.errstate(divide="ignore", invalid="ignore"):
+            at = gap / rate
+        first = np.where(rate < 0, at, np.where((rate == 0) & (gap < 0), np.inf, -np.inf))
+        last = np.where(rate > 0, at, np.inf).min(1)
+        order = np.sort(first, axis=1)
+        size = np.linalg.norm(way, axis=1)
+        with np.errstate(invalid="ignore"):
+            tie = (order[:, -1] - order[:, -2]) * size < CORNER
+            grazes = abs(order[:, -1] - last) * size < 1e-7
+        share = order[:, -1]
+        hit = (share <= last) & (share >= 0) & (share < 1)
+        return np.where(hit, share, np.inf), self.normals[first.argmax(1)], tie | grazes
+
+
+def box_block(centre, size, turn=0.0):
+    axes = np.array([[np.cos(turn), np.sin(turn), 0], [-np.sin(turn), np.cos(turn), 0], [0, 0, 1.0]])
+    normals = np.vstack([axes, -axes])
+    return Box(np.asarray(centre), np.asarray(size), turn), Block(normals, normals @ centre + np.tile(size, 2) / 2)
+
+
+FLOOR = Slope(), Block([[0, 0, 1.0], [0, 0, 1.0]], [0.0, 1.0])
+FIRST, SECOND = box_block([0.0, 0, 0.1], [0.4, 4.0, 0.2]), box_block([0.25, 0, 0.15], [0.12, 0.3, 0.3], 0.5)
+THIN = box_block([0.0, 0, 0.25], [0.3, 4.0, 0.02])
+TREADS = [Block([[-1.0, 0, 0], [0, 0, 1.0]], [-0.1 - 0.2 * k, 0.15 * (k + 1)]) for k in range(3)]
+GROUNDS = {
+    "stairs": (Stairs(0.15, 0.2, 3, start=0.1), [*TREADS, FLOOR[1]], [0.1, 0.3, 0.5]),
+    "box": (Union((FIRST[0], FLOOR[0])), [FIRST[1], FLOOR[1]], [-0.2, 0.2]),
+    "boxes that meet": (Union((FIRST[0], SECOND[0], FLOOR[0])), [FIRST[1], SECOND[1], FLOOR[1]], [0.2, 0.25]),
+    "a thin shelf": (Union((THIN[0], FLOOR[0])), [THIN[1], FLOOR[1]], [-0.15, 0.15]),
+}
+
+
+def drops(rims, count, seed=0):
+    """Starts about rims, m, and velocities, m/s."""
+    draw = np.random.default_rng(seed)
+    x = draw.choice(rims, count) + draw.uniform(-0.03, 0.03, count)
+    starts = np.stack([x, draw.uniform(-0.2, 0.2, count), draw.uniform(0.6, 1.0, count)], 1)
+    velocities = draw.normal(0, 0.7, (count, 3)) * (draw.uniform(size=count) < 0.7)[:, None]
+    return starts, velocities
+
+
+def lines_that_enter(blocks, start, way):
+    """Of each line, from outside: the share at which it enters the first block, that face, and whether it is sure."""
+    share, normal, tie = (np.stack(x, 1) for x in zip(*(block.entered(start, way) for block in blocks)))
+    rows, first = np.arange(len(start)), share.argmin(1)
+    in_order = np.sort(share, axis=1)
+    size = np.linalg.norm(way, axis=1)
+    with np.errstate(invalid="ignore"):
+        apart = (in_order[:, 1] - in_order[:, 0]) * size > CORNER
+    sure = np.isfinite(in_order[:, 0]) & apart & ~tie[rows, first]
+    return np.where(sure, in_order[:, 0], 0), normal[rows, first], sure
+
+
+def sides(ground, count):
+    """How many times nodes entered the ground, and by how much, m, one ended that step elsewhere than its face says.
+
+    Without friction a node ends it where its free motion does, less what leads into the face that it met first.
+    """
+    surface, blocks, rims = ground
+    q, worst, met = paths(surface, *drops(rims, count)), 0.0, 0
+    for before, now, after in zip(q, q[1:], q[2:]):
+        way = now - before
+        outside = ExactGround(surface=surface).measured(now[None]).distance[0] > CORNER
+        share, n, sure = lines_that_enter(blocks, now, way)
+        free = now + way - np.array([0, 0, G * DT**2])
+        deep = np.minimum(np.sum(n * (free - now - share[:, None] * way), axis=1), 0)
+        off = np.linalg.norm(after - free + deep[:, None] * n, axis=1)[outside & sure]
+        worst, met = max(worst, off.max(initial=0.0)), met + len(off)
+    return met, worst
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", GROUNDS)
+def test_no_node_leaves_by_a_side_that_it_did_not_enter(name):
+    """Drops about rims, straight and across, in the four programs that the campaign runs too."""
+    met, worst = sides(GROUNDS[name], 400)
+    assert met > 150
+    assert worst < 1e-7
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("name", GROUNDS)
+def test_none_of_many_drops_leaves_by_another_side(name):
+    """10,000 of them on each ground."""
+    met, worst = sides(GROUNDS[name], 10_000)
+    assert met > 5000
+    assert worst < 1e-7
+
+
+INSIDE_BY = np.array([1e-7, 1e-5, 1e-4, 1e-3, 3e-3, 1e-2, 2e-2])
+POST = Cylinder(np.array([0.0, 0, -1]), np.array([0.0, 0, 0.2]), 0.5)
+EDGES = {
+    "a stair": Stairs(0.2, 0.5, 1, start=-0.5),
+    "a box": Box(np.zeros(3), np.array([1.0, 40.0, 0.4])),
+    "a shelf": Box(np.array([0, 0, 0.19]), np.array([1.0, 40.0, 0.02])),
+    "a post": POST,
+    "a ridge of two boxes": Union((Box(np.array([-0.25, 0, 0]), np.array([0.5, 40.0, 0.4])), Slope())),
+}
+
+
+@pytest.mark.slow
+def test_a_node_dropped_inside_an_edge_stays_there():
+    """On treads, tops and shelves, 0.1 um to 20 mm inside their edges, with friction: it does not move sideways."""
+    for name, surface in EDGES.items():
+        starts = np.tile([-0.5, 0, 0.5], (len(INSIDE_BY), 1))
+        starts[:, 0] += INSIDE_BY
+        end = paths(surface, starts, None, ConeFriction(0.5), 0.4)[-1]
+        np.testing.assert_allclose(end, starts - [0, 0, 0.3], rtol=0, atol=1e-8, err_msg=name)
+
+
+@pytest.mark.slow
+def test_a_node_that_passes_an_edge_by_goes_on():
+    """As far outside: it reaches the ground below."""
+    starts = np.tile([-0.5, 0, 0.5], (len(INSIDE_BY), 1))
+    starts[:, 0] -= INSIDE_BY + 1e-6
+    end = paths(EDGES["a ridge of two boxes"], starts, None, ConeFriction(0.5), 0.4)[-1]
+    np.testing.assert_allclose(end, starts - [0, 0, 0.5], rtol=0, atol=1e-8)
+
+
+@pytest.mark.slow
+def test_a_small_ball_does_not_let_a_node_through():
+    """One that is no thicker than the way of a step throws back what falls on it, and does not pass it on."""
+    ball = Sphere(np.array([0.0, 0, 0.0]), 0.01)
+    starts = np.array([[x, 0, 0.8] for x in (0.0, 1e-3, -2e-3)])
+    q = paths(ball, starts, duration=0.45)
+    landed = int(np.argmin(np.linalg.norm(q[:, 0], axis=1)))
+    assert np.all(q[landed, :, 2] > 0)
+    np.testing.assert_allclose(q[-1, 0], [0, 0, 0.01], atol=1e-9)
+    assert q[-1, 1, 0] > 0.01
+    assert q[-1, 2, 0] < -0.01
+
+
+def test_where_the_normal_is_smooth_nothing_is_looked_for():
+    """Height fields, slopes and bowls are linearised where a node would be at the end of the step, to the last bit."""
+    q, v = jnp.array([[0.1, 0.2, 0.3], [0.4, 0.0, -0.1]]), jnp.array([[0.3, 0.1, -5.0], [0.0, 0.0, -4.0]])
+    for surface in (Slope(0.2), bumps(0.1, 0.5, seed=0), Sphere(np.array([0.0, 0, 2]), 2.0, hollow=True)):
+        met = where_met(ExactGround(surface=surface), DT, q, v)
+        np.testing.assert_array_equal(met.at, q + DT * v)
+        assert met.share == 1.0
+    assert where_met(ExactGround(0.2), DT, q, v).at is q
+
+
+def test_the_place_of_entry_has_the_derivative_of_the_root():
+    """In start, way and the ground's own numbers, against differences; in float32 it is found too."""
+    q, v = jnp.array([[0.4, 0.1, 0.33], [-0.3, 0.0, 0.42]]), jnp.array([[1.0, 0.2, -6.0], [-0.5, 0.3, -9.0]])
+
+    def place(numbers):
+        surface = Cylinder(jnp.array([0.0, -1, 0]), jnp.array([0.0, 1, 0]), numbers[6] * 0.5)
+        at = where_met(ExactGround(surface=surface), 0.01, q + numbers[:3], v + numbers[3:6]).at
+        return at.ravel()
+
+    numbers = jnp.zeros(7).at[6].set(1.0)
+    jacobian = jax.jacfwd(place)(numbers)
+    h = 1e-6
+    differences = [(place(numbers.at[k].add(h)) - place(numbers.at[k].add(-h))) / (2 * h) for k in range(7)]
+    np.testing.assert_allclose(jacobian, np.stack(differences, 1), rtol=0, atol=1e-6)
+    np.testing.assert_allclose(jax.jacrev(place)(numbers), jacobian, rtol=0, atol=1e-12)
+    assert np.abs(jacobian[:, 6]).max() > 0.1
+    post = jax.tree.map(jnp.float32, POST)
+    single = where_met(ExactGround(surface=post), 0.01, q.astype(jnp.float32), v.astype(jnp.float32))
+    assert single.at.dtype == jnp.float32
