@@ -159,7 +159,8 @@ from .stepping.integrate import FAILURES, discretise, integrate
 from .stepping.methods import METHODS, Method, find_method, register_method
 from .stepping.options import ResolvedOptions, SolverOptions, resolve
 from .stepping.reactions import reactions
-from .stepping.simulate import Trajectory, centre_path, simulate
+from .stepping.rollout import RolledOut, rollout
+from .stepping.simulate import Trajectory, centre_path, simulate, velocities_midway
 from .stepping.stability import (
     StepLimit,
     default_method,
@@ -351,8 +352,11 @@ __all__ = [  # noqa: RUF022 in groups
     "resolve",
     "Trajectory",
     "centre_path",
+    "velocities_midway",
     "final_state",
     "states_at",
+    "RolledOut",
+    "rollout",
     "simulate",
     "reactions",
     "StepLimit",

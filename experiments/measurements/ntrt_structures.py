@@ -8,7 +8,7 @@ from jaxgrity.cli.script import measured, run
 
 import numpy as np
 
-from jaxgrity import FAILURES, Scene, contact_twin, read_ntrt, settled, simulate, view
+from jaxgrity import FAILURES, Scene, contact_twin, read_ntrt, settled, simulate, velocities_midway, view
 from jaxgrity.io.files import save_json
 
 NASA = Path(__file__).parents[2] / "tests" / "data" / "ntrt" / "nasa"
@@ -56,7 +56,7 @@ def standing(scene: Scene, duration: float, replay: Path | None = None) -> dict[
     motion = simulate(scene, duration, frame_rate=25.0)
     if replay is not None:
         view.keep_html(scene, motion, replay, title=replay.stem.removeprefix("replay_"), follow=False)
-    q, v = np.asarray(motion.positions), np.asarray(motion.velocities)
+    q, v = np.asarray(motion.positions), velocities_midway(scene, motion)
     heights = np.ptp(q[:, :, 2], axis=1)
     outcome = FAILURES[int(motion.failure)]
     return {"outcome": outcome, "start": heights[0], "end": heights[-1], "speed": np.linalg.norm(v[-1], axis=1).max()}

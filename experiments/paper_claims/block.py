@@ -18,6 +18,7 @@ from jaxgrity import (
     plot,
     simulate,
     smooth_force,
+    velocities_midway,
 )
 from paper_claims.report import Report, Row, significant, verdict
 
@@ -72,7 +73,7 @@ def slide(law: str, angle: float, height: float = 0.0) -> dict:
     scene, start = block(law, angle, height)
     options = SolverOptions("complementarity" if law == "cone" else "rk4", STEP, any_step=True)
     motion = simulate(scene, DURATION, options=options, frame_rate=1 / STEP, positions=start)
-    q, v = np.asarray(motion.positions)[:, 0], np.asarray(motion.velocities)[:, 0]
+    q, v = np.asarray(motion.positions)[:, 0], velocities_midway(scene, motion)[:, 0]
     normal, down = (np.array(x) for x in (scene.ground.normal, scene.ground.tangents[0]))
     slip = v - (v @ normal)[:, None] * normal
     pressed, friction = forces(scene, law, q, v)

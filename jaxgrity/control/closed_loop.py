@@ -8,14 +8,16 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxgrity.control.plant import Plant, PlantState, actuate, check_one, observe, plant_start
+from jaxgrity.control.plant import Plant, PlantState, actuate, check_one, observe, plant_start, whole_state
 from jaxgrity.control.policies import Memory, Policy
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, State
 from jaxgrity.model.scene import floats_as
 from jaxgrity.rollout.lanes import over_lanes
+from jaxgrity.stepping.complementarity import ContactState
 from jaxgrity.stepping.dynamics import centre_of_mass
-from jaxgrity.stepping.integrate import state_failure
+from jaxgrity.stepping.integrate import start_failure, state_failure
+from jaxgrity.stepping.options import check_start
 from jaxgrity.stepping.simulate import Trajectory
 
 
@@ -43,7 +45,7 @@ def loop_start(plant: Plant, policy: Policy, key: Any, start: State | None = Non
     `each` says that all of the policy's arrays have the population last: every robot has parameters of its own.
     Floating numbers of the memory take the plant's precision. Raises `InputError` for what is no policy or no key, a
     policy that actuates other members than the plant, `each` of a plant of one robot or of a policy that has not as
-    many rows, and a start of another shape.
+    many rows, and a start of another shape, or that is known and violates rigid struts or exact contact.
     """
     if not isinstance(policy, Policy):
         raise InputError(f"policy is a {type(policy).__name__}: expected a Policy, such as OpenLoop(gait)")
@@ -57,7 +59,17 @@ def loop_start(plant: Plant, policy: Policy, key: Any, start: State | None = Non
         memory = jax.vmap(type(policy).first, in_axes=(_last(policy),), out_axes=-1)(policy)
     elif robots is not None:
         memory = jax.tree.map(lambda x, count=robots: jnp.repeat(jnp.asarray(x)[..., None], count, axis=-1), memory)
-    return Loop(plant_start(plant, key, start), floats_as(memory, plant.options.dtype))
+    return Loop(plant_start(plant, key, _placed(plant, start)), floats_as(memory, plant.options.dtype))
+
+
+def _placed(plant: Plant, start: State | None) -> State | None:
+    """The start; of robots that it puts below exact ground, or stretches, without velocities, so that they fail."""
+    if start is None or np.shape(start[0]) != plant.scene.structure.nodes.shape:
+        return start
+    if plant.robots is None:
+        check_start(plant.scene, start[0])
+    misplaced = plant.lift(start_failure, ("s", -1))(plant.scene, jnp.asarray(start[0], plant.options.dtype))
+    return start[0], jnp.where(misplaced != 0, jnp.nan, start[1])
 
 
 def roll_on(
@@ -110,15 +122,23 @@ def failures(plant: Plant, loop: Loop) -> AnyArray:
 def taken_over(model: Plant, loop: Loop, each: int) -> Loop:
     """Where robots are, as the start of so many robots of a model for each of them, side by side.
 
-    The model knows motion, motors, time and memory; its method and its sensors begin anew. Of one robot `loop` has no
-    axis of robots.
+    The model knows motion, motors, time and memory; its sensors begin anew. Where both methods are complementarity
+    stepping, that of the model goes on from where the robots' is; else it begins anew. Of one robot `loop` has no axis
+    of robots.
     """
+    robots = loop.plant.motion[0].shape[2:]
 
     def spread(x):
         x = floats_as(x, model.options.dtype)
-        return jnp.repeat(x[..., None] if loop.plant.motion[0].ndim == 2 else x, each, axis=-1)
+        return jnp.repeat(x if robots else x[..., None], each, axis=-1)
 
-    state = plant_start(model, loop.plant.key, jax.tree.map(spread, loop.plant.motion))
+    motion = jax.tree.map(spread, loop.plant.motion)
+    state = plant_start(model, loop.plant.key, motion)
+    last, own = loop.plant.solver, state.solver
+    if isinstance(last, ContactState) and isinstance(own, ContactState):
+        # velocities that lie half of the robots' last step before, and not at the time of the start
+        taken = spread(jnp.broadcast_to(last.step_size, robots))
+        state = state._replace(motion=motion, solver=own._replace(step_size=taken))
     state = state._replace(tick=loop.plant.tick, contraction=spread(loop.plant.contraction))
     return Loop(state, jax.tree.map(spread, loop.memory))
 
@@ -156,7 +176,7 @@ def simulate_policy(
     loop = loop_start(plant, policy, jax.random.key(seed), start)
     ticks = max(1, round(duration / plant.period))
     (q, v), failure = _motion(plant, policy, loop, ticks)
-    first = jax.tree.map(lambda x: x[None], loop.plant.motion)
+    first = jax.tree.map(lambda x: x[None], whole_state(plant, loop.plant))
     q, v = (jnp.concatenate(parts) for parts in zip(first, (q, v)))
     return Trajectory(
         times=plant.period * jnp.arange(ticks + 1, dtype=q.dtype),
@@ -173,7 +193,7 @@ def simulate_policy(
 
 @eqx.filter_jit
 def _motion(plant: Plant, policy: Policy, loop: Loop, ticks: int):
-    end, motion = roll_on(plant, policy, loop, ticks, lambda state: state.motion)
+    end, motion = roll_on(plant, policy, loop, ticks, lambda state: whole_state(plant, state))
     return motion, state_failure(plant.scene, *end.plant.motion)
 
 

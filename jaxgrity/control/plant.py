@@ -22,6 +22,7 @@ from jaxgrity.rollout.lanes import in_lanes, lane_axes, lanes_last, over_lanes
 from jaxgrity.rollout.metrics import actuator_tension
 from jaxgrity.rollout.uncertainty import Differences
 from jaxgrity.stepping.complementarity import Lift, one_robot
+from jaxgrity.stepping.handover import carried_from, state_from
 from jaxgrity.stepping.integrate import discretise, prepared
 from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
 from jaxgrity.stepping.power import Step
@@ -36,7 +37,7 @@ class PlantState(NamedTuple):
     tick: Any
     """control periods since the start"""
     motion: State
-    """q, m, and v, m/s"""
+    """q, m, and v, m/s, as the method carries them (`whole_state`)"""
     solver: Any
     """what the method carries from step to step"""
     contraction: AnyArray
@@ -187,17 +188,25 @@ def plant_start(plant: Plant, key: Any, start: State | None = None) -> PlantStat
         expected = f"q and v of shape {plant.scene.structure.nodes.shape} each"
         raise InputError(f"start has arrays of shape {', '.join(map(str, sorted(shapes)))}: expected {expected}")
     motion = start_of(plant.scene) if start is None else jax.tree.map(lambda x: jnp.asarray(x, dtype), start)
-    terms, solver = discretise(plant.options, plant.lift)
     nothing = jnp.zeros((len(plant.members), *motion[0].shape[2:]), dtype)
     key, of_bias = jax.random.split(key)
-    first = solver.init(
-        terms, jnp.zeros((), dtype), jnp.asarray(plant.period / plant.steps, dtype), motion, plant.scene
-    )
+    problem, step = discretise(plant.options, plant.lift), jnp.asarray(plant.period / plant.steps, dtype)
+    motion, first = carried_from(problem, plant.scene, jnp.zeros((), dtype), step, motion)
+    motion = tuple(jnp.asarray(x) for x in motion)
     tension = nothing if plant.motors.force is not None else None
     state = PlantState(jnp.asarray(0), motion, first, nothing, tension, Readings(None, None), key)
     if not plant.sensors.remember:
         return state
     return state._replace(readings=first_readings(plant.sensors, sense_now(plant, state), of_bias))
+
+
+def whole_state(plant: Plant, state: PlantState) -> State:
+    """q, m, and v, m/s, now: a start from which another rollout goes on as this one does."""
+    scene, now = _commanded(plant, state, state.contraction), state.tick * plant.period
+    lanes = jax.tree.map(lambda x: -1 if jnp.ndim(x) else None, state.solver)
+    if plant.robots is None:
+        return state_from(scene, now, state.motion, state.solver)
+    return over_lanes(state_from, (lane_axes(scene), None, -1, lanes))(scene, now, state.motion, state.solver)
 
 
 def sense_now(plant: Plant, state: PlantState) -> Observation:

@@ -5,6 +5,10 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+from jax.extend.core import Primitive
+from jax.interpreters import ad, batching, mlir
+
+from jaxgrity.core.errors import InputError
 
 
 def traced(tree: Any) -> bool:
@@ -19,3 +23,20 @@ def evaluated() -> AbstractContextManager:
     which takes seconds.
     """
     return jax.ensure_compile_time_eval() if traced(jnp.zeros(())) else nullcontext()
+
+
+def forward_mode_only(tree: Any, instead: str) -> Any:
+    """The tree as it is; reverse mode through it raises `InputError` with these words, before it fails by others."""
+    return jax.tree.map(lambda x: _forward_only.bind(x, instead=instead), tree)
+
+
+def _no_way_back(cotangent, x, *, instead):
+    raise InputError(instead)
+
+
+_forward_only = Primitive("forward_mode_only")
+_forward_only.def_impl(lambda x, instead: x)
+_forward_only.def_abstract_eval(lambda x, instead: x)
+ad.deflinear2(_forward_only, _no_way_back)
+batching.primitive_batchers[_forward_only] = lambda x, axes, instead: (_forward_only.bind(*x, instead=instead), axes[0])
+mlir.register_lowering(_forward_only, lambda ctx, x, instead: [x])

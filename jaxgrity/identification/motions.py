@@ -15,7 +15,7 @@ from jaxgrity.identification.observations import SeenQuantity
 from jaxgrity.model.scene import Scene
 from jaxgrity.stepping.final_state import states_at
 from jaxgrity.stepping.integrate import integrate
-from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
+from jaxgrity.stepping.options import Options, ResolvedOptions, check_start, resolve
 
 FITTED_FRAMES = 8
 """from which the velocity at the start of a window is guessed"""
@@ -143,7 +143,7 @@ def measured_motion(
 
     Raises:
         InputError: shapes do not fit each other, times do not increase, all values are missing, the noise is not
-            positive, options that do not fit the scene, or unknown starts of a robot with rigid struts.
+            positive, options that do not fit the scene, or starts that rigid struts or exact contact do not allow.
     """
     values, noise = checked(scene, values, noise, observation)
     times, path, windows = np.asarray(times, float), np.asarray(starts.path, float), starts.windows
@@ -161,14 +161,14 @@ def measured_motion(
         raise InputError(f"windows = {windows}, spread = None: expected one window where the start is known")
     if starts.spread is not None and scene.structure.struts is not None and scene.structure.struts.rigid:
         raise InputError("spread: rigid struts leave no start free; expected None, or struts that are springs")
-    first = np.arange(windows) * (intervals // windows)
+    first = range(0, intervals, intervals // windows)
     cut = np.stack([times[k : k + intervals // windows + 1] for k in first])
     if starts.spread is None:
+        check_start(scene, path[0], times[0])
         state = np.stack([path[:1], 0 * path[:1]], axis=1)
     else:
-        state = np.stack([_state_at(times, path, int(k)) for k in first])
-    deviations = np.array(starts.spread or (0.0, 0.0))[:, None, None]
-    spread = np.broadcast_to(deviations, state.shape) * scene.structure.free
+        state = np.stack([_state_at(times, path, k) for k in first])
+    spread = np.ones(state.shape) * np.array(starts.spread or (0.0, 0.0))[:, None, None] * scene.structure.free
     unknown = tuple(np.flatnonzero(spread > 0).tolist())
     resolved = resolve(scene, float(cut[0, -1] - cut[0, 0]), options, dtype="float64")
     steps = None if resolved.dt is None else int(np.ceil(np.diff(times).max() / resolved.dt - 1e-6))

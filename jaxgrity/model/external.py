@@ -8,7 +8,7 @@ import numpy as np
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import dot, inner, length, norm_squared, take_rows
-from jaxgrity.core.types import AnyNodeVectors, AnyPerNode, Scalar, as_float
+from jaxgrity.core.types import AnyArray, AnyNodeVectors, AnyPerNode, Scalar, as_float
 from jaxgrity.model.laws import DissipationTerm, Motion, node_names, unchanged_per_node
 
 
@@ -49,8 +49,9 @@ class Wind(DissipationTerm):
 class Push(DissipationTerm):
     """A force F on each of some nodes, from `start` to `start + duration`: R = -s(t) F·v, so that -dR/dv = s F.
 
-    s rises from 0 to 1 and falls again within `ramp` each; the impulse is F (duration - ramp). It is a term of R and
-    not of U, so that the energy audit books its work as its own.
+    s rises from 0 to 1 and falls again within `ramp` each; the impulse is F (duration - ramp). Complementarity stepping
+    gives all of it at any step; Runge-Kutta methods take steps that see it. It is a term of R and not of U, so that the
+    energy audit books its work as its own.
     """
 
     nodes: tuple[int, ...] = eqx.field(static=True)
@@ -79,6 +80,29 @@ class Push(DissipationTerm):
         share = jnp.clip(jnp.minimum(t, self.duration - t) / self.ramp, 0, 1)
         power = dot(take_rows(motion.v, self.nodes), self.force)
         return -share * inner(power, jnp.ones_like(power))
+
+    def during(self, begin, end):
+        seconds = end - begin
+        none = seconds <= 0
+        mean = (self._integral(end) - self._integral(begin)) / jnp.where(none, 1, seconds)
+        # at its full force, with ramps of 1 s before and after; times are common to robots side by side
+        longest = jnp.max(seconds)
+        instead = (self.force * mean, end - longest - 1, longest + 2, jnp.ones_like(longest))
+        return eqx.tree_at(lambda push: (push.force, push.start, push.duration, push.ramp), self, instead)
+
+    def _integral(self, t: Scalar | AnyArray) -> AnyArray:
+        """Of s up to time t, s: over its rise, what is between, and its fall, each as long as it has lasted by then."""
+        since = t - self.start
+        rising = jnp.clip(since, 0, self.ramp)
+        falling = jnp.clip(since - self.duration + self.ramp, 0, self.ramp)
+        between = jnp.clip(since - self.ramp, 0, self.duration - 2 * self.ramp)
+        return rising * rising / (2 * self.ramp) + between + falling - falling * falling / (2 * self.ramp)
+
+    def bends(self):
+        return self.start + jnp.stack([0 * self.ramp, self.ramp, self.duration - self.ramp, self.duration])
+
+    def finest(self):
+        return float(self.ramp) / 2
 
     def keeps(self, symmetry):
         pushed = dict(zip(self.nodes, np.asarray(self.force)))

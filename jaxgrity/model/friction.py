@@ -161,7 +161,10 @@ class CoulombCone(Constraint):
     def directions(self, q):
         return held_directions(self.ground, slice(1, 3), q)
 
-    def violation(self, q):
+    def gaps(self, q, t):
+        return jnp.zeros(0, q.dtype)
+
+    def complaint(self, q, t, part):
         return ""
 
 

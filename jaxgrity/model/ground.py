@@ -245,12 +245,13 @@ class ExactContact(Constraint):
     def directions(self, q):
         return held_directions(self.ground, slice(1), q)
 
-    def violation(self, q):
-        depth = -self.ground.measured(q).distance
-        node = int(np.argmax(depth))
-        if depth[node] <= LARGEST_GAP:
-            return ""
-        return f"node {node} starts {depth[node]:.3g} m below the ground; expected: on exact contact, on or above it"
+    def gaps(self, q, t):
+        known = isinstance(q, np.ndarray)
+        return -(self.ground.measured(q).distance if known else self.ground.signed_distance(q))
+
+    def complaint(self, q, t, part):
+        depth = -self.ground.measured(q).distance[part]
+        return f"node {part} starts {depth:.3g} m below the ground; expected: on exact contact, on or above it"
 
 
 def held_directions(ground: Ground, axes: slice, q: np.ndarray) -> np.ndarray:

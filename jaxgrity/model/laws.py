@@ -105,6 +105,22 @@ class Law(eqx.Module):
     def keeps(self, symmetry: Symmetry) -> bool:
         """Whether the law is the same after the map, so that it maps motions on motions."""
 
+    def during(self, begin: Scalar | AnyArray, end: Scalar) -> "Law":
+        """The law that acts at each time from `begin` to `end`, s, as this one does in their mean.
+
+        Complementarity stepping takes forces once in a step. A law that may act for less time than a step takes says
+        here what its mean is.
+        """
+        return self
+
+    def bends(self) -> AnyArray:
+        """(times,), s: when it begins, ends, or bends otherwise; steps that adapt end there."""
+        return np.zeros(0)
+
+    def finest(self) -> float:
+        """s, the largest fixed step of Runge-Kutta methods that sees all of it; infinite where any does."""
+        return np.inf
+
 
 class ForceTerm(Law):
     """A term of U or of R, whose force is proportional to some coefficient: a stiffness, a damping, a friction."""
@@ -156,8 +172,12 @@ class Constraint(Law):
         """(constraints, nodes, 3): the directions in which it holds nodes that are at `q` (nodes, 3)."""
 
     @abstractmethod
-    def violation(self, q: np.ndarray) -> str:
-        """Words for how a start at `q` (nodes, 3) violates it at t = 0; empty where it does not."""
+    def gaps(self, q: NodeVectors, t: Scalar) -> AnyArray:
+        """(parts,), m: by how much a start at `q` violates each part of it at time t, also of traced numbers."""
+
+    @abstractmethod
+    def complaint(self, q: np.ndarray, t: float, part: int) -> str:
+        """Words for how a start at `q` (nodes, 3) violates that part."""
 
 
 def unchanged(values: AnyArray, moved: Sequence[int]) -> bool:

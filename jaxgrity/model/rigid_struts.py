@@ -3,9 +3,11 @@
 from typing import ClassVar
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
-from jaxgrity.model.actuation import Actuation, rest_lengths_along
+from jaxgrity.core.primitives import edge_vectors, length
+from jaxgrity.model.actuation import Actuation, rest_length, rest_lengths_along
 from jaxgrity.model.laws import Constraint, SceneParts, moved_members, same_roles, unchanged
 from jaxgrity.model.structure import Members, edge_lengths
 
@@ -36,15 +38,19 @@ class RigidStruts(Constraint):
             row[j] = -row[i]
         return rows
 
-    def violation(self, q):
+    def gaps(self, q, t):
+        if isinstance(q, np.ndarray):
+            return np.abs(edge_lengths(q, self.struts.edges) - self._known_lengths(t))
+        return jnp.abs(length(edge_vectors(q, self.struts.edges)) - rest_length(self.struts, self.gait, t, 0))
+
+    def _known_lengths(self, t):
         # without it, JAX mixes up the precisions of NumPy's numbers where something else had x64 on for a while
         with jax.enable_x64(True):
-            wanted = np.asarray(rest_lengths_along(self.struts, self.gait, np.zeros(1), 0))[0]
-        lengths = edge_lengths(q, self.struts.edges)
-        strut = int(np.argmax(np.abs(lengths - wanted)))
-        if abs(lengths[strut] - wanted[strut]) <= LARGEST_GAP:
-            return ""
+            return np.asarray(rest_lengths_along(self.struts, self.gait, np.full(1, float(t)), 0))[0]
+
+    def complaint(self, q, t, part):
+        found, wanted = edge_lengths(q, self.struts.edges)[part], self._known_lengths(t)[part]
         return (
-            f"strut {strut} starts {lengths[strut]:.6g} m long; expected {wanted[strut]:.6g} m, its rest length at "
-            "t = 0, since it is rigid"
+            f"strut {part} starts {found:.6g} m long; expected {wanted:.6g} m, its rest length at t = {t:g}, "
+            "since it is rigid"
         )

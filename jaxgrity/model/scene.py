@@ -10,7 +10,16 @@ import numpy as np
 
 from jaxgrity.core.display import of_report
 from jaxgrity.core.errors import InputError
-from jaxgrity.core.types import NodeVectors, PerNode, Scalar, State, VectorsByKind, as_float_or_none, namespace_of
+from jaxgrity.core.types import (
+    AnyArray,
+    NodeVectors,
+    PerNode,
+    Scalar,
+    State,
+    VectorsByKind,
+    as_float_or_none,
+    namespace_of,
+)
 from jaxgrity.model.actuation import Gait
 from jaxgrity.model.describe import describe
 from jaxgrity.model.dissipation import CableDamping, NodeDamping, StrutDamping
@@ -180,6 +189,15 @@ class Scene(eqx.Module):
         d, rates = vectors
         return Motion(v, rates, normal_force, Configuration(q, t, d, self))
 
+    def during(self, begin: Scalar | AnyArray, end: Scalar) -> "Scene":
+        """The scene whose terms act at each time from `begin` to `end`, s, as they do in their mean.
+
+        Of many robots side by side, with the population last in all arrays, `begin` may be one number for each.
+        """
+        if all(type(term).during is Law.during for term in self.terms):
+            return self
+        return eqx.tree_at(lambda scene: scene.terms, self, tuple(term.during(begin, end) for term in self.terms))
+
     def normal_force(self, q: NodeVectors, v: NodeVectors) -> PerNode | None:
         """F_n of penalty contact, N, where friction, or a term of one's own, may need it."""
         if self.ground is None or not (self.friction is not None or self.terms):
@@ -234,9 +252,9 @@ def floats_as(tree: Any, dtype: str) -> Any:
 
 
 def start_of(scene: Scene) -> State:
-    """The structure as it is posed, at rest."""
+    """The structure as it is posed, at rest: NumPy's zeros, which are known to be zeros where all else is traced."""
     q = scene.structure.nodes
-    return q, jnp.zeros_like(q)
+    return q, np.zeros(q.shape, q.dtype)
 
 
 def body_length(scene: Scene) -> Scalar:

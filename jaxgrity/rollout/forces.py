@@ -14,7 +14,7 @@ from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import Members
 from jaxgrity.stepping.constraints import rigid_struts
 from jaxgrity.stepping.dynamics import acceleration, member_pull
-from jaxgrity.stepping.simulate import Trajectory, with_room
+from jaxgrity.stepping.simulate import Trajectory, velocities_midway, with_room
 
 SMALL = 1e-6
 """weight of the ground's forces beside what is not balanced: next to none"""
@@ -51,7 +51,8 @@ def forces_along(scene: Scene, trajectory: Trajectory) -> Forces:
         >>> forces.tension.shape, forces.ground.shape
         ((51, 30), (51, 12, 3))
     """
-    q, v, t = (np.asarray(x, float) for x in (trajectory.positions, trajectory.velocities, trajectory.times))
+    v = velocities_midway(scene, trajectory)
+    q, t = (np.asarray(x, float) for x in (trajectory.positions, trajectory.times))
     known = _known(scene, *(with_room(x, q.shape[1]) for x in (t, q, v)))
     pull, given, contact = (np.asarray(x)[: len(t)] for x in known)
     struts, exact = rigid_struts(scene), scene.ground is not None and scene.ground.impulsive

@@ -19,7 +19,8 @@ from jaxgrity.model.scene import Scene, start_of
 from jaxgrity.rollout.metrics import Metrics, initial_metrics, updated_metrics
 from jaxgrity.rollout.uncertainty import Differences, differing
 from jaxgrity.stepping.dynamics import centre_of_mass
-from jaxgrity.stepping.integrate import discretise, failure_code, integrate, state_failure
+from jaxgrity.stepping.handover import carried_from
+from jaxgrity.stepping.integrate import discretise, failure_code, integrate, start_failure, state_failure
 from jaxgrity.stepping.options import ResolvedOptions
 from jaxgrity.stepping.power import Step
 
@@ -94,6 +95,8 @@ def roll_out_lanes(
         end = over_lanes(one, (-1, axes))(start, scene)
     q, v = end.state
     failure = failure_code(end.result, over_lanes(state_failure, (axes, -1, -1))(scene, q, v))
+    misplaced = over_lanes(start_failure, (axes, -1))(scene, start[0])
+    failure = jnp.where(misplaced != 0, misplaced, failure)
     return LaneOutcomes(end.com_path, q, failure, end.steps, end.rejected, metrics)
 
 
@@ -111,7 +114,7 @@ def _in_parts(
     h = duration / (parts * each)
     centre = over_lanes(centre_of_mass, (axes, -1))
     held = over_lanes(initial_metrics, (axes,))(scene) if with_metrics else None
-    first = solver.init(terms, 0 * h, h, start, scene)
+    start, first = carried_from((terms, solver), scene, 0 * h, h, start)
     lanes = jax.tree.map(lambda x: -1 if x.ndim else None, first)
     step_axes = Step(None, None, (-1, -1), (-1, -1), lanes, lanes)  # type: ignore[arg-type]
     update = over_lanes(updated_metrics, (axes, step_axes, -1))

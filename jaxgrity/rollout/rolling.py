@@ -11,7 +11,7 @@ from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import Structure
 from jaxgrity.rollout.metrics import SLIPPING
 from jaxgrity.stepping.integrate import FAILURES
-from jaxgrity.stepping.simulate import Trajectory, centre_path
+from jaxgrity.stepping.simulate import Trajectory, centre_path, velocities_midway
 
 LASTING = 0.1
 """s, for which a face stays the lowest before the robot counts as standing on it"""
@@ -105,7 +105,7 @@ def rolling(scene: Scene, trajectory: Trajectory) -> Rolling:
     times = times[moving]
     phi, axes = ground.measured(np.asarray(trajectory.positions, float)[moving])
     touching = phi < ground.touched_below
-    along = np.einsum("fnk,fnak->fna", np.asarray(trajectory.velocities, float)[moving], axes[..., 1:, :])
+    along = np.einsum("fnk,fnak->fna", velocities_midway(scene, trajectory)[moving], axes[..., 1:, :])
     slipping = touching & (np.linalg.norm(along, axis=-1) > SLIPPING)
     contact = np.trapezoid(touching.sum(1), times)
     slip_share = float(np.trapezoid(slipping.sum(1), times) / contact) if contact > 0 else 0.0

@@ -83,11 +83,8 @@ def ends(
 
 
 def checkpointed_end(scene: Scene, axes: Scene, start: State, horizon: float, options: ResolvedOptions) -> State:
-    """The state at `horizon`, by the scene's method stepped inside two nested scans, for reverse mode.
-
-    See `stepped`.
-    """
-    return stepped(scene, start, horizon, options, discretise_lanes(options, axes))
+    """What the scene's method carries at `horizon`, stepped in two nested scans, for reverse mode: see `stepped`."""
+    return stepped(scene, start, (0.0, horizon), options, discretise_lanes(options, axes))[0]
 
 
 class Gradient(NamedTuple):

@@ -56,7 +56,7 @@ class ContactState(NamedTuple):
     """What complementarity stepping carries from step to step."""
 
     step_size: Scalar
-    """of the last step, s; 0 before the first"""
+    """of the last step, s; 0 before the first of a robot at rest; of many robots, common to all or of each"""
     impulses: GroundImpulses
     """of the last step"""
     struts: NodeVectors | None = None
@@ -72,9 +72,11 @@ class Complementarity(diffrax.AbstractSolver):
 
         w = v + (h0 + h)/2 M^-1 F(q, (v + w)/2, t0) + impulses,    q1 = q + h w.
 
-    The first step starts from v at t0 (h0 = 0). Dissipative forces need w: a first round of sweeps, with F(q, v, t0),
-    predicts it, and the last round uses the prediction. The order is 2 where nothing begins or ends to touch, stick or
-    slip, and 1 there and where a node slides along a curve: friction acts against w, not the mean of v and w.
+    A robot at rest starts from v at t0 (h0 = 0); one that moves as if there had been a step before (`handover.py`).
+    Laws that act for a time are taken in their mean over that of the kick. Dissipative forces need w: a first round of
+    sweeps, with F(q, v, t0), predicts it, and the last round uses the prediction. The order is 2 where nothing begins
+    or ends to touch, stick or slip, and 1 there and where a node slides along a curve: friction acts against w, not the
+    mean of v and w.
 
     Velocities are read from trial impulses (see `ground_response.py`), none of which lets a node end a step below the
     ground. A robot whose struts are off by more than `LARGEST_LENGTH_ERROR` of their lengths, or by more than the
@@ -106,9 +108,10 @@ class Complementarity(diffrax.AbstractSolver):
             return self._step_together(terms, t0, t1, y0, args, solver_state)
         (q, v), h = y0, t1 - t0
         kick = (solver_state.step_size + h) / 2
+        forces = args.during(t0 - solver_state.step_size / 2, t0 + h / 2)
         problem = jax.tree.map(store_cotangent, self.lift(prepare, ("s", None, None, -1, -1))(args, h, t1, q, v))
         found = self.lift(velocities, ("s", -1, -1))
-        accelerated = lambda v: store_cotangent(terms.vf(t0, (q, v), args)[1])  # noqa: E731
+        accelerated = lambda v: store_cotangent(terms.vf(t0, (q, v), forces)[1])  # noqa: E731
         a = accelerated(v)
         trials = self.lift(trials_of, ("s", -1))(args, v + kick * a)
         if args.dissipates:
@@ -117,7 +120,8 @@ class Complementarity(diffrax.AbstractSolver):
             trials = self.lift(pushed, ("s", -1, -1))(args, trials, kick * (corrected - a))
         trials = self._constrain(args, h, problem, trials, self._most_sweeps(args), self.tolerance)
         w = found(args, problem, trials)
-        after = ContactState(h, self.lift(impulses, ("s", -1, -1))(args, problem, trials))
+        taken = jnp.broadcast_to(h, jnp.shape(solver_state.step_size))
+        after = ContactState(taken, self.lift(impulses, ("s", -1, -1))(args, problem, trials))
         if problem.lengths is not None:
             error = self._length_error(args, h, problem, trials)
             met = error.relative <= LARGEST_LENGTH_ERROR if self.tolerance is None else error.largest <= self.tolerance
@@ -128,19 +132,21 @@ class Complementarity(diffrax.AbstractSolver):
     def _step_together(self, terms, t0, t1, y0, args, solver_state):
         (q, v), h = y0, t1 - t0
         kick = (solver_state.step_size + h) / 2
+        forces = args.during(t0 - solver_state.step_size / 2, t0 + h / 2)
         solve = self.lift(coupled_impulses, ("s", None, -1, -1, -1, -1))
-        _, a = terms.vf(t0, y0, args)
+        _, a = terms.vf(t0, y0, forces)
         start = v + kick * a
         found = solve(args, (h, t1), y0, start, start, solver_state.impulses)
         if args.dissipates:
-            _, a = terms.vf(t0, (q, (v + found.velocity) / 2), args)
+            _, a = terms.vf(t0, (q, (v + found.velocity) / 2), forces)
             found = solve(args, (h, t1), y0, v + kick * a, found.velocity, found.impulses)
         met = (found.stretch <= LARGEST_LENGTH_ERROR) & (found.error <= LARGEST_SPEED_ERROR)
         if self.tolerance is not None:
             met = met & (found.off <= self.tolerance)
         w = jnp.where(met, found.velocity, jnp.nan)
         y1 = (q + h * w, w)
-        after = ContactState(h, found.impulses, found.struts, found.error)
+        taken = jnp.broadcast_to(h, jnp.shape(solver_state.step_size))
+        after = ContactState(taken, found.impulses, found.struts, found.error)
         return y1, None, {"y0": y0, "y1": y1}, after, diffrax.RESULTS.successful
 
     def _most_sweeps(self, scene):

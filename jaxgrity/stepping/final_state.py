@@ -1,16 +1,19 @@
 """Where a rollout ends, as a function that forward and reverse mode differentiate with respect to anything in it."""
 
-import diffrax
+from collections.abc import Callable
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import Scalar, State, Times
-from jaxgrity.model.scene import Scene
+from jaxgrity.model.scene import Scene, start_of
 from jaxgrity.stepping.complementarity import SWEPT
+from jaxgrity.stepping.handover import Problem, carried_from, state_from
 from jaxgrity.stepping.integrate import discretise, prepared
-from jaxgrity.stepping.options import ResolvedOptions
+from jaxgrity.stepping.options import ResolvedOptions, check_start
 
 
 def final_state(
@@ -20,11 +23,14 @@ def final_state(
     start: State | None = None,
     *,
     steps: int | None = None,
+    since: Scalar = 0.0,
 ) -> State:
     """The state (q, v) after a rollout of fixed steps, differentiable in both modes.
 
     Every array of the scene, of its gait, and the start may carry derivatives. The page identification says which
-    are those of a smooth function, and what is returned where a contact, a cable or friction switches.
+    are those of a smooth function, and what is returned where a contact, a cable or friction switches. A state that is
+    returned can be handed back as a start. Numbers that are being traced are not checked: `rollout` says of those
+    whether the motion can be believed.
 
     Args:
         scene: what moves.
@@ -32,12 +38,13 @@ def final_state(
         options: by `resolve`, with a step; not those of `as_inputs`, since reverse mode has to count steps.
         start: positions, m, and velocities, m/s, (nodes, 3) each; the structure as posed, at rest, where not given.
         steps: how many, or a few more; by the options where not given. Where it is, the duration may carry derivatives.
+        since: s, when it starts, of the time that gaits, motors and pushes go by.
 
     Returns:
         Positions and velocities at the end, (nodes, 3) each.
 
     Raises:
-        InputError: a method that adapts its step.
+        InputError: a method that adapts its step; a start that violates rigid struts or exact contact.
 
     Example:
         >>> scene = jaxgrity.load_scene("reference")
@@ -50,56 +57,72 @@ def final_state(
     """
     if options.dt is None:
         raise InputError(f"method = {options.method.name!r} adapts its step; expected a fixed one (dt)")
-    q = jnp.asarray(scene.structure.nodes, options.dtype)
-    begin = (q, jnp.zeros_like(q)) if start is None else jax.tree.map(lambda x: jnp.asarray(x, options.dtype), start)
-    return stepped(prepared(scene), begin, duration, options, discretise(options), steps)
+    check_start(scene, None if start is None else start[0], since)
+    q, v = start_of(scene) if start is None else start
+    scene, first = prepared(scene), (jnp.asarray(q, options.dtype), jnp.asarray(v, options.dtype))
+    end = stepped(scene, first, (since, since + duration), options, discretise(options), steps)
+    return state_from(scene, since + duration, *end)
 
 
 def stepped(
     scene: Scene,
     start: State,
-    duration: Scalar,
+    times: tuple[Scalar, Scalar],
     options: ResolvedOptions,
-    problem: tuple[diffrax.AbstractTerm, diffrax.AbstractSolver],
+    problem: Problem,
     steps: int | None = None,
-) -> State:
-    """The state after `duration`, by the method of `problem`, stepped inside two nested scans.
+) -> tuple[State, Any]:
+    """What the method of `problem` carries at the second of `times`, s, from the start at the first one.
 
+    It is stepped inside two nested scans.
     On the way back the inner scan is run again, stretch by stretch; a method that recomputes its stages then does so
     once more, any other is run again step by step, but for sweeps whose results are kept (`SWEPT`). Where the steps do
     not divide into two such scans there are a few more of them, as much smaller.
     """
-    terms, solver = problem
+    (terms, solver), (since, until) = problem, times
     if steps is None:
-        steps = max(1, int(np.ceil(float(duration) / float(options.dt) - 1e-6)))  # type: ignore[arg-type]
+        steps = steps_between(since, until, options)
     stretches, steps = _divide(steps)
-    h = duration / (stretches * steps)
+    h = (until - since) / (stretches * steps)
 
     def step(carry, k):
         y, solver_state = carry
-        y, _, _, solver_state, _ = solver.step(terms, k * h, (k + 1) * h, y, scene, solver_state, False)
+        t = since + k * h
+        y, _, _, solver_state, _ = solver.step(terms, t, since + (k + 1) * h, y, scene, solver_state, False)
         return (y, solver_state), None
 
-    sweeps = jax.checkpoint_policies.save_only_these_names(SWEPT)
-    kept = step if options.method.recomputes else jax.checkpoint(step, policy=sweeps)
+    kept = recomputed(step, options)
 
     def stretch(carry, k):
         return jax.lax.scan(kept, carry, k)
 
     numbers = jnp.arange(stretches * steps, dtype=options.dtype).reshape(stretches, steps)
-    first = (start, solver.init(terms, 0.0, h, start, scene))
-    (end, _), _ = jax.lax.scan(jax.checkpoint(stretch), first, numbers)
-    return end
+    first = carried_from(problem, scene, since, h, start)
+    return jax.lax.scan(jax.checkpoint(stretch), first, numbers)[0]
 
 
-def states_at(scene: Scene, start: State, times: Times, steps: int, options: ResolvedOptions) -> State:
+def steps_between(since: Scalar, until: Scalar, options: ResolvedOptions) -> int:
+    """How many steps, no longer than the options say."""
+    return max(1, int(np.ceil((float(until) - float(since)) / float(options.dt) - 1e-6)))  # type: ignore[arg-type]
+
+
+def recomputed(step: Callable, options: ResolvedOptions) -> Callable:
+    """A step that reverse mode runs again, but for sweeps whose results are kept; one that does so itself stays."""
+    sweeps = jax.checkpoint_policies.save_only_these_names(SWEPT)
+    return step if options.method.recomputes else jax.checkpoint(step, policy=sweeps)
+
+
+def states_at(
+    scene: Scene, start: State, times: Times, steps: int, options: ResolvedOptions, *, reverse: bool = False
+) -> State:
     """(q, v) at all of `times` (s), (frames, nodes, 3) each, by so many fixed steps from each frame to the next.
 
     A bare scan: for the derivatives of one rollout by many numbers in forward mode, which identification needs, it
-    costs two thirds of a `diffeqsolve` with saved frames, and compiles in less than half of the time.
+    costs two thirds of a `diffeqsolve` with saved frames, and compiles in less than half of the time. With `reverse`
+    it is made for reverse mode: frames are stored, and what is between them is run again.
     """
-    scene, (terms, solver) = prepared(scene), discretise(options)
-    times = jnp.asarray(times, options.dtype)
+    scene, problem = prepared(scene), discretise(options)
+    (terms, solver), times = problem, jnp.asarray(times, options.dtype)
 
     def frame(carry, ends):
         h = (ends[1] - ends[0]) / steps
@@ -110,12 +133,15 @@ def states_at(scene: Scene, start: State, times: Times, steps: int, options: Res
             y, _, _, solver_state, _ = solver.step(terms, t, t + h, y, scene, solver_state, False)
             return (y, solver_state), None
 
-        carry, _ = jax.lax.scan(step, carry, jnp.arange(steps, dtype=options.dtype))
-        return carry, carry[0]
+        kept = recomputed(step, options) if reverse else step
+        carry, _ = jax.lax.scan(kept, carry, jnp.arange(steps, dtype=options.dtype))
+        return carry, carry
 
     start = jax.tree.map(lambda x: jnp.asarray(x, options.dtype), start)
-    first = (start, solver.init(terms, times[0], times[1], start, scene))
-    _, later = jax.lax.scan(frame, first, jnp.stack([times[:-1], times[1:]], axis=1))
+    first = carried_from(problem, scene, times[0], (times[1] - times[0]) / steps, start)
+    between = jnp.stack([times[:-1], times[1:]], axis=1)
+    _, later = jax.lax.scan(jax.checkpoint(frame) if reverse else frame, first, between)
+    later = jax.vmap(lambda t, y, remembered: state_from(scene, t, y, remembered))(times[1:], *later)
     return jax.tree.map(lambda x, rest: jnp.concatenate([x[None], rest]), start, later)
 
 

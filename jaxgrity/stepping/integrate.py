@@ -1,17 +1,21 @@
 """The equations of motion and a method for them, put into diffrax; and what became of a rollout."""
 
 import dataclasses
+from typing import Any
 
 import diffrax
 import jax
 import jax.numpy as jnp
 
 from jaxgrity.core.primitives import edge_vectors, length
-from jaxgrity.core.types import NodeVectors, Times
+from jaxgrity.core.types import NodeVectors, Scalar, Times
 from jaxgrity.model.inertia import with_mobility
+from jaxgrity.model.laws import Law
+from jaxgrity.model.rigid_struts import LARGEST_GAP
 from jaxgrity.model.scene import Scene
 from jaxgrity.stepping.complementarity import Lift, one_robot
 from jaxgrity.stepping.dynamics import vector_field
+from jaxgrity.stepping.handover import carried_from
 from jaxgrity.stepping.options import ResolvedOptions
 
 FAILURES = (
@@ -21,8 +25,11 @@ FAILURES = (
     "the most steps allowed were taken",
     "an implicit step did not converge",
     "the step became too small",
+    "the start lies below the ground, or its rigid struts have other lengths",
 )
 """what becomes of a rollout, by its failure code"""
+ROUNDED = 16
+"""units in the last place of a node's place, by which rounding may move it before it starts"""
 TORN = 10.0
 """a member this many times as long as it was built shows a motion that has blown up, finite or not"""
 
@@ -50,14 +57,21 @@ def integrate(
     """`diffeqsolve` from the first of `times` (s) to the last, saved at all of them unless `saveat` says otherwise.
 
     `problem` is what `discretise` makes of the options, for one robot and `start` = (q, v), where not given. It can be
-    traced, and differentiated in forward mode.
+    traced, and differentiated in forward mode. Velocities are those that the method carries (`handover.py`).
     """
     terms, solver = discretise(options) if problem is None else problem
-    scene = prepared(scene)
+    scene, remembered = prepared(scene), None
     fixed = options.dt is not None
     smallest = 16 * jnp.finfo(times.dtype).eps * times[-1]
     dt0, rtol, atol = jax.tree.map(lambda x: jnp.asarray(x, times.dtype), (options.dt, options.rtol, options.atol))
-    adaptive = diffrax.PIDController(rtol=rtol, atol=atol, dtmin=smallest, force_dtmin=False)
+    adaptive: Any = diffrax.PIDController(rtol=rtol, atol=atol, dtmin=smallest, force_dtmin=False)
+    bends = [term.bends() for term in scene.terms if type(term).bends is not Law.bends]
+    if bends:
+        # an error estimate sees nothing of a push that lies between two of its stages
+        adaptive = diffrax.ClipStepSizeController(adaptive, step_ts=jnp.sort(jnp.concatenate(bends)))
+    if options.method.constrained:
+        first = jnp.minimum(dt0, times[-1] - times[0])
+        start, remembered = carried_from((terms, solver), scene, times[0], first, start)
     controller = diffrax.ConstantStepSize() if fixed else adaptive
     return diffrax.diffeqsolve(
         terms,
@@ -69,6 +83,7 @@ def integrate(
         scene,
         saveat=diffrax.SaveAt(ts=jnp.asarray(times)) if saveat is None else saveat,
         stepsize_controller=controller,
+        solver_state=remembered,
         adjoint=diffrax.ForwardMode(),
         max_steps=None if fixed else options.max_steps,
         throw=False,
@@ -88,6 +103,13 @@ def failure_code(result, state_failure):
     code = jnp.where(result == results.successful, state_failure, 4)
     code = jnp.where(result == results.max_steps_reached, 3, code)
     return jnp.where(result == results.dt_min_reached, 5, code)
+
+
+def start_failure(scene: Scene, q: NodeVectors, t: Scalar = 0.0):
+    """6 where a start at `q` violates a constraint by more than `check_start` lets pass, and rounding; else 0."""
+    allowed = LARGEST_GAP + ROUNDED * jnp.finfo(q.dtype).eps * jnp.max(jnp.abs(q))
+    gaps = [jnp.max(constraint.gaps(jnp.asarray(q), t), initial=0) for constraint in scene.constraints]
+    return jnp.where(jnp.max(jnp.stack(gaps)) > allowed, 6, 0) if gaps else jnp.zeros((), int)
 
 
 def state_failure(scene: Scene, q: NodeVectors, v: NodeVectors):

@@ -12,6 +12,7 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.remembered import remembered
 from jaxgrity.core.tracing import traced
 from jaxgrity.core.types import Count, NodeVectors, Scalar
+from jaxgrity.model.rigid_struts import LARGEST_GAP
 from jaxgrity.model.scene import Scene
 from jaxgrity.stepping.blocks import disjoint_groups
 from jaxgrity.stepping.constraints import exact_ground, rigid_struts
@@ -95,6 +96,7 @@ def resolve(
     *,
     dtype: str | None = None,
     positions: NodeVectors | None = None,
+    since: Scalar = 0.0,
 ) -> ResolvedOptions:
     """Choose what was left open, and refuse what cannot work, before anything compiles.
 
@@ -104,6 +106,7 @@ def resolve(
         options: as the user gave them; those that are resolved already stay as they are, if the method fits.
         dtype: precision, in place of that of the options.
         positions: (nodes, 3), m, where the motion starts, if not at the structure's own.
+        since: s, when it starts: rigid struts have to have their lengths of then.
 
     Raises:
         InputError: unknown method or precision; duration, step or tolerance that is not positive and finite; a step too
@@ -112,17 +115,14 @@ def resolve(
             tolerance below what the precision allows; float64 while JAX's x64 mode is off.
     """
     check_positive({"duration": duration})
-    return _resolved(scene, options, dtype, positions, bool(jax.config.jax_enable_x64))  # type: ignore[attr-defined]
+    check_start(scene, positions, since)
+    return _resolved(scene, options, dtype, bool(jax.config.jax_enable_x64))  # type: ignore[attr-defined]
 
 
 @remembered(KEPT)
-def _resolved(
-    scene: Scene, options: Options, dtype: str | None, positions: NodeVectors | None, x64: bool
-) -> ResolvedOptions:
+def _resolved(scene: Scene, options: Options, dtype: str | None, x64: bool) -> ResolvedOptions:
     """`resolve` without the duration, on which nothing else depends; `x64` is whether float64 is switched on."""
     concrete = not traced(scene)
-    if concrete and not traced(positions):
-        _check_start(scene, scene.structure.nodes if positions is None else positions)
     if isinstance(options, ResolvedOptions):
         _check_method(scene, options.method)
         return options if dtype is None else replace(options, dtype=_dtype(dtype, x64))
@@ -135,13 +135,35 @@ def _resolved(
     sweeps = _sweeps(given, method, dtype)
     dt = given.dt
     if dt is None and not method.adaptive:
-        dt = default_step(scene, method)
+        dt = _default_step(scene, method)
     elif dt is not None and not given.any_step and concrete:
         check_step(scene, method, dt)
+        finest = _seen_by(scene, method)
+        if dt > 2 * finest:
+            raise InputError(
+                f"dt = {dt:g} s: a push, or another force that acts for a short time, would be lost between the steps "
+                f"of {method.name}; expected at most {finest:g} s"
+            )
     # no NumPy numbers: those are inputs of what is compiled
     dt, rtol, atol = jax.tree.map(float, (dt, rtol, atol))
     together = _together(scene, given, method, concrete)
     return ResolvedOptions(method, dt, dtype, rtol, atol, sweeps, given.strut_tolerance, together, given.max_steps)
+
+
+def _seen_by(scene: Scene, method: Method) -> float:
+    """s, the largest step that sees all that acts for a short time, such as a push."""
+    acting = () if method.constrained or traced(scene) else scene.terms
+    return min((term.finest() for term in acting), default=np.inf)
+
+
+def _default_step(scene: Scene, method: Method) -> float:
+    try:
+        return min(default_step(scene, method), _seen_by(scene, method))
+    except (jax.errors.ConcretizationTypeError, jax.errors.TracerArrayConversionError) as error:
+        raise InputError(
+            "dt: the scene's numbers are being traced, so that no step can be chosen; pass options = "
+            "jaxgrity.resolve(scene, duration) of a scene whose numbers are known, or a dt"
+        ) from error
 
 
 def check_positive(values: dict[str, float | None]) -> None:
@@ -218,9 +240,17 @@ def _together(scene: Scene, given: SolverOptions, method: Method, concrete: bool
     return bool(unequal or (scene.friction is not None and np.max(scene.friction.sliding_mu) >= ROUGH))
 
 
-def _check_start(scene: Scene, positions: NodeVectors) -> None:
-    """Refuse a start from which one step would have to jump onto its constraints."""
+@remembered(KEPT)
+def check_start(scene: Scene, positions: NodeVectors | None = None, since: Scalar = 0.0) -> None:
+    """Refuse a start, at `since` (s), from which one step would have to jump onto its constraints.
+
+    Positions (nodes, 3), m, are the structure's own where not given. Numbers that are being traced are not looked at:
+    they get a failure code (`integrate.start_failure`).
+    """
+    if traced((scene, positions, since)):
+        return
+    q = np.asarray(scene.structure.nodes if positions is None else positions, float)
     for constraint in scene.constraints:
-        violation = constraint.violation(np.asarray(positions, float))
-        if violation:
-            raise InputError(violation)
+        gaps = np.asarray(constraint.gaps(q, since))
+        if gaps.size and not gaps.max() <= LARGEST_GAP:
+            raise InputError(constraint.complaint(q, float(since), int(gaps.argmax())))

@@ -42,6 +42,10 @@ class Step(NamedTuple):
         """s, for which forces acted on the velocity: from the middle of the last step to the middle of this one."""
         return (self.before.step_size + self.h) / 2
 
+    def acting(self, scene: Scene) -> Scene:
+        """The scene with what acts for a time as it acts in the mean of these seconds."""
+        return scene.during(self.t0 - self.before.step_size / 2, self.t0 + self.h / 2)
+
 
 def powers(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors) -> Work:
     """W: of the actuators, dU/dt, and of each cause of dissipation, v·dR/dv, those that the scene has.
@@ -81,7 +85,7 @@ def impulsive_work(scene: Scene, step: Step) -> Work:
     """
     (q, v), (_, w) = step.start, step.end
     mean = (v + w) / 2
-    gained = jax.tree.map(lambda power: step.kick * power, powers(scene, step.t0, q, mean))
+    gained = jax.tree.map(lambda power: step.kick * power, powers(step.acting(scene), step.t0, q, mean))
     gained["actuation"] = _actuation(scene, step)
     ground = ground_impulses(scene, step)
     work = lambda force: inner(jnp.ones_like(v[:, 0]), dot(force, mean))  # noqa: E731
@@ -94,7 +98,7 @@ def impulsive_work(scene: Scene, step: Step) -> Work:
     outside: NodeVectors = sum(ground, jnp.zeros_like(q))
     if scene.structure.fixed:
         # those of the forces are among the powers already
-        at_rest = step.kick * support_forces(scene, step.t0, q, mean)
+        at_rest = step.kick * support_forces(step.acting(scene), step.t0, q, mean)
         outside = outside + support_impulses(scene, step) - at_rest
         if scene.shaking is not None:
             _book(gained, "supports", -work(support_impulses(scene, step) - at_rest))
@@ -120,7 +124,7 @@ def strut_impulses(scene: Scene, step: Step) -> NodeVectors:
     if step.after.struts is not None:
         return step.after.struts
     (q, v), (_, w) = step.start, step.end
-    forces = step.kick * acceleration(scene, step.t0, q, (v + w) / 2)
+    forces = step.kick * acceleration(step.acting(scene), step.t0, q, (v + w) / 2)
     impulses = momenta(scene.structure, w - v - forces)
     return impulses - sum(ground_impulses(scene, step), jnp.zeros_like(q))
 
@@ -128,7 +132,7 @@ def strut_impulses(scene: Scene, step: Step) -> NodeVectors:
 def support_impulses(scene: Scene, step: Step) -> NodeVectors:
     """N s, on each node, of its support in one step of complementarity stepping: what nothing else accounts for."""
     (q, v), (_, w) = step.start, step.end
-    forces = step.kick * total_force(scene, step.t0, q, (v + w) / 2)
+    forces = step.kick * total_force(step.acting(scene), step.t0, q, (v + w) / 2)
     others = sum(ground_impulses(scene, step), forces + strut_impulses(scene, step))
     return held(scene.structure, momenta(scene.structure, w - v) - others)
 

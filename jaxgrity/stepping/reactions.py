@@ -7,6 +7,7 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import NodeHistory
 from jaxgrity.model.scene import Scene, as_dtype
 from jaxgrity.stepping.dynamics import support_forces
+from jaxgrity.stepping.handover import carried_from
 from jaxgrity.stepping.integrate import discretise, prepared
 from jaxgrity.stepping.methods import find_method
 from jaxgrity.stepping.options import SolverOptions, resolve
@@ -45,12 +46,14 @@ def reactions(scene: Scene, trajectory: Trajectory) -> NodeHistory:
     if not find_method(trajectory.method).constrained:
         return jax.vmap(lambda t, q, v: support_forces(scene, t, q, v))(*frames)
     options = SolverOptions(trajectory.method, trajectory.dt, dtype, any_step=True)
-    terms, solver = discretise(resolve(scene, 1.0, options))
+    terms, solver = problem = discretise(resolve(scene, 1.0, options))
     h = jnp.asarray(trajectory.dt, dtype)
 
     def during(t, q, v):
-        before = solver.init(terms, t, t + h, (q, v), scene)._replace(step_size=h)
-        end, _, _, after, _ = solver.step(terms, t, t + h, (q, v), scene, before, False)
-        return support_impulses(scene, Step(t, h, (q, v), end, before, after)) / h
+        start, before = carried_from(problem, scene, t, h, (q, v))
+        # a whole kick also for a robot at rest, so that it is a mean over the step
+        before = before._replace(step_size=h)
+        end, _, _, after, _ = solver.step(terms, t, t + h, start, scene, before, False)
+        return support_impulses(scene, Step(t, h, start, end, before, after)) / h
 
     return jax.vmap(during)(*frames)

@@ -11,15 +11,19 @@ import numpy as np
 
 from jaxgrity.core.display import of_report
 from jaxgrity.core.errors import InputError
-from jaxgrity.core.tracing import traced
-from jaxgrity.core.types import NodeHistory, NodeVectors, State, Times
+from jaxgrity.core.tracing import forward_mode_only, traced
+from jaxgrity.core.types import AnyArray, NodeHistory, NodeVectors, Scalar, State, Times
 from jaxgrity.model.scene import Scene, as_dtype
-from jaxgrity.stepping.integrate import failure_code, integrate, state_failure
+from jaxgrity.stepping.handover import at_rest, midway, velocities_at
+from jaxgrity.stepping.integrate import failure_code, integrate, prepared, start_failure, state_failure
+from jaxgrity.stepping.methods import find_method
 from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
 
 ROOM = 2**16
 """nodes in all saved frames, up to which motions of a scene share one compiled program: the last frame is saved again
 until there are so many, but for motions that are differentiated"""
+
+REVERSE = "simulate has derivatives in forward mode alone (jax.jacfwd, jax.jvp); for reverse mode use jaxgrity.rollout"
 
 
 class Trajectory(eqx.Module):
@@ -30,7 +34,8 @@ class Trajectory(eqx.Module):
     positions: NodeHistory
     """(frames, nodes, 3), m"""
     velocities: NodeHistory
-    """(frames, nodes, 3), m/s; of complementarity stepping those in the middle of the step before each frame"""
+    """(frames, nodes, 3), m/s, at the time of each frame; of complementarity stepping before contact and rigid struts
+    act in the step to come, so that a node at rest on the ground has -g h/2 (`handover.midway` takes that back)"""
     failure: jax.Array
     """index into `FAILURES`; 0: succeeded"""
     steps: jax.Array
@@ -66,6 +71,23 @@ def centre_path(scene: Scene, trajectory: Trajectory) -> np.ndarray:
     return np.einsum("n,fnk->fk", mass / mass.sum(), np.asarray(trajectory.positions, float))
 
 
+def velocities_midway(scene: Scene, trajectory: Trajectory) -> np.ndarray:
+    """(frames, nodes, 3), m/s: velocities that contact and rigid struts let pass, for reports on slip and on impulses.
+
+    Of complementarity stepping those in the middle of the step before each frame; of other methods the trajectory's.
+    """
+    if trajectory.dt is None or not find_method(trajectory.method).constrained:
+        return np.asarray(trajectory.velocities, float)
+    dtype = str(trajectory.positions.dtype)
+    frames = (trajectory.times, trajectory.positions, trajectory.velocities)
+    return np.asarray(_midway(as_dtype(scene, dtype), np.asarray(trajectory.dt, dtype), *frames), float)
+
+
+@eqx.filter_jit
+def _midway(scene: Scene, dt: Scalar, times: Times, positions: NodeHistory, velocities: NodeHistory) -> NodeHistory:
+    return midway(prepared(scene), dt, times, positions, velocities)
+
+
 def some_frames(trajectory: Trajectory, frames: np.ndarray | slice) -> Trajectory:
     """The same motion with these of its saved frames alone."""
     # known numbers are sliced by NumPy, which compiles nothing for it; inside of another jitted function none are
@@ -93,7 +115,7 @@ def with_room(frames: np.ndarray, nodes: int) -> np.ndarray:
 
 def simulate(
     scene: Scene,
-    duration: float,
+    duration: Scalar,
     *,
     options: Options = None,
     frame_rate: float = 100.0,
@@ -102,7 +124,8 @@ def simulate(
 ) -> Trajectory:
     """Integrate the scene's equations of motion.
 
-    The motion has derivatives in forward mode; reverse mode takes `final_state`.
+    The motion has derivatives in forward mode; reverse mode takes `rollout`. A frame is a start: given back as
+    positions and velocities, it goes on as the motion does, but that time begins anew.
 
     Args:
         scene: what moves.
@@ -125,6 +148,8 @@ def simulate(
         >>> trajectory.positions.shape  # (frames, nodes, 3), m
         (21, 12, 3)
     """
+    if traced(duration):
+        raise InputError("duration is being traced; pass a known number of seconds, or use jaxgrity.rollout")
     for name, given in (("positions", positions), ("velocities", velocities)):
         expected = np.shape(scene.structure.nodes)
         if given is not None and np.shape(given) != expected:
@@ -133,34 +158,55 @@ def simulate(
     if velocities is not None and not traced(velocities) and np.any(np.asarray(velocities)[held]):
         node = int(np.argmax(np.any((np.asarray(velocities) != 0) & held, axis=1)))
         raise InputError(f"velocities[{node}] = {np.asarray(velocities)[node]}: expected 0 where the node is fixed")
-    resolved = resolve(scene, duration, options, positions=positions)
-    times = frame_times(duration, frame_rate)
+    resolved = resolve(scene, float(duration), options, positions=positions)
+    times = frame_times(float(duration), frame_rate)
     q = scene.structure.nodes if positions is None else positions
     v = np.zeros(q.shape) if velocities is None else velocities
     saved = times
     if not traced((scene, q, v)):
         saved = with_room(times, len(q))
         q, v = np.asarray(q, resolved.dtype), np.asarray(v, resolved.dtype)  # else each precision has its own program
-    trajectory = _simulate(as_dtype(scene, resolved.dtype), (q, v), saved, resolved.as_inputs())
+    trajectory = _simulate(as_dtype(scene, resolved.dtype), (q, v), saved, np.asarray(len(times)), resolved.as_inputs())
     if len(saved) > len(times):
         trajectory = some_frames(trajectory, slice(len(times)))
     return replace(trajectory, dt=resolved.dt, scene=scene)  # type: ignore[arg-type]
 
 
 @eqx.filter_jit
-def _simulate(scene: Scene, start: State, times: Times, options: ResolvedOptions) -> Trajectory:
+def _simulate(scene: Scene, start: State, times: Times, frames: int | AnyArray, options: ResolvedOptions) -> Trajectory:
     times = jnp.asarray(times, options.dtype)
     start = jax.tree.map(lambda x: jnp.asarray(x, options.dtype), start)
     solution = integrate(start, times, scene, options)
     q, v = solution.ys  # type: ignore[misc]
-    stats = solution.stats
+    stats, failure = solution.stats, failure_code(solution.result, state_failure(scene, q[-1], v[-1]))
+    if options.method.constrained:
+        assert options.dt is not None, "complementarity stepping has steps of a fixed size"
+        later = _later(times, start, options.dt, stats["num_accepted_steps"])
+        v = velocities_at(prepared(scene), times, (q, v), later, frames)
+        misplaced = start_failure(scene, start[0])
+        failure = jnp.where(misplaced != 0, misplaced, failure)
+    q, v = forward_mode_only((q, v), REVERSE)
     return Trajectory(
         times=times,
         positions=q,
         velocities=v,
-        failure=failure_code(solution.result, state_failure(scene, q[-1], v[-1])),
+        failure=failure,
         steps=stats["num_accepted_steps"],
         rejected=stats["num_rejected_steps"],
         method=options.method.name,
         dt=None,  # an input here, which `simulate` knows, as it does the scene
     )
+
+
+def _later(times: Times, start: State, dt: Scalar, steps: AnyArray) -> Times:
+    """(frames,), s: by how much later each frame is than the velocities that complementarity stepping has there.
+
+    At the end of a step that is half of its size, and 0 at the start of a robot at rest; between, it changes evenly, as
+    velocities are interpolated. diffrax takes a first step of `dt`, and has `steps` in all; the second makes up for
+    what the others are shorter, where the duration is no multiple of dt.
+    """
+    duration = times[-1] - times[0]
+    h, first = duration / steps, jnp.minimum(jnp.asarray(dt, times.dtype), duration)
+    ends = times[0] + jnp.stack([0 * h, first, 2 * h, 3 * h])
+    halves = jnp.stack([jnp.where(at_rest(start[1]), 0, first), first, 2 * h - first, h]) / 2
+    return jnp.interp(times, ends, halves)

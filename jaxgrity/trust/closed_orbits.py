@@ -43,9 +43,7 @@ def closed_orbit(scene: Scene, orbit: Orbit, options: ResolvedOptions) -> Closed
     P is smooth where contacts, cables and friction are (penalty contact, smooth friction), but for corners that it
     passes at single times. Complementarity stepping moves impacts to whole steps. Between two such moves its P is
     smooth too, so that Newton's method closes the orbit of the motion as it is stepped; but derivatives in the scene's
-    numbers then lack what comes from the times of impacts, and are not those of the speed over a wider range. Its
-    sweeps begin anew with each cycle, and not from the last step's impulses, by which the speed differs a little from
-    that of a rollout: less than the error bar of the step.
+    numbers then lack what comes from the times of impacts, and are not those of the speed over a wider range.
 
     Args:
         scene: on level ground, with the gait of the orbit; its arrays may carry derivatives.

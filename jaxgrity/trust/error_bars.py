@@ -75,4 +75,4 @@ def verify(scene: Scene, gaits: Gait, duration: float, *, options: Options = Non
 def refinement_bar(coarse: np.ndarray, middle: np.ndarray, fine: np.ndarray) -> np.ndarray:
     """SAFETY (|c1 - c2| + 2 |c2 - c3|), m, for points c1, c2, c3 computed at a step, its half and its quarter."""
     first, second = np.linalg.norm(coarse - middle, axis=-1), np.linalg.norm(middle - fine, axis=-1)
-    return SAFETY * (first + 2 * second)
+    return np.asarray(SAFETY * (first + 2 * second))

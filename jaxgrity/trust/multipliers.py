@@ -12,6 +12,7 @@ from jaxtyping import Complex, Float
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, State
 from jaxgrity.model.scene import Scene, as_dtype
+from jaxgrity.stepping.handover import carried_from, state_from
 from jaxgrity.stepping.integrate import discretise, prepared
 from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
 from jaxgrity.trust.cycles import Plane, moved_onto, plane_of
@@ -108,7 +109,7 @@ def _linearised(
 ) -> tuple[AnyArray, AnyArray, AnyArray]:
     """The states (2, nodes, 3) after `ahead` steps from the start and after `steps` more, in the plane's axes; and the
     derivative, (6 nodes, 6 nodes), of the one by the other."""
-    terms, solver = discretise(options)
+    terms, solver = problem = discretise(options)
     scene, h = prepared(scene), jnp.asarray(options.dt)
 
     def step(carry, k):
@@ -116,15 +117,16 @@ def _linearised(
         y, _, _, remembered, _ = solver.step(terms, k * h, (k + 1) * h, y, scene, remembered, False)
         return (y, remembered), None
 
-    begin = tuple(jnp.asarray(x) for x in start)
-    first = (begin, solver.init(terms, 0 * h, h, begin, scene))
-    begin, remembered = jax.lax.fori_loop(0, ahead, lambda k, carry: step(carry, k.astype(float))[0], first)
-    at, unravel = ravel_pytree(jnp.stack(begin) @ axes)
+    first = carried_from(problem, scene, 0 * h, h, (jnp.asarray(start[0]), jnp.asarray(start[1])))
+    carried, remembered = jax.lax.fori_loop(0, ahead, lambda k, carry: step(carry, k.astype(float))[0], first)
+    at, unravel = ravel_pytree(jnp.stack(state_from(scene, ahead * h, carried, remembered)) @ axes)
 
     def after_a_cycle(x):
         numbers = ahead + jnp.arange(steps, dtype=float)
-        ((q, v), _), _ = jax.lax.scan(step, (tuple(unravel(x) @ axes.T), remembered), numbers)
-        end = jnp.stack([q, v]) @ axes
+        q, v = unravel(x) @ axes.T
+        carried = carried_from(problem, scene, ahead * h, h, (q, v))[0]
+        carry, _ = jax.lax.scan(step, (carried, remembered), numbers)
+        end = jnp.stack(state_from(scene, (ahead + steps) * h, *carry)) @ axes
         return end.ravel(), end
 
     derivative, end = jax.jacfwd(after_a_cycle, has_aux=True)(at)

@@ -21,6 +21,8 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, NodeVectors, PerActuator, Scalar
 from jaxgrity.model.actuation import Gait, Overtone
 from jaxgrity.model.scene import Scene, as_dtype, with_gait
+from jaxgrity.stepping.complementarity import ContactState
+from jaxgrity.stepping.handover import carried_from
 from jaxgrity.stepping.integrate import discretise, prepared
 from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
 from jaxgrity.trust.cycles import Plane, plane_of
@@ -187,12 +189,18 @@ def _change(new: np.ndarray, old: np.ndarray) -> float:
 
 
 def _first(scene: Scene, options: ResolvedOptions, orbit: Orbit) -> tuple:
-    """What is carried from step to step, on the orbit: the state, and what the method remembers of the last step."""
-    terms, solver = discretise(options)
+    """What is carried from step to step, from beside the orbit: the state, and what the method remembers.
+
+    Complementarity stepping begins with half a kick. Where a motion repeats itself to the last digit, nodes that just
+    touch have derivatives made of rounding; on the way back to the orbit, tangents settle before that.
+    """
     assert options.dt is not None, "`in_step` gives a step"
-    start = tuple(jnp.asarray(x, float) for x in orbit.state)
-    here = prepared(scene)
-    return jax.tree.map(jnp.asarray, (start, solver.init(terms, 0.0, options.dt, start, here)))
+    q, v = orbit.state
+    start = jnp.asarray(q, float), jnp.asarray(v, float)
+    carried, remembered = carried_from(discretise(options), prepared(scene), 0.0, options.dt, start)
+    if isinstance(remembered, ContactState):
+        remembered = remembered._replace(step_size=jnp.zeros_like(remembered.step_size))
+    return jax.tree.map(jnp.asarray, (carried, remembered))
 
 
 @eqx.filter_jit

@@ -1,0 +1,156 @@
+"""How rollouts begin and end: between (q, v) at one time, and what a method carries from step to step.
+
+Complementarity stepping is a leapfrog, whose velocity w lives in the middle of its last step, of size h. What a rollout
+returns is the velocity at the time of the positions, half a step on by the forces there, v = w + h/2 a(q, v, t). What
+starts from there takes that half step back, and goes on as if it had never stopped. So (q, v) is all of a state, and a
+motion in pieces is the motion in one piece. The contacts and rigid struts of the step to come have not yet acted on v.
+"""
+
+from typing import Any
+
+import diffrax
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxgrity.core.tracing import traced
+from jaxgrity.core.types import AnyArray, NodeHistory, NodeVectors, Scalar, State, Times
+from jaxgrity.model.inertia import momenta
+from jaxgrity.model.scene import Scene
+from jaxgrity.model.structure import Structure
+from jaxgrity.stepping.complementarity import ContactState
+from jaxgrity.stepping.dynamics import acceleration
+
+Problem = tuple[diffrax.AbstractTerm, diffrax.AbstractSolver]
+"""what `discretise` makes of options"""
+
+TOGETHER = 32
+"""frames whose velocities are solved for side by side: enough for the vector units"""
+CORRECTIONS = 8
+"""of Newton's method, at most: the second leaves rounding where dissipative forces are linear in v"""
+DIRECTIONS = 60
+"""of conjugate gradients in each of them, at most"""
+
+
+def at_rest(v: AnyArray) -> AnyArray:
+    """Whether no node moves; of each of many robots side by side."""
+    return jnp.all(v == 0, axis=(0, 1))
+
+
+def carried_from(problem: Problem, scene: Scene, t: Scalar, h: Scalar, start: State) -> tuple[State, Any]:
+    """What the method carries at t (s), before a first step of size h (s), from `start` = (q, v) then.
+
+    Robots at rest begin with half a kick, as if nothing had acted before; those that move, with a whole one.
+    """
+    terms, solver = problem
+    first = solver.init(terms, t, t + h, start, scene)
+    q, v = start
+    if not isinstance(first, ContactState) or not (traced(v) or np.any(np.asarray(v))):
+        return start, first
+    _, a = terms.vf(t, start, scene.during(t - h / 2, t))
+    still = at_rest(v)
+    w = jnp.where(still, v, v - h / 2 * a)
+    return (q, w), first._replace(step_size=jnp.where(still, 0, h).astype(q.dtype))
+
+
+def state_from(scene: Scene, t: Scalar, carried: State, remembered: Any) -> State:
+    """(q, v) at t (s), of one robot, from what the method carries."""
+    if not isinstance(remembered, ContactState):
+        return carried
+    q, w = carried
+    return q, velocity_at(scene, t, q, w, remembered.step_size / 2)
+
+
+def velocity_at(scene: Scene, t: Scalar, q: NodeVectors, w: NodeVectors, later: Scalar) -> NodeVectors:
+    """v = w + later a(q, v, t), m/s: the velocity at t, of one robot that had w so many seconds before.
+
+    Dissipative forces make it an equation, which has one solution, since they are gradients of a convex R. It is met
+    to rounding; its derivative is that of the solution, in both modes.
+    """
+    scene = scene.during(t - later, t)
+
+    def changed(v):
+        return w + later * acceleration(scene, t, q, v)
+
+    if not scene.dissipates:
+        return changed(w)
+
+    def solve(missed, guess):
+        return _newton(scene.structure, missed, guess)
+
+    def along(linear, y):
+        slope = jax.jacfwd(linear)(jnp.zeros_like(y)).reshape(y.size, y.size)
+        return jnp.linalg.solve(slope, y.ravel()).reshape(y.shape)
+
+    return jax.lax.custom_root(lambda v: v - changed(v), jax.lax.stop_gradient(w), solve, along)
+
+
+def velocities_at(
+    scene: Scene, times: Times, motion: tuple[NodeHistory, NodeHistory], later: Times, frames: AnyArray | int
+) -> NodeHistory:
+    """`velocity_at` of the first `frames` of a motion (q, w); those after them, with which it was filled up, stay."""
+    q, w = motion
+    size = min(TOGETHER, len(times))
+
+    def some(k, found):
+        first = jnp.minimum(k * size, len(times) - size)
+        part = [jax.lax.dynamic_slice_in_dim(x, first, size) for x in (times, q, w, later)]
+        new = jax.vmap(lambda *frame: velocity_at(scene, *frame))(*part)
+        return jax.lax.dynamic_update_slice_in_dim(found, new, first, 0)
+
+    return jax.lax.fori_loop(0, (frames + size - 1) // size, some, w)
+
+
+def midway(scene: Scene, dt: Scalar, times: Times, positions: NodeHistory, velocities: NodeHistory) -> NodeHistory:
+    """w, m/s: the velocities in the middle of the step before each frame, which constraints let pass.
+
+    Of frames as a rollout by complementarity stepping returns them; those at rest stay so.
+    """
+
+    def frame(t, q, v):
+        return jnp.where(at_rest(v), v, v - dt / 2 * acceleration(scene.during(t - dt / 2, t), t, q, v))
+
+    return jax.vmap(frame)(times, positions, velocities)
+
+
+def _newton(structure: Structure, missed, v: NodeVectors) -> NodeVectors:
+    """The root of `missed`, whose slope is symmetric and positive in the inner product of kinetic energy."""
+    smallest = jnp.finfo(v.dtype).eps
+
+    def unmet(carry):
+        _, correction, size, count = carry
+        return (count < CORRECTIONS) & (correction > 2 * smallest * size)
+
+    def corrected(carry):
+        v, _, _, count = carry
+        miss, slope = jax.linearize(missed, v)
+        size = jnp.maximum(jnp.max(jnp.abs(v)), jnp.max(jnp.abs(miss)))
+        change = _conjugate_gradients(structure, slope, miss, smallest * size)
+        return v - change, jnp.max(jnp.abs(change)), size, count + 1
+
+    infinite = jnp.array(jnp.inf, v.dtype)
+    return jax.lax.while_loop(unmet, corrected, (v, infinite, jnp.ones_like(infinite), 0))[0]
+
+
+def _conjugate_gradients(structure: Structure, slope, right: NodeVectors, enough: Scalar) -> NodeVectors:
+    """x with slope(x) = right, until no coordinate misses by more than `enough`, m/s."""
+
+    def energy(x, y):
+        return jnp.sum(momenta(structure, x) * y)
+
+    def unmet(carry):
+        _, left, _, _, count = carry
+        return (count < DIRECTIONS) & (jnp.max(jnp.abs(left)) > enough)
+
+    def further(carry):
+        x, left, direction, size, count = carry
+        pushed = slope(direction)
+        bend = energy(direction, pushed)
+        step = jnp.where(bend > 0, size / jnp.where(bend > 0, bend, 1), 0)
+        x, left = x + step * direction, left - step * pushed
+        now = energy(left, left)
+        direction = left + jnp.where(size > 0, now / jnp.where(size > 0, size, 1), 0) * direction
+        return x, left, direction, now, count + 1
+
+    first = (jnp.zeros_like(right), right, right, energy(right, right), 0)
+    return jax.lax.while_loop(unmet, further, first)[0]

@@ -1,0 +1,92 @@
+"""A rollout as a pure function, for `jax.jit`, `jax.vmap` and `jax.grad` in any order."""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxgrity.core.errors import InputError
+from jaxgrity.core.tracing import traced
+from jaxgrity.core.types import AnyArray, NodeHistory, State, Times
+from jaxgrity.model.scene import Scene, as_dtype, start_of
+from jaxgrity.stepping.final_state import states_at, steps_between
+from jaxgrity.stepping.integrate import start_failure, state_failure
+from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
+
+
+class RolledOut(NamedTuple):
+    """A motion, and whether it can be believed."""
+
+    positions: NodeHistory
+    """(frames, nodes, 3), m"""
+    velocities: NodeHistory
+    """(frames, nodes, 3), m/s"""
+    ok: AnyArray
+    """whether the start fits its constraints and the motion was finite to the end; if not, all else means nothing"""
+
+
+def rollout(
+    scene: Scene,
+    times: Times,
+    *,
+    start: State | None = None,
+    options: Options = None,
+    steps: int | None = None,
+) -> RolledOut:
+    """Roll a scene out from the first of some times to the last, by fixed steps.
+
+    It is a pure function of the scene, the times and the start. It is differentiable in both modes with respect to
+    all numbers in them. The last frame is a start: from there the motion goes on as if it had never stopped.
+
+    Args:
+        scene: what moves.
+        times: (frames,), s, ascending, two or more: of the frames, and the time that gaits, motors and pushes go by.
+        start: positions, m, and velocities, m/s, (nodes, 3) each, at the first time; the structure as posed, at rest,
+            where not given.
+        options: how to integrate, at a fixed step; where not given, the scene decides. Where the numbers of the scene
+            are being traced, pass what `resolve` makes of known ones.
+        steps: how many from each frame to the next; by the options where not given, as many as the longest way needs.
+
+    Returns:
+        Positions, velocities, and whether they can be believed.
+
+    Raises:
+        InputError: a start that is known, and violates rigid struts or exact contact; arrays of another shape; times
+            that do not ascend; bad options (see `resolve`), a method that adapts its step; times that are being traced,
+            without `steps`.
+
+    Example:
+        >>> scene = jaxgrity.load_scene("exact")
+        >>> options = jaxgrity.resolve(scene, 0.1)
+        >>> def height(mu):
+        ...     there = eqx.tree_at(lambda s: s.friction.mu, scene, mu)
+        ...     return jaxgrity.rollout(there, np.array([0.0, 0.1]), options=options).positions[-1, :, 2].mean()
+        >>> jax.jit(jax.vmap(jax.grad(height)))(jnp.array([0.3, 0.5])).shape
+        (2,)
+    """
+    if np.ndim(times) != 1 or np.shape(times)[0] < 2 or not (traced(times) or np.all(np.diff(times) > 0)):
+        raise InputError(f"times of shape {np.shape(times)}; expected two or more, (frames,), that ascend")
+    q, v = start_of(scene) if start is None else start
+    for name, given in (("positions", q), ("velocities", v)):
+        if np.shape(given) != scene.structure.nodes.shape:
+            expected = f"{scene.structure.nodes.shape}, a row for each node"
+            raise InputError(f"start: {name} have shape {np.shape(given)}; expected {expected}")
+    resolved = resolve(scene, 1.0, options, positions=q, since=times[0])
+    if resolved.dt is None:
+        raise InputError(f"method = {resolved.method.name!r} adapts its step; expected a fixed one (dt)")
+    if steps is None:
+        if traced(times):
+            raise InputError("times are being traced; pass `steps`, how many from each frame to the next")
+        steps = steps_between(0.0, float(np.diff(times).max()), resolved)
+    return _rolled(as_dtype(scene, resolved.dtype), (q, v), times, steps, resolved.as_inputs())
+
+
+@eqx.filter_jit
+def _rolled(scene: Scene, start: State, times: Times, steps: int, options: ResolvedOptions) -> RolledOut:
+    times = jnp.asarray(times, options.dtype)
+    start = jax.tree.map(lambda x: jnp.asarray(x, options.dtype), start)
+    q, v = states_at(scene, start, times, steps, options, reverse=True)
+    fits = start_failure(scene, start[0], times[0]) == 0
+    return RolledOut(q, v, fits & (state_failure(scene, q[-1], v[-1]) == 0))

@@ -1,0 +1,80 @@
+"""The pure rollout: what it returns, and that transformations take it in any order."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from small_scenes import swept
+
+import jaxgrity.rollout.lanes  # a sub-package has the function's name
+from jaxgrity import InputError, SolverOptions, resolve, rollout, simulate
+
+SCENE = swept()
+OPTIONS = resolve(SCENE, 1.0, SolverOptions(dt=5e-3))
+TIMES = np.array([0.0, 0.15, 0.3])
+STILL = np.zeros((3, 3))
+
+
+def test_it_is_the_motion_of_simulate():
+    """Under its own name, although a sub-package of that name is imported."""
+    assert jaxgrity.rollout is rollout
+    found = jaxgrity.rollout(SCENE, TIMES, options=OPTIONS)
+    motion = simulate(SCENE, 0.3, options=OPTIONS, frame_rate=20 / 3)
+    np.testing.assert_allclose(found.positions, motion.positions, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(found.velocities, motion.velocities, rtol=0, atol=1e-11)
+    assert found.ok
+
+
+def height(mu, lift):
+    """Of a node in the end, m, and whether all is well."""
+    there = eqx.tree_at(lambda s: s.friction.mu, SCENE, mu)
+    start = (SCENE.structure.nodes + lift * jnp.array([0.0, 0.0, 1.0]), STILL)
+    found = rollout(there, TIMES, start=start, options=OPTIONS)
+    return found.positions[-1, :, 0].sum(), found.ok
+
+
+def test_transformations_take_it_in_any_order():
+    """jit of vmap of grad, and grad of vmap: derivatives as by differences, codes one by one."""
+    mus, lifts = jnp.array([0.3, 0.5, 0.4]), jnp.array([0.0, 0.0, -0.1])
+    slopes, ok = jax.jit(jax.vmap(jax.grad(height, has_aux=True)))(mus, lifts)
+    assert ok.tolist() == [True, True, False]
+    each = [height(mu + d, 0.0)[0] for mu in (0.3, 0.5) for d in (1e-6, -1e-6)]
+    differences = np.array([each[0] - each[1], each[2] - each[3]]) / 2e-6
+    assert np.abs(differences).min() > 1e-4
+    np.testing.assert_allclose(slopes[:2], differences, rtol=1e-5)
+    outside = jax.grad(lambda m: jnp.sum(jax.vmap(height)(m, lifts)[0][:2]))(mus)
+    np.testing.assert_allclose(outside[:2], slopes[:2], rtol=1e-10)
+
+
+def test_times_may_be_traced_where_the_number_of_steps_is_given():
+    ends = jax.jit(jax.vmap(lambda t: rollout(SCENE, t, options=OPTIONS, steps=30).positions[-1]))(
+        jnp.array([[0.0, 0.15], [0.0, 0.14]])
+    )
+    np.testing.assert_allclose(ends[0], rollout(SCENE, TIMES[:2], options=OPTIONS).positions[-1], atol=1e-13)
+
+
+@pytest.mark.parametrize(
+    ("message", "call"),
+    [
+        ("times of shape", lambda: rollout(SCENE, np.array([0.1, 0.0]))),
+        ("times are being traced; pass `steps`", lambda: jax.jit(lambda t: rollout(SCENE, t).ok)(TIMES)),
+        ("start: velocities have shape", lambda: rollout(SCENE, TIMES, start=(SCENE.structure.nodes, np.zeros(3)))),
+        ("adapts its step", lambda: rollout(swept(stiff=False), TIMES, options=SolverOptions("tsit5"))),
+        ("no step can be chosen; pass options", lambda: jax.jit(_with_gravity)(9.81)),
+        ("duration is being traced", lambda: jax.jit(lambda T: simulate(SCENE, T).positions)(0.1)),
+        ("for reverse mode use jaxgrity.rollout", lambda: jax.grad(_simulated)(0.5)),
+    ],
+)
+def test_what_does_not_work_says_what_to_pass(message, call):
+    with pytest.raises(InputError, match=message):
+        call()
+
+
+def _with_gravity(g):
+    return simulate(eqx.tree_at(lambda s: s.gravity, SCENE, g), 0.1).positions
+
+
+def _simulated(mu):
+    there = eqx.tree_at(lambda s: s.friction.mu, SCENE, mu)
+    return simulate(there, 0.1, options=OPTIONS, frame_rate=20.0).positions[-1].sum()

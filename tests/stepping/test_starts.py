@@ -1,0 +1,80 @@
+"""Starts that no motion can have: known ones raise `InputError`, traced ones and those of a population get a code."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from small_scenes import swept
+
+from jaxgrity import (
+    FAILURES,
+    Differences,
+    InputError,
+    SolverOptions,
+    final_state,
+    gaits_of,
+    resolve,
+    rollout,
+    simulate,
+    simulate_population,
+)
+
+MISPLACED = FAILURES.index("the start lies below the ground, or its rigid struts have other lengths")
+OPTIONS = SolverOptions(dt=5e-3)
+SCENE = swept()
+NODES = np.asarray(SCENE.structure.nodes)
+WRONG = {"0.28 m below the ground": NODES - [0, 0, 0.28], "longer struts": NODES * 1.3}
+STILL = np.zeros((3, 3))
+
+
+@pytest.mark.parametrize("wrong", WRONG.values(), ids=WRONG)
+def test_known_starts_are_refused_by_all(wrong):
+    options = resolve(SCENE, 0.1, OPTIONS)
+    with pytest.raises(InputError, match=r"node 0 starts 0\.28 m below|strut 0 starts 1\.3 m long"):
+        simulate(SCENE, 0.1, options=OPTIONS, positions=wrong)
+    with pytest.raises(InputError, match=r"node 0 starts 0\.28 m below|strut 0 starts 1\.3 m long"):
+        final_state(SCENE, 0.1, options, (wrong, STILL))
+    with pytest.raises(InputError, match=r"node 0 starts 0\.28 m below|strut 0 starts 1\.3 m long"):
+        rollout(SCENE, np.array([0.0, 0.1]), start=(wrong, STILL), options=options)
+
+
+def test_struts_have_their_lengths_of_the_time_of_the_start():
+    """A gait has changed the strut by then."""
+    options = resolve(SCENE, 0.1, OPTIONS)
+    end = rollout(SCENE, np.array([0.0, 0.1]), options=options)
+    later = rollout(SCENE, np.array([0.1, 0.2]), start=(end.positions[-1], end.velocities[-1]), options=options)
+    assert later.ok
+    with pytest.raises(InputError, match=r"strut 0 starts 0\.\d+ m long; expected 1 m, its rest length at t = 0, "):
+        rollout(SCENE, np.array([0.0, 0.1]), start=(end.positions[-1], end.velocities[-1]), options=options)
+
+
+def test_traced_starts_get_a_code():
+    """Also by `vmap`, where others are fine."""
+
+    @jax.jit
+    @jax.vmap
+    def rolled(q):
+        return simulate(SCENE, 0.1, options=OPTIONS, frame_rate=10.0, positions=q).failure
+
+    starts = jnp.stack([NODES, *WRONG.values(), NODES + np.array([0, 0, 0.1]), NODES - np.array([0, 0, 0.9e-6])])
+    assert rolled(starts).tolist() == [0, MISPLACED, MISPLACED, 0, 0]
+
+
+@pytest.mark.parametrize("dtype", ["float64", pytest.param("float32", marks=pytest.mark.slow)])
+def test_robots_of_a_population_that_start_so_fail_and_disturb_no_other(dtype):
+    """Placed below the ground, stretched, or with struts of another length; in float32 far from the origin too."""
+    away = 0.0 if dtype == "float64" else 20.0
+    fine = NODES + np.array([away, 0, 0])
+    starts = np.stack([fine, fine - [0, 0, 0.28], fine * 1.3, fine])
+    lengths = np.array([[1.0], [1.0], [1.0], [0.9]])
+    gaits = gaits_of(SCENE.gait, np.repeat(SCENE.gait.phase[None], 4, axis=0))
+    differences = Differences(positions=starts, strut_rest_length=lengths)
+    options = dataclasses.replace(OPTIONS, dtype=dtype)
+    outcomes = simulate_population(SCENE, gaits, 0.1, options=options, differences=differences)
+    assert outcomes.failure.tolist() == [0, MISPLACED, MISPLACED, MISPLACED]
+    assert np.isnan(outcomes.distance()).tolist() == [False, True, True, True]
+    again = Differences(positions=np.stack([fine] * 4), strut_rest_length=np.ones((4, 1)))
+    undisturbed = simulate_population(SCENE, gaits, 0.1, options=options, differences=again)
+    np.testing.assert_array_equal(outcomes.positions[0], undisturbed.positions[0])
