@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from jaxgrity.cli.settings import CompareSettings
+from jaxgrity.core.display import with_error
 from jaxgrity.core.errors import InputError
 from jaxgrity.io.files import read_text, save_json
 from jaxgrity.report import plot
@@ -19,12 +20,12 @@ from jaxgrity.search.objectives import find_objective
 def steady(summary: dict[str, Any]) -> str:
     """The speed of the orbit, where there is one."""
     found = summary.get("steady") or {"settled": False}
-    return f"{found['speed']:.3f} ± {found['speed_error_bar'] or np.inf:.1g}" if found["settled"] else "-"
+    return with_error(f"{found['speed']:.3f}", found["speed_error_bar"]) if found["settled"] else "-"
 
 
 COLUMNS = {
     "steady, m/s": steady,
-    "verified, m": lambda s: f"{s['distance']:.3f} ± {s['error_bar'] or np.inf:.1g}",
+    "verified, m": lambda s: with_error(f"{s['distance']:.3f}", s["error_bar"]),
     "scene": lambda s: s["scene"],
     "robust": lambda s: "{mean:.3f} ± {standard_deviation:.2g}".format(**s["robust"]) + f" {unit(s)}".rstrip(),
     "other model": lambda s: f"{s['other_contact_model']['mean']:.3f}",

@@ -15,6 +15,7 @@ from jaxtyping import Float
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import edge_vectors, inverse, length, scale
 from jaxgrity.core.types import AnyArray, NodeVectors, Scalar
+from jaxgrity.model.scales import length_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.stepping.dynamics import centre_of_mass
 
@@ -119,7 +120,7 @@ def measure(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors) -> Observat
         lengths = length(edge_vectors(q, cables.edges))
         tensions = cables.stiffness * jnp.maximum(scene.configuration(q, t).stretch("cables"), 0)
     if scene.ground is not None:
-        contact = (scene.ground.signed_distance(q) < scene.ground.touched_below).astype(q.dtype)
+        contact = (scene.ground.signed_distance(q) < scene.ground.touched_below * length_scale(scene)).astype(q.dtype)
     return Observation(directions, spins, lengths, tensions, contact, centre_of_mass(scene, q))
 
 

@@ -11,17 +11,20 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, NodeVectors, State
 from jaxgrity.model.ground import Ground
 from jaxgrity.model.height_fields import bumps
+from jaxgrity.model.scales import length_scale, speed_scale, time_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.stepping.dynamics import centre_of_mass
 
 REACHED = 0.3
 """m, from a goal, within which it counts as reached"""
 DROP = 1.0, 2.0
-"""m/s and rad/s, standard deviations of velocity and spin of a robot that has fallen"""
+"""m/s and rad/s, standard deviations of velocity and spin of a robot of one metre that has fallen"""
 CLEAR = 0.02
-"""m, between the ground and the lowest node of a robot that starts"""
+"""m, between the ground and the lowest node of a robot of one metre that starts"""
+BUMPS = 0.8
+"""m, length of bumps for a robot of one metre"""
 AVERAGED = 1.0
-"""s, over which the velocity is averaged where any direction is as good as another"""
+"""s, over which the velocity of a robot of one metre is averaged where any direction is as good as another"""
 
 
 class Task(NamedTuple):
@@ -67,15 +70,15 @@ def ground_of(task: Task, scene: Scene, seed: int) -> Scene:
     A task that says nothing of the ground leaves the scene's own. Raises `InputError` where the scene has no ground, or
     one that is not level although the task brings its own.
     """
-    ground = scene.ground
+    ground, size = scene.ground, float(length_scale(scene))
     if ground is None:
         raise InputError("this scene has no ground to roll on; expected [ground]")
     if task.incline or task.bumps:
         if ground.surface is not None or float(ground.incline) != 0:
             raise InputError("ground: this task brings its own; expected a scene on a level plane")
-        surface = bumps(task.bumps, 0.8, seed) if task.bumps else None
+        surface = bumps(task.bumps, BUMPS * size, seed) if task.bumps else None
         ground = dataclasses.replace(ground, incline=task.incline, surface=surface)  # type: ignore[call-arg]
-    q = ground.set_down(np.asarray(scene.structure.nodes, float), -CLEAR)
+    q = ground.set_down(np.asarray(scene.structure.nodes, float), -CLEAR * size, size)
     structure = dataclasses.replace(scene.structure, nodes=q)
     return dataclasses.replace(scene, ground=ground, structure=structure)
 
@@ -85,10 +88,12 @@ def task_start(task: Task, scene: Scene, key: Any) -> State:
     turns, heights, speeds, spins = jax.random.split(key, 4)
     q = jnp.asarray(scene.structure.nodes)
     body = (q - centre_of_mass(scene, q)) @ _any_turn(jax.random.normal(turns, (4,), q.dtype)).T
+    size = length_scale(scene)
     if not task.fallen:
-        return lifted(scene.ground, body, CLEAR), jnp.zeros_like(q)
-    speed, spin = (size * jax.random.normal(k, (3,), q.dtype) for size, k in zip(DROP, (speeds, spins)))
-    height = CLEAR + jax.random.uniform(heights, (), q.dtype)
+        return lifted(scene.ground, body, CLEAR * size), jnp.zeros_like(q)
+    falls = DROP[0] * speed_scale(scene), DROP[1] / time_scale(scene)
+    speed, spin = (each * jax.random.normal(k, (3,), q.dtype) for each, k in zip(falls, (speeds, spins)))
+    height = size * (CLEAR + jax.random.uniform(heights, (), q.dtype))
     return lifted(scene.ground, body, height), speed + jnp.cross(spin, body)
 
 

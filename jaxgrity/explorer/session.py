@@ -6,6 +6,7 @@ from typing import NamedTuple
 import jax
 import numpy as np
 
+from jaxgrity.core.display import with_error
 from jaxgrity.core.errors import InputError
 from jaxgrity.explorer.controls import Knob, adjusted, knobs
 from jaxgrity.io.gait_library import gait_names, load_gait
@@ -44,9 +45,10 @@ class Rolled(NamedTuple):
         if self.poses is None:
             return f"**failed**: {FAILURES[int(self.trajectory.failure)]}"
         duration = float(self.trajectory.times[-1])
-        bar = "…" if error_bar is None else f"{error_bar:.2g}"
+        moved = f"{self.distance:.3f}"
+        told = f"{moved} ± … m" if error_bar is None else with_error(moved, error_bar, " m", ".2g")
         return (
-            f"**{self.distance:.3f} ± {bar} m** in {duration:g} s  \n"
+            f"**{told}** in {duration:g} s  \n"
             f"speed {self.distance / duration:.3f} m/s  \n"
             f"cost of transport {self.cost_of_transport:.2f}" + (f"  \n{orbit}" if orbit else "")
         )

@@ -1,6 +1,7 @@
 """Measured motions, cut into windows for multiple shooting, and what a scene predicts of them."""
 
-from typing import NamedTuple
+from dataclasses import replace
+from typing import Literal, NamedTuple
 
 import equinox as eqx
 import jax
@@ -12,11 +13,14 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, NodeHistory, Times
 from jaxgrity.identification.measurements import Measurement, Values, checked
 from jaxgrity.identification.observations import SeenQuantity
+from jaxgrity.model.scales import length_scale, speed_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.stepping.final_state import states_at
 from jaxgrity.stepping.integrate import integrate
 from jaxgrity.stepping.options import Options, ResolvedOptions, check_start, resolve
 
+SPREAD, JUMP = (0.02, 1.0), (1e-3, 1e-2)
+"""m and m/s, of a body of one metre: by how much guesses of starts may be off, and windows may miss each other"""
 FITTED_FRAMES = 8
 """from which the velocity at the start of a window is guessed"""
 
@@ -107,11 +111,11 @@ class Starts(NamedTuple):
     path: NodeHistory
     """(frames, nodes, 3), m, a guess of the motion, such as what was measured, or a rollout"""
     windows: int = 1
-    spread: tuple[float, float] | None = (0.02, 1.0)
-    """m and m/s, standard deviations of the guess of each window's start; None: the motion starts at rest, where the
-    path does, and this is known"""
-    jump: tuple[float, float] = (1e-3, 1e-2)
-    """m and m/s, by which the end of a window may plausibly miss the start of the next"""
+    spread: tuple[float, float] | Literal["usual"] | None = "usual"
+    """m and m/s, standard deviations of the guess of each window's start, by default `SPREAD` of a body of this size;
+    None: the motion starts at rest, where the path does, and this is known"""
+    jump: tuple[float, float] | None = None
+    """m and m/s, by which the end of a window may plausibly miss the start of the next; None: `JUMP`, likewise"""
 
 
 def measured_motion(
@@ -168,12 +172,27 @@ def measured_motion(
         state = np.stack([path[:1], 0 * path[:1]], axis=1)
     else:
         state = np.stack([_state_at(times, path, k) for k in first])
-    spread = np.ones(state.shape) * np.array(starts.spread or (0.0, 0.0))[:, None, None] * scene.structure.free
+    deviations, jump = _deviations(scene, starts)
+    spread = np.ones(state.shape) * deviations[:, None, None] * scene.structure.free
     unknown = tuple(np.flatnonzero(spread > 0).tolist())
     resolved = resolve(scene, float(cut[0, -1] - cut[0, 0]), options, dtype="float64")
-    steps = None if resolved.dt is None else int(np.ceil(np.diff(times).max() / resolved.dt - 1e-6))
-    jump = np.array(starts.jump, float)
-    return MeasuredMotion(values, noise, observation, cut, resolved, state, spread, unknown, jump, steps)
+    found = MeasuredMotion(values, noise, observation, cut, resolved, state, spread, unknown, jump, None)
+    return with_options(found, resolved)
+
+
+def _deviations(scene: Scene, starts: Starts) -> tuple[np.ndarray, np.ndarray]:
+    """Those of starts and of jumps, m and m/s."""
+    size = np.array([float(length_scale(scene)), float(speed_scale(scene))])
+    given = starts.spread or (0.0, 0.0)
+    spread = size * SPREAD if isinstance(given, str) else np.array(given, float)
+    return spread, size * JUMP if starts.jump is None else np.array(starts.jump, float)
+
+
+def with_options(motion: MeasuredMotion, options: ResolvedOptions) -> MeasuredMotion:
+    """The measurement, to be predicted by other means: as many steps from frame to frame as they need."""
+    longest = max(float(np.diff(times).max()) for times in np.asarray(motion.times))
+    steps = None if options.dt is None else int(np.ceil(longest / options.dt - 1e-6))
+    return replace(motion, options=options, steps=steps)
 
 
 def _check_path(path: np.ndarray, expected: tuple[int, ...]) -> None:

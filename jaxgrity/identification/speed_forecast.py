@@ -23,6 +23,8 @@ from jaxgrity.trust.orbits import Orbit, find_orbit, in_step, restarted
 
 SETTLING, WATCHED = 8, 4
 """cycles that robots are left to settle in, and over which their speed is taken"""
+FEWEST = 5
+"""robots, of which correlations say something"""
 ROLLING = 0.85
 """of the speed of the most probable robot: from which on a robot counts as rolling"""
 LINEAR = 0.8
@@ -122,11 +124,11 @@ def speed_forecast(
         Speeds, slopes and shares.
 
     Raises:
-        InputError: no such gait, a gait that settles on no orbit, fewer than 3 robots, or as `posterior_robots` and
+        InputError: no such gait, a gait that settles on no orbit, fewer than 5 robots, or as `posterior_robots` and
             `find_orbit`.
     """
-    if robots < 3:
-        raise InputError(f"robots = {robots}: expected at least 3, to see how they differ")
+    if robots < FEWEST:
+        raise InputError(f"robots = {robots}: expected at least {FEWEST}, to see how they differ")
     scene = found.scene if gait is None else with_gait(found.scene, gait)
     if not isinstance(scene, Scene):
         raise InputError(f"found: the scene is a {type(scene).__name__}; expected what identify made of a Scene")

@@ -8,17 +8,18 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.model.friction import ConeFriction, SmoothFriction
 from jaxgrity.model.ground import ExactGround, PenaltyGround
 from jaxgrity.model.rigid_struts import LARGEST_GAP
+from jaxgrity.model.scales import length_scale, speed_scale, time_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import Members, Structure, edge_lengths
 
 DEPTH = 2e-3
 """share of the body's length, by which three nodes that carry the weight sink into penalty ground"""
 RELAXATION = 1.8e-3
-"""s, c/K of spring struts"""
+"""s, c/K of spring struts of a body of one metre"""
 DISSIPATION = 2.0
-"""s/m, alpha of Hunt and Crossley's law"""
+"""s/m, alpha of Hunt and Crossley's law, for a body of one metre"""
 SLIP_SPEED = 0.01
-"""m/s, eps of smooth friction"""
+"""m/s, eps of smooth friction, for a body of one metre"""
 
 
 def exact_twin(scene: Scene) -> Scene:
@@ -32,14 +33,14 @@ def exact_twin(scene: Scene) -> Scene:
     """
     _check_starts_still(scene)
     structure, struts = scene.structure, scene.structure.struts
-    nodes, ground, friction = structure.nodes, scene.ground, scene.friction
+    nodes, ground, friction, size = structure.nodes, scene.ground, scene.friction, float(length_scale(scene))
     if struts is not None and not struts.rigid:
-        rest = _built_lengths(struts, nodes)
+        rest = _built_lengths(struts, nodes, size)
         structure = _with_struts(structure, dataclasses.replace(struts, stiffness=None, damping=None, rest_length=rest))
     if ground is not None and not ground.impulsive:
         lowest = -float(ground.measured(np.asarray(nodes, float)).distance.min())
-        if lowest > LARGEST_GAP:
-            structure = dataclasses.replace(structure, nodes=ground.set_down(np.asarray(nodes, float), 0.0))
+        if lowest > LARGEST_GAP * size:
+            structure = dataclasses.replace(structure, nodes=ground.set_down(np.asarray(nodes, float), 0.0, size))
         cone = None if friction is None else ConeFriction(friction.sliding_mu)
         ground, friction = ExactGround(ground.incline, surface=ground.surface, offset=ground.offset), cone
     return dataclasses.replace(scene, structure=structure, ground=ground, friction=friction)
@@ -61,14 +62,15 @@ def penalty_twin(scene: Scene) -> Scene:
         raise InputError("the structure has no members; expected some, whose length says how deep it may sink")
     size = float(edge_lengths(scene.structure.nodes, members.edges).max())
     stiffness, structure = float(scene.structure.mass) * float(scene.gravity) / (3 * DEPTH * size), scene.structure
+    speed = float(speed_scale(scene))
     if struts is not None and struts.rigid:
         each = np.full(len(struts.edges), 2 * stiffness)
-        springs = dataclasses.replace(struts, stiffness=each, damping=RELAXATION * each)
+        springs = dataclasses.replace(struts, stiffness=each, damping=RELAXATION * float(time_scale(scene)) * each)
         structure = _with_struts(structure, springs)
     if ground is not None and ground.impulsive:
-        friction = None if friction is None else SmoothFriction(friction.sliding_mu, SLIP_SPEED)
+        friction = None if friction is None else SmoothFriction(friction.sliding_mu, SLIP_SPEED * speed)
         where = ground.surface, ground.offset
-        ground = PenaltyGround(stiffness, DISSIPATION, ground.incline, surface=where[0], offset=where[1])
+        ground = PenaltyGround(stiffness, DISSIPATION / speed, ground.incline, surface=where[0], offset=where[1])
     return dataclasses.replace(scene, structure=structure, ground=ground, friction=friction)
 
 
@@ -86,10 +88,10 @@ def _check_starts_still(scene: Scene) -> None:
         )
 
 
-def _built_lengths(struts: Members, nodes) -> np.ndarray:
+def _built_lengths(struts: Members, nodes, size: float) -> np.ndarray:
     """The struts' rest lengths, m, but the lengths at the start where those differ from them."""
     built, rest = edge_lengths(nodes, struts.edges), struts.rest_length
-    return np.where(np.abs(built - rest) > LARGEST_GAP, built, rest)
+    return np.where(np.abs(built - rest) > LARGEST_GAP * size, built, rest)
 
 
 def _with_struts(structure: Structure, struts: Members) -> Structure:

@@ -158,8 +158,8 @@ class CoulombCone(Constraint):
         alike = unchanged_per_node(self.friction.mu, symmetry)
         return alike and self.ground.keeps(symmetry)
 
-    def directions(self, q):
-        return held_directions(self.ground, slice(1, 3), q)
+    def directions(self, q, size):
+        return held_directions(self.ground, slice(1, 3), q, size)
 
     def gaps(self, q, t):
         return jnp.zeros(0, q.dtype)

@@ -27,10 +27,12 @@ from jaxgrity.model.surface import AXES, Frame, Measured, Slope, Surface, as_dou
 
 UnitVector = tuple[float, float, float]
 
+ROUNDING = 1e-12
+"""m, by which a node that stands on penalty ground is deeper than its weight says, of a body of one metre"""
 SETTLED_WITHIN = 100
 """moves along the normal, by which a structure is set down on uneven ground"""
 TOUCHING = 1e-6
-"""m above exact ground, within which a node at rest counts as held by it"""
+"""m above exact ground, within which a node at rest counts as held by it, of a body of one metre"""
 
 
 class Ground(eqx.Module):
@@ -54,7 +56,7 @@ class Ground(eqx.Module):
     impulsive: eqx.AbstractClassVar[bool]
     """whether it pushes by impulses, as a constraint, or by forces, as a spring"""
     touched_below: eqx.AbstractClassVar[float]
-    """m: a node whose signed distance is less touches the ground, in the frames of a trajectory"""
+    """m: a node of a body of one metre touches the ground, in the frames of a trajectory, where phi is less"""
 
     def __check_init__(self):
         if self.surface is not None and self.incline:
@@ -107,14 +109,15 @@ class Ground(eqx.Module):
             axes = np.stack([frame.normal, *frame.tangents], axis=-2)
         return Measured(np.asarray(phi).reshape(q.shape[:-1]), axes.reshape(*q.shape[:-1], 3, 3))
 
-    def set_down(self, q: np.ndarray, depth: float) -> np.ndarray:
-        """(nodes, 3): the nodes q, m, moved along the lowest one's normal until that is so deep (m) in the ground."""
+    def set_down(self, q: np.ndarray, depth: float, size: float = 1.0) -> np.ndarray:
+        """(nodes, 3): the nodes q, m, of a body of `size` (`length_scale`), moved along the lowest one's normal until
+        that is so deep (m) in the ground."""
         for _ in range(SETTLED_WITHIN):
             distance, axes = self.measured(q)
             node = int(distance.argmin())
             beyond = distance[node] + depth
             q = q - beyond * axes[node, 0]
-            if self.surface is None or abs(beyond) < LARGEST_GAP / 10:
+            if self.surface is None or abs(beyond) < LARGEST_GAP / 10 * size:
                 break
         return q
 
@@ -133,8 +136,8 @@ class Ground(eqx.Module):
         """F_n >= 0, N, by which it presses on each node, where the state of the nodes says so; None: by impulses."""
 
     @abstractmethod
-    def resting_depth(self, weight: float, nodes: int) -> float:
-        """How deep, m, so many nodes stand in it that carry the weight (N)."""
+    def resting_depth(self, weight: float, nodes: int, size: float = 1.0) -> float:
+        """How deep, m, so many nodes of a body of `size` (`length_scale`) stand in it that carry the weight (N)."""
 
 
 class PenaltyGround(Ground):
@@ -165,8 +168,8 @@ class PenaltyGround(Ground):
         v_n = None if self.dissipation is None else component(v, self.frame(q).normal)
         return normal_force(self, self.signed_distance(q), v_n)
 
-    def resting_depth(self, weight, nodes):
-        return weight / float(self.stiffness) / nodes + 1e-12
+    def resting_depth(self, weight, nodes, size=1.0):
+        return weight / float(self.stiffness) / nodes + ROUNDING * size
 
 
 class ExactGround(Ground):
@@ -189,7 +192,7 @@ class ExactGround(Ground):
     def normal_force(self, q, v):
         return None
 
-    def resting_depth(self, weight, nodes):
+    def resting_depth(self, weight, nodes, size=1.0):
         return 0.0
 
 
@@ -242,8 +245,8 @@ class ExactContact(Constraint):
     def keeps(self, symmetry):
         return self.ground.keeps(symmetry)
 
-    def directions(self, q):
-        return held_directions(self.ground, slice(1), q)
+    def directions(self, q, size):
+        return held_directions(self.ground, slice(1), q, size)
 
     def gaps(self, q, t):
         known = isinstance(q, np.ndarray)
@@ -254,10 +257,10 @@ class ExactContact(Constraint):
         return f"node {part} starts {depth:.3g} m below the ground; expected: on exact contact, on or above it"
 
 
-def held_directions(ground: Ground, axes: slice, q: np.ndarray) -> np.ndarray:
+def held_directions(ground: Ground, axes: slice, q: np.ndarray, size: float) -> np.ndarray:
     """(constraints, nodes, 3): some of the normal and the two tangents, for each node that touches the ground."""
     rows, (distance, frames) = [], ground.measured(q)
-    for node in np.flatnonzero(distance <= TOUCHING):
+    for node in np.flatnonzero(distance <= TOUCHING * size):
         for direction in frames[node, axes]:
             rows.append(np.zeros(q.shape))
             rows[-1][node] = direction

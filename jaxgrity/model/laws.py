@@ -49,6 +49,7 @@ class SceneParts(Protocol):
     gait: Any
     up: Any
     shaking: Any
+    scales: Any
 
 
 class Configuration(NamedTuple):
@@ -168,8 +169,9 @@ class Constraint(Law):
     """A law on positions or velocities that impulses meet at the end of each step of complementarity stepping."""
 
     @abstractmethod
-    def directions(self, q: np.ndarray) -> np.ndarray:
-        """(constraints, nodes, 3): the directions in which it holds nodes that are at `q` (nodes, 3)."""
+    def directions(self, q: np.ndarray, size: float) -> np.ndarray:
+        """(constraints, nodes, 3): the directions in which it holds nodes at `q` (nodes, 3), m, of a body of `size`
+        (`length_scale`)."""
 
     @abstractmethod
     def gaps(self, q: NodeVectors, t: Scalar) -> AnyArray:

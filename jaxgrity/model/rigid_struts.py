@@ -12,7 +12,7 @@ from jaxgrity.model.laws import Constraint, SceneParts, moved_members, same_role
 from jaxgrity.model.structure import Members, edge_lengths
 
 LARGEST_GAP = 1e-6
-"""m, by which a start may violate a constraint"""
+"""m, by which a start may violate a constraint, of a body of one metre"""
 
 
 class RigidStruts(Constraint):
@@ -31,7 +31,7 @@ class RigidStruts(Constraint):
         moved = moved_members(self.struts, 0, symmetry)
         return unchanged(self.struts.rest_length, moved) and same_roles(self.struts, moved)
 
-    def directions(self, q):
+    def directions(self, q, size):
         rows = np.zeros((len(self.struts.edges), *q.shape))
         for row, (i, j) in zip(rows, self.struts.edges):
             row[i] = (q[i] - q[j]) / np.linalg.norm(q[i] - q[j])

@@ -28,6 +28,7 @@ from jaxgrity.model.friction import ConeFriction, CoulombCone, Friction, SmoothF
 from jaxgrity.model.ground import ContactDissipation, ExactContact, Ground, PenaltyContact
 from jaxgrity.model.laws import Configuration, Constraint, DissipationTerm, EnergyTerm, ForceLaw, Law, Motion
 from jaxgrity.model.rigid_struts import RigidStruts
+from jaxgrity.model.scales import Scales, scales_of
 from jaxgrity.model.shaking import SupportMotion
 from jaxgrity.model.structure import Structure, member_vectors
 
@@ -62,6 +63,8 @@ class Scene(eqx.Module):
     """how the supports move; None: they do not"""
     terms: tuple[Law, ...] = ()
     """further laws: terms of U and R of one's own (docs/extending.md)"""
+    scales: Scales | None = None
+    """what rollouts compute once for all their steps; None: it is computed where needed"""
 
     def __check_init__(self):
         nodes = len(self.structure.nodes)
@@ -249,6 +252,11 @@ def floats_as(tree: Any, dtype: str) -> Any:
         return jnp.asarray(x, dtype) if jnp.issubdtype(jnp.result_type(x), jnp.floating) else jnp.asarray(x)
 
     return jax.tree.map(cast, tree)
+
+
+def with_scales(scene: Scene) -> Scene:
+    """The scene with its `scales`, as the functions of `scales.py` then read them."""
+    return scene if scene.scales is not None else dataclasses.replace(scene, scales=scales_of(scene))
 
 
 def start_of(scene: Scene) -> State:

@@ -7,6 +7,7 @@ import numpy as np
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.model.equilibrium import resting_shape
+from jaxgrity.model.scales import length_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.springs import as_springs
 from jaxgrity.model.structure import Structure, edge_lengths
@@ -53,7 +54,8 @@ def settled(scene: Scene) -> Settled:
         nodes = given + moved
         if scene.ground is not None:
             weight = float(structure.mass) * float(scene.gravity or 0.0)
-            nodes = scene.ground.set_down(nodes, scene.ground.resting_depth(weight, 3))
+            size = float(length_scale(scene))
+            nodes = scene.ground.set_down(nodes, scene.ground.resting_depth(weight, 3, size), size)
     largest = float(np.linalg.norm(moved, axis=1).max())
     return Settled(dataclasses.replace(scene, structure=dataclasses.replace(structure, nodes=nodes)), largest)
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from jaxgrity.io.files import save_arrays, save_json, write_whole
 from jaxgrity.io.gait_library import gait_facts
+from jaxgrity.model.scales import time_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.report import plot, view
 from jaxgrity.report.animation import animate
@@ -132,7 +133,7 @@ def _side_by_side(result: SearchResult, fine: SolverOptions, folder: Path, tick:
     tick()
     with ThreadPoolExecutor() as beside:
         measuring = beside.submit(clocked, "measuring", gait_measured, result, fine, tick)
-        frames = {"options": fine, "frame_rate": float(FRAME_RATE)}
+        frames = {"options": fine, "frame_rate": FRAME_RATE / float(time_scale(scene))}
         trajectory = clocked("motion", simulate, scene, duration, **frames)
         diagnosing = beside.submit(clocked, "diagnosis", diagnose, scene, duration, **frames)
         diagnosing.add_done_callback(lambda _: tick())
@@ -246,8 +247,8 @@ def search_rows(summary: dict[str, Any], motion: Rolling | None, unit: str) -> d
         "objective": f"{robust['mean']:.3f} ± {robust['standard_deviation']:.2g} {unit} over {robust['robots']} robots "
         f"that differ, step error {robust['step_error']:.1g}; {other['mean']:.3f} ± "
         f"{other['standard_deviation']:.2g} on the other contact model",
-        "search": f"{rollouts} rollouts; screening ranks gaits as {last} does with {ranks:.2f} (Spearman; "
-        f"{among:.2f} among the evolved)",
+        "search": f"{rollouts} rollouts; screening ranks gaits as {last} does with {plot.ranked(ranks)} (Spearman; "
+        f"{plot.ranked(among)} among the evolved)",
         **_chosen(summary["finalists"]["multipliers"]),
         "polish": "none" if summary["polish"] is None else summary["polish"]["reason"],
         "sensitivity at the end": f"{summary['diagnosis'].get('sensitivity', np.nan):.3g} m/rad",
@@ -258,8 +259,13 @@ def _chosen(multipliers: list[float] | None) -> dict[str, str]:
     """By how much the finalists' orbits multiply disturbances, the chosen one's first."""
     if multipliers is None:
         return {}
-    told = ", ".join(f"{each:.2g}" if np.isfinite(each) else "no orbit" for each in multipliers)
-    return {"finalists": f"their orbits multiply a disturbance in a cycle by {told}; the first is worth most"}
+    known = [f"{each:.2g}" for each in multipliers if np.isfinite(each)]
+    lost = len(multipliers) - len(known)
+    if not known:
+        return {"finalists": "none settles on an orbit to which disturbed robots return; the first is worth most"}
+    rest = f"; {lost} of {len(multipliers)} settle on no orbit to which disturbed robots return" if lost else ""
+    told = f"their orbits multiply a disturbance in a cycle by {', '.join(known)}{rest}"
+    return {"finalists": f"{told}; the first is worth most" if np.isfinite(multipliers[0]) else told}
 
 
 def distance_words(summary: dict[str, Any]) -> str:

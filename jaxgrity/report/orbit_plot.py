@@ -10,6 +10,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import NodeHistory, Times
+from jaxgrity.model.scales import length_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.report.style import CABLE, PATH, STRUT, SUPPORT, styled
 from jaxgrity.stepping.simulate import Trajectory
@@ -52,7 +53,7 @@ def orbit_figure(scene: Scene, trajectory: Trajectory, cycle: float, turning: fl
     nodes = np.asarray(history)
     share = np.asarray(scene.structure.lumped_mass, float) / float(scene.structure.mass)
     centre = np.einsum("n,fnx->fx", share, nodes)
-    touching = scene.ground.measured(nodes)[0] < scene.ground.touched_below
+    touching = scene.ground.measured(nodes)[0] < scene.ground.touched_below * length_scale(scene)
     origin, heading = _moving_frame(_flat(centre), turning * cycle)
     seen = (_flat(centre) - origin) / heading
     corners = (_flat(nodes) - origin[:, None]) / heading[:, None]

@@ -78,6 +78,11 @@ def convergence_figure(searches: list[Evolution], names: tuple[str, ...] = (), u
     return figure
 
 
+def ranked(correlation: float | None) -> str:
+    """A rank correlation in words."""
+    return "too few gaits" if correlation is None or not np.isfinite(correlation) else f"{correlation:.2f}"
+
+
 @styled
 def fidelity_figure(
     names: tuple[str, ...], fitness: np.ndarray, evolved: int, correlations: tuple, unit: str
@@ -103,7 +108,7 @@ def fidelity_figure(
             both = np.zeros((2, 1))
         axes.plot(*[[both.min(), both.max()]] * 2, color=CABLE, linewidth=0.8, label="equal")
         axes.set(xlabel=f"{names[-1]} ({unit})", ylabel=f"{names[k]} ({unit})")
-        axes.set_title(f"rank correlation {every[k, -1]:.2f}, of the evolved {among[k, -1]:.2f}", fontsize=10.5)
+        axes.set_title(f"rank correlation {ranked(every[k, -1])}, of the evolved {ranked(among[k, -1])}", fontsize=10.5)
         axes.legend()
     return figure
 

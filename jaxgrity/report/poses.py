@@ -8,6 +8,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import Times
+from jaxgrity.model.scales import length_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.report.style import SLACK, STRUT, TENSION
 from jaxgrity.rollout.forces import forces_along
@@ -141,7 +142,7 @@ def _support(scene: Scene, q: np.ndarray, moved: np.ndarray) -> np.ndarray:
     height = (q - moved) @ normal
     flat = q - (height - 2e-3)[..., None] * normal
     corners = np.empty_like(q)
-    for frame, (points, touches) in enumerate(zip(flat, height < scene.ground.touched_below)):
+    for frame, (points, touches) in enumerate(zip(flat, height < scene.ground.touched_below * length_scale(scene))):
         standing = points[touches] if touches.any() else points[:1]
         try:
             standing = standing[ConvexHull(standing @ tangents.T).vertices]

@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from jaxgrity.core.display import with_error
 from jaxgrity.model.contact_twin import contact_twin
 from jaxgrity.model.scene import Scene
 from jaxgrity.rollout.uncertainty import Uncertainty
@@ -124,18 +125,21 @@ def steady_rows(steady: Facts) -> dict[str, str]:
     own, other, cycle = steady["robust"], steady["other_contact_model"], steady["period"] * steady["periods"]
     slowest, since = steady["slowest_window"], steady["settled_after"]
     lengths = steady["body_lengths_per_second"]
+    multiplier = with_error(f"{steady['multiplier']:.2g}", steady["multiplier_error_bar"])
     held = (
-        f"a disturbance is multiplied by {steady['multiplier']:.2g} ± {steady['multiplier_error_bar']:.1g} in a cycle, "
+        f"a disturbance is multiplied by {multiplier} in a cycle, "
         "shifts along the ground and turns about the vertical left out, which stay; "
     )
     back = f"{100 * steady['returned']:.0f} % of the robots that are disturbed return"
     return {
-        "speed": f"{steady['speed']:.3f} ± {steady['speed_error_bar']:.1g} m/s ({lengths:.3f} body lengths a second)",
+        "speed": with_error(f"{steady['speed']:.3f}", steady["speed_error_bar"], " m/s")
+        + f" ({lengths:.3f} body lengths a second)",
         "lasts": f"watched for {steady['verified_for']:.0f} s; settled after {since:.0f} s, "
-        f"and then in no {WINDOW:g} s slower than {slowest:.3f} m/s",
-        "turning": f"{round(np.degrees(steady['turning']), 2) + 0.0:.2f} ± "
-        f"{np.degrees(steady['turning_error_bar']):.1g} °/s; robots that differ bend by "
-        f"{_bends(own)} in a body length, on the other model by {_bends(other)}",
+        f"and then in no {steady.get('window', WINDOW):.3g} s slower than {slowest:.3f} m/s",
+        "turning": with_error(
+            f"{round(np.degrees(steady['turning']), 2) + 0.0:.2f}", np.degrees(steady["turning_error_bar"]), " °/s"
+        )
+        + f"; robots that differ bend by {_bends(own)} in a body length, on the other model by {_bends(other)}",
         **_headed(steady["along_heading"]),
         "stability": (held if np.isfinite(steady["multiplier"]) else "") + back,
         "cycle": f"{cycle:.2f} s, {steady['periods']} periods of actuation; its shape returns to "

@@ -10,6 +10,7 @@ import numpy as np
 
 from jaxgrity.core.primitives import dot, inverse, length
 from jaxgrity.core.types import AnyArray, NodeHistory, NodeVectors, Scalar
+from jaxgrity.model.scales import length_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import Members
 from jaxgrity.stepping.constraints import rigid_struts
@@ -63,7 +64,7 @@ def forces_along(scene: Scene, trajectory: Trajectory) -> Forces:
     left = np.asarray(scene.structure.node_mass)[:, None] * np.concatenate([change, change[-1:]]) - mean(given)
     touching = np.zeros(q.shape[:2], bool)
     if scene.ground is not None:
-        near = q @ np.array(scene.ground.normal) < scene.ground.touched_below
+        near = q @ np.array(scene.ground.normal) < scene.ground.touched_below * float(length_scale(scene))
         touching = near | np.concatenate([near[1:], near[-1:]])
     if struts is not None:
         tau, left = _strut_forces(struts, mean(q), left, touching)

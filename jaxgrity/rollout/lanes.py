@@ -15,7 +15,7 @@ import numpy as np
 from jaxgrity.core.types import AnyArray, Count, Scalar, State
 from jaxgrity.model.actuation import Gait
 from jaxgrity.model.inertia import mobility
-from jaxgrity.model.scene import Scene, start_of
+from jaxgrity.model.scene import Scene, start_of, with_scales
 from jaxgrity.rollout.metrics import Metrics, initial_metrics, updated_metrics
 from jaxgrity.rollout.uncertainty import Differences, differing
 from jaxgrity.stepping.dynamics import centre_of_mass
@@ -79,7 +79,7 @@ def roll_out_lanes(
     """
     room, used = parts if isinstance(parts, tuple) else (parts, None)
     lanes = gaits.phase.shape[-1]
-    scene, axes = in_lanes(scene, gaits, differences)
+    scene, axes = in_lanes(with_scales(scene), gaits, differences)
     start = start_of(scene)
     if differences is not None and differences.velocities is not None:
         start = start[0], differences.velocities

@@ -12,6 +12,7 @@ from jaxgrity.core.types import AnyArray, NodeVectors, PerActuator, PerMember, P
 from jaxgrity.model.actuation import rest_length
 from jaxgrity.model.clusters import pull
 from jaxgrity.model.laws import EnergyTerm
+from jaxgrity.model.scales import speed_scale, time_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import member_vectors
 from jaxgrity.stepping.blocks import disjoint_groups
@@ -20,9 +21,10 @@ from jaxgrity.stepping.dynamics import centre_of_mass
 from jaxgrity.stepping.power import Step, powers, step_work, strut_impulses
 
 SLIPPING = 0.02
-"""m/s, beyond which a touching node counts as slipping"""
+"""m/s, beyond which a touching node counts as slipping, of a body of one metre"""
 WINDOW = 0.05
-"""s, time constant of the moving mean of actuator forces: rigid bodies pass impacts on as impulses, without a peak"""
+"""s, time constant of the moving mean of actuator forces, of a body of one metre: rigid bodies pass impacts on as
+impulses, without a peak"""
 
 
 class Metrics(NamedTuple):
@@ -78,7 +80,7 @@ def updated_metrics(scene: Scene, step: Step, so_far: Metrics) -> Metrics:
     touching, slipping = _contact(scene, step)
     rate = (_lengths(scene, step.t0 + h) - _lengths(scene, step.t0)) / h
     tension = actuator_tension(scene, step)
-    force = so_far.force + jnp.minimum(1, h / WINDOW) * (tension - so_far.force)
+    force = so_far.force + jnp.minimum(1, h / (WINDOW * time_scale(scene))) * (tension - so_far.force)
     return Metrics(
         path=so_far.path + on * way,
         work=so_far.work + work,
@@ -100,7 +102,8 @@ def _contact(scene: Scene, step: Step) -> tuple[PerNode, PerNode]:
         return jnp.zeros_like(q[:, 0]), jnp.zeros_like(q[:, 0])
     pressed = step.after.impulses.normal if ground.impulsive else -ground.signed_distance(q)
     along = [component(v, tangent) for tangent in ground.frame(q).tangents]
-    slipping = along[0] * along[0] + along[1] * along[1] > SLIPPING * SLIPPING
+    slowest = SLIPPING * speed_scale(scene)
+    slipping = along[0] * along[0] + along[1] * along[1] > slowest * slowest
     return (pressed > 0).astype(q.dtype), slipping.astype(q.dtype)
 
 

@@ -7,6 +7,7 @@ from scipy.spatial import ConvexHull, QhullError
 from scipy.spatial.distance import pdist
 
 from jaxgrity.core.errors import InputError
+from jaxgrity.model.scales import length_scale, speed_scale, time_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import Structure
 from jaxgrity.rollout.metrics import SLIPPING
@@ -14,13 +15,13 @@ from jaxgrity.stepping.integrate import FAILURES
 from jaxgrity.stepping.simulate import Trajectory, centre_path, velocities_midway
 
 LASTING = 0.1
-"""s, for which a face stays the lowest before the robot counts as standing on it"""
+"""s, for which a face stays the lowest before the robot counts as standing on it, of a body of one metre"""
 HOPPING = 0.1
 """fraction of the time: a robot that is in the air for longer hops"""
 STAYING = 0.1
 """diameters of the robot: one displaced by less stays"""
 TIME_ROUNDING = 1e-4
-"""s, by which times in float32 may be off"""
+"""s, by which times in float32 may be off, of a body of one metre"""
 
 
 class Rolling(NamedTuple):
@@ -80,17 +81,17 @@ def rolling(scene: Scene, trajectory: Trajectory) -> Rolling:
 
     The support is the hull's face whose mean signed distance is lowest, once it has been for `LASTING`, in every frame:
     frames further apart than that miss changes, and where a robot rattles, more frames find fewer. Nodes touch the
-    ground where phi < `Ground.touched_below`: 2 mm with exact contact, 0 with penalty contact; contact and slip are
-    measured along the ground and its normal, displacement and path in x and y. The first of these that applies is the
-    `kind`:
+    ground where phi < `Ground.touched_below`: of a body of one metre 2 mm with exact contact, 0 with penalty contact.
+    Lengths, speeds and times are compared with the body's own (`scales.py`). Contact and slip are measured along the
+    ground and its normal, displacement and path in x and y. The first of these that applies is the `kind`:
 
     "hops": in the air for more than `HOPPING` of the time, also on the spot;
     "stays": displaced by less than `STAYING` diameters, the longest distance between two built nodes;
     "slides": rolls fewer times than it is diameters displaced;
     "rolls".
 
-    Raises `InputError` without ground, where the trajectory failed or has no two frames after the gait's start, or as
-    `faces` does.
+    Raises `InputError` without ground, where the trajectory failed, has no two frames after the gait's start, or frames
+    further apart than twice the time for which a face has to last, or as `faces` does.
     """
     ground = scene.ground
     if ground is None:
@@ -99,14 +100,21 @@ def rolling(scene: Scene, trajectory: Trajectory) -> Rolling:
         raise InputError(f"the trajectory failed: {FAILURES[int(trajectory.failure)]}; expected one that succeeded")
     times = np.asarray(trajectory.times, float)
     start = 0.0 if scene.gait is None else float(scene.gait.start)
-    moving = times >= start - TIME_ROUNDING
+    size, speed, time = (float(each(scene)) for each in (length_scale, speed_scale, time_scale))
+    moving = times >= start - TIME_ROUNDING * time
     if moving.sum() < 2:
         raise InputError(f"the trajectory ends at {times[-1]:g} s; expected at least two frames from {start:g} s on")
     times = times[moving]
+    apart, longest = float(np.diff(times).max()), 2 * LASTING * time
+    if apart > longest + TIME_ROUNDING * time:
+        raise InputError(
+            f"the trajectory's frames are up to {apart:.3g} s apart, in which a robot of this size may roll; expected "
+            f"a frame_rate of at least {1 / longest:.4g}"
+        )
     phi, axes = ground.measured(np.asarray(trajectory.positions, float)[moving])
-    touching = phi < ground.touched_below
+    touching = phi < ground.touched_below * size
     along = np.einsum("fnk,fnak->fna", velocities_midway(scene, trajectory)[moving], axes[..., 1:, :])
-    slipping = touching & (np.linalg.norm(along, axis=-1) > SLIPPING)
+    slipping = touching & (np.linalg.norm(along, axis=-1) > SLIPPING * speed)
     contact = np.trapezoid(touching.sum(1), times)
     slip_share = float(np.trapezoid(slipping.sum(1), times) / contact) if contact > 0 else 0.0
     duration = float(times[-1] - times[0])
@@ -117,7 +125,7 @@ def rolling(scene: Scene, trajectory: Trajectory) -> Rolling:
     straightness = displacement / path_length if path_length > 0 else 0.0
     hull = np.array(faces(scene.structure))
     lowest = phi[:, hull].mean(-1).argmin(1)
-    begins = _changes(lowest, times)
+    begins = _changes(lowest, times / time)
     supports = tuple(tuple(face) for face in hull[lowest[begins]].tolist())
     rolls = max(0, len(supports) - 1)
     diameters = displacement / float(pdist(np.asarray(scene.structure.nodes, float)).max())
@@ -128,7 +136,10 @@ def rolling(scene: Scene, trajectory: Trajectory) -> Rolling:
 
 
 def _changes(lowest: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """Frames in which a face that lasts, and is not the one that lasted before it, becomes the lowest."""
+    """Frames in which a face that lasts, and is not the one that lasted before it, becomes the lowest.
+
+    `times` are those of a body of one metre.
+    """
     begins = np.flatnonzero(np.diff(lowest, prepend=-1))
     ends = np.append(begins[1:], len(lowest)) - 1
     lasting = begins[times[ends] - times[begins] >= LASTING - TIME_ROUNDING]

@@ -33,6 +33,8 @@ from jaxgrity.stepping.options import SolverOptions
 from jaxgrity.stepping.stability import default_method, default_step
 from jaxgrity.trust.error_bars import Verified, verify
 
+FEWEST_RANKED = 5
+"""gaits, of which a rank correlation says something: two always rank alike or opposite"""
 PRECISION = 0.01
 """share of a gait's worth to which the last judgement tells it"""
 
@@ -128,8 +130,11 @@ def within_bounds(level: FidelityLevel, genes: Genes, problem: SearchProblem, bo
 
 
 def rank_correlation(rows: Float[AnyArray, "levels gaits"]) -> np.ndarray:
-    """Spearman's, of every two fidelity levels, over the gaits that all of them could roll out."""
+    """Spearman's, of every two fidelity levels, over the gaits that all of them could roll out; NaN of fewer than
+    `FEWEST_RANKED`."""
     rows = np.asarray(rows)[:, np.isfinite(rows).all(0)]
+    if rows.shape[1] < FEWEST_RANKED:
+        return np.full((len(rows), len(rows)), np.nan)
     return np.array([[scipy.stats.spearmanr(a, b).statistic for b in rows] for a in rows])
 
 

@@ -2,12 +2,13 @@
 
 from typing import NamedTuple
 
+from jaxgrity.model.scales import time_scale
 from jaxgrity.model.scene import Scene, as_dtype
 from jaxgrity.stepping.options import Options, ResolvedOptions, SolverOptions, resolve
 from jaxgrity.stepping.stability import default_method, default_step, strictest
 
 SCREENING_STEP = 0.01
-"""s, of complementarity stepping: gaits rank at it as they do at half of it"""
+"""s, of complementarity stepping of a body of one metre: gaits rank at it as they do at half of it"""
 
 
 class Model(NamedTuple):
@@ -32,7 +33,7 @@ def rough_step(scene: Scene, dt: float | None = None) -> float:
     """
     method = default_method(scene)
     own = default_step(scene, method) if dt is None else dt
-    wanted = SCREENING_STEP if scene.constrained else 2 * own
+    wanted = SCREENING_STEP * float(time_scale(scene)) if scene.constrained else 2 * own
     return wanted if wanted <= strictest(scene, method)[0] else own
 
 

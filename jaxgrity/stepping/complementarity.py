@@ -15,6 +15,7 @@ from jax.ad_checkpoint import checkpoint_name
 
 from jaxgrity.core.primitives import store_cotangent
 from jaxgrity.core.types import Count, NodeVectors, Scalar
+from jaxgrity.model.scales import speed_scale
 from jaxgrity.stepping.constraints import (
     GroundImpulses,
     blocks_of,
@@ -37,7 +38,8 @@ LARGEST_LENGTH_ERROR = 1e-3
 needed there"""
 
 LARGEST_SPEED_ERROR = 1e-3
-"""m/s, by which no velocity may miss what impulses make of it, where struts and contacts are solved together"""
+"""m/s, by which no velocity may miss what impulses make of it, where struts and contacts are solved together, of a body
+of one metre"""
 
 SWEPT = "swept"
 """the name of what reverse mode keeps of a step where each node belongs to one strut: what sweeps have found, so that
@@ -140,7 +142,8 @@ class Complementarity(diffrax.AbstractSolver):
         if args.dissipates:
             _, a = terms.vf(t0, (q, (v + found.velocity) / 2), forces)
             found = solve(args, (h, t1), y0, v + kick * a, found.velocity, found.impulses)
-        met = (found.stretch <= LARGEST_LENGTH_ERROR) & (found.error <= LARGEST_SPEED_ERROR)
+        fastest = LARGEST_SPEED_ERROR * speed_scale(args)
+        met = (found.stretch <= LARGEST_LENGTH_ERROR) & (found.error <= fastest)
         if self.tolerance is not None:
             met = met & (found.off <= self.tolerance)
         w = jnp.where(met, found.velocity, jnp.nan)

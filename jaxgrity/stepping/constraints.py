@@ -12,11 +12,12 @@ from jaxgrity.core.primitives import accumulate, edge_vectors, inverse, largest,
 from jaxgrity.core.types import MemberVectors, NodeVectors, PerMember, PerNode, PerRow, Scalar
 from jaxgrity.model.actuation import rest_length
 from jaxgrity.model.ground import ExactGround
+from jaxgrity.model.scales import length_scale, speed_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import Members
 from jaxgrity.stepping.blocks import Blocks, Vector, blocks, rows_of, vector, xyz
 from jaxgrity.stepping.entering import closing_speed, where_met
-from jaxgrity.stepping.ground_response import Contact, along_own_axes, answered, ground_impulse, velocity
+from jaxgrity.stepping.ground_response import SLOWEST, Contact, along_own_axes, answered, ground_impulse, velocity
 
 HELD = 1e-2
 """fraction of its free motion below which a strut counts as held by the ground at both ends"""
@@ -96,7 +97,7 @@ def prepare(scene: Scene, h: Scalar, t1: Scalar, q: NodeVectors, v: NodeVectors)
         vectors = vector(apart, ground) * (1 / h)
         lengths = rest_length(struts, scene.gait, t1, 0) / h
     if ground is not None:
-        met = where_met(ground, h, q, v)
+        met = where_met(ground, length_scale(scene), h, q, v)
         frame = ground.frame(met.at)
         closing = layout.numbers(closing_speed(ground, frame, h, v, met))
         if ground.surface is not None:
@@ -159,7 +160,9 @@ def _contacts(scene: Scene, problem: StepProblem) -> tuple[Contact | None, ...]:
     if problem.closing is None:
         return none
     mu = none if friction is None else layout.numbers(jnp.asarray(friction.sliding_mu))
-    return tuple(map(Contact, problem.closing, mu, none if problem.axes is None else problem.axes))
+    slowest = SLOWEST * speed_scale(scene)
+    axes = none if problem.axes is None else problem.axes
+    return tuple(Contact(*each, slowest) for each in zip(problem.closing, mu, axes, strict=True))
 
 
 def length_error(scene: Scene, h: Scalar, problem: StepProblem, trials: Trials) -> LengthError:

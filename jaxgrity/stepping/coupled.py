@@ -49,8 +49,6 @@ PROJECTIONS = 40
 """rounds, at most, with directions of their own"""
 STEEPEST = 0.2
 """cosine of the angle by which a strut may turn within a step, for its direction at the start to be used"""
-SLOW = 1e-2
-"""m/s, added to the largest velocity, of which errors of the contacts are a share"""
 PINV = 1e-12
 """share of the largest singular value, below which one is zero in derivatives"""
 
@@ -219,7 +217,7 @@ def _round(problem: Coupled, root_mass: PerNode, parts: Elimination, found: _Fou
     z: NodeVectors = -b
     error: Scalar = jnp.zeros_like(found.error)
     if problem.contact is not None:
-        speed = jnp.max(jnp.abs(problem.start)) + SLOW
+        speed = jnp.max(jnp.abs(problem.start)) + problem.slow
         tolerance, enough = (jnp.finfo(b.dtype).eps ** power * speed for power in (0.75, 0.6))
         contact = scaled(problem.contact, root_mass)
         start = as_impulses(contact, found.trial)

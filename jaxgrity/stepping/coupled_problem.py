@@ -10,14 +10,19 @@ from jaxgrity.core.primitives import edge_vectors, length
 from jaxgrity.core.types import AnyArray, Edges, MemberVectors, NodeVectors, PerMember, PerNode, Scalar
 from jaxgrity.model.actuation import rest_length
 from jaxgrity.model.inertia import mobility
+from jaxgrity.model.scales import length_scale, mass_scale, speed_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.surface import Frame
 from jaxgrity.stepping.blocks import WITHOUT_GROUND
 from jaxgrity.stepping.constraints import exact_ground, rigid_struts
 from jaxgrity.stepping.contact_problem import as_impulses
 from jaxgrity.stepping.entering import closing_speed, where_met
-from jaxgrity.stepping.ground_response import Contact
+from jaxgrity.stepping.ground_response import SLOWEST, Contact
 
+NEVER = 1e6
+"""m/s, at which a node of a body of one metre that supports hold as a whole would reach the ground: it never does"""
+SLOW = 1e-2
+"""m/s, added to the largest velocity, of which errors of the contacts are a share, of a body of one metre"""
 REDUNDANT = 1e-11
 """share of each strut's own response that is added to it: struts beyond what rigidity needs make J A J^T singular"""
 
@@ -37,6 +42,8 @@ class Coupled(eqx.Module):
     """c, m/s, and mu"""
     frame: AnyArray
     """(nodes, 3, 3): the ground's normal and tangents at each node"""
+    slow: Scalar
+    """m/s, `SLOW` of this body"""
     edges: Edges = eqx.field(static=True)
     """of the rigid struts"""
 
@@ -58,18 +65,22 @@ def problem_of(scene: Scene, h: Scalar, t1: Scalar, q: NodeVectors, v: NodeVecto
     own = mobility(structure) if structure.mobility is None else structure.mobility
     A = jnp.einsum("ijk,kl->ikjl", own, jnp.eye(3, dtype=q.dtype)).reshape(q.size, q.size)
     apart = goal = contact = None
+    speed = speed_scale(scene)
     axes = Frame(WITHOUT_GROUND[0], WITHOUT_GROUND[1:])
     if struts is not None:
         apart, goal = edge_vectors(q, struts.edges) / h, rest_length(struts, scene.gait, t1, 0) / h
     if ground is not None:
-        never = np.where(structure.free.any(1), 0.0, 1e6).astype(q.dtype)
+        never = np.where(structure.free.any(1), 0.0, NEVER).astype(q.dtype) * speed
         mu = None if scene.friction is None else jnp.asarray(scene.friction.sliding_mu)
-        met = where_met(ground, h, q, v)
+        met = where_met(ground, length_scale(scene), h, q, v)
         axes = ground.frame(met.at)
-        contact = Contact(closing_speed(ground, axes, h, v, met) - never, mu)
+        # velocities are compared with it that are multiplied by roots of masses
+        slowest = jnp.asarray(SLOWEST * speed * jnp.sqrt(mass_scale(scene)), q.dtype)
+        contact = Contact(closing_speed(ground, axes, h, v, met) - never, mu, None, slowest)
     rows = [jnp.broadcast_to(jnp.asarray(axis, q.dtype), q.shape) for axis in (axes.normal, *axes.tangents)]
     frame = jnp.stack(rows, axis=1)
-    return Coupled(A, start, apart, goal, contact, frame, struts.edges if struts is not None else ())
+    slow = jnp.asarray(SLOW * speed, q.dtype)
+    return Coupled(A, start, apart, goal, contact, frame, slow, struts.edges if struts is not None else ())
 
 
 def in_frames(problem: Coupled, x: NodeVectors) -> NodeVectors:
@@ -151,7 +162,7 @@ def contact_of(problem: Coupled, root_mass: PerNode, z: NodeVectors) -> tuple[No
 
 def scaled(contact: Contact, root_mass: PerNode) -> Contact:
     """The contacts of velocities times the roots of the masses."""
-    return Contact(contact.closing * root_mass, contact.mu)
+    return contact._replace(closing=contact.closing * root_mass)
 
 
 def acted_on(problem: Coupled, f: NodeVectors, p: NodeVectors) -> NodeVectors:

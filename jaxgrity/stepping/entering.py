@@ -11,9 +11,10 @@ from jaxgrity.model.ground import ExactGround
 from jaxgrity.model.surface import Frame, Surface, coordinates, rows_of_xyz
 
 INSIDE = 1e-9
-"""m, from which depth on a node is in the ground: at it the nearest face is the one that the node came through"""
+"""m, of a body of one metre: from which depth on a node is in the ground; at it the nearest face is the one that it came
+through"""
 ROUNDINGS = 16
-"""the same in roundings of 1 m, where these are more"""
+"""the same in roundings of its length, where these are more"""
 TRIALS = 16
 """places within a node's way at which the ground is looked at, at most, to find where it enters; most need two"""
 FOUND = 4
@@ -29,8 +30,8 @@ class Met(NamedTuple):
     """of the node's way in the step, from its start"""
 
 
-def where_met(ground: ExactGround, h: Scalar, q: NodeVectors, v: NodeVectors) -> Met:
-    """Where exact ground is linearised in a step of size h (s) from q (m) with v (m/s).
+def where_met(ground: ExactGround, size: Scalar, h: Scalar, q: NodeVectors, v: NodeVectors) -> Met:
+    """Where exact ground is linearised in a step of h (s) from q (m) with v (m/s), of a body of `size` (`length_scale`).
 
     On the plane at the nodes. On uneven ground where they would be after the step: there the gap's error is of the
     second order in what the step changes of their ways, and a node that stands meets the wall that it runs into. A node
@@ -41,7 +42,7 @@ def where_met(ground: ExactGround, h: Scalar, q: NodeVectors, v: NodeVectors) ->
     if ground.surface.smooth:
         return Met(q + h * v, 1.0)
     start, way = coordinates(q if ground.offset is None else q - ground.offset), coordinates(h * v)
-    share = _share(ground.surface, start, way)
+    share = _share(ground.surface, size, start, way)
     return Met(q + rows_of_xyz(*(share * a for a in way)), share)
 
 
@@ -84,14 +85,14 @@ class _Bracket(NamedTuple):
 
 
 @jax.custom_jvp
-def _share(surface: Surface, start: tuple[PerNode, ...], way: tuple[PerNode, ...]) -> PerNode:
+def _share(surface: Surface, size: Scalar, start: tuple[PerNode, ...], way: tuple[PerNode, ...]) -> PerNode:
     """The share of each node's way at which it is just inside; 1 where it does not enter, or was inside before.
 
     From two places outside a secant leads on. It never passes the first root in a convex body, whose distance is convex
     along a line; the first secant falls as fast as any distance can. Where one leads nowhere, along a face, the bracket
     about the root is halved.
     """
-    deep = max(INSIDE, ROUNDINGS * float(jnp.finfo(start[0].dtype).eps))
+    deep = _depth(size, start[0].dtype)
     at = lambda s: _Place(s, surface.level(*(x + s * a for x, a in zip(start, way))) + deep)  # noqa: E731
     first, last = at(0 * start[0]), at(1 + 0 * start[0])
     fastest = _Place(first.s - 1, first.f + jnp.sqrt(sum(a * a for a in way)))
@@ -110,7 +111,11 @@ def _share(surface: Surface, start: tuple[PerNode, ...], way: tuple[PerNode, ...
     return jnp.where((first.f >= 0) & (inside.f < 0), inside.s, 1)
 
 
-def _next(known: _Bracket, deep: float) -> tuple[PerNode, AnyArray]:
+def _depth(size: Scalar, dtype: Any) -> Scalar:
+    return jnp.asarray(size * max(INSIDE, ROUNDINGS * float(jnp.finfo(dtype).eps)), dtype)
+
+
+def _next(known: _Bracket, deep: Scalar) -> tuple[PerNode, AnyArray]:
     """The share at which to look next, and of which nodes anything is left to find."""
     before, out, inside, _ = known
     falls = before.f - out.f
@@ -129,7 +134,7 @@ def _where(condition: AnyArray, one: _Place, other: _Place) -> _Place:
 def _share_jvp(primals, tangents):
     """The root's: what the level gains where the share is held, over how fast it falls along the way."""
     s = _share(*primals)
-    level = lambda surface, start, way, s: surface.level(*(x + s * a for x, a in zip(start, way)))  # noqa: E731
+    level = lambda surface, _size, start, way, s: surface.level(*(x + s * a for x, a in zip(start, way)))  # noqa: E731
     _, gains = jax.jvp(lambda *held: level(*held, s), primals, tangents)
     _, slope = jax.jvp(lambda s: level(*primals, s), (s,), (jnp.ones_like(s),))
     found = (s < 1) & (slope < 0)

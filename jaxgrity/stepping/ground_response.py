@@ -23,7 +23,7 @@ from jaxgrity.core.types import PerRow, Scalar
 from jaxgrity.stepping.blocks import Vector
 
 SLOWEST = 1e-10
-"""m/s, keeps the derivative of |z_t| finite at 0"""
+"""m/s, keeps the derivative of |z_t| finite at 0, of a body of one metre"""
 
 
 class Contact(NamedTuple):
@@ -35,6 +35,8 @@ class Contact(NamedTuple):
     """coefficient of friction of a node that slides; None: no friction"""
     axes: tuple[Vector, Vector, Vector] | None = None
     """normal and two tangents at each node; None: those along which vectors have their components"""
+    slowest: Scalar = SLOWEST
+    """m/s, likewise of this body"""
 
 
 def along_own_axes(contact: Contact | None, x: Vector) -> Vector:
@@ -64,7 +66,7 @@ def ground_impulse(contact: Contact | None, trial: Vector) -> Vector:
     pressed = positive_part(trial.normal + contact.closing)
     if contact.mu is None:
         return Vector(pressed, 0 * trial.first, 0 * trial.second)
-    share = _share(contact.mu, pressed, trial)
+    share = _share(contact.mu, pressed, _size_squared(contact, trial))
     return Vector(pressed, share * trial.first, share * trial.second)
 
 
@@ -93,19 +95,19 @@ def answered(contact: Contact | None, trial: Vector, push: Vector) -> Vector:
     normal = push.normal * (1 - touching)
     if contact.mu is None:
         return Vector(normal, push.first, push.second)
-    share = _share(contact.mu, pressed, trial)
+    share = _share(contact.mu, pressed, _size_squared(contact, trial))
     sliding = touching * (share < 1).astype(share.dtype)
-    back = inverse_root(_size_squared(trial))
+    back = inverse_root(_size_squared(contact, trial))
     first, second = trial.first * back, trial.second * back
     along = sliding * (share * (first * push.first + second * push.second) - contact.mu * push.normal)
     passing = 1 - share
     return Vector(normal, passing * push.first + along * first, passing * push.second + along * second)
 
 
-def _share(mu: PerRow | Scalar, pressed: PerRow, trial: Vector) -> PerRow:
+def _share(mu: PerRow | Scalar, pressed: PerRow, size_squared: PerRow) -> PerRow:
     """min(1, mu p_n/|z_t|): 1 where a node sticks, 0 where nothing presses on it."""
-    return jnp.minimum(1, mu * pressed * inverse_root(_size_squared(trial)))
+    return jnp.minimum(1, mu * pressed * inverse_root(size_squared))
 
 
-def _size_squared(trial: Vector) -> PerRow:
-    return trial.first * trial.first + trial.second * trial.second + SLOWEST * SLOWEST
+def _size_squared(contact: Contact, trial: Vector) -> PerRow:
+    return trial.first * trial.first + trial.second * trial.second + contact.slowest * contact.slowest

@@ -12,7 +12,8 @@ from jaxgrity.core.types import NodeVectors, Scalar, Times
 from jaxgrity.model.inertia import with_mobility
 from jaxgrity.model.laws import Law
 from jaxgrity.model.rigid_struts import LARGEST_GAP
-from jaxgrity.model.scene import Scene
+from jaxgrity.model.scales import length_scale
+from jaxgrity.model.scene import Scene, with_scales
 from jaxgrity.stepping.complementarity import Lift, one_robot
 from jaxgrity.stepping.dynamics import vector_field
 from jaxgrity.stepping.handover import carried_from
@@ -91,7 +92,9 @@ def integrate(
 
 
 def prepared(scene: Scene) -> Scene:
-    """The scene with what is computed once for all steps: how forces accelerate nodes, where that is not 1/m_i."""
+    """The scene with what is computed once for all steps: its scales, and how forces accelerate nodes, where that is
+    not 1/m_i."""
+    scene = with_scales(scene)
     if not scene.structure.coupled or scene.structure.mobility is not None:
         return scene
     return dataclasses.replace(scene, structure=with_mobility(scene.structure))
@@ -107,7 +110,7 @@ def failure_code(result, state_failure):
 
 def start_failure(scene: Scene, q: NodeVectors, t: Scalar = 0.0):
     """6 where a start at `q` violates a constraint by more than `check_start` lets pass, and rounding; else 0."""
-    allowed = LARGEST_GAP + ROUNDED * jnp.finfo(q.dtype).eps * jnp.max(jnp.abs(q))
+    allowed = LARGEST_GAP * length_scale(scene) + ROUNDED * jnp.finfo(q.dtype).eps * jnp.max(jnp.abs(q))
     gaps = [jnp.max(constraint.gaps(jnp.asarray(q), t), initial=0) for constraint in scene.constraints]
     return jnp.where(jnp.max(jnp.stack(gaps)) > allowed, 6, 0) if gaps else jnp.zeros((), int)
 

@@ -13,6 +13,7 @@ from jaxgrity.core.remembered import remembered
 from jaxgrity.core.tracing import traced
 from jaxgrity.core.types import Count, NodeVectors, Scalar
 from jaxgrity.model.rigid_struts import LARGEST_GAP
+from jaxgrity.model.scales import length_scale, speed_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.stepping.blocks import disjoint_groups
 from jaxgrity.stepping.constraints import exact_ground, rigid_struts
@@ -42,7 +43,7 @@ class SolverOptions:
     rtol: float | None = None
     """relative tolerance of an adaptive method; None: 1e-8, or 1e-5 in float32"""
     atol: float | None = None
-    """absolute tolerance, m and m/s, likewise"""
+    """absolute tolerance, m and m/s, likewise for a body of one metre; by length or speed, whichever is less"""
     sweeps: int | None = None
     """of complementarity stepping, over all constraints in a step; None: `usual_sweeps`"""
     strut_tolerance: float | None = None
@@ -130,9 +131,10 @@ def _resolved(scene: Scene, options: Options, dtype: str | None, x64: bool) -> R
     check_positive({name: getattr(given, name) for name in ("dt", "rtol", "atol", "max_steps")})
     method = find_method(given.method) if given.method is not None else default_method(scene)
     dtype = _dtype(dtype or given.dtype, x64)
-    rtol, atol = _tolerances(given, method, dtype)
+    size, speed = (float(length_scale(scene)), float(speed_scale(scene))) if concrete else (1.0, 1.0)
+    rtol, atol = _tolerances(given, method, dtype, min(size, speed))
     _check_method(scene, method)
-    sweeps = _sweeps(given, method, dtype)
+    sweeps = _sweeps(given, method, dtype, size)
     dt = given.dt
     if dt is None and not method.adaptive:
         dt = _default_step(scene, method)
@@ -182,14 +184,14 @@ def _dtype(given: str | None, x64: bool) -> str:
     return dtype
 
 
-def _tolerances(given: SolverOptions, method: Method, dtype: str) -> tuple[float, float]:
+def _tolerances(given: SolverOptions, method: Method, dtype: str, least: float) -> tuple[float, float]:
     rtol, atol, finest = given.rtol, given.atol, 10 * float(np.finfo(dtype).eps)
     if rtol is not None and rtol < finest:
         raise InputError(f"rtol = {rtol:g}: {dtype} cannot meet it; expected at least {finest:.1g}")
     if (rtol is not None or atol is not None) and (given.dt is not None or not method.adaptive):
         raise InputError(f"rtol, atol: {method.name!r} at a fixed step has no tolerances; expected none, or no dt")
     usual = 1e-8 if dtype == "float64" else 1e-5
-    return usual if rtol is None else rtol, usual if atol is None else atol
+    return usual if rtol is None else rtol, usual * least if atol is None else atol
 
 
 def _check_method(scene: Scene, method: Method) -> None:
@@ -204,7 +206,7 @@ def _check_method(scene: Scene, method: Method) -> None:
         )
 
 
-def _sweeps(given: SolverOptions, method: Method, dtype: str) -> int | None:
+def _sweeps(given: SolverOptions, method: Method, dtype: str, size: float) -> int | None:
     sweeps, tolerance = given.sweeps, given.strut_tolerance
     if (sweeps is not None or tolerance is not None) and not method.constrained:
         raise InputError(f"sweeps, strut_tolerance: only complementarity stepping has them, not {method.name!r}")
@@ -212,7 +214,7 @@ def _sweeps(given: SolverOptions, method: Method, dtype: str) -> int | None:
         raise InputError(f"sweeps = {sweeps}: expected at least 1")
     if tolerance is None:
         return sweeps
-    finest = 100 * float(np.finfo(dtype).eps)
+    finest = 100 * float(np.finfo(dtype).eps) * size
     if not tolerance >= finest:
         raise InputError(f"strut_tolerance = {tolerance:g} m: expected at least {finest:.1g} m in {dtype}")
     return MOST_SWEEPS if sweeps is None else sweeps
@@ -252,5 +254,5 @@ def check_start(scene: Scene, positions: NodeVectors | None = None, since: Scala
     q = np.asarray(scene.structure.nodes if positions is None else positions, float)
     for constraint in scene.constraints:
         gaps = np.asarray(constraint.gaps(q, since))
-        if gaps.size and not gaps.max() <= LARGEST_GAP:
+        if gaps.size and not gaps.max() <= LARGEST_GAP * float(length_scale(scene)):
             raise InputError(constraint.complaint(q, float(since), int(gaps.argmax())))

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 from jaxgrity.core.primitives import along, dot, inner, scale
 from jaxgrity.core.types import NodeVectors, Scalar, State
 from jaxgrity.model.inertia import held, momenta
+from jaxgrity.model.scales import length_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.stepping.complementarity import ContactState
 from jaxgrity.stepping.constraints import exact_ground, rigid_struts
@@ -142,6 +143,6 @@ def ground_impulses(scene: Scene, step: Step) -> list[NodeVectors]:
     ground = exact_ground(scene)
     if ground is None:
         return []
-    impulses, frame = step.after.impulses, ground.frame(where_met(ground, step.h, *step.start).at)
+    impulses, frame = step.after.impulses, ground.frame(where_met(ground, length_scale(scene), step.h, *step.start).at)
     speeds, directions = (impulses.normal, *impulses.tangential), (frame.normal, *frame.tangents)
     return [scale(along(p, n), scene.structure.lumped_mass) for p, n in zip(speeds, directions)]

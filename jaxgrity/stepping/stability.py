@@ -13,6 +13,7 @@ from jaxgrity.core.tracing import evaluated
 from jaxgrity.core.types import AnyArray, NodeVectors, State
 from jaxgrity.model.inertia import mass_matrix
 from jaxgrity.model.laws import DissipationTerm, EnergyTerm, ForceTerm
+from jaxgrity.model.scales import length_scale, time_scale
 from jaxgrity.model.scene import Scene, as_dtype, with_gait
 from jaxgrity.model.structure import edge_lengths
 from jaxgrity.stepping.constraints import rigid_struts
@@ -23,6 +24,8 @@ GROWTH = 1e-3
 """by which a motion may grow in a step beyond what it does in truth: Tsit5 amplifies undamped ones at any step"""
 STANDS_ON = 3
 """nodes, at least, that carry a structure's weight on uneven ground, although only one touches it as it is set down"""
+LARGEST_STEP = 5e-3
+"""s, the largest step that is chosen for a body of one metre: contacts begin and end to a step"""
 WIDEST = 1e2
 """times the fastest mode's time: no larger step is looked at"""
 
@@ -52,12 +55,12 @@ def standing(scene: Scene) -> State:
     q = np.asarray(scene.structure.nodes, float)
     if scene.ground is None or scene.structure.fixed:
         return q, 0 * q
-    height = scene.ground.measured(q).distance
-    lowest = np.isclose(height, height.min(), atol=1e-6 * np.ptp(q, axis=0).max() + 1e-12)
+    height, size = scene.ground.measured(q).distance, float(length_scale(scene))
+    lowest = np.isclose(height, height.min(), atol=1e-6 * np.ptp(q, axis=0).max() + 1e-12 * size)
     weight = float(scene.structure.mass) * float(scene.gravity or 0.0)
     carrying = int(lowest.sum()) if scene.ground.surface is None else max(int(lowest.sum()), min(STANDS_ON, len(q)))
-    depth = scene.ground.resting_depth(weight, carrying)
-    return scene.ground.set_down(q, depth), 0 * q
+    depth = scene.ground.resting_depth(weight, carrying, size)
+    return scene.ground.set_down(q, depth, size), 0 * q
 
 
 def linearise(scene: Scene, state: State) -> Linearised:
@@ -96,7 +99,8 @@ def _derivatives(scene: Scene, q: NodeVectors, v: NodeVectors):
 
 def _constraints(scene: Scene, q: np.ndarray) -> np.ndarray:
     """(constraints, 3 nodes): the direction in which each holds; those of rigid struts come first."""
-    rows = [constraint.directions(q).reshape(-1, q.size) for constraint in scene.constraints]
+    size = float(length_scale(scene))
+    rows = (constraint.directions(q, size).reshape(-1, q.size) for constraint in scene.constraints)
     return np.concatenate([np.zeros((0, q.size)), *rows])
 
 
@@ -124,8 +128,7 @@ def stable_step(scene: Scene, state: State, method: Method | str) -> float:
 
 def _largest(linear: Linearised, method: Method) -> float:
     values = linear.modes()[0]
-    fastest = np.abs(values).max(initial=0)
-    if fastest == 0:
+    if not (fastest := np.abs(values).max(initial=0)):
         return np.inf
     low, high = 1e-3 / fastest, WIDEST / fastest
     for _ in range(26):
@@ -150,16 +153,14 @@ def limiting_part(scene: Scene, state: State, method: Method) -> str:
     """The member, contact or damping with the largest share in the motion that limits `stable_step`, by name."""
     linear = linearise(scene, state)
     values, shapes = linear.modes()
-    if method.constrained:
-        worst = np.argmax(np.abs(values))
-    else:
-        worst = np.argmax(_excess(linear, values, method, 1.01 * _largest(linear, method)))
+    size = np.abs(values) if method.constrained else _excess(linear, values, method, 1.01 * _largest(linear, method))
+    worst = np.argmax(size)
     q, v = (np.asarray(x, float) for x in state)
     shape = np.stack([shapes[:, worst].real, shapes[:, worst].imag]).reshape(2, *q.shape)
     with jax.enable_x64(True):
         shares = _shares(as_dtype(scene, "float64"), q, v, shape, float(np.abs(values[worst])))
     names = [name for term in _force_terms(scene) for name in term.parts(scene)]
-    return names[int(np.argmax(np.abs(np.concatenate([np.asarray(share) for share in shares]))))]
+    return names[int(np.argmax(np.abs(np.concatenate(shares))))]
 
 
 def _force_terms(scene: Scene) -> list[ForceTerm]:
@@ -176,8 +177,7 @@ def _shares(scene: Scene, q: NodeVectors, v: NodeVectors, shape: AnyArray, rate:
     def share(term: ForceTerm):
         def work(factors):
             def force(q, v):
-                motion = scene.motion(v, q, 0.0, scene.normal_force(q, v))
-                return _force(term.scaled(factors), motion)
+                return _force(term.scaled(factors), scene.motion(v, q, 0.0, scene.normal_force(q, v)))
 
             def along(x):
                 return jnp.sum(x * jax.jvp(force, (q, v), (x, rate * x))[1])
@@ -207,7 +207,7 @@ def aloft(scene: Scene) -> tuple[Scene, State]:
     q = np.asarray(scene.structure.nodes, float)
     if scene.terms or (scene.ground is not None and scene.ground.surface is not None):
         return dataclasses.replace(scene, ground=None, friction=None), (q, 0 * q)
-    return scene, (q + np.array([0.0, 0.0, 1e3]), 0 * q)
+    return scene, (q + np.array([0.0, 0.0, 1e3 * float(length_scale(scene))]), 0 * q)
 
 
 def all_taut(scene: Scene) -> Scene:
@@ -226,8 +226,7 @@ def strictest(scene: Scene, method: Method) -> tuple[float, Scene, State]:
     Penalty contact and friction limit it standing; exact contact holds nodes, and so lets it stand at larger steps.
     Cables that are slack at first count, for in motion they may be taut.
     """
-    found = [(stable_step(*case, method), *case) for case in _cases(scene)]
-    return min(found, key=lambda x: x[0])
+    return min(((stable_step(*case, method), *case) for case in _cases(scene)), key=lambda x: x[0])
 
 
 def _cases(scene: Scene) -> list[tuple[Scene, State]]:
@@ -260,14 +259,15 @@ def step_limit(scene: Scene, method: Method | str) -> StepLimit:
         >>> round(limit.step, 3), limit.set_by.split()[0]  # s, and "cable 2 (nodes 0, 8)" or one that is its image
         (0.036, 'cable')
     """
-    method = find_method(method) if isinstance(method, str) else method
-    step, taut, state = strictest(scene, method)
+    step, taut, state = strictest(scene, method := find_method(method) if isinstance(method, str) else method)
     return StepLimit(step, limiting_part(taut, state, method) if np.isfinite(step) else "nothing")
 
 
 def default_step(scene: Scene, method: Method) -> float:
-    """The largest of 1, 2, 5 times a power of ten (s) that is at most 0.4 of the stable step, and 5 ms at most."""
-    target = min(0.4 * strictest(scene, method)[0], 5e-3)
+    """The largest of 1, 2, 5 times a power of ten (s) up to 0.4 of the stable step, and up to `LARGEST_STEP`.
+
+    Round, so that frames fall on steps: at another size, the same motion may get a step up to 2.5 times as small."""
+    target = min(0.4 * strictest(scene, method)[0], LARGEST_STEP * float(time_scale(scene)))
     power = 10.0 ** np.floor(np.log10(target))
     return float(max(m * power for m in (1, 2, 5) if m * power <= target * (1 + 1e-9)))
 
@@ -290,8 +290,7 @@ def _surely_stable(scene: Scene, state: State, method: Method, dt: float) -> boo
     values = linear.modes()[0]
     if not values.any():
         return True
-    steps = (dt, dt / 2, dt / 4)
-    stable = all(np.all(_excess(linear, values, method, h) <= 1 + GROWTH) for h in steps)
+    stable = all(np.all(_excess(linear, values, method, h) <= 1 + GROWTH) for h in (dt, dt / 2, dt / 4))
     return stable and bool(dt * np.abs(values).max() < WIDEST)
 
 

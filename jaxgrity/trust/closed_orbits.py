@@ -7,6 +7,7 @@ import jax.numpy as jnp
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, NodeVectors, Scalar
+from jaxgrity.model.scales import length_scale, speed_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.stepping.final_state import final_state
 from jaxgrity.stepping.options import ResolvedOptions, resolve
@@ -14,7 +15,7 @@ from jaxgrity.trust.orbits import Orbit, in_step, restarted
 
 ITERATIONS = 20
 CLOSED = 1e-9
-"""m and m/s, by which a state may miss itself after a cycle"""
+"""m and m/s, by which the state of a body of one metre may miss itself after a cycle"""
 
 
 class ClosedOrbit(NamedTuple):
@@ -29,7 +30,7 @@ class ClosedOrbit(NamedTuple):
     turning: Scalar
     """rad/s about the vertical, positive to the left"""
     residual: Scalar
-    """m and m/s, by which the state misses itself; speed and turning are NaN above `CLOSED`"""
+    """m and m/s, of a body of one metre, by which the state misses itself; speed and turning are NaN above `CLOSED`"""
 
 
 def closed_orbit(scene: Scene, orbit: Orbit, options: ResolvedOptions) -> ClosedOrbit:
@@ -81,6 +82,7 @@ def _closed(scene: Scene, orbit: Orbit, options: ResolvedOptions) -> ClosedOrbit
     cycle = orbit.periods / jnp.ravel(scene.gait.frequency)[0]
     share = jax.lax.stop_gradient(scene.structure.lumped_mass / scene.structure.mass)
     away = q0 - share @ q0
+    L, speed = length_scale(scene), speed_scale(scene)
 
     def miss(y):
         q, v = y[:size].reshape(q0.shape), y[size : 2 * size].reshape(q0.shape)
@@ -90,7 +92,8 @@ def _closed(scene: Scene, orbit: Orbit, options: ResolvedOptions) -> ClosedOrbit
         turned = (q - centre) @ _turn(angle).T + centre + jnp.append(shift, 0.0)
         moved = (share @ q - share @ q0)[:2]
         heading = share @ (away[:, 0] * (q - centre)[:, 1] - away[:, 1] * (q - centre)[:, 0])
-        return jnp.concatenate([(end[0] - turned).ravel(), (end[1] - v @ _turn(angle).T).ravel(), moved, heading[None]])
+        off = (end[0] - turned).ravel() / L, (end[1] - v @ _turn(angle).T).ravel() / speed
+        return jnp.concatenate([*off, moved / L, heading[None] / (L * L)])
 
     found = jax.lax.custom_root(
         miss, _guess(*jax.lax.stop_gradient((scene, (q0, v0), cycle)), options, steps, share), _newton, _tangent

@@ -4,6 +4,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from jaxgrity.model.scales import time_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.rollout.population import as_population, simulate_population
 from jaxgrity.rollout.rolling import rolling
@@ -13,11 +14,12 @@ from jaxgrity.stepping.simulate import simulate
 from jaxgrity.trust.orbits import Orbit, in_step, restarted
 
 FRAME_RATE = 50.0
-"""1/s, at which the faces are told"""
+"""1/s, at which the faces are told, of a body of one metre"""
 
 
 class OrbitCycle(NamedTuple):
-    """One cycle; peaks are those of the actuator that has to give most, forces are means over 50 ms."""
+    """One cycle; peaks are those of the actuator that has to give most, forces are moving means, as `Metrics` has
+    them."""
 
     duration: float
     """s"""
@@ -82,5 +84,7 @@ def _supports(scene: Scene, orbit: Orbit, options: SolverOptions) -> tuple[tuple
     """The faces of the cycle after the orbit's state, from which the scene begins."""
     if scene.ground is None:
         return ()
-    trajectory = simulate(scene, orbit.cycle, options=options, frame_rate=FRAME_RATE, velocities=orbit.state[1])
+    trajectory = simulate(
+        scene, orbit.cycle, options=options, frame_rate=FRAME_RATE / float(time_scale(scene)), velocities=orbit.state[1]
+    )
     return () if trajectory.failed else rolling(scene, trajectory).supports

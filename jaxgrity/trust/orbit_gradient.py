@@ -20,6 +20,7 @@ from jaxtyping import Float
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, NodeVectors, PerActuator, Scalar
 from jaxgrity.model.actuation import Gait, Overtone
+from jaxgrity.model.scales import speed_scale, time_scale
 from jaxgrity.model.scene import Scene, as_dtype, with_gait
 from jaxgrity.stepping.complementarity import ContactState
 from jaxgrity.stepping.handover import carried_from
@@ -33,7 +34,7 @@ MOST_CYCLES = 40
 SETTLED_TO = 1e-5
 """share of the largest derivative: tangents have settled once a cycle changes no derivative by more"""
 TINY = 1e-9
-"""m/s or rad/s by a number of order 1: derivatives below it count as none"""
+"""m/s or rad/s by a number of order 1, of a body of one metre: derivatives below it count as none"""
 
 
 class GaitNumbers(NamedTuple):
@@ -154,6 +155,7 @@ def derivatives_along(
     tangents = jax.tree.map(lambda x: jnp.zeros((len(along), *x.shape)), eqx.filter(carried, eqx.is_inexact_array))
     places, rows = [(carried[0][0], tangents[0][0])], np.full((len(along), 2), np.nan)
     best, cycles = Derivatives((np.nan, np.nan), rows, np.inf, 0), 0
+    units = np.array([float(speed_scale(here)), 1 / float(time_scale(here))])
     while cycles < most_cycles and not best.change <= SETTLED_TO:
         for _ in range(periods):
             carried, tangents = _advanced(here, chosen.as_inputs(), steps, carried, (along, tangents))
@@ -161,7 +163,7 @@ def derivatives_along(
         cycles, last, places = cycles + 1, rows, places[-2 * periods :]
         if cycles > 1:
             told, rows = _mean_told(here, plane, along, places)
-            change = _change(rows, last)
+            change = _change(rows / units, last / units)
             # rounding takes over where an orbit repeats itself to the last digits: the best cycle counts
             best = Derivatives(told, rows, change, cycles) if change <= best.change else best
     return best._replace(cycles=cycles)

@@ -14,6 +14,7 @@ import numpy as np
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import State
 from jaxgrity.model.actuation import Gait
+from jaxgrity.model.scales import speed_scale, time_scale
 from jaxgrity.model.scene import Scene, body_length, with_gait
 from jaxgrity.rollout.population import gaits_of, simulate_population
 from jaxgrity.rollout.uncertainty import Differences
@@ -26,9 +27,9 @@ FRAMES = 20
 SETTLED = 0.1
 """body lengths: the robot has settled once shapes change by less over each cycle that follows"""
 WINDOW = 10.0
-"""s, in each of which the displacement is looked at"""
+"""s, in each of which the displacement of a body of one metre is looked at"""
 DISTURBANCE = 0.1
-"""m/s, standard deviation of every coordinate of the velocities of robots that are disturbed"""
+"""m/s, standard deviation of every coordinate of the velocities of robots that are disturbed, of a body of one metre"""
 MINOR = 0.1
 """of the largest spread of disturbed robots: directions in which they spread less are not looked at"""
 DIRECTIONS = 3
@@ -56,13 +57,15 @@ class Orbit(NamedTuple):
     """s, from which on shapes returned to `SETTLED` body lengths after each cycle; infinite where that was never so, or
     too late for two of the longest cycles"""
     windows: np.ndarray
-    """(windows,), m/s, the mean over the cycles that begin in each `WINDOW` since the robot settled"""
+    """(windows,), m/s, the mean over the cycles that begin in each `window` since the robot settled"""
     verified_for: float
     """s, for which all this was watched, settling included; 0 where the rollout failed"""
     state: State
     """(q, v), in float64, at the end, a whole number of periods after t = 0"""
     body_length: float
     """m"""
+    window: float = WINDOW
+    """s, `WINDOW` of this body"""
 
     @property
     def cycle(self) -> float:
@@ -183,7 +186,8 @@ def stability(scene: Scene, orbit: Orbit, *, options: Options = None, robots: in
     """
     period_of(scene.gait)
     here, v = restarted(scene, orbit), orbit.state[1]
-    deviates = np.random.default_rng(seed).normal(0, DISTURBANCE, (robots, *v.shape))
+    size = DISTURBANCE * float(speed_scale(scene))
+    deviates = np.random.default_rng(seed).normal(0, size, (robots, *v.shape))
     deviates[0] = 0
     differences = Differences(velocities=v + deviates)
     assert here.gait is not None, "an orbit has a gait"
@@ -263,7 +267,8 @@ def _orbit(scene: Scene, trajectory: Trajectory, period: float, plane: Plane, fi
     moved = [moved_onto(mass, once[k + periods], once[k], plane) for k in range(since, len(changes))]
     turned = -float(np.mean([motion[2] for motion in moved[later:]]))
     every = np.array([np.hypot(*motion[1]) for motion in moved]) / time / chord(turned)
-    speeds, window = every[later:], max(1, round(WINDOW / period))
+    seconds = WINDOW * float(time_scale(scene))
+    speeds, window = every[later:], max(1, round(seconds / period))
     apart = speeds[::periods]
     error = float(apart.std(ddof=1) / np.sqrt(len(apart))) if len(apart) > 1 else np.inf
     whole = len(every) // window * window
@@ -281,4 +286,5 @@ def _orbit(scene: Scene, trajectory: Trajectory, period: float, plane: Plane, fi
         verified_for=float(trajectory.times[-1]),
         state=(q[-1], v[-1]),
         body_length=size,
+        window=seconds,
     )

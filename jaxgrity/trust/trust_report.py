@@ -9,6 +9,7 @@ import numpy as np
 
 from jaxgrity.core.types import Times
 from jaxgrity.model.actuation import rest_lengths_along
+from jaxgrity.model.scales import length_scale, speed_scale, time_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.rollout.clearance import rod_depths
 from jaxgrity.stepping.integrate import FAILURES
@@ -19,11 +20,13 @@ from jaxgrity.trust.error_bars import refinement_bar
 from jaxgrity.trust.sensitivity import Sensitivity, sensitivity
 
 UNCERTAIN = 0.01
-"""rad in each phase, or m/s in the initial velocities where there is no gait: what is taken as not known"""
+"""rad in each phase, or where there is no gait m/s in the initial velocities of a body of one metre: what is taken as
+not known"""
 PREDICTABLE = 0.01
-"""m, to which a centre of mass counts as predicted"""
+"""m, to which the centre of mass of a body of one metre counts as predicted"""
 
-
+SLOPES = 10.0
+"""1/s, at which the sensitivity of a body of one metre is taken"""
 MEASUREMENTS = 5
 """rollouts at three steps, the energy audit and the sensitivity"""
 
@@ -52,12 +55,22 @@ class TrustReport(NamedTuple):
 
     @property
     def horizon(self) -> float:
-        """s, up to which the centre of mass is known to `PREDICTABLE`: by its error bars, and where an `UNCERTAIN`
-        gait, or start, moves it by no more."""
+        """s, up to which the centre of mass is known to `predictable`: by its error bars, and where an `UNCERTAIN`
+        gait, or start, moves it by no more. The end of the rollout where it is known to the end: longer, then."""
         times = np.asarray(self.trajectory.times)
-        beyond = ~(self.error_bars <= PREDICTABLE)
+        beyond = ~(self.error_bars <= self.predictable)
         exact = float(times[max(0, int(np.argmax(beyond)) - 1)] if beyond.any() else times[-1])
-        return exact if self.sensitivity is None else min(exact, self.sensitivity.horizon(PREDICTABLE / UNCERTAIN))
+        if self.sensitivity is None:
+            return exact
+        scene, in_phases = self.trajectory.scene, self.sensitivity.unit == "m/rad"
+        speed = 1.0 if scene is None or in_phases else float(speed_scale(scene))
+        return min(exact, self.sensitivity.horizon(self.predictable / (UNCERTAIN * speed)))
+
+    @property
+    def predictable(self) -> float:
+        """m, `PREDICTABLE` of this body: to which its centre of mass counts as predicted."""
+        scene = self.trajectory.scene
+        return PREDICTABLE * (1.0 if scene is None else float(length_scale(scene)))
 
     def summary(self) -> dict[str, Any]:
         """The numbers, as they go into a JSON file; SI units."""
@@ -110,7 +123,8 @@ class TrustReport(NamedTuple):
             rate = facts["sensitivity_growth_rate"]
             growing = f", growing by {rate:.2g} 1/s" if np.isfinite(rate) else ""
             rows["sensitivity at the end"] = f"{facts['sensitivity']:.2g} {self.sensitivity.unit}{growing}"
-        rows["predictable to 1 cm up to"] = f"{facts['predictable_up_to']:.3g} s"
+        lasting = "at least " if facts["predictable_up_to"] >= float(self.trajectory.times[-1]) else ""
+        rows[f"predictable to {100 * self.predictable:.3g} cm up to"] = f"{lasting}{facts['predictable_up_to']:.3g} s"
         wide = max(map(len, rows))
         return "\n".join(f"{name:<{wide}}  {value}" for name, value in rows.items())
 
@@ -154,7 +168,10 @@ def diagnose(
     on_progress(1, MEASUREMENTS)
     audit = growth = None
     with ThreadPoolExecutor(1) as beside:  # what takes longest is compiled on a core of its own
-        growing = None if rollouts[0].failed else beside.submit(_sensitivity_there(), scene, duration, options=resolved)
+        slopes = SLOPES / float(time_scale(scene))
+        growing = None
+        if not rollouts[0].failed:
+            growing = beside.submit(_sensitivity_there(), scene, duration, options=resolved, frame_rate=slopes)
         for each in finer:
             exact = resolve(scene, duration, each, dtype="float64")
             rollouts.append(simulate(scene, duration, options=exact, frame_rate=frame_rate))

@@ -73,8 +73,8 @@ def test_the_summary_names_the_most_useful_first(forecast):
 def test_what_has_no_forecast_is_refused(creeping):
     """Too few robots, no gait, and parameters in which robots cannot differ."""
     scene, key = creeping, jax.random.key(0)
-    with pytest.raises(InputError, match=r"^robots = 2: expected at least 3"):
-        speed_forecast(key, known(scene), robots=2)
+    with pytest.raises(InputError, match=r"^robots = 4: expected at least 5"):
+        speed_forecast(key, known(scene), robots=4)
     with pytest.raises(InputError, match=r"expected one that all actuators share"):
         speed_forecast(key, known(with_gait(scene, None)))
     with pytest.raises(InputError, match=r"^ground.stiffness: robots of a population cannot differ in it"):
