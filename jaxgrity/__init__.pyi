@@ -107,7 +107,7 @@ from .report.animation import animate
 from .report.steady import steady_facts
 from .report.view import Replay, Robot
 from .rollout.clearance import rod_depths
-from .rollout.forces import Forces, forces_along
+from .rollout.forces import Forces, forces_along, reactions
 from .rollout.lanes import discretise_lanes, in_lanes, lanes_last, over_lanes, roll_out_lanes
 from .rollout.metrics import Metrics
 from .rollout.population import Outcomes, as_population, gaits_of, one_gait, roll_out, simulate_population
@@ -158,7 +158,6 @@ from .stepping.final_state import final_state, states_at
 from .stepping.integrate import FAILURES, discretise, integrate
 from .stepping.methods import METHODS, Method, find_method, register_method
 from .stepping.options import ResolvedOptions, SolverOptions, resolve
-from .stepping.reactions import reactions
 from .stepping.rollout import RolledOut, rollout
 from .stepping.simulate import Trajectory, centre_path, simulate, velocities_midway
 from .stepping.stability import (

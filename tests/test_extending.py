@@ -85,10 +85,13 @@ class _Leash(Constraint):
 
     name: ClassVar[str] = "leash"
 
-    def directions(self, q):
+    def directions(self, q, size):
         return np.zeros((0, *q.shape))
 
-    def violation(self, q):
+    def gaps(self, q, t):
+        return np.zeros(0)
+
+    def complaint(self, q, t, part):
         return ""
 
     def keeps(self, symmetry):

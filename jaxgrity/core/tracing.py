@@ -10,10 +10,18 @@ from jax.interpreters import ad, batching, mlir
 
 from jaxgrity.core.errors import InputError
 
+from jaxgrity.core.errors import InputError
+
 
 def traced(tree: Any) -> bool:
     """Whether any number of it is a tracer, whose value is not known."""
     return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(tree))
+
+
+def refuse_traced(tree: Any, where: str, instead: str) -> None:
+    """Raises `InputError` where a number of `tree` is being traced; `where` cannot take it, `instead` says what can."""
+    if traced(tree):
+        raise InputError(f"{where}: its numbers have to be known, under grad, jit and vmap too; {instead}")
 
 
 def evaluated() -> AbstractContextManager:

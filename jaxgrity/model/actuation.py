@@ -6,6 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxgrity.core.display import of_report
+from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import place_rows, take_rows
 from jaxgrity.core.types import AnyArray, PerActuator, PerMember, Scalar, Times, as_float, namespace_of
 from jaxgrity.model.motors import wound
@@ -47,6 +48,10 @@ class Gait(eqx.Module):
     """of twice the frequency, three times, and so on"""
     robot: str | None = eqx.field(static=True, default=None)
     """`Structure.robot` of the one that it is for; None: any that has these members"""
+
+    def __check_init__(self):
+        if isinstance(self.ramp, np.ndarray) and not np.all(self.ramp > 0):
+            raise InputError(f"gait.ramp = {self.ramp}: expected a positive time, s, however short")
 
     def _repr_html_(self) -> str:
         return of_report("notebook", "gait_html")(self)

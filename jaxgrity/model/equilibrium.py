@@ -13,6 +13,7 @@ import scipy.sparse as sp
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import edge_vectors, length
+from jaxgrity.core.tracing import refuse_traced
 from jaxgrity.core.types import NodeVectors, Scalar
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.springs import largest_force, largest_stiffness
@@ -72,6 +73,7 @@ def resting_shape(
         >>> jaxgrity.resting_shape(scene).stable
         True
     """
+    refuse_traced((scene, start, loads), "resting_shape", "`equilibrium_near` has derivatives of what this finds")
     springs = with_spring_struts(scene)
     q = np.array(scene.structure.nodes if start is None else start, float)
     pull = np.zeros(q.shape) if loads is None else np.asarray(loads, float)

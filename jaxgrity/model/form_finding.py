@@ -5,6 +5,7 @@ linear in the positions (Schek 1974, doi:10.1016/0045-7825(74)90045-0). A (3 nod
 stress matrix Omega (nodes, nodes) the second: A q = (Omega x 1_3) x. Members are numbered struts first, then cables.
 """
 
+from itertools import combinations_with_replacement
 from typing import NamedTuple
 
 import numpy as np
@@ -200,13 +201,17 @@ def prestress_stable(mechanisms: Mechanisms, edges: Edges, force_density: PerMem
 def super_stable(nodes: NodeVectors, edges: Edges, force_density: PerMember) -> bool:
     """Whether the shape is stable for any stiffness and any size of the self-stress (Connelly 1982).
 
-    Omega has no negative eigenvalue and rank nodes - 4, and no affine map but rigid motions keeps all lengths.
+    Omega has no negative eigenvalue and rank nodes - 1 - d, where the nodes span d dimensions (3, in a plane 2), and no
+    affine map of these but rigid motions keeps all lengths.
     """
     x = np.asarray(nodes, float)
+    _, spread, axes = np.linalg.svd(x - x.mean(0), full_matrices=False)
+    spanned = axes[spread > RANK * spread[0]]
     values = np.linalg.eigvalsh(stress_matrix(force_density, edges, len(x)).toarray())
     zero = RANK * np.abs(values).max()
-    if values.min() < -zero or int(np.sum(values > zero)) != len(x) - 4:
+    if values.min() < -zero or int(np.sum(values > zero)) != len(x) - 1 - len(spanned):
         return False
-    d = incidence(edges, len(x)) @ x
-    products = np.stack([d[:, a] * d[:, b] for a, b in ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))], axis=1)
-    return int(np.linalg.matrix_rank(products, tol=RANK * np.linalg.norm(products))) == 6
+    d = incidence(edges, len(x)) @ x @ spanned.T
+    pairs = list(combinations_with_replacement(range(len(spanned)), 2))
+    products = np.stack([d[:, a] * d[:, b] for a, b in pairs], axis=1)
+    return int(np.linalg.matrix_rank(products, tol=RANK * np.linalg.norm(products))) == len(pairs)

@@ -23,7 +23,7 @@ from jaxgrity.model.laws import (
     node_names,
 )
 from jaxgrity.model.rigid_struts import LARGEST_GAP
-from jaxgrity.model.surface import AXES, Frame, Measured, Slope, Surface, as_double
+from jaxgrity.model.surface import AXES, Frame, Measured, Slope, Surface, as_double, as_incline
 
 UnitVector = tuple[float, float, float]
 
@@ -150,7 +150,7 @@ class PenaltyGround(Ground):
     """k_n, N/m, per node"""
     dissipation: Scalar | None = eqx.field(converter=as_float_or_none, default=None)
     """alpha of Hunt and Crossley's law, s/m; None: not modelled"""
-    incline: float = eqx.field(static=True, converter=float, default=0.0)
+    incline: float = eqx.field(static=True, converter=as_incline, default=0.0)
     impulsive: ClassVar[bool] = False
     touched_below: ClassVar[float] = 0.0
 
@@ -175,7 +175,7 @@ class PenaltyGround(Ground):
 class ExactGround(Ground):
     """A ground that no node enters: phi >= 0, p_n >= 0, p_n phi = 0 (Signorini), p_n its impulses."""
 
-    incline: float = eqx.field(static=True, converter=float, default=0.0)
+    incline: float = eqx.field(static=True, converter=as_incline, default=0.0)
     restitution: Scalar | None = eqx.field(converter=as_float_or_none, default=None)
     """e: a node that hits the ground at speed v leaves it at e v; None: it stays"""
     impulsive: ClassVar[bool] = True

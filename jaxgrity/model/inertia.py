@@ -9,6 +9,7 @@ import dataclasses
 import jax
 import jax.numpy as jnp
 
+from jaxgrity.core.dense import inverse_of
 from jaxgrity.core.primitives import along, component, dot, inner, place_rows, respond, scale, take_rows
 from jaxgrity.core.types import MassMatrix, Mobility, NodeVectors, Scalar
 from jaxgrity.model.structure import Structure
@@ -62,7 +63,7 @@ def mobility(structure: Structure) -> Mobility:
     )
     weight = 1 / jnp.sqrt(jnp.diagonal(of_axes, axis1=1, axis2=2))
     weights = weight[:, :, None] * weight[:, None]
-    return jnp.moveaxis(jnp.linalg.inv(of_axes * weights) * weights * both, 0, -1)
+    return jnp.moveaxis(jax.vmap(inverse_of)(of_axes * weights) * weights * both, 0, -1)
 
 
 def with_mobility(structure: Structure) -> Structure:

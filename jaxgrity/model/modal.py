@@ -7,6 +7,7 @@ import equinox as eqx
 import jax
 import numpy as np
 
+from jaxgrity.core.tracing import refuse_traced
 from jaxgrity.core.types import AnyArray, MassMatrix, NodeVectors, PerNode, Scalar
 
 Energy = Callable[[NodeVectors], Scalar]
@@ -56,6 +57,7 @@ def natural_frequencies(
     where springs stand for constraints. A direction in which U falls or stays the same (an unstable or floppy mode)
     counts as 0 Hz, and so does what only rounding makes different from that.
     """
+    refuse_traced((energy, mass, q), "natural_frequencies", "take them of jax.hessian of the scene's potential_energy")
     with jax.enable_x64(True):
         hessian = np.asarray(_expansion(energy)(np.array(q, float))[2])
     moves = np.flatnonzero(np.ones(np.size(q), bool) if free is None else free)

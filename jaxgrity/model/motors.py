@@ -62,8 +62,10 @@ def wound(motor: Motor, start: Scalar, t: Scalar) -> Scalar:
             reach = motor.rate * (motor.times[k + 1] - motor.times[k])
             move = jnp.clip(move, -reach, reach)
         since = t - motor.times[k]
-        turned = _answer(since, motor.lag) - _answer(since - jnp.abs(move) / motor.rate, motor.lag)
-        change = change + jnp.sign(move) * motor.rate * turned
+        # not `sign` and `abs`, whose derivatives are 0 where a command repeats the length before it
+        way = jnp.where(move >= 0, 1.0, -1.0).astype(jnp.result_type(move))
+        turned = _answer(since, motor.lag) - _answer(since - way * move / motor.rate, motor.lag)
+        change = change + way * motor.rate * turned
         w = w + move
     return change
 

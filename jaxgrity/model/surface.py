@@ -20,6 +20,13 @@ Direction = tuple[float, float, float] | NodeVectors
 """a unit vector: one for all nodes, or a row for each"""
 
 
+def as_incline(x: object) -> float:
+    """Of a plane, rad: a part of the compiled program itself. Raises `InputError` where it is being traced."""
+    if isinstance(x, jax.core.Tracer):
+        raise InputError("incline: it is being traced; expected a known number (gravity can lean in its place: Scene.up)")
+    return float(x)  # type: ignore[arg-type]
+
+
 class Frame(NamedTuple):
     """Three unit vectors at right angles: out of the ground, and two along it."""
 
@@ -84,7 +91,7 @@ class Surface(eqx.Module):
 class Slope(Surface):
     """A plane through the origin that falls towards +x: f = x sin theta + z cos theta."""
 
-    incline: float = eqx.field(static=True, converter=float, default=0.0)
+    incline: float = eqx.field(static=True, converter=as_incline, default=0.0)
     """theta, rad"""
     smooth: ClassVar[bool] = True
 

@@ -1,4 +1,4 @@
-"""Forces along a finished trajectory: the tension of every member, and what the ground does to every node."""
+"""Forces along a finished trajectory: in every member, and of the ground and the supports on every node."""
 
 import dataclasses
 from typing import NamedTuple
@@ -8,43 +8,50 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import dot, inverse, length
 from jaxgrity.core.types import AnyArray, NodeHistory, NodeVectors, Scalar
-from jaxgrity.model.scales import length_scale
-from jaxgrity.model.scene import Scene
-from jaxgrity.model.structure import Members
-from jaxgrity.stepping.constraints import rigid_struts
-from jaxgrity.stepping.dynamics import acceleration, member_pull
-from jaxgrity.stepping.simulate import Trajectory, velocities_midway, with_room
-
-SMALL = 1e-6
-"""weight of the ground's forces beside what is not balanced: next to none"""
+from jaxgrity.model.scene import Scene, as_dtype
+from jaxgrity.rollout.step_impulses import impulses_along
+from jaxgrity.stepping.dynamics import member_pull, support_forces, total_force
+from jaxgrity.stepping.integrate import prepared
+from jaxgrity.stepping.methods import find_method
+from jaxgrity.stepping.simulate import Trajectory
 
 
 class Forces(NamedTuple):
     """The forces of one motion, frame by frame."""
 
     tension: np.ndarray
-    """(frames, members), N, struts first; what pushes is negative"""
+    """(frames, members), N, struts first; what pushes is negative; of a rod with mass the mean along it"""
     ground: np.ndarray
     """(frames, nodes, 3), N, of the ground on each node"""
+    supports: np.ndarray
+    """(frames, nodes, 3), N, of the supports on the nodes that they hold"""
 
 
 def forces_along(scene: Scene, trajectory: Trajectory) -> Forces:
-    """The forces in the members and from the ground along a trajectory.
+    """The forces in the members, of the ground and of the supports along a trajectory, on any ground.
 
-    Springs and dampers, penalty contact and its friction follow from q and v by the scene's own U and R. The impulses
-    of rigid struts and exact contact are what the motion leaves over: between two frames M dv/dt, less all other
-    forces, is C tau + F_ground with the struts' directions C, by least squares, where F_ground acts on those nodes
-    alone that touch the ground. Such forces are means from one frame to the next. Where both ends of a rigid strut
-    touch the ground, its force cannot be told apart from the ground's: it is the one with which these are smallest.
+    Springs and dampers follow from q and v by the scene's own U and R. So do penalty contact, its friction, and
+    supports where no impulses act. Complementarity stepping acts by impulses, impacts among them. The motion is stepped
+    once more from frame to frame, and its impulses are divided by the time. Rigid struts, exact contact and supports
+    then have mean forces from each frame to the next, and in the last frame over one step more. Forces of the ground
+    and of supports, times these times, add up to the change of momentum.
 
-    Arguments:
+    Where the ground holds both ends of a rigid strut, the strut's force and the ground's friction cannot be told apart:
+    they are those that the step found. Forces of contact along struts are on the struts' ends.
+
+    Args:
         scene: what moved.
-        trajectory: how it moved; at least two frames.
+        trajectory: how it moved; of complementarity stepping at least two frames. Rigid struts have the lengths that
+            they have in its frames, also where the scene does not say why.
 
     Returns:
-        Tension of every member, and the force of the ground on every node, in every frame.
+        Tension of every member, and the forces of ground and supports on every node, in every frame.
+
+    Raises:
+        InputError: a trajectory of fewer frames.
 
     Example:
         >>> scene = jaxgrity.load_scene("reference")
@@ -52,52 +59,57 @@ def forces_along(scene: Scene, trajectory: Trajectory) -> Forces:
         >>> forces.tension.shape, forces.ground.shape
         ((51, 30), (51, 12, 3))
     """
-    v = velocities_midway(scene, trajectory)
-    q, t = (np.asarray(x, float) for x in (trajectory.positions, trajectory.times))
-    known = _known(scene, *(with_room(x, q.shape[1]) for x in (t, q, v)))
-    pull, given, contact = (np.asarray(x)[: len(t)] for x in known)
-    struts, exact = rigid_struts(scene), scene.ground is not None and scene.ground.impulsive
-    if struts is None and not exact:
-        return Forces(pull, contact)
-    mean = lambda x: np.concatenate([(x[1:] + x[:-1]) / 2, x[-1:]])  # noqa: E731
-    change = np.diff(v, axis=0) / np.diff(t)[:, None, None]
-    left = np.asarray(scene.structure.node_mass)[:, None] * np.concatenate([change, change[-1:]]) - mean(given)
-    touching = np.zeros(q.shape[:2], bool)
-    if scene.ground is not None:
-        near = q @ np.array(scene.ground.normal) < scene.ground.touched_below * float(length_scale(scene))
-        touching = near | np.concatenate([near[1:], near[-1:]])
-    if struts is not None:
-        tau, left = _strut_forces(struts, mean(q), left, touching)
-        pull = np.concatenate([pull[:, : len(struts.edges)] + tau, pull[:, len(struts.edges) :]], axis=1)
-    return Forces(pull, np.where(touching[..., None], left, 0) if exact else contact)
+    dtype = str(trajectory.positions.dtype)
+    scene = as_dtype(scene, dtype)
+    frames = (jnp.asarray(getattr(trajectory, name), dtype) for name in ("times", "positions", "velocities"))
+    found = Forces(*(np.asarray(x, float) for x in _by_forces(scene, *frames)))
+    if not find_method(trajectory.method).constrained:
+        return found
+    if len(trajectory.times) < 2:
+        raise InputError("the trajectory has 1 frame; expected at least two, since forces are means between them")
+    impulses = impulses_along(scene, trajectory)
+    tension = found.tension
+    if impulses.struts.size:
+        tension = np.concatenate([impulses.struts, tension[:, scene.structure.first_cable :]], axis=1)
+    return Forces(tension, np.asarray(impulses.ground), np.asarray(impulses.supports))
 
 
-def _strut_forces(
-    struts: Members, q: NodeHistory, left: np.ndarray, touching: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Tension of rigid struts, (frames, struts), N, and what they leave of the forces on the nodes."""
-    i, j = np.array(struts.edges).T
-    direction = q[:, i] - q[:, j]
-    direction /= np.linalg.norm(direction, axis=-1, keepdims=True)
-    columns = np.zeros((*left.shape, len(i)))
-    columns[:, i, :, np.arange(len(i))] -= direction.swapaxes(0, 1)
-    columns[:, j, :, np.arange(len(i))] += direction.swapaxes(0, 1)
-    weighted = columns * np.where(touching, SMALL, 1.0)[..., None, None]
-    tau = np.linalg.solve(
-        np.einsum("fnxs,fnxk->fsk", weighted, columns), np.einsum("fnxs,fnx->fs", weighted, left)[..., None]
-    )[..., 0]
-    return tau, left - np.einsum("fnxs,fs->fnx", columns, tau)
+def reactions(scene: Scene, trajectory: Trajectory) -> NodeHistory:
+    """The forces of the supports along a trajectory: those of `forces_along`.
+
+    Args:
+        scene: what moved.
+        trajectory: how, as `simulate` gave it for this scene.
+
+    Returns:
+        (frames, nodes, 3), N.
+
+    Raises:
+        InputError: where the scene has no supports.
+
+    Example:
+        >>> rod = jaxgrity.Members(((0, 1),), None, [1.0], mass=[2.0])
+        >>> structure = jaxgrity.Structure([[0, 0, 0], [0, 0, -1]], [0.0, 0.0], rod, fixed=((0, "xyz"),))
+        >>> scene = jaxgrity.Scene(structure, gravity=9.81)
+        >>> motion = jaxgrity.simulate(scene, 0.1, options=jaxgrity.SolverOptions(dt=0.01))
+        >>> round(float(jaxgrity.reactions(scene, motion)[-1, 0, 2]), 6)  # N: it carries the rod that hangs from it
+        19.62
+    """
+    if not scene.structure.fixed:
+        raise InputError("structure.fixed: nothing is fixed; expected a scene with supports")
+    return forces_along(scene, trajectory).supports
 
 
 @eqx.filter_jit
-def _known(scene: Scene, t: AnyArray, q: AnyArray, v: AnyArray) -> tuple[AnyArray, AnyArray, AnyArray]:
-    """What follows from the state, by frames: tension of members, force on nodes, and the ground's part of it."""
+def _by_forces(scene: Scene, t: AnyArray, q: AnyArray, v: AnyArray) -> tuple[AnyArray, AnyArray, AnyArray]:
+    """What follows from the state, by frames: tension of members, and forces of ground and supports on nodes."""
+    scene = prepared(scene)
     aloft = dataclasses.replace(scene, ground=None, friction=None)
 
     def frame(t: Scalar, q: NodeVectors, v: NodeVectors):
-        mass = scene.structure.node_mass[:, None]
-        force = mass * acceleration(scene, t, q, v)
-        return _tension(scene, t, q, v), force, force - mass * acceleration(aloft, t, q, v)
+        ground = total_force(scene, t, q, v) - total_force(aloft, t, q, v) if scene.ground is not None else 0 * q
+        supports = support_forces(scene, t, q, v) if scene.structure.fixed else 0 * q
+        return _tension(scene, t, q, v), ground, supports
 
     return jax.vmap(frame)(t, q, v)
 

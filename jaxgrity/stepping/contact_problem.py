@@ -19,6 +19,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
+from jaxgrity.core.dense import solution
 from jaxgrity.core.types import AnyArray, MassMatrix, NodeVectors, PerCoordinate, PerNode, Scalar
 from jaxgrity.stepping.blocks import Vector
 from jaxgrity.stepping.ground_response import Contact, ground_impulse
@@ -119,7 +120,7 @@ def _newton(problem: ContactProblem, start: NodeVectors) -> Solved:
         slope = _slope(problem.contact, z)
         through = jnp.einsum("inb,nbc->inc", problem.G.reshape(size, -1, 3), slope).reshape(size, size)
         blocks = jnp.einsum("nm,nbc->nbmc", jnp.eye(len(z), dtype=z.dtype), slope).reshape(size, size)
-        change = -jnp.linalg.solve(one - (1 - ridge) * blocks + through, left.ravel()).reshape(z.shape)
+        change = -solution(one - (1 - ridge) * blocks + through, left.ravel()).reshape(z.shape)
         tries = z + change * (0.5 ** jnp.arange(HALVINGS, dtype=z.dtype))[:, None, None]
         rests = jax.vmap(lambda z: jnp.sum(missed(problem, z) ** 2))(tries)
         shortest = jnp.nanargmin(jnp.where(jnp.isfinite(rests), rests, jnp.inf))

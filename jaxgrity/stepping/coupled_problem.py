@@ -6,6 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from jaxgrity.core.dense import inverse_of
 from jaxgrity.core.primitives import edge_vectors, length
 from jaxgrity.core.types import AnyArray, Edges, MemberVectors, NodeVectors, PerMember, PerNode, Scalar
 from jaxgrity.model.actuation import rest_length
@@ -119,7 +120,7 @@ def response(problem: Coupled, J: AnyArray) -> tuple[AnyArray, AnyArray, AnyArra
     own = J @ AJ
     scale = 1 / jnp.sqrt(jnp.maximum(jnp.diagonal(own), jnp.finfo(J.dtype).tiny))
     ridge = max(REDUNDANT, 10 * float(jnp.finfo(J.dtype).eps)) * jnp.eye(len(J), dtype=J.dtype)
-    inverse = jnp.linalg.inv(own * scale[:, None] * scale + ridge) * scale[:, None] * scale
+    inverse = inverse_of(own * scale[:, None] * scale + ridge) * scale[:, None] * scale
     return J, inverse, problem.A - AJ @ inverse @ AJ.T
 
 

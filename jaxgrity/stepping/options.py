@@ -166,6 +166,12 @@ def _default_step(scene: Scene, method: Method) -> float:
             "dt: the scene's numbers are being traced, so that no step can be chosen; pass options = "
             "jaxgrity.resolve(scene, duration) of a scene whose numbers are known, or a dt"
         ) from error
+def options_of(scene: Scene, method: str, dt: float, dtype: str) -> ResolvedOptions:
+    """The options of a motion of the scene, whose start has been checked: its method, its step (s), its precision."""
+    given, chosen = SolverOptions(), find_method(method)
+    rtol, atol = _tolerances(given, chosen, dtype, 1.0)  # which steps of one size have no use for
+    together = _together(scene, given, chosen, not traced(scene))
+    return ResolvedOptions(chosen, dt, dtype, rtol, atol, together=together)
 
 
 def check_positive(values: dict[str, float | None]) -> None:

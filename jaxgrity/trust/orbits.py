@@ -242,7 +242,16 @@ def in_step(scene: Scene, period: float, options: Options) -> SolverOptions:
     tolerance = None if resolved.strut_tolerance is None else float(resolved.strut_tolerance)
     sweeps = None if tolerance is not None or resolved.sweeps is None else int(resolved.sweeps)
     dt = period / FRAMES / steps
-    return SolverOptions(resolved.method.name, dt=dt, dtype="float64", sweeps=sweeps, strut_tolerance=tolerance)
+    together = resolved.together if resolved.method.constrained else None
+    return SolverOptions(
+        resolved.method.name,
+        dt=dt,
+        dtype="float64",
+        sweeps=sweeps,
+        strut_tolerance=tolerance,
+        together=together,
+        max_steps=resolved.max_steps,
+    )
 
 
 def _orbit(scene: Scene, trajectory: Trajectory, period: float, plane: Plane, first: int) -> Orbit:

@@ -132,11 +132,12 @@ def test_a_structure_without_a_stress_is_refused():
             prestress(*structure, tension=1.0)
 
 
-def test_a_cross_in_a_square_is_super_stable_in_its_plane_alone():
-    """Connelly's (1982): q = 1 on the sides, -1 on the diagonals; all in a plane, affine maps out of it are free."""
+def test_a_cross_in_a_square_is_super_stable():
+    """Connelly's (1982): q = 1 on the sides, -1 on the diagonals; of rank 1 = nodes - 3, since the nodes span a plane."""
     q = np.array([-1.0, -1, 1, 1, 1, 1])
     np.testing.assert_allclose(equilibrium_matrix(SQUARE, DIAGONALS + SIDES) @ q, 0, atol=1e-15)
-    assert not super_stable(SQUARE, DIAGONALS + SIDES, q)  # rank 1, not 0 = nodes - 4
+    assert super_stable(SQUARE, DIAGONALS + SIDES, q)
+    assert not super_stable(SQUARE, DIAGONALS + SIDES, -q)
 
 
 def test_planar_spine_is_stable_in_its_plane_alone():

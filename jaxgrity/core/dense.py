@@ -1,0 +1,74 @@
+"""Small dense systems, solved without starting a thread.
+
+LAPACK starts threads from some size on. They wait for each other by spinning, which takes a hundred times as long where
+cores are busy (docs/performance.md). So larger matrices are eliminated in blocks so small that none of LAPACK's calls
+starts one; products of blocks are JAX's own.
+"""
+
+import jax
+import jax.numpy as jnp
+
+from jaxgrity.core.types import AnyArray
+
+BLOCK = 24
+"""Rows of a block. OpenBLAS solves for 32 right-hand sides and more of 32 rows with threads."""
+INVERTED_AT_ONCE = 30
+"""Most rows of a matrix that LAPACK inverts in one thread."""
+SOLVED_AT_ONCE = 96
+"""Most rows with which LAPACK solves for one right-hand side in one thread."""
+
+
+def inverse_of(matrix: AnyArray) -> AnyArray:
+    """The inverse of a symmetric positive definite matrix."""
+    size = len(matrix)
+    if size <= INVERTED_AT_ONCE:
+        return jnp.linalg.inv(matrix)
+    half = size // 2
+    # by the inverse of one half, and of what it leaves of the other
+    first = inverse_of(matrix[:half, :half])
+    across = first @ matrix[:half, half:]
+    second = inverse_of(matrix[half:, half:] - matrix[half:, :half] @ across)
+    corner = -across @ second
+    return jnp.block([[first - corner @ across.T, corner], [corner.T, second]])
+
+
+def solution(matrix: AnyArray, right: AnyArray) -> AnyArray:
+    """x with matrix @ x = right, (rows,).
+
+    Pivots are sought within blocks alone, and one round of refinement makes up for what that costs.
+    """
+    if len(matrix) <= SOLVED_AT_ONCE:
+        return jnp.linalg.solve(matrix, right)
+    eliminated = _eliminated(matrix)
+    x = _substituted(eliminated, right)
+    return x + _substituted(eliminated, right - matrix @ x)
+
+
+def _blocks(size: int) -> list[slice]:
+    count = -(-size // BLOCK)
+    edges = [size * k // count for k in range(count + 1)]
+    return [slice(*ends) for ends in zip(edges[:-1], edges[1:])]
+
+
+def _eliminated(matrix: AnyArray) -> list[tuple[AnyArray, AnyArray, AnyArray]]:
+    """For each block of rows: its own inverse, what is right of it, and what multiplies it in the rows below."""
+    found, rest = [], matrix
+    for block in _blocks(len(matrix)):
+        size = block.stop - block.start
+        own = jnp.linalg.inv(rest[:size, :size])
+        right, below = rest[:size, size:], rest[size:, :size] @ own
+        found.append((own, right, below))
+        rest = rest[size:, size:] - below @ right
+    return found
+
+
+def _substituted(eliminated: list[tuple[AnyArray, AnyArray, AnyArray]], right: AnyArray) -> AnyArray:
+    parts, rest = [], right
+    for own, _, below in eliminated:
+        part, rest = rest[: len(own)], rest[len(own) :]
+        parts.append(part)
+        rest = rest - below @ part
+    x = jax.lax.slice(right, (0,), (0,))
+    for (own, across, _), part in zip(reversed(eliminated), reversed(parts)):
+        x = jnp.concatenate([own @ (part - across @ x), x])
+    return x

@@ -1,0 +1,187 @@
+"""Impulses of rigid struts, exact contact and supports along a finished trajectory, as mean forces between frames."""
+
+import dataclasses
+import math
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import scipy
+
+from jaxgrity.core.primitives import accumulate, dot, edge_vectors, inverse, length, scale
+from jaxgrity.core.types import AnyArray, Edges, NodeHistory, NodeVectors, PerMember, Scalar, Times
+from jaxgrity.model.actuation import Actuation, rest_length
+from jaxgrity.model.scene import Scene, as_dtype, floats_as
+from jaxgrity.model.structure import Members
+from jaxgrity.stepping.constraints import rigid_struts
+from jaxgrity.stepping.handover import carried_from
+from jaxgrity.stepping.integrate import discretise, prepared
+from jaxgrity.stepping.options import ResolvedOptions, options_of
+from jaxgrity.stepping.power import Step, ground_impulses, strut_impulses, support_impulses
+from jaxgrity.stepping.simulate import Trajectory
+
+MOST = 2**10
+"""Smallest number of steps for which there is room: motions with fewer share a compiled program."""
+NEAR = 1e-3
+"""Share of a step within which a frame counts as at the step's beginning: times are rounded."""
+
+
+class Impulses(NamedTuple):
+    """Impulses of one step, N s, or mean forces from frame to frame, N, with the frames in front."""
+
+    struts: AnyArray
+    """of the rigid struts, (struts,); what pushes is negative"""
+    ground: AnyArray
+    """of the ground on each node, (nodes, 3)"""
+    supports: AnyArray
+    """of the supports, (nodes, 3)"""
+
+
+class Plan(NamedTuple):
+    """The steps that a motion took, with room for more."""
+
+    times: Times
+    """(steps + 1,), s, at which they begin, and the last one ends"""
+    taken_up: AnyArray
+    """(steps,), whether a saved frame is at the step's beginning, from which it starts"""
+    positions: NodeHistory
+    """(steps, nodes, 3), m, of that frame"""
+    velocities: NodeHistory
+    """likewise, m/s"""
+    longer: AnyArray
+    """(steps + 1, struts), m, by which rigid struts are longer in the frames than the scene says"""
+
+
+def impulses_along(scene: Scene, trajectory: Trajectory) -> Impulses:
+    """Mean forces, N, from each frame to the next, and from the last one over one step more.
+
+    The motion is stepped again, as it was at first. Steps that begin at a saved frame take up its state, so that the
+    steps follow the motion however sensitive it is. The impulse of each step is spread evenly over it, as
+    frames between steps have it.
+    """
+    times = np.asarray(trajectory.times, float)
+    dt, dtype = float(trajectory.dt), str(trajectory.positions.dtype)  # type: ignore[arg-type]
+    options = options_of(scene, trajectory.method, dt, dtype)
+    count = math.ceil((times[-1] - times[0]) / dt - NEAR)
+    starts = np.append(np.minimum(times[0] + dt * np.arange(count), times[-1]), times[-1] + np.array([0, dt]))
+    plan = _plan(scene, trajectory, starts)
+    taken = _stepped(as_dtype(scene, dtype), options.as_inputs(), plan, np.asarray(count + 1))
+    ends = np.append(times, starts[-1])
+    # velocities are those in the middle of steps: a motion that begins at rest has half a step less for them
+    acted = ends - (0 if np.any(trajectory.velocities[0]) else (np.minimum(ends, starts[1]) - starts[0]) / 2)
+
+    def means(each):
+        total = np.cumsum(np.asarray(each, float)[: count + 1], axis=0)
+        total = np.concatenate([0 * total[:1], total])
+        before = np.clip(np.searchsorted(starts, ends, side="right") - 1, 0, count)
+        share = (ends - starts[before]) / (starts[before + 1] - starts[before])
+        share = share.reshape(-1, *[1] * (total.ndim - 1))
+        at = total[before] + share * (total[before + 1] - total[before])
+        return np.diff(at, axis=0) / np.diff(acted).reshape(-1, *[1] * (total.ndim - 1))
+
+    return jax.tree.map(means, taken)
+
+
+def _plan(scene: Scene, trajectory: Trajectory, starts: np.ndarray) -> Plan:
+    """The steps that begin at `starts`, s, but for the last of these, where they end."""
+    times, steps = np.asarray(trajectory.times, float), len(starts) - 1
+    q, v = (np.asarray(x) for x in (trajectory.positions, trajectory.velocities))
+    room = max(MOST, 2 ** math.ceil(math.log2(steps)))
+    frame = np.clip(np.searchsorted((times[1:] + times[:-1]) / 2, starts[:-1]), 0, len(times) - 1)
+    near = np.abs(times[frame] - starts[:-1]) < NEAR * float(trajectory.dt)  # type: ignore[arg-type]
+    struts, more = rigid_struts(scene), np.zeros((len(times), 0))
+    if struts is not None:
+        i, j = np.array(struts.edges).T
+        with jax.enable_x64(True):
+            asked = _asked_lengths(
+                as_dtype(struts, "float64"), floats_as(scene.gait, "float64"), jnp.asarray(_padded(times, room))
+            )
+        more = np.linalg.norm(q[:, i].astype(float) - q[:, j], axis=-1) - np.asarray(asked)[: len(times)]
+    # Only frames at steps have the true lengths, and they are smooth: their second derivative is a force.
+    at = np.unique(frame[near])
+    if len(at) < 2:
+        at, more = np.arange(2), 0 * more[:2]
+    smooth = scipy.interpolate.make_interp_spline(times[at], np.nan_to_num(more[at]), k=min(3, len(at) - 1))
+    places, speeds = (_padded(x[frame] * near[:, None, None], room) for x in (q, v))
+    return Plan(
+        _padded(starts, room + 1),
+        _padded(near, room),
+        places,
+        speeds,
+        _padded(smooth(starts), room + 1).astype(q.dtype),
+    )
+
+
+def _padded(rows: np.ndarray, size: int) -> np.ndarray:
+    return np.pad(rows, [(0, max(0, size - len(rows))), *[(0, 0)] * (rows.ndim - 1)], mode="edge")
+
+
+@eqx.filter_jit
+def _asked_lengths(struts: Members, gait: Actuation | None, times: Times) -> AnyArray:
+    """(frames, struts), m: what the scene says of its rigid struts."""
+    return jax.vmap(lambda t: rest_length(struts, gait, t, 0))(times)
+
+
+@eqx.filter_jit
+def _stepped(scene: Scene, options: ResolvedOptions, plan: Plan, count: AnyArray) -> Impulses:
+    """The impulses of the first `count` steps of the plan, in front; zeros after them."""
+    scene = prepared(scene)
+    terms, solver = problem = discretise(options)
+    nodes = scene.structure.nodes
+    times = plan.times.astype(nodes.dtype)
+
+    def step(k, carry):
+        y, memory, found = carry
+        t, h = times[k], (plan.times[k + 1] - plan.times[k]).astype(nodes.dtype)
+        here = _with_lengths(scene, t + h, plan.longer[k + 1])
+        saved, anew = carried_from(problem, here, t, h, (plan.positions[k], plan.velocities[k]))
+        # only at its very start does a motion have half a kick
+        anew = anew._replace(step_size=jnp.where(k > 0, h, anew.step_size), impulses=memory.impulses)
+        new = plan.taken_up[k]
+        y, memory = jax.tree.map(lambda a, b: jnp.where(new, a, b), (saved, anew), (y, memory))
+        end, _, _, after, _ = solver.step(terms, t, t + h, y, here, memory, False)
+        impulses = _impulses(here, Step(t, h, y, end, memory, after))
+        return end, after, jax.tree.map(lambda rows, row: rows.at[k].set(row), found, impulses)
+
+    start = plan.positions[0], plan.velocities[0]
+    first = solver.init(terms, times[0], times[1], start, scene)
+    struts = rigid_struts(scene)
+    room = len(plan.taken_up)
+    empty = (
+        jnp.zeros((room, *shape), nodes.dtype)
+        for shape in ((len(struts.edges) if struts else 0,), nodes.shape, nodes.shape)
+    )
+    return jax.lax.fori_loop(0, count, step, (start, first, Impulses(*empty)))[2]
+
+
+def _with_lengths(scene: Scene, t: Scalar, longer: PerMember) -> Scene:
+    """The scene with rigid struts as long as they should be at the time t, s, and `longer` by so much, m."""
+    struts = rigid_struts(scene)
+    if struts is None:
+        return scene
+    lengths = rest_length(struts, scene.gait, t, 0) + longer
+    still = dataclasses.replace(struts, rest_length=lengths, motors=(), stuck=tuple(range(len(struts.edges))))
+    return dataclasses.replace(scene, structure=dataclasses.replace(scene.structure, struts=still))
+
+
+def _impulses(scene: Scene, step: Step) -> Impulses:
+    nothing: AnyArray = jnp.zeros_like(step.start[0])
+    struts = rigid_struts(scene)
+    supports: AnyArray = support_impulses(scene, step) if scene.structure.fixed else nothing
+    pulls = jnp.zeros(0, nothing.dtype)
+    if struts is not None:
+        pulls = _along(struts.edges, step.start[0], strut_impulses(scene, step))
+    return Impulses(pulls, sum(ground_impulses(scene, step), nothing), supports)
+
+
+def _along(edges: Edges, q: NodeVectors, impulse: NodeVectors) -> PerMember:
+    """The tensions T of struts, N s, whose sum on the nodes, J^T T, is the `impulse`, by least squares."""
+    nodes, d = q.shape[0], edge_vectors(q, edges)
+    u = scale(d, inverse(length(d)))
+    back = lambda T: -accumulate(scale(u, T), edges, nodes)  # noqa: E731
+    pulls = lambda f: -dot(u, edge_vectors(f, edges))  # noqa: E731
+    if len({node for edge in edges for node in edge}) == 2 * len(edges):
+        return pulls(impulse) / 2
+    return jax.scipy.sparse.linalg.cg(lambda T: pulls(back(T)), pulls(impulse), tol=1e-9, maxiter=4 * len(edges))[0]
