@@ -10,7 +10,7 @@ import numpy as np
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.tracing import evaluated
-from jaxgrity.core.types import AnyArray, NodeVectors, State
+from jaxgrity.core.types import AnyArray, NodeVectors, Scalar, State
 from jaxgrity.model.inertia import mass_matrix
 from jaxgrity.model.laws import DissipationTerm, EnergyTerm, ForceTerm
 from jaxgrity.model.scales import length_scale, time_scale
@@ -158,7 +158,7 @@ def limiting_part(scene: Scene, state: State, method: Method) -> str:
     q, v = (np.asarray(x, float) for x in state)
     shape = np.stack([shapes[:, worst].real, shapes[:, worst].imag]).reshape(2, *q.shape)
     with jax.enable_x64(True):
-        shares = _shares(as_dtype(scene, "float64"), q, v, shape, float(np.abs(values[worst])))
+        shares = _shares(as_dtype(scene, "float64"), q, v, shape, np.asarray(np.abs(values[worst])))
     names = [name for term in _force_terms(scene) for name in term.parts(scene)]
     return names[int(np.argmax(np.abs(np.concatenate(shares))))]
 
@@ -168,7 +168,7 @@ def _force_terms(scene: Scene) -> list[ForceTerm]:
 
 
 @eqx.filter_jit
-def _shares(scene: Scene, q: NodeVectors, v: NodeVectors, shape: AnyArray, rate: float) -> list[AnyArray]:
+def _shares(scene: Scene, q: NodeVectors, v: NodeVectors, shape: AnyArray, rate: Scalar) -> list[AnyArray]:
     """For each term of U and R, the share of each of its parts in the motion `shape` (real and imaginary part).
 
     It is x·dF for the forces F of that part, with dF = dF/dq x + rate dF/dv x.

@@ -31,8 +31,16 @@ TRIED = np.array([0.5, 0.65, 0.8, 0.899, 1.099])
 """steps, as multiples of the prediction: it is right to a tenth where the last of them alone is unstable"""
 
 
-@pytest.mark.parametrize(("number", "rigid"), [(100, False), (101, False), (102, True), (103, False), (103, True)])
-@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("number", "rigid"),
+    [
+        pytest.param(103, False, marks=pytest.mark.slow),
+        pytest.param(103, True, marks=pytest.mark.slow),
+        pytest.param(100, False, marks=pytest.mark.campaign),
+        pytest.param(101, False, marks=pytest.mark.campaign),
+        pytest.param(102, True, marks=pytest.mark.campaign),
+    ],
+)
 def test_predicted_within_a_tenth_of_measured(number, rigid):
     """Random robots in equilibrium, by every method that takes them; experiments/stability.py has twenty."""
     scene = random_scene(number, contact=number % 2 == 1, damped=number % 4 > 1, rigid=rigid)

@@ -9,14 +9,13 @@ from jaxgrity import Members, Scene, SolverOptions, Structure, diagnose, energy_
 from jaxgrity.io.files import save_json
 from jaxgrity.stepping.dynamics import momentum
 
-pytestmark = pytest.mark.slow
-
 
 @pytest.fixture(scope="module")
 def roll(reference):
     return diagnose(reference, 2.5)
 
 
+@pytest.mark.slow
 def test_the_error_bar_covers_the_error(reference, roll):
     """Of the centre of mass, at every frame, against a step 16 times smaller."""
     truth = simulate(reference, 2.5, options=SolverOptions(dt=roll.trajectory.dt / 16))
@@ -25,6 +24,7 @@ def test_the_error_bar_covers_the_error(reference, roll):
     assert roll.error_bar < 1e-2
 
 
+@pytest.mark.slow
 def test_the_summary_says_it_all_and_goes_into_json(roll, tmp_path):
     """Every line of the table has its number; nothing in it is missing or infinite."""
     save_json(tmp_path / "diagnosis.json", roll.summary())
@@ -40,15 +40,33 @@ def test_the_summary_says_it_all_and_goes_into_json(roll, tmp_path):
         assert line in roll.table()
 
 
-def test_float32_is_held_against_float64():
+@pytest.fixture(scope="module")
+def falling():
+    """Two nodes, without a gait: the scene, and its diagnosis in float64."""
+    scene = Scene(Structure(np.array([[0.1, 0.2, 1.0], [1.3, 0, 1.1]]), np.array([1.0, 3.0])), gravity=9.81)
+    return scene, diagnose(scene, 0.3, options=SolverOptions(dt=1e-3))
+
+
+@pytest.mark.slow
+def test_float32_is_held_against_float64(falling):
     """The bar of a rollout in float32 includes its rounding."""
-    falling = Scene(Structure(np.array([[0.1, 0.2, 1.0], [1.3, 0, 1.1]]), np.array([1.0, 3.0])), gravity=9.81)
-    single = diagnose(falling, 0.3, options=SolverOptions(dt=1e-3, dtype="float32"))
-    double = diagnose(falling, 0.3, options=SolverOptions(dt=1e-3))
+    scene, double = falling
+    single = diagnose(scene, 0.3, options=SolverOptions(dt=1e-3, dtype="float32"))
     assert single.error_bar > 1e-8
     assert double.error_bar < 1e-12
 
 
+@pytest.mark.slow
+def test_a_rollout_without_a_gait_is_asked_for_its_start(falling):
+    """Two free nodes: d com / d v0 = t times the share of each in the mass."""
+    _, found = falling
+    assert found.sensitivity.unit == "m/(m/s)"
+    expected = np.hypot(1 / 4, 3 / 4) * np.asarray(found.sensitivity.times)
+    np.testing.assert_allclose(found.sensitivity.norm, expected, atol=1e-9)
+    assert found.sensitivity.times[-1] == pytest.approx(0.3)
+
+
+@pytest.mark.slow
 def test_a_failed_rollout_is_diagnosed_as_one(reference):
     """An infinite bar, no audit, and the reason."""
     torn = diagnose(reference, 0.5, options=SolverOptions(dt=0.1, any_step=True))
@@ -59,6 +77,7 @@ def test_a_failed_rollout_is_diagnosed_as_one(reference):
     assert torn.table()
 
 
+@pytest.mark.slow
 def test_exact_contact_is_diagnosed_too(exact):
     """Nothing penetrates, struts keep their lengths, and the balance includes impacts."""
     found = diagnose(exact, 2.0).summary()
@@ -67,24 +86,20 @@ def test_exact_contact_is_diagnosed_too(exact):
     assert set(found["energy"]["dissipated"]) == {"nodes", "cables", "impacts", "friction"}
 
 
-def test_members_exert_no_net_force(exact, reference):
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param("exact", marks=pytest.mark.slow), pytest.param("reference", marks=pytest.mark.campaign)],
+)
+def test_members_exert_no_net_force(request, name):
     """Where nothing acts from outside, the momentum residual is the momentum, and that stays zero."""
-    for scene in (exact, reference):
-        floating, options = Scene(scene.structure, gait=scene.gait), SolverOptions(dt=1e-3, any_step=True)
-        assert energy_audit(floating, 2.0, options=options).momentum_residual.max() < 1e-10
-        end = momentum(floating, simulate(floating, 2.0, options=options).velocities[-1])
-        assert np.abs(end).max() < 1e-10
+    scene = request.getfixturevalue(name)
+    floating, options = Scene(scene.structure, gait=scene.gait), SolverOptions(dt=1e-3, any_step=True)
+    assert energy_audit(floating, 2.0, options=options).momentum_residual.max() < 1e-10
+    end = momentum(floating, simulate(floating, 2.0, options=options).velocities[-1])
+    assert np.abs(end).max() < 1e-10
 
 
-def test_a_rollout_without_a_gait_is_asked_for_its_start():
-    """A free node: d com / d v0 = t."""
-    scene = Scene(Structure(np.zeros((1, 3)), np.ones(1)), gravity=9.81)
-    found = diagnose(scene, 1.0)
-    assert found.sensitivity.unit == "m/(m/s)"
-    np.testing.assert_allclose(found.sensitivity.norm, found.sensitivity.times, atol=1e-9)
-    assert found.error_bar < 1e-12
-
-
+@pytest.mark.slow
 def test_rollouts_by_verlet_are_balanced():
     """Two nodes on an undamped strut: energy stays to second order of the step."""
     strut = Members(((0, 1),), np.array([100.0]), np.array([0.8]))
