@@ -10,8 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import scipy
 
-from jaxgrity.core.primitives import accumulate, dot, edge_vectors, inverse, length, scale
-from jaxgrity.core.types import AnyArray, Edges, NodeHistory, NodeVectors, PerMember, Scalar, Times
+from jaxgrity.core.types import AnyArray, NodeHistory, PerMember, Scalar, Times
 from jaxgrity.model.actuation import Actuation, rest_length
 from jaxgrity.model.scene import Scene, as_dtype, floats_as
 from jaxgrity.model.structure import Members
@@ -19,7 +18,7 @@ from jaxgrity.stepping.constraints import rigid_struts
 from jaxgrity.stepping.handover import carried_from
 from jaxgrity.stepping.integrate import discretise, prepared
 from jaxgrity.stepping.options import ResolvedOptions, options_of
-from jaxgrity.stepping.power import Step, ground_impulses, strut_impulses, support_impulses
+from jaxgrity.stepping.power import Step, ground_impulses, strut_impulses, support_impulses, tensions
 from jaxgrity.stepping.simulate import Trajectory
 
 MOST = 2**10
@@ -172,16 +171,5 @@ def _impulses(scene: Scene, step: Step) -> Impulses:
     supports: AnyArray = support_impulses(scene, step) if scene.structure.fixed else nothing
     pulls = jnp.zeros(0, nothing.dtype)
     if struts is not None:
-        pulls = _along(struts.edges, step.start[0], strut_impulses(scene, step))
+        pulls = tensions(struts.edges, step.start[0], strut_impulses(scene, step))
     return Impulses(pulls, sum(ground_impulses(scene, step), nothing), supports)
-
-
-def _along(edges: Edges, q: NodeVectors, impulse: NodeVectors) -> PerMember:
-    """The tensions T of struts, N s, whose sum on the nodes, J^T T, is the `impulse`, by least squares."""
-    nodes, d = q.shape[0], edge_vectors(q, edges)
-    u = scale(d, inverse(length(d)))
-    back = lambda T: -accumulate(scale(u, T), edges, nodes)  # noqa: E731
-    pulls = lambda f: -dot(u, edge_vectors(f, edges))  # noqa: E731
-    if len({node for edge in edges for node in edge}) == 2 * len(edges):
-        return pulls(impulse) / 2
-    return jax.scipy.sparse.linalg.cg(lambda T: pulls(back(T)), pulls(impulse), tol=1e-9, maxiter=4 * len(edges))[0]

@@ -19,6 +19,8 @@ from jaxgrity.model.scales import speed_scale
 from jaxgrity.stepping.constraints import (
     GroundImpulses,
     blocks_of,
+    bounce_gains,
+    exact_ground,
     excess,
     impulses,
     length_error,
@@ -80,6 +82,8 @@ class Complementarity(diffrax.AbstractSolver):
     or ends to touch, stick or slip, and 1 there and where a node slides along a curve: friction acts against w, not the
     mean of v and w.
 
+    Where restitution and friction would make energy (`bounce_gains`), the impacts of the step are plastic.
+
     Velocities are read from trial impulses (see `ground_response.py`), none of which lets a node end a step below the
     ground. A robot whose struts are off by more than `LARGEST_LENGTH_ERROR` of their lengths, or by more than the
     tolerance, at the end of a step gets NaN.
@@ -106,6 +110,16 @@ class Complementarity(diffrax.AbstractSolver):
         return first._replace(struts=0 * y0[1], residual=nothing[0]) if self.together else first
 
     def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
+        taken = self._taken(terms, t0, t1, y0, args, solver_state)
+        ground = exact_ground(args)
+        if ground is None or ground.restitution is None or args.friction is None:
+            return taken
+        still = eqx.tree_at(lambda scene: scene.ground.restitution, args, 0 * ground.restitution)
+        plastic = self._taken(terms, t0, t1, y0, still, solver_state)
+        gains = self.lift(bounce_gains, ("s", None, -1, -1, -1))(args, t1 - t0, y0, taken[0][1], taken[3].impulses)
+        return jax.tree.map(lambda one, other: jnp.where(gains, one, other), plastic[:4], taken[:4]) + taken[4:]
+
+    def _taken(self, terms, t0, t1, y0, args, solver_state):
         if self.together:
             return self._step_together(terms, t0, t1, y0, args, solver_state)
         (q, v), h = y0, t1 - t0

@@ -8,8 +8,19 @@ from typing import NamedTuple, cast
 
 import jax.numpy as jnp
 
-from jaxgrity.core.primitives import accumulate, edge_vectors, inverse, largest, length, over, scale
-from jaxgrity.core.types import MemberVectors, NodeVectors, PerMember, PerNode, PerRow, Scalar
+from jaxgrity.core.primitives import (
+    accumulate,
+    along,
+    dot,
+    edge_vectors,
+    inner,
+    inverse,
+    largest,
+    length,
+    over,
+    scale,
+)
+from jaxgrity.core.types import AnyArray, MemberVectors, NodeVectors, PerMember, PerNode, PerRow, Scalar, State
 from jaxgrity.model.actuation import rest_length
 from jaxgrity.model.ground import ExactGround
 from jaxgrity.model.scales import length_scale, speed_scale
@@ -21,6 +32,9 @@ from jaxgrity.stepping.ground_response import SLOWEST, Contact, along_own_axes, 
 
 HELD = 1e-2
 """fraction of its free motion below which a strut counts as held by the ground at both ends"""
+
+ROUNDINGS = 100
+"""of twice the kinetic energy, which impulses of the ground may seem to add to it"""
 
 Trials = tuple[Vector, ...]
 """of each block, the nodes' trial impulses z, m/s (see `ground_response.py`): all that sweeps change"""
@@ -141,6 +155,25 @@ def impulses(scene: Scene, problem: StepProblem, trials: Trials) -> GroundImpuls
     parts = map(ground_impulse, contacts, trials)
     p = blocks_of(scene).joined(tuple(map(along_own_axes, contacts, parts)))
     return GroundImpulses(p.normal, (p.first, p.second))
+
+
+def on_nodes(scene: Scene, h: Scalar, start: State, found: GroundImpulses) -> list[NodeVectors]:
+    """The impulses of exact ground on each node, N s, in a step of size h (s): along the normal and both tangents."""
+    ground = cast(ExactGround, exact_ground(scene))
+    frame = ground.frame(where_met(ground, length_scale(scene), h, *start).at)
+    speeds, directions = (found.normal, *found.tangential), (frame.normal, *frame.tangents)
+    return [scale(along(p, n), scene.structure.lumped_mass) for p, n in zip(speeds, directions)]
+
+
+def bounce_gains(scene: Scene, h: Scalar, start: State, w: NodeVectors, found: GroundImpulses) -> AnyArray:
+    """Whether the ground did work on a robot that had v before and has w after its impulses: p·(v + w)/2 > 0.
+
+    Newton's law prescribes normal velocities, and friction acts against w. Where that turns the sliding around, both
+    can make energy out of nothing (Kane and Levinson 1985).
+    """
+    work = sum(inner(jnp.ones_like(w[:, 0]), dot(p, (start[1] + w) / 2)) for p in on_nodes(scene, h, start, found))
+    turned_over = inner(scene.structure.lumped_mass, dot(start[1], start[1]))
+    return work > ROUNDINGS * jnp.finfo(w.dtype).eps * turned_over
 
 
 def sweep(scene: Scene, problem: StepProblem, trials: Trials) -> Trials:

@@ -1,19 +1,19 @@
 """Where energy and momentum come from and go to: the powers of forces, and the works of one step's impulses."""
 
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
 
-from jaxgrity.core.primitives import along, dot, inner, scale
-from jaxgrity.core.types import NodeVectors, Scalar, State
+from jaxgrity.core.primitives import accumulate, dot, edge_vectors, inner, inverse, length, scale
+from jaxgrity.core.types import Edges, NodeVectors, PerMember, PerNode, Scalar, State
+from jaxgrity.model.actuation import rest_length
 from jaxgrity.model.inertia import held, momenta
-from jaxgrity.model.scales import length_scale
 from jaxgrity.model.scene import Scene
+from jaxgrity.model.structure import Members
 from jaxgrity.stepping.complementarity import ContactState
-from jaxgrity.stepping.constraints import exact_ground, rigid_struts
+from jaxgrity.stepping.constraints import exact_ground, on_nodes, rigid_struts
 from jaxgrity.stepping.dynamics import acceleration, outside_force, smooth_force, support_forces, total_force
-from jaxgrity.stepping.entering import where_met
 
 Work = dict[str, jax.Array]
 """J of the actuators and of each cause of dissipation; N s and N m s, (3,), of the forces from outside"""
@@ -82,7 +82,8 @@ def step_work(scene: Scene, step: Step) -> Work:
 def impulsive_work(scene: Scene, step: Step) -> Work:
     """What one step of complementarity stepping gained, each impulse times the mean of the velocities around it.
 
-    What forces and ground do not account for is the work of the rigid struts, which is actuation.
+    Rigid struts do the work of the actuators that change their lengths. What else they seem to do, and what a node loses
+    that stays on a curved ground, is an error of the steps: "stepping".
     """
     (q, v), (_, w) = step.start, step.end
     mean = (v + w) / 2
@@ -91,11 +92,17 @@ def impulsive_work(scene: Scene, step: Step) -> Work:
     ground = ground_impulses(scene, step)
     work = lambda force: inner(jnp.ones_like(v[:, 0]), dot(force, mean))  # noqa: E731
     if ground:
-        _book(gained, "impacts", -work(ground[0]))
+        staying = _staying(scene, step)
+        _book(gained, "impacts", -work(scale(ground[0], 1 - staying)))
+        if isinstance(staying, jax.Array):
+            _book(gained, "stepping", -work(scale(ground[0], staying)))
         if scene.friction is not None:
             _book(gained, "friction", -work(ground[1] + ground[2]))
     if rigid_struts(scene) is not None:
-        gained["actuation"] = gained["actuation"] + work(strut_impulses(scene, step))
+        done = strut_impulses(scene, step)
+        given = _strut_actuation(scene, step, done)
+        gained["actuation"] = gained["actuation"] + given
+        _book(gained, "stepping", given - work(done))
     outside: NodeVectors = sum(ground, jnp.zeros_like(q))
     if scene.structure.fixed:
         # those of the forces are among the powers already
@@ -120,6 +127,34 @@ def _actuation(scene: Scene, step: Step) -> Scalar:
     return scene.potential_energy(q, end) - scene.potential_energy(q, end - step.kick)
 
 
+def _strut_actuation(scene: Scene, step: Step, impulse: NodeVectors) -> Scalar:
+    """J: of the tensions of rigid struts, times how fast these become shorter, in the mean of two steps."""
+    struts, (t, h, before) = cast(Members, rigid_struts(scene)), (step.t0, step.h, step.before.step_size)
+    if scene.gait is None and not struts.motors:
+        return jnp.zeros_like(h)
+    changed = rest_length(struts, scene.gait, t + h, 0) - rest_length(struts, scene.gait, t - before, 0)
+    return -jnp.sum(tensions(struts.edges, step.start[0], impulse) * changed, axis=0) / (h + before)
+
+
+def _staying(scene: Scene, step: Step) -> PerNode | float:
+    """1 of nodes that were on a curved ground before the step already, else 0; 0 of ground with edges, or of a plane."""
+    ground = exact_ground(scene)
+    if ground is None or ground.surface is None or not ground.surface.smooth:
+        return 0.0
+    return (step.before.impulses.normal > 0).astype(step.start[0].dtype)
+
+
+def tensions(edges: Edges, q: NodeVectors, impulse: NodeVectors) -> PerMember:
+    """The tensions T of struts, N s, whose sum on the nodes, J^T T, is the `impulse`, by least squares."""
+    nodes, d = q.shape[0], edge_vectors(q, edges)
+    u = scale(d, inverse(length(d)))
+    back = lambda T: -accumulate(scale(u, T), edges, nodes)  # noqa: E731
+    pulls = lambda f: -dot(u, edge_vectors(f, edges))  # noqa: E731
+    if len({node for edge in edges for node in edge}) == 2 * len(edges):
+        return pulls(impulse) / 2
+    return jax.scipy.sparse.linalg.cg(lambda T: pulls(back(T)), pulls(impulse), tol=1e-9, maxiter=4 * len(edges))[0]
+
+
 def strut_impulses(scene: Scene, step: Step) -> NodeVectors:
     """N s, on each node, of its rigid struts in one step: what neither forces nor the ground account for."""
     if step.after.struts is not None:
@@ -140,9 +175,6 @@ def support_impulses(scene: Scene, step: Step) -> NodeVectors:
 
 def ground_impulses(scene: Scene, step: Step) -> list[NodeVectors]:
     """N s, of exact contact on each node, along the normal and the two tangents, where the scene has it."""
-    ground = exact_ground(scene)
-    if ground is None:
+    if exact_ground(scene) is None:
         return []
-    impulses, frame = step.after.impulses, ground.frame(where_met(ground, length_scale(scene), step.h, *step.start).at)
-    speeds, directions = (impulses.normal, *impulses.tangential), (frame.normal, *frame.tangents)
-    return [scale(along(p, n), scene.structure.lumped_mass) for p, n in zip(speeds, directions)]
+    return on_nodes(scene, step.h, step.start, step.after.impulses)

@@ -43,10 +43,10 @@ class EnergyAudit(NamedTuple):
     potential: Times
     """(frames,), U: members, gravity and penalty contact"""
     actuation: Times
-    """(frames,), work done by the actuators: the integral of dU/dt at fixed q; rigid struts do theirs as they change"""
+    """(frames,), work done by the actuators: the integral of dU/dt at fixed q, and of -T dL/dt of rigid struts"""
     dissipated: dict[str, Times]
     """(frames,) for each cause: the integral of v·dR/dv, for the Coulomb switch of -v·F_switch; impacts and friction of
-    exact contact by its impulses"""
+    exact contact by its impulses; "stepping" is what the scheme itself loses, at rigid struts and on curved ground"""
     momentum_residual: Times
     """(frames,), N s: |change of momentum - impulse of the forces from outside|"""
     angular_residual: Times
