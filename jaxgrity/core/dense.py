@@ -5,6 +5,8 @@ cores are busy (docs/performance.md). So larger matrices are eliminated in block
 starts one; products of blocks are JAX's own.
 """
 
+import itertools
+
 import jax
 import jax.numpy as jnp
 
@@ -47,7 +49,7 @@ def solution(matrix: AnyArray, right: AnyArray) -> AnyArray:
 def _blocks(size: int) -> list[slice]:
     count = -(-size // BLOCK)
     edges = [size * k // count for k in range(count + 1)]
-    return [slice(*ends) for ends in zip(edges[:-1], edges[1:])]
+    return [slice(*ends) for ends in itertools.pairwise(edges)]
 
 
 def _eliminated(matrix: AnyArray) -> list[tuple[AnyArray, AnyArray, AnyArray]]:

@@ -10,8 +10,6 @@ from jax.interpreters import ad, batching, mlir
 
 from jaxgrity.core.errors import InputError
 
-from jaxgrity.core.errors import InputError
-
 
 def traced(tree: Any) -> bool:
     """Whether any number of it is a tracer, whose value is not known."""
@@ -22,6 +20,13 @@ def refuse_traced(tree: Any, where: str, instead: str) -> None:
     """Raises `InputError` where a number of `tree` is being traced; `where` cannot take it, `instead` says what can."""
     if traced(tree):
         raise InputError(f"{where}: its numbers have to be known, under grad, jit and vmap too; {instead}")
+
+
+def as_incline(x: object) -> float:
+    """Of a plane, rad: a part of the compiled program itself. Raises `InputError` where it is being traced."""
+    if isinstance(x, jax.core.Tracer):
+        raise InputError("incline: it is being traced; expected a known number (gravity can lean instead: Scene.up)")
+    return float(x)  # type: ignore[arg-type]
 
 
 def evaluated() -> AbstractContextManager:

@@ -129,6 +129,38 @@ def rest_lengths_along(members: Members, gait: Actuation | None, times: Times, f
     return jax.vmap(lambda t: rest_length(members, gait, t, first))(times)
 
 
+def check_robot(gait: Gait, structure: Structure) -> None:
+    """Raises `InputError` where the gait is that of another robot."""
+    if gait.robot not in (None, structure.robot):
+        raise InputError(
+            f"gait: that of another robot, of {gait.robot}; this one has {structure.robot}; expected a gait of its own"
+        )
+
+
+def check_fit(gait: Gait, structure: Structure) -> None:
+    """Raises `InputError` where the gait does not fit the structure."""
+    check_robot(gait, structure)
+    members = structure.member_count
+    if len(set(gait.members)) < len(gait.members):
+        raise InputError(f"gait.members = {list(gait.members)}: expected each member once")
+    for k in gait.members:
+        if not 0 <= k < members:
+            known = f"0 to {members - 1}, struts first" if members else "no gait, since there are no members"
+            raise InputError(f"gait.members names member {k}; expected {known}")
+    driven = set(gait.members) & set(structure.driven)
+    if driven:
+        raise InputError(f"gait.members names {sorted(driven)}, which have motors; expected members without")
+    parts = {name: getattr(gait, name) for name in ("phase", "amplitude", "frequency")}
+    for h, overtone in enumerate(gait.overtones, start=2):
+        parts |= {f"overtone {h}, size": overtone.size, f"overtone {h}, phase": overtone.phase}
+    for name, part in parts.items():
+        if np.shape(part) != (len(gait.members),):
+            raise InputError(
+                f"gait.{name} has shape {np.shape(part)}; expected one number for each of the "
+                f"{len(gait.members)} actuated members"
+            )
+
+
 def peak_rates(gait: Gait, rest_lengths: PerMember, samples: int = 96) -> PerActuator:
     """The largest |dL/dt| of every actuated member over a period, m/s, once the ramp is over; of a population too.
 

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import component, half_squares, inner, positive_part
+from jaxgrity.core.tracing import as_incline
 from jaxgrity.core.types import AnyArray, AnyNodeVectors, NodeVectors, PerNode, Scalar, as_float, as_float_or_none
 from jaxgrity.model.laws import (
     Configuration,
@@ -23,7 +24,7 @@ from jaxgrity.model.laws import (
     node_names,
 )
 from jaxgrity.model.rigid_struts import LARGEST_GAP
-from jaxgrity.model.surface import AXES, Frame, Measured, Slope, Surface, as_double, as_incline
+from jaxgrity.model.surface import AXES, Frame, Measured, Slope, Surface, as_double
 
 UnitVector = tuple[float, float, float]
 

@@ -20,7 +20,7 @@ from jaxgrity.core.types import (
     as_float_or_none,
     namespace_of,
 )
-from jaxgrity.model.actuation import Gait
+from jaxgrity.model.actuation import Gait, check_fit, check_robot
 from jaxgrity.model.describe import describe
 from jaxgrity.model.dissipation import CableDamping, NodeDamping, StrutDamping
 from jaxgrity.model.energy import CableSprings, Gravity, StrutSprings
@@ -89,7 +89,7 @@ class Scene(eqx.Module):
         if self.shaking is not None:
             self.shaking.check(self.structure)
         if self.gait is not None:
-            _check_gait(self.gait, self.structure)
+            check_fit(self.gait, self.structure)
 
     @property
     def laws(self) -> tuple[Law, ...]:
@@ -227,7 +227,7 @@ def with_gait(scene: Scene, gait: Gait | None) -> Scene:
     and of searches know.
     """
     if gait is not None and gait.robot is not None:
-        _check_robot(gait, scene.structure)
+        check_robot(gait, scene.structure)
         gait = dataclasses.replace(gait, robot=None)  # so that all gaits of a robot share one program
     return dataclasses.replace(scene, gait=gait)
 
@@ -285,33 +285,3 @@ def _check_term(term: Law) -> None:
     cause = getattr(term, "cause", "")
     if cause in BOOKED_OTHERWISE:
         raise InputError(f"terms: the cause of {term.name!r} is {cause!r}, which the energy audit uses otherwise")
-
-
-def _check_robot(gait: Gait, structure: Structure) -> None:
-    if gait.robot not in (None, structure.robot):
-        raise InputError(
-            f"gait: that of another robot, of {gait.robot}; this one has {structure.robot}; expected a gait of its own"
-        )
-
-
-def _check_gait(gait: Gait, structure: Structure) -> None:
-    _check_robot(gait, structure)
-    members = structure.member_count
-    if len(set(gait.members)) < len(gait.members):
-        raise InputError(f"gait.members = {list(gait.members)}: expected each member once")
-    for k in gait.members:
-        if not 0 <= k < members:
-            known = f"0 to {members - 1}, struts first" if members else "no gait, since there are no members"
-            raise InputError(f"gait.members names member {k}; expected {known}")
-    driven = set(gait.members) & set(structure.driven)
-    if driven:
-        raise InputError(f"gait.members names {sorted(driven)}, which have motors; expected members without")
-    parts = {name: getattr(gait, name) for name in ("phase", "amplitude", "frequency")}
-    for h, overtone in enumerate(gait.overtones, start=2):
-        parts |= {f"overtone {h}, size": overtone.size, f"overtone {h}, phase": overtone.phase}
-    for name, part in parts.items():
-        if np.shape(part) != (len(gait.members),):
-            raise InputError(
-                f"gait.{name} has shape {np.shape(part)}; expected one number for each of the "
-                f"{len(gait.members)} actuated members"
-            )

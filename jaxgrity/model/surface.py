@@ -13,18 +13,12 @@ import numpy as np
 from jaxgrity.core.elementwise import larger, magnitude, smaller
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import along, component, inner, ones, over, positive_part
+from jaxgrity.core.tracing import as_incline
 from jaxgrity.core.types import AnyArray, NodeVectors, PerNode, Scalar, as_float
 
 AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 Direction = tuple[float, float, float] | NodeVectors
 """a unit vector: one for all nodes, or a row for each"""
-
-
-def as_incline(x: object) -> float:
-    """Of a plane, rad: a part of the compiled program itself. Raises `InputError` where it is being traced."""
-    if isinstance(x, jax.core.Tracer):
-        raise InputError("incline: it is being traced; expected a known number (gravity can lean in its place: Scene.up)")
-    return float(x)  # type: ignore[arg-type]
 
 
 class Frame(NamedTuple):
@@ -45,9 +39,8 @@ class Measured(NamedTuple):
 
 class Surface(eqx.Module):
     """Where the ground is, in place of a plane. Written for coordinates x, y, z, one number a node, element by element.
-
-    The signed distance is phi = f/|grad f|, and the normal n = grad f/|grad f|, with f = `level` and its gradient by
-    `jax.grad`. Where f is a distance itself, phi = f; elsewhere phi is one to first order near the surface.
+    Signed distance phi = f/|grad f|, and normal n = grad f/|grad f|, with f = `level` and its gradient by `jax.grad`.
+    Where f is a distance itself, phi = f; elsewhere phi is one to first order near the surface.
     """
 
     @abstractmethod

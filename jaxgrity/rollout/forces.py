@@ -16,7 +16,7 @@ from jaxgrity.rollout.step_impulses import impulses_along
 from jaxgrity.stepping.dynamics import member_pull, support_forces, total_force
 from jaxgrity.stepping.integrate import prepared
 from jaxgrity.stepping.methods import find_method
-from jaxgrity.stepping.simulate import Trajectory
+from jaxgrity.stepping.simulate import Trajectory, velocities_midway
 
 
 class Forces(NamedTuple):
@@ -61,7 +61,8 @@ def forces_along(scene: Scene, trajectory: Trajectory) -> Forces:
     """
     dtype = str(trajectory.positions.dtype)
     scene = as_dtype(scene, dtype)
-    frames = (jnp.asarray(getattr(trajectory, name), dtype) for name in ("times", "positions", "velocities"))
+    v = velocities_midway(scene, trajectory)
+    frames = (jnp.asarray(x, dtype) for x in (trajectory.times, trajectory.positions, v))
     found = Forces(*(np.asarray(x, float) for x in _by_forces(scene, *frames)))
     if not find_method(trajectory.method).constrained:
         return found

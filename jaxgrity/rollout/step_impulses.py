@@ -17,7 +17,7 @@ from jaxgrity.model.structure import Members
 from jaxgrity.stepping.constraints import rigid_struts
 from jaxgrity.stepping.handover import carried_from
 from jaxgrity.stepping.integrate import discretise, prepared
-from jaxgrity.stepping.options import ResolvedOptions, options_of
+from jaxgrity.stepping.options import ResolvedOptions, options_anew
 from jaxgrity.stepping.power import Step, ground_impulses, strut_impulses, support_impulses, tensions
 from jaxgrity.stepping.simulate import Trajectory
 
@@ -27,7 +27,7 @@ NEAR = 1e-3
 """Share of a step within which a frame counts as at the step's beginning: times are rounded."""
 
 
-class Impulses(NamedTuple):
+class Exerted(NamedTuple):
     """Impulses of one step, N s, or mean forces from frame to frame, N, with the frames in front."""
 
     struts: AnyArray
@@ -38,7 +38,7 @@ class Impulses(NamedTuple):
     """of the supports, (nodes, 3)"""
 
 
-class Plan(NamedTuple):
+class StepPlan(NamedTuple):
     """The steps that a motion took, with room for more."""
 
     times: Times
@@ -53,7 +53,7 @@ class Plan(NamedTuple):
     """(steps + 1, struts), m, by which rigid struts are longer in the frames than the scene says"""
 
 
-def impulses_along(scene: Scene, trajectory: Trajectory) -> Impulses:
+def impulses_along(scene: Scene, trajectory: Trajectory) -> Exerted:
     """Mean forces, N, from each frame to the next, and from the last one over one step more.
 
     The motion is stepped again, as it was at first. Steps that begin at a saved frame take up its state, so that the
@@ -62,7 +62,7 @@ def impulses_along(scene: Scene, trajectory: Trajectory) -> Impulses:
     """
     times = np.asarray(trajectory.times, float)
     dt, dtype = float(trajectory.dt), str(trajectory.positions.dtype)  # type: ignore[arg-type]
-    options = options_of(scene, trajectory.method, dt, dtype)
+    options = options_anew(scene, trajectory.method, dt, dtype)
     count = math.ceil((times[-1] - times[0]) / dt - NEAR)
     starts = np.append(np.minimum(times[0] + dt * np.arange(count), times[-1]), times[-1] + np.array([0, dt]))
     plan = _plan(scene, trajectory, starts)
@@ -83,7 +83,7 @@ def impulses_along(scene: Scene, trajectory: Trajectory) -> Impulses:
     return jax.tree.map(means, taken)
 
 
-def _plan(scene: Scene, trajectory: Trajectory, starts: np.ndarray) -> Plan:
+def _plan(scene: Scene, trajectory: Trajectory, starts: np.ndarray) -> StepPlan:
     """The steps that begin at `starts`, s, but for the last of these, where they end."""
     times, steps = np.asarray(trajectory.times, float), len(starts) - 1
     q, v = (np.asarray(x) for x in (trajectory.positions, trajectory.velocities))
@@ -104,7 +104,7 @@ def _plan(scene: Scene, trajectory: Trajectory, starts: np.ndarray) -> Plan:
         at, more = np.arange(2), 0 * more[:2]
     smooth = scipy.interpolate.make_interp_spline(times[at], np.nan_to_num(more[at]), k=min(3, len(at) - 1))
     places, speeds = (_padded(x[frame] * near[:, None, None], room) for x in (q, v))
-    return Plan(
+    return StepPlan(
         _padded(starts, room + 1),
         _padded(near, room),
         places,
@@ -124,7 +124,7 @@ def _asked_lengths(struts: Members, gait: Actuation | None, times: Times) -> Any
 
 
 @eqx.filter_jit
-def _stepped(scene: Scene, options: ResolvedOptions, plan: Plan, count: AnyArray) -> Impulses:
+def _stepped(scene: Scene, options: ResolvedOptions, plan: StepPlan, count: AnyArray) -> Exerted:
     """The impulses of the first `count` steps of the plan, in front; zeros after them."""
     scene = prepared(scene)
     terms, solver = problem = discretise(options)
@@ -152,7 +152,7 @@ def _stepped(scene: Scene, options: ResolvedOptions, plan: Plan, count: AnyArray
         jnp.zeros((room, *shape), nodes.dtype)
         for shape in ((len(struts.edges) if struts else 0,), nodes.shape, nodes.shape)
     )
-    return jax.lax.fori_loop(0, count, step, (start, first, Impulses(*empty)))[2]
+    return jax.lax.fori_loop(0, count, step, (start, first, Exerted(*empty)))[2]
 
 
 def _with_lengths(scene: Scene, t: Scalar, longer: PerMember) -> Scene:
@@ -165,11 +165,11 @@ def _with_lengths(scene: Scene, t: Scalar, longer: PerMember) -> Scene:
     return dataclasses.replace(scene, structure=dataclasses.replace(scene.structure, struts=still))
 
 
-def _impulses(scene: Scene, step: Step) -> Impulses:
+def _impulses(scene: Scene, step: Step) -> Exerted:
     nothing: AnyArray = jnp.zeros_like(step.start[0])
     struts = rigid_struts(scene)
     supports: AnyArray = support_impulses(scene, step) if scene.structure.fixed else nothing
-    pulls = jnp.zeros(0, nothing.dtype)
+    pulls: AnyArray = jnp.zeros(0, nothing.dtype)
     if struts is not None:
         pulls = tensions(struts.edges, step.start[0], strut_impulses(scene, step))
-    return Impulses(pulls, sum(ground_impulses(scene, step), nothing), supports)
+    return Exerted(pulls, sum(ground_impulses(scene, step), nothing), supports)

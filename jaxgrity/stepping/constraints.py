@@ -4,7 +4,7 @@ Sweeps over all of them (projected Gauss-Seidel) couple them. A strut's impulse 
 at both its ends, which makes sweeps Newton steps where each node belongs to one strut.
 """
 
-from typing import NamedTuple, cast
+from typing import Any, NamedTuple, cast
 
 import jax.numpy as jnp
 
@@ -20,7 +20,7 @@ from jaxgrity.core.primitives import (
     over,
     scale,
 )
-from jaxgrity.core.types import AnyArray, MemberVectors, NodeVectors, PerMember, PerNode, PerRow, Scalar, State
+from jaxgrity.core.types import MemberVectors, NodeVectors, PerMember, PerNode, PerRow, Scalar, State
 from jaxgrity.model.actuation import rest_length
 from jaxgrity.model.ground import ExactGround
 from jaxgrity.model.scales import length_scale, speed_scale
@@ -165,7 +165,7 @@ def on_nodes(scene: Scene, h: Scalar, start: State, found: GroundImpulses) -> li
     return [scale(along(p, n), scene.structure.lumped_mass) for p, n in zip(speeds, directions)]
 
 
-def bounce_gains(scene: Scene, h: Scalar, start: State, w: NodeVectors, found: GroundImpulses) -> AnyArray:
+def bounce_gains(scene: Scene, h: Scalar, start: State, w: NodeVectors, found: GroundImpulses) -> Any:
     """Whether the ground did work on a robot that had v before and has w after its impulses: p·(v + w)/2 > 0.
 
     Newton's law prescribes normal velocities, and friction acts against w. Where that turns the sliding around, both

@@ -11,8 +11,8 @@ from jaxgrity.model.ground import ExactGround
 from jaxgrity.model.surface import Frame, Surface, coordinates, rows_of_xyz
 
 INSIDE = 1e-9
-"""m, of a body of one metre: from which depth on a node is in the ground; at it the nearest face is the one that it came
-through"""
+"""m, of a body of one metre: from which depth on a node is in the ground, and where the nearest face is the one that it
+came through"""
 ROUNDINGS = 16
 """the same in roundings of its length, where these are more"""
 TRIALS = 16
@@ -31,11 +31,12 @@ class Met(NamedTuple):
 
 
 def where_met(ground: ExactGround, size: Scalar, h: Scalar, q: NodeVectors, v: NodeVectors) -> Met:
-    """Where exact ground is linearised in a step of h (s) from q (m) with v (m/s), of a body of `size` (`length_scale`).
+    """Where exact ground is linearised in a step of h (s) from q (m) with v (m/s).
 
-    On the plane at the nodes. On uneven ground where they would be after the step: there the gap's error is of the
-    second order in what the step changes of their ways, and a node that stands meets the wall that it runs into. A node
-    whose way leads into ground with edges meets it where it enters: farther on another face may be nearer.
+    `size` is that of the body (`length_scale`). On the plane at the nodes. On uneven ground where they would be after
+    the step: there the gap's error is of the second order in what the step changes of their ways, and a node that
+    stands meets the wall that it runs into. A node whose way leads into ground with edges meets it where it enters:
+    farther on another face may be nearer.
     """
     if ground.surface is None:
         return Met(q, 0.0)

@@ -166,7 +166,9 @@ def _default_step(scene: Scene, method: Method) -> float:
             "dt: the scene's numbers are being traced, so that no step can be chosen; pass options = "
             "jaxgrity.resolve(scene, duration) of a scene whose numbers are known, or a dt"
         ) from error
-def options_of(scene: Scene, method: str, dt: float, dtype: str) -> ResolvedOptions:
+
+
+def options_anew(scene: Scene, method: str, dt: float, dtype: str) -> ResolvedOptions:
     """The options of a motion of the scene, whose start has been checked: its method, its step (s), its precision."""
     given, chosen = SolverOptions(), find_method(method)
     rtol, atol = _tolerances(given, chosen, dtype, 1.0)  # which steps of one size have no use for

@@ -82,8 +82,8 @@ def step_work(scene: Scene, step: Step) -> Work:
 def impulsive_work(scene: Scene, step: Step) -> Work:
     """What one step of complementarity stepping gained, each impulse times the mean of the velocities around it.
 
-    Rigid struts do the work of the actuators that change their lengths. What else they seem to do, and what a node loses
-    that stays on a curved ground, is an error of the steps: "stepping".
+    Rigid struts do the work of the actuators that change their lengths. What else they seem to do, and what a node
+    loses that stays on a curved ground, is an error of the steps: "stepping".
     """
     (q, v), (_, w) = step.start, step.end
     mean = (v + w) / 2
@@ -93,9 +93,10 @@ def impulsive_work(scene: Scene, step: Step) -> Work:
     work = lambda force: inner(jnp.ones_like(v[:, 0]), dot(force, mean))  # noqa: E731
     if ground:
         staying = _staying(scene, step)
-        _book(gained, "impacts", -work(scale(ground[0], 1 - staying)))
-        if isinstance(staying, jax.Array):
-            _book(gained, "stepping", -work(scale(ground[0], staying)))
+        arriving = ground[0] if staying is None else scale(ground[0], 1 - staying)
+        _book(gained, "impacts", -work(arriving))
+        if staying is not None:
+            _book(gained, "stepping", -work(ground[0] - arriving))
         if scene.friction is not None:
             _book(gained, "friction", -work(ground[1] + ground[2]))
     if rigid_struts(scene) is not None:
@@ -136,11 +137,11 @@ def _strut_actuation(scene: Scene, step: Step, impulse: NodeVectors) -> Scalar:
     return -jnp.sum(tensions(struts.edges, step.start[0], impulse) * changed, axis=0) / (h + before)
 
 
-def _staying(scene: Scene, step: Step) -> PerNode | float:
-    """1 of nodes that were on a curved ground before the step already, else 0; 0 of ground with edges, or of a plane."""
+def _staying(scene: Scene, step: Step) -> PerNode | None:
+    """1 of nodes that were on a curved ground already, else 0; None of ground with edges, or of a plane."""
     ground = exact_ground(scene)
     if ground is None or ground.surface is None or not ground.surface.smooth:
-        return 0.0
+        return None
     return (step.before.impulses.normal > 0).astype(step.start[0].dtype)
 
 

@@ -133,7 +133,7 @@ def test_a_structure_without_a_stress_is_refused():
 
 
 def test_a_cross_in_a_square_is_super_stable():
-    """Connelly's (1982): q = 1 on the sides, -1 on the diagonals; of rank 1 = nodes - 3, since the nodes span a plane."""
+    """Connelly's (1982): q = 1 on the sides, -1 on the diagonals; of rank 1 = nodes - 3 in a plane."""
     q = np.array([-1.0, -1, 1, 1, 1, 1])
     np.testing.assert_allclose(equilibrium_matrix(SQUARE, DIAGONALS + SIDES) @ q, 0, atol=1e-15)
     assert super_stable(SQUARE, DIAGONALS + SIDES, q)

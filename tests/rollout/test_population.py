@@ -292,7 +292,7 @@ def test_what_is_kept_is_as_it_was(swimmer, monkeypatch):
         np.testing.assert_array_equal(simulate_population(swimmer, gaits, 0.3, options=options).com_end, first)
 
 
-@pytest.mark.parametrize(("start", "ramp"), [(-1.0, 1.0), (0.1, -0.5)])
+@pytest.mark.parametrize(("start", "ramp"), [(-1.0, 1.0), (-0.1, 0.5)])
 def test_a_gait_that_runs_at_the_start_is_refused_where_struts_are_rigid(exact, start, ramp):
     """They do not have the lengths then that the structure is posed with."""
     running = eqx.tree_at(lambda g: (g.start, g.ramp), exact.gait, (np.array(start), np.array(ramp)))

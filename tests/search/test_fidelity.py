@@ -39,6 +39,7 @@ from jaxgrity import (
 )
 from jaxgrity.search.fidelity import within_bounds
 from jaxgrity.search.judging import judge_until, scored, standard_error
+from jaxgrity.search.models import rough_step
 
 SLOPE = 0.1
 STROKES = Gait((0,), [-np.pi / 2], [0.3], [1.0], start=0.0, ramp=0.25)
@@ -115,7 +116,7 @@ def test_two_models_count_alike(swimmer):
     thick = dataclasses.replace(swimmer, node_damping=3 * swimmer.node_damping)
     problem = SearchProblem(swimmer, Genome(2), 1.0, Fitness(uncertainty=Uncertainty(phase=0.3), robots=2))
     gaits = as_population(swimmer.gait)
-    levels = [FidelityLevel("", scene, 1e-2, "float64") for scene in (swimmer, thick)]
+    levels = [FidelityLevel("", scene, rough_step(thick), "float64") for scene in (swimmer, thick)]
     one, other = (judge_at(level, gaits, problem, seed=2).each for level in levels)
     both = judge_at(levels[0]._replace(twin=thick), gaits, problem, seed=2).each
     np.testing.assert_allclose(both, (one + other) / 2, rtol=1e-12)

@@ -182,10 +182,10 @@ def test_where_the_normal_is_smooth_nothing_is_looked_for():
     """Height fields, slopes and bowls are linearised where a node would be at the end of the step, to the last bit."""
     q, v = jnp.array([[0.1, 0.2, 0.3], [0.4, 0.0, -0.1]]), jnp.array([[0.3, 0.1, -5.0], [0.0, 0.0, -4.0]])
     for surface in (Slope(0.2), bumps(0.1, 0.5, seed=0), Sphere(np.array([0.0, 0, 2]), 2.0, hollow=True)):
-        met = where_met(ExactGround(surface=surface), DT, q, v)
+        met = where_met(ExactGround(surface=surface), 1.0, DT, q, v)
         np.testing.assert_array_equal(met.at, q + DT * v)
         assert met.share == 1.0
-    assert where_met(ExactGround(0.2), DT, q, v).at is q
+    assert where_met(ExactGround(0.2), 1.0, DT, q, v).at is q
 
 
 def test_the_place_of_entry_has_the_derivative_of_the_root():
@@ -194,7 +194,7 @@ def test_the_place_of_entry_has_the_derivative_of_the_root():
 
     def place(numbers):
         surface = Cylinder(jnp.array([0.0, -1, 0]), jnp.array([0.0, 1, 0]), numbers[6] * 0.5)
-        at = where_met(ExactGround(surface=surface), 0.01, q + numbers[:3], v + numbers[3:6]).at
+        at = where_met(ExactGround(surface=surface), 1.0, 0.01, q + numbers[:3], v + numbers[3:6]).at
         return at.ravel()
 
     numbers = jnp.zeros(7).at[6].set(1.0)
@@ -205,5 +205,5 @@ def test_the_place_of_entry_has_the_derivative_of_the_root():
     np.testing.assert_allclose(jax.jacrev(place)(numbers), jacobian, rtol=0, atol=1e-12)
     assert np.abs(jacobian[:, 6]).max() > 0.1
     post = jax.tree.map(jnp.float32, POST)
-    single = where_met(ExactGround(surface=post), 0.01, q.astype(jnp.float32), v.astype(jnp.float32))
+    single = where_met(ExactGround(surface=post), 1.0, 0.01, q.astype(jnp.float32), v.astype(jnp.float32))
     assert single.at.dtype == jnp.float32
