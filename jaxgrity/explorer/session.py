@@ -17,7 +17,7 @@ from jaxgrity.report.poses import RobotPoses, robot_poses
 from jaxgrity.stepping.integrate import FAILURES
 from jaxgrity.stepping.options import ResolvedOptions, resolve
 from jaxgrity.stepping.simulate import Trajectory, centre_path, simulate
-from jaxgrity.trust.error_bars import refinement_bar
+from jaxgrity.trust.error_bars import refinement_bar, timing_bar
 from jaxgrity.trust.orbits import find_orbit, period_of
 
 OWN = "the scene's own"
@@ -101,7 +101,7 @@ def chosen_robot(scene: str, contact: str, gait: str, duration: float) -> Robot3
                 return None
             trajectory = simulate(rolled.scene, duration, options=finer, frame_rate=FRAME_RATE)
             paths.append(centre_path(rolled.scene, trajectory))
-        return float(refinement_bar(*(path[-1:] for path in paths))[0])
+        return float(refinement_bar(*(path[-1:] for path in paths))[0]) + timing_bar(rolled.scene, options)
 
     def orbit(rolled: Rolled) -> str:
         return orbit_words(rolled.scene, options)

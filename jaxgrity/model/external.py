@@ -104,6 +104,10 @@ class Push(DissipationTerm):
     def finest(self):
         return float(self.ramp) / 2
 
+    def misplaced(self, h):
+        total = float(np.linalg.norm(np.asarray(self.force).sum(0)) * (self.duration - self.ramp))
+        return total * h / 2 if self.duration < 4 * h else 0.0
+
     def keeps(self, symmetry):
         pushed = dict(zip(self.nodes, np.asarray(self.force)))
         moved = {symmetry.nodes[i]: symmetry.matrix @ force for i, force in pushed.items()}

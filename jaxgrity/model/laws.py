@@ -122,6 +122,13 @@ class Law(eqx.Module):
         """s, the largest fixed step of Runge-Kutta methods that sees all of it; infinite where any does."""
         return np.inf
 
+    def misplaced(self, h: float) -> float:
+        """N s^2: impulse times the time by which complementarity stepping in steps of h (s) may be off with it.
+
+        Smaller steps show what lasts for longer than that; for it this is 0.
+        """
+        return 0.0
+
 
 class ForceTerm(Law):
     """A term of U or of R, whose force is proportional to some coefficient: a stiffness, a damping, a friction."""

@@ -16,7 +16,7 @@ from jaxgrity.stepping.integrate import FAILURES
 from jaxgrity.stepping.options import Options, resolve
 from jaxgrity.stepping.simulate import Trajectory, centre_path, simulate, with_room
 from jaxgrity.trust.energy_audit import EnergyAudit, energy_audit
-from jaxgrity.trust.error_bars import refinement_bar
+from jaxgrity.trust.error_bars import refinement_bar, timing_bar
 from jaxgrity.trust.sensitivity import Sensitivity, sensitivity
 
 UNCERTAIN = 0.01
@@ -182,7 +182,7 @@ def diagnose(
             growth = growing.result()
     paths = [centre_path(scene, rollout) for rollout in rollouts]
     failed = any(rollout.failed for rollout in rollouts)
-    bars = np.full(len(rollouts[0].times), np.inf) if failed else refinement_bar(*paths)
+    bars = np.full(len(rollouts[0].times), np.inf) if failed else refinement_bar(*paths) + timing_bar(scene, first)
     depth, strain = _penetration(scene, rollouts[0]), _strut_strain(scene, rollouts[0])
     on_progress(MEASUREMENTS, MEASUREMENTS)
     uneven = scene.ground is not None and scene.ground.surface is not None

@@ -19,6 +19,7 @@ from jaxgrity import (
     simulate,
     with_terms,
 )
+from jaxgrity.trust.error_bars import timing_bar
 
 FORCE, START = 50.0, 0.0503
 
@@ -38,6 +39,18 @@ def test_an_impulse_is_right_at_any_step(start):
     for duration in (1e-3, 4e-3, 3e-2):
         motion = simulate(pushed(duration, start=start), 0.2, options=SolverOptions(dt=1e-2), frame_rate=10.0)
         np.testing.assert_allclose(motion.velocities[-1, 0, 0], FORCE * 0.75 * duration, rtol=1e-12)
+
+
+@pytest.mark.parametrize("start", [START, 0.0999])
+def test_error_bars_know_when_steps_are_longer_than_a_push(start):
+    """All of them may give it at the same time, so that none of them differs: the bar covers the way that it is off."""
+    for duration in (1e-3, 4e-3):
+        scene, options = pushed(duration, start=start), SolverOptions(dt=1e-2)
+        motion = simulate(scene, 0.2, options=options, frame_rate=10.0)
+        way = FORCE * 0.75 * duration * (0.2 - start - duration / 2)
+        off = abs(float(motion.positions[-1, 0, 0]) - way)
+        assert 0 < off <= timing_bar(scene, resolve(scene, 0.2, options))
+    assert timing_bar(pushed(5e-2), resolve(scene, 0.2, options)) == 0
 
 
 def test_pieces_share_a_push_between_them():
