@@ -16,7 +16,7 @@ def traced(tree: Any) -> bool:
     return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(tree))
 
 
-def refuse_traced(tree: Any, where: str, instead: str) -> None:
+def refuse_traced(tree: Any, where: str, instead: str = "differentiate a `rollout` in its place") -> None:
     """Raises `InputError` where a number of `tree` is being traced; `where` cannot take it, `instead` says what can."""
     if traced(tree):
         raise InputError(f"{where}: its numbers have to be known, under grad, jit and vmap too; {instead}")

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxgrity.core.primitives import edge_vectors, length
+from jaxgrity.core.tracing import evaluated
 from jaxgrity.model.actuation import Actuation, rest_length, rest_lengths_along
 from jaxgrity.model.laws import Constraint, SceneParts, moved_members, same_roles, unchanged
 from jaxgrity.model.structure import Members, edge_lengths
@@ -45,7 +46,7 @@ class RigidStruts(Constraint):
 
     def _known_lengths(self, t):
         # without it, JAX mixes up the precisions of NumPy's numbers where something else had x64 on for a while
-        with jax.enable_x64(True):
+        with jax.enable_x64(True), evaluated():
             return np.asarray(rest_lengths_along(self.struts, self.gait, np.full(1, float(t)), 0))[0]
 
     def complaint(self, q, t, part):

@@ -10,13 +10,14 @@ import numpy as np
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import dot, inverse, length
+from jaxgrity.core.tracing import refuse_traced
 from jaxgrity.core.types import AnyArray, NodeHistory, NodeVectors, Scalar
 from jaxgrity.model.scene import Scene, as_dtype
 from jaxgrity.rollout.step_impulses import impulses_along
 from jaxgrity.stepping.dynamics import member_pull, support_forces, total_force
 from jaxgrity.stepping.integrate import prepared
 from jaxgrity.stepping.methods import find_method
-from jaxgrity.stepping.simulate import Trajectory, velocities_midway
+from jaxgrity.stepping.simulate import Trajectory, velocities_midway, with_room
 
 
 class Forces(NamedTuple):
@@ -59,11 +60,12 @@ def forces_along(scene: Scene, trajectory: Trajectory) -> Forces:
         >>> forces.tension.shape, forces.ground.shape
         ((51, 30), (51, 12, 3))
     """
+    refuse_traced((scene, trajectory), "forces_along")
     dtype = str(trajectory.positions.dtype)
     scene = as_dtype(scene, dtype)
     v = velocities_midway(scene, trajectory)
-    frames = (jnp.asarray(x, dtype) for x in (trajectory.times, trajectory.positions, v))
-    found = Forces(*(np.asarray(x, float) for x in _by_forces(scene, *frames)))
+    frames = (with_room(np.asarray(x, dtype), v.shape[1]) for x in (trajectory.times, trajectory.positions, v))
+    found = Forces(*(np.asarray(x, float)[: len(v)] for x in _by_forces(scene, *frames)))
     if not find_method(trajectory.method).constrained:
         return found
     if len(trajectory.times) < 2:

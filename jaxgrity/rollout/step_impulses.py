@@ -69,7 +69,7 @@ def impulses_along(scene: Scene, trajectory: Trajectory) -> Exerted:
     taken = _stepped(as_dtype(scene, dtype), options.as_inputs(), plan, np.asarray(count + 1))
     ends = np.append(times, starts[-1])
     # velocities are those in the middle of steps: a motion that begins at rest has half a step less for them
-    acted = ends - (0 if np.any(trajectory.velocities[0]) else (np.minimum(ends, starts[1]) - starts[0]) / 2)
+    acted = ends - (0 if np.asarray(trajectory.velocities)[0].any() else (np.minimum(ends, starts[1]) - starts[0]) / 2)
 
     def means(each):
         total = np.cumsum(np.asarray(each, float)[: count + 1], axis=0)

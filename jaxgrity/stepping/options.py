@@ -247,7 +247,7 @@ def _together(scene: Scene, given: SolverOptions, method: Method, concrete: bool
         return False
     mass, (i, j) = np.asarray(scene.structure.node_mass), np.array(struts.edges).T
     unequal = np.max(np.maximum(mass[i] / mass[j], mass[j] / mass[i])) > MASS_RATIO
-    return bool(unequal or (scene.friction is not None and np.max(scene.friction.sliding_mu) >= ROUGH))
+    return bool(unequal or (scene.friction is not None and np.max(np.asarray(scene.friction.sliding_mu)) >= ROUGH))
 
 
 @remembered(KEPT)

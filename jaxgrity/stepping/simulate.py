@@ -78,9 +78,10 @@ def velocities_midway(scene: Scene, trajectory: Trajectory) -> np.ndarray:
     """
     if trajectory.dt is None or not find_method(trajectory.method).constrained:
         return np.asarray(trajectory.velocities, float)
-    dtype = str(trajectory.positions.dtype)
+    dtype, nodes = str(trajectory.positions.dtype), len(scene.structure.nodes)
     frames = (trajectory.times, trajectory.positions, trajectory.velocities)
-    return np.asarray(_midway(as_dtype(scene, dtype), np.asarray(trajectory.dt, dtype), *frames), float)
+    kept = _midway(as_dtype(scene, dtype), np.asarray(trajectory.dt, dtype), *(with_room(x, nodes) for x in frames))
+    return np.asarray(kept, float)[: len(trajectory.times)]
 
 
 @eqx.filter_jit
@@ -107,7 +108,7 @@ def frame_times(duration: float, frame_rate: float, at_most: float = math.inf) -
     return np.linspace(0, duration, max(1, round(duration * min(frame_rate, at_most))) + 1)
 
 
-def with_room(frames: np.ndarray, nodes: int) -> np.ndarray:
+def with_room(frames: AnyArray, nodes: int) -> np.ndarray:
     """The same frames, the last one over and over until `ROOM` is full, so that motions share compiled programs."""
     more = max(0, ROOM // nodes - len(frames))
     return np.pad(frames, [(0, more), *[(0, 0)] * (np.ndim(frames) - 1)], mode="edge")

@@ -26,6 +26,8 @@ STANDS_ON = 3
 """nodes, at least, that carry a structure's weight on uneven ground, although only one touches it as it is set down"""
 LARGEST_STEP = 5e-3
 """s, the largest step that is chosen for a body of one metre: contacts begin and end to a step"""
+INDEPENDENT = 1e-9
+"""Constraints this much weaker than the strongest follow from the others: struts more than rigidity needs."""
 WIDEST = 1e2
 """times the fastest mode's time: no larger step is looked at"""
 
@@ -81,11 +83,11 @@ def linearise(scene: Scene, state: State) -> Linearised:
         return Linearised(stiffness, damping, place)
     with jax.enable_x64(True), evaluated():
         mass = np.asarray(mass_matrix(scene.structure))[among]
-    forces = np.linalg.lstsq(rows.T, -mass @ np.asarray(a).ravel()[moves], rcond=None)[0]
+    forces = np.linalg.lstsq(rows.T, -mass @ np.asarray(a).ravel()[moves], rcond=INDEPENDENT)[0]
     stiffness = stiffness - np.linalg.solve(mass, _turning(scene, q, forces)[among])
     root = np.linalg.cholesky(mass)
     _, strengths, axes = np.linalg.svd(np.linalg.solve(root, rows.T).T)
-    basis = np.linalg.solve(root.T, axes[np.sum(strengths > 1e-9 * strengths[0]) :].T)
+    basis = np.linalg.solve(root.T, axes[np.sum(strengths > INDEPENDENT * strengths[0]) :].T)
     reduce = basis.T @ mass
     return Linearised(reduce @ stiffness @ basis, reduce @ damping @ basis, place @ basis)
 
@@ -118,7 +120,6 @@ def _turning(scene: Scene, q: np.ndarray, forces: np.ndarray) -> np.ndarray:
 
 def stable_step(scene: Scene, state: State, method: Method | str) -> float:
     """Largest step (s) at which no small motion about `state` grows by `GROWTH` a step more in `method` than in truth.
-
     Infinite for implicit methods, which are stable at any step. It speaks of small motions: smooth friction, whose
     force is bounded, chatters beyond it and blows up much later.
     """
@@ -252,7 +253,7 @@ def step_limit(scene: Scene, method: Method | str) -> StepLimit:
         method: or its name.
 
     Raises:
-        InputError: where there is no method of this name.
+        InputError: no method of this name.
 
     Example:
         >>> limit = jaxgrity.step_limit(jaxgrity.load_scene("exact"), "complementarity")

@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxgrity.core.tracing import refuse_traced
 from jaxgrity.core.types import Count, NodeHistory, NodeVectors, Scalar, Times
 from jaxgrity.model.scene import Scene, as_dtype, start_of
 from jaxgrity.stepping.dynamics import angular_momentum, kinetic_energy, momentum, vector_field
@@ -98,6 +99,7 @@ def energy_audit(scene: Scene, duration: float, *, options: Options = None, fram
         >>> bool(abs(audit.residual).max() < 1e-3 * audit.turned_over)
         True
     """
+    refuse_traced((scene, duration), "energy_audit")
     resolved = resolve(scene, duration, options, dtype="float64")
     times = frame_times(duration, frame_rate, at_most=math.inf if resolved.dt is None else 1 / float(resolved.dt))
     exact, saved = as_dtype(scene, "float64"), with_room(times, len(scene.structure.nodes))

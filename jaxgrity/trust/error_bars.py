@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jaxgrity.core.tracing import refuse_traced
 from jaxgrity.core.types import PerGait, Vectors
 from jaxgrity.model.actuation import Gait
 from jaxgrity.model.scene import Scene
@@ -57,6 +58,7 @@ def verify(scene: Scene, gaits: Gait, duration: float, *, options: Options = Non
         >>> verified.distance.shape, bool((verified.error_bar < 1e-3).all())
         ((3,), True)
     """
+    refuse_traced((scene, gaits, duration), "verify")
     resolved = resolve(scene, duration, options, dtype="float64").refined()
     runs = [simulate_population(scene, gaits, duration, options=each) for each in resolved]
     failed = np.any([np.asarray(run.failure) != 0 for run in runs], axis=0)

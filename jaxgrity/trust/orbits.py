@@ -12,6 +12,7 @@ import equinox as eqx
 import numpy as np
 
 from jaxgrity.core.errors import InputError
+from jaxgrity.core.tracing import refuse_traced
 from jaxgrity.core.types import State
 from jaxgrity.model.actuation import Gait
 from jaxgrity.model.scales import speed_scale, time_scale
@@ -150,9 +151,9 @@ def find_orbit(
         >>> orbit.settled, orbit.speed > 0.5  # m/s
         (True, True)
     """
+    refuse_traced((scene, duration), "find_orbit")
     period = period_of(scene.gait)
-    least = shortest_watch(scene.gait)
-    if duration < least:
+    if duration < (least := shortest_watch(scene.gait)):
         raise InputError(f"duration = {duration:g} s: expected at least {least:.4g} s, to see cycles of this gait")
     count, plane, first = int(duration / period + 1e-9), plane_of(scene), _first_period(scene.gait)
     here, v = (scene, None) if beginning is None else (restarted(scene, beginning), beginning.state[1])

@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxgrity.core.tracing import refuse_traced
 from jaxgrity.core.types import AnyArray, Count, Scalar, Times
 from jaxgrity.model.actuation import Gait
 from jaxgrity.model.scene import Scene, as_dtype
@@ -64,6 +65,7 @@ def sensitivity(scene: Scene, duration: float, *, options: Options = None, frame
         >>> growth.unit, growth.norm.shape
         ('m/rad', (3,))
     """
+    refuse_traced((scene, duration), "sensitivity")
     resolved = resolve(scene, duration, options, dtype="float64")
     times = frame_times(duration, frame_rate)
     parts = len(times) - 1

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
+from jaxgrity.core.tracing import refuse_traced
 from jaxgrity.core.types import Times
 from jaxgrity.model.actuation import rest_lengths_along
 from jaxgrity.model.scales import length_scale, speed_scale, time_scale
@@ -123,7 +124,7 @@ class TrustReport(NamedTuple):
             rate = facts["sensitivity_growth_rate"]
             growing = f", growing by {rate:.2g} 1/s" if np.isfinite(rate) else ""
             rows["sensitivity at the end"] = f"{facts['sensitivity']:.2g} {self.sensitivity.unit}{growing}"
-        lasting = "at least " if facts["predictable_up_to"] >= float(self.trajectory.times[-1]) else ""
+        lasting = "at least " if facts["predictable_up_to"] >= np.asarray(self.trajectory.times)[-1] else ""
         rows[f"predictable to {100 * self.predictable:.3g} cm up to"] = f"{lasting}{facts['predictable_up_to']:.3g} s"
         wide = max(map(len, rows))
         return "\n".join(f"{name:<{wide}}  {value}" for name, value in rows.items())
@@ -161,6 +162,7 @@ def diagnose(
         >>> report.error_bar < 1e-3, report.horizon  # m; s
         (True, 0.2)
     """
+    refuse_traced((scene, duration), "diagnose")
     resolved = resolve(scene, duration, options)
     first, *finer = resolved.refined()
     on_progress(0, MEASUREMENTS)

@@ -83,7 +83,7 @@ def test_exact_contact_is_diagnosed_too(exact):
     found = diagnose(exact, 2.0).summary()
     assert found["penetration"] < 1e-12
     assert found["strut_strain"] < 1e-6
-    assert set(found["energy"]["dissipated"]) == {"nodes", "cables", "impacts", "friction"}
+    assert set(found["energy"]["dissipated"]) == {"nodes", "cables", "impacts", "friction", "stepping"}
 
 
 @pytest.mark.parametrize(
