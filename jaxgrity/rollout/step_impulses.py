@@ -11,15 +11,14 @@ import numpy as np
 import scipy
 
 from jaxgrity.core.types import AnyArray, NodeHistory, PerMember, Scalar, Times
-from jaxgrity.model.actuation import Actuation, rest_length
-from jaxgrity.model.scene import Scene, as_dtype, floats_as
-from jaxgrity.model.structure import Members
+from jaxgrity.model.actuation import rest_length, rest_lengths_along
+from jaxgrity.model.scene import Scene, as_dtype
 from jaxgrity.stepping.constraints import rigid_struts
 from jaxgrity.stepping.handover import carried_from
 from jaxgrity.stepping.integrate import discretise, prepared
 from jaxgrity.stepping.options import ResolvedOptions, options_anew
 from jaxgrity.stepping.power import Step, ground_impulses, strut_impulses, support_impulses, tensions
-from jaxgrity.stepping.simulate import Trajectory
+from jaxgrity.stepping.simulate import Trajectory, with_room
 
 MOST = 2**10
 """Smallest number of steps for which there is room: motions with fewer share a compiled program."""
@@ -94,9 +93,7 @@ def _plan(scene: Scene, trajectory: Trajectory, starts: np.ndarray) -> StepPlan:
     if struts is not None:
         i, j = np.array(struts.edges).T
         with jax.enable_x64(True):
-            asked = _asked_lengths(
-                as_dtype(struts, "float64"), floats_as(scene.gait, "float64"), jnp.asarray(_padded(times, room))
-            )
+            asked = rest_lengths_along(struts, scene.gait, with_room(times, q.shape[1]), 0)
         more = np.linalg.norm(q[:, i].astype(float) - q[:, j], axis=-1) - np.asarray(asked)[: len(times)]
     # Only frames at steps have the true lengths, and they are smooth: their second derivative is a force.
     at = np.unique(frame[near])
@@ -115,12 +112,6 @@ def _plan(scene: Scene, trajectory: Trajectory, starts: np.ndarray) -> StepPlan:
 
 def _padded(rows: np.ndarray, size: int) -> np.ndarray:
     return np.pad(rows, [(0, max(0, size - len(rows))), *[(0, 0)] * (rows.ndim - 1)], mode="edge")
-
-
-@eqx.filter_jit
-def _asked_lengths(struts: Members, gait: Actuation | None, times: Times) -> AnyArray:
-    """(frames, struts), m: what the scene says of its rigid struts."""
-    return jax.vmap(lambda t: rest_length(struts, gait, t, 0))(times)
 
 
 @eqx.filter_jit
