@@ -27,8 +27,8 @@ from jaxgrity.stepping.power import Step
 FEWEST, SIDE_BY_SIDE = 32, 256
 """robots that a core integrates side by side, at least, and bytes of one number of all of them, at most: enough to fill
 the vector units, few enough for the nearest caches (measured)"""
-MANY = 2**20
-"""on a GPU, which runs them at once (not measured)"""
+MANY = 2**16
+"""on a GPU: enough to fill it, few enough for its caches (measured, docs/scaling.md)"""
 CACHE = 2**20
 """bytes that the members' vectors of all robots side by side may take: they are used over and over (measured)"""
 

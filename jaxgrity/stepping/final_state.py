@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxgrity.core.errors import InputError
+from jaxgrity.core.tracing import traced
 from jaxgrity.core.types import Scalar, State, Times
 from jaxgrity.model.scene import Scene, start_of
 from jaxgrity.stepping.complementarity import SWEPT
@@ -44,7 +45,8 @@ def final_state(
         Positions and velocities at the end, (nodes, 3) each.
 
     Raises:
-        InputError: a method that adapts its step; a start that violates rigid struts or exact contact.
+        InputError: a method that adapts its step; a start that violates rigid struts or exact contact; a duration that
+            is being traced, without `steps`.
 
     Example:
         >>> scene = jaxgrity.load_scene("reference")
@@ -57,10 +59,13 @@ def final_state(
     """
     if options.dt is None:
         raise InputError(f"method = {options.method.name!r} adapts its step; expected a fixed one (dt)")
+    if steps is None and traced(duration):
+        raise InputError("duration is being traced, so that its steps cannot be counted; pass `steps`")
     check_start(scene, None if start is None else start[0], since)
     q, v = start_of(scene) if start is None else start
     scene, first = prepared(scene), (jnp.asarray(q, options.dtype), jnp.asarray(v, options.dtype))
-    end = stepped(scene, first, (since, since + duration), options, discretise(options), steps)
+    count = steps_between(0.0, duration, options) if steps is None else steps
+    end = stepped(scene, first, (since, since + duration), options, discretise(options), count)
     return state_from(scene, since + duration, *end)
 
 

@@ -304,7 +304,7 @@ def move_a_slider(browser) -> None:
     wait_for(lambda: browser.execute_script(words).split("\n")[1:] not in ([], before), "another rollout")
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_a_slider_in_a_browser_is_answered(server, page):
     """By a rollout for each key that moves it."""
     browser = start_browser()

@@ -68,7 +68,7 @@ def test_a_higher_frequency_has_an_orbit_of_its_own(crawler):
     np.testing.assert_allclose(closed.speed, find_orbit(quicker, 60.0, options=options).speed, rtol=1e-4)
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_newton_closes_an_orbit_on_exact_contact(exact):
     """From velocities that are off by 0.1 m/s it ends, but for rounding, where rolling on ends too."""
     scene = with_gait(exact, load_gait("straight"))
