@@ -80,9 +80,10 @@ def timing_bar(scene: Scene, options: ResolvedOptions) -> float:
 
     No smaller step shows it before the step is shorter than the push. A push P later by up to h/2 is off by P/m h/2.
     """
-    if not options.method.constrained:
+    if options.dt is None or not options.method.constrained:
         return 0.0
-    return sum(term.misplaced(float(options.dt)) for term in scene.terms) / float(scene.structure.mass)  # type: ignore[arg-type]
+    late = [term.misplaced(float(options.dt)) for term in scene.terms]
+    return sum(late) / float(scene.structure.mass)
 
 
 def refinement_bar(coarse: np.ndarray, middle: np.ndarray, fine: np.ndarray) -> np.ndarray:
