@@ -21,6 +21,7 @@ import identification_tables as identification
 import library_tables as library
 import numerics_tables as numerics
 import orbit_tables
+import population_tables as populations
 import search_tables as search
 import speed_tables as speed
 import validation_tables as validation
@@ -83,6 +84,7 @@ SOURCES: dict[str, Source] = {
         },
         {"scaling.png": "scaling.png"},
     ),
+    "populations": one_block("populations", SCALING, populations.populations_facts, populations.populations_table),
     "first_commands": Source(
         "first_commands/first_commands.json",
         speed.first_commands_facts,
