@@ -52,6 +52,18 @@ class SceneParts(Protocol):
     scales: Any
 
 
+class BetweenEnds:
+    """x_i - x_j of the "struts" and the "cables", by these names: as it is known, or else from the nodes' x."""
+
+    def __init__(self, known: VectorsByKind, x: NodeVectors, scene: SceneParts) -> None:
+        self._known, self._x, self._scene = known, x, scene
+
+    def __getitem__(self, kind: str) -> MemberVectors:
+        if kind in self._known:
+            return self._known[kind]
+        return edge_vectors(self._x, _members(self._scene, kind).edges)
+
+
 class Configuration(NamedTuple):
     """What U is a function of."""
 
@@ -59,14 +71,19 @@ class Configuration(NamedTuple):
     """positions, m"""
     t: Scalar
     """time, s"""
-    vectors: VectorsByKind
-    """d = x_i - x_j, m, of those "struts" and "cables" along which forces act"""
+    known: VectorsByKind
+    """`vectors` of those members along which the library's own forces act"""
     scene: Any
     """the `Scene` that the law belongs to"""
 
+    @property
+    def vectors(self) -> BetweenEnds:
+        """d = x_i - x_j, m, of "struts" and "cables" by their names."""
+        return BetweenEnds(self.known, self.q, self.scene)
+
     def length(self, kind: str) -> PerMember:
         """l, m, of each of the "struts" or "cables"."""
-        return length(_of_kind(self.vectors, kind, self.q, self.scene))
+        return length(self.vectors[kind])
 
     def stretch(self, kind: str) -> PerMember:
         """l - L(t), m, of each of the "struts" or "cables"; a cable is slack where it is negative.
@@ -83,17 +100,22 @@ class Motion(NamedTuple):
 
     v: NodeVectors
     """velocities, m/s"""
-    rates: VectorsByKind
-    """d' = v_i - v_j, m/s, of those "struts" and "cables" that have dampers"""
+    known: VectorsByKind
+    """`rates` of those members that have dampers"""
     normal_force: PerNode | None
     """F_n, N, with which the ground presses on each node, held fixed in dR/dv; None where it presses by no force"""
     at: Configuration
     """where"""
 
+    @property
+    def rates(self) -> BetweenEnds:
+        """d' = v_i - v_j, m/s, of "struts" and "cables" by their names."""
+        return BetweenEnds(self.known, self.v, self.at.scene)
+
     def rate_of_length(self, kind: str) -> PerMember:
         """l' = d·d'/|d|, m/s, of each of the "struts" or "cables"."""
-        d = _of_kind(self.at.vectors, kind, self.at.q, self.at.scene)
-        return over(dot(d, _of_kind(self.rates, kind, self.v, self.at.scene)), length(d))
+        d = self.at.vectors[kind]
+        return over(dot(d, self.rates[kind]), length(d))
 
 
 class Law(eqx.Module):
@@ -232,8 +254,3 @@ def _members(scene: SceneParts, kind: str) -> Members:
     if members is None:
         raise InputError(f"a law acts along {kind!r}, which the scene does not have; expected a scene with them")
     return members
-
-
-def _of_kind(known: VectorsByKind, kind: str, x: NodeVectors, scene: SceneParts) -> MemberVectors:
-    """The `known` x_i - x_j of members of a kind, or new ones, where no law of the library needs them."""
-    return known[kind] if kind in known else edge_vectors(x, _members(scene, kind).edges)

@@ -20,6 +20,8 @@ from jaxgrity.trust.orbits import Orbit, in_step, period_of, restarted
 
 NEUTRAL = ("shift x", "shift y", "turn")
 """along the ground (x down a slope), and about the vertical"""
+THIN = 1e-9
+"""Nodes this close to one vertical line, as a share of its length, do not say how far the robot has turned."""
 
 
 class FloquetMultipliers(NamedTuple):
@@ -137,6 +139,8 @@ def _multipliers(
     mass: AnyArray, plane: Plane, before: AnyArray, end: AnyArray, derivative: AnyArray
 ) -> FloquetMultipliers:
     """Of a cycle from the state `before` to `end`, (2, nodes, 3) each, in the plane's axes."""
+    if np.ptp(before[0][:, :2], axis=0).max() <= THIN * np.ptp(before[0], axis=0).max():
+        plane = plane._replace(turns=False)
     moved, _, angle = moved_onto(mass, end[0], before[0], plane)
     c, s = np.cos(angle), np.sin(angle)
     back = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])

@@ -2,8 +2,9 @@
 
 import jax
 import numpy as np
+import pytest
 
-from jaxgrity import Gait
+from jaxgrity import Gait, InputError
 from jaxgrity.model.actuation import Overtone, contraction, peak_rates
 
 
@@ -19,3 +20,9 @@ def test_peak_rates_are_those_of_the_rest_lengths():
         np.testing.assert_allclose(peak_rates(gait, lengths), steepest, rtol=2e-3)
     several = jax.tree.map(lambda x: np.stack([x, x]) if np.ndim(x) else x, gait)
     np.testing.assert_array_equal(peak_rates(several, lengths), np.stack([peak_rates(gait, lengths)] * 2))
+
+
+def test_a_ramp_of_no_time_is_refused():
+    """It would divide by zero before the gait begins."""
+    with pytest.raises(InputError, match=r"^gait.ramp = 0.0: expected a positive time"):
+        Gait((0,), [0.0], [0.1], [1.0], ramp=0.0)

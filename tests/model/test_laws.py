@@ -1,5 +1,6 @@
 """The laws of a scene: all that there are can act and are listed, and all else that is known follows from the list."""
 
+import dataclasses
 import inspect
 from typing import ClassVar
 
@@ -243,6 +244,21 @@ def test_terms_of_ones_own_are_traced_like_the_librarys(prism):
         return scene.dissipation(jnp.zeros((6, 3)), scene.structure.nodes, 0.0, None)
 
     np.testing.assert_allclose(jax.grad(end)(2.0), 6 / 2, rtol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["exact", "reference"])
+def test_laws_find_all_members_whatever_acts_along_them(request, name):
+    """`vectors` and `rates` of struts too, also where these are rigid; of what is not there, one line says so."""
+    scene = request.getfixturevalue(name)
+    i, j = np.array(scene.structure.struts.edges).T
+    q, v = scene.structure.nodes, np.random.default_rng(0).normal(size=(12, 3))
+    motion = scene.motion(v, q, 0.0, None)
+    np.testing.assert_array_equal(motion.at.vectors["struts"], q[i] - q[j])
+    np.testing.assert_array_equal(motion.rates["struts"], v[i] - v[j])
+    assert motion.rates["cables"].shape == motion.at.vectors["cables"].shape == (24, 3)
+    bare = dataclasses.replace(scene, structure=dataclasses.replace(scene.structure, cables=None), gait=None)
+    with pytest.raises(InputError, match="a law acts along 'cables', which the scene does not have"):
+        bare.configuration(q, 0.0).vectors["cables"]
 
 
 class Glue(ConeFriction):

@@ -69,6 +69,18 @@ def test_lengths_have_derivatives_in_what_is_asked_for():
     np.testing.assert_allclose(there[0], 1.0)
 
 
+def test_a_command_that_repeats_the_length_before_it_has_a_derivative():
+    """Only the last one says where a fast motor is, whether it moves for it or not."""
+
+    def length(lengths):
+        motor = Motor(0, np.array([0.1, 0.5, 1.0]), lengths, rate=2.0)
+        return rest_length(Members(((0, 1),), None, [0.7], motors=(motor,)), None, 1.4, 0)[0]
+
+    slope = jax.jit(jax.grad(length))
+    for lengths in ([0.7, 0.7, 0.7], [0.7, 0.7, 0.8], [0.75, 0.6, 0.6]):
+        np.testing.assert_allclose(slope(np.array(lengths)), [0, 0, 1], atol=1e-12)
+
+
 def test_the_power_of_a_motor_is_booked(booked):
     """While it winds, and at the end, when it only approaches the last length."""
     found = booked(one_member(Motor(0, [0.1], [0.595], rate=0.2, lag=0.08)))["actuation"]

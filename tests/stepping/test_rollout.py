@@ -8,7 +8,22 @@ import pytest
 from small_scenes import swept
 
 import jaxgrity.rollout.lanes  # a sub-package has the function's name
-from jaxgrity import InputError, SolverOptions, resolve, rollout, simulate
+from jaxgrity import (
+    ExactGround,
+    InputError,
+    SolverOptions,
+    diagnose,
+    energy_audit,
+    final_state,
+    find_orbit,
+    natural_frequencies,
+    resolve,
+    resting_shape,
+    rollout,
+    sensitivity,
+    simulate,
+    verify,
+)
 
 SCENE = swept()
 OPTIONS = resolve(SCENE, 1.0, SolverOptions(dt=5e-3))
@@ -64,6 +79,15 @@ def test_times_may_be_traced_where_the_number_of_steps_is_given():
         ("no step can be chosen; pass options", lambda: jax.jit(_with_gravity)(9.81)),
         ("duration is being traced", lambda: jax.jit(lambda T: simulate(SCENE, T).positions)(0.1)),
         ("for reverse mode use jaxgrity.rollout", lambda: jax.grad(_simulated)(0.5)),
+        ("diagnose: its numbers have to be known", lambda: _slope(lambda s: diagnose(s, 0.1).error_bar)),
+        ("verify: its numbers have to be known", lambda: _slope(lambda s: verify(s, None, 0.1).distance[0])),
+        ("energy_audit: its numbers", lambda: _slope(lambda s: energy_audit(s, 0.1).kinetic[-1])),
+        ("sensitivity: its numbers", lambda: _slope(lambda s: sensitivity(s, 0.1).norm[-1])),
+        ("find_orbit: its numbers", lambda: _slope(lambda s: find_orbit(s).speed)),
+        ("resting_shape: its numbers", lambda: _slope(lambda s: resting_shape(s).positions[0, 2])),
+        ("natural_frequencies: its numbers", lambda: jax.grad(_lowest)(1.0)),
+        ("incline: it is being traced", lambda: jax.grad(lambda a: ExactGround(a).incline)(0.1)),
+        ("duration is being traced", lambda: jax.jit(lambda T: final_state(SCENE, T, OPTIONS))(0.1)),
     ],
 )
 def test_what_does_not_work_says_what_to_pass(message, call):
@@ -73,6 +97,14 @@ def test_what_does_not_work_says_what_to_pass(message, call):
 
 def _with_gravity(g):
     return simulate(eqx.tree_at(lambda s: s.gravity, SCENE, g), 0.1).positions
+
+
+def _slope(function):
+    return jax.grad(lambda g: function(eqx.tree_at(lambda s: s.gravity, SCENE, g)))(9.81)
+
+
+def _lowest(mass):
+    return natural_frequencies(lambda q: jnp.sum(q * q), mass * np.ones(3), SCENE.structure.nodes)[0]
 
 
 def _simulated(mu):

@@ -74,6 +74,21 @@ def test_multipliers_of_a_map_made_by_hand(plane):
     assert np.isnan(lost.others).all()
 
 
+@pytest.mark.parametrize("nodes", [1, 3], ids=["a point", "a vertical line"])
+def test_a_robot_without_extent_has_no_heading(nodes):
+    """Shifts alone are neutral."""
+    random = np.random.default_rng(0)
+    state = random.normal(size=(2, nodes, 3)) * np.array([[[0, 0, 1.0]], [[1, 1, 1]]])
+    other, shifts = 0.5 * np.eye(6 * nodes), np.zeros((6 * nodes, 2))
+    for k in range(2):
+        shifts[k : 3 * nodes : 3, k] = 1
+    kept = shifts @ shifts.T / nodes
+    found = multipliers._multipliers(np.ones(nodes), PLANES[0], state, state, kept + other @ (np.eye(6 * nodes) - kept))
+    assert list(found.neutral) == ["shift x", "shift y"]
+    np.testing.assert_allclose(list(found.neutral.values()), 1.0, atol=1e-12)
+    np.testing.assert_allclose(found.others, np.full(6 * nodes - 2, 0.5), atol=1e-12)
+
+
 def test_orbits_without_multipliers_are_refused(crawler):
     """A rollout that failed, a cycle that begins before the orbit's state."""
     scene, orbit, options = crawler

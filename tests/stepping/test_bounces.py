@@ -1,0 +1,104 @@
+"""Impacts with restitution and friction never make energy, on one robot and on many."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxgrity import (
+    ConeFriction,
+    ExactGround,
+    Members,
+    Scene,
+    SolverOptions,
+    Sphere,
+    Structure,
+    energy_audit,
+    resolve,
+    rollout,
+)
+from jaxgrity.stepping import complementarity
+
+ROBOTS, DT = 400, 5e-3
+
+
+def thrown(mu: float = 0.9, restitution: float = 0.9) -> Scene:
+    """A rigid strut without weight."""
+    structure = Structure([[0, 0, 0], [0, 0, 1.0]], [1.0, 1.0], Members(((0, 1),), None, [1.0]))
+    return Scene(structure, ground=ExactGround(restitution=restitution), friction=ConeFriction(mu))
+
+
+def starts() -> tuple[np.ndarray, np.ndarray]:
+    """Just above the ground, at any slope, moving and turning in any way, most of them downwards."""
+    random = np.random.default_rng(0)
+    along = random.normal(size=(ROBOTS, 3))
+    along[:, 2] = np.abs(along[:, 2])
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    q = np.stack([0 * along, along], axis=1) + np.array([0.0, 0.0, 1e-3])
+    v = random.normal(size=(ROBOTS, 2, 3)) - np.array([0.0, 0.0, 1.0])
+    stretch = np.sum((v[:, 1] - v[:, 0]) * along, axis=1, keepdims=True) * along / 2
+    return q, v + np.stack([stretch, -stretch], axis=1)
+
+
+def gained(scene: Scene, together: bool) -> np.ndarray:
+    """By how much, at most, each robot's energy in later frames is above that at the start, as a share of it."""
+    options = resolve(scene, 1.0, SolverOptions(dt=DT, together=together))
+
+    def velocities(q, v):
+        found = rollout(scene, np.linspace(0.0, 0.06, 5), start=(q, v), options=options)
+        return found.velocities, found.ok
+
+    found, ok = jax.jit(jax.vmap(velocities))(*map(jnp.asarray, starts()))
+    assert np.all(ok)
+    energy = np.sum(np.square(found), axis=(2, 3)) / 2
+    assert np.ptp(energy, axis=1).max() > 0.1  # some do bounce
+    return energy[:, 1:].max(1) / energy[:, 0] - 1
+
+
+@pytest.mark.parametrize("together", [False, pytest.param(True, marks=pytest.mark.slow)])
+def test_a_rod_thrown_in_any_way_gains_nothing(together):
+    """Kane and Levinson (1985): with Newton's law of restitution and friction some would."""
+    assert gained(thrown(), together).max() < 1e-9
+
+
+@pytest.mark.slow
+def test_by_the_law_of_newton_alone_some_gain(monkeypatch):
+    """Else nothing above could fail."""
+    monkeypatch.setattr(complementarity, "bounce_gains", lambda *given: jnp.zeros((), bool))
+    jax.clear_caches()
+    try:
+        assert gained(thrown(), False).max() > 1e-2
+    finally:
+        jax.clear_caches()
+
+
+def test_where_nothing_is_gained_the_law_is_that_of_newton():
+    """A node leaves with e times its normal speed, and friction takes mu (1 + e) times that off the other."""
+    scene = Scene(Structure([[0, 0, 1e-3]], [2.0]), ground=ExactGround(restitution=0.5), friction=ConeFriction(0.2))
+    start = np.array([[0.0, 0.0, 1e-3]]), np.array([[3.0, 0.0, -2.0]])
+    v = rollout(scene, [0.0, 2 * DT], start=start, options=resolve(scene, 1.0, SolverOptions(dt=DT))).velocities[-1]
+    np.testing.assert_allclose(v, [[3.0 - 0.2 * 1.5 * 2.0, 0.0, 1.0]], rtol=0, atol=1e-12)
+
+
+def test_what_a_robot_without_a_gait_does_is_no_actuation():
+    """Its struts keep their lengths: what they miss by the size of the step is the scheme's."""
+    audit = energy_audit(_tumbling(), 0.5, options=SolverOptions(dt=2e-3))
+    assert not np.any(audit.actuation)
+    assert audit.dissipated["impacts"][-1] > 0.1
+    assert abs(audit.residual).max() < 1e-9 * audit.turned_over
+
+
+def _tumbling() -> Scene:
+    structure = Structure([[0, 0, 0.1], [0.6, 0, 0.9]], [1.0, 2.0], Members(((0, 1),), None, [1.0]))
+    return Scene(structure, gravity=9.81, ground=ExactGround(), friction=ConeFriction(0.5))
+
+
+def test_what_is_lost_on_a_curve_is_no_impact():
+    """A node without friction in a bowl keeps its energy: what the steps lose of it halves with them."""
+    bowl = ExactGround(surface=Sphere([0.0, 0.0, 1.0], 1.0, hollow=True))
+    scene = Scene(Structure([[np.sin(1.0), 0, 1 - np.cos(1.0)]], [1.0]), gravity=9.81, ground=bowl)
+    lost = [energy_audit(scene, 1.0, options=SolverOptions(dt=dt)).dissipated for dt in (4e-3, 2e-3)]
+    stepping, impacts = (np.array([each[cause][-1] for each in lost]) for cause in ("stepping", "impacts"))
+    assert np.all(stepping > 1e-3)
+    assert stepping[0] / stepping[1] == pytest.approx(2, rel=0.1)
+    assert np.all(np.abs(impacts) < 1e-2 * stepping)
