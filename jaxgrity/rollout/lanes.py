@@ -79,7 +79,7 @@ def roll_out_lanes(
     """
     room, used = parts if isinstance(parts, tuple) else (parts, None)
     lanes = gaits.phase.shape[-1]
-    scene, axes = in_lanes(with_scales(scene), gaits, differences)
+    scene, axes = in_lanes(scene, gaits, differences)
     start = start_of(scene)
     if differences is not None and differences.velocities is not None:
         start = start[0], differences.velocities
@@ -179,9 +179,9 @@ def in_lanes(scene: Scene, gaits: Gait, differences: Differences | None = None) 
     """The scene of many robots, with a last axis of lanes on every array but scalars, and the `in_axes` that say so.
 
     `gaits` and `differences` have lanes last already. Where some arrays had the axis and others not, JAX's rules for
-    elementwise operations would move it to the front.
+    elementwise operations would move it to the front. So scales are those of the scene, one number for all robots.
     """
-    lanes = gaits.phase.shape[-1]
+    scene, lanes = with_scales(scene), gaits.phase.shape[-1]
     spread = jax.tree.map(lambda x: jnp.broadcast_to(x[..., None], (*x.shape, lanes)) if x.ndim else x, scene)
     spread = differing(eqx.tree_at(lambda s: s.gait, spread, gaits, is_leaf=lambda x: x is None), differences)
     if spread.structure.coupled:

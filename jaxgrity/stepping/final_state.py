@@ -63,7 +63,9 @@ def final_state(
         raise InputError("duration is being traced, so that its steps cannot be counted; pass `steps`")
     check_start(scene, None if start is None else start[0], since)
     q, v = start_of(scene) if start is None else start
-    scene, first = prepared(scene), (jnp.asarray(q, options.dtype), jnp.asarray(v, options.dtype))
+    # numbers that are known stay so: nothing has to be computed of a start at rest
+    v = np.asarray(v, options.dtype) if isinstance(v, np.ndarray) else jnp.asarray(v, options.dtype)
+    scene, first = prepared(scene), (jnp.asarray(q, options.dtype), v)
     count = steps_between(0.0, duration, options) if steps is None else steps
     end = stepped(scene, first, (since, since + duration), options, discretise(options), count)
     return state_from(scene, since + duration, *end)

@@ -73,12 +73,12 @@ def rollout(
         if np.shape(given) != scene.structure.nodes.shape:
             expected = f"{scene.structure.nodes.shape}, a row for each node"
             raise InputError(f"start: {name} have shape {np.shape(given)}; expected {expected}")
+    if steps is None and traced(times):
+        raise InputError("times are being traced; pass `steps`, how many from each frame to the next")
     resolved = resolve(scene, 1.0, options, positions=q, since=times[0])
     if resolved.dt is None:
         raise InputError(f"method = {resolved.method.name!r} adapts its step; expected a fixed one (dt)")
     if steps is None:
-        if traced(times):
-            raise InputError("times are being traced; pass `steps`, how many from each frame to the next")
         steps = steps_between(0.0, float(np.diff(times).max()), resolved)
     return _rolled(as_dtype(scene, resolved.dtype), (q, v), times, steps, resolved.as_inputs())
 

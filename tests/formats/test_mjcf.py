@@ -90,9 +90,7 @@ def test_rods_that_share_nodes_are_springs_there(kind):
     assert "the mass of cables, and of struts that are springs there, is at their ends" in notes
 
 
-@pytest.mark.parametrize(
-    "kind", [pytest.param("prism", marks=pytest.mark.slow), *campaigns(RESTING_KINDS, but=("prism",))]
-)
+@pytest.mark.parametrize("kind", campaigns(RESTING_KINDS, but=()))
 def test_settled_heights_agree(kind):
     """The middle of the nodes at rest, rods with mass: within the penetration of MuJoCo's contact.
 

@@ -22,9 +22,9 @@ from jaxgrity.stepping import complementarity
 ROBOTS, DT = 400, 5e-3
 
 
-def thrown(mu: float = 0.9, restitution: float = 0.9) -> Scene:
-    """A rigid strut without weight."""
-    structure = Structure([[0, 0, 0], [0, 0, 1.0]], [1.0, 1.0], Members(((0, 1),), None, [1.0]))
+def thrown(mu: float = 0.3, restitution: float = 0.9, masses=(0.2, 2.0)) -> Scene:
+    """A rigid strut without weight, whose light end bounces: what pushes it down pushes it sideways too."""
+    structure = Structure([[0, 0, 0], [0, 0, 1.0]], masses, Members(((0, 1),), None, [1.0]))
     return Scene(structure, ground=ExactGround(restitution=restitution), friction=ConeFriction(mu))
 
 
@@ -50,15 +50,20 @@ def gained(scene: Scene, together: bool) -> np.ndarray:
 
     found, ok = jax.jit(jax.vmap(velocities))(*map(jnp.asarray, starts()))
     assert np.all(ok)
-    energy = np.sum(np.square(found), axis=(2, 3)) / 2
+    energy = np.sum(scene.structure.node_mass * np.sum(np.square(found), axis=3), axis=2) / 2
     assert np.ptp(energy, axis=1).max() > 0.1  # some do bounce
     return energy[:, 1:].max(1) / energy[:, 0] - 1
 
 
 @pytest.mark.parametrize("together", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_a_rod_thrown_in_any_way_gains_nothing(together):
-    """Kane and Levinson (1985): with Newton's law of restitution and friction some would."""
-    assert gained(thrown(), together).max() < 1e-9
+    """Kane and Levinson (1985): with Newton's law of restitution and friction some would.
+
+    Ends go along chords: of a rod that turns by an angle in a step that is known to the square of the angle.
+    """
+    _, v = starts()
+    turned = DT * np.linalg.norm(v[:, 1] - v[:, 0], axis=1)
+    assert np.all(gained(thrown(), together) < turned**2 + 1e-12)
 
 
 @pytest.mark.slow
@@ -67,7 +72,7 @@ def test_by_the_law_of_newton_alone_some_gain(monkeypatch):
     monkeypatch.setattr(complementarity, "bounce_gains", lambda *given: jnp.zeros((), bool))
     jax.clear_caches()
     try:
-        assert gained(thrown(), False).max() > 1e-2
+        assert gained(thrown(), False).max() > 0.1
     finally:
         jax.clear_caches()
 
@@ -76,7 +81,9 @@ def test_where_nothing_is_gained_the_law_is_that_of_newton():
     """A node leaves with e times its normal speed, and friction takes mu (1 + e) times that off the other."""
     scene = Scene(Structure([[0, 0, 1e-3]], [2.0]), ground=ExactGround(restitution=0.5), friction=ConeFriction(0.2))
     start = np.array([[0.0, 0.0, 1e-3]]), np.array([[3.0, 0.0, -2.0]])
-    v = rollout(scene, [0.0, 2 * DT], start=start, options=resolve(scene, 1.0, SolverOptions(dt=DT))).velocities[-1]
+    v = rollout(
+        scene, np.array([0.0, 2 * DT]), start=start, options=resolve(scene, 1.0, SolverOptions(dt=DT))
+    ).velocities[-1]
     np.testing.assert_allclose(v, [[3.0 - 0.2 * 1.5 * 2.0, 0.0, 1.0]], rtol=0, atol=1e-12)
 
 
@@ -85,7 +92,7 @@ def test_what_a_robot_without_a_gait_does_is_no_actuation():
     audit = energy_audit(_tumbling(), 0.5, options=SolverOptions(dt=2e-3))
     assert not np.any(audit.actuation)
     assert audit.dissipated["impacts"][-1] > 0.1
-    assert abs(audit.residual).max() < 1e-9 * audit.turned_over
+    assert abs(audit.residual).max() < 2e-5 * audit.turned_over
 
 
 def _tumbling() -> Scene:
@@ -97,7 +104,7 @@ def test_what_is_lost_on_a_curve_is_no_impact():
     """A node without friction in a bowl keeps its energy: what the steps lose of it halves with them."""
     bowl = ExactGround(surface=Sphere([0.0, 0.0, 1.0], 1.0, hollow=True))
     scene = Scene(Structure([[np.sin(1.0), 0, 1 - np.cos(1.0)]], [1.0]), gravity=9.81, ground=bowl)
-    lost = [energy_audit(scene, 1.0, options=SolverOptions(dt=dt)).dissipated for dt in (4e-3, 2e-3)]
+    lost = [energy_audit(scene, 1.0, options=SolverOptions(dt=dt)).dissipated for dt in (2e-3, 1e-3)]
     stepping, impacts = (np.array([each[cause][-1] for each in lost]) for cause in ("stepping", "impacts"))
     assert np.all(stepping > 1e-3)
     assert stepping[0] / stepping[1] == pytest.approx(2, rel=0.1)

@@ -118,10 +118,9 @@ def sides(ground, count):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", GROUNDS)
-def test_no_node_leaves_by_a_side_that_it_did_not_enter(name):
-    """Drops about rims, straight and across, in the four programs that the campaign runs too."""
-    met, worst = sides(GROUNDS[name], 400)
+def test_no_node_leaves_by_a_side_that_it_did_not_enter():
+    """Drops about rims of stairs, straight and across; the campaign has other grounds too."""
+    met, worst = sides(GROUNDS["stairs"], 400)
     assert met > 150
     assert worst < 1e-7
 
