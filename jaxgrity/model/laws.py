@@ -55,7 +55,7 @@ class SceneParts(Protocol):
 class BetweenEnds:
     """x_i - x_j of the "struts" and the "cables", by these names: as it is known, or else from the nodes' x."""
 
-    def __init__(self, known: VectorsByKind, x: NodeVectors, scene: SceneParts) -> None:
+    def __init__(self, known: VectorsByKind, x: NodeVectors, scene: Any) -> None:
         self._known, self._x, self._scene = known, x, scene
 
     def __getitem__(self, kind: str) -> MemberVectors:

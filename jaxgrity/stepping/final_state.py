@@ -33,6 +33,10 @@ def final_state(
     returned can be handed back as a start. Numbers that are being traced are not checked: `rollout` says of those
     whether the motion can be believed.
 
+    The derivative grows as small deviations do. Once `sensitivity` says that these have become large (of the library's
+    robots after some seconds of rolling), it is still that of the steps, but says nothing of a longer way: take the
+    speed of an orbit (`closed_orbit`), or the mean over many robots.
+
     Args:
         scene: what moves.
         duration: s; the last step ends there, and all are as long, no longer than the options say.

@@ -25,7 +25,7 @@ BLOCKS = {
     "docs/numerics.md": 12,
     "docs/terrain.md": 1,
     "docs/performance.md": 4,
-    "docs/scaling.md": 2,
+    "docs/scaling.md": 3,
     "docs/identification.md": 4,
     "docs/search.md": 8,
     "docs/validation.md": 4,
