@@ -97,8 +97,8 @@ def test_site_is_built_without_a_warning(tmp_path):
 @pytest.mark.parametrize(
     "page",
     [
-        *(pytest.param(page, marks=pytest.mark.slow) for page in ("getting_started", "howto", "cables")),
-        *(pytest.param(page, marks=pytest.mark.campaign) for page in ("control", "identification")),
+        *(pytest.param(page, marks=pytest.mark.slow) for page in ("getting_started", "howto")),
+        *(pytest.param(page, marks=pytest.mark.campaign) for page in ("cables", "control", "identification")),
     ],
 )
 def test_examples_of_the_pages_run(page):

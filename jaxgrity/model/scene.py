@@ -10,6 +10,7 @@ import numpy as np
 
 from jaxgrity.core.display import of_report
 from jaxgrity.core.errors import InputError
+from jaxgrity.core.functions import hold_functions
 from jaxgrity.core.types import (
     AnyArray,
     NodeVectors,
@@ -242,7 +243,7 @@ Module = TypeVar("Module", bound=eqx.Module)
 
 def as_dtype(scene: Module, dtype: str) -> Module:
     """The scene, or a policy, with every number as a JAX array of `dtype`."""
-    return jax.tree.map(lambda x: jnp.asarray(x, dtype), scene)
+    return jax.tree.map(lambda x: jnp.asarray(x, dtype), hold_functions(scene))
 
 
 def floats_as(tree: Any, dtype: str) -> Any:
@@ -251,7 +252,7 @@ def floats_as(tree: Any, dtype: str) -> Any:
     def cast(x):
         return jnp.asarray(x, dtype) if jnp.issubdtype(jnp.result_type(x), jnp.floating) else jnp.asarray(x)
 
-    return jax.tree.map(cast, tree)
+    return jax.tree.map(cast, hold_functions(tree))
 
 
 def with_scales(scene: Scene) -> Scene:

@@ -14,6 +14,7 @@ import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
 from jaxgrity.core.errors import InputError
+from jaxgrity.core.functions import hold_functions
 from jaxgrity.core.remembered import remembered
 from jaxgrity.core.tracing import evaluated, traced
 from jaxgrity.core.types import Failures, FinalPositions, Paths, PerGait, Phases, Scalar, Table, Vectors, namespace_of
@@ -174,7 +175,7 @@ def _common(scene: Scene, gait: Gait, options: Options, x64: bool) -> _Common:
 
     Its arrays are put on every device once, where they can be: that takes longer than a short rollout.
     """
-    scene = with_gait(scene, gait)
+    scene = hold_functions(with_gait(scene, gait))
     resolved = resolve(scene, 1.0, options)  # the same for any duration
     # copies, since the caller may change the numbers of NumPy's arrays
     cast = lambda x: namespace_of(x).array(x, resolved.dtype)  # noqa: E731

@@ -10,7 +10,7 @@ import numpy as np
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.tracing import traced
 from jaxgrity.core.types import Scalar, State, Times
-from jaxgrity.model.scene import Scene, start_of
+from jaxgrity.model.scene import Scene, as_dtype, start_of
 from jaxgrity.stepping.complementarity import SWEPT
 from jaxgrity.stepping.handover import Problem, carried_from, state_from
 from jaxgrity.stepping.integrate import discretise, prepared
@@ -69,7 +69,7 @@ def final_state(
     q, v = start_of(scene) if start is None else start
     # numbers that are known stay so: nothing has to be computed of a start at rest
     v = np.asarray(v, options.dtype) if isinstance(v, np.ndarray) else jnp.asarray(v, options.dtype)
-    scene, first = prepared(scene), (jnp.asarray(q, options.dtype), v)
+    scene, first = prepared(as_dtype(scene, options.dtype)), (jnp.asarray(q, options.dtype), v)
     count = steps_between(0.0, duration, options) if steps is None else steps
     end = stepped(scene, first, (since, since + duration), options, discretise(options), count)
     return state_from(scene, since + duration, *end)

@@ -248,6 +248,26 @@ def test_memories_and_parameters_keep_their_kinds(scene):
     np.testing.assert_array_equal(np.asarray(contracted).any(1), [True, False, True, False])
 
 
+class Network(jaxgrity.Policy):
+    """Strokes by a network, whose activation is a function among its numbers."""
+
+    members: tuple[int, ...]
+    layers: eqx.nn.MLP
+
+    def first(self):
+        return jnp.zeros(())
+
+    def __call__(self, observation, t, memory):
+        return jax.nn.sigmoid(self.layers(observation.place)) / 10, memory
+
+
+def test_a_network_is_a_policy(scene, plant):
+    """As Equinox makes it."""
+    members = scene.gait.members
+    network = Network(members, eqx.nn.MLP(3, len(members), 4, 1, key=jax.random.key(0)))
+    assert not jaxgrity.simulate_policy(plant, network, 0.05).failed
+
+
 def test_commands_beyond_the_stroke_count_as_that():
     """On both sides."""
     none, wanted = np.zeros(3), np.array([1.5, -2.0, 0.3])

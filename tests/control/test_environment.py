@@ -142,7 +142,7 @@ def test_shaking_in_place_is_no_progress():
     assert means[1] == pytest.approx(0.3 * 0.9, abs=0.01)
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_gradient_of_rewards_is_that_of_central_differences(scene):
     """In the action, of a robot that has come to rest on a face, where nothing switches."""
     lagging = jaxgrity.Motors(lag=0.05, stroke=0.5)

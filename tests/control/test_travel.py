@@ -213,7 +213,7 @@ def test_a_goal_counts_that_was_reached_in_time_and_with_nothing_touched(scene):
     assert found.arrived.tolist() == [23, 23, 10, 24]
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_where_a_robot_is_does_not_depend_on_what_it_is_taken_for(scene):
     """Its centre of mass is that of its own masses; the model's are other ones."""
     heavy = replace(scene.structure, node_mass=np.where(np.arange(12) < 2, 2.0, 0.5))

@@ -185,7 +185,7 @@ def test_tasks_move_the_sliders_and_can_be_stopped(page, monkeypatch):
     assert page.values == before
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_polishing_ends_with_what_verifies(creeping, monkeypatch):
     """The gait's own phases, or better ones; `tell` hears each step."""
     monkeypatch.setattr(tasks, "POLISH", tasks.POLISH._replace(rollouts=32, samples=4, robots=2, final_robots=4))
@@ -205,7 +205,7 @@ def test_a_task_that_is_not_possible_says_so(exact):
     assert said == ["**not possible**: the gait begins after 1 s of 0.5 s; expected a longer motion"]
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_a_long_session_does_not_grow(page):
     """As experiments/measurements/explorer_session.py measures 500 rollouts of it."""
     facts = session(page, 40)

@@ -65,7 +65,7 @@ def test_free_flight_of_spring_struts_agrees(kind):
     [
         pytest.param("prism", marks=pytest.mark.slow),
         # its vertebrae are bodies of several rods
-        pytest.param("planar_spine", marks=pytest.mark.slow),
+        pytest.param("planar_spine", marks=pytest.mark.campaign),
         *campaigns(KINDS, but=("prism", "planar_spine", *JOINED)),
     ],
 )

@@ -89,7 +89,7 @@ def test_work_of_a_cable_through_nodes_is_in_the_balance():
     assert audit.actuation[-1] != 0
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_a_population_with_such_cables_moves_as_each_robot_does():
     scene, options = lamp(0.3, 1.5, SHORTENED), SolverOptions("rk4", 1e-3, any_step=True)
     found = simulate_population(scene, gaits_of(SHORTENED, np.array([[0.0], [1.0]])), 0.5, options=options)

@@ -92,6 +92,7 @@ def test_energy_is_accounted_for():
     assert abs(audit.residual).max() < 1e-3 * 2 * MASS * G * 0.3
 
 
+@pytest.mark.campaign
 def test_a_population_moves_as_each_robot_does():
     """With gaits and frictions of their own, over ground that their points slide on."""
     gait = Gait((0,), [0.0], [0.2], [2.0], start=0.0, ramp=0.1)

@@ -119,8 +119,9 @@ def test_a_rod_that_hangs_carries_itself_and_what_hangs_from_it():
     np.testing.assert_allclose(jaxgrity.reactions(scene, motion), forces.supports)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize(
+    "dtype", [pytest.param("float32", marks=pytest.mark.campaign), pytest.param("float64", marks=pytest.mark.slow)]
+)
 def test_forces_follow_the_lengths_of_the_motion(dtype):
     """Also where the scene does not know the gait, as that of a closed loop: the same as with it."""
     structure = rod(TILTED, [0.7, 1.3])
@@ -135,7 +136,7 @@ def test_forces_follow_the_lengths_of_the_motion(dtype):
     assert known.ground.any()
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_a_tripod_of_struts_that_share_a_node_pushes_outwards():
     """A weight of 3 kg on three legs at 45 degrees: each carries a third, and friction holds the feet."""
     turn = 2 * np.pi * np.arange(3) / 3

@@ -55,7 +55,7 @@ def gained(scene: Scene, together: bool) -> np.ndarray:
     return energy[:, 1:].max(1) / energy[:, 0] - 1
 
 
-@pytest.mark.parametrize("together", [False, pytest.param(True, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("together", [False, pytest.param(True, marks=pytest.mark.campaign)])
 def test_a_rod_thrown_in_any_way_gains_nothing(together):
     """Kane and Levinson (1985): with Newton's law of restitution and friction some would.
 

@@ -204,7 +204,7 @@ def lengths_off(scene: Scene, motion) -> float:
     return float(np.abs(np.linalg.norm(q[:, i] - q[:, j], axis=2) - wanted).max())
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 @pytest.mark.parametrize(("mass", "mu"), [((1, 1, 3), 1.2), ((0.5, 0.5, 5), 2.0)])
 def test_a_rough_triangle_whose_base_turns_back(mass, mu):
     """Three struts that share nodes, the base pressed on at both ends as it changes its length: sweeps alone fail."""

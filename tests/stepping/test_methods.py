@@ -68,7 +68,7 @@ def exact(free):
     return {which: float_off(scene, method="dopri8", rtol=1e-13, atol=1e-13) for which, scene in free.items()}
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_cables_stay_taut_in_the_smooth_scene(exact, damped):
     cables = damped.structure.cables
     i, j = np.array(cables.edges).T

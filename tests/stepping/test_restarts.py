@@ -44,7 +44,7 @@ undamped = eqx.tree_at(
 ALL["verlet"] = undamped, "verlet"
 
 
-MARKS = {"swept": (), **dict.fromkeys(("class 2", "with restitution", "rk4", "tsit5"), pytest.mark.slow)}
+MARKS = {"swept": (), **dict.fromkeys(("with restitution", "rk4", "tsit5"), pytest.mark.slow)}
 """of those cut into single steps"""
 
 
@@ -114,7 +114,7 @@ def test_frames_of_simulate_are_starts_also_between_steps():
     np.testing.assert_allclose(again.velocities, whole.velocities[1:], rtol=0, atol=1e-13)
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_robots_of_a_population_go_on_where_others_stopped():
     """Each from a state of its own, one of them at rest, as `simulate` goes on from there."""
     scene = dataclasses.replace(swept(), gait=dataclasses.replace(swept().gait, start=np.array(5.0)))

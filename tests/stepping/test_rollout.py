@@ -1,6 +1,8 @@
 """The pure rollout: what it returns, and that transformations take it in any order."""
 
 import dataclasses
+from collections.abc import Callable
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
@@ -11,20 +13,27 @@ from small_scenes import swept
 
 import jaxgrity.rollout.lanes  # a sub-package has the function's name
 from jaxgrity import (
+    EnergyTerm,
     ExactGround,
+    Gait,
     InputError,
+    Members,
+    Scene,
     SolverOptions,
+    Structure,
     diagnose,
     energy_audit,
     final_state,
     find_orbit,
     gaits_of,
     natural_frequencies,
+    node_names,
     resolve,
     resting_shape,
     rollout,
     sensitivity,
     simulate,
+    simulate_population,
     verify,
 )
 
@@ -68,6 +77,51 @@ def test_transformations_take_it_in_any_order():
     np.testing.assert_allclose(slopes[:2], differences, rtol=1e-5)
     outside = jax.grad(lambda m: jnp.sum(jax.vmap(place)(m, lifts)[0][:2]))(mus)
     np.testing.assert_allclose(outside[:2], slopes[:2], rtol=1e-10)
+
+
+class Field(EnergyTerm):
+    """U = sum k f(z) for any function f, which is a leaf like the numbers."""
+
+    shape: Callable
+    k: Any
+    name: ClassVar[str] = "field"
+
+    def energy(self, at):
+        return jnp.sum(self.k * self.shape(at.q[:, 2]))
+
+    def keeps(self, symmetry):
+        return False
+
+    def parts(self, scene):
+        return node_names("field at", scene)
+
+    def scaled(self, factors):
+        return dataclasses.replace(self, k=self.k * factors)
+
+
+def test_laws_may_have_functions_among_their_numbers():
+    """Of nodes with U = k z^2/2, z(t) = z(0) cos(sqrt(k/m) t): one robot, many, and the derivative by k."""
+    structure = Structure(np.array([[0.0, 0, 1.0], [0.0, 0, 2.0]]), [1.0, 1.0], Members(((0, 1),), [1e-9], [1.0]))
+    gait = Gait((0,), [0.0], [0.0], [1.0])
+    scene = Scene(structure, gait=gait, terms=(Field(lambda z: z * z / 2, np.ones(2)),))
+    options = SolverOptions("rk4", dt=5e-3)
+    np.testing.assert_allclose(
+        simulate(scene, 1.0, options=options).positions[-1, :, 2], np.cos(1.0) * np.array([1, 2])
+    )
+    many = simulate_population(scene, gaits_of(gait, np.zeros((2, 1))), 1.0, options=options)
+    np.testing.assert_allclose(many.positions[:, 0, 2], np.cos(1.0), rtol=1e-9)
+    resolved = resolve(scene, 1.0, options)
+    slope = jax.grad(lambda k: final_state(eqx.tree_at(lambda s: s.terms[0].k, scene, k), 1.0, resolved)[0][0, 2])(
+        jnp.ones(2)
+    )
+    np.testing.assert_allclose(slope, [-np.sin(1.0) / 2, 0], rtol=0, atol=1e-9)
+
+
+def test_options_say_the_precision():
+    """Of a scene and a start in float64."""
+    single = resolve(LIGHT, 0.1, SolverOptions(dt=5e-3, dtype="float32"))
+    start = LIGHT.structure.nodes, STILL
+    assert [x.dtype for x in final_state(LIGHT, 0.05, single, start)] == [jnp.float32, jnp.float32]
 
 
 def test_times_may_be_traced_where_the_number_of_steps_is_given():

@@ -84,7 +84,7 @@ def test_the_work_of_the_table_is_what_the_damper_takes(shaken):
     np.testing.assert_allclose(np.diff(whole) / 2.0, power, rtol=1e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_a_rigid_pendulum_follows_its_pivot_at_second_order():
     times = np.linspace(0.0, 1.5, 16)
     errors = []

@@ -34,7 +34,7 @@ TRIED = np.array([0.5, 0.65, 0.8, 0.899, 1.099])
 @pytest.mark.parametrize(
     ("number", "rigid"),
     [
-        pytest.param(103, False, marks=pytest.mark.slow),
+        pytest.param(103, False, marks=pytest.mark.campaign),
         pytest.param(103, True, marks=pytest.mark.slow),
         pytest.param(100, False, marks=pytest.mark.campaign),
         pytest.param(101, False, marks=pytest.mark.campaign),

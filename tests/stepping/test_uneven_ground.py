@@ -225,7 +225,7 @@ def test_a_robot_rolls_down_bumps_and_its_energy_is_booked(request, name, steps,
         assert audit.momentum_residual.max() < 0.02
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_the_energy_of_a_node_that_slides_down_bumps_is_booked():
     """On penalty contact."""
     uneven = downhill(node(PENALTY(), friction=SmoothFriction(0.2, 0.01)), waves=2)
@@ -261,7 +261,7 @@ def test_robots_of_an_ensemble_start_alike_on_ground_of_their_own(exact):
         ensemble(jax.random.key(0), exact, gaits, Uncertainty(terrain=2.0), 8)
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_a_rod_with_mass_slides_in_a_bowl_as_its_equation_says():
     """Across the way it goes, its ends on the bowl, it turns about the bowl's centre: to first order in the step.
 

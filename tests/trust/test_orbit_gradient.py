@@ -43,7 +43,7 @@ def test_a_gait_that_begins_earlier_is_as_fast(crawler):
     np.testing.assert_allclose(shift, 0, atol=1e-4 * abs(slope.phase.sum()))
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 @pytest.mark.parametrize("name", ["amplitude", "frequency"])
 def test_derivatives_agree_with_orbits_found_anew(exact, name):
     """With exact contact at a coarse step, by central differences that move no touch-down to another step."""

@@ -86,10 +86,8 @@ def test_exact_contact_is_diagnosed_too(exact):
     assert set(found["energy"]["dissipated"]) == {"nodes", "cables", "impacts", "friction", "stepping"}
 
 
-@pytest.mark.parametrize(
-    "name",
-    [pytest.param("exact", marks=pytest.mark.slow), pytest.param("reference", marks=pytest.mark.campaign)],
-)
+@pytest.mark.campaign
+@pytest.mark.parametrize("name", ["exact", "reference"])
 def test_members_exert_no_net_force(request, name):
     """Where nothing acts from outside, the momentum residual is the momentum, and that stays zero."""
     scene = request.getfixturevalue(name)
