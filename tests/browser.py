@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-PATIENCE = 600.0
-"""s, after which a page hangs: it is drawn without a graphics card, and other tests may run beside this one"""
+PATIENCE = 1800.0
+"""s, after which a page hangs, as any test does: it is drawn without a graphics card, beside other work"""
 
 
 def start_browser():

@@ -21,7 +21,6 @@ def _python(*arguments, cwd, **environment):
         env=os.environ | environment,
         capture_output=True,
         text=True,
-        timeout=280,
     )
     assert done.returncode == 0, done.stderr
     return done.stdout

@@ -15,7 +15,7 @@ README = (ROOT / "README.md").read_text(encoding="utf-8")
 def test_library_example_runs():
     """In a process of its own, from the repository's root, as a reader would run it."""
     (example,) = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
-    done = subprocess.run([sys.executable, "-c", example], cwd=ROOT, capture_output=True, text=True, timeout=250)
+    done = subprocess.run([sys.executable, "-c", example], cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert "modelled" in done.stdout
     said, error_bar, unit = done.stdout.splitlines()[-1].rsplit(maxsplit=2)
@@ -34,5 +34,5 @@ def test_pictures_and_links_are_there():
 def test_importing_changes_no_configuration():
     """`import jaxgrity` leaves x64 off, and does not load matplotlib."""
     code = "import sys, jaxgrity, jax; assert not jax.config.jax_enable_x64; assert 'matplotlib' not in sys.modules"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
