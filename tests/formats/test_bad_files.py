@@ -1,4 +1,4 @@
-"""Hundreds of bad files: each is read, or refused in one clear line, soon, and without much memory."""
+"""Hundreds of bad files: each is read, or refused in one clear line, with little work and memory."""
 
 import json
 import os
@@ -11,7 +11,7 @@ from bad_files import BOMBS, bad_files, bombs, good_files, outcome
 
 HERE = Path(__file__).parent
 LONGEST = 60.0
-"""s, for one file, on a machine that has other work"""
+"""processor seconds for one file: work, which no other program on the machine makes more"""
 MOST_MEMORY = 2**30
 """bytes, of the whole process, with JAX and MuJoCo in it"""
 
