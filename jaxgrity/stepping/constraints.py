@@ -193,9 +193,9 @@ def _contacts(scene: Scene, problem: StepProblem) -> tuple[Contact | None, ...]:
     if problem.closing is None:
         return none
     mu = none if friction is None else layout.numbers(jnp.asarray(friction.sliding_mu))
-    slowest = SLOWEST * speed_scale(scene)
+    least = (SLOWEST * speed_scale(scene)) ** 2
     axes = none if problem.axes is None else problem.axes
-    return tuple(Contact(*each, slowest) for each in zip(problem.closing, mu, axes, strict=True))
+    return tuple(Contact(*each, least) for each in zip(problem.closing, mu, axes, strict=True))
 
 
 def length_error(scene: Scene, h: Scalar, problem: StepProblem, trials: Trials) -> LengthError:

@@ -76,8 +76,8 @@ def problem_of(scene: Scene, h: Scalar, t1: Scalar, q: NodeVectors, v: NodeVecto
         met = where_met(ground, length_scale(scene), h, q, v)
         axes = ground.frame(met.at)
         # velocities are compared with it that are multiplied by roots of masses
-        slowest = jnp.asarray(SLOWEST * speed * jnp.sqrt(mass_scale(scene)), q.dtype)
-        contact = Contact(closing_speed(ground, axes, h, v, met) - never, mu, None, slowest)
+        least = jnp.asarray(jnp.square(SLOWEST * speed) * mass_scale(scene), q.dtype)
+        contact = Contact(closing_speed(ground, axes, h, v, met) - never, mu, None, least)
     rows = [jnp.broadcast_to(jnp.asarray(axis, q.dtype), q.shape) for axis in (axes.normal, *axes.tangents)]
     frame = jnp.stack(rows, axis=1)
     slow = jnp.asarray(SLOW * speed, q.dtype)

@@ -35,8 +35,8 @@ class Contact(NamedTuple):
     """coefficient of friction of a node that slides; None: no friction"""
     axes: tuple[Vector, Vector, Vector] | None = None
     """normal and two tangents at each node; None: those along which vectors have their components"""
-    slowest: Scalar = SLOWEST
-    """m/s, likewise of this body"""
+    least: Scalar = SLOWEST**2
+    """m^2/s^2, its square for this body: one number, which XLA does not compute anew for each use"""
 
 
 def along_own_axes(contact: Contact | None, x: Vector) -> Vector:
@@ -110,4 +110,4 @@ def _share(mu: PerRow | Scalar, pressed: PerRow, size_squared: PerRow) -> PerRow
 
 
 def _size_squared(contact: Contact, trial: Vector) -> PerRow:
-    return trial.first * trial.first + trial.second * trial.second + contact.slowest * contact.slowest
+    return trial.first * trial.first + trial.second * trial.second + contact.least
