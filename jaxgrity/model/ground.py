@@ -137,8 +137,12 @@ class Ground(eqx.Module):
         """F_n >= 0, N, by which it presses on each node, where the state of the nodes says so; None: by impulses."""
 
     @abstractmethod
-    def resting_depth(self, weight: float, nodes: int, size: float = 1.0) -> float:
-        """How deep, m, so many nodes of a body of `size` (`length_scale`) stand in it that carry the weight (N)."""
+    def resting_depth(self, weight: float, nodes: int) -> float:
+        """How deep, m, so many nodes stand in it that carry the weight (N)."""
+
+    def touching_depth(self, weight: float, nodes: int, size: float) -> float:
+        """The same, m, of a body of `size` (`length_scale`); where ground pushes back, so deep that it is touched."""
+        return self.resting_depth(weight, nodes) + (0.0 if self.impulsive else ROUNDING * size)
 
 
 class PenaltyGround(Ground):
@@ -169,8 +173,8 @@ class PenaltyGround(Ground):
         v_n = None if self.dissipation is None else component(v, self.frame(q).normal)
         return normal_force(self, self.signed_distance(q), v_n)
 
-    def resting_depth(self, weight, nodes, size=1.0):
-        return weight / float(self.stiffness) / nodes + ROUNDING * size
+    def resting_depth(self, weight, nodes):
+        return weight / float(self.stiffness) / nodes
 
 
 class ExactGround(Ground):
@@ -193,7 +197,7 @@ class ExactGround(Ground):
     def normal_force(self, q, v):
         return None
 
-    def resting_depth(self, weight, nodes, size=1.0):
+    def resting_depth(self, weight, nodes):
         return 0.0
 
 

@@ -55,7 +55,7 @@ def settled(scene: Scene) -> Settled:
         if scene.ground is not None:
             weight = float(structure.mass) * float(scene.gravity or 0.0)
             size = float(length_scale(scene))
-            nodes = scene.ground.set_down(nodes, scene.ground.resting_depth(weight, 3, size), size)
+            nodes = scene.ground.set_down(nodes, scene.ground.touching_depth(weight, 3, size), size)
     largest = float(np.linalg.norm(moved, axis=1).max())
     return Settled(dataclasses.replace(scene, structure=dataclasses.replace(structure, nodes=nodes)), largest)
 
