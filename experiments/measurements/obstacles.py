@@ -191,12 +191,12 @@ def told(found: Travels, field: Discs, robot: int) -> dict[str, Any]:
 def keep_replay(scene: Scene, field: Discs, way: WayMap, found: Travels, robot: int, path: Path) -> None:
     """A page with the robot, its obstacles as posts, and the way that was planned from the start."""
     posts = tuple(Cylinder([*c, 0.0], [*c, 1.0], r) for c, r in zip(field.centres, field.radii))
-    twin = contact_twin(scene)
+    twin = contact_twin(scene) if scene.constrained else scene  # whose forces follow from where the nodes are
     q = found.nodes[: found.arrived[robot] + 1 : 2, :, :, robot]
     shown_every = 2 * PERIOD
     v = np.gradient(q, shown_every, axis=0)
     times = shown_every * np.arange(len(q))
-    motion = Trajectory(times, q, v, np.array(0), np.array(len(q)), np.array(0), "", shown_every, twin)
+    motion = Trajectory(times, q, v, np.array(0), np.array(len(q)), np.array(0), "rk4", None, twin)
     planned = way.way(found.path[0, :2, robot])
     lines = {"planned way": np.column_stack([planned, np.full(len(planned), 0.01)])}
     props = view.Props(posts, lines)
