@@ -85,6 +85,11 @@ SOURCES: dict[str, Source] = {
         {"scaling.png": "scaling.png"},
     ),
     "populations": one_block("populations", SCALING, populations.populations_facts, populations.populations_table),
+    "threads": Source(
+        "threads/threads.json",
+        populations.threads_facts,
+        {"threads": Block(PERFORMANCE, populations.threads_table)},
+    ),
     "first_commands": Source(
         "first_commands/first_commands.json",
         speed.first_commands_facts,
