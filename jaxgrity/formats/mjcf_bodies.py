@@ -26,6 +26,10 @@ def carried(
 ) -> tuple[np.ndarray, Supports, list[Rod]]:
     """Masses of nodes, supports, and rods with their masses, body by body."""
     mass, fixed, rods = np.zeros(len(x)), [], []
+    for body in np.flatnonzero(model.body_jntnum):
+        if model.body_weldid[model.body_parentid[body]] != 0:
+            name = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_BODY, body) or str(body)
+            raise InputError(f"body {name}: moves on another body; expected bodies that are free of each other")
     for body in sorted(set(carrier.tolist())):
         own = np.flatnonzero(carrier == body)
         name = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_BODY, body) or str(body)
@@ -33,24 +37,22 @@ def carried(
         kinds = model.jnt_type[joints]
         if body == 0:
             fixed += [(int(node), "xyz") for node in own]
-        elif model.body_weldid[model.body_parentid[body]] != 0:
-            raise InputError(f"body {name}: moves on another body; expected bodies that are free of each other")
         elif len(kinds) == 1 and kinds[0] == mujoco.mjtJoint.mjJNT_FREE:
             found, shares = _as_rods(_moments(model, data, body), name, own, x, notes)
             rods += found
             mass[own] = shares
         elif len(own) == 1 and len(kinds) and np.all(kinds == mujoco.mjtJoint.mjJNT_SLIDE):
             mass[own] = model.body_subtreemass[body]
-            held = _held(model, joints, name)
+            held = _held(data.xaxis[joints], name)
             fixed += [(int(own[0]), held)] if held else []
         else:
             raise InputError(f"body {name}: expected a free joint, or slides along axes and a single node")
     return mass, tuple(fixed), rods
 
 
-def _held(model: Any, joints: np.ndarray, name: str) -> str:
-    """The axes along which a body on slides does not move."""
-    axes = np.abs(model.jnt_axis[joints])
+def _held(axes: np.ndarray, name: str) -> str:
+    """The axes along which a body does not move that slides along these of the world."""
+    axes = np.abs(axes)
     if not np.allclose(axes.max(1), 1) or len(set(axes.argmax(1))) < len(axes):
         raise InputError(f"body {name}: its slides are not along x, y or z; expected them to be")
     return "".join(axis for k, axis in enumerate("xyz") if k not in axes.argmax(1))

@@ -43,6 +43,12 @@ def mjcf_controls(scene: Scene, times: Times, gait: Gait | None = None) -> np.nd
     structure, moved = scene.structure, scene.gait if gait is None else gait
     if moved is None:
         return np.zeros((len(times), 0))
+    own = amplitudes(scene.gait)
+    beyond = {k for k, size in amplitudes(moved).items() if size > (1 + 1e-6) * own.get(k, 0.0)}
+    if gait is not None and beyond:
+        raise InputError(
+            f"gait: members {sorted(beyond)} move beyond what the scene's own gait, and so its model, allows"
+        )
     columns: dict[int, np.ndarray] = {}
     for members, first in ((structure.struts, 0), (structure.cables, structure.first_cable)):
         if members is not None:

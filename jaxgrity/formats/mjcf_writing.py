@@ -93,7 +93,9 @@ def _ground(world: ElementTree.Element, scene: Scene) -> list[str]:
     at = [-RADIUS * axis for axis in n]
     flags = {"contype": 0, "conaffinity": 1, "priority": 1, "friction": [mu, 0.0, 0.0]}
     _add(world, "geom", name="ground", type="plane", size=[0, 0, 1], zaxis=list(n), pos=at, **flags)
-    return ["contact is MuJoCo's own: soft, with its default stiffness, and with the friction coefficient of the scene"]
+    differ = scene.friction is not None and np.ptp(scene.friction.sliding_mu) > 0
+    which = "the largest of the nodes' friction coefficients" if differ else "the friction coefficient of the scene"
+    return [f"contact is MuJoCo's own: soft, with its default stiffness, and with {which}"]
 
 
 def _body(world: ElementTree.Element, plan: Plan, nodes: np.ndarray, number: int) -> None:

@@ -185,7 +185,7 @@ def profile_likelihood(
         z: (points,), where it is held, in multiples of its plausible spread.
 
     Returns:
-        (points,), the sum of squares, z^2 included.
+        (points,), the sum of squares, z^2 and those of the starts included.
 
     Raises:
         InputError: as `identify`.
@@ -199,7 +199,8 @@ def profile_likelihood(
         reached = fitting_problem(fitted.scene, (), every)
         starts = tuple((start, spread) for start, (_, spread) in zip(fitted.starts, reached.starts))
         r = np.asarray(residuals(np.zeros(sum(reached.sizes)), eqx.tree_at(lambda p: p.starts, reached, starts)))
-        sums.append(float(r @ r + fitted.z @ fitted.z + each**2))
+        moved = ((start - guess) / spread for start, (guess, spread) in zip(fitted.starts, reached.starts))
+        sums.append(float(r @ r + fitted.z @ fitted.z + each**2 + sum(np.sum(y**2) for y in moved)))
     return np.array(sums)
 
 

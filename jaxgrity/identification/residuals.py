@@ -154,7 +154,7 @@ def _process(series: Series) -> tuple[np.ndarray, np.ndarray]:
     """Autocorrelations of the process at all lags, and the covariance of the columns."""
     r, seen = series.r, series.seen
     rows, columns = r.shape
-    coefficients = _burg(r)
+    coefficients = _burg(r, seen)
     counts = np.maximum(seen.T.astype(float) @ seen, 1)
     across = r.T @ r / counts
     # columns count as independent of each other unless they are not by far
@@ -175,20 +175,27 @@ def _independent(series: Series) -> np.ndarray:
     return np.asarray(series.seen.sum() / series.r.shape[1] * columns / np.maximum(lasting, 1.0))
 
 
-def _burg(r: np.ndarray) -> np.ndarray:
-    """a of r_t = a_1 r_t-1 + a_2 r_t-2 + ... + noise, alike in all columns; the order by Akaike's criterion."""
-    size = np.sqrt(np.maximum(np.mean(r**2, axis=0), np.finfo(float).tiny))
-    ahead = behind = r / size
-    rows, a = len(r), np.zeros(0)
-    power = float(np.mean(ahead**2))
-    best, chosen = r.size * np.log(max(power, 1e-300)), a
+def _burg(r: np.ndarray, seen: np.ndarray) -> np.ndarray:
+    """a of r_t = a_1 r_t-1 + a_2 r_t-2 + ... + noise, alike in all columns; the order by Akaike's criterion.
+
+    Errors of prediction count where all rows that they are made of were seen, and orders as long as a third of them do.
+    """
+    counts = np.maximum(seen.sum(0), 1)
+    size = np.sqrt(np.maximum(np.sum(r**2, axis=0) / counts, np.finfo(float).tiny))
+    ahead = behind = np.where(seen, r / size, 0)
+    rows, a, whole, number = len(r), np.zeros(0), seen, int(seen.sum())
+    power = float(np.sum(ahead**2) / max(number, 1))
+    best, chosen = number * np.log(max(power, 1e-300)), a
     for order in range(1, min(LONGEST, rows // 5) + 1):
-        f, b = ahead[1:], behind[:-1]
+        whole = whole[1:] & seen[:-order]
+        if 3 * whole.sum() < number:
+            break
+        f, b = ahead[1:] * whole, behind[:-1] * whole
         reflection = 2 * np.sum(f * b) / max(np.sum(f**2 + b**2), np.finfo(float).tiny)
         a = np.append(a - reflection * a[::-1], reflection)
         ahead, behind = f - reflection * b, b - reflection * f
         power *= max(1 - reflection**2, np.finfo(float).eps)
-        criterion = r.size * np.log(max(power, 1e-300)) + 2 * order
+        criterion = number * np.log(max(power, 1e-300)) + 2 * order
         if criterion < best:
             best, chosen = criterion, a
     return chosen

@@ -125,13 +125,15 @@ def members_table(members: Members | None, table: Callable, kind: str, forces: d
         given["rigid"] = True
     else:
         broken = [int(k) for k in np.flatnonzero(np.asarray(stiffness) == 0)]
+        if broken and kind == "struts":
+            raise InputError(f"struts: stiffness of {broken} is 0; expected positive ones, as scene files do")
+        if broken and members.damping is not None and np.any(np.asarray(members.damping)[broken]):
+            raise InputError(f"{kind}: {broken} have dampers without springs; expected a stiffness, as scene files do")
         if broken:
             # which the file says, and not how stiff they were
             given["broken"] = broken
             stiffness = np.where(np.asarray(stiffness) == 0, 1.0, stiffness)
         given["stiffness"] = one_or_all(stiffness)
-    if "broken" in given and kind == "struts":
-        raise InputError(f"struts: stiffness of {given['broken']} is 0; expected positive ones, as scene files do")
     for name in ("damping", "mass"):
         value = getattr(members, name)
         if value is not None:

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import jax
 import msgspec
 import numpy as np
 
@@ -138,11 +139,13 @@ def _ground(ground: Ground | None) -> GroundTable | None:
         raise InputError("ground.offset: the surface has been moved; expected one that has not, as scene files do")
     given = {"incline": ground.incline, **_where(ground.surface)}
     if type(ground) is ExactGround:
-        e = None if ground.restitution is None else float(ground.restitution)
+        e = None if ground.restitution is None else _scalar("ground.restitution", ground.restitution)
         return GroundTable(contact="complementarity", restitution=e, **given)
     if type(ground) is PenaltyGround:
-        alpha = None if ground.dissipation is None else float(ground.dissipation)
-        return GroundTable(contact="penalty", stiffness=float(ground.stiffness), dissipation=alpha, **given)
+        alpha = None if ground.dissipation is None else _scalar("ground.dissipation", ground.dissipation)
+        return GroundTable(
+            contact="penalty", stiffness=_scalar("ground.stiffness", ground.stiffness), dissipation=alpha, **given
+        )
     raise _no_key("ground", ground)
 
 
@@ -175,8 +178,8 @@ def _numbers(part: Any) -> dict[str, Any]:
     """The fields of a part that are arrays, as plain numbers and lists."""
     if getattr(part, "hollow", False):
         raise _no_key("ground.obstacles", part)
-    arrays = [field.name for field in dataclasses.fields(part) if isinstance(getattr(part, field.name), np.ndarray)]
-    return {name: getattr(part, name).tolist() for name in arrays}
+    values = ((field.name, getattr(part, field.name)) for field in dataclasses.fields(part))
+    return {name: np.asarray(x).tolist() for name, x in values if isinstance(x, np.ndarray | jax.Array)}
 
 
 def _friction(friction: Friction | None) -> FrictionTable | None:
@@ -221,7 +224,7 @@ def _laws(scene: Scene) -> tuple[WindTable | None, list[PushTable], dict[str, An
     wind, pushes = None, []
     forces: dict[str, Any] = {}
     for number, term in enumerate(scene.terms):
-        if type(term) is Wind and number == 0:
+        if type(term) is Wind and number == 0 and np.ptp(term.velocity, axis=0).max() == 0:
             wind = WindTable(tuple(np.asarray(term.velocity)[0].tolist()), one_or_all(term.drag))
         elif type(term) is Push and not forces and np.ptp(term.force, axis=0).max() == 0:
             times = (float(value) for value in (term.start, term.duration, term.ramp))

@@ -117,7 +117,9 @@ class Complementarity(diffrax.AbstractSolver):
         still = eqx.tree_at(lambda scene: scene.ground.restitution, args, 0 * ground.restitution)
         plastic = self._taken(terms, t0, t1, y0, still, solver_state)
         gains = self.lift(bounce_gains, ("s", None, -1, -1, -1))(args, t1 - t0, y0, taken[0][1], taken[3].impulses)
-        return jax.tree.map(lambda one, other: jnp.where(gains, one, other), plastic[:4], taken[:4]) + taken[4:]
+        y1, error, dense, after = jax.tree.map(lambda a, b: jnp.where(gains, a, b), plastic[:4], taken[:4])
+        # of a population one number for all robots
+        return y1, error, dense, after._replace(step_size=taken[3].step_size), taken[4]
 
     def _taken(self, terms, t0, t1, y0, args, solver_state):
         if self.together:

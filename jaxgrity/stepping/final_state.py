@@ -46,7 +46,7 @@ def final_state(
         since: s, when it starts, of the time that gaits, motors and pushes go by.
 
     Returns:
-        Positions and velocities at the end, (nodes, 3) each.
+        Positions and velocities at the end, (nodes, 3) each; velocities as those of a `Trajectory`.
 
     Raises:
         InputError: a method that adapts its step; a start that violates rigid struts or exact contact; a duration that

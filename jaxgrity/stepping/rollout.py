@@ -22,7 +22,7 @@ class RolledOut(NamedTuple):
     positions: NodeHistory
     """(frames, nodes, 3), m"""
     velocities: NodeHistory
-    """(frames, nodes, 3), m/s"""
+    """(frames, nodes, 3), m/s, as those of a `Trajectory`"""
     ok: AnyArray
     """whether the start fits its constraints and the motion was finite to the end; if not, all else means nothing"""
 

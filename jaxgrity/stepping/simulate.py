@@ -35,7 +35,8 @@ class Trajectory(eqx.Module):
     """(frames, nodes, 3), m"""
     velocities: NodeHistory
     """(frames, nodes, 3), m/s, at the time of each frame; of complementarity stepping before contact and rigid struts
-    act in the step to come, so that a node at rest on the ground has -g h/2 (`handover.midway` takes that back)"""
+    act in the step to come: a node at rest has h/2m times all other forces on it there, prestress among them. For
+    energies and slip take `velocities_midway`"""
     failure: jax.Array
     """index into `FAILURES`; 0: succeeded"""
     steps: jax.Array

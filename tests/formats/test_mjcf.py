@@ -255,6 +255,20 @@ REFUSED = {
         "</tendon></mujoco>",
         "body 1: expected a free joint, or slides along axes",
     ),
+    "a slide across": (
+        '<mujoco><worldbody><site name="w"/><body euler="0 0 45"><joint type="slide" axis="1 0 0"/>'
+        '<geom size="1"/><site name="s"/></body></worldbody>'
+        '<tendon><spatial stiffness="1" springlength="0 1"><site site="s"/><site site="w"/></spatial>'
+        "</tendon></mujoco>",
+        "body 1: its slides are not along x, y or z",
+    ),
+    "a body that swings from another": (
+        '<mujoco><worldbody><site name="w"/><body><joint type="slide" axis="1 0 0"/><geom size="1"/><site name="s"/>'
+        '<body name="bob"><joint/><geom size="1"/></body></body></worldbody>'
+        '<tendon><spatial stiffness="1" springlength="0 1"><site site="s"/><site site="w"/></spatial>'
+        "</tendon></mujoco>",
+        "body bob: moves on another body; expected bodies that are free of each other",
+    ),
     "three sites": (
         '<mujoco><worldbody><site name="a"/><site name="b"/><site name="c"/></worldbody>'
         '<tendon><spatial stiffness="1"><site site="a"/><site site="b"/><site site="c"/></spatial>'
@@ -289,3 +303,17 @@ def test_it_settles_to_what_mujoco_is_given(exact):
     """`settled` leaves what is at rest where it is."""
     assert settled(exact).moved < 1e-9
     assert jax.config.jax_enable_x64
+
+
+def test_slides_are_along_the_axes_of_the_world(tmp_path):
+    """Those of a body that is turned by a quarter, too."""
+    text = (
+        '<mujoco><worldbody><site name="w"/><body pos="1 0 1" euler="0 0 90"><joint type="slide" axis="1 0 0"/>'
+        '<joint type="slide" axis="0 0 1"/><geom size="0.1" contype="0" conaffinity="0"/><site name="s"/></body>'
+        '</worldbody><tendon><spatial stiffness="1" springlength="0 1"><site site="s"/><site site="w"/></spatial>'
+        "</tendon></mujoco>"
+    )
+    (tmp_path / "robot.xml").write_text(text)
+    fixed = dict(read_mjcf(tmp_path / "robot.xml").scene.structure.fixed)
+    assert "x" in fixed.values()
+    assert "y" not in fixed.values()

@@ -308,3 +308,26 @@ def test_bad_data_is_refused_in_one_line(make, words):
     with pytest.raises(InputError, match=words) as refusal:
         make()
     assert "\n" not in str(refusal.value)
+
+
+def test_a_profile_counts_what_starts_cost():
+    """A mass that falls from an unknown start: the posterior is Gaussian, and known in closed form."""
+    times, noise, spread = np.linspace(0, 0.3, 31), 0.005, (0.01, 0.05)
+    seen = 1.0 - 0.12 * times - 9.9 / 2 * times**2 + noise * np.random.default_rng(1).normal(size=31)
+    guess = np.zeros((31, 1, 3))
+    guess[:, 0, 2] = 1.0 - 9.81 / 2 * times**2
+    scene = Scene(Structure([[0.0, 0, 1.0]], [1.0]), gravity=9.81)
+    start, options = Starts(path=guess, spread=spread), SolverOptions(method="rk4", dt=0.01)
+    motion = measured_motion(scene, times, seen[:, None], noise, SeenPositions((0,), "z"), start, options=options)
+    parameters = [Parameter("gravity", 0.5, kind="offset"), Parameter("structure.node_mass", 0.1)]
+    columns = np.stack([-(times**2) / 4, np.full(31, spread[0]), times * spread[1]], 1) / noise
+    left = (seen - guess[:, 0, 2]) / noise
+
+    def least(z):
+        rest, r = columns[:, 1:], left - columns[:, 0] * z
+        x = np.linalg.solve(rest.T @ rest + np.eye(2), rest.T @ r)
+        return np.sum((r - rest @ x) ** 2) + x @ x + z * z
+
+    at = np.array([-0.3, 0.0, 0.4])
+    found = profile_likelihood(scene, parameters, motion, 0, at)
+    np.testing.assert_allclose(found - found[1], [least(z) - least(0.0) for z in at], rtol=1e-4, atol=1e-4)

@@ -21,7 +21,14 @@ from jaxgrity import (
     measured_motion,
     simulate,
 )
-from jaxgrity.identification.residuals import Series, judged_residuals, scores_covariance, widened
+from jaxgrity.identification.residuals import (
+    Series,
+    _autocorrelations,
+    _burg,
+    judged_residuals,
+    scores_covariance,
+    widened,
+)
 
 ROWS = 201
 
@@ -104,6 +111,19 @@ def test_what_is_missing_does_not_count():
     found = judged_residuals([Series(np.where(seen, r, 0), seen)], 1.0, 500.0)
     assert found.correlated
     assert 0.7 < found.autocorrelation < 0.95
+
+
+def test_noise_that_lasts_does_so_through_what_is_missing():
+    """The process that is fitted where two of five numbers are missing has the correlation of the one that is not."""
+    rng = np.random.default_rng(4)
+    found = []
+    for _ in range(20):
+        r, seen = lasting(rng), rng.uniform(size=(ROWS, 3)) > 0.4
+        coefficients = [_burg(np.where(known, r, 0), known) for known in (np.ones_like(seen), seen)]
+        found.append([_autocorrelations(a, ROWS)[1] for a in coefficients])
+    whole, missing = np.median(found, axis=0)
+    assert whole > 0.8
+    assert missing == pytest.approx(whole, abs=0.05)
 
 
 @pytest.mark.parametrize(("share", "off"), [(0.5, 0.15), (0.9, 0.35)])

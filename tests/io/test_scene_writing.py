@@ -17,6 +17,9 @@ from jaxgrity import (
     Push,
     Scene,
     Slope,
+    Stairs,
+    Structure,
+    as_dtype,
     load_scene,
     parse_scene,
     save_scene,
@@ -26,6 +29,7 @@ from jaxgrity import (
 )
 from jaxgrity.io.scene_tables import CatalogueTable
 from jaxgrity.io.scene_writing import scene_toml
+from jaxgrity.model.external import Wind
 
 BODY = """
 [structure]
@@ -238,6 +242,36 @@ REFUSED = {
         "struts: stiffness of [0, 1, 2, 3, 4, 5] is 0",
     ),
 }
+
+
+def _cables(scene, **numbers):
+    cables = dataclasses.replace(scene.structure.cables, **numbers)
+    return dataclasses.replace(scene, structure=dataclasses.replace(scene.structure, cables=cables))
+
+
+REFUSED |= {
+    "dampers without springs": (
+        lambda scene: _cables(scene, stiffness=np.zeros(24), damping=np.ones(24)),
+        "cables: [0, 1, 2,",
+    ),
+    "winds that differ": (
+        lambda scene: with_terms(scene, Wind(np.arange(36.0).reshape(12, 3), np.ones(12))),
+        "terms[0] is a Wind",
+    ),
+    "ground that differs": (
+        lambda scene: dataclasses.replace(scene, ground=PenaltyGround(np.arange(1.0, 13.0))),
+        "ground.stiffness has a number for each node",
+    ),
+}
+
+
+def test_numbers_of_jax_are_written_too(tmp_path):
+    """Those of ground with a surface, as identification leaves them."""
+    scene = as_dtype(
+        Scene(Structure([[0.0, 0, 1.0]], [1.0]), ground=ExactGround(surface=Stairs(0.1, 0.3, 2))), "float64"
+    )
+    save_scene(scene, tmp_path / "scene.toml")
+    assert float(load_scene(tmp_path / "scene.toml").ground.surface.rise) == pytest.approx(0.1)
 
 
 @pytest.mark.parametrize(("change", "reason"), REFUSED.values(), ids=REFUSED)

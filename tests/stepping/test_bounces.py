@@ -1,5 +1,7 @@
 """Impacts with restitution and friction never make energy, on one robot and on many."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -7,15 +9,20 @@ import pytest
 
 from jaxgrity import (
     ConeFriction,
+    Differences,
     ExactGround,
+    Gait,
     Members,
     Scene,
     SolverOptions,
     Sphere,
     Structure,
     energy_audit,
+    gaits_of,
     resolve,
     rollout,
+    simulate,
+    simulate_population,
 )
 from jaxgrity.stepping import complementarity
 
@@ -85,6 +92,19 @@ def test_where_nothing_is_gained_the_law_is_that_of_newton():
         scene, np.array([0.0, 2 * DT]), start=start, options=resolve(scene, 1.0, SolverOptions(dt=DT))
     ).velocities[-1]
     np.testing.assert_allclose(v, [[3.0 - 0.2 * 1.5 * 2.0, 0.0, 1.0]], rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("together", [False, pytest.param(True, marks=pytest.mark.slow)])
+def test_populations_bounce_as_each_robot_does(together):
+    """With restitution and friction, whose law is chosen robot by robot."""
+    q, v = starts()
+    gait = Gait((0,), [0.0], [0.0], [1.0])
+    scene, options = dataclasses.replace(thrown(), gait=gait), SolverOptions(dt=DT, together=together)
+    gaits, own = gaits_of(gait, np.zeros((3, 1))), Differences(positions=q[:3], velocities=v[:3])
+    many = simulate_population(scene, gaits, 0.1, options=options, differences=own, with_metrics=True)
+    for k in range(3):
+        alone = simulate(scene, 0.1, options=options, frame_rate=10.0, positions=q[k], velocities=v[k])
+        np.testing.assert_allclose(many.positions[k], alone.positions[-1], rtol=0, atol=1e-12)
 
 
 def test_what_a_robot_without_a_gait_does_is_no_actuation():
