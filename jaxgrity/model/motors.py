@@ -53,21 +53,34 @@ def wound(motor: Motor, start: Scalar, t: Scalar) -> Scalar:
     Each command is a ramp of w: from where the last one ended, at the motor's rate, for as long as it takes. The lag's
     answer to a ramp of slope 1 is s - lag (1 - exp(-s/lag)) after s seconds.
     """
+    change = 0 * start
+    for begins, move in zip(motor.times, _moves(motor, start)):
+        since = t - begins
+        # not `sign` and `abs`, whose derivatives are 0 where a command repeats the length before it
+        way = jnp.where(move >= 0, 1.0, -1.0).astype(jnp.result_type(move))
+        turned = _answer(since, motor.lag) - _answer(since - way * move / motor.rate, motor.lag)
+        change = change + way * motor.rate * turned
+    return change
+
+
+def bends_of(motor: Motor, start: Scalar) -> AnyArray:
+    """(2 commands,), s: when the motor of a member whose rest length is `start` at first begins to wind, and ends."""
+    ends = [begins + jnp.abs(move) / motor.rate for begins, move in zip(motor.times, _moves(motor, start))]
+    return jnp.concatenate([jnp.asarray(motor.times), jnp.stack(ends)])
+
+
+def _moves(motor: Motor, start: Scalar) -> list[Scalar]:
+    """m: by how much w changes after each command, until the next."""
     asked = motor.lengths if motor.smallest is None else jnp.maximum(motor.lengths, motor.smallest)
-    commands = len(motor.times)
-    w, change = start, 0 * start
+    commands, w, found = len(motor.times), start, []
     for k in range(commands):
         move = asked[k] - w
         if k + 1 < commands:
             reach = motor.rate * (motor.times[k + 1] - motor.times[k])
             move = jnp.clip(move, -reach, reach)
-        since = t - motor.times[k]
-        # not `sign` and `abs`, whose derivatives are 0 where a command repeats the length before it
-        way = jnp.where(move >= 0, 1.0, -1.0).astype(jnp.result_type(move))
-        turned = _answer(since, motor.lag) - _answer(since - way * move / motor.rate, motor.lag)
-        change = change + way * motor.rate * turned
+        found.append(move)
         w = w + move
-    return change
+    return found
 
 
 def _answer(s: Scalar, lag: Scalar | None) -> Scalar:

@@ -10,7 +10,7 @@ import numpy as np
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import place_rows
 from jaxgrity.core.tracing import evaluated, traced
-from jaxgrity.core.types import Displacement, NodeVectors, Scalar, as_float
+from jaxgrity.core.types import AnyArray, Displacement, NodeVectors, Scalar, as_float
 from jaxgrity.model.inertia import held
 from jaxgrity.model.structure import Structure
 
@@ -24,6 +24,10 @@ class SupportMotion(eqx.Module):
     @abstractmethod
     def displacement(self, t: Scalar) -> Displacement:
         """(3,), m."""
+
+    def bends(self) -> AnyArray:
+        """(times,), s: when it begins, ends, or bends otherwise; steps that adapt end there."""
+        return np.zeros(0)
 
     def check(self, structure: Structure) -> None:
         """Raises `InputError` where the structure has no supports, or the motion does not begin at rest."""
@@ -51,6 +55,9 @@ class Shaking(SupportMotion):
     """s, not negative"""
     ramp: Scalar = eqx.field(converter=as_float, default=1.0)
     """s"""
+
+    def bends(self):
+        return jnp.stack([self.start, self.start + self.ramp])
 
     def __check_init__(self):
         if np.shape(self.amplitude)[:1] != (3,):

@@ -23,7 +23,7 @@ from jaxgrity.model.scene import Scene, with_gait
 from jaxgrity.rollout.lanes import most_lanes, roll_out_lanes
 from jaxgrity.rollout.metrics import Metrics
 from jaxgrity.rollout.uncertainty import Differences
-from jaxgrity.stepping.options import KEPT, Options, ResolvedOptions, check_positive, resolve
+from jaxgrity.stepping.options import KEPT, Options, ResolvedOptions, check_positive, check_supports, resolve
 
 
 class Outcomes(eqx.Module):
@@ -140,6 +140,8 @@ def simulate_population(
             f"gaits.phase has shape {np.shape(gaits.phase)}; expected (gaits, actuators), one gait or more"
         )
     check_positive({"duration": duration})
+    if differences is not None and differences.velocities is not None:
+        check_supports(scene, differences.velocities)
     x64 = bool(jax.config.jax_enable_x64)  # type: ignore[attr-defined]
     common = _common(scene, _at_start(gaits), options, x64)
     end = np.asarray(duration, float)

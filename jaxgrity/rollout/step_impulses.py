@@ -62,24 +62,29 @@ def impulses_along(scene: Scene, trajectory: Trajectory) -> Exerted:
     times = np.asarray(trajectory.times, float)
     dt, dtype = float(trajectory.dt), str(trajectory.positions.dtype)  # type: ignore[arg-type]
     options = options_anew(scene, trajectory.method, dt, dtype)
-    count = math.ceil((times[-1] - times[0]) / dt - NEAR)
-    starts = np.append(np.minimum(times[0] + dt * np.arange(count), times[-1]), times[-1] + np.array([0, dt]))
+    duration = times[-1] - times[0]
+    count = math.ceil(duration / dt - NEAR)
+    # the second step makes up for what the others are shorter than the first, where the duration is no multiple of dt
+    h = duration / count
+    ends_of_steps = np.minimum(np.r_[0, dt, h * np.arange(2, count)][:count], duration)
+    starts = times[0] + np.r_[ends_of_steps, duration, duration + h]
     plan = _plan(scene, trajectory, starts)
     taken = _stepped(as_dtype(scene, dtype), options.as_inputs(), plan, np.asarray(count + 1))
-    ends = np.append(times, starts[-1])
-    # velocities are those in the middle of steps: a motion that begins at rest has half a step less for them
-    acted = ends - (0 if np.asarray(trajectory.velocities)[0].any() else (np.minimum(ends, starts[1]) - starts[0]) / 2)
+    ends, sizes = np.append(times, starts[-1]), np.diff(starts)
+    before = np.clip(np.searchsorted(starts, ends, side="right") - 1, 0, count)
+    # velocities are those in the middle of steps: forces act from one middle to the next, at first from the start on
+    first = sizes[0] if np.asarray(trajectory.velocities)[0].any() else 0.0
+    kicks = (sizes + np.append(first, sizes[:-1])) / 2
 
-    def means(each):
-        total = np.cumsum(np.asarray(each, float)[: count + 1], axis=0)
+    def between(each):
+        """What all steps up to each end add up to, from one end to the next."""
+        total = np.cumsum(each, axis=0)
         total = np.concatenate([0 * total[:1], total])
-        before = np.clip(np.searchsorted(starts, ends, side="right") - 1, 0, count)
-        share = (ends - starts[before]) / (starts[before + 1] - starts[before])
-        share = share.reshape(-1, *[1] * (total.ndim - 1))
-        at = total[before] + share * (total[before + 1] - total[before])
-        return np.diff(at, axis=0) / np.diff(acted).reshape(-1, *[1] * (total.ndim - 1))
+        share = ((ends - starts[before]) / sizes[before]).reshape(-1, *[1] * (total.ndim - 1))
+        return np.diff(total[before] + share * (total[before + 1] - total[before]), axis=0)
 
-    return jax.tree.map(means, taken)
+    acted = between(kicks)
+    return jax.tree.map(lambda x: (between(np.asarray(x, float)[: count + 1]).T / acted).T, taken)
 
 
 def _plan(scene: Scene, trajectory: Trajectory, starts: np.ndarray) -> StepPlan:

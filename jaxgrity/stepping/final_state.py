@@ -14,7 +14,7 @@ from jaxgrity.model.scene import Scene, as_dtype, start_of
 from jaxgrity.stepping.complementarity import SWEPT
 from jaxgrity.stepping.handover import Problem, carried_from, state_from
 from jaxgrity.stepping.integrate import discretise, prepared
-from jaxgrity.stepping.options import ResolvedOptions, check_start
+from jaxgrity.stepping.options import ResolvedOptions, check_start, check_supports
 
 
 def final_state(
@@ -67,6 +67,7 @@ def final_state(
         raise InputError("duration is being traced, so that its steps cannot be counted; pass `steps`")
     check_start(scene, None if start is None else start[0], since)
     q, v = start_of(scene) if start is None else start
+    check_supports(scene, v)
     # numbers that are known stay so: nothing has to be computed of a start at rest
     v = np.asarray(v, options.dtype) if isinstance(v, np.ndarray) else jnp.asarray(v, options.dtype)
     scene, first = prepared(as_dtype(scene, options.dtype)), (jnp.asarray(q, options.dtype), v)

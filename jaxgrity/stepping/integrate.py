@@ -8,9 +8,10 @@ import jax
 import jax.numpy as jnp
 
 from jaxgrity.core.primitives import edge_vectors, length
-from jaxgrity.core.types import NodeVectors, Scalar, Times
+from jaxgrity.core.types import AnyArray, NodeVectors, Scalar, Times
 from jaxgrity.model.inertia import with_mobility
 from jaxgrity.model.laws import Law
+from jaxgrity.model.motors import bends_of
 from jaxgrity.model.rigid_struts import LARGEST_GAP
 from jaxgrity.model.scales import length_scale
 from jaxgrity.model.scene import Scene, with_scales
@@ -66,8 +67,7 @@ def integrate(
     smallest = 16 * jnp.finfo(times.dtype).eps * times[-1]
     dt0, rtol, atol = jax.tree.map(lambda x: jnp.asarray(x, times.dtype), (options.dt, options.rtol, options.atol))
     adaptive: Any = diffrax.PIDController(rtol=rtol, atol=atol, dtmin=smallest, force_dtmin=False)
-    bends = [term.bends() for term in scene.terms if type(term).bends is not Law.bends]
-    if bends:
+    if bends := _bends(scene):
         # an error estimate sees nothing of a push that lies between two of its stages
         adaptive = diffrax.ClipStepSizeController(adaptive, step_ts=jnp.sort(jnp.concatenate(bends)))
     if options.method.constrained:
@@ -89,6 +89,15 @@ def integrate(
         max_steps=None if fixed else options.max_steps,
         throw=False,
     )
+
+
+def _bends(scene: Scene) -> list[AnyArray]:
+    """s: when laws, motors and supports begin, end, or bend otherwise."""
+    found = [term.bends() for term in scene.terms if type(term).bends is not Law.bends]
+    for members in (scene.structure.struts, scene.structure.cables):
+        motors = () if members is None else members.motors
+        found += [bends_of(motor, members.rest_length[motor.member]) for motor in motors]  # type: ignore[union-attr]
+    return found if scene.shaking is None else [*found, scene.shaking.bends()]
 
 
 def prepared(scene: Scene) -> Scene:

@@ -11,7 +11,7 @@ import numpy as np
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.remembered import remembered
 from jaxgrity.core.tracing import traced
-from jaxgrity.core.types import Count, NodeVectors, Scalar
+from jaxgrity.core.types import AnyArray, Count, NodeVectors, Scalar
 from jaxgrity.model.rigid_struts import LARGEST_GAP
 from jaxgrity.model.scales import length_scale, speed_scale
 from jaxgrity.model.scene import Scene
@@ -264,3 +264,15 @@ def check_start(scene: Scene, positions: NodeVectors | None = None, since: Scala
         gaps = np.asarray(constraint.gaps(q, since))
         if gaps.size and not gaps.max() <= LARGEST_GAP * float(length_scale(scene)):
             raise InputError(constraint.complaint(q, float(since), int(gaps.argmax())))
+
+
+def check_supports(scene: Scene, velocities: AnyArray) -> None:
+    """Refuse known velocities (m/s), of one robot or of many, with which supports would move that are not shaken."""
+    if scene.shaking is not None or traced((scene, velocities)):
+        return
+    v = np.asarray(velocities)
+    held = (v != 0) & ~scene.structure.free
+    if held.any():
+        node = int(np.argwhere(held)[0, -2])
+        found = v[tuple(np.argwhere(held)[0][:-1])]
+        raise InputError(f"velocities[{node}] = {found}: expected 0 where the node is fixed")

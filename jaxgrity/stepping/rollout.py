@@ -13,7 +13,7 @@ from jaxgrity.core.types import AnyArray, NodeHistory, State, Times
 from jaxgrity.model.scene import Scene, as_dtype, start_of
 from jaxgrity.stepping.final_state import states_at, steps_between
 from jaxgrity.stepping.integrate import start_failure, state_failure
-from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
+from jaxgrity.stepping.options import Options, ResolvedOptions, check_supports, resolve
 
 
 class RolledOut(NamedTuple):
@@ -73,6 +73,7 @@ def rollout(
         if np.shape(given) != scene.structure.nodes.shape:
             expected = f"{scene.structure.nodes.shape}, a row for each node"
             raise InputError(f"start: {name} have shape {np.shape(given)}; expected {expected}")
+    check_supports(scene, v)
     if steps is None and traced(times):
         raise InputError("times are being traced; pass `steps`, how many from each frame to the next")
     resolved = resolve(scene, 1.0, options, positions=q, since=times[0])

@@ -131,3 +131,18 @@ def test_scene_files_have_motors(tmp_path):
 def test_bad_motors_are_refused(old, new, words):
     with pytest.raises(InputError, match=words):
         parse_scene(FILE.replace(old, new))
+
+
+@pytest.mark.parametrize("method", ["tsit5", pytest.param("dopri8", marks=pytest.mark.slow)])
+def test_steps_that_adapt_see_a_motor_that_moves_and_comes_back(method):
+    """However long nothing has moved: against fixed steps."""
+    motor = Motor(0, [20.0, 20.1], [0.9, 1.0], rate=1.0)
+    spring = Members(((0, 1),), [400.0], [1.0], motors=(motor,))
+    nodes = np.array([[0.0, 0, 0], [1.0, 0, 0]])
+    scene = Scene(Structure(nodes, [0.0, 1.0], spring, fixed=((0, "xyz"), (1, "yz"))))
+    ends = [
+        float(simulate(scene, 21.0, options=options, frame_rate=1 / 21).positions[-1, 1, 0])
+        for options in (SolverOptions(method, rtol=1e-8, atol=1e-10), SolverOptions("rk4", dt=5e-3))
+    ]
+    assert abs(ends[1] - 1.0) > 0.05
+    assert ends[0] == pytest.approx(ends[1], abs=1e-4)

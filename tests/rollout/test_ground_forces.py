@@ -149,3 +149,12 @@ def test_a_tripod_of_struts_that_share_a_node_pushes_outwards():
     np.testing.assert_allclose(forces.ground[-1, 1:, 2], 2 * G, rtol=1e-6)
     np.testing.assert_allclose(np.linalg.norm(forces.ground[-1, 1:, :2], axis=1), G, rtol=1e-6)
     assert not forces.ground[-1, 0].any()
+
+
+@pytest.mark.parametrize("duration", [0.1, 0.1012])
+def test_a_node_that_rests_has_its_weight_whatever_the_duration(duration):
+    """Also where the duration is no multiple of the step."""
+    structure = Structure(np.zeros((1, 3)), [1.0])
+    scene = Scene(structure, G, ground=ExactGround(), friction=ConeFriction(0.5))
+    motion = jaxgrity.simulate(scene, duration, options=SolverOptions(dt=STEP), frame_rate=200.0)
+    np.testing.assert_allclose(jaxgrity.forces_along(scene, motion).ground[1:, 0, 2], G, rtol=1e-9)

@@ -11,8 +11,12 @@ from small_scenes import swept
 from jaxgrity import (
     FAILURES,
     Differences,
+    Gait,
     InputError,
+    Members,
+    Scene,
     SolverOptions,
+    Structure,
     final_state,
     gaits_of,
     resolve,
@@ -78,3 +82,19 @@ def test_robots_of_a_population_that_start_so_fail_and_disturb_no_other(dtype):
     again = Differences(positions=np.stack([fine] * 4), strut_rest_length=np.ones((4, 1)))
     undisturbed = simulate_population(SCENE, gaits, 0.1, options=options, differences=again)
     np.testing.assert_array_equal(outcomes.positions[0], undisturbed.positions[0])
+
+
+def test_supports_do_not_start_in_motion():
+    """In no kind of rollout."""
+    spring = Members(((0, 1),), [400.0], [1.0])
+    structure = Structure(np.array([[0.0, 0, 0], [1.0, 0, 0]]), [0.0, 1.0], spring, fixed=((0, "xyz"),))
+    scene, v = Scene(structure, gait=Gait((0,), [0.0], [0.0], [1.0])), np.array([[1.0, 0, 0], [0, 0, 0]])
+    options = resolve(scene, 1.0, SolverOptions("rk4", dt=1e-2))
+    gaits = gaits_of(scene.gait, np.zeros((1, 1)))
+    for call in (
+        lambda: rollout(scene, np.array([0.0, 0.1]), start=(structure.nodes, v), options=options),
+        lambda: final_state(scene, 0.1, options, (structure.nodes, v)),
+        lambda: simulate_population(scene, gaits, 0.1, options=options, differences=Differences(velocities=v[None])),
+    ):
+        with pytest.raises(InputError, match=r"velocities\[0\] = .*: expected 0 where the node is fixed"):
+            call()
