@@ -11,12 +11,16 @@ import numpy as np
 
 from jaxgrity.core.tracing import refuse_traced
 from jaxgrity.core.types import Count, NodeHistory, NodeVectors, Scalar, Times
+from jaxgrity.model.scales import time_scale
 from jaxgrity.model.scene import Scene, as_dtype, start_of
 from jaxgrity.stepping.dynamics import angular_momentum, kinetic_energy, momentum, vector_field
 from jaxgrity.stepping.integrate import discretise, integrate, prepared
 from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
 from jaxgrity.stepping.power import Step, Work, powers, step_work
 from jaxgrity.stepping.simulate import frame_times, with_room
+
+BESIDE = 1e-9
+"""s, of a body of one metre: this near to a frame a gait is as just before it, or just after"""
 
 
 class Amounts(NamedTuple):
@@ -153,9 +157,11 @@ def _one_sided(scene: Scene, times: Times, q: NodeHistory, tableau: diffrax.Butc
     cancels, but not in between, nor where the motion begins with a jump.
     """
 
+    beside = BESIDE * time_scale(scene)
+
     def off(t, q, side):
         power = jax.grad(scene.potential_energy, argnums=1)
-        return power(q, t + side * 1e-9) - power(q, t)
+        return power(q, t + side * beside) - power(q, t)
 
     c, b = np.concatenate([[0.0], tableau.c]), np.asarray(tableau.b_sol)
     before = h * b[c == 1].sum() * jax.vmap(lambda t, q: off(t, q, -1))(times, q)
