@@ -220,11 +220,7 @@ class Stairs(Surface):
 
 
 class Union(Surface):
-    """Several surfaces together: phi is the least of theirs, exact outside all of them.
-
-    Inside it is that of one part. So solids side by side have to overlap, by more than nodes sink into them: along a
-    wall that two have in common phi is 0, and a node that gets there falls between them.
-    """
+    """Several surfaces together: phi is the least of theirs, exact outside all; solids have to overlap (terrain.md)."""
 
     parts: tuple[Surface, ...]
 

@@ -24,7 +24,7 @@ BLOCKS = {
     "docs/gaits.md": 13,
     "docs/numerics.md": 12,
     "docs/terrain.md": 1,
-    "docs/performance.md": 4,
+    "docs/performance.md": 5,
     "docs/scaling.md": 3,
     "docs/identification.md": 4,
     "docs/search.md": 8,
