@@ -26,13 +26,13 @@ def carried(
 ) -> tuple[np.ndarray, Supports, list[Rod]]:
     """Masses of nodes, supports, and rods with their masses, body by body."""
     mass, fixed, rods = np.zeros(len(x)), [], []
-    for body in np.flatnonzero(model.body_jntnum):
+    for body in np.flatnonzero(model.body_jntnum).tolist():
         if model.body_weldid[model.body_parentid[body]] != 0:
-            name = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_BODY, body) or str(body)
+            name = _name(model, body)
             raise InputError(f"body {name}: moves on another body; expected bodies that are free of each other")
     for body in sorted(set(carrier.tolist())):
         own = np.flatnonzero(carrier == body)
-        name = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_BODY, body) or str(body)
+        name = _name(model, body)
         joints = np.flatnonzero(model.body_weldid[model.jnt_bodyid] == body)
         kinds = model.jnt_type[joints]
         if body == 0:
@@ -48,6 +48,10 @@ def carried(
         else:
             raise InputError(f"body {name}: expected a free joint, or slides along axes and a single node")
     return mass, tuple(fixed), rods
+
+
+def _name(model: Any, body: int) -> str:
+    return mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_BODY, body) or str(body)
 
 
 def _held(axes: np.ndarray, name: str) -> str:

@@ -120,8 +120,8 @@ def _turning(scene: Scene, q: np.ndarray, forces: np.ndarray) -> np.ndarray:
 
 def stable_step(scene: Scene, state: State, method: Method | str) -> float:
     """Largest step (s) at which no small motion about `state` grows by `GROWTH` a step more in `method` than in truth.
-    Infinite for implicit methods, which are stable at any step. It speaks of small motions: smooth friction, whose
-    force is bounded, chatters beyond it and blows up much later.
+
+    Infinite for implicit methods. It speaks of small motions: smooth friction chatters beyond it, and blows up later.
     """
     method = find_method(method) if isinstance(method, str) else method
     return np.inf if method.implicit else _largest(linearise(scene, state), method)
