@@ -266,9 +266,12 @@ def check_start(scene: Scene, positions: NodeVectors | None = None, since: Scala
             raise InputError(constraint.complaint(q, float(since), int(gaps.argmax())))
 
 
-def check_supports(scene: Scene, velocities: AnyArray) -> None:
-    """Refuse known velocities (m/s), of one robot or of many, with which supports would move that are not shaken."""
-    if scene.shaking is not None or traced((scene, velocities)):
+def check_supports(scene: Scene, velocities: AnyArray, *, at_first: bool = False) -> None:
+    """Refuse known velocities (m/s), of one robot or of many, with which supports would move by themselves.
+
+    Those that are shaken begin at rest `at_first`, at t = 0.
+    """
+    if (scene.shaking is not None and not at_first) or traced((scene, velocities)):
         return
     v = np.asarray(velocities)
     held = (v != 0) & ~scene.structure.free

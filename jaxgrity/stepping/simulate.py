@@ -17,7 +17,7 @@ from jaxgrity.model.scene import Scene, as_dtype
 from jaxgrity.stepping.handover import at_rest, midway, velocities_at
 from jaxgrity.stepping.integrate import failure_code, integrate, prepared, start_failure, state_failure
 from jaxgrity.stepping.methods import find_method
-from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
+from jaxgrity.stepping.options import Options, ResolvedOptions, check_supports, resolve
 
 ROOM = 2**16
 """nodes in all saved frames, up to which motions of a scene share one compiled program: the last frame is saved again
@@ -156,10 +156,8 @@ def simulate(
         expected = np.shape(scene.structure.nodes)
         if given is not None and np.shape(given) != expected:
             raise InputError(f"{name} has shape {np.shape(given)}; expected {expected}, a row for each node")
-    held = ~scene.structure.free
-    if velocities is not None and not traced(velocities) and np.any(np.asarray(velocities)[held]):
-        node = int(np.argmax(np.any((np.asarray(velocities) != 0) & held, axis=1)))
-        raise InputError(f"velocities[{node}] = {np.asarray(velocities)[node]}: expected 0 where the node is fixed")
+    if velocities is not None:
+        check_supports(scene, velocities, at_first=True)
     resolved = resolve(scene, float(duration), options, positions=positions)
     times = frame_times(float(duration), frame_rate)
     q = scene.structure.nodes if positions is None else positions
