@@ -11,6 +11,10 @@ from pathlib import Path
 os.environ.setdefault("EQX_ON_ERROR", "nan")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+# Kernels made as the commands have them made, which compiles faster, and each program in one piece: a test process has
+# one core.
+os.environ.setdefault("XLA_FLAGS", "--xla_cpu_use_fusion_emitters=false --xla_cpu_parallel_codegen_split_count=1")
+
 import hypothesis
 import jax
 import numpy as np

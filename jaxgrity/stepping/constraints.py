@@ -27,7 +27,7 @@ from jaxgrity.model.scales import length_scale, speed_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import Members
 from jaxgrity.stepping.blocks import Blocks, Vector, blocks, rows_of, vector, xyz
-from jaxgrity.stepping.entering import closing_speed, where_met
+from jaxgrity.stepping.entering import closing_speed, frame_met, where_met
 from jaxgrity.stepping.ground_response import SLOWEST, Contact, along_own_axes, answered, ground_impulse, velocity
 
 HELD = 1e-2
@@ -159,8 +159,7 @@ def impulses(scene: Scene, problem: StepProblem, trials: Trials) -> GroundImpuls
 
 def on_nodes(scene: Scene, h: Scalar, start: State, found: GroundImpulses) -> list[NodeVectors]:
     """The impulses of exact ground on each node, N s, in a step of size h (s): along the normal and both tangents."""
-    ground = cast(ExactGround, exact_ground(scene))
-    frame = ground.frame(where_met(ground, length_scale(scene), h, *start).at)
+    frame = frame_met(cast(ExactGround, exact_ground(scene)), length_scale(scene), h, start)
     speeds, directions = (found.normal, *found.tangential), (frame.normal, *frame.tangents)
     return [scale(along(p, n), scene.structure.lumped_mass) for p, n in zip(speeds, directions)]
 

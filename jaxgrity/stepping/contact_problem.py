@@ -8,9 +8,9 @@ Both laws hold for every trial impulse z, with p = P(z) and w = P(z) - z (see `g
 H(z) = z - P(z) + b + G P(z) = 0. Newton's method does in a few iterations in most cases, where P' is a generalised
 derivative (Alart and Curnier 1991, doi:10.1016/0045-7825(91)90022-X). Where it does not, the alternating direction
 method of multipliers brings it near: the cone's problem in which the slip w_t of the last iteration adds mu |w_t| to
-w_n (de Saxce and Feng 1998, doi:10.1016/S0895-7177(98)00119-8) is split into a linear system, whose matrix G + rho is
-solved by G's eigenvectors for any rho, and a projection on the cones. Masses count in neither of both: G is scaled so
-that each node's own block has the mean 1, and z is in m/s times the root of the mass.
+w_n (de Saxce and Feng 1998, doi:10.1016/S0895-7177(98)00119-8) is split into a linear system, whose matrix is G + rho,
+and a projection on the cones. Masses count in neither of both: G is scaled so that each node's own block has the mean
+1, which makes rho = 1 a fair start, and z is in m/s times the root of the mass.
 """
 
 from collections.abc import Callable
@@ -19,8 +19,8 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from jaxgrity.core.dense import solution
-from jaxgrity.core.types import AnyArray, MassMatrix, NodeVectors, PerCoordinate, PerNode, Scalar
+from jaxgrity.core.dense import inverse_of, solution
+from jaxgrity.core.types import AnyArray, NodeVectors, PerNode, Scalar
 from jaxgrity.stepping.blocks import Vector
 from jaxgrity.stepping.ground_response import Contact, ground_impulse
 
@@ -28,6 +28,8 @@ NEWTON = 12
 """iterations at a time, at most"""
 SPLITTINGS = 50
 """iterations of the other method at a time, where Newton's has failed"""
+PENALTY_KEPT = 10
+"""iterations of that method, for which its penalty stays"""
 ROUNDS = 20
 """at most, of both in turn"""
 HALVINGS = 8
@@ -75,9 +77,8 @@ def missed(problem: ContactProblem, z: NodeVectors) -> NodeVectors:
 def solve_contacts(problem: ContactProblem, start: NodeVectors) -> Solved:
     """Trial impulses near `start` that solve the problem; where none are found, the best, with their error."""
     infinite = jnp.array(jnp.inf, start.dtype)
-    nothing = jnp.zeros((), start.dtype)
     p = as_impulses(problem.contact, start)
-    splitting = _Splitting(p, 0 * p, nothing, 0 * problem.G[0], 0 * problem.G, nothing)
+    splitting = _Splitting(p, 0 * p, jnp.ones((), start.dtype))
 
     def unsolved(state):
         best, _, count = state
@@ -87,7 +88,7 @@ def solve_contacts(problem: ContactProblem, start: NodeVectors) -> Solved:
         best, splitting, count = state
         # loops, for what is done in some rounds alone: a condition would do it in all, in a population
         splitting = _repeat(count == 1, 1, lambda s: _prepared(problem, s), splitting)
-        splitting = _repeat(count > 0, SPLITTINGS, lambda s: _split(problem, s), splitting)
+        splitting = _repeat(count > 0, SPLITTINGS // PENALTY_KEPT, lambda s: _split(problem, s), splitting)
         near = splitting.impulse - problem.b - (problem.G @ splitting.impulse.ravel()).reshape(start.shape)
         found = _newton(problem, jnp.where(count == 0, start, near))
         better = found.error < best.error
@@ -147,21 +148,11 @@ class _Splitting(NamedTuple):
     slip: NodeVectors
     """w + `_shift`, its multiplier"""
     rho: Scalar
-    values: PerCoordinate
-    """eigenvalues of G"""
-    axes: MassMatrix
-    """and its eigenvectors"""
-    done: Scalar
-    """iterations so far"""
 
 
 def _prepared(problem: ContactProblem, state: _Splitting) -> _Splitting:
-    values, axes = jnp.linalg.eigh(problem.G)
-    values = jnp.maximum(values, 0)
-    smallest = jnp.min(jnp.where(values > 1e-9 * values[-1], values, values[-1]))
-    rho = jnp.sqrt(values[-1] * jnp.maximum(smallest, 1e-6 * values[-1]))
     w = problem.b + (problem.G @ state.impulse.ravel()).reshape(problem.b.shape)
-    return state._replace(slip=w + _shift(problem.contact, w), rho=rho, values=values, axes=axes)
+    return state._replace(slip=w + _shift(problem.contact, w), rho=jnp.ones_like(state.rho))
 
 
 def _shift(contact: Contact, w: NodeVectors) -> NodeVectors:
@@ -175,16 +166,22 @@ def _friction(contact: Contact) -> PerNode:
 
 
 def _split(problem: ContactProblem, state: _Splitting) -> _Splitting:
-    """One iteration: a linear system, a projection on the cones; the penalty rho follows the errors of both."""
-    p, w, rho, values, axes, done = state
-    goal = rho * p + w - problem.b - _shift(problem.contact, w)
-    free = (axes @ ((axes.T @ goal.ravel()) / (values + rho))).reshape(p.shape)
-    after = onto_cone(free - w / rho, _friction(problem.contact))
-    w = w - rho * (free - after)
-    primal, dual = rho * jnp.max(jnp.abs(free - after)), rho * jnp.max(jnp.abs(after - p))
-    change = jnp.where(primal > 10 * dual, 3.0, jnp.where(dual > 10 * primal, 1 / 3, 1.0)).astype(p.dtype)
-    rho = jnp.where(done % 10 == 9, rho * change, rho)
-    return _Splitting(after, w, rho, values, axes, done + 1)
+    """Some iterations: a linear system, a projection on the cones; then the penalty rho follows the errors of both."""
+    rho, mu = state.rho, _friction(problem.contact)
+    inverse = inverse_of(problem.G + rho * jnp.eye(len(problem.G), dtype=rho.dtype))
+
+    def again(carry):
+        p, w, _, count = carry
+        goal = rho * p + w - problem.b - _shift(problem.contact, w)
+        free = (inverse @ goal.ravel()).reshape(p.shape)
+        after = onto_cone(free - w / rho, mu)
+        errors = jnp.stack([jnp.max(jnp.abs(free - after)), jnp.max(jnp.abs(after - p))])
+        return after, w - rho * (free - after), rho * errors, count + 1
+
+    first = (state.impulse, state.slip, jnp.zeros(2, rho.dtype), 0)
+    p, w, (primal, dual), _ = jax.lax.while_loop(lambda carry: carry[3] < PENALTY_KEPT, again, first)
+    change = jnp.where(primal > 10 * dual, 3.0, jnp.where(dual > 10 * primal, 1 / 3, 1.0)).astype(rho.dtype)
+    return _Splitting(p, w, rho * change)
 
 
 def onto_cone(x: NodeVectors, mu: PerNode) -> NodeVectors:

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxgrity.core.primitives import component
-from jaxgrity.core.types import AnyArray, NodeVectors, PerNode, Scalar
+from jaxgrity.core.types import AnyArray, NodeVectors, PerNode, Scalar, State
 from jaxgrity.model.ground import ExactGround
 from jaxgrity.model.surface import Frame, Surface, coordinates, rows_of_xyz
 
@@ -45,6 +45,11 @@ def where_met(ground: ExactGround, size: Scalar, h: Scalar, q: NodeVectors, v: N
     start, way = coordinates(q if ground.offset is None else q - ground.offset), coordinates(h * v)
     share = _share(ground.surface, size, start, way)
     return Met(q + rows_of_xyz(*(share * a for a in way)), share)
+
+
+def frame_met(ground: ExactGround, size: Scalar, h: Scalar, start: State) -> Frame:
+    """Normal and tangents where each node meets the ground in that step."""
+    return ground.frame(where_met(ground, size, h, *start).at)
 
 
 def closing_speed(ground: ExactGround, frame: Frame, h: Scalar, v: NodeVectors, met: Met) -> PerNode:

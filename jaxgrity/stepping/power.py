@@ -9,11 +9,16 @@ from jaxgrity.core.primitives import accumulate, dot, edge_vectors, inner, inver
 from jaxgrity.core.types import Edges, NodeVectors, PerMember, PerNode, Scalar, State
 from jaxgrity.model.actuation import rest_length
 from jaxgrity.model.inertia import held, momenta
+from jaxgrity.model.scales import length_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import Members
 from jaxgrity.stepping.complementarity import ContactState
 from jaxgrity.stepping.constraints import exact_ground, on_nodes, rigid_struts
 from jaxgrity.stepping.dynamics import acceleration, outside_force, smooth_force, support_forces, total_force
+from jaxgrity.stepping.entering import frame_met
+
+SAME_FACE = 0.5
+"""cosine of the angle, by which the normal may turn within a step, where a node stays on the same face"""
 
 Work = dict[str, jax.Array]
 """J of the actuators and of each cause of dissipation; N s and N m s, (3,), of the forces from outside"""
@@ -138,11 +143,16 @@ def _strut_actuation(scene: Scene, step: Step, impulse: NodeVectors) -> Scalar:
 
 
 def _staying(scene: Scene, step: Step) -> PerNode | None:
-    """1 of nodes that were on a curved ground already, else 0; None of ground with edges, or of a plane."""
+    """1 of nodes that were on curved ground already and slide along it, else 0; None of a plane.
+
+    A node on one face that runs into another at a large angle arrives there.
+    """
     ground = exact_ground(scene)
-    if ground is None or ground.surface is None or not ground.surface.smooth:
+    if ground is None or ground.surface is None:
         return None
-    return (step.before.impulses.normal > 0).astype(step.start[0].dtype)
+    before, now = ground.frame(step.start[0]).normal, frame_met(ground, length_scale(scene), step.h, step.start).normal
+    stays = (step.before.impulses.normal > 0) & (dot(before, now) > SAME_FACE)
+    return stays.astype(step.start[0].dtype)
 
 
 def tensions(edges: Edges, q: NodeVectors, impulse: NodeVectors) -> PerMember:

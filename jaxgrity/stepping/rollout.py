@@ -24,7 +24,8 @@ class RolledOut(NamedTuple):
     velocities: NodeHistory
     """(frames, nodes, 3), m/s, as those of a `Trajectory`"""
     ok: AnyArray
-    """whether the start fits its constraints and the motion was finite to the end; if not, all else means nothing"""
+    """whether start and end fit the constraints, so that both can be starts, and the motion was finite; if not, all
+    else means nothing"""
 
 
 def rollout(
@@ -89,5 +90,5 @@ def _rolled(scene: Scene, start: State, times: Times, steps: int, options: Resol
     times = jnp.asarray(times, options.dtype)
     start = jax.tree.map(lambda x: jnp.asarray(x, options.dtype), start)
     q, v = states_at(scene, start, times, steps, options, reverse=True)
-    fits = start_failure(scene, start[0], times[0]) == 0
-    return RolledOut(q, v, fits & (state_failure(scene, q[-1], v[-1]) == 0))
+    fit = (start_failure(scene, start[0], times[0]) == 0) & (start_failure(scene, q[-1], times[-1]) == 0)
+    return RolledOut(q, v, fit & (state_failure(scene, q[-1], v[-1]) == 0))
