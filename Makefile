@@ -29,15 +29,13 @@ docs: .venv/.installed-docs
 check: lint
 	$(TESTS) -m "not slow and not campaign"
 
-# All that shows that the product is right. The fast tests check the shapes of all arrays too; in slow ones that would
-# cost a quarter of the time.
+# All that shows that the product is right.
 test: .venv/.installed-test
-	$(TESTS) -m "not slow and not campaign"
-	$(TESTS) -m slow --jaxtyping-packages=
+	$(TESTS) -m "not campaign"
 
 # Before a release, or after a large change: long campaigns, beyond `make test`.
 verify: .venv/.installed-test
-	$(TESTS) -m campaign --jaxtyping-packages=
+	$(TESTS) -m campaign
 
 lint: .venv/.installed-test
 	$(BIN)/ruff check .
@@ -90,16 +88,11 @@ clean:
 	rm -rf .venv .cache results build dist docs/reference *.egg-info .pytest_cache .ruff_cache .mypy_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
-.venv/.installed: pyproject.toml constraints.txt
+.venv/.installed: EXTRAS = view,video
+.venv/.installed-test: EXTRAS = view,video,test
+.venv/.installed-docs: EXTRAS = view,video,docs
+.venv/.installed .venv/.installed-test .venv/.installed-docs: pyproject.toml constraints.txt
 	@echo "installing jaxgrity and what it needs into .venv/: some minutes, once"
 	test -x $(BIN)/python || $(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[view,video]'
-	touch $@
-
-.venv/.installed-test: .venv/.installed
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[test]'
-	touch $@
-
-.venv/.installed-docs: .venv/.installed
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[docs]'
-	touch $@
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[$(EXTRAS)]'
+	touch .venv/.installed $@

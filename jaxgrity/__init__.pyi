@@ -97,9 +97,10 @@ from .model.spines import planar_spine, tetrahedral_spine
 from .model.static_response import StaticResponse, static_response
 from .model.stiffness import sparse_mass_matrix, stiffness_matrix
 from .model.structure import Members, Structure, edge_lengths
-from .model.surface import Box, Cylinder, Frame, Slope, Sphere, Stairs, Surface, Union
+from .model.surface import Box, Cylinder, Frame, Slope, Sphere, Stairs, Surface
 from .model.symmetry import gene_permutations, image, standing_symmetries, symmetries
 from .model.trusses import d_bar, grid, t_bar
+from .model.unions import Union
 from .model.vibrations import Modes, vibration_modes
 from .model.waves import Wave, travelling_waves
 from .report import plot, view

@@ -17,6 +17,7 @@ os.environ.setdefault("XLA_FLAGS", "--xla_cpu_use_fusion_emitters=false --xla_cp
 
 import hypothesis
 import jax
+import jaxtyping
 import numpy as np
 import pytest
 from meter import Meter
@@ -29,6 +30,8 @@ gc.set_threshold(200_000, 50, 100)
 
 # A program is compiled once for all test processes, the commands that they start, and the next run.
 COMPILED = Path(__file__).parents[1] / ".cache" / "jax-tests"
+SIZES = "slow", "campaign"
+"""marks of all tests but the fast ones"""
 for name, value in {
     "JAX_COMPILATION_CACHE_DIR": str(COMPILED),
     "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.1",
@@ -46,7 +49,7 @@ hypothesis.settings.load_profile("jaxgrity")
 
 def pytest_configure(config):
     """Each of several test processes keeps to its own cores: they spend a quarter longer where threads compete."""
-    config.pluginmanager.register(Meter(("slow", "campaign"), COMPILED.parent), "meter")
+    config.pluginmanager.register(Meter(SIZES, COMPILED.parent), "meter")
     worker = getattr(config, "workerinput", None)
     if worker is None and sum(path.stat().st_size for path in COMPILED.glob("*")) > 1e9:
         # nothing else ever removes a program from there
@@ -56,6 +59,14 @@ def pytest_configure(config):
         count = worker["workercount"]
         if len(cores) >= count:
             os.sched_setaffinity(0, cores[number % count :: count])
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item):
+    """Fast tests check the shapes of all arrays too; in the others that would cost a quarter of the time."""
+    known = any(item.get_closest_marker(name) for name in SIZES)
+    jaxtyping.config.update("jaxtyping_disable", known)
+    return (yield)
 
 
 @pytest.fixture(scope="module", autouse=True)

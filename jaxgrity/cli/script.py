@@ -32,8 +32,8 @@ over robots is written out, which would keep LLVM from using vector instructions
 VECTORS = "--xla_cpu_prefer_vector_width=512"
 """Vectors as long as the processor has them, where LLVM would take half of that; answers are the same to the bit."""
 FUSIONS = "--xla_cpu_use_fusion_emitters=false"
-"""XLA's older way of making kernels: it compiles in two thirds of the time, and what it makes runs up to a fifth faster;
-answers are the same to the bit."""
+"""XLA's older way of making kernels: it compiles in two thirds of the time, and what it makes runs up to a fifth
+faster; answers are the same to the bit."""
 COLLECTED = 200_000, 50, 100
 """Python's thresholds of garbage collection. Tracing makes millions of objects that live on in caches: looking through
 them as often as Python does by itself takes a fifth of the time."""

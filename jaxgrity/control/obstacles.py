@@ -11,7 +11,8 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.model.ground import Ground
 from jaxgrity.model.height_fields import HeightField
 from jaxgrity.model.structure import Structure
-from jaxgrity.model.surface import Box, Cylinder, Slope, Sphere, Union
+from jaxgrity.model.surface import Box, Cylinder, Slope, Sphere
+from jaxgrity.model.unions import Union
 
 STEPS = ((1, 0), (0, 1), (1, 1), (1, -1), (2, 1), (1, 2), (2, -1), (1, -2))
 """from one point of a grid to others, and back: ways in 16 directions, at most 2.8 % longer than straight ones"""

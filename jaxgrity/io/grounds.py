@@ -5,7 +5,8 @@ from pathlib import Path
 from jaxgrity.core.errors import InputError
 from jaxgrity.io.scene_tables import GroundTable
 from jaxgrity.model.ground import ExactGround, Ground, PenaltyGround
-from jaxgrity.model.surface import Slope, Surface, Union
+from jaxgrity.model.surface import Slope, Surface
+from jaxgrity.model.unions import Union
 
 
 def build_ground(table: GroundTable | None, folder: Path) -> Ground | None:

@@ -51,7 +51,8 @@ from jaxgrity.model.height_fields import HeightMap, Waves
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.shaking import Shaking, SupportMotion
 from jaxgrity.model.structure import Structure
-from jaxgrity.model.surface import Box, Cylinder, Slope, Sphere, Stairs, Surface, Union
+from jaxgrity.model.surface import Box, Cylinder, Slope, Sphere, Stairs, Surface
+from jaxgrity.model.unions import Union
 
 WIDTH = 120
 """characters, above which a list of lists takes a line for each of them"""

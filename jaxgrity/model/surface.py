@@ -219,28 +219,6 @@ class Stairs(Surface):
         return jnp.cos(self.turn) * x + jnp.sin(self.turn) * y
 
 
-class Union(Surface):
-    """Several surfaces together: phi is the least of theirs, exact outside all; solids have to overlap (terrain.md)."""
-
-    parts: tuple[Surface, ...]
-
-    def __check_init__(self):
-        if not self.parts:
-            raise InputError("union: there are no parts; expected at least one surface")
-
-    def level(self, x, y, z):
-        first, *others = (part._distance(x, y, z) for part in self.parts)
-        for f in others:
-            first = smaller(first, f)
-        return first
-
-    def height(self, x, y):
-        first, *others = (part.height(x, y) for part in self.parts)
-        for h in others:
-            first = jnp.maximum(first, h)
-        return first
-
-
 def coordinates(q: NodeVectors) -> tuple[PerNode, PerNode, PerNode]:
     """x, y and z of each node."""
     x, y, z = (component(q, axis) for axis in AXES)

@@ -167,8 +167,8 @@ def _friction(contact: Contact) -> PerNode:
 
 def _split(problem: ContactProblem, state: _Splitting) -> _Splitting:
     """Some iterations: a linear system, a projection on the cones; then the penalty rho follows the errors of both."""
-    rho, mu = state.rho, _friction(problem.contact)
-    inverse = inverse_of(problem.G + rho * jnp.eye(len(problem.G), dtype=rho.dtype))
+    rho, mu, dtype = state.rho, _friction(problem.contact), state.impulse.dtype
+    inverse = inverse_of(problem.G + rho * jnp.eye(len(problem.G), dtype=dtype))
 
     def again(carry):
         p, w, _, count = carry
@@ -178,9 +178,9 @@ def _split(problem: ContactProblem, state: _Splitting) -> _Splitting:
         errors = jnp.stack([jnp.max(jnp.abs(free - after)), jnp.max(jnp.abs(after - p))])
         return after, w - rho * (free - after), rho * errors, count + 1
 
-    first = (state.impulse, state.slip, jnp.zeros(2, rho.dtype), 0)
+    first = (state.impulse, state.slip, jnp.zeros(2, dtype), 0)
     p, w, (primal, dual), _ = jax.lax.while_loop(lambda carry: carry[3] < PENALTY_KEPT, again, first)
-    change = jnp.where(primal > 10 * dual, 3.0, jnp.where(dual > 10 * primal, 1 / 3, 1.0)).astype(rho.dtype)
+    change = jnp.where(primal > 10 * dual, 3.0, jnp.where(dual > 10 * primal, 1 / 3, 1.0)).astype(dtype)
     return _Splitting(p, w, rho * change)
 
 

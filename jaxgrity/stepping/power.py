@@ -150,8 +150,9 @@ def _staying(scene: Scene, step: Step) -> PerNode | None:
     ground = exact_ground(scene)
     if ground is None or ground.surface is None:
         return None
-    before, now = ground.frame(step.start[0]).normal, frame_met(ground, length_scale(scene), step.h, step.start).normal
-    stays = (step.before.impulses.normal > 0) & (dot(before, now) > SAME_FACE)
+    before, now = ground.frame(step.start[0]), frame_met(ground, length_scale(scene), step.h, step.start)
+    alike = dot(cast(NodeVectors, before.normal), cast(NodeVectors, now.normal))
+    stays = (step.before.impulses.normal > 0) & (alike > SAME_FACE)
     return stays.astype(step.start[0].dtype)
 
 

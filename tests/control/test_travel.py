@@ -84,7 +84,7 @@ def test_the_gap_is_that_of_members_not_of_nodes(scene):
 
 def test_obstacles_of_a_scene_are_discs(scene):
     """An upright post and a box, on a plane or on bumps; stairs are refused."""
-    posts = Union((Slope(), Cylinder([2, 1, 0], [2, 1, 1], 0.3), jaxgrity.Box([4, 0, 0.5], [0.6, 0.8, 1.0])))
+    posts = Union((Slope(), Cylinder([2, 1, -1], [2, 1, 1], 0.3), jaxgrity.Box([4, 0, 0.4], [0.6, 0.8, 1.2])))
     found = jaxgrity.discs_of(replace(scene.ground, surface=posts))
     np.testing.assert_allclose(found.centres, [[2, 1], [4, 0]])
     np.testing.assert_allclose(found.radii, [0.3, 0.5])

@@ -162,6 +162,19 @@ def test_a_gradient_in_the_terrain_is_that_of_finite_differences(central_differe
         (lambda: Stairs(0.1, 0.3, steps=0), "stairs.steps = 0: expected at least 1"),
         (lambda: Stairs(0.1, -0.3), "stairs.run = -0.3"),
         (lambda: Union(()), "expected at least one surface"),
+        (
+            lambda: Union((Slope(), Box([1, 0, 0.5], [0.6, 0.8, 1.0]))),
+            "centre = .1.0, 0.0, 0.0., size = .0.6, 0.8, 2.0.",
+        ),
+        (
+            lambda: Union((Box([0, 0, 0], [1, 1, 1]), Box([1, 0.3, 0], [1, 1, 0.5]))),
+            "a face of part 0 .box. lies on part",
+        ),
+        (
+            lambda: Union((Stairs(0.2, 0.5), Box([0.3, 0, 0.25], [0.1, 0.1, 0.1]))),
+            "part 1 .box. lies on part 0 .stairs.",
+        ),
+        (lambda: Union((Slope(), Cylinder([0, 0, 0], [0, 0, 1], 0.2))), "part 1 .cylinder. lies on part 0 .slope."),
         (lambda: bumps(0.0, 1.0, 0), "bumps.deviation = 0.0: expected a positive number"),
         (lambda: height_map(np.zeros((2, 9)), (1.0, 1.0)), "expected a table, at least 4 by 4"),
         (lambda: height_map(np.full((4, 4), np.nan), (1.0, 1.0)), "some are not finite"),
@@ -175,3 +188,19 @@ def test_a_gradient_in_the_terrain_is_that_of_finite_differences(central_differe
 def test_what_is_no_surface_is_refused(make, words):
     with pytest.raises(InputError, match=words):
         make()
+
+
+@pytest.mark.parametrize(
+    "parts",
+    [
+        (Slope(), Box([1, 0, 0.4], [0.6, 0.8, 1.2])),
+        (Slope(0.1), Box([1, 0, 0.5], [0.6, 0.8, 1.0])),
+        (Box([0, 0, 0], [1, 1, 1]), Box([1, 0.3, 0], [1.01, 1, 1])),
+        (Box([0, 0, 0], [1, 1, 1]), Box([1, 1, 0], [1, 1, 1])),
+        (Box([0, 0, 0], [1, 1, 1]), Box([2.5, 0, 0], [1, 1, 1]), Slope()),
+        (Slope(), Cylinder([0, -1, 0.2], [0, 1, 0.2], 0.2), Sphere([2, 0, 0.3], 0.3)),
+    ],
+    ids=["deeper", "on a slope", "overlapping", "edge to edge", "apart", "round"],
+)
+def test_parts_without_a_wall_in_common_are_a_union(parts):
+    assert Union(parts).parts == parts

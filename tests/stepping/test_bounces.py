@@ -9,14 +9,17 @@ import pytest
 
 from jaxgrity import (
     ConeFriction,
+    Cylinder,
     Differences,
     ExactGround,
     Gait,
     Members,
     Scene,
+    Slope,
     SolverOptions,
     Sphere,
     Structure,
+    Union,
     energy_audit,
     gaits_of,
     resolve,
@@ -120,12 +123,23 @@ def _tumbling() -> Scene:
     return Scene(structure, gravity=9.81, ground=ExactGround(), friction=ConeFriction(0.5))
 
 
-def test_what_is_lost_on_a_curve_is_no_impact():
-    """A node without friction in a bowl keeps its energy: what the steps lose of it halves with them."""
-    bowl = ExactGround(surface=Sphere([0.0, 0.0, 1.0], 1.0, hollow=True))
-    scene = Scene(Structure([[np.sin(1.0), 0, 1 - np.cos(1.0)]], [1.0]), gravity=9.81, ground=bowl)
-    lost = [energy_audit(scene, 1.0, options=SolverOptions(dt=dt)).dissipated for dt in (2e-3, 1e-3)]
+CURVES = {
+    "a bowl": (Sphere([0.0, 0.0, 1.0], 1.0, hollow=True), [np.sin(1.0), 0, 1 - np.cos(1.0)]),
+    "a ball": (Sphere([0.0, 0.0, -1.0], 1.0), [np.sin(0.2), 0, np.cos(0.2) - 1]),
+    "a log on the plane": (
+        Union((Cylinder([0.0, -1, 1], [0.0, 1, 1], 1.0), Slope())),
+        [np.sin(0.2), 0, np.cos(0.2) + 1 + 1e-9],
+    ),
+}
+
+
+@pytest.mark.parametrize("curve", CURVES)
+def test_what_is_lost_on_a_curve_is_no_impact(curve):
+    """A node without friction that slides along keeps its energy: what the steps lose of it halves with them."""
+    surface, start = CURVES[curve]
+    scene = Scene(Structure([start], [1.0]), gravity=9.81, ground=ExactGround(surface=surface))
+    lost = [energy_audit(scene, 0.5, options=SolverOptions(dt=dt)).dissipated for dt in (2e-3, 1e-3)]
     stepping, impacts = (np.array([each[cause][-1] for each in lost]) for cause in ("stepping", "impacts"))
-    assert np.all(stepping > 1e-3)
+    assert np.all(np.abs(stepping) > 1e-4)
     assert stepping[0] / stepping[1] == pytest.approx(2, rel=0.1)
-    assert np.all(np.abs(impacts) < 1e-2 * stepping)
+    assert np.all(np.abs(impacts) < 2e-2 * np.abs(stepping))

@@ -67,7 +67,7 @@ def box_block(centre, size, turn=0.0):
 
 
 FLOOR = Slope(), Block([[0, 0, 1.0], [0, 0, 1.0]], [0.0, 1.0])
-FIRST, SECOND = box_block([0.0, 0, 0.1], [0.4, 4.0, 0.2]), box_block([0.25, 0, 0.15], [0.12, 0.3, 0.3], 0.5)
+FIRST, SECOND = box_block([0.0, 0, 0.05], [0.4, 4.0, 0.3]), box_block([0.25, 0, 0.1], [0.12, 0.3, 0.4], 0.5)
 THIN = box_block([0.0, 0, 0.25], [0.3, 4.0, 0.02])
 TREADS = [Block([[-1.0, 0, 0], [0, 0, 1.0]], [-0.1 - 0.2 * k, 0.15 * (k + 1)]) for k in range(3)]
 GROUNDS = {

@@ -1,0 +1,114 @@
+"""Several surfaces together, as an obstacle and the plane on which it stands."""
+
+import itertools
+from collections.abc import Iterator
+from typing import cast
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+from jaxgrity.core.elementwise import smaller
+from jaxgrity.core.errors import InputError
+from jaxgrity.core.tracing import evaluated, traced
+from jaxgrity.core.types import AnyArray
+from jaxgrity.model.surface import Box, Cylinder, Surface
+
+TOUCHING = 1e-6
+"""of a solid's size: how near a face of it is to another surface where both count as touching"""
+OPPOSITE = -0.999
+"""cosine of the angle between the normals of two faces that touch, at most"""
+INNER = 0.98 * np.linspace(-1, 1, 5)
+"""places on a face at which others are looked for, in halves of its size"""
+
+
+class Union(Surface):
+    """Several surfaces together: phi is the least of theirs, exact outside all.
+
+    Solids that meet have to overlap, by more than nodes sink into them: along a wall that two have in common phi is 0,
+    so that nodes would pass there. Raises `InputError` where a face of a box or an end of a cylinder lies on another
+    part.
+    """
+
+    parts: tuple[Surface, ...]
+
+    def __check_init__(self):
+        if not self.parts:
+            raise InputError("union: there are no parts; expected at least one surface")
+        if traced(self.parts):
+            return
+        for first, second in _touching(self.parts):
+            raise InputError(
+                f"union: a face of part {first} ({_name(self.parts[first])}) lies on part {second} "
+                f"({_name(self.parts[second])}), and nodes would pass between them; expected solids that overlap"
+                + _hint(self.parts[first])
+            )
+
+    def level(self, x, y, z):
+        first, *others = (part._distance(x, y, z) for part in self.parts)
+        for f in others:
+            first = smaller(first, f)
+        return first
+
+    def height(self, x, y):
+        first, *others = (part.height(x, y) for part in self.parts)
+        for h in others:
+            first = jnp.maximum(first, h)
+        return first
+
+
+def _hint(part: Surface) -> str:
+    """A box with the same top that reaches down further, as one that stands on the ground may."""
+    if not isinstance(part, Box):
+        return ""
+    size = np.asarray(part.size, float)
+    lower, longer = np.asarray(part.centre, float) - [0, 0, size[2] / 2], size * [1, 1, 2]
+    centre, size = np.round(lower, 9).tolist(), np.round(longer, 9).tolist()
+    return f", such as centre = {centre}, size = {size}, which has the same top"
+
+
+def _name(part: Surface) -> str:
+    return type(part).__name__.lower()
+
+
+def _touching(parts: tuple[Surface, ...]) -> Iterator[tuple[int, int]]:
+    """Every part of which a face lies on another one, and that one."""
+    for (i, part), (j, other) in itertools.permutations(enumerate(parts), 2):
+        faces = _faces(part)
+        if faces is None:
+            continue
+        points, normals, size = faces
+        with evaluated():
+            distance, normal = _met(other, points)
+        if np.any((np.abs(distance) <= TOUCHING * size) & (np.sum(normal * normals, axis=1) < OPPOSITE)):
+            yield i, j
+
+
+@eqx.filter_jit
+def _met(surface: Surface, points: AnyArray) -> tuple[AnyArray, AnyArray]:
+    return surface.signed_distance(points), cast(AnyArray, surface.frame(points).normal)
+
+
+def _faces(part: Surface) -> tuple[np.ndarray, np.ndarray, float] | None:
+    """Points on the flat faces of a solid, (points, 3), the normals there, and its size, m; None of other surfaces."""
+    if isinstance(part, Box):
+        half, turn = np.asarray(part.size, float) / 2, float(part.turn)
+        a, b = (x.ravel() for x in np.meshgrid(INNER, INNER))
+        points, normals = [], []
+        for axis, side in itertools.product(range(3), (-1.0, 1.0)):
+            points.append(np.insert(np.stack([a, b], 1), axis, side, axis=1) * half)
+            normals.append(np.tile(side * np.eye(3)[axis], (len(a), 1)))
+        cosine, sine = np.cos(turn), np.sin(turn)
+        turned = np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1]])
+        at = np.concatenate(points) @ turned.T + np.asarray(part.centre, float)
+        return at, np.concatenate(normals) @ turned.T, float(half.max())
+    if isinstance(part, Cylinder):
+        start, end = np.asarray(part.start, float), np.asarray(part.end, float)
+        axis = (end - start) / np.linalg.norm(end - start)
+        across = np.linalg.svd(axis[None])[2][1:]
+        a, b = (x.ravel() for x in np.meshgrid(INNER, INNER))
+        within = a * a + b * b <= 1
+        disc = float(part.radius) * np.stack([a[within], b[within]], 1) @ across
+        outward = np.repeat([-axis, axis], len(disc), axis=0)
+        return np.concatenate([start + disc, end + disc]), outward, float(np.linalg.norm(end - start))
+    return None
