@@ -106,9 +106,9 @@ def main(settings: Settings) -> None:
 
 
 def tried(problem: SearchProblem, genes: np.ndarray, seed: int) -> np.ndarray:
-    """The fitness of gaits by rough rollouts."""
+    """The merit of gaits by rough rollouts."""
     gaits = problem.genome.gaits(problem.scene.gait, problem.genome.within(np.asarray(genes, float)))
-    return np.asarray(judge_at(fidelity_levels(problem.scene)[0], gaits, unmeasured(problem), seed).fitness)
+    return np.asarray(judge_at(fidelity_levels(problem.scene)[0], gaits, unmeasured(problem), seed).merit)
 
 
 def unmeasured(problem: SearchProblem) -> SearchProblem:

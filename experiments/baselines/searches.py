@@ -186,13 +186,13 @@ def generations(task: Task, budget: float, rollouts: int, finalists: int = FINAL
 
 
 def _try_out(task: Task, genes, fitness: Fitness, seed: int, trace: Trace, keeps: bool = False) -> np.ndarray:
-    """The fitness of each gait, by new draws; the best of all so far counts where the search `keeps` it."""
+    """The merit of each gait, by new draws; the best of all so far counts where the search `keeps` it."""
     scene, genome = task.problem.scene, task.problem.genome
     gaits = genome.gaits(scene.gait, genome.within(np.asarray(genes, float)))
     scores = judge_at(task.levels[-1], gaits, task.judged_by(fitness), DRAWS * (seed + 1) + len(trace))
-    best = max(scores.fitness.max(), trace.best[-1] if keeps and trace else -np.inf)
+    best = max(scores.merit.max(), trace.best[-1] if keeps and trace else -np.inf)
     trace.spend(task.weights[-1] * scores.each.size, best, scores.failed.sum())
-    return scores.fitness
+    return scores.merit
 
 
 def _choose(task: Task, genes, seed: int, trace: Trace) -> Found:

@@ -72,10 +72,10 @@ def gait_search_table(facts: Facts) -> str:
 
 
 def _of_robots(speed: float, robots: Facts, steady: Facts) -> str:
-    """Their mean speed along paths with its standard error, the standard deviation, and the shares of the orbit's."""
+    """Their mean speed along paths with two standard errors, the standard deviation, and the shares of the orbit's."""
     mean, spread = speed / steady["speed"], robots["standard_deviation"] / steady["speed"]
     size = steady["body_length"]
-    lengths = f"{speed / size:.3f} ± {robots['standard_error'] / size:.1g} body lengths/s"
+    lengths = f"{speed / size:.3f} ± {2 * robots['standard_error'] / size:.1g} body lengths/s"
     scatter = f"standard deviation {robots['standard_deviation'] / size:.2g}"
     return f"{lengths}, {scatter}: {100 * mean:.0f} % of it, {100 * spread:.0f} %"
 

@@ -235,7 +235,8 @@ def with_fitness(problem: SearchProblem, robots: int, bounds: ActuatorBounds) ->
 def within_bounds(level: FidelityLevel, problem: SearchProblem, gaits: Gait) -> np.ndarray:
     """(gaits,), whether each asks no more of actuators than a default search allows, of the robot as it is said."""
     alone = with_fitness(problem, 1, problem.fitness.bounds)
-    return np.asarray(judge_at(level, gaits, alone, 0).mean >= 0)  # a speed, or less than nothing beyond them
+    found = judge_at(level, gaits, alone, 0)
+    return (found.beyond == 0) & ~found.failed
 
 
 def measure(level: FidelityLevel, problem: SearchProblem, gaits: Gait, seed: int) -> list[dict[str, Any]]:

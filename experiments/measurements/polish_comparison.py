@@ -146,7 +146,7 @@ def compared(problem: SearchProblem, level: FidelityLevel, genes: np.ndarray, se
     """The best of the finalists, by more robots."""
     more = problem._replace(fitness=with_robots(problem.fitness, COMPARED))
     found = judge_at(level, problem.genome.gaits(problem.scene.gait, genes), more, seed)
-    return np.asarray(genes, float)[int(np.argmax(found.fitness))]
+    return np.asarray(genes, float)[int(np.argmax(found.merit))]
 
 
 def judgement(

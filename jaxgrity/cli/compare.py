@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from jaxgrity.cli.settings import CompareSettings
-from jaxgrity.core.display import with_error
+from jaxgrity.core.display import mean_of_robots, with_error
 from jaxgrity.core.errors import InputError
 from jaxgrity.io.files import read_text, save_json
 from jaxgrity.report import plot
@@ -27,10 +27,10 @@ COLUMNS = {
     "steady, m/s": steady,
     "verified, m": lambda s: with_error(f"{s['distance']:.3f}", s["error_bar"]),
     "scene": lambda s: s["scene"],
-    "robust": lambda s: "{mean:.3f} ± {standard_deviation:.2g}".format(**s["robust"]) + f" {unit(s)}".rstrip(),
+    "robust": lambda s: mean_of_robots(s["robust"], unit(s)),
     "other model": lambda s: f"{s['other_contact_model']['mean']:.3f}",
     "motion": lambda s: "-" if s["motion"] is None else f"{s['motion']['kind']}, {s['motion']['rolls']} rolls",
-    "peak N, m/s, W": lambda s: "{peak_force:.0f}, {peak_rate:.2f}, {peak_power:.0f}".format(**s["actuators"]),
+    "peak N, m/s, W": lambda s: "{peak_force:.3g}, {peak_rate:.2g}, {peak_power:.3g}".format(**s["actuators"]),
     "rollouts": lambda s: str(sum(search["rollouts"] for search in s["searches"])),
     "seconds": lambda s: f"{s['wall_seconds']:.0f}",
 }

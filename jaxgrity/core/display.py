@@ -3,6 +3,11 @@
 import math
 from collections.abc import Callable
 from importlib import import_module
+from typing import Any
+
+COVERING = 2.0
+"""standard errors that follow a "±", wherever a number is known by draws: the range then covers the truth in 19 of 20
+cases. By how much robots differ is said in words, as their standard deviation."""
 
 
 def of_report(module: str, function: str) -> Callable:
@@ -19,3 +24,13 @@ def with_error(value: str, error: float | None, unit: str = "", digits: str = ".
     if error is None or not math.isfinite(error):
         return f"{value}{unit} (error not known)"
     return f"{value} ± {error:{digits}}{unit}"
+
+
+def mean_of_robots(robots: dict[str, Any], unit: str, mean: str = "mean") -> str:
+    """A mean over robots that differ, with `COVERING` standard errors, and their standard deviation, in words.
+
+    From a record with "standard_error" (None of one robot), "standard_deviation", and the mean by its name.
+    """
+    error = robots["standard_error"]
+    known = with_error(f"{robots[mean]:.3f}", None if error is None else COVERING * error, f" {unit}".rstrip())
+    return f"{known} (standard deviation {robots['standard_deviation']:.2g})"

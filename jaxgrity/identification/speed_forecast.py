@@ -87,8 +87,8 @@ class SpeedForecast(NamedTuple):
         if self.gradient_shares is not None and self.explained >= LINEAR:
             shares = self.gradient_shares
         lines = [
-            f"{self.mean:.4g} ± {self.standard_deviation:.2g} m/s over {len(self.speeds)} robots, of which "
-            f"{self.rolling:.0%} roll; the most probable one: {self.orbit.speed:.4g} m/s"
+            f"{self.mean:.4g} m/s (standard deviation {self.standard_deviation:.2g}) over {len(self.speeds)} robots, "
+            f"of which {self.rolling:.0%} roll; the most probable one: {self.orbit.speed:.4g} m/s"
         ]
         for k in np.argsort(-shares):
             lines.append(f"{self.names[k]}, known exactly: variance of the speed down by {shares[k]:.0%}")

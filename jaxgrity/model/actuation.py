@@ -103,6 +103,20 @@ def contraction(gait: Actuation, t: Scalar) -> PerActuator:
     return gait.amplitude / 2 * r * (1 + wave)
 
 
+def waves_ahead(gait: Gait, angle: AnyArray) -> Gait:
+    """The gait whose waves are `angle` (rad, of each actuated member) ahead, and keep their shapes.
+
+    Harmonic h moves by h times as much, as where an actuator is early, or late where the angle is negative. In the
+    precision of the gait.
+    """
+    dtype = gait.phase.dtype
+    overtones = tuple(
+        Overtone(each.size, (each.phase + h * angle).astype(dtype)) for h, each in enumerate(gait.overtones, start=2)
+    )
+    moved = eqx.tree_at(lambda g: g.phase, gait, (gait.phase + angle).astype(dtype))
+    return eqx.tree_at(lambda g: g.overtones, moved, overtones) if overtones else moved
+
+
 def rest_length(members: Members, gait: Actuation | None, t: Scalar, first: int) -> PerMember:
     """L(t) of the struts or of the cables, m; `first` is the number that a gait gives to the first of them."""
     count = len(members.edges)

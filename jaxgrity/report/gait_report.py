@@ -17,8 +17,9 @@ from jaxgrity.model.scales import time_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.report import plot, view
 from jaxgrity.report.animation import animate
+from jaxgrity.report.gait_rows import outcome_rows, search_rows
 from jaxgrity.report.measuring import gait_measured
-from jaxgrity.report.steady import PARTS, steady_rows
+from jaxgrity.report.steady import PARTS
 from jaxgrity.rollout.rolling import Rolling, rolling
 from jaxgrity.search.pipeline import SearchResult
 from jaxgrity.search.polish import Polished
@@ -157,8 +158,8 @@ def polish_facts(polished: Polished) -> dict[str, Any]:
         "reason": polished.reason,
         "rollouts": polished.rollouts,
         "horizon": polished.horizon,
-        "before": float(polished.before.mean[0]),
-        "after": float(polished.after.mean[0]),
+        "fitness_before": float(polished.before.fitness[0]),
+        "fitness_after": float(polished.after.fitness[0]),
         "sensitivity": None if growth is None else {"times": growth.times, "norm": growth.norm},
         "steps": [step._asdict() for step in polished.steps],
     }
@@ -216,64 +217,6 @@ def draw_motion(
     plot.save(plot.gait_figure(scene.gait, end, motion, begin), folder / "gait.png")
     plot.save(plot.member_figure(scene, shown), folder / "members.png")
     plot.save(plot.force_figure(scene, shown), folder / "forces.png")
-
-
-def outcome_rows(summary: dict[str, Any]) -> dict[str, str]:
-    """What the gait does and what it needs, in words, by headings."""
-    steady, asked = summary["steady"], summary["actuators"]
-    return {
-        **({"verified distance": distance_words(summary)} if steady is None else steady_rows(steady)),
-        "actuators must give": f"up to {asked['peak_force']:.0f} N, {asked['peak_rate']:.2g} m/s, "
-        f"{asked['peak_power']:.0f} W; cost of transport {asked['cost_of_transport_by_effort']:.2g} "
-        "(own work of every actuator / (m g d))"
-        + ("" if summary["within_bounds"] else "; no gait was found that stays within the bounds on actuators"),
-    }
-
-
-def search_rows(summary: dict[str, Any], motion: Rolling | None, unit: str) -> dict[str, str]:
-    """How the gait was found and how far that can be trusted, in words; `unit` is the objective's."""
-    robust, other = summary["robust"], summary["other_contact_model"]
-    ranks = summary["fidelity"]["rank_correlation"][0][-1]
-    among = summary["fidelity"]["rank_correlation_of_the_evolved"][0][-1]
-    last = summary["fidelity"]["levels"][-1]["name"]
-    rollouts = sum(search["rollouts"] for search in summary["searches"])
-    verified = {} if summary["steady"] is None else {"verified distance": distance_words(summary)}
-    return {
-        **verified,
-        "motion": "no ground, or no motion" if motion is None else motion.sentence(),
-        "directions": ", ".join(
-            f"{d['distance']:.2f} m towards {np.degrees(d['heading']):.0f}°" for d in summary["directions"]
-        ),
-        "objective": f"{robust['mean']:.3f} ± {robust['standard_deviation']:.2g} {unit} over {robust['robots']} robots "
-        f"that differ, step error {robust['step_error']:.1g}; {other['mean']:.3f} ± "
-        f"{other['standard_deviation']:.2g} on the other contact model",
-        "search": f"{rollouts} rollouts; screening ranks gaits as {last} does with {plot.ranked(ranks)} (Spearman; "
-        f"{plot.ranked(among)} among the evolved)",
-        **_chosen(summary["finalists"]["multipliers"]),
-        "polish": "none" if summary["polish"] is None else summary["polish"]["reason"],
-        "sensitivity at the end": f"{summary['diagnosis'].get('sensitivity', np.nan):.3g} m/rad",
-    }
-
-
-def _chosen(multipliers: list[float] | None) -> dict[str, str]:
-    """By how much the finalists' orbits multiply disturbances, the chosen one's first."""
-    if multipliers is None:
-        return {}
-    known = [f"{each:.2g}" for each in multipliers if np.isfinite(each)]
-    lost = len(multipliers) - len(known)
-    if not known:
-        return {"finalists": "none settles on an orbit to which disturbed robots return; the first is worth most"}
-    rest = f"; {lost} of {len(multipliers)} settle on no orbit to which disturbed robots return" if lost else ""
-    told = f"their orbits multiply a disturbance in a cycle by {', '.join(known)}{rest}"
-    return {"finalists": f"{told}; the first is worth most" if np.isfinite(multipliers[0]) else told}
-
-
-def distance_words(summary: dict[str, Any]) -> str:
-    """The distance with its error bar, where that says anything."""
-    known, told = summary["error_bar"] <= summary["distance"], f"in {summary['duration']:g} s"
-    if known:
-        return f"{summary['distance']:.4f} ± {summary['error_bar']:.1g} m {told}"
-    return f"{summary['distance']:.2f} m {told} at this time step; where the robot gets to depends on the step"
 
 
 def write_page(out: Path, title: str, first: dict[str, str], rest: dict[str, str]) -> None:

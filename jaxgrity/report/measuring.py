@@ -69,10 +69,10 @@ def maps_members(gait: Gait, symmetry: Symmetry) -> bool:
 def actuators(best: Scene, options: SolverOptions, duration: float) -> dict[str, Any]:
     """What the gait asks of its actuators."""
     assert best.gait is not None, "a search finds a gait"
-    # from rest, said so that `orbit_cycle` shares the compiled program
+    # from rest, and since when, said so that `orbit_cycle` shares the compiled program
     start = Differences(velocities=np.zeros((1, *best.structure.nodes.shape)))
-    gaits = as_population(best.gait)
-    outcomes = simulate_population(best, gaits, duration, options=options, differences=start, with_metrics=True)
+    gaits, since = as_population(best.gait), float(best.gait.start)
+    outcomes = simulate_population(best, gaits, duration, options=options, differences=start, with_metrics=since)
     metrics, distance = outcomes.metrics, float(outcomes.distance()[0])
     assert metrics is not None, "they were asked for"
     weight = float(best.structure.mass) * float(best.gravity or np.nan)

@@ -21,7 +21,6 @@ from jaxgrity.report.robot_plot import (
 from jaxgrity.report.statics_plot import geometry_figure, resting_force_figure
 from jaxgrity.report.style import CABLE, GROUND, PATH, STRUT, styled
 from jaxgrity.search.genetic_algorithm import Evolution
-from jaxgrity.search.objectives import BEYOND_BOUNDS
 
 __all__ = [
     "CABLE",
@@ -90,13 +89,12 @@ def fidelity_figure(
     """Fitness of the same gaits on every fidelity level but the last, against the last; the first `evolved` columns
     evolved.
 
-    Gaits that ask too much of actuators are counted and not shown: their fitness is thousands less than that of others.
+    Gaits that ask too much of actuators, NaN, are counted and not shown.
     `correlations` are the levels' rank correlations over all gaits, and over the evolved ones: two square arrays.
     """
     figure = Figure(figsize=(4.2 * (len(names) - 1), 4.4), layout="constrained")
     every, among = correlations
-    # a robot beyond a bound counts less than -2 BEYOND_BOUNDS in the mean of its ensemble of at most 256
-    beyond = (fitness < -BEYOND_BOUNDS / 128).any(0)
+    beyond = np.isnan(fitness).any(0)
     fitness = np.where(beyond, np.nan, fitness)
     if beyond.any():
         figure.supxlabel(f"{beyond.sum()} gaits beyond the actuators' bounds are not shown", fontsize=10.5)

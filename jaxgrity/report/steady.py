@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jaxgrity.core.display import with_error
+from jaxgrity.core.display import mean_of_robots, with_error
 from jaxgrity.model.contact_twin import contact_twin
 from jaxgrity.model.scene import Scene
 from jaxgrity.rollout.uncertainty import Uncertainty
@@ -146,8 +146,8 @@ def steady_rows(steady: Facts) -> dict[str, str]:
         f"{1000 * steady['residual']:.2g} mm"
         + _repeats(steady["repetition"], cycle)
         + (f"; stands in turn on {_faces(steady['cycle'])}" if steady["cycle"] else ""),
-        "both contact models": f"{_mean(own['mean'], own)} over {own['robots']} robots that differ; "
-        f"{_mean(other['speed'], other)} on the other model",
+        "both contact models": f"{mean_of_robots(own, 'm/s')} over {own['robots']} robots that differ; "
+        f"{mean_of_robots(other, 'm/s', 'speed')} on the other model",
     }
 
 
@@ -159,12 +159,6 @@ def _headed(along: Facts | None) -> dict[str, str]:
     return {
         "along its heading": f"{along['speed']:.3f} m/s; robots that differ {own} m/s, on the other model {other} m/s"
     }
-
-
-def _mean(speed: float, robots: Facts) -> str:
-    """With its standard error."""
-    scatter = robots["standard_deviation"]
-    return f"{speed:.3f} ± {robots['standard_error']:.1g} m/s (standard deviation {scatter:.2g})"
 
 
 def _repeats(found: Facts | None, cycle: float) -> str:

@@ -69,7 +69,7 @@ def roll_out_lanes(
     differences: Differences | None,
     duration: Scalar,
     options: ResolvedOptions,
-    with_metrics: bool = False,
+    with_metrics: bool | Scalar = False,
     parts: int | tuple[int, Count] = 1,
 ) -> LaneOutcomes:
     """The rollouts of one chunk: the arrays of `gaits` and `differences` have lanes last.
@@ -84,7 +84,7 @@ def roll_out_lanes(
     if differences is not None and differences.velocities is not None:
         start = start[0], differences.velocities
     metrics, together = None, options.dt is not None and not options.method.implicit
-    if with_metrics or (together and room > 1):
+    if with_metrics is not False or (together and room > 1):
         end, metrics = _in_parts(start, duration, scene, axes, options, (room, used, with_metrics))
     elif together:
         centre = over_lanes(centre_of_mass, (axes, -1))
@@ -105,15 +105,16 @@ def _in_parts(
 ) -> tuple[LaneEnd, Metrics | None]:
     """The end at `duration`, after steps that are all of one length, and all robots' metrics.
 
-    `asked` says for how many parts of the time, how many of them are used, and whether for metrics.
+    `asked` says for how many parts of the time, how many of them are used, and whether for metrics, or from when on.
     """
     room, used, with_metrics = asked
+    measures, since = with_metrics is not False, None if isinstance(with_metrics, bool) else with_metrics
     parts = room if used is None else used
     terms, solver = discretise_lanes(options, axes)
     each = jnp.ceil(duration / parts / jnp.asarray(options.dt, options.dtype) - 1e-3).astype(int)
     h = duration / (parts * each)
     centre = over_lanes(centre_of_mass, (axes, -1))
-    held = over_lanes(initial_metrics, (axes,))(scene) if with_metrics else None
+    held = over_lanes(initial_metrics, (axes, None))(scene, since) if measures else None
     start, first = carried_from((terms, solver), scene, 0 * h, h, start)
     lanes = jax.tree.map(lambda x: -1 if x.ndim else None, first)
     step_axes = Step(None, None, (-1, -1), (-1, -1), lanes, lanes)  # type: ignore[arg-type]
@@ -122,7 +123,7 @@ def _in_parts(
     def step(k, carry):
         y, before, held = carry
         y1, _, _, after, _ = solver.step(terms, k * h, (k + 1) * h, y, scene, before, False)
-        measured = update(scene, Step(k * h, h, y, y1, before, after), held) if with_metrics else None
+        measured = update(scene, Step(k * h, h, y, y1, before, after), held) if measures else None
         return y1, after, measured
 
     def part(carry, number):

@@ -28,7 +28,7 @@ impulses, without a peak"""
 
 
 class Metrics(NamedTuple):
-    """Since the gait began; forces are moving means, with weights that fall by e in a `WINDOW`."""
+    """Since the gait began, or a later moment; forces are moving means, with weights that fall by e in a `WINDOW`."""
 
     path: Scalar
     """m, length of the horizontal path of the centre of mass"""
@@ -50,10 +50,19 @@ class Metrics(NamedTuple):
     """m/s, (actuators,), |dL/dt|"""
     peak_power: PerActuator
     """W, (actuators,), |force dL/dt|"""
+    moved_x: Scalar
+    """m, displacement of the centre of mass along x"""
+    moved_y: Scalar
+    """m, and along y"""
+    since: Scalar
+    """s, from when on all this counts"""
 
 
-def initial_metrics(scene: Scene) -> Metrics:
-    """Before the first step. Raises `InputError` where the forces of actuators cannot be told apart."""
+def initial_metrics(scene: Scene, since: Scalar | None = None) -> Metrics:
+    """Before the first step; `since`, s, the gait begins where not given.
+
+    Raises `InputError` where the forces of actuators cannot be told apart.
+    """
     if scene.gait is None:
         raise InputError("the scene has no gait; expected one, whose actuators can be measured")
     struts = rigid_struts(scene)
@@ -63,14 +72,15 @@ def initial_metrics(scene: Scene) -> Metrics:
         )
     zero = jnp.zeros_like(scene.structure.nodes[0, 0])
     none = jnp.zeros_like(scene.gait.phase)
-    return Metrics(*[zero] * 6, *[none] * 4)
+    begins = jnp.asarray(scene.gait.start if since is None else since, zero.dtype)
+    return Metrics(*[zero] * 6, *[none] * 4, zero, zero, zero + begins)
 
 
 def updated_metrics(scene: Scene, step: Step, so_far: Metrics) -> Metrics:
     """The metrics after one more step."""
     (q0, _), (q, v), h = step.start, step.end, step.h
-    assert scene.gait is not None, "`initial_metrics` refuses a scene without a gait"
-    on = jnp.asarray(step.t0 >= scene.gait.start).astype(q.dtype)
+    # a step counts that ends later than that, by more than rounding
+    on = jnp.asarray(step.t0 + 0.999 * h > so_far.since).astype(q.dtype)
     if step.impulsive:
         work: AnyArray = step_work(scene, step)["actuation"]
     else:
@@ -83,15 +93,18 @@ def updated_metrics(scene: Scene, step: Step, so_far: Metrics) -> Metrics:
     force = so_far.force + jnp.minimum(1, h / (WINDOW * time_scale(scene))) * (tension - so_far.force)
     return Metrics(
         path=so_far.path + on * way,
-        work=so_far.work + work,
-        effort=so_far.effort + h * jnp.sum(jnp.maximum(0, -tension * rate), axis=0),
+        work=so_far.work + on * work,
+        effort=so_far.effort + on * h * jnp.sum(jnp.maximum(0, -tension * rate), axis=0),
         contact=so_far.contact + on * h * jnp.sum(touching, axis=0),
         slip=so_far.slip + on * h * jnp.sum(touching * slipping, axis=0),
         flight=so_far.flight + on * h * (1 - jnp.max(touching, axis=0)),
         force=force,
         peak_force=jnp.maximum(so_far.peak_force, on * jnp.abs(force)),
-        peak_rate=jnp.maximum(so_far.peak_rate, jnp.abs(rate)),
+        peak_rate=jnp.maximum(so_far.peak_rate, on * jnp.abs(rate)),
         peak_power=jnp.maximum(so_far.peak_power, on * jnp.abs(force * rate)),
+        moved_x=so_far.moved_x + on * moved[0],
+        moved_y=so_far.moved_y + on * moved[1],
+        since=so_far.since,
     )
 
 

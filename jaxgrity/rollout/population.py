@@ -103,7 +103,7 @@ def simulate_population(
     *,
     options: Options = None,
     differences: Differences | None = None,
-    with_metrics: bool = False,
+    with_metrics: bool | float = False,
     parts: int = 1,
 ) -> Outcomes:
     """Roll the scene out once for each of `gaits`, from the structure's own pose at rest.
@@ -117,7 +117,8 @@ def simulate_population(
         duration: s.
         options: how to integrate; where not given, the scene decides. Steps are judged by the scene itself.
         differences: in what the robots differ beside their gaits.
-        with_metrics: whether to measure actuators and contact, which needs an explicit method at a fixed step.
+        with_metrics: whether to measure actuators and contact, since the gait began, or from so many seconds on; it
+            needs an explicit method at a fixed step.
         parts: how many parts of equal length the time has, at whose ends the centre of mass is told.
 
     Returns:
@@ -144,8 +145,9 @@ def simulate_population(
         check_supports(scene, differences.velocities)
     x64 = bool(jax.config.jax_enable_x64)  # type: ignore[attr-defined]
     common = _common(scene, _at_start(gaits), options, x64)
-    end = np.asarray(duration, float)
-    outcomes = roll_out(common.scene, gaits, end, common.inputs, differences, with_metrics=with_metrics, parts=parts)
+    end, asked = np.asarray(duration, float), with_metrics
+    measured = asked if isinstance(asked, bool) else np.asarray(asked, float)
+    outcomes = roll_out(common.scene, gaits, end, common.inputs, differences, with_metrics=measured, parts=parts)
     return replace(outcomes, dt=common.dt)  # type: ignore[arg-type]
 
 
@@ -197,11 +199,11 @@ def roll_out(
     options: ResolvedOptions,
     differences: Differences | None = None,
     *,
-    with_metrics: bool = False,
+    with_metrics: bool | Scalar = False,
     parts: int = 1,
 ) -> Outcomes:
     """`simulate_population` without its checks, of a scene with one of the gaits, for other compiled functions."""
-    if with_metrics and (options.dt is None or options.method.implicit):
+    if with_metrics is not False and (options.dt is None or options.method.implicit):
         raise InputError(f"method = {options.method.name!r}: expected an explicit one at a fixed step, for metrics")
     size = gaits.phase.shape[0]
     # lineax's linear solve, inside implicit methods, cannot be traced under shard_map
@@ -221,9 +223,10 @@ def roll_out(
     varied, common = eqx.partition((gaits, differences), lambda x: jnp.ndim(x) > 0)
     inputs, fixed = eqx.partition(options, eqx.is_array)
 
-    def share(rows, scene, common, end, inputs):
+    def share(rows, scene, common, times, inputs):
         def chunk(rows):
-            asked = eqx.combine(inputs, fixed), with_metrics, parts
+            end, since = times
+            asked = eqx.combine(inputs, fixed), with_metrics if since is None else since, parts
             return roll_out_lanes(scene, *eqx.combine(rows, common), end, *asked)
 
         outcomes = jax.lax.map(chunk, jax.tree.map(lambda x: x[0], rows))
@@ -235,7 +238,9 @@ def roll_out(
         specs = split, whole, whole, whole, whole
         share = jax.shard_map(share, mesh=mesh, in_specs=specs, out_specs=split, check_vma=False)
     common = jax.tree.map(lambda x: jnp.asarray(x, options.dtype), common)
-    outcomes = share(jax.tree.map(deal, varied), scene, common, jnp.asarray(duration, options.dtype), inputs)
+    times = (duration, None if isinstance(with_metrics, bool) else with_metrics)
+    times = jax.tree.map(lambda t: jnp.asarray(t, options.dtype), times)
+    outcomes = share(jax.tree.map(deal, varied), scene, common, times, inputs)
     outcomes = jax.tree.map(collect, outcomes)
     if devices > jax.local_device_count():
         # every host gets all outcomes, and goes on as if it had computed them alone

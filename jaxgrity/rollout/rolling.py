@@ -19,7 +19,11 @@ LASTING = 0.1
 HOPPING = 0.1
 """fraction of the time: a robot that is in the air for longer hops"""
 STAYING = 0.1
-"""diameters of the robot: one displaced by less stays"""
+"""diameters of the robot: one whose path is less wide stays"""
+ROUND = 0.5
+"""of the disc about its path: a robot goes round whose centre sweeps over so much of it, more one way than the other"""
+ANGLES = 36
+"""in which a path's width is looked at"""
 TIME_ROUNDING = 1e-4
 """s, by which times in float32 may be off, of a body of one metre"""
 
@@ -42,7 +46,7 @@ class Rolling(NamedTuple):
     path_length: float
     """horizontal, of the centre of mass, m"""
     kind: str
-    """ "rolls", "hops", "slides" or "stays": see `rolling`"""
+    """ "rolls", "rocks", "turns on the spot", "slides", "hops" or "stays": see `rolling`"""
     duration: float
     """s, for which all this was watched"""
 
@@ -86,9 +90,11 @@ def rolling(scene: Scene, trajectory: Trajectory) -> Rolling:
     ground and its normal, displacement and path in x and y. The first of these that applies is the `kind`:
 
     "hops": in the air for more than `HOPPING` of the time, also on the spot;
-    "stays": displaced by less than `STAYING` diameters, the longest distance between two built nodes;
-    "slides": rolls fewer times than it is diameters displaced;
-    "rolls".
+    "stays": its path is less than `STAYING` diameters wide, the longest distances between two built nodes;
+    "turns on the spot": its path is less than a diameter wide, and goes round (`ROUND`);
+    "rocks": its path is less than a diameter wide, and it stood on a face again;
+    "slides": rolls fewer times than its way is diameters long, in straight stretches of a diameter each;
+    "rolls", straight on or in circles.
 
     Raises `InputError` without ground, where the trajectory failed, has no two frames after the gait's start, or frames
     further apart than twice the time for which a face has to last, or as `faces` does.
@@ -122,14 +128,14 @@ def rolling(scene: Scene, trajectory: Trajectory) -> Rolling:
     path = centre_path(scene, trajectory)[moving, :2]
     path_length = float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
     displacement = float(np.linalg.norm(path[-1] - path[0]))
+    diameter = float(pdist(np.asarray(scene.structure.nodes, float)).max())
     straightness = displacement / path_length if path_length > 0 else 0.0
     hull = np.array(faces(scene.structure))
     lowest = phi[:, hull].mean(-1).argmin(1)
     begins = _changes(lowest, times / time)
     supports = tuple(tuple(face) for face in hull[lowest[begins]].tolist())
     rolls = max(0, len(supports) - 1)
-    diameters = displacement / float(pdist(np.asarray(scene.structure.nodes, float)).max())
-    kind = _name_of_motion(rolls, airborne_share, diameters)
+    kind = name_of_motion(path / diameter, supports, airborne_share)
     return Rolling(
         supports, times[begins], rolls, slip_share, airborne_share, straightness, path_length, kind, duration
     )
@@ -146,10 +152,38 @@ def _changes(lowest: np.ndarray, times: np.ndarray) -> np.ndarray:
     return lasting[np.diff(lowest[lasting], prepend=-1) != 0]
 
 
-def _name_of_motion(rolls: int, airborne_share: float, diameters: float) -> str:
-    """By the thresholds of `rolling`; `diameters` is the displacement in those of the robot."""
+def name_of_motion(path: np.ndarray, supports: tuple[tuple[int, ...], ...], airborne_share: float) -> str:
+    """By the thresholds of `rolling`, of a path (frames, 2) in diameters of the robot, and the faces in turn."""
+    wide, rolls = width(path), len(supports) - 1
     if airborne_share > HOPPING:
         return "hops"
-    if diameters < STAYING:
+    if wide < STAYING:
         return "stays"
-    return "slides" if rolls < diameters else "rolls"
+    if wide < 1 and rolls > 0 and _swept(path) > ROUND * np.pi * wide**2 / 4:
+        return "turns on the spot"
+    if wide < 1 and len(set(supports)) < len(supports):
+        return "rocks"
+    return "slides" if rolls < _way(path) else "rolls"
+
+
+def width(path: np.ndarray) -> float:
+    """The largest extent of a path (frames, 2) in any direction."""
+    angles = np.pi * np.arange(ANGLES) / ANGLES
+    return float(np.ptp(path @ np.stack([np.cos(angles), np.sin(angles)]), axis=0).max())
+
+
+def _swept(path: np.ndarray) -> float:
+    """The area that the line from a path's middle to its end sweeps over, to the left less to the right."""
+    (x, y), (dx, dy) = (path[:-1] - (path.min(0) + path.max(0)) / 2).T, np.diff(path, axis=0).T
+    return abs(float(np.sum(x * dy - y * dx))) / 2
+
+
+def _way(path: np.ndarray) -> float:
+    """The length of a path in straight stretches of 1, which leave out how it wobbles, and of what is left."""
+    length, begun = 0.0, 0
+    while True:
+        away = np.linalg.norm(path[begun:] - path[begun], axis=1)
+        beyond = int(np.argmax(away >= 1))
+        if not beyond:
+            return length + float(away[-1])
+        length, begun = length + float(away[beyond]), begun + beyond

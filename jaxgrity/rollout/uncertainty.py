@@ -12,7 +12,7 @@ from jaxtyping import Float
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import edge_vectors, length
 from jaxgrity.core.types import AnyArray, namespace_of
-from jaxgrity.model.actuation import Gait
+from jaxgrity.model.actuation import Gait, waves_ahead
 from jaxgrity.model.scene import Scene
 
 DIFFERING: dict[str, tuple[str, ...]] = {
@@ -109,7 +109,7 @@ class Uncertainty(eqx.Module):
     """
 
     phase: float = eqx.field(static=True, default=0.0)
-    """rad, of each actuated member"""
+    """rad, of each actuated member: how early or late it is; the shape of its wave stays"""
     actuation: float = eqx.field(static=True, default=0.0)
     """share of the amplitude, of each actuated member"""
     friction: float = eqx.field(static=True, default=0.0)
@@ -166,7 +166,7 @@ def ensemble(
 
     many = jax.tree.map(lambda x: xp.repeat(x, count, axis=0) if np.ndim(x) else x, gaits)
     if uncertainty.phase:
-        many = eqx.tree_at(lambda g: g.phase, many, (many.phase + each(draw("phase"))).astype(dtype))
+        many = waves_ahead(many, each(draw("phase")))
     if uncertainty.actuation:
         scaled = many.amplitude * each((1 + draw("actuation")).astype(dtype))
         many = eqx.tree_at(lambda g: g.amplitude, many, scaled)

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import jax
@@ -28,7 +29,7 @@ from jaxgrity.search.judging import (
     without_measuring,
 )
 from jaxgrity.search.models import rough_step
-from jaxgrity.search.objectives import BEYOND_BOUNDS, ActuatorBounds
+from jaxgrity.search.objectives import ActuatorBounds
 from jaxgrity.stepping.options import SolverOptions
 from jaxgrity.stepping.stability import default_method, default_step
 from jaxgrity.trust.error_bars import Verified, verify
@@ -126,7 +127,7 @@ def within_bounds(level: FidelityLevel, genes: Genes, problem: SearchProblem, bo
     """(gaits,), whether each stays within the bounds on a robot that is as the level's own model says."""
     fitness, gaits = Fitness(problem.fitness.objective, bounds=bounds), problem.genome.gaits(problem.scene.gait, genes)
     found = judge_at(level._replace(twin=None), gaits, problem._replace(fitness=fitness), 0)
-    return np.asarray(found.mean > -BEYOND_BOUNDS)
+    return (found.excess == 0).all(1) & ~found.failed
 
 
 def rank_correlation(rows: Float[AnyArray, "levels gaits"]) -> np.ndarray:
@@ -151,24 +152,30 @@ class Verdict(NamedTuple):
     """of the mean of the first `ROUND` robots, at the step of verification and at twice that step, with equal draws"""
     other_model: Scores
     """on the scene's contact twin"""
+    beyond: float
+    """share of `ROUND` robots that exceed a bound on their actuators"""
 
     def summary(self) -> dict[str, Any]:
         """The numbers, as they go into a JSON file; SI units."""
         robust, other = self.robust.each[0], self.other_model.each[0]
+
+        def spread(each: np.ndarray) -> dict[str, Any]:
+            error = standard_error(each) if each.size > 1 else None
+            return {"mean": float(each.mean()), "standard_deviation": float(each.std()), "standard_error": error}
+
         return {
             "distance": float(self.verified.distance[0]),
             "error_bar": float(self.verified.error_bar[0]),
             "steps": self.verified.steps,
             "robust": {
-                "mean": float(robust.mean()),
-                "standard_deviation": float(robust.std()),
-                "standard_error": standard_error(robust) if robust.size > 1 else None,
+                **spread(robust),
                 "tenth_percentile": float(np.quantile(robust, 0.1)),
                 "robots": robust.size,
                 "step": self.robust_step,
                 "step_error": self.step_error,
             },
-            "other_contact_model": {"mean": float(other.mean()), "standard_deviation": float(other.std())},
+            "other_contact_model": spread(other),
+            "beyond_bounds": self.beyond,
         }
 
 
@@ -177,11 +184,14 @@ def final_verdict(
     gait: Gait,
     *,
     dt: float,
+    bounds: ActuatorBounds,
     robots: int = 256,
     seed: int = 1,
     on_progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Verdict:
     """Verify one gait, judge it by an ensemble, and roll it out on the contact twin, as closely as `PRECISION` asks.
+
+    `bounds` are those by which robots are counted that exceed one; the problem may lack them.
 
     The step is 2 `dt` (s) where its error is within `PRECISION`, else `dt`. Robots are added by `ROUND` until the
     standard error of their mean is within it, or there are `robots`. `on_progress` gets how many of these judgements
@@ -193,8 +203,9 @@ def final_verdict(
     def verified_at(step: float) -> Verified:
         return verify(scene, gaits, problem.duration, options=SolverOptions(dt=step))
 
-    def judged(step: float, number: int = 0) -> Scores:
-        return judge_at(FidelityLevel("", scene, step, "float32"), gaits, some, seed + number)
+    def judged(step: float, number: int = 0, within: ActuatorBounds = problem.fitness.bounds) -> Scores:
+        here = some._replace(fitness=replace(some.fitness, bounds=within))
+        return judge_at(FidelityLevel("", scene, step, "float32"), gaits, here, seed + number)
 
     on_progress(0, 4)
     with ThreadPoolExecutor() as beside:  # one robot rolls on one core
@@ -214,8 +225,9 @@ def final_verdict(
         level = FidelityLevel("", other, default_step(other, default_method(other)), "float32")
         seen = judge_at(level, gaits, some, seed)
         on_progress(3, 4)
+        beyond = judged(step, within=bounds).beyond if bounds.needs_metrics else robust.beyond
         verified = verifying.result()
     if not verified.error_bar[0] <= PRECISION * verified.distance[0]:
         verified = verified_at(dt)
     on_progress(4, 4)
-    return Verdict(verified, robust, step, step_error, seen)
+    return Verdict(verified, robust, step, step_error, seen, float(beyond[0]))

@@ -205,13 +205,13 @@ def _advance(state: SearchState, problem: SearchProblem, config: GAConfig, model
     raw, genome = np.asarray(state.genes), problem.genome
     genes = raw if state.memory is None else np.asarray(genome.within(raw))
     scores = judge(drawn, models, genome.gaits(models[0].scene.gait, genes), problem.duration, problem.fitness)
-    order = np.argsort(-scores.fitness, kind="stable")[: config.population]
+    order = np.argsort(-scores.merit, kind="stable")[: config.population]
     generation = Generation(genes[order], scores.fitness[order], scores.spread[order], np.sum(scores.failed))
     progress = min(1, state.number / max(1, (config.shrinking or config.generations) - 1))
     memory = None
     if config.optimiser == "cma-es":
         width = config.mutation_size[0]
-        children, memory = asked_next(bred, raw, scores.fitness, state.memory, config.population, width)
+        children, memory = asked_next(bred, raw, scores.merit, state.memory, config.population, width)
     else:
         children = _breed(bred, generation, np.asarray(progress, genes.dtype), genome, config)
     newest = (float(generation.fitness[0]), _median(generation.fitness), float(generation.failed))

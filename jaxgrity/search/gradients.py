@@ -132,20 +132,23 @@ def smoothed_gradients(
     perturbed = genome.bounded(genes[:, None] + task.width * jnp.concatenate([e, -e], axis=1))
     gaits = genome.gaits(scene.gait, np.asarray(perturbed).reshape(-1, size))
     scores = judge(disturbed, task.models, gaits, ahead, with_robots(fitness, robots))
-    return _estimates(scores.fitness.reshape(starts, samples), e, task.width)
+    value, merit = (np.asarray(each).reshape(starts, samples) for each in (scores.fitness, scores.merit))
+    return _estimates(value, merit, e, task.width)
 
 
 @eqx.filter_jit
-def _estimates(fitness: Float[AnyArray, "starts samples"], e: AnyArray, width: Scalar) -> Gradient:
-    def estimate(fitness, e):
-        utility, scale = utilities(fitness)
+def _estimates(
+    fitness: Float[AnyArray, "starts samples"], merit: Float[AnyArray, "starts samples"], e: AnyArray, width: Scalar
+) -> Gradient:
+    def estimate(fitness, merit, e):
+        utility, scale = utilities(merit)
         plus, minus = jnp.split(scale * utility, 2)
         slope = (plus - minus) / (2 * width)
         mean, noise = _mean_and_noise(slope[:, None] * e)
         known = scale > 0
         return Gradient(_mean(fitness), mean, jnp.where(known, noise, jnp.nan), jnp.where(known, scale, 1))
 
-    return jax.vmap(estimate)(fitness, e)
+    return jax.vmap(estimate)(fitness, merit, e)
 
 
 def utilities(fitness: PerGait) -> tuple[PerGait, Scalar]:

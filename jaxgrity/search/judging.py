@@ -20,6 +20,10 @@ from jaxgrity.search.objectives import ActuatorBounds, Distance, Objective
 
 SMALLEST = 128
 """rollouts in a call, at least"""
+BEYOND_BOUNDS = 1e3
+"""more than any fitness that is compared, in its own unit"""
+FARTHEST = 1e30
+"""beyond bounds, that counts"""
 ROUND = SMALLEST
 """robots by which the last judgements begin, and of which more are added by as many: fewer would take as long"""
 
@@ -55,10 +59,10 @@ class Fitness(eqx.Module):
         """That judge one gait: where nothing is uncertain, one says it all."""
         return 1 if self.uncertainty.none else self.robots
 
-    def worth(self, scene: Scene, gaits: Gait, outcomes: Outcomes, duration: Scalar) -> PerGait:
-        """(population,): the objective, within the bounds."""
+    def worth(self, scene: Scene, gaits: Gait, outcomes: Outcomes, duration: Scalar) -> tuple[PerGait, PerGait]:
+        """(population,): the objective, and by how much the bounds are exceeded (`ActuatorBounds.excess`)."""
         rate = peak_rates(gaits, actuated_lengths(scene.structure, gaits.members)).max(-1)
-        return self.bounds.applied(self.objective.worth(scene, outcomes, duration), rate, outcomes.metrics)
+        return self.objective.worth(scene, outcomes, duration), self.bounds.excess(rate, outcomes.metrics)
 
 
 def with_robots(fitness: Fitness, robots: int) -> Fitness:
@@ -84,6 +88,24 @@ class Scores(NamedTuple):
     """whether any robot of the ensemble failed"""
     each: Float[np.ndarray, "population robots"]
     """the objective of every robot"""
+    excess: Float[np.ndarray, "population robots"]
+    """by which share of them each exceeds the bounds on actuators, summed up; 0 within"""
+
+    @property
+    def beyond(self) -> PerGait:
+        """Share of the robots that exceed a bound."""
+        return (self.excess > 0).mean(1)
+
+    @property
+    def merit(self) -> PerGait:
+        """By which gaits are compared, a number without a unit: the fitness of those within the bounds on all robots.
+
+        All others come after these, the further the more their robots exceed the bounds (Deb 2000,
+        doi:10.1016/S0045-7825(99)00389-8), and before those that failed.
+        """
+        over = self.excess.mean(1)
+        merit = np.where(over > 0, -BEYOND_BOUNDS * (1 + over), np.maximum(self.fitness, -BEYOND_BOUNDS))
+        return np.where(self.failed, -np.inf, merit)
 
 
 def judge(key, models: tuple[Model, ...], gaits: Gait, duration: float, fitness: Fitness) -> Scores:
@@ -91,16 +113,17 @@ def judge(key, models: tuple[Model, ...], gaits: Gait, duration: float, fitness:
 
     All models meet the same draws. What is compiled is shared by all calls on a model whose rollouts are about as many.
     """
-    found = [_judged(key, model, gaits, duration, fitness) for model in models]
-    return scored(np.mean(found, axis=0), fitness.caution)
+    worth, excess = zip(*(_judged(key, model, gaits, duration, fitness) for model in models))
+    return scored(np.mean(worth, axis=0), fitness.caution, np.max(excess, axis=0))
 
 
-def _judged(key, model: Model, gaits: Gait, duration: float, fitness: Fitness) -> np.ndarray:
-    """(population, robots), what each robot's rollout is worth."""
-    rows, parts = len(gaits.phase) * fitness.rollouts, fitness.objective.parts
+def _judged(key, model: Model, gaits: Gait, duration: float, fitness: Fitness) -> tuple[np.ndarray, np.ndarray]:
+    """(population, robots), what each robot's rollout is worth, and by how much it exceeds the bounds."""
+    rows, parts = len(gaits.phase) * fitness.rollouts, fitness.objective.parts_of(model.scene, duration)
     gaits, outcomes = ensembles_rolled_out(key, model, gaits, duration, fitness, parts, fitness.needs_metrics)
-    worth = _worth(fitness, model.scene, gaits, outcomes, np.asarray(duration, float))
-    return np.asarray(worth)[:rows].reshape(-1, fitness.rollouts)
+    found = _worth(fitness, model.scene, gaits, outcomes, np.asarray(duration, float))
+    worth, excess = (np.asarray(each)[:rows].reshape(-1, fitness.rollouts) for each in found)
+    return worth, excess
 
 
 def ensembles_rolled_out(
@@ -130,7 +153,9 @@ def ensembles_rolled_out(
 
 
 @eqx.filter_jit
-def _worth(fitness: Fitness, scene: Scene, gaits: Gait, outcomes: Outcomes, duration: Scalar) -> PerGait:
+def _worth(
+    fitness: Fitness, scene: Scene, gaits: Gait, outcomes: Outcomes, duration: Scalar
+) -> tuple[PerGait, PerGait]:
     return fitness.worth(scene, gaits, outcomes, duration)
 
 
@@ -141,12 +166,17 @@ def call_size(rows: int, model: Model) -> int:
     return max(SMALLEST, min(most, 1 << (rows - 1).bit_length()))
 
 
-def scored(each: Float[np.ndarray, "population robots"], caution: float) -> Scores:
-    """The scores of gaits of whose ensembles every robot was worth so much."""
+def scored(
+    each: Float[np.ndarray, "population robots"],
+    caution: float,
+    excess: Float[np.ndarray, "population robots"] | None = None,
+) -> Scores:
+    """The scores of gaits of whose ensembles every robot was worth so much, and exceeded the bounds by so much."""
     failed = ~np.isfinite(each).all(1)
     mean, spread = each.mean(1), each.std(1)
     worth = np.where(failed, -np.inf, mean - caution * spread)
-    return Scores(worth, mean, spread, failed, each)
+    over = np.zeros_like(each) if excess is None else np.where(np.isnan(excess), 0, np.minimum(excess, FARTHEST))
+    return Scores(worth, mean, spread, failed, each, over)
 
 
 def judge_until(
@@ -158,12 +188,29 @@ def judge_until(
     what comes back too.
     """
     found = judged(0)
-    rounds = [found.each.reshape(len(found.each), 2 - found.each.shape[1] % 2, -1)]
+    count = found.each.shape[1]
+    halves = (len(found.each), 2 - count % 2, -1)
+    rounds = [(found.each.reshape(halves), found.excess.reshape(halves))]
     while found.each.shape[1] < robots and not enough(found.each):
-        rounds.append(judged(len(rounds)).each.reshape(rounds[0].shape))
-        each = np.concatenate(rounds, axis=2)
-        found = scored(each.reshape(len(each), -1), caution)
+        more = judged(len(rounds))
+        rounds.append((more.each.reshape(halves), more.excess.reshape(halves)))
+        each, excess = (np.concatenate(parts, axis=2).reshape(len(found.each), -1) for parts in zip(*rounds))
+        found = scored(each, caution, excess)
     return found
+
+
+def influences(each: Float[np.ndarray, "population robots"], caution: float) -> Float[np.ndarray, "population robots"]:
+    """What each robot says of its gait's fitness: their mean is mean - caution * spread, their standard error its own.
+
+    To first order in 1/robots, as the spread s changes by ((x - mean)^2 - s^2)/(2 s) for each robot x (its influence
+    function: Hampel 1974, doi:10.1080/01621459.1974.10482962). Those of two gaits that met the same draws are
+    subtracted robot by robot.
+    """
+    off = each - each.mean(1, keepdims=True)
+    spread = each.std(1, keepdims=True)
+    return each - caution * (
+        spread + np.divide(off**2 - spread**2, 2 * spread, out=np.zeros_like(off), where=spread > 0)
+    )
 
 
 def standard_error(each: PerGait) -> float:

@@ -1,5 +1,6 @@
 """What one rollout is worth, and the most that a gait may ask of its actuators."""
 
+import math
 from abc import abstractmethod
 from typing import ClassVar
 
@@ -10,16 +11,17 @@ from jaxtyping import Float
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, PerGait, Scalar
+from jaxgrity.model.scales import time_scale
 from jaxgrity.model.scene import Scene, body_length
 from jaxgrity.rollout.metrics import Metrics
 from jaxgrity.rollout.population import Outcomes
 
 PARTS = 24
-"""of a rollout, at whose ends steady objectives look at the centre of mass"""
-SETTLING = 6
-"""of them, the first, in which the robot settles on its way of rolling"""
-BEYOND_BOUNDS = 1e3
-"""the least loss of a gait that exceeds a bound on its actuators; it loses more, the further it exceeds it"""
+"""of a rollout, at whose ends steady objectives look at the centre of mass, at least"""
+SETTLING = 0.25
+"""of a rollout, the first share, in which the robot settles on its way of rolling"""
+LONGEST_PART = 2.5
+"""s, of a body of one metre, where the path is followed: it must not turn by half a circle in a part"""
 
 
 class Objective(eqx.Module):
@@ -35,6 +37,10 @@ class Objective(eqx.Module):
     """whether its mirror image is"""
     parts: ClassVar[int] = 1
     """into how many parts the path of the centre of mass has to be divided (`Outcomes.com_path`)"""
+
+    def parts_of(self, scene: Scene, duration: float) -> int:
+        """Into how many parts the path is divided in so many seconds."""
+        return self.parts
 
     @property
     def steady(self) -> bool:
@@ -119,7 +125,7 @@ class SteadyDirection(Objective):
 class SteadyTurn(Objective):
     """Speed along a path that turns as asked for, over the settled part of a rollout, in body lengths a second.
 
-    The path is the polygon of the centre of mass at the ends of `PARTS` parts of the time. What it turns by in a body
+    The path is made of arcs through the centre of mass at the ends of parts of the time. What it turns by in a body
     length, less what is asked for, is held against it.
     """
 
@@ -133,6 +139,9 @@ class SteadyTurn(Objective):
     either_hand: ClassVar[bool] = False
     parts: ClassVar[int] = PARTS
 
+    def parts_of(self, scene, duration):
+        return parts_of_path(scene, duration)
+
     def worth(self, scene, outcomes, duration):
         speed, bend = path_bend(scene, outcomes, duration)
         off = jnp.minimum(jnp.abs(bend - self.turning), 1.0)
@@ -140,7 +149,7 @@ class SteadyTurn(Objective):
 
 
 class CostOfTransport(Objective):
-    """-W/(m g d), W the actuators' own work without what is done on them, d the distance.
+    """-W/(m g d), W the actuators' own work without what is done on them, d the distance, since the gait began.
 
     It is `Metrics.effort`: a strut that contracts releases prestress, and no motor stores it. Raises `InputError` on a
     scene without gravity.
@@ -154,18 +163,18 @@ class CostOfTransport(Objective):
         if scene.gravity is None:
             raise InputError("cost of transport needs gravity; expected a [gravity] table")
         weight = scene.structure.lumped_mass.sum() * scene.gravity
-        return -metrics_of(outcomes).effort / (weight * outcomes.distance())
+        return -metrics_of(outcomes).effort / (weight * _moved(outcomes))
 
 
 class Straightness(Objective):
-    """Distance over the length of the horizontal path of the centre of mass."""
+    """Distance over the length of the horizontal path of the centre of mass, since the gait began: at most 1."""
 
     unit: ClassVar[str] = ""
     needs_metrics: ClassVar[bool] = True
     any_heading: ClassVar[bool] = True
 
     def worth(self, scene, outcomes, duration):
-        return outcomes.distance() / metrics_of(outcomes).path
+        return _moved(outcomes) / metrics_of(outcomes).path
 
 
 OBJECTIVES: dict[str, type[Objective]] = {}
@@ -220,39 +229,54 @@ class ActuatorBounds(eqx.Module):
         """Whether rollouts have to be measured step by step, to see forces."""
         return self.force is not None or self.power is not None
 
-    def applied(self, worth: PerGait, rate: PerGait, metrics: Metrics | None) -> PerGait:
-        """`worth`, and less than -`BEYOND_BOUNDS` for gaits beyond a bound; `rate` is each gait's largest, m/s."""
-        shares = [] if self.rate is None else [rate / self.rate]
+    def excess(self, rate: PerGait, metrics: Metrics | None) -> PerGait:
+        """By which share each gait exceeds the bounds, summed up over them; 0 within all. `rate`: its largest, m/s."""
+        found = jnp.zeros_like(rate) if self.rate is None else jnp.maximum(rate / self.rate - 1, 0)
         for name in ("force", "power"):
             bound = getattr(self, name)
             if bound is not None:
                 assert metrics is not None, "rollouts for a bound on forces have metrics"
-                shares.append(getattr(metrics, f"peak_{name}").max(-1) / bound)
-        if not shares:
-            return worth
-        beyond = sum(jnp.where(share > 1, share, 0) for share in shares)
-        return jnp.where(beyond > 0, -BEYOND_BOUNDS * (1 + beyond), jnp.maximum(worth, -BEYOND_BOUNDS))
+                found = found + jnp.maximum(getattr(metrics, f"peak_{name}").max(-1) / bound - 1, 0)
+        return found
+
+
+def parts_of_path(scene: Scene, duration: float) -> int:
+    """A multiple of `PARTS`, of which none is longer than `LONGEST_PART`; `duration` is in s."""
+    longest = LONGEST_PART * float(time_scale(scene))
+    return PARTS * max(1, math.ceil(duration / PARTS / longest - 1e-9))
 
 
 def path_bend(scene: Scene, outcomes: Outcomes, duration: Scalar) -> tuple[PerGait, PerGait]:
     """Speed along the path, body lengths/s, and its bend, rad per body length to the left, of the settled part.
 
-    The path is the polygon through the centre of mass at the ends of the parts of the time; `duration` is in s.
+    The path is made of arcs that turn alike, through the centre of mass at the ends of the parts of the time: of each
+    the chord is its length times sin(a/2)/(a/2), where it turns by a. `duration` is in s.
     """
-    steps = jnp.diff(outcomes.com_path[:, SETTLING:, :2], axis=1)
-    length = jnp.sqrt(jnp.sum(steps * steps, axis=2)).sum(1) / body_length(scene)
+    steps = jnp.diff(_settled_path(outcomes), axis=1)
+    chords = jnp.sqrt(jnp.sum(steps * steps, axis=2)).sum(1) / body_length(scene)
     a, b = steps[:, :-1], steps[:, 1:]
     turned = jnp.arctan2(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0], jnp.sum(a * b, axis=2)).sum(1)
     count = steps.shape[1]
-    bend = turned * count / (count - 1) / jnp.maximum(length, 1e-3)
-    return length / (duration * (1 - SETTLING / PARTS)), bend
+    of_each = turned / (count - 1)
+    length = chords / jnp.sinc(of_each / (2 * jnp.pi))
+    return length / (duration * (1 - SETTLING)), of_each * count / jnp.maximum(length, 1e-3)
 
 
 def steady_velocity(outcomes: Outcomes, duration: Scalar) -> Float[AnyArray, "population 2"]:
-    """(population, 2), m/s, over the settled part of rollouts in `PARTS` parts; NaN where one failed."""
-    path = outcomes.com_path[:, SETTLING:, :2]
-    velocity = (path[:, -1] - path[:, 0]) / (duration * (1 - SETTLING / PARTS))
+    """(population, 2), m/s, over the settled part of rollouts in `PARTS` parts or a multiple; NaN where one failed."""
+    path = _settled_path(outcomes)
+    velocity = (path[:, -1] - path[:, 0]) / (duration * (1 - SETTLING))
     return jnp.where((outcomes.failure == 0)[:, None], velocity, jnp.nan)
+
+
+def _settled_path(outcomes: Outcomes) -> Float[AnyArray, "population places 2"]:
+    return outcomes.com_path[:, round(SETTLING * (outcomes.com_path.shape[1] - 1)) :, :2]
+
+
+def _moved(outcomes: Outcomes) -> PerGait:
+    """(population,), m: displacement since the gait began, as all metrics; NaN where the rollout failed."""
+    x, y = metrics_of(outcomes).moved_x, metrics_of(outcomes).moved_y
+    return jnp.where(outcomes.failure == 0, jnp.sqrt(x * x + y * y), jnp.nan)
 
 
 def metrics_of(outcomes: Outcomes) -> Metrics:

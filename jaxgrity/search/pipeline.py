@@ -188,7 +188,7 @@ def _search(
     found = with_gait(problem.scene, gait)
     # a stronger gait than the scene's own may need a smaller step
     dt = min(levels[-1].dt, default_step(found, default_method(found)) / 2)
-    verdict = final_verdict(plain, gait, dt=dt, seed=config.seed + UNSEEN, on_progress=judged)
+    verdict = final_verdict(plain, gait, dt=dt, bounds=bounds, seed=config.seed + UNSEEN, on_progress=judged)
     clocked("verifying")
     return SearchResult(found, gait, problem, levels, tuple(searches), promoted, polished, verdict, seconds)
 

@@ -22,6 +22,7 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
+from jaxgrity.core.display import COVERING
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray
 from jaxgrity.model.scene import as_dtype, with_gait
@@ -29,7 +30,16 @@ from jaxgrity.rollout.population import one_gait
 from jaxgrity.search.climb import Climb, ClimbStep, OneGait, Route, climb, one_period
 from jaxgrity.search.genetic_algorithm import SearchProblem, models_of
 from jaxgrity.search.gradients import ClimbTask
-from jaxgrity.search.judging import ROUND, Scores, judge, judge_until, standard_error, with_robots, without_measuring
+from jaxgrity.search.judging import (
+    ROUND,
+    Scores,
+    influences,
+    judge,
+    judge_until,
+    standard_error,
+    with_robots,
+    without_measuring,
+)
 from jaxgrity.search.models import Model
 from jaxgrity.search.polish_config import PolishConfig, budget, check_polish, cost_of_gradient
 from jaxgrity.search.polish_orbit import climb_on_orbit
@@ -121,7 +131,7 @@ def polish(
     if found.routes:
         best, spent = _climb_all(problem, resolved, config, found.routes, seed, on_step)
     before, after = _before_and_after(problem, genes[0], best.end, final, config, seed)
-    improved = bool(after.fitness[0] > before.fitness[0])
+    improved = bool(after.merit[0] > before.merit[0])
     return Polished(
         genes=best.end if improved else genes[0],
         improved=improved,
@@ -131,7 +141,7 @@ def polish(
         horizon=best.steps[-1].horizon if best.steps else problem.duration,
         sensitivity=found.sensitivity,
         rollouts=spent,
-        reason="; ".join(_told(found, best, before, after)),
+        reason="; ".join(_told(found, best, before, after, problem.fitness.caution)),
     )
 
 
@@ -149,20 +159,22 @@ def _resolved(
     return resolved, resolve(problem.scene, problem.duration, final_options or half, dtype="float64")
 
 
-def _told(found: Routes, best: Climb, before: Scores, after: Scores) -> list[str]:
+def _told(found: Routes, best: Climb, before: Scores, after: Scores, caution: float) -> list[str]:
     """What `Polished.reason` says."""
-    done = [f"{len(best.steps)} steps", _gain(before, after)] if best.steps else []
+    done = [f"{len(best.steps)} steps", _gain(before, after, caution)] if best.steps else []
     return [*found.remarks, *([best.remark] if best.remark else []), *done]
 
 
-def _gain(before: Scores, after: Scores) -> str:
-    """In words, with two standard errors of the difference of the means, whose draws come in pairs."""
-    gain = after.each[0] - before.each[0]
-    error = f" ± {2 * standard_error(gain):.2g}" if gain.size > 1 else ""
+def _gain(before: Scores, after: Scores, caution: float) -> str:
+    """In words, with two standard errors of the difference."""
+    gain = np.subtract(*(influences(scores.each, caution)[0] for scores in (after, before)))
+    error = f" ± {COVERING * standard_error(gain):.2g}" if gain.size > 1 else ""
     over = f" over {gain.size} robots" if gain.size > 1 else ""
     difference = float(after.fitness[0] - before.fitness[0])
-    outcome = "the polished gait is kept" if difference > 0 else "the gait is kept as it was"
-    return f"fitness {'up' if difference > 0 else 'down'} by {abs(difference):.3f}{error}{over}: {outcome}"
+    outcome = "the polished gait is kept" if after.merit[0] > before.merit[0] else "the gait is kept as it was"
+    way = "up" if difference > 0 else "down"
+    beyond = f"; {100 * after.beyond[0]:.0f} % of them beyond a bound on actuators" if after.beyond[0] > 0 else ""
+    return f"fitness {way} by {abs(difference):.3f}{error}{over}{beyond}: {outcome}"
 
 
 def _routes(problem: SearchProblem, genes, options: ResolvedOptions, config: PolishConfig) -> Routes:
@@ -220,7 +232,7 @@ def _climb_all(
     ends = np.stack([done.end for done in climbs])
     key = _key(seed, FOR_COMPARISON)
     scores = _judge_genes(key, problem, ends, task.models, config.comparison_robots)
-    return climbs[int(np.argmax(scores.fitness))], spent
+    return climbs[int(np.argmax(scores.merit))], spent
 
 
 def _side_by_side(routes: list[Route]) -> list[list[Route]]:
@@ -240,7 +252,7 @@ def _before_and_after(
         return _judge_genes(_key(seed, FOR_THE_END, number), problem, pair, models, some)
 
     def clear(each: np.ndarray) -> bool:
-        gain = each[1] - each[0]
+        gain = np.subtract(*influences(each, problem.fitness.caution)[::-1])
         error = standard_error(gain)
         return bool(abs(gain.mean()) > CLEAR * error or error <= ALIKE * abs(each.mean()))
 

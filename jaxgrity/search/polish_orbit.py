@@ -74,19 +74,24 @@ def climb_on_orbit(
         gaits = problem.genome.gaits(problem.scene.gait, jnp.asarray(each, models[0].options.dtype)[None])
         return judge(key, models, gaits, problem.duration, fitness)
 
-    best, length, steps = float(judged(genes).fitness[0]), config.learning_rate, []
+    best, length, steps = judged(genes), config.learning_rate, []
     spent, memory, slope = float(fitness.rollouts), optimiser.init(genes), orbit_slope(problem, genes, options)
     spent += slope.cost
     while not slope.remark and spent + fitness.rollouts <= rollouts and length >= SHORTEST * config.learning_rate:
         update, after = optimiser.update(slope.gradient, memory)
         tried = np.asarray(problem.genome.within(_within_rate(problem, genes, genes + length * np.asarray(update))))
-        value = float(judged(tried).fitness[0])
+        found = judged(tried)
+        better = bool(found.merit[0] > best.merit[0])
         spent += fitness.rollouts
-        steps.append(ClimbStep(slope.watched, float(np.linalg.norm(slope.gradient)), 1.0, max(best, value)))
+        steps.append(
+            ClimbStep(
+                slope.watched, float(np.linalg.norm(slope.gradient)), 1.0, float((found if better else best).fitness[0])
+            )
+        )
         if on_step is not None:
             on_step(steps[-1])
-        if value > best:
-            best, genes, memory = value, tried, after
+        if better:
+            best, genes, memory = found, tried, after
             if spent + slope.cost + fitness.rollouts > rollouts:
                 break
             slope = orbit_slope(problem, genes, options)

@@ -26,7 +26,7 @@ class Agreement(NamedTuple):
 
     levels: tuple[FidelityLevel, ...]
     fitness: np.ndarray
-    """(levels, gaits)"""
+    """(levels, gaits); NaN of those beyond a bound on actuators on any robot, whose fitness is nothing to rank"""
     evolved: int
     rank_correlation: np.ndarray
     """(levels, levels), over all gaits"""
@@ -78,16 +78,17 @@ def promote(
     rows: list[np.ndarray] = []
     for level in levels:
         on_level(len(rows), len(levels), {"level": level.name})
-        rows.append(np.asarray(judge_at(level, gaits, problem, config.seed + 2).fitness))
+        scores = judge_at(level, gaits, problem, config.seed + 2)
+        rows.append(np.where(scores.excess.any(1), np.nan, scores.fitness))
     on_level(len(rows), len(levels), {"level": "finalists"})
     first, table = len(genes), np.array(rows)
     agreement = Agreement(levels, table, first, rank_correlation(table), rank_correlation(table[:, :first]))
     kept = within_bounds(levels[1], genes, problem, bounds)
-    best = np.lexsort((-table[-1, :first], ~kept))[: max(FINALISTS, config.polish_gaits)]
+    best = np.lexsort((-scores.merit[:first], ~kept))[: max(FINALISTS, config.polish_gaits)]
     finals = _finals(problem, levels[-1], genes[best], config)
     multipliers = _multipliers(problem, genes[best], step) if config.attracting else None
     repels = np.zeros(len(best), bool) if multipliers is None else multipliers >= 1
-    order = np.lexsort((-np.asarray(finals.fitness), repels, ~kept[best]))
+    order = np.lexsort((-finals.merit, repels, ~kept[best]))
     best, finals = best[order], Scores(*(np.asarray(part)[order] for part in finals))
     multipliers = None if multipliers is None else multipliers[order]
     chosen = np.asarray(genes, float)[best[: config.polish_gaits]]

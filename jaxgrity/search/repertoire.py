@@ -21,7 +21,7 @@ from jaxgrity.search.genetic_algorithm import SearchProblem
 from jaxgrity.search.genome import Genes
 from jaxgrity.search.judging import ensembles_rolled_out
 from jaxgrity.search.models import Model, model_of
-from jaxgrity.search.objectives import PARTS, path_bend
+from jaxgrity.search.objectives import parts_of_path, path_bend
 from jaxgrity.stepping.options import Options
 
 
@@ -164,7 +164,8 @@ def _tried(key, problem: SearchProblem, model: Model, genes: Genes) -> _Tried:
     scene, fitness = model.scene, problem.fitness
     gaits = problem.genome.gaits(problem.scene.gait, np.asarray(genes, model.options.dtype))
     rate = np.asarray(peak_rates(gaits, actuated_lengths(scene.structure, gaits.members)).max(-1))
-    _, outcomes = ensembles_rolled_out(key, model, gaits, problem.duration, fitness, PARTS, False)
+    parts = parts_of_path(scene, problem.duration)
+    _, outcomes = ensembles_rolled_out(key, model, gaits, problem.duration, fitness, parts, False)
     found = _path(scene, outcomes, np.asarray(problem.duration, float))
     speed, bend = (np.asarray(x)[: len(genes) * fitness.rollouts].reshape(len(genes), -1) for x in found)
     allowed = rate <= (np.inf if fitness.bounds.rate is None else fitness.bounds.rate)

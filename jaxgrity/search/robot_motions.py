@@ -14,7 +14,7 @@ from jaxgrity.rollout.population import as_population
 from jaxgrity.rollout.uncertainty import Uncertainty
 from jaxgrity.search.judging import Fitness, ensembles_rolled_out, standard_error
 from jaxgrity.search.models import model_of
-from jaxgrity.search.objectives import PARTS, SteadySpeed, path_bend, steady_velocity
+from jaxgrity.search.objectives import SteadySpeed, parts_of_path, path_bend, steady_velocity
 from jaxgrity.stepping.options import Options
 
 
@@ -81,9 +81,8 @@ def robot_motions(
         raise InputError(f"robots = {robots}: expected at least 1")
     model = model_of(scene, duration, options)
     fitness = Fitness(SteadySpeed(), uncertainty, robots)
-    _, outcomes = ensembles_rolled_out(
-        jax.random.key(seed), model, as_population(scene.gait), duration, fitness, PARTS, False
-    )
+    key, parts = jax.random.key(seed), parts_of_path(scene, duration)
+    _, outcomes = ensembles_rolled_out(key, model, as_population(scene.gait), duration, fitness, parts, False)
     outcomes = jax.tree.map(lambda x: x[: fitness.rollouts], outcomes)
     held, size = np.asarray(outcomes.failure) == 0, float(body_length(scene))
     speed, bend = (np.asarray(each, float) for each in _path_bend(scene, outcomes, np.asarray(duration)))

@@ -8,7 +8,7 @@ from scipy.spatial.distance import pdist
 from jaxgrity.core.errors import InputError
 from jaxgrity.model.actuation import Gait
 from jaxgrity.model.scene import Scene, body_length
-from jaxgrity.rollout.rolling import STAYING, Rolling, rolling
+from jaxgrity.rollout.rolling import STAYING, Rolling, rolling, width
 from jaxgrity.stepping.simulate import Trajectory, centre_path
 from jaxgrity.trust.cycles import MOST_PERIODS, plane_of, shape
 from jaxgrity.trust.orbits import SETTLED, period_of
@@ -18,7 +18,7 @@ class MotionReport(NamedTuple):
     """What a robot does in a rollout."""
 
     kind: str
-    """ "rolls", "hops" or "slides", as by `rolling`; "stands" or "fell over" where it stays in the later half"""
+    """as by `rolling`; "stands" or "fell over" where it stays in the later half"""
     settled_after: float
     """s, from which on shapes return after each cycle, or nothing moves; infinite where that is not so by the end"""
     periods: int
@@ -52,8 +52,7 @@ def motion_report(scene: Scene, trajectory: Trajectory) -> MotionReport | None:
         return None
     times, path = np.asarray(trajectory.times, float), centre_path(scene, trajectory)
     half = times >= times[-1] / 2
-    moved = float(np.linalg.norm(path[-1] - path[half][0]))
-    at_rest = moved < STAYING * float(pdist(np.asarray(scene.structure.nodes, float)).max())
+    at_rest = width(path[half][:, :2]) < STAYING * float(pdist(np.asarray(scene.structure.nodes, float)).max())
     still = at_rest and seen.kind != "hops" and not (seen.since[1:] > times[-1] / 2).any()
     kind = ("fell over" if seen.rolls else "stands") if still else seen.kind
     since, periods = _settled(scene, trajectory)

@@ -46,7 +46,9 @@ class OrbitCycle(NamedTuple):
 
 
 def orbit_cycle(scene: Scene, orbit: Orbit, *, options: Options = None) -> OrbitCycle:
-    """Follow the robot for the cycle after `Orbit.state`.
+    """Follow the robot for two cycles after `Orbit.state`, of which the second counts.
+
+    Forces are moving means, which the first one fills.
 
     Args:
         scene: with the gait of the orbit.
@@ -70,7 +72,8 @@ def orbit_cycle(scene: Scene, orbit: Orbit, *, options: Options = None) -> Orbit
     start = Differences(velocities=np.asarray(orbit.state[1])[None])
     assert here.gait is not None, "an orbit has a gait"
     gaits = as_population(here.gait)
-    found = simulate_population(here, gaits, orbit.cycle, options=chosen, differences=start, with_metrics=True)
+    twice, since = 2 * orbit.cycle, orbit.cycle
+    found = simulate_population(here, gaits, twice, options=chosen, differences=start, with_metrics=since)
     metrics, distance = found.metrics, orbit.speed * orbit.cycle
     assert metrics is not None, "they were asked for"
     weight, effort = float(scene.structure.mass) * float(scene.gravity or 0.0), float(np.asarray(metrics.effort)[0])

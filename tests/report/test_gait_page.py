@@ -5,7 +5,8 @@ import pytest
 
 import jaxgrity
 from jaxgrity import plot
-from jaxgrity.report.gait_report import outcome_rows, write_page
+from jaxgrity.report.gait_report import write_page
+from jaxgrity.report.gait_rows import outcome_rows
 from jaxgrity.report.orbit_plot import _moving_frame
 from jaxgrity.report.steady import steady_rows
 
@@ -75,7 +76,12 @@ def test_a_cycle_must_be_within_the_motion(exact):
 
 def test_the_rows_say_what_a_gait_is_worth():
     """Speed first, then for how long, turning, stability, both models of contact, and what actuators must give."""
-    rows = outcome_rows({"steady": STEADY, "actuators": ACTUATORS, "within_bounds": True})
+    known = {"steady": STEADY, "actuators": ACTUATORS, "within_bounds": True, "beyond_bounds": 0.0}
+    rows = outcome_rows(known)
+    strained = outcome_rows({**known, "beyond_bounds": 0.2})["actuators must give"]
+    assert strained.endswith("; 20 % of the robots that differ exceed a bound on actuators")
+    lost = outcome_rows({**known, "within_bounds": False})["actuators must give"]
+    assert lost.endswith("; no gait was found that stays within the bounds on actuators")
     assert list(rows) == [
         "speed",
         "lasts",
@@ -96,8 +102,8 @@ def test_the_rows_say_what_a_gait_is_worth():
     assert "with other nodes in the places of these it repeats itself 2 times in it" in rows["cycle"]
     assert rows["cycle"].endswith("stands in turn on 6-9-11, 0-6-9")
     assert rows["both contact models"] == (
-        "0.824 ± 0.01 m/s (standard deviation 0.14) over 128 robots that differ; "
-        "0.813 ± 0.02 m/s (standard deviation 0.18) on the other model"
+        "0.824 ± 0.02 m/s (standard deviation 0.14) over 128 robots that differ; "
+        "0.813 ± 0.03 m/s (standard deviation 0.18) on the other model"
     )
     assert rows["actuators must give"].startswith("up to 275 N, 0.99 m/s, 143 W")
     robots = {name: {"mean": 0.6, "standard_deviation": 0.1} for name in ("robust", "other_contact_model")}

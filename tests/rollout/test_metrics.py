@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from jaxgrity import (
+    ConeFriction,
     ExactGround,
     Gait,
     InputError,
@@ -24,6 +25,7 @@ from jaxgrity import (
 from jaxgrity import simulate_population as roll
 from jaxgrity.model.scene import as_dtype
 from jaxgrity.rollout.metrics import WINDOW, initial_metrics, updated_metrics
+from jaxgrity.search.objectives import CostOfTransport, Straightness
 from jaxgrity.stepping.power import Step
 
 G, CARRIED = 9.81, 2.0
@@ -221,6 +223,39 @@ def test_counting_begins_with_the_gait(exact):
     flight = roll(exact, at_once, 2.0, with_metrics=True, options=SolverOptions(dt=STEP)).metrics.flight
     # to the step in which it lands
     assert float(flight[3]) == pytest.approx(np.sqrt(2 * 0.02 / G), abs=STEP)
+
+
+@pytest.mark.slow
+def test_counting_may_begin_later(exact):
+    """What is counted from a moment on is what is counted from the start, less what was so at that moment."""
+    gaits, options = rows(exact), SolverOptions(dt=STEP)
+    half, whole, rest = (
+        roll(exact, gaits, until, with_metrics=since, options=options).metrics
+        for until, since in ((1.5, 1.0), (2.0, 1.0), (2.0, 1.5))
+    )
+    for name in ("path", "work", "effort", "contact", "slip", "flight", "moved_x", "moved_y"):
+        parts = (np.asarray(getattr(metrics, name)) for metrics in (half, rest, whole))
+        first, second, together = parts
+        np.testing.assert_allclose(first + second, together, rtol=1e-9, atol=1e-9, err_msg=name)
+    np.testing.assert_allclose(np.maximum(half.peak_force, rest.peak_force), whole.peak_force, rtol=1e-12)
+    np.testing.assert_array_equal(rest.force, whole.force)
+    default = roll(exact, gaits, 2.0, with_metrics=True, options=options).metrics
+    np.testing.assert_allclose(default.effort, whole.effort, rtol=1e-12)
+
+
+@pytest.mark.slow
+def test_no_path_is_shorter_than_the_way(exact):
+    """On a slippery slope, where the robot slides before its gait begins: straightness counts from then on."""
+    up = np.tile([-np.sin(0.2), 0, np.cos(0.2)], (12, 1))
+    slippery = dataclasses.replace(exact, friction=ConeFriction(0.05), up=up)
+    found = roll(slippery, rows(slippery), 1.5, with_metrics=True, options=SolverOptions(dt=STEP))
+    straight = np.asarray(Straightness().worth(slippery, found, 1.5))
+    assert np.all((straight > 0.9) & (straight <= 1 + 1e-12))
+    assert np.all(np.asarray(found.distance()) > 1.2 * np.asarray(found.metrics.path))
+    cost = -np.asarray(CostOfTransport().worth(slippery, found, 1.5))
+    weight = float(slippery.structure.mass) * G
+    expected = found.metrics.effort / (weight * np.hypot(found.metrics.moved_x, found.metrics.moved_y))
+    np.testing.assert_allclose(cost, expected, rtol=1e-12)
 
 
 def test_adaptive_and_implicit_methods_have_no_metrics(reference):

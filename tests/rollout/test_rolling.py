@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from jaxgrity import ExactGround, InputError, PenaltyGround, Scene, Structure, Trajectory, simulate, with_gait
-from jaxgrity.rollout.rolling import Rolling, faces, rolling
+from jaxgrity.rollout.rolling import Rolling, faces, name_of_motion, rolling
 
 BODY = np.sqrt(5) / 2
 """m, from one node of the icosahedron to the one opposite"""
@@ -240,3 +240,58 @@ def test_what_cannot_be_told_is_refused(exact, scene, lying):
         rolling(scene, motion(times, still.positions, still.velocities, failure=2))
     with pytest.raises(InputError, match=r"ends at 0\.9 s; expected at least two frames from 1 s on"):
         rolling(exact, still)
+
+
+ROUNDS = np.linspace(0, 1, 400)[:, None]
+IN_TURN = ((0, 1, 2), (1, 2, 3), (2, 3, 4), (3, 4, 5), (4, 5, 6), (5, 6, 7), (6, 7, 8), (0, 7, 8))
+TO_AND_FRO = ((0, 1, 2), (1, 2, 3)) * 4
+
+
+def line(length: float) -> np.ndarray:
+    return ROUNDS * [length, 0.0]
+
+
+def circle(radius: float, rounds: float = 1.0, wobble: float = 0.0) -> np.ndarray:
+    angle = 2 * np.pi * rounds * ROUNDS
+    radius = radius + wobble * np.sin(40 * np.pi * ROUNDS)
+    return radius * np.concatenate([np.cos(angle), np.sin(angle)], axis=1)
+
+
+def to_and_fro(size: float, times: int = 4, drift: float = 0.0) -> np.ndarray:
+    return np.concatenate([size / 2 * np.sin(2 * np.pi * times * ROUNDS) + drift * ROUNDS, 0 * ROUNDS], axis=1)
+
+
+@pytest.mark.parametrize(
+    ("name", "path", "supports", "airborne"),
+    [
+        ("rolls", line(3.0), IN_TURN, 0.0),
+        ("rolls", line(3.0), IN_TURN, 0.09),
+        ("rolls", line(0.5), IN_TURN[:3], 0.0),
+        ("rolls", circle(2.0), IN_TURN * 2, 0.0),
+        ("rolls", circle(2.0, 0.5), IN_TURN, 0.0),
+        ("rolls", circle(2.0, 3.0, 0.05), IN_TURN * 5, 0.0),
+        ("rolls", circle(0.6), IN_TURN, 0.0),
+        ("rolls", to_and_fro(1.2, 1), IN_TURN[:4] + IN_TURN[2::-1], 0.0),
+        ("rolls", to_and_fro(0.2, 10, drift=3.0), IN_TURN, 0.0),
+        ("slides", line(3.0), IN_TURN[:2], 0.0),
+        ("slides", line(0.2), IN_TURN[:1], 0.0),
+        ("slides", circle(2.0), IN_TURN[:4], 0.0),
+        ("slides", to_and_fro(0.2, 10, drift=3.0), IN_TURN[:3], 0.0),
+        ("slides", to_and_fro(4.0, 2), IN_TURN, 0.0),
+        ("rocks", to_and_fro(0.4), TO_AND_FRO, 0.0),
+        ("rocks", to_and_fro(0.9, 2), IN_TURN[:2] + IN_TURN[:1], 0.05),
+        ("turns on the spot", circle(0.3, 4.0), IN_TURN, 0.0),
+        ("turns on the spot", circle(0.3, -2.0, 0.02), IN_TURN * 2, 0.0),
+        ("stays", to_and_fro(0.05), TO_AND_FRO, 0.0),
+        ("stays", circle(0.04, 5.0), IN_TURN[:1], 0.0),
+        ("stays", line(0.0), (), 0.0),
+        ("hops", line(3.0), IN_TURN, 0.2),
+        ("hops", line(0.0), IN_TURN[:1], 0.2),
+    ],
+)
+def test_motions_have_their_names(name, path, supports, airborne):
+    """By path, width, turns and supports; a closed circle is rolled along as half of one is."""
+    for turn in (0.0, 1.0):
+        turned = path @ np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]]) + np.array([3, -2])
+        assert name_of_motion(turned, supports, airborne) == name
+        assert name_of_motion(turned[::-1], supports[::-1], airborne) == name

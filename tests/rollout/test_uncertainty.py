@@ -13,7 +13,9 @@ from jaxgrity import (
     ConeFriction,
     Differences,
     ExactGround,
+    Gait,
     InputError,
+    Overtone,
     Scene,
     SolverOptions,
     Structure,
@@ -30,9 +32,11 @@ from jaxgrity import (
     simulate_population,
     with_gait,
 )
+from jaxgrity.model.actuation import peak_rates
 from jaxgrity.model.scene import as_dtype
 from jaxgrity.model.structure import edge_lengths
 from jaxgrity.rollout.lanes import in_lanes, lanes_last, over_lanes
+from jaxgrity.rollout.population import as_population
 from jaxgrity.stepping.dynamics import acceleration, vector_field
 
 DOUBTS = Uncertainty(0.2, 0.1, 0.3, 0.15, 0.25, 0.05, 0.12)
@@ -115,6 +119,21 @@ def test_draws_come_in_opposite_pairs(drawn):
                 pairs, first = len(robots) // 2, -(-len(robots) // 2)
                 np.testing.assert_allclose(robots[:pairs], -robots[first:], **tolerance)
                 assert len(np.unique(np.round(np.abs(robots[:, 0]), 9))) == first, name
+
+
+def test_uncertain_phases_leave_waves_their_shapes(exact):
+    """A robot's wave is that of the gait, early or late: harmonics move alike in time, and its peak rate stays."""
+    phase = np.linspace(0, 5, 6)
+    overtones = (Overtone(np.full(6, 0.5), 2 * phase - 1.5), Overtone(np.linspace(0, 0.3, 6), 3 * phase + 1))
+    gait = Gait(tuple(range(6)), phase, np.full(6, 0.3), np.full(6, 0.7), 1.0, 1.0, overtones)
+    many, _ = draw(jax.random.key(0), exact, as_population(gait), Uncertainty(phase=0.2), 64)
+    early = many.phase - phase
+    assert np.abs(early).max() > 0.15
+    for h, (own, given) in enumerate(zip(many.overtones, gait.overtones), start=2):
+        np.testing.assert_allclose(own.phase - given.phase, h * early, rtol=0, atol=1e-12)
+        np.testing.assert_array_equal(own.size, np.tile(given.size, (64, 1)))
+    rates = peak_rates(many, np.ones(6))
+    np.testing.assert_allclose(rates, np.tile(rates[0], (64, 1)), rtol=3e-3)
 
 
 def test_common_draws_are_the_same_for_all_gaits(drawn):

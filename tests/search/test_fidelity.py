@@ -217,7 +217,7 @@ def test_the_final_verdict_is_made_of_what_it_says(precision, factor, monkeypatc
     problem = SearchProblem(scene, Genome(1), 1.0, Fitness(Distance(), Uncertainty(friction=0.1), robots=2))
     heard = []
     tell = lambda done, total: heard.append((done, total))  # noqa: E731
-    verdict = final_verdict(problem, scene.gait, dt=dt, robots=4, seed=3, on_progress=tell)
+    verdict = final_verdict(problem, scene.gait, dt=dt, bounds=ActuatorBounds(), robots=4, seed=3, on_progress=tell)
     assert heard == [(done, 4) for done in range(5)]
     distance, robust = verdict.verified.distance[0], verdict.robust.each[0]
     assert verdict.verified.steps == (factor * dt, factor * dt / 2, factor * dt / 4)
@@ -255,4 +255,8 @@ def test_the_final_verdict_is_made_of_what_it_says(precision, factor, monkeypatc
         "step": factor * dt,
         "step_error": verdict.step_error,
     }
-    assert summary["other_contact_model"] == {"mean": float(other.mean()), "standard_deviation": float(other.std())}
+    assert summary["other_contact_model"] == {
+        "mean": other.mean(),
+        "standard_deviation": other.std(),
+        "standard_error": other.reshape(2, -1).mean(0).std(ddof=1) / np.sqrt(2),
+    }

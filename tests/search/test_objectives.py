@@ -42,6 +42,7 @@ from jaxgrity import (
     simulate_population,
     with_gait,
 )
+from jaxgrity.search.judging import Scores, scored
 
 MOVED = np.array([[3.0, 4.0, 7.0], [-0.6, 0.8, 0.0], [0.0, -2.0, 1.0]])
 """m, of three robots; the last fails"""
@@ -52,7 +53,7 @@ RATE = np.array([[0.1, 0.5], [0.4, 0.3], [0.2, 0.2]])
 def outcomes(measured: bool = True) -> Outcomes:
     """Three robots that moved as above."""
     start, zero = np.array([[1.0, 2.0, 0.5]] * 3), np.zeros(3)
-    metrics = Metrics(PATH, zero, EFFORT, zero, zero, zero, 0 * RATE, 100 * RATE, RATE, 10 * RATE)
+    metrics = Metrics(PATH, zero, EFFORT, zero, zero, zero, 0 * RATE, 100 * RATE, RATE, 10 * RATE, *MOVED.T[:2], zero)
     code, steps = np.array([0, 0, 1]), np.full(3, 5)
     nodes = np.zeros((3, 12, 3))
     path = np.stack([start, start + MOVED], axis=1)
@@ -92,10 +93,11 @@ def test_speed_is_in_the_robots_own_lengths(reference):
         body_length(bare)
 
 
-def worth(reference, kind, **bounds):
-    """Of the three robots, within the bounds; struts of 1 m that move at 1 Hz reach the rates with these amplitudes."""
+def judged_by_bounds(reference, kind, **bounds) -> Scores:
+    """The three robots, one a gait; struts of 1 m that move at 1 Hz reach the rates with these amplitudes."""
     gaits = Gait((0, 1), 0 * RATE, RATE / np.pi, 1 + 0 * RATE)
-    return Fitness(kind(), bounds=ActuatorBounds(**bounds)).worth(reference, gaits, outcomes(), 8.0)
+    worth, excess = Fitness(kind(), bounds=ActuatorBounds(**bounds)).worth(reference, gaits, outcomes(), 8.0)
+    return scored(np.asarray(worth)[:, None], 0.0, np.asarray(excess)[:, None])
 
 
 every_objective = pytest.mark.parametrize("kind", [Distance, Direction, Speed, CostOfTransport, Straightness])
@@ -106,26 +108,30 @@ def test_a_gait_within_its_bounds_loses_nothing(reference, kind):
     """Up to the bound itself, by the actuator that needs most."""
     plain = kind().worth(reference, outcomes(), 8.0)
     for bound in ({"rate": 0.5 * (1 + 1e-12)}, {"force": 50.0}, {"power": 5.0}):
-        np.testing.assert_array_equal(worth(reference, kind, **bound), plain)
+        found = judged_by_bounds(reference, kind, **bound)
+        np.testing.assert_array_equal(found.mean, plain)
+        np.testing.assert_array_equal(found.merit[:2], plain[:2])
+        np.testing.assert_array_equal(found.beyond, 0)
 
 
 @every_objective
 def test_a_gait_beyond_a_bound_comes_after_all_within(reference, kind):
     """However little it exceeds it, and however far it goes: here the first of two robots, which is better at all
-    but cost, exceeds it with one actuator."""
-    plain = float(kind().worth(reference, outcomes(), 8.0)[1])
+    but cost, exceeds it with one actuator. What it is worth stays what it is."""
+    plain = kind().worth(reference, outcomes(), 8.0)
     for name, peak in (("rate", 0.5), ("force", 50.0), ("power", 5.0)):
         for share in (1e-6, 1e-3, 0.1):
-            beyond, within, failed = np.asarray(worth(reference, kind, **{name: peak / (1 + share)}))
-            assert beyond < within == plain, (name, share)
-            assert np.isnan(failed)
+            found = judged_by_bounds(reference, kind, **{name: peak / (1 + share)})
+            np.testing.assert_array_equal(found.mean, plain)
+            np.testing.assert_array_equal(found.beyond, [1, 0, 0])
+            assert np.argsort(-found.merit).tolist() == [1, 0, 2], (name, share)
 
 
-def test_the_more_a_gait_exceeds_bounds_the_less_it_is_worth(reference):
+def test_the_more_a_gait_exceeds_bounds_the_later_it_comes(reference):
     """So that a search knows its way back to what is allowed: with the excess, and with every bound exceeded."""
 
     def first(**bounds):
-        return float(worth(reference, Distance, **bounds)[0])
+        return float(judged_by_bounds(reference, Distance, **bounds).merit[0])
 
     beyond = [first(rate=bound) for bound in (0.4, 0.3, 0.2)]
     assert beyond[0] > beyond[1] > beyond[2]
@@ -172,11 +178,10 @@ def test_steady_turns_are_worth_their_speed_if_they_turn_as_asked(reference, tur
     """On a circle of 1/0.4 m, to the left and to the right; what it turns too little or too much is held against it."""
     angle = np.sign(turning) * np.linspace(0, 4, 25)
     path = np.column_stack([np.sin(angle), 1 - np.cos(angle)]) / turning
-    length = 2 * np.sin(4 / 24 / 2) / 0.4 * 18
-    bend = np.sign(turning) * 4 / 24 * 18 / length
+    length = 4 / 24 / 0.4 * 18
     for asked in (turning, 2 * turning, -turning):
         worth = SteadyTurn(turning=asked).worth(reference, on_a_path(path), 24.0)
-        expected = length / 18 - 2 * min(1, abs(bend - asked))
+        expected = length / 18 - 2 * min(1, abs(turning - asked))
         np.testing.assert_allclose(worth, [expected], rtol=1e-9, atol=1e-12)
 
 

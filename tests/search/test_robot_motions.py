@@ -12,14 +12,12 @@ FRICTION = jaxgrity.Uncertainty(friction=0.3)
 
 
 def arcs(turns, failure):
-    """Outcomes of robots that go once a second through a tenth of a metre along arcs, in `PARTS` parts of 24 s."""
-    times = np.arange(module.PARTS + 1.0)
+    """Outcomes of robots that go at a tenth of a metre a second along arcs, which turn by so many rad a second."""
 
     def rolled(key, model, gaits, duration, fitness, parts, with_metrics):
-        assert parts == module.PARTS
-        heading = np.outer(turns, times)
-        steps = np.stack([np.cos(heading), np.sin(heading), 0 * heading], -1)[:, :-1] * 0.1
-        path = np.concatenate([np.zeros((len(turns), 1, 3)), np.cumsum(steps, 1)], 1)
+        times, turn = np.linspace(0, duration, parts + 1), np.array(turns)[:, None]
+        bent = np.where(turn == 0, 1e-9, turn)
+        path = 0.1 * np.stack([np.sin(bent * times), 1 - np.cos(bent * times), 0 * bent * times], -1) / bent[..., None]
         failed = np.array(failure)
         path[failed != 0] = np.nan
         rest = {"positions": path[:, -1:], "steps": failed, "rejected": failed}
@@ -28,22 +26,22 @@ def arcs(turns, failure):
     return rolled
 
 
-def test_speeds_are_those_along_paths(exact, monkeypatch):
-    """Straight on, on arcs to the left and to the right; what failed has no speed and no bend."""
-    turns = [0.0, 0.2, -0.1, 0.0]
+@pytest.mark.parametrize("duration", [24.0, 60.0, 300.0])
+def test_speeds_are_those_along_paths(exact, monkeypatch, duration):
+    """Straight on, on arcs to the left and to the right, of whole circles too; what failed has no speed and no bend."""
+    turns = [0.0, 0.5, -0.1, 0.0]
     monkeypatch.setattr(module, "ensembles_rolled_out", arcs(turns, [0, 0, 0, 1]))
     scene = jaxgrity.with_gait(exact, jaxgrity.load_gait("lasting"))
-    found = jaxgrity.robot_motions(scene, FRICTION, robots=4, duration=24.0)
+    found = jaxgrity.robot_motions(scene, FRICTION, robots=4, duration=duration)
     size = float(jaxgrity.body_length(scene))
     np.testing.assert_allclose(found.speed, [0.1, 0.1, 0.1, 0.0], rtol=1e-6)
-    np.testing.assert_allclose(found.bend, [0.0, 2.0 * size, -1.0 * size, np.nan], rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(found.bend, [0.0, 5.0 * size, -1.0 * size, np.nan], rtol=1e-6, atol=1e-7)
     np.testing.assert_allclose(np.hypot(*found.velocity.T)[[0, 3]], [0.1, 0.0], rtol=1e-6)
-    half = 9 * 0.2
-    chord = 0.1 * abs(np.sin(half) / (18 * np.sin(0.1)))
-    np.testing.assert_allclose(np.hypot(*found.velocity[1]), chord, rtol=1e-5)
+    turned = 0.5 * 0.75 * duration
+    np.testing.assert_allclose(np.hypot(*found.velocity[1]), 0.1 * abs(np.sinc(turned / 2 / np.pi)), rtol=1e-5)
     facts = found.summary()
     assert facts["speed"] == pytest.approx(0.075)
-    assert facts["bend"] == pytest.approx(0.0, abs=1e-9)
+    assert facts["bend"] == pytest.approx(0.0, abs=1e-7)
     assert facts["robots"] == 4
 
 

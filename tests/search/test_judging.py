@@ -1,0 +1,103 @@
+"""Errors that are said after a "±": redrawn many times, they cover the truth as often as they should."""
+
+import numpy as np
+import pytest
+
+from jaxgrity import ActuatorBounds
+from jaxgrity.core.display import COVERING, mean_of_robots
+from jaxgrity.rollout.metrics import Metrics
+from jaxgrity.search.judging import influences, scored, standard_error
+from jaxgrity.search.polish import _gain
+
+REDRAWS = 1500
+
+
+def two_gaits(draw, pairs: int) -> np.ndarray:
+    """(2, robots): what robots with opposite draws are worth; the second gait is better, and spreads more."""
+    z = draw.uniform(-1, 1, (3, pairs))
+    z = np.concatenate([z, -z], axis=1)
+    first = 1.0 + 0.1 * z[0] - 0.2 * z[1] ** 2 + 0.02 * np.sign(z[2]) * z[0]
+    second = 1.15 + 0.2 * z[0] - 0.5 * z[1] ** 2 - 0.6 * (z[2] > 0.8)
+    return np.stack([first, second])
+
+
+@pytest.fixture(scope="module")
+def redrawn() -> list[np.ndarray]:
+    draw = np.random.default_rng(0)
+    return [two_gaits(draw, 64) for _ in range(REDRAWS)]
+
+
+@pytest.mark.parametrize("caution", [0.0, 1.0])
+def test_the_gain_of_a_polish_is_known_by_its_error(redrawn, caution):
+    """The difference of two fitnesses, with the error of that, not of the means."""
+    found = [scored(each, caution).fitness for each in redrawn]
+    gains = np.array([after - before for before, after in found])
+    errors = np.array([standard_error(np.subtract(*influences(each, caution)[::-1])) for each in redrawn])
+    covered = np.abs(gains - gains.mean()) <= COVERING * errors
+    assert 0.93 < covered.mean() < 0.98
+    assert errors.mean() == pytest.approx(gains.std(), rel=0.06)
+
+
+def test_a_mean_over_robots_is_known_by_its_error(redrawn):
+    means = np.array([each[1].mean() for each in redrawn])
+    errors = np.array([standard_error(each[1]) for each in redrawn])
+    assert 0.93 < (np.abs(means - means.mean()) <= COVERING * errors).mean() < 0.98
+
+
+def test_influences_have_the_fitness_as_their_mean(redrawn):
+    """That of gaits whose robots are all alike too."""
+    each = redrawn[0]
+    np.testing.assert_allclose(influences(each, 0.7).mean(1), scored(each, 0.7).fitness, rtol=1e-12)
+    np.testing.assert_array_equal(influences(np.ones((1, 4)), 0.7), np.ones((1, 4)))
+
+
+def test_the_gain_is_said_with_two_of_its_errors(redrawn):
+    """And the number beside it is what it is the error of."""
+    each = redrawn[0]
+    before, after = (scored(each[k : k + 1], 1.0) for k in (0, 1))
+    gain = float(after.fitness[0] - before.fitness[0])
+    error = 2 * standard_error(np.subtract(*influences(each, 1.0)[::-1]))
+    assert _gain(before, after, 1.0).startswith(
+        f"fitness {'up' if gain > 0 else 'down'} by {abs(gain):.3f} ± {error:.2g}"
+    )
+
+
+def test_bounds_are_no_worth():
+    """Fitness is in the objective's unit whatever the bounds; gaits within them come first, then those less beyond."""
+    each = np.array([[0.9, 1.1], [2.0, 2.2], [3.0, 3.2], [0.1, np.nan], [-4.0, -4.2]])
+    excess = np.array([[0, 0], [0, 0.2], [0.3, 0.1], [0, 0], [0, 0]])
+    found = scored(each, 1.0, excess)
+    np.testing.assert_allclose(found.fitness, [0.9, 2.0, 3.0, -np.inf, -4.2])
+    np.testing.assert_array_equal(found.beyond, [0, 0.5, 1.0, 0, 0])
+    np.testing.assert_array_equal(np.argsort(-found.merit), [0, 4, 1, 2, 3])
+    np.testing.assert_array_equal(found.merit[[0, 4]], found.fitness[[0, 4]])
+
+
+def test_excess_is_the_share_beyond_each_bound():
+    """Of rate, force and power, summed up; without bounds there is none."""
+    none = np.zeros((2, 3))
+    numbers = dict.fromkeys(Metrics._fields, none) | {
+        "peak_force": np.tile([5.0, 20, 0], (2, 1)),
+        "peak_power": np.repeat([[90.0], [30]], 3, axis=1),
+    }
+    rate, metrics = np.array([0.5, 1.5]), Metrics(**numbers)
+    np.testing.assert_array_equal(ActuatorBounds().excess(rate, None), [0, 0])
+    np.testing.assert_allclose(ActuatorBounds(rate=1.0).excess(rate, None), [0, 0.5])
+    np.testing.assert_allclose(ActuatorBounds(1.0, 10.0, 60.0).excess(rate, metrics), [1 + 0.5, 0.5 + 1])
+
+
+def test_the_gain_says_who_is_beyond_a_bound(redrawn):
+    """And what is beyond is not kept for its worth."""
+    each = redrawn[0]
+    before = scored(each[:1], 0.0)
+    over = np.zeros((1, each.shape[1]))
+    over[0, ::4] = 0.1
+    told = _gain(before, scored(each[:1] + 1, 0.0, over), 0.0)
+    assert told.startswith("fitness up by 1.000")
+    assert told.endswith("robots; 25 % of them beyond a bound on actuators: the gait is kept as it was")
+
+
+def test_means_over_robots_say_spread_and_error_apart():
+    robots = {"mean": 0.6, "standard_deviation": 0.1, "standard_error": 0.01}
+    assert mean_of_robots(robots, "m") == "0.600 ± 0.02 m (standard deviation 0.1)"
+    assert mean_of_robots({**robots, "standard_error": None}, "") == "0.600 (error not known) (standard deviation 0.1)"
