@@ -11,16 +11,17 @@ from pathlib import Path
 os.environ.setdefault("EQX_ON_ERROR", "nan")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-# Kernels made as the commands have them made, which compiles faster, and each program in one piece: a test process has
-# one core.
-os.environ.setdefault("XLA_FLAGS", "--xla_cpu_use_fusion_emitters=false --xla_cpu_parallel_codegen_split_count=1")
-
 import hypothesis
 import jax
 import jaxtyping
 import numpy as np
 import pytest
 from meter import Meter
+
+# Kernels made as the commands have them made (jaxgrity.cli.script), and each program in one piece: a test process has
+# one core.
+KERNELS = "--xla_cpu_use_fusion_emitters=false" if jax.__version_info__ < (0, 11) else ""
+os.environ.setdefault("XLA_FLAGS", f"{KERNELS} --xla_cpu_parallel_codegen_split_count=1".strip())
 
 jax.config.update("jax_enable_x64", True)
 

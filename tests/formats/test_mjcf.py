@@ -141,6 +141,26 @@ def test_cables_only_pull_and_controls_are_changes_of_rest_length(reference):
     assert any("the gait itself is no part" in note for note in written.notes)
 
 
+def test_gaits_that_go_beyond_the_models_range_are_refused(reference):
+    """A model's actuators reach as far as the gait with which it was written; less is in order."""
+    times, gait = np.linspace(0, 5, 31), reference.gait
+    with pytest.raises(InputError, match=r"members \[1\] move beyond what the scene's own gait"):
+        mjcf_controls(reference, times, dataclasses.replace(gait, amplitude=np.array([0.3, 0.4, 0.3, 0.3, 0.3, 0.3])))
+    less = mjcf_controls(reference, times, dataclasses.replace(gait, amplitude=gait.amplitude / 2))
+    np.testing.assert_allclose(less, mjcf_controls(reference, times) / 2, atol=1e-15)
+
+
+def test_frictions_that_differ_become_the_largest(reference):
+    """MuJoCo has one coefficient for the pair of ground and node here, and the notes say which."""
+    mu = np.linspace(0.2, 0.7, 12)
+    uneven = dataclasses.replace(reference, friction=dataclasses.replace(reference.friction, mu=mu))
+    for scene, words in ((uneven, "the largest of the nodes' friction coefficients"), (reference, "of the scene")):
+        written = mujoco_model(scene)
+        model = mujoco.MjModel.from_xml_string(written.xml)
+        assert model.geom("ground").friction[0] == pytest.approx(float(np.max(scene.friction.mu)))
+        assert any(words in note for note in written.notes)
+
+
 @pytest.mark.slow
 def test_the_lasting_gait_rolls_in_both():
     """The penalty twin of its scene: MuJoCo's contact is another, so that speeds agree roughly and not exactly."""
