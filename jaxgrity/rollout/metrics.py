@@ -73,7 +73,7 @@ def initial_metrics(scene: Scene, since: Scalar | None = None) -> Metrics:
     zero = jnp.zeros_like(scene.structure.nodes[0, 0])
     none = jnp.zeros_like(scene.gait.phase)
     begins = jnp.asarray(scene.gait.start if since is None else since, zero.dtype)
-    return Metrics(*[zero] * 6, *[none] * 4, zero, zero, zero + begins)
+    return Metrics(*[zero] * 6, *[none] * 4, *[zero] * 3)._replace(since=zero + begins)
 
 
 def updated_metrics(scene: Scene, step: Step, so_far: Metrics) -> Metrics:
