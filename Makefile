@@ -41,7 +41,7 @@ lint: .venv/.installed-test
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/lint-imports --cache-dir .cache/import_linter --no-logo
-	$(BIN)/mypy
+	$(BIN)/mypy --num-workers 2
 
 # How fast this machine is, in about two minutes; LIMIT=FOLDER measures the C programs there too.
 bench: .venv/.installed

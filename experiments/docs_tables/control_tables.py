@@ -62,13 +62,13 @@ def steering_table(facts: Facts) -> str:
     rows = [
         [
             f"{row['bend']:g}",
-            f"{np.degrees(row['turning']) + 0:.1f} ± {np.degrees(row['turning_spread']):.1f} °/s",
+            f"{np.degrees(row['turning']) + 0:.1f} ({np.degrees(row['turning_spread']):.1f}) °/s",
             f"{row['speed']:.2f} m/s",
             f"{100 * row['went_on']:.0f} %" if "went_on" in row else "-",
         ]
         for row in facts["rows"]
     ]
-    head = ["bend", "turning, median and standard deviation", "speed", "robots as fast after the bend was reversed"]
+    head = ["bend", "turning, median (standard deviation)", "speed", "robots as fast after the bend was reversed"]
     return table(head, rows) + made_by(facts, "steering", "measured")
 
 
@@ -142,12 +142,12 @@ def sampling_ways_table(facts: Facts) -> str:
         [
             f"{row['way']}, {row['knots']} bend{'s' * (row['knots'] > 1)}",
             f"{row['reached']} of {facts['trials']}",
-            f"{row['mean']:.1f} ± {row['deviation']:.1f} s",
+            f"{row['mean']:.1f} ({row['deviation']:.1f}) s",
             f"{row['milliseconds']:.0f} ms",
         ]
         for row in facts["rows"]
     ]
-    head = [f"{facts['samples']} rollouts for each choice", "reached", "time, its standard deviation", "a choice takes"]
+    head = [f"{facts['samples']} rollouts for each choice", "reached", "time (standard deviation)", "a choice takes"]
     return table(head, rows) + made_by(facts, "sampling_ways", "measured")
 
 
@@ -284,7 +284,7 @@ def task_baselines_table(facts: Facts) -> str:
         [
             row["task"],
             *(
-                f"{row['progress'][name]:.2f} ± {row['error'][name]:.2f}" if name in row["progress"] else "-"
+                f"{row['progress'][name]:.2f} ± {2 * row['error'][name]:.2f}" if name in row["progress"] else "-"
                 for name in names
             ),
             f"{row['seconds'] / 60:.1f} minutes",

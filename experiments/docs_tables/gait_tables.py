@@ -137,8 +137,8 @@ def robots_that_differ_facts(raw: Facts) -> Facts:
 def robots_that_differ_table(facts: Facts) -> str:
     head = [
         "gait", "contact", "its orbit's speed, own contact, body lengths/s",
-        f"{facts['robots']} robots that differ, along their paths", "share of it", "robots above 85 %",
-        "displacement over time", "bend, ° per body length: median", "quartiles",
+        f"{facts['robots']} robots that differ, along their paths: mean (standard deviation)",
+        "share of it", "robots above 85 %", "displacement over time", "bend, ° per body length: median", "quartiles",
     ]  # fmt: skip
     return table(head, [_robots_row(row) for row in facts["rows"]]) + made_by(facts, "robots_that_differ")
 
@@ -150,10 +150,10 @@ def _robots_row(row: Facts) -> list[str]:
         row["gait"],
         f"{row['contact']}, its own" if row["own"] else row["contact"],
         f"{row['nominal']:.3f}",
-        f"{row['mean']:.3f} ± {row['standard_deviation']:.2g}",
-        f"{100 * mean:.0f} % ± {100 * spread:.0f} %",
+        f"{row['mean']:.3f} ({row['standard_deviation']:.2g})",
+        f"{100 * mean:.0f} % ({100 * spread:.0f} %)",
         f"{100 * row['rolling']:.0f} %",
-        f"{row['displacement']:.3f} ± {row['displacement_standard_deviation']:.2g}",
+        f"{row['displacement']:.3f} ({row['displacement_standard_deviation']:.2g})",
         f"{bend:.0f}",
         f"{low:.0f} to {high:.0f}",
     ]

@@ -60,15 +60,19 @@ def sim_to_real_table(facts: Facts) -> str:
     rows = [
         [
             f"{name} identification",
-            f"{each['mean']:.4f} ± {each['standard_deviation']:.2g}",
-            f"{each['speed']:.4f} ± {each['by_gradient']:.2g}",
+            f"{each['mean']:.4f} ({each['standard_deviation']:.2g})",
+            f"{each['speed']:.4f} ({each['by_gradient']:.2g})",
             f"{each['rolling']:.0%}",
             f"{each['explained']:.0%}",
         ]
         for name, each in facts["forecasts"].items()
     ]
     rows.append(["the robot itself", f"{facts['true']:.4f}", "", "", ""])
-    head = ["plausible robots", f"steady speed of {facts['robots']}, m/s", "of the most probable, ± by the gradient"]
+    head = [
+        "plausible robots",
+        f"steady speed of {facts['robots']}, m/s (standard deviation)",
+        "of the most probable (by the gradient)",
+    ]
     return table([*head, "roll", "of the variance linear"], rows) + made_by(facts, "sim_to_real")
 
 

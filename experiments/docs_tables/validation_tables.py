@@ -62,11 +62,11 @@ def estimates_table(rows: list[Facts]) -> str:
     cells = []
     for row in rows:
         size, unit = (1.0, "") if row["kind"] == "factor" else (1e3, " mm")
-        error = f"{size * row['standard_error']:.2g}{unit}"
+        error = f"{2 * size * row['standard_error']:.2g}{unit}"
         value = "cannot be told" if row["value"] is None else f"{size * row['value']:.3g}{unit} ± {error}"
-        plausible = f"1 ± {row['spread']:g}" if row["kind"] == "factor" else f"0{unit} ± {size * row['spread']:g}{unit}"
+        plausible = f"1 ({row['spread']:g})" if row["kind"] == "factor" else f"0{unit} ({size * row['spread']:g}{unit})"
         cells.append([row["name"].removeprefix("scene."), row["kind"], plausible, value])
-    return table(["parameter", "", "plausible before", "identified"], cells)
+    return table(["parameter", "", "plausible before (standard deviation)", "identified"], cells)
 
 
 def spine_dynamics_facts(raw: Facts) -> Facts:

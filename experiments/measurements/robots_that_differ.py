@@ -73,7 +73,8 @@ def main(settings: Settings) -> None:
     save_json(settings.out / "robots_that_differ.json", {**measured(), "robots": settings.robots, "rows": rows})
     plot.save(figure(every), settings.out / "robots_that_differ.png")
     for row in rows:
-        print(f"{row['gait']}, {row['contact']}: {row['mean']:.3f} ± {row['standard_deviation']:.2g} body lengths/s")
+        speed = f"{row['mean']:.3f} body lengths/s (standard deviation {row['standard_deviation']:.2g})"
+        print(f"{row['gait']}, {row['contact']}: {speed}")
     print(f"wrote {settings.out}/")
 
 

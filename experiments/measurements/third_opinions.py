@@ -69,7 +69,9 @@ def main(settings: Settings) -> None:
     save_json(settings.out / "third_opinions.json", {**measured(), "robots": settings.robots, "rows": rows})
     plot.save(figure(speeds), settings.out / "third_opinions.png")
     for row in rows:
-        print(f"{row['engine']:24s} {row['mean']:.3f} ± {row['standard_deviation']:.2g} body lengths/s")
+        print(
+            f"{row['engine']:24s} {row['mean']:.3f} body lengths/s (standard deviation {row['standard_deviation']:.2g})"
+        )
     print(f"wrote {settings.out}/")
 
 

@@ -99,7 +99,7 @@ def figure(runs: dict[str, dict[str, Any]]) -> Figure:
         robust = summary["robust"]
         right.errorbar(robust["mean"], k, xerr=robust["standard_deviation"], fmt="o", color=line.get_color(), capsize=4)
         right.plot(summary["other_contact_model"]["mean"], k, "x", color=line.get_color())
-    left.set(xlabel="generation", ylabel="fitness of the best, not yet verified")
+    left.set(xlabel="generation", ylabel="fitness of the best, by the draws that chose it")
     left.legend(fontsize="small")
     left.grid(alpha=0.3)
     right.set(yticks=range(len(runs)), yticklabels=[Path(name).name for name in runs], xlabel="robust objective")

@@ -20,6 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from jaxgrity.core.display import COVERING
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray
 from jaxgrity.identification.least_squares import Found, Problem, fitting_problem, least_squares, residuals
@@ -74,12 +75,12 @@ class Identified(NamedTuple):
 
     def summary(self) -> str:
         """A line for each parameter."""
-        lines = [
-            f"{each.name}: the data cannot tell (± {each.standard_error:.2g} is left)" if each.value is None else
-            f"{each.name}: {each.value:.4g} ± {each.standard_error:.2g}" if each.interval is not None else
-            f"{each.name}: {each.value:.4g} (error not known)"
-            for each in self.estimates
-        ]  # fmt: skip
+        lines = []
+        for each in self.estimates:
+            error = f"± {COVERING * each.standard_error:.2g}"
+            told = f"the data cannot tell ({error} is left)" if each.value is None else f"{each.value:.4g} {error}"
+            known = each.value is None or each.interval is not None
+            lines.append(f"{each.name}: {told if known else f'{each.value:.4g} (error not known)'}")
         end = "" if self.converged else "; the fit did not converge, and its intervals are not to be trusted"
         lines.append(f"misfit: {self.misfit:.3g} standard deviations of the noise{end}")
         lines += [] if self.residuals is None else [self.residuals.summary()]

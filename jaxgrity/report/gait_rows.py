@@ -64,7 +64,7 @@ def _chosen(fitness: list[float], multipliers: list[float] | None) -> dict[str, 
         told = "none settles on an orbit to which disturbed robots return"
     else:
         rest = f"; {lost} of {len(multipliers)} settle on no orbit to which disturbed robots return" if lost else ""
-        told = f"their orbits multiply a disturbance in a cycle by {', '.join(known)}{rest}"
+        told = f"their orbits multiply a disturbance in one cycle by {', '.join(known)}{rest}"
     return {"finalists": f"{told}; the first {first}"}
 
 

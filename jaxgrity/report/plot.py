@@ -70,7 +70,7 @@ def convergence_figure(searches: list[Evolution], names: tuple[str, ...] = (), u
             axes.text(numbers.mean(), 0.02, names[number], ha="center", transform=axes.get_xaxis_transform())
         first += len(search.best)
     rollouts = sum(search.rollouts for search in searches)
-    title = f"{rollouts} rollouts, not yet verified"
+    title = f"{rollouts} rollouts; each by the draws that it was chosen by, on fresh robots the best is worth less"
     axes.set(xlabel="generation", ylabel=f"fitness ({unit})" if unit else "fitness", title=title)
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.legend()

@@ -9,9 +9,10 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, NodeVectors, Scalar
 from jaxgrity.model.scales import length_scale, speed_scale
 from jaxgrity.model.scene import Scene
-from jaxgrity.stepping.final_state import final_state
+from jaxgrity.stepping.final_state import final_state, states_at
 from jaxgrity.stepping.options import ResolvedOptions, resolve
-from jaxgrity.trust.orbits import Orbit, in_step, restarted
+from jaxgrity.trust.cycles import way_along
+from jaxgrity.trust.orbits import FRAMES, Orbit, in_step, restarted
 
 ITERATIONS = 20
 CLOSED = 1e-9
@@ -26,7 +27,7 @@ class ClosedOrbit(NamedTuple):
     v: NodeVectors
     """m/s"""
     speed: Scalar
-    """m/s, of the centre of mass, from cycle to cycle"""
+    """m/s, as `Orbit.speed`"""
     turning: Scalar
     """rad/s about the vertical, positive to the left"""
     residual: Scalar
@@ -100,13 +101,11 @@ def _closed(scene: Scene, orbit: Orbit, options: ResolvedOptions) -> ClosedOrbit
     )
     residual = jnp.max(jnp.abs(miss(jax.lax.stop_gradient(found))))
     there = jnp.where(residual <= CLOSED, 1.0, jnp.nan)
-    return ClosedOrbit(
-        found[:size].reshape(q0.shape),
-        found[size : 2 * size].reshape(q0.shape),
-        there * jnp.sqrt(jnp.sum(found[-3:-1] ** 2)) / cycle,
-        there * found[-1] / cycle,
-        residual,
-    )
+    start, frames = (found[:size].reshape(q0.shape), found[size : 2 * size].reshape(q0.shape)), orbit.periods * FRAMES
+    times = jnp.linspace(0, 1, frames + 1) * cycle
+    path = jnp.einsum("n,fnk->fk", share, states_at(scene, start, times, steps // frames, options, reverse=True)[0])
+    speed = way_along(path[:, :2], found[-1] / frames) * frames / cycle
+    return ClosedOrbit(start[0], start[1], there * speed, there * found[-1] / cycle, residual)
 
 
 def _turn(angle: Scalar) -> AnyArray:

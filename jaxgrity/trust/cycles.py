@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxgrity.core.errors import InputError
-from jaxgrity.core.types import AnyArray, NodeVectors
+from jaxgrity.core.types import AnyArray, NodeVectors, Scalar, namespace_of
 from jaxgrity.model.scene import Scene
 
 MOST_PERIODS = 12
@@ -43,7 +43,7 @@ def shape(q: NodeVectors) -> np.ndarray:
 def cycle(shapes: Float[np.ndarray, "periods numbers"], path: Float[np.ndarray, "periods 2"]) -> int:
     """After how many periods shapes return; `path` is where the robot was, m.
 
-    In a cycle the path bends by a semicircle at most: beyond that, a chord says little about its arc.
+    In a cycle the path bends by a semicircle at most: beyond that, which way it turned is not seen.
     """
     steps, lags = np.diff(path, axis=0), range(1, MOST_PERIODS + 1)
     heading = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
@@ -54,9 +54,17 @@ def cycle(shapes: Float[np.ndarray, "periods numbers"], path: Float[np.ndarray, 
     return int(np.argmax(changes <= ALIKE * np.min(changes) + rounding)) + 1
 
 
-def chord(angle: float) -> float:
-    """The chord of an arc of so many radians by its length; that of a semicircle for longer ones."""
-    return float(np.sinc(min(abs(angle), np.pi) / (2 * np.pi)))
+def way_along(path: Float[AnyArray, "places 2"], angle: Scalar) -> Scalar:
+    """How far it is from one place to the next, in the mean, along a line or about the centre of a motion that turns.
+
+    A motion that turns by `angle` (rad) from place to place is c + exp(i angle k) w_k with its centre c, and w the same
+    in every cycle. Turned back, the steps of a whole cycle have the mean angle |mean w|, but for the chord of one step:
+    it does not depend on the moment at which the cycle begins, and counts no swaying about the mean.
+    """
+    xp = namespace_of(path)
+    (dx, dy), back = xp.diff(path, axis=0).T, angle * (xp.arange(len(path) - 1) + 0.5)
+    x, y = xp.mean(xp.cos(back) * dx + xp.sin(back) * dy), xp.mean(xp.cos(back) * dy - xp.sin(back) * dx)
+    return xp.sqrt(x * x + y * y) / xp.sinc(angle / (2 * np.pi))
 
 
 def moved_onto(

@@ -18,7 +18,7 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Float
 
 from jaxgrity.core.errors import InputError
-from jaxgrity.core.types import AnyArray, NodeVectors, PerActuator, Scalar
+from jaxgrity.core.types import AnyArray, Count, NodeVectors, PerActuator, Scalar
 from jaxgrity.model.actuation import Gait, Overtone
 from jaxgrity.model.scales import speed_scale, time_scale
 from jaxgrity.model.scene import Scene, as_dtype, with_gait
@@ -26,8 +26,8 @@ from jaxgrity.stepping.complementarity import ContactState
 from jaxgrity.stepping.handover import carried_from
 from jaxgrity.stepping.integrate import discretise, prepared
 from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
-from jaxgrity.trust.cycles import Plane, plane_of
-from jaxgrity.trust.orbits import Orbit, in_step, period_of, restarted
+from jaxgrity.trust.cycles import Plane, plane_of, way_along
+from jaxgrity.trust.orbits import FRAMES, Orbit, in_step, period_of, restarted
 
 MOST_CYCLES = 40
 """through which tangents are carried"""
@@ -150,17 +150,18 @@ def derivatives_along(
     here = restarted(scene, orbit)
     chosen = resolve(here, orbit.period, in_step(here, orbit.period, options))
     assert chosen.dt is not None, "`in_step` gives a step"
-    here, steps, periods = as_dtype(here, "float64"), round(orbit.period / float(chosen.dt)), orbit.periods
+    here, steps = as_dtype(here, "float64"), round(orbit.period / FRAMES / float(chosen.dt))
+    frames = orbit.periods * FRAMES
     along, plane, carried = jnp.asarray(directions, float), plane_of(scene), _first(here, chosen, orbit)
     tangents = jax.tree.map(lambda x: jnp.zeros((len(along), *x.shape)), eqx.filter(carried, eqx.is_inexact_array))
     places, rows = [(carried[0][0], tangents[0][0])], np.full((len(along), 2), np.nan)
     best, cycles = Derivatives((np.nan, np.nan), rows, np.inf, 0), 0
     units = np.array([float(speed_scale(here)), 1 / float(time_scale(here))])
     while cycles < most_cycles and not best.change <= SETTLED_TO:
-        for _ in range(periods):
-            carried, tangents = _advanced(here, chosen.as_inputs(), steps, carried, (along, tangents))
+        for k in range(frames):
+            carried, tangents = _advanced(here, chosen.as_inputs(), steps, k % FRAMES, carried, (along, tangents))
             places.append((carried[0][0], tangents[0][0]))
-        cycles, last, places = cycles + 1, rows, places[-2 * periods :]
+        cycles, last, places = cycles + 1, rows, places[-2 * frames - 1 :]
         if cycles > 1:
             told, rows = _mean_told(here, plane, along, places)
             change = _change(rows / units, last / units)
@@ -206,15 +207,15 @@ def _first(scene: Scene, options: ResolvedOptions, orbit: Orbit) -> tuple:
 
 
 @eqx.filter_jit
-def _advanced(scene: Scene, options: ResolvedOptions, steps: int, carried, tangents):
-    """What is carried, and its tangents along each of the directions, which come with them, a period on."""
+def _advanced(scene: Scene, options: ResolvedOptions, steps: int, frame: Count, carried, tangents):
+    """What is carried, and its tangents along each of the directions, which come with them, a frame on."""
     assert scene.gait is not None, "an orbit has a gait"
     at, unravel = ravel_pytree(numbers_of(scene.gait))
     moving, fixed = eqx.partition(carried, eqx.is_inexact_array)
 
     def after(numbers, moving):
         there = with_gait(scene, gait_with(scene.gait, unravel(numbers)))
-        end = _rolled(there, options, steps, eqx.combine(moving, fixed))
+        end = _rolled(there, options, steps, frame, eqx.combine(moving, fixed))
         return eqx.partition(end, eqx.is_inexact_array)
 
     def along(number, tangent):
@@ -225,11 +226,11 @@ def _advanced(scene: Scene, options: ResolvedOptions, steps: int, carried, tange
     return eqx.combine(end, rest), later
 
 
-def _rolled(scene: Scene, options: ResolvedOptions, steps: int, carried):
-    """What is carried, after so many steps, which make a period."""
+def _rolled(scene: Scene, options: ResolvedOptions, steps: int, frame: Count, carried):
+    """What is carried, after so many steps, which make one of the `FRAMES` of a period."""
     terms, solver = discretise(options)
     assert scene.gait is not None, "an orbit has a gait"
-    h = 1 / (scene.gait.frequency[0] * steps)
+    h = 1 / (scene.gait.frequency[0] * steps * FRAMES)
     scene = prepared(scene)
 
     def step(carry, k):
@@ -237,42 +238,39 @@ def _rolled(scene: Scene, options: ResolvedOptions, steps: int, carried):
         y, _, _, remembered, _ = solver.step(terms, k * h, (k + 1) * h, y, scene, remembered, False)
         return (y, remembered), None
 
-    return jax.lax.scan(step, carried, jnp.arange(steps, dtype=float))[0]
+    return jax.lax.scan(step, carried, frame * steps + jnp.arange(steps, dtype=float))[0]
 
 
 def _mean_told(scene: Scene, plane: Plane, along: AnyArray, places: list) -> tuple[tuple[float, float], np.ndarray]:
-    """Speed and turning, and their derivatives, (directions, 2), from where the robot was after periods of two cycles.
+    """Speed and turning, and their derivatives, (directions, 2), from where the robot was in the frames of two cycles.
 
-    In the mean over the cycles that begin with each of the periods: on a path that bends, they differ.
+    The turning is the mean over the cycles that begin with each of the periods, the speed that of the last cycle.
     """
-    periods = len(places) // 2
-    before, after = (jax.tree.map(lambda *x: jnp.stack(x), *some) for some in (places[:periods], places[periods:]))
-    (speed, turning), rows = _told_rows(scene, plane.axes, plane.turns, along, before, after)
+    q, tangents = jax.tree.map(lambda *x: jnp.stack(x), *places)
+    (speed, turning), rows = _told_rows(scene, plane.axes, plane.turns, along, q, tangents)
     return (float(speed), float(turning)), np.asarray(rows)
 
 
 @eqx.filter_jit
-def _told_rows(scene: Scene, axes: AnyArray, turns: bool, along: AnyArray, before, after):
+def _told_rows(scene: Scene, axes: AnyArray, turns: bool, along: AnyArray, q, tangents):
     assert scene.gait is not None, "an orbit has a gait"
     at, unravel = ravel_pytree(numbers_of(scene.gait))
-    share = scene.structure.lumped_mass / scene.structure.mass
+    share, frames = scene.structure.lumped_mass / scene.structure.mass, len(q) // 2
 
-    def mean(numbers, a, b):
-        time = len(a) / unravel(numbers).frequency
-        return jax.vmap(lambda p, q: _told(share, p @ axes, q @ axes, time, turns))(a, b).mean(0)
+    def told(numbers, q):
+        levelled, time = q @ axes, frames / FRAMES / unravel(numbers).frequency
+        before, after = (levelled[k : k + frames : FRAMES] for k in (0, frames))
+        turned = jnp.mean(jax.vmap(lambda a, b: _turned(share, a, b))(before, after)) if turns else 0.0 * time
+        path = jnp.einsum("n,fnk->fk", share, levelled[frames:])[:, :2]
+        return jnp.stack([way_along(path, turned / frames) * frames / time, turned / time])
 
-    def derivative(number, da, db):
-        return jax.jvp(mean, (at, before[0], after[0]), (number, da, db))
+    def derivative(number, change):
+        return jax.jvp(told, (at, q), (number, change))
 
-    tangents = (jnp.swapaxes(place[1], 0, 1) for place in (before, after))
-    return jax.vmap(derivative, out_axes=(None, 0))(along, *tangents)
+    return jax.vmap(derivative, out_axes=(None, 0))(along, jnp.swapaxes(tangents, 0, 1))
 
 
-def _told(share: AnyArray, before: NodeVectors, after: NodeVectors, time: Scalar, turns: bool) -> AnyArray:
-    """Speed along the arc, and turning, as `find_orbit` has them, of nodes in the plane's axes."""
-    shift = (share @ after - share @ before)[:2]
+def _turned(share: AnyArray, before: NodeVectors, after: NodeVectors) -> AnyArray:
+    """The angle, rad, by which nodes turned about the normal, as `find_orbit` has it."""
     a, b = (before - share @ before)[:, :2], (after - share @ after)[:, :2]
-    across, along = share @ (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]), share @ jnp.sum(a * b, axis=1)
-    angle = jnp.arctan2(across, along) if turns else jnp.zeros_like(across)
-    chord = jnp.sinc(angle / (2 * jnp.pi))
-    return jnp.stack([jnp.sqrt(jnp.sum(shift * shift)) / (time * chord), angle / time])
+    return jnp.arctan2(share @ (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]), share @ jnp.sum(a * b, axis=1))

@@ -21,7 +21,7 @@ from jaxgrity.rollout.population import gaits_of, simulate_population
 from jaxgrity.rollout.uncertainty import Differences
 from jaxgrity.stepping.options import Options, SolverOptions, resolve
 from jaxgrity.stepping.simulate import Trajectory, centre_path, simulate
-from jaxgrity.trust.cycles import MOST_PERIODS, Plane, chord, cycle, moved_onto, plane_of, shape
+from jaxgrity.trust.cycles import MOST_PERIODS, Plane, cycle, moved_onto, plane_of, shape, way_along
 
 FRAMES = 20
 """saved in each period of actuation"""
@@ -45,7 +45,7 @@ class Orbit(NamedTuple):
     periods: int
     """of actuation in a cycle"""
     speed: float
-    """m/s, of the centre of mass along the line or the arc that leads through its places at the cycles' ends"""
+    """m/s, of the centre of mass along its line, or about the centre that the motion turns about (`way_along`)"""
     standard_error: float
     """m/s, of the speed, from its scatter over cycles that do not overlap"""
     turning: float
@@ -263,7 +263,8 @@ def _orbit(scene: Scene, trajectory: Trajectory, period: float, plane: Plane, fi
         none = (0.0, 0.0)
         return Orbit(period, 1, 0.0, np.inf, 0.0, none, np.inf, np.inf, np.zeros(0), 0.0, (q[0], v[0]), size)
     once = q[::FRAMES][first:] @ plane.axes
-    places = centre_path(scene, trajectory)[first * FRAMES :: FRAMES]
+    path = centre_path(scene, trajectory)[first * FRAMES :]
+    places, path = path[::FRAMES], (path @ plane.axes)[:, :2]
     shapes, half = np.array([shape(x) for x in once]), len(once) // 2
     periods = cycle(shapes[half:], (places @ plane.axes)[half:, :2])
     changes = np.abs(shapes[periods:] - shapes[:-periods]).max(1)
@@ -271,12 +272,11 @@ def _orbit(scene: Scene, trajectory: Trajectory, period: float, plane: Plane, fi
     since = int(beyond[-1]) + 1 if beyond.size else 0
     settled = len(once) - since >= 2 * MOST_PERIODS
     since = since if settled else half
-    # a whole number of cycles: on a path that bends, the speed depends on the period with which a cycle begins
     later, time = (len(changes) - since) // 2, periods * period
-    later += (len(changes) - since - later) % periods
-    moved = [moved_onto(mass, once[k + periods], once[k], plane) for k in range(since, len(changes))]
-    turned = -float(np.mean([motion[2] for motion in moved[later:]]))
-    every = np.array([np.hypot(*motion[1]) for motion in moved]) / time / chord(turned)
+    back = [moved_onto(mass, once[k + periods], once[k], plane)[2] for k in range(since + later, len(changes))]
+    turned, frames = -float(np.mean(back)), periods * FRAMES
+    cycles = (path[k * FRAMES :][: frames + 1] for k in range(since, len(changes)))
+    every = np.array([way_along(each, turned / frames) * FRAMES / period for each in cycles])
     seconds = WINDOW * float(time_scale(scene))
     speeds, window = every[later:], max(1, round(seconds / period))
     apart = speeds[::periods]

@@ -26,7 +26,7 @@ from jaxgrity import (
 )
 from jaxgrity.model.symmetry import gene_permutations
 from jaxgrity.trust import orbit_symmetry, orbits
-from jaxgrity.trust.cycles import MOST_PERIODS, Plane, plane_of
+from jaxgrity.trust.cycles import MOST_PERIODS, Plane, plane_of, way_along
 
 PERIOD, SPEED, TURNING = 0.5, 0.8, 0.3
 LEVEL = Plane(np.eye(3), True)
@@ -200,3 +200,17 @@ def test_a_gait_that_lasts_is_on_an_orbit_at_any_step(exact):
     held = stability(scene, coarse, robots=32)
     assert held.returned > 0.9
     assert held.largest < 0.5
+
+
+@pytest.mark.parametrize("moment", [0.0, 0.3, 0.75])
+@pytest.mark.parametrize(("radius", "turning"), [(2.0, 0.3), (0.05, -0.5), (0.0, 0.8)])
+def test_the_speed_is_that_about_the_centre_whatever_the_moment(radius, turning, moment):
+    """Of a centre of mass that sways about the circle that its mean goes round on, on a large one and on the spot."""
+    frames, angle = 60, turning / 60
+    share = np.arange(frames + 1) / frames + moment
+    sway = 0.1 * np.exp(2j * np.pi * share) + 0.06 * np.cos(4 * np.pi * share)
+    place = 3 - 2j + np.exp(1j * turning * share) * (radius + sway)
+    path = np.stack([place.real, place.imag], axis=1)
+    assert float(way_along(path, angle)) * frames == pytest.approx(radius * abs(turning), rel=2e-4, abs=1e-5)
+    straight = np.stack([share + sway.real, sway.imag], axis=1)
+    assert float(way_along(straight, 0.0)) * frames == pytest.approx(1, rel=1e-12)
