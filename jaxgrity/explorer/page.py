@@ -186,6 +186,8 @@ class Page:
                 )
             else:
                 self._drawing.draw_path(poses)
+            if self._world is not None:
+                self._world.draw_ground(rolled.scene, poses.below)
             if self._world is not None and rolled.scene.up is not None:
                 self._world.lean(np.asarray(rolled.scene.up, float)[0])
             self.rolled = rolled

@@ -28,15 +28,20 @@ def read_text(path: str | Path) -> str:
 def read_picture(path: str | Path) -> np.ndarray:
     """The brightness of a picture, (rows, columns), from 0, black, to 1, white; its first row is the upper one.
 
-    Raises `InputError` where it cannot be read.
+    Raises `InputError` where it cannot be read, or has numbers of its own that are not from 0 to 1.
     """
     try:
         with Image.open(path) as picture:
-            deep = picture.mode.startswith("I") or picture.mode == "F"
+            own = picture.mode == "F"
+            deep = picture.mode.startswith("I") or own
             grey = np.asarray(picture if deep else picture.convert("L"), float)
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: no picture: {getattr(error, 'strerror', None) or error}") from error
-    return grey / (65535 if deep else 255)
+    grey = grey if own else grey / (65535 if deep else 255)
+    low, high = (grey.min(), grey.max()) if np.isfinite(grey).all() else (np.nan, np.nan)
+    if not (low >= 0 and high <= 1):
+        raise InputError(f"{path}: brightness from {low:g} to {high:g}; expected numbers from 0, black, to 1, white")
+    return grey
 
 
 def load_phases(path: str | Path, actuators: int) -> np.ndarray:

@@ -6,7 +6,6 @@ from typing import ClassVar
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-import scipy
 
 from jaxgrity.core.elementwise import clipped, sine
 from jaxgrity.core.errors import InputError
@@ -148,8 +147,23 @@ def height_map(heights, size: tuple[float, float], centre: tuple[float, float] =
         raise InputError("heights: some are not finite; expected finite numbers, m")
     if extent.shape != (2,) or not np.all(extent > 0):
         raise InputError(f"size = {size}: expected two positive numbers, m")
-    coefficients = np.pad(scipy.ndimage.spline_filter(h, order=3, mode="mirror"), 1, mode="reflect")
+    coefficients = _coefficients(_coefficients(h).T).T
     return HeightMap(coefficients, np.asarray(centre) - extent / 2, extent / (np.array(h.shape) - 1))
+
+
+def _coefficients(values: np.ndarray) -> np.ndarray:
+    """Of the cubic B-splines through values one apart, along the first axis, which gets two more.
+
+    At both ends the third derivative goes on through the second value ("not a knot"), so that cubics, and with them
+    straight ramps, are what they are up to the edge.
+    """
+    count = len(values)
+    system = np.zeros((count + 2, count + 2))
+    for shift, weight in enumerate((1, 4, 1)):
+        system[np.arange(1, count + 1), np.arange(count) + shift] = weight / 6
+    system[0, :5] = system[-1, -5:] = (1, -4, 6, -4, 1)
+    ends = np.zeros((1, *values.shape[1:]))
+    return np.linalg.solve(system, np.concatenate([ends, values, ends]))
 
 
 def _cell(u: AnyArray, count: int) -> tuple[AnyArray, tuple[AnyArray, ...]]:

@@ -17,6 +17,8 @@ WORLD = "/world"
 """all that is shown; a camera that follows is a world that moves the other way"""
 WAY = "#3b5bdb"
 """the colour of lines that are shown beside a robot"""
+ABOUT, CELL, MOST_CELLS = 3.0, 0.1, 160
+"""of uneven ground: in sizes of the robot how far it is shown about its path, and how finely; cells along a side"""
 ROUND = 12
 """sides of what is round"""
 
@@ -42,7 +44,7 @@ class World:
         # where the ground leans more than its file says, gravity leans in the scene: here the world does
         up = np.array([0.0, 0.0, 1.0]) if scene.up is None else np.asarray(scene.up, float)[0]
         self.lean(up)
-        if scene.ground is not None:
+        if scene.ground is not None and scene.ground.surface is None:
             tilt = turn_to_z(np.array(scene.ground.normal)) * np.array([1, -1, -1, -1])
             size = robot_size(scene)
             scene_api.add_grid(
@@ -58,6 +60,29 @@ class World:
                 shadow_opacity=0.35,
                 fade_distance=25 * size,
             )
+
+    def draw_ground(self, scene: Scene, places: np.ndarray) -> None:
+        """Uneven ground about `places`, (places, 3), m, as far as a robot sees; a plane is there already."""
+        if scene.ground is None or scene.ground.surface is None:
+            return
+        size = robot_size(scene)
+        low, high = places[:, :2].min(0) - ABOUT * size, places[:, :2].max(0) + ABOUT * size
+        counts = np.clip(np.ceil((high - low) / (CELL * size)).astype(int), 2, MOST_CELLS)
+        sides = [np.linspace(low[k], high[k], counts[k] + 1) for k in (0, 1)]
+        x, y = np.meshgrid(sides[0], sides[1], indexing="ij")
+        z = scene.ground.height(x.ravel(), y.ravel())
+        first = np.arange(x.size).reshape(x.shape)[:-1, :-1].ravel()
+        beside = x.shape[1]
+        faces = np.concatenate([first[:, None] + [0, beside, 1], first[:, None] + [1, beside, beside + 1]])
+        there = np.isfinite(z)
+        self._api.add_mesh_simple(
+            f"{WORLD}/ground",
+            np.stack([x.ravel(), y.ravel(), np.where(there, z, 0.0)], axis=1).astype(np.float32),
+            faces[there[faces].all(1)],
+            color=colour(GROUND),
+            flat_shading=True,
+            side="double",
+        )
 
     def draw_solid(self, name: str, solid: Box | Cylinder | Sphere) -> None:
         """An obstacle."""

@@ -18,6 +18,8 @@ STRUT_RADIUS, CABLE_RADIUS, NODE_RADIUS, FORCE_RADIUS = 0.014, 0.006, 0.022, 0.0
 """of the robot's size"""
 WEIGHT_LENGTH = 0.5
 """of the robot's size: how long the arrow of a force is that carries the robot's weight"""
+LIFTED = 2e-3
+"""m, by which the support polygon is shown above the ground, of a body of one metre"""
 SLACK_TENSION = 1e-3
 """of the largest tension: cables that pull with less are shown as slack"""
 
@@ -85,8 +87,7 @@ def robot_poses(scene: Scene, trajectory: Trajectory, frame_rate: float, offset:
     forces, size, moved = forces_along(scene, trajectory), robot_size(scene), np.asarray(offset, float)
     q = np.asarray(trajectory.positions, float) + moved
     centre = centre_path(scene, trajectory) + moved
-    slope = 0.0 if scene.ground is None else np.tan(scene.ground.incline)
-    below = np.stack([*centre.T[:2], -slope * (centre[:, 0] - moved[0])], axis=-1)
+    below = on_ground(scene, centre - moved) + moved
     weight = float(scene.structure.mass) * float(scene.gravity or 9.81)
     arrows = forces.ground * (WEIGHT_LENGTH * size / weight)
     shown = np.linalg.norm(arrows, axis=-1) > 0.01 * size
@@ -103,6 +104,13 @@ def robot_poses(scene: Scene, trajectory: Trajectory, frame_rate: float, offset:
         forces.tension,
         largest,
     )
+
+
+def on_ground(scene: Scene, places: np.ndarray) -> np.ndarray:
+    """The ground below (or above) places (places, 3), m; z = 0 where there is none."""
+    x, y = places[:, 0], places[:, 1]
+    z = np.zeros(len(x)) if scene.ground is None else scene.ground.height(x, y)
+    return np.stack([x, y, np.where(np.isfinite(z), z, 0.0)], axis=-1)
 
 
 def check_motion(trajectory: Trajectory) -> None:
@@ -138,14 +146,14 @@ def _support(scene: Scene, q: np.ndarray, moved: np.ndarray) -> np.ndarray:
     """Where the robot could be put down without tipping over, just above the ground; elsewhere a point."""
     if scene.ground is None:
         return np.repeat(q[:, :1], q.shape[1], axis=1)
-    normal, tangents = np.array(scene.ground.normal), np.array(scene.ground.tangents)
-    height = (q - moved) @ normal
-    flat = q - (height - 2e-3)[..., None] * normal
+    size = float(length_scale(scene))
+    height, axes = scene.ground.measured(q - moved)
+    flat = q - (height - LIFTED * size)[..., None] * axes[..., 0, :]
     corners = np.empty_like(q)
-    for frame, (points, touches) in enumerate(zip(flat, height < scene.ground.touched_below * length_scale(scene))):
+    for frame, (points, touches) in enumerate(zip(flat, height < scene.ground.touched_below * size)):
         standing = points[touches] if touches.any() else points[:1]
         try:
-            standing = standing[ConvexHull(standing @ tangents.T).vertices]
+            standing = standing[ConvexHull(standing[:, :2]).vertices]
         except (QhullError, ValueError):  # fewer than three, or all on one line
             standing = standing[:1]
         corners[frame] = standing[np.minimum(np.arange(q.shape[1]), len(standing) - 1)]

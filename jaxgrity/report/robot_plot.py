@@ -10,6 +10,7 @@ from mpl_toolkits.mplot3d.proj3d import proj_transform
 from jaxgrity.model.actuation import Gait, contraction, rest_lengths_along
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import edge_lengths
+from jaxgrity.report.poses import on_ground
 from jaxgrity.report.style import CABLE, GROUND, PATH, STRUT, styled
 from jaxgrity.rollout.forces import forces_along
 from jaxgrity.rollout.rolling import Rolling
@@ -73,8 +74,7 @@ def still_figure(scene: Scene, trajectory: Trajectory) -> Figure:
     figure = Figure(figsize=(6, 4), layout="constrained")
     axes = figure.add_subplot(projection="3d", computed_zorder=False)
     q, path = np.asarray(trajectory.positions), centre_path(scene, trajectory)
-    slope = 0.0 if scene.ground is None else np.tan(scene.ground.incline)
-    trail = axes.plot(path[:, 0], path[:, 1], -slope * path[:, 0], color=PATH)
+    trail = axes.plot(*on_ground(scene, path).T, color=PATH)
     first, last = draw_robot(axes, scene, q[0]), draw_robot(axes, scene, q[-1])
     for artist in first:
         artist.set_alpha(0.25)

@@ -182,6 +182,7 @@ def _record(server: Any, robots: list[Robot], poses: list[RobotPoses], follow: b
     """The page of all frames, one after the other."""
     first = robots[0].scene
     world = World(server.scene, first)
+    world.draw_ground(first, np.concatenate([each.below for each in poses]))
     for number, solid in enumerate(props.solids):
         world.draw_solid(f"obstacle {number}", solid)
     for name, points in props.ways.items():

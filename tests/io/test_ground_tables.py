@@ -5,6 +5,7 @@ import pytest
 from PIL import Image
 
 from jaxgrity import InputError, load_scene, parse_scene, scene_text
+from jaxgrity.io.files import read_picture
 
 
 def with_ground(line, scene="reference"):
@@ -31,6 +32,17 @@ def test_ground_is_as_high_as_the_file_says(line, heights):
     nodes = scene.structure.nodes
     above = nodes[:, 2] - scene.ground.height(nodes[:, 0], nodes[:, 1])
     np.testing.assert_allclose(above.min(), 0.02, atol=1e-9)
+
+
+def test_a_picture_may_have_numbers_of_its_own(tmp_path):
+    """From 0 to 1, as they are; others are refused."""
+    heights = np.linspace(0, 1, 30).reshape(5, 6).astype(np.float32)
+    Image.fromarray(heights).save(tmp_path / "hills.tif")
+    np.testing.assert_allclose(read_picture(tmp_path / "hills.tif"), heights, atol=1e-7)
+    for wrong in (heights * 300, heights - 0.5, np.full((5, 6), np.nan, np.float32)):
+        Image.fromarray(wrong.astype(np.float32)).save(tmp_path / "hills.tif")
+        with pytest.raises(InputError, match=r"hills.tif: brightness from .*; expected numbers from 0, black, to 1"):
+            read_picture(tmp_path / "hills.tif")
 
 
 def test_a_picture_is_ground_as_seen_from_above(tmp_path):

@@ -117,6 +117,16 @@ def test_a_height_map_goes_through_its_heights():
     np.testing.assert_allclose(found[-1], heights[0, 3], atol=1e-12)
 
 
+def test_a_height_map_is_a_straight_ramp_up_to_its_edge():
+    """And any cubic: heights and slopes are those of the function, in the corners too."""
+    x, y = np.linspace(-1, 1, 6), np.linspace(-2, 2, 5)
+    q = np.random.default_rng(0).uniform([-1, -2], [1, 2], (50, 2))
+    q[:4] = [[-1, -2], [1, 2], [-1 + 1e-6, 0], [0.3, 2 - 1e-6]]
+    for f in (lambda x, y: 0.2 * x - 0.3 * y + 1, lambda x, y: x**3 - 0.5 * x * y**2 + 0.1 * y**3):
+        surface = height_map(f(x[:, None], y), (2.0, 4.0))
+        np.testing.assert_allclose(height(surface, *q.T), f(*q.T), rtol=0, atol=1e-12)
+
+
 def test_a_height_map_of_a_smooth_hill_has_its_slopes():
     """To the fourth order in the grid's spacing."""
     errors = []

@@ -10,6 +10,7 @@ from scipy.ndimage import binary_dilation
 
 import jaxgrity
 from jaxgrity import view
+from jaxgrity.report import drawing
 from jaxgrity.report.poses import robot_poses, robot_size, rods
 from jaxgrity.stepping.simulate import some_frames
 
@@ -195,3 +196,51 @@ def test_a_replay_is_kept_where_it_can_be_and_an_old_one_never(tmp_path, monkeyp
     monkeypatch.setattr(view, "available", lambda: False)
     assert not view.keep_html(*rolling_robot, path)
     assert not path.exists()
+
+
+GROUNDS = {
+    "bumps": jaxgrity.bumps(0.03, 0.8, seed=0),
+    "stairs": jaxgrity.Stairs(0.1, 0.3, 3, start=0.2),
+    "a box on the plane": jaxgrity.Union((jaxgrity.Slope(), jaxgrity.Box([1.0, 0, 0], [0.4, 0.4, 0.3]))),
+    "a ball above nothing": jaxgrity.Sphere([0.0, 0, -1.0], 1.0),
+}
+
+
+@pytest.mark.parametrize("name", GROUNDS)
+def test_uneven_ground_is_drawn(name, exact, tmp_path):
+    """With what is on it: the path of the centre of mass, and where the robot stands."""
+    ground = replace(exact.ground, surface=GROUNDS[name])
+    nodes = ground.set_down(exact.structure.nodes, -0.01)
+    scene = replace(exact, ground=ground, structure=replace(exact.structure, nodes=nodes))
+    motion = jaxgrity.simulate(scene, 0.3, frame_rate=10.0)
+    poses = robot_poses(scene, motion, 10.0)
+    height = ground.height(poses.below[:, 0], poses.below[:, 1])
+    np.testing.assert_allclose(poses.below[:, 2], np.where(np.isfinite(height), height, 0.0))
+    standing = ground.measured(poses.support).distance
+    assert np.all(standing[-1] < 0.02)
+    view.save_html(scene, motion, tmp_path / "replay.html")
+    assert (tmp_path / "replay.html").stat().st_size > 10_000
+    jaxgrity.plot.save(jaxgrity.plot.still_figure(scene, motion), tmp_path / "still.png")
+
+
+def test_the_mesh_of_the_ground_has_its_heights(exact):
+    """It reaches beyond the path, and has no faces where there is no ground."""
+    calls = []
+
+    class Api:
+        def __getattr__(self, name):
+            return lambda *args, **kwargs: calls.append((name, args, kwargs))
+
+    for name in ("bumps", "a ball above nothing"):
+        scene = replace(exact, ground=replace(exact.ground, surface=GROUNDS[name]))
+        world = drawing.World.__new__(drawing.World)
+        world._api = Api()
+        calls.clear()
+        world.draw_ground(scene, np.array([[0.0, 0, 0], [2.0, 1, 0]]))
+        _, (_, vertices, faces), _ = calls[0]
+        x, y, z = np.asarray(vertices, float).T
+        assert x.min() < -1
+        assert x.max() > 3
+        used = np.unique(faces)
+        np.testing.assert_allclose(z[used], scene.ground.height(x[used], y[used]), atol=1e-5)
+        assert (len(used) < len(x)) == (name == "a ball above nothing")
