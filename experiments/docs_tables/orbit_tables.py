@@ -225,7 +225,7 @@ def multipliers_table(facts: Facts) -> str:
                 f"{row['periods']}",
                 f"{1e3 * row['residual']:.2g} mm",
                 f"{1e3 * row['strays']:.2g} mm",
-                f"1 to {row['neutral_off']:.0e}",
+                f"1, within {row['neutral_off']:.0e}",
                 f"{_span(row['derivative'])} ({row['moments']})",
                 _span(row["second"]),
                 "-" if row["by_disturbance"] is None else _span(row["by_disturbance"]),

@@ -178,19 +178,24 @@ def check_fit(gait: Gait, structure: Structure) -> None:
 def peak_rates(gait: Gait, rest_lengths: PerMember, samples: int = 96) -> PerActuator:
     """The largest |dL/dt| of every actuated member over a period, m/s, once the ramp is over; of a population too.
 
-    L0 delta/2 2 pi f max |s'|, s' being the wave's derivative in its angle: 1 for a single sine, and with overtones the
-    largest of so many `samples`, which waves whose members follow each other by halves, thirds or quarters of a period
-    all meet. `rest_lengths` are L0, m, (actuators,).
+    L0 delta/2 2 pi f max |s'|, s' being the wave's derivative in its angle: 1 for a single sine. With overtones it is
+    the largest of so many `samples`, which begin with the first harmonic, so that it depends on the wave's shape alone,
+    and of the parabolas through three of them. `rest_lengths` are L0, m, (actuators,).
     """
     steepest: PerActuator | float = 1.0
     if gait.overtones:
         xp = namespace_of(gait.phase)
         angles = np.linspace(0, 2 * np.pi, samples, endpoint=False).reshape(-1, *[1] * np.ndim(gait.phase))
         angles = angles.astype(gait.phase.dtype)
-        slope = xp.cos(angles + gait.phase)
+        slope = xp.cos(angles) + 0 * gait.phase
         for h, overtone in enumerate(gait.overtones, start=2):
-            slope = slope + h * overtone.size * xp.cos(h * angles + overtone.phase)
-        steepest = abs(slope).max(0) / (1 + sum(overtone.size for overtone in gait.overtones))
+            slope = slope + h * overtone.size * xp.cos(h * angles + overtone.phase - h * gait.phase)
+        size = abs(slope)
+        before, after = xp.roll(size, 1, axis=0), xp.roll(size, -1, axis=0)
+        bend = 2 * size - before - after
+        top = (size >= before) & (size >= after) & (bend > 0)
+        peaks = size + xp.where(top, (after - before) ** 2 / (8 * xp.where(top, bend, 1)), 0)
+        steepest = peaks.max(0) / (1 + sum(overtone.size for overtone in gait.overtones))
     return rest_lengths * gait.amplitude * np.pi * gait.frequency * steepest
 
 

@@ -37,11 +37,11 @@ class Union(Surface):
             raise InputError("union: there are no parts; expected at least one surface")
         if traced(self.parts):
             return
-        for first, second in _touching(self.parts):
+        for first, second, below in _touching(self.parts):
             raise InputError(
                 f"union: a face of part {first} ({_name(self.parts[first])}) lies on part {second} "
                 f"({_name(self.parts[second])}), and nodes would pass between them; expected solids that overlap"
-                + _hint(self.parts[first])
+                + (_hint(self.parts[first]) if below else "")
             )
 
     def level(self, x, y, z):
@@ -71,8 +71,11 @@ def _name(part: Surface) -> str:
     return type(part).__name__.lower()
 
 
-def _touching(parts: tuple[Surface, ...]) -> Iterator[tuple[int, int]]:
-    """Every part of which a face lies on another one, and that one."""
+def _touching(parts: tuple[Surface, ...]) -> Iterator[tuple[int, int, bool]]:
+    """Every part of which a face lies on another one, that one, and whether it is the face below.
+
+    What lies within a third part is of no account.
+    """
     for (i, part), (j, other) in itertools.permutations(enumerate(parts), 2):
         faces = _faces(part)
         if faces is None:
@@ -80,8 +83,13 @@ def _touching(parts: tuple[Surface, ...]) -> Iterator[tuple[int, int]]:
         points, normals, size = faces
         with evaluated():
             distance, normal = _met(other, points)
-        if np.any((np.abs(distance) <= TOUCHING * size) & (np.sum(normal * normals, axis=1) < OPPOSITE)):
-            yield i, j
+            touching = (np.abs(distance) <= TOUCHING * size) & (np.sum(normal * normals, axis=1) < OPPOSITE)
+            if not touching.any():
+                continue
+            for third in (part for k, part in enumerate(parts) if k not in (i, j)):
+                touching &= np.asarray(_met(third, points)[0]) > -TOUCHING * size
+        if touching.any():
+            yield i, j, bool(normals[touching][0, 2] < OPPOSITE)
 
 
 @eqx.filter_jit

@@ -26,7 +26,8 @@ def _beyond(summary: dict[str, Any]) -> str:
     if not summary["within_bounds"]:
         return "; no gait was found that stays within the bounds on actuators"
     share = summary["beyond_bounds"]
-    return f"; {100 * share:.2g} % of the robots that differ exceed a bound on actuators" if share else ""
+    told = "under 1" if share < 0.005 else f"{100 * share:.0f}"
+    return f"; {told} % of the robots that differ exceed a bound on actuators" if share else ""
 
 
 def search_rows(summary: dict[str, Any], motion: Rolling | None, unit: str) -> dict[str, str]:

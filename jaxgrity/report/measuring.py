@@ -73,8 +73,9 @@ def actuators(best: Scene, options: SolverOptions, duration: float) -> dict[str,
     start = Differences(velocities=np.zeros((1, *best.structure.nodes.shape)))
     gaits, since = as_population(best.gait), float(best.gait.start)
     outcomes = simulate_population(best, gaits, duration, options=options, differences=start, with_metrics=since)
-    metrics, distance = outcomes.metrics, float(outcomes.distance()[0])
+    metrics = outcomes.metrics
     assert metrics is not None, "they were asked for"
+    distance = float(np.hypot(metrics.moved_x[0], metrics.moved_y[0]))
     weight = float(best.structure.mass) * float(best.gravity or np.nan)
     peaks = {name: float(np.max(getattr(metrics, name))) for name in ("peak_rate", "peak_force", "peak_power")}
     works = {name: float(getattr(metrics, name)[0]) for name in ("work", "effort")}

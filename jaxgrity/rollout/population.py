@@ -146,6 +146,8 @@ def simulate_population(
     x64 = bool(jax.config.jax_enable_x64)  # type: ignore[attr-defined]
     common = _common(scene, _at_start(gaits), options, x64)
     end, asked = np.asarray(duration, float), with_metrics
+    if not isinstance(asked, bool) and not 0 <= float(asked) < float(duration):
+        raise InputError(f"with_metrics = {asked}: expected True, False, or a time, s, from 0 to before the end")
     measured = asked if isinstance(asked, bool) else np.asarray(asked, float)
     outcomes = roll_out(common.scene, gaits, end, common.inputs, differences, with_metrics=measured, parts=parts)
     return replace(outcomes, dt=common.dt)  # type: ignore[arg-type]

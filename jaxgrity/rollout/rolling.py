@@ -1,4 +1,4 @@
-"""How a robot moved, from a finished trajectory: the faces it stood on in turn; whether it rolls, hops or slides."""
+"""How a robot moved, from a finished trajectory: the faces it stood on in turn; the name of its motion."""
 
 from typing import Any, NamedTuple
 

@@ -19,7 +19,7 @@ from jaxgrity.core.types import AnyArray, PerGait
 
 OPTIMISERS = ("genetic", "cma-es")
 """what makes one generation from the last, by the names that searches know"""
-WORST = 1e9
+WORST = 1e20
 """told in place of the fitness, with its sign turned, of gaits that failed"""
 
 Memory = Float[AnyArray, " numbers"]

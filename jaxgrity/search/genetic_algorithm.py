@@ -106,7 +106,7 @@ class Record(NamedTuple):
     best: Float[np.ndarray, " generations"]
     """fitness of the best gait"""
     median: Float[np.ndarray, " generations"]
-    """of the median gait"""
+    """of the median gait, of those within the bounds on actuators where there are such"""
     failed: Float[np.ndarray, " generations"]
     """how many gaits failed"""
 
@@ -214,7 +214,9 @@ def _advance(state: SearchState, problem: SearchProblem, config: GAConfig, model
         children, memory = asked_next(bred, raw, scores.merit, state.memory, config.population, width)
     else:
         children = _breed(bred, generation, np.asarray(progress, genes.dtype), genome, config)
-    newest = (float(generation.fitness[0]), _median(generation.fitness), float(generation.failed))
+    within = scores.beyond[order] == 0
+    median = _median(generation.fitness[within] if within.any() else generation.fitness)
+    newest = (float(generation.fitness[0]), median, float(generation.failed))
     record = Record(*(np.append(so_far, x) for so_far, x in zip(state.record, newest)))
     return SearchState(state.number + 1, jax.random.key_data(key), children, record, generation, memory)
 

@@ -141,7 +141,7 @@ def _estimates(
     fitness: Float[AnyArray, "starts samples"], merit: Float[AnyArray, "starts samples"], e: AnyArray, width: Scalar
 ) -> Gradient:
     def estimate(fitness, merit, e):
-        utility, scale = utilities(merit)
+        utility, scale = utilities(merit)[0], utilities(fitness)[1]
         plus, minus = jnp.split(scale * utility, 2)
         slope = (plus - minus) / (2 * width)
         mean, noise = _mean_and_noise(slope[:, None] * e)

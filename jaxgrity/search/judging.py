@@ -20,10 +20,10 @@ from jaxgrity.search.objectives import ActuatorBounds, Distance, Objective
 
 SMALLEST = 128
 """rollouts in a call, at least"""
-BEYOND_BOUNDS = 1e3
-"""more than any fitness that is compared, in its own unit"""
-FARTHEST = 1e30
-"""beyond bounds, that counts"""
+BEYOND_BOUNDS = 1e12
+"""more than any fitness, in its own unit"""
+FARTHEST = 1e6
+"""times the bounds, beyond which gaits are all alike"""
 ROUND = SMALLEST
 """robots by which the last judgements begin, and of which more are added by as many: fewer would take as long"""
 
@@ -104,7 +104,7 @@ class Scores(NamedTuple):
         doi:10.1016/S0045-7825(99)00389-8), and before those that failed.
         """
         over = self.excess.mean(1)
-        merit = np.where(over > 0, -BEYOND_BOUNDS * (1 + over), np.maximum(self.fitness, -BEYOND_BOUNDS))
+        merit = np.where(over > 0, -BEYOND_BOUNDS * (1 + over), self.fitness)
         return np.where(self.failed, -np.inf, merit)
 
 

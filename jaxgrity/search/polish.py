@@ -167,6 +167,10 @@ def _told(found: Routes, best: Climb, before: Scores, after: Scores, caution: fl
 
 def _gain(before: Scores, after: Scores, caution: float) -> str:
     """In words, with two standard errors of the difference."""
+    for name, scores in (("start", before), ("end", after)):
+        if scores.failed[0]:
+            outcome = "the polished gait is kept" if after.merit[0] > before.merit[0] else "the gait is kept as it was"
+            return f"a robot failed with the {name}'s gait: {outcome}"
     gain = np.subtract(*(influences(scores.each, caution)[0] for scores in (after, before)))
     error = f" ± {COVERING * standard_error(gain):.2g}" if gain.size > 1 else ""
     over = f" over {gain.size} robots" if gain.size > 1 else ""

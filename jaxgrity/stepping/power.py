@@ -17,8 +17,11 @@ from jaxgrity.stepping.constraints import exact_ground, on_nodes, rigid_struts
 from jaxgrity.stepping.dynamics import acceleration, outside_force, smooth_force, support_forces, total_force
 from jaxgrity.stepping.entering import frame_met
 
-SAME_FACE = 0.5
-"""cosine of the angle, by which the normal may turn within a step, where a node stays on the same face"""
+SAME_FACE = 0.99
+"""cosine of the angle by which the normal turns within a step at most, 8 degrees, where a node slides on along a curve:
+what turns it by more is an edge, or a valley, and an impact"""
+BESIDE = 1e-3
+"""of its speed, with which a node that slides may meet a face that does not turn"""
 
 Work = dict[str, jax.Array]
 """J of the actuators and of each cause of dissipation; N s and N m s, (3,), of the forces from outside"""
@@ -145,14 +148,17 @@ def _strut_actuation(scene: Scene, step: Step, impulse: NodeVectors) -> Scalar:
 def _staying(scene: Scene, step: Step) -> PerNode | None:
     """1 of nodes that were on curved ground already and slide along it, else 0; None of a plane.
 
-    A node on one face that runs into another at a large angle arrives there.
+    A node on one face that runs into another one arrives there, and so does one that meets it faster than the face's
+    turning in the step makes it do: an impact may take two steps.
     """
     ground = exact_ground(scene)
     if ground is None or ground.surface is None:
         return None
-    before, now = ground.frame(step.start[0]), frame_met(ground, length_scale(scene), step.h, step.start)
-    alike = dot(cast(NodeVectors, before.normal), cast(NodeVectors, now.normal))
-    stays = (step.before.impulses.normal > 0) & (alike > SAME_FACE)
+    (q, v), met = step.start, frame_met(ground, length_scale(scene), step.h, step.start)
+    before, now = cast(NodeVectors, ground.frame(q).normal), cast(NodeVectors, met.normal)
+    turned, approach = length(now - before), -dot(v, now)
+    slides = approach <= (2 * turned + BESIDE) * length(v)
+    stays = (step.before.impulses.normal > 0) & (dot(before, now) > SAME_FACE) & slides
     return stays.astype(step.start[0].dtype)
 
 

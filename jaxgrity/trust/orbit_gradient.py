@@ -159,7 +159,8 @@ def derivatives_along(
     units = np.array([float(speed_scale(here)), 1 / float(time_scale(here))])
     while cycles < most_cycles and not best.change <= SETTLED_TO:
         for k in range(frames):
-            carried, tangents = _advanced(here, chosen.as_inputs(), steps, k % FRAMES, carried, (along, tangents))
+            frame = np.asarray(k % FRAMES)  # an input: a number would be a program for each of them
+            carried, tangents = _advanced(here, chosen.as_inputs(), steps, frame, carried, (along, tangents))
             places.append((carried[0][0], tangents[0][0]))
         cycles, last, places = cycles + 1, rows, places[-2 * frames - 1 :]
         if cycles > 1:

@@ -17,7 +17,7 @@ def test_peak_rates_are_those_of_the_rest_lengths():
         times = np.linspace(1.0, 11.0, 4001)
         shortened = np.asarray(jax.vmap(lambda t, gait=gait: contraction(gait, t))(times))
         steepest = lengths * np.abs(np.diff(shortened, axis=0)).max(0) / (times[1] - times[0])
-        np.testing.assert_allclose(peak_rates(gait, lengths), steepest, rtol=2e-3)
+        np.testing.assert_allclose(peak_rates(gait, lengths), steepest, rtol=2e-4)
     several = jax.tree.map(lambda x: np.stack([x, x]) if np.ndim(x) else x, gait)
     np.testing.assert_array_equal(peak_rates(several, lengths), np.stack([peak_rates(gait, lengths)] * 2))
 

@@ -209,8 +209,9 @@ def test_what_is_no_surface_is_refused(make, words):
         (Box([0, 0, 0], [1, 1, 1]), Box([1, 1, 0], [1, 1, 1])),
         (Box([0, 0, 0], [1, 1, 1]), Box([2.5, 0, 0], [1, 1, 1]), Slope()),
         (Slope(), Cylinder([0, -1, 0.2], [0, 1, 0.2], 0.2), Sphere([2, 0, 0.3], 0.3)),
+        (Box([0, 0, 0], [1, 1, 1]), Box([1, 0, 0], [1, 1, 1]), Box([0.5, 0, 0], [0.5, 1.2, 1.2])),
     ],
-    ids=["deeper", "on a slope", "overlapping", "edge to edge", "apart", "round"],
+    ids=["deeper", "on a slope", "overlapping", "edge to edge", "apart", "round", "covered"],
 )
 def test_parts_without_a_wall_in_common_are_a_union(parts):
     assert Union(parts).parts == parts

@@ -258,6 +258,12 @@ def test_no_path_is_shorter_than_the_way(exact):
     np.testing.assert_allclose(cost, expected, rtol=1e-12)
 
 
+@pytest.mark.parametrize("since", [-0.1, np.nan, 2.0])
+def test_counting_begins_within_the_rollout(exact, since):
+    with pytest.raises(InputError, match=r"with_metrics = .*: expected True, False, or a time, s, from 0 to before"):
+        roll(exact, rows(exact), 2.0, with_metrics=since, options=SolverOptions(dt=STEP))
+
+
 def test_adaptive_and_implicit_methods_have_no_metrics(reference):
     """Steps of one size, all robots at once: only such are measured."""
     for options in ({"method": "tsit5"}, {"method": "kvaerno3", "dt": 1e-3}):

@@ -73,6 +73,21 @@ def test_bounds_are_no_worth():
     np.testing.assert_array_equal(found.merit[[0, 4]], found.fitness[[0, 4]])
 
 
+def test_any_fitness_counts_as_it_is():
+    """In whatever unit, and however little a gait is worth."""
+    worth = np.array([[-1500.0], [-5000.0], [-1e6], [1e9]])
+    np.testing.assert_array_equal(scored(worth, 0.0).merit, worth[:, 0])
+    over = scored(worth, 0.0, np.array([[0.0], [1e-6], [np.inf], [0.0]]))
+    np.testing.assert_array_equal(np.argsort(-over.merit), [3, 0, 1, 2])
+
+
+def test_the_gain_says_that_a_robot_failed(redrawn):
+    each = redrawn[0]
+    lost = np.where(np.arange(each.shape[1]) == 3, np.nan, each[:1])
+    told = _gain(scored(lost, 1.0), scored(each[1:], 1.0), 1.0)
+    assert told == "a robot failed with the start's gait: the polished gait is kept"
+
+
 def test_excess_is_the_share_beyond_each_bound():
     """Of rate, force and power, summed up; without bounds there is none."""
     none = np.zeros((2, 3))

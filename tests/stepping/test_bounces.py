@@ -143,3 +143,16 @@ def test_what_is_lost_on_a_curve_is_no_impact(curve):
     assert np.all(np.abs(stepping) > 1e-4)
     assert stepping[0] / stepping[1] == pytest.approx(2, rel=0.1)
     assert np.all(np.abs(impacts) < 2e-2 * np.abs(stepping))
+
+
+@pytest.mark.parametrize("half_angle", [0.1, 0.2, 0.4])
+def test_what_is_lost_in_a_valley_is_an_impact(half_angle):
+    """A node that slides down one side and meets the other keeps its velocity along it: E sin^2 of the turn is lost."""
+    valley = ExactGround(surface=Union((Slope(half_angle), Slope(-half_angle))))
+    start = [-0.5, 0.0, 0.5 * np.tan(half_angle)]
+    scene = Scene(Structure([start], [1.0]), gravity=9.81, ground=valley)
+    until = np.sqrt(2 * 0.5 / np.cos(half_angle) / (9.81 * np.sin(half_angle))) + 0.1
+    found = energy_audit(scene, until, options=SolverOptions(dt=2.5e-4)).dissipated
+    expected = 9.81 * start[2] * np.sin(2 * half_angle) ** 2
+    assert found["impacts"][-1] == pytest.approx(expected, rel=0.03)
+    assert abs(found["stepping"][-1]) < 0.02 * expected
