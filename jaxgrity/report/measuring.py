@@ -75,7 +75,7 @@ def actuators(best: Scene, options: SolverOptions, duration: float) -> dict[str,
     outcomes = simulate_population(best, gaits, duration, options=options, differences=start, with_metrics=since)
     metrics = outcomes.metrics
     assert metrics is not None, "they were asked for"
-    distance = float(np.hypot(metrics.moved_x[0], metrics.moved_y[0]))
+    distance = float(np.hypot(np.asarray(metrics.moved_x), np.asarray(metrics.moved_y))[0])
     weight = float(best.structure.mass) * float(best.gravity or np.nan)
     peaks = {name: float(np.max(getattr(metrics, name))) for name in ("peak_rate", "peak_force", "peak_power")}
     works = {name: float(getattr(metrics, name)[0]) for name in ("work", "effort")}
