@@ -91,7 +91,7 @@ def rolling(scene: Scene, trajectory: Trajectory) -> Rolling:
 
     "hops": in the air for more than `HOPPING` of the time, also on the spot;
     "stays": its path is less than `STAYING` diameters wide, the longest distances between two built nodes;
-    "turns on the spot": its path is less than a diameter wide, and goes round (`ROUND`);
+    "turns on the spot": its path is less than a diameter wide, and goes round (`ROUND`), over more faces than one;
     "rocks": its path is less than a diameter wide, and it stood on a face again;
     "slides": rolls fewer times than its way is diameters long, in straight stretches of a diameter each;
     "rolls", straight on or in circles.
@@ -128,9 +128,9 @@ def rolling(scene: Scene, trajectory: Trajectory) -> Rolling:
     path = centre_path(scene, trajectory)[moving, :2]
     path_length = float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
     displacement = float(np.linalg.norm(path[-1] - path[0]))
-    diameter = float(pdist(np.asarray(scene.structure.nodes, float)).max())
     straightness = displacement / path_length if path_length > 0 else 0.0
     hull = np.array(faces(scene.structure))
+    diameter = float(pdist(np.asarray(scene.structure.nodes, float)).max())
     lowest = phi[:, hull].mean(-1).argmin(1)
     begins = _changes(lowest, times / time)
     supports = tuple(tuple(face) for face in hull[lowest[begins]].tolist())

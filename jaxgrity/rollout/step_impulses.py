@@ -64,9 +64,8 @@ def impulses_along(scene: Scene, trajectory: Trajectory) -> Exerted:
     options = options_anew(scene, trajectory.method, dt, dtype)
     duration = times[-1] - times[0]
     count = math.ceil(duration / dt - NEAR)
-    # the second step makes up for what the others are shorter than the first, where the duration is no multiple of dt
     h = duration / count
-    ends_of_steps = np.minimum(np.r_[0, dt, h * np.arange(2, count)][:count], duration)
+    ends_of_steps = h * np.arange(count)
     starts = times[0] + np.r_[ends_of_steps, duration, duration + h]
     plan = _plan(scene, trajectory, starts)
     taken = _stepped(as_dtype(scene, dtype), options.as_inputs(), plan, np.asarray(count + 1))

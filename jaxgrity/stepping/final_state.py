@@ -63,6 +63,8 @@ def final_state(
     """
     if options.dt is None:
         raise InputError(f"method = {options.method.name!r} adapts its step; expected a fixed one (dt)")
+    if not (traced(duration) or float(duration) > 0):
+        raise InputError(f"duration = {duration} s: expected a positive number")
     if steps is None and traced(duration):
         raise InputError("duration is being traced, so that its steps cannot be counted; pass `steps`")
     check_start(scene, None if start is None else start[0], since)

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxgrity.core.primitives import edge_vectors, length
-from jaxgrity.core.types import AnyArray, NodeVectors, Scalar, Times
+from jaxgrity.core.types import AnyArray, NodeVectors, Scalar, Times, namespace_of
 from jaxgrity.model.inertia import with_mobility
 from jaxgrity.model.laws import Law
 from jaxgrity.model.motors import bends_of
@@ -71,8 +71,8 @@ def integrate(
         # an error estimate sees nothing of a push that lies between two of its stages
         adaptive = diffrax.ClipStepSizeController(adaptive, step_ts=jnp.sort(jnp.concatenate(bends)))
     if options.method.constrained:
-        first = jnp.minimum(dt0, times[-1] - times[0])
-        start, remembered = carried_from((terms, solver), scene, times[0], first, start)
+        dt0 = even_step(dt0, times[-1] - times[0])
+        start, remembered = carried_from((terms, solver), scene, times[0], dt0, start)
     controller = diffrax.ConstantStepSize() if fixed else adaptive
     return diffrax.diffeqsolve(
         terms,
@@ -89,6 +89,13 @@ def integrate(
         max_steps=None if fixed else options.max_steps,
         throw=False,
     )
+
+
+def even_step(dt: Scalar, duration: Scalar) -> Scalar:
+    """s: the longest step, no longer than `dt`, of which the duration has a whole number."""
+    xp, ratio = namespace_of(duration), duration / dt
+    count = xp.maximum(xp.ceil(ratio - 1e-6), 1)
+    return xp.where(abs(ratio - count) <= 1e-6 * count, dt, duration / count)
 
 
 def _bends(scene: Scene) -> list[AnyArray]:

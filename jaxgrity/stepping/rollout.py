@@ -70,6 +70,7 @@ def rollout(
     if np.ndim(times) != 1 or np.shape(times)[0] < 2 or not (traced(times) or np.all(np.diff(times) > 0)):
         raise InputError(f"times of shape {np.shape(times)}; expected two or more, (frames,), that ascend")
     q, v = start_of(scene) if start is None else start
+    q, v = (x if isinstance(x, jax.Array) else np.asarray(x, float) for x in (q, v))
     for name, given in (("positions", q), ("velocities", v)):
         if np.shape(given) != scene.structure.nodes.shape:
             expected = f"{scene.structure.nodes.shape}, a row for each node"
@@ -90,5 +91,6 @@ def _rolled(scene: Scene, start: State, times: Times, steps: int, options: Resol
     times = jnp.asarray(times, options.dtype)
     start = jax.tree.map(lambda x: jnp.asarray(x, options.dtype), start)
     q, v = states_at(scene, start, times, steps, options, reverse=True)
-    fit = (start_failure(scene, start[0], times[0]) == 0) & (start_failure(scene, q[-1], times[-1]) == 0)
+    held = jnp.all((start[1] == 0) | scene.structure.free) if scene.shaking is None else True
+    fit = held & (start_failure(scene, start[0], times[0]) == 0) & (start_failure(scene, q[-1], times[-1]) == 0)
     return RolledOut(q, v, fit & (state_failure(scene, q[-1], v[-1]) == 0))

@@ -15,7 +15,7 @@ from jaxgrity.core.tracing import forward_mode_only, traced
 from jaxgrity.core.types import AnyArray, NodeHistory, NodeVectors, Scalar, State, Times
 from jaxgrity.model.scene import Scene, as_dtype
 from jaxgrity.stepping.handover import at_rest, midway, velocities_at
-from jaxgrity.stepping.integrate import failure_code, integrate, prepared, start_failure, state_failure
+from jaxgrity.stepping.integrate import even_step, failure_code, integrate, prepared, start_failure, state_failure
 from jaxgrity.stepping.methods import find_method
 from jaxgrity.stepping.options import Options, ResolvedOptions, check_supports, resolve
 
@@ -169,7 +169,10 @@ def simulate(
     trajectory = _simulate(as_dtype(scene, resolved.dtype), (q, v), saved, np.asarray(len(times)), resolved.as_inputs())
     if len(saved) > len(times):
         trajectory = some_frames(trajectory, slice(len(times)))
-    return replace(trajectory, dt=resolved.dt, scene=scene)  # type: ignore[arg-type]
+    dt = resolved.dt
+    if dt is not None and resolved.method.constrained:
+        dt = float(even_step(np.asarray(dt, float), np.asarray(duration, float)))
+    return replace(trajectory, dt=dt, scene=scene)  # type: ignore[arg-type]
 
 
 @eqx.filter_jit
@@ -181,7 +184,7 @@ def _simulate(scene: Scene, start: State, times: Times, frames: int | AnyArray, 
     stats, failure = solution.stats, failure_code(solution.result, state_failure(scene, q[-1], v[-1]))
     if options.method.constrained:
         assert options.dt is not None, "complementarity stepping has steps of a fixed size"
-        later = _later(times, start, options.dt, stats["num_accepted_steps"])
+        later = _later(times, start, stats["num_accepted_steps"])
         v = velocities_at(prepared(scene), times, (q, v), later, frames)
         misplaced = start_failure(scene, start[0])
         failure = jnp.where(misplaced != 0, misplaced, failure)
@@ -198,15 +201,12 @@ def _simulate(scene: Scene, start: State, times: Times, frames: int | AnyArray, 
     )
 
 
-def _later(times: Times, start: State, dt: Scalar, steps: AnyArray) -> Times:
+def _later(times: Times, start: State, steps: AnyArray) -> Times:
     """(frames,), s: by how much later each frame is than the velocities that complementarity stepping has there.
 
-    At the end of a step that is half of its size, and 0 at the start of a robot at rest; between, it changes evenly, as
-    velocities are interpolated. diffrax takes a first step of `dt`, and has `steps` in all; the second makes up for
-    what the others are shorter, where the duration is no multiple of dt.
+    At the end of a step that is half of its size, and 0 at the start of a robot at rest; in the first step it changes
+    evenly, as velocities are interpolated.
     """
-    duration = times[-1] - times[0]
-    h, first = duration / steps, jnp.minimum(jnp.asarray(dt, times.dtype), duration)
-    ends = times[0] + jnp.stack([0 * h, first, 2 * h, 3 * h])
-    halves = jnp.stack([jnp.where(at_rest(start[1]), 0, first), first, 2 * h - first, h]) / 2
-    return jnp.interp(times, ends, halves)
+    h = (times[-1] - times[0]) / steps
+    halves = jnp.stack([jnp.where(at_rest(start[1]), 0, h), h]) / 2
+    return jnp.interp(times, times[0] + jnp.stack([0 * h, h]), halves)

@@ -88,7 +88,7 @@ def _com_jacobian(scene: Scene, duration: Scalar, options: ResolvedOptions, room
     """
     own = _varied(scene)
     each = jnp.broadcast_to(own[..., None], (*own.shape, own.size))
-    one_each = jnp.eye(own.size, dtype=own.dtype).reshape(each.shape)
+    one_each = jnp.eye(own.size, dtype=own.dtype).reshape(each.shape) * _free(scene, own)[..., None]
     return jax.jvp(lambda x: _paths(scene, x, duration, options, (room, parts)), (each,), (one_each,))[1]
 
 
@@ -97,7 +97,12 @@ def _com_jacobian_of_one(scene: Scene, duration: Scalar, options: ResolvedOption
     """The same with one rollout, (parts + 1, 3, numbers varied), where each robot would choose its steps by itself."""
     own = _varied(scene)
     path = lambda x: _paths(scene, x[..., None], duration, options, parts)[..., 0]  # noqa: E731
-    return jax.jacfwd(path)(own).reshape(parts + 1, 3, own.size)
+    return jax.jacfwd(path)(own).reshape(parts + 1, 3, own.size) * _free(scene, own).ravel()
+
+
+def _free(scene: Scene, own: AnyArray) -> AnyArray:
+    """1 of what can vary: not the velocities of supports; else 0."""
+    return jnp.ones_like(own) if scene.gait is not None else jnp.asarray(scene.structure.free, own.dtype)
 
 
 def _varied(scene: Scene) -> AnyArray:

@@ -150,6 +150,17 @@ def test_gaits_that_go_beyond_the_models_range_are_refused(reference):
     np.testing.assert_allclose(less, mjcf_controls(reference, times) / 2, atol=1e-15)
 
 
+def test_gravity_leans_as_in_the_scene(reference):
+    """Where all nodes have one direction; MuJoCo has no other."""
+    up = np.array([-np.sin(0.3), 0, np.cos(0.3)])
+    leaning = dataclasses.replace(reference, up=np.tile(up, (12, 1)))
+    model = mujoco.MjModel.from_xml_string(mujoco_model(leaning).xml)
+    np.testing.assert_allclose(model.opt.gravity, -9.81 * up, rtol=1e-6)
+    uneven = dataclasses.replace(reference, up=np.concatenate([np.tile(up, (11, 1)), [[0, 0, 1.0]]]))
+    with pytest.raises(InputError, match=r"scene.up differs from node to node"):
+        mujoco_model(uneven)
+
+
 def test_frictions_that_differ_become_the_largest(reference):
     """MuJoCo has one coefficient for the pair of ground and node here, and the notes say which."""
     mu = np.linspace(0.2, 0.7, 12)

@@ -3,7 +3,16 @@
 import numpy as np
 import pytest
 
-from jaxgrity import Sensitivity, SolverOptions, gaits_of, sensitivity, simulate_population
+from jaxgrity import (
+    Members,
+    Scene,
+    Sensitivity,
+    SolverOptions,
+    Structure,
+    gaits_of,
+    sensitivity,
+    simulate_population,
+)
 
 OPTIONS = SolverOptions(dt=1e-3)
 
@@ -26,3 +35,11 @@ def test_horizon_is_the_last_time_before_the_bound_is_passed():
     assert growth.horizon(2.0) == 2.0
     assert growth.horizon(10.0) == 4.0
     assert growth.horizon(-1.0) == 0.0
+
+
+def test_supports_are_not_disturbed():
+    """A mass on a spring below a support: the sensitivity is that of the mass alone, by its swing and by its drift."""
+    members = Members(((0, 1),), [40.0], [1.0])
+    scene = Scene(Structure([[0.0, 0, 0], [0, 0, -1.0]], [3.0, 1.0], struts=members, fixed=((0, "xyz"),)))
+    found = sensitivity(scene, 1.0, options=SolverOptions("rk4", dt=1e-3))
+    np.testing.assert_allclose(found.norm, found.times / 4, rtol=1e-4, atol=1e-6)
