@@ -61,22 +61,28 @@ class Surface(eqx.Module):
         """Whether the normal changes little on a node's way in a step: no edges, and no bodies to pass through."""
         return False
 
+    @property
+    def solids(self) -> tuple["Surface", ...]:
+        """What it is made of, each of which a node enters by itself."""
+        return (self,)
+
     def signed_distance(self, q: NodeVectors) -> PerNode:
         """phi, m, of each node."""
-        return self._distance(*coordinates(q))
+        return self.distance(*coordinates(q))
 
     def frame(self, q: NodeVectors) -> Frame:
-        """n at each node, and two tangents that turn with it (Duff et al. 2017, jcgt.org/published/0006/01/01)."""
-        slopes = _gradient(self.level, *coordinates(q))
-        size = _length(*slopes)
-        x, y, z = (over(slope, size) for slope in slopes)
-        sign = 1 - 2 * (z < 0).astype(z.dtype)
-        a = -1 / (sign + z)
-        b = x * y * a
-        first = rows_of_xyz(1 + sign * x * x * a, sign * b, -sign * x)
-        return Frame(rows_of_xyz(x, y, z), (first, rows_of_xyz(b, sign + y * y * a, -y)))
+        """n at each node, and two tangents."""
+        return frame_about(*self.normal(*coordinates(q)))
 
-    def _distance(self, x: PerNode, y: PerNode, z: PerNode) -> PerNode:
+    def normal(self, x: PerNode, y: PerNode, z: PerNode) -> tuple[PerNode, PerNode, PerNode]:
+        """The three components of n at coordinates."""
+        slopes = _gradient(self.level, x, y, z)
+        size = _length(*slopes)
+        a, b, c = (over(slope, size) for slope in slopes)
+        return a, b, c
+
+    def distance(self, x: PerNode, y: PerNode, z: PerNode) -> PerNode:
+        """phi, m, at coordinates."""
         f = self.level(x, y, z)
         return f if self.level_is_distance else f / _length(*_gradient(self.level, x, y, z))
 
@@ -217,6 +223,17 @@ class Stairs(Surface):
 
     def _ahead(self, x, y):
         return jnp.cos(self.turn) * x + jnp.sin(self.turn) * y
+
+
+def frame_about(x: PerNode, y: PerNode, z: PerNode) -> Frame:
+    """The normal with these components, and two tangents that turn with it (Duff et al. 2017,
+    jcgt.org/published/0006/01/01).
+    """
+    sign = 1 - 2 * (z < 0).astype(z.dtype)
+    a = -1 / (sign + z)
+    b = x * y * a
+    first = rows_of_xyz(1 + sign * x * x * a, sign * b, -sign * x)
+    return Frame(rows_of_xyz(x, y, z), (first, rows_of_xyz(b, sign + y * y * a, -y)))
 
 
 def coordinates(q: NodeVectors) -> tuple[PerNode, PerNode, PerNode]:

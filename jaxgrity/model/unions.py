@@ -26,7 +26,9 @@ class Union(Surface):
     """Several surfaces together: phi is the least of theirs, exact outside all.
 
     Solids that meet have to overlap, by more than nodes sink into them: along a wall that two have in common phi is 0,
-    so that nodes would pass there. Raises `InputError` where a face of a box or an end of a cylinder lies on another
+    so that nodes would pass there. A step of exact contact knows one face of each node: one that lands in a corner may
+    sink into the other face for a step, and be thrown out of it. Walls have to be thicker than its way in a step.
+    Raises `InputError` where a face of a box or an end of a cylinder lies on another
     part.
     """
 
@@ -44,8 +46,12 @@ class Union(Surface):
                 + (_hint(self.parts[first]) if below else "")
             )
 
+    @property
+    def solids(self):
+        return tuple(solid for part in self.parts for solid in part.solids)
+
     def level(self, x, y, z):
-        first, *others = (part._distance(x, y, z) for part in self.parts)
+        first, *others = (part.distance(x, y, z) for part in self.parts)
         for f in others:
             first = smaller(first, f)
         return first

@@ -112,10 +112,9 @@ def prepare(scene: Scene, h: Scalar, t1: Scalar, q: NodeVectors, v: NodeVectors)
         lengths = rest_length(struts, scene.gait, t1, 0) / h
     if ground is not None:
         met = where_met(ground, length_scale(scene), h, q, v)
-        frame = ground.frame(met.at)
-        closing = layout.numbers(closing_speed(ground, frame, h, v, met))
+        closing = layout.numbers(closing_speed(ground, h, v, met))
         if ground.surface is not None:
-            rows = cast(tuple[NodeVectors, ...], (frame.normal, *frame.tangents))
+            rows = cast(tuple[NodeVectors, ...], (met.frame.normal, *met.frame.tangents))
             axes = tuple(zip(*(layout.split(axis, ground) for axis in rows)))
     return StepProblem(vectors, pushes, lengths, closing, axes)
 

@@ -74,10 +74,10 @@ def problem_of(scene: Scene, h: Scalar, t1: Scalar, q: NodeVectors, v: NodeVecto
         never = np.where(structure.free.any(1), 0.0, NEVER).astype(q.dtype) * speed
         mu = None if scene.friction is None else jnp.asarray(scene.friction.sliding_mu)
         met = where_met(ground, length_scale(scene), h, q, v)
-        axes = ground.frame(met.at)
+        axes = met.frame
         # velocities are compared with it that are multiplied by roots of masses
         least = jnp.asarray(jnp.square(SLOWEST * speed) * mass_scale(scene), q.dtype)
-        contact = Contact(closing_speed(ground, axes, h, v, met) - never, mu, None, least)
+        contact = Contact(closing_speed(ground, h, v, met) - never, mu, None, least)
     rows = [jnp.broadcast_to(jnp.asarray(axis, q.dtype), q.shape) for axis in (axes.normal, *axes.tangents)]
     frame = jnp.stack(rows, axis=1)
     slow = jnp.asarray(SLOW * speed, q.dtype)

@@ -8,13 +8,18 @@ import jax.numpy as jnp
 from jaxgrity.core.primitives import component
 from jaxgrity.core.types import AnyArray, NodeVectors, PerNode, Scalar, State
 from jaxgrity.model.ground import ExactGround
-from jaxgrity.model.surface import Frame, Surface, coordinates, rows_of_xyz
+from jaxgrity.model.surface import Frame, Surface, coordinates, frame_about, rows_of_xyz
 
 INSIDE = 1e-9
 """m, of a body of one metre: from which depth on a node is in the ground, and where the nearest face is the one that it
 came through"""
 ROUNDINGS = 16
 """the same in roundings of its length, where these are more"""
+SAME_SIDE = 0.5
+"""cosine of the angle between the normals where a node enters a solid and where it would be, at least, where a later
+step still finds the face that it came through"""
+DEEPEST = 8.0
+"""times its way and its distance, a node is deeper in a solid that it would leave on another side"""
 TRIALS = 16
 """places within a node's way at which the ground is looked at, at most, to find where it enters; most need two"""
 FOUND = 4
@@ -22,12 +27,14 @@ FOUND = 4
 
 
 class Met(NamedTuple):
-    """Where exact ground is linearised in a step, of each node."""
+    """The exact ground that each node meets in a step, as a plane."""
 
-    at: NodeVectors
-    """m"""
+    frame: Frame
+    """of that plane"""
+    distance: PerNode
+    """phi, m, where it is laid against the ground"""
     share: PerNode | float
-    """of the node's way in the step, from its start"""
+    """of the node's way in the step, from its start, at which that is"""
 
 
 def where_met(ground: ExactGround, size: Scalar, h: Scalar, q: NodeVectors, v: NodeVectors) -> Met:
@@ -36,45 +43,74 @@ def where_met(ground: ExactGround, size: Scalar, h: Scalar, q: NodeVectors, v: N
     `size` is that of the body (`length_scale`). On the plane at the nodes. On uneven ground where they would be after
     the step: there the gap's error is of the second order in what the step changes of their ways, and a node that
     stands meets the wall that it runs into. A node whose way leads into ground with edges meets it where it enters:
-    farther on another face may be nearer.
+    farther on another face may be nearer. Of several solids it meets the one in which it would end deepest, but before
+    any other one out of which it would come on another side: where it lies on one, it may run into the next.
     """
-    if ground.surface is None:
-        return Met(q, 0.0)
-    if ground.surface.smooth:
-        return Met(q + h * v, 1.0)
+    surface = ground.surface
+    if surface is None or surface.smooth:
+        at, share_of_all = (q, 0.0) if surface is None else (q + h * v, 1.0)
+        return Met(ground.frame(at), ground.signed_distance(at), share_of_all)
     start, way = coordinates(q if ground.offset is None else q - ground.offset), coordinates(h * v)
-    share = _share(ground.surface, size, start, way)
-    return Met(q + rows_of_xyz(*(share * a for a in way)), share)
+    shares = _shares(surface, size, start, way)
+    if len(surface.solids) == 1:
+        share = jnp.where(shares[0] > 0, shares[0], 1)
+        at = rows_of_xyz(*(x + share * a for x, a in zip(start, way)))
+        return Met(surface.frame(at), surface.signed_distance(at), share)
+    each = [_met_of(solid, share, start, way) for solid, share in zip(surface.solids, shares)]
+    which = jnp.argmin(jnp.stack([ends for ends, *_ in each]), axis=0)
+    *normal, distance, at = (_chosen(which, rows) for rows in zip(*(met for _, *met in each)))
+    return Met(frame_about(*normal), distance, at)
+
+
+def _met_of(solid: Surface, share: PerNode, start: tuple[PerNode, ...], way: tuple[PerNode, ...]) -> list[PerNode]:
+    """How far from one solid of several nodes would end without it, m, negative inside; and where they meet it: its
+    normal, distance, and share.
+
+    From a solid that they would leave on another side they are said to end as deep as it takes to choose that one.
+    """
+    place = lambda s: tuple(x + s * a for x, a in zip(start, way))  # noqa: E731
+    first, last = solid.normal(*place(share)), solid.normal(*place(1))
+    turns = (share < 1) & (sum(a * b for a, b in zip(first, last)) < SAME_SIDE)
+    share = jnp.where(turns | (share > 0), share, 1)
+    normal = [jnp.where(share < 1, a, b) for a, b in zip(first, last)]
+    distance = solid.distance(*place(share))
+    ends = distance + (1 - share) * sum(a * n for a, n in zip(way, normal))
+    deepest = ends - DEEPEST * (jnp.abs(distance) + sum(map(jnp.abs, way)))
+    return [jnp.where(turns, deepest, ends), *normal, distance, share]
+
+
+def _chosen(which: AnyArray, rows: tuple[PerNode, ...]) -> PerNode:
+    """Of each node the row of the solid that it meets."""
+    found = rows[0]
+    for k, row in enumerate(rows[1:], 1):
+        found = jnp.where(which == k, row, found)
+    return found
 
 
 def frame_met(ground: ExactGround, size: Scalar, h: Scalar, start: State) -> Frame:
     """Normal and tangents where each node meets the ground in that step."""
-    return ground.frame(where_met(ground, size, h, *start).at)
+    return where_met(ground, size, h, *start).frame
 
 
-def closing_speed(ground: ExactGround, frame: Frame, h: Scalar, v: NodeVectors, met: Met) -> PerNode:
-    """The normal velocity (m/s) at which each node reaches the ground in a step of size h (s), or leaves it.
-
-    The ground is the plane with this `frame` where it is `met`.
-    """
-    phi = ground.signed_distance(met.at)
+def closing_speed(ground: ExactGround, h: Scalar, v: NodeVectors, met: Met) -> PerNode:
+    """The normal velocity (m/s) at which each node reaches the ground in a step of size h (s), or leaves it."""
+    phi, approach = met.distance, component(v, met.frame.normal)
     if ground.surface is not None:
-        phi = phi - h * component(v, frame.normal) * met.share
+        phi = phi - h * approach * met.share
     closing = -phi / h
     if ground.restitution is None:
         return closing
-    approach = component(v, frame.normal)
     hits = ((phi + h * approach < 0) & (approach < 0)).astype(phi.dtype)
     return jnp.maximum(closing, -ground.restitution * approach * hits + closing * (1 - hits))
 
 
 class _Place(NamedTuple):
-    """Of each node a place along its way."""
+    """Of each solid and node, (solids, nodes), a place along the node's way."""
 
-    s: PerNode
+    s: AnyArray
     """share of the way"""
-    f: PerNode
-    """m, the level there, and the depth from which on a node is inside: negative in the ground"""
+    f: AnyArray
+    """m, the distance there, and the depth from which on a node is inside: negative in the solid"""
 
 
 class _Bracket(NamedTuple):
@@ -90,17 +126,25 @@ class _Bracket(NamedTuple):
     """how many places between were looked at"""
 
 
+def _distances(surface: Surface, x: AnyArray, y: AnyArray, z: AnyArray) -> AnyArray:
+    """phi, m, of each solid, (solids, nodes), at a place of each node, or at one for each solid."""
+    shape = jnp.broadcast_shapes((len(surface.solids), 1), jnp.shape(x))
+    places = zip(*(jnp.broadcast_to(a, shape) for a in (x, y, z)))
+    return jnp.stack([solid.distance(*place) for solid, place in zip(surface.solids, places)])
+
+
 @jax.custom_jvp
-def _share(surface: Surface, size: Scalar, start: tuple[PerNode, ...], way: tuple[PerNode, ...]) -> PerNode:
-    """The share of each node's way at which it is just inside; 1 where it does not enter, or was inside before.
+def _shares(surface: Surface, size: Scalar, start: tuple[PerNode, ...], way: tuple[PerNode, ...]) -> AnyArray:
+    """The share of each node's way at which it is just inside each solid; 1 where it does not enter, 0 where it was.
 
     From two places outside a secant leads on. It never passes the first root in a convex body, whose distance is convex
     along a line; the first secant falls as fast as any distance can. Where one leads nowhere, along a face, the bracket
     about the root is halved.
     """
     deep = _depth(size, start[0].dtype)
-    at = lambda s: _Place(s, surface.level(*(x + s * a for x, a in zip(start, way))) + deep)  # noqa: E731
-    first, last = at(0 * start[0]), at(1 + 0 * start[0])
+    at = lambda s: _Place(s, _distances(surface, *(x + s * a for x, a in zip(start, way))) + deep)  # noqa: E731
+    none = jnp.zeros((len(surface.solids), *start[0].shape), start[0].dtype)
+    first, last = at(none), at(none + 1)
     fastest = _Place(first.s - 1, first.f + jnp.sqrt(sum(a * a for a in way)))
 
     def goes_on(known: _Bracket) -> AnyArray:
@@ -114,14 +158,14 @@ def _share(surface: Surface, size: Scalar, start: tuple[PerNode, ...], way: tupl
         return _Bracket(before, out, _where(enters, new, known.inside), known.trials + 1)
 
     inside = jax.lax.while_loop(goes_on, tried, _Bracket(fastest, first, last, 0)).inside
-    return jnp.where((first.f >= 0) & (inside.f < 0), inside.s, 1)
+    return jnp.where(first.f < 0, 0, jnp.where(inside.f < 0, inside.s, 1))
 
 
 def _depth(size: Scalar, dtype: Any) -> Scalar:
     return jnp.asarray(size * max(INSIDE, ROUNDINGS * float(jnp.finfo(dtype).eps)), dtype)
 
 
-def _next(known: _Bracket, deep: Scalar) -> tuple[PerNode, AnyArray]:
+def _next(known: _Bracket, deep: Scalar) -> tuple[AnyArray, AnyArray]:
     """The share at which to look next, and of which nodes anything is left to find."""
     before, out, inside, _ = known
     falls = before.f - out.f
@@ -136,12 +180,12 @@ def _where(condition: AnyArray, one: _Place, other: _Place) -> _Place:
     return _Place(*(jnp.where(condition, a, b) for a, b in zip(one, other)))
 
 
-@_share.defjvp
-def _share_jvp(primals, tangents):
-    """The root's: what the level gains where the share is held, over how fast it falls along the way."""
-    s = _share(*primals)
-    level = lambda surface, _size, start, way, s: surface.level(*(x + s * a for x, a in zip(start, way)))  # noqa: E731
-    _, gains = jax.jvp(lambda *held: level(*held, s), primals, tangents)
-    _, slope = jax.jvp(lambda s: level(*primals, s), (s,), (jnp.ones_like(s),))
-    found = (s < 1) & (slope < 0)
+@_shares.defjvp
+def _shares_jvp(primals, tangents):
+    """The root's: what the distance gains where the share is held, over how fast it falls along the way."""
+    s = _shares(*primals)
+    distances = lambda surface, _size, start, way, s: _distances(surface, *(x + s * a for x, a in zip(start, way)))  # noqa: E731
+    _, gains = jax.jvp(lambda *held: distances(*held, s), primals, tangents)
+    _, slope = jax.jvp(lambda s: distances(*primals, s), (s,), (jnp.ones_like(s),))
+    found = (s > 0) & (s < 1) & (slope < 0)
     return s, jnp.where(found, gains, 0) / jnp.where(found, -slope, 1)
