@@ -93,11 +93,12 @@ from .model.rod_contact import RodContact, with_contact_along_struts
 from .model.scene import Scene, as_dtype, body_length, with_gait, with_terms
 from .model.settled import Settled, settled
 from .model.shaking import Shaking, SupportMotion
+from .model.solids import Box, Cylinder, Sphere, Stairs
 from .model.spines import planar_spine, tetrahedral_spine
 from .model.static_response import StaticResponse, static_response
 from .model.stiffness import sparse_mass_matrix, stiffness_matrix
 from .model.structure import Members, Structure, edge_lengths
-from .model.surface import Box, Cylinder, Frame, Slope, Sphere, Stairs, Surface
+from .model.surface import Frame, Slope, Surface
 from .model.symmetry import gene_permutations, image, standing_symmetries, symmetries
 from .model.trusses import d_bar, grid, t_bar
 from .model.unions import Union

@@ -16,9 +16,9 @@ from jaxgrity.model.scene import floats_as
 from jaxgrity.rollout.lanes import over_lanes
 from jaxgrity.stepping.complementarity import ContactState
 from jaxgrity.stepping.dynamics import centre_of_mass
-from jaxgrity.stepping.integrate import start_failure, state_failure
-from jaxgrity.stepping.options import check_start
+from jaxgrity.stepping.integrate import state_failure
 from jaxgrity.stepping.simulate import Trajectory
+from jaxgrity.stepping.starts import check_start, start_failure
 
 
 class Loop(NamedTuple):

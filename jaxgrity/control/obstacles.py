@@ -10,8 +10,9 @@ from scipy.sparse.csgraph import dijkstra
 from jaxgrity.core.errors import InputError
 from jaxgrity.model.ground import Ground
 from jaxgrity.model.height_fields import HeightField
+from jaxgrity.model.solids import Box, Cylinder, Sphere
 from jaxgrity.model.structure import Structure
-from jaxgrity.model.surface import Box, Cylinder, Slope, Sphere
+from jaxgrity.model.surface import Slope
 from jaxgrity.model.unions import Union
 
 STEPS = ((1, 0), (0, 1), (1, 1), (1, -1), (2, 1), (1, 2), (2, -1), (1, -2))

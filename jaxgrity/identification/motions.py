@@ -17,7 +17,8 @@ from jaxgrity.model.scales import length_scale, speed_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.stepping.final_state import states_at
 from jaxgrity.stepping.integrate import integrate
-from jaxgrity.stepping.options import Options, ResolvedOptions, check_start, resolve
+from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
+from jaxgrity.stepping.starts import check_start
 
 SPREAD, JUMP = (0.02, 1.0), (1e-3, 1e-2)
 """m and m/s, of a body of one metre: by how much guesses of starts may be off, and windows may miss each other"""

@@ -10,7 +10,8 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.io.files import read_picture
 from jaxgrity.io.table_types import NotNegative, Positive, Seed, Table
 from jaxgrity.model.height_fields import HeightMap, Waves, bumps, height_map
-from jaxgrity.model.surface import Box, Cylinder, Sphere, Stairs, Surface
+from jaxgrity.model.solids import Box, Cylinder, Sphere, Stairs
+from jaxgrity.model.surface import Surface
 
 Point = tuple[float, float, float]
 Sizes = tuple[Positive, Positive, Positive]

@@ -50,8 +50,9 @@ from jaxgrity.model.ground import ExactGround, Ground, PenaltyGround
 from jaxgrity.model.height_fields import HeightMap, Waves
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.shaking import Shaking, SupportMotion
+from jaxgrity.model.solids import Box, Cylinder, Sphere, Stairs
 from jaxgrity.model.structure import Structure
-from jaxgrity.model.surface import Box, Cylinder, Slope, Sphere, Stairs, Surface
+from jaxgrity.model.surface import Slope, Surface
 from jaxgrity.model.unions import Union
 
 WIDTH = 120

@@ -18,12 +18,17 @@ from jaxgrity.model.structure import Structure
 class SupportMotion(eqx.Module):
     """How far supports are from where they were at t = 0: all alike, along the axes in which they are fixed.
 
-    It begins at rest: displacement and velocity are 0 at t = 0. Methods integrate the acceleration, which JAX derives.
+    It begins at rest: displacement and velocity are 0 at t = 0. Methods integrate the acceleration, which JAX derives;
+    complementarity stepping takes supports to where they are at the end of each step.
     """
 
     @abstractmethod
     def displacement(self, t: Scalar) -> Displacement:
         """(3,), m."""
+
+    def velocity(self, t: Scalar) -> Displacement:
+        """(3,), m/s."""
+        return jax.jvp(self.displacement, (t,), (jnp.ones_like(t),))[1]
 
     def bends(self) -> AnyArray:
         """(times,), s: when it begins, ends, or bends otherwise; steps that adapt end there."""
@@ -78,11 +83,32 @@ class Shaking(SupportMotion):
 
 def support_acceleration(motion: SupportMotion, structure: Structure, t: Scalar) -> NodeVectors:
     """(nodes, 3), m/s^2, of the fixed coordinates; 0 of the others."""
-
-    def velocity(t):
-        return jax.jvp(motion.displacement, (t,), (jnp.ones_like(t),))[1]
-
     now = jnp.asarray(t, structure.nodes.dtype)
-    a = jax.jvp(velocity, (now,), (jnp.ones_like(now),))[1]
+    return _of_supports(structure, jax.jvp(motion.velocity, (now,), (jnp.ones_like(now),))[1])
+
+
+def support_velocity(motion: SupportMotion, structure: Structure, t: Scalar) -> NodeVectors:
+    """(nodes, 3), m/s, of the fixed coordinates; 0 of the others."""
+    return _of_supports(structure, motion.velocity(jnp.asarray(t, structure.nodes.dtype)))
+
+
+def carried(motion: SupportMotion, structure: Structure, begin: Scalar, end: Scalar, v: NodeVectors) -> NodeVectors:
+    """Velocities v, m/s, of which the fixed coordinates have the mean that the motion has from `begin` to `end`, s."""
+    begin, end = (jnp.asarray(t, v.dtype) for t in (begin, end))
+    mean = (motion.displacement(end) - motion.displacement(begin)) / (end - begin)
+    return v - held(structure, v) + _of_supports(structure, mean)
+
+
+def slips(motion: SupportMotion | None, structure: Structure, t: Scalar, v: AnyArray, allowed: Scalar) -> AnyArray:
+    """Where velocities (..., nodes, 3), m/s, of fixed coordinates are others than supports have at t, s.
+
+    Of supports that move, by more than is `allowed`, m/s.
+    """
+    if motion is None:
+        return (v != 0) & ~structure.free
+    return (jnp.abs(v - support_velocity(motion, structure, t)) > allowed) & ~structure.free
+
+
+def _of_supports(structure: Structure, x: Displacement) -> NodeVectors:
     moving = tuple(node for node, _ in structure.fixed)
-    return held(structure, place_rows(jnp.broadcast_to(a, (len(moving), 3)), moving, len(structure.nodes)))
+    return held(structure, place_rows(jnp.broadcast_to(x, (len(moving), 3)), moving, len(structure.nodes)))

@@ -12,7 +12,8 @@ from jaxgrity.core.elementwise import smaller
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.tracing import evaluated, traced
 from jaxgrity.core.types import AnyArray
-from jaxgrity.model.surface import Box, Cylinder, Surface
+from jaxgrity.model.solids import Box, Cylinder
+from jaxgrity.model.surface import Surface
 
 TOUCHING = 1e-6
 """of a solid's size: how near a face of it is to another surface where both count as touching"""

@@ -7,7 +7,7 @@ import matplotlib
 import numpy as np
 
 from jaxgrity.model.scene import Scene
-from jaxgrity.model.surface import Box, Cylinder, Sphere
+from jaxgrity.model.solids import Box, Cylinder, Sphere
 from jaxgrity.report.poses import NODE_RADIUS, RobotPoses, Rods, robot_size
 from jaxgrity.report.style import FORCE, GROUND, PATH, SUPPORT
 

@@ -18,7 +18,7 @@ import numpy as np
 from jaxgrity.core.errors import InputError
 from jaxgrity.io.files import write_whole
 from jaxgrity.model.scene import Scene
-from jaxgrity.model.surface import Box, Cylinder, Sphere
+from jaxgrity.model.solids import Box, Cylinder, Sphere
 from jaxgrity.report.drawing import RobotDrawing, World
 from jaxgrity.report.poses import RobotPoses, robot_poses, robot_size
 from jaxgrity.report.style import FORCE, PATH, SLACK, STRUT, SUPPORT, TENSION

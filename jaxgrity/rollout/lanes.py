@@ -20,9 +20,10 @@ from jaxgrity.rollout.metrics import Metrics, initial_metrics, updated_metrics
 from jaxgrity.rollout.uncertainty import Differences, differing
 from jaxgrity.stepping.dynamics import centre_of_mass
 from jaxgrity.stepping.handover import carried_from
-from jaxgrity.stepping.integrate import discretise, failure_code, integrate, start_failure, state_failure
+from jaxgrity.stepping.integrate import discretise, failure_code, integrate, state_failure
 from jaxgrity.stepping.options import ResolvedOptions
 from jaxgrity.stepping.power import Step
+from jaxgrity.stepping.starts import start_failure
 
 FEWEST, SIDE_BY_SIDE = 32, 256
 """robots that a core integrates side by side, at least, and bytes of one number of all of them, at most: enough to fill

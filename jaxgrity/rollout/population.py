@@ -23,7 +23,8 @@ from jaxgrity.model.scene import Scene, with_gait
 from jaxgrity.rollout.lanes import most_lanes, roll_out_lanes
 from jaxgrity.rollout.metrics import Metrics
 from jaxgrity.rollout.uncertainty import Differences
-from jaxgrity.stepping.options import KEPT, Options, ResolvedOptions, check_positive, check_supports, resolve
+from jaxgrity.stepping.options import KEPT, Options, ResolvedOptions, check_positive, resolve
+from jaxgrity.stepping.starts import check_supports
 
 
 class Outcomes(eqx.Module):

@@ -16,6 +16,7 @@ from jax.ad_checkpoint import checkpoint_name
 from jaxgrity.core.primitives import store_cotangent
 from jaxgrity.core.types import Count, NodeVectors, Scalar
 from jaxgrity.model.scales import speed_scale
+from jaxgrity.model.shaking import carried
 from jaxgrity.stepping.constraints import (
     GroundImpulses,
     blocks_of,
@@ -153,11 +154,12 @@ class Complementarity(diffrax.AbstractSolver):
         forces = args.during(t0 - solver_state.step_size / 2, t0 + h / 2)
         solve = self.lift(coupled_impulses, ("s", None, -1, -1, -1, -1))
         _, a = terms.vf(t0, y0, forces)
-        start = v + kick * a
+        start = self._carried(args, t0, t1, v + kick * a)
         found = solve(args, (h, t1), y0, start, start, solver_state.impulses)
         if args.dissipates:
             _, a = terms.vf(t0, (q, (v + found.velocity) / 2), forces)
-            found = solve(args, (h, t1), y0, v + kick * a, found.velocity, found.impulses)
+            start = self._carried(args, t0, t1, v + kick * a)
+            found = solve(args, (h, t1), y0, start, found.velocity, found.impulses)
         fastest = LARGEST_SPEED_ERROR * speed_scale(args)
         met = (found.stretch <= LARGEST_LENGTH_ERROR) & (found.error <= fastest)
         if self.tolerance is not None:
@@ -167,6 +169,13 @@ class Complementarity(diffrax.AbstractSolver):
         taken = jnp.broadcast_to(h, jnp.shape(solver_state.step_size))
         after = ContactState(taken, found.impulses, found.struts, found.error)
         return y1, None, {"y0": y0, "y1": y1}, after, diffrax.RESULTS.successful
+
+    def _carried(self, scene, t0, t1, v):
+        """Velocities with those of supports that move: where they are after the step is known."""
+        if scene.shaking is None:
+            return v
+        one = lambda scene, v: carried(scene.shaking, scene.structure, t0, t1, v)  # noqa: E731
+        return self.lift(one, ("s", -1))(scene, v)
 
     def _most_sweeps(self, scene):
         return usual_sweeps(scene) if self.sweeps is None else self.sweeps

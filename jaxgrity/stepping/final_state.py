@@ -1,7 +1,7 @@
 """Where a rollout ends, as a function that forward and reverse mode differentiate with respect to anything in it."""
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, cast
 
 import jax
 import jax.numpy as jnp
@@ -14,7 +14,11 @@ from jaxgrity.model.scene import Scene, as_dtype, start_of
 from jaxgrity.stepping.complementarity import SWEPT
 from jaxgrity.stepping.handover import Problem, carried_from, state_from
 from jaxgrity.stepping.integrate import discretise, prepared
-from jaxgrity.stepping.options import ResolvedOptions, check_start, check_supports
+from jaxgrity.stepping.options import ResolvedOptions, check_fit
+from jaxgrity.stepping.starts import check_start, check_supports
+
+LONGER = 1.01
+"""times the step of the options, steps may be whose number is given"""
 
 
 def final_state(
@@ -49,8 +53,8 @@ def final_state(
         Positions and velocities at the end, (nodes, 3) each; velocities as those of a `Trajectory`.
 
     Raises:
-        InputError: a method that adapts its step; a start that violates rigid struts or exact contact; a duration that
-            is being traced, without `steps`.
+        InputError: a method that adapts its step, or options resolved for a scene of another kind; a start that
+            violates rigid struts or exact contact; a duration that is being traced, without `steps`.
 
     Example:
         >>> scene = jaxgrity.load_scene("reference")
@@ -67,13 +71,15 @@ def final_state(
         raise InputError(f"duration = {duration} s: expected a positive number")
     if steps is None and traced(duration):
         raise InputError("duration is being traced, so that its steps cannot be counted; pass `steps`")
+    check_fit(scene, options)
     check_start(scene, None if start is None else start[0], since)
     q, v = start_of(scene) if start is None else start
-    check_supports(scene, v)
+    check_supports(scene, v, since)
     # numbers that are known stay so: nothing has to be computed of a start at rest
     v = np.asarray(v, options.dtype) if isinstance(v, np.ndarray) else jnp.asarray(v, options.dtype)
     scene, first = prepared(as_dtype(scene, options.dtype)), (jnp.asarray(q, options.dtype), v)
-    count = steps_between(0.0, duration, options) if steps is None else steps
+    known = not traced((duration, options))
+    count = enough_steps(0.0, float(duration), options, steps) if known else cast(int, steps)
     end = stepped(scene, first, (since, since + duration), options, discretise(options), count)
     return state_from(scene, since + duration, *end)
 
@@ -113,6 +119,16 @@ def stepped(
     numbers = jnp.arange(stretches * steps, dtype=options.dtype).reshape(stretches, steps)
     first = carried_from(problem, scene, since, h, start)
     return jax.lax.scan(jax.checkpoint(stretch), first, numbers)[0]
+
+
+def enough_steps(since: Scalar, until: Scalar, options: ResolvedOptions, given: int | None) -> int:
+    """How many steps are `given`, or are needed; raises `InputError` where these are more."""
+    needed = steps_between(since, until, options)
+    if given is None:
+        return needed
+    if given * LONGER < needed:
+        raise InputError(f"steps = {given}: they would be longer than options.dt; expected {needed} or more")
+    return given
 
 
 def steps_between(since: Scalar, until: Scalar, options: ResolvedOptions) -> int:

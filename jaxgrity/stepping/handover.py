@@ -17,6 +17,7 @@ from jaxgrity.core.tracing import traced
 from jaxgrity.core.types import AnyArray, NodeHistory, NodeVectors, Scalar, State, Times
 from jaxgrity.model.inertia import momenta
 from jaxgrity.model.scene import Scene
+from jaxgrity.model.shaking import support_velocity
 from jaxgrity.model.structure import Structure
 from jaxgrity.stepping.complementarity import ContactState
 from jaxgrity.stepping.dynamics import acceleration
@@ -65,9 +66,17 @@ def velocity_at(scene: Scene, t: Scalar, q: NodeVectors, w: NodeVectors, later: 
     """v = w + later a(q, v, t), m/s: the velocity at t, of one robot that had w so many seconds before.
 
     Dissipative forces make it an equation, which has one solution, since they are gradients of a convex R. It is met
-    to rounding; its derivative is that of the solution, in both modes.
+    to rounding; its derivative is that of the solution, in both modes. Supports move as they say.
     """
-    scene = scene.during(t - later, t)
+    v = _later_velocity(scene.during(t - later, t), t, q, w, later)
+    if scene.shaking is None:
+        return v
+    structure = scene.structure
+    return jnp.where(structure.free, v, support_velocity(scene.shaking, structure, t))
+
+
+def _later_velocity(scene: Scene, t: Scalar, q: NodeVectors, w: NodeVectors, later: Scalar) -> NodeVectors:
+    """`velocity_at` of the scene in the mean of that time."""
 
     def changed(v):
         return w + later * acceleration(scene, t, q, v)

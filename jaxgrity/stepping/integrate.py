@@ -12,8 +12,6 @@ from jaxgrity.core.types import AnyArray, NodeVectors, Scalar, Times, namespace_
 from jaxgrity.model.inertia import with_mobility
 from jaxgrity.model.laws import Law
 from jaxgrity.model.motors import bends_of
-from jaxgrity.model.rigid_struts import LARGEST_GAP
-from jaxgrity.model.scales import length_scale
 from jaxgrity.model.scene import Scene, with_scales
 from jaxgrity.stepping.complementarity import Lift, one_robot
 from jaxgrity.stepping.dynamics import vector_field
@@ -30,8 +28,6 @@ FAILURES = (
     "the start lies below the ground, or its rigid struts have other lengths",
 )
 """what becomes of a rollout, by its failure code"""
-ROUNDED = 16
-"""units in the last place of a node's place, by which rounding may move it before it starts"""
 TORN = 10.0
 """a member this many times as long as it was built shows a motion that has blown up, finite or not"""
 
@@ -122,13 +118,6 @@ def failure_code(result, state_failure):
     code = jnp.where(result == results.successful, state_failure, 4)
     code = jnp.where(result == results.max_steps_reached, 3, code)
     return jnp.where(result == results.dt_min_reached, 5, code)
-
-
-def start_failure(scene: Scene, q: NodeVectors, t: Scalar = 0.0):
-    """6 where a start at `q` violates a constraint by more than `check_start` lets pass, and rounding; else 0."""
-    allowed = LARGEST_GAP * length_scale(scene) + ROUNDED * jnp.finfo(q.dtype).eps * jnp.max(jnp.abs(q))
-    gaps = [jnp.max(constraint.gaps(jnp.asarray(q), t), initial=0) for constraint in scene.constraints]
-    return jnp.where(jnp.max(jnp.stack(gaps)) > allowed, 6, 0) if gaps else jnp.zeros((), int)
 
 
 def state_failure(scene: Scene, q: NodeVectors, v: NodeVectors):

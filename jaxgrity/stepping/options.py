@@ -11,14 +11,14 @@ import numpy as np
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.remembered import remembered
 from jaxgrity.core.tracing import traced
-from jaxgrity.core.types import AnyArray, Count, NodeVectors, Scalar
-from jaxgrity.model.rigid_struts import LARGEST_GAP
+from jaxgrity.core.types import Count, NodeVectors, Scalar
 from jaxgrity.model.scales import length_scale, speed_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.stepping.blocks import disjoint_groups
 from jaxgrity.stepping.constraints import exact_ground, rigid_struts
 from jaxgrity.stepping.methods import Method, constrained_method, find_method
 from jaxgrity.stepping.stability import check_step, default_method, default_step
+from jaxgrity.stepping.starts import check_start
 
 KEPT = 64
 """scenes, with options, of which it is known that they go together: checks take longer than a short rollout"""
@@ -125,7 +125,7 @@ def _resolved(scene: Scene, options: Options, dtype: str | None, x64: bool) -> R
     """`resolve` without the duration, on which nothing else depends; `x64` is whether float64 is switched on."""
     concrete = not traced(scene)
     if isinstance(options, ResolvedOptions):
-        _check_method(scene, options.method)
+        check_fit(scene, options)
         return options if dtype is None else replace(options, dtype=_dtype(dtype, x64))
     given = options or SolverOptions()
     check_positive({name: getattr(given, name) for name in ("dt", "rtol", "atol", "max_steps")})
@@ -140,16 +140,33 @@ def _resolved(scene: Scene, options: Options, dtype: str | None, x64: bool) -> R
         dt = _default_step(scene, method)
     elif dt is not None and not given.any_step and concrete:
         check_step(scene, method, dt)
-        finest = _seen_by(scene, method)
-        if dt > 2 * finest:
-            raise InputError(
-                f"dt = {dt:g} s: a push, or another force that acts for a short time, would be lost between the steps "
-                f"of {method.name}; expected at most {finest:g} s"
-            )
+        _check_seen(scene, method, dt)
     # no NumPy numbers: those are inputs of what is compiled
     dt, rtol, atol = jax.tree.map(float, (dt, rtol, atol))
     together = _together(scene, given, method, concrete)
     return ResolvedOptions(method, dt, dtype, rtol, atol, sweeps, given.strut_tolerance, together, given.max_steps)
+
+
+def check_fit(scene: Scene, options: ResolvedOptions) -> None:
+    """Refuse options that were resolved for a scene of another kind. The step is not looked at for what is stable."""
+    method = options.method
+    _check_method(scene, method)
+    if method.constrained and scene.structure.coupled and not options.together:
+        raise InputError(
+            "options: sweeps know neither rods with mass nor supports, as this scene has; expected those that "
+            "`resolve` makes for it"
+        )
+    if options.dt is not None and not traced((scene, options)):
+        _check_seen(scene, method, float(options.dt))
+
+
+def _check_seen(scene: Scene, method: Method, dt: float) -> None:
+    finest = _seen_by(scene, method)
+    if dt > 2 * finest:
+        raise InputError(
+            f"dt = {dt:g} s: a push, or another force that acts for a short time, would be lost between the steps "
+            f"of {method.name}; expected at most {finest:g} s"
+        )
 
 
 def _seen_by(scene: Scene, method: Method) -> float:
@@ -248,34 +265,3 @@ def _together(scene: Scene, given: SolverOptions, method: Method, concrete: bool
     mass, (i, j) = np.asarray(scene.structure.node_mass), np.array(struts.edges).T
     unequal = np.max(np.maximum(mass[i] / mass[j], mass[j] / mass[i])) > MASS_RATIO
     return bool(unequal or (scene.friction is not None and np.max(np.asarray(scene.friction.sliding_mu)) >= ROUGH))
-
-
-@remembered(KEPT)
-def check_start(scene: Scene, positions: NodeVectors | None = None, since: Scalar = 0.0) -> None:
-    """Refuse a start, at `since` (s), from which one step would have to jump onto its constraints.
-
-    Positions (nodes, 3), m, are the structure's own where not given. Numbers that are being traced are not looked at:
-    they get a failure code (`integrate.start_failure`).
-    """
-    if traced((scene, positions, since)):
-        return
-    q = np.asarray(scene.structure.nodes if positions is None else positions, float)
-    for constraint in scene.constraints:
-        gaps = np.asarray(constraint.gaps(q, since))
-        if gaps.size and not gaps.max() <= LARGEST_GAP * float(length_scale(scene)):
-            raise InputError(constraint.complaint(q, float(since), int(gaps.argmax())))
-
-
-def check_supports(scene: Scene, velocities: AnyArray, *, at_first: bool = False) -> None:
-    """Refuse known velocities (m/s), of one robot or of many, with which supports would move by themselves.
-
-    Those that are shaken begin at rest `at_first`, at t = 0.
-    """
-    if (scene.shaking is not None and not at_first) or traced((scene, velocities)):
-        return
-    v = np.asarray(velocities)
-    held = (v != 0) & ~scene.structure.free
-    if held.any():
-        node = int(np.argwhere(held)[0, -2])
-        found = v[tuple(np.argwhere(held)[0][:-1])]
-        raise InputError(f"velocities[{node}] = {found}: expected 0 where the node is fixed")

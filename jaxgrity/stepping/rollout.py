@@ -1,6 +1,6 @@
 """A rollout as a pure function, for `jax.jit`, `jax.vmap` and `jax.grad` in any order."""
 
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import equinox as eqx
 import jax
@@ -9,11 +9,12 @@ import numpy as np
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.tracing import traced
-from jaxgrity.core.types import AnyArray, NodeHistory, State, Times
+from jaxgrity.core.types import AnyArray, NodeHistory, Scalar, State, Times
 from jaxgrity.model.scene import Scene, as_dtype, start_of
-from jaxgrity.stepping.final_state import states_at, steps_between
-from jaxgrity.stepping.integrate import start_failure, state_failure
-from jaxgrity.stepping.options import Options, ResolvedOptions, check_supports, resolve
+from jaxgrity.stepping.final_state import LONGER, enough_steps, states_at
+from jaxgrity.stepping.integrate import state_failure
+from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
+from jaxgrity.stepping.starts import check_supports, start_failure, supports_slip
 
 
 class RolledOut(NamedTuple):
@@ -75,15 +76,15 @@ def rollout(
         if np.shape(given) != scene.structure.nodes.shape:
             expected = f"{scene.structure.nodes.shape}, a row for each node"
             raise InputError(f"start: {name} have shape {np.shape(given)}; expected {expected}")
-    check_supports(scene, v)
+    check_supports(scene, v, times[0])
     if steps is None and traced(times):
         raise InputError("times are being traced; pass `steps`, how many from each frame to the next")
     resolved = resolve(scene, 1.0, options, positions=q, since=times[0])
     if resolved.dt is None:
         raise InputError(f"method = {resolved.method.name!r} adapts its step; expected a fixed one (dt)")
-    if steps is None:
-        steps = steps_between(0.0, float(np.diff(times).max()), resolved)
-    return _rolled(as_dtype(scene, resolved.dtype), (q, v), times, steps, resolved.as_inputs())
+    if not traced((times, resolved)):
+        steps = enough_steps(0.0, float(np.diff(times).max()), resolved, steps)
+    return _rolled(as_dtype(scene, resolved.dtype), (q, v), times, cast(int, steps), resolved.as_inputs())
 
 
 @eqx.filter_jit
@@ -91,6 +92,8 @@ def _rolled(scene: Scene, start: State, times: Times, steps: int, options: Resol
     times = jnp.asarray(times, options.dtype)
     start = jax.tree.map(lambda x: jnp.asarray(x, options.dtype), start)
     q, v = states_at(scene, start, times, steps, options, reverse=True)
-    held = jnp.all((start[1] == 0) | scene.structure.free) if scene.shaking is None else True
-    fit = held & (start_failure(scene, start[0], times[0]) == 0) & (start_failure(scene, q[-1], times[-1]) == 0)
+    held = ~jnp.any(supports_slip(scene, start[1], times[0]))
+    apart = jnp.diff(times)
+    fit = jnp.all(apart > 0) & jnp.all(apart <= LONGER * steps * cast(Scalar, options.dt))
+    fit = fit & held & (start_failure(scene, start[0], times[0]) == 0) & (start_failure(scene, q[-1], times[-1]) == 0)
     return RolledOut(q, v, fit & (state_failure(scene, q[-1], v[-1]) == 0))

@@ -15,9 +15,10 @@ from jaxgrity.core.tracing import forward_mode_only, traced
 from jaxgrity.core.types import AnyArray, NodeHistory, NodeVectors, Scalar, State, Times
 from jaxgrity.model.scene import Scene, as_dtype
 from jaxgrity.stepping.handover import at_rest, midway, velocities_at
-from jaxgrity.stepping.integrate import even_step, failure_code, integrate, prepared, start_failure, state_failure
+from jaxgrity.stepping.integrate import even_step, failure_code, integrate, prepared, state_failure
 from jaxgrity.stepping.methods import find_method
-from jaxgrity.stepping.options import Options, ResolvedOptions, check_supports, resolve
+from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
+from jaxgrity.stepping.starts import check_supports, start_failure
 
 ROOM = 2**16
 """nodes in all saved frames, up to which motions of a scene share one compiled program: the last frame is saved again
@@ -157,7 +158,7 @@ def simulate(
         if given is not None and np.shape(given) != expected:
             raise InputError(f"{name} has shape {np.shape(given)}; expected {expected}, a row for each node")
     if velocities is not None:
-        check_supports(scene, velocities, at_first=True)
+        check_supports(scene, velocities)
     resolved = resolve(scene, float(duration), options, positions=positions)
     times = frame_times(float(duration), frame_rate)
     q = scene.structure.nodes if positions is None else positions

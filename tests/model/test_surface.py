@@ -99,12 +99,15 @@ def test_frames_are_orthonormal_and_their_normals_are_gradients(name):
 
 @pytest.mark.parametrize("name", [*SURFACES, *HEIGHTS])
 def test_height_is_where_the_signed_distance_vanishes(name):
-    """From there up all is outside."""
-    q = from_above(name)
-    found = np.isfinite(q[:, 2])
-    assert np.all(measured(name)(q)[0][found] > -1e-9)
-    # edges that are rounded lie below the heights of sharp ones by 0.3 radii or less
-    assert np.all(measured(name)(q - [0, 0, 0.042])[0][found] < 1e-9)
+    """Also near rims, and on edges that are rounded; from there up all is outside, and all is where there is none."""
+    x, y = np.random.default_rng(2).uniform(-0.9, 0.9, (2, 200))
+    z = np.asarray(height((SURFACES | HEIGHTS)[name], x, y))
+    some, above = np.isfinite(z), np.linspace(0, 2, 21)
+    assert some.sum() > 6
+    q = np.stack([x, y, np.where(some, z, -1)], 1)
+    np.testing.assert_allclose(measured(name)(q)[0][some], 0, rtol=0, atol=1e-9)
+    for further in above[1:]:
+        assert np.all(measured(name)(q + np.array([0, 0, further]))[0] > 0)
 
 
 def test_a_height_map_goes_through_its_heights():

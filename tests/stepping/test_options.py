@@ -1,9 +1,22 @@
 """Options: what is left open is chosen for the scene, and what cannot work is refused before anything compiles."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
-from jaxgrity import METHODS, InputError, ResolvedOptions, SolverOptions, exact_twin, resolve, simulate
+from jaxgrity import (
+    METHODS,
+    InputError,
+    Push,
+    ResolvedOptions,
+    SolverOptions,
+    exact_twin,
+    final_state,
+    resolve,
+    simulate,
+    with_terms,
+)
 from jaxgrity.stepping.options import MOST_SWEEPS
 from jaxgrity.stepping.stability import default_step, stable_step, standing
 
@@ -90,5 +103,18 @@ def test_resolved_steps_are_plain_numbers(reference):
 def test_options_resolved_for_another_scene_are_refused_where_their_method_does_not_fit(reference, exact):
     """RK4, chosen for the one, would let the robot of the other fall through its ground."""
     resolved = resolve(reference, 1.0, SolverOptions(dt=5e-4, any_step=True))
-    with pytest.raises(InputError, match="'rk4': this scene has rigid struts or exact contact; expected 'complem"):
-        simulate(exact, 0.3, options=resolved)
+    for run in (lambda: simulate(exact, 0.3, options=resolved), lambda: final_state(exact, 0.3, resolved)):
+        with pytest.raises(InputError, match="'rk4': this scene has rigid struts or exact contact; expected 'complem"):
+            run()
+
+
+def test_options_resolved_for_another_kind_of_scene_are_refused(reference, exact):
+    """Sweeps would let supports go; steps that were chosen without a push would lose it."""
+    held = dataclasses.replace(exact, structure=dataclasses.replace(exact.structure, fixed=((0, "xyz"),)))
+    swept = resolve(exact, 1.0)
+    for run in (lambda: simulate(held, 0.3, options=swept), lambda: final_state(held, 0.3, swept)):
+        with pytest.raises(InputError, match="sweeps know neither rods with mass nor supports, as this scene has"):
+            run()
+    pushed = with_terms(reference, Push((0,), [[1.0, 0, 0]], 0.1, 4e-4, ramp=1e-4))
+    with pytest.raises(InputError, match=r"dt = 0\.000\d+ s: a push, .* would be lost between the steps of rk4"):
+        final_state(pushed, 0.3, resolve(reference, 1.0))

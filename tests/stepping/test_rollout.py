@@ -131,6 +131,16 @@ def test_times_may_be_traced_where_the_number_of_steps_is_given():
     np.testing.assert_allclose(ends[0], rollout(SCENE, TIMES[:2], options=OPTIONS).positions[-1], atol=1e-13)
 
 
+def test_steps_are_as_fine_as_the_options_say():
+    """Too few are refused; where times are traced, such a motion is not ok, nor one between equal times."""
+    with pytest.raises(InputError, match=r"steps = 20: they would be longer than options.dt; expected 30 or more"):
+        rollout(SCENE, TIMES[:2], options=OPTIONS, steps=20)
+    with pytest.raises(InputError, match=r"steps = 20: they would be longer than options.dt; expected 30 or more"):
+        final_state(SCENE, 0.15, resolve(SCENE, 0.15, OPTIONS), steps=20)
+    ok = jax.jit(jax.vmap(lambda t: rollout(SCENE, t, options=OPTIONS, steps=30).ok))
+    assert ok(jnp.array([[0.0, 0.15], [0.0, 0.2], [0.1, 0.1], [0.1, 0.0]])).tolist() == [True, False, False, False]
+
+
 @pytest.mark.parametrize(
     ("message", "call"),
     [

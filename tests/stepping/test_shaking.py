@@ -14,8 +14,11 @@ from jaxgrity import (
     SolverOptions,
     Structure,
     energy_audit,
+    final_state,
     load_scene,
     parse_scene,
+    resolve,
+    rollout,
     save_scene,
     scene_text,
     simulate,
@@ -97,6 +100,39 @@ def test_a_rigid_pendulum_follows_its_pivot_at_second_order():
     audit = energy_audit(pendulum(), 1.5, options=SolverOptions(dt=2e-3), frame_rate=10.0)
     assert abs(audit.residual).max() < 1e-3 * audit.turned_over
     assert abs(audit.dissipated["supports"]).max() > 0.1 * audit.turned_over
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+def test_exact_stepping_takes_supports_to_where_they_are(dtype):
+    """A tenth of a period a step, a thousand of them: places and velocities are those of the motion, to rounding."""
+    fast = Shaking([0.002, 0.0, 0.001], 20.0, ramp=0.5)
+    scene = Scene(pendulum().structure, 9.81, shaking=fast)
+    moved = simulate(scene, 5.0, options=SolverOptions(dt=5e-3, any_step=True, dtype=dtype), frame_rate=200.0)
+    times, rounding = np.asarray(moved.times), float(np.finfo(dtype).eps)
+    displacement, velocity = jax.jit(jax.vmap(lambda t: (fast.displacement(t), fast.velocity(t))))(times)
+    np.testing.assert_allclose(moved.positions[:, 0], displacement, rtol=0, atol=20 * rounding)
+    np.testing.assert_allclose(moved.velocities[:, 0], velocity, rtol=0, atol=20 * rounding * 2 * np.pi * 20)
+
+
+def test_a_start_in_the_middle_of_a_motion_moves_with_its_supports():
+    """What a rollout returns goes on as if nothing had been; supports at rest are refused there, or not ok."""
+    scene = pendulum()
+    options, times = resolve(scene, 1.0, SolverOptions(dt=5e-3)), np.array([0.0, 0.6, 1.2])
+    whole = rollout(scene, times, options=options)
+    later = rollout(scene, times[1:], start=(whole.positions[1], whole.velocities[1]), options=options)
+    np.testing.assert_allclose(later.positions[-1], whole.positions[-1], rtol=0, atol=1e-12)
+    assert whole.ok
+    assert later.ok
+    expected = r"velocities\[0\] = \[0. 0. 0.\]: expected the velocity of its support at 0.6 s"
+    with pytest.raises(InputError, match=expected):
+        rollout(scene, times[1:], options=options)
+    with pytest.raises(InputError, match=expected):
+        final_state(scene, 0.1, options, since=0.6)
+    at_rest = jnp.zeros((2, 3))
+    traced = jax.jit(lambda v: rollout(scene, times[1:], start=(scene.structure.nodes, v), options=options).ok)
+    assert not traced(at_rest)
+    assert traced(whole.velocities[1])
 
 
 def test_rods_with_mass_are_carried_along():

@@ -1,0 +1,70 @@
+"""Whether a start is possible: positions that constraints let be, and velocities that supports have."""
+
+import jax.numpy as jnp
+import numpy as np
+
+from jaxgrity.core.errors import InputError
+from jaxgrity.core.remembered import remembered
+from jaxgrity.core.tracing import evaluated, traced
+from jaxgrity.core.types import AnyArray, NodeVectors, Scalar
+from jaxgrity.model.rigid_struts import LARGEST_GAP
+from jaxgrity.model.scales import length_scale, speed_scale
+from jaxgrity.model.scene import Scene
+from jaxgrity.model.shaking import slips
+
+LARGEST_SLIP = 1e-3
+"""of a body's speed, sqrt(g L), by which a start may miss how supports that are shaken move"""
+ROUNDED = 16
+"""units in the last place of a node's place, by which rounding may move it before it starts"""
+KEPT = 64
+"""starts of which it is known that they are possible: to look costs more than a short rollout"""
+
+
+@remembered(KEPT)
+def check_start(scene: Scene, positions: NodeVectors | None = None, since: Scalar = 0.0) -> None:
+    """Refuse a start, at `since` (s), from which one step would have to jump onto its constraints.
+
+    Positions (nodes, 3), m, are the structure's own where not given. Numbers that are being traced are not looked at:
+    they get a failure code (`start_failure`).
+    """
+    if traced((scene, positions, since)):
+        return
+    q = np.asarray(scene.structure.nodes if positions is None else positions, float)
+    for constraint in scene.constraints:
+        gaps = np.asarray(constraint.gaps(q, since))
+        if gaps.size and not gaps.max() <= LARGEST_GAP * float(length_scale(scene)):
+            raise InputError(constraint.complaint(q, float(since), int(gaps.argmax())))
+
+
+def check_supports(scene: Scene, velocities: AnyArray, since: Scalar = 0.0) -> None:
+    """Refuse known velocities (m/s), of one robot or of many, with which supports would not move as they do.
+
+    They are at rest, or have the speed at `since` (s) of the motion that shakes them.
+    """
+    if traced((scene, velocities, since)):
+        return
+    with evaluated():
+        off = np.asarray(supports_slip(scene, np.asarray(velocities), since))
+    if off.any():
+        where = np.argwhere(off)[0]
+        node, found = int(where[-2]), np.asarray(velocities)[tuple(where[:-1])]
+        raise InputError(f"velocities[{node}] = {found}: {_expected(scene, since)} where the node is fixed")
+
+
+def supports_slip(scene: Scene, v: AnyArray, since: Scalar) -> AnyArray:
+    """Where fixed coordinates have velocities (..., nodes, 3), m/s, that supports do not have at `since`, s."""
+    return slips(scene.shaking, scene.structure, since, v, LARGEST_SLIP * speed_scale(scene))
+
+
+def _expected(scene: Scene, since: Scalar) -> str:
+    if scene.shaking is None or not since:
+        return "expected 0"
+    speed = np.asarray(scene.shaking.velocity(jnp.asarray(since, float)))
+    return f"expected the velocity of its support at {float(since):g} s, {speed},"
+
+
+def start_failure(scene: Scene, q: NodeVectors, t: Scalar = 0.0):
+    """6 where a start at `q` violates a constraint by more than `check_start` lets pass, and rounding; else 0."""
+    allowed = LARGEST_GAP * length_scale(scene) + ROUNDED * jnp.finfo(q.dtype).eps * jnp.max(jnp.abs(q))
+    gaps = [jnp.max(constraint.gaps(jnp.asarray(q), t), initial=0) for constraint in scene.constraints]
+    return jnp.where(jnp.max(jnp.stack(gaps)) > allowed, 6, 0) if gaps else jnp.zeros((), int)
