@@ -123,11 +123,11 @@ def judge_at(level: FidelityLevel, gaits: Gait, problem: SearchProblem, seed: in
     return judge(jax.random.key(seed), models, gaits, problem.duration, problem.fitness)
 
 
-def within_bounds(level: FidelityLevel, genes: Genes, problem: SearchProblem, bounds: ActuatorBounds) -> np.ndarray:
-    """(gaits,), whether each stays within the bounds on a robot that is as the level's own model says."""
+def excess_at(level: FidelityLevel, genes: Genes, problem: SearchProblem, bounds: ActuatorBounds) -> np.ndarray:
+    """(gaits,), `ActuatorBounds.excess` on a robot that is as the level's own model says; infinite where it failed."""
     fitness, gaits = Fitness(problem.fitness.objective, bounds=bounds), problem.genome.gaits(problem.scene.gait, genes)
     found = judge_at(level._replace(twin=None), gaits, problem._replace(fitness=fitness), 0)
-    return (found.excess == 0).all(1) & ~found.failed
+    return np.where(found.failed, np.inf, found.excess[:, 0])
 
 
 def rank_correlation(rows: Float[AnyArray, "levels gaits"]) -> np.ndarray:

@@ -19,10 +19,10 @@ from jaxgrity.search.fidelity import (
     FidelityLevel,
     Verdict,
     evolve_through,
+    excess_at,
     fidelity_levels,
     final_verdict,
     search_levels,
-    within_bounds,
 )
 from jaxgrity.search.genetic_algorithm import Evolution, SearchProblem
 from jaxgrity.search.judging import without_measuring
@@ -174,7 +174,7 @@ def _search(
     chosen, inside = promoted.genes, promoted.within_bounds
     clocked("promoting")
     polished = _polish(plain, levels, chosen, config, listener)
-    if inside and polished is not None and not within_bounds(levels[1], polished.genes[None], plain, bounds)[0]:
+    if inside and polished is not None and excess_at(levels[1], polished.genes[None], plain, bounds)[0] > 0:
         reason = f"{polished.reason}; but it is beyond a bound on actuators: the gait is kept as it was"
         polished = polished._replace(genes=chosen[0], improved=False, reason=reason)
     clocked("polishing")

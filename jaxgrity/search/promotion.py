@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.search.attraction import orbit_multipliers
-from jaxgrity.search.fidelity import FidelityLevel, judge_at, rank_correlation, within_bounds
+from jaxgrity.search.fidelity import FidelityLevel, excess_at, judge_at, rank_correlation
 from jaxgrity.search.genetic_algorithm import Evolution, SearchProblem, distinct
 from jaxgrity.search.genome import Genes
 from jaxgrity.search.judging import Scores, with_robots
@@ -26,7 +26,7 @@ class Agreement(NamedTuple):
 
     levels: tuple[FidelityLevel, ...]
     fitness: np.ndarray
-    """(levels, gaits); NaN of those beyond a bound on actuators on any robot, whose fitness is nothing to rank"""
+    """(levels, gaits); NaN of those beyond the bound on rates on any robot, whose fitness is nothing to rank"""
     evolved: int
     rank_correlation: np.ndarray
     """(levels, levels), over all gaits"""
@@ -44,7 +44,7 @@ class Promoted(NamedTuple):
     multipliers: Float[np.ndarray, " finalists"] | None
     """by which a disturbance grows in a cycle of each finalist's orbit; infinite without one. None: not asked for"""
     within_bounds: bool
-    """whether the best asks no more of its actuators than it may"""
+    """whether the best asks no more of its actuators than it may, on a robot as the scene says"""
     agreement: Agreement
 
 
@@ -61,7 +61,8 @@ def promote(
     Evolved and random gaits are judged on every level by the same draws, up to the one that tries both contact models,
     where there is one. The best few by the last of them are finalists. These are judged there again by more robots,
     since a few do not tell how often a gait fails. Those whose orbit does not attract (a multiplier of 1 or more) come
-    after those whose orbit does, where that is asked for; gaits beyond the bounds on actuators come last.
+    after those whose orbit does, where that is asked for. Gaits beyond a bound on actuators come last, the farther the
+    later: bounds on forces and powers on a robot as the scene says, the one on rates on all robots.
 
     Raises `InputError` where every rollout of the last generation failed. `on_level` gets how many levels are done, how
     many there are, and the name of the next.
@@ -83,16 +84,16 @@ def promote(
     on_level(len(rows), len(levels), {"level": "finalists"})
     first, table = len(genes), np.array(rows)
     agreement = Agreement(levels, table, first, rank_correlation(table), rank_correlation(table[:, :first]))
-    kept = within_bounds(levels[1], genes, problem, bounds)
-    best = np.lexsort((-scores.merit[:first], ~kept))[: max(FINALISTS, config.polish_gaits)]
+    excess = excess_at(levels[1], genes, problem, bounds)
+    best = np.lexsort((-scores.merit[:first], excess))[: max(FINALISTS, config.polish_gaits)]
     finals = _finals(problem, levels[-1], genes[best], config)
     multipliers = _multipliers(problem, genes[best], step) if config.attracting else None
     repels = np.zeros(len(best), bool) if multipliers is None else multipliers >= 1
-    order = np.lexsort((-finals.merit, repels, ~kept[best]))
+    order = np.lexsort((-finals.merit, repels, excess[best]))
     best, finals = best[order], Scores(*(np.asarray(part)[order] for part in finals))
     multipliers = None if multipliers is None else multipliers[order]
     chosen = np.asarray(genes, float)[best[: config.polish_gaits]]
-    return Promoted(chosen, finals, multipliers, bool(kept[best[0]]), agreement)
+    return Promoted(chosen, finals, multipliers, bool(excess[best[0]] == 0), agreement)
 
 
 def _multipliers(problem: SearchProblem, genes: Genes, step: float) -> np.ndarray | None:

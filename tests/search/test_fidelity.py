@@ -37,7 +37,7 @@ from jaxgrity import (
     search_levels,
     with_robots,
 )
-from jaxgrity.search.fidelity import within_bounds
+from jaxgrity.search.fidelity import excess_at
 from jaxgrity.search.judging import judge_until, scored, standard_error
 from jaxgrity.search.models import rough_step
 
@@ -128,10 +128,10 @@ def test_gaits_beyond_a_bound_are_told_from_others(swimmer):
     problem, level = SearchProblem(swimmer, Genome(2), 1.0, Fitness()), FidelityLevel("", swimmer, 1e-2, "float64")
     genes = np.array([[0.1, 0.2], [0.6, 0.3]])
     for force, within in ((1e-3, False), (1e6, True)):
-        assert np.all(within_bounds(level, genes, problem, ActuatorBounds(force=force)) == within)
+        assert np.all((excess_at(level, genes, problem, ActuatorBounds(force=force)) == 0) == within)
     rate = 0.3 * np.pi
-    assert within_bounds(level, genes, problem, ActuatorBounds(rate=1.01 * rate)).all()
-    assert not within_bounds(level, genes, problem, ActuatorBounds(rate=0.99 * rate)).any()
+    assert np.all(excess_at(level, genes, problem, ActuatorBounds(rate=1.01 * rate)) == 0)
+    np.testing.assert_allclose(excess_at(level, genes, problem, ActuatorBounds(rate=rate / 2)), 1, rtol=1e-3)
 
 
 @pytest.fixture(scope="module")
@@ -217,7 +217,12 @@ def test_the_final_verdict_is_made_of_what_it_says(precision, factor, monkeypatc
     problem = SearchProblem(scene, Genome(1), 1.0, Fitness(Distance(), Uncertainty(friction=0.1), robots=2))
     heard = []
     tell = lambda done, total: heard.append((done, total))  # noqa: E731
-    verdict = final_verdict(problem, scene.gait, dt=dt, bounds=ActuatorBounds(), robots=4, seed=3, on_progress=tell)
+    gaits, level = as_population(scene.gait), FidelityLevel("", scene, factor * dt, "float32")
+    feeling = Fitness(Distance(), Uncertainty(friction=0.1), robots=4, bounds=ActuatorBounds(force=1e-3))
+    forces = 1e-3 * (1 + judge_at(level, gaits, problem._replace(fitness=feeling), 3).excess[0])
+    bounds = ActuatorBounds(force=float(np.sort(forces)[2]) * (1 + 1e-6))
+    verdict = final_verdict(problem, scene.gait, dt=dt, bounds=bounds, robots=4, seed=3, on_progress=tell)
+    assert verdict.beyond == 0.25
     assert heard == [(done, 4) for done in range(5)]
     distance, robust = verdict.verified.distance[0], verdict.robust.each[0]
     assert verdict.verified.steps == (factor * dt, factor * dt / 2, factor * dt / 4)
@@ -227,7 +232,6 @@ def test_the_final_verdict_is_made_of_what_it_says(precision, factor, monkeypatc
     # friction, the one thing that differs, is less for some and more for others
     assert robust.min() < distance < robust.max()
 
-    gaits = as_population(scene.gait)
     four = problem._replace(fitness=with_robots(problem.fitness, 4))
     fine, coarse = (judge_at(FidelityLevel("", scene, h, "float32"), gaits, four, 3) for h in (dt, 2 * dt))
     assert_same(verdict.robust, fine if factor == 1 else coarse)
