@@ -1,6 +1,6 @@
 """How fast a gait will roll on a robot that measurements have told as well as they can, and what to measure next."""
 
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import equinox as eqx
 import jax
@@ -19,10 +19,13 @@ from jaxgrity.rollout.population import gaits_of, simulate_population
 from jaxgrity.rollout.uncertainty import Differences
 from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
 from jaxgrity.trust.closed_orbits import closed_orbit
+from jaxgrity.trust.cycles import way_along
 from jaxgrity.trust.orbits import Orbit, find_orbit, in_step, restarted
 
 SETTLING, WATCHED = 8, 4
 """cycles that robots are left to settle in, and over which their speed is taken"""
+PLACES = 24
+"""in a cycle, at most, through which a robot's path is followed"""
 FEWEST = 5
 """robots, of which correlations say something"""
 ROLLING = 0.85
@@ -182,16 +185,31 @@ def speeds_of_robots(
 ) -> Float[np.ndarray, " robots"]:
     """Steady speeds, m/s, of robots that differ, begun on the orbit of the scene; 0 where a rollout fails.
 
-    The mean over `WATCHED` cycles, after `SETTLING` cycles, of the displacement of the centre of mass in a cycle.
+    Over `WATCHED` cycles, after `SETTLING` cycles, along a line or about the centre of what turns, as an orbit's is.
     """
     here, chosen = restarted(scene, orbit), in_step(restarted(scene, orbit), orbit.period, options)
     assert here.gait is not None, "an orbit has a gait"
     gaits = gaits_of(here.gait, np.repeat(np.asarray(here.gait.phase)[None], robots, axis=0))
     begun: Any = np.repeat(np.asarray(orbit.state[1])[None], robots, axis=0)
     differences = eqx.tree_at(lambda d: d.velocities, differences, begun, is_leaf=lambda x: x is None)
-    cycles = SETTLING + WATCHED
+    step = float(cast(float, resolve(here, orbit.cycle, chosen).dt))
+    cycles, places = SETTLING + WATCHED, _places(round(orbit.cycle / step))
     outcomes = simulate_population(
-        here, gaits, cycles * orbit.cycle, options=chosen, differences=differences, parts=cycles
+        here, gaits, cycles * orbit.cycle, options=chosen, differences=differences, parts=cycles * places
     )
-    moved = np.diff(np.asarray(outcomes.com_path)[:, SETTLING:, :2], axis=1)
-    return np.where(np.asarray(outcomes.failure) == 0, np.hypot(*moved.T).mean(0) / orbit.cycle, 0.0)
+    paths = np.asarray(outcomes.com_path, float)[:, SETTLING * places :, :2]
+    return np.where(np.asarray(outcomes.failure) == 0, steady_speeds(paths, places, orbit.cycle), 0.0)
+
+
+def steady_speeds(paths: Float[np.ndarray, "robots places 2"], each: int, cycle: float) -> Float[np.ndarray, " robots"]:
+    """m/s, of robots that were at these places, m, `each` of them in a cycle of so many seconds."""
+    x, y = np.diff(paths[:, ::each], axis=1).T
+    along = x + 1j * y
+    turned = np.angle((along[1:] * np.conj(along[:-1])).sum(0))
+    ways = [way_along(path, angle / each) for path, angle in zip(paths, turned)]
+    return np.array(ways, float) * each / cycle
+
+
+def _places(steps: int) -> int:
+    """In a cycle of so many steps, at which to look: as many as `PLACES`, of which each is a whole number of steps."""
+    return max(count for count in range(1, PLACES + 1) if steps % count == 0)

@@ -14,6 +14,7 @@ from jaxgrity import (
     speed_slopes,
     with_gait,
 )
+from jaxgrity.identification.speed_forecast import steady_speeds
 
 PARAMETERS = (Parameter("friction.mu", 0.2), Parameter("structure.node_mass", 0.1, parts=(1,)))
 CORRELATED = 1e-2 * np.array([[1.0, 0.6], [0.6, 2.0]])
@@ -28,6 +29,17 @@ def known(scene, covariance=CORRELATED) -> Identified:
 def forecast(crawler):
     scene, _, options = crawler
     return speed_forecast(jax.random.key(0), known(scene), robots=64, duration=60.0, options=options)
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.4, -1.5])
+def test_the_speed_of_what_turns_is_about_its_centre(angle):
+    """The same whatever the moment at which cycles begin, of a robot that sways as it goes round, or straight on."""
+    moments = (np.arange(4 * 24 + 1) + np.arange(24)[:, None]) / 24
+    sway = 0.1 * np.exp(2j * np.pi * moments) + 0.05j * np.sin(4 * np.pi * moments)
+    turned = np.exp(1j * angle * moments)
+    places = (turned / (1j * angle) if angle else moments) + turned * sway
+    speeds = steady_speeds(np.stack([places.real, places.imag], 2), 24, 2.0)
+    np.testing.assert_allclose(speeds, 0.5, rtol=1e-3)
 
 
 @pytest.mark.slow
