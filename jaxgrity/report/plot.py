@@ -57,7 +57,10 @@ def save(figure: Figure, path: str | Path) -> None:
 
 @styled
 def convergence_figure(searches: list[Evolution], names: tuple[str, ...] = (), unit: str = "m") -> Figure:
-    """Best and median fitness of each generation of the searches that followed each other, with their `names`."""
+    """Best and median fitness of each generation of the searches that followed each other, with their `names`.
+
+    Hollow where no gait kept the bounds on actuators on all its robots: the best is the one least beyond then.
+    """
     figure = Figure(figsize=(7, 4), layout="constrained")
     axes = figure.subplots()
     first = 1
@@ -65,6 +68,8 @@ def convergence_figure(searches: list[Evolution], names: tuple[str, ...] = (), u
         numbers = np.arange(first, first + len(search.best))
         for values, colour, kind in ((search.best, STRUT, "best"), (search.median, PATH, "median")):
             axes.plot(numbers, values, "o-", markersize=3, color=colour, label=None if number else kind)
+            beyond = search.within == 0
+            axes.plot(numbers[beyond], values[beyond], "o", markersize=3, color=colour, markerfacecolor="white")
         if len(searches) > 1:
             axes.axvspan(numbers[0] - 0.5, numbers[-1] + 0.5, color=GROUND, alpha=0.6 if number % 2 else 0.2, lw=0)
             axes.text(numbers.mean(), 0.02, names[number], ha="center", transform=axes.get_xaxis_transform())
@@ -73,6 +78,8 @@ def convergence_figure(searches: list[Evolution], names: tuple[str, ...] = (), u
     title = f"{rollouts} rollouts; each by the draws that it was chosen by, on fresh robots the best is worth less"
     axes.set(xlabel="generation", ylabel=f"fitness ({unit})" if unit else "fitness", title=title)
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    if any((search.within == 0).any() for search in searches):
+        axes.plot([], [], "o", markersize=3, color=STRUT, markerfacecolor="white", label="every gait beyond a bound")
     axes.legend()
     return figure
 

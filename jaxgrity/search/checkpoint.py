@@ -102,6 +102,8 @@ def load_states(folder: Path) -> tuple[SearchState, ...]:
     found: list[SearchState] = []
     while (path := folder / STATE.format(len(found))).exists():
         with np.load(path) as saved:
+            if missing := [name for name in Record._fields if f"record_{name}" not in saved]:
+                raise InputError(f"{path}: has no record_{missing[0]}; expected a run of this version, or restart")
             record = Record(*(saved[f"record_{name}"] for name in Record._fields))
             evaluated = None
             if f"evaluated_{Generation._fields[0]}" in saved:

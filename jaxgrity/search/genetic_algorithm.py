@@ -109,6 +109,8 @@ class Record(NamedTuple):
     """of the median gait, of those within the bounds on actuators where there are such"""
     failed: Float[np.ndarray, " generations"]
     """how many gaits failed"""
+    within: Float[np.ndarray, " generations"]
+    """how many kept the bounds on actuators on all their robots"""
 
 
 class SearchState(NamedTuple):
@@ -138,6 +140,8 @@ class Evolution(NamedTuple):
     """(generations,), of the median gait"""
     failed: np.ndarray
     """(generations,), how many gaits failed"""
+    within: np.ndarray
+    """(generations,), how many kept the bounds on actuators on all their robots; where none did, the best is none"""
     rollouts: int
 
 
@@ -194,8 +198,8 @@ def evolve(
     assert state.evaluated is not None, "there is at least one generation"
     gaits = config.population * config.generations + (config.drawn or config.population) - config.population
     rollouts = gaits * problem.fitness.rollouts
-    best, median, failed = state.record
-    return Evolution(state.evaluated, best, median, failed.astype(int), rollouts)
+    best, median, failed, within = state.record
+    return Evolution(state.evaluated, best, median, failed.astype(int), within.astype(int), rollouts)
 
 
 def _advance(state: SearchState, problem: SearchProblem, config: GAConfig, models: tuple[Model, ...]) -> SearchState:
@@ -214,9 +218,9 @@ def _advance(state: SearchState, problem: SearchProblem, config: GAConfig, model
         children, memory = asked_next(bred, raw, scores.merit, state.memory, config.population, width)
     else:
         children = _breed(bred, generation, np.asarray(progress, genes.dtype), genome, config)
-    within = scores.beyond[order] == 0
+    within = ((scores.beyond == 0) & ~scores.failed)[order]
     median = _median(generation.fitness[within] if within.any() else generation.fitness)
-    newest = (float(generation.fitness[0]), median, float(generation.failed))
+    newest = (float(generation.fitness[0]), median, float(generation.failed), float(within.sum()))
     record = Record(*(np.append(so_far, x) for so_far, x in zip(state.record, newest)))
     return SearchState(state.number + 1, jax.random.key_data(key), children, record, generation, memory)
 

@@ -215,6 +215,7 @@ def _evolve(
             "level": searched[number].name,
             "best": float(state.record.best[-1]),
             "failed": int(state.record.failed[-1]),
+            "within bounds": int(state.record.within[-1]),
         }
         listener(Progress("evolving", done, total, facts))
 

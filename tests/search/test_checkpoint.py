@@ -18,7 +18,7 @@ def state(seed: int, dtype: str = "float32", generations: int = 2) -> SearchStat
     """Of a search after so many generations, with numbers at random."""
     first = begin(GENOME, CONFIG, seed, dtype)
     random = np.random.default_rng(seed)
-    record = Record(*random.normal(size=(3, generations)))
+    record = Record(*random.normal(size=(4, generations)))
     record.best[0] = -np.inf
     fitness = jnp.asarray([*random.normal(size=3), -np.inf], dtype)
     genes = jnp.asarray(random.uniform(size=(4, 3)), dtype)

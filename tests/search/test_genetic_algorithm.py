@@ -1,5 +1,6 @@
 """The genetic algorithm: circular genes, elites, repeatability, what is uncertain, failures."""
 
+import dataclasses
 from itertools import pairwise
 
 import equinox as eqx
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 
 from jaxgrity import (
+    ActuatorBounds,
     Direction,
     FidelityLevel,
     Fitness,
@@ -23,6 +25,7 @@ from jaxgrity import (
     evolve,
     judge_at,
     open_checkpoint,
+    plot,
 )
 from jaxgrity.search.genetic_algorithm import begin, breed
 
@@ -56,6 +59,20 @@ def test_elites_survive(search):
     assert np.all(np.diff(result.best) >= 0)
     assert np.all(np.diff(np.asarray(result.last.fitness)) <= 0)
     assert result.rollouts == 36
+
+
+def test_the_record_tells_where_no_gait_keeps_the_bounds(problem, search):
+    """Its best is the one least beyond then, and marked as such in the figure."""
+    everyone = np.full(SMALL.generations, SMALL.population)
+    np.testing.assert_array_equal(search[0].within, everyone)
+    tight = problem._replace(fitness=dataclasses.replace(problem.fitness, bounds=ActuatorBounds(rate=1e-6)))
+    beyond = evolve(tight, SMALL, seed=3, options=OPTIONS)
+    np.testing.assert_array_equal(beyond.within, 0 * everyone)
+    labels = [
+        [text.get_text() for text in plot.convergence_figure([result]).axes[0].get_legend().get_texts()]
+        for result in (search[0], beyond)
+    ]
+    assert labels == [["best", "median"], ["best", "median", "every gait beyond a bound"]]
 
 
 def test_every_generation_is_reported(search):
