@@ -8,7 +8,19 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from jaxgrity import ExactGround, InputError, PenaltyGround, Scene, Structure, Trajectory, simulate, with_gait
+from jaxgrity import (
+    ExactGround,
+    InputError,
+    PenaltyGround,
+    Scene,
+    Structure,
+    Trajectory,
+    gait_names,
+    load_gait,
+    load_scene,
+    simulate,
+    with_gait,
+)
 from jaxgrity.rollout.rolling import Rolling, faces, name_of_motion, rolling
 
 BODY = np.sqrt(5) / 2
@@ -295,3 +307,18 @@ def test_motions_have_their_names(name, path, supports, airborne):
         turned = path @ np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]]) + np.array([3, -2])
         assert name_of_motion(turned, supports, airborne) == name
         assert name_of_motion(turned[::-1], supports[::-1], airborne) == name
+
+
+HOPPING_GAITS = ("cables", "uphill")
+"""of the library: in the air for a fifth of the time and more"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scene_name", ["exact", pytest.param("reference", marks=pytest.mark.campaign)])
+def test_the_gaits_of_the_library_have_their_names(scene_name):
+    """Those that were found as rolling ones roll, straight on and in circles, however long one looks."""
+    scene = load_scene(scene_name)
+    for gait in gait_names():
+        there = with_gait(scene, load_gait(gait))
+        named = {rolling(there, simulate(there, duration)).kind for duration in (8.0, 20.0)}
+        assert named == {"hops" if gait in HOPPING_GAITS else "rolls"}, gait
