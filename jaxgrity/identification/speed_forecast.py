@@ -187,7 +187,7 @@ def speeds_of_robots(
 
     Over `WATCHED` cycles, after `SETTLING` cycles, along a line or about the centre of what turns, as an orbit's is.
     """
-    here, chosen = restarted(scene, orbit), in_step(restarted(scene, orbit), orbit.period, options)
+    here, chosen = restarted(scene, orbit), in_step(scene, orbit.period, options)
     assert here.gait is not None, "an orbit has a gait"
     gaits = gaits_of(here.gait, np.repeat(np.asarray(here.gait.phase)[None], robots, axis=0))
     begun: Any = np.repeat(np.asarray(orbit.state[1])[None], robots, axis=0)

@@ -22,6 +22,10 @@ STAYING = 0.1
 """diameters of the robot: one whose path is less wide stays"""
 ROUND = 0.5
 """of the disc about its path: a robot goes round whose centre sweeps over so much of it, more one way than the other"""
+COMING_BACK = 0.25
+"""of a path's width: where its later half is no farther on in the mean, a robot comes and goes"""
+FLAT = 1e-6
+"""of a structure's size, by which nodes of one flat face may be out of its plane"""
 ANGLES = 36
 """in which a path's width is looked at"""
 TIME_ROUNDING = 1e-4
@@ -65,19 +69,23 @@ class Rolling(NamedTuple):
         )
 
 
-def faces(structure: Structure) -> tuple[tuple[int, int, int], ...]:
-    """The triangles of the built nodes' convex hull, each sorted, all sorted; 20 of the six-strut icosahedron.
+def faces(structure: Structure) -> tuple[tuple[int, ...], ...]:
+    """The flat faces of the built nodes' convex hull, each sorted, all sorted; 20 of the six-strut icosahedron.
 
-    A flat face of more than three nodes is several triangles. Raises `InputError` where all nodes lie in a plane.
+    Triangles that lie in one plane, to `FLAT` of the structure's size, are one face. Raises `InputError` where all
+    nodes lie in a plane.
     """
+    nodes = np.asarray(structure.nodes, float)
     try:
-        hull = ConvexHull(np.asarray(structure.nodes, float))
+        hull = ConvexHull(nodes)
     except QhullError as error:
         raise InputError(
-            f"the structure's {len(structure.nodes)} nodes lie in a plane: there are no faces to stand on; expected at "
+            f"the structure's {len(nodes)} nodes lie in a plane: there are no faces to stand on; expected at "
             "least 4 nodes that do not"
         ) from error
-    return tuple(sorted((i, j, k) for i, j, k in np.sort(hull.simplices, axis=1).tolist()))
+    off = np.abs(nodes[hull.vertices] @ hull.equations[:, :3].T + hull.equations[:, 3])
+    near = off <= FLAT * np.ptp(nodes, axis=0).max()
+    return tuple(sorted({tuple(sorted(hull.vertices[each].tolist())) for each in near.T}))
 
 
 def rolling(scene: Scene, trajectory: Trajectory) -> Rolling:
@@ -92,7 +100,7 @@ def rolling(scene: Scene, trajectory: Trajectory) -> Rolling:
     "hops": in the air for more than `HOPPING` of the time, also on the spot;
     "stays": its path is less than `STAYING` diameters wide, the longest distances between two built nodes;
     "turns on the spot": its path is less than a diameter wide, and goes round (`ROUND`), over more faces than one;
-    "rocks": its path is less than a diameter wide, and it stood on a face again;
+    "rocks": its path is less than a diameter wide, and it stood on a face again, or comes and goes (`COMING_BACK`);
     "slides": rolls fewer times than its way is diameters long, in straight stretches of a diameter each;
     "rolls", straight on or in circles.
 
@@ -129,11 +137,11 @@ def rolling(scene: Scene, trajectory: Trajectory) -> Rolling:
     path_length = float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
     displacement = float(np.linalg.norm(path[-1] - path[0]))
     straightness = displacement / path_length if path_length > 0 else 0.0
-    hull = np.array(faces(scene.structure))
+    hull = faces(scene.structure)
     diameter = float(pdist(np.asarray(scene.structure.nodes, float)).max())
-    lowest = phi[:, hull].mean(-1).argmin(1)
+    lowest = np.stack([phi[:, list(face)].mean(1) for face in hull], 1).argmin(1)
     begins = _changes(lowest, times / time)
-    supports = tuple(tuple(face) for face in hull[lowest[begins]].tolist())
+    supports = tuple(hull[face] for face in lowest[begins])
     rolls = max(0, len(supports) - 1)
     kind = name_of_motion(path / diameter, supports, airborne_share)
     return Rolling(
@@ -159,9 +167,10 @@ def name_of_motion(path: np.ndarray, supports: tuple[tuple[int, ...], ...], airb
         return "hops"
     if wide < STAYING:
         return "stays"
-    if wide < 1 and rolls > 0 and _swept(path) > ROUND * np.pi * wide**2 / 4:
+    goes_round = _swept(path) > ROUND * np.pi * wide**2 / 4
+    if wide < 1 and rolls > 0 and goes_round:
         return "turns on the spot"
-    if wide < 1 and len(set(supports)) < len(supports):
+    if wide < 1 and (len(set(supports)) < len(supports) or (_further(path) < COMING_BACK * wide and not goes_round)):
         return "rocks"
     return "slides" if rolls < _way(path) else "rolls"
 
@@ -176,6 +185,12 @@ def _swept(path: np.ndarray) -> float:
     """The area that the line from a path's middle to its end sweeps over, to the left less to the right."""
     (x, y), (dx, dy) = (path[:-1] - (path.min(0) + path.max(0)) / 2).T, np.diff(path, axis=0).T
     return abs(float(np.sum(x * dy - y * dx))) / 2
+
+
+def _further(path: np.ndarray) -> float:
+    """By how much the later half of a path is farther on than its first, in the mean."""
+    first, later = np.array_split(path, 2)
+    return float(np.linalg.norm(later.mean(0) - first.mean(0)))
 
 
 def _way(path: np.ndarray) -> float:

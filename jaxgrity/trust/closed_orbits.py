@@ -70,7 +70,7 @@ def closed_orbit(scene: Scene, orbit: Orbit, options: ResolvedOptions) -> Closed
     if scene.structure.fixed:
         raise InputError("closed_orbit: the structure has supports, and moves nowhere; expected one without")
     running = restarted(scene, orbit)
-    chosen = in_step(running, orbit.period, options)
+    chosen = in_step(scene, orbit.period, options)
     return _closed(running, orbit, resolve(running, orbit.period, chosen))
 
 

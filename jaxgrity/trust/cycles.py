@@ -34,8 +34,13 @@ def plane_of(scene: Scene) -> Plane:
     return Plane(np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]), not scene.ground.incline and scene.up is None)
 
 
-def shape(q: NodeVectors) -> np.ndarray:
-    """What no planar motion changes, m: heights of nodes, and distances between them. Of nodes in a plane's axes."""
+def shape(q: NodeVectors, plane: Plane) -> np.ndarray:
+    """What no motion along the plane changes, m, of nodes in its axes: their heights, and distances between them.
+
+    Where a turn does not leave the plane as it is, in place of distances where nodes are about their mean.
+    """
+    if not plane.turns:
+        return np.concatenate([q[:, 2], (q - q.mean(0))[:, :2].ravel()])
     i, j = np.triu_indices(len(q), 1)
     return np.concatenate([q[:, 2], np.linalg.norm(q[i] - q[j], axis=1)])
 

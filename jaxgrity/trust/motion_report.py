@@ -64,17 +64,18 @@ def _settled(scene: Scene, trajectory: Trajectory) -> tuple[float, int]:
     times, q = np.asarray(trajectory.times, float), np.asarray(trajectory.positions, float)
     size = SETTLED * float(body_length(scene))
     try:
-        axes = plane_of(scene).axes
+        plane = plane_of(scene)
         period, start = (0.0, 0.0) if scene.gait is None else (period_of(scene.gait), _full_swing(scene.gait))
     except InputError:  # no plane, or several frequencies: nothing that returns
         return np.inf, 0
     if not period:
-        off = np.array([np.abs(shape(x @ axes) - shape(q[-1] @ axes)).max() for x in q]) > size
+        shapes = np.array([shape(x @ plane.axes, plane) for x in q])
+        off = np.abs(shapes - shapes[-1]).max(1) > size
         last = int(np.flatnonzero(off)[-1]) + 1 if off.any() else 0
         return (float(times[last]), 0) if times[last] < times[-1] / 2 else (np.inf, 0)
     moving = times >= start
-    times, levelled = times[moving], q[moving] @ axes
-    shapes = np.array([shape(x) for x in levelled])
+    times, levelled = times[moving], q[moving] @ plane.axes
+    shapes = np.array([shape(x, plane) for x in levelled])
     for periods in range(1, MOST_PERIODS + 1):
         cycle = periods * period
         again = times[times + 2 * cycle <= times[-1]]

@@ -95,7 +95,7 @@ def floquet_multipliers(
     if after is not None and after < 0:
         raise InputError(f"after = {after}: expected 0 periods or more")
     here, plane = restarted(scene, orbit), plane_of(scene)
-    chosen = resolve(here, orbit.period, in_step(here, orbit.period, options))
+    chosen = resolve(here, orbit.period, in_step(scene, orbit.period, options))
     assert chosen.dt is not None, "`in_step` gives a step"
     steps = round(orbit.period / float(chosen.dt))
     ahead = np.asarray(steps * (orbit.periods if after is None else after))

@@ -68,7 +68,7 @@ def orbit_cycle(scene: Scene, orbit: Orbit, *, options: Options = None) -> Orbit
         >>> cycle.distance > 2, cycle.effort > cycle.work > 0
         (True, True)
     """
-    here, chosen = restarted(scene, orbit), in_step(restarted(scene, orbit), orbit.period, options)
+    here, chosen = restarted(scene, orbit), in_step(scene, orbit.period, options)
     start = Differences(velocities=np.asarray(orbit.state[1])[None])
     assert here.gait is not None, "an orbit has a gait"
     gaits = as_population(here.gait)

@@ -148,7 +148,7 @@ def derivatives_along(
     if most_cycles < 3:
         raise InputError(f"most_cycles = {most_cycles}: expected at least 3, to see whether tangents settle")
     here = restarted(scene, orbit)
-    chosen = resolve(here, orbit.period, in_step(here, orbit.period, options))
+    chosen = resolve(here, orbit.period, in_step(scene, orbit.period, options))
     assert chosen.dt is not None, "`in_step` gives a step"
     here, steps = as_dtype(here, "float64"), round(orbit.period / FRAMES / float(chosen.dt))
     frames = orbit.periods * FRAMES

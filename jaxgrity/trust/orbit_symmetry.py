@@ -14,7 +14,7 @@ from jaxgrity.model.scene import Scene
 from jaxgrity.model.symmetry import gene_permutations, symmetries
 from jaxgrity.stepping.options import Options
 from jaxgrity.stepping.simulate import simulate
-from jaxgrity.trust.cycles import ALIKE, plane_of, shape
+from jaxgrity.trust.cycles import ALIKE, Plane, plane_of, shape
 from jaxgrity.trust.orbits import Orbit, in_step, restarted
 
 LARGEST_PART = 12
@@ -73,19 +73,18 @@ def repetition(scene: Scene, orbit: Orbit, *, options: Options = None) -> Repeti
     ]
     frames = 4 * lcm(*(share.denominator for share, _ in found))
     here = restarted(scene, orbit)
-    chosen = in_step(here, orbit.period / frames, options)
+    chosen = in_step(scene, orbit.period / frames, options)
     duration = (SETTLING + 2) * orbit.cycle
     trajectory = simulate(here, duration, options=chosen, frame_rate=frames / orbit.period, velocities=orbit.state[1])
     whole = Repetition(orbit.cycle, tuple(range(len(scene.structure.nodes))), orbit.residual)
     if trajectory.failed:
         return whole
-    long = frames * orbit.periods
-    q = np.asarray(trajectory.positions, float)[-2 * long :] @ plane_of(scene).axes
-    before = np.array([shape(x) for x in q[:long]])
-    limit = ALIKE * _change(q, before, long, whole.nodes) + ROUNDING * orbit.body_length
+    long, plane = frames * orbit.periods, plane_of(scene)
+    q = np.asarray(trajectory.positions, float)[-2 * long :] @ plane.axes
+    limit = ALIKE * _change(q, plane, long, whole.nodes) + ROUNDING * orbit.body_length
     lags = [(m * frames + int(share * frames), nodes) for share, nodes in found for m in range(orbit.periods)]
     for lag, nodes in sorted(lags):
-        if 0 < lag < long and (change := _change(q, before, lag, nodes)) <= limit:
+        if 0 < lag < long and (change := _change(q, plane, lag, nodes)) <= limit:
             return Repetition(lag * orbit.period / frames, nodes, change)
     return whole
 
@@ -115,21 +114,24 @@ def distance_from_orbit(
     nodes = np.shape(scene.structure.nodes)
     if np.ndim(positions) != 3 or np.shape(positions)[1:] != nodes:
         raise InputError(f"positions have shape {np.shape(positions)}; expected (robots, {nodes[0]}, 3)")
-    here, axes = restarted(scene, orbit), plane_of(scene).axes
-    chosen, rate = in_step(here, orbit.period / MOMENTS, options), MOMENTS / orbit.period
+    here, plane = restarted(scene, orbit), plane_of(scene)
+    chosen, rate = in_step(scene, orbit.period / MOMENTS, options), MOMENTS / orbit.period
     trajectory = simulate(here, orbit.cycle, options=chosen, frame_rate=rate, velocities=orbit.state[1])
-    through = np.array([shape(x) for x in np.asarray(trajectory.positions, float) @ axes])
+    through = np.array([shape(x, plane) for x in np.asarray(trajectory.positions, float) @ plane.axes])
     images = [list(symmetry.nodes) for symmetry in symmetries(scene.structure)]
     least = [
-        min(np.abs(through - shape(x[image])).max(1).min() for image in images)
-        for x in np.asarray(positions, float) @ axes
+        min(np.abs(through - shape(x[image], plane)).max(1).min() for image in images)
+        for x in np.asarray(positions, float) @ plane.axes
     ]
     return np.array(least)
 
 
-def _change(q: np.ndarray, before: np.ndarray, lag: int, nodes: tuple[int, ...]) -> float:
-    """By how much the shapes of (frames, nodes, 3) differ from those a lag before, node nodes[i] taken for i, m."""
-    after = np.array([shape(x[list(nodes)]) for x in q[lag : lag + len(before)]])
+def _change(q: np.ndarray, plane: Plane, lag: int, nodes: tuple[int, ...]) -> float:
+    """By how much the shapes of the first half of (frames, nodes, 3) differ from those a lag later, node nodes[i] taken
+    for i, m.
+    """
+    before = np.array([shape(x, plane) for x in q[: len(q) // 2]])
+    after = np.array([shape(x[list(nodes)], plane) for x in q[lag : lag + len(before)]])
     return float(np.abs(after - before).max())
 
 

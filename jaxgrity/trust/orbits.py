@@ -49,11 +49,12 @@ class Orbit(NamedTuple):
     standard_error: float
     """m/s, of the speed, from its scatter over cycles that do not overlap"""
     turning: float
-    """rad/s about the vertical, positive to the left; 0 on a slope, which a turn does not leave as it is"""
+    """rad/s about the vertical, positive to the left; on a slope, where no motion that turns repeats itself, what is
+    left of it where shapes return within `SETTLED`"""
     velocity: tuple[float, float]
     """(along x, along y), m/s, horizontal displacement over time: less than the speed where the path bends"""
     residual: float
-    """m, by which heights of nodes and distances between them change over a cycle at most; the median over cycles"""
+    """m, by which the `shape` changes over a cycle at most; the median over cycles"""
     settled_after: float
     """s, from which on shapes returned to `SETTLED` body lengths after each cycle; infinite where that was never so, or
     too late for two of the longest cycles"""
@@ -126,9 +127,9 @@ def find_orbit(
     """Roll the scene's gait out, and find the orbit that the robot settles on.
 
     Shapes are compared once a period: heights of nodes above the plane and distances between them, which no planar
-    motion changes. The cycle is the smallest number of periods after which they return nearly as closely as after any
-    other. Speed and turning are those of the planar motions that fit cycles best; on a slope, which a turn does not
-    leave as it is, those of shifts along the plane.
+    motion changes; on a slope, which a turn does not leave as it is, what no shift along it changes. The cycle is the
+    smallest number of periods after which they return nearly as closely as after any
+    other. Speed and turning are those of the planar motions that fit cycles best.
 
     Args:
         scene: what rolls, with a gait whose actuators share one frequency.
@@ -157,7 +158,7 @@ def find_orbit(
         raise InputError(f"duration = {duration:g} s: expected at least {least:.4g} s, to see cycles of this gait")
     count, plane, first = int(duration / period + 1e-9), plane_of(scene), _first_period(scene.gait)
     here, v = (scene, None) if beginning is None else (restarted(scene, beginning), beginning.state[1])
-    chosen = in_step(here, period, options)
+    chosen = in_step(scene, period, options)
     trajectory = simulate(here, count * period, options=chosen, frame_rate=FRAMES / period, velocities=v)
     return _orbit(scene, trajectory, period, plane, first if beginning is None else 0)
 
@@ -193,7 +194,7 @@ def stability(scene: Scene, orbit: Orbit, *, options: Options = None, robots: in
     differences = Differences(velocities=v + deviates)
     assert here.gait is not None, "an orbit has a gait"
     gaits = gaits_of(here.gait, np.repeat(np.asarray(here.gait.phase)[None], robots, axis=0))
-    chosen, ends = in_step(here, orbit.period, options), []
+    chosen, ends = in_step(scene, orbit.period, options), []
     for cycles in (1, 2):
         outcomes = simulate_population(here, gaits, cycles * orbit.cycle, options=chosen, differences=differences)
         ends.append(np.where((np.asarray(outcomes.failure) == 0)[:, None, None], outcomes.positions, np.nan))
@@ -235,7 +236,10 @@ def _first_period(gait: Gait | None) -> int:
 
 
 def in_step(scene: Scene, period: float, options: Options) -> SolverOptions:
-    """The options, in float64, with a step of which each frame of the period has a whole number."""
+    """The options, in float64, with a step of which each frame of the period has a whole number.
+
+    The scene is as it is before it is on an orbit: a step that is fine there is taken on the orbit too.
+    """
     resolved = resolve(scene, period, options, dtype="float64")
     if resolved.dt is None:
         raise InputError(f"method = {resolved.method.name!r} adapts its step; expected a fixed one (dt), for an orbit")
@@ -252,6 +256,7 @@ def in_step(scene: Scene, period: float, options: Options) -> SolverOptions:
         strut_tolerance=tolerance,
         together=together,
         max_steps=resolved.max_steps,
+        any_step=True,
     )
 
 
@@ -265,7 +270,7 @@ def _orbit(scene: Scene, trajectory: Trajectory, period: float, plane: Plane, fi
     once = q[::FRAMES][first:] @ plane.axes
     path = centre_path(scene, trajectory)[first * FRAMES :]
     places, path = path[::FRAMES], (path @ plane.axes)[:, :2]
-    shapes, half = np.array([shape(x) for x in once]), len(once) // 2
+    shapes, half = np.array([shape(x, plane) for x in once]), len(once) // 2
     periods = cycle(shapes[half:], (places @ plane.axes)[half:, :2])
     changes = np.abs(shapes[periods:] - shapes[:-periods]).max(1)
     beyond = np.flatnonzero(changes > SETTLED * size)
@@ -273,7 +278,8 @@ def _orbit(scene: Scene, trajectory: Trajectory, period: float, plane: Plane, fi
     settled = len(once) - since >= 2 * MOST_PERIODS
     since = since if settled else half
     later, time = (len(changes) - since) // 2, periods * period
-    back = [moved_onto(mass, once[k + periods], once[k], plane)[2] for k in range(since + later, len(changes))]
+    turning = plane._replace(turns=True)
+    back = [moved_onto(mass, once[k + periods], once[k], turning)[2] for k in range(since + later, len(changes))]
     turned, frames = -float(np.mean(back)), periods * FRAMES
     cycles = (path[k * FRAMES :][: frames + 1] for k in range(since, len(changes)))
     every = np.array([way_along(each, turned / frames) * FRAMES / period for each in cycles])

@@ -78,6 +78,24 @@ def test_faces_of_the_icosahedron(scene):
     assert len(closed) == 8
 
 
+def test_a_flat_face_is_one(scene):
+    """A prism of five struts that slides upright on its base, rattling by a micrometre, does not roll."""
+    angle = 2 * np.pi * np.arange(5) / 5
+    ring = np.stack([np.cos(angle), np.sin(angle)], 1)
+    nodes = np.concatenate([np.insert(ring, 2, 0.0, axis=1), np.insert(ring, 2, 1.5, axis=1)])
+    sides = ((0, 1, 5, 6), (0, 4, 5, 9), (1, 2, 6, 7), (2, 3, 7, 8), (3, 4, 8, 9))
+    body = Structure(nodes, np.ones(10))
+    assert set(faces(body)) == {(0, 1, 2, 3, 4), (5, 6, 7, 8, 9), *sides}
+    times = np.linspace(0, 4, 401)
+    slides = translation(nodes, times, times[:, None] * [0.5, 0, 0])
+    rattles = 1e-6 * np.random.default_rng(0).uniform(size=(8, 10))[np.arange(401) // 50 % 8]
+    rattling = dataclasses.replace(
+        slides, positions=slides.positions + np.stack([0 * rattles, 0 * rattles, rattles], 2)
+    )
+    found = rolling(Scene(body, 9.81, ground=scene.ground), rattling)
+    assert (found.kind, found.supports) == ("slides", ((0, 1, 2, 3, 4),))
+
+
 @pytest.mark.parametrize("count", [3, 4, 9])
 def test_flat_structures_have_no_faces(count):
     nodes = np.random.default_rng(0).normal(size=(count, 3)) * [1, 1, 0]
@@ -292,6 +310,8 @@ def to_and_fro(size: float, times: int = 4, drift: float = 0.0) -> np.ndarray:
         ("slides", to_and_fro(4.0, 2), IN_TURN, 0.0),
         ("rocks", to_and_fro(0.4), TO_AND_FRO, 0.0),
         ("rocks", to_and_fro(0.9, 2), IN_TURN[:2] + IN_TURN[:1], 0.05),
+        ("rocks", to_and_fro(0.3, 5), IN_TURN[:1], 0.0),
+        ("slides", circle(0.3, 4.0), IN_TURN[:1], 0.0),
         ("turns on the spot", circle(0.3, 4.0), IN_TURN, 0.0),
         ("turns on the spot", circle(0.3, -2.0, 0.02), IN_TURN * 2, 0.0),
         ("stays", to_and_fro(0.05), TO_AND_FRO, 0.0),

@@ -85,15 +85,18 @@ def test_what_happens_before_the_robot_settles_does_not_count(exact):
 
 
 def test_up_a_slope_shapes_return_too(exact):
-    """Heights are those above the slope, and the speed is that along it."""
+    """Heights are those above the slope, and the speed is that along it. What turns there settles on no orbit."""
     slope = replace(exact, ground=replace(exact.ground, incline=0.3))
     plane = plane_of(slope)
     motion = made_by_hand(exact, 1, turning=1e-9)
     q = motion.positions @ plane.axes.T
     orbit = orbits._orbit(slope, replace(motion, positions=q), PERIOD, plane, 6)
-    assert orbit.residual < 1e-12
+    assert orbit.residual < 1e-9
     assert orbit.speed == pytest.approx(SPEED, rel=1e-6)
-    assert orbit.turning == 0
+    assert orbit.turning == pytest.approx(1e-9, rel=1e-3)
+    turns = made_by_hand(exact, 1)
+    assert orbits._orbit(exact, turns, PERIOD, LEVEL, 6).settled
+    assert not orbits._orbit(slope, replace(turns, positions=turns.positions @ plane.axes.T), PERIOD, plane, 6).settled
     bumpy = replace(exact, ground=jaxgrity.ExactGround(surface=jaxgrity.bumps(0.02, 0.5, 0)))
     with pytest.raises(InputError, match=r"ground.surface: expected a plane"):
         find_orbit(with_gait(bumpy, load_gait("lasting")))
