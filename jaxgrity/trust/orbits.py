@@ -27,6 +27,8 @@ FRAMES = 20
 """saved in each period of actuation"""
 SETTLED = 0.1
 """body lengths: the robot has settled once shapes change by less over each cycle that follows"""
+HEADING = 0.2
+"""rad, by which a robot may have turned on a slope since it settled: what turns on does not repeat itself there"""
 WINDOW = 10.0
 """s, in each of which the displacement of a body of one metre is looked at"""
 DISTURBANCE = 0.1
@@ -49,8 +51,8 @@ class Orbit(NamedTuple):
     standard_error: float
     """m/s, of the speed, from its scatter over cycles that do not overlap"""
     turning: float
-    """rad/s about the vertical, positive to the left; on a slope, where no motion that turns repeats itself, what is
-    left of it where shapes return within `SETTLED`"""
+    """rad/s about the ground's normal, positive to the left; on a slope, where no motion that turns repeats itself,
+    `HEADING` at most over all of the time"""
     velocity: tuple[float, float]
     """(along x, along y), m/s, horizontal displacement over time: less than the speed where the path bends"""
     residual: float
@@ -281,6 +283,8 @@ def _orbit(scene: Scene, trajectory: Trajectory, period: float, plane: Plane, fi
     turning = plane._replace(turns=True)
     back = [moved_onto(mass, once[k + periods], once[k], turning)[2] for k in range(since + later, len(changes))]
     turned, frames = -float(np.mean(back)), periods * FRAMES
+    watched = (len(once) - 1 - since) * period
+    settled = settled and (plane.turns or abs(turned) / time * watched <= HEADING)
     cycles = (path[k * FRAMES :][: frames + 1] for k in range(since, len(changes)))
     every = np.array([way_along(each, turned / frames) * FRAMES / period for each in cycles])
     seconds = WINDOW * float(time_scale(scene))
