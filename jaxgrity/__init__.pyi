@@ -145,9 +145,9 @@ from .search.objectives import (
     SteadyTurn,
     Straightness,
     find_objective,
-    path_bend,
     register_objective,
 )
+from .search.paths import path_bend
 from .search.pipeline import Progress, SearchResult, search_gaits
 from .search.polish import Polished, polish
 from .search.polish_config import PolishConfig, check_polish

@@ -23,6 +23,13 @@ def steady(summary: dict[str, Any]) -> str:
     return with_error(f"{found['speed']:.3f}", found["speed_error_bar"]) if found["settled"] else "-"
 
 
+def beyond(summary: dict[str, Any]) -> str:
+    """Whether it asks more of actuators than it may, or which share of the robots that differ does."""
+    if not summary["within_bounds"]:
+        return "yes"
+    return f"{100 * summary['beyond_bounds']:.3g} %"
+
+
 COLUMNS = {
     "steady, m/s": steady,
     "verified, m": lambda s: with_error(f"{s['distance']:.3f}", s["error_bar"]),
@@ -31,6 +38,7 @@ COLUMNS = {
     "other model": lambda s: f"{s['other_contact_model']['mean']:.3f}",
     "motion": lambda s: "-" if s["motion"] is None else f"{s['motion']['kind']}, {s['motion']['rolls']} rolls",
     "peak N, m/s, W": lambda s: "{peak_force:.3g}, {peak_rate:.2g}, {peak_power:.3g}".format(**s["actuators"]),
+    "beyond a bound": beyond,
     "rollouts": lambda s: str(sum(search["rollouts"] for search in s["searches"])),
     "seconds": lambda s: f"{s['wall_seconds']:.0f}",
 }
@@ -67,7 +75,8 @@ def load_summary(folder: Path) -> dict[str, Any]:
         summary = json.loads(text)
     except ValueError as error:
         raise InputError(f"{path}: not JSON: {error}") from error
-    missing = [key for key in ("distance", "robust", "searches", "settings") if key not in summary]
+    needed = ("distance", "robust", "searches", "settings", "within_bounds", "beyond_bounds")
+    missing = [key for key in needed if key not in summary]
     if missing:
         raise InputError(f"{path}: has no {', '.join(missing)}; expected what a gait search leaves")
     return summary

@@ -11,6 +11,7 @@ import numpy as np
 
 from jaxgrity.cli.progress import Bars
 from jaxgrity.cli.settings import SimulateSettings
+from jaxgrity.core.display import with_error
 from jaxgrity.io.files import load_phases, save_arrays, save_json
 from jaxgrity.io.gait_library import gait_record, load_gait
 from jaxgrity.io.scene_files import load_scene
@@ -156,7 +157,7 @@ def conclusion(distance: float, error_bar: float | None, motion: MotionReport | 
     if error_bar is not None and not np.isfinite(error_bar):
         moved = f"the distance means nothing, since its error bar is unknown: {moved}"
     elif error_bar is not None:
-        moved += f", ± {error_bar:.2g} m"
+        moved = "moved " + with_error(f"{distance:.4f}", error_bar, " m", ".2g")
         if error_bar > distance:
             moved = f"the distance means nothing, since its error bar is larger: {moved}"
     return moved if motion is None else f"{moved}\n{motion.sentence()}"

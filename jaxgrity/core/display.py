@@ -20,10 +20,18 @@ def of_report(module: str, function: str) -> Callable:
 
 
 def with_error(value: str, error: float | None, unit: str = "", digits: str = ".1g") -> str:
-    """A number and its error, in words; where the error is infinite, None or no number, that it is not known."""
+    """A number and its error, in words; where the error is infinite, None or no number, that it is not known.
+
+    The number has as many digits as the error lets it have, and the error is at least what rounding takes.
+    """
     if error is None or not math.isfinite(error):
         return f"{value}{unit} (error not known)"
-    return f"{value} ± {error:{digits}}{unit}"
+    decimals = len(value.partition(".")[2]) if "e" not in value else None
+    if decimals is None:
+        return f"{value} ± {error:{digits}}{unit}"
+    error = max(error, 0.5 * 10.0**-decimals)
+    known = int(digits[1:-1]) - 1 - math.floor(math.log10(float(f"{error:{digits}}")))
+    return f"{float(value):.{max(0, min(decimals, known))}f} ± {error:{digits}}{unit}"
 
 
 def mean_of_robots(robots: dict[str, Any], unit: str, mean: str = "mean") -> str:

@@ -36,6 +36,8 @@ def gait_record(name: str | Path) -> dict[str, Any]:
         return json.loads((SHIPPED / f"{name}.json").read_text(encoding="utf-8"))
     if not Path(name).exists():
         raise InputError(f"gait {str(name)!r}: unknown; expected a file, or one of {', '.join(gait_names())}")
+    if Path(name).is_dir():
+        raise InputError(f"gait {str(name)!r}: a folder; expected a file, such as {Path(name) / 'gait.json'}")
     try:
         return json.loads(read_text(name))
     except ValueError as error:

@@ -39,6 +39,7 @@ def describe(scene: SceneParts, laws: Sequence[Law], known: Sequence[str]) -> st
         ("modelled", ", ".join(modelled) or "-"),
         ("not modelled", ", ".join(absent) or "-"),
         ("nodes", f"{len(scene.structure.nodes)}, {float(scene.structure.mass):.4g} kg in all"),
+        *_describe_ground(scene),
         *_describe_supports(scene),
         *_describe_members(scene.structure),
         *_describe_prestress(scene.structure),
@@ -51,6 +52,15 @@ def _span(values: AnyArray, unit: str) -> str:
     low, high = float(np.min(values)), float(np.max(values))
     text = f"{low:.4g}" if np.isclose(low, high) else f"{low:.4g} to {high:.4g}"
     return f"{text} {unit}" if unit else text
+
+
+def _describe_ground(scene: SceneParts) -> list[tuple[str, str]]:
+    if scene.ground is None:
+        return []
+    if scene.ground.surface is not None:
+        return [("ground", ", ".join(type(solid).__name__.lower() for solid in scene.ground.surface.solids))]
+    incline = np.degrees(scene.ground.incline)
+    return [("ground", f"plane that falls by {incline:.4g}° towards +x" if incline else "level plane")]
 
 
 def _describe_supports(scene: SceneParts) -> list[tuple[str, str]]:

@@ -190,7 +190,8 @@ def draw(result: SearchResult, trust: TrustReport, folder: Path) -> None:
     names = tuple(level.name for level in result.levels)
     plot.save(plot.convergence_figure(list(result.searches), names, unit), folder / "convergence.png")
     ranks = agreement.rank_correlation, agreement.rank_correlation_of_the_evolved
-    figure = plot.fidelity_figure(names, agreement.fitness, agreement.evolved, ranks, unit)
+    compared = tuple(level.name for level in agreement.levels)
+    figure = plot.fidelity_figure(compared, agreement.fitness, agreement.evolved, ranks, unit)
     plot.save(figure, folder / "fidelity.png")
     seen: dict[str, np.ndarray] = {
         "other contact model": np.asarray(verdict.other_model.each[0]),

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxgrity.core.display import mean_of_robots
+from jaxgrity.core.display import mean_of_robots, with_error
 from jaxgrity.report import plot
 from jaxgrity.report.steady import steady_rows
 from jaxgrity.rollout.rolling import Rolling
@@ -16,9 +16,17 @@ def outcome_rows(summary: dict[str, Any]) -> dict[str, str]:
     return {
         **({"verified distance": distance_words(summary)} if steady is None else steady_rows(steady)),
         "actuators must give": f"up to {asked['peak_force']:.3g} N, {asked['peak_rate']:.2g} m/s, "
-        f"{asked['peak_power']:.3g} W; cost of transport {asked['cost_of_transport_by_effort']:.2g} "
-        "(own work of every actuator / (m g d))" + _beyond(summary),
+        f"{asked['peak_power']:.3g} W; cost of transport {_cost_of_transport(summary)}" + _beyond(summary),
     }
+
+
+def _cost_of_transport(summary: dict[str, Any]) -> str:
+    """Along the path of the orbit, where there is one."""
+    steady = summary["steady"]
+    if steady is not None and steady["cycle"] is not None:
+        return f"{steady['cycle']['cost_of_transport']:.2g} (own work of every actuator / (m g d), d along its path)"
+    by_distance = summary["actuators"]["cost_of_transport_by_effort"]
+    return f"{by_distance:.2g} (own work of every actuator / (m g d), d from where it began)"
 
 
 def _beyond(summary: dict[str, Any]) -> str:
@@ -73,5 +81,5 @@ def distance_words(summary: dict[str, Any]) -> str:
     """The distance with its error bar, where that says anything."""
     known, told = summary["error_bar"] <= summary["distance"], f"in {summary['duration']:g} s"
     if known:
-        return f"{summary['distance']:.4f} ± {summary['error_bar']:.1g} m {told}"
+        return f"{with_error(format(summary['distance'], '.4f'), summary['error_bar'], ' m')} {told}"
     return f"{summary['distance']:.2f} m {told} at this time step; where the robot gets to depends on the step"

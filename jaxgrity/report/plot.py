@@ -75,8 +75,9 @@ def convergence_figure(searches: list[Evolution], names: tuple[str, ...] = (), u
             axes.text(numbers.mean(), 0.02, names[number], ha="center", transform=axes.get_xaxis_transform())
         first += len(search.best)
     rollouts = sum(search.rollouts for search in searches)
-    title = f"{rollouts} rollouts; each by the draws that it was chosen by, on fresh robots the best is worth less"
-    axes.set(xlabel="generation", ylabel=f"fitness ({unit})" if unit else "fitness", title=title)
+    title = f"{rollouts} rollouts; each by the draws that chose it, on fresh ones the best is worth less"
+    axes.set(xlabel="generation", ylabel=f"fitness ({unit})" if unit else "fitness")
+    axes.set_title(title, fontsize=10.5)
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     if any((search.within == 0).any() for search in searches):
         axes.plot([], [], "o", markersize=3, color=STRUT, markerfacecolor="white", label="every gait beyond a bound")

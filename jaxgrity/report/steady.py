@@ -56,9 +56,9 @@ def steady_facts(
     step = default_step(scene, default_method(scene)) if dt is None else dt
     options, least = SolverOptions(dt=step), shortest_watch(scene.gait)
     watched = float(np.ceil(max(duration, least) / period_of(scene.gait)) * period_of(scene.gait))
-    robots = _over_robots(scene, uncertainty, step, seed, on_progress)
     orbit, cycle, bars = orbit_error_bars(scene, watched, options=options)
     on_progress()
+    robots = _over_robots(scene, uncertainty, step, orbit.cycle if orbit.settled else None, seed, on_progress)
     held = stability(scene, orbit, options=options) if orbit.verified_for else None
     on_progress()
     return {
@@ -88,17 +88,22 @@ class _Robots(NamedTuple):
 
 
 def _over_robots(
-    scene: Scene, uncertainty: Uncertainty, step: float, seed: int, on_progress: Callable[[], None]
+    scene: Scene,
+    uncertainty: Uncertainty,
+    step: float,
+    cycle: float | None,
+    seed: int,
+    on_progress: Callable[[], None],
 ) -> _Robots:
     """Robots that differ, on the own model and on its contact twin, for a minute."""
     coarse, fine = (
-        robot_motions(scene, uncertainty, seed=seed, options=SolverOptions(dt=dt, dtype="float32"))
+        robot_motions(scene, uncertainty, cycle=cycle, seed=seed, options=SolverOptions(dt=dt, dtype="float32"))
         for dt in (step, step / 2)
     )
     on_progress()
     twin = contact_twin(scene)
     options = SolverOptions(dt=default_step(twin, default_method(twin)), dtype="float32")
-    other = robot_motions(twin, uncertainty, seed=seed, options=options)
+    other = robot_motions(twin, uncertainty, cycle=cycle, seed=seed, options=options)
     on_progress()
     return _Robots(fine, other, abs(float(fine.speed.mean() - coarse.speed.mean())))
 
@@ -164,7 +169,12 @@ def _headed(along: Facts | None) -> dict[str, str]:
 def _repeats(found: Facts | None, cycle: float) -> str:
     """Of a motion that repeats itself with other nodes within its cycle."""
     times = 1 if found is None else round(cycle / found["time"])
-    return "" if times == 1 else f"; with other nodes in the places of these it repeats itself {times} times in it"
+    if found is None or times == 1:
+        return ""
+    return (
+        f"; with other nodes in the places of these it repeats itself {times} times in it, to "
+        f"{1000 * found['residual']:.2g} mm"
+    )
 
 
 def _faces(cycle: Facts) -> str:

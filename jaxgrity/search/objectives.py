@@ -1,27 +1,18 @@
 """What one rollout is worth, and the most that a gait may ask of its actuators."""
 
-import math
 from abc import abstractmethod
 from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
 
 from jaxgrity.core.errors import InputError
-from jaxgrity.core.types import AnyArray, PerGait, Scalar
-from jaxgrity.model.scales import time_scale
+from jaxgrity.core.types import PerGait, Scalar
 from jaxgrity.model.scene import Scene, body_length
 from jaxgrity.rollout.metrics import Metrics
 from jaxgrity.rollout.population import Outcomes
-
-PARTS = 24
-"""of a rollout, at whose ends steady objectives look at the centre of mass, at least"""
-SETTLING = 0.25
-"""of a rollout, the first share, in which the robot settles on its way of rolling"""
-LONGEST_PART = 2.5
-"""s, of a body of one metre, where the path is followed: it must not turn by half a circle in a part"""
+from jaxgrity.search.paths import PARTS, parts_of_path, path_bend, steady_velocity
 
 
 class Objective(eqx.Module):
@@ -238,39 +229,6 @@ class ActuatorBounds(eqx.Module):
                 assert metrics is not None, "rollouts for a bound on forces have metrics"
                 found = found + jnp.maximum(getattr(metrics, f"peak_{name}").max(-1) / bound - 1, 0)
         return found
-
-
-def parts_of_path(scene: Scene, duration: float) -> int:
-    """A multiple of `PARTS`, of which none is longer than `LONGEST_PART`; `duration` is in s."""
-    longest = LONGEST_PART * float(time_scale(scene))
-    return PARTS * max(1, math.ceil(duration / PARTS / longest - 1e-9))
-
-
-def path_bend(scene: Scene, outcomes: Outcomes, duration: Scalar) -> tuple[PerGait, PerGait]:
-    """Speed along the path, body lengths/s, and its bend, rad per body length to the left, of the settled part.
-
-    The path is made of arcs that turn alike, through the centre of mass at the ends of the parts of the time: of each
-    the chord is its length times sin(a/2)/(a/2), where it turns by a. `duration` is in s.
-    """
-    steps = jnp.diff(_settled_path(outcomes), axis=1)
-    chords = jnp.sqrt(jnp.sum(steps * steps, axis=2)).sum(1) / body_length(scene)
-    a, b = steps[:, :-1], steps[:, 1:]
-    turned = jnp.arctan2(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0], jnp.sum(a * b, axis=2)).sum(1)
-    count = steps.shape[1]
-    of_each = turned / (count - 1)
-    length = chords / jnp.sinc(of_each / (2 * jnp.pi))
-    return length / (duration * (1 - SETTLING)), of_each * count / jnp.maximum(length, 1e-3)
-
-
-def steady_velocity(outcomes: Outcomes, duration: Scalar) -> Float[AnyArray, "population 2"]:
-    """(population, 2), m/s, over the settled part of rollouts in `PARTS` parts or a multiple; NaN where one failed."""
-    path = _settled_path(outcomes)
-    velocity = (path[:, -1] - path[:, 0]) / (duration * (1 - SETTLING))
-    return jnp.where((outcomes.failure == 0)[:, None], velocity, jnp.nan)
-
-
-def _settled_path(outcomes: Outcomes) -> Float[AnyArray, "population places 2"]:
-    return outcomes.com_path[:, round(SETTLING * (outcomes.com_path.shape[1] - 1)) :, :2]
 
 
 def _moved(outcomes: Outcomes) -> PerGait:

@@ -26,9 +26,10 @@ from jaxgrity.search.fidelity import (
 )
 from jaxgrity.search.genetic_algorithm import Evolution, SearchProblem
 from jaxgrity.search.judging import without_measuring
+from jaxgrity.search.objectives import ActuatorBounds
 from jaxgrity.search.polish import Polished, polish
 from jaxgrity.search.polish_config import PolishConfig
-from jaxgrity.search.promotion import Promoted, promote
+from jaxgrity.search.promotion import Promoted, multipliers_of, promote
 from jaxgrity.search.search_config import (
     SearchConfig,
     fingerprint,
@@ -171,12 +172,11 @@ def _search(
         listener(Progress("promoting", done, total, facts))
 
     promoted = promote(plain, bounds, levels, searches[-1], config, heard)
-    chosen, inside = promoted.genes, promoted.within_bounds
+    chosen = promoted.genes
     clocked("promoting")
     polished = _polish(plain, levels, chosen, config, listener)
-    if inside and polished is not None and excess_at(levels[1], polished.genes[None], plain, bounds)[0] > 0:
-        reason = f"{polished.reason}; but it is beyond a bound on actuators: the gait is kept as it was"
-        polished = polished._replace(genes=chosen[0], improved=False, reason=reason)
+    if polished is not None and polished.improved:
+        polished = _allowed(plain, bounds, levels, promoted, polished)
     clocked("polishing")
     best = chosen[0] if polished is None else polished.genes
     gait = one_gait(problem.genome.gaits(problem.scene.gait, best[None]), 0)
@@ -224,6 +224,27 @@ def _evolve(
         last = found[-1].last
         save_arrays(checkpoint.folder / "population.npz", genes=last.genes, fitness=last.fitness)
     return found
+
+
+def _allowed(
+    problem: SearchProblem,
+    bounds: ActuatorBounds,
+    levels: tuple[FidelityLevel, ...],
+    promoted: Promoted,
+    polished: Polished,
+) -> Polished:
+    """The polished gait, or the one before where that alone keeps the bounds, or is on an orbit that attracts."""
+    genes, before, but = polished.genes[None], promoted.multipliers, ""
+    if promoted.within_bounds and excess_at(levels[1], genes, problem, bounds)[0] > 0:
+        but = "it is beyond a bound on actuators"
+    elif before is not None and before[0] < 1:
+        after = multipliers_of(problem, genes, 2 * levels[-1].dt)
+        if after is not None and after[0] >= 1:
+            but = f"its orbit multiplies a disturbance in one cycle by {after[0]:.2g}, not {before[0]:.2g}"
+    if not but:
+        return polished
+    reason = f"{polished.reason}; but {but}: the gait is kept as it was"
+    return polished._replace(genes=promoted.genes[0], improved=False, reason=reason)
 
 
 def _polish(

@@ -87,7 +87,7 @@ def promote(
     excess = excess_at(levels[1], genes, problem, bounds)
     best = np.lexsort((-scores.merit[:first], excess))[: max(FINALISTS, config.polish_gaits)]
     finals = _finals(problem, levels[-1], genes[best], config)
-    multipliers = _multipliers(problem, genes[best], step) if config.attracting else None
+    multipliers = multipliers_of(problem, genes[best], step) if config.attracting else None
     repels = np.zeros(len(best), bool) if multipliers is None else multipliers >= 1
     order = np.lexsort((-finals.merit, repels, excess[best]))
     best, finals = best[order], Scores(*(np.asarray(part)[order] for part in finals))
@@ -96,8 +96,8 @@ def promote(
     return Promoted(chosen, finals, multipliers, bool(excess[best[0]] == 0), agreement)
 
 
-def _multipliers(problem: SearchProblem, genes: Genes, step: float) -> np.ndarray | None:
-    """Of the gaits' orbits, for objectives that look for orbits, on planes."""
+def multipliers_of(problem: SearchProblem, genes: Genes, step: float) -> np.ndarray | None:
+    """Of the gaits' orbits (`orbit_multipliers`), for objectives that look for orbits, on planes; else None."""
     scene = problem.scene
     if not problem.fitness.objective.steady or scene.ground is None or scene.ground.surface is not None:
         return None

@@ -21,8 +21,11 @@ from jaxgrity.search.genetic_algorithm import SearchProblem
 from jaxgrity.search.genome import Genes
 from jaxgrity.search.judging import ensembles_rolled_out
 from jaxgrity.search.models import Model, model_of
-from jaxgrity.search.objectives import parts_of_path, path_bend
+from jaxgrity.search.paths import parts_of, path_bend, path_size
 from jaxgrity.stepping.options import Options
+
+WIDE = 0.5
+"""of the width that a path of its length and its bend would have, at least, where a robot gets on"""
 
 
 class RepertoireConfig(NamedTuple):
@@ -164,9 +167,9 @@ def _tried(key, problem: SearchProblem, model: Model, genes: Genes) -> _Tried:
     scene, fitness = model.scene, problem.fitness
     gaits = problem.genome.gaits(problem.scene.gait, np.asarray(genes, model.options.dtype))
     rate = np.asarray(peak_rates(gaits, actuated_lengths(scene.structure, gaits.members)).max(-1))
-    parts = parts_of_path(scene, problem.duration)
-    _, outcomes = ensembles_rolled_out(key, model, gaits, problem.duration, fitness, parts, False)
-    found = _path(scene, outcomes, np.asarray(problem.duration, float))
+    parts, duration = parts_of(scene, gaits, problem.duration)
+    _, outcomes = ensembles_rolled_out(key, model, gaits, duration, fitness, parts, False)
+    found = _path(scene, outcomes, np.asarray(duration, float))
     speed, bend = (np.asarray(x)[: len(genes) * fitness.rollouts].reshape(len(genes), -1) for x in found)
     allowed = rate <= (np.inf if fitness.bounds.rate is None else fitness.bounds.rate)
     kept = np.where(allowed & np.isfinite(speed).all(1) & np.isfinite(bend).all(1), 1.0, np.nan)
@@ -176,7 +179,9 @@ def _tried(key, problem: SearchProblem, model: Model, genes: Genes) -> _Tried:
 @eqx.filter_jit
 def _path(scene, outcomes: Outcomes, duration: AnyArray) -> tuple[PerGait, PerGait]:
     speed, bend = path_bend(scene, outcomes, duration)
-    good = outcomes.failure == 0
+    # a line, or a circle of radius 1/bend, would be so wide: what is less wide is long since the robot sways
+    wide = jnp.minimum(speed * duration, 2 / jnp.maximum(jnp.abs(bend), 1e-3))
+    good = (outcomes.failure == 0) & (path_size(scene, outcomes) >= WIDE * wide)
     return jnp.where(good, speed, jnp.nan), jnp.where(good, bend, jnp.nan)
 
 

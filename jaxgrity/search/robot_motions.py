@@ -14,7 +14,8 @@ from jaxgrity.rollout.population import as_population
 from jaxgrity.rollout.uncertainty import Uncertainty
 from jaxgrity.search.judging import Fitness, ensembles_rolled_out, standard_error
 from jaxgrity.search.models import model_of
-from jaxgrity.search.objectives import SteadySpeed, parts_of_path, path_bend, steady_velocity
+from jaxgrity.search.objectives import SteadySpeed
+from jaxgrity.search.paths import parts_of, path_bend, steady_velocity, whole_cycles
 from jaxgrity.stepping.options import Options
 
 
@@ -50,6 +51,7 @@ def robot_motions(
     *,
     robots: int = 128,
     duration: float = 60.0,
+    cycle: float | None = None,
     seed: int = 0,
     options: Options = None,
 ) -> RobotMotions:
@@ -59,7 +61,8 @@ def robot_motions(
         scene: with a gait.
         uncertainty: by how much robots differ; draws come in pairs of opposite signs.
         robots: how many.
-        duration: s, of which the first quarter is left to settling.
+        duration: s, of which the first quarter is left to settling; a little longer, for whole cycles.
+        cycle: s, of the gait's orbit, within which robots sway; a period of actuation where not given.
         seed: of the draws.
         options: how to integrate; where not given, the scene decides.
 
@@ -79,10 +82,15 @@ def robot_motions(
         raise InputError("robot motions: the scene has no gait; expected with_gait(scene, gait)")
     if robots < 1:
         raise InputError(f"robots = {robots}: expected at least 1")
+    if cycle is None:
+        parts, duration = parts_of(scene, scene.gait, duration)
+    else:
+        parts, duration = whole_cycles(scene, duration, cycle)
     model = model_of(scene, duration, options)
     fitness = Fitness(SteadySpeed(), uncertainty, robots)
-    key, parts = jax.random.key(seed), parts_of_path(scene, duration)
-    _, outcomes = ensembles_rolled_out(key, model, as_population(scene.gait), duration, fitness, parts, False)
+    _, outcomes = ensembles_rolled_out(
+        jax.random.key(seed), model, as_population(scene.gait), duration, fitness, parts, False
+    )
     outcomes = jax.tree.map(lambda x: x[: fitness.rollouts], outcomes)
     held, size = np.asarray(outcomes.failure) == 0, float(body_length(scene))
     speed, bend = (np.asarray(each, float) for each in _path_bend(scene, outcomes, np.asarray(duration)))

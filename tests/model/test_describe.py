@@ -1,10 +1,12 @@
 """A scene in words: what acts in it and what does not, its members, its prestress and its natural frequencies."""
 
+import dataclasses
 import re
 
+import numpy as np
 import pytest
 
-from jaxgrity import load_scene, parse_scene
+from jaxgrity import Box, ExactGround, Slope, Union, load_scene, parse_scene
 
 CUSTOM = """
 [structure]
@@ -25,6 +27,18 @@ def described(scene) -> dict[str, str]:
     """The lines by their names."""
     lines = [re.split(r"\s{2,}", line, maxsplit=1) for line in scene.describe().splitlines()]
     return {name: text for name, text in lines}
+
+
+def test_what_the_ground_is_is_said(exact):
+    """Level, steep, or of solids."""
+    box = Box(np.array([1.0, 0, 0]), np.array([0.3, 4, 0.2]))
+    for ground, told in (
+        (ExactGround(), "level plane"),
+        (ExactGround(0.1), "plane that falls by 5.73° towards +x"),
+        (ExactGround(surface=Union((Slope(), box))), "slope, box"),
+    ):
+        assert described(dataclasses.replace(exact, ground=ground))["ground"] == told
+    assert "ground" not in described(dataclasses.replace(exact, ground=None, friction=None))
 
 
 def test_what_is_broken_or_stuck_is_named():

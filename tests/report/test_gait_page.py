@@ -28,7 +28,7 @@ STEADY = {
     "periods": 2,
     "residual": 9e-14,
     "repetition": {"time": 1.3455, "nodes": [], "residual": 0.0},
-    "cycle": {"supports": [[6, 9, 11], [0, 6, 9]]},
+    "cycle": {"supports": [[6, 9, 11], [0, 6, 9]], "cost_of_transport": 3.77},
     "robust": {
         "mean": 0.824,
         "standard_deviation": 0.14,
@@ -94,18 +94,19 @@ def test_the_rows_say_what_a_gait_is_worth():
     assert rows["speed"] == "0.886 ± 0.004 m/s (0.886 body lengths a second)"
     assert rows["lasts"] == "watched for 299 s; settled after 15 s, and then in no 10 s slower than 0.885 m/s"
     assert rows["turning"] == (
-        "0.00 ± 0.2 °/s; robots that differ bend by -6° to 11° in a body length, on the other model by no known angle"
+        "0.0 ± 0.2 °/s; robots that differ bend by -6° to 11° in a body length, on the other model by no known angle"
     )
     assert rows["stability"].startswith(
-        "a disturbance is multiplied by 0.088 ± 0.02 in a cycle, shifts along the ground"
+        "a disturbance is multiplied by 0.09 ± 0.02 in a cycle, shifts along the ground"
     )
-    assert "with other nodes in the places of these it repeats itself 2 times in it" in rows["cycle"]
+    assert "with other nodes in the places of these it repeats itself 2 times in it, to 0 mm" in rows["cycle"]
     assert rows["cycle"].endswith("stands in turn on 6-9-11, 0-6-9")
     assert rows["both contact models"] == (
-        "0.824 ± 0.02 m/s (standard deviation 0.14) over 128 robots that differ; "
-        "0.813 ± 0.03 m/s (standard deviation 0.18) on the other model"
+        "0.82 ± 0.02 m/s (standard deviation 0.14) over 128 robots that differ; "
+        "0.81 ± 0.03 m/s (standard deviation 0.18) on the other model"
     )
-    assert rows["actuators must give"].startswith("up to 275 N, 0.99 m/s, 143 W")
+    assert rows["actuators must give"].startswith("up to 275 N, 0.99 m/s, 143 W; cost of transport 3.8 (")
+    assert rows["actuators must give"].endswith("d along its path)")
     robots = {name: {"mean": 0.6, "standard_deviation": 0.1} for name in ("robust", "other_contact_model")}
     uphill = steady_rows({**STEADY, "along_heading": {"heading": 3.1, "speed": 0.67, **robots}})
     assert uphill["along its heading"].startswith("0.670 m/s; robots that differ 0.600 (standard deviation 0.1) m/s")

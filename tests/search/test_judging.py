@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from jaxgrity import ActuatorBounds
-from jaxgrity.core.display import COVERING, mean_of_robots
+from jaxgrity.core.display import COVERING, mean_of_robots, with_error
 from jaxgrity.rollout.metrics import Metrics
 from jaxgrity.search.judging import influences, scored, standard_error
 from jaxgrity.search.polish import _gain
@@ -114,5 +114,22 @@ def test_the_gain_says_who_is_beyond_a_bound(redrawn):
 
 def test_means_over_robots_say_spread_and_error_apart():
     robots = {"mean": 0.6, "standard_deviation": 0.1, "standard_error": 0.01}
-    assert mean_of_robots(robots, "m") == "0.600 ± 0.02 m (standard deviation 0.1)"
+    assert mean_of_robots(robots, "m") == "0.60 ± 0.02 m (standard deviation 0.1)"
     assert mean_of_robots({**robots, "standard_error": None}, "") == "0.600 (error not known) (standard deviation 0.1)"
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "digits", "told"),
+    [
+        ("0.808", 5e-8, ".1g", "0.808 ± 0.0005"),
+        ("2.4181", 0.18, ".2g", "2.42 ± 0.18"),
+        ("2.4181", 0.18, ".1g", "2.4 ± 0.2"),
+        ("0.815", 0.0019, ".1g", "0.815 ± 0.002"),
+        ("3.3896", 11.0, ".2g", "3 ± 11"),
+        ("0.13", 0.0996, ".2g", "0.13 ± 0.1"),
+        ("1.2e-05", 3e-6, ".1g", "1.2e-05 ± 3e-06"),
+    ],
+)
+def test_numbers_have_the_digits_that_their_errors_let_them_have(value, error, digits, told):
+    """And errors are at least what rounding takes."""
+    assert with_error(value, error, digits=digits) == told

@@ -16,7 +16,7 @@ from jaxgrity import (
     repertoire,
 )
 
-CONFIG = RepertoireConfig(speed=(0.0, 0.1), bend=(-1.0, 1.0), cells=(8, 3), drawn=24, batch=16, rounds=4)
+CONFIG = RepertoireConfig(speed=(0.0, 0.03), bend=(-1.0, 1.0), cells=(8, 3), drawn=24, batch=16, rounds=4)
 OPTIONS = SolverOptions(dt=1e-2)
 
 
@@ -40,7 +40,7 @@ def test_elites_stand_in_the_cells_of_their_speed_and_bend(found):
     full = np.isfinite(elites.speed)
     assert 3 <= full.sum() < full.size
     speed, bend = np.nonzero(full)
-    np.testing.assert_array_equal(np.floor(elites.speed[full] / 0.1 * 8), speed)
+    np.testing.assert_array_equal(np.floor(elites.speed[full] / 0.03 * 8), speed)
     np.testing.assert_array_equal(np.floor((elites.bend[full] + 1) / 2 * 3), bend)
     for part in (elites.bend, elites.quality, elites.genes[..., 0]):
         np.testing.assert_array_equal(np.isfinite(part), full)

@@ -1,5 +1,7 @@
 """Robots that differ from the model: speeds and bends of made-up motions, the same draws, and what is refused."""
 
+import dataclasses
+
 import jax
 import numpy as np
 import pytest
@@ -11,13 +13,18 @@ KNOWN = jaxgrity.Uncertainty()
 FRICTION = jaxgrity.Uncertainty(friction=0.3)
 
 
-def arcs(turns, failure):
-    """Outcomes of robots that go at a tenth of a metre a second along arcs, which turn by so many rad a second."""
+def arcs(turns, failure, sway=0.0, frequency=1.0, steep=0.0):
+    """Outcomes of robots that go at a tenth of a metre a second along arcs, which turn by so many rad a second.
+
+    They sway by so much, m, at a frequency, Hz, and fall at an angle, rad, towards x.
+    """
 
     def rolled(key, model, gaits, duration, fitness, parts, with_metrics):
         times, turn = np.linspace(0, duration, parts + 1), np.array(turns)[:, None]
         bent = np.where(turn == 0, 1e-9, turn)
         path = 0.1 * np.stack([np.sin(bent * times), 1 - np.cos(bent * times), 0 * bent * times], -1) / bent[..., None]
+        path = path + sway * np.sin(2 * np.pi * frequency * times + 1)[:, None]
+        path = path * [np.cos(steep), 1, 0] - path[..., :1] * [0, 0, np.sin(steep)]
         failed = np.array(failure)
         path[failed != 0] = np.nan
         rest = {"positions": path[:, -1:], "steps": failed, "rejected": failed}
@@ -37,12 +44,28 @@ def test_speeds_are_those_along_paths(exact, monkeypatch, duration):
     np.testing.assert_allclose(found.speed, [0.1, 0.1, 0.1, 0.0], rtol=1e-6)
     np.testing.assert_allclose(found.bend, [0.0, 5.0 * size, -1.0 * size, np.nan], rtol=1e-6, atol=1e-7)
     np.testing.assert_allclose(np.hypot(*found.velocity.T)[[0, 3]], [0.1, 0.0], rtol=1e-6)
-    turned = 0.5 * 0.75 * duration
+    _, whole = module.whole_cycles(scene, duration, float(1 / scene.gait.frequency[0]))
+    assert duration <= whole < duration + 10.0
+    turned = 0.5 * 0.75 * whole
     np.testing.assert_allclose(np.hypot(*found.velocity[1]), 0.1 * abs(np.sinc(turned / 2 / np.pi)), rtol=1e-5)
     facts = found.summary()
     assert facts["speed"] == pytest.approx(0.075)
     assert facts["bend"] == pytest.approx(0.0, abs=1e-7)
     assert facts["robots"] == 4
+
+
+def test_swaying_is_no_speed_and_a_slope_is_looked_at_along_it(exact, monkeypatch):
+    """Of a robot that stays where it is, and of one that goes down a slope, both swaying by a decimetre in a cycle."""
+    scene = jaxgrity.with_gait(exact, jaxgrity.load_gait("lasting"))
+    frequency = float(scene.gait.frequency[0])
+    for cycle in (None, 3 / frequency):
+        swaying = arcs([0.0], [0], sway=0.1, frequency=frequency / (1 if cycle is None else 3), steep=0.3)
+        monkeypatch.setattr(module, "ensembles_rolled_out", swaying)
+        high = dataclasses.replace(scene.structure, nodes=scene.structure.nodes + np.array([0, 0, 1.0]))
+        slope = dataclasses.replace(scene, structure=high, ground=dataclasses.replace(scene.ground, incline=0.3))
+        found = jaxgrity.robot_motions(slope, FRICTION, robots=1, duration=24.0, cycle=cycle)
+        np.testing.assert_allclose(found.speed, 0.1, rtol=1e-6)
+        np.testing.assert_allclose(found.bend, 0, atol=1e-6)
 
 
 def test_all_may_fail(exact, monkeypatch):

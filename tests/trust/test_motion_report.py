@@ -88,7 +88,7 @@ def test_a_distance_that_means_nothing_is_said_to(still):
     assert conclusion(2.07, np.inf, None).startswith(
         "the distance means nothing, since its error bar is unknown: moved"
     )
-    assert conclusion(2.07, 0.01, stands) == "moved 2.0700 m, ± 0.01 m\nthe robot stands; it is at rest after 0 s"
+    assert conclusion(2.07, 0.01, stands) == "moved 2.070 ± 0.01 m\nthe robot stands; it is at rest after 0 s"
     assert conclusion(2.07, None, None) == "moved 2.0700 m"
     assert conclusion(np.nan, np.inf, None) == "no distance: the rollout failed"
 

@@ -1,0 +1,84 @@
+"""The path of the centre of mass, at the ends of parts of a rollout: its speed, its bend, and its size."""
+
+import math
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from jaxgrity.core.types import AnyArray, PerGait, Scalar
+from jaxgrity.model.actuation import Gait
+from jaxgrity.model.scales import time_scale
+from jaxgrity.model.scene import Scene, body_length
+from jaxgrity.rollout.population import Outcomes
+
+PARTS = 24
+"""of a rollout, at whose ends steady objectives look at the centre of mass, at least"""
+SETTLING = 0.25
+"""of a rollout, the first share, in which the robot settles on its way of rolling"""
+LONGEST_PART = 2.5
+"""s, of a body of one metre, where the path is followed: it must not turn by half a circle in a part"""
+QUARTERS = 4
+"""a multiple of so many parts has a part that ends where `SETTLING` does"""
+
+
+def parts_of_path(scene: Scene, duration: float) -> int:
+    """A multiple of `PARTS`, of which none is longer than `LONGEST_PART`; `duration` is in s."""
+    longest = LONGEST_PART * float(time_scale(scene))
+    return PARTS * max(1, math.ceil(duration / PARTS / longest - 1e-9))
+
+
+def parts_of(scene: Scene, gaits: Gait, duration: float) -> tuple[int, float]:
+    """Whole periods of actuation (`whole_cycles`), where all gaits have one in common, or else `parts_of_path`."""
+    frequencies = np.unique(np.asarray(gaits.frequency, float))
+    if frequencies.size == 1 and frequencies[0] > 0:
+        return whole_cycles(scene, duration, float(1 / frequencies[0]))
+    return parts_of_path(scene, duration), duration
+
+
+def whole_cycles(scene: Scene, duration: float, cycle: float) -> tuple[int, float]:
+    """Parts that are each a whole number of cycles (s), and how long all of them are, s: at least the `duration`."""
+    each = cycle * max(1, int(LONGEST_PART * float(time_scale(scene)) / cycle + 1e-9))
+    parts = QUARTERS * max(1, math.ceil(duration / (QUARTERS * each) - 1e-9))
+    return parts, parts * each
+
+
+def path_bend(scene: Scene, outcomes: Outcomes, duration: Scalar) -> tuple[PerGait, PerGait]:
+    """Speed along the path, body lengths/s, and its bend, rad per body length to the left, of the settled part.
+
+    The path is made of arcs that turn alike, through the centre of mass at the ends of the parts of the time: of each
+    the chord is its length times sin(a/2)/(a/2), where it turns by a. On a slope it is looked at along that. How a
+    robot sways counts too, but where parts are whole numbers of cycles. `duration` is in s.
+    """
+    steps = jnp.diff(_settled(_along_ground(scene, outcomes.com_path)), axis=1)
+    chords = jnp.sqrt(jnp.sum(steps * steps, axis=2)).sum(1) / body_length(scene)
+    a, b = steps[:, :-1], steps[:, 1:]
+    turned = jnp.arctan2(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0], jnp.sum(a * b, axis=2)).sum(1)
+    count = steps.shape[1]
+    of_each = turned / (count - 1)
+    length = chords / jnp.sinc(of_each / (2 * jnp.pi))
+    return length / (duration * (1 - SETTLING)), of_each * count / jnp.maximum(length, 1e-3)
+
+
+def path_size(scene: Scene, outcomes: Outcomes) -> PerGait:
+    """The diagonal of the smallest rectangle about the settled part of the path, in body lengths."""
+    path = _settled(_along_ground(scene, outcomes.com_path))
+    return jnp.sqrt(jnp.sum(jnp.square(path.max(1) - path.min(1)), axis=1)) / body_length(scene)
+
+
+def steady_velocity(outcomes: Outcomes, duration: Scalar) -> Float[AnyArray, "population 2"]:
+    """(population, 2), m/s, over the settled part of rollouts in `PARTS` parts or a multiple; NaN where one failed."""
+    path = _settled(outcomes.com_path[:, :, :2])
+    velocity = (path[:, -1] - path[:, 0]) / (duration * (1 - SETTLING))
+    return jnp.where((outcomes.failure == 0)[:, None], velocity, jnp.nan)
+
+
+def _settled(path: Float[AnyArray, "population places 2"]) -> Float[AnyArray, "population settled 2"]:
+    return path[:, round(SETTLING * (path.shape[1] - 1)) :]
+
+
+def _along_ground(scene: Scene, path: Float[AnyArray, "population places 3"]) -> Float[AnyArray, "population places 2"]:
+    """Down the slope and across it; of ground that is no plane along x and y."""
+    if scene.ground is None or scene.ground.surface is not None:
+        return path[:, :, :2]
+    return path @ jnp.array(scene.ground.tangents, path.dtype).T
