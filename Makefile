@@ -61,7 +61,7 @@ validate: .venv/.installed-test
 
 # Everything that the docs quote; some hours on 2 cores, which should have nothing else to do. LIMIT=FOLDER: C programs.
 MEASUREMENTS := error_bars stability equivalence stiff hard_cases gradients conformance ntrt_structures \
-    orbits multipliers orbits_of_searches basin ranges continuation robots_that_differ polish_comparison damage crash_recovery \
+    orbits multipliers orbits_of_searches basin ranges continuation robots_that_differ redraws polish_comparison damage crash_recovery \
     repertoire explorer_session climbing stairs_energy tune_feedback tune_on_bumps steering transitions sampling_ways obstacles scene_field \
     predictive_speed environments validate identify_spine spine_dynamics identification sim_to_real design_study design_gradient \
     leaf_gradients random_structures first_commands

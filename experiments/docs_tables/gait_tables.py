@@ -5,6 +5,8 @@ import itertools
 import numpy as np
 from pages import made_by, table, whole_zero
 
+from jaxgrity.core.display import with_error
+
 Facts = dict
 
 CLIMBS = 0.1
@@ -43,7 +45,7 @@ def _orbit_row(row: Facts) -> list[str]:
     return [
         row["gait"],
         contact,
-        f"{row['body_lengths_per_second']:.3f} ± {bar:.1g}",
+        with_error(f"{row['body_lengths_per_second']:.3f}", bar),
         f"{row['slowest_window']:.2f}",
         f"{whole_zero(np.degrees(row['turning'])):.1f}",
         f"{row['periods']}",

@@ -4,6 +4,7 @@ import numpy as np
 from pages import made_by, table, whole_zero
 
 from jaxgrity import gait_names, gait_record
+from jaxgrity.core.display import COVERING, with_error
 
 Facts = dict
 
@@ -24,7 +25,7 @@ def gait_search_facts(raw: Facts) -> Facts:
 
 
 def gait_search_table(facts: Facts) -> str:
-    steady, size = facts["steady"], facts["steady"]["body_length"]
+    steady = facts["steady"]
     robust, other = steady["robust"], steady["other_contact_model"]
     seconds, reporting = facts["stage_seconds"], facts["reporting_seconds"]
     stages, parts = (", ".join(f"{name} {s:.0f} s" for name, s in found.items()) for found in (seconds, reporting))
@@ -32,7 +33,7 @@ def gait_search_table(facts: Facts) -> str:
         f"{steady['periods']} periods of {steady['period']:.2f} s; shapes return to {1000 * steady['residual']:.1g} mm"
     )
     rows = [
-        ["steady speed", f"**{steady['speed'] / size:.3f} ± {steady['speed_error_bar'] / size:.1g} body lengths/s**"],
+        ["steady speed", f"**{_speed(steady)} body lengths/s**"],
         ["watched for", f"{steady['verified_for']:.0f} s"],
         [
             "settled after",
@@ -40,13 +41,15 @@ def gait_search_table(facts: Facts) -> str:
         ],
         [
             "turning",
-            f"{whole_zero(np.degrees(steady['turning'])):.2f} ± {np.degrees(steady['turning_error_bar']):.1g} °/s",
+            with_error(
+                f"{whole_zero(np.degrees(steady['turning'])):.2f}", np.degrees(steady["turning_error_bar"]), " °/s"
+            ),
         ],
         ["a cycle", cycle],
         ["with other nodes in the places of these it repeats itself in a cycle", f"{_repeats(steady)} times"],
         [
             "a disturbance is multiplied in a cycle by (shifts along the ground and turns about the vertical apart)",
-            f"{steady['multiplier']:.2g} ± {steady['multiplier_error_bar']:.1g}",
+            _multiplier(steady),
         ],
         [
             f"over {robust['robots']} robots that differ, for a minute",
@@ -75,7 +78,7 @@ def _of_robots(speed: float, robots: Facts, steady: Facts) -> str:
     """Their mean speed along paths with two standard errors, the standard deviation, and the shares of the orbit's."""
     mean, spread = speed / steady["speed"], robots["standard_deviation"] / steady["speed"]
     size = steady["body_length"]
-    lengths = f"{speed / size:.3f} ± {2 * robots['standard_error'] / size:.1g} body lengths/s"
+    lengths = with_error(f"{speed / size:.3f}", COVERING * robots["standard_error"] / size, " body lengths/s")
     scatter = f"standard deviation {robots['standard_deviation'] / size:.2g}"
     return f"{lengths}, {scatter}: {100 * mean:.0f} % of it, {100 * spread:.0f} %"
 
@@ -86,8 +89,17 @@ def _repeats(steady: Facts) -> int:
 
 def _with_bar(cycle: Facts, name: str, how: str) -> str:
     """A number of a cycle and its error bar."""
-    bar = cycle["error_bars"][name]
-    return f"{cycle[name]:{how}} ± {bar:{'.0f' if bar >= 1 else '.1g'}}"
+    return with_error(format(cycle[name], how), cycle["error_bars"][name])
+
+
+def _speed(steady: Facts) -> str:
+    """Of the orbit, body lengths/s."""
+    size = steady["body_length"]
+    return with_error(f"{steady['speed'] / size:.3f}", steady["speed_error_bar"] / size)
+
+
+def _multiplier(steady: Facts) -> str:
+    return with_error(f"{steady['multiplier']:.2g}", steady["multiplier_error_bar"])
 
 
 def gaits_table() -> str:
@@ -115,12 +127,11 @@ def _gait_row(name: str) -> list[str]:
     return [
         f"`{name}`",
         record["scene"],
-        f"{steady['speed'] / size:.3f} ± {steady['speed_error_bar'] / size:.1g}"
-        + ("" if along is None else f"; {along['speed'] / size:.3f} uphill"),
+        _speed(steady) + ("" if along is None else f"; {along['speed'] / size:.3f} uphill"),
         f"{steady['verified_for']:.0f} s",
         f"{100 * steady['slowest_window'] / steady['speed']:.0f} %",
-        f"{whole_zero(bend):.1f} ± {bar:.1g}" if along is None else "not defined on a slope",
-        f"{steady['multiplier']:.2g} ± {steady['multiplier_error_bar']:.1g}",
+        with_error(f"{whole_zero(bend):.1f}", bar) if along is None else "not defined on a slope",
+        _multiplier(steady),
         *(f"{mean / size:.3f} ({robots['standard_deviation'] / size:.2g})" for mean, robots in (own, twin)),
         ", ".join(bends),
         f"{len(cycle['supports'])}",

@@ -242,6 +242,7 @@ SOURCES: dict[str, Source] = {
         "leaf_gradients", IDENTIFICATION, identification.leaf_gradients_facts, identification.leaf_gradients_table
     ),
     "ntrt": Source("ntrt/ntrt.json", conformance.ntrt_facts, {"ntrt": Block("docs/files.md", conformance.ntrt_table)}),
+    "redraws": one_block("redraws", SEARCH, search.redraws_facts, search.redraws_table),
     "crash_recovery": Source(
         "crash_recovery/crash_recovery.json",
         search.crash_recovery_facts,

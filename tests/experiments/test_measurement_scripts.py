@@ -314,6 +314,15 @@ def test_nothing_is_lost_in_a_crash(tmp_path):
 
 
 @pytest.mark.campaign
+def test_ranges_are_drawn_again(tmp_path):
+    """Five statistics of two gaits on exact contact, and the words that are made of them."""
+    facts = search_tables.redraws_facts(quick("measurements/redraws.py", tmp_path / "redraws"))
+    assert len(facts["rows"]) == 5
+    assert all(0 <= row["covered"] <= 1 for row in facts["rows"])
+    assert "| mean speed of straight | 95 % |" in search_tables.redraws_table(facts)
+
+
+@pytest.mark.campaign
 def test_the_lasting_gait_is_followed_from_drops_and_on_other_robots(tmp_path):
     """Quick sizes: shares and times of what was dropped, and scans that are told as ranges."""
     (row,) = quick("measurements/basin.py", tmp_path / "basin")["rows"]
