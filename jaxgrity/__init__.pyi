@@ -15,6 +15,7 @@ from .control.steering import Blend, Steered, centre_offsets
 from .control.tasks import REACHED, TASKS, Task, find_task, ground_of, progressed, task_start
 from .control.travel import Foresight, Travels, travel
 from .core import primitives
+from .core.display import with_error
 from .core.errors import InputError
 from .formats.conversion import FORMATS, Format, read_any, write_any
 from .formats.foreign import Imported
@@ -130,7 +131,7 @@ from .search.fidelity import (
 from .search.genetic_algorithm import Evolution, GAConfig, Generation, SearchProblem, SearchState, distinct, evolve
 from .search.genome import Genome
 from .search.gradients import checkpointed_end, distance_and_gradient, distances
-from .search.judging import Fitness, Scores, judge, with_robots, without_measuring
+from .search.judging import Fitness, Scores, influences, judge, standard_error, with_robots, without_measuring
 from .search.models import Model, model_of, rough_step
 from .search.objectives import (
     OBJECTIVES,
@@ -178,8 +179,9 @@ from .trust.multipliers import FloquetMultipliers, floquet_multipliers
 from .trust.orbit_cycle import OrbitCycle, orbit_cycle
 from .trust.orbit_error_bars import OrbitErrorBars, orbit_error_bars, refined_orbit
 from .trust.orbit_gradient import GaitNumbers, SpeedGradient, speed_gradient
+from .trust.orbit_stability import Stability, stability
 from .trust.orbit_symmetry import Repetition, distance_from_orbit, repetition
-from .trust.orbits import Orbit, Stability, find_orbit, restarted, stability
+from .trust.orbits import Orbit, find_orbit, restarted
 from .trust.sensitivity import Sensitivity, sensitivity
 from .trust.trust_report import TrustReport, diagnose
 
@@ -526,6 +528,9 @@ __all__ = [  # noqa: RUF022 in groups
     "judge",
     "register_objective",
     "with_robots",
+    "influences",
+    "standard_error",
+    "with_error",
     "without_measuring",
     "Agreement",
     "Promoted",

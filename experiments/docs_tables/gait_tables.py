@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 from pages import made_by, table, whole_zero
 
-from jaxgrity.core.display import with_error
+from jaxgrity import with_error
 
 Facts = dict
 
@@ -47,7 +47,7 @@ def _orbit_row(row: Facts) -> list[str]:
         contact,
         with_error(f"{row['body_lengths_per_second']:.3f}", bar),
         f"{row['slowest_window']:.2f}",
-        f"{whole_zero(np.degrees(row['turning'])):.1f}",
+        f"{round(np.degrees(row['turning']), 1) + 0.0:.1f}",
         f"{row['periods']}",
         f"{1000 * row['residual']:.2g} mm",
         grows,

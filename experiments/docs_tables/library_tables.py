@@ -3,8 +3,7 @@
 import numpy as np
 from pages import made_by, table, whole_zero
 
-from jaxgrity import gait_names, gait_record
-from jaxgrity.core.display import COVERING, with_error
+from jaxgrity import gait_names, gait_record, with_error
 
 Facts = dict
 
@@ -78,7 +77,7 @@ def _of_robots(speed: float, robots: Facts, steady: Facts) -> str:
     """Their mean speed along paths with two standard errors, the standard deviation, and the shares of the orbit's."""
     mean, spread = speed / steady["speed"], robots["standard_deviation"] / steady["speed"]
     size = steady["body_length"]
-    lengths = with_error(f"{speed / size:.3f}", COVERING * robots["standard_error"] / size, " body lengths/s")
+    lengths = with_error(f"{speed / size:.3f}", 2 * robots["standard_error"] / size, " body lengths/s")
     scatter = f"standard deviation {robots['standard_deviation'] / size:.2g}"
     return f"{lengths}, {scatter}: {100 * mean:.0f} % of it, {100 * spread:.0f} %"
 

@@ -19,22 +19,26 @@ from jaxgrity import (
     Fitness,
     Gait,
     InputError,
+    Model,
     SearchConfig,
+    SolverOptions,
     SteadySpeed,
     contact_twin,
     gait_names,
     gaits_of,
+    influences,
+    judge,
     load_gait,
     load_scene,
+    model_of,
     plot,
+    standard_error,
     with_gait,
 )
-from jaxgrity.core.display import COVERING
 from jaxgrity.io.files import save_json
-from jaxgrity.search.judging import influences, judge, standard_error
-from jaxgrity.search.models import Model, model_of
-from jaxgrity.stepping.options import SolverOptions
 
+COVERING = 2.0
+"""standard errors in a range"""
 CAUTION = 1.0
 """standard deviations that the fitness holds against a gait, as in a default search"""
 

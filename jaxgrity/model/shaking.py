@@ -11,7 +11,7 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import place_rows
 from jaxgrity.core.tracing import evaluated, traced
 from jaxgrity.core.types import AnyArray, Displacement, NodeVectors, Scalar, as_float
-from jaxgrity.model.inertia import held
+from jaxgrity.model.inertia import accelerations, held, momenta
 from jaxgrity.model.structure import Structure
 
 
@@ -92,11 +92,20 @@ def support_velocity(motion: SupportMotion, structure: Structure, t: Scalar) -> 
     return _of_supports(structure, motion.velocity(jnp.asarray(t, structure.nodes.dtype)))
 
 
-def carried(motion: SupportMotion, structure: Structure, begin: Scalar, end: Scalar, v: NodeVectors) -> NodeVectors:
-    """Velocities v, m/s, of which the fixed coordinates have the mean that the motion has from `begin` to `end`, s."""
+def with_supports(motion: SupportMotion | None, structure: Structure, t: Scalar, v: NodeVectors) -> NodeVectors:
+    """Velocities v, m/s, of which the fixed coordinates have those of the motion at t, s."""
+    return v if motion is None else v - held(structure, v) + support_velocity(motion, structure, t)
+
+
+def moved_along(motion: SupportMotion, structure: Structure, begin: Scalar, end: Scalar, v: NodeVectors) -> NodeVectors:
+    """Velocities v, m/s, of which the fixed coordinates have the mean that the motion has from `begin` to `end`, s.
+
+    What that changes of them, the members with mass pass on to the free coordinates.
+    """
     begin, end = (jnp.asarray(t, v.dtype) for t in (begin, end))
     mean = (motion.displacement(end) - motion.displacement(begin)) / (end - begin)
-    return v - held(structure, v) + _of_supports(structure, mean)
+    change = _of_supports(structure, mean) - held(structure, v)
+    return v + change - accelerations(structure, momenta(structure, change))
 
 
 def slips(motion: SupportMotion | None, structure: Structure, t: Scalar, v: AnyArray, allowed: Scalar) -> AnyArray:

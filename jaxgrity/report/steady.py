@@ -13,8 +13,9 @@ from jaxgrity.search.robot_motions import RobotMotions, robot_motions
 from jaxgrity.stepping.options import SolverOptions
 from jaxgrity.stepping.stability import default_method, default_step
 from jaxgrity.trust.orbit_error_bars import orbit_error_bars
+from jaxgrity.trust.orbit_stability import stability
 from jaxgrity.trust.orbit_symmetry import repetition
-from jaxgrity.trust.orbits import WINDOW, Orbit, period_of, shortest_watch, stability
+from jaxgrity.trust.orbits import WINDOW, Orbit, period_of, shortest_watch
 
 Facts = dict[str, Any]
 MODELS = ("robust", "other_contact_model")

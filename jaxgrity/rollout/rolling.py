@@ -23,7 +23,7 @@ STAYING = 0.1
 ROUND = 0.5
 """of the disc about its path: a robot goes round whose centre sweeps over so much of it, more one way than the other"""
 COMING_BACK = 0.25
-"""of a path's width: where its later half is no farther on in the mean, a robot comes and goes"""
+"""of a path's width: where its end, and its later half in the mean, are no farther on, a robot comes and goes"""
 FLAT = 1e-6
 """of a structure's size, by which nodes of one flat face may be out of its plane"""
 ANGLES = 36
@@ -188,9 +188,9 @@ def _swept(path: np.ndarray) -> float:
 
 
 def _further(path: np.ndarray) -> float:
-    """By how much the later half of a path is farther on than its first, in the mean."""
+    """By how much the end of a path, or its later half in the mean, is farther on than its start, or its first half."""
     first, later = np.array_split(path, 2)
-    return float(np.linalg.norm(later.mean(0) - first.mean(0)))
+    return float(max(np.linalg.norm(later.mean(0) - first.mean(0)), np.linalg.norm(path[-1] - path[0])))
 
 
 def _way(path: np.ndarray) -> float:

@@ -8,7 +8,8 @@ from jaxgrity.model.scene import Scene, with_gait
 from jaxgrity.rollout.population import one_gait
 from jaxgrity.stepping.options import SolverOptions
 from jaxgrity.stepping.stability import default_method, default_step
-from jaxgrity.trust.orbits import find_orbit, shortest_watch, stability
+from jaxgrity.trust.orbit_stability import stability
+from jaxgrity.trust.orbits import find_orbit, shortest_watch
 
 
 def orbit_multipliers(scene: Scene, gaits: Gait, dt: float) -> Float[np.ndarray, " gaits"]:

@@ -16,7 +16,7 @@ from jaxgrity.search.judging import Fitness, ensembles_rolled_out, standard_erro
 from jaxgrity.search.models import model_of
 from jaxgrity.search.objectives import SteadySpeed
 from jaxgrity.search.paths import parts_of, path_bend, steady_velocity, whole_cycles
-from jaxgrity.stepping.options import Options
+from jaxgrity.stepping.options import Options, check_positive
 
 
 class RobotMotions(NamedTuple):
@@ -61,7 +61,7 @@ def robot_motions(
         scene: with a gait.
         uncertainty: by how much robots differ; draws come in pairs of opposite signs.
         robots: how many.
-        duration: s, of which the first quarter is left to settling; a little longer, for whole cycles.
+        duration: s, of which the first quarter is left to settling; longer, where whole cycles are.
         cycle: s, of the gait's orbit, within which robots sway; a period of actuation where not given.
         seed: of the draws.
         options: how to integrate; where not given, the scene decides.
@@ -82,6 +82,7 @@ def robot_motions(
         raise InputError("robot motions: the scene has no gait; expected with_gait(scene, gait)")
     if robots < 1:
         raise InputError(f"robots = {robots}: expected at least 1")
+    check_positive({"cycle": cycle})
     if cycle is None:
         parts, duration = parts_of(scene, scene.gait, duration)
     else:

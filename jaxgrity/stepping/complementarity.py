@@ -16,7 +16,7 @@ from jax.ad_checkpoint import checkpoint_name
 from jaxgrity.core.primitives import store_cotangent
 from jaxgrity.core.types import Count, NodeVectors, Scalar
 from jaxgrity.model.scales import speed_scale
-from jaxgrity.model.shaking import carried
+from jaxgrity.model.shaking import moved_along
 from jaxgrity.stepping.constraints import (
     GroundImpulses,
     blocks_of,
@@ -174,7 +174,7 @@ class Complementarity(diffrax.AbstractSolver):
         """Velocities with those of supports that move: where they are after the step is known."""
         if scene.shaking is None:
             return v
-        one = lambda scene, v: carried(scene.shaking, scene.structure, t0, t1, v)  # noqa: E731
+        one = lambda scene, v: moved_along(scene.shaking, scene.structure, t0, t1, v)  # noqa: E731
         return self.lift(one, ("s", -1))(scene, v)
 
     def _most_sweeps(self, scene):

@@ -7,7 +7,7 @@ from jaxgrity.core.primitives import store_cotangent
 from jaxgrity.core.types import NodeVectors, PerNode, Scalar, State, VectorsByKind
 from jaxgrity.model import inertia
 from jaxgrity.model.scene import Scene
-from jaxgrity.model.shaking import support_acceleration
+from jaxgrity.model.shaking import support_acceleration, with_supports
 from jaxgrity.model.structure import Members, member_vectors, onto_nodes
 
 
@@ -93,9 +93,9 @@ def _member_vectors(x: NodeVectors, kinds: dict[str, Members]) -> VectorsByKind:
 
 
 def vector_field(t: Scalar, state: State, scene: Scene) -> State:
-    """d/dt (q, v) = (v, a): the right-hand side that every method integrates."""
+    """d/dt (q, v) = (v, a): the right-hand side that every method integrates; how supports move is known."""
     q, v = state
-    return v, acceleration(scene, t, q, v)
+    return with_supports(scene.shaking, scene.structure, t, v), acceleration(scene, t, q, v)
 
 
 def kinetic_energy(scene: Scene, v: NodeVectors) -> Scalar:

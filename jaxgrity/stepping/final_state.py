@@ -1,7 +1,7 @@
 """Where a rollout ends, as a function that forward and reverse mode differentiate with respect to anything in it."""
 
 from collections.abc import Callable
-from typing import Any, cast
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -14,7 +14,7 @@ from jaxgrity.model.scene import Scene, as_dtype, start_of
 from jaxgrity.stepping.complementarity import SWEPT
 from jaxgrity.stepping.handover import Problem, carried_from, state_from
 from jaxgrity.stepping.integrate import discretise, prepared
-from jaxgrity.stepping.options import ResolvedOptions, check_fit
+from jaxgrity.stepping.options import ResolvedOptions, check_options
 from jaxgrity.stepping.starts import check_start, check_supports
 
 LONGER = 1.01
@@ -69,17 +69,14 @@ def final_state(
         raise InputError(f"method = {options.method.name!r} adapts its step; expected a fixed one (dt)")
     if not (traced(duration) or float(duration) > 0):
         raise InputError(f"duration = {duration} s: expected a positive number")
-    if steps is None and traced(duration):
-        raise InputError("duration is being traced, so that its steps cannot be counted; pass `steps`")
-    check_fit(scene, options)
+    count = _counted(duration, options, steps)
+    check_options(scene, options)
     check_start(scene, None if start is None else start[0], since)
     q, v = start_of(scene) if start is None else start
     check_supports(scene, v, since)
     # numbers that are known stay so: nothing has to be computed of a start at rest
     v = np.asarray(v, options.dtype) if isinstance(v, np.ndarray) else jnp.asarray(v, options.dtype)
     scene, first = prepared(as_dtype(scene, options.dtype)), (jnp.asarray(q, options.dtype), v)
-    known = not traced((duration, options))
-    count = enough_steps(0.0, float(duration), options, steps) if known else cast(int, steps)
     end = stepped(scene, first, (since, since + duration), options, discretise(options), count)
     return state_from(scene, since + duration, *end)
 
@@ -121,12 +118,20 @@ def stepped(
     return jax.lax.scan(jax.checkpoint(stretch), first, numbers)[0]
 
 
+def _counted(duration: Scalar, options: ResolvedOptions, given: int | None) -> int:
+    if not traced((duration, options)):
+        return enough_steps(0.0, float(duration), options, given)
+    if given is None:
+        raise InputError("duration is being traced, so that its steps cannot be counted; pass `steps`")
+    return given
+
+
 def enough_steps(since: Scalar, until: Scalar, options: ResolvedOptions, given: int | None) -> int:
     """How many steps are `given`, or are needed; raises `InputError` where these are more."""
     needed = steps_between(since, until, options)
     if given is None:
         return needed
-    if given * LONGER < needed:
+    if float(until) - float(since) > LONGER * given * float(options.dt):  # type: ignore[arg-type]
         raise InputError(f"steps = {given}: they would be longer than options.dt; expected {needed} or more")
     return given
 

@@ -17,7 +17,7 @@ from jaxgrity.core.tracing import traced
 from jaxgrity.core.types import AnyArray, NodeHistory, NodeVectors, Scalar, State, Times
 from jaxgrity.model.inertia import momenta
 from jaxgrity.model.scene import Scene
-from jaxgrity.model.shaking import support_velocity
+from jaxgrity.model.shaking import with_supports
 from jaxgrity.model.structure import Structure
 from jaxgrity.stepping.complementarity import ContactState
 from jaxgrity.stepping.dynamics import acceleration
@@ -56,9 +56,9 @@ def carried_from(problem: Problem, scene: Scene, t: Scalar, h: Scalar, start: St
 
 def state_from(scene: Scene, t: Scalar, carried: State, remembered: Any) -> State:
     """(q, v) at t (s), of one robot, from what the method carries."""
-    if not isinstance(remembered, ContactState):
-        return carried
     q, w = carried
+    if not isinstance(remembered, ContactState):
+        return q, with_supports(scene.shaking, scene.structure, t, w)
     return q, velocity_at(scene, t, q, w, remembered.step_size / 2)
 
 
@@ -69,10 +69,7 @@ def velocity_at(scene: Scene, t: Scalar, q: NodeVectors, w: NodeVectors, later: 
     to rounding; its derivative is that of the solution, in both modes. Supports move as they say.
     """
     v = _later_velocity(scene.during(t - later, t), t, q, w, later)
-    if scene.shaking is None:
-        return v
-    structure = scene.structure
-    return jnp.where(structure.free, v, support_velocity(scene.shaking, structure, t))
+    return with_supports(scene.shaking, scene.structure, t, v)
 
 
 def _later_velocity(scene: Scene, t: Scalar, q: NodeVectors, w: NodeVectors, later: Scalar) -> NodeVectors:

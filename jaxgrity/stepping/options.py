@@ -125,7 +125,7 @@ def _resolved(scene: Scene, options: Options, dtype: str | None, x64: bool) -> R
     """`resolve` without the duration, on which nothing else depends; `x64` is whether float64 is switched on."""
     concrete = not traced(scene)
     if isinstance(options, ResolvedOptions):
-        check_fit(scene, options)
+        check_options(scene, options)
         return options if dtype is None else replace(options, dtype=_dtype(dtype, x64))
     given = options or SolverOptions()
     check_positive({name: getattr(given, name) for name in ("dt", "rtol", "atol", "max_steps")})
@@ -147,7 +147,7 @@ def _resolved(scene: Scene, options: Options, dtype: str | None, x64: bool) -> R
     return ResolvedOptions(method, dt, dtype, rtol, atol, sweeps, given.strut_tolerance, together, given.max_steps)
 
 
-def check_fit(scene: Scene, options: ResolvedOptions) -> None:
+def check_options(scene: Scene, options: ResolvedOptions) -> None:
     """Refuse options that were resolved for a scene of another kind. The step is not looked at for what is stable."""
     method = options.method
     _check_method(scene, method)

@@ -14,6 +14,7 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.tracing import forward_mode_only, traced
 from jaxgrity.core.types import AnyArray, NodeHistory, NodeVectors, Scalar, State, Times
 from jaxgrity.model.scene import Scene, as_dtype
+from jaxgrity.model.shaking import with_supports
 from jaxgrity.stepping.handover import at_rest, midway, velocities_at
 from jaxgrity.stepping.integrate import even_step, failure_code, integrate, prepared, state_failure
 from jaxgrity.stepping.methods import find_method
@@ -189,6 +190,8 @@ def _simulate(scene: Scene, start: State, times: Times, frames: int | AnyArray, 
         v = velocities_at(prepared(scene), times, (q, v), later, frames)
         misplaced = start_failure(scene, start[0])
         failure = jnp.where(misplaced != 0, misplaced, failure)
+    elif scene.shaking is not None:
+        v = jax.vmap(lambda t, v: with_supports(scene.shaking, scene.structure, t, v))(times, v)
     q, v = forward_mode_only((q, v), REVERSE)
     return Trajectory(
         times=times,

@@ -8,7 +8,8 @@ from jaxgrity.model.scene import Scene
 from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
 from jaxgrity.trust.error_bars import refinement_bar
 from jaxgrity.trust.orbit_cycle import OrbitCycle, orbit_cycle
-from jaxgrity.trust.orbits import Orbit, find_orbit, stability
+from jaxgrity.trust.orbit_stability import stability
+from jaxgrity.trust.orbits import Orbit, find_orbit
 
 DRAWS = 4
 """of disturbed robots, by which a multiplier is measured"""

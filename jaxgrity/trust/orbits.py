@@ -15,10 +15,8 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.tracing import refuse_traced
 from jaxgrity.core.types import State
 from jaxgrity.model.actuation import Gait
-from jaxgrity.model.scales import speed_scale, time_scale
+from jaxgrity.model.scales import time_scale
 from jaxgrity.model.scene import Scene, body_length, with_gait
-from jaxgrity.rollout.population import gaits_of, simulate_population
-from jaxgrity.rollout.uncertainty import Differences
 from jaxgrity.stepping.options import Options, SolverOptions, resolve
 from jaxgrity.stepping.simulate import Trajectory, centre_path, simulate
 from jaxgrity.trust.cycles import MOST_PERIODS, Plane, cycle, moved_onto, plane_of, shape, way_along
@@ -31,12 +29,6 @@ HEADING = 0.2
 """rad, by which a robot may have turned on a slope since it settled: what turns on does not repeat itself there"""
 WINDOW = 10.0
 """s, in each of which the displacement of a body of one metre is looked at"""
-DISTURBANCE = 0.1
-"""m/s, standard deviation of every coordinate of the velocities of robots that are disturbed, of a body of one metre"""
-MINOR = 0.1
-"""of the largest spread of disturbed robots: directions in which they spread less are not looked at"""
-DIRECTIONS = 3
-"""in which robots spread, at most"""
 
 
 class Orbit(NamedTuple):
@@ -87,24 +79,6 @@ class Orbit(NamedTuple):
         slowest = float(self.windows.min()) if self.windows.size else None
         lengths = self.speed / self.body_length
         return found | {"slowest_window": slowest, "body_lengths_per_second": lengths, "settled": self.settled}
-
-
-class Stability(NamedTuple):
-    """What becomes of robots that are disturbed on an orbit."""
-
-    multipliers: np.ndarray
-    """(directions,), by which deviations grow in a cycle, complex, largest first; the neutral ones, of a shift along
-    the ground and a turn about the vertical, are taken out"""
-    returned: float
-    """share of the robots of which no coordinate is more than 2 `SETTLED` body lengths off the orbit, after one cycle
-    and after two"""
-    spread: float
-    """m, root mean square deviation of a node after one cycle, of those that returned"""
-
-    @property
-    def largest(self) -> float:
-        """The largest multiplier's size; infinite where no more than half of the robots returned."""
-        return float(np.abs(self.multipliers).max()) if self.returned > 0.5 else np.inf
 
 
 def period_of(gait: Gait | None) -> float:
@@ -165,47 +139,6 @@ def find_orbit(
     return _orbit(scene, trajectory, period, plane, first if beginning is None else 0)
 
 
-def stability(scene: Scene, orbit: Orbit, *, options: Options = None, robots: int = 128, seed: int = 0) -> Stability:
-    """Disturb robots on the orbit, and see what becomes of their deviations.
-
-    The velocities of all nodes get normal deviates of `DISTURBANCE`. After one cycle robots differ by d1 from the
-    undisturbed one, after another by d2, planar motions taken out. The multipliers are the eigenvalues of the matrix A
-    for which d2 = A d1 holds best, in those few directions in which robots spread at all. They are
-    about positions, and about disturbances of that size. The derivative of a step-by-step method's own map is no such
-    thing: where impacts fall on whole steps, it describes by how much a touch-down moves within its step
-    (docs/gaits.md).
-
-    Args:
-        scene: with the gait of the orbit.
-        orbit: as from `find_orbit`, by the same options.
-        options: how to integrate; where not given, the scene decides.
-        robots: how many are disturbed.
-        seed: of the disturbances.
-
-    Returns:
-        Multipliers, and how many robots returned.
-
-    Raises:
-        InputError: bad options (see `resolve`), a scene without a gait.
-    """
-    period_of(scene.gait)
-    here, v = restarted(scene, orbit), orbit.state[1]
-    size = DISTURBANCE * float(speed_scale(scene))
-    deviates = np.random.default_rng(seed).normal(0, size, (robots, *v.shape))
-    deviates[0] = 0
-    differences = Differences(velocities=v + deviates)
-    assert here.gait is not None, "an orbit has a gait"
-    gaits = gaits_of(here.gait, np.repeat(np.asarray(here.gait.phase)[None], robots, axis=0))
-    chosen, ends = in_step(scene, orbit.period, options), []
-    for cycles in (1, 2):
-        outcomes = simulate_population(here, gaits, cycles * orbit.cycle, options=chosen, differences=differences)
-        ends.append(np.where((np.asarray(outcomes.failure) == 0)[:, None, None], outcomes.positions, np.nan))
-    mass, plane = np.asarray(scene.structure.lumped_mass, float), plane_of(scene)
-    levelled = (end @ plane.axes for end in ends)
-    d1, d2 = (np.array([moved_onto(mass, x, end[0], plane)[0] - end[0] for x in end]) for end in levelled)
-    return _stability(d1[1:], d2[1:], orbit.body_length)
-
-
 def restarted(scene: Scene, orbit: Orbit) -> Scene:
     """The scene with nodes as they are on the orbit, `Orbit.state`, and with the gait at full amplitude at once.
 
@@ -214,21 +147,6 @@ def restarted(scene: Scene, orbit: Orbit) -> Scene:
     assert scene.gait is not None, "an orbit has a gait"
     running = replace(scene.gait, start=np.array(-10.0 * orbit.period), ramp=np.array(orbit.period))
     return with_gait(eqx.tree_at(lambda s: s.structure.nodes, with_gait(scene, None), orbit.state[0]), running)
-
-
-def _stability(d1: np.ndarray, d2: np.ndarray, size: float) -> Stability:
-    """Of deviations (robots, nodes, 3), m, after one cycle and after two, of a robot so long."""
-    near = np.nan_to_num(np.abs(d1), nan=np.inf).max((1, 2)) <= 2 * SETTLED * size
-    back = near & (np.nan_to_num(np.abs(d2), nan=np.inf).max((1, 2)) <= 2 * SETTLED * size)
-    if back.sum() <= 2 * DIRECTIONS:
-        return Stability(np.array([np.inf]), float(back.mean()), np.inf)
-    a, b = d1[back].reshape(back.sum(), -1), d2[back].reshape(back.sum(), -1)
-    _, sizes, directions = np.linalg.svd(a, full_matrices=False)
-    kept = directions[: max(1, int((sizes[:DIRECTIONS] > MINOR * sizes[0]).sum()))]
-    fitted = np.linalg.lstsq(a @ kept.T, b @ kept.T, rcond=None)[0]
-    found = np.linalg.eigvals(fitted)
-    spread = float(np.sqrt(np.mean(np.sum(d1[back] ** 2, axis=2))))
-    return Stability(found[np.argsort(-np.abs(found))], float(back.mean()), spread)
 
 
 def _first_period(gait: Gait | None) -> int:

@@ -27,7 +27,7 @@ BLOCKS = {
     "docs/performance.md": 5,
     "docs/scaling.md": 3,
     "docs/identification.md": 4,
-    "docs/search.md": 8,
+    "docs/search.md": 9,
     "docs/validation.md": 4,
 }
 

@@ -312,6 +312,7 @@ def to_and_fro(size: float, times: int = 4, drift: float = 0.0) -> np.ndarray:
         ("rocks", to_and_fro(0.9, 2), IN_TURN[:2] + IN_TURN[:1], 0.05),
         ("rocks", to_and_fro(0.3, 5), IN_TURN[:1], 0.0),
         ("slides", circle(0.3, 4.0), IN_TURN[:1], 0.0),
+        ("rolls", np.concatenate([line(0.9)[::8], np.tile(line(0.9)[-1:], (500, 1))]), IN_TURN[:2], 0.0),
         ("turns on the spot", circle(0.3, 4.0), IN_TURN, 0.0),
         ("turns on the spot", circle(0.3, -2.0, 0.02), IN_TURN * 2, 0.0),
         ("stays", to_and_fro(0.05), TO_AND_FRO, 0.0),

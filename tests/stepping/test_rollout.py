@@ -35,6 +35,7 @@ from jaxgrity import (
     simulate,
     simulate_population,
     verify,
+    with_gait,
 )
 
 SCENE = swept()
@@ -138,6 +139,9 @@ def test_steps_are_as_fine_as_the_options_say():
     with pytest.raises(InputError, match=r"steps = 20: they would be longer than options.dt; expected 30 or more"):
         final_state(SCENE, 0.15, resolve(SCENE, 0.15, OPTIONS), steps=20)
     ok = jax.jit(jax.vmap(lambda t: rollout(SCENE, t, options=OPTIONS, steps=30).ok))
+    single = resolve(with_gait(LIGHT, None), 0.15, SolverOptions(dt=4e-4, any_step=True, dtype="float32"))
+    late = 100 + np.arange(6) * 4e-4
+    assert rollout(with_gait(LIGHT, None), late, options=single, steps=1).ok
     assert ok(jnp.array([[0.0, 0.15], [0.0, 0.2], [0.1, 0.1], [0.1, 0.0]])).tolist() == [True, False, False, False]
 
 

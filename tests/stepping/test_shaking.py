@@ -115,6 +115,20 @@ def test_exact_stepping_takes_supports_to_where_they_are(dtype):
     np.testing.assert_allclose(moved.velocities[:, 0], velocity, rtol=0, atol=20 * rounding * 2 * np.pi * 20)
 
 
+@pytest.mark.slow
+def test_runge_kutta_methods_know_where_supports_are():
+    """Though their steps do not end where the motion bends: what they return is a start, seconds later too."""
+    abrupt = Shaking([0.2, 0.0, 0.0], 2.0, ramp=0.2)
+    scene = Scene(oscillator().structure, shaking=abrupt)
+    options = resolve(scene, 4.0, SolverOptions(method="rk4", dt=3e-3, any_step=True))
+    moved = simulate(scene, 4.0, options=options, frame_rate=10.0)
+    np.testing.assert_allclose(moved.positions[:, 0, 0], jax.vmap(abrupt.displacement)(moved.times)[:, 0], atol=1e-5)
+    np.testing.assert_allclose(moved.velocities[:, 0, 0], jax.vmap(abrupt.velocity)(moved.times)[:, 0], atol=1e-9)
+    whole = rollout(scene, np.array([0.0, 2.0, 4.0]), options=options)
+    assert whole.ok
+    assert rollout(scene, np.array([2.0, 4.0]), start=(whole.positions[1], whole.velocities[1]), options=options).ok
+
+
 def test_a_start_in_the_middle_of_a_motion_moves_with_its_supports():
     """What a rollout returns goes on as if nothing had been; supports at rest are refused there, or not ok."""
     scene = pendulum()
