@@ -11,7 +11,7 @@ from jaxgrity.core.primitives import positive_part
 from jaxgrity.core.types import AnyArray, PerNode, Scalar, as_float
 from jaxgrity.model.surface import Surface, length_of
 
-EDGE = 1e-9
+EDGE = 1e-12
 """of a solid's reach, by which a vertical line may pass it where its height is that of its edge"""
 
 
@@ -176,7 +176,7 @@ def _from_above(solid: Surface, x: AnyArray, y: AnyArray, middle: Scalar, reach:
 
     def halves(_, ends):
         low, high = ends
-        inside = f(x, y, (low + high) / 2) <= 0
+        inside = f(x, y, (low + high) / 2) <= EDGE * reach
         return jnp.where(inside, (low + high) / 2, low), jnp.where(inside, high, (low + high) / 2)
 
     deepest, _ = jax.lax.fori_loop(0, 90, thirds, (low, high))

@@ -90,7 +90,8 @@ def integrate(
 def even_step(dt: Scalar, duration: Scalar) -> Scalar:
     """s: the longest step, no longer than `dt`, of which the duration has a whole number."""
     xp, ratio = namespace_of(duration), duration / dt
-    count = xp.maximum(xp.ceil(ratio - 1e-6), 1)
+    # relative, since so is rounding: 0.3/0.005 is more than 60 in float32
+    count = xp.maximum(xp.ceil(ratio * (1 - 1e-6)), 1)
     return xp.where(abs(ratio - count) <= 1e-6 * count, dt, duration / count)
 
 

@@ -98,3 +98,10 @@ def test_a_traced_start_that_moves_a_support_is_not_ok():
     assert not jax.jit(ok)(still.at[0, 0].set(1.0))
     with pytest.raises(InputError, match="expected 0 where the node is fixed"):
         rollout(scene, times, start=(structure.nodes, np.ones((2, 3))), options=options)
+
+
+def test_rounding_makes_no_step_more():
+    """In either precision a duration of whole steps has as many."""
+    for dtype in (np.float32, np.float64):
+        for steps in (3, 60, 4001):
+            assert even_step(dtype(5e-3), dtype(5e-3 * steps)) == dtype(5e-3)
