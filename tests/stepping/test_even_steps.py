@@ -104,4 +104,5 @@ def test_rounding_makes_no_step_more():
     """In either precision a duration of whole steps has as many."""
     for dtype in (np.float32, np.float64):
         for steps in (3, 60, 4001):
-            assert even_step(dtype(5e-3), dtype(5e-3 * steps)) == dtype(5e-3)
+            step, duration = np.asarray(5e-3, dtype), np.asarray(5e-3 * steps, dtype)
+            assert even_step(step, duration) == step
