@@ -25,7 +25,7 @@ from jaxgrity import (
     with_gait,
 )
 from jaxgrity.model.symmetry import gene_permutations
-from jaxgrity.trust import orbit_symmetry, orbits
+from jaxgrity.trust import orbit_stability, orbit_symmetry, orbits
 from jaxgrity.trust.cycles import MOST_PERIODS, Plane, plane_of, way_along
 
 PERIOD, SPEED, TURNING = 0.5, 0.8, 0.3
@@ -114,11 +114,11 @@ def test_multipliers_of_a_map_made_by_hand():
     matrix = np.array([[0.5, 0.3], [-0.3, 0.5]])
     d1 = random.normal(0, 0.02, (60, 2))
     first, second = ((x @ basis.T).reshape(60, 12, 3) for x in (d1, d1 @ matrix))
-    found = orbits._stability(first, second, 1.0)
+    found = orbit_stability._stability(first, second, 1.0)
     np.testing.assert_allclose(np.abs(found.multipliers), np.hypot(0.5, 0.3), rtol=1e-6)
     assert found.largest == pytest.approx(np.hypot(0.5, 0.3))
     assert found.returned == 1
-    lost = orbits._stability(first, second + 1.0, 1.0)
+    lost = orbit_stability._stability(first, second + 1.0, 1.0)
     assert lost.returned == 0
     assert np.isinf(lost.largest)
 
