@@ -1,6 +1,6 @@
 """How fast a gait will roll on a robot that measurements have told as well as they can, and what to measure next."""
 
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -19,7 +19,7 @@ from jaxgrity.rollout.population import gaits_of, simulate_population
 from jaxgrity.rollout.uncertainty import Differences
 from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
 from jaxgrity.trust.closed_orbits import closed_orbit
-from jaxgrity.trust.cycles import way_along
+from jaxgrity.trust.cycles import plane_of, way_along
 from jaxgrity.trust.orbits import Orbit, find_orbit, in_step, restarted
 
 SETTLING, WATCHED = 8, 4
@@ -192,12 +192,12 @@ def speeds_of_robots(
     gaits = gaits_of(here.gait, np.repeat(np.asarray(here.gait.phase)[None], robots, axis=0))
     begun: Any = np.repeat(np.asarray(orbit.state[1])[None], robots, axis=0)
     differences = eqx.tree_at(lambda d: d.velocities, differences, begun, is_leaf=lambda x: x is None)
-    step = float(cast(float, resolve(here, orbit.cycle, chosen).dt))
-    cycles, places = SETTLING + WATCHED, _places(round(orbit.cycle / step))
+    assert chosen.dt is not None, "`in_step` gives a step"
+    cycles, places = SETTLING + WATCHED, _places(round(orbit.cycle / chosen.dt))
     outcomes = simulate_population(
         here, gaits, cycles * orbit.cycle, options=chosen, differences=differences, parts=cycles * places
     )
-    paths = np.asarray(outcomes.com_path, float)[:, SETTLING * places :, :2]
+    paths = (np.asarray(outcomes.com_path, float)[:, SETTLING * places :] @ plane_of(scene).axes)[:, :, :2]
     return np.where(np.asarray(outcomes.failure) == 0, steady_speeds(paths, places, orbit.cycle), 0.0)
 
 

@@ -29,8 +29,7 @@ class Union(Surface):
     Solids that meet have to overlap, by more than nodes sink into them: along a wall that two have in common phi is 0,
     so that nodes would pass there. A step of exact contact knows one face of each node: one that lands in a corner may
     sink into the other face for a step, and be thrown out of it. Walls have to be thicker than its way in a step.
-    Raises `InputError` where a face of a box or an end of a cylinder lies on another
-    part.
+    Raises `InputError` where a face of a box or an end of a cylinder lies on another part.
     """
 
     parts: tuple[Surface, ...]

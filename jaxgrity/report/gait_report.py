@@ -74,7 +74,7 @@ def write_report(result: SearchResult, origin: Origin, folder: Path, on_progress
     """
     scene, duration = result.scene, float(result.problem.duration)
     fine = SolverOptions(dt=result.verdict.verified.steps[0], dtype="float64")
-    parts = 5 + (PARTS if result.problem.fitness.objective.steady else 0)
+    parts = 5 + (PARTS if result.problem.seeks_orbits else 0)
     tick, began = _ticker(on_progress, parts), time.perf_counter()
     trajectory, trust, (steady, found, asked), parts_took = _side_by_side(result, fine, folder, tick)
     draw(result, trust, folder)

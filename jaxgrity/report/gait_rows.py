@@ -69,6 +69,8 @@ def _chosen(fitness: list[float], multipliers: list[float] | None) -> dict[str, 
     known = [f"{each:.2g}" for each in multipliers if np.isfinite(each)]
     lost, most = len(multipliers) - len(known), max(fitness)
     first = "is worth most" if fitness[0] == most else f"is worth {fitness[0]:.3f}, the best of them {most:.3f}"
+    if known and not np.isfinite(multipliers[0]):
+        first = f"is none of these, and {first}"
     if not known:
         told = "none settles on an orbit to which disturbed robots return"
     else:

@@ -27,7 +27,7 @@ def gait_measured(
     """How the gait lasts, by robots that differ as in the search; its directions, and what it asks of actuators."""
     scene, problem, steady = result.scene, result.problem, None
     duration = float(problem.duration)
-    if problem.fitness.objective.steady:
+    if problem.seeks_orbits:
         # the last level has half of the step that was asked for, which this gait may not allow
         step = min(2 * result.levels[-1].dt, default_step(scene, default_method(scene)))
         asked = problem.fitness.objective

@@ -34,6 +34,12 @@ class SearchProblem(NamedTuple):
     twin: Scene | None = None
     """the scene's contact twin, where every robot is tried on both contact models"""
 
+    @property
+    def seeks_orbits(self) -> bool:
+        """Whether gaits are asked for the orbit that they settle on: on uneven ground there is none."""
+        ground = self.scene.ground
+        return self.fitness.objective.steady and (ground is None or ground.surface is None)
+
 
 def models_of(problem: SearchProblem, options: Options = None) -> tuple[Model, ...]:
     """The scene's model, integrated as `options` say, and that of its twin, if any, at a rough step.

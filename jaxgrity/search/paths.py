@@ -67,7 +67,7 @@ def path_size(scene: Scene, outcomes: Outcomes) -> PerGait:
 
 
 def steady_velocity(outcomes: Outcomes, duration: Scalar) -> Float[AnyArray, "population 2"]:
-    """(population, 2), m/s, over the settled part of rollouts in `PARTS` parts or a multiple; NaN where one failed."""
+    """(population, 2), m/s, over the settled part of paths in a multiple of `QUARTERS` parts; NaN where one failed."""
     path = _settled(outcomes.com_path[:, :, :2])
     velocity = (path[:, -1] - path[:, 0]) / (duration * (1 - SETTLING))
     return jnp.where((outcomes.failure == 0)[:, None], velocity, jnp.nan)

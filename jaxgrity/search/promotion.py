@@ -99,7 +99,7 @@ def promote(
 def multipliers_of(problem: SearchProblem, genes: Genes, step: float) -> np.ndarray | None:
     """Of the gaits' orbits (`orbit_multipliers`), for objectives that look for orbits, on planes; else None."""
     scene = problem.scene
-    if not problem.fitness.objective.steady or scene.ground is None or scene.ground.surface is not None:
+    if not problem.seeks_orbits or scene.ground is None:
         return None
     return orbit_multipliers(scene, problem.genome.gaits(scene.gait, genes), step)
 

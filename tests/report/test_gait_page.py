@@ -6,7 +6,7 @@ import pytest
 import jaxgrity
 from jaxgrity import plot
 from jaxgrity.report.gait_report import write_page
-from jaxgrity.report.gait_rows import outcome_rows
+from jaxgrity.report.gait_rows import _chosen, outcome_rows
 from jaxgrity.report.orbit_plot import _moving_frame
 from jaxgrity.report.steady import steady_rows
 
@@ -46,6 +46,21 @@ STEADY = {
     },
 }
 ACTUATORS = {"peak_force": 275.1, "peak_rate": 0.988, "peak_power": 143.4, "cost_of_transport_by_effort": 5.41}
+
+
+LOST = "settle on no orbit to which disturbed robots return; the first"
+
+
+@pytest.mark.parametrize(
+    ("multipliers", "told"),
+    [
+        ([0.1, 0.2], "by 0.1, 0.2; the first is worth most"),
+        ([np.inf, 0.2], f"by 0.2; 1 of 2 {LOST} is none of these, and is worth most"),
+        ([np.inf, np.inf], "none settles on an orbit to which disturbed robots return; the first is worth most"),
+    ],
+)
+def test_a_gait_without_an_orbit_is_not_taken_for_the_next_one(multipliers, told):
+    assert _chosen([0.6, 0.5], multipliers)["finalists"].endswith(told)
 
 
 @pytest.mark.parametrize("turn", [0.0, 0.7, -2.5])

@@ -15,14 +15,20 @@ import pytest
 from jaxgrity import (
     OBJECTIVES,
     ActuatorBounds,
+    Distance,
+    ExactGround,
     Fitness,
+    Genome,
     InputError,
     Objective,
     Progress,
     SearchConfig,
+    SearchProblem,
     SearchResult,
     SolverOptions,
+    SteadySpeed,
     Uncertainty,
+    bumps,
     find_objective,
     find_orbit,
     gaits_of,
@@ -220,6 +226,19 @@ def test_multipliers_are_those_of_the_gaits_orbits(exact):
     assert lasting == pytest.approx(longer.largest, abs=0.1)
     assert lasting < 0.5
     assert wandering == np.inf
+
+
+def test_orbits_are_sought_where_there_may_be_some(exact):
+    """On planes, also inclined ones, for objectives that look for them; on bumps a search ends without."""
+    bumpy = dataclasses.replace(exact, ground=ExactGround(surface=bumps(0.02, 0.8, seed=0)))
+    steep = dataclasses.replace(exact, ground=ExactGround(0.1))
+    for scene, objective, sought in (
+        (exact, SteadySpeed(), True),
+        (steep, SteadySpeed(), True),
+        (exact, Distance(), False),
+        (bumpy, SteadySpeed(), False),
+    ):
+        assert SearchProblem(scene, Genome(6), 40.0, Fitness(objective)).seeks_orbits is sought
 
 
 def many(result):
