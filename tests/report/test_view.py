@@ -206,6 +206,7 @@ GROUNDS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", GROUNDS)
 def test_uneven_ground_is_drawn(name, exact, tmp_path):
     """With what is on it: the path of the centre of mass, and where the robot stands."""
