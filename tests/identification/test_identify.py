@@ -98,7 +98,6 @@ def test_intervals_widen_where_the_model_does_not_fit():
 
 
 def test_what_data_cannot_tell_gets_no_number():
-@pytest.mark.slow
     """Poses tell stiffness over mass alone: neither of the two, and one combination, their product."""
     found = identify(hanging(), [STIFFNESS, MASS], poses(heights(120.0)))
     assert [each.value for each in found.estimates] == [None, None]
@@ -110,6 +109,9 @@ def test_what_data_cannot_tell_gets_no_number():
     ratio = found.scene.structure.cables.stiffness[0] / found.scene.structure.node_mass[1]
     np.testing.assert_allclose(ratio, 60.0, rtol=1e-4)
     assert "cannot tell" in found.summary()
+
+
+@pytest.mark.slow
 def test_the_profile_is_that_of_the_posterior():
     """In a nearly linear problem it rises by 1 at one standard deviation."""
     seen = poses(heights(120.0))

@@ -178,7 +178,6 @@ def test_a_small_ball_does_not_let_a_node_through():
 
 
 def test_where_the_normal_is_smooth_nothing_is_looked_for():
-@pytest.mark.slow
     """Height fields, slopes and bowls are linearised where a node would be at the end of the step, to the last bit."""
     q, v = jnp.array([[0.1, 0.2, 0.3], [0.4, 0.0, -0.1]]), jnp.array([[0.3, 0.1, -5.0], [0.0, 0.0, -4.0]])
     for surface in (Slope(0.2), bumps(0.1, 0.5, seed=0), Sphere(np.array([0.0, 0, 2]), 2.0, hollow=True)):
@@ -188,6 +187,9 @@ def test_where_the_normal_is_smooth_nothing_is_looked_for():
         assert met.share == 1.0
     plane = ExactGround(0.2)
     np.testing.assert_array_equal(where_met(plane, 1.0, DT, q, v).distance, plane.signed_distance(q))
+
+
+@pytest.mark.slow
 def test_the_place_of_entry_has_the_derivative_of_the_root():
     """In start, way and the ground's own numbers, against differences; in float32 it is found too."""
     q, v = jnp.array([[0.4, 0.1, 0.33], [-0.3, 0.0, 0.42]]), jnp.array([[1.0, 0.2, -6.0], [-0.5, 0.3, -9.0]])

@@ -60,12 +60,14 @@ LIGHT = dataclasses.replace(SCENE, structure=dataclasses.replace(SCENE.structure
 
 
 def place(mu, lift):
-@pytest.mark.slow
     """Of all nodes in the end, m, along x, and whether all is well."""
     there = eqx.tree_at(lambda s: s.friction.mu, LIGHT, mu)
     start = (LIGHT.structure.nodes + lift * jnp.array([0.0, 0.0, 1.0]), STILL)
     found = rollout(there, TIMES, start=start, options=OPTIONS)
     return found.positions[-1, :, 0].sum(), found.ok
+
+
+@pytest.mark.slow
 def test_transformations_take_it_in_any_order():
     """jit of vmap of grad, and grad of vmap: derivatives as by differences, codes one by one."""
     mus, lifts = jnp.array([0.3, 0.5, 0.4]), jnp.array([0.0, 0.0, -0.1])
