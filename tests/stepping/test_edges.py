@@ -88,21 +88,20 @@ def drops(rims, count, seed=0):
 
 
 def lines_that_enter(blocks, start, way):
-    """Of each line, from outside: the share at which it enters the first block, that face, and whether it is sure."""
+    """Of each line and block: the share at which it enters, infinite where not, that face; and where these are sure."""
     share, normal, tie = (np.stack(x, 1) for x in zip(*(block.entered(start, way) for block in blocks)))
-    rows, first = np.arange(len(start)), share.argmin(1)
+    enters, size = np.isfinite(share), np.linalg.norm(way, axis=1)
     in_order = np.sort(share, axis=1)
-    size = np.linalg.norm(way, axis=1)
     with np.errstate(invalid="ignore"):
         apart = (in_order[:, 1] - in_order[:, 0]) * size > CORNER
-    sure = np.isfinite(in_order[:, 0]) & apart & ~tie[rows, first]
-    return np.where(sure, in_order[:, 0], 0), normal[rows, first], sure
+    return share, normal, enters.any(1) & apart & ~(tie & enters).any(1)
 
 
 def sides(ground, count):
-    """How many times nodes entered the ground, and by how much, m, one ended that step elsewhere than its face says.
+    """How many times nodes entered the ground, and by how much, m, one ended that step elsewhere than a face says.
 
-    Without friction a node ends it where its free motion does, less what leads into the face that it met first.
+    Without friction a node ends it where its free motion does, less what leads into the face of a block that it met
+    first; where it enters two blocks, of either of them.
     """
     surface, blocks, rims = ground
     q, worst, met = paths(surface, *drops(rims, count)), 0.0, 0
@@ -111,8 +110,10 @@ def sides(ground, count):
         outside = ExactGround(surface=surface).measured(now[None]).distance[0] > CORNER
         share, n, sure = lines_that_enter(blocks, now, way)
         free = now + way - np.array([0, 0, G * DT**2])
-        deep = np.minimum(np.sum(n * (free - now - share[:, None] * way), axis=1), 0)
-        off = np.linalg.norm(after - free + deep[:, None] * n, axis=1)[outside & sure]
+        at = now[:, None] + np.where(np.isfinite(share), share, 0)[..., None] * way[:, None]
+        deep = np.minimum(np.sum(n * (free[:, None] - at), axis=2), 0)
+        off = np.linalg.norm((after - free)[:, None] + deep[..., None] * n, axis=2)
+        off = np.where(np.isfinite(share), off, np.inf).min(1)[outside & sure]
         worst, met = max(worst, off.max(initial=0.0)), met + len(off)
     return met, worst
 
