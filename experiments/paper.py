@@ -19,8 +19,9 @@ from docs_tables.pages import fill_page, table
 from paper_claims.report import VERDICTS
 from tqdm import tqdm
 
-from jaxgrity import InputError, plot, view
+from jaxgrity import InputError
 from jaxgrity.io.files import read_text, save_json, write_whole
+from jaxgrity.report import plot, view
 
 CLAIMS = (
     "structure_drawn",

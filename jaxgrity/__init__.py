@@ -1,28 +1,41 @@
 """jaxgrity: tensegrity robots, simulated differentiably, and the gaits that make them roll.
 
-The public names stand in `__init__.pyi`, in groups; each module is imported when one of its names is first used.
+The names that most users need stand in `__init__.pyi`, in groups; each module is imported when one of its names is
+first used. The rooms have further names: `jaxgrity.control`, `formats`, `identification`, `model`, `orbits`,
+`populations`, `report`, `search`, `statics`, `stepping`, `structures`.
 """
 
-import sys
-from types import ModuleType
+import warnings
+from importlib import import_module
 
 import lazy_loader
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+_found, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+ROOMS = (
+    "control",
+    "formats",
+    "identification",
+    "model",
+    "orbits",
+    "populations",
+    "report",
+    "search",
+    "statics",
+    "stepping",
+    "structures",
+)
+"""those that have public names"""
 
 
-class _Package(ModuleType):
-    """Keeps the name `rollout` for the function: Python would give it to the sub-package once that is imported."""
-
-    @property
-    def rollout(self):
-        from jaxgrity.stepping.rollout import rollout
-
-        return rollout
-
-    @rollout.setter
-    def rollout(self, sub_package):
-        pass
-
-
-sys.modules[__name__].__class__ = _Package
+def __getattr__(name: str):
+    if name in __all__ or name.startswith("_"):
+        return _found(name)
+    if name in ROOMS:
+        return import_module(f"{__name__}.{name}")
+    for room in ROOMS:
+        home = import_module(f"{__name__}.{room}")
+        if name in home.__all__:
+            moved = f"jaxgrity.{name} is jaxgrity.{room}.{name} now; the short name goes with the next release"
+            warnings.warn(moved, DeprecationWarning, stacklevel=2)
+            return getattr(home, name)
+    return _found(name)

@@ -11,6 +11,7 @@ from pathlib import Path
 os.environ.setdefault("EQX_ON_ERROR", "nan")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+import conformance_statics
 import hypothesis
 import jax
 import jaxtyping
@@ -115,7 +116,9 @@ def creeping():
 @pytest.fixture(scope="session")
 def crawler(creeping):
     """That strut, its orbit, which is smooth, for derivatives of its speed, and the options of both."""
-    from jaxgrity import SolverOptions, find_orbit, resolve
+    from jaxgrity import SolverOptions
+    from jaxgrity.orbits import find_orbit
+    from jaxgrity.stepping import resolve
 
     options = resolve(creeping, 1.0, SolverOptions("rk4", 2e-3))
     return creeping, find_orbit(creeping, 60.0, options=options), options
@@ -125,3 +128,15 @@ def crawler(creeping):
 def central_difference() -> Callable:
     """`central_difference(f, x, h)`: df/dx of a function of one number, with an error of order h^2."""
     return lambda f, x, h: (f(x + h) - f(x - h)) / (2 * h)
+
+
+@pytest.fixture(scope="session")
+def tower_answers():
+    """What is published of a tower of two stacked prisms (TsgFEM, a MATLAB toolbox)."""
+    return conformance_statics.RODS["tower"]
+
+
+@pytest.fixture(scope="session")
+def published_tower():
+    """That tower on its three supports, struts and cables with mass."""
+    return conformance_statics.published_tower()

@@ -4,7 +4,10 @@ import ast
 import itertools
 import statistics
 from collections import defaultdict
+from importlib import import_module
 from pathlib import Path
+
+import pytest
 
 import jaxgrity
 
@@ -18,7 +21,13 @@ FUNCTIONS = {
     if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
 }
 """all functions and methods, inner ones too"""
-STUB = ast.parse((PACKAGE / "__init__.pyi").read_text())
+STUBS = {
+    ".".join(("jaxgrity", *path.parent.relative_to(PACKAGE).parts)): ast.parse(path.read_text())
+    for path in sorted(PACKAGE.rglob("__init__.pyi"))
+}
+"""of the package, and of each room that has public names"""
+MOST_AT_THE_TOP = 120
+"""names, which most users need"""
 
 LONGEST_MODULE, MEDIAN_MODULE, LONGEST_FUNCTION = 300, 150, 60
 """lines"""
@@ -44,19 +53,21 @@ def assigned(node: ast.stmt) -> list[str]:
     return [target.id for target in targets if isinstance(target, ast.Name)]
 
 
-def names_imported() -> dict[str, str]:
-    """The public names, and the modules that they come from."""
+def names_imported(package: str) -> dict[str, str]:
+    """The public names of a package or room, and the modules that they come from."""
+    room = package.removeprefix("jaxgrity").lstrip(".")
     return {
-        alias.asname or alias.name: node.module or ""
-        for node in STUB.body
+        alias.asname or alias.name: ".".join(part for part in (room, node.module) if part)
+        for node in STUBS[package].body
         if isinstance(node, ast.ImportFrom)
         for alias in node.names
     }
 
 
-def names_listed() -> list[str]:
-    """`__all__` of the stub."""
-    (listed,) = (node.value for node in STUB.body if isinstance(node, ast.Assign) and assigned(node) == ["__all__"])
+def names_listed(package: str) -> list[str]:
+    """`__all__` of its stub."""
+    body = STUBS[package].body
+    (listed,) = (node.value for node in body if isinstance(node, ast.Assign) and assigned(node) == ["__all__"])
     return ast.literal_eval(listed)
 
 
@@ -105,19 +116,40 @@ def test_no_two_things_have_one_name():
     assert not {name: where for name, where in homes.items() if len(where) > 1 and name not in IN_SEVERAL_MODULES}
 
 
-def test_the_public_names_are_those_that_the_stub_imports():
-    """Each once; `jaxgrity.__all__`, by which they are imported when they are used, is the same list."""
-    listed = names_listed()
+@pytest.mark.parametrize("package", STUBS)
+def test_the_public_names_are_those_that_the_stub_imports(package):
+    """Each once; `__all__`, by which they are imported when they are used, is the same list."""
+    listed = names_listed(package)
     assert sorted(set(listed)) == sorted(listed)
-    assert set(listed) == set(names_imported())
-    assert set(jaxgrity.__all__) == set(listed)
+    assert set(listed) == set(names_imported(package))
+    assert set(import_module(package).__all__) == set(listed)
 
 
-def test_public_names_are_documented():
+def test_each_public_name_has_one_home():
+    """At the top, or in one room; no module of a room has the name of something in it, which it would hide."""
+    assert set(STUBS) == {"jaxgrity", *(f"jaxgrity.{room}" for room in jaxgrity.ROOMS)}
+    homes = [name for package in STUBS for name in names_listed(package)]
+    assert not [name for name in homes if homes.count(name) > 1]
+    assert len(names_listed("jaxgrity")) <= MOST_AT_THE_TOP
+    for room in jaxgrity.ROOMS:
+        modules = {path.stem for path in (PACKAGE / room).glob("*.py")} - {"plot", "view"}
+        assert not modules & set(names_listed(f"jaxgrity.{room}"))
+
+
+def test_names_that_moved_warn_and_are_there():
+    """For one release, from the top too."""
+    with pytest.warns(DeprecationWarning, match=r"jaxgrity.find_orbit is jaxgrity.orbits.find_orbit now"):
+        assert jaxgrity.find_orbit is jaxgrity.orbits.find_orbit
+    with pytest.raises(AttributeError, match="no_such_name"):
+        jaxgrity.no_such_name  # noqa: B018
+
+
+@pytest.mark.parametrize("package", STUBS)
+def test_public_names_are_documented(package):
     """And are there: classes, functions and modules by docstrings, constants by the string below them."""
     silent = []
-    for name, home in names_imported().items():
-        assert hasattr(jaxgrity, name), name
+    for name, home in names_imported(package).items():
+        assert hasattr(import_module(package), name), name
         module = f"{home}/{name}".replace(".", "/") + ".py"
         if module in TREES:
             documented = ast.get_docstring(TREES[module])

@@ -17,7 +17,7 @@ def test_floor_plan_names_every_module_once_and_no_other():
 def test_floor_plan_is_in_the_order_of_the_layers_contract():
     """From the bottom up."""
     project = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
-    (layers,) = re.findall(r"^layers = \[(.*)\]", project, re.MULTILINE)
+    (layers,) = re.findall(r"^layers = \[([^]]*)\]", project, re.MULTILINE)
     assert re.findall(r"^\| \*\*(\w+)\*\* \|", PLAN, re.MULTILINE) == re.findall(r"\w+", layers)[::-1]
 
 

@@ -3,6 +3,7 @@
 import doctest
 import inspect
 import re
+from operator import attrgetter
 
 import pytest
 
@@ -19,18 +20,18 @@ ENTRY_POINTS = (
     "evolve",
     "polish",
     "search_gaits",
-    "inspect_structure",
-    "resting_shape",
-    "vibration_modes",
-    "static_response",
-    "prestressed",
-    "random_tensegrity",
+    "statics.inspect_structure",
+    "statics.resting_shape",
+    "statics.vibration_modes",
+    "statics.static_response",
+    "statics.prestressed",
+    "structures.random_tensegrity",
     "bumps",
     "height_map",
     "wind",
-    "plant_of",
-    "simulate_policy",
-    "environment",
+    "control.plant_of",
+    "control.simulate_policy",
+    "control.environment",
 )
 """those that share scene, gaits, duration and step come one after the other, so that they share compiled programs"""
 CAMPAIGNS = ("search_gaits", "diagnose")
@@ -47,7 +48,7 @@ def sections(docstring: str) -> dict[str, str]:
 @pytest.mark.parametrize("name", ENTRY_POINTS)
 def test_entry_points_say_what_they_take_return_and_raise(name):
     """Each parameter is among the arguments, and they raise the one error that the library has for bad input."""
-    function = getattr(jaxgrity, name)
+    function = attrgetter(name)(jaxgrity)
     found = sections(inspect.getdoc(function))
     assert tuple(found) == SECTIONS
     assert all(text.strip() for text in found.values())
@@ -65,7 +66,7 @@ def test_entry_points_say_what_they_take_return_and_raise(name):
 )
 def test_examples_show_what_happens(name):
     """With nothing imported but jaxgrity; each has a result to compare."""
-    example = sections(inspect.getdoc(getattr(jaxgrity, name)))["Example"]
+    example = sections(inspect.getdoc(attrgetter(name)(jaxgrity)))["Example"]
     found = doctest.DocTestParser().get_doctest(inspect.cleandoc(example), {"jaxgrity": jaxgrity}, name, None, None)
     assert any(step.want for step in found.examples)
     said: list[str] = []

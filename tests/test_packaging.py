@@ -65,7 +65,7 @@ for name in jaxgrity.scene_names():
     jaxgrity.load_scene(name)
 for name in jaxgrity.gait_names():
     jaxgrity.load_gait(name)
-print(jaxgrity.load_scene("reference").describe())
+print(jaxgrity.describe(jaxgrity.load_scene("reference")))
 """
     where, *words = _python("-c", program, cwd=tmp_path, PYTHONPATH=str(installed)).splitlines()
     assert Path(where).is_relative_to(installed)

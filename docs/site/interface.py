@@ -1,8 +1,10 @@
-"""A reference page for each group of public names, as jaxgrity/__init__.pyi lists them, from their docstrings."""
+"""A reference page for each group of public names and for each room, as the stubs list them, from their docstrings."""
 
 import inspect
 import re
+from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 from typing import NamedTuple
 
 from sphinx.ext.napoleon import Config, GoogleDocstring
@@ -14,10 +16,13 @@ PAGES = Path(__file__).parents[1] / "reference"
 
 
 class Group(NamedTuple):
-    """Names that belong together."""
+    """Names that belong together, of the package or of one of its rooms."""
 
     title: str
     names: tuple[str, ...]
+    package: str
+    stub: str
+    """the text of its stub"""
 
     @property
     def page(self) -> str:
@@ -25,55 +30,68 @@ class Group(NamedTuple):
         return re.sub(r"\W+", "_", re.split(r"[:,(]", self.title)[0].strip().lower())
 
 
-def groups(stub: str) -> tuple[Group, ...]:
-    """The groups of `__all__` in the text of a stub file: each begins with a comment, its title."""
-    names = stub.partition("__all__ = [")[2]
-    parts = re.split(r"^    # (.*)$", names, flags=re.MULTILINE)[1:]
-    return tuple(Group(title, tuple(re.findall(r'"(\w+)"', text))) for title, text in zip(parts[::2], parts[1::2]))
+def groups() -> tuple[Group, ...]:
+    """Those of the package's `__all__`, each of which begins with a comment, its title; and one for each room."""
+    stub = _stub(jaxgrity)
+    parts = re.split(r"^    # (.*)$", stub.partition("__all__ = [")[2], flags=re.MULTILINE)[1:]
+    found = [Group(title, _names(text), "jaxgrity", stub) for title, text in zip(parts[::2], parts[1::2])]
+    for name in jaxgrity.ROOMS:
+        room, text = getattr(jaxgrity, name), _stub(getattr(jaxgrity, name))
+        title = f"{room.__name__}: {room.__doc__[0].lower()}{room.__doc__[1:].rstrip('.')}"
+        found.append(Group(title, _names(text.partition("__all__ = [")[2]), room.__name__, text))
+    return tuple(found)
 
 
-def entry(name: str, stub: str) -> str:
+def _stub(package: ModuleType) -> str:
+    return Path(package.__file__).with_suffix(".pyi").read_text(encoding="utf-8")
+
+
+def _names(text: str) -> tuple[str, ...]:
+    return tuple(re.findall(r'"(\w+)"', text))
+
+
+def entry(name: str, group: Group) -> str:
     """What makes autodoc say what stands in the docstring of a public name."""
-    thing = getattr(jaxgrity, name)
+    thing = getattr(import_module(group.package), name)
     if inspect.ismodule(thing):
-        own = re.findall(r'^    "(\w+)",', stub, re.M)
         # what has an entry of its own is not said twice
         lines = f".. rubric:: {thing.__name__}", "", f".. automodule:: {thing.__name__}", "   :members:"
-        return "\n".join([*lines, f"   :exclude-members: {', '.join(own)}"])
+        return "\n".join([*lines, f"   :exclude-members: {', '.join(group.names)}"])
     if inspect.isclass(thing):
-        return f".. autoclass:: jaxgrity.{name}\n   :members:"
+        return f".. autoclass:: {group.package}.{name}\n   :members:"
     if callable(thing):
-        return f".. autofunction:: jaxgrity.{name}"
+        return f".. autofunction:: {group.package}.{name}"
     # a value has no docstring of its own: it stands below the value, in its module
-    home = re.search(rf"^from \.(\S+) import [^\n]*\b{name}\b", stub.replace("(\n", "(").replace(",\n    ", ", "), re.M)
+    stub = group.stub.replace("(\n", "(").replace(",\n    ", ", ")
+    home = re.search(rf"^from \.(\S+) import [^\n]*\b{name}\b", stub, re.M)
     assert home, f"{name} is imported from nowhere"
-    return f".. autodata:: jaxgrity.{home[1]}.{name}\n   :no-value:"
+    return f".. autodata:: {group.package}.{home[1]}.{name}\n   :no-value:"
 
 
-def page(group: Group, stub: str) -> str:
+def page(group: Group) -> str:
     """A table of the group's functions and classes, and what each of the names says of itself."""
-    title = group.title[0].upper() + re.sub(r" \(.*\)", "", group.title)[1:]
+    title = group.title if group.package != "jaxgrity" else group.title[0].upper() + group.title[1:]
+    title = re.sub(r" \(.*\)", "", title)
     lines = [
         title,
         "=" * len(title),
         "",
-        ".. currentmodule:: jaxgrity",
+        f".. currentmodule:: {group.package}",
         "",
         ".. autosummary::",
         "   :nosignatures:",
         "",
     ]
-    lines += [f"   {name}" for name in group.names if callable(getattr(jaxgrity, name))]
+    lines += [f"   {name}" for name in group.names if callable(getattr(import_module(group.package), name))]
     for name in group.names:
-        lines += ["", entry(name, stub)]
+        lines += ["", entry(name, group)]
     return "\n".join(lines) + "\n"
 
 
 def write_pages(app) -> None:
     """Write the reference pages that changed, and the page that lists them."""
-    stub = Path(jaxgrity.__file__).with_suffix(".pyi").read_text(encoding="utf-8")
-    found = groups(stub)
-    pages = {f"{group.page}.rst": page(group, stub) for group in found}
+    found = groups()
+    pages = {f"{group.page}.rst": page(group) for group in found}
     title = "Public names"
     entries = "\n".join(f"   {group.page}" for group in found)
     pages["index.rst"] = f"{title}\n{'=' * len(title)}\n\n.. toctree::\n   :maxdepth: 1\n\n{entries}\n"

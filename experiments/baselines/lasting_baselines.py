@@ -19,25 +19,19 @@ from matplotlib.figure import Figure
 from searches import built
 from tqdm import tqdm
 
-from jaxgrity import (
-    GAConfig,
-    PolishConfig,
-    SearchConfig,
+from jaxgrity import GAConfig, PolishConfig, SearchConfig, contact_twin, evolve, load_scene, polish
+from jaxgrity.io.files import save_json
+from jaxgrity.report import plot
+from jaxgrity.search import (
     SearchProblem,
-    contact_twin,
     distinct,
-    evolve,
     fidelity_levels,
     ga_configs,
     judge_at,
-    load_scene,
-    plot,
-    polish,
     search_problem,
     with_robots,
     without_measuring,
 )
-from jaxgrity.io.files import save_json
 
 Method = Literal["random", "CMA-ES", "GA"]
 Freedom = Literal["waves", "free"]

@@ -18,8 +18,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
-from jaxgrity import InputError, gait_names, gait_record, plot
+from jaxgrity import InputError, gait_names, gait_record
 from jaxgrity.io.files import read_text, save_json
+from jaxgrity.report import plot
 
 SEARCH = Path(__file__).parents[1] / "gait_search.py"
 

@@ -22,27 +22,12 @@ from matplotlib.figure import Figure
 from searches import EVOSAX, GRADIENTS, UNCERTAIN, Task, robust
 from tqdm import tqdm
 
-from jaxgrity import (
-    FidelityLevel,
-    Fitness,
-    Genome,
-    InputError,
-    PolishConfig,
-    SearchProblem,
-    SolverOptions,
-    default_method,
-    default_step,
-    fidelity_levels,
-    gene_permutations,
-    judge_at,
-    load_scene,
-    plot,
-    scene_text,
-    search_levels,
-    standing_symmetries,
-    verify,
-)
+from jaxgrity import Fitness, Genome, InputError, PolishConfig, SolverOptions, load_scene, scene_text, verify
 from jaxgrity.io.files import read_text, save_json
+from jaxgrity.model import gene_permutations, standing_symmetries
+from jaxgrity.report import plot
+from jaxgrity.search import FidelityLevel, SearchProblem, fidelity_levels, judge_at, search_levels
+from jaxgrity.stepping import default_method, default_step
 
 Method = Literal["random", "CMA-ES", "DE", "GA", "GA+more", "cautious GA", "GA+smoothed", "GA+pathwise", "GA+combined"]
 WEIGHTS = {"exact": (1 / 2,), "reference": (1 / 12.9, 1 / 2)}

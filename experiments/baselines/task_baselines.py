@@ -21,26 +21,22 @@ import numpy as np
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
-from jaxgrity import (
+from jaxgrity import InputError, SolverOptions, as_dtype, load_gait, load_scene
+from jaxgrity.control import (
     TASKS,
     Environment,
-    InputError,
     PhaseLocked,
     Sampling,
-    SolverOptions,
     Steered,
-    as_dtype,
     centre_offsets,
     environment,
     lead_to,
-    load_gait,
-    load_scene,
     measure,
-    plot,
     progressed,
     sure_footed,
 )
 from jaxgrity.io.files import save_json
+from jaxgrity.report import plot
 
 FAR = 1000.0
 """m, to a goal that stands for a direction"""

@@ -46,14 +46,14 @@ def main(settings: Settings) -> None:
         path = settings.docs / "images" / f"{shown.gait}.gif"
         scene, motion = rolled(shown, 1.0 if settings.quick else shown.duration)
         width = 160 if settings.quick else 640
-        jaxgrity.animate(scene, motion, path, 20.0, width=width, camera=shown.camera)
+        jaxgrity.report.animate(scene, motion, path, 20.0, width=width, camera=shown.camera)
         size = path.stat().st_size
         if size > LARGEST:
             raise jaxgrity.InputError(f"{path}: {size / 1e6:.1f} MB; expected at most {LARGEST / 1e6:g} MB")
         print(f"{path}: {size / 1e6:.2f} MB")
     scene, motion = rolled(REPLAYED, 1.0 if settings.quick else REPLAY_DURATION)
     path = settings.docs / "site" / "static" / f"{REPLAYED.gait}.html"
-    jaxgrity.view.save_html(scene, motion, path, frame_rate=25.0, title=f"the gait {REPLAYED.gait}")
+    jaxgrity.report.view.save_html(scene, motion, path, frame_rate=25.0, title=f"the gait {REPLAYED.gait}")
     print(f"{path}: {path.stat().st_size / 1e6:.2f} MB")
 
 

@@ -8,18 +8,9 @@ from jaxgrity.cli.script import run
 
 from tqdm import tqdm
 
-from jaxgrity import (
-    InputError,
-    SearchConfig,
-    gait_names,
-    load_gait,
-    load_scene,
-    rolling,
-    simulate,
-    steady_facts,
-    with_gait,
-)
+from jaxgrity import InputError, SearchConfig, gait_names, load_gait, load_scene, rolling, simulate, with_gait
 from jaxgrity.io.files import read_text, save_json
+from jaxgrity.report import steady_facts
 
 SEED = 10**6
 """of the draws of robots: as in the last judgement of a search"""

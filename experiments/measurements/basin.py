@@ -20,20 +20,19 @@ from jaxgrity import (
     Differences,
     InputError,
     Scene,
-    body_length,
     contact_twin,
-    distance_from_orbit,
-    find_orbit,
     gait_names,
     gait_record,
     gaits_of,
     load_gait,
     load_scene,
-    plot,
     simulate_population,
     with_gait,
 )
 from jaxgrity.io.files import save_json
+from jaxgrity.model import body_length
+from jaxgrity.orbits import distance_from_orbit, find_orbit
+from jaxgrity.report import plot
 
 SPEED, SPIN = 1.0, 2.0
 """m/s and rad/s, standard deviations of the components of the velocity and of the spin at the start"""

@@ -19,8 +19,9 @@ from engines import Engine, Others, engines, seconds_of
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
-from jaxgrity import InputError, load_scene, plot, random_phases
+from jaxgrity import InputError, load_scene, random_phases
 from jaxgrity.io.files import save_json
+from jaxgrity.report import plot
 
 STEPS = {"rk4": 5e-4, "complementarity": 5e-3, "limit": 5e-4, "exact": 5e-3, "mujoco Euler": 1e-3}
 """s; engines without one here are left out"""

@@ -21,22 +21,12 @@ from engines import C_SWEEPS, Engine, Others, clock, engines, ours, seconds_of
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
-from jaxgrity import (
-    InputError,
-    Scene,
-    SolverOptions,
-    as_dtype,
-    diagnose,
-    distance_and_gradient,
-    gaits_of,
-    lanes_last,
-    load_scene,
-    plot,
-    random_phases,
-    resolve,
-    roll_out_lanes,
-)
+from jaxgrity import InputError, Scene, SolverOptions, as_dtype, diagnose, gaits_of, load_scene, random_phases
 from jaxgrity.io.files import save_json
+from jaxgrity.populations import lanes_last, roll_out_lanes
+from jaxgrity.report import plot
+from jaxgrity.search import distance_and_gradient
+from jaxgrity.stepping import resolve
 
 STEPS = {
     "rk4": (1e-3, 5e-4, 2e-4),

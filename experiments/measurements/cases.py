@@ -17,9 +17,9 @@ from jaxgrity import (
     SmoothFriction,
     Structure,
     load_scene,
-    penalty_twin,
     with_gait,
 )
+from jaxgrity.model import penalty_twin
 
 G = 9.81
 

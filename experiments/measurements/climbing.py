@@ -14,19 +14,10 @@ import numpy as np
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
-from jaxgrity import (
-    Differences,
-    SolverOptions,
-    contact_twin,
-    default_method,
-    default_step,
-    gaits_of,
-    load_gait,
-    load_scene,
-    plot,
-    simulate_population,
-)
+from jaxgrity import Differences, SolverOptions, contact_twin, gaits_of, load_gait, load_scene, simulate_population
 from jaxgrity.io.files import save_json
+from jaxgrity.report import plot
+from jaxgrity.stepping import default_method, default_step
 
 
 @dataclass

@@ -17,16 +17,15 @@ from jaxgrity import (
     Scene,
     SolverOptions,
     Structure,
-    edge_lengths,
     gaits_of,
     load_gait,
     load_scene,
     parse_scene,
-    penalty_twin,
     simulate,
     simulate_population,
     with_gait,
 )
+from jaxgrity.model import edge_lengths, penalty_twin
 
 G = 9.81
 C_PROGRAM = "C program for this scene alone"

@@ -8,20 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxgrity import (
-    Members,
-    Scene,
-    Structure,
-    icosahedron,
-    load_scene,
-    member_forces,
-    prestressed,
-    prism,
-    read_ntrt,
-    resting_shape,
-    statics,
-    vibration_modes,
-)
+from jaxgrity import Members, Scene, Structure, load_scene
+from jaxgrity.formats import read_ntrt
+from jaxgrity.statics import member_forces, prestressed, resting_shape, statics_of, vibration_modes
+from jaxgrity.structures import icosahedron, prism
 
 ROOT = Path(__file__).parents[2]
 DATA = ROOT / "tests" / "data"
@@ -55,7 +45,7 @@ def prisms(quick: bool) -> Iterator[Case]:
             f"prism of {n}, twist found from a spoilt start", CLOSED, np.pi / 2 + np.pi / n, twist(found, n), "rad"
         )
         ratio = 2 * np.sin(np.pi / n)
-        own = statics(nodes, (*struts, *cables))
+        own = statics_of(nodes, (*struts, *cables))
         stress = own.self_stress[:, 0]
         yield Case(f"prism of {n}, force density of sides over polygons", CLOSED, ratio, stress[3 * n] / stress[n])
         yield Case(f"prism of {n}, rank of the equilibrium matrix", CLOSED, 4 * n - 1, own.rank)
@@ -80,7 +70,7 @@ def twist(nodes: np.ndarray, n: int) -> float:
 
 def icosahedra() -> Iterator[Case]:
     nodes, struts, cables = icosahedron(1.0)
-    found = statics(nodes, (*struts, *cables))
+    found = statics_of(nodes, (*struts, *cables))
     q = found.self_stress[:, 0]
     yield Case("icosahedron, force density of struts over cables", CLOSED, -1.5, q[0] / q[6])
     yield Case("icosahedron, rank of the equilibrium matrix", CLOSED, 29, found.rank)

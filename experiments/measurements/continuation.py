@@ -16,22 +16,11 @@ import numpy as np
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
-from jaxgrity import (
-    Orbit,
-    Scene,
-    body_length,
-    centre_path,
-    find_orbit,
-    load_gait,
-    load_scene,
-    penalty_twin,
-    plot,
-    restarted,
-    simulate,
-    stability,
-    with_gait,
-)
+from jaxgrity import Scene, centre_path, load_gait, load_scene, simulate, with_gait
 from jaxgrity.io.files import save_json
+from jaxgrity.model import body_length, penalty_twin
+from jaxgrity.orbits import Orbit, find_orbit, restarted, stability
+from jaxgrity.report import plot
 
 VALUES = {
     "friction": (np.geomspace(1, 0.2, 17), np.geomspace(1, 1.95, 7)),

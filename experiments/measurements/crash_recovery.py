@@ -21,8 +21,9 @@ from jaxgrity.cli.script import measured, run
 import numpy as np
 from tqdm import tqdm
 
-from jaxgrity import InputError, load_states
+from jaxgrity import InputError
 from jaxgrity.io.files import PART, save_json
+from jaxgrity.search import load_states
 
 SMALL = ("--duration", "2", "--population", "16", "--generations", "12", "8", "--polish-rollouts", "0")
 """a search on both fidelity levels, without polish"""

@@ -22,33 +22,34 @@ from tqdm import tqdm
 
 from jaxgrity import (
     ActuatorBounds,
-    FidelityLevel,
     Fitness,
     Gait,
     InputError,
     Scene,
     SearchConfig,
-    SearchProblem,
     Symmetry,
     Uncertainty,
     contact_twin,
+    gait_names,
+    gait_record,
+    load_gait,
+    load_scene,
+    one_gait,
+    with_gait,
+)
+from jaxgrity.io.files import save_json
+from jaxgrity.model import image, symmetries
+from jaxgrity.report import plot
+from jaxgrity.search import (
+    FidelityLevel,
+    SearchProblem,
     distinct,
     evolve_through,
     fidelity_levels,
     ga_configs,
-    gait_names,
-    gait_record,
-    image,
     judge_at,
-    load_gait,
-    load_scene,
-    one_gait,
-    plot,
     search_problem,
-    symmetries,
-    with_gait,
 )
-from jaxgrity.io.files import save_json
 
 CABLES = {"members": "cables", "waves": "none", "scaled": True, "amplitude": (0.05, 0.7), "frequency": (0.2, 2.5)}
 SEARCHES: dict[str, dict[str, Any]] = {"wave": {}, "free": {"waves": "none"}, "cables, scaled": CABLES}

@@ -23,23 +23,12 @@ from matplotlib.figure import Figure
 from scipy.optimize import linprog
 from tqdm import tqdm
 
-from jaxgrity import (
-    InputError,
-    Orbit,
-    Scene,
-    closed_orbit,
-    find_orbit,
-    load_gait,
-    load_scene,
-    penalty_twin,
-    plot,
-    resolve,
-    rest_length,
-    restarted,
-    states_at,
-    with_gait,
-)
+from jaxgrity import InputError, Scene, load_gait, load_scene, with_gait
 from jaxgrity.io.files import read_text, save_json
+from jaxgrity.model import penalty_twin, rest_length
+from jaxgrity.orbits import Orbit, closed_orbit, find_orbit, restarted
+from jaxgrity.report import plot
+from jaxgrity.stepping import resolve, states_at
 
 WINDOW = 0.05
 """s, time constant of the moving mean of forces, as that of `orbit_cycle`"""

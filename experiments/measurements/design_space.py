@@ -7,18 +7,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxgrity import (
-    Differences,
-    Scene,
-    SolverOptions,
-    differing,
-    find_orbit,
-    forces_along,
-    gaits_of,
-    orbit_cycle,
-    simulate,
-    simulate_population,
-)
+from jaxgrity import Differences, Scene, SolverOptions, differing, forces_along, gaits_of, simulate, simulate_population
+from jaxgrity.orbits import find_orbit, orbit_cycle
 
 NAMES = (
     "cable stiffness",

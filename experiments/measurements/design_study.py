@@ -17,8 +17,9 @@ from design_space import GAIT_ALONE, HIGHEST, LOWEST, NAMES, Limits, Tried, keep
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
-from jaxgrity import InputError, Scene, load_gait, load_scene, plot, with_gait
+from jaxgrity import InputError, Scene, load_gait, load_scene, with_gait
 from jaxgrity.io.files import save_json
+from jaxgrity.report import plot
 
 KINDS = {"gait alone": GAIT_ALONE, "robot and gait": np.ones(len(NAMES))}
 """what is free"""

@@ -14,8 +14,10 @@ import numpy as np
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
-from jaxgrity import TASKS, Environment, InputError, SolverOptions, environment, load_scene, plot
+from jaxgrity import InputError, SolverOptions, load_scene
+from jaxgrity.control import TASKS, Environment, environment
 from jaxgrity.io.files import save_json
+from jaxgrity.report import plot
 
 DEFAULTS = "double precision, 5 ms"
 """what `environment` takes where nothing else is said"""

@@ -19,18 +19,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
-from jaxgrity import (
-    Members,
-    PenaltyGround,
-    Scene,
-    SmoothFriction,
-    SolverOptions,
-    load_scene,
-    plot,
-    simulate,
-    with_gait,
-)
+from jaxgrity import Members, PenaltyGround, Scene, SmoothFriction, SolverOptions, load_scene, simulate, with_gait
 from jaxgrity.io.files import save_json
+from jaxgrity.report import plot
 
 FRAME_RATE = 50.0
 

@@ -14,18 +14,10 @@ import numpy as np
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
-from jaxgrity import (
-    Scene,
-    SolverOptions,
-    gaits_of,
-    load_scene,
-    plot,
-    random_phases,
-    resolve,
-    simulate_population,
-    verify,
-)
+from jaxgrity import Scene, SolverOptions, gaits_of, load_scene, random_phases, simulate_population, verify
 from jaxgrity.io.files import save_json
+from jaxgrity.report import plot
+from jaxgrity.stepping import resolve
 
 
 @dataclass

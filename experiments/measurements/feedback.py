@@ -23,33 +23,34 @@ from tqdm import tqdm
 
 from jaxgrity import (
     Differences,
+    Scene,
+    SolverOptions,
+    as_dtype,
+    bumps,
+    contact_twin,
+    gait_record,
+    load_gait,
+    load_scene,
+    with_gait,
+)
+from jaxgrity.control import (
     Drive,
     Loop,
     Motors,
     PhaseLocked,
     Plant,
-    Scene,
     Sensors,
-    SolverOptions,
     Task,
-    as_dtype,
-    bumps,
-    contact_twin,
     drive,
-    gait_record,
     ground_of,
-    load_gait,
-    load_scene,
     loop_start,
     plant_of,
-    plot,
     side_by_side,
     simulate_policy,
     sure_footed,
-    view,
-    with_gait,
 )
 from jaxgrity.io.files import save_json
+from jaxgrity.report import plot, view
 
 SETTLING = 15.0
 """s, until robots are pushed"""

@@ -20,26 +20,22 @@ from matplotlib.figure import Figure
 from obstacles import bounded
 from tqdm import tqdm
 
-from jaxgrity import (
+from jaxgrity import as_dtype, bumps, contact_twin, load_gait, load_scene
+from jaxgrity.control import (
     REACHED,
     PhaseLocked,
     Plant,
     Sampling,
     Steered,
     Task,
-    as_dtype,
-    bumps,
     centre_offsets,
-    contact_twin,
     drive,
     ground_of,
     lead_to,
-    load_gait,
-    load_scene,
     loop_start,
-    plot,
 )
 from jaxgrity.io.files import save_json
+from jaxgrity.report import plot
 
 SLOPE = np.radians(5.0)
 GOAL = np.array([0.0, 10.0])

@@ -19,22 +19,12 @@ import numpy as np
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
-from jaxgrity import (
-    Gait,
-    ResolvedOptions,
-    Scene,
-    SolverOptions,
-    as_dtype,
-    checkpointed_end,
-    discretise_lanes,
-    distances,
-    gaits_of,
-    load_scene,
-    plot,
-    random_phases,
-    resolve,
-)
+from jaxgrity import Gait, Scene, SolverOptions, as_dtype, gaits_of, load_scene, random_phases
 from jaxgrity.io.files import save_json
+from jaxgrity.populations import discretise_lanes
+from jaxgrity.report import plot
+from jaxgrity.search import checkpointed_end, distances
+from jaxgrity.stepping import ResolvedOptions, resolve
 
 End = Callable[[Scene, Scene, tuple, float, ResolvedOptions], tuple]
 """a scene, its `in_axes`, the start, the horizon (s) and options, to the state of all gaits at the horizon"""

@@ -20,20 +20,10 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from tqdm import tqdm
 
-from jaxgrity import (
-    FAILURES,
-    METHODS,
-    InputError,
-    ResolvedOptions,
-    SolverOptions,
-    Trajectory,
-    find_method,
-    plot,
-    refinement_bar,
-    resolve,
-    simulate,
-)
+from jaxgrity import FAILURES, METHODS, InputError, SolverOptions, Trajectory, refinement_bar, simulate
 from jaxgrity.io.files import save_json
+from jaxgrity.report import plot
+from jaxgrity.stepping import ResolvedOptions, find_method, resolve
 
 USEFUL = 1e-2
 """m: a wider error bar says that the number is of no use"""

@@ -16,21 +16,10 @@ import numpy as np
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
-from jaxgrity import (
-    InputError,
-    Parameter,
-    SeenPositions,
-    SolverOptions,
-    Starts,
-    changed,
-    identify,
-    load_scene,
-    measured_motion,
-    plot,
-    simulate,
-    with_gait,
-)
+from jaxgrity import InputError, SolverOptions, load_scene, simulate, with_gait
+from jaxgrity.identification import Parameter, SeenPositions, Starts, changed, identify, measured_motion
 from jaxgrity.io.files import read_text, save_json
+from jaxgrity.report import plot
 
 FOUR = (
     Parameter("structure.cables.stiffness", 0.3),

@@ -25,20 +25,20 @@ from spine_robot import (
     rms,
 )
 
-from jaxgrity import (
+from jaxgrity import Scene
+from jaxgrity.identification import (
     Identified,
     Parameter,
-    Scene,
     SeenAngles,
     SeenPositions,
     SeenTogether,
     identify,
     measured_poses,
     misfit_of,
-    plot,
     predicted,
 )
 from jaxgrity.io.files import save_json
+from jaxgrity.report import plot
 
 UNITS = np.array([1e3, 1e3, 180 / np.pi])
 TURN = 39

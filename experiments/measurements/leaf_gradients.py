@@ -30,17 +30,15 @@ from jaxgrity import (
     SmoothFriction,
     SolverOptions,
     Structure,
-    closed_orbit,
-    equilibrium_near,
     final_state,
-    find_orbit,
     load_scene,
-    plot,
-    resolve,
-    resting_shape,
     with_gait,
 )
 from jaxgrity.io.files import read_text, save_json
+from jaxgrity.orbits import closed_orbit, find_orbit
+from jaxgrity.report import plot
+from jaxgrity.statics import equilibrium_near, resting_shape
+from jaxgrity.stepping import resolve
 
 DURATION = 0.02
 """s"""

@@ -1,4 +1,4 @@
-"""MuJoCo on the same robot: the model that `jaxgrity.mujoco_model` writes, with its own contacts. Extra: `peer`.
+"""MuJoCo on the same robot: the model that `formats.mujoco_model` writes, with its own contacts. Extra: `peer`.
 
 MJX, MuJoCo written in JAX, takes the same model. Extra: `mjx`.
 """
@@ -11,7 +11,8 @@ import mujoco
 import numpy as np
 from mujoco import rollout
 
-from jaxgrity import Scene, gaits_of, mjcf_controls, mujoco_model, one_gait
+from jaxgrity import Scene, gaits_of, one_gait
+from jaxgrity.formats import mjcf_controls, mujoco_model
 
 
 def build(scene: Scene, dt: float, integrator: str) -> mujoco.MjModel:

@@ -17,25 +17,20 @@ from tqdm import tqdm
 
 from jaxgrity import (
     Differences,
-    FloquetMultipliers,
-    Orbit,
     Scene,
     SolverOptions,
     contact_twin,
-    find_orbit,
-    floquet_multipliers,
     gaits_of,
     load_gait,
     load_scene,
-    plot,
-    resolve,
-    restarted,
     simulate,
     simulate_population,
-    stability,
     with_gait,
 )
 from jaxgrity.io.files import save_json
+from jaxgrity.orbits import FloquetMultipliers, Orbit, find_orbit, floquet_multipliers, restarted, stability
+from jaxgrity.report import plot
+from jaxgrity.stepping import resolve
 
 FIRST = Path(__file__).with_name("first_lasting.json")
 """the first gait that was found to last"""

@@ -8,8 +8,12 @@ from jaxgrity.cli.script import measured, run
 
 import numpy as np
 
-from jaxgrity import FAILURES, Scene, contact_twin, read_ntrt, settled, simulate, velocities_midway, view
+from jaxgrity import FAILURES, Scene, contact_twin, simulate
+from jaxgrity.formats import read_ntrt
 from jaxgrity.io.files import save_json
+from jaxgrity.report import view
+from jaxgrity.statics import settled
+from jaxgrity.stepping import velocities_midway
 
 NASA = Path(__file__).parents[2] / "tests" / "data" / "ntrt" / "nasa"
 FILES = ("3Prism", "3PrismSymmetric", "Double3Prism", "SuperBall", "Tetrahedron", "TetrahedralSpine")

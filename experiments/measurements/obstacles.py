@@ -17,34 +17,26 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from tqdm import tqdm
 
-from jaxgrity import (
+from jaxgrity import Cylinder, Differences, Scene, SolverOptions, Trajectory, contact_twin, load_gait, load_scene
+from jaxgrity.control import (
     REACHED,
-    Cylinder,
-    Differences,
     Discs,
     Foresight,
     Motors,
     PhaseLocked,
     Plant,
-    Scene,
-    SolverOptions,
-    Trajectory,
     Travels,
     WayMap,
-    contact_twin,
     gait_choices,
     gap,
-    load_gait,
-    load_scene,
     plant_of,
-    plot,
     room,
     side_by_side,
     travel,
-    view,
     way_map,
 )
 from jaxgrity.io.files import save_json
+from jaxgrity.report import plot, view
 
 PERIOD = 0.01
 """s, in which robots get a command"""

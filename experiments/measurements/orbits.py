@@ -19,19 +19,16 @@ from jaxgrity import (
     Scene,
     centre_path,
     contact_twin,
-    find_orbit,
     gait_names,
     gait_record,
     load_gait,
     load_scene,
-    plot,
-    refined_orbit,
     simulate,
-    stability,
-    view,
     with_gait,
 )
 from jaxgrity.io.files import save_json
+from jaxgrity.orbits import find_orbit, refined_orbit, stability
+from jaxgrity.report import plot, view
 
 SHOWN = 20.0
 """s, of each gait's replay"""

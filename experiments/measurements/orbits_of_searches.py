@@ -15,27 +15,12 @@ import numpy as np
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
-from jaxgrity import (
-    Gait,
-    Scene,
-    SearchConfig,
-    SolverOptions,
-    contact_twin,
-    default_method,
-    default_step,
-    distinct,
-    evolve_through,
-    fidelity_levels,
-    find_orbit,
-    ga_configs,
-    load_scene,
-    one_gait,
-    plot,
-    refined_orbit,
-    search_problem,
-    with_gait,
-)
+from jaxgrity import Gait, Scene, SearchConfig, SolverOptions, contact_twin, load_scene, one_gait, with_gait
 from jaxgrity.io.files import save_json
+from jaxgrity.orbits import find_orbit, refined_orbit
+from jaxgrity.report import plot
+from jaxgrity.search import distinct, evolve_through, fidelity_levels, ga_configs, search_problem
+from jaxgrity.stepping import default_method, default_step
 
 FIRST_SEED = 1000
 """well beyond those that defaults were chosen by"""

@@ -16,11 +16,11 @@ import numpy as np
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
-from jaxgrity import (
+from jaxgrity import GAConfig, PolishConfig, SearchConfig, load_scene, polish
+from jaxgrity.io.files import save_json
+from jaxgrity.report import plot
+from jaxgrity.search import (
     FidelityLevel,
-    GAConfig,
-    PolishConfig,
-    SearchConfig,
     SearchProblem,
     SearchState,
     distinct,
@@ -28,15 +28,11 @@ from jaxgrity import (
     fidelity_levels,
     ga_configs,
     judge_at,
-    load_scene,
-    plot,
-    polish,
     search_levels,
     search_problem,
     with_robots,
     without_measuring,
 )
-from jaxgrity.io.files import save_json
 
 WAYS = ("search runs on", "smoothed", "orbit")
 FINALISTS, COMPARED = 4, 32

@@ -17,8 +17,9 @@ from matplotlib.figure import Figure
 from scaling import METHODS
 from tqdm import tqdm
 
-from jaxgrity import Outcomes, SolverOptions, gaits_of, load_scene, plot, random_phases, simulate_population
+from jaxgrity import Outcomes, SolverOptions, gaits_of, load_scene, random_phases, simulate_population
 from jaxgrity.io.files import save_json
+from jaxgrity.report import plot
 
 DURATION = 0.5
 """s, that populations are rolled out for"""

@@ -15,21 +15,10 @@ import numpy as np
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
-from jaxgrity import (
-    Motors,
-    PhaseLocked,
-    Sampling,
-    SolverOptions,
-    Steered,
-    as_dtype,
-    centre_offsets,
-    lead_to,
-    load_gait,
-    load_scene,
-    plant_of,
-    plot,
-)
+from jaxgrity import SolverOptions, as_dtype, load_gait, load_scene
+from jaxgrity.control import Motors, PhaseLocked, Sampling, Steered, centre_offsets, lead_to, plant_of
 from jaxgrity.io.files import save_json
+from jaxgrity.report import plot
 
 GOAL = np.array([-12.0, 2.0])
 """m"""

@@ -33,15 +33,11 @@ from jaxgrity import (
     SolverOptions,
     Structure,
     as_dtype,
-    discretise_lanes,
-    edge_lengths,
-    in_lanes,
-    lanes_last,
-    over_lanes,
-    resolve,
-    rest_length,
 )
 from jaxgrity.io.files import save_json
+from jaxgrity.model import edge_lengths, rest_length
+from jaxgrity.populations import discretise_lanes, in_lanes, lanes_last, over_lanes
+from jaxgrity.stepping import resolve
 
 STEP = 5e-3
 """s"""

@@ -22,16 +22,15 @@ from jaxgrity import (
     SolverOptions,
     SteadySpeed,
     contact_twin,
-    default_method,
-    default_step,
     gaits_of,
     load_gait,
     load_scene,
-    plot,
     simulate_population,
     with_gait,
 )
 from jaxgrity.io.files import save_json
+from jaxgrity.report import plot
+from jaxgrity.stepping import default_method, default_step
 
 SPANS = {
     "friction": (0.2, 2.0),

@@ -19,23 +19,19 @@ from jaxgrity import (
     Fitness,
     Gait,
     InputError,
-    Model,
     SearchConfig,
     SolverOptions,
     SteadySpeed,
     contact_twin,
     gait_names,
     gaits_of,
-    influences,
-    judge,
     load_gait,
     load_scene,
-    model_of,
-    plot,
-    standard_error,
     with_gait,
 )
 from jaxgrity.io.files import save_json
+from jaxgrity.report import plot
+from jaxgrity.search import Model, influences, judge, model_of, standard_error
 
 COVERING = 2.0
 """standard errors in a range"""

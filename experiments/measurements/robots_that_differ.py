@@ -14,20 +14,19 @@ from tqdm import tqdm
 
 from jaxgrity import (
     InputError,
-    RobotMotions,
     SearchConfig,
     SolverOptions,
-    body_length,
     contact_twin,
     gait_names,
     gait_record,
     load_gait,
     load_scene,
-    plot,
-    robot_motions,
     with_gait,
 )
 from jaxgrity.io.files import save_json
+from jaxgrity.model import body_length
+from jaxgrity.report import plot
+from jaxgrity.search import RobotMotions, robot_motions
 
 SEED = 20_000_000
 """far from those of searches: by these draws no gait was chosen"""

@@ -14,8 +14,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
-from jaxgrity import Sampling, lead_to, plot
+from jaxgrity.control import Sampling, lead_to
 from jaxgrity.io.files import save_json
+from jaxgrity.report import plot
 
 WAYS = {"at random": {"rounds": 1}, "two rounds": {"rounds": 2}, "four rounds": {"rounds": 4}}
 """how samples are drawn"""

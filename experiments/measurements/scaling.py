@@ -28,21 +28,12 @@ from engines import AT_LEAST, C_SWEEPS
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
-from jaxgrity import (
-    Scene,
-    SolverOptions,
-    as_dtype,
-    gaits_of,
-    load_scene,
-    plot,
-    prism_tower,
-    random_phases,
-    resolve,
-    roll_out,
-    simulate,
-    simulate_population,
-)
+from jaxgrity import Scene, SolverOptions, as_dtype, gaits_of, load_scene, random_phases, simulate, simulate_population
 from jaxgrity.io.files import save_json
+from jaxgrity.populations import roll_out
+from jaxgrity.report import plot
+from jaxgrity.stepping import resolve
+from jaxgrity.structures import prism_tower
 
 METHODS = {"rk4": ("reference", 5e-4), "complementarity": ("exact", 5e-3)}
 """the scene that each is measured on, and its step, s"""
@@ -229,7 +220,7 @@ from jaxgrity.cli.script import configure
 configure()
 from jaxgrity import load_scene, simulate
 scene = load_scene("reference")
-scene.describe()
+jaxgrity.describe(scene)
 simulate(scene, 1e-3)
 """
 """what a script that simulates does until its first steps are taken"""

@@ -17,19 +17,14 @@ from matplotlib.patches import Circle
 from obstacles import ARENA, GAITS, GOAL, NEAR, REACH, UNKNOWN, bounded, told
 from tqdm import tqdm
 
-from jaxgrity import (
-    Differences,
+from jaxgrity import Differences, Scene, contact_twin, load_gait, load_scene
+from jaxgrity.control import (
     Foresight,
     PhaseLocked,
-    Scene,
     Travels,
     WayMap,
-    contact_twin,
     discs_of,
     gait_choices,
-    load_gait,
-    load_scene,
-    plot,
     room,
     side_by_side,
     sure_footed,
@@ -37,6 +32,7 @@ from jaxgrity import (
     way_map,
 )
 from jaxgrity.io.files import save_json
+from jaxgrity.report import plot
 
 FIELD = Path(__file__).with_name("obstacle_field.toml")
 

@@ -14,29 +14,21 @@ import jax
 import numpy as np
 from matplotlib.figure import Figure
 
-from jaxgrity import (
-    Gait,
+from jaxgrity import Gait, InputError, Scene, SolverOptions, gait_names, load_gait, load_scene, simulate, with_gait
+from jaxgrity.identification import (
     Identified,
-    InputError,
     Parameter,
-    Scene,
     SeenPositions,
-    SolverOptions,
     SpeedForecast,
     Starts,
     changed,
-    find_orbit,
-    gait_names,
     identify,
-    load_gait,
-    load_scene,
     measured_motion,
-    plot,
-    simulate,
     speed_forecast,
-    with_gait,
 )
 from jaxgrity.io.files import save_json
+from jaxgrity.orbits import find_orbit
+from jaxgrity.report import plot
 
 PARAMETERS = (
     Parameter("structure.cables.stiffness", 0.1),

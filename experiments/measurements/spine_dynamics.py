@@ -13,8 +13,9 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.optimize import least_squares
 from spine_robot import FOLDER, commanded, load_spine, numbers, read_table, resting_shapes
 
-from jaxgrity import plot, vibration_modes
 from jaxgrity.io.files import save_json
+from jaxgrity.report import plot
+from jaxgrity.statics import vibration_modes
 
 RATIOS = np.geomspace(0.01, 1.0, 13)
 """damping over critical damping"""

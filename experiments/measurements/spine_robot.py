@@ -9,7 +9,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxgrity import InputError, Scene, equilibrium_near, load_scene, resting_shape
+from jaxgrity import InputError, Scene, load_scene
+from jaxgrity.statics import equilibrium_near, resting_shape
 
 FOLDER = Path(__file__).parent / "spine"
 ORIGIN, TIP = 3, 6

@@ -19,23 +19,18 @@ from tqdm import tqdm
 
 from jaxgrity import (
     METHODS,
-    InputError,
-    Method,
     Scene,
     SolverOptions,
     as_dtype,
-    discretise,
-    equilibrium,
     load_scene,
     parse_scene,
-    plot,
-    resolve,
     simulate,
     stable_step,
-    standing,
-    step_limit,
 )
 from jaxgrity.io.files import save_json
+from jaxgrity.report import plot
+from jaxgrity.statics import resting_shape
+from jaxgrity.stepping import Method, discretise, resolve, standing, step_limit
 
 State = tuple[np.ndarray, np.ndarray]
 """positions q (nodes, 3), m, and velocities v (nodes, 3), m/s"""
@@ -134,9 +129,7 @@ def at_rest(scene: Scene) -> State:
     """The equilibrium near the pose in which the scene stands."""
     start, _ = standing(scene)
     if not scene.constrained:
-        q = equilibrium(lambda q: scene.potential_energy(q, 0.0), start, tolerance=1e-9)
-        if q is None:
-            raise InputError("a random scene has no equilibrium near its pose; expected one, try another seed")
+        q = resting_shape(scene, start).q
         return q, 0 * q
     heavy = eqx.tree_at(
         lambda s: s.node_damping, scene, np.asarray(scene.structure.node_mass) * 5.0, is_leaf=lambda x: x is None

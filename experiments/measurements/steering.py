@@ -15,26 +15,22 @@ import numpy as np
 from basin import ENOUGH, drops
 from matplotlib.figure import Figure
 
-from jaxgrity import (
+from jaxgrity import SolverOptions, as_dtype, load_gait, load_scene
+from jaxgrity.control import (
     Loop,
     Motors,
     PhaseLocked,
     Plant,
-    SolverOptions,
     Steered,
-    as_dtype,
     centre_offsets,
     drive,
-    load_gait,
-    load_scene,
     loop_start,
     plant_of,
-    plot,
     side_by_side,
     simulate_policy,
-    view,
 )
 from jaxgrity.io.files import save_json
+from jaxgrity.report import plot, view
 
 STRETCH, PARTS = 20.0, 8
 """s, of each bend, and parts of equal length of it"""

@@ -15,8 +15,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
-from jaxgrity import FAILURES, Scene, SolverOptions, centre_path, load_scene, plot, simulate
+from jaxgrity import FAILURES, Scene, SolverOptions, centre_path, load_scene, simulate
 from jaxgrity.io.files import save_json
+from jaxgrity.report import plot
 
 METHODS = ("tsit5", "kvaerno3", "kvaerno5")
 

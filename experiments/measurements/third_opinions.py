@@ -16,19 +16,10 @@ import numpy as np
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
-from jaxgrity import (
-    Scene,
-    SolverOptions,
-    body_length,
-    contact_twin,
-    gaits_of,
-    load_gait,
-    load_scene,
-    plot,
-    simulate_population,
-    with_gait,
-)
+from jaxgrity import Scene, SolverOptions, contact_twin, gaits_of, load_gait, load_scene, simulate_population, with_gait
 from jaxgrity.io.files import save_json
+from jaxgrity.model import body_length
+from jaxgrity.report import plot
 
 Ends = Callable[[np.ndarray, float], np.ndarray]
 """of phases (robots, actuators) and a duration, s: where the robots' centres of mass are, (robots, 3), m"""

@@ -18,27 +18,23 @@ import numpy as np
 from basin import ENOUGH, drops
 from matplotlib.figure import Figure
 
-from jaxgrity import (
+from jaxgrity import Differences, SolverOptions, load_gait, load_scene
+from jaxgrity.control import (
     Blend,
-    Differences,
     Loop,
     Motors,
     PhaseLocked,
     Plant,
-    SolverOptions,
     drive,
     gait_choices,
-    image,
-    load_gait,
-    load_scene,
     loop_start,
     plant_of,
-    plot,
     side_by_side,
     sure_footed,
-    symmetries,
 )
 from jaxgrity.io.files import save_json
+from jaxgrity.model import image, symmetries
+from jaxgrity.report import plot
 
 SETTLING, STRETCH, LAST = 20.0, 40.0, 10.0
 """s, before the exchange, from its beginning on, and of that the last ones, in which speed is measured"""

@@ -12,7 +12,8 @@ import numpy as np
 from basin import ENOUGH
 from tuning import OPEN_LOOP, Search, Size, judgement, leave, level, numbers_of, orbit_speed, tuned
 
-from jaxgrity import PhaseLocked, load_gait
+from jaxgrity import load_gait
+from jaxgrity.control import PhaseLocked
 from jaxgrity.io.files import save_json
 
 SPREAD = np.array([0.6] * 4 + [0.0] * 6)

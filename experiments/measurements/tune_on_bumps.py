@@ -12,7 +12,8 @@ from jaxgrity.cli.script import measured, run
 import numpy as np
 from tuning import Search, Size, judgement, leave, numbers_of, rough, tuned
 
-from jaxgrity import PhaseLocked, load_gait, sure_footed
+from jaxgrity import load_gait
+from jaxgrity.control import PhaseLocked, sure_footed
 from jaxgrity.io.files import save_json
 
 BUMPS_SEED = 10

@@ -17,23 +17,9 @@ from basin import ENOUGH, PART, drops
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
-from jaxgrity import (
-    Differences,
-    PhaseLocked,
-    Plant,
-    SolverOptions,
-    Task,
-    as_dtype,
-    drive,
-    gait_record,
-    ground_of,
-    load_gait,
-    load_scene,
-    loop_start,
-    plant_of,
-    plot,
-    side_by_side,
-)
+from jaxgrity import Differences, SolverOptions, as_dtype, gait_record, load_gait, load_scene
+from jaxgrity.control import PhaseLocked, Plant, Task, drive, ground_of, loop_start, plant_of, side_by_side
+from jaxgrity.report import plot
 
 GAIT = "lasting"
 BUMPS, FAR = 0.02, 30.0

@@ -11,8 +11,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from spine_robot import FOLDER, POSE, Spine, load_spine, pose, resting_shapes, rms
 
-from jaxgrity import plot
 from jaxgrity.io.files import save_json
+from jaxgrity.report import plot
 
 UNITS = np.array([1e3, 1e3, 180 / np.pi])
 """mm, mm and degrees, from m, m and rad"""

@@ -21,15 +21,9 @@ from matplotlib.figure import Figure
 from tqdm import tqdm
 from work_precision_tasks import Task, tasks
 
-from jaxgrity import (
-    METHODS,
-    InputError,
-    Outcomes,
-    SolverOptions,
-    plot,
-    simulate_population,
-)
+from jaxgrity import METHODS, InputError, Outcomes, SolverOptions, simulate_population
 from jaxgrity.io.files import save_json
+from jaxgrity.report import plot
 
 STEPS = {
     "rk4": (2e-3, 1e-3, 5e-4, 2e-4, 1e-4, 5e-5),

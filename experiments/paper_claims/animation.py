@@ -3,7 +3,8 @@
 import numpy as np
 from matplotlib.figure import Figure
 
-from jaxgrity import Scene, SolverOptions, Trajectory, centre_path, plot, simulate
+from jaxgrity import Scene, SolverOptions, Trajectory, centre_path, simulate
+from jaxgrity.report import plot
 from paper_claims.report import REFERENCE, Report, Row, scenes, verdict
 
 STEP = 5e-4

@@ -8,18 +8,17 @@ from matplotlib.figure import Figure
 from jaxgrity import (
     ConeFriction,
     ExactGround,
-    Friction,
     PenaltyGround,
     Scene,
     SmoothFriction,
     SolverOptions,
     Structure,
     SwitchFriction,
-    plot,
     simulate,
-    smooth_force,
-    velocities_midway,
 )
+from jaxgrity.model import Friction
+from jaxgrity.report import plot
+from jaxgrity.stepping import smooth_force, velocities_midway
 from paper_claims.report import Report, Row, significant, verdict
 
 MU, G, K_N, DISSIPATION = 0.8, 9.81, 1e5, 2.0

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 from matplotlib.figure import Figure
 
-from jaxgrity import FAILURES, EnergyAudit, Scene, SolverOptions, energy_audit, plot, simulate
+from jaxgrity import FAILURES, EnergyAudit, Scene, SolverOptions, energy_audit, simulate
+from jaxgrity.report import plot
 from paper_claims.report import PROGRAM, REFERENCE, TEXT, Report, Row, scenes, significant, verdict, without
 
 STEP = 1e-3

@@ -3,7 +3,8 @@
 import numpy as np
 from matplotlib.figure import Figure
 
-from jaxgrity import ExactGround, SolverOptions, bumps, gaits_of, plot, random_phases, sensitivity, simulate_population
+from jaxgrity import ExactGround, SolverOptions, bumps, gaits_of, random_phases, sensitivity, simulate_population
+from jaxgrity.report import plot
 from paper_claims.block import LAWS, slide
 from paper_claims.report import CONDITIONAL, FAILS, HOLDS, REFERENCE, Report, Row, scenes, significant
 

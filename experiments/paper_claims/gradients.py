@@ -5,7 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 from matplotlib.figure import Figure
 
-from jaxgrity import Members, PenaltyGround, Scene, Structure, plot
+from jaxgrity import Members, PenaltyGround, Scene, Structure
+from jaxgrity.report import plot
 from paper_claims.report import Report, Row, verdict
 
 K, L0 = 2e4, 0.8

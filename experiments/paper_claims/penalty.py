@@ -3,7 +3,8 @@
 import numpy as np
 from matplotlib.figure import Figure
 
-from jaxgrity import PenaltyGround, Scene, SolverOptions, Structure, plot, simulate
+from jaxgrity import PenaltyGround, Scene, SolverOptions, Structure, simulate
+from jaxgrity.report import plot
 from paper_claims.report import (
     PROGRAM,
     REFERENCE,

@@ -5,7 +5,8 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
-from jaxgrity import Scene, SolverOptions, plot, simulate
+from jaxgrity import Scene, SolverOptions, simulate
+from jaxgrity.report import plot
 from paper_claims.report import PROGRAM, REFERENCE, TEXT, Report, Row, hardened, scenes, significant, verdict, without
 
 DURATION = 3.0

@@ -4,7 +4,9 @@ import jax
 import numpy as np
 from matplotlib.figure import Figure
 
-from jaxgrity import Scene, SolverOptions, plot, simulate, vector_field
+from jaxgrity import Scene, SolverOptions, simulate
+from jaxgrity.report import plot
+from jaxgrity.stepping import vector_field
 from paper_claims.report import PROGRAM, REFERENCE, TEXT, Report, Row, scenes, significant, verdict
 
 STEP = 5e-4

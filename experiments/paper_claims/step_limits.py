@@ -4,7 +4,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from measurements.stability import at_rest, measure
 
-from jaxgrity import METHODS, Scene, SolverOptions, energy_audit, plot, stable_step
+from jaxgrity import METHODS, Scene, SolverOptions, energy_audit, stable_step
+from jaxgrity.report import plot
 from paper_claims.report import PROGRAM, REFERENCE, TEXT, Report, Row, scenes, significant, stiffened, verdict, without
 
 STIFFNESSES = (1e5, 2e5, 5e5, 1e6)

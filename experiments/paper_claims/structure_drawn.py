@@ -3,7 +3,8 @@
 import numpy as np
 from matplotlib.figure import Figure
 
-from jaxgrity import Scene, plot
+from jaxgrity import Scene
+from jaxgrity.report import plot
 from paper_claims.report import PROGRAM, REFERENCE, Report, Row, scenes, significant, verdict
 
 

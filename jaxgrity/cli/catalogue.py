@@ -5,8 +5,8 @@ from typing import Any, get_args
 from jaxgrity.cli.settings import CatalogueSettings
 from jaxgrity.io.files import save_json
 from jaxgrity.io.scene_tables import CatalogueTable
-from jaxgrity.model.geometry import Geometry
 from jaxgrity.report import plot
+from jaxgrity.structures.geometry import Geometry
 
 SHARED = ("mass", "node_mass", "fixed", "pose", "aligned", "height", "prestress")
 """keys that every kind has, and which say nothing about its geometry"""

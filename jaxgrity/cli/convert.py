@@ -8,7 +8,7 @@ from jaxgrity.formats.foreign import Imported
 from jaxgrity.formats.mjcf_reading import read_mjcf
 from jaxgrity.formats.ntrt import read_ntrt
 from jaxgrity.model.scene import Scene
-from jaxgrity.model.settled import settled
+from jaxgrity.statics.settling import settled
 
 
 def main(settings: ConvertSettings) -> None:

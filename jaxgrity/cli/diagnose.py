@@ -4,13 +4,14 @@ from jaxgrity.cli.settings import DiagnoseSettings
 from jaxgrity.cli.simulate import chosen_scene, diagnosed, scene_name
 from jaxgrity.io.files import save_json
 from jaxgrity.report import plot
+from jaxgrity.statics.describe import describe
 from jaxgrity.stepping.options import SolverOptions
 
 
 def main(settings: DiagnoseSettings) -> None:
     """Print the report on trust, and leave it as JSON with a figure."""
     scene = chosen_scene(settings.scene, settings.gait)
-    print(scene.describe(), end="\n\n", flush=True)
+    print(describe(scene), end="\n\n", flush=True)
     duration = min(settings.duration, 2.0) if settings.quick else settings.duration
     options = SolverOptions(method=settings.method, dt=settings.dt, dtype=settings.dtype)
     trust = diagnosed(scene, duration, options)

@@ -4,8 +4,8 @@ from jaxgrity.cli.settings import InspectSettings
 from jaxgrity.cli.simulate import scene_name
 from jaxgrity.io.files import save_json
 from jaxgrity.io.scene_files import load_scene
-from jaxgrity.model.inspection import inspect_structure
 from jaxgrity.report import plot
+from jaxgrity.statics.inspection import inspect_structure
 
 
 def main(settings: InspectSettings) -> None:

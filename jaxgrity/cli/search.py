@@ -12,11 +12,12 @@ from jaxgrity.cli.settings import ObjectiveSettings, SearchSettings
 from jaxgrity.cli.simulate import scene_name
 from jaxgrity.core.errors import InputError
 from jaxgrity.io.scene_files import load_scene
+from jaxgrity.populations.uncertainty import Uncertainty
 from jaxgrity.report.gait_report import Origin, write_report
-from jaxgrity.rollout.uncertainty import Uncertainty
 from jaxgrity.search.objectives import ActuatorBounds, Objective, find_objective
 from jaxgrity.search.pipeline import SearchResult, search_gaits
 from jaxgrity.search.search_config import SearchConfig
+from jaxgrity.statics.describe import describe
 
 
 def objective_of(settings: ObjectiveSettings) -> Objective:
@@ -54,7 +55,7 @@ def main(settings: SearchSettings) -> None:
         f"ones,\nare polished by gradients, and verified. Programs are compiled first, which takes a minute the first "
         f"time.\nWhat is found goes to {settings.out}/. After Ctrl-C, --resume goes on.\n"
     )
-    print(scene.describe(), end="\n\n", flush=True)
+    print(describe(scene), end="\n\n", flush=True)
     found: dict[str, str] = {}
     with Bars() as bars:
 

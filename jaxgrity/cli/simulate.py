@@ -16,14 +16,15 @@ from jaxgrity.io.files import load_phases, save_arrays, save_json
 from jaxgrity.io.gait_library import gait_record, load_gait
 from jaxgrity.io.scene_files import load_scene
 from jaxgrity.model.scene import Scene, with_gait
+from jaxgrity.orbits.motion_report import MotionReport, motion_report
+from jaxgrity.populations.population import gaits_of, one_gait, simulate_population
 from jaxgrity.report import plot, view
 from jaxgrity.report.animation import animate
-from jaxgrity.rollout.population import gaits_of, one_gait, simulate_population
+from jaxgrity.statics.describe import describe
 from jaxgrity.stepping.integrate import FAILURES
 from jaxgrity.stepping.options import SolverOptions
 from jaxgrity.stepping.simulate import Trajectory, centre_path, simulate
 from jaxgrity.trust.error_bars import verify
-from jaxgrity.trust.motion_report import MotionReport, motion_report
 from jaxgrity.trust.trust_report import TrustReport, diagnose
 
 Result = TypeVar("Result")
@@ -38,7 +39,7 @@ LEFT = (
 def main(settings: SimulateSettings) -> None:
     """Roll out, and leave summary.json, figures and the trajectory."""
     scene = chosen_scene(settings.scene, settings.gait)
-    print(scene.describe(), flush=True)
+    print(describe(scene), flush=True)
     duration = min(settings.duration, 2.0) if settings.quick else settings.duration
     if settings.gaits is None:
         summary = single(scene, duration, settings)

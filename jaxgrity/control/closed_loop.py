@@ -13,7 +13,7 @@ from jaxgrity.control.policies import Memory, Policy
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, State
 from jaxgrity.model.scene import floats_as
-from jaxgrity.rollout.lanes import over_lanes
+from jaxgrity.populations.lanes import over_lanes
 from jaxgrity.stepping.complementarity import ContactState
 from jaxgrity.stepping.dynamics import centre_of_mass
 from jaxgrity.stepping.integrate import state_failure
@@ -165,9 +165,9 @@ def simulate_policy(
 
     Example:
         >>> scene = jaxgrity.load_scene("exact")
-        >>> policy = jaxgrity.OpenLoop(jaxgrity.load_gait("lasting"))
-        >>> plant = jaxgrity.plant_of(scene, policy.members)
-        >>> jaxgrity.simulate_policy(plant, policy, 0.1).positions.shape  # (frames, nodes, 3), m
+        >>> policy = jaxgrity.control.OpenLoop(jaxgrity.load_gait("lasting"))
+        >>> plant = jaxgrity.control.plant_of(scene, policy.members)
+        >>> jaxgrity.control.simulate_policy(plant, policy, 0.1).positions.shape  # (frames, nodes, 3), m
         (11, 12, 3)
     """
     check_one(plant, "simulate_policy")

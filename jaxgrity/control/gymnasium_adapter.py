@@ -5,7 +5,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from jaxgrity.control.environment import Environment, EnvironmentState
+from jaxgrity.control.environments import Environment, EnvironmentState
 from jaxgrity.core.errors import InputError
 
 try:
@@ -20,7 +20,8 @@ class GymnasiumEnvironment(gymnasium.Env):
     The time that is up truncates an episode; a goal that is reached, or a rollout that failed, terminates it.
 
     Example:
-        >>> env = jaxgrity.GymnasiumEnvironment(jaxgrity.environment("goal", jaxgrity.load_scene("exact")))
+        >>> goal = jaxgrity.control.environment("goal", jaxgrity.load_scene("exact"))
+        >>> env = jaxgrity.control.GymnasiumEnvironment(goal)
         >>> observation, info = env.reset(seed=0)
         >>> env.action_space.shape
         (6,)

@@ -1,7 +1,7 @@
 """The robot as a controller meets it: commands go in once in a control period, observations come out.
 
-One robot, or many side by side with the population as the last axis in memory (see `rollout/lanes.py`): steps are those
-of the scene's own method, and the physics is the scene's.
+One robot, or many side by side with the population as the last axis in memory (see `populations/lanes.py`): steps are
+those of the scene's own method, and the physics is the scene's.
 """
 
 from dataclasses import replace
@@ -18,9 +18,9 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, State
 from jaxgrity.model.actuation import Command, Gait, actuated_lengths
 from jaxgrity.model.scene import Scene, as_dtype, start_of, with_gait
-from jaxgrity.rollout.lanes import in_lanes, lane_axes, lanes_last, over_lanes
-from jaxgrity.rollout.metrics import actuator_tension
-from jaxgrity.rollout.uncertainty import Differences
+from jaxgrity.populations.lanes import in_lanes, lane_axes, lanes_last, over_lanes
+from jaxgrity.populations.metrics import actuator_tension
+from jaxgrity.populations.uncertainty import Differences
 from jaxgrity.stepping.complementarity import Lift, one_robot
 from jaxgrity.stepping.handover import carried_from, state_from
 from jaxgrity.stepping.integrate import discretise, prepared
@@ -137,7 +137,7 @@ def plant_of(
             lacks, or a period that is not positive.
 
     Example:
-        >>> plant = jaxgrity.plant_of(jaxgrity.load_scene("exact"), members=(0, 1, 2, 3, 4, 5))
+        >>> plant = jaxgrity.control.plant_of(jaxgrity.load_scene("exact"), members=(0, 1, 2, 3, 4, 5))
         >>> plant.period  # s
         0.01
     """

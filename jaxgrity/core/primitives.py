@@ -4,7 +4,7 @@ JAX's own batching rules move a mapped axis to the front, where the inner loops 
 program cannot be vectorised. The primitives here have jvp, transpose and batching rules that leave it last in memory,
 so that energies written for one robot stay fast under plain `jax.vmap(..., in_axes=-1, out_axes=-1)` and `jax.grad`.
 The rest of a scene's arithmetic is elementwise, and keeps the layout by itself as long as no operand is an array
-without the population axis (`rollout/lanes.py` sees to that).
+without the population axis (`populations/lanes.py` sees to that).
 """
 
 from collections.abc import Callable

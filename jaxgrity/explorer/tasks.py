@@ -9,8 +9,8 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray
 from jaxgrity.model.actuation import Gait
 from jaxgrity.model.scene import Scene
-from jaxgrity.rollout.population import one_gait
-from jaxgrity.rollout.uncertainty import Uncertainty
+from jaxgrity.populations.population import one_gait
+from jaxgrity.populations.uncertainty import Uncertainty
 from jaxgrity.search.climb import ClimbStep
 from jaxgrity.search.genetic_algorithm import GAConfig, SearchProblem, SearchState, evolve
 from jaxgrity.search.genome import Genome

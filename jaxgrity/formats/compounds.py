@@ -6,7 +6,7 @@ from scipy.sparse.csgraph import connected_components
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import Edges
-from jaxgrity.model.form_finding import equilibrium_matrix
+from jaxgrity.statics.form_finding import equilibrium_matrix
 
 INDEPENDENT = 1e-6
 """share of a member's column of A, at unit length, that others leave over where it resists another motion"""

@@ -63,7 +63,7 @@ def read_mjcf(path: str | Path, drop: Collection[str] = ()) -> Imported:
         InputError: one line with the file and what is wrong, or would be lost; MuJoCo is not installed.
 
     Example:
-        >>> jaxgrity.read_mjcf("my_robot.xml").scene  # doctest: +SKIP
+        >>> jaxgrity.formats.read_mjcf("my_robot.xml").scene  # doctest: +SKIP
     """
     if importlib.util.find_spec("mujoco") is None:
         raise InputError(f"{path}: reading MuJoCo models needs mujoco; expected: pip install 'jaxgrity[peer]'")

@@ -51,7 +51,7 @@ def save_mjcf(scene: Scene, path: str | Path, timestep: float | None = None, int
             motors, or cables that run through several nodes.
 
     Example:
-        >>> model = jaxgrity.save_mjcf(jaxgrity.load_scene("reference"), "my_robot.xml")
+        >>> model = jaxgrity.formats.save_mjcf(jaxgrity.load_scene("reference"), "my_robot.xml")
         >>> model.actuated  # the gait moves the six struts
         (0, 1, 2, 3, 4, 5)
     """

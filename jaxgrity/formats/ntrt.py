@@ -75,7 +75,7 @@ def read_ntrt(path: str | Path, unit: float = DECIMETRE) -> Imported:
         InputError: one line with the file, and what is wrong, missing or not supported.
 
     Example:
-        >>> jaxgrity.read_ntrt("SuperBall.yaml").scene  # doctest: +SKIP
+        >>> jaxgrity.formats.read_ntrt("SuperBall.yaml").scene  # doctest: +SKIP
     """
     unit = positive(unit, "unit")
     assembly = Assembly()

@@ -31,7 +31,7 @@ def save_trajectory(trajectory: Trajectory, path: str | Path) -> None:
 
     Example:
         >>> trajectory = jaxgrity.simulate(jaxgrity.load_scene("reference"), 0.1)
-        >>> jaxgrity.save_trajectory(trajectory, "motion.nc")
+        >>> jaxgrity.formats.save_trajectory(trajectory, "motion.nc")
     """
     times, x, v = (np.asarray(part, float) for part in (trajectory.times, trajectory.positions, trajectory.velocities))
     path = Path(path)

@@ -13,8 +13,8 @@ from jaxtyping import Float
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray
 from jaxgrity.identification.observations import SeenQuantity
-from jaxgrity.model.equilibrium import equilibrium_near
 from jaxgrity.model.scene import Scene
+from jaxgrity.statics.equilibrium import equilibrium_near
 
 Values = Float[AnyArray, "rows columns"]
 SCALE = 30.0

@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray
-from jaxgrity.rollout.uncertainty import part_of
+from jaxgrity.populations.uncertainty import part_of
 
 Known = TypeVar("Known", bound=eqx.Module)
 """a scene, or another module with numbers from which scenes are made"""

@@ -5,9 +5,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxgrity.core.errors import InputError
-from jaxgrity.identification.identify import Identified
+from jaxgrity.identification.fits import Identified
 from jaxgrity.identification.parameters import changed
-from jaxgrity.rollout.uncertainty import DIFFERING, Differences, Uncertainty, part_of
+from jaxgrity.populations.uncertainty import DIFFERING, Differences, Uncertainty, part_of
 
 ALIKE = 1e-9
 

@@ -14,7 +14,7 @@ from jaxgrity.identification.parameters import Parameter
 from jaxgrity.model.contact_twin import contact_twin
 from jaxgrity.model.scales import length_scale
 from jaxgrity.model.scene import Scene
-from jaxgrity.rollout.uncertainty import part_of
+from jaxgrity.populations.uncertainty import part_of
 from jaxgrity.stepping.options import resolve
 
 

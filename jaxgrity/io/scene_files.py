@@ -24,16 +24,16 @@ from jaxgrity.io.scene_tables import (
 )
 from jaxgrity.io.validation import explain, not_finite, shown
 from jaxgrity.model.actuation import Gait, Overtone, random_members, random_phases
-from jaxgrity.model.catalogue import rest_on_face
 from jaxgrity.model.external import Push, wind
 from jaxgrity.model.friction import ConeFriction, Friction, SmoothFriction, SwitchFriction
-from jaxgrity.model.geometry import Geometry
 from jaxgrity.model.ground import Ground
 from jaxgrity.model.laws import Law
-from jaxgrity.model.prestressed import prestressed
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.shaking import Shaking
 from jaxgrity.model.structure import Structure, per_member
+from jaxgrity.statics.prestressing import prestressed
+from jaxgrity.structures.catalogue import rest_on_face
+from jaxgrity.structures.geometry import Geometry
 
 DEEPEST = 50
 DEEP_KEY = re.compile(rf"(?:[\w-]+\.){{{DEEPEST}}}")

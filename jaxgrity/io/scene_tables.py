@@ -10,13 +10,13 @@ from jaxgrity.core.types import Edges
 from jaxgrity.io.ground_tables import BoxTable, CylinderTable, SphereTable, SurfaceTable
 from jaxgrity.io.member_tables import CablesTable, StrutsTable
 from jaxgrity.io.table_types import NotNegative, Number, Pair, Positive, Seed, Share, Table
-from jaxgrity.model.balls import ball
-from jaxgrity.model.catalogue import icosahedron
-from jaxgrity.model.geometry import Geometry
-from jaxgrity.model.prisms import prism, three_strut_robot, tower
-from jaxgrity.model.spines import planar_spine, tetrahedral_spine
 from jaxgrity.model.structure import check_edges
-from jaxgrity.model.trusses import d_bar, grid, t_bar
+from jaxgrity.structures.balls import ball
+from jaxgrity.structures.catalogue import icosahedron
+from jaxgrity.structures.geometry import Geometry
+from jaxgrity.structures.prisms import prism, three_strut_robot, tower
+from jaxgrity.structures.spines import planar_spine, tetrahedral_spine
+from jaxgrity.structures.trusses import d_bar, grid, t_bar
 
 Count = Annotated[int, Meta(ge=1, le=10_000)]
 

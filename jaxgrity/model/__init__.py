@@ -1,0 +1,5 @@
+"""What scenes are made of, for laws and studies of one's own."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

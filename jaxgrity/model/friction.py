@@ -23,7 +23,7 @@ class Friction(eqx.Module):
     impulsive: eqx.AbstractClassVar[bool]
     """whether it acts by impulses, beside those of exact contact, or by forces, beside those of penalty contact"""
     name: eqx.AbstractClassVar[str]
-    """as `Scene.describe` lists it"""
+    """as `describe` lists it"""
 
     @abstractmethod
     def law(self, ground: Ground) -> Law:

@@ -40,7 +40,7 @@ def mass_matrix(structure: Structure) -> MassMatrix:
 
     Example:
         >>> rod = jaxgrity.Members(((0, 1),), None, [1.0], mass=[6.0])
-        >>> jaxgrity.mass_matrix(jaxgrity.Structure([[0, 0, 0], [1, 0, 0]], [0.0, 0.0], rod))[::3, ::3].tolist()
+        >>> jaxgrity.model.mass_matrix(jaxgrity.Structure([[0, 0, 0], [1, 0, 0]], [0.0, 0.0], rod))[::3, ::3].tolist()
         [[2.0, 1.0], [1.0, 2.0]]
     """
     v = jnp.zeros_like(jnp.asarray(structure.nodes))

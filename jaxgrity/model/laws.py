@@ -122,7 +122,7 @@ class Law(eqx.Module):
     """What every law says about itself."""
 
     name: eqx.AbstractClassVar[str]
-    """as `Scene.describe` lists it"""
+    """as `describe` lists it"""
 
     @abstractmethod
     def keeps(self, symmetry: Symmetry) -> bool:

@@ -22,7 +22,6 @@ from jaxgrity.core.types import (
     namespace_of,
 )
 from jaxgrity.model.actuation import Gait, check_fit, check_robot
-from jaxgrity.model.describe import describe
 from jaxgrity.model.dissipation import CableDamping, NodeDamping, StrutDamping
 from jaxgrity.model.energy import CableSprings, Gravity, StrutSprings
 from jaxgrity.model.friction import ConeFriction, CoulombCone, Friction, SmoothFriction, SwitchFriction
@@ -210,15 +209,6 @@ class Scene(eqx.Module):
 
     def _repr_html_(self) -> str:
         return of_report("notebook", "scene_html")(self)
-
-    def describe(self) -> str:
-        """What is modelled and what is not, members, masses, prestress, lowest and highest natural frequency.
-
-        Prestress and frequencies are those of the structure alone, in the shape it takes without gravity, ground
-        and gait.
-        """
-        names = [kind.name for kind in (*KNOWN_LAWS, *KNOWN_FRICTIONS)]
-        return describe(self, self.laws, names)
 
 
 def with_gait(scene: Scene, gait: Gait | None) -> Scene:

@@ -47,7 +47,7 @@ def travelling_waves(structure: Structure, members: tuple[int, ...], *, one_axis
 
     Example:
         >>> scene = jaxgrity.load_scene("reference")
-        >>> waves = jaxgrity.travelling_waves(scene.structure, scene.gait.members)
+        >>> waves = jaxgrity.model.travelling_waves(scene.structure, scene.gait.members)
         >>> [[round(3 * shift) for shift in wave.shifts] for wave in waves]  # in thirds of a period
         [[0, 0, 2, 2, 1, 1], [0, 0, 1, 1, 2, 2]]
     """

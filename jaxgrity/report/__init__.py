@@ -1,5 +1,5 @@
-"""Pictures and pages."""
+"""Figures, animations, pages."""
 
 import lazy_loader
 
-__getattr__, __dir__, __all__ = lazy_loader.attach(__name__, ["plot", "view"])
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

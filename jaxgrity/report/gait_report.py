@@ -15,12 +15,12 @@ from jaxgrity.io.files import save_arrays, save_json, write_whole
 from jaxgrity.io.gait_library import gait_facts
 from jaxgrity.model.scales import time_scale
 from jaxgrity.model.scene import Scene
+from jaxgrity.populations.rolling import Rolling, rolling
 from jaxgrity.report import plot, view
 from jaxgrity.report.animation import animate
 from jaxgrity.report.gait_rows import outcome_rows, search_rows
 from jaxgrity.report.measuring import gait_measured
 from jaxgrity.report.steady import PARTS
-from jaxgrity.rollout.rolling import Rolling, rolling
 from jaxgrity.search.pipeline import SearchResult
 from jaxgrity.search.polish import Polished
 from jaxgrity.search.promotion import Agreement, Promoted

@@ -5,9 +5,9 @@ from typing import Any
 import numpy as np
 
 from jaxgrity.core.display import mean_of_robots, with_error
+from jaxgrity.populations.rolling import Rolling
 from jaxgrity.report import plot
 from jaxgrity.report.steady import steady_rows
-from jaxgrity.rollout.rolling import Rolling
 
 
 def outcome_rows(summary: dict[str, Any]) -> dict[str, str]:

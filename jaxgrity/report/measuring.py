@@ -8,13 +8,13 @@ import numpy as np
 from jaxgrity.model.actuation import Gait
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.symmetry import Symmetry, image, standing_symmetries
+from jaxgrity.populations.population import as_population, simulate_population
+from jaxgrity.populations.uncertainty import Differences
 from jaxgrity.report.steady import steady_facts
-from jaxgrity.rollout.population import as_population, simulate_population
-from jaxgrity.rollout.uncertainty import Differences
 from jaxgrity.search.objectives import SteadyDirection
 from jaxgrity.search.pipeline import UNSEEN, SearchResult
 from jaxgrity.stepping.options import SolverOptions
-from jaxgrity.stepping.stability import default_method, default_step
+from jaxgrity.stepping.step_limits import default_method, default_step
 from jaxgrity.trust.error_bars import verify
 
 WATCHED = 7.5

@@ -12,13 +12,14 @@ from jaxgrity.model.actuation import Gait
 from jaxgrity.model.scene import Scene
 from jaxgrity.report import plot
 from jaxgrity.search.pipeline import SearchResult
+from jaxgrity.statics.describe import describe
 from jaxgrity.stepping.integrate import FAILURES
 from jaxgrity.stepping.simulate import Trajectory, centre_path
 
 
 def scene_html(scene: Scene) -> str:
     """The structure, and beside it what is modelled."""
-    return _side_by_side(plot.structure_figure(scene), scene.describe())
+    return _side_by_side(plot.structure_figure(scene), describe(scene))
 
 
 def trajectory_html(trajectory: Trajectory) -> str:

@@ -43,7 +43,7 @@ def orbit_figure(scene: Scene, trajectory: Trajectory, cycle: float, turning: fl
     Example:
         >>> scene = jaxgrity.with_gait(jaxgrity.load_scene("exact"), jaxgrity.load_gait("lasting"))
         >>> trajectory = jaxgrity.simulate(scene, 4.0, frame_rate=50.0)
-        >>> figure = jaxgrity.plot.orbit_figure(scene, trajectory, 2 * jaxgrity.period_of(scene.gait))
+        >>> figure = jaxgrity.report.plot.orbit_figure(scene, trajectory, 2 * jaxgrity.period_of(scene.gait))
         >>> len(figure.axes)
         2
     """

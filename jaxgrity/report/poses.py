@@ -10,8 +10,8 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import Times
 from jaxgrity.model.scales import length_scale
 from jaxgrity.model.scene import Scene
+from jaxgrity.populations.forces import forces_along
 from jaxgrity.report.style import SLACK, STRUT, TENSION
-from jaxgrity.rollout.forces import forces_along
 from jaxgrity.stepping.simulate import Trajectory, centre_path, frame_times, some_frames
 
 STRUT_RADIUS, CABLE_RADIUS, NODE_RADIUS, FORCE_RADIUS = 0.014, 0.006, 0.022, 0.012

@@ -10,10 +10,10 @@ from mpl_toolkits.mplot3d.proj3d import proj_transform
 from jaxgrity.model.actuation import Gait, contraction, rest_lengths_along
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import edge_lengths
+from jaxgrity.populations.forces import forces_along
+from jaxgrity.populations.rolling import Rolling
 from jaxgrity.report.poses import on_ground
 from jaxgrity.report.style import CABLE, GROUND, PATH, STRUT, styled
-from jaxgrity.rollout.forces import forces_along
-from jaxgrity.rollout.rolling import Rolling
 from jaxgrity.stepping.simulate import Trajectory, centre_path, with_room
 from jaxgrity.trust.energy_audit import EnergyAudit
 

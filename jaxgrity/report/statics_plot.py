@@ -6,10 +6,10 @@ from matplotlib.colors import TwoSlopeNorm
 from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
-from jaxgrity.model.geometry import Geometry
-from jaxgrity.model.inspection import StructureReport
-from jaxgrity.model.stiffness import all_edges
 from jaxgrity.report.style import CABLE, STRUT, styled
+from jaxgrity.statics.inspection import StructureReport
+from jaxgrity.statics.stiffness import all_edges
+from jaxgrity.structures.geometry import Geometry
 
 COLOURS = "coolwarm_r"
 """compression red, tension blue"""

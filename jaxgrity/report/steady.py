@@ -8,14 +8,14 @@ import numpy as np
 from jaxgrity.core.display import mean_of_robots, with_error
 from jaxgrity.model.contact_twin import contact_twin
 from jaxgrity.model.scene import Scene
-from jaxgrity.rollout.uncertainty import Uncertainty
-from jaxgrity.search.robot_motions import RobotMotions, robot_motions
+from jaxgrity.orbits.finding import WINDOW, Orbit, period_of, shortest_watch
+from jaxgrity.orbits.orbit_error_bars import orbit_error_bars
+from jaxgrity.orbits.orbit_stability import stability
+from jaxgrity.orbits.orbit_symmetry import repetition
+from jaxgrity.populations.uncertainty import Uncertainty
+from jaxgrity.search.motions import RobotMotions, robot_motions
 from jaxgrity.stepping.options import SolverOptions
-from jaxgrity.stepping.stability import default_method, default_step
-from jaxgrity.trust.orbit_error_bars import orbit_error_bars
-from jaxgrity.trust.orbit_stability import stability
-from jaxgrity.trust.orbit_symmetry import repetition
-from jaxgrity.trust.orbits import WINDOW, Orbit, period_of, shortest_watch
+from jaxgrity.stepping.step_limits import default_method, default_step
 
 Facts = dict[str, Any]
 MODELS = ("robust", "other_contact_model")

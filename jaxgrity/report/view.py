@@ -123,7 +123,7 @@ def replay(
 
     Example:
         >>> scene = jaxgrity.load_scene("reference")
-        >>> page = jaxgrity.view.replay(scene, jaxgrity.simulate(scene, 0.2), title="it settles").page
+        >>> page = jaxgrity.report.view.replay(scene, jaxgrity.simulate(scene, 0.2), title="it settles").page
         >>> "it settles" in page, len(page) < 3e6
         (True, True)
     """
@@ -153,7 +153,7 @@ def save_html(scene: Scene, trajectory: Trajectory, path: str | Path, **how: Any
 
     Example:
         >>> scene = jaxgrity.load_scene("exact")
-        >>> jaxgrity.view.save_html(scene, jaxgrity.simulate(scene, 0.2), "replay.html", follow=False)
+        >>> jaxgrity.report.view.save_html(scene, jaxgrity.simulate(scene, 0.2), "replay.html", follow=False)
     """
     replay(scene, trajectory, **how).save(path)
 

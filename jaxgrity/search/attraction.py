@@ -5,11 +5,11 @@ from jaxtyping import Float
 
 from jaxgrity.model.actuation import Gait
 from jaxgrity.model.scene import Scene, with_gait
-from jaxgrity.rollout.population import one_gait
+from jaxgrity.orbits.finding import find_orbit, shortest_watch
+from jaxgrity.orbits.orbit_stability import stability
+from jaxgrity.populations.population import one_gait
 from jaxgrity.stepping.options import SolverOptions
-from jaxgrity.stepping.stability import default_method, default_step
-from jaxgrity.trust.orbit_stability import stability
-from jaxgrity.trust.orbits import find_orbit, shortest_watch
+from jaxgrity.stepping.step_limits import default_method, default_step
 
 
 def orbit_multipliers(scene: Scene, gaits: Gait, dt: float) -> Float[np.ndarray, " gaits"]:

@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from jaxgrity.core.types import AnyArray
 from jaxgrity.model.actuation import Gait
-from jaxgrity.rollout.population import one_gait
+from jaxgrity.populations.population import one_gait
 from jaxgrity.search.genome import Genome
 from jaxgrity.search.gradients import ClimbTask, Gradient, combine, pathwise_gradient, smoothed_gradients
 from jaxgrity.search.polish_config import GradientKind, PolishConfig, cost_of_gradient

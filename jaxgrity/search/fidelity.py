@@ -15,7 +15,7 @@ from jaxgrity.core.types import AnyArray
 from jaxgrity.model.actuation import Gait
 from jaxgrity.model.contact_twin import contact_twin, exact_twin
 from jaxgrity.model.scene import Scene
-from jaxgrity.rollout.population import as_population
+from jaxgrity.populations.population import as_population
 from jaxgrity.search.genetic_algorithm import Evolution, GAConfig, SearchProblem, SearchState, begin, evolve, models_of
 from jaxgrity.search.genome import Genes
 from jaxgrity.search.judging import (
@@ -31,7 +31,7 @@ from jaxgrity.search.judging import (
 from jaxgrity.search.models import rough_step
 from jaxgrity.search.objectives import ActuatorBounds
 from jaxgrity.stepping.options import SolverOptions
-from jaxgrity.stepping.stability import default_method, default_step
+from jaxgrity.stepping.step_limits import default_method, default_step
 from jaxgrity.trust.error_bars import Verified, verify
 
 FEWEST_RANKED = 5

@@ -11,7 +11,7 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, namespace_of
 from jaxgrity.model.actuation import Gait, Overtone, peak_rates
 from jaxgrity.model.waves import Wave
-from jaxgrity.rollout.population import gaits_of
+from jaxgrity.populations.population import gaits_of
 
 Genes = Float[AnyArray, "*population genes"]
 

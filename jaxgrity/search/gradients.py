@@ -14,9 +14,9 @@ from jaxtyping import Float
 from jaxgrity.core.types import AnyArray, FinalPositions, PerGait, Phases, Scalar, State, Vectors
 from jaxgrity.model.actuation import Gait
 from jaxgrity.model.scene import Scene, start_of
-from jaxgrity.rollout.lanes import discretise_lanes, in_lanes, lanes_last, over_lanes
-from jaxgrity.rollout.population import Outcomes
-from jaxgrity.rollout.uncertainty import Differences, ensemble
+from jaxgrity.populations.lanes import discretise_lanes, in_lanes, lanes_last, over_lanes
+from jaxgrity.populations.population import Outcomes
+from jaxgrity.populations.uncertainty import Differences, ensemble
 from jaxgrity.search.genetic_algorithm import SearchProblem
 from jaxgrity.search.judging import judge, with_robots
 from jaxgrity.search.models import Model

@@ -12,9 +12,9 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, PerGait, Scalar
 from jaxgrity.model.actuation import Gait, actuated_lengths, peak_rates
 from jaxgrity.model.scene import Scene
-from jaxgrity.rollout.lanes import most_lanes
-from jaxgrity.rollout.population import Outcomes, roll_out
-from jaxgrity.rollout.uncertainty import Uncertainty, ensemble
+from jaxgrity.populations.lanes import most_lanes
+from jaxgrity.populations.population import Outcomes, roll_out
+from jaxgrity.populations.uncertainty import Uncertainty, ensemble
 from jaxgrity.search.models import Model
 from jaxgrity.search.objectives import ActuatorBounds, Distance, Objective
 

@@ -5,7 +5,7 @@ from typing import NamedTuple
 from jaxgrity.model.scales import time_scale
 from jaxgrity.model.scene import Scene, as_dtype
 from jaxgrity.stepping.options import Options, ResolvedOptions, SolverOptions, resolve
-from jaxgrity.stepping.stability import default_method, default_step, strictest
+from jaxgrity.stepping.step_limits import default_method, default_step, strictest
 
 SCREENING_STEP = 0.01
 """s, of complementarity stepping of a body of one metre: gaits rank at it as they do at half of it"""

@@ -10,8 +10,8 @@ import numpy as np
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import PerGait, Scalar
 from jaxgrity.model.scene import Scene, body_length
-from jaxgrity.rollout.metrics import Metrics
-from jaxgrity.rollout.population import Outcomes
+from jaxgrity.populations.metrics import Metrics
+from jaxgrity.populations.population import Outcomes
 from jaxgrity.search.paths import PARTS, parts_of_path, path_bend, steady_velocity
 
 

@@ -10,7 +10,7 @@ from jaxgrity.core.types import AnyArray, PerGait, Scalar
 from jaxgrity.model.actuation import Gait
 from jaxgrity.model.scales import time_scale
 from jaxgrity.model.scene import Scene, body_length
-from jaxgrity.rollout.population import Outcomes
+from jaxgrity.populations.population import Outcomes
 
 PARTS = 24
 """of a rollout, at whose ends steady objectives look at the centre of mass, at least"""

@@ -13,7 +13,7 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.io.files import save_arrays
 from jaxgrity.model.actuation import Gait
 from jaxgrity.model.scene import Scene, with_gait
-from jaxgrity.rollout.population import one_gait
+from jaxgrity.populations.population import one_gait
 from jaxgrity.search.checkpoint import Checkpoint, open_checkpoint
 from jaxgrity.search.fidelity import (
     FidelityLevel,
@@ -40,7 +40,7 @@ from jaxgrity.search.search_config import (
     without_idle,
 )
 from jaxgrity.stepping.options import resolve
-from jaxgrity.stepping.stability import default_method, default_step
+from jaxgrity.stepping.step_limits import default_method, default_step
 
 UNSEEN = 10**6
 """added to the seed of the last judgement, whose draws nothing was chosen by"""

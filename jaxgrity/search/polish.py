@@ -26,7 +26,7 @@ from jaxgrity.core.display import COVERING
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray
 from jaxgrity.model.scene import as_dtype, with_gait
-from jaxgrity.rollout.population import one_gait
+from jaxgrity.populations.population import one_gait
 from jaxgrity.search.climb import Climb, ClimbStep, OneGait, Route, climb, one_period
 from jaxgrity.search.genetic_algorithm import SearchProblem, models_of
 from jaxgrity.search.gradients import ClimbTask
@@ -115,7 +115,7 @@ def polish(
 
     Example:
         >>> scene = jaxgrity.load_scene("exact")
-        >>> problem = jaxgrity.SearchProblem(scene, jaxgrity.Genome(6), 1.5, jaxgrity.Fitness())
+        >>> problem = jaxgrity.search.SearchProblem(scene, jaxgrity.Genome(6), 1.5, jaxgrity.Fitness())
         >>> turns = jaxgrity.random_phases(1, actuators=6, seed=0) / 6.2832
         >>> polished = jaxgrity.polish(problem, turns, jaxgrity.PolishConfig(rollouts=8, samples=4, final_robots=1))
         >>> polished.genes.shape, len(polished.steps)

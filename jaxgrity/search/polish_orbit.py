@@ -17,7 +17,9 @@ from jax.flatten_util import ravel_pytree
 from jaxgrity.core.types import AnyArray, Scalar
 from jaxgrity.model.actuation import Gait, actuated_lengths, peak_rates
 from jaxgrity.model.scene import Scene, body_length, with_gait
-from jaxgrity.rollout.population import one_gait
+from jaxgrity.orbits.finding import find_orbit, shortest_watch
+from jaxgrity.orbits.orbit_gradient import derivatives_along, numbers_of
+from jaxgrity.populations.population import one_gait
 from jaxgrity.search.climb import Climb, ClimbStep, OneGait
 from jaxgrity.search.genetic_algorithm import SearchProblem
 from jaxgrity.search.genome import Genome
@@ -25,8 +27,6 @@ from jaxgrity.search.judging import Scores, judge, with_robots
 from jaxgrity.search.models import Model
 from jaxgrity.search.polish_config import PolishConfig, judges_of_a_step
 from jaxgrity.stepping.options import ResolvedOptions
-from jaxgrity.trust.orbit_gradient import derivatives_along, numbers_of
-from jaxgrity.trust.orbits import find_orbit, shortest_watch
 
 TANGENT = 3.5
 """cost of a forward tangent, in rollouts: 28 for eight were measured"""

@@ -13,14 +13,14 @@ from jaxgrity.model.actuation import Gait, actuated_lengths
 from jaxgrity.model.scene import Scene, with_gait
 from jaxgrity.model.symmetry import gene_permutations, standing_symmetries
 from jaxgrity.model.waves import travelling_waves
-from jaxgrity.rollout.uncertainty import Uncertainty
+from jaxgrity.orbits.finding import period_of
+from jaxgrity.populations.uncertainty import Uncertainty
 from jaxgrity.search.cma_es import fewest
 from jaxgrity.search.genetic_algorithm import GAConfig, SearchProblem
 from jaxgrity.search.genome import Genome
 from jaxgrity.search.judging import Fitness
 from jaxgrity.search.objectives import ActuatorBounds, Objective, SteadySpeed
 from jaxgrity.search.polish_config import GradientKind, PolishConfig, check_polish
-from jaxgrity.trust.orbits import period_of
 
 UNCERTAIN = Uncertainty(phase=0.03, actuation=0.02, friction=0.2, cable_stiffness=0.05, node_mass=0.05)
 """half-widths of what a search takes as not known exactly, where not told otherwise: rad, then shares"""

@@ -58,7 +58,7 @@ def final_state(
 
     Example:
         >>> scene = jaxgrity.load_scene("reference")
-        >>> options = jaxgrity.resolve(scene, 0.05)
+        >>> options = jaxgrity.stepping.resolve(scene, 0.05)
         >>> def height(g):
         ...     there = eqx.tree_at(lambda s: s.gravity, scene, g)
         ...     return jaxgrity.final_state(there, 0.05, options)[0][:, 2].mean()

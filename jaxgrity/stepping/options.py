@@ -17,8 +17,8 @@ from jaxgrity.model.scene import Scene
 from jaxgrity.stepping.blocks import disjoint_groups
 from jaxgrity.stepping.constraints import exact_ground, rigid_struts
 from jaxgrity.stepping.methods import Method, constrained_method, find_method
-from jaxgrity.stepping.stability import check_step, default_method, default_step
 from jaxgrity.stepping.starts import check_start
+from jaxgrity.stepping.step_limits import check_step, default_method, default_step
 
 KEPT = 64
 """scenes, with options, of which it is known that they go together: checks take longer than a short rollout"""
@@ -181,7 +181,7 @@ def _default_step(scene: Scene, method: Method) -> float:
     except (jax.errors.ConcretizationTypeError, jax.errors.TracerArrayConversionError) as error:
         raise InputError(
             "dt: the scene's numbers are being traced, so that no step can be chosen; pass options = "
-            "jaxgrity.resolve(scene, duration) of a scene whose numbers are known, or a dt"
+            "jaxgrity.stepping.resolve(scene, duration) of a scene whose numbers are known, or a dt"
         ) from error
 
 

@@ -61,7 +61,7 @@ def rollout(
 
     Example:
         >>> scene = jaxgrity.load_scene("exact")
-        >>> options = jaxgrity.resolve(scene, 0.1)
+        >>> options = jaxgrity.stepping.resolve(scene, 0.1)
         >>> def height(mu):
         ...     there = eqx.tree_at(lambda s: s.friction.mu, scene, mu)
         ...     return jaxgrity.rollout(there, np.array([0.0, 0.1]), options=options).positions[-1, :, 2].mean()

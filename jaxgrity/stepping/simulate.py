@@ -56,7 +56,7 @@ class Trajectory(eqx.Module):
         return bool(np.asarray(self.failure) != 0)
 
     def show(self, **how: Any) -> Any:
-        """A 3D replay, which Jupyter shows: `jaxgrity.view.replay` of this motion, with all that it takes.
+        """A 3D replay, which Jupyter shows: `jaxgrity.report.view.replay` of this motion, with all that it takes.
 
         Raises `InputError` where the trajectory does not know its scene, or viser is not installed.
         """

@@ -8,7 +8,7 @@ from jaxgrity.core.tracing import refuse_traced
 from jaxgrity.core.types import PerGait, Vectors
 from jaxgrity.model.actuation import Gait
 from jaxgrity.model.scene import Scene
-from jaxgrity.rollout.population import simulate_population
+from jaxgrity.populations.population import simulate_population
 from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
 
 SAFETY = 2.5

@@ -11,8 +11,8 @@ from jaxgrity.core.tracing import refuse_traced
 from jaxgrity.core.types import AnyArray, Count, Scalar, Times
 from jaxgrity.model.actuation import Gait
 from jaxgrity.model.scene import Scene, as_dtype
-from jaxgrity.rollout.lanes import lanes_last, roll_out_lanes
-from jaxgrity.rollout.uncertainty import Differences
+from jaxgrity.populations.lanes import lanes_last, roll_out_lanes
+from jaxgrity.populations.uncertainty import Differences
 from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
 from jaxgrity.stepping.simulate import frame_times
 

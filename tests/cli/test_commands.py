@@ -19,19 +19,10 @@ import equinox as eqx
 import numpy as np
 import pytest
 
-from jaxgrity import (
-    InputError,
-    Progress,
-    Sensitivity,
-    load_gait,
-    load_scene,
-    random_phases,
-    robot_motions,
-    scene_text,
-    with_gait,
-)
+from jaxgrity import InputError, Sensitivity, load_gait, load_scene, random_phases, scene_text, with_gait
 from jaxgrity.cli import command_line, progress, script, simulate
 from jaxgrity.cli import main as command
+from jaxgrity.search import Progress, robot_motions
 
 ROOT = Path(__file__).parents[2]
 ANSWERS = json.loads((ROOT / "tests" / "data" / "reference_answers.json").read_text())

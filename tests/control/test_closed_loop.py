@@ -9,23 +9,12 @@ import numpy as np
 import pytest
 
 import jaxgrity
-from jaxgrity import (
-    Errors,
-    Gait,
-    InputError,
-    Motors,
-    Observation,
-    OpenLoop,
-    PhaseLocked,
-    Sensors,
-    SolverOptions,
-    Steered,
-    centre_offsets,
-)
+from jaxgrity import Gait, InputError, SolverOptions, control
+from jaxgrity.control import Errors, Motors, Observation, OpenLoop, PhaseLocked, Sensors, Steered, centre_offsets
 from jaxgrity.control.closed_loop import taken_over
 
 TEN_MS = SolverOptions(dt=0.01)
-measure = eqx.filter_jit(jaxgrity.measure)
+measure = eqx.filter_jit(control.measure)
 
 
 @pytest.fixture(scope="module")
@@ -37,13 +26,13 @@ def scene():
 
 @pytest.fixture(scope="module")
 def plant(scene):
-    return jaxgrity.plant_of(scene, scene.gait.members, options=TEN_MS)
+    return control.plant_of(scene, scene.gait.members, options=TEN_MS)
 
 
 @pytest.fixture(scope="module")
 def rolled(scene, plant):
     """Under the gait as an open loop, for 0.6 s."""
-    return jaxgrity.simulate_policy(plant, OpenLoop(scene.gait), 0.6)
+    return control.simulate_policy(plant, OpenLoop(scene.gait), 0.6)
 
 
 def test_an_open_loop_is_the_gait(scene, rolled):
@@ -55,7 +44,7 @@ def test_an_open_loop_is_the_gait(scene, rolled):
 
 def test_feedback_without_gains_is_the_open_loop(scene, plant, rolled):
     """The clock then keeps time."""
-    kept = jaxgrity.simulate_policy(plant, PhaseLocked(scene.gait, np.zeros((2, 2))), 0.6)
+    kept = control.simulate_policy(plant, PhaseLocked(scene.gait, np.zeros((2, 2))), 0.6)
     np.testing.assert_allclose(kept.positions, rolled.positions, atol=1e-10)
 
 
@@ -72,10 +61,10 @@ def test_robots_side_by_side_move_as_each_alone(scene, plant, driver):
     """To rounding; they start apart, and one is pushed."""
     q, v = (np.repeat(np.asarray(x)[..., None], 2, axis=-1) for x in (scene.structure.nodes, np.zeros((12, 3))))
     v[:, 0, 1] += 0.3
-    many = jaxgrity.side_by_side(plant, 2)
-    end = jaxgrity.drive(many, driver, jaxgrity.loop_start(many, driver, jax.random.key(0), (q, v)), 20, 2)
+    many = control.side_by_side(plant, 2)
+    end = control.drive(many, driver, control.loop_start(many, driver, jax.random.key(0), (q, v)), 20, 2)
     for k in range(2):
-        alone = jaxgrity.simulate_policy(plant, driver, 0.4, start=(q[..., k], v[..., k]))
+        alone = control.simulate_policy(plant, driver, 0.4, start=(q[..., k], v[..., k]))
         np.testing.assert_allclose(end.end.plant.motion[0][..., k], alone.positions[-1], atol=1e-9)
     assert end.path.shape == (3, 3, 2)
     assert abs(end.path[-1, :, 0] - end.path[-1, :, 1]).max() > 0.01
@@ -85,12 +74,12 @@ def test_robots_side_by_side_move_as_each_alone(scene, plant, driver):
 def test_a_model_takes_over_a_robot_in_motion(scene):
     """With its contractions, its memory and its time: on penalty contact, where no solver carries anything, exactly."""
     twin = jaxgrity.contact_twin(scene)
-    plant = jaxgrity.plant_of(twin, scene.gait.members)
+    plant = control.plant_of(twin, scene.gait.members)
     policy = PhaseLocked(scene.gait)
-    loop = jaxgrity.drive(plant, policy, jaxgrity.loop_start(plant, policy, jax.random.key(0)), 120).end
-    many = jaxgrity.side_by_side(plant, 2)
-    on = jaxgrity.drive(plant, policy, loop, 20).end.plant.motion[0]
-    copies = jaxgrity.drive(many, policy, taken_over(many, loop, 2), 20).end.plant.motion[0]
+    loop = control.drive(plant, policy, control.loop_start(plant, policy, jax.random.key(0)), 120).end
+    many = control.side_by_side(plant, 2)
+    on = control.drive(plant, policy, loop, 20).end.plant.motion[0]
+    copies = control.drive(many, policy, taken_over(many, loop, 2), 20).end.plant.motion[0]
     for k in range(2):
         np.testing.assert_allclose(copies[..., k], on, atol=1e-10)
     assert np.abs(on - loop.plant.motion[0]).max() > 0.01
@@ -102,13 +91,13 @@ def test_a_blend_is_a_mean_of_both(scene, moment):
     t = jnp.asarray(0.4)
     alone = [policy(moment, t, policy.first())[0] for policy in (one, other)]
     for share in (0.0, 0.25, 1.0):
-        blend = jaxgrity.Blend(one, other, share)
+        blend = control.Blend(one, other, share)
         asked, ((clock, until), _) = blend(moment, t, blend.first())
         np.testing.assert_allclose(asked, (1 - share) * alone[0] + share * alone[1])
         assert float(until) == 0.4
         assert float(clock) > 0
     with pytest.raises(InputError, match=r"other.members = \(0,\): expected"):
-        jaxgrity.Blend(one, Short((0,)), 0.5)
+        control.Blend(one, Short((0,)), 0.5)
 
 
 @pytest.mark.slow
@@ -117,10 +106,10 @@ def test_gradient_through_a_closed_loop_is_that_of_central_differences(plant, dr
 
     def place(gains, bend, swings):
         policy = replace(driver, policy=replace(driver.policy, gains=gains, swings=swings), bend=bend)
-        loop = jaxgrity.loop_start(plant, policy, jax.random.key(0))
+        loop = control.loop_start(plant, policy, jax.random.key(0))
         inner, last, _, before = loop.memory
         loop = loop._replace(memory=(inner, last, jnp.array([0.5, 0.2]), before))
-        end, _ = jaxgrity.roll_on(plant, policy, loop, 30, lambda state: None)
+        end, _ = control.roll_on(plant, policy, loop, 30, lambda state: None)
         return jnp.sum(end.plant.motion[0][:, 0] ** 2)
 
     at = jnp.asarray(driver.policy.gains), jnp.asarray(driver.bend), jnp.full((2, 2), 0.1)
@@ -167,7 +156,7 @@ def test_the_clock_does_not_ask_on_which_face_the_robot_lies(scene, moment):
     """Under every symmetry of the structure the image of the gait, on the robot's image, has the same clock."""
     i, j = np.array(scene.structure.struts.edges).T
     policy = PhaseLocked(scene.gait, np.array([[0.3, -0.2], [0.1, 0.2]]), np.array([[0.2, 0.1], [-0.1, 0.05]]))
-    own, found = clock_rate(policy, moment, 0.37), jaxgrity.symmetries(scene.structure)
+    own, found = clock_rate(policy, moment, 0.37), jaxgrity.model.symmetries(scene.structure)
     assert len(found) == 24
     for symmetry in found:
         ends = dict(zip(zip(i, j), range(6)))
@@ -179,7 +168,7 @@ def test_the_clock_does_not_ask_on_which_face_the_robot_lies(scene, moment):
             assert to == symmetry.members[k]
             directions[to], spins[to] = sign * moment.directions[k], moment.spins[k]
         seen = moment._replace(directions=directions, spins=spins)
-        locked = replace(policy, gait=jaxgrity.image(scene.gait, symmetry))
+        locked = replace(policy, gait=jaxgrity.model.image(scene.gait, symmetry))
         assert clock_rate(locked, seen, 0.37) == pytest.approx(own, rel=1e-9)
     assert own != pytest.approx(clock_rate(policy, moment, 0.5), rel=1e-3)
 
@@ -219,7 +208,7 @@ def test_a_goal_on_the_left_is_a_bend_to_the_left(scene):
         np.testing.assert_allclose(own, same, rtol=1e-6)
 
 
-class Counting(jaxgrity.Policy):
+class Counting(control.Policy):
     """Commands from an integer, a mask and a random key that it remembers."""
 
     members: tuple[int, ...]
@@ -238,17 +227,17 @@ class Counting(jaxgrity.Policy):
 
 def test_memories_and_parameters_keep_their_kinds(scene):
     """Integers count, masks choose and keys draw, in single precision too."""
-    plant = jaxgrity.plant_of(scene, scene.gait.members, options=SolverOptions(dt=0.01, dtype="float32"))
+    plant = control.plant_of(scene, scene.gait.members, options=SolverOptions(dt=0.01, dtype="float32"))
     policy = Counting(scene.gait.members, jnp.array([1, 0]))
-    loop = jaxgrity.loop_start(plant, policy, jax.random.key(0))
-    end, contracted = jaxgrity.roll_on(plant, policy, loop, 4, lambda state: state.contraction)
+    loop = control.loop_start(plant, policy, jax.random.key(0))
+    end, contracted = control.roll_on(plant, policy, loop, 4, lambda state: state.contraction)
     assert int(end.memory[0]) == 4
     assert bool(end.memory[1])
     assert contracted.dtype == np.float32
     np.testing.assert_array_equal(np.asarray(contracted).any(1), [True, False, True, False])
 
 
-class Network(jaxgrity.Policy):
+class Network(control.Policy):
     """Strokes by a network, whose activation is a function among its numbers."""
 
     members: tuple[int, ...]
@@ -265,34 +254,34 @@ def test_a_network_is_a_policy(scene, plant):
     """As Equinox makes it."""
     members = scene.gait.members
     network = Network(members, eqx.nn.MLP(3, len(members), 4, 1, key=jax.random.key(0)))
-    assert not jaxgrity.simulate_policy(plant, network, 0.05).failed
+    assert not control.simulate_policy(plant, network, 0.05).failed
 
 
 def test_commands_beyond_the_stroke_count_as_that():
     """On both sides."""
     none, wanted = np.zeros(3), np.array([1.5, -2.0, 0.3])
-    reached = jaxgrity.contraction_reached(Motors(stroke=0.5), none, wanted, 0.01, np.ones(3), None)
+    reached = control.contraction_reached(Motors(stroke=0.5), none, wanted, 0.01, np.ones(3), None)
     np.testing.assert_allclose(reached, [0.5, -0.5, 0.3])
 
 
 def test_motors_lag_and_are_bounded():
     """By the share that a first-order lag closes, by their rate, and by the force that stalls them."""
     now, wanted, lengths = np.zeros(2), np.array([0.1, -0.1]), np.array([1.0, 2.0])
-    lagging = jaxgrity.contraction_reached(Motors(lag=0.05), now, wanted, 0.01, lengths, None)
+    lagging = control.contraction_reached(Motors(lag=0.05), now, wanted, 0.01, lengths, None)
     np.testing.assert_allclose(lagging, (1 - np.exp(-0.2)) * wanted)
-    slow = jaxgrity.contraction_reached(Motors(rate=0.5), now, wanted, 0.01, lengths, None)
+    slow = control.contraction_reached(Motors(rate=0.5), now, wanted, 0.01, lengths, None)
     np.testing.assert_allclose(slow, [0.005, -0.0025])
-    pulled = jaxgrity.contraction_reached(Motors(force=50.0), now, wanted, 0.01, lengths, np.array([60.0, 60.0]))
+    pulled = control.contraction_reached(Motors(force=50.0), now, wanted, 0.01, lengths, np.array([60.0, 60.0]))
     np.testing.assert_allclose(pulled, [0.0, -0.1])
 
 
 @pytest.mark.slow
 def test_a_motor_that_is_too_weak_does_not_shorten_its_strut(scene):
     """Struts of this robot are pressed together by more than 1 N: they can shorten, and not lengthen again."""
-    weak = jaxgrity.plant_of(scene, scene.gait.members, motors=Motors(force=1.0), options=TEN_MS)
+    weak = control.plant_of(scene, scene.gait.members, motors=Motors(force=1.0), options=TEN_MS)
     policy = OpenLoop(scene.gait)
-    loop = jaxgrity.loop_start(weak, policy, jax.random.key(0))
-    end, shortened = jaxgrity.roll_on(weak, policy, loop, 60, lambda state: state.contraction)
+    loop = control.loop_start(weak, policy, jax.random.key(0))
+    end, shortened = control.roll_on(weak, policy, loop, 60, lambda state: state.contraction)
     assert end.plant.tension.max() < -1
     assert np.diff(shortened, axis=0).min() >= 0
     assert shortened[-1].max() > 0.1
@@ -304,10 +293,10 @@ def seen(value: float) -> Observation:
 
 def readings_of(sensors: Sensors, values) -> list[Observation]:
     """What arrives when the truth takes these values in turn."""
-    held = jaxgrity.first_readings(sensors, seen(values[0]), jax.random.key(1))
+    held = control.first_readings(sensors, seen(values[0]), jax.random.key(1))
     arrived = []
     for tick, value in enumerate(values):
-        one, held = jaxgrity.read(sensors, seen(value), held, tick, jax.random.key(tick))
+        one, held = control.read(sensors, seen(value), held, tick, jax.random.key(tick))
         arrived.append(one)
     return arrived
 
@@ -364,7 +353,7 @@ def test_what_sensors_say_without_error(plant, rolled):
     turned = np.cross(read.spins, q[i] - q[j])
     along = read.directions * np.sum((v[i] - v[j]) * read.directions, axis=1, keepdims=True)
     np.testing.assert_allclose(turned, v[i] - v[j] - along, atol=1e-12)
-    lengths = jaxgrity.edge_lengths(q, scene.structure.cables.edges)
+    lengths = jaxgrity.model.edge_lengths(q, scene.structure.cables.edges)
     pulls = scene.structure.cables.stiffness * np.maximum(lengths - scene.structure.cables.rest_length, 0)
     np.testing.assert_allclose(read.tensions, pulls)
     np.testing.assert_array_equal(read.contact, q[:, 2] < scene.ground.touched_below)
@@ -377,13 +366,13 @@ def test_tensions_are_those_of_cables_that_are_wound_up(scene):
     gait = Gait((6,), np.zeros(1), np.array([0.4]), np.array([0.5]), np.array(0.0), np.array(0.01))
     q = np.asarray(scene.structure.nodes)
     read = measure(jaxgrity.with_gait(scene, gait), 0.5, q, np.zeros_like(q))
-    length = jaxgrity.edge_lengths(q, cables.edges)[0]
+    length = jaxgrity.model.edge_lengths(q, cables.edges)[0]
     wound = cables.rest_length[0] * (1 - 0.2 * (1 + np.sin(np.pi / 2)))
     assert read.tensions[0] == pytest.approx(cables.stiffness[0] * (length - wound), rel=1e-9)
     assert read.tensions[0] > 1.5 * read.tensions[1]
 
 
-class Short(jaxgrity.Policy):
+class Short(control.Policy):
     """Commands for four members, whatever there are."""
 
     members: tuple[int, ...]
@@ -408,12 +397,12 @@ class Short(jaxgrity.Policy):
             r"goal has the shape \(3,\): expected \(2,\)",
         ),
         (
-            lambda scene: jaxgrity.loop_start(jaxgrity.plant_of(scene, tuple(range(6))), OpenLoop(scene.gait), 0),
+            lambda scene: control.loop_start(control.plant_of(scene, tuple(range(6))), OpenLoop(scene.gait), 0),
             r"key of type int64 and shape \(\): expected one key",
         ),
         (
-            lambda scene: jaxgrity.loop_start(
-                jaxgrity.side_by_side(jaxgrity.plant_of(scene, tuple(range(6))), 2),
+            lambda scene: control.loop_start(
+                control.side_by_side(control.plant_of(scene, tuple(range(6))), 2),
                 OpenLoop(scene.gait),
                 jax.random.key(0),
                 each=True,
@@ -421,34 +410,45 @@ class Short(jaxgrity.Policy):
             "each = True: the last axes have 6 rows; expected 2, one for each robot",
         ),
         (lambda scene: Motors(stroke=1.0), r"motors.stroke = 1.0: expected less than 1"),
-        (lambda scene: jaxgrity.plant_of(scene, ()), r"members = \(\): expected at least one"),
-        (lambda scene: jaxgrity.plant_of(scene, (0,), period=np.nan), "period = nan s: expected a positive number"),
-        (lambda scene: jaxgrity.side_by_side(jaxgrity.plant_of(scene, (0,)), 0), "robots = 0: expected a whole number"),
+        (lambda scene: control.plant_of(scene, ()), r"members = \(\): expected at least one"),
         (
-            lambda scene: jaxgrity.side_by_side(
-                jaxgrity.plant_of(scene, (0,)), 3, jaxgrity.Differences(friction=np.ones(2))
+            lambda scene: control.plant_of(scene, (0,), period=np.nan),
+            "period = nan s: expected a positive number",
+        ),
+        (
+            lambda scene: control.side_by_side(control.plant_of(scene, (0,)), 0),
+            "robots = 0: expected a whole number",
+        ),
+        (
+            lambda scene: control.side_by_side(
+                control.plant_of(scene, (0,)), 3, jaxgrity.Differences(friction=np.ones(2))
             ),
             "differences are those of 2 robots: expected 3",
         ),
         (
-            lambda scene: jaxgrity.side_by_side(jaxgrity.side_by_side(jaxgrity.plant_of(scene, (0,)), 2), 2),
+            lambda scene: control.side_by_side(control.side_by_side(control.plant_of(scene, (0,)), 2), 2),
             "side_by_side: the plant has 2 robots side by side; expected one",
         ),
         (
-            lambda scene: jaxgrity.simulate_policy(
-                jaxgrity.side_by_side(jaxgrity.plant_of(scene, tuple(range(6))), 2), OpenLoop(scene.gait), 0.1
+            lambda scene: control.simulate_policy(
+                control.side_by_side(control.plant_of(scene, tuple(range(6))), 2),
+                OpenLoop(scene.gait),
+                0.1,
             ),
             "simulate_policy: the plant has 2 robots",
         ),
         (
-            lambda scene: jaxgrity.loop_start(
-                jaxgrity.plant_of(scene, tuple(range(6))), OpenLoop(scene.gait), jax.random.key(0), each=True
+            lambda scene: control.loop_start(
+                control.plant_of(scene, tuple(range(6))), OpenLoop(scene.gait), jax.random.key(0), each=True
             ),
             "each = True: the plant has one robot",
         ),
         (
-            lambda scene: jaxgrity.simulate_policy(
-                jaxgrity.plant_of(scene, tuple(range(6))), OpenLoop(scene.gait), 0.1, start=(np.zeros(3), np.zeros(3))
+            lambda scene: control.simulate_policy(
+                control.plant_of(scene, tuple(range(6))),
+                OpenLoop(scene.gait),
+                0.1,
+                start=(np.zeros(3), np.zeros(3)),
             ),
             r"start has arrays of shape \(3,\): expected q and v of shape \(12, 3\) each",
         ),
@@ -457,26 +457,27 @@ class Short(jaxgrity.Policy):
         (lambda scene: Motors(rate=0.0), r"motors.rate = 0.0: expected a positive"),
         (lambda scene: PhaseLocked(scene.gait, np.zeros(2)), r"gains has shape \(2,\)"),
         (
-            lambda scene: jaxgrity.simulate_policy(jaxgrity.plant_of(scene, (0,)), OpenLoop(scene.gait), 0.1),
+            lambda scene: control.simulate_policy(control.plant_of(scene, (0,)), OpenLoop(scene.gait), 0.1),
             r"policy.members = \(0, 1, 2, 3, 4, 5\): expected \(0,\)",
         ),
         (
-            lambda scene: jaxgrity.simulate_policy(
-                jaxgrity.plant_of(scene, tuple(range(6))), Short(tuple(range(6))), 0.1
+            lambda scene: control.simulate_policy(
+                control.plant_of(scene, tuple(range(6))), Short(tuple(range(6))), 0.1
             ),
             r"commands have the shape \(4,\): expected \(6,\)",
         ),
         (
-            lambda scene: jaxgrity.simulate_policy(
-                jaxgrity.plant_of(scene, tuple(range(6))), OpenLoop(scene.gait), -1.0
-            ),
+            lambda scene: control.simulate_policy(control.plant_of(scene, tuple(range(6))), OpenLoop(scene.gait), -1.0),
             "duration = -1 s: expected a positive number",
         ),
-        (lambda scene: jaxgrity.Sensors(every=0), "every = 0, delay = 0 control periods; expected whole numbers"),
-        (lambda scene: centre_offsets(scene.structure, (0, 6)), "expected struts alone"),
-        (lambda scene: jaxgrity.plant_of(scene, (99,)), "gait.members names member 99"),
         (
-            lambda scene: jaxgrity.plant_of(
+            lambda scene: control.Sensors(every=0),
+            "every = 0, delay = 0 control periods; expected whole numbers",
+        ),
+        (lambda scene: centre_offsets(scene.structure, (0, 6)), "expected struts alone"),
+        (lambda scene: control.plant_of(scene, (99,)), "gait.members names member 99"),
+        (
+            lambda scene: control.plant_of(
                 jaxgrity.load_scene("reference"), (0,), options=SolverOptions(method="tsit5")
             ),
             "expected an explicit one at a fixed step",

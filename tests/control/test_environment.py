@@ -11,7 +11,8 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import jaxgrity
-from jaxgrity import TASKS, InputError, Situation, SolverOptions
+from jaxgrity import InputError, SolverOptions, control
+from jaxgrity.control import TASKS, Situation
 
 QUICK = SolverOptions(dt=0.01, dtype="float32")
 
@@ -24,7 +25,7 @@ def scene():
 @pytest.fixture(scope="module")
 def goal(scene):
     """With 0.2 s for the goal, and a short stroke."""
-    return jaxgrity.environment("goal", scene, options=QUICK, seconds=0.2, motors=jaxgrity.Motors(stroke=0.3))
+    return control.environment("goal", scene, options=QUICK, seconds=0.2, motors=control.Motors(stroke=0.3))
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +63,7 @@ def test_an_episode_is_over_at_the_goal_and_where_the_rollout_fails(goal, jitted
     reset, step = jitted
     state = reset(jax.random.key(0))
     plant, _, average = state.pipeline_state
-    place = jaxgrity.centre_of_mass(goal.plant.scene, plant.motion[0])[:2]
+    place = jaxgrity.stepping.centre_of_mass(goal.plant.scene, plant.motion[0])[:2]
     there = step(state.replace(pipeline_state=Situation(plant, place, average)), jnp.zeros(6))
     assert there.done == there.metrics["reached"] == 1
     away = there.pipeline_state._replace(aim=place + 5)
@@ -83,7 +84,7 @@ def rolled(env, key, actions):
     first = env.reset(key)
     _, states = jax.lax.scan(lambda state, action: (env.step(state, action),) * 2, first, actions)
     q = jnp.concatenate([first.pipeline_state.plant.motion[0][None], states.pipeline_state.plant.motion[0]])
-    return first, states, jax.vmap(lambda x: jaxgrity.centre_of_mass(env.plant.scene, x))(q)
+    return first, states, jax.vmap(lambda x: jaxgrity.stepping.centre_of_mass(env.plant.scene, x))(q)
 
 
 @pytest.mark.parametrize(
@@ -93,7 +94,7 @@ def rolled(env, key, actions):
 )
 def test_rewards_are_progress_less_what_effort_costs(task, scene):
     """By hand, from places and contractions; and the wanted direction is what the observation says it is."""
-    env = jaxgrity.environment(task, scene, options=QUICK, seconds=0.5, effort_cost=0.01)
+    env = control.environment(task, scene, options=QUICK, seconds=0.5, effort_cost=0.01)
     actions = jax.random.uniform(jax.random.key(2), (40, 6), minval=-1, maxval=1)
     first, states, place = jax.jit(lambda: rolled(env, jax.random.key(1), actions))()
     place, aim = np.asarray(place, float)[:, :2], np.asarray(first.pipeline_state.aim, float)
@@ -121,7 +122,7 @@ def test_progress_is_the_velocity_along_the_wanted_direction(task, wanted):
     """Of a robot at the origin that moves along x and y: a heading, uphill, and the way to a goal on the y axis."""
     before, place = np.zeros(3), np.array([3e-3, 5e-3, -7e-3])
     aim = np.array([0.0, 2.0]) if task == "goal" else np.array([0.6, 0.8])
-    progress, _ = jaxgrity.progressed(TASKS[task], aim, before, place, 0.01, np.zeros(2))
+    progress, _ = control.progressed(TASKS[task], aim, before, place, 0.01, np.zeros(2))
     np.testing.assert_allclose(progress, np.dot([0.3, 0.5], wanted), rtol=1e-4)
 
 
@@ -134,7 +135,7 @@ def test_shaking_in_place_is_no_progress():
     for path in (swinging, going):
         average, told = np.zeros(2), []
         for before, place in itertools.pairwise(path):
-            progress, average = jaxgrity.progressed(TASKS["speed"], np.zeros(2), before, place, 0.01, average)
+            progress, average = control.progressed(TASKS["speed"], np.zeros(2), before, place, 0.01, average)
             told.append(progress)
         means.append(np.mean(told))
     assert np.mean(np.abs(np.diff(swinging[:, 0]))) / 0.01 > 0.3
@@ -145,8 +146,8 @@ def test_shaking_in_place_is_no_progress():
 @pytest.mark.campaign
 def test_gradient_of_rewards_is_that_of_central_differences(scene):
     """In the action, of a robot that has come to rest on a face, where nothing switches."""
-    lagging = jaxgrity.Motors(lag=0.05, stroke=0.5)
-    env = jaxgrity.environment("heading", scene, options=SolverOptions(dt=0.01), motors=lagging)
+    lagging = control.Motors(lag=0.05, stroke=0.5)
+    env = control.environment("heading", scene, options=SolverOptions(dt=0.01), motors=lagging)
 
     def on(state, action, ticks):
         def step(state, _):
@@ -182,10 +183,10 @@ def test_actions_shorten_members_up_to_the_stroke(jitted):
 def test_tasks_keep_the_ground_that_they_do_not_bring(scene):
     """A heading may be asked for on a scene's own slope; a slope of the task's own may not, and is not dropped."""
     steep = replace(scene, ground=replace(scene.ground, incline=0.1))
-    assert jaxgrity.ground_of(TASKS["heading"], steep, seed=0).ground.incline == 0.1
+    assert control.ground_of(TASKS["heading"], steep, seed=0).ground.incline == 0.1
     for task in ("slope", "bumps"):
         with pytest.raises(InputError, match="this task brings its own; expected a scene on a level plane"):
-            jaxgrity.environment(task, steep)
+            control.environment(task, steep)
 
 
 @pytest.mark.slow
@@ -214,13 +215,13 @@ def test_wrappers_of_brax_accept_environments(goal):
 )
 def test_starts_stand_just_above_their_ground(task, scene):
     """Within a body length where the robot has fallen, and within a few centimetres else; seeds draw other starts."""
-    env = jaxgrity.environment(task, scene, options=QUICK)
+    env = control.environment(task, scene, options=QUICK)
     ground = env.plant.scene.ground
 
     @jax.jit
     @jax.vmap
     def starts(key):
-        q, v = jaxgrity.task_start(env.task, env.plant.scene, key)
+        q, v = control.task_start(env.task, env.plant.scene, key)
         return q, v, jnp.min(ground.signed_distance(q))
 
     q, v, gaps = starts(jax.random.split(jax.random.key(0), 3))
@@ -232,7 +233,7 @@ def test_starts_stand_just_above_their_ground(task, scene):
 @pytest.mark.slow
 def test_gymnasium_accepts_the_adapter(goal):
     """By its own check, warnings being errors; time that is up truncates an episode."""
-    env = jaxgrity.GymnasiumEnvironment(goal)
+    env = control.GymnasiumEnvironment(goal)
     with pytest.raises(gymnasium.error.ResetNeeded, match="expected a reset"):
         env.step(np.zeros(6, np.float32))
     check_env(env, skip_render_check=True)
@@ -245,15 +246,15 @@ def test_gymnasium_accepts_the_adapter(goal):
 def test_bad_input_is_refused(scene):
     """In one line, before anything compiles."""
     with pytest.raises(InputError, match="task = 'fly': unknown"):
-        jaxgrity.environment("fly", scene)
+        control.environment("fly", scene)
     with pytest.raises(InputError, match="the scene has no gait"):
-        jaxgrity.environment("speed", jaxgrity.with_gait(scene, None))
+        control.environment("speed", jaxgrity.with_gait(scene, None))
     for seconds in (-1.0, 0.0, np.nan, np.inf, 0.015):
         with pytest.raises(InputError, match=f"seconds = {seconds:g} s: expected a multiple of 0.01 s"):
-            jaxgrity.environment("speed", scene, seconds=seconds)
+            control.environment("speed", scene, seconds=seconds)
     with pytest.raises(InputError, match="effort_cost = nan m s: expected a finite number, at least 0"):
-        jaxgrity.environment("speed", scene, effort_cost=np.nan)
-    env = jaxgrity.environment("speed", scene)
+        control.environment("speed", scene, effort_cost=np.nan)
+    env = control.environment("speed", scene)
     for key in (0, jnp.zeros(2), jax.random.split(jax.random.key(0), 4)):
         with pytest.raises(InputError, match=r"key of type .*: expected one key"):
             env.reset(key)

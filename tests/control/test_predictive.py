@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 import jaxgrity
-from jaxgrity import InputError, PhaseLocked, Sampling, SolverOptions, Steered, centre_offsets
+from jaxgrity import InputError, SolverOptions, control
+from jaxgrity.control import PhaseLocked, Sampling, Steered, centre_offsets
 from jaxgrity.control.predictive import best, between, followed, shifted
 from jaxgrity.control.steering import clock_moved
 
@@ -20,7 +21,7 @@ def walker():
     """A robot, and a policy that can be steered, whose gait begins at once."""
     scene, gait = jaxgrity.load_scene("exact"), jaxgrity.load_gait("lasting")
     gait = replace(gait, start=np.array(0.0), ramp=np.array(0.2))
-    plant = jaxgrity.plant_of(scene, gait.members, options=SolverOptions(dt=0.01, dtype="float32"))
+    plant = control.plant_of(scene, gait.members, options=SolverOptions(dt=0.01, dtype="float32"))
     policy = Steered(PhaseLocked(gait), np.array(0.0), centre_offsets(scene.structure, gait.members))
     return plant, jaxgrity.as_dtype(policy, "float32")
 
@@ -29,7 +30,7 @@ def test_costs_prefer_early_arrivals_and_refuse_failures():
     """Of samples that end 2 m away, arrive at the third look, at the second, and fail on the spot."""
     x = np.array([[3.0, 3.0, 3.0, 0.0], [2.5, 1.0, 0.1, 0.0], [2.0, 0.1, 4.0, 0.0]])
     path = np.stack([x, np.zeros_like(x)], axis=1)
-    found = jaxgrity.costs(path, np.array([0, 0, 0, 1]), np.zeros(2))
+    found = control.costs(path, np.array([0, 0, 0, 1]), np.zeros(2))
     np.testing.assert_array_equal(np.argsort(found), [2, 1, 0, 3])
     assert found[0] == 2.0
     assert found[3] == np.inf
@@ -39,10 +40,10 @@ def test_costs_prefer_early_arrivals_and_refuse_failures():
 def test_a_robot_that_is_led_to_a_goal_comes_closer_than_one_that_is_not(walker):
     """The goal is behind where the open loop rolls to; the model is the robot itself."""
     plant, policy = walker
-    loop = jaxgrity.loop_start(plant, policy, jax.random.key(0))
-    alone = np.asarray(jaxgrity.drive(plant, policy, loop, 10, 100).path)[:, :2]
+    loop = control.loop_start(plant, policy, jax.random.key(0))
+    alone = np.asarray(control.drive(plant, policy, loop, 10, 100).path)[:, :2]
     goal = -alone[-1]
-    led = jaxgrity.lead_to(plant, plant, policy, goal, sampling=Sampling(samples=16, patience=10.0))
+    led = control.lead_to(plant, plant, policy, goal, sampling=Sampling(samples=16, patience=10.0))
     away = lambda path: np.linalg.norm(path[:, :2] - goal, axis=1).min()  # noqa: E731
     assert away(led.path) < away(alone) - 2
     near = np.linalg.norm(led.path[:, :2] - goal, axis=1) < 0.3
@@ -55,7 +56,7 @@ def test_a_robot_that_is_led_to_a_goal_comes_closer_than_one_that_is_not(walker)
 def test_rounds_about_the_best_find_better_ways_of_a_cart(walker, monkeypatch):
     """Of a cart at 0.5 m/s that turns as it is bent, with its goal out of reach: the last distance is the cost."""
     plant, policy = walker
-    loop, goal = jaxgrity.loop_start(plant, policy, jax.random.key(0)), np.array([-1.0, 1.5])
+    loop, goal = control.loop_start(plant, policy, jax.random.key(0)), np.array([-1.0, 1.5])
 
     def tried(many, policy, loop, bends, shifts, look):
         heading = np.cumsum(np.asarray(bends), axis=0) * 0.1
@@ -79,13 +80,13 @@ def test_rounds_about_the_best_find_better_ways_of_a_cart(walker, monkeypatch):
 def test_rounds_about_the_best_find_better_ways(walker):
     """Of as many rollouts of the model: four rounds of 16, beside one of 64."""
     plant, policy = walker
-    loop = jaxgrity.loop_start(plant, policy, jax.random.key(0))
-    loop = jaxgrity.drive(plant, policy, loop, 300).end
+    loop = control.loop_start(plant, policy, jax.random.key(0))
+    loop = control.drive(plant, policy, loop, 300).end
     goal = np.array([-1.0, 1.5])
 
     def reached(seed, **how):
         sampling, draw = Sampling(horizon=3.0, **how), np.random.default_rng(seed)
-        many = jaxgrity.side_by_side(plant, sampling.samples // sampling.rounds)
+        many = control.side_by_side(plant, sampling.samples // sampling.rounds)
         knots, turns = best(many, policy, loop, goal, draw, sampling, np.zeros(sampling.knots))
         bends = between(sampling) @ knots
         moved = loop._replace(memory=clock_moved(loop.memory, 1.0, turns / float(policy.policy.gait.frequency[0])))
@@ -100,9 +101,9 @@ def test_rounds_about_the_best_find_better_ways(walker):
 def test_what_is_left_of_a_way_is_tried_first(walker):
     """Of one sample for each choice nothing else is tried."""
     plant, policy = walker
-    loop = jaxgrity.loop_start(plant, policy, jax.random.key(0))
+    loop = control.loop_start(plant, policy, jax.random.key(0))
     sampling, before = HASTY._replace(samples=1, rounds=1), np.array([0.1, -0.2, 0.3])
-    many = jaxgrity.side_by_side(plant, 1)
+    many = control.side_by_side(plant, 1)
     knots, turns = best(many, policy, loop, np.ones(2), np.random.default_rng(0), sampling, before)
     np.testing.assert_array_equal(knots, before)
     assert turns == 0
@@ -121,7 +122,7 @@ def test_a_journey_makes_no_choice_beyond_its_patience(walker):
     """60 intervals of 0.1 s, whose sum is not quite 6 s, and one of 0.3 s."""
     plant, policy = walker
     sampling = HASTY._replace(patience=0.3)
-    led = jaxgrity.lead_to(plant, plant, policy, np.array([50.0, 0.0]), sampling=sampling)
+    led = control.lead_to(plant, plant, policy, np.array([50.0, 0.0]), sampling=sampling)
     assert len(led.bends) == 3
     assert led.seconds == pytest.approx(0.3)
 
@@ -131,9 +132,9 @@ def test_gaits_of_several_frequencies_have_no_cycle_to_jump_in(walker):
     gait = policy.policy.gait
     odd = replace(policy, policy=PhaseLocked(replace(gait, frequency=gait.frequency * np.linspace(1, 2, 6))))
     with pytest.raises(InputError, match=r"gait.frequency = .*: expected the same for all members"):
-        jaxgrity.lead_to(plant, plant, odd, np.ones(2))
+        control.lead_to(plant, plant, odd, np.ones(2))
     with pytest.raises(InputError, match=r"gait.frequency = .*: expected the same for all members"):
-        jaxgrity.gait_choices(jaxgrity.load_scene("exact").structure, {"odd": odd.policy})
+        control.gait_choices(jaxgrity.load_scene("exact").structure, {"odd": odd.policy})
 
 
 def test_a_policy_of_another_goal_is_led_as_one_without(walker):
@@ -142,7 +143,7 @@ def test_a_policy_of_another_goal_is_led_as_one_without(walker):
     sampling = HASTY._replace(patience=0.6)
     goal = np.array([0.5, 0.5])
     paths = [
-        jaxgrity.lead_to(plant, plant, replace(policy, goal=other), goal, sampling=sampling).path
+        control.lead_to(plant, plant, replace(policy, goal=other), goal, sampling=sampling).path
         for other in (None, np.array([-3.0, 1.0], np.float32))
     ]
     np.testing.assert_array_equal(*paths)
@@ -170,20 +171,20 @@ def test_a_policy_of_another_goal_is_led_as_one_without(walker):
 def test_samplings_that_make_no_sense_are_refused(walker, how, message):
     plant, policy = walker
     with pytest.raises(InputError, match=message):
-        jaxgrity.lead_to(plant, plant, policy, np.ones(2), sampling=Sampling(**how))
+        control.lead_to(plant, plant, policy, np.ones(2), sampling=Sampling(**how))
 
 
 def test_a_model_that_acts_at_other_times_is_refused(walker):
     plant, policy = walker
     model = replace(plant, period=0.02)
     with pytest.raises(InputError, match=r"model: members .* every 0\.02 s; expected members .* every 0\.01 s"):
-        jaxgrity.lead_to(plant, model, policy, np.ones(2))
+        control.lead_to(plant, model, policy, np.ones(2))
 
 
 def test_policies_without_a_clock_and_goals_that_are_no_places_are_refused(walker):
     plant, policy = walker
-    blind = replace(policy, policy=jaxgrity.OpenLoop(policy.policy.gait))
+    blind = replace(policy, policy=control.OpenLoop(policy.policy.gait))
     with pytest.raises(InputError, match=r"policy = Steered\(OpenLoop\): expected a Steered\(PhaseLocked\)"):
-        jaxgrity.lead_to(plant, plant, blind, np.ones(2))
+        control.lead_to(plant, plant, blind, np.ones(2))
     with pytest.raises(InputError, match=r"goal = \[1.0, 1.0, 1.0\]: expected a place"):
-        jaxgrity.lead_to(plant, plant, policy, np.ones(3))
+        control.lead_to(plant, plant, policy, np.ones(3))

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 import jaxgrity
-from jaxgrity import Cylinder, Discs, Foresight, InputError, PhaseLocked, Slope, SolverOptions, Union
-from jaxgrity.control.travel import travels_of, way_costs
+from jaxgrity import Cylinder, InputError, Slope, SolverOptions, Union, control
+from jaxgrity.control import Discs, Foresight, PhaseLocked
+from jaxgrity.control.travels import travels_of, way_costs
 
 ARENA = (-2.0, -4.0, 12.0, 4.0)
 NOTHING = Discs(np.zeros((0, 2)), np.zeros(0))
@@ -24,7 +25,7 @@ def scene():
 
 def test_a_way_round_a_disc_is_as_long_as_a_taut_string():
     """Two tangents and an arc about the disc and the robot's reach; 3 % longer, in 16 directions and beyond comfort."""
-    way = jaxgrity.way_map(
+    way = control.way_map(
         Discs(np.array([[5.0, 0.0]]), np.array([1.0])), np.array([10.0, 0.0]), ARENA, comfort=1e-6, spacing=0.05
     )
     radius, far = 1.6, 5.0
@@ -34,7 +35,7 @@ def test_a_way_round_a_disc_is_as_long_as_a_taut_string():
     assert taut <= length <= 1.03 * taut
     points = way.way(np.zeros(2))
     np.testing.assert_allclose(points[-1], [10.0, 0.0], atol=0.05)
-    assert jaxgrity.room(way.discs, points).min() > 0.6
+    assert control.room(way.discs, points).min() > 0.6
     assert np.linalg.norm(np.diff(points, axis=0), axis=1).sum() == pytest.approx(length, rel=1e-6)
 
 
@@ -42,7 +43,7 @@ def test_comfort_keeps_ways_away_from_obstacles():
     """With comfort the way leaves more room where there is plenty."""
     disc, goal = Discs(np.array([[5.0, 0.0]]), np.array([1.0])), np.array([10.0, 0.0])
     rooms = [
-        jaxgrity.room(disc, jaxgrity.way_map(disc, goal, ARENA, comfort=comfort).way(np.zeros(2))).min()
+        control.room(disc, control.way_map(disc, goal, ARENA, comfort=comfort).way(np.zeros(2))).min()
         for comfort in (1e-6, 0.8)
     ]
     assert rooms[1] > rooms[0] + 0.3
@@ -51,7 +52,7 @@ def test_comfort_keeps_ways_away_from_obstacles():
 def test_there_is_no_way_through_a_wall():
     """A row of discs from one side of the arena to the other; without it there is a way."""
     wall = Discs(np.stack([np.full(9, 5.0), np.linspace(-4, 4, 9)], axis=1), np.full(9, 0.4))
-    blocked, free = (jaxgrity.way_map(discs, np.array([10.0, 0.0]), ARENA) for discs in (wall, NOTHING))
+    blocked, free = (control.way_map(discs, np.array([10.0, 0.0]), ARENA) for discs in (wall, NOTHING))
     start = tuple(np.rint((np.zeros(2) - free.corner) / free.spacing).astype(int))
     assert np.isinf(blocked.distance[start])
     assert free.distance[start] == pytest.approx(10.0)
@@ -60,7 +61,7 @@ def test_there_is_no_way_through_a_wall():
 
 def test_outside_the_arena_it_is_further():
     """Nothing is gained by leaving it: a metre beyond its border counts more than one inside."""
-    way = jaxgrity.way_map(NOTHING, np.array([10.0, 0.0]), ARENA)
+    way = control.way_map(NOTHING, np.array([10.0, 0.0]), ARENA)
     inside, outside = way.to_go(np.array([[4.0, 4.0], [4.0, 5.0]]))
     assert outside > inside + 2
     assert way.to_go(np.array([4.0, 4.0])) == pytest.approx(inside)  # a place alone has no axis of places
@@ -72,32 +73,32 @@ def test_the_gap_is_that_of_members_not_of_nodes(scene):
     i, j = scene.structure.struts.edges[0]
     middle, along = (q[i] + q[j])[:2] / 2, (q[i] - q[j])[:2]
     here = Discs(middle[None], np.array([0.05]))
-    assert jaxgrity.gap(here, scene.structure, q) < 0
+    assert control.gap(here, scene.structure, q) < 0
     assert np.linalg.norm(q[[i, j], :2] - middle, axis=1).min() > 0.05
     side = np.array([-along[1], along[0]]) / np.linalg.norm(along)
     far = q[:, :2] @ side
     beyond = Discs((middle + side * (far.max() - middle @ side + 0.3))[None], np.array([0.1]))
-    assert jaxgrity.gap(beyond, scene.structure, q) == pytest.approx(0.2, abs=0.15)
-    assert jaxgrity.gap(beyond, scene.structure, q) >= 0.2 - 1e-12
-    assert jaxgrity.gap(NOTHING, scene.structure, q[None]).tolist() == [np.inf]
+    assert control.gap(beyond, scene.structure, q) == pytest.approx(0.2, abs=0.15)
+    assert control.gap(beyond, scene.structure, q) >= 0.2 - 1e-12
+    assert control.gap(NOTHING, scene.structure, q[None]).tolist() == [np.inf]
 
 
 def test_obstacles_of_a_scene_are_discs(scene):
     """An upright post and a box, on a plane or on bumps; stairs are refused."""
     posts = Union((Slope(), Cylinder([2, 1, -1], [2, 1, 1], 0.3), jaxgrity.Box([4, 0, 0.4], [0.6, 0.8, 1.2])))
-    found = jaxgrity.discs_of(replace(scene.ground, surface=posts))
+    found = control.discs_of(replace(scene.ground, surface=posts))
     np.testing.assert_allclose(found.centres, [[2, 1], [4, 0]])
     np.testing.assert_allclose(found.radii, [0.3, 0.5])
     bumpy = Union((jaxgrity.bumps(0.02, 0.8, 0), *posts.parts[1:]))
-    np.testing.assert_array_equal(jaxgrity.discs_of(replace(scene.ground, surface=bumpy)).centres, found.centres)
+    np.testing.assert_array_equal(control.discs_of(replace(scene.ground, surface=bumpy)).centres, found.centres)
     with pytest.raises(InputError, match="Stairs is nothing to go round, nor to roll on"):
-        jaxgrity.discs_of(replace(scene.ground, surface=jaxgrity.Stairs(0.1, 0.3)))
+        control.discs_of(replace(scene.ground, surface=jaxgrity.Stairs(0.1, 0.3)))
 
 
 def test_gaits_to_choose_from_have_all_images_of_gaits_but_for_shifts_of_time(scene):
     """The travelling wave is its own image; of gaits that turn there are as many as ways to swap strut pairs."""
     gaits = {name: PhaseLocked(jaxgrity.load_gait(name)) for name in ("lasting", "left")}
-    found = jaxgrity.gait_choices(scene.structure, gaits)
+    found = control.gait_choices(scene.structure, gaits)
     assert found.names == ("lasting", *["left"] * (len(found.names) - 2), "rest")
     assert found.names.count("left") > 1
     own = found.chosen(np.array([0, len(found.names) - 1]), np.zeros(2)).policy.gait
@@ -108,47 +109,47 @@ def test_gaits_to_choose_from_have_all_images_of_gaits_but_for_shifts_of_time(sc
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda scene: jaxgrity.way_map(NOTHING, np.array([20.0, 0.0]), ARENA), "goal = [20.0, 0.0]"),
-        (lambda scene: jaxgrity.way_map(NOTHING, np.zeros(2), ARENA, spacing=0.0), "expected positive numbers"),
-        (lambda scene: jaxgrity.way_map(NOTHING, np.zeros(3), ARENA), "goal = [0.0, 0.0, 0.0]"),
+        (lambda scene: control.way_map(NOTHING, np.array([20.0, 0.0]), ARENA), "goal = [20.0, 0.0]"),
+        (lambda scene: control.way_map(NOTHING, np.zeros(2), ARENA, spacing=0.0), "expected positive numbers"),
+        (lambda scene: control.way_map(NOTHING, np.zeros(3), ARENA), "goal = [0.0, 0.0, 0.0]"),
         (
-            lambda scene: jaxgrity.way_map(NOTHING, np.zeros(2), ARENA, spacing=0.4),
+            lambda scene: control.way_map(NOTHING, np.zeros(2), ARENA, spacing=0.4),
             "a spacing of at most half of reach",
         ),
         (
-            lambda scene: jaxgrity.way_map(
-                jaxgrity.Discs(np.array([[4.0, 0.5]]), np.array([0.5])), np.array([4.0, 1.2]), ARENA
+            lambda scene: control.way_map(
+                control.Discs(np.array([[4.0, 0.5]]), np.array([0.5])), np.array([4.0, 1.2]), ARENA
             ),
             "goal = [4.0, 1.2]: 0.2 m from a disc; expected more than reach, 0.6 m",
         ),
         (
-            lambda scene: jaxgrity.way_map(Discs(np.zeros((1, 2)), np.array([-0.5])), np.array([4.0, 0.0]), ARENA),
+            lambda scene: control.way_map(Discs(np.zeros((1, 2)), np.array([-0.5])), np.array([4.0, 0.0]), ARENA),
             "discs: centres of shape (1, 2), radii [-0.5] m; expected",
         ),
         (
-            lambda scene: jaxgrity.way_map(Discs(np.zeros((2, 2)), np.array([0.5])), np.array([4.0, 0.0]), ARENA),
+            lambda scene: control.way_map(Discs(np.zeros((2, 2)), np.array([0.5])), np.array([4.0, 0.0]), ARENA),
             "discs: centres of shape (2, 2), radii [0.5] m; expected",
         ),
-        (lambda scene: jaxgrity.gait_choices(scene.structure, {}), "gaits: []; expected at least one"),
+        (lambda scene: control.gait_choices(scene.structure, {}), "gaits: []; expected at least one"),
         (
-            lambda scene: jaxgrity.gait_choices(scene.structure, {"rest": PhaseLocked(jaxgrity.load_gait("lasting"))}),
+            lambda scene: control.gait_choices(scene.structure, {"rest": PhaseLocked(jaxgrity.load_gait("lasting"))}),
             "gaits: ['rest']; expected at least one, none of them called 'rest'",
         ),
-        (lambda scene: jaxgrity.discs_of(None), "ground: there is none"),
+        (lambda scene: control.discs_of(None), "ground: there is none"),
         (
-            lambda scene: jaxgrity.way_map(NOTHING, np.zeros(2), (-3.0, -5.0, np.nan, 5.0)),
+            lambda scene: control.way_map(NOTHING, np.zeros(2), (-3.0, -5.0, np.nan, 5.0)),
             "arena = (-3.0, -5.0, nan, 5.0): expected four",
         ),
         (
-            lambda scene: jaxgrity.way_map(NOTHING, np.zeros(2), ARENA, comfort=np.nan),
+            lambda scene: control.way_map(NOTHING, np.zeros(2), ARENA, comfort=np.nan),
             "reach, comfort, spacing = 0.6, nan, 0.1 m: expected positive numbers",
         ),
         (
-            lambda scene: jaxgrity.way_map(NOTHING, np.zeros(2), ARENA).way(np.array([np.nan, 0])),
+            lambda scene: control.way_map(NOTHING, np.zeros(2), ARENA).way(np.array([np.nan, 0])),
             "start = [nan, 0.0]: expected a place",
         ),
         (
-            lambda scene: jaxgrity.sure_footed(replace(jaxgrity.load_gait("lasting"), amplitude=np.full(6, 0.95))),
+            lambda scene: control.sure_footed(replace(jaxgrity.load_gait("lasting"), amplitude=np.full(6, 0.95))),
             "expected less than 0.9,",
         ),
     ],
@@ -161,15 +162,15 @@ def test_bad_input_is_refused(scene, make, message):
 
 def led(scene, discs: list[Discs], foresight: Foresight):
     """Robots that stand at the origin, with goals 3 m away along x."""
-    gaits = jaxgrity.gait_choices(scene.structure, {"lasting": PhaseLocked(jaxgrity.load_gait("lasting"))})
-    model = jaxgrity.plant_of(scene, gaits.policy.members, options=SolverOptions(dt=0.01, dtype="float32"))
-    maps = [jaxgrity.way_map(field, np.array([3.0, 0.0]), ARENA) for field in discs]
+    gaits = control.gait_choices(scene.structure, {"lasting": PhaseLocked(jaxgrity.load_gait("lasting"))})
+    model = control.plant_of(scene, gaits.policy.members, options=SolverOptions(dt=0.01, dtype="float32"))
+    maps = [control.way_map(field, np.array([3.0, 0.0]), ARENA) for field in discs]
     q = np.repeat(np.asarray(scene.structure.nodes, float)[..., None], len(discs), axis=-1)
     start = q, np.zeros_like(q)
-    many = jaxgrity.side_by_side(model, len(discs))
+    many = control.side_by_side(model, len(discs))
     with pytest.raises(InputError, match="expected one for each"):
-        jaxgrity.travel(many, model, gaits, maps[:-1])
-    return jaxgrity.travel(many, model, gaits, maps, start=start, foresight=foresight)
+        control.travel(many, model, gaits, maps[:-1])
+    return control.travel(many, model, gaits, maps, start=start, foresight=foresight)
 
 
 def test_arriving_does_not_make_up_for_touching():
@@ -187,7 +188,7 @@ def test_arriving_does_not_make_up_for_touching():
     failed = np.array([False] * 4 + [True])[:, None]
     foresight, goal = Foresight(reach=0.3), np.array([3.0, 0.0])
     disc = Discs(np.array([[2.2, 0.0]]), np.array([0.3]))
-    ways = [jaxgrity.way_map(discs, goal, ARENA, reach=0.3) for discs in (NOTHING, disc)]
+    ways = [control.way_map(discs, goal, ARENA, reach=0.3) for discs in (NOTHING, disc)]
     free, blocked = (way_costs(paths, failed, way, foresight) for way in ways)
     assert free.argmin() == 1
     assert free.argmax() == blocked.argmax() == 4
@@ -205,7 +206,7 @@ def test_a_goal_counts_that_was_reached_in_time_and_with_nothing_touched(scene):
     nodes[10:, ..., 2] = np.nan
     path = nodes.mean(1)
     beside, amid = (Discs(np.array([[3.0, y]]), np.array([0.3])) for y in (2.0, 0.0))
-    maps = [jaxgrity.way_map(discs, goal, ARENA) for discs in (beside, amid, beside, beside)]
+    maps = [control.way_map(discs, goal, ARENA) for discs in (beside, amid, beside, beside)]
     said = [np.zeros((1, 4)), np.zeros((1, 4)), np.zeros((1, 4))]
     found = travels_of(scene.structure, (nodes, path), maps, said, [1.0])
     assert found.reached.tolist() == [True, False, False, False]
@@ -217,16 +218,15 @@ def test_a_goal_counts_that_was_reached_in_time_and_with_nothing_touched(scene):
 def test_where_a_robot_is_does_not_depend_on_what_it_is_taken_for(scene):
     """Its centre of mass is that of its own masses; the model's are other ones."""
     heavy = replace(scene.structure, node_mass=np.where(np.arange(12) < 2, 2.0, 0.5))
-    gaits = jaxgrity.gait_choices(scene.structure, {"lasting": PhaseLocked(jaxgrity.load_gait("lasting"))})
+    gaits = control.gait_choices(scene.structure, {"lasting": PhaseLocked(jaxgrity.load_gait("lasting"))})
     options = SolverOptions(dt=0.01, dtype="float32")
     robot, model = (
-        jaxgrity.plant_of(one, gaits.policy.members, options=options)
-        for one in (replace(scene, structure=heavy), scene)
+        control.plant_of(one, gaits.policy.members, options=options) for one in (replace(scene, structure=heavy), scene)
     )
-    maps = [jaxgrity.way_map(NOTHING, np.array([3.0, 0.0]), ARENA)]
+    maps = [control.way_map(NOTHING, np.array([3.0, 0.0]), ARENA)]
     quick = NEAR._replace(friction=(1.0, 1.0), patience=0.5)
-    found = jaxgrity.travel(jaxgrity.side_by_side(robot, 1), model, gaits, maps, foresight=quick)
-    own = jaxgrity.centre_of_mass(robot.scene, found.nodes[-1, ..., 0])
+    found = control.travel(control.side_by_side(robot, 1), model, gaits, maps, foresight=quick)
+    own = jaxgrity.stepping.centre_of_mass(robot.scene, found.nodes[-1, ..., 0])
     np.testing.assert_allclose(found.path[-1, :, 0], own, atol=1e-5)
     assert np.abs(own - found.nodes[-1, ..., 0].mean(0)).max() > 0.01
 
@@ -245,7 +245,7 @@ def test_robots_are_led_to_goals_and_never_touch_without_being_told(scene):
     assert found.reached.tolist() == [True, False]
     end = found.arrived[0]
     assert np.linalg.norm(found.path[end, :2, 0] - [3.0, 0.0]) < 0.3
-    touched = [jaxgrity.gap(ring, scene.structure, q) for q in found.nodes[: found.arrived[1] + 1, :, :, 1]]
+    touched = [control.gap(ring, scene.structure, q) for q in found.nodes[: found.arrived[1] + 1, :, :, 1]]
     assert found.gap[1] == pytest.approx(min(touched))
     # the model is the robot, which starts from rest as the model does; later the robot's solver begins with the
     # impulses of the step before, of which the model is not told
@@ -281,12 +281,12 @@ def test_foresight_that_makes_no_sense_is_refused(scene, how, message):
 
 def test_the_clock_heeds_how_fast_struts_swing(scene):
     """du/dt from spins is that of directions along a motion, by central differences."""
-    plant = jaxgrity.plant_of(scene, jaxgrity.load_gait("lasting").members)
+    plant = control.plant_of(scene, jaxgrity.load_gait("lasting").members)
     gait = replace(jaxgrity.load_gait("lasting"), start=np.array(0.0), ramp=np.array(0.1))
-    motion = jaxgrity.simulate_policy(plant, jaxgrity.OpenLoop(gait), 0.5)
+    motion = control.simulate_policy(plant, control.OpenLoop(gait), 0.5)
     q, v = np.asarray(motion.positions), np.asarray(motion.velocities)
     k, h = 20, 1e-6
-    seen = [jaxgrity.measure(scene, 0.0, q[k] + s * h * v[k], v[k]) for s in (-1, 0, 1)]
+    seen = [control.measure(scene, 0.0, q[k] + s * h * v[k], v[k]) for s in (-1, 0, 1)]
     rate = (seen[2].directions[:, 2] - seen[0].directions[:, 2]) / (2 * h)
     angle = np.asarray(gait.phase)
     expected = float(np.sum(seen[1].directions[:, 2] * rate * np.cos(angle)))

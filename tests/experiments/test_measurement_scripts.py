@@ -12,6 +12,7 @@ import os
 import re
 import subprocess
 import sys
+from importlib import import_module
 from pathlib import Path
 
 import control_tables
@@ -77,14 +78,17 @@ def test_commands_of_the_library_are_commands(name):
     assert settings.objective.kind == record["objective"]
 
 
+PUBLIC = ("jaxgrity", *(f"jaxgrity.{room}" for room in jaxgrity.ROOMS))
+
+
 @pytest.mark.parametrize("path", sorted(EXPERIMENTS.rglob("*.py")), ids=lambda path: path.stem)
 def test_no_experiment_imports_what_is_not_public(path):
-    """Names of `jaxgrity.__all__`, or from one of the modules that are public beside it: files, and commands."""
+    """Names of `jaxgrity.__all__` or of a room's, or from modules that are public beside it: files, and commands."""
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             assert not any(name.name.startswith("jaxgrity.") for name in node.names), ast.unparse(node)
-        elif isinstance(node, ast.ImportFrom) and node.module == "jaxgrity":
-            assert {name.name for name in node.names} <= set(jaxgrity.__all__), ast.unparse(node)
+        elif isinstance(node, ast.ImportFrom) and node.module in PUBLIC:
+            assert {name.name for name in node.names} <= set(import_module(node.module).__all__), ast.unparse(node)
         elif isinstance(node, ast.ImportFrom) and (node.module or "").startswith("jaxgrity."):
             assert node.module == "jaxgrity.io.files" or node.module.startswith("jaxgrity.cli."), ast.unparse(node)
 

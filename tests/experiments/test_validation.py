@@ -9,7 +9,8 @@ import spine_dynamics
 import spine_tables
 from spine_robot import FOLDER, commanded, load_spine, pose, resting_shapes, rms
 
-from jaxgrity import InputError, resting_shape
+from jaxgrity import InputError
+from jaxgrity.statics import resting_shape
 
 
 @pytest.fixture(scope="module")

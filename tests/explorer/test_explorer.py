@@ -17,7 +17,7 @@ from jaxgrity.explorer.page import Page
 from jaxgrity.explorer.server import expected, guarded_server, silent
 from jaxgrity.explorer.session import OTHER, OWN, chosen_robot, orbit_words
 from jaxgrity.io.scene_writing import scene_toml
-from jaxgrity.trust.orbits import period_of
+from jaxgrity.orbits.finding import period_of
 
 DURATION = 1.5
 
@@ -73,7 +73,7 @@ def test_each_knob_changes_what_it_says(reference):
     assert np.max(changed.gait.amplitude) == pytest.approx(0.1)
     np.testing.assert_allclose(changed.gait.frequency, reference.gait.frequency)
     slack = adjusted(reference, {"prestress": 0.0}).structure
-    np.testing.assert_allclose(slack.cables.rest_length, jaxgrity.edge_lengths(slack.nodes, slack.cables.edges))
+    np.testing.assert_allclose(slack.cables.rest_length, jaxgrity.model.edge_lengths(slack.nodes, slack.cables.edges))
 
 
 def test_the_incline_leads_downhill(exact):
@@ -144,14 +144,14 @@ def test_the_other_contact_model_is_the_twin():
 def test_what_the_robot_settles_on_is_said_once_it_is_left_alone(page):
     """As the library finds it, or that there is none."""
     wait_for(lambda: "orbit" in page.words, "an orbit, or none")
-    found = jaxgrity.find_orbit(page.rolled.scene, 56.5 * period_of(page.rolled.scene.gait))
+    found = jaxgrity.orbits.find_orbit(page.rolled.scene, 56.5 * period_of(page.rolled.scene.gait))
     assert ("settles on an orbit" in page.words) == found.settled
 
 
 def test_without_a_common_period_there_is_no_orbit(exact):
     """The page says why, in a line."""
     mixed = dataclasses.replace(exact.gait, frequency=np.linspace(0.4, 0.6, 6))
-    words = orbit_words(jaxgrity.with_gait(exact, mixed), jaxgrity.resolve(exact, 1.0))
+    words = orbit_words(jaxgrity.with_gait(exact, mixed), jaxgrity.stepping.resolve(exact, 1.0))
     assert words.startswith("orbit: frequencies [0.4, ")
     assert words.endswith("expected one that all actuators share, for an orbit")
 

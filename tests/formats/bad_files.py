@@ -13,7 +13,8 @@ from pathlib import Path
 import numpy as np
 from scipy.io import savemat
 
-from jaxgrity import InputError, load_scene, read_any, read_ntrt, save_matlab, save_mjcf, save_scene, save_tables
+from jaxgrity import InputError, load_scene, save_scene
+from jaxgrity.formats import read_any, read_ntrt, save_matlab, save_mjcf, save_tables
 
 DATA = Path(__file__).parents[1] / "data" / "ntrt"
 WORDS = ("nan", "inf", "-1", "1e999", "x", "[]", "{}", "99999999999999999999", "", "true", '"', "\x00", "0", "1e-320")

@@ -17,23 +17,11 @@ from conformance_dynamics import (
     resting,
 )
 
-from jaxgrity import (
-    InputError,
-    SolverOptions,
-    energy_of_motion,
-    load_gait,
-    load_scene,
-    mjcf_controls,
-    mujoco_model,
-    parse_scene,
-    penalty_twin,
-    read_mjcf,
-    save_mjcf,
-    settled,
-    simulate,
-    with_gait,
-)
+from jaxgrity import InputError, SolverOptions, load_gait, load_scene, parse_scene, simulate, with_gait
+from jaxgrity.formats import mjcf_controls, mujoco_model, read_mjcf, save_mjcf
 from jaxgrity.io.scene_tables import CatalogueTable
+from jaxgrity.model import energy_of_motion, penalty_twin
+from jaxgrity.statics import settled
 
 mujoco = pytest.importorskip("mujoco")
 run_once = pytest.importorskip("mujoco_peer").run_once

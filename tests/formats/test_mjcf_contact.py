@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from jaxgrity import InputError, read_mjcf, simulate
+from jaxgrity import InputError, simulate
+from jaxgrity.formats import read_mjcf
 
 mujoco = pytest.importorskip("mujoco")
 

@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 from scipy.io import loadmat, savemat
 
-from jaxgrity import (
+from jaxgrity import InputError, load_scene, parse_scene, simulate
+from jaxgrity.cli.convert import ConvertSettings, main
+from jaxgrity.formats import (
     FORMATS,
-    InputError,
-    load_scene,
-    parse_scene,
     read_any,
     read_matlab,
     read_tables,
@@ -19,10 +18,8 @@ from jaxgrity import (
     save_mesh,
     save_tables,
     save_trajectory,
-    simulate,
     write_any,
 )
-from jaxgrity.cli.convert import ConvertSettings, main
 
 PRISM = """
 [structure]

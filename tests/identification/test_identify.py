@@ -6,20 +6,16 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxgrity import (
+from jaxgrity import InputError, Members, Scene, SolverOptions, Structure, simulate
+from jaxgrity.identification import (
     Identified,
-    InputError,
-    Members,
     Parameter,
-    Scene,
     SeenAngles,
     SeenDistances,
     SeenPositions,
     SeenTensions,
     SeenTogether,
-    SolverOptions,
     Starts,
-    Structure,
     changed,
     identify,
     measured_motion,
@@ -27,7 +23,6 @@ from jaxgrity import (
     misfit_of,
     posterior_robots,
     profile_likelihood,
-    simulate,
     uncertainty_of,
 )
 

@@ -9,18 +9,14 @@ from jaxgrity import (
     ExactGround,
     Gait,
     Members,
-    Parameter,
     PenaltyGround,
     Scene,
-    SeenPositions,
     SmoothFriction,
-    Starts,
     Structure,
     contact_twin,
-    identify,
-    measured_motion,
     simulate,
 )
+from jaxgrity.identification import Parameter, SeenPositions, Starts, identify, measured_motion
 from jaxgrity.identification.residuals import (
     Series,
     _autocorrelations,

@@ -4,17 +4,10 @@ import jax
 import numpy as np
 import pytest
 
-from jaxgrity import (
-    Identified,
-    InputError,
-    Parameter,
-    changed,
-    find_orbit,
-    speed_forecast,
-    speed_slopes,
-    with_gait,
-)
-from jaxgrity.identification.speed_forecast import steady_speeds
+from jaxgrity import InputError, with_gait
+from jaxgrity.identification import Identified, Parameter, changed, speed_forecast, speed_slopes
+from jaxgrity.identification.forecasts import steady_speeds
+from jaxgrity.orbits import find_orbit
 
 PARAMETERS = (Parameter("friction.mu", 0.2), Parameter("structure.node_mass", 0.1, parts=(1,)))
 CORRELATED = 1e-2 * np.array([[1.0, 0.6], [0.6, 2.0]])

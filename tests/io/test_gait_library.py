@@ -12,7 +12,6 @@ from jaxgrity import (
     InputError,
     Overtone,
     SolverOptions,
-    find_orbit,
     gait_facts,
     gait_names,
     gait_record,
@@ -21,6 +20,7 @@ from jaxgrity import (
     with_gait,
 )
 from jaxgrity.io.files import save_json
+from jaxgrity.orbits import find_orbit
 
 
 @pytest.mark.parametrize("name", gait_names())

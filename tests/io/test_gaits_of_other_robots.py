@@ -5,10 +5,11 @@ import dataclasses
 import numpy as np
 import pytest
 
-from jaxgrity import Gait, InputError, gait_names, load_gait, prism_tower, with_gait
+from jaxgrity import Gait, InputError, gait_names, load_gait, with_gait
 from jaxgrity.cli.simulate import chosen_scene
 from jaxgrity.io.files import save_json
 from jaxgrity.io.gait_library import gait_facts
+from jaxgrity.structures import prism_tower
 
 
 @pytest.fixture(scope="module")

@@ -8,11 +8,12 @@ import equinox as eqx
 import numpy as np
 import pytest
 
-from jaxgrity import InputError, load_scene, member_forces, parse_scene, scene_names, scene_text
+from jaxgrity import InputError, load_scene, parse_scene, scene_names, scene_text
 from jaxgrity.io.scene_tables import CatalogueTable
 from jaxgrity.model.actuation import contraction, rest_length
 from jaxgrity.model.friction import ConeFriction, SmoothFriction, SwitchFriction
 from jaxgrity.model.structure import edge_lengths
+from jaxgrity.statics import member_forces
 
 TEXT = scene_text("reference")
 PHASE = "phase = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]"

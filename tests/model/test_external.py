@@ -12,10 +12,10 @@ from jaxgrity import (
     parse_scene,
     scene_text,
     simulate,
-    standing_symmetries,
     wind,
     with_terms,
 )
+from jaxgrity.model import standing_symmetries
 
 NODE = Structure(nodes=np.zeros((1, 3)), node_mass=np.array([2.0]))
 

@@ -12,17 +12,18 @@ from jaxgrity import (
     Scene,
     SolverOptions,
     Structure,
+    describe,
     energy_audit,
     force_limit,
     force_table,
-    inspect_structure,
     load_scene,
     parse_scene,
     save_scene,
     scene_text,
-    step_limit,
     with_terms,
 )
+from jaxgrity.statics import inspect_structure
+from jaxgrity.stepping import step_limit
 
 STRETCH, FORCE = [0.0, 0.01, 0.03, 0.05], [0.0, 6.0, 10.0, 30.0]
 TABLE = scene_text("reference").replace("stiffness = 600.0", f"force = {{ stretch = {STRETCH}, force = {FORCE} }}")
@@ -100,7 +101,7 @@ def test_a_table_that_stiffens_asks_for_smaller_steps():
 @pytest.mark.parametrize("text", [TABLE, LIMIT], ids=["table", "limit"])
 def test_scene_files_have_them(text, tmp_path):
     scene = parse_scene(text)
-    assert scene.terms[0].name in scene.describe()
+    assert scene.terms[0].name in describe(scene)
     save_scene(scene, tmp_path / "robot.toml")
     again = load_scene(tmp_path / "robot.toml")
     q = scene.structure.nodes * 1.1

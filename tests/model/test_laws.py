@@ -19,8 +19,6 @@ from jaxgrity import (
     ForceLaw,
     ForceLimit,
     ForceTable,
-    Friction,
-    Ground,
     InputError,
     Law,
     Push,
@@ -28,23 +26,23 @@ from jaxgrity import (
     SolverOptions,
     SwitchFriction,
     Wind,
+    describe,
     energy_audit,
     force_limit,
     force_table,
-    limiting_part,
     node_names,
-    prism_tower,
     simulate,
-    standing,
-    standing_symmetries,
     unchanged,
     wind,
     with_contact_along_struts,
     with_terms,
 )
+from jaxgrity.model import Friction, Ground, standing_symmetries
 from jaxgrity.model.friction import CoulombCone
 from jaxgrity.model.rod_contact import RodContact, RodContactDissipation, RodFriction
 from jaxgrity.model.scene import KNOWN_FRICTIONS, KNOWN_LAWS
+from jaxgrity.stepping import limiting_part, standing
+from jaxgrity.structures import prism_tower
 
 
 def concrete(interface: type) -> set[type]:
@@ -100,7 +98,7 @@ def test_scenes_describe_every_law_that_acts(scenes):
     """Under "modelled", and all others under "not modelled"."""
     names = {kind.name for kind in (*KNOWN_LAWS, *KNOWN_FRICTIONS)}
     for scene in scenes:
-        lines = scene.describe().splitlines()
+        lines = describe(scene).splitlines()
         modelled, absent = (set(line[20:].strip().split(", ")) for line in lines[:2])
         acting = {law.name for law in scene.laws}
         assert modelled == acting | {"gait"}
@@ -181,7 +179,7 @@ def test_what_a_scene_knows_of_itself_follows_from_its_laws(prism):
     assert windy.dissipates
     assert with_terms(prism, Lift(np.ones(()))).dissipates
     assert not with_terms(prism, Tether(np.ones(1))).dissipates
-    lines = windy.describe().splitlines()
+    lines = describe(windy).splitlines()
     assert "wind drag" in lines[0]
     assert "wind drag" not in lines[1]
     with pytest.raises(InputError, match="without dissipation; this one has damping or friction"):

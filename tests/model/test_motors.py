@@ -12,16 +12,15 @@ from jaxgrity import (
     Scene,
     SolverOptions,
     Structure,
-    edge_lengths,
+    describe,
     energy_audit,
     load_scene,
     parse_scene,
-    rest_length,
     save_scene,
     scene_text,
     simulate,
-    symmetries,
 )
+from jaxgrity.model import edge_lengths, rest_length, symmetries
 
 TIMES, LENGTHS = [0.5, 1.0, 2.5], [0.4, 0.9, 0.1]
 MOTOR = Motor(0, TIMES, LENGTHS, rate=0.3, lag=0.1, smallest=0.25)
@@ -109,7 +108,7 @@ def test_a_rigid_strut_with_a_motor_has_the_motors_length():
 
 def test_scene_files_have_motors(tmp_path):
     scene = parse_scene(FILE)
-    assert "with a motor [2]" in scene.describe()
+    assert "with a motor [2]" in describe(scene)
     save_scene(scene, tmp_path / "robot.toml")
     (motor,) = load_scene(tmp_path / "robot.toml").structure.cables.motors
     assert (motor.member, float(motor.rate), float(motor.lag), motor.smallest) == (2, 0.5, 0.02, None)

@@ -20,10 +20,10 @@ from jaxgrity import (
     Sphere,
     Structure,
     energy_audit,
-    rod_depths,
     simulate,
     with_contact_along_struts,
 )
+from jaxgrity.populations import rod_depths
 from jaxgrity.stepping.dynamics import total_force
 
 STIFFNESS, MASS, G = 2e4, 1.0, 9.81
@@ -113,7 +113,7 @@ def test_a_population_moves_as_each_robot_does():
 
 def test_gradients_agree_with_central_differences():
     """In forward mode, of a rod that falls on the ball."""
-    resolved = jaxgrity.resolve(across(), 0.1, SolverOptions("rk4", dt=1e-3))
+    resolved = jaxgrity.stepping.resolve(across(), 0.1, SolverOptions("rk4", dt=1e-3))
     held = with_contact_along_struts(across(SmoothFriction(0.3, 0.05)), 3)
 
     def height(z):

@@ -7,17 +7,9 @@ import jax
 import numpy as np
 import pytest
 
-from jaxgrity import (
-    Gait,
-    InputError,
-    SolverOptions,
-    Structure,
-    parse_scene,
-    prism_tower,
-    scene_text,
-    simulate_population,
-)
+from jaxgrity import Gait, InputError, SolverOptions, Structure, parse_scene, scene_text, simulate_population
 from jaxgrity.model.symmetry import gene_permutations, image, standing_symmetries, symmetries
+from jaxgrity.structures import prism_tower
 
 
 def on_strut(name: str):

@@ -5,16 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 
-from jaxgrity import (
-    Gait,
-    Members,
-    Structure,
-    image,
-    load_scene,
-    prism,
-    symmetries,
-    travelling_waves,
-)
+from jaxgrity import Gait, Members, Structure, load_scene
+from jaxgrity.model import image, symmetries, travelling_waves
+from jaxgrity.structures import prism
 
 
 def plain(geometry) -> Structure:

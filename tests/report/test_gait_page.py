@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import jaxgrity
-from jaxgrity import plot
+from jaxgrity.report import plot
 from jaxgrity.report.gait_report import write_page
 from jaxgrity.report.gait_rows import _chosen, outcome_rows
 from jaxgrity.report.orbit_plot import _moving_frame

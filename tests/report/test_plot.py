@@ -11,7 +11,7 @@ from matplotlib.text import Text
 from PIL import Image
 
 import jaxgrity
-from jaxgrity import plot
+from jaxgrity.report import plot
 
 SHOWN_WIDTH = 830 * 0.75
 """points: how wide a page shows a figure, of 96 pixels an inch"""

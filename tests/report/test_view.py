@@ -9,8 +9,7 @@ from browser import is_red, screenshot, start_browser, wait_for
 from scipy.ndimage import binary_dilation
 
 import jaxgrity
-from jaxgrity import view
-from jaxgrity.report import drawing
+from jaxgrity.report import drawing, view
 from jaxgrity.report.poses import robot_poses, robot_size, rods
 from jaxgrity.stepping.simulate import some_frames
 
@@ -221,7 +220,7 @@ def test_uneven_ground_is_drawn(name, exact, tmp_path):
     assert np.all(standing[-1] < 0.02)
     view.save_html(scene, motion, tmp_path / "replay.html")
     assert (tmp_path / "replay.html").stat().st_size > 10_000
-    jaxgrity.plot.save(jaxgrity.plot.still_figure(scene, motion), tmp_path / "still.png")
+    jaxgrity.report.plot.save(jaxgrity.report.plot.still_figure(scene, motion), tmp_path / "still.png")
 
 
 def test_the_mesh_of_the_ground_has_its_heights(exact):

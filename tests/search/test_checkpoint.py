@@ -7,7 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxgrity import GAConfig, Genome, InputError, load_states, open_checkpoint
+from jaxgrity import GAConfig, Genome, InputError
+from jaxgrity.search import load_states, open_checkpoint
 from jaxgrity.search.genetic_algorithm import Generation, Record, SearchState, begin
 
 SETTINGS = {"scene": Path("robot.toml"), "bounds": (0.1, 0.3), "seed": 3, "dt": None}

@@ -13,7 +13,6 @@ from jaxgrity import (
     ConeFriction,
     Distance,
     ExactGround,
-    FidelityLevel,
     Fitness,
     GAConfig,
     Gait,
@@ -21,14 +20,15 @@ from jaxgrity import (
     InputError,
     Members,
     Scene,
-    SearchProblem,
     Speed,
     Structure,
     Uncertainty,
     as_population,
     contact_twin,
-    default_method,
-    default_step,
+)
+from jaxgrity.search import (
+    FidelityLevel,
+    SearchProblem,
     evolve_through,
     fidelity_levels,
     final_verdict,
@@ -40,6 +40,7 @@ from jaxgrity import (
 from jaxgrity.search.fidelity import excess_at
 from jaxgrity.search.judging import judge_until, scored, standard_error
 from jaxgrity.search.models import rough_step
+from jaxgrity.stepping import default_method, default_step
 
 SLOPE = 0.1
 STROKES = Gait((0,), [-np.pi / 2], [0.3], [1.0], start=0.0, ramp=0.25)

@@ -12,21 +12,16 @@ import pytest
 from jaxgrity import (
     ActuatorBounds,
     Direction,
-    FidelityLevel,
     Fitness,
     GAConfig,
-    Generation,
     Genome,
     InputError,
-    SearchProblem,
     SolverOptions,
     Uncertainty,
-    distinct,
     evolve,
-    judge_at,
-    open_checkpoint,
-    plot,
 )
+from jaxgrity.report import plot
+from jaxgrity.search import FidelityLevel, Generation, SearchProblem, distinct, judge_at, open_checkpoint
 from jaxgrity.search.genetic_algorithm import begin, breed
 
 SMALL = GAConfig(population=12, generations=3, elites=2)

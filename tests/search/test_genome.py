@@ -6,7 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jaxgrity import Gait, Genome, InputError, Wave, gene_permutations, one_gait, standing_symmetries
+from jaxgrity import Gait, Genome, InputError, one_gait
+from jaxgrity.model import Wave, gene_permutations, standing_symmetries
 from jaxgrity.model.actuation import Overtone, contraction, peak_rates
 
 FULL = Genome(

@@ -10,24 +10,11 @@ import numpy as np
 import pytest
 from scipy.special import ndtri
 
-from jaxgrity import (
-    Distance,
-    Fitness,
-    Genome,
-    Objective,
-    SearchProblem,
-    SolverOptions,
-    as_dtype,
-    centre_of_mass,
-    distance_and_gradient,
-    distances,
-    gaits_of,
-    integrate,
-    random_phases,
-    resolve,
-)
+from jaxgrity import Distance, Fitness, Genome, Objective, SolverOptions, as_dtype, gaits_of, random_phases
+from jaxgrity.search import SearchProblem, distance_and_gradient, distances
 from jaxgrity.search.genetic_algorithm import models_of
 from jaxgrity.search.gradients import ClimbTask, Gradient, combine, pathwise_gradient, smoothed_gradients, utilities
+from jaxgrity.stepping import centre_of_mass, integrate, resolve
 
 DT = 1e-3
 # (where in the scene, name): each is varied by a factor, so that all derivatives are metres.

@@ -5,7 +5,7 @@ import pytest
 
 from jaxgrity import ActuatorBounds
 from jaxgrity.core.display import COVERING, mean_of_robots, with_error
-from jaxgrity.rollout.metrics import Metrics
+from jaxgrity.populations.metrics import Metrics
 from jaxgrity.search.judging import influences, scored, standard_error
 from jaxgrity.search.polish import _gain
 

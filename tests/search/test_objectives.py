@@ -8,12 +8,10 @@ import numpy as np
 import pytest
 
 from jaxgrity import (
-    OBJECTIVES,
     ActuatorBounds,
     CostOfTransport,
     Direction,
     Distance,
-    FidelityLevel,
     Fitness,
     Gait,
     Genome,
@@ -22,7 +20,6 @@ from jaxgrity import (
     Metrics,
     Outcomes,
     Scene,
-    SearchProblem,
     SolverOptions,
     Speed,
     SteadyDirection,
@@ -31,17 +28,16 @@ from jaxgrity import (
     Straightness,
     Structure,
     Uncertainty,
-    body_length,
     ensemble,
-    find_objective,
     gaits_of,
-    judge_at,
     one_gait,
     random_phases,
     register_objective,
     simulate_population,
     with_gait,
 )
+from jaxgrity.model import body_length
+from jaxgrity.search import OBJECTIVES, FidelityLevel, SearchProblem, find_objective, judge_at
 from jaxgrity.search.judging import Scores, scored
 
 MOVED = np.array([[3.0, 4.0, 7.0], [-0.6, 0.8, 0.0], [0.0, -2.0, 1.0]])

@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 
 from jaxgrity import (
-    OBJECTIVES,
     ActuatorBounds,
     Distance,
     ExactGround,
@@ -21,25 +20,27 @@ from jaxgrity import (
     Genome,
     InputError,
     Objective,
-    Progress,
     SearchConfig,
-    SearchProblem,
     SearchResult,
     SolverOptions,
     SteadySpeed,
     Uncertainty,
     bumps,
-    find_objective,
-    find_orbit,
     gaits_of,
-    judge_at,
     load_gait,
-    load_states,
     one_gait,
     register_objective,
     search_gaits,
-    stability,
     with_gait,
+)
+from jaxgrity.orbits import find_orbit, stability
+from jaxgrity.search import (
+    OBJECTIVES,
+    Progress,
+    SearchProblem,
+    find_objective,
+    judge_at,
+    load_states,
     without_measuring,
 )
 from jaxgrity.search.attraction import orbit_multipliers

@@ -12,18 +12,17 @@ from jaxgrity import (
     Genome,
     InputError,
     PolishConfig,
-    SearchProblem,
     SolverOptions,
     SteadySpeed,
     Straightness,
     Uncertainty,
-    check_polish,
     load_gait,
     polish,
     random_phases,
     with_gait,
 )
 from jaxgrity.model.actuation import actuated_lengths, peak_rates
+from jaxgrity.search import SearchProblem, check_polish
 from jaxgrity.search.gradients import smoothed_gradients
 
 OPTIONS = SolverOptions(dt=1e-2)
@@ -233,7 +232,7 @@ def test_polish_on_the_orbit_keeps_within_the_bound_on_rates(rolling):
 
 def test_polish_on_the_orbit_needs_one(rolling, monkeypatch):
     """Where the robot settles on none, the reason says so, and the gait is kept as it was."""
-    monkeypatch.setattr("jaxgrity.trust.orbits.SETTLED", 0.0)
+    monkeypatch.setattr("jaxgrity.orbits.finding.SETTLED", 0.0)
     result = on_orbit(rolling, 200)
     assert result.reason == "the robot settles on no orbit"
     assert not result.steps

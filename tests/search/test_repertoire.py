@@ -5,16 +5,8 @@ import itertools
 import numpy as np
 import pytest
 
-from jaxgrity import (
-    Fitness,
-    Genome,
-    InputError,
-    RepertoireConfig,
-    SearchProblem,
-    SolverOptions,
-    Uncertainty,
-    repertoire,
-)
+from jaxgrity import Fitness, Genome, InputError, SolverOptions, Uncertainty
+from jaxgrity.search import RepertoireConfig, SearchProblem, repertoire
 
 CONFIG = RepertoireConfig(speed=(0.0, 0.03), bend=(-1.0, 1.0), cells=(8, 3), drawn=24, batch=16, rounds=4)
 OPTIONS = SolverOptions(dt=1e-2)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import jaxgrity
-from jaxgrity.search import robot_motions as module
+from jaxgrity.search import motions as module
 
 KNOWN = jaxgrity.Uncertainty()
 FRICTION = jaxgrity.Uncertainty(friction=0.3)
@@ -39,8 +39,8 @@ def test_speeds_are_those_along_paths(exact, monkeypatch, duration):
     turns = [0.0, 0.5, -0.1, 0.0]
     monkeypatch.setattr(module, "ensembles_rolled_out", arcs(turns, [0, 0, 0, 1]))
     scene = jaxgrity.with_gait(exact, jaxgrity.load_gait("lasting"))
-    found = jaxgrity.robot_motions(scene, FRICTION, robots=4, duration=duration)
-    size = float(jaxgrity.body_length(scene))
+    found = jaxgrity.search.robot_motions(scene, FRICTION, robots=4, duration=duration)
+    size = float(jaxgrity.model.body_length(scene))
     np.testing.assert_allclose(found.speed, [0.1, 0.1, 0.1, 0.0], rtol=1e-6)
     np.testing.assert_allclose(found.bend, [0.0, 5.0 * size, -1.0 * size, np.nan], rtol=1e-6, atol=1e-7)
     np.testing.assert_allclose(np.hypot(*found.velocity.T)[[0, 3]], [0.1, 0.0], rtol=1e-6)
@@ -63,7 +63,7 @@ def test_swaying_is_no_speed_and_a_slope_is_looked_at_along_it(exact, monkeypatc
         monkeypatch.setattr(module, "ensembles_rolled_out", swaying)
         high = dataclasses.replace(scene.structure, nodes=scene.structure.nodes + np.array([0, 0, 1.0]))
         slope = dataclasses.replace(scene, structure=high, ground=dataclasses.replace(scene.ground, incline=0.3))
-        found = jaxgrity.robot_motions(slope, FRICTION, robots=1, duration=24.0, cycle=cycle)
+        found = jaxgrity.search.robot_motions(slope, FRICTION, robots=1, duration=24.0, cycle=cycle)
         np.testing.assert_allclose(found.speed, 0.1, rtol=1e-6)
         np.testing.assert_allclose(found.bend, 0, atol=1e-6)
 
@@ -72,14 +72,14 @@ def test_all_may_fail(exact, monkeypatch):
     """Their speed is 0, and no bend is known."""
     monkeypatch.setattr(module, "ensembles_rolled_out", arcs([0.1, 0.1], [2, 1]))
     scene = jaxgrity.with_gait(exact, jaxgrity.load_gait("lasting"))
-    facts = jaxgrity.robot_motions(scene, FRICTION, robots=2, duration=24.0).summary()
+    facts = jaxgrity.search.robot_motions(scene, FRICTION, robots=2, duration=24.0).summary()
     assert (facts["speed"], facts["bend"], facts["bend_quartiles"]) == (0.0, None, [None, None])
 
 
 def test_robots_differ_by_what_is_uncertain(swimmer):
     """Where nothing is, one robot says it all; the same seed draws the same robots."""
     options = jaxgrity.SolverOptions(dt=0.01, dtype="float32")
-    draw = lambda uncertain, seed: jaxgrity.robot_motions(  # noqa: E731
+    draw = lambda uncertain, seed: jaxgrity.search.robot_motions(  # noqa: E731
         swimmer, uncertain, robots=4, duration=4.0, seed=seed, options=options
     )
     strokes = jaxgrity.Uncertainty(actuation=0.3)
@@ -101,4 +101,4 @@ def test_bad_input_is_one_line(exact, change, robots, words):
     """No gait, no robots."""
     scene = change(jaxgrity.with_gait(exact, jaxgrity.load_gait("lasting")))
     with pytest.raises(jaxgrity.InputError, match=words):
-        jaxgrity.robot_motions(scene, FRICTION, robots=robots)
+        jaxgrity.search.robot_motions(scene, FRICTION, robots=robots)

@@ -12,14 +12,13 @@ from jaxgrity import (
     SearchConfig,
     SteadySpeed,
     SteadyTurn,
-    ga_configs,
     load_scene,
     parse_scene,
     scene_text,
-    search_problem,
     with_gait,
 )
 from jaxgrity.model.actuation import actuated_lengths, peak_rates
+from jaxgrity.search import ga_configs, search_problem
 
 
 def test_by_default_gaits_are_waves_and_look_for_steady_speed(exact):

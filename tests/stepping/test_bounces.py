@@ -22,12 +22,11 @@ from jaxgrity import (
     Union,
     energy_audit,
     gaits_of,
-    resolve,
     rollout,
     simulate,
     simulate_population,
 )
-from jaxgrity.stepping import complementarity
+from jaxgrity.stepping import complementarity, resolve
 
 ROBOTS, DT = 400, 5e-3
 

@@ -23,7 +23,6 @@ from jaxgrity import (
     scene_text,
     simulate,
     simulate_population,
-    velocities_midway,
     verify,
     with_gait,
 )
@@ -33,7 +32,7 @@ from jaxgrity.model.friction import ConeFriction
 from jaxgrity.model.ground import ExactGround
 from jaxgrity.model.scene import Scene, as_dtype
 from jaxgrity.model.structure import Members, Structure, edge_lengths
-from jaxgrity.stepping import constraints
+from jaxgrity.stepping import constraints, velocities_midway
 from jaxgrity.stepping.blocks import Blocks, disjoint_groups
 from jaxgrity.stepping.complementarity import LARGEST_LENGTH_ERROR, Complementarity
 from jaxgrity.stepping.constraints import impulses, length_error, prepare, sweep, trials_of, velocities

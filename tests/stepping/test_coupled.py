@@ -23,17 +23,14 @@ from jaxgrity import (
     SolverOptions,
     Structure,
     as_dtype,
-    discretise,
-    edge_lengths,
     energy_audit,
     gaits_of,
-    integrate,
     reactions,
-    resolve,
-    rest_length,
     simulate,
     simulate_population,
 )
+from jaxgrity.model import edge_lengths, rest_length
+from jaxgrity.stepping import discretise, integrate, resolve
 from jaxgrity.stepping.contact_problem import onto_cone
 
 G = 9.81

@@ -15,11 +15,11 @@ from jaxgrity import (
     Structure,
     final_state,
     gaits_of,
-    resolve,
     rollout,
     simulate,
     simulate_population,
 )
+from jaxgrity.stepping import resolve
 from jaxgrity.stepping.integrate import even_step
 from jaxgrity.stepping.simulate import velocities_midway
 from jaxgrity.trust.trust_report import _strut_strain

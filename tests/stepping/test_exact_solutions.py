@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from exact_problems import PROBLEMS, Problem
 
-from jaxgrity import METHODS, InputError, ResolvedOptions, SolverOptions, resolve
+from jaxgrity import METHODS, InputError, SolverOptions
 from jaxgrity.model.scene import as_dtype
+from jaxgrity.stepping import ResolvedOptions, resolve
 from jaxgrity.stepping.integrate import integrate
 
 FRAMES = 5

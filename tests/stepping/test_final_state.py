@@ -9,19 +9,9 @@ import numpy as np
 import pytest
 from leaf_gradients import CASES, compared
 
-from jaxgrity import (
-    ConeFriction,
-    ExactGround,
-    Members,
-    PenaltyGround,
-    Scene,
-    SolverOptions,
-    Structure,
-    final_state,
-    resolve,
-    states_at,
-)
+from jaxgrity import ConeFriction, ExactGround, Members, PenaltyGround, Scene, SolverOptions, Structure, final_state
 from jaxgrity.model.scene import as_dtype
+from jaxgrity.stepping import resolve, states_at
 
 # Both contact models, supports, every number of a gait, and a shape at rest; whole robots show nothing more.
 SMALL = ["tripod slides, penalty", "tripod slides, exact", "chain at rest"]

@@ -5,20 +5,11 @@ import dataclasses
 import numpy as np
 import pytest
 
-from jaxgrity import (
-    METHODS,
-    InputError,
-    Push,
-    ResolvedOptions,
-    SolverOptions,
-    exact_twin,
-    final_state,
-    resolve,
-    simulate,
-    with_terms,
-)
+from jaxgrity import METHODS, InputError, Push, SolverOptions, final_state, simulate, with_terms
+from jaxgrity.model import exact_twin
+from jaxgrity.stepping import ResolvedOptions, resolve
 from jaxgrity.stepping.options import MOST_SWEEPS
-from jaxgrity.stepping.stability import default_step, stable_step, standing
+from jaxgrity.stepping.step_limits import default_step, stable_step, standing
 
 
 @pytest.mark.parametrize(

@@ -14,11 +14,11 @@ from jaxgrity import (
     SolverOptions,
     Structure,
     energy_audit,
-    resolve,
     rollout,
     simulate,
     with_terms,
 )
+from jaxgrity.stepping import resolve
 from jaxgrity.trust.error_bars import timing_bar
 
 FORCE, START = 50.0, 0.0503

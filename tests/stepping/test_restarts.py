@@ -17,14 +17,13 @@ from jaxgrity import (
     Structure,
     final_state,
     gaits_of,
-    resolve,
     rollout,
     simulate,
     simulate_population,
-    velocities_midway,
     wind,
     with_terms,
 )
+from jaxgrity.stepping import resolve, velocities_midway
 from jaxgrity.stepping.dynamics import acceleration
 from jaxgrity.stepping.handover import velocity_at
 

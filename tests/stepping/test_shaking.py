@@ -13,17 +13,18 @@ from jaxgrity import (
     Shaking,
     SolverOptions,
     Structure,
+    describe,
     energy_audit,
     final_state,
     load_scene,
     parse_scene,
-    resolve,
     rollout,
     save_scene,
     scene_text,
     simulate,
 )
 from jaxgrity.model.inertia import mass_matrix
+from jaxgrity.stepping import resolve
 from jaxgrity.stepping.dynamics import acceleration, total_force
 
 DAMPING = 4.0
@@ -176,7 +177,7 @@ def test_scene_files_shake(tmp_path):
     with pytest.raises(InputError, match="nothing is fixed"):
         parse_scene(text)
     scene = parse_scene(text.replace('pose = "face"', 'pose = "face"\nfixed = [0]'))
-    assert "shaking" in scene.describe()
+    assert "shaking" in describe(scene)
     save_scene(scene, tmp_path / "robot.toml")
     again = load_scene(tmp_path / "robot.toml").shaking
     assert (again.amplitude.tolist(), float(again.frequency), float(again.ramp)) == ([0.01, 0.0, 0.0], 3.0, 1.0)

@@ -61,7 +61,7 @@ def test_frames_go_from_the_start_to_the_end(duration, rate, frames):
 def test_without_float64_rollouts_are_in_float32(tmp_path):
     """After a description too, which takes float64 for a while; nothing warns. Bare phases are refused as gaits."""
     code = (
-        "import jaxgrity; scene = jaxgrity.load_scene('exact'); scene.describe(); "
+        "import jaxgrity; scene = jaxgrity.load_scene('exact'); jaxgrity.describe(scene); "
         "motion = jaxgrity.simulate(scene, 0.1); print(motion.failed, motion.positions.dtype)\n"
         "try: jaxgrity.simulate_population(scene, [[0.0] * 6], 0.1)\n"
         "except jaxgrity.InputError as error: print(error)"

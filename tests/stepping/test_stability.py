@@ -17,15 +17,14 @@ from jaxgrity import (
     SolverOptions,
     Structure,
     node_names,
-    resolve,
     simulate,
-    step_limit,
     with_terms,
 )
 from jaxgrity.core.primitives import inner, norm_squared
 from jaxgrity.model.scene import with_gait
+from jaxgrity.stepping import resolve, step_limit
 from jaxgrity.stepping.methods import METHODS
-from jaxgrity.stepping.stability import limiting_part, linearise, stable_step, standing, strictest
+from jaxgrity.stepping.step_limits import limiting_part, linearise, stable_step, standing, strictest
 
 TRIED = np.array([0.5, 0.65, 0.8, 0.899, 1.099])
 """steps, as multiples of the prediction: it is right to a tenth where the last of them alone is unstable"""

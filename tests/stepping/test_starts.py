@@ -19,11 +19,11 @@ from jaxgrity import (
     Structure,
     final_state,
     gaits_of,
-    resolve,
     rollout,
     simulate,
     simulate_population,
 )
+from jaxgrity.stepping import resolve
 
 MISPLACED = FAILURES.index("the start lies below the ground, or its rigid struts have other lengths")
 OPTIONS = SolverOptions(dt=5e-3)

@@ -25,13 +25,13 @@ from jaxgrity import (
     Structure,
     Uncertainty,
     bumps,
-    edge_lengths,
     energy_audit,
     ensemble,
     gaits_of,
     simulate,
-    step_limit,
 )
+from jaxgrity.model import edge_lengths
+from jaxgrity.stepping import step_limit
 
 G, RADIUS = 9.81, 2.0
 BOWL = Sphere(np.array([0.0, 0.0, RADIUS]), RADIUS, hollow=True)

@@ -3,16 +3,7 @@
 import numpy as np
 import pytest
 
-from jaxgrity import (
-    Members,
-    Scene,
-    Sensitivity,
-    SolverOptions,
-    Structure,
-    gaits_of,
-    sensitivity,
-    simulate_population,
-)
+from jaxgrity import Members, Scene, Sensitivity, SolverOptions, Structure, gaits_of, sensitivity, simulate_population
 
 OPTIONS = SolverOptions(dt=1e-3)
 

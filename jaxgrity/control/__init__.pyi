@@ -1,0 +1,73 @@
+from .closed_loop import Drive, Loop, drive, loop_start, roll_on, simulate_policy
+from .environments import Environment, EnvironmentState, Situation, environment
+from .feedback import PhaseLocked, sure_footed
+from .gait_choices import GaitChoices, gait_choices
+from .gymnasium_adapter import GymnasiumEnvironment
+from .motors import Motors, contraction_reached
+from .obstacles import Discs, WayMap, discs_of, gap, room, way_map
+from .plant import Plant, PlantState, actuate, observe, plant_of, plant_start, side_by_side
+from .policies import OpenLoop, Policy
+from .predictive import Journey, Sampling, costs, lead_to
+from .sensors import Errors, Observation, Readings, Sensors, first_readings, measure, read
+from .steering import Blend, Steered, centre_offsets
+from .tasks import REACHED, TASKS, Task, find_task, ground_of, progressed, task_start
+from .travels import Foresight, Travels, travel
+
+__all__ = [
+    "REACHED",
+    "TASKS",
+    "Blend",
+    "Discs",
+    "Drive",
+    "Environment",
+    "EnvironmentState",
+    "Errors",
+    "Foresight",
+    "GaitChoices",
+    "GymnasiumEnvironment",
+    "Journey",
+    "Loop",
+    "Motors",
+    "Observation",
+    "OpenLoop",
+    "PhaseLocked",
+    "Plant",
+    "PlantState",
+    "Policy",
+    "Readings",
+    "Sampling",
+    "Sensors",
+    "Situation",
+    "Steered",
+    "Task",
+    "Travels",
+    "WayMap",
+    "actuate",
+    "centre_offsets",
+    "contraction_reached",
+    "costs",
+    "discs_of",
+    "drive",
+    "environment",
+    "find_task",
+    "first_readings",
+    "gait_choices",
+    "gap",
+    "ground_of",
+    "lead_to",
+    "loop_start",
+    "measure",
+    "observe",
+    "plant_of",
+    "plant_start",
+    "progressed",
+    "read",
+    "roll_on",
+    "room",
+    "side_by_side",
+    "simulate_policy",
+    "sure_footed",
+    "task_start",
+    "travel",
+    "way_map",
+]

@@ -1,0 +1,193 @@
+"""Environments for reinforcement learning: pure `reset` and `step`, to be mapped, jitted and differentiated.
+
+They have the shape of those of Brax: a state goes in and a state comes out, with observation, reward and done in it.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxgrity.control.motors import Motors
+from jaxgrity.control.plant import (
+    PERFECT,
+    Plant,
+    PlantState,
+    actuate,
+    check_key,
+    observe,
+    plant_of,
+    plant_start,
+    whole_number,
+)
+from jaxgrity.control.sensors import Observation, Sensors
+from jaxgrity.control.tasks import Task, drawn_aim, find_task, ground_of, progressed, task_start, wanted_direction
+from jaxgrity.core.errors import InputError
+from jaxgrity.core.types import AnyArray
+from jaxgrity.model.scene import Scene
+from jaxgrity.stepping.dynamics import centre_of_mass
+from jaxgrity.stepping.integrate import state_failure
+from jaxgrity.stepping.options import Options
+
+METRE_A_SECOND = Motors(rate=1.0, stroke=0.5)
+"""motors as fast as gaits of the library ask for, with room for those of `sure_footed`"""
+
+
+class Situation(NamedTuple):
+    """All that goes on from one step to the next."""
+
+    plant: PlantState
+    aim: AnyArray
+    """(2,), the heading or the goal's place, m"""
+    average: AnyArray
+    """(2,), m/s, the averaged velocity of the task's progress"""
+
+
+class EnvironmentState(eqx.Module):
+    """One robot in one episode, with the fields of Brax's `State`."""
+
+    pipeline_state: Situation
+    obs: AnyArray
+    """(observation_size,), what the policy sees: see `Environment.sensed`"""
+    reward: AnyArray
+    """the task's progress, m/s, less what effort costs"""
+    done: AnyArray
+    """1 from where the episode is over: the goal reached, the time up, or the rollout failed; else 0"""
+    metrics: dict[str, AnyArray]
+    """"progress", m/s; "effort", 1/s^2; "reached" and "failed", 1 from where that happened, else 0"""
+    info: dict[str, Any]
+    """"truncation", 1 where nothing but the time ended the episode; and what wrappers keep here"""
+
+    def replace(self, **changes: Any) -> "EnvironmentState":
+        """The state with other values of some fields."""
+        return replace(self, **changes)
+
+
+@dataclass(frozen=True, eq=False)
+class Environment:
+    """A robot with a task. Made by `environment`; its robot's numbers are constants of what is compiled of it."""
+
+    plant: Plant
+    task: Task
+    effort_cost: float
+    """by which the mean square rate of the contractions, 1/s^2, counts against the reward, m/s"""
+    episode: int
+    """control periods, after which an episode is over"""
+
+    @property
+    def action_size(self) -> int:
+        """How many members are actuated."""
+        return len(self.plant.members)
+
+    @property
+    def observation_size(self) -> int:
+        """How many numbers a policy sees."""
+        return jax.eval_shape(self.reset, jax.random.key(0)).obs.shape[0]
+
+    def reset(self, key: Any) -> EnvironmentState:
+        """The start of an episode, drawn by `key`, such as `jax.random.key(0)`; `InputError` where it is no key."""
+        check_key(key)
+        starts, aims, noise = jax.random.split(key, 3)
+        state = plant_start(self.plant, noise, task_start(self.task, self.plant.scene, starts))
+        place = centre_of_mass(self.plant.scene, state.motion[0])
+        aim = drawn_aim(self.task, place, aims)
+        seen, state = observe(self.plant, state)
+        zero = jnp.zeros_like(place[0])
+        metrics: dict[str, AnyArray] = dict.fromkeys(("progress", "effort", "reached", "failed"), zero)
+        situation = Situation(state, aim, jnp.zeros_like(place[:2]))
+        info = {"truncation": zero}
+        return EnvironmentState(situation, self.sensed(state, seen, aim), zero, zero, metrics, info)
+
+    def step(self, state: EnvironmentState, action: AnyArray) -> EnvironmentState:
+        """One control period later. Of an `action` (action_size,), -1 leaves a member as long as it is built, 1
+        shortens it by the motors' `stroke`, and what is beyond does not count.
+
+        A rollout that fails is done, with observation and reward of zero: numbers are always finite, but derivatives of
+        such a rollout are not. An episode that is over stays so, with rewards of zero. Raises `InputError` for an
+        action of another shape.
+        """
+        if jnp.shape(action) != (self.action_size,):
+            raise InputError(f"action has shape {jnp.shape(action)}; expected ({self.action_size},), one a member")
+        dtype = self.plant.options.dtype
+        wanted = self.plant.motors.stroke * (1 + jnp.clip(jnp.asarray(action, dtype), -1, 1)) / 2
+        old, aim, average = state.pipeline_state
+        after = actuate(self.plant, old, wanted)
+        before, place = (centre_of_mass(self.plant.scene, s.motion[0]) for s in (old, after))
+        progress, average = progressed(self.task, aim, before, place, self.plant.period, average)
+        effort = jnp.mean(((after.contraction - old.contraction) / self.plant.period) ** 2)
+        seen, after = observe(self.plant, after)
+        failed = (state_failure(self.plant.scene, *after.motion) != 0) | (state.metrics["failed"] > 0)
+        near = jnp.sum((aim - place[:2]) ** 2) < self.task.reached**2
+        reached = (near if self.task.towards == "goal" else jnp.zeros_like(near)) | (state.metrics["reached"] > 0)
+        over, late = state.done > 0, after.tick >= self.episode
+        counts = lambda x: jnp.where(failed | over, 0, x).astype(dtype)  # noqa: E731
+        metrics = state.metrics | {
+            "progress": counts(progress),
+            "effort": counts(effort),
+            "reached": reached.astype(dtype),
+            "failed": failed.astype(dtype),
+        }
+        return EnvironmentState(
+            pipeline_state=Situation(after, aim, average),
+            obs=jnp.where(failed, 0, self.sensed(after, seen, aim)).astype(dtype),
+            reward=counts(progress - self.effort_cost * effort),
+            done=(over | failed | reached | late).astype(dtype),
+            metrics=metrics,
+            info=state.info | {"truncation": (late & ~failed & ~reached).astype(dtype)},
+        )
+
+    def sensed(self, state: PlantState, seen: Observation, aim: AnyArray) -> AnyArray:
+        """All sensors' readings in the order of `Observation`, but for the place, then d, (2,), as the place that was
+        read says, and the contractions."""
+        known = [*seen._replace(place=wanted_direction(self.task, aim, seen.place)), state.contraction]
+        return jnp.concatenate([jnp.ravel(part) for part in known])
+
+
+def environment(
+    task: str,
+    scene: Scene,
+    *,
+    sensors: Sensors = PERFECT,
+    motors: Motors = METRE_A_SECOND,
+    options: Options = None,
+    seconds: float = 10.0,
+    effort_cost: float = 0.02,
+) -> Environment:
+    """An environment of one robot, commanded 100 times a second.
+
+    Args:
+        task: one of `TASKS`: speed, heading, goal, slope, bumps or recover.
+        scene: the robot, its ground and friction; its gait does not count, but for the members that it actuates.
+        sensors: how they err; where not given, they do not.
+        motors: what they can do; where not given, 1 m/s, and to shorten a member by half.
+        options: how to integrate; where not given, the scene decides.
+        seconds: of an episode, a multiple of 0.01 s.
+        effort_cost: m s: times the mean square rate of the contractions, what effort costs.
+
+    Returns:
+        The environment, whose `reset` and `step` are pure.
+
+    Raises:
+        InputError: an unknown task, a scene without a ground or without a gait, or with another ground than a level
+            plane for a task that brings its own, bad options (see `resolve`), seconds that are no multiple of 0.01,
+            or an effort cost that is negative or not finite.
+
+    Example:
+        >>> import jax
+        >>> env = jaxgrity.control.environment("heading", jaxgrity.load_scene("exact"))
+        >>> state = jax.jit(env.reset)(jax.random.key(0))
+        >>> env.action_size, state.obs.shape
+        (6, (104,))
+    """
+    asked = find_task(task)
+    if scene.gait is None:
+        raise InputError("the scene has no gait; expected one, whose members are those that actions move")
+    if not (np.isfinite(effort_cost) and effort_cost >= 0):
+        raise InputError(f"effort_cost = {effort_cost} m s: expected a finite number, at least 0")
+    plant = plant_of(
+        ground_of(asked, scene, seed=0), scene.gait.members, sensors=sensors, motors=motors, options=options
+    )
+    return Environment(plant, asked, effort_cost, whole_number("seconds", seconds, plant.period))

@@ -1,0 +1,294 @@
+"""Travel round obstacles: many robots at once, each led by what a model says of all ways to go on from where it is.
+
+What a gait does next depends on how the robot lies when it begins: measured over many robots, a turn goes nearly
+anywhere. Its spread is therefore measured anew for every choice: each way to go on is rolled out by several robots of
+the model that differ in their friction, from the pose that was measured. Of those that keep clear of all obstacles the
+robot takes the one that leaves the shortest way to go (`WayMap`), and is asked again a little later.
+"""
+
+import time
+from collections.abc import Callable, Sequence
+from typing import NamedTuple, cast
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxgrity.control.closed_loop import Loop, drive, failures, loop_start, places, roll_on, taken_over
+from jaxgrity.control.gait_choices import GaitChoices
+from jaxgrity.control.obstacles import WayMap, gap, room
+from jaxgrity.control.plant import Plant, check_model, check_one, is_count, side_by_side, whole_number
+from jaxgrity.control.steering import clock_moved
+from jaxgrity.control.tasks import REACHED
+from jaxgrity.core.errors import InputError
+from jaxgrity.core.types import AnyArray, State
+from jaxgrity.model.structure import Structure
+from jaxgrity.populations.uncertainty import Differences
+from jaxgrity.stepping.dynamics import centre_of_mass
+
+TOUCHING = 100.0
+"""m, by which a way counts as longer for each metre by which the robot comes too close to an obstacle"""
+ARRIVING = 1000.0
+"""m, by which a way that gets to the goal, and touches nothing, counts as shorter"""
+LOOKS = 10
+"""a second, at which places are compared with obstacles when ways to go on are tried"""
+
+
+class Foresight(NamedTuple):
+    """How ways to go on are tried."""
+
+    samples: int = 24
+    """ways to go on, for each robot; the first is as before, the second is rest"""
+    friction: tuple[float, ...] = (0.75, 1.0, 1.25)
+    """times nominal: the robots of the model that try each of them"""
+    horizon: float = 3.0
+    """s, for which they do"""
+    interval: float = 0.75
+    """s, from one choice to the next"""
+    widest: float = 0.6
+    """the largest bend, see `Steered`"""
+    usual: float = 0.6
+    """share of the samples that use the first gait; the others use any, the first and all images included"""
+    reach: float = 0.6
+    """m, how far the robot sticks out from its centre of mass"""
+    margin: float = 0.1
+    """m, to be kept from obstacles beside that"""
+    patience: float = 60.0
+    """s, after which the goal is given up"""
+    seed: int = 0
+    """of the samples, and of the sensors' noise"""
+
+
+FORESIGHT = Foresight()
+"""if nothing else is asked for"""
+
+
+class Travels(NamedTuple):
+    """Where robots got to."""
+
+    nodes: np.ndarray
+    """(frames, nodes, 3, robots), m, once in a control period"""
+    path: np.ndarray
+    """(frames, 3, robots), m, the centre of mass"""
+    reached: np.ndarray
+    """(robots,): whether the goal was reached, in time, without touching anything and without a failure"""
+    arrived: np.ndarray
+    """(robots,), frames until the goal was reached, the rollout failed or the time was up"""
+    gap: np.ndarray
+    """(robots,), m, the smallest distance of the robot from an obstacle until then, seen from above; negative:
+    it touched one"""
+    gaits: np.ndarray
+    """(choices, robots), rows of the gaits to choose from"""
+    spread: np.ndarray
+    """(choices, robots), m, standard deviation of the place at the horizon, of the way that was chosen"""
+    surprise: np.ndarray
+    """(choices, robots), m, from where the model said that the robot would be at the next choice to where it was"""
+    seconds: float
+    """in the middle, that choosing for all robots took, compilation left out where there were several choices"""
+
+
+class _Fate(NamedTuple):
+    path: np.ndarray
+    """(looks, 2, robots, samples, copies), m"""
+    failed: np.ndarray
+    """(robots, samples, copies)"""
+
+
+def travel(
+    robots: Plant,
+    model: Plant,
+    gaits: GaitChoices,
+    maps: Sequence[WayMap],
+    *,
+    start: State | None = None,
+    foresight: Foresight = FORESIGHT,
+    on_choice: Callable[[int], object] | None = None,
+) -> Travels:
+    """Lead many robots, each through a field of its own to a goal of its own, all in one population.
+
+    Args:
+        robots: what moves, as from `side_by_side`.
+        model: what the controller takes each of them for, as from `plant_of`, with the same members and period.
+        gaits: what there is to choose from.
+        maps: of each robot, as from `way_map`: its goal, its obstacles, and the way round them.
+        start: q and v with the robots last; as the scene stands where not given.
+        foresight: how ways to go on are tried.
+        on_choice: called with the number of each choice.
+
+    Returns:
+        Paths, and which robots reached their goals without touching anything.
+
+    Raises:
+        InputError: not as many robots as maps, a policy or a model that actuates other members than the robots, a model
+            with another period, maps for a smaller reach than the foresight's, times that are no multiples of each
+            other, or a foresight that makes no sense.
+    """
+    ticks, looks, choices = _counts(robots, model, maps, foresight)
+    count = len(maps)
+    draw, copies = np.random.default_rng(foresight.seed), len(foresight.friction)
+    lanes = count * foresight.samples * copies
+    many = side_by_side(model, lanes, Differences(friction=np.tile(foresight.friction, count * foresight.samples)))
+    rows, bends = np.zeros(count, int), np.zeros(count)
+    loop = loop_start(robots, gaits.chosen(rows, bends), jax.random.key(foresight.seed), start, each=True)
+    kept, path = [np.asarray(loop.plant.motion[0])[None]], [np.asarray(places(robots, loop))[None]]
+    said: list[tuple[np.ndarray, ...]] = []
+    spent, over = [], np.zeros(count, bool)
+    for choice in range(choices):
+        began = time.perf_counter()
+        tried = _drawn(draw, gaits, rows, bends, foresight)
+        fate = _foreseen(many, gaits, loop, tried, looks)
+        costs = [way_costs(fate.path[:, :, k], fate.failed[k], way, foresight) for k, way in enumerate(maps)]
+        best = np.array(costs).argmin(1)
+        spent.append(time.perf_counter() - began)
+        old, each = rows, np.arange(count)
+        rows, bends, turns = (x[each, best] for x in tried)
+        expected = _expected(fate, best, foresight)
+        loop, nodes, went = _moved(robots, gaits.chosen(rows, bends), _with_clock(gaits, loop, old, rows, turns), ticks)
+        kept.append(np.asarray(nodes))
+        path.append(np.asarray(went))
+        said.append((rows, expected[1], np.linalg.norm(expected[0] - path[-1][-1, :2], axis=0)))
+        over |= _near(path[-1], maps).any(0) | ~np.isfinite(kept[-1]).all((0, 1, 2))
+        if on_choice is not None:
+            on_choice(choice)
+        if over.all():
+            break
+    chosen = [np.array(x) for x in zip(*said)]
+    return travels_of(robots.scene.structure, (np.concatenate(kept), np.concatenate(path)), maps, chosen, spent)
+
+
+def _counts(robots: Plant, model: Plant, maps: Sequence[WayMap], foresight: Foresight) -> tuple[int, int, int]:
+    """Control periods between choices, looks ahead, and choices. Raises `InputError` where robots, model, maps and
+    times do not fit."""
+    if robots.robots is None or robots.robots != len(maps):
+        found = f"maps: there are {len(maps)}, for {robots.robots} robots"
+        raise InputError(f"{found}; expected one for each, of `side_by_side`")
+    least = min(way.reach for way in maps)
+    if least < foresight.reach:
+        raise InputError(
+            f"maps: made for a reach of {least:g} m; expected at least {foresight.reach:g} m, as foresight"
+        )
+    check_model(robots, model)
+    check_one(model, "model")
+    whole_number("a look", 1 / LOOKS, model.period)
+    friction = np.array(foresight.friction, float)
+    if not is_count(foresight.samples, 2) or not len(friction) or not (np.isfinite(friction) & (friction >= 0)).all():
+        found = f"samples = {foresight.samples}, friction = {foresight.friction}"
+        raise InputError(f"{found}: expected at least 2 samples, and factors that are not negative")
+    if not (0 <= foresight.widest <= 1 and 0 <= foresight.usual <= 1):
+        raise InputError(f"widest = {foresight.widest:g}, usual = {foresight.usual:g}: expected numbers from 0 to 1")
+    if not (foresight.reach > 0 and foresight.margin >= 0):
+        raise InputError(f"reach, margin = {foresight.reach:g}, {foresight.margin:g} m: expected a positive reach")
+    ticks = whole_number("interval", foresight.interval, robots.period)
+    looks = whole_number("horizon", foresight.horizon, 1 / LOOKS)
+    if foresight.horizon < foresight.interval:
+        found = f"horizon = {foresight.horizon:g} s"
+        raise InputError(f"{found}: expected at least the interval, {foresight.interval:g} s")
+    return ticks, looks, whole_number("patience", foresight.patience, foresight.interval)
+
+
+def _drawn(draw: np.random.Generator, gaits: GaitChoices, rows: np.ndarray, bends: np.ndarray, foresight: Foresight):
+    """Gaits, bends and jumps of the clock, in turns, (robots, samples) each."""
+    shape = (len(rows), foresight.samples)
+    usual = draw.uniform(size=shape) < foresight.usual
+    chosen = np.where(usual, 0, draw.integers(0, len(gaits.names) - 1, shape))
+    bent = draw.uniform(-foresight.widest, foresight.widest, shape) * (draw.uniform(size=shape) < 0.7)
+    turns = draw.uniform(0, 1, shape) * (draw.uniform(size=shape) < 0.5)
+    chosen[:, 0], bent[:, 0], turns[:, 0] = rows, bends, 0
+    chosen[:, 1], bent[:, 1], turns[:, 1] = len(gaits.names) - 1, 0, 0
+    return chosen, bent, turns
+
+
+def _with_clock(gaits: GaitChoices, loop: Loop, old: AnyArray, new: AnyArray, turns: AnyArray) -> Loop:
+    """The loop with clocks that show the same angle in another gait, and have jumped by so many turns."""
+    frequency = gaits.frequency
+    return loop._replace(memory=clock_moved(loop.memory, frequency[old] / frequency[new], turns / frequency[new]))
+
+
+def _foreseen(many: Plant, gaits: GaitChoices, loop: Loop, tried, looks: int) -> _Fate:
+    """What becomes of all samples."""
+    count, samples = tried[0].shape
+    copies = cast(int, many.robots) // (count * samples)
+    rows, bends, turns = (np.repeat(x.ravel(), copies) for x in tried)
+    old = np.repeat(tried[0][:, 0], samples * copies)
+    path, failed = _tried(many, gaits.chosen(rows, bends), gaits, loop, (old, rows, turns), looks)
+    shape = (count, samples, copies)
+    return _Fate(np.asarray(path, float).reshape(-1, 2, *shape), np.asarray(failed).reshape(shape))
+
+
+@eqx.filter_jit
+def _tried(many: Plant, policy, gaits: GaitChoices, loop: Loop, clocks, looks: int):
+    """(looks, 2, lanes), m, and (lanes,): where each lane gets to, and whether it fails."""
+    each = clocks[0].shape[0] // loop.plant.motion[0].shape[-1]
+    ahead = _with_clock(gaits, taken_over(many, loop, each), *clocks)
+    there = drive(many, policy, ahead, round(1 / LOOKS / many.period), looks, each=True)
+    return there.path[1:, :2], there.failure != 0
+
+
+@eqx.filter_jit
+def _moved(robots: Plant, policy, loop: Loop, ticks: int):
+    """The loop after so many control periods, and nodes and centres of mass in each; NaN of robots that failed."""
+    centre = robots.lift(centre_of_mass, ("s", -1))
+    kept = lambda state: (state.motion[0], centre(robots.scene, state.motion[0]))  # noqa: E731
+    loop, seen = roll_on(robots, policy, loop, ticks, kept, each=True)
+    return loop, *(jnp.where(failures(robots, loop) != 0, jnp.nan, x) for x in seen)
+
+
+def way_costs(path: np.ndarray, failed: np.ndarray, way: WayMap, foresight: Foresight) -> np.ndarray:
+    """(samples,), m: how far it is to the goal at the horizon, the mean of the mean and the worst of the copies.
+
+    One that gets there and keeps clear of obstacles until then counts the seconds until then, less `ARRIVING`; one that
+    comes too close to an obstacle counts `TOUCHING` times by how much, wherever it gets. Of a `path` (looks, 2,
+    samples, copies), m; one that `failed` (samples, copies) is worse than all others.
+    """
+    path = np.moveaxis(path, 1, -1)
+    failed = failed | ~np.isfinite(path).all((0, -1))
+    path = np.where(np.isfinite(path), path, 0.0)
+    near = np.linalg.norm(path - way.goal, axis=-1) < REACHED / 2
+    there, first = near.any(0), near.argmax(0)
+    close = np.maximum(foresight.reach + foresight.margin - room(way.discs, path), 0)
+    before = np.arange(len(path))[:, None, None] <= np.where(there, first, len(path))
+    touching = (close * before).max(0)
+    arrives = there & (touching == 0)
+    worth = np.where(arrives, first / LOOKS - ARRIVING, way.to_go(path[-1]) + TOUCHING * touching)
+    worth = np.where(failed, 1e6, worth)
+    return np.asarray((worth.mean(-1) + worth.max(-1)) / 2)
+
+
+def _expected(fate: _Fate, best: np.ndarray, foresight: Foresight) -> tuple[np.ndarray, np.ndarray]:
+    """Of the samples that were taken: the mean place at the next choice, (2, robots), and the spread at the horizon."""
+    own = fate.path[:, :, np.arange(len(best)), best]
+    # between two looks where a choice falls there
+    when = foresight.interval * LOOKS - 1
+    k = min(int(when + 1e-9), len(own) - 2)
+    soon = (own[k] + (when - k) * (own[k + 1] - own[k])).mean(-1)
+    return soon, np.sqrt(own[-1].var(-1).sum(0))
+
+
+def _near(path: np.ndarray, maps: Sequence[WayMap]) -> np.ndarray:
+    """(frames, robots): whether the centre of mass is at the goal."""
+    return np.linalg.norm(path[:, :2] - np.array([way.goal for way in maps]).T, axis=1) < REACHED
+
+
+def travels_of(
+    structure: Structure,
+    seen: tuple[np.ndarray, np.ndarray],
+    maps: Sequence[WayMap],
+    said: list[np.ndarray],
+    spent: list[float],
+) -> Travels:
+    """What became of robots whose nodes and centres of mass were `seen`, (frames, nodes, 3, robots) and (frames, 3,
+    robots), NaN from where a rollout failed. A goal counts that was reached before a failure, with nothing touched."""
+    nodes, path = seen
+    near, fine = _near(path, maps), np.isfinite(nodes).all((1, 2))
+    there = near & np.logical_and.accumulate(fine, axis=0)
+    ended = np.where(there.any(0), there.argmax(0), np.where(fine.all(0), len(nodes) - 1, (~fine).argmax(0)))
+    gaps = np.array(
+        [
+            np.nanmin(gap(way.discs, structure, nodes[: end + 1, ..., k]))
+            for k, (way, end) in enumerate(zip(maps, ended))
+        ]
+    )
+    rows, spread, surprise = said
+    seconds = float(np.median(spent[1:] or spent))
+    return Travels(nodes, path, there.any(0) & (gaps > 0), ended, gaps, rows, spread, surprise, seconds)

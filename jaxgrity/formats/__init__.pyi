@@ -1,0 +1,30 @@
+from .conversion import FORMATS, Format, read_any, write_any
+from .foreign import Imported
+from .matlab import read_matlab, save_matlab
+from .meshes import save_mesh
+from .mjcf_plan import mjcf_controls
+from .mjcf_reading import read_mjcf
+from .mjcf_writing import MuJoCoModel, mujoco_model, save_mjcf
+from .ntrt import read_ntrt
+from .spreadsheets import read_tables, save_tables
+from .trajectories import save_trajectory
+
+__all__ = [
+    "FORMATS",
+    "Format",
+    "Imported",
+    "MuJoCoModel",
+    "mjcf_controls",
+    "mujoco_model",
+    "read_any",
+    "read_matlab",
+    "read_mjcf",
+    "read_ntrt",
+    "read_tables",
+    "save_matlab",
+    "save_mesh",
+    "save_mjcf",
+    "save_tables",
+    "save_trajectory",
+    "write_any",
+]

@@ -1,0 +1,34 @@
+from .actuation import Command, random_members, rest_length
+from .contact_twin import exact_twin, penalty_twin
+from .friction import Friction
+from .ground import Ground
+from .inertia import energy_of_motion, mass_matrix, mobility, momenta
+from .scene import body_length
+from .structure import edge_lengths
+from .surface import Frame, Surface
+from .symmetry import gene_permutations, image, standing_symmetries, symmetries
+from .waves import Wave, travelling_waves
+
+__all__ = [
+    "Command",
+    "Frame",
+    "Friction",
+    "Ground",
+    "Surface",
+    "Wave",
+    "body_length",
+    "edge_lengths",
+    "energy_of_motion",
+    "exact_twin",
+    "gene_permutations",
+    "image",
+    "mass_matrix",
+    "mobility",
+    "momenta",
+    "penalty_twin",
+    "random_members",
+    "rest_length",
+    "standing_symmetries",
+    "symmetries",
+    "travelling_waves",
+]

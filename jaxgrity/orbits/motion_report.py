@@ -1,0 +1,100 @@
+"""What a rollout comes to: whether and when the motion settles, and by which name it goes."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.spatial.distance import pdist
+
+from jaxgrity.core.errors import InputError
+from jaxgrity.model.actuation import Gait
+from jaxgrity.model.scene import Scene, body_length
+from jaxgrity.orbits.cycles import MOST_PERIODS, plane_of, shape
+from jaxgrity.orbits.finding import SETTLED, period_of
+from jaxgrity.populations.rolling import STAYING, Rolling, rolling, width
+from jaxgrity.stepping.simulate import Trajectory, centre_path
+
+
+class MotionReport(NamedTuple):
+    """What a robot does in a rollout."""
+
+    kind: str
+    """as by `rolling`; "stands" or "fell over" where it stays in the later half"""
+    settled_after: float
+    """s, from which on shapes return after each cycle, or nothing moves; infinite where that is not so by the end"""
+    periods: int
+    """of actuation in a cycle; 0 where there is no cycle"""
+    watched: float
+    """s"""
+    rolling: Rolling
+    """faces, slips and flights"""
+
+    def summary(self) -> dict[str, Any]:
+        """The numbers, as they go into a JSON file; SI units."""
+        settled = self.settled_after if np.isfinite(self.settled_after) else None
+        found = {"kind": self.kind, "settled_after": settled, "periods": self.periods}
+        return self.rolling.summary() | found
+
+    def sentence(self) -> str:
+        """In a line, for people."""
+        if not np.isfinite(self.settled_after):
+            return f"the robot {self.kind}; its motion has not settled after {self.watched:.3g} s"
+        if not self.periods:
+            return f"the robot {self.kind}; it is at rest after {self.settled_after:.2g} s"
+        again = "each period" if self.periods == 1 else f"every {self.periods} periods"
+        return f"the robot {self.kind}; its motion has settled after {self.settled_after:.2g} s, and repeats {again}"
+
+
+def motion_report(scene: Scene, trajectory: Trajectory) -> MotionReport | None:
+    """Of a finished rollout; None where it failed, where there is no ground to move on, or it was too short."""
+    try:
+        seen = rolling(scene, trajectory)
+    except InputError:
+        return None
+    times, path = np.asarray(trajectory.times, float), centre_path(scene, trajectory)
+    half = times >= times[-1] / 2
+    at_rest = width(path[half][:, :2]) < STAYING * float(pdist(np.asarray(scene.structure.nodes, float)).max())
+    still = at_rest and seen.kind != "hops" and not (seen.since[1:] > times[-1] / 2).any()
+    kind = ("fell over" if seen.rolls else "stands") if still else seen.kind
+    since, periods = _settled(scene, trajectory)
+    return MotionReport(kind, since, periods, float(times[-1]), seen)
+
+
+def _settled(scene: Scene, trajectory: Trajectory) -> tuple[float, int]:
+    """From when on, s, and after how many periods of actuation, shapes return; infinite, and 0, where they do not."""
+    times, q = np.asarray(trajectory.times, float), np.asarray(trajectory.positions, float)
+    size = SETTLED * float(body_length(scene))
+    try:
+        plane = plane_of(scene)
+        period, start = (0.0, 0.0) if scene.gait is None else (period_of(scene.gait), _full_swing(scene.gait))
+    except InputError:  # no plane, or several frequencies: nothing that returns
+        return np.inf, 0
+    if not period:
+        shapes = np.array([shape(x @ plane.axes, plane) for x in q])
+        off = np.abs(shapes - shapes[-1]).max(1) > size
+        last = int(np.flatnonzero(off)[-1]) + 1 if off.any() else 0
+        return (float(times[last]), 0) if times[last] < times[-1] / 2 else (np.inf, 0)
+    moving = times >= start
+    times, levelled = times[moving], q[moving] @ plane.axes
+    shapes = np.array([shape(x, plane) for x in levelled])
+    for periods in range(1, MOST_PERIODS + 1):
+        cycle = periods * period
+        again = times[times + 2 * cycle <= times[-1]]
+        if not len(again):  # a motion has settled once it was seen to repeat itself for a cycle
+            break
+        compared = times[times + cycle <= times[-1]]
+        changed = np.abs(_at(compared + cycle, times, shapes) - shapes[: len(compared)]).max(1) > size
+        first = int(np.flatnonzero(changed)[-1]) + 1 if changed.any() else 0
+        if first < len(again):
+            return float(times[first]), periods
+    return np.inf, 0
+
+
+def _full_swing(gait: Gait) -> float:
+    return float(gait.start + gait.ramp)
+
+
+def _at(moments: np.ndarray, times: np.ndarray, shapes: np.ndarray) -> np.ndarray:
+    """Shapes between two frames, m."""
+    k = np.clip(np.searchsorted(times, moments), 1, len(times) - 1)
+    share = ((moments - times[k - 1]) / (times[k] - times[k - 1]))[:, None]
+    return shapes[k - 1] + share * (shapes[k] - shapes[k - 1])

@@ -1,0 +1,186 @@
+"""Floquet multipliers: the eigenvalues of the derivative of the map that takes a robot from one cycle to the next."""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.flatten_util import ravel_pytree
+from jaxtyping import Complex, Float
+
+from jaxgrity.core.errors import InputError
+from jaxgrity.core.types import AnyArray, State
+from jaxgrity.model.scene import Scene, as_dtype
+from jaxgrity.orbits.cycles import Plane, moved_onto, plane_of
+from jaxgrity.orbits.finding import Orbit, in_step, period_of, restarted
+from jaxgrity.stepping.handover import carried_from, state_from
+from jaxgrity.stepping.integrate import discretise, prepared
+from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
+
+NEUTRAL = ("shift x", "shift y", "turn")
+"""along the ground (x down a slope), and about the vertical"""
+THIN = 1e-9
+"""Nodes this close to one vertical line, as a share of its length, do not say how far the robot has turned."""
+
+
+class FloquetMultipliers(NamedTuple):
+    """By how much small deviations from an orbit grow in a cycle."""
+
+    neutral: dict[str, float]
+    """of those that only move the robot, by the names in `NEUTRAL`; no "turn" on a slope. They are 1, but for rounding,
+    where nothing in the scene tells one place or heading from another"""
+    others: Complex[np.ndarray, " others"]
+    """of all other directions, largest first; NaN where the derivative is not finite"""
+    directions: Complex[np.ndarray, "others 2 nodes 3"]
+    """deviations of positions, m, and of velocities, m/s, that grow so; each of length 1, centre and heading held"""
+    residual: float
+    """m, by which a coordinate of a node misses itself after the cycle, at most, the planar motion taken out: they are
+    multipliers of an orbit where this is small"""
+    state: State
+    """(q, v) at the beginning of the cycle of which this is the derivative"""
+
+    @property
+    def largest(self) -> float:
+        """The size of the largest of the others."""
+        return float(np.abs(self.others[0]))
+
+
+def floquet_multipliers(
+    scene: Scene, orbit: Orbit, *, options: Options = None, after: int | None = None
+) -> FloquetMultipliers:
+    """The eigenvalues of the derivative of the map that takes the state (q, v) on an orbit over one cycle.
+
+    With P the state after a cycle, and G(x) the shift and the turn that bring P(x) back to the place and the heading of
+    the orbit's state x*, the map is R(x) = G(x) P(x), and maps states with that centre and heading on such. DP is
+    computed by tangents in forward mode, one for each coordinate of the state, through the same steps as a rollout's.
+    DR follows from it, and has 6 eigenvalues for each node, less 3 (2 on a slope). Those that are left out belong to
+    the generators g of shifts and turns, for which DP g(x) = g(P(x)) where the scene is symmetric; `neutral` says how
+    well that holds.
+
+    What is differentiated is the motion as it is stepped, with which node touches, sticks and slides, and which cable
+    is taut, in each step as on the orbit. With exact contact and rigid struts not every (q, v) is a state that a robot
+    can be in. A deviation that would change a strut's length, or move a node that touches, is undone by the impulses of
+    the first steps. So DP takes all deviations to such as are possible, eigenvectors of multipliers other than 0 among
+    them, and those that are not add multipliers of 0 alone. There the derivative is the slope of one of the map's
+    teeth, and may say little about robots that are disturbed by more than a tooth is wide (docs/gaits.md); `stability`
+    is about those.
+
+    Args:
+        scene: on a plane, with the gait of the orbit.
+        orbit: as from `find_orbit`, by the same options.
+        options: how to integrate, at a fixed step; where not given, the scene decides. The precision is float64.
+        after: periods of actuation after the orbit's state, at which the cycle begins. One cycle, where not given, so
+            that a method's memory of its last step is that of a robot on its way.
+
+    Returns:
+        The multipliers, the neutral ones by name and the others apart.
+
+    Raises:
+        InputError: bad options (see `resolve`), a method that adapts its step, an orbit whose rollout failed, a
+            structure with supports, a scene without a gait, a ground that is no plane, `after` below 0.
+
+    Example:
+        >>> scene = jaxgrity.with_gait(jaxgrity.load_scene("exact"), jaxgrity.load_gait("lasting"))
+        >>> orbit = jaxgrity.orbits.find_orbit(scene, 80.0)
+        >>> found = jaxgrity.orbits.floquet_multipliers(scene, orbit)
+        >>> sorted(found.neutral), len(found.others), found.largest < 1
+        (['shift x', 'shift y', 'turn'], 69, True)
+    """
+    period_of(scene.gait)
+    if scene.structure.fixed:
+        raise InputError("floquet_multipliers: the structure has supports, and moves nowhere; expected one without")
+    if not orbit.verified_for:
+        raise InputError("orbit: its rollout failed; expected one that was watched to the end")
+    if after is not None and after < 0:
+        raise InputError(f"after = {after}: expected 0 periods or more")
+    here, plane = restarted(scene, orbit), plane_of(scene)
+    chosen = resolve(here, orbit.period, in_step(scene, orbit.period, options))
+    assert chosen.dt is not None, "`in_step` gives a step"
+    steps = round(orbit.period / float(chosen.dt))
+    ahead = np.asarray(steps * (orbit.periods if after is None else after))
+    start = np.asarray(orbit.state[0], float), np.asarray(orbit.state[1], float)
+    found = _linearised(as_dtype(here, "float64"), chosen.as_inputs(), steps * orbit.periods, ahead, start, plane.axes)
+    before, end, derivative = (np.asarray(x) for x in found)
+    return _multipliers(np.asarray(scene.structure.lumped_mass, float), plane, before, end, derivative)
+
+
+@eqx.filter_jit
+def _linearised(
+    scene: Scene, options: ResolvedOptions, steps: int, ahead: AnyArray, start: State, axes: AnyArray
+) -> tuple[AnyArray, AnyArray, AnyArray]:
+    """The states (2, nodes, 3) after `ahead` steps from the start and after `steps` more, in the plane's axes; and the
+    derivative, (6 nodes, 6 nodes), of the one by the other."""
+    terms, solver = problem = discretise(options)
+    scene, h = prepared(scene), jnp.asarray(options.dt)
+
+    def step(carry, k):
+        y, remembered = carry
+        y, _, _, remembered, _ = solver.step(terms, k * h, (k + 1) * h, y, scene, remembered, False)
+        return (y, remembered), None
+
+    first = carried_from(problem, scene, 0 * h, h, (jnp.asarray(start[0]), jnp.asarray(start[1])))
+    carried, remembered = jax.lax.fori_loop(0, ahead, lambda k, carry: step(carry, k.astype(float))[0], first)
+    at, unravel = ravel_pytree(jnp.stack(state_from(scene, ahead * h, carried, remembered)) @ axes)
+
+    def after_a_cycle(x):
+        numbers = ahead + jnp.arange(steps, dtype=float)
+        q, v = unravel(x) @ axes.T
+        carried = carried_from(problem, scene, ahead * h, h, (q, v))[0]
+        carry, _ = jax.lax.scan(step, (carried, remembered), numbers)
+        end = jnp.stack(state_from(scene, (ahead + steps) * h, *carry)) @ axes
+        return end.ravel(), end
+
+    derivative, end = jax.jacfwd(after_a_cycle, has_aux=True)(at)
+    return unravel(at), end, derivative
+
+
+def _multipliers(
+    mass: AnyArray, plane: Plane, before: AnyArray, end: AnyArray, derivative: AnyArray
+) -> FloquetMultipliers:
+    """Of a cycle from the state `before` to `end`, (2, nodes, 3) each, in the plane's axes."""
+    if np.ptp(before[0][:, :2], axis=0).max() <= THIN * np.ptp(before[0], axis=0).max():
+        plane = plane._replace(turns=False)
+    moved, _, angle = moved_onto(mass, end[0], before[0], plane)
+    c, s = np.cos(angle), np.sin(angle)
+    back = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    # DR: the end is moved back, and then once more by as much as the deviation moves its centre and its heading
+    turned = np.einsum("ab,nbx->nax", back, derivative.reshape(-1, 3, derivative.shape[1])).reshape(derivative.shape)
+    shared, there = _generators(plane, before), _generators(plane, np.stack([moved, end[1] @ back.T]))
+    fits = _fits(mass, plane, before[0])
+    reduced = turned - there @ np.linalg.solve(fits @ there, fits @ turned)
+    held = np.linalg.svd(fits)[2][len(fits) :].T
+    values, vectors = _eigen(held.T @ reduced @ held)
+    passed = np.linalg.lstsq(_generators(plane, end), derivative @ shared, rcond=None)[0]
+    directions = (held @ vectors).T.reshape(-1, *before.shape) @ plane.axes.T
+    residual = float(np.abs(moved - before[0]).max())
+    state = before[0] @ plane.axes.T, before[1] @ plane.axes.T
+    return FloquetMultipliers(dict(zip(NEUTRAL, np.diag(passed).tolist())), values, directions, residual, state)
+
+
+def _eigen(matrix: AnyArray) -> tuple[np.ndarray, np.ndarray]:
+    """Eigenvalues, the largest first, and eigenvectors; NaN where the matrix is not finite."""
+    if not np.isfinite(matrix).all():
+        return np.full(len(matrix), np.nan + 0j), np.full(matrix.shape, np.nan + 0j)
+    values, vectors = np.linalg.eig(matrix.astype(complex))
+    order = np.argsort(-np.abs(values))
+    return values[order], vectors[:, order]
+
+
+def _generators(plane: Plane, state: AnyArray) -> Float[np.ndarray, "coordinates neutral"]:
+    """How the state, (2, nodes, 3), in the plane's axes, changes with a shift, and with a turn about its centre."""
+    (q, v), shifts = state, np.zeros((2, *state.shape))
+    shifts[0, 0, :, 0] = shifts[1, 0, :, 1] = 1
+    if not plane.turns:
+        return shifts.reshape(2, -1).T
+    away, up = q - q.mean(0), np.array([0.0, 0, 1])
+    return np.stack([*shifts, np.stack([np.cross(up, away), np.cross(up, v)])]).reshape(3, -1).T
+
+
+def _fits(mass: AnyArray, plane: Plane, q: AnyArray) -> Float[np.ndarray, "neutral coordinates"]:
+    """Rows by which a deviation shifts the centre of mass and turns the robot, as `moved_onto` has it, of positions."""
+    share, rows = mass / mass.sum(), np.zeros((3, 2, *q.shape))
+    away = q - share @ q
+    rows[0, 0, :, 0] = rows[1, 0, :, 1] = share
+    rows[2, 0, :, 0], rows[2, 0, :, 1] = -share * away[:, 1], share * away[:, 0]
+    return rows[: 3 if plane.turns else 2].reshape(-1, 2 * q.size)

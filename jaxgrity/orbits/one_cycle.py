@@ -1,0 +1,93 @@
+"""What a robot does and needs in one cycle of the orbit that it rolls on."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from jaxgrity.model.scales import time_scale
+from jaxgrity.model.scene import Scene
+from jaxgrity.orbits.finding import Orbit, in_step, restarted
+from jaxgrity.populations.population import as_population, simulate_population
+from jaxgrity.populations.rolling import rolling
+from jaxgrity.populations.uncertainty import Differences
+from jaxgrity.stepping.options import Options, SolverOptions
+from jaxgrity.stepping.simulate import simulate
+
+FRAME_RATE = 50.0
+"""1/s, at which the faces are told, of a body of one metre"""
+
+
+class OrbitCycle(NamedTuple):
+    """One cycle; peaks are those of the actuator that has to give most, forces are moving means, as `Metrics` has
+    them."""
+
+    duration: float
+    """s"""
+    distance: float
+    """m, of the centre of mass, along the line or the arc of `Orbit.speed`"""
+    work: float
+    """J, done by the actuators, less what was done on them: on an orbit, what friction and damping take"""
+    effort: float
+    """J, done by the actuators, each by itself; they get nothing back where work is done on them"""
+    cost_of_transport: float
+    """effort / (m g distance); infinite without gravity or where the robot stays"""
+    peak_force: float
+    """N"""
+    peak_rate: float
+    """m/s"""
+    peak_power: float
+    """W"""
+    supports: tuple[tuple[int, ...], ...]
+    """the faces that the robot stands on, in turn, by their nodes (`rolling`); empty without ground"""
+
+    def summary(self) -> dict[str, Any]:
+        """The numbers, as they go into a JSON file; SI units."""
+        return self._asdict() | {"supports": [list(face) for face in self.supports]}
+
+
+def orbit_cycle(scene: Scene, orbit: Orbit, *, options: Options = None) -> OrbitCycle:
+    """Follow the robot for two cycles after `Orbit.state`, of which the second counts.
+
+    Forces are moving means, which the first one fills.
+
+    Args:
+        scene: with the gait of the orbit.
+        orbit: as from `find_orbit`, by the same options.
+        options: how to integrate; where not given, the scene decides.
+
+    Returns:
+        Energy and actuators in a cycle.
+
+    Raises:
+        InputError: bad options (see `resolve`).
+
+    Example:
+        >>> scene = jaxgrity.with_gait(jaxgrity.load_scene("exact"), jaxgrity.load_gait("lasting"))
+        >>> orbit = jaxgrity.orbits.find_orbit(scene, 80.0)
+        >>> cycle = jaxgrity.orbits.orbit_cycle(scene, orbit)
+        >>> cycle.distance > 2, cycle.effort > cycle.work > 0
+        (True, True)
+    """
+    here, chosen = restarted(scene, orbit), in_step(scene, orbit.period, options)
+    start = Differences(velocities=np.asarray(orbit.state[1])[None])
+    assert here.gait is not None, "an orbit has a gait"
+    gaits = as_population(here.gait)
+    twice, since = 2 * orbit.cycle, orbit.cycle
+    found = simulate_population(here, gaits, twice, options=chosen, differences=start, with_metrics=since)
+    metrics, distance = found.metrics, orbit.speed * orbit.cycle
+    assert metrics is not None, "they were asked for"
+    weight, effort = float(scene.structure.mass) * float(scene.gravity or 0.0), float(np.asarray(metrics.effort)[0])
+    cost = effort / (weight * distance) if weight * distance > 0 else np.inf
+    force, rate, power = (float(np.max(each)) for each in (metrics.peak_force, metrics.peak_rate, metrics.peak_power))
+    work = float(np.asarray(metrics.work)[0])
+    return OrbitCycle(orbit.cycle, distance, work, effort, cost, force, rate, power, _supports(here, orbit, chosen))
+
+
+def _supports(scene: Scene, orbit: Orbit, options: SolverOptions) -> tuple[tuple[int, ...], ...]:
+    """The faces of the cycle after the orbit's state, from which the scene begins."""
+    if scene.ground is None:
+        return ()
+    trajectory = simulate(
+        scene, orbit.cycle, options=options, frame_rate=FRAME_RATE / float(time_scale(scene)), velocities=orbit.state[1]
+    )
+    return () if trajectory.failed else rolling(scene, trajectory).supports

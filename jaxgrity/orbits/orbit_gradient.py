@@ -1,0 +1,277 @@
+"""How the steady speed of a rolling robot changes with its gait: tangents carried along the orbit until they settle.
+
+On an orbit x* = P(x*, p) that attracts, deviations shrink from cycle to cycle, and so do what is left of a tangent's
+beginning: dx/dp after a cycle is J dx/dp + dP/dp, whose limit is the derivative of the implicit function theorem,
+(I - J)^-1 dP/dp, in all directions but the neutral ones. Those, a shift along the ground and a turn about its normal,
+grow without changing the speed. So nothing has to be solved, no gauge to be fixed, and only as many tangents are
+carried as the gait has numbers, where the theorem needs all of J.
+"""
+
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.flatten_util import ravel_pytree
+from jaxtyping import Float
+
+from jaxgrity.core.errors import InputError
+from jaxgrity.core.types import AnyArray, Count, NodeVectors, PerActuator, Scalar
+from jaxgrity.model.actuation import Gait, Overtone
+from jaxgrity.model.scales import speed_scale, time_scale
+from jaxgrity.model.scene import Scene, as_dtype, with_gait
+from jaxgrity.orbits.cycles import Plane, plane_of, way_along
+from jaxgrity.orbits.finding import FRAMES, Orbit, in_step, period_of, restarted
+from jaxgrity.stepping.complementarity import ContactState
+from jaxgrity.stepping.handover import carried_from
+from jaxgrity.stepping.integrate import discretise, prepared
+from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
+
+MOST_CYCLES = 40
+"""through which tangents are carried"""
+SETTLED_TO = 1e-5
+"""share of the largest derivative: tangents have settled once a cycle changes no derivative by more"""
+TINY = 1e-9
+"""m/s or rad/s by a number of order 1, of a body of one metre: derivatives below it count as none"""
+
+
+class GaitNumbers(NamedTuple):
+    """The numbers of a gait whose actuators share one frequency, or derivatives with respect to them."""
+
+    phase: PerActuator
+    """rad; of derivatives, per rad"""
+    amplitude: PerActuator
+    frequency: Scalar
+    """Hz, common to all actuators"""
+    overtones: tuple[Overtone, ...] = ()
+    """sizes and phases (rad)"""
+
+
+class SpeedGradient(NamedTuple):
+    """What the orbit of a gait is worth, and what it would be worth with the gait changed a little."""
+
+    speed: float
+    """m/s, of the last cycle"""
+    turning: float
+    """rad/s about the ground's normal, positive to the left"""
+    of_speed: GaitNumbers
+    """d speed/d number"""
+    of_turning: GaitNumbers
+    """d turning/d number"""
+    change: float
+    """of any of these derivatives in the last cycle, as a share of the largest of its kind; at most `SETTLED_TO`
+    where tangents have settled"""
+    cycles: int
+    """through which tangents were carried"""
+
+    @property
+    def settled(self) -> bool:
+        """Whether the derivatives are those of an orbit. Where it repels, or there is none, tangents never settle."""
+        return bool(self.change <= SETTLED_TO)
+
+
+def speed_gradient(
+    scene: Scene, orbit: Orbit, *, options: Options = None, most_cycles: int = MOST_CYCLES
+) -> SpeedGradient:
+    """The derivatives of an orbit's speed and turning in phases, amplitudes, frequency and overtones of its gait.
+
+    Tangents are carried from cycle to cycle, in forward mode, until they settle: then they are those of the implicit
+    function theorem (the module says why). The number of steps in a cycle is held, so that a change of frequency
+    changes the step with the period.
+
+    What is differentiated is the motion as it is stepped. Where contact, friction and cables switch on smooth
+    laws (penalty contact, smooth friction) these are the derivatives of the orbit's speed, but for corners at single
+    values of the numbers. With exact contact, touch-downs and the ends of sticking fall on whole steps: between two
+    values at which one of them moves to another step the speed is smooth, and these are its derivatives there; across
+    such values it jumps by about as much as a step changes, which no derivative sees (docs/gaits.md).
+
+    Args:
+        scene: on a plane, with the gait of the orbit.
+        orbit: as from `find_orbit`, by the same options.
+        options: how to integrate, at a fixed step; where not given, the scene decides. The precision is float64.
+        most_cycles: after so many, `SpeedGradient.settled` is false.
+
+    Returns:
+        Speed, turning and their derivatives; `SpeedGradient.settled` says whether they mean anything.
+
+    Raises:
+        InputError: bad options (see `resolve`), a method that adapts its step, an orbit whose rollout failed, fewer
+            than three cycles, a scene without a gait.
+
+    Example:
+        >>> scene = jaxgrity.with_gait(jaxgrity.load_scene("exact"), jaxgrity.load_gait("lasting"))
+        >>> orbit = jaxgrity.orbits.find_orbit(scene, 80.0)
+        >>> found = jaxgrity.orbits.speed_gradient(scene, orbit)
+        >>> bool(abs(found.speed - orbit.speed) < 1e-6), found.of_speed.phase.shape  # m/s
+        (True, (6,))
+    """
+    period_of(scene.gait)
+    assert scene.gait is not None, "`period_of` refuses a scene without a gait"
+    at, unravel = ravel_pytree(numbers_of(scene.gait))
+    found = derivatives_along(scene, orbit, np.eye(at.size), options=options, most_cycles=most_cycles)
+    of_speed, of_turning = (jax.tree.map(np.asarray, unravel(jnp.asarray(column))) for column in found.rows.T)
+    return SpeedGradient(*found.told, of_speed, of_turning, found.change, found.cycles)
+
+
+class Derivatives(NamedTuple):
+    """Speed and turning, and their derivatives along some directions."""
+
+    told: tuple[float, float]
+    """m/s and rad/s"""
+    rows: Float[np.ndarray, "directions 2"]
+    change: float
+    """as `SpeedGradient.change`"""
+    cycles: int
+
+    @property
+    def settled(self) -> bool:
+        """As `SpeedGradient.settled`."""
+        return bool(self.change <= SETTLED_TO)
+
+
+def derivatives_along(
+    scene: Scene,
+    orbit: Orbit,
+    directions: Float[AnyArray, "directions numbers"],
+    *,
+    options: Options = None,
+    most_cycles: int = MOST_CYCLES,
+) -> Derivatives:
+    """`speed_gradient` along directions in the space of the gait's numbers, in the order of `GaitNumbers`.
+
+    It costs as many tangents as there are directions. Raises `InputError` as `speed_gradient` does.
+    """
+    if not orbit.verified_for:
+        raise InputError("orbit: its rollout failed; expected one that was watched to the end")
+    if most_cycles < 3:
+        raise InputError(f"most_cycles = {most_cycles}: expected at least 3, to see whether tangents settle")
+    here = restarted(scene, orbit)
+    chosen = resolve(here, orbit.period, in_step(scene, orbit.period, options))
+    assert chosen.dt is not None, "`in_step` gives a step"
+    here, steps = as_dtype(here, "float64"), round(orbit.period / FRAMES / float(chosen.dt))
+    frames = orbit.periods * FRAMES
+    along, plane, carried = jnp.asarray(directions, float), plane_of(scene), _first(here, chosen, orbit)
+    tangents = jax.tree.map(lambda x: jnp.zeros((len(along), *x.shape)), eqx.filter(carried, eqx.is_inexact_array))
+    places, rows = [(carried[0][0], tangents[0][0])], np.full((len(along), 2), np.nan)
+    best, cycles = Derivatives((np.nan, np.nan), rows, np.inf, 0), 0
+    units = np.array([float(speed_scale(here)), 1 / float(time_scale(here))])
+    while cycles < most_cycles and not best.change <= SETTLED_TO:
+        for k in range(frames):
+            frame = np.asarray(k % FRAMES)  # an input: a number would be a program for each of them
+            carried, tangents = _advanced(here, chosen.as_inputs(), steps, frame, carried, (along, tangents))
+            places.append((carried[0][0], tangents[0][0]))
+        cycles, last, places = cycles + 1, rows, places[-2 * frames - 1 :]
+        if cycles > 1:
+            told, rows = _mean_told(here, plane, along, places)
+            change = _change(rows / units, last / units)
+            # rounding takes over where an orbit repeats itself to the last digits: the best cycle counts
+            best = Derivatives(told, rows, change, cycles) if change <= best.change else best
+    return best._replace(cycles=cycles)
+
+
+def numbers_of(gait: Gait) -> GaitNumbers:
+    """The gait's numbers, in float64."""
+    found = GaitNumbers(gait.phase, gait.amplitude, jnp.ravel(gait.frequency)[0], gait.overtones)
+    return jax.tree.map(lambda x: jnp.asarray(x, float), found)
+
+
+def gait_with(gait: Gait, numbers: GaitNumbers) -> Gait:
+    """The gait with other numbers."""
+    frequency = numbers.frequency * jnp.ones_like(gait.phase)
+    parts: dict[str, Any] = {"phase": numbers.phase, "amplitude": numbers.amplitude, "frequency": frequency}
+    return replace(gait, **parts, overtones=numbers.overtones)
+
+
+def _change(new: np.ndarray, old: np.ndarray) -> float:
+    """The largest change of a derivative, as a share of the largest of its column; infinite where one is not finite."""
+    if not (np.isfinite(new).all() and np.isfinite(old).all()):
+        return float(np.inf)
+    sizes = np.abs(new).max(0)
+    return float(np.max(np.abs(new - old).max(0) / np.where(sizes > TINY, sizes, 1.0)))
+
+
+def _first(scene: Scene, options: ResolvedOptions, orbit: Orbit) -> tuple:
+    """What is carried from step to step, from beside the orbit: the state, and what the method remembers.
+
+    Complementarity stepping begins with half a kick. Where a motion repeats itself to the last digit, nodes that just
+    touch have derivatives made of rounding; on the way back to the orbit, tangents settle before that.
+    """
+    assert options.dt is not None, "`in_step` gives a step"
+    q, v = orbit.state
+    start = jnp.asarray(q, float), jnp.asarray(v, float)
+    carried, remembered = carried_from(discretise(options), prepared(scene), 0.0, options.dt, start)
+    if isinstance(remembered, ContactState):
+        remembered = remembered._replace(step_size=jnp.zeros_like(remembered.step_size))
+    return jax.tree.map(jnp.asarray, (carried, remembered))
+
+
+@eqx.filter_jit
+def _advanced(scene: Scene, options: ResolvedOptions, steps: int, frame: Count, carried, tangents):
+    """What is carried, and its tangents along each of the directions, which come with them, a frame on."""
+    assert scene.gait is not None, "an orbit has a gait"
+    at, unravel = ravel_pytree(numbers_of(scene.gait))
+    moving, fixed = eqx.partition(carried, eqx.is_inexact_array)
+
+    def after(numbers, moving):
+        there = with_gait(scene, gait_with(scene.gait, unravel(numbers)))
+        end = _rolled(there, options, steps, frame, eqx.combine(moving, fixed))
+        return eqx.partition(end, eqx.is_inexact_array)
+
+    def along(number, tangent):
+        end, later, rest = jax.jvp(after, (at, moving), (number, tangent), has_aux=True)
+        return end, rest, later
+
+    end, rest, later = jax.vmap(along, out_axes=(None, None, 0))(*tangents)
+    return eqx.combine(end, rest), later
+
+
+def _rolled(scene: Scene, options: ResolvedOptions, steps: int, frame: Count, carried):
+    """What is carried, after so many steps, which make one of the `FRAMES` of a period."""
+    terms, solver = discretise(options)
+    assert scene.gait is not None, "an orbit has a gait"
+    h = 1 / (scene.gait.frequency[0] * steps * FRAMES)
+    scene = prepared(scene)
+
+    def step(carry, k):
+        y, remembered = carry
+        y, _, _, remembered, _ = solver.step(terms, k * h, (k + 1) * h, y, scene, remembered, False)
+        return (y, remembered), None
+
+    return jax.lax.scan(step, carried, frame * steps + jnp.arange(steps, dtype=float))[0]
+
+
+def _mean_told(scene: Scene, plane: Plane, along: AnyArray, places: list) -> tuple[tuple[float, float], np.ndarray]:
+    """Speed and turning, and their derivatives, (directions, 2), from where the robot was in the frames of two cycles.
+
+    The turning is the mean over the cycles that begin with each of the periods, the speed that of the last cycle.
+    """
+    q, tangents = jax.tree.map(lambda *x: jnp.stack(x), *places)
+    (speed, turning), rows = _told_rows(scene, plane.axes, plane.turns, along, q, tangents)
+    return (float(speed), float(turning)), np.asarray(rows)
+
+
+@eqx.filter_jit
+def _told_rows(scene: Scene, axes: AnyArray, turns: bool, along: AnyArray, q, tangents):
+    assert scene.gait is not None, "an orbit has a gait"
+    at, unravel = ravel_pytree(numbers_of(scene.gait))
+    share, frames = scene.structure.lumped_mass / scene.structure.mass, len(q) // 2
+
+    def told(numbers, q):
+        levelled, time = q @ axes, frames / FRAMES / unravel(numbers).frequency
+        before, after = (levelled[k : k + frames : FRAMES] for k in (0, frames))
+        turned = jnp.mean(jax.vmap(lambda a, b: _turned(share, a, b))(before, after)) if turns else 0.0 * time
+        path = jnp.einsum("n,fnk->fk", share, levelled[frames:])[:, :2]
+        return jnp.stack([way_along(path, turned / frames) * frames / time, turned / time])
+
+    def derivative(number, change):
+        return jax.jvp(told, (at, q), (number, change))
+
+    return jax.vmap(derivative, out_axes=(None, 0))(along, jnp.swapaxes(tangents, 0, 1))
+
+
+def _turned(share: AnyArray, before: NodeVectors, after: NodeVectors) -> AnyArray:
+    """The angle, rad, by which nodes turned about the normal, as `find_orbit` has it."""
+    a, b = (before - share @ before)[:, :2], (after - share @ after)[:, :2]
+    return jnp.arctan2(share @ (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]), share @ jnp.sum(a * b, axis=1))

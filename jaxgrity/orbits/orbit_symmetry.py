@@ -1,0 +1,148 @@
+"""The symmetry of an orbit: how soon the motion repeats itself with other nodes in the places of these."""
+
+from fractions import Fraction
+from math import lcm
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from jaxgrity.core.errors import InputError
+from jaxgrity.core.types import AnyArray
+from jaxgrity.model.actuation import Gait
+from jaxgrity.model.scene import Scene
+from jaxgrity.model.symmetry import gene_permutations, symmetries
+from jaxgrity.orbits.cycles import ALIKE, Plane, plane_of, shape
+from jaxgrity.orbits.finding import Orbit, in_step, restarted
+from jaxgrity.stepping.options import Options
+from jaxgrity.stepping.simulate import simulate
+
+LARGEST_PART = 12
+"""into so many parts of a period a symmetry may divide it, at most"""
+ROUNDING = 1e-6
+"""body lengths, by which a shape may differ however closely the orbit returns"""
+MOMENTS = 100
+"""of the orbit in a period, to which shapes of robots are compared"""
+SETTLING = 4
+"""cycles that are left to the robot to settle at the step that the comparison needs"""
+
+
+class Repetition(NamedTuple):
+    """How soon the motion repeats itself, but for a planar motion and a symmetry of the robot that the gait shares."""
+
+    time: float
+    """s; that of the whole cycle where no symmetry makes it shorter"""
+    nodes: tuple[int, ...]
+    """(nodes,): after that time node nodes[i] moves as node i did"""
+    residual: float
+    """m, by which heights of nodes and distances between them then differ at most"""
+
+
+def repetition(scene: Scene, orbit: Orbit, *, options: Options = None) -> Repetition:
+    """The shortest time after which the motion repeats itself with other nodes in the places of these.
+
+    A symmetry g of the structure takes node i to g(i). Where a gait's phases satisfy p_g(k) = p_k - 2 pi s, member g(k)
+    does after the time s T what member k did (T the period), and the motion may do so too: x_g(i)(t + (m + s) T) =
+    G x_i(t), with G a planar motion, or its mirror image where g is one, and m whole periods. Whether it does is seen
+    from shapes, as in `find_orbit`, over a whole cycle.
+
+    Args:
+        scene: with the gait of the orbit; its structure's own nodes decide the symmetries.
+        orbit: as from `find_orbit`, by the same options.
+        options: how to integrate; where not given, the scene decides. The step is shortened so that steps divide the
+            times that are compared.
+
+    Returns:
+        The repetition; that of the whole cycle where there is none sooner, or where the rollout failed.
+
+    Raises:
+        InputError: bad options (see `resolve`), positions that do not decide the symmetries (see `symmetries`).
+
+    Example:
+        >>> scene = jaxgrity.with_gait(jaxgrity.load_scene("exact"), jaxgrity.load_gait("lasting"))
+        >>> orbit = jaxgrity.orbits.find_orbit(scene, 80.0)
+        >>> found = jaxgrity.orbits.repetition(scene, orbit)
+        >>> round(orbit.cycle / found.time)  # times in a cycle
+        6
+    """
+    assert scene.gait is not None, "an orbit has a gait"
+    found = [
+        (share, symmetry.nodes)
+        for symmetry in symmetries(scene.structure)
+        if (share := _shift(scene.gait, gene_permutations(scene.gait.members, (symmetry,)))) is not None
+    ]
+    frames = 4 * lcm(*(share.denominator for share, _ in found))
+    here = restarted(scene, orbit)
+    chosen = in_step(scene, orbit.period / frames, options)
+    duration = (SETTLING + 2) * orbit.cycle
+    trajectory = simulate(here, duration, options=chosen, frame_rate=frames / orbit.period, velocities=orbit.state[1])
+    whole = Repetition(orbit.cycle, tuple(range(len(scene.structure.nodes))), orbit.residual)
+    if trajectory.failed:
+        return whole
+    long, plane = frames * orbit.periods, plane_of(scene)
+    q = np.asarray(trajectory.positions, float)[-2 * long :] @ plane.axes
+    limit = ALIKE * _change(q, plane, long, whole.nodes) + ROUNDING * orbit.body_length
+    lags = [(m * frames + int(share * frames), nodes) for share, nodes in found for m in range(orbit.periods)]
+    for lag, nodes in sorted(lags):
+        if 0 < lag < long and (change := _change(q, plane, lag, nodes)) <= limit:
+            return Repetition(lag * orbit.period / frames, nodes, change)
+    return whole
+
+
+def distance_from_orbit(
+    scene: Scene, orbit: Orbit, positions: AnyArray, *, options: Options = None
+) -> Float[np.ndarray, " robots"]:
+    """By how much robots' shapes differ from the nearest that the orbit goes through, or a symmetric image of it.
+
+    Shapes are heights of nodes and distances between them, which no planar motion changes; images have other nodes in
+    the places of these, as the structure's symmetries say. The orbit is looked at `MOMENTS` times in a period, so that
+    a robot on it may be as far off as shapes change in half of the time between.
+
+    Args:
+        scene: with the gait of the orbit; its structure's own nodes decide the symmetries.
+        orbit: as from `find_orbit`, by the same options.
+        positions: (robots, nodes, 3), m.
+        options: how to integrate; where not given, the scene decides.
+
+    Returns:
+        (robots,), m, the largest difference of a height or a distance.
+
+    Raises:
+        InputError: positions of another shape, bad options (see `resolve`), nodes that do not decide the symmetries
+            (see `symmetries`).
+    """
+    nodes = np.shape(scene.structure.nodes)
+    if np.ndim(positions) != 3 or np.shape(positions)[1:] != nodes:
+        raise InputError(f"positions have shape {np.shape(positions)}; expected (robots, {nodes[0]}, 3)")
+    here, plane = restarted(scene, orbit), plane_of(scene)
+    chosen, rate = in_step(scene, orbit.period / MOMENTS, options), MOMENTS / orbit.period
+    trajectory = simulate(here, orbit.cycle, options=chosen, frame_rate=rate, velocities=orbit.state[1])
+    through = np.array([shape(x, plane) for x in np.asarray(trajectory.positions, float) @ plane.axes])
+    images = [list(symmetry.nodes) for symmetry in symmetries(scene.structure)]
+    least = [
+        min(np.abs(through - shape(x[image], plane)).max(1).min() for image in images)
+        for x in np.asarray(positions, float) @ plane.axes
+    ]
+    return np.array(least)
+
+
+def _change(q: np.ndarray, plane: Plane, lag: int, nodes: tuple[int, ...]) -> float:
+    """By how much the shapes of the first half of (frames, nodes, 3) differ from those a lag later, node nodes[i] taken
+    for i, m.
+    """
+    before = np.array([shape(x, plane) for x in q[: len(q) // 2]])
+    after = np.array([shape(x[list(nodes)], plane) for x in q[lag : lag + len(before)]])
+    return float(np.abs(after - before).max())
+
+
+def _shift(gait: Gait, places: tuple[tuple[int, ...], ...]) -> Fraction | None:
+    """The s in [0, 1) by which phases say that a gait follows a symmetry; None where it does not."""
+    if not places:
+        return None
+    phase, amplitude, image = np.asarray(gait.phase, float), np.asarray(gait.amplitude, float), list(places[0])
+    # overtones are not looked at: where they do not follow, neither do the shapes
+    turns = (phase[image] - phase) / (2 * np.pi)
+    share = Fraction(float(turns[0] % 1)).limit_denominator(LARGEST_PART)
+    off = np.abs((turns - float(share) + 0.5) % 1 - 0.5)
+    alike = off.max() < 1e-6 and np.allclose(amplitude[image], amplitude)
+    return share % 1 if alike else None

@@ -1,0 +1,130 @@
+"""Forces along a finished trajectory: in every member, and of the ground and the supports on every node."""
+
+import dataclasses
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxgrity.core.errors import InputError
+from jaxgrity.core.primitives import dot, inverse, length
+from jaxgrity.core.tracing import refuse_traced
+from jaxgrity.core.types import AnyArray, NodeHistory, NodeVectors, Scalar
+from jaxgrity.model.scene import Scene, as_dtype
+from jaxgrity.populations.step_impulses import impulses_along
+from jaxgrity.stepping.dynamics import member_pull, support_forces, total_force
+from jaxgrity.stepping.integrate import prepared
+from jaxgrity.stepping.methods import find_method
+from jaxgrity.stepping.simulate import Trajectory, velocities_midway, with_room
+
+
+class Forces(NamedTuple):
+    """The forces of one motion, frame by frame."""
+
+    tension: np.ndarray
+    """(frames, members), N, struts first; what pushes is negative; of a rod with mass the mean along it"""
+    ground: np.ndarray
+    """(frames, nodes, 3), N, of the ground on each node"""
+    supports: np.ndarray
+    """(frames, nodes, 3), N, of the supports on the nodes that they hold"""
+
+
+def forces_along(scene: Scene, trajectory: Trajectory) -> Forces:
+    """The forces in the members, of the ground and of the supports along a trajectory, on any ground.
+
+    Springs and dampers follow from q and v by the scene's own U and R. So do penalty contact, its friction, and
+    supports where no impulses act. Complementarity stepping acts by impulses, impacts among them. The motion is stepped
+    once more from frame to frame, and its impulses are divided by the time. Rigid struts, exact contact and supports
+    then have mean forces from each frame to the next, and in the last frame over one step more. Forces of the ground
+    and of supports, times these times, add up to the change of momentum.
+
+    Where the ground holds both ends of a rigid strut, the strut's force and the ground's friction cannot be told apart:
+    they are those that the step found. Forces of contact along struts are on the struts' ends.
+
+    Args:
+        scene: what moved.
+        trajectory: how it moved; of complementarity stepping at least two frames. Rigid struts have the lengths that
+            they have in its frames, also where the scene does not say why.
+
+    Returns:
+        Tension of every member, and the forces of ground and supports on every node, in every frame.
+
+    Raises:
+        InputError: a trajectory of fewer frames.
+
+    Example:
+        >>> scene = jaxgrity.load_scene("reference")
+        >>> forces = jaxgrity.forces_along(scene, jaxgrity.simulate(scene, 0.5))
+        >>> forces.tension.shape, forces.ground.shape
+        ((51, 30), (51, 12, 3))
+    """
+    refuse_traced((scene, trajectory), "forces_along")
+    dtype = str(trajectory.positions.dtype)
+    scene = as_dtype(scene, dtype)
+    v = velocities_midway(scene, trajectory)
+    frames = (with_room(np.asarray(x, dtype), v.shape[1]) for x in (trajectory.times, trajectory.positions, v))
+    found = Forces(*(np.asarray(x, float)[: len(v)] for x in _by_forces(scene, *frames)))
+    if not find_method(trajectory.method).constrained:
+        return found
+    if len(trajectory.times) < 2:
+        raise InputError("the trajectory has 1 frame; expected at least two, since forces are means between them")
+    impulses = impulses_along(scene, trajectory)
+    tension = found.tension
+    if impulses.struts.size:
+        tension = np.concatenate([impulses.struts, tension[:, scene.structure.first_cable :]], axis=1)
+    return Forces(tension, np.asarray(impulses.ground), np.asarray(impulses.supports))
+
+
+def reactions(scene: Scene, trajectory: Trajectory) -> NodeHistory:
+    """The forces of the supports along a trajectory: those of `forces_along`.
+
+    Args:
+        scene: what moved.
+        trajectory: how, as `simulate` gave it for this scene.
+
+    Returns:
+        (frames, nodes, 3), N.
+
+    Raises:
+        InputError: where the scene has no supports.
+
+    Example:
+        >>> rod = jaxgrity.Members(((0, 1),), None, [1.0], mass=[2.0])
+        >>> structure = jaxgrity.Structure([[0, 0, 0], [0, 0, -1]], [0.0, 0.0], rod, fixed=((0, "xyz"),))
+        >>> scene = jaxgrity.Scene(structure, gravity=9.81)
+        >>> motion = jaxgrity.simulate(scene, 0.1, options=jaxgrity.SolverOptions(dt=0.01))
+        >>> round(float(jaxgrity.reactions(scene, motion)[-1, 0, 2]), 6)  # N: it carries the rod that hangs from it
+        19.62
+    """
+    if not scene.structure.fixed:
+        raise InputError("structure.fixed: nothing is fixed; expected a scene with supports")
+    return forces_along(scene, trajectory).supports
+
+
+@eqx.filter_jit
+def _by_forces(scene: Scene, t: AnyArray, q: AnyArray, v: AnyArray) -> tuple[AnyArray, AnyArray, AnyArray]:
+    """What follows from the state, by frames: tension of members, and forces of ground and supports on nodes."""
+    scene = prepared(scene)
+    aloft = dataclasses.replace(scene, ground=None, friction=None)
+
+    def frame(t: Scalar, q: NodeVectors, v: NodeVectors):
+        ground = total_force(scene, t, q, v) - total_force(aloft, t, q, v) if scene.ground is not None else 0 * q
+        supports = support_forces(scene, t, q, v) if scene.structure.fixed else 0 * q
+        return _tension(scene, t, q, v), ground, supports
+
+    return jax.vmap(frame)(t, q, v)
+
+
+def _tension(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors) -> AnyArray:
+    """Of every member, N, by springs and dampers; none of rigid members."""
+    pulls = member_pull(scene, t, q, v)
+    parts = []
+    for name, members in (("struts", scene.structure.struts), ("cables", scene.structure.cables)):
+        if members is not None:
+            i, j = np.array(members.edges).T
+            d = q[i] - q[j]
+            along = dot(pulls[name], d) * inverse(length(d)) if name in pulls else jnp.zeros(len(members.edges))
+            parts.append(along)
+    return jnp.concatenate([jnp.zeros(0, q.dtype), *parts])

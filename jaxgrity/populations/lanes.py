@@ -1,0 +1,218 @@
+"""Robots side by side: the population as the last axis in memory of every array, a chunk of it for each core.
+
+All that is computed for one robot is mapped over that axis here; `population.py` deals chunks to the devices.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import diffrax
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxgrity.core.types import AnyArray, Count, Scalar, State
+from jaxgrity.model.actuation import Gait
+from jaxgrity.model.inertia import mobility
+from jaxgrity.model.scene import Scene, start_of, with_scales
+from jaxgrity.populations.metrics import Metrics, initial_metrics, updated_metrics
+from jaxgrity.populations.uncertainty import Differences, differing
+from jaxgrity.stepping.dynamics import centre_of_mass
+from jaxgrity.stepping.handover import carried_from
+from jaxgrity.stepping.integrate import discretise, failure_code, integrate, state_failure
+from jaxgrity.stepping.options import ResolvedOptions
+from jaxgrity.stepping.power import Step
+from jaxgrity.stepping.starts import start_failure
+
+FEWEST, SIDE_BY_SIDE = 32, 256
+"""robots that a core integrates side by side, at least, and bytes of one number of all of them, at most: enough to fill
+the vector units, few enough for the nearest caches (measured)"""
+MANY = 2**16
+"""on a GPU: enough to fill it, few enough for its caches (measured, docs/scaling.md)"""
+CACHE = 2**20
+"""bytes that the members' vectors of all robots side by side may take: they are used over and over (measured)"""
+
+
+class LaneOutcomes(NamedTuple):
+    """The arrays of `Outcomes`, with the lanes as the last axis of each."""
+
+    com_path: AnyArray
+    positions: AnyArray
+    failure: AnyArray
+    steps: AnyArray
+    rejected: AnyArray
+    metrics: Metrics | None
+
+
+class LaneEnd(NamedTuple):
+    """How rollouts ended."""
+
+    state: State
+    com_path: AnyArray
+    result: diffrax.RESULTS
+    steps: AnyArray
+    rejected: AnyArray
+
+
+def most_lanes(scene: Scene, options: ResolvedOptions) -> int:
+    """How many robots of this size a device integrates side by side: a power of two for a core, all on a GPU."""
+    if jax.default_backend() != "cpu":
+        return MANY
+    bytes_each = 3 * np.dtype(options.dtype).itemsize * max(scene.structure.member_count, 1)
+    most = SIDE_BY_SIDE // np.dtype(options.dtype).itemsize
+    return int(np.clip(2 ** int(np.log2(max(CACHE / bytes_each, 1))), FEWEST, most))
+
+
+def roll_out_lanes(
+    scene: Scene,
+    gaits: Gait,
+    differences: Differences | None,
+    duration: Scalar,
+    options: ResolvedOptions,
+    with_metrics: bool | Scalar = False,
+    parts: int | tuple[int, Count] = 1,
+) -> LaneOutcomes:
+    """The rollouts of one chunk: the arrays of `gaits` and `differences` have lanes last.
+
+    All arrays that come back have the lanes last. `parts` is as in `roll_out`. Where steps are all of one length it may
+    also say for how many parts there is room, and how many there are, which is an input: the others repeat the end.
+    """
+    room, used = parts if isinstance(parts, tuple) else (parts, None)
+    lanes = gaits.phase.shape[-1]
+    scene, axes = in_lanes(scene, gaits, differences)
+    start = start_of(scene)
+    if differences is not None and differences.velocities is not None:
+        start = start[0], differences.velocities
+    metrics, together = None, options.dt is not None and not options.method.implicit
+    if with_metrics is not False or (together and room > 1):
+        end, metrics = _in_parts(start, duration, scene, axes, options, (room, used, with_metrics))
+    elif together:
+        centre = over_lanes(centre_of_mass, (axes, -1))
+        end = _last(start, duration, scene, options, room, centre, discretise_lanes(options, axes))
+        end = end._replace(steps=jnp.full(lanes, end.steps), rejected=jnp.full(lanes, end.rejected))
+    else:
+        one = lambda y, s: _last(y, duration, s, options, room, centre_of_mass)  # noqa: E731
+        end = over_lanes(one, (-1, axes))(start, scene)
+    q, v = end.state
+    failure = failure_code(end.result, over_lanes(state_failure, (axes, -1, -1))(scene, q, v))
+    misplaced = over_lanes(start_failure, (axes, -1))(scene, start[0])
+    failure = jnp.where(misplaced != 0, misplaced, failure)
+    return LaneOutcomes(end.com_path, q, failure, end.steps, end.rejected, metrics)
+
+
+def _in_parts(
+    start: State, duration: Scalar, scene: Scene, axes: Scene, options: ResolvedOptions, asked: tuple
+) -> tuple[LaneEnd, Metrics | None]:
+    """The end at `duration`, after steps that are all of one length, and all robots' metrics.
+
+    `asked` says for how many parts of the time, how many of them are used, and whether for metrics, or from when on.
+    """
+    room, used, with_metrics = asked
+    measures, since = with_metrics is not False, None if isinstance(with_metrics, bool) else with_metrics
+    parts = room if used is None else used
+    terms, solver = discretise_lanes(options, axes)
+    each = jnp.ceil(duration / parts / jnp.asarray(options.dt, options.dtype) - 1e-3).astype(int)
+    h = duration / (parts * each)
+    centre = over_lanes(centre_of_mass, (axes, -1))
+    held = over_lanes(initial_metrics, (axes, None))(scene, since) if measures else None
+    start, first = carried_from((terms, solver), scene, 0 * h, h, start)
+    lanes = jax.tree.map(lambda x: -1 if x.ndim else None, first)
+    step_axes = Step(None, None, (-1, -1), (-1, -1), lanes, lanes)  # type: ignore[arg-type]
+    update = over_lanes(updated_metrics, (axes, step_axes, -1))
+
+    def step(k, carry):
+        y, before, held = carry
+        y1, _, _, after, _ = solver.step(terms, k * h, (k + 1) * h, y, scene, before, False)
+        measured = update(scene, Step(k * h, h, y, y1, before, after), held) if measures else None
+        return y1, after, measured
+
+    def part(carry, number):
+        after = number + 1 if used is None else jnp.minimum(number + 1, used)
+        carry = jax.lax.fori_loop(number * each, after * each, step, carry)
+        return carry, centre(scene, carry[0][0])
+
+    (end, _, held), ends = jax.lax.scan(part, (start, first, held), jnp.arange(room))
+    path: AnyArray = jnp.concatenate([centre(scene, start[0])[None], ends])
+    lanes_of = path.shape[-1]
+    done: Any = diffrax.RESULTS.successful
+    return LaneEnd(end, path, done, jnp.full(lanes_of, parts * each), jnp.zeros(lanes_of, int)), held
+
+
+def _last(
+    start: State,
+    duration: Scalar,
+    scene: Scene,
+    options: ResolvedOptions,
+    parts: int,
+    centre: Callable,
+    problem: tuple | None = None,
+) -> LaneEnd:
+    """The end at `duration` of one robot, or by `problem` of all of them at once."""
+    times = jnp.stack([jnp.zeros_like(duration), duration])
+    end = diffrax.SubSaveAt(t1=True)
+    if parts == 1:
+        solution = integrate(start, times, scene, options, diffrax.SaveAt(subs=end), problem)
+        last = jax.tree.map(lambda x: x[0], solution.ys)
+        path = jnp.stack([centre(scene, start[0]), centre(scene, last[0])])
+    else:
+        between = diffrax.SubSaveAt(ts=jnp.linspace(0, duration, parts + 1), fn=lambda t, y, s: centre(s, y[0]))
+        solution = integrate(start, times, scene, options, diffrax.SaveAt(subs=[end, between]), problem)
+        last, path = jax.tree.map(lambda x: x[0], solution.ys[0]), solution.ys[1]  # type: ignore[index]
+    steps, rejected = (solution.stats[f"num_{kind}_steps"] for kind in ("accepted", "rejected"))
+    return LaneEnd(last, path, solution.result, steps, rejected)
+
+
+def discretise_lanes(options: ResolvedOptions, axes: Scene) -> tuple[diffrax.AbstractTerm, diffrax.AbstractSolver]:
+    """`discretise` for a whole chunk, whose scene has these `in_axes`."""
+
+    def lift(function, in_axes):
+        return over_lanes(function, tuple(axes if a == "s" else a for a in in_axes))
+
+    return discretise(options, lift)
+
+
+def over_lanes(function: Callable, in_axes: tuple) -> Callable:
+    """`vmap` that leaves the population last."""
+    return jax.vmap(function, in_axes=in_axes, out_axes=-1)
+
+
+def in_lanes(scene: Scene, gaits: Gait, differences: Differences | None = None) -> tuple[Scene, Scene]:
+    """The scene of many robots, with a last axis of lanes on every array but scalars, and the `in_axes` that say so.
+
+    `gaits` and `differences` have lanes last already. Where some arrays had the axis and others not, JAX's rules for
+    elementwise operations would move it to the front. So scales are those of the scene, one number for all robots.
+    """
+    scene, lanes = with_scales(scene), gaits.phase.shape[-1]
+    spread = jax.tree.map(lambda x: jnp.broadcast_to(x[..., None], (*x.shape, lanes)) if x.ndim else x, scene)
+    spread = differing(eqx.tree_at(lambda s: s.gait, spread, gaits, is_leaf=lambda x: x is None), differences)
+    if spread.structure.coupled:
+        response = over_lanes(mobility, (_axes(spread.structure),))(spread.structure)
+        spread = eqx.tree_at(lambda s: s.structure.mobility, spread, response, is_leaf=lambda x: x is None)
+    if scene.ground is not None and scene.ground.surface is not None:
+        # all robots' alike: its numbers are scalars, or tables to look into, and meet no array of nodes by elements
+        spread = eqx.tree_at(_surface, spread, scene.ground.surface)
+    return spread, lane_axes(spread)
+
+
+def lane_axes(scene: Scene) -> Scene:
+    """The `in_axes` of a scene with lanes: the last axis of every array but scalars, and but those of a surface."""
+    axes = _axes(scene)
+    if scene.ground is None or scene.ground.surface is None:
+        return axes
+    common = jax.tree.map(lambda x: None, scene.ground.surface)
+    return eqx.tree_at(_surface, axes, common, is_leaf=lambda x: x is None)
+
+
+def _surface(scene: Scene):
+    return scene.ground.surface  # type: ignore[union-attr]
+
+
+def _axes(x):
+    """The `in_axes` of what has the lanes last in every array but scalars."""
+    return jax.tree.map(lambda x: -1 if jnp.ndim(x) else None, x)
+
+
+def lanes_last(rows):
+    """Of a population's gaits, or of what differs: the population as the last axis of every array."""
+    return jax.tree.map(lambda x: jnp.moveaxis(x, 0, -1) if jnp.ndim(x) else x, rows)

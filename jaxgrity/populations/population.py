@@ -1,0 +1,251 @@
+"""Many gaits of one scene in one call: one `vmap`'d vector field inside one `diffeqsolve`, over every device.
+
+The population is the last axis in memory (see `lanes.py`), split into chunks that stay in a core's cache, and the
+chunks are split over `jax.devices()`. A robot that fails is marked, and disturbs no other.
+"""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.sharding import Mesh, NamedSharding, PartitionSpec
+
+from jaxgrity.core.errors import InputError
+from jaxgrity.core.functions import hold_functions
+from jaxgrity.core.remembered import remembered
+from jaxgrity.core.tracing import evaluated, traced
+from jaxgrity.core.types import Failures, FinalPositions, Paths, PerGait, Phases, Scalar, Table, Vectors, namespace_of
+from jaxgrity.model.actuation import Gait, Overtone
+from jaxgrity.model.scene import Scene, with_gait
+from jaxgrity.populations.lanes import most_lanes, roll_out_lanes
+from jaxgrity.populations.metrics import Metrics
+from jaxgrity.populations.uncertainty import Differences
+from jaxgrity.stepping.options import KEPT, Options, ResolvedOptions, check_positive, resolve
+from jaxgrity.stepping.starts import check_supports
+
+
+class Outcomes(eqx.Module):
+    """Where a population's robots got to."""
+
+    com_path: Paths
+    """(population, parts + 1, 3), centre of mass at the start and at the end of each of the parts of the time, m"""
+    positions: FinalPositions
+    """(population, nodes, 3), where every node is at the end, m"""
+    failure: Failures
+    """(population,), index into `FAILURES`; 0: succeeded"""
+    steps: Failures
+    """(population,), accepted steps"""
+    rejected: Failures
+    """(population,), steps that an adaptive method tried and gave up"""
+    metrics: Metrics | None
+    """of every robot, a row for each, where they were asked for"""
+    method: str = eqx.field(static=True)
+    dt: float | None = eqx.field(static=True)
+    """fixed step, s; None: adaptive, or, inside of compiled functions, an input of theirs"""
+
+    @property
+    def com_start(self) -> Vectors:
+        """(population, 3), centre of mass at the start, m."""
+        return self.com_path[:, 0]
+
+    @property
+    def com_end(self) -> Vectors:
+        """(population, 3), centre of mass at the end, m."""
+        return self.com_path[:, -1]
+
+    def distance(self) -> PerGait:
+        """(population,), horizontal displacement of the centre of mass, m; NaN where the rollout failed."""
+        moved = (self.com_end - self.com_start)[:, :2]
+        return jnp.where(self.failure == 0, jnp.sqrt(jnp.sum(moved * moved, axis=1)), jnp.nan)
+
+
+def gaits_of(gait: Gait | None, phase: Phases, amplitude: Table | None = None, frequency: Table | None = None) -> Gait:
+    """A population of gaits as one `Gait`, a row of each array a robot; what is not given is `gait`'s own.
+
+    Raises `InputError` where the scene has no gait, the rows have another length than its list of members, or the
+    arrays differ in their number of rows, or there are none.
+    """
+    if gait is None:
+        raise InputError("the scene has no gait; expected a [gait] table to vary")
+    if np.ndim(phase) == 2 and len(phase) == 0:
+        raise InputError("phase has no rows; expected at least one gait")
+
+    def rows(given, own):
+        return namespace_of(phase).broadcast_to(own, np.shape(phase)) if given is None else given
+
+    count = len(gait.members)
+    for name, given in (("phase", phase), ("amplitude", amplitude), ("frequency", frequency)):
+        if given is not None and (np.ndim(given) != 2 or np.shape(given)[1] != count):
+            raise InputError(f"{name} has shape {np.shape(given)}; expected (gaits, {count}), one an actuated member")
+        if given is not None and np.shape(given) != np.shape(phase):
+            raise InputError(f"{name} has {len(given)} rows; expected {len(phase)}, as many as phase has")
+    varied = rows(amplitude, gait.amplitude), rows(frequency, gait.frequency)
+    overtones = tuple(Overtone(rows(None, o.size), rows(None, o.phase)) for o in gait.overtones)
+    return Gait(gait.members, phase, *varied, gait.start, gait.ramp, overtones)
+
+
+def one_gait(gaits: Gait, k: int) -> Gait:
+    """Gait number `k` of a population."""
+    return jax.tree.map(lambda x: x[k] if np.ndim(x) else x, gaits)
+
+
+def as_population(gait: Gait) -> Gait:
+    """A population of one gait."""
+    return jax.tree.map(lambda x: np.asarray(x)[None] if np.ndim(x) else x, gait)
+
+
+def simulate_population(
+    scene: Scene,
+    gaits: Gait,
+    duration: float,
+    *,
+    options: Options = None,
+    differences: Differences | None = None,
+    with_metrics: bool | float = False,
+    parts: int = 1,
+) -> Outcomes:
+    """Roll the scene out once for each of `gaits`, from the structure's own pose at rest.
+
+    Fixed steps of an explicit method advance all robots at once; the steps of any other are chosen, or solved for,
+    robot by robot.
+
+    Args:
+        scene: what moves; its own gait, if it has one, does not count: members, start and ramp are those of `gaits`.
+        gaits: a population of gaits, as from `gaits_of`.
+        duration: s.
+        options: how to integrate; where not given, the scene decides. Steps are judged by the scene itself.
+        differences: in what the robots differ beside their gaits.
+        with_metrics: whether to measure actuators and contact, since the gait began, or from so many seconds on; it
+            needs an explicit method at a fixed step.
+        parts: how many parts of equal length the time has, at whose ends the centre of mass is told.
+
+    Returns:
+        Where each robot got to, a row for each gait. A robot that fails is marked, and disturbs no other.
+
+    Raises:
+        InputError: bad options (see `resolve`), gaits that do not fit the scene, or that are no population.
+
+    Example:
+        >>> scene = jaxgrity.load_scene("exact")
+        >>> gaits = jaxgrity.gaits_of(scene.gait, jaxgrity.random_phases(3, actuators=6, seed=0))
+        >>> outcomes = jaxgrity.simulate_population(scene, gaits, duration=0.2)
+        >>> outcomes.distance().shape  # m
+        (3,)
+    """
+    if not isinstance(gaits, Gait):
+        raise InputError(f"gaits is a {type(gaits).__name__}; expected a population of gaits, as from gaits_of")
+    if np.ndim(gaits.phase) != 2 or len(gaits.phase) == 0:
+        raise InputError(
+            f"gaits.phase has shape {np.shape(gaits.phase)}; expected (gaits, actuators), one gait or more"
+        )
+    check_positive({"duration": duration})
+    if differences is not None and differences.velocities is not None:
+        check_supports(scene, differences.velocities)
+    x64 = bool(jax.config.jax_enable_x64)  # type: ignore[attr-defined]
+    common = _common(scene, _at_start(gaits), options, x64)
+    end, asked = np.asarray(duration, float), with_metrics
+    if not isinstance(asked, bool) and not 0 <= float(asked) < float(duration):
+        raise InputError(f"with_metrics = {asked}: expected True, False, or a time, s, from 0 to before the end")
+    measured = asked if isinstance(asked, bool) else np.asarray(asked, float)
+    outcomes = roll_out(common.scene, gaits, end, common.inputs, differences, with_metrics=measured, parts=parts)
+    return replace(outcomes, dt=common.dt)  # type: ignore[arg-type]
+
+
+def _at_start(gaits: Gait) -> Gait:
+    """A gait whose rest lengths at t = 0 are those of the first, which rigid struts have to have at the start.
+
+    It is that one where gaits may have begun by then. Else nothing moves yet, and its numbers are zeros, so that it is
+    the same for all populations.
+    """
+    first = one_gait(gaits, 0)
+    known = not traced((gaits.start, gaits.ramp))
+    if not known or np.any(np.less(gaits.start, 0)) or np.any(np.less_equal(gaits.ramp, 0)):
+        return first
+    return replace(jax.tree.map(lambda x: np.zeros(np.shape(x)), first), start=first.start, ramp=first.ramp)
+
+
+class _Common(NamedTuple):
+    """What all gaits of a call, and mostly those of the next call too, have in common."""
+
+    scene: Scene
+    inputs: ResolvedOptions
+    dt: float | None
+    """s"""
+
+
+@remembered(KEPT)
+def _common(scene: Scene, gait: Gait, options: Options, x64: bool) -> _Common:
+    """The scene in the precision of its options, and these resolved, with one gait in the place of those of a call.
+
+    Its arrays are put on every device once, where they can be: that takes longer than a short rollout.
+    """
+    scene = hold_functions(with_gait(scene, gait))
+    resolved = resolve(scene, 1.0, options)  # the same for any duration
+    # copies, since the caller may change the numbers of NumPy's arrays
+    cast = lambda x: namespace_of(x).array(x, resolved.dtype)  # noqa: E731
+    with evaluated():
+        arrays = jax.tree.map(cast, scene), resolved.as_inputs()
+        if not traced(arrays) and jax.process_count() == 1 and not resolved.method.implicit:
+            everywhere = NamedSharding(Mesh(np.array(jax.devices()), ("population",)), PartitionSpec())
+            arrays = jax.tree.map(lambda x: jax.device_put(x, everywhere), arrays)
+    return _Common(*arrays, resolved.dt)  # type: ignore[arg-type]
+
+
+@eqx.filter_jit
+def roll_out(
+    scene: Scene,
+    gaits: Gait,
+    duration: Scalar,
+    options: ResolvedOptions,
+    differences: Differences | None = None,
+    *,
+    with_metrics: bool | Scalar = False,
+    parts: int = 1,
+) -> Outcomes:
+    """`simulate_population` without its checks, of a scene with one of the gaits, for other compiled functions."""
+    if with_metrics is not False and (options.dt is None or options.method.implicit):
+        raise InputError(f"method = {options.method.name!r}: expected an explicit one at a fixed step, for metrics")
+    size = gaits.phase.shape[0]
+    # lineax's linear solve, inside implicit methods, cannot be traced under shard_map
+    devices = 1 if options.method.implicit else jax.device_count()
+    chunks = -(-size // (devices * most_lanes(scene, options)))
+    lanes = -(-size // (devices * chunks))
+
+    def deal(x):
+        """(population, ...) to (devices, chunks, ..., lanes), the last row repeated to fill them."""
+        full = jnp.asarray(x, options.dtype)[np.minimum(np.arange(devices * chunks * lanes), size - 1)]
+        return jnp.moveaxis(full.reshape(devices, chunks, lanes, *full.shape[1:]), 2, -1)
+
+    def collect(x):
+        """(devices, chunks, ..., lanes) back to (population, ...)."""
+        return jnp.moveaxis(x, -1, 2).reshape(-1, *x.shape[2:-1])[:size]
+
+    varied, common = eqx.partition((gaits, differences), lambda x: jnp.ndim(x) > 0)
+    inputs, fixed = eqx.partition(options, eqx.is_array)
+
+    def share(rows, scene, common, times, inputs):
+        def chunk(rows):
+            end, since = times
+            asked = eqx.combine(inputs, fixed), with_metrics if since is None else since, parts
+            return roll_out_lanes(scene, *eqx.combine(rows, common), end, *asked)
+
+        outcomes = jax.lax.map(chunk, jax.tree.map(lambda x: x[0], rows))
+        return jax.tree.map(lambda x: x[None], outcomes)
+
+    if devices > 1:
+        mesh = Mesh(np.array(jax.devices()), ("population",))
+        split, whole = PartitionSpec("population"), PartitionSpec()
+        specs = split, whole, whole, whole, whole
+        share = jax.shard_map(share, mesh=mesh, in_specs=specs, out_specs=split, check_vma=False)
+    common = jax.tree.map(lambda x: jnp.asarray(x, options.dtype), common)
+    times = (duration, None if isinstance(with_metrics, bool) else with_metrics)
+    times = jax.tree.map(lambda t: jnp.asarray(t, options.dtype), times)
+    outcomes = share(jax.tree.map(deal, varied), scene, common, times, inputs)
+    outcomes = jax.tree.map(collect, outcomes)
+    if devices > jax.local_device_count():
+        # every host gets all outcomes, and goes on as if it had computed them alone
+        outcomes = jax.lax.with_sharding_constraint(outcomes, NamedSharding(mesh, PartitionSpec()))
+    return Outcomes(**outcomes._asdict(), method=options.method.name, dt=None)

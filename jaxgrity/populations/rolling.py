@@ -1,0 +1,204 @@
+"""How a robot moved, from a finished trajectory: the faces it stood on in turn; the name of its motion."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.spatial import ConvexHull, QhullError
+from scipy.spatial.distance import pdist
+
+from jaxgrity.core.errors import InputError
+from jaxgrity.model.scales import length_scale, speed_scale, time_scale
+from jaxgrity.model.scene import Scene
+from jaxgrity.model.structure import Structure
+from jaxgrity.populations.metrics import SLIPPING
+from jaxgrity.stepping.integrate import FAILURES
+from jaxgrity.stepping.simulate import Trajectory, centre_path, velocities_midway
+
+LASTING = 0.1
+"""s, for which a face stays the lowest before the robot counts as standing on it, of a body of one metre"""
+HOPPING = 0.1
+"""fraction of the time: a robot that is in the air for longer hops"""
+STAYING = 0.1
+"""diameters of the robot: one whose path is less wide stays"""
+ROUND = 0.5
+"""of the disc about its path: a robot goes round whose centre sweeps over so much of it, more one way than the other"""
+COMING_BACK = 0.25
+"""of a path's width: where its end, and its later half in the mean, are no farther on, a robot comes and goes"""
+FLAT = 1e-6
+"""of a structure's size, by which nodes of one flat face may be out of its plane"""
+ANGLES = 36
+"""in which a path's width is looked at"""
+TIME_ROUNDING = 1e-4
+"""s, by which times in float32 may be off, of a body of one metre"""
+
+
+class Rolling(NamedTuple):
+    """How a robot moved from the gait's start on; without a gait, from t = 0 on."""
+
+    supports: tuple[tuple[int, ...], ...]
+    """the faces it stood on, in turn, by their nodes"""
+    since: np.ndarray
+    """(supports,), when each of them became the lowest, s"""
+    rolls: int
+    """changes of support"""
+    slip_share: float
+    """of the contact time, summed over nodes, that in which the node slips; 0 where nothing touches"""
+    airborne_share: float
+    """of the time, that in which no node touches"""
+    straightness: float
+    """horizontal displacement / horizontal path length of the centre of mass; 0 where it does not move"""
+    path_length: float
+    """horizontal, of the centre of mass, m"""
+    kind: str
+    """ "rolls", "rocks", "turns on the spot", "slides", "hops" or "stays": see `rolling`"""
+    duration: float
+    """s, for which all this was watched"""
+
+    def summary(self) -> dict[str, Any]:
+        """The numbers, as they go into a JSON file; SI units."""
+        faces = [list(face) for face in self.supports]
+        return self._asdict() | {"supports": faces, "since": self.since.tolist()}
+
+    def sentence(self) -> str:
+        """The numbers, in a line for people."""
+        shown = ["-".join(map(str, face)) for face in self.supports[:2]] + ["..."] * (len(self.supports) > 2)
+        return (
+            f"{self.kind}: {self.rolls} change{'s' * (self.rolls != 1)} of support in {self.duration:.3g} s "
+            f"({', '.join(shown) or 'none lasts'}), slips {100 * self.slip_share:.0f} % of contact time, "
+            f"airborne {100 * self.airborne_share:.0f} %, straightness {self.straightness:.2f}"
+        )
+
+
+def faces(structure: Structure) -> tuple[tuple[int, ...], ...]:
+    """The flat faces of the built nodes' convex hull, each sorted, all sorted; 20 of the six-strut icosahedron.
+
+    Triangles that lie in one plane, to `FLAT` of the structure's size, are one face. Raises `InputError` where all
+    nodes lie in a plane.
+    """
+    nodes = np.asarray(structure.nodes, float)
+    try:
+        hull = ConvexHull(nodes)
+    except QhullError as error:
+        raise InputError(
+            f"the structure's {len(nodes)} nodes lie in a plane: there are no faces to stand on; expected at "
+            "least 4 nodes that do not"
+        ) from error
+    off = np.abs(nodes[hull.vertices] @ hull.equations[:, :3].T + hull.equations[:, 3])
+    near = off <= FLAT * np.ptp(nodes, axis=0).max()
+    return tuple(sorted({tuple(sorted(hull.vertices[each].tolist())) for each in near.T}))
+
+
+def rolling(scene: Scene, trajectory: Trajectory) -> Rolling:
+    """Which faces the robot stood on, how much of the time it slipped or flew, and what that makes of its motion.
+
+    The support is the hull's face whose mean signed distance is lowest, once it has been for `LASTING`, in every frame:
+    frames further apart than that miss changes, and where a robot rattles, more frames find fewer. Nodes touch the
+    ground where phi < `Ground.touched_below`: of a body of one metre 2 mm with exact contact, 0 with penalty contact.
+    Lengths, speeds and times are compared with the body's own (`scales.py`). Contact and slip are measured along the
+    ground and its normal, displacement and path in x and y. The first of these that applies is the `kind`:
+
+    "hops": in the air for more than `HOPPING` of the time, also on the spot;
+    "stays": its path is less than `STAYING` diameters wide, the longest distances between two built nodes;
+    "turns on the spot": its path is less than a diameter wide, and goes round (`ROUND`), over more faces than one;
+    "rocks": its path is less than a diameter wide, and it stood on a face again, or comes and goes (`COMING_BACK`);
+    "slides": rolls fewer times than its way is diameters long, in straight stretches of a diameter each;
+    "rolls", straight on or in circles.
+
+    Raises `InputError` without ground, where the trajectory failed, has no two frames after the gait's start, or frames
+    further apart than twice the time for which a face has to last, or as `faces` does.
+    """
+    ground = scene.ground
+    if ground is None:
+        raise InputError("this scene has no ground to roll on; expected [ground]")
+    if trajectory.failed:
+        raise InputError(f"the trajectory failed: {FAILURES[int(trajectory.failure)]}; expected one that succeeded")
+    times = np.asarray(trajectory.times, float)
+    start = 0.0 if scene.gait is None else float(scene.gait.start)
+    size, speed, time = (float(each(scene)) for each in (length_scale, speed_scale, time_scale))
+    moving = times >= start - TIME_ROUNDING * time
+    if moving.sum() < 2:
+        raise InputError(f"the trajectory ends at {times[-1]:g} s; expected at least two frames from {start:g} s on")
+    times = times[moving]
+    apart, longest = float(np.diff(times).max()), 2 * LASTING * time
+    if apart > longest + TIME_ROUNDING * time:
+        raise InputError(
+            f"the trajectory's frames are up to {apart:.3g} s apart, in which a robot of this size may roll; expected "
+            f"a frame_rate of at least {1 / longest:.4g}"
+        )
+    phi, axes = ground.measured(np.asarray(trajectory.positions, float)[moving])
+    touching = phi < ground.touched_below * size
+    along = np.einsum("fnk,fnak->fna", velocities_midway(scene, trajectory)[moving], axes[..., 1:, :])
+    slipping = touching & (np.linalg.norm(along, axis=-1) > SLIPPING * speed)
+    contact = np.trapezoid(touching.sum(1), times)
+    slip_share = float(np.trapezoid(slipping.sum(1), times) / contact) if contact > 0 else 0.0
+    duration = float(times[-1] - times[0])
+    airborne_share = float(np.trapezoid(~touching.any(1) * 1.0, times)) / duration
+    path = centre_path(scene, trajectory)[moving, :2]
+    path_length = float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
+    displacement = float(np.linalg.norm(path[-1] - path[0]))
+    straightness = displacement / path_length if path_length > 0 else 0.0
+    hull = faces(scene.structure)
+    diameter = float(pdist(np.asarray(scene.structure.nodes, float)).max())
+    lowest = np.stack([phi[:, list(face)].mean(1) for face in hull], 1).argmin(1)
+    begins = _changes(lowest, times / time)
+    supports = tuple(hull[face] for face in lowest[begins])
+    rolls = max(0, len(supports) - 1)
+    kind = name_of_motion(path / diameter, supports, airborne_share)
+    return Rolling(
+        supports, times[begins], rolls, slip_share, airborne_share, straightness, path_length, kind, duration
+    )
+
+
+def _changes(lowest: np.ndarray, times: np.ndarray) -> np.ndarray:
+    """Frames in which a face that lasts, and is not the one that lasted before it, becomes the lowest.
+
+    `times` are those of a body of one metre.
+    """
+    begins = np.flatnonzero(np.diff(lowest, prepend=-1))
+    ends = np.append(begins[1:], len(lowest)) - 1
+    lasting = begins[times[ends] - times[begins] >= LASTING - TIME_ROUNDING]
+    return lasting[np.diff(lowest[lasting], prepend=-1) != 0]
+
+
+def name_of_motion(path: np.ndarray, supports: tuple[tuple[int, ...], ...], airborne_share: float) -> str:
+    """By the thresholds of `rolling`, of a path (frames, 2) in diameters of the robot, and the faces in turn."""
+    wide, rolls = width(path), len(supports) - 1
+    if airborne_share > HOPPING:
+        return "hops"
+    if wide < STAYING:
+        return "stays"
+    goes_round = _swept(path) > ROUND * np.pi * wide**2 / 4
+    if wide < 1 and rolls > 0 and goes_round:
+        return "turns on the spot"
+    if wide < 1 and (len(set(supports)) < len(supports) or (_further(path) < COMING_BACK * wide and not goes_round)):
+        return "rocks"
+    return "slides" if rolls < _way(path) else "rolls"
+
+
+def width(path: np.ndarray) -> float:
+    """The largest extent of a path (frames, 2) in any direction."""
+    angles = np.pi * np.arange(ANGLES) / ANGLES
+    return float(np.ptp(path @ np.stack([np.cos(angles), np.sin(angles)]), axis=0).max())
+
+
+def _swept(path: np.ndarray) -> float:
+    """The area that the line from a path's middle to its end sweeps over, to the left less to the right."""
+    (x, y), (dx, dy) = (path[:-1] - (path.min(0) + path.max(0)) / 2).T, np.diff(path, axis=0).T
+    return abs(float(np.sum(x * dy - y * dx))) / 2
+
+
+def _further(path: np.ndarray) -> float:
+    """By how much the end of a path, or its later half in the mean, is farther on than its start, or its first half."""
+    first, later = np.array_split(path, 2)
+    return float(max(np.linalg.norm(later.mean(0) - first.mean(0)), np.linalg.norm(path[-1] - path[0])))
+
+
+def _way(path: np.ndarray) -> float:
+    """The length of a path in straight stretches of 1, which leave out how it wobbles, and of what is left."""
+    length, begun = 0.0, 0
+    while True:
+        away = np.linalg.norm(path[begun:] - path[begun], axis=1)
+        beyond = int(np.argmax(away >= 1))
+        if not beyond:
+            return length + float(away[-1])
+        length, begun = length + float(away[beyond]), begun + beyond

@@ -1,0 +1,69 @@
+from .checkpoint import Checkpoint, load_states, open_checkpoint
+from .climb import ClimbStep
+from .fidelity import (
+    FidelityLevel,
+    Verdict,
+    evolve_through,
+    fidelity_levels,
+    final_verdict,
+    judge_at,
+    rank_correlation,
+    search_levels,
+)
+from .genetic_algorithm import Generation, SearchProblem, SearchState, distinct
+from .gradients import checkpointed_end, distance_and_gradient, distances
+from .judging import Scores, influences, judge, standard_error, with_robots, without_measuring
+from .models import Model, model_of, rough_step
+from .motions import RobotMotions, robot_motions
+from .objectives import OBJECTIVES, find_objective
+from .paths import path_bend
+from .pipeline import Progress
+from .polish_config import check_polish
+from .promotion import Agreement, Promoted
+from .repertoires import Repertoire, RepertoireConfig, repertoire
+from .search_config import ga_configs, search_problem
+
+__all__ = [
+    "OBJECTIVES",
+    "Agreement",
+    "Checkpoint",
+    "ClimbStep",
+    "FidelityLevel",
+    "Generation",
+    "Model",
+    "Progress",
+    "Promoted",
+    "Repertoire",
+    "RepertoireConfig",
+    "RobotMotions",
+    "Scores",
+    "SearchProblem",
+    "SearchState",
+    "Verdict",
+    "check_polish",
+    "checkpointed_end",
+    "distance_and_gradient",
+    "distances",
+    "distinct",
+    "evolve_through",
+    "fidelity_levels",
+    "final_verdict",
+    "find_objective",
+    "ga_configs",
+    "influences",
+    "judge",
+    "judge_at",
+    "load_states",
+    "model_of",
+    "open_checkpoint",
+    "path_bend",
+    "rank_correlation",
+    "repertoire",
+    "robot_motions",
+    "rough_step",
+    "search_levels",
+    "search_problem",
+    "standard_error",
+    "with_robots",
+    "without_measuring",
+]

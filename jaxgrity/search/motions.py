@@ -1,0 +1,102 @@
+"""How robots that differ from the model move in the long run: how fast each is, and how its path bends."""
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import numpy as np
+from jaxtyping import Float
+
+from jaxgrity.core.errors import InputError
+from jaxgrity.core.types import PerGait
+from jaxgrity.model.scene import Scene, body_length
+from jaxgrity.populations.population import as_population
+from jaxgrity.populations.uncertainty import Uncertainty
+from jaxgrity.search.judging import Fitness, ensembles_rolled_out, standard_error
+from jaxgrity.search.models import model_of
+from jaxgrity.search.objectives import SteadySpeed
+from jaxgrity.search.paths import parts_of, path_bend, steady_velocity, whole_cycles
+from jaxgrity.stepping.options import Options, check_positive
+
+
+class RobotMotions(NamedTuple):
+    """Of every robot, over the settled part of its rollout: the time but its first quarter."""
+
+    speed: PerGait
+    """(robots,), m/s along the path of the centre of mass, as that of an orbit is; 0 where the rollout failed"""
+    velocity: Float[np.ndarray, "robots 2"]
+    """m/s, displacement over time: less than the speed where the path bends; 0 where the rollout failed"""
+    bend: PerGait
+    """(robots,), rad to the left in a body length of the path; NaN where the rollout failed"""
+
+    def summary(self) -> dict[str, Any]:
+        """Means and standard deviations, m/s; of the bend the median and the quartiles, None where all failed."""
+        known = self.bend[np.isfinite(self.bend)]
+        quartiles = np.quantile(known, (0.25, 0.5, 0.75)).tolist() if known.size else [None] * 3
+        return {
+            "speed": float(self.speed.mean()),
+            "standard_deviation": float(self.speed.std()),
+            "standard_error": standard_error(self.speed),
+            "displacement": float(np.hypot(*self.velocity.T).mean()),
+            "displacement_standard_deviation": float(np.hypot(*self.velocity.T).std()),
+            "bend": quartiles[1],
+            "bend_quartiles": quartiles[::2],
+            "robots": len(self.speed),
+        }
+
+
+def robot_motions(
+    scene: Scene,
+    uncertainty: Uncertainty,
+    *,
+    robots: int = 128,
+    duration: float = 60.0,
+    cycle: float | None = None,
+    seed: int = 0,
+    options: Options = None,
+) -> RobotMotions:
+    """Roll the scene's gait out on robots that differ from the scene in what is uncertain.
+
+    Args:
+        scene: with a gait.
+        uncertainty: by how much robots differ; draws come in pairs of opposite signs.
+        robots: how many.
+        duration: s, of which the first quarter is left to settling; longer, where whole cycles are.
+        cycle: s, of the gait's orbit, within which robots sway; a period of actuation where not given.
+        seed: of the draws.
+        options: how to integrate; where not given, the scene decides.
+
+    Returns:
+        The motion of every robot.
+
+    Raises:
+        InputError: no gait, no robots, a scene that lacks what is uncertain, or bad options (see `resolve`).
+
+    Example:
+        >>> scene = jaxgrity.with_gait(jaxgrity.load_scene("exact"), jaxgrity.load_gait("lasting"))
+        >>> found = jaxgrity.search.robot_motions(scene, jaxgrity.Uncertainty(friction=0.2), robots=4, duration=20.0)
+        >>> found.speed.shape, bool(found.speed.mean() > 0.5)  # m/s
+        ((4,), True)
+    """
+    if scene.gait is None:
+        raise InputError("robot motions: the scene has no gait; expected with_gait(scene, gait)")
+    if robots < 1:
+        raise InputError(f"robots = {robots}: expected at least 1")
+    check_positive({"cycle": cycle})
+    if cycle is None:
+        parts, duration = parts_of(scene, scene.gait, duration)
+    else:
+        parts, duration = whole_cycles(scene, duration, cycle)
+    model = model_of(scene, duration, options)
+    fitness = Fitness(SteadySpeed(), uncertainty, robots)
+    _, outcomes = ensembles_rolled_out(
+        jax.random.key(seed), model, as_population(scene.gait), duration, fitness, parts, False
+    )
+    outcomes = jax.tree.map(lambda x: x[: fitness.rollouts], outcomes)
+    held, size = np.asarray(outcomes.failure) == 0, float(body_length(scene))
+    speed, bend = (np.asarray(each, float) for each in _path_bend(scene, outcomes, np.asarray(duration)))
+    velocity = np.nan_to_num(np.asarray(steady_velocity(outcomes, np.asarray(duration)), float))
+    return RobotMotions(np.where(held, size * speed, 0.0), velocity, np.where(held, bend, np.nan))
+
+
+_path_bend = eqx.filter_jit(path_bend)

@@ -1,0 +1,5 @@
+"""Does it stand, how, and how stiffly: form-finding, self-stress, resting shapes, vibrations."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

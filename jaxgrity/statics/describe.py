@@ -1,0 +1,121 @@
+"""A scene in words: what is modelled and what is not, with the prestress and the natural frequencies that it has."""
+
+import numpy as np
+
+from jaxgrity.core.errors import InputError
+from jaxgrity.core.types import AnyArray
+from jaxgrity.model.actuation import Gait
+from jaxgrity.model.scene import KNOWN_FRICTIONS, KNOWN_LAWS, Scene
+from jaxgrity.model.springs import as_springs, spring_forces
+from jaxgrity.model.structure import Members, Structure, edge_lengths
+from jaxgrity.statics.equilibrium import resting_shape
+from jaxgrity.statics.stiffness import free_coordinates, rigid_motions
+from jaxgrity.statics.vibrations import vibration_modes
+
+
+def describe(scene: Scene) -> str:
+    """What is modelled and what is not, members, masses, prestress, lowest and highest natural frequency.
+
+    Prestress and frequencies are those of the structure alone, in the shape it takes without gravity, ground and gait.
+    """
+    modelled = list(dict.fromkeys(law.name for law in scene.laws))
+    absent = [kind.name for kind in (*KNOWN_LAWS, *KNOWN_FRICTIONS) if kind.name not in modelled]
+    (absent if scene.gait is None else modelled).append("gait")
+    lines = [
+        ("modelled", ", ".join(modelled) or "-"),
+        ("not modelled", ", ".join(absent) or "-"),
+        ("nodes", f"{len(scene.structure.nodes)}, {float(scene.structure.mass):.4g} kg in all"),
+        *_describe_ground(scene),
+        *_describe_supports(scene),
+        *_describe_members(scene.structure),
+        *_describe_prestress(scene.structure),
+        *_describe_gait(scene.gait),
+    ]
+    return "\n".join(f"{name:<20} {text}" for name, text in lines)
+
+
+def _span(values: AnyArray, unit: str) -> str:
+    low, high = float(np.min(values)), float(np.max(values))
+    text = f"{low:.4g}" if np.isclose(low, high) else f"{low:.4g} to {high:.4g}"
+    return f"{text} {unit}" if unit else text
+
+
+def _describe_ground(scene: Scene) -> list[tuple[str, str]]:
+    if scene.ground is None:
+        return []
+    if scene.ground.surface is not None:
+        return [("ground", ", ".join(type(solid).__name__.lower() for solid in scene.ground.surface.solids))]
+    incline = np.degrees(scene.ground.incline)
+    return [("ground", f"plane that falls by {incline:.4g}° towards +x" if incline else "level plane")]
+
+
+def _describe_supports(scene: Scene) -> list[tuple[str, str]]:
+    fixed = [f"node {node}" + ("" if len(axes) == 3 else f" along {axes}") for node, axes in scene.structure.fixed]
+    shaking = "; shaking" if scene.shaking is not None else ""
+    return [("fixed", ", ".join(fixed) + shaking)] if fixed else []
+
+
+def _describe_members(structure: Structure) -> list[tuple[str, str]]:
+    lines = []
+    for name, members in (("struts", structure.struts), ("cables", structure.cables)):
+        if members is None:
+            continue
+        parts = [
+            f"{len(members.edges)}",
+            f"length {_span(edge_lengths(structure.nodes, members.edges), 'm')}",
+            f"rest length {_span(members.rest_length, 'm')}",
+            "rigid" if members.stiffness is None else f"stiffness {_span(members.stiffness, 'N/m')}",
+        ]
+        if members.damping is not None:
+            parts.append(f"damping {_span(members.damping, 'N s/m')}")
+        if members.mass is not None:
+            parts.append(f"mass {_span(members.mass, 'kg')}")
+        broken = [] if members.stiffness is None else np.flatnonzero(np.asarray(members.stiffness) == 0).tolist()
+        motors = [motor.member for motor in members.motors]
+        clusters = [list(cluster) for cluster in members.clusters]
+        which = {"broken": broken, "stuck": members.stuck, "as one cable each": clusters, "with a motor": motors}
+        parts += [f"{words} {list(numbers)}" for words, numbers in which.items() if numbers]
+        lines.append((name, ", ".join(parts)))
+    return lines
+
+
+def _describe_prestress(structure: Structure) -> list[tuple[str, str]]:
+    if structure.member_count == 0:
+        return []
+    alone = Scene(structure)
+    try:
+        shape, where = np.asarray(resting_shape(alone).q), ""
+    except InputError:
+        shape, where = np.asarray(structure.nodes), " (in the given shape: no equilibrium found)"
+    springs, stiff_modes = as_springs(structure)
+    kinds = [(name, m) for name, m in (("struts", springs.struts), ("cables", springs.cables)) if m is not None]
+    forces = ", ".join(f"{name} {_span(_tension(m, shape, name == 'cables'), 'N')}" for name, m in kinds)
+    frequency, of_all = _frequencies(alone, shape, stiff_modes)
+    floppy, stiff = int(np.sum(frequency == 0)), frequency[frequency > 0]
+    texts = [f"{floppy} of 0 Hz (nothing resists the motion)"] if floppy else []
+    texts += [_span(stiff, "Hz") + ("" if of_all else f" (the lowest {len(frequency)})")] if stiff.size else []
+    lines = [("prestress", f"{forces} (tension positive){where}")]
+    return lines + ([("natural frequencies", ", ".join(texts) + where)] if texts else [])
+
+
+def _frequencies(alone: Scene, shape: np.ndarray, stiff_modes: int) -> tuple[np.ndarray, bool]:
+    """Hz, ascending, without those of springs that stand for rigid struts; and whether these are all that there are."""
+    frequency = np.asarray(vibration_modes(alone, shape).frequency)
+    rigid = rigid_motions(shape, alone.structure.supported).shape[1]
+    real = len(free_coordinates(len(shape), alone.structure.supported)) - rigid - stiff_modes
+    return frequency[:real], len(frequency) >= real
+
+
+def _tension(members: Members, shape: np.ndarray, only_pull: bool) -> np.ndarray:
+    force = spring_forces(members, shape)
+    return np.maximum(force, 0) if only_pull else force
+
+
+def _describe_gait(gait: Gait | None) -> list[tuple[str, str]]:
+    if gait is None:
+        return []
+    text = (
+        f"{len(gait.members)} members, amplitude {_span(gait.amplitude, '')}, frequency {_span(gait.frequency, 'Hz')}, "
+        f"from {float(gait.start):g} s, full after {float(gait.ramp):g} s more"
+    )
+    return [("gait", text)]

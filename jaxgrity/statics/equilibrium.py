@@ -1,0 +1,177 @@
+"""The shape in which a structure comes to rest, a minimum of U under loads and supports, and its derivatives."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import lineax as lx
+import numpy as np
+import optimistix as optx
+import scipy.sparse as sp
+
+from jaxgrity.core.errors import InputError
+from jaxgrity.core.primitives import edge_vectors, length
+from jaxgrity.core.tracing import refuse_traced
+from jaxgrity.core.types import NodeVectors, Scalar
+from jaxgrity.model.scene import Scene
+from jaxgrity.model.springs import largest_force, largest_stiffness
+from jaxgrity.statics.stiffness import (
+    factor_if_definite,
+    free_coordinates,
+    stiffness_matrix,
+    with_spring_struts,
+)
+
+ITERATIONS = 500
+SMALLEST_SHIFT, LARGEST_SHIFT = 1e-12, 1e6
+"""of the stiffness matrix, as shares of its largest diagonal entry"""
+
+
+class RestingShape(NamedTuple):
+    """Where `resting_shape` ended."""
+
+    q: NodeVectors
+    """m"""
+    residual: float
+    """N, the largest component of force on a coordinate that no support holds"""
+    stable: bool
+    """whether U rises in every direction, or stays the same to rounding: a minimum, not a saddle"""
+    reactions: NodeVectors
+    """N, what supports push with; 0 where nothing is held"""
+    steps: int
+
+
+def resting_shape(
+    scene: Scene,
+    start: NodeVectors | None = None,
+    loads: NodeVectors | None = None,
+    tolerance: float | None = None,
+) -> RestingShape:
+    """A minimum of U(q, 0) - sum f·x near `start`: the shape that follows from rest lengths, loads and supports.
+
+    Newton's method with the sparse tangent stiffness, shifted until it is positive definite and U falls (Levenberg and
+    Marquardt's damping; Nocedal and Wright 2006, section 3.4), so that it ends in a minimum and not in a saddle. It
+    takes seconds for a structure of thousands of members.
+
+    Args:
+        scene: what acts; gaits as they are at t = 0. Rigid struts become very stiff springs. Its supports hold their
+            coordinates where they start.
+        start: positions to start from, m; None: the structure's own.
+        loads: (nodes, 3), constant forces, N; None: none.
+        tolerance: N, the largest force left; None: 1e-11 of the largest force that any member can have.
+
+    Returns:
+        The shape, what is left of the forces, the supports' reactions, and whether it is a stable equilibrium.
+
+    Raises:
+        InputError: no equilibrium is found, such as for a robot that falls; or an array has another shape.
+
+    Example:
+        >>> scene = jaxgrity.load_scene("reference")
+        >>> jaxgrity.statics.resting_shape(scene).stable
+        True
+    """
+    refuse_traced((scene, start, loads), "resting_shape", "`equilibrium_near` has derivatives of what this finds")
+    springs = with_spring_struts(scene)
+    q = np.array(scene.structure.nodes if start is None else start, float)
+    pull = np.zeros(q.shape) if loads is None else np.asarray(loads, float)
+    if q.shape != np.shape(scene.structure.nodes) or pull.shape != q.shape:
+        raise InputError(f"start has shape {q.shape} and loads {pull.shape}; expected a row for each node")
+    free = free_coordinates(len(q), scene.structure.supported)
+    limit = max(1e-11 * largest_force(scene.structure), 100 * np.finfo(float).eps * largest_force(springs.structure))
+    limit = limit if tolerance is None else tolerance
+
+    def energy_and_force(x: np.ndarray) -> tuple[float, np.ndarray]:
+        with jax.enable_x64(True):
+            U, gradient = _energy_and_gradient(springs, jnp.asarray(x))
+        return float(U) - float(np.sum(pull * x)), pull - np.asarray(gradient)
+
+    q, steps = _descend(energy_and_force, lambda x: stiffness_matrix(springs, x), q, free, limit)
+    force = energy_and_force(q)[1].ravel()
+    residual = float(np.abs(force[free]).max(initial=0))
+    if not residual <= limit:
+        raise InputError(f"no equilibrium near the start: {residual:.3g} N are left after {steps} steps")
+    reactions = -force
+    reactions[free] = 0
+    K = stiffness_matrix(springs, q)[free][:, free]
+    stable = factor_if_definite(_shifted(K, 1e-9)) is not None
+    return RestingShape(q, residual, stable, reactions.reshape(q.shape), steps)
+
+
+def equilibrium_near(scene: Scene, shape: NodeVectors) -> NodeVectors:
+    """The equilibrium close to `shape`, m, differentiable with respect to everything in the scene.
+
+    It is a stationary point of U(q, 0) + sum lambda (l - L), with a multiplier for every rigid strut, by Newton's
+    method (optimistix). Its derivatives are those of the implicit function theorem, dq/dp = -K^-1 d2U/dq dp without
+    rigid struts, by the least squares solution where rigid motions make K singular. `shape` is what `resting_shape`
+    found, and held constant; coordinates that a support holds stay there. NaN where Newton's method does not converge.
+    K is dense here, which suits some hundred nodes at most, and float64 is needed.
+    """
+    near = jax.lax.stop_gradient(jnp.asarray(shape))
+    free = free_coordinates(len(near), scene.structure.supported)
+    # U by the largest stiffness: one tolerance in metres then suits soft cables and stiff struts
+    size = jax.lax.stop_gradient(largest_stiffness(scene.structure))
+
+    def placed(x):
+        return near.ravel().at[free].set(x[: len(free)]).reshape(near.shape)
+
+    def lagrangian(x, scene):
+        q, multiplier = placed(x), x[len(free) :]
+        energy = scene.potential_energy(q, 0.0) / size
+        struts = scene.structure.struts
+        if struts is None or not struts.rigid:
+            return energy
+        return energy + multiplier @ (length(edge_vectors(q, struts.edges)) - struts.rest_length)
+
+    struts = scene.structure.struts
+    multipliers = len(struts.edges) if struts is not None and struts.rigid else 0
+    start = jnp.concatenate([near.ravel()[free], jnp.zeros(multipliers)])
+    least_squares = lx.SVD(rcond=1e-9)
+    solver: optx.Newton = optx.Newton(rtol=1e-9, atol=1e-9, linear_solver=least_squares)
+    adjoint = optx.ImplicitAdjoint(linear_solver=least_squares)
+    found: optx.Solution = optx.root_find(
+        jax.grad(lagrangian), solver, start, scene, adjoint=adjoint, throw=False, max_steps=50
+    )
+    return jnp.where(found.result == optx.RESULTS.successful, placed(found.value), jnp.nan)
+
+
+@eqx.filter_jit
+def _energy_and_gradient(scene: Scene, q: NodeVectors) -> tuple[Scalar, NodeVectors]:
+    return jax.value_and_grad(scene.potential_energy)(q, 0.0)
+
+
+def _descend(
+    energy_and_force: Callable, stiffness: Callable, q: np.ndarray, free: np.ndarray, limit: float
+) -> tuple[np.ndarray, int]:
+    """Shifted Newton steps downhill until no force is above `limit` and a step hardly lowers them any more."""
+    shift, last = 1e-4, 0.0
+    U, force = energy_and_force(q)
+    for step in range(ITERATIONS):
+        size = np.abs(force.ravel()[free]).max(initial=0)
+        if size <= limit and size >= last / 10:
+            return q, step
+        last = size
+        K = stiffness(q)[free][:, free]
+        while shift <= LARGEST_SHIFT:
+            factor = factor_if_definite(_shifted(K, shift))
+            if factor is not None:
+                new = q.copy()
+                new.ravel()[free] += factor.solve(force.ravel()[free])
+                U_new, force_new = energy_and_force(new)
+                # near the end the energy cannot tell, but the forces can
+                smaller = np.abs(force_new.ravel()[free]).max() < size
+                if U_new < U or (smaller and U_new <= U + 1e-12 * abs(U)):
+                    break
+            shift = 10 * shift
+        else:
+            return q, step
+        q, U, force = new, U_new, force_new
+        shift = max(shift / 30, SMALLEST_SHIFT)
+    return q, ITERATIONS
+
+
+def _shifted(K: sp.csc_array, share: float) -> sp.csc_array:
+    size = max(float(K.diagonal().max(initial=0)), np.finfo(float).tiny)
+    return sp.csc_array(K + share * size * sp.eye_array(K.shape[0], format="csc"))

@@ -1,0 +1,217 @@
+"""Force densities q = f/l (N/m, tension positive): self-stress, mechanisms, stability, and shapes that carry a stress.
+
+Equilibrium of a node is linear in the members' force densities, sum_j q_ij (x_i - x_j) = p_i, and for given densities
+linear in the positions (Schek 1974, doi:10.1016/0045-7825(74)90045-0). A (3 nodes, members) is the first matrix, the
+stress matrix Omega (nodes, nodes) the second: A q = (Omega x 1_3) x. Members are numbered struts first, then cables.
+"""
+
+from itertools import combinations_with_replacement
+from typing import NamedTuple
+
+import numpy as np
+import scipy
+from jaxtyping import Float
+
+from jaxgrity.core.errors import InputError
+from jaxgrity.core.types import AnyArray, Edges, NodeVectors, PerMember
+from jaxgrity.model.structure import edge_lengths
+from jaxgrity.statics.stiffness import Fixed, free_coordinates, incidence, rigid_motions
+
+RANK = 1e-9
+"""share of the largest singular value, below which one counts as zero"""
+
+Columns = Float[AnyArray, "members states"]
+Mechanisms = Float[AnyArray, "modes nodes 3"]
+
+
+class Statics(NamedTuple):
+    """The four subspaces of an equilibrium matrix (Pellegrino and Calladine 1986, doi:10.1016/0020-7683(86)90014-4)."""
+
+    rank: int
+    self_stress: Columns
+    """force densities in equilibrium without loads, N/m: orthonormal columns, one for each state of self-stress"""
+    mechanisms: Mechanisms
+    """orthonormal displacements that change no length to first order, without rigid motions"""
+    rigid: int
+    """rigid motions that supports leave"""
+
+
+def equilibrium_matrix(nodes: NodeVectors, edges: Edges) -> scipy.sparse.csc_array:
+    """A (3 nodes, members), m: A q are the forces that hold each node, the coordinates of a node next to each other."""
+    x = np.asarray(nodes, float)
+    C = incidence(edges, len(x))
+    d = C @ x
+    by_axis = [C.T @ scipy.sparse.diags_array(d[:, axis]) for axis in range(3)]
+    rows = np.arange(3 * len(x)).reshape(3, len(x)).T.ravel()
+    return scipy.sparse.csc_array(scipy.sparse.vstack(by_axis, format="csr")[rows])
+
+
+def stress_matrix(force_density: PerMember, edges: Edges, nodes: int) -> scipy.sparse.csc_array:
+    """Omega = C' diag(q) C (nodes, nodes), N/m, with C the incidence matrix."""
+    C = incidence(edges, nodes)
+    return scipy.sparse.csc_array(C.T @ scipy.sparse.diags_array(np.asarray(force_density, float)) @ C)
+
+
+def statics_of(nodes: NodeVectors, edges: Edges, fixed: Fixed | None = None, tolerance: float = RANK) -> Statics:
+    """Rank, states of self-stress and mechanisms of bars that join `nodes`, m, from the singular values of A.
+
+    `fixed` (nodes, 3) says which coordinates supports hold; singular values below `tolerance` times the largest count
+    as zero, which says how exact the shape is taken to be. A matrix of more than some thousand rows takes minutes.
+    """
+    x = np.asarray(nodes, float)
+    free = free_coordinates(len(x), fixed)
+    A = equilibrium_matrix(x, edges).toarray()[free]
+    left, size, right = np.linalg.svd(A)
+    rank = int(np.sum(size > tolerance * size.max(initial=0)))
+    rigid = rigid_motions(x, fixed)
+    soft = left[:, rank:]
+    inner, _, _ = np.linalg.svd(soft - rigid @ (rigid.T @ soft), full_matrices=False)
+    mechanisms = np.zeros((soft.shape[1] - rigid.shape[1], x.size))
+    mechanisms[:, free] = inner[:, : len(mechanisms)].T
+    return Statics(rank, right[rank:].T, mechanisms.reshape(-1, *x.shape), rigid.shape[1])
+
+
+def group_average(self_stress: Columns, permutations: tuple[tuple[int, ...], ...]) -> Columns:
+    """Those states of self-stress that a group of symmetries leaves as they are: orthonormal columns, maybe none.
+
+    `permutations` are all the group's, of the members, such as `Symmetry.members`; averaging over a group projects on
+    what it leaves invariant.
+    """
+    mean = np.mean([self_stress[list(moved)] for moved in permutations], axis=0)
+    left, size, _ = np.linalg.svd(mean, full_matrices=False)
+    return left[:, size > 0.5]
+
+
+def prestress(
+    nodes: NodeVectors, struts: Edges, cables: Edges, tension: float, fixed: Fixed | None = None
+) -> PerMember:
+    """Force densities, N/m, of the self-stress whose cables are most evenly tight, the tightest with `tension`, N.
+
+    Of all states of self-stress it maximises the smallest tension in a cable where the largest is given: a linear
+    program (HiGHS), also for thousands of members. Raises `InputError` where no self-stress has every cable in tension.
+    """
+    edges = (*struts, *cables)
+    free = free_coordinates(len(nodes), fixed)
+    length = edge_lengths(nodes, edges)
+    A = equilibrium_matrix(nodes, edges)[free] @ scipy.sparse.diags_array(1 / length)
+    first, count = len(struts), len(edges)
+    # unknowns: members' forces, and the smallest of the cables', which is what is to be large
+    none = scipy.sparse.csc_array((A.shape[0], 1))
+    pull = scipy.sparse.eye_array(count, format="csc")[first:]
+    slack = scipy.sparse.hstack([-pull, np.ones((count - first, 1))])
+    bounds = [(None, None)] * first + [(0, 1)] * (count - first) + [(None, 1)]
+    goal = np.zeros(count + 1)
+    goal[-1] = -1
+    found = scipy.optimize.linprog(
+        goal,
+        A_ub=slack,
+        b_ub=np.zeros(count - first),
+        A_eq=scipy.sparse.hstack([A, none]),
+        b_eq=np.zeros(len(free)),
+        bounds=bounds,
+    )
+    if not found.success or not cables or found.x[-1] <= RANK:
+        raise InputError("no self-stress has every cable in tension: expected a structure that can be prestressed")
+    return tension * found.x[:-1] / found.x[first:-1].max() / length
+
+
+def rest_lengths(nodes: NodeVectors, edges: Edges, stiffness: PerMember, force_density: PerMember) -> PerMember:
+    """L = l - q l/K, m: with them, springs of stiffness K at `nodes` have the force densities q. Differentiable.
+
+    Raises `InputError` where a member would need a rest length that is not positive.
+    """
+    i, j = np.asarray(edges, int).reshape(-1, 2).T
+    length = ((nodes[i] - nodes[j]) ** 2).sum(1) ** 0.5
+    rest = length * (1 - force_density / stiffness)
+    if isinstance(rest, np.ndarray) and not np.all(rest > 0):
+        k = int(np.argmin(rest))
+        raise InputError(f"member {k} needs a rest length of {rest[k]:.4g} m for its force; expected a stiffer member")
+    return rest
+
+
+def shape_of_force_densities(
+    force_density: PerMember, edges: Edges, nodes: NodeVectors, fixed: Fixed, loads: NodeVectors | None = None
+) -> np.ndarray:
+    """The one shape in which given force densities balance `loads` (N), where supports hold coordinates of `nodes`, m.
+
+    Omega_ff x_f = p_f - Omega_fs x_s, axis by axis (Schek 1974). Raises `InputError` where that has no single solution.
+    """
+    x = np.array(nodes, float)
+    Omega = stress_matrix(force_density, edges, len(x))
+    pull = np.zeros(x.shape) if loads is None else np.asarray(loads, float)
+    for axis in range(3):
+        held = np.asarray(fixed, bool)[:, axis]
+        rows = Omega[~held]
+        try:
+            solve = scipy.sparse.linalg.splu(scipy.sparse.csc_matrix(rows[:, ~held]))
+        except RuntimeError as error:
+            raise InputError(
+                "the force densities do not decide the shape; expected more supports, or others"
+            ) from error
+        x[~held, axis] = solve.solve(pull[~held, axis] - rows[:, held] @ x[held, axis])
+    return x
+
+
+def nearest_tensegrity(
+    nodes: NodeVectors, struts: Edges, cables: Edges, iterations: int = 1000
+) -> tuple[np.ndarray, np.ndarray]:
+    """A free-standing shape near `nodes`, m, that carries a self-stress, and its force densities (unit length).
+
+    Two linear problems in turn: the force densities that come closest to equilibrium of the shape among those near the
+    last, and the nearest shape in which they are in equilibrium, until both hold to rounding (as adaptive force
+    densities: Zhang and Ohsaki 2006). Raises `InputError` where that does not come about, or a cable ends in
+    compression.
+    """
+    edges = (*struts, *cables)
+    x = np.array(nodes, float)
+    signs = np.r_[-np.ones(len(struts)), np.ones(len(cables))]
+    q = signs / np.linalg.norm(signs)
+    for _ in range(iterations):
+        _, size, right = np.linalg.svd(equilibrium_matrix(x, edges).toarray())
+        size = np.r_[size, np.zeros(len(edges) - len(size))]
+        # the smallest singular value is to be zero; others as small belong to further states of self-stress
+        near = right[size <= max(2 * size[-1], RANK * size[0])]
+        q = near.T @ (near @ q)
+        q /= np.linalg.norm(q)
+        values, vectors = np.linalg.eigh(stress_matrix(q, edges, len(x)).toarray())
+        flat = vectors[:, np.argsort(np.abs(values))[:4]]
+        x = flat @ (flat.T @ x)
+        error = np.abs(equilibrium_matrix(x, edges) @ q).max() / np.ptp(x, axis=0).max()
+        if error < 1e-14:
+            break
+    if error > 1e-12 or np.any(q[len(struts) :] <= 0):
+        raise InputError(
+            "no self-stressed shape with every cable in tension is near the given one; expected another start"
+        )
+    return x, q
+
+
+def prestress_stable(mechanisms: Mechanisms, edges: Edges, force_density: PerMember) -> bool:
+    """Whether a self-stress stiffens every one of the `mechanisms` m of `statics`: m' (Omega x 1_3) m > 0.
+
+    Second-order rigidity, whatever the members' stiffness (Connelly and Whiteley 1996, doi:10.1137/S0895480192229236).
+    """
+    if not len(mechanisms):
+        return True
+    Omega = stress_matrix(force_density, edges, mechanisms.shape[1]).toarray()
+    quadratic = np.einsum("aix,ij,bjx->ab", mechanisms, Omega, mechanisms, optimize=True)
+    return bool(np.linalg.eigvalsh(quadratic).min() > RANK * np.abs(force_density).max())
+
+
+def super_stable(nodes: NodeVectors, edges: Edges, force_density: PerMember) -> bool:
+    """Whether the shape is stable for any stiffness and any size of the self-stress (Connelly 1982).
+
+    Omega has no negative eigenvalue and rank nodes - 1 - d, where the nodes span d dimensions (3, in a plane 2), and no
+    affine map of these but rigid motions keeps all lengths.
+    """
+    x = np.asarray(nodes, float)
+    _, spread, axes = np.linalg.svd(x - x.mean(0), full_matrices=False)
+    spanned = axes[spread > RANK * spread[0]]
+    values = np.linalg.eigvalsh(stress_matrix(force_density, edges, len(x)).toarray())
+    zero = RANK * np.abs(values).max()
+    if values.min() < -zero or int(np.sum(values > zero)) != len(x) - 1 - len(spanned):
+        return False
+    d = incidence(edges, len(x)) @ x @ spanned.T
+    pairs = list(combinations_with_replacement(range(len(spanned)), 2))
+    products = np.stack([d[:, a] * d[:, b] for a, b in pairs], axis=1)
+    return int(np.linalg.matrix_rank(products, tol=RANK * np.linalg.norm(products))) == len(pairs)

@@ -1,0 +1,209 @@
+"""A structure's statics in one report: its stress, mechanisms, stability, forces, and margins to slack and buckling."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from jaxgrity.core.errors import InputError
+from jaxgrity.core.types import NodeVectors, PerMember, PerRow
+from jaxgrity.model.laws import EnergyTerm
+from jaxgrity.model.scene import Scene
+from jaxgrity.model.springs import as_springs, spring_forces
+from jaxgrity.model.structure import Structure, edge_lengths
+from jaxgrity.statics.equilibrium import resting_shape
+from jaxgrity.statics.form_finding import Statics, prestress_stable, statics_of, super_stable
+from jaxgrity.statics.stiffness import all_edges
+from jaxgrity.statics.vibrations import vibration_modes
+
+LARGEST = 1500
+"""members up to which self-stress and mechanisms are counted, which takes a dense matrix of that size"""
+EXACT = 1e-6
+"""share of the largest singular value of A below which one counts as zero, since shapes at rest are not exact"""
+NOTHING = 1e-6
+"""share of the force that would stretch the softest member to twice its length: below it a member carries nothing"""
+SHOWN = 5
+"""frequencies that the report names"""
+
+
+class StructureReport(NamedTuple):
+    """What `inspect_structure` found."""
+
+    structure: Structure
+    shape: NodeVectors
+    """m, the equilibrium that forces and frequencies belong to, or the given shape where none was found"""
+    at_rest: bool
+    """whether `shape` is an equilibrium"""
+    stable: bool
+    """whether it is a minimum of the potential energy"""
+    moved: float
+    """m, the largest distance of a node from where it was given, rigid motions and all"""
+    forces: PerMember
+    """N, tension positive, struts first"""
+    statics: Statics | None
+    """self-stress and mechanisms at `shape`; None where the structure is too large to count them, or a cable runs
+    through several nodes"""
+    prestress_stable: bool | None
+    """whether the forces are a self-stress that stiffens every mechanism; None where they balance loads too, or there
+    are neither forces nor mechanisms"""
+    super_stable: bool | None
+    """likewise: whether it is stable for any stiffness"""
+    frequencies: PerRow
+    """Hz, the lowest, of vibrations about `shape`"""
+
+    @property
+    def loose(self) -> int:
+        """How many ways to move, beside rigid motions, meet no resistance at all."""
+        return int(np.sum(self.frequencies == 0))
+
+    @property
+    def slack(self) -> tuple[int, ...]:
+        """Cables, from 0, without tension."""
+        cables = self.structure.cables
+        forces = self.forces[self.structure.first_cable :]
+        return () if cables is None else tuple(np.flatnonzero(forces <= 0).tolist())
+
+    def buckling_margin(self, bending_stiffness: float) -> PerMember:
+        """Euler's load pi^2 EI/l^2 of each strut over its compression; infinite where it is pulled. EI in N m^2."""
+        count = self.structure.first_cable
+        length = edge_lengths(self.shape, all_edges(self.structure))[:count]
+        compression = np.maximum(-self.forces[:count], 0)
+        with np.errstate(divide="ignore"):
+            return np.pi**2 * bending_stiffness / length**2 / compression
+
+    def table(self) -> str:
+        """The report in words, a line for each fact."""
+        lines = [(name, text) for name, text in self._lines() if text]
+        return "\n".join(f"{name:<20} {text}" for name, text in lines)
+
+    def summary(self) -> dict[str, Any]:
+        """The same as numbers, for JSON."""
+        counted = self.statics
+        return {
+            "nodes": len(self.shape),
+            "members": len(self.forces),
+            "rank": counted.rank if counted else None,
+            "states_of_self_stress": counted.self_stress.shape[1] if counted else None,
+            "mechanisms": len(counted.mechanisms) if counted else None,
+            "rigid_motions": counted.rigid if counted else None,
+            "at_rest": self.at_rest,
+            "stable": self.stable,
+            "prestress_stable": self.prestress_stable,
+            "super_stable": self.super_stable,
+            "moved": self.moved,
+            "shape": self.shape,
+            "forces": self.forces,
+            "slack_cables": list(self.slack),
+            "loose": self.loose,
+            "frequencies": self.frequencies,
+        }
+
+    def _lines(self) -> list[tuple[str, str]]:
+        counted = self.statics
+        states, loose = (counted.self_stress.shape[1], len(counted.mechanisms)) if counted else (0, 0)
+        static = f"rank {counted.rank}, {states} of self-stress, {loose} mechanisms" if counted else "not counted"
+        given = f"nodes move by up to {self.moved:.3g} m from the given shape"
+        where = f"{'stable' if self.stable else 'unstable'}; {given}"
+        if not self.at_rest:
+            where = "none found near the given shape"
+        elif self.loose:
+            where = f"neutral: {self.loose} ways to move meet no resistance; {given}"
+            if not np.any(self.forces):
+                where += "; no member carries force: give [cables] prestrain, or [structure] prestress"
+        kinds = {
+            "struts": self.forces[: self.structure.first_cable],
+            "cables": self.forces[self.structure.first_cable :],
+        }
+        forces = [f"{name} {f.min():.4g} to {f.max():.4g} N" for name, f in kinds.items() if f.size]
+        words = {True: "yes", False: "no", None: ""}
+        lowest = ", ".join(f"{f:.4g}" for f in self.frequencies[:SHOWN])
+        return [
+            ("states", static),
+            ("equilibrium", where),
+            ("forces", f"{', '.join(forces)} (tension positive)"),
+            ("slack cables", ", ".join(map(str, self.slack)) or "none"),
+            ("prestress stable", words[self.prestress_stable]),
+            ("super-stable", words[self.super_stable]),
+            ("lowest frequencies", f"{lowest} Hz" if lowest else ""),
+        ]
+
+
+def inspect_structure(scene: Scene) -> StructureReport:
+    """Settle a structure and report on its statics: self-stress, mechanisms, forces, stability, frequencies.
+
+    The ground is left out, and so is gravity unless supports carry it: what is reported is the structure itself. A
+    rigid strut is a very stiff spring here.
+
+    Args:
+        scene: whose structure is inspected, with the scene's gravity where it has supports.
+
+    Returns:
+        The report; `table()` has it in words, `summary()` in numbers.
+
+    Raises:
+        InputError: the structure has no members, or the scene a potential of another kind along them.
+
+    Example:
+        >>> report = jaxgrity.statics.inspect_structure(jaxgrity.load_scene("reference"))
+        >>> report.summary()["rank"], report.summary()["states_of_self_stress"], report.summary()["mechanisms"]
+        (29, 1, 1)
+    """
+    structure = scene.structure
+    if structure.member_count == 0:
+        raise InputError(
+            "the structure has no members; expected struts or cables, with [struts] and [cables] in a scene file"
+        )
+    for term in scene.terms:
+        if isinstance(term, EnergyTerm):
+            raise InputError(
+                f"{term.name}: the report on a structure knows linear springs alone; expected a scene without, or "
+                "`resting_shape` and `vibration_modes`, which know all of U"
+            )
+    loaded = bool(structure.fixed)
+    alone = Scene(structure, gravity=scene.gravity if loaded else None)
+    given = np.asarray(structure.nodes, float)
+    try:
+        rest = resting_shape(alone)
+        shape, stable, at_rest = np.asarray(rest.q), rest.stable, True
+    except InputError:
+        shape, stable, at_rest = given, False, False
+    edges = all_edges(structure)
+    forces = _that_count(structure, member_forces(structure, shape))
+    slides = structure.cables is not None and structure.cables.clusters
+    countable = len(edges) <= LARGEST and not slides
+    counted = statics_of(shape, edges, structure.supported, EXACT) if countable else None
+    density = forces / edge_lengths(shape, edges)
+    judged = counted is not None and at_rest and not loaded and (np.any(forces) or len(counted.mechanisms) > 0)
+    stressed = counted if judged else None
+    return StructureReport(
+        structure=structure,
+        shape=shape,
+        at_rest=at_rest,
+        stable=stable,
+        moved=float(np.linalg.norm(shape - given, axis=1).max()),
+        forces=forces,
+        statics=counted,
+        prestress_stable=prestress_stable(stressed.mechanisms, edges, density) if stressed else None,
+        super_stable=super_stable(shape, edges, density) if stressed else None,
+        frequencies=np.asarray(vibration_modes(alone, shape).frequency),
+    )
+
+
+def _that_count(structure: Structure, forces: PerMember) -> PerMember:
+    """The forces, those that are `NOTHING` but rounding taken for 0."""
+    springs = as_springs(structure)[0]
+    kinds = [kind for kind in (springs.struts, springs.cables) if kind is not None]
+    stretch = np.concatenate([(np.asarray(kind.stiffness, float) * kind.rest_length).ravel() for kind in kinds])
+    softest = stretch[stretch > 0].min(initial=np.inf)
+    return np.where(np.abs(forces) > NOTHING * softest, forces, 0.0) if np.isfinite(softest) else forces
+
+
+def member_forces(structure: Structure, q: NodeVectors) -> PerMember:
+    """K (l - L) of each member at `q`, N, tension positive, struts first; a slack cable has none.
+
+    Rigid struts count as very stiff springs. All segments of a cable that runs through several nodes have its tension.
+    """
+    springs = as_springs(structure)[0]
+
+    found = [spring_forces(springs.struts, q)] if springs.struts is not None else []
+    found += [np.maximum(spring_forces(springs.cables, q), 0)] if springs.cables is not None else []
+    return np.concatenate(found)

@@ -1,0 +1,103 @@
+"""How a structure at rest gives way under small loads, and how much of them it bears until a cable is slack."""
+
+from typing import NamedTuple
+
+import jax
+import numpy as np
+import scipy.sparse as sp
+import scipy.sparse.linalg as spla
+from jaxtyping import Float
+
+from jaxgrity.core.errors import InputError
+from jaxgrity.core.types import AnyArray, NodeVectors, PerMember
+from jaxgrity.model.clusters import pull
+from jaxgrity.model.scene import Scene
+from jaxgrity.statics.inspection import member_forces
+from jaxgrity.statics.stiffness import (
+    all_edges,
+    free_coordinates,
+    incidence,
+    rigid_motions,
+    stiffness_matrix,
+    with_spring_struts,
+)
+
+Loads = Float[AnyArray, "_ 3"]
+BALANCE = 1e-8
+"""share of the loads that may be left over where nothing holds the structure"""
+
+
+class StaticResponse(NamedTuple):
+    """The first-order change under loads."""
+
+    displacement: NodeVectors
+    """m; where supports leave rigid motions, that without any"""
+    force_change: PerMember
+    """N, by which each member's tension changes, struts first"""
+    compliance: float
+    """m/N, f·u/f·f: how far the loads' points of attack give way, for each newton"""
+    slack_margin: float
+    """by what the loads may be multiplied until the first cable is slack; infinite where they tighten all"""
+
+
+def static_response(scene: Scene, q: NodeVectors, loads: Loads) -> StaticResponse:
+    """K u = f about the equilibrium `q`, with the tangent stiffness K = d2U/dq2, prestress and all.
+
+    Args:
+        scene: what resists, and its supports; slack cables do not.
+        q: an equilibrium, m, such as `resting_shape` finds.
+        loads: (nodes, 3), N. Where supports leave rigid motions, they must balance each other.
+
+    Returns:
+        Displacements, changes of the members' forces, and how far the nearest cable is from being slack.
+
+    Raises:
+        InputError: the loads do not balance, or nothing resists them.
+
+    Example:
+        >>> scene = jaxgrity.load_scene("reference")
+        >>> q = scene.structure.nodes
+        >>> response = jaxgrity.statics.static_response(scene, q, q - q.mean(0))  # pulled apart from all sides
+        >>> response.displacement.shape
+        (12, 3)
+    """
+    springs = with_spring_struts(scene)
+    q, f = np.asarray(q, float), np.asarray(loads, float)
+    if f.shape != q.shape:
+        raise InputError(f"loads has shape {f.shape}; expected {q.shape}, a force for each node")
+    held = scene.structure.supported
+    free, rigid = free_coordinates(len(q), held), rigid_motions(q, held)
+    K = stiffness_matrix(springs, q)[free][:, free]
+    pull = f.ravel()[free]
+    if np.abs(rigid.T @ pull).max(initial=0) > BALANCE * np.linalg.norm(pull):
+        raise InputError("loads: they do not balance; expected supports, or loads that do")
+    size = float(K.diagonal().max(initial=1.0))
+    bordered = sp.csc_matrix(sp.block_array([[K, size * rigid], [size * rigid.T, None]]) if rigid.size else K)
+    loose = "loads: nothing resists them, since the structure has a loose mechanism; expected prestress"
+    try:
+        u = spla.splu(bordered).solve(np.r_[pull, np.zeros(rigid.shape[1])])[: len(free)]
+    except RuntimeError as error:  # exactly singular
+        raise InputError(loose) from error
+    if not np.linalg.norm(K @ u - pull) <= 1e-6 * np.linalg.norm(pull):
+        raise InputError(loose)
+    displacement = np.zeros(q.shape)
+    displacement.ravel()[free] = u
+    change = _force_change(springs, q, displacement)
+    first, tension = springs.structure.first_cable, member_forces(springs.structure, q)
+    slackening = (np.arange(len(tension)) >= first) & (tension > 0) & (change < 0)
+    margin = float((tension[slackening] / -change[slackening]).min(initial=np.inf))
+    return StaticResponse(displacement, change, float(pull @ u / (pull @ pull)), margin)
+
+
+def _force_change(scene: Scene, q: np.ndarray, displacement: np.ndarray) -> np.ndarray:
+    """K times the rate of length of each member; none in slack cables."""
+    structure = scene.structure
+    C = incidence(all_edges(structure), len(q))
+    d = C @ q
+    longer = np.sum(d * (C @ displacement), axis=1) / np.linalg.norm(d, axis=1)
+    taut = np.r_[np.ones(structure.first_cable, bool), member_forces(structure, q)[structure.first_cable :] > 0]
+    kinds = [m for m in (structure.struts, structure.cables) if m is not None]
+    rates = np.split(longer, [structure.first_cable]) if len(kinds) == 2 else [longer]
+    with jax.enable_x64(True):
+        changes = [pull(np.asarray(m.stiffness, float), rate, m.clusters) for m, rate in zip(kinds, rates)]
+    return np.where(taut, np.concatenate(changes), 0.0)

@@ -1,0 +1,25 @@
+from .balls import ball
+from .catalogue import icosahedron, rest_on_face
+from .example_scenes import prism_tower
+from .geometry import Geometry
+from .prisms import prism, three_strut_robot, tower
+from .random_structures import random_tensegrity
+from .spines import planar_spine, tetrahedral_spine
+from .trusses import d_bar, grid, t_bar
+
+__all__ = [
+    "Geometry",
+    "ball",
+    "d_bar",
+    "grid",
+    "icosahedron",
+    "planar_spine",
+    "prism",
+    "prism_tower",
+    "random_tensegrity",
+    "rest_on_face",
+    "t_bar",
+    "tetrahedral_spine",
+    "three_strut_robot",
+    "tower",
+]

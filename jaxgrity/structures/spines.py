@@ -1,0 +1,47 @@
+"""Spines: stiff vertebrae that touch nowhere, held behind each other by cables."""
+
+import numpy as np
+
+from jaxgrity.core.types import Edges
+from jaxgrity.structures.geometry import Geometry, at_least
+
+TETRAHEDRON = ((0, 1), (2, 3), (0, 2), (0, 3), (1, 2), (1, 3))
+
+
+def tetrahedral_spine(vertebrae: int = 3, width: float = 0.3, height: float = 0.3, spacing: float = 0.2) -> Geometry:
+    """Tetrahedra of six struts above each other, each pair joined by four vertical and four saddle cables.
+
+    Nodes 4k to 4k + 3 are vertebra k's: two low ones along x, two high ones along y, `width` apart, `height` m higher.
+    With `spacing` less than `height` the next vertebra's low nodes hang in saddle cables from this one's high nodes,
+    which pull it up against the vertical cables (Mirletz, Park, Flemons, Agogino, Quinn and SunSpiral 2014, "Design and
+    control of modular spine-like tensegrity structures"; Sabelhaus et al. 2017).
+    """
+    at_least("vertebrae", vertebrae, 2)
+    half = width / 2
+    one = np.array([[-half, 0, 0], [half, 0, 0], [0, -half, height], [0, half, height]])
+    nodes = np.concatenate([one + np.array([0, 0, k * spacing]) for k in range(vertebrae)])
+    struts = _chain(TETRAHEDRON, 4, range(vertebrae))
+    vertical = tuple((i, 4 + i) for i in range(4))
+    saddle = tuple((high, 4 + low) for high in (2, 3) for low in (0, 1))
+    return Geometry(nodes, struts, _chain(vertical + saddle, 4, range(vertebrae - 1)))
+
+
+def planar_spine(vertebrae: int = 3, length: float = 0.3, height: float = 0.3, spacing: float = 0.2) -> Geometry:
+    """Triangles of three struts along x in the plane y = 0, each pair joined by two horizontal and two saddle cables.
+
+    Nodes 3k to 3k + 2 are vertebra k's: low and high end of its back, `height` apart, and its tip, `length` ahead. With
+    `spacing` less than `length` the tip reaches over the next vertebra's back, to whose ends the saddle cables run (the
+    two-dimensional spine of Sabelhaus et al. 2017, its vertebrae as triangles, which pass through each other in the
+    plane: hardware puts them side by side). The stress makes it stable in its plane; out of it, only supports do.
+    """
+    at_least("vertebrae", vertebrae, 2)
+    one = np.array([[0, 0, -height / 2], [0, 0, height / 2], [length, 0, 0]])
+    nodes = np.concatenate([one + np.array([k * spacing, 0, 0]) for k in range(vertebrae)])
+    struts = _chain(((0, 1), (0, 2), (1, 2)), 3, range(vertebrae))
+    cables = ((0, 3), (1, 4), (2, 3), (2, 4))
+    return Geometry(nodes, struts, _chain(cables, 3, range(vertebrae - 1)))
+
+
+def _chain(edges: Edges, step: int, links: range) -> Edges:
+    """The same edges again, all numbers `step` higher with each link."""
+    return tuple((i + step * k, j + step * k) for k in links for i, j in edges)

@@ -1,0 +1,86 @@
+"""Orbits closed by Newton's method, and the derivatives of their speed."""
+
+from functools import partial
+
+import equinox as eqx
+import jax
+import numpy as np
+import pytest
+
+from jaxgrity import InputError, load_gait, load_scene, with_gait
+from jaxgrity.identification import speed_slopes
+from jaxgrity.orbits import closed_orbit, find_orbit
+from jaxgrity.stepping import resolve
+
+
+def speeds(scene, orbit, options, x):
+    """Speed with friction, all masses, amplitude and frequency so many times as large."""
+    places = (
+        lambda s: s.friction.mu,
+        lambda s: s.structure.node_mass,
+        lambda s: s.gait.amplitude,
+        lambda s: s.gait.frequency,
+    )
+    for where, factor in zip(places, x):
+        scene = eqx.tree_at(where, scene, where(scene) * factor)
+    return closed_orbit(scene, orbit, options).speed
+
+
+def test_the_closed_orbit_is_the_one_that_a_long_rollout_settles_on(crawler):
+    """With the same speed, and a state that a cycle maps on itself."""
+    scene, orbit, options = crawler
+    closed = jax.jit(lambda s: closed_orbit(s, orbit, options))(scene)
+    assert orbit.settled
+    assert closed.residual < 1e-9
+    assert closed.speed > 1e-3
+    np.testing.assert_allclose(closed.speed, orbit.speed, rtol=1e-4)
+    np.testing.assert_allclose(closed.turning, orbit.turning, atol=1e-6)
+
+
+@pytest.mark.slow
+def test_derivatives_of_speed_agree_with_differences(crawler):
+    """Forward and reverse mode and central differences of orbits closed anew, to 1e-6 of the largest."""
+    f = partial(speeds, *crawler)
+    with_reverse = jax.jit(jax.value_and_grad(f))
+    at, h = np.ones(4), 1e-4
+    forward, reverse = jax.jit(jax.jacfwd(f))(at), with_reverse(at)[1]
+    steps = h * np.eye(4)
+    differences = [(with_reverse(at + step)[0] - with_reverse(at - step)[0]) / (2 * h) for step in steps]
+    size = np.abs(forward).max()
+    assert size > 1e-3
+    np.testing.assert_allclose(reverse, forward, atol=1e-9 * size)
+    np.testing.assert_allclose(differences, forward, atol=1e-6 * size)
+
+
+@pytest.mark.slow
+def test_a_higher_frequency_has_an_orbit_of_its_own(crawler):
+    """Found from the orbit of the lower one, it is the one on which the robot settles at that frequency."""
+    scene, orbit, options = crawler
+    quicker = eqx.tree_at(lambda s: s.gait.frequency, scene, scene.gait.frequency * 1.02)
+    closed = jax.jit(lambda s: closed_orbit(s, orbit, options))(quicker)
+    assert abs(closed.speed - orbit.speed) > 1e-4 * orbit.speed
+    np.testing.assert_allclose(closed.speed, find_orbit(quicker, 60.0, options=options).speed, rtol=1e-4)
+
+
+@pytest.mark.campaign
+def test_newton_closes_an_orbit_on_exact_contact(exact):
+    """From velocities that are off by 0.1 m/s it ends, but for rounding, where rolling on ends too."""
+    scene = with_gait(exact, load_gait("straight"))
+    orbit = find_orbit(scene, 110.0)
+    q, v = orbit.state
+    deviates = 0.1 * np.random.default_rng(0).normal(size=v.shape)
+    options = resolve(scene, orbit.period)
+    close = jax.jit(lambda v: closed_orbit(scene, orbit._replace(state=(q, v)), options))
+    closed = [close(each) for each in (v, v + deviates)]
+    for found in closed:
+        assert found.residual < 1e-10
+        np.testing.assert_allclose(found.speed, closed[0].speed, rtol=1e-8)
+        np.testing.assert_allclose(found.speed, orbit.speed, rtol=1e-3)
+        np.testing.assert_allclose(found.turning, orbit.turning, atol=1e-3)
+
+
+def test_scenes_without_slopes_of_speed_are_refused(crawler):
+    """Rigid struts, exact contact: their derivatives lack the times of impacts."""
+    _, orbit, _ = crawler
+    with pytest.raises(InputError, match=r"^speed_slopes: the scene has rigid struts or exact contact; expected"):
+        speed_slopes(load_scene("exact"), (), orbit)

@@ -1,0 +1,215 @@
+"""Orbits: of motions made by hand, whose speed and turning are known, and of a gait that lasts."""
+
+from dataclasses import replace
+from fractions import Fraction
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxgrity
+from jaxgrity import Gait, InputError, SolverOptions, Trajectory, load_gait, with_gait
+from jaxgrity.model import symmetries, travelling_waves
+from jaxgrity.model.symmetry import gene_permutations
+from jaxgrity.orbits import (
+    distance_from_orbit,
+    find_orbit,
+    finding,
+    orbit_cycle,
+    orbit_error_bars,
+    orbit_stability,
+    orbit_symmetry,
+    repetition,
+    stability,
+)
+from jaxgrity.orbits.cycles import MOST_PERIODS, Plane, plane_of, way_along
+
+PERIOD, SPEED, TURNING = 0.5, 0.8, 0.3
+LEVEL = Plane(np.eye(3), True)
+
+
+def made_by_hand(scene, wobble: int, noise: float = 0.0, turning: float = TURNING) -> Trajectory:
+    """The robot along an arc to the left, its height, size and heading changing with every `wobble`-th period."""
+    times = np.arange(60 * finding.FRAMES + 1) * PERIOD / finding.FRAMES
+    phase = 2 * np.pi * times / (wobble * PERIOD)
+    heading = turning * times + 0.2 * np.sin(phase)
+    nodes = np.asarray(scene.structure.nodes) - np.mean(scene.structure.nodes, axis=0)
+    turn = np.array([[np.cos(heading), -np.sin(heading)], [np.sin(heading), np.cos(heading)]])
+    plane = np.einsum("abt,nb->tna", turn, nodes[:, :2]) * (1 + 0.1 * np.sin(phase))[:, None, None]
+    arc = SPEED / turning * np.stack([np.sin(turning * times), 1 - np.cos(turning * times)], axis=-1)
+    high = nodes[:, 2] + (1 + 0.05 * np.cos(phase))[:, None]
+    q = np.concatenate([plane + arc[:, None], high[..., None]], axis=-1)
+    q = q + noise * np.random.default_rng(0).normal(size=q.shape)
+    return Trajectory(times, q, 0 * q, jnp.array(0), jnp.array(1), jnp.array(0), "rk4", 1e-3)
+
+
+@pytest.mark.parametrize("wobble", [1, 3, 5])
+def test_a_motion_made_by_hand_has_its_speed_and_turning(exact, wobble):
+    """And its cycle: shapes return after so many periods, to rounding."""
+    orbit = finding._orbit(exact, made_by_hand(exact, wobble), PERIOD, LEVEL, 6)
+    assert orbit.periods == wobble
+    assert orbit.settled
+    assert orbit.residual < 1e-12
+    assert orbit.turning == pytest.approx(TURNING, rel=1e-9)
+    assert orbit.speed == pytest.approx(SPEED, rel=1e-9)
+    np.testing.assert_allclose(orbit.windows, SPEED, rtol=1e-9)
+    assert orbit.standard_error < 1e-12
+    assert orbit.summary()["body_lengths_per_second"] == pytest.approx(orbit.speed)
+
+
+def test_a_cycle_is_no_more_than_a_semicircle(exact):
+    """Where nearly equal cycles follow each other: a whole circle's chord is nothing, however fast the robot went."""
+    orbit = finding._orbit(exact, made_by_hand(exact, 3, noise=1e-4, turning=0.7), PERIOD, LEVEL, 6)
+    assert orbit.periods == 3
+    assert orbit.speed == pytest.approx(SPEED, rel=1e-2)
+
+
+def test_what_happens_before_the_robot_settles_does_not_count(exact):
+    """A motion that is thrown about for its first 16 periods: the rest is on the orbit, and says since when."""
+    motion = made_by_hand(exact, 3)
+    early = np.asarray(motion.times) < 16.2 * PERIOD
+    q = motion.positions + 0.5 * early[:, None, None] * np.random.default_rng(0).normal(size=motion.positions.shape)
+    orbit = finding._orbit(exact, replace(motion, positions=q), PERIOD, LEVEL, 6)
+    assert orbit.settled_after == 17 * PERIOD
+    assert orbit.speed == pytest.approx(SPEED, rel=1e-9)
+    assert orbit.residual < 1e-12
+    late = np.asarray(motion.times) > 50 * PERIOD
+    q = motion.positions + 0.5 * late[:, None, None] * np.random.default_rng(0).normal(size=motion.positions.shape)
+    orbit = finding._orbit(exact, replace(motion, positions=q), PERIOD, LEVEL, 6)
+    assert not orbit.settled
+    assert orbit.residual > finding.SETTLED
+
+
+def test_up_a_slope_shapes_return_too(exact):
+    """Heights are those above the slope, and the speed is that along it. What turns there settles on no orbit."""
+    slope = replace(exact, ground=replace(exact.ground, incline=0.3))
+    plane = plane_of(slope)
+    motion = made_by_hand(exact, 1, turning=1e-9)
+    q = motion.positions @ plane.axes.T
+    orbit = finding._orbit(slope, replace(motion, positions=q), PERIOD, plane, 6)
+    assert orbit.residual < 1e-9
+    assert orbit.speed == pytest.approx(SPEED, rel=1e-6)
+    assert orbit.turning == pytest.approx(1e-9, rel=1e-3)
+    turns = made_by_hand(exact, 1)
+    assert finding._orbit(exact, turns, PERIOD, LEVEL, 6).settled
+    assert not finding._orbit(slope, replace(turns, positions=turns.positions @ plane.axes.T), PERIOD, plane, 6).settled
+    bumpy = replace(exact, ground=jaxgrity.ExactGround(surface=jaxgrity.bumps(0.02, 0.5, 0)))
+    with pytest.raises(InputError, match=r"ground.surface: expected a plane"):
+        find_orbit(with_gait(bumpy, load_gait("lasting")))
+
+
+def test_a_motion_that_never_returns_is_no_orbit(exact):
+    """Where shapes differ by decimetres, whatever the number of periods."""
+    assert not finding._orbit(exact, made_by_hand(exact, 1, noise=0.1), PERIOD, LEVEL, 6).settled
+
+
+def test_multipliers_of_a_map_made_by_hand():
+    """d2 = A d1 in the two directions in which robots spread, and rounding in all others: A's own eigenvalues."""
+    random = np.random.default_rng(0)
+    basis = np.linalg.qr(random.normal(size=(36, 2)))[0]
+    matrix = np.array([[0.5, 0.3], [-0.3, 0.5]])
+    d1 = random.normal(0, 0.02, (60, 2))
+    first, second = ((x @ basis.T).reshape(60, 12, 3) for x in (d1, d1 @ matrix))
+    found = orbit_stability._stability(first, second, 1.0)
+    np.testing.assert_allclose(np.abs(found.multipliers), np.hypot(0.5, 0.3), rtol=1e-6)
+    assert found.largest == pytest.approx(np.hypot(0.5, 0.3))
+    assert found.returned == 1
+    lost = orbit_stability._stability(first, second + 1.0, 1.0)
+    assert lost.returned == 0
+    assert np.isinf(lost.largest)
+
+
+def test_only_gaits_of_one_frequency_have_orbits(exact):
+    """Else nothing is periodic; and a cycle has to be seen more than once."""
+    two = Gait((0, 1), [0.0, 0], [0.1, 0.1], [0.5, 0.7])
+    with pytest.raises(InputError, match=r"frequencies \[0.5, 0.7\] Hz: expected one that all actuators share"):
+        find_orbit(with_gait(exact, two))
+    with pytest.raises(InputError, match=r"duration = 10 s: expected at least .* s, to see cycles"):
+        find_orbit(exact, 10.0)
+
+
+@pytest.mark.parametrize(("frequency", "start"), [(0.5, 1.0), (0.3, 0.0), (2.0, 20.0)])
+def test_the_shortest_watch_leaves_two_of_the_longest_cycles(exact, frequency, start):
+    """In the later half of the time at full amplitude, and no period more."""
+    gait = Gait((0, 1), [0.0, 0], [0.1, 0.1], frequency, start, 1.0)
+    periods = finding.shortest_watch(gait) * frequency - (start + 1.0) * frequency
+    assert 4 * MOST_PERIODS <= periods < 4 * MOST_PERIODS + 1
+
+
+def test_a_wave_follows_every_rotation_and_other_gaits_none(exact):
+    """By a third of a period, or at once; a phase, or an amplitude, of its own keeps a gait from it."""
+    rotations = symmetries(exact.structure, mirrors=False)
+    wave = travelling_waves(exact.structure, exact.gait.members)[0]
+    gait = replace(exact.gait, phase=2 * np.pi * np.array(wave.shifts) + 0.3, amplitude=np.full(6, 0.2))
+
+    def shares(gait):
+        slots = [gene_permutations(gait.members, (rotation,)) for rotation in rotations]
+        return [orbit_symmetry._shift(gait, each) for each in slots]
+
+    found = shares(gait)
+    assert set(found) == {Fraction(0), Fraction(1, 3), Fraction(2, 3)}
+    for rotation, share in zip(rotations, found, strict=True):
+        phases = dict(zip(gait.members, gait.phase, strict=True))
+        for member in gait.members:
+            ahead = (phases[member] - phases[rotation.members[member]]) / (2 * np.pi) - float(share)
+            assert ahead == pytest.approx(round(ahead), abs=1e-9)
+    for other in (replace(gait, phase=gait.phase + np.eye(6)[2]), replace(gait, amplitude=0.2 + 0.1 * np.eye(6)[2])):
+        assert shares(other).count(None) >= 8
+
+
+@pytest.mark.slow
+def test_a_gait_that_lasts_is_on_an_orbit_at_any_step(exact):
+    """At 5 ms and at 2.5 ms it goes as fast, to a hundredth, and robots that are disturbed come back."""
+    scene = with_gait(exact, load_gait("lasting"))
+    coarse, fine = (find_orbit(scene, 70.0, options=SolverOptions(dt=dt)) for dt in (5e-3, 2.5e-3))
+    assert coarse.settled
+    assert coarse.speed == pytest.approx(fine.speed, rel=0.01)
+    assert coarse.windows.min() > 0.9 * coarse.speed
+    cycle, fewer = (
+        orbit_cycle(scene, orbit, options=SolverOptions(dt=dt)) for orbit, dt in ((coarse, 5e-3), (fine, 2.5e-3))
+    )
+    assert cycle.distance == pytest.approx(np.hypot(*coarse.velocity) * coarse.cycle, rel=1e-3)  # it rolls straight
+    assert cycle.effort == pytest.approx(fewer.effort, rel=0.05)
+    assert 0 < cycle.work < cycle.effort
+    assert len(cycle.supports) == 12
+    for now, after in zip(cycle.supports, (*cycle.supports[1:], cycle.supports[0]), strict=True):
+        assert len(set(now) & set(after)) == 2
+    found = repetition(scene, coarse)
+    assert coarse.cycle / found.time == pytest.approx(6)
+    images = [tuple(sorted(found.nodes[node] for node in face)) for face in cycle.supports]
+    assert images == [*cycle.supports[2:], *cycle.supports[:2]]
+    here, turn, lift = coarse.state[0], np.array([[0, 1.0, 0], [-1, 0, 0], [0, 0, 1]]), np.array([0, 0, 0.2])
+    image = here[list(found.nodes)] @ turn + np.array([3, 4, 0])
+    off = distance_from_orbit(scene, coarse, np.array([here, image, scene.structure.nodes, here + lift]))
+    assert off[:2].max() < 1e-6
+    assert off[2:].min() > 0.05
+    with pytest.raises(InputError, match=r"positions have shape \(12, 3\); expected \(robots, 12, 3\)"):
+        distance_from_orbit(scene, coarse, here)
+    again, _, bars = orbit_error_bars(scene, 70.0, options=SolverOptions(dt=5e-3))
+    finest = find_orbit(scene, 70.0, options=SolverOptions(dt=5e-3 / 8))
+    reached = orbit_cycle(scene, finest, options=SolverOptions(dt=5e-3 / 8))
+    assert (again.speed, again.turning) == (coarse.speed, coarse.turning)
+    assert abs(finest.speed - coarse.speed) < bars.speed < 0.02
+    assert abs(finest.turning - coarse.turning) <= bars.turning + 1e-6
+    for name in ("cost_of_transport", "peak_rate", "peak_power", "work", "distance"):
+        assert abs(getattr(reached, name) - getattr(cycle, name)) <= bars.cycle[name] + 1e-9, name
+        assert bars.cycle[name] < 0.3 * getattr(cycle, name), name
+    lengths = scene.structure.struts.rest_length * scene.gait.amplitude
+    assert cycle.peak_rate == pytest.approx(np.pi / coarse.period * lengths.max(), rel=1e-2)
+    held = stability(scene, coarse, robots=32)
+    assert held.returned > 0.9
+    assert held.largest < 0.5
+
+
+@pytest.mark.parametrize("moment", [0.0, 0.3, 0.75])
+@pytest.mark.parametrize(("radius", "turning"), [(2.0, 0.3), (0.05, -0.5), (0.0, 0.8)])
+def test_the_speed_is_that_about_the_centre_whatever_the_moment(radius, turning, moment):
+    """Of a centre of mass that sways about the circle that its mean goes round on, on a large one and on the spot."""
+    frames, angle = 60, turning / 60
+    share = np.arange(frames + 1) / frames + moment
+    sway = 0.1 * np.exp(2j * np.pi * share) + 0.06 * np.cos(4 * np.pi * share)
+    place = 3 - 2j + np.exp(1j * turning * share) * (radius + sway)
+    path = np.stack([place.real, place.imag], axis=1)
+    assert float(way_along(path, angle)) * frames == pytest.approx(radius * abs(turning), rel=2e-4, abs=1e-5)
+    straight = np.stack([share + sway.real, sway.imag], axis=1)
+    assert float(way_along(straight, 0.0)) * frames == pytest.approx(1, rel=1e-12)

@@ -1,0 +1,369 @@
+"""Populations: right answers, the layout that makes them fast, failures as data."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxgrity import (
+    Gait,
+    InputError,
+    Members,
+    Scene,
+    SolverOptions,
+    Structure,
+    as_population,
+    gaits_of,
+    load_scene,
+    one_gait,
+    parse_scene,
+    random_phases,
+    scene_text,
+    simulate,
+    simulate_population,
+    with_gait,
+)
+from jaxgrity.core.remembered import remembered
+from jaxgrity.model.scene import as_dtype
+from jaxgrity.populations import population
+from jaxgrity.populations.lanes import in_lanes, most_lanes, over_lanes
+from jaxgrity.stepping import resolve
+from jaxgrity.stepping.dynamics import vector_field
+from jaxgrity.stepping.options import KEPT
+from jaxgrity.structures import prism_tower
+
+AT_ONCE = SolverOptions(dt=1e-3, any_step=True)
+"""a stable step that is not checked: nothing is compiled but the rollout"""
+ANSWERS = json.loads((Path(__file__).parents[1] / "data" / "reference_answers.json").read_text())
+
+
+@pytest.mark.slow
+def test_agrees_with_an_independent_program(reference):
+    """The frozen answers have nine digits; 1e-7 m is a hundred times what they leave open."""
+    phases = np.array([row["phase"] for row in ANSWERS["gaits"]])
+    gaits = gaits_of(reference.gait, phases)
+    outcomes = simulate_population(reference, gaits, ANSWERS["duration"], options=SolverOptions(dt=ANSWERS["dt"]))
+    expected = np.array([row["com_end"] for row in ANSWERS["gaits"]])
+    np.testing.assert_allclose(outcomes.com_end, expected, rtol=0, atol=1e-7)
+
+
+@pytest.fixture
+def swimmer():
+    """Three nodes in a row on two struts, in a medium: methods that choose their steps compile fast for it, and
+    take the same ones to rounding."""
+    nodes, edges, one = np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0]]), ((0, 1), (1, 2)), np.ones(2)
+    structure = Structure(nodes, np.ones(3), Members(edges, 100 * one, one))
+    gait = Gait((0, 1), 0 * one, 0.3 * one, one, start=0.0, ramp=0.5)
+    return Scene(structure, node_damping=np.array([0.5, 1.0, 3.0]), gait=gait)
+
+
+@pytest.mark.parametrize(
+    ("method", "robot"),
+    [
+        pytest.param("rk4", "swimmer", marks=pytest.mark.slow),
+        pytest.param("rk4", "reference", marks=pytest.mark.campaign),
+        pytest.param("tsit5", "swimmer", marks=pytest.mark.slow),
+        pytest.param("kvaerno3", "swimmer", marks=pytest.mark.campaign),
+    ],
+)
+def test_each_member_is_the_rollout_of_its_own(request, method, robot):
+    """Fixed steps take all robots at once, other methods go robot by robot: each agrees with `simulate`."""
+    scene = eqx.tree_at(lambda s: s.gait.start, request.getfixturevalue(robot), np.asarray(0.0))
+    phases = random_phases(3, len(scene.gait.members), seed=1)
+    options = SolverOptions(method=method)
+    outcomes = simulate_population(scene, gaits_of(scene.gait, phases), 0.1, options=options)
+    assert np.ptp(outcomes.com_end, axis=0).max() > 1e-6
+    for k, phase in enumerate(phases):
+        own = eqx.tree_at(lambda s: s.gait.phase, scene, phase)
+        trajectory = simulate(own, 0.1, options=options)
+        mass = scene.structure.node_mass
+        com = np.einsum("n,nk->k", mass, trajectory.positions[-1]) / mass.sum()
+        np.testing.assert_allclose(outcomes.com_end[k], com, rtol=0, atol=1e-10)
+        assert int(outcomes.steps[k]) == int(trajectory.steps)
+
+
+@pytest.mark.slow
+def test_more_gaits_than_lanes_keep_their_order(swimmer):
+    """Chunks and padding are invisible: 300 gaits give what two halves give."""
+    phases = random_phases(300, 2, seed=2)
+    options = SolverOptions("rk4", dt=1e-2, dtype="float32", any_step=True)
+    assert most_lanes(swimmer, resolve(swimmer, 0.5, options)) < 150
+    whole = simulate_population(swimmer, gaits_of(swimmer.gait, phases), 0.5, options=options)
+    assert whole.com_end.shape == (300, 3)
+    assert len(np.unique(whole.com_end[:, 0])) > 250
+    for part in (slice(0, 150), slice(150, 300)):
+        half = simulate_population(swimmer, gaits_of(swimmer.gait, phases[part]), 0.5, options=options)
+        np.testing.assert_array_equal(whole.com_end[part], half.com_end)
+
+
+def _primitives(jaxpr) -> list[str]:
+    names = []
+    for equation in jaxpr.eqns:
+        names.append(equation.primitive.name)
+        for value in equation.params.values():
+            inner = getattr(value, "jaxpr", value)
+            if hasattr(inner, "eqns"):
+                names += _primitives(inner)
+    return names
+
+
+@pytest.mark.parametrize("members", ['"struts"', '"cables"', "[0, 3, 7, 20]"])
+def test_the_population_stays_last_in_memory(members):
+    """No transpose in the mapped vector field: the layout on which its speed rests (see `primitives.py`)."""
+    reference_text = scene_text("reference")
+    count = {'"struts"': 6, '"cables"': 24}.get(members, 4)
+    text = reference_text.replace('members = "struts"', f"members = {members}")
+    text = text.replace("phase = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]", f"phase = {[0.5] * count}")
+    scene = as_dtype(parse_scene(text.replace("incline = 0.0", "incline = 0.1")), "float64")
+    rows = jnp.ones((count, 8))
+    mapped, axes = in_lanes(scene, _in_rows(scene.gait, rows))
+    nodes = mapped.structure.nodes
+    field = over_lanes(vector_field, (None, -1, axes))
+    names = _primitives(jax.make_jaxpr(field)(1.5, (nodes, nodes), mapped).jaxpr)
+    assert "edge_accumulate" in names
+    assert "transpose" not in names
+
+
+@pytest.mark.parametrize(
+    "surface",
+    [
+        'surface = { kind = "bumps", deviation = 0.02, length = 0.8, seed = 0 }',
+        'surface = { kind = "stairs", rise = 0.1, run = 0.3, steps = 2, start = 0.5 }',
+        'obstacles = [{ kind = "box", centre = [2, 0, 0.2], size = [0.4, 0.4, 0.6] }]',
+        'obstacles = [{ kind = "cylinder", start = [2, 0, -0.1], end = [2, 0, 1], radius = 0.3 }]',
+    ],
+)
+def test_the_population_stays_last_in_memory_on_uneven_ground(surface):
+    """Normals and distances are gradients of the surface, and forces gradients of those: none has a transpose."""
+    text = scene_text("reference").replace("incline = 0.0", surface)
+    scene = as_dtype(parse_scene(text), "float64")
+    assert scene.ground.surface is not None
+    mapped, axes = in_lanes(scene, _in_rows(scene.gait, jnp.ones((6, 8))))
+    nodes = mapped.structure.nodes
+    field = over_lanes(vector_field, (None, -1, axes))
+    assert "transpose" not in _primitives(jax.make_jaxpr(field)(1.5, (nodes, nodes), mapped).jaxpr)
+
+
+def test_float32_is_float32_throughout(reference):
+    """With x64 switched on, a float32 rollout promotes nothing to float64."""
+    scene = as_dtype(reference, "float32")
+    rows = jnp.ones((6, 8), "float32")
+    mapped, axes = in_lanes(scene, _in_rows(scene.gait, rows))
+    nodes = mapped.structure.nodes
+    field = over_lanes(vector_field, (None, -1, axes))
+    assert "f64" not in str(jax.make_jaxpr(field)(jnp.float32(1.5), (nodes, nodes), mapped))
+
+
+@pytest.mark.parametrize("platform", ["cpu", "cuda"])
+@pytest.mark.parametrize("members", [(0, 1, 2, 3, 4, 5), (1, 7, 20)])
+def test_no_scatter(reference, platform, members):
+    """In the vector field of a population, lowered for each platform; neither has to be there."""
+    some = np.ones(len(members))
+    scene = as_dtype(with_gait(reference, Gait(members, some, some, some)), "float32")
+    rows = jnp.ones((len(members), 8), "float32")
+    mapped, axes = in_lanes(scene, _in_rows(scene.gait, rows))
+    field = jax.jit(lambda q, s: over_lanes(vector_field, (None, -1, axes))(jnp.float32(1.5), (q, q), s))
+    text = field.trace(mapped.structure.nodes, mapped).lower(lowering_platforms=(platform,)).as_text()
+    assert "stablehlo.gather" in text
+    assert "stablehlo.scatter" not in text
+
+
+@pytest.mark.parametrize(
+    ("struts", "dtype", "lanes"), [(6, "float32", 64), (6, "float64", 32), (600, "float32", 32), (120, "float32", 64)]
+)
+def test_chunks_shrink_as_structures_grow(struts, dtype, lanes):
+    """So that what a core uses over and over stays in its cache."""
+    scene = prism_tower(struts, exact=False)
+    options = SolverOptions(method="rk4", dt=1e-4, dtype=dtype, any_step=True)
+    assert most_lanes(scene, resolve(scene, 1.0, options)) == lanes
+
+
+@pytest.mark.slow
+def test_a_failed_member_is_data_and_disturbs_no_other(reference):
+    """One gait tears its robot apart; the others go where they go without it."""
+    phases = random_phases(4, 6, seed=3)
+    violent = np.array([0.3, 0.3, 1e9, 0.3])[:, None] * np.ones((4, 6))
+    start_now = eqx.tree_at(lambda s: s.gait.start, reference, 0.0)
+    outcomes = simulate_population(
+        start_now, gaits_of(start_now.gait, phases, amplitude=violent), 0.3, options=SolverOptions(dt=1e-3)
+    )
+    assert (np.asarray(outcomes.failure) != 0).tolist() == [False, False, True, False]
+    assert np.isnan(outcomes.distance()).tolist() == [False, False, True, False]
+    alone = simulate_population(start_now, gaits_of(start_now.gait, phases[3:]), 0.3, options=SolverOptions(dt=1e-3))
+    np.testing.assert_allclose(outcomes.com_end[3], alone.com_end[0], rtol=0, atol=1e-12)
+
+
+@pytest.mark.slow
+def test_amplitude_and_frequency_vary_too(swimmer):
+    """A population of frequencies is the scenes with these frequencies."""
+    phases, frequency = random_phases(2, 2, seed=4), np.array([[0.4] * 2, [0.7] * 2])
+    amplitude = np.array([[0.1] * 2, [0.2] * 2])
+    outcomes = simulate_population(swimmer, gaits_of(swimmer.gait, phases, amplitude, frequency), 0.5, options=AT_ONCE)
+    for k in range(2):
+        gait = Gait(swimmer.gait.members, phases[k], amplitude[k], frequency[k], 0.0, 0.5)
+        trajectory = simulate(with_gait(swimmer, gait), 0.5, options=AT_ONCE)
+        np.testing.assert_allclose(outcomes.com_end[k], trajectory.positions[-1].mean(0), rtol=0, atol=1e-10)
+
+
+def test_bad_gaits_are_refused(reference):
+    """A wrong number of phases, and a scene that has no gait to vary."""
+    with pytest.raises(InputError, match=r"phase has shape \(3, 5\); expected \(gaits, 6\)"):
+        gaits_of(reference.gait, np.zeros((3, 5)))
+    with pytest.raises(InputError, match="no gait"):
+        gaits_of(with_gait(reference, None).gait, np.zeros((3, 6)))
+    with pytest.raises(InputError, match="amplitude has 2 rows; expected 3"):
+        gaits_of(reference.gait, np.zeros((3, 6)), amplitude=np.zeros((2, 6)))
+
+
+def test_a_population_of_none_is_refused(reference):
+    """As is one gait that is no population."""
+    with pytest.raises(InputError, match="phase has no rows; expected at least one gait"):
+        gaits_of(reference.gait, np.zeros((0, 6)))
+    none = jax.tree.map(lambda x: np.zeros((0, 6)) if np.ndim(x) else x, reference.gait)
+    with pytest.raises(InputError, match=r"gaits.phase has shape \(0, 6\); expected \(gaits, actuators\), one gait or"):
+        simulate_population(reference, none, 1.0)
+    with pytest.raises(InputError, match=r"gaits.phase has shape \(6,\); expected \(gaits, actuators\)"):
+        simulate_population(reference, reference.gait, 1.0)
+
+
+@pytest.mark.slow
+def test_gaits_take_the_place_of_the_scenes_own(swimmer):
+    """With their members, start and ramp; the scene need not have a gait."""
+    gaits = Gait((1,), np.array([[0.3], [2.0]]), np.full((2, 1), 0.3), np.full((2, 1), 1.5), 0.0, 0.2)
+    still = with_gait(swimmer, None)
+    for scene in (swimmer, still):
+        outcomes = simulate_population(scene, gaits, 0.4, options=AT_ONCE)
+        for k in range(2):
+            alone = simulate(with_gait(swimmer, one_gait(gaits, k)), 0.4, options=AT_ONCE)
+            np.testing.assert_allclose(outcomes.com_end[k], alone.positions[-1].mean(0), rtol=0, atol=1e-10)
+    assert np.linalg.norm(outcomes.com_end[0] - outcomes.com_end[1]) > 1e-6
+
+
+def test_a_gait_that_does_not_fit_is_refused(reference):
+    """When it is put into a scene, by name."""
+    for members, message in (((0, 99), "names member 99; expected 0 to 29"), ((3, 3), "expected each member once")):
+        gait = Gait(members, np.zeros(2), np.zeros(2), np.zeros(2))
+        with pytest.raises(InputError, match=message):
+            with_gait(reference, gait)
+
+
+@pytest.mark.slow
+def test_what_gaits_share_is_prepared_once(swimmer, monkeypatch):
+    """Other gaits and durations need nothing of it anew, another scene does; answers are those of rollouts alone."""
+    prepared = []
+    resolved = lambda *args: prepared.append(args) or resolve(*args)  # noqa: E731
+    monkeypatch.setattr(population, "resolve", resolved)
+    monkeypatch.setattr(population, "_common", remembered(KEPT)(population._common.__wrapped__))
+    scenes = [eqx.tree_at(lambda s: s.node_damping, swimmer, factor * swimmer.node_damping) for factor in (1.5, 2.5)]
+    for seed in range(3):
+        gaits = gaits_of(swimmer.gait, random_phases(2, 2, seed))
+        for scene in scenes:
+            outcomes = simulate_population(scene, gaits, 0.2 + 0.1 * seed, options=AT_ONCE)
+            alone = simulate(with_gait(scene, one_gait(gaits, 1)), 0.2 + 0.1 * seed, options=AT_ONCE)
+            np.testing.assert_allclose(outcomes.positions[1], alone.positions[-1], rtol=0, atol=1e-10)
+    assert len(prepared) == len(scenes)
+
+
+@pytest.mark.slow
+def test_what_is_kept_is_as_it_was(swimmer, monkeypatch):
+    """Of a call inside of a compiled function, and of arrays that are changed afterwards."""
+    gaits = gaits_of(swimmer.gait, random_phases(2, 2, seed=0))
+
+    def ends(phases):
+        return simulate_population(swimmer, gaits_of(swimmer.gait, phases), 0.3, options=AT_ONCE).com_end
+
+    monkeypatch.setattr(population, "_common", remembered(KEPT)(population._common.__wrapped__))
+    compiled = jax.jit(ends)(gaits.phase)
+    np.testing.assert_allclose(ends(gaits.phase), compiled, rtol=0, atol=1e-12)
+    for method in ("rk4", "kvaerno3"):
+        damping = np.array(swimmer.node_damping)
+        scene = eqx.tree_at(lambda s: s.node_damping, swimmer, damping)
+        options = SolverOptions(method, dt=0.05, any_step=True)
+        first = simulate_population(scene, gaits, 0.3, options=options).com_end
+        damping *= 4
+        assert np.abs(simulate_population(scene, gaits, 0.3, options=options).com_end - first).max() > 1e-4
+        np.testing.assert_array_equal(simulate_population(swimmer, gaits, 0.3, options=options).com_end, first)
+
+
+@pytest.mark.parametrize(("start", "ramp"), [(-1.0, 1.0), (-0.1, 0.5)])
+def test_a_gait_that_runs_at_the_start_is_refused_where_struts_are_rigid(exact, start, ramp):
+    """They do not have the lengths then that the structure is posed with."""
+    running = eqx.tree_at(lambda g: (g.start, g.ramp), exact.gait, (np.array(start), np.array(ramp)))
+    with pytest.raises(InputError, match=r"strut 1 starts 1 m long; expected 0\.\d+ m, its rest length at t = 0"):
+        simulate_population(exact, gaits_of(running, random_phases(2, 6, seed=0)), 0.1)
+
+
+@pytest.mark.slow
+def test_gaits_that_run_at_the_start_go_on_from_a_pose_of_theirs(exact):
+    """Rigid struts have the lengths of that moment, not those that they are built with."""
+    gaits = gaits_of(exact.gait, random_phases(2, 6, seed=0))
+    options = SolverOptions(dt=5e-3)
+    for k in range(2):
+        moved = simulate(with_gait(exact, one_gait(gaits, k)), 1.6, options=options)
+        later = eqx.tree_at(lambda s: s.structure.nodes, exact, np.asarray(moved.positions[-1]))
+        turned = one_gait(gaits, k).phase + 2 * np.pi * 1.6 * exact.gait.frequency
+        running = Gait(exact.gait.members, turned, exact.gait.amplitude, exact.gait.frequency, -0.6, 1.0)
+        outcomes = simulate_population(later, as_population(running), 0.1, options=options)
+        alone = simulate(with_gait(later, running), 0.1, options=options)
+        np.testing.assert_allclose(outcomes.positions[0], alone.positions[-1], rtol=0, atol=1e-10)
+
+
+def _in_rows(gait, rows):
+    """The gait with `rows`, lanes last, as its phases, amplitudes and frequencies."""
+    return eqx.tree_at(lambda g: (g.phase, g.amplitude, g.frequency), gait, (rows, rows, rows))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["exact", "reference"])
+def test_faster_rollouts_end_where_slower_ones_did(name):
+    """16 gaits after 4 s in float64, against an earlier version of the library, which took twice the time."""
+    ends = json.loads((Path(__file__).parents[1] / "data" / "earlier_rollouts.json").read_text())[name]
+    scene = load_scene(name)
+    gaits = gaits_of(scene.gait, random_phases(16, 6, seed=0))
+    outcomes = simulate_population(scene, gaits, 4.0, options=SolverOptions(dtype="float64"))
+    np.testing.assert_allclose(outcomes.com_end, ends, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["exact", "reference"])
+def test_no_operation_rounds_as_vectors_are_long(name, request):
+    """XLA's `rsqrt` begins with an approximation, for which processors differ; roots and quotients are exact."""
+    scene = as_dtype(request.getfixturevalue(name), "float32")
+    mapped, axes = in_lanes(scene, _in_rows(scene.gait, jnp.ones((6, 64), "float32")))
+    field = jax.jit(lambda q, s: over_lanes(vector_field, (None, -1, axes))(jnp.float32(1.5), (q, q), s))
+    text = field.lower(mapped.structure.nodes, mapped).compile().as_text()
+    assert "sqrt(" in text
+    assert "rsqrt(" not in text
+
+
+@pytest.mark.parametrize(("name", "dtype"), [("exact", "float32"), ("exact", "float64"), ("reference", "float32")])
+@pytest.mark.campaign
+def test_answers_do_not_depend_on_how_kernels_are_made(name, dtype):
+    """Not on the length of vectors, to the last bit: with 64 gaits LLVM takes all the bits that it may, with fewer it
+    may not. XLA's two ways of making kernels agree to rounding, as it grows in a second."""
+    code = (
+        "from jaxgrity.cli.script import configure; configure()\n"
+        "from jaxgrity import SolverOptions, gaits_of, load_scene, random_phases, simulate_population\n"
+        f"scene = load_scene({name!r})\n"
+        "gaits = gaits_of(scene.gait, random_phases(64, 6, seed=0))\n"
+        f"outcomes = simulate_population(scene, gaits, 1.0, options=SolverOptions(dtype={dtype!r}))\n"
+        "print(outcomes.positions.__array__().tobytes().hex())\n"
+    )
+
+    def printed(flag: str) -> str:
+        env = os.environ | {"XLA_FLAGS": flag}
+        return subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True, check=True).stdout
+
+    usual = printed("")
+    assert len(usual) > 1000
+    assert printed("--xla_cpu_prefer_vector_width=128") == usual
+    places, others = (
+        np.frombuffer(bytes.fromhex(x), dtype) for x in (usual, printed("--xla_cpu_use_fusion_emitters=true"))
+    )
+    np.testing.assert_allclose(places, others, rtol=0, atol=1e-3 if dtype == "float32" else 1e-10)

@@ -1,0 +1,182 @@
+"""Shapes at rest: prisms and springs of which they are known, supports, loads, and how they depend on the scene."""
+
+import dataclasses
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import scipy.sparse as sp
+
+from jaxgrity import EnergyTerm, InputError, Members, Scene, Structure, with_terms
+from jaxgrity.model import edge_lengths
+from jaxgrity.statics import equilibrium_near, prestressed, resting_shape, vibration_modes
+from jaxgrity.statics.stiffness import factor_if_definite, stiffness_matrix
+from jaxgrity.structures import prism, tower
+
+
+def sprung(geometry, tension=50.0) -> Structure:
+    """Springs that are prestressed in the given shape, the tightest cable with `tension`, N."""
+    struts, cables = geometry.struts, geometry.cables
+    plain = Structure(
+        geometry.nodes,
+        np.full(len(geometry.nodes), 0.1),
+        Members(struts, np.full(len(struts), 2e4), np.ones(len(struts))),
+        Members(cables, np.full(len(cables), 600.0), np.ones(len(cables))),
+    )
+    return prestressed(plain, tension)
+
+
+def hanging(stiffness=100.0, fixed=((0, "xyz"),)) -> Scene:
+    """2 kg under a spring of 1 m that is held at its upper end."""
+    cable = Members(((0, 1),), jnp.asarray([stiffness]), np.ones(1))
+    structure = Structure(np.array([[0.0, 0, 0], [0, 0, -1.2]]), np.array([0.1, 2.0]), cables=cable, fixed=fixed)
+    return Scene(structure, gravity=9.81)
+
+
+@pytest.mark.parametrize("n", [3, *(pytest.param(n, marks=pytest.mark.campaign) for n in range(4, 13))])
+def test_prism_finds_its_twist(n):
+    """pi/2 + pi/n between its polygons to 1e-10, from nodes that are off by some per cent of its size."""
+    structure = sprung(prism(n))
+    start = structure.nodes + 0.01 * np.random.default_rng(3).normal(size=structure.nodes.shape)
+    found = resting_shape(Scene(structure), start)
+    assert found.stable
+    low, high = found.q[:n] - found.q[:n].mean(0), found.q[n:] - found.q[n:].mean(0)
+    axis = found.q[n:].mean(0) - found.q[:n].mean(0)
+    axis /= np.linalg.norm(axis)
+    twist = np.arctan2(np.cross(low, high) @ axis, (low * high).sum(1)) % (2 * np.pi)
+    np.testing.assert_allclose(twist, np.pi / 2 + np.pi / n, rtol=0, atol=1e-10)
+
+
+def test_a_hanging_mass_is_lower_by_its_weight_over_the_stiffness():
+    """l = L + m g/K; the support carries both weights. A further load adds its own."""
+    found = resting_shape(hanging())
+    np.testing.assert_allclose(found.q[1], [0, 0, -1 - 2 * 9.81 / 100], atol=1e-12)
+    np.testing.assert_allclose(found.reactions, [[0, 0, 2.1 * 9.81], [0, 0, 0]], atol=1e-9)
+    loaded = resting_shape(hanging(), loads=np.array([[0, 0, 0], [0, 0, -10.0]]))
+    np.testing.assert_allclose(loaded.q[1, 2], -1 - (2 * 9.81 + 10) / 100, atol=1e-12)
+
+
+def test_without_the_support_it_falls():
+    """No shape balances its weight, and a shape of the wrong size is no start."""
+    with pytest.raises(InputError, match=r"no equilibrium near the start: .* N are left after"):
+        resting_shape(hanging(fixed=()))
+    with pytest.raises(InputError, match=r"start has shape \(3, 3\)"):
+        resting_shape(hanging(), start=np.zeros((3, 3)))
+
+
+def test_a_column_on_its_point_of_balance_ends_beside_it():
+    """A weight on a hinged spring is in equilibrium upright, but U falls to all sides: that is not the answer."""
+    rod = Members(((0, 1),), np.array([1e4]), np.ones(1))
+    nodes, mass = np.array([[0.0, 0, 0], [1e-3, 0, 1]]), np.array([0.0, 2.0])
+    found = resting_shape(Scene(Structure(nodes, mass, struts=rod, fixed=((0, "xyz"),)), gravity=9.81))
+    np.testing.assert_allclose(found.q[1, 2], -1 - 2 * 9.81 / 1e4, rtol=1e-9)
+
+
+def test_stiffness_is_the_hessian_of_all_that_acts(reference):
+    """Of members, one of them slack, of gravity and of contact with the ground: the same as jax.hessian, at random."""
+    q = np.asarray(reference.structure.nodes) + 0.05 * np.random.default_rng(3).normal(size=(12, 3)) - [0, 0, 0.1]
+    still = dataclasses.replace(reference, gait=None)
+    expected = jax.jit(jax.hessian(lambda x: still.potential_energy(x, 0.0)))(jnp.asarray(q)).reshape(36, 36)
+    np.testing.assert_allclose(stiffness_matrix(still, q).toarray(), expected, rtol=1e-10, atol=1e-9)
+
+
+def test_what_joins_nodes_otherwise_is_refused():
+    """A term whose Hessian is not made of blocks would be left out without a word."""
+
+    class Tether(EnergyTerm):
+        """U = |x_0 - x_2|^2, which no member shows."""
+
+        name = "tether"
+
+        def energy(self, at):
+            return jnp.sum((at.q[0] - at.q[2]) ** 2)
+
+        def keeps(self, symmetry):
+            return False
+
+        def parts(self, scene):
+            return ("tether",)
+
+        def scaled(self, factors):
+            return self
+
+    scene = with_terms(Scene(sprung(prism(3))), Tether())
+    with pytest.raises(InputError, match="joins nodes otherwise than by members"):
+        stiffness_matrix(scene, scene.structure.nodes)
+
+
+def test_definite_matrices_are_told_from_others():
+    """By the signs of their eigenvalues, which a random congruence keeps (Sylvester)."""
+    turn = np.random.default_rng(3).normal(size=(6, 6))
+    for signs, definite in (([1] * 6, True), ([1, 1, 1, 1, 1, -1], False), ([-1] * 6, False)):
+        matrix = sp.csc_array(turn @ np.diag(np.array(signs, float)) @ turn.T)
+        assert (factor_if_definite(matrix) is not None) == definite
+
+
+def test_the_shape_can_be_differentiated_with_respect_to_stiffness():
+    """z = -L - m g/K, so dz/dK = m g/K^2."""
+    q = resting_shape(hanging()).q
+
+    def height(stiffness):
+        return equilibrium_near(hanging(stiffness), q)[1, 2]
+
+    z, slope = jax.jit(jax.value_and_grad(height))(100.0)
+    np.testing.assert_allclose([z, slope], [-1 - 2 * 9.81 / 100, 2 * 9.81 / 100**2], rtol=1e-9)
+
+
+def test_the_shape_of_a_free_prism_can_be_differentiated():
+    """The height by one strut's rest length, against differences of shapes; rigid motions do not matter."""
+    scene = Scene(sprung(prism(3)))
+    q = resting_shape(scene).q
+
+    def changed(length):
+        rest = jnp.asarray(scene.structure.struts.rest_length).at[0].set(length)
+        return eqx.tree_at(lambda s: s.structure.struts.rest_length, scene, rest)
+
+    def gap(x):
+        return jnp.linalg.norm(x[3:].mean(0) - x[:3].mean(0))
+
+    at, h = float(scene.structure.struts.rest_length[0]), 1e-4
+    slope = jax.jit(jax.grad(lambda length: gap(equilibrium_near(changed(length), q))))(at)
+    expected = (gap(resting_shape(changed(at + h), q).q) - gap(resting_shape(changed(at - h), q).q)) / (2 * h)
+    np.testing.assert_allclose(slope, expected, rtol=1e-5)
+
+
+def test_rigid_struts_keep_their_length_in_the_derivative_too():
+    """A rigid rod of 1 m, pinned at its lower end and held by a cable from the side: the shape minimises U over its
+    angle, and so do the derivatives of the angle by the cable's stiffness."""
+    nodes = np.array([[0.0, 0, 0], [np.sin(0.3), 0, np.cos(0.3)], [-2.0, 0, 1]])
+    rod, cable = Members(((0, 1),), None, [1.0]), Members(((1, 2),), [50.0], [1.5])
+    scene = Scene(Structure(nodes, [0.0, 1.0, 0.0], rod, cable, ((0, "xyz"), (1, "y"), (2, "xyz"))), gravity=9.81)
+
+    shape = resting_shape(scene, nodes).q
+
+    def angle(stiffness):
+        q = equilibrium_near(eqx.tree_at(lambda s: s.structure.cables.stiffness, scene, stiffness[None]), shape)
+        return jnp.arctan2(q[1, 0], q[1, 2])
+
+    def energy(a, stiffness):
+        return 9.81 * jnp.cos(a) + stiffness / 2 * (jnp.hypot(jnp.sin(a) + 2, jnp.cos(a) - 1) - 1.5) ** 2
+
+    found, slope = jax.jit(jax.value_and_grad(angle))(jnp.array(50.0))
+    torque = jax.grad(energy)
+    left, (turned, stiffened) = jax.jit(jax.value_and_grad(torque, (0, 1)))(found, 50.0)
+    np.testing.assert_allclose(left, 0, atol=1e-8)
+    np.testing.assert_allclose(slope, -stiffened / turned, rtol=1e-8)
+
+
+@pytest.mark.slow
+def test_a_tower_of_600_struts_takes_seconds():
+    """Its shape from one that is spoilt is the one it is made for; of its lowest modes none is loose."""
+    scene = Scene(sprung(tower(10, 60, overlap=0.0)))
+    start = scene.structure.nodes + 0.003 * np.random.default_rng(3).normal(size=scene.structure.nodes.shape)
+    found = resting_shape(scene, start)
+    assert found.stable
+    for members in (scene.structure.struts, scene.structure.cables):
+        wanted = edge_lengths(scene.structure.nodes, members.edges)
+        np.testing.assert_allclose(edge_lengths(found.q, members.edges), wanted, rtol=1e-6)
+    modes = vibration_modes(scene, found.q, count=8)
+    assert modes.growing == 0
+    assert np.all(modes.frequency > 0)

@@ -1,0 +1,59 @@
+"""Small loads on structures at rest: against closed forms, and against the shape that the loads lead to."""
+
+import numpy as np
+import pytest
+
+from jaxgrity import InputError, Members, Scene, Structure
+from jaxgrity.statics import member_forces, resting_shape, static_response
+
+BOTH_ENDS = ((0, "xyz"), (2, "xyz"))
+"""supports of three nodes in a row"""
+
+
+@pytest.fixture(scope="module")
+def robot(reference):
+    """The six-strut robot by itself, at rest."""
+    scene = Scene(reference.structure)
+    return scene, resting_shape(scene).q
+
+
+def test_a_string_gives_way_as_its_stiffness_says():
+    """A node between two supports, in one line: along it u = f/2K, across it u = f a/2F; both ends' tension changes."""
+    K, rest = 50.0, 0.8
+    cables = Members(((0, 1), (1, 2)), np.full(2, K), np.full(2, rest))
+    scene = Scene(Structure(np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0]]), np.ones(3), cables=cables, fixed=BOTH_ENDS))
+    loads = np.array([[0.0, 0, 0], [4, 0, 3], [0, 0, 0]])
+    found = static_response(scene, scene.structure.nodes, loads)
+    np.testing.assert_allclose(found.displacement[1], [4 / (2 * K), 0, 3 / (2 * K * (1 - rest))], rtol=1e-12)
+    np.testing.assert_allclose(found.force_change, [2, -2], rtol=1e-12)
+    np.testing.assert_allclose(found.slack_margin, K * (1 - rest) / 2, rtol=1e-12)
+    np.testing.assert_allclose(found.compliance, (16 / (2 * K) + 9 / (2 * K * (1 - rest))) / 25, rtol=1e-12)
+
+
+def test_small_loads_lead_where_the_shape_at_rest_goes(robot):
+    """The response is the derivative of the shape, and of all forces, by the size of the loads."""
+    scene, q = robot
+    loads = (q - q.mean(0)) * [1.0, 1.0, -2.0]
+    found = static_response(scene, q, loads)
+    h = 1e-3
+    ends = [resting_shape(scene, q, loads=sign * h * loads).q for sign in (1, -1)]
+    forces = [member_forces(scene.structure, x) for x in ends]
+    np.testing.assert_allclose((forces[0] - forces[1]) / (2 * h), found.force_change, atol=1e-4)
+    lengths = [np.linalg.norm(x[:, None] - x, axis=2) for x in ends]
+    d = q[:, None] - q
+    moved = found.displacement[:, None] - found.displacement
+    expected = np.sum(d * moved, axis=2) / (np.linalg.norm(d, axis=2) + np.eye(12))
+    np.testing.assert_allclose((lengths[0] - lengths[1]) / (2 * h), expected, atol=1e-6)
+
+
+def test_loads_that_nothing_balances_are_refused(robot):
+    """A push in one direction on a free robot; a load across cables without tension."""
+    scene, q = robot
+    with pytest.raises(InputError, match="loads: they do not balance"):
+        static_response(scene, q, np.ones(q.shape))
+    with pytest.raises(InputError, match=r"loads has shape \(2, 3\)"):
+        static_response(scene, q, np.ones((2, 3)))
+    cables = Members(((0, 1), (1, 2)), np.ones(2), np.ones(2))
+    loose = Scene(Structure(np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0]]), np.ones(3), cables=cables, fixed=BOTH_ENDS))
+    with pytest.raises(InputError, match="loads: nothing resists them"):
+        static_response(loose, loose.structure.nodes, np.array([[0.0, 0, 0], [0, 1, 0], [0, 0, 0]]))
