@@ -61,8 +61,8 @@ from .search.polish import Polished, polish
 from .search.polish_config import PolishConfig
 from .search.search_config import SearchConfig
 from .statics.describe import describe
+from .stepping.discretisation import FAILURES
 from .stepping.final_state import final_state
-from .stepping.integrate import FAILURES
 from .stepping.methods import METHODS
 from .stepping.options import SolverOptions
 from .stepping.rollout import RolledOut, rollout

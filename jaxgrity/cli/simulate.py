@@ -21,7 +21,7 @@ from jaxgrity.populations.population import gaits_of, one_gait, simulate_populat
 from jaxgrity.report import plot, view
 from jaxgrity.report.animation import animate
 from jaxgrity.statics.describe import describe
-from jaxgrity.stepping.integrate import FAILURES
+from jaxgrity.stepping.discretisation import FAILURES
 from jaxgrity.stepping.options import SolverOptions
 from jaxgrity.stepping.simulate import Trajectory, centre_path, simulate
 from jaxgrity.trust.error_bars import verify

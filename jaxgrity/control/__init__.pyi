@@ -1,7 +1,7 @@
+from .choices import GaitChoices, gait_choices
 from .closed_loop import Drive, Loop, drive, loop_start, roll_on, simulate_policy
 from .environments import Environment, EnvironmentState, Situation, environment
 from .feedback import PhaseLocked, sure_footed
-from .gait_choices import GaitChoices, gait_choices
 from .gymnasium_adapter import GymnasiumEnvironment
 from .motors import Motors, contraction_reached
 from .obstacles import Discs, WayMap, discs_of, gap, room, way_map

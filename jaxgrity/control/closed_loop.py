@@ -15,8 +15,8 @@ from jaxgrity.core.types import AnyArray, State
 from jaxgrity.model.scene import floats_as
 from jaxgrity.populations.lanes import over_lanes
 from jaxgrity.stepping.complementarity import ContactState
+from jaxgrity.stepping.discretisation import state_failure
 from jaxgrity.stepping.dynamics import centre_of_mass
-from jaxgrity.stepping.integrate import state_failure
 from jaxgrity.stepping.simulate import Trajectory
 from jaxgrity.stepping.starts import check_start, start_failure
 

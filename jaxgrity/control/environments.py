@@ -28,8 +28,8 @@ from jaxgrity.control.tasks import Task, drawn_aim, find_task, ground_of, progre
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray
 from jaxgrity.model.scene import Scene
+from jaxgrity.stepping.discretisation import state_failure
 from jaxgrity.stepping.dynamics import centre_of_mass
-from jaxgrity.stepping.integrate import state_failure
 from jaxgrity.stepping.options import Options
 
 METRE_A_SECOND = Motors(rate=1.0, stroke=0.5)

@@ -22,8 +22,8 @@ from jaxgrity.populations.lanes import in_lanes, lane_axes, lanes_last, over_lan
 from jaxgrity.populations.metrics import actuator_tension
 from jaxgrity.populations.uncertainty import Differences
 from jaxgrity.stepping.complementarity import Lift, one_robot
+from jaxgrity.stepping.discretisation import discretise, prepared
 from jaxgrity.stepping.handover import carried_from, state_from
-from jaxgrity.stepping.integrate import discretise, prepared
 from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
 from jaxgrity.stepping.power import Step
 

@@ -15,8 +15,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxgrity.control.choices import GaitChoices
 from jaxgrity.control.closed_loop import Loop, drive, failures, loop_start, places, roll_on, taken_over
-from jaxgrity.control.gait_choices import GaitChoices
 from jaxgrity.control.obstacles import WayMap, gap, room
 from jaxgrity.control.plant import Plant, check_model, check_one, is_count, side_by_side, whole_number
 from jaxgrity.control.steering import clock_moved

@@ -15,7 +15,7 @@ from jaxgrity.model.contact_twin import contact_twin
 from jaxgrity.model.scene import Scene, with_gait
 from jaxgrity.orbits.finding import find_orbit, period_of
 from jaxgrity.report.poses import RobotPoses, robot_poses
-from jaxgrity.stepping.integrate import FAILURES
+from jaxgrity.stepping.discretisation import FAILURES
 from jaxgrity.stepping.options import ResolvedOptions, resolve
 from jaxgrity.stepping.simulate import Trajectory, centre_path, simulate
 from jaxgrity.trust.error_bars import refinement_bar, timing_bar

@@ -15,8 +15,8 @@ from jaxgrity.identification.measurements import Measurement, Values, checked
 from jaxgrity.identification.observations import SeenQuantity
 from jaxgrity.model.scales import length_scale, speed_scale
 from jaxgrity.model.scene import Scene
+from jaxgrity.stepping.discretisation import integrate
 from jaxgrity.stepping.final_state import states_at
-from jaxgrity.stepping.integrate import integrate
 from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
 from jaxgrity.stepping.starts import check_start
 

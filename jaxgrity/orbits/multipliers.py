@@ -14,8 +14,8 @@ from jaxgrity.core.types import AnyArray, State
 from jaxgrity.model.scene import Scene, as_dtype
 from jaxgrity.orbits.cycles import Plane, moved_onto, plane_of
 from jaxgrity.orbits.finding import Orbit, in_step, period_of, restarted
+from jaxgrity.stepping.discretisation import discretise, prepared
 from jaxgrity.stepping.handover import carried_from, state_from
-from jaxgrity.stepping.integrate import discretise, prepared
 from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
 
 NEUTRAL = ("shift x", "shift y", "turn")

@@ -25,8 +25,8 @@ from jaxgrity.model.scene import Scene, as_dtype, with_gait
 from jaxgrity.orbits.cycles import Plane, plane_of, way_along
 from jaxgrity.orbits.finding import FRAMES, Orbit, in_step, period_of, restarted
 from jaxgrity.stepping.complementarity import ContactState
+from jaxgrity.stepping.discretisation import discretise, prepared
 from jaxgrity.stepping.handover import carried_from
-from jaxgrity.stepping.integrate import discretise, prepared
 from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
 
 MOST_CYCLES = 40

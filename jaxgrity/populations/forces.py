@@ -14,8 +14,8 @@ from jaxgrity.core.tracing import refuse_traced
 from jaxgrity.core.types import AnyArray, NodeHistory, NodeVectors, Scalar
 from jaxgrity.model.scene import Scene, as_dtype
 from jaxgrity.populations.step_impulses import impulses_along
+from jaxgrity.stepping.discretisation import prepared
 from jaxgrity.stepping.dynamics import member_pull, support_forces, total_force
-from jaxgrity.stepping.integrate import prepared
 from jaxgrity.stepping.methods import find_method
 from jaxgrity.stepping.simulate import Trajectory, velocities_midway, with_room
 

@@ -18,9 +18,9 @@ from jaxgrity.model.inertia import mobility
 from jaxgrity.model.scene import Scene, start_of, with_scales
 from jaxgrity.populations.metrics import Metrics, initial_metrics, updated_metrics
 from jaxgrity.populations.uncertainty import Differences, differing
+from jaxgrity.stepping.discretisation import discretise, failure_code, integrate, state_failure
 from jaxgrity.stepping.dynamics import centre_of_mass
 from jaxgrity.stepping.handover import carried_from
-from jaxgrity.stepping.integrate import discretise, failure_code, integrate, state_failure
 from jaxgrity.stepping.options import ResolvedOptions
 from jaxgrity.stepping.power import Step
 from jaxgrity.stepping.starts import start_failure

@@ -11,7 +11,7 @@ from jaxgrity.model.scales import length_scale, speed_scale, time_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import Structure
 from jaxgrity.populations.metrics import SLIPPING
-from jaxgrity.stepping.integrate import FAILURES
+from jaxgrity.stepping.discretisation import FAILURES
 from jaxgrity.stepping.simulate import Trajectory, centre_path, velocities_midway
 
 LASTING = 0.1

@@ -14,8 +14,8 @@ from jaxgrity.core.types import AnyArray, NodeHistory, PerMember, Scalar, Times
 from jaxgrity.model.actuation import rest_length, rest_lengths_along
 from jaxgrity.model.scene import Scene, as_dtype
 from jaxgrity.stepping.constraints import rigid_struts
+from jaxgrity.stepping.discretisation import discretise, prepared
 from jaxgrity.stepping.handover import carried_from
-from jaxgrity.stepping.integrate import discretise, prepared
 from jaxgrity.stepping.options import ResolvedOptions, options_anew
 from jaxgrity.stepping.power import Step, ground_impulses, strut_impulses, support_impulses, tensions
 from jaxgrity.stepping.simulate import Trajectory, with_room

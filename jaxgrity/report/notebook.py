@@ -13,7 +13,7 @@ from jaxgrity.model.scene import Scene
 from jaxgrity.report import plot
 from jaxgrity.search.pipeline import SearchResult
 from jaxgrity.statics.describe import describe
-from jaxgrity.stepping.integrate import FAILURES
+from jaxgrity.stepping.discretisation import FAILURES
 from jaxgrity.stepping.simulate import Trajectory, centre_path
 
 

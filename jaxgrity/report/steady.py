@@ -8,8 +8,8 @@ import numpy as np
 from jaxgrity.core.display import mean_of_robots, with_error
 from jaxgrity.model.contact_twin import contact_twin
 from jaxgrity.model.scene import Scene
+from jaxgrity.orbits.error_bars import orbit_error_bars
 from jaxgrity.orbits.finding import WINDOW, Orbit, period_of, shortest_watch
-from jaxgrity.orbits.orbit_error_bars import orbit_error_bars
 from jaxgrity.orbits.orbit_stability import stability
 from jaxgrity.orbits.orbit_symmetry import repetition
 from jaxgrity.populations.uncertainty import Uncertainty

@@ -1,6 +1,6 @@
+from .discretisation import discretise, integrate
 from .dynamics import acceleration, centre_of_mass, smooth_force, vector_field
 from .final_state import states_at
-from .integrate import discretise, integrate
 from .methods import Method, find_method, register_method
 from .options import ResolvedOptions, resolve
 from .simulate import velocities_midway

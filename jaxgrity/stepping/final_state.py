@@ -12,8 +12,8 @@ from jaxgrity.core.tracing import traced
 from jaxgrity.core.types import Scalar, State, Times
 from jaxgrity.model.scene import Scene, as_dtype, start_of
 from jaxgrity.stepping.complementarity import SWEPT
+from jaxgrity.stepping.discretisation import discretise, prepared
 from jaxgrity.stepping.handover import Problem, carried_from, state_from
-from jaxgrity.stepping.integrate import discretise, prepared
 from jaxgrity.stepping.options import ResolvedOptions, check_options
 from jaxgrity.stepping.starts import check_start, check_supports
 

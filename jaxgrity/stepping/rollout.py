@@ -11,8 +11,8 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.tracing import traced
 from jaxgrity.core.types import AnyArray, NodeHistory, Scalar, State, Times
 from jaxgrity.model.scene import Scene, as_dtype, start_of
+from jaxgrity.stepping.discretisation import state_failure
 from jaxgrity.stepping.final_state import LONGER, enough_steps, states_at
-from jaxgrity.stepping.integrate import state_failure
 from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
 from jaxgrity.stepping.starts import check_supports, start_failure, supports_slip
 

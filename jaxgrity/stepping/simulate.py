@@ -15,8 +15,8 @@ from jaxgrity.core.tracing import forward_mode_only, traced
 from jaxgrity.core.types import AnyArray, NodeHistory, NodeVectors, Scalar, State, Times
 from jaxgrity.model.scene import Scene, as_dtype
 from jaxgrity.model.shaking import with_supports
+from jaxgrity.stepping.discretisation import even_step, failure_code, integrate, prepared, state_failure
 from jaxgrity.stepping.handover import at_rest, midway, velocities_at
-from jaxgrity.stepping.integrate import even_step, failure_code, integrate, prepared, state_failure
 from jaxgrity.stepping.methods import find_method
 from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
 from jaxgrity.stepping.starts import check_supports, start_failure

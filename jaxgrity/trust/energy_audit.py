@@ -13,8 +13,8 @@ from jaxgrity.core.tracing import refuse_traced
 from jaxgrity.core.types import Count, NodeHistory, NodeVectors, Scalar, Times
 from jaxgrity.model.scales import time_scale
 from jaxgrity.model.scene import Scene, as_dtype, start_of
+from jaxgrity.stepping.discretisation import discretise, integrate, prepared
 from jaxgrity.stepping.dynamics import angular_momentum, kinetic_energy, momentum, vector_field
-from jaxgrity.stepping.integrate import discretise, integrate, prepared
 from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
 from jaxgrity.stepping.power import Step, Work, powers, step_work
 from jaxgrity.stepping.simulate import frame_times, with_room

@@ -13,7 +13,7 @@ from jaxgrity.model.actuation import rest_lengths_along
 from jaxgrity.model.scales import length_scale, speed_scale, time_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.populations.clearance import rod_depths
-from jaxgrity.stepping.integrate import FAILURES
+from jaxgrity.stepping.discretisation import FAILURES
 from jaxgrity.stepping.options import Options, resolve
 from jaxgrity.stepping.simulate import Trajectory, centre_path, simulate, with_room
 from jaxgrity.trust.energy_audit import EnergyAudit, energy_audit

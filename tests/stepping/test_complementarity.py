@@ -36,7 +36,7 @@ from jaxgrity.stepping import constraints, velocities_midway
 from jaxgrity.stepping.blocks import Blocks, disjoint_groups
 from jaxgrity.stepping.complementarity import LARGEST_LENGTH_ERROR, Complementarity
 from jaxgrity.stepping.constraints import impulses, length_error, prepare, sweep, trials_of, velocities
-from jaxgrity.stepping.integrate import FAILURES, integrate
+from jaxgrity.stepping.discretisation import FAILURES, integrate
 from jaxgrity.stepping.options import resolve
 
 G = 9.81

@@ -20,7 +20,7 @@ from jaxgrity import (
     simulate_population,
 )
 from jaxgrity.stepping import resolve
-from jaxgrity.stepping.integrate import even_step
+from jaxgrity.stepping.discretisation import even_step
 from jaxgrity.stepping.simulate import velocities_midway
 from jaxgrity.trust.trust_report import _strut_strain
 

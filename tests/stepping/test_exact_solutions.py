@@ -12,7 +12,7 @@ from exact_problems import PROBLEMS, Problem
 from jaxgrity import METHODS, InputError, SolverOptions
 from jaxgrity.model.scene import as_dtype
 from jaxgrity.stepping import ResolvedOptions, resolve
-from jaxgrity.stepping.integrate import integrate
+from jaxgrity.stepping.discretisation import integrate
 
 FRAMES = 5
 # What an adaptive method may err in a step, m and m/s: kvaerno3 would need very many steps for 1e-10.

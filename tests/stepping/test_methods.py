@@ -11,8 +11,8 @@ from jaxgrity.model.scales import time_scale
 from jaxgrity.model.scene import Scene, as_dtype
 from jaxgrity.model.structure import Members, Structure
 from jaxgrity.stepping import ResolvedOptions, find_method, register_method, resolve
+from jaxgrity.stepping.discretisation import integrate
 from jaxgrity.stepping.dynamics import angular_momentum, kinetic_energy, mechanical_energy, momentum, vector_field
-from jaxgrity.stepping.integrate import integrate
 from jaxgrity.stepping.step_limits import LARGEST_STEP, default_step, stable_step, standing
 
 T = 0.1
