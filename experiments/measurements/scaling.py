@@ -218,9 +218,9 @@ def exponents(rows: list[dict]) -> dict[str, float]:
 SCRIPT = """
 from jaxgrity.cli.script import configure
 configure()
-from jaxgrity import load_scene, simulate
+from jaxgrity import describe, load_scene, simulate
 scene = load_scene("reference")
-jaxgrity.describe(scene)
+describe(scene)
 simulate(scene, 1e-3)
 """
 """what a script that simulates does until its first steps are taken"""
