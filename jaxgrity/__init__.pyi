@@ -32,7 +32,7 @@ from .model.rod_contact import RodContact, with_contact_along_struts
 from .model.scene import Scene, as_dtype, with_gait, with_terms
 from .model.shaking import Shaking, SupportMotion
 from .model.solids import Box, Cylinder, Sphere, Stairs
-from .model.structure import Members, Structure
+from .model.structure import Members, Structure, edge_lengths
 from .model.surface import Slope
 from .model.unions import Union
 from .populations.forces import Forces, forces_along, reactions
@@ -40,7 +40,7 @@ from .populations.metrics import Metrics
 from .populations.population import Outcomes, as_population, gaits_of, one_gait, simulate_population
 from .populations.rolling import Rolling, rolling
 from .populations.uncertainty import Differences, Uncertainty, differing, ensemble
-from .search.genetic_algorithm import Evolution, GAConfig, evolve
+from .search.genetic_algorithm import Evolution, GAConfig, SearchProblem, evolve
 from .search.genome import Genome
 from .search.judging import Fitness
 from .search.objectives import (
@@ -81,6 +81,7 @@ __all__ = [  # noqa: RUF022 in groups
     "Scene",
     "Structure",
     "as_dtype",
+    "edge_lengths",
     "contact_twin",
     "describe",
     "load_scene",
@@ -191,6 +192,7 @@ __all__ = [  # noqa: RUF022 in groups
     "PolishConfig",
     "Polished",
     "SearchConfig",
+    "SearchProblem",
     "SearchResult",
     "Speed",
     "SteadyDirection",

@@ -7,8 +7,7 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-from jaxgrity import METHODS, Constraint, ForceLaw, InputError, Scene, Structure, energy_audit, with_terms
-from jaxgrity.model import edge_lengths
+from jaxgrity import METHODS, Constraint, ForceLaw, InputError, Scene, Structure, edge_lengths, energy_audit, with_terms
 from jaxgrity.search import OBJECTIVES
 
 PAGE = (Path(__file__).parents[1] / "docs" / "extending.md").read_text(encoding="utf-8")

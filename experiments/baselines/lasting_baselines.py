@@ -19,11 +19,10 @@ from matplotlib.figure import Figure
 from searches import built
 from tqdm import tqdm
 
-from jaxgrity import GAConfig, PolishConfig, SearchConfig, contact_twin, evolve, load_scene, polish
+from jaxgrity import GAConfig, PolishConfig, SearchConfig, SearchProblem, contact_twin, evolve, load_scene, polish
 from jaxgrity.io.files import save_json
 from jaxgrity.report import plot
 from jaxgrity.search import (
-    SearchProblem,
     distinct,
     fidelity_levels,
     ga_configs,

@@ -22,11 +22,21 @@ from matplotlib.figure import Figure
 from searches import EVOSAX, GRADIENTS, UNCERTAIN, Task, robust
 from tqdm import tqdm
 
-from jaxgrity import Fitness, Genome, InputError, PolishConfig, SolverOptions, load_scene, scene_text, verify
+from jaxgrity import (
+    Fitness,
+    Genome,
+    InputError,
+    PolishConfig,
+    SearchProblem,
+    SolverOptions,
+    load_scene,
+    scene_text,
+    verify,
+)
 from jaxgrity.io.files import read_text, save_json
 from jaxgrity.model import gene_permutations, standing_symmetries
 from jaxgrity.report import plot
-from jaxgrity.search import FidelityLevel, SearchProblem, fidelity_levels, judge_at, search_levels
+from jaxgrity.search import FidelityLevel, fidelity_levels, judge_at, search_levels
 from jaxgrity.stepping import default_method, default_step
 
 Method = Literal["random", "CMA-ES", "DE", "GA", "GA+more", "cautious GA", "GA+smoothed", "GA+pathwise", "GA+combined"]

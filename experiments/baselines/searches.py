@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from jaxgrity import Fitness, GAConfig, InputError, PolishConfig, SolverOptions, Uncertainty, polish
-from jaxgrity.search import FidelityLevel, SearchProblem, distinct, evolve_through, judge_at
+from jaxgrity import Fitness, GAConfig, InputError, PolishConfig, SearchProblem, SolverOptions, Uncertainty, polish
+from jaxgrity.search import FidelityLevel, distinct, evolve_through, judge_at
 
 GRADIENTS = ("smoothed", "pathwise", "combined")
 """by which a gait is polished"""

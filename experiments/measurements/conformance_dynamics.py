@@ -17,6 +17,7 @@ from jaxgrity import (
     Scene,
     SolverOptions,
     Structure,
+    edge_lengths,
     gaits_of,
     load_gait,
     load_scene,
@@ -25,7 +26,7 @@ from jaxgrity import (
     simulate_population,
     with_gait,
 )
-from jaxgrity.model import edge_lengths, penalty_twin
+from jaxgrity.model import penalty_twin
 
 G = 9.81
 C_PROGRAM = "C program for this scene alone"

@@ -27,6 +27,7 @@ from jaxgrity import (
     InputError,
     Scene,
     SearchConfig,
+    SearchProblem,
     Symmetry,
     Uncertainty,
     contact_twin,
@@ -42,7 +43,6 @@ from jaxgrity.model import image, symmetries
 from jaxgrity.report import plot
 from jaxgrity.search import (
     FidelityLevel,
-    SearchProblem,
     distinct,
     evolve_through,
     fidelity_levels,

@@ -16,12 +16,11 @@ import numpy as np
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
-from jaxgrity import GAConfig, PolishConfig, SearchConfig, load_scene, polish
+from jaxgrity import GAConfig, PolishConfig, SearchConfig, SearchProblem, load_scene, polish
 from jaxgrity.io.files import save_json
 from jaxgrity.report import plot
 from jaxgrity.search import (
     FidelityLevel,
-    SearchProblem,
     SearchState,
     distinct,
     evolve_through,

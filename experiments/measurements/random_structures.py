@@ -33,9 +33,10 @@ from jaxgrity import (
     SolverOptions,
     Structure,
     as_dtype,
+    edge_lengths,
 )
 from jaxgrity.io.files import save_json
-from jaxgrity.model import edge_lengths, rest_length
+from jaxgrity.model import rest_length
 from jaxgrity.populations import discretise_lanes, in_lanes, lanes_last, over_lanes
 from jaxgrity.stepping import resolve
 

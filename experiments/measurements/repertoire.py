@@ -17,12 +17,22 @@ import numpy as np
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
-from jaxgrity import Gait, Scene, SearchConfig, SolverOptions, gait_facts, load_scene, one_gait, with_gait
+from jaxgrity import (
+    Gait,
+    Scene,
+    SearchConfig,
+    SearchProblem,
+    SolverOptions,
+    gait_facts,
+    load_scene,
+    one_gait,
+    with_gait,
+)
 from jaxgrity.io.files import save_json
 from jaxgrity.model import body_length, image, symmetries
 from jaxgrity.orbits import find_orbit, stability
 from jaxgrity.report import plot
-from jaxgrity.search import Repertoire, RepertoireConfig, SearchProblem, repertoire, search_problem
+from jaxgrity.search import Repertoire, RepertoireConfig, repertoire, search_problem
 
 ASKED = {"straight": (0.6, 0.0), "left": (0.5, 0.6), "right": (0.5, -0.6), "slow": (0.25, 0.0), "fast": (1.2, 0.0)}
 """speed, body lengths/s, and bend, rad per body length"""

@@ -22,10 +22,10 @@ from jaxgrity import (
     SolverOptions,
     Stairs,
     Structure,
+    edge_lengths,
     energy_audit,
 )
 from jaxgrity.io.files import save_json
-from jaxgrity.model import edge_lengths
 
 STEPS = {"penalty": (1e-3, 5e-4, 2.5e-4, 1.25e-4), "exact": (4e-3, 2e-3, 1e-3, 5e-4)}
 """s, of each contact model"""

@@ -19,9 +19,8 @@ import numpy as np
 from random_structures import random_scene
 from tqdm import tqdm
 
-from jaxgrity import ConeFriction, ExactGround, Members, Scene, SolverOptions, Structure, simulate
+from jaxgrity import ConeFriction, ExactGround, Members, Scene, SolverOptions, Structure, edge_lengths, simulate
 from jaxgrity.io.files import save_json
-from jaxgrity.model import edge_lengths
 from jaxgrity.structures import tetrahedral_spine
 
 STEP = 2e-3

@@ -6,8 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 from matplotlib.figure import Figure
 
-from jaxgrity import Scene, SolverOptions, simulate
-from jaxgrity.model import edge_lengths
+from jaxgrity import Scene, SolverOptions, edge_lengths, simulate
 from jaxgrity.report import plot
 from paper_claims.report import PROGRAM, REFERENCE, TEXT, Report, Row, scenes, significant, stiffened, verdict, without
 

@@ -3,9 +3,9 @@
 import numpy as np
 from matplotlib.figure import Figure
 
-from jaxgrity import Fitness, GAConfig, Gait, Genome, Scene, SolverOptions, evolve, verify, with_gait
+from jaxgrity import Fitness, GAConfig, Gait, Genome, Scene, SearchProblem, SolverOptions, evolve, verify, with_gait
 from jaxgrity.report import plot
-from jaxgrity.search import SearchProblem, distinct
+from jaxgrity.search import distinct
 from paper_claims.report import PROGRAM, REFERENCE, TEXT, Report, Row, scenes, significant, verdict
 
 STEP = 1e-3

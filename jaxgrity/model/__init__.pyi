@@ -4,7 +4,6 @@ from .friction import Friction
 from .ground import Ground
 from .inertia import energy_of_motion, mass_matrix, mobility, momenta
 from .scene import body_length
-from .structure import edge_lengths
 from .surface import Frame, Surface
 from .symmetry import gene_permutations, image, standing_symmetries, symmetries
 from .waves import Wave, travelling_waves
@@ -17,7 +16,6 @@ __all__ = [
     "Surface",
     "Wave",
     "body_length",
-    "edge_lengths",
     "energy_of_motion",
     "exact_twin",
     "gene_permutations",

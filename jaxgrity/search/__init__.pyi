@@ -10,7 +10,7 @@ from .fidelity import (
     rank_correlation,
     search_levels,
 )
-from .genetic_algorithm import Generation, SearchProblem, SearchState, distinct
+from .genetic_algorithm import Generation, SearchState, distinct
 from .gradients import checkpointed_end, distance_and_gradient, distances
 from .judging import Scores, influences, judge, standard_error, with_robots, without_measuring
 from .models import Model, model_of, rough_step
@@ -37,7 +37,6 @@ __all__ = [
     "RepertoireConfig",
     "RobotMotions",
     "Scores",
-    "SearchProblem",
     "SearchState",
     "Verdict",
     "check_polish",

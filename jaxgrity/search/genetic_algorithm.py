@@ -189,7 +189,7 @@ def evolve(
 
     Example:
         >>> scene = jaxgrity.load_scene("exact")
-        >>> problem = jaxgrity.search.SearchProblem(scene, jaxgrity.Genome(6), 1.5, jaxgrity.Fitness())
+        >>> problem = jaxgrity.SearchProblem(scene, jaxgrity.Genome(6), 1.5, jaxgrity.Fitness())
         >>> found = jaxgrity.evolve(problem, jaxgrity.GAConfig(population=4, generations=2, elites=1))
         >>> found.last.genes.shape, found.rollouts
         ((4, 6), 8)

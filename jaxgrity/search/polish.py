@@ -115,7 +115,7 @@ def polish(
 
     Example:
         >>> scene = jaxgrity.load_scene("exact")
-        >>> problem = jaxgrity.search.SearchProblem(scene, jaxgrity.Genome(6), 1.5, jaxgrity.Fitness())
+        >>> problem = jaxgrity.SearchProblem(scene, jaxgrity.Genome(6), 1.5, jaxgrity.Fitness())
         >>> turns = jaxgrity.random_phases(1, actuators=6, seed=0) / 6.2832
         >>> polished = jaxgrity.polish(problem, turns, jaxgrity.PolishConfig(rollouts=8, samples=4, final_robots=1))
         >>> polished.genes.shape, len(polished.steps)

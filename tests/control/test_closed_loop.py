@@ -353,7 +353,7 @@ def test_what_sensors_say_without_error(plant, rolled):
     turned = np.cross(read.spins, q[i] - q[j])
     along = read.directions * np.sum((v[i] - v[j]) * read.directions, axis=1, keepdims=True)
     np.testing.assert_allclose(turned, v[i] - v[j] - along, atol=1e-12)
-    lengths = jaxgrity.model.edge_lengths(q, scene.structure.cables.edges)
+    lengths = jaxgrity.edge_lengths(q, scene.structure.cables.edges)
     pulls = scene.structure.cables.stiffness * np.maximum(lengths - scene.structure.cables.rest_length, 0)
     np.testing.assert_allclose(read.tensions, pulls)
     np.testing.assert_array_equal(read.contact, q[:, 2] < scene.ground.touched_below)
@@ -366,7 +366,7 @@ def test_tensions_are_those_of_cables_that_are_wound_up(scene):
     gait = Gait((6,), np.zeros(1), np.array([0.4]), np.array([0.5]), np.array(0.0), np.array(0.01))
     q = np.asarray(scene.structure.nodes)
     read = measure(jaxgrity.with_gait(scene, gait), 0.5, q, np.zeros_like(q))
-    length = jaxgrity.model.edge_lengths(q, cables.edges)[0]
+    length = jaxgrity.edge_lengths(q, cables.edges)[0]
     wound = cables.rest_length[0] * (1 - 0.2 * (1 + np.sin(np.pi / 2)))
     assert read.tensions[0] == pytest.approx(cables.stiffness[0] * (length - wound), rel=1e-9)
     assert read.tensions[0] > 1.5 * read.tensions[1]

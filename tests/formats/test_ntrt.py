@@ -7,10 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from jaxgrity import InputError, contact_twin, simulate
+from jaxgrity import InputError, contact_twin, edge_lengths, simulate
 from jaxgrity.formats import read_ntrt
 from jaxgrity.formats.yaml_text import parse_yaml
-from jaxgrity.model import edge_lengths
 from jaxgrity.statics import settled
 
 DATA = Path(__file__).parents[1] / "data" / "ntrt"

@@ -13,6 +13,7 @@ from jaxgrity import (
     SolverOptions,
     Structure,
     describe,
+    edge_lengths,
     energy_audit,
     load_scene,
     parse_scene,
@@ -20,7 +21,7 @@ from jaxgrity import (
     scene_text,
     simulate,
 )
-from jaxgrity.model import edge_lengths, rest_length, symmetries
+from jaxgrity.model import rest_length, symmetries
 
 TIMES, LENGTHS = [0.5, 1.0, 2.5], [0.4, 0.9, 0.1]
 MOTOR = Motor(0, TIMES, LENGTHS, rate=0.3, lag=0.1, smallest=0.25)

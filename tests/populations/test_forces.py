@@ -44,7 +44,7 @@ def test_springs_pull_by_their_law(standing):
     """K (l - L) of cables at rest, and none below zero; struts push."""
     scene, trajectory, forces = standing["reference"]
     cables = scene.structure.cables
-    lengths = jaxgrity.model.edge_lengths(trajectory.positions[-1], cables.edges)
+    lengths = jaxgrity.edge_lengths(trajectory.positions[-1], cables.edges)
     expected = np.maximum(0, cables.stiffness * (lengths - cables.rest_length))
     np.testing.assert_allclose(forces.tension[-1, 6:], expected, atol=0.2)
     assert (forces.tension[-1, :6] < 0).all()

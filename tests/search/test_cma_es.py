@@ -6,8 +6,8 @@ import jax
 import numpy as np
 import pytest
 
-from jaxgrity import Fitness, GAConfig, Genome, InputError, SearchConfig, SolverOptions, evolve
-from jaxgrity.search import SearchProblem, ga_configs, open_checkpoint
+from jaxgrity import Fitness, GAConfig, Genome, InputError, SearchConfig, SearchProblem, SolverOptions, evolve
+from jaxgrity.search import ga_configs, open_checkpoint
 
 OPTIONS = SolverOptions(dt=1e-2, dtype="float32")
 

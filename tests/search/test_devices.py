@@ -15,7 +15,7 @@ from jaxgrity.cli.script import configure, join_hosts
 configure()
 join_hosts()
 from jaxgrity import Fitness, GAConfig, Genome, SolverOptions, evolve, load_scene
-from jaxgrity.search import SearchProblem
+from jaxgrity import SearchProblem
 problem = SearchProblem(load_scene("exact"), Genome(6), 1.5, Fitness())
 search = evolve(problem, GAConfig(12, 2, elites=2), options=SolverOptions(dt=1e-2, dtype="float64"))
 print("hosts", jax.process_count(), "devices", jax.device_count())

@@ -20,6 +20,7 @@ from jaxgrity import (
     InputError,
     Members,
     Scene,
+    SearchProblem,
     Speed,
     Structure,
     Uncertainty,
@@ -28,7 +29,6 @@ from jaxgrity import (
 )
 from jaxgrity.search import (
     FidelityLevel,
-    SearchProblem,
     evolve_through,
     fidelity_levels,
     final_verdict,

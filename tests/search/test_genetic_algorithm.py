@@ -16,12 +16,13 @@ from jaxgrity import (
     GAConfig,
     Genome,
     InputError,
+    SearchProblem,
     SolverOptions,
     Uncertainty,
     evolve,
 )
 from jaxgrity.report import plot
-from jaxgrity.search import FidelityLevel, Generation, SearchProblem, distinct, judge_at, open_checkpoint
+from jaxgrity.search import FidelityLevel, Generation, distinct, judge_at, open_checkpoint
 from jaxgrity.search.genetic_algorithm import begin, breed
 
 SMALL = GAConfig(population=12, generations=3, elites=2)

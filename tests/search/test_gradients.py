@@ -10,8 +10,18 @@ import numpy as np
 import pytest
 from scipy.special import ndtri
 
-from jaxgrity import Distance, Fitness, Genome, Objective, SolverOptions, as_dtype, gaits_of, random_phases
-from jaxgrity.search import SearchProblem, distance_and_gradient, distances
+from jaxgrity import (
+    Distance,
+    Fitness,
+    Genome,
+    Objective,
+    SearchProblem,
+    SolverOptions,
+    as_dtype,
+    gaits_of,
+    random_phases,
+)
+from jaxgrity.search import distance_and_gradient, distances
 from jaxgrity.search.genetic_algorithm import models_of
 from jaxgrity.search.gradients import ClimbTask, Gradient, combine, pathwise_gradient, smoothed_gradients, utilities
 from jaxgrity.stepping import centre_of_mass, integrate, resolve

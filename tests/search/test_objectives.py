@@ -20,6 +20,7 @@ from jaxgrity import (
     Metrics,
     Outcomes,
     Scene,
+    SearchProblem,
     SolverOptions,
     Speed,
     SteadyDirection,
@@ -37,7 +38,7 @@ from jaxgrity import (
     with_gait,
 )
 from jaxgrity.model import body_length
-from jaxgrity.search import OBJECTIVES, FidelityLevel, SearchProblem, find_objective, judge_at
+from jaxgrity.search import OBJECTIVES, FidelityLevel, find_objective, judge_at
 from jaxgrity.search.judging import Scores, scored
 
 MOVED = np.array([[3.0, 4.0, 7.0], [-0.6, 0.8, 0.0], [0.0, -2.0, 1.0]])

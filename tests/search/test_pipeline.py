@@ -21,6 +21,7 @@ from jaxgrity import (
     InputError,
     Objective,
     SearchConfig,
+    SearchProblem,
     SearchResult,
     SolverOptions,
     SteadySpeed,
@@ -34,15 +35,7 @@ from jaxgrity import (
     with_gait,
 )
 from jaxgrity.orbits import find_orbit, stability
-from jaxgrity.search import (
-    OBJECTIVES,
-    Progress,
-    SearchProblem,
-    find_objective,
-    judge_at,
-    load_states,
-    without_measuring,
-)
+from jaxgrity.search import OBJECTIVES, Progress, find_objective, judge_at, load_states, without_measuring
 from jaxgrity.search.attraction import orbit_multipliers
 from jaxgrity.search.genetic_algorithm import distinct
 from jaxgrity.search.judging import standard_error, with_robots

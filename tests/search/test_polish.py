@@ -12,6 +12,7 @@ from jaxgrity import (
     Genome,
     InputError,
     PolishConfig,
+    SearchProblem,
     SolverOptions,
     SteadySpeed,
     Straightness,
@@ -22,7 +23,7 @@ from jaxgrity import (
     with_gait,
 )
 from jaxgrity.model.actuation import actuated_lengths, peak_rates
-from jaxgrity.search import SearchProblem, check_polish
+from jaxgrity.search import check_polish
 from jaxgrity.search.gradients import smoothed_gradients
 
 OPTIONS = SolverOptions(dt=1e-2)

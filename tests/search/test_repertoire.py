@@ -5,8 +5,8 @@ import itertools
 import numpy as np
 import pytest
 
-from jaxgrity import Fitness, Genome, InputError, SolverOptions, Uncertainty
-from jaxgrity.search import RepertoireConfig, SearchProblem, repertoire
+from jaxgrity import Fitness, Genome, InputError, SearchProblem, SolverOptions, Uncertainty
+from jaxgrity.search import RepertoireConfig, repertoire
 
 CONFIG = RepertoireConfig(speed=(0.0, 0.03), bend=(-1.0, 1.0), cells=(8, 3), drawn=24, batch=16, rounds=4)
 OPTIONS = SolverOptions(dt=1e-2)

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from jaxgrity import EnergyTerm, InputError, Members, Scene, Structure, with_terms
-from jaxgrity.model import edge_lengths
+from jaxgrity import EnergyTerm, InputError, Members, Scene, Structure, edge_lengths, with_terms
 from jaxgrity.statics import equilibrium_near, prestressed, resting_shape, vibration_modes
 from jaxgrity.statics.stiffness import factor_if_definite, stiffness_matrix
 from jaxgrity.structures import prism, tower

@@ -5,8 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxgrity import InputError
-from jaxgrity.model import edge_lengths
+from jaxgrity import InputError, edge_lengths
 from jaxgrity.statics import (
     equilibrium_matrix,
     group_average,

@@ -23,13 +23,14 @@ from jaxgrity import (
     SolverOptions,
     Structure,
     as_dtype,
+    edge_lengths,
     energy_audit,
     gaits_of,
     reactions,
     simulate,
     simulate_population,
 )
-from jaxgrity.model import edge_lengths, rest_length
+from jaxgrity.model import rest_length
 from jaxgrity.stepping import discretise, integrate, resolve
 from jaxgrity.stepping.contact_problem import onto_cone
 

@@ -25,12 +25,12 @@ from jaxgrity import (
     Structure,
     Uncertainty,
     bumps,
+    edge_lengths,
     energy_audit,
     ensemble,
     gaits_of,
     simulate,
 )
-from jaxgrity.model import edge_lengths
 from jaxgrity.stepping import step_limit
 
 G, RADIUS = 9.81, 2.0

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from jaxgrity import InputError
-from jaxgrity.model import edge_lengths
+from jaxgrity import InputError, edge_lengths
 from jaxgrity.statics import prestress
 from jaxgrity.structures import random_tensegrity
 

@@ -5,8 +5,8 @@ import itertools
 import numpy as np
 import pytest
 
-from jaxgrity import InputError, Members, Structure
-from jaxgrity.model import edge_lengths, symmetries
+from jaxgrity import InputError, Members, Structure, edge_lengths
+from jaxgrity.model import symmetries
 from jaxgrity.model.structure import check_edges
 from jaxgrity.statics import prestress, statics_of, super_stable
 from jaxgrity.structures import (
