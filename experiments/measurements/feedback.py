@@ -4,7 +4,7 @@ Robots are dropped as in basin.py: a third of them actuated by the gait as it is
 rolling, and a third with feedback that was tuned on bumps, on other ground and from other drops than those here. After
 15 s each is pushed by 1 N s, in a direction and at a time of its own within 5 s, and has 15 s more. Beside that the
 ground begins to lean after 15 s, so that each robot finds itself on its way up or down a slope, and has 15 s more.
-Motors are bounded; drops and bumps are repeated with others.
+MotorLimits are bounded; drops and bumps are repeated with others.
 """
 
 import math
@@ -36,7 +36,7 @@ from jaxgrity import (
 from jaxgrity.control import (
     Drive,
     Loop,
-    Motors,
+    MotorLimits,
     PhaseLocked,
     Plant,
     Sensors,
@@ -128,7 +128,7 @@ def keep_replay(plant: Plant, settings: Settings, path: Path) -> None:
 
 def _plant(scene: Scene, rate: float) -> Plant:
     options = SolverOptions(dt=0.01 if scene.constrained else None, dtype="float32")
-    motors = Motors(rate=rate if math.isfinite(rate) else None)
+    motors = MotorLimits(rate=rate if math.isfinite(rate) else None)
     return plant_of(scene, load_gait("lasting").members, motors=motors, options=options)
 
 

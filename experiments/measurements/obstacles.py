@@ -22,7 +22,7 @@ from jaxgrity.control import (
     REACHED,
     Discs,
     Foresight,
-    Motors,
+    MotorLimits,
     PhaseLocked,
     Plant,
     Travels,
@@ -160,7 +160,7 @@ def led(scene: Scene, settings: Settings, maps: list[WayMap]) -> Travels:
 def bounded(scene: Scene) -> Plant:
     """A plant in single precision, at a coarse step where struts are rigid, with motors of 1.2 m/s."""
     options = SolverOptions(dt=0.01 if scene.constrained else None, dtype="float32")
-    return plant_of(scene, load_gait("lasting").members, motors=Motors(rate=1.2), options=options)
+    return plant_of(scene, load_gait("lasting").members, motors=MotorLimits(rate=1.2), options=options)
 
 
 def told(found: Travels, field: Discs, robot: int) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from tqdm import tqdm
 
 from jaxgrity import SolverOptions, as_dtype, load_gait, load_scene
-from jaxgrity.control import Motors, PhaseLocked, Sampling, Steered, centre_offsets, lead_to, plant_of
+from jaxgrity.control import MotorLimits, PhaseLocked, Sampling, Steered, centre_offsets, lead_to, plant_of
 from jaxgrity.io.files import save_json
 from jaxgrity.report import plot
 
@@ -45,7 +45,7 @@ def main(settings: Settings) -> None:
         settings.samples, settings.seconds = (8,), 1.0
     gait, scene = load_gait("lasting"), load_scene("exact")
     options = SolverOptions(dt=0.01, dtype="float32")
-    plant = plant_of(scene, gait.members, motors=Motors(rate=1.2), options=options)
+    plant = plant_of(scene, gait.members, motors=MotorLimits(rate=1.2), options=options)
     offsets = centre_offsets(scene.structure, gait.members)
     policy = as_dtype(Steered(PhaseLocked(gait), np.array(0.0), offsets), "float32")
     rows: list[dict[str, Any]] = []

@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 from jaxgrity import SolverOptions, as_dtype, load_gait, load_scene
 from jaxgrity.control import (
     Loop,
-    Motors,
+    MotorLimits,
     PhaseLocked,
     Plant,
     Steered,
@@ -56,7 +56,7 @@ def main(settings: Settings) -> None:
         settings.bends, settings.robots = (0.1,), 2
     scene, gait, count = load_scene("exact"), load_gait("lasting"), len(settings.bends) * settings.robots
     options = SolverOptions(dt=0.01, dtype="float32")
-    plant = plant_of(scene, gait.members, motors=Motors(rate=1.2), options=options)
+    plant = plant_of(scene, gait.members, motors=MotorLimits(rate=1.2), options=options)
     many = side_by_side(plant, count)
     one = Steered(PhaseLocked(gait), np.array(0.0), centre_offsets(scene.structure, gait.members))
     policy = as_dtype(jax.tree.map(lambda x: jnp.repeat(jnp.asarray(x)[..., None], count, axis=-1), one), "float32")

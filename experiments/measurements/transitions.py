@@ -22,7 +22,7 @@ from jaxgrity import Differences, SolverOptions, load_gait, load_scene
 from jaxgrity.control import (
     Blend,
     Loop,
-    Motors,
+    MotorLimits,
     PhaseLocked,
     Plant,
     drive,
@@ -74,7 +74,7 @@ def main(settings: Settings) -> None:
     cases = [(name, over) for name in names for over in settings.over]
     count = len(cases) * settings.robots
     options = SolverOptions(dt=0.01, dtype="float32")
-    plant = plant_of(scene, load_gait("lasting").members, motors=Motors(rate=1.2), options=options)
+    plant = plant_of(scene, load_gait("lasting").members, motors=MotorLimits(rate=1.2), options=options)
     friction = 1 + np.random.default_rng(settings.seed).uniform(-UNKNOWN, UNKNOWN, settings.robots)
     many = side_by_side(plant, count, Differences(friction=np.tile(friction, len(cases))))
     policy = both(scene, [name for name, _ in cases for _ in range(settings.robots)])

@@ -3,7 +3,7 @@ from .closed_loop import Drive, Loop, drive, loop_start, roll_on, simulate_polic
 from .environments import Environment, EnvironmentState, Situation, environment
 from .feedback import PhaseLocked, sure_footed
 from .gymnasium_adapter import GymnasiumEnvironment
-from .motors import Motors, contraction_reached
+from .motor_limits import MotorLimits, contraction_reached
 from .obstacles import Discs, WayMap, discs_of, gap, room, way_map
 from .plant import Plant, PlantState, actuate, observe, plant_of, plant_start, side_by_side
 from .policies import OpenLoop, Policy
@@ -27,7 +27,7 @@ __all__ = [
     "GymnasiumEnvironment",
     "Journey",
     "Loop",
-    "Motors",
+    "MotorLimits",
     "Observation",
     "OpenLoop",
     "PhaseLocked",

@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxgrity.control.motors import Motors
+from jaxgrity.control.motor_limits import MotorLimits
 from jaxgrity.control.plant import (
     PERFECT,
     Plant,
@@ -32,7 +32,7 @@ from jaxgrity.stepping.discretisation import state_failure
 from jaxgrity.stepping.dynamics import centre_of_mass
 from jaxgrity.stepping.options import Options
 
-METRE_A_SECOND = Motors(rate=1.0, stroke=0.5)
+METRE_A_SECOND = MotorLimits(rate=1.0, stroke=0.5)
 """motors as fast as gaits of the library ask for, with room for those of `sure_footed`"""
 
 
@@ -151,7 +151,7 @@ def environment(
     scene: Scene,
     *,
     sensors: Sensors = PERFECT,
-    motors: Motors = METRE_A_SECOND,
+    motors: MotorLimits = METRE_A_SECOND,
     options: Options = None,
     seconds: float = 10.0,
     effort_cost: float = 0.02,

@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxgrity.control.motors import Motors, contraction_reached
+from jaxgrity.control.motor_limits import MotorLimits, contraction_reached
 from jaxgrity.control.sensors import Observation, Readings, Sensors, first_readings, measure, read
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, State
@@ -27,7 +27,7 @@ from jaxgrity.stepping.handover import carried_from, state_from
 from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
 from jaxgrity.stepping.power import Step
 
-PERFECT, UNBOUNDED = Sensors(), Motors()
+PERFECT, UNBOUNDED = Sensors(), MotorLimits()
 """sensors without errors, motors that do what they are asked"""
 
 
@@ -61,7 +61,7 @@ class Plant(eqx.Module):
     period: float = eqx.field(static=True)
     """s, from one command to the next"""
     sensors: Sensors = Sensors()
-    motors: Motors = Motors()
+    motors: MotorLimits = MotorLimits()
     robots: int | None = eqx.field(static=True, default=None)
     """how many; None: one, without an axis for it"""
 
@@ -116,7 +116,7 @@ def plant_of(
     *,
     period: float = 0.01,
     sensors: Sensors = PERFECT,
-    motors: Motors = UNBOUNDED,
+    motors: MotorLimits = UNBOUNDED,
     options: Options = None,
 ) -> Plant:
     """A scene as a plant, of one robot; `side_by_side` makes many of it.

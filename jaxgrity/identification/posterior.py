@@ -9,7 +9,8 @@ from jaxgrity.identification.fits import Identified
 from jaxgrity.identification.parameters import changed
 from jaxgrity.populations.uncertainty import DIFFERING, Differences, Uncertainty, part_of
 
-ALIKE = 1e-9
+ROUNDING = 1e-9
+"""the largest difference of friction between the nodes of a robot that is still one friction for all of them"""
 
 
 def posterior_robots(key: jax.Array, found: Identified, count: int) -> Differences:
@@ -51,7 +52,7 @@ def robots_at(found: Identified, drawn: np.ndarray) -> Differences:
         raise InputError(f"{missing[0]}: robots of a population cannot differ in it; expected {', '.join(DIFFERING)}")
     if "friction" in factors:
         friction = factors["friction"].reshape(count, -1)
-        if np.ptp(friction, axis=1).max() > ALIKE:
+        if np.ptp(friction, axis=1).max() > ROUNDING:
             raise InputError("friction: robots differ alike at all nodes; expected one parameter for all of them")
         factors["friction"] = friction[:, 0]
     return Differences(**factors)

@@ -6,7 +6,7 @@ from .inertia import energy_of_motion, mass_matrix, mobility, momenta
 from .scene import body_length
 from .surface import Frame, Surface
 from .symmetry import gene_permutations, image, standing_symmetries, symmetries
-from .waves import Wave, travelling_waves
+from .waves import TravellingWave, travelling_waves
 
 __all__ = [
     "Command",
@@ -14,7 +14,7 @@ __all__ = [
     "Friction",
     "Ground",
     "Surface",
-    "Wave",
+    "TravellingWave",
     "body_length",
     "energy_of_motion",
     "exact_twin",

@@ -18,7 +18,7 @@ Places = tuple[int, ...]
 """for each actuator the place to which a rotation takes it"""
 
 
-class Wave(NamedTuple):
+class TravellingWave(NamedTuple):
     """Which actuators follow each other, and when."""
 
     groups: tuple[int, ...]
@@ -27,7 +27,9 @@ class Wave(NamedTuple):
     """(actuators,), turns, in [0, 1), by which its phase is ahead of the first one's of its group"""
 
 
-def travelling_waves(structure: Structure, members: tuple[int, ...], *, one_axis: bool = False) -> tuple[Wave, ...]:
+def travelling_waves(
+    structure: Structure, members: tuple[int, ...], *, one_axis: bool = False
+) -> tuple[TravellingWave, ...]:
     """The waves in which a structure's rotations have a gait's actuators follow each other.
 
     Where no wave suits all rotations, it is those about one axis, the first that has as many as any other. Waves that
@@ -62,14 +64,14 @@ def travelling_waves(structure: Structure, members: tuple[int, ...], *, one_axis
     return ()
 
 
-def _waves(generators: Sequence[Places], count: int) -> tuple[Wave, ...]:
+def _waves(generators: Sequence[Places], count: int) -> tuple[TravellingWave, ...]:
     """Those whose shifts are not all 0."""
     turns = [[Fraction(k, _order(each)) for k in range(_order(each))] for each in generators]
     found = (_wave(generators, shifts, count) for shifts in product(*turns) if any(shifts))
     return tuple(dict.fromkeys(wave for wave in found if wave is not None and any(wave.shifts)))
 
 
-def _wave(generators: Sequence[Places], shifts: Sequence[Fraction], count: int) -> Wave | None:
+def _wave(generators: Sequence[Places], shifts: Sequence[Fraction], count: int) -> TravellingWave | None:
     """The phases that follow when each of the generators shifts them by so many turns; None where they contradict."""
     group, phase = [-1] * count, [Fraction(0)] * count
     for first in range(count):
@@ -85,7 +87,7 @@ def _wave(generators: Sequence[Places], shifts: Sequence[Fraction], count: int) 
                 elif phase[following] != turn:
                     return None
     numbers = {first: number for number, first in enumerate(dict.fromkeys(group))}
-    return Wave(tuple(numbers[first] for first in group), tuple(float(turn) for turn in phase))
+    return TravellingWave(tuple(numbers[first] for first in group), tuple(float(turn) for turn in phase))
 
 
 def _generators(elements: Sequence[Places]) -> list[Places]:

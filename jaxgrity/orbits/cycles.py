@@ -11,8 +11,9 @@ from jaxgrity.model.scene import Scene
 
 MOST_PERIODS = 12
 """of actuation in a cycle, that are looked for"""
-ALIKE = 1.5
-"""times the least change of shape over any number of periods: the first number that comes so close counts"""
+RETURNED = 1.5
+"""a shape has returned after the first number of periods that changes it by no more than this many times the least
+change that any number of periods leaves"""
 
 
 class Plane(NamedTuple):
@@ -56,7 +57,7 @@ def cycle(shapes: Float[np.ndarray, "periods numbers"], path: Float[np.ndarray, 
     changes = np.array([np.median(np.abs(shapes[n:] - shapes[:-n]).max(1)) for n in lags])
     changes[1:][bends[1:] > np.pi] = np.inf
     rounding = 1e-9 * np.abs(shapes).max()
-    return int(np.argmax(changes <= ALIKE * np.min(changes) + rounding)) + 1
+    return int(np.argmax(changes <= RETURNED * np.min(changes) + rounding)) + 1
 
 
 def way_along(path: Float[AnyArray, "places 2"], angle: Scalar) -> Scalar:

@@ -12,7 +12,7 @@ from jaxgrity.core.types import AnyArray
 from jaxgrity.model.actuation import Gait
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.symmetry import gene_permutations, symmetries
-from jaxgrity.orbits.cycles import ALIKE, Plane, plane_of, shape
+from jaxgrity.orbits.cycles import RETURNED, Plane, plane_of, shape
 from jaxgrity.orbits.finding import Orbit, in_step, restarted
 from jaxgrity.stepping.options import Options
 from jaxgrity.stepping.simulate import simulate
@@ -81,7 +81,7 @@ def repetition(scene: Scene, orbit: Orbit, *, options: Options = None) -> Repeti
         return whole
     long, plane = frames * orbit.periods, plane_of(scene)
     q = np.asarray(trajectory.positions, float)[-2 * long :] @ plane.axes
-    limit = ALIKE * _change(q, plane, long, whole.nodes) + ROUNDING * orbit.body_length
+    limit = RETURNED * _change(q, plane, long, whole.nodes) + ROUNDING * orbit.body_length
     lags = [(m * frames + int(share * frames), nodes) for share, nodes in found for m in range(orbit.periods)]
     for lag, nodes in sorted(lags):
         if 0 < lag < long and (change := _change(q, plane, lag, nodes)) <= limit:

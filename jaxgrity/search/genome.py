@@ -10,7 +10,7 @@ from jaxtyping import Float
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, namespace_of
 from jaxgrity.model.actuation import Gait, Overtone, peak_rates
-from jaxgrity.model.waves import Wave
+from jaxgrity.model.waves import TravellingWave
 from jaxgrity.populations.population import gaits_of
 
 Genes = Float[AnyArray, "*population genes"]
@@ -35,7 +35,7 @@ class Genome(eqx.Module):
     """how many of the actuators move, those that rank highest; the others keep their rest lengths"""
     images: tuple[tuple[int, ...], ...] = eqx.field(static=True, default=())
     """permutations of the actuators under which a gait is the same gait, seen from elsewhere (`gene_permutations`)"""
-    waves: tuple[Wave, ...] = eqx.field(static=True, default=())
+    waves: tuple[TravellingWave, ...] = eqx.field(static=True, default=())
     """those that gaits may be (`travelling_waves`); empty: each actuator moves as it likes"""
     quickest: tuple[float, ...] = eqx.field(static=True, default=())
     """1/s, the largest |dL/dt| / L0 of each actuator, to which amplitudes are scaled down; empty: they are not"""

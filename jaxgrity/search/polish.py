@@ -50,8 +50,8 @@ FOR_CLIMBS, FOR_COMPARISON, FOR_THE_END = range(3)
 """what random numbers are drawn for: none twice in one polish"""
 CLEAR = 3.0
 """standard errors by which one of both has to be better, for no more robots to be asked"""
-ALIKE = 0.005
-"""share of the fitness: nor are more asked where the standard error of the difference is within it"""
+CLOSE_ENOUGH = 0.005
+"""share of the fitness: where the standard error of the difference is within it, no more robots are asked"""
 
 
 class Polished(NamedTuple):
@@ -258,7 +258,7 @@ def _before_and_after(
     def clear(each: np.ndarray) -> bool:
         gain = np.subtract(*influences(each, problem.fitness.caution)[::-1])
         error = standard_error(gain)
-        return bool(abs(gain.mean()) > CLEAR * error or error <= ALIKE * abs(each.mean()))
+        return bool(abs(gain.mean()) > CLEAR * error or error <= CLOSE_ENOUGH * abs(each.mean()))
 
     robots = with_robots(problem.fitness, config.final_robots).rollouts
     found = judge_until(judged, robots, problem.fitness.caution, clear)

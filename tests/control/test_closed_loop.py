@@ -10,7 +10,7 @@ import pytest
 
 import jaxgrity
 from jaxgrity import Gait, InputError, SolverOptions, control
-from jaxgrity.control import Errors, Motors, Observation, OpenLoop, PhaseLocked, Sensors, Steered, centre_offsets
+from jaxgrity.control import Errors, MotorLimits, Observation, OpenLoop, PhaseLocked, Sensors, Steered, centre_offsets
 from jaxgrity.control.closed_loop import taken_over
 
 TEN_MS = SolverOptions(dt=0.01)
@@ -260,25 +260,25 @@ def test_a_network_is_a_policy(scene, plant):
 def test_commands_beyond_the_stroke_count_as_that():
     """On both sides."""
     none, wanted = np.zeros(3), np.array([1.5, -2.0, 0.3])
-    reached = control.contraction_reached(Motors(stroke=0.5), none, wanted, 0.01, np.ones(3), None)
+    reached = control.contraction_reached(MotorLimits(stroke=0.5), none, wanted, 0.01, np.ones(3), None)
     np.testing.assert_allclose(reached, [0.5, -0.5, 0.3])
 
 
 def test_motors_lag_and_are_bounded():
     """By the share that a first-order lag closes, by their rate, and by the force that stalls them."""
     now, wanted, lengths = np.zeros(2), np.array([0.1, -0.1]), np.array([1.0, 2.0])
-    lagging = control.contraction_reached(Motors(lag=0.05), now, wanted, 0.01, lengths, None)
+    lagging = control.contraction_reached(MotorLimits(lag=0.05), now, wanted, 0.01, lengths, None)
     np.testing.assert_allclose(lagging, (1 - np.exp(-0.2)) * wanted)
-    slow = control.contraction_reached(Motors(rate=0.5), now, wanted, 0.01, lengths, None)
+    slow = control.contraction_reached(MotorLimits(rate=0.5), now, wanted, 0.01, lengths, None)
     np.testing.assert_allclose(slow, [0.005, -0.0025])
-    pulled = control.contraction_reached(Motors(force=50.0), now, wanted, 0.01, lengths, np.array([60.0, 60.0]))
+    pulled = control.contraction_reached(MotorLimits(force=50.0), now, wanted, 0.01, lengths, np.array([60.0, 60.0]))
     np.testing.assert_allclose(pulled, [0.0, -0.1])
 
 
 @pytest.mark.slow
 def test_a_motor_that_is_too_weak_does_not_shorten_its_strut(scene):
     """Struts of this robot are pressed together by more than 1 N: they can shorten, and not lengthen again."""
-    weak = control.plant_of(scene, scene.gait.members, motors=Motors(force=1.0), options=TEN_MS)
+    weak = control.plant_of(scene, scene.gait.members, motors=MotorLimits(force=1.0), options=TEN_MS)
     policy = OpenLoop(scene.gait)
     loop = control.loop_start(weak, policy, jax.random.key(0))
     end, shortened = control.roll_on(weak, policy, loop, 60, lambda state: state.contraction)
@@ -409,7 +409,7 @@ class Short(control.Policy):
             ),
             "each = True: the last axes have 6 rows; expected 2, one for each robot",
         ),
-        (lambda scene: Motors(stroke=1.0), r"motors.stroke = 1.0: expected less than 1"),
+        (lambda scene: MotorLimits(stroke=1.0), r"motors.stroke = 1.0: expected less than 1"),
         (lambda scene: control.plant_of(scene, ()), r"members = \(\): expected at least one"),
         (
             lambda scene: control.plant_of(scene, (0,), period=np.nan),
@@ -454,7 +454,7 @@ class Short(control.Policy):
         ),
         (lambda scene: Steered(OpenLoop(scene.gait), np.nan, np.zeros((6, 6))), "bend = nan: expected numbers between"),
         (lambda scene: Steered(OpenLoop(scene.gait), 0.1, np.zeros(6)), r"offsets have the shape \(6,\): expected"),
-        (lambda scene: Motors(rate=0.0), r"motors.rate = 0.0: expected a positive"),
+        (lambda scene: MotorLimits(rate=0.0), r"motors.rate = 0.0: expected a positive"),
         (lambda scene: PhaseLocked(scene.gait, np.zeros(2)), r"gains has shape \(2,\)"),
         (
             lambda scene: control.simulate_policy(control.plant_of(scene, (0,)), OpenLoop(scene.gait), 0.1),

@@ -25,7 +25,7 @@ def scene():
 @pytest.fixture(scope="module")
 def goal(scene):
     """With 0.2 s for the goal, and a short stroke."""
-    return control.environment("goal", scene, options=QUICK, seconds=0.2, motors=control.Motors(stroke=0.3))
+    return control.environment("goal", scene, options=QUICK, seconds=0.2, motors=control.MotorLimits(stroke=0.3))
 
 
 @pytest.fixture(scope="module")
@@ -146,7 +146,7 @@ def test_shaking_in_place_is_no_progress():
 @pytest.mark.campaign
 def test_gradient_of_rewards_is_that_of_central_differences(scene):
     """In the action, of a robot that has come to rest on a face, where nothing switches."""
-    lagging = control.Motors(lag=0.05, stroke=0.5)
+    lagging = control.MotorLimits(lag=0.05, stroke=0.5)
     env = control.environment("heading", scene, options=SolverOptions(dt=0.01), motors=lagging)
 
     def on(state, action, ticks):

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jaxgrity import Gait, Genome, InputError, one_gait
-from jaxgrity.model import Wave, gene_permutations, standing_symmetries
+from jaxgrity.model import TravellingWave, gene_permutations, standing_symmetries
 from jaxgrity.model.actuation import Overtone, contraction, peak_rates
 
 FULL = Genome(
@@ -238,7 +238,7 @@ WAVES = Genome(
     (0.1, 0.3),
     (0.2, 1.0),
     overtones=1,
-    waves=(Wave((0, 0, 1, 1), (0.0, 0.5, 0.0, 0.5)), Wave((0, 0, 1, 1), (0.0, 0.25, 0.0, 0.75))),
+    waves=(TravellingWave((0, 0, 1, 1), (0.0, 0.5, 0.0, 0.5)), TravellingWave((0, 0, 1, 1), (0.0, 0.25, 0.0, 0.75))),
 )
 """two groups of two actuators, which follow each other in one of two ways"""
 
@@ -261,7 +261,7 @@ def test_actuators_of_a_wave_follow_each_other(seed):
 @given(seeds)
 def test_a_wave_that_is_scaled_down_stays_one(seed):
     """Actuators that follow each other by thirds of a period keep one amplitude; none is quicker than it may."""
-    wave = Wave((0, 0, 0, 1, 1, 1), (0.0, 1 / 3, 2 / 3, 0.5, 5 / 6, 1 / 6))
+    wave = TravellingWave((0, 0, 0, 1, 1, 1), (0.0, 1 / 3, 2 / 3, 0.5, 5 / 6, 1 / 6))
     genome = Genome(6, (0.1, 0.6), (0.5, 3.0), overtones=1, waves=(wave,), quickest=(0.8,) * 6)
     own = Gait(tuple(range(6)), np.zeros(6), np.full(6, 0.2), np.full(6, 0.5), start=0.0, ramp=1e-3)
     gaits = genome.gaits(own, np.random.default_rng(seed).uniform(size=(8, genome.size)))
@@ -272,12 +272,12 @@ def test_a_wave_that_is_scaled_down_stays_one(seed):
 
 def test_one_wave_needs_no_gene_to_say_which():
     """And waves that do not fit the actuators, or each other, are refused."""
-    wave = Wave((0, 0, 0), (0.0, 1 / 3, 2 / 3))
+    wave = TravellingWave((0, 0, 0), (0.0, 1 / 3, 2 / 3))
     assert Genome(3, waves=(wave,)).blocks == {"phase": 1}
     np.testing.assert_allclose(
         Genome(3, waves=(wave,)).gaits(GAIT, np.array([[0.1]])).phase[0], 2 * np.pi * (0.1 + np.arange(3) / 3)
     )
-    for waves in ((Wave((0, 0), (0.0, 0.5)),), (wave, Wave((0, 1, 0), (0.0, 0.0, 0.5)))):
+    for waves in ((TravellingWave((0, 0), (0.0, 0.5)),), (wave, TravellingWave((0, 1, 0), (0.0, 0.0, 0.5)))):
         with pytest.raises(InputError, match="waves: expected the same groups of 3 actuators in each"):
             Genome(3, waves=waves)
     with pytest.raises(InputError, match="waves, active"):

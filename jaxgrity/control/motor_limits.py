@@ -8,7 +8,7 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray
 
 
-class Motors(eqx.Module):
+class MotorLimits(eqx.Module):
     """What the motors of all actuated members can do; by default nearly anything.
 
     Raises `InputError` where that is nothing.
@@ -37,7 +37,7 @@ class Motors(eqx.Module):
 
 
 def contraction_reached(
-    motors: Motors, now: AnyArray, wanted: AnyArray, period: float, lengths: AnyArray, tension: AnyArray | None
+    motors: MotorLimits, now: AnyArray, wanted: AnyArray, period: float, lengths: AnyArray, tension: AnyArray | None
 ) -> AnyArray:
     """The contraction that motors reach within a control period, (actuators,), or with the population last.
 
