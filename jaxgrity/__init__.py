@@ -25,6 +25,8 @@ ROOMS = (
     "structures",
 )
 """those that have public names"""
+RENAMED = {"Motors": "MotorLimits", "Wave": "TravellingWave"}
+"""names that were at the top, by those that they have in their rooms"""
 
 
 def __getattr__(name: str):
@@ -32,10 +34,11 @@ def __getattr__(name: str):
         return _found(name)
     if name in ROOMS:
         return import_module(f"{__name__}.{name}")
+    now = RENAMED.get(name, name)
     for room in ROOMS:
         home = import_module(f"{__name__}.{room}")
-        if name in home.__all__:
-            moved = f"jaxgrity.{name} is jaxgrity.{room}.{name} now; the short name goes with the next release"
+        if now in home.__all__:
+            moved = f"jaxgrity.{name} is jaxgrity.{room}.{now} now; the short name goes with the next release"
             warnings.warn(moved, DeprecationWarning, stacklevel=2)
-            return getattr(home, name)
+            return getattr(home, now)
     return _found(name)

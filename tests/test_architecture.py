@@ -140,6 +140,8 @@ def test_names_that_moved_warn_and_are_there():
     """For one release, from the top too."""
     with pytest.warns(DeprecationWarning, match=r"jaxgrity.find_orbit is jaxgrity.orbits.find_orbit now"):
         assert jaxgrity.find_orbit is jaxgrity.orbits.find_orbit
+    with pytest.warns(DeprecationWarning, match=r"jaxgrity.Motors is jaxgrity.control.MotorLimits now"):
+        assert jaxgrity.Motors is jaxgrity.control.MotorLimits
     with pytest.raises(AttributeError, match="no_such_name"):
         jaxgrity.no_such_name  # noqa: B018
 
