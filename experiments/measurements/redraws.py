@@ -19,6 +19,7 @@ from jaxgrity import (
     Fitness,
     Gait,
     InputError,
+    Scene,
     SearchConfig,
     SolverOptions,
     SteadySpeed,
@@ -31,7 +32,7 @@ from jaxgrity import (
 )
 from jaxgrity.io.files import save_json
 from jaxgrity.report import plot
-from jaxgrity.search import Model, influences, judge, model_of, standard_error
+from jaxgrity.search import Level, influences, judge, model_of, standard_error
 
 COVERING = 2.0
 """standard errors in a range"""
@@ -67,8 +68,7 @@ def main(settings: Settings) -> None:
     scenes = [own] if settings.quick else [own, contact_twin(own)]
     for scene in scenes:
         contact = "exact" if scene.constrained else "penalty"
-        model = model_of(scene, settings.duration, SolverOptions(dtype="float32"))
-        each = judged(model, pair, settings, contact)
+        each = judged(scene, pair, settings, contact)
         for statistic, (values, ranges, true) in statistics(each, settings.gaits).items():
             off = (values - true) / ranges
             rows.append({"statistic": statistic, "contact": contact, "covered": float(np.mean(np.abs(off) <= 1))})
@@ -88,11 +88,13 @@ def pair_of(gaits: list[Gait]) -> Gait:
     return gaits_of(gaits[0], np.stack([np.asarray(g.phase) for g in gaits]), amplitude, frequency)
 
 
-def judged(model: Model, pair: Gait, settings: Settings, contact: str) -> np.ndarray:
+def judged(scene: Scene, pair: Gait, settings: Settings, contact: str) -> np.ndarray:
     """(draws, gaits, robots), steady speeds, body lengths/s."""
     fitness = Fitness(SteadySpeed(), SearchConfig().uncertainty, settings.robots, CAUTION)
     seeds = tqdm(range(settings.draws), desc=contact, unit="ensemble")
-    return np.array([judge(jax.random.key(seed), (model,), pair, settings.duration, fitness).each for seed in seeds])
+    model = model_of(scene, settings.duration, SolverOptions(dtype="float32"))
+    level = Level((model,), settings.duration, fitness)
+    return np.array([judge(jax.random.key(seed), level, pair).each for seed in seeds])
 
 
 def statistics(each: np.ndarray, gaits: tuple[str, str]) -> dict[str, tuple[np.ndarray, np.ndarray, float]]:

@@ -70,7 +70,7 @@ def climb(
     The routes have one kind and one horizon, and are climbed side by side: rollouts of few gaits cost more each.
     """
     genes, (_, kind, horizon) = np.stack([route.genes for route in routes]), routes[0]
-    _, genome, duration, fitness, _ = task.problem
+    _, genome, duration, fitness = task.problem
     ahead = [horizon] if kind == "smoothed" else [(horizon + _shortest(task, genes[0])) / 2, horizon]
     costs = [cost_of_gradient(config, fitness, kind, reach / duration) for reach in ahead]
     count = int(rollouts / np.mean(costs))
@@ -118,7 +118,7 @@ def one_period(gait: Gait) -> float:
 
 
 def _shortest(task: ClimbTask, genes: OneGait) -> float:
-    scene, genome, _, _, _ = task.problem
+    scene, genome, *_ = task.problem
     return one_period(one_gait(genome.gaits(scene.gait, genes[None]), 0))
 
 

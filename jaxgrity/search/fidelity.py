@@ -16,11 +16,12 @@ from jaxgrity.model.actuation import Gait
 from jaxgrity.model.contact_twin import contact_twin, exact_twin
 from jaxgrity.model.scene import Scene
 from jaxgrity.populations.population import as_population
-from jaxgrity.search.genetic_algorithm import Evolution, GAConfig, SearchProblem, SearchState, begin, evolve, models_of
+from jaxgrity.search.genetic_algorithm import Evolution, GAConfig, SearchProblem, SearchState, begin, evolve_on
 from jaxgrity.search.genome import Genes
 from jaxgrity.search.judging import (
     ROUND,
     Fitness,
+    Level,
     Scores,
     judge,
     judge_until,
@@ -28,7 +29,7 @@ from jaxgrity.search.judging import (
     with_robots,
     without_measuring,
 )
-from jaxgrity.search.models import rough_step
+from jaxgrity.search.models import model_of, rough_step, twin_model
 from jaxgrity.search.objectives import ActuatorBounds
 from jaxgrity.stepping.options import SolverOptions
 from jaxgrity.stepping.step_limits import default_method, default_step
@@ -57,6 +58,15 @@ class FidelityLevel(NamedTuple):
     def options(self) -> SolverOptions:
         """Its step and its precision."""
         return SolverOptions(dt=self.dt, dtype=self.dtype)
+
+    def of(self, duration: float, fitness: Fitness) -> Level:
+        """What judges gaits on it: its own model, and its twin's, if any, at a rough step.
+
+        Raises `InputError` as `resolve` does.
+        """
+        own = model_of(self.scene, duration, self.options)
+        twins = () if self.twin is None else (twin_model(self.twin, duration, self.dtype),)
+        return Level((own, *twins), duration, fitness)
 
 
 def fidelity_levels(
@@ -112,21 +122,20 @@ def evolve_through(
             state = state._replace(genes=found[-1].last.genes[: config.population])
         told = None if on_generation is None else lambda state, n=number: on_generation(n, state)
         fitness = without_measuring(problem.fitness) if level.wide else problem.fitness
-        here = problem._replace(scene=level.scene, twin=level.twin, fitness=fitness)
-        found.append(evolve(here, config, options=level.options, state=state, on_generation=told))
+        here = level.of(problem.duration, fitness)
+        found.append(evolve_on(here, problem.genome, config, state=state, on_generation=told))
     return found
 
 
 def judge_at(level: FidelityLevel, gaits: Gait, problem: SearchProblem, seed: int) -> Scores:
     """`judge` on a fidelity level, by the problem's duration and fitness."""
-    models = models_of(problem._replace(scene=level.scene, twin=level.twin), level.options)
-    return judge(jax.random.key(seed), models, gaits, problem.duration, problem.fitness)
+    return judge(jax.random.key(seed), level.of(problem.duration, problem.fitness), gaits)
 
 
 def excess_at(level: FidelityLevel, genes: Genes, problem: SearchProblem, bounds: ActuatorBounds) -> np.ndarray:
     """(gaits,), `ActuatorBounds.excess` on a robot that is as the level's own model says; infinite where it failed."""
     fitness, gaits = Fitness(problem.fitness.objective, bounds=bounds), problem.genome.gaits(problem.scene.gait, genes)
-    found = judge_at(level._replace(twin=None), gaits, problem._replace(fitness=fitness), 0)
+    found = judge(jax.random.key(0), level._replace(twin=None).of(problem.duration, fitness), gaits)
     return np.where(found.failed, np.inf, found.excess[:, 0])
 
 
@@ -198,14 +207,14 @@ def final_verdict(
     are done, and how many there are.
     """
     scene, gaits = problem.scene, as_population(gait)
-    some = problem._replace(fitness=with_robots(problem.fitness, min(robots, ROUND)))
+    some = with_robots(problem.fitness, min(robots, ROUND))
 
     def verified_at(step: float) -> Verified:
         return verify(scene, gaits, problem.duration, options=SolverOptions(dt=step))
 
     def judged(step: float, number: int = 0, within: ActuatorBounds = problem.fitness.bounds) -> Scores:
-        here = some._replace(fitness=replace(some.fitness, bounds=within))
-        return judge_at(FidelityLevel("", scene, step, "float32"), gaits, here, seed + number)
+        level = FidelityLevel("", scene, step, "float32").of(problem.duration, replace(some, bounds=within))
+        return judge(jax.random.key(seed + number), level, gaits)
 
     on_progress(0, 4)
     with ThreadPoolExecutor() as beside:  # one robot rolls on one core
@@ -223,7 +232,7 @@ def final_verdict(
         on_progress(2, 4)
         other = contact_twin(scene)
         level = FidelityLevel("", other, default_step(other, default_method(other)), "float32")
-        seen = judge_at(level, gaits, some, seed)
+        seen = judge(jax.random.key(seed), level.of(problem.duration, some), gaits)
         on_progress(3, 4)
         beyond = judged(step, within=bounds).beyond if bounds.needs_metrics else robust.beyond
         verified = verifying.result()

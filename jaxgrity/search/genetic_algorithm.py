@@ -15,8 +15,8 @@ from jaxgrity.core.types import AnyArray, PerGait, Scalar
 from jaxgrity.model.scene import Scene
 from jaxgrity.search.cma_es import asked_next, check_optimiser, fewest
 from jaxgrity.search.genome import Genes, Genome
-from jaxgrity.search.judging import Fitness, judge
-from jaxgrity.search.models import Model, model_of, twin_model
+from jaxgrity.search.judging import Fitness, Level, judge
+from jaxgrity.search.models import model_of
 from jaxgrity.stepping.options import Options
 
 
@@ -31,8 +31,6 @@ class SearchProblem(NamedTuple):
     """s, over which a gait is judged"""
     fitness: Fitness
     """how it is judged"""
-    twin: Scene | None = None
-    """the scene's contact twin, where every robot is tried on both contact models"""
 
     @property
     def seeks_orbits(self) -> bool:
@@ -40,16 +38,10 @@ class SearchProblem(NamedTuple):
         ground = self.scene.ground
         return self.fitness.objective.steady and (ground is None or ground.surface is None)
 
-
-def models_of(problem: SearchProblem, options: Options = None) -> tuple[Model, ...]:
-    """The scene's model, integrated as `options` say, and that of its twin, if any, at a rough step.
-
-    Raises `InputError` as `resolve` does.
-    """
-    own = model_of(problem.scene, problem.duration, options)
-    if problem.twin is None:
-        return (own,)
-    return own, twin_model(problem.twin, problem.duration, own.options.dtype)
+    def level(self, options: Options = None) -> Level:
+        """On which its gaits are judged: the scene's own model, integrated as `options` say; `InputError` as `resolve`
+        raises it."""
+        return Level((model_of(self.scene, self.duration, options),), self.duration, self.fitness)
 
 
 class GAConfig(eqx.Module):
@@ -194,27 +186,39 @@ def evolve(
         >>> found.last.genes.shape, found.rollouts
         ((4, 6), 8)
     """
-    config = config or GAConfig()
-    models = models_of(problem, options)
-    state = state or begin(problem.genome, config, seed, models[0].options.dtype)
+    level = problem.level(options)
+    return evolve_on(level, problem.genome, config or GAConfig(), seed=seed, state=state, on_generation=on_generation)
+
+
+def evolve_on(
+    level: Level,
+    genome: Genome,
+    config: GAConfig,
+    *,
+    seed: int = 0,
+    state: SearchState | None = None,
+    on_generation: Callable[[SearchState], None] | None = None,
+) -> Evolution:
+    """`evolve`, on a level of whatever models, about the gait of the first one's scene."""
+    state = state or begin(genome, config, seed, level.dtype)
     while state.number < config.generations:
-        state = _advance(state, problem, config, models)
+        state = _advance(state, level, genome, config)
         if on_generation is not None:
             on_generation(state)
     assert state.evaluated is not None, "there is at least one generation"
     gaits = config.population * config.generations + (config.drawn or config.population) - config.population
-    rollouts = gaits * problem.fitness.rollouts
+    rollouts = gaits * level.fitness.rollouts
     best, median, failed, within = state.record
     return Evolution(state.evaluated, best, median, failed.astype(int), within.astype(int), rollouts)
 
 
-def _advance(state: SearchState, problem: SearchProblem, config: GAConfig, models: tuple[Model, ...]) -> SearchState:
+def _advance(state: SearchState, level: Level, genome: Genome, config: GAConfig) -> SearchState:
     key, now = jax.random.split(jax.random.wrap_key_data(jnp.asarray(state.key)))
     drawn, bred = jax.random.split(now)
     # NumPy: on all devices, as breeding leaves them, genes would have the next rollouts compiled again
-    raw, genome = np.asarray(state.genes), problem.genome
+    raw = np.asarray(state.genes)
     genes = raw if state.memory is None else np.asarray(genome.within(raw))
-    scores = judge(drawn, models, genome.gaits(models[0].scene.gait, genes), problem.duration, problem.fitness)
+    scores = judge(drawn, level, genome.gaits(level.models[0].scene.gait, genes))
     order = np.argsort(-scores.merit, kind="stable")[: config.population]
     generation = Generation(genes[order], scores.fitness[order], scores.spread[order], np.sum(scores.failed))
     progress = min(1, state.number / max(1, (config.shrinking or config.generations) - 1))

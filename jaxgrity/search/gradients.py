@@ -18,8 +18,7 @@ from jaxgrity.populations.lanes import discretise_lanes, in_lanes, lanes_last, o
 from jaxgrity.populations.population import Outcomes
 from jaxgrity.populations.uncertainty import Differences, ensemble
 from jaxgrity.search.genetic_algorithm import SearchProblem
-from jaxgrity.search.judging import judge, with_robots
-from jaxgrity.search.models import Model
+from jaxgrity.search.judging import Level, judge
 from jaxgrity.stepping.dynamics import centre_of_mass
 from jaxgrity.stepping.final_state import stepped
 from jaxgrity.stepping.options import ResolvedOptions
@@ -31,7 +30,7 @@ class ClimbTask(NamedTuple):
     problem: SearchProblem
     options: ResolvedOptions
     """of the problem's own scene, with its step: reverse mode has to know it"""
-    models: tuple[Model, ...]
+    level: Level
     """that smoothed gradients are taken on"""
     width: Scalar
     """standard deviation s of the smoothed gradient's perturbations, as `PolishConfig.width`"""
@@ -128,10 +127,10 @@ def smoothed_gradients(
     drawn, disturbed = jax.random.split(key)
     starts, size = genes.shape
     e = jax.random.normal(drawn, (starts, samples // 2, size), genes.dtype)
-    scene, genome, _, fitness, _ = task.problem
+    scene, genome, *_ = task.problem
     perturbed = genome.bounded(genes[:, None] + task.width * jnp.concatenate([e, -e], axis=1))
     gaits = genome.gaits(scene.gait, np.asarray(perturbed).reshape(-1, size))
-    scores = judge(disturbed, task.models, gaits, ahead, with_robots(fitness, robots))
+    scores = judge(disturbed, task.level.by(robots)._replace(duration=ahead), gaits)
     value, merit = (np.asarray(each).reshape(starts, samples) for each in (scores.fitness, scores.merit))
     return _estimates(value, merit, e, task.width)
 
@@ -170,7 +169,7 @@ def utilities(fitness: PerGait) -> tuple[PerGait, Scalar]:
 def pathwise_gradient(key, genes, task: ClimbTask, ahead: float, robots: int) -> Gradient:
     """The mean gradient of the objective over an ensemble of robots, by reverse mode."""
 
-    scene, genome, _, fitness, _ = task.problem
+    scene, genome, _, fitness = task.problem
 
     def total(each):
         gaits = genome.gaits(scene.gait, each)

@@ -108,12 +108,32 @@ class Scores(NamedTuple):
         return np.where(self.failed, -np.inf, merit)
 
 
-def judge(key, models: tuple[Model, ...], gaits: Gait, duration: float, fitness: Fitness) -> Scores:
+class Level(NamedTuple):
+    """How gaits are judged: on which models, for how long, and by which fitness."""
+
+    models: tuple[Model, ...]
+    """on each of which every robot is rolled out; all of one precision"""
+    duration: float
+    """s"""
+    fitness: Fitness
+
+    @property
+    def dtype(self) -> str:
+        """The precision of its models."""
+        return self.models[0].options.dtype
+
+    def by(self, robots: int) -> "Level":
+        """The same level with ensembles of another size."""
+        return self._replace(fitness=with_robots(self.fitness, robots))
+
+
+def judge(key, level: Level, gaits: Gait) -> Scores:
     """Score every gait by its ensemble; on several models a robot is worth the mean of what it is worth on each.
 
     All models meet the same draws. What is compiled is shared by all calls on a model whose rollouts are about as many.
     """
-    worth, excess = zip(*(_judged(key, model, gaits, duration, fitness) for model in models))
+    _, duration, fitness = level
+    worth, excess = zip(*(_judged(key, model, gaits, duration, fitness) for model in level.models))
     return scored(np.mean(worth, axis=0), fitness.caution, np.max(excess, axis=0))
 
 

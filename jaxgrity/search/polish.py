@@ -28,10 +28,11 @@ from jaxgrity.core.types import AnyArray
 from jaxgrity.model.scene import as_dtype, with_gait
 from jaxgrity.populations.population import one_gait
 from jaxgrity.search.climb import Climb, ClimbStep, OneGait, Route, climb, one_period
-from jaxgrity.search.genetic_algorithm import SearchProblem, models_of
+from jaxgrity.search.genetic_algorithm import SearchProblem
 from jaxgrity.search.gradients import ClimbTask
 from jaxgrity.search.judging import (
     ROUND,
+    Level,
     Scores,
     influences,
     judge,
@@ -40,7 +41,6 @@ from jaxgrity.search.judging import (
     with_robots,
     without_measuring,
 )
-from jaxgrity.search.models import Model
 from jaxgrity.search.polish_config import PolishConfig, budget, check_polish, cost_of_gradient
 from jaxgrity.search.polish_orbit import climb_on_orbit
 from jaxgrity.stepping.options import Options, ResolvedOptions, SolverOptions, resolve
@@ -183,7 +183,7 @@ def _gain(before: Scores, after: Scores, caution: float) -> str:
 
 def _routes(problem: SearchProblem, genes, options: ResolvedOptions, config: PolishConfig) -> Routes:
     """A route from each start by what its sensitivity allows."""
-    scene, genome, duration, _, _ = problem
+    scene, genome, duration, _ = problem
     routes, growth, refused = [], [], 0
     gaits, bound = genome.gaits(scene.gait, genes), config.largest_sensitivity
     for k, start in enumerate(genes):
@@ -217,8 +217,8 @@ def _climb_all(
 ) -> tuple[Climb, int]:
     """The climb that ended best, and what all of them cost."""
     scene, fitness = as_dtype(problem.scene, options.dtype), without_measuring(problem.fitness)
-    rolled = problem._replace(scene=scene, fitness=fitness)
-    task = ClimbTask(rolled, options, models_of(problem, options), np.asarray(config.width[0], options.dtype))
+    rolled, level = problem._replace(scene=scene, fitness=fitness), problem.level(options)._replace(fitness=fitness)
+    task = ClimbTask(rolled, options, level, np.asarray(config.width[0], options.dtype))
     duration = problem.duration
     costs = [cost_of_gradient(config, fitness, route.kind, route.horizon / duration) for route in routes]
     each, comparison = budget(config, fitness, costs)
@@ -227,7 +227,7 @@ def _climb_all(
         key = _key(seed, FOR_CLIMBS, number)
         if alike[0].kind == "orbit":
             own = problem._replace(fitness=fitness)
-            climbs.append(climb_on_orbit(own, options, task.models, config, (alike[0].genes, each), key, on_step))
+            climbs.append(climb_on_orbit(own, options, level, config, (alike[0].genes, each), key, on_step))
         else:
             climbs += climb(task, config, alike, each, key, on_step)
     spent = sum(done.cost for done in climbs) + comparison
@@ -235,7 +235,7 @@ def _climb_all(
         return climbs[0], spent
     ends = np.stack([done.end for done in climbs])
     key = _key(seed, FOR_COMPARISON)
-    scores = _judge_genes(key, problem, ends, task.models, config.comparison_robots)
+    scores = _judge_genes(key, problem, ends, problem.level(options).by(config.comparison_robots))
     return climbs[int(np.argmax(scores.merit))], spent
 
 
@@ -250,10 +250,10 @@ def _before_and_after(
 ) -> list[Scores]:
     """The scores of the best start and the best end by one ensemble, one row each."""
     pair = np.stack([start, end])
-    some, models = min(config.final_robots, ROUND), models_of(problem, options)
+    level = problem.level(options).by(min(config.final_robots, ROUND))
 
     def judged(number: int) -> Scores:
-        return _judge_genes(_key(seed, FOR_THE_END, number), problem, pair, models, some)
+        return _judge_genes(_key(seed, FOR_THE_END, number), problem, pair, level)
 
     def clear(each: np.ndarray) -> bool:
         gain = np.subtract(*influences(each, problem.fitness.caution)[::-1])
@@ -265,10 +265,9 @@ def _before_and_after(
     return [jax.tree.map(lambda x, k=k: x[k : k + 1], found) for k in (0, 1)]
 
 
-def _judge_genes(key, problem: SearchProblem, genes, models: tuple[Model, ...], robots: int) -> Scores:
-    """`judge`, of a gait for each row of genes, by ensembles of another size."""
-    gaits = problem.genome.gaits(problem.scene.gait, np.asarray(genes, models[0].options.dtype))
-    return judge(key, models, gaits, problem.duration, with_robots(problem.fitness, robots))
+def _judge_genes(key, problem: SearchProblem, genes, level: Level) -> Scores:
+    """`judge`, of a gait for each row of genes."""
+    return judge(key, level, problem.genome.gaits(problem.scene.gait, np.asarray(genes, level.dtype)))
 
 
 def _key(seed: int, *purpose: int):

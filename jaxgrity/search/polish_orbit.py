@@ -23,8 +23,7 @@ from jaxgrity.populations.population import one_gait
 from jaxgrity.search.climb import Climb, ClimbStep, OneGait
 from jaxgrity.search.genetic_algorithm import SearchProblem
 from jaxgrity.search.genome import Genome
-from jaxgrity.search.judging import Scores, judge, with_robots
-from jaxgrity.search.models import Model
+from jaxgrity.search.judging import Level, Scores, judge
 from jaxgrity.search.polish_config import PolishConfig, judges_of_a_step
 from jaxgrity.stepping.options import ResolvedOptions
 
@@ -58,7 +57,7 @@ class OrbitSlope(NamedTuple):
 def climb_on_orbit(
     problem: SearchProblem,
     options: ResolvedOptions,
-    models: tuple[Model, ...],
+    level: Level,
     config: PolishConfig,
     start: tuple[OneGait, int],
     key,
@@ -67,22 +66,23 @@ def climb_on_orbit(
     """Climb from one gait for as long as the rollouts pay: `start` is its genes, and how many they are."""
     genes: OneGait = np.asarray(start[0], float)
     rollouts = start[1]
-    fitness = with_robots(problem.fitness, judges_of_a_step(config, problem.fitness))
+    judges = level.by(judges_of_a_step(config, level.fitness))
+    each_costs = judges.fitness.rollouts
     optimiser = optax.chain(optax.trace(config.momentum), optax.normalize_by_update_norm())
 
     def judged(each: OneGait) -> Scores:
-        gaits = problem.genome.gaits(problem.scene.gait, jnp.asarray(each, models[0].options.dtype)[None])
-        return judge(key, models, gaits, problem.duration, fitness)
+        gaits = problem.genome.gaits(problem.scene.gait, jnp.asarray(each, level.dtype)[None])
+        return judge(key, judges, gaits)
 
     best, length, steps = judged(genes), config.learning_rate, []
-    spent, memory, slope = float(fitness.rollouts), optimiser.init(genes), orbit_slope(problem, genes, options)
+    spent, memory, slope = float(each_costs), optimiser.init(genes), orbit_slope(problem, genes, options)
     spent += slope.cost
-    while not slope.remark and spent + fitness.rollouts <= rollouts and length >= SHORTEST * config.learning_rate:
+    while not slope.remark and spent + each_costs <= rollouts and length >= SHORTEST * config.learning_rate:
         update, after = optimiser.update(slope.gradient, memory)
         tried = np.asarray(problem.genome.within(_within_rate(problem, genes, genes + length * np.asarray(update))))
         found = judged(tried)
         better = bool(found.merit[0] > best.merit[0])
-        spent += fitness.rollouts
+        spent += each_costs
         steps.append(
             ClimbStep(
                 slope.watched, float(np.linalg.norm(slope.gradient)), 1.0, float((found if better else best).fitness[0])
@@ -92,7 +92,7 @@ def climb_on_orbit(
             on_step(steps[-1])
         if better:
             best, genes, memory = found, tried, after
-            if spent + slope.cost + fitness.rollouts > rollouts:
+            if spent + slope.cost + each_costs > rollouts:
                 break
             slope = orbit_slope(problem, genes, options)
             spent += slope.cost
@@ -103,7 +103,7 @@ def climb_on_orbit(
 
 def orbit_slope(problem: SearchProblem, genes: OneGait, options: ResolvedOptions) -> OrbitSlope:
     """The steady speed of the gait that genes stand for, and its gradient in them, as far as there is an orbit."""
-    scene, genome, duration, _, _ = problem
+    scene, genome, duration, _ = problem
     assert scene.gait is not None, "a search refuses a scene without a gait"
     here = with_gait(scene, one_gait(genome.gaits(scene.gait, jnp.asarray(genes)[None]), 0))
     directions = np.asarray(_numbers_by_genes(genome, scene.gait, jnp.asarray(genes, float))).T

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from typing import NamedTuple
 
+import jax
 import numpy as np
 from jaxtyping import Float
 
@@ -11,7 +12,7 @@ from jaxgrity.search.attraction import orbit_multipliers
 from jaxgrity.search.fidelity import FidelityLevel, excess_at, judge_at, rank_correlation
 from jaxgrity.search.genetic_algorithm import Evolution, SearchProblem, distinct
 from jaxgrity.search.genome import Genes
-from jaxgrity.search.judging import Scores, with_robots
+from jaxgrity.search.judging import Scores, judge
 from jaxgrity.search.objectives import ActuatorBounds
 from jaxgrity.search.search_config import COMPARED, SearchConfig
 
@@ -107,5 +108,5 @@ def multipliers_of(problem: SearchProblem, genes: Genes, step: float) -> np.ndar
 def _finals(problem: SearchProblem, level: FidelityLevel, genes: Genes, config: SearchConfig) -> Scores:
     """The finalists' scores by `FINALIST_ROBOTS` times as many robots as in a generation, where robots differ."""
     robots = config.robots * (FINALIST_ROBOTS if config.robots > 1 else 1)
-    some = problem._replace(fitness=with_robots(problem.fitness, robots))
-    return judge_at(level, problem.genome.gaits(problem.scene.gait, genes), some, config.seed + 3)
+    gaits = problem.genome.gaits(problem.scene.gait, genes)
+    return judge(jax.random.key(config.seed + 3), level.of(problem.duration, problem.fitness).by(robots), gaits)

@@ -22,7 +22,6 @@ from jaxgrity import (
     random_phases,
 )
 from jaxgrity.search import distance_and_gradient, distances
-from jaxgrity.search.genetic_algorithm import models_of
 from jaxgrity.search.gradients import ClimbTask, Gradient, combine, pathwise_gradient, smoothed_gradients, utilities
 from jaxgrity.stepping import centre_of_mass, integrate, resolve
 
@@ -150,7 +149,7 @@ def climbing(scene, duration, objective=None):
     options = resolve(scene, duration, SolverOptions(dt=1e-2, dtype="float64"))
     genome = Genome(len(scene.gait.members))
     problem = SearchProblem(as_dtype(scene, "float64"), genome, duration, Fitness(objective or Distance()))
-    return ClimbTask(problem, options, models_of(problem, options), width=1e-3)
+    return ClimbTask(problem, options, problem.level(options), width=1e-3)
 
 
 @pytest.mark.parametrize(
