@@ -72,6 +72,26 @@ print(jaxgrity.describe(jaxgrity.load_scene("reference")))
     assert words[0].startswith("modelled")
 
 
+def test_rooms_read_the_stubs_of_the_wheel(wheel, installed, tmp_path):
+    """`lazy_loader` reads the `.pyi` of a room when the room is imported: one that is missing breaks the import."""
+    stubs = {path.relative_to(ROOT).as_posix() for path in (ROOT / "jaxgrity").rglob("*.pyi")}
+    assert "jaxgrity/stepping/__init__.pyi" in stubs
+    assert stubs <= set(zipfile.ZipFile(wheel).namelist())
+    program = "import jaxgrity\nfor room in jaxgrity.ROOMS:\n    print(room, len(getattr(jaxgrity, room).__all__))"
+    said = _python("-c", program, cwd=tmp_path, PYTHONPATH=str(installed)).splitlines()
+    assert len(stubs) == len(said) + 1
+    assert all(int(line.split()[1]) > 0 for line in said)
+
+
+def test_both_ways_to_call_the_command_show_its_help(installed, tmp_path):
+    """`jaxgrity` and `python -m jaxgrity`, from the wheel alone."""
+    path = {"PYTHONPATH": str(installed)}
+    help_of_command = _python(installed / "bin" / "jaxgrity", "--help", cwd=tmp_path, **path)
+    assert help_of_command.startswith("usage: jaxgrity")
+    assert _python("-m", "jaxgrity", "--help", cwd=tmp_path, **path) == help_of_command
+    assert "reference" in _python("-c", "import jaxgrity; print(jaxgrity.scene_names())", cwd=tmp_path, **path)
+
+
 def test_command_simulates_from_an_empty_folder(installed, tmp_path):
     """`jaxgrity simulate reference` leaves a summary in the folder where it was called."""
     command = installed / "bin" / "jaxgrity"

@@ -1,12 +1,14 @@
 """The command `jaxgrity`: simulate, search, compare, diagnose, explore, inspect, catalogue and convert."""
 
+import sys
 from importlib import import_module
-from typing import Annotated
+from typing import Annotated, get_args
 
 from tyro.conf import subcommand
 
 from jaxgrity.cli import settings
 from jaxgrity.cli.command_line import from_command_line
+from jaxgrity.core.errors import unknown
 
 Chosen = (
     Annotated[settings.SimulateSettings, subcommand("simulate")]
@@ -21,10 +23,25 @@ Chosen = (
 """for each command its settings, whose name says which module of `jaxgrity.cli` has its `main`"""
 
 
+def command_of(settings: type) -> str:
+    """The command whose settings they are."""
+    return settings.__name__.removesuffix("Settings").lower()
+
+
+COMMANDS = [command_of(get_args(each)[0]) for each in get_args(Chosen)]
+"""the first words that the command line may have"""
+
+
 def main() -> None:
     """What the command `jaxgrity` calls."""
+    first = sys.argv[1] if len(sys.argv) > 1 else ""
+    # tyro proposes options that are spelt nearly so, but not commands
+    if first[:1].isalpha() and first not in COMMANDS:
+        expected = f"expected one of {', '.join(COMMANDS)}"
+        print(f"error: command {first!r}: {unknown(first, COMMANDS)}; {expected}", file=sys.stderr)
+        sys.exit(2)
     chosen = from_command_line(Chosen, prog="jaxgrity", description=__doc__)
-    name = type(chosen).__name__.removesuffix("Settings").lower()
+    name = command_of(type(chosen))
     print(f"{name}: loading JAX ...", flush=True)
     # what takes most of a second to import comes after the first word, and is not needed for --help
     script = import_module("jaxgrity.cli.script")

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxgrity.core.errors import InputError
+from jaxgrity.core.errors import InputError, unknown
 from jaxgrity.core.types import AnyArray, NodeVectors, State
 from jaxgrity.model.ground import Ground
 from jaxgrity.model.height_fields import bumps
@@ -60,7 +60,7 @@ TASKS: dict[str, Task] = {
 def find_task(name: str) -> Task:
     """The task called `name`. Raises `InputError` where there is none."""
     if name not in TASKS:
-        raise InputError(f"task = {name!r}: unknown; expected one of {', '.join(TASKS)}")
+        raise InputError(f"task = {name!r}: {unknown(name, TASKS)}; expected one of {', '.join(TASKS)}")
     return TASKS[name]
 
 

@@ -1,5 +1,14 @@
 """The one error that users meet: bad input, refused in one line before anything compiles."""
 
+import difflib
+from collections.abc import Iterable
+
 
 class InputError(ValueError):
     """A scene, a gait or an option that cannot be simulated: what, where, the value received, what was expected."""
+
+
+def unknown(name: str, known: Iterable[str]) -> str:
+    """The word "unknown" for a message, with the known name that is spelt most like `name`, where one is close."""
+    nearest = difflib.get_close_matches(name, list(known), n=1)
+    return f"unknown; perhaps you meant {nearest[0]}" if nearest else "unknown"

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxgrity.core.errors import InputError
+from jaxgrity.core.errors import InputError, unknown
 from jaxgrity.io.files import read_text
 from jaxgrity.model.actuation import Gait, Overtone
 from jaxgrity.model.structure import Structure
@@ -35,7 +35,9 @@ def gait_record(name: str | Path) -> dict[str, Any]:
     if str(name) in gait_names():
         return json.loads((SHIPPED / f"{name}.json").read_text(encoding="utf-8"))
     if not Path(name).exists():
-        raise InputError(f"gait {str(name)!r}: unknown; expected a file, or one of {', '.join(gait_names())}")
+        names = gait_names()
+        expected = f"expected a file, or one of {', '.join(names)}"
+        raise InputError(f"gait {str(name)!r}: {unknown(str(name), names)}; {expected}")
     if Path(name).is_dir():
         raise InputError(f"gait {str(name)!r}: a folder; expected a file, such as {Path(name) / 'gait.json'}")
     try:

@@ -9,7 +9,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from jaxgrity.core.errors import InputError
+from jaxgrity.core.errors import InputError, unknown
 from jaxgrity.io.files import read_text
 from jaxgrity.io.grounds import build_ground
 from jaxgrity.io.members import build_members, cable_laws, member_numbers
@@ -55,7 +55,9 @@ def scene_text(scene: str | Path) -> str:
     if str(scene) in scene_names():
         return (SHIPPED / f"{scene}.toml").read_text(encoding="utf-8")
     if not Path(scene).exists():
-        raise InputError(f"scene {str(scene)!r}: unknown; expected a file, or one of {', '.join(scene_names())}")
+        names = scene_names()
+        expected = f"expected a file, or one of {', '.join(names)}"
+        raise InputError(f"scene {str(scene)!r}: {unknown(str(scene), names)}; {expected}")
     return read_text(scene)
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Float
 
-from jaxgrity.core.errors import InputError
+from jaxgrity.core.errors import InputError, unknown
 from jaxgrity.core.types import AnyArray, PerGait
 
 OPTIMISERS = ("genetic", "cma-es")
@@ -37,7 +37,7 @@ class Asked(NamedTuple):
 def check_optimiser(name: str) -> None:
     """Raise `InputError` for an optimiser that is unknown, or whose extra is not installed."""
     if name not in OPTIMISERS:
-        raise InputError(f"optimiser = {name!r}: unknown; expected one of {', '.join(OPTIMISERS)}")
+        raise InputError(f"optimiser = {name!r}: {unknown(name, OPTIMISERS)}; expected one of {', '.join(OPTIMISERS)}")
     if name == "cma-es":
         _algorithms()
 

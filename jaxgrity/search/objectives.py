@@ -7,7 +7,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from jaxgrity.core.errors import InputError
+from jaxgrity.core.errors import InputError, unknown
 from jaxgrity.core.types import PerGait, Scalar
 from jaxgrity.model.scene import Scene, body_length
 from jaxgrity.populations.metrics import Metrics
@@ -186,7 +186,7 @@ def register_objective(name: str, kind: type[Objective]) -> type[Objective]:
 def find_objective(name: str) -> type[Objective]:
     """The objective of this name. Raises `InputError` where there is none."""
     if name not in OBJECTIVES:
-        raise InputError(f"objective = {name!r}: unknown; expected one of {', '.join(OBJECTIVES)}")
+        raise InputError(f"objective = {name!r}: {unknown(name, OBJECTIVES)}; expected one of {', '.join(OBJECTIVES)}")
     return OBJECTIVES[name]
 
 

@@ -8,7 +8,7 @@ import diffrax
 import numpy as np
 import optimistix
 
-from jaxgrity.core.errors import InputError
+from jaxgrity.core.errors import InputError, unknown
 from jaxgrity.stepping.complementarity import Complementarity
 from jaxgrity.stepping.runge_kutta import RK4
 from jaxgrity.stepping.verlet import Verlet
@@ -66,7 +66,7 @@ def find_method(name: str) -> Method:
         warnings.warn(f"method {name!r} is now called {ALIASES[name]!r}", FutureWarning, stacklevel=2)
         name = ALIASES[name]
     if name not in METHODS:
-        raise InputError(f"method = {name!r}: unknown; expected one of {', '.join(METHODS)}")
+        raise InputError(f"method = {name!r}: {unknown(name, METHODS)}; expected one of {', '.join(METHODS)}")
     return METHODS[name]
 
 

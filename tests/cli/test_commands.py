@@ -475,7 +475,12 @@ def test_every_stage_of_a_search_shows_how_far_it_is(search_run):
     ("words", "said"),
     [
         ((), "Expected one of {simulate, search, "),
-        (("simulat", "exact"), "Unrecognized options: simulat, exact; --help lists what there is"),
+        (("simulat", "exact"), "command 'simulat': unknown; perhaps you meant simulate; expected one of simulate, "),
+        (("serach",), "command 'serach': unknown; perhaps you meant search; expected one of simulate, search, "),
+        (("fly",), "command 'fly': unknown; expected one of simulate, search, "),
+        (("simulate", "refrence"), "scene 'refrence': unknown; perhaps you meant reference; expected a file"),
+        (("simulate", "exact", "--gait", "lastin"), "gait 'lastin': unknown; perhaps you meant lasting; expected"),
+        (("simulate", "exact", "--method", "rk5"), "method = 'rk5': unknown; perhaps you meant rk4; expected one of"),
         (("simulate", "exact", "--duration", "soon"), "Error parsing --duration: could not convert string to float"),
         (("simulate", "exact", "--durations", "3"), "Unrecognized options: --durations, 3; perhaps you meant"),
         (("simulate", "exact", "--dtype", "float16"), "Expected one of ('float32', 'float64')"),

@@ -55,6 +55,20 @@ def of_own_process(code: str, *arguments: str, **how) -> str:
     return subprocess.run(words, capture_output=True, text=True, check=True, **how).stdout
 
 
+def test_python_runs_the_package_as_the_command():
+    """`python -m jaxgrity` and `jaxgrity` say the same, and the first word comes before JAX."""
+    code = (
+        "import builtins, runpy, sys\nspeak = builtins.print\n"
+        "def heard(*words, **how):\n    speak(*words, 'jax' in sys.modules, **how)\n"
+        "builtins.print = heard\ntry:\n    runpy.run_module('jaxgrity', run_name='__main__')\n"
+        "except SystemExit:\n    pass"
+    )
+    assert of_own_process(code, "simulate", "no such scene").startswith("simulate: loading JAX ... False\n")
+    words = [sys.executable, "-m", "jaxgrity", "serach"]
+    done = subprocess.run(words, capture_output=True, text=True)
+    assert (done.returncode, done.stderr.split(";")[1]) == (2, " perhaps you meant search")
+
+
 @pytest.mark.parametrize("arguments", [("--help",), ("simulate", "--help"), ("search", "--help")])
 def test_help_imports_nothing_that_takes_long(arguments):
     """Neither JAX nor what draws figures; the words stand there all the same."""

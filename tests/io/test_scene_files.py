@@ -398,10 +398,13 @@ def test_tables_that_need_each_other():
         assert "expected a [cables] table" in message
 
 
-@pytest.mark.parametrize("name", ["referense", "no/such/robot.toml"])
-def test_scenes_that_are_not_there(name):
-    """Neither a file nor one of the library's: these are named."""
-    with pytest.raises(InputError, match=rf"^scene '{name}': unknown; expected a file, or one of exact, paper_program"):
+@pytest.mark.parametrize(
+    ("name", "nearest"), [("referense", "; perhaps you meant reference"), ("no/such/robot.toml", "")]
+)
+def test_scenes_that_are_not_there(name, nearest):
+    """Neither a file nor one of the library's: these are named, and the one that is spelt nearly so comes first."""
+    listed = "; expected a file, or one of exact, paper_program"
+    with pytest.raises(InputError, match=rf"^scene '{name}': unknown{nearest}{listed}"):
         load_scene(name)
 
 
