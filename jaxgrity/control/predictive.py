@@ -45,6 +45,8 @@ class Sampling(NamedTuple):
     """looks at the distance to the goal"""
     patience: float = 60.0
     """s, after which the goal is given up"""
+    within: float = REACHED
+    """m, from the goal, where it counts as reached"""
 
 
 ELITE = 8
@@ -121,7 +123,7 @@ def lead_to(
         loop, path, failed = followed(robot, policy, loop, bend[:looks], look)
         path = np.asarray(path)[bool(choice) :]
         bends.append(float(bend[0]))
-        near = np.linalg.norm(path[:, :2] - goal, axis=1) < REACHED
+        near = np.linalg.norm(path[:, :2] - goal, axis=1) < sampling.within
         paths.append(path[: near.argmax() + 1] if near.any() else path)
         if near.any() or failed:
             break
@@ -151,6 +153,8 @@ def _checked(sampling: Sampling, period: float) -> tuple[int, int, int]:
     if not (0 < sampling.widest <= 1 and 0 <= sampling.jumping <= 1):
         found = f"widest = {sampling.widest:g}, jumping = {sampling.jumping:g}"
         raise InputError(f"{found}: expected a bend above 0, and at most 1, and a share")
+    if not sampling.within > 0:
+        raise InputError(f"within = {sampling.within:g} m: expected a positive distance")
     look = whole_number("1 / per_second", 1 / sampling.per_second, period)
     looks = whole_number("interval", sampling.interval, 1 / sampling.per_second)
     if whole_number("horizon", sampling.horizon, 1 / sampling.per_second) < looks:
@@ -199,7 +203,7 @@ def best(
         bends, shifts = between(sampling) @ knots, turns / _frequency(policy)
         look = round(1 / sampling.per_second / many.period)
         path, failure = _tried(many, policy, loop, jnp.asarray(bends, dtype), jnp.asarray(shifts, dtype), look)
-        found.append((knots, turns, costs(np.asarray(path)[:, :2], np.asarray(failure), goal)))
+        found.append((knots, turns, costs(np.asarray(path)[:, :2], np.asarray(failure), goal, sampling.within)))
     knots, turns, cost = (np.concatenate(part, axis=-1) for part in zip(*found))
     first = int(np.argmin(cost))
     return knots[:, first], float(turns[first])
@@ -239,12 +243,12 @@ def followed(plant: Plant, policy: Steered, loop: Loop, bends: AnyArray, look: i
     return end, jnp.concatenate([places(plant, loop)[None], path]), failures(plant, end)
 
 
-def costs(path: np.ndarray, failure: np.ndarray, goal: np.ndarray) -> np.ndarray:
+def costs(path: np.ndarray, failure: np.ndarray, goal: np.ndarray, within: float = REACHED) -> np.ndarray:
     """Of each sample, m: how far from the goal it ends, or where it gets there, how many looks that takes, less 1000.
 
-    Of a `path` (looks, 2, samples), m. A sample gets there within half of `REACHED`, since the robot is not the model;
+    Of a `path` (looks, 2, samples), m. A sample gets there at half of `within`, m, since the robot is not the model;
     one that fails is worse than all others.
     """
     away = np.linalg.norm(path - goal[:, None], axis=1)
-    arrives = np.where(away.min(0) < REACHED / 2, (away < REACHED / 2).argmax(0) - 1000.0, away[-1])
+    arrives = np.where(away.min(0) < within / 2, (away < within / 2).argmax(0) - 1000.0, away[-1])
     return np.where((failure == 0) & np.isfinite(arrives), arrives, np.inf)

@@ -13,7 +13,7 @@ from jaxgrity.core.types import AnyArray, PerActuator, Scalar, as_float, as_floa
 from jaxgrity.model.structure import Structure
 
 SLOWEST_TRAVEL = 0.05
-"""m/s, below which there is hardly a direction of travel, and steering fades"""
+"""m/s, for robots of about a metre: see `Steered.slowest`"""
 
 
 class Steered(Policy):
@@ -39,8 +39,12 @@ class Steered(Policy):
     """rad, from which angle to the goal on all of the bend is used"""
     averaged: Scalar = eqx.field(converter=as_float, default=1.0)
     """s, over which the direction of travel is averaged"""
+    slowest: float = eqx.field(static=True, default=SLOWEST_TRAVEL)
+    """m/s, below which there is hardly a direction of travel, and steering fades: less for small robots"""
 
     def __check_init__(self):
+        if not self.slowest > 0:
+            raise InputError(f"slowest = {self.slowest:g} m/s: expected a positive number")
         if not traced(self.bend) and not np.all(np.abs(np.asarray(self.bend)) <= 1):
             raise InputError(f"bend = {np.asarray(self.bend).tolist()}: expected numbers between -1 and 1")
         if self.goal is not None and np.shape(self.goal)[:1] != (2,):
@@ -67,12 +71,12 @@ class Steered(Policy):
         travel = travel + (1 - jnp.exp(-passed / self.averaged)) * (fresh - travel)
         left = jnp.stack([-travel[1], travel[0]])
         side = self.offsets @ (observation.directions[:, :2] @ left)
-        side = side / jnp.sqrt(jnp.sum(travel * travel) + SLOWEST_TRAVEL**2)
+        side = side / jnp.sqrt(jnp.sum(travel * travel) + self.slowest**2)
         bend = self.bend
         if self.goal is not None:
             away = self.goal - place
             # straight ahead where the robot hardly moves, and smooth there
-            slow = SLOWEST_TRAVEL * jnp.sqrt(jnp.sum(away * away) + SLOWEST_TRAVEL**2)
+            slow = self.slowest * jnp.sqrt(jnp.sum(away * away) + self.slowest**2 * self.averaged**2)
             off = jnp.arctan2(jnp.dot(left, away), jnp.dot(travel, away) + slow)
             bend = bend * jnp.clip(off / self.full, -1, 1)
         return wanted * (1 - bend * side), (inner, place, travel, t)

@@ -16,7 +16,7 @@ from jaxgrity.model.scene import Scene
 from jaxgrity.stepping.dynamics import centre_of_mass
 
 REACHED = 0.3
-"""m, from a goal, within which it counts as reached"""
+"""m, from a goal, within which it counts as reached, where nothing else is said"""
 DROP = 1.0, 2.0
 """m/s and rad/s, standard deviations of velocity and spin of a robot of one metre that has fallen"""
 CLEAR = 0.02

@@ -56,6 +56,8 @@ class Foresight(NamedTuple):
     """m, to be kept from obstacles beside that"""
     patience: float = 60.0
     """s, after which the goal is given up"""
+    within: float = REACHED
+    """m, from the goal, where it counts as reached"""
     seed: int = 0
     """of the samples, and of the sensors' noise"""
 
@@ -148,13 +150,14 @@ def travel(
         kept.append(np.asarray(nodes))
         path.append(np.asarray(went))
         said.append((rows, expected[1], np.linalg.norm(expected[0] - path[-1][-1, :2], axis=0)))
-        over |= _near(path[-1], maps).any(0) | ~np.isfinite(kept[-1]).all((0, 1, 2))
+        over |= _near(path[-1], maps, foresight.within).any(0) | ~np.isfinite(kept[-1]).all((0, 1, 2))
         if on_choice is not None:
             on_choice(choice)
         if over.all():
             break
     chosen = [np.array(x) for x in zip(*said)]
-    return travels_of(robots.scene.structure, (np.concatenate(kept), np.concatenate(path)), maps, chosen, spent)
+    seen = np.concatenate(kept), np.concatenate(path)
+    return travels_of(robots.scene.structure, seen, maps, chosen, spent, foresight.within)
 
 
 def _counts(robots: Plant, model: Plant, maps: Sequence[WayMap], foresight: Foresight) -> tuple[int, int, int]:
@@ -177,8 +180,9 @@ def _counts(robots: Plant, model: Plant, maps: Sequence[WayMap], foresight: Fore
         raise InputError(f"{found}: expected at least 2 samples, and factors that are not negative")
     if not (0 <= foresight.widest <= 1 and 0 <= foresight.usual <= 1):
         raise InputError(f"widest = {foresight.widest:g}, usual = {foresight.usual:g}: expected numbers from 0 to 1")
-    if not (foresight.reach > 0 and foresight.margin >= 0):
-        raise InputError(f"reach, margin = {foresight.reach:g}, {foresight.margin:g} m: expected a positive reach")
+    if not (foresight.reach > 0 and foresight.margin >= 0 and foresight.within > 0):
+        found = f"reach, margin, within = {foresight.reach:g}, {foresight.margin:g}, {foresight.within:g} m"
+        raise InputError(f"{found}: expected a positive reach, and a positive distance from the goal")
     ticks = whole_number("interval", foresight.interval, robots.period)
     looks = whole_number("horizon", foresight.horizon, 1 / LOOKS)
     if foresight.horizon < foresight.interval:
@@ -244,7 +248,7 @@ def way_costs(path: np.ndarray, failed: np.ndarray, way: WayMap, foresight: Fore
     path = np.moveaxis(path, 1, -1)
     failed = failed | ~np.isfinite(path).all((0, -1))
     path = np.where(np.isfinite(path), path, 0.0)
-    near = np.linalg.norm(path - way.goal, axis=-1) < REACHED / 2
+    near = np.linalg.norm(path - way.goal, axis=-1) < foresight.within / 2
     there, first = near.any(0), near.argmax(0)
     close = np.maximum(foresight.reach + foresight.margin - room(way.discs, path), 0)
     before = np.arange(len(path))[:, None, None] <= np.where(there, first, len(path))
@@ -265,9 +269,9 @@ def _expected(fate: _Fate, best: np.ndarray, foresight: Foresight) -> tuple[np.n
     return soon, np.sqrt(own[-1].var(-1).sum(0))
 
 
-def _near(path: np.ndarray, maps: Sequence[WayMap]) -> np.ndarray:
+def _near(path: np.ndarray, maps: Sequence[WayMap], within: float) -> np.ndarray:
     """(frames, robots): whether the centre of mass is at the goal."""
-    return np.linalg.norm(path[:, :2] - np.array([way.goal for way in maps]).T, axis=1) < REACHED
+    return np.linalg.norm(path[:, :2] - np.array([way.goal for way in maps]).T, axis=1) < within
 
 
 def travels_of(
@@ -276,11 +280,12 @@ def travels_of(
     maps: Sequence[WayMap],
     said: list[np.ndarray],
     spent: list[float],
+    within: float = REACHED,
 ) -> Travels:
     """What became of robots whose nodes and centres of mass were `seen`, (frames, nodes, 3, robots) and (frames, 3,
     robots), NaN from where a rollout failed. A goal counts that was reached before a failure, with nothing touched."""
     nodes, path = seen
-    near, fine = _near(path, maps), np.isfinite(nodes).all((1, 2))
+    near, fine = _near(path, maps, within), np.isfinite(nodes).all((1, 2))
     there = near & np.logical_and.accumulate(fine, axis=0)
     ended = np.where(there.any(0), there.argmax(0), np.where(fine.all(0), len(nodes) - 1, (~fine).argmax(0)))
     gaps = np.array(

@@ -208,6 +208,25 @@ def test_a_goal_on_the_left_is_a_bend_to_the_left(scene):
         np.testing.assert_allclose(own, same, rtol=1e-6)
 
 
+def test_a_robot_of_a_centimetre_steers_as_one_of_a_metre(scene):
+    """Its ways, and the speed below which steering fades, a tenth in time and a hundredth in length."""
+    q = np.asarray(scene.structure.nodes) * 1.0
+    seen = measure(scene, 0.0, q, np.zeros_like(q))._replace(place=np.zeros(3))
+    offsets, gait = centre_offsets(scene.structure, scene.gait.members), replace(scene.gait, ramp=np.array(0.01))
+    found = [
+        asked(
+            Steered(OpenLoop(gait), 0.3, offsets, length * np.array([1.0, 2.0]), averaged=time, slowest=slowest),
+            seen,
+            [0.1 * length / time, 0.0],
+        )[0]
+        for length, time, slowest in ((1.0, 1.0, 0.05), (0.01, 0.1, 0.005), (0.01, 0.1, 0.05))
+    ]
+    np.testing.assert_allclose(found[1], found[0], rtol=1e-6)
+    assert np.abs(found[2] / found[0] - 1).max() > 0.02
+    with pytest.raises(InputError, match="slowest = 0 m/s: expected a positive number"):
+        Steered(OpenLoop(gait), 0.3, offsets, slowest=0.0)
+
+
 class Counting(control.Policy):
     """Commands from an integer, a mask and a random key that it remembers."""
 

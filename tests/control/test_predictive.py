@@ -156,6 +156,7 @@ def test_a_policy_of_another_goal_is_led_as_one_without(walker):
         ({"interval": 0.05}, "interval = 0.05 s: expected a multiple of 0.1 s"),
         ({"interval": 0.25}, "interval = 0.25 s: expected a multiple of 0.1 s"),
         ({"per_second": 200}, "1 / per_second = 0.005 s: expected a multiple of 0.01 s"),
+        ({"within": 0.0}, "within = 0 m: expected a positive distance"),
         ({"patience": 0.0}, "patience = 0 s: expected a multiple of 0.5 s"),
         ({"patience": np.nan}, "patience = nan s: expected a multiple of 0.5 s"),
         ({"patience": 0.7}, "patience = 0.7 s: expected a multiple of 0.5 s"),

@@ -268,7 +268,7 @@ def test_ways_spread_where_robots_of_the_model_differ(scene):
         ({"friction": ()}, "samples = 24, friction = (): expected at least 2 samples, and factors"),
         ({"patience": 0.5}, "patience = 0.5 s: expected a multiple of 0.75 s"),
         ({"widest": np.nan}, "widest = nan, usual = 0.6: expected numbers from 0 to 1"),
-        ({"reach": 0.0}, "reach, margin = 0, 0.1 m: expected a positive reach"),
+        ({"reach": 0.0}, "reach, margin, within = 0, 0.1, 0.3 m: expected a positive reach"),
         ({"horizon": 0.5}, "horizon = 0.5 s: expected at least the interval, 0.75 s"),
         ({"interval": 0.755}, "interval = 0.755 s: expected a multiple of 0.01 s"),
         ({"horizon": 0.05}, "horizon = 0.05 s: expected a multiple of 0.1 s"),
