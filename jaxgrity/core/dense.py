@@ -25,6 +25,7 @@ def inverse_of(matrix: AnyArray) -> AnyArray:
     size = len(matrix)
     if size <= INVERTED_AT_ONCE:
         return jnp.linalg.inv(matrix)
+    # the matrix is definite, so that halves need no pivots
     half = size // 2
     # by the inverse of one half, and of what it leaves of the other
     first = inverse_of(matrix[:half, :half])
@@ -70,6 +71,7 @@ def _substituted(eliminated: list[tuple[AnyArray, AnyArray, AnyArray]], right: A
         part, rest = rest[: len(own)], rest[len(own) :]
         parts.append(part)
         rest = rest - below @ part
+    # no rows yet, of the same type as the right side
     x = jax.lax.slice(right, (0,), (0,))
     for (own, across, _), part in zip(reversed(eliminated), reversed(parts)):
         x = jnp.concatenate([own @ (part - across @ x), x])

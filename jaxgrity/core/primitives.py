@@ -29,6 +29,7 @@ def _primitive(name: str, implementation: Callable) -> Primitive:
 
     def batch(arrays, axes, **static):
         size = next(a.shape[axis] for a, axis in zip(arrays, axes) if axis is not None)
+        # all operands get the axis: implementations count axes from the front, and one without it would not line up
         last = [
             jnp.broadcast_to(a[..., None], (*a.shape, size)) if axis is None else jnp.moveaxis(a, axis, -1)
             for a, axis in zip(arrays, axes)
@@ -216,6 +217,7 @@ def _half_squares_jvp(primals, tangents):
     return half_squares(k, x), inner(k * x, x_dot) + inner(jnp.broadcast_to(k_dot, x.shape), x * x) / 2
 
 
+# the rule of a bilinear map would make two products of x with its tangent
 @jax.custom_jvp
 def norm_squared(x: MemberVectors) -> PerMember:
     """|x|^2, row by row."""
@@ -268,6 +270,7 @@ def inverse(x: PerMember) -> PerMember:
     return positive / (x + (1 - positive))
 
 
+# JAX's rule for `maximum` chooses between arrays without the population axis, and moves it to the front
 @jax.custom_jvp
 def positive_part(x: PerMember) -> PerMember:
     """max(0, x), with derivative 0 at x = 0."""

@@ -15,8 +15,9 @@ from jaxgrity.stepping.final_state import final_state, states_at
 from jaxgrity.stepping.options import ResolvedOptions, resolve
 
 ITERATIONS = 20
+"""Most iterations of Newton's method."""
 CLOSED = 1e-9
-"""m and m/s, by which the state of a body of one metre may miss itself after a cycle"""
+"""Largest miss of the state after a cycle at which an orbit counts as closed, m and m/s for a body of one metre."""
 
 
 class ClosedOrbit(NamedTuple):
@@ -91,6 +92,7 @@ def _closed(scene: Scene, orbit: Orbit, options: ResolvedOptions) -> ClosedOrbit
         end = final_state(scene, cycle, options, (q, v), steps=steps)
         centre = share @ q
         turned = (q - centre) @ _turn(angle).T + centre + jnp.append(shift, 0.0)
+        # an orbit that is shifted or turned is an orbit too: without place and heading the system would be singular
         moved = (share @ q - share @ q0)[:2]
         heading = share @ (away[:, 0] * (q - centre)[:, 1] - away[:, 1] * (q - centre)[:, 0])
         off = (end[0] - turned).ravel() / L, (end[1] - v @ _turn(angle).T).ravel() / speed
@@ -134,6 +136,7 @@ def _newton(f, y):
 
     def going(carry):
         _, r, k = carry
+        # far below `CLOSED`: the last iteration gains many digits, and the theorem holds at a root alone
         return (k < ITERATIONS) & (jnp.max(jnp.abs(r)) > CLOSED / 100) & jnp.all(jnp.isfinite(r))
 
     return jax.lax.while_loop(going, step, (y, f(y), 0))[0]

@@ -10,10 +10,10 @@ from jaxgrity.core.types import AnyArray, NodeVectors, Scalar, namespace_of
 from jaxgrity.model.scene import Scene
 
 MOST_PERIODS = 12
-"""of actuation in a cycle, that are looked for"""
+"""Most periods of actuation that a cycle may have."""
 RETURNED = 1.5
-"""a shape has returned after the first number of periods that changes it by no more than this many times the least
-change that any number of periods leaves"""
+"""Factor on the least change of shape over any number of periods. The cycle is the smallest number with a change within
+it: two cycles come back as closely as one."""
 
 
 class Plane(NamedTuple):
@@ -55,7 +55,9 @@ def cycle(shapes: Float[np.ndarray, "periods numbers"], path: Float[np.ndarray, 
     heading = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
     bends = np.array([abs(np.mean(heading[n:] - heading[:-n])) for n in lags])
     changes = np.array([np.median(np.abs(shapes[n:] - shapes[:-n]).max(1)) for n in lags])
+    # a single period always stays, so that there is a cycle in any case
     changes[1:][bends[1:] > np.pi] = np.inf
+    # for motions that return to the last digit, where the least change is rounding
     rounding = 1e-9 * np.abs(shapes).max()
     return int(np.argmax(changes <= RETURNED * np.min(changes) + rounding)) + 1
 

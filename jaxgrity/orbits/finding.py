@@ -22,13 +22,14 @@ from jaxgrity.stepping.options import Options, SolverOptions, resolve
 from jaxgrity.stepping.simulate import Trajectory, centre_path, simulate
 
 FRAMES = 20
-"""saved in each period of actuation"""
+"""Number of frames saved in each period of actuation."""
 SETTLED = 0.1
-"""body lengths: the robot has settled once shapes change by less over each cycle that follows"""
+"""Largest change of shape over a cycle, in body lengths. A robot has settled once no later cycle exceeds it."""
 HEADING = 0.2
-"""rad, by which a robot may have turned on a slope since it settled: what turns on does not repeat itself there"""
+"""Largest turn of a robot on a slope since it settled, rad. A motion that goes on turning does not repeat itself
+there."""
 WINDOW = 10.0
-"""s, in each of which the displacement of a body of one metre is looked at"""
+"""Length of the windows over which the speed is averaged, s for a body of one metre."""
 
 
 class Orbit(NamedTuple):
@@ -145,6 +146,7 @@ def restarted(scene: Scene, orbit: Orbit) -> Scene:
     The state is a whole number of periods after t = 0, so that the gait goes on as it did.
     """
     assert scene.gait is not None, "an orbit has a gait"
+    # the ramp ends nine periods before t = 0, so that all of the rollout is at full amplitude
     running = replace(scene.gait, start=np.array(-10.0 * orbit.period), ramp=np.array(orbit.period))
     return with_gait(eqx.tree_at(lambda s: s.structure.nodes, with_gait(scene, None), orbit.state[0]), running)
 
@@ -163,6 +165,7 @@ def in_step(scene: Scene, period: float, options: Options) -> SolverOptions:
     resolved = resolve(scene, period, options, dtype="float64")
     if resolved.dt is None:
         raise InputError(f"method = {resolved.method.name!r} adapts its step; expected a fixed one (dt), for an orbit")
+    # a whole number of steps in a frame: shapes are compared at one phase of actuation, and never interpolated
     steps = int(np.ceil(period / FRAMES / float(resolved.dt) - 1e-9))
     tolerance = None if resolved.strut_tolerance is None else float(resolved.strut_tolerance)
     sweeps = None if tolerance is not None or resolved.sweeps is None else int(resolved.sweeps)
@@ -198,6 +201,7 @@ def _orbit(scene: Scene, trajectory: Trajectory, period: float, plane: Plane, fi
     settled = len(once) - since >= 2 * MOST_PERIODS
     since = since if settled else half
     later, time = (len(changes) - since) // 2, periods * period
+    # on a slope too: that the robot keeps its heading there is what is to be seen
     turning = plane._replace(turns=True)
     back = [moved_onto(mass, once[k + periods], once[k], turning)[2] for k in range(since + later, len(changes))]
     turned, frames = -float(np.mean(back)), periods * FRAMES
@@ -207,6 +211,7 @@ def _orbit(scene: Scene, trajectory: Trajectory, period: float, plane: Plane, fi
     every = np.array([way_along(each, turned / frames) * FRAMES / period for each in cycles])
     seconds = WINDOW * float(time_scale(scene))
     speeds, window = every[later:], max(1, round(seconds / period))
+    # cycles that overlap have frames in common, and their scatter would make too small an error
     apart = speeds[::periods]
     error = float(apart.std(ddof=1) / np.sqrt(len(apart))) if len(apart) > 1 else np.inf
     whole = len(every) // window * window

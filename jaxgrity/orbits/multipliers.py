@@ -126,11 +126,13 @@ def _linearised(
     def after_a_cycle(x):
         numbers = ahead + jnp.arange(steps, dtype=float)
         q, v = unravel(x) @ axes.T
+        # what the method remembers of its last step is held: deviations are those of q and v alone
         carried = carried_from(problem, scene, ahead * h, h, (q, v))[0]
         carry, _ = jax.lax.scan(step, (carried, remembered), numbers)
         end = jnp.stack(state_from(scene, (ahead + steps) * h, *carry)) @ axes
         return end.ravel(), end
 
+    # forward mode: reverse mode would keep all steps of a cycle, for as many rows as there are columns here
     derivative, end = jax.jacfwd(after_a_cycle, has_aux=True)(at)
     return unravel(at), end, derivative
 
@@ -149,6 +151,7 @@ def _multipliers(
     shared, there = _generators(plane, before), _generators(plane, np.stack([moved, end[1] @ back.T]))
     fits = _fits(mass, plane, before[0])
     reduced = turned - there @ np.linalg.solve(fits @ there, fits @ turned)
+    # a basis of the deviations that move neither the centre nor the heading: there R is a map into itself
     held = np.linalg.svd(fits)[2][len(fits) :].T
     values, vectors = _eigen(held.T @ reduced @ held)
     passed = np.linalg.lstsq(_generators(plane, end), derivative @ shared, rcond=None)[0]

@@ -30,11 +30,13 @@ from jaxgrity.stepping.handover import carried_from
 from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
 
 MOST_CYCLES = 40
-"""through which tangents are carried"""
+"""Most cycles through which tangents are carried."""
 SETTLED_TO = 1e-5
-"""share of the largest derivative: tangents have settled once a cycle changes no derivative by more"""
+"""Largest change of any derivative over a cycle, as a share of the largest derivative, at which tangents have
+settled."""
 TINY = 1e-9
-"""m/s or rad/s by a number of order 1, of a body of one metre: derivatives below it count as none"""
+"""Size below which a derivative counts as zero: m/s or rad/s for a change of 1 in a number of the gait, for a body of
+one metre."""
 
 
 class GaitNumbers(NamedTuple):
@@ -161,6 +163,7 @@ def derivatives_along(
         for k in range(frames):
             frame = np.asarray(k % FRAMES)  # an input: a number would be a program for each of them
             carried, tangents = _advanced(here, chosen.as_inputs(), steps, frame, carried, (along, tangents))
+            # two cycles are kept below: turning is the angle from one to the same moment of the next
             places.append((carried[0][0], tangents[0][0]))
         cycles, last, places = cycles + 1, rows, places[-2 * frames - 1 :]
         if cycles > 1:
@@ -231,6 +234,7 @@ def _rolled(scene: Scene, options: ResolvedOptions, steps: int, frame: Count, ca
     """What is carried, after so many steps, which make one of the `FRAMES` of a period."""
     terms, solver = discretise(options)
     assert scene.gait is not None, "an orbit has a gait"
+    # traced: by way of the step's size the tangent of the frequency reaches every step
     h = 1 / (scene.gait.frequency[0] * steps * FRAMES)
     scene = prepared(scene)
 

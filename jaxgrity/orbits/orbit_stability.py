@@ -13,11 +13,11 @@ from jaxgrity.populations.uncertainty import Differences
 from jaxgrity.stepping.options import Options
 
 DISTURBANCE = 0.1
-"""m/s, standard deviation of every coordinate of the velocities of robots that are disturbed, of a body of one metre"""
+"""Standard deviation of the disturbance of each coordinate of the nodes' velocities, m/s for a body of one metre."""
 MINOR = 0.1
-"""of the largest spread of disturbed robots: directions in which they spread less are not looked at"""
+"""Share of the largest spread of disturbed robots. Directions in which they spread by less are not looked at."""
 DIRECTIONS = 3
-"""in which robots spread, at most"""
+"""Most directions in which the spread of disturbed robots is looked at."""
 
 
 class Stability(NamedTuple):
@@ -65,11 +65,13 @@ def stability(scene: Scene, orbit: Orbit, *, options: Options = None, robots: in
     here, v = restarted(scene, orbit), orbit.state[1]
     size = DISTURBANCE * float(speed_scale(scene))
     deviates = np.random.default_rng(seed).normal(0, size, (robots, *v.shape))
+    # the first robot is the undisturbed one, with which all others are compared
     deviates[0] = 0
     differences = Differences(velocities=v + deviates)
     assert here.gait is not None, "an orbit has a gait"
     gaits = gaits_of(here.gait, np.repeat(np.asarray(here.gait.phase)[None], robots, axis=0))
     chosen, ends = in_step(scene, orbit.period, options), []
+    # each from the start: a population returns no velocities from which to go on for a second cycle
     for cycles in (1, 2):
         outcomes = simulate_population(here, gaits, cycles * orbit.cycle, options=chosen, differences=differences)
         ends.append(np.where((np.asarray(outcomes.failure) == 0)[:, None, None], outcomes.positions, np.nan))
@@ -83,6 +85,7 @@ def _stability(d1: np.ndarray, d2: np.ndarray, size: float) -> Stability:
     """Of deviations (robots, nodes, 3), m, after one cycle and after two, of a robot so long."""
     near = np.nan_to_num(np.abs(d1), nan=np.inf).max((1, 2)) <= 2 * SETTLED * size
     back = near & (np.nan_to_num(np.abs(d2), nan=np.inf).max((1, 2)) <= 2 * SETTLED * size)
+    # too few robots to fit a matrix between so many directions to
     if back.sum() <= 2 * DIRECTIONS:
         return Stability(np.array([np.inf]), float(back.mean()), np.inf)
     a, b = d1[back].reshape(back.sum(), -1), d2[back].reshape(back.sum(), -1)

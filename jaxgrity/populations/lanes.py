@@ -26,12 +26,13 @@ from jaxgrity.stepping.power import Step
 from jaxgrity.stepping.starts import start_failure
 
 FEWEST, SIDE_BY_SIDE = 32, 256
-"""robots that a core integrates side by side, at least, and bytes of one number of all of them, at most: enough to fill
-the vector units, few enough for the nearest caches (measured)"""
+"""Fewest robots that a core integrates side by side, and most bytes that one number of all of them takes. That is
+enough to fill the vector units, and few enough for the nearest cache (measured)."""
 MANY = 2**16
-"""on a GPU: enough to fill it, few enough for its caches (measured, docs/scaling.md)"""
+"""Most robots that a GPU integrates side by side: enough to fill it, few enough for its caches (measured,
+docs/scaling.md)."""
 CACHE = 2**20
-"""bytes that the members' vectors of all robots side by side may take: they are used over and over (measured)"""
+"""Most bytes that the members' vectors of all robots side by side take: a step uses them over and over (measured)."""
 
 
 class LaneOutcomes(NamedTuple):
@@ -84,6 +85,7 @@ def roll_out_lanes(
     start = start_of(scene)
     if differences is not None and differences.velocities is not None:
         start = start[0], differences.velocities
+    # robots that share their steps go through one `diffeqsolve`: a map over it takes 2.5 times as long (measured)
     metrics, together = None, options.dt is not None and not options.method.implicit
     if with_metrics is not False or (together and room > 1):
         end, metrics = _in_parts(start, duration, scene, axes, options, (room, used, with_metrics))
@@ -112,10 +114,12 @@ def _in_parts(
     measures, since = with_metrics is not False, None if isinstance(with_metrics, bool) else with_metrics
     parts = room if used is None else used
     terms, solver = discretise_lanes(options, axes)
+    # less a thousandth of a step: rounding in float32 would add a whole one
     each = jnp.ceil(duration / parts / jnp.asarray(options.dt, options.dtype) - 1e-3).astype(int)
     h = duration / (parts * each)
     centre = over_lanes(centre_of_mass, (axes, -1))
     held = over_lanes(initial_metrics, (axes, None))(scene, since) if measures else None
+    # stepped by a loop of our own: metrics need the impulses of every step, which diffrax does not hand out
     start, first = carried_from((terms, solver), scene, 0 * h, h, start)
     lanes = jax.tree.map(lambda x: -1 if x.ndim else None, first)
     step_axes = Step(None, None, (-1, -1), (-1, -1), lanes, lanes)  # type: ignore[arg-type]
@@ -128,6 +132,7 @@ def _in_parts(
         return y1, after, measured
 
     def part(carry, number):
+        # parts beyond `used` have no steps, so that one program serves any number of parts up to `room`
         after = number + 1 if used is None else jnp.minimum(number + 1, used)
         carry = jax.lax.fori_loop(number * each, after * each, step, carry)
         return carry, centre(scene, carry[0][0])

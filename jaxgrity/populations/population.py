@@ -216,6 +216,7 @@ def roll_out(
 
     def deal(x):
         """(population, ...) to (devices, chunks, ..., lanes), the last row repeated to fill them."""
+        # copies fill the last chunk: made-up numbers might need more steps than any robot, and all would wait
         full = jnp.asarray(x, options.dtype)[np.minimum(np.arange(devices * chunks * lanes), size - 1)]
         return jnp.moveaxis(full.reshape(devices, chunks, lanes, *full.shape[1:]), 2, -1)
 
@@ -232,6 +233,7 @@ def roll_out(
             asked = eqx.combine(inputs, fixed), with_metrics if since is None else since, parts
             return roll_out_lanes(scene, *eqx.combine(rows, common), end, *asked)
 
+        # one chunk after the other: each stays in the cache of its core, where all of them would not
         outcomes = jax.lax.map(chunk, jax.tree.map(lambda x: x[0], rows))
         return jax.tree.map(lambda x: x[None], outcomes)
 

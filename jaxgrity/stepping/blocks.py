@@ -15,7 +15,7 @@ from jaxgrity.core.types import AnyArray, AnyRows, Edges, PerMember, PerRow
 from jaxgrity.model.ground import Ground
 
 WITHOUT_GROUND = ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
-"""z, x and y: the axes that stand for a normal and two tangents where there is no plane"""
+"""The axes z, x and y, which stand for a normal and two tangents where there is no plane."""
 
 
 class Vector(eqx.Module):
@@ -114,10 +114,12 @@ def xyz(x: Vector, ground: Ground | None) -> AnyRows:
     return along(x.normal, normal) + along(x.first, first) + along(x.second, second)
 
 
+# kept, since nearly every function of a step asks for it when it is traced
 @lru_cache
 def blocks(edges: Edges, nodes: int) -> Blocks:
     """How these struts, and so many nodes, are laid out."""
     groups = disjoint_groups(edges)
+    # more groups mean shared nodes: ends as arrays of their own would hold a shared node twice
     if len(groups) != 1:
         return Blocks((tuple(range(nodes)),), groups, edges)
     first, second = zip(*edges)
@@ -127,6 +129,7 @@ def blocks(edges: Edges, nodes: int) -> Blocks:
 
 def disjoint_groups(edges: Edges) -> tuple[tuple[int, ...], ...]:
     """The rows of `edges` in groups whose members share no node, so that each group is met all at once."""
+    # in the order of `edges`, first come first served: sweeps, and so answers, are the same in every process
     rest, found = list(range(len(edges))), []
     while rest:
         used: set[int] = set()

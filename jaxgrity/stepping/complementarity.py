@@ -37,16 +37,16 @@ from jaxgrity.stepping.constraints import (
 from jaxgrity.stepping.coupled import coupled_impulses
 
 LARGEST_LENGTH_ERROR = 1e-3
-"""fraction of its own length by which no strut may be off at the end of a step: more sweeps, or smaller steps, are
-needed there"""
+"""Largest share of its length by which a strut may be off at the end of a step. A robot beyond it gets NaN, and needs
+more sweeps or smaller steps."""
 
 LARGEST_SPEED_ERROR = 1e-3
-"""m/s, by which no velocity may miss what impulses make of it, where struts and contacts are solved together, of a body
-of one metre"""
+"""Largest difference, m/s for a body of one metre, between a velocity and what the impulses make of it, where struts
+and contacts are solved together."""
 
 SWEPT = "swept"
-"""the name of what reverse mode keeps of a step where each node belongs to one strut: what sweeps have found, so that
-they are not run again (but for the last of those that predict)"""
+"""Name under which reverse mode keeps what the sweeps of a step have found, where each node belongs to one strut. So
+sweeps are not run again (but for the last one of a round that predicts)."""
 
 Lift = Callable[[Callable, tuple], Callable]
 """`lift(function, in_axes)` maps a function over a population; in `in_axes` the letter "s" stands for the scene's"""
@@ -115,6 +115,7 @@ class Complementarity(diffrax.AbstractSolver):
         ground = exact_ground(args)
         if ground is None or ground.restitution is None or args.friction is None:
             return taken
+        # both are computed: mapped over a population, a condition would compute both too
         still = eqx.tree_at(lambda scene: scene.ground.restitution, args, 0 * ground.restitution)
         plastic = self._taken(terms, t0, t1, y0, still, solver_state)
         gains = self.lift(bounce_gains, ("s", None, -1, -1, -1))(args, t1 - t0, y0, taken[0][1], taken[3].impulses)
@@ -134,8 +135,10 @@ class Complementarity(diffrax.AbstractSolver):
         a = accelerated(v)
         trials = self.lift(trials_of, ("s", -1))(args, v + kick * a)
         if args.dissipates:
+            # no tolerance here: what this round misses changes the answer by way of the dissipative forces alone
             trials = self._constrain(args, h, problem, trials, usual_sweeps(args), converged=False)
             corrected = accelerated((v + found(args, problem, trials)) / 2)
+            # the impulses found so far stay, so that the last round begins near its answer
             trials = self.lift(pushed, ("s", -1, -1))(args, trials, kick * (corrected - a))
         trials = self._constrain(args, h, problem, trials, self._most_sweeps(args), self.tolerance)
         w = found(args, problem, trials)
@@ -144,6 +147,7 @@ class Complementarity(diffrax.AbstractSolver):
         if problem.lengths is not None:
             error = self._length_error(args, h, problem, trials)
             met = error.relative <= LARGEST_LENGTH_ERROR if self.tolerance is None else error.largest <= self.tolerance
+            # NaN in place of an exception: the others of a population go on, and this robot is marked as failed
             w = jnp.where(met, w, jnp.nan)
         y1 = (q + h * w, w)
         return y1, None, {"y0": y0, "y1": y1}, after, diffrax.RESULTS.successful
@@ -155,6 +159,7 @@ class Complementarity(diffrax.AbstractSolver):
         solve = self.lift(coupled_impulses, ("s", None, -1, -1, -1, -1))
         _, a = terms.vf(t0, y0, forces)
         start = self._carried(args, t0, t1, v + kick * a)
+        # robots that rest or slide need nearly the impulses of their last step: Newton's method begins there
         found = solve(args, (h, t1), y0, start, start, solver_state.impulses)
         if args.dissipates:
             _, a = terms.vf(t0, (q, (v + found.velocity) / 2), forces)
@@ -195,6 +200,7 @@ class Complementarity(diffrax.AbstractSolver):
             if tolerance is None:
                 return jax.lax.fori_loop(0, sweeps, lambda _, trials: once(scene, problem, trials), trials)
 
+            # until the last robot is there: one loop for all of them keeps sweeps in vectors
             def short_of(carry):
                 done, trials = carry
                 return (done < sweeps) & jnp.any(self._length_error(scene, h, problem, trials).largest > tolerance)
@@ -204,9 +210,12 @@ class Complementarity(diffrax.AbstractSolver):
 
             return jax.lax.while_loop(short_of, again, (0, trials))[1]
 
+        # the theorem would need a system of all struts where they share nodes: derivatives go through the sweeps there
         if not blocks_of(scene).by_struts:
             return swept(sweeps, scene, h, problem, trials)
 
+        # at the solution (`_rates`): a loop that ends at a tolerance has no reverse mode, and one of a fixed number of
+        # sweeps would keep each of them
         @jax.custom_jvp
         def differentiable(scene, h, problem, trials):
             return swept(sweeps, scene, h, problem, trials)

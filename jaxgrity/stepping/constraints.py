@@ -31,10 +31,10 @@ from jaxgrity.stepping.entering import closing_speed, frame_met, where_met
 from jaxgrity.stepping.ground_response import SLOWEST, Contact, along_own_axes, answered, ground_impulse, velocity
 
 HELD = 1e-2
-"""fraction of its free motion below which a strut counts as held by the ground at both ends"""
+"""Share of its free response to an impulse below which a strut counts as held by the ground at both ends."""
 
 ROUNDINGS = 100
-"""of twice the kinetic energy, which impulses of the ground may seem to add to it"""
+"""Work of the ground's impulses counts as none up to this many roundings of twice the kinetic energy."""
 
 Trials = tuple[Vector, ...]
 """of each block, the nodes' trial impulses z, m/s (see `ground_response.py`): all that sweeps change"""
@@ -108,6 +108,7 @@ def prepare(scene: Scene, h: Scalar, t1: Scalar, q: NodeVectors, v: NodeVectors)
         apart = edge_vectors(q, struts.edges)
         directions = scale(apart, inverse(length(apart)))
         pushes = tuple(_push(scene, layout, group, directions) for group in layout.groups)
+        # over h, as lengths are: a sweep then compares velocities, and multiplies nothing by h
         vectors = vector(apart, ground) * (1 / h)
         lengths = rest_length(struts, scene.gait, t1, 0) / h
     if ground is not None:
@@ -177,6 +178,7 @@ def bounce_gains(scene: Scene, h: Scalar, start: State, w: NodeVectors, found: G
 def sweep(scene: Scene, problem: StepProblem, trials: Trials) -> Trials:
     """One pass over all rigid struts, group by group, each to its length; the ground answers at once."""
     layout, contacts = blocks_of(scene), _contacts(scene, problem)
+    # group after group, each on what the last one left: struts that share a node would overshoot if met at once
     for group, push in zip(layout.groups, problem.pushes):
         s = layout.at_nodes(_to_length(_strut(layout, problem, contacts, group, push, trials)), group)
         met = tuple(trial - one * size for trial, one, size in zip(trials, push, s))
@@ -288,6 +290,7 @@ def _to_length(struts: _Strut) -> PerMember:
     d_m = jnp.where(moves, d.dot(moving), d.dot(free))
     m_m = jnp.where(moves, moving_squared, free_squared)
     excess = d.dot(d) - goal * goal
+    # below 0 no impulse reaches the length: a tiny number keeps the derivative of the root finite there
     under = d_m * d_m - m_m * excess
     towards = d_m > 0
     # |d·m| + sqrt(...), by which the root of either sign has a form that does not cancel; what takes the square root

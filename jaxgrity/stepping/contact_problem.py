@@ -25,15 +25,15 @@ from jaxgrity.stepping.blocks import Vector
 from jaxgrity.stepping.ground_response import Contact, ground_impulse
 
 NEWTON = 12
-"""iterations at a time, at most"""
+"""Most iterations of Newton's method in a row, before the other method takes over."""
 SPLITTINGS = 50
-"""iterations of the other method at a time, where Newton's has failed"""
+"""Iterations of the alternating direction method in a row, after Newton's method has failed."""
 PENALTY_KEPT = 10
-"""iterations of that method, for which its penalty stays"""
+"""Iterations of that method between changes of its penalty: each change costs the inverse of a matrix."""
 ROUNDS = 20
-"""at most, of both in turn"""
+"""Most rounds of both methods in turn, after Newton's method has failed for the first time."""
 HALVINGS = 8
-"""of a Newton step, among which the one is taken that leaves least of H"""
+"""Number of lengths that are tried for a Newton step: the whole step, a half of it, a quarter, and so on."""
 
 
 class ContactProblem(NamedTuple):
@@ -82,6 +82,7 @@ def solve_contacts(problem: ContactProblem, start: NodeVectors) -> Solved:
 
     def unsolved(state):
         best, _, count = state
+        # Newton's method aims at `tolerance`; a further round is worth its cost beyond `enough` alone
         return (best.error > jnp.where(count == 0, problem.tolerance, problem.enough)) & (count <= ROUNDS)
 
     def again(state):
@@ -91,6 +92,7 @@ def solve_contacts(problem: ContactProblem, start: NodeVectors) -> Solved:
         splitting = _repeat(count > 0, SPLITTINGS // PENALTY_KEPT, lambda s: _split(problem, s), splitting)
         near = splitting.impulse - problem.b - (problem.G @ splitting.impulse.ravel()).reshape(start.shape)
         found = _newton(problem, jnp.where(count == 0, start, near))
+        # neither method comes nearer in every round
         better = found.error < best.error
         best = jax.tree.map(lambda new, old: jnp.where(better, new, old), found, best)
         return best, splitting, count + 1
@@ -121,6 +123,7 @@ def _newton(problem: ContactProblem, start: NodeVectors) -> Solved:
         slope = _slope(problem.contact, z)
         through = jnp.einsum("inb,nbc->inc", problem.G.reshape(size, -1, 3), slope).reshape(size, size)
         blocks = jnp.einsum("nm,nbc->nbmc", jnp.eye(len(z), dtype=z.dtype), slope).reshape(size, size)
+        # where a node sticks P' = 1, and of its rows G alone is left, which may be singular: hence the ridge
         change = -solution(one - (1 - ridge) * blocks + through, left.ravel()).reshape(z.shape)
         tries = z + change * (0.5 ** jnp.arange(HALVINGS, dtype=z.dtype))[:, None, None]
         rests = jax.vmap(lambda z: jnp.sum(missed(problem, z) ** 2))(tries)
@@ -168,6 +171,7 @@ def _friction(contact: Contact) -> PerNode:
 def _split(problem: ContactProblem, state: _Splitting) -> _Splitting:
     """Some iterations: a linear system, a projection on the cones; then the penalty rho follows the errors of both."""
     rho, mu, dtype = state.rho, _friction(problem.contact), state.impulse.dtype
+    # an inverse, not a factorisation: each of the iterations that share it is then one product
     inverse = inverse_of(problem.G + rho * jnp.eye(len(problem.G), dtype=dtype))
 
     def again(carry):
@@ -180,6 +184,7 @@ def _split(problem: ContactProblem, state: _Splitting) -> _Splitting:
 
     first = (state.impulse, state.slip, jnp.zeros(2, dtype), 0)
     p, w, (primal, dual), _ = jax.lax.while_loop(lambda carry: carry[3] < PENALTY_KEPT, again, first)
+    # a larger rho brings the impulses to the cones sooner, a smaller one the motion to its law: neither may lag
     change = jnp.where(primal > 10 * dual, 3.0, jnp.where(dual > 10 * primal, 1 / 3, 1.0)).astype(dtype)
     return _Splitting(p, w, rho * change)
 

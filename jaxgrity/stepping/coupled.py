@@ -44,11 +44,12 @@ from jaxgrity.stepping.coupled_problem import (
 )
 
 TURNING = 20
-"""rounds, at most, with the directions at the start of the step"""
+"""Most rounds in a step that use the struts' directions at its start."""
 PROJECTIONS = 40
-"""rounds, at most, with directions of their own"""
+"""Most rounds after those, each with the struts' directions at the end of the step as it was found before."""
 STEEPEST = 0.2
-"""cosine of the angle by which a strut may turn within a step, for its direction at the start to be used"""
+"""Smallest cosine of the angle between a strut's directions at the start and at the end of a step (here 78 degrees). Of
+a strut that turns more, an impulse along its first direction changes the length too little."""
 PINV = 1e-12
 """share of the largest singular value, below which one is zero in derivatives"""
 
@@ -135,6 +136,7 @@ def solve_step(problem: Coupled, guess: NodeVectors, near: NodeVectors) -> Impul
 
     Where none are found, those that come nearest, with what they miss.
     """
+    # the search is not differentiated: `custom_root` takes the derivative at what it finds
     fixed = jax.tree.map(jax.lax.stop_gradient, problem)
     # On a CPU robots are solved one after the other: side by side all of them iterate until the last one is done.
     search = jax.custom_batching.sequential_vmap(_search) if jax.default_backend() == "cpu" else _search
@@ -164,6 +166,8 @@ def _search(problem: Coupled, guess: NodeVectors, near: NodeVectors) -> tuple[_F
     """What solves the problem, the directions J of the last round, and the roots of the masses that scale contacts."""
     dtype, nodes = problem.start.dtype, len(problem.start)
     free = response(problem, rows_of_struts(problem))[2]
+    # scaled by what each node answers while struts keep their lengths, feet of a gramme and hulls of a kilogramme are
+    # alike to Newton's method; a node that cannot move answers nothing, and gets a floor
     own = jnp.trace(free.reshape(nodes, 3, nodes, 3).diagonal(axis1=0, axis2=2)) / 3
     root_mass = 1 / jnp.sqrt(jnp.maximum(own, 1e-9 * jnp.maximum(own.max(), jnp.finfo(dtype).tiny)))
     first = eliminated(problem, root_mass, rows_of_struts(problem))
@@ -193,9 +197,11 @@ def _search(problem: Coupled, guess: NodeVectors, near: NodeVectors) -> tuple[_F
         begun = found._replace(pulls=0 * found.pulls, stretch=infinite)
         inner = (0, begun)
         found = jax.lax.while_loop(unmet, lambda s: (s[0] + 1, _round(problem, root_mass, parts, s[1])), inner)[1]
+        # where the first directions led nowhere, projections begin anew, from the velocities `near`
         lost = (count == 0) & ~((found.stretch <= close) & (found.along > STEEPEST))
         return count + 1, jax.tree.map(lambda a, b: jnp.where(lost, a, b), start, found), parts.J
 
+    # projections lose energy: what the first directions bring `close` is taken as it is
     def unmet(state):
         count, found, _ = state
         return (found.stretch > jnp.where(count == 1, close, fine)) & (count <= PROJECTIONS)

@@ -21,11 +21,14 @@ from jaxgrity.stepping.entering import closing_speed, where_met
 from jaxgrity.stepping.ground_response import SLOWEST, Contact
 
 NEVER = 1e6
-"""m/s, at which a node of a body of one metre that supports hold as a whole would reach the ground: it never does"""
+"""Speed, m/s for a body of one metre, at which a node that is fixed in all directions would have to move down to touch
+the ground. It never does, so the ground does not act on it."""
 SLOW = 1e-2
-"""m/s, added to the largest velocity, of which errors of the contacts are a share, of a body of one metre"""
+"""Speed, m/s for a body of one metre, that is added to a robot's largest one before the tolerance of contacts is taken
+as a share of it: a robot at rest needs a tolerance too."""
 REDUNDANT = 1e-11
-"""share of each strut's own response that is added to it: struts beyond what rigidity needs make J A J^T singular"""
+"""Share of each strut's own response that is added to the diagonal of J A J^T. Structures with more struts than
+rigidity needs make that matrix singular."""
 
 
 class Coupled(eqx.Module):
@@ -100,6 +103,7 @@ def rate_to_length(problem: Coupled, J: AnyArray, w: NodeVectors) -> PerMember:
     u = units(J, problem.edges)
     towards = jnp.sum(d * u, axis=1)
     under = towards * towards - (jnp.sum(d * d, axis=1) - problem.goal**2)
+    # the root of |d + s u| = L/h: a rate that is right to first order would lengthen a strut that turns
     exact = jnp.sqrt(jnp.maximum(under, jnp.finfo(w.dtype).tiny)) - towards
     return jnp.where(under > 0, exact, problem.goal - length(d))
 
@@ -118,6 +122,8 @@ def response(problem: Coupled, J: AnyArray) -> tuple[AnyArray, AnyArray, AnyArra
         return J, jnp.zeros((0, 0), J.dtype), problem.A
     AJ = problem.A @ J.T
     own = J @ AJ
+    # to a diagonal of 1, so that the ridge is the same share of the response of every strut, light or heavy;
+    # in float32 rounding is more than `REDUNDANT`
     scale = 1 / jnp.sqrt(jnp.maximum(jnp.diagonal(own), jnp.finfo(J.dtype).tiny))
     ridge = max(REDUNDANT, 10 * float(jnp.finfo(J.dtype).eps)) * jnp.eye(len(J), dtype=J.dtype)
     inverse = inverse_of(own * scale[:, None] * scale + ridge) * scale[:, None] * scale

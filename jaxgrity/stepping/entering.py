@@ -11,19 +11,21 @@ from jaxgrity.model.ground import ExactGround
 from jaxgrity.model.surface import Frame, Surface, coordinates, frame_about, rows_of_xyz
 
 INSIDE = 1e-9
-"""m, of a body of one metre: from which depth on a node is in the ground, and where the nearest face is the one that it
-came through"""
+"""Depth, m for a body of one metre, from which on a node counts as inside the ground. There the nearest face still is
+the one that it came through."""
 ROUNDINGS = 16
-"""the same in roundings of its length, where these are more"""
+"""The same depth in roundings of the body's length. The larger of both counts."""
 SAME_SIDE = 0.5
-"""cosine of the angle between the normals where a node enters a solid and where it would be, at least, where a later
-step still finds the face that it came through"""
+"""Smallest cosine of the angle between the normals where a node enters a solid and where its way ends, at which a later
+step would still push the node out of the face that it came through."""
 DEEPEST = 8.0
-"""times its way and its distance, a node is deeper in a solid that it would leave on another side"""
+"""Factor on the node's way and on its distance from a solid. A solid that the node would leave on another side counts
+as deeper by that much, so that the node meets it before all others."""
 TRIALS = 16
-"""places within a node's way at which the ground is looked at, at most, to find where it enters; most need two"""
+"""Most places on a node's way at which the search for its entry looks at the ground. Most searches need two."""
 FOUND = 4
-"""times as deep as where the inside begins, a place is where the node enters"""
+"""The search ends at a place that is inside, but beyond the depth where the inside begins by less than this many times
+that depth."""
 
 
 class Met(NamedTuple):
@@ -83,6 +85,7 @@ def _chosen(which: AnyArray, rows: tuple[PerNode, ...]) -> PerNode:
     """Of each node the row of the solid that it meets."""
     found = rows[0]
     for k, row in enumerate(rows[1:], 1):
+        # not a gather by `which`: mapped over a population it would bring the robots to the front in memory
         found = jnp.where(which == k, row, found)
     return found
 
@@ -133,6 +136,7 @@ def _distances(surface: Surface, x: AnyArray, y: AnyArray, z: AnyArray) -> AnyAr
     return jnp.stack([solid.distance(*place) for solid, place in zip(surface.solids, places)])
 
 
+# a search in a `while_loop` has no reverse mode: the derivative is that of the root that it finds
 @jax.custom_jvp
 def _shares(surface: Surface, size: Scalar, start: tuple[PerNode, ...], way: tuple[PerNode, ...]) -> AnyArray:
     """The share of each node's way at which it is just inside each solid; 1 where it does not enter, 0 where it was.

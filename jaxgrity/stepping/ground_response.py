@@ -23,7 +23,7 @@ from jaxgrity.core.types import PerRow, Scalar
 from jaxgrity.stepping.blocks import Vector
 
 SLOWEST = 1e-10
-"""m/s, keeps the derivative of |z_t| finite at 0, of a body of one metre"""
+"""Speed, m/s for a body of one metre. Its square is added to |z_t|^2: the derivative of |z_t| is then finite at 0."""
 
 
 class Contact(NamedTuple):
@@ -76,6 +76,7 @@ def velocity(contact: Contact | None, trial: Vector) -> Vector:
     if contact is None:
         return trial * -1
     p = ground_impulse(contact._replace(axes=None), trial)
+    # c itself: p_n - z_n is c but for rounding, with which a node may end a step below the ground
     normal = jnp.where(trial.normal + contact.closing > 0, contact.closing, -trial.normal)
     return Vector(normal, p.first - trial.first, p.second - trial.second)
 
