@@ -134,7 +134,7 @@ def steady_rows(steady: Facts) -> dict[str, str]:
     multiplier = with_error(steady["multiplier"], steady["multiplier_error_bar"])
     held = (
         f"a disturbance is multiplied by {multiplier} in a cycle, "
-        "shifts along the ground and turns about the vertical left out, which stay; "
+        "shifts along the ground and turns about the vertical left out, which stay (followed for two cycles); "
     )
     back = f"{100 * steady['returned']:.0f} % of the robots that are disturbed return"
     return {

@@ -116,6 +116,7 @@ def test_the_rows_say_what_a_gait_is_worth():
     assert rows["stability"].startswith(
         "a disturbance is multiplied by 0.09 ± 0.02 in a cycle, shifts along the ground"
     )
+    assert "left out, which stay (followed for two cycles); " in rows["stability"]
     assert "with other nodes in the places of these it repeats itself 2 times in it, to 0 mm" in rows["cycle"]
     assert rows["cycle"].endswith("stands in turn on 6-9-11, 0-6-9")
     assert rows["both contact models"] == (
