@@ -21,6 +21,8 @@ UNITS = {
     "verifying": "judgement",
     "reporting": "part",
 }
+SAID = {"best": "best (on its own draws)"}
+"""what a bar calls a fact, where its name alone says too little"""
 TICK = 2.0
 """s, after which a bar shows at the latest how much time has passed"""
 
@@ -49,7 +51,9 @@ class Bars:
     def hear(self, progress: "Progress") -> None:
         """Show how far a search is."""
         self.show(progress.stage, progress.done, progress.total)
-        facts = {name: significant(x) if isinstance(x, float) else x for name, x in progress.facts.items()}
+        facts = {
+            SAID.get(name, name): significant(x) if isinstance(x, float) else x for name, x in progress.facts.items()
+        }
         self.bar.set_postfix(facts)
 
     def show(self, stage: str, done: int, total: int | None) -> None:
