@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from jaxgrity.cli.settings import CompareSettings
-from jaxgrity.core.display import mean_of_robots, with_error
+from jaxgrity.core.display import mean_of_robots, significant, with_error
 from jaxgrity.core.errors import InputError
 from jaxgrity.io.files import read_text, save_json
 from jaxgrity.report import plot
@@ -20,7 +20,7 @@ from jaxgrity.search.objectives import find_objective
 def steady(summary: dict[str, Any]) -> str:
     """The speed of the orbit, where there is one."""
     found = summary.get("steady") or {"settled": False}
-    return with_error(f"{found['speed']:.3f}", found["speed_error_bar"]) if found["settled"] else "-"
+    return with_error(found["speed"], found["speed_error_bar"]) if found["settled"] else "-"
 
 
 def beyond(summary: dict[str, Any]) -> str:
@@ -32,10 +32,10 @@ def beyond(summary: dict[str, Any]) -> str:
 
 COLUMNS = {
     "steady, m/s": steady,
-    "verified, m": lambda s: with_error(f"{s['distance']:.3f}", s["error_bar"]),
+    "verified, m": lambda s: with_error(s["distance"], s["error_bar"]),
     "scene": lambda s: s["scene"],
     "robust": lambda s: mean_of_robots(s["robust"], unit(s)),
-    "other model": lambda s: f"{s['other_contact_model']['mean']:.3f}",
+    "other model": lambda s: significant(s["other_contact_model"]["mean"]),
     "motion": lambda s: "-" if s["motion"] is None else f"{s['motion']['kind']}, {s['motion']['rolls']} rolls",
     "peak N, m/s, W": lambda s: "{peak_force:.3g}, {peak_rate:.2g}, {peak_power:.3g}".format(**s["actuators"]),
     "beyond a bound": beyond,

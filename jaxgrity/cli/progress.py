@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 
 from tqdm import tqdm
 
+from jaxgrity.core.display import significant
+
 if TYPE_CHECKING:
     from jaxgrity.search.pipeline import Progress
 
@@ -19,6 +21,8 @@ UNITS = {
     "verifying": "judgement",
     "reporting": "part",
 }
+SAID = {"best": "best (on its own draws)"}
+"""what a bar calls a fact, where its name alone says too little"""
 TICK = 2.0
 """s, after which a bar shows at the latest how much time has passed"""
 
@@ -47,7 +51,9 @@ class Bars:
     def hear(self, progress: "Progress") -> None:
         """Show how far a search is."""
         self.show(progress.stage, progress.done, progress.total)
-        facts = {name: f"{x:.3f}" if isinstance(x, float) else x for name, x in progress.facts.items()}
+        facts = {
+            SAID.get(name, name): significant(x) if isinstance(x, float) else x for name, x in progress.facts.items()
+        }
         self.bar.set_postfix(facts)
 
     def show(self, stage: str, done: int, total: int | None) -> None:

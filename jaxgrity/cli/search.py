@@ -55,6 +55,8 @@ def main(settings: SearchSettings) -> None:
         f"ones,\nare polished by gradients, and verified. Programs are compiled first, which takes a minute the first "
         f"time.\nWhat is found goes to {settings.out}/. After Ctrl-C, --resume goes on.\n"
     )
+    if not settings.resume and (settings.out / "summary.json").exists():
+        print(f"The search that {settings.out}/ holds is replaced; set another --out to keep it.\n")
     print(describe(scene), end="\n\n", flush=True)
     found: dict[str, str] = {}
     with Bars() as bars:

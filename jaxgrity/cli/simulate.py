@@ -11,7 +11,7 @@ import numpy as np
 
 from jaxgrity.cli.progress import Bars
 from jaxgrity.cli.settings import SimulateSettings
-from jaxgrity.core.display import with_error
+from jaxgrity.core.display import significant, with_error
 from jaxgrity.io.files import load_phases, save_arrays, save_json
 from jaxgrity.io.gait_library import gait_record, load_gait
 from jaxgrity.io.scene_files import load_scene
@@ -154,11 +154,11 @@ def conclusion(distance: float, error_bar: float | None, motion: MotionReport | 
     """What a rollout comes to, in words; that its distance (m) means nothing comes first, where that is so."""
     if not np.isfinite(distance):
         return "no distance: the rollout failed"
-    moved = f"moved {distance:.4f} m"
+    moved = f"moved {significant(distance, 4)} m"
     if error_bar is not None and not np.isfinite(error_bar):
         moved = f"the distance means nothing, since its error bar is unknown: {moved}"
     elif error_bar is not None:
-        moved = "moved " + with_error(f"{distance:.4f}", error_bar, " m", ".2g")
+        moved = "moved " + with_error(distance, error_bar, " m", ".2g")
         if error_bar > distance:
             moved = f"the distance means nothing, since its error bar is larger: {moved}"
     return moved if motion is None else f"{moved}\n{motion.sentence()}"
@@ -189,7 +189,10 @@ def several(scene: Scene, phases: np.ndarray, duration: float, settings: Simulat
     failed, distance = np.asarray(outcomes.failure) != 0, np.asarray(outcomes.distance())
     figure = plot.outcomes_figure(np.asarray(outcomes.com_start), np.asarray(outcomes.com_end), failed)
     plot.save(figure, settings.out / "outcomes.png")
-    best = f"; furthest: row {int(np.nanargmax(distance)) + 1}, {np.nanmax(distance):.4f} m" if not failed.all() else ""
+    best = ""
+    if not failed.all():
+        first = int(np.nanargmax(distance))
+        best = f"; furthest: row {first + 1}, {significant(float(distance[first]), 4)} m"
     print(
         f"{len(phases)} gaits, {int(failed.sum())} failed: {duration:g} s each, "
         f"{wall:.3f} s of wall time ({compilation:.1f} s to compile){best}"

@@ -9,6 +9,11 @@ COVERING = 2.0
 """standard errors that follow a "±", wherever a number is known by draws: the range then covers the truth in 19 of 20
 cases. By how much robots differ is said in words, as their standard deviation."""
 
+KNOWN = 6
+"""significant digits that a number has at most beside its error: rollouts agree to no more between machines"""
+SMALLEST = 8
+"""decimals: what needs more to show its first digits is written with a power of ten"""
+
 
 def of_report(module: str, function: str) -> Callable:
     """A function of `jaxgrity.report`, imported when somebody looks at an object.
@@ -19,19 +24,41 @@ def of_report(module: str, function: str) -> Callable:
     return getattr(import_module(f"jaxgrity.report.{module}"), function)
 
 
-def with_error(value: str, error: float | None, unit: str = "", digits: str = ".1g") -> str:
+def significant(value: float, decimals: int = 3, digits: int = 3) -> str:
+    """A number with so many decimals, and more where it is so small that fewer digits than `digits` would be left."""
+    if not math.isfinite(value):
+        return f"{value}"
+    needed = digits - 1 - _exponent(value)
+    return f"{value:.{digits - 1}e}" if needed > SMALLEST else f"{_rounded(value, max(decimals, needed))}"
+
+
+def with_error(value: float | str, error: float | None, unit: str = "", digits: str = ".1g") -> str:
     """A number and its error, in words; where the error is infinite, None or no number, that it is not known.
 
-    The number has as many digits as the error lets it have, and the error is at least what rounding takes.
+    The error chooses the decimals of a number. Of text, which was rounded before, there are at most those that it has,
+    and the error is at least what rounding took.
     """
     if error is None or not math.isfinite(error):
-        return f"{value}{unit} (error not known)"
-    decimals = len(value.partition(".")[2]) if "e" not in value else None
-    if decimals is None:
+        return f"{value if isinstance(value, str) else significant(value)}{unit} (error not known)"
+    if isinstance(value, str) and "e" in value:
         return f"{value} ± {error:{digits}}{unit}"
+    exact = KNOWN - 1 - _exponent(float(value))
+    decimals = len(value.partition(".")[2]) if isinstance(value, str) else exact
     error = max(error, 0.5 * 10.0**-decimals)
-    known = int(digits[1:-1]) - 1 - math.floor(math.log10(float(f"{error:{digits}}")))
-    return f"{float(value):.{max(0, min(decimals, known))}f} ± {error:{digits}}{unit}"
+    known = min(decimals, int(digits[1:-1]) - 1 - _exponent(float(f"{error:{digits}}")))
+    if known > SMALLEST + KNOWN:
+        return f"{float(value):.2e} ± {error:{digits}}{unit}"
+    return f"{_rounded(float(value), max(0, known))} ± {error:{digits}}{unit}"
+
+
+def _exponent(value: float) -> int:
+    """Of ten in the number's first digit; 0 of nothing."""
+    return math.floor(math.log10(abs(value))) if value and math.isfinite(value) else 0
+
+
+def _rounded(value: float, decimals: int) -> str:
+    """Zero has no sign."""
+    return f"{round(value, decimals) + 0.0:.{decimals}f}"
 
 
 def mean_of_robots(robots: dict[str, Any], unit: str, mean: str = "mean") -> str:
@@ -40,5 +67,5 @@ def mean_of_robots(robots: dict[str, Any], unit: str, mean: str = "mean") -> str
     From a record with "standard_error" (None of one robot), "standard_deviation", and the mean by its name.
     """
     error = robots["standard_error"]
-    known = with_error(f"{robots[mean]:.3f}", None if error is None else COVERING * error, f" {unit}".rstrip())
+    known = with_error(robots[mean], None if error is None else COVERING * error, f" {unit}".rstrip())
     return f"{known} (standard deviation {robots['standard_deviation']:.2g})"

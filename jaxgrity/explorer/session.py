@@ -6,7 +6,7 @@ from typing import NamedTuple
 import jax
 import numpy as np
 
-from jaxgrity.core.display import with_error
+from jaxgrity.core.display import significant, with_error
 from jaxgrity.core.errors import InputError
 from jaxgrity.explorer.controls import Knob, adjusted, knobs
 from jaxgrity.io.gait_library import gait_names, load_gait
@@ -45,11 +45,11 @@ class Rolled(NamedTuple):
         if self.poses is None:
             return f"**failed**: {FAILURES[int(self.trajectory.failure)]}"
         duration = float(self.trajectory.times[-1])
-        moved = f"{self.distance:.3f}"
-        told = f"{moved} ± … m" if error_bar is None else with_error(moved, error_bar, " m", ".2g")
+        moved = significant(self.distance)
+        told = f"{moved} ± … m" if error_bar is None else with_error(self.distance, error_bar, " m", ".2g")
         return (
             f"**{told}** in {duration:g} s  \n"
-            f"speed {self.distance / duration:.3f} m/s  \n"
+            f"speed {significant(self.distance / duration)} m/s  \n"
             f"cost of transport {self.cost_of_transport:.2f}" + (f"  \n{orbit}" if orbit else "")
         )
 
@@ -119,9 +119,8 @@ def orbit_words(scene: Scene, options: ResolvedOptions) -> str:
     if not found.settled:
         return f"no orbit after {found.verified_for:.0f} s"
     turning = np.degrees(found.turning)
-    return (
-        f"settles on an orbit: {found.speed:.3f} m/s, turning by {turning:.1f}°/s, seen for {found.verified_for:.0f} s"
-    )
+    speed = f"{significant(found.speed)} m/s"
+    return f"settles on an orbit: {speed}, turning by {turning:.1f}°/s, seen for {found.verified_for:.0f} s"
 
 
 def _rolled(scene: Scene, trajectory: Trajectory) -> Rolled:

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxgrity.core.display import mean_of_robots, with_error
+from jaxgrity.core.display import mean_of_robots, significant, with_error
 from jaxgrity.populations.rolling import Rolling
 from jaxgrity.report import plot
 from jaxgrity.report.steady import steady_rows
@@ -50,7 +50,7 @@ def search_rows(summary: dict[str, Any], motion: Rolling | None, unit: str) -> d
         **verified,
         "motion": "no ground, or no motion" if motion is None else motion.sentence(),
         "directions": ", ".join(
-            f"{d['distance']:.2f} m towards {np.degrees(d['heading']):.0f}°" for d in summary["directions"]
+            f"{significant(d['distance'], 2)} m towards {np.degrees(d['heading']):.0f}°" for d in summary["directions"]
         ),
         "objective": f"{mean_of_robots(robust, unit)} over {robust['robots']} robots that differ, step error "
         f"{robust['step_error']:.1g}; {mean_of_robots(other, unit)} on the other contact model",
@@ -68,7 +68,11 @@ def _chosen(fitness: list[float], multipliers: list[float] | None) -> dict[str, 
         return {}
     known = [f"{each:.2g}" for each in multipliers if np.isfinite(each)]
     lost, most = len(multipliers) - len(known), max(fitness)
-    first = "is worth most" if fitness[0] == most else f"is worth {fitness[0]:.3f}, the best of them {most:.3f}"
+    first = (
+        "is worth most"
+        if fitness[0] == most
+        else f"is worth {significant(fitness[0])}, the best of them {significant(most)}"
+    )
     if known and not np.isfinite(multipliers[0]):
         first = f"is none of these, and {first}"
     if not known:
@@ -83,5 +87,6 @@ def distance_words(summary: dict[str, Any]) -> str:
     """The distance with its error bar, where that says anything."""
     known, told = summary["error_bar"] <= summary["distance"], f"in {summary['duration']:g} s"
     if known:
-        return f"{with_error(format(summary['distance'], '.4f'), summary['error_bar'], ' m')} {told}"
-    return f"{summary['distance']:.2f} m {told} at this time step; where the robot gets to depends on the step"
+        return f"{with_error(summary['distance'], summary['error_bar'], ' m')} {told}"
+    moved = significant(summary["distance"], 2, 2)
+    return f"{moved} m {told} at this time step; where the robot gets to depends on the step"

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from jaxgrity.core.display import significant
 from jaxgrity.model.actuation import Gait
 from jaxgrity.model.scene import Scene
 from jaxgrity.report import plot
@@ -33,7 +34,7 @@ def trajectory_html(trajectory: Trajectory) -> str:
     if trajectory.scene is None or trajectory.failed:
         return _text("\n".join(words))
     moved = np.diff(centre_path(trajectory.scene, trajectory)[[0, -1], :2], axis=0)[0]
-    words += [f"moved {np.hypot(*moved):.3f} m", "in 3D: show()"]
+    words += [f"moved {significant(float(np.hypot(*moved)))} m", "in 3D: show()"]
     return _side_by_side(plot.still_figure(trajectory.scene, trajectory), "\n".join(words))
 
 

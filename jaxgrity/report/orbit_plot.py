@@ -8,6 +8,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from scipy.spatial import ConvexHull, QhullError
 
+from jaxgrity.core.display import significant
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import NodeHistory, Times
 from jaxgrity.model.scales import length_scale
@@ -65,7 +66,7 @@ def orbit_figure(scene: Scene, trajectory: Trajectory, cycle: float, turning: fl
     for name, values, colour in (("ahead", seen.real, PATH), ("to the left", seen.imag, STRUT), ("up", height, CABLE)):
         against.plot(times - times[0], values, color=colour, label=name)
     speed = abs(origin[-1] - origin[0]) / cycle
-    title = f"about a frame that goes at {speed:.3f} m/s"
+    title = f"about a frame that goes at {significant(float(speed))} m/s"
     against.set(xlabel="time in the cycle (s)", ylabel="centre of mass about its mean (m)", title=title)
     against.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=3)
     return figure

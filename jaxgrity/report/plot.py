@@ -6,6 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from jaxgrity.core.display import significant
 from jaxgrity.io.files import write_whole
 from jaxgrity.report.orbit_plot import orbit_figure
 from jaxgrity.report.robot_plot import (
@@ -134,7 +135,7 @@ def robust_figure(gaits: dict[str, np.ndarray], unit: str) -> Figure:
             histtype="step",
             linewidth=1.6,
             color=colour,
-            label=f"{name}: {each.mean():.3f} {unit}, standard deviation {each.std():.2g}",
+            label=f"{name}: {significant(float(each.mean()))} {unit}, standard deviation {each.std():.2g}",
         )
         axes.axvline(each.mean(), color=colour, linestyle=":")
     axes.set(

@@ -7,6 +7,7 @@ from mpl_toolkits.mplot3d import Axes3D
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
 from mpl_toolkits.mplot3d.proj3d import proj_transform
 
+from jaxgrity.core.display import significant
 from jaxgrity.model.actuation import Gait, contraction, rest_lengths_along
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import edge_lengths
@@ -90,8 +91,8 @@ def still_figure(scene: Scene, trajectory: Trajectory) -> Figure:
     x, y = path[-1, :2] - path[0, :2]
     axes.view_init(elev=25, azim=float(np.degrees(np.arctan2(y, x))) - 75)
     axes.set_axis_off()
-    moved = np.hypot(x, y)
-    axes.set_title(f"{float(trajectory.times[0]):g} s (pale) to {float(trajectory.times[-1]):g} s: {moved:.2f} m")
+    moved = significant(float(np.hypot(x, y)), 2)
+    axes.set_title(f"{float(trajectory.times[0]):g} s (pale) to {float(trajectory.times[-1]):g} s: {moved} m")
     axes.set_box_aspect(high - low, zoom=_zoom_that_fits(axes, high - low, shown))
     return figure
 

@@ -11,6 +11,7 @@ from mpl_toolkits.mplot3d import Axes3D
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
 from PIL import Image
 
+from jaxgrity.core.display import significant
 from jaxgrity.model.scene import Scene
 from jaxgrity.report.poses import robot_size
 from jaxgrity.report.robot_plot import draw_robot
@@ -174,7 +175,7 @@ class FollowingStage(Stage):
 def caption(times: np.ndarray, centre: np.ndarray, k: int) -> str:
     """Time and horizontal distance from the start, in saved frame `k`."""
     distance = np.hypot(*(centre[k] - centre[0])[:2])
-    return f"t = {times[k]:.1f} s, {distance:.2f} m from the start"
+    return f"t = {times[k]:.1f} s, {significant(float(distance), 2)} m from the start"
 
 
 def side_view(centre: np.ndarray) -> float:

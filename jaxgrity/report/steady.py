@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jaxgrity.core.display import mean_of_robots, with_error
+from jaxgrity.core.display import mean_of_robots, significant, with_error
 from jaxgrity.model.contact_twin import contact_twin
 from jaxgrity.model.scene import Scene
 from jaxgrity.orbits.error_bars import orbit_error_bars
@@ -131,19 +131,19 @@ def steady_rows(steady: Facts) -> dict[str, str]:
     own, other, cycle = steady["robust"], steady["other_contact_model"], steady["period"] * steady["periods"]
     slowest, since = steady["slowest_window"], steady["settled_after"]
     lengths = steady["body_lengths_per_second"]
-    multiplier = with_error(f"{steady['multiplier']:.2g}", steady["multiplier_error_bar"])
+    multiplier = with_error(steady["multiplier"], steady["multiplier_error_bar"])
     held = (
         f"a disturbance is multiplied by {multiplier} in a cycle, "
-        "shifts along the ground and turns about the vertical left out, which stay; "
+        "shifts along the ground and turns about the vertical left out, which stay (followed for two cycles); "
     )
     back = f"{100 * steady['returned']:.0f} % of the robots that are disturbed return"
     return {
-        "speed": with_error(f"{steady['speed']:.3f}", steady["speed_error_bar"], " m/s")
-        + f" ({lengths:.3f} body lengths a second)",
+        "speed": with_error(steady["speed"], steady["speed_error_bar"], " m/s")
+        + f" ({significant(lengths)} body lengths a second)",
         "lasts": f"watched for {steady['verified_for']:.0f} s; settled after {since:.0f} s, "
-        f"and then in no {steady.get('window', WINDOW):.3g} s slower than {slowest:.3f} m/s",
+        f"and then in no {steady.get('window', WINDOW):.3g} s slower than {significant(slowest)} m/s",
         "turning": with_error(
-            f"{round(np.degrees(steady['turning']), 2) + 0.0:.2f}", np.degrees(steady["turning_error_bar"]), " °/s"
+            float(np.degrees(steady["turning"])), float(np.degrees(steady["turning_error_bar"])), " °/s"
         )
         + f"; robots that differ bend by {_bends(own)} in a body length, on the other model by {_bends(other)}",
         **_headed(steady["along_heading"]),
@@ -161,9 +161,12 @@ def _headed(along: Facts | None) -> dict[str, str]:
     """How fast a gait goes along the heading that was asked for, if one was."""
     if along is None:
         return {}
-    own, other = (f"{along[k]['mean']:.3f} (standard deviation {along[k]['standard_deviation']:.2g})" for k in MODELS)
+    own, other = (
+        f"{significant(along[k]['mean'])} (standard deviation {along[k]['standard_deviation']:.2g})" for k in MODELS
+    )
     return {
-        "along its heading": f"{along['speed']:.3f} m/s; robots that differ {own} m/s, on the other model {other} m/s"
+        "along its heading": f"{significant(along['speed'])} m/s; robots that differ {own} m/s, "
+        f"on the other model {other} m/s"
     }
 
 

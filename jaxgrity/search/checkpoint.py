@@ -84,10 +84,12 @@ def _begin(folder: Path, settings: dict[str, Any], resume: bool, restart: bool) 
     if resume:
         if found is None:
             raise InputError(f"{folder}: has no run; expected one to resume")
-        for name, value in settings.items():
-            if found["settings"].get(name) != value:
-                was = found["settings"].get(name)
-                raise InputError(f"{folder}: its run has {name} = {was}, not {value}; expected the same to resume it")
+        before = found["settings"]
+        differ = [
+            f"{name} = {before.get(name)}, not {value}" for name, value in settings.items() if before.get(name) != value
+        ]
+        if differ:
+            raise InputError(f"{folder}: its run has {', '.join(differ)}; expected the same to resume it")
         return Checkpoint(folder, load_states(folder))
     if unfinished and not restart and load_states(folder):
         raise InputError(f"{folder}: holds an unfinished run; expected resume, restart or another folder")

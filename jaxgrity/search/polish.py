@@ -22,7 +22,7 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
-from jaxgrity.core.display import COVERING
+from jaxgrity.core.display import COVERING, significant
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray
 from jaxgrity.model.scene import as_dtype, with_gait
@@ -178,7 +178,7 @@ def _gain(before: Scores, after: Scores, caution: float) -> str:
     outcome = "the polished gait is kept" if after.merit[0] > before.merit[0] else "the gait is kept as it was"
     way = "up" if difference > 0 else "down"
     beyond = f"; {100 * after.beyond[0]:.0f} % of them beyond a bound on actuators" if after.beyond[0] > 0 else ""
-    return f"fitness {way} by {abs(difference):.3f}{error}{over}{beyond}: {outcome}"
+    return f"fitness {way} by {significant(abs(difference))}{error}{over}{beyond}: {outcome}"
 
 
 def _routes(problem: SearchProblem, genes, options: ResolvedOptions, config: PolishConfig) -> Routes:

@@ -107,8 +107,8 @@ class TrustReport(NamedTuple):
         rows["error bar of the centre of mass"] = f"{facts['error_bar']:.2g} m"
         if self.audit is not None:
             energy = facts["energy"]
-            rows["energy"] = f"actuators {energy['actuation']:.4g} J, kinetic {energy['kinetic']:.4g} J, potential "
-            rows["energy"] += f"{energy['potential_change']:+.4g} J"
+            rows["energy"] = f"work of actuators {energy['actuation']:.4g} J, kinetic at the end "
+            rows["energy"] += f"{energy['kinetic']:.4g} J, change of potential {energy['potential_change']:+.4g} J"
             lost = ", ".join(f"{cause} {amount:.3g}" for cause, amount in energy["dissipated"].items())
             rows["dissipated"] = f"{lost} J" if lost else "nothing"
             rows["energy residual"] = f"{energy['residual']:.2g} J of {energy['turned_over']:.3g} J turned over"

@@ -23,6 +23,7 @@ from jaxgrity.orbits import (
     stability,
 )
 from jaxgrity.orbits.cycles import MOST_PERIODS, Plane, plane_of, way_along
+from jaxgrity.orbits.finding import in_step
 
 PERIOD, SPEED, TURNING = 0.5, 0.8, 0.3
 LEVEL = Plane(np.eye(3), True)
@@ -213,3 +214,11 @@ def test_the_speed_is_that_about_the_centre_whatever_the_moment(radius, turning,
     assert float(way_along(path, angle)) * frames == pytest.approx(radius * abs(turning), rel=2e-4, abs=1e-5)
     straight = np.stack([share + sway.real, sway.imag], axis=1)
     assert float(way_along(straight, 0.0)) * frames == pytest.approx(1, rel=1e-12)
+
+
+@pytest.mark.parametrize("together", [True, False])
+def test_a_step_in_time_with_the_period_keeps_the_other_options(exact, together):
+    """Whether struts and contacts are solved together, and how many steps there may be."""
+    chosen = in_step(exact, 0.7, SolverOptions(dt=2e-3, together=together, max_steps=12345))
+    assert (chosen.together, chosen.max_steps) == (together, 12345)
+    assert 0.7 / chosen.dt == pytest.approx(round(0.7 / chosen.dt))

@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 
 import jaxgrity
+from jaxgrity.cli import compare
+from jaxgrity.core.display import significant
 from jaxgrity.report import plot
 from jaxgrity.report.gait_report import write_page
-from jaxgrity.report.gait_rows import _chosen, outcome_rows
+from jaxgrity.report.gait_rows import _chosen, distance_words, outcome_rows
 from jaxgrity.report.orbit_plot import _moving_frame
 from jaxgrity.report.steady import steady_rows
 
@@ -114,6 +116,7 @@ def test_the_rows_say_what_a_gait_is_worth():
     assert rows["stability"].startswith(
         "a disturbance is multiplied by 0.09 ± 0.02 in a cycle, shifts along the ground"
     )
+    assert "left out, which stay (followed for two cycles); " in rows["stability"]
     assert "with other nodes in the places of these it repeats itself 2 times in it, to 0 mm" in rows["cycle"]
     assert rows["cycle"].endswith("stands in turn on 6-9-11, 0-6-9")
     assert rows["both contact models"] == (
@@ -142,3 +145,41 @@ def test_the_page_leads_with_them(tmp_path):
     (tmp_path / "replay.html").unlink()
     write_page(tmp_path, "A gait", {}, {})
     assert "animation.gif" in (tmp_path / "index.html").read_text()
+
+
+@pytest.mark.parametrize("size", [0.05, 0.01])
+def test_a_small_robot_has_as_many_digits(size):
+    """Speeds scale with lengths here, and none is printed as nothing."""
+    lengths = ("speed", "speed_error_bar", "slowest_window")
+    small = {**STEADY, **{name: size * STEADY[name] for name in lengths}}
+    for name, mean in (("robust", "mean"), ("other_contact_model", "speed")):
+        scaled = (mean, "standard_deviation", "standard_error")
+        small[name] = {**STEADY[name], **{each: size * STEADY[name][each] for each in scaled}}
+    along = {"mean": 0.8 * size, "standard_deviation": 0.1 * size}
+    small["along_heading"] = {"speed": 0.81 * size, "robust": along, "other_contact_model": along}
+    rows = steady_rows(small)
+    told = {
+        0.05: ("0.0443 ± 0.0002", "0.0443", "0.0405", "0.041 ± 0.001"),
+        0.01: ("0.00886 ± 4e-05", "0.00885", "0.00810", "0.0082 ± 0.0002"),
+    }
+    speed, slowest, headed, robots = told[size]
+    assert rows["speed"] == f"{speed} m/s (0.886 body lengths a second)"
+    assert rows["lasts"].endswith(f"slower than {slowest} m/s")
+    assert rows["along its heading"].startswith(f"{headed} m/s; robots that differ {significant(0.8 * size)} (")
+    assert rows["both contact models"].startswith(f"{robots} m/s (standard deviation {0.14 * size:.2g})")
+    found = {"distance": 0.5 * size, "error_bar": size, "duration": 8.0}
+    assert distance_words(found).startswith(f"{significant(0.5 * size, 2, 2)} m in 8 s at this time step")
+    assert compare.COLUMNS["steady, m/s"]({"steady": small}) == speed
+    assert compare.COLUMNS["other model"]({"other_contact_model": along}) == significant(0.8 * size)
+    assert significant(0.8 * size) == {0.05: "0.0400", 0.01: "0.00800"}[size]
+
+
+def test_numbers_keep_their_decimals_where_those_are_enough():
+    for value, words in (
+        (0.5264, "0.526"),
+        (12.3456, "12.346"),
+        (0.0, "0.000"),
+        (-0.00526, "-0.00526"),
+        (3e-9, "3.00e-09"),
+    ):
+        assert significant(value) == words

@@ -128,6 +128,7 @@ def test_a_finished_run_can_be_looked_at_again(tmp_path):
         ({"bounds": (0.1, 0.4)}, r"its run has bounds = \[0\.1, 0\.3\], not \[0\.1, 0\.4\]"),
         ({"scene": Path("other.toml")}, r"its run has scene = robot\.toml, not other\.toml"),
         ({"dt": 1e-3}, "its run has dt = None, not 0.001"),
+        ({"seed": 4, "dt": 1e-3}, "seed = 3, not 4, dt = None, not 0.001; expected the same to resume it"),
         ({"more": 1}, "its run has more = None, not 1"),
     ],
 )

@@ -128,6 +128,11 @@ def test_means_over_robots_say_spread_and_error_apart():
         ("3.3896", 11.0, ".2g", "3 ± 11"),
         ("0.13", 0.0996, ".2g", "0.13 ± 0.1"),
         ("1.2e-05", 3e-6, ".1g", "1.2e-05 ± 3e-06"),
+        (0.004, 1e-6, ".1g", "0.004000 ± 1e-06"),
+        (0.52637, 0.003, ".1g", "0.526 ± 0.003"),
+        (0.0052637, 3e-5, ".1g", "0.00526 ± 3e-05"),
+        (1.0, 0.0, ".1g", "1.00000 ± 5e-06"),
+        (-1e-12, 0.2, ".1g", "0.0 ± 0.2"),
     ],
 )
 def test_numbers_have_the_digits_that_their_errors_let_them_have(value, error, digits, told):
