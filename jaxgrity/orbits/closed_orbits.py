@@ -5,7 +5,6 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from jaxgrity.core.dense import least_solution, solution
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, NodeVectors, Scalar
 from jaxgrity.model.scales import length_scale, speed_scale
@@ -130,7 +129,7 @@ def _guess(
 def _newton(f, y):
     def step(carry):
         y, r, k = carry
-        y = y - solution(jax.jacfwd(f)(y), r)
+        y = y - jnp.linalg.solve(jax.jacfwd(f)(y), r)
         return y, f(y), k + 1
 
     def going(carry):
@@ -141,4 +140,4 @@ def _newton(f, y):
 
 
 def _tangent(g, y):
-    return least_solution(jax.jacfwd(g)(jnp.zeros_like(y)), y)
+    return jnp.linalg.solve(jax.jacfwd(g)(jnp.zeros_like(y)), y)
