@@ -20,6 +20,7 @@ import jax
 import jax.flatten_util
 import jax.numpy as jnp
 
+from jaxgrity.core.dense import least_solution
 from jaxgrity.core.primitives import edge_vectors, inverse, length
 from jaxgrity.core.types import AnyArray, NodeVectors, PerMember, PerNode, Scalar, State
 from jaxgrity.model.scene import Scene
@@ -50,8 +51,6 @@ PROJECTIONS = 40
 STEEPEST = 0.2
 """Smallest cosine of the angle between a strut's directions at the start and at the end of a step (here 78 degrees). Of
 a strut that turns more, an impulse along its first direction changes the length too little."""
-PINV = 1e-12
-"""share of the largest singular value, below which one is zero in derivatives"""
 
 
 class Impulses(NamedTuple):
@@ -154,7 +153,7 @@ def solve_step(problem: Coupled, guess: NodeVectors, near: NodeVectors) -> Impul
     def solve_linear(linear, right):
         flat, restore = jax.flatten_util.ravel_pytree(right)
         matrix = jax.jacobian(lambda x: jax.flatten_util.ravel_pytree(linear(restore(x)))[0])(jnp.zeros_like(flat))
-        return restore(jnp.linalg.pinv(matrix, rtol=PINV) @ flat)
+        return restore(least_solution(matrix, flat))
 
     z, pulls = jax.lax.custom_root(unmet, (found.trial, found.pulls), lambda _, found: found, solve_linear)
     w, p = contact_of(problem, root_mass, z)

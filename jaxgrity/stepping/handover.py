@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxgrity.core.dense import least_solution
 from jaxgrity.core.tracing import traced
 from jaxgrity.core.types import AnyArray, NodeHistory, NodeVectors, Scalar, State, Times
 from jaxgrity.model.inertia import momenta
@@ -86,7 +87,7 @@ def _later_velocity(scene: Scene, t: Scalar, q: NodeVectors, w: NodeVectors, lat
 
     def along(linear, y):
         slope = jax.jacfwd(linear)(jnp.zeros_like(y)).reshape(y.size, y.size)
-        return jnp.linalg.solve(slope, y.ravel()).reshape(y.shape)
+        return least_solution(slope, y.ravel()).reshape(y.shape)
 
     return jax.lax.custom_root(lambda v: v - changed(v), jax.lax.stop_gradient(w), solve, along)
 

@@ -104,7 +104,9 @@ def resolve(
     Args:
         scene: what is to be simulated.
         duration: s.
-        options: as the user gave them; those that are resolved already stay as they are, if the method fits.
+        options: as the user gave them; those that are resolved already stay as they are, if the method fits. Where
+            friction is being traced, sweeps are chosen, which are faster; they may miss from mu = 1 on (`rollout` is
+            not `ok` then). Pass `SolverOptions(together=True)` if it reaches that.
         dtype: precision, in place of that of the options.
         positions: (nodes, 3), m, where the motion starts, if not at the structure's own.
         since: s, when it starts: rigid struts have to have their lengths of then.

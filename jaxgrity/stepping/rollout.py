@@ -48,7 +48,8 @@ def rollout(
         start: positions, m, and velocities, m/s, (nodes, 3) each, at the first time; the structure as posed, at rest,
             where not given.
         options: how to integrate, at a fixed step; where not given, the scene decides. Where the numbers of the scene
-            are being traced, pass what `resolve` makes of known ones.
+            are being traced, pass what `resolve` makes of known ones; if friction reaches mu = 1 there, with
+            `SolverOptions(together=True)`.
         steps: how many from each frame to the next; by the options where not given, as many as the longest way needs.
 
     Returns:

@@ -1,0 +1,80 @@
+"""Least solutions against those by singular values, and derivatives that leave LAPACK's threads alone."""
+
+import re
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxgrity import ConeFriction, ExactGround, Members, Scene, SolverOptions, Structure, as_dtype, rollout
+from jaxgrity.core.dense import INVERTED_AT_ONCE, least_solution
+from jaxgrity.model import edge_lengths
+from jaxgrity.stepping import coupled, resolve
+from jaxgrity.structures import tetrahedral_spine
+
+
+@pytest.mark.parametrize(("size", "rank", "condition"), [(20, 20, 1e3), (60, 45, 1e3), (120, 120, 1e6)])
+def test_least_solutions_are_those_by_singular_values(size, rank, condition):
+    """Where columns depend on each other, what they make is the same; the transposed system likewise."""
+    random = np.random.default_rng(0)
+    left, right = (np.linalg.qr(random.normal(size=(size, size)))[0] for _ in range(2))
+    values = np.where(np.arange(size) < rank, np.geomspace(1, 1 / condition, size), 0)
+    matrix = (left * values) @ right.T
+    for M, solve in (
+        (matrix, lambda b: least_solution(jnp.asarray(matrix), b)),
+        (matrix.T, lambda b: jax.linear_transpose(lambda c: least_solution(jnp.asarray(matrix), c), b)(b)[0]),
+    ):
+        wanted = M @ random.normal(size=size)
+        found = solve(jnp.asarray(wanted))
+        np.testing.assert_allclose(M @ found, wanted, rtol=0, atol=1e-13)
+        if rank == size:
+            np.testing.assert_allclose(found, np.linalg.pinv(M, rcond=1e-12) @ wanted, rtol=0, atol=1e-8)
+
+
+def end_of(scene, push):
+    options = resolve(scene, 4e-3, SolverOptions(dt=2e-3, any_step=True, together=True))
+    weights = jnp.cos(jnp.arange(scene.structure.nodes.size))
+
+    def end(gravity):
+        there = eqx.tree_at(lambda s: s.gravity, scene, gravity)
+        start = (there.structure.nodes, jnp.broadcast_to(jnp.asarray(push), there.structure.nodes.shape))
+        return weights @ rollout(there, np.array([0.0, 4e-3]), start=start, options=options).velocities[-1].ravel()
+
+    return end
+
+
+def standing(nodes, struts) -> Scene:
+    nodes = np.asarray(nodes, float)
+    members = Members(struts, None, edge_lengths(nodes, struts))
+    structure = Structure(nodes, np.full(len(nodes), 0.1), members)
+    return as_dtype(Scene(structure, 9.81, ground=ExactGround(), friction=ConeFriction(0.5)), "float64")
+
+
+@pytest.mark.slow
+def test_derivatives_solve_no_system_by_threads():
+    """Of 48 nodes and 72 struts: each matrix that LAPACK gets, in either mode, is one it works on in one thread."""
+    nodes, struts, _ = tetrahedral_spine(12)
+    end = end_of(standing(nodes, struts), [0.0, 0.0, 0.0])
+    for derivative in (jax.grad(end), lambda g: jax.jvp(end, (g,), (1.0,))):
+        text = jax.jit(derivative).lower(9.81).compile().as_text()
+        sizes = []
+        for line in text.splitlines():
+            if 'custom_call_target="lapack' in line:
+                shape = re.search(r"f64\[([\d,]+)\]", line)
+                sizes.append(max(int(n) for n in shape[1].split(",")[-2:]))
+        assert sizes
+        assert max(sizes) <= INVERTED_AT_ONCE
+
+
+def test_derivatives_where_struts_are_redundant(monkeypatch):
+    """Ten struts between five nodes, one too many, that slide on the ground: as by singular values."""
+    nodes = [[0, 0, 0], [1, 0, 0], [0.4, 1, 0], [0.5, 0.4, 1.0], [0.6, 0.5, 0.4]]
+    end = end_of(standing(nodes, tuple((i, j) for i in range(5) for j in range(i))), [1.0, 0.3, 0.0])
+    found = float(jax.jit(jax.grad(end))(9.81))
+    monkeypatch.setattr(coupled, "least_solution", lambda matrix, right: jnp.linalg.pinv(matrix, rtol=1e-12) @ right)
+    jax.clear_caches()
+    wanted = float(jax.jit(jax.grad(end))(9.81))
+    assert abs(wanted) > 1e-4
+    assert found == pytest.approx(wanted, rel=1e-5)
