@@ -119,7 +119,8 @@ def simulate_population(
         options: how to integrate; where not given, the scene decides. Steps are judged by the scene itself.
         differences: in what the robots differ beside their gaits.
         with_metrics: whether to measure actuators and contact, since the gait began, or from so many seconds on; it
-            needs an explicit method at a fixed step.
+            needs an explicit method at a fixed step. Peaks are of a moving mean of forces that begins at zero: of
+            robots that start in motion they are right from a cycle on (`with_metrics=` its seconds).
         parts: how many parts of equal length the time has, at whose ends the centre of mass is told.
 
     Returns:
