@@ -117,6 +117,6 @@ class CableDamping(DissipationTerm):
 
 def _rate_of_length(motion: Motion, kind: str) -> tuple[PerMember, PerMember]:
     """l' = d·d'/|d|, m/s, and l = |d|, m."""
-    d: MemberVectors = motion.at.vectors[kind]
+    d: MemberVectors = motion.at.vector(kind)
     lengths = length(d)
-    return over(dot(d, motion.rates[kind]), lengths), lengths
+    return over(dot(d, motion.rate(kind)), lengths), lengths

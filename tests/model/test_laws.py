@@ -24,6 +24,7 @@ from jaxgrity import (
     Push,
     Scene,
     SolverOptions,
+    Structure,
     SwitchFriction,
     Wind,
     describe,
@@ -246,17 +247,22 @@ def test_terms_of_ones_own_are_traced_like_the_librarys(prism):
 
 @pytest.mark.parametrize("name", ["exact", "reference"])
 def test_laws_find_all_members_whatever_acts_along_them(request, name):
-    """`vectors` and `rates` of struts too, also where these are rigid; of what is not there, one line says so."""
+    """Also of struts that are rigid; of what is not there, one line says so, and what there is."""
     scene = request.getfixturevalue(name)
     i, j = np.array(scene.structure.struts.edges).T
     q, v = scene.structure.nodes, np.random.default_rng(0).normal(size=(12, 3))
     motion = scene.motion(v, q, 0.0, None)
-    np.testing.assert_array_equal(motion.at.vectors["struts"], q[i] - q[j])
-    np.testing.assert_array_equal(motion.rates["struts"], v[i] - v[j])
-    assert motion.rates["cables"].shape == motion.at.vectors["cables"].shape == (24, 3)
+    np.testing.assert_array_equal(motion.at.vector("struts"), q[i] - q[j])
+    np.testing.assert_array_equal(motion.rate("struts"), v[i] - v[j])
+    assert motion.rate("cables").shape == motion.at.vector("cables").shape == (24, 3)
     bare = dataclasses.replace(scene, structure=dataclasses.replace(scene.structure, cables=None), gait=None)
-    with pytest.raises(InputError, match="a law acts along 'cables', which the scene does not have"):
-        bare.configuration(q, 0.0).vectors["cables"]
+    with pytest.raises(InputError, match=r"'cables', which the scene does not have; expected 'struts'$"):
+        bare.configuration(q, 0.0).vector("cables")
+    with pytest.raises(InputError, match=r"'ropes', which the scene does not have; expected 'struts' or 'cables'$"):
+        motion.rate("ropes")
+    alone = Scene(Structure(nodes=np.zeros((1, 3)), node_mass=np.ones(1)))
+    with pytest.raises(InputError, match=r"expected a scene with members$"):
+        alone.configuration(np.zeros((1, 3)), 0.0).vector("struts")
 
 
 class Glue(ConeFriction):
