@@ -44,9 +44,6 @@ class NodeDamping(DissipationTerm):
     def parts(self, scene):
         return node_names("damping of", scene)
 
-    def scaled(self, factors):
-        return NodeDamping(self.damping * factors)
-
 
 class StrutDamping(DissipationTerm):
     """R = sum c/2 l'^2, l' = d·d'/|d|."""

@@ -109,9 +109,6 @@ class Gravity(EnergyTerm):
     def parts(self, scene):
         return ("gravity",)
 
-    def scaled(self, factors):
-        return eqx.tree_at(lambda s: s.g, self, self.g * factors[0])
-
 
 def _springs_alike(members: Members, first: int, symmetry: Symmetry) -> bool:
     """Whether a symmetry maps springs on springs of the same stiffness and rest length, stuck ones on stuck ones."""

@@ -139,15 +139,18 @@ class Law(eqx.Module):
 
 
 class ForceTerm(Law):
-    """A term of U or of R, whose force is proportional to some coefficient: a stiffness, a damping, a friction."""
+    """A term of U or of R. The report on stability names the part of it that limits the step."""
 
     def parts(self, scene: SceneParts) -> tuple[str, ...]:
         """Names of the parts that push and pull one by one, such as "strut 0 (nodes 0, 1)"; else those of the nodes."""
         return node_names(f"{self.name} at", scene)
 
-    @abstractmethod
-    def scaled(self, factors: AnyArray) -> "ForceTerm":
-        """The same term with the force of each of its parts multiplied by its factor."""
+    def scaled(self, factors: AnyArray) -> "ForceTerm | None":
+        """The same term with the force of each of its parts multiplied by its factor.
+
+        None where parts are the nodes, or there is one part: then the forces on the nodes are multiplied.
+        """
+        return None
 
 
 class EnergyTerm(ForceTerm):
@@ -228,6 +231,14 @@ def member_names(kind: str, members: Members) -> tuple[str, ...]:
         nodes = ", ".join(map(str, nodes_along(tuple(members.edges[k] for k in segments))))
         names.append(f"{kind} {numbers} (nodes {nodes})")
     return tuple(names)
+
+
+def named_parts(term: ForceTerm, scene: SceneParts) -> tuple[str, ...]:
+    """Its `parts`. Raises `InputError` where nothing says what each of them does: see `ForceTerm.scaled`."""
+    names = term.parts(scene)
+    if len(names) not in (1, len(scene.structure.nodes)) and term.scaled(np.ones(len(names))) is None:
+        raise InputError(f"{term.name} has {len(names)} parts and no `scaled`; expected one, or one for each node")
+    return names
 
 
 def node_names(what: str, scene: SceneParts) -> tuple[str, ...]:
