@@ -44,9 +44,6 @@ class NodeDamping(DissipationTerm):
     def parts(self, scene):
         return node_names("damping of", scene)
 
-    def scaled(self, factors):
-        return NodeDamping(self.damping * factors)
-
 
 class StrutDamping(DissipationTerm):
     """R = sum c/2 l'^2, l' = d·d'/|d|."""
@@ -117,6 +114,6 @@ class CableDamping(DissipationTerm):
 
 def _rate_of_length(motion: Motion, kind: str) -> tuple[PerMember, PerMember]:
     """l' = d·d'/|d|, m/s, and l = |d|, m."""
-    d: MemberVectors = motion.at.vectors[kind]
+    d: MemberVectors = motion.at.vector(kind)
     lengths = length(d)
-    return over(dot(d, motion.rates[kind]), lengths), lengths
+    return over(dot(d, motion.rate(kind)), lengths), lengths

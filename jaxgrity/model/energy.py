@@ -38,7 +38,7 @@ class StrutSprings(EnergyTerm):
         return None if struts is None or struts.rigid else cls(struts, scene.gait)
 
     def energy(self, at: Configuration) -> Scalar:
-        stretch = length(at.vectors["struts"]) - rest_length(self.struts, self.gait, at.t, 0)
+        stretch = length(at.vector("struts")) - rest_length(self.struts, self.gait, at.t, 0)
         return half_squares(self.struts.stiffness, stretch)
 
     def keeps(self, symmetry):
@@ -67,7 +67,7 @@ class CableSprings(EnergyTerm):
 
     def energy(self, at: Configuration) -> Scalar:
         cables = self.cables
-        longer = length(at.vectors["cables"]) - rest_length(cables, self.gait, at.t, self.first)
+        longer = length(at.vector("cables")) - rest_length(cables, self.gait, at.t, self.first)
         stretch = positive_part(added_up(longer, cables.clusters))
         assert cables.stiffness is not None, "cables are springs"
         return half_squares(in_series(cables.stiffness, cables.clusters), stretch)
@@ -108,9 +108,6 @@ class Gravity(EnergyTerm):
 
     def parts(self, scene):
         return ("gravity",)
-
-    def scaled(self, factors):
-        return eqx.tree_at(lambda s: s.g, self, self.g * factors[0])
 
 
 def _springs_alike(members: Members, first: int, symmetry: Symmetry) -> bool:

@@ -9,7 +9,7 @@ import numpy as np
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import dot, inner, length, norm_squared, take_rows
 from jaxgrity.core.types import AnyArray, AnyNodeVectors, AnyPerNode, Scalar, as_float
-from jaxgrity.model.laws import DissipationTerm, Motion, node_names, unchanged_per_node
+from jaxgrity.model.laws import DissipationTerm, Motion, unchanged_per_node
 
 
 class Wind(DissipationTerm):
@@ -38,12 +38,6 @@ class Wind(DissipationTerm):
         speed = float(np.linalg.norm(w))
         alike = speed == 0 or symmetry.leaves(tuple(x / speed for x in w))
         return alike and unchanged_per_node(self.drag, symmetry)
-
-    def parts(self, scene):
-        return node_names("wind at", scene)
-
-    def scaled(self, factors):
-        return Wind(self.velocity, self.drag * factors)
 
 
 class Push(DissipationTerm):
@@ -112,12 +106,6 @@ class Push(DissipationTerm):
         pushed = dict(zip(self.nodes, np.asarray(self.force)))
         moved = {symmetry.nodes[i]: symmetry.matrix @ force for i, force in pushed.items()}
         return moved.keys() == pushed.keys() and all(np.allclose(moved[i], pushed[i]) for i in pushed)
-
-    def parts(self, scene):
-        return tuple(f"push at node {i}" for i in self.nodes)
-
-    def scaled(self, factors):
-        return eqx.tree_at(lambda s: s.force, self, self.force * factors[:, None])
 
 
 def wind(velocity, drag, nodes: int) -> Wind:

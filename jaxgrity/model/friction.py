@@ -125,9 +125,6 @@ class SlipDissipation(DissipationTerm):
     def parts(self, scene):
         return node_names("friction at", scene)
 
-    def scaled(self, factors):
-        return eqx.tree_at(lambda s: s.friction.mu, self, self.friction.mu * factors)
-
 
 class CoulombSwitch(ForceLaw):
     """F_switch: see `switch_force`."""

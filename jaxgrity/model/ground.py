@@ -216,9 +216,6 @@ class PenaltyContact(EnergyTerm):
     def parts(self, scene):
         return node_names("contact of", scene)
 
-    def scaled(self, factors):
-        return eqx.tree_at(lambda s: s.ground.stiffness, self, self.ground.stiffness * factors)
-
 
 class ContactDissipation(DissipationTerm):
     """R whose gradient turns k_n pen into Hunt and Crossley's k_n pen max(0, 1 - alpha v_n)."""
@@ -236,9 +233,6 @@ class ContactDissipation(DissipationTerm):
 
     def parts(self, scene):
         return node_names("contact dissipation of", scene)
-
-    def scaled(self, factors):
-        return eqx.tree_at(lambda s: s.ground.stiffness, self, self.ground.stiffness * factors)
 
 
 class ExactContact(Constraint):

@@ -52,18 +52,6 @@ class SceneParts(Protocol):
     scales: Any
 
 
-class BetweenEnds:
-    """x_i - x_j of the "struts" and the "cables", by these names: as it is known, or else from the nodes' x."""
-
-    def __init__(self, known: VectorsByKind, x: NodeVectors, scene: Any) -> None:
-        self._known, self._x, self._scene = known, x, scene
-
-    def __getitem__(self, kind: str) -> MemberVectors:
-        if kind in self._known:
-            return self._known[kind]
-        return edge_vectors(self._x, _members(self._scene, kind).edges)
-
-
 class Configuration(NamedTuple):
     """What U is a function of."""
 
@@ -72,18 +60,17 @@ class Configuration(NamedTuple):
     t: Scalar
     """time, s"""
     known: VectorsByKind
-    """`vectors` of those members along which the library's own forces act"""
+    """`vector` of those members along which the library's own forces act, by their kinds"""
     scene: Any
     """the `Scene` that the law belongs to"""
 
-    @property
-    def vectors(self) -> BetweenEnds:
-        """d = x_i - x_j, m, of "struts" and "cables" by their names."""
-        return BetweenEnds(self.known, self.q, self.scene)
+    def vector(self, kind: str) -> MemberVectors:
+        """d = x_i - x_j, m, of each of the "struts" or "cables"; `InputError` where there are none."""
+        return self.known[kind] if kind in self.known else edge_vectors(self.q, _members(self.scene, kind).edges)
 
     def length(self, kind: str) -> PerMember:
         """l, m, of each of the "struts" or "cables"."""
-        return length(self.vectors[kind])
+        return length(self.vector(kind))
 
     def stretch(self, kind: str) -> PerMember:
         """l - L(t), m, of each of the "struts" or "cables"; a cable is slack where it is negative.
@@ -101,21 +88,20 @@ class Motion(NamedTuple):
     v: NodeVectors
     """velocities, m/s"""
     known: VectorsByKind
-    """`rates` of those members that have dampers"""
+    """`rate` of those members that have dampers, by their kinds"""
     normal_force: PerNode | None
     """F_n, N, with which the ground presses on each node, held fixed in dR/dv; None where it presses by no force"""
     at: Configuration
     """where"""
 
-    @property
-    def rates(self) -> BetweenEnds:
-        """d' = v_i - v_j, m/s, of "struts" and "cables" by their names."""
-        return BetweenEnds(self.known, self.v, self.at.scene)
+    def rate(self, kind: str) -> MemberVectors:
+        """d' = v_i - v_j, m/s, of each of the "struts" or "cables"; `InputError` where there are none."""
+        return self.known[kind] if kind in self.known else edge_vectors(self.v, _members(self.at.scene, kind).edges)
 
     def rate_of_length(self, kind: str) -> PerMember:
         """l' = d·d'/|d|, m/s, of each of the "struts" or "cables"."""
-        d = self.at.vectors[kind]
-        return over(dot(d, self.rates[kind]), length(d))
+        d = self.at.vector(kind)
+        return over(dot(d, self.rate(kind)), length(d))
 
 
 class Law(eqx.Module):
@@ -153,15 +139,18 @@ class Law(eqx.Module):
 
 
 class ForceTerm(Law):
-    """A term of U or of R, whose force is proportional to some coefficient: a stiffness, a damping, a friction."""
+    """A term of U or of R. The report on stability names the part of it that limits the step."""
 
-    @abstractmethod
     def parts(self, scene: SceneParts) -> tuple[str, ...]:
-        """Names of the parts that push and pull one by one, such as "strut 0 (nodes 0, 1)", for reports."""
+        """Names of the parts that push and pull one by one, such as "strut 0 (nodes 0, 1)"; else those of the nodes."""
+        return node_names(f"{self.name} at", scene)
 
-    @abstractmethod
-    def scaled(self, factors: AnyArray) -> "ForceTerm":
-        """The same term with the force of each of its parts multiplied by its factor."""
+    def scaled(self, factors: AnyArray) -> "ForceTerm | None":
+        """The same term with the force of each of its parts multiplied by its factor.
+
+        None where parts are the nodes, or there is one part: then the forces on the nodes are multiplied.
+        """
+        return None
 
 
 class EnergyTerm(ForceTerm):
@@ -244,13 +233,24 @@ def member_names(kind: str, members: Members) -> tuple[str, ...]:
     return tuple(names)
 
 
+def named_parts(term: ForceTerm, scene: SceneParts) -> tuple[str, ...]:
+    """Its `parts`. Raises `InputError` where nothing says what each of them does: see `ForceTerm.scaled`."""
+    names = term.parts(scene)
+    if len(names) not in (1, len(scene.structure.nodes)) and term.scaled(np.ones(len(names))) is None:
+        raise InputError(f"{term.name} has {len(names)} parts and no `scaled`; expected one, or one for each node")
+    return names
+
+
 def node_names(what: str, scene: SceneParts) -> tuple[str, ...]:
     """Such as "contact of node 0", where `what` is "contact of"."""
     return tuple(f"{what} node {k}" for k in range(len(scene.structure.nodes)))
 
 
 def _members(scene: SceneParts, kind: str) -> Members:
-    members = {"struts": scene.structure.struts, "cables": scene.structure.cables}.get(kind)
+    every = {"struts": scene.structure.struts, "cables": scene.structure.cables}
+    members = every.get(kind)
     if members is None:
-        raise InputError(f"a law acts along {kind!r}, which the scene does not have; expected a scene with them")
+        known = " or ".join(repr(name) for name, there in every.items() if there is not None)
+        expected = known or "a scene with members"
+        raise InputError(f"a law acts along {kind!r}, which the scene does not have; expected {expected}")
     return members

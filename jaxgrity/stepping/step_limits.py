@@ -12,7 +12,7 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.tracing import evaluated
 from jaxgrity.core.types import AnyArray, NodeVectors, Scalar, State
 from jaxgrity.model.inertia import mass_matrix
-from jaxgrity.model.laws import DissipationTerm, EnergyTerm, ForceTerm
+from jaxgrity.model.laws import DissipationTerm, EnergyTerm, ForceTerm, named_parts
 from jaxgrity.model.scales import length_scale, time_scale
 from jaxgrity.model.scene import Scene, as_dtype, with_gait
 from jaxgrity.model.structure import edge_lengths
@@ -159,8 +159,8 @@ def limiting_part(scene: Scene, state: State, method: Method) -> str:
     q, v = (np.asarray(x, float) for x in state)
     shape = np.stack([shapes[:, worst].real, shapes[:, worst].imag]).reshape(2, *q.shape)
     with jax.enable_x64(True):
-        shares = _shares(as_dtype(scene, "float64"), q, v, shape, np.asarray(np.abs(values[worst])))
-    names = [name for term in _force_terms(scene) for name in term.parts(scene)]
+        shares = part_shares(as_dtype(scene, "float64"), q, v, shape, np.asarray(np.abs(values[worst])))
+    names = [name for term in _force_terms(scene) for name in named_parts(term, scene)]
     return names[int(np.argmax(np.abs(np.concatenate(shares))))]
 
 
@@ -169,7 +169,7 @@ def _force_terms(scene: Scene) -> list[ForceTerm]:
 
 
 @eqx.filter_jit
-def _shares(scene: Scene, q: NodeVectors, v: NodeVectors, shape: AnyArray, rate: Scalar) -> list[AnyArray]:
+def part_shares(scene: Scene, q: NodeVectors, v: NodeVectors, shape: AnyArray, rate: Scalar) -> list[AnyArray]:
     """For each term of U and R, the share of each of its parts in the motion `shape` (real and imaginary part).
 
     It is x·dF for the forces F of that part, with dF = dF/dq x + rate dF/dv x.
@@ -178,14 +178,13 @@ def _shares(scene: Scene, q: NodeVectors, v: NodeVectors, shape: AnyArray, rate:
     def share(term: ForceTerm):
         def work(factors):
             def force(q, v):
-                return _force(term.scaled(factors), scene.motion(v, q, 0.0, scene.normal_force(q, v)))
+                motion = scene.motion(v, q, 0.0, scene.normal_force(q, v))
+                scaled = term.scaled(factors)
+                return factors[:, None] * _force(term, motion) if scaled is None else _force(scaled, motion)
 
-            def along(x):
-                return jnp.sum(x * jax.jvp(force, (q, v), (x, rate * x))[1])
+            return jnp.sum(jax.vmap(lambda x: x * jax.jvp(force, (q, v), (x, rate * x))[1])(shape))
 
-            return jnp.sum(jax.vmap(along)(shape))
-
-        return jax.grad(work)(jnp.ones(len(term.parts(scene))))
+        return jax.grad(work)(jnp.ones(len(named_parts(term, scene))))
 
     return [share(term) for term in _force_terms(scene)]
 

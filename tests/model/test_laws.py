@@ -24,13 +24,13 @@ from jaxgrity import (
     Push,
     Scene,
     SolverOptions,
+    Structure,
     SwitchFriction,
     Wind,
     describe,
     energy_audit,
     force_limit,
     force_table,
-    node_names,
     simulate,
     unchanged,
     wind,
@@ -42,6 +42,7 @@ from jaxgrity.model.friction import CoulombCone
 from jaxgrity.model.rod_contact import RodContact, RodContactDissipation, RodFriction
 from jaxgrity.model.scene import KNOWN_FRICTIONS, KNOWN_LAWS
 from jaxgrity.stepping import limiting_part, standing
+from jaxgrity.stepping.step_limits import part_shares
 from jaxgrity.structures import prism_tower
 
 
@@ -121,12 +122,6 @@ class WindDrag(DissipationTerm):
         turned = symmetry.matrix @ np.array(self.wind)
         return bool(np.allclose(turned, self.wind)) and unchanged(self.coefficient, symmetry.nodes)
 
-    def parts(self, scene):
-        return node_names("wind at", scene)
-
-    def scaled(self, factors):
-        return WindDrag(self.coefficient * factors, self.wind)
-
 
 class Tether(EnergyTerm):
     """U = k/2 |x_0|^2: a spring from node 0 to the origin."""
@@ -139,12 +134,6 @@ class Tether(EnergyTerm):
 
     def keeps(self, symmetry):
         return symmetry.nodes[0] == 0
-
-    def parts(self, scene):
-        return ("tether of node 0",)
-
-    def scaled(self, factors):
-        return Tether(self.stiffness * factors)
 
 
 class Lift(ForceLaw):
@@ -198,8 +187,8 @@ def test_symmetries_ask_every_law(prism):
 @pytest.mark.parametrize(
     ("term", "named"),
     [
-        (WindDrag(np.array([2.0, 2.0, 2.0, 9e3, 2.0, 2.0])), "wind at node 3"),
-        (Tether(np.full(1, 1e8)), "tether of node 0"),
+        (WindDrag(np.array([2.0, 2.0, 2.0, 9e3, 2.0, 2.0])), "wind drag at node 3"),
+        (Tether(np.full(1, 1e8)), "tether at node 0"),
     ],
     ids=["drag", "tether"],
 )
@@ -208,6 +197,28 @@ def test_the_report_on_stability_asks_every_law(prism, term, named):
     """A term that limits the step is named by the part of it that does."""
     scene = with_terms(prism, term)
     assert limiting_part(scene, standing(scene), METHODS["rk4"]) == named
+
+
+def test_parts_that_a_law_does_not_name_are_the_nodes(prism):
+    """Their shares in a motion are those that a law has by scaling coefficients of its own; other parts are refused."""
+
+    class Scaled(Tether):
+        def scaled(self, factors):
+            return Scaled(self.stiffness * factors[0])
+
+    class Named(Tether):
+        def parts(self, scene):
+            return ("one", "two")
+
+    law, q = Tether(np.full(1, 5.0)), jnp.asarray(prism.structure.nodes)
+    assert law.parts(prism) == tuple(f"tether at node {k}" for k in range(6))
+    shape = np.random.default_rng(0).normal(size=(2, 6, 3))
+    ours, its = (with_terms(Scene(prism.structure), kind(law.stiffness)) for kind in (Tether, Scaled))
+    found, expected = (part_shares(scene, q, 0 * q, shape, 1.0)[-1] for scene in (ours, its))
+    np.testing.assert_allclose(found, expected, rtol=1e-12)
+    np.testing.assert_allclose(found[0], -5 * np.sum(shape[:, 0] ** 2), rtol=1e-12)
+    with pytest.raises(InputError, match="tether has 2 parts and no `scaled`; expected one, or one for each node"):
+        part_shares(with_terms(prism, Named(law.stiffness)), q, 0 * q, shape, 1.0)
 
 
 def test_the_power_of_every_law_is_booked(prism, booked):
@@ -246,17 +257,22 @@ def test_terms_of_ones_own_are_traced_like_the_librarys(prism):
 
 @pytest.mark.parametrize("name", ["exact", "reference"])
 def test_laws_find_all_members_whatever_acts_along_them(request, name):
-    """`vectors` and `rates` of struts too, also where these are rigid; of what is not there, one line says so."""
+    """Also of struts that are rigid; of what is not there, one line says so, and what there is."""
     scene = request.getfixturevalue(name)
     i, j = np.array(scene.structure.struts.edges).T
     q, v = scene.structure.nodes, np.random.default_rng(0).normal(size=(12, 3))
     motion = scene.motion(v, q, 0.0, None)
-    np.testing.assert_array_equal(motion.at.vectors["struts"], q[i] - q[j])
-    np.testing.assert_array_equal(motion.rates["struts"], v[i] - v[j])
-    assert motion.rates["cables"].shape == motion.at.vectors["cables"].shape == (24, 3)
+    np.testing.assert_array_equal(motion.at.vector("struts"), q[i] - q[j])
+    np.testing.assert_array_equal(motion.rate("struts"), v[i] - v[j])
+    assert motion.rate("cables").shape == motion.at.vector("cables").shape == (24, 3)
     bare = dataclasses.replace(scene, structure=dataclasses.replace(scene.structure, cables=None), gait=None)
-    with pytest.raises(InputError, match="a law acts along 'cables', which the scene does not have"):
-        bare.configuration(q, 0.0).vectors["cables"]
+    with pytest.raises(InputError, match=r"'cables', which the scene does not have; expected 'struts'$"):
+        bare.configuration(q, 0.0).vector("cables")
+    with pytest.raises(InputError, match=r"'ropes', which the scene does not have; expected 'struts' or 'cables'$"):
+        motion.rate("ropes")
+    alone = Scene(Structure(nodes=np.zeros((1, 3)), node_mass=np.ones(1)))
+    with pytest.raises(InputError, match=r"expected a scene with members$"):
+        alone.configuration(np.zeros((1, 3)), 0.0).vector("struts")
 
 
 class Glue(ConeFriction):

@@ -95,12 +95,6 @@ def test_what_joins_nodes_otherwise_is_refused():
         def keeps(self, symmetry):
             return False
 
-        def parts(self, scene):
-            return ("tether",)
-
-        def scaled(self, factors):
-            return self
-
     scene = with_terms(Scene(sprung(prism(3))), Tether())
     with pytest.raises(InputError, match="joins nodes otherwise than by members"):
         stiffness_matrix(scene, scene.structure.nodes)

@@ -25,7 +25,6 @@ from jaxgrity import (
     energy_audit,
     final_state,
     gaits_of,
-    node_names,
     rollout,
     sensitivity,
     simulate,
@@ -92,12 +91,6 @@ class Field(EnergyTerm):
 
     def keeps(self, symmetry):
         return False
-
-    def parts(self, scene):
-        return node_names("field at", scene)
-
-    def scaled(self, factors):
-        return dataclasses.replace(self, k=self.k * factors)
 
 
 def test_laws_may_have_functions_among_their_numbers():

@@ -16,7 +16,6 @@ from jaxgrity import (
     Scene,
     SolverOptions,
     Structure,
-    node_names,
     simulate,
     with_terms,
 )
@@ -159,12 +158,6 @@ class Anchor(EnergyTerm):
 
     def keeps(self, symmetry):
         return False
-
-    def parts(self, scene):
-        return node_names("anchor of", scene)
-
-    def scaled(self, factors):
-        return Anchor(self.stiffness * factors, self.places)
 
 
 @pytest.mark.slow
