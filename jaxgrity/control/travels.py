@@ -155,8 +155,7 @@ def travel(
             on_choice(choice)
         if over.all():
             break
-    chosen = [np.array(x) for x in zip(*said)]
-    seen = np.concatenate(kept), np.concatenate(path)
+    chosen, seen = [np.array(x) for x in zip(*said)], (np.concatenate(kept), np.concatenate(path))
     return travels_of(robots.scene.structure, seen, maps, chosen, spent, foresight.within)
 
 

@@ -8,9 +8,18 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxgrity import ConeFriction, ExactGround, Members, Scene, SolverOptions, Structure, as_dtype, rollout
+from jaxgrity import (
+    ConeFriction,
+    ExactGround,
+    Members,
+    Scene,
+    SolverOptions,
+    Structure,
+    as_dtype,
+    edge_lengths,
+    rollout,
+)
 from jaxgrity.core.dense import INVERTED_AT_ONCE, least_solution
-from jaxgrity.model import edge_lengths
 from jaxgrity.stepping import coupled, resolve
 from jaxgrity.structures import tetrahedral_spine
 

@@ -17,29 +17,37 @@ from jaxgrity import (
     Distance,
     ExactGround,
     Fitness,
+    Gait,
     Genome,
     InputError,
+    Members,
     Objective,
     SearchConfig,
     SearchProblem,
     SearchResult,
     SolverOptions,
     SteadySpeed,
+    Structure,
     Uncertainty,
     bumps,
+    centre_path,
+    edge_lengths,
     gaits_of,
     load_gait,
     one_gait,
     register_objective,
     search_gaits,
+    simulate,
     with_gait,
 )
 from jaxgrity.orbits import find_orbit, stability
 from jaxgrity.search import OBJECTIVES, Progress, find_objective, judge_at, load_states, without_measuring
 from jaxgrity.search.attraction import orbit_multipliers
+from jaxgrity.search.fidelity import excess_at
 from jaxgrity.search.genetic_algorithm import distinct
 from jaxgrity.search.judging import standard_error, with_robots
 from jaxgrity.search.promotion import promote
+from jaxgrity.structures import random_tensegrity
 
 pytestmark = pytest.mark.slow
 
@@ -330,3 +338,37 @@ def test_a_report_that_fails_can_be_made_again(exact, config, whole, tmp_path):
 def test_only_a_folder_has_a_search_to_resume(exact, config, option):
     with pytest.raises(InputError, match="there is no folder to find a search in; expected folder"):
         search_gaits(exact, config, **{option: True})
+
+
+def test_a_random_structure_can_be_searched(exact, config):
+    """A robot of five struts that nobody designed, on exact contact: its gait is worth what a rollout of it shows."""
+    shape = random_tensegrity(struts=5, seed=1)
+    nodes = shape.nodes - [0, 0, shape.nodes[:, 2].min() - 0.02]
+    body = Structure(
+        nodes,
+        np.full(10, 0.5),
+        Members(shape.struts, None, edge_lengths(nodes, shape.struts)),
+        Members(shape.cables, np.full(len(shape.cables), 600.0), 0.8 * edge_lengths(nodes, shape.cables)),
+    )
+    one = np.ones(5)
+    gait = Gait((0, 1, 2, 3, 4), 0 * one, 0.1 * one, 0.8 * one, 0.1, 0.2)
+    scene = dataclasses.replace(exact, structure=body, gait=gait, node_damping=np.full(10, 0.5))
+    result = search_gaits(scene, dataclasses.replace(config, objective=Distance(), polish_rollouts=0))
+    end = simulate(result.scene, config.duration, options=SolverOptions(dt=result.levels[-1].dt), frame_rate=20.0)
+    path = centre_path(result.scene, end)
+    moved = np.linalg.norm((path[-1] - path[0])[:2])
+    told = result.verdict.verified
+    assert abs(told.distance[0] - moved) <= 2 * told.error_bar[0] + 1e-3
+
+
+def test_a_bound_on_force_that_binds_is_kept(exact, config):
+    """Below what the best gait of a search without it needs: what is found needs less, or is said to exceed it."""
+    loose = search_gaits(exact, dataclasses.replace(config, polish_rollouts=0))
+    peak = excess_at(loose.levels[1], loose.promoted.genes[:1], loose.problem, ActuatorBounds(force=1.0))[0] + 1.0
+    assert np.isfinite(peak)
+    bound = ActuatorBounds(force=0.97 * float(peak))
+    assert excess_at(loose.levels[1], loose.promoted.genes[:1], loose.problem, bound)[0] > 0
+    tight = search_gaits(exact, dataclasses.replace(config, bounds=bound, polish_rollouts=0))
+    exceeds = excess_at(tight.levels[1], tight.promoted.genes[:1], tight.problem, bound)[0] > 0
+    assert tight.promoted.within_bounds == (not exceeds)
+    assert tight.verdict.beyond > 0 or tight.promoted.within_bounds
