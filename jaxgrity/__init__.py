@@ -10,7 +10,7 @@ from importlib import import_module
 
 import lazy_loader
 
-_found, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+_found, _, __all__ = lazy_loader.attach_stub(__name__, __file__)
 ROOMS = (
     "control",
     "formats",
@@ -42,3 +42,7 @@ def __getattr__(name: str):
             warnings.warn(moved, DeprecationWarning, stacklevel=2)
             return getattr(home, now)
     return _found(name)
+
+
+def __dir__() -> list[str]:
+    return [*__all__, *ROOMS]
