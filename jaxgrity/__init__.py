@@ -10,7 +10,7 @@ from importlib import import_module
 
 import lazy_loader
 
-_found, _, __all__ = lazy_loader.attach_stub(__name__, __file__)
+_found, _, _names = lazy_loader.attach_stub(__name__, __file__)
 ROOMS = (
     "control",
     "formats",
@@ -25,15 +25,14 @@ ROOMS = (
     "structures",
 )
 """those that have public names"""
+__all__ = [name for name in _names if name not in ROOMS]
 RENAMED = {"Motors": "MotorLimits", "Wave": "TravellingWave"}
 """names that were at the top, by those that they have in their rooms"""
 
 
 def __getattr__(name: str):
-    if name in __all__ or name.startswith("_"):
+    if name in _names or name.startswith("_"):
         return _found(name)
-    if name in ROOMS:
-        return import_module(f"{__name__}.{name}")
     now = RENAMED.get(name, name)
     for room in ROOMS:
         home = import_module(f"{__name__}.{room}")

@@ -1,6 +1,17 @@
 # The names that most users need, in groups; `jaxgrity/__init__.py` imports each when it is first used. The rooms
 # (jaxgrity.control, .orbits, .statics, ...) have further names of their own.
 
+from . import control as control
+from . import formats as formats
+from . import identification as identification
+from . import model as model
+from . import orbits as orbits
+from . import populations as populations
+from . import report as report
+from . import search as search
+from . import statics as statics
+from . import stepping as stepping
+from . import structures as structures
 from .core import primitives
 from .core.display import with_error
 from .core.errors import InputError

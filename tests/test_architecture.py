@@ -61,6 +61,7 @@ def names_imported(package: str) -> dict[str, str]:
         for node in STUBS[package].body
         if isinstance(node, ast.ImportFrom)
         for alias in node.names
+        if alias.name not in jaxgrity.ROOMS
     }
 
 
@@ -134,6 +135,14 @@ def test_each_public_name_has_one_home():
     for room in jaxgrity.ROOMS:
         modules = {path.stem for path in (PACKAGE / room).glob("*.py")} - {"plot", "view"}
         assert not modules & set(names_listed(f"jaxgrity.{room}"))
+
+
+def test_rooms_are_found_where_one_looks():
+    """By completion, and by type checkers, which read the stub alone."""
+    imported = {
+        alias.name for node in STUBS["jaxgrity"].body if isinstance(node, ast.ImportFrom) for alias in node.names
+    }
+    assert set(jaxgrity.ROOMS) <= imported & set(dir(jaxgrity))
 
 
 def test_names_that_moved_warn_and_are_there():

@@ -22,7 +22,7 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
-from jaxgrity.core.display import COVERING, significant
+from jaxgrity.core.display import COVERING, significant, with_error
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray
 from jaxgrity.model.scene import as_dtype, with_gait
@@ -172,13 +172,14 @@ def _gain(before: Scores, after: Scores, caution: float) -> str:
             outcome = "the polished gait is kept" if after.merit[0] > before.merit[0] else "the gait is kept as it was"
             return f"a robot failed with the {name}'s gait: {outcome}"
     gain = np.subtract(*(influences(scores.each, caution)[0] for scores in (after, before)))
-    error = f" ± {COVERING * standard_error(gain):.2g}" if gain.size > 1 else ""
-    over = f" over {gain.size} robots" if gain.size > 1 else ""
     difference = float(after.fitness[0] - before.fitness[0])
+    told = significant(abs(difference))
+    if gain.size > 1:
+        told = with_error(abs(difference), COVERING * standard_error(gain), digits=".2g") + f" over {gain.size} robots"
     outcome = "the polished gait is kept" if after.merit[0] > before.merit[0] else "the gait is kept as it was"
     way = "up" if difference > 0 else "down"
     beyond = f"; {100 * after.beyond[0]:.0f} % of them beyond a bound on actuators" if after.beyond[0] > 0 else ""
-    return f"fitness {way} by {significant(abs(difference))}{error}{over}{beyond}: {outcome}"
+    return f"fitness {way} by {told}{beyond}: {outcome}"
 
 
 def _routes(problem: SearchProblem, genes, options: ResolvedOptions, config: PolishConfig) -> Routes:
@@ -217,7 +218,8 @@ def _climb_all(
 ) -> tuple[Climb, int]:
     """The climb that ended best, and what all of them cost."""
     scene, fitness = as_dtype(problem.scene, options.dtype), without_measuring(problem.fitness)
-    rolled, level = problem._replace(scene=scene, fitness=fitness), problem.level(options)._replace(fitness=fitness)
+    judging = problem.level(options)
+    rolled, level = problem._replace(scene=scene, fitness=fitness), judging._replace(fitness=fitness)
     task = ClimbTask(rolled, options, level, np.asarray(config.width[0], options.dtype))
     duration = problem.duration
     costs = [cost_of_gradient(config, fitness, route.kind, route.horizon / duration) for route in routes]
@@ -235,7 +237,7 @@ def _climb_all(
         return climbs[0], spent
     ends = np.stack([done.end for done in climbs])
     key = _key(seed, FOR_COMPARISON)
-    scores = _judge_genes(key, problem, ends, problem.level(options).by(config.comparison_robots))
+    scores = _judge_genes(key, problem, ends, judging.by(config.comparison_robots))
     return climbs[int(np.argmax(scores.merit))], spent
 
 

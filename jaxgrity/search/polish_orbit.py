@@ -67,7 +67,7 @@ def climb_on_orbit(
     genes: OneGait = np.asarray(start[0], float)
     rollouts = start[1]
     judges = level.by(judges_of_a_step(config, level.fitness))
-    each_costs = judges.fitness.rollouts
+    price = judges.fitness.rollouts
     optimiser = optax.chain(optax.trace(config.momentum), optax.normalize_by_update_norm())
 
     def judged(each: OneGait) -> Scores:
@@ -75,14 +75,14 @@ def climb_on_orbit(
         return judge(key, judges, gaits)
 
     best, length, steps = judged(genes), config.learning_rate, []
-    spent, memory, slope = float(each_costs), optimiser.init(genes), orbit_slope(problem, genes, options)
+    spent, memory, slope = float(price), optimiser.init(genes), orbit_slope(problem, genes, options)
     spent += slope.cost
-    while not slope.remark and spent + each_costs <= rollouts and length >= SHORTEST * config.learning_rate:
+    while not slope.remark and spent + price <= rollouts and length >= SHORTEST * config.learning_rate:
         update, after = optimiser.update(slope.gradient, memory)
         tried = np.asarray(problem.genome.within(_within_rate(problem, genes, genes + length * np.asarray(update))))
         found = judged(tried)
         better = bool(found.merit[0] > best.merit[0])
-        spent += each_costs
+        spent += price
         steps.append(
             ClimbStep(
                 slope.watched, float(np.linalg.norm(slope.gradient)), 1.0, float((found if better else best).fitness[0])
@@ -92,7 +92,7 @@ def climb_on_orbit(
             on_step(steps[-1])
         if better:
             best, genes, memory = found, tried, after
-            if spent + slope.cost + each_costs > rollouts:
+            if spent + slope.cost + price > rollouts:
                 break
             slope = orbit_slope(problem, genes, options)
             spent += slope.cost
