@@ -2,6 +2,7 @@
 
 import ast
 import itertools
+import re
 import statistics
 from collections import defaultdict
 from importlib import import_module
@@ -100,6 +101,12 @@ def test_imports_stand_at_the_top():
     """So that what a module needs can be seen, and circles cannot hide."""
     kinds = ast.Import | ast.ImportFrom
     assert not [name for name, node in FUNCTIONS.items() if any(isinstance(x, kinds) for x in ast.walk(node))]
+
+
+def test_motions_are_stepped_in_one_place():
+    """A method's step is taken, and its memory begun, by `stepping/loop.py` alone; diffrax does the rest."""
+    takers = {module for module, text in TEXTS.items() if re.search(r"\.step\(|solver\.init\(", text)}
+    assert takers == {"stepping/loop.py"}
 
 
 def test_every_module_says_what_it_is():

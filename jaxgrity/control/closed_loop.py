@@ -14,7 +14,7 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, State
 from jaxgrity.model.scene import floats_as
 from jaxgrity.populations.lanes import over_lanes
-from jaxgrity.stepping.complementarity import ContactState
+from jaxgrity.stepping.complementarity import ContactMemory
 from jaxgrity.stepping.discretisation import state_failure
 from jaxgrity.stepping.dynamics import centre_of_mass
 from jaxgrity.stepping.simulate import Trajectory
@@ -135,7 +135,7 @@ def taken_over(model: Plant, loop: Loop, each: int) -> Loop:
     motion = jax.tree.map(spread, loop.plant.motion)
     state = plant_start(model, loop.plant.key, motion)
     last, own = loop.plant.solver, state.solver
-    if isinstance(last, ContactState) and isinstance(own, ContactState):
+    if isinstance(last, ContactMemory) and isinstance(own, ContactMemory):
         # velocities that lie half of the robots' last step before, and not at the time of the start
         taken = spread(jnp.broadcast_to(last.step_size, robots))
         state = state._replace(motion=motion, solver=own._replace(step_size=taken))

@@ -18,14 +18,13 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, State
 from jaxgrity.model.actuation import Command, Gait, actuated_lengths
 from jaxgrity.model.scene import Scene, as_dtype, start_of, with_gait
-from jaxgrity.populations.lanes import in_lanes, lane_axes, lanes_last, over_lanes
+from jaxgrity.populations.lanes import in_lanes, lane_axes, lanes_last, over_lanes, step_axes
 from jaxgrity.populations.metrics import actuator_tension
 from jaxgrity.populations.uncertainty import Differences
 from jaxgrity.stepping.complementarity import Lift, one_robot
 from jaxgrity.stepping.discretisation import discretise, prepared
-from jaxgrity.stepping.handover import carried_from, state_from
+from jaxgrity.stepping.loop import Carried, Step, advance, carried_at, state_of
 from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
-from jaxgrity.stepping.power import Step
 
 PERFECT, UNBOUNDED = Sensors(), MotorLimits()
 """sensors without errors, motors that do what they are asked"""
@@ -191,7 +190,7 @@ def plant_start(plant: Plant, key: Any, start: State | None = None) -> PlantStat
     nothing = jnp.zeros((len(plant.members), *motion[0].shape[2:]), dtype)
     key, of_bias = jax.random.split(key)
     problem, step = discretise(plant.options, plant.lift), jnp.asarray(plant.period / plant.steps, dtype)
-    motion, first = carried_from(problem, plant.scene, jnp.zeros((), dtype), step, motion)
+    motion, first = carried_at(problem, plant.scene, jnp.zeros((), dtype), step, motion)
     motion = tuple(jnp.asarray(x) for x in motion)
     tension = nothing if plant.motors.force is not None else None
     state = PlantState(jnp.asarray(0), motion, first, nothing, tension, Readings(None, None), key)
@@ -203,10 +202,10 @@ def plant_start(plant: Plant, key: Any, start: State | None = None) -> PlantStat
 def whole_state(plant: Plant, state: PlantState) -> State:
     """q, m, and v, m/s, now: a start from which another rollout goes on as this one does."""
     scene, now = _commanded(plant, state, state.contraction), state.tick * plant.period
-    lanes = jax.tree.map(lambda x: -1 if jnp.ndim(x) else None, state.solver)
+    carried = Carried(state.motion, state.solver)
     if plant.robots is None:
-        return state_from(scene, now, state.motion, state.solver)
-    return over_lanes(state_from, (lane_axes(scene), None, -1, lanes))(scene, now, state.motion, state.solver)
+        return state_of(scene, now, carried)
+    return over_lanes(state_of, (lane_axes(scene), None, step_axes(carried).before))(scene, now, carried)
 
 
 def sense_now(plant: Plant, state: PlantState) -> Observation:
@@ -235,23 +234,20 @@ def actuate(plant: Plant, state: PlantState, wanted: AnyArray) -> PlantState:
     lengths = plant.lift(lambda scene: actuated_lengths(scene.structure, plant.members), ("s",))(plant.scene)
     reached = contraction_reached(plant.motors, state.contraction, wanted, plant.period, lengths, state.tension)
     scene = _commanded(plant, state, reached)
-    terms, solver = discretise(plant.options, _lift_of(plant, scene))
+    problem = discretise(plant.options, _lift_of(plant, scene))
     h = jnp.asarray(plant.period / plant.steps, plant.options.dtype)
 
     def step(carry, k):
-        y, before, _ = carry
+        before, _ = carry
         t0 = (state.tick * plant.steps + k) * h
-        y1, _, _, after, _ = solver.step(terms, t0, t0 + h, y, scene, before, False)
-        tension = None
-        if plant.motors.force is not None:
-            tension = _tension(plant, scene, Step(t0, h, y, y1, before, after))
-        return (y1, after, tension), None
+        after = advance(problem, scene, (t0, t0 + h), before)
+        tension = None if plant.motors.force is None else _tension(plant, scene, Step(t0, h, before, after))
+        return (after, tension), None
 
     kept = step if plant.options.method.recomputes else jax.checkpoint(step)
-    (motion, after, tension), _ = jax.lax.scan(
-        kept, (state.motion, state.solver, state.tension), jnp.arange(plant.steps)
-    )
-    return PlantState(state.tick + 1, motion, after, reached, tension, state.readings, state.key)
+    first = Carried(state.motion, state.solver), state.tension
+    ((motion, memory), tension), _ = jax.lax.scan(kept, first, jnp.arange(plant.steps))
+    return PlantState(state.tick + 1, motion, memory, reached, tension, state.readings, state.key)
 
 
 def _commanded(plant: Plant, state: PlantState, reached: AnyArray) -> Scene:
@@ -263,9 +259,7 @@ def _commanded(plant: Plant, state: PlantState, reached: AnyArray) -> Scene:
 
 
 def _tension(plant: Plant, scene: Scene, step: Step) -> AnyArray:
-    lanes = jax.tree.map(lambda x: -1 if jnp.ndim(x) else None, (step.before, step.after))
-    axes = Step(None, None, (-1, -1), (-1, -1), *lanes)  # type: ignore[arg-type]
-    return _lift_of(plant, scene)(actuator_tension, ("s", axes))(scene, step)
+    return _lift_of(plant, scene)(actuator_tension, ("s", step_axes(step.after)))(scene, step)
 
 
 def _lift_of(plant: Plant, scene: Scene) -> Lift:

@@ -15,7 +15,7 @@ from jaxgrity.model.scene import Scene, as_dtype
 from jaxgrity.orbits.cycles import Plane, moved_onto, plane_of
 from jaxgrity.orbits.finding import Orbit, in_step, period_of, restarted
 from jaxgrity.stepping.discretisation import discretise, prepared
-from jaxgrity.stepping.handover import carried_from, state_from
+from jaxgrity.stepping.loop import Carried, carried_at, numbered, repeated, state_of
 from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
 
 NEUTRAL = ("shift x", "shift y", "turn")
@@ -111,25 +111,20 @@ def _linearised(
 ) -> tuple[AnyArray, AnyArray, AnyArray]:
     """The states (2, nodes, 3) after `ahead` steps from the start and after `steps` more, in the plane's axes; and the
     derivative, (6 nodes, 6 nodes), of the one by the other."""
-    terms, solver = problem = discretise(options)
-    scene, h = prepared(scene), jnp.asarray(options.dt)
+    scene, problem, h = prepared(scene), discretise(options), jnp.asarray(options.dt)
 
-    def step(carry, k):
-        y, remembered = carry
-        y, _, _, remembered, _ = solver.step(terms, k * h, (k + 1) * h, y, scene, remembered, False)
-        return (y, remembered), None
-
-    first = carried_from(problem, scene, 0 * h, h, (jnp.asarray(start[0]), jnp.asarray(start[1])))
-    carried, remembered = jax.lax.fori_loop(0, ahead, lambda k, carry: step(carry, k.astype(float))[0], first)
-    at, unravel = ravel_pytree(jnp.stack(state_from(scene, ahead * h, carried, remembered)) @ axes)
+    step = numbered(problem, scene, h)
+    first = carried_at(problem, scene, 0 * h, h, (jnp.asarray(start[0]), jnp.asarray(start[1])))
+    there = jax.lax.fori_loop(0, ahead, lambda k, carried: step(carried, k.astype(float)), first)
+    at, unravel = ravel_pytree(jnp.stack(state_of(scene, ahead * h, there)) @ axes)
 
     def after_a_cycle(x):
         numbers = ahead + jnp.arange(steps, dtype=float)
         q, v = unravel(x) @ axes.T
         # what the method remembers of its last step is held: deviations are those of q and v alone
-        carried = carried_from(problem, scene, ahead * h, h, (q, v))[0]
-        carry, _ = jax.lax.scan(step, (carried, remembered), numbers)
-        end = jnp.stack(state_from(scene, (ahead + steps) * h, *carry)) @ axes
+        motion = carried_at(problem, scene, ahead * h, h, (q, v)).motion
+        carried = repeated(step, Carried(motion, there.memory), numbers)
+        end = jnp.stack(state_of(scene, (ahead + steps) * h, carried)) @ axes
         return end.ravel(), end
 
     # forward mode: reverse mode would keep all steps of a cycle, for as many rows as there are columns here

@@ -24,9 +24,9 @@ from jaxgrity.model.scales import speed_scale, time_scale
 from jaxgrity.model.scene import Scene, as_dtype, with_gait
 from jaxgrity.orbits.cycles import Plane, plane_of, way_along
 from jaxgrity.orbits.finding import FRAMES, Orbit, in_step, period_of, restarted
-from jaxgrity.stepping.complementarity import ContactState
+from jaxgrity.stepping.complementarity import ContactMemory
 from jaxgrity.stepping.discretisation import discretise, prepared
-from jaxgrity.stepping.handover import carried_from
+from jaxgrity.stepping.loop import Carried, carried_at, numbered, repeated
 from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
 
 MOST_CYCLES = 40
@@ -195,7 +195,7 @@ def _change(new: np.ndarray, old: np.ndarray) -> float:
     return float(np.max(np.abs(new - old).max(0) / np.where(sizes > TINY, sizes, 1.0)))
 
 
-def _first(scene: Scene, options: ResolvedOptions, orbit: Orbit) -> tuple:
+def _first(scene: Scene, options: ResolvedOptions, orbit: Orbit) -> Carried:
     """What is carried from step to step, from beside the orbit: the state, and what the method remembers.
 
     Complementarity stepping begins with half a kick. Where a motion repeats itself to the last digit, nodes that just
@@ -204,10 +204,10 @@ def _first(scene: Scene, options: ResolvedOptions, orbit: Orbit) -> tuple:
     assert options.dt is not None, "`in_step` gives a step"
     q, v = orbit.state
     start = jnp.asarray(q, float), jnp.asarray(v, float)
-    carried, remembered = carried_from(discretise(options), prepared(scene), 0.0, options.dt, start)
-    if isinstance(remembered, ContactState):
-        remembered = remembered._replace(step_size=jnp.zeros_like(remembered.step_size))
-    return jax.tree.map(jnp.asarray, (carried, remembered))
+    motion, memory = carried_at(discretise(options), prepared(scene), 0.0, options.dt, start)
+    if isinstance(memory, ContactMemory):
+        memory = memory._replace(step_size=jnp.zeros_like(memory.step_size))
+    return jax.tree.map(jnp.asarray, Carried(motion, memory))
 
 
 @eqx.filter_jit
@@ -232,18 +232,11 @@ def _advanced(scene: Scene, options: ResolvedOptions, steps: int, frame: Count, 
 
 def _rolled(scene: Scene, options: ResolvedOptions, steps: int, frame: Count, carried):
     """What is carried, after so many steps, which make one of the `FRAMES` of a period."""
-    terms, solver = discretise(options)
     assert scene.gait is not None, "an orbit has a gait"
     # traced: by way of the step's size the tangent of the frequency reaches every step
     h = 1 / (scene.gait.frequency[0] * steps * FRAMES)
-    scene = prepared(scene)
-
-    def step(carry, k):
-        y, remembered = carry
-        y, _, _, remembered, _ = solver.step(terms, k * h, (k + 1) * h, y, scene, remembered, False)
-        return (y, remembered), None
-
-    return jax.lax.scan(step, carried, frame * steps + jnp.arange(steps, dtype=float))[0]
+    step = numbered(discretise(options), prepared(scene), h)
+    return repeated(step, carried, frame * steps + jnp.arange(steps, dtype=float))
 
 
 def _mean_told(scene: Scene, plane: Plane, along: AnyArray, places: list) -> tuple[tuple[float, float], np.ndarray]:

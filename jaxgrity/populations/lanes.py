@@ -20,9 +20,8 @@ from jaxgrity.populations.metrics import Metrics, initial_metrics, updated_metri
 from jaxgrity.populations.uncertainty import Differences, differing
 from jaxgrity.stepping.discretisation import discretise, failure_code, integrate, state_failure
 from jaxgrity.stepping.dynamics import centre_of_mass
-from jaxgrity.stepping.handover import carried_from
+from jaxgrity.stepping.loop import Carried, Step, carried_at, numbered
 from jaxgrity.stepping.options import ResolvedOptions
-from jaxgrity.stepping.power import Step
 from jaxgrity.stepping.starts import start_failure
 
 FEWEST, SIDE_BY_SIDE = 32, 256
@@ -113,35 +112,32 @@ def _in_parts(
     room, used, with_metrics = asked
     measures, since = with_metrics is not False, None if isinstance(with_metrics, bool) else with_metrics
     parts = room if used is None else used
-    terms, solver = discretise_lanes(options, axes)
+    problem = discretise_lanes(options, axes)
     # less a thousandth of a step: rounding in float32 would add a whole one
     each = jnp.ceil(duration / parts / jnp.asarray(options.dt, options.dtype) - 1e-3).astype(int)
     h = duration / (parts * each)
     centre = over_lanes(centre_of_mass, (axes, -1))
     held = over_lanes(initial_metrics, (axes, None))(scene, since) if measures else None
     # stepped by a loop of our own: metrics need the impulses of every step, which diffrax does not hand out
-    start, first = carried_from((terms, solver), scene, 0 * h, h, start)
-    lanes = jax.tree.map(lambda x: -1 if x.ndim else None, first)
-    step_axes = Step(None, None, (-1, -1), (-1, -1), lanes, lanes)  # type: ignore[arg-type]
-    update = over_lanes(updated_metrics, (axes, step_axes, -1))
+    first, step = carried_at(problem, scene, 0 * h, h, start), numbered(problem, scene, h)
+    update = over_lanes(updated_metrics, (axes, step_axes(first), -1))
 
-    def step(k, carry):
-        y, before, held = carry
-        y1, _, _, after, _ = solver.step(terms, k * h, (k + 1) * h, y, scene, before, False)
-        measured = update(scene, Step(k * h, h, y, y1, before, after), held) if measures else None
-        return y1, after, measured
+    def measured_step(k, carry):
+        before, held = carry
+        after = step(before, k)
+        return after, update(scene, Step(k * h, h, before, after), held) if measures else None
 
     def part(carry, number):
         # parts beyond `used` have no steps, so that one program serves any number of parts up to `room`
         after = number + 1 if used is None else jnp.minimum(number + 1, used)
-        carry = jax.lax.fori_loop(number * each, after * each, step, carry)
-        return carry, centre(scene, carry[0][0])
+        carry = jax.lax.fori_loop(number * each, after * each, measured_step, carry)
+        return carry, centre(scene, carry[0].motion[0])
 
-    (end, _, held), ends = jax.lax.scan(part, (start, first, held), jnp.arange(room))
-    path: AnyArray = jnp.concatenate([centre(scene, start[0])[None], ends])
+    (last, held), ends = jax.lax.scan(part, (first, held), jnp.arange(room))
+    path: AnyArray = jnp.concatenate([centre(scene, first.motion[0])[None], ends])
     lanes_of = path.shape[-1]
     done: Any = diffrax.RESULTS.successful
-    return LaneEnd(end, path, done, jnp.full(lanes_of, parts * each), jnp.zeros(lanes_of, int)), held
+    return LaneEnd(last.motion, path, done, jnp.full(lanes_of, parts * each), jnp.zeros(lanes_of, int)), held
 
 
 def _last(
@@ -198,6 +194,12 @@ def in_lanes(scene: Scene, gaits: Gait, differences: Differences | None = None) 
         # all robots' alike: its numbers are scalars, or tables to look into, and meet no array of nodes by elements
         spread = eqx.tree_at(_surface, spread, scene.ground.surface)
     return spread, lane_axes(spread)
+
+
+def step_axes(carried: Carried) -> Step:
+    """The `in_axes` of a `Step` of many robots, from what the method carries in it."""
+    axes = _axes(carried)
+    return Step(None, None, axes, axes)  # type: ignore[arg-type]
 
 
 def lane_axes(scene: Scene) -> Scene:

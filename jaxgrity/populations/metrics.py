@@ -78,7 +78,7 @@ def initial_metrics(scene: Scene, since: Scalar | None = None) -> Metrics:
 
 def updated_metrics(scene: Scene, step: Step, so_far: Metrics) -> Metrics:
     """The metrics after one more step."""
-    (q0, _), (q, v), h = step.start, step.end, step.h
+    (q0, _), (q, v), h = step.before.motion, step.after.motion, step.h
     # a step counts that ends later than that, by more than rounding
     on = jnp.asarray(step.t0 + 0.999 * h > so_far.since).astype(q.dtype)
     if step.impulsive:
@@ -110,10 +110,10 @@ def updated_metrics(scene: Scene, step: Step, so_far: Metrics) -> Metrics:
 
 def _contact(scene: Scene, step: Step) -> tuple[PerNode, PerNode]:
     """Per node 1 where it touches the ground, and 1 where it moves along it."""
-    ground, (q, v) = scene.ground, step.end
+    ground, (q, v) = scene.ground, step.after.motion
     if ground is None:
         return jnp.zeros_like(q[:, 0]), jnp.zeros_like(q[:, 0])
-    pressed = step.after.impulses.normal if ground.impulsive else -ground.signed_distance(q)
+    pressed = step.after.memory.impulses.normal if ground.impulsive else -ground.signed_distance(q)
     along = [component(v, tangent) for tangent in ground.frame(q).tangents]
     slowest = SLIPPING * speed_scale(scene)
     slipping = along[0] * along[0] + along[1] * along[1] > slowest * slowest
@@ -133,13 +133,13 @@ def actuator_tension(scene: Scene, step: Step) -> PerActuator:
 
     Terms of U that users add to a scene, and that pull on the members too, are added up by their gradients.
     """
-    q: NodeVectors = step.end[0]
+    q: NodeVectors = step.after.motion[0]
     further = _further_pull(scene, step.t0 + step.h, q)
     parts: list[AnyArray] = []
     for members, rows, first in _actuated(scene):
         edges = tuple(members.edges[k] for k in rows)
         if members.rigid:
-            vectors = edge_vectors(step.start[0], edges)
+            vectors = edge_vectors(step.before.motion[0], edges)
             on_first = take_rows(strut_impulses(scene, step), tuple(i for i, _ in edges))
             parts.append(-dot(on_first, vectors) * inverse(length(vectors)) / step.kick)
             continue

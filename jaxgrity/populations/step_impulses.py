@@ -15,9 +15,9 @@ from jaxgrity.model.actuation import rest_length, rest_lengths_along
 from jaxgrity.model.scene import Scene, as_dtype
 from jaxgrity.stepping.constraints import rigid_struts
 from jaxgrity.stepping.discretisation import discretise, prepared
-from jaxgrity.stepping.handover import carried_from
+from jaxgrity.stepping.loop import Carried, Step, advance, carried_at
 from jaxgrity.stepping.options import ResolvedOptions, options_anew
-from jaxgrity.stepping.power import Step, ground_impulses, strut_impulses, support_impulses, tensions
+from jaxgrity.stepping.power import ground_impulses, strut_impulses, support_impulses, tensions
 from jaxgrity.stepping.simulate import Trajectory, with_room
 
 MOST = 2**10
@@ -41,7 +41,7 @@ class StepPlan(NamedTuple):
     """The steps that a motion took, with room for more."""
 
     times: Times
-    """(steps + 1,), s, at which they begin, and the last one ends"""
+    """(steps + 1,), s, at which they carried_at, and the last one ends"""
     taken_up: AnyArray
     """(steps,), whether a saved frame is at the step's beginning, from which it starts"""
     positions: NodeHistory
@@ -122,32 +122,31 @@ def _padded(rows: np.ndarray, size: int) -> np.ndarray:
 def _stepped(scene: Scene, options: ResolvedOptions, plan: StepPlan, count: AnyArray) -> Exerted:
     """The impulses of the first `count` steps of the plan, in front; zeros after them."""
     scene = prepared(scene)
-    terms, solver = problem = discretise(options)
+    problem = discretise(options)
     nodes = scene.structure.nodes
     times = plan.times.astype(nodes.dtype)
 
     def step(k, carry):
-        y, memory, found = carry
+        before, found = carry
         t, h = times[k], (plan.times[k + 1] - plan.times[k]).astype(nodes.dtype)
         here = _with_lengths(scene, t + h, plan.longer[k + 1])
-        saved, anew = carried_from(problem, here, t, h, (plan.positions[k], plan.velocities[k]))
+        saved, anew = carried_at(problem, here, t, h, (plan.positions[k], plan.velocities[k]))
         # only at its very start does a motion have half a kick
-        anew = anew._replace(step_size=jnp.where(k > 0, h, anew.step_size), impulses=memory.impulses)
+        anew = anew._replace(step_size=jnp.where(k > 0, h, anew.step_size), impulses=before.memory.impulses)
         new = plan.taken_up[k]
-        y, memory = jax.tree.map(lambda a, b: jnp.where(new, a, b), (saved, anew), (y, memory))
-        end, _, _, after, _ = solver.step(terms, t, t + h, y, here, memory, False)
-        impulses = _impulses(here, Step(t, h, y, end, memory, after))
-        return end, after, jax.tree.map(lambda rows, row: rows.at[k].set(row), found, impulses)
+        before = jax.tree.map(lambda a, b: jnp.where(new, a, b), Carried(saved, anew), before)
+        after = advance(problem, here, (t, t + h), before)
+        impulses = _impulses(here, Step(t, h, before, after))
+        return after, jax.tree.map(lambda rows, row: rows.at[k].set(row), found, impulses)
 
-    start = plan.positions[0], plan.velocities[0]
-    first = solver.init(terms, times[0], times[1], start, scene)
+    first = carried_at(problem, scene, times[0], times[1] - times[0], (plan.positions[0], plan.velocities[0]))
     struts = rigid_struts(scene)
     room = len(plan.taken_up)
     empty = (
         jnp.zeros((room, *shape), nodes.dtype)
         for shape in ((len(struts.edges) if struts else 0,), nodes.shape, nodes.shape)
     )
-    return jax.lax.fori_loop(0, count, step, (start, first, Exerted(*empty)))[2]
+    return jax.lax.fori_loop(0, count, step, (first, Exerted(*empty)))[1]
 
 
 def _with_lengths(scene: Scene, t: Scalar, longer: PerMember) -> Scene:
@@ -161,10 +160,10 @@ def _with_lengths(scene: Scene, t: Scalar, longer: PerMember) -> Scene:
 
 
 def _impulses(scene: Scene, step: Step) -> Exerted:
-    nothing: AnyArray = jnp.zeros_like(step.start[0])
+    nothing: AnyArray = jnp.zeros_like(step.before.motion[0])
     struts = rigid_struts(scene)
     supports: AnyArray = support_impulses(scene, step) if scene.structure.fixed else nothing
     pulls: AnyArray = jnp.zeros(0, nothing.dtype)
     if struts is not None:
-        pulls = tensions(struts.edges, step.start[0], strut_impulses(scene, step))
+        pulls = tensions(struts.edges, step.before.motion[0], strut_impulses(scene, step))
     return Exerted(pulls, sum(ground_impulses(scene, step), nothing), supports)

@@ -15,7 +15,7 @@ from jaxgrity.model.motors import bends_of
 from jaxgrity.model.scene import Scene, with_scales
 from jaxgrity.stepping.complementarity import Lift, one_robot
 from jaxgrity.stepping.dynamics import vector_field
-from jaxgrity.stepping.handover import carried_from
+from jaxgrity.stepping.loop import carried_at
 from jaxgrity.stepping.options import ResolvedOptions
 
 FAILURES = (
@@ -35,10 +35,12 @@ TORN = 10.0
 def discretise(options: ResolvedOptions, lift: Lift = one_robot) -> tuple[diffrax.AbstractTerm, diffrax.AbstractSolver]:
     """The equations of motion and the solver for them, as diffrax takes them, for one robot or, by `lift`, for many."""
     method = options.method
-    solver = method.fixed() if options.dt is not None or method.adaptive is None else method.adaptive()
+    build = method.fixed if options.dt is not None or method.adaptive is None else method.adaptive
+    if options.together and method.together is not None:
+        build = method.together
+    solver = build()
     if method.constrained:
-        chosen: dict = {"sweeps": options.sweeps, "tolerance": options.strut_tolerance}
-        chosen |= {"together": options.together, "lift": lift}
+        chosen: dict = {"sweeps": options.sweeps, "tolerance": options.strut_tolerance, "lift": lift}
         solver = dataclasses.replace(solver, **chosen)  # type: ignore[type-var]
     # jit, so that it is traced once for all its uses in a step
     return diffrax.ODETerm(jax.jit(lift(vector_field, (None, -1, "s")))), solver
@@ -68,7 +70,7 @@ def integrate(
         adaptive = diffrax.ClipStepSizeController(adaptive, step_ts=jnp.sort(jnp.concatenate(bends)))
     if options.method.constrained:
         dt0 = even_step(dt0, times[-1] - times[0])
-        start, remembered = carried_from((terms, solver), scene, times[0], dt0, start)
+        start, remembered = carried_at((terms, solver), scene, times[0], dt0, start)
     controller = diffrax.ConstantStepSize() if fixed else adaptive
     return diffrax.diffeqsolve(
         terms,
@@ -96,7 +98,7 @@ def even_step(dt: Scalar, duration: Scalar) -> Scalar:
 
 
 def _bends(scene: Scene) -> list[AnyArray]:
-    """s: when laws, motors and supports begin, end, or bend otherwise."""
+    """s: when laws, motors and supports carried_at, end, or bend otherwise."""
     found = [term.bends() for term in scene.terms if type(term).bends is not Law.bends]
     for members in (scene.structure.struts, scene.structure.cables):
         motors = () if members is None else members.motors

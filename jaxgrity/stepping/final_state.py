@@ -1,8 +1,5 @@
 """Where a rollout ends, as a function that forward and reverse mode differentiate with respect to anything in it."""
 
-from collections.abc import Callable
-from typing import Any
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -11,9 +8,8 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.tracing import traced
 from jaxgrity.core.types import Scalar, State, Times
 from jaxgrity.model.scene import Scene, as_dtype, start_of
-from jaxgrity.stepping.complementarity import SWEPT
 from jaxgrity.stepping.discretisation import discretise, prepared
-from jaxgrity.stepping.handover import Problem, carried_from, state_from
+from jaxgrity.stepping.loop import Carried, Problem, advance, carried_at, numbered, recomputed, repeated, state_of
 from jaxgrity.stepping.options import ResolvedOptions, check_options
 from jaxgrity.stepping.starts import check_start, check_supports
 
@@ -78,7 +74,7 @@ def final_state(
     v = np.asarray(v, options.dtype) if isinstance(v, np.ndarray) else jnp.asarray(v, options.dtype)
     scene, first = prepared(as_dtype(scene, options.dtype)), (jnp.asarray(q, options.dtype), v)
     end = stepped(scene, first, (since, since + duration), options, discretise(options), count)
-    return state_from(scene, since + duration, *end)
+    return state_of(scene, since + duration, end)
 
 
 def stepped(
@@ -88,7 +84,7 @@ def stepped(
     options: ResolvedOptions,
     problem: Problem,
     steps: int | None = None,
-) -> tuple[State, Any]:
+) -> Carried:
     """What the method of `problem` carries at the second of `times`, s, from the start at the first one.
 
     It is stepped inside two nested scans.
@@ -96,26 +92,16 @@ def stepped(
     once more, any other is run again step by step, but for sweeps whose results are kept (`SWEPT`). Where the steps do
     not divide into two such scans there are a few more of them, as much smaller.
     """
-    (terms, solver), (since, until) = problem, times
+    since, until = times
     if steps is None:
         steps = steps_between(since, until, options)
     stretches, steps = _divide(steps)
     h = (until - since) / (stretches * steps)
 
-    def step(carry, k):
-        y, solver_state = carry
-        t = since + k * h
-        y, _, _, solver_state, _ = solver.step(terms, t, since + (k + 1) * h, y, scene, solver_state, False)
-        return (y, solver_state), None
-
-    kept = recomputed(step, options)
-
-    def stretch(carry, k):
-        return jax.lax.scan(kept, carry, k)
-
+    step = recomputed(numbered(problem, scene, h, since), options)
     numbers = jnp.arange(stretches * steps, dtype=options.dtype).reshape(stretches, steps)
-    first = carried_from(problem, scene, since, h, start)
-    return jax.lax.scan(jax.checkpoint(stretch), first, numbers)[0]
+    stretch = jax.checkpoint(lambda carried, numbers: repeated(step, carried, numbers))
+    return repeated(stretch, carried_at(problem, scene, since, h, start), numbers)
 
 
 def _counted(duration: Scalar, options: ResolvedOptions, given: int | None) -> int:
@@ -141,12 +127,6 @@ def steps_between(since: Scalar, until: Scalar, options: ResolvedOptions) -> int
     return max(1, int(np.ceil((float(until) - float(since)) / float(options.dt) - 1e-6)))  # type: ignore[arg-type]
 
 
-def recomputed(step: Callable, options: ResolvedOptions) -> Callable:
-    """A step that reverse mode runs again, but for sweeps whose results are kept; one that does so itself stays."""
-    sweeps = jax.checkpoint_policies.save_only_these_names(SWEPT)
-    return step if options.method.recomputes else jax.checkpoint(step, policy=sweeps)
-
-
 def states_at(
     scene: Scene, start: State, times: Times, steps: int, options: ResolvedOptions, *, reverse: bool = False
 ) -> State:
@@ -157,26 +137,24 @@ def states_at(
     it is made for reverse mode: frames are stored, and what is between them is run again.
     """
     scene, problem = prepared(scene), discretise(options)
-    (terms, solver), times = problem, jnp.asarray(times, options.dtype)
+    times = jnp.asarray(times, options.dtype)
 
-    def frame(carry, ends):
+    def frame(carried, ends):
         h = (ends[1] - ends[0]) / steps
 
-        def step(carry, k):
-            y, solver_state = carry
+        def step(carried, k):
             t = ends[0] + k * h
-            y, _, _, solver_state, _ = solver.step(terms, t, t + h, y, scene, solver_state, False)
-            return (y, solver_state), None
+            return advance(problem, scene, (t, t + h), carried)
 
         kept = recomputed(step, options) if reverse else step
-        carry, _ = jax.lax.scan(kept, carry, jnp.arange(steps, dtype=options.dtype))
-        return carry, carry
+        carried = repeated(kept, carried, jnp.arange(steps, dtype=options.dtype))
+        return carried, carried
 
     start = jax.tree.map(lambda x: jnp.asarray(x, options.dtype), start)
-    first = carried_from(problem, scene, times[0], (times[1] - times[0]) / steps, start)
+    first = carried_at(problem, scene, times[0], (times[1] - times[0]) / steps, start)
     between = jnp.stack([times[:-1], times[1:]], axis=1)
     _, later = jax.lax.scan(jax.checkpoint(frame) if reverse else frame, first, between)
-    later = jax.vmap(lambda t, y, remembered: state_from(scene, t, y, remembered))(times[1:], *later)
+    later = jax.vmap(lambda t, carried: state_of(scene, t, carried))(times[1:], later)
     return jax.tree.map(lambda x, rest: jnp.concatenate([x[None], rest]), start, later)
 
 

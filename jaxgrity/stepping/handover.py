@@ -1,4 +1,4 @@
-"""How rollouts begin and end: between (q, v) at one time, and what a method carries from step to step.
+"""Between (q, v) at one time, and the velocities that a method carries from step to step.
 
 Complementarity stepping is a leapfrog, whose velocity w lives in the middle of its last step, of size h. What a rollout
 returns is the velocity at the time of the positions, half a step on by the forces there, v = w + h/2 a(q, v, t). What
@@ -6,25 +6,16 @@ starts from there takes that half step back, and goes on as if it had never stop
 motion in pieces is the motion in one piece. The contacts and rigid struts of the step to come have not yet acted on v.
 """
 
-from typing import Any
-
-import diffrax
 import jax
 import jax.numpy as jnp
-import numpy as np
 
 from jaxgrity.core.dense import least_solution
-from jaxgrity.core.tracing import traced
-from jaxgrity.core.types import AnyArray, NodeHistory, NodeVectors, Scalar, State, Times
+from jaxgrity.core.types import AnyArray, NodeHistory, NodeVectors, Scalar, Times
 from jaxgrity.model.inertia import momenta
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.shaking import with_supports
 from jaxgrity.model.structure import Structure
-from jaxgrity.stepping.complementarity import ContactState
 from jaxgrity.stepping.dynamics import acceleration
-
-Problem = tuple[diffrax.AbstractTerm, diffrax.AbstractSolver]
-"""what `discretise` makes of options"""
 
 TOGETHER = 32
 """frames whose velocities are solved for side by side: enough for the vector units"""
@@ -37,30 +28,6 @@ DIRECTIONS = 60
 def at_rest(v: AnyArray) -> AnyArray:
     """Whether no node moves; of each of many robots side by side."""
     return jnp.all(v == 0, axis=(0, 1))
-
-
-def carried_from(problem: Problem, scene: Scene, t: Scalar, h: Scalar, start: State) -> tuple[State, Any]:
-    """What the method carries at t (s), before a first step of size h (s), from `start` = (q, v) then.
-
-    Robots at rest begin with half a kick, as if nothing had acted before; those that move, with a whole one.
-    """
-    terms, solver = problem
-    first = solver.init(terms, t, t + h, start, scene)
-    q, v = start
-    if not isinstance(first, ContactState) or not (traced(v) or np.any(np.asarray(v))):
-        return start, first
-    _, a = terms.vf(t, start, scene.during(t - h / 2, t))
-    still = at_rest(v)
-    w = jnp.where(still, v, v - h / 2 * a)
-    return (q, w), first._replace(step_size=jnp.where(still, 0, h).astype(q.dtype))
-
-
-def state_from(scene: Scene, t: Scalar, carried: State, remembered: Any) -> State:
-    """(q, v) at t (s), of one robot, from what the method carries."""
-    q, w = carried
-    if not isinstance(remembered, ContactState):
-        return q, with_supports(scene.shaking, scene.structure, t, w)
-    return q, velocity_at(scene, t, q, w, remembered.step_size / 2)
 
 
 def velocity_at(scene: Scene, t: Scalar, q: NodeVectors, w: NodeVectors, later: Scalar) -> NodeVectors:

@@ -9,8 +9,9 @@ import numpy as np
 import optimistix
 
 from jaxgrity.core.errors import InputError, unknown
-from jaxgrity.stepping.complementarity import Complementarity
+from jaxgrity.stepping.coupled_stepping import CoupledImpulses
 from jaxgrity.stepping.runge_kutta import RK4
+from jaxgrity.stepping.swept import SweptImpulses
 from jaxgrity.stepping.verlet import Verlet
 
 Build = Callable[[], diffrax.AbstractSolver]
@@ -29,6 +30,8 @@ class Method(NamedTuple):
     """builds the solver for steps of fixed size"""
     adaptive: Build | None = None
     """builds it for steps that its own error estimate sets; None: it has none"""
+    together: Build | None = None
+    """builds it to solve for struts and contacts together; None: it has one way to meet both, or meets neither"""
     implicit: bool = False
     """whether it solves equations in each step: stable at any step, and robot by robot in a population"""
     symplectic: bool = False
@@ -112,6 +115,6 @@ for _method in (
     Method("kvaerno3", 3, *_implicit(diffrax.Kvaerno3), implicit=True),
     Method("kvaerno5", 5, *_implicit(diffrax.Kvaerno5), implicit=True),
     Method("verlet", 2, Verlet, symplectic=True),
-    Method("complementarity", 1, Complementarity, constrained=True),
+    Method("complementarity", 1, SweptImpulses, together=CoupledImpulses, constrained=True),
 ):
     register_method(_method)

@@ -1,21 +1,22 @@
 """Where energy and momentum come from and go to: the powers of forces, and the works of one step's impulses."""
 
-from typing import Any, NamedTuple, cast
+from typing import cast
 
 import jax
 import jax.numpy as jnp
 
 from jaxgrity.core.primitives import accumulate, dot, edge_vectors, inner, inverse, length, scale
-from jaxgrity.core.types import Edges, NodeVectors, PerMember, PerNode, Scalar, State
+from jaxgrity.core.types import Edges, NodeVectors, PerMember, PerNode, Scalar
 from jaxgrity.model.actuation import rest_length
 from jaxgrity.model.inertia import held, momenta
 from jaxgrity.model.scales import length_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import Members
-from jaxgrity.stepping.complementarity import ContactState
+from jaxgrity.stepping.complementarity import CoupledState
 from jaxgrity.stepping.constraints import exact_ground, on_nodes, rigid_struts
 from jaxgrity.stepping.dynamics import acceleration, outside_force, smooth_force, support_forces, total_force
 from jaxgrity.stepping.entering import frame_met
+from jaxgrity.stepping.loop import Step
 
 SAME_FACE = 0.99
 """cosine of the angle by which the normal turns within a step at most, 8 degrees, where a node slides on along a curve:
@@ -25,35 +26,6 @@ BESIDE = 1e-3
 
 Work = dict[str, jax.Array]
 """J of the actuators and of each cause of dissipation; N s and N m s, (3,), of the forces from outside"""
-
-
-class Step(NamedTuple):
-    """One step of a fixed size."""
-
-    t0: Scalar
-    """s"""
-    h: Scalar
-    """s"""
-    start: State
-    end: State
-    before: Any
-    """the solver's state at the start; a `ContactState` where impulses act"""
-    after: Any
-    """likewise at the end"""
-
-    @property
-    def impulsive(self) -> bool:
-        """Whether it is a step of complementarity stepping."""
-        return isinstance(self.after, ContactState)
-
-    @property
-    def kick(self) -> Scalar:
-        """s, for which forces acted on the velocity: from the middle of the last step to the middle of this one."""
-        return (self.before.step_size + self.h) / 2
-
-    def acting(self, scene: Scene) -> Scene:
-        """The scene with what acts for a time as it acts in the mean of these seconds."""
-        return scene.during(self.t0 - self.before.step_size / 2, self.t0 + self.h / 2)
 
 
 def powers(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors) -> Work:
@@ -83,7 +55,7 @@ def step_work(scene: Scene, step: Step) -> Work:
     """What one step gained: by its impulses, or by the mean of the powers at both its ends."""
     if step.impulsive:
         return impulsive_work(scene, step)
-    rates = powers(scene, step.t0, *step.start), powers(scene, step.t0 + step.h, *step.end)
+    rates = powers(scene, step.t0, *step.before.motion), powers(scene, step.t0 + step.h, *step.after.motion)
     return jax.tree.map(lambda a, b: step.h / 2 * (a + b), *rates)
 
 
@@ -93,7 +65,7 @@ def impulsive_work(scene: Scene, step: Step) -> Work:
     Rigid struts do the work of the actuators that change their lengths. What else they seem to do, and what a node
     loses that stays on a curved ground, is an error of the steps: "stepping".
     """
-    (q, v), (_, w) = step.start, step.end
+    (q, v), (_, w) = step.before.motion, step.after.motion
     mean = (v + w) / 2
     gained = jax.tree.map(lambda power: step.kick * power, powers(step.acting(scene), step.t0, q, mean))
     gained["actuation"] = _actuation(scene, step)
@@ -132,17 +104,17 @@ def _book(work: Work, cause: str, lost) -> None:
 def _actuation(scene: Scene, step: Step) -> Scalar:
     """J: the integral of dU/dt at fixed q over the time for which forces acted; dU/dt may jump within it."""
     end = step.t0 + step.h / 2
-    q = step.start[0]
+    q = step.before.motion[0]
     return scene.potential_energy(q, end) - scene.potential_energy(q, end - step.kick)
 
 
 def _strut_actuation(scene: Scene, step: Step, impulse: NodeVectors) -> Scalar:
     """J: of the tensions of rigid struts, times how fast these become shorter, in the mean of two steps."""
-    struts, (t, h, before) = cast(Members, rigid_struts(scene)), (step.t0, step.h, step.before.step_size)
+    struts, (t, h, before) = cast(Members, rigid_struts(scene)), (step.t0, step.h, step.before.memory.step_size)
     if scene.gait is None and not struts.motors:
         return jnp.zeros_like(h)
     changed = rest_length(struts, scene.gait, t + h, 0) - rest_length(struts, scene.gait, t - before, 0)
-    return -jnp.sum(tensions(struts.edges, step.start[0], impulse) * changed, axis=0) / (h + before)
+    return -jnp.sum(tensions(struts.edges, step.before.motion[0], impulse) * changed, axis=0) / (h + before)
 
 
 def _staying(scene: Scene, step: Step) -> PerNode | None:
@@ -154,12 +126,12 @@ def _staying(scene: Scene, step: Step) -> PerNode | None:
     ground = exact_ground(scene)
     if ground is None or ground.surface is None:
         return None
-    (q, v), met = step.start, frame_met(ground, length_scale(scene), step.h, step.start)
+    (q, v), met = step.before.motion, frame_met(ground, length_scale(scene), step.h, step.before.motion)
     before, now = cast(NodeVectors, ground.frame(q).normal), cast(NodeVectors, met.normal)
     turned, approach = length(now - before), -dot(v, now)
     slides = approach <= (2 * turned + BESIDE) * length(v)
-    stays = (step.before.impulses.normal > 0) & (dot(before, now) > SAME_FACE) & slides
-    return stays.astype(step.start[0].dtype)
+    stays = (step.before.memory.impulses.normal > 0) & (dot(before, now) > SAME_FACE) & slides
+    return stays.astype(step.before.motion[0].dtype)
 
 
 def tensions(edges: Edges, q: NodeVectors, impulse: NodeVectors) -> PerMember:
@@ -175,9 +147,9 @@ def tensions(edges: Edges, q: NodeVectors, impulse: NodeVectors) -> PerMember:
 
 def strut_impulses(scene: Scene, step: Step) -> NodeVectors:
     """N s, on each node, of its rigid struts in one step: what neither forces nor the ground account for."""
-    if step.after.struts is not None:
-        return step.after.struts
-    (q, v), (_, w) = step.start, step.end
+    if isinstance(step.after.memory, CoupledState):
+        return step.after.memory.struts
+    (q, v), (_, w) = step.before.motion, step.after.motion
     forces = step.kick * acceleration(step.acting(scene), step.t0, q, (v + w) / 2)
     impulses = momenta(scene.structure, w - v - forces)
     return impulses - sum(ground_impulses(scene, step), jnp.zeros_like(q))
@@ -185,7 +157,7 @@ def strut_impulses(scene: Scene, step: Step) -> NodeVectors:
 
 def support_impulses(scene: Scene, step: Step) -> NodeVectors:
     """N s, on each node, of its support in one step of complementarity stepping: what nothing else accounts for."""
-    (q, v), (_, w) = step.start, step.end
+    (q, v), (_, w) = step.before.motion, step.after.motion
     forces = step.kick * total_force(step.acting(scene), step.t0, q, (v + w) / 2)
     others = sum(ground_impulses(scene, step), forces + strut_impulses(scene, step))
     return held(scene.structure, momenta(scene.structure, w - v) - others)
@@ -195,4 +167,4 @@ def ground_impulses(scene: Scene, step: Step) -> list[NodeVectors]:
     """N s, of exact contact on each node, along the normal and the two tangents, where the scene has it."""
     if exact_ground(scene) is None:
         return []
-    return on_nodes(scene, step.h, step.start, step.after.impulses)
+    return on_nodes(scene, step.h, step.before.motion, step.after.memory.impulses)

@@ -13,10 +13,12 @@ from jaxgrity.core.tracing import refuse_traced
 from jaxgrity.core.types import Count, NodeHistory, NodeVectors, Scalar, Times
 from jaxgrity.model.scales import time_scale
 from jaxgrity.model.scene import Scene, as_dtype, start_of
+from jaxgrity.stepping.complementarity import CoupledState
 from jaxgrity.stepping.discretisation import discretise, integrate, prepared
 from jaxgrity.stepping.dynamics import angular_momentum, kinetic_energy, momentum, vector_field
+from jaxgrity.stepping.loop import Step, carried_at, numbered
 from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
-from jaxgrity.stepping.power import Step, Work, powers, step_work
+from jaxgrity.stepping.power import Work, powers, step_work
 from jaxgrity.stepping.simulate import frame_times, with_room
 
 BESIDE = 1e-9
@@ -190,28 +192,27 @@ def _step_by_step(
     """
     count, frames = counts
     scene = prepared(scene)
-    terms, solver = discretise(options)
+    problem = discretise(options)
     h = jnp.asarray(times[1] / count)
-    q, v = start_of(scene)
+    first, step = carried_at(problem, scene, 0 * h, h, start_of(scene)), numbered(problem, scene, h)
 
-    def step(k, carry):
-        y, before, work, missed = carry
-        y1, _, _, after, _ = solver.step(terms, k * h, (k + 1) * h, y, scene, before, False)
-        gained = step_work(scene, Step(k * h, h, y, y1, before, after))
-        now = getattr(after, "residual", None)
-        missed = missed if now is None else jnp.maximum(missed, now)
-        return y1, after, jax.tree.map(jnp.add, work, gained), missed
+    def booked_step(k, carry):
+        before, work, missed = carry
+        after = step(before, k)
+        gained = step_work(scene, Step(k * h, h, before, after))
+        if isinstance(after.memory, CoupledState):
+            missed = jnp.maximum(missed, after.memory.residual)
+        return after, jax.tree.map(jnp.add, work, gained), missed
 
     def frame(number, held):
         carry, rows = held
-        carry = jax.lax.fori_loop(number * count, (number + 1) * count, step, carry)
-        return carry, jax.tree.map(lambda all_of, x: all_of.at[number + 1].set(x), rows, (carry[0], carry[2]))
+        carry = jax.lax.fori_loop(number * count, (number + 1) * count, booked_step, carry)
+        return carry, jax.tree.map(lambda all_of, x: all_of.at[number + 1].set(x), rows, (carry[0].motion, carry[1]))
 
-    first = solver.init(terms, 0 * h, h, (q, v), scene)
-    still = Step(0 * h, h, (q, v), (q, v), first, first)
+    still = Step(0 * h, h, first, first)
     nothing = jax.tree.map(jnp.zeros_like, step_work(scene, still))
-    rows = jax.tree.map(lambda x: jnp.broadcast_to(x, (len(times), *jnp.shape(x))), ((q, v), nothing))
-    start = ((q, v), first, nothing, jnp.zeros_like(h))
+    rows = jax.tree.map(lambda x: jnp.broadcast_to(x, (len(times), *jnp.shape(x))), (first.motion, nothing))
+    start = (first, nothing, jnp.zeros_like(h))
     (*_, missed), ((path, speeds), work) = jax.lax.fori_loop(0, frames - 1, frame, (start, rows))
     back = jnp.where(jnp.arange(len(times)) > 0, h / 2, 0) if still.impulsive else 0 * times
     path = path - back[:, None, None] * speeds

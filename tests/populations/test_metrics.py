@@ -26,7 +26,7 @@ from jaxgrity import simulate_population as roll
 from jaxgrity.model.scene import as_dtype
 from jaxgrity.populations.metrics import WINDOW, initial_metrics, updated_metrics
 from jaxgrity.search.objectives import CostOfTransport, Straightness
-from jaxgrity.stepping.power import Step
+from jaxgrity.stepping.loop import Carried, Step
 
 G, CARRIED = 9.81, 2.0
 STEP = 1e-2
@@ -193,7 +193,9 @@ def test_forces_stand_in_the_gaits_order(reference):
 
     @eqx.filter_jit
     def one_step(scene):
-        return updated_metrics(scene, Step(1.5, WINDOW, state, state, None, None), initial_metrics(scene))
+        return updated_metrics(
+            scene, Step(1.5, WINDOW, Carried(state, None), Carried(state, None)), initial_metrics(scene)
+        )
 
     metrics = one_step(as_dtype(scene, "float64"))
     forces, rates = [], []

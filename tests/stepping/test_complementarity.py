@@ -34,10 +34,11 @@ from jaxgrity.model.scene import Scene, as_dtype
 from jaxgrity.model.structure import Members, Structure, edge_lengths
 from jaxgrity.stepping import constraints, velocities_midway
 from jaxgrity.stepping.blocks import Blocks, disjoint_groups
-from jaxgrity.stepping.complementarity import LARGEST_LENGTH_ERROR, Complementarity
+from jaxgrity.stepping.complementarity import LARGEST_LENGTH_ERROR
 from jaxgrity.stepping.constraints import impulses, length_error, prepare, sweep, trials_of, velocities
 from jaxgrity.stepping.discretisation import FAILURES, integrate
 from jaxgrity.stepping.options import resolve
+from jaxgrity.stepping.swept import SweptImpulses
 
 G = 9.81
 
@@ -201,7 +202,7 @@ def test_laid_out_by_struts_a_sweep_does_the_same(exact, incline, monkeypatch):
 
 def converged(scene: Scene, problem, trials, sweeps: int, tolerance: float | None = None):
     """Trial impulses after sweeps, with their derivative where they end."""
-    return Complementarity()._constrain(scene, 0.01, problem, trials, sweeps, tolerance)
+    return SweptImpulses()._constrain(scene, 0.01, problem, trials, sweeps, tolerance)
 
 
 def one_by_one(scene: Scene, problem, trials, sweeps: int):

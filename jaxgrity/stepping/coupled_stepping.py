@@ -1,0 +1,64 @@
+"""Complementarity stepping with all struts and contacts solved together.
+
+Structures need it whose nodes belong to several rigid struts, or whose rods have mass, or that are supported.
+"""
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from jaxgrity.core.types import Count, Scalar
+from jaxgrity.model.scales import speed_scale
+from jaxgrity.model.shaking import moved_along
+from jaxgrity.stepping.complementarity import (
+    LARGEST_LENGTH_ERROR,
+    Complementarity,
+    CoupledState,
+    Lift,
+    first_memory,
+    kick_of,
+    one_robot,
+)
+from jaxgrity.stepping.coupled import coupled_impulses
+
+LARGEST_SPEED_ERROR = 1e-3
+"""Largest difference, m/s for a body of one metre, between a velocity and what the impulses make of it, where struts
+and contacts are solved together."""
+
+
+class CoupledImpulses(Complementarity):
+    """Impulses of contacts and struts by Newton's method (`coupled.py`)."""
+
+    sweeps: Count | None = None
+    """not used: Newton's method has a bound of its own"""
+    tolerance: Scalar | None = None
+    lift: Lift = eqx.field(static=True, default=one_robot)
+
+    def init(self, terms, t0, t1, y0, args):
+        return CoupledState(*first_memory(t0, t1, y0), 0 * y0[1], jnp.zeros_like(y0[1][0, 0]))
+
+    def constrained(self, terms, ends, start, scene, memory):
+        (q, v), (t0, t1) = start, ends
+        h, (kick, forces) = t1 - t0, kick_of(scene, ends, memory)
+        solve = self.lift(coupled_impulses, ("s", None, -1, -1, -1, -1))
+        _, a = terms.vf(t0, start, forces)
+        free = self._carried(scene, t0, t1, v + kick * a)
+        # robots that rest or slide need nearly the impulses of their last step: Newton's method begins there
+        found = solve(scene, (h, t1), start, free, free, memory.impulses)
+        if scene.dissipates:
+            _, a = terms.vf(t0, (q, (v + found.velocity) / 2), forces)
+            free = self._carried(scene, t0, t1, v + kick * a)
+            found = solve(scene, (h, t1), start, free, found.velocity, found.impulses)
+        fastest = LARGEST_SPEED_ERROR * speed_scale(scene)
+        met = (found.stretch <= LARGEST_LENGTH_ERROR) & (found.error <= fastest)
+        if self.tolerance is not None:
+            met = met & (found.off <= self.tolerance)
+        w = jnp.where(met, found.velocity, jnp.nan)
+        taken = jnp.broadcast_to(h, jnp.shape(memory.step_size))
+        return w, CoupledState(taken, found.impulses, found.struts, found.error)
+
+    def _carried(self, scene, t0, t1, v):
+        """Velocities with those of supports that move: where they are after the step is known."""
+        if scene.shaking is None:
+            return v
+        one = lambda scene, v: moved_along(scene.shaking, scene.structure, t0, t1, v)  # noqa: E731
+        return self.lift(one, ("s", -1))(scene, v)

@@ -1,0 +1,110 @@
+"""The one loop in which motions are stepped: what a method carries from step to step, how it begins, goes on and ends.
+
+All that steps a motion does so by `carried_at`, `advance` (or `numbered`), and `state_of`. Only a rollout whose step
+may adapt, and its frames, are left to `diffrax.diffeqsolve`, which begins in the same way.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import diffrax
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxgrity.core.tracing import traced
+from jaxgrity.core.types import AnyArray, Scalar, State
+from jaxgrity.model.scene import Scene
+from jaxgrity.model.shaking import with_supports
+from jaxgrity.stepping.complementarity import ContactMemory
+from jaxgrity.stepping.handover import at_rest, velocity_at
+from jaxgrity.stepping.options import ResolvedOptions
+from jaxgrity.stepping.swept import SWEPT
+
+Problem = tuple[diffrax.AbstractTerm, diffrax.AbstractSolver]
+"""what `discretise` makes of options"""
+
+
+class Carried(NamedTuple):
+    """All that a method takes from one step to the next."""
+
+    motion: State
+    """q, m, and v, m/s, (nodes, 3) each; v in the middle of the last step where memory is a `ContactMemory`"""
+    memory: Any
+    """what the method remembers of its last step"""
+
+
+class Step(NamedTuple):
+    """One step of a fixed size."""
+
+    t0: Scalar
+    """s"""
+    h: Scalar
+    """s"""
+    before: Carried
+    after: Carried
+
+    @property
+    def impulsive(self) -> bool:
+        """Whether it is a step of complementarity stepping."""
+        return isinstance(self.after.memory, ContactMemory)
+
+    @property
+    def kick(self) -> Scalar:
+        """s, for which forces acted on the velocity: from the middle of the last step to the middle of this one."""
+        return (self.before.memory.step_size + self.h) / 2
+
+    def acting(self, scene: Scene) -> Scene:
+        """The scene with what acts for a time as it acts in the mean of these seconds."""
+        return scene.during(self.t0 - self.before.memory.step_size / 2, self.t0 + self.h / 2)
+
+
+def carried_at(problem: Problem, scene: Scene, t: Scalar, h: Scalar, start: State) -> Carried:
+    """What the method carries at t (s), before a first step of size h (s), from `start` = (q, v) then.
+
+    Robots at rest begin with half a kick, as if nothing had acted before; those that move, with a whole one.
+    """
+    terms, solver = problem
+    first = solver.init(terms, t, t + h, start, scene)
+    q, v = start
+    if not isinstance(first, ContactMemory) or not (traced(v) or np.any(np.asarray(v))):
+        return Carried(start, first)
+    _, a = terms.vf(t, start, scene.during(t - h / 2, t))
+    still = at_rest(v)
+    w = jnp.where(still, v, v - h / 2 * a)
+    return Carried((q, w), first._replace(step_size=jnp.where(still, 0, h).astype(q.dtype)))
+
+
+def advance(problem: Problem, scene: Scene, ends: tuple[Scalar, Scalar], carried: Carried) -> Carried:
+    """One step on, from the first to the second of its `ends`, s. They are given: (k + 1) h and k h + h round apart."""
+    (terms, solver), (t0, t1) = problem, ends
+    motion, _, _, memory, _ = solver.step(terms, t0, t1, carried.motion, scene, carried.memory, False)
+    return Carried(motion, memory)
+
+
+def numbered(problem: Problem, scene: Scene, h: Scalar, since: Scalar = 0.0) -> Callable[[Carried, Any], Carried]:
+    """`advance` as a function of what is carried and a number k, from `since` + k h to `since` + (k + 1) h, s."""
+
+    def step(carried, k):
+        return advance(problem, scene, (since + k * h, since + (k + 1) * h), carried)
+
+    return step
+
+
+def repeated(step: Callable[[Carried, Any], Carried], carried: Carried, numbers: AnyArray) -> Carried:
+    """A scan over steps with these numbers."""
+    return jax.lax.scan(lambda carried, k: (step(carried, k), None), carried, numbers)[0]
+
+
+def recomputed(step: Callable, options: ResolvedOptions) -> Callable:
+    """A step that reverse mode runs again, but for sweeps whose results are kept; one that does so itself stays."""
+    sweeps = jax.checkpoint_policies.save_only_these_names(SWEPT)
+    return step if options.method.recomputes else jax.checkpoint(step, policy=sweeps)
+
+
+def state_of(scene: Scene, t: Scalar, carried: Carried) -> State:
+    """(q, v) at t (s), of one robot, from what the method carries."""
+    (q, w), memory = carried
+    if not isinstance(memory, ContactMemory):
+        return q, with_supports(scene.shaking, scene.structure, t, w)
+    return q, velocity_at(scene, t, q, w, memory.step_size / 2)

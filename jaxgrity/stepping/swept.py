@@ -1,0 +1,141 @@
+"""Complementarity stepping by sweeps: where each node belongs to one rigid strut, whose impulses have a closed form."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax.ad_checkpoint import checkpoint_name
+
+from jaxgrity.core.primitives import store_cotangent
+from jaxgrity.core.types import Count, Scalar
+from jaxgrity.stepping.complementarity import (
+    LARGEST_LENGTH_ERROR,
+    Complementarity,
+    ContactState,
+    Lift,
+    first_memory,
+    kick_of,
+    one_robot,
+)
+from jaxgrity.stepping.constraints import (
+    blocks_of,
+    excess,
+    impulses,
+    length_error,
+    prepare,
+    pushed,
+    rates_at_lengths,
+    rates_held,
+    sweep,
+    trials_of,
+    usual_sweeps,
+    velocities,
+)
+
+SWEPT = "swept"
+"""Name under which reverse mode keeps what the sweeps of a step have found, where each node belongs to one strut. So
+sweeps are not run again (but for the last one of a round that predicts)."""
+
+
+class SweptImpulses(Complementarity):
+    """Impulses of contacts and struts by sweeps over them, until all hold.
+
+    Velocities are read from trial impulses (see `ground_response.py`).
+    """
+
+    sweeps: Count | None = None
+    """over all constraints, in a step; the most there are where a tolerance is given. None: `usual_sweeps`"""
+    tolerance: Scalar | None = None
+    """m: sweeps end where every strut has its length within this. None: after all sweeps"""
+    lift: Lift = eqx.field(static=True, default=one_robot)
+
+    def init(self, terms, t0, t1, y0, args):
+        return first_memory(t0, t1, y0)
+
+    def constrained(self, terms, ends, start, scene, memory):
+        (q, v), (t0, t1) = start, ends
+        h, (kick, forces) = t1 - t0, kick_of(scene, ends, memory)
+        problem = jax.tree.map(store_cotangent, self.lift(prepare, ("s", None, None, -1, -1))(scene, h, t1, q, v))
+        found = self.lift(velocities, ("s", -1, -1))
+        accelerated = lambda v: store_cotangent(terms.vf(t0, (q, v), forces)[1])  # noqa: E731
+        a = accelerated(v)
+        trials = self.lift(trials_of, ("s", -1))(scene, v + kick * a)
+        if scene.dissipates:
+            # no tolerance here: what this round misses changes the answer by way of the dissipative forces alone
+            trials = self._constrain(scene, h, problem, trials, usual_sweeps(scene), converged=False)
+            corrected = accelerated((v + found(scene, problem, trials)) / 2)
+            # the impulses found so far stay, so that the last round begins near its answer
+            trials = self.lift(pushed, ("s", -1, -1))(scene, trials, kick * (corrected - a))
+        trials = self._constrain(scene, h, problem, trials, self._most_sweeps(scene), self.tolerance)
+        w = found(scene, problem, trials)
+        taken = jnp.broadcast_to(h, jnp.shape(memory.step_size))
+        after = ContactState(taken, self.lift(impulses, ("s", -1, -1))(scene, problem, trials))
+        if problem.lengths is not None:
+            error = self._length_error(scene, h, problem, trials)
+            met = error.relative <= LARGEST_LENGTH_ERROR if self.tolerance is None else error.largest <= self.tolerance
+            # NaN in place of an exception: the others of a population go on, and this robot is marked as failed
+            w = jnp.where(met, w, jnp.nan)
+        return w, after
+
+    def _most_sweeps(self, scene):
+        return usual_sweeps(scene) if self.sweeps is None else self.sweeps
+
+    def _length_error(self, scene, h, problem, trials):
+        return self.lift(length_error, ("s", None, -1, -1))(scene, h, problem, trials)
+
+    def _constrain(self, scene, h, problem, trials, sweeps, tolerance=None, converged=True):
+        """Trial impulses after so many sweeps, or after as many as the tolerance needs.
+
+        Where they have not `converged` to rounding, their derivative is through the last of them.
+        """
+        once = self.lift(sweep, ("s", -1, -1))
+
+        # rolled up, and outside the map over a population: unrolled sweeps, or mapped loops, are many times slower
+        def swept(sweeps, scene, h, problem, trials):
+            if tolerance is None:
+                return jax.lax.fori_loop(0, sweeps, lambda _, trials: once(scene, problem, trials), trials)
+
+            # until the last robot is there: one loop for all of them keeps sweeps in vectors
+            def short_of(carry):
+                done, trials = carry
+                return (done < sweeps) & jnp.any(self._length_error(scene, h, problem, trials).largest > tolerance)
+
+            def again(carry):
+                return carry[0] + 1, once(scene, problem, carry[1])
+
+            return jax.lax.while_loop(short_of, again, (0, trials))[1]
+
+        # the theorem would need a system of all struts where they share nodes: derivatives go through the sweeps there
+        if not blocks_of(scene).by_struts:
+            return swept(sweeps, scene, h, problem, trials)
+
+        # at the solution (`_rates`): a loop that ends at a tolerance has no reverse mode, and one of a fixed number of
+        # sweeps would keep each of them
+        @jax.custom_jvp
+        def differentiable(scene, h, problem, trials):
+            return swept(sweeps, scene, h, problem, trials)
+
+        @differentiable.defjvp
+        def derivative(primals, tangents):
+            # what follows from the size of the step is in the problem
+            (scene, _, problem, before), (scene_dot, _, problem_dot, before_dot) = primals, tangents
+            if converged:
+                after = checkpoint_name(differentiable(*primals), SWEPT)
+                return after, self._rates(scene, problem, before, after, (scene_dot, problem_dot, before_dot))
+            almost = checkpoint_name(swept(sweeps - 1, *primals), SWEPT)
+            almost_dot = self._rates(scene, problem, before, almost, (scene_dot, problem_dot, before_dot))
+            return jax.jvp(once, (scene, problem, almost), (scene_dot, problem_dot, almost_dot))
+
+        return differentiable(scene, h, problem, trials)
+
+    def _rates(self, scene, problem, before, after, rates):
+        """The derivative of what sweeps converge to, where each node belongs to one strut.
+
+        Sweeps change the trial impulses by z = z0 - S u alone, with u the `pushes` of impulses of 1 along the struts,
+        until F(z, ...) = 0, the struts' `excess`. By the implicit function theorem the derivative of S is that of F
+        with S held, over -dF/dS: it costs less than one sweep's, and needs none of those before.
+        """
+        scene_dot, problem_dot, before_dot = rates
+        held = self.lift(rates_held, (-1, -1, -1, -1, -1))(problem, problem_dot, before, before_dot, after)
+        at, along = (scene, problem, after), (scene_dot, problem_dot, held)
+        _, missed, slope = jax.jvp(self.lift(excess, ("s", -1, -1)), at, along, has_aux=True)
+        return self.lift(rates_at_lengths, (-1, -1, -1, -1))(problem, held, missed, slope)
