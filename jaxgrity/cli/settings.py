@@ -133,8 +133,10 @@ class SearchSettings:
     """how many of them are, which ones evolves too"""
     polish: Literal["smoothed", "pathwise", "combined", "orbit"] = "smoothed"
     """by which gradient"""
-    polish_rollouts: int = 384
+    polish_rollouts: int = 3072
     """what polishing may cost; 0: no polish"""
+    polish_overtones: int = 4
+    """how many overtones polishing shapes of gaits that are waves, those of the search at least"""
     polish_gaits: int = 1
     """how many of the best gaits are polished"""
     dt: float | None = None

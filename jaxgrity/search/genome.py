@@ -1,5 +1,6 @@
 """What evolves: genes in [0, 1], and the gaits that they stand for."""
 
+import dataclasses
 import math
 
 import equinox as eqx
@@ -15,13 +16,19 @@ from jaxgrity.populations.population import gaits_of
 
 Genes = Float[AnyArray, "*population genes"]
 
+FAINT = 1e-3
+"""coefficients of an overtone that is added to a gait: not 0, where its phase would have no derivative"""
+
 
 class Genome(eqx.Module):
     """Genes in [0, 1): phases, which go round a circle, then what else has bounds.
 
     Genes are phase/2 pi for each actuator; then, where asked for, one amplitude each, one frequency for all, for every
-    overtone a phase and a size each, and one rank each. What has no genes stays as the scene's gait says. Where gaits
-    are waves, the actuators of a group have these genes in common, and one gene says which of the waves it is.
+    overtone two Fourier coefficients each, and one rank each. What has no genes stays as the scene's gait says. Where
+    gaits are waves, the actuators of a group have these genes in common, and one gene says which of the waves it is.
+
+    With theta the angle of a member's first sine, phase included, overtone h is a sin(h theta) + b cos(h theta): a
+    phase moves the wave and keeps its shape. Coefficients are smooth where a size and a phase are not, at no overtone.
     """
 
     actuators: int = eqx.field(static=True)
@@ -30,7 +37,7 @@ class Genome(eqx.Module):
     frequency: tuple[float, float] | None = eqx.field(static=True, default=None)
     """bounds, Hz"""
     overtones: int = eqx.field(static=True, default=0)
-    """how many follow the first sine of every member's Fourier series, of sizes up to half of it"""
+    """how many follow the first sine of every member's Fourier series, with coefficients a, b up to half of it"""
     active: int | None = eqx.field(static=True, default=None)
     """how many of the actuators move, those that rank highest; the others keep their rest lengths"""
     images: tuple[tuple[int, ...], ...] = eqx.field(static=True, default=())
@@ -73,7 +80,7 @@ class Genome(eqx.Module):
         if self.frequency:
             found["frequency"] = 1
         for h in range(2, 2 + self.overtones):
-            found |= {f"phase {h}": n, f"size {h}": n}
+            found |= {f"sine {h}": n, f"cosine {h}": n}
         if self.active is not None:
             found["rank"] = n
         return found
@@ -85,7 +92,7 @@ class Genome(eqx.Module):
     @property
     def circular(self) -> np.ndarray:
         """(genes,), which genes are angles."""
-        return np.concatenate([np.full(count, name.startswith("phase")) for name, count in self.blocks.items()])
+        return np.concatenate([np.full(count, name == "phase") for name, count in self.blocks.items()])
 
     def split(self, genes: Genes) -> dict[str, AnyArray]:
         """The genes of each quantity."""
@@ -107,7 +114,8 @@ class Genome(eqx.Module):
         gaits = gaits_of(gait, 2 * np.pi * parts["phase"], amplitude, frequency)
         if self.overtones:
             extra = tuple(
-                Overtone(parts[f"size {h}"] / 2, 2 * np.pi * parts[f"phase {h}"]) for h in range(2, 2 + self.overtones)
+                _overtone(h, gaits.phase, parts[f"sine {h}"] - 0.5, parts[f"cosine {h}"] - 0.5)
+                for h in range(2, 2 + self.overtones)
             )
             gaits = eqx.tree_at(lambda g: g.overtones, gaits, extra, is_leaf=lambda x: isinstance(x, tuple))
         if self.active is not None:
@@ -118,6 +126,13 @@ class Genome(eqx.Module):
             beyond = xp.maximum(1, peak_rates(gaits, xp.ones_like(most)) / most)
             gaits = eqx.tree_at(lambda g: g.amplitude, gaits, gaits.amplitude / beyond)
         return gaits
+
+    def with_overtones(self, genes: Genes, overtones: int) -> tuple["Genome", Genes]:
+        """The genome with so many overtones, no fewer than it has, and genes that stand for the same gaits in it."""
+        parts, n = self.split(genes), self.groups
+        wider = dataclasses.replace(self, overtones=max(overtones, self.overtones))
+        nothing = np.full((*np.shape(genes)[:-1], n), 0.5 + FAINT)
+        return wider, np.concatenate([parts.get(name, nothing) for name in wider.blocks], axis=-1)
 
     def within(self, genes: Genes) -> Genes:
         """Angles brought back to their circle, the rest to its bounds."""
@@ -156,10 +171,7 @@ class Genome(eqx.Module):
         groups = np.array(self.waves[0].groups)
         which = self._which(parts["wave"][..., 0]) if len(shifts) > 1 else 0
         found = {name: part[..., groups] if part.shape[-1] == self.groups else part for name, part in parts.items()}
-        for name in [name for name in found if name.startswith("phase")]:
-            harmonic = int(name.removeprefix("phase") or 1)
-            found[name] = found[name] + harmonic * shifts[which]
-        return found
+        return found | {"phase": found["phase"] + shifts[which]}
 
     def _permuted(self, image: tuple[int, ...]) -> np.ndarray:
         """The numbers of the genes in the order that permutes the actuators."""
@@ -168,6 +180,11 @@ class Genome(eqx.Module):
             rows.append(first + (np.array(image) if name != "frequency" else np.arange(count)))
             first += count
         return np.concatenate(rows)
+
+
+def _overtone(h: int, phase: AnyArray, sine: AnyArray, cosine: AnyArray) -> Overtone:
+    xp = namespace_of(phase)
+    return Overtone(xp.hypot(sine, cosine), h * phase + xp.arctan2(cosine, sine))
 
 
 def _between(bounds: tuple[float, float], genes: AnyArray) -> AnyArray:

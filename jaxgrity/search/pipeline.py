@@ -34,6 +34,7 @@ from jaxgrity.search.search_config import (
     SearchConfig,
     fingerprint,
     ga_configs,
+    genome_to_polish,
     plain_config,
     search_problem,
     with_actuated,
@@ -172,14 +173,18 @@ def _search(
         listener(Progress("promoting", done, total, facts))
 
     promoted = promote(plain, bounds, levels, searches[-1], config, heard)
-    chosen = promoted.genes
     clocked("promoting")
-    polished = _polish(plain, levels, chosen, config, listener)
-    if polished is not None and polished.improved:
-        polished = _allowed(plain, bounds, levels, promoted, polished)
+    polished, (genome, best) = None, (problem.genome, promoted.genes[0])
+    if config.polish_rollouts:
+        wider, starts = genome_to_polish(problem, promoted.genes, config)
+        polishing = plain._replace(genome=wider)
+        polished = _polish(polishing, levels, starts, config, listener)
+        if polished.improved:
+            polished = _allowed(polishing, bounds, levels, (promoted, starts[0]), polished)
+        if polished.improved:
+            genome, best = wider, polished.genes
     clocked("polishing")
-    best = chosen[0] if polished is None else polished.genes
-    gait = one_gait(problem.genome.gaits(problem.scene.gait, best[None]), 0)
+    gait = one_gait(genome.gaits(problem.scene.gait, best[None]), 0)
     gait = gait if config.active is None else without_idle(gait)
 
     def judged(done: int, total: int) -> None:
@@ -230,10 +235,11 @@ def _allowed(
     problem: SearchProblem,
     bounds: ActuatorBounds,
     levels: tuple[FidelityLevel, ...],
-    promoted: Promoted,
+    start: tuple[Promoted, np.ndarray],
     polished: Polished,
 ) -> Polished:
     """The polished gait, or the one before where that alone keeps the bounds, or is on an orbit that attracts."""
+    promoted, first = start
     genes, before, but = polished.genes[None], promoted.multipliers, ""
     if promoted.within_bounds and excess_at(levels[1], genes, problem, bounds)[0] > 0:
         but = "it is beyond a bound on actuators"
@@ -244,7 +250,7 @@ def _allowed(
     if not but:
         return polished
     reason = f"{polished.reason}; but {but}: the gait is kept as it was"
-    return polished._replace(genes=promoted.genes[0], improved=False, reason=reason)
+    return polished._replace(genes=first, improved=False, reason=reason)
 
 
 def _polish(
@@ -253,10 +259,8 @@ def _polish(
     genes: np.ndarray,
     config: SearchConfig,
     listener: Listener,
-) -> Polished | None:
+) -> Polished:
     """The gradient stage, on the last level on which gaits evolved."""
-    if not config.polish_rollouts:
-        return None
     own, done = search_levels(levels)[-1], 0
     listener(Progress("polishing", 0, None, {}))
 

@@ -19,17 +19,17 @@ ORBIT_COST = 24.0
 class PolishConfig(NamedTuple):
     """How to polish."""
 
-    rollouts: int = 1024
+    rollouts: int = 3072
     """that all steps from all starts may cost together, in rollouts over the whole duration"""
     kind: GradientKind = "smoothed"
-    samples: int = 12
+    samples: int = 32
     """perturbed gaits for each smoothed gradient, robots for each pathwise one"""
     robots: int = 4
     """in the ensemble that judges each of those"""
-    width: tuple[float, float] = (0.006, 0.004)
+    width: tuple[float, float] = (0.012, 0.006)
     """standard deviation of the smoothed gradient's perturbations in the first and in the last step, in turns of the
     circle or shares of the bounds"""
-    learning_rate: float = 0.0065
+    learning_rate: float = 0.018
     """length of the first step, in the same unit; the last has a fifth of it"""
     momentum: float = 0.5
     comparison_robots: int = 64

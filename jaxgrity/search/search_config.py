@@ -17,7 +17,7 @@ from jaxgrity.orbits.finding import period_of
 from jaxgrity.populations.uncertainty import Uncertainty
 from jaxgrity.search.cma_es import fewest
 from jaxgrity.search.genetic_algorithm import GAConfig, SearchProblem
-from jaxgrity.search.genome import Genome
+from jaxgrity.search.genome import Genes, Genome
 from jaxgrity.search.judging import Fitness
 from jaxgrity.search.objectives import ActuatorBounds, Objective, SteadySpeed
 from jaxgrity.search.polish_config import GradientKind, PolishConfig, check_polish
@@ -87,8 +87,10 @@ class SearchConfig:
     """how many of them are, which ones evolves too"""
     polish: GradientKind = "smoothed"
     """by which gradient"""
-    polish_rollouts: int = 384
+    polish_rollouts: int = 3072
     """what polishing may cost; 0: no polish"""
+    polish_overtones: int = 4
+    """how many overtones polishing shapes of gaits that are waves, those of the search at least"""
     polish_gaits: int = 1
     """how many of the best gaits are polished"""
     dt: float | None = None
@@ -162,6 +164,18 @@ def search_problem(scene: Scene, config: SearchConfig) -> SearchProblem:
         begins = f"the gait begins at {float(scene.gait.start):g} s"
         raise InputError(f"duration = {config.duration:g} s: {begins}; expected a longer time")
     return SearchProblem(scene, genome, config.duration, fitness)
+
+
+def genome_to_polish(problem: SearchProblem, genes: Genes, config: SearchConfig) -> tuple[Genome, Genes]:
+    """The genome in which polishing climbs, and what its first gaits' genes are there.
+
+    Waves get the overtones of `polish_overtones`. Amplitudes are scaled down to the bound on the rate, so that no step
+    leads beyond it.
+    """
+    genome = problem.genome
+    if config.bounds.rate is not None:
+        genome = dataclasses.replace(genome, quickest=_quickest(problem.scene, config))
+    return genome.with_overtones(genes, config.polish_overtones if genome.waves else 0)
 
 
 def _quickest(scene: Scene, config: SearchConfig) -> tuple[float, ...]:

@@ -30,21 +30,21 @@ def random_genes(seed: int, *rows: int) -> np.ndarray:
 
 
 def test_blocks_say_what_each_gene_is():
-    """Phases, amplitudes, one frequency, a phase and a size for each overtone, ranks; only phases are circular."""
+    """Phases, amplitudes, one frequency, two coefficients for each overtone, ranks; only phases are circular."""
     parts = {
         "phase": 3,
         "amplitude": 3,
         "frequency": 1,
-        "phase 2": 3,
-        "size 2": 3,
-        "phase 3": 3,
-        "size 3": 3,
+        "sine 2": 3,
+        "cosine 2": 3,
+        "sine 3": 3,
+        "cosine 3": 3,
         "rank": 3,
     }
     assert FULL.blocks == parts
     assert list(FULL.blocks) == list(parts)
     assert FULL.size == 22
-    assert np.flatnonzero(FULL.circular).tolist() == [0, 1, 2, 7, 8, 9, 13, 14, 15]
+    assert np.flatnonzero(FULL.circular).tolist() == [0, 1, 2]
     assert Genome(6).blocks == {"phase": 6}
     assert Genome(6).circular.all()
 
@@ -91,7 +91,7 @@ def test_what_has_no_genes_stays_as_the_gait_says():
 def test_overtones_stay_within_the_amplitude(seed, t):
     """The normalised series lies within -1 and 1, so that a member shortens by 0 to its amplitude, as by one sine."""
     gaits = FULL.gaits(GAIT, random_genes(seed, 8))
-    assert all(np.all((np.asarray(o.size) >= 0) & (np.asarray(o.size) <= 0.5)) for o in gaits.overtones)
+    assert all(np.all((np.asarray(o.size) >= 0) & (np.asarray(o.size) <= 0.71)) for o in gaits.overtones)
     shortened = np.asarray(contraction(gaits, t))
     assert np.all(shortened >= -1e-15)
     assert np.all(shortened <= gaits.amplitude + 1e-15)
@@ -107,6 +107,35 @@ def test_overtones_are_multiples_of_the_frequency():
     silent = Gait((0,), [0.3], [0.4], [0.5], 0.0, 1e-3, (Overtone([0.0], [1.0]),))
     plain = Gait((0,), [0.3], [0.4], [0.5], 0.0, 1e-3)
     np.testing.assert_allclose(contraction(silent, 0.7), contraction(plain, 0.7), rtol=1e-15)
+
+
+@given(seeds)
+def test_genes_of_overtones_are_fourier_coefficients(seed):
+    """a sin(h theta) + b cos(h theta) beside sin(theta), written out: a gene is half more than its coefficient."""
+    genome = Genome(3, amplitude=(0.1, 0.3), frequency=(0.2, 1.0), overtones=2)
+    genes = np.random.default_rng(seed).uniform(size=genome.size)
+    parts, gaits = genome.split(genes), genome.gaits(GAIT, genes[None])
+    t = 0.7
+    theta = 2 * np.pi * (t * gaits.frequency[0] + parts["phase"])
+    coefficients = {name: parts[name] - 0.5 for name in ("sine 2", "cosine 2", "sine 3", "cosine 3")}
+    wave = np.sin(theta)
+    for h in (2, 3):
+        wave = wave + coefficients[f"sine {h}"] * np.sin(h * theta) + coefficients[f"cosine {h}"] * np.cos(h * theta)
+    sizes = sum(np.hypot(coefficients[f"sine {h}"], coefficients[f"cosine {h}"]) for h in (2, 3))
+    expected = gaits.amplitude[0] / 2 * (1 + wave / (1 + sizes))
+    np.testing.assert_allclose(np.asarray(contraction(one_gait(gaits, 0), t)), expected, rtol=1e-12)
+
+
+@given(seeds)
+def test_a_gait_is_the_same_with_more_overtones(seed):
+    """But for the faint ones that it gets; those that it has stay, in whatever order genes come."""
+    genes = random_genes(seed, 2)
+    wider, there = FULL.with_overtones(genes, 4)
+    assert wider.blocks == FULL.blocks | {name: 3 for h in (4, 5) for name in (f"sine {h}", f"cosine {h}")}
+    few, many = (np.asarray(contraction(genome.gaits(GAIT, x), 0.3)) for genome, x in ((FULL, genes), (wider, there)))
+    np.testing.assert_allclose(many, few, atol=2e-3)
+    assert FULL.with_overtones(genes, 1)[0] == FULL
+    np.testing.assert_array_equal(FULL.with_overtones(genes, 1)[1], genes)
 
 
 @given(st.lists(st.sampled_from([0.0, 0.25, 0.5, 1.0]), min_size=20, max_size=20))
@@ -246,7 +275,7 @@ WAVES = Genome(
 @given(seeds)
 def test_actuators_of_a_wave_follow_each_other(seed):
     """They share all genes; the wave's shift is added to the phase, twice as much to that of the second harmonic."""
-    assert WAVES.blocks == {"phase": 2, "wave": 1, "amplitude": 2, "frequency": 1, "phase 2": 2, "size 2": 2}
+    assert WAVES.blocks == {"phase": 2, "wave": 1, "amplitude": 2, "frequency": 1, "sine 2": 2, "cosine 2": 2}
     genes = np.random.default_rng(seed).uniform(size=WAVES.size)
     own = Gait((0, 1, 2, 3), np.zeros(4), np.full(4, 0.2), np.full(4, 0.5), start=0.0, ramp=1e-3)
     gait = one_gait(WAVES.gaits(own, genes[None]), 0)
@@ -254,8 +283,9 @@ def test_actuators_of_a_wave_follow_each_other(seed):
     np.testing.assert_allclose(gait.phase / (2 * np.pi), genes[[0, 0, 1, 1]] + shifts)
     np.testing.assert_allclose(gait.amplitude, 0.1 + 0.2 * genes[[3, 3, 4, 4]])
     np.testing.assert_allclose(gait.frequency, 0.2 + 0.8 * genes[5])
-    np.testing.assert_allclose(gait.overtones[0].phase / (2 * np.pi), genes[[6, 6, 7, 7]] + 2 * shifts)
-    np.testing.assert_allclose(gait.overtones[0].size, genes[[8, 8, 9, 9]] / 2)
+    sine, cosine = genes[[6, 6, 7, 7]] - 0.5, genes[[8, 8, 9, 9]] - 0.5
+    np.testing.assert_allclose(gait.overtones[0].phase, 2 * gait.phase + np.arctan2(cosine, sine))
+    np.testing.assert_allclose(gait.overtones[0].size, np.hypot(sine, cosine))
 
 
 @given(seeds)

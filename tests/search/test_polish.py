@@ -185,7 +185,7 @@ def rolling(request):
     known = request.getfixturevalue(request.param)
     if request.param == "creeping":
         genome = Genome(1, amplitude=(0.05, 0.5), frequency=(0.3, 1.6), overtones=1)
-        genes, scene = np.array([0.0, 0.15 / 0.45, 0.7 / 1.3, 0.25, 0.8]), known
+        genes, scene = np.array([0.0, 0.15 / 0.45, 0.7 / 1.3, 0.5, 0.9]), known
         fitness = Fitness(SteadySpeed(), Uncertainty(friction=0.05), robots=2)
         return Rolling(SearchProblem(scene, genome, 20.0, fitness), genes, SolverOptions("rk4", 8e-3))
     scene, genome = with_gait(known, load_gait("lasting")), Genome(6, frequency=(0.3, 1.6), amplitude=(0.05, 0.5))
