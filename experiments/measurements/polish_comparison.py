@@ -1,10 +1,12 @@
 """Polish by different gradients, at equal rollouts: what each gains over where it began, and over a longer search.
 
 Short searches for steady speed, one for each seed, end with a gait. From there go on: polish by smoothed gradients,
-polish by the derivative of the orbit's own speed, and the search itself with more generations. Each may spend the same
-number of rollouts. All answers are judged by the same robots, which nothing was chosen by.
+polish by the derivative of the orbit's own speed, and the search itself with more generations, both as it was and with
+the overtones that polishing shapes. Each may spend the same number of rollouts. All answers are judged by the same
+robots, which nothing was chosen by.
 """
 
+import dataclasses
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
@@ -26,6 +28,7 @@ from jaxgrity.search import (
     evolve_through,
     fidelity_levels,
     ga_configs,
+    genome_to_polish,
     judge_at,
     search_levels,
     search_problem,
@@ -33,7 +36,7 @@ from jaxgrity.search import (
     without_measuring,
 )
 
-WAYS = ("search runs on", "smoothed", "orbit")
+WAYS = ("search runs on", "search with overtones", "smoothed", "orbit")
 FINALISTS, COMPARED = 4, 32
 """of a search, and the robots by which they are compared"""
 WIDTH = 0.004
@@ -50,7 +53,7 @@ class Settings:
     """gaits in a generation of the search"""
     generations: tuple[int, int] = (6, 2)
     """as in `jaxgrity search`"""
-    rollouts: int = 384
+    rollouts: int = SearchConfig.polish_rollouts
     """that each way may spend"""
     judges: int = 256
     """robots by which all answers are judged"""
@@ -67,7 +70,7 @@ class Settings:
 def main(settings: Settings) -> None:
     if settings.quick:
         settings.seeds, settings.population, settings.generations, settings.judges = 1, 16, (2, 1), 8
-        settings.rollouts = 96
+        settings.rollouts = 256
     scene, rows = load_scene("exact"), []
     config = SearchConfig(
         settings.duration, settings.population, settings.generations, waves="every" if settings.waves else "none"
@@ -81,15 +84,21 @@ def main(settings: Settings) -> None:
         searches = evolve_through(searched, plain, configs, seed=seed, on_generation=states.__setitem__)
         start = compared(plain, levels[1], distinct(searches[-1].last, plain.genome, FINALISTS), seed)
         begun = start, states[max(states)], configs[-1]
-        answers = {"start": (start, {})}
+        genome, wider = genome_to_polish(plain, start, config)
+        shaped = plain._replace(genome=genome)
+        answers = {"start": (wider, {})}
         for way in WAYS:
             began = perf_counter()
-            genes, facts = gone_on(way, plain, levels[1], begun, settings, seed)
+            if way == "search runs on":
+                found = runs_on(plain, levels[1], begun, settings.rollouts, seed)
+                genes, facts = genome_to_polish(plain, found, config)[1], {}
+            else:
+                genes, facts = gone_on(way, shaped, levels[1], (wider, *begun[1:]), settings, seed)
             answers[way] = genes, {**facts, "seconds": perf_counter() - began}
         rows += [
             {"seed": seed, "way": way, **facts, **judged}
             for (way, (_, facts)), judged in zip(
-                answers.items(), judgement(plain, levels[1], [genes for genes, _ in answers.values()], settings)
+                answers.items(), judgement(shaped, levels[1], [genes for genes, _ in answers.values()], settings)
             )
         ]
         save_json(settings.out / "polish_comparison.json", {**measured(), "rollouts": settings.rollouts, "rows": rows})
@@ -112,12 +121,24 @@ def gone_on(
 ) -> tuple[np.ndarray, dict[str, Any]]:
     """The genes at which one way ends, and what is said of it."""
     start = begun[0]
-    if way == "search runs on":
-        return runs_on(problem, level, begun, settings.rollouts, seed), {}
+    if way == "search with overtones":
+        return runs_on(problem, level, (start, wider_state(problem, begun[1]), begun[2]), settings.rollouts, seed), {}
     config = PolishConfig(settings.rollouts, way, final_robots=64 if not settings.quick else 8)
     found = polish(problem, start[None], config, options=level.options, final_options=level.options, seed=seed)
     facts = {"kept": found.improved, "steps": len(found.steps), "spent": found.rollouts, "reason": found.reason}
     return np.asarray(found.genes), facts
+
+
+def wider_state(problem: SearchProblem, state: SearchState) -> SearchState:
+    """The state of a search whose gaits had fewer overtones."""
+
+    def wider(genes):
+        narrow = dataclasses.replace(problem.genome, overtones=0)
+        return np.asarray(narrow.with_overtones(genes, problem.genome.overtones)[1], np.asarray(genes).dtype)
+
+    assert state.evaluated is not None, "it was saved after a generation"
+    evaluated = state.evaluated._replace(genes=wider(state.evaluated.genes))
+    return state._replace(genes=wider(state.genes), evaluated=evaluated)
 
 
 def runs_on(
@@ -172,7 +193,9 @@ def figure(rows: list[dict[str, Any]]) -> Figure:
         axes.plot(k + np.linspace(-0.2, 0.2, len(gains)), gains, "o", color=f"C{k}")
         axes.hlines(np.median(gains), k - 0.3, k + 0.3, color=f"C{k}")
     axes.axhline(0, color="0.7", linewidth=0.8, zorder=0)
-    axes.set_xticks(range(len(WAYS)), ["search runs on", "polish, smoothed", "polish on the orbit"])
+    axes.set_xticks(
+        range(len(WAYS)), ["search\nruns on", "search\nwith overtones", "polish,\nsmoothed", "polish\non the orbit"]
+    )
     axes.set_ylabel("fitness gained over the start (body lengths/s)")
     return chart
 

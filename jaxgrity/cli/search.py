@@ -48,7 +48,7 @@ def main(settings: SearchSettings) -> None:
     began = time.perf_counter()
     if settings.quick:
         settings.duration, settings.population, settings.generations = min(settings.duration, 8.0), 16, (3, 2)
-        settings.polish_gaits, settings.polish_rollouts = 1, min(settings.polish_rollouts, 128)
+        settings.polish_gaits, settings.polish_rollouts = 1, min(settings.polish_rollouts, 256)
     scene, config = load_scene(settings.scene), config_of(settings)
     print(
         f"Searching for a gait of {scene_name(settings.scene)}: gaits evolve on a rough model, the best go on to finer "

@@ -21,7 +21,7 @@ from .pipeline import Progress
 from .polish_config import check_polish
 from .promotion import Agreement, Promoted
 from .repertoires import Repertoire, RepertoireConfig, repertoire
-from .search_config import ga_configs, search_problem
+from .search_config import ga_configs, genome_to_polish, search_problem
 
 __all__ = [
     "OBJECTIVES",
@@ -50,6 +50,7 @@ __all__ = [
     "final_verdict",
     "find_objective",
     "ga_configs",
+    "genome_to_polish",
     "influences",
     "judge",
     "judge_at",

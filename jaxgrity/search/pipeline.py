@@ -174,7 +174,7 @@ def _search(
 
     promoted = promote(plain, bounds, levels, searches[-1], config, heard)
     clocked("promoting")
-    polished, (genome, best) = None, (problem.genome, promoted.genes[0])
+    polished, genome, best = None, problem.genome, promoted.genes[0]
     if config.polish_rollouts:
         wider, starts = genome_to_polish(problem, promoted.genes, config)
         polishing = plain._replace(genome=wider)
@@ -182,7 +182,7 @@ def _search(
         if polished.improved:
             polished = _allowed(polishing, bounds, levels, (promoted, starts[0]), polished)
         if polished.improved:
-            genome, best = wider, polished.genes
+            genome, best = polished.genome, polished.genes
     clocked("polishing")
     gait = one_gait(genome.gaits(problem.scene.gait, best[None]), 0)
     gait = gait if config.active is None else without_idle(gait)

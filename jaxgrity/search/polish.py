@@ -29,6 +29,7 @@ from jaxgrity.model.scene import as_dtype, with_gait
 from jaxgrity.populations.population import one_gait
 from jaxgrity.search.climb import Climb, ClimbStep, OneGait, Route, climb, one_period
 from jaxgrity.search.genetic_algorithm import SearchProblem
+from jaxgrity.search.genome import Genome
 from jaxgrity.search.gradients import ClimbTask
 from jaxgrity.search.judging import (
     ROUND,
@@ -59,6 +60,8 @@ class Polished(NamedTuple):
 
     genes: OneGait
     """the better gait of the best start and the best end, by the last judgement"""
+    genome: Genome
+    """in which they are: in a search it may have more overtones than gaits evolved with"""
     improved: bool
     before: Scores
     after: Scores
@@ -134,6 +137,7 @@ def polish(
     improved = bool(after.merit[0] > before.merit[0])
     return Polished(
         genes=best.end if improved else genes[0],
+        genome=problem.genome,
         improved=improved,
         before=before,
         after=after,

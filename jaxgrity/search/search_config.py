@@ -166,7 +166,7 @@ def search_problem(scene: Scene, config: SearchConfig) -> SearchProblem:
     return SearchProblem(scene, genome, config.duration, fitness)
 
 
-def genome_to_polish(problem: SearchProblem, genes: Genes, config: SearchConfig) -> tuple[Genome, Genes]:
+def genome_to_polish(problem: SearchProblem, genes: Genes, config: SearchConfig) -> tuple[Genome, np.ndarray]:
     """The genome in which polishing climbs, and what its first gaits' genes are there.
 
     Waves get the overtones of `polish_overtones`. Amplitudes are scaled down to the bound on the rate, so that no step
@@ -175,7 +175,8 @@ def genome_to_polish(problem: SearchProblem, genes: Genes, config: SearchConfig)
     genome = problem.genome
     if config.bounds.rate is not None:
         genome = dataclasses.replace(genome, quickest=_quickest(problem.scene, config))
-    return genome.with_overtones(genes, config.polish_overtones if genome.waves else 0)
+    wider, genes = genome.with_overtones(genes, config.polish_overtones if genome.waves else 0)
+    return wider, np.asarray(genes)
 
 
 def _quickest(scene: Scene, config: SearchConfig) -> tuple[float, ...]:
