@@ -145,22 +145,24 @@ def test_means_over_robots_say_spread_and_error_apart():
 
 
 @pytest.mark.parametrize(
-    ("value", "error", "digits", "told"),
+    ("value", "error", "digits", "decimals", "told"),
     [
-        ("0.808", 5e-8, ".1g", "0.808 ± 0.0005"),
-        ("2.4181", 0.18, ".2g", "2.42 ± 0.18"),
-        ("2.4181", 0.18, ".1g", "2.4 ± 0.2"),
-        ("0.815", 0.0019, ".1g", "0.815 ± 0.002"),
-        ("3.3896", 11.0, ".2g", "3 ± 11"),
-        ("0.13", 0.0996, ".2g", "0.13 ± 0.1"),
-        ("1.2e-05", 3e-6, ".1g", "1.2e-05 ± 3e-06"),
-        (0.004, 1e-6, ".1g", "0.004000 ± 1e-06"),
-        (0.52637, 0.003, ".1g", "0.526 ± 0.003"),
-        (0.0052637, 3e-5, ".1g", "0.00526 ± 3e-05"),
-        (1.0, 0.0, ".1g", "1.00000 ± 5e-06"),
-        (-1e-12, 0.2, ".1g", "0.0 ± 0.2"),
+        (0.808, 5e-8, ".1g", 3, "0.808 ± 0.0005"),
+        (2.4181, 0.18, ".2g", 4, "2.42 ± 0.18"),
+        (2.4181, 0.18, ".1g", None, "2.4 ± 0.2"),
+        (0.815, 0.0019, ".1g", 3, "0.815 ± 0.002"),
+        (3.3896, 11.0, ".2g", None, "3 ± 11"),
+        (0.13, 0.0996, ".2g", 2, "0.13 ± 0.1"),
+        (1.2e-17, 3e-18, ".1g", None, "1.20e-17 ± 3e-18"),
+        (0.004, 1e-6, ".1g", None, "0.004000 ± 1e-06"),
+        (0.52637, 0.003, ".1g", None, "0.526 ± 0.003"),
+        (0.0052637, 3e-5, ".1g", None, "0.00526 ± 3e-05"),
+        (1.0, 0.0, ".1g", None, "1.00000 ± 5e-06"),
+        (-1e-12, 0.2, ".1g", None, "0.0 ± 0.2"),
+        (0.81523, None, ".1g", 3, "0.815 (error not known)"),
+        (0.81523, np.inf, ".1g", None, "0.815 (error not known)"),
     ],
 )
-def test_numbers_have_the_digits_that_their_errors_let_them_have(value, error, digits, told):
+def test_numbers_have_the_digits_that_their_errors_let_them_have(value, error, digits, decimals, told):
     """And errors are at least what rounding takes."""
-    assert with_error(value, error, digits=digits) == told
+    assert with_error(value, error, digits=digits, decimals=decimals) == told
