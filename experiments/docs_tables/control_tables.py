@@ -62,7 +62,7 @@ def steering_table(facts: Facts) -> str:
     rows = [
         [
             f"{row['bend']:g}",
-            f"{np.degrees(row['turning']) + 0:.1f} ({np.degrees(row['turning_spread']):.1f}) °/s",
+            f"{round(np.degrees(row['turning']), 1) + 0.0:.1f} ({np.degrees(row['turning_spread']):.1f}) °/s",
             f"{row['speed']:.2f} m/s",
             f"{100 * row['went_on']:.0f} %" if "went_on" in row else "-",
         ]

@@ -45,7 +45,7 @@ def _orbit_row(row: Facts) -> list[str]:
     return [
         row["gait"],
         contact,
-        with_error(f"{row['body_lengths_per_second']:.3f}", bar),
+        with_error(row["body_lengths_per_second"], bar, decimals=3),
         f"{row['slowest_window']:.2f}",
         f"{round(np.degrees(row['turning']), 1) + 0.0:.1f}",
         f"{row['periods']}",

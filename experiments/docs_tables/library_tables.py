@@ -7,8 +7,8 @@ from jaxgrity import gait_names, gait_record, with_error
 
 Facts = dict
 
-PEAKS = (("peak_force", ".0f", " N"), ("peak_rate", ".2f", " m/s"), ("peak_power", ".0f", " W"))
-"""of an actuator in a cycle: name, format and unit"""
+PEAKS = (("peak_force", 0, " N"), ("peak_rate", 2, " m/s"), ("peak_power", 0, " W"))
+"""of an actuator in a cycle: name, decimals at most, and unit"""
 
 
 def gait_search_facts(raw: Facts) -> Facts:
@@ -40,9 +40,7 @@ def gait_search_table(facts: Facts) -> str:
         ],
         [
             "turning",
-            with_error(
-                f"{whole_zero(np.degrees(steady['turning'])):.2f}", np.degrees(steady["turning_error_bar"]), " °/s"
-            ),
+            with_error(np.degrees(steady["turning"]), np.degrees(steady["turning_error_bar"]), " °/s", decimals=2),
         ],
         ["a cycle", cycle],
         ["with other nodes in the places of these it repeats itself in a cycle", f"{_repeats(steady)} times"],
@@ -63,7 +61,7 @@ def gait_search_table(facts: Facts) -> str:
             "asked of an actuator, at most",
             f"{_peaks(steady['cycle'])} in a cycle; {_peaks(facts['actuators'])} with the start",
         ],
-        ["cost of transport", _with_bar(steady["cycle"], "cost_of_transport", ".2f")],
+        ["cost of transport", _with_bar(steady["cycle"], "cost_of_transport", 2)],
         ["nodes slip that touch", f"{100 * facts['slip_share']:.0f} % of the time"],
         ["rollouts of the search", f"{facts['rollouts']}"],
         ["polish", facts["polish"]],
@@ -77,7 +75,7 @@ def _of_robots(speed: float, robots: Facts, steady: Facts) -> str:
     """Their mean speed along paths with two standard errors, the standard deviation, and the shares of the orbit's."""
     mean, spread = speed / steady["speed"], robots["standard_deviation"] / steady["speed"]
     size = steady["body_length"]
-    lengths = with_error(f"{speed / size:.3f}", 2 * robots["standard_error"] / size, " body lengths/s")
+    lengths = with_error(speed / size, 2 * robots["standard_error"] / size, " body lengths/s", decimals=3)
     scatter = f"standard deviation {robots['standard_deviation'] / size:.2g}"
     return f"{lengths}, {scatter}: {100 * mean:.0f} % of it, {100 * spread:.0f} %"
 
@@ -86,19 +84,19 @@ def _repeats(steady: Facts) -> int:
     return round(steady["period"] * steady["periods"] / steady["repetition"]["time"])
 
 
-def _with_bar(cycle: Facts, name: str, how: str) -> str:
+def _with_bar(cycle: Facts, name: str, decimals: int) -> str:
     """A number of a cycle and its error bar."""
-    return with_error(format(cycle[name], how), cycle["error_bars"][name])
+    return with_error(cycle[name], cycle["error_bars"][name], decimals=decimals)
 
 
 def _speed(steady: Facts) -> str:
     """Of the orbit, body lengths/s."""
     size = steady["body_length"]
-    return with_error(f"{steady['speed'] / size:.3f}", steady["speed_error_bar"] / size)
+    return with_error(steady["speed"] / size, steady["speed_error_bar"] / size, decimals=3)
 
 
 def _multiplier(steady: Facts) -> str:
-    return with_error(f"{steady['multiplier']:.2g}", steady["multiplier_error_bar"])
+    return with_error(steady["multiplier"], steady["multiplier_error_bar"])
 
 
 def gaits_table() -> str:
@@ -129,14 +127,14 @@ def _gait_row(name: str) -> list[str]:
         _speed(steady) + ("" if along is None else f"; {along['speed'] / size:.3f} uphill"),
         f"{steady['verified_for']:.0f} s",
         f"{100 * steady['slowest_window'] / steady['speed']:.0f} %",
-        with_error(f"{whole_zero(bend):.1f}", bar) if along is None else "not defined on a slope",
+        with_error(bend, bar, decimals=1) if along is None else "not defined on a slope",
         _multiplier(steady),
         *(f"{mean / size:.3f} ({robots['standard_deviation'] / size:.2g})" for mean, robots in (own, twin)),
         ", ".join(bends),
         f"{len(cycle['supports'])}",
         f"{_repeats(steady)}",
-        ", ".join(_with_bar(cycle, name, how) + unit for name, how, unit in PEAKS),
-        _with_bar(cycle, "cost_of_transport", ".1f"),
+        ", ".join(_with_bar(cycle, name, decimals) + unit for name, decimals, unit in PEAKS),
+        _with_bar(cycle, "cost_of_transport", 1),
         f"{100 * record['motion']['slip_share']:.0f} %",
     ]
 

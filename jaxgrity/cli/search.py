@@ -13,7 +13,8 @@ from jaxgrity.cli.simulate import scene_name
 from jaxgrity.core.errors import InputError
 from jaxgrity.io.scene_files import load_scene
 from jaxgrity.populations.uncertainty import Uncertainty
-from jaxgrity.report.gait_report import Origin, write_report
+from jaxgrity.report.gait_report import FILES, Origin, write_report
+from jaxgrity.search.checkpoint import holds_unfinished, left_over
 from jaxgrity.search.objectives import ActuatorBounds, Objective, find_objective
 from jaxgrity.search.pipeline import SearchResult, search_gaits
 from jaxgrity.search.search_config import SearchConfig
@@ -55,8 +56,7 @@ def main(settings: SearchSettings) -> None:
         f"ones,\nare polished by gradients, and verified. Programs are compiled first, which takes a minute the first "
         f"time.\nWhat is found goes to {settings.out}/. After Ctrl-C, --resume goes on.\n"
     )
-    if not settings.resume and (settings.out / "summary.json").exists():
-        print(f"The search that {settings.out}/ holds is replaced; set another --out to keep it.\n")
+    print(replaced_words(settings), end="")
     print(describe(scene), end="\n\n", flush=True)
     found: dict[str, str] = {}
     with Bars() as bars:
@@ -76,6 +76,18 @@ def main(settings: SearchSettings) -> None:
         )
     print("\n" + "\n".join(f"{name}: {text}" for name, text in found.items()))
     print(f"open {settings.out}/index.html ({time.perf_counter() - began:.0f} s since this command began)")
+
+
+def replaced_words(settings: SearchSettings) -> str:
+    """Which files of an earlier run the search replaces; nothing where it goes on with that run, or is refused."""
+    folder = settings.out
+    if settings.resume or (holds_unfinished(folder) and not settings.restart):
+        return ""
+    replaced = [*left_over(folder), *(folder / name for name in FILES if (folder / name).exists())]
+    if not replaced:
+        return ""
+    others = f" and {len(replaced) - 1} more files there" if replaced[1:] else ""
+    return f"{replaced[0]}{others} will be replaced; set another --out to keep what {folder}/ holds.\n\n"
 
 
 def told(settings: SearchSettings) -> dict[str, Any]:

@@ -32,23 +32,22 @@ def significant(value: float, decimals: int = 3, digits: int = 3) -> str:
     return f"{value:.{digits - 1}e}" if needed > SMALLEST else f"{_rounded(value, max(decimals, needed))}"
 
 
-def with_error(value: float | str, error: float | None, unit: str = "", digits: str = ".1g") -> str:
+def with_error(
+    value: float, error: float | None, unit: str = "", digits: str = ".1g", decimals: int | None = None
+) -> str:
     """A number and its error, in words; where the error is infinite, None or no number, that it is not known.
 
-    The error chooses the decimals of a number. Of text, which was rounded before, there are at most those that it has,
-    and the error is at least what rounding took.
+    The error, which has so many `digits`, chooses the decimals of the number. There are at most `decimals`, if given,
+    and the error is then at least what rounding takes.
     """
     if error is None or not math.isfinite(error):
-        return f"{value if isinstance(value, str) else significant(value)}{unit} (error not known)"
-    if isinstance(value, str) and "e" in value:
-        return f"{value} ± {error:{digits}}{unit}"
-    exact = KNOWN - 1 - _exponent(float(value))
-    decimals = len(value.partition(".")[2]) if isinstance(value, str) else exact
-    error = max(error, 0.5 * 10.0**-decimals)
-    known = min(decimals, int(digits[1:-1]) - 1 - _exponent(float(f"{error:{digits}}")))
+        return f"{significant(value) if decimals is None else _rounded(value, decimals)}{unit} (error not known)"
+    most = KNOWN - 1 - _exponent(value) if decimals is None else decimals
+    error = max(error, 0.5 * 10.0**-most)
+    known = min(most, int(digits[1:-1]) - 1 - _exponent(float(f"{error:{digits}}")))
     if known > SMALLEST + KNOWN:
-        return f"{float(value):.2e} ± {error:{digits}}{unit}"
-    return f"{_rounded(float(value), max(0, known))} ± {error:{digits}}{unit}"
+        return f"{value:.2e} ± {error:{digits}}{unit}"
+    return f"{_rounded(value, max(0, known))} ± {error:{digits}}{unit}"
 
 
 def _exponent(value: float) -> int:

@@ -50,7 +50,7 @@ class Rolled(NamedTuple):
         return (
             f"**{told}** in {duration:g} s  \n"
             f"speed {significant(self.distance / duration)} m/s  \n"
-            f"cost of transport {self.cost_of_transport:.2f}" + (f"  \n{orbit}" if orbit else "")
+            f"cost of transport {significant(self.cost_of_transport, 2, 2)}" + (f"  \n{orbit}" if orbit else "")
         )
 
 

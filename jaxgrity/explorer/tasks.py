@@ -5,6 +5,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from jaxgrity.core.display import significant
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray
 from jaxgrity.model.actuation import Gait
@@ -38,10 +39,10 @@ def search_gait(scene: Scene, duration: float, tell: Tell) -> Gait:
     tell(f"searching: compiling for {SEARCH.population} gaits at once …")
 
     def after_generation(state: SearchState) -> None:
-        tell(f"searching: generation {state.number} of {SEARCH.generations}, best {state.record.best[-1]:.2f} m")
+        tell(f"searching: generation {state.number} of {SEARCH.generations}, best {_metres(state.record.best[-1])}")
 
     found = evolve(problem, SEARCH, options=SolverOptions(dtype="float32"), on_generation=after_generation)
-    tell(f"searched {found.rollouts} rollouts: the best goes {found.best[-1]:.2f} m in the mean over its robots")
+    tell(f"searched {found.rollouts} rollouts: the best goes {_metres(found.best[-1])} in the mean over its robots")
     return _gait(problem, found.last.genes[0])
 
 
@@ -55,11 +56,16 @@ def polish_gait(scene: Scene, duration: float, tell: Tell) -> Gait:
 
     def after_step(step: ClimbStep) -> None:
         steps.append(step)
-        tell(f"polishing: step {len(steps)}, {step.fitness:.2f} m")
+        tell(f"polishing: step {len(steps)}, {_metres(step.fitness)}")
 
     found = polish(problem, turns[None], POLISH, on_step=after_step)
     tell(f"polished: {found.reason}")
     return _gait(problem, found.genes) if found.improved else scene.gait
+
+
+def _metres(distance: float) -> str:
+    """With at least two digits, of small robots too."""
+    return f"{significant(float(distance), 2, 2)} m"
 
 
 def _problem(scene: Scene, duration: float) -> SearchProblem:

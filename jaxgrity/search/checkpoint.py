@@ -79,8 +79,7 @@ def _lock(lock, folder: Path) -> None:
 
 
 def _begin(folder: Path, settings: dict[str, Any], resume: bool, restart: bool) -> Checkpoint:
-    found = json.loads(read_text(folder / SETTINGS)) if (folder / SETTINGS).exists() else None
-    unfinished = found is not None and not found.get("done")
+    found = _run_in(folder)
     if resume:
         if found is None:
             raise InputError(f"{folder}: has no run; expected one to resume")
@@ -91,12 +90,32 @@ def _begin(folder: Path, settings: dict[str, Any], resume: bool, restart: bool) 
         if differ:
             raise InputError(f"{folder}: its run has {', '.join(differ)}; expected the same to resume it")
         return Checkpoint(folder, load_states(folder))
-    if unfinished and not restart and load_states(folder):
+    if _unfinished(found) and not restart and load_states(folder):
         raise InputError(f"{folder}: holds an unfinished run; expected resume, restart or another folder")
-    for left in (*folder.glob(STATE.format("*")), *(folder / name for name in RESULTS)):
+    for left in left_over(folder):
         left.unlink(missing_ok=True)
     save_json(folder / SETTINGS, {"settings": settings, "done": False})
     return Checkpoint(folder, ())
+
+
+def _run_in(folder: Path) -> dict[str, Any] | None:
+    """The settings of the folder's run, and whether it is done; None without a run."""
+    return json.loads(read_text(folder / SETTINGS)) if (folder / SETTINGS).exists() else None
+
+
+def _unfinished(run: dict[str, Any] | None) -> bool:
+    return run is not None and not run.get("done")
+
+
+def holds_unfinished(folder: Path) -> bool:
+    """Whether the folder has a run that could go on: without `restart` a new one is refused."""
+    return _unfinished(_run_in(folder)) and (folder / STATE.format(0)).exists()
+
+
+def left_over(folder: Path) -> list[Path]:
+    """What an earlier run left in the folder that a new one takes away or writes over."""
+    names = [*folder.glob(STATE.format("*")), *(folder / name for name in (SETTINGS, *RESULTS))]
+    return [path for path in names if path.exists()]
 
 
 def load_states(folder: Path) -> tuple[SearchState, ...]:

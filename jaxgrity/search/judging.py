@@ -8,6 +8,7 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Float
 
+from jaxgrity.core.display import COVERING
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, PerGait, Scalar
 from jaxgrity.model.actuation import Gait, actuated_lengths, peak_rates
@@ -24,6 +25,8 @@ BEYOND_BOUNDS = 1e12
 """more than any fitness, in its own unit"""
 FARTHEST = 1e6
 """times the bounds, beyond which gaits are all alike"""
+LEAST_SKEWED = 1e-6
+"""skewness of pairs of robots from which on it counts: below, its effect is rounding"""
 ROUND = SMALLEST
 """robots by which the last judgements begin, and of which more are added by as many: fewer would take as long"""
 
@@ -234,6 +237,21 @@ def influences(each: Float[np.ndarray, "population robots"], caution: float) -> 
 
 
 def standard_error(each: PerGait) -> float:
-    """Of the mean over robots whose second half has the opposite draws of the first, so that pairs are independent."""
+    """Of the mean over robots whose second half has the opposite draws of the first, so that pairs are independent.
+
+    Where few robots fall far behind all others, an ensemble that has none of these scatters too little, and the usual
+    error is too small. So this is the error times what skewness adds to a range of `COVERING` errors to both sides, in
+    the mean of both (Hall 1992, On the removal of skewness by transformation, J. R. Stat. Soc. B 54, 221).
+    """
     pairs = np.asarray(each.reshape(2, -1).mean(0) if each.size % 2 == 0 else each)
-    return float(pairs.std(ddof=1) / np.sqrt(pairs.size)) if pairs.size > 1 else np.inf
+    if pairs.size < 2:
+        return np.inf
+    error, off = float(pairs.std(ddof=1) / np.sqrt(pairs.size)), pairs - pairs.mean()
+    spread = pairs.std()
+    skewness = float(np.mean(off**3) / spread**3) if spread > 0 else 0.0
+    if not abs(skewness) > LEAST_SKEWED:
+        return error
+    # both ends of the range, by the inverse of the transformation
+    of_mean = skewness / np.sqrt(pairs.size)
+    low, high = (np.cbrt(1 + of_mean * (side * COVERING - of_mean / 6)) for side in (-1, 1))
+    return error * float(3 / of_mean * (high - low) / (2 * COVERING))

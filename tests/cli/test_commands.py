@@ -10,7 +10,7 @@ import sys
 import threading
 import warnings
 from contextlib import redirect_stderr, redirect_stdout
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -22,6 +22,8 @@ import pytest
 from jaxgrity import InputError, Sensitivity, load_gait, load_scene, random_phases, scene_text, with_gait
 from jaxgrity.cli import command_line, progress, script, simulate
 from jaxgrity.cli import main as command
+from jaxgrity.cli.search import replaced_words
+from jaxgrity.cli.settings import SearchSettings
 from jaxgrity.search import Progress, robot_motions
 
 ROOT = Path(__file__).parents[2]
@@ -267,6 +269,23 @@ def test_bad_input_is_one_line(jaxgrity, tmp_path, monkeypatch, arguments, words
     assert line.startswith("error: ")
     assert all(word in line for word in words), line
     assert not Path("out").exists()
+
+
+def test_a_search_says_what_it_replaces(tmp_path):
+    """Pictures of a report too; nothing where it goes on with what is there, or is refused."""
+    settings = SearchSettings(out=tmp_path)
+    assert replaced_words(settings) == ""
+    (tmp_path / "notes.txt").write_text("mine")
+    assert replaced_words(settings) == ""
+    (tmp_path / "orbit.png").write_bytes(b"")
+    assert replaced_words(settings).startswith(f"{tmp_path}/orbit.png will be replaced; set another --out ")
+    (tmp_path / "run.json").write_text('{"settings": {}, "done": false}')
+    (tmp_path / "state_0.npz").write_bytes(b"")
+    assert replaced_words(settings) == ""
+    assert f"{tmp_path}/state_0.npz and 2 more files there" in replaced_words(replace(settings, restart=True))
+    (tmp_path / "run.json").write_text('{"settings": {}, "done": true}')
+    assert "and 2 more files there" in replaced_words(settings)
+    assert replaced_words(replace(settings, resume=True)) == ""
 
 
 def test_there_has_to_be_a_search_to_resume(jaxgrity, tmp_path):

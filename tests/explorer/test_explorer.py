@@ -156,6 +156,16 @@ def test_without_a_common_period_there_is_no_orbit(exact):
     assert words.endswith("expected one that all actuators share, for an orbit")
 
 
+def test_distances_of_small_robots_keep_their_digits():
+    """Where two decimals would say that they go nowhere."""
+    assert [tasks._metres(distance) for distance in (1.234, 0.0123, 4e-4, 0.0)] == [
+        "1.23 m",
+        "0.012 m",
+        "0.00040 m",
+        "0.00 m",
+    ]
+
+
 @pytest.mark.slow
 def test_tasks_move_the_sliders_and_can_be_stopped(page, monkeypatch):
     """A search tells how far it is, and what it finds is rolled out; one that is stopped changes nothing."""

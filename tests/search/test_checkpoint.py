@@ -9,6 +9,7 @@ import pytest
 
 from jaxgrity import GAConfig, Genome, InputError
 from jaxgrity.search import load_states, open_checkpoint
+from jaxgrity.search.checkpoint import holds_unfinished, left_over
 from jaxgrity.search.genetic_algorithm import Generation, Record, SearchState, begin
 
 SETTINGS = {"scene": Path("robot.toml"), "bounds": (0.1, 0.3), "seed": 3, "dt": None}
@@ -96,6 +97,24 @@ def test_an_unfinished_run_is_not_overwritten(tmp_path):
         checkpoint.done()
     with open_checkpoint(tmp_path, SETTINGS) as checkpoint:
         assert checkpoint.states == load_states(tmp_path) == ()
+
+
+def test_what_a_new_run_replaces_is_known_before(tmp_path):
+    """States of a run that broke off, and a last population alone, not only what a whole search leaves."""
+    assert left_over(tmp_path) == []
+    assert not holds_unfinished(tmp_path)
+    (tmp_path / "population.npz").write_bytes(b"")
+    (tmp_path / "notes.txt").write_text("mine")
+    assert [path.name for path in left_over(tmp_path)] == ["population.npz"]
+    with open_checkpoint(tmp_path, SETTINGS) as checkpoint:
+        assert [path.name for path in left_over(tmp_path)] == ["run.json"]
+        assert not holds_unfinished(tmp_path)
+        checkpoint.save(0, state(0))
+        assert holds_unfinished(tmp_path)
+        checkpoint.done()
+    assert sorted(path.name for path in left_over(tmp_path)) == ["run.json", "state_0.npz"]
+    assert not holds_unfinished(tmp_path)
+    assert (tmp_path / "notes.txt").exists()
 
 
 def test_a_run_that_breaks_off_can_be_resumed(tmp_path):
