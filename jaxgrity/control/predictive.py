@@ -54,7 +54,7 @@ ELITE = 8
 NARROW, LATER = 0.3, 0.05
 """standard deviations of what later rounds draw: in shares of the largest bend, and in turns of the clock"""
 USUAL = Sampling()
-"""if nothing else is asked for"""
+"""Sampling that a predictive policy uses by default."""
 
 
 class Journey(NamedTuple):

@@ -25,7 +25,7 @@ FITNESS = Fitness(uncertainty=Uncertainty(phase=0.03), robots=2)
 """the mean distance of robots whose phases are a little off: what is found does not depend on the last digit"""
 
 Tell = Callable[[str], object]
-"""hears how far a task is, in words"""
+"""Function that hears in words how far a task is."""
 
 
 class StoppedError(Exception):

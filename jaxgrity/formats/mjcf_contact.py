@@ -18,7 +18,7 @@ SAME_PLACE = 1e-4
 SMALL = 0.02
 """share of the robot's size: arms of friction that spins and rolls, and starts inside the plane, of which notes say"""
 LEAST_FRICTION = 1.01e-5
-"""MuJoCo has no less, in place of none"""
+"""Friction written in place of none: MuJoCo accepts no smaller value."""
 
 
 class Touching(NamedTuple):

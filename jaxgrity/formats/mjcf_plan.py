@@ -17,7 +17,7 @@ from jaxgrity.model.structure import Members, Structure
 THICKNESS = 0.01
 """radius of a rod over its length, as far as its turning about itself and pictures go"""
 LARGEST_STEP = 2e-3
-"""s"""
+"""Largest time step written to an MJCF file, s."""
 
 
 class Plan(NamedTuple):

@@ -27,7 +27,7 @@ REFUSED = (
 )
 """elements that name other files, make many parts of one, hold memory, or constrain what struts cannot"""
 DEEPEST = 50
-"""elements within each other"""
+"""Most levels of XML elements within each other."""
 
 
 class _Nodes(NamedTuple):

@@ -20,7 +20,7 @@ DECIMETRE = 0.1
 GROUND_FRICTION, GRAVITY = 0.5, 9.81
 """of the ground that the files do not describe"""
 SAME_PLACE = 1e-6
-"""units, within which nodes are one"""
+"""Largest distance between nodes that count as one, in the file's unit of length."""
 CABLES = (
     "tgBasicActuatorInfo",
     "tgBasicContactCableInfo",

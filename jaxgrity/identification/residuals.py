@@ -15,7 +15,7 @@ from scipy.stats import chi2, norm, t
 from jaxgrity.core.types import AnyArray
 
 FEWEST_ROWS = 10
-"""rows, from which residuals are tested"""
+"""Fewest rows for which residuals are tested."""
 LAGS, LONGEST = 10, 20
 """rows apart, at most, at which residuals are compared; and order, at most, of the process that is fitted to them"""
 UNLIKELY = 1e-3

@@ -38,7 +38,7 @@ KNOWN_LAWS = (*LAWS_OF_STRUCTURES, PenaltyContact, ExactContact, ContactDissipat
 KNOWN_FRICTIONS = (SmoothFriction, SwitchFriction, ConeFriction)
 """with the laws: what `describe` lists as modelled or not"""
 CONSTRAINTS_MET = (RigidStruts, ExactContact, CoulombCone)
-"""the constraints that complementarity stepping meets"""
+"""The constraints that complementarity stepping satisfies."""
 BOOKED_OTHERWISE = ("actuation", "supports", "impulse", "moment")
 """what the energy audit books beside the causes of dissipation"""
 

@@ -18,7 +18,7 @@ from jaxgrity.model.surface import Surface
 TOUCHING = 1e-6
 """of a solid's size: how near a face of it is to another surface where both count as touching"""
 OPPOSITE = -0.999
-"""cosine of the angle between the normals of two faces that touch, at most"""
+"""Largest cosine of the angle between the normals of two faces that touch."""
 INNER = 0.98 * np.linspace(-1, 1, 5)
 """places on a face at which others are looked for, in halves of its size"""
 

@@ -11,7 +11,7 @@ SLACK, FORCE, SUPPORT = "#b9c6d2", "#e69f00", "#009e73"
 TENSION = "viridis"
 """Matplotlib's colours of a cable's tension, from none to the largest; its lightness rises, for all eyes"""
 SHEET = Path(__file__).with_name("jaxgrity.mplstyle")
-"""Matplotlib's style sheet"""
+"""Matplotlib style sheet of all figures."""
 
 styled = style.context(SHEET)
 """Decorator: what is drawn within the function has the package's style; Matplotlib's own settings stay as they are."""

@@ -19,11 +19,11 @@ from jaxgrity.search.models import Model
 from jaxgrity.search.objectives import ActuatorBounds, Distance, Objective
 
 SMALLEST = 128
-"""rollouts in a call, at least"""
+"""Fewest rollouts in one call."""
 BEYOND_BOUNDS = 1e12
-"""more than any fitness, in its own unit"""
+"""Loss of fitness of a gait beyond its bounds: larger than any fitness, in its own unit."""
 FARTHEST = 1e6
-"""times the bounds, beyond which gaits are all alike"""
+"""Gaits beyond this many times the bounds all count alike."""
 ROUND = SMALLEST
 """robots by which the last judgements begin, and of which more are added by as many: fewer would take as long"""
 

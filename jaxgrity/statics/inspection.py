@@ -22,7 +22,7 @@ EXACT = 1e-6
 NOTHING = 1e-6
 """share of the force that would stretch the softest member to twice its length: below it a member carries nothing"""
 SHOWN = 5
-"""frequencies that the report names"""
+"""Number of frequencies that the report names."""
 
 
 class StructureReport(NamedTuple):

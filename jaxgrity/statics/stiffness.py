@@ -19,7 +19,7 @@ from jaxgrity.model.structure import Structure, member_vectors, onto_nodes
 Fixed = Bool[AnyArray, "nodes 3"]
 """which coordinates of which nodes supports hold"""
 SEPARABLE = 1e-6
-"""relative difference from the whole Hessian, beyond which one made of blocks is refused"""
+"""Largest relative difference between the whole Hessian and one made of blocks."""
 
 
 def all_edges(structure: Structure) -> Edges:

@@ -24,7 +24,7 @@ ROUNDING = 1e-9
 DENSE = 900
 """coordinates up to which all modes are computed at once; beyond, the lowest alone, by a sparse solver"""
 LOWEST = 30
-"""how many of them, unless asked otherwise"""
+"""Default number of lowest modes where not all are computed."""
 
 
 class Modes(NamedTuple):

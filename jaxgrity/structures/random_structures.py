@@ -17,7 +17,7 @@ STRUT_STIFFNESS, CABLE_STIFFNESS = 1e3, 1.0
 SHORT = 0.3
 """rest lengths of cables while the shape is found, as a share of their lengths at the start"""
 TAUT = 1e-3
-"""of the largest tension: cables with less are left out"""
+"""Cables with less than this share of the largest tension are left out."""
 
 
 def random_tensegrity(struts: int = 6, seed: int = 0, strut_length: float = 1.0) -> Geometry:
