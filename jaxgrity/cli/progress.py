@@ -22,7 +22,7 @@ UNITS = {
     "reporting": "part",
 }
 SAID = {"best": "best (on its own draws)"}
-"""what a bar calls a fact, where its name alone says too little"""
+"""Words with which a bar shows a fact whose name alone says too little."""
 TICK = 2.0
 """Longest time between two updates of a bar, s."""
 

@@ -25,7 +25,7 @@ viser = lazy_loader.load("viser")
 SHOWN_RATE = 20.0
 """Number of frames sent to the browser per second."""
 SLIDERS, AFTER_SLIDERS = 1000.0, 1001.0
-"""places in the panel; those of what is made without one count from 0"""
+"""Places in the panel of sliders and of what follows them. Everything before has places counted from 0."""
 PLOTTED = 8
 """Most members whose lengths are plotted."""
 IDLE = 1.0

@@ -25,7 +25,8 @@ REFUSED = (
     *("include", "replicate", "composite", "flexcomp", "flex", "hfield", "mesh", "skin", "plugin", "extension"),
     *("equality", "size", "attach", "model"),
 )
-"""elements that name other files, make many parts of one, hold memory, or constrain what struts cannot"""
+"""Elements that are refused: they name other files, make many parts of one, hold memory, or constrain what struts
+cannot."""
 DEEPEST = 50
 """Most levels of XML elements within each other."""
 

@@ -13,7 +13,7 @@ from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import Members, Structure, edge_lengths
 
 DEPTH = 2e-3
-"""share of the body's length, by which three nodes that carry the weight sink into penalty ground"""
+"""Depth to which three nodes that carry the weight sink into penalty ground, as a share of the body's length."""
 RELAXATION = 1.8e-3
 """Ratio c/K of the springs that replace rigid struts, s for a body of one metre."""
 DISSIPATION = 2.0

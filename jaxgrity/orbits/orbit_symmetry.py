@@ -20,7 +20,7 @@ from jaxgrity.stepping.simulate import simulate
 LARGEST_PART = 12
 """Largest number of equal parts into which a symmetry may divide a period."""
 ROUNDING = 1e-6
-"""body lengths, by which a shape may differ however closely the orbit returns"""
+"""Difference of shapes, in body lengths, that always counts as none, however closely the orbit returns."""
 MOMENTS = 100
 """Number of moments per period at which robots' shapes are compared with the orbit's."""
 SETTLING = 4

@@ -21,9 +21,9 @@ HOPPING = 0.1
 STAYING = 0.1
 """A robot stays if its path is less wide than this share of its diameter."""
 ROUND = 0.5
-"""of the disc about its path: a robot goes round whose centre sweeps over so much of it, more one way than the other"""
+"""A robot goes round if its centre sweeps, on balance in one direction, over this share of the disc about its path."""
 COMING_BACK = 0.25
-"""of a path's width: where its end, and its later half in the mean, are no farther on, a robot comes and goes"""
+"""A robot comes and goes if the end and the mean of the later half of its path are within this share of its width."""
 FLAT = 1e-6
 """Largest distance of a flat face's nodes from its plane, as a share of the structure's size."""
 ANGLES = 36

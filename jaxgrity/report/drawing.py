@@ -14,7 +14,7 @@ from jaxgrity.report.style import FORCE, GROUND, PATH, SUPPORT
 trimesh = lazy_loader.load("trimesh")
 
 WORLD = "/world"
-"""all that is shown; a camera that follows is a world that moves the other way"""
+"""Name of the frame of all that is shown. A camera that follows is a world that moves the other way."""
 WAY = "#3b5bdb"
 """Colour of lines that are shown beside a robot."""
 ABOUT, CELL, MOST_CELLS = 3.0, 0.1, 160

@@ -38,7 +38,7 @@ from jaxgrity.trust.error_bars import Verified, verify
 FEWEST_RANKED = 5
 """Fewest gaits for which a rank correlation is computed: two always rank alike or opposite."""
 PRECISION = 0.01
-"""Largest step error, and largest standard error, of a gait's last judgement, as shares of its fitness."""
+"""Step error and standard error that a gait's last judgement aims at, as shares of its fitness."""
 
 
 class FidelityLevel(NamedTuple):

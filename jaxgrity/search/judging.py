@@ -25,7 +25,7 @@ BEYOND_BOUNDS = 1e12
 FARTHEST = 1e6
 """Gaits beyond this many times the bounds all count alike."""
 ROUND = SMALLEST
-"""robots by which the last judgements begin, and of which more are added by as many: fewer would take as long"""
+"""Number of robots with which the last judgement begins, and which it adds each time: fewer would take as long."""
 
 
 class Fitness(eqx.Module):

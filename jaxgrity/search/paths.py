@@ -19,7 +19,7 @@ SETTLING = 0.25
 LONGEST_PART = 2.5
 """s, of a body of one metre, where the path is followed: it must not turn by half a circle in a part"""
 QUARTERS = 4
-"""a multiple of so many parts has a part that ends where `SETTLING` does"""
+"""Factor of the number of parts, so that one part ends where `SETTLING` does."""
 
 
 def parts_of_path(scene: Scene, duration: float) -> int:

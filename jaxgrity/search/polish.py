@@ -47,7 +47,7 @@ from jaxgrity.stepping.options import Options, ResolvedOptions, SolverOptions, r
 from jaxgrity.trust.sensitivity import Sensitivity, sensitivity
 
 FOR_CLIMBS, FOR_COMPARISON, FOR_THE_END = range(3)
-"""what random numbers are drawn for: none twice in one polish"""
+"""Purposes for which random numbers are drawn. No draw serves two of them in one polish."""
 CLEAR = 3.0
 """Difference between two gaits, in standard errors, at which no more robots are needed to tell the better one."""
 CLOSE_ENOUGH = 0.005

@@ -34,7 +34,7 @@ DOUBLE = 2.0
 SHORTEST = 1 / 16
 """A climb ends where steps are shorter than this share of its first step."""
 PULLS = 4
-"""by which a gait is brought back within the bound on rates"""
+"""Number of corrections that bring a gait back within the bound on rates."""
 INSIDE = 1 - 1e-5
 """Share of the bound on rates that is used, so that no rounding carries a gait beyond the bound."""
 
