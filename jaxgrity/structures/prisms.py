@@ -11,7 +11,8 @@ from jaxgrity.core.types import Edges
 from jaxgrity.structures.geometry import Geometry, at_least, at_most, joined, ring
 
 MOST_NODES, MOST_OVERLAPPING = 50_000, 100
-"""Most nodes of all stages, and most stages that overlap: those need a dense matrix six times as large."""
+"""Most nodes of one ring, summed over all stages, and most stages that overlap: those need a dense matrix six times as
+large."""
 SCAN = np.linspace(0.15, np.pi - 0.15, 30)
 """Twists of a tower's stages between which one that carries a stress is looked for, rad."""
 
