@@ -24,10 +24,10 @@ ROOMS = (
     "stepping",
     "structures",
 )
-"""those that have public names"""
+"""Names of the rooms (sub-packages) that have public names."""
 __all__ = [name for name in _names if name not in ROOMS]
 RENAMED = {"Motors": "MotorLimits", "Wave": "TravellingWave"}
-"""names that were at the top, by those that they have in their rooms"""
+"""Names that were at the top, with the names that they have in their rooms."""
 
 
 def __getattr__(name: str):

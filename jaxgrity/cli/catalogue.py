@@ -9,7 +9,7 @@ from jaxgrity.report import plot
 from jaxgrity.structures.geometry import Geometry
 
 SHARED = ("mass", "node_mass", "fixed", "pose", "aligned", "height", "prestress")
-"""keys that every kind has, and which say nothing about its geometry"""
+"""Keys of `[structure]` that every kind has, and which say nothing about its geometry."""
 
 
 def main(settings: CatalogueSettings) -> None:

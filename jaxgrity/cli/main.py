@@ -20,7 +20,7 @@ Chosen = (
     | Annotated[settings.CatalogueSettings, subcommand("catalogue")]
     | Annotated[settings.ConvertSettings, subcommand("convert")]
 )
-"""for each command its settings, whose name says which module of `jaxgrity.cli` has its `main`"""
+"""Settings of each command. Their class's name says which module of `jaxgrity.cli` has the command's `main`."""
 
 
 def command_of(settings: type) -> str:
@@ -29,7 +29,7 @@ def command_of(settings: type) -> str:
 
 
 COMMANDS = [command_of(get_args(each)[0]) for each in get_args(Chosen)]
-"""the first words that the command line may have"""
+"""The first words that the command line accepts."""
 
 
 def main() -> None:

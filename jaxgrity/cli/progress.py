@@ -22,9 +22,9 @@ UNITS = {
     "reporting": "part",
 }
 SAID = {"best": "best (on its own draws)"}
-"""what a bar calls a fact, where its name alone says too little"""
+"""Words with which a bar shows a fact whose name alone says too little."""
 TICK = 2.0
-"""s, after which a bar shows at the latest how much time has passed"""
+"""Longest time between two updates of a bar, s."""
 
 
 class Bars:

@@ -38,7 +38,7 @@ COLLECTED = 200_000, 50, 100
 """Python's thresholds of garbage collection. Tracing makes millions of objects that live on in caches: looking through
 them as often as Python does by itself takes a fifth of the time."""
 CACHE = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "jaxgrity"
-"""where compiled programs are kept, unless JAX_COMPILATION_CACHE_DIR says otherwise"""
+"""Folder of compiled programs, unless JAX_COMPILATION_CACHE_DIR names another."""
 
 Settings = TypeVar("Settings")
 

@@ -33,7 +33,7 @@ LEFT = (
     *("summary.json", "trajectory.npz", "path.png", "members.png", "forces.png"),
     *("replay.html", "animation.gif", "animation.mp4", "outcomes.png"),
 )
-"""what this command leaves; none of an earlier run stays beside those of a later one"""
+"""Files that this command writes. Those of an earlier run are removed first."""
 
 
 def main(settings: SimulateSettings) -> None:

@@ -17,11 +17,11 @@ from jaxgrity.model.structure import Structure
 from jaxgrity.model.symmetry import image, symmetries
 
 REST = "rest"
-"""the name of the gait that does nothing"""
+"""Name of the gait that does nothing."""
 NO_RAMP = 1e-3
-"""s, in which gaits begin: less than a control period"""
+"""Duration of the ramp with which a chosen gait begins, s: less than a control period."""
 SAME = 1e-6
-"""rad and fractions, by which gaits that are the same may differ"""
+"""Largest difference, in radians or as a fraction, between gaits that count as the same."""
 
 
 class GaitChoices(NamedTuple):

@@ -14,7 +14,7 @@ from jaxgrity.core.types import AnyArray, PerActuator, Scalar, as_float
 from jaxgrity.model.actuation import Gait, contraction
 
 SLOWEST, FASTEST = 0.0, 2.0
-"""times its own speed, between which the clock of a gait runs"""
+"""Limits of the speed of a gait's clock, as multiples of its own speed."""
 
 
 GAINS = ((0.2, 0.29), (-0.15, 0.17))
@@ -26,7 +26,7 @@ SURE_AMPLITUDE, SURE_FREQUENCY = 1.11, 1.14
 """likewise of "lasting", and by what it is larger and faster: rounded from one search on bumps, and compared with what
 experiments/measurements/tune_on_bumps.py finds"""
 FASTEST_SWING = 3.0
-"""1/s, beyond which du/dt does not count"""
+"""Largest rate du/dt that counts, 1/s. Faster ones count as this one."""
 
 
 class PhaseLocked(Policy):

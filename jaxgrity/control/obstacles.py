@@ -18,7 +18,7 @@ from jaxgrity.model.unions import Union
 STEPS = ((1, 0), (0, 1), (1, 1), (1, -1), (2, 1), (1, 2), (2, -1), (1, -2))
 """from one point of a grid to others, and back: ways in 16 directions, at most 2.8 % longer than straight ones"""
 CLOSE = 8.0
-"""how many times longer a metre counts where a robot would touch, compared with one where there is room"""
+"""Factor on the length of a way where the robot would touch an obstacle, compared with one where there is room."""
 
 
 class Discs(NamedTuple):

@@ -11,7 +11,7 @@ from jaxgrity.core.types import PerActuator, Scalar
 from jaxgrity.model.actuation import Gait, contraction
 
 Memory = Any
-"""any tree of arrays that a policy carries from one control period to the next"""
+"""Any tree of arrays that a policy carries from one control period to the next."""
 
 
 class Policy(eqx.Module):

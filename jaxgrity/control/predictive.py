@@ -52,9 +52,9 @@ class Sampling(NamedTuple):
 ELITE = 8
 """of so many samples of all rounds before, one is among the best about which the next round draws"""
 NARROW, LATER = 0.3, 0.05
-"""standard deviations of what later rounds draw: in shares of the largest bend, and in turns of the clock"""
+"""Standard deviations of later rounds: as a share of the largest bend, and in turns of the clock."""
 USUAL = Sampling()
-"""if nothing else is asked for"""
+"""Sampling that a predictive policy uses by default."""
 
 
 class Journey(NamedTuple):

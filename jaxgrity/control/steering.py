@@ -13,7 +13,7 @@ from jaxgrity.core.types import AnyArray, PerActuator, Scalar, as_float, as_floa
 from jaxgrity.model.structure import Structure
 
 SLOWEST_TRAVEL = 0.05
-"""m/s, for robots of about a metre: see `Steered.slowest`"""
+"""Default of `Steered.slowest`, m/s, for robots of about a metre."""
 
 
 class Steered(Policy):

@@ -16,15 +16,15 @@ from jaxgrity.model.scene import Scene
 from jaxgrity.stepping.dynamics import centre_of_mass
 
 REACHED = 0.3
-"""m, from a goal, within which it counts as reached, where nothing else is said"""
+"""Default distance from a goal within which it counts as reached, m."""
 DROP = 1.0, 2.0
-"""m/s and rad/s, standard deviations of velocity and spin of a robot of one metre that has fallen"""
+"""Standard deviations of velocity (m/s) and spin (rad/s) of a robot that has been dropped, for a robot of one metre."""
 CLEAR = 0.02
-"""m, between the ground and the lowest node of a robot of one metre that starts"""
+"""Gap between the ground and the lowest node at the start, m for a robot of one metre."""
 BUMPS = 0.8
-"""m, length of bumps for a robot of one metre"""
+"""Length of bumps, m for a robot of one metre."""
 AVERAGED = 1.0
-"""s, over which the velocity of a robot of one metre is averaged where any direction is as good as another"""
+"""Time over which the velocity is averaged where every direction counts alike, s for a robot of one metre."""
 
 
 class Task(NamedTuple):
@@ -54,7 +54,7 @@ TASKS: dict[str, Task] = {
     "bumps": Task("heading", bumps=0.02),
     "recover": Task("heading", fallen=True),
 }
-"""the tasks by their names"""
+"""The tasks by their names."""
 
 
 def find_task(name: str) -> Task:

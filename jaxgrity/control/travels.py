@@ -28,11 +28,11 @@ from jaxgrity.populations.uncertainty import Differences
 from jaxgrity.stepping.dynamics import centre_of_mass
 
 TOUCHING = 100.0
-"""m, by which a way counts as longer for each metre by which the robot comes too close to an obstacle"""
+"""Length added to a way for each metre by which the robot comes too close to an obstacle, m."""
 ARRIVING = 1000.0
-"""m, by which a way that gets to the goal, and touches nothing, counts as shorter"""
+"""Number taken off the seconds of a way that reaches the goal and touches nothing: it beats all that do not."""
 LOOKS = 10
-"""a second, at which places are compared with obstacles when ways to go on are tried"""
+"""Number of times per second at which planned ways are compared with obstacles."""
 
 
 class Foresight(NamedTuple):
@@ -63,7 +63,7 @@ class Foresight(NamedTuple):
 
 
 FORESIGHT = Foresight()
-"""if nothing else is asked for"""
+"""Foresight that a planner uses by default."""
 
 
 class Travels(NamedTuple):

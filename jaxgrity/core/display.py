@@ -10,9 +10,9 @@ COVERING = 2.0
 cases. By how much robots differ is said in words, as their standard deviation."""
 
 KNOWN = 6
-"""significant digits that a number has at most beside its error: rollouts agree to no more between machines"""
+"""Most significant digits of a number beside its error: rollouts on two machines agree to no more."""
 SMALLEST = 8
-"""decimals: what needs more to show its first digits is written with a power of ten"""
+"""Most decimals of a number. One whose first digits need more is written with a power of ten."""
 
 
 def of_report(module: str, function: str) -> Callable:

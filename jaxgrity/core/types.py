@@ -9,19 +9,19 @@ AnyArray = jax.Array | np.ndarray
 
 Scalar = float | Float[AnyArray, ""]
 Count = int | Int[AnyArray, ""]
-"""a number of steps, of sweeps or of frames, known or an input of a compiled program"""
+"""Number of steps, of sweeps or of frames: an integer, or an input of a compiled program."""
 PerNode = Float[AnyArray, " nodes"]
 PerMember = Float[AnyArray, " members"]
 PerRow = Float[AnyArray, " rows"]
-"""of a block of nodes, or of struts"""
+"""One number per row of a block of nodes, or of struts."""
 Rows = Float[AnyArray, "rows *xyz"]
 AnyRows = Float[AnyArray, "members *xyz"]
 PerActuator = Float[AnyArray, "*population actuators"]
 NodeVectors = Float[AnyArray, "nodes 3"]
 AnyPerNode = Float[AnyArray, "nodes *population"]
-"""of one robot, or of many with the population last: the laws of a population's scene hold these"""
+"""One number per node, of one robot or of many with the population last, as in the laws of a population's scene."""
 AnyNodeVectors = Float[AnyArray, "nodes 3 *population"]
-"""likewise"""
+"""One vector per node, of one robot or of many with the population last."""
 Mobility = Float[AnyArray, "nodes nodes 3"]
 PerCoordinate = Float[AnyArray, " coordinates"]
 MassMatrix = Float[AnyArray, "coordinates coordinates"]
@@ -38,12 +38,12 @@ Failures = Int[AnyArray, " population"]
 Mask = Bool[AnyArray, " population"]
 FinalPositions = Float[AnyArray, "population nodes 3"]
 VectorsByKind = dict[str, Float[AnyArray, "_ 3"]]
-"""a vector for each of the "struts" and each of the "cables", where a structure has them"""
+"""One vector for each of the "struts" and each of the "cables", where a structure has them."""
 Edges = tuple[tuple[int, int], ...]
 Supports = tuple[tuple[int, str], ...]
-"""nodes, and which of their coordinates "x", "y" and "z" do not move"""
+"""Numbers of the fixed nodes, each with those of its coordinates "x", "y" and "z" that do not move."""
 State = tuple[AnyArray, AnyArray]
-"""positions q (nodes, 3), m, and velocities v (nodes, 3), m/s"""
+"""Positions q (nodes, 3), m, and velocities v (nodes, 3), m/s."""
 
 
 def namespace_of(array: object):

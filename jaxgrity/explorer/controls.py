@@ -11,7 +11,7 @@ from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import edge_lengths
 
 LARGEST_PHASE = 6.28
-"""rad, at the end of a slider whose steps are 0.01"""
+"""Largest phase of a slider, rad: 2 pi rounded down to its steps of 0.01."""
 
 
 class Knob(NamedTuple):

@@ -19,7 +19,7 @@ from jaxgrity.report.animation import animate
 from jaxgrity.report.view import replay
 
 Export = Callable[[Rolled, str], bytes]
-"""makes the contents of a file of what is shown, and the name of its scene"""
+"""Function that makes the contents of a file from what is shown and the name of its scene."""
 
 
 def gait_file(rolled: Rolled, scene: str) -> bytes:
@@ -74,4 +74,4 @@ EXPORTS: dict[str, Export] = {
     "replay.html": replay_file,
     "animation.gif": animation_file,
 }
-"""by the names of the files"""
+"""The functions that make files, by the names of the files."""

@@ -23,13 +23,13 @@ from jaxgrity.report.view import set_camera
 viser = lazy_loader.load("viser")
 
 SHOWN_RATE = 20.0
-"""frames a second that are sent to the browser"""
+"""Number of frames sent to the browser per second."""
 SLIDERS, AFTER_SLIDERS = 1000.0, 1001.0
-"""places in the panel; those of what is made without one count from 0"""
+"""Places in the panel of sliders and of what follows them. Everything before has places counted from 0."""
 PLOTTED = 8
-"""members, at most, whose lengths are plotted"""
+"""Most members whose lengths are plotted."""
 IDLE = 1.0
-"""s without a move of a slider, after which it is worth looking for the orbit"""
+"""Time without a move of a slider after which the explorer looks for the orbit, s."""
 
 
 class Page:

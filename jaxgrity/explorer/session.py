@@ -23,9 +23,9 @@ from jaxgrity.trust.error_bars import refinement_bar, timing_bar
 OWN = "the scene's own"
 OTHER = "the other"
 WATCHED_PERIODS = 56
-"""of actuation, in which the robot is to settle on an orbit"""
+"""Number of periods of actuation in which the robot has to settle on an orbit."""
 FRAME_RATE = 25.0
-"""saved frames a second"""
+"""Number of saved frames per second."""
 
 
 class Rolled(NamedTuple):

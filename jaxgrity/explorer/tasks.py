@@ -23,10 +23,10 @@ from jaxgrity.stepping.options import SolverOptions
 SEARCH = GAConfig(population=64, generations=16, elites=4)
 POLISH = PolishConfig(rollouts=1024, final_robots=64)
 FITNESS = Fitness(uncertainty=Uncertainty(phase=0.03), robots=2)
-"""the mean distance of robots whose phases are a little off: what is found does not depend on the last digit"""
+"""Mean distance of robots whose phases are a little off, so that what is found does not depend on the last digit."""
 
 Tell = Callable[[str], object]
-"""hears how far a task is, in words"""
+"""Function that hears in words how far a task is."""
 
 
 class StoppedError(Exception):

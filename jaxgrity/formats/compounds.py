@@ -9,7 +9,7 @@ from jaxgrity.core.types import Edges
 from jaxgrity.statics.form_finding import equilibrium_matrix
 
 INDEPENDENT = 1e-6
-"""share of a member's column of A, at unit length, that others leave over where it resists another motion"""
+"""A member resists another motion if others leave over this share of its column of A, at unit length."""
 MOST_NODES_OF_A_BODY = 60
 
 

@@ -48,7 +48,7 @@ FORMATS = (
     Format("tables (CSV)", (".csv",), read_tables, save_tables),
     Format("mesh", (".glb", ".obj"), None, save_mesh),
 )
-"""all kinds of files that hold a robot"""
+"""All kinds of files that hold a robot."""
 
 
 def read_any(path: str | Path) -> Imported:

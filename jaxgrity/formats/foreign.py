@@ -10,7 +10,7 @@ from jaxgrity.io.files import read_text
 from jaxgrity.model.scene import Scene
 
 LARGEST_FILE = 4_000_000
-"""bytes of a text file, above which it is no robot's"""
+"""Largest text file that is read, bytes: a file beyond it does not describe a robot."""
 MOST_NODES = 10_000
 
 

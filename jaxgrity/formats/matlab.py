@@ -18,11 +18,11 @@ from jaxgrity.model.structure import Members, Structure, check_edges, edge_lengt
 AXES = ("X", "Y", "Z")
 MOST_MEMBERS = 100_000
 LARGEST_UNPACKED = 200_000_000
-"""bytes"""
+"""Largest size of a packed variable once it is unpacked, bytes."""
 LARGEST_MATRIX = 20_000_000
-"""entries of a sparse one, once it is dense"""
+"""Most entries of a sparse matrix once it is dense."""
 COMPRESSED = 15
-"""the kind of a packed variable in such a file"""
+"""Number by which a MATLAB file marks a packed variable."""
 
 
 def save_matlab(scene: Scene, path: str | Path) -> tuple[str, ...]:

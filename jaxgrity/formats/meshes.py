@@ -15,7 +15,7 @@ from jaxgrity.model.structure import edge_lengths
 trimesh: Any = lazy_loader.load("trimesh")
 
 STRUT, CABLE = 0.012, 0.004
-"""radius over the length of the longest strut"""
+"""Radii of struts and cables, as shares of the length of the longest strut."""
 COLOURS = {"struts": (52, 73, 94, 255), "cables": (192, 57, 43, 255)}
 SIDES = 16
 

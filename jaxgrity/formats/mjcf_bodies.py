@@ -16,9 +16,9 @@ mujoco: Any = lazy_loader.load("mujoco")
 MASS_WITHIN, MASS_NOTED = 0.02, 1e-3
 """share of a body's second moments by which point masses and thin rods at its nodes may miss them, silently too"""
 LEAST_SHARE = 1e-3
-"""of a body's mass, at each node where some node would have none"""
+"""Smallest share of a body's mass at each of its nodes, used where some node would have none."""
 Rod = tuple[tuple[int, int], float]
-"""the nodes that it joins, and its mass, kg"""
+"""The two nodes that a rod joins, and its mass in kg."""
 
 
 def carried(

@@ -14,11 +14,11 @@ from jaxgrity.model.ground import ExactGround
 mujoco: Any = lazy_loader.load("mujoco")
 
 SAME_PLACE = 1e-4
-"""share of the robot's size, within which a node is at the centre of a sphere, and radii are one"""
+"""Largest difference of places, and of radii, that count as the same, as a share of the robot's size."""
 SMALL = 0.02
 """share of the robot's size: arms of friction that spins and rolls, and starts inside the plane, of which notes say"""
 LEAST_FRICTION = 1.01e-5
-"""MuJoCo has no less, in place of none"""
+"""Friction written in place of none: MuJoCo accepts no smaller value."""
 
 
 class Touching(NamedTuple):

@@ -22,7 +22,7 @@ DROPPABLE = {
 }
 """what changes the motion, by the names by which callers may drop it"""
 FAR = 10.0
-"""times its length at the start, from which on a limit of a tendon is out of reach"""
+"""A tendon's limit beyond this many times its length at the start counts as out of reach."""
 
 
 class Losses:

@@ -15,9 +15,9 @@ from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import Members, Structure
 
 THICKNESS = 0.01
-"""radius of a rod over its length, as far as its turning about itself and pictures go"""
+"""Radius of a rod over its length, for pictures and for its moment of inertia about its own axis."""
 LARGEST_STEP = 2e-3
-"""s"""
+"""Largest time step written to an MJCF file, s."""
 
 
 class Plan(NamedTuple):

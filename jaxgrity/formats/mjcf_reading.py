@@ -25,9 +25,10 @@ REFUSED = (
     *("include", "replicate", "composite", "flexcomp", "flex", "hfield", "mesh", "skin", "plugin", "extension"),
     *("equality", "size", "attach", "model"),
 )
-"""elements that name other files, make many parts of one, hold memory, or constrain what struts cannot"""
+"""Elements that are refused: they name other files, make many parts of one, hold memory, or constrain what struts
+cannot."""
 DEEPEST = 50
-"""elements within each other"""
+"""Most levels of XML elements within each other."""
 
 
 class _Nodes(NamedTuple):

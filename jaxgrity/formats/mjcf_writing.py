@@ -12,9 +12,9 @@ from jaxgrity.io.files import write_whole
 from jaxgrity.model.scene import Scene
 
 RADIUS = 1e-3
-"""m, of the spheres at nodes that touch the ground, which lies as much lower"""
+"""Radius of the spheres at nodes that touch the ground, m. The ground lies lower by as much."""
 STRONGEST = 1e9
-"""N, which no cable pulls with"""
+"""Limit of a cable's force in an MJCF file, N: no cable of a robot reaches it."""
 
 
 class MuJoCoModel(NamedTuple):

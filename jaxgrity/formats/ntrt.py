@@ -18,9 +18,9 @@ from jaxgrity.model.structure import Members, Structure, check_edges, edge_lengt
 
 DECIMETRE = 0.1
 GROUND_FRICTION, GRAVITY = 0.5, 9.81
-"""of the ground that the files do not describe"""
+"""Friction coefficient of the ground, and gravity (m/s^2): the files describe neither."""
 SAME_PLACE = 1e-6
-"""units, within which nodes are one"""
+"""Largest distance between nodes that count as one, in the file's unit of length."""
 CABLES = (
     "tgBasicActuatorInfo",
     "tgBasicContactCableInfo",
@@ -39,7 +39,7 @@ UNUSED = {
     "min_rest_length", "rotation", "moveCablePointAToEdge", "moveCablePointBToEdge", "radius", "motor_friction",
     "motor_inertia", "back_drivable",
 }  # fmt: skip
-"""parameters of contact, motors and cables' ends, which have no counterpart here"""
+"""Parameters of contact, motors and cables' ends that have no counterpart here."""
 
 
 class Builder(NamedTuple):

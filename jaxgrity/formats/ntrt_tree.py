@@ -17,9 +17,9 @@ from jaxgrity.formats.yaml_text import parse_yaml
 KEYS = ("nodes", "pair_groups", "builders", "substructures", "bond_groups")
 CHILD_KEYS = ("path", "rotation", "translation", "scale", "offset")
 MOST_FILES = 300
-"""read for one structure, those that are read again too"""
+"""Most files read for one structure. A file that is read twice counts twice."""
 DEEPEST = 20
-"""substructures within each other"""
+"""Most levels of substructures within each other."""
 
 
 @dataclass
@@ -226,7 +226,7 @@ class Assembly:
 
 
 RIGID = ("tgRodInfo", "tgBoxInfo")
-"""builders of rods"""
+"""Names of NTRT's builders of rods."""
 
 
 def shortest_rotation(start: np.ndarray, end: np.ndarray, fallback: np.ndarray) -> Rotation:

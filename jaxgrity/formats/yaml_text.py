@@ -7,9 +7,9 @@ import yaml
 from jaxgrity.core.errors import InputError
 
 DEEPEST = 20
-"""levels of lists and tables within each other"""
+"""Most levels of lists and tables within each other."""
 MOST_EVENTS = 30_000
-"""scalars, and beginnings and ends of lists and tables"""
+"""Most scalars, and beginnings and ends of lists and tables, in one file."""
 
 
 def parse_yaml(text: str) -> Any:

@@ -30,7 +30,7 @@ from jaxgrity.identification.residuals import ResidualTests, Series, judged_resi
 from jaxgrity.identification.twin_fit import TwinFit, compared, disagreement, twin_problem
 
 TOLD = 0.5
-"""of a plausible spread: the data tell a parameter, or a combination, whose standard deviation they bring below this"""
+"""Data determine a parameter whose standard deviation they bring below this share of its plausible spread."""
 
 
 class Estimate(NamedTuple):

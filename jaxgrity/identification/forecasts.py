@@ -23,15 +23,15 @@ from jaxgrity.populations.uncertainty import Differences
 from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
 
 SETTLING, WATCHED = 8, 4
-"""cycles that robots are left to settle in, and over which their speed is taken"""
+"""Number of cycles in which robots settle, and number of cycles over which their speed is measured."""
 PLACES = 24
-"""in a cycle, at most, through which a robot's path is followed"""
+"""Most points per cycle through which a robot's path is followed."""
 FEWEST = 5
-"""robots, of which correlations say something"""
+"""Fewest robots for which correlations are computed."""
 ROLLING = 0.85
-"""of the speed of the most probable robot: from which on a robot counts as rolling"""
+"""A robot rolls if it reaches this share of the most probable robot's speed."""
 LINEAR = 0.8
-"""share of the variance that a linear function has: from which on slopes are believed"""
+"""Smallest share of the variance that a linear function must explain before its slopes are used."""
 
 
 class SpeedForecast(NamedTuple):

@@ -14,9 +14,9 @@ from jaxgrity.identification.measurements import Measurement
 from jaxgrity.identification.parameters import Parameter, changed
 
 FIRST_DAMPING, SMALLEST_DAMPING, LARGEST_DAMPING = 1e-3, 1e-9, 1e8
-"""of Levenberg and Marquardt's steps, relative to the curvature along each unknown"""
+"""Damping of Levenberg and Marquardt's steps, relative to the curvature along each unknown."""
 ROUGHNESS = 3e-6
-"""of the sum of squares: what a step changes by less is not worth another"""
+"""Share of the sum of squares by which a step must change it for another step to follow."""
 NEAR = 0.1
 """standard errors: by how much parameters may still be off where corners of forces end a descent"""
 CORRECTIONS, WORTH = 6, 0.5

@@ -18,7 +18,7 @@ from jaxgrity.statics.equilibrium import equilibrium_near
 
 Values = Float[AnyArray, "rows columns"]
 SCALE = 30.0
-"""times larger or smaller than predicted, in all: values that are so far off are in another unit"""
+"""Values this many times larger or smaller than predicted, on the whole, are taken to be in another unit."""
 
 
 class Measurement(eqx.Module):

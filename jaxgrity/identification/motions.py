@@ -23,7 +23,7 @@ from jaxgrity.stepping.starts import check_start
 SPREAD, JUMP = (0.02, 1.0), (1e-3, 1e-2)
 """m and m/s, of a body of one metre: by how much guesses of starts may be off, and windows may miss each other"""
 FITTED_FRAMES = 8
-"""from which the velocity at the start of a window is guessed"""
+"""Number of frames from which the velocity at the start of a window is guessed."""
 
 
 class MeasuredMotion(Measurement):

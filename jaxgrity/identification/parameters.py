@@ -14,10 +14,10 @@ from jaxgrity.core.types import AnyArray
 from jaxgrity.populations.uncertainty import part_of
 
 Known = TypeVar("Known", bound=eqx.Module)
-"""a scene, or another module with numbers from which scenes are made"""
+"""A scene, or another module with numbers from which scenes are made."""
 KINDS = ("factor", "offset")
 Unknowns = Float[AnyArray, " unknowns"]
-"""z: each is 0 for the scene as it is given, and plausible from -1 to 1"""
+"""Unknowns z of a fit: each is 0 for the scene as it is given, and plausible from -1 to 1."""
 
 
 class Parameter(NamedTuple):

@@ -10,7 +10,7 @@ from jaxgrity.identification.parameters import changed
 from jaxgrity.populations.uncertainty import DIFFERING, Differences, Uncertainty, part_of
 
 ROUNDING = 1e-9
-"""the largest difference of friction between the nodes of a robot that is still one friction for all of them"""
+"""Largest difference of friction between nodes of a robot that still count as having one friction."""
 
 
 def posterior_robots(key: jax.Array, found: Identified, count: int) -> Differences:

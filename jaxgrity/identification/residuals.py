@@ -15,13 +15,13 @@ from scipy.stats import chi2, norm, t
 from jaxgrity.core.types import AnyArray
 
 FEWEST_ROWS = 10
-"""rows, from which residuals are tested"""
+"""Fewest rows for which residuals are tested."""
 LAGS, LONGEST = 10, 20
-"""rows apart, at most, at which residuals are compared; and order, at most, of the process that is fitted to them"""
+"""Largest lag, in rows, at which residuals are compared, and largest order of the process fitted to them."""
 UNLIKELY = 1e-3
-"""probability, below which a test counts as failed: white noise fails one of three in three of a thousand fits"""
+"""Probability below which a test fails. For white noise, one of three tests fails in three of a thousand fits."""
 FEWEST_INDEPENDENT = 12
-"""residuals that are worth as much as independent ones: with fewer no interval is given"""
+"""Fewest independent residuals, in effect, for which an interval is given."""
 
 
 class ResidualTests(NamedTuple):

@@ -14,7 +14,7 @@ from PIL import Image
 from jaxgrity.core.errors import InputError
 
 PART = ".part"
-"""ending of a file that is not complete yet; a process that is killed leaves it behind"""
+"""Ending of a file that is not complete yet. A process that is killed leaves it behind."""
 
 
 def read_text(path: str | Path) -> str:

@@ -105,7 +105,7 @@ class SplineTable(Table, tag="spline", tag_field="kind"):
 
 
 SurfaceTable = BumpsTable | StairsTable | BowlTable | HeightsTable | WavesTable | SplineTable
-"""what may be there in place of the plane"""
+"""Tables of the surfaces that may take the place of the plane."""
 
 
 class BoxTable(Table, tag="box", tag_field="kind"):

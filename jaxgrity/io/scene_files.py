@@ -37,7 +37,7 @@ from jaxgrity.structures.geometry import Geometry
 
 DEEPEST = 50
 DEEP_KEY = re.compile(rf"(?:[\w-]+\.){{{DEEPEST}}}")
-"""a key with so many parts takes the TOML reader minutes, and gigabytes"""
+"""Pattern of keys with too many parts: the TOML reader would take minutes, and gigabytes, for one."""
 SHIPPED = resources.files("jaxgrity") / "data" / "scenes"
 
 

@@ -163,9 +163,9 @@ CatalogueTable = (
     | TBarTable
     | GridTable
 )
-"""the kinds of structures that are made by formula"""
+"""Tables of the kinds of structures that are made by formula."""
 StructureTable = CatalogueTable | CustomTable
-"""all kinds, told apart by their key `kind`"""
+"""Tables of all kinds of structures, which differ in their key `kind`."""
 
 
 class GravityTable(Table):

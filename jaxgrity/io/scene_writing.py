@@ -56,7 +56,7 @@ from jaxgrity.model.surface import Slope, Surface
 from jaxgrity.model.unions import Union
 
 WIDTH = 120
-"""characters, above which a list of lists takes a line for each of them"""
+"""Most characters in a line of lists. A longer list of lists takes one line for each."""
 OBSTACLES = {Box: BoxTable, Sphere: SphereTable, Cylinder: CylinderTable}
 FRICTIONS = {SmoothFriction: "smooth", SwitchFriction: "switch", ConeFriction: "cone"}
 

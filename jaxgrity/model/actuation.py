@@ -74,7 +74,7 @@ class Command(eqx.Module):
 
 
 Actuation = Gait | Command
-"""what changes rest lengths"""
+"""What changes rest lengths: a gait, or a command."""
 
 
 def random_members(candidates: range, fraction: float, seed: int) -> tuple[int, ...]:

@@ -13,13 +13,13 @@ from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import Members, Structure, edge_lengths
 
 DEPTH = 2e-3
-"""share of the body's length, by which three nodes that carry the weight sink into penalty ground"""
+"""Depth to which three nodes that carry the weight sink into penalty ground, as a share of the body's length."""
 RELAXATION = 1.8e-3
-"""s, c/K of spring struts of a body of one metre"""
+"""Ratio c/K of the springs that replace rigid struts, s for a body of one metre."""
 DISSIPATION = 2.0
-"""s/m, alpha of Hunt and Crossley's law, for a body of one metre"""
+"""Coefficient alpha of Hunt and Crossley's law, s/m for a body of one metre."""
 SLIP_SPEED = 0.01
-"""m/s, eps of smooth friction, for a body of one metre"""
+"""Slip speed eps of smooth friction, m/s for a body of one metre."""
 
 
 def exact_twin(scene: Scene) -> Scene:

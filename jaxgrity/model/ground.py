@@ -24,16 +24,16 @@ from jaxgrity.model.laws import (
     node_names,
 )
 from jaxgrity.model.rigid_struts import LARGEST_GAP
-from jaxgrity.model.surface import AXES, Frame, Measured, Slope, Surface, as_double
+from jaxgrity.model.surface import AXES, DistanceAndAxes, Frame, Slope, Surface, as_double
 
 UnitVector = tuple[float, float, float]
 
 ROUNDING = 1e-12
 """m, by which a node that stands on penalty ground is deeper than its weight says, of a body of one metre"""
 SETTLED_WITHIN = 100
-"""moves along the normal, by which a structure is set down on uneven ground"""
+"""Most moves along the normal with which a structure is set down on uneven ground."""
 TOUCHING = 1e-6
-"""m above exact ground, within which a node at rest counts as held by it, of a body of one metre"""
+"""Largest gap at which exact ground holds a node at rest, m for a body of one metre."""
 
 
 class Ground(eqx.Module):
@@ -98,17 +98,17 @@ class Ground(eqx.Module):
             x, y = np.asarray(x, float) - moved[0], np.asarray(y, float) - moved[1]
             return np.asarray(as_double(surface).height(x, y)) + moved[2]
 
-    def measured(self, q: np.ndarray) -> "Measured":
+    def measured(self, q: np.ndarray) -> "DistanceAndAxes":
         """Distances and frames at positions `q` (..., nodes, 3), m, in float64: for use before and after rollouts."""
         if self.surface is None:
             axes = np.array([self.normal, *self.tangents])
-            return Measured(q @ axes[0], np.broadcast_to(axes, (*q.shape[:-1], 3, 3)))
+            return DistanceAndAxes(q @ axes[0], np.broadcast_to(axes, (*q.shape[:-1], 3, 3)))
         with jax.enable_x64(True):
             ground = as_double(self)
             each = jax.vmap(lambda q: (ground.signed_distance(q), ground.frame(q)))
             phi, frame = each(np.asarray(q, float).reshape(-1, *q.shape[-2:]))
             axes = np.stack([frame.normal, *frame.tangents], axis=-2)
-        return Measured(np.asarray(phi).reshape(q.shape[:-1]), axes.reshape(*q.shape[:-1], 3, 3))
+        return DistanceAndAxes(np.asarray(phi).reshape(q.shape[:-1]), axes.reshape(*q.shape[:-1], 3, 3))
 
     def set_down(self, q: np.ndarray, depth: float, size: float = 1.0) -> np.ndarray:
         """(nodes, 3): the nodes q, m, of a body of `size` (`length_scale`), moved along the lowest one's normal until

@@ -19,7 +19,7 @@ from jaxgrity.model.clusters import added_up, cables_of, nodes_along
 from jaxgrity.model.structure import Members, Structure
 
 SAME = 1e-9
-"""relative difference of lengths, masses and properties that count as equal"""
+"""Largest relative difference between lengths, masses and properties that count as equal."""
 
 
 class Symmetry(NamedTuple):

@@ -13,7 +13,7 @@ from jaxgrity.model.laws import Constraint, SceneParts, moved_members, same_role
 from jaxgrity.model.structure import Members, edge_lengths
 
 LARGEST_GAP = 1e-6
-"""m, by which a start may violate a constraint, of a body of one metre"""
+"""Largest violation of a constraint at the start, m for a body of one metre."""
 
 
 class RigidStruts(Constraint):

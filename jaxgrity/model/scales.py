@@ -14,7 +14,7 @@ from jaxgrity.core.types import Scalar
 from jaxgrity.model.laws import SceneParts
 
 METRE, EARTH, KILOGRAMMES = 1.0, 9.81, 6.0
-"""m, m/s^2 and kg, of the body for which thresholds are said: the library's own robots"""
+"""Length (m), gravity (m/s^2) and mass (kg) of the body for which thresholds are given: the library's own robots."""
 
 
 class Scales(NamedTuple):

@@ -36,11 +36,11 @@ LAWS_OF_STRUCTURES = (StrutSprings, RigidStruts, CableSprings, NodeDamping, Stru
 """made from a scene's parts where it has them; ground and friction bring their own laws"""
 KNOWN_LAWS = (*LAWS_OF_STRUCTURES, PenaltyContact, ExactContact, ContactDissipation)
 KNOWN_FRICTIONS = (SmoothFriction, SwitchFriction, ConeFriction)
-"""with the laws: what `describe` lists as modelled or not"""
+"""The kinds of friction that `describe` lists, beside the laws, as modelled or not."""
 CONSTRAINTS_MET = (RigidStruts, ExactContact, CoulombCone)
-"""the constraints that complementarity stepping meets"""
+"""The constraints that complementarity stepping satisfies."""
 BOOKED_OTHERWISE = ("actuation", "supports", "impulse", "moment")
-"""what the energy audit books beside the causes of dissipation"""
+"""What the energy audit lists beside the causes of dissipation."""
 
 
 class Scene(eqx.Module):

@@ -11,7 +11,7 @@ from jaxgrity.model.clusters import pull
 from jaxgrity.model.structure import Members, Structure, edge_lengths
 
 STIFF = 1e5
-"""how many times stiffer than cables the springs are that stand for rigid struts"""
+"""Stiffness of the springs that replace rigid struts, as a multiple of the cables' stiffness."""
 
 
 def as_springs(structure: Structure) -> tuple[Structure, int]:

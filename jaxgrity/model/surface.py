@@ -16,7 +16,7 @@ from jaxgrity.core.types import AnyArray, NodeVectors, PerNode
 
 AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 Direction = tuple[float, float, float] | NodeVectors
-"""a unit vector: one for all nodes, or a row for each"""
+"""A unit vector: one for all nodes, or a row for each."""
 
 
 class Frame(NamedTuple):
@@ -26,8 +26,8 @@ class Frame(NamedTuple):
     tangents: tuple[Direction, Direction]
 
 
-class Measured(NamedTuple):
-    """Of positions, in NumPy."""
+class DistanceAndAxes(NamedTuple):
+    """Signed distance of positions from the ground, and the axes there, in NumPy."""
 
     distance: np.ndarray
     """(...,), m, signed"""

@@ -16,11 +16,11 @@ from jaxgrity.model.solids import Box, Cylinder
 from jaxgrity.model.surface import Surface
 
 TOUCHING = 1e-6
-"""of a solid's size: how near a face of it is to another surface where both count as touching"""
+"""Largest gap between two surfaces that count as touching, as a share of the solid's size."""
 OPPOSITE = -0.999
-"""cosine of the angle between the normals of two faces that touch, at most"""
+"""Largest cosine of the angle between the normals of two faces that touch."""
 INNER = 0.98 * np.linspace(-1, 1, 5)
-"""places on a face at which others are looked for, in halves of its size"""
+"""Places on a face at which other faces are looked for, in halves of its size."""
 
 
 class Union(Surface):

@@ -15,7 +15,7 @@ from jaxgrity.model.structure import Structure
 from jaxgrity.model.symmetry import gene_permutations, symmetries
 
 Places = tuple[int, ...]
-"""for each actuator the place to which a rotation takes it"""
+"""For each actuator, the place to which a rotation takes it."""
 
 
 class TravellingWave(NamedTuple):

@@ -12,9 +12,9 @@ from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
 from jaxgrity.trust.error_bars import refinement_bar
 
 DRAWS = 4
-"""of disturbed robots, by which a multiplier is measured"""
+"""Number of sets of disturbed robots from which a multiplier's error is measured."""
 EXTENSIVE = ("duration", "distance", "work", "effort")
-"""of the numbers of a cycle, those that grow with the periods in it"""
+"""Names of a cycle's numbers that grow with the number of periods in it."""
 
 
 class OrbitErrorBars(NamedTuple):

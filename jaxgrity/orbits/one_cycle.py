@@ -14,7 +14,7 @@ from jaxgrity.stepping.options import Options, SolverOptions
 from jaxgrity.stepping.simulate import simulate
 
 FRAME_RATE = 50.0
-"""1/s, at which the faces are told, of a body of one metre"""
+"""Number of frames per second at which the faces are determined, for a body of one metre."""
 
 
 class OrbitCycle(NamedTuple):

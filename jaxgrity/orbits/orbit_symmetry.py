@@ -18,13 +18,13 @@ from jaxgrity.stepping.options import Options
 from jaxgrity.stepping.simulate import simulate
 
 LARGEST_PART = 12
-"""into so many parts of a period a symmetry may divide it, at most"""
+"""Largest number of equal parts into which a symmetry may divide a period."""
 ROUNDING = 1e-6
-"""body lengths, by which a shape may differ however closely the orbit returns"""
+"""Difference of shapes, in body lengths, that always counts as none, however closely the orbit returns."""
 MOMENTS = 100
-"""of the orbit in a period, to which shapes of robots are compared"""
+"""Number of moments per period at which robots' shapes are compared with the orbit's."""
 SETTLING = 4
-"""cycles that are left to the robot to settle at the step that the comparison needs"""
+"""Number of cycles in which the robot settles at the step that the comparison needs."""
 
 
 class Repetition(NamedTuple):

@@ -15,21 +15,21 @@ from jaxgrity.stepping.discretisation import FAILURES
 from jaxgrity.stepping.simulate import Trajectory, centre_path, velocities_midway
 
 LASTING = 0.1
-"""s, for which a face stays the lowest before the robot counts as standing on it, of a body of one metre"""
+"""Time for which a face must stay the lowest before the robot stands on it, s for a body of one metre."""
 HOPPING = 0.1
-"""fraction of the time: a robot that is in the air for longer hops"""
+"""A robot hops if it is in the air for more than this fraction of the time."""
 STAYING = 0.1
-"""diameters of the robot: one whose path is less wide stays"""
+"""A robot stays if its path is less wide than this share of its diameter."""
 ROUND = 0.5
-"""of the disc about its path: a robot goes round whose centre sweeps over so much of it, more one way than the other"""
+"""A robot goes round if its centre sweeps, on balance in one direction, over this share of the disc about its path."""
 COMING_BACK = 0.25
-"""of a path's width: where its end, and its later half in the mean, are no farther on, a robot comes and goes"""
+"""A robot comes and goes if the end and the mean of the later half of its path are within this share of its width."""
 FLAT = 1e-6
-"""of a structure's size, by which nodes of one flat face may be out of its plane"""
+"""Largest distance of a flat face's nodes from its plane, as a share of the structure's size."""
 ANGLES = 36
-"""in which a path's width is looked at"""
+"""Number of directions in which a path's width is measured."""
 TIME_ROUNDING = 1e-4
-"""s, by which times in float32 may be off, of a body of one metre"""
+"""Largest rounding of times in float32, s for a body of one metre."""
 
 
 class Rolling(NamedTuple):

@@ -22,7 +22,7 @@ from jaxgrity.stepping.simulate import Trajectory
 imageio_ffmpeg = lazy_loader.load("imageio_ffmpeg")
 
 TICK = 0.01
-"""s; the unit in which a GIF counts how long a frame is shown"""
+"""Unit in which a GIF counts how long a frame is shown, s."""
 COLOURS = {"whole": 255, "follow": 63}
 """cameras, and how many colours the one palette of all their frames has, beside a place for what did not change since
 the frame before; pictures in which everything moves are large, and need few"""

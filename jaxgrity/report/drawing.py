@@ -14,13 +14,13 @@ from jaxgrity.report.style import FORCE, GROUND, PATH, SUPPORT
 trimesh = lazy_loader.load("trimesh")
 
 WORLD = "/world"
-"""all that is shown; a camera that follows is a world that moves the other way"""
+"""Name of the frame of all that is shown. A camera that follows is a world that moves the other way."""
 WAY = "#3b5bdb"
-"""the colour of lines that are shown beside a robot"""
+"""Colour of lines that are shown beside a robot."""
 ABOUT, CELL, MOST_CELLS = 3.0, 0.1, 160
 """of uneven ground: in sizes of the robot how far it is shown about its path, and how finely; cells along a side"""
 ROUND = 12
-"""sides of what is round"""
+"""Number of sides with which round bodies are drawn."""
 
 
 def colour(name: str) -> tuple[int, int, int]:

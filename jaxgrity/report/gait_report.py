@@ -29,7 +29,7 @@ from jaxgrity.stepping.simulate import Trajectory, simulate, some_frames
 from jaxgrity.trust.trust_report import TrustReport, diagnose
 
 FRAME_RATE, REPLAYED = 50, 25.0
-"""frames a second of the trajectory that is kept, and of its replay"""
+"""Frames per second of the trajectory that is kept, and of its replay."""
 REPLAY = "replay.html"
 PICTURES = {
     "animation.gif": "from the start on, in real time",
@@ -65,7 +65,7 @@ class Origin(NamedTuple):
 
 
 Ticker = Callable[[str, int, int | None], None]
-"""hears what is being done, how much of it is done, and of how much"""
+"""Function that hears what is being done, how much of it is done, and how much there is."""
 
 
 def write_report(result: SearchResult, origin: Origin, folder: Path, on_progress: Ticker) -> dict[str, str]:

@@ -18,7 +18,7 @@ from jaxgrity.stepping.step_limits import default_method, default_step
 from jaxgrity.trust.error_bars import verify
 
 WATCHED = 7.5
-"""times the search's duration, for which a gait that is to last is watched"""
+"""Time for which a gait that is to last is watched, as a multiple of the search's duration."""
 
 
 def gait_measured(

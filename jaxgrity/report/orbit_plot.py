@@ -17,7 +17,7 @@ from jaxgrity.report.style import CABLE, PATH, STRUT, SUPPORT, styled
 from jaxgrity.stepping.simulate import Trajectory
 
 FRAMES, POLYGONS = 240, 60
-"""of a cycle: how many are looked at, and for how many the support polygon is drawn"""
+"""Frames of a cycle that are computed, and frames for which the support polygon is drawn."""
 
 
 @styled

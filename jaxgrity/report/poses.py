@@ -15,13 +15,13 @@ from jaxgrity.report.style import SLACK, STRUT, TENSION
 from jaxgrity.stepping.simulate import Trajectory, centre_path, frame_times, some_frames
 
 STRUT_RADIUS, CABLE_RADIUS, NODE_RADIUS, FORCE_RADIUS = 0.014, 0.006, 0.022, 0.012
-"""of the robot's size"""
+"""Radii with which parts are drawn, as shares of the robot's size."""
 WEIGHT_LENGTH = 0.5
-"""of the robot's size: how long the arrow of a force is that carries the robot's weight"""
+"""Length of the arrow of a force equal to the robot's weight, as a share of the robot's size."""
 LIFTED = 2e-3
-"""m, by which the support polygon is shown above the ground, of a body of one metre"""
+"""Height above the ground at which the support polygon is drawn, m for a body of one metre."""
 SLACK_TENSION = 1e-3
-"""of the largest tension: cables that pull with less are shown as slack"""
+"""Cables with less than this share of the largest tension are drawn as slack."""
 
 
 class Rods(NamedTuple):

@@ -19,9 +19,9 @@ from jaxgrity.report.style import GROUND, PATH, styled
 from jaxgrity.stepping.simulate import Trajectory, centre_path
 
 PATCHES = 60
-"""along each side of uneven ground"""
+"""Number of patches along each side of uneven ground."""
 VIEW = 4.5
-"""robot sizes, as far as the camera that goes along sees the lines on the ground"""
+"""Distance to which the following camera sees the lines on the ground, in robot sizes."""
 SHADOW, LINES = "#00000030", "#8a8371"
 
 

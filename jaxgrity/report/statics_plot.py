@@ -12,7 +12,7 @@ from jaxgrity.statics.stiffness import all_edges
 from jaxgrity.structures.geometry import Geometry
 
 COLOURS = "coolwarm_r"
-"""compression red, tension blue"""
+"""Name of Matplotlib's colour map that shows compression red and tension blue."""
 
 
 @styled

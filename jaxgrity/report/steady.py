@@ -19,9 +19,9 @@ from jaxgrity.stepping.step_limits import default_method, default_step
 
 Facts = dict[str, Any]
 MODELS = ("robust", "other_contact_model")
-"""robots that differ, on the own contact model and on its twin"""
+"""Names of the two judgements by perturbed robots: on the scene's own contact model, and on the other one."""
 PARTS = 4
-"""of the work, after each of which progress is told"""
+"""Number of parts of the work. Progress is shown after each."""
 
 
 def steady_facts(

@@ -5,13 +5,13 @@ from pathlib import Path
 from matplotlib import style
 
 STRUT, CABLE, GROUND, PATH = "#c1272d", "#444444", "#d9d4c7", "#0b5fa5"
-"""struts are red and cables dark, as in the paper"""
+"""Colours of parts: struts are red and cables dark, as in the paper."""
 SLACK, FORCE, SUPPORT = "#b9c6d2", "#e69f00", "#009e73"
-"""a slack cable, a force of the ground, and the polygon of the nodes that touch it"""
+"""Colours of slack cables, of forces of the ground, and of the polygon of the nodes that touch it."""
 TENSION = "viridis"
-"""Matplotlib's colours of a cable's tension, from none to the largest; its lightness rises, for all eyes"""
+"""Matplotlib's colour map of tensions, from none to the largest: its lightness rises, for all eyes."""
 SHEET = Path(__file__).with_name("jaxgrity.mplstyle")
-"""Matplotlib's style sheet"""
+"""Matplotlib style sheet of all figures."""
 
 styled = style.context(SHEET)
 """Decorator: what is drawn within the function has the package's style; Matplotlib's own settings stay as they are."""

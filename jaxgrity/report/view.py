@@ -30,7 +30,7 @@ __all__ = ["Props", "Replay", "Robot", "available", "keep_html", "replay", "save
 
 LOOPBACK = "127.0.0.1"
 FIELD_OF_VIEW = 0.75
-"""rad, from the upper to the lower edge of the picture"""
+"""Angle from the upper to the lower edge of the picture, rad."""
 LEGEND_STYLE = (
     "#jaxgrity{position:fixed;top:12px;right:12px;z-index:5;font:13px/1.6 sans-serif;color:#222;pointer-events:none;"
     "background:rgba(255,255,255,.82);border-radius:6px;padding:8px 12px;max-width:22rem}"

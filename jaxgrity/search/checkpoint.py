@@ -16,7 +16,7 @@ from jaxgrity.search.genetic_algorithm import Generation, Record, SearchState
 
 SETTINGS, STATE, RESULTS = "run.json", "state_{}.npz", ("summary.json", "gait.json", "population.npz")
 PROBE, ROOM = ".probe", 2**20
-"""a file of so many bytes, which shows that there is room for what a search leaves"""
+"""Name and size (bytes) of a file that shows whether there is room for what a search writes."""
 
 
 class Checkpoint(NamedTuple):

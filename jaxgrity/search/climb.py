@@ -19,7 +19,7 @@ from jaxgrity.search.gradients import ClimbTask, Gradient, combine, pathwise_gra
 from jaxgrity.search.polish_config import GradientKind, PolishConfig, cost_of_gradient
 
 AVERAGED = 0.2
-"""share of a climb's steps, the last, whose gaits' mean is its end: it is less noisy than any of them"""
+"""Share of a climb's steps, counted from its end, whose mean gait is its result: it is less noisy than a single one."""
 
 OneGait = Float[AnyArray, " genes"]
 

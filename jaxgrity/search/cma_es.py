@@ -18,9 +18,9 @@ from jaxgrity.core.errors import InputError, unknown
 from jaxgrity.core.types import AnyArray, PerGait
 
 OPTIMISERS = ("genetic", "cma-es")
-"""what makes one generation from the last, by the names that searches know"""
+"""Names of the optimisers that make one generation from the last."""
 WORST = 1e20
-"""told in place of the fitness, with its sign turned, of gaits that failed"""
+"""Cost that CMA-ES is given for a gait that failed, in place of the fitness with its sign turned."""
 
 Memory = Float[AnyArray, " numbers"]
 

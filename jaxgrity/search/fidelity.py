@@ -36,9 +36,9 @@ from jaxgrity.stepping.step_limits import default_method, default_step
 from jaxgrity.trust.error_bars import Verified, verify
 
 FEWEST_RANKED = 5
-"""gaits, of which a rank correlation says something: two always rank alike or opposite"""
+"""Fewest gaits for which a rank correlation is computed: two always rank alike or opposite."""
 PRECISION = 0.01
-"""share of a gait's worth to which the last judgement tells it"""
+"""Step error and standard error that a gait's last judgement aims at, as shares of its fitness."""
 
 
 class FidelityLevel(NamedTuple):

@@ -20,15 +20,15 @@ from jaxgrity.search.models import Model
 from jaxgrity.search.objectives import ActuatorBounds, Distance, Objective
 
 SMALLEST = 128
-"""rollouts in a call, at least"""
+"""Fewest rollouts in one call."""
 BEYOND_BOUNDS = 1e12
-"""more than any fitness, in its own unit"""
+"""Loss of fitness of a gait beyond its bounds: larger than any fitness, in its own unit."""
 FARTHEST = 1e6
-"""times the bounds, beyond which gaits are all alike"""
+"""Gaits beyond this many times the bounds all count alike."""
 LEAST_SKEWED = 1e-6
-"""skewness of pairs of robots from which on it counts: below, its effect is rounding"""
+"""Skewness of pairs of robots from which on it counts: below, its effect is rounding."""
 ROUND = SMALLEST
-"""robots by which the last judgements begin, and of which more are added by as many: fewer would take as long"""
+"""Number of robots with which the last judgement begins, and which it adds each time: fewer would take as long."""
 
 
 class Fitness(eqx.Module):

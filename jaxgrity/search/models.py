@@ -8,7 +8,7 @@ from jaxgrity.stepping.options import Options, ResolvedOptions, SolverOptions, r
 from jaxgrity.stepping.step_limits import default_method, default_step, strictest
 
 SCREENING_STEP = 0.01
-"""s, of complementarity stepping of a body of one metre: gaits rank at it as they do at half of it"""
+"""Step of complementarity stepping in screening, s for a body of one metre: half of it ranks gaits the same way."""
 
 
 class Model(NamedTuple):

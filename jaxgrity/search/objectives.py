@@ -169,7 +169,7 @@ class Straightness(Objective):
 
 
 OBJECTIVES: dict[str, type[Objective]] = {}
-"""the objectives by the names that commands know them by"""
+"""The objectives by the names that commands use."""
 
 
 def register_objective(name: str, kind: type[Objective]) -> type[Objective]:

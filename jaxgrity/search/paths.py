@@ -13,13 +13,13 @@ from jaxgrity.model.scene import Scene, body_length
 from jaxgrity.populations.population import Outcomes
 
 PARTS = 24
-"""of a rollout, at whose ends steady objectives look at the centre of mass, at least"""
+"""Fewest parts of a rollout at whose ends steady objectives look at the centre of mass."""
 SETTLING = 0.25
-"""of a rollout, the first share, in which the robot settles on its way of rolling"""
+"""First share of a rollout, which steady objectives ignore while the robot settles."""
 LONGEST_PART = 2.5
 """s, of a body of one metre, where the path is followed: it must not turn by half a circle in a part"""
 QUARTERS = 4
-"""a multiple of so many parts has a part that ends where `SETTLING` does"""
+"""Factor of the number of parts, so that one part ends where `SETTLING` does."""
 
 
 def parts_of_path(scene: Scene, duration: float) -> int:

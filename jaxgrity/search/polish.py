@@ -48,11 +48,11 @@ from jaxgrity.stepping.options import Options, ResolvedOptions, SolverOptions, r
 from jaxgrity.trust.sensitivity import Sensitivity, sensitivity
 
 FOR_CLIMBS, FOR_COMPARISON, FOR_THE_END = range(3)
-"""what random numbers are drawn for: none twice in one polish"""
+"""Purposes for which random numbers are drawn. No draw serves two of them in one polish."""
 CLEAR = 3.0
-"""standard errors by which one of both has to be better, for no more robots to be asked"""
+"""Difference between two gaits, in standard errors, at which no more robots are needed to tell the better one."""
 CLOSE_ENOUGH = 0.005
-"""share of the fitness: where the standard error of the difference is within it, no more robots are asked"""
+"""Standard error of that difference, as a share of the fitness, within which no more robots are simulated."""
 
 
 class Polished(NamedTuple):

@@ -28,15 +28,15 @@ from jaxgrity.search.polish_config import PolishConfig, judges_of_a_step
 from jaxgrity.stepping.options import ResolvedOptions
 
 TANGENT = 3.5
-"""cost of a forward tangent, in rollouts: 28 for eight were measured"""
+"""Cost of a forward tangent, in rollouts: 28 for eight were measured."""
 DOUBLE = 2.0
-"""cost of float64, in rollouts of float32"""
+"""Cost of a rollout in float64, in rollouts in float32."""
 SHORTEST = 1 / 16
-"""of the first step's length: a climb ends where steps have become shorter"""
+"""A climb ends where steps are shorter than this share of its first step."""
 PULLS = 4
-"""by which a gait is brought back within the bound on rates"""
+"""Number of corrections that bring a gait back within the bound on rates."""
 INSIDE = 1 - 1e-5
-"""of the bound, so that no rounding carries a gait beyond it"""
+"""Share of the bound on rates that is used, so that no rounding carries a gait beyond the bound."""
 
 
 class OrbitSlope(NamedTuple):

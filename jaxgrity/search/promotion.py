@@ -17,9 +17,9 @@ from jaxgrity.search.objectives import ActuatorBounds
 from jaxgrity.search.search_config import COMPARED, SearchConfig
 
 FINALISTS = 4
-"""gaits of the last fidelity level that are compared over more robots"""
+"""Number of gaits of the last fidelity level that are compared over more robots."""
 FINALIST_ROBOTS = 16
-"""times as many robots as a gait is tried on in a generation"""
+"""Number of robots per finalist, as a multiple of the robots per gait in a generation."""
 
 
 class Agreement(NamedTuple):

@@ -26,7 +26,7 @@ from jaxgrity.statics.stiffness import (
 
 ITERATIONS = 500
 SMALLEST_SHIFT, LARGEST_SHIFT = 1e-12, 1e6
-"""of the stiffness matrix, as shares of its largest diagonal entry"""
+"""Limits of the shift of the stiffness matrix, as shares of its largest diagonal entry."""
 
 
 class RestingShape(NamedTuple):

@@ -18,7 +18,7 @@ from jaxgrity.model.structure import edge_lengths
 from jaxgrity.statics.stiffness import Fixed, free_coordinates, incidence, rigid_motions
 
 RANK = 1e-9
-"""share of the largest singular value, below which one counts as zero"""
+"""Singular values below this share of the largest count as zero."""
 
 Columns = Float[AnyArray, "members states"]
 Mechanisms = Float[AnyArray, "modes nodes 3"]

@@ -16,13 +16,13 @@ from jaxgrity.statics.stiffness import all_edges
 from jaxgrity.statics.vibrations import vibration_modes
 
 LARGEST = 1500
-"""members up to which self-stress and mechanisms are counted, which takes a dense matrix of that size"""
+"""Most members for which self-stress and mechanisms are counted: that takes a dense matrix of their number."""
 EXACT = 1e-6
-"""share of the largest singular value of A below which one counts as zero, since shapes at rest are not exact"""
+"""Singular values of A below this share of the largest count as zero, since shapes at rest are not exact."""
 NOTHING = 1e-6
-"""share of the force that would stretch the softest member to twice its length: below it a member carries nothing"""
+"""A member carries nothing below this share of the force that stretches the softest member to twice its length."""
 SHOWN = 5
-"""frequencies that the report names"""
+"""Number of frequencies that the report names."""
 
 
 class StructureReport(NamedTuple):

@@ -24,7 +24,7 @@ from jaxgrity.statics.stiffness import (
 
 Loads = Float[AnyArray, "_ 3"]
 BALANCE = 1e-8
-"""share of the loads that may be left over where nothing holds the structure"""
+"""Share of the loads that may be left over where nothing holds the structure."""
 
 
 class StaticResponse(NamedTuple):

@@ -13,9 +13,9 @@ from jaxgrity.model.structure import Structure, edge_lengths
 from jaxgrity.statics.equilibrium import resting_shape
 
 ROUNDS = 8
-"""in which the springs that stand for rigid struts are lengthened by what they give way"""
+"""Number of rounds in which springs that replace rigid struts are lengthened by what they were compressed."""
 STRUTS_WITHIN = 1e-10
-"""of their length"""
+"""Largest error of a rigid strut's length, as a share of its length."""
 
 
 class Settled(NamedTuple):

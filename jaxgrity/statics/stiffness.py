@@ -17,9 +17,9 @@ from jaxgrity.model.springs import as_springs
 from jaxgrity.model.structure import Structure, member_vectors, onto_nodes
 
 Fixed = Bool[AnyArray, "nodes 3"]
-"""which coordinates of which nodes supports hold"""
+"""Whether supports hold each coordinate of each node."""
 SEPARABLE = 1e-6
-"""relative difference from the whole Hessian, beyond which one made of blocks is refused"""
+"""Largest relative difference between the whole Hessian and one made of blocks."""
 
 
 def all_edges(structure: Structure) -> Edges:

@@ -20,11 +20,11 @@ from jaxgrity.statics.stiffness import (
 )
 
 ROUNDING = 1e-9
-"""share of the largest squared frequency, below which one is an error of the shape and of arithmetic"""
+"""Squared frequencies below this share of the largest are errors of the shape and of arithmetic."""
 DENSE = 900
-"""coordinates up to which all modes are computed at once; beyond, the lowest alone, by a sparse solver"""
+"""Most coordinates for which all modes are computed at once. Beyond, a sparse solver finds the lowest alone."""
 LOWEST = 30
-"""how many of them, unless asked otherwise"""
+"""Default number of lowest modes where not all are computed."""
 
 
 class Modes(NamedTuple):

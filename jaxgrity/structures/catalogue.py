@@ -9,11 +9,11 @@ from jaxgrity.core.types import Edges
 from jaxgrity.model.structure import edge_lengths
 
 PRISM_RADIUS, PRISM_HEIGHT = 0.3, 0.6
-"""m, of the prisms of a tower"""
+"""Radius and height of the prisms of a tower, m."""
 PRISM_TWIST = 5 * np.pi / 6
-"""rad, between a prism's two triangles: the angle at which it can be prestressed"""
+"""Angle between a prism's two triangles at which it can be prestressed, rad."""
 PRISM_GAP = 0.05
-"""m, between a prism of a tower and the next"""
+"""Gap between two prisms of a tower, m."""
 
 
 def icosahedron(strut_length: float = 1.0) -> tuple[np.ndarray, Edges, Edges]:

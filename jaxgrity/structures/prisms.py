@@ -11,9 +11,10 @@ from jaxgrity.core.types import Edges
 from jaxgrity.structures.geometry import Geometry, at_least, at_most, joined, ring
 
 MOST_NODES, MOST_OVERLAPPING = 50_000, 100
-"""of a ring in all stages; stages that overlap, which takes a dense matrix six times as large"""
+"""Most nodes of one ring, summed over all stages, and most stages that overlap: those need a dense matrix six times as
+large."""
 SCAN = np.linspace(0.15, np.pi - 0.15, 30)
-"""rad, the twists of a tower's stages between which one that carries a stress is looked for"""
+"""Twists of a tower's stages between which one that carries a stress is looked for, rad."""
 
 
 def prism(struts: int = 3, radius: float = 0.3, height: float = 0.6, upper_radius: float | None = None) -> Geometry:

@@ -13,11 +13,11 @@ from jaxgrity.structures.geometry import Geometry, at_least
 
 TRIES = 20
 STRUT_STIFFNESS, CABLE_STIFFNESS = 1e3, 1.0
-"""N/m, of the springs by which the shape is found; only their ratio matters"""
+"""Stiffness of the springs with which the shape is found, N/m. Only their ratio matters."""
 SHORT = 0.3
-"""rest lengths of cables while the shape is found, as a share of their lengths at the start"""
+"""Rest lengths of cables while the shape is found, as a share of their lengths at the start."""
 TAUT = 1e-3
-"""of the largest tension: cables with less are left out"""
+"""Cables with less than this share of the largest tension are left out."""
 
 
 def random_tensegrity(struts: int = 6, seed: int = 0, strut_length: float = 1.0) -> Geometry:

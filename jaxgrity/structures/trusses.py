@@ -5,7 +5,7 @@ import numpy as np
 from jaxgrity.structures.geometry import Geometry, at_least, at_most, joined, ring
 
 MOST_PRISMS = 10_000
-"""of a grid"""
+"""Most prisms of a grid."""
 
 
 def d_bar(sides: int = 3, length: float = 1.0, radius: float = 0.15) -> Geometry:

@@ -12,8 +12,8 @@ from jaxgrity.populations.population import simulate_population
 from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
 
 SAFETY = 2.5
-"""factor of error bars: with 2, bars covered the errors of 94 % of the least predictable set of gaits that was tried; 3
-would make bars five times the error"""
+"""Factor of error bars. With 2, bars covered the errors of 94 % of the least predictable gaits that were tried. With 3,
+bars would be five times the error."""
 
 
 class Verified(NamedTuple):

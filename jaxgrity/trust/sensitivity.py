@@ -17,7 +17,7 @@ from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
 from jaxgrity.stepping.simulate import frame_times
 
 ROOM = 128
-"""frames, by multiples of which programs are compiled: shorter motions share them"""
+"""Frames of a motion are padded to multiples of this number, so that short motions share compiled programs."""
 
 
 class Sensitivity(NamedTuple):

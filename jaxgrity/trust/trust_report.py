@@ -21,15 +21,14 @@ from jaxgrity.trust.error_bars import refinement_bar, timing_bar
 from jaxgrity.trust.sensitivity import Sensitivity, sensitivity
 
 UNCERTAIN = 0.01
-"""rad in each phase, or where there is no gait m/s in the initial velocities of a body of one metre: what is taken as
-not known"""
+"""Uncertainty of each phase, rad, or without a gait of the initial velocities, m/s for a body of one metre."""
 PREDICTABLE = 0.01
-"""m, to which the centre of mass of a body of one metre counts as predicted"""
+"""Largest error of the centre of mass that counts as predicted, m for a body of one metre."""
 
 SLOPES = 10.0
-"""1/s, at which the sensitivity of a body of one metre is taken"""
+"""Rate at which the sensitivity of a body of one metre is sampled, 1/s."""
 MEASUREMENTS = 5
-"""rollouts at three steps, the energy audit and the sensitivity"""
+"""Number of measurements in a report: rollouts at three steps, the energy audit and the sensitivity."""
 
 
 class TrustReport(NamedTuple):
