@@ -18,9 +18,10 @@ import numpy as np
 from jaxgrity.control.choices import GaitChoices
 from jaxgrity.control.closed_loop import Loop, drive, failures, loop_start, places, roll_on, taken_over
 from jaxgrity.control.obstacles import WayMap, gap, room
-from jaxgrity.control.plant import Plant, check_model, check_one, is_count, side_by_side, whole_number
+from jaxgrity.control.plant import Plant, check_model, check_one, side_by_side, whole_number
 from jaxgrity.control.steering import clock_moved
 from jaxgrity.control.tasks import REACHED
+from jaxgrity.core.arguments import is_count
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, State
 from jaxgrity.model.structure import Structure
