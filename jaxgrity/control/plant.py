@@ -15,7 +15,7 @@ import numpy as np
 from jaxgrity.control.motor_limits import MotorLimits, contraction_reached
 from jaxgrity.control.possible_starts import possible
 from jaxgrity.control.sensors import Observation, Readings, Sensors, first_readings, measure, read
-from jaxgrity.core.arguments import check_count, check_indices, check_number
+from jaxgrity.core.arguments import check_count, check_indices, check_number, is_number
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, State
 from jaxgrity.model.actuation import Command, Gait, actuated_lengths
@@ -92,6 +92,12 @@ def check_model(robot: Plant, model: Plant) -> None:
         raise InputError(f"model: {other}; expected {own}, as the robot has")
 
 
+def check_scene(scene: Any) -> None:
+    """Raise `InputError` for what is no scene, such as a scene's name."""
+    if not isinstance(scene, Scene):
+        raise InputError(f"scene = {scene!r}: expected a Scene, such as load_scene('exact')")
+
+
 def check_key(key: Any) -> None:
     """Raise `InputError` for what is no random key."""
     kind, shape = getattr(key, "dtype", np.dtype(int)), np.shape(key)
@@ -101,9 +107,10 @@ def check_key(key: Any) -> None:
 
 def whole_number(name: str, seconds: float, part: float) -> int:
     """How many times a part, s, goes into some seconds. Raises `InputError` where that is no whole number."""
-    count = round(seconds / part) if np.isfinite(seconds) else 0
+    count = round(seconds / part) if is_number(seconds) and np.isfinite(seconds) else 0
     if count < 1 or abs(seconds / part - count) > 1e-6 * count:
-        raise InputError(f"{name} = {seconds:g} s: expected a multiple of {part:g} s")
+        shown = f"{seconds:g}" if is_number(seconds) else repr(seconds)
+        raise InputError(f"{name} = {shown} s: expected a multiple of {part:g} s")
     return count
 
 
@@ -138,6 +145,7 @@ def plant_of(
         >>> plant.period  # s
         0.01
     """
+    check_scene(scene)
     if not np.size(members) or np.ndim(members) != 1:
         raise InputError(f"members = {members}: expected at least one that is actuated, as (0, 1, 2)")
     members = check_indices("members", members, scene.structure.member_count)

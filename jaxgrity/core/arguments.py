@@ -71,6 +71,14 @@ def check_scalar(where: str, value: Any) -> None:
     check_finite(where, value)
 
 
+def as_table(where: str, rows: Any) -> np.ndarray:
+    """Rows of numbers, all of one length; else `InputError`."""
+    try:
+        return np.asarray(rows, float)
+    except (ValueError, TypeError) as error:
+        raise InputError(f"{where}: expected rows of numbers, all of one length") from error
+
+
 def check_finite(where: str, value: Any) -> None:
     """Finite numbers, as far as they are known; else `InputError` with the first that is not."""
     if isinstance(value, jax.Array) or np.all(np.isfinite(value)):
@@ -80,11 +88,17 @@ def check_finite(where: str, value: Any) -> None:
     raise InputError(f"{where}{place} = {np.asarray(value)[at]}: expected a finite number")
 
 
-def check_all_finite(tree: Any) -> None:
-    """All known numbers of a module are finite; else `InputError` with the path to the first that is not."""
+def check_all_finite(tree: Any, where: str = "", *, on_devices: bool = False) -> None:
+    """All known numbers of a module are finite; else `InputError` with the path to the first that is not.
+
+    JAX's arrays are known too where nothing of them is traced; they are looked at where `on_devices` says so.
+    """
     for path, leaf in jax.tree_util.tree_leaves_with_path(tree):
-        if isinstance(leaf, np.ndarray | float) and _real(np.asarray(leaf)):
-            check_finite(jax.tree_util.keystr(path).removeprefix("."), leaf)
+        known = isinstance(leaf, np.ndarray | float)
+        if on_devices and isinstance(leaf, jax.Array):
+            known = not isinstance(leaf, jax.core.Tracer) and jax.numpy.issubdtype(leaf.dtype, jax.numpy.floating)
+        if known and _real(np.asarray(leaf)):
+            check_finite(f"{where}{jax.tree_util.keystr(path)}".removeprefix("."), np.asarray(leaf))
 
 
 def _real(value: np.ndarray) -> bool:

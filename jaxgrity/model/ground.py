@@ -9,6 +9,7 @@ import jax
 import numpy as np
 from numpy.typing import ArrayLike
 
+from jaxgrity.core.arguments import check_all_finite
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import component, half_squares, inner, positive_part
 from jaxgrity.core.tracing import as_incline
@@ -59,6 +60,7 @@ class Ground(eqx.Module):
     """m: a node of a body of one metre touches the ground, in the frames of a trajectory, where phi is less"""
 
     def __check_init__(self):
+        check_all_finite(self, "ground")
         if self.surface is not None and self.incline:
             raise InputError(f"ground.incline = {self.incline}: it is that of the plane; expected none with a surface")
         if self.surface is None and self.offset is not None:
@@ -123,8 +125,7 @@ class Ground(eqx.Module):
         return moved
 
     def set_above(self, q: NodeVectors, distance: Scalar) -> NodeVectors:
-        """The nodes q, m, moved up or down until the nearest one is at a `distance` (m) from the ground below it; it
-        can be traced."""
+        """The nodes q, m, moved up or down until the nearest is `distance` (m) from the ground; it can be traced."""
         surface, moved = Slope(self.incline) if self.surface is None else self.surface, self._moved(q)
         return q + above(moved, distance, surface.signed_distance, surface.height) - moved
 
