@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -31,6 +32,7 @@ def down(
     return q, False
 
 
+@eqx.filter_jit
 def above(
     q: NodeVectors,
     distance: Scalar,
