@@ -79,6 +79,8 @@ class Shaking(SupportMotion):
 
     def check(self, structure):
         super().check(structure)
+        if traced(self.amplitude):
+            return
         held = {axis for _, axes in structure.fixed for axis in axes}
         free = [axis for axis, size in zip("xyz", np.abs(self.amplitude)) if size > 0 and axis not in held]
         if free:
