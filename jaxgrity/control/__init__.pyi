@@ -4,7 +4,7 @@ from .environments import Environment, EnvironmentState, Situation, environment
 from .feedback import PhaseLocked, sure_footed
 from .gymnasium_adapter import GymnasiumEnvironment
 from .motor_limits import MotorLimits, contraction_reached
-from .obstacles import Discs, WayMap, discs_of, gap, room, way_map
+from .obstacles import Discs, WayMap, discs_of, gap, reach_of, room, way_map
 from .plant import Plant, PlantState, actuate, observe, plant_of, plant_start, side_by_side
 from .policies import OpenLoop, Policy
 from .predictive import Journey, Sampling, costs, lead_to
@@ -61,6 +61,7 @@ __all__ = [
     "plant_of",
     "plant_start",
     "progressed",
+    "reach_of",
     "read",
     "roll_on",
     "room",

@@ -8,8 +8,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxgrity.control.plant import Plant, PlantState, actuate, check_one, observe, plant_start, whole_state
+from jaxgrity.control.plant import Plant, PlantState, actuate, begun, check_one, observe, plant_start, whole_state
 from jaxgrity.control.policies import Memory, Policy
+from jaxgrity.core.arguments import check_number
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, State
 from jaxgrity.model.scene import floats_as
@@ -18,7 +19,6 @@ from jaxgrity.stepping.complementarity import ContactMemory
 from jaxgrity.stepping.discretisation import state_failure
 from jaxgrity.stepping.dynamics import centre_of_mass
 from jaxgrity.stepping.simulate import Trajectory
-from jaxgrity.stepping.starts import check_start, start_failure
 
 
 class Loop(NamedTuple):
@@ -59,17 +59,7 @@ def loop_start(plant: Plant, policy: Policy, key: Any, start: State | None = Non
         memory = jax.vmap(type(policy).first, in_axes=(_last(policy),), out_axes=-1)(policy)
     elif robots is not None:
         memory = jax.tree.map(lambda x, count=robots: jnp.repeat(jnp.asarray(x)[..., None], count, axis=-1), memory)
-    return Loop(plant_start(plant, key, _placed(plant, start)), floats_as(memory, plant.options.dtype))
-
-
-def _placed(plant: Plant, start: State | None) -> State | None:
-    """The start; of robots that it puts below exact ground, or stretches, without velocities, so that they fail."""
-    if start is None or np.shape(start[0]) != plant.scene.structure.nodes.shape:
-        return start
-    if plant.robots is None:
-        check_start(plant.scene, start[0])
-    misplaced = plant.lift(start_failure, ("s", -1))(plant.scene, jnp.asarray(start[0], plant.options.dtype))
-    return start[0], jnp.where(misplaced != 0, jnp.nan, start[1])
+    return Loop(plant_start(plant, key, start), floats_as(memory, plant.options.dtype))
 
 
 def roll_on(
@@ -133,7 +123,7 @@ def taken_over(model: Plant, loop: Loop, each: int) -> Loop:
         return jnp.repeat(x if robots else x[..., None], each, axis=-1)
 
     motion = jax.tree.map(spread, loop.plant.motion)
-    state = plant_start(model, loop.plant.key, motion)
+    state = begun(model, loop.plant.key, motion)
     last, own = loop.plant.solver, state.solver
     if isinstance(last, ContactMemory) and isinstance(own, ContactMemory):
         # velocities that lie half of the robots' last step before, and not at the time of the start
@@ -171,8 +161,7 @@ def simulate_policy(
         (11, 12, 3)
     """
     check_one(plant, "simulate_policy")
-    if not 0 < duration < np.inf:
-        raise InputError(f"duration = {duration:g} s: expected a positive number")
+    duration = check_number("duration", duration, above=0.0, unit="s")
     loop = loop_start(plant, policy, jax.random.key(seed), start)
     ticks = max(1, round(duration / plant.period))
     (q, v), failure = _motion(plant, policy, loop, ticks)

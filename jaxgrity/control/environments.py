@@ -4,6 +4,7 @@ They have the shape of those of Brax: a state goes in and a state comes out, wit
 """
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -18,6 +19,7 @@ from jaxgrity.control.plant import (
     PlantState,
     actuate,
     check_key,
+    check_scene,
     observe,
     plant_of,
     plant_start,
@@ -25,25 +27,34 @@ from jaxgrity.control.plant import (
 )
 from jaxgrity.control.sensors import Observation, Sensors
 from jaxgrity.control.tasks import Task, drawn_aim, find_task, ground_of, progressed, task_start, wanted_direction
+from jaxgrity.core.arguments import check_number
 from jaxgrity.core.errors import InputError
+from jaxgrity.core.tracing import traced
 from jaxgrity.core.types import AnyArray
-from jaxgrity.model.scene import Scene
+from jaxgrity.model.scene import Scene, with_gait
 from jaxgrity.stepping.discretisation import state_failure
 from jaxgrity.stepping.dynamics import centre_of_mass
 from jaxgrity.stepping.options import Options
+from jaxgrity.stepping.starts import check_start
 
 METRE_A_SECOND = MotorLimits(rate=1.0, stroke=0.5)
 """motors as fast as gaits of the library ask for, with room for those of `sure_footed`"""
 
 
+ENDS = "", "reached", "failed", "late"
+"""how an episode ends: at the goal, with a rollout that fails, or with nothing but its time"""
+
+
 class Situation(NamedTuple):
-    """All that goes on from one step to the next."""
+    """All that goes on from one step to the next: wrappers that begin episodes anew restore this."""
 
     plant: PlantState
     aim: AnyArray
     """(2,), the heading or the goal's place, m"""
     average: AnyArray
     """(2,), m/s, the averaged velocity of the task's progress"""
+    ended: AnyArray
+    """index into `ENDS`, how the episode ended; 0: it goes on"""
 
 
 class EnvironmentState(eqx.Module):
@@ -59,7 +70,8 @@ class EnvironmentState(eqx.Module):
     metrics: dict[str, AnyArray]
     """"progress", m/s; "effort", 1/s^2; "reached" and "failed", 1 from where that happened, else 0"""
     info: dict[str, Any]
-    """"truncation", 1 where nothing but the time ended the episode; and what wrappers keep here"""
+    """"truncation", 1 where nothing but the time ended the episode; and what wrappers keep here: one that counts
+    "steps" here, as Brax's does, ends the episode in the environment's place"""
 
     def replace(self, **changes: Any) -> "EnvironmentState":
         """The state with other values of some fields."""
@@ -75,7 +87,7 @@ class Environment:
     effort_cost: float
     """by which the mean square rate of the contractions, 1/s^2, counts against the reward, m/s"""
     episode: int
-    """control periods, after which an episode is over"""
+    """control periods, after which an episode is over where no wrapper counts them"""
 
     @property
     def action_size(self) -> int:
@@ -95,9 +107,9 @@ class Environment:
         place = centre_of_mass(self.plant.scene, state.motion[0])
         aim = drawn_aim(self.task, place, aims)
         seen, state = observe(self.plant, state)
-        zero = jnp.zeros_like(place[0])
+        zero = jnp.zeros(())
         metrics: dict[str, AnyArray] = dict.fromkeys(("progress", "effort", "reached", "failed"), zero)
-        situation = Situation(state, aim, jnp.zeros_like(place[:2]))
+        situation = Situation(state, aim, jnp.zeros_like(place[:2]), jnp.zeros((), jnp.int32))
         info = {"truncation": zero}
         return EnvironmentState(situation, self.sensed(state, seen, aim), zero, zero, metrics, info)
 
@@ -106,37 +118,43 @@ class Environment:
         shortens it by the motors' `stroke`, and what is beyond does not count.
 
         A rollout that fails is done, with observation and reward of zero: numbers are always finite, but derivatives of
-        such a rollout are not. An episode that is over stays so, with rewards of zero. Raises `InputError` for an
-        action of another shape.
+        such a rollout are not. An action that is not a number fails at once. An episode that is over stays as it ended,
+        with rewards of zero. Raises `InputError` for an action of another shape, and for a known one that is not a
+        number.
         """
         if jnp.shape(action) != (self.action_size,):
             raise InputError(f"action has shape {jnp.shape(action)}; expected ({self.action_size},), one a member")
+        if not traced(action) and np.isnan(action).any():
+            raise InputError(f"action = {np.asarray(action).tolist()}: expected numbers from -1 to 1, one a member")
         dtype = self.plant.options.dtype
         wanted = self.plant.motors.stroke * (1 + jnp.clip(jnp.asarray(action, dtype), -1, 1)) / 2
-        old, aim, average = state.pipeline_state
+        old, aim, average, ended = state.pipeline_state
         after = actuate(self.plant, old, wanted)
         before, place = (centre_of_mass(self.plant.scene, s.motion[0]) for s in (old, after))
         progress, average = progressed(self.task, aim, before, place, self.plant.period, average)
         effort = jnp.mean(((after.contraction - old.contraction) / self.plant.period) ** 2)
         seen, after = observe(self.plant, after)
-        failed = (state_failure(self.plant.scene, *after.motion) != 0) | (state.metrics["failed"] > 0)
-        near = jnp.sum((aim - place[:2]) ** 2) < self.task.reached**2
-        reached = (near if self.task.towards == "goal" else jnp.zeros_like(near)) | (state.metrics["reached"] > 0)
-        over, late = state.done > 0, after.tick >= self.episode
-        counts = lambda x: jnp.where(failed | over, 0, x).astype(dtype)  # noqa: E731
-        metrics = state.metrics | {
-            "progress": counts(progress),
-            "effort": counts(effort),
-            "reached": reached.astype(dtype),
-            "failed": failed.astype(dtype),
-        }
+        obs, reward = self.sensed(after, seen, aim), progress - self.effort_cost * effort
+        finite = jnp.isfinite(reward) & jnp.all(jnp.isfinite(obs))
+        failed = (state_failure(self.plant.scene, *after.motion) != 0) | ~finite
+        reached = (self.task.towards == "goal") & (jnp.sum((aim - place[:2]) ** 2) < self.task.reached**2)
+        # a wrapper that counts steps tells its own truncation from ours only where we leave the time to it
+        late = (after.tick >= self.episode) & ("steps" not in state.info)
+        over = (state.done > 0) | (ended > 0)
+        codes = [ENDS.index(name) for name in ("failed", "reached", "late")]
+        now = jnp.select([failed, reached, late], codes, 0).astype(ended.dtype)
+        new = Situation(after, aim, average, now), jnp.where(failed, 0, obs)
+        situation, obs = jax.tree.map(partial(jnp.where, over), (state.pipeline_state, state.obs), new)
+        counts = lambda x: jnp.where(failed | over, 0, x).astype(float)  # noqa: E731
+        which = {name: (situation.ended == code).astype(float) for code, name in enumerate(ENDS)}
+        told = {"progress": counts(progress), "effort": counts(effort)}
         return EnvironmentState(
-            pipeline_state=Situation(after, aim, average),
-            obs=jnp.where(failed, 0, self.sensed(after, seen, aim)).astype(dtype),
-            reward=counts(progress - self.effort_cost * effort),
-            done=(over | failed | reached | late).astype(dtype),
-            metrics=metrics,
-            info=state.info | {"truncation": (late & ~failed & ~reached).astype(dtype)},
+            pipeline_state=situation,
+            obs=obs,
+            reward=counts(reward),
+            done=(over | (now > 0)).astype(float),
+            metrics=state.metrics | told | {name: which[name] for name in ("reached", "failed")},
+            info=state.info | {"truncation": which["late"]},
         )
 
     def sensed(self, state: PlantState, seen: Observation, aim: AnyArray) -> AnyArray:
@@ -183,11 +201,11 @@ def environment(
         (6, (104,))
     """
     asked = find_task(task)
+    check_scene(scene)
     if scene.gait is None:
         raise InputError("the scene has no gait; expected one, whose members are those that actions move")
-    if not (np.isfinite(effort_cost) and effort_cost >= 0):
-        raise InputError(f"effort_cost = {effort_cost} m s: expected a finite number, at least 0")
-    plant = plant_of(
-        ground_of(asked, scene, seed=0), scene.gait.members, sensors=sensors, motors=motors, options=options
-    )
+    effort_cost = check_number("effort_cost", effort_cost, least=0.0, unit="m s")
+    placed = ground_of(asked, scene, seed=0)
+    check_start(with_gait(placed, None))
+    plant = plant_of(placed, scene.gait.members, sensors=sensors, motors=motors, options=options)
     return Environment(plant, asked, effort_cost, whole_number("seconds", seconds, plant.period))

@@ -4,6 +4,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from jaxgrity.core.arguments import is_number
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray
 
@@ -30,8 +31,8 @@ class MotorLimits(eqx.Module):
 
     def __check_init__(self):
         for name, value in vars(self).items():
-            if value is not None and not (value > 0 and np.isfinite(value)):
-                raise InputError(f"motors.{name} = {value}: expected a positive, finite number, or None")
+            if value is not None and not (is_number(value) and value > 0 and np.isfinite(value)):
+                raise InputError(f"motors.{name} = {value!r}: expected a positive, finite number, or None")
         if not self.stroke < 1:
             raise InputError(f"motors.stroke = {self.stroke}: expected less than 1, a fraction of a member's length")
 

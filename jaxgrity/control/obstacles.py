@@ -10,6 +10,7 @@ from scipy.sparse.csgraph import dijkstra
 from jaxgrity.core.errors import InputError
 from jaxgrity.model.ground import Ground
 from jaxgrity.model.height_fields import HeightField
+from jaxgrity.model.scene import Scene
 from jaxgrity.model.solids import Box, Cylinder, Sphere
 from jaxgrity.model.structure import Structure
 from jaxgrity.model.surface import Slope
@@ -19,6 +20,11 @@ STEPS = ((1, 0), (0, 1), (1, 1), (1, -1), (2, 1), (1, 2), (2, -1), (1, -2))
 """from one point of a grid to others, and back: ways in 16 directions, at most 2.8 % longer than straight ones"""
 CLOSE = 8.0
 """Factor on the length of a way where the robot would touch an obstacle, compared with one where there is room."""
+
+REACH = 0.6
+"""m, of the library's robots of one metre, where nothing else is said"""
+SAME_REACH = 1e-6
+"""share, by which rounding may make a reach smaller"""
 
 
 class Discs(NamedTuple):
@@ -40,6 +46,9 @@ def discs_of(ground: Ground | None) -> Discs:
         raise InputError("ground: there is none; expected that of a scene with [ground]")
     surface = ground.surface
     parts = surface.parts if isinstance(surface, Union) else () if surface is None else (surface,)
+    moved = np.zeros(3) if ground.offset is None else np.asarray(ground.offset, float)[0]
+    if moved.ndim > 1:
+        raise InputError("ground.offset: that of many robots; expected the ground of one")
     found = []
     for part in parts:
         if isinstance(part, Cylinder):
@@ -55,7 +64,14 @@ def discs_of(ground: Ground | None) -> Discs:
                 "expected planes, height fields, boxes, balls and cylinders"
             )
     table = np.array(found, float).reshape(-1, 3)
-    return Discs(table[:, :2], table[:, 2])
+    return Discs(table[:, :2] + moved[:2], table[:, 2])
+
+
+def reach_of(scene: Scene) -> float:
+    """m, how far the farthest node is from the centre of mass, as the robot is posed: it may lie any way up."""
+    q = np.asarray(scene.structure.nodes, float)
+    mass = np.asarray(scene.structure.lumped_mass, float)
+    return float(np.linalg.norm(q - mass @ q / mass.sum(), axis=1).max())
 
 
 def room(discs: Discs, places: np.ndarray) -> np.ndarray:
@@ -138,7 +154,8 @@ def way_map(
     goal: np.ndarray,
     arena: tuple[float, float, float, float],
     *,
-    reach: float = 0.6,
+    robot: Scene | None = None,
+    reach: float | None = None,
     comfort: float = 0.4,
     spacing: float = 0.1,
 ) -> WayMap:
@@ -148,7 +165,9 @@ def way_map(
         discs: what to keep clear of.
         goal: (2,), m.
         arena: the least x, the least y, the largest x and the largest y, m, between which ways are looked for.
-        reach: m, how far the robot sticks out from its centre of mass, which no way comes nearer to a disc.
+        robot: what goes there; ways that it is too wide for are refused.
+        reach: m, how far the robot sticks out from its centre of mass, which no way comes nearer to a disc; its own
+            where not given (`reach_of`), or `REACH` where no robot is given either.
         comfort: m, on top of that, within which a way counts as longer, up to `CLOSE` times.
         spacing: m, of the grid, at most half of `reach`.
 
@@ -156,9 +175,10 @@ def way_map(
         The distances. They are infinite where no way leads to the goal.
 
     Raises:
-        InputError: a goal outside the arena or too near to a disc, numbers that are not positive, or discs that are not
-            (discs, 2) centres and as many radii.
+        InputError: a goal outside the arena or too near to a disc, numbers that are not positive, a reach less than the
+            robot's own, or discs that are not (discs, 2) centres and as many radii.
     """
+    reach = _reach_for(robot, reach)
     _check_discs(discs)
     if np.shape(arena) != (4,) or not np.isfinite(arena).all():
         raise InputError(f"arena = {arena}: expected four numbers: the least x and y, and the largest x and y, m")
@@ -189,6 +209,15 @@ def way_map(
         )
     distance = dijkstra(graph, directed=False, indices=int(number[tuple(nearest)]))
     return WayMap(discs, np.asarray(goal, float), low, spacing, reach, distance.reshape(shape))
+
+
+def _reach_for(robot: Scene | None, reach: float | None) -> float:
+    """The reach for which ways are looked for, m. Raises `InputError` where it is less than the robot's own."""
+    own = 0.0 if robot is None else reach_of(robot)
+    reach = (own or REACH) if reach is None else reach
+    if reach < own * (1 - SAME_REACH):
+        raise InputError(f"reach = {reach:g} m: the robot sticks out {own:.3g} m; expected at least that")
+    return reach
 
 
 def _check_discs(discs: Discs) -> None:

@@ -13,7 +13,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxgrity.control.motor_limits import MotorLimits, contraction_reached
+from jaxgrity.control.possible_starts import possible
 from jaxgrity.control.sensors import Observation, Readings, Sensors, first_readings, measure, read
+from jaxgrity.core.arguments import check_count, check_indices, check_number, is_number
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, State
 from jaxgrity.model.actuation import Command, Gait, actuated_lengths
@@ -76,11 +78,6 @@ class Plant(eqx.Module):
         return max(1, int(np.ceil(self.period / self.options.dt - 1e-6)))
 
 
-def is_count(number: Any, least: int) -> bool:
-    """Whether it is a whole number, no less than that."""
-    return isinstance(number, int | np.integer) and int(number) >= least
-
-
 def check_one(plant: Plant, where: str) -> None:
     """Raise `InputError` for a plant of many robots."""
     if plant.robots is not None:
@@ -94,6 +91,12 @@ def check_model(robot: Plant, model: Plant) -> None:
         raise InputError(f"model: {other}; expected {own}, as the robot has")
 
 
+def check_scene(scene: Any) -> None:
+    """Raise `InputError` for what is no scene, such as a scene's name."""
+    if not isinstance(scene, Scene):
+        raise InputError(f"scene = {scene!r}: expected a Scene, such as load_scene('exact')")
+
+
 def check_key(key: Any) -> None:
     """Raise `InputError` for what is no random key."""
     kind, shape = getattr(key, "dtype", np.dtype(int)), np.shape(key)
@@ -103,9 +106,10 @@ def check_key(key: Any) -> None:
 
 def whole_number(name: str, seconds: float, part: float) -> int:
     """How many times a part, s, goes into some seconds. Raises `InputError` where that is no whole number."""
-    count = round(seconds / part) if np.isfinite(seconds) else 0
+    count = round(seconds / part) if is_number(seconds) and np.isfinite(seconds) else 0
     if count < 1 or abs(seconds / part - count) > 1e-6 * count:
-        raise InputError(f"{name} = {seconds:g} s: expected a multiple of {part:g} s")
+        shown = f"{seconds:g}" if is_number(seconds) else repr(seconds)
+        raise InputError(f"{name} = {shown} s: expected a multiple of {part:g} s")
     return count
 
 
@@ -140,11 +144,11 @@ def plant_of(
         >>> plant.period  # s
         0.01
     """
+    check_scene(scene)
     if not np.size(members) or np.ndim(members) != 1:
         raise InputError(f"members = {members}: expected at least one that is actuated, as (0, 1, 2)")
-    members = tuple(int(k) for k in members)
-    if not (np.isfinite(period) and period > 0):
-        raise InputError(f"period = {period} s: expected a positive number")
+    members = check_indices("members", members, scene.structure.member_count)
+    period = check_number("period", period, above=0.0, unit="s")
     zeros = np.zeros(len(members))
     scene = with_gait(scene, Gait(members, zeros, zeros, zeros))
     resolved = resolve(scene, period, options)
@@ -157,12 +161,13 @@ def plant_of(
 def side_by_side(plant: Plant, robots: int, differences: Differences | None = None) -> Plant:
     """The plant of so many robots, which differ; the rows of `differences` are robots.
 
-    A start that differs is not its business: `plant_start` is told where robots start. Raises `InputError` for a plant
-    of many robots, for fewer than one robot, and for differences of another number of robots.
+    Raises `InputError` for a plant of many robots, for fewer than one robot, for differences of another number of
+    robots, and for velocities that differ: `plant_start` is told those with the start.
     """
     check_one(plant, "side_by_side")
-    if not is_count(robots, 1):
-        raise InputError(f"robots = {robots}: expected a whole number, at least 1")
+    robots = check_count("robots", robots, 1)
+    if differences is not None and differences.velocities is not None:
+        raise InputError("differences.velocities: a plant has none; expected them in the `start` of a rollout")
     rows = {x.shape[0] for x in jax.tree.leaves(differences)} if differences is not None else set()
     if rows - {robots}:
         raise InputError(f"differences are those of {', '.join(map(str, sorted(rows)))} robots: expected {robots}")
@@ -178,7 +183,8 @@ def side_by_side(plant: Plant, robots: int, differences: Differences | None = No
 def plant_start(plant: Plant, key: Any, start: State | None = None) -> PlantState:
     """At t = 0, with motors at rest and sensors awake; from `start`, q and v, where given, else as the scene stands.
 
-    Raises `InputError` for a start of another shape, and for a key that is none.
+    Raises `InputError` for a start of another shape, and for a key that is none; of one robot also for a known start
+    that violates rigid struts, exact contact or supports. Many robots, and starts that are traced, then fail.
     """
     check_key(key)
     dtype = plant.options.dtype
@@ -186,12 +192,18 @@ def plant_start(plant: Plant, key: Any, start: State | None = None) -> PlantStat
     if shapes is not None and shapes != {plant.scene.structure.nodes.shape}:
         expected = f"q and v of shape {plant.scene.structure.nodes.shape} each"
         raise InputError(f"start has arrays of shape {', '.join(map(str, sorted(shapes)))}: expected {expected}")
-    motion = start_of(plant.scene) if start is None else jax.tree.map(lambda x: jnp.asarray(x, dtype), start)
+    motion = start_of(plant.scene) if start is None else jax.tree.map(lambda x: jnp.asarray(x, dtype), tuple(start))
+    return begun(plant, key, possible(plant.scene, plant.lift, motion, one=plant.robots is None))
+
+
+def begun(plant: Plant, key: Any, motion: State) -> PlantState:
+    """At t = 0, from q and v that robots have in the midst of a motion."""
+    dtype = plant.options.dtype
     nothing = jnp.zeros((len(plant.members), *motion[0].shape[2:]), dtype)
     key, of_bias = jax.random.split(key)
     problem, step = discretise(plant.options, plant.lift), jnp.asarray(plant.period / plant.steps, dtype)
     motion, first = carried_at(problem, plant.scene, jnp.zeros((), dtype), step, motion)
-    motion = tuple(jnp.asarray(x) for x in motion)
+    motion = jnp.asarray(motion[0]), jnp.asarray(motion[1])
     tension = nothing if plant.motors.force is not None else None
     state = PlantState(jnp.asarray(0), motion, first, nothing, tension, Readings(None, None), key)
     if not plant.sensors.remember:
@@ -246,8 +258,9 @@ def actuate(plant: Plant, state: PlantState, wanted: AnyArray) -> PlantState:
 
     kept = step if plant.options.method.recomputes else jax.checkpoint(step)
     first = Carried(state.motion, state.solver), state.tension
-    ((motion, memory), tension), _ = jax.lax.scan(kept, first, jnp.arange(plant.steps))
-    return PlantState(state.tick + 1, motion, memory, reached, tension, state.readings, state.key)
+    (((q, v), memory), tension), _ = jax.lax.scan(kept, first, jnp.arange(plant.steps))
+    v = jnp.where(jnp.isnan(wanted).any(0), jnp.nan, v)  # slack cables would hide it
+    return PlantState(state.tick + 1, (q, v), memory, reached, tension, state.readings, state.key)
 
 
 def _commanded(plant: Plant, state: PlantState, reached: AnyArray) -> Scene:

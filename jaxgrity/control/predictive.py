@@ -17,9 +17,10 @@ import numpy as np
 
 from jaxgrity.control.closed_loop import Loop, failures, loop_start, places, roll_on, taken_over
 from jaxgrity.control.feedback import PhaseLocked, one_frequency
-from jaxgrity.control.plant import Plant, check_model, check_one, is_count, side_by_side, whole_number
+from jaxgrity.control.plant import Plant, check_model, check_one, side_by_side, whole_number
 from jaxgrity.control.steering import Steered, clock_moved
 from jaxgrity.control.tasks import REACHED
+from jaxgrity.core.arguments import is_count
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, State
 

@@ -8,8 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxgrity.core.errors import InputError, unknown
-from jaxgrity.core.types import AnyArray, NodeVectors, State
-from jaxgrity.model.ground import Ground
+from jaxgrity.core.types import AnyArray, State
 from jaxgrity.model.height_fields import bumps
 from jaxgrity.model.scales import length_scale, speed_scale, time_scale
 from jaxgrity.model.scene import Scene
@@ -59,16 +58,17 @@ TASKS: dict[str, Task] = {
 
 def find_task(name: str) -> Task:
     """The task called `name`. Raises `InputError` where there is none."""
-    if name not in TASKS:
-        raise InputError(f"task = {name!r}: {unknown(name, TASKS)}; expected one of {', '.join(TASKS)}")
+    if not isinstance(name, str) or name not in TASKS:
+        raise InputError(f"task = {name!r}: {unknown(str(name), TASKS)}; expected one of {', '.join(TASKS)}")
     return TASKS[name]
 
 
 def ground_of(task: Task, scene: Scene, seed: int) -> Scene:
     """The scene on the task's ground, its robot just above it; bumps are drawn by `seed`.
 
-    A task that says nothing of the ground leaves the scene's own. Raises `InputError` where the scene has no ground, or
-    one that is not level although the task brings its own.
+    A task that says nothing of the ground leaves the scene's own, and supports stay where they are. Raises `InputError`
+    where the scene has no ground, or one that is not level although the task brings its own, and where a robot that is
+    to fall has supports.
     """
     ground, size = scene.ground, float(length_scale(scene))
     if ground is None:
@@ -78,31 +78,38 @@ def ground_of(task: Task, scene: Scene, seed: int) -> Scene:
             raise InputError("ground: this task brings its own; expected a scene on a level plane")
         surface = bumps(task.bumps, BUMPS * size, seed) if task.bumps else None
         ground = dataclasses.replace(ground, incline=task.incline, surface=surface)  # type: ignore[call-arg]
+    if scene.structure.fixed:
+        if task.fallen:
+            raise InputError("structure.fixed: this task lets the robot fall; expected one without supports")
+        return dataclasses.replace(scene, ground=ground)
     q = ground.set_down(np.asarray(scene.structure.nodes, float), -CLEAR * size, size)
     structure = dataclasses.replace(scene.structure, nodes=q)
     return dataclasses.replace(scene, ground=ground, structure=structure)
 
 
 def task_start(task: Task, scene: Scene, key: Any) -> State:
-    """A start, q and v, drawn by `key`, turned anyhow: at rest just above the ground, or falling from the air."""
+    """A start, q and v, drawn by `key`, turned anyhow: at rest just above the ground, or falling from the air.
+
+    A robot with supports starts as it is posed. The same key draws the same start in every precision.
+    """
     turns, heights, speeds, spins = jax.random.split(key, 4)
     q = jnp.asarray(scene.structure.nodes)
-    body = (q - centre_of_mass(scene, q)) @ _any_turn(jax.random.normal(turns, (4,), q.dtype)).T
+    if scene.structure.fixed:
+        return q, jnp.zeros_like(q)
+    body = (q - centre_of_mass(scene, q)) @ _any_turn(_normal(turns, 4).astype(q.dtype)).T
     size = length_scale(scene)
+    assert scene.ground is not None, "`ground_of` refuses a scene without a ground"
     if not task.fallen:
-        return lifted(scene.ground, body, CLEAR * size), jnp.zeros_like(q)
+        return scene.ground.set_above(body, CLEAR * size), jnp.zeros_like(q)
     falls = DROP[0] * speed_scale(scene), DROP[1] / time_scale(scene)
-    speed, spin = (each * jax.random.normal(k, (3,), q.dtype) for each, k in zip(falls, (speeds, spins)))
-    height = size * (CLEAR + jax.random.uniform(heights, (), q.dtype))
-    return lifted(scene.ground, body, height), speed + jnp.cross(spin, body)
+    speed, spin = (each * _normal(k, 3).astype(q.dtype) for each, k in zip(falls, (speeds, spins)))
+    height = size * (CLEAR + jax.random.uniform(heights, (), jnp.float32).astype(q.dtype))
+    return scene.ground.set_above(body, height), speed + jnp.cross(spin, body)
 
 
-def lifted(ground: Ground | None, q: NodeVectors, height: AnyArray | float) -> NodeVectors:
-    """The nodes moved up or down until the lowest is about `height`, m, above the ground."""
-    assert ground is not None, "`ground_of` refuses a scene without a ground"
-    for _ in range(2 if ground.surface is not None else 1):
-        q = q + jnp.array([0.0, 0.0, 1.0], q.dtype) * (height - jnp.min(ground.signed_distance(q)))
-    return q
+def _normal(key: Any, count: int) -> AnyArray:
+    """Normal deviates, (count,), drawn in float32 whatever the precision of the robot."""
+    return jax.random.normal(key, (count,), jnp.float32)
 
 
 def wanted_direction(task: Task, aim: AnyArray, place: AnyArray) -> AnyArray:
@@ -132,7 +139,7 @@ def progressed(
 
 def drawn_aim(task: Task, place: AnyArray, key: Any) -> AnyArray:
     """(2,), a heading, or a goal at its distance from `place`."""
-    angle = 2 * jnp.pi * jax.random.uniform(key, (), place.dtype)
+    angle = 2 * jnp.pi * jax.random.uniform(key, (), jnp.float32).astype(place.dtype)
     heading = jnp.stack([jnp.cos(angle), jnp.sin(angle)])
     return place[:2] + task.distance * heading if task.towards == "goal" else heading
 

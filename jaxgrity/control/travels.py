@@ -17,10 +17,11 @@ import numpy as np
 
 from jaxgrity.control.choices import GaitChoices
 from jaxgrity.control.closed_loop import Loop, drive, failures, loop_start, places, roll_on, taken_over
-from jaxgrity.control.obstacles import WayMap, gap, room
-from jaxgrity.control.plant import Plant, check_model, check_one, is_count, side_by_side, whole_number
+from jaxgrity.control.obstacles import SAME_REACH, WayMap, gap, reach_of, room
+from jaxgrity.control.plant import Plant, check_model, check_one, side_by_side, whole_number
 from jaxgrity.control.steering import clock_moved
 from jaxgrity.control.tasks import REACHED
+from jaxgrity.core.arguments import is_count
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, State
 from jaxgrity.model.structure import Structure
@@ -50,8 +51,8 @@ class Foresight(NamedTuple):
     """the largest bend, see `Steered`"""
     usual: float = 0.6
     """share of the samples that use the first gait; the others use any, the first and all images included"""
-    reach: float = 0.6
-    """m, how far the robot sticks out from its centre of mass"""
+    reach: float | None = None
+    """m, how far the robot sticks out from its centre of mass; None: as far as the maps say"""
     margin: float = 0.1
     """m, to be kept from obstacles beside that"""
     patience: float = 60.0
@@ -123,8 +124,8 @@ def travel(
 
     Raises:
         InputError: not as many robots as maps, a policy or a model that actuates other members than the robots, a model
-            with another period, maps for a smaller reach than the foresight's, times that are no multiples of each
-            other, or a foresight that makes no sense.
+            with another period, maps for a smaller reach than the robot's or the foresight's, times that are no
+            multiples of each other, or a foresight that makes no sense.
     """
     ticks, looks, choices = _counts(robots, model, maps, foresight)
     count = len(maps)
@@ -165,11 +166,10 @@ def _counts(robots: Plant, model: Plant, maps: Sequence[WayMap], foresight: Fore
     if robots.robots is None or robots.robots != len(maps):
         found = f"maps: there are {len(maps)}, for {robots.robots} robots"
         raise InputError(f"{found}; expected one for each, of `side_by_side`")
-    least = min(way.reach for way in maps)
-    if least < foresight.reach:
-        raise InputError(
-            f"maps: made for a reach of {least:g} m; expected at least {foresight.reach:g} m, as foresight"
-        )
+    least, reach = min(way.reach for way in maps), foresight.reach
+    needed = max(reach_of(model.scene), 0.0 if reach is None else reach)
+    if least < needed * (1 - SAME_REACH):
+        raise InputError(f"maps: made for a reach of {least:g} m; expected at least {needed:.3g} m, as the robot has")
     check_model(robots, model)
     check_one(model, "model")
     whole_number("a look", 1 / LOOKS, model.period)
@@ -179,8 +179,9 @@ def _counts(robots: Plant, model: Plant, maps: Sequence[WayMap], foresight: Fore
         raise InputError(f"{found}: expected at least 2 samples, and factors that are not negative")
     if not (0 <= foresight.widest <= 1 and 0 <= foresight.usual <= 1):
         raise InputError(f"widest = {foresight.widest:g}, usual = {foresight.usual:g}: expected numbers from 0 to 1")
-    if not (foresight.reach > 0 and foresight.margin >= 0 and foresight.within > 0):
-        found = f"reach, margin, within = {foresight.reach:g}, {foresight.margin:g}, {foresight.within:g} m"
+    if not ((reach is None or reach > 0) and foresight.margin >= 0 and foresight.within > 0):
+        own = least if reach is None else reach
+        found = f"reach, margin, within = {own:g}, {foresight.margin:g}, {foresight.within:g} m"
         raise InputError(f"{found}: expected a positive reach, and a positive distance from the goal")
     ticks = whole_number("interval", foresight.interval, robots.period)
     looks = whole_number("horizon", foresight.horizon, 1 / LOOKS)
@@ -249,7 +250,8 @@ def way_costs(path: np.ndarray, failed: np.ndarray, way: WayMap, foresight: Fore
     path = np.where(np.isfinite(path), path, 0.0)
     near = np.linalg.norm(path - way.goal, axis=-1) < foresight.within / 2
     there, first = near.any(0), near.argmax(0)
-    close = np.maximum(foresight.reach + foresight.margin - room(way.discs, path), 0)
+    reach = way.reach if foresight.reach is None else foresight.reach
+    close = np.maximum(reach + foresight.margin - room(way.discs, path), 0)
     before = np.arange(len(path))[:, None, None] <= np.where(there, first, len(path))
     touching = (close * before).max(0)
     arrives = there & (touching == 0)

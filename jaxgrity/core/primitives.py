@@ -280,7 +280,8 @@ def positive_part(x: PerMember) -> PerMember:
 @positive_part.defjvp
 def _positive_part_jvp(primals, tangents):
     (x,), (x_dot,) = primals, tangents
-    return positive_part(x), (x > 0).astype(x.dtype) * x_dot
+    # what is not a number stays so: a slack cable would hide it
+    return positive_part(x), (1 - (x <= 0).astype(x.dtype)) * x_dot
 
 
 def largest(x: PerMember) -> Scalar:

@@ -5,9 +5,11 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 
+from jaxgrity.core.arguments import check_number
 from jaxgrity.core.errors import InputError
 
 
@@ -23,10 +25,16 @@ def refuse_traced(tree: Any, where: str, instead: str = "differentiate a `rollou
 
 
 def as_incline(x: object) -> float:
-    """Of a plane, rad: a part of the compiled program itself. Raises `InputError` where it is being traced."""
+    """Of a plane, rad, less than a right angle: a part of the compiled program itself.
+
+    Raises `InputError` for another one, and where it is being traced.
+    """
     if isinstance(x, jax.core.Tracer):
         raise InputError("incline: it is being traced; expected a known number (gravity can lean instead: Scene.up)")
-    return float(x)  # type: ignore[arg-type]
+    incline = check_number("incline", x if isinstance(x, str) else np.asarray(x)[()], unit="rad")
+    if not abs(incline) < np.pi / 2:
+        raise InputError(f"incline = {incline:g} rad: expected an angle of less than pi/2 from level ground")
+    return incline
 
 
 def evaluated() -> AbstractContextManager:

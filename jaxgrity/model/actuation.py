@@ -5,6 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxgrity.core.arguments import check_all_finite, is_count
 from jaxgrity.core.display import of_report
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import place_rows, take_rows
@@ -52,6 +53,10 @@ class Gait(eqx.Module):
     def __check_init__(self):
         if isinstance(self.ramp, np.ndarray) and not np.all(self.ramp > 0):
             raise InputError(f"gait.ramp = {self.ramp}: expected a positive time, s, however short")
+        for k in self.members:
+            if not (is_count(k, 0) or is_count(-k, 0)):
+                raise InputError(f"gait.members = {list(self.members)}: expected whole numbers")
+        check_all_finite(self, "gait")
 
     def _repr_html_(self) -> str:
         return of_report("notebook", "gait_html")(self)

@@ -6,6 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from jaxgrity.core.arguments import check_all_finite, check_count, check_indices, check_vector
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import dot, inner, length, norm_squared, take_rows
 from jaxgrity.core.types import AnyArray, AnyNodeVectors, AnyPerNode, Scalar, as_float
@@ -28,6 +29,11 @@ class Wind(DissipationTerm):
     def __check_init__(self):
         if isinstance(self.drag, np.ndarray) and not np.all(self.drag >= 0):
             raise InputError(f"wind.drag = {self.drag.min()}: expected no negative number")
+        check_all_finite(self, "wind")
+
+    def check(self, nodes: int):
+        if len(self.velocity) != nodes:
+            raise InputError(f"wind: it is that on {len(self.velocity)} nodes; expected nodes = {nodes}, as there are")
 
     def dissipation(self, motion: Motion) -> Scalar:
         past = motion.v - self.velocity
@@ -62,12 +68,17 @@ class Push(DissipationTerm):
     cause: ClassVar[str] = "push"
 
     def __check_init__(self):
+        check_indices("push.nodes", self.nodes)
+        check_all_finite(self, "push")
         if np.shape(self.force) != (len(self.nodes), 3):
             raise InputError(
                 f"push.force has shape {np.shape(self.force)}; expected ({len(self.nodes)}, 3), a row a node"
             )
         if isinstance(self.ramp, np.ndarray) and not 0 < self.ramp <= self.duration / 2:
             raise InputError(f"push.ramp = {self.ramp}: expected more than 0 and at most half of the duration")
+
+    def check(self, nodes: int):
+        check_indices("push.nodes", self.nodes, nodes)
 
     def dissipation(self, motion: Motion) -> Scalar:
         t = motion.at.t - self.start
@@ -120,7 +131,7 @@ def wind(velocity, drag, nodes: int) -> Wind:
         The term, for `with_terms`.
 
     Raises:
-        InputError: where drag is negative.
+        InputError: where drag is negative, a number is not finite, or there is not one drag for each node.
 
     Example:
         >>> calm = jaxgrity.load_scene("exact")
@@ -128,4 +139,8 @@ def wind(velocity, drag, nodes: int) -> Wind:
         >>> [term.name for term in windy.terms]
         ['wind']
     """
+    nodes = check_count("wind.nodes", nodes, 1)
+    check_vector("wind.velocity", velocity)
+    if np.shape(drag) not in ((), (nodes,)):
+        raise InputError(f"wind.drag has shape {np.shape(drag)}; expected one number, or ({nodes},), one a node")
     return Wind(np.tile(np.asarray(velocity, float), (nodes, 1)), np.broadcast_to(np.asarray(drag, float), (nodes,)))

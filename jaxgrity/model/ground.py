@@ -9,6 +9,7 @@ import jax
 import numpy as np
 from numpy.typing import ArrayLike
 
+from jaxgrity.core.arguments import check_all_finite
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import component, half_squares, inner, positive_part
 from jaxgrity.core.tracing import as_incline
@@ -23,6 +24,7 @@ from jaxgrity.model.laws import (
     Symmetry,
     node_names,
 )
+from jaxgrity.model.placing import above, check_placed, down
 from jaxgrity.model.rigid_struts import LARGEST_GAP
 from jaxgrity.model.surface import AXES, DistanceAndAxes, Frame, Slope, Surface, as_double
 
@@ -30,8 +32,6 @@ UnitVector = tuple[float, float, float]
 
 ROUNDING = 1e-12
 """m, by which a node that stands on penalty ground is deeper than its weight says, of a body of one metre"""
-SETTLED_WITHIN = 100
-"""Most moves along the normal with which a structure is set down on uneven ground."""
 TOUCHING = 1e-6
 """Largest gap at which exact ground holds a node at rest, m for a body of one metre."""
 
@@ -60,6 +60,7 @@ class Ground(eqx.Module):
     """m: a node of a body of one metre touches the ground, in the frames of a trajectory, where phi is less"""
 
     def __check_init__(self):
+        check_all_finite(self, "ground")
         if self.surface is not None and self.incline:
             raise InputError(f"ground.incline = {self.incline}: it is that of the plane; expected none with a surface")
         if self.surface is None and self.offset is not None:
@@ -112,15 +113,21 @@ class Ground(eqx.Module):
 
     def set_down(self, q: np.ndarray, depth: float, size: float = 1.0) -> np.ndarray:
         """(nodes, 3): the nodes q, m, of a body of `size` (`length_scale`), moved along the lowest one's normal until
-        that is so deep (m) in the ground."""
-        for _ in range(SETTLED_WITHIN):
-            distance, axes = self.measured(q)
-            node = int(distance.argmin())
-            beyond = distance[node] + depth
-            q = q - beyond * axes[node, 0]
-            if self.surface is None or abs(beyond) < LARGEST_GAP / 10 * size:
-                break
-        return q
+        that is so deep (m) in the ground.
+
+        Where normals push it to and fro, as at an edge, it moves up or down. `InputError` where that does not help.
+        """
+        moved, ended = down(np.asarray(q, float), depth, LARGEST_GAP / 10 * size, self.measured, self.surface is None)
+        if not ended:
+            with jax.enable_x64(True):
+                moved = np.asarray(self.set_above(jax.numpy.asarray(q, float), -depth))
+            check_placed(self.measured(moved).distance, depth, size)
+        return moved
+
+    def set_above(self, q: NodeVectors, distance: Scalar) -> NodeVectors:
+        """The nodes q, m, moved up or down until the nearest is `distance` (m) from the ground; it can be traced."""
+        surface, moved = Slope(self.incline) if self.surface is None else self.surface, self._moved(q)
+        return q + above(moved, distance, surface.signed_distance, surface.height) - moved
 
     def keeps(self, symmetry: Symmetry) -> bool:
         """Whether the ground is the same after the map; of surfaces only what leaves every place where it is."""

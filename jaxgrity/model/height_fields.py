@@ -4,9 +4,11 @@ from collections.abc import Callable
 from typing import ClassVar
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxgrity.core.arguments import as_table, check_count, check_finite, check_index, check_number, check_vector
 from jaxgrity.core.elementwise import clipped, sine
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import population_last
@@ -33,8 +35,14 @@ class HeightFunction(HeightField):
     function: Callable = eqx.field(static=True)
     """h, m"""
 
+    def __check_init__(self):
+        if not callable(self.function):
+            raise InputError(f"heights = {self.function!r}: expected a function of x and y, m")
+
     def height(self, x, y):
-        return self.function(x, y)
+        h = self.function(x, y)
+        # a height that is no number has no slope either: else nodes would fall through it without a failure
+        return h + 0 * (x - jax.lax.stop_gradient(x)) * jax.lax.stop_gradient(h)
 
 
 class Waves(HeightField):
@@ -53,6 +61,8 @@ class Waves(HeightField):
         shapes = {name: np.shape(value) for name, value in vars(self).items()}
         if len(set(shapes.values())) > 1 or len(shapes["amplitude"]) != 1:
             raise InputError(f"waves: shapes {shapes}; expected one number a wave in each")
+        if isinstance(self.length, np.ndarray) and not np.all(self.length > 0):
+            raise InputError(f"waves.length = {self.length.tolist()}: expected positive numbers")
 
     def height(self, x, y):
         found = 0 * x
@@ -75,16 +85,17 @@ def bumps(deviation: float, length: float, seed: int, waves: int = 8) -> Waves:
         The surface.
 
     Raises:
-        InputError: where a size is not positive.
+        InputError: where a size is not positive, or a count or a seed is no whole number.
 
     Example:
         >>> ground = jaxgrity.PenaltyGround(1e4, 2.0, surface=jaxgrity.bumps(deviation=0.03, length=0.8, seed=0))
         >>> ground.height([0.0, 0.5], [0.0, 0.0]).shape  # m, at two places
         (2,)
     """
-    for name, value in {"deviation": deviation, "length": length, "waves": waves}.items():
-        if not value > 0:
-            raise InputError(f"bumps.{name} = {value}: expected a positive number")
+    for name, value in {"deviation": deviation, "length": length}.items():
+        check_number(f"bumps.{name}", value, above=0.0)
+    check_count("bumps.waves", waves, 1)
+    check_index("bumps.seed", seed)
     draw = np.random.default_rng(seed)
     return Waves(
         amplitude=np.full(waves, deviation * np.sqrt(2 / waves)),
@@ -132,7 +143,7 @@ def height_map(heights, size: tuple[float, float], centre: tuple[float, float] =
         The surface.
 
     Raises:
-        InputError: where the grid is too small, a height is not finite, or a size not positive.
+        InputError: where heights are no table, or too few, one is not finite, or a size not positive.
 
     Example:
         >>> ramp = jaxgrity.height_map([[0.0] * 5, [0.1] * 5, [0.2] * 5, [0.3] * 5], size=(3.0, 4.0))
@@ -140,12 +151,12 @@ def height_map(heights, size: tuple[float, float], centre: tuple[float, float] =
         >>> ground.height([-1.5, -0.5], [0.0, 0.0]).round(6).tolist()  # m, in the first and in the second row
         [0.0, 0.1]
     """
-    h, extent = np.asarray(heights, float), np.asarray(size, float)
+    h, extent = as_table("heights", heights), np.asarray(size, float)
     if h.ndim != 2 or min(h.shape) < 4:
         raise InputError(f"heights has shape {h.shape}; expected a table, at least 4 by 4")
-    if not np.isfinite(h).all():
-        raise InputError("heights: some are not finite; expected finite numbers, m")
-    if extent.shape != (2,) or not np.all(extent > 0):
+    check_finite("heights", h)
+    check_vector("centre", np.asarray(centre, float), 2)
+    if extent.shape != (2,) or not np.all((extent > 0) & np.isfinite(extent)):
         raise InputError(f"size = {size}: expected two positive numbers, m")
     coefficients = _coefficients(_coefficients(h).T).T
     return HeightMap(coefficients, np.asarray(centre) - extent / 2, extent / (np.array(h.shape) - 1))

@@ -114,6 +114,9 @@ class Law(eqx.Module):
     def keeps(self, symmetry: Symmetry) -> bool:
         """Whether the law is the same after the map, so that it maps motions on motions."""
 
+    def check(self, nodes: int) -> None:
+        """Raises `InputError` where the law does not fit a structure of so many nodes."""
+
     def during(self, begin: Scalar | AnyArray, end: Scalar) -> "Law":
         """The law that acts at each time from `begin` to `end`, s, as this one does in their mean.
 

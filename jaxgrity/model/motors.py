@@ -8,6 +8,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from jaxgrity.core.arguments import check_all_finite, check_index, check_scalar
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, Scalar, as_float, as_float_or_none
 
@@ -35,7 +36,11 @@ class Motor(eqx.Module):
     """m, the length at which the spool stops; None: it does not"""
 
     def __check_init__(self):
+        check_index("motor.member", self.member)
         where = f"motor of member {self.member}"
+        check_all_finite(self, where)
+        for name in ("rate", "lag", "smallest"):
+            check_scalar(f"{where}.{name}", 0.0 if getattr(self, name) is None else getattr(self, name))
         if np.ndim(self.times) != 1 or np.shape(self.times) != np.shape(self.lengths) or not np.size(self.times):
             shapes = f"times has shape {np.shape(self.times)}, lengths {np.shape(self.lengths)}"
             raise InputError(f"{where}: {shapes}; expected a length for each time")

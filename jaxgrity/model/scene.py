@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxgrity.core.arguments import check_all_finite
 from jaxgrity.core.display import of_report
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.functions import hold_functions
@@ -67,6 +68,7 @@ class Scene(eqx.Module):
     """what rollouts compute once for all their steps; None: it is computed where needed"""
 
     def __check_init__(self):
+        check_all_finite(self)
         nodes = len(self.structure.nodes)
         for name, shape in (("node_damping", (nodes,)), ("up", (nodes, 3))):
             value = getattr(self, name)
@@ -74,6 +76,7 @@ class Scene(eqx.Module):
                 raise InputError(f"{name} has shape {np.shape(value)}; expected {shape}, a row for each node")
         for term in self.terms:
             _check_term(term)
+            term.check(nodes)
         if self.friction is not None:
             if self.ground is None:
                 raise InputError("friction needs a ground to act on; expected [ground] beside [friction]")

@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxgrity.core.arguments import check_scalar, check_vector
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import place_rows
 from jaxgrity.core.tracing import evaluated, traced
@@ -65,8 +66,9 @@ class Shaking(SupportMotion):
         return jnp.stack([self.start, self.start + self.ramp])
 
     def __check_init__(self):
-        if np.shape(self.amplitude)[:1] != (3,):
-            raise InputError(f"shaking.amplitude has shape {np.shape(self.amplitude)}; expected (3,), x, y and z")
+        check_vector("shaking.amplitude", self.amplitude)
+        for name in ("frequency", "start", "ramp"):
+            check_scalar(f"shaking.{name}", getattr(self, name))
         for name, fine, expected in (
             ("start", lambda x: x >= 0, "0 or more, since supports begin at rest"),
             ("ramp", lambda x: x > 0, "a positive number"),
@@ -74,6 +76,15 @@ class Shaking(SupportMotion):
             value = getattr(self, name)
             if isinstance(value, np.ndarray) and not fine(value):
                 raise InputError(f"shaking.{name} = {value}: expected {expected}")
+
+    def check(self, structure):
+        super().check(structure)
+        if traced(self.amplitude):
+            return
+        held = {axis for _, axes in structure.fixed for axis in axes}
+        free = [axis for axis, size in zip("xyz", np.abs(self.amplitude)) if size > 0 and axis not in held]
+        if free:
+            raise InputError(f"shaking.amplitude along {free[0]}: no support is fixed so; expected 0, or one that is")
 
     def displacement(self, t):
         since = t - self.start

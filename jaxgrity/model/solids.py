@@ -5,6 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxgrity.core.arguments import check_count, check_scalar, check_vector
 from jaxgrity.core.elementwise import larger, magnitude, smaller
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import positive_part
@@ -26,6 +27,8 @@ class Sphere(Surface):
     smooth = property(lambda self: self.hollow)
 
     def __check_init__(self):
+        check_vector("sphere.centre", self.centre)
+        check_scalar("sphere.radius", self.radius)
         _check_size("sphere", "radius", self.radius)
 
     def level(self, x, y, z):
@@ -53,6 +56,10 @@ class Box(Surface):
     """m, radius of its edges"""
 
     def __check_init__(self):
+        for name in ("centre", "size"):
+            check_vector(f"box.{name}", getattr(self, name))
+        for name in ("turn", "rounding"):
+            check_scalar(f"box.{name}", getattr(self, name))
         _check_size("box", "size", self.size)
         _check_rounding("box", self.rounding, self.size)
 
@@ -83,6 +90,10 @@ class Cylinder(Surface):
     """m, radius of the edges of its ends"""
 
     def __check_init__(self):
+        for name in ("start", "end"):
+            check_vector(f"cylinder.{name}", getattr(self, name))
+        for name in ("radius", "rounding"):
+            check_scalar(f"cylinder.{name}", getattr(self, name))
         _check_size("cylinder", "radius", self.radius)
         _check_rounding("cylinder", self.rounding, self.radius * 2)
         if isinstance(self.start, np.ndarray) and isinstance(self.end, np.ndarray) and np.all(self.start == self.end):
@@ -119,11 +130,12 @@ class Stairs(Surface):
     """m, radius of the steps' edges"""
 
     def __check_init__(self):
+        check_count("stairs.steps", self.steps, 1)
+        for name in ("rise", "run", "start", "turn", "rounding"):
+            check_scalar(f"stairs.{name}", getattr(self, name))
         for name in ("rise", "run"):
             _check_size("stairs", name, getattr(self, name))
         _check_rounding("stairs", self.rounding, np.inf if self.steps == 1 else self.run)
-        if self.steps < 1:
-            raise InputError(f"stairs.steps = {self.steps}: expected at least 1")
 
     def level(self, x, y, z):
         ahead = self._ahead(x, y)

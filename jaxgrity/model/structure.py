@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import equinox as eqx
 import numpy as np
 
+from jaxgrity.core.arguments import is_count
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import accumulate, edge_vectors, place_rows
 from jaxgrity.core.types import (
@@ -51,6 +52,9 @@ class Members(eqx.Module):
     def __check_init__(self):
         if not self.edges:
             raise InputError("members: there are no edges; expected at least one, or None where there are no members")
+        for k, edge in enumerate(self.edges):
+            if len(edge) != 2 or not all(isinstance(node, int | np.integer) for node in edge):
+                raise InputError(f"members.edges[{k}] = {edge}: expected two nodes, as whole numbers")
         for name in ("stiffness", "rest_length", "damping", "mass"):
             value = getattr(self, name)
             if value is not None and np.shape(value) != (len(self.edges),):
@@ -183,7 +187,10 @@ def _check_clusters_and_motors(members: Members) -> None:
 
 
 def _check_supports(fixed: Supports, nodes: int) -> None:
-    for node, axes in fixed:
+    for support in fixed:
+        if np.ndim(support) != 1 or len(support) != 2 or not is_count(support[0], 0) or not isinstance(support[1], str):
+            raise InputError(f"structure.fixed has {support!r}; expected a node and its axes, such as (0, 'xyz')")
+        node, axes = support
         if not 0 <= node < nodes:
             raise InputError(f"structure.fixed names node {node}; expected 0 to {nodes - 1}")
         if not axes or set(axes) - set("xyz") or len(set(axes)) < len(axes):

@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxgrity.core.arguments import check_all_finite
 from jaxgrity.core.primitives import along, component, inner, ones, over
 from jaxgrity.core.tracing import as_incline
 from jaxgrity.core.types import AnyArray, NodeVectors, PerNode
@@ -40,6 +41,9 @@ class Surface(eqx.Module):
     Signed distance phi = f/|grad f|, and normal n = grad f/|grad f|, with f = `level` and its gradient by `jax.grad`.
     Where f is a distance itself, phi = f; elsewhere phi is one to first order near the surface.
     """
+
+    def __check_init__(self):
+        check_all_finite(self, type(self).__name__.lower())
 
     @abstractmethod
     def level(self, x: PerNode, y: PerNode, z: PerNode) -> PerNode:

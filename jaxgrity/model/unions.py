@@ -35,8 +35,8 @@ class Union(Surface):
     parts: tuple[Surface, ...]
 
     def __check_init__(self):
-        if not self.parts:
-            raise InputError("union: there are no parts; expected at least one surface")
+        if not (isinstance(self.parts, tuple) and self.parts and all(isinstance(part, Surface) for part in self.parts)):
+            raise InputError(f"union.parts = {self.parts}: expected at least one surface, in a tuple")
         if traced(self.parts):
             return
         for first, second, below in _touching(self.parts):

@@ -3,6 +3,7 @@
 import jax.numpy as jnp
 import numpy as np
 
+from jaxgrity.core.arguments import check_all_finite
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.remembered import remembered
 from jaxgrity.core.tracing import evaluated, traced
@@ -25,8 +26,9 @@ def check_start(scene: Scene, positions: NodeVectors | None = None, since: Scala
     """Refuse a start, at `since` (s), from which one step would have to jump onto its constraints.
 
     Positions (nodes, 3), m, are the structure's own where not given. Numbers that are being traced are not looked at:
-    they get a failure code (`start_failure`).
+    they get a failure code (`start_failure`). A scene with a known number that is not finite is refused too.
     """
+    check_all_finite(scene, on_devices=True)
     if traced((scene, positions, since)):
         return
     q = np.asarray(scene.structure.nodes if positions is None else positions, float)

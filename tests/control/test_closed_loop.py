@@ -494,7 +494,7 @@ class Short(control.Policy):
             "every = 0, delay = 0 control periods; expected whole numbers",
         ),
         (lambda scene: centre_offsets(scene.structure, (0, 6)), "expected struts alone"),
-        (lambda scene: control.plant_of(scene, (99,)), "gait.members names member 99"),
+        (lambda scene: control.plant_of(scene, (99,)), r"members\[0\] = 99: expected a whole number from 0 to 29"),
         (
             lambda scene: control.plant_of(
                 jaxgrity.load_scene("reference"), (0,), options=SolverOptions(method="tsit5")

@@ -62,9 +62,9 @@ def test_an_episode_is_over_at_the_goal_and_where_the_rollout_fails(goal, jitted
     """A failed one has an observation and a reward of zero."""
     reset, step = jitted
     state = reset(jax.random.key(0))
-    plant, _, average = state.pipeline_state
+    plant, _, average, _ = state.pipeline_state
     place = jaxgrity.stepping.centre_of_mass(goal.plant.scene, plant.motion[0])[:2]
-    there = step(state.replace(pipeline_state=Situation(plant, place, average)), jnp.zeros(6))
+    there = step(state.replace(pipeline_state=Situation(plant, place, average, jnp.zeros((), jnp.int32))), jnp.zeros(6))
     assert there.done == there.metrics["reached"] == 1
     away = there.pipeline_state._replace(aim=place + 5)
     later = step(there.replace(pipeline_state=away), jnp.ones(6))
@@ -73,7 +73,7 @@ def test_an_episode_is_over_at_the_goal_and_where_the_rollout_fails(goal, jitted
     assert there.reward != 0 == later.reward
     q, v = plant.motion
     broken = plant._replace(motion=(q * jnp.nan, v))
-    lost = step(state.replace(pipeline_state=Situation(broken, place, average)), jnp.zeros(6))
+    lost = step(state.replace(pipeline_state=Situation(broken, place, average, jnp.zeros((), jnp.int32))), jnp.zeros(6))
     assert lost.done == lost.metrics["failed"] == 1
     assert lost.reward == 0
     assert not lost.obs.any()
@@ -190,22 +190,34 @@ def test_tasks_keep_the_ground_that_they_do_not_bring(scene):
 
 
 @pytest.mark.slow
-def test_wrappers_of_brax_accept_environments(goal):
-    """Where Brax is installed, with its own: mapped, with episodes that begin anew, and sums of what happened."""
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_wrappers_of_brax_accept_environments(dtype, scene):
+    """Where Brax is installed, with its own, float64 being allowed: as long episodes as the environment's own, which
+    are cut and begin anew, also after failures, and sums of what happened; in a scan, as learners roll out."""
     training = pytest.importorskip("brax.envs.wrappers.training")
+    options = SolverOptions(dt=0.01, dtype=dtype)
+    goal = control.environment("goal", scene, options=options, seconds=0.15, motors=control.MotorLimits(stroke=0.3))
     env = training.EvalWrapper(training.wrap(goal, episode_length=15))
-    step = jax.jit(env.step)
-    state = jax.jit(env.reset)(jax.random.split(jax.random.PRNGKey(0), 3))
-    start = state.obs
-    for _ in range(15):
-        assert not state.done.any()
-        state = step(state, jnp.ones((3, 6)))
-    assert state.done.all()
-    np.testing.assert_array_equal(state.obs, start)
-    np.testing.assert_array_equal(state.info["eval_metrics"].episode_steps, 15)
-    again = step(state, jnp.ones((3, 6)))
-    assert not again.done.any()
-    assert int(again.pipeline_state.plant.tick[0]) == 1
+    start = jax.jit(env.reset)(jax.random.split(jax.random.PRNGKey(0), 3))
+    actions = np.ones((31, 3, 6), np.float32)
+    actions[4, 1, 2] = np.nan
+
+    def step(state, action):
+        state = env.step(state, action)
+        return state, (state.done, state.info["truncation"], state.metrics["failed"], state.obs)
+
+    end, (done, cut, failed, obs) = jax.jit(lambda s, a: jax.lax.scan(step, s, a))(start, actions)
+    ends = [[14, 29], [4, 19], [14, 29]]
+    for k, expected in enumerate(ends):
+        np.testing.assert_array_equal(np.flatnonzero(done[:, k]), expected)
+        np.testing.assert_array_equal(np.flatnonzero(cut[:, k]), [tick for tick in expected if tick != 4])
+        for tick in expected:
+            np.testing.assert_array_equal(obs[tick, k], start.obs[k])
+    np.testing.assert_array_equal(np.argwhere(failed), [[4, 1]])
+    np.testing.assert_array_equal(end.info["eval_metrics"].episode_steps, [15, 5, 15])
+    np.testing.assert_array_equal(end.info["eval_metrics"].episode_metrics["failed"], [0, 1, 0])
+    np.testing.assert_array_equal(end.pipeline_state.plant.tick, [1, 11, 1])
+    assert np.isfinite(obs).all()
 
 
 @pytest.mark.parametrize(

@@ -95,6 +95,29 @@ def test_obstacles_of_a_scene_are_discs(scene):
         control.discs_of(replace(scene.ground, surface=jaxgrity.Stairs(0.1, 0.3)))
 
 
+def test_obstacles_of_ground_that_was_moved_are_where_it_is(scene):
+    """As far along as it."""
+    posts = Union((Slope(), Cylinder([2, 1, -1], [2, 1, 1], 0.3)))
+    moved = replace(scene.ground, surface=posts, offset=np.tile([0.5, -0.25, 0.1], (12, 1)))
+    np.testing.assert_allclose(control.discs_of(moved).centres, [[2.5, 0.75]])
+    assert moved.height([2.5], [0.75])[0] == pytest.approx(1.1)
+
+
+def test_ways_are_as_wide_as_the_robot(scene):
+    """A gate of 2 m lets a robot of one metre through, and none of two; a reach less than its own is refused."""
+    gate = Discs(np.array([[4.0, 1.5], [4.0, -1.5]]), np.array([0.5, 0.5]))
+    small, large = scene, replace(scene, structure=replace(scene.structure, nodes=2 * scene.structure.nodes))
+    assert control.reach_of(small) == pytest.approx(np.sqrt(5) / 4)
+    goal, arena = np.array([8.0, 0.0]), (-2.0, -1.9, 10.0, 1.9)
+    through, not_through = (control.way_map(gate, goal, arena, robot=robot) for robot in (small, large))
+    assert through.to_go(np.zeros(2)) == pytest.approx(8.0, rel=0.2)
+    assert not_through.way(np.zeros(2)).shape == (1, 2)
+    assert (through.reach, not_through.reach) == (control.reach_of(small), control.reach_of(large))
+    assert control.way_map(gate, goal, arena).reach == 0.6
+    with pytest.raises(InputError, match=r"reach = 0.6 m: the robot sticks out 1.12 m; expected at least that"):
+        control.way_map(gate, goal, arena, robot=large, reach=0.6)
+
+
 def test_gaits_to_choose_from_have_all_images_of_gaits_but_for_shifts_of_time(scene):
     """The travelling wave is its own image; of gaits that turn there are as many as ways to swap strut pairs."""
     gaits = {name: PhaseLocked(jaxgrity.load_gait(name)) for name in ("lasting", "left")}

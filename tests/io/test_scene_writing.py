@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import get_args
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -229,7 +230,7 @@ REFUSED = {
         "ground.surface is a Slope",
     ),
     "not a number": (
-        lambda scene: dataclasses.replace(scene, gravity=np.nan),
+        lambda scene: dataclasses.replace(scene, gravity=jnp.asarray(np.nan)),
         "gravity.g = nan: expected a finite number",
     ),
     "a stiffness of 0": (

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from jaxgrity import ExactGround, InputError, PenaltyGround
+from jaxgrity import Box, ExactGround, InputError, PenaltyGround, Union
+from jaxgrity.model.surface import Slope
 
 
 @pytest.mark.parametrize("value", [0.0, -1.0, np.nan])
@@ -43,3 +44,13 @@ def test_what_each_ground_answers_by(reference, exact):
     assert exact.ground.normal_force(q, 0 * q) is None
     assert not reference.ground.impulsive
     assert exact.ground.impulsive
+
+
+def test_a_body_is_set_down_at_an_edge_where_normals_push_it_to_and_fro(exact):
+    """And refused where its nodes are nowhere."""
+    ground = ExactGround(surface=Union((Slope(), Box([0.3, 0.2, 0.15], [0.3, 0.4, 0.5]))))
+    nodes = np.asarray(exact.structure.nodes)
+    for depth in (-0.02, 0.0, 0.001):
+        assert ground.measured(ground.set_down(nodes, depth)).distance.min() == pytest.approx(-depth, abs=1e-6)
+    with pytest.raises(InputError, match=r"the lowest node cannot be set down .* expected finite nodes, and ground"):
+        ground.set_down(np.nan * nodes, 0.0)

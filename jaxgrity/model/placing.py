@@ -1,0 +1,78 @@
+"""How a body is set on a ground of any shape: moved until it is as far above it, or as deep in it, as it should be."""
+
+from collections.abc import Callable
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxgrity.core.errors import InputError
+from jaxgrity.core.types import AnyArray, NodeVectors, PerNode, Scalar
+from jaxgrity.model.rigid_struts import LARGEST_GAP
+from jaxgrity.model.surface import DistanceAndAxes, coordinates
+
+SETTLED_WITHIN = 100
+"""moves along the normal, by which a structure is set down on uneven ground"""
+DOUBLINGS, HALVINGS = 24, 60
+"""how often the height above which it is far enough is doubled, and the range of heights is halved"""
+
+
+def down(
+    q: np.ndarray, depth: float, within: float, measured: Callable[[np.ndarray], DistanceAndAxes], plane: bool
+) -> tuple[np.ndarray, bool]:
+    """The nodes moved along the lowest one's normal until that is so deep (m) in the ground, and whether that ended."""
+    for _ in range(SETTLED_WITHIN):
+        distance, axes = measured(q)
+        node = int(distance.argmin())
+        beyond = distance[node] + depth
+        q = q - beyond * axes[node, 0]
+        if plane or abs(beyond) < within:
+            return q, bool(np.isfinite(q).all())
+    return q, False
+
+
+@eqx.filter_jit
+def above(
+    q: NodeVectors,
+    distance: Scalar,
+    distances: Callable[[NodeVectors], PerNode],
+    height: Callable[[PerNode, PerNode], PerNode],
+) -> NodeVectors:
+    """The nodes moved up or down until the nearest one is at a `distance` (m) from the ground, as `distances` say.
+
+    No node is below the highest point of the ground under it, so that none starts inside a solid or below a roof; of
+    a negative distance they are as deep in it. Where there is no ground below any node, they keep their height.
+    """
+    x, y, z = coordinates(q)
+    lowest = jnp.max(height(x, y) - z)
+    lowest = jnp.where(jnp.isfinite(lowest), lowest, 0).astype(q.dtype)
+    distance = jnp.asarray(distance, q.dtype)
+    up = jnp.array([0.0, 0.0, 1.0], q.dtype)
+
+    def near(lift: Scalar) -> AnyArray:
+        return jnp.min(distances(q + lift * up)) < distance
+
+    def apart(_, ends: tuple[Scalar, Scalar]) -> tuple[Scalar, Scalar]:
+        low, high = ends
+        return jnp.where(near(low), low, 2 * low - lowest), jnp.where(near(high), 2 * high - lowest, high)
+
+    def halved(_, ends: tuple[Scalar, Scalar]) -> tuple[Scalar, Scalar]:
+        low, high = ends
+        middle = (low + high) / 2
+        below = near(middle)
+        return jnp.where(below, middle, low), jnp.where(below, high, middle)
+
+    first = lowest + jnp.minimum(distance, 0), lowest + jnp.maximum(distance, 0)
+    ends = jax.lax.fori_loop(0, DOUBLINGS, apart, first)
+    return q + jax.lax.fori_loop(0, HALVINGS, halved, ends)[1] * up
+
+
+def check_placed(distance: np.ndarray, depth: float, size: float) -> None:
+    """Refuse nodes at these distances (m), of a body of `size`, of which the lowest is not so deep in the ground."""
+    missed = float(distance.min()) + depth
+    if not abs(missed) <= LARGEST_GAP * size:
+        raise InputError(
+            f"ground: the lowest node cannot be set down {depth:.3g} m deep in it, but for {missed:.3g} m; "
+            "expected finite nodes, and ground below them"
+        )

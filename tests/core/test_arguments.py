@@ -1,0 +1,63 @@
+"""Arguments: one rule for each kind, and one line for what breaks it."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxgrity import InputError
+from jaxgrity.core import arguments
+
+
+@pytest.mark.parametrize("bad", [2.5, -1, "2", True, np.nan, None, [1]])
+def test_counts_and_indices_are_whole_numbers(bad):
+    with pytest.raises(InputError, match=r"here = .*: expected a whole number, at least 0"):
+        arguments.check_count("here", bad, 0)
+    with pytest.raises(InputError, match=r"here = .*: expected a whole number from 0 to 9"):
+        arguments.check_index("here", bad, 10)
+    assert arguments.check_count("here", np.int32(3), 0) == arguments.check_index("here", 3, 4) == 3
+
+
+def test_an_index_is_less_than_there_are_and_comes_once():
+    with pytest.raises(InputError, match=r"nodes\[1\] = 4: expected a whole number from 0 to 3"):
+        arguments.check_indices("nodes", (0, 4), 4)
+    with pytest.raises(InputError, match=r"nodes = \[1, 1\]: expected each number once"):
+        arguments.check_indices("nodes", [1, 1])
+    with pytest.raises(InputError, match="nodes = 1: expected a list of whole numbers"):
+        arguments.check_indices("nodes", 1)
+    assert arguments.check_indices("nodes", np.array([2, 0]), 3) == (2, 0)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, "half", None, True, [1.0], 1j])
+def test_a_number_is_one_finite_number(bad):
+    with pytest.raises(InputError, match=r"size = .* m: expected a positive number"):
+        arguments.check_number("size", bad, above=0.0, unit="m")
+
+
+def test_bounds_of_a_number_are_said():
+    with pytest.raises(InputError, match="x = -1: expected a finite number, at least 0"):
+        arguments.check_number("x", -1, least=0.0)
+    with pytest.raises(InputError, match="x = 1: expected a finite number above 2"):
+        arguments.check_number("x", 1.0, above=2.0)
+    assert arguments.check_number("x", np.array(3), above=2.0) == 3.0
+
+
+def test_vectors_have_a_length_and_finite_numbers():
+    with pytest.raises(InputError, match=r"way has shape \(2,\); expected \(3,\)"):
+        arguments.check_vector("way", [1, 2])
+    with pytest.raises(InputError, match=r"way\[1\] = nan: expected a finite number"):
+        arguments.check_vector("way", [1, np.nan, 2])
+    with pytest.raises(InputError, match="heights: expected rows of numbers, all of one length"):
+        arguments.as_table("heights", [[1, 2], [3]])
+
+
+def test_the_first_number_of_a_tree_that_is_none_is_named_by_its_path():
+    """Those of JAX where asked; those that are traced never."""
+    tree = {"a": (np.ones(2), np.array([[1.0, np.nan]]))}
+    with pytest.raises(InputError, match=r"part\['a'\]\[1\]\[0, 1\] = nan: expected a finite number"):
+        arguments.check_all_finite(tree, "part")
+    device = {"a": jnp.array([np.inf])}
+    arguments.check_all_finite(device)
+    with pytest.raises(InputError, match=r"\['a'\]\[0\] = inf"):
+        arguments.check_all_finite(device, on_devices=True)
+    jax.jit(lambda x: arguments.check_all_finite(x, on_devices=True))(device)
