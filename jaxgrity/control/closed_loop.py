@@ -10,6 +10,7 @@ import numpy as np
 
 from jaxgrity.control.plant import Plant, PlantState, actuate, check_one, observe, plant_start, whole_state
 from jaxgrity.control.policies import Memory, Policy
+from jaxgrity.core.arguments import typed
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, State
 from jaxgrity.model.scene import floats_as
@@ -39,6 +40,7 @@ class Drive(NamedTuple):
     """index into `FAILURES`, of each robot; 0: succeeded"""
 
 
+@typed
 def loop_start(plant: Plant, policy: Policy, key: Any, start: State | None = None, *, each: bool = False) -> Loop:
     """At t = 0; from `start`, q and v, where given, else as the scene stands.
 
@@ -72,6 +74,7 @@ def _placed(plant: Plant, start: State | None) -> State | None:
     return start[0], jnp.where(misplaced != 0, jnp.nan, start[1])
 
 
+@typed
 def roll_on(
     plant: Plant, policy: Policy, loop: Loop, ticks: int, keep: Callable[[PlantState], Any], *, each: bool = False
 ) -> tuple[Loop, Any]:
@@ -98,6 +101,7 @@ def roll_on(
 
 
 @eqx.filter_jit
+@typed
 def drive(plant: Plant, policy: Policy, loop: Loop, ticks: int, samples: int = 1, *, each: bool = False) -> Drive:
     """Roll on for `samples` times so many control periods, and look at the centre of mass after each of them."""
 
@@ -143,6 +147,7 @@ def taken_over(model: Plant, loop: Loop, each: int) -> Loop:
     return Loop(state, jax.tree.map(spread, loop.memory))
 
 
+@typed
 def simulate_policy(
     plant: Plant, policy: Policy, duration: float, *, start: State | None = None, seed: int = 0
 ) -> Trajectory:

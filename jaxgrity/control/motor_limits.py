@@ -4,6 +4,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from jaxgrity.core.arguments import typed
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray
 
@@ -36,6 +37,7 @@ class MotorLimits(eqx.Module):
             raise InputError(f"motors.stroke = {self.stroke}: expected less than 1, a fraction of a member's length")
 
 
+@typed
 def contraction_reached(
     motors: MotorLimits, now: AnyArray, wanted: AnyArray, period: float, lengths: AnyArray, tension: AnyArray | None
 ) -> AnyArray:

@@ -7,6 +7,7 @@ from scipy.ndimage import map_coordinates
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import dijkstra
 
+from jaxgrity.core.arguments import typed
 from jaxgrity.core.errors import InputError
 from jaxgrity.model.ground import Ground
 from jaxgrity.model.height_fields import HeightField
@@ -30,6 +31,7 @@ class Discs(NamedTuple):
     """(discs,), m"""
 
 
+@typed
 def discs_of(ground: Ground | None) -> Discs:
     """The discs about the obstacles of a scene's ground, seen from above; about a box that through its corners.
 
@@ -58,6 +60,7 @@ def discs_of(ground: Ground | None) -> Discs:
     return Discs(table[:, :2], table[:, 2])
 
 
+@typed
 def room(discs: Discs, places: np.ndarray) -> np.ndarray:
     """(...,), m, from each of `places` (..., 2) to the nearest disc's edge; negative inside; infinite without discs."""
     if not len(discs.radii):
@@ -66,6 +69,7 @@ def room(discs: Discs, places: np.ndarray) -> np.ndarray:
     return np.asarray((away - discs.radii).min(-1))
 
 
+@typed
 def gap(discs: Discs, structure: Structure, q: np.ndarray) -> np.ndarray:
     """(...,), m, between a robot at `q` (..., nodes, 3) and the nearest disc, seen from above; negative: it touches.
 
@@ -133,6 +137,7 @@ class WayMap(NamedTuple):
         return np.array(found)
 
 
+@typed
 def way_map(
     discs: Discs,
     goal: np.ndarray,

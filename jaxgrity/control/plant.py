@@ -14,6 +14,7 @@ import numpy as np
 
 from jaxgrity.control.motor_limits import MotorLimits, contraction_reached
 from jaxgrity.control.sensors import Observation, Readings, Sensors, first_readings, measure, read
+from jaxgrity.core.arguments import typed
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, State
 from jaxgrity.model.actuation import Command, Gait, actuated_lengths
@@ -110,6 +111,7 @@ def whole_number(name: str, seconds: float, part: float) -> int:
     return count
 
 
+@typed
 def plant_of(
     scene: Scene,
     members: tuple[int, ...],
@@ -155,6 +157,7 @@ def plant_of(
     return Plant(bare, members, resolved, float(period), sensors, motors)
 
 
+@typed
 def side_by_side(plant: Plant, robots: int, differences: Differences | None = None) -> Plant:
     """The plant of so many robots, which differ; the rows of `differences` are robots.
 
@@ -176,6 +179,7 @@ def side_by_side(plant: Plant, robots: int, differences: Differences | None = No
     return replace(plant, scene=bare, robots=robots)
 
 
+@typed
 def plant_start(plant: Plant, key: Any, start: State | None = None) -> PlantState:
     """At t = 0, with motors at rest and sensors awake; from `start`, q and v, where given, else as the scene stands.
 
@@ -216,6 +220,7 @@ def sense_now(plant: Plant, state: PlantState) -> Observation:
     return _lift_of(plant, scene)(measure, axes)(scene, state.tick * plant.period, *state.motion)
 
 
+@typed
 def observe(plant: Plant, state: PlantState) -> tuple[Observation, PlantState]:
     """What sensors say, and the state after they were read: once in a control period, before `actuate`."""
     key, of_noise = jax.random.split(state.key)
@@ -223,6 +228,7 @@ def observe(plant: Plant, state: PlantState) -> tuple[Observation, PlantState]:
     return seen, state._replace(readings=readings, key=key)
 
 
+@typed
 def actuate(plant: Plant, state: PlantState, wanted: AnyArray) -> PlantState:
     """One control period later: motors move towards the contractions that are `wanted`, at a constant rate.
 

@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxgrity.core.arguments import typed
 from jaxgrity.core.errors import InputError, unknown
 from jaxgrity.core.types import AnyArray, NodeVectors, State
 from jaxgrity.model.ground import Ground
@@ -64,6 +65,7 @@ def find_task(name: str) -> Task:
     return TASKS[name]
 
 
+@typed
 def ground_of(task: Task, scene: Scene, seed: int) -> Scene:
     """The scene on the task's ground, its robot just above it; bumps are drawn by `seed`.
 
@@ -83,6 +85,7 @@ def ground_of(task: Task, scene: Scene, seed: int) -> Scene:
     return dataclasses.replace(scene, ground=ground, structure=structure)
 
 
+@typed
 def task_start(task: Task, scene: Scene, key: Any) -> State:
     """A start, q and v, drawn by `key`, turned anyhow: at rest just above the ground, or falling from the air."""
     turns, heights, speeds, spins = jax.random.split(key, 4)
@@ -116,6 +119,7 @@ def wanted_direction(task: Task, aim: AnyArray, place: AnyArray) -> AnyArray:
     return jnp.array([-1.0 if task.towards == "uphill" else 0.0, 0.0], place.dtype)
 
 
+@typed
 def progressed(
     task: Task, aim: AnyArray, before: AnyArray, place: AnyArray, period: float, average: AnyArray
 ) -> tuple[AnyArray, AnyArray]:

@@ -7,6 +7,7 @@ from typing import Any
 import lazy_loader
 import numpy as np
 
+from jaxgrity.core.arguments import typed
 from jaxgrity.core.errors import InputError
 from jaxgrity.io.files import write_whole
 from jaxgrity.model.scene import Scene
@@ -20,6 +21,7 @@ COLOURS = {"struts": (52, 73, 94, 255), "cables": (192, 57, 43, 255)}
 SIDES = 16
 
 
+@typed
 def save_mesh(scene: Scene, path: str | Path) -> tuple[str, ...]:
     """Write a structure in its initial shape as a mesh: struts and cables are round bars, struts thicker.
 

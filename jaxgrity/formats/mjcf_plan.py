@@ -6,6 +6,7 @@ from typing import NamedTuple
 import jax
 import numpy as np
 
+from jaxgrity.core.arguments import typed
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import Times
 from jaxgrity.formats.compounds import bodies, is_rigid
@@ -34,6 +35,7 @@ class Plan(NamedTuple):
     actuated: tuple[int, ...]
 
 
+@typed
 def mjcf_controls(scene: Scene, times: Times, gait: Gait | None = None) -> np.ndarray:
     """(times, actuators): the changes of rest length, m, that the scene's gait, or another, asks of its MuJoCo model.
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.io import netcdf_file
 
+from jaxgrity.core.arguments import typed
 from jaxgrity.core.errors import InputError
 from jaxgrity.io.files import save_arrays, write_whole
 from jaxgrity.stepping.simulate import Trajectory
@@ -15,6 +16,7 @@ from jaxgrity.stepping.simulate import Trajectory
 ENDINGS = (".npz", ".csv", ".nc")
 
 
+@typed
 def save_trajectory(trajectory: Trajectory, path: str | Path) -> None:
     """Write a motion: where every node was, and how fast, at each saved time.
 

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from jaxgrity.core.arguments import typed
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, NodeHistory, Times
 from jaxgrity.identification.measurements import Measurement, Values, checked
@@ -119,6 +120,7 @@ class Starts(NamedTuple):
     """m and m/s, by which the end of a window may plausibly miss the start of the next; None: `JUMP`, likewise"""
 
 
+@typed
 def measured_motion(
     scene: Scene,
     times: Times,

@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxgrity.core.arguments import typed
 from jaxgrity.core.errors import InputError
 from jaxgrity.identification.fits import Identified
 from jaxgrity.identification.parameters import changed
@@ -13,6 +14,7 @@ ROUNDING = 1e-9
 """the largest difference of friction between the nodes of a robot that is still one friction for all of them"""
 
 
+@typed
 def posterior_robots(key: jax.Array, found: Identified, count: int) -> Differences:
     """So many robots that are as plausible as the measurements leave them, as factors of `Identified.scene`.
 
@@ -77,6 +79,7 @@ def _ratio(found: Identified, path: str, numbers: list[int], dz: np.ndarray) -> 
     return np.divide(moved, known, out=np.ones_like(moved), where=known != 0)
 
 
+@typed
 def uncertainty_of(found: Identified, **others: float) -> Uncertainty:
     """What is left uncertain as half-widths of an `Uncertainty`, which searches accept.
 

@@ -10,6 +10,7 @@ import jax
 import msgspec
 import numpy as np
 
+from jaxgrity.core.arguments import typed
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import Supports
 from jaxgrity.io.files import write_whole
@@ -61,6 +62,7 @@ OBSTACLES = {Box: BoxTable, Sphere: SphereTable, Cylinder: CylinderTable}
 FRICTIONS = {SmoothFriction: "smooth", SwitchFriction: "switch", ConeFriction: "cone"}
 
 
+@typed
 def save_scene(scene: Scene, path: str | Path) -> None:
     """Write a scene as a scene file (TOML), which `load_scene` reads as the same scene, to the last bit.
 

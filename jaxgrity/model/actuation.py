@@ -5,6 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxgrity.core.arguments import typed
 from jaxgrity.core.display import of_report
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import place_rows, take_rows
@@ -117,6 +118,7 @@ def waves_ahead(gait: Gait, angle: AnyArray) -> Gait:
     return eqx.tree_at(lambda g: g.overtones, moved, overtones) if overtones else moved
 
 
+@typed
 def rest_length(members: Members, gait: Actuation | None, t: Scalar, first: int) -> PerMember:
     """L(t) of the struts or of the cables, m; `first` is the number that a gait gives to the first of them."""
     count = len(members.edges)

@@ -6,6 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from jaxgrity.core.arguments import typed
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import place_rows, take_rows
 from jaxgrity.core.types import AnyArray, NodeVectors, Scalar
@@ -128,6 +129,7 @@ class RodFriction(ForceLaw):
         return self.points.alike(symmetry)
 
 
+@typed
 def with_contact_along_struts(scene: Scene, count: int, struts: tuple[int, ...] | None = None) -> Scene:
     """The scene with `count` points of contact between the ends of its struts, evenly spaced.
 

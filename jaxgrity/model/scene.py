@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxgrity.core.arguments import check_fields, typed
 from jaxgrity.core.display import of_report
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.functions import hold_functions
@@ -67,6 +68,7 @@ class Scene(eqx.Module):
     """what rollouts compute once for all their steps; None: it is computed where needed"""
 
     def __check_init__(self):
+        check_fields(self)
         nodes = len(self.structure.nodes)
         for name, shape in (("node_damping", (nodes,)), ("up", (nodes, 3))):
             value = getattr(self, name)
@@ -211,6 +213,7 @@ class Scene(eqx.Module):
         return of_report("notebook", "scene_html")(self)
 
 
+@typed
 def with_gait(scene: Scene, gait: Gait | None) -> Scene:
     """The scene with another gait, or with none.
 
@@ -223,6 +226,7 @@ def with_gait(scene: Scene, gait: Gait | None) -> Scene:
     return dataclasses.replace(scene, gait=gait)
 
 
+@typed
 def with_terms(scene: Scene, *terms: Law) -> Scene:
     """The scene with further laws of one's own, beside those that it has."""
     return dataclasses.replace(scene, terms=(*scene.terms, *terms))
@@ -231,6 +235,7 @@ def with_terms(scene: Scene, *terms: Law) -> Scene:
 Module = TypeVar("Module", bound=eqx.Module)
 
 
+@typed
 def as_dtype(scene: Module, dtype: str) -> Module:
     """The scene, or a policy, with every number as a JAX array of `dtype`."""
     return jax.tree.map(lambda x: jnp.asarray(x, dtype), hold_functions(scene))
@@ -256,6 +261,7 @@ def start_of(scene: Scene) -> State:
     return q, np.zeros(q.shape, q.dtype)
 
 
+@typed
 def body_length(scene: Scene) -> Scalar:
     """The longest strut as built, m; of a structure without struts, the longest cable.
 

@@ -17,6 +17,7 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Float
 
+from jaxgrity.core.arguments import typed
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, Count, NodeVectors, PerActuator, Scalar
 from jaxgrity.model.actuation import Gait, Overtone
@@ -74,6 +75,7 @@ class SpeedGradient(NamedTuple):
         return bool(self.change <= SETTLED_TO)
 
 
+@typed
 def speed_gradient(
     scene: Scene, orbit: Orbit, *, options: Options = None, most_cycles: int = MOST_CYCLES
 ) -> SpeedGradient:

@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxgrity.core.arguments import typed
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import dot, inverse, length
 from jaxgrity.core.tracing import refuse_traced
@@ -31,6 +32,7 @@ class Forces(NamedTuple):
     """(frames, nodes, 3), N, of the supports on the nodes that they hold"""
 
 
+@typed
 def forces_along(scene: Scene, trajectory: Trajectory) -> Forces:
     """The forces in the members, of the ground and of the supports along a trajectory, on any ground.
 
@@ -77,6 +79,7 @@ def forces_along(scene: Scene, trajectory: Trajectory) -> Forces:
     return Forces(tension, np.asarray(impulses.ground), np.asarray(impulses.supports))
 
 
+@typed
 def reactions(scene: Scene, trajectory: Trajectory) -> NodeHistory:
     """The forces of the supports along a trajectory: those of `forces_along`.
 

@@ -6,6 +6,7 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 from scipy.spatial.distance import pdist
 
+from jaxgrity.core.arguments import typed
 from jaxgrity.core.errors import InputError
 from jaxgrity.model.scales import length_scale, speed_scale, time_scale
 from jaxgrity.model.scene import Scene
@@ -88,6 +89,7 @@ def faces(structure: Structure) -> tuple[tuple[int, ...], ...]:
     return tuple(sorted({tuple(sorted(hull.vertices[each].tolist())) for each in near.T}))
 
 
+@typed
 def rolling(scene: Scene, trajectory: Trajectory) -> Rolling:
     """Which faces the robot stood on, how much of the time it slipped or flew, and what that makes of its motion.
 

@@ -12,6 +12,7 @@ import lazy_loader
 import numpy as np
 from PIL import Image
 
+from jaxgrity.core.arguments import typed
 from jaxgrity.core.errors import InputError
 from jaxgrity.io.files import write_whole
 from jaxgrity.model.scene import Scene
@@ -28,6 +29,7 @@ COLOURS = {"whole": 255, "follow": 63}
 the frame before; pictures in which everything moves are large, and need few"""
 
 
+@typed
 def animate(
     scene: Scene,
     trajectory: Trajectory,

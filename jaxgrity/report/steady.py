@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from jaxgrity.core.arguments import typed
 from jaxgrity.core.display import mean_of_robots, significant, with_error
 from jaxgrity.model.contact_twin import contact_twin
 from jaxgrity.model.scene import Scene
@@ -24,6 +25,7 @@ PARTS = 4
 """of the work, after each of which progress is told"""
 
 
+@typed
 def steady_facts(
     scene: Scene,
     uncertainty: Uncertainty,

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
+from jaxgrity.core.arguments import typed
 from jaxgrity.core.errors import InputError
 from jaxgrity.io.files import PART, read_text, save_arrays, save_json, write_whole
 from jaxgrity.search.genetic_algorithm import Generation, Record, SearchState
@@ -45,6 +46,7 @@ class Checkpoint(NamedTuple):
         save_json(self.folder / SETTINGS, {**settings, "done": True})
 
 
+@typed
 @contextlib.contextmanager
 def open_checkpoint(
     folder: Path, settings: dict[str, Any], resume: bool = False, restart: bool = False
@@ -99,6 +101,7 @@ def _begin(folder: Path, settings: dict[str, Any], resume: bool, restart: bool) 
     return Checkpoint(folder, ())
 
 
+@typed
 def load_states(folder: Path) -> tuple[SearchState, ...]:
     """The states of a run's searches, as far as they got."""
     found: list[SearchState] = []

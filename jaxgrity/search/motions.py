@@ -7,6 +7,7 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
+from jaxgrity.core.arguments import typed
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import PerGait
 from jaxgrity.model.scene import Scene, body_length
@@ -45,6 +46,7 @@ class RobotMotions(NamedTuple):
         }
 
 
+@typed
 def robot_motions(
     scene: Scene,
     uncertainty: Uncertainty,

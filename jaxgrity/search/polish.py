@@ -22,6 +22,7 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
+from jaxgrity.core.arguments import typed
 from jaxgrity.core.display import COVERING, significant, with_error
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray
@@ -83,6 +84,7 @@ class Routes(NamedTuple):
     remarks: list[str]
 
 
+@typed
 def polish(
     problem: SearchProblem,
     genes: Float[AnyArray, "starts genes"],

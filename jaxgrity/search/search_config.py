@@ -8,6 +8,7 @@ from typing import Any, Literal
 import jax
 import numpy as np
 
+from jaxgrity.core.arguments import typed
 from jaxgrity.core.errors import InputError
 from jaxgrity.model.actuation import Gait, actuated_lengths
 from jaxgrity.model.scene import Scene, with_gait
@@ -97,6 +98,7 @@ class SearchConfig:
     """the same seed gives the same search"""
 
 
+@typed
 def ga_configs(config: SearchConfig, levels: int) -> tuple[GAConfig, ...]:
     """Of the search on each of so many levels where gaits evolve."""
     size, counts = config.population, config.generations[:levels]
@@ -130,6 +132,7 @@ def with_actuated(scene: Scene, members: Literal["scene", "struts", "cables"]) -
     return with_gait(scene, Gait(chosen, 0 * one, strongest * one, quickest * one, own.start, own.ramp))
 
 
+@typed
 def search_problem(scene: Scene, config: SearchConfig) -> SearchProblem:
     """What evolves, and how it is judged. Raises `InputError` before anything compiles."""
     if not 1 <= config.polish_gaits <= COMPARED:

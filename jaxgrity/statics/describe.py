@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from jaxgrity.core.arguments import typed
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray
 from jaxgrity.model.actuation import Gait
@@ -13,6 +14,7 @@ from jaxgrity.statics.stiffness import free_coordinates, rigid_motions
 from jaxgrity.statics.vibrations import vibration_modes
 
 
+@typed
 def describe(scene: Scene) -> str:
     """What is modelled and what is not, members, masses, prestress, lowest and highest natural frequency.
 

@@ -11,6 +11,7 @@ import numpy as np
 import optimistix as optx
 import scipy.sparse as sp
 
+from jaxgrity.core.arguments import typed
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import edge_vectors, length
 from jaxgrity.core.tracing import refuse_traced
@@ -43,6 +44,7 @@ class RestingShape(NamedTuple):
     steps: int
 
 
+@typed
 def resting_shape(
     scene: Scene,
     start: NodeVectors | None = None,
@@ -100,6 +102,7 @@ def resting_shape(
     return RestingShape(q, residual, stable, reactions.reshape(q.shape), steps)
 
 
+@typed
 def equilibrium_near(scene: Scene, shape: NodeVectors) -> NodeVectors:
     """The equilibrium close to `shape`, m, differentiable with respect to everything in the scene.
 

@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 
+from jaxgrity.core.arguments import typed
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import PerMember
 from jaxgrity.model.structure import Members, Structure, edge_lengths
@@ -11,6 +12,7 @@ from jaxgrity.statics.form_finding import prestress, rest_lengths
 from jaxgrity.statics.stiffness import all_edges
 
 
+@typed
 def prestressed(structure: Structure, tension: float, force_density: PerMember | None = None) -> Structure:
     """The structure with the rest lengths at which its shape is in equilibrium without loads.
 

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jaxgrity.core.arguments import typed
 from jaxgrity.core.errors import InputError
 from jaxgrity.model.scales import length_scale
 from jaxgrity.model.scene import Scene
@@ -26,6 +27,7 @@ class Settled(NamedTuple):
     """m, the largest distance that a node moved with respect to the others' mean"""
 
 
+@typed
 def settled(scene: Scene) -> Settled:
     """The scene with its structure at rest without gravity, ground and gait, and set down on its ground.
 

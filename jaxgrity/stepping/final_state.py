@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxgrity.core.arguments import typed
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.tracing import traced
 from jaxgrity.core.types import Scalar, State, Times
@@ -21,6 +22,7 @@ LONGER = 1.01
 """times the step of the options, steps may be whose number is given"""
 
 
+@typed
 def final_state(
     scene: Scene,
     duration: Scalar,
@@ -147,6 +149,7 @@ def recomputed(step: Callable, options: ResolvedOptions) -> Callable:
     return step if options.method.recomputes else jax.checkpoint(step, policy=sweeps)
 
 
+@typed
 def states_at(
     scene: Scene, start: State, times: Times, steps: int, options: ResolvedOptions, *, reverse: bool = False
 ) -> State:

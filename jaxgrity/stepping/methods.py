@@ -8,6 +8,7 @@ import diffrax
 import numpy as np
 import optimistix
 
+from jaxgrity.core.arguments import typed
 from jaxgrity.core.errors import InputError, unknown
 from jaxgrity.stepping.complementarity import Complementarity
 from jaxgrity.stepping.runge_kutta import RK4
@@ -46,6 +47,7 @@ ALIASES = {"symplectic": "verlet"}
 """former names"""
 
 
+@typed
 def register_method(method: Method) -> Method:
     """Let scenes be integrated by a method of one's own, under its name. Returns it.
 

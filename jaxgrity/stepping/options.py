@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxgrity.core.arguments import typed
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.remembered import remembered
 from jaxgrity.core.tracing import traced
@@ -90,6 +91,7 @@ Options = SolverOptions | ResolvedOptions | None
 """what functions take as `options`"""
 
 
+@typed
 def resolve(
     scene: Scene,
     duration: float,

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
+from jaxgrity.core.arguments import typed
 from jaxgrity.core.tracing import refuse_traced
 from jaxgrity.core.types import Times
 from jaxgrity.model.actuation import rest_lengths_along
@@ -130,6 +131,7 @@ class TrustReport(NamedTuple):
         return "\n".join(f"{name:<{wide}}  {value}" for name, value in rows.items())
 
 
+@typed
 def diagnose(
     scene: Scene,
     duration: float,
