@@ -11,7 +11,10 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, TypeVar
 
+import numpy as np
+
 from jaxgrity.core.errors import InputError
+from jaxgrity.core.tracing import traced
 
 PACKAGE = __name__.partition(".")[0]
 WORDS = {"str": "text", "Path": "a path", "float": "a number", "int": "a whole number", "bool": "True or False"}
@@ -129,3 +132,17 @@ def _shown(value: Any) -> str:
     if value is None or isinstance(value, str | os.PathLike | dict | int | float):
         return reprlib.repr(os.fspath(value) if isinstance(value, os.PathLike) else value)
     return f"{'an' if type(value).__name__[0] in 'AEIOaeio' else 'a'} {type(value).__name__}"
+
+
+def check_rows(rows: tuple[int, ...], size: int) -> None:
+    """Raises `InputError` for rows, of nodes or members, that are not there: JAX would take the last one."""
+    if traced(rows):
+        raise InputError("its numbers of nodes or members are traced; expected them in a static field")
+    if outside := [row for row in rows if not 0 <= row < size]:
+        raise InputError(f"there is no row {outside[0]}; expected 0 to {size - 1}")
+
+
+def check_same_shape(name: str, a: Any, b: Any) -> None:
+    """Raises `InputError` where two arrays differ in shape, for a function of `primitives` of this name."""
+    if np.shape(a) != np.shape(b):
+        raise InputError(f"primitives.{name} has arrays of shapes {np.shape(a)} and {np.shape(b)}; expected one shape")

@@ -27,6 +27,7 @@ from jaxgrity.model.dissipation import CableDamping, NodeDamping, StrutDamping
 from jaxgrity.model.energy import CableSprings, Gravity, StrutSprings
 from jaxgrity.model.friction import ConeFriction, CoulombCone, Friction, SmoothFriction, SwitchFriction
 from jaxgrity.model.ground import ContactDissipation, ExactContact, Ground, PenaltyContact
+from jaxgrity.model.law_checks import check_law
 from jaxgrity.model.laws import Configuration, Constraint, DissipationTerm, EnergyTerm, ForceLaw, Law, Motion
 from jaxgrity.model.rigid_struts import RigidStruts
 from jaxgrity.model.scales import Scales, scales_of
@@ -228,8 +229,20 @@ def with_gait(scene: Scene, gait: Gait | None) -> Scene:
 
 @typed
 def with_terms(scene: Scene, *terms: Law) -> Scene:
-    """The scene with further laws of one's own, beside those that it has."""
-    return dataclasses.replace(scene, terms=(*scene.terms, *terms))
+    """The scene with further laws of one's own, beside those that it has.
+
+    Raises `InputError` where one cannot act in it: it names nodes that are not there, or gives no single number.
+    """
+    more = dataclasses.replace(scene, terms=(*scene.terms, *terms))
+    check_laws(more)
+    return more
+
+
+def check_laws(scene: Scene) -> None:
+    """Raises `InputError` where a law that is not one of the library's usual ones cannot act in the scene."""
+    for law in scene.laws:
+        if type(law) not in KNOWN_LAWS:
+            check_law(law, scene)
 
 
 Module = TypeVar("Module", bound=eqx.Module)
