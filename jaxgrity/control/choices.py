@@ -10,7 +10,7 @@ import numpy as np
 
 from jaxgrity.control.feedback import PhaseLocked, one_frequency
 from jaxgrity.control.steering import Steered, centre_offsets
-from jaxgrity.core.arguments import typed
+from jaxgrity.core.typed import typed
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray
 from jaxgrity.model.actuation import Gait, Overtone

@@ -10,7 +10,7 @@ import numpy as np
 
 from jaxgrity.control.plant import Plant, PlantState, actuate, check_one, observe, plant_start, whole_state
 from jaxgrity.control.policies import Memory, Policy
-from jaxgrity.core.arguments import typed
+from jaxgrity.core.typed import typed
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, State
 from jaxgrity.model.scene import floats_as

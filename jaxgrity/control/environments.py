@@ -25,7 +25,7 @@ from jaxgrity.control.plant import (
 )
 from jaxgrity.control.sensors import Observation, Sensors
 from jaxgrity.control.tasks import Task, drawn_aim, find_task, ground_of, progressed, task_start, wanted_direction
-from jaxgrity.core.arguments import typed
+from jaxgrity.core.typed import typed
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray
 from jaxgrity.model.scene import Scene

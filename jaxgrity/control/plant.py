@@ -14,7 +14,7 @@ import numpy as np
 
 from jaxgrity.control.motor_limits import MotorLimits, contraction_reached
 from jaxgrity.control.sensors import Observation, Readings, Sensors, first_readings, measure, read
-from jaxgrity.core.arguments import typed
+from jaxgrity.core.typed import typed
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, State
 from jaxgrity.model.actuation import Command, Gait, actuated_lengths

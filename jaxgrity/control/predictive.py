@@ -20,7 +20,7 @@ from jaxgrity.control.feedback import PhaseLocked, one_frequency
 from jaxgrity.control.plant import Plant, check_model, check_one, is_count, side_by_side, whole_number
 from jaxgrity.control.steering import Steered, clock_moved
 from jaxgrity.control.tasks import REACHED
-from jaxgrity.core.arguments import typed
+from jaxgrity.core.typed import typed
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, State
 

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from jaxgrity.core.arguments import typed
+from jaxgrity.core.typed import typed
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import edge_vectors, inverse, length, scale
 from jaxgrity.core.types import AnyArray, NodeVectors, Scalar

@@ -7,7 +7,7 @@ import numpy as np
 
 from jaxgrity.control.policies import Memory, Policy
 from jaxgrity.control.sensors import Observation
-from jaxgrity.core.arguments import typed
+from jaxgrity.core.typed import typed
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.tracing import traced
 from jaxgrity.core.types import AnyArray, PerActuator, Scalar, as_float, as_float_or_none

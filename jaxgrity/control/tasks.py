@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxgrity.core.arguments import typed
+from jaxgrity.core.typed import typed
 from jaxgrity.core.errors import InputError, unknown
 from jaxgrity.core.types import AnyArray, NodeVectors, State
 from jaxgrity.model.ground import Ground

@@ -15,7 +15,7 @@ import numpy as np
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 
-from jaxgrity.core.arguments import check_rows, check_same_shape
+from jaxgrity.core.typed import check_rows, check_same_shape
 from jaxgrity.core.types import AnyArray, AnyRows, Edges, MemberVectors, Mobility, NodeVectors, PerMember, Rows, Scalar
 
 

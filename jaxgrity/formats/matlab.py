@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.io import loadmat, savemat
 
-from jaxgrity.core.arguments import typed
+from jaxgrity.core.typed import typed
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import Edges
 from jaxgrity.formats.foreign import LARGEST_FILE, MOST_NODES, Imported

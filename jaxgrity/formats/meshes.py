@@ -7,7 +7,7 @@ from typing import Any
 import lazy_loader
 import numpy as np
 
-from jaxgrity.core.arguments import typed
+from jaxgrity.core.typed import typed
 from jaxgrity.core.errors import InputError
 from jaxgrity.io.files import write_whole
 from jaxgrity.model.scene import Scene

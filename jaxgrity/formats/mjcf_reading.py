@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 import lazy_loader
 import numpy as np
 
-from jaxgrity.core.arguments import typed
+from jaxgrity.core.typed import typed
 from jaxgrity.core.errors import InputError
 from jaxgrity.formats.foreign import MOST_NODES, Imported, read_limited
 from jaxgrity.formats.mjcf_bodies import carried, rod_members

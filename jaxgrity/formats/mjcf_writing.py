@@ -6,7 +6,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from jaxgrity.core.arguments import typed
+from jaxgrity.core.typed import typed
 from jaxgrity.core.errors import InputError
 from jaxgrity.formats.mjcf_plan import THICKNESS, Plan, amplitudes, inertia_of, plan_of, safe_step
 from jaxgrity.io.files import write_whole

@@ -9,7 +9,7 @@ from typing import IO
 
 import numpy as np
 
-from jaxgrity.core.arguments import typed
+from jaxgrity.core.typed import typed
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray
 from jaxgrity.formats.foreign import MOST_NODES, Imported, finite, not_negative, positive, read_limited, short

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxgrity.core.arguments import typed
+from jaxgrity.core.typed import typed
 from jaxgrity.core.errors import InputError, unknown
 from jaxgrity.io.files import read_text
 from jaxgrity.model.actuation import Gait, Overtone

@@ -9,7 +9,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from jaxgrity.core.arguments import typed
+from jaxgrity.core.typed import typed
 from jaxgrity.core.errors import InputError, unknown
 from jaxgrity.io.files import read_text
 from jaxgrity.io.grounds import build_ground

@@ -10,7 +10,7 @@ import jax
 import msgspec
 import numpy as np
 
-from jaxgrity.core.arguments import typed
+from jaxgrity.core.typed import typed
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import Supports
 from jaxgrity.io.files import write_whole

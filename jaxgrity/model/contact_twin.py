@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 
-from jaxgrity.core.arguments import typed
+from jaxgrity.core.typed import typed
 from jaxgrity.core.errors import InputError
 from jaxgrity.model.friction import ConeFriction, SmoothFriction
 from jaxgrity.model.ground import ExactGround, PenaltyGround

@@ -12,7 +12,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from jaxgrity.core.arguments import typed
+from jaxgrity.core.typed import typed
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import half_squares, inverse, positive_part
 from jaxgrity.core.types import AnyArray, AnyRows, Scalar, as_float, as_float_or_none

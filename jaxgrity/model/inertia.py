@@ -9,7 +9,7 @@ import dataclasses
 import jax
 import jax.numpy as jnp
 
-from jaxgrity.core.arguments import typed
+from jaxgrity.core.typed import typed
 from jaxgrity.core.dense import inverse_of
 from jaxgrity.core.primitives import along, component, dot, inner, place_rows, respond, scale, take_rows
 from jaxgrity.core.types import MassMatrix, Mobility, NodeVectors, Scalar

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 import equinox as eqx
 import numpy as np
 
-from jaxgrity.core.arguments import typed
+from jaxgrity.core.typed import typed
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import dot, edge_vectors, length, over
 from jaxgrity.core.types import AnyArray, MemberVectors, NodeVectors, PerMember, PerNode, Scalar, VectorsByKind

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxgrity.core.arguments import check_fields, typed
+from jaxgrity.core.typed import check_fields, typed
 from jaxgrity.core.display import of_report
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.functions import hold_functions

@@ -3,7 +3,7 @@
 import jax
 import numpy as np
 
-from jaxgrity.core.arguments import typed
+from jaxgrity.core.typed import typed
 from jaxgrity.core.errors import InputError
 from jaxgrity.model.actuation import Gait
 from jaxgrity.model.laws import SAME, Symmetry, unchanged

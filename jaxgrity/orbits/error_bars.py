@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxgrity.core.arguments import typed
+from jaxgrity.core.typed import typed
 from jaxgrity.model.scene import Scene
 from jaxgrity.orbits.finding import Orbit, find_orbit
 from jaxgrity.orbits.one_cycle import OrbitCycle, orbit_cycle

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import numpy as np
 
-from jaxgrity.core.arguments import typed
+from jaxgrity.core.typed import typed
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.tracing import refuse_traced
 from jaxgrity.core.types import State

@@ -4,7 +4,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jaxgrity.core.arguments import typed
+from jaxgrity.core.typed import typed
 from jaxgrity.model.scales import time_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.orbits.finding import Orbit, in_step, restarted

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxgrity.core.arguments import typed
+from jaxgrity.core.typed import typed
 from jaxgrity.model.scales import speed_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.orbits.cycles import moved_onto, plane_of

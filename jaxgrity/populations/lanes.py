@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxgrity.core.arguments import typed
+from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, Count, Scalar, State
 from jaxgrity.model.actuation import Gait
 from jaxgrity.model.inertia import mobility

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jaxgrity.core.arguments import typed
+from jaxgrity.core.typed import typed
 from jaxgrity.core.display import mean_of_robots, significant, with_error
 from jaxgrity.model.contact_twin import contact_twin
 from jaxgrity.model.scene import Scene

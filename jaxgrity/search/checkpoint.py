@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from jaxgrity.core.arguments import typed
+from jaxgrity.core.typed import typed
 from jaxgrity.core.errors import InputError
 from jaxgrity.io.files import PART, read_text, save_arrays, save_json, write_whole
 from jaxgrity.search.genetic_algorithm import Generation, Record, SearchState

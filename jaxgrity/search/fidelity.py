@@ -10,7 +10,7 @@ import numpy as np
 import scipy
 from jaxtyping import Float
 
-from jaxgrity.core.arguments import typed
+from jaxgrity.core.typed import typed
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray
 from jaxgrity.model.actuation import Gait

@@ -11,7 +11,7 @@ import numpy as np
 from jax.scipy.special import ndtri
 from jaxtyping import Float
 
-from jaxgrity.core.arguments import typed
+from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, FinalPositions, PerGait, Phases, Scalar, State, Vectors
 from jaxgrity.model.actuation import Gait
 from jaxgrity.model.scene import Scene, start_of

@@ -8,7 +8,7 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Float
 
-from jaxgrity.core.arguments import typed
+from jaxgrity.core.typed import typed
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, PerGait, Scalar
 from jaxgrity.model.actuation import Gait, actuated_lengths, peak_rates

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from jaxgrity.core.arguments import typed
+from jaxgrity.core.typed import typed
 from jaxgrity.model.scales import time_scale
 from jaxgrity.model.scene import Scene, as_dtype
 from jaxgrity.stepping.options import Options, ResolvedOptions, SolverOptions, resolve

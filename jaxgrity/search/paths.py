@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from jaxgrity.core.arguments import typed
+from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, PerGait, Scalar
 from jaxgrity.model.actuation import Gait
 from jaxgrity.model.scales import time_scale

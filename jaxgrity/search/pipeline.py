@@ -8,7 +8,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from jaxgrity.core.arguments import typed
+from jaxgrity.core.typed import typed
 from jaxgrity.core.display import of_report
 from jaxgrity.core.errors import InputError
 from jaxgrity.io.files import save_arrays

@@ -22,7 +22,7 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
-from jaxgrity.core.arguments import typed
+from jaxgrity.core.typed import typed
 from jaxgrity.core.display import COVERING, significant, with_error
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray

@@ -11,7 +11,7 @@ import numpy as np
 import optimistix as optx
 import scipy.sparse as sp
 
-from jaxgrity.core.arguments import typed
+from jaxgrity.core.typed import typed
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import edge_vectors, length
 from jaxgrity.core.tracing import refuse_traced

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 
-from jaxgrity.core.arguments import typed
+from jaxgrity.core.typed import typed
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import PerMember
 from jaxgrity.model.structure import Members, Structure, edge_lengths

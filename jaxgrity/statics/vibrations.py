@@ -8,7 +8,7 @@ import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 from jaxtyping import Float
 
-from jaxgrity.core.arguments import typed
+from jaxgrity.core.typed import typed
 from jaxgrity.core.tracing import refuse_traced
 from jaxgrity.core.types import AnyArray, NodeVectors, PerRow, Times
 from jaxgrity.model.scene import Scene

@@ -7,7 +7,7 @@ import diffrax
 import jax
 import jax.numpy as jnp
 
-from jaxgrity.core.arguments import typed
+from jaxgrity.core.typed import typed
 from jaxgrity.core.primitives import edge_vectors, length
 from jaxgrity.core.types import AnyArray, NodeVectors, Scalar, Times, namespace_of
 from jaxgrity.model.inertia import with_mobility

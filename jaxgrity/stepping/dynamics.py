@@ -3,7 +3,7 @@
 import jax
 import jax.numpy as jnp
 
-from jaxgrity.core.arguments import typed
+from jaxgrity.core.typed import typed
 from jaxgrity.core.primitives import store_cotangent
 from jaxgrity.core.types import NodeVectors, PerNode, Scalar, State, VectorsByKind
 from jaxgrity.model import inertia

@@ -8,7 +8,7 @@ import diffrax
 import numpy as np
 import optimistix
 
-from jaxgrity.core.arguments import typed
+from jaxgrity.core.typed import typed
 from jaxgrity.core.errors import InputError, unknown
 from jaxgrity.stepping.complementarity import Complementarity
 from jaxgrity.stepping.runge_kutta import RK4

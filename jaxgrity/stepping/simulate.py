@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxgrity.core.arguments import typed
+from jaxgrity.core.typed import typed
 from jaxgrity.core.display import of_report
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.tracing import forward_mode_only, traced

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxgrity.core.arguments import typed
+from jaxgrity.core.typed import typed
 from jaxgrity.core.tracing import refuse_traced
 from jaxgrity.core.types import Count, NodeHistory, NodeVectors, Scalar, Times
 from jaxgrity.model.scales import time_scale

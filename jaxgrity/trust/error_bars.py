@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxgrity.core.arguments import typed
+from jaxgrity.core.typed import typed
 from jaxgrity.core.tracing import refuse_traced
 from jaxgrity.core.types import PerGait, Vectors
 from jaxgrity.model.actuation import Gait

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxgrity.core.arguments import typed
+from jaxgrity.core.typed import typed
 from jaxgrity.core.tracing import refuse_traced
 from jaxgrity.core.types import AnyArray, Count, Scalar, Times
 from jaxgrity.model.actuation import Gait

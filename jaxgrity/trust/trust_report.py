@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from jaxgrity.core.arguments import typed
+from jaxgrity.core.typed import typed
 from jaxgrity.core.tracing import refuse_traced
 from jaxgrity.core.types import Times
 from jaxgrity.model.actuation import rest_lengths_along

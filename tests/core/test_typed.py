@@ -11,7 +11,7 @@ import pytest
 
 import jaxgrity
 from jaxgrity import InputError, Scene, SolverOptions, load_gait, load_scene, rollout, save_scene, simulate, with_gait
-from jaxgrity.core.arguments import kinds_of, typed
+from jaxgrity.core.typed import kinds_of, typed
 
 ROOMS = ["jaxgrity", *(f"jaxgrity.{room}" for room in jaxgrity.ROOMS)]
 
