@@ -6,7 +6,7 @@ first used. The rooms have further names: `jaxgrity.control`, `formats`, `identi
 """
 
 import warnings
-from importlib import import_module
+from importlib import import_module, metadata
 
 import lazy_loader
 
@@ -31,6 +31,8 @@ RENAMED = {"Motors": "MotorLimits", "Wave": "TravellingWave"}
 
 
 def __getattr__(name: str):
+    if name == "__version__":
+        return metadata.version(__name__)
     if name in _names or name.startswith("_"):
         return _found(name)
     now = RENAMED.get(name, name)

@@ -186,3 +186,7 @@ def _documentation(body: list[ast.stmt], name: str) -> str | None:
         if name in assigned(node) and isinstance(below, ast.Expr) and isinstance(below.value, ast.Constant):
             return below.value.value
     return None
+
+
+def test_the_version_is_that_of_the_project():
+    assert f'version = "{jaxgrity.__version__}"' in (PACKAGE.parent / "pyproject.toml").read_text().splitlines()

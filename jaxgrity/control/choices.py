@@ -11,6 +11,7 @@ import numpy as np
 from jaxgrity.control.feedback import PhaseLocked, one_frequency
 from jaxgrity.control.steering import Steered, centre_offsets
 from jaxgrity.core.errors import InputError
+from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray
 from jaxgrity.model.actuation import Gait, Overtone
 from jaxgrity.model.structure import Structure
@@ -43,6 +44,7 @@ class GaitChoices(NamedTuple):
         return self.policy.policy.gait.frequency[0]  # type: ignore[attr-defined]
 
 
+@typed
 def gait_choices(structure: Structure, gaits: Mapping[str, PhaseLocked], dtype: str = "float32") -> GaitChoices:
     """Gaits with feedback, all their images under the structure's symmetries, mirrors included, and one that rests.
 

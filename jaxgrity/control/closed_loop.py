@@ -12,6 +12,7 @@ from jaxgrity.control.plant import Plant, PlantState, actuate, begun, check_one,
 from jaxgrity.control.policies import Memory, Policy
 from jaxgrity.core.arguments import check_number
 from jaxgrity.core.errors import InputError
+from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, State
 from jaxgrity.model.scene import floats_as
 from jaxgrity.populations.lanes import over_lanes
@@ -39,6 +40,7 @@ class Drive(NamedTuple):
     """index into `FAILURES`, of each robot; 0: succeeded"""
 
 
+@typed
 def loop_start(plant: Plant, policy: Policy, key: Any, start: State | None = None, *, each: bool = False) -> Loop:
     """At t = 0; from `start`, q and v, where given, else as the scene stands.
 
@@ -62,6 +64,7 @@ def loop_start(plant: Plant, policy: Policy, key: Any, start: State | None = Non
     return Loop(plant_start(plant, key, start), floats_as(memory, plant.options.dtype))
 
 
+@typed
 def roll_on(
     plant: Plant, policy: Policy, loop: Loop, ticks: int, keep: Callable[[PlantState], Any], *, each: bool = False
 ) -> tuple[Loop, Any]:
@@ -88,6 +91,7 @@ def roll_on(
 
 
 @eqx.filter_jit
+@typed
 def drive(plant: Plant, policy: Policy, loop: Loop, ticks: int, samples: int = 1, *, each: bool = False) -> Drive:
     """Roll on for `samples` times so many control periods, and look at the centre of mass after each of them."""
 
@@ -133,6 +137,7 @@ def taken_over(model: Plant, loop: Loop, each: int) -> Loop:
     return Loop(state, jax.tree.map(spread, loop.memory))
 
 
+@typed
 def simulate_policy(
     plant: Plant, policy: Policy, duration: float, *, start: State | None = None, seed: int = 0
 ) -> Trajectory:

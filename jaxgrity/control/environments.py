@@ -30,6 +30,7 @@ from jaxgrity.control.tasks import Task, drawn_aim, find_task, ground_of, progre
 from jaxgrity.core.arguments import check_number
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.tracing import traced
+from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray
 from jaxgrity.model.scene import Scene, with_gait
 from jaxgrity.stepping.discretisation import state_failure
@@ -164,6 +165,7 @@ class Environment:
         return jnp.concatenate([jnp.ravel(part) for part in known])
 
 
+@typed
 def environment(
     task: str,
     scene: Scene,

@@ -10,6 +10,7 @@ from jaxgrity.control.policies import Memory, Policy, check_gait
 from jaxgrity.control.sensors import Observation
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.tracing import traced
+from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, PerActuator, Scalar, as_float
 from jaxgrity.model.actuation import Gait, contraction
 
@@ -94,6 +95,7 @@ def one_frequency(gait: Gait) -> None:
         )
 
 
+@typed
 def sure_footed(gait: Gait) -> PhaseLocked:
     """Feedback for uneven ground: a gait a little larger and faster, whose clock heeds how fast struts swing.
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from jaxgrity.core.arguments import is_number
 from jaxgrity.core.errors import InputError
+from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray
 
 
@@ -37,6 +38,7 @@ class MotorLimits(eqx.Module):
             raise InputError(f"motors.stroke = {self.stroke}: expected less than 1, a fraction of a member's length")
 
 
+@typed
 def contraction_reached(
     motors: MotorLimits, now: AnyArray, wanted: AnyArray, period: float, lengths: AnyArray, tension: AnyArray | None
 ) -> AnyArray:

@@ -8,6 +8,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import dijkstra
 
 from jaxgrity.core.errors import InputError
+from jaxgrity.core.typed import typed
 from jaxgrity.model.ground import Ground
 from jaxgrity.model.height_fields import HeightField
 from jaxgrity.model.scene import Scene
@@ -36,6 +37,7 @@ class Discs(NamedTuple):
     """(discs,), m"""
 
 
+@typed
 def discs_of(ground: Ground | None) -> Discs:
     """The discs about the obstacles of a scene's ground, seen from above; about a box that through its corners.
 
@@ -67,6 +69,7 @@ def discs_of(ground: Ground | None) -> Discs:
     return Discs(table[:, :2] + moved[:2], table[:, 2])
 
 
+@typed
 def reach_of(scene: Scene) -> float:
     """m, how far the farthest node is from the centre of mass, as the robot is posed: it may lie any way up."""
     q = np.asarray(scene.structure.nodes, float)
@@ -74,6 +77,7 @@ def reach_of(scene: Scene) -> float:
     return float(np.linalg.norm(q - mass @ q / mass.sum(), axis=1).max())
 
 
+@typed
 def room(discs: Discs, places: np.ndarray) -> np.ndarray:
     """(...,), m, from each of `places` (..., 2) to the nearest disc's edge; negative inside; infinite without discs."""
     if not len(discs.radii):
@@ -82,6 +86,7 @@ def room(discs: Discs, places: np.ndarray) -> np.ndarray:
     return np.asarray((away - discs.radii).min(-1))
 
 
+@typed
 def gap(discs: Discs, structure: Structure, q: np.ndarray) -> np.ndarray:
     """(...,), m, between a robot at `q` (..., nodes, 3) and the nearest disc, seen from above; negative: it touches.
 
@@ -149,6 +154,7 @@ class WayMap(NamedTuple):
         return np.array(found)
 
 
+@typed
 def way_map(
     discs: Discs,
     goal: np.ndarray,

@@ -17,6 +17,7 @@ from jaxgrity.control.possible_starts import possible
 from jaxgrity.control.sensors import Observation, Readings, Sensors, first_readings, measure, read
 from jaxgrity.core.arguments import check_count, check_indices, check_number, is_number
 from jaxgrity.core.errors import InputError
+from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, State
 from jaxgrity.model.actuation import Command, Gait, actuated_lengths
 from jaxgrity.model.scene import Scene, as_dtype, start_of, with_gait
@@ -113,6 +114,7 @@ def whole_number(name: str, seconds: float, part: float) -> int:
     return count
 
 
+@typed
 def plant_of(
     scene: Scene,
     members: tuple[int, ...],
@@ -158,6 +160,7 @@ def plant_of(
     return Plant(bare, members, resolved, float(period), sensors, motors)
 
 
+@typed
 def side_by_side(plant: Plant, robots: int, differences: Differences | None = None) -> Plant:
     """The plant of so many robots, which differ; the rows of `differences` are robots.
 
@@ -180,6 +183,7 @@ def side_by_side(plant: Plant, robots: int, differences: Differences | None = No
     return replace(plant, scene=bare, robots=robots)
 
 
+@typed
 def plant_start(plant: Plant, key: Any, start: State | None = None) -> PlantState:
     """At t = 0, with motors at rest and sensors awake; from `start`, q and v, where given, else as the scene stands.
 
@@ -227,6 +231,7 @@ def sense_now(plant: Plant, state: PlantState) -> Observation:
     return _lift_of(plant, scene)(measure, axes)(scene, state.tick * plant.period, *state.motion)
 
 
+@typed
 def observe(plant: Plant, state: PlantState) -> tuple[Observation, PlantState]:
     """What sensors say, and the state after they were read: once in a control period, before `actuate`."""
     key, of_noise = jax.random.split(state.key)
@@ -234,6 +239,7 @@ def observe(plant: Plant, state: PlantState) -> tuple[Observation, PlantState]:
     return seen, state._replace(readings=readings, key=key)
 
 
+@typed
 def actuate(plant: Plant, state: PlantState, wanted: AnyArray) -> PlantState:
     """One control period later: motors move towards the contractions that are `wanted`, at a constant rate.
 

@@ -22,6 +22,7 @@ from jaxgrity.control.steering import Steered, clock_moved
 from jaxgrity.control.tasks import REACHED
 from jaxgrity.core.arguments import is_count
 from jaxgrity.core.errors import InputError
+from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, State
 
 
@@ -74,6 +75,7 @@ class Journey(NamedTuple):
     """s, that each choice took; the first of all compiles"""
 
 
+@typed
 def lead_to(
     robot: Plant,
     model: Plant,

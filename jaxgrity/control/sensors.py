@@ -14,6 +14,7 @@ from jaxtyping import Float
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import edge_vectors, inverse, length, scale
+from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, NodeVectors, Scalar
 from jaxgrity.model.scales import length_scale
 from jaxgrity.model.scene import Scene
@@ -100,6 +101,7 @@ class Sensors(eqx.Module):
             )
 
 
+@typed
 def measure(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors) -> Observation:
     """What sensors without any error say of a robot at time t, s, at `q`, m, with velocities `v`, m/s.
 
@@ -124,6 +126,7 @@ def measure(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors) -> Observat
     return Observation(directions, spins, lengths, tensions, contact, centre_of_mass(scene, q))
 
 
+@typed
 def first_readings(sensors: Sensors, seen: Observation, key: Any) -> Readings:
     """Before the first control period; `seen` is what sensors without error say, of one robot or of many.
 
@@ -139,6 +142,7 @@ def first_readings(sensors: Sensors, seen: Observation, key: Any) -> Readings:
     return Readings(bias, recent)  # type: ignore[arg-type]
 
 
+@typed
 def read(sensors: Sensors, seen: Observation, readings: Readings, tick: Any, key: Any) -> tuple[Observation, Readings]:
     """What arrives in control period number `tick`, and what sensors carry on.
 

@@ -9,6 +9,7 @@ from jaxgrity.control.policies import Memory, Policy
 from jaxgrity.control.sensors import Observation
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.tracing import traced
+from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, PerActuator, Scalar, as_float, as_float_or_none
 from jaxgrity.model.structure import Structure
 
@@ -115,6 +116,7 @@ def clock_moved(memory: Memory, times: AnyArray | float, jump: AnyArray | float)
     return ((clock * jnp.asarray(times, clock.dtype) + jnp.asarray(jump, clock.dtype), until), *others)
 
 
+@typed
 def centre_offsets(structure: Structure, members: tuple[int, ...]) -> np.ndarray:
     """(actuators, struts): B with (B d)_k the offset of strut k's centre from the robot's, d the struts' directions.
 

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxgrity.core.errors import InputError, unknown
+from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, State
 from jaxgrity.model.height_fields import bumps
 from jaxgrity.model.scales import length_scale, speed_scale, time_scale
@@ -63,6 +64,7 @@ def find_task(name: str) -> Task:
     return TASKS[name]
 
 
+@typed
 def ground_of(task: Task, scene: Scene, seed: int) -> Scene:
     """The scene on the task's ground, its robot just above it; bumps are drawn by `seed`.
 
@@ -87,6 +89,7 @@ def ground_of(task: Task, scene: Scene, seed: int) -> Scene:
     return dataclasses.replace(scene, ground=ground, structure=structure)
 
 
+@typed
 def task_start(task: Task, scene: Scene, key: Any) -> State:
     """A start, q and v, drawn by `key`, turned anyhow: at rest just above the ground, or falling from the air.
 
@@ -123,6 +126,7 @@ def wanted_direction(task: Task, aim: AnyArray, place: AnyArray) -> AnyArray:
     return jnp.array([-1.0 if task.towards == "uphill" else 0.0, 0.0], place.dtype)
 
 
+@typed
 def progressed(
     task: Task, aim: AnyArray, before: AnyArray, place: AnyArray, period: float, average: AnyArray
 ) -> tuple[AnyArray, AnyArray]:

@@ -1,9 +1,7 @@
 """Travel round obstacles: many robots at once, each led by what a model says of all ways to go on from where it is.
 
-What a gait does next depends on how the robot lies when it begins: measured over many robots, a turn goes nearly
-anywhere. Its spread is therefore measured anew for every choice: each way to go on is rolled out by several robots of
-the model that differ in their friction, from the pose that was measured. Of those that keep clear of all obstacles the
-robot takes the one that leaves the shortest way to go (`WayMap`), and is asked again a little later.
+What a gait does next depends on how the robot lies. So several robots of the model, which differ in friction, roll each
+way out from the pose that was measured; the one that clears all obstacles and leaves the shortest way is taken.
 """
 
 import time
@@ -23,6 +21,7 @@ from jaxgrity.control.steering import clock_moved
 from jaxgrity.control.tasks import REACHED
 from jaxgrity.core.arguments import is_count
 from jaxgrity.core.errors import InputError
+from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, State
 from jaxgrity.model.structure import Structure
 from jaxgrity.populations.uncertainty import Differences
@@ -98,6 +97,7 @@ class _Fate(NamedTuple):
     """(robots, samples, copies)"""
 
 
+@typed
 def travel(
     robots: Plant,
     model: Plant,

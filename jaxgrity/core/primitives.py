@@ -15,6 +15,7 @@ import numpy as np
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 
+from jaxgrity.core.typed import check_rows, check_same_shape
 from jaxgrity.core.types import AnyArray, AnyRows, Edges, MemberVectors, Mobility, NodeVectors, PerMember, Rows, Scalar
 
 
@@ -139,6 +140,7 @@ ad.defbilinear(_weigh_p, lambda ct, a, s: _weigh_p.bind(ct, s), lambda ct, a, s:
 
 def edge_vectors(x: NodeVectors, edges: Edges) -> MemberVectors:
     """x_i - x_j for each edge (i, j). Its transpose sums member forces onto the nodes."""
+    check_rows(tuple(node for edge in edges for node in edge), x.shape[0])
     return _difference_p.bind(x, edges=edges, nodes=x.shape[0])
 
 
@@ -159,16 +161,19 @@ def along(s: PerMember, direction: tuple[float, float, float] | NodeVectors) -> 
 
 def take_rows(x: AnyRows, rows: tuple[int, ...]) -> Rows:
     """The chosen rows of `x`, each as often as it is chosen."""
+    check_rows(rows, x.shape[0])
     return _take_p.bind(x, rows=rows, size=x.shape[0])
 
 
 def place_rows(x: Rows, rows: tuple[int, ...], size: int) -> AnyRows:
     """The transpose of `take_rows`: `size` rows, each the sum of those rows of `x` that are placed there."""
+    check_rows(rows, size)
     return _place_p.bind(x, rows=rows, size=size)
 
 
 def dot(a: MemberVectors, b: MemberVectors) -> PerMember:
     """a·b, row by row."""
+    check_same_shape("dot", a, b)
     return _dot_p.bind(a, b)
 
 
@@ -179,6 +184,7 @@ def scale(a: MemberVectors, s: PerMember) -> MemberVectors:
 
 def inner(a: PerMember, b: PerMember) -> Scalar:
     """sum_k a_k b_k, the sum over members or nodes that makes an energy of its parts."""
+    check_same_shape("inner", a, b)
     return _inner_p.bind(a, b)
 
 

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from jaxgrity.core.errors import InputError
+from jaxgrity.core.typed import typed
 from jaxgrity.formats.foreign import Imported
 from jaxgrity.formats.matlab import read_matlab, save_matlab
 from jaxgrity.formats.meshes import save_mesh
@@ -51,6 +52,7 @@ FORMATS = (
 """All kinds of files that hold a robot."""
 
 
+@typed
 def read_any(path: str | Path) -> Imported:
     """A robot from a file of any kind that is read, by its ending, or a scene of the library by its name.
 
@@ -64,6 +66,7 @@ def read_any(path: str | Path) -> Imported:
     return found.read(Path(path))
 
 
+@typed
 def write_any(scene: Scene, path: str | Path) -> tuple[str, ...]:
     """Write a robot as a file of any kind that is written, by its ending. Returns what such a file does not hold.
 

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.io import loadmat, savemat
 
 from jaxgrity.core.errors import InputError
+from jaxgrity.core.typed import typed
 from jaxgrity.core.types import Edges
 from jaxgrity.formats.foreign import LARGEST_FILE, MOST_NODES, Imported
 from jaxgrity.io.files import write_whole
@@ -25,6 +26,7 @@ COMPRESSED = 15
 """Number by which a MATLAB file marks a packed variable."""
 
 
+@typed
 def save_matlab(scene: Scene, path: str | Path) -> tuple[str, ...]:
     """Write a structure as a MATLAB file: N, C_b, C_s, l0, EA, mass, and what MOTES calls s_0, k, c, m.
 
@@ -73,6 +75,7 @@ def beside_the_structure(scene: Scene) -> tuple[str, ...]:
     return (f"not written, since such a file holds the structure alone: {', '.join(lost)}",) if lost else ()
 
 
+@typed
 def read_matlab(path: str | Path) -> Imported:
     """A structure from a MATLAB file (.mat, version 7 or older) with at least N, C_b and C_s.
 

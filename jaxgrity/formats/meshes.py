@@ -8,6 +8,7 @@ import lazy_loader
 import numpy as np
 
 from jaxgrity.core.errors import InputError
+from jaxgrity.core.typed import typed
 from jaxgrity.io.files import write_whole
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import edge_lengths
@@ -20,6 +21,7 @@ COLOURS = {"struts": (52, 73, 94, 255), "cables": (192, 57, 43, 255)}
 SIDES = 16
 
 
+@typed
 def save_mesh(scene: Scene, path: str | Path) -> tuple[str, ...]:
     """Write a structure in its initial shape as a mesh: struts and cables are round bars, struts thicker.
 

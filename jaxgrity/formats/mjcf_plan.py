@@ -7,6 +7,7 @@ import jax
 import numpy as np
 
 from jaxgrity.core.errors import InputError
+from jaxgrity.core.typed import typed
 from jaxgrity.core.types import Times
 from jaxgrity.formats.compounds import bodies, is_rigid
 from jaxgrity.model.actuation import Gait, rest_length
@@ -34,6 +35,7 @@ class Plan(NamedTuple):
     actuated: tuple[int, ...]
 
 
+@typed
 def mjcf_controls(scene: Scene, times: Times, gait: Gait | None = None) -> np.ndarray:
     """(times, actuators): the changes of rest length, m, that the scene's gait, or another, asks of its MuJoCo model.
 

@@ -11,6 +11,7 @@ import lazy_loader
 import numpy as np
 
 from jaxgrity.core.errors import InputError
+from jaxgrity.core.typed import typed
 from jaxgrity.formats.foreign import MOST_NODES, Imported, read_limited
 from jaxgrity.formats.mjcf_bodies import carried, rod_members
 from jaxgrity.formats.mjcf_contact import touched_plane
@@ -41,6 +42,7 @@ class _Nodes(NamedTuple):
     """the body that each moves with; 0: the world"""
 
 
+@typed
 def read_mjcf(path: str | Path, drop: Collection[str] = ()) -> Imported:
     """A MuJoCo model of a tensegrity robot as a scene: what `save_mjcf` writes, and others of this kind.
 

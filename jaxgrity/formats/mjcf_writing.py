@@ -7,6 +7,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from jaxgrity.core.errors import InputError
+from jaxgrity.core.typed import typed
 from jaxgrity.formats.mjcf_plan import THICKNESS, Plan, amplitudes, inertia_of, plan_of, safe_step
 from jaxgrity.io.files import write_whole
 from jaxgrity.model.scene import Scene
@@ -28,6 +29,7 @@ class MuJoCoModel(NamedTuple):
     """members in the order of the model's first actuators: struts from 0, then cables"""
 
 
+@typed
 def save_mjcf(scene: Scene, path: str | Path, timestep: float | None = None, integrator: str = "RK4") -> MuJoCoModel:
     """Write a scene as a MuJoCo model.
 
@@ -60,6 +62,7 @@ def save_mjcf(scene: Scene, path: str | Path, timestep: float | None = None, int
     return model
 
 
+@typed
 def mujoco_model(scene: Scene, timestep: float | None = None, integrator: str = "RK4") -> MuJoCoModel:
     """What `save_mjcf` writes. Raises as it does."""
     plan, notes = plan_of(scene)

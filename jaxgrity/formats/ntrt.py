@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jaxgrity.core.errors import InputError
+from jaxgrity.core.typed import typed
 from jaxgrity.core.types import Edges
 from jaxgrity.formats.compounds import bracing
 from jaxgrity.formats.foreign import Imported, not_negative, positive
@@ -56,6 +57,7 @@ class Made(NamedTuple):
     builders: tuple[Builder, ...]
 
 
+@typed
 def read_ntrt(path: str | Path, unit: float = DECIMETRE) -> Imported:
     """A structure file of NTRT (YAML), with all files that it names, as a scene on level ground.
 

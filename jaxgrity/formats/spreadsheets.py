@@ -10,6 +10,7 @@ from typing import IO
 import numpy as np
 
 from jaxgrity.core.errors import InputError
+from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray
 from jaxgrity.formats.foreign import MOST_NODES, Imported, finite, not_negative, positive, read_limited, short
 from jaxgrity.formats.matlab import beside_the_structure
@@ -29,6 +30,7 @@ def table_paths(path: str | Path) -> tuple[Path, Path]:
     return path.with_name(f"{stem}.nodes.csv"), path.with_name(f"{stem}.members.csv")
 
 
+@typed
 def save_tables(scene: Scene, path: str | Path) -> tuple[str, ...]:
     """Write a structure as two tables beside each other, every number to the last bit.
 
@@ -62,6 +64,7 @@ def _cell(column: AnyArray | None, k: int) -> str:
     return "" if column is None else repr(float(column[k]))
 
 
+@typed
 def read_tables(path: str | Path) -> Imported:
     """A structure from the two tables that `save_tables` writes; columns may be in any order.
 

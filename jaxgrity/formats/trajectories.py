@@ -9,12 +9,14 @@ import numpy as np
 from scipy.io import netcdf_file
 
 from jaxgrity.core.errors import InputError
+from jaxgrity.core.typed import typed
 from jaxgrity.io.files import save_arrays, write_whole
 from jaxgrity.stepping.simulate import Trajectory
 
 ENDINGS = (".npz", ".csv", ".nc")
 
 
+@typed
 def save_trajectory(trajectory: Trajectory, path: str | Path) -> None:
     """Write a motion: where every node was, and how fast, at each saved time.
 

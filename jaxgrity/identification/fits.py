@@ -22,6 +22,7 @@ from jaxtyping import Float
 
 from jaxgrity.core.display import COVERING
 from jaxgrity.core.errors import InputError
+from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray
 from jaxgrity.identification.least_squares import Found, Problem, fitting_problem, least_squares, residuals
 from jaxgrity.identification.measurements import Measurement, check_units, predicted
@@ -87,6 +88,7 @@ class Identified(NamedTuple):
         return "\n".join([*lines, *([] if self.twin is None else [self.twin.summary()])])
 
 
+@typed
 def identify(
     scene: Known,
     parameters: Sequence[Parameter],
@@ -149,6 +151,7 @@ def identify(
     return _beside(found, identify(*other, tolerance=tolerance, max_steps=max_steps, twin=False))
 
 
+@typed
 def misfit_of(scene: Known, measured: Measurement, start: AnyArray | None = None) -> dict[str, np.ndarray]:
     """How far a scene is from measurements that it was not fitted to, or was.
 
@@ -169,6 +172,7 @@ def misfit_of(scene: Known, measured: Measurement, start: AnyArray | None = None
     }
 
 
+@typed
 def profile_likelihood(
     scene: Known,
     parameters: Sequence[Parameter],

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxgrity.core.errors import InputError
+from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray
 from jaxgrity.identification.fits import Identified
 from jaxgrity.identification.parameters import Parameter, changed
@@ -98,6 +99,7 @@ class SpeedForecast(NamedTuple):
         return "\n".join(lines)
 
 
+@typed
 def speed_forecast(
     key: jax.Array,
     found: Identified,
@@ -149,6 +151,7 @@ def speed_forecast(
     return SpeedForecast(orbit, tuple(p.name for p in found.parameters), slopes, deviation, shares, drawn, speeds)
 
 
+@typed
 def speed_slopes(
     scene: Scene, parameters: tuple[Parameter, ...], orbit: Orbit, *, options: Options = None
 ) -> Float[np.ndarray, " parameters"]:

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxgrity.core.errors import InputError
+from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray
 from jaxgrity.identification.observations import SeenQuantity
 from jaxgrity.model.scene import Scene
@@ -72,6 +73,7 @@ class MeasuredPoses(Measurement):
         return jax.vmap(one)(self.commands, self.shapes), jnp.zeros(0)
 
 
+@typed
 def measured_poses(
     scene: eqx.Module,
     values: Values,
@@ -130,6 +132,7 @@ def checked(scene: Scene, values, noise, observation: SeenQuantity) -> tuple[np.
 
 
 @eqx.filter_jit
+@typed
 def predicted(measured: Measurement, scene: Any, start: AnyArray) -> Values:
     """What a scene predicts of measurements."""
     return measured.predict(scene, start)[0]

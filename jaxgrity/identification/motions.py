@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxgrity.core.errors import InputError
+from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, NodeHistory, Times
 from jaxgrity.identification.measurements import Measurement, Values, checked
 from jaxgrity.identification.observations import SeenQuantity
@@ -119,6 +120,7 @@ class Starts(NamedTuple):
     """m and m/s, by which the end of a window may plausibly miss the start of the next; None: `JUMP`, likewise"""
 
 
+@typed
 def measured_motion(
     scene: Scene,
     times: Times,

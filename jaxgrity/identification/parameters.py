@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxgrity.core.errors import InputError
+from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray
 from jaxgrity.populations.uncertainty import part_of
 
@@ -42,6 +43,7 @@ class Parameter(NamedTuple):
         return jnp.exp(self.spread * z) if self.kind == "factor" else self.spread * z
 
 
+@typed
 def changed(scene: Known, parameters: Sequence[Parameter], z: Unknowns) -> Known:
     """The scene with every parameter at its z; differentiable with respect to them."""
     for parameter, each in zip(parameters, z, strict=True):

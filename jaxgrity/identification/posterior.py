@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxgrity.core.errors import InputError
+from jaxgrity.core.typed import typed
 from jaxgrity.identification.fits import Identified
 from jaxgrity.identification.parameters import changed
 from jaxgrity.populations.uncertainty import DIFFERING, Differences, Uncertainty, part_of
@@ -13,6 +14,7 @@ ROUNDING = 1e-9
 """Largest difference of friction between nodes of a robot that still count as having one friction."""
 
 
+@typed
 def posterior_robots(key: jax.Array, found: Identified, count: int) -> Differences:
     """So many robots that are as plausible as the measurements leave them, as factors of `Identified.scene`.
 
@@ -77,6 +79,7 @@ def _ratio(found: Identified, path: str, numbers: list[int], dz: np.ndarray) -> 
     return np.divide(moved, known, out=np.ones_like(moved), where=known != 0)
 
 
+@typed
 def uncertainty_of(found: Identified, **others: float) -> Uncertainty:
     """What is left uncertain as half-widths of an `Uncertainty`, which searches accept.
 

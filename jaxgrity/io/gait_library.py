@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from jaxgrity.core.errors import InputError, unknown
+from jaxgrity.core.typed import typed
 from jaxgrity.io.files import read_text
 from jaxgrity.model.actuation import Gait, Overtone
 from jaxgrity.model.structure import Structure
@@ -22,6 +23,7 @@ def gait_names() -> tuple[str, ...]:
     )
 
 
+@typed
 def load_gait(name: str | Path) -> Gait:
     """A gait of the library by its name, or one from a JSON file (`gait.json` of a search).
 
@@ -30,6 +32,7 @@ def load_gait(name: str | Path) -> Gait:
     return gait_of(gait_record(name), str(name))
 
 
+@typed
 def gait_record(name: str | Path) -> dict[str, Any]:
     """All that is written down of a gait: besides the gait its scene, what it reaches, and the command that made it."""
     if str(name) in gait_names():
@@ -63,6 +66,7 @@ def gait_of(record: dict[str, Any], where: str = "gait") -> Gait:
     return Gait(members, parts["phase"], parts["amplitude"], parts["frequency"], start, ramp, overtones, robot)
 
 
+@typed
 def gait_facts(gait: Gait, structure: Structure | None = None) -> dict[str, Any]:
     """The gait as it goes into a JSON file; with the structure that it moves, it is refused for others."""
     robot = gait.robot if structure is None else structure.robot

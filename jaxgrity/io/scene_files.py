@@ -10,6 +10,7 @@ import msgspec
 import numpy as np
 
 from jaxgrity.core.errors import InputError, unknown
+from jaxgrity.core.typed import typed
 from jaxgrity.io.files import read_text
 from jaxgrity.io.grounds import build_ground
 from jaxgrity.io.members import build_members, cable_laws, member_numbers
@@ -47,6 +48,7 @@ def scene_names() -> tuple[str, ...]:
     return tuple(sorted(name.removesuffix(".toml") for name in names if name.endswith(".toml")))
 
 
+@typed
 def scene_text(scene: str | Path) -> str:
     """What is written in a scene file: one of the library's by its name, or any by its path.
 
@@ -61,6 +63,7 @@ def scene_text(scene: str | Path) -> str:
     return read_text(scene)
 
 
+@typed
 def load_scene(scene: str | Path) -> Scene:
     """Read a scene: one of the library's by its name, or any scene file (TOML, SI units, radians) by its path.
 

@@ -11,6 +11,7 @@ import msgspec
 import numpy as np
 
 from jaxgrity.core.errors import InputError
+from jaxgrity.core.typed import typed
 from jaxgrity.core.types import Supports
 from jaxgrity.io.files import write_whole
 from jaxgrity.io.ground_tables import (
@@ -61,6 +62,7 @@ OBSTACLES = {Box: BoxTable, Sphere: SphereTable, Cylinder: CylinderTable}
 FRICTIONS = {SmoothFriction: "smooth", SwitchFriction: "switch", ConeFriction: "cone"}
 
 
+@typed
 def save_scene(scene: Scene, path: str | Path) -> None:
     """Write a scene as a scene file (TOML), which `load_scene` reads as the same scene, to the last bit.
 

@@ -9,6 +9,7 @@ from jaxgrity.core.arguments import check_all_finite, is_count
 from jaxgrity.core.display import of_report
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import place_rows, take_rows
+from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, PerActuator, PerMember, Scalar, Times, as_float, namespace_of
 from jaxgrity.model.motors import wound
 from jaxgrity.model.structure import Members, Structure
@@ -122,6 +123,7 @@ def waves_ahead(gait: Gait, angle: AnyArray) -> Gait:
     return eqx.tree_at(lambda g: g.overtones, moved, overtones) if overtones else moved
 
 
+@typed
 def rest_length(members: Members, gait: Actuation | None, t: Scalar, first: int) -> PerMember:
     """L(t) of the struts or of the cables, m; `first` is the number that a gait gives to the first of them."""
     count = len(members.edges)

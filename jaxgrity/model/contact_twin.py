@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 
 from jaxgrity.core.errors import InputError
+from jaxgrity.core.typed import typed
 from jaxgrity.model.friction import ConeFriction, SmoothFriction
 from jaxgrity.model.ground import ExactGround, PenaltyGround
 from jaxgrity.model.rigid_struts import LARGEST_GAP
@@ -22,6 +23,7 @@ SLIP_SPEED = 0.01
 """Slip speed eps of smooth friction, m/s for a body of one metre."""
 
 
+@typed
 def exact_twin(scene: Scene) -> Scene:
     """The scene with rigid struts, exact contact without rebound, and Coulomb's cone, in a pose that it can start from.
 
@@ -46,6 +48,7 @@ def exact_twin(scene: Scene) -> Scene:
     return dataclasses.replace(scene, structure=structure, ground=ground, friction=friction)
 
 
+@typed
 def penalty_twin(scene: Scene) -> Scene:
     """The scene with spring struts, penalty contact and smooth friction.
 
@@ -74,6 +77,7 @@ def penalty_twin(scene: Scene) -> Scene:
     return dataclasses.replace(scene, structure=structure, ground=ground, friction=friction)
 
 
+@typed
 def contact_twin(scene: Scene) -> Scene:
     """The scene on the other contact model. Raises as `exact_twin` and `penalty_twin` do."""
     return penalty_twin(scene) if scene.constrained else exact_twin(scene)

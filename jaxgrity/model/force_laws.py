@@ -14,6 +14,7 @@ import numpy as np
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import half_squares, inverse, positive_part
+from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, AnyRows, Scalar, as_float, as_float_or_none
 from jaxgrity.model.clusters import added_up, cables_of, in_series
 from jaxgrity.model.laws import Configuration, EnergyTerm, member_names
@@ -84,6 +85,7 @@ class ForceLimit(EnergyTerm):
         return dataclasses.replace(self, factors=factors)
 
 
+@typed
 def force_table(cables: Members, stretch: Sequence[float], force: Sequence[float]) -> ForceTable:
     """A measured force for all cables: linear between the entries of a table, and beyond the last one as before it.
 
@@ -124,6 +126,7 @@ def first_slope(stretch: Sequence[float], force: Sequence[float]) -> float:
     return float(f[1] / s[1])
 
 
+@typed
 def force_limit(cables: Members, largest: float | Sequence[float]) -> ForceLimit:
     """Cables whose motors give way: beyond a largest force they pay out, and wind in again, at that force.
 

@@ -11,10 +11,12 @@ import jax.numpy as jnp
 
 from jaxgrity.core.dense import inverse_of
 from jaxgrity.core.primitives import along, component, dot, inner, place_rows, respond, scale, take_rows
+from jaxgrity.core.typed import typed
 from jaxgrity.core.types import MassMatrix, Mobility, NodeVectors, Scalar
 from jaxgrity.model.structure import Structure
 
 
+@typed
 def energy_of_motion(structure: Structure, v: NodeVectors) -> Scalar:
     """T = sum m_i/2 |v_i|^2 + sum m/6 (v_p·v_p + v_p·v_q + v_q·v_q), J, over the nodes and the members with mass."""
     T = inner(structure.node_mass, dot(v, v)) / 2
@@ -24,6 +26,7 @@ def energy_of_motion(structure: Structure, v: NodeVectors) -> Scalar:
     return T
 
 
+@typed
 def momenta(structure: Structure, v: NodeVectors) -> NodeVectors:
     """M v = dT/dv, (nodes, 3), kg m/s: each node's share of the momentum."""
     if not structure.rod_masses:
@@ -31,6 +34,7 @@ def momenta(structure: Structure, v: NodeVectors) -> NodeVectors:
     return jax.grad(energy_of_motion, argnums=1)(structure, v)
 
 
+@typed
 @jax.jit
 def mass_matrix(structure: Structure) -> MassMatrix:
     """M = d2T/dv2, (3 nodes, 3 nodes), kg, in the order x, y, z of node 0, then of node 1; supports are not in it.
@@ -47,6 +51,7 @@ def mass_matrix(structure: Structure) -> MassMatrix:
     return jax.hessian(energy_of_motion, argnums=1)(structure, v).reshape(v.size, v.size)
 
 
+@typed
 @jax.jit
 def mobility(structure: Structure) -> Mobility:
     """a_ijk, 1/kg: how a force on node j along axis k accelerates node i; 0 wherever one of both is fixed along it.

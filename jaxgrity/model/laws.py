@@ -13,6 +13,7 @@ import numpy as np
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import dot, edge_vectors, length, over
+from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, MemberVectors, NodeVectors, PerMember, PerNode, Scalar, VectorsByKind
 from jaxgrity.model.actuation import rest_length
 from jaxgrity.model.clusters import added_up, cables_of, nodes_along
@@ -226,6 +227,7 @@ def same_roles(members: Members, moved: Sequence[int]) -> bool:
     return {moved[k] for k in members.stuck} == set(members.stuck) and same and still
 
 
+@typed
 def member_names(kind: str, members: Members) -> tuple[str, ...]:
     """Such as "strut 0 (nodes 0, 1)", or "cable 3, 4 (nodes 5, 2, 7)" of one that runs through several nodes."""
     names = []

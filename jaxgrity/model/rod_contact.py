@@ -8,6 +8,7 @@ import numpy as np
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import place_rows, take_rows
+from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, NodeVectors, Scalar
 from jaxgrity.model.friction import SmoothFriction
 from jaxgrity.model.ground import PenaltyGround, contact_dissipation, contact_energy, normal_force
@@ -128,6 +129,7 @@ class RodFriction(ForceLaw):
         return self.points.alike(symmetry)
 
 
+@typed
 def with_contact_along_struts(scene: Scene, count: int, struts: tuple[int, ...] | None = None) -> Scene:
     """The scene with `count` points of contact between the ends of its struts, evenly spaced.
 

@@ -12,6 +12,7 @@ from jaxgrity.core.arguments import check_all_finite
 from jaxgrity.core.display import of_report
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.functions import hold_functions
+from jaxgrity.core.typed import check_fields, typed
 from jaxgrity.core.types import (
     AnyArray,
     NodeVectors,
@@ -27,6 +28,7 @@ from jaxgrity.model.dissipation import CableDamping, NodeDamping, StrutDamping
 from jaxgrity.model.energy import CableSprings, Gravity, StrutSprings
 from jaxgrity.model.friction import ConeFriction, CoulombCone, Friction, SmoothFriction, SwitchFriction
 from jaxgrity.model.ground import ContactDissipation, ExactContact, Ground, PenaltyContact
+from jaxgrity.model.law_checks import check_law
 from jaxgrity.model.laws import Configuration, Constraint, DissipationTerm, EnergyTerm, ForceLaw, Law, Motion
 from jaxgrity.model.rigid_struts import RigidStruts
 from jaxgrity.model.scales import Scales, scales_of
@@ -68,6 +70,7 @@ class Scene(eqx.Module):
     """what rollouts compute once for all their steps; None: it is computed where needed"""
 
     def __check_init__(self):
+        check_fields(self)
         check_all_finite(self)
         nodes = len(self.structure.nodes)
         for name, shape in (("node_damping", (nodes,)), ("up", (nodes, 3))):
@@ -214,6 +217,7 @@ class Scene(eqx.Module):
         return of_report("notebook", "scene_html")(self)
 
 
+@typed
 def with_gait(scene: Scene, gait: Gait | None) -> Scene:
     """The scene with another gait, or with none.
 
@@ -226,14 +230,28 @@ def with_gait(scene: Scene, gait: Gait | None) -> Scene:
     return dataclasses.replace(scene, gait=gait)
 
 
+@typed
 def with_terms(scene: Scene, *terms: Law) -> Scene:
-    """The scene with further laws of one's own, beside those that it has."""
-    return dataclasses.replace(scene, terms=(*scene.terms, *terms))
+    """The scene with further laws of one's own, beside those that it has.
+
+    Raises `InputError` where one cannot act in it: it names nodes that are not there, or gives no single number.
+    """
+    more = dataclasses.replace(scene, terms=(*scene.terms, *terms))
+    check_laws(more)
+    return more
+
+
+def check_laws(scene: Scene) -> None:
+    """Raises `InputError` where a law that is not one of the library's usual ones cannot act in the scene."""
+    for law in scene.laws:
+        if type(law) not in KNOWN_LAWS:
+            check_law(law, scene)
 
 
 Module = TypeVar("Module", bound=eqx.Module)
 
 
+@typed
 def as_dtype(scene: Module, dtype: str) -> Module:
     """The scene, or a policy, with every number as a JAX array of `dtype`."""
     return jax.tree.map(lambda x: jnp.asarray(x, dtype), hold_functions(scene))
@@ -259,6 +277,7 @@ def start_of(scene: Scene) -> State:
     return q, np.zeros(q.shape, q.dtype)
 
 
+@typed
 def body_length(scene: Scene) -> Scalar:
     """The longest strut as built, m; of a structure without struts, the longest cable.
 

@@ -4,12 +4,14 @@ import jax
 import numpy as np
 
 from jaxgrity.core.errors import InputError
+from jaxgrity.core.typed import typed
 from jaxgrity.model.actuation import Gait
 from jaxgrity.model.laws import SAME, Symmetry, unchanged
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import Structure
 
 
+@typed
 def symmetries(structure: Structure, mirrors: bool = True) -> tuple[Symmetry, ...]:
     """All maps under which masses, supports, struts and cables, with all their properties, stay as they are, to `SAME`.
 
@@ -40,6 +42,7 @@ def symmetries(structure: Structure, mirrors: bool = True) -> tuple[Symmetry, ..
     return tuple(s for s in found if mirrors or np.linalg.det(s.matrix) > 0)
 
 
+@typed
 def standing_symmetries(scene: Scene) -> tuple[Symmetry, ...]:
     """Those `symmetries` of the structure that every law of the scene keeps: gravity, ground, friction and all others.
 
@@ -51,6 +54,7 @@ def standing_symmetries(scene: Scene) -> tuple[Symmetry, ...]:
     return found if scene.shaking is None else found[:1]
 
 
+@typed
 def image(gait: Gait, symmetry: Symmetry) -> Gait:
     """The gait, or population of gaits, by which members[k] is actuated as k was; its `members` stay in their order.
 

@@ -11,6 +11,7 @@ from fractions import Fraction
 from itertools import product
 from typing import NamedTuple
 
+from jaxgrity.core.typed import typed
 from jaxgrity.model.structure import Structure
 from jaxgrity.model.symmetry import gene_permutations, symmetries
 
@@ -27,6 +28,7 @@ class TravellingWave(NamedTuple):
     """(actuators,), turns, in [0, 1), by which its phase is ahead of the first one's of its group"""
 
 
+@typed
 def travelling_waves(
     structure: Structure, members: tuple[int, ...], *, one_axis: bool = False
 ) -> tuple[TravellingWave, ...]:

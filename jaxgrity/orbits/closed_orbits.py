@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxgrity.core.errors import InputError
+from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, NodeVectors, Scalar
 from jaxgrity.model.scales import length_scale, speed_scale
 from jaxgrity.model.scene import Scene
@@ -35,6 +36,7 @@ class ClosedOrbit(NamedTuple):
     """m and m/s, of a body of one metre, by which the state misses itself; speed and turning are NaN above `CLOSED`"""
 
 
+@typed
 def closed_orbit(scene: Scene, orbit: Orbit, options: ResolvedOptions) -> ClosedOrbit:
     """The relative periodic orbit near one that `find_orbit` found, as a differentiable function of the scene.
 

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jaxgrity.core.typed import typed
 from jaxgrity.model.scene import Scene
 from jaxgrity.orbits.finding import Orbit, find_orbit
 from jaxgrity.orbits.one_cycle import OrbitCycle, orbit_cycle
@@ -30,6 +31,7 @@ class OrbitErrorBars(NamedTuple):
     """of the numbers of `OrbitCycle`, by their names and in their units"""
 
 
+@typed
 def refined_orbit(scene: Scene, duration: float = 120.0, *, options: Options = None) -> tuple[Orbit, float]:
     """The orbit, and the error bar of its speed, m/s, from orbits at half and a quarter of the step.
 
@@ -40,6 +42,7 @@ def refined_orbit(scene: Scene, duration: float = 120.0, *, options: Options = N
     return found[0], _speed_bar(found)
 
 
+@typed
 def orbit_error_bars(
     scene: Scene, duration: float = 120.0, *, options: Options = None
 ) -> tuple[Orbit, OrbitCycle | None, OrbitErrorBars]:

@@ -13,6 +13,7 @@ import numpy as np
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.tracing import refuse_traced
+from jaxgrity.core.typed import typed
 from jaxgrity.core.types import State
 from jaxgrity.model.actuation import Gait
 from jaxgrity.model.scales import time_scale
@@ -98,6 +99,7 @@ def shortest_watch(gait: Gait | None) -> float:
     return (_first_period(gait) + 4 * MOST_PERIODS) * period_of(gait)
 
 
+@typed
 def find_orbit(
     scene: Scene, duration: float = 120.0, *, options: Options = None, beginning: Orbit | None = None
 ) -> Orbit:
@@ -140,6 +142,7 @@ def find_orbit(
     return _orbit(scene, trajectory, period, plane, first if beginning is None else 0)
 
 
+@typed
 def restarted(scene: Scene, orbit: Orbit) -> Scene:
     """The scene with nodes as they are on the orbit, `Orbit.state`, and with the gait at full amplitude at once.
 

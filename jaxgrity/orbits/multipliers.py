@@ -10,6 +10,7 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Complex, Float
 
 from jaxgrity.core.errors import InputError
+from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, State
 from jaxgrity.model.scene import Scene, as_dtype
 from jaxgrity.orbits.cycles import Plane, moved_onto, plane_of
@@ -46,6 +47,7 @@ class FloquetMultipliers(NamedTuple):
         return float(np.abs(self.others[0]))
 
 
+@typed
 def floquet_multipliers(
     scene: Scene, orbit: Orbit, *, options: Options = None, after: int | None = None
 ) -> FloquetMultipliers:

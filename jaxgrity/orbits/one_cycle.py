@@ -4,6 +4,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from jaxgrity.core.typed import typed
 from jaxgrity.model.scales import time_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.orbits.finding import Orbit, in_step, restarted
@@ -45,6 +46,7 @@ class OrbitCycle(NamedTuple):
         return self._asdict() | {"supports": [list(face) for face in self.supports]}
 
 
+@typed
 def orbit_cycle(scene: Scene, orbit: Orbit, *, options: Options = None) -> OrbitCycle:
     """Follow the robot for two cycles after `Orbit.state`, of which the second counts.
 

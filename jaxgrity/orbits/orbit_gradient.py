@@ -18,6 +18,7 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Float
 
 from jaxgrity.core.errors import InputError
+from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, Count, NodeVectors, PerActuator, Scalar
 from jaxgrity.model.actuation import Gait, Overtone
 from jaxgrity.model.scales import speed_scale, time_scale
@@ -74,6 +75,7 @@ class SpeedGradient(NamedTuple):
         return bool(self.change <= SETTLED_TO)
 
 
+@typed
 def speed_gradient(
     scene: Scene, orbit: Orbit, *, options: Options = None, most_cycles: int = MOST_CYCLES
 ) -> SpeedGradient:

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jaxgrity.core.typed import typed
 from jaxgrity.model.scales import speed_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.orbits.cycles import moved_onto, plane_of
@@ -38,6 +39,7 @@ class Stability(NamedTuple):
         return float(np.abs(self.multipliers).max()) if self.returned > 0.5 else np.inf
 
 
+@typed
 def stability(scene: Scene, orbit: Orbit, *, options: Options = None, robots: int = 128, seed: int = 0) -> Stability:
     """Disturb robots on the orbit, and see what becomes of their deviations.
 

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxgrity.core.errors import InputError
+from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray
 from jaxgrity.model.actuation import Gait
 from jaxgrity.model.scene import Scene
@@ -38,6 +39,7 @@ class Repetition(NamedTuple):
     """m, by which heights of nodes and distances between them then differ at most"""
 
 
+@typed
 def repetition(scene: Scene, orbit: Orbit, *, options: Options = None) -> Repetition:
     """The shortest time after which the motion repeats itself with other nodes in the places of these.
 
@@ -89,6 +91,7 @@ def repetition(scene: Scene, orbit: Orbit, *, options: Options = None) -> Repeti
     return whole
 
 
+@typed
 def distance_from_orbit(
     scene: Scene, orbit: Orbit, positions: AnyArray, *, options: Options = None
 ) -> Float[np.ndarray, " robots"]:

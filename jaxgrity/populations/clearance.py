@@ -4,11 +4,13 @@ import dataclasses
 
 import numpy as np
 
+from jaxgrity.core.typed import typed
 from jaxgrity.core.types import PerMember
 from jaxgrity.model.scene import Scene
 from jaxgrity.stepping.simulate import Trajectory
 
 
+@typed
 def rod_depths(scene: Scene, trajectory: Trajectory, points: int = 15) -> PerMember:
     """How deep each strut was in the ground between its nodes, at most, along a motion.
 

@@ -11,6 +11,7 @@ import numpy as np
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import dot, inverse, length
 from jaxgrity.core.tracing import refuse_traced
+from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, NodeHistory, NodeVectors, Scalar
 from jaxgrity.model.scene import Scene, as_dtype
 from jaxgrity.populations.step_impulses import impulses_along
@@ -31,6 +32,7 @@ class Forces(NamedTuple):
     """(frames, nodes, 3), N, of the supports on the nodes that they hold"""
 
 
+@typed
 def forces_along(scene: Scene, trajectory: Trajectory) -> Forces:
     """The forces in the members, of the ground and of the supports along a trajectory, on any ground.
 
@@ -77,6 +79,7 @@ def forces_along(scene: Scene, trajectory: Trajectory) -> Forces:
     return Forces(tension, np.asarray(impulses.ground), np.asarray(impulses.supports))
 
 
+@typed
 def reactions(scene: Scene, trajectory: Trajectory) -> NodeHistory:
     """The forces of the supports along a trajectory: those of `forces_along`.
 

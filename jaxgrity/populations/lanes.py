@@ -12,6 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, Count, Scalar, State
 from jaxgrity.model.actuation import Gait
 from jaxgrity.model.inertia import mobility
@@ -64,6 +65,7 @@ def most_lanes(scene: Scene, options: ResolvedOptions) -> int:
     return int(np.clip(2 ** int(np.log2(max(CACHE / bytes_each, 1))), FEWEST, most))
 
 
+@typed
 def roll_out_lanes(
     scene: Scene,
     gaits: Gait,
@@ -164,6 +166,7 @@ def _last(
     return LaneEnd(last, path, solution.result, steps, rejected)
 
 
+@typed
 def discretise_lanes(options: ResolvedOptions, axes: Scene) -> tuple[diffrax.AbstractTerm, diffrax.AbstractSolver]:
     """`discretise` for a whole chunk, whose scene has these `in_axes`."""
 
@@ -178,6 +181,7 @@ def over_lanes(function: Callable, in_axes: tuple) -> Callable:
     return jax.vmap(function, in_axes=in_axes, out_axes=-1)
 
 
+@typed
 def in_lanes(scene: Scene, gaits: Gait, differences: Differences | None = None) -> tuple[Scene, Scene]:
     """The scene of many robots, with a last axis of lanes on every array but scalars, and the `in_axes` that say so.
 

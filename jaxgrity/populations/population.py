@@ -17,6 +17,7 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.functions import hold_functions
 from jaxgrity.core.remembered import remembered
 from jaxgrity.core.tracing import evaluated, traced
+from jaxgrity.core.typed import typed
 from jaxgrity.core.types import Failures, FinalPositions, Paths, PerGait, Phases, Scalar, Table, Vectors, namespace_of
 from jaxgrity.model.actuation import Gait, Overtone
 from jaxgrity.model.scene import Scene, with_gait
@@ -62,6 +63,7 @@ class Outcomes(eqx.Module):
         return jnp.where(self.failure == 0, jnp.sqrt(jnp.sum(moved * moved, axis=1)), jnp.nan)
 
 
+@typed
 def gaits_of(gait: Gait | None, phase: Phases, amplitude: Table | None = None, frequency: Table | None = None) -> Gait:
     """A population of gaits as one `Gait`, a row of each array a robot; what is not given is `gait`'s own.
 
@@ -87,16 +89,19 @@ def gaits_of(gait: Gait | None, phase: Phases, amplitude: Table | None = None, f
     return Gait(gait.members, phase, *varied, gait.start, gait.ramp, overtones)
 
 
+@typed
 def one_gait(gaits: Gait, k: int) -> Gait:
     """Gait number `k` of a population."""
     return jax.tree.map(lambda x: x[k] if np.ndim(x) else x, gaits)
 
 
+@typed
 def as_population(gait: Gait) -> Gait:
     """A population of one gait."""
     return jax.tree.map(lambda x: np.asarray(x)[None] if np.ndim(x) else x, gait)
 
 
+@typed
 def simulate_population(
     scene: Scene,
     gaits: Gait,
@@ -196,6 +201,7 @@ def _common(scene: Scene, gait: Gait, options: Options, x64: bool) -> _Common:
 
 
 @eqx.filter_jit
+@typed
 def roll_out(
     scene: Scene,
     gaits: Gait,

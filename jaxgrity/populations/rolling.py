@@ -7,6 +7,7 @@ from scipy.spatial import ConvexHull, QhullError
 from scipy.spatial.distance import pdist
 
 from jaxgrity.core.errors import InputError
+from jaxgrity.core.typed import typed
 from jaxgrity.model.scales import length_scale, speed_scale, time_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import Structure
@@ -88,6 +89,7 @@ def faces(structure: Structure) -> tuple[tuple[int, ...], ...]:
     return tuple(sorted({tuple(sorted(hull.vertices[each].tolist())) for each in near.T}))
 
 
+@typed
 def rolling(scene: Scene, trajectory: Trajectory) -> Rolling:
     """Which faces the robot stood on, how much of the time it slipped or flew, and what that makes of its motion.
 

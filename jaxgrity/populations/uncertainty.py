@@ -11,6 +11,7 @@ from jaxtyping import Float
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import edge_vectors, length
+from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, namespace_of
 from jaxgrity.model.actuation import Gait, waves_ahead
 from jaxgrity.model.scene import Scene
@@ -56,6 +57,7 @@ class Differences(eqx.Module):
     """a factor; with rigid struts, `positions` have to fit"""
 
 
+@typed
 def differing(scene: Scene, differences: Differences | None) -> Scene:
     """The scene of a robot that differs; or of many, where the arrays of both have lanes last.
 
@@ -139,6 +141,7 @@ class Uncertainty(eqx.Module):
         return not any(vars(self).values())
 
 
+@typed
 def ensemble(
     key, scene: Scene, gaits: Gait, uncertainty: Uncertainty, count: int, common: bool = True
 ) -> tuple[Gait, Differences]:

@@ -13,6 +13,7 @@ import numpy as np
 from PIL import Image
 
 from jaxgrity.core.errors import InputError
+from jaxgrity.core.typed import typed
 from jaxgrity.io.files import write_whole
 from jaxgrity.model.scene import Scene
 from jaxgrity.report.poses import check_motion
@@ -28,6 +29,7 @@ COLOURS = {"whole": 255, "follow": 63}
 the frame before; pictures in which everything moves are large, and need few"""
 
 
+@typed
 def animate(
     scene: Scene,
     trajectory: Trajectory,

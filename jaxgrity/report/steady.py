@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jaxgrity.core.display import mean_of_robots, significant, with_error
+from jaxgrity.core.typed import typed
 from jaxgrity.model.contact_twin import contact_twin
 from jaxgrity.model.scene import Scene
 from jaxgrity.orbits.error_bars import orbit_error_bars
@@ -24,6 +25,7 @@ PARTS = 4
 """Number of parts of the work. Progress is shown after each."""
 
 
+@typed
 def steady_facts(
     scene: Scene,
     uncertainty: Uncertainty,

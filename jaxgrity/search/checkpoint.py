@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxgrity.core.errors import InputError
+from jaxgrity.core.typed import typed
 from jaxgrity.io.files import PART, read_text, save_arrays, save_json, write_whole
 from jaxgrity.search.genetic_algorithm import Generation, Record, SearchState
 
@@ -45,6 +46,7 @@ class Checkpoint(NamedTuple):
         save_json(self.folder / SETTINGS, {**settings, "done": True})
 
 
+@typed
 @contextlib.contextmanager
 def open_checkpoint(
     folder: Path, settings: dict[str, Any], resume: bool = False, restart: bool = False
@@ -118,6 +120,7 @@ def left_over(folder: Path) -> list[Path]:
     return [path for path in names if path.exists()]
 
 
+@typed
 def load_states(folder: Path) -> tuple[SearchState, ...]:
     """The states of a run's searches, as far as they got."""
     found: list[SearchState] = []

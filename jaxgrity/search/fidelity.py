@@ -11,6 +11,7 @@ import scipy
 from jaxtyping import Float
 
 from jaxgrity.core.errors import InputError
+from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray
 from jaxgrity.model.actuation import Gait
 from jaxgrity.model.contact_twin import contact_twin, exact_twin
@@ -69,6 +70,7 @@ class FidelityLevel(NamedTuple):
         return Level((own, *twins), duration, fitness)
 
 
+@typed
 def fidelity_levels(
     scene: Scene, dt: float | None = None, both: bool = False, wide: bool = False
 ) -> tuple[FidelityLevel, ...]:
@@ -98,6 +100,7 @@ def search_levels(levels: tuple[FidelityLevel, ...]) -> tuple[FidelityLevel, ...
     return levels[:1] if alike else levels[:2]
 
 
+@typed
 def evolve_through(
     levels: tuple[FidelityLevel, ...],
     problem: SearchProblem,
@@ -127,6 +130,7 @@ def evolve_through(
     return found
 
 
+@typed
 def judge_at(level: FidelityLevel, gaits: Gait, problem: SearchProblem, seed: int) -> Scores:
     """`judge` on a fidelity level, by the problem's duration and fitness."""
     return judge(jax.random.key(seed), level.of(problem.duration, problem.fitness), gaits)
@@ -188,6 +192,7 @@ class Verdict(NamedTuple):
         }
 
 
+@typed
 def final_verdict(
     problem: SearchProblem,
     gait: Gait,

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from jaxgrity.core.errors import InputError
+from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, PerGait, Scalar
 from jaxgrity.model.scene import Scene
 from jaxgrity.search.cma_es import asked_next, check_optimiser, fewest
@@ -151,6 +152,7 @@ def begin(genome: Genome, config: GAConfig, seed: int, dtype: str) -> SearchStat
     return SearchState(0, jax.random.key_data(key), genes, nothing, None)
 
 
+@typed
 def evolve(
     problem: SearchProblem,
     config: GAConfig | None = None,
@@ -262,6 +264,7 @@ def breed(key, generation: Generation, progress: Scalar, genome: Genome, config:
 _breed = eqx.filter_jit(breed)
 
 
+@typed
 def distinct(generation: Generation, genome: Genome, count: int, apart: float = 0.02) -> Genes:
     """The best `count` gaits of a generation that differ from each other by at least `apart` in some gene, whichever
     way the robot is turned."""

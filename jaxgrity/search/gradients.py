@@ -11,6 +11,7 @@ import numpy as np
 from jax.scipy.special import ndtri
 from jaxtyping import Float
 
+from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, FinalPositions, PerGait, Phases, Scalar, State, Vectors
 from jaxgrity.model.actuation import Gait
 from jaxgrity.model.scene import Scene, start_of
@@ -36,6 +37,7 @@ class ClimbTask(NamedTuple):
     """standard deviation s of the smoothed gradient's perturbations, as `PolishConfig.width`"""
 
 
+@typed
 def distance_and_gradient(
     scene: Scene, gaits: Gait, horizon: float, options: ResolvedOptions
 ) -> tuple[PerGait, Phases]:
@@ -53,6 +55,7 @@ def distance_and_gradient(
     return distance, gradient
 
 
+@typed
 def distances(
     scene: Scene, gaits: Gait, horizon: float, options: ResolvedOptions, end: Callable | None = None
 ) -> PerGait:
@@ -81,6 +84,7 @@ def ends(
     return com(scene, start[0]).T, com(scene, q).T, jnp.moveaxis(q, -1, 0)
 
 
+@typed
 def checkpointed_end(scene: Scene, axes: Scene, start: State, horizon: float, options: ResolvedOptions) -> State:
     """What the scene's method carries at `horizon`, stepped in two nested scans, for reverse mode: see `stepped`."""
     return stepped(scene, start, (0.0, horizon), options, discretise_lanes(options, axes))[0]

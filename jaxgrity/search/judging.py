@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float
 
 from jaxgrity.core.display import COVERING
 from jaxgrity.core.errors import InputError
+from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, PerGait, Scalar
 from jaxgrity.model.actuation import Gait, actuated_lengths, peak_rates
 from jaxgrity.model.scene import Scene
@@ -68,11 +69,13 @@ class Fitness(eqx.Module):
         return self.objective.worth(scene, outcomes, duration), self.bounds.excess(rate, outcomes.metrics)
 
 
+@typed
 def with_robots(fitness: Fitness, robots: int) -> Fitness:
     """The same fitness by an ensemble of another size."""
     return Fitness(fitness.objective, fitness.uncertainty, robots, fitness.caution, fitness.bounds)
 
 
+@typed
 def without_measuring(fitness: Fitness) -> Fitness:
     """The same fitness without bounds on force and power, for which rollouts are measured at several times the cost."""
     bounds = ActuatorBounds(rate=fitness.bounds.rate)
@@ -130,6 +133,7 @@ class Level(NamedTuple):
         return self._replace(fitness=with_robots(self.fitness, robots))
 
 
+@typed
 def judge(key, level: Level, gaits: Gait) -> Scores:
     """Score every gait by its ensemble; on several models a robot is worth the mean of what it is worth on each.
 

@@ -2,6 +2,7 @@
 
 from typing import NamedTuple
 
+from jaxgrity.core.typed import typed
 from jaxgrity.model.scales import time_scale
 from jaxgrity.model.scene import Scene, as_dtype
 from jaxgrity.stepping.options import Options, ResolvedOptions, SolverOptions, resolve
@@ -20,12 +21,14 @@ class Model(NamedTuple):
     """`as_inputs`"""
 
 
+@typed
 def model_of(scene: Scene, duration: float, options: Options = None) -> Model:
     """The scene, integrated as `options` say. Raises `InputError` as `resolve` does."""
     resolved = resolve(scene, duration, options)
     return Model(as_dtype(scene, resolved.dtype), resolved.as_inputs())
 
 
+@typed
 def rough_step(scene: Scene, dt: float | None = None) -> float:
     """The step for rough rollouts, s: `SCREENING_STEP` on an exact scene, twice `dt` on another, where that is stable.
 

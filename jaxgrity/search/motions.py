@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxgrity.core.errors import InputError
+from jaxgrity.core.typed import typed
 from jaxgrity.core.types import PerGait
 from jaxgrity.model.scene import Scene, body_length
 from jaxgrity.populations.population import as_population
@@ -45,6 +46,7 @@ class RobotMotions(NamedTuple):
         }
 
 
+@typed
 def robot_motions(
     scene: Scene,
     uncertainty: Uncertainty,

@@ -6,6 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, PerGait, Scalar
 from jaxgrity.model.actuation import Gait
 from jaxgrity.model.scales import time_scale
@@ -43,6 +44,7 @@ def whole_cycles(scene: Scene, duration: float, cycle: float) -> tuple[int, floa
     return parts, parts * each
 
 
+@typed
 def path_bend(scene: Scene, outcomes: Outcomes, duration: Scalar) -> tuple[PerGait, PerGait]:
     """Speed along the path, body lengths/s, and its bend, rad per body length to the left, of the settled part.
 

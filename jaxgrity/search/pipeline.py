@@ -10,6 +10,7 @@ import numpy as np
 
 from jaxgrity.core.display import of_report
 from jaxgrity.core.errors import InputError
+from jaxgrity.core.typed import typed
 from jaxgrity.io.files import save_arrays
 from jaxgrity.model.actuation import Gait
 from jaxgrity.model.scene import Scene, with_gait
@@ -85,6 +86,7 @@ class SearchResult(NamedTuple):
 Listener = Callable[[Progress], None]
 
 
+@typed
 def search_gaits(
     scene: Scene,
     config: SearchConfig | None = None,

@@ -24,6 +24,7 @@ from jaxtyping import Float
 
 from jaxgrity.core.display import COVERING, significant, with_error
 from jaxgrity.core.errors import InputError
+from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray
 from jaxgrity.model.scene import as_dtype, with_gait
 from jaxgrity.populations.population import one_gait
@@ -86,6 +87,7 @@ class Routes(NamedTuple):
     remarks: list[str]
 
 
+@typed
 def polish(
     problem: SearchProblem,
     genes: Float[AnyArray, "starts genes"],
@@ -127,9 +129,8 @@ def polish(
     config, genes = config or PolishConfig(), np.atleast_2d(np.asarray(genes, float))
     check_polish(config, problem.fitness, len(genes))
     resolved, final = _resolved(problem, options, final_options)
-    found = Routes([Route(start, config.kind, problem.duration) for start in genes], None, [])
-    if config.kind in ("pathwise", "combined"):
-        found = _routes(problem, genes, resolved, config)
+    every = Routes([Route(start, config.kind, problem.duration) for start in genes], None, [])
+    found = _routes(problem, genes, resolved, config) if config.kind in ("pathwise", "combined") else every
     best, spent = Climb(genes[0], (), 0), 0
     if found.routes:
         best, spent = _climb_all(problem, resolved, config, found.routes, seed, on_step)

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from typing import Literal, NamedTuple, get_args
 
 from jaxgrity.core.errors import InputError
+from jaxgrity.core.typed import typed
 from jaxgrity.search.judging import Fitness
 from jaxgrity.search.objectives import SteadySpeed
 
@@ -76,6 +77,7 @@ def budget(config: PolishConfig, fitness: Fitness, costs: Sequence[float]) -> Bu
     return Budget(each, comparison)
 
 
+@typed
 def check_polish(config: PolishConfig, fitness: Fitness, starts: int) -> None:
     """Raise `InputError` for what no polish can do from so many starts.
 

@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxgrity.core.errors import InputError
+from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, PerGait
 from jaxgrity.model.actuation import actuated_lengths, peak_rates
 from jaxgrity.populations.population import Outcomes
@@ -84,6 +85,7 @@ class _Tried(NamedTuple):
     quality: PerGait
 
 
+@typed
 def repertoire(
     problem: SearchProblem,
     config: RepertoireConfig | None = None,

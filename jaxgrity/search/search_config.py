@@ -9,6 +9,7 @@ import jax
 import numpy as np
 
 from jaxgrity.core.errors import InputError
+from jaxgrity.core.typed import typed
 from jaxgrity.model.actuation import Gait, actuated_lengths
 from jaxgrity.model.scene import Scene, with_gait
 from jaxgrity.model.symmetry import gene_permutations, standing_symmetries
@@ -99,6 +100,7 @@ class SearchConfig:
     """the same seed gives the same search"""
 
 
+@typed
 def ga_configs(config: SearchConfig, levels: int) -> tuple[GAConfig, ...]:
     """Of the search on each of so many levels where gaits evolve."""
     size, counts = config.population, config.generations[:levels]
@@ -132,6 +134,7 @@ def with_actuated(scene: Scene, members: Literal["scene", "struts", "cables"]) -
     return with_gait(scene, Gait(chosen, 0 * one, strongest * one, quickest * one, own.start, own.ramp))
 
 
+@typed
 def search_problem(scene: Scene, config: SearchConfig) -> SearchProblem:
     """What evolves, and how it is judged. Raises `InputError` before anything compiles."""
     if not 1 <= config.polish_gaits <= COMPARED:
@@ -166,6 +169,7 @@ def search_problem(scene: Scene, config: SearchConfig) -> SearchProblem:
     return SearchProblem(scene, genome, config.duration, fitness)
 
 
+@typed
 def genome_to_polish(problem: SearchProblem, genes: Genes, config: SearchConfig) -> tuple[Genome, np.ndarray]:
     """The genome in which polishing climbs, and what its first gaits' genes are there.
 

@@ -3,6 +3,7 @@
 import numpy as np
 
 from jaxgrity.core.errors import InputError
+from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray
 from jaxgrity.model.actuation import Gait
 from jaxgrity.model.scene import KNOWN_FRICTIONS, KNOWN_LAWS, Scene
@@ -13,6 +14,7 @@ from jaxgrity.statics.stiffness import free_coordinates, rigid_motions
 from jaxgrity.statics.vibrations import vibration_modes
 
 
+@typed
 def describe(scene: Scene) -> str:
     """What is modelled and what is not, members, masses, prestress, lowest and highest natural frequency.
 

@@ -14,6 +14,7 @@ import scipy.sparse as sp
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import edge_vectors, length
 from jaxgrity.core.tracing import refuse_traced
+from jaxgrity.core.typed import typed
 from jaxgrity.core.types import NodeVectors, Scalar
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.springs import largest_force, largest_stiffness
@@ -43,6 +44,7 @@ class RestingShape(NamedTuple):
     steps: int
 
 
+@typed
 def resting_shape(
     scene: Scene,
     start: NodeVectors | None = None,
@@ -100,6 +102,7 @@ def resting_shape(
     return RestingShape(q, residual, stable, reactions.reshape(q.shape), steps)
 
 
+@typed
 def equilibrium_near(scene: Scene, shape: NodeVectors) -> NodeVectors:
     """The equilibrium close to `shape`, m, differentiable with respect to everything in the scene.
 

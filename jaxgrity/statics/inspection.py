@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jaxgrity.core.errors import InputError
+from jaxgrity.core.typed import typed
 from jaxgrity.core.types import NodeVectors, PerMember, PerRow
 from jaxgrity.model.laws import EnergyTerm
 from jaxgrity.model.scene import Scene
@@ -127,6 +128,7 @@ class StructureReport(NamedTuple):
         ]
 
 
+@typed
 def inspect_structure(scene: Scene) -> StructureReport:
     """Settle a structure and report on its statics: self-stress, mechanisms, forces, stability, frequencies.
 
@@ -197,6 +199,7 @@ def _that_count(structure: Structure, forces: PerMember) -> PerMember:
     return np.where(np.abs(forces) > NOTHING * softest, forces, 0.0) if np.isfinite(softest) else forces
 
 
+@typed
 def member_forces(structure: Structure, q: NodeVectors) -> PerMember:
     """K (l - L) of each member at `q`, N, tension positive, struts first; a slack cable has none.
 

@@ -5,12 +5,14 @@ import dataclasses
 import numpy as np
 
 from jaxgrity.core.errors import InputError
+from jaxgrity.core.typed import typed
 from jaxgrity.core.types import PerMember
 from jaxgrity.model.structure import Members, Structure, edge_lengths
 from jaxgrity.statics.form_finding import prestress, rest_lengths
 from jaxgrity.statics.stiffness import all_edges
 
 
+@typed
 def prestressed(structure: Structure, tension: float, force_density: PerMember | None = None) -> Structure:
     """The structure with the rest lengths at which its shape is in equilibrium without loads.
 

@@ -9,6 +9,7 @@ import scipy.sparse.linalg as spla
 from jaxtyping import Float
 
 from jaxgrity.core.errors import InputError
+from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, NodeVectors, PerMember
 from jaxgrity.model.clusters import pull
 from jaxgrity.model.scene import Scene
@@ -40,6 +41,7 @@ class StaticResponse(NamedTuple):
     """by what the loads may be multiplied until the first cable is slack; infinite where they tighten all"""
 
 
+@typed
 def static_response(scene: Scene, q: NodeVectors, loads: Loads) -> StaticResponse:
     """K u = f about the equilibrium `q`, with the tangent stiffness K = d2U/dq2, prestress and all.
 

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxgrity.core.errors import InputError
+from jaxgrity.core.typed import typed
 from jaxgrity.model.scales import length_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.springs import as_springs
@@ -26,6 +27,7 @@ class Settled(NamedTuple):
     """m, the largest distance that a node moved with respect to the others' mean"""
 
 
+@typed
 def settled(scene: Scene) -> Settled:
     """The scene with its structure at rest without gravity, ground and gait, and set down on its ground.
 

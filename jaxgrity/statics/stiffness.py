@@ -11,6 +11,7 @@ import scipy.sparse.linalg as spla
 from jaxtyping import Bool, Float
 
 from jaxgrity.core.errors import InputError
+from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, Edges, MassMatrix, NodeVectors
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.springs import as_springs
@@ -41,6 +42,7 @@ def with_spring_struts(scene: Scene) -> Scene:
     return dataclasses.replace(scene, structure=as_springs(scene.structure)[0])
 
 
+@typed
 def stiffness_matrix(scene: Scene, q: NodeVectors) -> sp.csc_array:
     """K = d2U/dq2 at `q` and t = 0, N/m, (3 nodes, 3 nodes), from the scene's own potential energy.
 
@@ -67,6 +69,7 @@ def stiffness_matrix(scene: Scene, q: NodeVectors) -> sp.csc_array:
     return sp.csc_array(K)
 
 
+@typed
 def sparse_mass_matrix(structure: Structure) -> sp.csc_array:
     """M, kg, (3 nodes, 3 nodes): the same as `inertia.mass_matrix`, for structures of any size.
 

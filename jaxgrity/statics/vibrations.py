@@ -9,6 +9,7 @@ import scipy.sparse.linalg as spla
 from jaxtyping import Float
 
 from jaxgrity.core.tracing import refuse_traced
+from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, NodeVectors, PerRow, Times
 from jaxgrity.model.scene import Scene
 from jaxgrity.statics.stiffness import (
@@ -47,6 +48,7 @@ class Modes(NamedTuple):
         return np.asarray(q) + amplitude * np.sin(rate * np.asarray(times))[:, None, None] * shape
 
 
+@typed
 def vibration_modes(scene: Scene, q: NodeVectors | None = None, count: int | None = None) -> Modes:
     """The modes of K x = (2 pi f)^2 M x about `q`, with K = d2U/dq2 and the consistent mass matrix M.
 

@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxgrity.core.primitives import edge_vectors, length
+from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, NodeVectors, Scalar, Times, namespace_of
 from jaxgrity.model.inertia import with_mobility
 from jaxgrity.model.laws import Law
@@ -32,6 +33,7 @@ TORN = 10.0
 """a member this many times as long as it was built shows a motion that has blown up, finite or not"""
 
 
+@typed
 def discretise(options: ResolvedOptions, lift: Lift = one_robot) -> tuple[diffrax.AbstractTerm, diffrax.AbstractSolver]:
     """The equations of motion and the solver for them, as diffrax takes them, for one robot or, by `lift`, for many."""
     method = options.method
@@ -46,6 +48,7 @@ def discretise(options: ResolvedOptions, lift: Lift = one_robot) -> tuple[diffra
     return diffrax.ODETerm(jax.jit(lift(vector_field, (None, -1, "s")))), solver
 
 
+@typed
 def integrate(
     start: tuple,
     times: Times,

@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxgrity.core.primitives import store_cotangent
+from jaxgrity.core.typed import typed
 from jaxgrity.core.types import NodeVectors, PerNode, Scalar, State, VectorsByKind
 from jaxgrity.model import inertia
 from jaxgrity.model.scene import Scene
@@ -11,6 +12,7 @@ from jaxgrity.model.shaking import support_acceleration, with_supports
 from jaxgrity.model.structure import Members, member_vectors, onto_nodes
 
 
+@typed
 def acceleration(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors) -> NodeVectors:
     """a = M^-1 (-dU/dq - dR/dv + F_switch), (nodes, 3), m/s^2; along fixed coordinates, as the supports move."""
     return _accelerated(scene, t, total_force(scene, t, q, v))
@@ -50,6 +52,7 @@ def smooth_acceleration(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors)
     return _accelerated(scene, t, smooth_force(scene, t, q, v, scene.normal_force(q, v)))
 
 
+@typed
 def smooth_force(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors, normal_force: PerNode | None) -> NodeVectors:
     """-dU/dq - dR/dv, N: all forces but F_switch.
 
@@ -92,6 +95,7 @@ def _member_vectors(x: NodeVectors, kinds: dict[str, Members]) -> VectorsByKind:
     return jax.tree.map(store_cotangent, member_vectors(x, kinds))
 
 
+@typed
 def vector_field(t: Scalar, state: State, scene: Scene) -> State:
     """d/dt (q, v) = (v, a): the right-hand side that every method integrates; how supports move is known."""
     q, v = state
@@ -108,6 +112,7 @@ def mechanical_energy(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors) -
     return kinetic_energy(scene, v) + scene.potential_energy(q, t)
 
 
+@typed
 def centre_of_mass(scene: Scene, q: NodeVectors):
     """sum m x / sum m, (3,), m; of velocities: its velocity."""
     mass = scene.structure.lumped_mass

@@ -6,6 +6,7 @@ import numpy as np
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.tracing import traced
+from jaxgrity.core.typed import typed
 from jaxgrity.core.types import Scalar, State, Times
 from jaxgrity.model.scene import Scene, as_dtype, start_of
 from jaxgrity.stepping.discretisation import discretise, prepared
@@ -17,6 +18,7 @@ LONGER = 1.01
 """times the step of the options, steps may be whose number is given"""
 
 
+@typed
 def final_state(
     scene: Scene,
     duration: Scalar,
@@ -127,6 +129,7 @@ def steps_between(since: Scalar, until: Scalar, options: ResolvedOptions) -> int
     return max(1, int(np.ceil((float(until) - float(since)) / float(options.dt) - 1e-6)))  # type: ignore[arg-type]
 
 
+@typed
 def states_at(
     scene: Scene, start: State, times: Times, steps: int, options: ResolvedOptions, *, reverse: bool = False
 ) -> State:

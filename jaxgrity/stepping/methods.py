@@ -9,6 +9,7 @@ import numpy as np
 import optimistix
 
 from jaxgrity.core.errors import InputError, unknown
+from jaxgrity.core.typed import typed
 from jaxgrity.stepping.coupled_stepping import CoupledImpulses
 from jaxgrity.stepping.runge_kutta import RK4
 from jaxgrity.stepping.swept import SweptImpulses
@@ -49,6 +50,7 @@ ALIASES = {"symplectic": "verlet"}
 """former names"""
 
 
+@typed
 def register_method(method: Method) -> Method:
     """Let scenes be integrated by a method of one's own, under its name. Returns it.
 

@@ -11,9 +11,10 @@ import numpy as np
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.remembered import remembered
 from jaxgrity.core.tracing import traced
+from jaxgrity.core.typed import typed
 from jaxgrity.core.types import Count, NodeVectors, Scalar
 from jaxgrity.model.scales import length_scale, speed_scale
-from jaxgrity.model.scene import Scene
+from jaxgrity.model.scene import Scene, check_laws
 from jaxgrity.stepping.blocks import disjoint_groups
 from jaxgrity.stepping.constraints import exact_ground, rigid_struts
 from jaxgrity.stepping.methods import Method, constrained_method, find_method
@@ -90,6 +91,7 @@ Options = SolverOptions | ResolvedOptions | None
 """what functions take as `options`"""
 
 
+@typed
 def resolve(
     scene: Scene,
     duration: float,
@@ -126,6 +128,7 @@ def resolve(
 def _resolved(scene: Scene, options: Options, dtype: str | None, x64: bool) -> ResolvedOptions:
     """`resolve` without the duration, on which nothing else depends; `x64` is whether float64 is switched on."""
     concrete = not traced(scene)
+    check_laws(scene)
     if isinstance(options, ResolvedOptions):
         check_options(scene, options)
         return options if dtype is None else replace(options, dtype=_dtype(dtype, x64))

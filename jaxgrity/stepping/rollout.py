@@ -9,6 +9,7 @@ import numpy as np
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.tracing import traced
+from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, NodeHistory, Scalar, State, Times
 from jaxgrity.model.scene import Scene, as_dtype, start_of
 from jaxgrity.stepping.discretisation import state_failure
@@ -29,6 +30,7 @@ class RolledOut(NamedTuple):
     else means nothing"""
 
 
+@typed
 def rollout(
     scene: Scene,
     times: Times,

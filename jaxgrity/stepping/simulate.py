@@ -12,6 +12,7 @@ import numpy as np
 from jaxgrity.core.display import of_report
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.tracing import forward_mode_only, traced
+from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, NodeHistory, NodeVectors, Scalar, State, Times
 from jaxgrity.model.scene import Scene, as_dtype
 from jaxgrity.model.shaking import with_supports
@@ -68,12 +69,14 @@ class Trajectory(eqx.Module):
         return of_report("notebook", "trajectory_html")(self)
 
 
+@typed
 def centre_path(scene: Scene, trajectory: Trajectory) -> np.ndarray:
     """(frames, 3), the centre of mass along a trajectory, m."""
     mass = np.asarray(scene.structure.lumped_mass, float)
     return np.einsum("n,fnk->fk", mass / mass.sum(), np.asarray(trajectory.positions, float))
 
 
+@typed
 def velocities_midway(scene: Scene, trajectory: Trajectory) -> np.ndarray:
     """(frames, nodes, 3), m/s: velocities that contact and rigid struts let pass, for reports on slip and on impulses.
 
@@ -117,6 +120,7 @@ def with_room(frames: AnyArray, nodes: int) -> np.ndarray:
     return np.pad(frames, [(0, more), *[(0, 0)] * (np.ndim(frames) - 1)], mode="edge")
 
 
+@typed
 def simulate(
     scene: Scene,
     duration: Scalar,

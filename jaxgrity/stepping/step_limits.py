@@ -10,6 +10,7 @@ import numpy as np
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.tracing import evaluated
+from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, NodeVectors, Scalar, State
 from jaxgrity.model.inertia import mass_matrix
 from jaxgrity.model.laws import DissipationTerm, EnergyTerm, ForceTerm, named_parts
@@ -49,6 +50,7 @@ class Linearised(NamedTuple):
         return values, self.basis @ vectors[:n]
 
 
+@typed
 def standing(scene: Scene) -> State:
     """The structure at rest, undeformed, where its lowest nodes press on the ground by its weight, as it was posed.
 
@@ -108,8 +110,7 @@ def _constraints(scene: Scene, q: np.ndarray) -> np.ndarray:
 
 def _turning(scene: Scene, q: np.ndarray, forces: np.ndarray) -> np.ndarray:
     """(3 nodes, 3 nodes), N/m: change of the rigid struts' forces as the struts turn, (1 - u u^T) f / l."""
-    struts = rigid_struts(scene)
-    change = np.zeros((*q.shape, *q.shape))
+    struts, change = rigid_struts(scene), np.zeros((*q.shape, *q.shape))
     for (i, j), force in zip(struts.edges if struts is not None else (), forces):
         d = q[i] - q[j]
         across = force / np.linalg.norm(d) * (np.eye(3) - np.outer(d, d) / (d @ d))
@@ -118,6 +119,7 @@ def _turning(scene: Scene, q: np.ndarray, forces: np.ndarray) -> np.ndarray:
     return change.reshape(q.size, q.size)
 
 
+@typed
 def stable_step(scene: Scene, state: State, method: Method | str) -> float:
     """Largest step (s) at which no small motion about `state` grows by `GROWTH` a step more in `method` than in truth.
 
@@ -150,6 +152,7 @@ def _excess(linear: Linearised, values: np.ndarray, method: Method, h: float) ->
     return np.abs(np.linalg.eigvals(step)) * np.exp(-h * max(0, values.real.max()))
 
 
+@typed
 def limiting_part(scene: Scene, state: State, method: Method) -> str:
     """The member, contact or damping with the largest share in the motion that limits `stable_step`, by name."""
     linear = linearise(scene, state)
@@ -160,12 +163,8 @@ def limiting_part(scene: Scene, state: State, method: Method) -> str:
     shape = np.stack([shapes[:, worst].real, shapes[:, worst].imag]).reshape(2, *q.shape)
     with jax.enable_x64(True):
         shares = part_shares(as_dtype(scene, "float64"), q, v, shape, np.asarray(np.abs(values[worst])))
-    names = [name for term in _force_terms(scene) for name in named_parts(term, scene)]
+    names = [x for law in scene.laws if isinstance(law, ForceTerm) for x in named_parts(law, scene)]
     return names[int(np.argmax(np.abs(np.concatenate(shares))))]
-
-
-def _force_terms(scene: Scene) -> list[ForceTerm]:
-    return [law for law in scene.laws if isinstance(law, ForceTerm)]
 
 
 @eqx.filter_jit
@@ -186,7 +185,7 @@ def part_shares(scene: Scene, q: NodeVectors, v: NodeVectors, shape: AnyArray, r
 
         return jax.grad(work)(jnp.ones(len(named_parts(term, scene))))
 
-    return [share(term) for term in _force_terms(scene)]
+    return [share(law) for law in scene.laws if isinstance(law, ForceTerm)]
 
 
 def _force(term: ForceTerm, motion):
@@ -231,8 +230,7 @@ def strictest(scene: Scene, method: Method) -> tuple[float, Scene, State]:
 
 def _cases(scene: Scene) -> list[tuple[Scene, State]]:
     """Standing and aloft, all cables taut."""
-    taut = all_taut(scene)
-    return [(taut, standing(taut)), aloft(taut)]
+    return [(taut := all_taut(scene), standing(taut)), aloft(taut)]
 
 
 class StepLimit(NamedTuple):
@@ -244,6 +242,7 @@ class StepLimit(NamedTuple):
     """the member, contact or damping that sets it, by name"""
 
 
+@typed
 def step_limit(scene: Scene, method: Method | str) -> StepLimit:
     """The largest stable step of a scene, standing and aloft, and what sets it; infinite where nothing does.
 
@@ -263,6 +262,7 @@ def step_limit(scene: Scene, method: Method | str) -> StepLimit:
     return StepLimit(step, limiting_part(taut, state, method) if np.isfinite(step) else "nothing")
 
 
+@typed
 def default_step(scene: Scene, method: Method) -> float:
     """The largest of 1, 2, 5 times a power of ten (s) up to 0.4 of the stable step, and up to `LARGEST_STEP`.
 
@@ -294,6 +294,7 @@ def _surely_stable(scene: Scene, state: State, method: Method, dt: float) -> boo
     return stable and bool(dt * np.abs(values).max() < WIDEST)
 
 
+@typed
 def default_method(scene: Scene) -> Method:
     """The first of the methods that meet constraints for scenes with rigid struts or exact contact, else the first."""
     return constrained_method() if scene.constrained else next(iter(METHODS.values()))

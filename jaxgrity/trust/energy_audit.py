@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxgrity.core.tracing import refuse_traced
+from jaxgrity.core.typed import typed
 from jaxgrity.core.types import Count, NodeHistory, NodeVectors, Scalar, Times
 from jaxgrity.model.scales import time_scale
 from jaxgrity.model.scene import Scene, as_dtype, start_of
@@ -78,6 +79,7 @@ class EnergyAudit(NamedTuple):
         return float(max(np.ptp(x) for x in (self.kinetic, self.potential, self.actuation, self.lost)))
 
 
+@typed
 def energy_audit(scene: Scene, duration: float, *, options: Options = None, frame_rate: float = 100.0) -> EnergyAudit:
     """Roll the scene out in float64, and balance its energy and its momentum.
 

@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxgrity.core.tracing import refuse_traced
+from jaxgrity.core.typed import typed
 from jaxgrity.core.types import PerGait, Vectors
 from jaxgrity.model.actuation import Gait
 from jaxgrity.model.scene import Scene
@@ -30,6 +31,7 @@ class Verified(NamedTuple):
     """the steps used, s; of an adaptive method, the relative tolerances"""
 
 
+@typed
 def verify(scene: Scene, gaits: Gait, duration: float, *, options: Options = None) -> Verified:
     """Distance of each gait, with an error bar from rollouts at the step, its half and its quarter, all in float64.
 

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxgrity.core.tracing import refuse_traced
+from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, Count, Scalar, Times
 from jaxgrity.model.actuation import Gait
 from jaxgrity.model.scene import Scene, as_dtype
@@ -41,6 +42,7 @@ class Sensitivity(NamedTuple):
         return float(np.polyfit(self.times[late], np.log(self.norm[late]), 1)[0]) if late.sum() > 1 else np.nan
 
 
+@typed
 def sensitivity(scene: Scene, duration: float, *, options: Options = None, frame_rate: float = 10.0) -> Sensitivity:
     """|d com/d phase| along one rollout of the scene's own gait, by forward-mode differentiation, in float64.
 

@@ -8,6 +8,7 @@ import jax
 import numpy as np
 
 from jaxgrity.core.tracing import refuse_traced
+from jaxgrity.core.typed import typed
 from jaxgrity.core.types import Times
 from jaxgrity.model.actuation import rest_lengths_along
 from jaxgrity.model.scales import length_scale, speed_scale, time_scale
@@ -129,6 +130,7 @@ class TrustReport(NamedTuple):
         return "\n".join(f"{name:<{wide}}  {value}" for name, value in rows.items())
 
 
+@typed
 def diagnose(
     scene: Scene,
     duration: float,

@@ -1,0 +1,97 @@
+"""Arguments of the wrong kind are refused in one line, by every public function and before anything else."""
+
+import inspect
+from importlib import import_module
+from pathlib import Path
+
+import equinox as eqx
+import jaxtyping
+import numpy as np
+import pytest
+
+import jaxgrity
+from jaxgrity import InputError, Scene, SolverOptions, load_gait, load_scene, rollout, save_scene, simulate, with_gait
+from jaxgrity.core.typed import kinds_of, typed
+
+ROOMS = ["jaxgrity", *(f"jaxgrity.{room}" for room in jaxgrity.ROOMS)]
+
+
+def _looked_at(kind):
+    return kind is Path or kind.__module__.startswith("jaxgrity")
+
+
+def _parameters():
+    """Of all public functions, those whose annotation is a class of ours or a file."""
+    for room in map(import_module, ROOMS):
+        for name in room.__all__:
+            if callable(function := getattr(room, name)) and not inspect.isclass(function):
+                for parameter in inspect.signature(function).parameters.values():
+                    if any(map(_looked_at, kinds_of(parameter.annotation))):
+                        yield pytest.param(function, parameter.name, id=f"{name}-{parameter.name}")
+
+
+def test_the_parameters_are_found():
+    """Else the test below could not fail."""
+    found = {case.id for case in _parameters()}
+    assert len(found) > 200
+    assert {"simulate-scene", "simulate-options", "save_scene-path", "with_gait-gait", "rolling-trajectory"} <= found
+
+
+@pytest.mark.parametrize(("function", "name"), list(_parameters()))
+def test_every_public_function_looks_at_the_kinds_of_its_arguments(function, name):
+    """Before it misses the others; what is jitted looks when it is traced."""
+    looks = function if inspect.isfunction(function) else function.__wrapped__
+    with pytest.raises(InputError, match=rf"^\w+: {name} is an object; expected ") as refused:
+        looks(**{name: object()})
+    assert "\n" not in str(refused.value)
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return load_scene("reference")
+
+
+def _refused(function, *given, **named):
+    with pytest.raises(InputError) as refused:
+        function(*given, **named)
+    return str(refused.value)
+
+
+def test_the_message_says_what_to_pass(scene, tmp_path):
+    path = tmp_path / "scene.toml"
+    assert _refused(simulate, "reference", 1.0) == (
+        "simulate: scene is 'reference'; expected a Scene; pass jaxgrity.load_scene('reference')"
+    )
+    assert _refused(rollout, path, np.array([0.0, 1.0])).endswith(f"pass jaxgrity.load_scene({str(path)!r})")
+    assert _refused(with_gait, scene, "straight").endswith("pass jaxgrity.load_gait('straight')")
+    assert _refused(simulate, scene, 1.0, options={"dt": 1e-3}).endswith("pass SolverOptions(dt=0.001)")
+    assert _refused(simulate, scene, 1.0, options=SolverOptions).startswith("simulate: options is the class Solver")
+    assert _refused(with_gait, scene, scene) == "with_gait: gait is a Scene; expected a Gait or None; pass its gait"
+    assert _refused(save_scene, path, scene).endswith("expected a Scene; one was given as path")
+    assert _refused(simulate, scene, "1") == "simulate: duration is '1'; expected a number"
+    assert _refused(load_scene, 3) == "load_scene: scene is 3; expected text or a path"
+    assert _refused(load_gait, None) == "load_gait: name is None; expected text or a path"
+    assert not path.exists()
+
+
+def test_a_scene_is_made_of_what_it_says(scene):
+    jaxtyping.config.update("jaxtyping_disable", True)  # for this test: its own refusals would come first
+    assert _refused(Scene, "x") == "Scene: structure is 'x'; expected a Structure"
+    assert _refused(Scene, scene) == "Scene: structure is a Scene; expected a Structure; pass its structure"
+    assert _refused(Scene, scene.structure, ground=scene.gait) == "Scene: ground is a Gait; expected a Ground or None"
+
+
+def test_what_fits_goes_through():
+    """Numbers of any kind, classes made from the one that is expected, arrays unseen, whatever a star takes."""
+
+    class Special(Scene):
+        more: float = eqx.field(static=True, default=0.0)
+
+    @typed
+    def given(scene: Scene, duration: float, array: np.ndarray | None = None, *more: Scene):
+        return more
+
+    scene = Special(load_scene("exact").structure)
+    for number in (1, 1.0, True, np.float32(1), np.ones(())):
+        assert given(scene, number, "no array", scene, scene) == (scene, scene)
+    assert _refused(given, scene, 1.0, None, scene, 3).startswith("given: more is 3; expected a Scene")

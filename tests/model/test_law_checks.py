@@ -1,0 +1,112 @@
+"""Laws of one's own that cannot act are refused with their name, in one line, before anything compiles."""
+
+from typing import Any, ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+import jaxtyping
+import numpy as np
+import pytest
+
+from jaxgrity import DissipationTerm, EnergyTerm, ForceLaw, InputError, primitives, simulate, with_terms
+
+UP = (0.0, 0.0, 1.0)
+
+
+class Band(EnergyTerm):
+    """A spring between nodes."""
+
+    k: Any
+    edges: Any = eqx.field(static=True)
+    name: ClassVar[str] = "band"
+
+    def energy(self, at):
+        return primitives.half_squares(self.k, primitives.length(primitives.edge_vectors(at.q, self.edges)))
+
+    def keeps(self, symmetry):
+        return False
+
+
+class Forgetful(Band):
+    """Its edges are not static."""
+
+    edges: Any
+
+
+class Weight(Band):
+    """One node, by its number."""
+
+    edges: Any = eqx.field(static=True, default=())
+    node: Any = eqx.field(static=True, default=0)
+
+    def energy(self, at):
+        return self.k * at.q[self.node, 2]
+
+
+class Each(Weight):
+    """A number for each node, in place of their sum."""
+
+    def energy(self, at):
+        return self.k * at.q[:1, 2]
+
+
+class Product(Weight):
+    """A sum of products with one number."""
+
+    def energy(self, at):
+        return primitives.inner(self.k, primitives.component(at.q, UP))
+
+
+class Drag(DissipationTerm):
+    """A number for each node."""
+
+    name: ClassVar[str] = "drag"
+    cause: ClassVar[str] = "drag"
+
+    def dissipation(self, motion):
+        return primitives.norm_squared(motion.v)
+
+    def keeps(self, symmetry):
+        return True
+
+
+class Thrust(ForceLaw):
+    """One force in place of one for each node."""
+
+    name: ClassVar[str] = "thrust"
+    cause: ClassVar[str] = "thrust"
+
+    def force(self, motion, other_forces):
+        return jnp.ones(3)
+
+    def keeps(self, symmetry):
+        return True
+
+
+@pytest.mark.parametrize(
+    ("law", "expected"),
+    [
+        (Band(1.0, ((0, 12),)), r"Band \('band'\) cannot act in this scene: there is no row 12; expected 0 to 11$"),
+        (Band(1.0, ((0, -1),)), "there is no row -1; expected 0 to 11$"),
+        (Forgetful(1.0, ((0, 1),)), r"declare edges, which has whole numbers, as eqx.field\(static=True\)$"),
+        (Weight(1.0, node=30), "Weight .*index 30 is out of bounds"),
+        (Each(1.0), r"gives an array of shape \(1,\); expected \(\), one number, a sum$"),
+        (Product(1.0), r"primitives.inner has arrays of shapes \(\) and \(12,\); expected one shape$"),
+        (Product(np.ones(11)), r"primitives.inner has arrays of shapes \(11,\) and \(12,\); expected one shape$"),
+        (Drag(), r"Drag \('drag'\) gives an array of shape \(12,\)"),
+        (Thrust(), r"gives an array of shape \(3,\); expected \(12, 3\), a force for each node$"),
+    ],
+    ids=lambda x: x if isinstance(x, str) else "",
+)
+def test_a_law_that_cannot_act_is_refused_with_its_name(exact, law, expected):
+    """As soon as the scene gets it, or where that was passed by, as soon as a motion is asked for."""
+    jaxtyping.config.update("jaxtyping_disable", True)  # for this test: its own refusals would come first
+    with pytest.raises(InputError, match=expected) as refused:
+        with_terms(exact, law)
+    assert "\n" not in str(refused.value)
+    with pytest.raises(InputError, match=expected):
+        simulate(eqx.tree_at(lambda scene: scene.terms, exact, (law,)), 0.01)
+
+
+def test_laws_that_can_act_pass(exact):
+    assert len(with_terms(exact, Band(1.0, ((0, 11),)), Weight(1.0, node=-1), Product(np.ones(12))).terms) == 3
