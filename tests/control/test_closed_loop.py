@@ -391,6 +391,46 @@ def test_tensions_are_those_of_cables_that_are_wound_up(scene):
     assert read.tensions[0] > 1.5 * read.tensions[1]
 
 
+def test_tensions_are_those_of_the_law_of_a_cable(scene):
+    """Of a limit, of a table, and one tension all along a cable that runs through a node."""
+    cables, q = scene.structure.cables, 1.15 * np.asarray(scene.structure.nodes)
+    stretch = jaxgrity.edge_lengths(q, cables.edges) - cables.rest_length
+    springs = cables.stiffness * stretch
+    limited = jaxgrity.with_terms(scene, jaxgrity.force_limit(cables, 60.0))
+    far, force = [0.0, 0.05, 1.0], [0.0, 0.05 * cables.stiffness[0], 500.0]
+    table = jaxgrity.with_terms(scene, jaxgrity.force_table(cables, far, force))
+    clustered = replace(cables, clusters=((0, 16),))
+    together = replace(scene, gait=None, structure=replace(scene.structure, cables=clustered))
+    pulls = [np.asarray(measure(each, 0.0, q, np.zeros_like(q)).tensions) for each in (limited, table, together)]
+    np.testing.assert_allclose(pulls[0], np.minimum(springs, 60.0), rtol=1e-6)
+    np.testing.assert_allclose(pulls[1], np.interp(stretch, far, force), rtol=1e-6)
+    shared = 1 / (1 / cables.stiffness[0] + 1 / cables.stiffness[16]) * (stretch[0] + stretch[16])
+    np.testing.assert_allclose(pulls[2][[0, 16]], shared, rtol=1e-6)
+    np.testing.assert_allclose(pulls[2][1:16], springs[1:16], rtol=1e-6)
+
+
+def test_a_motion_keeps_what_was_commanded(scene, rolled):
+    """Its forces are those of the gait that was the policy, and its scene rolls out to it again."""
+    own = jaxgrity.simulate(scene, 0.6, options=TEN_MS)
+    driven = jaxgrity.forces_along(rolled.scene, rolled).tension
+    np.testing.assert_allclose(driven, jaxgrity.forces_along(scene, own).tension, rtol=1e-6, atol=1e-6)
+    again = jaxgrity.simulate(rolled.scene, 0.6, options=TEN_MS)
+    np.testing.assert_allclose(again.positions, rolled.positions, atol=1e-12)
+
+
+def test_what_was_commanded_has_no_phases(rolled, tmp_path):
+    """What needs a gait says so in one line; a description names the commands."""
+    for use in (
+        lambda: jaxgrity.sensitivity(rolled.scene, 0.2),
+        lambda: jaxgrity.save_scene(rolled.scene, tmp_path / "driven.toml"),
+        lambda: jaxgrity.contact_twin(rolled.scene),
+        lambda: jaxgrity.orbits.find_orbit(rolled.scene, 60.0),
+    ):
+        with pytest.raises(InputError, match="gait: what a policy commanded"):
+            use()
+    assert "6 members, as a policy commanded them" in jaxgrity.describe(rolled.scene)
+
+
 class Short(control.Policy):
     """Commands for four members, whatever there are."""
 
