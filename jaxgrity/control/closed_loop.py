@@ -12,7 +12,6 @@ from jaxgrity.control.plant import Plant, PlantState, actuate, check_one, observ
 from jaxgrity.control.policies import Memory, Policy
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, State
-from jaxgrity.model.actuation import Commanded
 from jaxgrity.model.scene import floats_as
 from jaxgrity.populations.lanes import over_lanes
 from jaxgrity.stepping.complementarity import ContactState
@@ -157,9 +156,8 @@ def simulate_policy(
         seed: of the sensors' noise.
 
     Returns:
-        The motion, with a frame for each control period; one that fails has its failure code. In its scene the gait is
-        what the policy commanded (`model.Commanded`), so that `forces_along(motion.scene, motion)`, replays and audits
-        are those of the driven robot.
+        The motion, with a frame for each control period; its scene has no gait, for the policy's commands are not
+        part of it. One that fails has its failure code.
 
     Raises:
         InputError: a plant of many robots, a policy that actuates other members than the plant, or a duration that is
@@ -177,9 +175,7 @@ def simulate_policy(
         raise InputError(f"duration = {duration:g} s: expected a positive number")
     loop = loop_start(plant, policy, jax.random.key(seed), start)
     ticks = max(1, round(duration / plant.period))
-    (q, v), reached, failure = _motion(plant, policy, loop, ticks)
-    reached = jnp.concatenate([loop.plant.contraction[None], reached])
-    commanded = Commanded(plant.members, reached, jnp.asarray(plant.period, reached.dtype))
+    (q, v), failure = _motion(plant, policy, loop, ticks)
     first = jax.tree.map(lambda x: x[None], whole_state(plant, loop.plant))
     q, v = (jnp.concatenate(parts) for parts in zip(first, (q, v)))
     return Trajectory(
@@ -191,15 +187,14 @@ def simulate_policy(
         rejected=jnp.asarray(0),
         method=plant.options.method.name,
         dt=plant.period / plant.steps,
-        scene=eqx.tree_at(lambda s: s.gait, plant.scene, commanded, is_leaf=lambda x: x is None),
+        scene=plant.scene,
     )
 
 
 @eqx.filter_jit
 def _motion(plant: Plant, policy: Policy, loop: Loop, ticks: int):
-    kept = lambda state: (whole_state(plant, state), state.contraction)  # noqa: E731
-    end, (motion, reached) = roll_on(plant, policy, loop, ticks, kept)
-    return motion, reached, state_failure(plant.scene, *end.plant.motion)
+    end, motion = roll_on(plant, policy, loop, ticks, lambda state: whole_state(plant, state))
+    return motion, state_failure(plant.scene, *end.plant.motion)
 
 
 def _check_each(policy: Policy, robots: int) -> None:

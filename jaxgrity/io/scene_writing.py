@@ -42,7 +42,7 @@ from jaxgrity.io.scene_tables import (
     WindTable,
 )
 from jaxgrity.io.validation import not_finite
-from jaxgrity.model.actuation import Gait, periodic
+from jaxgrity.model.actuation import Gait
 from jaxgrity.model.external import Push, Wind
 from jaxgrity.model.force_laws import ForceLimit, ForceTable
 from jaxgrity.model.friction import ConeFriction, Friction, SmoothFriction, SwitchFriction
@@ -108,7 +108,7 @@ def scene_file(scene: Scene) -> SceneFile:
         wind=wind,
         pushes=pushes,
         shaking=_shaking(scene.shaking),
-        gait=_gait(periodic(scene.gait)),
+        gait=_gait(scene.gait),
     )
     tables = msgspec.to_builtins(file)
     for where, value in not_finite(tables):

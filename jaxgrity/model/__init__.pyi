@@ -1,4 +1,4 @@
-from .actuation import Command, Commanded, random_members, rest_length
+from .actuation import Command, random_members, rest_length
 from .contact_twin import exact_twin, penalty_twin
 from .friction import Friction
 from .ground import Ground
@@ -10,7 +10,6 @@ from .waves import TravellingWave, travelling_waves
 
 __all__ = [
     "Command",
-    "Commanded",
     "Frame",
     "Friction",
     "Ground",

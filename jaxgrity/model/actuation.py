@@ -73,33 +73,8 @@ class Command(eqx.Module):
     """s"""
 
 
-class Commanded(eqx.Module):
-    """Rest lengths that a controller asked for in a motion that is over: what was reached, and straight lines between.
-
-    It stands in the scene of such a motion, so that its forces, replays and audits know what drove the robot.
-    """
-
-    members: tuple[int, ...] = eqx.field(static=True)
-    """which members are actuated, as in a `Gait`"""
-    reached: AnyArray
-    """(periods + 1, actuators): by which fraction each is shortened at the end of each control period, the first: at
-    t = 0"""
-    period: Scalar
-    """s, from one of them to the next"""
-
-
-Actuation = Gait | Command | Commanded
+Actuation = Gait | Command
 """what changes rest lengths"""
-
-
-def periodic(gait: Actuation | None) -> Gait | None:
-    """The gait, or None where there is none. Raises `InputError` where a closed loop's commands stand in its place."""
-    if gait is None or isinstance(gait, Gait):
-        return gait
-    raise InputError(
-        "gait: what a policy commanded in a closed loop, which has no phases and no period; expected a gait, as of "
-        "with_gait(scene, gait)"
-    )
 
 
 def random_members(candidates: range, fraction: float, seed: int) -> tuple[int, ...]:
@@ -118,11 +93,6 @@ def contraction(gait: Actuation, t: Scalar) -> PerActuator:
     """By which fraction each actuated member is shortened at time t."""
     if isinstance(gait, Command):
         return gait.now + gait.rate * (t - gait.since)
-    if isinstance(gait, Commanded):
-        ticks = t / gait.period
-        k = jnp.clip(jnp.floor(ticks).astype(int), 0, gait.reached.shape[0] - 2)
-        share = jnp.clip(ticks - k, 0, 1)
-        return (1 - share) * gait.reached[k] + share * gait.reached[k + 1]
     r = jnp.clip((t - gait.start) / gait.ramp, 0, 1)
     angle = 2 * jnp.pi * t * gait.frequency
     wave = jnp.sin(angle + gait.phase)

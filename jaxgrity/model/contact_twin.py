@@ -5,7 +5,6 @@ import dataclasses
 import numpy as np
 
 from jaxgrity.core.errors import InputError
-from jaxgrity.model.actuation import periodic
 from jaxgrity.model.friction import ConeFriction, SmoothFriction
 from jaxgrity.model.ground import ExactGround, PenaltyGround
 from jaxgrity.model.rigid_struts import LARGEST_GAP
@@ -81,7 +80,7 @@ def contact_twin(scene: Scene) -> Scene:
 
 
 def _check_starts_still(scene: Scene) -> None:
-    gait, struts = periodic(scene.gait), scene.structure.struts
+    gait, struts = scene.gait, scene.structure.struts
     if gait is not None and struts is not None and any(k < len(struts.edges) for k in gait.members) and gait.start < 0:
         raise InputError(
             f"gait.start = {float(gait.start):g}: struts are in motion at t = 0, and rigid ones cannot start from the "

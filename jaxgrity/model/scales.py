@@ -11,7 +11,6 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxgrity.core.types import Scalar
-from jaxgrity.model.actuation import Gait
 from jaxgrity.model.laws import SceneParts
 
 METRE, EARTH, KILOGRAMMES = 1.0, 9.81, 6.0
@@ -94,7 +93,7 @@ def fastest_mode(scene: SceneParts) -> Scalar:
                 stiffness = stiffness + place @ members.stiffness
     moves = structure.free.any(1) & (mass > 0)
     fastest = xp.sqrt(2 * xp.max(xp.where(moves, stiffness / xp.where(moves, mass, 1.0), 0.0)))
-    rate = 2 * np.pi * scene.gait.frequency.max() if isinstance(scene.gait, Gait) else 0.0
+    rate = 0.0 if scene.gait is None else 2 * np.pi * scene.gait.frequency.max()
     both = _namespace(fastest, rate)
     return both.where(fastest > 0, fastest, both.where(rate > 0, rate, 1.0))
 

@@ -88,7 +88,7 @@ class Scene(eqx.Module):
                 raise InputError(f"{law.name}: no method meets this constraint; expected one of {known}, or a force")
         if self.shaking is not None:
             self.shaking.check(self.structure)
-        if isinstance(self.gait, Gait):
+        if self.gait is not None:
             check_fit(self.gait, self.structure)
 
     @property

@@ -14,7 +14,7 @@ import numpy as np
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.tracing import refuse_traced
 from jaxgrity.core.types import State
-from jaxgrity.model.actuation import Gait, periodic
+from jaxgrity.model.actuation import Gait
 from jaxgrity.model.scales import time_scale
 from jaxgrity.model.scene import Scene, body_length, with_gait
 from jaxgrity.orbits.cycles import MOST_PERIODS, Plane, cycle, moved_onto, plane_of, shape, way_along
@@ -84,7 +84,6 @@ class Orbit(NamedTuple):
 
 def period_of(gait: Gait | None) -> float:
     """The period of actuation, s. Raises `InputError` where actuators have none in common."""
-    gait = periodic(gait)
     frequencies = np.unique(np.asarray(gait.frequency, float)) if gait is not None else np.zeros(0)
     if frequencies.size != 1 or not frequencies[0] > 0:
         raise InputError(f"frequencies {frequencies.tolist()} Hz: expected one that all actuators share, for an orbit")

@@ -4,7 +4,7 @@ import numpy as np
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray
-from jaxgrity.model.actuation import Actuation, Gait
+from jaxgrity.model.actuation import Gait
 from jaxgrity.model.scene import KNOWN_FRICTIONS, KNOWN_LAWS, Scene
 from jaxgrity.model.springs import as_springs, spring_forces
 from jaxgrity.model.structure import Members, Structure, edge_lengths
@@ -111,11 +111,9 @@ def _tension(members: Members, shape: np.ndarray, only_pull: bool) -> np.ndarray
     return np.maximum(force, 0) if only_pull else force
 
 
-def _describe_gait(gait: Actuation | None) -> list[tuple[str, str]]:
+def _describe_gait(gait: Gait | None) -> list[tuple[str, str]]:
     if gait is None:
         return []
-    if not isinstance(gait, Gait):
-        return [("gait", f"{len(gait.members)} members, as a policy commanded them")]
     text = (
         f"{len(gait.members)} members, amplitude {_span(gait.amplitude, '')}, frequency {_span(gait.frequency, 'Hz')}, "
         f"from {float(gait.start):g} s, full after {float(gait.ramp):g} s more"

@@ -9,7 +9,7 @@ import numpy as np
 
 from jaxgrity.core.tracing import refuse_traced
 from jaxgrity.core.types import AnyArray, Count, Scalar, Times
-from jaxgrity.model.actuation import Gait, periodic
+from jaxgrity.model.actuation import Gait
 from jaxgrity.model.scene import Scene, as_dtype
 from jaxgrity.populations.lanes import lanes_last, roll_out_lanes
 from jaxgrity.populations.uncertainty import Differences
@@ -57,8 +57,7 @@ def sensitivity(scene: Scene, duration: float, *, options: Options = None, frame
         The spectral norm of the derivative, m/rad or m/(m/s), at every frame.
 
     Raises:
-        InputError: bad options (see `resolve`), a frame rate that is not positive and finite, or a closed loop's
-            commands in place of a gait.
+        InputError: bad options (see `resolve`), or a frame rate that is not positive and finite.
 
     Example:
         >>> scene = jaxgrity.load_scene("reference")
@@ -67,7 +66,6 @@ def sensitivity(scene: Scene, duration: float, *, options: Options = None, frame
         ('m/rad', (3,))
     """
     refuse_traced((scene, duration), "sensitivity")
-    periodic(scene.gait)
     resolved = resolve(scene, duration, options, dtype="float64")
     times = frame_times(duration, frame_rate)
     parts = len(times) - 1

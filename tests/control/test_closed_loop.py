@@ -409,28 +409,6 @@ def test_tensions_are_those_of_the_law_of_a_cable(scene):
     np.testing.assert_allclose(pulls[2][1:16], springs[1:16], rtol=1e-6)
 
 
-def test_a_motion_keeps_what_was_commanded(scene, rolled):
-    """Its forces are those of the gait that was the policy, and its scene rolls out to it again."""
-    own = jaxgrity.simulate(scene, 0.6, options=TEN_MS)
-    driven = jaxgrity.forces_along(rolled.scene, rolled).tension
-    np.testing.assert_allclose(driven, jaxgrity.forces_along(scene, own).tension, rtol=1e-6, atol=1e-6)
-    again = jaxgrity.simulate(rolled.scene, 0.6, options=TEN_MS)
-    np.testing.assert_allclose(again.positions, rolled.positions, atol=1e-12)
-
-
-def test_what_was_commanded_has_no_phases(rolled, tmp_path):
-    """What needs a gait says so in one line; a description names the commands."""
-    for use in (
-        lambda: jaxgrity.sensitivity(rolled.scene, 0.2),
-        lambda: jaxgrity.save_scene(rolled.scene, tmp_path / "driven.toml"),
-        lambda: jaxgrity.contact_twin(rolled.scene),
-        lambda: jaxgrity.orbits.find_orbit(rolled.scene, 60.0),
-    ):
-        with pytest.raises(InputError, match="gait: what a policy commanded"):
-            use()
-    assert "6 members, as a policy commanded them" in jaxgrity.describe(rolled.scene)
-
-
 class Short(control.Policy):
     """Commands for four members, whatever there are."""
 
