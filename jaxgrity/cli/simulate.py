@@ -124,7 +124,8 @@ def single(scene: Scene, duration: float, settings: SimulateSettings) -> dict[st
             bars.show("drawing", 0, None)
             shown = drawing.result()
     if not trajectory.failed:
-        plot.save(plot.path_figure(scene, trajectory, trust.error_bar if trust else None), out / "path.png")
+        error_bar = trust.error_bar if trust else None
+        drawn("path.png", lambda: plot.save(plot.path_figure(scene, trajectory, error_bar), out / "path.png"))
     if shown:
         print(f"to see it in 3D, open {out}/replay.html in a browser")
     motion = motion_report(scene, trajectory)
@@ -165,18 +166,32 @@ def conclusion(distance: float, error_bar: float | None, motion: MotionReport | 
 
 
 def leave_pictures(scene: Scene, trajectory: Trajectory, settings: SimulateSettings) -> bool:
-    """Leave all pictures of a rollout that need no diagnosis, and say whether there is a replay among them."""
+    """Leave all pictures of a rollout that need no diagnosis, and say whether there is a replay among them.
+
+    One that fails costs this picture, with a line, and nothing else of the rollout.
+    """
     out = settings.out
     if trajectory.failed:
         return False
     if scene.structure.member_count:
-        plot.save(plot.member_figure(scene, trajectory), out / "members.png")
-        plot.save(plot.force_figure(scene, trajectory), out / "forces.png")
+        drawn("members.png", lambda: plot.save(plot.member_figure(scene, trajectory), out / "members.png"))
+        drawn("forces.png", lambda: plot.save(plot.force_figure(scene, trajectory), out / "forces.png"))
     if settings.animation != "none":
         film = out / f"animation.{settings.animation}"
-        animate(scene, trajectory, film, settings.fps, width=settings.width, camera=settings.camera)
+        how = {"width": settings.width, "camera": settings.camera}
+        drawn(film.name, lambda: animate(scene, trajectory, film, settings.fps, **how))
     title = scene_name(settings.scene)
-    return settings.replay and view.keep_html(scene, trajectory, out / "replay.html", title=title)
+    keep = lambda: view.keep_html(scene, trajectory, out / "replay.html", title=title)  # noqa: E731
+    return settings.replay and bool(drawn("replay.html", keep))
+
+
+def drawn(name: str, draw: Callable[[], Result]) -> Result | None:
+    """What `draw` returns; None, after a line that says why, where it fails: that picture is missing."""
+    try:
+        return draw()
+    except Exception as error:
+        print(f"no {name}: {type(error).__name__}: {error}".splitlines()[0], flush=True)
+        return None
 
 
 def several(scene: Scene, phases: np.ndarray, duration: float, settings: SimulateSettings) -> dict[str, Any]:

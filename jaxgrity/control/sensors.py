@@ -18,7 +18,7 @@ from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, NodeVectors, Scalar
 from jaxgrity.model.scales import length_scale
 from jaxgrity.model.scene import Scene
-from jaxgrity.stepping.dynamics import centre_of_mass
+from jaxgrity.stepping.dynamics import centre_of_mass, member_tensions
 
 
 class Observation(NamedTuple):
@@ -31,7 +31,7 @@ class Observation(NamedTuple):
     cable_lengths: Float[AnyArray, " cables"]
     """m"""
     tensions: Float[AnyArray, " cables"]
-    """N; 0 where a cable is slack"""
+    """N, by the law of each cable without its damper; 0 where a cable is slack"""
     contact: Float[AnyArray, " nodes"]
     """1 where a node touches the ground, else 0"""
     place: Float[AnyArray, "3"]
@@ -105,8 +105,8 @@ class Sensors(eqx.Module):
 def measure(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors) -> Observation:
     """What sensors without any error say of a robot at time t, s, at `q`, m, with velocities `v`, m/s.
 
-    A strut along d = x_i - x_j spins by d × (v_i - v_j)/|d|². A cable pulls by K max(0, l - L(t)). A node touches the
-    ground where phi < `Ground.touched_below`.
+    A strut along d = x_i - x_j spins by d × (v_i - v_j)/|d|². A cable pulls by its law: K max(0, l - L(t)), a table
+    of forces, a limit, one tension in a cluster. A node touches the ground where phi < `Ground.touched_below`.
     """
     nothing: AnyArray = jnp.zeros((0, 3), q.dtype)
     directions, spins, lengths, tensions = nothing, nothing, nothing[:, 0], nothing[:, 0]
@@ -118,9 +118,8 @@ def measure(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors) -> Observat
         spins = jnp.cross(directions, scale(rate, each))
     cables = scene.structure.cables
     if cables is not None:
-        assert cables.stiffness is not None, "cables are springs"
         lengths = length(edge_vectors(q, cables.edges))
-        tensions = cables.stiffness * jnp.maximum(scene.configuration(q, t).stretch("cables"), 0)
+        tensions = member_tensions(scene, t, q)["cables"]
     if scene.ground is not None:
         contact = (scene.ground.signed_distance(q) < scene.ground.touched_below * length_scale(scene)).astype(q.dtype)
     return Observation(directions, spins, lengths, tensions, contact, centre_of_mass(scene, q))

@@ -14,9 +14,11 @@ from jaxgrity.io.scene_files import load_scene
 from jaxgrity.model.contact_twin import contact_twin
 from jaxgrity.model.scene import Scene, with_gait
 from jaxgrity.orbits.finding import find_orbit, period_of
+from jaxgrity.populations.population import as_population, simulate_population
 from jaxgrity.report.poses import RobotPoses, robot_poses
+from jaxgrity.search.objectives import CostOfTransport
 from jaxgrity.stepping.discretisation import FAILURES
-from jaxgrity.stepping.options import ResolvedOptions, resolve
+from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
 from jaxgrity.stepping.simulate import Trajectory, centre_path, simulate
 from jaxgrity.trust.error_bars import refinement_bar, timing_bar
 
@@ -38,7 +40,7 @@ class Rolled(NamedTuple):
     distance: float
     """m, horizontal, of the centre of mass"""
     cost_of_transport: float
-    """work of every actuator by itself, between frames, / (m g distance)"""
+    """of `CostOfTransport`: since the gait began; NaN where the robot has no weight, or the method no fixed step"""
 
     def words(self, error_bar: float | None, orbit: str = "") -> str:
         """What is worth knowing, as Markdown; `orbit` says what the robot settles on."""
@@ -92,7 +94,7 @@ def chosen_robot(scene: str, contact: str, gait: str, duration: float) -> Robot3
     def roll(values: dict[str, float]) -> Rolled:
         scene = adjusted(found, values)
         trajectory = simulate(scene, duration, options=options, frame_rate=FRAME_RATE)
-        return _rolled(scene, jax.block_until_ready(trajectory))
+        return _rolled(scene, jax.block_until_ready(trajectory), options)
 
     def error_bar(rolled: Rolled, give_up: Callable[[], bool]) -> float | None:
         paths = [centre_path(rolled.scene, rolled.trajectory)]
@@ -123,20 +125,20 @@ def orbit_words(scene: Scene, options: ResolvedOptions) -> str:
     return f"settles on an orbit: {speed}, turning by {turning:.1f}°/s, seen for {found.verified_for:.0f} s"
 
 
-def _rolled(scene: Scene, trajectory: Trajectory) -> Rolled:
+def _rolled(scene: Scene, trajectory: Trajectory, options: Options) -> Rolled:
     if trajectory.failed:
         return Rolled(scene, trajectory, None, np.nan, np.nan)
     poses = robot_poses(scene, trajectory, FRAME_RATE)
     moved = poses.centre[-1] - poses.centre[0]
-    distance = float(np.hypot(*moved[:2]))
-    return Rolled(scene, trajectory, poses, distance, _cost_of_transport(scene, poses, distance))
+    cost = _cost_of_transport(scene, float(trajectory.times[-1]), options)
+    return Rolled(scene, trajectory, poses, float(np.hypot(*moved[:2])), cost)
 
 
-def _cost_of_transport(scene: Scene, poses: RobotPoses, distance: float) -> float:
-    """sum over actuators of the integral of max(0, -tension dl/dt) / (m g distance), by differences of frames."""
+def _cost_of_transport(scene: Scene, duration: float, options: Options) -> float:
+    """As the objective of searches has it, from the steps and not from the frames; NaN where it has none."""
     assert scene.gait is not None, "the explorer's scenes have a gait"
-    actuated = list(scene.gait.members)
-    lengths, tension = poses.members.scale[:, actuated, 2], poses.tension[:, actuated]
-    work = -(tension[1:] + tension[:-1]) / 2 * np.diff(lengths, axis=0)
-    weight = float(scene.structure.mass) * float(scene.gravity or np.nan)
-    return float(np.maximum(0, work).sum()) / weight / distance if distance else np.inf
+    try:
+        outcomes = simulate_population(scene, as_population(scene.gait), duration, options=options, with_metrics=True)
+        return -float(CostOfTransport().worth(scene, outcomes, duration)[0])
+    except InputError:  # no weight, or a method whose steps are not fixed
+        return np.nan

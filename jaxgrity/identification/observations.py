@@ -3,16 +3,15 @@
 from abc import abstractmethod
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
 from jaxgrity.core.errors import InputError
-from jaxgrity.core.primitives import dot, length
+from jaxgrity.core.primitives import length
 from jaxgrity.core.types import AnyArray, Edges, NodeVectors, Scalar
 from jaxgrity.model.scene import Scene
-from jaxgrity.model.structure import member_vectors
+from jaxgrity.stepping.dynamics import member_tensions
 
 Seen = Float[AnyArray, " columns"]
 
@@ -96,9 +95,7 @@ class SeenTensions(SeenQuantity):
         return len(members.edges if self.members is None else self.members)
 
     def seen(self, scene, q, t):
-        vectors = member_vectors(q, scene.structure.kinds)
-        pull = jax.grad(scene.potential_energy, argnums=2)(q, t, vectors)[self.kind]
-        force = dot(pull, vectors[self.kind]) / length(vectors[self.kind])
+        force = member_tensions(scene, t, q)[self.kind]
         return force if self.members is None else force[np.array(self.members)]
 
 

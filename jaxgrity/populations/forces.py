@@ -9,14 +9,13 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxgrity.core.errors import InputError
-from jaxgrity.core.primitives import dot, inverse, length
 from jaxgrity.core.tracing import refuse_traced
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, NodeHistory, NodeVectors, Scalar
 from jaxgrity.model.scene import Scene, as_dtype
 from jaxgrity.populations.step_impulses import impulses_along
 from jaxgrity.stepping.discretisation import prepared
-from jaxgrity.stepping.dynamics import member_pull, support_forces, total_force
+from jaxgrity.stepping.dynamics import member_tensions, support_forces, total_force
 from jaxgrity.stepping.methods import find_method
 from jaxgrity.stepping.simulate import Trajectory, velocities_midway, with_room
 
@@ -25,7 +24,8 @@ class Forces(NamedTuple):
     """The forces of one motion, frame by frame."""
 
     tension: np.ndarray
-    """(frames, members), N, struts first; what pushes is negative; of a rod with mass the mean along it"""
+    """(frames, members), N, struts first; what pushes is negative; of a rod with mass the mean along it. Springs and
+    dampers together: a taut cable that shortens fast pushes by a few newtons, since its damper acts while it is taut"""
     ground: np.ndarray
     """(frames, nodes, 3), N, of the ground on each node"""
     supports: np.ndarray
@@ -122,12 +122,7 @@ def _by_forces(scene: Scene, t: AnyArray, q: AnyArray, v: AnyArray) -> tuple[Any
 
 def _tension(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors) -> AnyArray:
     """Of every member, N, by springs and dampers; none of rigid members."""
-    pulls = member_pull(scene, t, q, v)
-    parts = []
-    for name, members in (("struts", scene.structure.struts), ("cables", scene.structure.cables)):
-        if members is not None:
-            i, j = np.array(members.edges).T
-            d = q[i] - q[j]
-            along = dot(pulls[name], d) * inverse(length(d)) if name in pulls else jnp.zeros(len(members.edges))
-            parts.append(along)
+    found = member_tensions(scene, t, q, v)
+    kinds = (("struts", scene.structure.struts), ("cables", scene.structure.cables))
+    parts = [found.get(name, jnp.zeros(len(members.edges))) for name, members in kinds if members is not None]
     return jnp.concatenate([jnp.zeros(0, q.dtype), *parts])

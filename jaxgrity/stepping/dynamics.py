@@ -3,9 +3,9 @@
 import jax
 import jax.numpy as jnp
 
-from jaxgrity.core.primitives import store_cotangent
+from jaxgrity.core.primitives import dot, inverse, length, store_cotangent
 from jaxgrity.core.typed import typed
-from jaxgrity.core.types import NodeVectors, PerNode, Scalar, State, VectorsByKind
+from jaxgrity.core.types import NodeVectors, PerMember, PerNode, Scalar, State, VectorsByKind
 from jaxgrity.model import inertia
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.shaking import support_acceleration, with_supports
@@ -71,6 +71,18 @@ def outside_force(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors, norma
 def member_pull(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors) -> VectorsByKind:
     """The part of dU/dq + dR/dv, N, that acts along members: with which each pulls its first node to its second."""
     return _gradients(scene, t, q, v, scene.normal_force(q, v))[1]
+
+
+def member_tensions(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors | None = None) -> dict[str, PerMember]:
+    """With how much each member pulls its ends together, N, by kind: by all of U, and where `v` is given by R too.
+
+    So limits, tables, clusters and terms that users add are in it. Rigid members without dampers have no entry, and the
+    forces that keep a strut rigid are not in it.
+    """
+    vectors = member_vectors(q, scene.structure.kinds)
+    of_springs = jax.grad(scene.potential_energy, argnums=2)
+    pull = of_springs(q, t, vectors) if v is None else member_pull(scene, t, q, v)
+    return {kind: dot(pull[kind], d) * inverse(length(d)) for kind, d in vectors.items()}
 
 
 def _gradients(

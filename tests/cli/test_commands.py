@@ -20,10 +20,11 @@ import numpy as np
 import pytest
 
 from jaxgrity import InputError, Sensitivity, load_gait, load_scene, random_phases, scene_text, with_gait
+from jaxgrity import simulate as roll_out
 from jaxgrity.cli import command_line, progress, script, simulate
 from jaxgrity.cli import main as command
 from jaxgrity.cli.search import replaced_words
-from jaxgrity.cli.settings import SearchSettings
+from jaxgrity.cli.settings import SearchSettings, SimulateSettings
 from jaxgrity.search import Progress, robot_motions
 
 ROOT = Path(__file__).parents[2]
@@ -302,6 +303,21 @@ def test_a_refusal_ends_with_exit_code_2():
     done = in_its_own_process("-m", "jaxgrity.cli.main", "simulate", "reference", "--duration", "0")
     assert done.code == 2
     assert done.errors.strip() == "error: duration = 0.0: expected a positive, finite number"
+
+
+def test_a_picture_that_fails_costs_this_picture(monkeypatch, tmp_path, capsys):
+    """With a line; the others are there, and the summary follows."""
+
+    def broken(scene, trajectory):
+        raise ValueError("no such colour\nand more")
+
+    monkeypatch.setattr(simulate.plot, "member_figure", broken)
+    scene = load_scene("exact")
+    motion = roll_out(scene, 0.1)
+    settings = SimulateSettings(scene="exact", out=tmp_path, animation="none", replay=False)
+    assert not simulate.leave_pictures(scene, motion, settings)
+    assert capsys.readouterr().out.splitlines() == ["no members.png: ValueError: no such colour"]
+    assert [file.name for file in tmp_path.iterdir()] == ["forces.png"]
 
 
 @pytest.mark.parametrize(

@@ -391,6 +391,24 @@ def test_tensions_are_those_of_cables_that_are_wound_up(scene):
     assert read.tensions[0] > 1.5 * read.tensions[1]
 
 
+def test_tensions_are_those_of_the_law_of_a_cable(scene):
+    """Of a limit, of a table, and one tension all along a cable that runs through a node."""
+    cables, q = scene.structure.cables, 1.15 * np.asarray(scene.structure.nodes)
+    stretch = jaxgrity.edge_lengths(q, cables.edges) - cables.rest_length
+    springs = cables.stiffness * stretch
+    limited = jaxgrity.with_terms(scene, jaxgrity.force_limit(cables, 60.0))
+    far, force = [0.0, 0.05, 1.0], [0.0, 0.05 * cables.stiffness[0], 500.0]
+    table = jaxgrity.with_terms(scene, jaxgrity.force_table(cables, far, force))
+    clustered = replace(cables, clusters=((0, 16),))
+    together = replace(scene, gait=None, structure=replace(scene.structure, cables=clustered))
+    pulls = [np.asarray(measure(each, 0.0, q, np.zeros_like(q)).tensions) for each in (limited, table, together)]
+    np.testing.assert_allclose(pulls[0], np.minimum(springs, 60.0), rtol=1e-6)
+    np.testing.assert_allclose(pulls[1], np.interp(stretch, far, force), rtol=1e-6)
+    shared = 1 / (1 / cables.stiffness[0] + 1 / cables.stiffness[16]) * (stretch[0] + stretch[16])
+    np.testing.assert_allclose(pulls[2][[0, 16]], shared, rtol=1e-6)
+    np.testing.assert_allclose(pulls[2][1:16], springs[1:16], rtol=1e-6)
+
+
 class Short(control.Policy):
     """Commands for four members, whatever there are."""
 

@@ -63,6 +63,16 @@ def test_knobs_where_they_are_change_nothing(exact):
     np.testing.assert_allclose(after.positions, before.positions, atol=1e-6)
 
 
+@pytest.mark.slow
+def test_cost_of_transport_is_the_objectives():
+    """From the work of all steps: between frames it came out 20 % too small, with stiff struts."""
+    robot = chosen_robot("reference", OWN, "lasting", DURATION)
+    gaits = jaxgrity.as_population(robot.scene.gait)
+    outcomes = jaxgrity.simulate_population(robot.scene, gaits, DURATION, with_metrics=True)
+    cost = jaxgrity.CostOfTransport().worth(robot.scene, outcomes, DURATION)
+    assert robot.roll({}).cost_of_transport == pytest.approx(-float(cost[0]), rel=1e-3)
+
+
 def test_each_knob_changes_what_it_says(reference):
     """And nothing else."""
     changed = adjusted(reference, {"friction": 0.25, "cable stiffness": 2.0, "phase of 3 (rad)": 1.5, "amplitude": 0.1})
