@@ -178,8 +178,8 @@ def leave_pictures(scene: Scene, trajectory: Trajectory, settings: SimulateSetti
         drawn("forces.png", lambda: plot.save(plot.force_figure(scene, trajectory), out / "forces.png"))
     if settings.animation != "none":
         film = out / f"animation.{settings.animation}"
-        how = {"width": settings.width, "camera": settings.camera}
-        drawn(film.name, lambda: animate(scene, trajectory, film, settings.fps, **how))
+        width, camera = settings.width, settings.camera
+        drawn(film.name, lambda: animate(scene, trajectory, film, settings.fps, width=width, camera=camera))
     title = scene_name(settings.scene)
     keep = lambda: view.keep_html(scene, trajectory, out / "replay.html", title=title)  # noqa: E731
     return settings.replay and bool(drawn("replay.html", keep))
