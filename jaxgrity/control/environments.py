@@ -19,7 +19,6 @@ from jaxgrity.control.plant import (
     PlantState,
     actuate,
     check_key,
-    check_scene,
     observe,
     plant_of,
     plant_start,
@@ -203,7 +202,6 @@ def environment(
         (6, (104,))
     """
     asked = find_task(task)
-    check_scene(scene)
     if scene.gait is None:
         raise InputError("the scene has no gait; expected one, whose members are those that actions move")
     effort_cost = check_number("effort_cost", effort_cost, least=0.0, unit="m s")

@@ -92,12 +92,6 @@ def check_model(robot: Plant, model: Plant) -> None:
         raise InputError(f"model: {other}; expected {own}, as the robot has")
 
 
-def check_scene(scene: Any) -> None:
-    """Raise `InputError` for what is no scene, such as a scene's name."""
-    if not isinstance(scene, Scene):
-        raise InputError(f"scene = {scene!r}: expected a Scene, such as load_scene('exact')")
-
-
 def check_key(key: Any) -> None:
     """Raise `InputError` for what is no random key."""
     kind, shape = getattr(key, "dtype", np.dtype(int)), np.shape(key)
@@ -146,7 +140,6 @@ def plant_of(
         >>> plant.period  # s
         0.01
     """
-    check_scene(scene)
     if not np.size(members) or np.ndim(members) != 1:
         raise InputError(f"members = {members}: expected at least one that is actuated, as (0, 1, 2)")
     members = check_indices("members", members, scene.structure.member_count)

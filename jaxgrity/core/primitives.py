@@ -287,7 +287,7 @@ def positive_part(x: PerMember) -> PerMember:
 def _positive_part_jvp(primals, tangents):
     (x,), (x_dot,) = primals, tangents
     # what is not a number stays so: a slack cable would hide it
-    return positive_part(x), (1 - (x <= 0).astype(x.dtype)) * x_dot
+    return positive_part(x), (1 - jnp.greater_equal(0, x).astype(x.dtype)) * x_dot
 
 
 def largest(x: PerMember) -> Scalar:

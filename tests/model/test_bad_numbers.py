@@ -92,8 +92,8 @@ motors.stroke = 'half': expected a positive, finite number, or None
 gait.members = [0.7, 1.2]: expected whole numbers
 members.edges[0] = (0, 1.5): expected two nodes, as whole numbers
 structure.fixed has 2; expected a node and its axes, such as (0, 'xyz')
-scene = 'exact': expected a Scene, such as load_scene('exact')
-seconds = '1' s: expected a multiple of 0.01 s
+environment: scene is 'exact'; expected a Scene; pass jaxgrity.load_scene('exact')
+environment: seconds is '1'; expected a number
 members[0] = 0.7: expected a whole number from 0 to 29
 """
     assert told == expected
