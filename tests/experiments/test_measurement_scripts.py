@@ -14,6 +14,9 @@ import subprocess
 import sys
 from importlib import import_module
 from pathlib import Path
+from typing import Any
+
+from measurement import Measurement
 
 import control_tables
 import gait_tables
@@ -22,6 +25,7 @@ import library_gaits
 import numerics_tables
 import orbit_tables
 import pytest
+import registry
 import search_tables
 import speed_tables
 import stability
@@ -37,8 +41,14 @@ SCRIPTS = sorted(
     path.relative_to(EXPERIMENTS)
     for folder in ("", "baselines", "docs_tables", "measurements")
     for path in (EXPERIMENTS / folder).glob("*.py")
-    if "\n    run(main, Settings)" in path.read_text(encoding="utf-8")
+    if re.search(r"\n    (run\(main, Settings\)|\w+\.run\(\))", path.read_text(encoding="utf-8"))
 )
+
+
+def command(script: str) -> Any:
+    """What a script runs: its measurement, or itself, with a function `main` and a class `Settings`."""
+    module = importlib.import_module(script)
+    return getattr(module, script) if isinstance(getattr(module, script, None), Measurement) else module
 
 
 def run(script: str, *arguments: object, **environment: str) -> subprocess.CompletedProcess:
@@ -62,9 +72,8 @@ def quick(script: str, out: Path, *arguments: object) -> dict:
 @pytest.mark.parametrize("script", SCRIPTS, ids=str)
 def test_help_comes_from_the_settings(script, capsys):
     """Every script explains itself, and has a --quick size."""
-    module = importlib.import_module(script.stem)
     with pytest.raises(SystemExit, match="0"):
-        tyro.cli(module.Settings, args=["--help"], description=module.__doc__)
+        tyro.cli(command(script.stem).Settings, args=["--help"])
     assert "--quick" in capsys.readouterr().out
 
 
@@ -111,11 +120,11 @@ def test_no_experiment_imports_what_is_not_public(path):
 def test_bad_input_is_one_line(tmp_path, monkeypatch, script, arguments, words):
     """What, where, the value received, what was expected; nothing is written."""
     monkeypatch.chdir(tmp_path)
-    module = importlib.import_module(script)
+    asked = command(script)
     out = [] if script in ("keep_gait", "update_docs") else ["--out", "out"]
     methods = ["--methods", "random", "--plain"] if script == "search_baselines" else []
     with pytest.raises((InputError, OSError)) as refusal:
-        module.main(tyro.cli(module.Settings, args=[*arguments, *methods, *out]))
+        asked.main(tyro.cli(asked.Settings, args=[*arguments, *methods, *out]))
     said = str(refusal.value)
     assert "\n" not in said
     assert all(word in said for word in words), said
@@ -164,7 +173,7 @@ def test_implicit_methods_take_fewer_steps_on_stiff_scenes(tmp_path):
         assert explicit["outcome"] == third["outcome"] == fifth["outcome"] == "succeeded"
         assert fifth["steps"] + fifth["rejected"] <= explicit["steps"] + explicit["rejected"], explicit["scene"]
         assert third["steps"] + third["rejected"] <= explicit["steps"] + explicit["rejected"], explicit["scene"]
-    assert "| all three | 0.0001 | kvaerno5 |" in numerics_tables.stiff_table(numerics_tables.stiff_facts(facts))
+    assert "| all three | 0.0001 | kvaerno5 |" in registry.measurements()["stiff"].words(facts)
 
 
 @pytest.mark.campaign

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from jaxgrity.cli.script import run
+from measurement import Measurement
 
 import conformance_tables as conformance
 import control_tables as control
@@ -27,6 +28,7 @@ import speed_tables as speed
 import validation_tables as validation
 from compact_json import save_compact
 from pages import fill_page
+from registry import measurements
 
 from jaxgrity import InputError
 from jaxgrity.io.files import read_text
@@ -65,7 +67,15 @@ def one_block(name: str, page: str, facts: Callable, words: Callable) -> Source:
     return Source(f"{name}/{name}.json", facts, {name: Block(page, words)}, {f"{name}.png": f"{name}.png"})
 
 
+def source_of(found: Measurement) -> Source:
+    """What a page quotes of a measurement."""
+    page, picture = f"docs/{found.page}", f"{found.name}.png"
+    pictures = {} if found.draw is None else {picture: picture}
+    return Source(f"{found.name}/{found.name}.json", found.quoted, {found.name: Block(page, found.words)}, pictures)
+
+
 SOURCES: dict[str, Source] = {
+    **{name: source_of(found) for name, found in measurements().items()},
     "gait_search": Source(
         "gait_search/summary.json",
         library.gait_search_facts,
@@ -97,7 +107,6 @@ SOURCES: dict[str, Source] = {
     ),
     "error_bars": one_block("error_bars", NUMERICS, numerics.error_bars_facts, numerics.error_bars_table),
     "stability": one_block("stability", NUMERICS, numerics.stability_facts, numerics.stability_table),
-    "stiff": one_block("stiff", NUMERICS, numerics.stiff_facts, numerics.stiff_table),
     "hard_cases": one_block("hard_cases", NUMERICS, numerics.hard_cases_facts, numerics.hard_cases_table),
     "random_structures": Source(
         "random_structures/random_structures.json",

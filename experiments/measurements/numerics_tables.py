@@ -69,28 +69,6 @@ def equivalence_table(facts: Facts) -> str:
     return said + made_by(facts, f"equivalence_{facts['motion']}")
 
 
-def stiff_facts(raw: Facts) -> Facts:
-    kept = ("scene", "tolerance", "method", "steps", "rejected", "seconds", "error")
-    return chosen(raw, "command", "cores") | {"rows": [chosen(row, *kept) for row in raw["rows"]]}
-
-
-def stiff_table(facts: Facts) -> str:
-    rows = [
-        [
-            row["scene"],
-            f"{row['tolerance']:g}",
-            row["method"],
-            str(row["steps"]),
-            str(row["rejected"]),
-            f"{row['seconds']:.2f} s",
-            f"{row['error']:.0e} m",
-        ]
-        for row in facts["rows"]
-    ]
-    head = ["scene", "tolerance", "method", "steps", "rejected", "wall time", "error"]
-    return table(head, rows) + made_by(facts, "stiff")
-
-
 def hard_cases_facts(raw: Facts) -> Facts:
     """A row for each case and precision; why a method refuses some cases stands once."""
     rows, refused = [], set()
