@@ -151,36 +151,6 @@ def sampling_ways_table(facts: Facts) -> str:
     return table(head, rows) + made_by(facts, "sampling_ways", "measured")
 
 
-def environments_facts(raw: Facts) -> Facts:
-    """How fast each environment was."""
-    return {name: raw[name] for name in ("command", "cores", "robots", "rows")}
-
-
-def environments_table(facts: Facts) -> str:
-    rows = [
-        [
-            row["task"],
-            f"{row['steps']}",
-            f"{1e6 * row['seconds'] / row['steps']:.1f} s",
-            f"{1e6 * row['processor_seconds'] / row['steps']:.1f} s",
-            f"{row['episodes']}",
-            f"{row['failed']}",
-            f"{row['not_finite']}",
-        ]
-        for row in facts["rows"]
-    ]
-    head = [
-        "task",
-        "steps",
-        "wall time for a million",
-        "processor time for a million",
-        "episodes",
-        "of these failed",
-        "numbers that are not finite",
-    ]
-    return table(head, rows) + made_by(facts, "environments", "measured")
-
-
 def obstacles_facts(raw: Facts) -> Facts:
     """How many robots got round their obstacles, and how."""
     rows = raw["rows"]
@@ -247,30 +217,6 @@ def scene_field_table(facts: Facts) -> str:
     ]
     head = [f"robots among the {facts['obstacles']} obstacles of a scene file", "measured"]
     return table(head, rows) + made_by(facts, "scene_field", "measured")
-
-
-def predictive_speed_facts(raw: Facts) -> Facts:
-    """How fast the predictive controller chooses."""
-    return {name: raw[name] for name in ("command", "cores", "rate", "horizon", "rows")}
-
-
-def predictive_speed_table(facts: Facts) -> str:
-    rows = [
-        [
-            f"{row['samples']}",
-            f"{row['milliseconds']:.0f} ms",
-            f"{row['slowest']:.0f} ms",
-            f"{row['real_time']:.2g} times",
-        ]
-        for row in facts["rows"]
-    ]
-    head = [
-        f"rollouts of {facts['horizon']:g} s",
-        "a choice takes, in the middle",
-        "and 95 of 100 at most",
-        f"real time, at {facts['rate']:g} choices a second",
-    ]
-    return table(head, rows) + made_by(facts, "predictive_speed", "measured")
 
 
 def task_baselines_facts(raw: Facts) -> Facts:

@@ -1,7 +1,5 @@
 """The tables of docs/gaits.md about gaits that last: what they quote, and how they say it."""
 
-import itertools
-
 import numpy as np
 from pages import made_by, table, whole_zero
 
@@ -9,10 +7,6 @@ from jaxgrity import with_error
 
 Facts = dict
 
-CLIMBS = 0.1
-"""m/s uphill, from which on a robot counts as climbing"""
-OWN_SLOPE = 15.0
-"""degrees, of the scene `uphill`"""
 MOST = 7 / 8
 """share of robots that have to roll: all but one of eight, which may need longer from where it started"""
 
@@ -181,31 +175,6 @@ def orbits_of_searches_table(facts: Facts) -> str:
         for row in facts["rows"]
     ]
     return table(head, rows) + made_by(facts, "orbits_of_searches")
-
-
-def climbing_facts(raw: Facts) -> Facts:
-    """How fast the gait climbs each slope, by friction."""
-    return {name: raw[name] for name in ("command", "friction", "duration", "rows")}
-
-
-def climbing_table(facts: Facts) -> str:
-    ways = ("own", "finer", "other")
-    rows = [
-        [f"{row['slope']:g}°", *(", ".join(f"{speed + 0:.2f}" for speed in row[name]) for name in ways)]
-        for row in facts["rows"]
-    ]
-    friction = ", ".join(f"{mu:.2g}" for mu in facts["friction"])
-    steepest = [", ".join(_steepest(facts, name, k) for k in range(len(facts["friction"]))) for name in ways]
-    rows.append([f"steepest with {CLIMBS} m/s", *steepest])
-    head = ["slope", f"m/s uphill, exact contact, friction {friction}", "at half the step", "penalty contact"]
-    return table(head, rows) + made_by(facts, "climbing")
-
-
-def _steepest(facts: Facts, way: str, k: int) -> str:
-    """The steepest slope that robots of the k-th friction climb, and all from the gait's own up to it."""
-    from_own = [row for row in facts["rows"] if row["slope"] >= OWN_SLOPE]
-    climbed = list(itertools.takewhile(lambda row: row[way][k] >= CLIMBS, from_own))
-    return f"{climbed[-1]['slope']:g}°" if climbed else "none"
 
 
 def _seconds(row: Facts) -> str:

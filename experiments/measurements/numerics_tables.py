@@ -159,15 +159,3 @@ def random_structures_table(facts: Facts) -> str:
     ]
     head = [what, "flagged", "not flagged, a strut off by more than 1e-6", "largest share off", "largest residual"]
     return table(head, rows) + made_by(facts, "random_structures")
-
-
-def stairs_energy_facts(raw: Facts) -> Facts:
-    return chosen(raw, "command", "cores", "duration", "rows")
-
-
-def stairs_energy_table(facts: Facts) -> str:
-    rows = [
-        [row["contact"], f"{1e3 * row['dt']:.3g} ms", f"{row['missed']:.2%}", f"{row['turned_over']:.2f} J"]
-        for row in facts["rows"]
-    ]
-    return table(["contact", "step", "missed, at most", "of"], rows) + made_by(facts, "stairs_energy")

@@ -113,11 +113,6 @@ SOURCES: dict[str, Source] = {
         numerics.random_structures_facts,
         {"random_structures": Block(NUMERICS, numerics.random_structures_table)},
     ),
-    "stairs_energy": Source(
-        "stairs_energy/stairs_energy.json",
-        numerics.stairs_energy_facts,
-        {"stairs_energy": Block(TERRAIN, numerics.stairs_energy_table)},
-    ),
     **{
         f"{folder}_{name}": Source(
             f"{folder}/{name}.json",
@@ -162,7 +157,6 @@ SOURCES: dict[str, Source] = {
     "polish_comparison": one_block(
         "polish_comparison", GAITS, orbit_tables.polish_comparison_facts, orbit_tables.polish_comparison_table
     ),
-    "climbing": one_block("climbing", GAITS, gaits.climbing_facts, gaits.climbing_table),
     "ranges": one_block("ranges", GAITS, gaits.ranges_facts, gaits.ranges_table),
     "third_opinions": one_block("third_opinions", GAITS, gaits.third_opinions_facts, gaits.third_opinions_table),
     "basin": one_block("basin", GAITS, gaits.basin_facts, gaits.basin_table),
@@ -199,15 +193,7 @@ SOURCES: dict[str, Source] = {
     "scene_field": one_block("scene_field", CONTROL, control.scene_field_facts, control.scene_field_table),
     "transitions": one_block("transitions", CONTROL, control.transitions_facts, control.transitions_table),
     "obstacles": one_block("obstacles", CONTROL, control.obstacles_facts, control.obstacles_table),
-    "predictive_speed": one_block(
-        "predictive_speed", CONTROL, control.predictive_speed_facts, control.predictive_speed_table
-    ),
     "task_baselines": one_block("task_baselines", CONTROL, control.task_baselines_facts, control.task_baselines_table),
-    "environments": Source(
-        "environments/environments.json",
-        control.environments_facts,
-        {"environments": Block(CONTROL, control.environments_table)},
-    ),
     "conformance": Source(
         "conformance/conformance.json",
         conformance.conformance_facts,

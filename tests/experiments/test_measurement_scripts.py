@@ -342,10 +342,10 @@ def test_the_lasting_gait_is_followed_from_drops_and_on_other_robots(tmp_path):
     assert row["speed"] > 0.5
     assert 0 <= row["rolling_after_15_s"] <= 1
     assert row["median_seconds_until"] <= 20.0
-    climbed = gait_tables.climbing_facts(quick("measurements/climbing.py", tmp_path / "climbing"))
+    climbed = quick("measurements/climbing.py", tmp_path / "climbing")
     (steep,) = (row for row in climbed["rows"] if row["slope"] == 15)
     assert min(steep["own"]) > 0.3
-    assert f"| 15° | {steep['own'][0]:.2f}, " in gait_tables.climbing_table(climbed)
+    assert f"| 15° | {steep['own'][0]:.2f}, " in registry.measurements()["climbing"].words(climbed)
     scans = quick("measurements/ranges.py", tmp_path / "ranges")
     assert len(gait_tables.ranges_facts(scans)["rows"]) == len(scans["rows"]) / 3
     assert all(one["mean"] is None or one["slowest"] <= one["mean"] <= one["fastest"] for one in scans["rows"])
@@ -374,7 +374,7 @@ def test_robots_are_driven_by_feedback_to_goals_and_in_environments(tmp_path):
         assert " of 1 |" in control_tables.goals_table(name, control_tables.goals_facts(facts))
     facts = quick("measurements/environments.py", tmp_path / "environments")
     assert facts["rows"][0]["repeated"]
-    assert "| heading | 800 | " in control_tables.environments_table(control_tables.environments_facts(facts))
+    assert "| heading | 800 | " in registry.measurements()["environments"].words(facts)
     facts = quick("measurements/tune_feedback.py", tmp_path / "tune")
     assert "| found by this run |" in control_tables.tuning_table("tune_feedback", control_tables.tuning_facts(facts))
     judged = {row["name"]: row for row in facts["judged"]}
