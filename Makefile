@@ -60,10 +60,10 @@ validate: .venv/.installed-test
 	$(BIN)/python experiments/measurements/update_docs.py
 
 # Everything that the docs quote; some hours on 2 cores, which should have nothing else to do. LIMIT=FOLDER: C programs.
-MEASUREMENTS := error_bars stability equivalence hard_cases gradients conformance ntrt_structures \
-    orbits multipliers orbits_of_searches basin ranges continuation robots_that_differ redraws polish_comparison damage crash_recovery \
-    repertoire explorer_session tune_feedback tune_on_bumps steering transitions sampling_ways obstacles scene_field \
-    validate identify_spine spine_dynamics identification sim_to_real design_study design_gradient \
+MEASUREMENTS := equivalence hard_cases gradients conformance ntrt_structures \
+    multipliers polish_comparison damage crash_recovery \
+    repertoire explorer_session tune_feedback tune_on_bumps obstacles \
+    validate identify_spine identification sim_to_real design_study design_gradient \
     leaf_gradients random_structures first_commands
 COMPARED := random CMA-ES GA GA+more GA+smoothed
 measure: .venv/.installed-test

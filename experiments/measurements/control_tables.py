@@ -53,49 +53,6 @@ def tuning_table(name: str, facts: Facts) -> str:
     return table(head, rows) + made_by(facts, name, "measured")
 
 
-def steering_facts(raw: Facts) -> Facts:
-    """How a bend steers."""
-    return {name: raw[name] for name in ("command", "robots", "rows")}
-
-
-def steering_table(facts: Facts) -> str:
-    rows = [
-        [
-            f"{row['bend']:g}",
-            f"{np.degrees(row['turning']) + 0:.1f} ({np.degrees(row['turning_spread']):.1f}) °/s",
-            f"{row['speed']:.2f} m/s",
-            f"{100 * row['went_on']:.0f} %" if "went_on" in row else "-",
-        ]
-        for row in facts["rows"]
-    ]
-    head = ["bend", "turning, median (standard deviation)", "speed", "robots as fast after the bend was reversed"]
-    return table(head, rows) + made_by(facts, "steering", "measured")
-
-
-def transitions_facts(raw: Facts) -> Facts:
-    """How many robots go on rolling when their gait is exchanged."""
-    return {name: raw[name] for name in ("command", "cores", "robots", "rows")}
-
-
-def transitions_table(facts: Facts) -> str:
-    over = list(dict.fromkeys(row["over"] for row in facts["rows"]))
-    found = {(row["gait"], row["over"]): row for row in facts["rows"]}
-    rows = []
-    for name in dict.fromkeys(row["gait"] for row in facts["rows"]):
-        own = [found[name, seconds] for seconds in over]
-        shares = [f"{100 * row['went_on']:.0f} %, {100 * row['came_back']:.0f} %" for row in own]
-        rows.append([name, f"{own[0]['expected']:.2f} m/s", f"{100 * own[0]['anew']:.0f} %", *shares])
-    ways = ["at once" if seconds == 0 else f"over {seconds:g} s" for seconds in over]
-    head = [
-        "the other gait",
-        "its speed",
-        "as fast, with it from the drop on",
-        f"go on, come back: {ways[0]}",
-        *ways[1:],
-    ]
-    return table(head, rows) + made_by(facts, "transitions", "measured")
-
-
 def goals_facts(raw: Facts) -> Facts:
     """In how many trials the goal was reached, how soon, and how the controller looked ahead."""
     rows = raw["rows"]
@@ -122,33 +79,6 @@ def goals_table(name: str, facts: Facts) -> str:
     ]
     head = [f"within {facts['within']:g} m of the goal, in at most {facts['patience']:.0f} s", "trials"]
     return table(head, rows) + made_by(facts, name, "measured")
-
-
-def sampling_ways_facts(raw: Facts) -> Facts:
-    """How soon each way of drawing samples leads to the goal."""
-    rows = [
-        {
-            **{name: row[name] for name in ("way", "knots", "reached", "milliseconds")},
-            "mean": float(np.mean(row["seconds"])),
-            "deviation": float(np.std(row["seconds"], ddof=1)) if len(row["seconds"]) > 1 else 0.0,
-        }
-        for row in raw["rows"]
-    ]
-    return {**{name: raw[name] for name in ("command", "cores", "trials", "samples", "patience")}, "rows": rows}
-
-
-def sampling_ways_table(facts: Facts) -> str:
-    rows = [
-        [
-            f"{row['way']}, {row['knots']} bend{'s' * (row['knots'] > 1)}",
-            f"{row['reached']} of {facts['trials']}",
-            f"{row['mean']:.1f} ({row['deviation']:.1f}) s",
-            f"{row['milliseconds']:.0f} ms",
-        ]
-        for row in facts["rows"]
-    ]
-    head = [f"{facts['samples']} rollouts for each choice", "reached", "time (standard deviation)", "a choice takes"]
-    return table(head, rows) + made_by(facts, "sampling_ways", "measured")
 
 
 def obstacles_facts(raw: Facts) -> Facts:
@@ -188,35 +118,6 @@ def obstacles_table(facts: Facts) -> str:
         ]
         words += "\n\n" + table(["of these ways", "measured"], more)
     return words + made_by(facts, "obstacles", "measured")
-
-
-def scene_field_facts(raw: Facts) -> Facts:
-    """How many robots got through the field of a scene file."""
-    rows = raw["rows"]
-    arrived = [row for row in rows if row["reached"]]
-    return {
-        **{name: raw[name] for name in ("command", "cores", "patience", "obstacles", "seconds_a_choice")},
-        "robots": len(rows),
-        **{name: sum(row[name] for row in rows) for name in ("reached", "arrived", "touched")},
-        "seconds": float(np.median([row["seconds"] for row in arrived])) if arrived else None,
-        "gap": min(row["gap"] for row in rows),
-    }
-
-
-def scene_field_table(facts: Facts) -> str:
-    count = facts["robots"]
-    rows = [
-        ["goal reached, nothing touched", f"{facts['reached']} of {count}"],
-        ["touched something", f"{facts['touched']}"],
-        [f"did not arrive in {facts['patience']:g} s", f"{count - facts['arrived']}"],
-        [
-            "time on the way of those that arrived, median",
-            "-" if facts["seconds"] is None else f"{facts['seconds']:.0f} s",
-        ],
-        ["nearest to an obstacle", f"{100 * facts['gap']:.0f} cm"],
-    ]
-    head = [f"robots among the {facts['obstacles']} obstacles of a scene file", "measured"]
-    return table(head, rows) + made_by(facts, "scene_field", "measured")
 
 
 def task_baselines_facts(raw: Facts) -> Facts:

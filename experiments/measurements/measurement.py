@@ -3,7 +3,7 @@
 import inspect
 import re
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Generator, Iterator
 from dataclasses import field, make_dataclass
 from pathlib import Path
 from typing import Annotated, Any, Self
@@ -26,8 +26,8 @@ Record = dict[str, Any]
 class Measurement:
     """What `measurement` makes of a function."""
 
-    def __init__(self, function: Callable[..., Any], page: str, quick: Record, raw: tuple[str, ...]):
-        self.name, self.page, self.raw = function.__name__, page, raw
+    def __init__(self, function: Callable[..., Any], page: str, quick: Record, raw: tuple[str, ...], listed: bool):
+        self.name, self.page, self.raw, self.listed = function.__name__, page, raw, listed
         self.draw: Callable[[Record], Figure] | None = None
         self._function, self._quick = function, quick
         self._words: Callable[[Record], str] | None = None
@@ -50,23 +50,18 @@ class Measurement:
 
     def quoted(self, record: Record) -> Record:
         """The record without what pages do not quote."""
-        rows = [{key: row[key] for key in row if key not in self.raw} for row in record["rows"]]
-        return {key: record[key] for key in record if key not in self.raw} | {"rows": rows}
+        kept = {key: value for key, value in record.items() if key not in self.raw}
+        if "rows" in record:
+            kept["rows"] = [{key: row[key] for key in row if key not in self.raw} for row in record["rows"]]
+        self.words(kept)  # a record that lacks something is refused before it is kept
+        return kept
 
     def main(self, settings: Any) -> None:
         """Measure: keep every row as it comes, then the figure, and say the table."""
         chosen = {name: getattr(settings, name) for name in inspect.signature(self._function).parameters}
-        rows, path = [], settings.out / f"{self.name}.json"
+        path = settings.out / f"{self.name}.json"
         found = self._function(**chosen | (self._quick if settings.quick else {}))
-        more: Record = {}
-
-        def rest() -> Any:
-            more.update((yield from found) or {})
-
-        for row in tqdm(rest(), unit="row"):
-            rows.append(row)
-            save_json(path, measured() | {"rows": rows})
-        record = measured() | more | {"rows": rows}
+        record = measured() | (found if isinstance(found, dict) else row_by_row(found, path))
         save_json(path, record)
         if self.draw is not None:
             plot.save(self.draw(record), path.with_suffix(".png"))
@@ -79,19 +74,39 @@ class Measurement:
         return self
 
 
-def measurement(page: str, quick: Record, raw: tuple[str, ...] = ()) -> Callable[[Callable[..., Any]], Measurement]:
-    """Make a measurement of a generator of rows, which returns what else its record has.
+def row_by_row(found: Generator[Record, None, Record], path: Path) -> Record:
+    """All rows and what is returned beside them; each row is in the file as soon as it is there."""
+    rows: list[Record] = []
+    more: Record = {}
+
+    def rest() -> Iterator[Record]:
+        more.update((yield from found))
+
+    for row in tqdm(rest(), unit="row"):
+        rows.append(row)
+        save_json(path, measured() | {"rows": rows})
+    return more | {"rows": rows}
+
+
+def measurement(
+    page: str, quick: Record, raw: tuple[str, ...] = (), listed: bool = True
+) -> Callable[[Callable[..., Any]], Measurement]:
+    """Make a measurement of a function that returns its record, or that yields rows and returns the rest of it.
 
     Args:
         page: the page that quotes it, in docs/
         quick: settings with which it takes at most a minute
         raw: names of what the page does not quote, in the record and in its rows
+        listed: whether `make measure` runs it as it is; one that needs options has a line in the Makefile, if any
     """
-    return lambda function: Measurement(function, page, quick, raw)
+    return lambda function: Measurement(function, page, quick, raw, listed)
 
 
 def settings_of(function: Callable[..., Any], quick: Record) -> type:
-    """A dataclass with the parameters of a function, described by its docstring; `out` and `quick` beside them."""
+    """A dataclass with the parameters of a function, described by its docstring; `out` and `quick` beside them.
+
+    A function that leaves more than a record has a parameter `out`, the folder, without a default.
+    """
     text = inspect.getdoc(sys.modules[function.__module__]) or ""
     told = dict(re.findall(r"^ *(\w+): (.+)$", inspect.getdoc(function) or "", re.MULTILINE))
     unknown = set(quick) - set(inspect.signature(function).parameters)
@@ -99,6 +114,7 @@ def settings_of(function: Callable[..., Any], quick: Record) -> type:
     fields = [
         (name, _described(each.annotation, told.get(name, "")), field(default=each.default))
         for name, each in inspect.signature(function).parameters.items()
+        if name != "out"
     ]
     out = _described(Path, f"folder for {function.__name__}.json and its figure")
     small = _described(bool, ", ".join(f"{name} = {value}" for name, value in quick.items()))

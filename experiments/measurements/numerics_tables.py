@@ -5,40 +5,6 @@ from pages import made_by, table
 Facts = dict
 
 
-def error_bars_facts(raw: Facts) -> Facts:
-    kept = ("scene", "duration", "dt", "gaits", "covered", "median_error", "median_bar", "median_ratio")
-    return chosen(raw, "command", "cores", "seed") | {"rows": [chosen(row, *kept) for row in raw["rows"]]}
-
-
-def error_bars_table(facts: Facts) -> str:
-    rows = [
-        [
-            row["scene"],
-            f"{row['duration']:g} s",
-            f"{row['dt']:g} s",
-            f"{row['covered']:.0%}",
-            f"{row['median_error']:.1e} m",
-            f"{row['median_bar']:.1e} m",
-            f"{row['median_ratio']:.1f}",
-        ]
-        for row in facts["rows"]
-    ]
-    head = ["scene", "horizon", "step", "covered", "median error", "median bar", "median of bar / error"]
-    return table(head, rows) + made_by(facts, "error_bars")
-
-
-def stability_facts(raw: Facts) -> Facts:
-    return chosen(raw, "command", "cores", "scenes", "worst", "limits")
-
-
-def stability_table(facts: Facts) -> str:
-    rows = [[name, f"{off:.0%}"] for name, off in facts["worst"].items()]
-    head = ["method", f"largest deviation, {facts['scenes']} scenes"]
-    limits = [[row["scene"], row["method"], f"{1e3 * row['step']:.3g} ms", row["set_by"]] for row in facts["limits"]]
-    known = table(["scene", "method", "largest stable step", "set by"], limits)
-    return f"{table(head, rows)}\n\n{known}" + made_by(facts, "stability")
-
-
 def equivalence_facts(raw: Facts) -> Facts:
     """Of each law the first and the last stiffness, and how deep the robot stands in the ground at the end."""
     rows = []

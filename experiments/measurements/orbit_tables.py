@@ -58,50 +58,6 @@ def polish_comparison_table(facts: Facts) -> str:
     return f"{table(head, rows)}\n\n{settings}" + made_by(facts, "polish_comparison")
 
 
-def continuation_facts(raw: Facts) -> Facts:
-    """Of each quantity: from where to where the orbit was followed, its speeds and multipliers there."""
-    rows = []
-    for quantity in dict.fromkeys(row["quantity"] for row in raw["rows"]):
-        every = [row for row in raw["rows"] if row["quantity"] == quantity]
-        held = [row for row in every if row["on_orbit"]]
-        values, speeds = [row["value"] for row in held], [row["speed"] for row in held]
-        known = [(row["multiplier"], row["value"]) for row in held if row["multiplier"] is not None]
-        rows.append(
-            {
-                "quantity": quantity,
-                "from": min(values),
-                "to": max(values),
-                "lost_below": any(row["value"] < min(values) for row in every),
-                "lost_above": any(row["value"] > max(values) for row in every),
-                "slowest": min(speeds),
-                "fastest": max(speeds),
-                "multiplier": max(known)[0] if known else None,
-                "multiplier_at": max(known)[1] if known else None,
-                "periods": sorted({row["periods"] for row in held}),
-            }
-        )
-    return {"command": raw["command"], "gait": raw["gait"], "rows": rows}
-
-
-def continuation_table(facts: Facts) -> str:
-    def value(row: Facts, x: float) -> str:
-        return f"{x:+.1f}°" if row["quantity"] == "slope" else f"{x:.2f} times"
-
-    rows = [
-        [
-            row["quantity"],
-            f"{value(row, row['from'])}, {'lost beyond' if row['lost_below'] else 'no further tried'}",
-            f"{value(row, row['to'])}, {'lost beyond' if row['lost_above'] else 'no further tried'}",
-            f"{row['slowest']:.2f} to {row['fastest']:.2f}",
-            "-" if row["multiplier"] is None else f"{row['multiplier']:.2g} at {value(row, row['multiplier_at'])}",
-            " or ".join(str(count) for count in row["periods"]),
-        ]
-        for row in facts["rows"]
-    ]
-    head = ["quantity", "from", "to", "speed, body lengths/s", "largest multiplier", "periods in a cycle"]
-    return table(head, rows) + made_by(facts, "continuation")
-
-
 def repertoire_facts(raw: Facts) -> Facts:
     """How many cells were filled, and the orbits of the elites that were looked at."""
     counts = {"filled": raw["filled"][-1], "cells": raw["cells"][0] * raw["cells"][1], "rollouts": raw["rollouts"]}

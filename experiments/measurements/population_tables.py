@@ -31,20 +31,3 @@ def populations_table(facts: Facts) -> str:
             rows.append([f"{method}, {dtype}", device, *costs, apart])
     head = ["us a gait and simulated second", "device", *(f"{size:,} gaits" for size in sizes), "ends apart by"]
     return table(head, rows) + made_by(facts, "populations")
-
-
-def threads_facts(raw: Facts) -> Facts:
-    return {key: raw[key] for key in ("command", "cores", "steps", "rows")}
-
-
-def threads_table(facts: Facts) -> str:
-    said = {"spine": "a spine of tetrahedra on the ground", "random": "random struts with cables"}
-    rows = []
-    for scene in dict.fromkeys(row["scene"] for row in facts["rows"]):
-        mine = [row for row in facts["rows"] if row["scene"] == scene]
-        size = f"{said[scene]}: {mine[0]['struts']} struts between {mine[0]['nodes']} nodes"
-        cost = {(row["solver"], row["busy"]): row["milliseconds"] for row in mine}
-        rows += [[size, solver, *(f"{cost[solver, busy]:.2f}" for busy in (False, True))] for solver, _ in cost]
-    rows = [row for number, row in enumerate(rows) if row not in rows[:number]]
-    head = ["structure", "dense systems", "ms a step, idle machine", f"with {facts['cores']} busy processes beside it"]
-    return table(head, rows) + made_by(facts, "threads")

@@ -1,4 +1,4 @@
-"""The measurements that there are: as a command, their names."""
+"""The measurements that there are; as a command, the names of those that `make measure` runs as they are."""
 
 import importlib
 from pathlib import Path
@@ -15,4 +15,4 @@ def measurements() -> dict[str, Measurement]:
 
 
 if __name__ == "__main__":
-    print("\n".join(measurements()))
+    print("\n".join(name for name, found in measurements().items() if found.listed))

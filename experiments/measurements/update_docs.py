@@ -17,7 +17,6 @@ from measurement import Measurement
 
 import conformance_tables as conformance
 import control_tables as control
-import gait_tables as gaits
 import identification_tables as identification
 import library_tables as library
 import numerics_tables as numerics
@@ -95,18 +94,11 @@ SOURCES: dict[str, Source] = {
         {"scaling.png": "scaling.png"},
     ),
     "populations": one_block("populations", SCALING, populations.populations_facts, populations.populations_table),
-    "threads": Source(
-        "threads/threads.json",
-        populations.threads_facts,
-        {"threads": Block(PERFORMANCE, populations.threads_table)},
-    ),
     "first_commands": Source(
         "first_commands/first_commands.json",
         speed.first_commands_facts,
         {"first_commands": Block(PERFORMANCE, speed.first_commands_table)},
     ),
-    "error_bars": one_block("error_bars", NUMERICS, numerics.error_bars_facts, numerics.error_bars_table),
-    "stability": one_block("stability", NUMERICS, numerics.stability_facts, numerics.stability_table),
     "hard_cases": one_block("hard_cases", NUMERICS, numerics.hard_cases_facts, numerics.hard_cases_table),
     "random_structures": Source(
         "random_structures/random_structures.json",
@@ -150,21 +142,10 @@ SOURCES: dict[str, Source] = {
         "lasting_baselines", SEARCH, search.lasting_baselines_facts, search.lasting_baselines_table
     ),
     "library_gaits": one_block("library_gaits", SEARCH, library.library_gaits_facts, library.library_gaits_table),
-    "orbits": one_block("orbits", GAITS, gaits.orbits_facts, gaits.orbits_table),
-    "continuation": one_block("continuation", GAITS, orbit_tables.continuation_facts, orbit_tables.continuation_table),
     "multipliers": one_block("multipliers", GAITS, orbit_tables.multipliers_facts, orbit_tables.multipliers_table),
     "repertoire": one_block("repertoire", GAITS, orbit_tables.repertoire_facts, orbit_tables.repertoire_table),
     "polish_comparison": one_block(
         "polish_comparison", GAITS, orbit_tables.polish_comparison_facts, orbit_tables.polish_comparison_table
-    ),
-    "ranges": one_block("ranges", GAITS, gaits.ranges_facts, gaits.ranges_table),
-    "third_opinions": one_block("third_opinions", GAITS, gaits.third_opinions_facts, gaits.third_opinions_table),
-    "basin": one_block("basin", GAITS, gaits.basin_facts, gaits.basin_table),
-    "robots_that_differ": one_block(
-        "robots_that_differ", GAITS, gaits.robots_that_differ_facts, gaits.robots_that_differ_table
-    ),
-    "orbits_of_searches": one_block(
-        "orbits_of_searches", GAITS, gaits.orbits_of_searches_facts, gaits.orbits_of_searches_table
     ),
     **{
         name: Source(
@@ -179,7 +160,6 @@ SOURCES: dict[str, Source] = {
         name: one_block(name, CONTROL, control.tuning_facts, partial(control.tuning_table, name))
         for name in ("tune_feedback", "tune_on_bumps")
     },
-    "steering": one_block("steering", CONTROL, control.steering_facts, control.steering_table),
     **{
         name: Source(
             f"goals/{name}.json",
@@ -189,9 +169,6 @@ SOURCES: dict[str, Source] = {
         )
         for name in ("goals_slope", "goals_bumps")
     },
-    "sampling_ways": one_block("sampling_ways", CONTROL, control.sampling_ways_facts, control.sampling_ways_table),
-    "scene_field": one_block("scene_field", CONTROL, control.scene_field_facts, control.scene_field_table),
-    "transitions": one_block("transitions", CONTROL, control.transitions_facts, control.transitions_table),
     "obstacles": one_block("obstacles", CONTROL, control.obstacles_facts, control.obstacles_table),
     "task_baselines": one_block("task_baselines", CONTROL, control.task_baselines_facts, control.task_baselines_table),
     "conformance": Source(
@@ -205,9 +182,6 @@ SOURCES: dict[str, Source] = {
         {"explorer_session": Block("docs/seeing.md", speed.explorer_table)},
     ),
     "validation": one_block("validation", VALIDATION, validation.validation_facts, validation.validation_table),
-    "spine_dynamics": one_block(
-        "spine_dynamics", VALIDATION, validation.spine_dynamics_facts, validation.spine_dynamics_table
-    ),
     "spine": Source(
         "spine/spine.json",
         validation.spine_facts,
@@ -237,7 +211,6 @@ SOURCES: dict[str, Source] = {
         "leaf_gradients", IDENTIFICATION, identification.leaf_gradients_facts, identification.leaf_gradients_table
     ),
     "ntrt": Source("ntrt/ntrt.json", conformance.ntrt_facts, {"ntrt": Block("docs/files.md", conformance.ntrt_table)}),
-    "redraws": one_block("redraws", SEARCH, search.redraws_facts, search.redraws_table),
     "crash_recovery": Source(
         "crash_recovery/crash_recovery.json",
         search.crash_recovery_facts,

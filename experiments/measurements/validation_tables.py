@@ -67,23 +67,3 @@ def estimates_table(rows: list[Facts]) -> str:
         plausible = f"1 ({row['spread']:g})" if row["kind"] == "factor" else f"0{unit} ({size * row['spread']:g}{unit})"
         cells.append([row["name"].removeprefix("scene."), row["kind"], plausible, value])
     return table(["parameter", "", "plausible before (standard deviation)", "identified"], cells)
-
-
-def spine_dynamics_facts(raw: Facts) -> Facts:
-    names = ("command", "cores", "lowest", "highest", "frequency", "misfit", "ratios", "tried")
-    return chosen(raw, *names) | {"fits": [chosen(fit, "ratio", "squares", "shape") for fit in raw["fits"]]}
-
-
-def spine_dynamics_table(facts: Facts) -> str:
-    begin, duration, scatter = min(facts["fits"], key=lambda fit: fit["squares"])["shape"]
-    squares = [fit["squares"] for fit in facts["fits"]]
-    bands = (f"{low:.1f} to {high:.1f}" for low, high in zip(facts["lowest"], facts["highest"]))
-    rows = [
-        ["simulated: the vertebra's three slowest modes over the commands", f"{', '.join(bands)} Hz"],
-        ["motors move", f"from {begin:.2f} s after the command is logged, for {duration:.2f} s"],
-        ["scatter of the clocks", f"{abs(scatter):.3f} s"],
-        ["damping ratios tried", f"{facts['tried'][0]:g} to {facts['tried'][1]:g}"],
-        ["sum of squares over them", f"{min(squares):.2f} to {max(squares):.2f}"],
-        ["damping ratios that cannot be told apart", f"{facts['ratios'][0]:g} to {facts['ratios'][1]:g}"],
-    ]
-    return table(["mean response to a command", "measured"], rows) + made_by(facts, "spine_dynamics")
