@@ -60,11 +60,11 @@ validate: .venv/.installed-test
 	$(BIN)/python experiments/measurements/update_docs.py
 
 # Everything that the docs quote; some hours on 2 cores, which should have nothing else to do. LIMIT=FOLDER: C programs.
-MEASUREMENTS := equivalence hard_cases gradients conformance ntrt_structures \
+MEASUREMENTS := equivalence hard_cases gradients \
     multipliers polish_comparison damage crash_recovery \
     repertoire explorer_session tune_feedback tune_on_bumps obstacles \
-    validate identify_spine identification sim_to_real design_study design_gradient \
-    leaf_gradients random_structures first_commands
+    identify_spine identification sim_to_real design_study design_gradient \
+    random_structures first_commands
 COMPARED := random CMA-ES GA GA+more GA+smoothed
 measure: .venv/.installed-test
 	for name in $$($(BIN)/python experiments/measurements/registry.py) $(MEASUREMENTS); do $(BIN)/python experiments/measurements/$$name.py || exit 1; done

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable, Generator, Iterator
 from dataclasses import field, make_dataclass
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Any
 
 from jaxgrity.cli.script import configure, execute, measured
 
@@ -51,8 +51,8 @@ class Measurement:
     def quoted(self, record: Record) -> Record:
         """The record without what pages do not quote."""
         kept = {key: value for key, value in record.items() if key not in self.raw}
-        if "rows" in record:
-            kept["rows"] = [{key: row[key] for key in row if key not in self.raw} for row in record["rows"]]
+        if "rows" in kept:
+            kept["rows"] = [{key: row[key] for key in row if key not in self.raw} for row in kept["rows"]]
         self.words(kept)  # a record that lacks something is refused before it is kept
         return kept
 
@@ -67,11 +67,10 @@ class Measurement:
             plot.save(self.draw(record), path.with_suffix(".png"))
         print(f"{self.words(record)}\n\nwrote {settings.out}/")
 
-    def run(self) -> Self:
+    def run(self) -> None:
         """Measure as the command line asks for."""
         configure()
         execute(self.main, from_command_line(self.Settings, description=self.Settings.__doc__))
-        return self
 
 
 def row_by_row(found: Generator[Record, None, Record], path: Path) -> Record:

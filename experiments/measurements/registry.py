@@ -9,9 +9,10 @@ HERE = Path(__file__).parent
 
 
 def measurements() -> dict[str, Measurement]:
-    """All measurements by their names."""
+    """All measurements by the names of their scripts."""
     names = (path.stem for path in sorted(HERE.glob("*.py")) if "\n@measurement(" in path.read_text(encoding="utf-8"))
-    return {name: getattr(importlib.import_module(name), name) for name in names}
+    found = ((name, each) for name in names for each in vars(importlib.import_module(name)).values())
+    return {name: each for name, each in found if isinstance(each, Measurement)}
 
 
 if __name__ == "__main__":

@@ -15,13 +15,11 @@ from typing import NamedTuple
 from jaxgrity.cli.script import run
 from measurement import Measurement
 
-import conformance_tables as conformance
 import control_tables as control
 import identification_tables as identification
 import library_tables as library
 import numerics_tables as numerics
 import orbit_tables
-import population_tables as populations
 import search_tables as search
 import speed_tables as speed
 import validation_tables as validation
@@ -74,7 +72,7 @@ def source_of(found: Measurement) -> Source:
 
 
 SOURCES: dict[str, Source] = {
-    **{name: source_of(found) for name, found in measurements().items()},
+    **{found.name: source_of(found) for found in measurements().values()},
     "gait_search": Source(
         "gait_search/summary.json",
         library.gait_search_facts,
@@ -93,7 +91,6 @@ SOURCES: dict[str, Source] = {
         },
         {"scaling.png": "scaling.png"},
     ),
-    "populations": one_block("populations", SCALING, populations.populations_facts, populations.populations_table),
     "first_commands": Source(
         "first_commands/first_commands.json",
         speed.first_commands_facts,
@@ -171,17 +168,11 @@ SOURCES: dict[str, Source] = {
     },
     "obstacles": one_block("obstacles", CONTROL, control.obstacles_facts, control.obstacles_table),
     "task_baselines": one_block("task_baselines", CONTROL, control.task_baselines_facts, control.task_baselines_table),
-    "conformance": Source(
-        "conformance/conformance.json",
-        conformance.conformance_facts,
-        {"conformance": Block("docs/conformance.md", conformance.conformance_table)},
-    ),
     "explorer_session": Source(
         "explorer_session/explorer_session.json",
         speed.explorer_facts,
         {"explorer_session": Block("docs/seeing.md", speed.explorer_table)},
     ),
-    "validation": one_block("validation", VALIDATION, validation.validation_facts, validation.validation_table),
     "spine": Source(
         "spine/spine.json",
         validation.spine_facts,
@@ -207,10 +198,6 @@ SOURCES: dict[str, Source] = {
         },
         {"sim_to_real.png": "sim_to_real.png"},
     ),
-    "leaf_gradients": one_block(
-        "leaf_gradients", IDENTIFICATION, identification.leaf_gradients_facts, identification.leaf_gradients_table
-    ),
-    "ntrt": Source("ntrt/ntrt.json", conformance.ntrt_facts, {"ntrt": Block("docs/files.md", conformance.ntrt_table)}),
     "crash_recovery": Source(
         "crash_recovery/crash_recovery.json",
         search.crash_recovery_facts,

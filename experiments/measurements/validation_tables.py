@@ -7,30 +7,6 @@ Facts = dict
 UNIT = {"x": "mm", "z": "mm", "rotation": "°"}
 
 
-def validation_facts(raw: Facts) -> Facts:
-    return chosen(raw, "command", "cores", "commands", "runs", "missing", "authors", "camera")
-
-
-def validation_table(facts: Facts) -> str:
-    rows = []
-    for name, unit in UNIT.items():
-        seen = facts["camera"][name]
-        authors = facts["authors"][name]
-        rows.append(
-            [
-                name,
-                f"{1e3 * authors:.1f} µm" if unit == "mm" else f"{authors:.1e}{unit}",
-                f"{seen['least']:.2f} to {seen['most']:.2f} {unit}",
-                f"{seen['mean']:.2f} {unit}",
-                f"{seen['repeatability']:.2f} {unit}",
-                f"{seen['middle_least']:.2f} to {seen['middle_most']:.2f} {unit}",
-            ]
-        )
-    head = ["", "from the authors' poses, at most", "from the camera's, rms of a run", "in the mean"]
-    head += ["the robot from run to run", "from frames 0.5 to 1.4 s after a command"]
-    return table(head, rows) + made_by(facts, "validation")
-
-
 def spine_facts(raw: Facts) -> Facts:
     names = ("command", "cores", "fitted_runs", "held_out_runs", "held_out", "repeatability", "misfit")
     return chosen(raw, *names) | {

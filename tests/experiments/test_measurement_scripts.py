@@ -16,8 +16,6 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from measurement import Measurement
-
 import control_tables
 import identification_tables
 import library_gaits
@@ -45,8 +43,7 @@ SCRIPTS = sorted(
 
 def command(script: str) -> Any:
     """What a script runs: its measurement, or itself, with a function `main` and a class `Settings`."""
-    module = importlib.import_module(script)
-    return getattr(module, script) if isinstance(getattr(module, script, None), Measurement) else module
+    return registry.measurements().get(script) or importlib.import_module(script)
 
 
 def run(script: str, *arguments: object, **environment: str) -> subprocess.CompletedProcess:
