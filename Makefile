@@ -62,7 +62,7 @@ validate: .venv/.installed-test
 # Everything that the docs quote; some hours on 2 cores, which should have nothing else to do. LIMIT=FOLDER: C programs.
 MEASUREMENTS := equivalence hard_cases gradients \
     multipliers polish_comparison damage crash_recovery \
-    repertoire explorer_session tune_feedback tune_on_bumps obstacles \
+    repertoire obstacles \
     identify_spine identification sim_to_real design_study design_gradient \
     random_structures first_commands
 COMPARED := random CMA-ES GA GA+more GA+smoothed

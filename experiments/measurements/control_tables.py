@@ -30,29 +30,6 @@ def feedback_table(name: str, facts: Facts) -> str:
     return table(head, rows) + made_by(facts, name, "measured")
 
 
-def tuning_facts(raw: Facts) -> Facts:
-    """What known feedback and that of a run are made of, and what they are worth."""
-    return {name: raw[name] for name in ("command", "cores", "robots", "seconds", "judged")}
-
-
-def tuning_table(name: str, facts: Facts) -> str:
-    rows = []
-    for row in facts["judged"]:
-        gains, swings, (larger, faster) = (row["numbers"][part] for part in (slice(4), slice(4, 8), slice(8, 10)))
-        told = [f"{100 * row[where]['rolling']:.0f} %, {row[where]['speed']:.2f} m/s" for where in ("level", "bumps")]
-        words = [", ".join(f"{x + 0:.2f}" for x in numbers) for numbers in (gains, swings)]
-        rows.append([row["name"], *words, f"{larger:.2f}, {faster:.2f}", *told])
-    head = [
-        "feedback",
-        "gains",
-        "swings, s",
-        "times the gait's amplitude and frequency",
-        "level ground",
-        "bumps of 2 cm",
-    ]
-    return table(head, rows) + made_by(facts, name, "measured")
-
-
 def goals_facts(raw: Facts) -> Facts:
     """In how many trials the goal was reached, how soon, and how the controller looked ahead."""
     rows = raw["rows"]

@@ -154,10 +154,6 @@ SOURCES: dict[str, Source] = {
         for name in ("feedback_exact", "feedback_penalty")
     },
     **{
-        name: one_block(name, CONTROL, control.tuning_facts, partial(control.tuning_table, name))
-        for name in ("tune_feedback", "tune_on_bumps")
-    },
-    **{
         name: Source(
             f"goals/{name}.json",
             control.goals_facts,
@@ -168,11 +164,6 @@ SOURCES: dict[str, Source] = {
     },
     "obstacles": one_block("obstacles", CONTROL, control.obstacles_facts, control.obstacles_table),
     "task_baselines": one_block("task_baselines", CONTROL, control.task_baselines_facts, control.task_baselines_table),
-    "explorer_session": Source(
-        "explorer_session/explorer_session.json",
-        speed.explorer_facts,
-        {"explorer_session": Block("docs/seeing.md", speed.explorer_table)},
-    ),
     "spine": Source(
         "spine/spine.json",
         validation.spine_facts,

@@ -375,7 +375,7 @@ def test_robots_are_driven_by_feedback_to_goals_and_in_environments(tmp_path):
     assert facts["rows"][0]["repeated"]
     assert "| heading | 800 | " in words("environments", facts)
     facts = quick("measurements/tune_feedback.py", tmp_path / "tune")
-    assert "| found by this run |" in control_tables.tuning_table("tune_feedback", control_tables.tuning_facts(facts))
+    assert "| found by this run |" in words("tune_feedback", facts)
     judged = {row["name"]: row for row in facts["judged"]}
     assert judged["found by this run"]["numbers"][4:] == judged["default"]["numbers"][4:] == [0.0] * 4 + [1.0] * 2
 
@@ -421,7 +421,7 @@ def test_robots_are_led_round_obstacles_and_feedback_is_tuned_on_bumps(tmp_path)
     facts = quick("measurements/predictive_speed.py", tmp_path / "predictive_speed")
     assert "| 8 | " in control_tables.predictive_speed_table(control_tables.predictive_speed_facts(facts))
     facts = quick("measurements/tune_on_bumps.py", tmp_path / "tune_on_bumps")
-    assert "| `sure_footed` |" in control_tables.tuning_table("tune_on_bumps", control_tables.tuning_facts(facts))
+    assert "| `sure_footed` |" in words("tune_on_bumps", facts)
     found = next(row for row in facts["judged"] if row["name"] == "found by this run")
     assert found["numbers"] != facts["judged"][0]["numbers"]
 
