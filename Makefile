@@ -60,11 +60,9 @@ validate: .venv/.installed-test
 	$(BIN)/python experiments/measurements/update_docs.py
 
 # Everything that the docs quote; some hours on 2 cores, which should have nothing else to do. LIMIT=FOLDER: C programs.
-MEASUREMENTS := equivalence hard_cases gradients \
-    multipliers polish_comparison damage crash_recovery \
-    repertoire obstacles \
-    identify_spine identification sim_to_real design_study design_gradient \
-    random_structures first_commands
+# First those that are registered, then scripts with settings of their own and what needs results of others.
+MEASUREMENTS := equivalence hard_cases gradients multipliers polish_comparison damage crash_recovery repertoire obstacles \
+    identify_spine identification sim_to_real design_gradient random_structures first_commands
 COMPARED := random CMA-ES GA GA+more GA+smoothed
 measure: .venv/.installed-test
 	for name in $$($(BIN)/python experiments/measurements/registry.py) $(MEASUREMENTS); do $(BIN)/python experiments/measurements/$$name.py || exit 1; done

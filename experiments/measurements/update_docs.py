@@ -176,10 +176,6 @@ SOURCES: dict[str, Source] = {
     "identification": one_block(
         "identification", IDENTIFICATION, identification.identification_facts, identification.identification_table
     ),
-    "design_study": one_block("design_study", GAITS, orbit_tables.design_study_facts, orbit_tables.design_study_table),
-    "design_gradient": one_block(
-        "design_gradient", GAITS, orbit_tables.design_gradient_facts, orbit_tables.design_gradient_table
-    ),
     "sim_to_real": Source(
         "sim_to_real/sim_to_real.json",
         identification.sim_to_real_facts,

@@ -429,18 +429,16 @@ def test_robots_are_led_round_obstacles_and_feedback_is_tuned_on_bumps(tmp_path)
 @pytest.mark.campaign
 def test_robots_are_designed(tmp_path):
     """Quick size: what the table of docs/gaits.md about it is made of; limits are kept."""
-    facts = orbit_tables.design_study_facts(quick("measurements/design_study.py", tmp_path))
+    facts = quick("measurements/design_study.py", tmp_path)
     assert [row["kind"] for row in facts["rows"]] == ["gait alone", "robot and gait"]
     assert all(row["peak_power"] <= 160 and row["strut_force"] <= facts["limits"][0] for row in facts["rows"])
-    assert "| robot and gait | 160 W | **" in orbit_tables.design_study_table(facts)
+    assert "| robot and gait | 160 W | **" in words("design_study", facts)
     study = tmp_path / "design_study.json"
-    climbed = orbit_tables.design_gradient_facts(
-        quick("measurements/design_gradient.py", tmp_path / "climbs", "--study", study)
-    )
+    climbed = quick("measurements/design_gradient.py", tmp_path / "climbs", "--study", study)
     (row,) = climbed["rows"]
     assert row["power"] == 160
     assert row["kept"] <= row["steps"] <= 4
-    assert orbit_tables.design_gradient_table(climbed).startswith("| power allowed |")
+    assert words("design_gradient", climbed).startswith("| power allowed |")
 
 
 @pytest.mark.slow
