@@ -4,8 +4,10 @@ Of six short rollouts that do not switch, with penalty and with exact contact, o
 speed.
 """
 
+import json
 from collections.abc import Callable, Generator
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from measurement import Record, measurement
@@ -32,6 +34,7 @@ from jaxgrity import (
     load_scene,
     with_gait,
 )
+from jaxgrity.io.files import read_text
 from jaxgrity.orbits import closed_orbit, find_orbit
 from jaxgrity.statics import equilibrium_near, resting_shape
 from jaxgrity.stepping import resolve
@@ -160,23 +163,32 @@ CASES = {
 
 
 @measurement(page="identification.md", quick={"robots": tuple(CASES)[:2]}, raw=("rows",))
-def leaf_gradients(robots: tuple[str, ...] = tuple(CASES), seed: int = 1) -> Generator[Record, None, Record]:
+def leaf_gradients(out: Path, robots: tuple[str, ...] = tuple(CASES), seed: int = 1) -> Generator[Record, None, Record]:
     """A row for each array of each robot, and the worst of each robot.
 
     Args:
-        robots: names of robots
+        robots: which; what the folder has of others is kept
         seed: of the direction in which each array varies
     """
     unknown = [name for name in robots if name not in CASES]
     if unknown:
         raise InputError(f"robots = {unknown[0]!r}: unknown; expected {', '.join(CASES)}")
-    worst = {}
+    before = out / "leaf_gradients.json"
+    known = json.loads(read_text(before))["rows"] if before.exists() else []
+    rows = [row for row in known if row["robot"] not in robots]
+    yield from rows
     for name in robots:
-        rows = compared(CASES[name], seed)
-        yield from ({"robot": name, **row} for row in rows)
-        worst[name] = {"arrays": len(rows), "matter": sum(row["derivative"] != 0 for row in rows)}
-        worst[name] |= {kind: max(row[kind] for row in rows) for kind in ("reverse", "differences")}
-    return {"robots": worst}
+        found = [{"robot": name, **row} for row in compared(CASES[name], seed)]
+        rows += found
+        yield from found
+    measured = [name for name in CASES if any(row["robot"] == name for row in rows)]
+    return {"robots": {name: worst_of([row for row in rows if row["robot"] == name]) for name in measured}}
+
+
+def worst_of(rows: list[Record]) -> Record:
+    """How many arrays a robot has and how many of them matter, and the largest disagreements."""
+    largest = {kind: max(row[kind] for row in rows) for kind in ("reverse", "differences")}
+    return {"arrays": len(rows), "matter": sum(row["derivative"] != 0 for row in rows), **largest}
 
 
 def compared(case: Case, seed: int = 1) -> list[dict[str, Any]]:
