@@ -73,13 +73,13 @@ class Measurement:
         execute(self.main, from_command_line(self.Settings, description=self.Settings.__doc__))
 
 
-def row_by_row(found: Generator[Record, None, Record], path: Path) -> Record:
+def row_by_row(found: Generator[Record, None, Record | None], path: Path) -> Record:
     """All rows and what is returned beside them; each row is in the file as soon as it is there."""
     rows: list[Record] = []
     more: Record = {}
 
     def rest() -> Iterator[Record]:
-        more.update((yield from found))
+        more.update((yield from found) or {})
 
     for row in tqdm(rest(), unit="row"):
         rows.append(row)

@@ -69,6 +69,18 @@ def test_rows_outlive_an_error(tmp_path):
     assert [row["x"] for row in json.loads((tmp_path / "squares.json").read_text())["rows"]] == [12.0, 13.0]
 
 
+def test_rows_alone_are_a_record(tmp_path):
+    """A function need not return anything beside them."""
+
+    @measurement(page="numerics.md", quick={})
+    def ones():
+        yield {"x": 1}
+
+    ones.table(lambda record: columns(record["rows"], {"x": "{x}"}))
+    ones.main(ones.Settings(out=tmp_path))
+    assert json.loads((tmp_path / "ones.json").read_text())["rows"] == [{"x": 1}]
+
+
 def test_a_figure_stands_beside_its_record(tmp_path):
     squares = example()
     squares.figure(lambda record: Figure(figsize=(1 + len(record["rows"]), 2)))
