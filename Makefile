@@ -50,24 +50,22 @@ bench: .venv/.installed
 # Every published or foreign answer that is known, beside ours: docs/conformance.md.
 conformance: .venv/.installed-test
 	$(BIN)/python experiments/measurements/conformance.py
-	$(BIN)/python experiments/docs_tables/update_docs.py
+	$(BIN)/python experiments/measurements/update_docs.py
 
 # A measured robot beside its simulation: docs/validation.md.
 validate: .venv/.installed-test
 	$(BIN)/python experiments/measurements/validate.py
 	$(BIN)/python experiments/measurements/identify_spine.py
 	$(BIN)/python experiments/measurements/spine_dynamics.py
-	$(BIN)/python experiments/docs_tables/update_docs.py
+	$(BIN)/python experiments/measurements/update_docs.py
 
 # Everything that the docs quote; some hours on 2 cores, which should have nothing else to do. LIMIT=FOLDER: C programs.
-MEASUREMENTS := error_bars stability equivalence stiff hard_cases gradients conformance ntrt_structures \
-    orbits multipliers orbits_of_searches basin ranges continuation robots_that_differ redraws polish_comparison damage crash_recovery \
-    repertoire explorer_session climbing stairs_energy tune_feedback tune_on_bumps steering transitions sampling_ways obstacles scene_field \
-    predictive_speed environments validate identify_spine spine_dynamics identification sim_to_real design_study design_gradient \
-    leaf_gradients random_structures first_commands
+# First those that are registered, then scripts with settings of their own and what needs results of others.
+MEASUREMENTS := equivalence hard_cases gradients multipliers polish_comparison damage crash_recovery repertoire obstacles \
+    identify_spine identification sim_to_real design_gradient random_structures first_commands
 COMPARED := random CMA-ES GA GA+more GA+smoothed
 measure: .venv/.installed-test
-	for name in $(MEASUREMENTS); do $(BIN)/python experiments/measurements/$$name.py || exit 1; done
+	for name in $$($(BIN)/python experiments/measurements/registry.py) $(MEASUREMENTS); do $(BIN)/python experiments/measurements/$$name.py || exit 1; done
 	for contact in exact penalty; do $(BIN)/python experiments/measurements/feedback.py --contact $$contact || exit 1; done
 	for ground in slope bumps; do $(BIN)/python experiments/measurements/goals.py --ground $$ground || exit 1; done
 	$(BIN)/python experiments/measurements/work_precision.py --mujoco
@@ -82,7 +80,7 @@ measure: .venv/.installed-test
 	$(BIN)/python experiments/gait_search.py --restart
 	$(BIN)/python experiments/baselines/search_baselines.py --scenes exact
 	$(BIN)/python experiments/baselines/search_baselines.py --scenes reference --methods $(COMPARED) --plain
-	$(BIN)/python experiments/docs_tables/update_docs.py
+	$(BIN)/python experiments/measurements/update_docs.py
 
 clean:
 	rm -rf .venv .cache results build dist docs/reference *.egg-info .pytest_cache .ruff_cache .mypy_cache .hypothesis

@@ -14,8 +14,8 @@ from typing import Any
 
 from jaxgrity.cli.script import configure, run
 
-from docs_tables.compact_json import save_compact
-from docs_tables.pages import fill_page, table
+from measurements.compact_json import save_compact
+from measurements.pages import fill_page, table
 from paper_claims.report import VERDICTS
 from tqdm import tqdm
 

@@ -5,23 +5,21 @@ gait as it is. The figure shows the share of robots that roll at the gait's spee
 shapes are compared with those that the orbit goes through, with any symmetric node in the place of each.
 """
 
-from dataclasses import dataclass
-from pathlib import Path
+from collections.abc import Iterator
+from itertools import product
 from typing import Any
 
-from jaxgrity.cli.script import measured, run
+from measurement import Record, measurement
 
 import numpy as np
 from matplotlib.figure import Figure
+from pages import columns
 from scipy.spatial.transform import Rotation
-from tqdm import tqdm
 
 from jaxgrity import (
     Differences,
-    InputError,
     Scene,
     contact_twin,
-    gait_names,
     gait_record,
     gaits_of,
     load_gait,
@@ -29,10 +27,8 @@ from jaxgrity import (
     simulate_population,
     with_gait,
 )
-from jaxgrity.io.files import save_json
 from jaxgrity.model import body_length
 from jaxgrity.orbits import distance_from_orbit, find_orbit
-from jaxgrity.report import plot
 
 SPEED, SPIN = 1.0, 2.0
 """m/s and rad/s, standard deviations of the components of the velocity and of the spin at the start"""
@@ -44,44 +40,34 @@ NEAR = 0.05
 """body lengths, by which heights of nodes and distances between them may differ from the orbit's at most"""
 
 
-@dataclass
-class Settings:
-    gaits: tuple[str, ...] = ("straight",)
-    """names of the library's gaits"""
-    robots: int = 256
-    duration: float = 60.0
-    """s"""
-    seed: int = 0
-    """of the drops"""
-    out: Path = Path("results/basin")
-    """folder for basin.json and its figure"""
-    quick: bool = False
-    """8 robots, 20 s, on the gait's own scene alone"""
+@measurement(page="gaits.md", quick={"robots": 8, "duration": 20.0, "contacts": ("own",)}, raw=("shares",))
+def basin(
+    gaits: tuple[str, ...] = ("straight",),
+    contacts: tuple[str, ...] = ("own", "other"),
+    robots: int = 256,
+    duration: float = 60.0,
+    seed: int = 0,
+) -> Iterator[Record]:
+    """A row for each gait on each contact model.
 
-
-def main(settings: Settings) -> None:
-    if settings.quick:
-        settings.robots, settings.duration = 8, 20.0
-    unknown = sorted(set(settings.gaits) - set(gait_names()))
-    if unknown:
-        raise InputError(f"gaits = {unknown}: unknown; expected some of {', '.join(gait_names())}")
-    cases = [(name, contact) for name in settings.gaits for contact in ("own", "other")[: 2 - settings.quick]]
-    rows, shares = [], {}
-    for name, contact in tqdm(cases, unit="case"):
-        own = with_gait(load_scene(gait_record(name)["scene"]), load_gait(name))
+    Args:
+        gaits: names of the library's gaits
+        contacts: contact models
+        robots: dropped on each of them
+        duration: s
+        seed: of the drops
+    """
+    scenes = [with_gait(load_scene(gait_record(name)["scene"]), load_gait(name)) for name in gaits]
+    for (name, own), contact in product(zip(gaits, scenes), contacts):
         scene = own if contact == "own" else contact_twin(own)
         where = "exact" if scene.constrained else "penalty"
-        orbit = find_orbit(scene, max(120.0, 2 * settings.duration))
-        speeds, ends = dropped(scene, settings)
+        orbit = find_orbit(scene, max(120.0, 2 * duration))
+        speeds, ends = dropped(scene, robots, duration, seed)
         rolling = speeds >= ENOUGH * orbit.speed
-        shares[f"{name}, {where}"] = rolling.mean(0)
         row = {"gait": name, "contact": where, "own": contact == "own", "speed": orbit.speed, **told(rolling)}
         near = distance_from_orbit(scene, orbit, ends) <= NEAR * orbit.body_length
-        rows.append({**row, "on_the_orbit": float(near.mean())})
-    save_json(settings.out / "basin.json", {**measured(), "robots": settings.robots, "rows": rows})
-    plot.save(figure(shares), settings.out / "basin.png")
-    print("\n".join(f"{row['gait']}, {row['contact']}: {row['rolling']:.0%} roll in the end" for row in rows))
-    print(f"wrote {settings.out}/")
+        yield {**row, "on_the_orbit": float(near.mean()), "shares": rolling.mean(0)}
+    return {"robots": robots}
 
 
 def told(rolling: np.ndarray) -> dict[str, Any]:
@@ -94,15 +80,15 @@ def told(rolling: np.ndarray) -> dict[str, Any]:
     }
 
 
-def dropped(scene: Scene, settings: Settings) -> tuple[np.ndarray, np.ndarray]:
+def dropped(scene: Scene, robots: int, duration: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
     """(robots, parts), m/s, the speed of each robot in each part of the time, 0 where its rollout failed; (robots,
     nodes, 3), m, where nodes are in the end."""
     assert scene.gait is not None, "a gait of the library"
-    q, v = drops(scene, settings.robots, settings.seed)
-    gaits = gaits_of(scene.gait, np.repeat(np.asarray(scene.gait.phase)[None], settings.robots, axis=0))
-    parts = round(settings.duration / PART)
+    q, v = drops(scene, robots, seed)
+    gaits = gaits_of(scene.gait, np.repeat(np.asarray(scene.gait.phase)[None], robots, axis=0))
+    parts = round(duration / PART)
     outcomes = simulate_population(
-        scene, gaits, settings.duration, differences=Differences(positions=q, velocities=v), parts=parts
+        scene, gaits, duration, differences=Differences(positions=q, velocities=v), parts=parts
     )
     moved = np.linalg.norm(np.diff(np.asarray(outcomes.com_path)[:, :, :2], axis=1), axis=2)
     speeds = np.where((np.asarray(outcomes.failure) == 0)[:, None], moved / PART, 0.0)
@@ -121,9 +107,24 @@ def drops(scene: Scene, robots: int, seed: int) -> tuple[np.ndarray, np.ndarray]
     return q, draw.normal(0, SPEED, (robots, 1, 3)) + np.cross(spin, turned)
 
 
-@plot.styled
-def figure(shares: dict[str, np.ndarray]) -> Figure:
+@basin.table
+def words(record: Record) -> str:
+    """How many robots roll, after a while and in the end."""
+    cells = {
+        "gait": "{gait}",
+        "contact": lambda row: f"{row['contact']}, its own" if row["own"] else row["contact"],
+        "robots that roll after 15 s": lambda row: f"{100 * row['rolling_after_15_s']:.0f} %",
+        "in the end": lambda row: f"{100 * row['rolling']:.0f} %",
+        "in the end on the orbit, by their shapes": lambda row: f"{100 * row['on_the_orbit']:.0f} %",
+        "median time until they roll": "{median_seconds_until:.0f} s",
+    }
+    return columns(record["rows"], cells)
+
+
+@basin.figure
+def figure(record: Record) -> Figure:
     """The share of robots that roll, over time."""
+    shares = {f"{row['gait']}, {row['contact']}": np.asarray(row["shares"]) for row in record["rows"]}
     chart = Figure(figsize=(6, 3.5), layout="constrained")
     axes = chart.subplots()
     for name, share in shares.items():
@@ -135,4 +136,4 @@ def figure(shares: dict[str, np.ndarray]) -> Figure:
 
 
 if __name__ == "__main__":
-    run(main, Settings)
+    basin.run()

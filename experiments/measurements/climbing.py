@@ -4,69 +4,84 @@ The gait was searched for on 15 degrees alone. What counts is the displacement u
 so that a robot that begins to slide, or turns round, is seen. With exact contact all is done at half the step too.
 """
 
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
+import itertools
+from collections.abc import Iterator
 
-from jaxgrity.cli.script import measured, run
+from measurement import Record, measurement
 
 import numpy as np
 from matplotlib.figure import Figure
-from tqdm import tqdm
+from pages import table
 
 from jaxgrity import Differences, SolverOptions, contact_twin, gaits_of, load_gait, load_scene, simulate_population
-from jaxgrity.io.files import save_json
-from jaxgrity.report import plot
 from jaxgrity.stepping import default_method, default_step
 
-
-@dataclass
-class Settings:
-    slopes: tuple[float, ...] = (0.0, 5.0, 10.0, 12.5, 15.0, 17.5, 20.0, 22.5, 25.0, 27.5, 30.0)
-    """degrees"""
-    friction: tuple[float, ...] = (0.8, 0.9, 1.0, 1.1, 1.2)
-    """times the scene's"""
-    duration: float = 120.0
-    """s"""
-    out: Path = Path("results/climbing")
-    """folder for climbing.json and its figure"""
-    quick: bool = False
-    """one slope, 10 s"""
+CLIMBS = 0.1
+"""Speed uphill from which on a robot counts as climbing, m/s."""
+OWN_SLOPE = 15.0
+"""Slope of the scene `uphill`, degrees."""
 
 
-def main(settings: Settings) -> None:
-    if settings.quick:
-        settings.slopes, settings.duration = (15.0,), 10.0
+@measurement(page="gaits.md", quick={"slopes": (15.0,), "duration": 10.0})
+def climbing(
+    slopes: tuple[float, ...] = (0.0, 5.0, 10.0, 12.5, 15.0, 17.5, 20.0, 22.5, 25.0, 27.5, 30.0),
+    friction: tuple[float, ...] = (0.8, 0.9, 1.0, 1.1, 1.2),
+    duration: float = 120.0,
+) -> Iterator[Record]:
+    """A row for each slope: speeds uphill, m/s, for each friction.
+
+    Args:
+        slopes: degrees
+        friction: times the scene's
+        duration: s
+    """
     own = load_scene("uphill")
-    rows: list[dict[str, Any]] = []
     gait, nominal = load_gait("uphill"), float(own.ground.incline)
     step, twin = default_step(own, default_method(own)), contact_twin(own)
     ways = {"own": (own, step), "finer": (own, step / 2), "other": (twin, None)}
-    gaits = gaits_of(gait, np.repeat(np.asarray(gait.phase)[None], len(settings.friction), axis=0))
-    for slope in tqdm(settings.slopes, unit="slope"):
+    gaits = gaits_of(gait, np.repeat(np.asarray(gait.phase)[None], len(friction), axis=0))
+    for slope in slopes:
         lean = np.radians(slope) - nominal  # uphill is -x
-        up = np.tile([-np.sin(lean), 0.0, np.cos(lean)], (len(settings.friction), 1))
-        differences = Differences(friction=np.array(settings.friction), up=up)
-        row: dict[str, Any] = {"slope": slope}
+        up = np.tile([-np.sin(lean), 0.0, np.cos(lean)], (len(friction), 1))
+        differences = Differences(friction=np.array(friction), up=up)
+        row: Record = {"slope": slope}
         for name, (scene, step) in ways.items():
             options = SolverOptions(dt=step)
-            found = simulate_population(
-                scene, gaits, settings.duration, options=options, differences=differences, parts=2
-            )
+            found = simulate_population(scene, gaits, duration, options=options, differences=differences, parts=2)
             path = np.asarray(found.com_path)[..., 0]
-            speed = (path[:, 1] - path[:, 2]) / (settings.duration / 2)
+            speed = (path[:, 1] - path[:, 2]) / (duration / 2)
             row[name] = np.where(np.asarray(found.failure) == 0, speed, 0.0).tolist()
-        rows.append(row)
-        facts = {"friction": [float(own.friction.sliding_mu) * x for x in settings.friction], "rows": rows}
-        save_json(settings.out / "climbing.json", {**measured(), "duration": settings.duration, **facts})
-    plot.save(figure(rows, facts["friction"]), settings.out / "climbing.png")
-    for row in rows:
-        print(f"{row['slope']:g} degrees: {min(row['own']):.2f} to {max(row['own']):.2f} m/s uphill")
+        yield row
+    return {"friction": [float(own.friction.sliding_mu) * x for x in friction], "duration": duration}
 
 
-@plot.styled
-def figure(rows: list[dict[str, Any]], friction: list[float]) -> Figure:
+@climbing.table
+def words(record: Record) -> str:
+    """Speeds by slope, and the steepest slope that is climbed."""
+    ways = ("own", "finer", "other")
+    rows = [
+        [f"{row['slope']:g}°", *(", ".join(f"{speed + 0:.2f}" for speed in row[name]) for name in ways)]
+        for row in record["rows"]
+    ]
+    friction = ", ".join(f"{mu:.2g}" for mu in record["friction"])
+    every = range(len(record["friction"]))
+    steepest = [", ".join(steepest_climbed(record["rows"], name, k) for k in every) for name in ways]
+    rows.append([f"steepest with {CLIMBS} m/s", *steepest])
+    head = ["slope", f"m/s uphill, exact contact, friction {friction}", "at half the step", "penalty contact"]
+    return table(head, rows)
+
+
+def steepest_climbed(rows: list[Record], way: str, k: int) -> str:
+    """The steepest slope that robots of the k-th friction climb, and all from the gait's own up to it."""
+    from_own = [row for row in rows if row["slope"] >= OWN_SLOPE]
+    climbed = list(itertools.takewhile(lambda row: row[way][k] >= CLIMBS, from_own))
+    return f"{climbed[-1]['slope']:g}°" if climbed else "none"
+
+
+@climbing.figure
+def figure(record: Record) -> Figure:
     """Speed uphill against the slope, for each coefficient of friction."""
+    rows, friction = record["rows"], record["friction"]
     chart = Figure(figsize=(7, 3.2), layout="constrained")
     panes = chart.subplots(1, 2, sharey=True)
     for axes, name, title in zip(panes, ("own", "other"), ("exact contact", "penalty contact")):
@@ -81,4 +96,4 @@ def figure(rows: list[dict[str, Any]], friction: list[float]) -> Figure:
 
 
 if __name__ == "__main__":
-    run(main, Settings)
+    climbing.run()

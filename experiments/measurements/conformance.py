@@ -1,40 +1,39 @@
 """Every published or foreign answer that is known, beside ours: closed forms, other programs, MuJoCo if installed."""
 
-from dataclasses import dataclass
+from collections.abc import Iterator
 from itertools import chain
-from pathlib import Path
 
-from jaxgrity.cli.script import measured, run
+from measurement import Record, measurement
 
 from conformance_dynamics import dynamics_cases
-from conformance_statics import Case, statics_cases
-
-from jaxgrity.io.files import save_json
-
-
-@dataclass
-class Settings:
-    out: Path = Path("results/conformance")
-    """folder for conformance.json"""
-    quick: bool = False
-    """fewer of each kind, at coarser steps"""
+from conformance_statics import statics_cases
+from pages import columns
 
 
-def main(settings: Settings) -> None:
-    """Compare, and leave the table as JSON."""
-    rows = []
-    for case in chain(statics_cases(settings.quick), dynamics_cases(settings.quick)):
-        print(line(case), flush=True)
-        rows.append({**case._asdict(), "difference": case.ours - case.theirs})
-    save_json(settings.out / "conformance.json", {**measured(), "rows": rows})
-    print(f"wrote {settings.out}/conformance.json")
+@measurement(page="conformance.md", quick={"few": True})
+def conformance(few: bool = False) -> Iterator[Record]:
+    """A row for each case.
+
+    Args:
+        few: fewer of each kind, at coarser steps
+    """
+    for case in chain(statics_cases(few), dynamics_cases(few)):
+        yield {**case._asdict(), "difference": case.ours - case.theirs}
+    return {}
 
 
-def line(case: Case) -> str:
-    """A case in words."""
-    unit = f" {case.unit}" if case.unit else ""
-    return f"{case.case}: {case.theirs:.8g}{unit} by {case.source}, {case.ours:.8g} here, {case.ours - case.theirs:.1e}"
+@conformance.table
+def words(record: Record) -> str:
+    """Both answers, and their difference."""
+    cells = {
+        "case": "{case}",
+        "source": "{source}",
+        "theirs": lambda row: f"{row['theirs']:.6g} {row['unit']}".strip(),
+        "ours": lambda row: f"{row['ours']:.6g} {row['unit']}".strip(),
+        "difference": lambda row: "0" if row["difference"] == 0 else f"{row['difference']:.0e}",
+    }
+    return columns(record["rows"], cells)
 
 
 if __name__ == "__main__":
-    run(main, Settings)
+    conformance.run()

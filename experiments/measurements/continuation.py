@@ -5,22 +5,20 @@ on no orbit any more. Where one attracts, the largest multiplier says how soon i
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import replace
 from typing import Any
 
-from jaxgrity.cli.script import measured, run
+from measurement import Record, measurement
 
 import equinox as eqx
 import numpy as np
 from matplotlib.figure import Figure
+from pages import columns
 from tqdm import tqdm
 
 from jaxgrity import Scene, centre_path, load_gait, load_scene, simulate, with_gait
-from jaxgrity.io.files import save_json
 from jaxgrity.model import body_length, penalty_twin
 from jaxgrity.orbits import Orbit, find_orbit, restarted, stability
-from jaxgrity.report import plot
 
 VALUES = {
     "friction": (np.geomspace(1, 0.2, 17), np.geomspace(1, 1.95, 7)),
@@ -42,39 +40,48 @@ SETTLING, SHOWN = 8, 24
 """periods at the end, after some that are left to settling, whose speeds the figure shows"""
 
 
-@dataclass
-class Settings:
-    gait: str = "straight"
-    """of the library, for the scene "exact" """
-    robots: int = 32
-    """by which the multipliers are fitted"""
-    out: Path = Path("results/continuation")
-    """folder for continuation.json and its figure"""
-    quick: bool = False
-    """friction alone, two values"""
+@measurement(page="gaits.md", quick={"quick_values": True}, raw=("each", "speed", "body_length"))
+def continuation(gait: str = "straight", robots: int = 32, quick_values: bool = False) -> Iterator[Record]:
+    """A row for each quantity.
 
-
-def main(settings: Settings) -> None:
-    scene = with_gait(load_scene("exact"), load_gait(settings.gait))
+    Args:
+        gait: of the library, for the scene "exact"
+        robots: by which the multipliers are fitted
+        quick_values: friction alone, two values
+    """
+    scene = with_gait(load_scene("exact"), load_gait(gait))
     own = find_orbit(scene, 2 * WATCHED / float(scene.gait.frequency[0]))
-    ways = {"friction": (np.array([1.0, 0.9]),)} if settings.quick else VALUES
-    rows: list[dict[str, Any]] = []
-    branches = [(name, values) for name, every in ways.items() for values in every]
-    for name, values in tqdm(branches, unit="branch"):
-        rows += followed(scene, own, name, tqdm(values, desc=name, leave=False), settings)
-        facts = {**measured(), "gait": settings.gait, "speed": own.speed, "body_length": own.body_length}
-        save_json(settings.out / "continuation.json", {**facts, "rows": rows})
-    plot.save(figure(rows), settings.out / "continuation.png")
-    print(f"wrote {settings.out}/")
+    for name, ways in ({"friction": (np.array([1.0, 0.9]),)} if quick_values else VALUES).items():
+        each = [row for values in ways for row in followed(scene, own, name, tqdm(values, desc=name), robots)]
+        yield {"quantity": name, **span(each), "each": each}
+    return {"gait": gait, "speed": own.speed, "body_length": own.body_length}
 
 
-def followed(scene: Scene, own: Orbit, name: str, values: np.ndarray, settings: Settings) -> Iterator[dict[str, Any]]:
+def span(every: list[Record]) -> Record:
+    """From where to where the orbit was followed, its speeds and multipliers there."""
+    held = [row for row in every if row["on_orbit"]]
+    values, speeds = [row["value"] for row in held], [row["speed"] for row in held]
+    known = [(row["multiplier"], row["value"]) for row in held if row["multiplier"] is not None]
+    return {
+        "from": min(values),
+        "to": max(values),
+        "lost_below": any(row["value"] < min(values) for row in every),
+        "lost_above": any(row["value"] > max(values) for row in every),
+        "slowest": min(speeds),
+        "fastest": max(speeds),
+        "multiplier": max(known)[0] if known else None,
+        "multiplier_at": max(known)[1] if known else None,
+        "periods": sorted({row["periods"] for row in held}),
+    }
+
+
+def followed(scene: Scene, own: Orbit, name: str, values: np.ndarray, robots: int) -> Iterator[dict[str, Any]]:
     """What becomes of the orbit at each of the values, up to the first at which it is lost."""
     last, watch = own, WATCHED * own.period
     for value in values:
         there = changed(scene, own, name, float(value))
         last = find_orbit(there, watch, beginning=last)
-        row = told(there, last, own, settings)
+        row = told(there, last, own, robots)
         # where the ground is level an orbit has no heading of its own
         turned = name == "slope" and abs(row["heading"]) > TURNED
         row["on_orbit"] = row["settled"] and row["speed"] > LOST * own.speed / own.body_length and not turned
@@ -111,7 +118,7 @@ def path_after(scene: Scene, orbit: Orbit, periods: int) -> np.ndarray:
     return centre_path(scene, trajectory)[:, :2]
 
 
-def told(scene: Scene, orbit: Orbit, own: Orbit, settings: Settings) -> dict[str, Any]:
+def told(scene: Scene, orbit: Orbit, own: Orbit, robots: int) -> dict[str, Any]:
     """What the robot does on a scene: speeds in body lengths/s, its heading in degrees from that of its own orbit."""
     if not orbit.verified_for:
         nothing = dict.fromkeys(("turning", "periods", "multiplier"))
@@ -120,7 +127,7 @@ def told(scene: Scene, orbit: Orbit, own: Orbit, settings: Settings) -> dict[str
     path = path_after(scene, orbit, SETTLING + SHOWN)[SETTLING:]
     each = np.linalg.norm(np.diff(path, axis=0), axis=1) / orbit.period / size
     (x, y), (a, b) = path[-1] - path[0], heading_of(scene, own)
-    held = stability(scene, orbit, robots=settings.robots) if orbit.settled else None
+    held = stability(scene, orbit, robots=robots) if orbit.settled else None
     return {
         "settled": orbit.settled,
         "speed": orbit.speed / size,
@@ -132,9 +139,33 @@ def told(scene: Scene, orbit: Orbit, own: Orbit, settings: Settings) -> dict[str
     }
 
 
-@plot.styled
-def figure(rows: list[dict[str, Any]]) -> Figure:
+@continuation.table
+def words(record: Record) -> str:
+    """How far the orbit was followed, and what it is like there."""
+
+    def value(row: Record, x: float) -> str:
+        return f"{x:+.1f}°" if row["quantity"] == "slope" else f"{x:.2f} times"
+
+    def end(row: Record, x: str, lost: str) -> str:
+        return f"{value(row, row[x])}, {'lost beyond' if row[lost] else 'no further tried'}"
+
+    cells = {
+        "quantity": "{quantity}",
+        "from": lambda row: end(row, "from", "lost_below"),
+        "to": lambda row: end(row, "to", "lost_above"),
+        "speed, body lengths/s": "{slowest:.2f} to {fastest:.2f}",
+        "largest multiplier": lambda row: (
+            "-" if row["multiplier"] is None else f"{row['multiplier']:.2g} at {value(row, row['multiplier_at'])}"
+        ),
+        "periods in a cycle": lambda row: " or ".join(str(count) for count in row["periods"]),
+    }
+    return columns(record["rows"], cells)
+
+
+@continuation.figure
+def figure(record: Record) -> Figure:
     """Of each quantity the speed in every one of the last periods, and the largest multiplier."""
+    rows = [row | one for row in record["rows"] for one in row["each"]]
     names = list(dict.fromkeys(row["quantity"] for row in rows))
     chart = Figure(figsize=(3.2 * len(names) + 0.6, 5), layout="constrained")
     grid = chart.subplots(2, len(names), sharex="col", sharey="row", squeeze=False)
@@ -158,4 +189,4 @@ def figure(rows: list[dict[str, Any]]) -> Figure:
 
 
 if __name__ == "__main__":
-    run(main, Settings)
+    continuation.run()

@@ -9,25 +9,25 @@ nothing to climb, and the table says so.
 
 import json
 import time
-from dataclasses import dataclass
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from jaxgrity.cli.script import measured, run
+from measurement import Record, measurement
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from design_space import HIGHEST, LOWEST, NAMES, Limits, designed, on_orbit
 from matplotlib.figure import Figure
+from pages import table
 from scipy.optimize import linprog
 from tqdm import tqdm
 
 from jaxgrity import InputError, Scene, load_gait, load_scene, with_gait
-from jaxgrity.io.files import read_text, save_json
+from jaxgrity.io.files import read_text
 from jaxgrity.model import penalty_twin, rest_length
 from jaxgrity.orbits import Orbit, closed_orbit, find_orbit, restarted
-from jaxgrity.report import plot
 from jaxgrity.stepping import resolve, states_at
 
 WINDOW = 0.05
@@ -40,18 +40,31 @@ WATCHED = 100.0
 """s, for an orbit"""
 
 
-@dataclass
-class Settings:
-    study: Path = Path("results/design_study/design_study.json")
-    """designs to begin with"""
-    steps: int = 8
-    """gradients, at most, from each design"""
-    box: float = 0.06
-    """by which a step may change the logarithm of each number, at first"""
-    out: Path = Path("results/design_gradient")
-    """folder for design_gradient.json and the figure"""
-    quick: bool = False
-    """one design, one gradient"""
+@measurement(page="gaits.md", quick={"steps": 1, "last": 1}, raw=("each", "slopes", "limits"), listed=False)
+def design_gradient(
+    study: Path = Path("results/design_study/design_study.json"),
+    steps: int = 8,
+    box: float = 0.06,
+    last: int | None = None,
+) -> Iterator[Record]:
+    """A row for each design that rolls.
+
+    Args:
+        study: designs to begin with
+        steps: gradients, at most, from each design
+        box: by which a step may change the logarithm of each number, at first
+        last: number of designs, those of most power; all, where not given
+    """
+    known = json.loads(read_text(study))
+    begun = [row for row in known["rows"] if row["kind"] == "robot and gait" and (row["speed"] or 0) > 0]
+    if not begun:
+        raise InputError(f"{study}: no design that rolls; expected one to begin with")
+    began, exact = time.perf_counter(), with_gait(load_scene("exact"), load_gait("lasting"))
+    limits = Limits(*known["limits"])
+    for row in begun if last is None else begun[-last:]:
+        x, power = np.log([row["factors"][name] for name in NAMES]), row["power"]
+        yield {"power": power, "exact": row["speed"]} | climbed(exact, x, limits, power, steps, box)
+    return {"limits": list(limits), "minutes": (time.perf_counter() - began) / 60}
 
 
 class Slopes(NamedTuple):
@@ -65,38 +78,17 @@ class Slopes(NamedTuple):
     """W, of the actuator that gives most"""
 
 
-def main(settings: Settings) -> None:
-    """Climb from each design that rolls. Raises `InputError` without a study."""
-    study = json.loads(read_text(settings.study))
-    begun = [row for row in study["rows"] if row["kind"] == "robot and gait" and (row["speed"] or 0) > 0]
-    if not begun:
-        raise InputError(f"{settings.study}: no design that rolls; expected one to begin with")
-    if settings.quick:
-        begun, settings.steps = begun[-1:], 1
-    began, exact = time.perf_counter(), with_gait(load_scene("exact"), load_gait("lasting"))
-    limits, rows = Limits(*study["limits"]), []
-    for row in tqdm(begun, desc="climbs", unit="design"):
-        x = np.log([row["factors"][name] for name in NAMES])
-        rows.append({"power": row["power"], "exact": row["speed"]} | climbed(exact, x, limits, row["power"], settings))
-        facts = {"limits": list(limits), "rows": rows, "minutes": (time.perf_counter() - began) / 60}
-        save_json(settings.out / "design_gradient.json", {**measured(), **facts})
-    plot.save(figure(rows), settings.out / "design_gradient.png")
-    for row in rows:
-        print(f"{row['power']:g} W: {row['said']}")
-    print(f"{settings.out}/design_gradient.json, design_gradient.png")
-
-
-def climbed(exact: Scene, x: np.ndarray, limits: Limits, power: float, settings: Settings) -> dict[str, Any]:
+def climbed(exact: Scene, x: np.ndarray, limits: Limits, power: float, most: int, first_box: float) -> dict[str, Any]:
     """From one design on penalty contact, and back on exact contact in the end."""
-    scene, box, steps, first_slope = penalty_twin(exact), settings.box, [], None
+    scene, box, steps, first_slope = penalty_twin(exact), first_box, [], None
     first = here = on_orbit(scene, x)
     if not here["settled"]:
-        return {"penalty": None, "said": "settles on no orbit on penalty contact"}
-    for _ in tqdm(range(settings.steps), unit="gradient", leave=False):
+        return {"penalty": None, "said": "settles on no orbit on penalty contact", "each": [], "steps": 0, "kept": 0}
+    for _ in tqdm(range(most), unit="gradient", leave=False):
         orbit = find_orbit(designed(scene, x), max(WATCHED, 60 / float(designed(scene, x).gait.frequency[0])))
         value, slope = slopes(scene, x, orbit)
         first_slope = slope if first_slope is None else first_slope
-        while np.isfinite(slope.speed).all() and box >= settings.box / 16:
+        while np.isfinite(slope.speed).all() and box >= first_box / 16:
             tried = x + best_step(x, value, slope, box, limits, power)
             there = on_orbit(scene, tried)
             better = there["settled"] and worth(there, limits, power) > worth(here, limits, power)
@@ -110,7 +102,8 @@ def climbed(exact: Scene, x: np.ndarray, limits: Limits, power: float, settings:
     back = on_orbit(exact, x) if any(step["kept"] for step in steps) else None
     kept = sum(step["kept"] for step in steps)
     said = f"{first['speed']:.3f} m/s on penalty contact, {here['speed']:.3f} m/s after {kept} steps"
-    found = {"penalty": first, "climbed": here, "back": back, "steps": steps, "said": said}
+    found = {"said": said, "penalty": first, "climbed": here, "back": back}
+    found |= {"steps": len(steps), "kept": kept, "each": steps}
     return found | ({} if first_slope is None else {"slopes": first_slope._asdict()})
 
 
@@ -173,9 +166,31 @@ def slopes(scene: Scene, x: np.ndarray, orbit: Orbit) -> tuple[Slopes, Slopes]:
     return jax.tree.map(np.asarray, (value, slope))
 
 
-@plot.styled
-def figure(rows: list[dict[str, Any]]) -> Figure:
+@design_gradient.table
+def words(record: Record) -> str:
+    """What each climb gained, and what is left of that on exact contact."""
+    rows = []
+    for row in record["rows"]:
+        about = [f"{row['power']:g} W", f"{row['exact']:.3f}"]
+        if not row["penalty"]:
+            rows.append([*about, row["said"], "", "", ""])
+            continue
+        penalty, higher, back = (row[name] and told(row[name]) for name in ("penalty", "climbed", "back"))
+        rows.append([*about, penalty, higher, f"{row['kept']} of {row['steps']}", back or ""])
+    head = ["power allowed", "by the search, exact contact, m/s", "the same on penalty contact, power needed"]
+    head += ["after the climb there", "steps that were worth it", "back on exact contact"]
+    return table(head, rows)
+
+
+def told(found: Record) -> str:
+    """Of one design on one contact model."""
+    return f"{found['speed']:.3f}, {found['peak_power']:.0f} W" + ("" if found["settled"] else ", no orbit")
+
+
+@design_gradient.figure
+def figure(record: Record) -> Figure:
     """What speed and power depend on in each design, and how the climbs went."""
+    rows = record["rows"]
     chart = Figure(figsize=(11, 3.6), layout="constrained")
     speed, power, climb = chart.subplots(1, 3)
     some = [row for row in rows if "slopes" in row]
@@ -184,7 +199,7 @@ def figure(rows: list[dict[str, Any]]) -> Figure:
         for axes, name in ((speed, "speed"), (power, "power")):
             relative = np.asarray(row["slopes"][name]) / row["penalty"]["speed" if name == "speed" else "peak_power"]
             axes.barh(place, relative, 0.8 / len(some), label=f"{row['power']:g} W")
-        kept = [row["penalty"]["speed"], *(step["speed"] for step in row["steps"] if step["kept"])]
+        kept = [row["penalty"]["speed"], *(step["speed"] for step in row["each"] if step["kept"])]
         climb.plot(range(len(kept)), kept, "o-", label=f"{row['power']:g} W")
     for axes, name in ((speed, "speed"), (power, "power")):
         axes.axvline(0, color="black", linewidth=0.8)
@@ -198,4 +213,4 @@ def figure(rows: list[dict[str, Any]]) -> Figure:
 
 
 if __name__ == "__main__":
-    run(main, Settings)
+    design_gradient.run()

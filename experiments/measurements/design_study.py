@@ -6,20 +6,19 @@ the gait alone, on the robot of the scene as it is. What is reported was verifie
 """
 
 import time
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
+from collections.abc import Iterator
+from itertools import product
+from typing import Any, NamedTuple
 
-from jaxgrity.cli.script import measured, run
+from measurement import Record, measurement
 
 import numpy as np
 from design_space import GAIT_ALONE, HIGHEST, LOWEST, NAMES, Limits, Tried, keeps, on_orbit, tried
 from matplotlib.figure import Figure
+from pages import table
 from tqdm import tqdm
 
 from jaxgrity import InputError, Scene, load_gait, load_scene, with_gait
-from jaxgrity.io.files import save_json
-from jaxgrity.report import plot
 
 KINDS = {"gait alone": GAIT_ALONE, "robot and gait": np.ones(len(NAMES))}
 """what is free"""
@@ -31,78 +30,75 @@ ROLLS = 0.1
 """m/s, below which a robot counts as staying where it is"""
 
 
-@dataclass
-class Settings:
-    powers: tuple[float, ...] = (10.0, 20.0, 40.0, 80.0, 160.0)
-    """W, that each actuator may give"""
-    strut_force: float = 300.0
-    """N, at which a strut of the scene's length buckles, and the most that its actuator holds"""
-    cable_force: float = 150.0
-    """N, that each cable may bear"""
-    designs: int = 128
+class Size(NamedTuple):
+    """What each search shares."""
+
+    limits: Limits
+    designs: int
     """in a generation"""
-    generations: tuple[int, int] = (16, 8)
-    """for each limit: from the designs of the same kind, then from those of both"""
-    duration: float = 40.0
-    """s, of which the last three quarters count"""
-    seed: int = 0
-    out: Path = Path("results/design_study")
-    """folder for design_study.json and the figure"""
-    quick: bool = False
-    """one limit, 6 designs, 2 generations"""
+    duration: float
+    """s, of a rollout"""
 
 
-def main(settings: Settings) -> None:
-    """Search and verify, limit by limit. Raises `InputError` for limits that are not positive."""
-    if settings.quick:
-        settings.powers, settings.designs, settings.generations = settings.powers[-1:], 6, (1, 1)
-    if min(*settings.powers, settings.strut_force, settings.cable_force) <= 0:
+@measurement(page="gaits.md", quick={"powers": (160.0,), "designs": 6, "generations": (1, 1)})
+def design_study(
+    powers: tuple[float, ...] = (10.0, 20.0, 40.0, 80.0, 160.0),
+    strut_force: float = 300.0,
+    cable_force: float = 150.0,
+    designs: int = 128,
+    generations: tuple[int, int] = (16, 8),
+    duration: float = 40.0,
+    seed: int = 0,
+) -> Iterator[Record]:
+    """A row for each limit of power, for the gait alone, and for robot and gait.
+
+    Args:
+        powers: W, that each actuator may give
+        strut_force: N, at which a strut of the scene's length buckles, and the most that its actuator holds
+        cable_force: N, that each cable may bear
+        designs: in a generation
+        generations: for each limit: from the designs of the same kind, then from those of both
+        duration: s, of which the last three quarters count
+        seed: of all draws
+    """
+    if min(*powers, strut_force, cable_force) <= 0:
         raise InputError("powers, strut_force or cable_force: not positive; expected positive limits")
-    began, limits = time.perf_counter(), Limits(settings.strut_force, settings.cable_force)
-    scene, random = with_gait(load_scene("exact"), load_gait("lasting")), np.random.default_rng(settings.seed)
-    as_built, powers, found = tried(scene, np.zeros((1, len(NAMES))), settings.duration), sorted(settings.powers), {}
+    began, size = time.perf_counter(), Size(Limits(strut_force, cable_force), designs, duration)
+    scene, random = with_gait(load_scene("exact"), load_gait("lasting")), np.random.default_rng(seed)
+    as_built, found = tried(scene, np.zeros((1, len(NAMES))), duration), {}
     for kind, free in KINDS.items():
         found[kind] = as_built
-        for power in tqdm(powers, desc=kind, unit="limit"):
-            found[kind] = searched(scene, found[kind], free, settings, power, settings.generations[0], random)
+        for power in tqdm(sorted(powers), desc=kind, unit="limit"):
+            found[kind] = searched(scene, found[kind], free, size, power, generations[0], random)
     # what may change less is part of what may change more: its designs are tried too, and searched around
     every = found["gait alone"].joined(found["robot and gait"])
-    for power in tqdm(powers, desc="both", unit="limit"):
-        every = searched(scene, every, KINDS["robot and gait"], settings, power, settings.generations[1], random)
+    for power in tqdm(sorted(powers), desc="both", unit="limit"):
+        every = searched(scene, every, KINDS["robot and gait"], size, power, generations[1], random)
     found["robot and gait"] = every
-    cases = [(kind, power) for kind in KINDS for power in powers]
-    rows = [
-        {"kind": kind, "power": power} | first_verified(scene, found[kind], limits, power)
-        for kind, power in tqdm(cases, desc="orbits", unit="design")
-    ]
-    facts = {"limits": list(limits), "designs": len(every.x), "rows": rows}
+    for kind, power in product(KINDS, sorted(powers)):
+        yield {"kind": kind, "power": power} | first_verified(scene, found[kind], size.limits, power)
     # the second does not count what other processes took of the machine
-    facts |= {"minutes": (time.perf_counter() - began) / 60, "processor_minutes": time.process_time() / 60}
-    save_json(settings.out / "design_study.json", {**measured(), **facts})
-    plot.save(figure(rows), settings.out / "design_study.png")
-    for row in rows:
-        what = f"{row['speed']:.3f} m/s" if rolls(row) else "nothing that keeps all limits rolls"
-        print(f"{row['kind']}, {row['power']:g} W: {what}")
-    print(f"{settings.out}/design_study.json, design_study.png")
+    took = {"minutes": (time.perf_counter() - began) / 60, "processor_minutes": time.process_time() / 60}
+    return {"limits": list(size.limits), "designs": len(every.x), **took}
 
 
 def searched(
     scene: Scene,
     archive: Tried,
     free: np.ndarray,
-    settings: Settings,
+    size: Size,
     power: float,
     generations: int,
     random: np.random.Generator,
 ) -> Tried:
     """An evolution strategy: draws around the mean of the best so far, as wide as these differ; all are kept."""
-    spread, limits = FIRST_STEP * (HIGHEST - LOWEST), Limits(settings.strut_force, settings.cable_force)
+    spread, limits = FIRST_STEP * (HIGHEST - LOWEST), size.limits
     for _ in tqdm(range(generations), unit="generation", leave=False):
-        best = np.argsort(-archive.worth(limits, power))[: max(2, round(ELITE * settings.designs))]
+        best = np.argsort(-archive.worth(limits, power))[: max(2, round(ELITE * size.designs))]
         elite = archive.x[best]
-        wide = np.maximum(1.2 * elite.std(0), 0.1 * spread) if len(elite) > settings.designs / 8 else spread
-        x = elite.mean(0) + wide * random.normal(size=(settings.designs, len(NAMES)))
-        archive = archive.joined(tried(scene, free * np.clip(x, LOWEST, HIGHEST), settings.duration))
+        wide = np.maximum(1.2 * elite.std(0), 0.1 * spread) if len(elite) > size.designs / 8 else spread
+        x = elite.mean(0) + wide * random.normal(size=(size.designs, len(NAMES)))
+        archive = archive.joined(tried(scene, free * np.clip(x, LOWEST, HIGHEST), size.duration))
     return archive
 
 
@@ -122,9 +118,32 @@ def rolls(row: dict[str, Any]) -> bool:
     return row["speed"] is not None and row["speed"] >= ROLLS
 
 
-@plot.styled
-def figure(rows: list[dict[str, Any]]) -> Figure:
+@design_study.table
+def words(record: Record) -> str:
+    """The fastest design at each limit, and what it needs."""
+    rows = []
+    for row in record["rows"]:
+        about = [row["kind"], f"{row['power']:g} W"]
+        if not rolls(row):
+            rows.append([*about, "none rolls", *[""] * 9])
+            continue
+        factors = [f"{factor:.2f}" for factor in row["factors"].values()]
+        forces = f"{row['strut_force']:.0f} N, {row['cable_force']:.0f} N"
+        asked = [f"{row['peak_power']:.0f} W", forces, f"{row['cost_of_transport']:.2f}"]
+        rows.append([*about, f"**{row['speed']:.3f}**", *asked, *factors[:2], ", ".join(factors[2:5]), *factors[5:]])
+    head = ["chosen", "power allowed", "steady speed, m/s", "power needed", "struts, cables", "cost of transport"]
+    head += ["cable stiffness, times", "rest length", "pairs of struts", "mass", "swing", "frequency"]
+    minutes = f"{record['designs']} designs, {record['minutes']:.0f} minutes on {record['cores']} cores"
+    took = f"{minutes}, {record['processor_minutes']:.0f} minutes of processor time"
+    limits = f"{record['limits'][0]:g} N for struts, {record['limits'][1]:g} N for cables"
+    about = table(["the study", "measured"], [["both searches", took], ["limits besides power", limits]])
+    return table(head, rows) + "\n\n" + about
+
+
+@design_study.figure
+def figure(record: Record) -> Figure:
     """Speed and cost of transport over the power that an actuator may give, and the designs."""
+    rows = record["rows"]
     chart = Figure(figsize=(12, 3.4), layout="constrained")
     speed, cost, design = chart.subplots(1, 3)
     found = [row for row in rows if rolls(row)]
@@ -152,4 +171,4 @@ def figure(rows: list[dict[str, Any]]) -> Figure:
 
 
 if __name__ == "__main__":
-    run(main, Settings)
+    design_study.run()

@@ -1,18 +1,17 @@
 """Measure a long session of the explorer: its memory, how soon a slider answers, and what is compiled."""
 
 import time
-from dataclasses import dataclass
 from pathlib import Path
 
-from jaxgrity.cli.script import measured, run
+from measurement import Record, measurement
 
 import jax
 import numpy as np
+from pages import table
 from tqdm import tqdm
 
 from jaxgrity import InputError
 from jaxgrity.cli.explore import Page, served
-from jaxgrity.io.files import save_json
 
 SETTLED_AFTER = 20
 """rollouts, by which everything has been done once"""
@@ -20,44 +19,23 @@ PATIENCE = 300.0
 """s, for a single rollout"""
 
 
-@dataclass
-class Settings:
-    scene: str = "exact"
-    """a scene of the library"""
-    duration: float = 10.0
-    """s of motion"""
-    rollouts: int = 500
-    """in one session"""
-    out: Path = Path("results/explorer_session")
-    """folder for explorer_session.json"""
-    quick: bool = False
-    """40 rollouts of 2 s"""
+@measurement(page="seeing.md", quick={"rollouts": 40, "duration": 2.0}, raw=("megabytes",))
+def explorer_session(scene: str = "exact", duration: float = 10.0, rollouts: int = 500) -> Record:
+    """Move sliders over and over, as somebody would who waits for each rollout and its error bar.
 
-
-def main(settings: Settings) -> None:
-    """Move sliders over and over, as somebody would who waits for each rollout and its error bar."""
+    Args:
+        scene: a scene of the library
+        duration: s of motion
+        rollouts: in one session
+    """
     if not Path("/proc/self/statm").exists():
         raise InputError("/proc/self/statm: not there; expected Linux, which says how large a process is")
-    if settings.quick:
-        settings.rollouts, settings.duration = 40, 2.0
     began = time.perf_counter()
-    with served((settings.scene,), settings.duration) as (page, _):
+    with served((scene,), duration) as (page, _):
         wait_until(lambda: "±" in page.words)
         first = time.perf_counter() - began
-        facts = session(page, settings.rollouts)
-    facts = {
-        **measured(),
-        "scene": settings.scene,
-        "duration": settings.duration,
-        "first_picture_seconds": first,
-    } | facts
-    save_json(settings.out / "explorer_session.json", facts)
-    print(
-        f"{settings.rollouts} rollouts: {facts['megabytes_settled']:.0f} MB after {SETTLED_AFTER}, "
-        f"at most {facts['largest_growth']:.1%} more later\n"
-        f"a slider answers within {facts['slowest_answer']:.2f} s, in the median {facts['median_answer']:.2f} s\n"
-        f"{facts['compiled_later']} programs compiled after the first {SETTLED_AFTER} rollouts"
-    )
+        found = session(page, rollouts)
+    return {"scene": scene, "duration": duration, "first_picture_seconds": first} | found
 
 
 def session(page: Page, rollouts: int) -> dict:
@@ -106,5 +84,20 @@ def wait_until(condition) -> None:
         time.sleep(0.005)
 
 
+@explorer_session.table
+def words(record: Record) -> str:
+    """How soon it answers, and what it keeps."""
+    rows = [
+        ["rollouts in one session", f"{record['rollouts']}, of {record['duration']:g} s each"],
+        ["until the first one is shown, with its error bar", f"{record['first_picture_seconds']:.0f} s"],
+        ["from a slider to its rollout, median", f"{record['median_answer']:.2f} s"],
+        ["the slowest of them", f"{record['slowest_answer']:.2f} s"],
+        ["programs compiled after the first 20 rollouts", str(record["compiled_later"])],
+        ["memory after 20 rollouts", f"{record['megabytes_settled']:.0f} MB"],
+        ["largest growth later", f"{record['largest_growth']:.1%}"],
+    ]
+    return table(["a long session", "measured"], rows)
+
+
 if __name__ == "__main__":
-    run(main, Settings)
+    explorer_session.run()

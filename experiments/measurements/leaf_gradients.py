@@ -5,18 +5,18 @@ speed.
 """
 
 import json
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Generator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from jaxgrity.cli.script import measured, run
+from measurement import Record, measurement
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from matplotlib.figure import Figure
-from tqdm import tqdm
+from pages import table
 
 from jaxgrity import (
     ConeFriction,
@@ -34,9 +34,8 @@ from jaxgrity import (
     load_scene,
     with_gait,
 )
-from jaxgrity.io.files import read_text, save_json
+from jaxgrity.io.files import read_text
 from jaxgrity.orbits import closed_orbit, find_orbit
-from jaxgrity.report import plot
 from jaxgrity.statics import equilibrium_near, resting_shape
 from jaxgrity.stepping import resolve
 
@@ -163,32 +162,33 @@ CASES = {
 }
 
 
-@dataclass
-class Settings:
-    robots: tuple[str, ...] = tuple(CASES)
-    """which; what the folder has of others is kept"""
-    seed: int = 1
-    """of the direction in which each array varies"""
-    out: Path = Path("results/leaf_gradients")
-    """folder for leaf_gradients.json and the figure"""
-    quick: bool = False
-    """two of the robots"""
+@measurement(page="identification.md", quick={"robots": tuple(CASES)[:2]}, raw=("rows",))
+def leaf_gradients(out: Path, robots: tuple[str, ...] = tuple(CASES), seed: int = 1) -> Generator[Record, None, Record]:
+    """A row for each array of each robot, and the worst of each robot.
 
-
-def main(settings: Settings) -> None:
-    """Compare, robot by robot. Raises `InputError` where there is no such robot."""
-    unknown = [name for name in settings.robots if name not in CASES]
+    Args:
+        robots: which; what the folder has of others is kept
+        seed: of the direction in which each array varies
+    """
+    unknown = [name for name in robots if name not in CASES]
     if unknown:
         raise InputError(f"robots = {unknown[0]!r}: unknown; expected {', '.join(CASES)}")
-    before = settings.out / "leaf_gradients.json"
-    rows = json.loads(read_text(before))["rows"] if before.exists() else []
-    for name in tqdm(settings.robots[: 2 if settings.quick else None], unit="robot"):
-        rows = [row for row in rows if row["robot"] != name]
-        rows += [{"robot": name, **row} for row in compared(CASES[name], settings.seed)]
-        save_json(before, {**measured(), "rows": rows})
-    plot.save(figure(rows), settings.out / "leaf_gradients.png")
-    print(f"largest disagreement: {max(row['differences'] for row in rows):.1e} with differences")
-    print(f"{settings.out}/leaf_gradients.json, leaf_gradients.png")
+    before = out / "leaf_gradients.json"
+    known = json.loads(read_text(before))["rows"] if before.exists() else []
+    rows = [row for row in known if row["robot"] not in robots]
+    yield from rows
+    for name in robots:
+        found = [{"robot": name, **row} for row in compared(CASES[name], seed)]
+        rows += found
+        yield from found
+    measured = [name for name in CASES if any(row["robot"] == name for row in rows)]
+    return {"robots": {name: worst_of([row for row in rows if row["robot"] == name]) for name in measured}}
+
+
+def worst_of(rows: list[Record]) -> Record:
+    """How many arrays a robot has and how many of them matter, and the largest disagreements."""
+    largest = {kind: max(row[kind] for row in rows) for kind in ("reverse", "differences")}
+    return {"arrays": len(rows), "matter": sum(row["derivative"] != 0 for row in rows), **largest}
 
 
 def compared(case: Case, seed: int = 1) -> list[dict[str, Any]]:
@@ -237,8 +237,10 @@ def leaf_name(path: str) -> str:
     return {"[1][0]": "start q", "[1][1]": "start v"}.get(path, path.removeprefix("[0]."))
 
 
-def figure(rows: list[dict[str, Any]]) -> Figure:
+@leaf_gradients.figure
+def figure(record: Record) -> Figure:
     """Disagreements, a dot for each array, a line for each robot."""
+    rows = record["rows"]
     names = list(dict.fromkeys(row["robot"] for row in rows))
     chart = Figure(figsize=(8, 3.4), layout="constrained")
     axes = chart.subplots()
@@ -254,5 +256,16 @@ def figure(rows: list[dict[str, Any]]) -> Figure:
     return chart
 
 
+@leaf_gradients.table
+def words(record: Record) -> str:
+    """The worst disagreement of each robot."""
+    rows = [
+        [name, f"{each['matter']} of {each['arrays']}", f"{each['reverse']:.0e}", f"{each['differences']:.0e}"]
+        for name, each in record["robots"].items()
+    ]
+    head = ["what", "arrays that matter", "reverse mode off forward mode", "central differences off forward mode"]
+    return table(head, rows)
+
+
 if __name__ == "__main__":
-    run(main, Settings)
+    leaf_gradients.run()

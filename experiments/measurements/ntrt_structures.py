@@ -1,16 +1,16 @@
 """NASA's structure files: read, settled, and left to stand on both models of contact."""
 
-from dataclasses import dataclass
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from jaxgrity.cli.script import measured, run
+from measurement import Record, measurement
 
 import numpy as np
+from pages import columns
 
 from jaxgrity import FAILURES, Scene, contact_twin, simulate
 from jaxgrity.formats import read_ntrt
-from jaxgrity.io.files import save_json
 from jaxgrity.report import view
 from jaxgrity.statics import settled
 from jaxgrity.stepping import velocities_midway
@@ -19,23 +19,17 @@ NASA = Path(__file__).parents[2] / "tests" / "data" / "ntrt" / "nasa"
 FILES = ("3Prism", "3PrismSymmetric", "Double3Prism", "SuperBall", "Tetrahedron", "TetrahedralSpine")
 
 
-@dataclass
-class Settings:
-    duration: float = 10.0
-    """s, for which each is to stand"""
-    out: Path = Path("results/ntrt")
-    """folder for ntrt.json"""
-    quick: bool = False
-    """two files, for half a second each"""
+@measurement(page="files.md", quick={"files": FILES[:2], "duration": 0.5})
+def ntrt(out: Path, files: tuple[str, ...] = FILES, duration: float = 10.0) -> Iterator[Record]:
+    """A row for each file.
 
-
-def main(settings: Settings) -> None:
-    files, duration = (FILES[:2], 0.5) if settings.quick else (FILES, settings.duration)
-    rows = []
+    Args:
+        files: names of NASA's structure files
+        duration: s, for which each is to stand
+    """
     for name in files:
-        rows.append(row(name, duration, settings.out))
-        print({key: value if isinstance(value, str | dict) else float(value) for key, value in rows[-1].items()})
-        save_json(settings.out / "ntrt.json", {**measured(), "duration": duration, "rows": rows})
+        yield row(name, duration, out)
+    return {"duration": duration}
 
 
 def row(name: str, duration: float, out: Path) -> dict[str, Any]:
@@ -66,5 +60,26 @@ def standing(scene: Scene, duration: float, replay: Path | None = None) -> dict[
     return {"outcome": outcome, "start": heights[0], "end": heights[-1], "speed": np.linalg.norm(v[-1], axis=1).max()}
 
 
+@ntrt.table
+def words(record: Record) -> str:
+    """What each structure is, and how high it stands on both models of contact."""
+    cells = {
+        "file": "{file}.yaml",
+        "nodes, rods, strings": "{nodes}, {rods}, {strings}",
+        "mass": "{mass:.3f} kg",
+        "size": "{size:.2f} m",
+        "moved as it settled": lambda row: f"{1e3 * row['moved']:.0f} mm",
+        "height then": lambda row: f"{row['exact']['start']:.2f} m",
+        f"after {record['duration']:g} s, exact contact": lambda row: ending(row["exact"]),
+        f"after {record['duration']:g} s, penalty contact": lambda row: ending(row["penalty"]),
+    }
+    return columns(record["rows"], cells)
+
+
+def ending(end: Record) -> str:
+    """The height in the end, or what became of the rollout."""
+    return f"{end['end']:.2f} m" if end["outcome"] == "succeeded" else end["outcome"]
+
+
 if __name__ == "__main__":
-    run(main, Settings)
+    ntrt.run()

@@ -4,31 +4,29 @@ Every gait is rolled out on its own scene and on the contact twin, each at three
 centre of mass on both.
 """
 
-from dataclasses import dataclass
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from jaxgrity.cli.script import measured, run
+from measurement import Record, measurement
 
 import numpy as np
 from matplotlib.figure import Figure
-from tqdm import tqdm
+from pages import table
 
 from jaxgrity import (
-    InputError,
     Scene,
     centre_path,
     contact_twin,
-    gait_names,
     gait_record,
     load_gait,
     load_scene,
     simulate,
+    with_error,
     with_gait,
 )
-from jaxgrity.io.files import save_json
 from jaxgrity.orbits import find_orbit, refined_orbit, stability
-from jaxgrity.report import plot, view
+from jaxgrity.report import view
 
 SHOWN = 20.0
 """s, of each gait's replay"""
@@ -36,42 +34,33 @@ NEAR = 20.0
 """m, which the paths of gaits that turn do not leave"""
 
 
-@dataclass
-class Settings:
-    gaits: tuple[str, ...] = ("straight", "lasting", "fast", "cables", "left", "right", "uphill")
-    """names of the library's gaits"""
-    duration: float = 120.0
-    """s, for which each gait is watched"""
-    out: Path = Path("results/orbits")
-    """folder for orbits.json and its figure"""
-    quick: bool = False
-    """one gait, on the exact scene alone, at one step"""
+@measurement(page="gaits.md", quick={"gaits": ("straight",), "roughly": True}, raw=("path",))
+def orbits(
+    out: Path,
+    gaits: tuple[str, ...] = ("straight", "lasting", "fast", "cables", "left", "right", "uphill"),
+    duration: float = 120.0,
+    roughly: bool = False,
+) -> Iterator[Record]:
+    """A row for each gait on each contact model.
+
+    Args:
+        gaits: names of the library's gaits
+        duration: s, for which each gait is watched
+        roughly: on the gait's own scene alone, at one step
+    """
+    scenes = [with_gait(load_scene(gait_record(name)["scene"]), load_gait(name)) for name in gaits]
+    for name, own in zip(gaits, scenes):
+        view.keep_html(own, simulate(own, SHOWN, frame_rate=50), out / f"replay_{name}.html", title=name)
+        for scene in (own,) if roughly else (own, contact_twin(own)):
+            known = {"gait": name, "contact": "exact" if scene.constrained else "penalty", "own": scene is own}
+            path = np.asarray(centre_path(scene, simulate(scene, duration, frame_rate=5)))[:, :2]
+            yield known | settled_orbit(scene, duration, roughly) | {"path": path}
+    return {}
 
 
-def main(settings: Settings) -> None:
-    unknown = sorted(set(settings.gaits) - set(gait_names()))
-    if unknown:
-        raise InputError(f"gaits = {unknown}: unknown; expected some of {', '.join(gait_names())}")
-    names = settings.gaits[:1] if settings.quick else settings.gaits
-    rows, paths = [], {}
-    for name in tqdm(names, desc="gaits", unit="gait"):
-        own = with_gait(load_scene(gait_record(name)["scene"]), load_gait(name))
-        shown = simulate(own, SHOWN, frame_rate=50)
-        view.keep_html(own, shown, settings.out / f"replay_{name}.html", title=name)
-        for scene in (own,) if settings.quick else (own, contact_twin(own)):
-            where = "exact" if scene.constrained else "penalty"
-            known = {"gait": name, "contact": where, "own": scene is own}
-            rows.append(known | row(scene, settings.duration, settings.quick))
-            trajectory = simulate(scene, settings.duration, frame_rate=5)
-            paths[f"{name}, {where}"] = np.asarray(centre_path(scene, trajectory))[:, :2]
-    save_json(settings.out / "orbits.json", {**measured(), "rows": rows})
-    plot.save(figure(paths), settings.out / "orbits.png")
-    print(f"{settings.out}/orbits.json, orbits.png")
-
-
-def row(scene: Scene, duration: float, quick: bool) -> dict[str, Any]:
+def settled_orbit(scene: Scene, duration: float, roughly: bool) -> dict[str, Any]:
     """The orbit of one gait on one scene."""
-    orbit, bar = (find_orbit(scene, duration), None) if quick else refined_orbit(scene, duration)
+    orbit, bar = (find_orbit(scene, duration), None) if roughly else refined_orbit(scene, duration)
     held = stability(scene, orbit) if orbit.verified_for else None
     return {
         **orbit.summary(),
@@ -81,9 +70,43 @@ def row(scene: Scene, duration: float, quick: bool) -> dict[str, Any]:
     }
 
 
-@plot.styled
-def figure(paths: dict[str, np.ndarray]) -> Figure:
+@orbits.table
+def words(record: Record) -> str:
+    """The orbit of each gait, or that there is none."""
+    head = [
+        "gait", "contact", "speed, body lengths/s", "slowest 10 s, m/s", "turning, °/s", "cycle, periods",
+        "shape returns to", "a disturbance is multiplied in a cycle by", "robots that return",
+        "settled after", "watched for",
+    ]  # fmt: skip
+    return table(head, [cells_of(row) for row in record["rows"]])
+
+
+def cells_of(row: Record) -> list[str]:
+    """A line of the table."""
+    contact, watched = f"{row['contact']}, its own" if row["own"] else row["contact"], f"{row['verified_for']:.0f} s"
+    if not row["settled"] or row["slowest_window"] is None:
+        return [row["gait"], contact, f"{row['body_lengths_per_second']:.2f}, no orbit", *["-"] * 7, watched]
+    bar = row["speed_error_bar"] / row["body_length"] if row["speed_error_bar"] is not None else np.inf
+    grows = "-" if row["multiplier"] is None or not np.isfinite(row["multiplier"]) else f"{row['multiplier']:.2g}"
+    return [
+        row["gait"],
+        contact,
+        with_error(row["body_lengths_per_second"], bar, decimals=3),
+        f"{row['slowest_window']:.2f}",
+        f"{round(np.degrees(row['turning']), 1) + 0.0:.1f}",
+        f"{row['periods']}",
+        f"{1000 * row['residual']:.2g} mm",
+        grows,
+        "-" if row["returned"] is None else f"{100 * row['returned']:.0f} %",
+        f"{row['settled_after']:.0f} s",
+        watched,
+    ]
+
+
+@orbits.figure
+def figure(record: Record) -> Figure:
     """The paths of the centre of mass, seen from above; those that stay near in a pane of their own."""
+    paths = {f"{row['gait']}, {row['contact']}": np.asarray(row["path"]) for row in record["rows"]}
     chart = Figure(figsize=(10, 4.5), layout="constrained")
     far, near = chart.subplots(1, 2)
     colours = {gait: f"C{k}" for k, gait in enumerate(dict.fromkeys(name.split(", ")[0] for name in paths))}
@@ -101,4 +124,4 @@ def figure(paths: dict[str, np.ndarray]) -> Figure:
 
 
 if __name__ == "__main__":
-    run(main, Settings)
+    orbits.run()

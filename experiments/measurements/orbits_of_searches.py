@@ -1,24 +1,21 @@
 """How well speeds of orbits converge with the step, on gaits of short searches by seeds that nothing was tuned on.
 
 The speed at the default step is compared with that at an eighth of it, and with the error bar that steps of 1, 1/2 and
-1/4 give. The order p of the speed, |error| ~ step^p, is measured from steps of 1, 1/2 and 1/4. Leaves
-orbits_of_searches.json and a figure.
+1/4 give. The order p of the speed, |error| ~ step^p, is measured from steps of 1, 1/2 and 1/4.
 """
 
-from dataclasses import dataclass
-from pathlib import Path
+from collections.abc import Iterator
 from typing import Any
 
-from jaxgrity.cli.script import measured, run
+from measurement import Record, measurement
 
 import numpy as np
 from matplotlib.figure import Figure
+from pages import columns
 from tqdm import tqdm
 
 from jaxgrity import Gait, Scene, SearchConfig, SolverOptions, contact_twin, load_scene, one_gait, with_gait
-from jaxgrity.io.files import save_json
 from jaxgrity.orbits import find_orbit, refined_orbit
-from jaxgrity.report import plot
 from jaxgrity.search import distinct, evolve_through, fidelity_levels, ga_configs, search_problem
 from jaxgrity.stepping import default_method, default_step
 
@@ -33,41 +30,27 @@ CLOSED = 1e-3
 GROUPS = {"exact": "exact contact", "penalty": "penalty contact"}
 
 
-@dataclass
-class Settings:
-    searches: int = 64
-    """one gait each"""
-    population: int = 64
-    """gaits in a generation"""
-    generations: int = 5
-    """of each search"""
-    out: Path = Path("results/orbits_of_searches")
-    """folder for what is found"""
-    quick: bool = False
-    """two searches"""
+@measurement(page="gaits.md", quick={"searches": 2}, raw=("each",))
+def orbits_of_searches(searches: int = 64, population: int = 64, generations: int = 5) -> Iterator[Record]:
+    """A row for each contact model.
 
-
-def main(settings: Settings) -> None:
+    Args:
+        searches: one gait each
+        population: gaits in a generation
+        generations: of each search
+    """
     scene = load_scene("exact")
-    searches = 2 if settings.quick else settings.searches
     seeds = range(FIRST_SEED, FIRST_SEED + searches)
-    gaits = [searched(scene, seed, settings) for seed in tqdm(seeds, desc="searching", unit="search")]
-    rows = []
+    gaits = [searched(scene, seed, population, generations) for seed in tqdm(seeds, desc="searching", unit="search")]
     for contact, model in (("exact", scene), ("penalty", contact_twin(scene))):
-        for seed, gait in zip(seeds, tqdm(gaits, desc=f"orbits, {contact}", unit="gait"), strict=True):
-            rows.append({"seed": seed, "contact": contact, **converged(with_gait(model, gait))})
-    facts = {**measured(), "searches": searches, "rows": [summary(rows, contact) for contact in GROUPS]}
-    save_json(settings.out / "orbits_of_searches.json", facts)
-    save_json(settings.out / "each.json", rows)
-    plot.save(figure(rows), settings.out / "orbits_of_searches.png")
-    for row in facts["rows"]:
-        print({key: value if isinstance(value, (str, int)) else np.round(value, 4) for key, value in row.items()})
-    print(f"wrote {settings.out}/")
+        each = [{"seed": seed, **converged(with_gait(model, gait))} for seed, gait in zip(seeds, tqdm(gaits))]
+        yield {"contact": contact, **summary(each), "each": each}
+    return {"searches": searches}
 
 
-def searched(scene: Scene, seed: int, settings: Settings) -> Gait:
+def searched(scene: Scene, seed: int, population: int, generations: int) -> Gait:
     """The best gait of a short search by rough rollouts alone, as the default search begins."""
-    config = SearchConfig(population=settings.population, generations=(settings.generations, 0))
+    config = SearchConfig(population=population, generations=(generations, 0))
     problem, levels = search_problem(scene, config), fidelity_levels(scene, wide=True)
     (found,) = evolve_through(levels[:1], problem, ga_configs(config, 1), seed=seed)
     return one_gait(problem.genome.gaits(scene.gait, distinct(found.last, problem.genome, 1)), 0)
@@ -88,16 +71,14 @@ def converged(scene: Scene) -> dict[str, Any]:
     }
 
 
-def summary(rows: list[dict[str, Any]], contact: str) -> dict[str, Any]:
-    """Of the gaits on one contact model that settled on an orbit at both steps."""
-    here = [row for row in rows if row["contact"] == contact]
+def summary(here: list[Record]) -> dict[str, Any]:
+    """Of the gaits on one contact model: how many settled at all steps, and how well their speeds converge."""
     kept = [row for row in here if row["settled"]]
     speeds, bars = (np.array([row[key] for row in kept]) for key in ("speeds", "speed_error_bar"))
     finest = speeds[:, -1]
     off = np.abs(speeds[:, 0] - finest)
     orders = order(speeds)
     return {
-        "contact": contact,
         "gaits": len(here),
         "settled": len(kept),
         "closed": sum(row["residual"] < CLOSED for row in kept),
@@ -115,9 +96,26 @@ def order(speeds: np.ndarray) -> np.ndarray:
     return np.log2(changes[:, 0] / changes[:, 1])
 
 
-@plot.styled
-def figure(rows: list[dict[str, Any]]) -> Figure:
+@orbits_of_searches.table
+def words(record: Record) -> str:
+    """How many gaits settle, and how well the error bars of their speeds hold."""
+    cells: dict[str, Any] = {
+        "contact": "{contact}",
+        "gaits on an orbit": "{settled} of {gaits}",
+        "shape returns to 1 mm": "{closed} of {settled}",
+        "speed within 1 % of that at 1/8 of the step": lambda row: f"{100 * row['within_a_hundredth']:.0f} %",
+        "within the error bar": lambda row: f"{100 * row['covered']:.0f} %",
+        "off by, in the median": lambda row: f"{100 * row['median_off']:.2g} %",
+        "error bar, in the median": lambda row: f"{100 * row['median_bar']:.2g} %",
+        "order: median (quartiles)": lambda row: "{1:.1f} ({0:.1f} to {2:.1f})".format(*row["order"]),
+    }
+    return columns(record["rows"], cells)
+
+
+@orbits_of_searches.figure
+def figure(record: Record) -> Figure:
     """By how much each speed is off, against its error bar, those below the line covered; and against the step."""
+    rows = [row | one for row in record["rows"] for one in row["each"]]
     chart = Figure(figsize=(10, 4.5), layout="constrained")
     bars, steps = chart.subplots(1, 2)
     for k, (contact, mark) in enumerate(zip(GROUPS, ("o", "x"), strict=True)):
@@ -143,4 +141,4 @@ def figure(rows: list[dict[str, Any]]) -> Figure:
 
 
 if __name__ == "__main__":
-    run(main, Settings)
+    orbits_of_searches.run()

@@ -6,20 +6,21 @@ as soon as it is measured, and --beside FILE shows the rows of another machine n
 
 import json
 import time
-from dataclasses import dataclass
+from collections.abc import Generator
+from itertools import product
 from pathlib import Path
 
-from jaxgrity.cli.script import measured, run
+from jaxgrity.cli.script import measured
+from measurement import Record, measurement
 
 import jax
 import numpy as np
 from matplotlib.figure import Figure
+from pages import table
 from scaling import METHODS
-from tqdm import tqdm
 
 from jaxgrity import Outcomes, SolverOptions, gaits_of, load_scene, random_phases, simulate_population
-from jaxgrity.io.files import save_json
-from jaxgrity.report import plot
+from jaxgrity.io.files import read_text
 
 DURATION = 0.5
 """s, that populations are rolled out for"""
@@ -28,41 +29,39 @@ COMPARED = 256
 """gaits whose places at the end are kept: every population begins with them, on every machine"""
 
 
-@dataclass
-class Settings:
-    largest: int = SIZES[-1]
-    """gaits in the largest population"""
-    beside: Path | None = None
-    """populations.json of another machine"""
-    out: Path = Path("results/populations")
-    """folder for populations.json and populations.png"""
-    quick: bool = False
-    """256 gaits by complementarity stepping alone"""
+@measurement(
+    page="scaling.md",
+    quick={"largest": SIZES[0], "methods": ("complementarity",)},
+    raw=("rows", "ends", "device", "jax"),
+    listed=False,
+)
+def populations(
+    largest: int = SIZES[-1], methods: tuple[str, ...] = tuple(METHODS), beside: Path | None = None
+) -> Generator[Record, None, Record]:
+    """A row for each size, method and precision; then both machines.
 
-
-def main(settings: Settings) -> None:
-    jax.config.update("jax_num_cpu_devices", measured()["cores"])
-    methods = ["complementarity"] if settings.quick else list(METHODS)
-    sizes = [size for size in SIZES if size <= (SIZES[0] if settings.quick else settings.largest)]
-    tasks = [(m, dtype, n) for n in sizes for m in methods for dtype in ("float32", "float64")]
-    device = jax.devices()[0]
-    facts = {
-        **measured(),
-        "device": device.device_kind if device.platform != "cpu" else f"{len(jax.devices())} cores",
-        "jax": jax.__version__,
-        "rows": [],
-        "ends": {},
-    }
-    if settings.beside is not None:
-        facts["beside"] = json.loads(settings.beside.read_text())
-    for method, dtype, gaits in tqdm(tasks, unit="run"):
+    Args:
+        largest: gaits in the largest population
+        methods: methods
+        beside: populations.json of another machine
+    """
+    device, rows, ends = jax.devices()[0], [], {}
+    sizes = [size for size in SIZES if size <= largest]
+    for gaits, method, dtype in product(sizes, methods, ("float32", "float64")):
         row, end = cost(method, dtype, gaits)
-        facts["rows"].append(row)
-        facts["ends"].setdefault(f"{method} {dtype}", end.tolist())
-        save_json(settings.out / "populations.json", facts)
-        tqdm.write(f"{row['method']} {dtype}, {gaits} gaits: {1e6 * row['per_gait_and_simulated_second']:.3g} us")
-    plot.save(figure(facts), settings.out / "populations.png")
-    print(f"wrote {settings.out}/populations.json and populations.png, from {facts['device']}")
+        rows.append(row)
+        ends.setdefault(f"{method} {dtype}", end.tolist())
+        yield row
+    name = device.device_kind if device.platform != "cpu" else f"{len(jax.devices())} cores"
+    own = {"device": name, "jax": jax.__version__, "ends": ends}
+    machines = [measured() | own | {"rows": rows}]
+    if beside is not None:
+        machines.append(json.loads(read_text(beside)))
+    other = machines[-1]["ends"]
+    # on other machines populations may be smaller
+    apart = {key: float(np.abs(np.subtract(x, other[key])).max()) for key, x in ends.items() if key in other}
+    kept = [{key: each[key] for key in ("device", "jax", "command", "rows")} for each in machines]
+    return own | {"machines": kept, "apart": apart}
 
 
 def cost(method: str, dtype: str, gaits: int) -> tuple[dict, np.ndarray]:
@@ -89,18 +88,37 @@ def cost(method: str, dtype: str, gaits: int) -> tuple[dict, np.ndarray]:
     return facts, np.asarray(found.com_end[:COMPARED], float)
 
 
-@plot.styled
-def figure(facts: dict) -> Figure:
+@populations.table
+def words(record: Record) -> str:
+    """Costs of each machine, a line for each method and precision."""
+    here, there = record["machines"][0], record["machines"][-1]
+    sizes = list(dict.fromkeys(row["gaits"] for row in there["rows"]))
+    rows = []
+    for method, dtype in dict.fromkeys((row["method"], row["dtype"]) for row in there["rows"]):
+        for machine in record["machines"]:
+            cost_of = {
+                row["gaits"]: row["per_gait_and_simulated_second"]
+                for row in machine["rows"]
+                if (row["method"], row["dtype"]) == (method, dtype)
+            }
+            device = f"{machine['device']}, JAX {machine['jax']}"
+            costs = (f"{1e6 * cost_of[size]:.3g}" if size in cost_of else "-" for size in sizes)
+            apart = "-" if machine is here else f"{1e3 * record['apart'][f'{method} {dtype}']:.1g} mm"
+            rows.append([f"{method}, {dtype}", device, *costs, apart])
+    head = ["us a gait and simulated second", "device", *(f"{size:,} gaits" for size in sizes), "ends apart by"]
+    return table(head, rows)
+
+
+@populations.figure
+def figure(record: Record) -> Figure:
     """Cost per gait and simulated second against the size of the population; dashed: the other machine's."""
     chart = Figure(figsize=(10, 4), layout="constrained")
     for axes, method in zip(chart.subplots(1, 2, sharey=True, squeeze=False)[0], METHODS):
-        for style, measured_there in (("o-", facts), ("s--", facts.get("beside"))):
+        for style, machine in zip(("o-", "s--"), record["machines"]):
             for colour, dtype in zip(("C0", "C1"), ("float32", "float64")):
-                if measured_there is None:
-                    continue
-                rows = [r for r in measured_there["rows"] if (r["method"], r["dtype"]) == (method, dtype)]
+                rows = [r for r in machine["rows"] if (r["method"], r["dtype"]) == (method, dtype)]
                 each = 1e6 * np.array([row["per_gait_and_simulated_second"] for row in rows])
-                label = f"{dtype}, {measured_there['device']}"
+                label = f"{dtype}, {machine['device']}"
                 axes.loglog([row["gaits"] for row in rows], each, style, color=colour, label=label)
         axes.set(xlabel="gaits", title=method)
         axes.grid(alpha=0.3, which="both")
@@ -110,4 +128,4 @@ def figure(facts: dict) -> Figure:
 
 
 if __name__ == "__main__":
-    run(main, Settings)
+    populations.run()

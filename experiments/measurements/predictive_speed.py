@@ -5,77 +5,68 @@ journey compiles what the second, which is measured, runs again. The robot that 
 controller.
 """
 
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
+from collections.abc import Iterator
 
-from jaxgrity.cli.script import measured, run
+from measurement import Record, measurement
 
 import numpy as np
 from matplotlib.figure import Figure
-from tqdm import tqdm
+from pages import columns
 
 from jaxgrity import SolverOptions, as_dtype, load_gait, load_scene
 from jaxgrity.control import MotorLimits, PhaseLocked, Sampling, Steered, centre_offsets, lead_to, plant_of
-from jaxgrity.io.files import save_json
-from jaxgrity.report import plot
 
 GOAL = np.array([-12.0, 2.0])
 """m"""
 
 
-@dataclass
-class Settings:
-    samples: tuple[int, ...] = (16, 64, 256)
-    """rollouts of the model for each choice"""
-    rate: float = 10.0
-    """choices a second"""
-    horizon: float = 2.0
-    """s, for which each sample is rolled out"""
-    seconds: float = 8.0
-    """s, of the journey"""
-    out: Path = Path("results/predictive_speed")
-    """folder for predictive_speed.json and its figure"""
-    quick: bool = False
-    """8 samples for 1 s"""
+@measurement(page="control.md", quick={"samples": (8,), "seconds": 1.0})
+def predictive_speed(
+    samples: tuple[int, ...] = (16, 64, 256), rate: float = 10.0, horizon: float = 2.0, seconds: float = 8.0
+) -> Iterator[Record]:
+    """A row for each number of samples.
 
-
-def main(settings: Settings) -> None:
-    if settings.quick:
-        settings.samples, settings.seconds = (8,), 1.0
+    Args:
+        samples: rollouts of the model for each choice
+        rate: choices a second
+        horizon: s, for which each sample is rolled out
+        seconds: s, of the journey
+    """
     gait, scene = load_gait("lasting"), load_scene("exact")
     options = SolverOptions(dt=0.01, dtype="float32")
     plant = plant_of(scene, gait.members, motors=MotorLimits(rate=1.2), options=options)
     offsets = centre_offsets(scene.structure, gait.members)
     policy = as_dtype(Steered(PhaseLocked(gait), np.array(0.0), offsets), "float32")
-    rows: list[dict[str, Any]] = []
-    for samples in tqdm(settings.samples, unit="size"):
-        sampling = Sampling(
-            samples=samples, horizon=settings.horizon, interval=1 / settings.rate, patience=settings.seconds
-        )
-        lead_to(plant, plant, policy, GOAL, sampling=sampling._replace(patience=2 / settings.rate))
+    for count in samples:
+        sampling = Sampling(samples=count, horizon=horizon, interval=1 / rate, patience=seconds)
+        lead_to(plant, plant, policy, GOAL, sampling=sampling._replace(patience=2 / rate))
         found = lead_to(plant, plant, policy, GOAL, sampling=sampling)
-        rows.append(
-            {
-                "samples": samples,
-                "real_time": found.real_time,
-                "milliseconds": 1000 / settings.rate / found.real_time,
-                "slowest": 1000 * float(np.quantile(found.spent, 0.95)),
-                "choices": len(found.bends),
-            }
-        )
-        told = {"rate": settings.rate, "horizon": settings.horizon}
-        save_json(settings.out / "predictive_speed.json", {**measured(), **told, "rows": rows})
-    plot.save(figure(rows), settings.out / "predictive_speed.png")
-    for row in rows:
-        print(
-            f"{row['samples']} samples: {row['milliseconds']:.0f} ms a choice, {row['real_time']:.2g} times real time"
-        )
+        yield {
+            "samples": count,
+            "real_time": found.real_time,
+            "milliseconds": 1000 / rate / found.real_time,
+            "slowest": 1000 * float(np.quantile(found.spent, 0.95)),
+            "choices": len(found.bends),
+        }
+    return {"rate": rate, "horizon": horizon}
 
 
-@plot.styled
-def figure(rows: list[dict[str, Any]]) -> Figure:
+@predictive_speed.table
+def words(record: Record) -> str:
+    """How long a choice takes, beside the time between two of them."""
+    cells = {
+        f"rollouts of {record['horizon']:g} s": "{samples}",
+        "a choice takes, in the middle": "{milliseconds:.0f} ms",
+        "and 95 of 100 at most": "{slowest:.0f} ms",
+        f"real time, at {record['rate']:g} choices a second": "{real_time:.2g} times",
+    }
+    return columns(record["rows"], cells)
+
+
+@predictive_speed.figure
+def figure(record: Record) -> Figure:
     """How much faster than the robot the controller is, against the samples of a choice."""
+    rows = record["rows"]
     chart = Figure(figsize=(5, 3), layout="constrained")
     axes = chart.subplots()
     axes.loglog([row["samples"] for row in rows], [row["real_time"] for row in rows], "o-", base=2)
@@ -87,4 +78,4 @@ def figure(rows: list[dict[str, Any]]) -> Figure:
 
 
 if __name__ == "__main__":
-    run(main, Settings)
+    predictive_speed.run()

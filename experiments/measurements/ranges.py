@@ -4,16 +4,16 @@ One quantity at a time is scaled, on both contact models, and robots that start 
 values. Where all of them roll at one speed there is one orbit that attracts them; where the share falls, it ends.
 """
 
-from dataclasses import dataclass
-from pathlib import Path
+from collections.abc import Iterator
+from itertools import product
 from typing import Any
 
-from jaxgrity.cli.script import measured, run
+from measurement import Record, measurement
 
 import numpy as np
 from basin import drops
 from matplotlib.figure import Figure
-from tqdm import tqdm
+from pages import columns
 
 from jaxgrity import (
     Differences,
@@ -28,8 +28,6 @@ from jaxgrity import (
     simulate_population,
     with_gait,
 )
-from jaxgrity.io.files import save_json
-from jaxgrity.report import plot
 from jaxgrity.stepping import default_method, default_step
 
 SPANS = {
@@ -42,44 +40,58 @@ SPANS = {
 """smallest and largest factor of each quantity"""
 ROLLING = 0.3
 """body lengths/s, from which on a robot counts as rolling"""
+MOST = 7 / 8
+"""Share of robots that have to roll: all but one of eight, which may need longer from where it started."""
 
 
-@dataclass
-class Settings:
-    gait: str = "straight"
-    """of the library"""
-    values: int = 27
-    """of each quantity"""
-    robots: int = 8
-    """for each value"""
-    duration: float = 60.0
-    """s, of which the last three quarters count"""
-    out: Path = Path("results/ranges")
-    """folder for ranges.json and its figure"""
-    quick: bool = False
-    """three values, two robots, on exact contact alone"""
+@measurement(
+    page="gaits.md", quick={"values": 3, "robots": 2, "duration": 20.0, "contacts": ("exact",)}, raw=("scan", "gait")
+)
+def ranges(
+    gait: str = "straight",
+    values: int = 27,
+    robots: int = 8,
+    duration: float = 60.0,
+    contacts: tuple[str, ...] = ("exact", "penalty"),
+) -> Iterator[Record]:
+    """A row for each quantity on each contact model.
+
+    Args:
+        gait: of the library
+        values: of each quantity
+        robots: for each value
+        duration: s, of which the last three quarters count
+        contacts: contact models
+    """
+    own = with_gait(load_scene("exact"), load_gait(gait))
+    for contact, name in product(contacts, SPANS):
+        scene = own if contact == "exact" else contact_twin(own)
+        factors = np.unique([*np.geomspace(*SPANS[name], values - 1), 1.0])
+        speeds = scanned(scene, name, factors, robots, duration)
+        scan = [{"factor": x, **told(each)} for x, each in zip(factors, speeds)]
+        yield {"contact": contact, "quantity": name, **reach(scan), "scan": scan}
+    return {"gait": gait, "robots": robots}
 
 
-def main(settings: Settings) -> None:
-    if settings.quick:
-        settings.values, settings.robots, settings.duration = 3, 2, 20.0
-    own = with_gait(load_scene("exact"), load_gait(settings.gait))
-    scenes = {"exact": own} if settings.quick else {"exact": own, "penalty": contact_twin(own)}
-    rows: list[dict[str, Any]] = []
-    for contact, name in tqdm([(c, n) for c in scenes for n in SPANS], unit="scan"):
-        factors = np.unique([*np.geomspace(*SPANS[name], settings.values - 1), 1.0])
-        speeds = scanned(scenes[contact], name, factors, settings)
-        rows += [{"contact": contact, "quantity": name, "factor": x, **told(each)} for x, each in zip(factors, speeds)]
-    save_json(settings.out / "ranges.json", {**measured(), "robots": settings.robots, "rows": rows})
-    plot.save(figure(rows), settings.out / "ranges.png")
-    print(f"wrote {settings.out}/")
+def reach(scan: list[Record]) -> Record:
+    """The values next to each other about the gait's own where all robots roll but one of eight, and speeds there."""
+    rolls = [row["rolling"] >= MOST for row in scan]
+    low = high = middle = min(range(len(scan)), key=lambda k: abs(np.log(scan[k]["factor"])))
+    while low > 0 and rolls[low - 1]:
+        low -= 1
+    while high < len(scan) - 1 and rolls[high + 1]:
+        high += 1
+    means = [row["mean"] for row in scan[low : high + 1] if row["mean"] is not None]
+    ends = {"from": scan[low]["factor"], "to": scan[high]["factor"], "whole": low == 0 and high == len(scan) - 1}
+    speeds = {"slowest": min(means, default=None), "fastest": max(means, default=None)}
+    return {"at_the_gait": rolls[middle], **ends, **speeds}
 
 
-def scanned(scene: Scene, name: str, factors: np.ndarray, settings: Settings) -> np.ndarray:
+def scanned(scene: Scene, name: str, factors: np.ndarray, robots: int, duration: float) -> np.ndarray:
     """(factors, robots), steady speed, body lengths/s; NaN where a rollout failed."""
-    factor = np.repeat(factors, settings.robots)
+    factor = np.repeat(factors, robots)
     nodes, cables = len(scene.structure.nodes), len(scene.structure.cables.edges)
-    starts = [np.tile(x, (len(factors), 1, 1)) for x in drops(scene, settings.robots, seed=0)]
+    starts = [np.tile(x, (len(factors), 1, 1)) for x in drops(scene, robots, seed=0)]
     differences = Differences(
         positions=starts[0],
         velocities=starts[1],
@@ -92,9 +104,9 @@ def scanned(scene: Scene, name: str, factors: np.ndarray, settings: Settings) ->
     options = SolverOptions(dt=default_step(scene, default_method(scene)) / 2, dtype="float32")
     objective = SteadySpeed()
     outcomes = simulate_population(
-        scene, gaits, settings.duration, options=options, differences=differences, parts=objective.parts
+        scene, gaits, duration, options=options, differences=differences, parts=objective.parts
     )
-    return np.asarray(objective.worth(scene, outcomes, settings.duration)).reshape(len(factors), -1)
+    return np.asarray(objective.worth(scene, outcomes, duration)).reshape(len(factors), -1)
 
 
 def scaled(scene: Scene, name: str, factor: np.ndarray) -> Gait:
@@ -117,9 +129,25 @@ def told(speeds: np.ndarray) -> dict[str, Any]:
     return {"rolling": float((speeds > ROLLING).mean()), **dict(zip(names, found))}
 
 
-@plot.styled
-def figure(rows: list[dict[str, Any]]) -> Figure:
+@ranges.table
+def words(record: Record) -> str:
+    """From where to where robots roll, and how fast."""
+    rolling = f"{np.ceil(MOST * record['robots']):.0f} of {record['robots']} robots roll at"
+    cells = {
+        "quantity": "{quantity}",
+        "contact": "{contact}",
+        rolling: lambda row: f"{row['from']:.2f} to {row['to']:.2f} times" if row["at_the_gait"] else "-",
+        "speed there, body lengths/s": lambda row: (
+            f"{row['slowest']:.2f} to {row['fastest']:.2f}" if row["slowest"] is not None else "-"
+        ),
+    }
+    return columns(record["rows"], cells)
+
+
+@ranges.figure
+def figure(record: Record) -> Figure:
     """Speed of those that roll, and the share of robots that do, for each quantity."""
+    rows = [row | one for row in record["rows"] for one in row["scan"]]
     chart = Figure(figsize=(11, 4.6), layout="constrained")
     grid = chart.subplots(2, len(SPANS), sharex="col", sharey="row")
     for column, name in enumerate(SPANS):
@@ -142,4 +170,4 @@ def figure(rows: list[dict[str, Any]]) -> Figure:
 
 
 if __name__ == "__main__":
-    run(main, Settings)
+    ranges.run()

@@ -5,33 +5,29 @@ models. What all robots together say counts as true. Ranges are two standard err
 in 19 of 20 cases. On exact contact the speeds of robots along their paths, as records have them, are drawn again too.
 """
 
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Literal
+from collections.abc import Iterator
 
-from jaxgrity.cli.script import measured, run
+from measurement import Record, measurement
 
 import jax
 import numpy as np
 from matplotlib.figure import Figure
+from pages import table
 from tqdm import tqdm
 
 from jaxgrity import (
     Fitness,
     Gait,
-    InputError,
     Scene,
     SearchConfig,
     SolverOptions,
     SteadySpeed,
     contact_twin,
-    gait_names,
     gaits_of,
     load_gait,
     load_scene,
     with_gait,
 )
-from jaxgrity.io.files import save_json
 from jaxgrity.report import plot
 from jaxgrity.search import Level, influences, judge, model_of, robot_motions, standard_error
 
@@ -41,47 +37,40 @@ CAUTION = 1.0
 """standard deviations that the fitness holds against a gait, as in a default search"""
 
 
-@dataclass
-class Settings:
-    gaits: tuple[str, str] = ("straight", "lasting")
-    """names of two of the library's gaits, whose members are the same"""
-    draws: int = 60
-    """ensembles"""
-    robots: int = 128
-    """in each of them"""
-    duration: float = 30.0
-    """s"""
-    contacts: tuple[Literal["exact", "penalty"], ...] = ("exact", "penalty")
-    """contact models"""
-    out: Path = Path("results/redraws")
-    """folder for redraws.json and its figure"""
-    quick: bool = False
-    """4 ensembles of 8 robots for 8 s, with exact contact alone"""
+@measurement(
+    page="search.md",
+    quick={"draws": 4, "robots": 8, "duration": 8.0, "contacts": ("exact",)},
+    raw=("off", "duration"),
+)
+def redraws(
+    gaits: tuple[str, str] = ("straight", "lasting"),
+    draws: int = 60,
+    robots: int = 128,
+    duration: float = 30.0,
+    contacts: tuple[str, ...] = ("exact", "penalty"),
+) -> Iterator[Record]:
+    """A row for each statistic on each contact model.
 
-
-def main(settings: Settings) -> None:
-    if settings.quick:
-        settings.draws, settings.robots, settings.duration, settings.contacts = 4, 8, 8.0, ("exact",)
-    unknown = sorted(set(settings.gaits) - set(gait_names()))
-    if unknown:
-        raise InputError(f"gaits = {unknown}: unknown; expected some of {', '.join(gait_names())}")
-    own = with_gait(load_scene("exact"), load_gait(settings.gaits[0]))
-    pair = pair_of([load_gait(name) for name in settings.gaits])
-    rows, errors = [], {}
-    for contact in settings.contacts:
-        scene = own if contact == "exact" else contact_twin(own)
-        found = statistics(judged(scene, pair, settings, contact), settings.gaits)
+    Args:
+        gaits: names of two of the library's gaits, whose members are the same
+        draws: ensembles
+        robots: in each of them
+        duration: s
+        contacts: contact models
+    """
+    pair = [load_gait(name) for name in gaits]
+    own = with_gait(load_scene("exact"), pair[0])
+    for contact in contacts:
+        each = judged(own if contact == "exact" else contact_twin(own), pair_of(pair), draws, robots, duration)
+        found = statistics(each, gaits)
         if contact == "exact":
-            found |= {f"speed of {name} along its path": along_its_path(name, settings) for name in settings.gaits}
+            for name in gaits:
+                found[f"speed of {name} along its path"] = along_its_path(name, draws, robots, duration)
         for statistic, (values, ranges, true) in found.items():
             off = (values - true) / ranges
-            rows.append({"statistic": statistic, "contact": contact, "covered": float(np.mean(np.abs(off) <= 1))})
-            errors[f"{statistic}, {contact}"] = off
-    facts = {"draws": settings.draws, "robots": settings.robots, "duration": settings.duration, "rows": rows}
-    save_json(settings.out / "redraws.json", {**measured(), **facts})
-    plot.save(figure(errors), settings.out / "redraws.png")
-    print("\n".join(f"{row['statistic']}, {row['contact']}: {row['covered']:.0%} of ranges cover" for row in rows))
-    print(f"wrote {settings.out}/")
+            covered = float(np.mean(np.abs(off) <= 1))
+            yield {"statistic": statistic, "contact": contact, "covered": covered, "off": off}
+    return {"draws": draws, "robots": robots, "duration": duration}
 
 
 def pair_of(gaits: list[Gait]) -> Gait:
@@ -92,20 +81,20 @@ def pair_of(gaits: list[Gait]) -> Gait:
     return gaits_of(gaits[0], np.stack([np.asarray(g.phase) for g in gaits]), amplitude, frequency)
 
 
-def judged(scene: Scene, pair: Gait, settings: Settings, contact: str) -> np.ndarray:
+def judged(scene: Scene, pair: Gait, draws: int, robots: int, duration: float) -> np.ndarray:
     """(draws, gaits, robots), steady speeds, body lengths/s."""
-    fitness = Fitness(SteadySpeed(), SearchConfig().uncertainty, settings.robots, CAUTION)
-    seeds = tqdm(range(settings.draws), desc=contact, unit="ensemble")
-    model = model_of(scene, settings.duration, SolverOptions(dtype="float32"))
-    level = Level((model,), settings.duration, fitness)
+    fitness = Fitness(SteadySpeed(), SearchConfig().uncertainty, robots, CAUTION)
+    seeds = tqdm(range(draws), unit="ensemble", leave=False)
+    model = model_of(scene, duration, SolverOptions(dtype="float32"))
+    level = Level((model,), duration, fitness)
     return np.array([judge(jax.random.key(seed), level, pair).each for seed in seeds])
 
 
-def along_its_path(gait: str, settings: Settings) -> tuple[np.ndarray, np.ndarray, float]:
+def along_its_path(gait: str, draws: int, robots: int, duration: float) -> tuple[np.ndarray, np.ndarray, float]:
     """The mean that records and `robot_motions` have, of each draw, with its range, and what all robots say; m/s."""
     scene, uncertainty = with_gait(load_scene("exact"), load_gait(gait)), SearchConfig().uncertainty
-    asked = {"robots": settings.robots, "duration": settings.duration, "options": SolverOptions(dtype="float32")}
-    seeds = tqdm(range(settings.draws), desc=f"{gait}, along its path", unit="ensemble")
+    asked = {"robots": robots, "duration": duration, "options": SolverOptions(dtype="float32")}
+    seeds = tqdm(range(draws), desc=f"{gait}, along its path", unit="ensemble")
     found = [robot_motions(scene, uncertainty, seed=seed, **asked).summary() for seed in seeds]
     speed, error = (np.array([each[name] for each in found]) for name in ("speed", "standard_error"))
     return speed, COVERING * error, float(speed.mean())
@@ -133,9 +122,21 @@ def fitness_of(each: np.ndarray) -> np.ndarray:
     return each.mean(1) - CAUTION * each.std(1)
 
 
-@plot.styled
-def figure(errors: dict[str, np.ndarray]) -> Figure:
+@redraws.table
+def words(record: Record) -> str:
+    """How many of the ranges cover, by statistic and contact model; 95 % are meant to."""
+    covered: dict[str, dict[str, float]] = {}
+    for row in record["rows"]:
+        covered.setdefault(row["statistic"], {})[row["contact"]] = row["covered"]
+    contacts = list(dict.fromkeys(row["contact"] for row in record["rows"]))
+    head = [f"of {record['draws']} ensembles of {record['robots']} robots, ranges that cover", "meant to", *contacts]
+    return table(head, [[name, "95 %", *(f"{100 * x[c]:.0f} %" for c in contacts)] for name, x in covered.items()])
+
+
+@redraws.figure
+def figure(record: Record) -> Figure:
     """By how much each draw is off, in ranges: within -1 and 1 a range covers."""
+    errors = {f"{row['statistic']}, {row['contact']}": np.asarray(row["off"]) for row in record["rows"]}
     chart = Figure(figsize=(8, 0.5 * len(errors) + 1.5), layout="constrained")
     axes = chart.subplots()
     for k, off in enumerate(errors.values()):
@@ -146,4 +147,4 @@ def figure(errors: dict[str, np.ndarray]) -> Figure:
 
 
 if __name__ == "__main__":
-    run(main, Settings)
+    redraws.run()

@@ -2,30 +2,25 @@
 models. Leaves robots_that_differ.json and a figure of every robot's speed.
 """
 
-from dataclasses import dataclass
-from pathlib import Path
+from collections.abc import Iterator
 from typing import Any
 
-from jaxgrity.cli.script import measured, run
+from measurement import Record, measurement
 
 import numpy as np
 from matplotlib.figure import Figure
-from tqdm import tqdm
+from pages import columns, whole_zero
 
 from jaxgrity import (
-    InputError,
     SearchConfig,
     SolverOptions,
     contact_twin,
-    gait_names,
     gait_record,
     load_gait,
     load_scene,
     with_gait,
 )
-from jaxgrity.io.files import save_json
 from jaxgrity.model import body_length
-from jaxgrity.report import plot
 from jaxgrity.search import RobotMotions, robot_motions
 
 SEED = 20_000_000
@@ -35,46 +30,30 @@ ENOUGH = 0.85
 """share of the speed of the gait's orbit, on its own contact model, from which on a robot counts as rolling"""
 
 
-@dataclass
-class Settings:
-    gaits: tuple[str, ...] = ("straight", "lasting", "fast", "cables", "left", "right")
-    """names of the library's gaits"""
-    robots: int = 64
-    """that each gait is tried on"""
-    duration: float = 60.0
-    """s; the first quarter is left to settling"""
-    out: Path = Path("results/robots_that_differ")
-    """folder for robots_that_differ.json and its figure"""
-    quick: bool = False
-    """one gait on 8 robots for 20 s"""
+@measurement(page="gaits.md", quick={"gaits": ("straight",), "robots": 8, "duration": 20.0}, raw=("speeds",))
+def robots_that_differ(
+    gaits: tuple[str, ...] = ("straight", "lasting", "fast", "cables", "left", "right"),
+    robots: int = 64,
+    duration: float = 60.0,
+) -> Iterator[Record]:
+    """A row for each gait on each contact model.
 
-
-def main(settings: Settings) -> None:
-    if settings.quick:
-        settings.gaits, settings.robots, settings.duration = settings.gaits[:1], 8, 20.0
-    unknown = sorted(set(settings.gaits) - set(gait_names()))
-    if unknown:
-        raise InputError(f"gaits = {unknown}: unknown; expected some of {', '.join(gait_names())}")
-    rows, every = [], {}
-    for name in tqdm(settings.gaits, unit="gait"):
-        record = gait_record(name)
-        own, orbit = with_gait(load_scene(record["scene"]), load_gait(name)), record["steady"]["speed"]
+    Args:
+        gaits: names of the library's gaits
+        robots: that each gait is tried on
+        duration: s; the first quarter is left to settling
+    """
+    scenes = [with_gait(load_scene(gait_record(name)["scene"]), load_gait(name)) for name in gaits]
+    for name, own in zip(gaits, scenes):
+        orbit = gait_record(name)["steady"]["speed"]
         for scene in (own, contact_twin(own)):
             contact = "exact" if scene.constrained else "penalty"
             uncertain = SearchConfig().uncertainty
-            found = robot_motions(
-                scene, uncertain, robots=settings.robots, duration=settings.duration, seed=SEED, options=OPTIONS
-            )
+            found = robot_motions(scene, uncertain, robots=robots, duration=duration, seed=SEED, options=OPTIONS)
             size = float(body_length(scene))
-            every[f"{name}, {contact}"] = found.speed / size
             known = {"gait": name, "contact": contact, "own": scene is own}
-            rows.append(known | told(found, orbit, size))
-    save_json(settings.out / "robots_that_differ.json", {**measured(), "robots": settings.robots, "rows": rows})
-    plot.save(figure(every), settings.out / "robots_that_differ.png")
-    for row in rows:
-        speed = f"{row['mean']:.3f} body lengths/s (standard deviation {row['standard_deviation']:.2g})"
-        print(f"{row['gait']}, {row['contact']}: {speed}")
-    print(f"wrote {settings.out}/")
+            yield known | told(found, orbit, size) | {"speeds": found.speed / size}
+    return {"robots": robots}
 
 
 def told(found: RobotMotions, orbit: float, size: float) -> dict[str, Any]:
@@ -92,9 +71,36 @@ def told(found: RobotMotions, orbit: float, size: float) -> dict[str, Any]:
     }
 
 
-@plot.styled
-def figure(every: dict[str, np.ndarray]) -> Figure:
+@robots_that_differ.table
+def words(record: Record) -> str:
+    """Speeds of all robots, beside that of the gait's orbit."""
+    cells = {
+        "gait": "{gait}",
+        "contact": lambda row: f"{row['contact']}, its own" if row["own"] else row["contact"],
+        "its orbit's speed, own contact, body lengths/s": "{nominal:.3f}",
+        f"{record['robots']} robots that differ, along their paths: mean (standard deviation)": (
+            "{mean:.3f} ({standard_deviation:.2g})"
+        ),
+        "share of it": lambda row: "{:.0f} % ({:.0f} %)".format(
+            *(100 * (row[name] / row["nominal"]) for name in ("mean", "standard_deviation"))
+        ),
+        "robots above 85 %": lambda row: f"{100 * row['rolling']:.0f} %",
+        "displacement over time": "{displacement:.3f} ({displacement_standard_deviation:.2g})",
+        "bend, ° per body length: median": lambda row: degrees(row["bend"]),
+        "quartiles": lambda row: " to ".join(map(degrees, row["bend_quartiles"])),
+    }
+    return columns(record["rows"], cells)
+
+
+def degrees(angle: float) -> str:
+    """Of an angle in rad, whole."""
+    return f"{whole_zero(round(np.degrees(angle))):.0f}"
+
+
+@robots_that_differ.figure
+def figure(record: Record) -> Figure:
     """The speed of every robot, sorted."""
+    every = {f"{row['gait']}, {row['contact']}": np.asarray(row["speeds"]) for row in record["rows"]}
     chart = Figure(figsize=(8, 4), layout="constrained")
     axes = chart.subplots()
     gaits = list(dict.fromkeys(name.split(", ")[0] for name in every))
@@ -109,4 +115,4 @@ def figure(every: dict[str, np.ndarray]) -> Figure:
 
 
 if __name__ == "__main__":
-    run(main, Settings)
+    robots_that_differ.run()

@@ -3,70 +3,79 @@
 The trials are those of goals.py across a slope, where the robot is not the model. All ways cost as many rollouts.
 """
 
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
+from collections.abc import Iterator
+from itertools import product
 
-from jaxgrity.cli.script import measured, run
+from measurement import Record, measurement
 
 import goals
 import numpy as np
 from matplotlib.figure import Figure
-from tqdm import tqdm
+from pages import columns
 
 from jaxgrity.control import Sampling, lead_to
-from jaxgrity.io.files import save_json
-from jaxgrity.report import plot
 
 WAYS = {"at random": {"rounds": 1}, "two rounds": {"rounds": 2}, "four rounds": {"rounds": 4}}
 """how samples are drawn"""
 
 
-@dataclass
-class Settings:
-    trials: int = 20
-    samples: int = 64
-    """rollouts of the model for each choice"""
-    knots: tuple[int, ...] = (1, 3)
-    """bends over the horizon"""
-    seed: int = 100
-    """of starts, friction and samples"""
-    out: Path = Path("results/sampling_ways")
-    """folder for sampling_ways.json and its figure"""
-    quick: bool = False
-    """one trial of 2 s, on the exact model, without the slope"""
+@measurement(page="control.md", quick={"trials": 1, "patience": 2.0, "rough": True}, raw=("seconds",))
+def sampling_ways(
+    trials: int = 20,
+    samples: int = 64,
+    knots: tuple[int, ...] = (1, 3),
+    patience: float = goals.PATIENCE,
+    seed: int = 100,
+    rough: bool = False,
+) -> Iterator[Record]:
+    """A row for each way to draw samples.
 
-
-def main(settings: Settings) -> None:
-    patience, count = (2.0, 1) if settings.quick else (goals.PATIENCE, settings.trials)
-    field = goals.Settings(seed=settings.seed, quick=settings.quick)
-    ways = [(name, knots) for name in WAYS for knots in settings.knots]
-    rows: list[dict[str, Any]] = []
-    for name, knots in tqdm(ways, unit="way"):
-        sampling = Sampling(samples=settings.samples, knots=knots, patience=patience, **WAYS[name])
+    Args:
+        trials: of each way
+        samples: rollouts of the model for each choice
+        knots: bends over the horizon
+        patience: s, after which a trial has failed
+        seed: of starts, friction and samples
+        rough: on the exact model, without the slope
+    """
+    field = goals.Settings(seed=seed, quick=rough)
+    for name, count in product(WAYS, knots):
+        sampling = Sampling(samples=samples, knots=count, patience=patience, **WAYS[name])
         led = [
             lead_to(t.robot, t.model, goals.feedback(), goals.GOAL, start=t.start, seed=number, sampling=sampling)
-            for number, t in enumerate(goals.drawn_trials(field, count))
+            for number, t in enumerate(goals.drawn_trials(field, trials))
         ]
-        rows.append(
-            {
-                "way": name,
-                "knots": knots,
-                "reached": sum(each.reached for each in led),
-                "seconds": [each.seconds for each in led],
-                "milliseconds": float(np.median([1000 * sampling.interval / each.real_time for each in led])),
-            }
-        )
-        told = {"trials": count, "samples": settings.samples, "patience": patience}
-        save_json(settings.out / "sampling_ways.json", {**measured(), **told, "rows": rows})
-    plot.save(figure(rows), settings.out / "sampling_ways.png")
-    for row in rows:
-        print(f"{row['way']}, {row['knots']}: {row['reached']} reached, {np.mean(row['seconds']):.1f} s on average")
+        seconds = [each.seconds for each in led]
+        yield {
+            "way": name,
+            "knots": count,
+            "reached": sum(each.reached for each in led),
+            "milliseconds": float(np.median([1000 * sampling.interval / each.real_time for each in led])),
+            "mean": float(np.mean(seconds)),
+            "deviation": float(np.std(seconds, ddof=1)) if len(seconds) > 1 else 0.0,
+            "seconds": seconds,
+        }
+    return {"trials": trials, "samples": samples, "patience": patience}
 
 
-@plot.styled
-def figure(rows: list[dict[str, Any]]) -> Figure:
+@sampling_ways.table
+def words(record: Record) -> str:
+    """How soon each way of drawing samples leads to the goal."""
+    cells = {
+        f"{record['samples']} rollouts for each choice": lambda row: (
+            f"{row['way']}, {row['knots']} bend{'s' * (row['knots'] > 1)}"
+        ),
+        "reached": lambda row: f"{row['reached']} of {record['trials']}",
+        "time (standard deviation)": "{mean:.1f} ({deviation:.1f}) s",
+        "a choice takes": "{milliseconds:.0f} ms",
+    }
+    return columns(record["rows"], cells)
+
+
+@sampling_ways.figure
+def figure(record: Record) -> Figure:
     """Times of all trials for each way."""
+    rows = record["rows"]
     chart = Figure(figsize=(6, 0.45 * len(rows) + 1.2), layout="constrained")
     axes = chart.subplots()
     for place, row in enumerate(rows):
@@ -79,4 +88,4 @@ def figure(rows: list[dict[str, Any]]) -> Figure:
 
 
 if __name__ == "__main__":
-    run(main, Settings)
+    sampling_ways.run()

@@ -5,16 +5,16 @@ and the physics of both the robots and the model has them. The robots are not th
 and ground, friction that is off by up to 25 %, and start from drops.
 """
 
-from dataclasses import dataclass
 from pathlib import Path
 
-from jaxgrity.cli.script import measured, run
+from measurement import Record, measurement
 
 import numpy as np
 from basin import drops
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from obstacles import ARENA, GAITS, GOAL, NEAR, REACH, UNKNOWN, bounded, told
+from pages import table
 from tqdm import tqdm
 
 from jaxgrity import Differences, Scene, contact_twin, load_gait, load_scene
@@ -31,58 +31,61 @@ from jaxgrity.control import (
     travel,
     way_map,
 )
-from jaxgrity.io.files import save_json
-from jaxgrity.report import plot
 
 FIELD = Path(__file__).with_name("obstacle_field.toml")
 
 
-@dataclass
-class Settings:
-    scene: Path = FIELD
-    """its `[ground]` has obstacles"""
-    robots: int = 10
-    samples: int = 24
-    """ways to go on that are tried for each robot, each by three robots of the model"""
-    patience: float = 60.0
-    """s"""
-    seed: int = 0
-    """of starts, friction and samples"""
-    out: Path = Path("results/scene_field")
-    """folder for scene_field.json and its figure"""
-    quick: bool = False
-    """two robots, 4 samples, two choices, on the model itself"""
+@measurement(page="control.md", quick={"robots": 2, "samples": 4, "patience": 1.5, "itself": True}, raw=("raw",))
+def scene_field(
+    scene: Path = FIELD,
+    robots: int = 10,
+    samples: int = 24,
+    patience: float = 60.0,
+    seed: int = 0,
+    itself: bool = False,
+) -> Record:
+    """How many robots get through.
 
-
-def main(settings: Settings) -> None:
-    if settings.quick:
-        settings.robots, settings.samples, settings.patience = 2, 4, 1.5
-    scene = load_scene(settings.scene)
-    field = discs_of(scene.ground)
+    Args:
+        scene: its `[ground]` has obstacles
+        robots: led through the field
+        samples: ways to go on that are tried for each robot, each by three robots of the model
+        patience: s
+        seed: of starts, friction and samples
+        itself: the robots are the model
+    """
+    model = load_scene(scene)
+    field = discs_of(model.ground)
     way = way_map(field, GOAL, ARENA, reach=REACH + NEAR)
-    found = led(scene, settings, way)
-    rows = [told(found, field, k) for k in range(settings.robots)]
-    facts = {"patience": settings.patience, "obstacles": len(field.radii), "seconds_a_choice": found.seconds}
-    save_json(settings.out / "scene_field.json", {**measured(), **facts, "rows": rows})
-    plot.save(figure(scene, way, found), settings.out / "scene_field.png")
-    print(f"{sum(row['reached'] for row in rows)} of {len(rows)} reached without touching")
+    foresight = Foresight(samples=samples, patience=patience, reach=REACH, seed=seed)
+    found = led(model, model if itself else contact_twin(model), robots, foresight, way)
+    rows = [told(found, field, k) for k in range(robots)]
+    arrived = [row for row in rows if row["reached"]]
+    paths = [found.path[: end + 1, :2, k] for k, end in enumerate(found.arrived)]
+    return {
+        "patience": patience,
+        "obstacles": len(field.radii),
+        "seconds_a_choice": found.seconds,
+        "robots": robots,
+        **{name: sum(row[name] for row in rows) for name in ("reached", "arrived", "touched")},
+        "seconds": float(np.median([row["seconds"] for row in arrived])) if arrived else None,
+        "gap": min(row["gap"] for row in rows),
+        "raw": {"scene": str(scene), "rows": rows, "paths": paths},
+    }
 
 
-def led(scene: Scene, settings: Settings, way: WayMap) -> Travels:
+def led(scene: Scene, robot: Scene, count: int, foresight: Foresight, way: WayMap) -> Travels:
     """All robots through the same field, from drops anyhow about the origin."""
-    count = settings.robots
-    draw = np.random.default_rng(settings.seed + 1)
+    draw = np.random.default_rng(foresight.seed + 1)
     friction = 1 + draw.uniform(-UNKNOWN, UNKNOWN, count)
-    q, v = drops(scene, count, settings.seed)
+    q, v = drops(scene, count, foresight.seed)
     above = scene.ground.height(q[..., 0], q[..., 1]).max(1)[:, None, None] * np.array([0, 0, 1])
     start = np.moveaxis(q + above, 0, -1), np.moveaxis(v, 0, -1)
-    foresight = Foresight(samples=settings.samples, patience=settings.patience, reach=REACH, seed=settings.seed)
     gaits = {name: PhaseLocked(load_gait(name), np.zeros((2, 2))) for name in GAITS}
     gaits["lasting"] = sure_footed(load_gait("lasting"))
-    robot = bounded(scene if settings.quick else contact_twin(scene))
     with tqdm(total=round(foresight.patience / foresight.interval), unit="choice") as bar:
         return travel(
-            side_by_side(robot, count, Differences(friction=friction)),
+            side_by_side(bounded(robot), count, Differences(friction=friction)),
             bounded(scene),
             gait_choices(scene.structure, gaits),
             [way] * count,
@@ -92,9 +95,25 @@ def led(scene: Scene, settings: Settings, way: WayMap) -> Travels:
         )
 
 
-@plot.styled
-def figure(scene: Scene, way: WayMap, found: Travels) -> Figure:
+@scene_field.table
+def words(record: Record) -> str:
+    """How many robots got through, and how."""
+    count, seconds = record["robots"], record["seconds"]
+    rows = [
+        ["goal reached, nothing touched", f"{record['reached']} of {count}"],
+        ["touched something", f"{record['touched']}"],
+        [f"did not arrive in {record['patience']:g} s", f"{count - record['arrived']}"],
+        ["time on the way of those that arrived, median", "-" if seconds is None else f"{seconds:.0f} s"],
+        ["nearest to an obstacle", f"{100 * record['gap']:.0f} cm"],
+    ]
+    return table([f"robots among the {record['obstacles']} obstacles of a scene file", "measured"], rows)
+
+
+@scene_field.figure
+def figure(record: Record) -> Figure:
     """The height of the ground between obstacles, the plan from the start of the first robot, and all paths."""
+    scene, paths = load_scene(Path(record["raw"]["scene"])), record["raw"]["paths"]
+    way = way_map(discs_of(scene.ground), GOAL, ARENA, reach=REACH + NEAR)
     chart = Figure(figsize=(6.5, 3.8), layout="constrained")
     axes = chart.subplots()
     x, y = np.meshgrid(np.linspace(-2, 12, 281), np.linspace(-5, 5, 201))
@@ -102,9 +121,9 @@ def figure(scene: Scene, way: WayMap, found: Travels) -> Figure:
     shown = axes.pcolormesh(x, y, 100 * height, cmap="Greys", alpha=0.5, shading="auto", rasterized=True)
     for centre, radius in zip(way.discs.centres, way.discs.radii):
         axes.add_patch(Circle(centre, radius, color="#b9b2a3"))
-    for k, end in enumerate(found.arrived):
-        axes.plot(*found.path[: end + 1, :2, k].T, lw=1)
-    axes.plot(*way.way(found.path[0, :2, 0]).T, ":", color="black", lw=1, label="first plan")
+    for path in paths:
+        axes.plot(*path.T, lw=1)
+    axes.plot(*way.way(paths[0][0]).T, ":", color="black", lw=1, label="first plan")
     axes.plot(*way.goal, "o", markersize=6, markerfacecolor="none", color="black")
     axes.set(aspect="equal", xlim=(-2, 12), ylim=(-5, 5), xlabel="x (m)", ylabel="y (m)")
     chart.colorbar(shown, label="ground (cm)", shrink=0.7)
@@ -113,4 +132,4 @@ def figure(scene: Scene, way: WayMap, found: Travels) -> Figure:
 
 
 if __name__ == "__main__":
-    run(main, Settings)
+    scene_field.run()

@@ -2,22 +2,20 @@
 slowest mode, whose damping ratio is scanned.
 """
 
-from dataclasses import dataclass
 from pathlib import Path
 
-from jaxgrity.cli.script import measured, run
+from measurement import Record, measurement
 
 import numpy as np
 from matplotlib.figure import Figure
+from pages import table
 from scipy.ndimage import gaussian_filter1d
 from scipy.optimize import least_squares
 from spine_robot import FOLDER, commanded, load_spine, numbers, read_table, resting_shapes
 
-from jaxgrity.io.files import save_json
-from jaxgrity.report import plot
 from jaxgrity.statics import vibration_modes
 
-RATIOS = np.geomspace(0.01, 1.0, 13)
+RATIOS = tuple(np.geomspace(0.01, 1.0, 13).tolist())
 """damping over critical damping"""
 STEP = 2e-3
 """s, of the simulated response"""
@@ -25,20 +23,15 @@ WIDER = 3.84
 """of chi^2 per degree of freedom at its least: by which it may rise within an interval of 95 %"""
 
 
-@dataclass
-class Settings:
-    tables: Path = FOLDER
-    """folder with spine.toml and the tables of measurements"""
-    out: Path = Path("results/spine_dynamics")
-    """folder for spine_dynamics.json and the figure"""
-    quick: bool = False
-    """three damping ratios"""
+@measurement(page="validation.md", quick={"ratios": (0.01, 0.1, 1.0)}, raw=("seen",))
+def spine_dynamics(ratios: tuple[float, ...] = RATIOS, tables: Path = FOLDER) -> Record:
+    """The damping ratios that fit, and the motion of the motors.
 
-
-def main(settings: Settings) -> None:
-    ratios = RATIOS[::6] if settings.quick else RATIOS
-    spine, table = load_spine(settings.tables), read_table(settings.tables / "response.csv")
-    seen = {name: numbers(table, name) for name in ("time", "progress", "standard_error")}
+    Args:
+        ratios: damping over critical damping
+        tables: folder with spine.toml and the tables of measurements
+    """
+    spine, seen = load_spine(tables), seen_in(tables)
     # of rigid struts, stiff springs in this analysis, the vertebra keeps three slow modes
     modes = np.array(
         [
@@ -50,14 +43,16 @@ def main(settings: Settings) -> None:
     fits = [fitted(seen, frequency, ratio) for ratio in ratios]
     squares = np.array([fit["squares"] for fit in fits])
     freedom = len(seen["time"]) - 4
-    kept = ratios[squares <= squares.min() * (1 + WIDER / freedom)]
+    kept = np.array(ratios)[squares <= squares.min() * (1 + WIDER / freedom)]
     facts = {"lowest": modes.min(0), "highest": modes.max(0), "frequency": frequency}
     facts |= {"misfit": np.sqrt(squares.min() / freedom), "ratios": [kept.min(), kept.max()]}
-    facts |= {"tried": [ratios.min(), ratios.max()], "fits": fits}
-    save_json(settings.out / "spine_dynamics.json", {**measured(), **facts})
-    plot.save(figure(seen, frequency, fits), settings.out / "spine_dynamics.png")
-    print(f"slowest mode {frequency:.2f} Hz; damping ratios from {kept.min():.2g} to {kept.max():.2g} fit alike")
-    print(f"{settings.out}/spine_dynamics.json, spine_dynamics.png")
+    return facts | {"tried": [min(ratios), max(ratios)], "fits": fits, "seen": seen}
+
+
+def seen_in(tables: Path) -> dict[str, np.ndarray]:
+    """The mean response that the camera saw."""
+    response = read_table(tables / "response.csv")
+    return {name: numbers(response, name) for name in ("time", "progress", "standard_error")}
 
 
 def response(times: np.ndarray, frequency: float, ratio: float, shape: np.ndarray) -> np.ndarray:
@@ -87,9 +82,27 @@ def fitted(seen: dict[str, np.ndarray], frequency: float, ratio: float) -> dict:
     return {"ratio": ratio, "squares": 2 * found.cost, "shape": found.x}
 
 
-@plot.styled
-def figure(seen: dict[str, np.ndarray], frequency: float, fits: list[dict]) -> Figure:
+@spine_dynamics.table
+def words(record: Record) -> str:
+    """What the response tells, and what it cannot."""
+    begin, duration, scatter = min(record["fits"], key=lambda fit: fit["squares"])["shape"]
+    squares = [fit["squares"] for fit in record["fits"]]
+    bands = (f"{low:.1f} to {high:.1f}" for low, high in zip(record["lowest"], record["highest"]))
+    rows = [
+        ["simulated: the vertebra's three slowest modes over the commands", f"{', '.join(bands)} Hz"],
+        ["motors move", f"from {begin:.2f} s after the command is logged, for {duration:.2f} s"],
+        ["scatter of the clocks", f"{abs(scatter):.3f} s"],
+        ["damping ratios tried", f"{record['tried'][0]:g} to {record['tried'][1]:g}"],
+        ["sum of squares over them", f"{min(squares):.2f} to {max(squares):.2f}"],
+        ["damping ratios that cannot be told apart", f"{record['ratios'][0]:g} to {record['ratios'][1]:g}"],
+    ]
+    return table(["mean response to a command", "measured"], rows)
+
+
+@spine_dynamics.figure
+def figure(record: Record) -> Figure:
     """The mean response and that of least and most damping; chi^2 over the damping ratio."""
+    seen, frequency, fits = record["seen"], record["frequency"], record["fits"]
     chart = Figure(figsize=(9, 3.4), layout="constrained")
     left, right = chart.subplots(1, 2)
     left.errorbar(seen["time"], seen["progress"], 2 * seen["standard_error"], fmt=".", color="0.4", label="camera")
@@ -107,4 +120,4 @@ def figure(seen: dict[str, np.ndarray], frequency: float, fits: list[dict]) -> F
 
 
 if __name__ == "__main__":
-    run(main, Settings)
+    spine_dynamics.run()

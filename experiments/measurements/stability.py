@@ -5,16 +5,16 @@ friction, at rest in equilibrium. A tiny motion about it is integrated at steps 
 measured one is the smallest step at which it grows a thousandfold in 7000 steps, by a thousandth a step.
 """
 
-from dataclasses import dataclass
-from pathlib import Path
+from itertools import product
 
-from jaxgrity.cli.script import measured, run
+from measurement import Record, measurement
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from matplotlib.figure import Figure
+from pages import columns, table
 from tqdm import tqdm
 
 from jaxgrity import (
@@ -27,8 +27,6 @@ from jaxgrity import (
     simulate,
     stable_step,
 )
-from jaxgrity.io.files import save_json
-from jaxgrity.report import plot
 from jaxgrity.statics import resting_shape
 from jaxgrity.stepping import Method, discretise, resolve, standing, step_limit
 
@@ -44,51 +42,31 @@ SMALL_CONSTRAINED = 1e-6
 STEPS = 7000
 
 
-@dataclass
-class Settings:
-    scenes: int = 20
-    """random scenes, each with spring struts and with rigid ones"""
-    seed: int = 0
-    """the same seed gives the same scenes"""
-    out: Path = Path("results/stability")
-    """folder for stability.json and its figure"""
-    quick: bool = False
-    """four scenes"""
+@measurement(page="numerics.md", quick={"scenes": 4}, raw=("rows",))
+def stability(scenes: int = 20, seed: int = 0) -> Record:
+    """How far each method's measured limits are off, and what sets those of known scenes.
 
-
-def main(settings: Settings) -> None:
+    Args:
+        scenes: random scenes, each with spring struts and with rigid ones
+        seed: the same seed gives the same scenes
+    """
     rows = []
-    count = 4 if settings.quick else settings.scenes
-    for number in tqdm(range(count), desc="scenes", unit="scene"):
-        for rigid in (False, True):
-            scene = random_scene(settings.seed + number, contact=number % 2 == 1, damped=number % 4 > 1, rigid=rigid)
-            state = at_rest(scene)
-            for method in METHODS.values():
-                if method.implicit or method.constrained != rigid or (method.symplectic and scene.dissipates):
-                    continue
-                predicted = stable_step(scene, state, method)
-                blown_up = measure(scene, state, method, predicted)
-                rows.append(
-                    {
-                        "scene": number,
-                        "method": method.name,
-                        "contact": scene.ground is not None,
-                        "damped": scene.dissipates,
-                        "predicted": predicted,
-                        "measured": blown_up,
-                        "ratio": blown_up / predicted,
-                    }
-                )
+    for number, rigid in tqdm(list(product(range(scenes), (False, True))), desc="scenes", unit="scene"):
+        scene = random_scene(seed + number, contact=number % 2 == 1, damped=number % 4 > 1, rigid=rigid)
+        state = at_rest(scene)
+        for method in METHODS.values():
+            if method.implicit or method.constrained != rigid or (method.symplectic and scene.dissipates):
+                continue
+            predicted = stable_step(scene, state, method)
+            blown_up = measure(scene, state, method, predicted)
+            about = {"scene": number, "method": method.name, "contact": scene.ground is not None}
+            about |= {"damped": scene.dissipates, "predicted": predicted, "measured": blown_up}
+            rows.append(about | {"ratio": blown_up / predicted})
     worst = {
         name: float(np.max(np.abs([row["ratio"] - 1 for row in rows if row["method"] == name])))
         for name in dict.fromkeys(row["method"] for row in rows)
     }
-    facts = {**measured(), "scenes": count, "worst": worst, "limits": known_limits(), "rows": rows}
-    save_json(settings.out / "stability.json", facts)
-    plot.save(figure(rows), settings.out / "stability.png")
-    for name, off in worst.items():
-        print(f"{name:16s} measured within {off:.1%} of the prediction on {count} scenes")
-    print(f"wrote {settings.out}/stability.json and stability.png")
+    return {"scenes": scenes, "worst": worst, "limits": known_limits(), "rows": rows}
 
 
 def known_limits() -> list[dict]:
@@ -173,9 +151,24 @@ def spread(scene: Scene, state: State, draw, steps, options):
     return jax.vmap(one)(jnp.asarray(steps))
 
 
-@plot.styled
-def figure(rows: list[dict]) -> Figure:
+@stability.table
+def words(record: Record) -> str:
+    """The largest deviation of each method, and the limits of known scenes."""
+    rows = [[name, f"{off:.0%}"] for name, off in record["worst"].items()]
+    cells = {
+        "scene": "{scene}",
+        "method": "{method}",
+        "largest stable step": lambda row: f"{1e3 * row['step']:.3g} ms",
+        "set by": "{set_by}",
+    }
+    worst = table(["method", f"largest deviation, {record['scenes']} scenes"], rows)
+    return worst + "\n\n" + columns(record["limits"], cells)
+
+
+@stability.figure
+def figure(record: Record) -> Figure:
     """Measured against predicted, a colour for each method."""
+    rows = record["rows"]
     chart = Figure(figsize=(5.5, 5), layout="constrained")
     axes = chart.subplots()
     for name in dict.fromkeys(row["method"] for row in rows):
@@ -190,4 +183,4 @@ def figure(rows: list[dict]) -> Figure:
 
 
 if __name__ == "__main__":
-    run(main, Settings)
+    stability.run()

@@ -4,13 +4,12 @@ The block's eight nodes land on treads, and pass from one face of the stairs to 
 jumps: what the balance of energy misses there is an error of the step.
 """
 
-from dataclasses import dataclass
-from pathlib import Path
+from collections.abc import Iterator
 
-from jaxgrity.cli.script import measured, run
+from measurement import Record, measurement
 
 import numpy as np
-from tqdm import tqdm
+from pages import columns
 
 from jaxgrity import (
     ConeFriction,
@@ -25,20 +24,23 @@ from jaxgrity import (
     edge_lengths,
     energy_audit,
 )
-from jaxgrity.io.files import save_json
 
 STEPS = {"penalty": (1e-3, 5e-4, 2.5e-4, 1.25e-4), "exact": (4e-3, 2e-3, 1e-3, 5e-4)}
 """s, of each contact model"""
 
 
-@dataclass
-class Settings:
-    duration: float = 1.0
-    """s"""
-    out: Path = Path("results/stairs_energy")
-    """folder for stairs_energy.json"""
-    quick: bool = False
-    """two steps of each model"""
+@measurement(page="terrain.md", quick={"steps": 2})
+def stairs_energy(duration: float = 1.0, steps: int = 4) -> Iterator[Record]:
+    """A row for each contact model and step.
+
+    Args:
+        duration: s
+        steps: number of steps on each model, the largest ones of STEPS
+    """
+    for kind, dts in STEPS.items():
+        for dt in dts[:steps]:
+            yield audited(kind, dt, duration)
+    return {"duration": duration}
 
 
 def falling_block(kind: str) -> Scene:
@@ -65,13 +67,17 @@ def audited(kind: str, dt: float, duration: float) -> dict:
     }
 
 
-def main(settings: Settings) -> None:
-    cases = [(kind, dt) for kind, steps in STEPS.items() for dt in (steps[:2] if settings.quick else steps)]
-    rows = [audited(kind, dt, settings.duration) for kind, dt in tqdm(cases, desc="rollouts")]
-    save_json(settings.out / "stairs_energy.json", measured() | {"duration": settings.duration, "rows": rows})
-    for row in rows:
-        print(f"{row['contact']:<8} {1e3 * row['dt']:.3g} ms: {row['missed']:.2%} of {row['turned_over']:.3g} J")
+@stairs_energy.table
+def words(record: Record) -> str:
+    """What the audit missed, and of how much."""
+    cells = {
+        "contact": "{contact}",
+        "step": lambda row: f"{1e3 * row['dt']:.3g} ms",
+        "missed, at most": "{missed:.2%}",
+        "of": "{turned_over:.2f} J",
+    }
+    return columns(record["rows"], cells)
 
 
 if __name__ == "__main__":
-    run(main, Settings)
+    stairs_energy.run()

@@ -3,17 +3,18 @@
 Robots that were dropped anyhow roll straight for 20 s, then for 20 s with a bend to the left, and 20 s to the right.
 """
 
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
-from jaxgrity.cli.script import measured, run
+from measurement import Record, measurement
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from basin import ENOUGH, drops
 from matplotlib.figure import Figure
+from pages import columns
 
 from jaxgrity import SolverOptions, as_dtype, load_gait, load_scene
 from jaxgrity.control import (
@@ -29,8 +30,7 @@ from jaxgrity.control import (
     side_by_side,
     simulate_policy,
 )
-from jaxgrity.io.files import save_json
-from jaxgrity.report import plot, view
+from jaxgrity.report import view
 
 STRETCH, PARTS = 20.0, 8
 """s, of each bend, and parts of equal length of it"""
@@ -38,61 +38,51 @@ MEASURED = 4
 """of these parts, the last ones, in which turning and speed are measured"""
 
 
-@dataclass
-class Settings:
-    bends: tuple[float, ...] = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5)
-    robots: int = 32
-    """for each bend"""
-    seed: int = 0
-    """of the drops"""
-    out: Path = Path("results/steering")
-    """folder for steering.json and its figure"""
-    quick: bool = False
-    """2 robots and one bend"""
+@measurement(page="control.md", quick={"bends": (0.1,), "robots": 2, "shown": 1.0})
+def steering(
+    out: Path,
+    bends: tuple[float, ...] = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5),
+    robots: int = 32,
+    seed: int = 0,
+    shown: float = STRETCH,
+) -> Iterator[Record]:
+    """A row for each bend.
 
-
-def main(settings: Settings) -> None:
-    if settings.quick:
-        settings.bends, settings.robots = (0.1,), 2
-    scene, gait, count = load_scene("exact"), load_gait("lasting"), len(settings.bends) * settings.robots
+    Args:
+        bends: of the policy
+        robots: for each bend
+        seed: of the drops
+        shown: s, of the replay
+    """
+    scene, gait, count = load_scene("exact"), load_gait("lasting"), len(bends) * robots
     options = SolverOptions(dt=0.01, dtype="float32")
     plant = plant_of(scene, gait.members, motors=MotorLimits(rate=1.2), options=options)
     many = side_by_side(plant, count)
     one = Steered(PhaseLocked(gait), np.array(0.0), centre_offsets(scene.structure, gait.members))
     policy = as_dtype(jax.tree.map(lambda x: jnp.repeat(jnp.asarray(x)[..., None], count, axis=-1), one), "float32")
-    start = tuple(np.moveaxis(x, 0, -1) for x in drops(scene, count, settings.seed))
+    start = tuple(np.moveaxis(x, 0, -1) for x in drops(scene, count, seed))
     loop = loop_start(many, policy, jax.random.key(0), start, each=True)
-    bends = np.repeat(settings.bends, settings.robots)
+    each = np.repeat(bends, robots)
     paths = []
-    for size in (0 * bends, bends, -bends):
+    for size in (0 * each, each, -each):
         loop, path = stretch(many, replace(policy, bend=jnp.asarray(size, jnp.float32)), loop)
         paths.append(path)
     speeds, turns = zip(*(told(path) for path in paths))
-    rows: list[dict[str, Any]] = [
-        {
-            "bend": 0.0,
-            "turning": float(np.median(turns[0])),
-            "speed": float(np.median(speeds[0])),
-            "turning_spread": float(turns[0].std()),
-        }
-    ]
-    for k, bend in enumerate(settings.bends):
-        own = slice(k * settings.robots, (k + 1) * settings.robots)
+    straight = {"turning": float(np.median(turns[0])), "speed": float(np.median(speeds[0]))}
+    yield {"bend": 0.0, **straight, "turning_spread": float(turns[0].std())}
+    for k, bend in enumerate(bends):
+        own = slice(k * robots, (k + 1) * robots)
         # what turns to the right counts as the image of what turns to the left
         both = np.concatenate([turns[1][own], -turns[2][own]])
         went_on = speeds[2][own] >= ENOUGH * np.median(speeds[1][own])
         found = {"turning": float(np.median(both)), "turning_spread": float(both.std()), "went_on": went_on.mean()}
-        rows.append({"bend": bend, "speed": float(np.median(speeds[1][own])), **found})
-    save_json(settings.out / "steering.json", {**measured(), "robots": settings.robots, "rows": rows})
-    plot.save(figure(rows), settings.out / "steering.png")
-    keep_replay(plant, as_dtype(one, "float32"), settings)
-    for row in rows:
-        print(f"bend {row['bend']:g}: {np.degrees(row['turning']):.1f} °/s at {row['speed']:.2f} m/s")
+        yield {"bend": bend, "speed": float(np.median(speeds[1][own])), **found}
+    keep_replay(plant, as_dtype(one, "float32"), max(bends), shown, out)
+    return {"robots": robots}
 
 
-def keep_replay(plant: Plant, policy: Steered, settings: Settings) -> None:
+def keep_replay(plant: Plant, policy: Steered, size: float, seconds: float, out: Path) -> None:
     """Robots that stand side by side, one for each bend that is widest to a side, and one that goes straight."""
-    size, seconds = max(settings.bends), 1.0 if settings.quick else STRETCH
     straight, left, right = (
         simulate_policy(plant, replace(policy, bend=jnp.asarray(bend, jnp.float32)), seconds)
         for bend in (0.0, size, -size)
@@ -101,7 +91,7 @@ def keep_replay(plant: Plant, policy: Steered, settings: Settings) -> None:
         view.Robot(plant.scene, motion, f"bend {bend:+g}", (0.0, side, 0.0))
         for motion, bend, side in ((left, size, 3.0), (right, -size, -3.0))
     ]
-    view.keep_html(straight.scene, straight, settings.out / "replay.html", others=others, title="steering")
+    view.keep_html(straight.scene, straight, out / "replay.html", others=others, title="steering")
 
 
 def stretch(many: Plant, policy: Steered, loop: Loop) -> tuple[Loop, np.ndarray]:
@@ -118,9 +108,26 @@ def told(path: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.linalg.norm(moved, axis=1).mean(0) / part, (heading[-1] - heading[0]) / part / (MEASURED - 1)
 
 
-@plot.styled
-def figure(rows: list[dict[str, Any]]) -> Figure:
+@steering.table
+def words(record: Record) -> str:
+    """How fast robots turn, and how many go on."""
+    cells = {
+        "bend": "{bend:g}",
+        "turning, median (standard deviation)": lambda row: (
+            f"{round(np.degrees(row['turning']), 1) + 0.0:.1f} ({np.degrees(row['turning_spread']):.1f}) °/s"
+        ),
+        "speed": "{speed:.2f} m/s",
+        "robots as fast after the bend was reversed": lambda row: (
+            f"{100 * row['went_on']:.0f} %" if "went_on" in row else "-"
+        ),
+    }
+    return columns(record["rows"], cells)
+
+
+@steering.figure
+def figure(record: Record) -> Figure:
     """Turning and speed against the bend."""
+    rows = record["rows"]
     chart = Figure(figsize=(7, 3), layout="constrained")
     bends = [row["bend"] for row in rows]
     left, right = chart.subplots(1, 2)
@@ -133,4 +140,4 @@ def figure(rows: list[dict[str, Any]]) -> Figure:
 
 
 if __name__ == "__main__":
-    run(main, Settings)
+    steering.run()

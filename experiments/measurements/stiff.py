@@ -4,58 +4,34 @@ The robot of the scene "reference", with struts, ground or friction made far sti
 """
 
 import time
-from dataclasses import dataclass
-from pathlib import Path
+from collections.abc import Iterator
+from itertools import product
 
-from jaxgrity.cli.script import measured, run
+from measurement import Record, measurement
 
 import equinox as eqx
 import jax
 import numpy as np
 from matplotlib.figure import Figure
-from tqdm import tqdm
+from pages import columns
 
 from jaxgrity import FAILURES, Scene, SolverOptions, centre_path, load_scene, simulate
-from jaxgrity.io.files import save_json
-from jaxgrity.report import plot
 
 METHODS = ("tsit5", "kvaerno3", "kvaerno5")
 
 
-@dataclass
-class Settings:
-    duration: float = 2.0
-    """s"""
-    tolerances: tuple[float, ...] = (1e-4, 1e-6)
-    """relative, and absolute in m and m/s"""
-    out: Path = Path("results/stiff")
-    """folder for stiff.json and its figure"""
-    quick: bool = False
-    """half a second, one tolerance"""
+@measurement(page="numerics.md", quick={"duration": 0.5, "tolerances": (1e-4,)}, raw=("outcome",))
+def stiff(duration: float = 2.0, tolerances: tuple[float, ...] = (1e-4, 1e-6)) -> Iterator[Record]:
+    """A row for each scene, tolerance and method.
 
-
-def main(settings: Settings) -> None:
-    if settings.quick:
-        settings.duration, settings.tolerances = 0.5, (1e-4,)
-    scenes = stiff_scenes(load_scene("reference"))
-    rows = []
-    with tqdm(total=len(scenes) * (1 + len(METHODS) * len(settings.tolerances)), unit="rollout") as bar:
-        for name, scene in scenes.items():
-            bar.set_description(name)
-            truth = simulate(scene, settings.duration, options=SolverOptions("dopri8", rtol=1e-10, atol=1e-10))
-            bar.update()
-            for tolerance in settings.tolerances:
-                for method in METHODS:
-                    rows.append({"scene": name, **cost(scene, settings.duration, method, tolerance, truth)})
-                    bar.update()
-    save_json(settings.out / "stiff.json", {**measured(), "duration": settings.duration, "rows": rows})
-    plot.save(figure(rows), settings.out / "stiff.png")
-    for row in rows:
-        print(
-            f"{row['scene']:14s} {row['tolerance']:g} {row['method']:9s} {row['steps']:6d} steps, {row['rejected']:5d} "
-            f"rejected, {row['seconds']:.2f} s, error {row['error']:.1e} m: {row['outcome']}"
-        )
-    print(f"wrote {settings.out}/stiff.json and stiff.png")
+    Args:
+        duration: s
+        tolerances: relative, and absolute in m and m/s
+    """
+    for name, scene in stiff_scenes(load_scene("reference")).items():
+        truth = simulate(scene, duration, options=SolverOptions("dopri8", rtol=1e-10, atol=1e-10))
+        for tolerance, method in product(tolerances, METHODS):
+            yield {"scene": name, **cost(scene, duration, method, tolerance, truth)}
 
 
 def stiff_scenes(scene: Scene) -> dict[str, Scene]:
@@ -86,8 +62,8 @@ def cost(scene: Scene, duration: float, method: str, tolerance: float, truth) ->
     seconds = time.perf_counter() - start
     error = np.linalg.norm(centre_path(scene, trajectory)[-1] - centre_path(scene, truth)[-1])
     return {
-        "method": method,
         "tolerance": tolerance,
+        "method": method,
         "steps": int(trajectory.steps),
         "rejected": int(trajectory.rejected),
         "seconds": seconds,
@@ -96,9 +72,27 @@ def cost(scene: Scene, duration: float, method: str, tolerance: float, truth) ->
     }
 
 
-@plot.styled
-def figure(rows: list[dict]) -> Figure:
+@stiff.table
+def words(record: Record) -> str:
+    """All rows."""
+    return columns(
+        record["rows"],
+        {
+            "scene": "{scene}",
+            "tolerance": "{tolerance:g}",
+            "method": "{method}",
+            "steps": "{steps}",
+            "rejected": "{rejected}",
+            "wall time": "{seconds:.2f} s",
+            "error": "{error:.0e} m",
+        },
+    )
+
+
+@stiff.figure
+def figure(record: Record) -> Figure:
     """Steps, rejected ones included, a panel for each tolerance."""
+    rows = record["rows"]
     tolerances = list(dict.fromkeys(row["tolerance"] for row in rows))
     scenes = list(dict.fromkeys(row["scene"] for row in rows))
     chart = Figure(figsize=(5 * len(tolerances), 4), layout="constrained")
@@ -113,4 +107,4 @@ def figure(rows: list[dict]) -> Figure:
 
 
 if __name__ == "__main__":
-    run(main, Settings)
+    stiff.run()

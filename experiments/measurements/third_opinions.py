@@ -4,76 +4,66 @@ Nothing was searched for on them. Robots that begin at different phases of the g
 displacement after they have settled. Extra: `peer` for MuJoCo; --limit names the folder of the built C programs.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
 from importlib.util import find_spec
 from pathlib import Path
 
-from jaxgrity.cli.script import measured, run
+from measurement import Record, measurement
 
-import limit
+import limit as hand_written
 import numpy as np
 from matplotlib.figure import Figure
-from tqdm import tqdm
+from pages import columns
 
 from jaxgrity import Scene, SolverOptions, contact_twin, gaits_of, load_gait, load_scene, simulate_population, with_gait
-from jaxgrity.io.files import save_json
 from jaxgrity.model import body_length
-from jaxgrity.report import plot
 
 Ends = Callable[[np.ndarray, float], np.ndarray]
 """of phases (robots, actuators) and a duration, s: where the robots' centres of mass are, (robots, 3), m"""
 
 
-@dataclass
-class Settings:
-    gait: str = "straight"
-    """of the library, with one amplitude and one frequency for all actuators"""
-    robots: int = 16
-    """that begin at phases of their own"""
-    settled: float = 20.0
-    """s, after which the displacement counts"""
-    duration: float = 60.0
-    """s"""
-    limit: Path | None = None
-    """folder with the programs exact64 and limit64, built"""
-    out: Path = Path("results/third_opinions")
-    """folder for third_opinions.json and its figure"""
-    quick: bool = False
-    """two robots, 10 s, without MuJoCo"""
+@measurement(
+    page="gaits.md",
+    quick={"robots": 2, "settled": 5.0, "duration": 10.0, "mujoco": False},
+    raw=("speeds",),
+    listed=False,
+)
+def third_opinions(
+    gait: str = "straight",
+    robots: int = 16,
+    settled: float = 20.0,
+    duration: float = 60.0,
+    limit: Path | None = None,
+    mujoco: bool = True,
+) -> Iterator[Record]:
+    """A row for each program.
+
+    Args:
+        gait: of the library, with one amplitude and one frequency for all actuators
+        robots: that begin at phases of their own
+        settled: s, after which the displacement counts
+        duration: s
+        limit: folder with the programs exact64 and limit64, built
+        mujoco: by MuJoCo too, where it is installed
+    """
+    scene = with_gait(load_scene("exact"), load_gait(gait))
+    phases = np.asarray(scene.gait.phase) + np.random.default_rng(0).uniform(0, 2 * np.pi, (robots, 1))
+    for name, ends in engines_of(scene, limit, mujoco).items():
+        moved = ends(phases, duration) - ends(phases, settled)
+        speeds = np.hypot(moved[:, 0], moved[:, 1]) / (duration - settled) / float(body_length(scene))
+        mean, scatter, slowest = (float(f(speeds)) for f in (np.mean, np.std, np.min))
+        yield {"engine": name, "mean": mean, "standard_deviation": scatter, "slowest": slowest, "speeds": speeds}
+    return {"robots": robots}
 
 
-def main(settings: Settings) -> None:
-    if settings.quick:
-        settings.robots, settings.settled, settings.duration = 2, 5.0, 10.0
-    scene = with_gait(load_scene("exact"), load_gait(settings.gait))
-    engines = engines_of(scene, settings)
-    turns = np.random.default_rng(0).uniform(0, 2 * np.pi, (settings.robots, 1))
-    phases = np.asarray(scene.gait.phase) + turns
-    rows, speeds = [], {}
-    for name, ends in tqdm(engines.items(), unit="engine"):
-        moved = ends(phases, settings.duration) - ends(phases, settings.settled)
-        seconds = settings.duration - settings.settled
-        speeds[name] = np.hypot(moved[:, 0], moved[:, 1]) / seconds / float(body_length(scene))
-        mean, scatter, slowest = (float(f(speeds[name])) for f in (np.mean, np.std, np.min))
-        rows.append({"engine": name, "mean": mean, "standard_deviation": scatter, "slowest": slowest})
-    save_json(settings.out / "third_opinions.json", {**measured(), "robots": settings.robots, "rows": rows})
-    plot.save(figure(speeds), settings.out / "third_opinions.png")
-    for row in rows:
-        print(
-            f"{row['engine']:24s} {row['mean']:.3f} body lengths/s (standard deviation {row['standard_deviation']:.2g})"
-        )
-    print(f"wrote {settings.out}/")
-
-
-def engines_of(scene: Scene, settings: Settings) -> dict[str, Ends]:
+def engines_of(scene: Scene, programs: Path | None, mujoco: bool) -> dict[str, Ends]:
     """What rolls the robots out, by its name: on rigid contact, then on springs, then by MuJoCo."""
     twin = contact_twin(scene)
     found = {"jaxgrity, exact": by_jaxgrity(scene), "jaxgrity, penalty": by_jaxgrity(twin)}
-    if settings.limit is not None:
-        found["C, exact (exact64)"] = by_c(settings.limit / "exact64", scene, 2.5e-3)
-        found["C, penalty (limit64)"] = by_c(settings.limit / "limit64", twin, 2e-4)
-    if find_spec("mujoco") is not None and not settings.quick:
+    if programs is not None:
+        found["C, exact (exact64)"] = by_c(programs / "exact64", scene, 2.5e-3)
+        found["C, penalty (limit64)"] = by_c(programs / "limit64", twin, 2e-4)
+    if find_spec("mujoco") is not None and mujoco:
         found["MuJoCo"] = by_mujoco(twin)
     return found
 
@@ -90,7 +80,7 @@ def by_jaxgrity(scene: Scene) -> Ends:
 
 def by_c(program: Path, scene: Scene, dt: float) -> Ends:
     """At a step of `dt`, s."""
-    return lambda phases, duration: limit.roll(program, scene, phases, round(duration / dt), dt, threads=2)[0]
+    return lambda phases, duration: hand_written.roll(program, scene, phases, round(duration / dt), dt, threads=2)[0]
 
 
 def by_mujoco(scene: Scene) -> Ends:
@@ -106,9 +96,22 @@ def by_mujoco(scene: Scene) -> Ends:
     return ends
 
 
-@plot.styled
-def figure(speeds: dict[str, np.ndarray]) -> Figure:
+@third_opinions.table
+def words(record: Record) -> str:
+    """Speeds by program."""
+    cells = {
+        "program": "{engine}",
+        f"steady speed of {record['robots']} robots, body lengths/s": "{mean:.3f}",
+        "standard deviation": "{standard_deviation:.2g}",
+        "slowest": "{slowest:.3f}",
+    }
+    return columns(record["rows"], cells)
+
+
+@third_opinions.figure
+def figure(record: Record) -> Figure:
     """The speed of each robot on each engine."""
+    speeds = {row["engine"]: np.asarray(row["speeds"]) for row in record["rows"]}
     chart = Figure(figsize=(7, 3.4), layout="constrained")
     axes = chart.subplots()
     for k, values in enumerate(speeds.values()):
@@ -121,4 +124,4 @@ def figure(speeds: dict[str, np.ndarray]) -> Figure:
 
 
 if __name__ == "__main__":
-    run(main, Settings)
+    third_opinions.run()

@@ -8,19 +8,19 @@ import contextlib
 import multiprocessing
 import os
 import time
-from dataclasses import dataclass
-from pathlib import Path
+from collections.abc import Iterator
+from itertools import product
 from unittest import mock
 
-from jaxgrity.cli.script import cores, measured, run
+from jaxgrity.cli.script import cores
+from measurement import Record, measurement
 
 import jax.numpy as jnp
 import numpy as np
+from pages import table
 from random_structures import random_scene
-from tqdm import tqdm
 
 from jaxgrity import ConeFriction, ExactGround, Members, Scene, SolverOptions, Structure, edge_lengths, simulate
-from jaxgrity.io.files import save_json
 from jaxgrity.structures import tetrahedral_spine
 
 STEP = 2e-3
@@ -37,23 +37,16 @@ SOLVERS = {
 """what takes the place of what"""
 
 
-@dataclass
-class Settings:
-    steps: int = 100
-    """of each rollout, the fastest of three of which counts"""
-    out: Path = Path("results/threads")
-    """folder for threads.json"""
-    quick: bool = False
-    """ten steps of the spine alone"""
+@measurement(page="performance.md", quick={"scenes": ("spine",), "steps": 10}, listed=False)
+def threads(scenes: tuple[str, ...] = ("spine", "random"), steps: int = 100) -> Iterator[Record]:
+    """A row for each structure and solver, on an idle and on a busy machine.
 
-
-def main(settings: Settings) -> None:
+    Args:
+        scenes: a spine, and the first random structure of its size
+        steps: of each rollout, the fastest of three of which counts
+    """
     os.environ["OPENBLAS_NUM_THREADS"] = str(cores())
-    scenes, steps = (["spine"], 10) if settings.quick else (["spine", "random"], settings.steps)
-    rows = []
-    for scene, solver, busy in tqdm(
-        [(s, how, b) for s in scenes for how in SOLVERS for b in (False, True)], unit="run"
-    ):
+    for scene, solver, busy in product(scenes, SOLVERS, (False, True)):
         with contextlib.ExitStack() as running:
             for _ in range(cores() if busy else 0):
                 other = multiprocessing.get_context("spawn").Process(target=spin, daemon=True)
@@ -61,10 +54,8 @@ def main(settings: Settings) -> None:
                 running.callback(other.kill)
             pool = running.enter_context(multiprocessing.get_context("spawn").Pool(1))
             found = pool.apply(milliseconds, (scene, solver, steps))
-        rows.append({"scene": scene, "solver": solver, "busy": busy, **found})
-        tqdm.write(f"{scene} {solver}{' beside others' if busy else ''}: {found['milliseconds']:.3g} ms a step")
-    save_json(settings.out / "threads.json", {**measured(), "steps": steps, "rows": rows})
-    print(f"wrote {settings.out}/threads.json")
+        yield {"scene": scene, "solver": solver, "busy": busy, **found}
+    return {"steps": steps}
 
 
 def spin() -> None:
@@ -103,5 +94,18 @@ def scattered() -> Scene:
     return next(s for s in map(random_scene, range(1000)) if len(s.structure.struts.edges) == STRUTS)
 
 
+@threads.table
+def words(record: Record) -> str:
+    """What a step costs beside other work."""
+    said = {"spine": "a spine of tetrahedra on the ground", "random": "random struts with cables"}
+    rows = []
+    for scene, solver in dict.fromkeys((row["scene"], row["solver"]) for row in record["rows"]):
+        mine = [row for row in record["rows"] if (row["scene"], row["solver"]) == (scene, solver)]
+        size = f"{said[scene]}: {mine[0]['struts']} struts between {mine[0]['nodes']} nodes"
+        rows.append([size, solver, *(f"{row['milliseconds']:.2f}" for row in mine)])
+    beside = f"with {record['cores']} busy processes beside it"
+    return table(["structure", "dense systems", "ms a step, idle machine", beside], rows)
+
+
 if __name__ == "__main__":
-    run(main, Settings)
+    threads.run()

@@ -6,17 +6,18 @@ as its mirror image, to the right. Both gaits' clocks run on side by side, and f
 what both ask for. Beside it: robots that use the other gait from the drop on.
 """
 
-from dataclasses import dataclass, replace
-from pathlib import Path
+from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
-from jaxgrity.cli.script import measured, run
+from measurement import Record, measurement
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from basin import ENOUGH, drops
 from matplotlib.figure import Figure
+from pages import table
 
 from jaxgrity import Differences, SolverOptions, load_gait, load_scene
 from jaxgrity.control import (
@@ -32,9 +33,7 @@ from jaxgrity.control import (
     side_by_side,
     sure_footed,
 )
-from jaxgrity.io.files import save_json
 from jaxgrity.model import image, symmetries
-from jaxgrity.report import plot
 
 SETTLING, STRETCH, LAST = 20.0, 40.0, 10.0
 """s, before the exchange, from its beginning on, and of that the last ones, in which speed is measured"""
@@ -53,46 +52,34 @@ UNKNOWN = 0.25
 """share of the friction, within which it is drawn"""
 
 
-@dataclass
-class Settings:
-    robots: int = 64
-    """for each gait and each way to exchange it"""
-    over: tuple[float, ...] = (0.0, 2.0, 5.0)
-    """s, in which the gaits are exchanged; 0: at once"""
-    seed: int = 0
-    """of the drops"""
-    out: Path = Path("results/transitions")
-    """folder for transitions.json and its figure"""
-    quick: bool = False
-    """2 robots, exchanged at once"""
+@measurement(page="control.md", quick={"robots": 2, "over": (0.0,)})
+def transitions(robots: int = 64, over: tuple[float, ...] = (0.0, 2.0, 5.0), seed: int = 0) -> Iterator[Record]:
+    """A row for each gait and each way to exchange it.
 
-
-def main(settings: Settings) -> None:
-    if settings.quick:
-        settings.robots, settings.over = 2, (0.0,)
+    Args:
+        robots: for each of them
+        over: s, in which the gaits are exchanged; 0: at once
+        seed: of the drops
+    """
     scene, names = load_scene("exact"), (*FACTORS, LEFT, RIGHT)
-    cases = [(name, over) for name in names for over in settings.over]
-    count = len(cases) * settings.robots
+    cases = [(name, seconds) for name in names for seconds in over]
+    count = len(cases) * robots
     options = SolverOptions(dt=0.01, dtype="float32")
     plant = plant_of(scene, load_gait("lasting").members, motors=MotorLimits(rate=1.2), options=options)
-    friction = 1 + np.random.default_rng(settings.seed).uniform(-UNKNOWN, UNKNOWN, settings.robots)
+    friction = 1 + np.random.default_rng(seed).uniform(-UNKNOWN, UNKNOWN, robots)
     many = side_by_side(plant, count, Differences(friction=np.tile(friction, len(cases))))
-    policy = both(scene, [name for name, _ in cases for _ in range(settings.robots)])
-    q, v = (np.tile(x, (len(cases), 1, 1)) for x in drops(scene, settings.robots, settings.seed))
+    policy = both(scene, [name for name, _ in cases for _ in range(robots)])
+    q, v = (np.tile(x, (len(cases), 1, 1)) for x in drops(scene, robots, seed))
     start = np.moveaxis(q, 0, -1), np.moveaxis(v, 0, -1)
     loop = loop_start(many, policy, jax.random.key(0), start, each=True)
-    over = np.repeat([over for _, over in cases], settings.robots)
-    shares = exchanged(over)
+    shares = exchanged(np.repeat([seconds for _, seconds in cases], robots))
     speeds = {}
     _, speeds["anew"] = stretch(many, policy, loop, np.ones_like(shares))
     loop, speeds["before"] = stretch(many, policy, loop, np.zeros((round(SETTLING / PART), count)))
     loop, speeds["after"] = stretch(many, policy, loop, shares)
     _, speeds["back"] = stretch(many, policy, loop, 1 - shares)
-    rows = told(cases, {name: own.reshape(len(cases), -1) for name, own in speeds.items()})
-    save_json(settings.out / "transitions.json", {**measured(), "robots": settings.robots, "rows": rows})
-    plot.save(figure(rows), settings.out / "transitions.png")
-    for row in rows:
-        print(f"{row['gait']}, over {row['over']:g} s: {row['went_on']:.0%} go on, {row['came_back']:.0%} come back")
+    yield from told(cases, {name: own.reshape(len(cases), -1) for name, own in speeds.items()})
+    return {"robots": robots}
 
 
 def both(scene, names: list[str]) -> Blend:
@@ -158,9 +145,25 @@ def told(cases: list[tuple[str, float]], speeds: dict[str, np.ndarray]) -> list[
     return rows
 
 
-@plot.styled
-def figure(rows: list[dict[str, Any]]) -> Figure:
+@transitions.table
+def words(record: Record) -> str:
+    """How many robots go on, and come back."""
+    over = list(dict.fromkeys(row["over"] for row in record["rows"]))
+    found = {(row["gait"], row["over"]): row for row in record["rows"]}
+    rows = []
+    for name in dict.fromkeys(row["gait"] for row in record["rows"]):
+        own = [found[name, seconds] for seconds in over]
+        shares = [f"{100 * row['went_on']:.0f} %, {100 * row['came_back']:.0f} %" for row in own]
+        rows.append([name, f"{own[0]['expected']:.2f} m/s", f"{100 * own[0]['anew']:.0f} %", *shares])
+    first, *others = ["at once" if seconds == 0 else f"over {seconds:g} s" for seconds in over]
+    head = ["the other gait", "its speed", "as fast, with it from the drop on", f"go on, come back: {first}", *others]
+    return table(head, rows)
+
+
+@transitions.figure
+def figure(record: Record) -> Figure:
     """The share of robots that go on after each exchange, and after that back."""
+    rows = record["rows"]
     names, over = list(dict.fromkeys(row["gait"] for row in rows)), list(dict.fromkeys(row["over"] for row in rows))
     chart = Figure(figsize=(7, 4.2), layout="constrained")
     panes = chart.subplots(1, 2, sharey=True)
@@ -178,4 +181,4 @@ def figure(rows: list[dict[str, Any]]) -> Figure:
 
 
 if __name__ == "__main__":
-    run(main, Settings)
+    transitions.run()

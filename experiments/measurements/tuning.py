@@ -7,7 +7,6 @@ and the gains of swings of `PhaseLocked`, and the factors of the gait's amplitud
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
@@ -15,11 +14,11 @@ import jax.numpy as jnp
 import numpy as np
 from basin import ENOUGH, PART, drops
 from matplotlib.figure import Figure
+from pages import table
 from tqdm import tqdm
 
 from jaxgrity import Differences, SolverOptions, as_dtype, gait_record, load_gait, load_scene
 from jaxgrity.control import PhaseLocked, Plant, Task, drive, ground_of, loop_start, plant_of, side_by_side
-from jaxgrity.report import plot
 
 GAIT = "lasting"
 BUMPS, FAR = 0.02, 30.0
@@ -132,25 +131,24 @@ def judgement(controllers: dict[str, np.ndarray], size: Size) -> list[dict[str, 
     return rows
 
 
-def leave(out: Path, name: str, facts: dict[str, Any]) -> None:
-    """The figure of a search, and what it found in words."""
-    plot.save(figure(facts["rows"]), out / f"{name}.png")
-    for row in facts["judged"]:
-        told = ", ".join(f"{where}: {row[where]['rolling']:.0%}, {row[where]['speed']:.2f} m/s" for where in WHERE)
-        print(f"{row['name']}: {np.round(row['numbers'], 2).tolist()}; {told}")
-    print(f"wrote {out}/")
+def words(record: dict[str, Any]) -> str:
+    """What known feedback and that of a run are made of, and what they are worth."""
+    rows = []
+    for row in record["judged"]:
+        gains, swings, (larger, faster) = (row["numbers"][part] for part in (slice(4), slice(4, 8), slice(8, 10)))
+        told = [f"{100 * row[where]['rolling']:.0f} %, {row[where]['speed']:.2f} m/s" for where in ("level", "bumps")]
+        both = [", ".join(f"{x + 0:.2f}" for x in numbers) for numbers in (gains, swings)]
+        rows.append([row["name"], *both, f"{larger:.2f}, {faster:.2f}", *told])
+    head = ["feedback", "gains", "swings, s", "times the gait's amplitude and frequency"]
+    return table([*head, "level ground", "bumps of 2 cm"], rows)
 
 
-WHERE = ("level", "bumps")
-
-
-@plot.styled
-def figure(rows: list[dict[str, Any]]) -> Figure:
+def figure(record: dict[str, Any]) -> Figure:
     """What the best, the mean and the start are worth, generation by generation."""
     chart = Figure(figsize=(5, 3.2), layout="constrained")
     axes = chart.subplots()
     for name, label in (("best", "best candidate"), ("mean", "mean of the distribution"), ("start", "where it began")):
-        axes.plot([row[name] for row in rows], label=label)
+        axes.plot([row[name] for row in record["rows"]], label=label)
     axes.set(xlabel="generation", ylabel="worth (m/s)", ylim=(0, None))
     axes.legend()
     return chart

@@ -1,50 +1,40 @@
 """A real robot and its simulation: statics of the measured spine through all of its commanded poses, nothing fitted."""
 
-from dataclasses import dataclass
 from pathlib import Path
 
-from jaxgrity.cli.script import measured, run
+from measurement import Record, measurement
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from matplotlib.figure import Figure
+from pages import table
 from spine_robot import FOLDER, POSE, Spine, load_spine, pose, resting_shapes, rms
-
-from jaxgrity.io.files import save_json
-from jaxgrity.report import plot
 
 UNITS = np.array([1e3, 1e3, 180 / np.pi])
 """mm, mm and degrees, from m, m and rad"""
+UNIT = {"x": "mm", "z": "mm", "rotation": "°"}
+"""Unit of each part of a pose."""
 
 
-@dataclass
-class Settings:
-    tables: Path = FOLDER
-    """folder with spine.toml and the tables of measurements"""
-    out: Path = Path("results/validation")
-    """folder for validation.json and the figure"""
-    quick: bool = False
-    """the first ten commands alone"""
+@measurement(page="validation.md", quick={"first": 10}, raw=("simulated", "seen"))
+def validation(tables: Path = FOLDER, first: int | None = None) -> Record:
+    """How far the poses are from the authors' and the camera's.
 
-
-def main(settings: Settings) -> None:
-    spine = load_spine(settings.tables)
-    if settings.quick:
-        first = slice(10)
-        spine = spine._replace(
-            retraction=spine.retraction[first],
-            expected=spine.expected[first],
-            seen=spine.seen[:, first],
-            middle=spine.middle[:, first],
-        )
+    Args:
+        tables: folder with spine.toml and the tables of measurements
+        first: number of commands, the first ones; all, where not given
+    """
+    spine = load_spine(tables)
+    some = slice(first)
+    spine = spine._replace(
+        retraction=spine.retraction[some],
+        expected=spine.expected[some],
+        seen=spine.seen[:, some],
+        middle=spine.middle[:, some],
+    )
     simulated = np.asarray(jax.vmap(pose)(jnp.asarray(resting_shapes(spine))))
-    found = compared(spine, simulated)
-    save_json(settings.out / "validation.json", {**measured(), **found})
-    plot.save(figure(spine, simulated), settings.out / "validation.png")
-    for name in POSE:
-        print(f"{name}: {found['camera'][name]['least']:.2f} to {found['camera'][name]['most']:.2f} rms over the runs")
-    print(f"{settings.out}/validation.json, validation.png")
+    return compared(spine, simulated) | {"simulated": simulated, "seen": spine.seen}
 
 
 def compared(spine: Spine, simulated: np.ndarray) -> dict:
@@ -72,21 +62,23 @@ def compared(spine: Spine, simulated: np.ndarray) -> dict:
     }
 
 
-def figure(spine: Spine, simulated: np.ndarray) -> Figure:
+@validation.figure
+def figure(record: Record) -> Figure:
     """The path of the vertebra, and how far the camera's poses are from the simulated ones, run by run."""
+    seen, simulated = record["seen"], record["simulated"]
     chart = Figure(figsize=(9, 5.5), layout="constrained")
     grid = chart.add_gridspec(3, 2, width_ratios=[1, 1.4])
     path = chart.add_subplot(grid[:, 0])
-    for k, seen in enumerate(spine.seen):
-        label = f"camera, {len(spine.runs)} runs" if k == 0 else None
-        path.plot(*(1e3 * seen[:, :2].T), color="0.7", linewidth=0.7, label=label)
+    for k, run in enumerate(seen):
+        label = f"camera, {len(seen)} runs" if k == 0 else None
+        path.plot(*(1e3 * run[:, :2].T), color="0.7", linewidth=0.7, label=label)
     path.plot(*(1e3 * simulated[:, :2].T), color="C0", label="simulated")
     path.set(xlabel="x (mm)", ylabel="z (mm)", title="Origin of the vertebra's frame")
     path.legend()
-    spread = UNITS * np.nanstd(spine.seen, axis=0, ddof=1)
+    spread = UNITS * np.nanstd(seen, axis=0, ddof=1)
     for k, (name, unit) in enumerate(zip(POSE, ("mm", "mm", "degrees"))):
         axes = chart.add_subplot(grid[k, 1])
-        error = UNITS[k] * (spine.seen[:, :, k] - simulated[:, k])
+        error = UNITS[k] * (seen[:, :, k] - simulated[:, k])
         centre = np.nanmean(error, axis=0)
         steps = np.arange(len(simulated))
         axes.fill_between(steps, centre - spread[:, k], centre + spread[:, k], color="C0", alpha=0.3, linewidth=0)
@@ -101,5 +93,26 @@ def figure(spine: Spine, simulated: np.ndarray) -> Figure:
     return chart
 
 
+@validation.table
+def words(record: Record) -> str:
+    """How far the poses are off, beside what the robot itself repeats."""
+    rows = []
+    for name, unit in UNIT.items():
+        seen, authors = record["camera"][name], record["authors"][name]
+        rows.append(
+            [
+                name,
+                f"{1e3 * authors:.1f} µm" if unit == "mm" else f"{authors:.1e}{unit}",
+                f"{seen['least']:.2f} to {seen['most']:.2f} {unit}",
+                f"{seen['mean']:.2f} {unit}",
+                f"{seen['repeatability']:.2f} {unit}",
+                f"{seen['middle_least']:.2f} to {seen['middle_most']:.2f} {unit}",
+            ]
+        )
+    head = ["", "from the authors' poses, at most", "from the camera's, rms of a run", "in the mean"]
+    head += ["the robot from run to run", "from frames 0.5 to 1.4 s after a command"]
+    return table(head, rows)
+
+
 if __name__ == "__main__":
-    run(main, Settings)
+    validation.run()

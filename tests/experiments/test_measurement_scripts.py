@@ -14,19 +14,19 @@ import subprocess
 import sys
 from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import control_tables
-import gait_tables
 import identification_tables
 import library_gaits
 import numerics_tables
 import orbit_tables
 import pytest
+import registry
 import search_tables
 import speed_tables
 import stability
 import tyro
-import validation_tables
 
 import jaxgrity
 from jaxgrity import InputError
@@ -37,8 +37,13 @@ SCRIPTS = sorted(
     path.relative_to(EXPERIMENTS)
     for folder in ("", "baselines", "docs_tables", "measurements")
     for path in (EXPERIMENTS / folder).glob("*.py")
-    if "\n    run(main, Settings)" in path.read_text(encoding="utf-8")
+    if re.search(r"\n    (run\(main, Settings\)|\w+\.run\(\))", path.read_text(encoding="utf-8"))
 )
+
+
+def command(script: str) -> Any:
+    """What a script runs: its measurement, or itself, with a function `main` and a class `Settings`."""
+    return registry.measurements().get(script) or importlib.import_module(script)
 
 
 def run(script: str, *arguments: object, **environment: str) -> subprocess.CompletedProcess:
@@ -59,12 +64,17 @@ def quick(script: str, out: Path, *arguments: object) -> dict:
     return facts
 
 
+def words(name: str, record: dict) -> str:
+    """What a page says of the part of a record that is kept for it."""
+    found = registry.measurements()[name]
+    return found.words(found.quoted(record))
+
+
 @pytest.mark.parametrize("script", SCRIPTS, ids=str)
 def test_help_comes_from_the_settings(script, capsys):
     """Every script explains itself, and has a --quick size."""
-    module = importlib.import_module(script.stem)
     with pytest.raises(SystemExit, match="0"):
-        tyro.cli(module.Settings, args=["--help"], description=module.__doc__)
+        tyro.cli(command(script.stem).Settings, args=["--help"])
     assert "--quick" in capsys.readouterr().out
 
 
@@ -111,11 +121,11 @@ def test_no_experiment_imports_what_is_not_public(path):
 def test_bad_input_is_one_line(tmp_path, monkeypatch, script, arguments, words):
     """What, where, the value received, what was expected; nothing is written."""
     monkeypatch.chdir(tmp_path)
-    module = importlib.import_module(script)
+    asked = command(script)
     out = [] if script in ("keep_gait", "update_docs") else ["--out", "out"]
     methods = ["--methods", "random", "--plain"] if script == "search_baselines" else []
     with pytest.raises((InputError, OSError)) as refusal:
-        module.main(tyro.cli(module.Settings, args=[*arguments, *methods, *out]))
+        asked.main(tyro.cli(asked.Settings, args=[*arguments, *methods, *out]))
     said = str(refusal.value)
     assert "\n" not in said
     assert all(word in said for word in words), said
@@ -140,8 +150,7 @@ def test_error_bars_are_honest(tmp_path):
     for row in facts["rows"]:
         assert row["covered"] >= 0.85
         assert 1 <= row["median_ratio"] <= 5
-    condensed = numerics_tables.error_bars_facts(facts)
-    assert "| exact | 2 s | 0.005 s |" in numerics_tables.error_bars_table(condensed)
+    assert "| exact | 2 s | 0.005 s |" in words("error_bars", facts)
 
 
 @pytest.mark.campaign
@@ -164,7 +173,7 @@ def test_implicit_methods_take_fewer_steps_on_stiff_scenes(tmp_path):
         assert explicit["outcome"] == third["outcome"] == fifth["outcome"] == "succeeded"
         assert fifth["steps"] + fifth["rejected"] <= explicit["steps"] + explicit["rejected"], explicit["scene"]
         assert third["steps"] + third["rejected"] <= explicit["steps"] + explicit["rejected"], explicit["scene"]
-    assert "| all three | 0.0001 | kvaerno5 |" in numerics_tables.stiff_table(numerics_tables.stiff_facts(facts))
+    assert "| all three | 0.0001 | kvaerno5 |" in words("stiff", facts)
 
 
 @pytest.mark.campaign
@@ -320,10 +329,10 @@ def test_nothing_is_lost_in_a_crash(tmp_path):
 @pytest.mark.campaign
 def test_ranges_are_drawn_again(tmp_path):
     """Five statistics of two gaits on exact contact, and the words that are made of them."""
-    facts = search_tables.redraws_facts(quick("measurements/redraws.py", tmp_path / "redraws"))
+    facts = quick("measurements/redraws.py", tmp_path / "redraws")
     assert len(facts["rows"]) == 5
     assert all(0 <= row["covered"] <= 1 for row in facts["rows"])
-    assert "| mean speed of straight | 95 % |" in search_tables.redraws_table(facts)
+    assert "| mean speed of straight | 95 % |" in words("redraws", facts)
 
 
 @pytest.mark.campaign
@@ -333,13 +342,14 @@ def test_the_lasting_gait_is_followed_from_drops_and_on_other_robots(tmp_path):
     assert row["speed"] > 0.5
     assert 0 <= row["rolling_after_15_s"] <= 1
     assert row["median_seconds_until"] <= 20.0
-    climbed = gait_tables.climbing_facts(quick("measurements/climbing.py", tmp_path / "climbing"))
+    climbed = quick("measurements/climbing.py", tmp_path / "climbing")
     (steep,) = (row for row in climbed["rows"] if row["slope"] == 15)
     assert min(steep["own"]) > 0.3
-    assert f"| 15° | {steep['own'][0]:.2f}, " in gait_tables.climbing_table(climbed)
+    assert f"| 15° | {steep['own'][0]:.2f}, " in words("climbing", climbed)
     scans = quick("measurements/ranges.py", tmp_path / "ranges")
-    assert len(gait_tables.ranges_facts(scans)["rows"]) == len(scans["rows"]) / 3
-    assert all(one["mean"] is None or one["slowest"] <= one["mean"] <= one["fastest"] for one in scans["rows"])
+    every = [one for row in scans["rows"] for one in row["scan"]]
+    assert len(every) == 3 * len(scans["rows"])
+    assert all(one["mean"] is None or one["slowest"] <= one["mean"] <= one["fastest"] for one in every)
 
 
 @pytest.mark.campaign
@@ -352,22 +362,20 @@ def test_robots_are_driven_by_feedback_to_goals_and_in_environments(tmp_path):
     )
     facts = quick("measurements/steering.py", tmp_path / "steering")
     assert (tmp_path / "steering" / "replay.html").exists()
-    assert "| 0.1 | " in control_tables.steering_table(control_tables.steering_facts(facts))
+    assert "| 0.1 | " in words("steering", facts)
     facts = quick("measurements/transitions.py", tmp_path / "transitions")
-    assert "| left | " in control_tables.transitions_table(control_tables.transitions_facts(facts))
+    assert "| left | " in words("transitions", facts)
     facts = quick("measurements/sampling_ways.py", tmp_path / "sampling_ways")
-    assert "| two rounds, 3 bends | 0 of 1 |" in control_tables.sampling_ways_table(
-        control_tables.sampling_ways_facts(facts)
-    )
+    assert "| two rounds, 3 bends | 0 of 1 |" in words("sampling_ways", facts)
     for ground in ("slope", "bumps"):
         name = f"goals_{ground}"
         facts = quick("measurements/goals.py", tmp_path / name, "--ground", ground)
         assert " of 1 |" in control_tables.goals_table(name, control_tables.goals_facts(facts))
     facts = quick("measurements/environments.py", tmp_path / "environments")
     assert facts["rows"][0]["repeated"]
-    assert "| heading | 800 | " in control_tables.environments_table(control_tables.environments_facts(facts))
+    assert "| heading | 800 | " in words("environments", facts)
     facts = quick("measurements/tune_feedback.py", tmp_path / "tune")
-    assert "| found by this run |" in control_tables.tuning_table("tune_feedback", control_tables.tuning_facts(facts))
+    assert "| found by this run |" in words("tune_feedback", facts)
     judged = {row["name"]: row for row in facts["judged"]}
     assert judged["found by this run"]["numbers"][4:] == judged["default"]["numbers"][4:] == [0.0] * 4 + [1.0] * 2
 
@@ -376,9 +384,7 @@ def test_robots_are_driven_by_feedback_to_goals_and_in_environments(tmp_path):
 def test_orbits_are_followed_gaits_polished_and_a_repertoire_filled(tmp_path):
     """Quick sizes: what the tables of docs/gaits.md about them are made of."""
     facts = quick("measurements/continuation.py", tmp_path / "continuation")
-    assert "| friction | 0.90 times, no further tried | 1.00 times" in orbit_tables.continuation_table(
-        orbit_tables.continuation_facts(facts)
-    )
+    assert "| friction | 0.90 times, no further tried | 1.00 times" in words("continuation", facts)
     facts = orbit_tables.polish_comparison_facts(quick("measurements/polish_comparison.py", tmp_path / "polish"))
     assert [row["way"] for row in facts["rows"]] == ["search runs on", "smoothed", "orbit"]
     assert all(row["spent"] <= facts["rollouts"] for row in facts["rows"])
@@ -415,7 +421,7 @@ def test_robots_are_led_round_obstacles_and_feedback_is_tuned_on_bumps(tmp_path)
     facts = quick("measurements/predictive_speed.py", tmp_path / "predictive_speed")
     assert "| 8 | " in control_tables.predictive_speed_table(control_tables.predictive_speed_facts(facts))
     facts = quick("measurements/tune_on_bumps.py", tmp_path / "tune_on_bumps")
-    assert "| `sure_footed` |" in control_tables.tuning_table("tune_on_bumps", control_tables.tuning_facts(facts))
+    assert "| `sure_footed` |" in words("tune_on_bumps", facts)
     found = next(row for row in facts["judged"] if row["name"] == "found by this run")
     assert found["numbers"] != facts["judged"][0]["numbers"]
 
@@ -423,26 +429,24 @@ def test_robots_are_led_round_obstacles_and_feedback_is_tuned_on_bumps(tmp_path)
 @pytest.mark.campaign
 def test_robots_are_designed(tmp_path):
     """Quick size: what the table of docs/gaits.md about it is made of; limits are kept."""
-    facts = orbit_tables.design_study_facts(quick("measurements/design_study.py", tmp_path))
+    facts = quick("measurements/design_study.py", tmp_path)
     assert [row["kind"] for row in facts["rows"]] == ["gait alone", "robot and gait"]
     assert all(row["peak_power"] <= 160 and row["strut_force"] <= facts["limits"][0] for row in facts["rows"])
-    assert "| robot and gait | 160 W | **" in orbit_tables.design_study_table(facts)
+    assert "| robot and gait | 160 W | **" in words("design_study", facts)
     study = tmp_path / "design_study.json"
-    climbed = orbit_tables.design_gradient_facts(
-        quick("measurements/design_gradient.py", tmp_path / "climbs", "--study", study)
-    )
+    climbed = quick("measurements/design_gradient.py", tmp_path / "climbs", "--study", study)
     (row,) = climbed["rows"]
     assert row["power"] == 160
     assert row["kept"] <= row["steps"] <= 4
-    assert orbit_tables.design_gradient_table(climbed).startswith("| power allowed |")
+    assert words("design_gradient", climbed).startswith("| power allowed |")
 
 
 @pytest.mark.slow
 def test_damping_of_the_spine_is_not_told(tmp_path):
     """Quick size: what the table of docs/validation.md about it is made of."""
-    facts = validation_tables.spine_dynamics_facts(quick("measurements/spine_dynamics.py", tmp_path))
+    facts = quick("measurements/spine_dynamics.py", tmp_path)
     assert facts["ratios"] == facts["tried"]
-    assert "| damping ratios that cannot be told apart | 0.01 to 1 |" in validation_tables.spine_dynamics_table(facts)
+    assert "| damping ratios that cannot be told apart | 0.01 to 1 |" in words("spine_dynamics", facts)
 
 
 @pytest.mark.campaign

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import paper
 import pytest
-from docs_tables.pages import filled
+from measurements.pages import filled
 from paper import CLAIMS, check
 from paper_claims.penalty import half_millimetre_row
 from paper_claims.report import CONDITIONAL, FAILS, HOLDS

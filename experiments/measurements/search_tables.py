@@ -158,21 +158,6 @@ def _speeds(row: Facts, model: str) -> str:
     return median if low == high else f"{median} ({low} to {high})"
 
 
-def redraws_facts(raw: Facts) -> Facts:
-    return {name: raw[name] for name in ("command", "draws", "robots", "rows")}
-
-
-def redraws_table(facts: Facts) -> str:
-    """How many of the ranges cover, by statistic and contact model; 95 % are meant to."""
-    covered: dict[str, dict[str, float]] = {}
-    for row in facts["rows"]:
-        covered.setdefault(row["statistic"], {})[row["contact"]] = row["covered"]
-    contacts = list(dict.fromkeys(row["contact"] for row in facts["rows"]))
-    head = [f"of {facts['draws']} ensembles of {facts['robots']} robots, ranges that cover", "meant to", *contacts]
-    rows = [[name, "95 %", *(f"{100 * found[each]:.0f} %" for each in contacts)] for name, found in covered.items()]
-    return table(head, rows) + made_by(facts, "redraws")
-
-
 def crash_recovery_facts(raw: Facts) -> Facts:
     every = raw["kills"]
     return {

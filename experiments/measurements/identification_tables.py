@@ -30,26 +30,6 @@ def identification_table(facts: Facts) -> str:
     return table([*head, "within 2 %", "inside its interval"], rows) + made_by(facts, "identification")
 
 
-def leaf_gradients_facts(raw: Facts) -> Facts:
-    rows: dict[str, Facts] = {}
-    for row in raw["rows"]:
-        worst = rows.setdefault(row["robot"], {"arrays": 0, "matter": 0, "reverse": 0.0, "differences": 0.0})
-        worst["arrays"] += 1
-        worst["matter"] += row["derivative"] != 0
-        for kind in ("reverse", "differences"):
-            worst[kind] = max(worst[kind], row[kind])
-    return chosen(raw, "command", "cores") | {"robots": rows}
-
-
-def leaf_gradients_table(facts: Facts) -> str:
-    rows = [
-        [name, f"{each['matter']} of {each['arrays']}", f"{each['reverse']:.0e}", f"{each['differences']:.0e}"]
-        for name, each in facts["robots"].items()
-    ]
-    head = ["what", "arrays that matter", "reverse mode off forward mode", "central differences off forward mode"]
-    return table(head, rows) + made_by(facts, "leaf_gradients")
-
-
 def sim_to_real_facts(raw: Facts) -> Facts:
     names = ("speed", "mean", "standard_deviation", "by_gradient", "rolling", "explained", "parameters")
     forecasts = {name: chosen(each, *names) for name, each in raw["forecasts"].items()}

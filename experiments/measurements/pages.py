@@ -1,6 +1,7 @@
 """Pages whose tables are generated: what stands between `<!-- measured: NAME -->` and `<!-- end -->` is replaced."""
 
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 from jaxgrity import InputError
@@ -12,6 +13,12 @@ def table(head: list[str], rows: list[list[str]]) -> str:
     assert all(len(row) == len(head) for row in rows), "a cell for each head"
     lines = [head, ["---"] * len(head), *rows]
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def columns(rows: list[dict], cells: dict[str, str | Callable[[dict], str]]) -> str:
+    """A Markdown table with a line for each row: under every head a format of the row's values, or a function of it."""
+    made = [[cell.format(**row) if isinstance(cell, str) else cell(row) for cell in cells.values()] for row in rows]
+    return table(list(cells), made)
 
 
 def filled(text: str, blocks: dict[str, str]) -> str:

@@ -58,50 +58,6 @@ def polish_comparison_table(facts: Facts) -> str:
     return f"{table(head, rows)}\n\n{settings}" + made_by(facts, "polish_comparison")
 
 
-def continuation_facts(raw: Facts) -> Facts:
-    """Of each quantity: from where to where the orbit was followed, its speeds and multipliers there."""
-    rows = []
-    for quantity in dict.fromkeys(row["quantity"] for row in raw["rows"]):
-        every = [row for row in raw["rows"] if row["quantity"] == quantity]
-        held = [row for row in every if row["on_orbit"]]
-        values, speeds = [row["value"] for row in held], [row["speed"] for row in held]
-        known = [(row["multiplier"], row["value"]) for row in held if row["multiplier"] is not None]
-        rows.append(
-            {
-                "quantity": quantity,
-                "from": min(values),
-                "to": max(values),
-                "lost_below": any(row["value"] < min(values) for row in every),
-                "lost_above": any(row["value"] > max(values) for row in every),
-                "slowest": min(speeds),
-                "fastest": max(speeds),
-                "multiplier": max(known)[0] if known else None,
-                "multiplier_at": max(known)[1] if known else None,
-                "periods": sorted({row["periods"] for row in held}),
-            }
-        )
-    return {"command": raw["command"], "gait": raw["gait"], "rows": rows}
-
-
-def continuation_table(facts: Facts) -> str:
-    def value(row: Facts, x: float) -> str:
-        return f"{x:+.1f}°" if row["quantity"] == "slope" else f"{x:.2f} times"
-
-    rows = [
-        [
-            row["quantity"],
-            f"{value(row, row['from'])}, {'lost beyond' if row['lost_below'] else 'no further tried'}",
-            f"{value(row, row['to'])}, {'lost beyond' if row['lost_above'] else 'no further tried'}",
-            f"{row['slowest']:.2f} to {row['fastest']:.2f}",
-            "-" if row["multiplier"] is None else f"{row['multiplier']:.2g} at {value(row, row['multiplier_at'])}",
-            " or ".join(str(count) for count in row["periods"]),
-        ]
-        for row in facts["rows"]
-    ]
-    head = ["quantity", "from", "to", "speed, body lengths/s", "largest multiplier", "periods in a cycle"]
-    return table(head, rows) + made_by(facts, "continuation")
-
-
 def repertoire_facts(raw: Facts) -> Facts:
     """How many cells were filled, and the orbits of the elites that were looked at."""
     counts = {"filled": raw["filled"][-1], "cells": raw["cells"][0] * raw["cells"][1], "rollouts": raw["rollouts"]}
@@ -134,64 +90,6 @@ def repertoire_table(facts: Facts) -> str:
     head += ["bend of its orbit", "largest multiplier", "robots that return", "watched for"]
     about = [f"{facts['filled']} of {facts['cells']}", str(facts["rollouts"])]
     return f"{table(head, rows)}\n\n{table(['cells with a gait', 'rollouts'], [about])}" + made_by(facts, "repertoire")
-
-
-ROLLS = 0.1
-"""m/s, below which a robot counts as staying where it is"""
-
-
-def design_study_facts(raw: Facts) -> Facts:
-    return chosen(raw, "command", "cores", "limits", "designs", "minutes", "processor_minutes", "rows")
-
-
-def design_study_table(facts: Facts) -> str:
-    rows = []
-    for row in facts["rows"]:
-        about = [row["kind"], f"{row['power']:g} W"]
-        if row["speed"] is None or row["speed"] < ROLLS:
-            rows.append([*about, "none rolls", *[""] * 9])
-            continue
-        factors = [f"{factor:.2f}" for factor in row["factors"].values()]
-        forces = f"{row['strut_force']:.0f} N, {row['cable_force']:.0f} N"
-        asked = [f"{row['peak_power']:.0f} W", forces, f"{row['cost_of_transport']:.2f}"]
-        rows.append([*about, f"**{row['speed']:.3f}**", *asked, *factors[:2], ", ".join(factors[2:5]), *factors[5:]])
-    head = ["chosen", "power allowed", "steady speed, m/s", "power needed", "struts, cables", "cost of transport"]
-    head += ["cable stiffness, times", "rest length", "pairs of struts", "mass", "swing", "frequency"]
-    minutes = f"{facts['designs']} designs, {facts['minutes']:.0f} minutes on {facts['cores']} cores"
-    took = f"{minutes}, {facts['processor_minutes']:.0f} minutes of processor time"
-    limits = f"{facts['limits'][0]:g} N for struts, {facts['limits'][1]:g} N for cables"
-    about = table(["the study", "measured"], [["both searches", took], ["limits besides power", limits]])
-    return table(head, rows) + "\n\n" + about + made_by(facts, "design_study")
-
-
-def _told(found: Facts) -> str:
-    """Of one design on one contact model."""
-    return f"{found['speed']:.3f}, {found['peak_power']:.0f} W" + ("" if found["settled"] else ", no orbit")
-
-
-def design_gradient_facts(raw: Facts) -> Facts:
-    kept = ("speed", "settled", "peak_power", "strut_force")
-    rows = [
-        chosen(row, "power", "exact", "said")
-        | {name: row[name] and chosen(row[name], *kept) for name in ("penalty", "climbed", "back") if name in row}
-        | {"steps": len(row.get("steps", [])), "kept": sum(step["kept"] for step in row.get("steps", []))}
-        for row in raw["rows"]
-    ]
-    return chosen(raw, "command", "cores", "minutes") | {"rows": rows}
-
-
-def design_gradient_table(facts: Facts) -> str:
-    rows = []
-    for row in facts["rows"]:
-        about = [f"{row['power']:g} W", f"{row['exact']:.3f}"]
-        if not row["penalty"]:
-            rows.append([*about, row["said"], "", "", ""])
-            continue
-        penalty, climbed, back = (row[name] and _told(row[name]) for name in ("penalty", "climbed", "back"))
-        rows.append([*about, penalty, climbed, f"{row['kept']} of {row['steps']}", back or ""])
-    head = ["power allowed", "by the search, exact contact, m/s", "the same on penalty contact, power needed"]
-    head += ["after the climb there", "steps that were worth it", "back on exact contact"]
-    return table(head, rows) + made_by(facts, "design_gradient")
 
 
 def _span(values: list[float]) -> str:

@@ -13,20 +13,19 @@ from pathlib import Path
 from typing import NamedTuple
 
 from jaxgrity.cli.script import run
+from measurement import Measurement
 
-import conformance_tables as conformance
 import control_tables as control
-import gait_tables as gaits
 import identification_tables as identification
 import library_tables as library
 import numerics_tables as numerics
 import orbit_tables
-import population_tables as populations
 import search_tables as search
 import speed_tables as speed
 import validation_tables as validation
 from compact_json import save_compact
 from pages import fill_page
+from registry import measurements
 
 from jaxgrity import InputError
 from jaxgrity.io.files import read_text
@@ -65,7 +64,15 @@ def one_block(name: str, page: str, facts: Callable, words: Callable) -> Source:
     return Source(f"{name}/{name}.json", facts, {name: Block(page, words)}, {f"{name}.png": f"{name}.png"})
 
 
+def source_of(found: Measurement) -> Source:
+    """What a page quotes of a measurement."""
+    page, picture = f"docs/{found.page}", f"{found.name}.png"
+    pictures = {} if found.draw is None else {picture: picture}
+    return Source(f"{found.name}/{found.name}.json", found.quoted, {found.name: Block(page, found.words)}, pictures)
+
+
 SOURCES: dict[str, Source] = {
+    **{found.name: source_of(found) for found in measurements().values()},
     "gait_search": Source(
         "gait_search/summary.json",
         library.gait_search_facts,
@@ -84,30 +91,16 @@ SOURCES: dict[str, Source] = {
         },
         {"scaling.png": "scaling.png"},
     ),
-    "populations": one_block("populations", SCALING, populations.populations_facts, populations.populations_table),
-    "threads": Source(
-        "threads/threads.json",
-        populations.threads_facts,
-        {"threads": Block(PERFORMANCE, populations.threads_table)},
-    ),
     "first_commands": Source(
         "first_commands/first_commands.json",
         speed.first_commands_facts,
         {"first_commands": Block(PERFORMANCE, speed.first_commands_table)},
     ),
-    "error_bars": one_block("error_bars", NUMERICS, numerics.error_bars_facts, numerics.error_bars_table),
-    "stability": one_block("stability", NUMERICS, numerics.stability_facts, numerics.stability_table),
-    "stiff": one_block("stiff", NUMERICS, numerics.stiff_facts, numerics.stiff_table),
     "hard_cases": one_block("hard_cases", NUMERICS, numerics.hard_cases_facts, numerics.hard_cases_table),
     "random_structures": Source(
         "random_structures/random_structures.json",
         numerics.random_structures_facts,
         {"random_structures": Block(NUMERICS, numerics.random_structures_table)},
-    ),
-    "stairs_energy": Source(
-        "stairs_energy/stairs_energy.json",
-        numerics.stairs_energy_facts,
-        {"stairs_energy": Block(TERRAIN, numerics.stairs_energy_table)},
     ),
     **{
         f"{folder}_{name}": Source(
@@ -146,22 +139,10 @@ SOURCES: dict[str, Source] = {
         "lasting_baselines", SEARCH, search.lasting_baselines_facts, search.lasting_baselines_table
     ),
     "library_gaits": one_block("library_gaits", SEARCH, library.library_gaits_facts, library.library_gaits_table),
-    "orbits": one_block("orbits", GAITS, gaits.orbits_facts, gaits.orbits_table),
-    "continuation": one_block("continuation", GAITS, orbit_tables.continuation_facts, orbit_tables.continuation_table),
     "multipliers": one_block("multipliers", GAITS, orbit_tables.multipliers_facts, orbit_tables.multipliers_table),
     "repertoire": one_block("repertoire", GAITS, orbit_tables.repertoire_facts, orbit_tables.repertoire_table),
     "polish_comparison": one_block(
         "polish_comparison", GAITS, orbit_tables.polish_comparison_facts, orbit_tables.polish_comparison_table
-    ),
-    "climbing": one_block("climbing", GAITS, gaits.climbing_facts, gaits.climbing_table),
-    "ranges": one_block("ranges", GAITS, gaits.ranges_facts, gaits.ranges_table),
-    "third_opinions": one_block("third_opinions", GAITS, gaits.third_opinions_facts, gaits.third_opinions_table),
-    "basin": one_block("basin", GAITS, gaits.basin_facts, gaits.basin_table),
-    "robots_that_differ": one_block(
-        "robots_that_differ", GAITS, gaits.robots_that_differ_facts, gaits.robots_that_differ_table
-    ),
-    "orbits_of_searches": one_block(
-        "orbits_of_searches", GAITS, gaits.orbits_of_searches_facts, gaits.orbits_of_searches_table
     ),
     **{
         name: Source(
@@ -173,11 +154,6 @@ SOURCES: dict[str, Source] = {
         for name in ("feedback_exact", "feedback_penalty")
     },
     **{
-        name: one_block(name, CONTROL, control.tuning_facts, partial(control.tuning_table, name))
-        for name in ("tune_feedback", "tune_on_bumps")
-    },
-    "steering": one_block("steering", CONTROL, control.steering_facts, control.steering_table),
-    **{
         name: Source(
             f"goals/{name}.json",
             control.goals_facts,
@@ -186,33 +162,8 @@ SOURCES: dict[str, Source] = {
         )
         for name in ("goals_slope", "goals_bumps")
     },
-    "sampling_ways": one_block("sampling_ways", CONTROL, control.sampling_ways_facts, control.sampling_ways_table),
-    "scene_field": one_block("scene_field", CONTROL, control.scene_field_facts, control.scene_field_table),
-    "transitions": one_block("transitions", CONTROL, control.transitions_facts, control.transitions_table),
     "obstacles": one_block("obstacles", CONTROL, control.obstacles_facts, control.obstacles_table),
-    "predictive_speed": one_block(
-        "predictive_speed", CONTROL, control.predictive_speed_facts, control.predictive_speed_table
-    ),
     "task_baselines": one_block("task_baselines", CONTROL, control.task_baselines_facts, control.task_baselines_table),
-    "environments": Source(
-        "environments/environments.json",
-        control.environments_facts,
-        {"environments": Block(CONTROL, control.environments_table)},
-    ),
-    "conformance": Source(
-        "conformance/conformance.json",
-        conformance.conformance_facts,
-        {"conformance": Block("docs/conformance.md", conformance.conformance_table)},
-    ),
-    "explorer_session": Source(
-        "explorer_session/explorer_session.json",
-        speed.explorer_facts,
-        {"explorer_session": Block("docs/seeing.md", speed.explorer_table)},
-    ),
-    "validation": one_block("validation", VALIDATION, validation.validation_facts, validation.validation_table),
-    "spine_dynamics": one_block(
-        "spine_dynamics", VALIDATION, validation.spine_dynamics_facts, validation.spine_dynamics_table
-    ),
     "spine": Source(
         "spine/spine.json",
         validation.spine_facts,
@@ -225,10 +176,6 @@ SOURCES: dict[str, Source] = {
     "identification": one_block(
         "identification", IDENTIFICATION, identification.identification_facts, identification.identification_table
     ),
-    "design_study": one_block("design_study", GAITS, orbit_tables.design_study_facts, orbit_tables.design_study_table),
-    "design_gradient": one_block(
-        "design_gradient", GAITS, orbit_tables.design_gradient_facts, orbit_tables.design_gradient_table
-    ),
     "sim_to_real": Source(
         "sim_to_real/sim_to_real.json",
         identification.sim_to_real_facts,
@@ -238,11 +185,6 @@ SOURCES: dict[str, Source] = {
         },
         {"sim_to_real.png": "sim_to_real.png"},
     ),
-    "leaf_gradients": one_block(
-        "leaf_gradients", IDENTIFICATION, identification.leaf_gradients_facts, identification.leaf_gradients_table
-    ),
-    "ntrt": Source("ntrt/ntrt.json", conformance.ntrt_facts, {"ntrt": Block("docs/files.md", conformance.ntrt_table)}),
-    "redraws": one_block("redraws", SEARCH, search.redraws_facts, search.redraws_table),
     "crash_recovery": Source(
         "crash_recovery/crash_recovery.json",
         search.crash_recovery_facts,

@@ -220,23 +220,6 @@ def gradients_table(facts: Facts) -> str:
     return "\n\n".join(tables) + made_by(facts, "gradients")
 
 
-def explorer_facts(raw: Facts) -> Facts:
-    return {name: value for name, value in raw.items() if name != "megabytes"}
-
-
-def explorer_table(facts: Facts) -> str:
-    rows = [
-        ["rollouts in one session", f"{facts['rollouts']}, of {facts['duration']:g} s each"],
-        ["until the first one is shown, with its error bar", f"{facts['first_picture_seconds']:.0f} s"],
-        ["from a slider to its rollout, median", f"{facts['median_answer']:.2f} s"],
-        ["the slowest of them", f"{facts['slowest_answer']:.2f} s"],
-        ["programs compiled after the first 20 rollouts", str(facts["compiled_later"])],
-        ["memory after 20 rollouts", f"{facts['megabytes_settled']:.0f} MB"],
-        ["largest growth later", f"{facts['largest_growth']:.1%}"],
-    ]
-    return table(["a long session", "measured"], rows) + made_by(facts, "explorer_session")
-
-
 WAITED = ("first_word", "seconds", "cpu", "tracing", "compiling", "programs")
 """what the table of the first commands has of each"""
 

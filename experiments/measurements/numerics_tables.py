@@ -5,40 +5,6 @@ from pages import made_by, table
 Facts = dict
 
 
-def error_bars_facts(raw: Facts) -> Facts:
-    kept = ("scene", "duration", "dt", "gaits", "covered", "median_error", "median_bar", "median_ratio")
-    return chosen(raw, "command", "cores", "seed") | {"rows": [chosen(row, *kept) for row in raw["rows"]]}
-
-
-def error_bars_table(facts: Facts) -> str:
-    rows = [
-        [
-            row["scene"],
-            f"{row['duration']:g} s",
-            f"{row['dt']:g} s",
-            f"{row['covered']:.0%}",
-            f"{row['median_error']:.1e} m",
-            f"{row['median_bar']:.1e} m",
-            f"{row['median_ratio']:.1f}",
-        ]
-        for row in facts["rows"]
-    ]
-    head = ["scene", "horizon", "step", "covered", "median error", "median bar", "median of bar / error"]
-    return table(head, rows) + made_by(facts, "error_bars")
-
-
-def stability_facts(raw: Facts) -> Facts:
-    return chosen(raw, "command", "cores", "scenes", "worst", "limits")
-
-
-def stability_table(facts: Facts) -> str:
-    rows = [[name, f"{off:.0%}"] for name, off in facts["worst"].items()]
-    head = ["method", f"largest deviation, {facts['scenes']} scenes"]
-    limits = [[row["scene"], row["method"], f"{1e3 * row['step']:.3g} ms", row["set_by"]] for row in facts["limits"]]
-    known = table(["scene", "method", "largest stable step", "set by"], limits)
-    return f"{table(head, rows)}\n\n{known}" + made_by(facts, "stability")
-
-
 def equivalence_facts(raw: Facts) -> Facts:
     """Of each law the first and the last stiffness, and how deep the robot stands in the ground at the end."""
     rows = []
@@ -67,28 +33,6 @@ def equivalence_table(facts: Facts) -> str:
         depth = f"{facts['depth_over_expected']:.3f} m g/(n k_n)"
         said += "\n\n" + table(["how deep the robot stands in the ground at the highest k_n"], [[depth]])
     return said + made_by(facts, f"equivalence_{facts['motion']}")
-
-
-def stiff_facts(raw: Facts) -> Facts:
-    kept = ("scene", "tolerance", "method", "steps", "rejected", "seconds", "error")
-    return chosen(raw, "command", "cores") | {"rows": [chosen(row, *kept) for row in raw["rows"]]}
-
-
-def stiff_table(facts: Facts) -> str:
-    rows = [
-        [
-            row["scene"],
-            f"{row['tolerance']:g}",
-            row["method"],
-            str(row["steps"]),
-            str(row["rejected"]),
-            f"{row['seconds']:.2f} s",
-            f"{row['error']:.0e} m",
-        ]
-        for row in facts["rows"]
-    ]
-    head = ["scene", "tolerance", "method", "steps", "rejected", "wall time", "error"]
-    return table(head, rows) + made_by(facts, "stiff")
 
 
 def hard_cases_facts(raw: Facts) -> Facts:
@@ -181,15 +125,3 @@ def random_structures_table(facts: Facts) -> str:
     ]
     head = [what, "flagged", "not flagged, a strut off by more than 1e-6", "largest share off", "largest residual"]
     return table(head, rows) + made_by(facts, "random_structures")
-
-
-def stairs_energy_facts(raw: Facts) -> Facts:
-    return chosen(raw, "command", "cores", "duration", "rows")
-
-
-def stairs_energy_table(facts: Facts) -> str:
-    rows = [
-        [row["contact"], f"{1e3 * row['dt']:.3g} ms", f"{row['missed']:.2%}", f"{row['turned_over']:.2f} J"]
-        for row in facts["rows"]
-    ]
-    return table(["contact", "step", "missed, at most", "of"], rows) + made_by(facts, "stairs_energy")

@@ -1,0 +1,98 @@
+"""What the decorator makes of a function: settings, a record that is kept row by row, and what a page quotes of it."""
+
+import json
+
+from measurement import measurement
+
+import pytest
+import registry
+import tyro
+from matplotlib.figure import Figure
+from pages import columns
+
+
+def example():
+    """Squares, with an array that no page quotes."""
+
+    @measurement(page="numerics.md", quick={"count": 2}, raw=("all",))
+    def squares(count: int = 3, first: float = 1.0):
+        """A row for each number.
+
+        Args:
+            count: numbers
+            first: the least of them
+        """
+        for k in range(count):
+            yield {"x": first + k, "square": (first + k) ** 2, "all": [0] * 9}
+            if (first + k) == 13:
+                raise RuntimeError
+        return {"count": count}
+
+    @squares.table
+    def words(record):
+        return columns(record["rows"], {"x": "{x:g}", "square": lambda row: f"{row['square']:g} m"})
+
+    return squares
+
+
+def test_parameters_are_options(capsys):
+    """With what the docstring says of them, and with --out and --quick."""
+    squares = example()
+    chosen = tyro.cli(squares.Settings, args=["--first", "4"])
+    assert (chosen.count, chosen.first, chosen.quick, str(chosen.out)) == (3, 4.0, False, "results/squares")
+    with pytest.raises(SystemExit, match="0"):
+        tyro.cli(squares.Settings, args=["--help"])
+    said = capsys.readouterr().out
+    assert "the least of them" in said
+    assert "count = 2" in said
+
+
+def test_a_record_has_all_rows_and_a_page_what_it_quotes(tmp_path, capsys):
+    """The table is said, and stands with the command that made it."""
+    squares = example()
+    squares.main(squares.Settings(quick=True, out=tmp_path))
+    record = json.loads((tmp_path / "squares.json").read_text())
+    assert [row["square"] for row in record["rows"]] == [1.0, 4.0]
+    assert record["count"] == 2
+    assert len(record["rows"][0]["all"]) == 9
+    assert squares.quoted(record)["rows"] == [{"x": 1.0, "square": 1.0}, {"x": 2.0, "square": 4.0}]
+    table = "| x | square |\n| --- | --- |\n| 1 | 1 m |\n| 2 | 4 m |"
+    assert squares.words(record).startswith(f"{table}\n\n`{record['command']}`, [measured/squares.json]")
+    assert table in capsys.readouterr().out
+
+
+def test_rows_outlive_an_error(tmp_path):
+    """Each is in the file as soon as it is there."""
+    squares = example()
+    with pytest.raises(RuntimeError):
+        squares.main(squares.Settings(first=12.0, out=tmp_path))
+    assert [row["x"] for row in json.loads((tmp_path / "squares.json").read_text())["rows"]] == [12.0, 13.0]
+
+
+def test_rows_alone_are_a_record(tmp_path):
+    """A function need not return anything beside them."""
+
+    @measurement(page="numerics.md", quick={})
+    def ones():
+        yield {"x": 1}
+
+    ones.table(lambda record: columns(record["rows"], {"x": "{x}"}))
+    ones.main(ones.Settings(out=tmp_path))
+    assert json.loads((tmp_path / "ones.json").read_text())["rows"] == [{"x": 1}]
+
+
+def test_a_figure_stands_beside_its_record(tmp_path):
+    squares = example()
+    squares.figure(lambda record: Figure(figsize=(1 + len(record["rows"]), 2)))
+    squares.main(squares.Settings(out=tmp_path))
+    assert (tmp_path / "squares.png").stat().st_size > 100
+
+
+def test_every_measurement_has_a_table_and_names_its_page():
+    """The registry knows each by the name of its script."""
+    found = registry.measurements()
+    assert {"stiff", "validate", "third_opinions"} <= set(found)
+    for each in found.values():
+        record = json.loads((registry.HERE.parents[1] / "docs" / "measured" / f"{each.name}.json").read_text())
+        page = (registry.HERE.parents[1] / "docs" / each.page).read_text(encoding="utf-8")
+        assert each.words(record) in page
