@@ -21,7 +21,7 @@ WORDS = {"str": "text", "Path": "a path", "float": "a number", "int": "a whole n
 """for classes of Python"""
 MADE_BY = {
     "Scene": "jaxgrity.load_scene(name or path) makes one",
-    "Gait": "jaxgrity.load_gait(name or path) makes one",
+    "Gait": "jaxgrity.load_gait(name or path) makes one, jaxgrity.gaits_of(gait, phases) one of many",
     "Trajectory": "jaxgrity.simulate(scene, duration) makes one",
     "SolverOptions": "pass jaxgrity.SolverOptions(method=..., dt=...)",
     "ResolvedOptions": "jaxgrity.stepping.resolve(scene, duration, options) makes one",
