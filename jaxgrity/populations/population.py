@@ -141,8 +141,6 @@ def simulate_population(
         >>> outcomes.distance().shape  # m
         (3,)
     """
-    if not isinstance(gaits, Gait):
-        raise InputError(f"gaits is a {type(gaits).__name__}; expected a population of gaits, as from gaits_of")
     if np.ndim(gaits.phase) != 2 or len(gaits.phase) == 0:
         raise InputError(
             f"gaits.phase has shape {np.shape(gaits.phase)}; expected (gaits, actuators), one gait or more"

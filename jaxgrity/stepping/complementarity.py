@@ -14,7 +14,8 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from jaxgrity.core.types import AnyArray, Count, NodeVectors, Scalar
+from jaxgrity.core.types import AnyArray, NodeVectors, Scalar, State
+from jaxgrity.model.scene import Scene
 from jaxgrity.stepping.constraints import GroundImpulses, bounce_gains, exact_ground
 
 LARGEST_LENGTH_ERROR = 1e-3
@@ -74,7 +75,6 @@ class Complementarity(diffrax.AbstractSolver):
     stops the others of a population.
     """
 
-    sweeps: eqx.AbstractVar[Count | None]
     tolerance: eqx.AbstractVar[Scalar | None]
     """m: every strut has its length within this at the end of a step. None: as near as the solver comes"""
     lift: eqx.AbstractVar[Lift]
@@ -108,13 +108,13 @@ class Complementarity(diffrax.AbstractSolver):
         return terms.vf(t0, y0, args)
 
 
-def kick_of(scene, ends, memory):
+def kick_of(scene: Scene, ends: tuple[Scalar, Scalar], memory: ContactMemory) -> tuple[Scalar, Scene]:
     """s, for which forces act on velocities; and the scene with what acts for a time in the mean of that time."""
     (t0, t1), last = ends, memory.step_size
     return (last + (t1 - t0)) / 2, scene.during(t0 - last / 2, t0 + (t1 - t0) / 2)
 
 
-def first_memory(t0, t1, y0) -> ContactState:
+def first_memory(t0: Scalar, t1: Scalar, y0: State) -> ContactState:
     """Before the first step of a robot at rest."""
     nothing = jnp.zeros_like(y0[1][:, 0])
     return ContactState(jnp.zeros_like(t1 - t0), GroundImpulses(nothing, (nothing, nothing)))

@@ -6,7 +6,7 @@ Structures need it whose nodes belong to several rigid struts, or whose rods hav
 import equinox as eqx
 import jax.numpy as jnp
 
-from jaxgrity.core.types import Count, Scalar
+from jaxgrity.core.types import Scalar
 from jaxgrity.model.scales import speed_scale
 from jaxgrity.model.shaking import moved_along
 from jaxgrity.stepping.complementarity import (
@@ -26,10 +26,8 @@ and contacts are solved together."""
 
 
 class CoupledImpulses(Complementarity):
-    """Impulses of contacts and struts by Newton's method (`coupled.py`)."""
+    """Impulses of contacts and struts by Newton's method (`coupled.py`), which knows no sweeps."""
 
-    sweeps: Count | None = None
-    """not used: Newton's method has a bound of its own"""
     tolerance: Scalar | None = None
     lift: Lift = eqx.field(static=True, default=one_robot)
 

@@ -42,7 +42,9 @@ def discretise(options: ResolvedOptions, lift: Lift = one_robot) -> tuple[diffra
         build = method.together
     solver = build()
     if method.constrained:
-        chosen: dict = {"sweeps": options.sweeps, "tolerance": options.strut_tolerance, "lift": lift}
+        chosen: dict = {"tolerance": options.strut_tolerance, "lift": lift}
+        if hasattr(solver, "sweeps"):
+            chosen["sweeps"] = options.sweeps
         solver = dataclasses.replace(solver, **chosen)  # type: ignore[type-var]
     # jit, so that it is traced once for all its uses in a step
     return diffrax.ODETerm(jax.jit(lift(vector_field, (None, -1, "s")))), solver

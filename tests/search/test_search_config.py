@@ -18,7 +18,7 @@ from jaxgrity import (
     with_gait,
 )
 from jaxgrity.model.actuation import actuated_lengths, peak_rates
-from jaxgrity.search import ga_configs, search_problem
+from jaxgrity.search import ga_configs, genome_to_polish, search_problem
 
 
 def test_by_default_gaits_are_waves_and_look_for_steady_speed(exact):
@@ -47,6 +47,23 @@ def test_scaled_gaits_stay_within_the_bound_on_the_rate(exact):
     gaits = problem.genome.gaits(exact.gait, np.random.default_rng(0).uniform(size=(64, problem.genome.size)))
     rates = peak_rates(gaits, actuated_lengths(exact.structure, exact.gait.members))
     assert float(rates.max()) == pytest.approx(config.bounds.rate / (1 + config.uncertainty.actuation))
+
+
+def test_polishing_shapes_overtones_of_waves(exact):
+    """Of the same gait, but for faint ones; amplitudes stay within the bound on the rate. Gaits that are no waves have
+    none, and as many genes as before."""
+    config = SearchConfig(bounds=ActuatorBounds(rate=0.5), polish_overtones=2)
+    problem = search_problem(exact, config)
+    genes = np.random.default_rng(0).uniform(size=(16, problem.genome.size))
+    genome, wider = genome_to_polish(problem, genes, config)
+    assert list(genome.blocks)[-4:] == ["sine 2", "cosine 2", "sine 3", "cosine 3"]
+    before, after = problem.genome.gaits(exact.gait, genes), genome.gaits(exact.gait, wider)
+    np.testing.assert_allclose(after.phase, before.phase)
+    assert max(np.abs(each.size).max() for each in after.overtones) < 2e-3
+    rates = np.asarray(peak_rates(after, actuated_lengths(exact.structure, exact.gait.members)))
+    assert rates.max() <= 0.5
+    free = SearchConfig(waves="none", polish_overtones=2)
+    assert genome_to_polish(search_problem(exact, free), np.zeros((1, 13)), free)[0].overtones == 0
 
 
 def test_a_wide_search_draws_many_and_goes_on_with_the_best_eighth():
