@@ -108,8 +108,8 @@ class Complementarity(diffrax.AbstractSolver):
         return terms.vf(t0, y0, args)
 
 
-def kick_of(scene: Scene, ends: tuple[Scalar, Scalar], memory: ContactMemory) -> tuple[Scalar, Scene]:
-    """s, for which forces act on velocities; and the scene with what acts for a time in the mean of that time."""
+def kick_of(scene: Scene, ends: tuple[Scalar, Scalar], memory: ContactMemory) -> tuple[AnyArray | Scalar, Scene]:
+    """s, for which forces act on velocities, of many robots common to all or of each; and the scene with what acts for a time in the mean of that time."""
     (t0, t1), last = ends, memory.step_size
     return (last + (t1 - t0)) / 2, scene.during(t0 - last / 2, t0 + (t1 - t0) / 2)
 
