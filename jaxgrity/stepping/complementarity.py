@@ -109,8 +109,8 @@ class Complementarity(diffrax.AbstractSolver):
 
 
 def kick_of(scene: Scene, ends: tuple[Scalar, Scalar], memory: ContactMemory) -> tuple[AnyArray | Scalar, Scene]:
-    """s, for which forces act on velocities, of many robots common to all or of each; and the scene with what acts for a
-    time in the mean of that time."""
+    """s, for which forces act on velocities, of many robots common to all or of each; and the scene with what acts for
+    a time in the mean of that time."""
     (t0, t1), last = ends, memory.step_size
     return (last + (t1 - t0)) / 2, scene.during(t0 - last / 2, t0 + (t1 - t0) / 2)
 
