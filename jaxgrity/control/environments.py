@@ -38,11 +38,12 @@ from jaxgrity.stepping.options import Options
 from jaxgrity.stepping.starts import check_start
 
 METRE_A_SECOND = MotorLimits(rate=1.0, stroke=0.5)
-"""motors as fast as gaits of the library ask for, with room for those of `sure_footed`"""
+"""Default limits of an environment's motors, m/s and share of a length: all gaits of the library fit in."""
 
 
 ENDS = "", "reached", "failed", "late"
-"""how an episode ends: at the goal, with a rollout that fails, or with nothing but its time"""
+"""The ways in which an episode ends: at the goal, with a rollout that fails, or as its time is over. The first: it goes
+on."""
 
 
 class Situation(NamedTuple):

@@ -18,14 +18,14 @@ from jaxgrity.model.surface import Slope
 from jaxgrity.model.unions import Union
 
 STEPS = ((1, 0), (0, 1), (1, 1), (1, -1), (2, 1), (1, 2), (2, -1), (1, -2))
-"""from one point of a grid to others, and back: ways in 16 directions, at most 2.8 % longer than straight ones"""
+"""Steps on a grid in 8 directions. With their opposites, ways are at most 2.8 % longer than straight ones."""
 CLOSE = 8.0
 """Factor on the length of a way where the robot would touch an obstacle, compared with one where there is room."""
 
 REACH = 0.6
-"""m, of the library's robots of one metre, where nothing else is said"""
+"""Default distance from a robot's centre to its outermost point, m, for the library's robots of one metre."""
 SAME_REACH = 1e-6
-"""share, by which rounding may make a reach smaller"""
+"""Relative amount by which rounding may make a given reach smaller than the robot's own."""
 
 
 class Discs(NamedTuple):

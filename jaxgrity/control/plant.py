@@ -30,7 +30,7 @@ from jaxgrity.stepping.loop import Carried, Step, advance, carried_at, state_of
 from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
 
 PERFECT, UNBOUNDED = Sensors(), MotorLimits()
-"""sensors without errors, motors that do what they are asked"""
+"""Defaults of a plant: sensors without errors, and motors without limits."""
 
 
 class PlantState(NamedTuple):

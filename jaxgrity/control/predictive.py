@@ -52,7 +52,7 @@ class Sampling(NamedTuple):
 
 
 ELITE = 8
-"""of so many samples of all rounds before, one is among the best about which the next round draws"""
+"""Number of samples of all earlier rounds for each one that guides the next round: the best eighth does."""
 NARROW, LATER = 0.3, 0.05
 """Standard deviations of later rounds: as a share of the largest bend, and in turns of the clock."""
 USUAL = Sampling()

@@ -6,8 +6,8 @@ from importlib import import_module
 from typing import Any
 
 COVERING = 2.0
-"""standard errors that follow a "±", wherever a number is known by draws: the range then covers the truth in 19 of 20
-cases. By how much robots differ is said in words, as their standard deviation."""
+"""Number of standard errors after a "±" where a number is known by draws: the range then covers the truth in 19 of 20
+cases. How much robots differ is said in words, as their standard deviation."""
 
 KNOWN = 6
 """Most significant digits of a number beside its error: rollouts on two machines agree to no more."""

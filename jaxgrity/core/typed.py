@@ -18,7 +18,7 @@ from jaxgrity.core.tracing import traced
 
 PACKAGE = __name__.partition(".")[0]
 WORDS = {"str": "text", "Path": "a path", "float": "a number", "int": "a whole number", "bool": "True or False"}
-"""for classes of Python"""
+"""Words for Python's classes in messages about arguments of the wrong kind."""
 MADE_BY = {
     "Scene": "jaxgrity.load_scene(name or path) makes one",
     "Gait": "jaxgrity.load_gait(name or path) makes one, jaxgrity.gaits_of(gait, phases) one of many",
@@ -28,9 +28,9 @@ MADE_BY = {
     "Orbit": "jaxgrity.orbits.find_orbit(scene) makes one",
     "Plant": "jaxgrity.control.plant_of(scene, members, ...) makes one",
 }
-"""what to do about the argument, by the name of the class that a function takes"""
+"""Advice in messages about an argument of the wrong kind, by the name of the class that the function takes."""
 READ_BY = {"Scene": "load_scene", "Gait": "load_gait"}
-"""the function of `jaxgrity` that reads one from a file, by the name of its class"""
+"""Names of the functions of `jaxgrity` that read an object from a file, by the name of its class."""
 
 Function = TypeVar("Function", bound=Callable)
 

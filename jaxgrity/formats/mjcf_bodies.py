@@ -14,7 +14,7 @@ from jaxgrity.model.structure import Members, edge_lengths
 mujoco: Any = lazy_loader.load("mujoco")
 
 MASS_WITHIN, MASS_NOTED = 0.02, 1e-3
-"""share of a body's second moments by which point masses and thin rods at its nodes may miss them, silently too"""
+"""Largest relative errors of second moments where masses and rods replace a body: at all, and without a note."""
 LEAST_SHARE = 1e-3
 """Smallest share of a body's mass at each of its nodes, used where some node would have none."""
 Rod = tuple[tuple[int, int], float]

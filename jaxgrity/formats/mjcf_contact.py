@@ -16,7 +16,8 @@ mujoco: Any = lazy_loader.load("mujoco")
 SAME_PLACE = 1e-4
 """Largest difference of places, and of radii, that count as the same, as a share of the robot's size."""
 SMALL = 0.02
-"""share of the robot's size: arms of friction that spins and rolls, and starts inside the plane, of which notes say"""
+"""Share of the robot's size below which notes omit two things: arms of spinning and rolling friction, and starts inside
+the plane."""
 LEAST_FRICTION = 1.01e-5
 """Friction written in place of none: MuJoCo accepts no smaller value."""
 

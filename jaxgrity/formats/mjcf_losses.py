@@ -20,7 +20,7 @@ DROPPABLE = {
     "air": "density, viscosity and wind",
     "forces": "springs of joints, gravity compensation, armature, nonlinear springs",
 }
-"""what changes the motion, by the names by which callers may drop it"""
+"""What callers may drop although it changes the motion, with a description of each."""
 FAR = 10.0
 """A tendon's limit beyond this many times its length at the start counts as out of reach."""
 

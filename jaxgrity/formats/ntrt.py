@@ -34,7 +34,7 @@ DEFAULTS: dict[str, dict[str, float]] = {
     "tgSphereInfo": {"radius": 0.5, "density": 1.0},
     **{kind: {"stiffness": 1000.0, "damping": 10.0, "pretension": 0.0} for kind in CABLES},
 }
-"""NTRT's own, of the parameters that are used, in its units"""
+"""NTRT's own defaults of the parameters that are used, in its units."""
 UNUSED = {
     "friction", "roll_friction", "restitution", "history", "max_tension", "target_velocity", "min_actual_length",
     "min_rest_length", "rotation", "moveCablePointAToEdge", "moveCablePointBToEdge", "radius", "motor_friction",

@@ -18,11 +18,11 @@ FIRST_DAMPING, SMALLEST_DAMPING, LARGEST_DAMPING = 1e-3, 1e-9, 1e8
 ROUGHNESS = 3e-6
 """Share of the sum of squares by which a step must change it for another step to follow."""
 NEAR = 0.1
-"""standard errors: by how much parameters may still be off where corners of forces end a descent"""
+"""Largest error of parameters, in standard errors, at which a descent may end where corners of forces stop it."""
 CORRECTIONS, WORTH = 6, 0.5
-"""steps that at most share a Jacobian, while each brings the sum of squares below that share of the last"""
+"""Most steps that share a Jacobian, and the share of the last sum of squares below which each must get."""
 LOOSE, LOOSE_STEPS = (1000.0, 100.0, 10.0), 2
-"""times the jumps that are asked for: those with which windows are fitted first, and Jacobians with each"""
+"""Factors on the allowed jumps between windows in the first fits, and the number of Jacobians in each of these."""
 
 
 class Problem(eqx.Module):

@@ -22,7 +22,7 @@ from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
 from jaxgrity.stepping.starts import check_start
 
 SPREAD, JUMP = (0.02, 1.0), (1e-3, 1e-2)
-"""m and m/s, of a body of one metre: by how much guesses of starts may be off, and windows may miss each other"""
+"""Standard deviations of guessed starts, and jumps between windows, in m and m/s for a body of one metre."""
 FITTED_FRAMES = 8
 """Number of frames from which the velocity at the start of a window is guessed."""
 

@@ -31,7 +31,7 @@ from jaxgrity.model.surface import AXES, DistanceAndAxes, Frame, Slope, Surface,
 UnitVector = tuple[float, float, float]
 
 ROUNDING = 1e-12
-"""m, by which a node that stands on penalty ground is deeper than its weight says, of a body of one metre"""
+"""Depth added to that of a node at rest on penalty ground, m for a body of one metre: rounding must not lift it."""
 TOUCHING = 1e-6
 """Largest gap at which exact ground holds a node at rest, m for a body of one metre."""
 

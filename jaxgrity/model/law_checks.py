@@ -16,7 +16,7 @@ from jaxgrity.core.types import AnyArray
 from jaxgrity.model.laws import DissipationTerm, EnergyTerm, ForceLaw, Law
 
 OUTSIDE = "out of bounds"
-"""in NumPy's message where an array has no such row; JAX takes the last one without a word"""
+"""Part of NumPy's message where an array has no such row. JAX takes the last row without a message."""
 
 
 def check_law(law: Law, scene: Any) -> None:

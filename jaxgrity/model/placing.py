@@ -13,9 +13,9 @@ from jaxgrity.model.rigid_struts import LARGEST_GAP
 from jaxgrity.model.surface import DistanceAndAxes, coordinates
 
 SETTLED_WITHIN = 100
-"""moves along the normal, by which a structure is set down on uneven ground"""
+"""Most moves along the normal that set a structure down on uneven ground."""
 DOUBLINGS, HALVINGS = 24, 60
-"""how often the height above which it is far enough is doubled, and the range of heights is halved"""
+"""Number of doublings that find a height far enough up, and of halvings that then narrow the range of heights."""
 
 
 def down(

@@ -36,7 +36,7 @@ from jaxgrity.model.shaking import SupportMotion
 from jaxgrity.model.structure import Structure, member_vectors
 
 LAWS_OF_STRUCTURES = (StrutSprings, RigidStruts, CableSprings, NodeDamping, StrutDamping, CableDamping, Gravity)
-"""made from a scene's parts where it has them; ground and friction bring their own laws"""
+"""The laws that a scene has where its structure calls for them. Ground and friction bring their own laws."""
 KNOWN_LAWS = (*LAWS_OF_STRUCTURES, PenaltyContact, ExactContact, ContactDissipation)
 KNOWN_FRICTIONS = (SmoothFriction, SwitchFriction, ConeFriction)
 """The kinds of friction that `describe` lists, beside the laws, as modelled or not."""

@@ -13,7 +13,8 @@ from jaxgrity.core.types import AnyArray, PerNode, Scalar, as_float
 from jaxgrity.model.surface import Surface, length_of
 
 EDGE = 1e-12
-"""of a solid's reach, by which a vertical line may pass it where its height is that of its edge"""
+"""Distance, as a share of a solid's size, at which a vertical line beside it still meets its edge: room for
+rounding."""
 
 
 class Sphere(Surface):

@@ -20,7 +20,7 @@ from jaxgrity.stepping.loop import Carried, carried_at, numbered, repeated, stat
 from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
 
 NEUTRAL = ("shift x", "shift y", "turn")
-"""along the ground (x down a slope), and about the vertical"""
+"""Names of the moves that change nothing on a plane: along x (down a slope), along y, and about the vertical."""
 THIN = 1e-9
 """Nodes this close to one vertical line, as a share of its length, do not say how far the robot has turned."""
 

@@ -21,10 +21,10 @@ from jaxgrity.stepping.dynamics import centre_of_mass
 from jaxgrity.stepping.power import Step, powers, step_work, strut_impulses
 
 SLIPPING = 0.02
-"""m/s, beyond which a touching node counts as slipping, of a body of one metre"""
+"""Speed above which a touching node counts as slipping, m/s for a body of one metre."""
 WINDOW = 0.05
-"""s, time constant of the moving mean of actuator forces, of a body of one metre: rigid bodies pass impacts on as
-impulses, without a peak"""
+"""Time constant of the moving mean of actuator forces, s for a body of one metre. Rigid bodies pass impacts on as
+impulses, which have no peak."""
 
 
 class Metrics(NamedTuple):

@@ -24,11 +24,11 @@ DIFFERING: dict[str, tuple[str, ...]] = {
     "strut_rest_length": ("structure.struts.rest_length",),
     "node_mass": ("structure.node_mass",),
 }
-"""the parts of a scene, those that it has, that each of the `Differences` is a factor of"""
+"""The parts of a scene that each of the `Differences` multiplies, where the scene has them."""
 
 
 PLACED = {"up": "up", "terrain": "ground.offset"}
-"""the parts of a scene, a row a node, that the other `Differences` take the place of"""
+"""The parts of a scene that the other `Differences` replace, with one row per node."""
 
 
 class Differences(eqx.Module):
@@ -97,11 +97,11 @@ def part_of(scene: Any, path: str) -> Any:
 
 
 LESS_THAN = {"phase": np.pi / 2, "slope": np.pi / 2, "terrain": np.inf}
-"""the half-widths, all others less than 1"""
+"""Limits below which half-widths must stay, rad or m. All other half-widths are shares, and less than 1."""
 
 
 FEWEST_PAIRS = 64
-"""of robots that are drawn, so that one compiled program serves ensembles of all sizes up to that"""
+"""Fewest pairs of robots that are drawn: ensembles of up to twice that size share one compiled program."""
 
 
 class Uncertainty(eqx.Module):

@@ -25,8 +25,8 @@ imageio_ffmpeg = lazy_loader.load("imageio_ffmpeg")
 TICK = 0.01
 """Unit in which a GIF counts how long a frame is shown, s."""
 COLOURS = {"whole": 255, "follow": 63}
-"""cameras, and how many colours the one palette of all their frames has, beside a place for what did not change since
-the frame before; pictures in which everything moves are large, and need few"""
+"""Number of colours in the palette of a GIF, by its camera. Pictures in which everything moves are large, so that they
+get fewer; one further place stands for what did not change."""
 
 
 @typed

@@ -18,7 +18,7 @@ WORLD = "/world"
 WAY = "#3b5bdb"
 """Colour of lines that are shown beside a robot."""
 ABOUT, CELL, MOST_CELLS = 3.0, 0.1, 160
-"""of uneven ground: in sizes of the robot how far it is shown about its path, and how finely; cells along a side"""
+"""Margin of uneven ground about a path and size of its cells, in robot sizes, and most cells along a side."""
 ROUND = 12
 """Number of sides with which round bodies are drawn."""
 

@@ -43,7 +43,7 @@ PICTURES = {
     "forces.png": "force in every member",
 }
 FILES = ("trajectory.npz", "index.html", REPLAY, *PICTURES)
-"""what `write_report` leaves beside what a search does"""
+"""Names of the files that `write_report` leaves, beside those of the search itself."""
 STYLE = (
     "body{font:16px/1.5 sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem}img{max-width:100%}"
     "th{text-align:left;padding-right:1.5rem;vertical-align:top;white-space:nowrap}figure{margin:2rem 0}"

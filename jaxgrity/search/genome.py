@@ -17,7 +17,7 @@ from jaxgrity.populations.population import gaits_of
 Genes = Float[AnyArray, "*population genes"]
 
 FAINT = 1e-3
-"""coefficients of an overtone that is added to a gait: not 0, where its phase would have no derivative"""
+"""Coefficients of an overtone that is added to a gait, as shares of their range: at 0 its phase has no derivative."""
 
 
 class Genome(eqx.Module):

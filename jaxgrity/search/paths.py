@@ -18,7 +18,8 @@ PARTS = 24
 SETTLING = 0.25
 """First share of a rollout, which steady objectives ignore while the robot settles."""
 LONGEST_PART = 2.5
-"""s, of a body of one metre, where the path is followed: it must not turn by half a circle in a part"""
+"""Longest time between two looks at a path, s for a body of one metre: a path must turn by less than half a circle in
+it."""
 QUARTERS = 4
 """Factor of the number of parts, so that one part ends where `SETTLING` does."""
 

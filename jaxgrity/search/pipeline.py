@@ -45,9 +45,9 @@ from jaxgrity.stepping.options import resolve
 from jaxgrity.stepping.step_limits import default_method, default_step
 
 UNSEEN = 10**6
-"""added to the seed of the last judgement, whose draws nothing was chosen by"""
+"""Number added to the seed of the last judgement, so that its draws are none by which gaits were chosen."""
 FINAL_ROBOTS = 128
-"""that judge what polish gained, at most"""
+"""Most robots that judge what polishing gained: the verdict, which follows, takes more."""
 Stage = Literal["evolving", "promoting", "polishing", "verifying"]
 
 

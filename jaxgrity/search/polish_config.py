@@ -12,9 +12,9 @@ from jaxgrity.search.objectives import SteadySpeed
 GradientKind = Literal["smoothed", "pathwise", "combined", "orbit"]
 
 COST = 6.0
-"""of a pathwise gradient, in rollouts of its horizon: 4 to 6 were measured (docs/performance.md)"""
+"""Cost of a pathwise gradient, in rollouts of its horizon: 4 to 6 were measured (docs/performance.md)."""
 ORBIT_COST = 24.0
-"""of an orbit and the gradient of its speed, in rollouts over 40 s, at most where gaits are waves"""
+"""Cost of an orbit and the gradient of its speed, in rollouts over 40 s: the most that was measured for waves."""
 
 
 class PolishConfig(NamedTuple):

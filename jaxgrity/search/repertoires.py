@@ -26,7 +26,8 @@ from jaxgrity.search.paths import parts_of, path_bend, path_size
 from jaxgrity.stepping.options import Options
 
 WIDE = 0.5
-"""of the width that a path of its length and its bend would have, at least, where a robot gets on"""
+"""Smallest width of a path that gets on, as a share of that of a line or circle of its length and bend: less is
+swaying."""
 
 
 class RepertoireConfig(NamedTuple):

@@ -24,17 +24,18 @@ from jaxgrity.search.objectives import ActuatorBounds, Objective, SteadySpeed
 from jaxgrity.search.polish_config import GradientKind, PolishConfig, check_polish
 
 UNCERTAIN = Uncertainty(phase=0.03, actuation=0.02, friction=0.2, cable_stiffness=0.05, node_mass=0.05)
-"""half-widths of what a search takes as not known exactly, where not told otherwise: rad, then shares"""
+"""Default half-widths of what a search takes as uncertain: the phase in rad, all others as shares."""
 DRAWN = 4
-"""times the population: gaits drawn at random for the first generation of a wide search"""
+"""Number of gaits drawn at random for the first generation of a wide search, as a multiple of the population."""
 MUTATIONS = ((0.12, 0.01), (0.02, 0.004))
-"""widths of mutations in the first and in the last generation, in turns: of a wide screening, and after it"""
+"""Standard deviations of mutations in the first and last generation, as shares of the circle: of a wide screening, and
+of the generations after it."""
 NO_GAIT = (
     'the scene has no [gait]; expected one to begin from, such as [gait] members = "struts", amplitude = 0.3, '
     "frequency = 0.8, phase = { seed = 1 }"
 )
 COMPARED = 16
-"""evolved gaits, and as many random ones, that are judged on all fidelity levels"""
+"""Number of evolved gaits, and of random ones, that are judged on all fidelity levels to compare their ranks."""
 
 
 @dataclass(frozen=True)

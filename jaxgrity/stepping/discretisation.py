@@ -28,9 +28,9 @@ FAILURES = (
     "the step became too small",
     "the start lies below the ground, or its rigid struts have other lengths",
 )
-"""what becomes of a rollout, by its failure code"""
+"""What became of a rollout, by its failure code."""
 TORN = 10.0
-"""a member this many times as long as it was built shows a motion that has blown up, finite or not"""
+"""Length of a member, as a multiple of its length as built, at which a motion has blown up, finite or not."""
 
 
 @typed

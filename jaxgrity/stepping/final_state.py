@@ -15,7 +15,7 @@ from jaxgrity.stepping.options import ResolvedOptions, check_options
 from jaxgrity.stepping.starts import check_start, check_supports
 
 LONGER = 1.01
-"""times the step of the options, steps may be whose number is given"""
+"""Factor by which steps may exceed the step of the options where their number is given: room for rounding."""
 
 
 @typed

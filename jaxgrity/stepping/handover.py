@@ -18,11 +18,11 @@ from jaxgrity.model.structure import Structure
 from jaxgrity.stepping.dynamics import acceleration
 
 TOGETHER = 32
-"""frames whose velocities are solved for side by side: enough for the vector units"""
+"""Number of frames whose velocities are solved for side by side: enough to fill vector units."""
 CORRECTIONS = 8
-"""of Newton's method, at most: the second leaves rounding where dissipative forces are linear in v"""
+"""Most corrections of Newton's method. The second leaves only rounding where dissipative forces are linear in v."""
 DIRECTIONS = 60
-"""of conjugate gradients in each of them, at most"""
+"""Most iterations of conjugate gradients in each of those corrections."""
 
 
 def at_rest(v: AnyArray) -> AnyArray:

@@ -44,10 +44,10 @@ class Method(NamedTuple):
 
 
 METHODS: dict[str, Method] = {}
-"""the methods by their names"""
+"""The integration methods by their names."""
 
 ALIASES = {"symplectic": "verlet"}
-"""former names"""
+"""Former names of methods, with the names that they have now."""
 
 
 @typed

@@ -22,13 +22,14 @@ from jaxgrity.stepping.starts import check_start
 from jaxgrity.stepping.step_limits import check_step, default_method, default_step
 
 KEPT = 64
-"""scenes, with options, of which it is known that they go together: checks take longer than a short rollout"""
+"""Number of pairs of scene and options that are remembered as compatible: the check takes longer than a short
+rollout."""
 MASS_RATIO = 50
-"""of the nodes of a strut, up to which sweeps are sure to meet it on the ground"""
+"""Largest ratio of the masses at a strut's ends up to which sweeps are sure to converge on the ground."""
 ROUGH = 1.0
-"""mu, from which on sweeps may miss"""
+"""Friction coefficient mu from which on sweeps may not converge."""
 MOST_SWEEPS = 1000
-"""of complementarity stepping in one step, where a tolerance is asked for"""
+"""Most sweeps in a step of complementarity stepping where a tolerance is asked for."""
 
 
 @dataclass(frozen=True)

@@ -19,10 +19,10 @@ from jaxgrity.stepping.entering import frame_met
 from jaxgrity.stepping.loop import Step
 
 SAME_FACE = 0.99
-"""cosine of the angle by which the normal turns within a step at most, 8 degrees, where a node slides on along a curve:
-what turns it by more is an edge, or a valley, and an impact"""
+"""Smallest cosine of the angle (8 degrees) by which the normal turns in a step of a node that slides on along a curve.
+What turns it by more is an edge or a valley, and an impact."""
 BESIDE = 1e-3
-"""of its speed, with which a node that slides may meet a face that does not turn"""
+"""Share of its speed with which a sliding node may meet a face that does not turn: rounding, and no impact."""
 
 Work = dict[str, jax.Array]
 """J of the actuators and of each cause of dissipation; N s and N m s, (3,), of the forces from outside"""

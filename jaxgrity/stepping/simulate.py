@@ -23,8 +23,8 @@ from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
 from jaxgrity.stepping.starts import check_supports, start_failure
 
 ROOM = 2**16
-"""nodes in all saved frames, up to which motions of a scene share one compiled program: the last frame is saved again
-until there are so many, but for motions that are differentiated"""
+"""Number of nodes in all saved frames up to which motions of a scene share one compiled program. The last frame is
+repeated to fill it, unless the motion is differentiated."""
 
 REVERSE = "simulate has derivatives in forward mode alone (jax.jacfwd, jax.jvp); for reverse mode use jaxgrity.rollout"
 

@@ -14,11 +14,11 @@ from jaxgrity.model.scene import Scene
 from jaxgrity.model.shaking import slips
 
 LARGEST_SLIP = 1e-3
-"""of a body's speed, sqrt(g L), by which a start may miss how supports that are shaken move"""
+"""Largest velocity of a node relative to its shaken support at a start, as a share of the body's speed sqrt(g L)."""
 ROUNDED = 16
-"""units in the last place of a node's place, by which rounding may move it before it starts"""
+"""Number of roundings of a node's position by which a start may be off."""
 KEPT = 64
-"""starts of which it is known that they are possible: to look costs more than a short rollout"""
+"""Number of starts that are remembered as possible: the check takes longer than a short rollout."""
 
 
 @remembered(KEPT)

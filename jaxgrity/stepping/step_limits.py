@@ -22,15 +22,15 @@ from jaxgrity.stepping.dynamics import smooth_acceleration
 from jaxgrity.stepping.methods import METHODS, Method, amplification, constrained_method, find_method
 
 GROWTH = 1e-3
-"""by which a motion may grow in a step beyond what it does in truth: Tsit5 amplifies undamped ones at any step"""
+"""Relative growth in a step, beyond the true one, that counts as stable: Tsit5 amplifies undamped motions always."""
 STANDS_ON = 3
-"""nodes, at least, that carry a structure's weight on uneven ground, although only one touches it as it is set down"""
+"""Fewest nodes that carry a structure's weight on uneven ground, although only one touches as it is set down."""
 LARGEST_STEP = 5e-3
-"""s, the largest step that is chosen for a body of one metre: contacts begin and end to a step"""
+"""Largest step that is chosen, s for a body of one metre: the time at which a contact begins is known to a step."""
 INDEPENDENT = 1e-9
 """Constraints this much weaker than the strongest follow from the others: struts more than rigidity needs."""
 WIDEST = 1e2
-"""times the fastest mode's time: no larger step is looked at"""
+"""Largest step that is examined, as a multiple of the time scale of the fastest mode."""
 
 
 class Linearised(NamedTuple):

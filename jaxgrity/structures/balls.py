@@ -29,7 +29,7 @@ FORMS = {
     12: Ball(((0.0, 0.0, 1.0), 4), (0.0, 1.0, 1.0), (1.0, 0.0, 1.0)),
     30: Ball(((0.0, 1.0, GOLDEN), 5), (GOLDEN - 1, 2 - GOLDEN, 1.0), (1.0, GOLDEN - 1, 2 - GOLDEN)),
 }
-"""by the number of struts: of the rotations of the tetrahedron, the octahedron and the icosahedron"""
+"""The balls by their number of struts, with rotations of the tetrahedron, the octahedron and the icosahedron."""
 
 
 def ball(struts: int = 30, strut_length: float = 1.0) -> Geometry:

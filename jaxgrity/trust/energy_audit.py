@@ -23,7 +23,8 @@ from jaxgrity.stepping.power import Work, powers, step_work
 from jaxgrity.stepping.simulate import frame_times, with_room
 
 BESIDE = 1e-9
-"""s, of a body of one metre: this near to a frame a gait is as just before it, or just after"""
+"""Time between a frame and the moments just before and after it at which the gait is evaluated, s for a body of one
+metre."""
 
 
 class Amounts(NamedTuple):
