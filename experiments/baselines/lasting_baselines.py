@@ -56,7 +56,7 @@ class Settings:
     """that a search may try, each on as many robots as in the default search"""
     population: int = 32
     """of the GA, and of CMA-ES half as many"""
-    polish: int = SearchConfig().polish_rollouts
+    polish: int = PolishConfig().rollouts
     """rollouts of each kind of polish after each search; 0: none"""
     out: Path = Path("results/lasting_baselines")
     """folder for lasting_baselines.json and its figure"""

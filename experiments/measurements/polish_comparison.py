@@ -53,7 +53,7 @@ class Settings:
     """gaits in a generation of the search"""
     generations: tuple[int, int] = (6, 2)
     """as in `jaxgrity search`"""
-    rollouts: int = SearchConfig.polish_rollouts
+    rollouts: int = PolishConfig().rollouts
     """that each way may spend"""
     judges: int = 256
     """robots by which all answers are judged"""

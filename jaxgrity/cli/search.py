@@ -3,7 +3,7 @@
 import dataclasses
 import time
 from dataclasses import asdict
-from typing import Any
+from typing import Any, cast
 
 from jaxgrity.cli.script import measured
 
@@ -17,6 +17,7 @@ from jaxgrity.report.gait_report import FILES, Origin, write_report
 from jaxgrity.search.checkpoint import holds_unfinished, left_over
 from jaxgrity.search.objectives import ActuatorBounds, Objective, find_objective
 from jaxgrity.search.pipeline import SearchResult, search_gaits
+from jaxgrity.search.polish_config import PolishConfig
 from jaxgrity.search.search_config import SearchConfig
 from jaxgrity.statics.describe import describe
 
@@ -41,7 +42,17 @@ def config_of(settings: SearchSettings) -> SearchConfig:
     same["objective"] = objective_of(asked)
     same["bounds"] = ActuatorBounds(asked.largest_rate, asked.largest_force, asked.largest_power)
     same["uncertainty"] = Uncertainty(**vars(settings.uncertainty))
+    same["polish"] = polish_of(settings)
     return SearchConfig(**same)
+
+
+def polish_of(settings: SearchSettings) -> PolishConfig | None:
+    """How to polish; None where it may cost nothing."""
+    if not settings.polish_rollouts:
+        return None
+    usual = cast(PolishConfig, SearchConfig().polish)
+    how = {"rollouts": settings.polish_rollouts, "kind": settings.polish}
+    return usual._replace(**how, gaits=settings.polish_gaits, overtones=settings.polish_overtones)
 
 
 def main(settings: SearchSettings) -> None:

@@ -1,12 +1,12 @@
 """The whole way to a gait: evolve, promote the best to finer models, polish by gradients, verify."""
 
 import time
-from collections.abc import Callable
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from functools import wraps
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
-
-import numpy as np
 
 from jaxgrity.core.display import of_report
 from jaxgrity.core.errors import InputError
@@ -20,7 +20,6 @@ from jaxgrity.search.fidelity import (
     FidelityLevel,
     Verdict,
     evolve_through,
-    excess_at,
     fidelity_levels,
     final_verdict,
     search_levels,
@@ -29,8 +28,7 @@ from jaxgrity.search.genetic_algorithm import Evolution, SearchProblem
 from jaxgrity.search.judging import without_measuring
 from jaxgrity.search.objectives import ActuatorBounds
 from jaxgrity.search.polish import Polished, polish
-from jaxgrity.search.polish_config import PolishConfig
-from jaxgrity.search.promotion import Promoted, multipliers_of, promote
+from jaxgrity.search.promotion import Promoted, allowed, promote
 from jaxgrity.search.search_config import (
     SearchConfig,
     fingerprint,
@@ -46,8 +44,6 @@ from jaxgrity.stepping.step_limits import default_method, default_step
 
 UNSEEN = 10**6
 """Number added to the seed of the last judgement, so that its draws are none by which gaits were chosen."""
-FINAL_ROBOTS = 128
-"""Most robots that judge what polishing gained: the verdict, which follows, takes more."""
 Stage = Literal["evolving", "promoting", "polishing", "verifying"]
 
 
@@ -121,18 +117,64 @@ def search_gaits(
 
     Example:
         >>> scene = jaxgrity.load_scene("exact")
-        >>> config = jaxgrity.SearchConfig(duration=1.5, population=8, generations=(1, 1), robots=2, polish_rollouts=0)
+        >>> config = jaxgrity.SearchConfig(duration=1.5, population=8, generations=(1, 1), robots=2, polish=None)
         >>> result = jaxgrity.search_gaits(scene, config)
         >>> result.gait.phase.shape, bool(result.verdict.verified.error_bar[0] < 0.1)
         ((6,), True)
     """
-    config = config or SearchConfig()
+    with _begun(scene, config or SearchConfig(), on_progress, folder, resume, restart) as search:
+        searches = _evolve(search)
+        promoted = _promote(search, searches[-1])
+        polished = _polish(search, promoted)
+        gait = _best(search, promoted, polished)
+        verdict = _verify(search, gait)
+        scene, found = with_gait(search.problem.scene, gait), (searches, promoted, polished, verdict)
+        result = SearchResult(scene, gait, search.problem, search.levels, *found, search.seconds)
+        if report is not None:
+            report(result)
+        if search.checkpoint is not None:
+            search.checkpoint.done()
+    return result
+
+
+@dataclass(frozen=True)
+class _Search:
+    """A search under way: what its stages need."""
+
+    problem: SearchProblem
+    levels: tuple[FidelityLevel, ...]
+    config: SearchConfig
+    checkpoint: Checkpoint | None
+    tell: Listener
+    seconds: dict[Stage, float]
+
+    @property
+    def plain(self) -> SearchProblem:
+        """The problem after evolution: what few gaits ask of their actuators is looked at once, since measuring costs
+        several times a plain rollout."""
+        return self.problem._replace(fitness=without_measuring(self.problem.fitness))
+
+    @property
+    def bounds(self) -> ActuatorBounds:
+        """The most that a gait may ask of an actuator."""
+        return self.problem.fitness.bounds
+
+
+@contextmanager
+def _begun(
+    scene: Scene,
+    config: SearchConfig,
+    listener: Listener | None,
+    folder: Path | str | None,
+    resume: bool,
+    restart: bool,
+) -> Iterator[_Search]:
+    """The search before its first stage, with the folder held. Refuses what a later stage could not do."""
     if (resume or restart) and folder is None:
         raise InputError("resume, restart: there is no folder to find a search in; expected folder")
     scene = with_actuated(scene, config.members)
     problem = search_problem(scene, config)
     levels = fidelity_levels(scene, config.dt, config.both_models, config.wide)
-    # both refuse now what a later stage could not do
     for level in levels:
         resolve(level.scene, config.duration, level.options)
     ga_configs(config, len(search_levels(levels)))
@@ -141,77 +183,32 @@ def search_gaits(
         if folder is not None:
             settings = {**plain_config(config), "fingerprint of the scene": fingerprint(scene)}
             checkpoint = held.enter_context(open_checkpoint(Path(folder), settings, resume, restart))
-        result = _search(problem, levels, config, checkpoint, on_progress or (lambda progress: None))
-        if report is not None:
-            report(result)
-        if checkpoint is not None:
-            checkpoint.done()
-    return result
+        yield _Search(problem, levels, config, checkpoint, listener or (lambda progress: None), {})
 
 
-def _search(
-    problem: SearchProblem,
-    levels: tuple[FidelityLevel, ...],
-    config: SearchConfig,
-    checkpoint: Checkpoint | None,
-    listener: Listener,
-) -> SearchResult:
-    """The four stages, one after the other."""
-    seconds: dict[Stage, float] = {}
-    began = time.perf_counter()
+def _timed(stage: Stage) -> Callable[[Callable], Callable]:
+    """A stage of a search that notes how long it took."""
 
-    def clocked(stage: Stage) -> None:
-        nonlocal began
-        now = time.perf_counter()
-        seconds[stage], began = now - began, now
+    def timed(run: Callable) -> Callable:
+        @wraps(run)
+        def noting(search: _Search, *given):
+            began = time.perf_counter()
+            found = run(search, *given)
+            search.seconds[stage] = time.perf_counter() - began
+            return found
 
-    searches = _evolve(problem, levels, config, checkpoint, listener)
-    clocked("evolving")
-    # what few gaits ask of their actuators is looked at once, since measuring costs several times a plain rollout
-    plain = problem._replace(fitness=without_measuring(problem.fitness))
-    bounds = problem.fitness.bounds
+        return noting
 
-    def heard(done: int, total: int, facts: dict[str, str]) -> None:
-        listener(Progress("promoting", done, total, facts))
-
-    promoted = promote(plain, bounds, levels, searches[-1], config, heard)
-    clocked("promoting")
-    polished, genome, best = None, problem.genome, promoted.genes[0]
-    if config.polish_rollouts:
-        wider, starts = genome_to_polish(problem, promoted.genes, config)
-        polishing = plain._replace(genome=wider)
-        polished = _polish(polishing, levels, starts, config, listener)
-        if polished.improved:
-            polished = _allowed(polishing, bounds, levels, (promoted, starts[0]), polished)
-        if polished.improved:
-            genome, best = polished.genome, polished.genes
-    clocked("polishing")
-    gait = one_gait(genome.gaits(problem.scene.gait, best[None]), 0)
-    gait = gait if config.active is None else without_idle(gait)
-
-    def judged(done: int, total: int) -> None:
-        listener(Progress("verifying", done, total, {}))
-
-    found = with_gait(problem.scene, gait)
-    # a stronger gait than the scene's own may need a smaller step
-    dt = min(levels[-1].dt, default_step(found, default_method(found)) / 2)
-    verdict = final_verdict(plain, gait, dt=dt, bounds=bounds, seed=config.seed + UNSEEN, on_progress=judged)
-    clocked("verifying")
-    return SearchResult(found, gait, problem, levels, tuple(searches), promoted, polished, verdict, seconds)
+    return timed
 
 
-def _evolve(
-    problem: SearchProblem,
-    levels: tuple[FidelityLevel, ...],
-    config: SearchConfig,
-    checkpoint: Checkpoint | None,
-    listener: Listener,
-) -> list[Evolution]:
+@_timed("evolving")
+def _evolve(search: _Search) -> tuple[Evolution, ...]:
     """The genetic search in float32, on every core, on each of the levels where gaits are searched."""
-    searched, configs = search_levels(levels), ga_configs(config, len(search_levels(levels)))
-    total, states = sum(each.generations for each in configs), () if checkpoint is None else checkpoint.states
-    done = sum(state.number for state in states)
-    listener(Progress("evolving", done, total, {}))
+    checkpoint, levels = search.checkpoint, search_levels(search.levels)
+    configs, states = ga_configs(search.config, len(levels)), () if checkpoint is None else checkpoint.states
+    total, done = sum(each.generations for each in configs), sum(state.number for state in states)
+    search.tell(Progress("evolving", done, total, {}))
 
     def heard(number: int, state) -> None:
         nonlocal done
@@ -219,64 +216,75 @@ def _evolve(
             checkpoint.save(number, state)
         done += 1
         facts = {
-            "level": searched[number].name,
+            "level": levels[number].name,
             "best": float(state.record.best[-1]),
             "failed": int(state.record.failed[-1]),
             "within bounds": int(state.record.within[-1]),
         }
-        listener(Progress("evolving", done, total, facts))
+        search.tell(Progress("evolving", done, total, facts))
 
-    found = evolve_through(searched, problem, configs, seed=config.seed, states=states, on_generation=heard)
+    seed = search.config.seed
+    found = evolve_through(levels, search.problem, configs, seed=seed, states=states, on_generation=heard)
     if checkpoint is not None:
         last = found[-1].last
         save_arrays(checkpoint.folder / "population.npz", genes=last.genes, fitness=last.fitness)
-    return found
+    return tuple(found)
 
 
-def _allowed(
-    problem: SearchProblem,
-    bounds: ActuatorBounds,
-    levels: tuple[FidelityLevel, ...],
-    start: tuple[Promoted, np.ndarray],
-    polished: Polished,
-) -> Polished:
-    """The polished gait, or the one before where that alone keeps the bounds, or is on an orbit that attracts."""
-    promoted, first = start
-    genes, before, but = polished.genes[None], promoted.multipliers, ""
-    if promoted.within_bounds and excess_at(levels[1], genes, problem, bounds)[0] > 0:
-        but = "it is beyond a bound on actuators"
-    elif before is not None and before[0] < 1:
-        after = multipliers_of(problem, genes, 2 * levels[-1].dt)
-        if after is not None and after[0] >= 1:
-            but = f"its orbit multiplies a disturbance in one cycle by {after[0]:.2g}, not {before[0]:.2g}"
-    if not but:
-        return polished
-    reason = f"{polished.reason}; but {but}: the gait is kept as it was"
-    return polished._replace(genes=first, improved=False, reason=reason)
+@_timed("promoting")
+def _promote(search: _Search, last: Evolution) -> Promoted:
+    """The best gaits of the last evolution, by finer models and more robots."""
+
+    def heard(done: int, total: int, facts: dict[str, str]) -> None:
+        search.tell(Progress("promoting", done, total, facts))
+
+    return promote(search.plain, search.bounds, search.levels, last, search.config, heard)
 
 
-def _polish(
-    problem: SearchProblem,
-    levels: tuple[FidelityLevel, ...],
-    genes: np.ndarray,
-    config: SearchConfig,
-    listener: Listener,
-) -> Polished:
-    """The gradient stage, on the last level on which gaits evolved."""
-    own, done = search_levels(levels)[-1], 0
-    listener(Progress("polishing", 0, None, {}))
+@_timed("polishing")
+def _polish(search: _Search, promoted: Promoted) -> Polished | None:
+    """The gradient stage, on the last level on which gaits evolved; None where it is not asked for."""
+    config, own, done = search.config, search_levels(search.levels)[-1], 0
+    if config.polish is None:
+        return None
+    search.tell(Progress("polishing", 0, None, {}))
 
     def heard(step) -> None:
         nonlocal done
         done += 1
-        listener(Progress("polishing", done, None, {"fitness": step.fitness}))
+        search.tell(Progress("polishing", done, None, {"fitness": step.fitness}))
 
-    return polish(
-        problem._replace(scene=own.scene),
-        genes,
-        PolishConfig(config.polish_rollouts, config.polish, final_robots=FINAL_ROBOTS),
-        options=own.options,
-        final_options=own.options,
+    genome, starts = genome_to_polish(search.problem, promoted.genes, config)
+    wider, options = search.plain._replace(genome=genome), own.options
+    found = polish(
+        wider._replace(scene=own.scene),
+        starts,
+        config.polish,
+        options=options,
+        final_options=options,
         seed=config.seed,
         on_step=heard,
     )
+    return allowed(wider, search.bounds, search.levels, (promoted, starts[0]), found)
+
+
+def _best(search: _Search, promoted: Promoted, polished: Polished | None) -> Gait:
+    """The gait that polishing made better, or else the best that was promoted."""
+    genome, genes = search.problem.genome, promoted.genes[0]
+    if polished is not None and polished.improved:
+        genome, genes = polished.genome, polished.genes
+    gait = one_gait(genome.gaits(search.problem.scene.gait, genes[None]), 0)
+    return gait if search.config.active is None else without_idle(gait)
+
+
+@_timed("verifying")
+def _verify(search: _Search, gait: Gait) -> Verdict:
+    """What the gait is worth, by exact rollouts and draws that chose nothing."""
+
+    def heard(done: int, total: int) -> None:
+        search.tell(Progress("verifying", done, total, {}))
+
+    found, seed = with_gait(search.problem.scene, gait), search.config.seed + UNSEEN
+    # a stronger gait than the scene's own may need a smaller step
+    dt = min(search.levels[-1].dt, default_step(found, default_method(found)) / 2)
+    return final_verdict(search.plain, gait, dt=dt, bounds=search.bounds, seed=seed, on_progress=heard)

@@ -39,6 +39,10 @@ class PolishConfig(NamedTuple):
     """by which the best start and the best end are judged, at most"""
     largest_sensitivity: float = 3.0
     """m/rad: beyond it a pathwise gradient describes less than a step's length of the landscape"""
+    gaits: int = 1
+    """number of the best gaits of a search that are polished"""
+    overtones: int = 4
+    """number of overtones that are shaped of a search's gaits that are waves, or more where the search has more"""
 
 
 class Budget(NamedTuple):

@@ -14,6 +14,7 @@ from jaxgrity.search.genetic_algorithm import Evolution, SearchProblem, distinct
 from jaxgrity.search.genome import Genes
 from jaxgrity.search.judging import Scores, judge
 from jaxgrity.search.objectives import ActuatorBounds
+from jaxgrity.search.polish import Polished
 from jaxgrity.search.search_config import COMPARED, SearchConfig
 
 FINALISTS = 4
@@ -68,7 +69,7 @@ def promote(
     Raises `InputError` where every rollout of the last generation failed. `on_level` gets how many levels are done, how
     many there are, and the name of the next.
     """
-    genome = problem.genome
+    genome, wanted = problem.genome, 1 if config.polish is None else config.polish.gaits
     genes = distinct(search.last, genome, COMPARED)
     if not len(genes):
         raise InputError("every rollout of the last generation failed; expected a scene that can be integrated")
@@ -86,14 +87,14 @@ def promote(
     first, table = len(genes), np.array(rows)
     agreement = Agreement(levels, table, first, rank_correlation(table), rank_correlation(table[:, :first]))
     excess = excess_at(levels[1], genes, problem, bounds)
-    best = np.lexsort((-scores.merit[:first], excess))[: max(FINALISTS, config.polish_gaits)]
+    best = np.lexsort((-scores.merit[:first], excess))[: max(FINALISTS, wanted)]
     finals = _finals(problem, levels[-1], genes[best], config)
     multipliers = multipliers_of(problem, genes[best], step) if config.attracting else None
     repels = np.zeros(len(best), bool) if multipliers is None else multipliers >= 1
     order = np.lexsort((-finals.merit, repels, excess[best]))
     best, finals = best[order], Scores(*(np.asarray(part)[order] for part in finals))
     multipliers = None if multipliers is None else multipliers[order]
-    chosen = np.asarray(genes, float)[best[: config.polish_gaits]]
+    chosen = np.asarray(genes, float)[best[:wanted]]
     return Promoted(chosen, finals, multipliers, bool(excess[best[0]] == 0), agreement)
 
 
@@ -110,3 +111,30 @@ def _finals(problem: SearchProblem, level: FidelityLevel, genes: Genes, config: 
     robots = config.robots * (FINALIST_ROBOTS if config.robots > 1 else 1)
     gaits = problem.genome.gaits(problem.scene.gait, genes)
     return judge(jax.random.key(config.seed + 3), level.of(problem.duration, problem.fitness).by(robots), gaits)
+
+
+def allowed(
+    problem: SearchProblem,
+    bounds: ActuatorBounds,
+    levels: tuple[FidelityLevel, ...],
+    start: tuple[Promoted, np.ndarray],
+    polished: Polished,
+) -> Polished:
+    """The polished gait, or the one before where that alone keeps the bounds, or is on an orbit that attracts.
+
+    The start's genes are those of the polished genome.
+    """
+    if not polished.improved:
+        return polished
+    promoted, first = start
+    genes, before, but = polished.genes[None], promoted.multipliers, ""
+    if promoted.within_bounds and excess_at(levels[1], genes, problem, bounds)[0] > 0:
+        but = "it is beyond a bound on actuators"
+    elif before is not None and before[0] < 1:
+        after = multipliers_of(problem, genes, 2 * levels[-1].dt)
+        if after is not None and after[0] >= 1:
+            but = f"its orbit multiplies a disturbance in one cycle by {after[0]:.2g}, not {before[0]:.2g}"
+    if not but:
+        return polished
+    reason = f"{polished.reason}; but {but}: the gait is kept as it was"
+    return polished._replace(genes=first, improved=False, reason=reason)

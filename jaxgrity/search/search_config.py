@@ -21,7 +21,7 @@ from jaxgrity.search.genetic_algorithm import GAConfig, SearchProblem
 from jaxgrity.search.genome import Genes, Genome
 from jaxgrity.search.judging import Fitness
 from jaxgrity.search.objectives import ActuatorBounds, Objective, SteadySpeed
-from jaxgrity.search.polish_config import GradientKind, PolishConfig, check_polish
+from jaxgrity.search.polish_config import PolishConfig, check_polish
 
 UNCERTAIN = Uncertainty(phase=0.03, actuation=0.02, friction=0.2, cable_stiffness=0.05, node_mass=0.05)
 """Default half-widths of what a search takes as uncertain: the phase in rad, all others as shares."""
@@ -34,6 +34,8 @@ NO_GAIT = (
     'the scene has no [gait]; expected one to begin from, such as [gait] members = "struts", amplitude = 0.3, '
     "frequency = 0.8, phase = { seed = 1 }"
 )
+FINAL_ROBOTS = 128
+"""Most robots that judge what polishing gained: the verdict, which follows, takes more."""
 COMPARED = 16
 """Number of evolved gaits, and of random ones, that are judged on all fidelity levels to compare their ranks."""
 
@@ -46,6 +48,7 @@ class SearchConfig:
     Robots differ in all that is uncertain, and the best gaits are tried on both contact models.
     """
 
+    # how it searches
     duration: float = 40.0
     """horizon over which the objective counts, s"""
     population: int = 128
@@ -55,50 +58,50 @@ class SearchConfig:
     optimiser: Literal["genetic", "cma-es"] = "genetic"
     """what makes one generation from the last: a genetic algorithm, or CMA-ES (the extra `baselines`), which begins at
     the best gait of the first generation"""
-    robots: int = 4
-    """that each gait is tried on in a generation, drawn from what is uncertain"""
+    wide: bool = True
+    """whether screening looks widely: at 4 times the population drawn at random, then at mutations of the best eighth
+    alone; the scene's own model goes on with an eighth of the population"""
+    dt: float | None = None
+    """step of the scene's own model, s; verification is at it and below, as errors ask; None: the scene decides"""
+    seed: int = 0
+    """seed of the random number generator: the same seed gives the same search"""
+
+    # what varies
+    members: Literal["scene", "struts", "cables"] = "scene"
+    """members that may be actuated: those of the scene's gait, all struts or all cables"""
+    active: int | None = None
+    """number of members that are actuated, where evolution also chooses which; None: all that may be"""
+    amplitude: tuple[float, float] | None = (0.05, 0.5)
+    """bounds of each member's amplitude, which evolves too; None: it stays as the scene's gait says"""
+    scaled: bool = False
+    """whether amplitudes are scaled down to what the bound on the rate allows; else gaits beyond it are lost"""
+    frequency: tuple[float, float] | None = (0.3, 1.6)
+    """bounds of the gait's frequency, Hz, which evolves too; None: it stays as the scene's gait says"""
+    waves: Literal["every", "axis", "none"] = "every"
+    """whether gaits are waves (`travelling_waves`) that every rotation of the robot maps on themselves, or those about
+    one axis, which can turn; robots without rotations have none"""
+    overtones: int = 0
+    """number of further sines in each member's Fourier series"""
+
+    # how gaits are judged
     objective: Objective = field(default_factory=SteadySpeed)
     """what a rollout is worth"""
     bounds: ActuatorBounds = field(default_factory=lambda: ActuatorBounds(rate=1.0, power=200.0))
     """the most that a gait may ask of an actuator"""
-    scaled: bool = False
-    """whether amplitudes are scaled down to what the bound on the rate allows; else gaits beyond it are lost"""
     uncertainty: Uncertainty = field(default_factory=lambda: UNCERTAIN)
     """half-widths of what is not known exactly"""
+    robots: int = 4
+    """number of robots, drawn from what is uncertain, that try each gait in a generation"""
     caution: float = 1.0
-    """standard deviations of its robots that are held against a gait"""
-    amplitude: tuple[float, float] | None = (0.05, 0.5)
-    """bounds between which each member's amplitude evolves too; None: it stays as the scene's gait says"""
-    frequency: tuple[float, float] | None = (0.3, 1.6)
-    """bounds (Hz) between which the gait's frequency evolves too; None: likewise"""
-    waves: Literal["every", "axis", "none"] = "every"
-    """whether gaits are waves (`travelling_waves`) that every rotation of the robot maps on themselves, or those about
-    one axis, which can turn; robots without rotations have none"""
+    """number of standard deviations over its robots that are subtracted from a gait's mean"""
     both_models: bool = True
     """whether the best gaits are tried on both contact models before one is chosen"""
     attracting: bool = True
     """whether, of the best, gaits whose orbit attracts come first (`stability`), where the objective is steady"""
-    wide: bool = True
-    """whether screening looks widely: at 4 times the population drawn at random, then at mutations of the best eighth
-    alone; the scene's own model goes on with an eighth of the population"""
-    overtones: int = 0
-    """how many more sines each member's Fourier series has"""
-    members: Literal["scene", "struts", "cables"] = "scene"
-    """which members may be actuated: those of the scene's gait, all struts or all cables"""
-    active: int | None = None
-    """how many of them are, which ones evolves too"""
-    polish: GradientKind = "smoothed"
-    """by which gradient"""
-    polish_rollouts: int = 3072
-    """what polishing may cost; 0: no polish"""
-    polish_overtones: int = 4
-    """how many overtones polishing shapes of gaits that are waves, those of the search at least"""
-    polish_gaits: int = 1
-    """how many of the best gaits are polished"""
-    dt: float | None = None
-    """step of the scene's own model, s; verification is at it and below, as errors ask; None: the scene decides"""
-    seed: int = 0
-    """the same seed gives the same search"""
+
+    # how the best are polished
+    polish: PolishConfig | None = field(default_factory=lambda: PolishConfig(final_robots=FINAL_ROBOTS))
+    """budget, gradient, and which gaits; None: no polish"""
 
 
 @typed
@@ -138,15 +141,15 @@ def with_actuated(scene: Scene, members: Literal["scene", "struts", "cables"]) -
 @typed
 def search_problem(scene: Scene, config: SearchConfig) -> SearchProblem:
     """What evolves, and how it is judged. Raises `InputError` before anything compiles."""
-    if not 1 <= config.polish_gaits <= COMPARED:
-        raise InputError(f"polish_gaits = {config.polish_gaits}: expected 1 to {COMPARED}")
     if scene.gait is None:
         raise InputError(NO_GAIT)
     if config.objective.steady:
         _check_frequency(scene.gait, config.frequency)
     fitness = Fitness(config.objective, config.uncertainty, config.robots, config.caution, config.bounds)
-    if config.polish_rollouts:
-        check_polish(PolishConfig(config.polish_rollouts, config.polish), fitness, config.polish_gaits)
+    if config.polish is not None:
+        if not 1 <= config.polish.gaits <= COMPARED:
+            raise InputError(f"polish: gaits = {config.polish.gaits}; expected 1 to {COMPARED}")
+        check_polish(config.polish, fitness, config.polish.gaits)
     members = scene.gait.members
     # which gaits are the same depends on where the objective leads
     turned = standing_symmetries(scene) if config.objective.any_heading else ()
@@ -174,13 +177,14 @@ def search_problem(scene: Scene, config: SearchConfig) -> SearchProblem:
 def genome_to_polish(problem: SearchProblem, genes: Genes, config: SearchConfig) -> tuple[Genome, np.ndarray]:
     """The genome in which polishing climbs, and what its first gaits' genes are there.
 
-    Waves get the overtones of `polish_overtones`. Amplitudes are scaled down to the bound on the rate, so that no step
+    Waves get the overtones of `config.polish`. Amplitudes are scaled down to the bound on the rate, so that no step
     leads beyond it.
     """
     genome = problem.genome
     if config.bounds.rate is not None:
         genome = dataclasses.replace(genome, quickest=_quickest(problem.scene, config))
-    wider, genes = genome.with_overtones(genes, config.polish_overtones if genome.waves else 0)
+    overtones = config.polish.overtones if genome.waves and config.polish is not None else 0
+    wider, genes = genome.with_overtones(genes, overtones)
     return wider, np.asarray(genes)
 
 
@@ -222,6 +226,8 @@ def plain_config(config: SearchConfig) -> dict[str, Any]:
     """The config as it goes into a JSON file: an objective, say, by its class and what it holds."""
 
     def plain(value: Any) -> Any:
+        if isinstance(value, PolishConfig):
+            return value._asdict()
         return (
             {"kind": type(value).__name__, **vars(value)}
             if isinstance(value, (Objective, ActuatorBounds, Uncertainty))

@@ -242,7 +242,7 @@ def test_diagnose_says_how_far_a_rollout_can_be_trusted(jaxgrity, tmp_path):
         (["search", "--dt", "0.1"], ["largest stable step"]),
         (["search", "--dt", "nan"], ["dt = nan"]),
         (["search", "--population", "1"], ["population = 1: expected at least 2 gaits"]),
-        (["search", "--polish-gaits", "17"], ["polish_gaits = 17: expected 1 to 16"]),
+        (["search", "--polish-gaits", "17"], ["polish: gaits = 17; expected 1 to 16"]),
         (["search", "--polish-rollouts", "3"], ["3 rollouts of polish: expected 128 or more (climbs: 1)"]),
         (["search", "--objective.kind", "far"], ["objective = 'far': unknown; expected one of distance, direction"]),
         (["search", "--objective.heading", "1"], ["heading = 1.0: 'steady speed' has none"]),

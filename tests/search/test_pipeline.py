@@ -22,6 +22,7 @@ from jaxgrity import (
     InputError,
     Members,
     Objective,
+    PolishConfig,
     SearchConfig,
     SearchProblem,
     SearchResult,
@@ -85,8 +86,7 @@ def config():
         waves="none",
         both_models=False,
         wide=False,
-        polish_rollouts=128,
-        polish_gaits=1,
+        polish=PolishConfig(128, final_robots=128),
     )
 
 
@@ -354,7 +354,7 @@ def test_a_random_structure_can_be_searched(exact, config):
     one = np.ones(5)
     gait = Gait((0, 1, 2, 3, 4), 0 * one, 0.1 * one, 0.8 * one, 0.1, 0.2)
     scene = dataclasses.replace(exact, structure=body, gait=gait, node_damping=np.full(10, 0.5))
-    result = search_gaits(scene, dataclasses.replace(config, objective=Distance(), polish_rollouts=0))
+    result = search_gaits(scene, dataclasses.replace(config, objective=Distance(), polish=None))
     end = simulate(result.scene, config.duration, options=SolverOptions(dt=result.levels[-1].dt), frame_rate=20.0)
     path = centre_path(result.scene, end)
     moved = np.linalg.norm((path[-1] - path[0])[:2])
@@ -364,12 +364,12 @@ def test_a_random_structure_can_be_searched(exact, config):
 
 def test_a_bound_on_force_that_binds_is_kept(exact, config):
     """Below what the best gait of a search without it needs: what is found needs less, or is said to exceed it."""
-    loose = search_gaits(exact, dataclasses.replace(config, polish_rollouts=0))
+    loose = search_gaits(exact, dataclasses.replace(config, polish=None))
     peak = excess_at(loose.levels[1], loose.promoted.genes[:1], loose.problem, ActuatorBounds(force=1.0))[0] + 1.0
     assert np.isfinite(peak)
     bound = ActuatorBounds(force=0.97 * float(peak))
     assert excess_at(loose.levels[1], loose.promoted.genes[:1], loose.problem, bound)[0] > 0
-    tight = search_gaits(exact, dataclasses.replace(config, bounds=bound, polish_rollouts=0))
+    tight = search_gaits(exact, dataclasses.replace(config, bounds=bound, polish=None))
     exceeds = excess_at(tight.levels[1], tight.promoted.genes[:1], tight.problem, bound)[0] > 0
     assert tight.promoted.within_bounds == (not exceeds)
     assert tight.verdict.beyond > 0 or tight.promoted.within_bounds

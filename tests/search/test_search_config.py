@@ -9,6 +9,7 @@ from jaxgrity import (
     ActuatorBounds,
     Distance,
     InputError,
+    PolishConfig,
     SearchConfig,
     SteadySpeed,
     SteadyTurn,
@@ -52,7 +53,7 @@ def test_scaled_gaits_stay_within_the_bound_on_the_rate(exact):
 def test_polishing_shapes_overtones_of_waves(exact):
     """Of the same gait, but for faint ones; amplitudes stay within the bound on the rate. Gaits that are no waves have
     none, and as many genes as before."""
-    config = SearchConfig(bounds=ActuatorBounds(rate=0.5), polish_overtones=2)
+    config = SearchConfig(bounds=ActuatorBounds(rate=0.5), polish=PolishConfig(overtones=2))
     problem = search_problem(exact, config)
     genes = np.random.default_rng(0).uniform(size=(16, problem.genome.size))
     genome, wider = genome_to_polish(problem, genes, config)
@@ -62,7 +63,7 @@ def test_polishing_shapes_overtones_of_waves(exact):
     assert max(np.abs(each.size).max() for each in after.overtones) < 2e-3
     rates = np.asarray(peak_rates(after, actuated_lengths(exact.structure, exact.gait.members)))
     assert rates.max() <= 0.5
-    free = SearchConfig(waves="none", polish_overtones=2)
+    free = SearchConfig(waves="none", polish=PolishConfig(overtones=2))
     assert genome_to_polish(search_problem(exact, free), np.zeros((1, 13)), free)[0].overtones == 0
 
 
@@ -85,8 +86,11 @@ def test_a_wide_search_draws_many_and_goes_on_with_the_best_eighth():
             SearchConfig(scaled=True, frequency=(0.3, 1.0), bounds=ActuatorBounds()),
             "scaled: there is no bound on the rate of actuators",
         ),
-        (SearchConfig(polish_gaits=0), "polish_gaits = 0: expected 1 to 16"),
-        (SearchConfig(polish="pathwise", caution=0.0), "a steady objective has no pathwise gradient"),
+        (SearchConfig(polish=PolishConfig(gaits=0)), "polish: gaits = 0; expected 1 to 16"),
+        (
+            SearchConfig(polish=PolishConfig(kind="pathwise"), caution=0.0),
+            "a steady objective has no pathwise gradient",
+        ),
     ],
 )
 def test_what_cannot_be_searched_is_refused(exact, config, message):
