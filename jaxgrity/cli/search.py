@@ -51,8 +51,8 @@ def polish_of(settings: SearchSettings) -> PolishConfig | None:
     if not settings.polish_rollouts:
         return None
     usual = cast(PolishConfig, SearchConfig().polish)
-    how = {"rollouts": settings.polish_rollouts, "kind": settings.polish}
-    return usual._replace(**how, gaits=settings.polish_gaits, overtones=settings.polish_overtones)
+    usual = usual._replace(rollouts=settings.polish_rollouts, kind=settings.polish)
+    return usual._replace(gaits=settings.polish_gaits, overtones=settings.polish_overtones)
 
 
 def main(settings: SearchSettings) -> None:
