@@ -21,7 +21,7 @@ from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, State
 from jaxgrity.model.actuation import Command, Gait, actuated_lengths
 from jaxgrity.model.scene import Scene, as_dtype, start_of, with_gait
-from jaxgrity.populations.lanes import in_lanes, lane_axes, lanes_last, over_lanes, step_axes
+from jaxgrity.populations.lanes import in_lanes, lane_axes, lanes_last, last_axes, over_lanes, step_axes
 from jaxgrity.populations.metrics import actuator_tension
 from jaxgrity.populations.uncertainty import Differences
 from jaxgrity.stepping.complementarity import Lift, one_robot
@@ -214,7 +214,7 @@ def whole_state(plant: Plant, state: PlantState) -> State:
     carried = Carried(state.motion, state.solver)
     if plant.robots is None:
         return state_of(scene, now, carried)
-    return over_lanes(state_of, (lane_axes(scene), None, step_axes(carried).before))(scene, now, carried)
+    return over_lanes(state_of, (lane_axes(scene), None, last_axes(carried)))(scene, now, carried)
 
 
 def sense_now(plant: Plant, state: PlantState) -> Observation:

@@ -192,7 +192,7 @@ def in_lanes(scene: Scene, gaits: Gait, differences: Differences | None = None) 
     spread = jax.tree.map(lambda x: jnp.broadcast_to(x[..., None], (*x.shape, lanes)) if x.ndim else x, scene)
     spread = differing(eqx.tree_at(lambda s: s.gait, spread, gaits, is_leaf=lambda x: x is None), differences)
     if spread.structure.coupled:
-        response = over_lanes(mobility, (_axes(spread.structure),))(spread.structure)
+        response = over_lanes(mobility, (last_axes(spread.structure),))(spread.structure)
         spread = eqx.tree_at(lambda s: s.structure.mobility, spread, response, is_leaf=lambda x: x is None)
     if scene.ground is not None and scene.ground.surface is not None:
         # all robots' alike: its numbers are scalars, or tables to look into, and meet no array of nodes by elements
@@ -202,13 +202,13 @@ def in_lanes(scene: Scene, gaits: Gait, differences: Differences | None = None) 
 
 def step_axes(carried: Carried) -> Step:
     """The `in_axes` of a `Step` of many robots, from what the method carries in it."""
-    axes = _axes(carried)
+    axes = last_axes(carried)
     return Step(None, None, axes, axes)  # type: ignore[arg-type]
 
 
 def lane_axes(scene: Scene) -> Scene:
     """The `in_axes` of a scene with lanes: the last axis of every array but scalars, and but those of a surface."""
-    axes = _axes(scene)
+    axes = last_axes(scene)
     if scene.ground is None or scene.ground.surface is None:
         return axes
     common = jax.tree.map(lambda x: None, scene.ground.surface)
@@ -219,7 +219,7 @@ def _surface(scene: Scene):
     return scene.ground.surface  # type: ignore[union-attr]
 
 
-def _axes(x):
+def last_axes(x):
     """The `in_axes` of what has the lanes last in every array but scalars."""
     return jax.tree.map(lambda x: -1 if jnp.ndim(x) else None, x)
 

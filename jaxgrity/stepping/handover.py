@@ -17,7 +17,7 @@ from jaxgrity.model.shaking import with_supports
 from jaxgrity.model.structure import Structure
 from jaxgrity.stepping.dynamics import acceleration
 
-TOGETHER = 32
+FRAMES_AT_ONCE = 32
 """Number of frames whose velocities are solved for side by side: enough to fill vector units."""
 CORRECTIONS = 8
 """Most corrections of Newton's method. The second leaves only rounding where dissipative forces are linear in v."""
@@ -64,7 +64,7 @@ def velocities_at(
 ) -> NodeHistory:
     """`velocity_at` of the first `frames` of a motion (q, w); those after them, with which it was filled up, stay."""
     q, w = motion
-    size = min(TOGETHER, len(times))
+    size = min(FRAMES_AT_ONCE, len(times))
 
     def some(k, found):
         first = jnp.minimum(k * size, len(times) - size)
