@@ -42,6 +42,7 @@ COLUMNS = {
     "rollouts": lambda s: str(sum(search["rollouts"] for search in s["searches"])),
     "seconds": lambda s: f"{s['wall_seconds']:.0f}",
 }
+"""Functions of a summary that make the columns of the table, by their heads."""
 
 
 def unit(summary: dict[str, Any]) -> str:

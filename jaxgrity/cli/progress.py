@@ -21,6 +21,7 @@ UNITS = {
     "verifying": "judgement",
     "reporting": "part",
 }
+"""What a bar counts, by the stage that it shows."""
 SAID = {"best": "best (on its own draws)"}
 """Words with which a bar shows a fact whose name alone says too little."""
 TICK = 2.0

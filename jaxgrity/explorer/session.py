@@ -23,7 +23,9 @@ from jaxgrity.stepping.simulate import Trajectory, centre_path, simulate
 from jaxgrity.trust.error_bars import refinement_bar, timing_bar
 
 OWN = "the scene's own"
+"""Choice of a gait that stands for the one in the scene."""
 OTHER = "the other"
+"""Choice of a contact model that stands for the scene's contact twin."""
 WATCHED_PERIODS = 56
 """Number of periods of actuation in which the robot has to settle on an orbit."""
 FRAME_RATE = 25.0

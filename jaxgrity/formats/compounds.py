@@ -11,6 +11,7 @@ from jaxgrity.statics.form_finding import equilibrium_matrix
 INDEPENDENT = 1e-6
 """A member resists another motion if others leave over this share of its column of A, at unit length."""
 MOST_NODES_OF_A_BODY = 60
+"""Most nodes of one rigid body: to brace it, each pair of them is tried."""
 
 
 def bodies(edges: Edges, nodes: int) -> list[np.ndarray]:

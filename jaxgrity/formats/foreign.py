@@ -12,6 +12,7 @@ from jaxgrity.model.scene import Scene
 LARGEST_FILE = 4_000_000
 """Largest text file that is read, bytes: a file beyond it does not describe a robot."""
 MOST_NODES = 10_000
+"""Most nodes of a structure that is read: beyond it a file does not describe a robot."""
 
 
 class Imported(NamedTuple):

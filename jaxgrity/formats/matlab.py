@@ -18,6 +18,7 @@ from jaxgrity.model.structure import Members, Structure, check_edges, edge_lengt
 
 AXES = ("X", "Y", "Z")
 MOST_MEMBERS = 100_000
+"""Most members of a structure that is read: beyond it a file does not describe a robot."""
 LARGEST_UNPACKED = 200_000_000
 """Largest size of a packed variable once it is unpacked, bytes."""
 LARGEST_MATRIX = 20_000_000

@@ -19,6 +19,7 @@ STRUT, CABLE = 0.012, 0.004
 """Radii of struts and cables, as shares of the length of the longest strut."""
 COLOURS = {"struts": (52, 73, 94, 255), "cables": (192, 57, 43, 255)}
 SIDES = 16
+"""Number of sides of the prisms that stand for round struts and cables."""
 
 
 @typed

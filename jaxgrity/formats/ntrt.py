@@ -18,6 +18,7 @@ from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import Members, Structure, check_edges, edge_lengths
 
 DECIMETRE = 0.1
+"""Default unit of length of NTRT's files, m."""
 GROUND_FRICTION, GRAVITY = 0.5, 9.81
 """Friction coefficient of the ground, and gravity (m/s^2): the files describe neither."""
 SAME_PLACE = 1e-6

@@ -14,6 +14,7 @@ from jaxgrity.io.files import save_arrays, write_whole
 from jaxgrity.stepping.simulate import Trajectory
 
 ENDINGS = (".npz", ".csv", ".nc")
+"""Endings of the files to which trajectories are written."""
 
 
 @typed

@@ -17,6 +17,7 @@ from jaxgrity.populations.uncertainty import part_of
 Known = TypeVar("Known", bound=eqx.Module)
 """A scene, or another module with numbers from which scenes are made."""
 KINDS = ("factor", "offset")
+"""How a parameter changes a scene: as a factor on its value, or as a number added to it."""
 Unknowns = Float[AnyArray, " unknowns"]
 """Unknowns z of a fit: each is 0 for the scene as it is given, and plausible from -1 to 1."""
 

@@ -37,6 +37,7 @@ from jaxgrity.structures.catalogue import rest_on_face
 from jaxgrity.structures.geometry import Geometry
 
 DEEPEST = 50
+"""Most parts of a key: far more than the keys of any scene file have."""
 DEEP_KEY = re.compile(rf"(?:[\w-]+\.){{{DEEPEST}}}")
 """Pattern of keys with too many parts: the TOML reader would take minutes, and gigabytes, for one."""
 SHIPPED = resources.files("jaxgrity") / "data" / "scenes"

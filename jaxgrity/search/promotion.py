@@ -39,7 +39,7 @@ class Agreement(NamedTuple):
 class Promoted(NamedTuple):
     """The gaits with which a search goes on."""
 
-    genes: Float[np.ndarray, "polish_gaits genes"]
+    genes: Float[np.ndarray, "polished genes"]
     """best first"""
     finals: Scores
     """of the finalists, best first, by many robots"""

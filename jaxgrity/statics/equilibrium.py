@@ -26,6 +26,7 @@ from jaxgrity.statics.stiffness import (
 )
 
 ITERATIONS = 500
+"""Most iterations of the solver, after which a shape counts as not found."""
 SMALLEST_SHIFT, LARGEST_SHIFT = 1e-12, 1e6
 """Limits of the shift of the stiffness matrix, as shares of its largest diagonal entry."""
 

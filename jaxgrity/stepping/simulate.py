@@ -27,6 +27,7 @@ ROOM = 2**16
 repeated to fill it, unless the motion is differentiated."""
 
 REVERSE = "simulate has derivatives in forward mode alone (jax.jacfwd, jax.jvp); for reverse mode use jaxgrity.rollout"
+"""Message where reverse mode meets `simulate`."""
 
 
 class Trajectory(eqx.Module):

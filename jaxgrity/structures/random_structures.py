@@ -12,6 +12,7 @@ from jaxgrity.statics.equilibrium import resting_shape
 from jaxgrity.structures.geometry import Geometry, at_least
 
 TRIES = 20
+"""Most random draws for one seed until a structure stands."""
 STRUT_STIFFNESS, CABLE_STIFFNESS = 1e3, 1.0
 """Stiffness of the springs with which the shape is found, N/m. Only their ratio matters."""
 SHORT = 0.3
