@@ -13,16 +13,16 @@ import subprocess
 import sys
 import tempfile
 import time
-from dataclasses import dataclass
+from collections.abc import Iterator
 from pathlib import Path
 
-from jaxgrity.cli.script import measured, run
+from measurement import Record, measurement
 
 import numpy as np
-from tqdm import tqdm
+from pages import table
 
 from jaxgrity import InputError
-from jaxgrity.io.files import PART, save_json
+from jaxgrity.io.files import PART
 from jaxgrity.search import load_states
 
 SMALL = ("--duration", "2", "--population", "16", "--generations", "12", "8", "--polish-rollouts", "0")
@@ -34,22 +34,19 @@ QUICK = (
 """one that only its processes and their compilation take time for"""
 
 
-@dataclass
-class Settings:
-    kills: int = 20
-    """how many runs are killed"""
-    seed: int = 0
-    """of the moments"""
-    out: Path = Path("results/crash_recovery")
-    """folder for the runs and crash_recovery.json"""
-    quick: bool = False
-    """one kill, as soon as a generation is saved, of a small search on the scene "exact"; no report"""
+@measurement(page="search.md", quick={"kills": 1, "timed": False}, raw=("rows", "moments_between"))
+def crash_recovery(out: Path, kills: int = 20, seed: int = 0, timed: bool = True) -> Iterator[Record]:
+    """A row for each run that is killed; counts of what became of them.
 
+    Raises `InputError` where a final population differs, or a file is broken.
 
-def main(settings: Settings) -> None:
-    kills, whole = 1 if settings.quick else settings.kills, settings.out / "whole"
-    options = QUICK if settings.quick else SMALL
-    if not settings.quick:
+    Args:
+        kills: how many runs are killed
+        seed: seed of the moments
+        timed: kill at these moments; else as soon as a generation is saved, of a small search without its report
+    """
+    options, whole = SMALL if timed else QUICK, out / "whole"
+    if timed:
         # so that the moments are those of a run whose programs are compiled, as the others' will be
         search(whole, "--restart", *options)
     shutil.rmtree(whole, ignore_errors=True)
@@ -57,29 +54,48 @@ def main(settings: Settings) -> None:
     search(whole, "--restart", *options)
     undisturbed, lasted = population(whole), time.time() - began
     first, last = ((whole / name).stat().st_mtime - began for name in (".lock", "population.npz"))
-    moments = np.random.default_rng(settings.seed).uniform(first, last, kills)
-    facts: dict = {**measured(), "undisturbed_seconds": lasted, "moments_between": [first, last], "kills": []}
-    for number, moment in enumerate(tqdm(moments, unit="kill")):
-        folder = settings.out / f"killed_{number}"
-        kill(folder, None if settings.quick else moment, *options)
+    rows = []
+    for number, moment in enumerate(np.random.default_rng(seed).uniform(first, last, kills)):
+        folder = out / f"killed_{number}"
+        kill(folder, moment if timed else None, *options)
         states, broken = load_states(folder), broken_files(folder)
         again = "--resume" if (folder / "run.json").exists() else "--restart"
-        search(folder, again, *options, to_the_end=number == kills - 1 and not settings.quick)
-        same = all(np.array_equal(undisturbed[name], population(folder)[name]) for name in undisturbed)
-        facts["kills"].append(
+        search(folder, again, *options, to_the_end=number == kills - 1 and timed)
+        rows.append(
             {
                 "after_seconds": moment,
                 "generations_saved": [state.number for state in states],
                 "broken_files": broken + broken_files(folder),
-                "same_population": same,
+                "same_population": all(
+                    np.array_equal(undisturbed[name], population(folder)[name]) for name in undisturbed
+                ),
             }
         )
-        save_json(settings.out / "crash_recovery.json", facts)
-    same = sum(one["same_population"] for one in facts["kills"])
-    broken = sum(len(one["broken_files"]) for one in facts["kills"])
-    print(f"{kills} kills: {same} identical final populations, {broken} broken files")
+        yield rows[-1]
+    same, broken = sum(row["same_population"] for row in rows), sum(len(row["broken_files"]) for row in rows)
     if same < kills or broken:
-        raise InputError(f"{settings.out}: expected {kills} identical populations and no broken file")
+        raise InputError(f"{out}: {same} identical populations, {broken} broken files; expected {kills} and none")
+    return {
+        "killed": kills,
+        "undisturbed_seconds": lasted,
+        "moments_between": [first, last],
+        "between_generations": sum(0 < sum(row["generations_saved"]) < 20 for row in rows),
+        "same_population": same,
+        "broken_files": broken,
+    }
+
+
+@crash_recovery.table
+def words(record: Record) -> str:
+    """What became of the searches that were killed."""
+    rows = [
+        ["searches killed at random moments", str(record["killed"])],
+        ["of these between their first and their last generation", str(record["between_generations"])],
+        ["that ended, resumed, with the very same population", str(record["same_population"])],
+        ["broken files", str(record["broken_files"])],
+        ["duration of a search that nobody killed", f"{record['undisturbed_seconds']:.0f} s"],
+    ]
+    return table(["crash recovery", "measured"], rows)
 
 
 def kill(folder: Path, moment: float | None, *options: str) -> None:
@@ -141,4 +157,4 @@ def broken_files(folder: Path) -> list[str]:
 
 
 if __name__ == "__main__":
-    run(main, Settings)
+    crash_recovery.run()

@@ -5,14 +5,15 @@ the derivative says that it repels, and yet it stays within millimetres. The fig
 sizes go on, and the map over a cycle along its most unstable direction, close up.
 """
 
-from dataclasses import dataclass
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from jaxgrity.cli.script import measured, run
+from measurement import Record, measurement
 
 import numpy as np
 from matplotlib.figure import Figure
+from pages import columns
 from tqdm import tqdm
 
 from jaxgrity import (
@@ -27,9 +28,7 @@ from jaxgrity import (
     simulate_population,
     with_gait,
 )
-from jaxgrity.io.files import save_json
 from jaxgrity.orbits import FloquetMultipliers, Orbit, find_orbit, floquet_multipliers, restarted, stability
-from jaxgrity.report import plot
 from jaxgrity.stepping import resolve
 
 FIRST = Path(__file__).with_name("first_lasting.json")
@@ -46,26 +45,6 @@ NEAR = 2e-3
 """m, by which nodes are moved along the most unstable direction, at most"""
 
 
-@dataclass
-class Settings:
-    duration: float = 120.0
-    """s, for which orbits are looked for"""
-    cycles: int = 100
-    """for which each orbit is watched then"""
-    moments: int = 8
-    """beginnings of cycles at which multipliers are taken; on penalty contact, which takes long, a quarter of them"""
-    robots: int = 6
-    """that are disturbed, of each size"""
-    followed: int = 40
-    """cycles for which they are followed"""
-    close: int = 801
-    """robots by which the map is drawn"""
-    out: Path = Path("results/multipliers")
-    """folder for multipliers.json and its figure"""
-    quick: bool = False
-    """exact contact at its own step alone, fewer robots, moments and cycles"""
-
-
 class Case(NamedTuple):
     """A gait on one contact model, at one step."""
 
@@ -79,38 +58,84 @@ class Case(NamedTuple):
         return "exact" if self.scene.constrained else "penalty"
 
 
-def main(settings: Settings) -> None:
-    if settings.quick:
-        settings.duration, settings.cycles, settings.moments = 80.0, 20, 2
-        settings.robots, settings.followed, settings.close = 2, 10, 51
-    rows, curves, maps, periods = [], {}, {}, {}
-    for case in tqdm(cases(settings.quick), unit="case"):
+@measurement(
+    page="gaits.md",
+    quick={"duration": 80.0, "cycles": 20, "moments": 2, "robots": 2, "followed": 10, "close": 51, "finer": False},
+    raw=("neutral", "curves", "map"),
+)
+def multipliers(
+    duration: float = 120.0,
+    cycles: int = 100,
+    moments: int = 8,
+    robots: int = 6,
+    followed: int = 40,
+    close: int = 801,
+    finer: bool = True,
+) -> Iterator[Record]:
+    """A row for each gait, contact model and step.
+
+    Args:
+        duration: s, for which orbits are looked for
+        cycles: number of cycles for which each orbit is watched then
+        moments: beginnings of cycles at which multipliers are taken; on penalty contact, which takes long, a quarter
+        robots: number of robots that are disturbed, of each size
+        followed: number of cycles for which they are followed
+        close: number of robots by which the map is drawn
+        finer: with penalty contact and finer steps, beside exact contact at its own step
+    """
+    periods: dict[tuple[str, str], int] = {}
+    for case in cases(finer):
         options = step_of(case)
-        orbit = find_orbit(case.scene, settings.duration, options=options)
+        orbit = find_orbit(case.scene, duration, options=options)
         # finer steps may return more closely after twice as many periods; all of one gait are told of as many
         orbit = orbit._replace(periods=periods.setdefault((case.gait, case.contact), orbit.periods))
-        found, facts = multipliers(case, orbit, options, settings)
+        found, facts = largest(case, orbit, options, moments)
         row = {"gait": case.gait, "contact": case.contact, "part": case.part, "periods": orbit.periods}
-        row |= watched(case.scene, orbit, options, settings.cycles) | facts
+        row |= watched(case.scene, orbit, options, cycles) | facts | {"disturbed": None}
         if case.contact == "exact":
-            curve = deviations(case.scene, orbit, options, settings)
-            curves[case.gait, case.part] = curve
-            row["disturbed"] = {f"{size:g}": float(np.median(curve[k, :, -1])) for k, size in enumerate(SIZES)}
+            curves = np.median(deviations(case.scene, orbit, options, robots, followed), axis=1)
+            row["curves"] = curves.tolist()
+            row["disturbed"] = {f"{size:g}": float(curve[-1]) for size, curve in zip(SIZES, curves)}
         if case.gait != "straight" and case.part in (1, 4):
-            maps[case.gait, case.part] = close_up(case.scene, orbit, options, found, settings.close)
-        rows.append(row)
-        save_json(settings.out / "multipliers.json", {**measured(), "followed": settings.followed, "rows": rows})
-    plot.save(figure(curves, maps), settings.out / "multipliers.png")
-    print(f"wrote {settings.out}/")
+            row["map"] = [part.tolist() for part in close_up(case.scene, orbit, options, found, close)]
+        yield row
+    return {"followed": followed}
 
 
-def cases(quick: bool) -> list[Case]:
+@multipliers.table
+def words(record: Record) -> str:
+    """Multipliers by the derivative, beside those by disturbed robots."""
+    sizes = next(row["disturbed"] for row in record["rows"] if row["disturbed"])
+    cells = {
+        "gait": "{gait}",
+        "contact": lambda row: row["contact"] + ("" if row["part"] == 1 else f", 1/{row['part']} of the step"),
+        "cycle, periods": "{periods}",
+        "shape returns to": lambda row: f"{1e3 * row['residual']:.2g} mm",
+        "strays by, at most": lambda row: f"{1e3 * row['strays']:.2g} mm",
+        "neutral multipliers": "1, within {neutral_off:.0e}",
+        "largest other one, by the derivative (moments)": lambda row: f"{span(row['derivative'])} ({row['moments']})",
+        "second": lambda row: span(row["second"]),
+        "by robots off by 0.1 m/s": lambda row: "-" if row["by_disturbance"] is None else span(row["by_disturbance"]),
+        f"off by {', '.join(sizes)} m/s: left after {record['followed']} cycles": lambda row: (
+            f"{', '.join(f'{1e3 * value:.1g}' for value in row['disturbed'].values())} mm" if row["disturbed"] else "-"
+        ),
+    }
+    return columns(record["rows"], cells)
+
+
+def span(values: list[float]) -> str:
+    """From the least to the largest, with two digits."""
+    low, high = f"{min(values):.2g}", f"{max(values):.2g}"
+    return low if low == high else f"{low} to {high}"
+
+
+def cases(finer: bool) -> list[Case]:
     """The rows of the table."""
     exact = load_scene("exact")
     straight, first = (with_gait(exact, load_gait(name)) for name in ("straight", FIRST))
     few = [Case("straight", straight), Case("first lasting", first)]
     rest = [Case("straight", contact_twin(straight)), *(Case("first lasting", first, part) for part in (2, 4))]
-    return few if quick else [few[0], rest[0], few[1], *rest[1:]]
+    return [few[0], rest[0], few[1], *rest[1:]] if finer else few
 
 
 def step_of(case: Case) -> SolverOptions:
@@ -121,23 +146,25 @@ def step_of(case: Case) -> SolverOptions:
     return SolverOptions(own.method.name, dt=period / steps, dtype="float64")
 
 
-def multipliers(
-    case: Case, orbit: Orbit, options: SolverOptions, settings: Settings
-) -> tuple[FloquetMultipliers, dict[str, Any]]:
-    """Those of the first moment, and what is told of all: by the derivative, and by robots off by 0.1 m/s."""
-    moments = settings.moments if case.contact == "exact" else max(1, settings.moments // 4)
+def largest(case: Case, orbit: Orbit, options: SolverOptions, moments: int) -> tuple[FloquetMultipliers, Record]:
+    """Those of the first moment, and the least and largest of all: by the derivative, and by robots off by 0.1 m/s."""
     found, disturbed = [], []
+    if case.contact != "exact":
+        moments = max(1, moments // 4)
     for k in tqdm(range(moments), desc=f"{case.gait}, {case.contact}, dt / {case.part}", leave=False):
         found.append(floquet_multipliers(case.scene, orbit, options=options, after=(SETTLING + k) * orbit.periods))
         there = orbit._replace(state=found[-1].state)
         disturbed.append(stability(case.scene, there, options=options).largest)
-    derivative = [each.largest for each in found]
+    derivative, second = [each.largest for each in found], [float(np.abs(each.others[1])) for each in found]
+    known = [value for value in disturbed if np.isfinite(value)]
+    neutral = {name: [each.neutral[name] for each in found] for name in found[0].neutral}
     return found[0], {
         "moments": moments,
-        "neutral": {name: [each.neutral[name] for each in found] for name in found[0].neutral},
-        "derivative": derivative,
-        "second": [float(np.abs(each.others[1])) for each in found],
-        "by_disturbance": [value if np.isfinite(value) else None for value in disturbed],
+        "neutral": neutral,
+        "neutral_off": max(abs(value - 1) for values in neutral.values() for value in values),
+        "derivative": [min(derivative), max(derivative)],
+        "second": [min(second), max(second)],
+        "by_disturbance": [min(known), max(known)] if known else None,
     }
 
 
@@ -165,11 +192,11 @@ def watched(scene: Scene, orbit: Orbit, options: SolverOptions, cycles: int) -> 
     }
 
 
-def deviations(scene: Scene, orbit: Orbit, options: SolverOptions, settings: Settings) -> np.ndarray:
+def deviations(scene: Scene, orbit: Orbit, options: SolverOptions, robots: int, followed: int) -> np.ndarray:
     """(sizes, robots, cycles), m, by which the shape of a disturbed robot differs from that of one that is not."""
-    alone = rolled(scene, orbit, options, settings.followed)
-    draws = [np.random.default_rng(seed).normal(size=orbit.state[1].shape) for seed in range(settings.robots)]
-    found = [[rolled(scene, orbit, options, settings.followed, size * draw) for draw in draws] for size in SIZES]
+    alone = rolled(scene, orbit, options, followed)
+    draws = [np.random.default_rng(seed).normal(size=orbit.state[1].shape) for seed in range(robots)]
+    found = [[rolled(scene, orbit, options, followed, size * draw) for draw in draws] for size in SIZES]
     return np.abs(np.array(found) - alone).max(-1)[:, :, 1:]
 
 
@@ -194,25 +221,28 @@ def close_up(
     return moved, ends @ main * main[np.abs(main).argmax()]
 
 
-@plot.styled
-def figure(curves: dict[tuple, np.ndarray], maps: dict[tuple, tuple[np.ndarray, np.ndarray]]) -> Figure:
+@multipliers.figure
+def figure(record: Record) -> Figure:
     """Deviations over cycles, and the map over a cycle, close up; by gait and part of the step."""
-    chart = Figure(figsize=(4.5 + 4 * len(maps), 4), layout="constrained")
-    first, *others = chart.subplots(1, 1 + len(maps))
-    for (gait, part), style in zip([key for key in curves if key[1] == 1], ("--", "-"), strict=True):
-        for k, size in enumerate(SIZES):
-            middle = 1e3 * np.maximum(np.median(curves[gait, part][k], axis=0), 1e-13)
-            label = f"{gait}, {size:g} m/s"
+    own = [row for row in record["rows"] if "curves" in row and row["part"] == 1]
+    mapped = [row for row in record["rows"] if "map" in row]
+    chart = Figure(figsize=(4.5 + 4 * len(mapped), 4), layout="constrained")
+    first, *others = chart.subplots(1, 1 + len(mapped))
+    for row, style in zip(own, ("--", "-"), strict=True):
+        for k, (size, curve) in enumerate(zip(SIZES, row["curves"], strict=True)):
+            middle = 1e3 * np.maximum(curve, 1e-13)
+            label = f"{row['gait']}, {size:g} m/s"
             first.semilogy(np.arange(1, len(middle) + 1), middle, style, color=f"C{k}", label=label, linewidth=1.2)
     first.set(xlabel="cycles since the disturbance", ylabel="shape differs by (mm)", title="disturbed robots")
     first.set_ylim(1e-11, 1e5)
     first.legend(fontsize="x-small", ncol=2, loc="upper center")
-    for axes, ((gait, part), (moved, after)) in zip(others, maps.items(), strict=True):
-        axes.plot(1e3 * moved, 1e3 * after, ".", markersize=2)
+    for axes, row in zip(others, mapped, strict=True):
+        moved, after = (1e3 * np.array(part) for part in row["map"])
+        axes.plot(moved, after, ".", markersize=2)
         axes.set(xlabel="moved along its unstable direction (mm)", ylabel="shape a cycle later (mm)")
-        axes.set_title(f"{gait}, {'own step' if part == 1 else f'1/{part} of the step'}")
+        axes.set_title(f"{row['gait']}, {'own step' if row['part'] == 1 else '1/{part} of the step'.format(**row)}")
     return chart
 
 
 if __name__ == "__main__":
-    run(main, Settings)
+    multipliers.run()

@@ -1,7 +1,6 @@
-"""The tables of docs/gaits.md about polish, orbits that are followed, and the repertoire."""
+"""The tables of docs/gaits.md about polish and the repertoire."""
 
 import numpy as np
-from numerics_tables import chosen
 from pages import made_by, table
 
 Facts = dict
@@ -90,48 +89,3 @@ def repertoire_table(facts: Facts) -> str:
     head += ["bend of its orbit", "largest multiplier", "robots that return", "watched for"]
     about = [f"{facts['filled']} of {facts['cells']}", str(facts["rollouts"])]
     return f"{table(head, rows)}\n\n{table(['cells with a gait', 'rollouts'], [about])}" + made_by(facts, "repertoire")
-
-
-def _span(values: list[float]) -> str:
-    """From the least to the largest, with two digits."""
-    low, high = f"{min(values):.2g}", f"{max(values):.2g}"
-    return low if low == high else f"{low} to {high}"
-
-
-def multipliers_facts(raw: Facts) -> Facts:
-    """Of each case: how far it strays, and the least and largest multiplier over moments."""
-    rows = []
-    for row in raw["rows"]:
-        off = max(abs(value - 1) for values in row["neutral"].values() for value in values)
-        known = [value for value in row["by_disturbance"] if value is not None]
-        spans = {name: [min(row[name]), max(row[name])] for name in ("derivative", "second")}
-        spans["by_disturbance"] = [min(known), max(known)] if known else None
-        kept = chosen(row, "gait", "contact", "part", "periods", "residual", "strays", "cycles", "moments")
-        rows.append(kept | {"neutral_off": off, **spans, "disturbed": row.get("disturbed")})
-    return chosen(raw, "command", "followed") | {"rows": rows}
-
-
-def multipliers_table(facts: Facts) -> str:
-    rows = []
-    for row in facts["rows"]:
-        step = "" if row["part"] == 1 else f", 1/{row['part']} of the step"
-        left = [f"{1e3 * value:.1g}" for value in (row["disturbed"] or {}).values()]
-        rows.append(
-            [
-                row["gait"],
-                row["contact"] + step,
-                f"{row['periods']}",
-                f"{1e3 * row['residual']:.2g} mm",
-                f"{1e3 * row['strays']:.2g} mm",
-                f"1, within {row['neutral_off']:.0e}",
-                f"{_span(row['derivative'])} ({row['moments']})",
-                _span(row["second"]),
-                "-" if row["by_disturbance"] is None else _span(row["by_disturbance"]),
-                f"{', '.join(left)} mm" if left else "-",
-            ]
-        )
-    head = ["gait", "contact", "cycle, periods", "shape returns to", "strays by, at most", "neutral multipliers"]
-    head += ["largest other one, by the derivative (moments)", "second", "by robots off by 0.1 m/s"]
-    sizes = next(row["disturbed"] for row in facts["rows"] if row["disturbed"])
-    head += [f"off by {', '.join(sizes)} m/s: left after {facts['followed']} cycles"]
-    return table(head, rows) + made_by(facts, "multipliers")

@@ -156,27 +156,3 @@ def _speeds(row: Facts, model: str) -> str:
         return ""
     low, median, high = (f"{speed:.2f}" for speed in row[model])
     return median if low == high else f"{median} ({low} to {high})"
-
-
-def crash_recovery_facts(raw: Facts) -> Facts:
-    every = raw["kills"]
-    return {
-        "command": raw["command"],
-        "cores": raw["cores"],
-        "killed": len(every),
-        "undisturbed_seconds": raw["undisturbed_seconds"],
-        "between_generations": sum(0 < sum(kill["generations_saved"]) < 20 for kill in every),
-        "same_population": sum(kill["same_population"] for kill in every),
-        "broken_files": sum(len(kill["broken_files"]) for kill in every),
-    }
-
-
-def crash_recovery_table(facts: Facts) -> str:
-    rows = [
-        ["searches killed at random moments", str(facts["killed"])],
-        ["of these between their first and their last generation", str(facts["between_generations"])],
-        ["that ended, resumed, with the very same population", str(facts["same_population"])],
-        ["broken files", str(facts["broken_files"])],
-        ["duration of a search that nobody killed", f"{facts['undisturbed_seconds']:.0f} s"],
-    ]
-    return table(["crash recovery", "measured"], rows) + made_by(facts, "crash_recovery")

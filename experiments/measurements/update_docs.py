@@ -139,7 +139,6 @@ SOURCES: dict[str, Source] = {
         "lasting_baselines", SEARCH, search.lasting_baselines_facts, search.lasting_baselines_table
     ),
     "library_gaits": one_block("library_gaits", SEARCH, library.library_gaits_facts, library.library_gaits_table),
-    "multipliers": one_block("multipliers", GAITS, orbit_tables.multipliers_facts, orbit_tables.multipliers_table),
     "repertoire": one_block("repertoire", GAITS, orbit_tables.repertoire_facts, orbit_tables.repertoire_table),
     "polish_comparison": one_block(
         "polish_comparison", GAITS, orbit_tables.polish_comparison_facts, orbit_tables.polish_comparison_table
@@ -184,11 +183,6 @@ SOURCES: dict[str, Source] = {
             "sim_to_real/shares": Block(IDENTIFICATION, identification.sim_to_real_shares),
         },
         {"sim_to_real.png": "sim_to_real.png"},
-    ),
-    "crash_recovery": Source(
-        "crash_recovery/crash_recovery.json",
-        search.crash_recovery_facts,
-        {"crash_recovery": Block(SEARCH, search.crash_recovery_table)},
     ),
 }
 """by their names in docs/measured"""
