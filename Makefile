@@ -62,7 +62,7 @@ validate: .venv/.installed-test
 # Everything that the docs quote; some hours on 2 cores, which should have nothing else to do. LIMIT=FOLDER: C programs.
 # First those that are registered, then scripts with settings of their own and what needs results of others.
 MEASUREMENTS := equivalence hard_cases gradients polish_comparison damage repertoire obstacles \
-    identify_spine identification sim_to_real design_gradient random_structures first_commands
+    identify_spine identification sim_to_real design_gradient first_commands
 COMPARED := random CMA-ES GA GA+more GA+smoothed
 measure: .venv/.installed-test
 	for name in $$($(BIN)/python experiments/measurements/registry.py) $(MEASUREMENTS); do $(BIN)/python experiments/measurements/$$name.py || exit 1; done

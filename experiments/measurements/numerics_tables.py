@@ -97,31 +97,3 @@ def work_precision_table(facts: Facts) -> str:
 def chosen(raw: Facts, *names: str) -> Facts:
     """Some of the entries."""
     return {name: raw[name] for name in names}
-
-
-def random_structures_facts(raw: Facts) -> Facts:
-    struts = [row["struts"] for row in raw["structures"]]
-    kept = ("rollouts", "flagged", "largest_residual", "largest_stretch", "off_by_more_than_1e-6")
-    about = chosen(raw, "command", "cores", "duration", "step")
-    about |= {"structures": len(struts), "struts": [min(struts), max(struts)]}
-    return about | {name: chosen(raw[name], *kept) for name in ("together", "sweeps")}
-
-
-def random_structures_table(facts: Facts) -> str:
-    fewest, most = facts["struts"]
-    what = (
-        f"{facts['structures']} structures of {fewest} to {most} struts, {facts['duration']:g} s at {facts['step']:g} s"
-    )
-    names = {"together": "solved together", "sweeps": "sweeps alone"}
-    rows = [
-        [
-            words,
-            f"{facts[name]['flagged']} of {facts[name]['rollouts']}",
-            f"{facts[name]['off_by_more_than_1e-6']}",
-            f"{facts[name]['largest_stretch']:.0e}",
-            f"{facts[name]['largest_residual']:.0e} m/s" if name == "together" else "not known",
-        ]
-        for name, words in names.items()
-    ]
-    head = [what, "flagged", "not flagged, a strut off by more than 1e-6", "largest share off", "largest residual"]
-    return table(head, rows) + made_by(facts, "random_structures")

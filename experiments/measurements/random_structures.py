@@ -6,28 +6,26 @@ supports: they get the same structures with each rod's mass at its ends and with
 """
 
 import dataclasses
-import json
+from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import dataclass, field
 from multiprocessing import get_context
-from pathlib import Path
 from typing import NamedTuple
 
-from jaxgrity.cli.script import configure, cores, measured, run
+from jaxgrity.cli.script import configure, cores
+from measurement import Record, measurement
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from pages import columns
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
-from tqdm import tqdm
 
 from jaxgrity import (
     ConeFriction,
     Differences,
     ExactGround,
     Gait,
-    InputError,
     Members,
     Scene,
     SolverOptions,
@@ -35,7 +33,6 @@ from jaxgrity import (
     as_dtype,
     edge_lengths,
 )
-from jaxgrity.io.files import save_json
 from jaxgrity.model import rest_length
 from jaxgrity.populations import discretise_lanes, in_lanes, lanes_last, over_lanes
 from jaxgrity.stepping import resolve
@@ -44,26 +41,6 @@ STEP = 5e-3
 """s"""
 CABLES = 0.02
 """K h^2/m of a cable for the lighter of its nodes, shared by the cables there: far below what is stable"""
-
-
-@dataclass
-class Settings:
-    structures: int = 100
-    """how many"""
-    variants: int = 20
-    """sets of masses, coefficients and phases of each"""
-    duration: float = 3.0
-    """s, of each rollout"""
-    seed: int = 0
-    """the same seed gives the same structures"""
-    workers: int = field(default_factory=cores)
-    """processes, each of which rolls out one structure after the other"""
-    resume: bool = False
-    """keep the structures that an earlier run with the same settings has finished"""
-    out: Path = Path("results/random_structures")
-    """folder for random_structures.json"""
-    quick: bool = False
-    """three structures for a quarter of a second"""
 
 
 class Verdict(NamedTuple):
@@ -160,7 +137,7 @@ def _pieces(edges: tuple, nodes: int) -> int:
     return connected_components(coo_array((np.ones(len(edges)), (i, j)), (nodes, nodes)), directed=False)[0]
 
 
-def variants(scene: Scene, count: int, seed: int) -> tuple[Gait, Differences]:
+def varied(scene: Scene, count: int, seed: int) -> tuple[Gait, Differences]:
     """Gaits, masses over two decades about the scene's, and coefficients of friction from 0 to 1.5."""
     rng = np.random.default_rng((seed, 1))
     nodes = len(scene.structure.nodes)
@@ -200,7 +177,7 @@ def judged(scene: Scene, gaits: Gait, differences: Differences, duration: float,
         q = y1[0]
         wanted = over_lanes(lambda s: rest_length(s.structure.struts, s.gait, (k + 1) * STEP, 0), (axes,))(many)
         lengths = jnp.linalg.norm(q[edges[0]] - q[edges[1]], axis=1)
-        residual = jnp.zeros(q.shape[-1]) if after.residual is None else after.residual
+        residual = after.residual if together else jnp.zeros(q.shape[-1])
         now = jnp.stack([residual, jnp.max(jnp.abs(lengths / wanted - 1), axis=0), jnp.max(-q[:, 2], axis=0)])
         fine = jnp.isfinite(q).all(axis=(0, 1))
         return ((y1, after), jnp.where(fine, jnp.maximum(worst, now), worst)), fine
@@ -221,64 +198,72 @@ def judged(scene: Scene, gaits: Gait, differences: Differences, duration: float,
 def structure_row(seed: int, count: int, duration: float) -> dict:
     """What became of all variants of one structure, by both solvers."""
     scene = random_scene(seed)
-    gaits, differences = variants(scene, count, seed)
+    gaits, differences = varied(scene, count, seed)
     row = {"seed": seed, "struts": len(scene.structure.struts.edges), "nodes": len(scene.structure.nodes)}
     for name, case in (("together", scene), ("sweeps", for_sweeps(scene))):
         row[name] = judged(case, gaits, differences, duration, name == "together")._asdict()
     return row
 
 
-def facts_of(verdicts: list[dict]) -> dict:
+def facts_of(verdicts: list[dict]) -> Record:
     """Numbers over all rollouts."""
     joined = Verdict(*(np.concatenate([np.array(v[name], float) for v in verdicts]) for name in Verdict._fields))
     flagged = np.isfinite(joined.flagged_at)
     return {
         "rollouts": len(flagged),
         "flagged": int(flagged.sum()),
-        "flagged_share": float(flagged.mean()),
-        "structures_with_a_flag": int(sum(np.isfinite(np.array(v["flagged_at"], float)).any() for v in verdicts)),
         "largest_residual": float(joined.residual.max()),
-        "median_residual": float(np.median(joined.residual)),
         "largest_stretch": float(joined.stretch.max()),
-        "median_stretch": float(np.median(joined.stretch)),
-        "largest_depth": float(joined.depth.max()),
         "off_by_more_than_1e-6": int(np.sum((joined.stretch > 1e-6) & ~flagged)),
     }
 
 
-def facts_by_solver(rows: list[dict]) -> dict[str, dict]:
-    return {name: facts_of([row[name] for row in rows]) for name in ("together", "sweeps")}
+@measurement(page="numerics.md", quick={"structures": 3, "variants": 2, "duration": 0.25}, raw=("rows", "variants"))
+def random_structures(
+    structures: int = 100, variants: int = 20, duration: float = 3.0, seed: int = 0, workers: int = 0
+) -> Iterator[Record]:
+    """A row for each structure: what became of its rollouts by both solvers.
 
-
-def kept(path: Path, about: dict) -> list[dict]:
-    """The structures that a run with the same settings has finished."""
-    if not path.exists():
-        return []
-    earlier = json.loads(path.read_text())
-    if any(earlier.get(key) != value for key, value in about.items()):
-        raise InputError(f"{path}: made with other settings; expected {about} to resume")
-    return earlier["structures"]
-
-
-def main(settings: Settings) -> None:
-    if settings.quick:
-        settings = dataclasses.replace(settings, structures=3, variants=2, duration=0.25)
-    about = {"duration": settings.duration, "step": STEP, "variants": settings.variants, "seed": settings.seed}
-    path = settings.out / "random_structures.json"
-    rows = kept(path, about) if settings.resume else []
-    seeds = [1000 * settings.seed + k for k in range(settings.structures)]
-    missing = sorted(set(seeds) - {row["seed"] for row in rows})
+    Args:
+        structures: number of structures
+        variants: sets of masses, coefficients and phases of each
+        duration: s, of each rollout
+        seed: the same seed gives the same structures
+        workers: processes, each of which rolls out one structure after the other; 0 for one on each core
+    """
+    rows = []
     # a process keeps every program that it has compiled: a new one for each structure
-    pool = ProcessPoolExecutor(settings.workers, get_context("spawn"), configure, max_tasks_per_child=1)
-    with pool, tqdm(total=len(seeds), initial=len(rows), unit="structure") as bar:
-        running = [pool.submit(structure_row, seed, settings.variants, settings.duration) for seed in missing]
-        for done in as_completed(running):
-            rows = sorted([*rows, done.result()], key=lambda row: row["seed"])
-            save_json(path, measured() | about | facts_by_solver(rows) | {"structures": rows})
-            bar.update()
-    for name, fact in facts_by_solver(rows).items():
-        print(f"{name}: {fact['flagged']} of {fact['rollouts']} flagged, residual {fact['largest_residual']:.1e} m/s")
+    with ProcessPoolExecutor(workers or cores(), get_context("spawn"), configure, max_tasks_per_child=1) as pool:
+        seeds = [1000 * seed + k for k in range(structures)]
+        for done in as_completed([pool.submit(structure_row, each, variants, duration) for each in seeds]):
+            rows.append(done.result())
+            yield rows[-1]
+    struts = [row["struts"] for row in rows]
+    about = {"duration": duration, "step": STEP, "variants": variants, "structures": len(rows)}
+    about |= {"struts": [min(struts), max(struts)]}
+    return about | {name: facts_of([row[name] for row in rows]) for name in ("together", "sweeps")}
+
+
+@random_structures.table
+def words(record: Record) -> str:
+    """How many rollouts each solver gives up, and how far struts are off in the others."""
+    fewest, most = record["struts"]
+    what = (
+        f"{record['structures']} structures of {fewest} to {most} struts, "
+        f"{record['duration']:g} s at {record['step']:g} s"
+    )
+    solvers = {"solved together": record["together"], "sweeps alone": record["sweeps"]}
+    cells = {
+        what: "{name}",
+        "flagged": "{flagged} of {rollouts}",
+        "not flagged, a strut off by more than 1e-6": "{off_by_more_than_1e-6}",
+        "largest share off": "{largest_stretch:.0e}",
+        "largest residual": lambda row: (
+            f"{row['largest_residual']:.0e} m/s" if row["name"] == "solved together" else "not known"
+        ),
+    }
+    return columns([{"name": name} | facts for name, facts in solvers.items()], cells)
 
 
 if __name__ == "__main__":
-    run(main, Settings)
+    random_structures.run()

@@ -97,11 +97,6 @@ SOURCES: dict[str, Source] = {
         {"first_commands": Block(PERFORMANCE, speed.first_commands_table)},
     ),
     "hard_cases": one_block("hard_cases", NUMERICS, numerics.hard_cases_facts, numerics.hard_cases_table),
-    "random_structures": Source(
-        "random_structures/random_structures.json",
-        numerics.random_structures_facts,
-        {"random_structures": Block(NUMERICS, numerics.random_structures_table)},
-    ),
     **{
         f"{folder}_{name}": Source(
             f"{folder}/{name}.json",
