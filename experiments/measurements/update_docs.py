@@ -17,12 +17,12 @@ from measurement import Measurement
 
 import control_tables as control
 import identification_tables as identification
+import identify_spine as validation
 import library_tables as library
 import numerics_tables as numerics
 import orbit_tables
 import search_tables as search
 import speed_tables as speed
-import validation_tables as validation
 from compact_json import save_compact
 from pages import fill_page
 from registry import measurements
