@@ -98,7 +98,7 @@ def changed(scene: Scene, own: Orbit, name: str, value: float) -> Scene:
         # the ground stays as it is and gravity leans, so that states carry over
         heading, lean = heading_of(scene, own), np.radians(value)
         up = np.array([-np.sin(lean) * heading[0], -np.sin(lean) * heading[1], np.cos(lean)])
-        return replace(scene, up=np.tile(up, (len(scene.structure.nodes), 1)))
+        return replace(scene, up=up)
     twin = penalty_twin(scene)
     for where in STIFF:
         twin = eqx.tree_at(where, twin, np.asarray(where(twin)) * value)

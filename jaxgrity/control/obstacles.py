@@ -48,7 +48,7 @@ def discs_of(ground: Ground | None) -> Discs:
         raise InputError("ground: there is none; expected that of a scene with [ground]")
     surface = ground.surface
     parts = surface.parts if isinstance(surface, Union) else () if surface is None else (surface,)
-    moved = np.zeros(3) if ground.offset is None else np.asarray(ground.offset, float)[0]
+    moved = np.zeros(3) if ground.offset is None else np.asarray(ground.offset, float)
     if moved.ndim > 1:
         raise InputError("ground.offset: that of many robots; expected the ground of one")
     found = []

@@ -3,8 +3,7 @@
 JAX's own batching rules move a mapped axis to the front, where the inner loops over xyz and the gathers of a CPU
 program cannot be vectorised. The primitives here have jvp, transpose and batching rules that leave it last in memory,
 so that energies written for one robot stay fast under plain `jax.vmap(..., in_axes=-1, out_axes=-1)` and `jax.grad`.
-The rest of a scene's arithmetic is elementwise, and keeps the layout by itself as long as no operand is an array
-without the population axis (`populations/lanes.py` sees to that).
+Elementwise arithmetic keeps the layout as long as every operand has the population axis (`populations/lanes.py`).
 """
 
 from collections.abc import Callable
@@ -49,9 +48,8 @@ def _linear_pair(forward: Primitive, transposed: Primitive) -> None:
     ad.deflinear2(transposed, lambda ct, _, **static: [forward.bind(ct, **static)])
 
 
-def _ends(edges: Edges) -> tuple[np.ndarray, np.ndarray]:
-    i, j = np.asarray(edges, int).reshape(-1, 2).T
-    return i, j
+def _ends(edges: Edges) -> np.ndarray:
+    return np.asarray(edges, int).reshape(-1, 2).T
 
 
 def _difference(x, *, edges, nodes):
@@ -154,9 +152,11 @@ def component(x: NodeVectors, direction: tuple[float, float, float] | NodeVector
     return _component_p.bind(x, direction=direction) if isinstance(direction, tuple) else dot(x, direction)
 
 
-def along(s: PerMember, direction: tuple[float, float, float] | NodeVectors) -> NodeVectors:
-    """s n for each entry of `s`: vectors along one constant direction n, or along one for each entry."""
-    return _extend_p.bind(s, direction=direction) if isinstance(direction, tuple) else scale(direction, s)
+def along(s: PerMember, direction: tuple[float, float, float] | AnyArray) -> NodeVectors:
+    """s n for each entry of `s`: along one direction n, a constant or an array (3,), or along one for each entry."""
+    if isinstance(direction, tuple):
+        return _extend_p.bind(s, direction=direction)
+    return scale(direction, s) if direction.ndim == 2 else _outer_p.bind(s, direction)
 
 
 def take_rows(x: AnyRows, rows: tuple[int, ...]) -> Rows:

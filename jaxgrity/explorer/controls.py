@@ -79,7 +79,7 @@ def adjusted(scene: Scene, values: dict[str, float]) -> Scene:
     up = scene.up
     if "incline (degrees)" in own:
         lean = np.radians(values.get("incline (degrees)", 0.0))
-        up = np.tile([-np.sin(lean), 0.0, np.cos(lean)], (len(structure.nodes), 1))
+        up = np.array([-np.sin(lean), 0.0, np.cos(lean)])
     return dataclasses.replace(scene, gait=gait, friction=friction, structure=structure, up=up)
 
 

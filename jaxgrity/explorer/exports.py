@@ -42,11 +42,11 @@ def upright(scene: Scene) -> Scene:
     """
     if scene.up is None:
         return scene
-    x, y, z = np.asarray(scene.up, float)[0]
+    x, y, z = np.asarray(scene.up, float)
     lean = math.atan2(-x, z)
     if lean == 0 and y == 0:
         return dataclasses.replace(scene, up=None)
-    if y or scene.ground is None or scene.ground.surface is not None or np.ptp(scene.up, axis=0).any():
+    if y or scene.ground is None or scene.ground.surface is not None:
         return scene
     turn = np.array([[math.cos(lean), 0, math.sin(lean)], [0, 1, 0], [-math.sin(lean), 0, math.cos(lean)]])
     structure = dataclasses.replace(scene.structure, nodes=np.asarray(scene.structure.nodes) @ turn.T)

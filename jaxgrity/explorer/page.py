@@ -189,7 +189,7 @@ class Page:
             if self._world is not None:
                 self._world.draw_ground(rolled.scene, poses.below)
             if self._world is not None and rolled.scene.up is not None:
-                self._world.lean(np.asarray(rolled.scene.up, float)[0])
+                self._world.lean(np.asarray(rolled.scene.up, float))
             self.rolled = rolled
             members = list(rolled.scene.gait.members)[:PLOTTED] if rolled.scene.gait is not None else []
             self._lengths.data, self._lengths.series = self._no_lengths() if not members else _lengths(poses, members)

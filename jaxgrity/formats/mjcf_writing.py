@@ -6,7 +6,6 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.formats.mjcf_plan import THICKNESS, Plan, amplitudes, inertia_of, plan_of, safe_step
 from jaxgrity.io.files import write_whole
@@ -69,7 +68,7 @@ def mujoco_model(scene: Scene, timestep: float | None = None, integrator: str = 
     root = ElementTree.Element("mujoco", model="jaxgrity")
     g = 0.0 if scene.gravity is None else float(scene.gravity)
     step = safe_step(plan) if timestep is None else timestep
-    up = np.array([0.0, 0.0, 1.0]) if scene.up is None else _one_up(np.asarray(scene.up, float))
+    up = np.array([0.0, 0.0, 1.0]) if scene.up is None else np.asarray(scene.up, float)
     _add(root, "option", timestep=step, integrator=integrator, gravity=(-g * up + 0.0).tolist(), cone="elliptic")
     world = _add(root, "worldbody")
     notes += _ground(world, scene)
@@ -86,13 +85,6 @@ def mujoco_model(scene: Scene, timestep: float | None = None, integrator: str = 
     notes += ["laws that have no counterpart in MuJoCo are left out"] if scene.terms else []
     notes += ["supports do not move there"] if scene.shaking is not None else []
     return MuJoCoModel(ElementTree.tostring(root, encoding="unicode") + "\n", tuple(notes), plan.actuated)
-
-
-def _one_up(up: np.ndarray) -> np.ndarray:
-    """(3,), against gravity, where all nodes have the same. Raises `InputError` where they have not."""
-    if np.ptp(up, axis=0).any():
-        raise InputError("scene.up differs from node to node, which MuJoCo cannot say; expected one direction")
-    return up[0]
 
 
 def _ground(world: ElementTree.Element, scene: Scene) -> list[str]:

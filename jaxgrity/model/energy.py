@@ -5,8 +5,8 @@ from typing import ClassVar
 import equinox as eqx
 import numpy as np
 
-from jaxgrity.core.primitives import component, dot, half_squares, inner, length, positive_part
-from jaxgrity.core.types import AnyNodeVectors, AnyPerNode, Scalar
+from jaxgrity.core.primitives import along, component, dot, half_squares, inner, length, ones, positive_part
+from jaxgrity.core.types import AnyPerNode, Scalar, Vector
 from jaxgrity.model.actuation import Actuation, rest_length
 from jaxgrity.model.clusters import added_up, in_series, to_segments
 from jaxgrity.model.laws import (
@@ -91,7 +91,7 @@ class Gravity(EnergyTerm):
 
     g: Scalar
     node_mass: AnyPerNode
-    up: AnyNodeVectors | None
+    up: Vector | None
     name: ClassVar[str] = "gravity"
 
     @classmethod
@@ -99,11 +99,11 @@ class Gravity(EnergyTerm):
         return None if scene.gravity is None else cls(scene.gravity, scene.structure.lumped_mass, scene.up)
 
     def energy(self, at: Configuration) -> Scalar:
-        height = component(at.q, UP) if self.up is None else dot(at.q, self.up)
+        height = component(at.q, UP) if self.up is None else dot(at.q, along(ones(self.node_mass), self.up))
         return self.g * inner(self.node_mass, height)
 
     def keeps(self, symmetry):
-        up = np.array(UP) if self.up is None else np.asarray(self.up)[0]
+        up = np.array(UP if self.up is None else self.up)
         return bool(np.allclose(symmetry.matrix @ up, up, rtol=0, atol=SAME))
 
     def parts(self, scene):

@@ -11,19 +11,10 @@ from numpy.typing import ArrayLike
 
 from jaxgrity.core.arguments import check_all_finite
 from jaxgrity.core.errors import InputError
-from jaxgrity.core.primitives import component, half_squares, inner, positive_part
+from jaxgrity.core.primitives import along, component, half_squares, inner, ones, positive_part
 from jaxgrity.core.tracing import as_incline
-from jaxgrity.core.types import AnyArray, AnyNodeVectors, NodeVectors, PerNode, Scalar, as_float, as_float_or_none
-from jaxgrity.model.laws import (
-    Configuration,
-    Constraint,
-    DissipationTerm,
-    EnergyTerm,
-    Law,
-    Motion,
-    Symmetry,
-    node_names,
-)
+from jaxgrity.core.types import AnyArray, NodeVectors, PerNode, Scalar, Vector, as_float, as_float_or_none
+from jaxgrity.model.laws import Configuration, Constraint, DissipationTerm, EnergyTerm, Law, Motion, node_names
 from jaxgrity.model.placing import above, check_placed, down
 from jaxgrity.model.rigid_struts import LARGEST_GAP
 from jaxgrity.model.surface import AXES, DistanceAndAxes, Frame, Slope, Surface, as_double
@@ -39,8 +30,7 @@ TOUCHING = 1e-6
 class Ground(eqx.Module):
     """A plane through the origin, level or falling towards +x: phi(x) = n·x, n = (sin theta, 0, cos theta).
 
-    Or any other `Surface` in its place: where the ground is, and how it pushes back, are chosen one by one. Raises
-    `InputError` where a surface comes with an incline.
+    Or any other `Surface` in its place. Raises `InputError` where a surface comes with an incline.
     """
 
     if TYPE_CHECKING:  # type checkers would take an abstract variable for the first field of every ground
@@ -52,8 +42,8 @@ class Ground(eqx.Module):
         """theta, rad"""
     surface: Surface | None = eqx.field(default=None, kw_only=True)
     """where the ground is; None: the plane"""
-    offset: AnyNodeVectors | None = eqx.field(converter=as_float_or_none, default=None, kw_only=True)
-    """m, (nodes, 3), all rows alike: how far the surface has been moved; None: not at all"""
+    offset: Vector | None = eqx.field(converter=as_float_or_none, default=None, kw_only=True)
+    """m, (3,): how far the surface has been moved; None: not at all"""
     impulsive: eqx.AbstractClassVar[bool]
     """whether it pushes by impulses, as a constraint, or by forces, as a spring"""
     touched_below: eqx.AbstractClassVar[float]
@@ -65,6 +55,8 @@ class Ground(eqx.Module):
             raise InputError(f"ground.incline = {self.incline}: it is that of the plane; expected none with a surface")
         if self.surface is None and self.offset is not None:
             raise InputError("ground.offset moves a surface; expected none on the plane")
+        if np.shape(self.offset) not in ((), (3,)):  # () is that of None
+            raise InputError(f"ground.offset has shape {np.shape(self.offset)}; expected (3,)")
 
     @property
     def normal(self) -> UnitVector:
@@ -80,21 +72,22 @@ class Ground(eqx.Module):
 
     def signed_distance(self, q: NodeVectors) -> PerNode:
         """phi, m: height of each node above the ground along its normal, negative inside."""
-        return component(q, self.normal) if self.surface is None else self.surface.signed_distance(self._moved(q))
+        return component(q, self.normal) if self.surface is None else self.surface.signed_distance(self.relative(q))
 
     def frame(self, q: NodeVectors) -> Frame:
         """The normal and two tangents: constants on the plane, a row for each of the nodes at q on a surface."""
         if self.surface is None:
             return Frame(self.normal, self.tangents)
-        return self.surface.frame(self._moved(q))
+        return self.surface.frame(self.relative(q))
 
-    def _moved(self, q: NodeVectors) -> NodeVectors:
-        return q if self.offset is None else q - self.offset
+    def relative(self, q: NodeVectors) -> NodeVectors:
+        """The nodes q, m, as the surface that is not moved sees them."""
+        return q if self.offset is None else q - along(ones(component(q, AXES[0])), self.offset)
 
     def height(self, x: ArrayLike, y: ArrayLike) -> np.ndarray:
         """m, z of the ground at places x, y, m; -infinity where there is none. For use before and after rollouts."""
         surface = Slope(self.incline) if self.surface is None else self.surface
-        moved = np.zeros(3) if self.offset is None else np.asarray(self.offset, float)[0]
+        moved = np.zeros(3) if self.offset is None else np.asarray(self.offset, float)
         with jax.enable_x64(True):
             x, y = np.asarray(x, float) - moved[0], np.asarray(y, float) - moved[1]
             return np.asarray(as_double(surface).height(x, y)) + moved[2]
@@ -126,10 +119,10 @@ class Ground(eqx.Module):
 
     def set_above(self, q: NodeVectors, distance: Scalar) -> NodeVectors:
         """The nodes q, m, moved up or down until the nearest is `distance` (m) from the ground; it can be traced."""
-        surface, moved = Slope(self.incline) if self.surface is None else self.surface, self._moved(q)
+        surface, moved = Slope(self.incline) if self.surface is None else self.surface, self.relative(q)
         return q + above(moved, distance, surface.signed_distance, surface.height) - moved
 
-    def keeps(self, symmetry: Symmetry) -> bool:
+    def keeps(self, symmetry) -> bool:
         """Whether the ground is the same after the map; of surfaces only what leaves every place where it is."""
         if self.surface is None:
             return symmetry.leaves(self.normal)

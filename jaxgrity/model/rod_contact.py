@@ -43,8 +43,6 @@ class Points(eqx.Module):
         ground = scene.ground
         if not isinstance(ground, PenaltyGround):
             return None
-        if ground.offset is not None:
-            ground = eqx.tree_at(lambda g: g.offset, ground, ground.offset[:1])
         return eqx.tree_at(lambda g: g.stiffness, ground, jnp.broadcast_to(ground.stiffness, ()) * self.strength)
 
     def alike(self, symmetry: Any) -> bool:

@@ -19,6 +19,7 @@ from jaxgrity.core.types import (
     PerNode,
     Scalar,
     State,
+    Vector,
     VectorsByKind,
     as_float_or_none,
     namespace_of,
@@ -60,8 +61,8 @@ class Scene(eqx.Module):
     ground: Ground | None = None
     friction: Friction | None = None
     gait: Gait | None = None
-    up: NodeVectors | None = eqx.field(converter=as_float_or_none, default=None)
-    """unit vectors against gravity, a row a node, all alike, where the ground leans more than its file says; None: z"""
+    up: Vector | None = eqx.field(converter=as_float_or_none, default=None)
+    """(3,), unit vector against gravity, where the ground leans more than its file says; None: z"""
     shaking: SupportMotion | None = None
     """how the supports move; None: they do not"""
     terms: tuple[Law, ...] = ()
@@ -73,10 +74,10 @@ class Scene(eqx.Module):
         check_fields(self)
         check_all_finite(self)
         nodes = len(self.structure.nodes)
-        for name, shape in (("node_damping", (nodes,)), ("up", (nodes, 3))):
+        for name, shape in (("node_damping", (nodes,)), ("up", (3,))):
             value = getattr(self, name)
             if value is not None and np.shape(value) != shape:
-                raise InputError(f"{name} has shape {np.shape(value)}; expected {shape}, a row for each node")
+                raise InputError(f"{name} has shape {np.shape(value)}; expected {shape}")
         for term in self.terms:
             _check_term(term)
             term.check(nodes)
@@ -84,10 +85,8 @@ class Scene(eqx.Module):
             if self.ground is None:
                 raise InputError("friction needs a ground to act on; expected [ground] beside [friction]")
             if self.friction.impulsive != self.ground.impulsive:
-                raise InputError(
-                    "friction by a cone goes with exact contact (ground.contact = 'complementarity'), "
-                    "smooth friction and the switch with penalty contact"
-                )
+                goes = "a cone goes with exact contact, smooth friction and the switch with penalty contact"
+                raise InputError(f"friction.kind does not fit ground.contact: {goes}")
         for law in self.constraints:
             if type(law) not in CONSTRAINTS_MET:
                 known = ", ".join(kind.name for kind in CONSTRAINTS_MET)

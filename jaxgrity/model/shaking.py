@@ -11,7 +11,7 @@ from jaxgrity.core.arguments import check_scalar, check_vector
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import place_rows
 from jaxgrity.core.tracing import evaluated, traced
-from jaxgrity.core.types import AnyArray, Displacement, NodeVectors, Scalar, as_float
+from jaxgrity.core.types import AnyArray, NodeVectors, Scalar, Vector, as_float
 from jaxgrity.model.inertia import accelerations, held, momenta
 from jaxgrity.model.structure import Structure
 
@@ -24,10 +24,10 @@ class SupportMotion(eqx.Module):
     """
 
     @abstractmethod
-    def displacement(self, t: Scalar) -> Displacement:
+    def displacement(self, t: Scalar) -> Vector:
         """(3,), m."""
 
-    def velocity(self, t: Scalar) -> Displacement:
+    def velocity(self, t: Scalar) -> Vector:
         """(3,), m/s."""
         return jax.jvp(self.displacement, (t,), (jnp.ones_like(t),))[1]
 
@@ -53,7 +53,7 @@ class Shaking(SupportMotion):
     Raises `InputError` where it does not begin at rest.
     """
 
-    amplitude: Displacement = eqx.field(converter=as_float)
+    amplitude: Vector = eqx.field(converter=as_float)
     """A, (3,), m"""
     frequency: Scalar = eqx.field(converter=as_float)
     """f, Hz"""
@@ -129,6 +129,6 @@ def slips(motion: SupportMotion | None, structure: Structure, t: Scalar, v: AnyA
     return (jnp.abs(v - support_velocity(motion, structure, t)) > allowed) & ~structure.free
 
 
-def _of_supports(structure: Structure, x: Displacement) -> NodeVectors:
+def _of_supports(structure: Structure, x: Vector) -> NodeVectors:
     moving = tuple(node for node, _ in structure.fixed)
     return held(structure, place_rows(jnp.broadcast_to(x, (len(moving), 3)), moving, len(structure.nodes)))

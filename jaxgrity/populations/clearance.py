@@ -34,7 +34,7 @@ def rod_depths(scene: Scene, trajectory: Trajectory, points: int = 15) -> PerMem
     i, j = np.array(struts.edges).T
     q = np.asarray(trajectory.positions, float)[:, :, None]
     if ground.offset is not None:
-        ground, q = dataclasses.replace(ground, offset=None), q - np.asarray(ground.offset, float)[0]
+        ground, q = dataclasses.replace(ground, offset=None), q - np.asarray(ground.offset, float)
     share = np.linspace(0, 1, points + 2)[1:-1, None]
     along = (1 - share) * q[:, i] + share * q[:, j]
     distance = ground.measured(along.reshape(len(q), -1, 3)).distance.reshape(along.shape[:-1])

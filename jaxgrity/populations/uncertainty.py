@@ -28,7 +28,7 @@ DIFFERING: dict[str, tuple[str, ...]] = {
 
 
 PLACED = {"up": "up", "terrain": "ground.offset"}
-"""The parts of a scene that the other `Differences` replace, with one row per node."""
+"""The parts of a scene that the other `Differences` replace."""
 
 
 class Differences(eqx.Module):
@@ -63,11 +63,6 @@ def differing(scene: Scene, differences: Differences | None) -> Scene:
 
     Raises `InputError` where the scene lacks what should differ.
     """
-    nodes = len(scene.structure.nodes)
-
-    def of_nodes(x):
-        return jnp.broadcast_to(x[None], (nodes, *jnp.shape(x)))
-
     found: dict[str, Any] = {} if differences is None else vars(differences)
     for name, value in found.items():
         if value is None or name == "velocities":
@@ -77,12 +72,13 @@ def differing(scene: Scene, differences: Differences | None) -> Scene:
             continue
         if name in PLACED:
             place = partial(part_of, path=PLACED[name])
-            scene = eqx.tree_at(place, scene, of_nodes(value), is_leaf=lambda x: x is None)
+            scene = eqx.tree_at(place, scene, value, is_leaf=lambda x: x is None)
             continue
         parts = [part for part in DIFFERING[name] if part_of(scene, part) is not None]
         if not parts:
             raise InputError(f"{name} is to differ, but the scene has none; expected a scene that models it")
-        factor = of_nodes(value) if name == "friction" else value
+        nodes = len(scene.structure.nodes)
+        factor = jnp.broadcast_to(value[None], (nodes, *jnp.shape(value))) if name == "friction" else value
         for part in parts:
             scene = eqx.tree_at(partial(part_of, path=part), scene, part_of(scene, part) * factor)
     return scene

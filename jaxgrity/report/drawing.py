@@ -42,7 +42,7 @@ class World:
         self._api = scene_api
         self._frame = scene_api.add_frame(WORLD, show_axes=False)
         # where the ground leans more than its file says, gravity leans in the scene: here the world does
-        up = np.array([0.0, 0.0, 1.0]) if scene.up is None else np.asarray(scene.up, float)[0]
+        up = np.array([0.0, 0.0, 1.0]) if scene.up is None else np.asarray(scene.up, float)
         self.lean(up)
         if scene.ground is not None and scene.ground.surface is None:
             tilt = turn_to_z(np.array(scene.ground.normal)) * np.array([1, -1, -1, -1])

@@ -52,7 +52,7 @@ def where_met(ground: ExactGround, size: Scalar, h: Scalar, q: NodeVectors, v: N
     if surface is None or surface.smooth:
         at, share_of_all = (q, 0.0) if surface is None else (q + h * v, 1.0)
         return Met(ground.frame(at), ground.signed_distance(at), share_of_all)
-    start, way = coordinates(q if ground.offset is None else q - ground.offset), coordinates(h * v)
+    start, way = coordinates(ground.relative(q)), coordinates(h * v)
     shares = _shares(surface, size, start, way)
     if len(surface.solids) == 1:
         share = jnp.where(shares[0] > 0, shares[0], 1)

@@ -98,7 +98,7 @@ def test_obstacles_of_a_scene_are_discs(scene):
 def test_obstacles_of_ground_that_was_moved_are_where_it_is(scene):
     """As far along as it."""
     posts = Union((Slope(), Cylinder([2, 1, -1], [2, 1, 1], 0.3)))
-    moved = replace(scene.ground, surface=posts, offset=np.tile([0.5, -0.25, 0.1], (12, 1)))
+    moved = replace(scene.ground, surface=posts, offset=np.array([0.5, -0.25, 0.1]))
     np.testing.assert_allclose(control.discs_of(moved).centres, [[2.5, 0.75]])
     assert moved.height([2.5], [0.75])[0] == pytest.approx(1.1)
 

@@ -250,7 +250,7 @@ def test_what_is_saved_is_what_is_shown(page, tmp_path):
 def test_a_scene_that_leans_is_saved_with_an_inclined_plane(exact):
     """It moves as the one that is shown does, seen from a frame that is turned."""
     lean = np.radians(10.0)
-    up = np.tile([-np.sin(lean), 0.0, np.cos(lean)], (12, 1))
+    up = np.array([-np.sin(lean), 0.0, np.cos(lean)])
     leaning = dataclasses.replace(exact, up=up)
     saved = jaxgrity.parse_scene(scene_toml(upright(leaning)))
     assert saved.up is None

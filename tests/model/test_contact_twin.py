@@ -63,7 +63,7 @@ def test_a_twin_of_a_twin_is_of_the_first_kind(reference, exact):
 def test_a_twin_keeps_what_is_not_contact(name, request):
     """Pose, masses, cables, gravity, node damping, gait, slope, lean, what is stuck and rest lengths."""
     scene = with_stuck(request.getfixturevalue(name), struts=2, cables=5)
-    leaning = np.tile([0.1, 0.0, np.sqrt(0.99)], (12, 1))
+    leaning = np.array([0.1, 0.0, np.sqrt(0.99)])
     above_the_slope = scene.structure.nodes + np.array([0, 0, 1.0])
     scene = changed(scene, (lambda s: s.up, leaning), (lambda s: s.structure.nodes, above_the_slope))
     scene = dataclasses.replace(scene, ground=dataclasses.replace(scene.ground, incline=0.2))

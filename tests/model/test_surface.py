@@ -194,7 +194,11 @@ def test_a_gradient_in_the_terrain_is_that_of_finite_differences(central_differe
         (lambda: height_map(np.zeros((4, 4)), (1.0, 0.0)), "expected two positive numbers"),
         (lambda: Waves(np.ones(2), np.ones(2), np.ones(2), np.ones(3)), "one number a wave"),
         (lambda: ExactGround(0.1, surface=Slope()), "ground.incline = 0.1: it is that of the plane"),
-        (lambda: ExactGround(offset=np.zeros((1, 3))), "ground.offset moves a surface"),
+        (lambda: ExactGround(offset=np.zeros(3)), "ground.offset moves a surface"),
+        (
+            lambda: ExactGround(surface=Slope(0.1), offset=np.zeros((1, 3))),
+            r"offset has shape \(1, 3\); expected \(3,\)",
+        ),
         (lambda: ExactGround(surface=Slope(0.1)).normal, "differs from place to place"),
     ],
 )

@@ -123,7 +123,7 @@ def test_standing_leaves_what_acts_from_outside(reference):
     assert len(standing_symmetries(eqx.tree_at(lambda s: s.friction.mu, reference, np.arange(12.0)))) == 1
     nothing = eqx.tree_at(lambda s: (s.gravity, s.ground, s.friction), reference, (None, None, None))
     assert len(standing_symmetries(nothing)) == 24
-    tilted = np.tile([np.sin(0.1), 0, np.cos(0.1)], (12, 1))
+    tilted = np.array([np.sin(0.1), 0, np.cos(0.1)])
     leaning = eqx.tree_at(lambda s: s.up, standing, tilted, is_leaf=lambda x: x is None)
     assert len(standing_symmetries(leaning)) == 2
 

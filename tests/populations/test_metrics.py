@@ -248,7 +248,7 @@ def test_counting_may_begin_later(exact):
 @pytest.mark.slow
 def test_no_path_is_shorter_than_the_way(exact):
     """On a slippery slope, where the robot slides before its gait begins: straightness counts from then on."""
-    up = np.tile([-np.sin(0.2), 0, np.cos(0.2)], (12, 1))
+    up = np.array([-np.sin(0.2), 0, np.cos(0.2)])
     slippery = dataclasses.replace(exact, friction=ConeFriction(0.05), up=up)
     found = roll(slippery, rows(slippery), 1.5, with_metrics=True, options=SolverOptions(dt=STEP))
     straight = np.asarray(Straightness().worth(slippery, found, 1.5))

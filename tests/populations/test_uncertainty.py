@@ -197,7 +197,7 @@ def one_robot(seed: int = 0) -> Differences:
 
 
 def test_a_robot_that_differs_has_its_own_scene(reference, exact):
-    """Every factor where it belongs, the lean at each node, and all else untouched; None differs in nothing."""
+    """Every factor where it belongs, the lean, and all else untouched; None differs in nothing."""
     one = one_robot()
     switch = eqx.tree_at(lambda s: s.friction, reference, SwitchFriction(0.6, 0.4, 1e-3))
     for scene in (reference, exact, switch):
@@ -209,7 +209,7 @@ def test_a_robot_that_differs_has_its_own_scene(reference, exact):
         np.testing.assert_array_equal(found.structure.cables.damping, cables.damping * one.cable_damping)
         np.testing.assert_array_equal(found.structure.cables.rest_length, cables.rest_length * one.cable_rest_length)
         np.testing.assert_array_equal(found.structure.node_mass, scene.structure.node_mass * one.node_mass)
-        np.testing.assert_array_equal(found.up, np.tile(one.up, (12, 1)))
+        np.testing.assert_array_equal(found.up, one.up)
         for part in ("ground", "gravity", "node_damping", "gait"):
             assert eqx.tree_equal(getattr(found, part), getattr(scene, part)), part
         assert eqx.tree_equal(found.structure.struts, scene.structure.struts)

@@ -256,7 +256,7 @@ def test_without_uncertainty_one_robot_is_enough():
     strut = Members(((0, 1),), None, np.array([1.0]))
     gait = Gait((0,), np.zeros((2, 1)), np.array([[0.0], [0.2]]), np.ones((2, 1)))
     structure = Structure(np.array([[0.0, 0, 0], [1, 0, 0]]), np.ones(2), strut)
-    scene = Scene(structure, 9.81, gait=one_gait(gait, 0), up=np.tile([-0.6, 0, 0.8], (2, 1)))
+    scene = Scene(structure, 9.81, gait=one_gait(gait, 0), up=np.array([-0.6, 0, 0.8]))
     problem = SearchProblem(scene, Genome(1), 0.5, Fitness(robots=4))
     scores = judge_at(FidelityLevel("", scene, 1e-2, "float64"), gait, problem, seed=0)
     assert scores.each.shape == (2, 1)
