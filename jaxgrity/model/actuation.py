@@ -23,6 +23,10 @@ class Overtone(eqx.Module):
     phase: PerActuator = eqx.field(converter=as_float)
     """rad"""
 
+    def __check_init__(self):
+        if isinstance(self.size, np.ndarray) and np.any(self.size < 0):
+            raise InputError(f"overtone.size = {self.size.min()}: expected none negative; move the phase by pi instead")
+
 
 class Gait(eqx.Module):
     """Periodic rest lengths: L_k(t) = L0_k (1 - delta_k/2 r(t) (1 + s_k(t))).
@@ -39,9 +43,9 @@ class Gait(eqx.Module):
     phase: PerActuator = eqx.field(converter=as_float)
     """rad"""
     amplitude: PerActuator = eqx.field(converter=as_float)
-    """delta: a member shortens by at most this fraction of its rest length"""
+    """delta: a member shortens by at most this fraction of its rest length; 0 or more, less than 1"""
     frequency: PerActuator = eqx.field(converter=as_float)
-    """f, Hz"""
+    """f, Hz, not negative"""
     start: Scalar = eqx.field(converter=as_float, default=0.0)
     """s"""
     ramp: Scalar = eqx.field(converter=as_float, default=1.0)
@@ -54,6 +58,13 @@ class Gait(eqx.Module):
     def __check_init__(self):
         if isinstance(self.ramp, np.ndarray) and not np.all(self.ramp > 0):
             raise InputError(f"gait.ramp = {self.ramp}: expected a positive time, s, however short")
+        if isinstance(self.amplitude, np.ndarray) and np.any((self.amplitude < 0) | (self.amplitude >= 1)):
+            worst = self.amplitude.min() if np.any(self.amplitude < 0) else self.amplitude.max()
+            raise InputError(
+                f"gait.amplitude = {worst}: expected from 0 to less than 1, at which a rest length reaches zero"
+            )
+        if isinstance(self.frequency, np.ndarray) and np.any(self.frequency < 0):
+            raise InputError(f"gait.frequency = {self.frequency.min()} Hz: expected none negative")
         for k in self.members:
             if not (is_count(k, 0) or is_count(-k, 0)):
                 raise InputError(f"gait.members = {list(self.members)}: expected whole numbers")

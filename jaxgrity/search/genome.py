@@ -50,8 +50,8 @@ class Genome(eqx.Module):
     def __check_init__(self):
         for name, top in (("amplitude", 1.0), ("frequency", math.inf)):
             bounds = getattr(self, name)
-            if bounds is not None and not 0 <= bounds[0] < bounds[1] <= top:
-                raise InputError(f"{name} = {bounds}: expected two ascending bounds between 0 and {top:g}")
+            if bounds is not None and not 0 <= bounds[0] < bounds[1] < top:
+                raise InputError(f"{name} = {bounds}: expected two ascending bounds from 0 on, below {top:g}")
         if self.overtones < 0:
             raise InputError(f"overtones = {self.overtones}: expected 0 or more")
         if self.quickest and (len(self.quickest) != self.actuators or not min(self.quickest) > 0):

@@ -79,7 +79,7 @@ def test_a_gait_comes_back_from_its_file(tmp_path):
 )
 def test_what_is_no_gait_is_refused(tmp_path, change, words):
     """A missing key, a wrong number of phases, members that are no numbers."""
-    record = gait_facts(Gait((0, 1), np.zeros(2), np.ones(2), np.ones(2)))
+    record = gait_facts(Gait((0, 1), np.zeros(2), np.full(2, 0.5), np.ones(2)))
     change(record)
     save_json(tmp_path / "gait.json", record)
     with pytest.raises(InputError, match=words):

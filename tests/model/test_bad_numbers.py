@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import jaxgrity
-from jaxgrity import ExactGround, Gait, HeightFunction, InputError, Members, PenaltyGround, Scene, Structure
+from jaxgrity import ExactGround, Gait, HeightFunction, InputError, Members, Overtone, PenaltyGround, Scene, Structure
 from jaxgrity.model.external import Push, Wind, wind
 from jaxgrity.model.motors import Motor
 from jaxgrity.model.shaking import Shaking
@@ -44,6 +44,11 @@ NAN = np.nan
         (lambda: Motor(0, [0.1], [NAN], 1.0), r"motor of member 0.lengths\[0\] = nan: expected a finite number"),
         (lambda: Motor(0, [0.1], [1.0], [1.0, 2.0]), r"motor of member 0.rate has shape \(2,\); expected one number"),
         (lambda: Gait((0,), [NAN], [0.1], [1.0]), r"gait.phase\[0\] = nan: expected a finite number"),
+        # at an amplitude of 2 a strut of 1 m had a rest length of -1 m; overtones whose sizes sum to -1 gave NaN
+        (lambda: Gait((0, 1), [0.0, 0.0], [0.3, 2.0], [1.0, 1.0]), "gait.amplitude = 2.0: expected from 0 to less"),
+        (lambda: Gait((0,), [0.0], [-0.3], [1.0]), "gait.amplitude = -0.3: expected from 0 to less"),
+        (lambda: Gait((0,), [0.0], [0.3], [-2.0]), "gait.frequency = -2.0 Hz: expected none negative"),
+        (lambda: Overtone([-1.0], [0.0]), "overtone.size = -1.0: expected none negative"),
         (lambda: Shaking([NAN, 0, 0], 1.0), r"shaking.amplitude\[0\] = nan: expected a finite number"),
         (lambda: Shaking([0.1, 0, 0], NAN), "shaking.frequency = nan: expected a finite number"),
     ],

@@ -233,9 +233,10 @@ def test_images_are_those_of_the_standing_robot(exact):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"amplitude": (0.4, 0.2)}, r"amplitude = \(0\.4, 0\.2\): expected two ascending bounds between 0 and 1"),
+        ({"amplitude": (0.4, 0.2)}, r"amplitude = \(0\.4, 0\.2\): expected two ascending bounds from 0 on, below 1"),
+        ({"amplitude": (0.4, 1.0)}, r"amplitude = \(0\.4, 1\.0\): expected two ascending bounds from 0 on, below 1"),
         ({"amplitude": (0.5, 1.5)}, "amplitude"),
-        ({"frequency": (-0.1, 1.0)}, "frequency .* expected two ascending bounds between 0 and inf"),
+        ({"frequency": (-0.1, 1.0)}, "frequency .* expected two ascending bounds from 0 on, below inf"),
         ({"overtones": -1}, "overtones = -1: expected 0 or more"),
         ({"active": 0}, "active = 0: expected 1 to 5"),
         ({"active": 6}, "active = 6: expected 1 to 5, fewer than may be actuated"),

@@ -41,7 +41,7 @@ def full(**changes):
         node_damping=np.ones(5),
         ground=GROUND,
         friction=SMOOTH,
-        gait=Gait((1, 3), np.zeros(2), np.ones(2), np.ones(2)),
+        gait=Gait((1, 3), np.zeros(2), np.full(2, 0.5), np.ones(2)),
     )
     parts |= changes
     structure = Structure(NODES, np.ones(5), parts.pop("struts"), parts.pop("cables"))
@@ -166,7 +166,7 @@ TERMS = {
     "switch": (nothing(ground=PenaltyGround(1e4)), nothing(ground=PenaltyGround(1e4), friction=SWITCH)),
     "gait": (
         nothing(struts=undamped(STRUT_SPRINGS)),
-        nothing(struts=undamped(STRUT_SPRINGS), gait=Gait((1,), np.zeros(1), np.ones(1), np.ones(1))),
+        nothing(struts=undamped(STRUT_SPRINGS), gait=Gait((1,), np.zeros(1), np.full(1, 0.5), np.ones(1))),
     ),
 }
 
