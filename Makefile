@@ -61,14 +61,12 @@ validate: .venv/.installed-test
 
 # Everything that the docs quote; some hours on 2 cores, which should have nothing else to do. LIMIT=FOLDER: C programs.
 # First those that are registered, then scripts with settings of their own and what needs results of others.
-MEASUREMENTS := equivalence hard_cases gradients polish_comparison damage repertoire obstacles \
-    identify_spine identification sim_to_real design_gradient first_commands
+MEASUREMENTS := gradients obstacles design_gradient first_commands
 COMPARED := random CMA-ES GA GA+more GA+smoothed
 measure: .venv/.installed-test
 	for name in $$($(BIN)/python experiments/measurements/registry.py) $(MEASUREMENTS); do $(BIN)/python experiments/measurements/$$name.py || exit 1; done
 	for contact in exact penalty; do $(BIN)/python experiments/measurements/feedback.py --contact $$contact || exit 1; done
 	for ground in slope bumps; do $(BIN)/python experiments/measurements/goals.py --ground $$ground || exit 1; done
-	$(BIN)/python experiments/measurements/work_precision.py --mujoco
 	$(BIN)/python experiments/measurements/scaling.py $(if $(LIMIT),--limit $(LIMIT))
 	$(BIN)/python experiments/measurements/benchmark.py --mujoco $(if $(LIMIT),--limit $(LIMIT))
 	$(BIN)/python experiments/measurements/third_opinions.py $(if $(LIMIT),--limit $(LIMIT))

@@ -27,7 +27,7 @@ def feedback_table(name: str, facts: Facts) -> str:
         rows.append([label, *(f"{100 * share:.0f} %" for share in shares)])
     first, *others = policies
     head = ["case", f"{first}: robots that roll, mean speed", *others]
-    return table(head, rows) + made_by(facts, name, "measured")
+    return table(head, rows) + made_by(facts, name)
 
 
 def goals_facts(raw: Facts) -> Facts:
@@ -55,7 +55,7 @@ def goals_table(name: str, facts: Facts) -> str:
         [f"choosing from {looked}", f"{facts['real_time']:.2g} times as fast as the robot moves"],
     ]
     head = [f"within {facts['within']:g} m of the goal, in at most {facts['patience']:.0f} s", "trials"]
-    return table(head, rows) + made_by(facts, name, "measured")
+    return table(head, rows) + made_by(facts, name)
 
 
 def obstacles_facts(raw: Facts) -> Facts:
@@ -94,7 +94,7 @@ def obstacles_table(facts: Facts) -> str:
             [f"a choice for all {count} robots", f"{facts['seconds_a_choice']:.1f} s"],
         ]
         words += "\n\n" + table(["of these ways", "measured"], more)
-    return words + made_by(facts, "obstacles", "measured")
+    return words + made_by(facts, "obstacles")
 
 
 def task_baselines_facts(raw: Facts) -> Facts:
@@ -116,6 +116,4 @@ def task_baselines_table(facts: Facts) -> str:
         for row in facts["rows"]
     ]
     rows.append(["in all", *[""] * len(names), f"{sum(row['seconds'] for row in facts['rows']) / 60:.1f} minutes"])
-    return table(["progress, m/s", *names, "time for all of these"], rows) + made_by(
-        facts, "task_baselines", "measured"
-    )
+    return table(["progress, m/s", *names, "time for all of these"], rows) + made_by(facts, "task_baselines")

@@ -8,17 +8,17 @@ struts, for gaits of struts that each move as they like, and for gaits of cables
 All of it is done with the intact robot too, since a short search may find little there as well.
 """
 
-from dataclasses import dataclass, replace
-from pathlib import Path
+from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any, NamedTuple
 
-from jaxgrity.cli.script import measured, run
+from measurement import Record, measurement
 
 import equinox as eqx
 import jax
 import numpy as np
 from matplotlib.figure import Figure
-from tqdm import tqdm
+from pages import table
 
 from jaxgrity import (
     ActuatorBounds,
@@ -38,9 +38,7 @@ from jaxgrity import (
     one_gait,
     with_gait,
 )
-from jaxgrity.io.files import save_json
 from jaxgrity.model import image, symmetries
-from jaxgrity.report import plot
 from jaxgrity.search import (
     FidelityLevel,
     distinct,
@@ -59,6 +57,8 @@ FINALISTS, TRIES, ROBOTS, UNSEEN = 8, 16, 64, 10**6
 """gaits of a search that are compared, and the robots by which; those of the last judgement, and what is added to the
 seed for it: by its draws no gait is chosen"""
 
+ENOUGH = 0.7
+"""Share of what the intact robot reaches from which on a gait counts as recovered."""
 OTHER, BEYOND = "on the other contact model", "asks more of actuators than it may"
 Ways = dict[str, dict[str, Any]]  # what `measure` says of one robot, by the ways to a gait
 
@@ -72,65 +72,107 @@ class Known(NamedTuple):
     """a population, of every member"""
 
 
-@dataclass
-class Settings:
-    gait: str = "lasting"
-    """of the library: what the robot does when it is damaged"""
-    cases: tuple[str, ...] = ()
-    """which damages, as "cable 7" or "strut 1"; every one where not given"""
-    duration: float = 40.0
-    """s"""
-    population: int = 128
-    """gaits in a generation of a search"""
-    generations: int = 25
-    """of a search"""
-    enough: float = 0.7
-    """share of what the intact robot reaches from which on a gait counts as recovered"""
-    seed: int = 0
-    """the same seed gives the same numbers"""
-    out: Path = Path("results/damage")
-    """folder for damage.json and damage.png"""
-    quick: bool = False
-    """a cable and a strut, 5 s, small searches; the library's gaits as they are alone"""
+@measurement(
+    page="search.md",
+    quick={"cases": ("cable 7", "strut 1"), "duration": 5.0, "population": 16, "generations": 1, "images": 1},
+    raw=("intact", "cases", "recovered"),
+)
+def damage(
+    gait: str = "lasting",
+    cases: tuple[str, ...] = (),
+    duration: float = 40.0,
+    population: int = 128,
+    generations: int = 25,
+    images: int | None = None,
+    seed: int = 0,
+) -> Iterator[Record]:
+    """A row for each robot, the intact one first, until all are done; then one for each kind of damage and each way.
 
-
-def main(settings: Settings) -> None:
-    if settings.quick:
-        settings.duration, settings.population, settings.generations = 5.0, 16, 1
-    if settings.gait not in (plain := plain_names()):
-        raise InputError(f"gait = {settings.gait!r}: unknown or with overtones; expected one of {', '.join(plain)}")
-    scene = load_scene(gait_record(settings.gait)["scene"])
-    every = damaged(scene)
-    chosen = ("cable 7", "strut 1") if settings.quick else settings.cases or tuple(every)
-    if unknown := [name for name in chosen if name not in every]:
+    Args:
+        gait: of the library: what the robot does when it is damaged
+        cases: which damages, as "cable 7" or "strut 1"; every one where not given
+        duration: s
+        population: gaits in a generation of a search
+        generations: of a search
+        images: of each gait of the library, how many are tried; all where not given
+        seed: the same seed gives the same numbers
+    """
+    if gait not in (plain := plain_names()):
+        raise InputError(f"gait = {gait!r}: unknown or with overtones; expected one of {', '.join(plain)}")
+    scene = load_scene(gait_record(gait)["scene"])
+    every, found = damaged(scene), {}
+    if unknown := [name for name in cases if name not in every]:
         raise InputError(f"cases = {unknown}: unknown; expected some of {', '.join(every)}")
-    robots, found = {"intact": scene} | {name: every[name] for name in chosen}, {}
-    known = known_gaits(scene, symmetries(scene.structure)[: 1 if settings.quick else None])
-    with tqdm(robots.items(), unit="robot") as bar:
-        for number, (name, robot) in enumerate(bar):
-            found[name] = recover(scene, robot, known, settings, settings.seed + number)
-            bar.set_postfix(robot=name, best=f"{fastest(found[name])['own']['mean']:.2f}")
-            facts = facts_of(found, known, settings)
-            save_json(settings.out / "damage.json", facts)  # after each: it takes a while
-    plot.save(figure(facts), settings.out / "damage.png")
-    for kind, counts in facts["recovered"].items():
-        print(f"{kind}: {settings.enough:.0%} of the intact robot's best is reached in", counts["best"])
-    print(f"wrote {settings.out}/")
+    robots = {"intact": scene} | {name: every[name] for name in cases or every}
+    known = known_gaits(scene, symmetries(scene.structure)[:images])
+    configs = {way: SearchConfig(duration, population, (generations, 0), **SEARCHES[way]) for way in SEARCHES}
+    for number, (name, robot) in enumerate(robots.items()):
+        found[name] = recover(scene, robot, (known, gait), configs, (seed, seed + number))
+        yield {"robot": name, **found[name]}
+    intact = found.pop("intact")
+    kinds = dict.fromkeys(name.split()[0] for name in found)  # cable, strut
+    searched = population * (3 + generations)  # the first generation is four times as large
+    counts = {kind: recovered(found, intact, kind) for kind in kinds}
+    about = {"gait": gait, "enough": ENOUGH, "duration": duration, "population": population, "generations": generations}
+    gaits = {"as it was": 1, "library": len(known.names)} | dict.fromkeys(SEARCHES, searched)
+    whole = {"intact": intact, "cases": found, "recovered": counts}
+    return {**about, "gaits": gaits, "rows": told(**whole), **whole}
 
 
-def facts_of(found: dict[str, Ways], known: Known, settings: Settings) -> dict[str, Any]:
-    """What goes into the file, of the robots that are done, the intact one first."""
-    cases = {name: case for name, case in found.items() if name != "intact"}
-    kinds = dict.fromkeys(name.split()[0] for name in cases)  # cable, strut
-    searched = settings.population * (3 + settings.generations)  # the first generation is four times as large
-    return {
-        **measured(),
-        **{name: getattr(settings, name) for name in ("gait", "duration", "enough", "population", "generations")},
-        "gaits": {"as it was": 1, "library": len(known.names)} | dict.fromkeys(SEARCHES, searched),
-        "intact": found["intact"],
-        "cases": cases,
-        "recovered": {kind: recovered(cases, found["intact"], kind, settings.enough) for kind in kinds},
+def told(intact: Ways, cases: dict[str, Ways], recovered: Record) -> list[Record]:
+    """For each way to a gait: its speeds on the intact robot, and on damaged ones, and in how many they are enough."""
+    rows = [row_of("nothing", way, [found]) for way, found in intact.items()]
+    for kind, counts in recovered.items():
+        some = [case for name, case in cases.items() if name.startswith(kind)]
+        for way in intact:
+            row = row_of(kind, way, [case[way] for case in some])
+            rows.append(row | {"of_best": counts["best"][way], "of_same_way": counts["same way"][way]})
+        rows.append({"kind": kind, "way": "any", "cases": counts["cases"], "of_best": counts["best"]["any"]})
+    return rows
+
+
+def row_of(kind: str, way: str, found: list[Record]) -> Record:
+    """What one way reaches in some cases: the slowest, the median and the fastest of them, and by which gaits."""
+    speeds = {
+        model: [float(x) for x in np.quantile([one[model]["mean"] for one in found], (0, 0.5, 1))]
+        for model in ("own", "other")
     }
+    names = sorted({one["gait"] for one in found if one["gait"]})
+    beyond = sum(not one["within_bounds"] for one in found)
+    return {"kind": kind, "way": way, "cases": len(found), "names": names, "beyond_bounds": beyond, **speeds}
+
+
+@damage.table
+def words(record: Record) -> str:
+    """What each way reaches on robots of each kind, and how much was tried for it."""
+    counts = ("of_best", "of_same_way", "beyond_bounds")
+    rows = [
+        [
+            row["kind"],
+            ": ".join([row["way"], *row.get("names", [])]),
+            *(speeds(row, model) for model in ("own", "other")),
+            *(f"{row[name]} of {row['cases']}" if name in row else "" for name in counts),
+        ]
+        for row in record["rows"]
+    ]
+    enough = f"{record['enough']:.0%}"
+    head = ["broken or stuck", "gait", "speed, body lengths/s: median case (slowest to fastest)", "on the other model"]
+    head += [f"{enough} of the intact robot's best", f"{enough} of what the same way reaches there"]
+    head += ["asks more of actuators than it may"]
+    about = [record["gaits"]["library"], record["population"], record["generations"], record["gaits"]["free"]]
+    settings = table(
+        ["gaits tried: library", "each search: population", "generations", "gaits in all", "duration"],
+        [[*map(str, about), f"{record['duration']:g} s"]],
+    )
+    return f"{table(head, rows)}\n\n{settings}"
+
+
+def speeds(row: Record, model: str) -> str:
+    """Of the median case, and of the slowest and the fastest where they are not the same to the digits shown."""
+    if model not in row:
+        return ""
+    low, median, high = (f"{speed:.2f}" for speed in row[model])
+    return median if low == high else f"{median} ({low} to {high})"
 
 
 def damaged(scene: Scene) -> dict[str, Scene]:
@@ -190,28 +232,35 @@ def together(gaits: list[Gait]) -> Gait:
     return jax.tree.map(lambda *rows: np.stack(rows) if np.ndim(rows[0]) else rows[0], *gaits)
 
 
-def search_config(way: str, settings: Settings) -> SearchConfig:
-    """Screening alone, with what may vary on this way."""
-    return SearchConfig(settings.duration, settings.population, (settings.generations, 0), **SEARCHES[way])
+def recover(
+    intact: Scene,
+    robot: Scene,
+    before: tuple[Known, str],
+    configs: dict[str, SearchConfig],
+    seeds: tuple[int, int],
+) -> Ways:
+    """What `measure` says of the gait as it was, and of the best on each of the ways to another one.
 
-
-def recover(intact: Scene, robot: Scene, known: Known, settings: Settings, seed: int) -> Ways:
-    """What `measure` says of the gait as it was, and of the best on each of the ways to another one."""
-    problem = search_problem(intact, search_config("wave", settings))._replace(scene=robot)
+    Args:
+        before: gaits that are known, and the name of the robot's own
+        configs: of the searches
+        seeds: by which gaits are judged, and of the searches
+    """
+    (known, gait), (seed, drawn) = before, seeds
+    problem = search_problem(intact, configs["wave"])._replace(scene=robot)
     level = fidelity_levels(robot)[1]
-    which = best(level, problem, known.gaits, settings.seed)
-    chosen = [one_gait(known.gaits, k) for k in (known.names.index(settings.gait), which)]
-    for way in SEARCHES:
-        found = evolved(intact, robot, way, settings, seed)
-        chosen.append(one_gait(found, best(level, problem, found, settings.seed)))
-    names = (settings.gait, known.names[which], *[None] * len(SEARCHES))
-    rows = zip(WAYS, names, measure(level, problem, together(chosen), settings.seed), strict=True)
+    which = best(level, problem, known.gaits, seed)
+    chosen = [one_gait(known.gaits, k) for k in (known.names.index(gait), which)]
+    for config in configs.values():
+        found = evolved(intact, robot, config, drawn)
+        chosen.append(one_gait(found, best(level, problem, found, seed)))
+    names = (gait, known.names[which], *[None] * len(configs))
+    rows = zip(WAYS, names, measure(level, problem, together(chosen), seed), strict=True)
     return {way: {"gait": name, **row} for way, name, row in rows}
 
 
-def evolved(intact: Scene, robot: Scene, way: str, settings: Settings, seed: int) -> Gait:
+def evolved(intact: Scene, robot: Scene, config: SearchConfig, seed: int) -> Gait:
     """The finalists of a search of the robot, of every member."""
-    config = search_config(way, settings)
     if config.members == "cables":
         robot = of_cables(robot)
     whole = intact if config.waves == "every" else robot  # waves follow from rotations, of which damage leaves none
@@ -256,12 +305,12 @@ def fastest(case: Ways) -> dict[str, Any]:
     return max(case.values(), key=lambda one: (one["within_bounds"], one["own"]["mean"]))
 
 
-def recovered(cases: dict[str, Ways], intact: Ways, kind: str, enough: float) -> dict[str, Any]:
+def recovered(cases: dict[str, Ways], intact: Ways, kind: str) -> dict[str, Any]:
     """In how many cases each way, and any of them, reaches enough of the intact robot's best on both contact models,
     within the bounds on actuators; and each way enough of what the same way reaches on the intact robot."""
 
     def reaches(one: dict[str, Any], wanted: dict[str, Any]) -> bool:
-        fast = (one[model]["mean"] >= enough * wanted[model]["mean"] for model in ("own", "other"))
+        fast = (one[model]["mean"] >= ENOUGH * wanted[model]["mean"] for model in ("own", "other"))
         return one["within_bounds"] and all(fast)
 
     top, some = fastest(intact), [case for name, case in cases.items() if name.startswith(kind)]
@@ -271,10 +320,10 @@ def recovered(cases: dict[str, Ways], intact: Ways, kind: str, enough: float) ->
     return {"cases": len(some), "best": of_best, "same way": alike}
 
 
-@plot.styled
-def figure(facts: dict[str, Any]) -> Figure:
+@damage.figure
+def figure(record: Record) -> Figure:
     """Steady speed of each robot on each of the ways, and what counts as recovered."""
-    robots, top = {"intact": facts["intact"]} | facts["cases"], fastest(facts["intact"])["own"]["mean"]
+    robots, top = {"intact": record["intact"]} | record["cases"], fastest(record["intact"])["own"]["mean"]
     chart = Figure(figsize=(12, 5), layout="constrained")
     axes = chart.subplots()
     x, width = np.arange(len(robots)), 0.85 / len(WAYS)
@@ -286,7 +335,7 @@ def figure(facts: dict[str, Any]) -> Figure:
         beyond = [not row["within_bounds"] for row in rows]
         axes.plot(place[beyond], np.zeros(sum(beyond)) + 0.03, "kx", ms=5, label=None if k else BEYOND)
     axes.axhline(top, color="black", lw=1, label="the intact robot's best")
-    axes.axhline(facts["enough"] * top, color="black", lw=1, ls="--", label=f"{facts['enough']:.0%} of that")
+    axes.axhline(record["enough"] * top, color="black", lw=1, ls="--", label=f"{record['enough']:.0%} of that")
     axes.axvline(0.5, color="grey", lw=0.8)
     axes.grid(visible=False, axis="x")
     axes.set_xticks(x, list(robots), rotation=90 if len(robots) > 10 else 0)
@@ -297,4 +346,4 @@ def figure(facts: dict[str, Any]) -> Figure:
 
 
 if __name__ == "__main__":
-    run(main, Settings)
+    damage.run()

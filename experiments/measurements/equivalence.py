@@ -8,62 +8,73 @@ hit the ground, one more difference stays: a stiff strut takes the impact in tur
 depends on the order; a rigid one takes it at once. Without friction it goes.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from pathlib import Path
+from collections.abc import Callable, Iterator
+from typing import Literal
 
-from jaxgrity.cli.script import measured, run
+from measurement import Record, measurement
 
 import equinox as eqx
 import numpy as np
 from matplotlib.figure import Figure
-from tqdm import tqdm
+from pages import table
 
 from jaxgrity import Members, PenaltyGround, Scene, SmoothFriction, SolverOptions, load_scene, simulate, with_gait
-from jaxgrity.io.files import save_json
-from jaxgrity.report import plot
 
 FRAME_RATE = 50.0
 
 
-@dataclass
-class Settings:
-    strut_stiffness: tuple[float, ...] = (1e4, 3e4, 1e5, 3e5, 1e6)
-    """K, N/m"""
-    ground_stiffness: tuple[float, ...] = (3e3, 1e4, 3e4, 1e5, 3e5)
-    """k_n, N/m"""
-    dt: float = 5e-6
-    """step of all rollouts, s"""
-    out: Path = Path("results/equivalence")
-    """folder for a JSON file and a figure for each motion"""
-    quick: bool = False
-    """the drop alone, with three values of each"""
+@measurement(
+    page="numerics.md",
+    quick={"motion": ("drop",), "strut_stiffness": (1e4, 1e5, 1e6), "ground_stiffness": (1e4, 1e5, 1e6)},
+    raw=("every",),
+)
+def equivalence(
+    motion: Literal["drop", "settle", "roll"],
+    strut_stiffness: tuple[float, ...] = (1e4, 3e4, 1e5, 3e5, 1e6),
+    ground_stiffness: tuple[float, ...] = (3e3, 1e4, 3e4, 1e5, 3e5),
+    dt: float = 5e-6,
+) -> Iterator[Record]:
+    """A row for each law that grows stiffer.
 
-
-def main(settings: Settings) -> None:
-    motions = {"drop": (drop, 0.3), "settle": (settle_down, 3.0), "roll": (slow_roll, 4.0)}
-    if settings.quick:
-        motions = {"drop": motions["drop"]}
-        settings.strut_stiffness = settings.ground_stiffness = (1e4, 1e5, 1e6)
+    Args:
+        motion: of the robot
+        strut_stiffness: K, N/m
+        ground_stiffness: k_n, N/m
+        dt: step of all rollouts, s
+    """
+    prepare, duration = {"drop": (drop, 0.3), "settle": (settle_down, 3.0), "roll": (slow_roll, 4.0)}[motion]
     laws = {
-        "K": (spring_struts, settings.strut_stiffness, lambda scene: scene),
-        "K, no friction": (spring_struts, settings.strut_stiffness, frictionless),
-        "k_n": (penalty_contact, settings.ground_stiffness, lambda scene: scene),
+        "K": (spring_struts, strut_stiffness, lambda scene: scene),
+        "K, no friction": (spring_struts, strut_stiffness, frictionless),
+        "k_n": (penalty_contact, ground_stiffness, lambda scene: scene),
     }
-    with tqdm(total=len(motions) * sum(1 + len(values) for _, values, _ in laws.values()), unit="rollout") as bar:
-        for name, (prepare, duration) in motions.items():
-            bar.set_description(name)
-            facts: dict = {**measured(), "motion": name, "duration": duration, "dt": settings.dt}
-            for symbol, (law, values, adapt) in laws.items():
-                exact = adapt(prepare(load_scene("exact")))
-                limit = path(exact, duration, settings.dt)
-                bar.update()
-                facts[symbol] = compare(law, exact, values, limit, duration, settings.dt, bar.update)
-            save_json(settings.out / f"{name}.json", facts)
-            plot.save(figure(facts), settings.out / f"{name}.png")
-            slopes = ", ".join(f"{symbol}^{facts[symbol]['slope']:.2f}" for symbol in laws)
-            bar.write(f"{name}: the distance between the models goes as {slopes}")
-    print(f"wrote {settings.out}/")
+    for symbol, (law, values, adapt) in laws.items():
+        exact = adapt(prepare(load_scene("exact")))
+        every = compare(law, exact, values, duration, dt)
+        ends = {name: [every[name][0], every[name][-1]] for name in ("values", "distance")}
+        yield {"grows": symbol, **ends, "slope": every["slope"], "every": every}
+    expected = every["weight_over_n_k"][-1]
+    depth = None if expected is None else every["penetration_at_end"][-1] / expected
+    return {"motion": motion, "depth_over_expected": depth}
+
+
+@equivalence.table
+def words(record: Record) -> str:
+    """Of each law the first and the last stiffness, and how deep the robot stands in the ground at the end."""
+    rows = [
+        [
+            row["grows"],
+            f"{row['values'][0]:g} to {row['values'][1]:g} N/m",
+            f"{row['distance'][0]:.1e} to {row['distance'][1]:.1e} m",
+            f"{row['slope']:.2f}",
+        ]
+        for row in record["rows"]
+    ]
+    said = table(["grows", "from, to", "distance between the models, rms", "slope"], rows)
+    if record["motion"] != "settle":
+        return said
+    depth = f"{record['depth_over_expected']:.3f} m g/(n k_n)"
+    return said + "\n\n" + table(["how deep the robot stands in the ground at the highest k_n"], [[depth]])
 
 
 def drop(scene: Scene) -> Scene:
@@ -114,17 +125,9 @@ def path(scene: Scene, duration: float, dt: float) -> np.ndarray:
     return np.asarray(trajectory.positions)
 
 
-def compare(
-    law: Callable,
-    exact: Scene,
-    values: tuple[float, ...],
-    limit: np.ndarray,
-    duration: float,
-    dt: float,
-    done: Callable,
-) -> dict:
-    """Root mean square distance of the nodes from the limit, over all frames, m, and what the ground gives way."""
-    distances, penetrations = [], []
+def compare(law: Callable, exact: Scene, values: tuple[float, ...], duration: float, dt: float) -> Record:
+    """Root mean square distance of the nodes from the exact scene's, over all frames, m, and how deep they end."""
+    limit, distances, penetrations = path(exact, duration, dt), [], []
     for value in values:
         positions = path(law(exact, value), duration, dt)
         distances.append(float(np.sqrt(np.mean(np.sum((positions - limit) ** 2, axis=-1)))))
@@ -132,7 +135,6 @@ def compare(
         penetrations.append(
             {"mean": float(deep[deep > 0].mean()) if deep.any() else 0.0, "nodes": int((deep > 0).sum())}
         )
-        done()
     fit = np.polyfit(np.log(values), np.log(distances), 1)
     weight = float(exact.structure.mass) * float(exact.gravity)
     return {
@@ -145,17 +147,16 @@ def compare(
     }
 
 
-@plot.styled
-def figure(facts: dict) -> Figure:
+@equivalence.figure
+def figure(record: Record) -> Figure:
     """Distance between the models against stiffness, and penetration at rest against m g / (n k_n)."""
     chart = Figure(figsize=(10, 4), layout="constrained")
     apart, deep = chart.subplots(1, 2)
-    for symbol, marker in (("K", "o"), ("K, no friction", "^"), ("k_n", "s")):
-        row = facts[symbol]
-        apart.loglog(row["values"], row["distance"], f"{marker}-", label=f"{symbol}: slope {row['slope']:.2f}")
-    apart.set(xlabel="K, k_n (N/m)", ylabel="rms distance of the nodes, m", title=f"{facts['motion']}: from exact")
+    for each, marker in zip(record["rows"], "o^s"):
+        row = each["every"]
+        apart.loglog(row["values"], row["distance"], f"{marker}-", label=f"{each['grows']}: slope {row['slope']:.2f}")
+    apart.set(xlabel="K, k_n (N/m)", ylabel="rms distance of the nodes, m", title=f"{record['motion']}: from exact")
     apart.legend()
-    row = facts["k_n"]
     deep.loglog(row["values"], row["penetration_at_end"], "s", label="mean penetration at the end")
     known = [(v, w) for v, w in zip(row["values"], row["weight_over_n_k"]) if w is not None]
     deep.loglog(*zip(*known), "k-", lw=0.8, label="m g / (n k_n), at rest")
@@ -165,4 +166,4 @@ def figure(facts: dict) -> Figure:
 
 
 if __name__ == "__main__":
-    run(main, Settings)
+    equivalence.run()

@@ -7,22 +7,20 @@ stepping gets the case with rigid struts and exact contact, where that makes sen
 
 import multiprocessing
 import os
-import sys
-from dataclasses import dataclass, replace
-from pathlib import Path
+from collections.abc import Iterator
+from dataclasses import replace
 from typing import NamedTuple
 
-from jaxgrity.cli.script import configure, measured, run
+from jaxgrity.cli.script import configure
+from measurement import Record, measurement
 
 import numpy as np
 from cases import CASES, Case
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
-from tqdm import tqdm
+from pages import table
 
 from jaxgrity import FAILURES, METHODS, InputError, SolverOptions, Trajectory, refinement_bar, simulate
-from jaxgrity.io.files import save_json
-from jaxgrity.report import plot
 from jaxgrity.stepping import ResolvedOptions, find_method, resolve
 
 USEFUL = 1e-2
@@ -32,18 +30,6 @@ MOST_IMPLICIT_STEPS = 1_500
 TOLERANCE = {"float64": 1e-6, "float32": 1e-5}
 """of adaptive methods"""
 COLOURS = {"right": "#cfe8cf", "flagged": "#fbe7b2", "refused": "#dddddd", "WRONG": "#f4a6a6"}
-
-
-@dataclass
-class Settings:
-    methods: tuple[str, ...] = tuple(METHODS)
-    """which methods"""
-    cases: tuple[str, ...] = ()
-    """which cases, by their names; all, where not given"""
-    out: Path = Path("results/hard_cases")
-    """folder for hard_cases.json and hard_cases.png"""
-    quick: bool = False
-    """three cases, three methods"""
 
 
 class Cell(NamedTuple):
@@ -57,47 +43,82 @@ class Cell(NamedTuple):
     """the error bar that was reported, m"""
     reason: str
 
+    def told(self) -> Record | str:
+        """Error and error bar, m, with the verdict where it is not "right"; or what became of the rollout."""
+        if self.verdict == "refused":
+            return "refused"
+        if self.error is None:
+            return f"{self.verdict}: {self.reason}"
+        found = {"error": self.error, "bar": self.bar}
+        return found if self.verdict == "right" else found | {"verdict": self.verdict}
 
-def main(settings: Settings) -> None:
-    names, methods = settings.cases or tuple(CASES), settings.methods
-    if settings.quick:
-        names, methods = (
-            ("start 5 cm below ground", "incline 0.1 % above", "spinning at 50 rad/s"),
-            methods[:1] + methods[-2:],
-        )
-    for name in names:
+
+@measurement(
+    page="numerics.md",
+    quick={
+        "methods": ("rk4", "verlet", "complementarity"),
+        "cases": ("start 5 cm below ground", "incline 0.1 % above", "spinning at 50 rad/s"),
+    },
+)
+def hard_cases(methods: tuple[str, ...] = tuple(METHODS), cases: tuple[str, ...] = ()) -> Iterator[Record]:
+    """A row for each case and precision; why a method refuses some cases stands once.
+
+    Args:
+        methods: which methods
+        cases: which cases, by their names; all, where not given
+    """
+    for name in cases:
         if name not in CASES:
             raise InputError(f"cases = {name!r}: unknown; expected some of {', '.join(CASES)}")
     for method in methods:
         find_method(method)
-    rows: dict[str, dict[str, dict[str, Cell]]] = {name: {"float64": {}, "float32": {}} for name in names}
-    pairs = [(name, method) for name in names for method in methods]
+    counts, refused = dict.fromkeys(COLOURS, 0), set()
+    pairs = [(name, method) for name in cases or CASES for method in methods]
     # a few in each process: a thousand compiled programs do not fit into one
-    most = None if settings.quick else 4
-    pool = multiprocessing.get_context("spawn").Pool(len(os.sched_getaffinity(0)), configure, maxtasksperchild=most)
-    with pool, tqdm(total=len(pairs), desc="cases", unit="cell") as progress:
-        for name, method, cells in pool.imap_unordered(one, pairs):
-            for dtype, cell in cells.items():
-                rows[name][dtype][method] = cell
-            progress.update()
-    cells = [cell for row in rows.values() for kind in row.values() for cell in kind.values()]
-    counts = {verdict: sum(cell.verdict == verdict for cell in cells) for verdict in COLOURS}
-    table = {
-        name: {dtype: {method: kind[method]._asdict() for method in methods} for dtype, kind in row.items()}
-        for name, row in rows.items()
-    }
-    facts = {**measured(), "most_implicit_steps": MOST_IMPLICIT_STEPS, "counts": counts, "table": table}
-    save_json(settings.out / "hard_cases.json", facts)
-    plot.save(figure(rows, methods), settings.out / "hard_cases.png")
-    print(", ".join(f"{count} {verdict}" for verdict, count in counts.items()))
-    print(f"wrote {settings.out}/hard_cases.json and hard_cases.png")
-    if counts["WRONG"]:
-        sys.exit(1)
+    pool = multiprocessing.get_context("spawn").Pool(len(os.sched_getaffinity(0)), configure, maxtasksperchild=4)
+    with pool:
+        found = pool.imap(one, pairs)
+        for name in cases or CASES:
+            row = {method: next(found) for method in methods}
+            for dtype in ("float64", "float32"):
+                yield {"case": name, "dtype": dtype} | {method: cells[dtype].told() for method, cells in row.items()}
+            for method, cells in row.items():
+                for cell in cells.values():
+                    counts[cell.verdict] += 1
+                    refused |= {(method, cell.reason)} if cell.verdict == "refused" else set()
+    reasons = [{"method": method, "reason": reason} for method, reason in sorted(refused)]
+    return {"most_implicit_steps": MOST_IMPLICIT_STEPS, "counts": counts, "refused": reasons}
 
 
-def one(pair: tuple[str, str]) -> tuple[str, str, dict[str, Cell]]:
+@hard_cases.table
+def words(record: Record) -> str:
+    """How many cells are what, all cells, and why some cases are refused."""
+    counts = record["counts"] | {"steps allowed to implicit methods": record["most_implicit_steps"]}
+    found, methods = [table(list(counts), [[str(count) for count in counts.values()]])], methods_of(record)
+    for dtype in ("float64", "float32"):
+        rows = [row for row in record["rows"] if row["dtype"] == dtype]
+        cells = [[row["case"], *(text(row[method]) for method in methods)] for row in rows]
+        found.append(f"**{dtype}**, error in m\n\n{table(['case', *methods], cells)}")
+    found.append(table(["refuses", "reason"], [[row["method"], row["reason"]] for row in record["refused"]]))
+    return "\n\n".join(found)
+
+
+def methods_of(record: Record) -> list[str]:
+    """The methods of a record."""
+    return [name for name in record["rows"][0] if name not in ("case", "dtype")]
+
+
+def text(cell: Record | str) -> str:
+    """A cell in a few words."""
+    if isinstance(cell, str):
+        return cell
+    verdict = f"{cell['verdict']}: " if "verdict" in cell else ""
+    return f"{verdict}{cell['error']:.0e} (bar {cell['bar']:.0e})"
+
+
+def one(pair: tuple[str, str]) -> dict[str, Cell]:
     """`both`, by the names of case and method."""
-    return *pair, both(CASES[pair[0]](), pair[1])
+    return both(CASES[pair[0]](), pair[1])
 
 
 def both(case: Case, method: str) -> dict[str, Cell]:
@@ -158,35 +179,28 @@ def judge(runs: list[Trajectory], true: Trajectory) -> Cell:
     return Cell("right", error, bar, "")
 
 
-def text(cell: Cell) -> str:
-    """A cell in a few words."""
-    if cell.verdict == "refused":
-        return "refused"
-    if cell.error is None:
-        return f"{cell.verdict}: {cell.reason}"
-    return f"{cell.error:.0e} (bar {cell.bar:.0e})"
-
-
-@plot.styled
-def figure(rows: dict, methods: tuple[str, ...]) -> Figure:
+@hard_cases.figure
+def figure(record: Record) -> Figure:
     """The table as a picture: green is right, yellow flagged, grey refused, red silently wrong."""
-    chart = Figure(figsize=(2.2 + 2.2 * len(methods), 1.2 + 0.55 * len(rows)), layout="constrained")
+    rows, methods = record["rows"], methods_of(record)
+    names = list(dict.fromkeys(row["case"] for row in rows))
+    chart = Figure(figsize=(2.2 + 2.2 * len(methods), 1.2 + 0.55 * len(names)), layout="constrained")
     axes = chart.subplots()
-    axes.set(xlim=(0, len(methods)), ylim=(len(rows), 0), xticks=np.arange(len(methods)) + 0.5)
+    axes.set(xlim=(0, len(methods)), ylim=(len(names), 0), xticks=np.arange(len(methods)) + 0.5)
     axes.set_xticklabels(methods)
-    axes.set_yticks(np.arange(len(rows)) + 0.5, list(rows))
+    axes.set_yticks(np.arange(len(names)) + 0.5, names)
     axes.xaxis.tick_top()
-    for y, row in enumerate(rows.values()):
+    for row in rows:
+        y = names.index(row["case"]) + (row["dtype"] == "float32") / 2
         for x, method in enumerate(methods):
-            for part, dtype in enumerate(("float64", "float32")):
-                cell = row[dtype][method]
-                place = (x, y + part / 2)
-                axes.add_patch(Rectangle(place, 1, 0.5, facecolor=COLOURS[cell.verdict], edgecolor="white"))
-                label = text(cell) if cell.error is not None else cell.verdict
-                axes.text(x + 0.5, y + part / 2 + 0.25, label, ha="center", va="center", fontsize=6.5)
+            cell = row[method]
+            verdict = cell.partition(":")[0] if isinstance(cell, str) else cell.get("verdict", "right")
+            axes.add_patch(Rectangle((x, y), 1, 0.5, facecolor=COLOURS[verdict], edgecolor="white"))
+            label = verdict if isinstance(cell, str) else text(cell).rpartition(": ")[2]
+            axes.text(x + 0.5, y + 0.25, label, ha="center", va="center", fontsize=6.5)
     axes.set_title("top: float64, bottom: float32; true error (error bar), m")
     return chart
 
 
 if __name__ == "__main__":
-    run(main, Settings)
+    hard_cases.run()

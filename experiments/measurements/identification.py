@@ -4,22 +4,18 @@ The six-strut robot is thrown over the ground, with stiffnesses, dampings, a mas
 scene's, and all nodes are seen 100 times a second with 2 mm of noise. Where it starts, and how fast, is not known.
 """
 
-import json
 import time
-from dataclasses import dataclass, replace
-from pathlib import Path
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
-from jaxgrity.cli.script import measured, run
+from measurement import Record, measurement
 
 import numpy as np
 from matplotlib.figure import Figure
-from tqdm import tqdm
+from pages import table
 
 from jaxgrity import InputError, SolverOptions, load_scene, simulate, with_gait
 from jaxgrity.identification import Parameter, SeenPositions, Starts, changed, identify, measured_motion
-from jaxgrity.io.files import read_text, save_json
-from jaxgrity.report import plot
 
 FOUR = (
     Parameter("structure.cables.stiffness", 0.3),
@@ -50,6 +46,10 @@ JUMP = (3e-5, 3e-4)
 """m and m/s, by which windows may miss each other: the data come from the same laws"""
 
 
+STEP = 5e-4
+"""Step of the model that is fitted, s; the data are simulated at half of it."""
+
+
 class Case(NamedTuple):
     """One kind of throw."""
 
@@ -63,62 +63,75 @@ class Case(NamedTuple):
     windows: int
     share: float
     """of the trials asked for"""
+    words: str
+    """what the robot does"""
 
 
 CASES = {
-    "rolling": Case(FOUR, True, 0.0, 3.0, 6, 0.2),
-    "ten": Case(TEN, True, 0.0, 3.0, 6, 0.1),
-    "dropped": Case(FOUR, False, 0.2, 0.6, 1, 1.0),
+    "rolling": Case(FOUR, True, 0.0, 3.0, 6, 0.2, "rolls by its gait"),
+    "ten": Case(TEN, True, 0.0, 3.0, 6, 0.1, "rolls, ten unknown"),
+    "dropped": Case(FOUR, False, 0.2, 0.6, 1, 1.0, "is dropped and slides"),
 }
 
 
-@dataclass
-class Settings:
-    cases: tuple[str, ...] = ("rolling", "ten", "dropped")
-    """kinds of throws; what the folder has of others is kept"""
-    trials: int = 100
-    """of a throw with a drop; a fifth of them roll for 3 s, and a tenth have ten unknown parameters"""
-    speed: float = 1.5
-    """m/s, of the throw"""
-    dt: float = 5e-4
-    """s; the data are simulated at half of it"""
-    seed: int = 0
-    out: Path = Path("results/identification")
-    """folder for identification.json and the figure"""
-    quick: bool = False
-    """one throw with a drop, seen for a fifth of a second"""
+@measurement(
+    page="identification.md", quick={"cases": ("dropped",), "trials": 1, "duration": 0.2, "height": 0.0}, raw=("rows",)
+)
+def identification(
+    cases: tuple[str, ...] = tuple(CASES),
+    trials: int = 100,
+    speed: float = 1.5,
+    duration: float | None = None,
+    height: float | None = None,
+    seed: int = 0,
+) -> Iterator[Record]:
+    """A row for each throw, then what those of a case say together.
 
-
-def main(settings: Settings) -> None:
-    """Identify, trial by trial. Raises `InputError` where there is none."""
-    cases = CASES
-    if settings.quick:
-        settings, cases = replace(settings, trials=1), {"dropped": CASES["dropped"]._replace(height=0.0, duration=0.2)}
-    if settings.trials < 1:
-        raise InputError(f"trials = {settings.trials}: expected at least 1")
-    unknown = [name for name in settings.cases if name not in CASES]
-    if unknown:
+    Args:
+        cases: kinds of throws
+        trials: of a throw with a drop; a fifth of them roll for 3 s, and a tenth have ten unknown parameters
+        speed: m/s, of the throw
+        duration: s, for which a robot is seen; of each case its own, where not given
+        height: m, from which it is dropped, likewise
+        seed: of all draws
+    """
+    if trials < 1:
+        raise InputError(f"trials = {trials}: expected at least 1")
+    if unknown := [name for name in cases if name not in CASES]:
         raise InputError(f"cases = {unknown[0]!r}: unknown; expected {', '.join(CASES)}")
+    asked = {name: each for name, each in (("duration", duration), ("height", height)) if each is not None}
     resting = np.asarray(simulate(with_gait(load_scene("reference"), None), SETTLING, frame_rate=1.0).positions[-1])
-    before = settings.out / "identification.json"
-    found: dict[str, dict[str, Any]] = json.loads(read_text(before))["cases"] if before.exists() else {}
-    for name, case in [(name, case) for name, case in cases.items() if name in settings.cases]:
-        rows: list[dict[str, Any]] = []
-        for trial in tqdm(range(max(1, round(case.share * settings.trials))), desc=name, unit="throw"):
-            rows.append(one_throw(case, resting, settings, np.random.default_rng([settings.seed, trial])))
-            found[name] = facts_of(case, rows)
-            # what has been found so far is not lost where the rest takes too long
-            save_json(settings.out / "identification.json", {**measured(), "cases": found})
-    plot.save(figure(found), settings.out / "identification.png")
-    for name, facts in found.items():
-        for each in facts["parameters"]:
-            off = "the data cannot tell" if each["largest"] is None else f"off by at most {each['largest']:.2%}"
-            print(f"{name}, {each['name']}: {off}, {each['covered']} of {each['told']} within 95 %")
-    print(f"{settings.out}/identification.json, identification.png")
+    found = {}
+    for name in cases:
+        case, rows = CASES[name]._replace(**asked), []
+        for trial in range(max(1, round(case.share * trials))):
+            rows.append(one_throw(case, resting, speed, np.random.default_rng([seed, trial])))
+            yield {"case": name} | rows[-1]
+        found[name] = facts_of(case, rows)
+    return {"cases": found}
 
 
-def facts_of(case: Case, rows: list[dict[str, Any]]) -> dict[str, Any]:
-    """What the trials of a case say, and each of them."""
+@identification.table
+def words(record: Record) -> str:
+    """Of each case, parameter by parameter, how far estimates are off."""
+    rows = []
+    for name, case in record["cases"].items():
+        about = f"{CASES[name].words}, {case['duration']:g} s, {case['windows']} window{'s' * (case['windows'] > 1)}"
+        converged = f"{case['converged']} of {case['trials']}, {case['seconds']:.0f} s, {case['longest']:.0f} s"
+        for each in case["parameters"]:
+            told = each["told"]
+            cells = [
+                f"{each[key]:.2%}" if told else "cannot be told" for key in ("standard_error", "median", "largest")
+            ]
+            counts = [f"{each[key]} of {case['trials']}" if told else "" for key in ("within_2_percent", "covered")]
+            rows.append([about, converged, f"`{each['name']}`", *cells, *counts])
+            about = converged = ""
+    head = ["the robot", "converged, a fit takes, the longest", "parameter", "standard error", "off by, median", "most"]
+    return table([*head, "within 2 %", "inside its interval"], rows)
+
+
+def facts_of(case: Case, rows: list[Record]) -> Record:
+    """What the trials of a case say."""
     return {
         "duration": case.duration,
         "windows": case.windows,
@@ -127,11 +140,10 @@ def facts_of(case: Case, rows: list[dict[str, Any]]) -> dict[str, Any]:
         "seconds": float(np.median([row["seconds"] for row in rows])),
         "longest": float(np.max([row["seconds"] for row in rows])),
         "parameters": [summary(rows, k, parameter) for k, parameter in enumerate(case.parameters)],
-        "rows": rows,
     }
 
 
-def one_throw(case: Case, resting: np.ndarray, settings: Settings, random: np.random.Generator) -> dict[str, Any]:
+def one_throw(case: Case, resting: np.ndarray, speed: float, random: np.random.Generator) -> dict[str, Any]:
     """Simulate a robot that differs, add noise, identify it."""
     scene = load_scene("reference")
     scene = scene if case.rolls else with_gait(scene, None)
@@ -139,12 +151,12 @@ def one_throw(case: Case, resting: np.ndarray, settings: Settings, random: np.ra
     true = np.array([parameter.value(each) for parameter, each in zip(case.parameters, z)])
     resting = resting + np.array([0, 0, case.height])
     heading, spin = random.uniform(0, 2 * np.pi), random.normal(0, 1, 3)
-    start = settings.speed * np.array([np.cos(heading), np.sin(heading), 0])
+    start = speed * np.array([np.cos(heading), np.sin(heading), 0])
     start = start + np.cross(spin, resting - resting.mean(0)) + random.normal(0, JITTER[case.rolls], resting.shape)
     moved = simulate(
         changed(scene, case.parameters, z),
         case.duration,
-        options=SolverOptions("rk4", dt=settings.dt / 2),
+        options=SolverOptions("rk4", dt=STEP / 2),
         frame_rate=FRAME_RATE,
         positions=resting,
         velocities=start,
@@ -158,7 +170,7 @@ def one_throw(case: Case, resting: np.ndarray, settings: Settings, random: np.ra
         NOISE,
         SeenPositions(),
         Starts(seen, case.windows, spread=(5e-3, 0.5), jump=JUMP),
-        options=SolverOptions("rk4", dt=settings.dt),
+        options=SolverOptions("rk4", dt=STEP),
     )
     found = identify(scene, case.parameters, motion)
     return {
@@ -190,13 +202,14 @@ def summary(rows: list[dict], k: int, parameter: Parameter) -> dict[str, Any]:
     }
 
 
-def figure(found: dict[str, dict]) -> Figure:
+@identification.figure
+def figure(record: Record) -> Figure:
     """Identified less true, with 95 % intervals, trial by trial, of the throws with four unknown parameters."""
-    shown = {name: facts for name, facts in found.items() if len(facts["parameters"]) == len(FOUR)}
+    shown = [name for name in record["cases"] if CASES[name].parameters == FOUR]
     chart = Figure(figsize=(9, 3.2 * len(shown)), layout="constrained")
-    for line, (name, facts) in zip(chart.subplots(len(shown), len(FOUR), squeeze=False), shown.items()):
+    for line, name in zip(chart.subplots(len(shown), len(FOUR), squeeze=False), shown):
         for k, axes in enumerate(line):
-            for trial, row in enumerate(facts["rows"]):
+            for trial, row in enumerate(row for row in record["rows"] if row["case"] == name):
                 if row["identified"][k] is not None:
                     off = 100 * (row["identified"][k] / row["true"][k] - 1)
                     half = 196 * row["standard_error"][k] / row["true"][k]
@@ -208,4 +221,4 @@ def figure(found: dict[str, dict]) -> Figure:
 
 
 if __name__ == "__main__":
-    run(main, Settings)
+    identification.run()

@@ -3,18 +3,16 @@
 They are fitted to the mean poses of every second run.
 """
 
-from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any
 
-from jaxgrity.cli.script import measured, run
+from measurement import Record, measurement
 
 import equinox as eqx
 import jax
 import numpy as np
 from matplotlib.figure import Figure
-from numerics_tables import chosen
-from pages import made_by, table
+from pages import table
 from spine_robot import (
     FOLDER,
     ORIGIN,
@@ -26,6 +24,7 @@ from spine_robot import (
     resting_shapes,
     rms,
 )
+from validate import UNIT, UNITS
 
 from jaxgrity import Scene
 from jaxgrity.identification import (
@@ -39,10 +38,7 @@ from jaxgrity.identification import (
     misfit_of,
     predicted,
 )
-from jaxgrity.io.files import save_json
-from jaxgrity.report import plot
 
-UNITS = np.array([1e3, 1e3, 180 / np.pi])
 TURN = 39
 """the first command of the way up"""
 UNKNOWN = (
@@ -63,122 +59,56 @@ class Rig(eqx.Module):
     """m, by which each cable is longer on the way up"""
 
 
-@dataclass
-class Settings:
-    tables: Path = FOLDER
-    """folder with spine.toml and the tables of measurements"""
-    out: Path = Path("results/spine")
-    """folder for spine.json and the figure"""
-    quick: bool = False
-    """every tenth command"""
+@measurement(page="validation.md", quick={"every": 10}, raw=("untold", "as_sold", "identified"))
+def spine(tables: Path = FOLDER, every: int = 1) -> Record:
+    """The estimates, and errors in the runs that they were not fitted to.
 
-
-def main(settings: Settings) -> None:
-    spine = load_spine(settings.tables)
-    shapes = resting_shapes(spine)
-    every = slice(None, None, 10 if settings.quick else 1)
-    found, before, after = fitted_statics(spine, shapes, every)
-    facts = {
-        "fitted_runs": len(spine.runs[::2]),
-        "held_out_runs": len(spine.runs[1::2]),
+    Args:
+        tables: folder with spine.toml and the tables of measurements
+        every: of how many commands one is fitted
+    """
+    robot = load_spine(tables)
+    shapes = resting_shapes(robot)
+    found, before, after = fitted_statics(robot, shapes, slice(None, None, every))
+    rig, poses = poses_of(robot, shapes, slice(None), robot.seen[0], np.ones(3))
+    simulated = (np.asarray(predicted(poses, each, np.zeros(0))) for each in (rig, found.scene))
+    return {
+        "fitted_runs": len(robot.runs[::2]),
+        "held_out_runs": len(robot.runs[1::2]),
         "held_out": {name: {"before": before[k], "after": after[k]} for k, name in enumerate(POSE)},
-        "repeatability": dict(zip(POSE, UNITS * rms(np.nanstd(spine.seen, axis=0, ddof=1), axis=0))),
+        "repeatability": dict(zip(POSE, UNITS * rms(np.nanstd(robot.seen, axis=0, ddof=1), axis=0))),
         "misfit": found.misfit,
-        "statics": rows_of(found),
+        "statics": [
+            {name: getattr(each, name) for name in ("name", "value", "standard_error")}
+            | {"kind": of.kind, "spread": of.spread}
+            for each, of in zip(found.estimates, found.parameters)
+        ],
         "untold": len(found.untold),
-    }
-    save_json(settings.out / "spine.json", {**measured(), **facts})
-    plot.save(figure(spine, shapes, found), settings.out / "spine.png")
-    print(found.summary(), f"{settings.out}/spine.json, spine.png", sep="\n")
+    } | {name: UNITS * (robot.seen[1::2] - each) for name, each in zip(("as_sold", "identified"), simulated)}
 
 
-def rows_of(found: Identified) -> list[dict[str, Any]]:
-    """The estimates as they go into a JSON file."""
-    known = zip(found.estimates, found.parameters)
-    return [estimate._asdict() | {"kind": of.kind, "spread": of.spread} for estimate, of in known]
-
-
-def in_use(rig: Rig, command: tuple) -> Scene:
-    """The scene after a command: retractions, m, less backlash on the way up (1, or 0 on the way down)."""
-    retraction, up = command
-    return commanded(rig.scene, retraction - up * rig.backlash)
-
-
-def poses_of(spine: Spine, shapes: np.ndarray, every: slice, values: np.ndarray, noise: np.ndarray):
-    """Measured poses, (commands, 3), of some of the commands."""
-    rig = Rig(spine.scene, np.zeros(4))
-    up = (np.arange(len(spine.retraction)) >= TURN).astype(float)
-    observation = SeenTogether((SeenPositions((ORIGIN,), "xz"), SeenAngles(((ORIGIN, TIP),), "xz")))
-    commands = (spine.retraction[every], up[every])
-    return rig, measured_poses(
-        rig, values[every], noise, observation, shapes=shapes[every], commands=commands, command=in_use
-    )
-
-
-def fitted_statics(spine: Spine, shapes: np.ndarray, every: slice) -> tuple[Identified, np.ndarray, np.ndarray]:
-    """The fit to the mean of every second run, and rms errors in the other runs without and with it, mm and degrees."""
-    noise = rms(np.nanstd(spine.seen, axis=0, ddof=1), axis=0) / np.sqrt(len(spine.runs[::2]))
-    rig, poses = poses_of(spine, shapes, every, np.nanmean(spine.seen[::2], axis=0), noise)
-    found = identify(rig, UNKNOWN, poses)
-    errors = []
-    for robot in (rig, found.scene):
-        each = [misfit_of(robot, poses_of(spine, shapes, every, seen, noise)[1])["rms"] for seen in spine.seen[1::2]]
-        errors.append(UNITS * rms(np.array(each), axis=0))
-    return found, errors[0], errors[1]
-
-
-def figure(spine: Spine, shapes: np.ndarray, found: Identified) -> Figure:
-    """Errors in the runs held out, before and after."""
-    chart = Figure(figsize=(9, 5.5), layout="constrained")
-    rig, poses = poses_of(spine, shapes, slice(None), spine.seen[0], np.ones(3))
-    before, after = (np.asarray(predicted(poses, robot, np.zeros(0))) for robot in (rig, found.scene))
-    for k, (axes, name, unit) in enumerate(zip(chart.subplots(3, sharex=True), POSE, ("mm", "mm", "degrees"))):
-        for simulated, colour, label in ((before, "C1", "as sold"), (after, "C0", "identified")):
-            error = UNITS[k] * (spine.seen[1::2, :, k] - simulated[:, k])
-            axes.plot(error.T, color=colour, linewidth=0.4, alpha=0.6)
-            axes.plot(np.nanmean(error, axis=0), color=colour, label=label)
-        axes.axhline(0, color="black", linewidth=0.8)
-        axes.set_ylabel(f"{name} ({unit})")
-    chart.axes[0].set_title("Camera less simulation, runs held out: each, and their mean")
-    chart.axes[0].legend(fontsize=8)
-    chart.axes[2].set_xlabel("command")
-    return chart
-
-
-UNIT = {"x": "mm", "z": "mm", "rotation": "°"}
-"""of what the pose consists of, in the table"""
-
-
-def spine_facts(raw: dict[str, Any]) -> dict[str, Any]:
-    names = ("command", "cores", "fitted_runs", "held_out_runs", "held_out", "repeatability", "misfit")
-    return chosen(raw, *names) | {
-        "statics": [chosen(row, "name", "kind", "spread", "value", "standard_error") for row in raw["statics"]]
-    }
-
-
-def spine_table(facts: dict[str, Any]) -> str:
+@spine.table
+def words(record: Record) -> str:
+    """Errors in the runs held out, beside what the robot itself repeats."""
     rows = [
         [
             name,
             f"{seen['before']:.2f} {unit}",
             f"{seen['after']:.2f} {unit}",
-            f"{facts['repeatability'][name]:.2f} {unit}",
+            f"{record['repeatability'][name]:.2f} {unit}",
         ]
-        for (name, unit), seen in zip(UNIT.items(), facts["held_out"].values())
+        for (name, unit), seen in zip(UNIT.items(), record["held_out"].values())
     ]
-    held_out = f"rms error in {facts['held_out_runs']} runs held out"
-    head = [held_out, "as sold", f"identified from {facts['fitted_runs']} other runs", "the robot from run to run"]
-    return table(head, rows) + made_by(facts, "spine")
+    held_out = f"rms error in {record['held_out_runs']} runs held out"
+    head = [held_out, "as sold", f"identified from {record['fitted_runs']} other runs", "the robot from run to run"]
+    return table(head, rows)
 
 
-def spine_parameters_table(facts: dict[str, Any]) -> str:
-    return estimates_table(facts["statics"]) + made_by(facts, "spine")
-
-
-def estimates_table(rows: list[dict[str, Any]]) -> str:
+@partial(spine.table, part="parameters")
+def parameters(record: Record) -> str:
     """Factors as they are, offsets of lengths in mm."""
     cells = []
-    for row in rows:
+    for row in record["statics"]:
         size, unit = (1.0, "") if row["kind"] == "factor" else (1e3, " mm")
         error = f"{2 * size * row['standard_error']:.2g}{unit}"
         value = "cannot be told" if row["value"] is None else f"{size * row['value']:.3g}{unit} ± {error}"
@@ -187,5 +117,51 @@ def estimates_table(rows: list[dict[str, Any]]) -> str:
     return table(["parameter", "", "plausible before (standard deviation)", "identified"], cells)
 
 
+def in_use(rig: Rig, command: tuple) -> Scene:
+    """The scene after a command: retractions, m, less backlash on the way up (1, or 0 on the way down)."""
+    retraction, up = command
+    return commanded(rig.scene, retraction - up * rig.backlash)
+
+
+def poses_of(robot: Spine, shapes: np.ndarray, every: slice, values: np.ndarray, noise: np.ndarray):
+    """Measured poses, (commands, 3), of some of the commands."""
+    rig = Rig(robot.scene, np.zeros(4))
+    up = (np.arange(len(robot.retraction)) >= TURN).astype(float)
+    observation = SeenTogether((SeenPositions((ORIGIN,), "xz"), SeenAngles(((ORIGIN, TIP),), "xz")))
+    commands = (robot.retraction[every], up[every])
+    return rig, measured_poses(
+        rig, values[every], noise, observation, shapes=shapes[every], commands=commands, command=in_use
+    )
+
+
+def fitted_statics(robot: Spine, shapes: np.ndarray, every: slice) -> tuple[Identified, np.ndarray, np.ndarray]:
+    """The fit to the mean of every second run, and rms errors in the other runs without and with it, mm and degrees."""
+    noise = rms(np.nanstd(robot.seen, axis=0, ddof=1), axis=0) / np.sqrt(len(robot.runs[::2]))
+    rig, poses = poses_of(robot, shapes, every, np.nanmean(robot.seen[::2], axis=0), noise)
+    found = identify(rig, UNKNOWN, poses)
+    errors = []
+    for each in (rig, found.scene):
+        off = [misfit_of(each, poses_of(robot, shapes, every, seen, noise)[1])["rms"] for seen in robot.seen[1::2]]
+        errors.append(UNITS * rms(np.array(off), axis=0))
+    return found, errors[0], errors[1]
+
+
+@spine.figure
+def figure(record: Record) -> Figure:
+    """Errors in the runs held out, before and after."""
+    chart = Figure(figsize=(9, 5.5), layout="constrained")
+    for k, (axes, name, unit) in enumerate(zip(chart.subplots(3, sharex=True), POSE, ("mm", "mm", "degrees"))):
+        for kind, colour in (("as_sold", "C1"), ("identified", "C0")):
+            error = record[kind][:, :, k]
+            axes.plot(error.T, color=colour, linewidth=0.4, alpha=0.6)
+            axes.plot(np.nanmean(error, axis=0), color=colour, label=kind.replace("_", " "))
+        axes.axhline(0, color="black", linewidth=0.8)
+        axes.set_ylabel(f"{name} ({unit})")
+    chart.axes[0].set_title("Camera less simulation, runs held out: each, and their mean")
+    chart.axes[0].legend(fontsize=8)
+    chart.axes[2].set_xlabel("command")
+    return chart
+
+
 if __name__ == "__main__":
-    run(main, Settings)
+    spine.run()

@@ -68,7 +68,7 @@ def gait_search_table(facts: Facts) -> str:
         ["wall time of the search", f"{facts['wall_seconds']:.0f} s: {stages}"],
         ["of the report, side by side", parts],
     ]
-    return table(["the gait that `make gait` finds", "measured"], rows) + made_by(facts, "gait_search", "docs/measured")
+    return table(["the gait that `make gait` finds", "measured"], rows) + made_by(facts, "gait_search", "README.md")
 
 
 def _of_robots(speed: float, robots: Facts, steady: Facts) -> str:

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable, Generator, Iterator
 from dataclasses import field, make_dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal, NamedTuple, get_args, get_origin
 
 from jaxgrity.cli.script import configure, execute, measured
 
@@ -22,6 +22,16 @@ from jaxgrity.report import plot
 Record = dict[str, Any]
 """what a measurement leaves, by name; `rows` are those that it yielded, of what it returned the rest"""
 
+Words = Callable[[Record], str]
+"""Function that says in Markdown what a page quotes of a record."""
+
+
+class Table(NamedTuple):
+    """One generated table."""
+
+    page: str
+    words: Words
+
 
 class Measurement:
     """What `measurement` makes of a function."""
@@ -29,43 +39,72 @@ class Measurement:
     def __init__(self, function: Callable[..., Any], page: str, quick: Record, raw: tuple[str, ...], listed: bool):
         self.name, self.page, self.raw, self.listed = function.__name__, page, raw, listed
         self.draw: Callable[[Record], Figure] | None = None
+        self.tables: dict[str, Table] = {}
         self._function, self._quick = function, quick
-        self._words: Callable[[Record], str] | None = None
+        self._values = values_of(function)
         self.Settings = settings_of(function, quick)
 
-    def table(self, words: Callable[[Record], str]) -> Callable[[Record], str]:
-        """Decorate the function that says in Markdown what the page quotes of a record."""
-        self._words = words
-        return words
+    @property
+    def names(self) -> dict[str, Record]:
+        """The names of its records, and with which arguments each is made: one a value of a `Literal` parameter."""
+        return {
+            "_".join([self.name, value.replace(" ", "_")]): {parameter: value}
+            for parameter, values in self._values.items()
+            for value in values
+        } or {self.name: {}}
+
+    def table(self, words: Words | None = None, part: str = "", page: str = "") -> Any:
+        """Decorate the function that says in Markdown what a page quotes of a record.
+
+        Args:
+            words: the function
+            part: of a table beside the first: its mark is the record's name, "/" and this
+            page: where such a table stands, if not on the measurement's page
+        """
+
+        def kept(words: Words) -> Words:
+            self.tables[part] = Table(page or self.page, words)
+            return words
+
+        return kept if words is None else kept(words)
 
     def figure(self, draw: Callable[[Record], Figure]) -> Callable[[Record], Figure]:
         """Decorate the function that draws a record."""
         self.draw = plot.styled(draw)
         return self.draw
 
-    def words(self, record: Record) -> str:
-        """The table of a record, the command that made it, and where its file is."""
-        assert self._words is not None, "a measurement has a table"
-        return self._words(record) + made_by(record, self.name)
+    def words(self, record: Record, name: str | None = None, part: str = "") -> str:
+        """A table of a record, the command that made it, and where its file is."""
+        return self.tables[part].words(record) + made_by(record, name or self.name, self.tables[part].page)
+
+    def all_words(self, record: Record, name: str | None = None) -> str:
+        """All tables of a record."""
+        return "\n\n".join(self.words(record, name, part) for part in self.tables)
 
     def quoted(self, record: Record) -> Record:
         """The record without what pages do not quote."""
         kept = {key: value for key, value in record.items() if key not in self.raw}
         if "rows" in kept:
             kept["rows"] = [{key: row[key] for key in row if key not in self.raw} for row in kept["rows"]]
-        self.words(kept)  # a record that lacks something is refused before it is kept
+        self.all_words(kept)  # a record that lacks something is refused before it is kept
         return kept
 
     def main(self, settings: Any) -> None:
-        """Measure: keep every row as it comes, then the figure, and say the table."""
+        """Measure: keep every row as it comes, then the figure, and say the tables; one record after the other."""
         chosen = {name: getattr(settings, name) for name in inspect.signature(self._function).parameters}
-        path = settings.out / f"{self.name}.json"
-        found = self._function(**chosen | (self._quick if settings.quick else {}))
+        chosen |= self._quick if settings.quick else {}
+        for name, arguments in self.names.items():
+            if all(value in chosen[parameter] for parameter, value in arguments.items()):
+                self._measure(settings.out / f"{name}.json", chosen | arguments)
+        print(f"wrote {settings.out}/")
+
+    def _measure(self, path: Path, chosen: Record) -> None:
+        found = self._function(**chosen)
         record = measured() | (found if isinstance(found, dict) else row_by_row(found, path))
         save_json(path, record)
         if self.draw is not None:
             plot.save(self.draw(record), path.with_suffix(".png"))
-        print(f"{self.words(record)}\n\nwrote {settings.out}/")
+        print(self.all_words(record, path.stem), end="\n\n")
 
     def run(self) -> None:
         """Measure as the command line asks for."""
@@ -74,7 +113,7 @@ class Measurement:
 
 
 def row_by_row(found: Generator[Record, None, Record | None], path: Path) -> Record:
-    """All rows and what is returned beside them; each row is in the file as soon as it is there."""
+    """What is returned, and beside it all rows unless it has some; each row is in the file as soon as it is there."""
     rows: list[Record] = []
     more: Record = {}
 
@@ -84,7 +123,7 @@ def row_by_row(found: Generator[Record, None, Record | None], path: Path) -> Rec
     for row in tqdm(rest(), unit="row"):
         rows.append(row)
         save_json(path, measured() | {"rows": rows})
-    return more | {"rows": rows}
+    return {"rows": rows} | more
 
 
 def measurement(
@@ -92,8 +131,10 @@ def measurement(
 ) -> Callable[[Callable[..., Any]], Measurement]:
     """Make a measurement of a function that returns its record, or that yields rows and returns the rest of it.
 
+    A parameter without a default, whose kind is a `Literal`, makes a record for each of its values.
+
     Args:
-        page: the page that quotes it, in docs/
+        page: the page that quotes it, in docs/, or README.md
         quick: settings with which it takes at most a minute
         raw: names of what the page does not quote, in the record and in its rows
         listed: whether `make measure` runs it as it is; one that needs options has a line in the Makefile, if any
@@ -101,19 +142,27 @@ def measurement(
     return lambda function: Measurement(function, page, quick, raw, listed)
 
 
+def values_of(function: Callable[..., Any]) -> dict[str, tuple[str, ...]]:
+    """The values of the parameter for which there is a record each, by its name; nothing where there is none."""
+    parameters = inspect.signature(function).parameters.values()
+    return {each.name: get_args(each.annotation) for each in parameters if get_origin(each.annotation) is Literal}
+
+
 def settings_of(function: Callable[..., Any], quick: Record) -> type:
     """A dataclass with the parameters of a function, described by its docstring; `out` and `quick` beside them.
 
-    A function that leaves more than a record has a parameter `out`, the folder, without a default.
+    A function that leaves more than a record has a parameter `out`, the folder, without a default. Of a parameter for
+    which there is a record each, a tuple is asked for.
     """
     text = inspect.getdoc(sys.modules[function.__module__]) or ""
     told = dict(re.findall(r"^ *(\w+): (.+)$", inspect.getdoc(function) or "", re.MULTILINE))
-    unknown = set(quick) - set(inspect.signature(function).parameters)
+    parameters, several = inspect.signature(function).parameters, values_of(function)
+    unknown = set(quick) - set(parameters)
     assert not unknown, f"quick = {unknown}: no parameters of {function.__name__}"
+    asked = {name: (each.annotation, each.default) for name, each in parameters.items() if name != "out"}
+    asked |= {name: (tuple[asked[name][0], ...], values) for name, values in several.items()}
     fields = [
-        (name, _described(each.annotation, told.get(name, "")), field(default=each.default))
-        for name, each in inspect.signature(function).parameters.items()
-        if name != "out"
+        (name, _described(kind, told.get(name, "")), field(default=default)) for name, (kind, default) in asked.items()
     ]
     out = _described(Path, f"folder for {function.__name__}.json and its figure")
     small = _described(bool, ", ".join(f"{name} = {value}" for name, value in quick.items()))

@@ -40,8 +40,9 @@ def fill_page(path: Path, blocks: dict[str, str], page: Path | None = None) -> N
     write_whole(path, lambda file: file.write(text.encode()))
 
 
-def made_by(facts: dict, name: str, folder: str = "measured") -> str:
-    """The command and the file beside the numbers; `folder` is docs/measured, as the page sees it."""
+def made_by(facts: dict, name: str, page: str = "") -> str:
+    """The command and the file beside the numbers, as a page sees it."""
+    folder = "docs/measured" if page == "README.md" else "measured"
     return f"\n\n`{facts['command']}`, [{folder}/{name}.json]({folder}/{name}.json)."
 
 

@@ -7,20 +7,17 @@ robots, which nothing was chosen by.
 """
 
 import dataclasses
-from dataclasses import dataclass
-from pathlib import Path
+from collections.abc import Iterator
 from time import perf_counter
-from typing import Any
+from typing import NamedTuple
 
-from jaxgrity.cli.script import measured, run
+from measurement import Record, measurement
 
 import numpy as np
 from matplotlib.figure import Figure
-from tqdm import tqdm
+from pages import table
 
 from jaxgrity import GAConfig, PolishConfig, SearchConfig, SearchProblem, load_scene, polish
-from jaxgrity.io.files import save_json
-from jaxgrity.report import plot
 from jaxgrity.search import (
     FidelityLevel,
     SearchState,
@@ -45,88 +42,145 @@ UNSEEN = 10**6
 """seed of the draws by which answers are judged"""
 
 
-@dataclass
-class Settings:
-    seeds: int = 8
-    """searches, with seeds that nothing was tuned on"""
-    population: int = 48
-    """gaits in a generation of the search"""
-    generations: tuple[int, int] = (6, 2)
-    """as in `jaxgrity search`"""
-    rollouts: int = PolishConfig().rollouts
-    """that each way may spend"""
-    judges: int = 256
-    """robots by which all answers are judged"""
-    duration: float = 40.0
-    """s"""
-    waves: bool = True
-    """whether gaits are waves; else each actuator moves as it likes"""
-    out: Path = Path("results/polish_comparison")
-    """folder for polish_comparison.json and its figure"""
-    quick: bool = False
-    """one seed, few rollouts"""
+class Begun(NamedTuple):
+    """From where the ways go on."""
+
+    genes: np.ndarray
+    state: SearchState
+    """of the search that found them"""
+    config: GAConfig
+    """of its last level"""
 
 
-def main(settings: Settings) -> None:
-    if settings.quick:
-        settings.seeds, settings.population, settings.generations, settings.judges = 1, 16, (2, 1), 8
-        settings.rollouts = 256
-    scene, rows = load_scene("exact"), []
-    config = SearchConfig(
-        settings.duration, settings.population, settings.generations, waves="every" if settings.waves else "none"
-    )
+class Size(NamedTuple):
+    """What each way may spend, and how many robots judge a polish."""
+
+    rollouts: int
+    final_robots: int
+
+
+@measurement(
+    page="gaits.md",
+    quick={"seeds": 1, "population": 16, "generations": (2, 1), "judges": 8, "rollouts": 256, "final_robots": 8},
+    raw=("answers",),
+)
+def polish_comparison(
+    seeds: int = 8,
+    population: int = 48,
+    generations: tuple[int, int] = (6, 2),
+    rollouts: int = PolishConfig().rollouts,
+    judges: int = 256,
+    final_robots: int = 64,
+    duration: float = 40.0,
+) -> Iterator[Record]:
+    """A row for each seed and way until all are done; then one for each way, over its start and a longer search.
+
+    Args:
+        seeds: searches, with seeds that nothing was tuned on
+        population: gaits in a generation of the search
+        generations: as in `jaxgrity search`
+        rollouts: that each way may spend
+        judges: robots by which all answers are judged
+        final_robots: by which polish decides what it keeps
+        duration: s
+    """
+    scene, answers = load_scene("exact"), []
+    config = SearchConfig(duration, population, generations)
     problem = search_problem(scene, config)
     plain = problem._replace(fitness=without_measuring(problem.fitness))
     levels = fidelity_levels(scene, None, False, config.wide)
     searched, configs = search_levels(levels), ga_configs(config, len(search_levels(levels)))
-    for seed in tqdm(range(100, 100 + settings.seeds), unit="seed"):
+    for seed in range(100, 100 + seeds):
         states: dict[int, SearchState] = {}
         searches = evolve_through(searched, plain, configs, seed=seed, on_generation=states.__setitem__)
         start = compared(plain, levels[1], distinct(searches[-1].last, plain.genome, FINALISTS), seed)
-        begun = start, states[max(states)], configs[-1]
+        begun = Begun(start, states[max(states)], configs[-1])
         genome, wider = genome_to_polish(plain, start, config)
         shaped = plain._replace(genome=genome)
-        answers = {"start": (wider, {})}
+        found = {"start": (wider, {})}
         for way in WAYS:
             began = perf_counter()
             if way == "search runs on":
-                found = runs_on(plain, levels[1], begun, settings.rollouts, seed)
-                genes, facts = genome_to_polish(plain, found, config)[1], {}
+                genes, more = genome_to_polish(plain, runs_on(plain, levels[1], begun, rollouts, seed), config)[1], {}
             else:
-                genes, facts = gone_on(way, shaped, levels[1], (wider, *begun[1:]), settings, seed)
-            answers[way] = genes, {**facts, "seconds": perf_counter() - began}
-        rows += [
-            {"seed": seed, "way": way, **facts, **judged}
-            for (way, (_, facts)), judged in zip(
-                answers.items(), judgement(shaped, levels[1], [genes for genes, _ in answers.values()], settings)
-            )
-        ]
-        save_json(settings.out / "polish_comparison.json", {**measured(), "rollouts": settings.rollouts, "rows": rows})
-    plot.save(figure(rows), settings.out / "polish_comparison.png")
+                size = Size(rollouts, final_robots)
+                genes, more = gone_on(way, shaped, levels[1], begun._replace(genes=wider), size, seed)
+            found[way] = genes, {**more, "seconds": perf_counter() - began}
+        judged = judgement(shaped, levels[1], [genes for genes, _ in found.values()], judges)
+        for (way, (_, more)), own in zip(found.items(), judged):
+            answers.append({"seed": seed, "way": way, **more, **own})
+            yield answers[-1]
+    fitness = by_seed(answers, "fitness")["start"]
+    starts = {"start": float(np.median(list(fitness.values()))), "seeds": len(fitness)}
+    return {"rollouts": rollouts, **starts, "rows": compared_ways(answers, rollouts), "answers": answers}
+
+
+def by_seed(answers: list[Record], name: str) -> dict[str, dict[int, float]]:
+    """A number of each way by seed."""
+    ways = dict.fromkeys(row["way"] for row in answers)
+    return {way: {row["seed"]: row[name] for row in answers if row["way"] == way} for way in ways}
+
+
+def compared_ways(answers: list[Record], rollouts: int) -> list[Record]:
+    """Of each way: what it gained over its start and over a longer search, seed by seed."""
+    fitness, mean, rows = by_seed(answers, "fitness"), by_seed(answers, "mean"), []
     for way in WAYS:
-        gains = [row["fitness"] - rows_of(rows, "start", row["seed"])["fitness"] for row in rows if row["way"] == way]
-        print(
-            f"{way}: gains {np.median(gains):+.4f} body lengths/s in the median, {np.mean(np.array(gains) > 0):.0%} up"
+        gains = [fitness[way][seed] - fitness["start"][seed] for seed in fitness["start"]]
+        beyond = [fitness[way][seed] - fitness["search runs on"][seed] for seed in fitness["start"]]
+        mine = [row for row in answers if row["way"] == way]
+        rows.append(
+            {
+                "way": way,
+                "gain": float(np.median(gains)),
+                "quartiles": [float(x) for x in np.quantile(gains, (0.25, 0.75))],
+                "gain_of_mean": float(np.median([mean[way][s] - mean["start"][s] for s in mean["start"]])),
+                "better": sum(gain > 0 for gain in gains),
+                "worse": sum(gain < 0 for gain in gains),
+                "beyond": float(np.median(beyond)),
+                "beats": sum(gain > 0 for gain in beyond),
+                "kept": sum(row.get("kept", False) for row in mine) if "kept" in mine[0] else None,
+                "spent": float(np.median([row["spent"] for row in mine])) if "spent" in mine[0] else rollouts,
+            }
         )
-    print(f"wrote {settings.out}/")
+    return rows
+
+
+@polish_comparison.table
+def words(record: Record) -> str:
+    """What each way gained, and what it could spend."""
+    head = [
+        "goes on by", "fitness gained, body lengths/s: median", "quartiles", "better than its start", "worse",
+        "over the longer search", "beats it", "kept", "rollouts",
+    ]  # fmt: skip
+    rows = [
+        [
+            row["way"],
+            f"{row['gain']:+.3f}",
+            f"{row['quartiles'][0]:+.3f} to {row['quartiles'][1]:+.3f}",
+            f"{row['better']} of {record['seeds']}",
+            f"{row['worse']}",
+            *(["-", "-"] if row["way"] == "search runs on" else [f"{row['beyond']:+.3f}", f"{row['beats']}"]),
+            "-" if row["kept"] is None else f"{row['kept']}",
+            f"{row['spent']:.0f}",
+        ]
+        for row in record["rows"]
+    ]
+    about = [str(record["seeds"]), str(record["rollouts"]), f"{record['start']:.3f} body lengths/s"]
+    settings = table(["seeds", "rollouts that each may spend", "fitness of the starts, median"], [about])
+    return f"{table(head, rows)}\n\n{settings}"
 
 
 def gone_on(
-    way: str,
-    problem: SearchProblem,
-    level: FidelityLevel,
-    begun: tuple[np.ndarray, SearchState, GAConfig],
-    settings: Settings,
-    seed: int,
-) -> tuple[np.ndarray, dict[str, Any]]:
+    way: str, problem: SearchProblem, level: FidelityLevel, begun: Begun, size: Size, seed: int
+) -> tuple[np.ndarray, Record]:
     """The genes at which one way ends, and what is said of it."""
-    start = begun[0]
     if way == "search with overtones":
-        return runs_on(problem, level, (start, wider_state(problem, begun[1]), begun[2]), settings.rollouts, seed), {}
-    config = PolishConfig(settings.rollouts, way, final_robots=64 if not settings.quick else 8)
-    found = polish(problem, start[None], config, options=level.options, final_options=level.options, seed=seed)
-    facts = {"kept": found.improved, "steps": len(found.steps), "spent": found.rollouts, "reason": found.reason}
-    return np.asarray(found.genes), facts
+        wider = begun._replace(state=wider_state(problem, begun.state))
+        return runs_on(problem, level, wider, size.rollouts, seed), {}
+    config = PolishConfig(size.rollouts, way, final_robots=size.final_robots)
+    found = polish(problem, begun.genes[None], config, options=level.options, final_options=level.options, seed=seed)
+    about = {"kept": found.improved, "steps": len(found.steps), "spent": found.rollouts, "reason": found.reason}
+    return np.asarray(found.genes), about
 
 
 def wider_state(problem: SearchProblem, state: SearchState) -> SearchState:
@@ -141,13 +195,7 @@ def wider_state(problem: SearchProblem, state: SearchState) -> SearchState:
     return state._replace(genes=wider(state.genes), evaluated=evaluated)
 
 
-def runs_on(
-    problem: SearchProblem,
-    level: FidelityLevel,
-    begun: tuple[np.ndarray, SearchState, GAConfig],
-    rollouts: int,
-    seed: int,
-) -> np.ndarray:
+def runs_on(problem: SearchProblem, level: FidelityLevel, begun: Begun, rollouts: int, seed: int) -> np.ndarray:
     """The best of the start and of more generations on the scene's own model, with mutations as narrow as the last."""
     (start, state, done), count = begun, FINALISTS - 1
     size = done.population
@@ -165,11 +213,9 @@ def compared(problem: SearchProblem, level: FidelityLevel, genes: np.ndarray, se
     return np.asarray(genes, float)[int(np.argmax(found.merit))]
 
 
-def judgement(
-    problem: SearchProblem, level: FidelityLevel, genes: list[np.ndarray], settings: Settings
-) -> list[dict[str, Any]]:
+def judgement(problem: SearchProblem, level: FidelityLevel, genes: list[np.ndarray], judges: int) -> list[Record]:
     """Fitness and mean steady speed of every answer, body lengths/s, by the same robots."""
-    more = problem._replace(fitness=with_robots(problem.fitness, settings.judges))
+    more = problem._replace(fitness=with_robots(problem.fitness, judges))
     found = judge_at(level, problem.genome.gaits(problem.scene.gait, np.stack(genes)), more, UNSEEN)
     return [
         {"genes": each.tolist(), "fitness": float(fit), "mean": float(mean), "spread": float(spread)}
@@ -177,19 +223,13 @@ def judgement(
     ]
 
 
-def rows_of(rows: list[dict[str, Any]], way: str, seed: int) -> dict[str, Any]:
-    """The row of one way on one seed."""
-    return next(row for row in rows if (row["way"], row["seed"]) == (way, seed))
-
-
-@plot.styled
-def figure(rows: list[dict[str, Any]]) -> Figure:
+@polish_comparison.figure
+def figure(record: Record) -> Figure:
     """What every way gained over its start on each seed, and the medians."""
     chart = Figure(figsize=(6, 4.2), layout="constrained")
-    axes = chart.subplots()
-    seeds = list(dict.fromkeys(row["seed"] for row in rows))
+    axes, fitness = chart.subplots(), by_seed(record["answers"], "fitness")
     for k, way in enumerate(WAYS):
-        gains = [rows_of(rows, way, s)["fitness"] - rows_of(rows, "start", s)["fitness"] for s in seeds]
+        gains = [fitness[way][seed] - start for seed, start in fitness["start"].items()]
         axes.plot(k + np.linspace(-0.2, 0.2, len(gains)), gains, "o", color=f"C{k}")
         axes.hlines(np.median(gains), k - 0.3, k + 0.3, color=f"C{k}")
     axes.axhline(0, color="0.7", linewidth=0.8, zorder=0)
@@ -201,4 +241,4 @@ def figure(rows: list[dict[str, Any]]) -> Figure:
 
 
 if __name__ == "__main__":
-    run(main, Settings)
+    polish_comparison.run()

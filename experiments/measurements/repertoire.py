@@ -6,15 +6,16 @@ they settle, and disturbed. The orbit that attracts and comes nearest to what wa
 file; no cell of the repertoire is told twice, but as its own mirror image.
 """
 
-from dataclasses import dataclass
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from jaxgrity.cli.script import measured, run
+from measurement import Record, measurement
 
 import jax
 import numpy as np
 from matplotlib.figure import Figure
+from pages import table
 from tqdm import tqdm
 
 from jaxgrity import (
@@ -31,78 +32,107 @@ from jaxgrity import (
 from jaxgrity.io.files import save_json
 from jaxgrity.model import body_length, image, symmetries
 from jaxgrity.orbits import find_orbit, stability
-from jaxgrity.report import plot
-from jaxgrity.search import Repertoire, RepertoireConfig, repertoire, search_problem
+from jaxgrity.search import Repertoire, RepertoireConfig, search_problem
+from jaxgrity.search import repertoire as fill_cells
 
 ASKED = {"straight": (0.6, 0.0), "left": (0.5, 0.6), "right": (0.5, -0.6), "slow": (0.25, 0.0), "fast": (1.2, 0.0)}
 """speed, body lengths/s, and bend, rad per body length"""
 WEIGHTS = (1.0, 2.0)
 """of differences in speed and in bend"""
-
-
 RETURN = 0.9
 """share of the robots that are disturbed which come back to an orbit that attracts"""
+ROBOTS = 4
+"""Robots that each gait is tried on, which differ as in a search."""
+WATCH = 120.0
+"""Time for which elites are watched at least, s."""
 
 
-@dataclass
-class Settings:
-    drawn: int = 256
-    """gaits at random"""
-    batch: int = 64
-    """gaits in a round"""
-    rounds: int = 12
-    robots: int = 4
-    """that each gait is tried on, which differ as in a search"""
-    duration: float = 60.0
-    """s"""
-    watch: float = 120.0
-    """s, for which elites are watched"""
-    tries: int = 8
-    """elites, and as many mirror images, that are watched for each gait that is asked for, at most"""
-    seed: int = 0
-    out: Path = Path("results/repertoire")
-    """folder for repertoire.json, its figure and, in gaits/, a file for each gait"""
-    quick: bool = False
-    """few gaits, 10 s"""
+@measurement(
+    page="gaits.md",
+    quick={"drawn": 48, "batch": 16, "rounds": 1, "duration": 10.0, "tries": 1},
+    raw=("elites", "ranges"),
+)
+def repertoire(
+    out: Path,
+    drawn: int = 256,
+    batch: int = 64,
+    rounds: int = 12,
+    duration: float = 60.0,
+    tries: int = 8,
+    seed: int = 0,
+) -> Iterator[Record]:
+    """A row for each gait that is asked for; its gait goes to gaits/ in the folder.
 
-
-def main(settings: Settings) -> None:
-    if settings.quick:
-        settings.drawn, settings.batch, settings.rounds, settings.duration = 48, 16, 1, 10.0
-        settings.tries = 1
+    Args:
+        drawn: gaits at random
+        batch: gaits in a round
+        rounds: of the search
+        duration: s
+        tries: elites, and as many mirror images, that are watched for each gait that is asked for, at most
+        seed: of all draws
+    """
     scene = load_scene("exact")
-    problem = search_problem(scene, SearchConfig(settings.duration, waves="axis", robots=settings.robots))
-    config = RepertoireConfig(drawn=settings.drawn, batch=settings.batch, rounds=settings.rounds)
-    with tqdm(total=settings.rounds + 1, unit="round") as bar:
+    problem = search_problem(scene, SearchConfig(duration, waves="axis", robots=ROBOTS))
+    config = RepertoireConfig(drawn=drawn, batch=batch, rounds=rounds)
+    with tqdm(total=rounds + 1, unit="round") as bar:
         options = SolverOptions(dt=0.01, dtype="float32")
-        found = repertoire(problem, config, seed=settings.seed, options=options, on_round=lambda _: bar.update())
-    rows: list[dict[str, Any]] = []
-    for name, asked in tqdm(ASKED.items(), unit="gait"):
-        rows.append({"gait": name, **verified(problem, scene, found, asked, settings, name, rows)})
-    cells = {part: np.where(np.isfinite(x), x, None).tolist() for part, x in zip(("speed", "bend"), found[1:3])}
-    facts = {**measured(), "rollouts": found.rollouts, "filled": list(found.filled), "cells": list(config.cells)}
-    save_json(settings.out / "repertoire.json", {**facts, **cells, "rows": rows})
-    plot.save(figure(found, config, rows), settings.out / "repertoire.png")
-    print(f"{found.filled[-1]} of {np.prod(config.cells)} cells; wrote {settings.out}/")
+        found = fill_cells(problem, config, seed=seed, options=options, on_round=lambda _: bar.update())
+    rows: list[Record] = []
+    for name, asked in ASKED.items():
+        gait, row = verified(problem, found, asked, tries, rows)
+        if gait is not None:
+            save_json(out / "gaits" / f"{name}.json", gait_facts(gait))
+        rows.append({"gait": name} | row)
+        yield rows[-1]
+    elites = {name: getattr(found, name).tolist() for name in ("speed", "bend", "quality")}
+    return {
+        "filled": found.filled[-1],
+        "cells": int(np.prod(config.cells)),
+        "rollouts": found.rollouts,
+        "elites": elites,
+        "ranges": {"bend": config.bend, "speed": config.speed},
+    }
+
+
+@repertoire.table
+def words(record: Record) -> str:
+    """What was asked for, and the orbits that were found; how many cells were filled."""
+    rows = [
+        [
+            row["gait"] + (", a mirror image" if row["mirrored"] else ""),
+            f"{row['watched']}",
+            f"{row['attracting']}",
+            f"{row['elite_speed']:.2f}",
+            f"{row['elite_bend']:+.2f}",
+            *([f"{row['speed']:.3f}", f"{row['bend']:+.3f}"] if row["settled"] else ["no orbit", "-"]),
+            "-" if row["multiplier"] is None else f"{row['multiplier']:.2g}",
+            "-" if row["returned"] is None else f"{row['returned']:.0%}",
+            f"{row['verified_for']:.0f} s",
+        ]
+        for row in record["rows"]
+    ]
+    head = ["asked for", "watched", "on orbits that attract", "speed over its robots, body lengths/s"]
+    head += ["bend, rad per body length", "speed of its orbit", "bend of its orbit", "largest multiplier"]
+    head += ["robots that return", "watched for"]
+    about = [f"{record['filled']} of {record['cells']}", str(record["rollouts"])]
+    return f"{table(head, rows)}\n\n{table(['cells with a gait', 'rollouts'], [about])}"
 
 
 def verified(
     problem: SearchProblem,
-    scene: Scene,
     found: Repertoire,
     asked: tuple[float, float],
-    settings: Settings,
-    name: str,
-    others: list[dict[str, Any]],
-) -> dict[str, Any]:
+    tries: int,
+    others: list[Record],
+) -> tuple[Gait | None, Record]:
     """Of the elites that were watched: the orbit, in body lengths, that attracts and comes nearest to what was asked.
 
     One attracts if its multipliers are below 1 and `RETURN` of the robots that are disturbed come back. Its gait, which
-    is none of the others', goes to a file. Where none attracts, the first elite that was watched.
+    is none of the others', is returned too. Where none attracts, the first elite that was watched.
     """
     tried = [
-        (gait, about | watched(with_gait(scene, gait), settings))
-        for gait, about in candidates(problem, scene, found, asked, settings.tries)
+        (gait, about | watched(with_gait(problem.scene, gait)))
+        for gait, about in candidates(problem, found, asked, tries)
     ]
     held = [
         (gait, row)
@@ -114,18 +144,17 @@ def verified(
     ]
     count = {"watched": len(tried), "attracting": len(held)}
     if not held:
-        return tried[0][1] | count
+        return None, tried[0][1] | count
     off = lambda row: WEIGHTS[0] * abs(row["speed"] - asked[0]) + WEIGHTS[1] * abs(row["bend"] - asked[1])  # noqa: E731
     gait, row = min(held, key=lambda each: off(each[1]))
-    save_json(settings.out / "gaits" / f"{name}.json", gait_facts(gait))
-    return row | count
+    return gait, row | count
 
 
 def candidates(
-    problem: SearchProblem, scene: Scene, found: Repertoire, asked: tuple[float, float], tries: int
+    problem: SearchProblem, found: Repertoire, asked: tuple[float, float], tries: int
 ) -> list[tuple[Gait, dict[str, Any]]]:
     """The nearest elites, and the mirror images of those that come nearest with the other hand."""
-    speed, bend = asked
+    (speed, bend), scene = asked, problem.scene
     mirror = next(one for one in symmetries(scene.structure) if np.linalg.det(one.matrix) < 0)
     gaits = []
     for hand in (1, -1):
@@ -138,10 +167,10 @@ def candidates(
     return gaits
 
 
-def watched(scene: Scene, settings: Settings) -> dict[str, Any]:
+def watched(scene: Scene) -> dict[str, Any]:
     """What the robot settles on, and what becomes of disturbances."""
     size, least = float(body_length(scene)), 55 / float(scene.gait.frequency[0])
-    orbit = find_orbit(scene, max(least, settings.watch))
+    orbit = find_orbit(scene, max(least, WATCH))
     held = stability(scene, orbit, robots=64) if orbit.settled else None
     return {
         "settled": orbit.settled,
@@ -153,25 +182,26 @@ def watched(scene: Scene, settings: Settings) -> dict[str, Any]:
     }
 
 
-@plot.styled
-def figure(found: Repertoire, config: RepertoireConfig, rows: list[dict[str, Any]]) -> Figure:
+@repertoire.figure
+def figure(record: Record) -> Figure:
     """The elites' spread in every cell, where they are, and the orbits of some."""
+    ranges, elites = record["ranges"], {name: np.array(values) for name, values in record["elites"].items()}
     chart = Figure(figsize=(7, 4.5), layout="constrained")
     axes = chart.subplots()
-    shown = axes.imshow(
-        -found.quality, origin="lower", aspect="auto", extent=(*config.bend, *config.speed), cmap="viridis", alpha=0.7
-    )
+    extent = (*ranges["bend"], *ranges["speed"])
+    look = {"origin": "lower", "aspect": "auto", "cmap": "viridis", "alpha": 0.7}
+    shown = axes.imshow(-elites["quality"], extent=extent, **look)
     chart.colorbar(shown, label="spread of speed and bend over robots, added up")
-    full = np.isfinite(found.speed)
-    axes.plot(found.bend[full], found.speed[full], "k.", markersize=3)
-    for k, row in enumerate(row for row in rows if row["settled"]):
+    full = np.isfinite(elites["speed"])
+    axes.plot(elites["bend"][full], elites["speed"][full], "k.", markersize=3)
+    for k, row in enumerate(row for row in record["rows"] if row["settled"]):
         axes.plot(row["bend"], row["speed"], "o", color=f"C{k}", markersize=8, markeredgecolor="k", label=row["gait"])
     axes.set(xlabel="bend (rad per body length, to the left)", ylabel="speed (body lengths/s)")
-    axes.set(xlim=config.bend, ylim=config.speed)
+    axes.set(xlim=ranges["bend"], ylim=ranges["speed"])
     if axes.get_legend_handles_labels()[0]:
         axes.legend(title="orbits", loc="upper right")
     return chart
 
 
 if __name__ == "__main__":
-    run(main, Settings)
+    repertoire.run()

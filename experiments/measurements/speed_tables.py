@@ -31,7 +31,7 @@ def benchmark_facts(raw: Facts) -> Facts:
 
 
 def benchmark_table(facts: Facts) -> str:
-    return "\n\n".join([_costs(facts), _rates(facts), _about(facts)]) + made_by(facts, "benchmark", "docs/measured")
+    return "\n\n".join([_costs(facts), _rates(facts), _about(facts)]) + made_by(facts, "benchmark", "README.md")
 
 
 def _costs(facts: Facts) -> str:

@@ -16,11 +16,7 @@ from jaxgrity.cli.script import run
 from measurement import Measurement
 
 import control_tables as control
-import identification_tables as identification
-import identify_spine as validation
 import library_tables as library
-import numerics_tables as numerics
-import orbit_tables
 import search_tables as search
 import speed_tables as speed
 from compact_json import save_compact
@@ -31,10 +27,8 @@ from jaxgrity import InputError
 from jaxgrity.io.files import read_text
 
 ROOT = Path(__file__).parents[2]
-README, NUMERICS, SEARCH = "README.md", "docs/numerics.md", "docs/search.md"
-GAITS, CONTROL = "docs/gaits.md", "docs/control.md"
-TERRAIN = "docs/terrain.md"
-VALIDATION, IDENTIFICATION = "docs/validation.md", "docs/identification.md"
+README, SEARCH = "README.md", "docs/search.md"
+CONTROL = "docs/control.md"
 PERFORMANCE, SCALING = "docs/performance.md", "docs/scaling.md"
 
 
@@ -64,15 +58,29 @@ def one_block(name: str, page: str, facts: Callable, words: Callable) -> Source:
     return Source(f"{name}/{name}.json", facts, {name: Block(page, words)}, {f"{name}.png": f"{name}.png"})
 
 
-def source_of(found: Measurement) -> Source:
-    """What a page quotes of a measurement."""
-    page, picture = f"docs/{found.page}", f"{found.name}.png"
-    pictures = {} if found.draw is None else {picture: picture}
-    return Source(f"{found.name}/{found.name}.json", found.quoted, {found.name: Block(page, found.words)}, pictures)
+def sources_of(found: Measurement) -> dict[str, Source]:
+    """What pages quote of a measurement, by the names of its records."""
+    return {
+        name: Source(
+            f"{found.name}/{name}.json",
+            found.quoted,
+            {
+                f"{name}/{part}".rstrip("/"): Block(place(table.page), partial(found.words, name=name, part=part))
+                for part, table in found.tables.items()
+            },
+            {} if found.draw is None else {f"{name}.png": f"{name}.png"},
+        )
+        for name in found.names
+    }
+
+
+def place(page: str) -> str:
+    """Where a page is."""
+    return page if page == README else f"docs/{page}"
 
 
 SOURCES: dict[str, Source] = {
-    **{found.name: source_of(found) for found in measurements().values()},
+    **{name: source for found in measurements().values() for name, source in sources_of(found).items()},
     "gait_search": Source(
         "gait_search/summary.json",
         library.gait_search_facts,
@@ -96,7 +104,6 @@ SOURCES: dict[str, Source] = {
         speed.first_commands_facts,
         {"first_commands": Block(PERFORMANCE, speed.first_commands_table)},
     ),
-    "hard_cases": one_block("hard_cases", NUMERICS, numerics.hard_cases_facts, numerics.hard_cases_table),
     **{
         f"{folder}_{name}": Source(
             f"{folder}/{name}.json",
@@ -105,20 +112,6 @@ SOURCES: dict[str, Source] = {
             {f"{name}.png": f"{folder}_{name}.png"},
         )
         for folder, page, facts, words, names in (
-            (
-                "work_precision",
-                NUMERICS,
-                numerics.work_precision_facts,
-                numerics.work_precision_table,
-                ("free_flight", "drop_and_settle", "0.5_Hz_roll", "1_Hz_roll"),
-            ),
-            (
-                "equivalence",
-                NUMERICS,
-                numerics.equivalence_facts,
-                numerics.equivalence_table,
-                ("drop", "settle", "roll"),
-            ),
             (
                 "search_baselines",
                 SEARCH,
@@ -129,15 +122,10 @@ SOURCES: dict[str, Source] = {
         )
         for name in names
     },
-    "damage": one_block("damage", SEARCH, search.damage_facts, search.damage_table),
     "lasting_baselines": one_block(
         "lasting_baselines", SEARCH, search.lasting_baselines_facts, search.lasting_baselines_table
     ),
     "library_gaits": one_block("library_gaits", SEARCH, library.library_gaits_facts, library.library_gaits_table),
-    "repertoire": one_block("repertoire", GAITS, orbit_tables.repertoire_facts, orbit_tables.repertoire_table),
-    "polish_comparison": one_block(
-        "polish_comparison", GAITS, orbit_tables.polish_comparison_facts, orbit_tables.polish_comparison_table
-    ),
     **{
         name: Source(
             f"feedback/{name}.json",
@@ -158,27 +146,6 @@ SOURCES: dict[str, Source] = {
     },
     "obstacles": one_block("obstacles", CONTROL, control.obstacles_facts, control.obstacles_table),
     "task_baselines": one_block("task_baselines", CONTROL, control.task_baselines_facts, control.task_baselines_table),
-    "spine": Source(
-        "spine/spine.json",
-        validation.spine_facts,
-        {
-            "spine": Block(VALIDATION, validation.spine_table),
-            "spine/parameters": Block(VALIDATION, validation.spine_parameters_table),
-        },
-        {"spine.png": "spine.png"},
-    ),
-    "identification": one_block(
-        "identification", IDENTIFICATION, identification.identification_facts, identification.identification_table
-    ),
-    "sim_to_real": Source(
-        "sim_to_real/sim_to_real.json",
-        identification.sim_to_real_facts,
-        {
-            "sim_to_real": Block(IDENTIFICATION, identification.sim_to_real_table),
-            "sim_to_real/shares": Block(IDENTIFICATION, identification.sim_to_real_shares),
-        },
-        {"sim_to_real.png": "sim_to_real.png"},
-    ),
 }
 """by their names in docs/measured"""
 

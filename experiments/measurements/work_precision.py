@@ -7,23 +7,19 @@ The distance between the two models is drawn beside them.
 """
 
 import time
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
-from pathlib import Path
-from typing import NamedTuple
+from collections.abc import Iterator
+from typing import Literal
 
-from jaxgrity.cli.script import measured, run
+from measurement import Record, measurement
 
 import equinox as eqx
 import jax
 import numpy as np
 from matplotlib.figure import Figure
-from tqdm import tqdm
+from pages import table
 from work_precision_tasks import Task, tasks
 
-from jaxgrity import METHODS, InputError, Outcomes, SolverOptions, simulate_population
-from jaxgrity.io.files import save_json
-from jaxgrity.report import plot
+from jaxgrity import METHODS, Outcomes, SolverOptions, simulate_population
 
 STEPS = {
     "rk4": (2e-3, 1e-3, 5e-4, 2e-4, 1e-4, 5e-5),
@@ -49,75 +45,61 @@ TARGET = 5e-3
 COLOURS = {name: f"C{k}" for k, name in enumerate((*EVALUATIONS, "mujoco Euler", "mujoco RK4"))}
 
 
-@dataclass
-class Settings:
-    gaits: int = 64
-    """population"""
-    repeats: int = 3
-    """timed runs after a warm-up, of which the median counts; one of implicit methods"""
-    mujoco: bool = False
-    """measure MuJoCo on the same robot too (needs the extra `peer`)"""
-    seed: int = 3
-    """of the gaits"""
-    out: Path = Path("results/work_precision")
-    """folder for a JSON and a figure of each scene"""
-    scenes: tuple[str, ...] = ()
-    """those to measure, by name; all, where none are given"""
-    quick: bool = False
-    """free flight alone, RK4 and complementarity in float64"""
+@measurement(
+    page="numerics.md",
+    quick={
+        "scene": ("free flight",), "methods": ("rk4", "complementarity"), "precisions": ("float64",), "mujoco": False,
+    },
+    raw=("rows", "gaits"),
+)  # fmt: skip
+def work_precision(
+    scene: Literal["free flight", "drop and settle", "0.5 Hz roll", "1 Hz roll"],
+    gaits: int = 64,
+    repeats: int = 3,
+    mujoco: bool = True,
+    methods: tuple[str, ...] = tuple(METHODS),
+    precisions: tuple[Literal["float32", "float64"], ...] = ("float32", "float64"),
+    seed: int = 3,
+) -> Iterator[Record]:
+    """A row for each method at each step or tolerance.
 
-
-class Point(NamedTuple):
-    """One method at one step or tolerance."""
-
-    method: str
-    dtype: str
-    setting: float
-    """step, s, or tolerance"""
-    error: float | None
-    """median distance from the model's converged answer, m; None where most gaits failed"""
-    failed: int
-    seconds: float
-    """wall time per gait and simulated second"""
-    evaluations: float
-    """of the forces, per gait and simulated second"""
-
-
-def main(settings: Settings) -> None:
-    known = tasks(settings.gaits, settings.seed)[: 1 if settings.quick else None]
-    chosen = [task for task in known if not settings.scenes or task.name in settings.scenes]
-    if not chosen:
-        raise InputError(f"scenes = {settings.scenes}: expected some of {[task.name for task in known]}")
-    with tqdm(total=len(chosen), desc="scenes", unit="scene") as bar:
-        for task in chosen:
-            points, truths = [], converged(task)
-            for options in options_to_try(task, settings):
-                bar.set_postfix(scene=task.name, method=options.method, refresh=True)
-                points.append(measure(task, options, truths, settings.repeats))
-            if settings.mujoco:
-                points += mujoco_points(task, settings.repeats)
-            leave(task, points, float(np.median(distance(truths[False], truths[True]))), settings, bar.write)
-            bar.update()
-
-
-def leave(task: Task, points: list[Point], apart: float, settings: Settings, say: Callable) -> None:
-    """The scene's JSON and figure, and the cheapest settings for people."""
-    costs, name = cost_at_target(points), task.name.replace(" ", "_")
-    facts = {
-        **measured(),
-        "scene": task.name,
+    Args:
+        scene: what moves
+        gaits: population
+        repeats: timed runs after a warm-up, of which the median counts; one of implicit methods
+        mujoco: measure MuJoCo on the same robot too (needs the extra `peer`)
+        methods: by name
+        precisions: of explicit methods
+        seed: of the gaits
+    """
+    task = next(task for task in tasks(gaits, seed) if task.name == scene)
+    rows, truths = [], converged(task)
+    for options in options_to_try(task, methods, precisions):
+        rows.append(measure(task, options, truths, repeats))
+        yield rows[-1]
+    for row in mujoco_rows(task, repeats) if mujoco else ():
+        rows.append(row)
+        yield row
+    return {
+        "scene": scene,
         "error_of": "all nodes, root mean square" if task.nodes else "the centre of mass",
-        "gaits": settings.gaits,
-        "models_apart": apart,
+        "gaits": gaits,
+        "models_apart": float(np.median(distance(truths[False], truths[True]))),
         "target": TARGET,
-        "cost_at_target": costs,
-        "points": [point._asdict() for point in points],
+        "cost_at_target": cost_at_target(rows),
     }
-    save_json(settings.out / f"{name}.json", facts)
-    plot.save(figure(points, facts), settings.out / f"{name}.png")
-    say(f"{task.name}: microseconds per gait and simulated second at {TARGET:g} m; wrote {settings.out}/{name}.json")
-    for method, seconds in costs.items():
-        say(f"    {method:26s} {1e6 * seconds:10.1f}")
+
+
+@work_precision.table
+def words(record: Record) -> str:
+    """What was allowed, and the cheapest setting of each method within that."""
+    costs = record["cost_at_target"]
+    cheapest = min(costs.values())
+    head = ["error of", "allowed, in the median", "distance of the two models' converged answers"]
+    about = [record["error_of"], f"{1e3 * record['target']:g} mm", f"{record['models_apart']:.1e} m"]
+    rows = [[name, f"{1e3 * cost:.3f}", f"{cost / cheapest:.1f}"] for name, cost in costs.items()]
+    costs_head = ["cheapest setting", "ms per gait and simulated second", "times the cheapest"]
+    return f"{table(head, [about])}\n\n{table(costs_head, rows)}"
 
 
 def converged(task: Task) -> dict[bool, np.ndarray]:
@@ -140,19 +122,28 @@ def distance(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.sqrt(np.mean(np.sum((a - b) ** 2, axis=-1), axis=-1))
 
 
-def options_to_try(task: Task, settings: Settings) -> Iterator[SolverOptions]:
+def options_to_try(task: Task, methods: tuple[str, ...], precisions: tuple[str, ...]) -> Iterator[SolverOptions]:
     """Every method in every precision at every step or tolerance."""
-    for name, method in METHODS.items():
-        if (method.symplectic and not task.undamped) or (settings.quick and name not in ("rk4", "complementarity")):
+    for name in methods:
+        if METHODS[name].symplectic and not task.undamped:
             continue
-        for dtype in ("float64",) if settings.quick or method.implicit else ("float32", "float64"):
+        for dtype in ("float64",) if METHODS[name].implicit else precisions:
             tolerances = SINGLE_TOLERANCES if dtype == "float32" else TOLERANCES.get(name, ())
             for value in STEPS.get(name, tolerances):
                 size = {"dt": value} if name in STEPS else {"rtol": value, "atol": value}
                 yield SolverOptions(name, dtype=dtype, any_step=True, **size)
 
 
-def measure(task: Task, options: SolverOptions, truths: dict, repeats: int) -> Point:
+def row_of(method: str, dtype: str, setting: float, error: float | None, **cost: float) -> Record:
+    """One method at one step (s) or tolerance.
+
+    Its error is the median distance from the model's converged answer, m; None where most gaits failed. `seconds` of
+    wall time and `evaluations` of the forces are per gait and simulated second.
+    """
+    return {"method": method, "dtype": dtype, "setting": setting, "error": error, **cost}
+
+
+def measure(task: Task, options: SolverOptions, truths: dict, repeats: int) -> Record:
     """Error and cost of one setting."""
     kind = METHODS[options.method]
     scene, truth = (task.exact if kind.constrained else task.penalty), truths[kind.constrained]
@@ -172,18 +163,18 @@ def measure(task: Task, options: SolverOptions, truths: dict, repeats: int) -> P
     per = count * task.duration
     tried = float(np.sum(np.asarray(outcomes.steps) + np.asarray(outcomes.rejected)))
     error = float(np.median(np.where(failed, np.inf, off)))
-    return Point(
+    return row_of(
         options.method,
         options.dtype,
         options.rtol if options.dt is None else options.dt,
         error if np.isfinite(error) else None,
-        int(failed.sum()),
-        float(np.median(seconds)) / per,
-        EVALUATIONS[options.method] * tried / per,
+        failed=int(failed.sum()),
+        seconds=float(np.median(seconds)) / per,
+        evaluations=EVALUATIONS[options.method] * tried / per,
     )
 
 
-def mujoco_points(task: Task, repeats: int) -> list[Point]:
+def mujoco_rows(task: Task, repeats: int) -> Iterator[Record]:
     """MuJoCo against itself at a far smaller step: the same masses and springs, its own contacts."""
     from mujoco_peer import roll
 
@@ -194,7 +185,6 @@ def mujoco_points(task: Task, repeats: int) -> list[Point]:
         (np.asarray(task.gaits.amplitude)[0], np.asarray(task.gaits.frequency)[0]),
     )
     truth, _ = roll(scene, phases, task.duration, 5e-5, "RK4")
-    points = []
     for integrator, evaluations in (("Euler", 1), ("RK4", 4)):
         for dt in (3e-3, 2e-3, 1e-3, 5e-4, 2e-4):
             runs = [roll(scene, phases, task.duration, dt, integrator) for _ in range(repeats)]
@@ -202,52 +192,44 @@ def mujoco_points(task: Task, repeats: int) -> list[Point]:
             error = float(np.median(np.where(np.isfinite(off), off, np.inf)))
             seconds = float(np.median([wall for _, wall in runs])) / (len(phases) * task.duration)
             usable = error if np.isfinite(error) and error < 10 else None
-            points.append(Point(f"mujoco {integrator}", "float64", dt, usable, 0, seconds, evaluations / dt))
-    return points
+            cost = {"seconds": seconds, "evaluations": evaluations / dt}
+            yield row_of(f"mujoco {integrator}", "float64", dt, usable, failed=0, **cost)
 
 
-def cost_at_target(points: list[Point]) -> dict[str, float]:
+def cost_at_target(rows: list[Record]) -> dict[str, float]:
     """Wall time, s per gait and simulated second, of each method's cheapest setting with an error of at most `TARGET`,
     cheapest first."""
     costs: dict[str, float] = {}
-    for point in points:
-        name = f"{point.method} {point.dtype}"
-        if point.error is not None and point.error <= TARGET:
-            costs[name] = min(point.seconds, costs.get(name, np.inf))
+    for row in rows:
+        name = f"{row['method']} {row['dtype']}"
+        if row["error"] is not None and row["error"] <= TARGET:
+            costs[name] = min(row["seconds"], costs.get(name, np.inf))
     return dict(sorted(costs.items(), key=lambda item: item[1]))
 
 
-@plot.styled
-def figure(points: list[Point], facts: dict) -> Figure:
+@work_precision.figure
+def figure(record: Record) -> Figure:
     """Error against wall time, and against force evaluations."""
     chart = Figure(figsize=(12.5, 5.2), layout="constrained")
-    panels = chart.subplots(1, 2, sharey=True)
-    for (method, dtype), line in lines(points).items():
+    panels, apart = chart.subplots(1, 2, sharey=True), record["models_apart"]
+    known = [row for row in record["rows"] if row["error"] is not None]
+    for method, dtype in dict.fromkeys((row["method"], row["dtype"]) for row in known):
+        line = [row for row in known if (row["method"], row["dtype"]) == (method, dtype)]
         style = {"color": COLOURS[method], "ls": "-" if dtype == "float64" else ":", "marker": "o", "ms": 3.5}
         for axes, cost in zip(panels, ("seconds", "evaluations")):
-            axes.loglog([getattr(p, cost) for p in line], [p.error for p in line], label=f"{method} {dtype}", **style)
+            axes.loglog([row[cost] for row in line], [row["error"] for row in line], label=f"{method} {dtype}", **style)
     for axes in panels:
-        axes.axhline(facts["models_apart"], color="k", ls="--", lw=0.8)
-        place = (0.02, facts["models_apart"])
-        axes.text(*place, "models apart", transform=axes.get_yaxis_transform(), va="bottom", fontsize=8)
+        axes.axhline(apart, color="k", ls="--", lw=0.8)
+        axes.text(0.02, apart, "models apart", transform=axes.get_yaxis_transform(), va="bottom", fontsize=8)
         axes.grid(alpha=0.3)
     panels[0].set(
-        xlabel="wall time per gait and simulated second (s)", ylabel=f"median error of {facts['error_of']} (m)"
+        xlabel="wall time per gait and simulated second (s)", ylabel=f"median error of {record['error_of']} (m)"
     )
     panels[1].set(xlabel="force evaluations per gait and simulated second")
     panels[1].legend(fontsize=7, loc="center left", bbox_to_anchor=(1, 0.5))
-    chart.suptitle(facts["scene"])
+    chart.suptitle(record["scene"])
     return chart
 
 
-def lines(points: list[Point]) -> dict[tuple[str, str], list[Point]]:
-    """The points by method and precision, those without an error left out."""
-    found: dict[tuple[str, str], list[Point]] = {}
-    for point in points:
-        if point.error is not None:
-            found.setdefault((point.method, point.dtype), []).append(point)
-    return found
-
-
 if __name__ == "__main__":
-    run(main, Settings)
+    work_precision.run()

@@ -1,12 +1,14 @@
 """What the decorator makes of a function: settings, a record that is kept row by row, and what a page quotes of it."""
 
 import json
+from typing import Literal
 
 from measurement import measurement
 
 import pytest
 import registry
 import tyro
+import update_docs
 from matplotlib.figure import Figure
 from pages import columns
 
@@ -92,7 +94,29 @@ def test_every_measurement_has_a_table_and_names_its_page():
     """The registry knows each by the name of its script."""
     found = registry.measurements()
     assert {"stiff", "validate", "third_opinions"} <= set(found)
-    for each in found.values():
-        record = json.loads((registry.HERE.parents[1] / "docs" / "measured" / f"{each.name}.json").read_text())
-        page = (registry.HERE.parents[1] / "docs" / each.page).read_text(encoding="utf-8")
-        assert each.words(record) in page
+    docs = registry.HERE.parents[1] / "docs"
+    for name, each in ((name, one) for one in found.values() for name in one.names):
+        record = json.loads((docs / "measured" / f"{name}.json").read_text())
+        for part, table in each.tables.items():
+            page = docs.parent / update_docs.place(table.page)
+            assert each.words(record, name, part) in page.read_text(encoding="utf-8")
+
+
+def test_a_record_for_each_value_of_a_literal(tmp_path):
+    """All of them, or those that are asked for; each has a file and a table of its own, and a table may have parts."""
+
+    @measurement(page="numerics.md", quick={"ground": ("rough ice",)})
+    def slides(ground: Literal["mud", "rough ice"], far: float = 2.0):
+        return {"ground": ground, "far": far}
+
+    slides.table(lambda record: columns([record], {"far": "{far:g}"}))
+    slides.table(lambda record: columns([record], {"on": "{ground}"}), part="where", page="README.md")
+    assert list(slides.names) == ["slides_mud", "slides_rough_ice"]
+    slides.main(slides.Settings(out=tmp_path / "all"))
+    assert len(list((tmp_path / "all").iterdir())) == 2
+    slides.main(slides.Settings(out=tmp_path / "quick", quick=True))
+    (path,) = (tmp_path / "quick").iterdir()
+    record = json.loads(path.read_text())
+    assert "| rough ice |" in slides.words(record, path.stem, "where")
+    assert "[docs/measured/slides_rough_ice.json](docs" in slides.words(record, path.stem, "where")
+    assert "[measured/slides_rough_ice.json](measured" in slides.words(record, path.stem)

@@ -17,10 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import control_tables
-import identification_tables
 import library_gaits
-import numerics_tables
-import orbit_tables
 import pytest
 import registry
 import search_tables
@@ -67,7 +64,7 @@ def quick(script: str, out: Path, *arguments: object) -> dict:
 def words(name: str, record: dict) -> str:
     """What a page says of the part of a record that is kept for it."""
     found = registry.measurements()[name]
-    return found.words(found.quoted(record))
+    return found.all_words(found.quoted(record))
 
 
 @pytest.mark.parametrize("script", SCRIPTS, ids=str)
@@ -112,7 +109,6 @@ def test_no_experiment_imports_what_is_not_public(path):
         ("design_study", ["--strut-force", "-1"], ["expected positive limits"]),
         ("hard_cases", ["--cases", "warp drive"], ["cases = 'warp drive': unknown", "drop from 10 m"]),
         ("hard_cases", ["--methods", "euler"], ["euler", "rk4, tsit5"]),
-        ("work_precision", ["--scenes", "moon"], ["moon", "free flight"]),
         ("search_baselines", ["--rollouts", "64", "--seeds", "1"], ["64 rollouts: expected more"]),
         ("keep_gait", ["--run", "missing", "--name", "mine"], ["missing/gait.json"]),
         ("update_docs", ["--docs", "missing"], ["missing"]),
@@ -157,11 +153,11 @@ def test_error_bars_are_honest(tmp_path):
 def test_the_models_tend_to_each_other(tmp_path):
     """A drop: penalty contact to exact contact, spring struts to rigid ones where nothing slips, at first order."""
     facts = quick("measurements/equivalence.py", tmp_path)
-    assert facts["k_n"]["slope"] == pytest.approx(-1, abs=0.15)
-    assert facts["K, no friction"]["slope"] == pytest.approx(-1, abs=0.15)
-    assert facts["K"]["distance"][-1] > 5 * facts["K, no friction"]["distance"][-1]
-    condensed = numerics_tables.equivalence_facts(facts)
-    assert "| k_n | 10000 to 1e+06 N/m |" in numerics_tables.equivalence_table(condensed)
+    laws = {row["grows"]: row for row in facts["rows"]}
+    assert laws["k_n"]["slope"] == pytest.approx(-1, abs=0.15)
+    assert laws["K, no friction"]["slope"] == pytest.approx(-1, abs=0.15)
+    assert laws["K"]["distance"][-1] > 5 * laws["K, no friction"]["distance"][-1]
+    assert "| k_n | 10000 to 1e+06 N/m |" in words("equivalence", facts)
 
 
 @pytest.mark.campaign
@@ -217,23 +213,23 @@ def test_hard_cases_have_no_silently_wrong_number(tmp_path):
     facts = quick("measurements/hard_cases.py", tmp_path)
     assert facts["counts"]["WRONG"] == 0
     assert facts["counts"]["right"] >= 4
-    below = facts["table"]["start 5 cm below ground"]["float64"]
-    assert "below the ground" in below["complementarity"]["reason"]
-    assert below["rk4"]["verdict"] == "right"
-    words = numerics_tables.hard_cases_table(numerics_tables.hard_cases_facts(facts))
-    assert words.count("| start 5 cm below ground |") == 2
-    assert f"| complementarity | {below['complementarity']['reason']} |" in words
+    below = facts["rows"][0]
+    assert (below["case"], below["dtype"]) == ("start 5 cm below ground", "float64")
+    assert below["complementarity"] == "refused"
+    assert set(below["rk4"]) == {"error", "bar"}
+    told = words("hard_cases", facts)
+    assert told.count("| start 5 cm below ground |") == 2
+    assert re.search(r"\| complementarity \| node 8 .* below the ground", told)
 
 
 @pytest.mark.campaign
 def test_work_precision_compares_methods(tmp_path):
     """Free flight, RK4 and complementarity: errors fall with the step, and both have a cost at 5 mm."""
     facts = quick("measurements/work_precision.py", tmp_path, "--gaits", 8, "--repeats", 1)
-    errors = [p["error"] for p in facts["points"] if p["method"] == "rk4"]
+    errors = [row["error"] for row in facts["rows"] if row["method"] == "rk4"]
     assert all(fine < coarse for coarse, fine in itertools.pairwise(errors) if coarse > 1e-10)
     assert set(facts["cost_at_target"]) == {"rk4 float64", "complementarity float64"}
-    words = numerics_tables.work_precision_table(numerics_tables.work_precision_facts(facts))
-    assert "| all nodes, root mean square | 5 mm |" in words
+    assert "| all nodes, root mean square | 5 mm |" in words("work_precision", facts)
 
 
 @pytest.mark.campaign
@@ -293,7 +289,7 @@ def test_damage_is_survived(tmp_path):
     assert intact["gait"] == stuck["gait"] == "cables"
     assert stuck["own"]["mean"] == pytest.approx(intact["own"]["mean"], abs=0.02)
     assert facts["recovered"]["strut"]["cases"] == facts["recovered"]["strut"]["best"]["any"] == 1
-    page = search_tables.damage_table(search_tables.damage_facts(facts))
+    page = words("damage", facts)
     assert "| strut | library: cables |" in page
     assert all(f"| {robot} | cables, scaled |" in page for robot in ("nothing", "cable", "strut"))
 
@@ -385,12 +381,13 @@ def test_orbits_are_followed_gaits_polished_and_a_repertoire_filled(tmp_path):
     """Quick sizes: what the tables of docs/gaits.md about them are made of."""
     facts = quick("measurements/continuation.py", tmp_path / "continuation")
     assert "| friction | 0.90 times, no further tried | 1.00 times" in words("continuation", facts)
-    facts = orbit_tables.polish_comparison_facts(quick("measurements/polish_comparison.py", tmp_path / "polish"))
-    assert [row["way"] for row in facts["rows"]] == ["search runs on", "smoothed", "orbit"]
+    facts = quick("measurements/polish_comparison.py", tmp_path / "polish")
+    assert [row["way"] for row in facts["rows"]] == ["search runs on", "search with overtones", "smoothed", "orbit"]
+    assert "| search with overtones |" in words("polish_comparison", facts)
     assert all(row["spent"] <= facts["rollouts"] for row in facts["rows"])
-    facts = orbit_tables.repertoire_facts(quick("measurements/repertoire.py", tmp_path / "repertoire"))
+    facts = quick("measurements/repertoire.py", tmp_path / "repertoire")
     assert 0 < facts["filled"] < facts["cells"]
-    assert re.search(r"\| straight(, a mirror image)? \| 2 \|", orbit_tables.repertoire_table(facts))
+    assert re.search(r"\| straight(, a mirror image)? \| 2 \|", words("repertoire", facts))
 
 
 @pytest.mark.campaign
@@ -452,9 +449,9 @@ def test_damping_of_the_spine_is_not_told(tmp_path):
 @pytest.mark.campaign
 def test_speeds_are_foretold(tmp_path):
     """Quick size: what the tables of docs/identification.md are made of."""
-    facts = identification_tables.sim_to_real_facts(quick("measurements/sim_to_real.py", tmp_path))
-    assert "| after identification | " in identification_tables.sim_to_real_table(facts)
-    assert "| before | `structure.cables.stiffness` | 10.0% |" in identification_tables.sim_to_real_shares(facts)
+    told = words("sim_to_real", quick("measurements/sim_to_real.py", tmp_path))
+    assert "| after identification | " in told
+    assert "| before | `structure.cables.stiffness` | 10.0% |" in told
 
 
 @pytest.mark.campaign
