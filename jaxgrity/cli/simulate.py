@@ -125,10 +125,10 @@ def single(scene: Scene, duration: float, settings: SimulateSettings) -> dict[st
             shown = drawing.result()
     if not trajectory.failed:
         error_bar = trust.error_bar if trust else None
-        drawn("path.png", lambda: plot.save(plot.path_figure(scene, trajectory, error_bar), out / "path.png"))
+        plot.drawn("path.png", lambda: plot.save(plot.path_figure(scene, trajectory, error_bar), out / "path.png"))
     if shown:
         print(f"to see it in 3D, open {out}/replay.html in a browser")
-    motion = motion_report(scene, trajectory)
+    motion = plot.drawn("account of the motion", lambda: motion_report(scene, trajectory))
     print(conclusion(distance, trust.error_bar if trust else None, motion))
     if trust:
         print(trust.table())
@@ -174,24 +174,15 @@ def leave_pictures(scene: Scene, trajectory: Trajectory, settings: SimulateSetti
     if trajectory.failed:
         return False
     if scene.structure.member_count:
-        drawn("members.png", lambda: plot.save(plot.member_figure(scene, trajectory), out / "members.png"))
-        drawn("forces.png", lambda: plot.save(plot.force_figure(scene, trajectory), out / "forces.png"))
+        plot.drawn("members.png", lambda: plot.save(plot.member_figure(scene, trajectory), out / "members.png"))
+        plot.drawn("forces.png", lambda: plot.save(plot.force_figure(scene, trajectory), out / "forces.png"))
     if settings.animation != "none":
         film = out / f"animation.{settings.animation}"
         width, camera = settings.width, settings.camera
-        drawn(film.name, lambda: animate(scene, trajectory, film, settings.fps, width=width, camera=camera))
+        plot.drawn(film.name, lambda: animate(scene, trajectory, film, settings.fps, width=width, camera=camera))
     title = scene_name(settings.scene)
     keep = lambda: view.keep_html(scene, trajectory, out / "replay.html", title=title)  # noqa: E731
-    return settings.replay and bool(drawn("replay.html", keep))
-
-
-def drawn(name: str, draw: Callable[[], Result]) -> Result | None:
-    """What `draw` returns; None, after a line that says why, where it fails: that picture is missing."""
-    try:
-        return draw()
-    except Exception as error:
-        print(f"no {name}: {type(error).__name__}: {error}".splitlines()[0], flush=True)
-        return None
+    return settings.replay and bool(plot.drawn("replay.html", keep))
 
 
 def several(scene: Scene, phases: np.ndarray, duration: float, settings: SimulateSettings) -> dict[str, Any]:

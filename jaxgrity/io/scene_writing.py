@@ -59,6 +59,8 @@ from jaxgrity.model.unions import Union
 WIDTH = 120
 """Most characters in a line of lists. A longer list of lists takes one line for each."""
 OBSTACLES = {Box: BoxTable, Sphere: SphereTable, Cylinder: CylinderTable}
+PLACES: dict[type, int] = {Wind: 0, Push: 1, ForceTable: 2, ForceLimit: 2}
+"""Order in which `load_scene` adds terms; of the first kind and of the last it adds one at most."""
 FRICTIONS = {SmoothFriction: "smooth", SwitchFriction: "switch", ConeFriction: "cone"}
 
 
@@ -227,15 +229,19 @@ def _laws(scene: Scene) -> tuple[WindTable | None, list[PushTable], dict[str, An
     """The wind, the pushes, and keys of the cables; in that order, as files are read."""
     wind, pushes = None, []
     forces: dict[str, Any] = {}
+    places = [PLACES[type(term)] for term in scene.terms if type(term) in PLACES]
+    if places != sorted(places) or any(places.count(place) > 1 for place in (0, 2)):
+        told = "a wind, pushes, then one table or largest force of cables, as files are read"
+        raise InputError(f"terms are {', '.join(term.name for term in scene.terms)}; expected in this order {told}")
     for number, term in enumerate(scene.terms):
-        if type(term) is Wind and number == 0 and np.ptp(term.velocity, axis=0).max() == 0:
+        if type(term) is Wind and np.ptp(term.velocity, axis=0).max() == 0:
             wind = WindTable(tuple(np.asarray(term.velocity)[0].tolist()), one_or_all(term.drag))
-        elif type(term) is Push and not forces and np.ptp(term.force, axis=0).max() == 0:
+        elif type(term) is Push and np.ptp(term.force, axis=0).max() == 0:
             times = (float(value) for value in (term.start, term.duration, term.ramp))
             pushes.append(PushTable(list(term.nodes), tuple(np.asarray(term.force)[0].tolist()), *times))
-        elif type(term) is ForceTable and not forces:
+        elif type(term) is ForceTable:
             forces = {"force": ForceKeys(*(np.asarray(x).tolist() for x in (term.stretch, term.force)))}
-        elif type(term) is ForceLimit and not forces:
+        elif type(term) is ForceLimit:
             forces = {"largest_force": one_or_all(term.largest)}
         else:
             raise _no_key(f"terms[{number}]", term)

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from jaxgrity.io.files import save_arrays, save_json, write_whole
 from jaxgrity.io.gait_library import gait_facts
@@ -140,8 +141,11 @@ def _side_by_side(result: SearchResult, fine: SolverOptions, folder: Path, tick:
         trajectory = clocked("motion", simulate, scene, duration, **frames)
         diagnosing = beside.submit(clocked, "diagnosis", diagnose, scene, duration, **frames)
         diagnosing.add_done_callback(lambda _: tick())
-        clocked("animation", animate, scene, trajectory, folder / "animation.gif")
-        view.keep_html(scene, trajectory, folder / REPLAY, frame_rate=REPLAYED, title="from the start on")
+        film = folder / "animation.gif"
+        film.unlink(missing_ok=True)
+        clocked("animation", plot.drawn, film.name, lambda: animate(scene, trajectory, film))
+        how = {"frame_rate": REPLAYED, "title": "from the start on"}
+        plot.drawn(REPLAY, lambda: view.keep_html(scene, trajectory, folder / REPLAY, **how))
         tick()
         return trajectory, diagnosing.result(), measuring.result(), spent
 
@@ -190,19 +194,28 @@ def draw(result: SearchResult, trust: TrustReport, folder: Path) -> None:
     agreement = result.promoted.agreement
     unit, trajectory = result.problem.fitness.objective.unit, trust.trajectory
     names = tuple(level.name for level in result.levels)
-    plot.save(plot.convergence_figure(list(result.searches), names, unit), folder / "convergence.png")
     ranks = agreement.rank_correlation, agreement.rank_correlation_of_the_evolved
     compared = tuple(level.name for level in agreement.levels)
-    figure = plot.fidelity_figure(compared, agreement.fitness, agreement.evolved, ranks, unit)
-    plot.save(figure, folder / "fidelity.png")
     seen: dict[str, np.ndarray] = {
         "other contact model": np.asarray(verdict.other_model.each[0]),
         "found": np.asarray(verdict.robust.each[0]),
     }
     if polished is not None and polished.improved:
         seen["before polish"] = np.asarray(polished.before.each[0])
-    plot.save(plot.robust_figure(seen, unit), folder / "robust.png")
-    plot.save(plot.path_figure(scene, trajectory, float(verdict.verified.error_bar[0])), folder / "path.png")
+    pictures = {
+        "convergence.png": lambda: plot.convergence_figure(list(result.searches), names, unit),
+        "fidelity.png": lambda: plot.fidelity_figure(compared, agreement.fitness, agreement.evolved, ranks, unit),
+        "robust.png": lambda: plot.robust_figure(seen, unit),
+        "path.png": lambda: plot.path_figure(scene, trajectory, float(verdict.verified.error_bar[0])),
+    }
+    leave_figures(pictures, folder)
+
+
+def leave_figures(pictures: dict[str, Callable[[], Figure]], folder: Path) -> None:
+    """Leave figures by their names, in the place of earlier ones; one that fails costs this figure, with a line."""
+    for name, figure in pictures.items():
+        (folder / name).unlink(missing_ok=True)
+        plot.drawn(name, lambda name=name, figure=figure: plot.save(figure(), folder / name))  # type: ignore[misc]
 
 
 def draw_motion(
@@ -213,13 +226,15 @@ def draw_motion(
     end, begin = float(trajectory.times[-1]), 0.0
     cycle = steady["period"] * steady["periods"] if steady is not None and steady["settled"] else np.inf
     (folder / "orbit.png").unlink(missing_ok=True)
+    pictures: dict[str, Callable[[], Figure]] = {}
     if scene.ground is not None and cycle < end and not trajectory.failed:
-        begin = end - cycle
-        plot.save(plot.orbit_figure(scene, trajectory, cycle, steady["turning"] if steady else 0), folder / "orbit.png")
+        begin, turning = end - cycle, steady["turning"] if steady else 0
+        pictures["orbit.png"] = lambda: plot.orbit_figure(scene, trajectory, cycle, turning)
     shown = some_frames(trajectory, np.asarray(trajectory.times) >= begin)
-    plot.save(plot.gait_figure(scene.gait, end, motion, begin), folder / "gait.png")
-    plot.save(plot.member_figure(scene, shown), folder / "members.png")
-    plot.save(plot.force_figure(scene, shown), folder / "forces.png")
+    pictures["gait.png"] = lambda: plot.gait_figure(scene.gait, end, motion, begin)
+    pictures["members.png"] = lambda: plot.member_figure(scene, shown)
+    pictures["forces.png"] = lambda: plot.force_figure(scene, shown)
+    leave_figures(pictures, folder)
 
 
 def write_page(out: Path, title: str, first: dict[str, str], rest: dict[str, str]) -> None:

@@ -1,6 +1,8 @@
 """Figures: of motions (`robot_plot`), of structures at rest (`statics_plot`), of searches and of populations."""
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -30,6 +32,7 @@ __all__ = [
     "STRUT",
     "convergence_figure",
     "draw_robot",
+    "drawn",
     "energy_figure",
     "fidelity_figure",
     "force_figure",
@@ -46,6 +49,18 @@ __all__ = [
     "structure_figure",
     "styled",
 ]
+
+
+Result = TypeVar("Result")
+
+
+def drawn(name: str, draw: Callable[[], Result]) -> Result | None:
+    """What `draw` returns; None, after a line that says why, where it fails: one part of a report is missing then."""
+    try:
+        return draw()
+    except Exception as error:
+        print(f"no {name}: {type(error).__name__}: {error}".splitlines()[0], flush=True)
+        return None
 
 
 @styled

@@ -21,10 +21,12 @@ from jaxgrity import (
     Stairs,
     Structure,
     as_dtype,
+    force_limit,
     load_scene,
     parse_scene,
     save_scene,
     scene_names,
+    wind,
     with_gait,
     with_terms,
 )
@@ -216,6 +218,10 @@ REFUSED = {
     "a law of one's own": (
         lambda scene: with_terms(scene, Push((0, 1), np.eye(3)[:2], 1.0, 1.0)),
         "terms[0] is a Push that scene files have no key for",
+    ),
+    "laws in another order": (
+        lambda scene: with_terms(scene, force_limit(scene.structure.cables, 90.0), wind([1.0, 0, 0], 0.1, nodes=12)),
+        "terms are largest force of cables, wind; expected in this order a wind, pushes, then",
     ),
     "gravity that leans": (
         lambda scene: dataclasses.replace(scene, up=np.array([0.6, 0.0, 0.8])),

@@ -2,12 +2,13 @@
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 import jaxgrity
 from jaxgrity.cli import compare
 from jaxgrity.core.display import significant
 from jaxgrity.report import plot
-from jaxgrity.report.gait_report import write_page
+from jaxgrity.report.gait_report import leave_figures, write_page
 from jaxgrity.report.gait_rows import _chosen, distance_words, outcome_rows
 from jaxgrity.report.orbit_plot import _moving_frame
 from jaxgrity.report.steady import steady_rows
@@ -145,6 +146,18 @@ def test_the_page_leads_with_them(tmp_path):
     (tmp_path / "replay.html").unlink()
     write_page(tmp_path, "A gait", {}, {})
     assert "animation.gif" in (tmp_path / "index.html").read_text()
+
+
+def test_a_figure_that_fails_costs_this_figure(tmp_path, capsys):
+    """With a line, and without that of an earlier search; the others are there."""
+
+    def broken():
+        raise ValueError("no such colour\nand more")
+
+    (tmp_path / "gait.png").write_text("of an earlier search")
+    leave_figures({"gait.png": broken, "forces.png": Figure}, tmp_path)
+    assert capsys.readouterr().out.splitlines() == ["no gait.png: ValueError: no such colour"]
+    assert [file.name for file in tmp_path.iterdir()] == ["forces.png"]
 
 
 @pytest.mark.parametrize("size", [0.05, 0.01])
