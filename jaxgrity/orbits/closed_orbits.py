@@ -5,6 +5,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
+from jaxgrity.core.dense import least_solution
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, NodeVectors, Scalar
@@ -133,7 +134,7 @@ def _guess(
 def _newton(f, y):
     def step(carry):
         y, r, k = carry
-        y = y - jnp.linalg.solve(jax.jacfwd(f)(y), r)
+        y = y - least_solution(jax.jacfwd(f)(y), r)
         return y, f(y), k + 1
 
     def going(carry):
@@ -145,4 +146,4 @@ def _newton(f, y):
 
 
 def _tangent(g, y):
-    return jnp.linalg.solve(jax.jacfwd(g)(jnp.zeros_like(y)), y)
+    return least_solution(jax.jacfwd(g)(jnp.zeros_like(y)), y)

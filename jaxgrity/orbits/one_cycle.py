@@ -8,6 +8,7 @@ from jaxgrity.core.typed import typed
 from jaxgrity.model.scales import time_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.orbits.finding import Orbit, in_step, restarted
+from jaxgrity.populations.metrics import cost_of_transport
 from jaxgrity.populations.population import as_population, simulate_population
 from jaxgrity.populations.rolling import rolling
 from jaxgrity.populations.uncertainty import Differences
@@ -78,8 +79,8 @@ def orbit_cycle(scene: Scene, orbit: Orbit, *, options: Options = None) -> Orbit
     found = simulate_population(here, gaits, twice, options=chosen, differences=start, with_metrics=since)
     metrics, distance = found.metrics, orbit.speed * orbit.cycle
     assert metrics is not None, "they were asked for"
-    weight, effort = float(scene.structure.mass) * float(scene.gravity or 0.0), float(np.asarray(metrics.effort)[0])
-    cost = effort / (weight * distance) if weight * distance > 0 else np.inf
+    effort = float(np.asarray(metrics.effort)[0])
+    cost = float(cost_of_transport(scene, effort, distance))
     force, rate, power = (float(np.max(each)) for each in (metrics.peak_force, metrics.peak_rate, metrics.peak_power))
     work = float(np.asarray(metrics.work)[0])
     return OrbitCycle(orbit.cycle, distance, work, effort, cost, force, rate, power, _supports(here, orbit, chosen))

@@ -2,23 +2,19 @@
 
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import component, dot, edge_vectors, inverse, length, take_rows
-from jaxgrity.core.types import AnyArray, NodeVectors, PerActuator, PerMember, PerNode, Scalar
+from jaxgrity.core.types import AnyArray, PerActuator, PerGait, PerNode, Scalar, namespace_of
 from jaxgrity.model.actuation import rest_length
-from jaxgrity.model.clusters import pull
-from jaxgrity.model.laws import EnergyTerm
 from jaxgrity.model.scales import speed_scale, time_scale
 from jaxgrity.model.scene import Scene
-from jaxgrity.model.structure import member_vectors
 from jaxgrity.stepping.blocks import disjoint_groups
 from jaxgrity.stepping.constraints import rigid_struts
-from jaxgrity.stepping.dynamics import centre_of_mass
-from jaxgrity.stepping.power import Step, powers, step_work, strut_impulses
+from jaxgrity.stepping.dynamics import centre_of_mass, member_tensions
+from jaxgrity.stepping.power import Step, step_work, strut_impulses
 
 SLIPPING = 0.02
 """Speed above which a touching node counts as slipping, m/s for a body of one metre."""
@@ -78,13 +74,10 @@ def initial_metrics(scene: Scene, since: Scalar | None = None) -> Metrics:
 
 def updated_metrics(scene: Scene, step: Step, so_far: Metrics) -> Metrics:
     """The metrics after one more step."""
-    (q0, _), (q, v), h = step.before.motion, step.after.motion, step.h
+    q0, q, h = step.before.motion[0], step.after.motion[0], step.h
     # a step counts that ends later than that, by more than rounding
     on = jnp.asarray(step.t0 + 0.999 * h > so_far.since).astype(q.dtype)
-    if step.impulsive:
-        work: AnyArray = step_work(scene, step)["actuation"]
-    else:
-        work = h * jnp.asarray(powers(scene, step.t0 + h, q, v)["actuation"])
+    work = step_work(scene, step)["actuation"]
     moved = centre_of_mass(scene, q) - centre_of_mass(scene, q0)
     way = jnp.sqrt(moved[0] * moved[0] + moved[1] * moved[1])
     touching, slipping = _contact(scene, step)
@@ -128,41 +121,26 @@ def _lengths(scene: Scene, t: Scalar) -> PerActuator:
     return _in_order(scene, parts)
 
 
-def actuator_tension(scene: Scene, step: Step) -> PerActuator:
-    """Of the actuated members, N: of springs K (l - L), of cables if they pull, of rigid struts by their impulses.
+def cost_of_transport(scene: Scene, energy: Scalar | PerGait, distance: Scalar | PerGait) -> AnyArray:
+    """energy / (m g distance), of J and m; infinite without gravity, and where the robot stays."""
+    done = distance * (0.0 if scene.gravity is None else scene.structure.mass * scene.gravity)
+    xp = namespace_of(done)
+    return xp.where(done == 0, xp.inf, energy / xp.where(done == 0, 1, done))
 
-    Terms of U that users add to a scene, and that pull on the members too, are added up by their gradients.
-    """
-    q: NodeVectors = step.after.motion[0]
-    further = _further_pull(scene, step.t0 + step.h, q)
+
+def actuator_tension(scene: Scene, step: Step) -> PerActuator:
+    """Of the actuated members, N: `member_tensions`, without dampers; of rigid struts by their impulses."""
+    found = member_tensions(scene, step.t0 + step.h, step.after.motion[0])
     parts: list[AnyArray] = []
-    for members, rows, first in _actuated(scene):
-        edges = tuple(members.edges[k] for k in rows)
+    for members, rows, _ in _actuated(scene):
         if members.rigid:
+            edges = tuple(members.edges[k] for k in rows)
             vectors = edge_vectors(step.before.motion[0], edges)
             on_first = take_rows(strut_impulses(scene, step), tuple(i for i, _ in edges))
             parts.append(-dot(on_first, vectors) * inverse(length(vectors)) / step.kick)
-            continue
-        rest = rest_length(members, scene.gait, step.t0 + step.h, first)
-        if members.clusters:
-            longer = length(edge_vectors(q, members.edges)) - rest
-            force = take_rows(pull(members.stiffness, longer, members.clusters), rows)
         else:
-            force = take_rows(members.stiffness, rows) * (length(edge_vectors(q, edges)) - take_rows(rest, rows))
-        kind = "struts" if members is scene.structure.struts else "cables"
-        force = force if kind == "struts" else jnp.maximum(force, 0)
-        parts.append(force + take_rows(further[kind], rows) if kind in further else force)
+            parts.append(take_rows(found["struts" if members is scene.structure.struts else "cables"], rows))
     return _in_order(scene, parts)
-
-
-def _further_pull(scene: Scene, t: Scalar, q: NodeVectors) -> dict[str, PerMember]:
-    """Tension of every member, N, by the terms of U that users add to a scene; empty where there are none."""
-    terms = [term for term in scene.terms if isinstance(term, EnergyTerm)]
-    if not terms:
-        return {}
-    vectors = member_vectors(q, scene.structure.kinds)
-    pull = jax.grad(lambda d: sum(term.energy(scene.configuration(q, t, d)) for term in terms))(vectors)
-    return {kind: dot(pull[kind], d) * inverse(length(d)) for kind, d in vectors.items()}
 
 
 def _actuated(scene: Scene):

@@ -8,6 +8,7 @@ import numpy as np
 from jaxgrity.model.actuation import Gait
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.symmetry import Symmetry, image, standing_symmetries
+from jaxgrity.populations.metrics import cost_of_transport
 from jaxgrity.populations.population import as_population, simulate_population
 from jaxgrity.populations.uncertainty import Differences
 from jaxgrity.report.steady import steady_facts
@@ -76,8 +77,7 @@ def actuators(best: Scene, options: SolverOptions, duration: float) -> dict[str,
     metrics = outcomes.metrics
     assert metrics is not None, "they were asked for"
     distance = float(np.hypot(np.asarray(metrics.moved_x), np.asarray(metrics.moved_y))[0])
-    weight = float(best.structure.mass) * float(best.gravity or np.nan)
     peaks = {name: float(np.max(getattr(metrics, name))) for name in ("peak_rate", "peak_force", "peak_power")}
     works = {name: float(getattr(metrics, name)[0]) for name in ("work", "effort")}
-    costs = {f"cost_of_transport_by_{name}": amount / weight / distance for name, amount in works.items()}
+    costs = {f"cost_of_transport_by_{name}": float(cost_of_transport(best, x, distance)) for name, x in works.items()}
     return {**peaks, **works, **costs}

@@ -10,7 +10,7 @@ import numpy as np
 from jaxgrity.core.errors import InputError, unknown
 from jaxgrity.core.types import PerGait, Scalar
 from jaxgrity.model.scene import Scene, body_length
-from jaxgrity.populations.metrics import Metrics
+from jaxgrity.populations.metrics import Metrics, cost_of_transport
 from jaxgrity.populations.population import Outcomes
 from jaxgrity.search.paths import PARTS, parts_of_path, path_bend, steady_velocity
 
@@ -153,8 +153,7 @@ class CostOfTransport(Objective):
     def worth(self, scene, outcomes, duration):
         if scene.gravity is None:
             raise InputError("cost of transport needs gravity; expected a [gravity] table")
-        weight = scene.structure.lumped_mass.sum() * scene.gravity
-        return -metrics_of(outcomes).effort / (weight * _moved(outcomes))
+        return -cost_of_transport(scene, metrics_of(outcomes).effort, _moved(outcomes))
 
 
 class Straightness(Objective):

@@ -1,5 +1,6 @@
 """Orbits closed by Newton's method, and the derivatives of their speed."""
 
+import re
 from functools import partial
 
 import equinox as eqx
@@ -8,6 +9,7 @@ import numpy as np
 import pytest
 
 from jaxgrity import InputError, load_gait, load_scene, with_gait
+from jaxgrity.core.dense import INVERTED_AT_ONCE
 from jaxgrity.identification import speed_slopes
 from jaxgrity.orbits import closed_orbit, find_orbit
 from jaxgrity.stepping import resolve
@@ -35,6 +37,18 @@ def test_the_closed_orbit_is_the_one_that_a_long_rollout_settles_on(crawler):
     assert closed.speed > 1e-3
     np.testing.assert_allclose(closed.speed, orbit.speed, rtol=1e-4)
     np.testing.assert_allclose(closed.turning, orbit.turning, atol=1e-6)
+
+
+def test_closing_an_orbit_solves_no_system_by_threads(reference, crawler):
+    """Of 12 nodes, 75 unknowns: each matrix that is inverted is one on which LAPACK works in one thread."""
+    orbit, nodes = crawler[1], reference.structure.nodes
+    scene = with_gait(reference, load_gait("lasting"))
+    orbit = orbit._replace(state=(nodes, 0 * nodes), period=1 / float(scene.gait.frequency[0]))
+    options = resolve(scene, orbit.period)
+    text = str(jax.make_jaxpr(jax.grad(lambda mu: speeds(scene, orbit, options, [mu, 1.0, 1.0, 1.0])))(1.0))
+    sizes = [int(n) for n in re.findall(r"\[(\d+),\d+\][^\n]* = lu\b", text)]
+    assert sizes
+    assert max(sizes) <= INVERTED_AT_ONCE
 
 
 @pytest.mark.slow
