@@ -222,7 +222,8 @@ def draw_motion(
     scene: Scene, trajectory: Trajectory, motion: Rolling | None, steady: dict[str, Any] | None, folder: Path
 ) -> None:
     """The gait beside the motion, lengths, forces, of a settled robot for one cycle alone."""
-    assert scene.gait is not None, "a search finds a gait"
+    gait = scene.gait
+    assert gait is not None, "a search finds a gait"
     end, begin = float(trajectory.times[-1]), 0.0
     cycle = steady["period"] * steady["periods"] if steady is not None and steady["settled"] else np.inf
     (folder / "orbit.png").unlink(missing_ok=True)
@@ -231,7 +232,7 @@ def draw_motion(
         begin, turning = end - cycle, steady["turning"] if steady else 0
         pictures["orbit.png"] = lambda: plot.orbit_figure(scene, trajectory, cycle, turning)
     shown = some_frames(trajectory, np.asarray(trajectory.times) >= begin)
-    pictures["gait.png"] = lambda: plot.gait_figure(scene.gait, end, motion, begin)
+    pictures["gait.png"] = lambda: plot.gait_figure(gait, end, motion, begin)
     pictures["members.png"] = lambda: plot.member_figure(scene, shown)
     pictures["forces.png"] = lambda: plot.force_figure(scene, shown)
     leave_figures(pictures, folder)
