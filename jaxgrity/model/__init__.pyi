@@ -1,4 +1,5 @@
 from .actuation import Command, random_members, rest_length
+from .bodies import Body, rigid_body
 from .contact_twin import exact_twin, penalty_twin
 from .friction import Friction
 from .ground import Ground
@@ -9,6 +10,7 @@ from .symmetry import gene_permutations, image, standing_symmetries, symmetries
 from .waves import TravellingWave, travelling_waves
 
 __all__ = [
+    "Body",
     "Command",
     "Frame",
     "Friction",
@@ -26,6 +28,7 @@ __all__ = [
     "penalty_twin",
     "random_members",
     "rest_length",
+    "rigid_body",
     "standing_symmetries",
     "symmetries",
     "travelling_waves",

@@ -8,28 +8,33 @@ import dataclasses
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from jaxgrity.core.dense import inverse_of
 from jaxgrity.core.primitives import along, component, dot, inner, place_rows, respond, scale, take_rows
 from jaxgrity.core.typed import typed
-from jaxgrity.core.types import MassMatrix, Mobility, NodeVectors, Scalar
+from jaxgrity.core.types import AnyArray, MassMatrix, Mobility, NodeVectors, Scalar
+from jaxgrity.model.bodies import body_energy, carrying, independent_nodes
 from jaxgrity.model.structure import Structure
 
 
 @typed
 def energy_of_motion(structure: Structure, v: NodeVectors) -> Scalar:
-    """T = sum m_i/2 |v_i|^2 + sum m/6 (v_p·v_p + v_p·v_q + v_q·v_q), J, over the nodes and the members with mass."""
+    """T = sum m_i/2 |v_i|^2 + sum m/6 (v_p·v_p + v_p·v_q + v_q·v_q), J, over the nodes and the members with mass.
+
+    Bodies add what `body_energy` says.
+    """
     T = inner(structure.node_mass, dot(v, v)) / 2
     for mass, edges in structure.rod_masses:
         first, second = (take_rows(v, ends) for ends in zip(*edges))
         T = T + inner(mass, dot(first, first) + dot(first, second) + dot(second, second)) / 6
-    return T
+    return sum((body_energy(body, v) for body in structure.bodies), T)
 
 
 @typed
 def momenta(structure: Structure, v: NodeVectors) -> NodeVectors:
     """M v = dT/dv, (nodes, 3), kg m/s: each node's share of the momentum."""
-    if not structure.rod_masses:
+    if structure.of_points:
         return scale(v, structure.node_mass)
     return jax.grad(energy_of_motion, argnums=1)(structure, v)
 
@@ -56,19 +61,37 @@ def mass_matrix(structure: Structure) -> MassMatrix:
 def mobility(structure: Structure) -> Mobility:
     """a_ijk, 1/kg: how a force on node j along axis k accelerates node i; 0 wherever one of both is fixed along it.
 
-    It is the inverse of the part of the mass matrix that belongs to the free coordinates.
+    It is the inverse of the part of the mass matrix that belongs to the free coordinates. Points that follow others of
+    their bodies move as these do, and pass on to them what acts on them.
     """
     size = len(structure.nodes)
     mass = mass_matrix(structure).reshape(size, 3, size, 3)
     free = structure.free.T.astype(mass.dtype)
+    of_axes = jnp.moveaxis(jnp.diagonal(mass, axis1=1, axis2=3), -1, 0)
+    if not structure.bodies:
+        return jnp.moveaxis(_inverse_of_free(of_axes, free), 0, -1)
+    carry = carrying(structure.bodies, size)
+    free = free[:, np.array(independent_nodes(structure.bodies, size))]
+    return jnp.moveaxis(carry @ _inverse_of_free(carry.T @ of_axes @ carry, free) @ carry.T, 0, -1)
+
+
+def independent_coordinates(structure: Structure) -> tuple[np.ndarray, np.ndarray]:
+    """The numbers of the coordinates that neither supports hold nor bodies carry, and how all coordinates follow them,
+    (3 nodes, coordinates)."""
+    size = len(structure.nodes)
+    nodes = np.array(independent_nodes(structure.bodies, size))
+    free = structure.free[nodes].ravel()
+    place = np.kron(np.asarray(carrying(structure.bodies, size)), np.eye(3))[:, free]
+    return (3 * nodes[:, None] + np.arange(3)).ravel()[free], place
+
+
+def _inverse_of_free(mass: AnyArray, free: AnyArray) -> AnyArray:
+    """For each of x, y and z the inverse of the part of a mass matrix that belongs to free coordinates, else 0."""
     both = free[:, :, None] * free[:, None]
-    of_axes = (
-        jnp.moveaxis(jnp.diagonal(mass, axis1=1, axis2=3), -1, 0) * both
-        + jnp.eye(size, dtype=mass.dtype) * (1 - free)[:, None]
-    )
+    of_axes = mass * both + jnp.eye(free.shape[1], dtype=mass.dtype) * (1 - free)[:, None]
     weight = 1 / jnp.sqrt(jnp.diagonal(of_axes, axis1=1, axis2=2))
     weights = weight[:, :, None] * weight[:, None]
-    return jnp.moveaxis(jax.vmap(inverse_of)(of_axes * weights) * weights * both, 0, -1)
+    return jax.vmap(inverse_of)(of_axes * weights) * weights * both
 
 
 def with_mobility(structure: Structure) -> Structure:

@@ -31,17 +31,17 @@ from jaxgrity.model.friction import ConeFriction, CoulombCone, Friction, SmoothF
 from jaxgrity.model.ground import ContactDissipation, ExactContact, Ground, PenaltyContact
 from jaxgrity.model.law_checks import check_law
 from jaxgrity.model.laws import Configuration, Constraint, DissipationTerm, EnergyTerm, ForceLaw, Law, Motion
-from jaxgrity.model.rigid_struts import RigidStruts
+from jaxgrity.model.rigidity import RIGID
 from jaxgrity.model.scales import Scales, scales_of
 from jaxgrity.model.shaking import SupportMotion
 from jaxgrity.model.structure import Structure, member_vectors
 
-LAWS_OF_STRUCTURES = (StrutSprings, RigidStruts, CableSprings, NodeDamping, StrutDamping, CableDamping, Gravity)
+LAWS_OF_STRUCTURES = (StrutSprings, *RIGID, CableSprings, NodeDamping, StrutDamping, CableDamping, Gravity)
 """The laws that a scene has where its structure calls for them. Ground and friction bring their own laws."""
 KNOWN_LAWS = (*LAWS_OF_STRUCTURES, PenaltyContact, ExactContact, ContactDissipation)
 KNOWN_FRICTIONS = (SmoothFriction, SwitchFriction, ConeFriction)
 """The kinds of friction that `describe` lists, beside the laws, as modelled or not."""
-CONSTRAINTS_MET = (RigidStruts, ExactContact, CoulombCone)
+CONSTRAINTS_MET = (*RIGID, ExactContact, CoulombCone)
 """The constraints that complementarity stepping satisfies."""
 BOOKED_OTHERWISE = ("actuation", "supports", "impulse", "moment")
 """What the energy audit lists beside the causes of dissipation."""

@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import NodeVectors, Scalar
 from jaxgrity.model.clusters import pull
 from jaxgrity.model.structure import Members, Structure, edge_lengths
@@ -15,7 +16,12 @@ STIFF = 1e5
 
 
 def as_springs(structure: Structure) -> tuple[Structure, int]:
-    """The structure with rigid struts as very stiff springs, and how many there are: so many modes are not real."""
+    """The structure with rigid struts as very stiff springs, and how many there are: so many modes are not real.
+
+    Raises `InputError` where there are rigid bodies.
+    """
+    if structure.bodies:
+        raise InputError("statics knows no rigid bodies yet; expected a structure without, or rods as struts")
     struts, cables = structure.struts, structure.cables
     if struts is None or not struts.rigid:
         return structure, 0

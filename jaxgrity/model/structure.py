@@ -9,6 +9,7 @@ import numpy as np
 from jaxgrity.core.arguments import is_count
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import accumulate, edge_vectors, place_rows
+from jaxgrity.core.tracing import traced
 from jaxgrity.core.types import (
     AnyArray,
     AnyPerNode,
@@ -22,6 +23,7 @@ from jaxgrity.core.types import (
     as_float,
     as_float_or_none,
 )
+from jaxgrity.model.bodies import Bodies, check_bodies, lumped, shared_evenly
 from jaxgrity.model.clusters import Clusters, check_clusters
 from jaxgrity.model.motors import Motor
 
@@ -82,6 +84,8 @@ class Structure(eqx.Module):
     cables: Members | None = None
     fixed: Supports = eqx.field(static=True, default=())
     """supports: (node, "xyz") for one that does not move, (node, "xz") for one that moves along y alone"""
+    bodies: Bodies = ()
+    """rigid bodies, to which nodes are fixed: see `rigid_body`"""
     mobility: Mobility | None = None
     """what `inertia.with_mobility` computes once for all steps of a rollout; None: it is computed where needed"""
 
@@ -98,6 +102,7 @@ class Structure(eqx.Module):
         if self.struts is not None and self.struts.clusters:
             raise InputError("structure.struts: struts run straight; expected clusters of cables alone")
         _check_supports(self.fixed, shape[0])
+        check_bodies(self.bodies, shape[0], [node for node, _ in self.fixed])
         _check_masses(self)
 
     @property
@@ -114,16 +119,34 @@ class Structure(eqx.Module):
     @property
     def coupled(self) -> bool:
         """Whether the mass matrix is not diagonal, or a node is fixed: forces on one node then accelerate others."""
-        return bool(self.rod_masses or self.fixed)
+        return bool(self.rod_masses or self.fixed or self.bodies)
+
+    @property
+    def of_points(self) -> bool:
+        """Whether all mass is at the nodes."""
+        return not (self.rod_masses or self.bodies)
 
     @property
     def lumped_mass(self) -> AnyPerNode:
-        """m_i and half of the mass of each member at the node, kg: what weight, momentum and centre of mass see."""
+        """m_i and half of the mass of each member at the node, kg: what weight, momentum and centre of mass see.
+
+        Of bodies what `lumped` says: it may be negative at a node.
+        """
+        mass = self._mass_of_members
+        return mass + lumped(self.bodies, len(self.nodes)) if self.bodies else mass
+
+    @property
+    def _mass_of_members(self) -> AnyPerNode:
         mass = self.node_mass
         for rod_mass, edges in self.rod_masses:
             for ends in zip(*edges):
                 mass = mass + place_rows(rod_mass / 2, ends, len(self.nodes))
         return mass
+
+    @property
+    def borne_mass(self) -> AnyPerNode:
+        """kg, positive: by which impulses on each node are told as changes of velocity. Bodies share theirs evenly."""
+        return self._mass_of_members + shared_evenly(self.bodies, len(self.nodes)) if self.bodies else self.lumped_mass
 
     @property
     def free(self) -> np.ndarray:
@@ -159,6 +182,7 @@ class Structure(eqx.Module):
         """Which nodes are joined by what: the sizes of a structure, and a number that stands for all its members."""
         struts, cables = (() if members is None else members.edges for members in (self.struts, self.cables))
         joined = repr([[[int(i), int(j)] for i, j in edges] for edges in (struts, cables)])
+        joined += repr([body.points for body in self.bodies]) if self.bodies else ""
         number = zlib.crc32(joined.encode())
         return f"{len(self.nodes)} nodes, {len(struts)} struts, {len(cables)} cables ({number:08x})"
 
@@ -205,7 +229,9 @@ def _check_masses(structure: Structure) -> None:
         return
     if any(np.any(mass < 0) for mass in masses):
         raise InputError("structure: a mass is negative; expected 0 or more")
-    idle = structure.free.any(1) & (np.asarray(structure.lumped_mass) <= 0)
+    if traced(structure.bodies):
+        return
+    idle = structure.free.any(1) & (np.asarray(structure.borne_mass) <= 0)
     if idle.any():
         node = int(np.argmax(idle))
         raise InputError(f"structure.node_mass[{node}] = 0: no member there has mass either; expected some mass")

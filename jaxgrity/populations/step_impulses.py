@@ -17,7 +17,7 @@ from jaxgrity.stepping.constraints import rigid_struts
 from jaxgrity.stepping.discretisation import discretise, prepared
 from jaxgrity.stepping.loop import Carried, Step, advance, carried_at
 from jaxgrity.stepping.options import ResolvedOptions, options_anew
-from jaxgrity.stepping.power import ground_impulses, strut_impulses, support_impulses, tensions
+from jaxgrity.stepping.power import ground_impulses, strut_impulses, strut_tensions, support_impulses
 from jaxgrity.stepping.simulate import Trajectory, with_room
 
 MOST = 2**10
@@ -165,5 +165,5 @@ def _impulses(scene: Scene, step: Step) -> Exerted:
     supports: AnyArray = support_impulses(scene, step) if scene.structure.fixed else nothing
     pulls: AnyArray = jnp.zeros(0, nothing.dtype)
     if struts is not None:
-        pulls = tensions(struts.edges, step.before.motion[0], strut_impulses(scene, step))
+        pulls = strut_tensions(scene, step.before.motion[0], strut_impulses(scene, step))
     return Exerted(pulls, sum(ground_impulses(scene, step), nothing), supports)

@@ -30,13 +30,14 @@ def describe(scene: Scene) -> str:
         *_describe_ground(scene),
         *_describe_supports(scene),
         *_describe_members(scene.structure),
+        *_describe_bodies(scene.structure),
         *_describe_prestress(scene.structure),
         *_describe_gait(scene.gait),
     ]
     return "\n".join(f"{name:<20} {text}" for name, text in lines)
 
 
-def _span(values: AnyArray, unit: str) -> str:
+def _span(values: AnyArray | list, unit: str) -> str:
     low, high = float(np.min(values)), float(np.max(values))
     text = f"{low:.4g}" if np.isclose(low, high) else f"{low:.4g} to {high:.4g}"
     return f"{text} {unit}" if unit else text
@@ -81,8 +82,16 @@ def _describe_members(structure: Structure) -> list[tuple[str, str]]:
     return lines
 
 
+def _describe_bodies(structure: Structure) -> list[tuple[str, str]]:
+    if not structure.bodies:
+        return []
+    points = _span([len(body.points) for body in structure.bodies], "")
+    mass = _span([float(body.matrix.sum()) for body in structure.bodies], "kg")
+    return [("rigid bodies", f"{len(structure.bodies)}, mass {mass}, {points} nodes each")]
+
+
 def _describe_prestress(structure: Structure) -> list[tuple[str, str]]:
-    if structure.member_count == 0:
+    if structure.member_count == 0 or structure.bodies:  # statics knows none yet
         return []
     alone = Scene(structure)
     try:

@@ -113,6 +113,8 @@ def equilibrium_near(scene: Scene, shape: NodeVectors) -> NodeVectors:
     found, and held constant; coordinates that a support holds stay there. NaN where Newton's method does not converge.
     K is dense here, which suits some hundred nodes at most, and float64 is needed.
     """
+    if scene.structure.bodies:
+        raise InputError("equilibrium_near knows no rigid bodies yet; expected a structure without, or rods as struts")
     near = jax.lax.stop_gradient(jnp.asarray(shape))
     free = free_coordinates(len(near), scene.structure.supported)
     # U by the largest stiffness: one tolerance in metres then suits soft cables and stiff struts

@@ -75,6 +75,8 @@ def sparse_mass_matrix(structure: Structure) -> sp.csc_array:
 
     Nodes are points; a member's mass m is spread along it, T = m/6 (v_p·v_p + v_p·v_q + v_q·v_q).
     """
+    if structure.bodies:
+        raise InputError("vibrations know no rigid bodies yet; expected a structure without, or rods as struts")
     nodes = len(structure.nodes)
     M = sp.diags_array(np.asarray(structure.node_mass, float))
     for mass, edges in structure.rod_masses:

@@ -161,7 +161,7 @@ def on_nodes(scene: Scene, h: Scalar, start: State, found: GroundImpulses) -> li
     """The impulses of exact ground on each node, N s, in a step of size h (s): along the normal and both tangents."""
     frame = frame_met(cast(ExactGround, exact_ground(scene)), length_scale(scene), h, start)
     speeds, directions = (found.normal, *found.tangential), (frame.normal, *frame.tangents)
-    return [scale(along(p, n), scene.structure.lumped_mass) for p, n in zip(speeds, directions)]
+    return [scale(along(p, n), scene.structure.borne_mass) for p, n in zip(speeds, directions)]
 
 
 def bounce_gains(scene: Scene, h: Scalar, start: State, w: NodeVectors, found: GroundImpulses) -> Any:
@@ -171,7 +171,7 @@ def bounce_gains(scene: Scene, h: Scalar, start: State, w: NodeVectors, found: G
     can make energy out of nothing (Kane and Levinson 1985).
     """
     work = sum(inner(jnp.ones_like(w[:, 0]), dot(p, (start[1] + w) / 2)) for p in on_nodes(scene, h, start, found))
-    turned_over = inner(scene.structure.lumped_mass, dot(start[1], start[1]))
+    turned_over = inner(scene.structure.borne_mass, dot(start[1], start[1]))
     return work > ROUNDINGS * jnp.finfo(w.dtype).eps * turned_over
 
 

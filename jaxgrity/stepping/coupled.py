@@ -99,7 +99,7 @@ def coupled_impulses(
     ground's impulses of the last step.
     """
     (h, t1), (q, v) = times, state
-    mass = scene.structure.lumped_mass
+    mass = scene.structure.borne_mass
     problem = problem_of(scene, h, t1, q, v, start)
     guess = jnp.stack([last.normal, *last.tangential], axis=1) * mass[:, None]
     found = solve_step(problem, guess, near)

@@ -9,13 +9,14 @@ import numpy as np
 from jaxgrity.core.dense import inverse_of
 from jaxgrity.core.primitives import edge_vectors, length
 from jaxgrity.core.types import AnyArray, Edges, MemberVectors, NodeVectors, PerMember, PerNode, Scalar
-from jaxgrity.model.actuation import rest_length
+from jaxgrity.model.bodies import following
 from jaxgrity.model.inertia import mobility
+from jaxgrity.model.rigidity import held_edges, held_lengths
 from jaxgrity.model.scales import length_scale, mass_scale, speed_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.surface import Frame
 from jaxgrity.stepping.blocks import WITHOUT_GROUND
-from jaxgrity.stepping.constraints import exact_ground, rigid_struts
+from jaxgrity.stepping.constraints import exact_ground
 from jaxgrity.stepping.contact_problem import as_impulses
 from jaxgrity.stepping.entering import closing_speed, where_met
 from jaxgrity.stepping.ground_response import SLOWEST, Contact
@@ -65,14 +66,17 @@ class Elimination(NamedTuple):
 
 def problem_of(scene: Scene, h: Scalar, t1: Scalar, q: NodeVectors, v: NodeVectors, start: NodeVectors) -> Coupled:
     """The constraints of a step of size h (s) that ends at t1, from `q` (m) and `v` (m/s); `start` is w0 (m/s)."""
-    struts, ground, structure = rigid_struts(scene), exact_ground(scene), scene.structure
+    edges, ground, structure = held_edges(scene), exact_ground(scene), scene.structure
     own = mobility(structure) if structure.mobility is None else structure.mobility
     A = jnp.einsum("ijk,kl->ikjl", own, jnp.eye(3, dtype=q.dtype)).reshape(q.size, q.size)
     apart = goal = contact = None
     speed = speed_scale(scene)
     axes = Frame(WITHOUT_GROUND[0], WITHOUT_GROUND[1:])
-    if struts is not None:
-        apart, goal = edge_vectors(q, struts.edges) / h, rest_length(struts, scene.gait, t1, 0) / h
+    if edges:
+        apart, goal = edge_vectors(q, edges) / h, held_lengths(scene, t1) / h
+    if structure.bodies:
+        # what follows the basic points of a body is led back to its place, so that roundings do not add up
+        start = following(structure.bodies, start) + (following(structure.bodies, q) - q) / h
     if ground is not None:
         never = np.where(structure.free.any(1), 0.0, NEVER).astype(q.dtype) * speed
         mu = None if scene.friction is None else jnp.asarray(scene.friction.sliding_mu)
@@ -84,7 +88,7 @@ def problem_of(scene: Scene, h: Scalar, t1: Scalar, q: NodeVectors, v: NodeVecto
     rows = [jnp.broadcast_to(jnp.asarray(axis, q.dtype), q.shape) for axis in (axes.normal, *axes.tangents)]
     frame = jnp.stack(rows, axis=1)
     slow = jnp.asarray(SLOW * speed, q.dtype)
-    return Coupled(A, start, apart, goal, contact, frame, slow, struts.edges if struts is not None else ())
+    return Coupled(A, start, apart, goal, contact, frame, slow, edges)
 
 
 def in_frames(problem: Coupled, x: NodeVectors) -> NodeVectors:

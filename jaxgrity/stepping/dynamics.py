@@ -138,6 +138,6 @@ def momentum(scene: Scene, v: NodeVectors):
 
 def angular_momentum(scene: Scene, q: NodeVectors, v: NodeVectors):
     """L = sum x_i × (M v)_i about the origin, (3,), kg m^2/s."""
-    if scene.structure.rod_masses:
+    if not scene.structure.of_points:
         return jnp.cross(q, inertia.momenta(scene.structure, v)).sum(0)
     return jnp.einsum("n,nk->k", scene.structure.node_mass, jnp.cross(q, v))

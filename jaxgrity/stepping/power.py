@@ -9,6 +9,7 @@ from jaxgrity.core.primitives import accumulate, dot, edge_vectors, inner, inver
 from jaxgrity.core.types import Edges, NodeVectors, PerMember, PerNode, Scalar
 from jaxgrity.model.actuation import rest_length
 from jaxgrity.model.inertia import held, momenta
+from jaxgrity.model.rigidity import held_edges
 from jaxgrity.model.scales import length_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import Members
@@ -79,7 +80,7 @@ def impulsive_work(scene: Scene, step: Step) -> Work:
             _book(gained, "stepping", -work(ground[0] - arriving))
         if scene.friction is not None:
             _book(gained, "friction", -work(ground[1] + ground[2]))
-    if rigid_struts(scene) is not None:
+    if held_edges(scene):
         done = strut_impulses(scene, step)
         given = _strut_actuation(scene, step, done)
         gained["actuation"] = gained["actuation"] + given
@@ -110,11 +111,11 @@ def _actuation(scene: Scene, step: Step) -> Scalar:
 
 def _strut_actuation(scene: Scene, step: Step, impulse: NodeVectors) -> Scalar:
     """J: of the tensions of rigid struts, times how fast these become shorter, in the mean of two steps."""
-    struts, (t, h, before) = cast(Members, rigid_struts(scene)), (step.t0, step.h, step.before.memory.step_size)
-    if scene.gait is None and not struts.motors:
+    struts, (t, h, before) = rigid_struts(scene), (step.t0, step.h, step.before.memory.step_size)
+    if struts is None or (scene.gait is None and not struts.motors):
         return jnp.zeros_like(h)
     changed = rest_length(struts, scene.gait, t + h, 0) - rest_length(struts, scene.gait, t - before, 0)
-    return -jnp.sum(tensions(struts.edges, step.before.motion[0], impulse) * changed, axis=0) / (h + before)
+    return -jnp.sum(strut_tensions(scene, step.before.motion[0], impulse) * changed, axis=0) / (h + before)
 
 
 def _staying(scene: Scene, step: Step) -> PerNode | None:
@@ -132,6 +133,12 @@ def _staying(scene: Scene, step: Step) -> PerNode | None:
     slides = approach <= (2 * turned + BESIDE) * length(v)
     stays = (step.before.memory.impulses.normal > 0) & (dot(before, now) > SAME_FACE) & slides
     return stays.astype(step.before.motion[0].dtype)
+
+
+def strut_tensions(scene: Scene, q: NodeVectors, impulse: NodeVectors) -> PerMember:
+    """The `tensions` of rigid struts, N s, which with those within rigid bodies make up the impulse."""
+    struts = cast(Members, rigid_struts(scene))
+    return tensions(held_edges(scene), q, impulse)[: len(struts.edges)]
 
 
 def tensions(edges: Edges, q: NodeVectors, impulse: NodeVectors) -> PerMember:

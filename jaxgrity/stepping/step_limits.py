@@ -12,12 +12,12 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.tracing import evaluated
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, NodeVectors, Scalar, State
-from jaxgrity.model.inertia import mass_matrix
+from jaxgrity.model.inertia import independent_coordinates, mass_matrix
 from jaxgrity.model.laws import DissipationTerm, EnergyTerm, ForceTerm, named_parts
+from jaxgrity.model.rigidity import held_edges
 from jaxgrity.model.scales import length_scale, time_scale
 from jaxgrity.model.scene import Scene, as_dtype, with_gait
 from jaxgrity.model.structure import edge_lengths
-from jaxgrity.stepping.constraints import rigid_struts
 from jaxgrity.stepping.dynamics import smooth_acceleration
 from jaxgrity.stepping.methods import METHODS, Method, amplification, constrained_method, find_method
 
@@ -77,16 +77,16 @@ def linearise(scene: Scene, state: State) -> Linearised:
     with jax.enable_x64(True), evaluated():
         q, v = (np.asarray(x, float) for x in state)
         a, slopes = _derivatives(as_dtype(scene, "float64"), q, v)
-    moves = np.flatnonzero(scene.structure.free)
-    among = np.ix_(moves, moves)
-    stiffness, damping = (-np.asarray(d).reshape(q.size, q.size)[among] for d in slopes)
-    place, rows = np.eye(q.size)[:, moves], _constraints(scene, q)[:, moves]
+    moves, place = independent_coordinates(scene.structure)
+    onto = (lambda x: x @ place) if scene.structure.bodies else (lambda x: x[:, moves])
+    stiffness, damping = (onto(-np.asarray(d).reshape(q.size, q.size)[moves]) for d in slopes)
+    rows = onto(_constraints(scene, q))
     if not len(rows):
         return Linearised(stiffness, damping, place)
     with jax.enable_x64(True), evaluated():
-        mass = np.asarray(mass_matrix(scene.structure))[among]
+        mass = onto(onto(np.asarray(mass_matrix(scene.structure))).T)
     forces = np.linalg.lstsq(rows.T, -mass @ np.asarray(a).ravel()[moves], rcond=INDEPENDENT)[0]
-    stiffness = stiffness - np.linalg.solve(mass, _turning(scene, q, forces)[among])
+    stiffness = stiffness - np.linalg.solve(mass, onto(onto(_turning(scene, q, forces)).T).T)
     root = np.linalg.cholesky(mass)
     _, strengths, axes = np.linalg.svd(np.linalg.solve(root, rows.T).T)
     basis = np.linalg.solve(root.T, axes[np.sum(strengths > INDEPENDENT * strengths[0]) :].T)
@@ -110,8 +110,8 @@ def _constraints(scene: Scene, q: np.ndarray) -> np.ndarray:
 
 def _turning(scene: Scene, q: np.ndarray, forces: np.ndarray) -> np.ndarray:
     """(3 nodes, 3 nodes), N/m: change of the rigid struts' forces as the struts turn, (1 - u u^T) f / l."""
-    struts, change = rigid_struts(scene), np.zeros((*q.shape, *q.shape))
-    for (i, j), force in zip(struts.edges if struts is not None else (), forces):
+    change = np.zeros((*q.shape, *q.shape))
+    for (i, j), force in zip(held_edges(scene), forces):
         d = q[i] - q[j]
         across = force / np.linalg.norm(d) * (np.eye(3) - np.outer(d, d) / (d @ d))
         for a, b, sign in ((i, i, 1), (j, j, 1), (i, j, -1), (j, i, -1)):

@@ -37,7 +37,7 @@ from jaxgrity import (
     with_contact_along_struts,
     with_terms,
 )
-from jaxgrity.model import Friction, Ground, standing_symmetries
+from jaxgrity.model import Friction, Ground, rigid_body, standing_symmetries
 from jaxgrity.model.friction import CoulombCone
 from jaxgrity.model.rod_contact import RodContact, RodContactDissipation, RodFriction
 from jaxgrity.model.scene import KNOWN_FRICTIONS, KNOWN_LAWS
@@ -70,7 +70,9 @@ def scenes(reference, exact):
     pushed = with_terms(exact, wind([2.0, 0, 0], 0.01, 12), Push((0,), [[1.0, 0, 0]], 0.1, 0.1))
     cables = exact.structure.cables
     laced = with_terms(exact, force_table(cables, [0.0, 0.1, 0.2], [0.0, 60.0, 180.0]), force_limit(cables, 200.0))
-    return reference, exact, switch, pushed, laced, with_contact_along_struts(reference, 2)
+    payload = rigid_body(exact.structure.nodes, (0, 1, 4, 5, 8), 2.0, [0.1, 0.1, 0.1])
+    loaded = eqx.tree_at(lambda s: s.structure.bodies, exact, (payload,))
+    return reference, exact, switch, pushed, laced, with_contact_along_struts(reference, 2), loaded
 
 
 def test_every_law_of_the_library_is_known():

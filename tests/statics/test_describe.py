@@ -58,7 +58,7 @@ def test_what_is_modelled_and_what_is_not():
         "strut springs, cables (tension only), node damping, strut damping, cable damping, gravity, penalty contact, "
         "contact dissipation, smooth friction, gait"
     )
-    assert lines["not modelled"] == "rigid struts, exact contact, Coulomb switch, Coulomb cone"
+    assert lines["not modelled"] == "rigid struts, rigid bodies, exact contact, Coulomb switch, Coulomb cone"
     assert "6 kg" in lines["nodes"]
     assert "cables 105" in lines["prestress"]
     assert re.fullmatch(r"4\.\d+ to \d+\.?\d* Hz", lines["natural frequencies"])

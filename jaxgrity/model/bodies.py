@@ -1,0 +1,262 @@
+"""Rigid bodies in natural coordinates: a few basic points of a body say where it is, and its other points follow.
+
+A body that moves without changing shape moves each of its points as x = sum_a w_a x_a, with the same weights w at all
+times. So kinetic energy is a quadratic form of the basic points' velocities with a constant matrix, and rigidity is one
+distance for each pair of them. A rod is the body of two basic points, and a strut with mass has its matrix. García de
+Jalón 2007, doi:10.1007/s11044-007-9068-0.
+"""
+
+import itertools
+from collections.abc import Sequence
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+from jaxgrity.core.arguments import is_count
+from jaxgrity.core.errors import InputError
+from jaxgrity.core.primitives import place_rows
+from jaxgrity.core.tracing import traced
+from jaxgrity.core.typed import typed
+from jaxgrity.core.types import AnyArray, AnyPerNode, Edges, NodeVectors, PerMember, Scalar, as_float, namespace_of
+
+FLAT = 1e-9
+"""Share of the largest second moment of mass below which a body has no extent along an axis: roundings leave less."""
+BESIDE_POINTS = 1e-6
+"""Share of a body's size by which points may lie beside the line or the plane in which all its mass lies."""
+
+
+class Body(eqx.Module):
+    """A rigid body: its basic points, which nodes they are, and how its other points follow. See `rigid_body`.
+
+    Raises `InputError` where the arrays do not fit each other.
+    """
+
+    points: tuple[int, ...] = eqx.field(static=True)
+    """the nodes that are fixed to the body, the basic ones first"""
+    matrix: AnyArray = eqx.field(converter=as_float)
+    """(basic, basic), kg: T = 1/2 sum_ab m_ab v_a·v_b; two basic points, three or four"""
+    weights: AnyArray = eqx.field(converter=as_float)
+    """(others, basic): x = sum_a w_a x_a of each other point"""
+    lengths: AnyArray = eqx.field(converter=as_float)
+    """m, between the basic points, in the order of `edges`"""
+
+    def __check_init__(self):
+        count = np.shape(self.matrix)[0] if np.ndim(self.matrix) else 0
+        if not all(is_count(k, 0) for k in self.points) or len(set(self.points)) < len(self.points):
+            raise InputError(f"body.points = {list(self.points)}: expected numbers of nodes, each once")
+        if count not in (2, 3, 4) or len(self.points) < count:
+            raise InputError(f"body.matrix has {count} rows; expected 2, 3 or 4, one for each basic point")
+        pairs = (count * (count - 1) // 2,)
+        shapes = {"matrix": (count, count), "weights": (len(self.points) - count, count), "lengths": pairs}
+        for name, shape in shapes.items():
+            if np.shape(getattr(self, name)) != shape:
+                raise InputError(f"body.{name} has shape {np.shape(getattr(self, name))}; expected {shape}")
+
+    @property
+    def basic(self) -> tuple[int, ...]:
+        """The nodes that say where the body is."""
+        return self.points[: np.shape(self.matrix)[0]]
+
+    @property
+    def carried(self) -> tuple[int, ...]:
+        """The nodes that follow."""
+        return self.points[np.shape(self.matrix)[0] :]
+
+    @property
+    def edges(self) -> Edges:
+        """The pairs of basic points."""
+        return tuple(itertools.combinations(self.basic, 2))
+
+
+Bodies = tuple[Body, ...]
+
+
+@typed
+def rigid_body(
+    nodes: NodeVectors,
+    points: Sequence[int],
+    mass: Scalar,
+    inertia: AnyArray | Sequence,
+    centre: AnyArray | Sequence[float] | None = None,
+    basic: Sequence[int] = (),
+) -> Body:
+    """The body to which some nodes are fixed, by its mass, its inertia and its centre of mass.
+
+    Args:
+        nodes: all nodes of the structure, m, as they stand at the start.
+        points: the numbers of those that are fixed to the body: four or more that do not lie in a plane, of a flat
+            body three in its plane, of a straight one two on its line. Cables, struts, supports and contact act there.
+        mass: kg.
+        inertia: kg m^2 about the centre of mass along x, y and z at the start: (3, 3), or (3,) of principal axes.
+            A plate has as much about its normal as about both other axes together, a rod nothing about its line.
+        centre: (3,), m, of mass; the mean of the points where not given.
+        basic: those of the points that have to be basic: nodes of several bodies (joints), and supports.
+
+    Returns:
+        The body, one of `Structure.bodies`. It is the same in any pose; its numbers may be traced but for `nodes`.
+
+    Raises:
+        InputError: no body has such an inertia, or the points do not say where the body is.
+
+    Example:
+        >>> ends = np.array([[0.0, 0, 0], [1, 0, 0]])
+        >>> jaxgrity.model.rigid_body(ends, (0, 1), 6.0, [0.0, 0.5, 0.5]).matrix.round(9).tolist()
+        [[2.0, 1.0], [1.0, 2.0]]
+    """
+    points, basic = tuple(int(k) for k in points), tuple(int(k) for k in basic)
+    x = np.asarray(nodes, float)
+    if not points or not all(0 <= k < len(x) for k in points) or not set(basic) <= set(points):
+        raise InputError(f"rigid_body: points = {list(points)}: expected nodes from 0 to {len(x) - 1}, basic ones too")
+    moments = as_float(inertia)
+    if np.shape(moments) not in ((3,), (3, 3)):
+        raise InputError(f"rigid_body: inertia has shape {np.shape(moments)}; expected (3, 3), or (3,)")
+    return _body(x, points, (mass, moments, as_float(x[list(points)].mean(0) if centre is None else centre)), basic)
+
+
+def _body(x: np.ndarray, points: tuple, inertia: tuple, basic: tuple) -> Body:
+    """`rigid_body`, of mass, inertia and centre."""
+    mass, moments, middle = inertia
+    known = not traced(inertia)
+    xp = np if known else jnp
+    moments = xp.diag(moments) if np.ndim(moments) == 1 else moments
+    spread = xp.trace(moments) / 2 * xp.eye(3) - moments
+    axes = _axes(spread, float(mass)) if known else np.eye(3)
+    size = np.ptp(x[list(points)], axis=0).max()
+    if known:
+        _check_beside(x, points, middle, axes, size)
+    chosen = _spanning(x, points, axes, basic, size)
+    others = tuple(k for k in points if k not in chosen)
+    # 1 and the place within the line, plane or space in which the mass lies: what a linear function of points takes
+    affine = lambda which: xp.concatenate(  # noqa: E731
+        [xp.ones((len(which), 1)), (x[list(which)].reshape(-1, 3) - middle) @ axes.T], axis=1
+    )
+    inverse = xp.linalg.inv(affine(chosen))
+    whole = xp.concatenate(
+        [
+            xp.stack([xp.asarray(mass, float), *xp.zeros(len(axes))])[None],
+            xp.concatenate([xp.zeros((len(axes), 1)), axes @ spread @ axes.T], axis=1),
+        ]
+    )
+    lengths = [np.linalg.norm(x[i] - x[j]) for i, j in itertools.combinations(chosen, 2)]
+    return Body((*chosen, *others), inverse.T @ whole @ inverse, affine(others) @ inverse, np.array(lengths))
+
+
+def lumped(bodies: Bodies, nodes: int) -> AnyPerNode | float:
+    """kg at each node, of which some may be negative: what weight, momentum and the centre of mass see of bodies."""
+    return sum((place_rows(body.matrix.sum(1), body.basic, nodes) for body in bodies), 0.0)
+
+
+def shared_evenly(bodies: Bodies, nodes: int) -> AnyPerNode | float:
+    """kg at each node: each body's mass in equal shares at its points."""
+    masses = [(body.matrix.sum((0, 1)) / len(body.points), body.points) for body in bodies]
+    shares = [(jnp.broadcast_to(mass, (len(points), *np.shape(mass))), points) for mass, points in masses]
+    return sum((place_rows(share, points, nodes) for share, points in shares), 0.0)
+
+
+def independent_nodes(bodies: Bodies, nodes: int) -> tuple[int, ...]:
+    """The nodes that do not follow others."""
+    following = {k for body in bodies for k in body.carried}
+    return tuple(k for k in range(nodes) if k not in following)
+
+
+def carrying(bodies: Bodies, nodes: int) -> AnyArray:
+    """N, (nodes, independent nodes): every node's position is that sum of those of independent nodes."""
+    free = independent_nodes(bodies, nodes)
+    xp = jnp if any(namespace_of(body.weights) is jnp for body in bodies) else np
+    rows = xp.eye(nodes)
+    for body in bodies:
+        own = np.eye(nodes)[list(body.basic)]
+        if body.carried:
+            put = np.eye(nodes)[:, list(body.carried)]
+            rows = rows + put @ (body.weights @ own - np.eye(nodes)[list(body.carried)])
+    return rows[:, np.array(free)]
+
+
+def following(bodies: Bodies, x: NodeVectors) -> NodeVectors:
+    """Positions, or velocities, in which the bodies' other points are where the basic ones carry them."""
+    for body in bodies:
+        if body.carried:
+            there = body.weights @ x[np.array(body.basic)]
+            x = x + place_rows(there - x[np.array(body.carried)], body.carried, len(x))
+    return x
+
+
+def body_energy(body: Body, v: NodeVectors) -> Scalar:
+    """T = 1/2 sum_ab m_ab v_a·v_b, J."""
+    basic = v[np.array(body.basic)]
+    return jnp.sum(basic * (body.matrix @ basic)) / 2
+
+
+def held_pairs(bodies: Bodies) -> tuple[Edges, PerMember]:
+    """The pairs of basic points that keep their distance, each once, and these distances, m."""
+    first: dict[frozenset, tuple[tuple[int, int], AnyArray]] = {}
+    for body in bodies:
+        for edge, length in zip(body.edges, body.lengths):
+            first.setdefault(frozenset(edge), (edge, length))
+    xp = jnp if any(namespace_of(body.lengths) is jnp for body in bodies) else np
+    return tuple(edge for edge, _ in first.values()), xp.stack([length for _, length in first.values()])
+
+
+def check_bodies(bodies: Bodies, nodes: int, fixed: Sequence[int]) -> None:
+    """Raises `InputError` where bodies name nodes that are not there, or a point that follows one is held elsewhere."""
+    for number, body in enumerate(bodies):
+        if max(body.points) >= nodes:
+            raise InputError(f"structure.bodies[{number}] has node {max(body.points)}; expected 0 to {nodes - 1}")
+        elsewhere = {k for j, other in enumerate(bodies) if j != number for k in other.points} | set(fixed)
+        if shared := sorted(elsewhere & set(body.carried)):
+            raise InputError(
+                f"structure.bodies[{number}]: node {shared[0]} is fixed, or a point of another body too, and follows "
+                f"basic points here; expected rigid_body(..., basic=({shared[0]},))"
+            )
+
+
+def _axes(spread: np.ndarray, mass: float) -> np.ndarray:
+    """(axes, 3): the unit vectors along which a body of these second moments (kg m^2) extends."""
+    moments, vectors = np.linalg.eigh((spread + spread.T) / 2)
+    if not (mass > 0 and np.isfinite(mass)) or not moments.max() > 0:
+        raise InputError(f"rigid_body: mass = {mass:g} kg, inertia {spread.trace() * 2 / 3:.3g}: expected both above 0")
+    if not np.allclose(spread, spread.T, rtol=0, atol=FLAT * moments.max()) or moments.min() < -FLAT * moments.max():
+        raise InputError(
+            "rigid_body: no body has this inertia; expected a symmetric matrix, none of whose principal moments is "
+            "more than the sum of the other two"
+        )
+    return vectors[:, moments > FLAT * moments.max()].T[::-1]
+
+
+def _check_beside(x: np.ndarray, points: tuple, middle: np.ndarray, axes: np.ndarray, size: float) -> None:
+    """Refuse points that a body without extent across its line or plane could not move."""
+    r = x[list(points)] - middle
+    off = np.linalg.norm(r - r @ axes.T @ axes, axis=1)
+    if off.max() > BESIDE_POINTS * size:
+        raise InputError(
+            f"rigid_body: node {points[int(off.argmax())]} lies {off.max():.3g} m beside the "
+            f"{'line' if len(axes) == 1 else 'plane'} of a body without extent across it; expected points there, or "
+            "the inertia of a body that has a thickness"
+        )
+
+
+def _spanning(x: np.ndarray, points: tuple, axes: np.ndarray, given: tuple, size: float) -> tuple[int, ...]:
+    """The basic points: those that are `given`, then whatever lies farthest from the point, line or plane before."""
+    chosen: list[int] = []
+    left = x[list(points)] @ axes.T
+    left = left - left.mean(0)
+    for number in range(len(axes) + 1):
+        away = np.linalg.norm(left, axis=1)
+        candidates = [points.index(k) for k in given[number : number + 1]] or list(range(len(points)))
+        best = max(candidates, key=lambda k: (away[k], -k))
+        if number and away[best] <= BESIDE_POINTS * size:
+            what = {1: "two points on its line", 2: "three points in its plane", 3: "four points not in a plane"}
+            raise InputError(
+                f"rigid_body: points {list(points)} do not say where the body is; expected {what[len(axes)]}, as basic "
+                "points too"
+            )
+        chosen.append(points[best])
+        if not number:
+            left = left - left[best]
+        else:
+            axis = left[best] / away[best]
+            left = left - np.outer(left @ axis, axis)
+    if set(given) - set(chosen):
+        raise InputError(f"rigid_body: basic = {list(given)}: expected at most {len(axes) + 1} points of this body")
+    return tuple(chosen)

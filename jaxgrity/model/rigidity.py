@@ -1,0 +1,86 @@
+"""What keeps its distance: the ends of rigid struts, and the basic points of rigid bodies."""
+
+from typing import ClassVar
+
+import jax.numpy as jnp
+import numpy as np
+
+from jaxgrity.core.primitives import edge_vectors, length
+from jaxgrity.core.types import Edges, PerMember, Scalar, namespace_of
+from jaxgrity.model.actuation import rest_length
+from jaxgrity.model.bodies import Bodies, carrying, following, held_pairs, independent_nodes
+from jaxgrity.model.laws import SAME, Constraint, SceneParts
+from jaxgrity.model.rigid_struts import RigidStruts
+from jaxgrity.model.structure import edge_lengths
+
+
+class RigidBodies(Constraint):
+    """The basic points of a body keep their distances, and its other points follow them."""
+
+    bodies: Bodies
+    name: ClassVar[str] = "rigid bodies"
+
+    @classmethod
+    def of(cls, scene: SceneParts) -> "RigidBodies | None":
+        return cls(scene.structure.bodies) if scene.structure.bodies else None
+
+    def keeps(self, symmetry):
+        places = {frozenset(body.points): body for body in self.bodies}
+        return all(_same(body, places, symmetry.nodes) for body in self.bodies)
+
+    def directions(self, q, size):
+        edges, _ = held_pairs(self.bodies)
+        rows = np.zeros((len(edges), *q.shape))
+        for row, (i, j) in zip(rows, edges):
+            row[i] = (q[i] - q[j]) / np.linalg.norm(q[i] - q[j])
+            row[j] = -row[i]
+        return rows
+
+    def gaps(self, q, t):
+        (edges, lengths), xp = held_pairs(self.bodies), namespace_of(q)
+        if xp is jnp:
+            now, off = length(edge_vectors(q, edges)), q - following(self.bodies, q)
+        else:
+            carry, lengths = (np.asarray(x, float) for x in (carrying(self.bodies, len(q)), lengths))
+            now, off = edge_lengths(q, edges), q - carry @ q[np.array(independent_nodes(self.bodies, len(q)))]
+        return xp.concatenate([xp.abs(now - lengths), xp.sqrt((off * off).sum(1))])
+
+    def complaint(self, q, t, part):
+        edges, lengths = held_pairs(self.bodies)
+        if part < len(edges):
+            found = edge_lengths(q, edges)[part]
+            return (
+                f"nodes {list(edges[part])} of a rigid body start {found:.6g} m apart; expected {lengths[part]:.6g} m"
+            )
+        return f"node {part - len(edges)} starts beside the place that its rigid body has for it; expected it there"
+
+
+RIGID = (RigidStruts, RigidBodies)
+"""The constraints on distances."""
+
+
+def held_edges(scene: SceneParts) -> Edges:
+    """The pairs of nodes whose distance is a constraint: the rigid struts, then the bodies' basic points."""
+    structure = scene.structure
+    struts = structure.struts.edges if structure.struts is not None and structure.struts.rigid else ()
+    return (*struts, *held_pairs(structure.bodies)[0]) if structure.bodies else struts
+
+
+def held_lengths(scene: SceneParts, t: Scalar) -> PerMember:
+    """Their distances at the time t, m."""
+    structure, parts = scene.structure, []
+    if structure.struts is not None and structure.struts.rigid:
+        parts.append(rest_length(structure.struts, scene.gait, t, 0))
+    if not structure.bodies:
+        return parts[0]
+    return jnp.concatenate([*parts, held_pairs(structure.bodies)[1]])
+
+
+def _same(body, places, nodes) -> bool:
+    """Whether the body whose places this one takes has the same points, and the same inertia about them."""
+    other = places.get(frozenset(nodes[k] for k in body.points))
+    if other is None or {nodes[k] for k in body.basic} != set(other.basic):
+        return False
+    order = [other.basic.index(nodes[k]) for k in body.basic]
+    matrix = np.asarray(other.matrix)
+    return bool(np.allclose(matrix[np.ix_(order, order)], body.matrix, rtol=0, atol=SAME * np.abs(matrix).max()))

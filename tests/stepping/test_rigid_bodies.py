@@ -1,0 +1,78 @@
+"""A rigid body in motion: Euler's equations, and contact at points that follow others. One program serves both."""
+
+import numpy as np
+import pytest
+import scipy
+from scipy.spatial.transform import Rotation
+
+from jaxgrity import ConeFriction, ExactGround, InputError, Scene, SolverOptions, Structure, simulate
+from jaxgrity.model import energy_of_motion, rigid_body
+from jaxgrity.stepping.dynamics import angular_momentum
+
+SIZE, MASS = np.array([0.5, 0.3, 0.2]), 2.0
+"""m, kg, of a box"""
+INERTIA = MASS / 12 * (SIZE @ SIZE - SIZE**2)
+CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * SIZE / 2
+
+
+def box(turn: Rotation, lowest: float, gravity: float) -> Scene:
+    """Its eight corners, of which four follow the others, above a rough ground."""
+    turned = turn.as_matrix()
+    corners = CORNERS @ turned.T
+    corners[:, 2] += lowest - corners[:, 2].min()
+    body = rigid_body(corners, range(8), MASS, turned @ np.diag(INERTIA) @ turned.T, basic=(0, 1, 2, 4))
+    structure = Structure(corners, np.zeros(8), bodies=(body,))
+    return Scene(structure, gravity, ground=ExactGround(), friction=ConeFriction(0.5))
+
+
+def tumbled(spin: np.ndarray, duration: float) -> np.ndarray:
+    """How a box that starts along the axes is turned after that time, by Euler's equations, to rounding."""
+
+    def slope(_, y):
+        R, w = y[:9].reshape(3, 3), y[9:]
+        return np.r_[(R @ np.cross(np.eye(3), w)).ravel(), -np.cross(w, INERTIA * w) / INERTIA]
+
+    start = np.r_[np.eye(3).ravel(), spin]
+    end = scipy.integrate.solve_ivp(slope, (0, duration), start, method="DOP853", rtol=1e-12, atol=1e-13).y[:, -1]
+    return end[:9].reshape(3, 3)
+
+
+@pytest.mark.slow
+def test_a_body_tumbles_as_euler_says():
+    """About its intermediate axis, so that it flips (Dzhanibekov): second order, with all momenta to rounding."""
+    scene, spin, drift, duration = box(Rotation.identity(), 9.0, 0.0), np.array([0.01, 3.0, 0.02]), 0.2, 4.0
+    centre = scene.structure.nodes.mean(0)
+    v, errors = drift + np.cross(spin, scene.structure.nodes - centre), []
+    expected = centre + drift * duration + CORNERS @ tumbled(spin, duration).T
+    for dt in (4e-3, 2e-3):
+        motion = simulate(scene, duration, options=SolverOptions(dt=dt), velocities=v, frame_rate=25.0)
+        q, w = np.asarray(motion.positions), np.asarray(motion.velocities)
+        errors.append(np.abs(q[-1] - expected).max())
+        first, last = (angular_momentum(scene, q[k], w[k]) for k in (0, -1))
+        np.testing.assert_allclose(last, first, rtol=1e-11)
+        energy = [float(energy_of_motion(scene.structure, each)) for each in w]
+        assert np.ptp(energy) < 1e-4 * energy[0] * (dt / 4e-3) ** 2
+    assert errors[1] < 5e-5
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(2, abs=0.1)
+    distances = lambda x: np.linalg.norm(x[:, None] - x, axis=-1)  # noqa: E731
+    np.testing.assert_allclose(distances(q[-1]), distances(CORNERS), atol=1e-12)
+
+
+@pytest.mark.slow
+def test_a_box_comes_to_rest_on_a_face():
+    """The corners that follow touch the ground as well."""
+    motion = simulate(box(Rotation.from_rotvec([0.4, 0.3, 0.2]), 0.1, 9.81), 1.0, options=SolverOptions(dt=2e-3))
+    height = np.asarray(motion.positions)[..., 2]
+    assert not motion.failed
+    np.testing.assert_allclose(np.sort(height[-1]), [0] * 4 + [SIZE[2]] * 4, atol=1e-9)
+    assert height.min() > -1e-12
+
+
+def test_starts_that_bend_a_body_are_refused():
+    """Wherever a point is beside its place."""
+    scene = box(Rotation.identity(), 1.0, 0.0)
+    (body,) = scene.structure.bodies
+    for node in (body.basic[0], body.carried[0]):
+        moved = scene.structure.nodes + 1e-3 * np.eye(8)[:, [node]]
+        with pytest.raises(InputError, match="rigid body"):
+            simulate(scene, 0.1, positions=moved)
