@@ -12,7 +12,8 @@ import numpy as np
 from jaxgrity.cli.progress import Bars
 from jaxgrity.cli.settings import SimulateSettings
 from jaxgrity.core.display import significant, with_error
-from jaxgrity.io.files import load_phases, save_arrays, save_json
+from jaxgrity.formats.trajectories import save_trajectory
+from jaxgrity.io.files import load_phases, save_json
 from jaxgrity.io.gait_library import gait_record, load_gait
 from jaxgrity.io.scene_files import load_scene
 from jaxgrity.model.scene import Scene, with_gait
@@ -106,13 +107,7 @@ def single(scene: Scene, duration: float, settings: SimulateSettings) -> dict[st
     forget_earlier(out)
     path = centre_path(scene, trajectory)
     distance = float(np.hypot(*(path[-1] - path[0])[:2]))
-    save_arrays(
-        out / "trajectory.npz",
-        times=trajectory.times,
-        positions=trajectory.positions,
-        velocities=trajectory.velocities,
-        phase=scene.gait.phase if scene.gait else [],
-    )
+    save_trajectory(trajectory, out / "trajectory.npz")
     print(
         f"{FAILURES[int(trajectory.failure)]}: {duration:g} s in {int(trajectory.steps)} steps, "
         f"{wall:.3f} s of wall time ({compilation:.1f} s to compile)"

@@ -14,6 +14,7 @@ from jaxgrity.core.arguments import check_number
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, State
+from jaxgrity.model.actuation import Commands
 from jaxgrity.model.scene import floats_as
 from jaxgrity.populations.lanes import over_lanes
 from jaxgrity.stepping.complementarity import ContactMemory
@@ -151,8 +152,8 @@ def simulate_policy(
         seed: of the sensors' noise.
 
     Returns:
-        The motion, with a frame for each control period; its scene has no gait, for the policy's commands are not
-        part of it. One that fails has its failure code.
+        The motion, with a frame for each control period, and the contractions that the motors reached (`commands`),
+        by which forces and pictures know the rest lengths; its scene has no gait. One that fails has its failure code.
 
     Raises:
         InputError: a plant of many robots, a policy that actuates other members than the plant, or a duration that is
@@ -169,11 +170,12 @@ def simulate_policy(
     duration = check_number("duration", duration, above=0.0, unit="s")
     loop = loop_start(plant, policy, jax.random.key(seed), start)
     ticks = max(1, round(duration / plant.period))
-    (q, v), failure = _motion(plant, policy, loop, ticks)
-    first = jax.tree.map(lambda x: x[None], whole_state(plant, loop.plant))
-    q, v = (jnp.concatenate(parts) for parts in zip(first, (q, v)))
+    later, failure = _motion(plant, policy, loop, ticks)
+    first = jax.tree.map(lambda x: x[None], _frame(plant, loop.plant))
+    (q, v), reached = jax.tree.map(lambda *parts: jnp.concatenate(parts), first, later)
+    times = plant.period * jnp.arange(ticks + 1, dtype=q.dtype)
     return Trajectory(
-        times=plant.period * jnp.arange(ticks + 1, dtype=q.dtype),
+        times=times,
         positions=q,
         velocities=v,
         failure=failure,
@@ -182,13 +184,19 @@ def simulate_policy(
         method=plant.options.method.name,
         dt=plant.period / plant.steps,
         scene=plant.scene,
+        commands=Commands(plant.members, times, reached),
     )
 
 
 @eqx.filter_jit
 def _motion(plant: Plant, policy: Policy, loop: Loop, ticks: int):
-    end, motion = roll_on(plant, policy, loop, ticks, lambda state: whole_state(plant, state))
+    end, motion = roll_on(plant, policy, loop, ticks, lambda state: _frame(plant, state))
     return motion, state_failure(plant.scene, *end.plant.motion)
+
+
+def _frame(plant: Plant, state: PlantState) -> tuple[State, AnyArray]:
+    """Where the robot is, and by which fraction its motors have shortened their members."""
+    return whole_state(plant, state), state.contraction
 
 
 def _check_each(policy: Policy, robots: int) -> None:

@@ -7,13 +7,14 @@ from .mjcf_reading import read_mjcf
 from .mjcf_writing import MuJoCoModel, mujoco_model, save_mjcf
 from .ntrt import read_ntrt
 from .spreadsheets import read_tables, save_tables
-from .trajectories import save_trajectory
+from .trajectories import load_trajectory, save_trajectory
 
 __all__ = [
     "FORMATS",
     "Format",
     "Imported",
     "MuJoCoModel",
+    "load_trajectory",
     "mjcf_controls",
     "mujoco_model",
     "read_any",

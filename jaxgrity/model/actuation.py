@@ -90,8 +90,23 @@ class Command(eqx.Module):
     """s"""
 
 
-Actuation = Gait | Command
-"""What changes rest lengths: a gait, or a command."""
+class Commands(eqx.Module):
+    """Rest lengths that a controller asked for over time: L_k(t) = L0_k (1 - c_k(t)), c_k linear between the times.
+
+    What a motion in a closed loop remembers of its controller. Before the first time and after the last one c_k goes
+    on at the rate that it has there.
+    """
+
+    members: tuple[int, ...] = eqx.field(static=True)
+    """which members are actuated, as in a `Gait`"""
+    times: Times
+    """(times,), s, ascending; two or more"""
+    contraction: AnyArray
+    """(times, actuators), by which fraction each is shortened"""
+
+
+Actuation = Gait | Command | Commands
+"""What changes rest lengths: a gait, a command, or the commands that were given."""
 
 
 def random_members(candidates: range, fraction: float, seed: int) -> tuple[int, ...]:
@@ -110,6 +125,10 @@ def contraction(gait: Actuation, t: Scalar) -> PerActuator:
     """By which fraction each actuated member is shortened at time t."""
     if isinstance(gait, Command):
         return gait.now + gait.rate * (t - gait.since)
+    if isinstance(gait, Commands):
+        k = jnp.clip(jnp.searchsorted(gait.times, t, side="right") - 1, 0, gait.times.shape[0] - 2)
+        (t0, t1), (c0, c1) = gait.times[k + jnp.arange(2)], gait.contraction[k + jnp.arange(2)]
+        return c0 + (c1 - c0) * ((t - t0) / (t1 - t0))
     r = jnp.clip((t - gait.start) / gait.ramp, 0, 1)
     angle = 2 * jnp.pi * t * gait.frequency
     wave = jnp.sin(angle + gait.phase)

@@ -1,6 +1,5 @@
 """Forces along a finished trajectory: in every member, and of the ground and the supports on every node."""
 
-import dataclasses
 from typing import NamedTuple
 
 import equinox as eqx
@@ -17,7 +16,7 @@ from jaxgrity.populations.step_impulses import impulses_along
 from jaxgrity.stepping.discretisation import prepared
 from jaxgrity.stepping.dynamics import member_tensions, support_forces, total_force
 from jaxgrity.stepping.methods import find_method
-from jaxgrity.stepping.simulate import Trajectory, velocities_midway, with_room
+from jaxgrity.stepping.simulate import Trajectory, driven, velocities_midway, with_room
 
 
 class Forces(NamedTuple):
@@ -64,7 +63,7 @@ def forces_along(scene: Scene, trajectory: Trajectory) -> Forces:
     """
     refuse_traced((scene, trajectory), "forces_along")
     dtype = str(trajectory.positions.dtype)
-    scene = as_dtype(scene, dtype)
+    scene = as_dtype(driven(scene, trajectory), dtype)
     v = velocities_midway(scene, trajectory)
     frames = (with_room(np.asarray(x, dtype), v.shape[1]) for x in (trajectory.times, trajectory.positions, v))
     found = Forces(*(np.asarray(x, float)[: len(v)] for x in _by_forces(scene, *frames)))
@@ -110,7 +109,7 @@ def reactions(scene: Scene, trajectory: Trajectory) -> NodeHistory:
 def _by_forces(scene: Scene, t: AnyArray, q: AnyArray, v: AnyArray) -> tuple[AnyArray, AnyArray, AnyArray]:
     """What follows from the state, by frames: tension of members, and forces of ground and supports on nodes."""
     scene = prepared(scene)
-    aloft = dataclasses.replace(scene, ground=None, friction=None)
+    aloft = eqx.tree_at(lambda s: (s.ground, s.friction), scene, (None, None), is_leaf=lambda x: x is None)
 
     def frame(t: Scalar, q: NodeVectors, v: NodeVectors):
         ground = total_force(scene, t, q, v) - total_force(aloft, t, q, v) if scene.ground is not None else 0 * q

@@ -156,7 +156,7 @@ def _with_lengths(scene: Scene, t: Scalar, longer: PerMember) -> Scene:
         return scene
     lengths = rest_length(struts, scene.gait, t, 0) + longer
     still = dataclasses.replace(struts, rest_length=lengths, motors=(), stuck=tuple(range(len(struts.edges))))
-    return dataclasses.replace(scene, structure=dataclasses.replace(scene.structure, struts=still))
+    return eqx.tree_at(lambda s: s.structure, scene, dataclasses.replace(scene.structure, struts=still))
 
 
 def _impulses(scene: Scene, step: Step) -> Exerted:

@@ -12,7 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
-from jaxgrity.io.files import save_arrays, save_json, write_whole
+from jaxgrity.formats.trajectories import save_trajectory
+from jaxgrity.io.files import save_json, write_whole
 from jaxgrity.io.gait_library import gait_facts
 from jaxgrity.model.scales import time_scale
 from jaxgrity.model.scene import Scene
@@ -99,8 +100,7 @@ def write_report(result: SearchResult, origin: Origin, folder: Path, on_progress
         "command": origin.command,
     }
     save_json(folder / "gait.json", gait)
-    arrays = {name: getattr(trajectory, name) for name in ("times", "positions", "velocities")}
-    save_arrays(folder / "trajectory.npz", **arrays, phase=scene.gait.phase)
+    save_trajectory(trajectory, folder / "trajectory.npz")
     draw_motion(scene, trajectory, motion, steady, folder)
     tick()
     seconds = {str(stage): spent for stage, spent in result.seconds.items()}

@@ -15,7 +15,7 @@ from jaxgrity.populations.forces import forces_along
 from jaxgrity.populations.rolling import Rolling
 from jaxgrity.report.poses import on_ground
 from jaxgrity.report.style import CABLE, GROUND, PATH, STRUT, styled
-from jaxgrity.stepping.simulate import Trajectory, centre_path, with_room
+from jaxgrity.stepping.simulate import Trajectory, centre_path, driven, with_room
 from jaxgrity.trust.energy_audit import EnergyAudit
 
 
@@ -115,6 +115,7 @@ def _zoom_that_fits(axes: Axes3D, sides: np.ndarray, points: np.ndarray) -> floa
 @styled
 def member_figure(scene: Scene, trajectory: Trajectory) -> Figure:
     """Length of every member against time, with the actuated members' rest lengths as dashed lines."""
+    scene = driven(scene, trajectory)
     q, times = np.asarray(trajectory.positions), np.asarray(trajectory.times)
     kinds = [(n, m) for n, m in (("struts", scene.structure.struts), ("cables", scene.structure.cables)) if m]
     figure = Figure(figsize=(9, 3.2 * len(kinds)), layout="constrained")

@@ -14,6 +14,7 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.tracing import forward_mode_only, traced
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, NodeHistory, NodeVectors, Scalar, State, Times
+from jaxgrity.model.actuation import Commands
 from jaxgrity.model.scene import Scene, as_dtype
 from jaxgrity.model.shaking import with_supports
 from jaxgrity.stepping.discretisation import even_step, failure_code, integrate, prepared, state_failure
@@ -52,6 +53,8 @@ class Trajectory(eqx.Module):
     """fixed step, s; None: adaptive"""
     scene: Scene | None = None
     """what moved, where it is known: then the trajectory can be shown"""
+    commands: Commands | None = None
+    """what a controller asked for in a closed loop; None: rest lengths are as the scene says"""
 
     @property
     def failed(self) -> bool:
@@ -68,6 +71,14 @@ class Trajectory(eqx.Module):
 
     def _repr_html_(self) -> str:
         return of_report("notebook", "trajectory_html")(self)
+
+
+def driven(scene: Scene, trajectory: Trajectory) -> Scene:
+    """The scene with the rest lengths that its members had in this motion: in a closed loop the scene has no gait."""
+    if trajectory.commands is None:
+        return scene
+    # scales are those of the scene as it is: commands have no frequency
+    return eqx.tree_at(lambda s: s.gait, prepared(scene), trajectory.commands, is_leaf=lambda x: x is None)
 
 
 @typed

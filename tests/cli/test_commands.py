@@ -25,6 +25,7 @@ from jaxgrity.cli import command_line, progress, script, simulate
 from jaxgrity.cli import main as command
 from jaxgrity.cli.search import replaced_words
 from jaxgrity.cli.settings import SearchSettings, SimulateSettings
+from jaxgrity.formats import load_trajectory
 from jaxgrity.search import Progress, robot_motions
 
 ROOT = Path(__file__).parents[2]
@@ -128,8 +129,9 @@ def test_simulate_one_rollout(jaxgrity, tmp_path):
     with np.load(tmp_path / "trajectory.npz") as saved:
         assert saved["positions"].shape == (201, 12, 3)
         assert saved["velocities"].shape == (201, 12, 3)
-        np.testing.assert_array_equal(saved["phase"], load_gait("lasting").phase)
         np.testing.assert_allclose(saved["positions"][-1].mean(0), summary["com_end"][0], atol=1e-12)
+    moved = load_trajectory(tmp_path / "trajectory.npz").scene
+    np.testing.assert_array_equal(moved.gait.phase, load_gait("lasting").phase)
     assert (summary["method"], summary["dt"]) == ("rk4", 5e-4)
     assert 0 < summary["diagnosis"]["error_bar"] < 1e-3
     assert "energy residual" in done.out

@@ -42,6 +42,25 @@ def test_an_open_loop_is_the_gait(scene, rolled):
     assert np.ptp(own.positions[:, 0, 2]) > 0.01
 
 
+@pytest.mark.parametrize("name", ["exact", "reference"])
+def test_forces_of_a_closed_loop_are_those_of_its_commands(name, scene, tmp_path):
+    """Also from the file that the motion is saved to. Commands are linear between control periods, the gait is not.
+
+    Not in the last frame, whose forces on exact contact are means over a step that is not commanded.
+    """
+    scene = jaxgrity.with_gait(jaxgrity.load_scene(name), scene.gait)
+    driven = control.simulate_policy(control.plant_of(scene, scene.gait.members), OpenLoop(scene.gait), 0.2)
+    expected = jaxgrity.forces_along(scene, jaxgrity.simulate(scene, 0.2)).tension
+    jaxgrity.formats.save_trajectory(driven, tmp_path / "motion.npz")
+    again = jaxgrity.formats.load_trajectory(tmp_path / "motion.npz")
+    for motion in (driven, again):
+        found = jaxgrity.forces_along(motion.scene, motion).tension
+        np.testing.assert_allclose(found[-10:-1], expected[-10:-1], atol=0.01 * np.abs(expected).max())
+    if name == "reference":
+        unknown = jaxgrity.forces_along(driven.scene, replace(driven, commands=None)).tension
+        assert np.abs(unknown - expected).max() > 500  # N: springs with the rest lengths that they were built with
+
+
 def test_feedback_without_gains_is_the_open_loop(scene, plant, rolled):
     """The clock then keeps time."""
     kept = control.simulate_policy(plant, PhaseLocked(scene.gait, np.zeros((2, 2))), 0.6)

@@ -1,8 +1,10 @@
 """MATLAB, CSV, meshes, motions and the command that converts: what is written is read, by others too."""
 
 import dataclasses
+from dataclasses import replace
 from pathlib import Path
 
+import jax
 import numpy as np
 import pytest
 from scipy.io import loadmat, savemat
@@ -11,6 +13,7 @@ from jaxgrity import InputError, load_scene, parse_scene, simulate
 from jaxgrity.cli.convert import ConvertSettings, main
 from jaxgrity.formats import (
     FORMATS,
+    load_trajectory,
     read_any,
     read_matlab,
     read_tables,
@@ -20,6 +23,7 @@ from jaxgrity.formats import (
     save_trajectory,
     write_any,
 )
+from jaxgrity.io.scene_writing import scene_toml
 
 PRISM = """
 [structure]
@@ -189,8 +193,9 @@ def test_motions_with_units(reference, tmp_path):
     motion = simulate(reference, 0.02)
     for ending in ("nc", "npz", "csv"):
         save_trajectory(motion, tmp_path / f"motion.{ending}")
-    with np.load(tmp_path / "motion.npz") as arrays:
-        np.testing.assert_array_equal(arrays["positions"], motion.positions)
+    again = load_trajectory(tmp_path / "motion.npz")
+    jax.tree.map(np.testing.assert_array_equal, replace(again, scene=None), replace(motion, scene=None))
+    assert scene_toml(again.scene) == scene_toml(reference)
     table = np.loadtxt(tmp_path / "motion.csv", delimiter=",", skiprows=1)
     np.testing.assert_array_equal(table[:, 2:5].reshape(3, 12, 3), motion.positions)
     np.testing.assert_array_equal(table[:, 5:].reshape(3, 12, 3), motion.velocities)
@@ -203,6 +208,8 @@ def test_motions_with_units(reference, tmp_path):
         np.testing.assert_array_equal(data.position.sel(axis=b"z")[:, 0], motion.positions[:, 0, 2])
     with pytest.raises(InputError, match=r"motion.mp3: unknown ending; expected one of .npz, .csv, .nc"):
         save_trajectory(motion, tmp_path / "motion.mp3")
+    with pytest.raises(InputError, match=r"motion.csv: no motion that save_trajectory wrote as .npz"):
+        load_trajectory(tmp_path / "motion.csv")
 
 
 def test_every_kind_of_file_by_its_ending(tmp_path):
