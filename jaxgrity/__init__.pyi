@@ -13,6 +13,7 @@ from . import statics as statics
 from . import stepping as stepping
 from . import structures as structures
 from .core import primitives
+from .core.compiled import keep_compiled
 from .core.display import with_error
 from .core.errors import InputError
 from .io.gait_library import gait_facts, gait_names, gait_record, load_gait
@@ -76,7 +77,7 @@ from .stepping.discretisation import FAILURES
 from .stepping.final_state import final_state
 from .stepping.methods import METHODS
 from .stepping.options import SolverOptions
-from .stepping.rollout import RolledOut, rollout
+from .stepping.rollout import rollout
 from .stepping.simulate import Trajectory, centre_path, simulate
 from .stepping.step_limits import stable_step
 from .trust.energy_audit import EnergyAudit, energy_audit
@@ -156,13 +157,13 @@ __all__ = [  # noqa: RUF022 in groups
     "FAILURES",
     "METHODS",
     "Forces",
-    "RolledOut",
     "Rolling",
     "SolverOptions",
     "Trajectory",
     "centre_path",
     "final_state",
     "forces_along",
+    "keep_compiled",
     "reactions",
     "rolling",
     "rollout",

@@ -24,6 +24,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import jax
 
 from jaxgrity.cli.command_line import from_command_line
+from jaxgrity.core.compiled import keep_compiled
 from jaxgrity.core.errors import InputError
 
 LOOPS = "--xla_backend_extra_options=xla_cpu_small_while_loop_byte_threshold=1000000000,-unroll-full-max-count=16"
@@ -37,8 +38,6 @@ faster; answers agree to rounding. JAX 0.11 has it no longer, and would end at a
 COLLECTED = 200_000, 50, 100
 """Python's thresholds of garbage collection. Tracing makes millions of objects that live on in caches: looking through
 them as often as Python does by itself takes a fifth of the time."""
-CACHE = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "jaxgrity"
-"""Folder of compiled programs, unless JAX_COMPILATION_CACHE_DIR names another."""
 
 Settings = TypeVar("Settings")
 
@@ -70,9 +69,7 @@ def configure() -> None:
     os.environ["XLA_FLAGS"] = " ".join(filter(None, flags))
     gc.set_threshold(*COLLECTED)
     jax.config.update("jax_enable_x64", True)
-    if jax.config.jax_compilation_cache_dir is None:  # type: ignore[attr-defined]
-        jax.config.update("jax_compilation_cache_dir", str(CACHE))
-        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+    keep_compiled()
 
 
 def join_hosts() -> None:

@@ -26,7 +26,7 @@ ROUND = 0.5
 COMING_BACK = 0.25
 """A robot comes and goes if the end and the mean of the later half of its path are within this share of its width."""
 FLAT = 1e-6
-"""Largest distance of a flat face's nodes from its plane, as a share of the structure's size."""
+"""Share of the structure's size: nodes of a flat face are no further off its plane, lower faces lower by more."""
 ANGLES = 36
 """Number of directions in which a path's width is measured."""
 TIME_ROUNDING = 1e-4
@@ -93,11 +93,12 @@ def faces(structure: Structure) -> tuple[tuple[int, ...], ...]:
 def rolling(scene: Scene, trajectory: Trajectory) -> Rolling:
     """Which faces the robot stood on, how much of the time it slipped or flew, and what that makes of its motion.
 
-    The support is the hull's face whose mean signed distance is lowest, once it has been for `LASTING`, in every frame:
-    frames further apart than that miss changes, and where a robot rattles, more frames find fewer. Nodes touch the
-    ground where phi < `Ground.touched_below`: of a body of one metre 2 mm with exact contact, 0 with penalty contact.
-    Lengths, speeds and times are compared with the body's own (`scales.py`). Contact and slip are measured along the
-    ground and its normal, displacement and path in x and y. The first of these that applies is the `kind`:
+    The support is the hull's face whose mean signed distance is lowest, once it has been for `LASTING`, in every frame;
+    where a robot lies flat, of the faces that are equally low it is the one that was the lowest before. Frames further
+    apart than that miss changes, and where a robot rattles, more frames find fewer. Nodes touch the ground where
+    phi < `Ground.touched_below`: of a body of one metre 2 mm with exact contact, 0 with penalty contact. Lengths,
+    speeds and times are compared with the body's own (`scales.py`). Contact and slip are measured along the ground and
+    its normal, displacement and path in x and y. The first of these that applies is the `kind`:
 
     "hops": in the air for more than `HOPPING` of the time, also on the spot;
     "stays": its path is less than `STAYING` diameters wide, the longest distances between two built nodes;
@@ -141,7 +142,7 @@ def rolling(scene: Scene, trajectory: Trajectory) -> Rolling:
     straightness = displacement / path_length if path_length > 0 else 0.0
     hull = faces(scene.structure)
     diameter = float(pdist(np.asarray(scene.structure.nodes, float)).max())
-    lowest = np.stack([phi[:, list(face)].mean(1) for face in hull], 1).argmin(1)
+    lowest = _lowest(np.stack([phi[:, list(face)].mean(1) for face in hull], 1), FLAT * size)
     begins = _changes(lowest, times / time)
     supports = tuple(hull[face] for face in lowest[begins])
     rolls = max(0, len(supports) - 1)
@@ -149,6 +150,15 @@ def rolling(scene: Scene, trajectory: Trajectory) -> Rolling:
     return Rolling(
         supports, times[begins], rolls, slip_share, airborne_share, straightness, path_length, kind, duration
     )
+
+
+def _lowest(heights: np.ndarray, margin: float) -> np.ndarray:
+    """In each frame (frames,), the lowest of the faces (frames, faces); another one only if lower by the margin, m."""
+    lowest = heights.argmin(1)
+    for k in range(1, len(lowest)):
+        if heights[k, lowest[k - 1]] <= heights[k, lowest[k]] + margin:
+            lowest[k] = lowest[k - 1]
+    return lowest
 
 
 def _changes(lowest: np.ndarray, times: np.ndarray) -> np.ndarray:

@@ -324,9 +324,9 @@ def test_nothing_is_lost_in_a_crash(tmp_path):
 
 @pytest.mark.campaign
 def test_ranges_are_drawn_again(tmp_path):
-    """Five statistics of two gaits on exact contact, and the words that are made of them."""
+    """Seven statistics of two gaits on exact contact, and the words that are made of them."""
     facts = quick("measurements/redraws.py", tmp_path / "redraws")
-    assert len(facts["rows"]) == 5
+    assert len(facts["rows"]) == 7
     assert all(0 <= row["covered"] <= 1 for row in facts["rows"])
     assert "| mean speed of straight | 95 % |" in words("redraws", facts)
 
@@ -412,9 +412,7 @@ def test_robots_are_led_round_obstacles_and_feedback_is_tuned_on_bumps(tmp_path)
     assert "| round obstacles, by the plan | 0 of 2 | 0 | 2 |" in told
     assert (tmp_path / "obstacles" / "replay.html").exists()
     facts = quick("measurements/scene_field.py", tmp_path / "scene_field")
-    assert "| goal reached, nothing touched | 0 of 2 |" in control_tables.scene_field_table(
-        control_tables.scene_field_facts(facts)
-    )
+    assert "| goal reached, nothing touched | 0 of 2 |" in words("scene_field", facts)
     facts = quick("measurements/predictive_speed.py", tmp_path / "predictive_speed")
     assert "| 8 | " in control_tables.predictive_speed_table(control_tables.predictive_speed_facts(facts))
     facts = quick("measurements/tune_on_bumps.py", tmp_path / "tune_on_bumps")

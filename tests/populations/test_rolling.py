@@ -219,6 +219,14 @@ def test_a_face_counts_once_it_lasts(scene, lying, held, rolls, dtype):
     assert len(set(found.supports)) == 1 + (rolls > 0)
 
 
+def test_flat_on_the_ground_rounding_changes_no_support(scene, lying):
+    """All faces are equally low: noise of 1e-12 m, which changes slowly, chooses none of them."""
+    times = np.linspace(0, 2, 201)
+    noise = np.random.default_rng(0).normal(0, 1e-12, (5, *lying.shape))
+    positions = lying * [1, 1, 0] + noise[np.arange(201) // 50]
+    assert rolling(scene, motion(times, positions, 0 * positions)).rolls == 0
+
+
 def test_what_comes_before_the_gait_does_not_count(exact, lying):
     """Sliding for a second, before the gait starts."""
     times = np.linspace(0, 3, 301)
