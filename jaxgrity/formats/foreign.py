@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 from jaxgrity.core.errors import InputError
 from jaxgrity.io.files import read_text
 from jaxgrity.model.scene import Scene
+from jaxgrity.model.structure import Structure
 
 LARGEST_FILE = 4_000_000
 """Largest text file that is read, bytes: a file beyond it does not describe a robot."""
@@ -29,6 +30,12 @@ def read_limited(path: str | Path) -> str:
     if size > LARGEST_FILE:
         raise InputError(f"{path}: has {size} bytes; expected at most {LARGEST_FILE}")
     return read_text(path)
+
+
+def refuse_bodies(structure: Structure, what: str) -> None:
+    """Raises `InputError` where a structure has rigid bodies, which files of this kind cannot hold."""
+    if structure.bodies:
+        raise InputError(f"{what} hold no rigid bodies, and this has {len(structure.bodies)}; expected save_scene")
 
 
 def finite(value: Any, where: str) -> float:

@@ -11,7 +11,7 @@ from scipy.io import loadmat, savemat
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import Edges
-from jaxgrity.formats.foreign import LARGEST_FILE, MOST_NODES, Imported
+from jaxgrity.formats.foreign import LARGEST_FILE, MOST_NODES, Imported, refuse_bodies
 from jaxgrity.io.files import write_whole
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import Members, Structure, check_edges, edge_lengths
@@ -38,6 +38,7 @@ def save_matlab(scene: Scene, path: str | Path) -> tuple[str, ...]:
     Returns sentences on what such a file does not hold.
     """
     structure = scene.structure
+    refuse_bodies(structure, "MATLAB files")
     kinds = {"b": structure.struts, "s": structure.cables}
     columns = {name: _columns(members) for name, members in kinds.items()}
     together = {key: np.concatenate([columns["b"][key], columns["s"][key]]) for key in ("l0", "EA", "mass", "c")}

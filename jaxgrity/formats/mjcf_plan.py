@@ -10,6 +10,7 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import Times
 from jaxgrity.formats.compounds import bodies, is_rigid
+from jaxgrity.formats.foreign import refuse_bodies
 from jaxgrity.model.actuation import Gait, rest_length
 from jaxgrity.model.contact_twin import penalty_twin
 from jaxgrity.model.scene import Scene
@@ -70,6 +71,7 @@ def actuated_members(structure: Structure, gait: Gait | None) -> tuple[int, ...]
 
 def plan_of(scene: Scene) -> tuple[Plan, list[str]]:
     structure, struts = scene.structure, scene.structure.struts
+    refuse_bodies(structure, "MuJoCo models that are written")
     if structure.driven:
         raise InputError(f"members {list(structure.driven)} have motors, which MuJoCo models lack; expected a gait")
     if structure.cables is not None and structure.cables.clusters:

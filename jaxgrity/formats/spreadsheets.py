@@ -12,7 +12,16 @@ import numpy as np
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray
-from jaxgrity.formats.foreign import MOST_NODES, Imported, finite, not_negative, positive, read_limited, short
+from jaxgrity.formats.foreign import (
+    MOST_NODES,
+    Imported,
+    finite,
+    not_negative,
+    positive,
+    read_limited,
+    refuse_bodies,
+    short,
+)
 from jaxgrity.formats.matlab import beside_the_structure
 from jaxgrity.io.files import write_whole
 from jaxgrity.model.scene import Scene
@@ -41,6 +50,7 @@ def save_tables(scene: Scene, path: str | Path) -> tuple[str, ...]:
     Returns sentences on what they do not hold.
     """
     structure, held = scene.structure, dict(scene.structure.fixed)
+    refuse_bodies(structure, "tables")
     x, mass = np.asarray(structure.nodes, float), np.asarray(structure.node_mass, float)
     nodes = [[*map(repr, row), repr(m), held.get(k, "")] for k, (row, m) in enumerate(zip(x.tolist(), mass.tolist()))]
     rows = []

@@ -11,6 +11,7 @@ import numpy as np
 
 from jaxgrity.core.errors import InputError, unknown
 from jaxgrity.core.typed import typed
+from jaxgrity.io.bodies import build_bodies
 from jaxgrity.io.files import read_text
 from jaxgrity.io.grounds import build_ground
 from jaxgrity.io.members import build_members, cable_laws, member_numbers
@@ -131,11 +132,12 @@ def _structure(file: SceneFile, ground: Ground | None) -> Structure:
         "struts": build_members(file.struts, struts, nodes, "struts"),
         "cables": build_members(file.cables, cables, nodes, "cables"),
     }
-    massive = any(members is not None and members.mass is not None for members in parts.values())
+    massive = bool(file.bodies) or any(m is not None and m.mass is not None for m in parts.values())
     mass = _node_mass(table, len(nodes), massive)
     fixed = tuple((each, "xyz") if isinstance(each, int) else (each.node, each.axes) for each in table.fixed)
     posed = _posed(nodes, table, ground)
-    found = Structure(posed, mass, parts["struts"], parts["cables"], fixed=fixed)
+    bodies = build_bodies(file.bodies, nodes, fixed)
+    found = Structure(posed, mass, parts["struts"], parts["cables"], fixed=fixed, bodies=bodies)
     if table.prestress is None:
         return found
     for kind, members in (("struts", file.struts), ("cables", file.cables)):

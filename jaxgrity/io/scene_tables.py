@@ -7,6 +7,7 @@ import numpy as np
 from msgspec import Meta
 
 from jaxgrity.core.types import Edges
+from jaxgrity.io.bodies import BodyTable
 from jaxgrity.io.ground_tables import BoxTable, CylinderTable, SphereTable, SurfaceTable
 from jaxgrity.io.member_tables import CablesTable, StrutsTable
 from jaxgrity.io.table_types import NotNegative, Number, Pair, Positive, Seed, Share, Table
@@ -260,4 +261,5 @@ class SceneFile(Table):
     wind: WindTable | None = None
     pushes: list[PushTable] = []
     shaking: ShakingTable | None = None
+    bodies: list[BodyTable] = []
     gait: GaitTable | None = None

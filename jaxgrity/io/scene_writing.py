@@ -13,6 +13,7 @@ import numpy as np
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import Supports
+from jaxgrity.io.bodies import bodies_tables
 from jaxgrity.io.files import write_whole
 from jaxgrity.io.ground_tables import (
     BowlTable,
@@ -68,6 +69,8 @@ FRICTIONS = {SmoothFriction: "smooth", SwitchFriction: "switch", ConeFriction: "
 def save_scene(scene: Scene, path: str | Path) -> None:
     """Write a scene as a scene file (TOML), which `load_scene` reads as the same scene, to the last bit.
 
+    Rigid bodies are the same to rounding.
+
     Structures of every kind are written with their nodes and members one by one, and random ground with its waves; so
     the file needs no other, and does not change where a formula of the library does.
 
@@ -112,6 +115,7 @@ def scene_file(scene: Scene) -> SceneFile:
         wind=wind,
         pushes=pushes,
         shaking=_shaking(scene.shaking),
+        bodies=bodies_tables(structure),
         gait=_gait(scene.gait),
     )
     tables = msgspec.to_builtins(file)

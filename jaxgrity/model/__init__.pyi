@@ -1,5 +1,5 @@
 from .actuation import Command, random_members, rest_length
-from .bodies import Body, rigid_body
+from .bodies import Body, body_moments, rigid_body
 from .contact_twin import exact_twin, penalty_twin
 from .friction import Friction
 from .ground import Ground
@@ -18,6 +18,7 @@ __all__ = [
     "Surface",
     "TravellingWave",
     "body_length",
+    "body_moments",
     "energy_of_motion",
     "exact_twin",
     "gene_permutations",

@@ -18,7 +18,17 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import place_rows
 from jaxgrity.core.tracing import traced
 from jaxgrity.core.typed import typed
-from jaxgrity.core.types import AnyArray, AnyPerNode, Edges, NodeVectors, PerMember, Scalar, as_float, namespace_of
+from jaxgrity.core.types import (
+    AnyArray,
+    AnyPerNode,
+    Edges,
+    NodeVectors,
+    PerMember,
+    Scalar,
+    Vector,
+    as_float,
+    namespace_of,
+)
 
 FLAT = 1e-9
 """Share of the largest second moment of mass below which a body has no extent along an axis: roundings leave less."""
@@ -140,6 +150,16 @@ def _body(x: np.ndarray, points: tuple, inertia: tuple, basic: tuple) -> Body:
     )
     lengths = [np.linalg.norm(x[i] - x[j]) for i, j in itertools.combinations(chosen, 2)]
     return Body((*chosen, *others), inverse.T @ whole @ inverse, affine(others) @ inverse, np.array(lengths))
+
+
+@typed
+def body_moments(body: Body, q: NodeVectors) -> tuple[Scalar, Vector, AnyArray]:
+    """Mass, kg, centre of mass, (3,), m, and the inertia about it along x, y and z, (3, 3), kg m^2, of nodes at q."""
+    x = q[np.array(body.basic)]
+    mass, first = body.matrix.sum(), body.matrix.sum(0) @ x
+    r = x - first / mass
+    second = r.T @ body.matrix @ r
+    return mass, first / mass, second.trace() * np.eye(3) - second
 
 
 def lumped(bodies: Bodies, nodes: int) -> AnyPerNode | float:

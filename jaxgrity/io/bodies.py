@@ -1,0 +1,65 @@
+"""The rigid bodies of a scene file, read and written."""
+
+from typing import Annotated
+
+import numpy as np
+from msgspec import Meta
+
+from jaxgrity.core.errors import InputError
+from jaxgrity.core.types import Supports
+from jaxgrity.io.table_types import Number, Positive, Table
+from jaxgrity.model.bodies import Bodies, Body, body_moments, rigid_body
+from jaxgrity.model.structure import Structure
+
+PRODUCTS = ((0, 1), (0, 2), (1, 2))
+"""The rows and columns of the fourth number of an inertia and of those after it."""
+
+
+class BodyTable(Table, kw_only=True):
+    """A rigid body: its nodes, and its mass, its inertia about the centre and its centre as the file's nodes stand."""
+
+    nodes: Annotated[list[Number], Meta(min_length=2)]
+    mass: Positive
+    inertia: Annotated[list[float], Meta(min_length=3, max_length=6)]
+    """xx, yy, zz, and where they are not 0 xy, xz, yz"""
+    centre: tuple[float, float, float] | None = None
+    basic: list[Number] = []
+
+
+def build_bodies(tables: list[BodyTable], nodes: np.ndarray, fixed: Supports) -> Bodies:
+    """The bodies, for `nodes` as the file has them. Nodes of several bodies, and supports, are basic points.
+
+    Raises `InputError` with the number of the table.
+    """
+    return tuple(_body(k, tables, nodes, {node for node, _ in fixed}) for k in range(len(tables)))
+
+
+def _body(number: int, tables: list[BodyTable], nodes: np.ndarray, fixed: set[int]) -> Body:
+    table = tables[number]
+    if len(table.inertia) not in (3, 6):
+        raise InputError(
+            f"bodies[{number}].inertia has {len(table.inertia)} numbers; expected xx, yy, zz, or also xy, xz, yz"
+        )
+    inertia = np.diag(table.inertia[:3])
+    for (i, j), product in zip(PRODUCTS, table.inertia[3:]):
+        inertia[i, j] = inertia[j, i] = product
+    elsewhere = fixed | {node for k, other in enumerate(tables) if k != number for node in other.nodes}
+    basic = list(dict.fromkeys([*table.basic, *(node for node in table.nodes if node in elsewhere)]))
+    try:
+        return rigid_body(nodes, table.nodes, table.mass, inertia, table.centre, basic)
+    except InputError as error:
+        raise InputError(f"bodies[{number}]: {str(error).removeprefix('rigid_body: ')}") from error
+
+
+def bodies_tables(structure: Structure) -> list[BodyTable]:
+    """What a scene file says of the bodies, at the structure's own nodes: the same bodies, to rounding."""
+    return [_table(body, np.asarray(structure.nodes, float)) for body in structure.bodies]
+
+
+def _table(body: Body, nodes: np.ndarray) -> BodyTable:
+    mass, centre, inertia = (np.asarray(x, float) for x in body_moments(body, nodes))
+    x, y, z = centre.tolist()
+    products = [*np.diag(inertia).tolist(), *(float(inertia[i, j]) for i, j in PRODUCTS)]
+    return BodyTable(
+        nodes=list(body.points), mass=float(mass), inertia=products, centre=(x, y, z), basic=list(body.basic)
+    )
