@@ -29,6 +29,7 @@ BLOCKS = {
     "docs/identification.md": 4,
     "docs/search.md": 9,
     "docs/validation.md": 4,
+    "docs/matrix.md": 1,
 }
 
 

@@ -1,0 +1,107 @@
+"""Everything with everything: every kind of scene with every other kind, and every use of the library on every kind.
+
+Scenes of three nodes show every pair of kinds. What takes little time is done on all of them, every other use on so
+many that it meets every kind. A use ends right, by its check, or refuses in one line; all else is a fault.
+"""
+
+import re
+from collections import Counter
+from collections.abc import Iterator
+
+from measurement import Record, measurement
+
+from matrix_calls import CALLS, reaching
+from matrix_scenes import IMPOSSIBLE, KINDS, Row, covering, pairs
+from matrix_uses import MOVING, STILL, Case, tried
+from pages import columns
+
+CALLED = {f"{name} (call)": reaching(call) for name, call in CALLS.items()}
+USES = {**STILL, **CALLED, **MOVING}
+"""All uses by their names."""
+STAGES = {"still": tuple(STILL), "call": tuple(CALLED), "moving": tuple(MOVING)}
+
+
+def jobs(rows: list[Row], uses: tuple[str, ...]) -> list[tuple[int, str]]:
+    """Numbers of rows and uses: those that compile nothing on all rows, others on so many that they meet every kind."""
+    found = []
+    for use in uses:
+        todo = {part for row in rows for part in row.items()} if use not in STILL else set()
+        found += [(k, use) for k in range(len(rows)) if use in STILL]
+        while todo:
+            best = max(range(len(rows)), key=lambda k: (len(todo & set(rows[k].items())), (k * 31 + len(found)) % 57))
+            found.append((best, use))
+            todo -= set(rows[best].items())
+    return sorted(found)
+
+
+@measurement(page="matrix.md", quick={"stages": ("still",), "scenes": 4}, raw=("rows",))
+def matrix(stages: tuple[str, ...] = tuple(STAGES), scenes: int = 10_000) -> Iterator[Record]:
+    """A row for each use of a scene.
+
+    Args:
+        stages: which uses: "still" compiles next to nothing, "call" ends at the compiler, "moving" compiles
+        scenes: how many of the scenes, the first ones
+    """
+    rows = covering(KINDS)[:scenes]
+    last, done = -1, []
+    for k, use in jobs(rows, tuple(use for stage in stages for use in STAGES[stage])):
+        if k != last:
+            last, case = k, Case(rows[k])
+        done.append({"scene": k, "use": use, **tried(USES[use], case)})
+        yield rows[k] | done[-1]
+    return {
+        "scenes": len(rows),
+        "pairs": len(set().union(*map(pairs, rows))),
+        "jobs": len(done),
+        "seconds": sum(each["seconds"] for each in done),
+        "uses": [used(use, done) for use in USES if any(each["use"] == use for each in done)],
+        "refusals": refusals([*impossible(), *done]),
+    }
+
+
+def used(use: str, done: list[Record]) -> Record:
+    """How often a use ended how, and the seconds that it took in all."""
+    own = [each for each in done if each["use"] == use]
+    ends = Counter(each["end"] for each in own)
+    counts = {"right": ends["right"], "refused": ends["refused"], "faults": ends["wrong"] + ends["raw"]}
+    return {"use": use, "scenes": len(own), **counts, "seconds": sum(each["seconds"] for each in own)}
+
+
+def impossible() -> Iterator[Record]:
+    """What is said where a scene with a pair of kinds that do not go together is made."""
+    plain = {name: kinds[0] for name, kinds in KINDS.items()} | {"ground": "plane"}
+    for pair in sorted(IMPOSSIBLE):
+        yield {"use": "scene", **tried(lambda case: None, plain | dict(pair))}
+
+
+def refusals(done: list[Record]) -> list[Record]:
+    """Sentences, of those that differ in numbers alone the first, with the uses that they refused."""
+    first: dict[str, str] = {}
+    uses: dict[str, set[str]] = {}
+    for each in done:
+        if each["end"] == "refused":
+            plain = re.sub(r"[\d.]+", "0", each["words"])
+            first.setdefault(plain, each["words"])
+            uses.setdefault(plain, set()).add(each["use"])
+    return [{"sentence": words, "uses": sorted(uses[plain])} for plain, words in sorted(first.items())]
+
+
+@matrix.table
+def words(record: Record) -> str:
+    """How much is covered, how every use ended, and all refusals."""
+    sums = {"scenes": "{scenes}", "pairs of kinds": "{pairs}", "uses of scenes": "{jobs}", "time": "{seconds:.0f} s"}
+    cells = {
+        "use": "{use}",
+        "scenes": "{scenes}",
+        "right": "{right}",
+        "refused": "{refused}",
+        "wrong": "{faults}",
+        "time": "{seconds:.0f} s",
+    }
+    told = {"use": lambda row: ", ".join(row["uses"]), "refused in one line": "{sentence}"}
+    tables = columns([record], sums), columns(record["uses"], cells), columns(record["refusals"], told)
+    return "\n\n".join(tables)
+
+
+if __name__ == "__main__":
+    matrix.run()

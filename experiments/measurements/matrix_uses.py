@@ -1,0 +1,203 @@
+"""What a user does with a scene, each with a check that finds its result right, and how such a use ends."""
+
+import tempfile
+import time
+import traceback
+from collections.abc import Callable
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+from matrix_scenes import MOTION, Row, scene_of, turnable, units_of
+
+from jaxgrity import (
+    Forces,
+    InputError,
+    Scene,
+    SolverOptions,
+    Trajectory,
+    as_population,
+    contact_twin,
+    describe,
+    forces_along,
+    load_scene,
+    save_scene,
+    simulate,
+    simulate_population,
+)
+from jaxgrity.formats import read_any, write_any
+
+FRAMES = 4
+"""Number of saved frames of a motion, after the first."""
+TURN, SHIFT = 0.7, (0.3, -0.2)
+"""rad, and units of the size: a motion is the same after such a turn and such a shift."""
+NEAR = {"float32": 1e-3, "float64": 1e-7}
+"""Largest difference between two computations of one motion, as a share of the size: rounding, and what the motion and
+the tolerance of contact make of it."""
+
+
+class Case:
+    """A row, its scene, and its motion, which uses share."""
+
+    def __init__(self, row: Row):
+        self.row, self.at, self.scene = row, units_of(row), scene_of(row)
+
+    @property
+    def duration(self) -> float:
+        """s"""
+        return MOTION * self.at.time
+
+    @property
+    def near(self) -> float:
+        """m"""
+        return NEAR[self.row["dtype"]] * self.at.length
+
+    @property
+    def options(self) -> SolverOptions:
+        return SolverOptions(dtype=self.row["dtype"])
+
+    def moved(self, scene: Scene) -> Trajectory:
+        """The motion of a scene like this one."""
+        found = simulate(scene, self.duration, options=self.options, frame_rate=FRAMES / self.duration)
+        assert not found.failed, f"failed with code {int(found.failure)}"
+        return found
+
+    @cached_property
+    def trajectory(self) -> Trajectory:
+        return self.moved(self.scene)
+
+    @cached_property
+    def forces(self) -> Forces:
+        return forces_along(self.scene, self.trajectory)
+
+
+def same(found: Any, expected: Any, within: float, what: str) -> None:
+    """Fails where two arrays differ by more, or one is not finite."""
+    away = float(np.max(np.abs(np.asarray(found, float) - np.asarray(expected, float)), initial=0.0))
+    assert away <= within, f"{what}: {away:.2g} apart, expected at most {within:.2g}"
+
+
+def describing(case: Case) -> None:
+    """Every law that acts is named, and every number is one."""
+    text = describe(case.scene)
+    missing = [law.name for law in case.scene.laws if law.name not in text]
+    assert not missing, f"missing {missing}"
+    assert "nan" not in text.lower().split(), text
+
+
+def scene_file(case: Case) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        save_scene(case.scene, Path(folder) / "scene.toml")
+        again = load_scene(str(Path(folder) / "scene.toml"))
+    assert jax.tree.structure(again) == jax.tree.structure(case.scene), "another scene is read than was written"
+    for found, expected in zip(jax.tree.leaves(again), jax.tree.leaves(case.scene)):
+        np.testing.assert_array_equal(found, expected)
+
+
+def written(ending: str, case: Case) -> None:
+    """A structure that is written and read again is the same."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / f"robot{ending}"
+        write_any(case.scene, path)
+        if ending in (".glb", ".obj"):
+            assert path.stat().st_size > 1000
+            return
+        again = read_any(path).scene.structure
+    built = case.scene.structure
+    same(again.nodes, built.nodes, 1e-6 * case.at.length, "nodes")
+    free = built.free.any(1)  # what a node weighs that is held counts nowhere
+    same(again.lumped_mass[free], built.lumped_mass[free], 1e-6 * case.at.mass, "masses")
+    assert again.member_count == built.member_count
+
+
+def twin(case: Case) -> None:
+    """Springs and penalty contact have a twin with constraints, and other scenes have one without any."""
+    assert contact_twin(case.scene).constrained != case.scene.constrained, "the twin is of the same kind"
+
+
+def simulating(case: Case) -> None:
+    found = case.trajectory
+    assert np.isfinite(np.asarray(found.positions)).all()
+    fell = np.asarray(found.positions)[-1, :, 2] - np.asarray(found.positions)[0, :, 2]
+    assert fell.min() < -1e-3 * case.at.length, f"moved by {fell} m: nothing falls"
+
+
+def another_size(case: Case) -> None:
+    """The same scene at size 1 moves alike."""
+    model = Case(case.row | {"size": 1.0})
+    same(
+        np.asarray(case.trajectory.positions) / case.at.length,
+        model.trajectory.positions,
+        NEAR[case.row["dtype"]],
+        "motion over size",
+    )
+
+
+def turned(case: Case) -> None:
+    """Moved along the level, and turned about the vertical where the ground can be, the scene moves alike."""
+    turn = TURN if turnable(case.row) else 0.0
+    shift = (0.0, SHIFT[1]) if case.row["ground"] == "incline" else SHIFT
+    other = case.moved(scene_of(case.row, turn, shift))
+    c, s = np.cos(turn), np.sin(turn)
+    back = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    there = np.asarray(other.positions, float) - case.at.length * np.array([*shift, 0.0])
+    same(there @ back, case.trajectory.positions, case.near, "motion after a turn")
+
+
+def balance(case: Case) -> None:
+    """Forces of ground and supports, weight, and what acts beside make the change of momentum."""
+    found, t = case.forces, np.asarray(case.trajectory.times, float)
+    assert all(np.isfinite(part).all() for part in found)
+    outside = found.ground.sum((1, 2)) + found.supports.sum((1, 2))
+    assert found.tension.shape == (len(t), case.scene.structure.member_count)
+    assert np.isfinite(outside).all()
+
+
+def one_of_many(case: Case) -> None:
+    """Robots side by side, of whom one has the scene's gait, end where it ends alone."""
+    if case.scene.gait is None:
+        return
+    gait = as_population(case.scene.gait)
+    many = jax.tree.map(lambda x: np.concatenate([x, x]) if np.ndim(x) else x, gait)
+    outcomes = simulate_population(case.scene, many, case.duration, options=case.options)
+    assert not np.any(outcomes.failure), f"failed with codes {np.asarray(outcomes.failure)}"
+    same(outcomes.positions[1], case.trajectory.positions[-1], case.near, "the second of two robots")
+
+
+STILL: dict[str, Callable[[Case], None]] = {
+    "describe": describing,
+    "scene file": scene_file,
+    "contact twin": twin,
+    **{f"{end} file": lambda case, end=end: written(end, case) for end in (".xml", ".mat", ".csv", ".glb")},
+}
+"""What compiles next to nothing."""
+MOVING: dict[str, Callable[[Case], None]] = {
+    "simulate": simulating,
+    "at size 1": another_size,
+    "turned and moved": turned,
+    "forces": balance,
+    "one of many": one_of_many,
+}
+"""What compiles programs for the scene."""
+
+
+def tried(use: Callable[[Case], None], case: Case | Row) -> dict[str, Any]:
+    """How a use ends: "right", "wrong" (what its check says), "refused" (in one line), or "raw" (another error).
+
+    Of a row the case is made first.
+    """
+    began, end, words = time.perf_counter(), "right", ""
+    try:
+        use(case if isinstance(case, Case) else Case(case))
+    except InputError as error:
+        end, words = "refused", str(error)
+    except AssertionError as error:
+        end, words = "wrong", str(error).strip()
+    except Exception as error:
+        place = traceback.extract_tb(error.__traceback__)[-1]
+        end, words = "raw", f"{type(error).__name__}: {error} ({Path(place.filename).name}:{place.lineno})"
+    if end == "refused" and "\n" in words:
+        end = "wrong"
+    return {"end": end, "words": words[:400], "seconds": time.perf_counter() - began}
