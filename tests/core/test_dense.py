@@ -20,7 +20,7 @@ from jaxgrity import (
     rollout,
 )
 from jaxgrity.core.dense import INVERTED_AT_ONCE, least_solution
-from jaxgrity.stepping import coupled, resolve
+from jaxgrity.stepping import resolve
 from jaxgrity.structures import tetrahedral_spine
 
 
@@ -77,13 +77,16 @@ def test_derivatives_solve_no_system_by_threads():
         assert max(sizes) <= INVERTED_AT_ONCE
 
 
-def test_derivatives_where_struts_are_redundant(monkeypatch):
-    """Ten struts between five nodes, one too many, that slide on the ground: as by singular values."""
+def test_derivatives_where_struts_are_redundant():
+    """Ten struts between five nodes that slide on the ground: the tenth changes nothing of what the first nine do.
+
+    Of the nine differences tell as much. The ten keep their lengths to 1e-8, and differences of them are that rough.
+    """
     nodes = [[0, 0, 0], [1, 0, 0], [0.4, 1, 0], [0.5, 0.4, 1.0], [0.6, 0.5, 0.4]]
-    end = end_of(standing(nodes, tuple((i, j) for i in range(5) for j in range(i))), [1.0, 0.3, 0.0])
-    found = float(jax.jit(jax.grad(end))(9.81))
-    monkeypatch.setattr(coupled, "least_solution", lambda matrix, right: jnp.linalg.pinv(matrix, rtol=1e-12) @ right)
-    jax.clear_caches()
-    wanted = float(jax.jit(jax.grad(end))(9.81))
-    assert abs(wanted) > 1e-4
-    assert found == pytest.approx(wanted, rel=1e-5)
+    struts = tuple((i, j) for i in range(5) for j in range(i))
+    ten, nine = (end_of(standing(nodes, some), [1.0, 0.3, 0.0]) for some in (struts, struts[:-1]))
+    known, h = jax.jit(nine), 0.1
+    difference = (known(9.81 + h) - known(9.81 - h)) / (2 * h)
+    assert abs(difference) > 1e-3
+    assert float(known(9.81)) == pytest.approx(float(jax.jit(ten)(9.81)), abs=1e-7)
+    assert float(jax.jit(jax.grad(ten))(9.81)) == pytest.approx(float(difference), rel=1e-6)
