@@ -179,7 +179,7 @@ def environment(
     """An environment of one robot, commanded 100 times a second.
 
     Args:
-        task: one of `TASKS`: speed, heading, goal, slope, bumps or recover.
+        task: one of `TASKS`: speed, heading, goal, slope, bumps or recover, at the robot's size.
         scene: the robot, its ground and friction; its gait does not count, but for the members that it actuates.
         sensors: how they err; where not given, they do not.
         motors: what they can do; where not given, 1 m/s, and to shorten a member by half.
@@ -202,7 +202,7 @@ def environment(
         >>> env.action_size, state.obs.shape
         (6, (104,))
     """
-    asked = find_task(task)
+    asked = find_task(task, scene)
     if scene.gait is None:
         raise InputError("the scene has no gait; expected one, whose members are those that actions move")
     effort_cost = check_number("effort_cost", effort_cost, least=0.0, unit="m s")

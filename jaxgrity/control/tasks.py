@@ -16,21 +16,21 @@ from jaxgrity.model.scene import Scene
 from jaxgrity.stepping.dynamics import centre_of_mass
 
 REACHED = 0.3
-"""Default distance from a goal within which it counts as reached, m."""
+"""Default distance from a goal within which it counts as reached, m for a robot of one metre."""
 DROP = 1.0, 2.0
 """Standard deviations of velocity (m/s) and spin (rad/s) of a robot that has been dropped, for a robot of one metre."""
 CLEAR = 0.02
 """Gap between the ground and the lowest node at the start, m for a robot of one metre."""
 BUMPS = 0.8
 """Length of bumps, m for a robot of one metre."""
-AVERAGED = 1.0
-"""Time over which the velocity is averaged where every direction counts alike, s for a robot of one metre."""
+NEARBY = 1 / 30
+"""Share of `Task.reached`, a centimetre of 30, within which the direction to a goal becomes shorter than one."""
 
 
 class Task(NamedTuple):
     """What is asked of a robot. In every control period it is rewarded for its progress, m/s: for v·d, with the
     velocity v of its centre of mass and the direction d that is wanted. Where no direction is, for |u| with
-    du/dt = (v - u)/T, T = `AVERAGED`: shaking in place gets it nowhere."""
+    du/dt = (v - u)/T, T = `averaged`: shaking in place gets it nowhere."""
 
     towards: str
     """what d is: "anywhere", none; "heading", one drawn at the start; "goal", that to the goal; "uphill" """
@@ -44,6 +44,8 @@ class Task(NamedTuple):
     """m, from the start to the goal, in a direction drawn at the start"""
     reached: float = REACHED
     """m, from the goal, within which the episode is done"""
+    averaged: float = 1.0
+    """s, over which the velocity is averaged where every direction counts alike"""
 
 
 TASKS: dict[str, Task] = {
@@ -54,14 +56,21 @@ TASKS: dict[str, Task] = {
     "bumps": Task("heading", bumps=0.02),
     "recover": Task("heading", fallen=True),
 }
-"""The tasks by their names."""
+"""The tasks by their names, for a robot of one metre."""
 
 
-def find_task(name: str) -> Task:
-    """The task called `name`. Raises `InputError` where there is none."""
-    if not isinstance(name, str) or name not in TASKS:
-        raise InputError(f"task = {name!r}: {unknown(str(name), TASKS)}; expected one of {', '.join(TASKS)}")
-    return TASKS[name]
+@typed
+def find_task(name: str, scene: Scene) -> Task:
+    """The task called `name`, its lengths and times those of the scene's robot. Raises `InputError` where none is."""
+    if name not in TASKS:
+        raise InputError(f"task = {name!r}: {unknown(name, TASKS)}; expected one of {', '.join(TASKS)}")
+    found, size = TASKS[name], float(length_scale(scene))
+    return found._replace(
+        bumps=size * found.bumps,
+        distance=size * found.distance,
+        reached=size * found.reached,
+        averaged=float(time_scale(scene)) * found.averaged,
+    )
 
 
 @typed
@@ -116,13 +125,13 @@ def _normal(key: Any, count: int) -> AnyArray:
 
 
 def wanted_direction(task: Task, aim: AnyArray, place: AnyArray) -> AnyArray:
-    """d, (2,), a unit vector, or shorter within a centimetre of the goal; `aim` is a heading or the goal's place. Where
+    """d, (2,), a unit vector, or shorter `NEARBY` the goal; `aim` is a heading or the goal's place. Where
     no direction is wanted, zeros."""
     if task.towards == "heading":
         return aim
     if task.towards == "goal":
         way = aim - place[:2]
-        return way / jnp.sqrt(jnp.sum(way * way) + 1e-4)
+        return way / jnp.sqrt(jnp.sum(way * way) + (NEARBY * task.reached) ** 2)
     return jnp.array([-1.0 if task.towards == "uphill" else 0.0, 0.0], place.dtype)
 
 
@@ -135,7 +144,7 @@ def progressed(
     Returns its progress, m/s, and the averaged velocity u, (2,), m/s, which was `average` a period ago.
     """
     velocity = (place - before)[:2] / period
-    average = average + -float(np.expm1(-period / AVERAGED)) * (velocity - average)
+    average = average + -float(np.expm1(-period / task.averaged)) * (velocity - average)
     if task.towards != "anywhere":
         return jnp.dot(velocity, wanted_direction(task, aim, before)), average
     return jnp.sqrt(jnp.sum(average * average) + 1e-12), average

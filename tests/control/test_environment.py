@@ -3,6 +3,7 @@
 import itertools
 from dataclasses import replace
 
+import equinox as eqx
 import gymnasium
 import jax
 import jax.numpy as jnp
@@ -124,6 +125,27 @@ def test_progress_is_the_velocity_along_the_wanted_direction(task, wanted):
     aim = np.array([0.0, 2.0]) if task == "goal" else np.array([0.6, 0.8])
     progress, _ = control.progressed(TASKS[task], aim, before, place, 0.01, np.zeros(2))
     np.testing.assert_allclose(progress, np.dot([0.3, 0.5], wanted), rtol=1e-4)
+
+
+@pytest.mark.parametrize("name", TASKS)
+def test_a_task_is_the_same_for_a_small_robot(scene, name):
+    """One of 1 cm, ten times as quick, 2 cm from its goal and near the place where it is told to stop."""
+    struts = lambda s: s.structure.struts.rest_length  # noqa: E731
+    small = eqx.tree_at(struts, scene, 0.01 * struts(scene))
+    aim, before, place = np.array([0.6, 0.8]), np.array([0.59, 0.79, 1.0]), np.array([0.598, 0.791, 1.0])
+    if name == "goal":
+        aim = 1.01 * aim
+    (big, u), (little, w) = (
+        control.progressed(control.find_task(name, robot), direction, a, b, period, np.array([0.3, -0.2]) * speed)
+        for robot, direction, a, b, period, speed in (
+            (scene, aim, before, place, 0.01, 1.0),
+            (small, 0.01 * aim if name == "goal" else aim, 0.01 * before, 0.01 * place, 0.001, 0.1),
+        )
+    )
+    assert abs(big) > 0.01
+    np.testing.assert_allclose([little, *w], 0.1 * np.array([big, *u]), rtol=1e-6)
+    assert control.find_task(name, scene) == TASKS[name]
+    assert control.find_task("goal", small).reached == pytest.approx(0.003)
 
 
 def test_shaking_in_place_is_no_progress():
