@@ -19,7 +19,7 @@ from jaxgrity.stepping.blocks import disjoint_groups
 from jaxgrity.stepping.constraints import exact_ground, rigid_struts
 from jaxgrity.stepping.methods import Method, constrained_method, find_method
 from jaxgrity.stepping.starts import check_start
-from jaxgrity.stepping.step_limits import check_step, default_method, default_step
+from jaxgrity.stepping.step_limits import default_method, default_step, step_fault
 
 KEPT = 64
 """Number of pairs of scene and options that are remembered as compatible: the check takes longer than a short
@@ -47,7 +47,7 @@ class SolverOptions:
     atol: float | None = None
     """absolute tolerance, m and m/s, likewise for a body of one metre; by length or speed, whichever is less"""
     sweeps: int | None = None
-    """of complementarity stepping, over all constraints in a step; None: `usual_sweeps`"""
+    """of complementarity stepping, over all constraints in a step; None: `usual_sweeps`. Refused with `together`"""
     strut_tolerance: float | None = None
     """m: sweeps go on until every rigid strut has its length within this, or `sweeps` (1000 then) are over"""
     together: bool | None = None
@@ -55,7 +55,7 @@ class SolverOptions:
     max_steps: int = 10**6
     """after which an adaptive method gives up, and the rollout fails"""
     any_step: bool = False
-    """whether to let a step pass that would blow up"""
+    """whether to let a step pass that would blow up; `simulate` warns of it, whether the rollout fails or not"""
 
 
 class ResolvedOptions(eqx.Module):
@@ -117,7 +117,8 @@ def resolve(
     Raises:
         InputError: unknown method or precision; duration, step or tolerance that is not positive and finite; a step too
             large for the scene; a method that cannot meet the scene's constraints; a start that violates them; a
-            symplectic method where something dissipates; sweeps or their tolerance for any but a constrained method; a
+            symplectic method where something dissipates; sweeps or their tolerance for any but a constrained method;
+            sweeps where struts and contacts are solved together; a
             tolerance below what the precision allows; float64 while JAX's x64 mode is off.
     """
     check_positive({"duration": duration})
@@ -145,11 +146,17 @@ def _resolved(scene: Scene, options: Options, dtype: str | None, x64: bool) -> R
     if dt is None and not method.adaptive:
         dt = _default_step(scene, method)
     elif dt is not None and not given.any_step and concrete:
-        check_step(scene, method, dt)
+        if fault := step_fault(scene, method, dt):
+            raise InputError(fault)
         _check_seen(scene, method, dt)
     # no NumPy numbers: those are inputs of what is compiled
     dt, rtol, atol = jax.tree.map(float, (dt, rtol, atol))
     together = _together(scene, given, method, concrete)
+    if together and given.sweeps is not None:
+        without = "none" if scene.structure.coupled else "none, or together = False"
+        raise InputError(
+            f"sweeps = {given.sweeps}: this scene's struts and contacts are solved together; expected {without}"
+        )
     return ResolvedOptions(method, dt, dtype, rtol, atol, sweeps, given.strut_tolerance, together, given.max_steps)
 
 

@@ -8,7 +8,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxgrity.core.errors import InputError
 from jaxgrity.core.tracing import evaluated
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, NodeVectors, Scalar, State
@@ -272,16 +271,16 @@ def default_step(scene: Scene, method: Method) -> float:
     return float(max(m * power for m in (1, 2, 5) if m * power <= target * (1 + 1e-9)))
 
 
-def check_step(scene: Scene, method: Method, dt: float) -> None:
-    """Raises `InputError`, naming the largest stable step and what sets it, where a fixed step `dt` would blow up."""
+def step_fault(scene: Scene, method: Method, dt: float) -> str:
+    """What is wrong where a fixed step `dt` would blow up: the largest stable step and what sets it; else no words."""
     if method.implicit or all(_surely_stable(*case, method, dt) for case in _cases(scene)):
-        return
+        return ""
     limit, taut, state = strictest(scene, method)
-    if dt > limit:
-        raise InputError(
-            f"dt = {dt:g} s is too large for {method.name} on this scene; expected at most {limit:.3g} s, the largest "
-            f"stable step, set by {limiting_part(taut, state, method)}"
-        )
+    words = (
+        f"dt = {dt:g} s is too large for {method.name} on this scene; expected at most {limit:.3g} s, the largest "
+        f"stable step, set by {limiting_part(taut, state, method)}"
+    )
+    return words if dt > limit else ""
 
 
 def _surely_stable(scene: Scene, state: State, method: Method, dt: float) -> bool:

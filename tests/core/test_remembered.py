@@ -69,7 +69,7 @@ def test_what_is_traced_or_raised_is_not_kept(doubled):
 def test_options_are_checked_once_for_each_scene(exact, monkeypatch):
     """And anew where the scene is another, or float64 was switched off since."""
     checked = []
-    monkeypatch.setattr(options, "check_step", lambda *args: checked.append(args))
+    monkeypatch.setattr(options, "step_fault", lambda *args: checked.append(args))
     asked = jaxgrity.SolverOptions(dt=1.234e-3, dtype="float64")
     for _ in range(3):
         options.resolve(exact, 1.0, asked)

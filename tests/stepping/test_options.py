@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from jaxgrity import METHODS, InputError, Push, SolverOptions, final_state, simulate, with_terms
+from jaxgrity import METHODS, ConeFriction, InputError, Push, SolverOptions, final_state, simulate, with_terms
 from jaxgrity.model import exact_twin
 from jaxgrity.stepping import ResolvedOptions, resolve
 from jaxgrity.stepping.options import MOST_SWEEPS
@@ -61,6 +61,20 @@ def test_options_that_are_resolved_stay_as_they_are(reference):
     options = ResolvedOptions(METHODS["rk4"], 0.1, "float32", 1e-8, 1e-8)
     assert resolve(reference, 1.0, options) is options
     assert resolve(reference, 1.0, options, dtype="float64").dtype == "float64"
+
+
+def test_sweeps_are_refused_where_nothing_is_swept(exact):
+    """Where struts and contacts are solved together by request, because friction is strong, or since they must be."""
+    rough = dataclasses.replace(exact, friction=ConeFriction(1.2))
+    held = dataclasses.replace(exact, structure=dataclasses.replace(exact.structure, fixed=((0, "xyz"),)))
+    for scene, together, expected in (
+        (exact, True, ", or together"),
+        (rough, None, ", or together"),
+        (held, None, "$"),
+    ):
+        with pytest.raises(InputError, match=f"sweeps = 9: .* solved together; expected none{expected}"):
+            resolve(scene, 1.0, SolverOptions(dt=5e-3, any_step=True, sweeps=9, together=together))
+    assert resolve(rough, 1.0, SolverOptions(dt=5e-3, any_step=True, sweeps=9, together=False)).sweeps == 9
 
 
 def test_a_start_that_violates_constraints_is_refused(exact):
