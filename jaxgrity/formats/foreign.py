@@ -16,6 +16,10 @@ MOST_NODES = 10_000
 """Most nodes of a structure that is read: beyond it a file does not describe a robot."""
 
 
+STRUCTURE_ALONE = "the file holds no gravity, ground or gait: the scene has none until you add them"
+"""Note on what was read from formats that describe a structure alone."""
+
+
 class Imported(NamedTuple):
     """What was read."""
 

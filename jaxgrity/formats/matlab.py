@@ -11,7 +11,7 @@ from scipy.io import loadmat, savemat
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import Edges
-from jaxgrity.formats.foreign import LARGEST_FILE, MOST_NODES, Imported, refuse_bodies
+from jaxgrity.formats.foreign import LARGEST_FILE, MOST_NODES, STRUCTURE_ALONE, Imported, refuse_bodies
 from jaxgrity.io.files import write_whole
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import Members, Structure, check_edges, edge_lengths
@@ -159,7 +159,7 @@ def _imported(names: dict[str, Any]) -> Imported:
         _members(strings, stiffness[b:], rest[b:], mass[b:], c),
         fixed=_pinned(names, len(nodes)),
     )
-    return Imported(Scene(structure), tuple(notes))
+    return Imported(Scene(structure), (*notes, STRUCTURE_ALONE))
 
 
 def _stiffness(names: dict[str, Any], rest: np.ndarray, b: int) -> np.ndarray:

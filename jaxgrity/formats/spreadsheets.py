@@ -14,6 +14,7 @@ from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray
 from jaxgrity.formats.foreign import (
     MOST_NODES,
+    STRUCTURE_ALONE,
     Imported,
     finite,
     not_negative,
@@ -99,7 +100,7 @@ def read_tables(path: str | Path) -> Imported:
         structure = Structure(x, mass, struts, cables, fixed=fixed)
     except InputError as error:
         raise InputError(f"{second}: {str(error).removeprefix(f'{second}: ')}") from error
-    return Imported(Scene(structure), ("SI units, z up; nodes count from 0",))
+    return Imported(Scene(structure), ("SI units, z up; nodes count from 0", STRUCTURE_ALONE))
 
 
 def _rows(path: Path, known: Sequence[str], needed: Sequence[str]) -> list[tuple[str, dict[str, str]]]:

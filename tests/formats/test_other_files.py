@@ -98,6 +98,7 @@ def test_matlab_files_of_motes_and_of_tsgfem(tmp_path):
     assert scene.structure.cables.damping.tolist() == [3.0, 3.0]
     assert scene.structure.node_mass.tolist() == [0.5, 0.5, 0.5]
     assert "bars are rigid, as no stiffness of theirs is given" in notes
+    assert "the file holds no gravity, ground or gait: the scene has none until you add them" in notes
     tsgfem = {
         "N": N,
         "C_b": [[1, 2]],
@@ -143,7 +144,9 @@ def test_tables_there_and_back(text, tmp_path):
     assert save_tables(scene, tmp_path / "robot.csv") == ()
     assert sorted(path.name for path in tmp_path.iterdir()) == ["robot.members.csv", "robot.nodes.csv"]
     for name in ("robot.csv", "robot.nodes.csv", "robot.members.csv"):
-        assert_alike(read_tables(tmp_path / name).scene.structure, scene.structure, 0)
+        found = read_tables(tmp_path / name)
+        assert_alike(found.scene.structure, scene.structure, 0)
+        assert "the file holds no gravity, ground or gait: the scene has none until you add them" in found.notes
     pandas = pytest.importorskip("pandas")
     members = pandas.read_csv(tmp_path / "robot.members.csv")
     assert members.groupby("kind").size().to_dict() == {"cable": 9, "strut": 3}
