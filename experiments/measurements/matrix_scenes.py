@@ -33,7 +33,6 @@ from jaxgrity import (
     SwitchFriction,
     Union,
     bumps,
-    edge_lengths,
     force_limit,
     force_table,
     height_map,
@@ -125,11 +124,17 @@ def units_of(row: Row) -> Units:
     return Units(size, size**0.5, size**3)
 
 
+def turn_about_z(turn: float) -> np.ndarray:
+    """(3, 3), a rotation by so many rad."""
+    c, s = np.cos(turn), np.sin(turn)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
 def scene_of(row: Row, turn: float = 0.0, shift: tuple[float, float] = (0.0, 0.0)) -> Scene:
     """The scene of a row, turned (rad) about the vertical through the origin and then moved (units of the size)."""
     at = units_of(row)
     moved = at.length * np.array([*shift, 0.0])
-    rotation = np.array([[np.cos(turn), -np.sin(turn), 0.0], [np.sin(turn), np.cos(turn), 0.0], [0.0, 0.0, 1.0]])
+    rotation = turn_about_z(turn)
     ground, friction = ground_of_row(row, at, turn, moved)
     scene = Scene(
         structure_of(row, at, at.length * NODES @ rotation.T + moved),
@@ -222,7 +227,7 @@ def ground_of_row(row: Row, at: Units, turn: float, moved: np.ndarray) -> tuple[
 def surface_of(kind: str, at: Units, turn: float) -> Any:
     """The surface of a kind of ground that is no plane, turned about the vertical through the origin."""
     L = at.length
-    place = lambda *x: np.array([[np.cos(turn), -np.sin(turn), 0], [np.sin(turn), np.cos(turn), 0], [0, 0, 1]]) @ x * L  # noqa: E731
+    place = lambda *x: turn_about_z(turn) @ x * L  # noqa: E731
     if kind in ("bumps", "moved"):
         found = bumps(0.02 * L, 0.6 * L, 1)
         return eqx.tree_at(lambda waves: waves.direction, found, found.direction + turn)
@@ -242,10 +247,3 @@ def surface_of(kind: str, at: Units, turn: float) -> Any:
 def turnable(row: Row) -> bool:
     """Whether the ground can be turned about the vertical: planes fall towards x, and height maps keep their axes."""
     return row["ground"] not in ("incline", "heights")
-
-
-def lengths(row: Row) -> np.ndarray:
-    """Of all members of a row's scene, m, as it starts."""
-    scene = scene_of(row)
-    kinds = [m for m in (scene.structure.struts, scene.structure.cables) if m is not None]
-    return np.concatenate([edge_lengths(scene.structure.nodes, m.edges) for m in kinds])

@@ -8,9 +8,10 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import equinox as eqx
 import jax
 import numpy as np
-from matrix_scenes import MOTION, Row, scene_of, turnable, units_of
+from matrix_scenes import GAP, MOTION, Row, scene_of, turn_about_z, turnable, units_of
 
 from jaxgrity import (
     Forces,
@@ -18,6 +19,7 @@ from jaxgrity import (
     Scene,
     SolverOptions,
     Trajectory,
+    as_dtype,
     as_population,
     contact_twin,
     describe,
@@ -28,6 +30,7 @@ from jaxgrity import (
     simulate_population,
 )
 from jaxgrity.formats import read_any, write_any
+from jaxgrity.stepping import acceleration
 
 FRAMES = 4
 """Number of saved frames of a motion, after the first."""
@@ -137,13 +140,37 @@ def another_size(case: Case) -> None:
 
 def turned(case: Case) -> None:
     """Moved along the level, and turned about the vertical where the ground can be, the scene moves alike."""
-    turn = TURN if turnable(case.row) else 0.0
-    shift = (0.0, SHIFT[1]) if case.row["ground"] == "incline" else SHIFT
+    turn, shift = motion_of(case.row)
     other = case.moved(scene_of(case.row, turn, shift))
-    c, s = np.cos(turn), np.sin(turn)
-    back = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
     there = np.asarray(other.positions, float) - case.at.length * np.array([*shift, 0.0])
-    same(there @ back, case.trajectory.positions, case.near, "motion after a turn")
+    same(there @ turn_about_z(turn), case.trajectory.positions, case.near, "motion after a turn")
+
+
+def accelerated(row: Row, turn: float, shift: tuple[float, float]) -> np.ndarray:
+    """(nodes, 3): accelerations, over those of the row's size, in a state with contact, slip, and members in motion."""
+    scene, at = as_dtype(scene_of(row, turn, shift), "float64"), units_of(row)
+    draw = np.random.default_rng(0)
+    away, speed = draw.normal(size=(2, 3, 3)) * [[[0.02]], [[0.3]]] - [[[0.0, 0.0, 2 * GAP]], [[0.0, 0.0, 0.1]]]
+    held, back = scene.structure.free, turn_about_z(turn)
+    q = scene.structure.nodes + at.length * np.where(held, away, 0) @ back.T
+    v = at.speed * np.where(held, speed, 0) @ back.T
+    return np.asarray(ACCELERATION(scene, np.asarray(0.04 * at.time), q, v)) @ back / (at.length / at.time**2)
+
+
+ACCELERATION = eqx.filter_jit(acceleration)
+
+
+def forces_of_a_state(case: Case) -> None:
+    """Accelerations are alike at size 1, and after a turn about the vertical and a shift."""
+    found = accelerated(case.row, 0.0, (0.0, 0.0))
+    size = np.abs(found).max()
+    same(accelerated(case.row | {"size": 1.0}, 0.0, (0.0, 0.0)), found, 1e-9 * size, "accelerations at size 1")
+    same(accelerated(case.row, *motion_of(case.row)), found, 1e-9 * size, "accelerations after a turn")
+
+
+def motion_of(row: Row) -> tuple[float, tuple[float, float]]:
+    """The turn and the shift after which the scene is to move alike."""
+    return TURN if turnable(row) else 0.0, (0.0, SHIFT[1]) if row["ground"] == "incline" else SHIFT
 
 
 def balance(case: Case) -> None:
@@ -174,6 +201,7 @@ STILL: dict[str, Callable[[Case], None]] = {
 }
 """What compiles next to nothing."""
 MOVING: dict[str, Callable[[Case], None]] = {
+    "forces of a state": forces_of_a_state,
     "simulate": simulating,
     "at size 1": another_size,
     "turned and moved": turned,

@@ -31,11 +31,10 @@ def knobs(scene: Scene) -> tuple[Knob, ...]:
     gait, cables = scene.gait, scene.structure.cables
     if gait is None:
         raise InputError("the scene has no [gait]; the explorer expected one to play with")
+    most, fastest = float(np.max(gait.amplitude)), float(np.max(gait.frequency))
     found = [
-        Knob(
-            "amplitude", 0.0, 0.6, 0.01, float(np.max(gait.amplitude)), "of the strongest member; the others go along"
-        ),
-        Knob("frequency (Hz)", 0.1, 2.0, 0.01, float(np.max(gait.frequency)), "of the fastest member"),
+        Knob("amplitude", 0.0, max(0.6, most), 0.01, most, "of the strongest member; the others go along"),
+        Knob("frequency (Hz)", 0.1, max(2.0, 2 * fastest), 0.01, fastest, "of the fastest member"),
     ]
     if scene.friction is not None:
         mu = float(np.max(np.asarray(scene.friction.sliding_mu)))

@@ -143,6 +143,9 @@ def members_table(members: Members | None, table: Callable, kind: str, forces: d
     given["motors"] = [_motor(motor) for motor in members.motors]
     given |= forces or {}
     if "force" in given:
+        first = first_slope(given["force"].stretch, given["force"].force)
+        if not np.allclose(np.asarray(stiffness), first, rtol=1e-9, atol=0):
+            raise InputError(f"{kind}: stiffness is not {first:g} N/m, the first slope of their table; expected that")
         del given["stiffness"]  # which the table says
     return table(**given)
 

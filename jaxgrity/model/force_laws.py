@@ -24,7 +24,8 @@ from jaxgrity.model.structure import Members, per_member
 class ForceTable(EnergyTerm):
     """U = sum a_j/2 max(0, l - L(t) - s_j)^2: from the table's entry j on, cables are stiffer by a_j.
 
-    a_j is the change of the table's slope at s_j; the first slope is the cables' stiffness. Made by `force_table`.
+    a_j is the change of the table's slope at s_j. The first slope is the cables' stiffness: where that differs, a_j
+    differs by the same factor, and a broken cable has no force. Made by `force_table`.
     """
 
     stretch: AnyArray = eqx.field(converter=as_float)
@@ -39,11 +40,13 @@ class ForceTable(EnergyTerm):
         cables = at.scene.structure.cables
         longer = at.stretch("cables")
         cords = added_up(jnp.ones_like(cables.stiffness), cables.clusters)  # one after the other
+        stiffness = in_series(cables.stiffness, cables.clusters)
         factors = 1 if self.factors is None else self.factors
         slopes = jnp.diff(self.force) / jnp.diff(self.stretch)
+        shares = jnp.diff(slopes) / slopes[0]
         return sum(
-            half_squares(factors * (slopes[j] - slopes[j - 1]) / cords, positive_part(longer - cords * self.stretch[j]))
-            for j in range(1, len(slopes))
+            half_squares(factors * shares[j] * stiffness, positive_part(longer - cords * self.stretch[j + 1]))
+            for j in range(len(shares))
         )
 
     def keeps(self, symmetry):

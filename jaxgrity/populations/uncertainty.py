@@ -188,6 +188,8 @@ def _differences(key, scene: Scene, drawn: dict[str, AnyArray], dtype: np.dtype)
     if "node_mass" in drawn:
         found["node_mass"] = (1 + drawn["node_mass"]).astype(dtype)
     if "slope" in drawn:
+        if scene.up is not None:
+            raise InputError("slope is to differ, but scene.up leans already; expected a scene with ground.incline")
         found["up"] = _leaning(jax.random.fold_in(_keys(key)["slope"], 1), drawn["slope"].astype(dtype))
     if "terrain" in drawn:
         found["terrain"] = _moved_ground(scene, drawn["terrain"].astype(dtype))
@@ -225,14 +227,15 @@ def _leaning(key, lean: AnyArray) -> AnyArray:
 
 
 def _moved_ground(scene: Scene, moved: AnyArray) -> AnyArray:
-    """(robots, 3), m: the surface moved so far (robots, 2), and up or down until the start is as high above it."""
+    """(robots, 3), m: where the surface is, moved so far (robots, 2), and up or down: starts are as high above it."""
     ground = scene.ground
     if ground is None or ground.surface is None:
         raise InputError("terrain is to differ, but the ground is a plane, or none; expected ground with a surface")
-    x, y, z = jnp.asarray(scene.structure.nodes, moved.dtype).T
+    own = jnp.asarray(np.zeros(3) if ground.offset is None else ground.offset, moved.dtype)
+    x, y, z = jnp.asarray(scene.structure.nodes, moved.dtype).T - own[:, None]
     above = z - ground.surface.height(x, y)
     there = z - ground.surface.height(x - moved[:, :1], y - moved[:, 1:])
-    return jnp.concatenate([moved, (there.min(1) - above.min())[:, None]], axis=1)
+    return own + jnp.concatenate([moved, (there.min(1) - above.min())[:, None]], axis=1)
 
 
 def _cables(scene: Scene):

@@ -86,6 +86,13 @@ def test_each_knob_changes_what_it_says(reference):
     np.testing.assert_allclose(slack.cables.rest_length, jaxgrity.edge_lengths(slack.nodes, slack.cables.edges))
 
 
+def test_knobs_reach_what_the_scene_has(exact):
+    """A gait of a small robot is faster than those that the slider was made for."""
+    fast = dataclasses.replace(exact.gait, frequency=np.full(6, 9.0), amplitude=np.full(6, 0.7))
+    for knob in knobs(jaxgrity.with_gait(exact, fast)):
+        assert knob.low <= knob.value <= knob.high, knob
+
+
 def test_the_incline_leads_downhill(exact):
     """Without a gait's help a robot on ice slides towards +x where the incline is positive."""
     still = {"amplitude": 0.0, "friction": 0.0}

@@ -11,6 +11,7 @@ import pytest
 
 from jaxgrity import (
     ExactGround,
+    ForceTable,
     HeightFunction,
     InputError,
     Overtone,
@@ -260,6 +261,10 @@ REFUSED |= {
     "dampers without springs": (
         lambda scene: _cables(scene, stiffness=np.zeros(24), damping=np.ones(24)),
         "cables: [0, 1, 2,",
+    ),
+    "a table of other cables": (
+        lambda scene: with_terms(_cables(scene, stiffness=np.full(24, 500.0)), ForceTable([0, 0.1, 0.2], [0, 60, 90])),
+        "cables: stiffness is not 600 N/m, the first slope of their table",
     ),
     "winds that differ": (
         lambda scene: with_terms(scene, Wind(np.arange(36.0).reshape(12, 3), np.ones(12))),

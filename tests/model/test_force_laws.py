@@ -69,6 +69,18 @@ def test_no_spring_pulls_with_more_than_the_largest_force(segments):
     np.testing.assert_allclose(pull_of(scene, segments * s), np.clip(600.0 * s, 0, 12.0), atol=1e-9)
 
 
+def test_a_table_follows_the_stiffness_of_its_cables():
+    """Of robots that differ: in a cable that is softer each force is smaller, in one that is broken there is none."""
+    scene = cord(2)
+    scene = with_terms(scene, force_table(scene.structure.cables, STRETCH, FORCE))
+    s = np.array([0.004, 0.02, 0.06])
+    for share in (0.5, 0.0):
+        other = eqx.tree_at(lambda s: s.structure.cables.stiffness, scene, np.full(2, share * 600.0))
+        np.testing.assert_allclose(
+            pull_of(other, 2 * s), share * np.interp(s, [*STRETCH, 0.07], [*FORCE, 50.0]), atol=1e-9
+        )
+
+
 def lifted() -> Scene:
     """A weight of 1 kg hangs where the table's second slope begins, and is lifted up and down."""
     nodes = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -1.03]])

@@ -333,6 +333,13 @@ def test_what_a_scene_lacks_cannot_differ(exact, part, name):
         differing(scene, Differences(**{name: value}))
 
 
+def test_a_slope_is_not_added_to_another_one(exact):
+    """Gravity that leans already would be put upright."""
+    leaning = dataclasses.replace(exact, up=np.array([0.6, 0.0, 0.8]))
+    with pytest.raises(InputError, match=r"slope is to differ, but scene\.up leans already"):
+        ensemble(jax.random.key(0), leaning, gaits(exact, 1), Uncertainty(slope=0.1), 2)
+
+
 @pytest.mark.parametrize("name", ["friction", "cable_stiffness", "prestress"])
 def test_what_a_scene_lacks_cannot_be_uncertain(exact, name):
     """It is refused before anything is rolled out."""
