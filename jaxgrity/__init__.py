@@ -8,9 +8,10 @@ first used. The rooms have further names: `jaxgrity.control`, `formats`, `identi
 import warnings
 from importlib import import_module, metadata
 
-import lazy_loader
+from jaxgrity.core.errors import unknown
+from jaxgrity.core.public_names import public_names
 
-_found, _, _names = lazy_loader.attach_stub(__name__, __file__)
+_found, _, _names = public_names(__name__, __file__)
 ROOMS = (
     "control",
     "formats",
@@ -28,6 +29,9 @@ ROOMS = (
 __all__ = [name for name in _names if name not in ROOMS]
 RENAMED = {"Motors": "MotorLimits", "Wave": "TravellingWave"}
 """Names that were at the top, with the names that they have in their rooms."""
+NEVER_HERE = ("Body", "Level", "MotorLimits", "TravellingWave", "body_moments", "genome_to_polish", "load_trajectory")
+NEVER_HERE += ("reach_of", "rigid_body", "statics_of")
+"""Names that only rooms have had."""
 
 
 def __getattr__(name: str):
@@ -36,13 +40,16 @@ def __getattr__(name: str):
     if name in _names or name.startswith("_"):
         return _found(name)
     now = RENAMED.get(name, name)
-    for room in ROOMS:
-        home = import_module(f"{__name__}.{room}")
-        if now in home.__all__:
-            moved = f"jaxgrity.{name} is jaxgrity.{room}.{now} now; the short name goes with the next release"
-            warnings.warn(moved, DeprecationWarning, stacklevel=2)
-            return getattr(home, now)
-    return _found(name)
+    rooms = {each: room for room in ROOMS for each in import_module(f"{__name__}.{room}").__all__}
+    if name in NEVER_HERE:
+        raise AttributeError(f"{__name__}.{name}: expected {__name__}.{rooms[name]}.{name}")
+    if now not in rooms:
+        raise AttributeError(f"{__name__}.{name}: {unknown(name, [*_names, *rooms])}")
+    moved = f"{__name__}.{name} is {__name__}.{rooms[now]}.{now} now; the short name goes with the next release"
+    warnings.warn(moved, DeprecationWarning, stacklevel=2)
+    # kept, so that `from jaxgrity import name`, which asks twice, warns once
+    globals()[name] = getattr(import_module(f"{__name__}.{rooms[now]}"), now)
+    return globals()[name]
 
 
 def __dir__() -> list[str]:

@@ -4,8 +4,10 @@ import ast
 import itertools
 import re
 import statistics
+import warnings
 from collections import defaultdict
 from importlib import import_module
+from operator import attrgetter
 from pathlib import Path
 
 import pytest
@@ -158,8 +160,26 @@ def test_names_that_moved_warn_and_are_there():
         assert jaxgrity.find_orbit is jaxgrity.orbits.find_orbit
     with pytest.warns(DeprecationWarning, match=r"jaxgrity.Motors is jaxgrity.control.MotorLimits now"):
         assert jaxgrity.Motors is jaxgrity.control.MotorLimits
-    with pytest.raises(AttributeError, match="no_such_name"):
-        jaxgrity.no_such_name  # noqa: B018
+    with warnings.catch_warnings(record=True) as warned:
+        warnings.simplefilter("always")
+        from jaxgrity import speed_gradient  # noqa: F401
+    assert len(warned) == 1
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("no_such_name", "jaxgrity.no_such_name: unknown"),
+        ("simulat", "unknown; perhaps you meant simulate"),
+        ("find_orbt", "unknown; perhaps you meant find_orbit"),
+        ("MotorLimits", "jaxgrity.MotorLimits: expected jaxgrity.control.MotorLimits"),
+        ("control.Steerd", "jaxgrity.control.Steerd: unknown; perhaps you meant Steered"),
+    ],
+)
+def test_misspelt_names_are_answered_with_the_nearest(name, words):
+    """Of the top, of a room; and a name that only a room has had is not one of the top."""
+    with pytest.raises(AttributeError, match=words):
+        attrgetter(name)(jaxgrity)
 
 
 @pytest.mark.parametrize("package", STUBS)

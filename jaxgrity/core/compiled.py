@@ -7,11 +7,13 @@ from pathlib import Path
 import jax
 
 from jaxgrity.core.errors import InputError
+from jaxgrity.core.typed import typed
 
 CACHE = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "jaxgrity"
 """Folder of compiled programs where neither the caller nor JAX_COMPILATION_CACHE_DIR names one."""
 
 
+@typed
 def keep_compiled(folder: str | Path | None = None) -> Path:
     """Keep compiled programs in a folder, for other processes and for later ones.
 

@@ -1,5 +1,5 @@
 """The orbits that rolling robots settle on: their speed, their stability, and derivatives of both."""
 
-import lazy_loader
+from jaxgrity.core.public_names import public_names
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = public_names(__name__, __file__)

@@ -18,7 +18,8 @@ from jaxgrity.statics.vibrations import vibration_modes
 def describe(scene: Scene) -> str:
     """What is modelled and what is not, members, masses, prestress, lowest and highest natural frequency.
 
-    Prestress and frequencies are those of the structure alone, in the shape it takes without gravity, ground and gait.
+    Prestress and frequencies are those of the structure alone, in the shape it takes without gravity, ground and gait,
+    as the line after them says.
     """
     modelled = list(dict.fromkeys(law.name for law in scene.laws))
     absent = [kind.name for kind in (*KNOWN_LAWS, *KNOWN_FRICTIONS) if kind.name not in modelled]
@@ -31,7 +32,7 @@ def describe(scene: Scene) -> str:
         *_describe_supports(scene),
         *_describe_members(scene.structure),
         *_describe_bodies(scene.structure),
-        *_describe_prestress(scene.structure),
+        *_describe_prestress(scene),
         *_describe_gait(scene.gait),
     ]
     return "\n".join(f"{name:<20} {text}" for name, text in lines)
@@ -90,7 +91,8 @@ def _describe_bodies(structure: Structure) -> list[tuple[str, str]]:
     return [("rigid bodies", f"{len(structure.bodies)}, mass {mass}, {points} nodes each")]
 
 
-def _describe_prestress(structure: Structure) -> list[tuple[str, str]]:
+def _describe_prestress(scene: Scene) -> list[tuple[str, str]]:
+    structure = scene.structure
     if structure.member_count == 0 or structure.bodies:  # statics knows none yet
         return []
     alone = Scene(structure)
@@ -106,7 +108,10 @@ def _describe_prestress(structure: Structure) -> list[tuple[str, str]]:
     texts = [f"{floppy} of 0 Hz (nothing resists the motion)"] if floppy else []
     texts += [_span(stiff, "Hz") + ("" if of_all else f" (the lowest {len(frequency)})")] if stiff.size else []
     lines = [("prestress", f"{forces} (tension positive){where}")]
-    return lines + ([("natural frequencies", ", ".join(texts) + where)] if texts else [])
+    lines += [("natural frequencies", ", ".join(texts) + where)] if texts else []
+    left_out = {"gravity": scene.gravity, "ground": scene.ground, "gait": scene.gait}
+    absent = [name for name, part in left_out.items() if part is not None]
+    return lines + ([("both without", ", ".join(absent))] if absent else [])
 
 
 def _frequencies(alone: Scene, shape: np.ndarray, stiff_modes: int) -> tuple[np.ndarray, bool]:

@@ -62,7 +62,9 @@ def test_what_is_modelled_and_what_is_not():
     assert "6 kg" in lines["nodes"]
     assert "cables 105" in lines["prestress"]
     assert re.fullmatch(r"4\.\d+ to \d+\.?\d* Hz", lines["natural frequencies"])
+    assert lines["both without"] == "gravity, ground, gait"
     bare = described(parse_scene(CUSTOM))
+    assert "both without" not in bare
     assert bare["modelled"] == "strut springs, cables (tension only)"
     assert "gravity" in bare["not modelled"]
 
