@@ -60,24 +60,15 @@ validate: .venv/.installed-test
 	$(BIN)/python experiments/measurements/update_docs.py
 
 # Everything that the docs quote; some hours on 2 cores, which should have nothing else to do. LIMIT=FOLDER: C programs.
-# First those that are registered, then scripts with settings of their own and what needs results of others.
-MEASUREMENTS := gradients obstacles design_gradient first_commands
-COMPARED := random CMA-ES GA GA+more GA+smoothed
+# First those that are registered, then those with options and what needs results of others.
 measure: .venv/.installed-test
-	for name in $$($(BIN)/python experiments/measurements/registry.py) $(MEASUREMENTS); do $(BIN)/python experiments/measurements/$$name.py || exit 1; done
-	for contact in exact penalty; do $(BIN)/python experiments/measurements/feedback.py --contact $$contact || exit 1; done
-	for ground in slope bumps; do $(BIN)/python experiments/measurements/goals.py --ground $$ground || exit 1; done
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[baselines]'
+	for name in $$($(BIN)/python experiments/measurements/registry.py) design_gradient; do $(BIN)/python experiments/measurements/$$name.py || exit 1; done
 	$(BIN)/python experiments/measurements/scaling.py $(if $(LIMIT),--limit $(LIMIT))
 	$(BIN)/python experiments/measurements/benchmark.py --mujoco $(if $(LIMIT),--limit $(LIMIT))
 	$(BIN)/python experiments/measurements/third_opinions.py $(if $(LIMIT),--limit $(LIMIT))
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[baselines]'
-	$(BIN)/python experiments/baselines/lasting_baselines.py
-	$(BIN)/python experiments/baselines/task_baselines.py
-	$(BIN)/python experiments/baselines/library_gaits.py
 	$(BIN)/python experiments/docs_tables/watch_gaits.py
 	$(BIN)/python experiments/gait_search.py --restart
-	$(BIN)/python experiments/baselines/search_baselines.py --scenes exact
-	$(BIN)/python experiments/baselines/search_baselines.py --scenes reference --methods $(COMPARED) --plain
 	$(BIN)/python experiments/measurements/update_docs.py
 
 clean:

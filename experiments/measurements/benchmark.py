@@ -6,11 +6,10 @@ against its own converged answer: the median over the gaits of the distance of t
 """
 
 import time
-from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-from jaxgrity.cli.script import measured, run
+from measurement import Record, measurement
 
 import equinox as eqx
 import jax
@@ -19,12 +18,11 @@ import numpy as np
 import numpy_loop
 from engines import C_SWEEPS, Engine, Others, clock, engines, ours, seconds_of
 from matplotlib.figure import Figure
+from pages import table
 from tqdm import tqdm
 
-from jaxgrity import InputError, Scene, SolverOptions, as_dtype, diagnose, gaits_of, load_scene, random_phases
-from jaxgrity.io.files import save_json
+from jaxgrity import InputError, Scene, SolverOptions, as_dtype, gaits_of, load_scene, random_phases
 from jaxgrity.populations import lanes_last, roll_out_lanes
-from jaxgrity.report import plot
 from jaxgrity.search import distance_and_gradient
 from jaxgrity.stepping import resolve
 
@@ -45,27 +43,11 @@ TARGETS = (1e-2, 2e-3)
 NUMPY_DURATION = 0.1
 """s"""
 RK4 = SolverOptions(method="rk4", dt=5e-4)
-"""of the gradients, and of the report on how far to trust one of the rollouts"""
-
-
-@dataclass
-class Settings:
-    gaits: int = 256
-    """size of the population"""
-    duration: float = 4.0
-    """simulated time, s"""
-    repeats: int = 5
-    """rounds after a first that compiles; the median of them counts"""
-    limit: Path | None = None
-    """folder with the programs limit32, limit64, exact32 and exact64"""
-    mujoco: bool = False
-    """measure MuJoCo too"""
-    mjx: bool = False
-    """measure MJX, MuJoCo written in JAX, beside it, on one core; goes with --mujoco"""
-    out: Path = Path("results/benchmark")
-    """folder for benchmark.json and benchmark.png"""
-    quick: bool = False
-    """an eighth of the time, two rounds, one step of each engine, no trust report"""
+"""of the gradients"""
+QUOTED = {"rk4": 5e-4, "complementarity": 5e-3}
+"""Steps at which methods are quoted, s."""
+WRITTEN = {"limit": "hand-written C, RK4", "exact": "hand-written C, exact contact"}
+"""What the C programs are called in tables."""
 
 
 class Point(NamedTuple):
@@ -81,49 +63,125 @@ class Point(NamedTuple):
     compile_seconds: float
 
 
-def main(settings: Settings) -> None:
-    if settings.mjx and not settings.mujoco:
+@measurement(
+    page="README.md",
+    quick={"duration": 0.5, "repeats": 2, "steps": 1},
+    raw=("points", "numpy_off", "modes_apart"),
+    listed=False,
+)
+def benchmark(
+    gaits: int = 256,
+    duration: float = 4.0,
+    repeats: int = 5,
+    steps: int | None = None,
+    limit: Path | None = None,
+    mujoco: bool = False,
+    mjx: bool = False,
+) -> Record:
+    """Cost and error of every engine at every step.
+
+    Args:
+        gaits: size of the population
+        duration: simulated time, s
+        repeats: rounds after a first that compiles; the median of them counts
+        steps: how many of each engine's steps are measured, largest first; all where not given
+        limit: folder with the programs limit32, limit64, exact32 and exact64
+        mujoco: measure MuJoCo too
+        mjx: measure MJX, MuJoCo written in JAX, beside it, on one core; goes with --mujoco
+    """
+    if mjx and not mujoco:
         raise InputError("--mjx goes beside --mujoco, whose converged answer it is measured against; expected both")
-    if settings.quick:
-        settings.duration, settings.repeats = settings.duration / 8, 2
     scenes = {name: load_scene(name) for name in ("reference", "exact")}
-    phases = random_phases(settings.gaits, 6, seed=0)
-    others = Others(settings.limit, settings.mujoco, settings.mjx)
-    chosen = engines(scenes, phases, settings.duration, others)
-    points, agreement = measure(chosen, settings)
+    phases = random_phases(gaits, 6, seed=0)
+    chosen = engines(scenes, phases, duration, Others(limit, mujoco, mjx))
+    tasks = [(engine, dt) for engine in chosen for dt in STEPS[engine.name][:steps]]
+    # a few steps are a look at whether all of it works, for which coarser answers do
+    truths = converged(chosen, 1 if steps is None else 4)
+    points, agreement = measure(tasks, truths, duration, repeats)
+    over_c, quoted = ratios(points), [point for point in points if QUOTED.get(point.engine) == point.dt]
     numpy_seconds, numpy_off = numpy_cost(scenes["reference"], phases[0])
-    facts = {
-        **measured(),
-        "gaits": settings.gaits,
-        "duration": settings.duration,
-        "repeats": settings.repeats,
+    gradient, apart = gradient_cost(scenes["reference"], phases[:64], duration / 2, repeats)
+    return {
+        "gaits": gaits,
+        "duration": duration,
+        "repeats": repeats,
         "C_sweeps": C_SWEEPS,
-        "points": [point._asdict() for point in points],
-        "ratios_to_C": ratios(points),
         "largest_difference_from_C": agreement,
-        "rollouts_per_second": {f"{target:g}": rates(points, target, settings.duration) for target in TARGETS},
-        "numpy": {"dt": 5e-4, "seconds": numpy_seconds, "difference": numpy_off},
-        "gradient": gradient_cost(scenes["reference"], phases[:64], settings),
+        "costs": [
+            {"engine": p.engine, "dtype": p.dtype, "dt": p.dt, "seconds": p.seconds, "over_C": over_c.get(p[:3])}
+            for p in quoted
+        ],
+        "numpy_seconds": numpy_seconds,
+        "gradient": gradient,
+        "rollouts_per_second": [{"error": target, "rates": rates(points, target, duration)} for target in TARGETS],
+        "points": [point._asdict() for point in points],
+        "numpy_off": numpy_off,
+        "modes_apart": apart,
     }
-    if not settings.quick:
-        facts["trust_report"] = diagnose(scenes["reference"], settings.duration, options=RK4).summary()
-    save_json(settings.out / "benchmark.json", facts)
-    plot.save(figure(points, numpy_seconds), settings.out / "benchmark.png")
-    report(facts, points)
-    print(f"wrote {settings.out}/benchmark.json and benchmark.png")
 
 
-def measure(chosen: list[Engine], settings: Settings) -> tuple[list[Point], float | None]:
-    """Every engine at every step, in turn, `repeats` times over; how far RK4 ends from the C program's answer, m."""
-    tasks = [(engine, dt) for engine in chosen for dt in STEPS[engine.name][: 1 if settings.quick else None]]
+@benchmark.table
+def words(record: Record) -> str:
+    """Costs of one gait, rollouts a second within errors, and what was measured."""
+    return "\n\n".join([costs_table(record), rates_table(record), about_table(record)])
+
+
+def costs_table(record: Record) -> str:
+    """Of one gait, each method in both precisions."""
+    said = {"rk4": "RK4", "complementarity": "complementarity stepping"}
+    rows = []
+    for engine in dict.fromkeys(cost["engine"] for cost in record["costs"]):
+        mine = [cost for cost in record["costs"] if cost["engine"] == engine]
+        over = [cost["over_C"] for cost in mine]
+        times = "-" if None in over else " and ".join(f"{ratio:.1f}" for ratio in over)
+        step = f"{1e3 * mine[0]['dt']:g} ms"
+        rows.append([f"{said[engine]}, {step}", *(f"{1e6 * cost['seconds']:.0f} us" for cost in mine), times])
+    rows.append(["a NumPy loop, RK4, 0.5 ms", "-", f"{record['numpy_seconds']:.1f} s", "-"])
+    return table(["a simulated second of one gait", "float32", "float64", "times hand-written SIMD C"], rows)
+
+
+def rates_table(record: Record) -> str:
+    """Rollouts a second of each engine, at its cheapest step with an error below each of the bounds."""
+    bounds = record["rollouts_per_second"]
+    names = dict.fromkeys(name for bound in bounds for name in bound["rates"])
+    rows = [
+        [WRITTEN.get(name, name), *(f"{b['rates'][name]:.0f}" if name in b["rates"] else "-" for b in bounds)]
+        for name in names
+    ]
+    return table(["engine", *(f"rollouts a second at {1e3 * b['error']:g} mm" for b in bounds)], rows)
+
+
+def about_table(record: Record) -> str:
+    """What was measured, and what else came out."""
+    off, gradient = record["largest_difference_from_C"], record["gradient"]
+    rows = [
+        ["population", f"{record['gaits']} gaits of {record['duration']:g} s on {record['cores']} cores"],
+        ["rounds, of which the median counts", str(record["repeats"])],
+        ["sweeps in a step of hand-written C", str(record["C_sweeps"])],
+        ["centres of mass, RK4 against hand-written C", "-" if off is None else f"within {off:.0e} m"],
+        [f"gradient in {gradient['phases']} phases, reverse mode", f"{gradient['reverse']:.1f} rollouts"],
+        [f"gradient in {gradient['phases']} phases, forward mode", f"{gradient['forward']:.1f} rollouts"],
+    ]
+    return table(["about these numbers", "measured"], rows)
+
+
+def converged(chosen: list[Engine], coarser: int) -> dict[str, np.ndarray]:
+    """Where the gaits of each family of engines end, by the converged answer."""
     truths: dict[str, np.ndarray] = {}
     for engine in reversed(chosen):  # in float64 MuJoCo's RK4 comes last, and converges faster than its Euler
         family = engine.name.split()[0]
         if family not in truths and engine.dtype == "float64":
-            truths[family] = engine.roll(CONVERGED[family] * (4 if settings.quick else 1))[0]
+            truths[family] = engine.roll(CONVERGED[family] * coarser)[0]
+    return truths
+
+
+def measure(
+    tasks: list[tuple[Engine, float]], truths: dict[str, np.ndarray], duration: float, repeats: int
+) -> tuple[list[Point], float | None]:
+    """Every engine at every step, in turn, `repeats` times over; how far RK4 ends from the C program's answer, m."""
     first = {(e.name, e.dtype, dt): e.roll(dt) for e, dt in tqdm(tasks, desc="first", unit="run")}
     seconds: dict[tuple, list[float]] = {key: [] for key in first}
-    for _ in tqdm(range(settings.repeats), desc="rounds", unit="round"):
+    for _ in tqdm(range(repeats), desc="rounds", unit="round"):
         for engine, dt in tasks:
             seconds[engine.name, engine.dtype, dt].append(seconds_of(engine, dt))
     points = []
@@ -132,7 +190,7 @@ def measure(chosen: list[Engine], settings: Settings) -> tuple[list[Point], floa
         off = np.linalg.norm(first[key][0] - truths[engine.name.split()[0]], axis=1)
         error = float(np.median(np.where(np.isfinite(off), off, np.inf)))
         median = float(np.median(seconds[key]))
-        per = engine.gaits * settings.duration
+        per = engine.gaits * duration
         points.append(Point(*key, median / per, error, max(0.0, first[key][1] - median)))
     same = [first.get((name, "float64", STEPS["rk4"][1])) for name in ("rk4", "limit")]
     return points, float(np.abs(same[0][0] - same[1][0]).max()) if all(same) else None
@@ -147,12 +205,12 @@ def numpy_cost(scene: Scene, phase: np.ndarray) -> tuple[float, float]:
     return seconds / NUMPY_DURATION, float(np.abs(end - answer).max())
 
 
-def ratios(points: list[Point]) -> dict[str, float]:
+def ratios(points: list[Point]) -> dict[tuple[str, str, float], float]:
     """Wall time over that of the C program with the same model, step and precision."""
     known = {(p.engine, p.dtype, p.dt): p.seconds for p in points}
     pairs = {"rk4": "limit", "complementarity": "exact"}
     return {
-        f"{p.engine} {p.dtype} {p.dt:g}": p.seconds / known[pairs[p.engine], p.dtype, p.dt]
+        p[:3]: p.seconds / known[pairs[p.engine], p.dtype, p.dt]
         for p in points
         if p.engine in pairs and (pairs[p.engine], p.dtype, p.dt) in known
     }
@@ -167,9 +225,9 @@ def rates(points: list[Point], target: float, duration: float) -> dict[str, floa
     return dict(sorted(found.items(), key=lambda item: -item[1]))
 
 
-def gradient_cost(scene: Scene, phases: np.ndarray, settings: Settings) -> dict:
-    """Time of the distance's gradient in all phases, by reverse and by forward mode, over that of the rollout alone."""
-    horizon = settings.duration / 2
+def gradient_cost(scene: Scene, phases: np.ndarray, horizon: float, repeats: int) -> tuple[Record, float]:
+    """Time of the distance's gradient in all phases, by reverse and by forward mode, over that of the rollout alone;
+    and how far the two are apart, at most."""
     options = resolve(scene, horizon, RK4, dtype="float64")
     scene = as_dtype(scene, "float64")
     gaits = jax.tree.map(jnp.asarray, gaits_of(scene.gait, phases))
@@ -190,44 +248,25 @@ def gradient_cost(scene: Scene, phases: np.ndarray, settings: Settings) -> dict:
         "forward": jax.jit(lambda: forward(gaits.phase.T).T),
     }
     values = {name: jax.block_until_ready(mode()) for name, mode in modes.items()}
-    alone = np.median([clock(rollout)[0] for _ in range(settings.repeats + 1)][1:])
-    costs = {n: float(np.median([clock(m)[0] for _ in range(settings.repeats)]) / alone) for n, m in modes.items()}
+    alone = np.median([clock(rollout)[0] for _ in range(repeats + 1)][1:])
+    costs = {n: float(np.median([clock(m)[0] for _ in range(repeats)]) / alone) for n, m in modes.items()}
     difference = float(jnp.abs(values["reverse"] - values["forward"]).max())
-    return {"gaits": len(phases), "phases": count, "horizon": horizon, "largest_difference": difference, **costs}
+    return {"phases": count, **costs}, difference
 
 
-def report(facts: dict, points: list[Point]) -> None:
-    """The numbers for people."""
-    print("engine                      step (s)   us per gait and simulated second   error (m)   compiled in (s)")
-    for p in points:
-        name = f"{p.engine} {p.dtype}"
-        print(f"{name:26s} {p.dt:9.0e} {1e6 * p.seconds:26.1f} {p.error:17.1e} {p.compile_seconds:15.1f}")
-    for name, ratio in facts["ratios_to_C"].items():
-        print(f"{name}: {ratio:.1f} times the C program")
-    for target, found in facts["rollouts_per_second"].items():
-        print(f"rollouts a second at {target} m: " + ", ".join(f"{name} {rate:.0f}" for name, rate in found.items()))
-    print(
-        f"NumPy loop: {facts['numpy']['seconds']:.0f} s per simulated second, {facts['numpy']['difference']:.0e} m off"
-    )
-    gradient = facts["gradient"]
-    print(
-        f"gradient in {gradient['phases']} phases: {gradient['reverse']:.1f} rollouts, forward "
-        f"{gradient['forward']:.1f}"
-    )
-
-
-@plot.styled
-def figure(points: list[Point], numpy_seconds: float) -> Figure:
+@benchmark.figure
+def figure(record: Record) -> Figure:
     """Error against wall time, a line for each engine and precision."""
     chart = Figure(figsize=(9, 4.8), layout="constrained")
-    axes = chart.subplots()
+    axes, points = chart.subplots(), [Point(**point) for point in record["points"]]
     colours = {name: f"C{k}" for k, name in enumerate(STEPS)}
     for name, dtype in dict.fromkeys((p.engine, p.dtype) for p in points):
         line = [p for p in points if (p.engine, p.dtype) == (name, dtype) and np.isfinite(p.error)]
         style = {"color": colours[name], "ls": "-" if dtype == "float64" else ":", "marker": "o", "ms": 4}
-        label = {"limit": "hand-written C, RK4", "exact": "hand-written C, exact"}.get(name, name)
-        axes.loglog([p.seconds for p in line], [p.error for p in line], label=f"{label}, {dtype}", **style)
-    axes.axvline(numpy_seconds, color="k", ls="--", lw=0.8, label="NumPy loop, RK4 at 5e-4 s")
+        axes.loglog(
+            [p.seconds for p in line], [p.error for p in line], label=f"{WRITTEN.get(name, name)}, {dtype}", **style
+        )
+    axes.axvline(record["numpy_seconds"], color="k", ls="--", lw=0.8, label="NumPy loop, RK4 at 5e-4 s")
     axes.axvline(1, color="k", ls=":", lw=0.8, label="real time")
     axes.set(xlabel="wall time per gait and simulated second (s)", ylabel="median error after the rollout (m)")
     axes.grid(alpha=0.3)
@@ -236,4 +275,4 @@ def figure(points: list[Point], numpy_seconds: float) -> Figure:
 
 
 if __name__ == "__main__":
-    run(main, Settings)
+    benchmark.run()

@@ -8,18 +8,19 @@ MotorLimits are bounded; drops and bumps are repeated with others.
 """
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal, NamedTuple
 
-from jaxgrity.cli.script import measured, run
+from measurement import Record, measurement
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from basin import ENOUGH, PART, drops
 from matplotlib.figure import Figure
-from tqdm import tqdm
+from pages import table
 
 from jaxgrity import (
     Differences,
@@ -49,8 +50,7 @@ from jaxgrity.control import (
     simulate_policy,
     sure_footed,
 )
-from jaxgrity.io.files import save_json
-from jaxgrity.report import plot, view
+from jaxgrity.report import view
 
 SETTLING = 15.0
 """s, until robots are pushed"""
@@ -63,59 +63,83 @@ BUMPS, LENGTH = 0.02, 0.8
 SLOPE = 5.0
 """degrees"""
 POLICIES = ("open loop", "feedback", "sure-footed")
+RATE = 1.2
+"""Rate of the motors, m/s."""
 
 
-@dataclass
-class Settings:
-    robots: int = 256
+class Dropped(NamedTuple):
+    """The robots."""
+
+    robots: int
     """for each of the three"""
-    friction: tuple[float, ...] = (0.2, 0.35, 0.7, 1.0)
-    """coefficients"""
-    delays: tuple[float, ...] = (0.05, 0.1)
-    """s, of all sensors"""
-    rate: float = 1.2
-    """m/s, of the motors"""
-    other_rates: tuple[float, ...] = (1.0, math.inf)
-    """m/s, likewise, of drops and bumps that are repeated"""
-    contact: Literal["exact", "penalty"] = "exact"
-    """its model"""
-    seed: int = 0
+    seed: int
     """of drops, pushes and bumps"""
-    out: Path = Path("results/feedback")
-    """folder for feedback_CONTACT.json and its figure"""
-    quick: bool = False
-    """8 robots, one coefficient of friction, one delay"""
 
 
-def main(settings: Settings) -> None:
-    if settings.quick:
-        settings.robots, settings.friction, settings.delays, settings.other_rates = 8, (0.5,), (0.1,), ()
-    gait = load_gait("lasting")
-    own = with_gait(load_scene("exact"), gait)
-    speed = float(gait_record("lasting")["steady"]["speed"])
-    rows: list[dict[str, Any]] = []
-    scene = own if settings.contact == "exact" else contact_twin(own)
-    plant = _plant(scene, settings.rate)
-    name = settings.out / f"feedback_{settings.contact}"
-    count = 6 + len(settings.friction) + len(settings.delays) + 2 * len(settings.other_rates)
-    bar = tqdm(_cases(plant, settings, speed), total=count, unit="case")
-    for case, values in bar:
-        bar.set_postfix_str(case)
-        rows += [{"case": case, "policy": policy, **told} for policy, told in values.items()]
-        save_json(f"{name}.json", {**measured(), **_said(settings, speed), "rows": rows})
-    plot.save(figure(rows), f"{name}.png")
-    keep_replay(plant, settings, Path(f"{name}.html"))
-    for row in rows:
-        print(f"{row['case']}, {row['policy']}: {row['rolling']:.0%}, {row['speed']:.2f} m/s")
-    print(f"wrote {settings.out}/")
+@measurement(page="control.md", quick={"robots": 8, "friction": (0.5,), "delays": (0.1,), "other_rates": ()})
+def feedback(
+    out: Path,
+    contact: Literal["exact", "penalty"],
+    robots: int = 256,
+    friction: tuple[float, ...] = (0.2, 0.35, 0.7, 1.0),
+    delays: tuple[float, ...] = (0.05, 0.1),
+    other_rates: tuple[float, ...] = (1.0, math.inf),
+    seed: int = 0,
+) -> Iterator[Record]:
+    """A row for each case and policy: how many robots roll, and how fast; a replay in the folder.
+
+    Args:
+        contact: its model
+        robots: for each of the three
+        friction: coefficients
+        delays: s, of all sensors
+        other_rates: m/s, of motors, of drops and bumps that are repeated
+        seed: of drops, pushes and bumps
+    """
+    own = with_gait(load_scene("exact"), load_gait("lasting"))
+    speed, many = float(gait_record("lasting")["steady"]["speed"]), Dropped(robots, seed)
+    plant = plant_with(own if contact == "exact" else contact_twin(own), RATE)
+    there = dropped(plant, many)
+    for cases in (
+        as_it_is(plant, many, speed, there),
+        with_friction(plant, many, speed, friction),
+        late(plant, many, speed, delays),
+        on_other_ground(plant, many, speed, there),
+        with_motors(plant, many, speed, other_rates),
+    ):
+        for case, values in cases:
+            for policy, told in values.items():
+                yield {"case": case, "policy": policy, **told}
+    keep_replay(plant, many, out / f"feedback_{contact}.html")
+    return {"robots": robots, "orbit_speed": speed, "rate": RATE}
 
 
-def keep_replay(plant: Plant, settings: Settings, path: Path) -> None:
+@feedback.table
+def words(record: Record) -> str:
+    """How many robots roll in each case under each policy, and what bumps take of their speed."""
+    found = {(row["case"], row["policy"]): row for row in record["rows"]}
+    policies = list(dict.fromkeys(row["policy"] for row in record["rows"]))
+    rows = []
+    for case in dict.fromkeys(row["case"] for row in record["rows"]):
+        own = (found[case, policy] for policy in policies)
+        rows.append([case, *(f"{row['rolled']} of {row['counted']}, {row['speed']:.2f} m/s" for row in own)])
+    cases = list(dict.fromkeys(case for case, _ in found))
+    levels, roughs = ([case for case in cases if case.startswith(word)] for word in ("dropped", "bumps"))
+    for level, rough in zip(levels, roughs):
+        shares = (found[rough, policy]["speed"] / found[level, policy]["speed"] for policy in policies)
+        _, _, motors = rough.partition(", ")
+        label = "speed on bumps, of that on level ground" + (f", {motors}" if motors else "")
+        rows.append([label, *(f"{100 * share:.0f} %" for share in shares)])
+    first, *others = policies
+    return table(["case", f"{first}: robots that roll, mean speed", *others], rows)
+
+
+def keep_replay(plant: Plant, many: Dropped, path: Path) -> None:
     """One robot of the drops under each policy, side by side."""
-    (q,), (v,) = drops(plant.scene, 1, settings.seed)
-    seconds, every = 1.0 if settings.quick else SETTLING, _policy(1)
+    (q,), (v,) = drops(plant.scene, 1, many.seed)
+    every = _policy(1)
     motions = [
-        simulate_policy(plant, jax.tree.map(lambda x, k=k: x[..., k], every), seconds, start=(q, v))
+        simulate_policy(plant, jax.tree.map(lambda x, k=k: x[..., k], every), SETTLING, start=(q, v))
         for k in range(len(POLICIES))
     ]
     others = [
@@ -126,43 +150,57 @@ def keep_replay(plant: Plant, settings: Settings, path: Path) -> None:
     view.keep_html(motions[0].scene, motions[0], path, others=others, title=", ".join(POLICIES))
 
 
-def _plant(scene: Scene, rate: float) -> Plant:
+def plant_with(scene: Scene, rate: float) -> Plant:
+    """The robot with motors of a rate, m/s."""
     options = SolverOptions(dt=0.01 if scene.constrained else None, dtype="float32")
     motors = MotorLimits(rate=rate if math.isfinite(rate) else None)
     return plant_of(scene, load_gait("lasting").members, motors=motors, options=options)
 
 
-def _said(settings: Settings, speed: float) -> dict[str, Any]:
-    about = {"robots": settings.robots, "orbit_speed": speed, "impulse": IMPULSE, "bumps": BUMPS, "settling": SETTLING}
-    return about | {"rate": settings.rate}
+Cases = Iterator[tuple[str, dict[str, dict[str, float]]]]
+"""the name of each case, and of all policies the share of robots that roll, and their mean speed, m/s"""
 
 
-def _cases(plant: Plant, settings: Settings, speed: float):
-    """The name of each case, and of all policies the share of robots that roll, and their mean speed, m/s."""
-    there = dropped(plant, settings)
+def as_it_is(plant: Plant, many: Dropped, speed: float, there: Drive) -> Cases:
+    """Dropped, and pushed."""
     yield f"dropped, after {SETTLING:.0f} s", _told(there, speed)
-    rolled = _speeds(there) >= ENOUGH * speed
-    before = there
-    yield f"pushed by {IMPULSE:.0f} N s", _told(pushed(plant, settings, there.end), speed, among=rolled)
-    for mu in settings.friction:
-        factor = np.full(len(POLICIES) * settings.robots, mu / float(plant.scene.friction.sliding_mu))
-        yield f"friction {mu:g}", _told(dropped(plant, settings, factor), speed)
-    for delay in settings.delays:
-        late = replace(plant, sensors=Sensors(delay=round(delay / plant.period)))
-        yield f"sensors {1000 * delay:.0f} ms late", _told(dropped(late, settings), speed)
-    rough, bumpy = _on_bumps(plant.scene, settings.seed), f"bumps of {100 * BUMPS:.0f} cm"
-    yield bumpy, _told(dropped(_plant(rough, settings.rate), settings), speed)
-    steep = _plant(ground_of(Task("uphill", incline=np.radians(SLOPE)), plant.scene, seed=0), settings.rate)
-    slope = f"slope of {SLOPE:.0f} degrees"
-    yield f"{slope}, any way", _told(dropped(steep, settings), speed)
+    pushed_on = pushed(plant, many, there.end)
+    yield f"pushed by {IMPULSE:.0f} N s", _told(pushed_on, speed, among=_speeds(there) >= ENOUGH * speed)
+
+
+def with_friction(plant: Plant, many: Dropped, speed: float, friction: tuple[float, ...]) -> Cases:
+    """Other coefficients."""
+    for mu in friction:
+        factor = np.full(len(POLICIES) * many.robots, mu / float(plant.scene.friction.sliding_mu))
+        yield f"friction {mu:g}", _told(dropped(plant, many, factor), speed)
+
+
+def late(plant: Plant, many: Dropped, speed: float, delays: tuple[float, ...]) -> Cases:
+    """Late sensors."""
+    for delay in delays:
+        behind = replace(plant, sensors=Sensors(delay=round(delay / plant.period)))
+        yield f"sensors {1000 * delay:.0f} ms late", _told(dropped(behind, many), speed)
+
+
+def on_other_ground(plant: Plant, many: Dropped, speed: float, there: Drive) -> Cases:
+    """Bumps, a slope from the start on, and ground that begins to lean."""
+    rough = plant_with(_on_bumps(plant.scene, many.seed), RATE)
+    yield f"bumps of {100 * BUMPS:.0f} cm", _told(dropped(rough, many), speed)
+    steep = plant_with(ground_of(Task("uphill", incline=np.radians(SLOPE)), plant.scene, seed=0), RATE)
+    yield f"slope of {SLOPE:.0f} degrees, any way", _told(dropped(steep, many), speed)
+    rolled, ahead = _speeds(there) >= ENOUGH * speed, _moved(there) / (np.linalg.norm(_moved(there), axis=0) + 1e-9)
     for name, sign in (("up", 1.0), ("down", -1.0)):
-        ahead = _moved(before) / (np.linalg.norm(_moved(before), axis=0) + 1e-9)
-        there = leaning(plant, settings, before.end, sign * ahead)
-        yield f"{slope}, on the way {name}", _told(there, speed, among=rolled, towards=ahead)
-    for rate in settings.other_rates:
+        leant = leaning(plant, many, there.end, sign * ahead)
+        yield f"slope of {SLOPE:.0f} degrees, on the way {name}", _told(leant, speed, among=rolled, towards=ahead)
+
+
+def with_motors(plant: Plant, many: Dropped, speed: float, rates: tuple[float, ...]) -> Cases:
+    """Drops and bumps with other motors."""
+    scenes = {"dropped": plant.scene, f"bumps of {100 * BUMPS:.0f} cm": _on_bumps(plant.scene, many.seed)}
+    for rate in rates:
         motors = f"motors of {rate:g} m/s" if math.isfinite(rate) else "unbounded motors"
-        for name, scene in (("dropped", plant.scene), (bumpy, rough)):
-            yield f"{name}, {motors}", _told(dropped(_plant(scene, rate), settings), speed)
+        for name, scene in scenes.items():
+            yield f"{name}, {motors}", _told(dropped(plant_with(scene, rate), many), speed)
 
 
 def _on_bumps(scene: Scene, seed: int) -> Scene:
@@ -182,24 +220,24 @@ def _policy(robots: int) -> PhaseLocked:
     return as_dtype(stacked, "float32")
 
 
-def dropped(plant: Plant, settings: Settings, friction: np.ndarray | None = None) -> Drive:
+def dropped(plant: Plant, many: Dropped, friction: np.ndarray | None = None) -> Drive:
     """All thirds from the same drops; where they get to in `SETTLING`."""
-    count, every = settings.robots, len(POLICIES) * settings.robots
-    many = side_by_side(plant, every, Differences(friction=np.ones(every) if friction is None else friction))
+    count, every = many.robots, len(POLICIES) * many.robots
+    plants = side_by_side(plant, every, Differences(friction=np.ones(every) if friction is None else friction))
     ground = plant.scene.ground
     height = np.array([0, 0, 4 * BUMPS if ground.surface is not None else 0.6 * np.tan(ground.incline)])
-    q, v = (np.tile(x, (len(POLICIES), 1, 1)) for x in drops(plant.scene, count, settings.seed))
+    q, v = (np.tile(x, (len(POLICIES), 1, 1)) for x in drops(plant.scene, count, many.seed))
     start = np.moveaxis(q + height, 0, -1), np.moveaxis(v, 0, -1)
     policy = _policy(count)
-    loop = loop_start(many, policy, jax.random.key(settings.seed), start, each=True)
-    return _driven(many, policy, loop)
+    loop = loop_start(plants, policy, jax.random.key(many.seed), start, each=True)
+    return _driven(plants, policy, loop)
 
 
-def pushed(plant: Plant, settings: Settings, loop: Loop) -> Drive:
+def pushed(plant: Plant, many: Dropped, loop: Loop) -> Drive:
     """Each robot with the impulse in a direction and at a time of its own, the same in all thirds, from where it is."""
-    count, every = settings.robots, len(POLICIES) * settings.robots
-    many, policy = side_by_side(plant, every, Differences(friction=np.ones(every))), _policy(count)
-    draw = np.random.default_rng(settings.seed)
+    count, every = many.robots, len(POLICIES) * many.robots
+    plants, policy = side_by_side(plant, every, Differences(friction=np.ones(every))), _policy(count)
+    draw = np.random.default_rng(many.seed)
     angle = np.tile(draw.uniform(0, 2 * np.pi, count), len(POLICIES))
     when = np.tile(draw.integers(0, TIMES, count), len(POLICIES))
     kick = IMPULSE / float(plant.scene.structure.mass) * np.stack([np.cos(angle), np.sin(angle), 0 * angle])
@@ -207,22 +245,22 @@ def pushed(plant: Plant, settings: Settings, loop: Loop) -> Drive:
     def stretch(loop: Loop, k):
         (q, v), now = loop.plant.motion, jnp.asarray(kick) * (when == k)
         state = loop.plant._replace(motion=(q, v + now.astype(v.dtype)))
-        rolled = drive(many, policy, loop._replace(plant=state), round(PUSHES / TIMES / plant.period), each=True)
+        rolled = drive(plants, policy, loop._replace(plant=state), round(PUSHES / TIMES / plant.period), each=True)
         return rolled.end, None
 
     loop, _ = jax.lax.scan(stretch, loop, jnp.arange(TIMES))
-    return _driven(many, policy, loop)
+    return _driven(plants, policy, loop)
 
 
-def leaning(plant: Plant, settings: Settings, loop: Loop, uphill: np.ndarray) -> Drive:
+def leaning(plant: Plant, many: Dropped, loop: Loop, uphill: np.ndarray) -> Drive:
     """From where robots are, on ground that rises from now on in the directions `uphill`, (2, robots)."""
     angle = np.radians(SLOPE)
     up = np.stack([*(np.sin(angle) * uphill), np.full(uphill.shape[1], np.cos(angle))], axis=-1)
-    return _driven(side_by_side(plant, len(up), Differences(up=up)), _policy(settings.robots), loop)
+    return _driven(side_by_side(plant, len(up), Differences(up=up)), _policy(many.robots), loop)
 
 
-def _driven(many: Plant, policy: PhaseLocked, loop: Loop) -> Drive:
-    return drive(many, policy, loop, round(PART / many.period), round(SETTLING / PART), each=True)
+def _driven(plants: Plant, policy: PhaseLocked, loop: Loop) -> Drive:
+    return drive(plants, policy, loop, round(PART / plants.period), round(SETTLING / PART), each=True)
 
 
 def _speeds(there: Drive, towards: np.ndarray | None = None) -> np.ndarray:
@@ -254,13 +292,13 @@ def _told(
     }
 
 
-@plot.styled
-def figure(rows: list[dict[str, Any]]) -> Figure:
+@feedback.figure
+def figure(record: Record) -> Figure:
     """The share of robots that roll in every case."""
     chart = Figure(figsize=(6.5, 7), layout="constrained")
     axes = chart.subplots()
     for k, policy in enumerate(POLICIES):
-        own = [row for row in rows if row["policy"] == policy]
+        own = [row for row in record["rows"] if row["policy"] == policy]
         places = np.arange(len(own)) + 0.27 * (k - 1)
         axes.barh(places, [100 * row["rolling"] for row in own], height=0.25, label=policy)
         axes.set_yticks(np.arange(len(own)), [row["case"] for row in own])
@@ -272,4 +310,4 @@ def figure(rows: list[dict[str, Any]]) -> Figure:
 
 
 if __name__ == "__main__":
-    run(main, Settings)
+    feedback.run()

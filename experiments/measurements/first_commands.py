@@ -17,15 +17,14 @@ import tempfile
 import termios
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
-from jaxgrity.cli.script import measured, run
+from measurement import Record, measurement
 
-from tqdm import tqdm
+from pages import table
 
 from jaxgrity import InputError
-from jaxgrity.io.files import read_text, save_json
+from jaxgrity.io.files import read_text
 
 HERE = Path(__file__).parent
 COMMAND = "python experiments/measurements/first_commands.py"
@@ -42,46 +41,58 @@ COMMANDS = {
 """arguments of `jaxgrity`, by their names in the table; none: the first example of README.md"""
 ENDLESS = {"explore": re.compile(rb"shown after|Ctrl-C ends")}
 """what says that a command without an end has done what a user waits for; it is interrupted then"""
-COLUMNS = ("first_word", "longest_silence", "seconds", "cpu", "imports", "tracing", "compiling", "programs", "kept")
-"""of the measurement of a command: seconds, the number of programs made or read, and of those that were read"""
+WAITED = ("first_word", "seconds", "cpu", "tracing", "compiling", "programs")
+"""what the table has of each: seconds, and the number of programs that were made or read"""
 
 
-@dataclass
-class Settings:
-    before: Path | None = None
-    """first_commands.json of an earlier version, which is kept beside the new numbers; None: the one that is there"""
-    commands: tuple[str, ...] = tuple(COMMANDS)
-    """names of those that are measured"""
-    out: Path = Path("results/first_commands")
-    """folder for first_commands.json"""
-    quick: bool = False
-    """the help and README's gradient alone"""
+@measurement(page="performance.md", quick={"commands": ("help", "README's gradient")}, raw=("rows",))
+def first_commands(commands: tuple[str, ...] = tuple(COMMANDS), before: Path | None = None) -> Iterator[Record]:
+    """A row for each command, with nothing compiled before and then with what that left.
 
-
-def main(settings: Settings) -> None:
-    unknown = set(settings.commands) - set(COMMANDS)
+    Args:
+        commands: names of those that are measured
+        before: first_commands.json of an earlier version, kept beside the new numbers; None: the one that is there
+    """
+    unknown = set(commands) - set(COMMANDS)
     if unknown:
         raise InputError(f"commands = {sorted(unknown)}: expected names among {list(COMMANDS)}")
-    before = earlier(settings.before)
-    names = ("help", "README's gradient") if settings.quick else settings.commands
-    rows = []
-    with tqdm(total=2 * len(names), unit="run") as bar, tempfile.TemporaryDirectory() as folder:
-        for name in names:
+    others, rows = earlier(before), []
+    with tempfile.TemporaryDirectory() as folder:
+        for name in commands:
             for state, numbers in cold_and_warm(name, Path(folder)):
                 rows.append({"name": name, "state": state, **numbers})
-                bar.write(f"{name}, {state}: " + ", ".join(f"{key} {x:.3g}" for key, x in numbers.items()))
-                bar.update()
-    save_json(
-        settings.out / "first_commands.json", {**measured(), "command": COMMAND, "commands": rows, "before": before}
-    )
-    print(f"wrote {settings.out}/first_commands.json")
+                yield rows[-1]
+    # the command without its options: what is there before is found by everybody
+    return {"command": COMMAND, "commands": quoted(rows), "before": quoted(others)}
 
 
-def earlier(path: Path | None) -> list[dict] | None:
+def quoted(rows: list[Record]) -> list[Record]:
+    """What the table has of each."""
+    return [{name: row[name] for name in ("name", "state", *WAITED)} for row in rows]
+
+
+@first_commands.table
+def words(record: Record) -> str:
+    """Each command cold and warm; where an earlier version was measured too, its numbers come first."""
+    head = ["command", "first word (s)", "to the end (s)", "processor (s)", "tracing (s)", "compiling (s)", "programs"]
+    rows = []
+    before = {(row["name"], row["state"]): row for row in record["before"]}
+    for now in record["commands"]:
+        was = before.get((now["name"], now["state"]), {})
+        cells = ((f"{to_read(was[key])} → " if was else "") + to_read(now[key]) for key in WAITED)
+        rows.append([f"{now['name']}, {now['state']}", *cells])
+    return table(head, rows)
+
+
+def to_read(number: float) -> str:
+    return f"{number:.0f}" if number >= 10 or number == int(number) else f"{number:.1f}"
+
+
+def earlier(path: Path | None) -> list[Record]:
     """What was measured of an earlier version; without its file, what the documentation has of one."""
     if path is not None:
         return json.loads(read_text(path))["commands"]
-    return json.loads(read_text(MEASURED))["before"] if MEASURED.exists() else None
+    return json.loads(read_text(MEASURED))["before"] if MEASURED.exists() else []
 
 
 def cold_and_warm(name: str, folder: Path) -> Iterator[tuple[str, dict]]:
@@ -155,4 +166,4 @@ def readme_example() -> str:
 
 
 if __name__ == "__main__":
-    run(main, Settings)
+    first_commands.run()

@@ -6,11 +6,10 @@ without error. Beside it: the gait as it is, and the gait with feedback, neither
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from dataclasses import replace
+from typing import Literal, NamedTuple
 
-from jaxgrity.cli.script import measured, run
+from measurement import Record, measurement
 
 import jax
 import jax.numpy as jnp
@@ -18,7 +17,7 @@ import numpy as np
 from basin import drops
 from matplotlib.figure import Figure
 from obstacles import bounded
-from tqdm import tqdm
+from pages import table
 
 from jaxgrity import as_dtype, bumps, contact_twin, load_gait, load_scene
 from jaxgrity.control import (
@@ -34,32 +33,14 @@ from jaxgrity.control import (
     lead_to,
     loop_start,
 )
-from jaxgrity.io.files import save_json
-from jaxgrity.report import plot
 
 SLOPE = np.radians(5.0)
 GOAL = np.array([0.0, 10.0])
 """m; the slope falls towards +x"""
 UNKNOWN = 0.3
 """share of the friction, within which it is drawn"""
-PATIENCE = 60.0
-"""s, after which a trial has failed"""
 BUMPS, LENGTH = 0.02, 0.8
 """m, standard deviation and length of bumps; every trial has its own"""
-
-
-@dataclass
-class Settings:
-    ground: Literal["slope", "bumps"] = "slope"
-    trials: int = 20
-    samples: int = 64
-    """rollouts of the model for each choice"""
-    seed: int = 0
-    """of starts, friction and samples"""
-    out: Path = Path("results/goals")
-    """folder for goals_GROUND.json and its figure"""
-    quick: bool = False
-    """one trial of 2 s, on the exact model, without the slope"""
 
 
 class Trial(NamedTuple):
@@ -73,43 +54,81 @@ class Trial(NamedTuple):
     """times nominal"""
 
 
-def main(settings: Settings) -> None:
-    sampling = Sampling(samples=8 if settings.quick else settings.samples, patience=2.0 if settings.quick else PATIENCE)
-    paths: list[np.ndarray] = []
-    rows: list[dict[str, Any]] = []
-    name, count = f"goals_{settings.ground}", 1 if settings.quick else settings.trials
-    for number, trial in enumerate(tqdm(drawn_trials(settings, count), total=count, unit="trial")):
+@measurement(
+    page="control.md",
+    quick={"trials": 1, "samples": 8, "patience": 2.0, "twin": False},
+    raw=("rows", "ground"),
+)
+def goals(
+    ground: Literal["slope", "bumps"],
+    trials: int = 20,
+    samples: int = 64,
+    patience: float = 60.0,
+    twin: bool = True,
+    seed: int = 0,
+) -> Iterator[Record]:
+    """A row for each trial; how many reached the goal, how soon, and how the controller looked ahead.
+
+    Args:
+        ground: under the robot
+        trials: with starts, friction and bumps of their own
+        samples: rollouts of the model for each choice
+        patience: s, after which a trial has failed
+        twin: whether the robot is the contact twin, and not the model itself
+        seed: of starts, friction and samples
+    """
+    sampling, rows = Sampling(samples=samples, patience=patience), []
+    for number, trial in enumerate(drawn_trials(ground, trials, twin, seed)):
         found = lead_to(trial.robot, trial.model, feedback(), GOAL, start=trial.start, seed=number, sampling=sampling)
-        paths.append(found.path[:, :2])
-        row = {
-            "friction": trial.friction,
-            "reached": found.reached,
-            "seconds": found.seconds,
-            "real_time": found.real_time,
-            "closest": float(np.linalg.norm(found.path[:, :2] - GOAL, axis=1).min()),
-        }
-        rows.append(row | _blind(trial, sampling.patience))
-        told = {"goal": GOAL.tolist(), "ground": settings.ground, "patience": PATIENCE, "within": REACHED}
-        save_json(settings.out / f"{name}.json", {**measured(), **told, "sampling": sampling._asdict(), "rows": rows})
-    plot.save(figure(paths, settings.ground), settings.out / f"{name}.png")
-    print(f"reached in {sum(row['reached'] for row in rows)} of {len(rows)} trials; wrote {settings.out}/")
+        path = found.path[:, :2]
+        row = {"friction": trial.friction, "closest": float(np.linalg.norm(path - GOAL, axis=1).min()), "path": path}
+        row |= {name: getattr(found, name) for name in ("reached", "seconds", "real_time")}
+        rows.append(row | blind(trial, patience))
+        yield rows[-1]
+    times = [row["seconds"] for row in rows if row["reached"]]
+    return {
+        "patience": patience,
+        "within": REACHED,
+        "sampling": sampling._asdict(),
+        "trials": len(rows),
+        **{name: sum(row[name] for row in rows) for name in ("reached", "feedback", "open_loop")},
+        "seconds": float(np.median(times)) if times else None,
+        "real_time": float(np.median([row["real_time"] for row in rows])),
+        "ground": ground,
+    }
 
 
-def drawn_trials(settings: Settings, count: int) -> Iterator[Trial]:
+@goals.table
+def words(record: Record) -> str:
+    """In how many trials the goal was reached, and how soon."""
+    sampling = record["sampling"]
+    looked = f"{sampling['samples']} rollouts of {sampling['horizon']:g} s, once in {sampling['interval']:g} s"
+    share = {name: f"{record[name]} of {record['trials']}" for name in ("reached", "feedback", "open_loop")}
+    median = "" if record["seconds"] is None else f", in {record['seconds']:.0f} s (median)"
+    rows = [
+        ["led by a model with nominal friction", share["reached"] + median],
+        ["the gait with feedback, which does not know of the goal", share["feedback"]],
+        ["the gait as it is", share["open_loop"]],
+        [f"choosing from {looked}", f"{record['real_time']:.2g} times as fast as the robot moves"],
+    ]
+    return table([f"within {record['within']:g} m of the goal, in at most {record['patience']:.0f} s", "trials"], rows)
+
+
+def drawn_trials(ground: str, count: int, twin: bool, seed: int) -> Iterator[Trial]:
     """Starts, friction and bumps, drawn by the seed."""
     scene = load_scene("exact")
-    if settings.ground == "slope" and not settings.quick:
+    if ground == "slope":
         scene = ground_of(Task("uphill", incline=SLOPE), scene, seed=0)
     model = bounded(scene)
-    twin = model if settings.quick else bounded(contact_twin(scene))
-    draw = np.random.default_rng(settings.seed)
+    nominal = bounded(contact_twin(scene)) if twin else model
+    draw = np.random.default_rng(seed)
     for number in range(count):
         factor = 1 + draw.uniform(-UNKNOWN, UNKNOWN)
-        robot = _with_friction(twin, factor)
-        (q,), (v,) = drops(scene, 1, settings.seed + number)
+        robot = with_friction(nominal, factor)
+        (q,), (v,) = drops(scene, 1, seed + number)
         above = np.tan(SLOPE) * np.abs(q[:, 0]).max() + 0.02
-        if settings.ground == "bumps":
-            robot, above = _on_bumps(robot, settings.seed + number), above + 4 * BUMPS
+        if ground == "bumps":
+            robot, above = on_bumps(robot, seed + number), above + 4 * BUMPS
         yield Trial(robot, model, (q + np.array([0, 0, above]), v), factor)
 
 
@@ -119,19 +138,19 @@ def feedback() -> Steered:
     return as_dtype(Steered(PhaseLocked(gait), np.array(0.0), centre_offsets(scene.structure, gait.members)), "float32")
 
 
-def _with_friction(plant: Plant, factor: float) -> Plant:
+def with_friction(plant: Plant, factor: float) -> Plant:
     friction = jax.tree.map(lambda x: x, plant.scene.friction)
     friction = replace(friction, mu=friction.mu * factor)
     return replace(plant, scene=replace(plant.scene, friction=friction))
 
 
-def _on_bumps(plant: Plant, seed: int) -> Plant:
+def on_bumps(plant: Plant, seed: int) -> Plant:
     """The same robot on ground that no controller knows."""
     ground = replace(plant.scene.ground, incline=0.0, surface=as_dtype(bumps(BUMPS, LENGTH, seed), "float32"))
     return replace(plant, scene=replace(plant.scene, ground=ground))
 
 
-def _blind(trial: Trial, duration: float) -> dict[str, bool]:
+def blind(trial: Trial, duration: float) -> dict[str, bool]:
     """Whether the same robot passes the goal by chance, without and with feedback that does not know of it."""
     found = {}
     for name, gains in (("open_loop", 0.0), ("feedback", 1.0)):
@@ -144,20 +163,22 @@ def _blind(trial: Trial, duration: float) -> dict[str, bool]:
     return found
 
 
-@plot.styled
-def figure(paths: list[np.ndarray], ground: str) -> Figure:
+@goals.figure
+def figure(record: Record) -> Figure:
     """The paths of all trials, from above."""
     chart = Figure(figsize=(6, 3.8), layout="constrained")
     axes = chart.subplots()
-    for path in paths:
-        axes.plot(path[:, 1], path[:, 0], linewidth=0.9, alpha=0.8)
+    for row in record["rows"]:
+        axes.plot(row["path"][:, 1], row["path"][:, 0], linewidth=0.9, alpha=0.8)
     axes.plot(*GOAL[::-1], "o", markersize=9, markerfacecolor="none", color="black")
     axes.annotate("goal", GOAL[::-1], textcoords="offset points", xytext=(8, 8))
-    across, downhill = ("y, across the slope (m)", "x, downhill (m)") if ground == "slope" else ("y (m)", "x (m)")
+    across, downhill = (
+        ("y, across the slope (m)", "x, downhill (m)") if record["ground"] == "slope" else ("y (m)", "x (m)")
+    )
     axes.set(xlabel=across, ylabel=downhill, aspect="equal")
     axes.invert_yaxis()
     return chart
 
 
 if __name__ == "__main__":
-    run(main, Settings)
+    goals.run()

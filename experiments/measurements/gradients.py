@@ -5,11 +5,9 @@ all gaits share, for one gait and for 64, by RK4 at 0.5 ms in float64; the mode 
 """
 
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
-from pathlib import Path
+from collections.abc import Callable, Iterator
 
-from jaxgrity.cli.script import measured, run
+from measurement import Record, measurement
 
 import diffrax
 import equinox as eqx
@@ -17,12 +15,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from matplotlib.figure import Figure
-from tqdm import tqdm
+from pages import table
 
 from jaxgrity import Gait, Scene, SolverOptions, as_dtype, gaits_of, load_scene, random_phases
-from jaxgrity.io.files import save_json
 from jaxgrity.populations import discretise_lanes
-from jaxgrity.report import plot
 from jaxgrity.search import checkpointed_end, distances
 from jaxgrity.stepping import ResolvedOptions, resolve
 
@@ -35,40 +31,66 @@ TANGENTS = 8
 """side by side"""
 
 
-@dataclass
-class Settings:
-    horizon: float = 5.0
-    """s, of the gradients of 64 gaits by the mode that wins"""
-    short: float = 0.5
-    """s, on which all modes are compared"""
-    repeats: int = 5
-    """timed calls, of which the median counts, after one that compiles"""
-    out: Path = Path("results/gradients")
-    """folder for gradients.json and gradients.png"""
-    quick: bool = False
-    """a tenth of the longest gradient, two calls, two gaits and their phases alone"""
+@measurement(
+    page="performance.md",
+    quick={"horizon": 0.5, "repeats": 2, "gaits": (2,), "parameters": (6,), "lengths": (4.0,)},
+    raw=("rollout_seconds", "compile_seconds", "difference", "method", "horizon"),
+)
+def gradients(
+    horizon: float = 5.0,
+    short: float = 0.5,
+    repeats: int = 5,
+    gaits: tuple[int, ...] = (1, 64),
+    parameters: tuple[int, ...] = (6, 100),
+    lengths: tuple[float, ...] = (0.25, 1.0, 4.0),
+) -> Iterator[Record]:
+    """A row for each mode, number of gaits and number of parameters.
+
+    Args:
+        horizon: s, of the gradients of most gaits by the mode that wins
+        short: s, on which all modes are compared
+        repeats: timed calls, of which the median counts, after one that compiles
+        gaits: sizes of populations
+        parameters: 6 phases, or 100 parameters of the scene
+        lengths: s, of rollouts whose gradients' memory is measured
+    """
+    scene, exact, long = moving_at_once("reference"), moving_at_once("exact"), []
+    for count in gaits:
+        several = jax.tree.map(jnp.asarray, gaits_of(scene.gait, random_phases(count, 6, seed=0)))
+        for size in parameters:
+            yield from compare(scene, several, size, short, repeats)
+    for each, size in (*((scene, size) for size in parameters), (exact, 6)):
+        (row,) = compare(each, several, size, horizon, repeats, ("checkpointed reverse",))
+        long.append({key: row[key] for key in ("gaits", "parameters", "method", "horizon", "rollouts")})
+    memory = {name: [temporary(scene, several, name, t) for t in lengths] for name in REVERSE}
+    return {"short": short, "lengths": lengths, "memory": memory, "long": long}
 
 
-def main(settings: Settings) -> None:
-    if settings.quick:
-        settings.horizon, settings.repeats = settings.horizon / 10, 2
-    scene, exact = moving_at_once("reference"), moving_at_once("exact")
-    many, counts = (2, (6,)) if settings.quick else (64, (6, 100))
-    rows, lengths = [], [settings.short / 2, settings.short * 2, settings.short * 8][-1 if settings.quick else 0 :]
-    for count in tqdm((many,) if settings.quick else (1, many), desc="gaits", unit="population"):
-        gaits = jax.tree.map(jnp.asarray, gaits_of(scene.gait, random_phases(count, 6, seed=0)))
-        for parameters in counts:
-            rows += compare(scene, gaits, parameters, settings)
-    long = []
-    for parameters in counts:
-        long += compare(scene, gaits, parameters, settings, settings.horizon, ("checkpointed reverse",))
-    long += compare(exact, gaits, 6, settings, settings.horizon, ("checkpointed reverse",))
-    memory = {name: [temporary(scene, gaits, name, t) for t in lengths] for name in REVERSE}
-    facts = {**measured(), "short": settings.short, "rows": rows, "long": long, "lengths": lengths, "memory": memory}
-    save_json(settings.out / "gradients.json", facts)
-    plot.save(figure(facts), settings.out / "gradients.png")
-    report(facts)
-    print(f"wrote {settings.out}/gradients.json and gradients.png")
+@gradients.table
+def words(record: Record) -> str:
+    """Time of each mode in rollouts, of the winner over longer ones, and memory."""
+    cases, modes = cases_of(record), list(dict.fromkeys(row["mode"] for row in record["rows"]))
+    cost = {(row["mode"], row["gaits"], row["parameters"]): row["rollouts"] for row in record["rows"]}
+    rows = [[mode, *(f"{cost[mode, *case]:.1f}" for case in cases)] for mode in modes]
+    head = [f"time in rollouts of {record['short']:g} s", *map(label, cases)]
+    first = record["long"][0]
+    long_head = [
+        f"checkpointed reverse, {first['gaits']} gaits, {first['horizon']:g} s",
+        *(f"{row['parameters']} parameters, {row['method']}" for row in record["long"]),
+    ]
+    long = ["time in rollouts", *(f"{row['rollouts']:.1f}" for row in record["long"])]
+    memory = [[name, *(f"{x / 2**20:.1f} MiB" for x in found)] for name, found in record["memory"].items()]
+    memory_head = ["memory beside the state", *(f"{t:g} s" for t in record["lengths"])]
+    return "\n\n".join([table(head, rows), table(long_head, [long]), table(memory_head, memory)])
+
+
+def cases_of(record: Record) -> list[tuple[int, int]]:
+    """Numbers of gaits and of parameters."""
+    return list(dict.fromkeys((row["gaits"], row["parameters"]) for row in record["rows"]))
+
+
+def label(case: tuple[int, int]) -> str:
+    return f"{case[0]} gait{'s' if case[0] > 1 else ''}, {case[1]} parameters"
 
 
 def moving_at_once(name: str) -> Scene:
@@ -165,36 +187,32 @@ def by_forward(make: Callable, values: jax.Array, horizon: float, options: Resol
 
 
 def compare(
-    scene: Scene, gaits: Gait, parameters: int, settings: Settings, horizon: float = 0.0, only: tuple[str, ...] = ()
-) -> list[dict]:
+    scene: Scene, gaits: Gait, parameters: int, horizon: float, repeats: int, only: tuple[str, ...] = ()
+) -> Iterator[Record]:
     """Time of each mode over that of the rollout, and the largest difference of its gradient from the first's."""
-    horizon = horizon or settings.short
     options = resolve(scene, horizon, EXACT if scene.constrained else RK4)
     values, make = varied(scene, gaits, parameters)
-    alone, _, _ = timed(jax.jit(of_parameters(make, FORWARD, horizon, options)), values, settings.repeats)
+    alone, _, _ = timed(jax.jit(of_parameters(make, FORWARD, horizon, options)), values, repeats)
     modes = {name: by_reverse(make, end, horizon, options) for name, end in REVERSE.items()}
     modes["forward, one by one"] = by_forward(make, values, horizon, options, 1)
     modes[f"forward, {TANGENTS} side by side"] = by_forward(make, values, horizon, options, TANGENTS)
-    rows, reference = [], None
+    reference = None
     for name in only or modes:
-        seconds, compilation, gradient = timed(modes[name], values, settings.repeats)
+        seconds, compilation, gradient = timed(modes[name], values, repeats)
         gradient = gradient.T if parameters == 6 and gradient.shape != values.shape else gradient
         gradient = gradient if gradient.shape == values.shape else gradient.sum(-1)
         reference = gradient if reference is None else reference
-        rows.append(
-            {
-                "mode": name,
-                "gaits": gaits.phase.shape[0],
-                "parameters": parameters,
-                "method": options.method.name,
-                "horizon": horizon,
-                "rollouts": seconds / alone,
-                "rollout_seconds": alone,
-                "compile_seconds": compilation,
-                "difference": float(jnp.abs(gradient - reference).max() / jnp.abs(reference).max()),
-            }
-        )
-    return rows
+        yield {
+            "mode": name,
+            "gaits": gaits.phase.shape[0],
+            "parameters": parameters,
+            "method": options.method.name,
+            "horizon": horizon,
+            "rollouts": seconds / alone,
+            "rollout_seconds": alone,
+            "compile_seconds": compilation,
+            "difference": float(jnp.abs(gradient - reference).max() / jnp.abs(reference).max()),
+        }
 
 
 def timed(function: Callable, values: jax.Array, repeats: int) -> tuple[float, float, jax.Array]:
@@ -216,35 +234,24 @@ def temporary(scene: Scene, gaits: Gait, name: str, horizon: float) -> int:
     return compiled.memory_analysis().temp_size_in_bytes
 
 
-def report(facts: dict) -> None:
-    for row in facts["rows"] + facts["long"]:
-        print(
-            f"{row['gaits']:3d} gaits, {row['parameters']:3d} parameters, {row['horizon']:g} s, {row['mode']:36s} "
-            f"{row['rollouts']:7.1f} rollouts, off by {row['difference']:.0e}"
-        )
-    for name, found in facts["memory"].items():
-        print(f"{name}: " + ", ".join(f"{x / 2**20:.1f} MiB at {t:g} s" for x, t in zip(found, facts["lengths"])))
-
-
-@plot.styled
-def figure(facts: dict) -> Figure:
+@gradients.figure
+def figure(record: Record) -> Figure:
     """Time of each mode in rollouts, and the memory of the reverse modes against the length of the rollout."""
     chart = Figure(figsize=(11, 4), layout="constrained")
     left, right = chart.subplots(1, 2)
-    names = list(dict.fromkeys(row["mode"] for row in facts["rows"]))
-    cases = list(dict.fromkeys((row["gaits"], row["parameters"]) for row in facts["rows"]))
+    names = list(dict.fromkeys(row["mode"] for row in record["rows"]))
+    cases = cases_of(record)
     for k, case in enumerate(cases):
-        heights = [row["rollouts"] for row in facts["rows"] if (row["gaits"], row["parameters"]) == case]
-        label = f"{case[0]} gait{'s' if case[0] > 1 else ''}, {case[1]} parameters"
-        left.barh(np.arange(len(names)) + 0.2 * k, heights, 0.18, label=label)
+        heights = [row["rollouts"] for row in record["rows"] if (row["gaits"], row["parameters"]) == case]
+        left.barh(np.arange(len(names)) + 0.2 * k, heights, 0.18, label=label(case))
     left.set_yticks(np.arange(len(names)) + 0.1 * (len(cases) - 1), names)
     left.invert_yaxis()
     left.set(xscale="log", xlabel="time of a gradient, in rollouts")
     left.legend(fontsize=8)
-    for name, found in facts["memory"].items():
-        right.loglog(facts["lengths"], np.array(found) / 2**20, "o-", label=name)
+    for name, found in record["memory"].items():
+        right.loglog(record["lengths"], np.array(found) / 2**20, "o-", label=name)
     right.set(xlabel="length of the rollout (s)", ylabel="memory (MiB)", title=f"{cases[-1][0]} gaits, 6 phases")
-    right.set_xticks(facts["lengths"], [f"{t:g}" for t in facts["lengths"]])
+    right.set_xticks(record["lengths"], [f"{t:g}" for t in record["lengths"]])
     right.minorticks_off()
     right.legend(fontsize=8)
     right.grid(alpha=0.3)
@@ -252,4 +259,4 @@ def figure(facts: dict) -> Figure:
 
 
 if __name__ == "__main__":
-    run(main, Settings)
+    gradients.run()

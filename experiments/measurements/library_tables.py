@@ -146,21 +146,3 @@ def gait_commands() -> str:
 
 def _peaks(asked: Facts) -> str:
     return f"{asked['peak_force']:.0f} N, {asked['peak_rate']:.2f} m/s, {asked['peak_power']:.0f} W"
-
-
-def library_gaits_facts(raw: Facts) -> Facts:
-    """What each search found, and the speed of the library's gait."""
-    return {"command": raw["command"], "rows": raw["rows"]}
-
-
-def library_gaits_table(facts: Facts) -> str:
-    rows = [
-        [
-            f"`{row['gait']}`",
-            f"{row['library']:.3f}",
-            "no orbit" if row["found"] is None else f"{row['found']:.3f}",
-        ]
-        for row in facts["rows"]
-    ]
-    head = ["search of", "the library's gait then, body lengths/s", "found by its command"]
-    return table(head, rows) + made_by(facts, "library_gaits")

@@ -5,16 +5,16 @@ model: they have springs for struts and ground, and their friction is off by up 
 that does not know of the obstacles. Touching is judged by all struts and cables, once in a control period.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
-from jaxgrity.cli.script import measured, run
+from measurement import Record, measurement
 
 import numpy as np
 from basin import drops
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
+from pages import table
 from tqdm import tqdm
 
 from jaxgrity import Cylinder, Differences, Scene, SolverOptions, Trajectory, contact_twin, load_gait, load_scene
@@ -22,6 +22,7 @@ from jaxgrity.control import (
     REACHED,
     Discs,
     Foresight,
+    GaitChoices,
     MotorLimits,
     PhaseLocked,
     Plant,
@@ -35,8 +36,7 @@ from jaxgrity.control import (
     travel,
     way_map,
 )
-from jaxgrity.io.files import save_json
-from jaxgrity.report import plot, view
+from jaxgrity.report import view
 
 PERIOD = 0.01
 """s, in which robots get a command"""
@@ -53,63 +53,92 @@ UNKNOWN = 0.25
 GAITS = ("lasting", "fast", "left", "right")
 
 
-@dataclass
-class Settings:
-    fields: int = 20
-    samples: int = 24
-    """ways to go on that are tried for each robot, each by three robots of the model"""
-    patience: float = 60.0
-    """s"""
-    seed: int = 1
-    """of fields, starts, friction and samples; the controller was made on those of 0"""
-    out: Path = Path("results/obstacles")
-    """folder for obstacles.json, its figure and a replay"""
-    quick: bool = False
-    """two fields, 4 samples, two choices, on the model itself"""
+KINDS = ("reached", "arrived", "touched")
+"""What becomes of a robot."""
 
 
-def main(settings: Settings) -> None:
-    if settings.quick:
-        settings.fields, settings.samples, settings.patience = 2, 4, 1.5
-    scene = load_scene("exact")
-    fields = drawn_fields(settings)
-    maps = [way_map(field, GOAL, ARENA, reach=REACH + NEAR) for field in fields]
-    found = led(scene, settings, maps)
+@measurement(
+    page="control.md",
+    quick={"fields": 2, "samples": 4, "patience": 1.5, "twin": False},
+    raw=("rows",),
+)
+def obstacles(
+    out: Path, fields: int = 20, samples: int = 24, patience: float = 60.0, twin: bool = True, seed: int = 1
+) -> Record:
+    """How many robots got round their obstacles, and how; a replay of one of them in the folder.
+
+    Args:
+        fields: of obstacles, each with a robot
+        samples: ways to go on that are tried for each robot, each by three robots of the model
+        patience: s
+        twin: whether the robots are the contact twin, and not the model itself
+        seed: of fields, starts, friction and samples; the controller was made on those of 0
+    """
+    scene, drawn = load_scene("exact"), drawn_fields(fields, seed)
+    maps = [way_map(field, GOAL, ARENA, reach=REACH + NEAR) for field in drawn]
+    foresight = Foresight(samples=samples, patience=patience, reach=REACH, seed=seed)
+    robot, choices = contact_twin(scene) if twin else scene, gaits_of(scene)
+    found = led(scene, robot, choices, maps, foresight)
     nothing = Discs(np.zeros((0, 2)), np.zeros(0))
-    blind = led(scene, settings, [way_map(nothing, GOAL, ARENA)] * len(fields))
-    rows = [{"seed": k, **told(found, field, k), "blind": told(blind, field, k)} for k, field in enumerate(fields)]
-    names, frames = names_of(scene), round(Foresight().interval / PERIOD)
-    going = np.arange(len(found.gaits))[:, None] * frames < found.arrived
-    chosen = found.gaits[going]
-    shares = {name: float(np.mean(np.isin(chosen, _rows_of(names, name)))) for name in dict.fromkeys(names)}
-    save_json(
-        settings.out / "obstacles.json",
-        {
-            **measured(),
-            "patience": settings.patience,
-            "samples": settings.samples,
-            "copies": len(Foresight().friction),
-            "interval": Foresight().interval,
-            "horizon": Foresight().horizon,
-            "gaits": shares,
-            "spread": float(np.nanmedian(found.spread[going])),
-            "surprise": float(np.nanmedian(found.surprise[going])),
-            "seconds_a_choice": found.seconds,
-            "rows": rows,
-        },
-    )
-    plot.save(figure(fields, maps, found, blind), settings.out / "obstacles.png")
-    shown = int(np.argmax([row["reached"] for row in rows]))
-    keep_replay(scene, fields[shown], maps[shown], found, shown, settings.out / "replay.html")
-    for name, each in (("planned", rows), ("blind", [row["blind"] for row in rows])):
-        print(f"{name}: {sum(row['reached'] for row in each)} of {len(each)} reached without touching")
+    blind = led(scene, robot, choices, [way_map(nothing, GOAL, ARENA)] * fields, foresight)
+    rows = [
+        {"centres": field.centres, "radii": field.radii, "plan": way.way(found.path[0, :2, k])}
+        | {"planned": told(found, field, k), "blind": told(blind, field, k)}
+        for k, (field, way) in enumerate(zip(drawn, maps))
+    ]
+    arrived = [row["planned"] for row in rows if row["planned"]["reached"]]
+    going = np.arange(len(found.gaits))[:, None] * round(foresight.interval / PERIOD) < found.arrived
+    names = np.array(choices.names)
+    shown = int(np.argmax([row["planned"]["reached"] for row in rows]))
+    keep_replay(scene, drawn[shown], maps[shown], found, shown, out / "replay.html")
+    return {
+        "patience": patience,
+        "samples": samples,
+        "copies": len(foresight.friction),
+        "interval": foresight.interval,
+        "horizon": foresight.horizon,
+        "gaits": {name: float(np.mean(names[found.gaits[going]] == name)) for name in dict.fromkeys(names)},
+        "spread": float(np.nanmedian(found.spread[going])),
+        "surprise": float(np.nanmedian(found.surprise[going])),
+        "seconds_a_choice": found.seconds,
+        "fields": fields,
+        **{way: {kind: sum(row[way][kind] for row in rows) for kind in KINDS} for way in ("planned", "blind")},
+        "seconds": float(np.median([row["seconds"] for row in arrived])) if arrived else None,
+        "gap": min((row["gap"] for row in arrived), default=None),
+        "length": float(np.median([row["length"] for row in arrived])) if arrived else None,
+        "rows": rows,
+    }
 
 
-def drawn_fields(settings: Settings) -> list[Discs]:
+@obstacles.table
+def words(record: Record) -> str:
+    """How many robots got round their obstacles, and what their ways were like."""
+    shares = ", ".join(f"{name} {100 * share:.0f} %" for name, share in record["gaits"].items())
+    count = record["fields"]
+    rows = []
+    for label, name in (("round obstacles, by the plan", "planned"), ("straight to the goal, blind", "blind")):
+        own = record[name]
+        rows.append([label, f"{own['reached']} of {count}", f"{own['touched']}", f"{count - own['arrived']}"])
+    head = [f"goal within {record['patience']:g} s", "reached, nothing touched", "touched something", "did not arrive"]
+    if record["seconds"] is None:
+        return table(head, rows)
+    apart, off = (f"{100 * record[name]:.0f} cm" for name in ("spread", "surprise"))
+    more = [
+        ["a way round obstacles, median", f"{record['seconds']:.0f} s, {record['length']:.0f} m"],
+        ["nearest to an obstacle, of robots that arrived", f"{100 * record['gap']:.0f} cm"],
+        ["gaits that were chosen", shares],
+        [f"spread of the model's robots on a chosen way after {record['horizon']:g} s, median", apart],
+        [f"from there to the robot after {record['interval']:g} s, median", off],
+        [f"a choice for all {count} robots", f"{record['seconds_a_choice']:.1f} s"],
+    ]
+    return table(head, rows) + "\n\n" + table(["of these ways", "measured"], more)
+
+
+def drawn_fields(count: int, seed: int) -> list[Discs]:
     """Fields whose straight way is blocked, and that have another."""
-    draw, found = np.random.default_rng(settings.seed), []
+    draw, found = np.random.default_rng(seed), []
     straight = np.linspace(0, 1, 101)[:, None] * GOAL
-    while len(found) < settings.fields:
+    while len(found) < count:
         centres = draw.uniform([1.5, -ACROSS], [GOAL[0] - 1.5, ACROSS], (DISCS, 2))
         field = Discs(centres, draw.uniform(*RADII, DISCS))
         ends = room(field, np.stack([np.zeros(2), GOAL]))
@@ -120,38 +149,26 @@ def drawn_fields(settings: Settings) -> list[Discs]:
     return found
 
 
-def names_of(scene: Scene) -> tuple[str, ...]:
-    return _gaits(scene).names
-
-
-def _gaits(scene: Scene):
+def gaits_of(scene: Scene) -> GaitChoices:
     """The library's gaits, of which the gains of feedback are known for the first alone."""
     locked = {name: PhaseLocked(load_gait(name)) for name in GAITS}
     locked = {name: each if name == "lasting" else replace(each, gains=0 * each.gains) for name, each in locked.items()}
     return gait_choices(scene.structure, locked)
 
 
-def _rows_of(names: tuple[str, ...], name: str) -> list[int]:
-    return [k for k, each in enumerate(names) if each == name]
-
-
-def led(scene: Scene, settings: Settings, maps: list[WayMap]) -> Travels:
-    """All robots, from drops anyhow."""
-    count = len(maps)
-    model = bounded(scene)
-    robot = model if settings.quick else bounded(contact_twin(scene))
-    draw = np.random.default_rng(settings.seed + 1)
-    friction = 1 + draw.uniform(-UNKNOWN, UNKNOWN, count)
-    start = tuple(np.moveaxis(x, 0, -1) for x in drops(scene, count, settings.seed))
-    foresight = Foresight(samples=settings.samples, patience=settings.patience, reach=REACH, seed=settings.seed)
-    bar = tqdm(total=round(foresight.patience / foresight.interval), unit="choice")
-    with bar:
+def led(scene: Scene, robot: Scene, choices: GaitChoices, maps: list[WayMap], foresight: Foresight) -> Travels:
+    """All robots, from drops anyhow about the origin, by a model of the scene."""
+    count, seed = len(maps), foresight.seed
+    friction = 1 + np.random.default_rng(seed + 1).uniform(-UNKNOWN, UNKNOWN, count)
+    q, v = drops(scene, count, seed)
+    above = scene.ground.height(q[..., 0], q[..., 1]).max(1)[:, None, None] * np.array([0, 0, 1])
+    with tqdm(total=round(foresight.patience / foresight.interval), unit="choice") as bar:
         return travel(
-            side_by_side(robot, count, Differences(friction=friction)),
-            model,
-            _gaits(scene),
+            side_by_side(bounded(robot), count, Differences(friction=friction)),
+            bounded(scene),
+            choices,
             maps,
-            start=start,
+            start=(np.moveaxis(q + above, 0, -1), np.moveaxis(v, 0, -1)),
             foresight=foresight,
             on_choice=lambda _: bar.update(),
         )
@@ -163,20 +180,21 @@ def bounded(scene: Scene) -> Plant:
     return plant_of(scene, load_gait("lasting").members, motors=MotorLimits(rate=1.2), options=options)
 
 
-def told(found: Travels, field: Discs, robot: int) -> dict[str, Any]:
-    """Of one robot, judged by the field that is there."""
+def told(found: Travels, field: Discs, robot: int) -> Record:
+    """Of one robot, judged by the field that is there; its path ten times a second."""
     end = int(found.arrived[robot])
     here = np.linalg.norm(found.path[end, :2, robot] - GOAL) < REACHED
     nodes = found.nodes[: end + 1, :, :, robot]
     least = float(gap(field, load_scene("exact").structure, nodes).min())
-    path = found.path[: end + 1, :2, robot]
+    path = found.path[: end + 1 : 10, :2, robot]
     return {
         "arrived": bool(here),
         "touched": least < 0,
         "reached": bool(here and least >= 0),
         "seconds": PERIOD * end,
         "gap": least,
-        "length": float(np.linalg.norm(np.diff(path[::10], axis=0), axis=1).sum()),
+        "length": float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum()),
+        "path": path,
     }
 
 
@@ -195,28 +213,25 @@ def keep_replay(scene: Scene, field: Discs, way: WayMap, found: Travels, robot: 
     view.keep_html(twin, motion, path, frame_rate=25.0, title="round obstacles", props=props)
 
 
-def _outcome(row: dict[str, Any]) -> str:
-    return "reached" if row["reached"] else "touched" if row["touched"] else "not reached"
-
-
-@plot.styled
-def figure(fields: list[Discs], maps: list[WayMap], found: Travels, blind: Travels) -> Figure:
+@obstacles.figure
+def figure(record: Record) -> Figure:
     """Obstacles, the way that was planned from the start, and the paths of all robots, from above."""
-    columns = min(4, len(fields))
-    rows = -(-len(fields) // columns)
+    every = record["rows"]
+    columns = min(4, len(every))
+    rows = -(-len(every) // columns)
     chart = Figure(figsize=(2.4 * columns, 1.75 * rows + 0.6), layout="constrained")
     panes = chart.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
-    for k, (axes, field, way) in enumerate(zip(panes, fields, maps)):
-        for centre, radius in zip(field.centres, field.radii):
+    for axes, row in zip(panes, every):
+        for centre, radius in zip(row["centres"], row["radii"]):
             axes.add_patch(Circle(centre, radius, color="#b9b2a3"))
-        for travels, style, label in ((blind, {"color": "#c5522f", "lw": 0.7}, "blind"), (found, {"lw": 1.4}, "led")):
-            path = travels.path[: travels.arrived[k] + 1, :2, k]
-            axes.plot(*path.T, label=label, **style)
-        axes.plot(*way.way(found.path[0, :2, k]).T, ":", color="black", lw=0.8, label="first plan")
+        axes.plot(*row["blind"]["path"].T, label="blind", color="#c5522f", lw=0.7)
+        axes.plot(*row["planned"]["path"].T, label="led", lw=1.4)
+        axes.plot(*row["plan"].T, ":", color="black", lw=0.8, label="first plan")
         axes.plot(*GOAL, "o", markersize=5, markerfacecolor="none", color="black")
         axes.set(aspect="equal", xlim=(-2, 12), ylim=(-5, 5))
-        axes.set_title(_outcome(told(found, field, k)), size=8)
-    for axes in panes[len(fields) :]:
+        own = row["planned"]
+        axes.set_title("reached" if own["reached"] else "touched" if own["touched"] else "not reached", size=8)
+    for axes in panes[len(every) :]:
         axes.set_visible(False)
     chart.legend(*panes[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
     chart.supxlabel("x (m)", size=9)
@@ -225,4 +240,4 @@ def figure(fields: list[Discs], maps: list[WayMap], found: Travels, blind: Trave
 
 
 if __name__ == "__main__":
-    run(main, Settings)
+    obstacles.run()

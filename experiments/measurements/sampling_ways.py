@@ -19,14 +19,14 @@ WAYS = {"at random": {"rounds": 1}, "two rounds": {"rounds": 2}, "four rounds": 
 """how samples are drawn"""
 
 
-@measurement(page="control.md", quick={"trials": 1, "patience": 2.0, "rough": True}, raw=("seconds",))
+@measurement(page="control.md", quick={"trials": 1, "patience": 2.0, "twin": False}, raw=("seconds",))
 def sampling_ways(
     trials: int = 20,
     samples: int = 64,
     knots: tuple[int, ...] = (1, 3),
-    patience: float = goals.PATIENCE,
+    patience: float = 60.0,
+    twin: bool = True,
     seed: int = 100,
-    rough: bool = False,
 ) -> Iterator[Record]:
     """A row for each way to draw samples.
 
@@ -35,15 +35,14 @@ def sampling_ways(
         samples: rollouts of the model for each choice
         knots: bends over the horizon
         patience: s, after which a trial has failed
+        twin: whether the robot is the contact twin, and not the model itself
         seed: of starts, friction and samples
-        rough: on the exact model, without the slope
     """
-    field = goals.Settings(seed=seed, quick=rough)
     for name, count in product(WAYS, knots):
         sampling = Sampling(samples=samples, knots=count, patience=patience, **WAYS[name])
         led = [
             lead_to(t.robot, t.model, goals.feedback(), goals.GOAL, start=t.start, seed=number, sampling=sampling)
-            for number, t in enumerate(goals.drawn_trials(field, trials))
+            for number, t in enumerate(goals.drawn_trials("slope", trials, twin, seed))
         ]
         seconds = [each.seconds for each in led]
         yield {

@@ -15,23 +15,23 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
+from functools import partial
 from multiprocessing.pool import Pool
 from pathlib import Path
 
-from jaxgrity.cli.script import configure, measured, run
+from jaxgrity.cli.script import configure
+from measurement import Record, measurement
 
 import jax
-import limit
+import limit as hand_written
 import numpy as np
 from engines import AT_LEAST, C_SWEEPS
 from matplotlib.figure import Figure
+from pages import table
 from tqdm import tqdm
 
 from jaxgrity import Scene, SolverOptions, as_dtype, gaits_of, load_scene, random_phases, simulate, simulate_population
-from jaxgrity.io.files import save_json
 from jaxgrity.populations import roll_out
-from jaxgrity.report import plot
 from jaxgrity.stepping import resolve
 from jaxgrity.structures import prism_tower
 
@@ -45,51 +45,169 @@ IN_C = {"rk4": ("limit32", None), "complementarity": ("exact32", C_SWEEPS)}
 """the C program that does the same in float32, and its sweeps"""
 
 
-@dataclass
-class Settings:
-    repeats: int = 5
-    """timed calls, of which the median counts, after one that compiles"""
-    limit: Path | None = None
-    """folder with the C programs"""
-    out: Path = Path("results/scaling")
-    """folder for scaling.json and scaling.png"""
-    quick: bool = False
-    """complementarity alone, one call, few gaits and struts"""
+LARGEST = 1024
+"""Gaits at most with which numbers of devices are compared."""
+SEARCHED = 256
+"""Population between the smallest and the largest that is quoted too."""
+PARTS = ("devices", "population", "struts", "single", "compiled", "C")
 
 
-def main(settings: Settings) -> None:
-    quick, repeats, cores = settings.quick, 1 if settings.quick else settings.repeats, len(os.sched_getaffinity(0))
-    methods = ["complementarity"] if quick else list(METHODS)
-    sizes = [16] if quick else [64, 128, 256, 1024, 4096]
-    struts = [6, 12] if quick else [6, 18, 60, 180, 600]
-    largest = 16 if quick else 1024
-    tasks: list[tuple] = [("devices", d, population_cost, (m, largest, repeats)) for m in methods for d in (1, cores)]
+@measurement(
+    page="scaling.md",
+    quick={"methods": ("complementarity",), "sizes": (16,), "struts": (6, 12), "repeats": 1, "shared": True},
+    raw=tuple(part for part in PARTS if part != "compiled"),
+    listed=False,
+)
+def scaling(
+    methods: tuple[str, ...] = tuple(METHODS),
+    sizes: tuple[int, ...] = (64, 128, 256, 1024, 4096),
+    struts: tuple[int, ...] = (6, 18, 60, 180, 600),
+    repeats: int = 5,
+    shared: bool = False,
+    limit: Path | None = None,
+) -> Record:
+    """All parts, and what the pages quote of them.
+
+    Args:
+        methods: names of those that are measured
+        sizes: gaits of populations
+        struts: of towers
+        repeats: timed calls, of which the median counts, after one that compiles
+        shared: all parts for as many devices share a process, and nothing is warmed up
+        limit: folder with the C programs
+    """
+    cores, most = len(os.sched_getaffinity(0)), min(LARGEST, sizes[-1])
+    tasks: list[tuple] = [("devices", d, population_cost, (m, most, repeats)) for m in methods for d in (1, cores)]
     tasks += [("population", cores, population_cost, (m, n, repeats)) for m in methods for n in sizes]
     tasks += [("struts", cores, tower_cost, (m, n, repeats)) for m in methods for n in struts]
     tasks += [("single", 1, single_cost, (m, dtype, repeats)) for m in methods for dtype in ("float32", "float64")]
     tasks += [("compiled", 1, compiled, (m,)) for m in methods]
-    if settings.limit is not None:
-        folder = settings.limit.resolve()
-        tasks += [("C", 1, cost_in_c, (folder, m, largest, 1, repeats)) for m in methods]
+    if limit is not None:
+        folder = limit.resolve()
+        tasks += [("C", 1, cost_in_c, (folder, m, most, 1, repeats)) for m in methods]
         tasks += [("C", cores, cost_in_c, (folder, m, n, cores, repeats)) for m in methods for n in sizes]
-    kinds = ("devices", "population", "struts", "single", "compiled", "C")
-    rows: dict[str, list[dict]] = {kind: [] for kind in kinds}
+    parts: dict[str, list[Record]] = {part: [] for part in PARTS}
     with contextlib.ExitStack() as running:
         pools = functools.cache(lambda devices: running.enter_context(process(devices)))
         for name, devices, function, arguments in tqdm(tasks, unit="run"):
-            found = pools(devices).apply(function, arguments) if quick else in_process(devices, function, arguments)
-            rows[name].append({"devices": devices, **found})
-    facts = {
-        **measured(),
-        "repeats": repeats,
-        **rows,
-        "exponents": exponents(rows["struts"]),
-        "start": start_up(min(3, repeats), warm=not quick),
+            found = pools(devices).apply(function, arguments) if shared else in_process(devices, function, arguments)
+            parts[name].append(found if name == "compiled" else {"devices": devices, **found})
+    start = start_up(min(3, repeats), warm=not shared)
+    return {"methods": quoted(parts), "start": start, **parts}
+
+
+def quoted(parts: dict[str, list[Record]]) -> list[Record]:
+    """Of each method what the table has of it."""
+    rows = []
+    for method, exponent in exponents(parts["struts"]).items():
+        mine = {name: [row for row in parts[name] if row["method"] == method] for name in PARTS}
+        one, several = mine["devices"]
+        struts, sizes = mine["struts"], mine["population"]
+        told = {row["gaits"]: row for row in (sizes[0], *(row for row in sizes if row["gaits"] == SEARCHED), sizes[-1])}
+        rows.append(
+            {
+                "method": method,
+                "devices": several["devices"],
+                "gaits": several["gaits"],
+                "speed_up": one["seconds"] / several["seconds"],
+                "populations": list(told),
+                "per_gait_and_simulated_second": [row["per_gait_and_simulated_second"] for row in told.values()],
+                "struts": [struts[0]["struts"], struts[-1]["struts"]],
+                "per_gait_and_step": [struts[0]["per_gait_and_step"], struts[-1]["per_gait_and_step"]],
+                "exponent": exponent,
+                "times_real_time": [row["times_real_time"] for row in mine["single"]],
+                "in_C": in_c(mine["C"], list(told)) if mine["C"] else None,
+            }
+        )
+    return rows
+
+
+def in_c(mine: list[Record], sizes: list[int]) -> Record:
+    """Of the C program that does the same as a method: its speed-up, and its cost in populations of the sizes."""
+    cost = {(row["devices"], row["gaits"]): row["per_gait_and_simulated_second"] for row in mine}
+    several = max(threads for threads, _ in cost)
+    shared = next(gaits for threads, gaits in cost if threads == 1)
+    return {
+        "speed_up": cost[1, shared] / cost[several, shared],
+        "per_gait_and_simulated_second": [cost[several, size] for size in sizes],
     }
-    save_json(settings.out / "scaling.json", facts)
-    plot.save(figure(rows), settings.out / "scaling.png")
-    report(facts)
-    print(f"wrote {settings.out}/scaling.json and scaling.png")
+
+
+def microseconds(seconds: float) -> str:
+    return f"{1e6 * seconds:.0f} us"
+
+
+@scaling.table
+def words(record: Record) -> str:
+    """What each method costs, and the C program that does the same."""
+    rows = [
+        [
+            row["method"],
+            f"{row['speed_up']:.2f} times as fast as one",
+            ", ".join(microseconds(cost) for cost in row["per_gait_and_simulated_second"]),
+            f"{1e6 * row['per_gait_and_step'][0]:.2f} and {1e6 * row['per_gait_and_step'][1]:.0f} us",
+            f"{row['exponent']:.2f}",
+            " and ".join(f"{times:.0f}" for times in row["times_real_time"]),
+        ]
+        for row in record["methods"]
+    ]
+    rows += [
+        [
+            f"hand-written C, as {row['method']}",
+            f"{row['in_C']['speed_up']:.2f} times",
+            ", ".join(microseconds(cost) for cost in row["in_C"]["per_gait_and_simulated_second"]),
+            *3 * ["-"],
+        ]
+        for row in record["methods"]
+        if row["in_C"]
+    ]
+    first = record["methods"][0]
+    populations, struts = (", ".join(str(size) for size in first[name]) for name in ("populations", "struts"))
+    head = [
+        "method",
+        f"{first['devices']} devices, {first['gaits']} gaits",
+        f"{populations} gaits, a gait and simulated second",
+        f"{struts} struts, a step",
+        "cost ~ struts^",
+        "one rollout, float32 and float64: times real time",
+    ]
+    return table(head, rows)
+
+
+@partial(scaling.table, part="million")
+def million(record: Record) -> str:
+    """What a search of 10^6 gaits costs, by arithmetic on the largest population."""
+    rows = []
+    for row in record["methods"]:
+        cost = row["per_gait_and_simulated_second"][-1]
+        rows.append([row["method"], microseconds(cost), f"{1e6 * 10 * cost / 60:.0f} minutes"])
+    head = ["method", "a gait and simulated second, float32", f"10^6 rollouts of 10 s on {record['cores']} cores"]
+    return table(head, rows)
+
+
+@partial(scaling.table, part="compiled", page="performance.md")
+def loops(record: Record) -> str:
+    """What a step compiles to."""
+    rows = []
+    for found in record["compiled"]:
+        counts = [", ".join(f"{n} {kind}" for kind, n in loop["instructions"].items()) for loop in found["loops"]]
+        rows.append([found["method"], "; ".join(counts), "; ".join(str(loop["roots"]) for loop in found["loops"])])
+    head = ["method", "instructions in the body of each loop, innermost first", "roots in one pass, of one gait"]
+    return table(head, rows)
+
+
+@partial(scaling.table, part="start", page="performance.md")
+def starting(record: Record) -> str:
+    """What a user waits for."""
+    start = record["start"]
+    script = "a script that loads, describes and simulates a scene: its first steps, with what an earlier run compiled"
+    rows = [
+        ["importing JAX and diffrax", f"{start['jax and diffrax']:.2f} s"],
+        ["importing jaxgrity, with JAX and diffrax", f"{start['jaxgrity']:.2f} s"],
+        [script, f"{start['first steps']:.1f} s"],
+        ["the same with nothing compiled before", f"{start['first steps, cold']:.1f} s"],
+    ]
+    return table(["from the start of the process", "wall time"], rows)
 
 
 def in_process(devices: int, function: Callable, arguments: tuple) -> dict:
@@ -154,7 +272,7 @@ def cost_in_c(folder: Path, method: str, gaits: int, threads: int, repeats: int)
     (name, dt), (program, sweeps) = METHODS[method], IN_C[method]
     scene, phases = load_scene(name), random_phases(gaits, 6, seed=0)
     seconds = [
-        limit.roll(folder / program, scene, phases, round(DURATION / dt), dt, threads, sweeps)[1]
+        hand_written.roll(folder / program, scene, phases, round(DURATION / dt), dt, threads, sweeps)[1]
         for _ in range(repeats)
     ]
     each = float(np.median(seconds)) / gaits / DURATION
@@ -251,33 +369,16 @@ def start_up(repeats: int, warm: bool = True) -> dict[str, float]:
     return found | {"first steps, cold": float(np.median([took_cold(SCRIPT) for _ in range(repeats)]))}
 
 
-def report(facts: dict) -> None:
-    for row in facts["devices"]:
-        print(f"{row['method']}, {row['devices']} devices: {1e6 * row['per_gait_and_simulated_second']:.0f} us")
-    for row in facts["population"]:
-        print(f"{row['method']}, {row['gaits']} gaits: {1e6 * row['per_gait_and_simulated_second']:.0f} us")
-    for row in facts["struts"]:
-        print(f"{row['method']}, {row['struts']} struts: {1e6 * row['per_gait_and_step']:.2f} us a step")
-    for row in facts["single"]:
-        print(f"one rollout, {row['method']}, {row['dtype']}: {row['times_real_time']:.0f} times real time")
-    for row in facts["compiled"]:
-        print(f"compiled, {row['method']}: {row['loops']}")
-    for row in facts["C"]:
-        each = 1e6 * row["per_gait_and_simulated_second"]
-        print(f"C for {row['method']}, {row['devices']} threads, {row['gaits']} gaits: {each:.0f} us")
-    print(facts["exponents"], facts["start"])
-
-
-@plot.styled
-def figure(rows: dict[str, list[dict]]) -> Figure:
+@scaling.figure
+def figure(record: Record) -> Figure:
     """Cost per gait against the size of the population, and cost per step against the number of struts."""
     chart = Figure(figsize=(10, 4), layout="constrained")
     left, right = chart.subplots(1, 2)
-    for method in dict.fromkeys(row["method"] for row in rows["population"]):
-        ours = [row for row in rows["population"] if row["method"] == method]
+    for method in dict.fromkeys(row["method"] for row in record["population"]):
+        ours = [row for row in record["population"] if row["method"] == method]
         x, y = ([row[key] for row in ours] for key in ("gaits", "per_gait_and_simulated_second"))
         left.loglog(x, 1e6 * np.array(y), "o-", label=method)
-        ours = [row for row in rows["struts"] if row["method"] == method]
+        ours = [row for row in record["struts"] if row["method"] == method]
         x, y = ([row[key] for row in ours] for key in ("struts", "per_gait_and_step"))
         line = right.loglog(x, 1e6 * np.array(y), "o-", label=method)[0]
         right.loglog(x, 1e6 * y[0] * np.array(x) / x[0], ":", color=line.get_color(), lw=1)
@@ -290,4 +391,4 @@ def figure(rows: dict[str, list[dict]]) -> Figure:
 
 
 if __name__ == "__main__":
-    run(main, Settings)
+    scaling.run()

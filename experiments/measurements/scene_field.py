@@ -10,25 +10,19 @@ from pathlib import Path
 from measurement import Record, measurement
 
 import numpy as np
-from basin import drops
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
-from obstacles import ARENA, GAITS, GOAL, NEAR, REACH, UNKNOWN, bounded, told
+from obstacles import ARENA, GAITS, GOAL, NEAR, REACH, led, told
 from pages import table
-from tqdm import tqdm
 
-from jaxgrity import Differences, Scene, contact_twin, load_gait, load_scene
+from jaxgrity import contact_twin, load_gait, load_scene
 from jaxgrity.control import (
     Foresight,
     PhaseLocked,
-    Travels,
-    WayMap,
     discs_of,
     gait_choices,
     room,
-    side_by_side,
     sure_footed,
-    travel,
     way_map,
 )
 
@@ -58,10 +52,12 @@ def scene_field(
     field = discs_of(model.ground)
     way = way_map(field, GOAL, ARENA, reach=REACH + NEAR)
     foresight = Foresight(samples=samples, patience=patience, reach=REACH, seed=seed)
-    found = led(model, model if itself else contact_twin(model), robots, foresight, way)
+    gaits = {name: PhaseLocked(load_gait(name), np.zeros((2, 2))) for name in GAITS}
+    gaits["lasting"] = sure_footed(load_gait("lasting"))
+    robot, choices = model if itself else contact_twin(model), gait_choices(model.structure, gaits)
+    found = led(model, robot, choices, [way] * robots, foresight)
     rows = [told(found, field, k) for k in range(robots)]
     arrived = [row for row in rows if row["reached"]]
-    paths = [found.path[: end + 1, :2, k] for k, end in enumerate(found.arrived)]
     return {
         "patience": patience,
         "obstacles": len(field.radii),
@@ -70,29 +66,8 @@ def scene_field(
         **{name: sum(row[name] for row in rows) for name in ("reached", "arrived", "touched")},
         "seconds": float(np.median([row["seconds"] for row in arrived])) if arrived else None,
         "gap": min(row["gap"] for row in rows),
-        "raw": {"scene": str(scene), "rows": rows, "paths": paths},
+        "raw": {"scene": str(scene), "rows": rows},
     }
-
-
-def led(scene: Scene, robot: Scene, count: int, foresight: Foresight, way: WayMap) -> Travels:
-    """All robots through the same field, from drops anyhow about the origin."""
-    draw = np.random.default_rng(foresight.seed + 1)
-    friction = 1 + draw.uniform(-UNKNOWN, UNKNOWN, count)
-    q, v = drops(scene, count, foresight.seed)
-    above = scene.ground.height(q[..., 0], q[..., 1]).max(1)[:, None, None] * np.array([0, 0, 1])
-    start = np.moveaxis(q + above, 0, -1), np.moveaxis(v, 0, -1)
-    gaits = {name: PhaseLocked(load_gait(name), np.zeros((2, 2))) for name in GAITS}
-    gaits["lasting"] = sure_footed(load_gait("lasting"))
-    with tqdm(total=round(foresight.patience / foresight.interval), unit="choice") as bar:
-        return travel(
-            side_by_side(bounded(robot), count, Differences(friction=friction)),
-            bounded(scene),
-            gait_choices(scene.structure, gaits),
-            [way] * count,
-            start=start,
-            foresight=foresight,
-            on_choice=lambda _: bar.update(),
-        )
 
 
 @scene_field.table
@@ -112,7 +87,7 @@ def words(record: Record) -> str:
 @scene_field.figure
 def figure(record: Record) -> Figure:
     """The height of the ground between obstacles, the plan from the start of the first robot, and all paths."""
-    scene, paths = load_scene(Path(record["raw"]["scene"])), record["raw"]["paths"]
+    scene, paths = load_scene(Path(record["raw"]["scene"])), [row["path"] for row in record["raw"]["rows"]]
     way = way_map(discs_of(scene.ground), GOAL, ARENA, reach=REACH + NEAR)
     chart = Figure(figsize=(6.5, 3.8), layout="constrained")
     axes = chart.subplots()

@@ -15,10 +15,7 @@ from typing import NamedTuple
 from jaxgrity.cli.script import run
 from measurement import Measurement
 
-import control_tables as control
 import library_tables as library
-import search_tables as search
-import speed_tables as speed
 from compact_json import save_compact
 from pages import fill_page
 from registry import measurements
@@ -28,8 +25,6 @@ from jaxgrity.io.files import read_text
 
 ROOT = Path(__file__).parents[2]
 README, SEARCH = "README.md", "docs/search.md"
-CONTROL = "docs/control.md"
-PERFORMANCE, SCALING = "docs/performance.md", "docs/scaling.md"
 
 
 class Block(NamedTuple):
@@ -51,11 +46,6 @@ class Source(NamedTuple):
     """by the names of their marks"""
     pictures: dict[str, str] = {}
     """file in the result's folder: name in docs/images"""
-
-
-def one_block(name: str, page: str, facts: Callable, words: Callable) -> Source:
-    """A result with one block and one picture, all of the same name."""
-    return Source(f"{name}/{name}.json", facts, {name: Block(page, words)}, {f"{name}.png": f"{name}.png"})
 
 
 def sources_of(found: Measurement) -> dict[str, Source]:
@@ -86,66 +76,6 @@ SOURCES: dict[str, Source] = {
         library.gait_search_facts,
         {"gait_search": Block(README, library.gait_search_table)},
     ),
-    "benchmark": one_block("benchmark", README, speed.benchmark_facts, speed.benchmark_table),
-    "gradients": one_block("gradients", PERFORMANCE, speed.gradients_facts, speed.gradients_table),
-    "scaling": Source(
-        "scaling/scaling.json",
-        speed.scaling_facts,
-        {
-            "scaling/cost": Block(SCALING, speed.scaling_table),
-            "scaling/million": Block(SCALING, speed.million_table),
-            "scaling/compiled": Block(PERFORMANCE, speed.compiled_table),
-            "scaling/start": Block(PERFORMANCE, speed.start_table),
-        },
-        {"scaling.png": "scaling.png"},
-    ),
-    "first_commands": Source(
-        "first_commands/first_commands.json",
-        speed.first_commands_facts,
-        {"first_commands": Block(PERFORMANCE, speed.first_commands_table)},
-    ),
-    **{
-        f"{folder}_{name}": Source(
-            f"{folder}/{name}.json",
-            facts,
-            {f"{folder}/{name}": Block(page, words)},
-            {f"{name}.png": f"{folder}_{name}.png"},
-        )
-        for folder, page, facts, words, names in (
-            (
-                "search_baselines",
-                SEARCH,
-                search.search_baselines_facts,
-                search.search_baselines_table,
-                ("exact", "reference"),
-            ),
-        )
-        for name in names
-    },
-    "lasting_baselines": one_block(
-        "lasting_baselines", SEARCH, search.lasting_baselines_facts, search.lasting_baselines_table
-    ),
-    "library_gaits": one_block("library_gaits", SEARCH, library.library_gaits_facts, library.library_gaits_table),
-    **{
-        name: Source(
-            f"feedback/{name}.json",
-            control.feedback_facts,
-            {name: Block(CONTROL, partial(control.feedback_table, name))},
-            {f"{name}.png": f"{name}.png"},
-        )
-        for name in ("feedback_exact", "feedback_penalty")
-    },
-    **{
-        name: Source(
-            f"goals/{name}.json",
-            control.goals_facts,
-            {name: Block(CONTROL, partial(control.goals_table, name))},
-            {f"{name}.png": f"{name}.png"},
-        )
-        for name in ("goals_slope", "goals_bumps")
-    },
-    "obstacles": one_block("obstacles", CONTROL, control.obstacles_facts, control.obstacles_table),
-    "task_baselines": one_block("task_baselines", CONTROL, control.task_baselines_facts, control.task_baselines_table),
 }
 """by their names in docs/measured"""
 

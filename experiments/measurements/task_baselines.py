@@ -7,19 +7,18 @@ effort too.
 """
 
 import time
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from itertools import pairwise
-from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-from jaxgrity.cli.script import measured, run
+from measurement import Record, measurement
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from matplotlib.figure import Figure
-from tqdm import tqdm
+from pages import table
 
 from jaxgrity import InputError, SolverOptions, as_dtype, load_gait, load_scene
 from jaxgrity.control import (
@@ -35,8 +34,6 @@ from jaxgrity.control import (
     progressed,
     sure_footed,
 )
-from jaxgrity.io.files import save_json
-from jaxgrity.report import plot
 
 FAR = 1000.0
 """m, to a goal that stands for a direction"""
@@ -45,65 +42,92 @@ SCALE = np.array([0.15] * 4 + [0.1] * 4 + [0.1, 0.1, 0.15])
 OPEN, FEEDBACK, SURE, TRAINED, PREDICTIVE = "open loop", "feedback", "sure-footed", "trained", "predictive"
 
 
-@dataclass
-class Settings:
-    tasks: tuple[str, ...] = tuple(TASKS)
-    generations: int = 50
-    """of training, of each task"""
-    candidates: int = 24
-    episodes: int = 16
+class Training(NamedTuple):
+    """What each task gets."""
+
+    generations: int
+    candidates: int
+    """in a generation"""
+    episodes: int
     """of each candidate in each generation, and of each controller in the end, on others"""
-    led: int = 16
-    """episodes of the predictive controller"""
-    seed: int = 0
-    out: Path = Path("results/task_baselines")
-    """folder for task_baselines.json and its figure"""
-    quick: bool = False
-    """one task, one generation of 6 candidates, 2 episodes of 1 s, and no predictive controller"""
+    seed: int
 
 
-def main(settings: Settings) -> None:
-    seconds = 10.0
-    if settings.quick:
-        settings.tasks, settings.generations, settings.candidates = ("heading",), 1, 6
-        settings.episodes, settings.led, seconds = 2, 0, 1.0
-    unknown = sorted(set(settings.tasks) - set(TASKS))
+@measurement(
+    page="control.md",
+    quick={"tasks": ("heading",), "generations": 1, "candidates": 6, "episodes": 2, "led": 0, "seconds": 1.0},
+)
+def task_baselines(
+    tasks: tuple[str, ...] = tuple(TASKS),
+    generations: int = 50,
+    candidates: int = 24,
+    episodes: int = 16,
+    led: int = 16,
+    seconds: float = 10.0,
+    seed: int = 0,
+) -> Iterator[Record]:
+    """A row for each task: what each controller reaches.
+
+    Args:
+        tasks: of the environments
+        generations: of training, of each task
+        candidates: in a generation
+        episodes: of each candidate in each generation, and of each controller in the end, on others
+        led: episodes of the predictive controller
+        seconds: s, of an episode
+        seed: of all draws
+    """
+    unknown = sorted(set(tasks) - set(TASKS))
     if unknown:
         raise InputError(f"tasks = {unknown}: unknown; expected some of {', '.join(TASKS)}")
-    strategy = built(settings.candidates)
-    rows: list[dict[str, Any]] = []
-    for task in tqdm(settings.tasks, unit="task"):
+    strategy, training = built(candidates), Training(generations, candidates, episodes, seed)
+    for task in tasks:
         began = time.perf_counter()
         options = SolverOptions(dt=0.01, dtype="float32")
         env = environment(task, load_scene("exact"), options=options, seconds=seconds)
         rolled = rollouts(env)
-        trained = train(rolled, strategy, settings)
+        trained = train(rolled, strategy, training)
         known = known_controllers() | {TRAINED: trained}
-        progress = judged(rolled, list(known.values()), settings)
-        row: dict[str, Any] = {"task": task, "trained": trained} | {
-            "progress": {name: float(own.mean()) for name, own in zip(known, progress)},
-            "error": {name: float(own.std(ddof=1) / np.sqrt(len(own))) for name, own in zip(known, progress)},
+        progress = dict(zip(known, judged(rolled, list(known.values()), training)))
+        if led:
+            progress[PREDICTIVE] = predicted(env, training, led)
+        yield {
+            "task": task,
+            "trained": trained,
+            "progress": {name: float(own.mean()) for name, own in progress.items()},
+            "error": {name: float(own.std(ddof=1) / np.sqrt(len(own))) for name, own in progress.items()},
+            "seconds": time.perf_counter() - began,
         }
-        if settings.led:
-            led = predicted(env, settings)
-            row["progress"][PREDICTIVE] = float(led.mean())
-            row["error"][PREDICTIVE] = float(led.std(ddof=1) / np.sqrt(len(led)))
-        rows.append(row | {"seconds": time.perf_counter() - began})
-        told = {"episodes": settings.episodes, "led": settings.led, "generations": settings.generations}
-        save_json(settings.out / "task_baselines.json", {**measured(), **told, "rows": rows})
-    plot.save(figure(rows), settings.out / "task_baselines.png")
-    for row in rows:
-        print(f"{row['task']}: " + ", ".join(f"{name} {x:.2f} m/s" for name, x in row["progress"].items()))
+    return {"episodes": episodes, "led": led, "generations": generations}
 
 
-def judged(rolled: Callable, numbers: list[np.ndarray], settings: Settings) -> np.ndarray:
+@task_baselines.table
+def words(record: Record) -> str:
+    """What each controller reaches in each task."""
+    names = list(dict.fromkeys(name for row in record["rows"] for name in row["progress"]))
+    rows = [
+        [
+            row["task"],
+            *(
+                f"{row['progress'][name]:.2f} ± {2 * row['error'][name]:.2f}" if name in row["progress"] else "-"
+                for name in names
+            ),
+            f"{row['seconds'] / 60:.1f} minutes",
+        ]
+        for row in record["rows"]
+    ]
+    rows.append(["in all", *[""] * len(names), f"{sum(row['seconds'] for row in record['rows']) / 60:.1f} minutes"])
+    return table(["progress, m/s", *names, "time for all of these"], rows)
+
+
+def judged(rolled: Callable, numbers: list[np.ndarray], training: Training) -> np.ndarray:
     """(controllers, episodes), m/s: progress on episodes on which nothing was trained, as many controllers at once as
     there are candidates, for which all is compiled."""
     found: list[np.ndarray] = []
     while len(found) < len(numbers):
-        some = numbers[len(found) : len(found) + settings.candidates]
-        padded = [*some, *[some[-1]] * (settings.candidates - len(some))]
-        found += list(rolled(np.array(padded), keys(settings, 10**6))[0][: len(some)])
+        some = numbers[len(found) : len(found) + training.candidates]
+        padded = [*some, *[some[-1]] * (training.candidates - len(some))]
+        found += list(rolled(np.array(padded), keys(training, 10**6))[0][: len(some)])
     return np.array(found)
 
 
@@ -130,21 +154,21 @@ def known_controllers() -> dict[str, np.ndarray]:
     }
 
 
-def train(rolled: Callable, strategy, settings: Settings) -> np.ndarray:
+def train(rolled: Callable, strategy, training: Training) -> np.ndarray:
     """The mean of the distribution after all generations, which begins at sure-footed feedback with some bend."""
     algorithm, parameters = strategy
-    key, start = jax.random.key(settings.seed), known_controllers()[SURE] + np.array([0.0] * 10 + [0.1])
+    key, start = jax.random.key(training.seed), known_controllers()[SURE] + np.array([0.0] * 10 + [0.1])
     state = algorithm.init(key, np.zeros(len(SCALE)), parameters)
-    for number in range(settings.generations):
+    for number in range(training.generations):
         asked, told = jax.random.split(jax.random.fold_in(key, number))
         genes, state = algorithm.ask(asked, state, parameters)
-        _, reward = rolled(start + SCALE * np.asarray(genes), keys(settings, number))
+        _, reward = rolled(start + SCALE * np.asarray(genes), keys(training, number))
         state, _ = algorithm.tell(told, genes, -reward.mean(1), state, parameters)
     return start + SCALE * np.asarray(state.mean)
 
 
-def keys(settings: Settings, number: int):
-    return jax.random.split(jax.random.key(10**7 * (settings.seed + 1) + number), settings.episodes)
+def keys(training: Training, number: int):
+    return jax.random.split(jax.random.key(10**7 * (training.seed + 1) + number), training.episodes)
 
 
 def rollouts(env: Environment) -> Callable[[np.ndarray, Any], tuple[np.ndarray, np.ndarray]]:
@@ -194,11 +218,11 @@ def wanted(env: Environment, aim):
     return jnp.array([-FAR, 0.0], jnp.float32) if env.task.towards == "uphill" else FAR * aim
 
 
-def predicted(env: Environment, settings: Settings) -> np.ndarray:
+def predicted(env: Environment, training: Training, led: int) -> np.ndarray:
     """(episodes,), m/s: progress, counted as for all others, of predictive control whose model is the robot itself."""
     found = []
     policy = controller(np.asarray(known_controllers()[FEEDBACK], np.float32))
-    for number, key in enumerate(keys(settings, 10**6)[: settings.led]):
+    for number, key in enumerate(keys(training, 10**6)[:led]):
         state = env.reset(key)
         plant, aim, average = state.pipeline_state
         goal = np.asarray(wanted(env, aim), float)
@@ -212,9 +236,10 @@ def predicted(env: Environment, settings: Settings) -> np.ndarray:
     return np.array(found)
 
 
-@plot.styled
-def figure(rows: list[dict[str, Any]]) -> Figure:
+@task_baselines.figure
+def figure(record: Record) -> Figure:
     """Progress of each controller in each task."""
+    rows = record["rows"]
     chart = Figure(figsize=(6, 0.75 * len(rows) + 1.4), layout="constrained")
     axes = chart.subplots()
     names = (OPEN, FEEDBACK, SURE, TRAINED, PREDICTIVE)
@@ -233,4 +258,4 @@ def figure(rows: list[dict[str, Any]]) -> Figure:
 
 
 if __name__ == "__main__":
-    run(main, Settings)
+    task_baselines.run()

@@ -1,0 +1,225 @@
+"""Searches for gaits that last, at equal cost: random search, CMA-ES of evosax (the extra `baselines`) and this
+library's genetic algorithm (GA), each alone and followed by either polish.
+
+Phases, amplitudes and frequency are free; what counts is steady speed by robots that differ. Gaits are waves, or each
+actuator moves as it likes. All searches screen by the same rough rollouts, and may have as many of them; each compares
+its finalists by more robots. All answers are then judged by one and the same ensemble, on both contact models.
+"""
+
+from collections.abc import Callable, Iterator
+from itertools import product
+from typing import Literal, NamedTuple, get_args
+
+from measurement import Record, measurement
+
+import jax
+import numpy as np
+from matplotlib.figure import Figure
+from pages import table
+from searches import built
+
+from jaxgrity import GAConfig, PolishConfig, SearchConfig, SearchProblem, contact_twin, evolve, load_scene
+from jaxgrity import polish as polish_from
+from jaxgrity.search import (
+    distinct,
+    fidelity_levels,
+    ga_configs,
+    judge_at,
+    search_problem,
+    with_robots,
+    without_measuring,
+)
+
+Method = Literal["random", "CMA-ES", "GA"]
+Freedom = Literal["waves", "free"]
+DRAWN = 4
+"""times the population: random gaits with which every search begins"""
+FINALISTS, COMPARED, JUDGES, JUDGED_FOR = 8, 32, 64, 60.0
+"""answers that are compared, and the robots by which; those by which all answers are judged, and for how long, s"""
+FEW = 96
+"""Gaits of a search up to which it is a look at whether all of it works."""
+POLISH = ("smoothed", "orbit")
+"""kinds of it"""
+DRAWS = 10**6
+"""seeds of draws that each search has to itself; those below it are for the judgement of the answers"""
+
+
+class Size(NamedTuple):
+    """How large a search may be."""
+
+    gaits: int
+    """that it may try"""
+    population: int
+    """of the GA, and of CMA-ES half as many"""
+
+
+@measurement(
+    page="search.md",
+    quick={"seeds": 1, "gaits": 96, "population": 16, "duration": 10.0, "polish": 64},
+    raw=("answers",),
+)
+def lasting_baselines(
+    freedoms: tuple[Freedom, ...] = get_args(Freedom),
+    methods: tuple[Method, ...] = get_args(Method),
+    seeds: int = 8,
+    gaits: int = 512,
+    population: int = 32,
+    duration: float = SearchConfig().duration,
+    polish: int = PolishConfig().rollouts,
+) -> Iterator[Record]:
+    """A row for each answer until all are done; then one for each search, of its answers' steady speeds.
+
+    Args:
+        freedoms: what gaits may be
+        methods: searches to compare
+        seeds: searches by each method
+        gaits: that a search may try, each on as many robots as in the default search
+        population: of the GA, and of CMA-ES half as many
+        duration: s, of a rollout
+        polish: rollouts of each kind of polish after each search; 0: none
+    """
+    if "CMA-ES" in methods:
+        built("CMA-ES", 4, 1)
+    scene, size, answers = load_scene("exact"), Size(gaits, population), []
+    searches: dict[str, Callable] = {"random": random_search, "CMA-ES": cma_es, "GA": genetic}
+    # all robots judge for longer than searches take: small sizes have few of them
+    judges, judged_for = (JUDGES, JUDGED_FOR) if gaits > FEW else (8, duration)
+    for freedom, seed, method in product(freedoms, range(seeds), methods):
+        waves = "every" if freedom == "waves" else "none"
+        problem = search_problem(scene, SearchConfig(duration, population, waves=waves))
+        genes = chosen(problem, searches[method](problem, size, DRAWS * (seed + 1)), DRAWS * (seed + 1))
+        found: dict[str, tuple[np.ndarray, bool | None]] = {method: (genes, None)}
+        for kind in POLISH if polish else ():
+            own, config = fidelity_levels(scene)[1].options, PolishConfig(polish, kind)
+            polished = polish_from(problem, genes[None], config, options=own, final_options=own, seed=seed)
+            found[f"{method}, polish {kind}"] = polished.genes, polished.improved
+        for name, (answer, kept) in found.items():
+            known = {"freedom": freedom, "method": name, "seed": seed, "kept": kept}
+            answers.append(known | judged(problem, answer, judges, judged_for))
+            yield answers[-1]
+    about = {"gaits": gaits, "duration": duration, "polish": polish}
+    return about | {"rows": told(answers), "answers": answers}
+
+
+def told(answers: list[Record]) -> list[Record]:
+    """Of each search: its answers' steady speeds on both contact models."""
+    rows = []
+    for freedom, method in dict.fromkeys((row["freedom"], row["method"]) for row in answers):
+        mine = [row for row in answers if (row["freedom"], row["method"]) == (freedom, method)]
+        # not a number where a robot failed
+        own, other = ([row[name] for row in mine if np.isfinite(row[name])] for name in ("own", "other"))
+        kept = [row["kept"] for row in mine if row["kept"] is not None]
+        about = {"freedom": freedom, "method": method, "seeds": len(mine), "stood": len(own)}
+        low, median, high = (float(x) for x in np.quantile(own, (0.25, 0.5, 0.75))) if own else 3 * (None,)
+        found = {"median": median, "quartiles": [low, high], "other": float(np.median(other)) if other else None}
+        rows.append({**about, **found, "kept": sum(kept) if kept else None})
+    return rows
+
+
+@lasting_baselines.table
+def words(record: Record) -> str:
+    """Steady speeds of each search's answers, and how much each could try."""
+    rows = [
+        [
+            row["method"],
+            {"waves": "waves", "free": "any"}[row["freedom"]],
+            f"{row['stood']} of {row['seeds']}",
+            f"{row['median']:.3f}",
+            f"{row['quartiles'][0]:.3f} to {row['quartiles'][1]:.3f}",
+            f"{row['other']:.3f}",
+            "" if row["kept"] is None else f"{row['kept']} of {row['seeds']}",
+        ]
+        for row in record["rows"]
+    ]
+    head = ["search", "gaits", "seeds, no robot failed", "steady speed, body lengths/s: median", "quartiles"]
+    head += ["on the other model: median", "polish kept"]
+    about = [str(record["gaits"]), f"{record['duration']:g} s", str(record["polish"])]
+    settings = table(["gaits that each search tries", "duration", "rollouts for polish"], [about])
+    return f"{table(head, rows)}\n\n{settings}"
+
+
+def tried(problem: SearchProblem, genes: np.ndarray, seed: int) -> np.ndarray:
+    """The merit of gaits by rough rollouts."""
+    gaits = problem.genome.gaits(problem.scene.gait, problem.genome.within(np.asarray(genes, float)))
+    return np.asarray(judge_at(fidelity_levels(problem.scene)[0], gaits, unmeasured(problem), seed).merit)
+
+
+def unmeasured(problem: SearchProblem) -> SearchProblem:
+    """The problem without bounds on forces and powers, which rough rollouts are not measured for."""
+    return problem._replace(fitness=without_measuring(problem.fitness))
+
+
+def first(problem: SearchProblem, size: Size, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """The random gaits with which a search begins, and their fitness, best first."""
+    genes = np.random.default_rng(seed).uniform(size=(DRAWN * size.population, problem.genome.size))
+    found = tried(problem, genes, seed)
+    order = np.argsort(-found)
+    return genes[order], found[order]
+
+
+def random_search(problem: SearchProblem, size: Size, seed: int) -> np.ndarray:
+    """The best of gaits drawn at random."""
+    genes = np.random.default_rng(seed).uniform(size=(size.gaits, problem.genome.size))
+    return genes[np.argsort(-tried(problem, genes, seed))[:FINALISTS]]
+
+
+def cma_es(problem: SearchProblem, size: Size, seed: int) -> np.ndarray:
+    """CMA-ES from the best of the random gaits; its mean, and the best of its last generations."""
+    genes, _ = first(problem, size, seed)
+    each, key = size.population // 2, jax.random.key(seed)
+    algorithm, parameters = built("CMA-ES", each, problem.genome.size)
+    state, best = algorithm.init(key, genes[0], parameters), []
+    for number in range((size.gaits - len(genes)) // each):
+        asked, told = jax.random.split(jax.random.fold_in(key, number))
+        some, state = algorithm.ask(asked, state, parameters)
+        found = tried(problem, some, seed + 1 + number)
+        state, _ = algorithm.tell(told, some, -found, state, parameters)
+        best.append(np.asarray(some)[np.argmax(found)])
+    return np.array([np.asarray(state.mean), *best[::-1]])[:FINALISTS]
+
+
+def genetic(problem: SearchProblem, size: Size, seed: int) -> np.ndarray:
+    """The GA as the default search screens."""
+    config = SearchConfig(population=size.population)
+    count = size.gaits // size.population - DRAWN + 1
+    ga: GAConfig = ga_configs(SearchConfig(population=config.population, generations=(count, 0)), 1)[0]
+    options = fidelity_levels(problem.scene)[0].options
+    return distinct(evolve(unmeasured(problem), ga, options=options, seed=seed).last, problem.genome, FINALISTS)
+
+
+def chosen(problem: SearchProblem, genes: np.ndarray, seed: int) -> np.ndarray:
+    """The best of the finalists, by more robots."""
+    genes = np.asarray(problem.genome.within(np.asarray(genes, float)))
+    more = problem._replace(fitness=with_robots(problem.fitness, COMPARED))
+    return genes[int(np.argmax(tried(more, genes, seed - 1)))]
+
+
+def judged(problem: SearchProblem, genes: np.ndarray, judges: int, duration: float) -> dict[str, float]:
+    """Mean steady speed of an answer over robots on both contact models, body lengths/s, the same for all searches; not
+    a number where a robot failed."""
+    gaits = problem.genome.gaits(problem.scene.gait, genes[None])
+    here = problem._replace(fitness=with_robots(unmeasured(problem).fitness, judges), duration=duration)
+    models = {"own": problem.scene, "other": contact_twin(problem.scene)}
+    return {name: float(judge_at(fidelity_levels(each)[1], gaits, here, 0).mean[0]) for name, each in models.items()}
+
+
+@lasting_baselines.figure
+def figure(record: Record) -> Figure:
+    """Every answer's steady speed on the own contact model, and the medians."""
+    rows = record["answers"]
+    freedoms = list(dict.fromkeys(row["freedom"] for row in rows))
+    chart = Figure(figsize=(5 * len(freedoms), 4.5), layout="constrained")
+    for axes, freedom in zip(chart.subplots(1, len(freedoms), sharey=True, squeeze=False)[0], freedoms, strict=True):
+        methods = list(dict.fromkeys(row["method"] for row in rows if row["freedom"] == freedom))
+        for k, method in enumerate(methods):
+            found = [row["own"] for row in rows if (row["freedom"], row["method"]) == (freedom, method)]
+            axes.plot(k + np.linspace(-0.15, 0.15, len(found)), found, "o", ms=4, color=f"C{k}")
+            axes.hlines(np.nanmedian(found), k - 0.3, k + 0.3, color=f"C{k}")
+        axes.set_xticks(range(len(methods)), methods, rotation=30, ha="right")
+        axes.set(title={"waves": "gaits are waves", "free": "each actuator as it likes"}[freedom], ylim=(0, None))
+        axes.set_ylabel("steady speed (body lengths/s)")
+    return chart
+
+
+if __name__ == "__main__":
+    lasting_baselines.run()
