@@ -55,7 +55,7 @@ class Size(NamedTuple):
 
 @measurement(
     page="search.md",
-    quick={"seeds": 1, "gaits": 96, "population": 16, "duration": 10.0, "polish": 64},
+    quick={"seeds": 1, "gaits": 96, "population": 16, "duration": 10.0, "polish": 128},
     raw=("answers",),
 )
 def lasting_baselines(

@@ -49,9 +49,6 @@ class ForceTable(EnergyTerm):
             for j in range(len(shares))
         )
 
-    def keeps(self, symmetry):
-        return True  # alike in all cables, and the springs beside them compare stiffness and rest lengths
-
     def parts(self, scene):
         return member_names("table of cable", scene.structure.cables)
 
@@ -75,11 +72,6 @@ class ForceLimit(EnergyTerm):
         return -half_squares(
             factors * stiffness, positive_part(at.stretch("cables") - self.largest * inverse(stiffness))
         )
-
-    def keeps(self, symmetry):
-        # the springs beside it compare stiffness and rest lengths
-        alike = np.ptp(np.asarray(self.largest)) == 0
-        return bool(alike) or symmetry.members == tuple(range(len(symmetry.members)))
 
     def parts(self, scene):
         return member_names("largest force of cable", scene.structure.cables)

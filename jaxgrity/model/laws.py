@@ -111,9 +111,13 @@ class Law(eqx.Module):
     name: eqx.AbstractClassVar[str]
     """as `describe` lists it"""
 
-    @abstractmethod
-    def keeps(self, symmetry: Symmetry) -> bool:
-        """Whether the law is the same after the map, so that it maps motions on motions."""
+    def keeps(self, symmetry: Symmetry) -> bool | None:
+        """Whether the law is the same after the map, so that it maps motions on motions.
+
+        None where no rule says so: then the law is compared with itself at random states and at their images. A rule
+        spares the program for that, and is needed by a law that acts in few states.
+        """
+        return None
 
     def check(self, nodes: int) -> None:
         """Raises `InputError` where the law does not fit a structure of so many nodes."""
@@ -189,6 +193,10 @@ class ForceLaw(Law):
 
 class Constraint(Law):
     """A law on positions or velocities that impulses meet at the end of each step of complementarity stepping."""
+
+    @abstractmethod
+    def keeps(self, symmetry: Symmetry) -> bool:
+        """Whether the constraint is the same after the map."""
 
     @abstractmethod
     def directions(self, q: np.ndarray, size: float) -> np.ndarray:

@@ -45,10 +45,6 @@ class Points(eqx.Module):
             return None
         return eqx.tree_at(lambda g: g.stiffness, ground, jnp.broadcast_to(ground.stiffness, ()) * self.strength)
 
-    def alike(self, symmetry: Any) -> bool:
-        """Whether struts with points take the places of such struts; all have them at the same shares."""
-        return {symmetry.members[k] for k in self.struts} == set(self.struts)
-
     def names(self, what: str) -> tuple[str, ...]:
         return tuple(f"{what} strut {k} at {s:.2g} of its length" for k, s in zip(self.struts, np.asarray(self.share)))
 
@@ -67,9 +63,6 @@ class RodContact(EnergyTerm):
         if ground is None:
             return jnp.zeros((), at.q.dtype)
         return contact_energy(ground, ground.signed_distance(self.points.of(at.q)))
-
-    def keeps(self, symmetry):
-        return self.points.alike(symmetry)
 
     def parts(self, scene):
         return self.points.names("contact of")
@@ -91,9 +84,6 @@ class RodContactDissipation(DissipationTerm):
             return jnp.zeros((), motion.v.dtype)
         x, v = self.points.of(motion.at.q), self.points.of(motion.v)
         return contact_dissipation(ground, jnp.sum(v * _normals(ground, x), axis=1), ground.signed_distance(x))
-
-    def keeps(self, symmetry):
-        return self.points.alike(symmetry)
 
     def parts(self, scene):
         return self.points.names("contact dissipation of")
@@ -122,9 +112,6 @@ class RodFriction(ForceLaw):
         mu = self.points.of(jnp.broadcast_to(scene.friction.mu, (nodes,))[:, None] * jnp.ones((1, 3), x.dtype))[:, 0]
         speed = jnp.sqrt(jnp.sum(slip * slip, axis=1) + scene.friction.slip_speed**2)
         return self.points.on_nodes(-(mu * pressed / speed)[:, None] * slip, nodes)
-
-    def keeps(self, symmetry):
-        return self.points.alike(symmetry)
 
 
 @typed

@@ -6,6 +6,7 @@ import numpy as np
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.model.actuation import Gait
+from jaxgrity.model.law_symmetry import keeps
 from jaxgrity.model.laws import SAME, Symmetry, unchanged
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import Structure
@@ -49,8 +50,8 @@ def standing_symmetries(scene: Scene) -> tuple[Symmetry, ...]:
     They map the start on itself, and a motion of the scene on another of its motions. Where supports move, only the
     identity is counted. Raises as `symmetries` does.
     """
-    laws = scene.laws
-    found = tuple(s for s in symmetries(scene.structure) if all(law.keeps(s) for law in laws))
+    rules = [keeps(law, scene) for law in scene.laws]
+    found = tuple(s for s in symmetries(scene.structure) if all(kept(s) for kept in rules))
     return found if scene.shaking is None else found[:1]
 
 

@@ -23,9 +23,6 @@ class Band(EnergyTerm):
     def energy(self, at):
         return primitives.half_squares(self.k, primitives.length(primitives.edge_vectors(at.q, self.edges)))
 
-    def keeps(self, symmetry):
-        return False
-
 
 class Forgetful(Band):
     """Its edges are not static."""
@@ -66,9 +63,6 @@ class Drag(DissipationTerm):
     def dissipation(self, motion):
         return primitives.norm_squared(motion.v)
 
-    def keeps(self, symmetry):
-        return True
-
 
 class Thrust(ForceLaw):
     """One force in place of one for each node."""
@@ -78,9 +72,6 @@ class Thrust(ForceLaw):
 
     def force(self, motion, other_forces):
         return jnp.ones(3)
-
-    def keeps(self, symmetry):
-        return True
 
 
 @pytest.mark.parametrize(

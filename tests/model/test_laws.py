@@ -32,13 +32,15 @@ from jaxgrity import (
     force_limit,
     force_table,
     simulate,
-    unchanged,
     wind,
     with_contact_along_struts,
+    with_gait,
     with_terms,
 )
-from jaxgrity.model import Friction, Ground, rigid_body, standing_symmetries
+from jaxgrity.model import Friction, Ground, rigid_body, standing_symmetries, symmetries
 from jaxgrity.model.friction import CoulombCone
+from jaxgrity.model.law_symmetry import looks_alike
+from jaxgrity.model.laws import Constraint
 from jaxgrity.model.rod_contact import RodContact, RodContactDissipation, RodFriction
 from jaxgrity.model.scene import KNOWN_FRICTIONS, KNOWN_LAWS
 from jaxgrity.stepping import limiting_part, standing
@@ -120,10 +122,6 @@ class WindDrag(DissipationTerm):
         through_air = motion.v - jnp.asarray(self.wind)
         return jnp.sum(self.coefficient[:, None] / 2 * through_air**2)
 
-    def keeps(self, symmetry):
-        turned = symmetry.matrix @ np.array(self.wind)
-        return bool(np.allclose(turned, self.wind)) and unchanged(self.coefficient, symmetry.nodes)
-
 
 class Tether(EnergyTerm):
     """U = k/2 |x_0|^2: a spring from node 0 to the origin."""
@@ -133,9 +131,6 @@ class Tether(EnergyTerm):
 
     def energy(self, at):
         return self.stiffness[0] / 2 * jnp.sum(at.q[0] ** 2)
-
-    def keeps(self, symmetry):
-        return symmetry.nodes[0] == 0
 
 
 class Lift(ForceLaw):
@@ -147,9 +142,6 @@ class Lift(ForceLaw):
 
     def force(self, motion, other_forces):
         return -self.force_on_each * jnp.tanh(motion.v) * jnp.array([0.0, 0.0, 1.0])
-
-    def keeps(self, symmetry):
-        return True
 
 
 @pytest.fixture(scope="module")
@@ -184,6 +176,44 @@ def test_symmetries_ask_every_law(prism):
     assert len(standing_symmetries(with_terms(prism, along))) == 3
     for term in (DRAG, Tether(np.ones(1))):
         assert len(standing_symmetries(with_terms(prism, term))) == 1
+
+
+def test_a_law_without_a_rule_is_compared_at_states_that_it_acts_in(prism):
+    """A force, one of short range, one that begins late; of what is never seen to act, the identity alone is kept."""
+
+    class Late(Tether):
+        def energy(self, at):
+            return super().energy(at) * jnp.maximum(at.t - 5.0, 0)
+
+        def bends(self):
+            return np.array([0.0, 5.0, 5.1])
+
+    class Soft(Tether):
+        def energy(self, at):
+            return jnp.sum(jnp.maximum(1e-2 - jnp.linalg.norm(at.q - at.scene.structure.nodes, axis=1), 0))
+
+    class Never(Tether):
+        def energy(self, at):
+            return 0 * super().energy(at)
+
+    turns = [3 if prism.gravity else 6, 1, 6, 1]
+    for term, count in zip((Lift(np.ones(())), Late(np.ones(1)), Soft(np.ones(1)), Never(np.ones(1))), turns):
+        assert len(standing_symmetries(with_terms(prism, term))) == count, term
+
+
+@pytest.mark.slow
+def test_rules_of_symmetry_say_what_random_states_say(scenes):
+    """What a rule allows is seen at all states; and on each scene all laws together leave the same."""
+    uneven = eqx.tree_at(lambda s: s.structure.cables.damping, scenes[0], 8.0 + np.arange(24.0))
+    for scene in (with_gait(each, None) for each in (scenes[3], scenes[5], uneven)):
+        maps, rules, seen = symmetries(scene.structure), [], []
+        for law in (law for law in scene.laws if not isinstance(law, Constraint)):
+            alike = looks_alike(law, scene)
+            found, said = [alike(one) for one in maps], [law.keeps(one) for one in maps]
+            assert all(there for there, rule in zip(found, said) if rule), law.name
+            seen.append(found)
+            rules.append(found if said[0] is None else said)
+        assert np.all(rules, axis=0).tolist() == np.all(seen, axis=0).tolist()
 
 
 @pytest.mark.parametrize(
