@@ -46,8 +46,13 @@ RK4 = SolverOptions(method="rk4", dt=5e-4)
 """of the gradients"""
 QUOTED = {"rk4": 5e-4, "complementarity": 5e-3}
 """Steps at which methods are quoted, s."""
-WRITTEN = {"limit": "hand-written C, RK4", "exact": "hand-written C, exact contact"}
-"""What the C programs are called in tables."""
+WRITTEN = {
+    "limit": "hand-written C, RK4",
+    "exact": "hand-written C, exact contact",
+    "mujoco Euler": "MuJoCo, Euler's method",
+    "mujoco RK4": "MuJoCo, RK4",
+}
+"""What engines of others are called in tables."""
 
 
 class Point(NamedTuple):
@@ -64,7 +69,7 @@ class Point(NamedTuple):
 
 
 @measurement(
-    page="README.md",
+    page="performance.md",
     quick={"duration": 0.5, "repeats": 2, "steps": 1},
     raw=("points", "numpy_off", "modes_apart"),
     listed=False,
@@ -124,6 +129,23 @@ def benchmark(
 def words(record: Record) -> str:
     """Costs of one gait, rollouts a second within errors, and what was measured."""
     return "\n\n".join([costs_table(record), rates_table(record), about_table(record)])
+
+
+@benchmark.table(part="short", page="README.md")
+def short(record: Record) -> str:
+    """Rollouts a second beside the others', and steps a second of one robot."""
+    near, ours = record["rollouts_per_second"][0], "complementarity"
+    cost = next(cost for cost in record["costs"] if cost["engine"] == ours)
+    rows = [
+        [f"rollouts of {record['duration']:g} s per second, {written}", f"{near['rates'][name]:.0f}"]
+        for name, written in {ours: "jaxgrity, complementarity stepping", **WRITTEN}.items()
+        if name in near["rates"] and name in (ours, "exact", "mujoco Euler")
+    ]
+    rows.append([
+        f"steps of one robot per second, jaxgrity, {cost['dtype']}, {1e3 * cost['dt']:g} ms",
+        f"{1e-6 / (cost['seconds'] * cost['dt']):.1f} million",
+    ])  # fmt: skip
+    return table([f"on {record['cores']} cores, error below {100 * near['error']:g} cm", "measured"], rows)
 
 
 def costs_table(record: Record) -> str:

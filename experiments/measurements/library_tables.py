@@ -7,8 +7,8 @@ from jaxgrity import gait_names, gait_record, with_error
 
 Facts = dict
 
-PEAKS = (("peak_force", 0, " N"), ("peak_rate", 2, " m/s"), ("peak_power", 0, " W"))
-"""of an actuator in a cycle: name, decimals at most, and unit"""
+PEAKS = (("force", 0, " N"), ("rate", 2, " m/s"), ("power", 0, " W"))
+"""Peaks of an actuator in a cycle: name, most decimals, and unit."""
 
 
 def gait_search_facts(raw: Facts) -> Facts:
@@ -24,60 +24,66 @@ def gait_search_facts(raw: Facts) -> Facts:
 
 
 def gait_search_table(facts: Facts) -> str:
-    steady = facts["steady"]
-    robust, other = steady["robust"], steady["other_contact_model"]
-    seconds, reporting = facts["stage_seconds"], facts["reporting_seconds"]
-    stages, parts = (", ".join(f"{name} {s:.0f} s" for name, s in found.items()) for found in (seconds, reporting))
-    cycle = (
-        f"{steady['periods']} periods of {steady['period']:.2f} s; shapes return to {1000 * steady['residual']:.1g} mm"
-    )
+    """The most important numbers, of which all stand in docs/search.md."""
+    steady, size = facts["steady"], facts["steady"]["body_length"]
+    perturbed = [_of_robots(mean / size, robots, size) for mean, robots in _ensembles(steady)]
     rows = [
         ["steady speed", f"**{_speed(steady)} body lengths/s**"],
-        ["watched for", f"{steady['verified_for']:.0f} s"],
-        [
-            "settled after",
-            f"{steady['settled_after']:.0f} s, and then in no 10 s slower than {steady['slowest_window']:.3f} m/s",
-        ],
-        [
-            "turning",
-            with_error(np.degrees(steady["turning"]), np.degrees(steady["turning_error_bar"]), " °/s", decimals=2),
-        ],
-        ["a cycle", cycle],
-        ["with other nodes in the places of these it repeats itself in a cycle", f"{_repeats(steady)} times"],
-        [
-            "a disturbance is multiplied in a cycle by (shifts along the ground and turns about the vertical apart)",
-            _multiplier(steady),
-        ],
-        [
-            f"over {robust['robots']} robots that differ, for a minute",
-            _of_robots(robust["mean"], robust, steady),
-        ],
-        [
-            "the same on the other contact model",
-            _of_robots(other["speed"], other, steady),
-        ],
-        ["faces that it stands on in a cycle", f"{len(steady['cycle']['supports'])}"],
-        [
-            "asked of an actuator, at most",
-            f"{_peaks(steady['cycle'])} in a cycle; {_peaks(facts['actuators'])} with the start",
-        ],
-        ["cost of transport", _with_bar(steady["cycle"], "cost_of_transport", 2)],
-        ["nodes slip that touch", f"{100 * facts['slip_share']:.0f} % of the time"],
-        ["rollouts of the search", f"{facts['rollouts']}"],
-        ["polish", facts["polish"]],
-        ["wall time of the search", f"{facts['wall_seconds']:.0f} s: {stages}"],
-        ["of the report, side by side", parts],
-    ]
+        ["settles after", f"{steady['settled_after']:.0f} s"],
+        ["128 perturbed robots, mean (standard deviation)", f"{perturbed[0]} body lengths/s"],
+        ["the same on the other contact model", f"{perturbed[1]} body lengths/s"],
+        ["peaks of an actuator", _peaks(steady["cycle"])],
+    ]  # fmt: skip
     return table(["the gait that `make gait` finds", "measured"], rows) + made_by(facts, "gait_search", "README.md")
 
 
-def _of_robots(speed: float, robots: Facts, steady: Facts) -> str:
-    """Their mean speed along paths with two standard errors, the standard deviation, and the shares of the orbit's."""
-    mean, spread = speed / steady["speed"], robots["standard_deviation"] / steady["speed"]
-    size = steady["body_length"]
-    lengths = with_error(speed / size, 2 * robots["standard_error"] / size, " body lengths/s", decimals=3)
-    scatter = f"standard deviation {robots['standard_deviation'] / size:.2g}"
-    return f"{lengths}, {scatter}: {100 * mean:.0f} % of it, {100 * spread:.0f} %"
+def full_gait_search_table(facts: Facts) -> str:
+    """All numbers about the gait and its search."""
+    steady, size = facts["steady"], facts["steady"]["body_length"]
+    seconds, reporting = facts["stage_seconds"], facts["reporting_seconds"]
+    stages, parts = (", ".join(f"{name} {s:.0f} s" for name, s in found.items()) for found in (seconds, reporting))
+    shares = [
+        f"{_of_robots(mean / size, robots, size)} body lengths/s: {100 * mean / steady['speed']:.0f} % of the orbit's"
+        for mean, robots in _ensembles(steady)
+    ]
+    turning = with_error(np.degrees(steady["turning"]), np.degrees(steady["turning_error_bar"]), " °/s", decimals=2)
+    rows = [
+        ["steady speed", f"**{_speed(steady)} body lengths/s**"],
+        ["verified for", f"{steady['verified_for']:.0f} s"],
+        ["settles after", f"{steady['settled_after']:.0f} s"],
+        ["slowest 10 s after that", f"{steady['slowest_window']:.3f} m/s"],
+        ["turning rate", turning],
+        ["cycle", f"{steady['periods']} periods of {steady['period']:.2f} s"],
+        ["distance between shapes one cycle apart", f"{1000 * steady['residual']:.1g} mm"],
+        ["symmetry-equivalent segments per cycle", f"{_repeats(steady)}"],
+        ["largest Floquet multiplier per cycle (translation and yaw excluded)", _multiplier(steady)],
+        [f"{steady['robust']['robots']} perturbed robots over a minute, mean (standard deviation)", shares[0]],
+        ["the same on the other contact model", shares[1]],
+        ["faces it stands on per cycle", f"{len(steady['cycle']['supports'])}"],
+        ["peaks of an actuator in a cycle", _peaks(steady["cycle"])],
+        ["peaks of an actuator from the start on", _peaks(facts["actuators"])],
+        ["cost of transport", _with_bar(steady["cycle"], "cost_of_transport", 2)],
+        ["share of contact time spent slipping", f"{100 * facts['slip_share']:.0f} %"],
+        ["rollouts of the search", f"{facts['rollouts']}"],
+        ["polish", facts["polish"]],
+        ["wall time", f"{facts['wall_seconds']:.0f} s: {stages}"],
+        ["tasks of the report, side by side", parts],
+    ]
+    return table(["the gait that `make gait` finds", "measured"], rows) + made_by(facts, "gait_search")
+
+
+def _ensembles(steady: Facts) -> list[tuple[float, Facts]]:
+    """Mean speed, m/s, and all that is known, of perturbed robots on the gait's contact model and on the other."""
+    along = steady.get("along_heading")
+    if along is not None:
+        return [(along[name]["mean"], along[name]) for name in ("robust", "other_contact_model")]
+    robust, other = steady["robust"], steady["other_contact_model"]
+    return [(robust["mean"], robust), (other["speed"], other)]
+
+
+def _of_robots(mean: float, robots: Facts, size: float) -> str:
+    """Mean and standard deviation of speeds, body lengths/s."""
+    return f"{mean:.3f} ({robots['standard_deviation'] / size:.2g})"
 
 
 def _repeats(steady: Facts) -> int:
@@ -100,43 +106,60 @@ def _multiplier(steady: Facts) -> str:
 
 
 def gaits_table() -> str:
-    """The gaits that come with the library, from their records in the package."""
+    """The most important numbers of the gaits that come with the library, from their records in the package."""
     head = [
-        "gait", "scene", "steady speed, body lengths/s", "for", "slowest 10 s", "turning, °/body length",
-        "a disturbance is multiplied in a cycle by", "robots that differ: mean (standard deviation)",
-        "on the other contact model", "their bends, °/body length", "faces that it stands on in a cycle",
-        "times that it repeats itself in it", "peaks of an actuator in a cycle", "cost of transport", "nodes slip",
+        "gait", "speed, body lengths/s", "turning, °/body length", "settles after, s", "peak power, W",
+        "perturbed robots, body lengths/s",
     ]  # fmt: skip
-    return table(head, [_gait_row(name) for name in gait_names()])
+    rows = []
+    for name in gait_names():
+        steady, size = gait_record(name)["steady"], gait_record(name)["steady"]["body_length"]
+        mean, robots = _ensembles(steady)[0]
+        uphill = "along_heading" in steady and steady["along_heading"] is not None
+        rows.append([
+            f"`{name}`", _speed(steady), "-" if uphill else _bend(steady), f"{steady['settled_after']:.0f}",
+            _with_bar(steady["cycle"], "peak_power", 0), _of_robots(mean / size, robots, size) + " uphill" * uphill,
+        ])  # fmt: skip
+    return table(head, rows)
 
 
-def _gait_row(name: str) -> list[str]:
+def full_gaits_table() -> str:
+    """All numbers about the library's gaits, a column each."""
+    columns = [_facts_of(name) for name in gait_names()]
+    rows = [[quantity, *(column[quantity] for column in columns)] for quantity in columns[0]]
+    return table(["", *(f"`{name}`" for name in gait_names())], rows)
+
+
+def _facts_of(name: str) -> dict[str, str]:
     record = gait_record(name)
     steady, size = record["steady"], record["steady"]["body_length"]
-    robust, other, cycle = steady["robust"], steady["other_contact_model"], steady["cycle"]
-    each_length = np.degrees(size / steady["speed"])
-    bend, bar = each_length * steady["turning"], each_length * steady["turning_error_bar"]
-    along = steady.get("along_heading")
-    own, twin = (robust["mean"], robust), (other["speed"], other)
-    if along is not None:
-        own, twin = ((along[name]["mean"], along[name]) for name in ("robust", "other_contact_model"))
-    bends = (f"{whole_zero(round(np.degrees(each['bend']))):.0f}" for each in (robust, other))
-    return [
-        f"`{name}`",
-        record["scene"],
-        _speed(steady) + ("" if along is None else f"; {along['speed'] / size:.3f} uphill"),
-        f"{steady['verified_for']:.0f} s",
-        f"{100 * steady['slowest_window'] / steady['speed']:.0f} %",
-        with_error(bend, bar, decimals=1) if along is None else "not defined on a slope",
-        _multiplier(steady),
-        *(f"{mean / size:.3f} ({robots['standard_deviation'] / size:.2g})" for mean, robots in (own, twin)),
-        ", ".join(bends),
-        f"{len(cycle['supports'])}",
-        f"{_repeats(steady)}",
-        ", ".join(_with_bar(cycle, name, decimals) + unit for name, decimals, unit in PEAKS),
-        _with_bar(cycle, "cost_of_transport", 1),
-        f"{100 * record['motion']['slip_share']:.0f} %",
-    ]
+    cycle, along = steady["cycle"], steady.get("along_heading")
+    own, twin = (_of_robots(mean / size, robots, size) for mean, robots in _ensembles(steady))
+    bends = (f"{whole_zero(round(np.degrees(steady[kind]['bend']))):.0f}" for kind in ("robust", "other_contact_model"))
+    return {
+        "scene": record["scene"],
+        "steady speed, body lengths/s": _speed(steady),
+        "of it uphill": "-" if along is None else f"{along['speed'] / size:.3f}",
+        "verified for, s": f"{steady['verified_for']:.0f}",
+        "settles after, s": f"{steady['settled_after']:.0f}",
+        "slowest 10 s, share of the speed": f"{100 * steady['slowest_window'] / steady['speed']:.0f} %",
+        "turning, °/body length": _bend(steady) if along is None else "-",
+        "largest Floquet multiplier per cycle": _multiplier(steady),
+        "perturbed robots, body lengths/s": own,
+        "the same on the other contact model": twin,
+        "median turning of both, °/body length": ", ".join(bends),
+        "faces it stands on per cycle": f"{len(cycle['supports'])}",
+        "symmetry-equivalent segments per cycle": f"{_repeats(steady)}",
+        **{f"peak {kind}": _with_bar(cycle, f"peak_{kind}", decimals) + unit for kind, decimals, unit in PEAKS},
+        "cost of transport": _with_bar(cycle, "cost_of_transport", 1),
+        "share of contact time spent slipping": f"{100 * record['motion']['slip_share']:.0f} %",
+    }
+
+
+def _bend(steady: Facts) -> str:
+    """Turning of the path, degrees in a body length of way."""
+    each_length = np.degrees(steady["body_length"] / steady["speed"])
+    return with_error(each_length * steady["turning"], each_length * steady["turning_error_bar"], decimals=1)
 
 
 def gait_commands() -> str:

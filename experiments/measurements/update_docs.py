@@ -74,7 +74,10 @@ SOURCES: dict[str, Source] = {
     "gait_search": Source(
         "gait_search/summary.json",
         library.gait_search_facts,
-        {"gait_search": Block(README, library.gait_search_table)},
+        {
+            "gait_search": Block(README, library.gait_search_table),
+            "gait_search/all": Block(SEARCH, library.full_gait_search_table),
+        },
     ),
 }
 """by their names in docs/measured"""
@@ -119,7 +122,8 @@ def pages(root: Path) -> dict[str, dict[str, str]]:
         facts = json.loads(read_text(root / "docs" / "measured" / f"{name}.json"))
         for mark, block in source.blocks.items():
             found.setdefault(block.page, {})[mark] = block.words(facts)
-    found[README]["library"] = found[SEARCH]["library"] = library.gaits_table()
+    found[README]["library"] = library.gaits_table()
+    found[SEARCH]["library"] = library.full_gaits_table()
     found[SEARCH]["library/commands"] = library.gait_commands()
     return found
 

@@ -24,10 +24,10 @@ BLOCKS = {
     "docs/gaits.md": 13,
     "docs/numerics.md": 12,
     "docs/terrain.md": 1,
-    "docs/performance.md": 5,
+    "docs/performance.md": 6,
     "docs/scaling.md": 3,
     "docs/identification.md": 4,
-    "docs/search.md": 9,
+    "docs/search.md": 10,
     "docs/validation.md": 4,
     "docs/matrix.md": 1,
 }
