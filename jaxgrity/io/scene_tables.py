@@ -177,12 +177,20 @@ class DampingTable(Table):
     node: NotNegative | list[NotNegative]
 
 
+class BallsKeys(Table):
+    """The nodes that touch the ground, and the radii of the balls about them."""
+
+    nodes: Annotated[list[Number], Meta(min_length=1)]
+    radius: NotNegative | list[NotNegative] = 0.0
+
+
 class GroundTable(Table):
     contact: Literal["penalty", "complementarity"] = "penalty"
     incline: Annotated[float, Meta(gt=-math.pi / 2, lt=math.pi / 2)] = 0.0
     stiffness: Positive | None = None
     dissipation: NotNegative | None = None
     restitution: Annotated[float, Meta(ge=0, le=1)] | None = None
+    balls: BallsKeys | None = None
     surface: SurfaceTable | None = None
     obstacles: list[BoxTable | SphereTable | CylinderTable] = []
 

@@ -28,6 +28,7 @@ from jaxgrity.io.ground_tables import (
 from jaxgrity.io.member_tables import ForceKeys
 from jaxgrity.io.members import members_table, one_or_all
 from jaxgrity.io.scene_tables import (
+    BallsKeys,
     CablesTable,
     CustomTable,
     DampingTable,
@@ -147,7 +148,10 @@ def _ground(ground: Ground | None) -> GroundTable | None:
         return None
     if ground.offset is not None:
         raise InputError("ground.offset: the surface has been moved; expected one that has not, as scene files do")
-    given = {"incline": ground.incline, **_where(ground.surface)}
+    balls = None
+    if ground.balls is not None:
+        balls = BallsKeys(list(ground.balls.nodes), one_or_all(ground.balls.radius))
+    given = {"incline": ground.incline, "balls": balls, **_where(ground.surface)}
     if type(ground) is ExactGround:
         e = None if ground.restitution is None else _scalar("ground.restitution", ground.restitution)
         return GroundTable(contact="complementarity", restitution=e, **given)

@@ -1,4 +1,5 @@
 from .actuation import Command, random_members, rest_length
+from .balls import Balls
 from .bodies import Body, body_moments, rigid_body
 from .contact_twin import exact_twin, penalty_twin
 from .friction import Friction
@@ -10,6 +11,7 @@ from .symmetry import gene_permutations, image, standing_symmetries, symmetries
 from .waves import TravellingWave, travelling_waves
 
 __all__ = [
+    "Balls",
     "Body",
     "Command",
     "Frame",

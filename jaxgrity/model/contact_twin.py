@@ -44,7 +44,8 @@ def exact_twin(scene: Scene) -> Scene:
         if lowest > LARGEST_GAP * size:
             structure = dataclasses.replace(structure, nodes=ground.set_down(np.asarray(nodes, float), 0.0, size))
         cone = None if friction is None else ConeFriction(friction.sliding_mu)
-        ground, friction = ExactGround(ground.incline, surface=ground.surface, offset=ground.offset), cone
+        where = {"surface": ground.surface, "offset": ground.offset, "balls": ground.balls}
+        ground, friction = ExactGround(ground.incline, **where), cone
     return dataclasses.replace(scene, structure=structure, ground=ground, friction=friction)
 
 
@@ -72,8 +73,8 @@ def penalty_twin(scene: Scene) -> Scene:
         structure = _with_struts(structure, springs)
     if ground is not None and ground.impulsive:
         friction = None if friction is None else SmoothFriction(friction.sliding_mu, SLIP_SPEED * speed)
-        where = ground.surface, ground.offset
-        ground = PenaltyGround(stiffness, DISSIPATION / speed, ground.incline, surface=where[0], offset=where[1])
+        where = {"surface": ground.surface, "offset": ground.offset, "balls": ground.balls}
+        ground = PenaltyGround(stiffness, DISSIPATION / speed, ground.incline, **where)
     return dataclasses.replace(scene, structure=structure, ground=ground, friction=friction)
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import along, component, inner, inverse, root
 from jaxgrity.core.types import NodeVectors, PerNode, Scalar, as_float
+from jaxgrity.model.balls import touching_velocities
 from jaxgrity.model.ground import Ground, held_directions
 from jaxgrity.model.laws import Constraint, DissipationTerm, ForceLaw, Law, Motion, node_names, unchanged_per_node
 from jaxgrity.model.surface import Direction
@@ -80,6 +81,8 @@ class SwitchFriction(Friction):
             )
 
     def law(self, ground):
+        if ground.balls is not None:
+            raise InputError("friction.kind = 'switch' knows no balls yet; expected smooth friction, or exact contact")
         return CoulombSwitch(self, ground)
 
     @property
@@ -116,7 +119,8 @@ class SlipDissipation(DissipationTerm):
     def dissipation(self, motion: Motion) -> Scalar:
         assert motion.normal_force is not None, "penalty contact presses on nodes by forces"
         tangents = self.ground.frame(motion.at.q).tangents
-        return slip_dissipation(self.friction, tangents, motion.v, motion.normal_force)
+        v = touching_velocities(self.ground, motion.at.scene.structure.bodies, motion.at.q, motion.v)
+        return slip_dissipation(self.friction, tangents, v, motion.normal_force)
 
     def keeps(self, symmetry):
         alike = unchanged_per_node(self.friction.mu, symmetry)

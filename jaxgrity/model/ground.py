@@ -14,6 +14,7 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import along, component, half_squares, inner, ones, positive_part
 from jaxgrity.core.tracing import as_incline
 from jaxgrity.core.types import AnyArray, NodeVectors, PerNode, Scalar, Vector, as_float, as_float_or_none
+from jaxgrity.model.balls import Balls, refuse_balls
 from jaxgrity.model.laws import Configuration, Constraint, DissipationTerm, EnergyTerm, Law, Motion, node_names
 from jaxgrity.model.placing import above, check_placed, down
 from jaxgrity.model.rigid_struts import LARGEST_GAP
@@ -44,6 +45,8 @@ class Ground(eqx.Module):
     """where the ground is; None: the plane"""
     offset: Vector | None = eqx.field(converter=as_float_or_none, default=None, kw_only=True)
     """m, (3,): how far the surface has been moved; None: not at all"""
+    balls: Balls | None = eqx.field(default=None, kw_only=True)
+    """the nodes that touch it, and their radii; None: all nodes, themselves"""
     impulsive: eqx.AbstractClassVar[bool]
     """whether it pushes by impulses, as a constraint, or by forces, as a spring"""
     touched_below: eqx.AbstractClassVar[float]
@@ -55,6 +58,8 @@ class Ground(eqx.Module):
             raise InputError(f"ground.incline = {self.incline}: it is that of the plane; expected none with a surface")
         if self.surface is None and self.offset is not None:
             raise InputError("ground.offset moves a surface; expected none on the plane")
+        if self.balls is not None:
+            self.balls.check_ground(self.surface)
         if np.shape(self.offset) not in ((), (3,)):  # () is that of None
             raise InputError(f"ground.offset has shape {np.shape(self.offset)}; expected (3,)")
 
@@ -71,8 +76,9 @@ class Ground(eqx.Module):
         return (math.cos(self.incline), 0.0, -math.sin(self.incline)), (0.0, 1.0, 0.0)
 
     def signed_distance(self, q: NodeVectors) -> PerNode:
-        """phi, m: height of each node above the ground along its normal, negative inside."""
-        return component(q, self.normal) if self.surface is None else self.surface.signed_distance(self.relative(q))
+        """phi, m: height of each node, or ball, along the ground's normal, negative inside; infinite of what passes."""
+        phi = component(q, self.normal) if self.surface is None else self.surface.signed_distance(self.relative(q))
+        return phi if self.balls is None else self.balls.gaps(phi)
 
     def frame(self, q: NodeVectors) -> Frame:
         """The normal and two tangents: constants on the plane, a row for each of the nodes at q on a surface."""
@@ -96,7 +102,8 @@ class Ground(eqx.Module):
         """Distances and frames at positions `q` (..., nodes, 3), m, in float64: for use before and after rollouts."""
         if self.surface is None:
             axes = np.array([self.normal, *self.tangents])
-            return DistanceAndAxes(q @ axes[0], np.broadcast_to(axes, (*q.shape[:-1], 3, 3)))
+            phi = q @ axes[0] if self.balls is None else self.balls.gaps(q @ axes[0])
+            return DistanceAndAxes(phi, np.broadcast_to(axes, (*q.shape[:-1], 3, 3)))
         with jax.enable_x64(True):
             ground = as_double(self)
             each = jax.vmap(lambda q: (ground.signed_distance(q), ground.frame(q)))
@@ -119,14 +126,14 @@ class Ground(eqx.Module):
 
     def set_above(self, q: NodeVectors, distance: Scalar) -> NodeVectors:
         """The nodes q, m, moved up or down until the nearest is `distance` (m) from the ground; it can be traced."""
+        refuse_balls(self.balls)
         surface, moved = Slope(self.incline) if self.surface is None else self.surface, self.relative(q)
         return q + above(moved, distance, surface.signed_distance, surface.height) - moved
 
     def keeps(self, symmetry) -> bool:
         """Whether the ground is the same after the map; of surfaces only what leaves every place where it is."""
-        if self.surface is None:
-            return symmetry.leaves(self.normal)
-        return all(symmetry.leaves(axis) for axis in AXES)
+        axes = [self.normal] if self.surface is None else AXES
+        return all(map(symmetry.leaves, axes)) and (self.balls is None or self.balls.keep(symmetry.nodes))
 
     @abstractmethod
     def laws(self) -> tuple[Law, ...]:

@@ -91,6 +91,8 @@ class Scene(eqx.Module):
             if type(law) not in CONSTRAINTS_MET:
                 known = ", ".join(kind.name for kind in CONSTRAINTS_MET)
                 raise InputError(f"{law.name}: no method meets this constraint; expected one of {known}, or a force")
+        if self.ground is not None and self.ground.balls is not None:
+            self.ground.balls.check(nodes)
         if self.shaking is not None:
             self.shaking.check(self.structure)
         if self.gait is not None:
@@ -294,6 +296,5 @@ def _check_term(term: Law) -> None:
     """Refuse what would be left out of the motion, or of the energy audit, without a word."""
     if not isinstance(term, (EnergyTerm, DissipationTerm, ForceLaw)):
         raise InputError(f"terms has {term!r}; expected an EnergyTerm, a DissipationTerm or a ForceLaw")
-    cause = getattr(term, "cause", "")
-    if cause in BOOKED_OTHERWISE:
+    if (cause := getattr(term, "cause", "")) in BOOKED_OTHERWISE:
         raise InputError(f"terms: the cause of {term.name!r} is {cause!r}, which the energy audit uses otherwise")

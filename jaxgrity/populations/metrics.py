@@ -9,6 +9,7 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import component, dot, edge_vectors, inverse, length, take_rows
 from jaxgrity.core.types import AnyArray, PerActuator, PerGait, PerNode, Scalar, namespace_of
 from jaxgrity.model.actuation import rest_length
+from jaxgrity.model.balls import touching_velocities
 from jaxgrity.model.scales import speed_scale, time_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.stepping.blocks import disjoint_groups
@@ -107,6 +108,7 @@ def _contact(scene: Scene, step: Step) -> tuple[PerNode, PerNode]:
     if ground is None:
         return jnp.zeros_like(q[:, 0]), jnp.zeros_like(q[:, 0])
     pressed = step.after.memory.impulses.normal if ground.impulsive else -ground.signed_distance(q)
+    v = touching_velocities(ground, scene.structure.bodies, q, v)
     along = [component(v, tangent) for tangent in ground.frame(q).tangents]
     slowest = SLIPPING * speed_scale(scene)
     slipping = along[0] * along[0] + along[1] * along[1] > slowest * slowest

@@ -148,7 +148,8 @@ def _support(scene: Scene, q: np.ndarray, moved: np.ndarray) -> np.ndarray:
         return np.repeat(q[:, :1], q.shape[1], axis=1)
     size = float(length_scale(scene))
     height, axes = scene.ground.measured(q - moved)
-    flat = q - (height - LIFTED * size)[..., None] * axes[..., 0, :]
+    lift = np.where(np.isfinite(height), height, 0) - LIFTED * size
+    flat = q - lift[..., None] * axes[..., 0, :]
     corners = np.empty_like(q)
     for frame, (points, touches) in enumerate(zip(flat, height < scene.ground.touched_below * size)):
         standing = points[touches] if touches.any() else points[:1]

@@ -47,10 +47,14 @@ def _span(values: AnyArray | list, unit: str) -> str:
 def _describe_ground(scene: Scene) -> list[tuple[str, str]]:
     if scene.ground is None:
         return []
+    if scene.ground.balls is not None:
+        touch = [("touched by", f"{len(scene.ground.balls.nodes)} balls of {_span(scene.ground.balls.radius, 'm')}")]
+    else:
+        touch = []
     if scene.ground.surface is not None:
-        return [("ground", ", ".join(type(solid).__name__.lower() for solid in scene.ground.surface.solids))]
+        return [*touch, ("ground", ", ".join(type(solid).__name__.lower() for solid in scene.ground.surface.solids))]
     incline = np.degrees(scene.ground.incline)
-    return [("ground", f"plane that falls by {incline:.4g}° towards +x" if incline else "level plane")]
+    return [*touch, ("ground", f"plane that falls by {incline:.4g}° towards +x" if incline else "level plane")]
 
 
 def _describe_supports(scene: Scene) -> list[tuple[str, str]]:

@@ -22,6 +22,7 @@ from jaxgrity.core.primitives import (
 )
 from jaxgrity.core.types import MemberVectors, NodeVectors, PerMember, PerNode, PerRow, Scalar, State
 from jaxgrity.model.actuation import rest_length
+from jaxgrity.model.balls import acting_on_nodes
 from jaxgrity.model.ground import ExactGround
 from jaxgrity.model.scales import length_scale, speed_scale
 from jaxgrity.model.scene import Scene
@@ -32,7 +33,6 @@ from jaxgrity.stepping.ground_response import SLOWEST, Contact, along_own_axes, 
 
 HELD = 1e-2
 """Share of its free response to an impulse below which a strut counts as held by the ground at both ends."""
-
 ROUNDINGS = 100
 """Work of the ground's impulses counts as none up to this many roundings of twice the kinetic energy."""
 
@@ -161,7 +161,8 @@ def on_nodes(scene: Scene, h: Scalar, start: State, found: GroundImpulses) -> li
     """The impulses of exact ground on each node, N s, in a step of size h (s): along the normal and both tangents."""
     frame = frame_met(cast(ExactGround, exact_ground(scene)), length_scale(scene), h, start)
     speeds, directions = (found.normal, *found.tangential), (frame.normal, *frame.tangents)
-    return [scale(along(p, n), scene.structure.borne_mass) for p, n in zip(speeds, directions)]
+    forces = [scale(along(p, n), scene.structure.borne_mass) for p, n in zip(speeds, directions)]
+    return acting_on_nodes(scene.ground, scene.structure.bodies, start[0], forces)
 
 
 def bounce_gains(scene: Scene, h: Scalar, start: State, w: NodeVectors, found: GroundImpulses) -> Any:

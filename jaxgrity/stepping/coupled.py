@@ -22,7 +22,7 @@ import jax.numpy as jnp
 
 from jaxgrity.core.dense import least_solution
 from jaxgrity.core.primitives import edge_vectors, inverse, length
-from jaxgrity.core.types import AnyArray, NodeVectors, PerMember, PerNode, Scalar, State
+from jaxgrity.core.types import AnyArray, MemberVectors, NodeVectors, PerMember, PerNode, Scalar, State
 from jaxgrity.model.scene import Scene
 from jaxgrity.stepping.constraints import GroundImpulses
 from jaxgrity.stepping.contact_problem import ContactProblem, as_impulses, solve_contacts
@@ -42,6 +42,7 @@ from jaxgrity.stepping.coupled_problem import (
     response,
     rows_of_struts,
     scaled,
+    touching_nodes,
 )
 
 TURNING = 20
@@ -60,8 +61,8 @@ class Impulses(NamedTuple):
     """w, m/s, after it"""
     struts: NodeVectors
     """f, along x, y and z"""
-    ground: NodeVectors
-    """p, along the ground's normal and tangents"""
+    ground: MemberVectors
+    """p, along the ground's normal and tangents, of each contact: all nodes, or the balls"""
     error: Scalar
     """m/s: the largest |w - w0 - A (f + p)|; contact and cone hold exactly"""
     stretch: Scalar
@@ -99,11 +100,12 @@ def coupled_impulses(
     ground's impulses of the last step.
     """
     (h, t1), (q, v) = times, state
-    mass = scene.structure.borne_mass
+    mass, rows = scene.structure.borne_mass, touching_nodes(scene)
     problem = problem_of(scene, h, t1, q, v, start)
     guess = jnp.stack([last.normal, *last.tangential], axis=1) * mass[:, None]
-    found = solve_step(problem, guess, near)
-    p = found.ground * inverse(mass)[:, None]
+    found = solve_step(problem, guess if rows is None else guess[rows], near)
+    exerted = found.ground if rows is None else jnp.zeros_like(q).at[rows].set(found.ground)
+    p = exerted * inverse(mass)[:, None]
     off: Scalar = jnp.zeros_like(found.error)
     if problem.apart is not None:
         off = h * jnp.max(jnp.abs(lengths_after(problem, found.velocity) - problem.goal))
@@ -118,8 +120,8 @@ class _Found(NamedTuple):
     """f, N s"""
     pulls: PerMember
     """the part of it that is J^T lambda with the directions of now: lambda, N s"""
-    trial: NodeVectors
-    """z of the contacts"""
+    trial: MemberVectors
+    """z of the contacts, (contacts, 3)"""
     velocity: NodeVectors
     """w, m/s"""
     error: Scalar
@@ -128,7 +130,7 @@ class _Found(NamedTuple):
     """the smallest cosine of the angles by which struts turn within the step"""
 
 
-def solve_step(problem: Coupled, guess: NodeVectors, near: NodeVectors) -> Impulses:
+def solve_step(problem: Coupled, guess: MemberVectors, near: NodeVectors) -> Impulses:
     """Impulses and velocities that meet all constraints of a step; `guess` is p of the last one, N s.
 
     Struts are linearised first about the velocities `near`, m/s.
@@ -147,7 +149,10 @@ def solve_step(problem: Coupled, guess: NodeVectors, near: NodeVectors) -> Impul
         z, pulls = unknown
         w, p = contact_of(problem, root_mass, z)
         acted = acted_on(problem, rest + along_struts(jnp.where(projected, J, rows_of_struts(problem)), pulls), p)
-        missed = root_mass[:, None] * in_frames(problem, acted - w)
+        if problem.reach is None:
+            missed = root_mass[:, None] * in_frames(problem, acted - w)
+        else:
+            missed, w = root_mass[:, None] * (in_frames(problem, acted) - w), acted
         return missed, pulls if problem.apart is None else lengths_after(problem, w) - problem.goal
 
     def solve_linear(linear, right):
@@ -158,16 +163,21 @@ def solve_step(problem: Coupled, guess: NodeVectors, near: NodeVectors) -> Impul
     z, pulls = jax.lax.custom_root(unmet, (found.trial, found.pulls), lambda _, found: found, solve_linear)
     w, p = contact_of(problem, root_mass, z)
     f = rest + along_struts(jnp.where(projected, J, rows_of_struts(problem)), pulls)
+    w = w if problem.reach is None else acted_on(problem, f, p)
     return Impulses(w, f, p, found.error, found.stretch)
 
 
-def _search(problem: Coupled, guess: NodeVectors, near: NodeVectors) -> tuple[_Found, AnyArray, PerNode]:
+def _search(problem: Coupled, guess: MemberVectors, near: NodeVectors) -> tuple[_Found, AnyArray, PerNode]:
     """What solves the problem, the directions J of the last round, and the roots of the masses that scale contacts."""
     dtype, nodes = problem.start.dtype, len(problem.start)
     free = response(problem, rows_of_struts(problem))[2]
     # scaled by what each node answers while struts keep their lengths, feet of a gramme and hulls of a kilogramme are
     # alike to Newton's method; a node that cannot move answers nothing, and gets a floor
-    own = jnp.trace(free.reshape(nodes, 3, nodes, 3).diagonal(axis1=0, axis2=2)) / 3
+    if problem.reach is not None:
+        D = problem.reach.reshape(-1, 3 * nodes)
+        own = jnp.sum((D @ free) * D, axis=1).reshape(-1, 3).mean(1)
+    else:
+        own = jnp.trace(free.reshape(nodes, 3, nodes, 3).diagonal(axis1=0, axis2=2)) / 3
     root_mass = 1 / jnp.sqrt(jnp.maximum(own, 1e-9 * jnp.maximum(own.max(), jnp.finfo(dtype).tiny)))
     first = eliminated(problem, root_mass, rows_of_struts(problem))
     nothing = jnp.zeros_like(problem.start)
@@ -219,7 +229,7 @@ def _round(problem: Coupled, root_mass: PerNode, parts: Elimination, found: _Fou
         base = acted + moved(problem.A, along_struts(parts.J, parts.inverse @ wanted))
     scale = root_mass[:, None]
     b = scale * in_frames(problem, base)
-    z: NodeVectors = -b
+    z: MemberVectors = -b
     error: Scalar = jnp.zeros_like(found.error)
     if problem.contact is not None:
         speed = jnp.max(jnp.abs(problem.start)) + problem.slow
@@ -230,10 +240,14 @@ def _round(problem: Coupled, root_mass: PerNode, parts: Elimination, found: _Fou
         z, error = solve_contacts(ContactProblem(parts.G, b, contact, root_mass, tolerance, enough), start)
     w, p = contact_of(problem, root_mass, z)
     f, pulls = found.struts, found.pulls
+    if problem.reach is not None:
+        w = base + moved(problem.A, from_frames(problem, p))
     stretch, along = jnp.zeros_like(error), jnp.ones_like(error)
     if problem.apart is not None:
         more = parts.inverse @ (wanted - parts.J @ moved(problem.A, from_frames(problem, p)).ravel())
         f, pulls = f + along_struts(parts.J, more), pulls + more
+        if problem.reach is not None:
+            w = acted_on(problem, f, p)
         after = lengths_after(problem, w)
         stretch = jnp.max(jnp.abs(after - problem.goal) / problem.goal)
         d = problem.apart + edge_vectors(w, problem.edges)

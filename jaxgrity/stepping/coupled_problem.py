@@ -1,5 +1,6 @@
 """The constraints of one step where nodes are coupled, and the linear algebra of struts and nodes."""
 
+import dataclasses
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -8,8 +9,9 @@ import numpy as np
 
 from jaxgrity.core.dense import inverse_of
 from jaxgrity.core.primitives import edge_vectors, length
-from jaxgrity.core.types import AnyArray, Edges, MemberVectors, NodeVectors, PerMember, PerNode, Scalar
+from jaxgrity.core.types import AnyArray, Edges, MemberVectors, NodeVectors, PerMember, PerNode, Scalar, State
 from jaxgrity.model.bodies import following
+from jaxgrity.model.ground import ExactGround
 from jaxgrity.model.inertia import mobility
 from jaxgrity.model.rigidity import held_edges, held_lengths
 from jaxgrity.model.scales import length_scale, mass_scale, speed_scale
@@ -18,7 +20,7 @@ from jaxgrity.model.surface import Frame
 from jaxgrity.stepping.blocks import WITHOUT_GROUND
 from jaxgrity.stepping.constraints import exact_ground
 from jaxgrity.stepping.contact_problem import as_impulses
-from jaxgrity.stepping.entering import closing_speed, where_met
+from jaxgrity.stepping.entering import Met, closing_speed, where_met
 from jaxgrity.stepping.ground_response import SLOWEST, Contact
 
 NEVER = 1e6
@@ -46,9 +48,12 @@ class Coupled(eqx.Module):
     contact: Contact | None
     """c, m/s, and mu"""
     frame: AnyArray
-    """(nodes, 3, 3): the ground's normal and tangents at each node"""
+    """(contacts, 3, 3): the ground's normal and tangents at each node, or ball"""
     slow: Scalar
     """m/s, `SLOW` of this body"""
+    reach: AnyArray | None
+    """(balls, 3, nodes, 3): of where balls touch the ground, the velocity along normal and tangents by those of nodes;
+    None: all nodes themselves touch"""
     edges: Edges = eqx.field(static=True)
     """of the rigid struts"""
 
@@ -61,7 +66,7 @@ class Elimination(NamedTuple):
     inverse: AnyArray
     """(struts, struts), kg, (J A J^T)^-1"""
     G: AnyArray
-    """(3 nodes, 3 nodes): B along normals and tangents, scaled by masses"""
+    """(3 contacts, 3 contacts): B along normals and tangents, scaled by masses"""
 
 
 def problem_of(scene: Scene, h: Scalar, t1: Scalar, q: NodeVectors, v: NodeVectors, start: NodeVectors) -> Coupled:
@@ -77,27 +82,54 @@ def problem_of(scene: Scene, h: Scalar, t1: Scalar, q: NodeVectors, v: NodeVecto
     if structure.bodies:
         # what follows the basic points of a body is led back to its place, so that roundings do not add up
         start = following(structure.bodies, start) + (following(structure.bodies, q) - q) / h
+    rows, reach = touching_nodes(scene), None
+    at: NodeVectors = q if rows is None else q[rows]
     if ground is not None:
         never = np.where(structure.free.any(1), 0.0, NEVER).astype(q.dtype) * speed
         mu = None if scene.friction is None else jnp.asarray(scene.friction.sliding_mu)
-        met = where_met(ground, length_scale(scene), h, q, v)
+        met = _met(ground, length_scale(scene), h, (q, v))
         axes = met.frame
         # velocities are compared with it that are multiplied by roots of masses
         least = jnp.asarray(jnp.square(SLOWEST * speed) * mass_scale(scene), q.dtype)
-        contact = Contact(closing_speed(ground, h, v, met) - never, mu, None, least)
-    rows = [jnp.broadcast_to(jnp.asarray(axis, q.dtype), q.shape) for axis in (axes.normal, *axes.tangents)]
-    frame = jnp.stack(rows, axis=1)
+        if rows is not None:
+            never, mu = never[rows], mu if np.ndim(mu) == 0 else mu[rows]  # type: ignore[index]
+        contact = Contact(closing_speed(ground, h, v if rows is None else v[rows], met) - never, mu, None, least)
+    columns = [jnp.broadcast_to(jnp.asarray(axis, q.dtype), at.shape) for axis in (axes.normal, *axes.tangents)]
+    frame = jnp.stack(columns, axis=1)
+    if ground is not None and ground.balls is not None:
+        own = jnp.eye(len(q), dtype=q.dtype)[rows]
+        moved_with = own + ground.balls.turning(structure.bodies, q, frame[:, 0])
+        reach = frame[:, :, None, :] * jnp.stack([own, moved_with, moved_with], axis=1)[..., None]
     slow = jnp.asarray(SLOW * speed, q.dtype)
-    return Coupled(A, start, apart, goal, contact, frame, slow, edges)
+    return Coupled(A, start, apart, goal, contact, frame, slow, reach, edges)
 
 
-def in_frames(problem: Coupled, x: NodeVectors) -> NodeVectors:
+def touching_nodes(scene: Scene) -> np.ndarray | None:
+    """The nodes of the balls that can touch exact ground; None: all nodes can."""
+    ground = exact_ground(scene)
+    return None if ground is None or ground.balls is None else np.array(ground.balls.nodes)
+
+
+def _met(ground: ExactGround, size: Scalar, h: Scalar, start: State) -> Met:
+    """Where the nodes, or the balls, meet the ground."""
+    if ground.balls is None:
+        return where_met(ground, size, h, *start)
+    rows = np.array(ground.balls.nodes)
+    met = where_met(dataclasses.replace(ground, balls=None), size, h, *(x[rows] for x in start))
+    return met._replace(distance=met.distance - ground.balls.radius)
+
+
+def in_frames(problem: Coupled, x: NodeVectors) -> MemberVectors:
     """Components along normals and tangents of vectors along x, y and z."""
+    if problem.reach is not None:
+        return jnp.einsum("bakj,kj->ba", problem.reach, x)
     return jnp.einsum("nak,nk->na", problem.frame, x)
 
 
-def from_frames(problem: Coupled, x: NodeVectors) -> NodeVectors:
-    """Vectors along x, y and z of components along normals and tangents."""
+def from_frames(problem: Coupled, x: MemberVectors) -> NodeVectors:
+    """Vectors along x, y and z of components along normals and tangents: impulses on nodes of those of contacts."""
+    if problem.reach is not None:
+        return jnp.einsum("bakj,ba->kj", problem.reach, x)
     return jnp.einsum("nak,na->nk", problem.frame, x)
 
 
@@ -116,6 +148,9 @@ def eliminated(problem: Coupled, root_mass: PerNode, J: AnyArray) -> Elimination
     """What the directions J make of the struts and of the contacts, scaled by the roots of the masses."""
     nodes, weight = len(root_mass), jnp.repeat(root_mass, 3)
     J, inverse, B = response(problem, J)
+    if problem.reach is not None:
+        D = problem.reach.reshape(3 * nodes, -1)
+        return Elimination(J, inverse, weight[:, None] * (D @ B @ D.T) * weight)
     in_frame = jnp.einsum("iak,ikjl,jbl->iajb", problem.frame, B.reshape(nodes, 3, nodes, 3), problem.frame)
     return Elimination(J, inverse, weight[:, None] * in_frame.reshape(B.shape) * weight)
 
@@ -157,8 +192,11 @@ def lengths_after(problem: Coupled, w: NodeVectors) -> PerMember:
     return length(problem.apart + edge_vectors(w, problem.edges))
 
 
-def contact_of(problem: Coupled, root_mass: PerNode, z: NodeVectors) -> tuple[NodeVectors, NodeVectors]:
-    """w, m/s, along x, y and z, and p, N s, along normal and tangents, of trial impulses z."""
+def contact_of(problem: Coupled, root_mass: PerNode, z: MemberVectors) -> tuple[MemberVectors, MemberVectors]:
+    """w, m/s, along x, y and z, and p, N s, along normal and tangents, of trial impulses z.
+
+    Of balls w is that of where they touch the ground, along normal and tangents.
+    """
     scale = root_mass[:, None]
     if problem.contact is None:
         return from_frames(problem, -z / scale), jnp.zeros_like(z)
@@ -168,7 +206,7 @@ def contact_of(problem: Coupled, root_mass: PerNode, z: NodeVectors) -> tuple[No
     pressed = z[:, 0] + contact.closing > 0
     normal = jnp.where(pressed, problem.contact.closing, -z[:, 0] / root_mass)
     w = jnp.concatenate([normal[:, None], (p - z)[:, 1:] / scale], axis=1)
-    return from_frames(problem, w), p * scale
+    return w if problem.reach is not None else from_frames(problem, w), p * scale
 
 
 def scaled(contact: Contact, root_mass: PerNode) -> Contact:
@@ -176,7 +214,7 @@ def scaled(contact: Contact, root_mass: PerNode) -> Contact:
     return contact._replace(closing=contact.closing * root_mass)
 
 
-def acted_on(problem: Coupled, f: NodeVectors, p: NodeVectors) -> NodeVectors:
+def acted_on(problem: Coupled, f: NodeVectors, p: MemberVectors) -> NodeVectors:
     """w0 + A (f + p), m/s."""
     return problem.start + moved(problem.A, f + from_frames(problem, p))
 

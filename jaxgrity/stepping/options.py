@@ -164,10 +164,10 @@ def check_options(scene: Scene, options: ResolvedOptions) -> None:
     """Refuse options that were resolved for a scene of another kind. The step is not looked at for what is stable."""
     method = options.method
     _check_method(scene, method)
-    if method.constrained and scene.structure.coupled and not options.together:
+    if method.constrained and not options.together and (scene.structure.coupled or _has_balls(scene)):
         raise InputError(
-            "options: sweeps know neither rods with mass nor supports, as this scene has; expected those that "
-            "`resolve` makes for it"
+            "options: sweeps know neither rods with mass nor supports, bodies, balls, as this scene has; expected "
+            "those that `resolve` makes for it"
         )
     if options.dt is not None and not traced((scene, options)):
         _check_seen(scene, method, float(options.dt))
@@ -258,6 +258,10 @@ def _sweeps(given: SolverOptions, method: Method, dtype: str, size: float) -> in
     return MOST_SWEEPS if sweeps is None else sweeps
 
 
+def _has_balls(scene: Scene) -> bool:
+    return scene.ground is not None and scene.ground.balls is not None
+
+
 def _together(scene: Scene, given: SolverOptions, method: Method, concrete: bool) -> bool:
     """Whether struts and contacts are solved together: by request, where they must be, or where sweeps may fail."""
     if not method.constrained:
@@ -265,12 +269,14 @@ def _together(scene: Scene, given: SolverOptions, method: Method, concrete: bool
             raise InputError(f"together: only complementarity stepping has it, not {method.name!r}")
         return False
     if given.together is not None:
-        if scene.structure.coupled and not given.together:
-            raise InputError("together = False: sweeps know neither rods with mass nor supports; expected True or None")
+        if not given.together and (scene.structure.coupled or _has_balls(scene)):
+            raise InputError(
+                "together = False: sweeps know neither rods with mass nor supports, bodies, balls; expected None"
+            )
         return given.together
-    struts = rigid_struts(scene)
-    if scene.structure.coupled or struts is None:
-        return scene.structure.coupled
+    struts, must = rigid_struts(scene), scene.structure.coupled or _has_balls(scene)
+    if must or struts is None:
+        return must
     if len(disjoint_groups(struts.edges)) > 1:
         return True
     if not concrete or exact_ground(scene) is None:

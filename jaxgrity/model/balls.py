@@ -1,0 +1,112 @@
+"""Which nodes touch the ground, and the radius of the ball about each: feet, end caps, wheels.
+
+A ball that belongs to a body with four basic points turns with it. It touches the ground at x - r n, which moves as
+that point of the body, so that the ball can roll. Any other ball slides: rods and single nodes do not turn it.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+from jaxgrity.core.arguments import is_count
+from jaxgrity.core.errors import InputError
+from jaxgrity.core.types import AnyArray, NodeVectors, PerRow, as_float, namespace_of
+from jaxgrity.model.bodies import Bodies
+
+
+class Balls(eqx.Module):
+    """The nodes that can touch the ground, and how far from it they then are. Others pass through it.
+
+    Raises `InputError` where numbers and radii do not fit each other.
+    """
+
+    nodes: tuple[int, ...] = eqx.field(static=True)
+    radius: PerRow = eqx.field(converter=as_float)
+    """r, m, of each of them; 0: the node itself touches"""
+
+    def __check_init__(self):
+        if not self.nodes or not all(is_count(k, 0) for k in self.nodes) or len(set(self.nodes)) < len(self.nodes):
+            raise InputError(f"balls.nodes = {list(self.nodes)}: expected at least one node, and none twice")
+        if np.shape(self.radius)[:1] != (len(self.nodes),):
+            raise InputError(f"balls.radius has shape {np.shape(self.radius)}; expected ({len(self.nodes)},)")
+        if isinstance(self.radius, np.ndarray) and not np.all(self.radius >= 0):
+            raise InputError(f"balls.radius = {self.radius}: expected no negative number")
+
+    def check(self, nodes: int) -> None:
+        """Raises `InputError` where a node is not there."""
+        if max(self.nodes) >= nodes:
+            raise InputError(f"balls.nodes has {max(self.nodes)}; expected nodes from 0 to {nodes - 1}")
+
+    def check_ground(self, surface: Any) -> None:
+        """Raises `InputError` where the ground has edges, on which a ball's centre has another surface."""
+        if surface is not None and not surface.smooth and np.any(np.asarray(self.radius) > 0):
+            raise InputError("ground.balls: on ground with edges balls have no radius; expected 0, or smooth ground")
+
+    def gaps(self, phi: AnyArray) -> AnyArray:
+        """m, (..., nodes), of nodes at these distances from the ground: infinite where a node does not touch it."""
+        rows = np.array(self.nodes)
+        if namespace_of(phi) is np:
+            gaps = np.full_like(phi, np.inf)
+            gaps[..., rows] = phi[..., rows] - np.asarray(self.radius)
+            return gaps
+        return jnp.full_like(phi, jnp.inf).at[rows].set(phi[rows] - self.radius)
+
+    def keep(self, nodes: Sequence[int]) -> bool:
+        """Whether each ball takes the place of one as large, where node i goes where nodes[i] was."""
+        radius = dict(zip(self.nodes, np.asarray(self.radius).tolist()))
+        return all(np.isclose(radius.get(nodes[k], np.inf), r, rtol=1e-9, atol=0) for k, r in radius.items())
+
+    def turning(self, bodies: Bodies, q: NodeVectors, normal: AnyArray) -> AnyArray:
+        """(balls, nodes): the weights with which x - r n moves as nodes do, beside the weight 1 of the ball's own.
+
+        `normal` is n at each ball, (balls, 3).
+        """
+        weights: AnyArray = jnp.zeros((len(self.nodes), len(q)), q.dtype)
+        for body in bodies:
+            own = np.array([k for k, node in enumerate(self.nodes) if node in body.points], int)
+            if not own.size or len(body.basic) < 4:
+                continue
+            first, *others = (q[node] for node in body.basic)
+            a, b, c = (x - first for x in others)
+            across = jnp.stack([jnp.cross(b, c), jnp.cross(c, a), jnp.cross(a, b)])
+            arm = -self.radius[own, None] * normal[own]
+            shares = arm @ across.T / jnp.dot(a, across[0])
+            rows = jnp.concatenate([-shares.sum(1, keepdims=True), shares], axis=1)
+            weights = weights.at[np.ix_(own, np.array(body.basic))].set(rows)
+        return weights
+
+
+def refuse_balls(balls: Balls | None) -> None:
+    """Raises `InputError` where a start has to be found with nodes alone."""
+    if balls is not None:
+        raise InputError("ground.balls: no start is found with them on this ground; expected a pose that stands on it")
+
+
+def touching_velocities(ground: Any, bodies: Bodies, q: NodeVectors, v: NodeVectors) -> NodeVectors:
+    """Velocities at q of what touches the `ground` at each node, m/s: of the points at which balls touch it."""
+    return v if ground.balls is None else v + _spun(ground, bodies, q, v)
+
+
+def acting_on_nodes(ground: Any, bodies: Bodies, q: NodeVectors, forces: list[NodeVectors]) -> list[NodeVectors]:
+    """Of forces along the normal and both tangents: those at nodes that do what the `ground` does where balls touch it.
+
+    Along tangents it is the transpose of `touching_velocities`.
+    """
+    if ground.balls is None:
+        return forces
+    rows, weights = np.array(ground.balls.nodes), _weights(ground, bodies, q)
+    return [forces[0], *(force + weights.T @ force[rows] for force in forces[1:])]
+
+
+def _spun(ground: Any, bodies: Bodies, q: NodeVectors, v: NodeVectors) -> NodeVectors:
+    rows = np.array(ground.balls.nodes)
+    return jnp.zeros_like(v).at[rows].set(_weights(ground, bodies, q) @ v)
+
+
+def _weights(ground: Any, bodies: Bodies, q: NodeVectors) -> AnyArray:
+    rows = np.array(ground.balls.nodes)
+    normal = jnp.broadcast_to(jnp.asarray(ground.frame(q).normal, q.dtype), q.shape)[rows]
+    return ground.balls.turning(bodies, q, normal)

@@ -1,0 +1,100 @@
+"""Balls on the ground: they roll where friction lets them, and nodes that are no balls pass."""
+
+import math
+
+import numpy as np
+import pytest
+
+from jaxgrity import (
+    ConeFriction,
+    ExactGround,
+    InputError,
+    PenaltyGround,
+    Scene,
+    SmoothFriction,
+    SolverOptions,
+    Structure,
+    SwitchFriction,
+    energy_audit,
+    load_scene,
+    parse_scene,
+    save_scene,
+    simulate,
+)
+from jaxgrity.model import Balls, rigid_body
+
+RADIUS, MASS, G = 0.1, 1.5, 9.81
+SLOPE = 0.2
+"""rad"""
+NORMAL = np.array([math.sin(SLOPE), 0.0, math.cos(SLOPE)])
+
+
+def sphere(mu: float) -> Scene:
+    """A solid one on a slope, by its centre and three points of its surface, which pass the ground."""
+    nodes = RADIUS * (NORMAL + np.vstack([np.zeros(3), np.eye(3)]))
+    body = rigid_body(nodes, range(4), MASS, [0.4 * MASS * RADIUS**2] * 3, nodes[0])
+    ground = ExactGround(SLOPE, balls=Balls((0,), [RADIUS]))
+    return Scene(Structure(nodes, np.zeros(4), bodies=(body,)), G, ground=ground, friction=ConeFriction(mu))
+
+
+@pytest.mark.slow
+def test_a_sphere_rolls_or_slides_as_galilei_says():
+    """5/7 g sin on a rough slope; g (sin - mu cos) where friction is too small; friction is booked where it acts."""
+    for mu, a in ((0.5, G * math.sin(SLOPE) / 1.4), (0.02, G * (math.sin(SLOPE) - 0.02 * math.cos(SLOPE)))):
+        motion = simulate(sphere(mu), 1.0, options=SolverOptions(dt=4e-3))
+        path = np.asarray(motion.positions)[:, 0]
+        assert not motion.failed
+        assert np.linalg.norm(path[-1] - path[0]) == pytest.approx(a / 2, rel=1e-12)
+        np.testing.assert_allclose(path @ NORMAL, RADIUS, atol=1e-14)
+    rolled = energy_audit(sphere(0.5), 1.0, options=SolverOptions(dt=4e-3))
+    assert abs(rolled.dissipated["friction"][-1]) < 1e-12
+    assert np.max(rolled.momentum_residual) < 1e-12
+    # the slip at the edge: the spin grows by mu g cos r / (0.4 r^2)
+    slid = energy_audit(sphere(0.02), 1.0, options=SolverOptions(dt=4e-3))
+    force, spin = 0.02 * MASS * G * math.cos(SLOPE), 0.02 * G * math.cos(SLOPE) / 0.4
+    assert slid.dissipated["friction"][-1] == pytest.approx(force * (a - spin) / 2, rel=2e-2)
+
+
+def test_balls_are_read_and_written(tmp_path):
+    """With one radius for all, or one each."""
+    text = '[structure]\nkind = "custom"\nnodes = [[0, 0, 1], [1, 0, 1], [0, 1, 1]]\nmass = 1.0\n[ground]\n'
+    for line, radius in (("balls = { nodes = [0, 2], radius = 0.1 }", [0.1, 0.1]), ("balls = { nodes = [1] }", [0.0])):
+        scene = parse_scene(f'{text}contact = "complementarity"\n{line}')
+        save_scene(scene, tmp_path / "robot.toml")
+        balls = load_scene(tmp_path / "robot.toml").ground.balls
+        assert balls.nodes == scene.ground.balls.nodes
+        np.testing.assert_array_equal(balls.radius, radius)
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: Balls((), []), "expected at least one node"),
+        (lambda: Balls((0,), [0.1, 0.1]), r"expected \(1,\)"),
+        (lambda: Balls((0,), [-0.1]), "expected no negative number"),
+        (lambda: Scene(Structure(np.ones((1, 3)), [1.0]), ground=ExactGround(balls=Balls((3,), [0.1]))), "from 0 to 0"),
+        (
+            lambda: (
+                Scene(
+                    Structure(np.ones((1, 3)), [1.0]),
+                    ground=PenaltyGround(1e3, balls=Balls((0,), [0.1])),
+                    friction=SwitchFriction(0.5, 0.4, 1e-2),
+                ).laws
+            ),
+            "knows no balls yet",
+        ),
+    ],
+)
+def test_what_is_no_ball_is_refused(make, words):
+    """In one line."""
+    with pytest.raises(InputError, match=words):
+        make()
+
+
+def test_a_ball_sinks_into_a_spring_by_its_edge():
+    """Penalty contact presses on the ball alone, and smooth friction turns its body."""
+    scene = sphere(0.5)
+    soft = PenaltyGround(1e4, 2.0, SLOPE, balls=scene.ground.balls)
+    scene = Scene(scene.structure, G, ground=soft, friction=SmoothFriction(0.5, 1e-3))
+    q = np.asarray(scene.structure.nodes) - 1e-3 * NORMAL
+    np.testing.assert_allclose(soft.normal_force(q, 0 * q), [10.0, 0, 0, 0], rtol=1e-9)
