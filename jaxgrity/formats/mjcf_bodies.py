@@ -8,7 +8,7 @@ from scipy.optimize import nnls
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import Edges, Supports
-from jaxgrity.formats.compounds import bracing
+from jaxgrity.model.bodies import Bodies, Body, rigid_body
 from jaxgrity.model.structure import Members, edge_lengths
 
 mujoco: Any = lazy_loader.load("mujoco")
@@ -17,15 +17,17 @@ MASS_WITHIN, MASS_NOTED = 0.02, 1e-3
 """Largest relative errors of second moments where masses and rods replace a body: at all, and without a note."""
 LEAST_SHARE = 1e-3
 """Smallest share of a body's mass at each of its nodes, used where some node would have none."""
+FLAT_WITHIN = 0.05
+"""Share of a body's extent below which its nodes count as flat, so that further ones say where it is."""
 Rod = tuple[tuple[int, int], float]
 """The two nodes that a rod joins, and its mass in kg."""
 
 
 def carried(
     model: Any, data: Any, x: np.ndarray, carrier: np.ndarray, notes: list[str]
-) -> tuple[np.ndarray, Supports, list[Rod]]:
-    """Masses of nodes, supports, and rods with their masses, body by body."""
-    mass, fixed, rods = np.zeros(len(x)), [], []
+) -> tuple[np.ndarray, Supports, list[Rod], Bodies]:
+    """Masses of nodes, supports, rods with their masses, and rigid bodies, body by body."""
+    mass, fixed, rods, rigid = np.zeros(len(x)), [], [], []
     for body in np.flatnonzero(model.body_jntnum).tolist():
         if model.body_weldid[model.body_parentid[body]] != 0:
             name = _name(model, body)
@@ -37,6 +39,8 @@ def carried(
         kinds = model.jnt_type[joints]
         if body == 0:
             fixed += [(int(node), "xyz") for node in own]
+        elif len(kinds) == 1 and kinds[0] == mujoco.mjtJoint.mjJNT_FREE and len(own) > 2:
+            rigid.append(_as_body(_moments(model, data, body), name, own, x))
         elif len(kinds) == 1 and kinds[0] == mujoco.mjtJoint.mjJNT_FREE:
             found, shares = _as_rods(_moments(model, data, body), name, own, x, notes)
             rods += found
@@ -47,7 +51,33 @@ def carried(
             fixed += [(int(own[0]), held)] if held else []
         else:
             raise InputError(f"body {name}: expected a free joint, or slides along axes and a single node")
-    return mass, tuple(fixed), rods
+    return mass, tuple(fixed), rods, tuple(rigid)
+
+
+def free_bodies_of_many(model: Any, carrier: np.ndarray) -> list[int]:
+    """The free bodies with more than two nodes, which are rigid bodies here; those of two are rods."""
+    found = []
+    for body, count in zip(*np.unique(carrier[carrier != 0], return_counts=True)):
+        kinds = model.jnt_type[model.body_weldid[model.jnt_bodyid] == body]
+        if count > 2 and len(kinds) == 1 and kinds[0] == mujoco.mjtJoint.mjJNT_FREE:
+            found.append(int(body))
+    return found
+
+
+def spanning_points(x: np.ndarray) -> np.ndarray:
+    """Further points, (k, 3), m, with which these of one body do not lie in a plane, or on a line."""
+    middle = x.mean(0)
+    _, size, axes = np.linalg.svd(x - middle, full_matrices=True)
+    size = np.r_[size, np.zeros(3)][:3]
+    return middle + size[0] / np.sqrt(len(x)) * axes[size < FLAT_WITHIN * size[0]]
+
+
+def _as_body(moments: tuple[float, np.ndarray, np.ndarray], name: str, own: np.ndarray, x: np.ndarray) -> Body:
+    total, centre, second = moments
+    try:
+        return rigid_body(x, own.tolist(), total, np.trace(second) * np.eye(3) - second, centre)
+    except InputError as error:
+        raise InputError(f"body {name}: {str(error).removeprefix('rigid_body: ')}") from error
 
 
 def _name(model: Any, body: int) -> str:
@@ -67,7 +97,11 @@ def _as_rods(
 ) -> tuple[list[Rod], np.ndarray]:
     """Thin rods, and point masses, kg, at its `own` nodes, that are as heavy as a free body, and as hard to turn."""
     total, centre, second = moments
-    edges: Edges = ((int(own[0]), int(own[1])),) if len(own) == 2 else _braces(x, own)
+    if len(own) < 2:
+        raise InputError(
+            f"body {name}: a free body has one node; expected two or more, so that struts can stand for it"
+        )
+    edges: Edges = ((int(own[0]), int(own[1])),)
     size = np.ptp(x[own], axis=0).max()
     rows = [_moments_of(x[[n, n]] - centre, size) for n in own] + [
         _moments_of(x[list(e)] - centre, size) for e in edges
@@ -91,13 +125,6 @@ def _as_rods(
         notes.append(f"body {name}: point masses and thin rods miss its moments of inertia by {missed:.1%}")
     rods = [(edge, float(share * total)) for edge, share in zip(edges, shares[len(own) :])]
     return rods, shares[: len(own)] * total
-
-
-def _braces(x: np.ndarray, own: np.ndarray) -> Edges:
-    if len(own) < 2:
-        raise InputError("a free body has one node; expected two or more, so that struts can stand for it")
-    chain = tuple((k, k + 1) for k in range(len(own) - 1))
-    return tuple((int(own[i]), int(own[j])) for i, j in (*chain, *bracing(x[own], chain)))
 
 
 def _moments(model: Any, data: Any, body: int) -> tuple[float, np.ndarray, np.ndarray]:

@@ -41,6 +41,10 @@ class GroundFound(NamedTuple):
     friction: ConeFriction | None
     lift: np.ndarray
     """(3,), m, by which nodes are moved, so that they touch a plane through the origin as their balls touch that one"""
+    more: np.ndarray = np.zeros((0, 3))
+    """(k, 3), m: further nodes, at the centres of balls of rigid bodies, or so that these are not flat"""
+    carrier: np.ndarray = np.zeros(0, int)
+    """(k,), their bodies"""
 
 
 def touched_plane(model: Any, data: Any, x: np.ndarray, carrier: np.ndarray, losses: Losses) -> GroundFound:
@@ -49,27 +53,35 @@ def touched_plane(model: Any, data: Any, x: np.ndarray, carrier: np.ndarray, los
     Raises `InputError` where contact would be another one here, unless the caller drops it.
     """
     size = float(np.ptp(x, axis=0).max())
-    _others_that_touch(model, data, losses)
-    plane, contacts = _contacts(model, data)
+    plane, n, balls = what_touches(model, data, size, losses)
     if plane is None:
-        if np.any(model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE):
-            losses.note("nothing touches the plane: the scene has no ground")
         return GroundFound(None, None, np.zeros(3))
-    n = data.geom_xmat[plane].reshape(3, 3)[:, 2]
-    if abs(n[1]) > 1e-9 or n[2] <= 0:
-        raise InputError(f"the plane's normal is {n.round(4).tolist()}; expected one that falls along x, or none")
-    mu = {geom: _friction(model, geom, found, size, losses) for geom, found in contacts.items()}
-    balls = [ball for geom, found in contacts.items() for ball in _balls(model, data, geom, found[0], mu[geom], losses)]
     moving = carrier != 0
     at = _at_nodes(model, balls, x, carrier, SAME_PLACE * size, losses)
     radius = _one_radius([r for r, _ in at.values()], SAME_PLACE * size, losses)
     _only_nodes(model, balls, x, np.where(moving, carrier, -1), set(at), (radius, SAME_PLACE * size), losses)
-    lift = _lift(n, data.geom_xpos[plane], radius, x[moving], size, losses)
+    lift = lift_of(n, data.geom_xpos[plane], radius, x[moving], size, losses)
     losses.note("contact is between nodes and the plane; it is exact, where MuJoCo's is soft")
     highest = max((m for _, m in at.values()), default=0.0)
     each = np.array([at[k][1] if k in at else highest for k in range(len(x))])
     friction = ConeFriction(highest) if np.all(each == highest) else ConeFriction(each)
     return GroundFound(ExactGround(float(np.arctan2(n[0], n[2]))), friction, lift)
+
+
+def what_touches(model: Any, data: Any, size: float, losses: Losses) -> tuple[int | None, np.ndarray, list[Touching]]:
+    """The plane that is touched, its normal, and the balls of all bodies."""
+    _others_that_touch(model, data, losses)
+    plane, contacts = _contacts(model, data)
+    if plane is None:
+        if np.any(model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE):
+            losses.note("nothing touches the plane: the scene has no ground")
+        return None, np.zeros(3), []
+    n = data.geom_xmat[plane].reshape(3, 3)[:, 2]
+    if abs(n[1]) > 1e-9 or n[2] <= 0:
+        raise InputError(f"the plane's normal is {n.round(4).tolist()}; expected one that falls along x, or none")
+    mu = {geom: _friction(model, geom, found, size, losses) for geom, found in contacts.items()}
+    balls = [ball for geom, found in contacts.items() for ball in _balls(model, data, geom, found[0], mu[geom], losses)]
+    return plane, n, balls
 
 
 def _contacts(model: Any, data: Any) -> tuple[int | None, dict[int, list[Any]]]:
@@ -196,17 +208,17 @@ def _only_nodes(
     radius, within = sizes
     corners = {body: x[[k for k in at if carrier[k] == body]] for body in set(carrier.tolist())}
     for ball in balls:
-        inside = ball.radius <= radius + within and _within(corners.get(ball.body), ball.centre, within)
+        inside = ball.radius <= radius + within and is_within(corners.get(ball.body), ball.centre, within)
         if not inside:
             name, place = name_of(model, "geom", ball.geom), ball.centre.round(4).tolist()
             losses.lose("contact", f"geom {name} touches the plane about {place} m, where its body has no site")
     for node in np.flatnonzero(carrier != -1):
-        if not _within(corners[int(carrier[node])], x[node], within):
+        if not is_within(corners[int(carrier[node])], x[node], within):
             name, place = name_of(model, "body", int(carrier[node])), x[node].round(4).tolist()
             losses.lose("contact", f"body {name}: its site at {place} m touches nothing, but nodes touch the plane")
 
 
-def _within(corners: np.ndarray | None, place: np.ndarray, within: float) -> bool:
+def is_within(corners: np.ndarray | None, place: np.ndarray, within: float) -> bool:
     """Whether a place is in the convex hull of `corners`."""
     if corners is None or not len(corners):
         return False
@@ -215,7 +227,7 @@ def _within(corners: np.ndarray | None, place: np.ndarray, within: float) -> boo
     return bool(nnls(np.vstack([away / scale, np.ones(len(corners))]), np.r_[0, 0, 0, 1.0])[1] * scale <= 2 * within)
 
 
-def _lift(n: np.ndarray, plane: np.ndarray, radius: float, x: np.ndarray, size: float, losses: Losses) -> np.ndarray:
+def lift_of(n: np.ndarray, plane: np.ndarray, radius: float, x: np.ndarray, size: float, losses: Losses) -> np.ndarray:
     level = float(n @ plane) + radius
     deep = level - float((x @ n).min())
     if deep > SMALL * size:

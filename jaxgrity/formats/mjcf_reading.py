@@ -13,9 +13,10 @@ import numpy as np
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.formats.foreign import MOST_NODES, Imported, read_limited
-from jaxgrity.formats.mjcf_bodies import carried, rod_members
+from jaxgrity.formats.mjcf_bodies import carried, free_bodies_of_many, rod_members
 from jaxgrity.formats.mjcf_contact import touched_plane
 from jaxgrity.formats.mjcf_losses import Losses, check_losses, name_of
+from jaxgrity.formats.mjcf_rolling import touched_by_balls
 from jaxgrity.formats.mjcf_tendons import Spring, drag_of_sites, springs_of
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import Members, Structure, check_edges, edge_lengths
@@ -46,8 +47,9 @@ class _Nodes(NamedTuple):
 def read_mjcf(path: str | Path, drop: Collection[str] = ()) -> Imported:
     """A MuJoCo model of a tensegrity robot as a scene: what `save_mjcf` writes, and others of this kind.
 
-    Sites at which tendons end, and others of the same bodies, become nodes. A free body becomes rigid struts between
-    its nodes, with the body's mass as point masses and thin rods; a body on three slides a point mass; what does not
+    Sites at which tendons end, and others of the same bodies, become nodes. A free body with two of them becomes a
+    rigid strut, with the body's mass as point masses and a thin rod; one with more a rigid body, whose balls have
+    their radii and roll. A body on three slides a point mass; what does not
     move a support. A tendon whose spring range begins at 0, or whose actuator only pulls, is a cable, another one with
     a spring a strut. Spheres, capsules and boxes that touch the plane are those of nodes, with one radius for all.
 
@@ -111,9 +113,14 @@ def _imported(model: Any, drop: Collection[str]) -> Imported:
         tendon._replace(ends=(place[merged[number[tendon.ends[0]]]], place[merged[number[tendon.ends[1]]]]))
         for tendon in tendons
     ]
-    masses, fixed, rods = carried(model, data, x, nodes.carrier[used], notes)
+    carrier, found = nodes.carrier[used], None
+    if many := free_bodies_of_many(model, carrier):
+        found = touched_by_balls(model, data, (x, carrier), many, losses)
+        x, carrier = np.concatenate([x, found.more]), np.r_[carrier, found.carrier]
+        place |= {len(used) + k: len(used) + k for k in range(len(found.more))}
+    masses, fixed, rods, rigid = carried(model, data, x, carrier, notes)
     pushing = [spring for spring in springs if spring.kind == "strut"]
-    if pushing and rods:
+    if pushing and (rods or rigid):
         springs, pushing = _as_cables(springs, x, notes), []
     elif pushing:
         notes.append(f"{len(pushing)} tendons push as well as pull, and are struts")
@@ -121,8 +128,8 @@ def _imported(model: Any, drop: Collection[str]) -> Imported:
     cables = _members([spring for spring in springs if spring.kind == "cable"])
     check_edges(x, () if struts is None else struts.edges, () if cables is None else cables.edges)
     drag = _drag(model, nodes, merged, place, losses)
-    found = touched_plane(model, data, x, nodes.carrier[used], losses)
-    structure = Structure(x - found.lift, masses, struts, cables, fixed=fixed)
+    found = found or touched_plane(model, data, x, carrier, losses)
+    structure = Structure(x - found.lift, masses, struts, cables, fixed=fixed, bodies=rigid)
     scene = Scene(structure, _gravity(model) or None, drag if drag.any() else None, found.ground, found.friction)
     return Imported(scene, ("SI units, z up, as in MuJoCo", *notes))
 

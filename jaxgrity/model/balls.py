@@ -52,7 +52,7 @@ class Balls(eqx.Module):
             gaps = np.full_like(phi, np.inf)
             gaps[..., rows] = phi[..., rows] - np.asarray(self.radius)
             return gaps
-        return jnp.full_like(phi, jnp.inf).at[rows].set(phi[rows] - self.radius)
+        return jnp.full(phi.shape, jnp.inf, phi.dtype).at[rows].set(phi[rows] - self.radius)
 
     def keep(self, nodes: Sequence[int]) -> bool:
         """Whether each ball takes the place of one as large, where node i goes where nodes[i] was."""
@@ -64,7 +64,7 @@ class Balls(eqx.Module):
 
         `normal` is n at each ball, (balls, 3).
         """
-        weights: AnyArray = jnp.zeros((len(self.nodes), len(q)), q.dtype)
+        weights = jnp.zeros((len(self.nodes), len(q)), q.dtype)
         for body in bodies:
             own = np.array([k for k, node in enumerate(self.nodes) if node in body.points], int)
             if not own.size or len(body.basic) < 4:

@@ -44,8 +44,8 @@ def exact_twin(scene: Scene) -> Scene:
         if lowest > LARGEST_GAP * size:
             structure = dataclasses.replace(structure, nodes=ground.set_down(np.asarray(nodes, float), 0.0, size))
         cone = None if friction is None else ConeFriction(friction.sliding_mu)
-        where = {"surface": ground.surface, "offset": ground.offset, "balls": ground.balls}
-        ground, friction = ExactGround(ground.incline, **where), cone
+        surface, offset, balls = ground.surface, ground.offset, ground.balls
+        ground, friction = ExactGround(ground.incline, surface=surface, offset=offset, balls=balls), cone
     return dataclasses.replace(scene, structure=structure, ground=ground, friction=friction)
 
 
@@ -73,8 +73,9 @@ def penalty_twin(scene: Scene) -> Scene:
         structure = _with_struts(structure, springs)
     if ground is not None and ground.impulsive:
         friction = None if friction is None else SmoothFriction(friction.sliding_mu, SLIP_SPEED * speed)
-        where = {"surface": ground.surface, "offset": ground.offset, "balls": ground.balls}
-        ground = PenaltyGround(stiffness, DISSIPATION / speed, ground.incline, **where)
+        alpha, incline, surface = DISSIPATION / speed, ground.incline, ground.surface
+        offset, balls = ground.offset, ground.balls
+        ground = PenaltyGround(stiffness, alpha, incline, surface=surface, offset=offset, balls=balls)
     return dataclasses.replace(scene, structure=structure, ground=ground, friction=friction)
 
 

@@ -102,7 +102,7 @@ class Ground(eqx.Module):
         """Distances and frames at positions `q` (..., nodes, 3), m, in float64: for use before and after rollouts."""
         if self.surface is None:
             axes = np.array([self.normal, *self.tangents])
-            phi = q @ axes[0] if self.balls is None else self.balls.gaps(q @ axes[0])
+            phi = q @ axes[0] if self.balls is None else np.asarray(self.balls.gaps(q @ axes[0]))
             return DistanceAndAxes(phi, np.broadcast_to(axes, (*q.shape[:-1], 3, 3)))
         with jax.enable_x64(True):
             ground = as_double(self)

@@ -221,7 +221,7 @@ def _search(problem: Coupled, guess: MemberVectors, near: NodeVectors) -> tuple[
 
 def _round(problem: Coupled, root_mass: PerNode, parts: Elimination, found: _Found) -> _Found:
     """Struts to their lengths, linearised about the velocities of now, and the contacts solved with them."""
-    w, acted = found.velocity, acted_on(problem, found.struts, jnp.zeros_like(found.struts))
+    w, acted = found.velocity, acted_on(problem, found.struts, jnp.zeros_like(found.trial))
     base: NodeVectors = acted
     wanted: PerMember = jnp.zeros_like(found.pulls)
     if problem.apart is not None:

@@ -92,7 +92,7 @@ def problem_of(scene: Scene, h: Scalar, t1: Scalar, q: NodeVectors, v: NodeVecto
         # velocities are compared with it that are multiplied by roots of masses
         least = jnp.asarray(jnp.square(SLOWEST * speed) * mass_scale(scene), q.dtype)
         if rows is not None:
-            never, mu = never[rows], mu if np.ndim(mu) == 0 else mu[rows]  # type: ignore[index]
+            never, mu = never[rows], mu if mu is None or mu.ndim == 0 else mu[rows]
         contact = Contact(closing_speed(ground, h, v if rows is None else v[rows], met) - never, mu, None, least)
     columns = [jnp.broadcast_to(jnp.asarray(axis, q.dtype), at.shape) for axis in (axes.normal, *axes.tangents)]
     frame = jnp.stack(columns, axis=1)

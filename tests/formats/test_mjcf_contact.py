@@ -1,9 +1,11 @@
 """MuJoCo models of many hands: what touches how, limits, damping, actuators. What is lost is refused, or named."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
-from jaxgrity import InputError, simulate
+from jaxgrity import InputError, SolverOptions, simulate
 from jaxgrity.formats import read_mjcf
 
 mujoco = pytest.importorskip("mujoco")
@@ -192,3 +194,42 @@ def test_kinds_that_may_be_dropped_are_named(read):
     for drop in (["wheels"], "radius"):
         with pytest.raises(InputError, match="expected a list of some of contact, radius, friction, limits"):
             read(prism(), drop=drop)
+
+
+def caps(sites):
+    """The prism with balls of 3 cm, at which cables end beside the rods' axes, at places `sites` (m) from the ends."""
+    text = prism(0.03, BALLS)
+    for k, (a, b) in enumerate(zip(LOW + [0, 0, 0.05], TOP + [0, 0, 0.35])):
+        for name, end in ((f"a{k}", a), (f"b{k}", b)):
+            old, new = ('pos="{:.9f} {:.9f} {:.9f}"'.format(*x) for x in (end, end + sites))
+            text = text.replace(
+                f'<site name="{name}" {old}/>', f'<site name="{name}" {new}/><site name="{name}x" {old}/>'
+            )
+    return text
+
+
+@pytest.mark.campaign
+def test_end_caps_fly_as_in_mujoco(read):
+    """Bodies whose cables end beside their axes are rigid bodies: free flight as there, to the error of the step."""
+    text = caps([0.02, 0.01, 0.015])
+    scene, notes = read(text)
+    assert (len(scene.structure.bodies), scene.structure.struts) == (3, None)
+    assert any("6 balls of 0.03 to 0.03 m touch the plane, and roll" in note for note in notes)
+    assert len(scene.ground.balls.nodes) == 6
+    model = mujoco.MjModel.from_xml_string(text)
+    model.opt.gravity[:] = 0
+    model.geom_contype[:] = model.geom_conaffinity[:] = 0
+    model.opt.timestep, model.opt.integrator = 1e-4, mujoco.mjtIntegrator.mjINT_RK4
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    start, nodes = data.site_xpos.copy(), np.asarray(scene.structure.nodes)
+    order = [int(np.argmin(np.linalg.norm(nodes - nodes[0] + start[0] - x, axis=1))) for x in start]
+    mujoco.mj_step(model, data, 2000)
+    mujoco.mj_kinematics(model, data)
+    flying = dataclasses.replace(scene, ground=None, friction=None, gravity=None)
+    errors = []
+    for dt in (1e-3, 5e-4):
+        end = np.asarray(simulate(flying, 0.2, options=SolverOptions(dt=dt), frame_rate=5.0).positions[-1])[order]
+        errors.append(np.abs(end - nodes[order] + start - data.site_xpos).max())
+    assert errors[1] < 1e-5
+    assert errors[0] / errors[1] == pytest.approx(4, rel=0.1)

@@ -1,0 +1,69 @@
+"""What of the rigid bodies of a MuJoCo model touches its plane: balls with radii of their own, which roll."""
+
+from typing import Any
+
+import lazy_loader
+import numpy as np
+
+from jaxgrity.formats.mjcf_bodies import spanning_points
+from jaxgrity.formats.mjcf_contact import SAME_PLACE, GroundFound, Touching, is_within, lift_of, what_touches
+from jaxgrity.formats.mjcf_losses import Losses, name_of
+from jaxgrity.model.balls import Balls
+from jaxgrity.model.friction import ConeFriction
+from jaxgrity.model.ground import ExactGround
+
+mujoco: Any = lazy_loader.load("mujoco")
+
+
+def touched_by_balls(
+    model: Any, data: Any, at: tuple[np.ndarray, np.ndarray], many: list[int], losses: Losses
+) -> GroundFound:
+    """The plane, for the nodes and bodies `at`, of which `many` become rigid bodies: balls with radii of their own.
+
+    Raises as `touched_plane` does.
+    """
+    x, carrier = at
+    size = float(np.ptp(x, axis=0).max())
+    within = SAME_PLACE * size
+    plane, n, balls = what_touches(model, data, size, losses)
+    found: dict[int, Touching] = {}
+    for ball in _outermost(model, [ball for ball in balls if ball.body in set(carrier.tolist()) - {0}], within, losses):
+        own = np.flatnonzero(carrier == ball.body)
+        node = int(own[np.argmin(np.linalg.norm(x[own] - ball.centre, axis=1))])
+        if np.linalg.norm(x[node] - ball.centre) > within:
+            if ball.body not in many:
+                name, place = name_of(model, "geom", ball.geom), ball.centre.round(4).tolist()
+                losses.lose("contact", f"geom {name} touches the plane about {place} m, where its body has no site")
+                continue
+            node, x, carrier = len(x), np.r_[x, ball.centre[None]], np.r_[carrier, ball.body]
+        found[node] = ball
+    for body in many:
+        more = spanning_points(x[carrier == body])
+        x, carrier = np.r_[x, more], np.r_[carrier, np.full(len(more), body)]
+    added = {"more": x[len(at[0]) :], "carrier": carrier[len(at[0]) :]}
+    if plane is None or not found:
+        return GroundFound(None, None, np.zeros(3), **added)
+    radius = np.array([ball.radius for ball in found.values()])
+    lift = lift_of(n, data.geom_xpos[plane], 0.0, x[list(found)] - radius[:, None] * n, size, losses)
+    losses.note(f"{len(found)} balls of {radius.min():.4g} to {radius.max():.4g} m touch the plane, and roll on it")
+    losses.note("contact is exact, where MuJoCo's is soft")
+    each = np.full(len(x), max(ball.mu for ball in found.values()))
+    each[list(found)] = [ball.mu for ball in found.values()]
+    friction = ConeFriction(each[0]) if np.all(each == each[0]) else ConeFriction(each)
+    ground = ExactGround(float(np.arctan2(n[0], n[2])), balls=Balls(tuple(found), radius))
+    return GroundFound(ground, friction, lift, **added)
+
+
+def _outermost(model: Any, balls: list[Touching], within: float, losses: Losses) -> list[Touching]:
+    """The balls that no others of their bodies enclose."""
+    kept: list[Touching] = []
+    cylinder = mujoco.mjtGeom.mjGEOM_CYLINDER
+    for ball in sorted(balls, key=lambda ball: (model.geom_type[ball.geom] == cylinder, -ball.radius)):
+        larger = [k.centre for k in kept if k.body == ball.body and k.radius >= ball.radius - within]
+        if larger and is_within(np.array(larger), ball.centre, within):
+            continue
+        if model.geom_type[ball.geom] == cylinder:
+            name = name_of(model, "geom", ball.geom)
+            losses.lose("radius", f"geom {name}: the rims of a cylinder of {ball.radius:g} m touch the plane")
+        kept.append(ball)
+    return kept
