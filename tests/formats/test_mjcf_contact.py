@@ -199,7 +199,7 @@ def test_kinds_that_may_be_dropped_are_named(read):
 def caps(sites):
     """The prism with balls of 3 cm, at which cables end beside the rods' axes, at places `sites` (m) from the ends."""
     text = prism(0.03, BALLS)
-    for k, (a, b) in enumerate(zip(LOW + [0, 0, 0.05], TOP + [0, 0, 0.35])):
+    for k, (a, b) in enumerate(zip(LOW + np.array([0, 0, 0.05]), TOP + np.array([0, 0, 0.35]))):
         for name, end in ((f"a{k}", a), (f"b{k}", b)):
             old, new = ('pos="{:.9f} {:.9f} {:.9f}"'.format(*x) for x in (end, end + sites))
             text = text.replace(
