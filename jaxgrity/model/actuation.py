@@ -47,7 +47,7 @@ class Gait(eqx.Module):
     frequency: PerActuator = eqx.field(converter=as_float)
     """f, Hz, not negative"""
     start: Scalar = eqx.field(converter=as_float, default=0.0)
-    """s"""
+    """s; where it is the end of a step, as of the library's gaits, the motion's derivative in it has two sides"""
     ramp: Scalar = eqx.field(converter=as_float, default=1.0)
     """s"""
     overtones: tuple[Overtone, ...] = ()

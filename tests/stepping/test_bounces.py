@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -26,7 +27,11 @@ from jaxgrity import (
     simulate,
     simulate_population,
 )
+from jaxgrity.model.scene import as_dtype
 from jaxgrity.stepping import complementarity, resolve
+from jaxgrity.stepping.discretisation import discretise, prepared
+from jaxgrity.stepping.loop import Step, carried_at, numbered
+from jaxgrity.stepping.power import ground_impulses
 
 ROBOTS, DT = 400, 5e-3
 
@@ -49,30 +54,51 @@ def starts() -> tuple[np.ndarray, np.ndarray]:
     return q, v + np.stack([stretch, -stretch], axis=1)
 
 
-def gained(scene: Scene, together: bool) -> np.ndarray:
-    """By how much, at most, each robot's energy in later frames is above that at the start, as a share of it."""
+def works(robots: int, roughest: float, together: bool) -> tuple[np.ndarray, np.ndarray]:
+    """(robots, steps): what the ground did in each step of robots with a friction, a restitution and masses of their
+    own, and what was gained in all, as shares of their energy before the step."""
+    scene = prepared(as_dtype(thrown(), "float64"))
     options = resolve(scene, 1.0, SolverOptions(dt=DT, together=together))
+    random = np.random.default_rng(1)
+    numbers = random.uniform(size=(robots, 2)) * [roughest, 1.0], np.exp(random.normal(size=(robots, 2)))
 
-    def velocities(q, v):
-        found = rollout(scene, np.linspace(0.0, 0.06, 5), start=(q, v), options=options)
-        return found.velocities, found.ok
+    def rolled(numbers, q, v):
+        (mu, restitution), masses = numbers
+        parts = lambda s: (s.friction.mu, s.ground.restitution, s.structure.node_mass)  # noqa: E731
+        own, problem, h = eqx.tree_at(parts, scene, (mu, restitution, masses)), discretise(options), jnp.asarray(DT)
+        energy = lambda v: jnp.sum(masses[:, None] * v * v) / 2  # noqa: E731
 
-    found, ok = jax.jit(jax.vmap(velocities))(*map(jnp.asarray, starts()))
-    assert np.all(ok)
-    energy = np.sum(scene.structure.node_mass * np.sum(np.square(found), axis=3), axis=2) / 2
-    assert np.ptp(energy, axis=1).max() > 0.1  # some do bounce
-    return energy[:, 1:].max(1) / energy[:, 0] - 1
+        def step(before, k):
+            after = numbered(problem, own, h)(before, k)
+            done = Step(k * h, h, before, after)
+            mean = (before.motion[1] + after.motion[1]) / 2
+            by_ground = sum(jnp.sum(impulse * mean) for impulse in ground_impulses(own, done))
+            was = energy(before.motion[1])
+            return after, (by_ground / was, energy(after.motion[1]) / was - 1)
+
+        return jax.lax.scan(step, carried_at(problem, own, 0 * h, h, (q, v)), jnp.arange(4))[1]
+
+    q, v = (np.resize(x, (robots, 2, 3)) for x in starts())
+    return jax.jit(jax.vmap(rolled))(numbers, q, v)  # type: ignore[return-value]
 
 
-@pytest.mark.parametrize("together", [False, pytest.param(True, marks=pytest.mark.campaign)])
-def test_a_rod_thrown_in_any_way_gains_nothing(together):
-    """Kane and Levinson (1985): with Newton's law of restitution and friction some would.
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("robots", "roughest", "together"),
+    [(10_000, 1.0, False), pytest.param(1000, 3.0, True, marks=pytest.mark.campaign)],
+)
+def test_no_impact_makes_energy(robots, roughest, together):
+    """With any friction, restitution and masses: by the law of Newton some would (Kane and Levinson 1985).
 
-    Ends go along chords: of a rod that turns by an angle in a step that is known to the square of the angle.
+    Ends go along chords: of a rod that turns by an angle in a step that is known to the square of the angle. Where
+    friction is nearly 1, sweeps may fail, which is said by a velocity that is none.
     """
-    _, v = starts()
-    turned = DT * np.linalg.norm(v[:, 1] - v[:, 0], axis=1)
-    assert np.all(gained(thrown(), together) < turned**2 + 1e-12)
+    by_ground, gained = works(robots, roughest, together)
+    turned = DT * np.linalg.norm(np.diff(starts()[1], axis=1), axis=2).max()
+    assert np.isnan(by_ground).any(1).sum() < robots / 1000
+    assert np.sum(by_ground < -1e-3) > robots / 2
+    assert np.nanmax(by_ground) < 1e-12
+    assert np.nanmax(gained) < turned**2
 
 
 @pytest.mark.slow
@@ -81,7 +107,7 @@ def test_by_the_law_of_newton_alone_some_gain(monkeypatch):
     monkeypatch.setattr(complementarity, "bounce_gains", lambda *given: jnp.zeros((), bool))
     jax.clear_caches()
     try:
-        assert gained(thrown(), False).max() > 0.1
+        assert np.nanmax(works(ROBOTS, 1.0, False)[0]) > 0.01
     finally:
         jax.clear_caches()
 
