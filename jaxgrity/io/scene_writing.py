@@ -242,8 +242,8 @@ def _laws(scene: Scene) -> tuple[WindTable | None, list[PushTable], dict[str, An
         told = "a wind, pushes, then one table or largest force of cables, as files are read"
         raise InputError(f"terms are {', '.join(term.name for term in scene.terms)}; expected in this order {told}")
     for number, term in enumerate(scene.terms):
-        if type(term) is Wind and np.ptp(term.velocity, axis=0).max() == 0:
-            wind = WindTable(tuple(np.asarray(term.velocity)[0].tolist()), one_or_all(term.drag))
+        if type(term) is Wind:
+            wind = WindTable(tuple(np.asarray(term.velocity).tolist()), one_or_all(term.drag))
         elif type(term) is Push and np.ptp(term.force, axis=0).max() == 0:
             times = (float(value) for value in (term.start, term.duration, term.ramp))
             pushes.append(PushTable(list(term.nodes), tuple(np.asarray(term.force)[0].tolist()), *times))

@@ -8,8 +8,8 @@ import numpy as np
 
 from jaxgrity.core.arguments import check_all_finite, check_count, check_indices, check_vector
 from jaxgrity.core.errors import InputError
-from jaxgrity.core.primitives import dot, inner, length, norm_squared, take_rows
-from jaxgrity.core.types import AnyArray, AnyNodeVectors, AnyPerNode, Scalar, as_float
+from jaxgrity.core.primitives import along, dot, inner, length, norm_squared, ones, take_rows
+from jaxgrity.core.types import AnyArray, AnyNodeVectors, AnyPerNode, Scalar, Vector, as_float
 from jaxgrity.model.laws import DissipationTerm, Motion, unchanged_per_node
 
 
@@ -19,8 +19,8 @@ class Wind(DissipationTerm):
     Made by `wind`. The energy audit books what the wind takes, or less than nothing where it drives.
     """
 
-    velocity: AnyNodeVectors = eqx.field(converter=as_float)
-    """w, m/s, a row a node, all alike"""
+    velocity: Vector = eqx.field(converter=as_float)
+    """w, m/s, (3,)"""
     drag: AnyPerNode = eqx.field(converter=as_float)
     """c, kg/m, of each node: half the density of air times the coefficient of drag times the area"""
     name: ClassVar[str] = "wind"
@@ -30,17 +30,19 @@ class Wind(DissipationTerm):
         if isinstance(self.drag, np.ndarray) and not np.all(self.drag >= 0):
             raise InputError(f"wind.drag = {self.drag.min()}: expected no negative number")
         check_all_finite(self, "wind")
+        if np.shape(self.velocity) != (3,):
+            raise InputError(f"wind.velocity has shape {np.shape(self.velocity)}; expected (3,)")
 
     def check(self, nodes: int):
-        if len(self.velocity) != nodes:
-            raise InputError(f"wind: it is that on {len(self.velocity)} nodes; expected nodes = {nodes}, as there are")
+        if len(self.drag) != nodes:
+            raise InputError(f"wind: it is that on {len(self.drag)} nodes; expected nodes = {nodes}, as there are")
 
     def dissipation(self, motion: Motion) -> Scalar:
-        past = motion.v - self.velocity
+        past = motion.v - along(ones(self.drag), self.velocity)
         return inner(self.drag * length(past), norm_squared(past)) / 3
 
     def keeps(self, symmetry):
-        w = tuple(np.asarray(self.velocity)[0])
+        w = tuple(np.asarray(self.velocity))
         speed = float(np.linalg.norm(w))
         alike = speed == 0 or symmetry.leaves(tuple(x / speed for x in w))
         return alike and unchanged_per_node(self.drag, symmetry)
@@ -143,4 +145,4 @@ def wind(velocity, drag, nodes: int) -> Wind:
     check_vector("wind.velocity", velocity)
     if np.shape(drag) not in ((), (nodes,)):
         raise InputError(f"wind.drag has shape {np.shape(drag)}; expected one number, or ({nodes},), one a node")
-    return Wind(np.tile(np.asarray(velocity, float), (nodes, 1)), np.broadcast_to(np.asarray(drag, float), (nodes,)))
+    return Wind(np.asarray(velocity, float), np.broadcast_to(np.asarray(drag, float), (nodes,)))

@@ -33,7 +33,6 @@ from jaxgrity import (
 )
 from jaxgrity.io.scene_tables import CatalogueTable
 from jaxgrity.io.scene_writing import scene_toml
-from jaxgrity.model.external import Wind
 
 BODY = """
 [structure]
@@ -265,10 +264,6 @@ REFUSED |= {
     "a table of other cables": (
         lambda scene: with_terms(_cables(scene, stiffness=np.full(24, 500.0)), ForceTable([0, 0.1, 0.2], [0, 60, 90])),
         "cables: stiffness is not 600 N/m, the first slope of their table",
-    ),
-    "winds that differ": (
-        lambda scene: with_terms(scene, Wind(np.arange(36.0).reshape(12, 3), np.ones(12))),
-        "terms[0] is a Wind",
     ),
     "ground that differs": (
         lambda scene: dataclasses.replace(scene, ground=PenaltyGround(np.arange(1.0, 13.0))),
