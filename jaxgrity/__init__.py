@@ -29,7 +29,7 @@ ROOMS = (
 __all__ = [name for name in _names if name not in ROOMS]
 RENAMED = {"Motors": "MotorLimits", "Wave": "TravellingWave"}
 """Names that were at the top, with the names that they have in their rooms."""
-NEVER_HERE = ("Body", "Level", "MotorLimits", "TravellingWave", "body_moments", "genome_to_polish", "load_trajectory")
+NEVER_HERE = ("Body", "Judging", "MotorLimits", "TravellingWave", "body_moments", "genome_to_polish", "load_trajectory")
 NEVER_HERE += ("reach_of", "rigid_body", "statics_of")
 """Names that only rooms have had."""
 

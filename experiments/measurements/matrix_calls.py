@@ -163,8 +163,8 @@ def sought(case: Case):
     """A search, as far as its problem, and one judgement of two gaits."""
     problem = search.search_problem(case.scene, SearchConfig(objective=Speed(), bounds=ActuatorBounds()))
     genes = np.asarray(problem.genome.random(jax.random.key(0), 2))
-    level = problem.level(SolverOptions(dtype="float32"))
-    return search.judge(jax.random.key(1), level, problem.genome.gaits(case.scene.gait, genes))
+    judging = problem.judging(SolverOptions(dtype="float32"))
+    return search.judge(jax.random.key(1), judging, problem.genome.gaits(case.scene.gait, genes))
 
 
 def replayed(case: Case) -> None:

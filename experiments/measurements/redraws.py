@@ -29,7 +29,7 @@ from jaxgrity import (
     with_gait,
 )
 from jaxgrity.report import plot
-from jaxgrity.search import Level, influences, judge, model_of, robot_motions, standard_error
+from jaxgrity.search import Judging, influences, judge, model_of, robot_motions, standard_error
 
 COVERING = 2.0
 """standard errors in a range"""
@@ -86,8 +86,8 @@ def judged(scene: Scene, pair: Gait, draws: int, robots: int, duration: float) -
     fitness = Fitness(SteadySpeed(), SearchConfig().uncertainty, robots, CAUTION)
     seeds = tqdm(range(draws), unit="ensemble", leave=False)
     model = model_of(scene, duration, SolverOptions(dtype="float32"))
-    level = Level((model,), duration, fitness)
-    return np.array([judge(jax.random.key(seed), level, pair).each for seed in seeds])
+    judging = Judging((model,), duration, fitness)
+    return np.array([judge(jax.random.key(seed), judging, pair).each for seed in seeds])
 
 
 def along_its_path(gait: str, draws: int, robots: int, duration: float) -> tuple[np.ndarray, np.ndarray, float]:

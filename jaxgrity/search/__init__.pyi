@@ -12,7 +12,7 @@ from .fidelity import (
 )
 from .genetic_algorithm import Generation, SearchState, distinct
 from .gradients import checkpointed_end, distance_and_gradient, distances
-from .judging import Level, Scores, influences, judge, standard_error, with_robots, without_measuring
+from .judging import Judging, Scores, influences, judge, standard_error, with_robots, without_measuring
 from .models import Model, model_of, rough_step
 from .motions import RobotMotions, robot_motions
 from .objectives import OBJECTIVES, find_objective
@@ -30,7 +30,7 @@ __all__ = [
     "ClimbStep",
     "FidelityLevel",
     "Generation",
-    "Level",
+    "Judging",
     "Model",
     "Progress",
     "Promoted",

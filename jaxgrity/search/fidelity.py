@@ -22,7 +22,7 @@ from jaxgrity.search.genome import Genes
 from jaxgrity.search.judging import (
     ROUND,
     Fitness,
-    Level,
+    Judging,
     Scores,
     judge,
     judge_until,
@@ -60,14 +60,14 @@ class FidelityLevel(NamedTuple):
         """Its step and its precision."""
         return SolverOptions(dt=self.dt, dtype=self.dtype)
 
-    def of(self, duration: float, fitness: Fitness) -> Level:
+    def of(self, duration: float, fitness: Fitness) -> Judging:
         """What judges gaits on it: its own model, and its twin's, if any, at a rough step.
 
         Raises `InputError` as `resolve` does.
         """
         own = model_of(self.scene, duration, self.options)
         twins = () if self.twin is None else (twin_model(self.twin, duration, self.dtype),)
-        return Level((own, *twins), duration, fitness)
+        return Judging((own, *twins), duration, fitness)
 
 
 @typed

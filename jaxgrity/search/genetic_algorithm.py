@@ -16,7 +16,7 @@ from jaxgrity.core.types import AnyArray, PerGait, Scalar
 from jaxgrity.model.scene import Scene
 from jaxgrity.search.cma_es import asked_next, check_optimiser, fewest
 from jaxgrity.search.genome import Genes, Genome
-from jaxgrity.search.judging import Fitness, Level, judge
+from jaxgrity.search.judging import Fitness, Judging, judge
 from jaxgrity.search.models import model_of
 from jaxgrity.stepping.options import Options
 
@@ -39,10 +39,10 @@ class SearchProblem(NamedTuple):
         ground = self.scene.ground
         return self.fitness.objective.steady and (ground is None or ground.surface is None)
 
-    def level(self, options: Options = None) -> Level:
-        """On which its gaits are judged: the scene's own model, integrated as `options` say; `InputError` as `resolve`
+    def judging(self, options: Options = None) -> Judging:
+        """How its gaits are judged: on the scene's own model, integrated as `options` say; `InputError` as `resolve`
         raises it."""
-        return Level((model_of(self.scene, self.duration, options),), self.duration, self.fitness)
+        return Judging((model_of(self.scene, self.duration, options),), self.duration, self.fitness)
 
 
 class GAConfig(eqx.Module):
@@ -188,12 +188,12 @@ def evolve(
         >>> found.last.genes.shape, found.rollouts
         ((4, 6), 8)
     """
-    level = problem.level(options)
-    return evolve_on(level, problem.genome, config or GAConfig(), seed=seed, state=state, on_generation=on_generation)
+    judging = problem.judging(options)
+    return evolve_on(judging, problem.genome, config or GAConfig(), seed=seed, state=state, on_generation=on_generation)
 
 
 def evolve_on(
-    level: Level,
+    judging: Judging,
     genome: Genome,
     config: GAConfig,
     *,
@@ -201,26 +201,26 @@ def evolve_on(
     state: SearchState | None = None,
     on_generation: Callable[[SearchState], None] | None = None,
 ) -> Evolution:
-    """`evolve`, on a level of whatever models, about the gait of the first one's scene."""
-    state = state or begin(genome, config, seed, level.dtype)
+    """`evolve`, judged on whatever models, about the gait of the first one's scene."""
+    state = state or begin(genome, config, seed, judging.dtype)
     while state.number < config.generations:
-        state = _advance(state, level, genome, config)
+        state = _advance(state, judging, genome, config)
         if on_generation is not None:
             on_generation(state)
     assert state.evaluated is not None, "there is at least one generation"
     gaits = config.population * config.generations + (config.drawn or config.population) - config.population
-    rollouts = gaits * level.fitness.rollouts
+    rollouts = gaits * judging.fitness.rollouts
     best, median, failed, within = state.record
     return Evolution(state.evaluated, best, median, failed.astype(int), within.astype(int), rollouts)
 
 
-def _advance(state: SearchState, level: Level, genome: Genome, config: GAConfig) -> SearchState:
+def _advance(state: SearchState, judging: Judging, genome: Genome, config: GAConfig) -> SearchState:
     key, now = jax.random.split(jax.random.wrap_key_data(jnp.asarray(state.key)))
     drawn, bred = jax.random.split(now)
     # NumPy: on all devices, as breeding leaves them, genes would have the next rollouts compiled again
     raw = np.asarray(state.genes)
     genes = raw if state.memory is None else np.asarray(genome.within(raw))
-    scores = judge(drawn, level, genome.gaits(level.models[0].scene.gait, genes))
+    scores = judge(drawn, judging, genome.gaits(judging.models[0].scene.gait, genes))
     order = np.argsort(-scores.merit, kind="stable")[: config.population]
     generation = Generation(genes[order], scores.fitness[order], scores.spread[order], np.sum(scores.failed))
     progress = min(1, state.number / max(1, (config.shrinking or config.generations) - 1))

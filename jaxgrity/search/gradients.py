@@ -19,7 +19,7 @@ from jaxgrity.populations.lanes import discretise_lanes, in_lanes, lanes_last, o
 from jaxgrity.populations.population import Outcomes
 from jaxgrity.populations.uncertainty import Differences, ensemble
 from jaxgrity.search.genetic_algorithm import SearchProblem
-from jaxgrity.search.judging import Level, judge
+from jaxgrity.search.judging import Judging, judge
 from jaxgrity.stepping.dynamics import centre_of_mass
 from jaxgrity.stepping.final_state import stepped
 from jaxgrity.stepping.options import ResolvedOptions
@@ -31,8 +31,8 @@ class ClimbTask(NamedTuple):
     problem: SearchProblem
     options: ResolvedOptions
     """of the problem's own scene, with its step: reverse mode has to know it"""
-    level: Level
-    """that smoothed gradients are taken on"""
+    judging: Judging
+    """by which smoothed gradients are taken"""
     width: Scalar
     """standard deviation s of the smoothed gradient's perturbations, as `PolishConfig.width`"""
 
@@ -134,7 +134,7 @@ def smoothed_gradients(
     scene, genome, *_ = task.problem
     perturbed = genome.bounded(genes[:, None] + task.width * jnp.concatenate([e, -e], axis=1))
     gaits = genome.gaits(scene.gait, np.asarray(perturbed).reshape(-1, size))
-    scores = judge(disturbed, task.level.by(robots)._replace(duration=ahead), gaits)
+    scores = judge(disturbed, task.judging.by(robots)._replace(duration=ahead), gaits)
     value, merit = (np.asarray(each).reshape(starts, samples) for each in (scores.fitness, scores.merit))
     return _estimates(value, merit, e, task.width)
 

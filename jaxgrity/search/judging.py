@@ -114,7 +114,7 @@ class Scores(NamedTuple):
         return np.where(self.failed, -np.inf, merit)
 
 
-class Level(NamedTuple):
+class Judging(NamedTuple):
     """How gaits are judged: on which models, for how long, and by which fitness."""
 
     models: tuple[Model, ...]
@@ -128,19 +128,19 @@ class Level(NamedTuple):
         """The precision of its models."""
         return self.models[0].options.dtype
 
-    def by(self, robots: int) -> "Level":
-        """The same level with ensembles of another size."""
+    def by(self, robots: int) -> "Judging":
+        """The same with ensembles of another size."""
         return self._replace(fitness=with_robots(self.fitness, robots))
 
 
 @typed
-def judge(key, level: Level, gaits: Gait) -> Scores:
+def judge(key, judging: Judging, gaits: Gait) -> Scores:
     """Score every gait by its ensemble; on several models a robot is worth the mean of what it is worth on each.
 
     All models meet the same draws. What is compiled is shared by all calls on a model whose rollouts are about as many.
     """
-    _, duration, fitness = level
-    worth, excess = zip(*(_judged(key, model, gaits, duration, fitness) for model in level.models))
+    _, duration, fitness = judging
+    worth, excess = zip(*(_judged(key, model, gaits, duration, fitness) for model in judging.models))
     return scored(np.mean(worth, axis=0), fitness.caution, np.max(excess, axis=0))
 
 

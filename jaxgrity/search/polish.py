@@ -34,7 +34,7 @@ from jaxgrity.search.genome import Genome
 from jaxgrity.search.gradients import ClimbTask
 from jaxgrity.search.judging import (
     ROUND,
-    Level,
+    Judging,
     Scores,
     influences,
     judge,
@@ -223,9 +223,9 @@ def _climb_all(
 ) -> tuple[Climb, int]:
     """The climb that ended best, and what all of them cost."""
     scene, fitness = as_dtype(problem.scene, options.dtype), without_measuring(problem.fitness)
-    judging = problem.level(options)
-    rolled, level = problem._replace(scene=scene, fitness=fitness), judging._replace(fitness=fitness)
-    task = ClimbTask(rolled, options, level, np.asarray(config.width[0], options.dtype))
+    judging = problem.judging(options)
+    rolled, unmeasured = problem._replace(scene=scene, fitness=fitness), judging._replace(fitness=fitness)
+    task = ClimbTask(rolled, options, unmeasured, np.asarray(config.width[0], options.dtype))
     duration = problem.duration
     costs = [cost_of_gradient(config, fitness, route.kind, route.horizon / duration) for route in routes]
     each, comparison = budget(config, fitness, costs)
@@ -234,7 +234,7 @@ def _climb_all(
         key = _key(seed, FOR_CLIMBS, number)
         if alike[0].kind == "orbit":
             own = problem._replace(fitness=fitness)
-            climbs.append(climb_on_orbit(own, options, level, config, (alike[0].genes, each), key, on_step))
+            climbs.append(climb_on_orbit(own, options, unmeasured, config, (alike[0].genes, each), key, on_step))
         else:
             climbs += climb(task, config, alike, each, key, on_step)
     spent = sum(done.cost for done in climbs) + comparison
@@ -257,10 +257,10 @@ def _before_and_after(
 ) -> list[Scores]:
     """The scores of the best start and the best end by one ensemble, one row each."""
     pair = np.stack([start, end])
-    level = problem.level(options).by(min(config.final_robots, ROUND))
+    judging = problem.judging(options).by(min(config.final_robots, ROUND))
 
     def judged(number: int) -> Scores:
-        return _judge_genes(_key(seed, FOR_THE_END, number), problem, pair, level)
+        return _judge_genes(_key(seed, FOR_THE_END, number), problem, pair, judging)
 
     def clear(each: np.ndarray) -> bool:
         gain = np.subtract(*influences(each, problem.fitness.caution)[::-1])
@@ -272,9 +272,9 @@ def _before_and_after(
     return [jax.tree.map(lambda x, k=k: x[k : k + 1], found) for k in (0, 1)]
 
 
-def _judge_genes(key, problem: SearchProblem, genes, level: Level) -> Scores:
+def _judge_genes(key, problem: SearchProblem, genes, judging: Judging) -> Scores:
     """`judge`, of a gait for each row of genes."""
-    return judge(key, level, problem.genome.gaits(problem.scene.gait, np.asarray(genes, level.dtype)))
+    return judge(key, judging, problem.genome.gaits(problem.scene.gait, np.asarray(genes, judging.dtype)))
 
 
 def _key(seed: int, *purpose: int):

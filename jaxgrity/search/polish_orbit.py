@@ -23,7 +23,7 @@ from jaxgrity.populations.population import one_gait
 from jaxgrity.search.climb import Climb, ClimbStep, OneGait
 from jaxgrity.search.genetic_algorithm import SearchProblem
 from jaxgrity.search.genome import Genome
-from jaxgrity.search.judging import Level, Scores, judge
+from jaxgrity.search.judging import Judging, Scores, judge
 from jaxgrity.search.polish_config import PolishConfig, judges_of_a_step
 from jaxgrity.stepping.options import ResolvedOptions
 
@@ -57,7 +57,7 @@ class OrbitSlope(NamedTuple):
 def climb_on_orbit(
     problem: SearchProblem,
     options: ResolvedOptions,
-    level: Level,
+    judging: Judging,
     config: PolishConfig,
     start: tuple[OneGait, int],
     key,
@@ -66,12 +66,12 @@ def climb_on_orbit(
     """Climb from one gait for as long as the rollouts pay: `start` is its genes, and how many they are."""
     genes: OneGait = np.asarray(start[0], float)
     rollouts = start[1]
-    judges = level.by(judges_of_a_step(config, level.fitness))
+    judges = judging.by(judges_of_a_step(config, judging.fitness))
     price = judges.fitness.rollouts
     optimiser = optax.chain(optax.trace(config.momentum), optax.normalize_by_update_norm())
 
     def judged(each: OneGait) -> Scores:
-        gaits = problem.genome.gaits(problem.scene.gait, jnp.asarray(each, level.dtype)[None])
+        gaits = problem.genome.gaits(problem.scene.gait, jnp.asarray(each, judging.dtype)[None])
         return judge(key, judges, gaits)
 
     best, length, steps = judged(genes), config.learning_rate, []

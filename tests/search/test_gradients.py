@@ -149,7 +149,7 @@ def climbing(scene, duration, objective=None):
     options = resolve(scene, duration, SolverOptions(dt=1e-2, dtype="float64"))
     genome = Genome(len(scene.gait.members))
     problem = SearchProblem(as_dtype(scene, "float64"), genome, duration, Fitness(objective or Distance()))
-    return ClimbTask(problem, options, problem.level(options), width=1e-3)
+    return ClimbTask(problem, options, problem.judging(options), width=1e-3)
 
 
 @pytest.mark.parametrize(
