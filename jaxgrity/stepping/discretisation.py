@@ -16,6 +16,7 @@ from jaxgrity.model.motors import bends_of
 from jaxgrity.model.scene import Scene, with_scales
 from jaxgrity.stepping.complementarity import Lift, one_robot
 from jaxgrity.stepping.dynamics import vector_field
+from jaxgrity.stepping.held_dynamics import held_vector_field
 from jaxgrity.stepping.loop import carried_at
 from jaxgrity.stepping.options import ResolvedOptions
 
@@ -47,7 +48,8 @@ def discretise(options: ResolvedOptions, lift: Lift = one_robot) -> tuple[diffra
             chosen["sweeps"] = options.sweeps
         solver = dataclasses.replace(solver, **chosen)  # type: ignore[type-var]
     # jit, so that it is traced once for all its uses in a step
-    return diffrax.ODETerm(jax.jit(lift(vector_field, (None, -1, "s")))), solver
+    field = vector_field if method.constrained else held_vector_field
+    return diffrax.ODETerm(jax.jit(lift(field, (None, -1, "s")))), solver
 
 
 @typed

@@ -13,6 +13,7 @@ from jaxgrity.core.remembered import remembered
 from jaxgrity.core.tracing import traced
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import Count, NodeVectors, Scalar
+from jaxgrity.model.rigidity import RIGID
 from jaxgrity.model.scales import length_scale, speed_scale
 from jaxgrity.model.scene import Scene, check_laws
 from jaxgrity.stepping.blocks import disjoint_groups
@@ -233,7 +234,7 @@ def _tolerances(given: SolverOptions, method: Method, dtype: str, least: float) 
 
 
 def _check_method(scene: Scene, method: Method) -> None:
-    if scene.constrained and not method.constrained:
+    if scene.constrained and not method.constrained and (method.symplectic or not _only_keeps_distances(scene)):
         raise InputError(
             f"method = {method.name!r}: this scene has rigid struts or exact contact; expected "
             f"{constrained_method().name!r}"
@@ -242,6 +243,13 @@ def _check_method(scene: Scene, method: Method) -> None:
         raise InputError(
             f"method = {method.name!r} integrates scenes without dissipation; this one has damping or friction"
         )
+
+
+def _only_keeps_distances(scene: Scene) -> bool:
+    """Whether all constraints are distances that stay as they are, which multipliers keep."""
+    struts, gait = scene.structure.struts, scene.gait
+    moving = struts is not None and struts.rigid and (gait is not None or bool(struts.motors))
+    return not moving and all(isinstance(law, RIGID) for law in scene.constraints)
 
 
 def _sweeps(given: SolverOptions, method: Method, dtype: str, size: float) -> int | None:

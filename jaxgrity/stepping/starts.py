@@ -8,6 +8,7 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.remembered import remembered
 from jaxgrity.core.tracing import evaluated, traced
 from jaxgrity.core.types import AnyArray, NodeVectors, Scalar
+from jaxgrity.model.bodies import carrying, independent_nodes
 from jaxgrity.model.rigid_struts import LARGEST_GAP
 from jaxgrity.model.scales import length_scale, speed_scale
 from jaxgrity.model.scene import Scene
@@ -41,16 +42,31 @@ def check_start(scene: Scene, positions: NodeVectors | None = None, since: Scala
 def check_supports(scene: Scene, velocities: AnyArray, since: Scalar = 0.0) -> None:
     """Refuse known velocities (m/s), of one robot or of many, with which supports would not move as they do.
 
-    They are at rest, or have the speed at `since` (s) of the motion that shakes them.
+    They are at rest, or have the speed at `since` (s) of the motion that shakes them. Points that follow others of
+    their bodies have the velocities that these give them.
     """
     if traced((scene, velocities, since)):
         return
+    if scene.structure.bodies:
+        _check_bodies_move(scene, np.asarray(velocities, float))
     with evaluated():
         off = np.asarray(supports_slip(scene, np.asarray(velocities), since))
     if off.any():
         where = np.argwhere(off)[0]
         node, found = int(where[-2]), np.asarray(velocities)[tuple(where[:-1])]
         raise InputError(f"velocities[{node}] = {found}: {_expected(scene, since)} where the node is fixed")
+
+
+def _check_bodies_move(scene: Scene, v: np.ndarray) -> None:
+    bodies, size = scene.structure.bodies, len(scene.structure.nodes)
+    carry, independent = np.asarray(carrying(bodies, size), float), np.array(independent_nodes(bodies, size))
+    off = np.abs(v - carry @ v[..., independent, :]).max(-1).reshape(-1, size).max(0)
+    if off.max() > LARGEST_SLIP * float(speed_scale(scene)):
+        node = int(off.argmax())
+        raise InputError(
+            f"velocities[{node}]: {off[node]:.3g} m/s beside that of its rigid body; expected v + w x r, of one v "
+            "and one w for each body"
+        )
 
 
 def supports_slip(scene: Scene, v: AnyArray, since: Scalar) -> AnyArray:

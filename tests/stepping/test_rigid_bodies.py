@@ -1,5 +1,7 @@
 """A rigid body in motion: Euler's equations, and contact at points that follow others. One program serves both."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 import scipy
@@ -66,6 +68,49 @@ def test_a_box_comes_to_rest_on_a_face():
     assert not motion.failed
     np.testing.assert_allclose(np.sort(height[-1]), [0] * 4 + [SIZE[2]] * 4, atol=1e-9)
     assert height.min() > -1e-12
+
+
+@pytest.mark.slow
+def test_methods_without_impulses_follow_euler_as_exactly_as_they_say():
+    """By multipliers: an adaptive method to 1e-8, and the body keeps its shape as exactly."""
+    scene, spin, duration = box(Rotation.identity(), 9.0, 0.0), np.array([0.01, 3.0, 0.02]), 4.0
+    scene = dataclasses.replace(scene, ground=None, friction=None, gravity=None)
+    centre = scene.structure.nodes.mean(0)
+    v = np.cross(spin, scene.structure.nodes - centre)
+    options = SolverOptions(method="dopri8", rtol=1e-10, atol=1e-11)
+    end = np.asarray(simulate(scene, duration, options=options, velocities=v, frame_rate=1.0).positions)[-1]
+    np.testing.assert_allclose(end, centre + CORNERS @ tumbled(spin, duration).T, atol=1e-8)
+    distances = lambda x: np.linalg.norm(x[:, None] - x, axis=-1)  # noqa: E731
+    np.testing.assert_allclose(distances(end), distances(CORNERS), atol=1e-9)
+
+
+@pytest.mark.campaign
+def test_a_top_on_its_tip_precesses_as_lagrange_says():
+    """A fast symmetric top, held at its tip, in steady precession: its axis turns about the vertical at that rate."""
+    mass, arm, across, along, tilt, w = 0.5, 0.1, 1e-3, 8e-4, 0.5, 200.0
+    # across_tip cos(tilt) W^2 - along s W + m g l = 0, s the spin of the axis: Goldstein, section 5.7
+    at_tip = across + mass * arm**2
+    slow = np.roots([(at_tip - along) * np.cos(tilt), -along * w, mass * 9.81 * arm]).min()
+    turned = Rotation.from_rotvec([0, tilt, 0]).as_matrix()
+    nodes = np.array([[0, 0, 0], [0.1, 0, 0.1], [-0.1, 0.1, 0.1], [0, -0.1, 0.1], [0, 0, 0.2]]) @ turned.T
+    axis = turned[:, 2]
+    inertia = across * np.eye(3) + (along - across) * np.outer(axis, axis)
+    top = rigid_body(nodes, range(5), mass, inertia, arm * axis, basic=(0,))
+    scene = Scene(Structure(nodes, np.zeros(5), fixed=((0, "xyz"),), bodies=(top,)), 9.81)
+    v = np.cross(slow * np.array([0, 0, 1.0]) + w * axis, nodes)
+    options = SolverOptions(method="dopri8", rtol=1e-9, atol=1e-10)
+    end = np.asarray(simulate(scene, 1.0, options=options, velocities=v, frame_rate=1.0).positions)[-1]
+    expected = Rotation.from_rotvec([0, 0, slow]).as_matrix() @ nodes[4]
+    np.testing.assert_allclose(end[4], expected, atol=1e-6)
+    np.testing.assert_allclose(end[0], 0, atol=1e-12)
+
+
+def test_velocities_that_bend_a_body_are_refused():
+    """Of a point that follows others."""
+    scene = box(Rotation.identity(), 1.0, 0.0)
+    (body,) = scene.structure.bodies
+    with pytest.raises(InputError, match=rf"velocities\[{body.carried[0]}\]: 1 m/s beside that of its rigid body"):
+        simulate(scene, 0.1, velocities=np.eye(8)[:, [body.carried[0]]] * np.array([1.0, 0, 0]))
 
 
 def test_starts_that_bend_a_body_are_refused():

@@ -1,0 +1,59 @@
+"""Rigid bodies and struts by multipliers: the equations of motion for methods without impulses.
+
+With g = (|d|^2 - L^2)/2 of every pair of nodes that keeps its distance, and J its derivative,
+
+    a = M^-1 (F - J^T lambda),    J a + |d'|^2 = -2 rate g' - rate^2 g:
+
+the constraint is differentiated twice, and what the steps' errors leave of g dies out at the rate (Baumgarte 1972,
+doi:10.1016/0045-7825(72)90018-7). A method keeps its order, and the distances as exactly as it follows the motion.
+"""
+
+import jax.numpy as jnp
+import numpy as np
+
+from jaxgrity.core.dense import inverse_of
+from jaxgrity.core.primitives import accumulate, dot, edge_vectors, scale
+from jaxgrity.core.types import AnyArray, NodeVectors, PerMember, Scalar, State
+from jaxgrity.model.inertia import accelerations, mobility
+from jaxgrity.model.rigidity import held_edges, held_lengths
+from jaxgrity.model.scales import time_scale
+from jaxgrity.model.scene import Scene
+from jaxgrity.stepping.coupled_problem import REDUNDANT
+from jaxgrity.stepping.dynamics import vector_field
+
+RETURNS = 10.0
+"""Rate, 1/s of a body of one metre on Earth, at which distances return: slower than steps, faster than errors grow."""
+
+
+def held_vector_field(t: Scalar, state: State, scene: Scene) -> State:
+    """`vector_field` of a scene whose rigid bodies and struts keep their distances; without any it is the same."""
+    edges = held_edges(scene)
+    if not edges:
+        return vector_field(t, state, scene)
+    q, v = state
+    velocity, a = vector_field(t, state, scene)
+    d, rates = edge_vectors(q, edges), edge_vectors(v, edges)
+    rate = RETURNS / time_scale(scene)
+    off, growing = (dot(d, d) - held_lengths(scene, t) ** 2) / 2, dot(d, rates)
+    wanted = dot(d, edge_vectors(a, edges)) + dot(rates, rates) + 2 * rate * growing + rate**2 * off
+    pulls = _multipliers(scene, d, wanted)
+    return velocity, a - accelerations(scene.structure, accumulate(scale(d, pulls), edges, len(q)))
+
+
+def _multipliers(scene: Scene, d: NodeVectors, wanted: PerMember) -> PerMember:
+    """lambda, N/m, with J M^-1 J^T lambda = `wanted`; where constraints follow from others, one of those that do."""
+    structure, edges = scene.structure, held_edges(scene)
+    signs = np.zeros((len(edges), len(structure.nodes)))
+    for row, (i, j) in zip(signs, edges):
+        row[i], row[j] = 1, -1
+    signs = signs.astype(d.dtype)
+    if structure.coupled:
+        own: AnyArray = mobility(structure) if structure.mobility is None else structure.mobility
+        response = jnp.einsum("ei,ijk,fj,ek,fk->ef", signs, own, signs, d, d)
+    else:
+        response = (signs / structure.node_mass) @ signs.T * (d @ d.T)
+    size = 1 / jnp.sqrt(jnp.diagonal(response))
+    ridge = max(REDUNDANT, 10 * float(jnp.finfo(d.dtype).eps)) * jnp.eye(len(edges), dtype=d.dtype)
+    inverse = inverse_of(response * size[:, None] * size + ridge) * size[:, None] * size
+    pulls = inverse @ wanted
+    return pulls + inverse @ (wanted - response @ pulls)  # what the ridge left
