@@ -202,6 +202,16 @@ def following(bodies: Bodies, x: NodeVectors) -> NodeVectors:
     return x
 
 
+def onto_basic(bodies: Bodies, forces: NodeVectors) -> NodeVectors:
+    """The transpose of `following`: forces at basic points, and at no others of the bodies, that do the same."""
+    for body in bodies:
+        if body.carried:
+            there = forces[np.array(body.carried)]
+            forces = forces - place_rows(there, body.carried, len(forces))
+            forces = forces + place_rows(body.weights.T @ there, body.basic, len(forces))
+    return forces
+
+
 def body_energy(body: Body, v: NodeVectors) -> Scalar:
     """T = 1/2 sum_ab m_ab v_a·v_b, J."""
     basic = v[np.array(body.basic)]

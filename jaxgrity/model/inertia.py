@@ -14,7 +14,7 @@ from jaxgrity.core.dense import inverse_of
 from jaxgrity.core.primitives import along, component, dot, inner, place_rows, respond, scale, take_rows
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, MassMatrix, Mobility, NodeVectors, Scalar
-from jaxgrity.model.bodies import body_energy, carrying, independent_nodes
+from jaxgrity.model.bodies import body_energy, carrying, independent_nodes, onto_basic
 from jaxgrity.model.structure import Structure
 
 
@@ -108,6 +108,7 @@ def accelerations(structure: Structure, force: NodeVectors) -> NodeVectors:
 
 def held(structure: Structure, x: NodeVectors) -> NodeVectors:
     """The part of vectors at nodes that lies along fixed coordinates: M a - F there is the reaction of a support."""
+    x = onto_basic(structure.bodies, x)
     fixed = [(node, "xyz".index(axis)) for node, axes in structure.fixed for axis in axes]
     total: NodeVectors = jnp.zeros_like(x)
     for axis in range(3):

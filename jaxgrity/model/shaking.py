@@ -39,6 +39,8 @@ class SupportMotion(eqx.Module):
         """Raises `InputError` where the structure has no supports, or the motion does not begin at rest."""
         if not structure.fixed:
             raise InputError("shaking moves supports, and nothing is fixed; expected a structure with supports")
+        if structure.bodies:
+            raise InputError("shaking moves no rigid bodies yet; expected supports that stand still, or rods as struts")
         if traced(self):
             return
         with jax.enable_x64(True), evaluated():

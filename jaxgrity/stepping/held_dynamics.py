@@ -49,7 +49,7 @@ def _multipliers(scene: Scene, d: NodeVectors, wanted: PerMember) -> PerMember:
     signs = signs.astype(d.dtype)
     if structure.coupled:
         own: AnyArray = mobility(structure) if structure.mobility is None else structure.mobility
-        response = jnp.einsum("ei,ijk,fj,ek,fk->ef", signs, own, signs, d, d)
+        response: AnyArray = jnp.einsum("ei,ijk,fj,ek,fk->ef", signs, own, signs, d, d)
     else:
         response = (signs / structure.node_mass) @ signs.T * (d @ d.T)
     size = 1 / jnp.sqrt(jnp.diagonal(response))

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from jaxgrity import InputError, Members, Scene, Structure
+from jaxgrity import InputError, Members, Scene, Shaking, Structure
 from jaxgrity.model import Body, energy_of_motion, mass_matrix, mobility, momenta, rigid_body, symmetries
-from jaxgrity.model.bodies import carrying
+from jaxgrity.model.bodies import carrying, independent_nodes
+from jaxgrity.model.inertia import held
 from jaxgrity.model.rigidity import RigidBodies
 from jaxgrity.stepping.dynamics import angular_momentum, centre_of_mass
 
@@ -78,6 +79,19 @@ def test_basic_points_can_be_chosen_and_change_nothing():
     np.testing.assert_allclose(mobility(other), mobility(structure), rtol=1e-9, atol=1e-12)
     N = carrying(other.bodies, 7)
     np.testing.assert_allclose(N @ structure.nodes[sorted(chosen.basic)], structure.nodes, atol=1e-12)
+
+
+def test_supports_take_what_acts_at_points_that_follow():
+    """With the weights by which these follow; and supports of bodies cannot be shaken yet."""
+    structure, inertia, centre = made("space")
+    node = 5
+    body = rigid_body(structure.nodes, range(7), 3.0, inertia, centre, basic=(node,))
+    pinned = dataclasses.replace(structure, bodies=(body,), fixed=((node, "xyz"),))
+    force = np.random.default_rng(2).normal(size=(7, 3))
+    row = independent_nodes(pinned.bodies, 7).index(node)
+    np.testing.assert_allclose(held(pinned, force)[node], (carrying(pinned.bodies, 7).T @ force)[row], rtol=1e-12)
+    with pytest.raises(InputError, match="shaking moves no rigid bodies yet"):
+        Scene(pinned, shaking=Shaking([0.1, 0, 0], 1.0, 0.0, 1.0))
 
 
 def test_mass_and_inertia_have_derivatives():
