@@ -75,7 +75,7 @@ class Known(NamedTuple):
 @measurement(
     page="search.md",
     quick={"cases": ("cable 7", "strut 1"), "duration": 5.0, "population": 16, "generations": 1, "images": 1},
-    raw=("intact", "cases", "recovered"),
+    raw=("intact", "damaged", "recovered"),
 )
 def damage(
     gait: str = "lasting",
@@ -115,15 +115,15 @@ def damage(
     counts = {kind: recovered(found, intact, kind) for kind in kinds}
     about = {"gait": gait, "enough": ENOUGH, "duration": duration, "population": population, "generations": generations}
     gaits = {"as it was": 1, "library": len(known.names)} | dict.fromkeys(SEARCHES, searched)
-    whole = {"intact": intact, "cases": found, "recovered": counts}
+    whole = {"intact": intact, "damaged": found, "recovered": counts}
     return {**about, "gaits": gaits, "rows": told(**whole), **whole}
 
 
-def told(intact: Ways, cases: dict[str, Ways], recovered: Record) -> list[Record]:
+def told(intact: Ways, damaged: dict[str, Ways], recovered: Record) -> list[Record]:
     """For each way to a gait: its speeds on the intact robot, and on damaged ones, and in how many they are enough."""
     rows = [row_of("nothing", way, [found]) for way, found in intact.items()]
     for kind, counts in recovered.items():
-        some = [case for name, case in cases.items() if name.startswith(kind)]
+        some = [case for name, case in damaged.items() if name.startswith(kind)]
         for way in intact:
             row = row_of(kind, way, [case[way] for case in some])
             rows.append(row | {"of_best": counts["best"][way], "of_same_way": counts["same way"][way]})
@@ -323,7 +323,7 @@ def recovered(cases: dict[str, Ways], intact: Ways, kind: str) -> dict[str, Any]
 @damage.figure
 def figure(record: Record) -> Figure:
     """Steady speed of each robot on each of the ways, and what counts as recovered."""
-    robots, top = {"intact": record["intact"]} | record["cases"], fastest(record["intact"])["own"]["mean"]
+    robots, top = {"intact": record["intact"]} | record["damaged"], fastest(record["intact"])["own"]["mean"]
     chart = Figure(figsize=(12, 5), layout="constrained")
     axes = chart.subplots()
     x, width = np.arange(len(robots)), 0.85 / len(WAYS)

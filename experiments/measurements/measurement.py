@@ -85,6 +85,8 @@ class Measurement:
         """The record without what pages do not quote."""
         kept = {key: value for key, value in record.items() if key not in self.raw}
         if "rows" in kept:
+            both = [key for key in self.raw if key in record and any(key in row for row in kept["rows"])]
+            assert not both, f"{both}: left out of the record, and so of its rows"
             kept["rows"] = [{key: row[key] for key in row if key not in self.raw} for row in kept["rows"]]
         self.all_words(kept)  # a record that lacks something is refused before it is kept
         return kept

@@ -277,13 +277,13 @@ def test_damage_is_survived(tmp_path):
     """The intact robot and two cases of damage, quick: every way to a gait has its speed on both contact models, and a
     row in the docs. A stuck strut is no matter to a gait of cables, so the library's recovers that case."""
     facts = quick("measurements/damage.py", tmp_path)
-    assert set(facts["cases"]) == {"cable 7", "strut 1"}
-    for robot in (facts["intact"], *facts["cases"].values()):
+    assert set(facts["damaged"]) == {"cable 7", "strut 1"}
+    for robot in (facts["intact"], *facts["damaged"].values()):
         assert set(robot) == {"as it was", "library", "wave", "free", "cables, scaled"}
         speeds = [one[model]["mean"] for one in robot.values() for model in ("own", "other")]
         assert all(0 < speed < 2 for speed in speeds)
         assert robot["library"]["own"]["mean"] > robot["as it was"]["own"]["mean"] - 0.05
-    intact, stuck = facts["intact"]["library"], facts["cases"]["strut 1"]["library"]
+    intact, stuck = facts["intact"]["library"], facts["damaged"]["strut 1"]["library"]
     assert intact["gait"] == stuck["gait"] == "cables"
     assert stuck["own"]["mean"] == pytest.approx(intact["own"]["mean"], abs=0.02)
     assert facts["recovered"]["strut"]["cases"] == facts["recovered"]["strut"]["best"]["any"] == 1
