@@ -1,6 +1,6 @@
 """Everything with everything: every kind of scene with every other kind, and every use of the library on every kind.
 
-Scenes of three nodes show every pair of kinds. What takes little time is done on all of them, every other use on so
+Scenes of four nodes show every pair of kinds. What takes little time is done on all of them, every other use on so
 many that it meets every kind. A use ends right, by its check, or refuses in one line; all else is a fault.
 """
 
@@ -11,14 +11,15 @@ from collections.abc import Iterator
 from measurement import Record, measurement
 
 from matrix_calls import CALLS, reaching
+from matrix_commands import COMMANDS
 from matrix_scenes import IMPOSSIBLE, KINDS, Row, covering, pairs
 from matrix_uses import MOVING, STILL, Case, tried
 from pages import columns
 
 CALLED = {f"{name} (call)": reaching(call) for name, call in CALLS.items()}
-USES = {**STILL, **CALLED, **MOVING}
+USES = {**STILL, **CALLED, **MOVING, **COMMANDS}
 """All uses by their names."""
-STAGES = {"still": tuple(STILL), "call": tuple(CALLED), "moving": tuple(MOVING)}
+STAGES = {"still": tuple(STILL), "call": tuple(CALLED), "moving": tuple(MOVING), "command": tuple(COMMANDS)}
 
 
 def jobs(rows: list[Row], uses: tuple[str, ...]) -> list[tuple[int, str]]:
@@ -39,7 +40,7 @@ def matrix(stages: tuple[str, ...] = tuple(STAGES), scenes: int = 10_000) -> Ite
     """A row for each use of a scene.
 
     Args:
-        stages: which uses: "still" compiles next to nothing, "call" ends at the compiler, "moving" compiles
+        stages: which uses: "still" compiles little, "call" ends at the compiler, "moving" and "command" compile
         scenes: how many of the scenes, the first ones
     """
     rows = covering(KINDS)[:scenes]

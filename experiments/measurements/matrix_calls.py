@@ -5,6 +5,7 @@ its arguments and has written the program down, so that only numbers can still b
 """
 
 import contextlib
+import functools
 import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -16,11 +17,8 @@ from jax._src import compiler
 from matrix_uses import Case
 
 from jaxgrity import (
-    ActuatorBounds,
     Differences,
-    SearchConfig,
     SolverOptions,
-    Speed,
     Trajectory,
     Uncertainty,
     as_population,
@@ -32,7 +30,7 @@ from jaxgrity import (
     populations,
     rolling,
     rollout,
-    search,
+    save_scene,
     sensitivity,
     simulate,
     simulate_population,
@@ -40,6 +38,7 @@ from jaxgrity import (
     verify,
     with_gait,
 )
+from jaxgrity.explorer.session import OTHER, OWN, chosen_robot
 from jaxgrity.formats import save_trajectory
 from jaxgrity.model.scene import start_of
 from jaxgrity.orbits import find_orbit
@@ -83,6 +82,7 @@ def reaching(call: Callable[[Case], object]) -> Callable[[Case], None]:
     return use
 
 
+@functools.lru_cache(maxsize=1)
 def falling(case: Case) -> Trajectory:
     """A motion that nothing was compiled for: the robot falls freely as it is posed."""
     times = np.linspace(0.0, case.duration, 5)
@@ -110,8 +110,8 @@ def gradient(case: Case):
 
 
 def plant(case: Case, **how):
-    """One robot whose members of the gait are commanded; all cables where it has none."""
-    members = (1, 2) if case.scene.gait is None else case.scene.gait.members
+    """One robot whose members of the gait are commanded; the first cable where it has none."""
+    members = (2,) if case.scene.gait is None else case.scene.gait.members
     return control.plant_of(case.scene, members, period=0.01 * case.at.time, options=case.options, **how)
 
 
@@ -159,14 +159,6 @@ def episode(task: str, case: Case):
     return jax.eval_shape(env.step, state, jax.ShapeDtypeStruct((env.action_size,), np.float32))
 
 
-def sought(case: Case):
-    """A search, as far as its problem, and one judgement of two gaits."""
-    problem = search.search_problem(case.scene, SearchConfig(objective=Speed(), bounds=ActuatorBounds()))
-    genes = np.asarray(problem.genome.random(jax.random.key(0), 2))
-    judging = problem.judging(SolverOptions(dtype="float32"))
-    return search.judge(jax.random.key(1), judging, problem.genome.gaits(case.scene.gait, genes))
-
-
 def replayed(case: Case) -> None:
     with tempfile.TemporaryDirectory() as folder:
         view.keep_html(case.scene, falling(case), Path(folder) / "replay.html")
@@ -193,6 +185,16 @@ def varied(case: Case):
         jax.random.key(0), case.scene, as_population(case.scene.gait), Uncertainty(**parts), 2
     )
     return simulate_population(case.scene, gaits, case.duration, options=case.options, differences=differences)
+
+
+def explored(case: Case):
+    """The robot of the explorer's page, as the sliders stand, on its own and on the other contact model."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = str(Path(folder) / "scene.toml")
+        save_scene(case.scene, path)
+        for contact in (OTHER, OWN):
+            robot = chosen_robot(path, contact, OWN, case.duration)
+    return robot.roll({knob.name: knob.value for knob in robot.knobs})
 
 
 CALLS: dict[str, Callable[[Case], object]] = {
@@ -228,7 +230,7 @@ CALLS: dict[str, Callable[[Case], object]] = {
     "lead_to": led,
     "side_by_side": many_driven,
     "sensors": sensed,
-    "search": sought,
+    "explorer": explored,
     **{f"environment {task}": lambda case, task=task: episode(task, case) for task in control.TASKS},
     "without a gait": lambda case: simulate(with_gait(case.scene, None), case.duration, options=case.options),
 }

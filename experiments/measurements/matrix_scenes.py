@@ -33,6 +33,7 @@ from jaxgrity import (
     SwitchFriction,
     Union,
     bumps,
+    edge_lengths,
     force_limit,
     force_table,
     height_map,
@@ -52,8 +53,9 @@ KINDS: dict[str, tuple[Any, ...]] = {
     "dtype": ("float32", "float64"),
 }
 """What a scene is made of; `contact` is "smooth" or "switch" friction on penalty ground, or "exact"."""
-NODES = np.array([[0.0, 0.0, 0.0], [0.8, 0.0, 0.6], [0.5, 0.6, 0.2]])
-"""Positions, in units of the size: a strut, and a node that two cables hold."""
+NODES = np.array([[0.0, 0.0, 0.0], [0.8, 0.0, 0.6], [0.5, 0.6, 0.2], [0.3, -0.5, 0.7]])
+STRUTS, CABLES = ((0, 1), (2, 3)), ((0, 2), (1, 2), (0, 3), (1, 3))
+"""Positions, in units of the size, and members: two struts, and four cables that join them."""
 GAP, MOTION = 0.01, 0.1
 """How far above the ground the scene starts, and how long it moves, at size 1: so long that it touches the ground."""
 
@@ -139,7 +141,7 @@ def scene_of(row: Row, turn: float = 0.0, shift: tuple[float, float] = (0.0, 0.0
     scene = Scene(
         structure_of(row, at, at.length * NODES @ rotation.T + moved),
         gravity=9.81,
-        node_damping=np.array([0.1, 0.2, 0.3]) * at.damping,
+        node_damping=np.array([0.1, 0.2, 0.3, 0.1]) * at.damping,
         ground=ground,
         friction=friction,
         gait=gait_of(row, at),
@@ -155,52 +157,52 @@ def scene_of(row: Row, turn: float = 0.0, shift: tuple[float, float] = (0.0, 0.0
 
 
 def structure_of(row: Row, at: Units, nodes: np.ndarray) -> Structure:
-    """The strut, the cables, and what is beside them."""
+    """The struts, the cables, and what is beside them."""
     rigid = row["struts"] in ("rigid", "heavy rods")
     struts = Members(
-        ((0, 1),),
-        None if rigid else [5e3 * at.stiffness],
-        [at.length],
-        damping=None if rigid else [10.0 * at.damping],
-        mass=[0.3 * at.mass] if row["struts"].startswith("heavy") else None,
+        STRUTS,
+        None if rigid else np.full(2, 5e3 * at.stiffness),
+        edge_lengths(nodes, STRUTS),
+        damping=None if rigid else np.full(2, 10.0 * at.damping),
+        mass=np.full(2, 0.3 * at.mass) if row["struts"].startswith("heavy") else None,
     )
     motor = Motor(1, [0.0, 0.05 * at.time], [0.55 * at.length, 0.65 * at.length], 1.0 * at.speed, 0.02 * at.time)
     clustered = row["cables"] == "cluster"
     cables = Members(
-        ((0, 2), (1, 2)),
-        np.full(2, 300.0 * at.stiffness),
-        np.full(2, 0.6 * at.length),
-        damping=np.full(2, 5.0 * at.damping),
+        CABLES,
+        np.full(4, 300.0 * at.stiffness),
+        np.full(4, 0.6 * at.length),
+        damping=np.full(4, 5.0 * at.damping),
         clusters=((0, 1),) if clustered else (),
         motors=(motor,) if row["beside"] == "motor" else (),
     )
     held = ((1, "xyz"),) if row["beside"] in ("supports", "shaking") else ()
-    return Structure(nodes, np.array([1.0, 2.0, 0.5]) * at.mass, struts, cables, fixed=held)
+    return Structure(nodes, np.array([1.0, 2.0, 0.5, 0.8]) * at.mass, struts, cables, fixed=held)
 
 
 def gait_of(row: Row, at: Units) -> Gait | None:
-    """What actuates the strut or the first cable, which a motor does not wind."""
+    """What actuates the first strut or the first cable, which a motor does not wind."""
     if row["gait"] == "none":
         return None
-    members = (0,) if row["gait"] == "struts" else (1,)
+    members = (0,) if row["gait"] == "struts" else (2,)
     overtones = (Overtone([0.3], [1.0]),) if row["gait"] == "overtones" else ()
     return Gait(members, [0.3], [0.1], [2.0 / at.time], start=0.0, ramp=0.1 * at.time, overtones=overtones)
 
 
 def laws_of(row: Row, at: Units, scene: Scene, rotation: np.ndarray) -> list:
-    """What acts beside the structure's own laws."""
+    """What acts beside the structure's own laws, in the order of scene files."""
     cables = scene.structure.cables
     assert cables is not None, "every row has cables"
     found: list = []
+    if row["beside"] == "wind":
+        found.append(wind(rotation @ [3.0 * at.speed, 1.0 * at.speed, 0.0], 0.1 * at.mass / at.length, 4))
+        push = (rotation @ [4.0 * at.force, 0.0, 2.0 * at.force])[None]
+        found.append(Push((2,), push, 0.02 * at.time, 0.05 * at.time, 0.02 * at.time))
     if row["cables"] == "limits":
         found.append(force_limit(cables, 20.0 * at.force))
     if row["cables"] == "table":
         stretch, force = np.array([0.0, 0.05, 0.1]) * at.length, np.array([0.0, 15.0, 50.0]) * at.force
         found.append(force_table(cables, stretch.tolist(), force.tolist()))
-    if row["beside"] == "wind":
-        found.append(wind(rotation @ [3.0 * at.speed, 1.0 * at.speed, 0.0], 0.1 * at.mass / at.length, 3))
-        push = (rotation @ [4.0 * at.force, 0.0, 2.0 * at.force])[None]
-        found.append(Push((2,), push, 0.02 * at.time, 0.05 * at.time, 0.02 * at.time))
     return found
 
 

@@ -23,6 +23,7 @@ from jaxgrity import (
     as_population,
     contact_twin,
     describe,
+    energy_audit,
     forces_along,
     load_scene,
     save_scene,
@@ -61,9 +62,10 @@ class Case:
     def options(self) -> SolverOptions:
         return SolverOptions(dtype=self.row["dtype"])
 
-    def moved(self, scene: Scene) -> Trajectory:
-        """The motion of a scene like this one."""
-        found = simulate(scene, self.duration, options=self.options, frame_rate=FRAMES / self.duration)
+    def moved(self, scene: Scene, dt: float | None = None) -> Trajectory:
+        """The motion of a scene like this one, by steps of `dt`, s."""
+        options = SolverOptions(dt=dt, dtype=self.row["dtype"])
+        found = simulate(scene, self.duration, options=options, frame_rate=FRAMES / self.duration)
         assert not found.failed, f"failed with code {int(found.failure)}"
         return found
 
@@ -128,14 +130,11 @@ def simulating(case: Case) -> None:
 
 
 def another_size(case: Case) -> None:
-    """The same scene at size 1 moves alike."""
-    model = Case(case.row | {"size": 1.0})
-    same(
-        np.asarray(case.trajectory.positions) / case.at.length,
-        model.trajectory.positions,
-        NEAR[case.row["dtype"]],
-        "motion over size",
-    )
+    """The same scene at size 1 moves alike, by steps that are alike: those that are chosen have round numbers."""
+    model, dt = Case(case.row | {"size": 1.0}), case.trajectory.dt
+    found = model.moved(model.scene, None if dt is None else dt / case.at.time)
+    there = np.asarray(case.trajectory.positions) / case.at.length
+    same(there, found.positions, NEAR[case.row["dtype"]], "motion over size")
 
 
 def turned(case: Case) -> None:
@@ -150,7 +149,7 @@ def accelerated(row: Row, turn: float, shift: tuple[float, float]) -> np.ndarray
     """(nodes, 3): accelerations, over those of the row's size, in a state with contact, slip, and members in motion."""
     scene, at = as_dtype(scene_of(row, turn, shift), "float64"), units_of(row)
     draw = np.random.default_rng(0)
-    away, speed = draw.normal(size=(2, 3, 3)) * [[[0.02]], [[0.3]]] - [[[0.0, 0.0, 2 * GAP]], [[0.0, 0.0, 0.1]]]
+    away, speed = draw.normal(size=(2, 4, 3)) * [[[0.02]], [[0.3]]] - [[[0.0, 0.0, 2 * GAP]], [[0.0, 0.0, 0.1]]]
     held, back = scene.structure.free, turn_about_z(turn)
     q = scene.structure.nodes + at.length * np.where(held, away, 0) @ back.T
     v = at.speed * np.where(held, speed, 0) @ back.T
@@ -174,12 +173,25 @@ def motion_of(row: Row) -> tuple[float, tuple[float, float]]:
 
 
 def balance(case: Case) -> None:
-    """Forces of ground and supports, weight, and what acts beside make the change of momentum."""
-    found, t = case.forces, np.asarray(case.trajectory.times, float)
+    """Forces that keep a support where it is, of ground that only pushes, and a tension of every member."""
+    found, structure = case.forces, case.scene.structure
     assert all(np.isfinite(part).all() for part in found)
-    outside = found.ground.sum((1, 2)) + found.supports.sum((1, 2))
-    assert found.tension.shape == (len(t), case.scene.structure.member_count)
-    assert np.isfinite(outside).all()
+    assert found.tension.shape == (len(case.trajectory.times), structure.member_count)
+    held = structure.supported
+    assert not np.any(found.supports[:, ~held]), "a support acts on what it does not hold"
+    assert not held.any() or np.abs(found.supports).max() > 0.1 * case.at.force, "supports carry nothing"
+    if case.scene.ground is not None and case.row["ground"] in ("plane", "bumps", "moved", "heights", "function"):
+        assert found.ground[..., 2].min() > -1e-3 * case.at.force, "the ground pulls"
+        assert found.ground[..., 2].max() > 0.1 * case.at.force, "the ground was not touched"
+
+
+def energy_balance(case: Case) -> None:
+    """Of energy, within the error of steps that meet contact, and of momentum."""
+    audit = energy_audit(case.scene, case.duration, frame_rate=FRAMES / case.duration)
+    missed = float(np.abs(audit.residual).max() / audit.turned_over)
+    assert missed < 0.02, f"{missed:.2%} of the energy that was turned over is missed"
+    slip = float(audit.momentum_residual.max()) / (case.at.mass * case.at.speed)
+    assert slip < 0.02, f"{slip:.2g} of the momentum is missed"
 
 
 def one_of_many(case: Case) -> None:
@@ -206,6 +218,7 @@ MOVING: dict[str, Callable[[Case], None]] = {
     "at size 1": another_size,
     "turned and moved": turned,
     "forces": balance,
+    "energy_audit": energy_balance,
     "one of many": one_of_many,
 }
 """What compiles programs for the scene."""
