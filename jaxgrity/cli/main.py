@@ -1,4 +1,4 @@
-"""The command `jaxgrity`: simulate, search, compare, diagnose, explore, inspect, catalogue and convert."""
+"""The command `jaxgrity`: simulate, search, compare, diagnose, train, explore, inspect, catalogue and convert."""
 
 import sys
 from importlib import import_module
@@ -15,6 +15,7 @@ Chosen = (
     | Annotated[settings.SearchSettings, subcommand("search")]
     | Annotated[settings.CompareSettings, subcommand("compare")]
     | Annotated[settings.DiagnoseSettings, subcommand("diagnose")]
+    | Annotated[settings.TrainSettings, subcommand("train")]
     | Annotated[settings.ExploreSettings, subcommand("explore")]
     | Annotated[settings.InspectSettings, subcommand("inspect")]
     | Annotated[settings.CatalogueSettings, subcommand("catalogue")]

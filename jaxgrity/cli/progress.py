@@ -16,6 +16,7 @@ UNITS = {
     "diagnosing": "measurement",
     "drawing": "picture",
     "evolving": "generation",
+    "learning": "update",
     "promoting": "level",
     "polishing": "step",
     "verifying": "judgement",

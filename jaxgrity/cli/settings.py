@@ -224,6 +224,37 @@ class CatalogueSettings:
 
 
 @dataclass
+class TrainSettings:
+    """Learn a policy by reinforcement learning, save it, judge it on new episodes, and leave a replay.
+
+    Every 20 updates are saved: --resume goes on after an interruption. `jaxgrity.control.load_policy` loads policy.eqx.
+    """
+
+    task: Annotated[str, Positional]
+    """speed, heading, goal, slope, bumps or recover"""
+    scene: str = "exact"
+    """a scene of the library by its name, or a scene file (TOML); its gait says which members are actuated"""
+    gait: str | None = None
+    """a gait in place of the scene's own"""
+    updates: int = 500
+    """of the policy; 65536 control periods each, with 512 robots"""
+    robots: int = 512
+    """side by side"""
+    dt: float | None = 0.01
+    """step, s; without it, the scene decides"""
+    episodes: int = 64
+    """new episodes, by which the policy is judged"""
+    seed: int = 0
+    """seed of the random number generator"""
+    resume: bool = False
+    """go on from what an earlier run with the same settings saved in the folder"""
+    out: Path = Path("results/train")
+    """folder for policy.eqx, learner.eqx, curve.json, learning.png, summary.json and replay.html"""
+    quick: bool = False
+    """two tiny updates: to see how it goes on"""
+
+
+@dataclass
 class ConvertSettings:
     """Turn a robot's file into another kind of file: TOML, YAML of NTRT, XML of MuJoCo, MATLAB, CSV, GLB, OBJ."""
 

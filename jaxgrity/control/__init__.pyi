@@ -3,10 +3,13 @@ from .closed_loop import Drive, Loop, drive, loop_start, roll_on, simulate_polic
 from .environments import Environment, EnvironmentState, Situation, environment
 from .feedback import PhaseLocked, sure_footed
 from .gymnasium_adapter import GymnasiumEnvironment
+from .learned import Learned, episode, load_policy, save_policy, trials
+from .learning import learn, learner
 from .motor_limits import MotorLimits, contraction_reached
 from .obstacles import Discs, WayMap, discs_of, gap, reach_of, room, way_map
 from .plant import Plant, PlantState, actuate, observe, plant_of, plant_start, side_by_side
 from .policies import OpenLoop, Policy
+from .ppo import Learner, LearningConfig
 from .predictive import Journey, Sampling, costs, lead_to
 from .sensors import Errors, Observation, Readings, Sensors, first_readings, measure, read
 from .steering import Blend, Steered, centre_offsets
@@ -26,6 +29,9 @@ __all__ = [
     "GaitChoices",
     "GymnasiumEnvironment",
     "Journey",
+    "Learned",
+    "Learner",
+    "LearningConfig",
     "Loop",
     "MotorLimits",
     "Observation",
@@ -49,12 +55,16 @@ __all__ = [
     "discs_of",
     "drive",
     "environment",
+    "episode",
     "find_task",
     "first_readings",
     "gait_choices",
     "gap",
     "ground_of",
     "lead_to",
+    "learn",
+    "learner",
+    "load_policy",
     "loop_start",
     "measure",
     "observe",
@@ -65,10 +75,12 @@ __all__ = [
     "read",
     "roll_on",
     "room",
+    "save_policy",
     "side_by_side",
     "simulate_policy",
     "sure_footed",
     "task_start",
     "travel",
+    "trials",
     "way_map",
 ]

@@ -171,15 +171,19 @@ def simulate_policy(
     loop = loop_start(plant, policy, jax.random.key(seed), start)
     ticks = max(1, round(duration / plant.period))
     later, failure = _motion(plant, policy, loop, ticks)
-    first = jax.tree.map(lambda x: x[None], _frame(plant, loop.plant))
-    (q, v), reached = jax.tree.map(lambda *parts: jnp.concatenate(parts), first, later)
-    times = plant.period * jnp.arange(ticks + 1, dtype=q.dtype)
+    return trajectory_of(plant, frame(plant, loop.plant), later, failure)
+
+
+def trajectory_of(plant: Plant, first: Any, later: Any, failure: AnyArray) -> Trajectory:
+    """The motion of one robot from its `frame`s: the first, and those after each control period."""
+    (q, v), reached = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), first, later)
+    times = plant.period * jnp.arange(len(q), dtype=q.dtype)
     return Trajectory(
         times=times,
         positions=q,
         velocities=v,
         failure=failure,
-        steps=jnp.asarray(ticks * plant.steps),
+        steps=jnp.asarray((len(q) - 1) * plant.steps),
         rejected=jnp.asarray(0),
         method=plant.options.method.name,
         dt=plant.period / plant.steps,
@@ -190,11 +194,11 @@ def simulate_policy(
 
 @eqx.filter_jit
 def _motion(plant: Plant, policy: Policy, loop: Loop, ticks: int):
-    end, motion = roll_on(plant, policy, loop, ticks, lambda state: _frame(plant, state))
+    end, motion = roll_on(plant, policy, loop, ticks, lambda state: frame(plant, state))
     return motion, state_failure(plant.scene, *end.plant.motion)
 
 
-def _frame(plant: Plant, state: PlantState) -> tuple[State, AnyArray]:
+def frame(plant: Plant, state: PlantState) -> tuple[State, AnyArray]:
     """Where the robot is, and by which fraction its motors have shortened their members."""
     return whole_state(plant, state), state.contraction
 

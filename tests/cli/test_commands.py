@@ -30,7 +30,7 @@ from jaxgrity.search import Progress, robot_motions
 
 ROOT = Path(__file__).parents[2]
 ANSWERS = json.loads((ROOT / "tests" / "data" / "reference_answers.json").read_text())
-SUBCOMMANDS = ("simulate", "search", "compare", "diagnose", "explore", "inspect", "catalogue")
+SUBCOMMANDS = ("simulate", "search", "compare", "diagnose", "train", "explore", "inspect", "catalogue")
 FREE = """
 [structure]
 kind = "icosahedron"
@@ -399,6 +399,23 @@ def test_catalogue_lists_what_scene_files_can_name(jaxgrity, tmp_path):
 
 
 # help
+
+
+@pytest.mark.campaign
+def test_learning_goes_on_where_it_was_interrupted(jaxgrity, tmp_path):
+    """The smallest size: files that a user opens, and a second run that has nothing left to do."""
+    done = jaxgrity("train", "speed", "--quick", "--out", tmp_path)
+    assert done.code == 0, done.errors
+    left = {path.name for path in tmp_path.iterdir()}
+    assert {"policy.eqx", "learner.eqx", "curve.json", "learning.png", "summary.json"} <= left
+    first = json.loads((tmp_path / "summary.json").read_text())
+    assert len(first["curve"]) == 2
+    again = jaxgrity("train", "speed", "--quick", "--resume", "--out", tmp_path)
+    assert again.code == 0, again.errors
+    assert json.loads((tmp_path / "summary.json").read_text()) == first
+    other = jaxgrity("train", "speed", "--resume", "--out", tmp_path / "nothing")
+    assert other.code == 2
+    assert "curve.json: cannot be read" in other.errors
 
 
 @pytest.mark.parametrize("name", SUBCOMMANDS)

@@ -1,0 +1,103 @@
+"""Learn a policy by reinforcement learning, save it, judge it on new episodes, and leave a replay."""
+
+import json
+import time
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import equinox as eqx
+import jax
+import numpy as np
+from matplotlib.figure import Figure
+
+from jaxgrity.cli.progress import Bars
+from jaxgrity.cli.settings import TrainSettings
+from jaxgrity.cli.simulate import chosen_scene, scene_name
+from jaxgrity.control import environment, episode, learn, learner, save_policy, trials
+from jaxgrity.control.environments import Environment
+from jaxgrity.control.ppo import Learner, LearningConfig
+from jaxgrity.core.display import with_error
+from jaxgrity.core.errors import InputError
+from jaxgrity.io.files import read_text, save_json, write_whole
+from jaxgrity.report import plot, view
+from jaxgrity.stepping.options import SolverOptions
+
+SAVED = 20
+"""Updates from one checkpoint to the next."""
+QUICK = LearningConfig(robots=16, decisions=4, batches=1)
+"""The size at which one sees how learning goes on, and nothing is learned."""
+
+
+def main(settings: TrainSettings) -> None:
+    """Learn, save every so often, judge on new episodes of this contact model, and leave what was found."""
+    out, scene = settings.out, chosen_scene(settings.scene, settings.gait)
+    options = SolverOptions(dt=settings.dt, dtype="float32")
+    env = environment(settings.task, scene, options=options)
+    config = QUICK if settings.quick else LearningConfig(robots=settings.robots)
+    updates, episodes = (2, 4) if settings.quick else (settings.updates, settings.episodes)
+    curve, now = resumed(env, config, settings, out)
+    periods = config.robots * config.decisions * config.held
+    print(
+        f"{settings.task}: {updates} updates of {periods} control periods, by {config.robots} robots. "
+        f"What is learned goes to {out}/. After Ctrl-C, --resume goes on.",
+        flush=True,
+    )
+    now = learned(env, config, now, updates, curve, out)
+    save_policy(now.policy, out / "policy.eqx")
+    progress = trials(env, now.policy, jax.random.key(settings.seed + 1), episodes)
+    error = 2 * float(progress.std(ddof=1)) / len(progress) ** 0.5
+    told = with_error(float(progress.mean()), error, " m/s")
+    print(f"progress: {told} (mean of {len(progress)} new episodes, two standard errors)")
+    facts = {"progress": progress.mean(), "two_standard_errors": error, "standard_deviation": progress.std(ddof=1)}
+    wall = curve[-1]["seconds"] if curve else 0.0
+    print(f"{len(curve)} updates, {len(curve) * periods} control periods, {wall:.0f} s")
+    plot.save(curve_figure(curve, periods), out / "learning.png")
+    trajectory = episode(env, now.policy, jax.random.key(settings.seed + 2))
+    if plot.drawn("replay.html", lambda: view.keep_html(trajectory.scene, trajectory, out / "replay.html")):
+        print(f"to see an episode in 3D, open {out}/replay.html in a browser")
+    named = {"task": settings.task, "scene": scene_name(settings.scene), "seed": settings.seed}
+    save_json(out / "summary.json", named | facts | {"seconds": wall, "periods": periods, "curve": curve})
+    print(f"wrote {out}/summary.json and {out}/policy.eqx")
+
+
+def resumed(env: Environment, config: LearningConfig, settings: TrainSettings, out: Path) -> tuple[list, Learner]:
+    """What learning begins from: what an earlier run saved, or nothing."""
+    first = learner(env, jax.random.key(settings.seed), config)
+    if not settings.resume:
+        return [], first
+    try:
+        curve = json.loads(read_text(out / "curve.json"))
+        return curve, eqx.tree_deserialise_leaves(out / "learner.eqx", first)
+    except (OSError, RuntimeError, ValueError) as error:
+        raise InputError(f"{out}: nothing to resume with these settings; expected what `train` left there") from error
+
+
+def learned(
+    env: Environment, config: LearningConfig, now: Learner, updates: int, curve: list[dict], out: Path
+) -> Learner:
+    """Learn until so many updates are done, and save what learning goes on from."""
+    spent = curve[-1]["seconds"] if curve else 0.0
+    start = time.perf_counter()
+    with Bars() as bars:
+        while len(curve) < updates:
+            bars.show("learning", len(curve), updates)
+
+            def hear(_: int, facts: dict[str, float]) -> None:
+                curve.append(facts | {"seconds": spent + time.perf_counter() - start})
+                bars.show("learning", len(curve), updates)
+                bars.bar.set_postfix({"progress": f"{facts['progress']:.3f} m/s"})
+
+            now = learn(env, now, min(SAVED, updates - len(curve)), config, hear)
+            write_whole(out / "learner.eqx", partial(eqx.tree_serialise_leaves, pytree=now))
+            save_json(out / "curve.json", curve)
+    return now
+
+
+def curve_figure(curve: list[dict[str, Any]], periods: int) -> Figure:
+    """Progress of the policies that were tried, and what it cost."""
+    chart = Figure(figsize=(6, 3.5), layout="constrained")
+    axes = chart.subplots()
+    axes.plot(np.arange(1, len(curve) + 1) * periods / 1e6, [row["progress"] for row in curve])
+    axes.set(xlabel="control periods (millions)", ylabel="progress with exploration (m/s)", ylim=(0, None))
+    return chart

@@ -1,0 +1,173 @@
+"""Policies that were learned: a small network from what an environment tells to what motors shall do."""
+
+import json
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from jaxgrity.control.closed_loop import frame, trajectory_of
+from jaxgrity.control.environments import ENDS, Environment
+from jaxgrity.control.plant import check_key
+from jaxgrity.core.arguments import check_count
+from jaxgrity.core.errors import InputError
+from jaxgrity.core.typed import typed
+from jaxgrity.core.types import AnyArray
+from jaxgrity.io.files import write_whole
+from jaxgrity.stepping.simulate import Trajectory
+
+WIDEST = 5.0
+"""Largest observation that a network sees, in standard deviations of training: one bad reading drowns no other."""
+
+Acting = Callable[[AnyArray], AnyArray]
+"""From an observation of an environment to an action; a `Learned`, or any function in JAX."""
+
+
+class Learned(eqx.Module):
+    """A policy: action = tanh(network((observation - mean)/deviation)), held for some control periods."""
+
+    network: eqx.nn.MLP
+    mean: AnyArray
+    """(observation_size,), of the observations in training"""
+    deviation: AnyArray
+    """(observation_size,), their standard deviations"""
+    held: int = eqx.field(static=True)
+    """number of control periods for which an action is held"""
+
+    def __call__(self, observation: AnyArray) -> AnyArray:
+        """The action, (action_size,), each from -1 to 1."""
+        return jnp.tanh(self.network(standardised(self, observation)))
+
+
+def standardised(policy: Learned, observation: AnyArray) -> AnyArray:
+    """What the network sees of an observation."""
+    return jnp.clip((observation - policy.mean) / policy.deviation, -WIDEST, WIDEST).astype(policy.mean.dtype)
+
+
+def untrained(environment: Environment, key: Any, width: int, depth: int, held: int) -> Learned:
+    """A policy that knows nothing yet, in float32; its actions are near 0."""
+    size = environment.observation_size
+    network = eqx.nn.MLP(size, environment.action_size, width, depth, jax.nn.tanh, dtype=jnp.float32, key=key)
+    last = lambda net: net.layers[-1].weight  # noqa: E731
+    network = eqx.tree_at(last, network, 0.01 * last(network))
+    return Learned(network, jnp.zeros(size, jnp.float32), jnp.ones(size, jnp.float32), held)
+
+
+@typed
+def save_policy(policy: Learned, path: str | Path) -> None:
+    """Write a policy: a line of JSON with its sizes, then its arrays. The file appears whole or not at all."""
+    network = policy.network
+    sizes = {name: getattr(network, name) for name in ("in_size", "out_size", "width_size", "depth")}
+
+    def write(file) -> None:
+        file.write((json.dumps(sizes | {"held": policy.held}) + "\n").encode())
+        eqx.tree_serialise_leaves(file, policy)
+
+    write_whole(path, write)
+
+
+@typed
+def load_policy(path: str | Path) -> Learned:
+    """The policy that `save_policy` wrote. Raises `InputError` for a file that is not there, or is none."""
+    try:
+        with open(path, "rb") as file:
+            head = json.loads(file.readline())
+            held, sizes = head.pop("held"), head
+            network = eqx.nn.MLP(**sizes, activation=jax.nn.tanh, dtype=jnp.float32, key=jax.random.key(0))
+            nothing = jnp.zeros(sizes["in_size"], jnp.float32)
+            return eqx.tree_deserialise_leaves(file, Learned(network, nothing, nothing, held))
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from error
+    except (ValueError, KeyError, TypeError, EOFError, RuntimeError) as error:
+        raise InputError(f"{path}: not a policy; expected a file that save_policy wrote") from error
+
+
+@typed
+def episode(environment: Environment, policy: Acting, key: Any) -> Trajectory:
+    """One robot's motion through an episode, with a frame for each control period: `trajectory.show()` replays it.
+
+    Args:
+        environment: of `environment`.
+        policy: a `Learned`, or any function in JAX from an observation to an action.
+        key: draws the start, the aim and the sensors' noise.
+
+    Returns:
+        The motion until the episode ends, with the contractions that the motors reached.
+
+    Raises:
+        InputError: no key, or a policy whose actions do not fit the environment.
+
+    Example:
+        >>> env = jaxgrity.control.environment("speed", jaxgrity.load_scene("exact"), seconds=0.1)
+        >>> jaxgrity.control.episode(env, lambda seen: seen[:6], jax.random.key(0)).positions.shape
+        (11, 12, 3)
+    """
+    check_acting(environment, policy)
+    check_key(key)
+    first, (later, ended), failure = _episode(environment, policy, key)
+    over = np.flatnonzero(np.asarray(ended))
+    count = len(ended) if not len(over) else int(over[0]) + 1
+    return trajectory_of(environment.plant, first, jax.tree.map(lambda x: x[:count], later), failure)
+
+
+@typed
+def trials(environment: Environment, policy: Acting, key: Any, episodes: int = 64) -> Float[np.ndarray, " episodes"]:
+    """Mean progress, m/s, of a policy in each of some new episodes, from their starts to their ends.
+
+    Raises `InputError` as `episode` does, or for no episodes.
+    """
+    check_acting(environment, policy)
+    check_key(key)
+    keys = jax.random.split(key, check_count("episodes", episodes, 1))
+    return np.asarray(_trials(environment, policy, keys))
+
+
+def check_acting(environment: Environment, policy: Acting) -> None:
+    """Raise `InputError` for a policy that takes no such observations, or whose actions are of another number."""
+    sees, size = getattr(getattr(policy, "network", None), "in_size", None), environment.observation_size
+    if sees not in (None, size):
+        raise InputError(f"policy: takes observations of {sees} numbers; expected {size}, those of the environment")
+    found = jax.eval_shape(policy, jnp.zeros(size, environment.plant.options.dtype))
+    if getattr(found, "shape", None) != (environment.action_size,):
+        raise InputError(f"policy: {found}; expected actions of shape ({environment.action_size},)")
+
+
+def _run(environment: Environment, policy: Acting, state: Any, keep: Callable[[Any], Any]) -> tuple[Any, Any]:
+    """An episode from `state` on: its end, and what `keep` takes of each control period."""
+    held = getattr(policy, "held", 1)
+
+    def tick(carry, k):
+        state, action = carry
+        action = jnp.where(k % held == 0, policy(state.obs), action)
+        state = environment.step(state, action)
+        return (state, action), keep(state)
+
+    nothing = jnp.zeros(environment.action_size, jax.eval_shape(policy, state.obs).dtype)
+    (end, _), kept = jax.lax.scan(tick, (state, nothing), jnp.arange(environment.episode))
+    return end, kept
+
+
+@eqx.filter_jit
+def _episode(environment: Environment, policy: Acting, key: Any):
+    plant, state = environment.plant, environment.reset(key)
+    keep = lambda state: (frame(plant, state.pipeline_state.plant), state.done)  # noqa: E731
+    end, kept = _run(environment, policy, state, keep)
+    return (
+        frame(plant, state.pipeline_state.plant),
+        kept,
+        (end.pipeline_state.ended == ENDS.index("failed")).astype(int),
+    )
+
+
+@eqx.filter_jit
+def _trials(environment: Environment, policy: Acting, keys: Any) -> AnyArray:
+    starts = jax.vmap(environment.reset)(keys)
+    counted = lambda state: (state.metrics["progress"], state.done == 0)  # noqa: E731
+    _, (progress, goes_on) = jax.vmap(partial(_run, environment, policy, keep=counted))(starts)
+    return progress.sum(1) / jnp.minimum(goes_on.sum(1) + 1, environment.episode)

@@ -1,0 +1,168 @@
+"""Policies are learned, judged, kept and seen; the pieces of the method against their definitions."""
+
+import re
+from pathlib import Path
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxgrity import InputError, SolverOptions, centre_path, load_scene
+from jaxgrity.control import (
+    LearningConfig,
+    environment,
+    episode,
+    learn,
+    learner,
+    load_policy,
+    observe,
+    plant_start,
+    save_policy,
+    trials,
+)
+from jaxgrity.control.learned import untrained
+from jaxgrity.control.ppo import AXIS, Learner, Tried, advantages, with_observations
+
+SMALL = LearningConfig(robots=4, decisions=3, held=2, batches=2, epochs=2, width=8)
+
+
+@pytest.fixture(scope="module")
+def env():
+    """Half a second of the task speed, in float32."""
+    return environment("speed", load_scene("exact"), options=SolverOptions(dt=0.01, dtype="float32"), seconds=0.5)
+
+
+@pytest.fixture(scope="module")
+def first(env):
+    return learner(env, jax.random.key(3), SMALL)
+
+
+def same(a, b) -> bool:
+    return all(
+        np.array_equal(x, y) for x, y in zip(*(jax.tree.leaves(eqx.filter(each, eqx.is_array)) for each in (a, b)))
+    )
+
+
+@pytest.mark.slow
+def test_two_updates_are_one_and_one_more(env, first):
+    """Learning goes on from what it returned as if it had never stopped; each update changes the policy."""
+    told = []
+    both = learn(env, first, 2, SMALL, lambda done, facts: told.append((done, facts["progress"])))
+    half = learn(env, first, 1, SMALL)
+    assert same(learn(env, half, 1, SMALL), both)
+    assert not same(half.policy.network, both.policy.network)
+    assert [done for done, _ in told] == [1, 2]
+    assert all(np.isfinite(progress) for _, progress in told)
+    np.testing.assert_array_equal(both.ages, (np.asarray(first.ages) + 6) % 25)
+
+
+@pytest.mark.slow
+def test_an_episode_is_the_motion_that_trials_judge(env, first):
+    """Mean progress of the task speed is that of the averaged velocity, which follows from the centre's path."""
+    policy = first.policy
+    keys = jax.random.split(jax.random.key(5), 1)
+    (progress,) = trials(env, policy, jax.random.key(5), 1)
+    motion = episode(env, policy, keys[0])
+    assert motion.positions.shape == (51, 12, 3)
+    assert motion.commands is not None
+    velocity = np.diff(np.asarray(centre_path(motion.scene, motion), float)[:, :2], axis=0) / 0.01
+    average, found = np.zeros(2), []
+    for v in velocity:
+        average = average + (1 - np.exp(-0.01 / env.task.averaged)) * (v - average)
+        found.append(np.linalg.norm(average))
+    np.testing.assert_allclose(progress, np.mean(found), rtol=1e-3, atol=1e-6)
+
+
+def test_policies_are_kept(env, tmp_path):
+    policy = untrained(env, jax.random.key(1), 8, 2, 4)
+    save_policy(policy, tmp_path / "policy.eqx")
+    again = load_policy(tmp_path / "policy.eqx")
+    assert same(policy, again)
+    assert again.held == 4
+    (tmp_path / "other").write_text("{}")
+    with pytest.raises(InputError, match="other: not a policy; expected a file that save_policy wrote"):
+        load_policy(tmp_path / "other")
+    with pytest.raises(InputError, match="nowhere: cannot be read"):
+        load_policy(tmp_path / "nowhere")
+
+
+@pytest.mark.parametrize(
+    ("policy", "said"),
+    [
+        (lambda seen: seen[:5], r"policy: .*; expected actions of shape \(6,\)"),
+        (untrained, "policy: takes observations of 7 numbers; expected 104"),
+    ],
+)
+def test_policies_of_other_robots_are_refused(env, policy, said):
+    if policy is untrained:
+        policy = untrained(env, jax.random.key(1), 8, 2, 4)
+        policy = eqx.tree_at(lambda p: p.network, policy, eqx.nn.MLP(7, 6, 8, 1, key=jax.random.key(0)))
+    with pytest.raises(InputError, match=said):
+        episode(env, policy, jax.random.key(0))
+
+
+def test_the_page_says_what_is_observed(env):
+    """Each row of the table in docs/control.md, by the sizes of what sensors say of this robot."""
+    page = (Path(__file__).parents[2] / "docs" / "control.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| (\d+) to (\d+) \| (.*?) \|", page, re.MULTILINE)
+    seen = jax.eval_shape(lambda key: observe(env.plant, plant_start(env.plant, key))[0], jax.random.key(0))
+    sizes = [np.prod(part.shape, dtype=int) for part in seen._replace(place=jnp.zeros(2))] + [env.action_size]
+    ends = np.cumsum(sizes)
+    assert [(int(a), int(b)) for a, b, _ in rows] == list(zip(ends - sizes, ends - 1, strict=True))
+    words = ["direction of each", "angular velocity", "length", "tension", "touches", "is wanted", "shortened"]
+    assert all(word in said for word, (_, _, said) in zip(words, rows, strict=True))
+    assert seen._fields == ("directions", "spins", "cable_lengths", "tensions", "contact", "place")
+    assert ends[-1] == env.observation_size == 104
+
+
+def test_robots_have_to_fit_the_devices(env):
+    with pytest.raises(InputError, match="robots = 0: expected"):
+        learner(env, jax.random.key(0), LearningConfig(robots=0))
+
+
+def test_advantages_are_those_of_their_definition(env):
+    """A = sum_l (gamma lambda)^l delta_(t+l) until the episode is over, where one that ended is worth nothing more."""
+    rng = np.random.default_rng(0)
+    size, count = env.observation_size, 6
+    seen, later = rng.normal(size=(2, count, 1, size)).astype(np.float32)
+    reward, ended = rng.normal(size=(count, 1)).astype(np.float32), np.zeros((count, 1), bool)
+    ended[2], over = True, np.zeros((count, 1), bool)
+    over[2] = over[4] = True
+    now = learner_of(env)
+    value = lambda x: float(now.critic(jnp.clip(x, -5, 5)))  # noqa: E731
+    gains, targets = advantages(SMALL, now, Tried(seen, None, None, reward, later, ended, over))
+    gain = 0.0
+    for t in reversed(range(count)):
+        delta = 0.03 * reward[t, 0] + 0.97 * (0 if ended[t, 0] else value(later[t, 0])) - value(seen[t, 0])
+        gain = delta + 0.97 * 0.95 * (0 if over[t, 0] else gain)
+        np.testing.assert_allclose(gains[t, 0], gain, atol=1e-5)
+        np.testing.assert_allclose(targets[t, 0], gain + value(seen[t, 0]), atol=1e-5)
+
+
+def test_mean_and_deviation_are_those_of_all_observations(env):
+    """Seen in three parts, on two devices."""
+    seen = np.random.default_rng(1).normal(2.0, 3.0, (3, 2, 5, env.observation_size)).astype(np.float32)
+    now = learner_of(env)
+    for part in seen:
+        after = jax.vmap(lambda x, now=now: places(with_observations(now, x)), axis_name=AXIS)(part)
+        mean, deviation, count = (x[0] for x in after)
+        policy = eqx.tree_at(lambda p: (p.mean, p.deviation), now.policy, (mean, deviation))
+        now = now._replace(policy=policy, seen=count)
+    whole = seen.reshape(-1, seen.shape[-1])
+    np.testing.assert_allclose(now.policy.mean, whole.mean(0), atol=1e-5)
+    np.testing.assert_allclose(now.policy.deviation, whole.std(0), rtol=1e-4)
+    assert now.seen == len(whole)
+
+
+def places(now):
+    return now.policy.mean, now.policy.deviation, now.seen
+
+
+def learner_of(env):
+    """One with an untrained policy and critic, and no robots."""
+    policy = untrained(env, jax.random.key(1), 8, 2, 2)
+    critic = eqx.nn.MLP(env.observation_size, "scalar", 8, 2, jnp.tanh, dtype=jnp.float32, key=jax.random.key(2))
+    nothing = jnp.zeros((), jnp.float32)
+    return Learner(policy, nothing, critic, None, nothing, nothing, None, None, None)
