@@ -54,7 +54,7 @@ def main(settings: TrainSettings) -> None:
     print(f"{len(curve)} updates, {len(curve) * periods} control periods, {wall:.0f} s")
     plot.save(curve_figure(curve, periods), out / "learning.png")
     trajectory = episode(env, now.policy, jax.random.key(settings.seed + 2))
-    if plot.drawn("replay.html", lambda: view.keep_html(trajectory.scene, trajectory, out / "replay.html")):
+    if plot.drawn("replay.html", lambda: view.keep_html(env.plant.scene, trajectory, out / "replay.html")):
         print(f"to see an episode in 3D, open {out}/replay.html in a browser")
     named = {"task": settings.task, "scene": scene_name(settings.scene), "seed": settings.seed}
     save_json(out / "summary.json", named | facts | {"seconds": wall, "periods": periods, "curve": curve})

@@ -182,7 +182,7 @@ def trajectory_of(plant: Plant, first: Any, later: Any, failure: AnyArray) -> Tr
         times=times,
         positions=q,
         velocities=v,
-        failure=failure,
+        failure=jnp.asarray(failure),
         steps=jnp.asarray((len(q) - 1) * plant.steps),
         rejected=jnp.asarray(0),
         method=plant.options.method.name,

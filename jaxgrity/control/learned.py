@@ -45,7 +45,7 @@ class Learned(eqx.Module):
         return jnp.tanh(self.network(standardised(self, observation)))
 
 
-def standardised(policy: Learned, observation: AnyArray) -> AnyArray:
+def standardised(policy: Learned, observation: AnyArray) -> jax.Array:
     """What the network sees of an observation."""
     return jnp.clip((observation - policy.mean) / policy.deviation, -WIDEST, WIDEST).astype(policy.mean.dtype)
 

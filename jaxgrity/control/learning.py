@@ -115,22 +115,24 @@ def _update(environment: Environment, config: LearningConfig, now: Learner) -> t
     arrays, rest = eqx.partition(now, eqx.is_array)
     run = lambda arrays: _arrays_of(update(eqx.combine(arrays, rest)))  # noqa: E731
     mesh, parts = _dealt()
-    specs = dict(in_specs=(parts,), out_specs=(parts, PartitionSpec()))
-    after, facts = jax.shard_map(run, mesh=mesh, check_vma=False, **specs)(arrays)
+    shared = jax.shard_map(run, mesh=mesh, in_specs=(parts,), out_specs=(parts, PartitionSpec()), check_vma=False)
+    after, facts = shared(arrays)
     return eqx.combine(after, rest), facts
 
 
-def _dealt() -> tuple[Mesh, Learner]:
-    """The devices, and which parts of a learner are dealt among them."""
-    parts = Learner(*(PartitionSpec() for _ in Learner._fields))
-    return Mesh(np.array(jax.devices()), (AXIS,)), parts._replace(states=PartitionSpec(AXIS), ages=PartitionSpec(AXIS))
+def _dealt() -> tuple[Mesh, Any]:
+    """The devices, and how each part of a learner is dealt among them."""
+    parts: Any = dict.fromkeys(Learner._fields, PartitionSpec()) | dict.fromkeys(
+        ("states", "ages"), PartitionSpec(AXIS)
+    )
+    return Mesh(np.array(jax.devices()), (AXIS,)), Learner(**parts)
 
 
 def _placed(now: Learner) -> Learner:
     """Where updates leave it, so that the first one is no program of its own."""
     mesh, parts = _dealt()
     arrays, rest = eqx.partition(now, eqx.is_array)
-    there = [jax.device_put(x, NamedSharding(mesh, part)) for x, part in zip(arrays, parts)]
+    there: Any = (jax.device_put(x, NamedSharding(mesh, part)) for x, part in zip(arrays, parts, strict=True))
     return eqx.combine(Learner(*there), rest)
 
 
