@@ -55,13 +55,16 @@ class Members(eqx.Module):
         if not self.edges:
             raise InputError("members: there are no edges; expected at least one, or None where there are no members")
         for k, edge in enumerate(self.edges):
-            if len(edge) != 2 or not all(isinstance(node, int | np.integer) for node in edge):
+            if len(edge) != 2 or not all(isinstance(node, int | np.integer) for node in edge) or edge[0] == edge[1]:
                 raise InputError(f"members.edges[{k}] = {edge}: expected two nodes, as whole numbers")
         for name in ("stiffness", "rest_length", "damping", "mass"):
             value = getattr(self, name)
             if value is not None and np.shape(value) != (len(self.edges),):
                 expected = f"expected ({len(self.edges)},), one number for each member"
                 raise InputError(f"members.{name} has shape {np.shape(value)}; {expected}")
+            if isinstance(value, np.ndarray) and np.any(value < 0):
+                k = int(np.argmin(value))
+                raise InputError(f"members.{name}[{k}] = {value[k]:g}: expected none negative")
         _check_clusters_and_motors(self)
 
     @property

@@ -50,6 +50,15 @@ NAN = np.nan
         (lambda: Gait((0,), [0.0], [-0.3], [1.0]), "gait.amplitude = -0.3: expected from 0 to less"),
         (lambda: Gait((0,), [0.0], [0.3], [-2.0]), "gait.frequency = -2.0 Hz: expected none negative"),
         (lambda: Overtone([-1.0], [0.0]), "overtone.size = -1.0: expected none negative"),
+        # a spring that pushes apart what is stretched, a damper that drives, a rod that weighs less than nothing
+        (lambda: Members(((0, 1),), [-1.0], [1.0]), r"members.stiffness\[0\] = -1: expected none negative"),
+        (lambda: Members(((0, 1),), [1.0], [-1.0]), r"members.rest_length\[0\] = -1: expected none negative"),
+        (
+            lambda: Members(((0, 1),), [1.0], [1.0], damping=[-1.0]),
+            r"members.damping\[0\] = -1: expected none negative",
+        ),
+        (lambda: Members(((0, 1),), [1.0], [1.0], mass=[-1.0]), r"members.mass\[0\] = -1: expected none negative"),
+        (lambda: Members(((2, 2),), [1.0], [1.0]), r"members.edges\[0\] = \(2, 2\): expected two nodes"),
         (lambda: Shaking([NAN, 0, 0], 1.0), r"shaking.amplitude\[0\] = nan: expected a finite number"),
         (lambda: Shaking([0.1, 0, 0], NAN), "shaking.frequency = nan: expected a finite number"),
     ],
