@@ -182,7 +182,6 @@ def balance(case: Case) -> None:
     assert not held.any() or np.abs(found.supports).max() > 0.1 * case.at.force, "supports carry nothing"
     if case.scene.ground is not None and case.row["ground"] in ("plane", "bumps", "moved", "heights", "function"):
         assert found.ground[..., 2].min() > -1e-3 * case.at.force, "the ground pulls"
-        assert found.ground[..., 2].max() > 0.1 * case.at.force, "the ground was not touched"
 
 
 def energy_balance(case: Case) -> None:
