@@ -121,3 +121,22 @@ def test_starts_that_bend_a_body_are_refused():
         moved = scene.structure.nodes + 1e-3 * np.eye(8)[:, [node]]
         with pytest.raises(InputError, match="rigid body"):
             simulate(scene, 0.1, positions=moved)
+
+
+@pytest.mark.campaign
+def test_rods_are_struts_with_mass_or_bodies_of_two_points(exact):
+    """The six-strut robot falls and lands the same, to rounding."""
+    structure = exact.structure
+    x, lengths = structure.nodes, np.asarray(structure.struts.rest_length)
+    heavy = dataclasses.replace(structure, struts=dataclasses.replace(structure.struts, mass=np.full(6, 0.4)))
+    rods = []
+    for (i, j), length in zip(structure.struts.edges, lengths):
+        along = (x[i] - x[j]) / np.linalg.norm(x[i] - x[j])
+        rods.append(rigid_body(x, (i, j), 0.4, 0.4 * length**2 / 12 * (np.eye(3) - np.outer(along, along))))
+    bodies = dataclasses.replace(structure, struts=None, bodies=tuple(rods))
+    step = SolverOptions(dt=2.5e-3)
+    ends = [
+        np.asarray(simulate(dataclasses.replace(exact, structure=each, gait=None), 0.3, options=step).positions)
+        for each in (heavy, bodies)
+    ]
+    np.testing.assert_allclose(ends[1], ends[0], atol=1e-12)
