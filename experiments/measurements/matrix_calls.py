@@ -40,7 +40,6 @@ from jaxgrity import (
 )
 from jaxgrity.explorer.session import OTHER, OWN, chosen_robot
 from jaxgrity.formats import save_trajectory
-from jaxgrity.model.scene import start_of
 from jaxgrity.orbits import find_orbit
 from jaxgrity.orbits.motion_report import motion_report
 from jaxgrity.report import animate, plot, view
@@ -95,6 +94,12 @@ def falling(case: Case) -> Trajectory:
     none = np.asarray(0)
     dt = None if resolved.dt is None else float(resolved.dt)
     return Trajectory(times.astype(dtype), place, speed, none, count, none, resolved.method.name, dt, case.scene)
+
+
+def posed(case: Case) -> tuple[np.ndarray, np.ndarray]:
+    """The robot as the scene has it, at rest."""
+    q = np.asarray(case.scene.structure.nodes)
+    return q, np.zeros_like(q)
 
 
 def gradient(case: Case):
@@ -198,7 +203,7 @@ def explored(case: Case):
 
 
 CALLS: dict[str, Callable[[Case], object]] = {
-    "stable_step": lambda case: stable_step(case.scene, start_of(case.scene), "rk4"),
+    "stable_step": lambda case: stable_step(case.scene, posed(case), "rk4"),
     "simulate": lambda case: simulate(case.scene, case.duration, options=case.options),
     "gradient of rollout": gradient,
     "population with metrics": lambda case: simulate_population(
