@@ -165,7 +165,7 @@ def test_float32_is_float32_throughout(reference):
 @pytest.mark.parametrize("members", [(0, 1, 2, 3, 4, 5), (1, 7, 20)])
 def test_no_scatter(reference, platform, members):
     """In the vector field of a population, lowered for each platform; neither has to be there."""
-    some = np.ones(len(members))
+    some = np.full(len(members), 0.5)
     scene = as_dtype(with_gait(reference, Gait(members, some, some, some)), "float32")
     rows = jnp.ones((len(members), 8), "float32")
     mapped, axes = in_lanes(scene, _in_rows(scene.gait, rows))
@@ -189,7 +189,8 @@ def test_chunks_shrink_as_structures_grow(struts, dtype, lanes):
 def test_a_failed_member_is_data_and_disturbs_no_other(reference):
     """One gait tears its robot apart; the others go where they go without it."""
     phases = random_phases(4, 6, seed=3)
-    violent = np.array([0.3, 0.3, 1e9, 0.3])[:, None] * np.ones((4, 6))
+    # an array of JAX is a search's own, and is not looked at
+    violent = jnp.array([0.3, 0.3, 1e9, 0.3])[:, None] * jnp.ones((4, 6))
     start_now = eqx.tree_at(lambda s: s.gait.start, reference, 0.0)
     outcomes = simulate_population(
         start_now, gaits_of(start_now.gait, phases, amplitude=violent), 0.3, options=SolverOptions(dt=1e-3)

@@ -4,6 +4,7 @@ import math
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -212,7 +213,7 @@ def judged(exact):
     doubts = Uncertainty(0.3, 0.1, 0.4, 0.1, 0.1, 0.05, 0.05)
     fitness = Fitness(Direction(heading=0.7), doubts, robots=4, caution=1.5)
     amplitude = np.array([0.3, 30.0, *np.full(30, 0.2)])[:, None] * np.ones((32, 6))
-    gaits = gaits_of(exact.gait, random_phases(32, 6, seed=0), amplitude)
+    gaits = gaits_of(exact.gait, random_phases(32, 6, seed=0), jnp.asarray(amplitude))
     problem = SearchProblem(exact, Genome(6), 2.5, fitness)
     return problem, gaits, judge_at(FidelityLevel("", exact, 1e-2, "float64"), gaits, problem, seed=5)
 

@@ -1,5 +1,6 @@
 """Error bars of distances: they cover the error of the steps, and are infinite where a rollout fails."""
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -23,7 +24,9 @@ def test_error_bar_covers_the_error(reference):
 def test_error_bar_of_a_failure_is_infinite(reference):
     """A gait that cannot be integrated has no distance, and says so; the others have theirs."""
     amplitude = np.full((4, 6), 0.3)
-    amplitude[2] = 1e9
-    verified = verify(reference, gaits_of(reference.gait, random_phases(4, 6, seed=8), amplitude), 3.0, options=OPTIONS)
+    amplitude[2] = 1e9  # an array of JAX is a search's own, and is not looked at
+    verified = verify(
+        reference, gaits_of(reference.gait, random_phases(4, 6, seed=8), jnp.asarray(amplitude)), 3.0, options=OPTIONS
+    )
     assert np.isnan(verified.distance).tolist() == [False, False, True, False]
     assert np.isinf(verified.error_bar).tolist() == [False, False, True, False]
