@@ -18,7 +18,7 @@ from jaxgrity.model.balls import Balls, refuse_balls
 from jaxgrity.model.laws import Configuration, Constraint, DissipationTerm, EnergyTerm, Law, Motion, node_names
 from jaxgrity.model.placing import above, check_placed, down
 from jaxgrity.model.rigid_struts import LARGEST_GAP
-from jaxgrity.model.surface import AXES, DistanceAndAxes, Frame, Slope, Surface, as_double
+from jaxgrity.model.surface import AXES, DistanceAndAxes, Frame, Slope, Surface, height_at, measured_at
 
 UnitVector = tuple[float, float, float]
 
@@ -94,22 +94,15 @@ class Ground(eqx.Module):
         """m, z of the ground at places x, y, m; -infinity where there is none. For use before and after rollouts."""
         surface = Slope(self.incline) if self.surface is None else self.surface
         moved = np.zeros(3) if self.offset is None else np.asarray(self.offset, float)
-        with jax.enable_x64(True):
-            x, y = np.asarray(x, float) - moved[0], np.asarray(y, float) - moved[1]
-            return np.asarray(as_double(surface).height(x, y)) + moved[2]
+        return height_at(surface, np.asarray(x, float) - moved[0], np.asarray(y, float) - moved[1]) + moved[2]
 
-    def measured(self, q: np.ndarray) -> "DistanceAndAxes":
+    def measured(self, q: np.ndarray) -> DistanceAndAxes:
         """Distances and frames at positions `q` (..., nodes, 3), m, in float64: for use before and after rollouts."""
         if self.surface is None:
             axes = np.array([self.normal, *self.tangents])
             phi = q @ axes[0] if self.balls is None else np.asarray(self.balls.gaps(q @ axes[0]))
             return DistanceAndAxes(phi, np.broadcast_to(axes, (*q.shape[:-1], 3, 3)))
-        with jax.enable_x64(True):
-            ground = as_double(self)
-            each = jax.vmap(lambda q: (ground.signed_distance(q), ground.frame(q)))
-            phi, frame = each(np.asarray(q, float).reshape(-1, *q.shape[-2:]))
-            axes = np.stack([frame.normal, *frame.tangents], axis=-2)
-        return DistanceAndAxes(np.asarray(phi).reshape(q.shape[:-1]), axes.reshape(*q.shape[:-1], 3, 3))
+        return measured_at(self, np.asarray(q, float))
 
     def set_down(self, q: np.ndarray, depth: float, size: float = 1.0) -> np.ndarray:
         """(nodes, 3): the nodes q, m, of a body of `size` (`length_scale`), moved along the lowest one's normal until

@@ -3,7 +3,7 @@
 import math
 from abc import abstractmethod
 from collections.abc import Callable
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
 import jax
@@ -129,6 +129,41 @@ def rows_of_xyz(x: PerNode, y: PerNode, z: PerNode) -> NodeVectors:
 def as_double(part):
     """The same with every number in float64."""
     return jax.tree.map(lambda x: np.asarray(x, float), part)
+
+
+def height_at(surface: Surface, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """m, z of the highest point of the ground at places, m, in float64; not for use in rollouts."""
+    x, y = np.broadcast_arrays(x, y)
+    with jax.enable_x64(True):
+        z = _height(as_double(surface), _padded(x.ravel()), _padded(y.ravel()))
+    return np.asarray(z)[: x.size].reshape(x.shape)
+
+
+def measured_at(ground: Any, q: np.ndarray) -> DistanceAndAxes:
+    """Distances and frames of a `Ground` at positions `q` (..., nodes, 3), m, in float64; not for use in rollouts."""
+    rows = q.reshape(-1, *q.shape[-2:])
+    with jax.enable_x64(True):
+        phi, axes = (np.asarray(part)[: len(rows)] for part in _measured(as_double(ground), _padded(rows)))
+    return DistanceAndAxes(phi.reshape(q.shape[:-1]), axes.reshape(*q.shape[:-1], 3, 3))
+
+
+def _padded(rows: np.ndarray) -> np.ndarray:
+    """As many rows as the next power of two, so that a path that grows does not ask for a program at each length."""
+    return np.resize(rows, (1 << max(len(rows) - 1, 0).bit_length(), *rows.shape[1:]))
+
+
+@eqx.filter_jit
+def _height(surface: Surface, x: PerNode, y: PerNode) -> AnyArray:
+    return surface.height(x, y)
+
+
+@eqx.filter_jit
+def _measured(ground: Any, q: AnyArray) -> tuple[AnyArray, AnyArray]:
+    def each(q: NodeVectors) -> tuple[PerNode, AnyArray]:
+        frame = ground.frame(q)
+        return ground.signed_distance(q), jnp.stack([frame.normal, *frame.tangents], axis=-2)
+
+    return jax.vmap(each)(q)
 
 
 def _gradient(f: Callable, *x: PerNode) -> tuple[PerNode, ...]:

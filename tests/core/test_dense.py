@@ -67,16 +67,17 @@ def test_derivatives_solve_no_system_by_threads():
     nodes, struts, _ = tetrahedral_spine(12)
     end = end_of(standing(nodes, struts), [0.0, 0.0, 0.0])
     for derivative in (jax.grad(end), lambda g: jax.jvp(end, (g,), (1.0,))):
-        text = jax.jit(derivative).lower(9.81).compile().as_text()
+        text = jax.jit(derivative).lower(9.81).as_text()
         sizes = []
         for line in text.splitlines():
-            if 'custom_call_target="lapack' in line:
-                shape = re.search(r"f64\[([\d,]+)\]", line)
-                sizes.append(max(int(n) for n in shape[1].split(",")[-2:]))
+            if "@lapack" in line:
+                shape = re.search(r": \(tensor<([\dx]+)xf64>", line)
+                sizes.append(max(int(n) for n in shape[1].split("x")[-2:]))
         assert sizes
         assert max(sizes) <= INVERTED_AT_ONCE
 
 
+@pytest.mark.slow
 def test_derivatives_where_struts_are_redundant():
     """Ten struts between five nodes that slide on the ground: the tenth changes nothing of what the first nine do.
 
@@ -88,5 +89,6 @@ def test_derivatives_where_struts_are_redundant():
     known, h = jax.jit(nine), 0.1
     difference = (known(9.81 + h) - known(9.81 - h)) / (2 * h)
     assert abs(difference) > 1e-3
-    assert float(known(9.81)) == pytest.approx(float(jax.jit(ten)(9.81)), abs=1e-7)
-    assert float(jax.jit(jax.grad(ten))(9.81)) == pytest.approx(float(difference), rel=1e-6)
+    end, derivative = jax.jit(jax.value_and_grad(ten))(9.81)
+    assert float(known(9.81)) == pytest.approx(float(end), abs=1e-7)
+    assert float(derivative) == pytest.approx(float(difference), rel=1e-6)
