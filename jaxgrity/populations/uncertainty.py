@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from jaxgrity.core import draws
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import edge_vectors, length
 from jaxgrity.core.typed import typed
@@ -96,10 +97,6 @@ LESS_THAN = {"phase": np.pi / 2, "slope": np.pi / 2, "terrain": np.inf}
 """Limits below which half-widths must stay, rad or m. All other half-widths are shares, and less than 1."""
 
 
-FEWEST_PAIRS = 64
-"""Fewest pairs of robots that are drawn: ensembles of up to twice that size share one compiled program."""
-
-
 class Uncertainty(eqx.Module):
     """Half-widths: each quantity is uniform within plus and minus so much of what the scene and the gait say.
 
@@ -151,12 +148,12 @@ def ensemble(
     dtype, (size, actuators) = gaits.phase.dtype, gaits.phase.shape
     rows = count if common else count * size
     asked = tuple(name for name, half_width in vars(uncertainty).items() if half_width)
-    between = _uniform(key, asked, actuators, len(scene.structure.nodes), max(FEWEST_PAIRS, -(-rows // 2)), dtype)
+    between = _uniform(key, asked, actuators, len(scene.structure.nodes), -(-rows // 2), dtype)
     xp = namespace_of(gaits.phase)
     precise = float if xp is np else dtype  # NumPy rounds once, at the end
 
     def draw(name: str):
-        half = np.asarray(getattr(uncertainty, name), dtype) * xp.asarray(between[name], precise)[: -(-rows // 2)]
+        half = np.asarray(getattr(uncertainty, name), dtype) * xp.asarray(between[name], precise)
         return xp.concatenate([half, -half])[:rows]
 
     def each(drawn):
@@ -201,7 +198,6 @@ def _keys(key) -> dict[str, AnyArray]:
     return dict(zip(vars(Uncertainty()), jax.random.split(key, len(vars(Uncertainty())))))
 
 
-@eqx.filter_jit
 def _uniform(
     key, asked: tuple[str, ...], actuators: int, nodes: int, pairs: int, dtype: np.dtype
 ) -> dict[str, Float[AnyArray, "pairs ..."]]:
@@ -209,7 +205,7 @@ def _uniform(
     numbers: dict[str, tuple[int, ...]] = {"phase": (actuators,), "actuation": (actuators,), "node_mass": (nodes,)}
     numbers |= {"cable_stiffness": (1,), "prestress": (1,), "friction": (), "slope": (), "terrain": (2,)}
     keys = _keys(key)
-    return {name: jax.random.uniform(keys[name], (pairs, *numbers[name]), dtype, -1, 1) for name in asked}
+    return {name: draws.uniform(keys[name], (pairs, *numbers[name]), dtype, -1.0, 1.0) for name in asked}
 
 
 def _slackened(scene: Scene, share: AnyArray) -> AnyArray:
@@ -221,7 +217,7 @@ def _slackened(scene: Scene, share: AnyArray) -> AnyArray:
 
 def _leaning(key, lean: AnyArray) -> AnyArray:
     """(robots, 3): unit vectors against gravity that lean so far (robots,), rad; those of a pair in one direction."""
-    heading = jax.random.uniform(key, (-(-len(lean) // 2),), lean.dtype, 0, 2 * jnp.pi)
+    heading = draws.uniform(key, (-(-len(lean) // 2),), lean.dtype, 0.0, 2 * np.pi)
     heading = jnp.concatenate([heading, heading])[: len(lean)]
     return jnp.stack([jnp.sin(lean) * jnp.cos(heading), jnp.sin(lean) * jnp.sin(heading), jnp.cos(lean)], 1)
 

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
+from jaxgrity.core import draws
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, PerGait, Scalar
@@ -147,7 +148,7 @@ class Evolution(NamedTuple):
 def begin(genome: Genome, config: GAConfig, seed: int, dtype: str) -> SearchState:
     """A search before its first generation: genes at random."""
     key, first = jax.random.split(jax.random.key(seed))
-    genes = jax.random.uniform(first, (config.drawn or config.population, genome.size), dtype)
+    genes = draws.uniform(first, (config.drawn or config.population, genome.size), dtype)
     nothing = Record(*(np.zeros(0) for _ in Record._fields))
     return SearchState(0, jax.random.key_data(key), genes, nothing, None)
 

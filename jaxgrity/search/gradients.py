@@ -11,6 +11,7 @@ import numpy as np
 from jax.scipy.special import ndtri
 from jaxtyping import Float
 
+from jaxgrity.core import draws
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, FinalPositions, PerGait, Phases, Scalar, State, Vectors
 from jaxgrity.model.actuation import Gait
@@ -130,7 +131,7 @@ def smoothed_gradients(
     """
     drawn, disturbed = jax.random.split(key)
     starts, size = genes.shape
-    e = jax.random.normal(drawn, (starts, samples // 2, size), genes.dtype)
+    e = draws.normal(drawn, (starts, samples // 2, size), genes.dtype)
     scene, genome, *_ = task.problem
     perturbed = genome.bounded(genes[:, None] + task.width * jnp.concatenate([e, -e], axis=1))
     gaits = genome.gaits(scene.gait, np.asarray(perturbed).reshape(-1, size))

@@ -204,9 +204,12 @@ GROUNDS = {
     "a ball above nothing": jaxgrity.Sphere([0.0, 0, -1.0], 1.0),
 }
 
+SIZE = pytest.mark.campaign, pytest.mark.slow
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", GROUNDS)
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=SIZE[name in ("bumps", "a ball above nothing")]) for name in GROUNDS]
+)
 def test_uneven_ground_is_drawn(name, exact, tmp_path):
     """With what is on it: the path of the centre of mass, and where the robot stands."""
     ground = replace(exact.ground, surface=GROUNDS[name])

@@ -1,0 +1,54 @@
+"""Random numbers for use outside of compiled programs: those of `jax.random` to the last bit, with less to compile.
+
+XLA compiles `jax.random.normal` for as long as a rollout, and for each shape anew. A number depends on the key and on
+its place alone: one program makes the bits of all draws up to a size, and NumPy makes numbers of them, as JAX does.
+"""
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxgrity.core.tracing import traced
+from jaxgrity.core.types import AnyArray
+
+FEWEST = 4096
+"""Numbers that a program makes at least: a search needs few more at once, and so makes one program."""
+
+
+def uniform(key, shape: tuple[int, ...], dtype, low: float = 0.0, high: float = 1.0) -> AnyArray:
+    """`jax.random.uniform`: from `low` to `high`."""
+    if traced((key, jnp.zeros(()))):  # in a function that is being compiled
+        return jax.random.uniform(key, shape, dtype, low, high)
+    return _between(key, shape, np.dtype(dtype), low, high)
+
+
+def normal(key, shape: tuple[int, ...], dtype) -> AnyArray:
+    """`jax.random.normal`: of mean 0 and variance 1."""
+    if traced((key, jnp.zeros(()))):
+        return jax.random.normal(key, shape, dtype)
+    dtype = np.dtype(dtype)
+    count = int(np.prod(shape))
+    between = _between(key, (_room(count),), dtype, float(np.nextafter(dtype.type(-1), dtype.type(0))), 1.0)
+    return (np.sqrt(dtype.type(2)) * np.asarray(jax.lax.erf_inv(between))[:count]).reshape(shape)
+
+
+def _between(key, shape: tuple[int, ...], dtype: np.dtype, low: float, high: float) -> np.ndarray:
+    """Mantissas of random bits are numbers from 1 to 2."""
+    size, one = np.finfo(dtype), np.ones((), dtype)
+    count = int(np.prod(shape))
+    bits = np.asarray(_bits(key, _room(count), f"uint{size.bits}"))[:count]
+    share = (bits >> bits.dtype.type(size.bits - size.nmant) | one.view(bits.dtype)).view(dtype) - one
+    first, last = dtype.type(low), dtype.type(high)
+    return np.maximum(first, share * (last - first) + first).reshape(shape)
+
+
+def _room(count: int) -> int:
+    """The power of two, at least `FEWEST`, of numbers that a program makes."""
+    return max(FEWEST, 1 << (count - 1).bit_length())
+
+
+@partial(jax.jit, static_argnums=(1, 2))
+def _bits(key, count: int, dtype: str) -> AnyArray:
+    return jax.random.bits(key, (count,), dtype)
