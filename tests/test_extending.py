@@ -101,7 +101,7 @@ def test_force_law_pushes_and_is_in_the_balance(reference):
 
 @pytest.mark.parametrize(
     ("law", "words"),
-    [(_Leash(), "expected an EnergyTerm"), (_BookedAsActuation(), "which the energy audit uses otherwise")],
+    [(_Leash(), "expected an EnergyTerm"), (_BookedAsActuation(), "which the energy audit reserves")],
 )
 def test_scene_refuses_a_law_that_it_would_leave_out(reference, law, words):
     """Sweeps would not solve for the constraint, and the audit would overwrite one work with another."""

@@ -39,7 +39,7 @@ COMMANDS = {
     "README's gradient": (),
 }
 """arguments of `jaxgrity`, by their names in the table; none: the first example of README.md"""
-ENDLESS = {"explore": re.compile(rb"shown after|Ctrl-C ends")}
+ENDLESS = {"explore": re.compile(rb"shown after|Ctrl-C to stop")}
 """what says that a command without an end has done what a user waits for; it is interrupted then"""
 WAITED = ("first_word", "seconds", "cpu", "tracing", "compiling", "programs")
 """what the table has of each: seconds, and the number of programs that were made or read"""

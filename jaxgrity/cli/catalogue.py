@@ -43,7 +43,7 @@ def entry(kind: str, keys: dict[str, Any], geometry: Geometry) -> dict[str, Any]
 
 def listed(entries: list[dict[str, Any]]) -> list[str]:
     """A line for each kind."""
-    rows = [["kind", "nodes", "struts", "cables", "keys of [structure], and what they are without being given"]]
+    rows = [["kind", "nodes", "struts", "cables", "keys of [structure], with their defaults"]]
     for found in entries:
         keys = ", ".join(f"{key} = {'-' if value is None else value}" for key, value in found["keys"].items())
         rows.append([*(str(found[name]) for name in ("kind", "nodes", "struts", "cables")), keys])

@@ -1,4 +1,4 @@
-"""Compare gait searches: how they were searched, what they found, and how far that can be trusted."""
+"""Compare gait searches: their settings, what they found, and how far you can trust it."""
 
 import json
 from pathlib import Path
@@ -53,7 +53,7 @@ def unit(summary: dict[str, Any]) -> str:
 def main(settings: CompareSettings) -> None:
     """Print a table of the searches, and leave it as JSON with a figure."""
     if not settings.runs:
-        raise InputError("no runs: expected at least one folder that a search left")
+        raise InputError("no runs: expected at least one result folder of a search")
     runs = {str(folder): load_summary(folder) for folder in settings.runs}
     differ = different_settings(runs)
     rows = [["run", *differ, *COLUMNS]]
@@ -79,7 +79,7 @@ def load_summary(folder: Path) -> dict[str, Any]:
     needed = ("distance", "robust", "searches", "settings", "within_bounds", "beyond_bounds")
     missing = [key for key in needed if key not in summary]
     if missing:
-        raise InputError(f"{path}: has no {', '.join(missing)}; expected what a gait search leaves")
+        raise InputError(f"{path}: has no {', '.join(missing)}; expected the summary.json of a gait search")
     return summary
 
 

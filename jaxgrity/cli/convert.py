@@ -1,4 +1,4 @@
-"""Turn a robot's file into another kind of file: TOML, YAML of NTRT, XML of MuJoCo, MATLAB, CSV, GLB, OBJ."""
+"""Convert a robot between file formats: TOML, NTRT (YAML), MuJoCo (XML), MATLAB, CSV, GLB, OBJ."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Say how far one rollout of a scene can be trusted: error bars, energy and momentum, sensitivity, penetration."""
+"""Report how far you can trust a simulation: error bars, energy and momentum, sensitivity, penetration."""
 
 from jaxgrity.cli.settings import DiagnoseSettings
 from jaxgrity.cli.simulate import chosen_scene, diagnosed, scene_name

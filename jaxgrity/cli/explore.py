@@ -1,4 +1,4 @@
-"""Open a page on this machine whose sliders change a robot, its gait and its ground, and that shows the motion."""
+"""Open a page with sliders for the robot, its gait and its ground, and watch how the motion changes."""
 
 import contextlib
 import socket
@@ -23,10 +23,10 @@ def main(settings: ExploreSettings) -> None:
     check_address(settings.host, settings.port)
     load_scene(settings.scene)
     if settings.host not in LOOPBACK:
-        print(f"warning: answering at {settings.host}, where others on the network can reach the page")
+        print(f"warning: others on the network can reach the page at {settings.host}")
     names = [settings.scene, *(name for name in scene_names() if name != settings.scene)]
     with served(tuple(names), settings.duration, settings.host, settings.port) as (_, address):
-        print(f"open {address} in a browser; Ctrl-C ends", flush=True)
+        print(f"open {address} in a browser; press Ctrl-C to stop", flush=True)
         if settings.browser:
             webbrowser.open(address)
         while True:

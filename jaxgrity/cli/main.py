@@ -1,4 +1,4 @@
-"""The command `jaxgrity`: simulate, search, compare, diagnose, train, explore, inspect, catalogue and convert."""
+"""Simulate tensegrity robots, and search for the gaits that make them roll."""
 
 import sys
 from importlib import import_module

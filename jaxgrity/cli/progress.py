@@ -19,11 +19,11 @@ UNITS = {
     "learning": "update",
     "promoting": "level",
     "polishing": "step",
-    "verifying": "judgement",
+    "verifying": "check",
     "reporting": "part",
 }
 """What a bar counts, by the stage that it shows."""
-SAID = {"best": "best (on its own draws)"}
+SAID = {"best": "best (by the draws that chose it)"}
 """Words with which a bar shows a fact whose name alone says too little."""
 TICK = 2.0
 """Longest time between two updates of a bar, s."""

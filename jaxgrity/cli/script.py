@@ -83,8 +83,8 @@ def join_hosts() -> None:
         numbers = [known.get(name, "") for name in ("JAX_NUM_PROCESSES", "JAX_PROCESS_ID")]
         if not all(number.isdigit() for number in numbers):
             raise InputError(
-                f"JAX_NUM_PROCESSES = {numbers[0]!r}, JAX_PROCESS_ID = {numbers[1]!r}: expected two numbers beside "
-                "JAX_COORDINATOR_ADDRESS"
+                f"JAX_NUM_PROCESSES = {numbers[0]!r}, JAX_PROCESS_ID = {numbers[1]!r}: expected two numbers, since "
+                "JAX_COORDINATOR_ADDRESS is set"
             )
         jax.distributed.initialize(num_processes=int(numbers[0]), process_id=int(numbers[1]))
     elif int(known.get("SLURM_STEP_NUM_TASKS", 1)) > 1:
@@ -121,6 +121,6 @@ def execute(main: Callable[[Settings], None], chosen: Settings) -> None:
     except KeyboardInterrupt:
         if jax.process_index() == 0:
             alone = hasattr(chosen, "resume") and jax.process_count() == 1
-            again = "; the same command with --resume goes on from what was saved" if alone else ""
+            again = "; the same command with --resume continues from the saved state" if alone else ""
             print(f"\ninterrupted{again}", file=sys.stderr)
         sys.exit(130)

@@ -1,4 +1,4 @@
-"""The main job: evolve a rolling gait that stands perturbation, polish it by gradients, verify it, and show it."""
+"""Search for a rolling gait: evolve it, polish it by gradients, verify it, and show it."""
 
 import dataclasses
 import time
@@ -63,9 +63,9 @@ def main(settings: SearchSettings) -> None:
         settings.polish_gaits, settings.polish_rollouts = 1, min(settings.polish_rollouts, 256)
     scene, config = load_scene(settings.scene), config_of(settings)
     print(
-        f"Searching for a gait of {scene_name(settings.scene)}: gaits evolve on a rough model, the best go on to finer "
-        f"ones,\nare polished by gradients, and verified. Programs are compiled first, which takes a minute the first "
-        f"time.\nWhat is found goes to {settings.out}/. After Ctrl-C, --resume goes on.\n"
+        f"Searching for a gait of {scene_name(settings.scene)}: gaits evolve on a rough model, and finer models test "
+        f"the best.\nThe winner is polished by gradients, and verified. Compiling takes a minute the first time.\n"
+        f"Results go to {settings.out}/. After Ctrl-C, the same command with --resume continues.\n"
     )
     print(replaced_words(settings), end="")
     print(describe(scene), end="\n\n", flush=True)

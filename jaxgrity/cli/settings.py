@@ -1,4 +1,4 @@
-"""What each command can be asked for: read, and shown by --help, before anything of JAX or of a figure is imported."""
+"""Settings of every command, with the texts of --help, which is quick since nothing here imports JAX or Matplotlib."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -9,40 +9,40 @@ from tyro.conf import Positional
 
 @dataclass
 class SimulateSettings:
-    """Roll a scene out: once, with its own gait, or once for each row of phases in a CSV file."""
+    """Simulate a robot: once with the gait of its scene, or once for each row of a CSV file of phases."""
 
     scene: Annotated[str, Positional]
-    """a scene of the library by its name (reference, exact, uphill), or a scene file (TOML)"""
+    """name of a library scene (reference, exact, uphill), or a scene file (TOML)"""
     gaits: Path | None = None
-    """CSV without a header: the phases (rad) of one gait a row"""
+    """CSV file without a header; each row has the phases (rad) of one gait"""
     gait: str | None = None
-    """a gait of the library by its name, or the gait.json of a search, in place of the scene's own"""
+    """name of a library gait, or the gait.json of a search; replaces the gait of the scene"""
     duration: float = 10.0
-    """s"""
+    """simulated time, s"""
     method: str | None = None
-    """rk4, tsit5, dopri8, kvaerno3, kvaerno5, verlet or complementarity; without it, the scene decides"""
+    """rk4, tsit5, dopri8, kvaerno3, kvaerno5, verlet or complementarity; by default the scene decides"""
     dt: float | None = None
-    """fixed step, s; without it, adaptive methods adapt theirs, others take a safe one"""
+    """fixed time step, s; by default adaptive methods adapt their step, and other methods take a safe one"""
     dtype: Literal["float32", "float64"] = "float64"
-    """precision of the rollout"""
+    """floating-point precision of the simulation"""
     any_step: bool = False
-    """let a step pass that would blow up"""
+    """allow time steps beyond the stable limit, which are otherwise refused"""
     diagnose: bool = True
-    """say how far the result can be trusted: error bars, energy audit, sensitivity; takes several more rollouts"""
+    """report error bars, energy audit and sensitivity; costs several more simulations"""
     animation: Literal["none", "gif", "mp4"] = "none"
-    """also leave an animated picture of a single rollout; mp4 needs imageio-ffmpeg (pip install 'jaxgrity[video]')"""
+    """write an animated picture of a single simulation; mp4 needs imageio-ffmpeg (pip install 'jaxgrity[video]')"""
     fps: float = 25.0
-    """frames a second of the animated picture"""
+    """frame rate of the animated picture, frames per second"""
     width: int = 640
-    """pixels of the animated picture"""
+    """width of the animated picture, pixels"""
     camera: Literal["whole", "follow"] = "whole"
-    """whether the animated picture shows all of the way, or a camera goes along with the robot"""
+    """view of the animated picture: the whole path, or a camera that follows the robot"""
     replay: bool = True
-    """leave a page that plays a single rollout in 3D, where viser is installed (pip install 'jaxgrity[view]')"""
+    """write a page that plays a single simulation in 3D; needs viser (pip install 'jaxgrity[view]')"""
     out: Path = Path("results/simulate")
-    """folder for summary.json, figures, and trajectory.npz and replay.html of a single rollout"""
+    """folder for summary.json and figures; a single simulation adds trajectory.npz and replay.html"""
     quick: bool = False
-    """at most 2 s of motion"""
+    """simulate at most 2 s"""
 
 
 @dataclass
@@ -50,153 +50,152 @@ class ObjectiveSettings:
     kind: str = "steady speed"
     """steady speed, steady direction, steady turn, distance, direction, speed, cost of transport or straightness"""
     heading: float | None = None
-    """rad from +x, for steady direction and direction"""
+    """heading for steady direction and direction, rad from +x"""
     turning: float | None = None
-    """rad per body length, positive to the left, for steady turn"""
+    """turning for steady turn, rad per body length, positive to the left"""
     largest_rate: float | None = 1.0
-    """m/s, bound on any actuator's |dL/dt|; None: no bound"""
+    """bound on the rate |dL/dt| of each actuator, m/s; None: no bound"""
     largest_force: float | None = None
-    """N"""
+    """bound on the force of each actuator, N; None: no bound"""
     largest_power: float | None = 200.0
-    """W"""
+    """bound on the power of each actuator, W; None: no bound"""
 
 
 @dataclass
 class UncertaintySettings:
     phase: float = 0.03
-    """rad, of each actuated member"""
+    """half-width of the phase of each actuated member, rad"""
     actuation: float = 0.02
-    """share of the amplitude, of each actuated member"""
+    """half-width of the amplitude of each actuated member, as a fraction"""
     friction: float = 0.2
-    """share of mu, alike at all nodes"""
+    """half-width of the friction coefficient, as a fraction; one value for all nodes of a robot"""
     cable_stiffness: float = 0.05
-    """share, alike in all cables"""
+    """half-width of the cable stiffness, as a fraction; one value for all cables of a robot"""
     prestress: float = 0.0
-    """share of the tension in the shape as built, alike in all cables, by their rest lengths"""
+    """half-width of the cable tension in the given shape, as a fraction; one value for all cables of a robot"""
     node_mass: float = 0.05
-    """share, of each node"""
+    """half-width of the mass of each node, as a fraction"""
     slope: float = 0.0
-    """rad, by which the ground leans more than the scene says, in any direction"""
+    """largest extra slope of the ground, in a random direction, rad"""
     terrain: float = 0.0
-    """m, by which uneven ground is moved in x and in y, and up or down, so that the robot starts as high above it"""
+    """half-width of the shift of uneven ground in x and in y, m; its height is adapted to keep the start clear of it"""
 
 
 @dataclass
 class SearchSettings:
-    """The main job: evolve a rolling gait that stands perturbation, polish it by gradients, verify it, and show it.
+    """Search for a rolling gait: evolve it, polish it by gradients, verify it, and show it.
 
-    Thousands of rough rollouts screen gaits, the scene's own model goes on with the best, and few exact rollouts judge
-    what comes out. Every generation is saved: --resume goes on after an interruption, to the very same end. Leaves
-    gait.json, population.npz, trajectory.npz, figures, an animation, summary.json and a page to open (index.html).
+    Thousands of rough simulations screen gaits. The scene's own model improves the best of them, and a few fine
+    simulations verify the result. Every generation is saved: --resume continues an interrupted search to the same
+    result. Writes gait.json, population.npz, trajectory.npz, summary.json, figures, an animation and index.html.
     """
 
     scene: str = "exact"
-    """a scene of the library by its name (reference, exact, uphill), or a scene file (TOML), with a [gait]"""
+    """name of a library scene (reference, exact, uphill), or a scene file (TOML) with a [gait]"""
     out: Path = Path("results/gait_search")
-    """folder for everything this command leaves"""
+    """folder for all files of the search"""
     duration: float = 40.0
-    """horizon over which the objective counts, s"""
+    """simulated time of each rollout, s"""
     population: int = 128
-    """gaits in a generation"""
+    """number of gaits per generation"""
     generations: tuple[int, int] = (10, 2)
-    """generations of screening; on the scene's own model, where screening is on its contact twin"""
+    """numbers of generations: of screening, and then, if screening uses the contact twin, on the scene's own model"""
     optimiser: Literal["genetic", "cma-es"] = "genetic"
-    """what makes one generation from the last; cma-es needs the extra `baselines`"""
+    """search method; cma-es needs evosax (pip install 'jaxgrity[baselines]')"""
     robots: int = 4
-    """that each gait is tried on in a generation, drawn from what is uncertain"""
+    """number of perturbed robots that evaluate each gait in a generation"""
     objective: ObjectiveSettings = field(default_factory=ObjectiveSettings)
-    """what a rollout is worth"""
+    """objective of the search"""
     uncertainty: UncertaintySettings = field(default_factory=UncertaintySettings)
-    """half-widths of what is not known exactly; all zero, with --robots 1 --caution 0: as the model says"""
+    """half-widths by which perturbed robots differ; for no perturbation set all to 0, with --robots 1 --caution 0"""
     caution: float = 1.0
-    """standard deviations of its robots that are held against a gait"""
+    """number of standard deviations over perturbed robots that are subtracted from the mean objective"""
     amplitude: tuple[float, float] | None = (0.05, 0.5)
-    """bounds between which each member's amplitude evolves too; None: it stays as the scene's gait says"""
+    """bounds of each member's amplitude; None: the amplitudes of the scene's gait are kept"""
     frequency: tuple[float, float] | None = (0.3, 1.6)
-    """bounds (Hz) between which the gait's frequency evolves too; None: likewise"""
+    """bounds of the gait's frequency, Hz; None: the frequency of the scene's gait is kept"""
     scaled: bool = False
-    """whether amplitudes are scaled down to what the bound on the rate allows; else gaits beyond it are lost"""
+    """scale amplitudes down to the bound on the rate; by default gaits beyond the bound are discarded"""
     overtones: int = 0
-    """how many more sines each member's Fourier series has"""
+    """number of overtones in each member's Fourier series"""
     waves: Literal["every", "axis", "none"] = "every"
-    """whether actuators follow each other as every rotation of the robot says, or those about one axis, which lets it
-    turn, or each moves as it likes"""
+    """symmetry of the gaits: all rotations of the robot, those about one axis (the robot can turn), or none"""
     both_models: bool = True
-    """whether the best gaits are tried on both contact models before one is chosen"""
+    """evaluate the best gaits on both contact models before one is chosen"""
     attracting: bool = True
-    """whether, of the best, gaits whose orbit attracts disturbed robots come first"""
+    """among the best gaits, prefer those whose orbit attracts disturbed robots"""
     wide: bool = True
-    """whether screening looks widely first, and goes on with mutations of the best alone"""
+    """begin screening with many random gaits, and continue with mutations of the best"""
     members: Literal["scene", "struts", "cables"] = "scene"
-    """which members may be actuated"""
+    """members to actuate: those of the scene's gait, all struts, or all cables"""
     active: int | None = None
-    """how many of them are, which ones evolves too"""
+    """number of actuated members; the search also chooses which; None: all of them"""
     polish: Literal["smoothed", "pathwise", "combined", "orbit"] = "smoothed"
-    """by which gradient"""
+    """gradient for polishing"""
     polish_rollouts: int = 3072
-    """what polishing may cost; 0: no polish"""
+    """number of simulations that polishing may use; 0: no polish"""
     polish_overtones: int = 4
-    """how many overtones polishing shapes of gaits that are waves, those of the search at least"""
+    """number of overtones that polishing adds to gaits that are waves; at least those of the search"""
     polish_gaits: int = 1
-    """how many of the best gaits are polished"""
+    """number of the best gaits that are polished"""
     dt: float | None = None
-    """step of the scene's own model, s; verified at it and below, as errors ask; without it, the scene decides"""
+    """time step of the scene's own model, s; by default the scene decides; verification takes smaller steps too"""
     seed: int = 0
-    """the same seed gives the same search"""
+    """seed of the random number generator"""
     resume: bool = False
-    """go on with the search in the folder, which had the same settings"""
+    """continue the search in the folder; its settings must be the same"""
     restart: bool = False
-    """begin again where the folder holds an unfinished search"""
+    """start again if the folder holds an unfinished search"""
     quick: bool = False
-    """a small search, mostly compilation: 8 s at most, 16 gaits, 3 generations, 128 rollouts of polish"""
+    """small search: rollouts of at most 8 s, 16 gaits, 3 generations of screening, 256 simulations of polish"""
 
 
 @dataclass
 class CompareSettings:
-    """Compare gait searches: how they were searched, what they found, and how far that can be trusted."""
+    """Compare gait searches: their settings, what they found, and how far you can trust it."""
 
     runs: Annotated[tuple[Path, ...], Positional]
-    """folders that searches left"""
+    """result folders of searches"""
     out: Path = Path("results/compare_gaits")
     """folder for comparison.json and comparison.png"""
     quick: bool = False
-    """it is quick anyway"""
+    """no effect, since this command is quick"""
 
 
 @dataclass
 class DiagnoseSettings:
-    """Say how far one rollout of a scene can be trusted: error bars, energy and momentum, sensitivity, penetration."""
+    """Report how far you can trust a simulation: error bars, energy and momentum, sensitivity, penetration."""
 
     scene: Annotated[str, Positional]
-    """a scene of the library by its name (reference, exact, uphill), or a scene file (TOML)"""
+    """name of a library scene (reference, exact, uphill), or a scene file (TOML)"""
     gait: str | None = None
-    """a gait of the library by its name, or the gait.json of a search, in place of the scene's own"""
+    """name of a library gait, or the gait.json of a search; replaces the gait of the scene"""
     duration: float = 10.0
-    """s"""
+    """simulated time, s"""
     method: str | None = None
-    """rk4, tsit5, dopri8, kvaerno3, kvaerno5, verlet or complementarity; without it, the scene decides"""
+    """rk4, tsit5, dopri8, kvaerno3, kvaerno5, verlet or complementarity; by default the scene decides"""
     dt: float | None = None
-    """fixed step, s; without it, adaptive methods adapt theirs, others take a safe one"""
+    """fixed time step, s; by default adaptive methods adapt their step, and other methods take a safe one"""
     dtype: Literal["float32", "float64"] = "float64"
-    """precision of the rollout"""
+    """floating-point precision of the simulation"""
     out: Path = Path("results/diagnose")
     """folder for diagnosis.json and path.png"""
     quick: bool = False
-    """at most 2 s of motion"""
+    """simulate at most 2 s"""
 
 
 @dataclass
 class ExploreSettings:
-    """Open a page on this machine whose sliders change a robot, its gait and its ground, and that shows the motion."""
+    """Open a page with sliders for the robot, its gait and its ground, and watch how the motion changes."""
 
     scene: Annotated[str, Positional] = "exact"
-    """a scene of the library by its name (reference, exact, uphill), or a scene file (TOML)"""
+    """name of a library scene (reference, exact, uphill), or a scene file (TOML)"""
     duration: float = 10.0
-    """s of motion"""
+    """simulated time, s"""
     host: str = "127.0.0.1"
-    """address to answer at; any but this machine's own lets others in"""
+    """network address of the server; any other than the default lets other machines connect"""
     port: int = 8080
-    """or the next that is free"""
+    """port of the server; if it is taken, the next free one is used"""
     browser: bool = True
     """open the page in a browser"""
 
@@ -206,11 +205,11 @@ class InspectSettings:
     """Report on a structure's statics: self-stress, mechanisms, stability, member forces and natural frequencies."""
 
     scene: Annotated[str, Positional]
-    """a scene of the library by its name (reference, exact, uphill), or a scene file (TOML)"""
+    """name of a library scene (reference, exact, uphill), or a scene file (TOML)"""
     out: Path = Path("results/inspect")
     """folder for inspection.json and forces.png"""
     quick: bool = False
-    """it is quick anyway"""
+    """no effect, since this command is quick"""
 
 
 @dataclass
@@ -220,53 +219,54 @@ class CatalogueSettings:
     out: Path = Path("results/catalogue")
     """folder for catalogue.json, a picture of each structure, and one of all"""
     quick: bool = False
-    """the list alone, without pictures"""
+    """print the list without drawing pictures"""
 
 
 @dataclass
 class TrainSettings:
-    """Learn a policy by reinforcement learning, save it, judge it on new episodes, and leave a replay.
+    """Learn a policy by reinforcement learning, test it on new episodes, and save it with a replay.
 
-    Every 20 updates are saved: --resume goes on after an interruption. `jaxgrity.control.load_policy` loads policy.eqx.
+    Progress is saved every 20 updates: --resume continues after an interruption. Load policy.eqx with
+    `jaxgrity.control.load_policy`.
     """
 
     task: Annotated[str, Positional]
-    """speed, heading, goal, slope, bumps or recover"""
+    """task to learn: speed, heading, goal, slope, bumps or recover"""
     scene: str = "exact"
-    """a scene of the library by its name, or a scene file (TOML); its gait says which members are actuated"""
+    """name of a library scene, or a scene file (TOML); the members of its gait are actuated"""
     gait: str | None = None
-    """a gait in place of the scene's own"""
+    """name of a library gait, or the gait.json of a search; replaces the gait of the scene"""
     updates: int = 500
-    """of the policy; 65536 control periods each, with 512 robots"""
+    """number of updates of the policy; with 512 robots each takes 65536 control periods"""
     robots: int = 512
-    """side by side"""
+    """number of robots that learn side by side"""
     dt: float | None = 0.01
-    """step, s; without it, the scene decides"""
+    """time step, s; None: the scene decides"""
     episodes: int = 64
-    """new episodes, by which the policy is judged"""
+    """number of new episodes that test the policy"""
     seed: int = 0
     """seed of the random number generator"""
     resume: bool = False
-    """go on from what an earlier run with the same settings saved in the folder"""
+    """continue the run in the folder; its settings must be the same"""
     out: Path = Path("results/train")
     """folder for policy.eqx, learner.eqx, curve.json, learning.png, summary.json and replay.html"""
     quick: bool = False
-    """two tiny updates: to see how it goes on"""
+    """two tiny updates, to see the course of a run"""
 
 
 @dataclass
 class ConvertSettings:
-    """Turn a robot's file into another kind of file: TOML, YAML of NTRT, XML of MuJoCo, MATLAB, CSV, GLB, OBJ."""
+    """Convert a robot between file formats: TOML, NTRT (YAML), MuJoCo (XML), MATLAB, CSV, GLB, OBJ."""
 
     source: Annotated[str, Positional]
-    """the file to read (.toml, .yaml, .xml, .mat, .csv), or a scene of the library by its name"""
+    """file to read (.toml, .yaml, .xml, .mat, .csv), or name of a library scene"""
     target: Annotated[Path, Positional]
-    """the file to write (.toml, .xml, .mat, .csv, .glb, .obj)"""
+    """file to write (.toml, .xml, .mat, .csv, .glb, .obj)"""
     settle: bool = False
-    """let the structure come to rest first, without gravity, and set it down on its ground"""
+    """first let the structure come to rest without gravity, and set it down on its ground"""
     unit: float = 0.1
-    """m, the unit of length of NTRT's files"""
+    """length unit of NTRT files, m"""
     drop: tuple[str, ...] = ()
-    """kinds of what a MuJoCo model may lose: contact, radius, friction, limits, damping, actuators, air, forces"""
+    """parts of a MuJoCo model to leave out: contact, radius, friction, limits, damping, actuators, air, forces"""
     quick: bool = False
-    """it is quick anyway"""
+    """no effect, since this command is quick"""

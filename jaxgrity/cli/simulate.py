@@ -1,4 +1,4 @@
-"""Roll a scene out: once, with its own gait, or once for each row of phases in a CSV file."""
+"""Simulate a robot: once with the gait of its scene, or once for each row of a CSV file of phases."""
 
 import time
 from collections.abc import Callable
@@ -69,7 +69,7 @@ def chosen_scene(scene: str, gait: str | None) -> Scene:
     found = with_gait(found, load_gait(gait))
     home = gait_record(gait).get("scene")
     if home is not None and Path(home).stem != Path(scene).stem:
-        print(f"the gait {gait} was found on {home}")
+        print(f"note: the gait {gait} was found on the scene {home}")
     return found
 
 
@@ -122,7 +122,7 @@ def single(scene: Scene, duration: float, settings: SimulateSettings) -> dict[st
         error_bar = trust.error_bar if trust else None
         plot.drawn("path.png", lambda: plot.save(plot.path_figure(scene, trajectory, error_bar), out / "path.png"))
     if shown:
-        print(f"to see it in 3D, open {out}/replay.html in a browser")
+        print(f"to watch the motion in 3D, open {out}/replay.html in a browser")
     motion = plot.drawn("account of the motion", lambda: motion_report(scene, trajectory))
     print(conclusion(distance, trust.error_bar if trust else None, motion))
     if trust:
@@ -147,16 +147,16 @@ def single(scene: Scene, duration: float, settings: SimulateSettings) -> dict[st
 
 
 def conclusion(distance: float, error_bar: float | None, motion: MotionReport | None) -> str:
-    """What a rollout comes to, in words; that its distance (m) means nothing comes first, where that is so."""
+    """Distance and motion of a rollout in words. If the error bar exceeds the distance (m), a warning comes first."""
     if not np.isfinite(distance):
-        return "no distance: the rollout failed"
+        return "no distance: the simulation failed"
     moved = f"moved {significant(distance, 4)} m"
     if error_bar is not None and not np.isfinite(error_bar):
-        moved = f"the distance means nothing, since its error bar is unknown: {moved}"
+        moved = f"do not trust the distance, since its error bar is unknown: {moved}"
     elif error_bar is not None:
         moved = "moved " + with_error(distance, error_bar, " m", ".2g")
         if error_bar > distance:
-            moved = f"the distance means nothing, since its error bar is larger: {moved}"
+            moved = f"do not trust the distance, since its error bar is larger: {moved}"
     return moved if motion is None else f"{moved}\n{motion.sentence()}"
 
 
@@ -203,7 +203,8 @@ def several(scene: Scene, phases: np.ndarray, duration: float, settings: Simulat
         verified = verify(scene, gaits, duration, options=options)
         furthest = with_gait(scene, one_gait(gaits, int(np.nanargmax(distance))))
         trust = diagnosed(furthest, duration, options)
-        print(f"error bars: {np.median(verified.error_bar):.2g} m (median); of the furthest:\n{trust.table()}")
+        median = f"{np.median(verified.error_bar):.2g} m (median)"
+        print(f"error bars: {median}; report on the gait that goes furthest:\n{trust.table()}")
     steps = np.asarray(outcomes.steps)
     return {
         "method": outcomes.method,

@@ -1,4 +1,4 @@
-"""Learn a policy by reinforcement learning, save it, judge it on new episodes, and leave a replay."""
+"""Learn a policy by reinforcement learning, test it on new episodes, and save it with a replay."""
 
 import json
 import time
@@ -40,7 +40,7 @@ def main(settings: TrainSettings) -> None:
     periods = config.robots * config.decisions * config.held
     print(
         f"{settings.task}: {updates} updates of {periods} control periods, by {config.robots} robots. "
-        f"What is learned goes to {out}/. After Ctrl-C, --resume goes on.",
+        f"Results go to {out}/. After Ctrl-C, the same command with --resume continues.",
         flush=True,
     )
     now = learned(env, config, now, updates, curve, out)
@@ -55,7 +55,7 @@ def main(settings: TrainSettings) -> None:
     plot.save(curve_figure(curve, periods), out / "learning.png")
     trajectory = episode(env, now.policy, jax.random.key(settings.seed + 2))
     if plot.drawn("replay.html", lambda: view.keep_html(env.plant.scene, trajectory, out / "replay.html")):
-        print(f"to see an episode in 3D, open {out}/replay.html in a browser")
+        print(f"to watch an episode in 3D, open {out}/replay.html in a browser")
     named = {"task": settings.task, "scene": scene_name(settings.scene), "seed": settings.seed}
     save_json(out / "summary.json", named | facts | {"seconds": wall, "periods": periods, "curve": curve})
     print(f"wrote {out}/summary.json and {out}/policy.eqx")
@@ -70,7 +70,7 @@ def resumed(env: Environment, config: LearningConfig, settings: TrainSettings, o
         curve = json.loads(read_text(out / "curve.json"))
         return curve, eqx.tree_deserialise_leaves(out / "learner.eqx", first)
     except (OSError, RuntimeError, ValueError) as error:
-        raise InputError(f"{out}: nothing to resume with these settings; expected what `train` left there") from error
+        raise InputError(f"{out}: nothing to resume; expected an earlier run with the same settings") from error
 
 
 def learned(

@@ -149,7 +149,7 @@ def simulate_policy(
         policy: what its controller does.
         duration: s, rounded to whole control periods.
         start: q (nodes, 3), m, and v, m/s; as the scene stands, at rest, where not given.
-        seed: of the sensors' noise.
+        seed: seed of the sensors' noise.
 
     Returns:
         The motion, with a frame for each control period, and the contractions that the motors reached (`commands`),

@@ -183,7 +183,7 @@ def environment(
         scene: the robot, its ground and friction; its gait does not count, but for the members that it actuates.
         sensors: how they err; where not given, they do not.
         motors: what they can do; where not given, 1 m/s, and to shorten a member by half.
-        options: how to integrate; where not given, the scene decides.
+        options: solver options; by default the scene decides.
         seconds: of an episode, a multiple of 0.01 s.
         effort_cost: m s: times the mean square rate of the contractions, what effort costs.
 

@@ -126,7 +126,7 @@ def plant_of(
         period: s, from one command to the next, in which the method takes steps of one size.
         sensors: how they err; where not given, they do not.
         motors: what they can do; where not given, anything.
-        options: how to integrate; where not given, the scene decides.
+        options: solver options; by default the scene decides.
 
     Returns:
         The plant, of which `simulate_policy` makes a motion.

@@ -39,7 +39,7 @@ def save_mjcf(scene: Scene, path: str | Path, timestep: float | None = None, int
     cables only pull. Contact is MuJoCo's own, between nodes and the plane.
 
     Args:
-        scene: what to write.
+        scene: the scene to write.
         path: of the file (.xml), which appears whole or not at all.
         timestep: s; None: one that suits the stiffest spring.
         integrator: Euler, RK4, implicit or implicitfast.

@@ -36,7 +36,7 @@ def save_trajectory(trajectory: Trajectory, path: str | Path) -> None:
     axis, and units of all variables by the CF conventions, for `xarray.open_dataset(path)`.
 
     Args:
-        trajectory: what `simulate` returned.
+        trajectory: the motion, from `simulate`.
         path: of the file, whose ending says how; it appears whole or not at all.
 
     Raises:

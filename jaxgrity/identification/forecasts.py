@@ -123,7 +123,7 @@ def speed_forecast(
         gait: whose actuators share one frequency; the scene's own where not given.
         robots: how many are drawn.
         duration: s, for which the most probable robot is watched to find its orbit.
-        options: how to integrate, at a fixed step; where not given, the scene decides.
+        options: solver options with a fixed step; by default the scene decides.
 
     Returns:
         Speeds, slopes and shares.

@@ -143,7 +143,7 @@ def measured_motion(
         noise: their standard deviation: one number, one for each column, or one for each value.
         observation: what the columns are.
         starts: from where the motion starts, and how well that is known.
-        options: how to integrate; where not given, the scene decides. The precision is float64.
+        options: solver options; by default the scene decides. The precision is float64.
 
     Returns:
         What `identify` takes.

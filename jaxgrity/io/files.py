@@ -55,7 +55,7 @@ def load_phases(path: str | Path, actuators: int) -> np.ndarray:
     for number, row in enumerate(rows, start=1):
         if len(row) != actuators:
             raise InputError(
-                f"{path}: row {number} has {len(row)} phases; expected {actuators}, one an actuated member"
+                f"{path}: row {number} has {len(row)} phases; expected {actuators}, one per actuated member"
             )
         for text in row:
             if not _is_finite(text):

@@ -76,7 +76,7 @@ def save_scene(scene: Scene, path: str | Path) -> None:
     the file needs no other, and does not change where a formula of the library does.
 
     Args:
-        scene: what to write.
+        scene: the scene to write.
         path: of the file, which appears whole or not at all.
 
     Raises:

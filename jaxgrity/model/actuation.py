@@ -19,9 +19,9 @@ class Overtone(eqx.Module):
     """One more sine in every member's rest length, at a multiple of the gait's frequency."""
 
     size: PerActuator = eqx.field(converter=as_float)
-    """of the sine, where the gait's own is 1; not negative"""
+    """amplitude of the sine relative to the gait's first sine; not negative"""
     phase: PerActuator = eqx.field(converter=as_float)
-    """rad"""
+    """phase of the sine, rad"""
 
     def __check_init__(self):
         if isinstance(self.size, np.ndarray) and np.any(self.size < 0):
@@ -32,37 +32,36 @@ class Gait(eqx.Module):
     """Periodic rest lengths: L_k(t) = L0_k (1 - delta_k/2 r(t) (1 + s_k(t))).
 
     s_k = sin(2 pi f_k t + phase_k), or with overtones the normalised Fourier series
-    (sin(2 pi f_k t + phase_k) + sum_h a_hk sin(2 pi h f_k t + phase_hk))/(1 + sum_h a_hk), h = 2, 3, ..., which stays
-    within -1 and 1. r(t) = clip((t - start)/ramp, 0, 1) lets the robot settle first and keeps the motion smooth.
+    (sin(2 pi f_k t + phase_k) + sum_h a_hk sin(2 pi h f_k t + phase_hk))/(1 + sum_h a_hk), h = 2, 3, ..., between
+    -1 and 1. The ramp r(t) = clip((t - start)/ramp, 0, 1) lets the robot settle first and keeps the motion smooth.
 
-    A population of gaits is one `Gait` whose arrays have a row for each; start and ramp are common to all.
+    A population of gaits is one `Gait` whose arrays have a row per gait; start and ramp are shared.
     """
 
     members: tuple[int, ...] = eqx.field(static=True)
-    """which members are actuated: struts count from 0, cables go on after them"""
+    """numbers of the actuated members: struts count from 0, cables follow"""
     phase: PerActuator = eqx.field(converter=as_float)
-    """rad"""
+    """phase of each actuated member, rad"""
     amplitude: PerActuator = eqx.field(converter=as_float)
-    """delta: a member shortens by at most this fraction of its rest length; 0 or more, less than 1"""
+    """delta: largest fraction by which each member shortens, from 0 to less than 1"""
     frequency: PerActuator = eqx.field(converter=as_float)
-    """f, Hz, not negative"""
+    """frequency f of each member, Hz, not negative"""
     start: Scalar = eqx.field(converter=as_float, default=0.0)
-    """s; where it is the end of a step, as of the library's gaits, the motion's derivative in it has two sides"""
+    """time at which the gait begins, s. If a step ends there, as with library gaits, derivatives with respect to it
+    differ on both sides"""
     ramp: Scalar = eqx.field(converter=as_float, default=1.0)
-    """s"""
+    """time in which the gait reaches its full amplitude, s"""
     overtones: tuple[Overtone, ...] = ()
-    """of twice the frequency, three times, and so on"""
+    """further sines, at 2, 3, ... times the frequency"""
     robot: str | None = eqx.field(static=True, default=None)
-    """`Structure.robot` of the one that it is for; None: any that has these members"""
+    """fingerprint (`Structure.robot`) of the gait's robot; None: any robot with these members"""
 
     def __check_init__(self):
         if isinstance(self.ramp, np.ndarray) and not np.all(self.ramp > 0):
             raise InputError(f"gait.ramp = {self.ramp}: expected a positive time, s, however short")
         if isinstance(self.amplitude, np.ndarray) and np.any((self.amplitude < 0) | (self.amplitude >= 1)):
             worst = self.amplitude.min() if np.any(self.amplitude < 0) else self.amplitude.max()
-            raise InputError(
-                f"gait.amplitude = {worst}: expected from 0 to less than 1, at which a rest length reaches zero"
-            )
+            raise InputError(f"gait.amplitude = {worst}: expected 0 to less than 1; at 1 a rest length reaches zero")
         if isinstance(self.frequency, np.ndarray) and np.any(self.frequency < 0):
             raise InputError(f"gait.frequency = {self.frequency.min()} Hz: expected none negative")
         for k in self.members:
@@ -75,54 +74,53 @@ class Gait(eqx.Module):
 
 
 class Command(eqx.Module):
-    """Rest lengths that a controller asks for: L_k(t) = L0_k (1 - (now_k + rate_k (t - since))).
+    """Rest lengths that a controller commands: L_k(t) = L0_k (1 - (now_k + rate_k (t - since))).
 
-    In a closed loop it stands in a scene in the place of its gait, for one control period at a time.
+    In a closed loop it replaces the gait of a scene for one control period.
     """
 
     members: tuple[int, ...] = eqx.field(static=True)
-    """which members are actuated, as in a `Gait`"""
+    """numbers of the actuated members, as in a `Gait`"""
     now: PerActuator
-    """by which fraction each is shortened at `since`"""
+    """fraction by which each member is shortened at `since`"""
     rate: PerActuator
-    """1/s, by which that fraction grows"""
+    """growth rate of that fraction, 1/s"""
     since: Scalar
-    """s"""
+    """start of the control period, s"""
 
 
 class Commands(eqx.Module):
-    """Rest lengths that a controller asked for over time: L_k(t) = L0_k (1 - c_k(t)), c_k linear between the times.
+    """Rest lengths that a controller commanded over time: L_k(t) = L0_k (1 - c_k(t)), c_k linear between the times.
 
-    What a motion in a closed loop remembers of its controller. Before the first time and after the last one c_k goes
-    on at the rate that it has there.
+    A motion in a closed loop saves them. Before the first time and after the last, c_k continues at its rate there.
     """
 
     members: tuple[int, ...] = eqx.field(static=True)
-    """which members are actuated, as in a `Gait`"""
+    """numbers of the actuated members, as in a `Gait`"""
     times: Times
     """(times,), s, ascending; two or more"""
     contraction: AnyArray
-    """(times, actuators), by which fraction each is shortened"""
+    """(times, actuators), fraction by which each member is shortened"""
 
 
 Actuation = Gait | Command | Commands
-"""What changes rest lengths: a gait, a command, or the commands that were given."""
+"""Anything that changes rest lengths: a gait, a command, or recorded commands."""
 
 
 def random_members(candidates: range, fraction: float, seed: int) -> tuple[int, ...]:
-    """About `fraction` of the candidates (at least one), drawn at random without replacement, in ascending order."""
+    """Random members, ascending: about `fraction` of the candidates, at least one, without replacement."""
     count = max(1, round(fraction * len(candidates)))
     chosen = np.random.default_rng(seed).choice(np.asarray(candidates), count, replace=False)
     return tuple(sorted(int(k) for k in chosen))
 
 
 def random_phases(gaits: int, actuators: int, seed: int) -> np.ndarray:
-    """`gaits` rows of phases, uniform on the circle, rad."""
+    """(gaits, actuators), random phases, uniform between 0 and 2 pi, rad."""
     return np.random.default_rng(seed).uniform(0, 2 * np.pi, (gaits, actuators))
 
 
 def contraction(gait: Actuation, t: Scalar) -> PerActuator:
-    """By which fraction each actuated member is shortened at time t."""
+    """(actuators,), fraction by which each member is shortened at time t."""
     if isinstance(gait, Command):
         return gait.now + gait.rate * (t - gait.since)
     if isinstance(gait, Commands):
@@ -140,10 +138,9 @@ def contraction(gait: Actuation, t: Scalar) -> PerActuator:
 
 
 def waves_ahead(gait: Gait, angle: AnyArray) -> Gait:
-    """The gait whose waves are `angle` (rad, of each actuated member) ahead, and keep their shapes.
+    """The gait with each member's wave `angle` (rad, one per actuated member) ahead; a negative angle delays it.
 
-    Harmonic h moves by h times as much, as where an actuator is early, or late where the angle is negative. In the
-    precision of the gait.
+    Waves keep their shapes: harmonic h moves by h times the angle. The result has the precision of the gait.
     """
     dtype = gait.phase.dtype
     overtones = tuple(
@@ -155,7 +152,7 @@ def waves_ahead(gait: Gait, angle: AnyArray) -> Gait:
 
 @typed
 def rest_length(members: Members, gait: Actuation | None, t: Scalar, first: int) -> PerMember:
-    """L(t) of the struts or of the cables, m; `first` is the number that a gait gives to the first of them."""
+    """L(t) of the struts or of the cables, m; `first` is the number of the first of them in a gait."""
     count = len(members.edges)
     own = members.rest_length
     for motor in members.motors:
@@ -176,20 +173,20 @@ def rest_length(members: Members, gait: Actuation | None, t: Scalar, first: int)
 
 @eqx.filter_jit
 def rest_lengths_along(members: Members, gait: Actuation | None, times: Times, first: int) -> AnyArray:
-    """(times, members), m: L(t) as `rest_length` says, at many times in one program."""
+    """(times, members), m: L(t) from `rest_length` at many times, in one program."""
     return jax.vmap(lambda t: rest_length(members, gait, t, first))(times)
 
 
 def check_robot(gait: Gait, structure: Structure) -> None:
-    """Raises `InputError` where the gait is that of another robot."""
+    """Raises `InputError` if the gait was made for another robot."""
     if gait.robot not in (None, structure.robot):
         raise InputError(
-            f"gait: that of another robot, of {gait.robot}; this one has {structure.robot}; expected a gait of its own"
+            f"gait: made for a robot of {gait.robot}; this one has {structure.robot}; expected a gait for this robot"
         )
 
 
 def check_fit(gait: Gait, structure: Structure) -> None:
-    """Raises `InputError` where the gait does not fit the structure."""
+    """Raises `InputError` if the gait does not fit the structure."""
     check_robot(gait, structure)
     members = structure.member_count
     if len(set(gait.members)) < len(gait.members):
@@ -213,11 +210,11 @@ def check_fit(gait: Gait, structure: Structure) -> None:
 
 
 def peak_rates(gait: Gait, rest_lengths: PerMember, samples: int = 96) -> PerActuator:
-    """The largest |dL/dt| of every actuated member over a period, m/s, once the ramp is over; of a population too.
+    """Largest |dL/dt| of each actuated member over a period after the ramp, m/s; also for a population.
 
-    L0 delta/2 2 pi f max |s'|, s' being the wave's derivative in its angle: 1 for a single sine. With overtones it is
-    the largest of so many `samples`, which begin with the first harmonic, so that it depends on the wave's shape alone,
-    and of the parabolas through three of them. `rest_lengths` are L0, m, (actuators,).
+    It is L0 delta/2 2 pi f max |s'|, with the wave's derivative s' with respect to its angle. For a single sine,
+    max |s'| is 1. With overtones it comes from `samples` of the wave, and parabolas through them. Samples begin at the
+    phase of the first harmonic, so the result depends only on the wave's shape. `rest_lengths` are L0, (actuators,), m.
     """
     steepest: PerActuator | float = 1.0
     if gait.overtones:
@@ -237,6 +234,6 @@ def peak_rates(gait: Gait, rest_lengths: PerMember, samples: int = 96) -> PerAct
 
 
 def actuated_lengths(structure: Structure, members: tuple[int, ...]) -> PerMember:
-    """Rest lengths of the actuated members, m, as built."""
+    """(actuators,), rest lengths L0 of the actuated members, m."""
     kinds = [m for m in (structure.struts, structure.cables) if m is not None]
     return jnp.concatenate([jnp.asarray(m.rest_length) for m in kinds])[np.array(members)]

@@ -1,4 +1,4 @@
-"""The contact twin of a scene: the same robot on the other contact model. What holds on both is no artefact of one."""
+"""The contact twin of a scene: the same robot on the other contact model."""
 
 import dataclasses
 
@@ -14,7 +14,7 @@ from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import Members, Structure, edge_lengths
 
 DEPTH = 2e-3
-"""Depth to which three nodes that carry the weight sink into penalty ground, as a share of the body's length."""
+"""Depth to which three nodes that carry the weight sink into penalty ground, as a fraction of the body length."""
 RELAXATION = 1.8e-3
 """Ratio c/K of the springs that replace rigid struts, s for a body of one metre."""
 DISSIPATION = 2.0
@@ -25,13 +25,13 @@ SLIP_SPEED = 0.01
 
 @typed
 def exact_twin(scene: Scene) -> Scene:
-    """The scene with rigid struts, exact contact without rebound, and Coulomb's cone, in a pose that it can start from.
+    """The scene with rigid struts, exact contact without restitution, and Coulomb's cone.
 
-    It is the limit of stiff struts and a stiff ground that give nothing back, and of a slip speed of zero; the Coulomb
-    switch keeps its kinetic friction. Where struts start strained, the rigid ones have the lengths of the start: those
-    are what the springs have under load. A start below the ground is lifted until it touches.
+    It is the limit of stiff struts, a stiff ground without rebound, and a slip speed of zero. The Coulomb switch keeps
+    its kinetic friction. If struts start strained, the rigid struts have their lengths at the start. A start below the
+    ground is lifted until it touches.
 
-    Raises `InputError` where struts are in motion at t = 0, since each gait then needs a start of its own.
+    Raises `InputError` if struts move at t = 0, since each gait then needs its own start.
     """
     _check_starts_still(scene)
     structure, struts = scene.structure, scene.structure.struts
@@ -53,17 +53,21 @@ def exact_twin(scene: Scene) -> Scene:
 def penalty_twin(scene: Scene) -> Scene:
     """The scene with spring struts, penalty contact and smooth friction.
 
-    The ground is as stiff as lets three nodes that carry the weight sink by `DEPTH`, a strut twice as stiff; they
-    dissipate as in the scene "reference", whose numbers follow from those of the scene "exact" by this rule.
+    Three nodes that carry the weight sink into the ground by `DEPTH`, which gives the stiffness. A strut is twice as
+    stiff. Damping follows the scene "reference", which is the penalty twin of the scene "exact".
 
-    Raises `InputError` where no weight says how stiff a ground should be.
+    Raises `InputError` without gravity or members, since the stiffness follows from them.
     """
     struts, ground, friction = scene.structure.struts, scene.ground, scene.friction
     if scene.gravity is None:
-        raise InputError("gravity: not modelled; expected it, since the weight says how stiff a ground should be")
+        raise InputError(
+            "gravity: not modelled; expected [gravity], since the ground's stiffness follows from the weight"
+        )
     members = struts or scene.structure.cables
     if members is None:
-        raise InputError("the structure has no members; expected some, whose length says how deep it may sink")
+        raise InputError(
+            "the structure has no members; expected some, since the ground's stiffness follows from their length"
+        )
     size = float(edge_lengths(scene.structure.nodes, members.edges).max())
     stiffness, structure = float(scene.structure.mass) * float(scene.gravity) / (3 * DEPTH * size), scene.structure
     speed = float(speed_scale(scene))
@@ -81,7 +85,10 @@ def penalty_twin(scene: Scene) -> Scene:
 
 @typed
 def contact_twin(scene: Scene) -> Scene:
-    """The scene on the other contact model. Raises as `exact_twin` and `penalty_twin` do."""
+    """The same robot on the other contact model: what holds on both is no artefact of one.
+
+    Raises `InputError` as `exact_twin` and `penalty_twin` do.
+    """
     return penalty_twin(scene) if scene.constrained else exact_twin(scene)
 
 
@@ -89,13 +96,13 @@ def _check_starts_still(scene: Scene) -> None:
     gait, struts = scene.gait, scene.structure.struts
     if gait is not None and struts is not None and any(k < len(struts.edges) for k in gait.members) and gait.start < 0:
         raise InputError(
-            f"gait.start = {float(gait.start):g}: struts are in motion at t = 0, and rigid ones cannot start from the "
+            f"gait.start = {float(gait.start):g}: struts move at t = 0, so rigid struts cannot start from the "
             "same pose in every gait; expected 0 or later"
         )
 
 
 def _built_lengths(struts: Members, nodes, size: float) -> np.ndarray:
-    """The struts' rest lengths, m, but the lengths at the start where those differ from them."""
+    """Rest lengths of the struts, m; for struts that start strained, their lengths at the start."""
     built, rest = edge_lengths(nodes, struts.edges), struts.rest_length
     return np.where(np.abs(built - rest) > LARGEST_GAP * size, built, rest)
 

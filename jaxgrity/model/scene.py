@@ -1,4 +1,4 @@
-"""A scene: the composition of a structure and of what acts on it, and the two scalar functions that it is."""
+"""A scene: a structure, everything that acts on it, and the resulting functions U and R."""
 
 import dataclasses
 from typing import Any, TypeVar
@@ -37,38 +37,38 @@ from jaxgrity.model.shaking import SupportMotion
 from jaxgrity.model.structure import Structure, member_vectors
 
 LAWS_OF_STRUCTURES = (StrutSprings, *RIGID, CableSprings, NodeDamping, StrutDamping, CableDamping, Gravity)
-"""The laws that a scene has where its structure calls for them. Ground and friction bring their own laws."""
+"""Laws that follow from a scene's structure. Ground and friction add their own laws."""
 KNOWN_LAWS = (*LAWS_OF_STRUCTURES, PenaltyContact, ExactContact, ContactDissipation)
 KNOWN_FRICTIONS = (SmoothFriction, SwitchFriction, ConeFriction)
-"""The kinds of friction that `describe` lists, beside the laws, as modelled or not."""
+"""Kinds of friction that `describe` lists as modelled or not, in addition to `KNOWN_LAWS`."""
 CONSTRAINTS_MET = (*RIGID, ExactContact, CoulombCone)
-"""The constraints that complementarity stepping satisfies."""
+"""Constraints that complementarity stepping satisfies."""
 BOOKED_OTHERWISE = ("actuation", "supports", "impulse", "moment")
-"""What the energy audit lists beside the causes of dissipation."""
+"""Entries of the energy audit that are no causes of dissipation."""
 
 
 class Scene(eqx.Module):
-    """What is simulated. A part that is None is not modelled, and leaves no trace in the compiled program.
+    """A robot and everything that acts on it. A part that is None is not modelled, and costs nothing.
 
-    Raises `InputError` where the parts do not fit each other.
+    Raises `InputError` if the parts do not fit each other.
     """
 
     structure: Structure
     gravity: Scalar | None = eqx.field(converter=as_float_or_none, default=None)
-    """g, m/s^2, along -z"""
+    """g, m/s^2, along -z; None: no gravity"""
     node_damping: PerNode | None = eqx.field(converter=as_float_or_none, default=None)
-    """c, N s/m"""
+    """damping c of each node, N s/m"""
     ground: Ground | None = None
     friction: Friction | None = None
     gait: Gait | None = None
     up: Vector | None = eqx.field(converter=as_float_or_none, default=None)
-    """(3,), unit vector against gravity, where the ground leans more than its file says; None: z"""
+    """(3,), unit vector against gravity; differs from z if the ground leans more than its incline; None: z"""
     shaking: SupportMotion | None = None
-    """how the supports move; None: they do not"""
+    """motion of the supports; None: they stay"""
     terms: tuple[Law, ...] = ()
-    """further laws: terms of U and R of one's own (docs/extending.md)"""
+    """your own laws: further terms of U and R (docs/extending.md)"""
     scales: Scales | None = None
-    """what rollouts compute once for all their steps; None: it is computed where needed"""
+    """scales that a rollout computes once for all steps; None: they are computed when needed"""
 
     def __check_init__(self):
         check_fields(self)
@@ -85,12 +85,12 @@ class Scene(eqx.Module):
             if self.ground is None:
                 raise InputError("friction needs a ground to act on; expected [ground] beside [friction]")
             if self.friction.impulsive != self.ground.impulsive:
-                goes = "a cone goes with exact contact, smooth friction and the switch with penalty contact"
+                goes = "expected a cone with exact contact, smooth friction or the switch with penalty contact"
                 raise InputError(f"friction.kind does not fit ground.contact: {goes}")
         for law in self.constraints:
             if type(law) not in CONSTRAINTS_MET:
                 known = ", ".join(kind.name for kind in CONSTRAINTS_MET)
-                raise InputError(f"{law.name}: no method meets this constraint; expected one of {known}, or a force")
+                raise InputError(f"{law.name}: no method solves this constraint; expected one of {known}, or a force")
         if self.ground is not None and self.ground.balls is not None:
             self.ground.balls.check(nodes)
         if self.shaking is not None:
@@ -100,7 +100,7 @@ class Scene(eqx.Module):
 
     @property
     def laws(self) -> tuple[Law, ...]:
-        """Everything that acts in the scene, in the order in which U and R sum it up."""
+        """All laws of the scene, in the order of the sums U and R."""
         found: list[Law] = [law for kind in LAWS_OF_STRUCTURES if (law := kind.of(self)) is not None]
         if self.ground is not None:
             found += self.ground.laws()
@@ -120,17 +120,17 @@ class Scene(eqx.Module):
 
     @property
     def force_laws(self) -> tuple[ForceLaw, ...]:
-        """The forces that come neither from U nor from R."""
+        """The laws that give forces directly, without U or R."""
         return tuple(law for law in self.laws if isinstance(law, ForceLaw))
 
     @property
     def constraints(self) -> tuple[Constraint, ...]:
-        """What complementarity stepping alone can meet."""
+        """The constraints, which complementarity stepping satisfies."""
         return tuple(law for law in self.laws if isinstance(law, Constraint))
 
     @property
     def dissipates(self) -> bool:
-        """Whether any force of the scene depends on velocity; impulses of exact contact are not forces."""
+        """Whether any force depends on velocity; impulses of exact contact are not forces."""
         return bool(self.dissipation_terms or self.force_laws)
 
     @property
@@ -139,10 +139,10 @@ class Scene(eqx.Module):
         return bool(self.constraints)
 
     def potential_energy(self, q: NodeVectors, t: Scalar, vectors: VectorsByKind | None = None) -> Scalar:
-        """U(q, t) = U_struts + U_cables + U_gravity + U_contact + ..., J, of the terms that the scene has.
+        """U(q, t) = U_struts + U_cables + U_gravity + U_contact + ..., J: the sum of the scene's terms.
 
-        Given `vectors`, the members' d at q, U is a function of them too: dU/dq then lacks what acts along the members,
-        which is dU/d(vectors).
+        If `vectors` (the members' d at q) are given, U is a function of them too. Then dU/dq lacks the forces along the
+        members, which are dU/d(vectors).
         """
         at = self.configuration(q, t, vectors)
         return sum((term.energy(at) for term in self.energy_terms), jnp.zeros((), q.dtype))
@@ -155,11 +155,11 @@ class Scene(eqx.Module):
         normal_force: PerNode | None,
         vectors: tuple[VectorsByKind, VectorsByKind] | None = None,
     ) -> Scalar:
-        """R(v; q, t) = R_nodes + R_struts + R_cables + R_contact + R_friction + ..., W, of the terms that there are.
+        """R(v; q, t) = R_nodes + R_struts + R_cables + R_contact + R_friction + ..., W: the sum of the scene's terms.
 
-        `normal_force` (N, per node) is an input of its own because friction's R holds it fixed: it depends on v too,
-        and only the derivative at fixed F_n is the friction force. Given `vectors`, d and d' of the members, R is a
-        function of d' too, as U is of d.
+        `normal_force` (N, per node) is a separate argument because friction's R holds it fixed. It depends on v too,
+        and only the derivative at fixed F_n is the friction force. If `vectors` (d and d' of the members) are given,
+        R is a function of d' too, as U is of d.
         """
         terms = self.dissipation_by_cause(v, q, t, normal_force, vectors)
         return sum(terms.values(), jnp.zeros((), v.dtype))
@@ -172,7 +172,7 @@ class Scene(eqx.Module):
         normal_force: PerNode | None,
         vectors: tuple[VectorsByKind, VectorsByKind] | None = None,
     ) -> dict[str, Scalar]:
-        """The terms of R by their causes, W; terms of one cause are added up."""
+        """The terms of R, W, summed by cause."""
         motion = self.motion(v, q, t, normal_force, vectors)
         found: dict[str, Scalar] = {}
         for term in self.dissipation_terms:
@@ -181,7 +181,7 @@ class Scene(eqx.Module):
         return found
 
     def configuration(self, q: NodeVectors, t: Scalar, vectors: VectorsByKind | None = None) -> Configuration:
-        """What terms of U are functions of."""
+        """The argument of the terms of U."""
         d = member_vectors(q, self.structure.kinds) if vectors is None else vectors
         return Configuration(q, t, d, self)
 
@@ -193,23 +193,23 @@ class Scene(eqx.Module):
         normal_force: PerNode | None,
         vectors: tuple[VectorsByKind, VectorsByKind] | None = None,
     ) -> Motion:
-        """What terms of R are functions of."""
+        """The argument of the terms of R."""
         if vectors is None:
             vectors = member_vectors(q, self.structure.kinds), member_vectors(v, self.structure.damped)
         d, rates = vectors
         return Motion(v, rates, normal_force, Configuration(q, t, d, self))
 
     def during(self, begin: Scalar | AnyArray, end: Scalar) -> "Scene":
-        """The scene whose terms act at each time from `begin` to `end`, s, as they do in their mean.
+        """The scene whose terms act with their mean from `begin` to `end`, s.
 
-        Of many robots side by side, with the population last in all arrays, `begin` may be one number for each.
+        For robots side by side (population last in all arrays), `begin` may have one number per robot.
         """
         if all(type(term).during is Law.during for term in self.terms):
             return self
         return eqx.tree_at(lambda scene: scene.terms, self, tuple(term.during(begin, end) for term in self.terms))
 
     def normal_force(self, q: NodeVectors, v: NodeVectors) -> PerNode | None:
-        """F_n of penalty contact, N, where friction, or a term of one's own, may need it."""
+        """F_n of penalty contact, N, if friction or one of your own terms may need it."""
         if self.ground is None or not (self.friction is not None or self.terms):
             return None
         return self.ground.normal_force(q, v)
@@ -222,8 +222,8 @@ class Scene(eqx.Module):
 def with_gait(scene: Scene, gait: Gait | None) -> Scene:
     """The scene with another gait, or with none.
 
-    Raises `InputError` where the gait does not fit the structure, or is that of another robot, as gaits of the library
-    and of searches know.
+    Raises `InputError` if the gait does not fit the structure, or was made for another robot. Gaits of the library and
+    of searches know their robot.
     """
     if gait is not None and gait.robot is not None:
         check_robot(gait, scene.structure)
@@ -233,9 +233,9 @@ def with_gait(scene: Scene, gait: Gait | None) -> Scene:
 
 @typed
 def with_terms(scene: Scene, *terms: Law) -> Scene:
-    """The scene with further laws of one's own, beside those that it has.
+    """The scene with your own laws added.
 
-    Raises `InputError` where one cannot act in it: it names nodes that are not there, or gives no single number.
+    Raises `InputError` if a law cannot act in the scene: it names a missing node, or does not return a single number.
     """
     more = dataclasses.replace(scene, terms=(*scene.terms, *terms))
     check_laws(more)
@@ -243,7 +243,7 @@ def with_terms(scene: Scene, *terms: Law) -> Scene:
 
 
 def check_laws(scene: Scene) -> None:
-    """Raises `InputError` where a law that is not one of the library's usual ones cannot act in the scene."""
+    """Raises `InputError` if a law beyond the library's usual ones cannot act in the scene."""
     for law in scene.laws:
         if type(law) not in KNOWN_LAWS:
             check_law(law, scene)
@@ -273,28 +273,28 @@ def with_scales(scene: Scene) -> Scene:
 
 
 def start_of(scene: Scene) -> State:
-    """The structure as it is posed, at rest: NumPy's zeros, which are known to be zeros where all else is traced."""
+    """The structure's nodes at rest. Velocities are NumPy zeros, which stay known when JAX traces the rest."""
     q = scene.structure.nodes
     return q, np.zeros(q.shape, q.dtype)
 
 
 @typed
 def body_length(scene: Scene) -> Scalar:
-    """The longest strut as built, m; of a structure without struts, the longest cable.
+    """Length of the longest strut in the given shape, m; without struts, of the longest cable.
 
-    Raises `InputError` where there are no members.
+    Raises `InputError` if there are no members.
     """
     members = scene.structure.struts or scene.structure.cables
     if members is None:
-        raise InputError("the structure has no members; expected some, to measure its length in")
+        raise InputError("the structure has no members; expected some, whose length is the body length")
     i, j = np.array(members.edges).T
     nodes = scene.structure.nodes
     return namespace_of(nodes).sqrt(((nodes[i] - nodes[j]) ** 2).sum(1).max())
 
 
 def _check_term(term: Law) -> None:
-    """Refuse what would be left out of the motion, or of the energy audit, without a word."""
+    """Refuse laws that the motion or the energy audit would silently ignore."""
     if not isinstance(term, (EnergyTerm, DissipationTerm, ForceLaw)):
         raise InputError(f"terms has {term!r}; expected an EnergyTerm, a DissipationTerm or a ForceLaw")
     if (cause := getattr(term, "cause", "")) in BOOKED_OTHERWISE:
-        raise InputError(f"terms: the cause of {term.name!r} is {cause!r}, which the energy audit uses otherwise")
+        raise InputError(f"terms: {term.name!r} has cause {cause!r}, which the energy audit reserves; expected another")

@@ -29,27 +29,27 @@ from jaxgrity.model.motors import Motor
 
 
 class Members(eqx.Module):
-    """Members of one kind, in the order of their edges: struts, which push and pull, or cables, which only pull.
+    """All struts, which push and pull, or all cables, which only pull.
 
-    Raises `InputError` where there are none, or an array has not one number for each member.
+    Raises `InputError` if there are no members, or if an array does not have one number per member.
     """
 
     edges: Edges = eqx.field(static=True)
-    """(i, j), the nodes that each member joins"""
+    """(i, j) for each member: the nodes at its ends"""
     stiffness: PerMember | None = eqx.field(converter=as_float_or_none)
-    """K, N/m; None: rigid, |x_i - x_j| = L(t) is a constraint"""
+    """stiffness K of each member, N/m; None: rigid, so that |x_i - x_j| = L(t) is a constraint"""
     rest_length: PerMember = eqx.field(converter=as_float)
-    """L, m, where nothing actuates the member"""
+    """rest length L of each member without actuation, m"""
     damping: PerMember | None = eqx.field(converter=as_float_or_none, default=None)
-    """c, N s/m, along the member; None: not modelled"""
+    """damping c along each member, N s/m; None: no damping"""
     stuck: tuple[int, ...] = eqx.field(static=True, default=())
-    """those of the members (from 0) that keep their rest length whatever a gait asks of them"""
+    """numbers (from 0) of the members that ignore the gait and keep their rest length"""
     mass: PerMember | None = eqx.field(converter=as_float_or_none, default=None)
-    """m, kg, spread evenly along the member; None: without mass"""
+    """mass of each member, kg, spread evenly along it; None: no mass"""
     clusters: Clusters = eqx.field(static=True, default=())
-    """cables of several segments, each a tuple of members (from 0) that follow each other: see `clusters.py`"""
+    """cables that slide through several nodes: for each, the numbers (from 0) of its segments in order"""
     motors: tuple[Motor, ...] = ()
-    """what winds some of the members"""
+    """motors that wind members"""
 
     def __check_init__(self):
         if not self.edges:
@@ -69,28 +69,28 @@ class Members(eqx.Module):
 
     @property
     def rigid(self) -> bool:
-        """Whether the members are constraints, not springs."""
+        """Whether the members are constraints instead of springs."""
         return self.stiffness is None
 
 
 class Structure(eqx.Module):
-    """Point masses, in the positions from which a simulation starts, and the struts and cables between them.
+    """Nodes with their masses and initial positions, and the struts and cables between them.
 
-    Raises `InputError` where the arrays do not fit each other, or a member joins a node that is not there.
+    Raises `InputError` if the arrays do not fit each other, or a member joins a missing node.
     """
 
     nodes: NodeVectors = eqx.field(converter=as_float)
-    """initial positions, m"""
+    """(nodes, 3), initial positions, m"""
     node_mass: PerNode = eqx.field(converter=as_float)
-    """m_i, kg; it may be 0 where a member has mass, or where the node is fixed"""
+    """(nodes,), mass of each node, kg; it may be 0 if a member there has mass, or if the node is fixed"""
     struts: Members | None = None
     cables: Members | None = None
     fixed: Supports = eqx.field(static=True, default=())
-    """supports: (node, "xyz") for one that does not move, (node, "xz") for one that moves along y alone"""
+    """supports: (node, "xyz") for a fixed node, (node, "xz") for a node that moves along y only"""
     bodies: Bodies = ()
-    """rigid bodies, to which nodes are fixed: see `rigid_body`"""
+    """rigid bodies, from `rigid_body`, to which nodes are fixed"""
     mobility: Mobility | None = None
-    """what `inertia.with_mobility` computes once for all steps of a rollout; None: it is computed where needed"""
+    """response of nodes to forces, computed once for all steps of a rollout; None: it is computed when needed"""
 
     def __check_init__(self):
         shape, count = np.shape(self.nodes), np.shape(self.node_mass)
@@ -103,7 +103,7 @@ class Structure(eqx.Module):
                 if not all(0 <= node < shape[0] for node in edge):
                     raise InputError(f"structure.{name}[{k}] = {list(edge)}: expected nodes from 0 to {shape[0] - 1}")
         if self.struts is not None and self.struts.clusters:
-            raise InputError("structure.struts: struts run straight; expected clusters of cables alone")
+            raise InputError("structure.struts: struts cannot slide through nodes; expected clusters of cables only")
         _check_supports(self.fixed, shape[0])
         check_bodies(self.bodies, shape[0], [node for node, _ in self.fixed])
         _check_masses(self)
@@ -115,13 +115,13 @@ class Structure(eqx.Module):
 
     @property
     def rod_masses(self) -> tuple[tuple[AnyArray, Edges], ...]:
-        """The masses, kg, of the struts and of the cables, those that have mass, and the nodes that they join."""
+        """Masses, kg, and edges of the members that have mass, first of struts, then of cables."""
         members = [m for m in (self.struts, self.cables) if m is not None]
         return tuple((m.mass, m.edges) for m in members if m.mass is not None)
 
     @property
     def coupled(self) -> bool:
-        """Whether the mass matrix is not diagonal, or a node is fixed: forces on one node then accelerate others."""
+        """Whether a force on one node accelerates others: the mass matrix is not diagonal, or a node is fixed."""
         return bool(self.rod_masses or self.fixed or self.bodies)
 
     @property
@@ -131,9 +131,9 @@ class Structure(eqx.Module):
 
     @property
     def lumped_mass(self) -> AnyPerNode:
-        """m_i and half of the mass of each member at the node, kg: what weight, momentum and centre of mass see.
+        """Mass of each node plus half of each member's mass there, kg: it gives weight, momentum and centre of mass.
 
-        Of bodies what `lumped` says: it may be negative at a node.
+        Rigid bodies add the masses from `lumped`, which may be negative.
         """
         mass = self._mass_of_members
         return mass + lumped(self.bodies, len(self.nodes)) if self.bodies else mass
@@ -148,7 +148,7 @@ class Structure(eqx.Module):
 
     @property
     def borne_mass(self) -> AnyPerNode:
-        """kg, positive: by which impulses on each node are told as changes of velocity. Bodies share theirs evenly."""
+        """(nodes,), positive, kg: mass that converts impulses to velocities in reports. Bodies share theirs evenly."""
         return self._mass_of_members + shared_evenly(self.bodies, len(self.nodes)) if self.bodies else self.lumped_mass
 
     @property
@@ -166,23 +166,23 @@ class Structure(eqx.Module):
 
     @property
     def kinds(self) -> "dict[str, Members]":
-        """Those of "struts" and "cables" that forces act along: rigid members without damping are constraints alone."""
+        """Kinds of members with forces along them. Rigid members without damping are constraints, and left out."""
         kinds = {"struts": self.struts, "cables": self.cables}
         return {name: m for name, m in kinds.items() if m is not None and not (m.rigid and m.damping is None)}
 
     @property
     def damped(self) -> "dict[str, Members]":
-        """Those of `kinds` that have dampers."""
+        """Kinds of members with dampers."""
         return {name: members for name, members in self.kinds.items() if members.damping is not None}
 
     @property
     def member_count(self) -> int:
-        """Struts and cables together."""
+        """Number of struts and cables."""
         return sum(len(members.edges) for members in (self.struts, self.cables) if members is not None)
 
     @property
     def robot(self) -> str:
-        """Which nodes are joined by what: the sizes of a structure, and a number that stands for all its members."""
+        """Fingerprint of the robot: its numbers of nodes and members, and a checksum of its connections."""
         struts, cables = (() if members is None else members.edges for members in (self.struts, self.cables))
         joined = repr([[[int(i), int(j)] for i, j in edges] for edges in (struts, cables)])
         joined += repr([body.points for body in self.bodies]) if self.bodies else ""
@@ -191,13 +191,13 @@ class Structure(eqx.Module):
 
     @property
     def driven(self) -> tuple[int, ...]:
-        """The members that have motors, struts first."""
+        """Numbers of the members with motors, struts first."""
         kinds = ((self.struts, 0), (self.cables, self.first_cable))
         return tuple(first + motor.member for members, first in kinds if members for motor in members.motors)
 
     @property
     def first_cable(self) -> int:
-        """The number that gaits give to the first cable: members count from the first strut on."""
+        """Number of the first cable in a gait, where struts count first."""
         return len(self.struts.edges) if self.struts is not None else 0
 
 
@@ -205,7 +205,7 @@ def _check_clusters_and_motors(members: Members) -> None:
     check_clusters(members.clusters, members.edges)
     sliding = [k for cluster in members.clusters for k in cluster]
     if sliding and isinstance(members.mass, np.ndarray) and np.any(members.mass[sliding]):
-        raise InputError("members.mass: a cable that slides takes its mass along; expected 0 in clusters")
+        raise InputError("members.mass: a sliding cable moves its mass along; expected 0 for cables in clusters")
     driven = [motor.member for motor in members.motors]
     if len(set(driven)) < len(driven) or not all(0 <= k < len(members.edges) for k in driven):
         raise InputError(f"motors of members {driven}: expected members from 0 to {len(members.edges) - 1}, each once")
@@ -246,7 +246,7 @@ def member_vectors(x: NodeVectors, kinds: dict[str, Members]) -> VectorsByKind:
 
 
 def onto_nodes(forces: VectorsByKind, kinds: dict[str, Members], nodes: int) -> NodeVectors:
-    """The transpose of `member_vectors`: puts each member's force on its first node, and takes it from the second."""
+    """The transpose of `member_vectors`: adds each member's force to its first node, subtracts it from the second."""
     placed = [accumulate(forces[name], members.edges, nodes) for name, members in kinds.items()]
     return sum(placed[1:], placed[0])
 
@@ -258,10 +258,10 @@ def edge_lengths(nodes: NodeVectors, edges: Edges) -> np.ndarray:
 
 
 def check_edges(nodes: np.ndarray, struts: Edges, cables: Edges, where: str = "structure") -> None:
-    """Refuse members that no robot has.
+    """Refuse impossible members.
 
-    Raises `InputError` where a member goes to a node that is not there, joins a node to itself, has no length, or
-    joins two nodes that another member joins already.
+    Raises `InputError` if a member ends at a missing node, joins a node to itself, has no length, or joins the same two
+    nodes as another member.
     """
     seen: dict[tuple[int, int], str] = {}
     for kind, edges in (("struts", struts), ("cables", cables)):
@@ -274,15 +274,15 @@ def check_edges(nodes: np.ndarray, struts: Edges, cables: Edges, where: str = "s
                 raise InputError(f"{place} = [{i}, {j}]: the member has no length; expected two nodes apart")
             if pair in seen:
                 raise InputError(
-                    f"{place} = [{i}, {j}]: {seen[pair]} joins these nodes already; expected one member a pair"
+                    f"{place} = [{i}, {j}]: {seen[pair]} joins these nodes already; expected one member per pair"
                 )
             seen[pair] = f"{kind}[{k}]"
 
 
 def per_member(value: float | Sequence[float], count: int, where: str) -> np.ndarray:
-    """One number for all members, or a list with one for each, as an array of `count`.
+    """An array of `count` numbers, from one number for all members or a list with one per member.
 
-    Raises `InputError` where a list has another length.
+    Raises `InputError` if a list has another length.
     """
     array = np.asarray(value, float)
     if array.ndim and array.shape != (count,):

@@ -52,9 +52,9 @@ def orbit_error_bars(
     from step to step; work, effort, distance, duration and multipliers are compared over as many periods.
 
     Args:
-        scene: what rolls, with a gait whose actuators share one frequency.
+        scene: a scene with a gait whose actuators share one frequency.
         duration: s, as for `find_orbit`.
-        options: how to integrate; where not given, the scene decides.
+        options: solver options; by default the scene decides.
 
     Returns:
         Orbit, cycle and bars; no cycle and infinite bars where a rollout failed.

@@ -111,7 +111,7 @@ def find_orbit(
     other. Speed and turning are those of the planar motions that fit cycles best.
 
     Args:
-        scene: what rolls, with a gait whose actuators share one frequency.
+        scene: a scene with a gait whose actuators share one frequency.
         duration: s, settling included.
         options: how to integrate, at a fixed step, which is shortened so that steps divide the period; where not given,
             the scene decides. The precision is float64 in any case.

@@ -71,7 +71,7 @@ def floquet_multipliers(
     Args:
         scene: on a plane, with the gait of the orbit.
         orbit: as from `find_orbit`, by the same options.
-        options: how to integrate, at a fixed step; where not given, the scene decides. The precision is float64.
+        options: solver options with a fixed step; by default the scene decides. The precision is float64.
         after: periods of actuation after the orbit's state, at which the cycle begins. One cycle, where not given, so
             that a method's memory of its last step is that of a robot on its way.
 

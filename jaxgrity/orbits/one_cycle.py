@@ -56,7 +56,7 @@ def orbit_cycle(scene: Scene, orbit: Orbit, *, options: Options = None) -> Orbit
     Args:
         scene: with the gait of the orbit.
         orbit: as from `find_orbit`, by the same options.
-        options: how to integrate; where not given, the scene decides.
+        options: solver options; by default the scene decides.
 
     Returns:
         Energy and actuators in a cycle.

@@ -94,7 +94,7 @@ def speed_gradient(
     Args:
         scene: on a plane, with the gait of the orbit.
         orbit: as from `find_orbit`, by the same options.
-        options: how to integrate, at a fixed step; where not given, the scene decides. The precision is float64.
+        options: solver options with a fixed step; by default the scene decides. The precision is float64.
         most_cycles: after so many, `SpeedGradient.settled` is false.
 
     Returns:

@@ -53,9 +53,9 @@ def stability(scene: Scene, orbit: Orbit, *, options: Options = None, robots: in
     Args:
         scene: with the gait of the orbit.
         orbit: as from `find_orbit`, by the same options.
-        options: how to integrate; where not given, the scene decides.
+        options: solver options; by default the scene decides.
         robots: how many are disturbed.
-        seed: of the disturbances.
+        seed: seed of the disturbances.
 
     Returns:
         Multipliers, and how many robots returned.

@@ -51,7 +51,7 @@ def repetition(scene: Scene, orbit: Orbit, *, options: Options = None) -> Repeti
     Args:
         scene: with the gait of the orbit; its structure's own nodes decide the symmetries.
         orbit: as from `find_orbit`, by the same options.
-        options: how to integrate; where not given, the scene decides. The step is shortened so that steps divide the
+        options: solver options; by default the scene decides. The step is shortened so that steps divide the
             times that are compared.
 
     Returns:
@@ -105,7 +105,7 @@ def distance_from_orbit(
         scene: with the gait of the orbit; its structure's own nodes decide the symmetries.
         orbit: as from `find_orbit`, by the same options.
         positions: (robots, nodes, 3), m.
-        options: how to integrate; where not given, the scene decides.
+        options: solver options; by default the scene decides.
 
     Returns:
         (robots,), m, the largest difference of a height or a distance.

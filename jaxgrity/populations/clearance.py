@@ -15,7 +15,7 @@ def rod_depths(scene: Scene, trajectory: Trajectory, points: int = 15) -> PerMem
     """How deep each strut was in the ground between its nodes, at most, along a motion.
 
     Args:
-        scene: what moved.
+        scene: the scene of the motion.
         trajectory: how, in its saved frames.
         points: of each strut, evenly spaced between its nodes, that are looked at.
 

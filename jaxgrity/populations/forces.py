@@ -45,7 +45,7 @@ def forces_along(scene: Scene, trajectory: Trajectory) -> Forces:
     they are those that the step found. Forces of contact along struts are on the struts' ends.
 
     Args:
-        scene: what moved.
+        scene: the scene of the motion.
         trajectory: how it moved; of complementarity stepping at least two frames. Rigid struts have the lengths that
             they have in its frames, also where the scene does not say why.
 
@@ -83,7 +83,7 @@ def reactions(scene: Scene, trajectory: Trajectory) -> NodeHistory:
     """The forces of the supports along a trajectory: those of `forces_along`.
 
     Args:
-        scene: what moved.
+        scene: the scene of the motion.
         trajectory: how, as `simulate` gave it for this scene.
 
     Returns:

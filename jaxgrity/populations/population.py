@@ -1,7 +1,7 @@
-"""Many gaits of one scene in one call: one `vmap`'d vector field inside one `diffeqsolve`, over every device.
+"""Many gaits of one scene in one call, on all devices.
 
-The population is the last axis in memory (see `lanes.py`), split into chunks that stay in a core's cache, and the
-chunks are split over `jax.devices()`. A robot that fails is marked, and disturbs no other.
+The population is the last axis in memory (see `lanes.py`). It is split into chunks that fit a core's cache, and the
+chunks are shared by `jax.devices()`. A robot that fails is marked, and does not affect the others.
 """
 
 from dataclasses import replace
@@ -29,23 +29,23 @@ from jaxgrity.stepping.starts import check_supports
 
 
 class Outcomes(eqx.Module):
-    """Where a population's robots got to."""
+    """Results of a population, one row per robot."""
 
     com_path: Paths
-    """(population, parts + 1, 3), centre of mass at the start and at the end of each of the parts of the time, m"""
+    """(population, parts + 1, 3), centre of mass at the start and at the end of each part of the time, m"""
     positions: FinalPositions
-    """(population, nodes, 3), where every node is at the end, m"""
+    """(population, nodes, 3), positions of the nodes at the end, m"""
     failure: Failures
     """(population,), index into `FAILURES`; 0: succeeded"""
     steps: Failures
-    """(population,), accepted steps"""
+    """(population,), number of accepted steps"""
     rejected: Failures
-    """(population,), steps that an adaptive method tried and gave up"""
+    """(population,), number of steps that an adaptive method rejected"""
     metrics: Metrics | None
-    """of every robot, a row for each, where they were asked for"""
+    """measurements of actuators and contact; None if not requested"""
     method: str = eqx.field(static=True)
     dt: float | None = eqx.field(static=True)
-    """fixed step, s; None: adaptive, or, inside of compiled functions, an input of theirs"""
+    """fixed step, s; None: adaptive, or unknown inside compiled functions"""
 
     @property
     def com_start(self) -> Vectors:
@@ -58,17 +58,17 @@ class Outcomes(eqx.Module):
         return self.com_path[:, -1]
 
     def distance(self) -> PerGait:
-        """(population,), horizontal displacement of the centre of mass, m; NaN where the rollout failed."""
+        """(population,), horizontal displacement of the centre of mass, m; NaN for failed robots."""
         moved = (self.com_end - self.com_start)[:, :2]
         return jnp.where(self.failure == 0, jnp.sqrt(jnp.sum(moved * moved, axis=1)), jnp.nan)
 
 
 @typed
 def gaits_of(gait: Gait | None, phase: Phases, amplitude: Table | None = None, frequency: Table | None = None) -> Gait:
-    """A population of gaits as one `Gait`, a row of each array a robot; what is not given is `gait`'s own.
+    """A population of gaits as one `Gait`, whose arrays have a row per robot. Arrays not given come from `gait`.
 
-    Raises `InputError` where the scene has no gait, the rows have another length than its list of members, or the
-    arrays differ in their number of rows, or there are none.
+    Raises `InputError` if the scene has no gait, if a row does not have one number per actuated member, or if the
+    arrays have no rows or different numbers of rows.
     """
     if gait is None:
         raise InputError("the scene has no gait; expected a [gait] table to vary")
@@ -81,7 +81,7 @@ def gaits_of(gait: Gait | None, phase: Phases, amplitude: Table | None = None, f
     count = len(gait.members)
     for name, given in (("phase", phase), ("amplitude", amplitude), ("frequency", frequency)):
         if given is not None and (np.ndim(given) != 2 or np.shape(given)[1] != count):
-            raise InputError(f"{name} has shape {np.shape(given)}; expected (gaits, {count}), one an actuated member")
+            raise InputError(f"{name} has shape {np.shape(given)}; expected (gaits, {count}), one per actuated member")
         if given is not None and np.shape(given) != np.shape(phase):
             raise InputError(f"{name} has {len(given)} rows; expected {len(phase)}, as many as phase has")
     varied = rows(amplitude, gait.amplitude), rows(frequency, gait.frequency)
@@ -112,27 +112,26 @@ def simulate_population(
     with_metrics: bool | float = False,
     parts: int = 1,
 ) -> Outcomes:
-    """Roll the scene out once for each of `gaits`, from the structure's own pose at rest.
+    """Simulate the scene once for each of `gaits`, from the structure's nodes at rest.
 
-    Fixed steps of an explicit method advance all robots at once; the steps of any other are chosen, or solved for,
-    robot by robot.
+    Explicit methods with a fixed step advance all robots at once. Adaptive and implicit methods go robot by robot.
 
     Args:
-        scene: what moves; its own gait, if it has one, does not count: members, start and ramp are those of `gaits`.
+        scene: the scene to simulate. Its own gait is ignored: members, start and ramp are those of `gaits`.
         gaits: a population of gaits, as from `gaits_of`.
-        duration: s.
-        options: how to integrate; where not given, the scene decides. Steps are judged by the scene itself.
-        differences: in what the robots differ beside their gaits.
-        with_metrics: whether to measure actuators and contact, since the gait began, or from so many seconds on; it
-            needs an explicit method at a fixed step. Peaks are of a moving mean of forces that begins at zero: of
-            robots that start in motion they are right from a cycle on (`with_metrics=` its seconds).
-        parts: how many parts of equal length the time has, at whose ends the centre of mass is told.
+        duration: simulated time, s.
+        options: solver options; by default the scene decides. The scene itself determines the stable step.
+        differences: differences between the robots besides their gaits.
+        with_metrics: whether to measure actuators and contact from the start of the gait on; a number starts at that
+            time, s. It needs an explicit method with a fixed step. Peaks use a moving mean of forces that begins at
+            zero. For robots that start in motion, measure from the second cycle on.
+        parts: number of equal parts of the time, at whose ends the centre of mass is returned.
 
     Returns:
-        Where each robot got to, a row for each gait. A robot that fails is marked, and disturbs no other.
+        The results, a row for each gait. A robot that fails is marked, and does not affect the others.
 
     Raises:
-        InputError: bad options (see `resolve`), gaits that do not fit the scene, or that are no population.
+        InputError: bad options (see `resolve`), gaits that do not fit the scene, or a single gait.
 
     Example:
         >>> scene = jaxgrity.load_scene("exact")

@@ -1,4 +1,4 @@
-"""What is never known exactly: in what the robots of a population differ, and ensembles drawn from it."""
+"""Perturbed robots: the quantities in which they differ, and random ensembles."""
 
 from functools import partial
 from typing import Any
@@ -25,44 +25,44 @@ DIFFERING: dict[str, tuple[str, ...]] = {
     "strut_rest_length": ("structure.struts.rest_length",),
     "node_mass": ("structure.node_mass",),
 }
-"""The parts of a scene that each of the `Differences` multiplies, where the scene has them."""
+"""Parts of a scene that each of the `Differences` multiplies, if the scene has them."""
 
 
 PLACED = {"up": "up", "terrain": "ground.offset"}
-"""The parts of a scene that the other `Differences` replace."""
+"""Parts of a scene that other `Differences` replace."""
 
 
 class Differences(eqx.Module):
-    """In what the robots of a population differ beside their gaits, a row of each array a robot; None: in nothing.
+    """Differences between the robots of a population besides their gaits: one row per robot; None: no difference.
 
-    All but `up`, `terrain` and the start are factors of what the scene says. Without the population's axis: in what
-    one robot differs from it.
+    Arrays are factors of the scene's numbers, except `up`, `terrain`, `positions` and `velocities`. Without the
+    population's axis they describe one robot.
     """
 
     friction: Float[AnyArray, "*population"] | None = None
-    """of mu; of both, with the Coulomb switch"""
+    """factor of mu; with the Coulomb switch, of both coefficients"""
     cable_stiffness: Float[AnyArray, "*population cables"] | None = None
-    """0 for a broken cable, as its damping"""
+    """factor of the stiffness; 0 for a broken cable, whose damping is then 0 too"""
     cable_damping: Float[AnyArray, "*population cables"] | None = None
     cable_rest_length: Float[AnyArray, "*population cables"] | None = None
     node_mass: Float[AnyArray, "*population nodes"] | None = None
     up: Float[AnyArray, "*population 3"] | None = None
-    """unit vector against gravity, where the ground leans more than the scene says"""
+    """unit vector against gravity, for a different slope of the ground"""
     positions: Float[AnyArray, "*population nodes 3"] | None = None
-    """m, of all nodes at the start"""
+    """positions of the nodes at the start, m"""
     velocities: Float[AnyArray, "*population nodes 3"] | None = None
-    """m/s, likewise"""
+    """velocities of the nodes at the start, m/s"""
     terrain: Float[AnyArray, "*population 3"] | None = None
-    """m, by how much the ground's surface has been moved"""
+    """shift of the ground's surface, m"""
     strut_rest_length: Float[AnyArray, "*population struts"] | None = None
-    """a factor; with rigid struts, `positions` have to fit"""
+    """factor of the rest length; with rigid struts, `positions` must fit it"""
 
 
 @typed
 def differing(scene: Scene, differences: Differences | None) -> Scene:
-    """The scene of a robot that differs; or of many, where the arrays of both have lanes last.
+    """The scene of a perturbed robot, or of many if the arrays of both have lanes last.
 
-    Raises `InputError` where the scene lacks what should differ.
+    Raises `InputError` if the scene does not model a quantity that differs.
     """
     found: dict[str, Any] = {} if differences is None else vars(differences)
     for name, value in found.items():
@@ -77,7 +77,9 @@ def differing(scene: Scene, differences: Differences | None) -> Scene:
             continue
         parts = [part for part in DIFFERING[name] if part_of(scene, part) is not None]
         if not parts:
-            raise InputError(f"{name} is to differ, but the scene has none; expected a scene that models it")
+            raise InputError(
+                f"{name}: robots cannot differ in it, since the scene does not model it; expected it there"
+            )
         nodes = len(scene.structure.nodes)
         factor = jnp.broadcast_to(value[None], (nodes, *jnp.shape(value))) if name == "friction" else value
         for part in parts:
@@ -86,7 +88,7 @@ def differing(scene: Scene, differences: Differences | None) -> Scene:
 
 
 def part_of(scene: Any, path: str) -> Any:
-    """What is at the end of a path of attributes, such as "structure.cables.stiffness"; None where it breaks off."""
+    """The value at a path of attributes, such as "structure.cables.stiffness"; None if an attribute is missing."""
     found: Any = scene
     for name in path.split("."):
         found = getattr(found, name, None)
@@ -94,38 +96,40 @@ def part_of(scene: Any, path: str) -> Any:
 
 
 LESS_THAN = {"phase": np.pi / 2, "slope": np.pi / 2, "terrain": np.inf}
-"""Limits below which half-widths must stay, rad or m. All other half-widths are shares, and less than 1."""
+"""Upper limits of half-widths, rad or m. All other half-widths are fractions, and less than 1."""
 
 
 class Uncertainty(eqx.Module):
-    """Half-widths: each quantity is uniform within plus and minus so much of what the scene and the gait say.
+    """Half-widths by which perturbed robots differ from the scene and its gait.
 
-    A uniform number has a standard deviation of its half-width over the root of 3.
+    Each quantity is uniform between minus and plus its half-width, so its standard deviation is the half-width over the
+    root of 3.
     """
 
     phase: float = eqx.field(static=True, default=0.0)
-    """rad, of each actuated member: how early or late it is; the shape of its wave stays"""
+    """half-width of the phase of each actuated member, rad; the shape of its wave is kept"""
     actuation: float = eqx.field(static=True, default=0.0)
-    """share of the amplitude, of each actuated member"""
+    """half-width of the amplitude of each actuated member, as a fraction"""
     friction: float = eqx.field(static=True, default=0.0)
-    """share of mu, alike at all nodes"""
+    """half-width of the friction coefficient, as a fraction; one value for all nodes of a robot"""
     cable_stiffness: float = eqx.field(static=True, default=0.0)
-    """share, alike in all cables"""
+    """half-width of the cable stiffness, as a fraction; one value for all cables of a robot"""
     prestress: float = eqx.field(static=True, default=0.0)
-    """share of the tension in the shape as built, alike in all cables, by their rest lengths"""
+    """half-width of the cable tension in the given shape, as a fraction; one value for all cables of a robot"""
     node_mass: float = eqx.field(static=True, default=0.0)
-    """share, of each node"""
+    """half-width of the mass of each node, as a fraction"""
     slope: float = eqx.field(static=True, default=0.0)
-    """rad, by which the ground leans more than the scene says, in any direction"""
+    """largest extra slope of the ground, in a random direction, rad"""
     terrain: float = eqx.field(static=True, default=0.0)
-    """m, by which uneven ground is moved in x and in y, and up or down, so that the robot starts as high above it: on
-    random bumps, by more than their length, each robot meets ground of its own"""
+    """half-width of the shift of uneven ground in x and in y, m; the ground also moves up or down to keep the start
+    clear of it. If it exceeds the length of random bumps, each robot meets different ground"""
 
     def __check_init__(self):
         for name, value in vars(self).items():
             if not 0 <= value < LESS_THAN.get(name, 1):
                 raise InputError(
-                    f"uncertainty of {name} = {value}: expected a half-width, at least 0 and less than all"
+                    f"uncertainty.{name} = {value}: expected a half-width of at least 0 and below "
+                    f"{LESS_THAN.get(name, 1):.3g}"
                 )
 
     @property
@@ -175,7 +179,9 @@ def _differences(key, scene: Scene, drawn: dict[str, AnyArray], dtype: np.dtype)
     found = {}
     if "friction" in drawn:
         if scene.friction is None:
-            raise InputError("friction is to differ, but the scene has none; expected a scene that models it")
+            raise InputError(
+                "friction: robots cannot differ in it, since the scene does not model it; expected [friction]"
+            )
         found["friction"] = (1 + drawn["friction"]).astype(dtype)
     if "cable_stiffness" in drawn:
         factors = (1 + drawn["cable_stiffness"]).astype(dtype)
@@ -186,7 +192,7 @@ def _differences(key, scene: Scene, drawn: dict[str, AnyArray], dtype: np.dtype)
         found["node_mass"] = (1 + drawn["node_mass"]).astype(dtype)
     if "slope" in drawn:
         if scene.up is not None:
-            raise InputError("slope is to differ, but scene.up leans already; expected a scene with ground.incline")
+            raise InputError("slope: scene.up leans already; expected a scene with ground.incline")
         found["up"] = _leaning(jax.random.fold_in(_keys(key)["slope"], 1), drawn["slope"].astype(dtype))
     if "terrain" in drawn:
         found["terrain"] = _moved_ground(scene, drawn["terrain"].astype(dtype))
@@ -226,7 +232,9 @@ def _moved_ground(scene: Scene, moved: AnyArray) -> AnyArray:
     """(robots, 3), m: where the surface is, moved so far (robots, 2), and up or down: starts are as high above it."""
     ground = scene.ground
     if ground is None or ground.surface is None:
-        raise InputError("terrain is to differ, but the ground is a plane, or none; expected ground with a surface")
+        raise InputError(
+            "terrain: robots cannot differ in it, since the ground is a plane or missing; expected a surface"
+        )
     own = jnp.asarray(np.zeros(3) if ground.offset is None else ground.offset, moved.dtype)
     x, y, z = jnp.asarray(scene.structure.nodes, moved.dtype).T - own[:, None]
     above = z - ground.surface.height(x, y)
@@ -236,5 +244,5 @@ def _moved_ground(scene: Scene, moved: AnyArray) -> AnyArray:
 
 def _cables(scene: Scene):
     if scene.structure.cables is None:
-        raise InputError("cables are to differ, but the scene has none; expected a scene that models them")
+        raise InputError("cables: robots cannot differ in them, since the scene has none; expected [cables]")
     return scene.structure.cables

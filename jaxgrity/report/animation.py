@@ -49,7 +49,7 @@ def animate(
 
     Arguments:
         scene: what moves; the ground is drawn where the scene has one.
-        trajectory: how it moves.
+        trajectory: the motion.
         path: the file to write; its folder is made where there is none.
         frame_rate: frames a second, of those that the trajectory saved the nearest. Beyond 100 it changes nothing,
             since a GIF counts time in hundredths of a second.

@@ -1,4 +1,4 @@
-"""What a gait search leaves: facts, figures, an animation and a page."""
+"""The report of a gait search: facts, figures, an animation and a page."""
 
 import itertools
 import threading
@@ -34,15 +34,15 @@ FRAME_RATE, REPLAYED = 50, 25.0
 """Frames per second of the trajectory that is kept, and of its replay."""
 REPLAY = "replay.html"
 PICTURES = {
-    "animation.gif": "from the start on, in real time",
-    "orbit.png": "the orbit that the robot settles on: one cycle, seen from a frame that goes along steadily",
-    "gait.png": "which member is how long when, and the faces that the robot stands on",
+    "animation.gif": "the motion from the start, in real time",
+    "orbit.png": "the orbit: one cycle, in a frame that moves at the steady speed",
+    "gait.png": "rest lengths of the actuated members, and the faces that the robot stands on",
     "path.png": "path of the centre of mass; the bar at the end is the verified error bar",
-    "robust.png": "what robots reach that differ from the model by what is uncertain",
-    "fidelity.png": "the same gaits on rough and on exact fidelity levels: how far screening can be believed",
+    "robust.png": "objective of perturbed robots",
+    "fidelity.png": "the same gaits on coarse and fine fidelity levels: how far to trust screening",
     "convergence.png": "fitness in each generation of the search, before verification",
-    "members.png": "length of every member",
-    "forces.png": "force in every member",
+    "members.png": "lengths of all members",
+    "forces.png": "forces in all members",
 }
 FILES = ("trajectory.npz", "index.html", REPLAY, *PICTURES)
 """Names of the files that `write_report` leaves, beside those of the search itself."""
@@ -50,12 +50,17 @@ STYLE = (
     "body{font:16px/1.5 sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem}img{max-width:100%}"
     "th{text-align:left;padding-right:1.5rem;vertical-align:top;white-space:nowrap}figure{margin:2rem 0}"
     "table{border-spacing:0 .3rem}"
+    "@media(max-width:40rem){th,td{display:block}}"
     "iframe{width:100%;height:34rem;border:1px solid #ddd}"
 )
 
 
+VIEWPORT = '<meta name="viewport" content="width=device-width, initial-scale=1">'
+"""Element of a page's head that makes a phone show it at the phone's own width."""
+
+
 class Origin(NamedTuple):
-    """Where a gait came from, as its files say it."""
+    """Origin of a gait, as its files record it."""
 
     scene: str
     """name of the scene"""
@@ -144,7 +149,7 @@ def _side_by_side(result: SearchResult, fine: SolverOptions, folder: Path, tick:
         film = folder / "animation.gif"
         film.unlink(missing_ok=True)
         clocked("animation", plot.drawn, film.name, lambda: animate(scene, trajectory, film))
-        how = {"frame_rate": REPLAYED, "title": "from the start on"}
+        how = {"frame_rate": REPLAYED, "title": "the motion from the start"}
         plot.drawn(REPLAY, lambda: view.keep_html(scene, trajectory, folder / REPLAY, **how))
         tick()
         return trajectory, diagnosing.result(), measuring.result(), spent
@@ -250,9 +255,9 @@ def write_page(out: Path, title: str, first: dict[str, str], rest: dict[str, str
     }
     moving = replay + "".join(pictures.pop(name, "") for name in ("animation.gif", "orbit.png"))
     page = (
-        f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{escape(title)}</title><style>{STYLE}</style>'
-        f"<h1>{escape(title)}</h1>{_table(first)}{moving}<h2>How it was found, and how far to trust it</h2>"
-        f"{_table(rest)}{''.join(pictures.values())}</html>\n"
+        f'<!doctype html><html lang="en"><meta charset="utf-8">{VIEWPORT}<title>{escape(title)}</title>'
+        f"<style>{STYLE}</style><h1>{escape(title)}</h1>{_table(first)}{moving}"
+        f"<h2>How it was found, and how far to trust it</h2>{_table(rest)}{''.join(pictures.values())}</html>\n"
     )
     write_whole(out / "index.html", lambda file: file.write(page.encode()))
 

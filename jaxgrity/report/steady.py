@@ -1,4 +1,4 @@
-"""What becomes of a gait in the long run: facts for a search's files, and a line for people."""
+"""Long-run behaviour of a gait: facts for the files of a search, and rows of a report."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -44,7 +44,7 @@ def steady_facts(
         duration: s, for which the robot is watched; longer where cycles of this gait need it, and a whole number of
             periods.
         dt: s; the scene's own step where not given.
-        seed: of the draws of robots.
+        seed: seed of the draws of robots.
         heading: rad from +x, along which the gait is to go, if along one; then how fast it does is told too.
         on_progress: is called `PARTS` times.
 
@@ -127,60 +127,56 @@ def _along(heading: float, orbit: Orbit, robots: _Robots) -> Facts:
 
 
 def steady_rows(steady: Facts) -> dict[str, str]:
-    """The orbit in words for people, by their headings."""
+    """The orbit in words, by row headings of the report."""
     if not steady["settled"]:
-        return {"orbit": f"none: shapes still change by {steady['residual']:.2g} m over a cycle"}
+        return {"orbit": f"none: the shape still changes by {steady['residual']:.2g} m over a cycle"}
     own, other, cycle = steady["robust"], steady["other_contact_model"], steady["period"] * steady["periods"]
     slowest, since = steady["slowest_window"], steady["settled_after"]
     lengths = steady["body_lengths_per_second"]
     multiplier = with_error(steady["multiplier"], steady["multiplier_error_bar"])
     held = (
-        f"a disturbance is multiplied by {multiplier} in a cycle, "
-        "shifts along the ground and turns about the vertical left out, which stay (followed for two cycles); "
+        f"largest Floquet multiplier {multiplier} per cycle (translation and yaw excluded; measured over two cycles); "
     )
-    back = f"{100 * steady['returned']:.0f} % of the robots that are disturbed return"
+    back = f"{100 * steady['returned']:.0f} % of disturbed robots return"
     return {
         "speed": with_error(steady["speed"], steady["speed_error_bar"], " m/s")
-        + f" ({significant(lengths)} body lengths a second)",
-        "lasts": f"watched for {steady['verified_for']:.0f} s; settled after {since:.0f} s, "
-        f"and then in no {steady.get('window', WINDOW):.3g} s slower than {significant(slowest)} m/s",
+        + f" ({significant(lengths)} body lengths/s)",
+        "lasts": f"watched for {steady['verified_for']:.0f} s; settles after {since:.0f} s; "
+        f"slowest {steady.get('window', WINDOW):.3g} s after that: {significant(slowest)} m/s",
         "turning": with_error(
             float(np.degrees(steady["turning"])), float(np.degrees(steady["turning_error_bar"])), " °/s"
         )
-        + f"; robots that differ bend by {_bends(own)} in a body length, on the other model by {_bends(other)}",
+        + f"; perturbed robots bend by {_bends(own)} per body length, on the other contact model by {_bends(other)}",
         **_headed(steady["along_heading"]),
         "stability": (held if np.isfinite(steady["multiplier"]) else "") + back,
-        "cycle": f"{cycle:.2f} s, {steady['periods']} periods of actuation; its shape returns to "
+        "cycle": f"{cycle:.2f} s, {steady['periods']} periods of actuation; shapes one cycle apart differ by "
         f"{1000 * steady['residual']:.2g} mm"
         + _repeats(steady["repetition"], cycle)
-        + (f"; stands in turn on {_faces(steady['cycle'])}" if steady["cycle"] else ""),
-        "both contact models": f"{mean_of_robots(own, 'm/s')} over {own['robots']} robots that differ; "
-        f"{mean_of_robots(other, 'm/s', 'speed')} on the other model",
+        + (f"; stands on the faces {_faces(steady['cycle'])} in turn" if steady["cycle"] else ""),
+        "both contact models": f"{mean_of_robots(own, 'm/s')} over {own['robots']} perturbed robots; "
+        f"{mean_of_robots(other, 'm/s', 'speed')} on the other contact model",
     }
 
 
 def _headed(along: Facts | None) -> dict[str, str]:
-    """How fast a gait goes along the heading that was asked for, if one was."""
+    """Speed of a gait along the requested heading, in words; empty if no heading was requested."""
     if along is None:
         return {}
     own, other = (
         f"{significant(along[k]['mean'])} (standard deviation {along[k]['standard_deviation']:.2g})" for k in MODELS
     )
     return {
-        "along its heading": f"{significant(along['speed'])} m/s; robots that differ {own} m/s, "
-        f"on the other model {other} m/s"
+        "along its heading": f"{significant(along['speed'])} m/s; perturbed robots {own} m/s, "
+        f"on the other contact model {other} m/s"
     }
 
 
 def _repeats(found: Facts | None, cycle: float) -> str:
-    """Of a motion that repeats itself with other nodes within its cycle."""
+    """Number of symmetry-equivalent segments per cycle, in words; empty if the cycle is one segment."""
     times = 1 if found is None else round(cycle / found["time"])
     if found is None or times == 1:
         return ""
-    return (
-        f"; with other nodes in the places of these it repeats itself {times} times in it, to "
-        f"{1000 * found['residual']:.2g} mm"
-    )
+    return f"; {times} symmetry-equivalent segments per cycle, which differ by {1000 * found['residual']:.2g} mm"
 
 
 def _faces(cycle: Facts) -> str:
@@ -188,7 +184,7 @@ def _faces(cycle: Facts) -> str:
 
 
 def _bends(robots: Facts) -> str:
-    """From the lower quartile to the upper."""
+    """Lower and upper quartile of the bends, in words."""
     if robots["bend"] is None:
         return "no known angle"
     low, high = (round(np.degrees(each)) + 0.0 for each in robots["bend_quartiles"])

@@ -106,8 +106,8 @@ def replay(
     line on the ground is the path of the centre of mass. The list of parts, at the lower right, hides each of them.
 
     Arguments:
-        scene: what moves.
-        trajectory: how it moves.
+        scene: the scene to simulate.
+        trajectory: the motion.
         others: further robots, beside the first or over it.
         frame_rate: frames a second, at most; of those that the trajectory saved the nearest.
         follow: whether the camera goes along with the first robot.
@@ -143,8 +143,8 @@ def save_html(scene: Scene, trajectory: Trajectory, path: str | Path, **how: Any
     """Write a replay as one HTML file, which needs neither a network nor other files.
 
     Arguments:
-        scene: what moves.
-        trajectory: how it moves.
+        scene: the scene to simulate.
+        trajectory: the motion.
         path: the file to write; it appears whole or not at all.
         how: what `replay` takes: `others`, `frame_rate`, `follow`, `title`, `props`.
 

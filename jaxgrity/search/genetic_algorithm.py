@@ -172,7 +172,7 @@ def evolve(
         problem: scene, genome, duration (s) and fitness.
         config: population, generations and how they breed.
         seed: of all random numbers; not looked at where a state is given.
-        options: how to integrate; where not given, the scene decides.
+        options: solver options; by default the scene decides.
         state: of a search that was interrupted, to go on from.
         on_generation: gets the state after each generation.
 

@@ -65,8 +65,8 @@ def robot_motions(
         robots: how many.
         duration: s, of which the first quarter is left to settling; longer, where whole cycles are.
         cycle: s, of the gait's orbit, within which robots sway; a period of actuation where not given.
-        seed: of the draws.
-        options: how to integrate; where not given, the scene decides.
+        seed: seed of the draws.
+        options: solver options; by default the scene decides.
 
     Returns:
         The motion of every robot.

@@ -108,7 +108,7 @@ def polish(
         config: gradients, steps and what they may cost.
         options: how to integrate the climbs, at a fixed step; in float32 where no precision is given.
         final_options: how to integrate the last judgement; in float64 at half the step where not given.
-        seed: of all random numbers.
+        seed: seed of the random number generator.
         on_step: gets each step as it is done.
 
     Returns:

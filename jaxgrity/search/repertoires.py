@@ -103,8 +103,8 @@ def repertoire(
     Args:
         problem: scene, genome, duration (s), and fitness, whose uncertainty and robots count.
         config: cells and rounds.
-        seed: of all random numbers.
-        options: how to integrate; where not given, the scene decides.
+        seed: seed of the random number generator.
+        options: solver options; by default the scene decides.
         on_round: gets the repertoire after each round.
 
     Returns:

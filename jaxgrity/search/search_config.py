@@ -42,66 +42,67 @@ COMPARED = 16
 
 @dataclass(frozen=True)
 class SearchConfig:
-    """How to search for a gait; by default one that lasts: steady speed, with actuators that exist.
+    """How to search for a gait. The defaults look for a fast gait that lasts, within bounds on the actuators.
 
-    Amplitudes and the frequency evolve too, and actuators follow each other as the robot's rotations say (`waves`).
-    Robots differ in all that is uncertain, and the best gaits are tried on both contact models.
+    Phases, amplitudes and the frequency evolve, and gaits are waves (`waves`). Perturbed robots evaluate each gait, and
+    the best gaits are evaluated on both contact models.
     """
 
     # how it searches
     duration: float = 40.0
-    """horizon over which the objective counts, s"""
+    """simulated time of each rollout, s"""
     population: int = 128
-    """gaits in a generation"""
+    """number of gaits per generation"""
     generations: tuple[int, int] = (10, 2)
-    """generations of screening; on the scene's own model, where screening leaves something of it out"""
+    """numbers of generations: of screening, and then on the scene's own model if screening simplifies it"""
     optimiser: Literal["genetic", "cma-es"] = "genetic"
-    """what makes one generation from the last: a genetic algorithm, or CMA-ES (the extra `baselines`), which begins at
-    the best gait of the first generation"""
+    """search method: a genetic algorithm, or CMA-ES (the extra `baselines`), which starts from the best gait of the
+    first generation"""
     wide: bool = True
-    """whether screening looks widely: at 4 times the population drawn at random, then at mutations of the best eighth
-    alone; the scene's own model goes on with an eighth of the population"""
+    """whether screening begins with 4 times as many random gaits, and continues with mutations of the best eighth; the
+    scene's own model then continues with an eighth of the population"""
     dt: float | None = None
-    """step of the scene's own model, s; verification is at it and below, as errors ask; None: the scene decides"""
+    """time step of the scene's own model, s; verification takes smaller steps too; None: the scene decides"""
     seed: int = 0
-    """seed of the random number generator: the same seed gives the same search"""
+    """seed of the random number generator"""
 
     # what varies
     members: Literal["scene", "struts", "cables"] = "scene"
-    """members that may be actuated: those of the scene's gait, all struts or all cables"""
+    """members to actuate: those of the scene's gait, all struts, or all cables"""
     active: int | None = None
-    """number of members that are actuated, where evolution also chooses which; None: all that may be"""
+    """number of actuated members; evolution also chooses which; None: all of `members`"""
     amplitude: tuple[float, float] | None = (0.05, 0.5)
-    """bounds of each member's amplitude, which evolves too; None: it stays as the scene's gait says"""
+    """bounds of each member's amplitude; None: the amplitudes of the scene's gait are kept"""
     scaled: bool = False
-    """whether amplitudes are scaled down to what the bound on the rate allows; else gaits beyond it are lost"""
+    """whether amplitudes are scaled down to the bound on the rate; otherwise gaits beyond the bound are discarded"""
     frequency: tuple[float, float] | None = (0.3, 1.6)
-    """bounds of the gait's frequency, Hz, which evolves too; None: it stays as the scene's gait says"""
+    """bounds of the gait's frequency, Hz; None: the frequency of the scene's gait is kept"""
     waves: Literal["every", "axis", "none"] = "every"
-    """whether gaits are waves (`travelling_waves`) that every rotation of the robot maps on themselves, or those about
-    one axis, which can turn; robots without rotations have none"""
+    """symmetry of the gaits (`travelling_waves`): all rotations of the robot, those about one axis (then the robot can
+    turn), or none; robots without rotations have no waves"""
     overtones: int = 0
     """number of further sines in each member's Fourier series"""
 
     # how gaits are judged
     objective: Objective = field(default_factory=SteadySpeed)
-    """what a rollout is worth"""
+    """objective of the search"""
     bounds: ActuatorBounds = field(default_factory=lambda: ActuatorBounds(rate=1.0, power=200.0))
-    """the most that a gait may ask of an actuator"""
+    """bounds on the rate, force and power of each actuator"""
     uncertainty: Uncertainty = field(default_factory=lambda: UNCERTAIN)
-    """half-widths of what is not known exactly"""
+    """half-widths by which perturbed robots differ"""
     robots: int = 4
-    """number of robots, drawn from what is uncertain, that try each gait in a generation"""
+    """number of perturbed robots that evaluate each gait in a generation"""
     caution: float = 1.0
-    """number of standard deviations over its robots that are subtracted from a gait's mean"""
+    """number of standard deviations over perturbed robots that are subtracted from the mean objective"""
     both_models: bool = True
-    """whether the best gaits are tried on both contact models before one is chosen"""
+    """whether the best gaits are evaluated on both contact models before one is chosen"""
     attracting: bool = True
-    """whether, of the best, gaits whose orbit attracts come first (`stability`), where the objective is steady"""
+    """whether, among the best, gaits whose orbit attracts disturbed robots are preferred (`stability`; for steady
+    objectives)"""
 
     # how the best are polished
     polish: PolishConfig | None = field(default_factory=lambda: PolishConfig(final_robots=FINAL_ROBOTS))
-    """budget, gradient, and which gaits; None: no polish"""
+    """budget, gradient and number of gaits of polishing; None: no polish"""
 
 
 @typed

@@ -1,4 +1,4 @@
-"""Where a rollout ends, as a function that forward and reverse mode differentiate with respect to anything in it."""
+"""The final state of a simulation, as a function that is differentiable in forward and reverse mode."""
 
 import jax
 import jax.numpy as jnp
@@ -15,7 +15,7 @@ from jaxgrity.stepping.options import ResolvedOptions, check_options
 from jaxgrity.stepping.starts import check_start, check_supports
 
 LONGER = 1.01
-"""Factor by which steps may exceed the step of the options where their number is given: room for rounding."""
+"""Factor by which steps may exceed the step of the options if their number is given: room for rounding."""
 
 
 @typed
@@ -28,31 +28,31 @@ def final_state(
     steps: int | None = None,
     since: Scalar = 0.0,
 ) -> State:
-    """The state (q, v) after a rollout of fixed steps, differentiable in both modes.
+    """The state (q, v) after a simulation by fixed steps, differentiable in forward and reverse mode.
 
-    Every array of the scene, of its gait, and the start may carry derivatives. The page identification says which
-    are those of a smooth function, and what is returned where a contact, a cable or friction switches. A state that is
-    returned can be handed back as a start. Numbers that are being traced are not checked: `rollout` says of those
-    whether the motion can be believed.
+    You can differentiate with respect to every array of the scene and its gait, and the start. docs/identification.md
+    says where the motion is smooth, and what the derivative is where contact, cables or friction switch. You can pass
+    the returned state as the next start. Traced numbers are not checked: `rollout` says whether the motion is valid.
 
-    The derivative grows as small deviations do. Once `sensitivity` says that these have become large (of the library's
-    robots after some seconds of rolling), it is still that of the steps, but says nothing of a longer way: take the
-    speed of an orbit (`closed_orbit`), or the mean over many robots.
+    Derivatives grow as small deviations do. After some seconds of rolling they are still exact for the steps, but say
+    little about longer motions (`sensitivity`). Differentiate the speed of an orbit instead (`closed_orbit`), or the
+    mean over many robots.
 
     Args:
-        scene: what moves.
-        duration: s; the last step ends there, and all are as long, no longer than the options say.
-        options: by `resolve`, with a step; not those of `as_inputs`, since reverse mode has to count steps.
-        start: positions, m, and velocities, m/s, (nodes, 3) each; the structure as posed, at rest, where not given.
-        steps: how many, or a few more; by the options where not given. Where it is, the duration may carry derivatives.
-        since: s, when it starts, of the time that gaits, motors and pushes go by.
+        scene: the scene to simulate.
+        duration: simulated time, s. All steps are equal, no longer than the options say, and the last ends there.
+        options: options from `resolve`, with a step; not from `as_inputs`, since reverse mode must count the steps.
+        start: positions, m, and velocities, m/s, (nodes, 3) each; by default the structure's nodes at rest.
+        steps: number of steps; by default the options decide. If given, you can differentiate with respect to the
+            duration.
+        since: time of the start, s. Gaits, motors and pushes follow this time.
 
     Returns:
-        Positions and velocities at the end, (nodes, 3) each; velocities as those of a `Trajectory`.
+        Positions and velocities at the end, (nodes, 3) each; velocities as in a `Trajectory`.
 
     Raises:
-        InputError: a method that adapts its step, or options resolved for a scene of another kind; a start that
-            violates rigid struts or exact contact; a duration that is being traced, without `steps`.
+        InputError: a method that adapts its step, or options for another kind of scene; a start that violates rigid
+            struts or exact contact; a traced duration without `steps`.
 
     Example:
         >>> scene = jaxgrity.load_scene("reference")
@@ -110,7 +110,7 @@ def _counted(duration: Scalar, options: ResolvedOptions, given: int | None) -> i
     if not traced((duration, options)):
         return enough_steps(0.0, float(duration), options, given)
     if given is None:
-        raise InputError("duration is being traced, so that its steps cannot be counted; pass `steps`")
+        raise InputError("duration is being traced, so its steps cannot be counted; pass `steps`")
     return given
 
 

@@ -1,4 +1,4 @@
-"""How to integrate: the options that a user may give, and what is made of them for one scene."""
+"""Solver options: those that a user gives, and the complete ones that `resolve` chooses for a scene."""
 
 import math
 from dataclasses import dataclass, replace
@@ -23,44 +23,44 @@ from jaxgrity.stepping.starts import check_start
 from jaxgrity.stepping.step_limits import default_method, default_step, step_fault
 
 KEPT = 64
-"""Number of pairs of scene and options that are remembered as compatible: the check takes longer than a short
+"""Number of pairs of scene and options that are remembered as compatible. The check takes longer than a short
 rollout."""
 MASS_RATIO = 50
-"""Largest ratio of the masses at a strut's ends up to which sweeps are sure to converge on the ground."""
+"""Largest ratio of the masses at a strut's ends at which sweeps are sure to converge on the ground."""
 ROUGH = 1.0
-"""Friction coefficient mu from which on sweeps may not converge."""
+"""Smallest friction coefficient mu at which sweeps may not converge."""
 MOST_SWEEPS = 1000
-"""Most sweeps in a step of complementarity stepping where a tolerance is asked for."""
+"""Largest number of sweeps per complementarity step if a tolerance is given."""
 
 
 @dataclass(frozen=True)
 class SolverOptions:
-    """How to integrate; what is None is chosen for the scene, by `resolve`."""
+    """Solver options. `resolve` chooses those that are None to suit the scene."""
 
     method: str | None = None
     """rk4, tsit5, dopri8, kvaerno3, kvaerno5, verlet, complementarity or a registered one; None: the scene decides"""
     dt: float | None = None
-    """fixed step, s; None: adaptive methods adapt theirs, others take `default_step`"""
+    """fixed time step, s; None: adaptive methods adapt their step, and other methods take `default_step`"""
     dtype: str | None = None
-    """ "float32" or "float64"; None: JAX's own, float64 where x64 is switched on"""
+    """ "float32" or "float64"; None: the default of JAX, which is float64 if x64 is on"""
     rtol: float | None = None
     """relative tolerance of an adaptive method; None: 1e-8, or 1e-5 in float32"""
     atol: float | None = None
-    """absolute tolerance, m and m/s, likewise for a body of one metre; by length or speed, whichever is less"""
+    """absolute tolerance of an adaptive method, m and m/s; None: as `rtol`, times the body's length or speed scale"""
     sweeps: int | None = None
-    """of complementarity stepping, over all constraints in a step; None: `usual_sweeps`. Refused with `together`"""
+    """number of sweeps over all constraints per complementarity step; None: `usual_sweeps`; refused with `together`"""
     strut_tolerance: float | None = None
-    """m: sweeps go on until every rigid strut has its length within this, or `sweeps` (1000 then) are over"""
+    """largest error of a rigid strut's length, m; sweeps stop below it, or after `sweeps` of them (by default 1000)"""
     together: bool | None = None
-    """whether complementarity stepping solves struts and contacts together; None: where sweeps are not sure to do"""
+    """whether complementarity stepping solves struts and contacts together; None: only if sweeps might not converge"""
     max_steps: int = 10**6
-    """after which an adaptive method gives up, and the rollout fails"""
+    """number of steps after which an adaptive method gives up, and the simulation fails"""
     any_step: bool = False
-    """whether to let a step pass that would blow up; `simulate` warns of it, whether the rollout fails or not"""
+    """whether a step beyond the stable limit is allowed; `simulate` then gives a warning"""
 
 
 class ResolvedOptions(eqx.Module):
-    """Options that have been checked against a scene, with nothing left open. What takes options takes these too."""
+    """Complete options, checked against a scene. Functions that take options accept these too."""
 
     method: Method = eqx.field(static=True)
     dt: Scalar | None
@@ -90,7 +90,7 @@ class ResolvedOptions(eqx.Module):
 
 
 Options = SolverOptions | ResolvedOptions | None
-"""what functions take as `options`"""
+"""Type of the argument `options`."""
 
 
 @typed
@@ -103,24 +103,23 @@ def resolve(
     positions: NodeVectors | None = None,
     since: Scalar = 0.0,
 ) -> ResolvedOptions:
-    """Choose what was left open, and refuse what cannot work, before anything compiles.
+    """Complete the options for a scene, and refuse those that cannot work before anything compiles.
 
     Args:
-        scene: what is to be simulated.
-        duration: s.
-        options: as the user gave them; those that are resolved already stay as they are, if the method fits. Where
-            friction is being traced, sweeps are chosen, which are faster; they may miss from mu = 1 on (`rollout` is
-            not `ok` then). Pass `SolverOptions(together=True)` if it reaches that.
-        dtype: precision, in place of that of the options.
-        positions: (nodes, 3), m, where the motion starts, if not at the structure's own.
-        since: s, when it starts: rigid struts have to have their lengths of then.
+        scene: the scene to simulate.
+        duration: simulated time, s.
+        options: options of the user; resolved ones are returned unchanged if their method suits the scene. If JAX
+            traces the friction, the faster sweeps are chosen. They may fail at mu = 1 or more (`rollout` is then not
+            `ok`): pass `SolverOptions(together=True)` for such friction.
+        dtype: precision; replaces that of the options.
+        positions: (nodes, 3), m, at the start; by default those of the structure.
+        since: time of the start, s; rigid struts must have their lengths at that time.
 
     Raises:
-        InputError: unknown method or precision; duration, step or tolerance that is not positive and finite; a step too
-            large for the scene; a method that cannot meet the scene's constraints; a start that violates them; a
-            symplectic method where something dissipates; sweeps or their tolerance for any but a constrained method;
-            sweeps where struts and contacts are solved together; a
-            tolerance below what the precision allows; float64 while JAX's x64 mode is off.
+        InputError: an unknown method or precision; a duration, step or tolerance that is not positive and finite; a
+            step too large for the scene; a method that cannot satisfy the scene's constraints, or a start that violates
+            them; a symplectic method for a scene that dissipates; sweeps, or a tolerance for them, for a method without
+            sweeps; a tolerance finer than the precision; float64 while JAX's x64 mode is off.
     """
     check_positive({"duration": duration})
     check_start(scene, positions, since)
@@ -167,8 +166,8 @@ def check_options(scene: Scene, options: ResolvedOptions) -> None:
     _check_method(scene, method)
     if method.constrained and not options.together and (scene.structure.coupled or _has_balls(scene)):
         raise InputError(
-            "options: sweeps know neither rods with mass nor supports, bodies, balls, as this scene has; expected "
-            "those that `resolve` makes for it"
+            "options: sweeps handle no rods with mass, supports, bodies or balls, and this scene has some; expected "
+            "options that `resolve` makes for this scene"
         )
     if options.dt is not None and not traced((scene, options)):
         _check_seen(scene, method, float(options.dt))
@@ -178,8 +177,8 @@ def _check_seen(scene: Scene, method: Method, dt: float) -> None:
     finest = _seen_by(scene, method)
     if dt > 2 * finest:
         raise InputError(
-            f"dt = {dt:g} s: a push, or another force that acts for a short time, would be lost between the steps "
-            f"of {method.name}; expected at most {finest:g} s"
+            f"dt = {dt:g} s: a push or another short force would be lost between the steps of {method.name}; "
+            f"expected at most {finest:g} s"
         )
 
 
@@ -194,8 +193,8 @@ def _default_step(scene: Scene, method: Method) -> float:
         return min(default_step(scene, method), _seen_by(scene, method))
     except (jax.errors.ConcretizationTypeError, jax.errors.TracerArrayConversionError) as error:
         raise InputError(
-            "dt: the scene's numbers are being traced, so that no step can be chosen; pass options = "
-            "jaxgrity.stepping.resolve(scene, duration) of a scene whose numbers are known, or a dt"
+            "dt: the scene's numbers are being traced, so no step can be chosen; pass a dt, or options = "
+            "jaxgrity.stepping.resolve(scene, duration) of a scene with known numbers"
         ) from error
 
 
@@ -279,7 +278,7 @@ def _together(scene: Scene, given: SolverOptions, method: Method, concrete: bool
     if given.together is not None:
         if not given.together and (scene.structure.coupled or _has_balls(scene)):
             raise InputError(
-                "together = False: sweeps know neither rods with mass nor supports, bodies, balls; expected None"
+                "together = False: sweeps handle no rods with mass, supports, bodies or balls; expected None"
             )
         return given.together
     struts, must = rigid_struts(scene), scene.structure.coupled or _has_balls(scene)

@@ -1,4 +1,4 @@
-"""A rollout as a pure function, for `jax.jit`, `jax.vmap` and `jax.grad` in any order."""
+"""A simulation as a pure function, for `jax.jit`, `jax.vmap` and `jax.grad` in any order."""
 
 from typing import NamedTuple, cast
 
@@ -19,15 +19,14 @@ from jaxgrity.stepping.starts import check_supports, start_failure, supports_sli
 
 
 class RolledOut(NamedTuple):
-    """A motion, and whether it can be believed."""
+    """A motion, and whether it is valid."""
 
     positions: NodeHistory
     """(frames, nodes, 3), m"""
     velocities: NodeHistory
-    """(frames, nodes, 3), m/s, as those of a `Trajectory`"""
+    """(frames, nodes, 3), m/s, as in a `Trajectory`"""
     ok: AnyArray
-    """whether start and end fit the constraints, so that both can be starts, and the motion was finite; if not, all
-    else means nothing"""
+    """whether start and end satisfy the constraints and the motion is finite; if False, do not use the rest"""
 
 
 @typed
@@ -39,28 +38,27 @@ def rollout(
     options: Options = None,
     steps: int | None = None,
 ) -> RolledOut:
-    """Roll a scene out from the first of some times to the last, by fixed steps.
+    """Simulate a scene by fixed steps, as a pure function of the scene, the times and the start.
 
-    It is a pure function of the scene, the times and the start. It is differentiable in both modes with respect to
-    all numbers in them. The last frame is a start: from there the motion goes on as if it had never stopped.
+    It is differentiable in forward and reverse mode with respect to all numbers in these. To continue a motion, pass
+    its last frame as the start.
 
     Args:
-        scene: what moves.
-        times: (frames,), s, ascending, two or more: of the frames, and the time that gaits, motors and pushes go by.
-        start: positions, m, and velocities, m/s, (nodes, 3) each, at the first time; the structure as posed, at rest,
-            where not given.
-        options: how to integrate, at a fixed step; where not given, the scene decides. Where the numbers of the scene
-            are being traced, pass what `resolve` makes of known ones; if friction reaches mu = 1 there, with
-            `SolverOptions(together=True)`.
-        steps: how many from each frame to the next; by the options where not given, as many as the longest way needs.
+        scene: the scene to simulate.
+        times: (frames,), s: two or more ascending times of the frames. Gaits, motors and pushes follow these times.
+        start: positions, m, and velocities, m/s, (nodes, 3) each, at the first time; by default the structure's nodes
+            at rest.
+        options: solver options with a fixed step; by default the scene decides. If JAX traces the scene, pass options
+            that `resolve` made for a scene with known numbers, with `SolverOptions(together=True)` if friction reaches
+            mu = 1.
+        steps: number of steps between frames; by default as many as the longest interval needs.
 
     Returns:
-        Positions, velocities, and whether they can be believed.
+        Positions, velocities, and whether they are valid.
 
     Raises:
-        InputError: a start that is known, and violates rigid struts or exact contact; arrays of another shape; times
-            that do not ascend; bad options (see `resolve`), a method that adapts its step; times that are being traced,
-            without `steps`.
+        InputError: a known start that violates rigid struts or exact contact; arrays of the wrong shape; times that do
+            not ascend; bad options (see `resolve`), or a method that adapts its step; traced times without `steps`.
 
     Example:
         >>> scene = jaxgrity.load_scene("exact")
@@ -72,7 +70,7 @@ def rollout(
         (2,)
     """
     if np.ndim(times) != 1 or np.shape(times)[0] < 2 or not (traced(times) or np.all(np.diff(times) > 0)):
-        raise InputError(f"times of shape {np.shape(times)}; expected two or more, (frames,), that ascend")
+        raise InputError(f"times of shape {np.shape(times)}; expected two or more ascending times, (frames,)")
     q, v = start_of(scene) if start is None else start
     q, v = (x if isinstance(x, jax.Array) else np.asarray(x, float) for x in (q, v))
     for name, given in (("positions", q), ("velocities", v)):
@@ -81,7 +79,7 @@ def rollout(
             raise InputError(f"start: {name} have shape {np.shape(given)}; expected {expected}")
     check_supports(scene, v, times[0])
     if steps is None and traced(times):
-        raise InputError("times are being traced; pass `steps`, how many from each frame to the next")
+        raise InputError("times are being traced; pass `steps`, the number of steps between frames")
     resolved = resolve(scene, 1.0, options, positions=q, since=times[0])
     if resolved.dt is None:
         raise InputError(f"method = {resolved.method.name!r} adapts its step; expected a fixed one (dt)")

@@ -34,41 +34,41 @@ REVERSE = "simulate has derivatives in forward mode alone (jax.jacfwd, jax.jvp);
 
 
 class Trajectory(eqx.Module):
-    """A motion: where every node was at each saved time, how it was computed, and whether it can be believed."""
+    """A motion: positions and velocities of all nodes at saved times, the method, and whether the simulation failed."""
 
     times: Times
     """(frames,), s"""
     positions: NodeHistory
     """(frames, nodes, 3), m"""
     velocities: NodeHistory
-    """(frames, nodes, 3), m/s, at the time of each frame; of complementarity stepping before contact and rigid struts
-    act in the step to come: a node at rest has h/2m times all other forces on it there, prestress among them. For
-    energies and slip take `velocities_midway`"""
+    """(frames, nodes, 3), m/s, at the time of each frame. Complementarity stepping saves them before contact and rigid
+    struts act in the next step: the velocity of a node at rest is then h/2m times all other forces on it, prestress
+    included. Use `velocities_midway` for energies and slip"""
     failure: jax.Array
     """index into `FAILURES`; 0: succeeded"""
     steps: jax.Array
-    """accepted steps"""
+    """number of accepted steps"""
     rejected: jax.Array
-    """steps that an adaptive method tried and gave up"""
+    """number of steps that an adaptive method rejected"""
     method: str = eqx.field(static=True)
     dt: float | None = eqx.field(static=True)
     """fixed step, s; None: adaptive"""
     scene: Scene | None = None
-    """what moved, where it is known: then the trajectory can be shown"""
+    """the scene of the motion; None if unknown, and then the motion cannot be shown"""
     commands: Commands | None = None
-    """what a controller asked for in a closed loop; None: rest lengths are as the scene says"""
+    """rest lengths that a controller commanded in a closed loop; None: those of the scene's gait"""
 
     @property
     def failed(self) -> bool:
         return bool(np.asarray(self.failure) != 0)
 
     def show(self, **how: Any) -> Any:
-        """A 3D replay, which Jupyter shows: `jaxgrity.report.view.replay` of this motion, with all that it takes.
+        """Replay the motion in 3D in Jupyter. `how` goes to `jaxgrity.report.view.replay`.
 
-        Raises `InputError` where the trajectory does not know its scene, or viser is not installed.
+        Raises `InputError` if the trajectory does not know its scene, or viser is not installed.
         """
         if self.scene is None:
-            raise InputError("this trajectory does not know what moved; expected one that `simulate` returned")
+            raise InputError("this trajectory does not know its scene; expected a trajectory from `simulate`")
         return of_report("view", "replay")(self.scene, self, **how)
 
     def _repr_html_(self) -> str:
@@ -92,9 +92,10 @@ def centre_path(scene: Scene, trajectory: Trajectory) -> np.ndarray:
 
 @typed
 def velocities_midway(scene: Scene, trajectory: Trajectory) -> np.ndarray:
-    """(frames, nodes, 3), m/s: velocities that contact and rigid struts let pass, for reports on slip and on impulses.
+    """(frames, nodes, 3), m/s: velocities after contact and rigid struts have acted, for reports on slip and impulses.
 
-    Of complementarity stepping those in the middle of the step before each frame; of other methods the trajectory's.
+    For complementarity stepping these are the velocities in the middle of the step before each frame. For other methods
+    they are those of the trajectory.
     """
     if trajectory.dt is None or not find_method(trajectory.method).constrained:
         return np.asarray(trajectory.velocities, float)
@@ -110,7 +111,7 @@ def _midway(scene: Scene, dt: Scalar, times: Times, positions: NodeHistory, velo
 
 
 def some_frames(trajectory: Trajectory, frames: np.ndarray | slice) -> Trajectory:
-    """The same motion with these of its saved frames alone."""
+    """The same motion with only the given frames."""
     # known numbers are sliced by NumPy, which compiles nothing for it; inside of another jitted function none are
     known = (lambda x: x) if traced(trajectory) else np.asarray
     names = ("times", "positions", "velocities")
@@ -119,12 +120,12 @@ def some_frames(trajectory: Trajectory, frames: np.ndarray | slice) -> Trajector
 
 
 def frame_times(duration: float, frame_rate: float, at_most: float = math.inf) -> np.ndarray:
-    """(frames,), s, from 0 to `duration`, as many a second as `frame_rate` says, or `at_most`; at least two.
+    """(frames,), s: at least two times from 0 to `duration`, `frame_rate` per second, or `at_most` per second.
 
-    Raises `InputError` where the rate is not positive and finite.
+    Raises `InputError` if the rate is not positive and finite.
     """
     if not (frame_rate > 0 and math.isfinite(frame_rate)):
-        raise InputError(f"frame_rate = {frame_rate}: expected a positive, finite number of frames a second")
+        raise InputError(f"frame_rate = {frame_rate}: expected a positive, finite number of frames per second")
     return np.linspace(0, duration, max(1, round(duration * min(frame_rate, at_most))) + 1)
 
 
@@ -144,26 +145,26 @@ def simulate(
     positions: NodeVectors | None = None,
     velocities: NodeVectors | None = None,
 ) -> Trajectory:
-    """Integrate the scene's equations of motion.
+    """Simulate a scene: integrate its equations of motion.
 
-    The motion has derivatives in forward mode; reverse mode takes `rollout`. A frame is a start: given back as
-    positions and velocities, it goes on as the motion does, but that time begins anew.
+    You can differentiate the motion in forward mode; use `rollout` for reverse mode. To continue a motion, pass the
+    positions and velocities of one of its frames; time then starts again at 0.
 
     Args:
-        scene: what moves.
-        duration: s.
-        options: how to integrate; where not given, the scene decides.
-        frame_rate: saved frames a second.
-        positions: (nodes, 3), m, at the start; the structure's own where not given.
-        velocities: (nodes, 3), m/s, at the start; at rest where not given.
+        scene: the scene to simulate.
+        duration: simulated time, s.
+        options: solver options; by default the scene decides.
+        frame_rate: saved frames per second.
+        positions: (nodes, 3), m, at the start; by default those of the structure.
+        velocities: (nodes, 3), m/s, at the start; by default zero.
 
     Returns:
-        The motion, from t = 0 to `duration`. One that fails is returned with its failure code. Beyond the largest
-        stable step, which `any_step` lets pass, it warns.
+        The motion from t = 0 to `duration`. A motion that fails is returned with its failure code. With `any_step`, a
+        step beyond the stable limit gives a warning.
 
     Raises:
-        InputError: bad options (see `resolve`), positions or velocities of another shape, velocities along
-            coordinates that are fixed, a frame rate that is not positive and finite.
+        InputError: bad options (see `resolve`), positions or velocities of the wrong shape, velocities of fixed
+            coordinates, or a frame rate that is not positive and finite.
 
     Example:
         >>> scene = jaxgrity.load_scene("reference")

@@ -246,7 +246,7 @@ def step_limit(scene: Scene, method: Method | str) -> StepLimit:
     """The largest stable step of a scene, standing and aloft, and what sets it; infinite where nothing does.
 
     Args:
-        scene: what moves.
+        scene: the scene to simulate.
         method: or its name.
 
     Raises:

@@ -1,4 +1,4 @@
-"""Where the energy and the momentum of a rollout come from, and where they go."""
+"""The balance of energy and momentum along a simulation."""
 
 import math
 from typing import NamedTuple
@@ -29,7 +29,7 @@ metre."""
 
 
 class Amounts(NamedTuple):
-    """What there is in every frame."""
+    """Energies and momenta in every frame."""
 
     times: Times
     positions: NodeHistory
@@ -42,60 +42,60 @@ class Amounts(NamedTuple):
 
 
 class EnergyAudit(NamedTuple):
-    """Change of energy = actuation work - dissipation, each integrated beside the motion, at every frame, in J."""
+    """Energy balance in every frame, J: change of energy = work of the actuators - dissipated energy."""
 
     times: Times
-    """(frames,), s; of complementarity stepping the middle of the step before each frame, where its velocities are"""
+    """(frames,), s; for complementarity stepping, the middle of the step before each frame"""
     positions: NodeHistory
     """(frames, nodes, 3), m"""
     kinetic: Times
-    """(frames,), T"""
+    """(frames,), kinetic energy T"""
     potential: Times
-    """(frames,), U: members, gravity and penalty contact"""
+    """(frames,), potential energy U of members, gravity and penalty contact"""
     actuation: Times
-    """(frames,), work done by the actuators: the integral of dU/dt at fixed q, and of -T dL/dt of rigid struts"""
+    """(frames,), work of the actuators: the integral of dU/dt at fixed q, and of -T dL/dt for rigid struts"""
     dissipated: dict[str, Times]
-    """(frames,) for each cause: the integral of v·dR/dv, for the Coulomb switch of -v·F_switch; impacts and friction of
-    exact contact by its impulses; "stepping" is what the scheme itself loses, at rigid struts and on curved ground"""
+    """(frames,) by cause: the integral of v·dR/dv, or of -v·F_switch for the Coulomb switch. Losses of exact contact
+    come from its impulses. "stepping" is the loss of the scheme itself, at rigid struts and on curved ground"""
     momentum_residual: Times
-    """(frames,), N s: |change of momentum - impulse of the forces from outside|"""
+    """(frames,), |change of momentum - impulse of external forces|, N s"""
     angular_residual: Times
-    """(frames,), N m s, about the origin: |change of angular momentum - impulse of the moments from outside|"""
+    """(frames,), |change of angular momentum - impulse of external moments| about the origin, N m s"""
     constraint_residual: float = 0.0
-    """m/s: by how much velocities missed what impulses make of them in any step; 0 where they follow from each other"""
+    """largest difference between velocities and those that the impulses give in any step, m/s"""
 
     @property
     def residual(self) -> Times:
-        """(frames,), what the balance lacks, J: an error of the time steps."""
+        """(frames,), residual of the balance, J: an error of the time steps."""
         energy = self.kinetic + self.potential
         return energy - energy[0] - self.actuation + self.lost
 
     @property
     def lost(self) -> Times:
-        """(frames,), all dissipation, J."""
+        """(frames,), all dissipated energy, J."""
         return sum(self.dissipated.values(), np.zeros_like(self.times))
 
     @property
     def turned_over(self) -> float:
-        """The largest of the amounts that went through the balance, J, against which a residual is small."""
+        """Largest change of any part of the balance, J; compare the residual with it."""
         return float(max(np.ptp(x) for x in (self.kinetic, self.potential, self.actuation, self.lost)))
 
 
 @typed
 def energy_audit(scene: Scene, duration: float, *, options: Options = None, frame_rate: float = 100.0) -> EnergyAudit:
-    """Roll the scene out in float64, and balance its energy and its momentum.
+    """Simulate a scene in float64, and balance its energy and momentum.
 
-    dE/dt = dU/dt - v·dR/dv + v·F_switch, dp/dt = sum of the forces that no member exerts, and likewise their moments.
-    Each is a further equation beside those of motion, integrated by the same method. Symplectic methods and
-    complementarity stepping take no further equations: there the works are summed step by step, from the forces and
-    impulses of each step times the mean of its velocities; steps are shortened to fit the frames. Where the rollout
-    fails, what comes after is NaN or no longer means anything: `simulate` says whether it does.
+    dE/dt = dU/dt - v·dR/dv + v·F_switch, and dp/dt is the sum of the external forces; angular momentum changes by
+    their moments. The method integrates these equations together with those of motion. Symplectic methods and
+    complementarity stepping sum the works step by step instead: forces and impulses times the mean velocity of the
+    step. Their steps are shortened to fit the frames. If the simulation fails, later numbers are NaN or meaningless
+    (`simulate` reports a failure).
 
     Args:
-        scene: what moves.
-        duration: s.
-        options: how to integrate; where not given, the scene decides. The precision is float64 in any case.
-        frame_rate: frames a second in which the balance is drawn.
+        scene: the scene to simulate.
+        duration: simulated time, s.
+        options: solver options; by default the scene decides. The precision is float64 in any case.
+        frame_rate: frames of the balance per second.
 
     Returns:
         Energies (J), works (J) and residuals of momentum, a number for each frame.

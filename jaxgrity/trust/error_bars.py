@@ -13,20 +13,20 @@ from jaxgrity.populations.population import simulate_population
 from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
 
 SAFETY = 2.5
-"""Factor of error bars. With 2, bars covered the errors of 94 % of the least predictable gaits that were tried. With 3,
-bars would be five times the error."""
+"""Safety factor of error bars. With 2, bars covered the error of 94 % of the least predictable gaits that we tried.
+With 3, bars would be five times the error."""
 
 
 class Verified(NamedTuple):
     """Distances in float64, each with an error bar from rollouts at smaller steps."""
 
     distance: PerGait
-    """(population,), horizontal displacement of the centre of mass at the first of `steps`, m; NaN where it failed"""
+    """(population,), horizontal displacement of the centre of mass at the first of `steps`, m; NaN for failed robots"""
     error_bar: PerGait
-    """(population,), of the centre of mass at the end, m; infinite where any of the rollouts failed"""
+    """(population,), error bar of the centre of mass at the end, m; infinite if any of the simulations failed"""
     com_start: Vectors
     com_end: Vectors
-    """(population, 3), m, at the first of `steps`"""
+    """(population, 3), centre of mass at the start and at the end, m, at the first of `steps`"""
     steps: tuple[float, float, float]
     """the steps used, s; of an adaptive method, the relative tolerances"""
 
@@ -35,17 +35,16 @@ class Verified(NamedTuple):
 def verify(scene: Scene, gaits: Gait, duration: float, *, options: Options = None) -> Verified:
     """Distance of each gait, with an error bar from rollouts at the step, its half and its quarter, all in float64.
 
-    With c the centres of mass, d1 = |c(dt) - c(dt/2)| and d2 = |c(dt/2) - c(dt/4)|, further halvings of a method that
-    converges at first order or faster add up to d1 + d2 + d2/2 + ... <= d1 + 2 d2. The bar is `SAFETY` times this, for
-    a single difference may happen to be small. It covers the error of the steps, not what the model leaves out;
-    docs/numerics.md says how often it does. A method that adapts its step is compared at 1, 1/10 and 1/100 of its
-    tolerances.
+    With the centre of mass c, let d1 = |c(dt) - c(dt/2)| and d2 = |c(dt/2) - c(dt/4)|. For a method of first order or
+    higher, the sum over all further halvings is at most d1 + 2 d2. The error bar is `SAFETY` times this bound, since a
+    single difference may be small by chance. It covers the error of the time step, not errors of the model;
+    docs/numerics.md has its measured coverage. Adaptive methods are compared at 1, 1/10 and 1/100 of their tolerances.
 
     Args:
-        scene: what moves.
+        scene: the scene to simulate.
         gaits: a population of gaits, as from `gaits_of`.
-        duration: s.
-        options: how to integrate; where not given, the scene decides. The precision is float64 in any case.
+        duration: simulated time, s.
+        options: solver options; by default the scene decides. The precision is float64 in any case.
 
     Returns:
         Distances, error bars and centres of mass, a row for each gait.
@@ -78,9 +77,10 @@ def verify(scene: Scene, gaits: Gait, duration: float, *, options: Options = Non
 
 
 def timing_bar(scene: Scene, options: ResolvedOptions) -> float:
-    """m, by which the centre of mass may be off since complementarity stepping gives a short push at one time.
+    """Error of the centre of mass from the timing of short pushes in complementarity stepping, m.
 
-    No smaller step shows it before the step is shorter than the push. A push P later by up to h/2 is off by P/m h/2.
+    A push P acts up to h/2 too late or too early, which gives an error of P/m h/2. Refinement does not show it until
+    the step is shorter than the push.
     """
     if options.dt is None or not options.method.constrained:
         return 0.0
@@ -89,6 +89,6 @@ def timing_bar(scene: Scene, options: ResolvedOptions) -> float:
 
 
 def refinement_bar(coarse: np.ndarray, middle: np.ndarray, fine: np.ndarray) -> np.ndarray:
-    """SAFETY (|c1 - c2| + 2 |c2 - c3|), m, for points c1, c2, c3 computed at a step, its half and its quarter."""
+    """Error bar SAFETY (|c1 - c2| + 2 |c2 - c3|), m, of points c1, c2, c3 from a step, its half and its quarter."""
     first, second = np.linalg.norm(coarse - middle, axis=-1), np.linalg.norm(middle - fine, axis=-1)
     return np.asarray(SAFETY * (first + 2 * second))

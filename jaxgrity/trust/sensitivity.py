@@ -1,4 +1,4 @@
-"""How strongly a rollout depends on what is never known exactly: derivatives of its centre of mass."""
+"""Sensitivity of a simulation: derivatives of its centre of mass with respect to the gait or the start."""
 
 from typing import NamedTuple
 
@@ -22,38 +22,38 @@ ROOM = 128
 
 
 class Sensitivity(NamedTuple):
-    """How strongly the centre of mass depends on what is never known exactly, as time goes on."""
+    """Sensitivity of the centre of mass to the phases of the gait, or without a gait to the initial velocities."""
 
     times: Times
     """(frames,), s"""
     norm: Times
-    """(frames,), spectral norm of d(com)/d(phase), m/rad; without a gait of d(com)/d(initial velocities), m/(m/s)"""
+    """(frames,), spectral norm of d(com)/d(phase), m/rad; without a gait, of d(com)/d(initial velocities), m/(m/s)"""
     unit: str = "m/rad"
 
     def horizon(self, largest: float) -> float:
-        """The time, s, up to which the norm stays at or below `largest`."""
+        """Time up to which the norm is at most `largest`, s."""
         above = ~(self.norm <= largest)
         return float(self.times[-1] if not above.any() else self.times[max(0, int(np.argmax(above)) - 1)])
 
     @property
     def growth_rate(self) -> float:
-        """1/s, by which the norm grows in the second half of the rollout: a finite-time Lyapunov exponent."""
+        """Growth rate of the norm in the second half of the simulation, 1/s: a finite-time Lyapunov exponent."""
         late = (self.times >= self.times[-1] / 2) & (self.norm > 0) & np.isfinite(self.norm)
         return float(np.polyfit(self.times[late], np.log(self.norm[late]), 1)[0]) if late.sum() > 1 else np.nan
 
 
 @typed
 def sensitivity(scene: Scene, duration: float, *, options: Options = None, frame_rate: float = 10.0) -> Sensitivity:
-    """|d com/d phase| along one rollout of the scene's own gait, by forward-mode differentiation, in float64.
+    """|d com/d phase| along a simulation with the scene's gait, by forward-mode differentiation in float64.
 
-    Where it is large, neither the distance of a gait nor its gradient says much: a phase off by 0.01 rad moves the
-    robot by a hundredth of this. A scene without a gait is asked for its initial velocities instead.
+    A phase error of 0.01 rad moves the robot by a hundredth of it. If it is large, do not trust distances or their
+    gradients. For a scene without a gait, the derivative is with respect to the initial velocities.
 
     Args:
-        scene: what moves.
-        duration: s.
-        options: how to integrate; where not given, the scene decides. The precision is float64 in any case.
-        frame_rate: times a second at which the derivative is taken.
+        scene: the scene to simulate.
+        duration: simulated time, s.
+        options: solver options; by default the scene decides. The precision is float64 in any case.
+        frame_rate: number of derivatives per second.
 
     Returns:
         The spectral norm of the derivative, m/rad or m/(m/s), at every frame.

@@ -22,7 +22,7 @@ from jaxgrity.trust.error_bars import refinement_bar, timing_bar
 from jaxgrity.trust.sensitivity import Sensitivity, sensitivity
 
 UNCERTAIN = 0.01
-"""Uncertainty of each phase, rad, or without a gait of the initial velocities, m/s for a body of one metre."""
+"""Uncertainty of each phase, rad; without a gait, of the initial velocities, m/s for a body of one metre."""
 PREDICTABLE = 0.01
 """Largest error of the centre of mass that counts as predicted, m for a body of one metre."""
 
@@ -33,31 +33,34 @@ MEASUREMENTS = 5
 
 
 class TrustReport(NamedTuple):
-    """What one rollout is worth."""
+    """How far to trust one simulation."""
 
     trajectory: Trajectory
-    """the rollout itself"""
+    """the simulated motion"""
     error_bars: Times
-    """(frames,), of the centre of mass, m, by smaller steps or tolerances"""
+    """(frames,), error bar of the centre of mass, m, from smaller steps or tolerances"""
     audit: EnergyAudit | None
-    """None where the rollout failed"""
+    """energy and momentum balance; None if the simulation failed"""
     sensitivity: Sensitivity | None
     penetration: float
-    """m, how far any node was below the ground, at most"""
+    """largest depth of any node below the ground, m"""
     strut_strain: float
-    """|l - L(t)| / L(t) of any strut, at most; of rigid struts it is the error of their constraint"""
+    """largest |l - L(t)| / L(t) of any strut; for rigid struts, the error of their constraint"""
     rod_depth: float = 0.0
-    """m, how far any strut was in uneven ground between its nodes, at most, where nothing holds it up"""
+    """largest depth of any strut in uneven ground between its nodes, m; contact does not act there"""
 
     @property
     def error_bar(self) -> float:
-        """m, of the centre of mass at the end."""
+        """Error bar of the centre of mass at the end, m."""
         return float(self.error_bars[-1])
 
     @property
     def horizon(self) -> float:
-        """s, up to which the centre of mass is known to `predictable`: by its error bars, and where an `UNCERTAIN`
-        gait, or start, moves it by no more. The end of the rollout where it is known to the end: longer, then."""
+        """Time up to which the centre of mass is known to `predictable`, s.
+
+        Until then neither its error bar nor an error of `UNCERTAIN` in the gait (or in the start) exceeds
+        `predictable`. If this holds to the end of the simulation, the horizon is that end.
+        """
         times = np.asarray(self.trajectory.times)
         beyond = ~(self.error_bars <= self.predictable)
         exact = float(times[max(0, int(np.argmax(beyond)) - 1)] if beyond.any() else times[-1])
@@ -69,12 +72,12 @@ class TrustReport(NamedTuple):
 
     @property
     def predictable(self) -> float:
-        """m, `PREDICTABLE` of this body: to which its centre of mass counts as predicted."""
+        """Largest error at which the centre of mass of this body counts as predicted (`PREDICTABLE`), m."""
         scene = self.trajectory.scene
         return PREDICTABLE * (1.0 if scene is None else float(length_scale(scene)))
 
     def summary(self) -> dict[str, Any]:
-        """The numbers, as they go into a JSON file; SI units."""
+        """The numbers for a JSON file, in SI units."""
         found: dict[str, Any] = {
             "outcome": FAILURES[int(self.trajectory.failure)],
             "error_bar": self.error_bar,
@@ -101,7 +104,7 @@ class TrustReport(NamedTuple):
         return found
 
     def table(self) -> str:
-        """The numbers, a line each, for people."""
+        """The report as text, one number per line."""
         facts, rows = self.summary(), {}
         rows["outcome"] = facts["outcome"]
         rows["error bar of the centre of mass"] = f"{facts['error_bar']:.2g} m"
@@ -111,14 +114,14 @@ class TrustReport(NamedTuple):
             rows["energy"] += f"{energy['kinetic']:.4g} J, change of potential {energy['potential_change']:+.4g} J"
             lost = ", ".join(f"{cause} {amount:.3g}" for cause, amount in energy["dissipated"].items())
             rows["dissipated"] = f"{lost} J" if lost else "nothing"
-            rows["energy residual"] = f"{energy['residual']:.2g} J of {energy['turned_over']:.3g} J turned over"
+            rows["energy residual"] = f"{energy['residual']:.2g} J of {energy['turned_over']:.3g} J converted"
             rows["momentum residual"] = f"{facts['momentum_residual']:.2g} N s, angular "
             rows["momentum residual"] += f"{facts['angular_momentum_residual']:.2g} N m s"
         if facts.get("constraint_residual"):
             rows["constraint residual"] = f"{facts['constraint_residual']:.2g} m/s in any step"
         rows["largest penetration"] = f"{facts['penetration']:.2g} m"
         if facts["rod_depth"] > facts["penetration"]:
-            rows["a rod in the ground"] = f"{facts['rod_depth']:.2g} m deep between its nodes, where contact is"
+            rows["largest depth of a rod"] = f"{facts['rod_depth']:.2g} m in the ground between its nodes"
         rows["largest strut strain"] = f"{facts['strut_strain']:.2g}"
         if self.sensitivity is not None:
             rate = facts["sensitivity_growth_rate"]
@@ -139,20 +142,20 @@ def diagnose(
     frame_rate: float = 100.0,
     on_progress: Callable[[int, int], object] = lambda done, total: None,
 ) -> TrustReport:
-    """Roll the scene out as `simulate` does, and say how far the result can be trusted.
+    """Simulate a scene as `simulate` does, and report how far you can trust the result.
 
-    The error bars compare with rollouts in float64 at half and a quarter of the step (or at a tenth and a hundredth of
-    the tolerances), as in `verify`.
+    Error bars come from simulations in float64 at half and a quarter of the step (or at a tenth and a hundredth of the
+    tolerances), as in `verify`.
 
     Args:
-        scene: what moves.
-        duration: s.
-        options: how to integrate; where not given, the scene decides.
-        frame_rate: saved frames a second.
-        on_progress: gets how many of the measurements are done, and how many there are.
+        scene: the scene to simulate.
+        duration: simulated time, s.
+        options: solver options; by default the scene decides.
+        frame_rate: saved frames per second.
+        on_progress: called with the number of finished measurements, and their total.
 
     Returns:
-        The rollout, with error bars, energy audit, sensitivity, penetration and strut strain.
+        The motion, with error bars, energy audit, sensitivity, penetration and strut strain.
 
     Raises:
         InputError: bad options (see `resolve`), or a frame rate that is not positive and finite.

@@ -170,7 +170,7 @@ def test_a_gait_of_the_library_takes_the_place_of_the_scenes_own(tmp_path, capsy
     for scene, said in (
         ("exact", ""),
         (tmp_path / "exact.toml", ""),
-        ("reference", "the gait lasting was found on exact\n"),
+        ("reference", "note: the gait lasting was found on the scene exact\n"),
     ):
         found = simulate.chosen_scene(str(scene), "lasting")
         assert eqx.tree_equal(found, with_gait(load_scene(scene), load_gait("lasting")))
@@ -250,7 +250,7 @@ def test_diagnose_says_how_far_a_rollout_can_be_trusted(jaxgrity, tmp_path):
         (["search", "--objective.heading", "1"], ["heading = 1.0: 'steady speed' has none"]),
         (["search", "--objective.largest-rate", "0"], ["largest_rate = 0.0: expected a positive number"]),
         (["search", "--caution", "1", "--robots", "1"], ["caution = 1.0: one robot has no spread"]),
-        (["compare"], ["no runs: expected at least one folder"]),
+        (["compare"], ["no runs: expected at least one result folder"]),
         (["compare", "missing"], ["missing/summary.json", "No such file"]),
         (["compare", "broken"], ["broken/summary.json: not JSON"]),
         (["compare", "other"], ["other/summary.json: has no robust, searches, settings"]),
@@ -324,7 +324,10 @@ def test_a_picture_that_fails_costs_this_picture(monkeypatch, tmp_path, capsys):
 
 @pytest.mark.parametrize(
     ("setting", "said"),
-    [("resume", "interrupted; the same command with --resume goes on from what was saved"), ("quick", "interrupted")],
+    [
+        ("resume", "interrupted; the same command with --resume continues from the saved state"),
+        ("quick", "interrupted"),
+    ],
 )
 def test_an_interruption_is_one_line(monkeypatch, capsys, setting, said):
     """Ctrl-C ends with exit code 130, and says how to go on where one can."""

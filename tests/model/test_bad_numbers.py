@@ -46,8 +46,8 @@ NAN = np.nan
         (lambda: Motor(0, [0.1], [1.0], [1.0, 2.0]), r"motor of member 0.rate has shape \(2,\); expected one number"),
         (lambda: Gait((0,), [NAN], [0.1], [1.0]), r"gait.phase\[0\] = nan: expected a finite number"),
         # at an amplitude of 2 a strut of 1 m had a rest length of -1 m; overtones whose sizes sum to -1 gave NaN
-        (lambda: Gait((0, 1), [0.0, 0.0], [0.3, 2.0], [1.0, 1.0]), "gait.amplitude = 2.0: expected from 0 to less"),
-        (lambda: Gait((0,), [0.0], [-0.3], [1.0]), "gait.amplitude = -0.3: expected from 0 to less"),
+        (lambda: Gait((0, 1), [0.0, 0.0], [0.3, 2.0], [1.0, 1.0]), "gait.amplitude = 2.0: expected 0 to less"),
+        (lambda: Gait((0,), [0.0], [-0.3], [1.0]), "gait.amplitude = -0.3: expected 0 to less"),
         (lambda: Gait((0,), [0.0], [0.3], [-2.0]), "gait.frequency = -2.0 Hz: expected none negative"),
         (lambda: Overtone([-1.0], [0.0]), "overtone.size = -1.0: expected none negative"),
         # a spring that pushes apart what is stretched, a damper that drives, a rod that weighs less than nothing

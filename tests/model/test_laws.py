@@ -322,5 +322,5 @@ class Gluing(CoulombCone):
 
 def test_a_constraint_that_nothing_meets_is_refused(prism):
     """Whoever brings it: sweeps would go on as with Coulomb's cone."""
-    with pytest.raises(InputError, match="gluing: no method meets this constraint; expected one of rigid struts"):
+    with pytest.raises(InputError, match="gluing: no method solves this constraint; expected one of rigid struts"):
         Scene(prism.structure, gravity=9.81, ground=ExactGround(), friction=Glue(0.5))

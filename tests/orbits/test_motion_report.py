@@ -84,13 +84,11 @@ def test_a_distance_that_means_nothing_is_said_to(still):
     """First of all, where the error bar is larger than the distance, or there is none."""
     scene, q = still
     stands = motion_report(scene, motion(np.tile(q, (501, 1, 1))))
-    assert conclusion(2.07, 27.0, stands).startswith("the distance means nothing, since its error bar is larger: moved")
-    assert conclusion(2.07, np.inf, None).startswith(
-        "the distance means nothing, since its error bar is unknown: moved"
-    )
+    assert conclusion(2.07, 27.0, stands).startswith("do not trust the distance, since its error bar is larger: moved")
+    assert conclusion(2.07, np.inf, None).startswith("do not trust the distance, since its error bar is unknown: moved")
     assert conclusion(2.07, 0.01, stands) == "moved 2.070 ± 0.01 m\nthe robot stands; it is at rest after 0 s"
     assert conclusion(2.07, None, None) == "moved 2.0700 m"
-    assert conclusion(np.nan, np.inf, None) == "no distance: the rollout failed"
+    assert conclusion(np.nan, np.inf, None) == "no distance: the simulation failed"
 
 
 @pytest.mark.slow

@@ -51,15 +51,15 @@ STEADY = {
 ACTUATORS = {"peak_force": 275.1, "peak_rate": 0.988, "peak_power": 143.4, "cost_of_transport_by_effort": 5.41}
 
 
-LOST = "settle on no orbit to which disturbed robots return; the first"
+LOST = "settle on no orbit that attracts disturbed robots; the chosen one"
 
 
 @pytest.mark.parametrize(
     ("multipliers", "told"),
     [
-        ([0.1, 0.2], "by 0.1, 0.2; the first is worth most"),
-        ([np.inf, 0.2], f"by 0.2; 1 of 2 {LOST} is none of these, and is worth most"),
-        ([np.inf, np.inf], "none settles on an orbit to which disturbed robots return; the first is worth most"),
+        ([0.1, 0.2], "per cycle 0.1, 0.2; the chosen one has the best fitness"),
+        ([np.inf, 0.2], f"per cycle 0.2; 1 of 2 {LOST} is none of these, and has the best fitness"),
+        ([np.inf, np.inf], "orbit that attracts disturbed robots; the chosen one has the best fitness"),
     ],
 )
 def test_a_gait_without_an_orbit_is_not_taken_for_the_next_one(multipliers, told):
@@ -96,10 +96,10 @@ def test_the_rows_say_what_a_gait_is_worth():
     """Speed first, then for how long, turning, stability, both models of contact, and what actuators must give."""
     known = {"steady": STEADY, "actuators": ACTUATORS, "within_bounds": True, "beyond_bounds": 0.0}
     rows = outcome_rows(known)
-    strained = outcome_rows({**known, "beyond_bounds": 0.2})["actuators must give"]
-    assert strained.endswith("; 20 % of the robots that differ exceed a bound on actuators")
-    lost = outcome_rows({**known, "within_bounds": False})["actuators must give"]
-    assert lost.endswith("; no gait was found that stays within the bounds on actuators")
+    strained = outcome_rows({**known, "beyond_bounds": 0.2})["actuators need"]
+    assert strained.endswith("; 20 % of perturbed robots exceed a bound on actuators")
+    lost = outcome_rows({**known, "within_bounds": False})["actuators need"]
+    assert lost.endswith("; no gait within the bounds on actuators was found")
     assert list(rows) == [
         "speed",
         "lasts",
@@ -107,30 +107,29 @@ def test_the_rows_say_what_a_gait_is_worth():
         "stability",
         "cycle",
         "both contact models",
-        "actuators must give",
+        "actuators need",
     ]
-    assert rows["speed"] == "0.886 ± 0.004 m/s (0.886 body lengths a second)"
-    assert rows["lasts"] == "watched for 299 s; settled after 15 s, and then in no 10 s slower than 0.885 m/s"
+    assert rows["speed"] == "0.886 ± 0.004 m/s (0.886 body lengths/s)"
+    assert rows["lasts"] == "watched for 299 s; settles after 15 s; slowest 10 s after that: 0.885 m/s"
     assert rows["turning"] == (
-        "0.0 ± 0.2 °/s; robots that differ bend by -6° to 11° in a body length, on the other model by no known angle"
+        "0.0 ± 0.2 °/s; perturbed robots bend by -6° to 11° per body length, on the other contact model "
+        "by no known angle"
     )
-    assert rows["stability"].startswith(
-        "a disturbance is multiplied by 0.09 ± 0.02 in a cycle, shifts along the ground"
-    )
-    assert "left out, which stay (followed for two cycles); " in rows["stability"]
-    assert "with other nodes in the places of these it repeats itself 2 times in it, to 0 mm" in rows["cycle"]
-    assert rows["cycle"].endswith("stands in turn on 6-9-11, 0-6-9")
+    assert rows["stability"].startswith("largest Floquet multiplier 0.09 ± 0.02 per cycle (translation")
+    assert rows["stability"].endswith("over two cycles); 100 % of disturbed robots return")
+    assert "; 2 symmetry-equivalent segments per cycle, which differ by 0 mm" in rows["cycle"]
+    assert rows["cycle"].endswith("stands on the faces 6-9-11, 0-6-9 in turn")
     assert rows["both contact models"] == (
-        "0.82 ± 0.02 m/s (standard deviation 0.14) over 128 robots that differ; "
-        "0.81 ± 0.03 m/s (standard deviation 0.18) on the other model"
+        "0.82 ± 0.02 m/s (standard deviation 0.14) over 128 perturbed robots; "
+        "0.81 ± 0.03 m/s (standard deviation 0.18) on the other contact model"
     )
-    assert rows["actuators must give"].startswith("up to 275 N, 0.99 m/s, 143 W; cost of transport 3.8 (")
-    assert rows["actuators must give"].endswith("d along its path)")
+    assert rows["actuators need"].startswith("up to 275 N, 0.99 m/s, 143 W; cost of transport 3.8 (")
+    assert rows["actuators need"].endswith("d along the path)")
     robots = {name: {"mean": 0.6, "standard_deviation": 0.1} for name in ("robust", "other_contact_model")}
     uphill = steady_rows({**STEADY, "along_heading": {"heading": 3.1, "speed": 0.67, **robots}})
-    assert uphill["along its heading"].startswith("0.670 m/s; robots that differ 0.600 (standard deviation 0.1) m/s")
+    assert uphill["along its heading"].startswith("0.670 m/s; perturbed robots 0.600 (standard deviation 0.1) m/s")
     lost = steady_rows({**STEADY, "settled": False, "residual": 0.3})
-    assert lost == {"orbit": "none: shapes still change by 0.3 m over a cycle"}
+    assert lost == {"orbit": "none: the shape still changes by 0.3 m over a cycle"}
 
 
 def test_the_page_leads_with_them(tmp_path):
@@ -176,9 +175,9 @@ def test_a_small_robot_has_as_many_digits(size):
         0.01: ("0.00886 ± 4e-05", "0.00885", "0.00810", "0.0082 ± 0.0002"),
     }
     speed, slowest, headed, robots = told[size]
-    assert rows["speed"] == f"{speed} m/s (0.886 body lengths a second)"
-    assert rows["lasts"].endswith(f"slower than {slowest} m/s")
-    assert rows["along its heading"].startswith(f"{headed} m/s; robots that differ {significant(0.8 * size)} (")
+    assert rows["speed"] == f"{speed} m/s (0.886 body lengths/s)"
+    assert rows["lasts"].endswith(f"after that: {slowest} m/s")
+    assert rows["along its heading"].startswith(f"{headed} m/s; perturbed robots {significant(0.8 * size)} (")
     assert rows["both contact models"].startswith(f"{robots} m/s (standard deviation {0.14 * size:.2g})")
     found = {"distance": 0.5 * size, "error_bar": size, "duration": 8.0}
     assert distance_words(found).startswith(f"{significant(0.5 * size, 2, 2)} m in 8 s at this time step")

@@ -183,7 +183,7 @@ def test_a_trajectory_shows_itself(rolling_robot):
     """As an iframe in Jupyter; one that does not know its scene says so."""
     _, motion = rolling_robot
     assert motion.show(frame_rate=5.0)._repr_html_().startswith("<iframe")
-    with pytest.raises(jaxgrity.InputError, match="does not know what moved"):
+    with pytest.raises(jaxgrity.InputError, match="does not know its scene"):
         replace(motion, scene=None).show()
 
 

@@ -87,7 +87,7 @@ def test_speed_is_in_the_robots_own_lengths(reference):
     loose = eqx.tree_at(lambda s: s.structure.struts, with_gait(reference, None), None)
     assert float(body_length(loose)) == pytest.approx(np.sqrt(6) / 4, rel=1e-14)
     bare = eqx.tree_at(lambda s: s.structure.cables, loose, None)
-    with pytest.raises(InputError, match="no members; expected some, to measure its length in"):
+    with pytest.raises(InputError, match="no members; expected some, whose length is the body length"):
         body_length(bare)
 
 

@@ -493,5 +493,5 @@ def test_other_methods_are_refused(exact):
     with pytest.raises(InputError, match="expected 'complementarity'"):
         simulate(exact, 1.0, options=SolverOptions(method="rk4"))
     text = scene_text("exact").replace('kind = "cone"', 'kind = "smooth"\nslip_speed = 0.01')
-    with pytest.raises(InputError, match="cone goes with exact contact"):
+    with pytest.raises(InputError, match="a cone with exact contact"):
         parse_scene(text)

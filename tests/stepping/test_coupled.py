@@ -357,7 +357,7 @@ def test_what_makes_no_sense_is_refused(reference, exact):
     with pytest.raises(InputError, match="only complementarity stepping has it"):
         simulate(reference, 1.0, options=SolverOptions(together=True))
     held = dataclasses.replace(exact.structure, fixed=((0, "xyz"),))
-    with pytest.raises(InputError, match="sweeps know neither rods with mass nor supports"):
+    with pytest.raises(InputError, match="sweeps handle no rods with mass, supports"):
         simulate(dataclasses.replace(exact, structure=held), 1.0, options=SolverOptions(together=False))
     with pytest.raises(InputError, match="expected 0 where the node is fixed"):
         simulate(dataclasses.replace(exact, structure=held), 1.0, velocities=np.ones((12, 3)))

@@ -118,8 +118,8 @@ def test_options_resolved_for_another_kind_of_scene_are_refused(reference, exact
     held = dataclasses.replace(exact, structure=dataclasses.replace(exact.structure, fixed=((0, "xyz"),)))
     swept = resolve(exact, 1.0)
     for run in (lambda: simulate(held, 0.3, options=swept), lambda: final_state(held, 0.3, swept)):
-        with pytest.raises(InputError, match="sweeps know neither rods with mass nor supports, bodies, balls"):
+        with pytest.raises(InputError, match="sweeps handle no rods with mass, supports, bodies or balls"):
             run()
     pushed = with_terms(reference, Push((0,), [[1.0, 0, 0]], 0.1, 4e-4, ramp=1e-4))
-    with pytest.raises(InputError, match=r"dt = 0\.000\d+ s: a push, .* would be lost between the steps of rk4"):
+    with pytest.raises(InputError, match=r"dt = 0\.000\d+ s: a push .* would be lost between the steps of rk4"):
         final_state(pushed, 0.3, resolve(reference, 1.0))

@@ -145,7 +145,7 @@ def test_steps_are_as_fine_as_the_options_say():
         ("times are being traced; pass `steps`", lambda: jax.jit(lambda t: rollout(SCENE, t).ok)(TIMES)),
         ("start: velocities have shape", lambda: rollout(SCENE, TIMES, start=(SCENE.structure.nodes, np.zeros(3)))),
         ("adapts its step", lambda: rollout(swept(stiff=False), TIMES, options=SolverOptions("tsit5"))),
-        ("no step can be chosen; pass options", lambda: jax.jit(_with_gravity)(9.81)),
+        ("no step can be chosen; pass a dt", lambda: jax.jit(_with_gravity)(9.81)),
         ("duration is being traced", lambda: jax.jit(lambda T: simulate(SCENE, T).positions)(0.1)),
         ("for reverse mode use jaxgrity.rollout", lambda: jax.grad(_simulated)(0.5)),
         ("diagnose: its numbers have to be known", lambda: _slope(lambda s: diagnose(s, 0.1).error_bar)),
