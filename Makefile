@@ -43,9 +43,9 @@ lint: .venv/.installed-test
 	$(BIN)/lint-imports --cache-dir .cache/import_linter --no-logo
 	$(BIN)/mypy --num-workers 2
 
-# How fast this machine is, in about two minutes; LIMIT=FOLDER measures the C programs there too.
+# How fast this machine is, in about two minutes.
 bench: .venv/.installed
-	$(BIN)/python experiments/measurements/bench.py $(if $(LIMIT),--limit $(LIMIT))
+	$(BIN)/python experiments/measurements/bench.py
 
 # Every published or foreign answer that is known, beside ours: docs/conformance.md.
 conformance: .venv/.installed-test
@@ -59,14 +59,14 @@ validate: .venv/.installed-test
 	$(BIN)/python experiments/measurements/spine_dynamics.py
 	$(BIN)/python experiments/measurements/update_docs.py
 
-# Everything that the docs quote; some hours on 2 cores, which should have nothing else to do. LIMIT=FOLDER: C programs.
+# Everything that the docs quote; some hours on 2 cores, which should have nothing else to do.
 # First those that are registered, then those with options and what needs results of others.
 measure: .venv/.installed-test
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[baselines]'
 	for name in $$($(BIN)/python experiments/measurements/registry.py) design_gradient; do $(BIN)/python experiments/measurements/$$name.py || exit 1; done
-	$(BIN)/python experiments/measurements/scaling.py $(if $(LIMIT),--limit $(LIMIT))
-	$(BIN)/python experiments/measurements/benchmark.py --mujoco $(if $(LIMIT),--limit $(LIMIT))
-	$(BIN)/python experiments/measurements/third_opinions.py $(if $(LIMIT),--limit $(LIMIT))
+	$(BIN)/python experiments/measurements/scaling.py
+	$(BIN)/python experiments/measurements/benchmark.py --mujoco
+	$(BIN)/python experiments/measurements/third_opinions.py
 	$(BIN)/python experiments/docs_tables/watch_gaits.py
 	$(BIN)/python experiments/gait_search.py --restart
 	$(BIN)/python experiments/measurements/update_docs.py

@@ -1,12 +1,10 @@
 """How fast this machine is, in about two minutes: a table of the library's methods, and of MuJoCo and hand-written C.
 
-MuJoCo is measured where it is installed (the extra `peer`), C where --limit names the folder of its programs; they are
-built there if there is a compiler. Engines take turns, so that what slows the machine down slows all of them.
+MuJoCo is measured where it is installed (the extra `peer`), C where there is a compiler. Engines take turns: what slows
+the machine down slows all of them.
 """
 
 import platform
-import shutil
-import subprocess
 import time
 from dataclasses import dataclass
 from importlib import metadata, util
@@ -19,7 +17,7 @@ from engines import Engine, Others, engines, seconds_of
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
-from jaxgrity import InputError, load_scene, random_phases
+from jaxgrity import load_scene, random_phases
 from jaxgrity.io.files import save_json
 from jaxgrity.report import plot
 
@@ -37,8 +35,6 @@ class Settings:
     """simulated time, s"""
     repeats: int = 5
     """rounds; the median counts of those of each, in which an engine is timed for a fifth of a second"""
-    limit: Path | None = None
-    """folder with the C programs, or with their sources and a Makefile"""
     out: Path = Path("results/bench")
     """folder for bench.json and bench.png"""
     quick: bool = False
@@ -49,10 +45,8 @@ def main(settings: Settings) -> None:
     began = time.perf_counter()
     if settings.quick:
         settings.duration, settings.repeats = settings.duration / 8, 2
-    if settings.limit is not None:
-        build(settings.limit)
     scenes = {name: load_scene(name) for name in ("reference", "exact")}
-    others = Others(settings.limit, util.find_spec("mujoco") is not None, False)
+    others = Others(util.find_spec("mujoco") is not None, False)
     tasks: list[Engine] = []
     for count in settings.gaits:
         chosen = engines(scenes, random_phases(count, 6, seed=0), settings.duration, others)
@@ -78,17 +72,6 @@ def main(settings: Settings) -> None:
     print(
         "To send it in, open an issue of the project with this table and bench.json; it says nothing but what it shows."
     )
-
-
-def build(folder: Path) -> None:
-    """Build the C programs where they are not there yet. Raises `InputError` where that does not work."""
-    if all((folder / name).exists() for name in ("limit32", "limit64", "exact32", "exact64")):
-        return
-    if shutil.which("make") is None or shutil.which("cc") is None:
-        raise InputError(f"{folder}: the C programs are not built; expected them, or make and cc to build them")
-    built = subprocess.run(["make", "-C", str(folder)], capture_output=True, text=True, check=False)
-    if built.returncode:
-        raise InputError(f"{folder}: make failed: {built.stderr.strip().splitlines()[-1]}")
 
 
 def row(engine: Engine, duration: float, first: float, seconds: float) -> dict:

@@ -1,12 +1,11 @@
 """Speed against error, everything side by side in one run: the library's methods, a plain NumPy loop, and, where they
-are there, hand-written C (--limit FOLDER) and MuJoCo (--mujoco, the extra `peer`; --mjx, the extra `mjx`).
+are there, hand-written C (if there is a compiler) and MuJoCo (--mujoco, the extra `peer`; --mjx, the extra `mjx`).
 
 Each engine takes the same gaits on the same cores, in turn, round after round; the median counts. Each is measured
 against its own converged answer: the median over the gaits of the distance of the centres of mass at the end.
 """
 
 import time
-from pathlib import Path
 from typing import NamedTuple
 
 from measurement import Record, measurement
@@ -79,7 +78,6 @@ def benchmark(
     duration: float = 4.0,
     repeats: int = 5,
     steps: int | None = None,
-    limit: Path | None = None,
     mujoco: bool = False,
     mjx: bool = False,
 ) -> Record:
@@ -90,7 +88,6 @@ def benchmark(
         duration: simulated time, s
         repeats: rounds after a first that compiles; the median of them counts
         steps: how many of each engine's steps are measured, largest first; all where not given
-        limit: folder with the programs limit32, limit64, exact32 and exact64
         mujoco: measure MuJoCo too
         mjx: measure MJX, MuJoCo written in JAX, beside it, on one core; goes with --mujoco
     """
@@ -98,7 +95,7 @@ def benchmark(
         raise InputError("--mjx goes beside --mujoco, whose converged answer it is measured against; expected both")
     scenes = {name: load_scene(name) for name in ("reference", "exact")}
     phases = random_phases(gaits, 6, seed=0)
-    chosen = engines(scenes, phases, duration, Others(limit, mujoco, mjx))
+    chosen = engines(scenes, phases, duration, Others(mujoco, mjx))
     tasks = [(engine, dt) for engine in chosen for dt in STEPS[engine.name][:steps]]
     # a few steps are a look at whether all of it works, for which coarser answers do
     truths = converged(chosen, 1 if steps is None else 4)

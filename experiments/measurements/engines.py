@@ -33,8 +33,6 @@ class Engine(NamedTuple):
 class Others(NamedTuple):
     """What is measured beside the library's methods."""
 
-    limit: Path | None
-    """folder with the programs limit32, limit64, exact32 and exact64"""
     mujoco: bool
     mjx: bool
 
@@ -45,9 +43,9 @@ def engines(scenes: dict[str, Scene], phases: np.ndarray, duration: float, other
     for dtype in ("float32", "float64"):
         for method, scene in (("rk4", scenes["reference"]), ("complementarity", scenes["exact"])):
             found.append(Engine(method, dtype, partial(ours, scene, phases, duration, method, dtype), count))
-        if others.limit is not None:
+        if (programs := limit.programs()) is not None:
             for name, scene, sweeps in (("limit", scenes["reference"], None), ("exact", scenes["exact"], C_SWEEPS)):
-                program = others.limit.resolve() / f"{name}{dtype[-2:]}"
+                program = programs / f"{name}{dtype[-2:]}"
                 roll = partial(theirs, program, scene, phases, duration, sweeps)
                 found.append(Engine(name, dtype, roll, count))
     if others.mujoco:

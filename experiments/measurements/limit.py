@@ -1,24 +1,51 @@
-"""Hand-written C beside the library: the programs of a folder, if one is given, on the same scene and gaits.
+"""Hand-written C beside the library, on the same scene and gaits: experiments/limit/rollouts.c, built when it is used.
 
 limit32 and limit64 integrate spring struts and penalty contact by RK4, exact32 and exact64 rigid struts and exact
 contact by semi-implicit steps; each reads a scene as text and prints final centres of mass and its wall time.
 """
 
+import functools
+import shutil
 import subprocess
+import sys
 import tempfile
 from pathlib import Path
 
 import numpy as np
 
-from jaxgrity import InputError, Scene
+from jaxgrity import Scene
+
+ROOT = Path(__file__).resolve().parents[2]
+SOURCE, BUILT = ROOT / "experiments" / "limit" / "rollouts.c", ROOT / ".cache" / "limit"
+FLAGS = "-O3", "-march=native", "-ffast-math", "-mprefer-vector-width=512", "-fopenmp"
+KINDS = {"limit32": ["-DREAL=float"], "limit64": [], "exact32": ["-DREAL=float", "-DEXACT"], "exact64": ["-DEXACT"]}
+
+
+@functools.cache
+def programs() -> Path | None:
+    """The folder of the four programs, built anew where their source has changed; None, and a line, if they cannot."""
+    if shutil.which("cc") is None:
+        return _left_out("there is no C compiler (cc)")
+    BUILT.mkdir(parents=True, exist_ok=True)
+    for name, kind in KINDS.items():
+        program = BUILT / name
+        if not program.exists() or program.stat().st_mtime < SOURCE.stat().st_mtime:
+            command = ["cc", *FLAGS, *kind, str(SOURCE), "-o", f"{program}.new", "-lmvec", "-lm"]
+            done = subprocess.run(command, capture_output=True, text=True, check=False)
+            if done.returncode:
+                return _left_out(f"cc: {(done.stderr.strip() or 'failed').splitlines()[-1]}")
+            Path(f"{program}.new").replace(program)
+    return BUILT
+
+
+def _left_out(why: str) -> None:
+    print(f"hand-written C is left out: {why}; expected gcc with OpenMP, on Linux", file=sys.stderr)
 
 
 def roll(
     program: Path, scene: Scene, phases: np.ndarray, steps: int, dt: float, threads: int, sweeps: int | None = None
 ) -> tuple[np.ndarray, float]:
     """Centre of mass of each gait at the end, (gaits, 3), m, and the wall time that the program measures, s."""
-    if not program.exists():
-        raise InputError(f"{program}: not there; expected the built program")
     with tempfile.NamedTemporaryFile("w", suffix=".txt") as file:
         file.write(as_text(scene, phases, steps, dt))
         file.flush()

@@ -64,7 +64,6 @@ def scaling(
     struts: tuple[int, ...] = (6, 18, 60, 180, 600),
     repeats: int = 5,
     shared: bool = False,
-    limit: Path | None = None,
 ) -> Record:
     """All parts, and what the pages quote of them.
 
@@ -74,7 +73,6 @@ def scaling(
         struts: of towers
         repeats: timed calls, of which the median counts, after one that compiles
         shared: all parts for as many devices share a process, and nothing is warmed up
-        limit: folder with the C programs
     """
     cores, most = len(os.sched_getaffinity(0)), min(LARGEST, sizes[-1])
     tasks: list[tuple] = [("devices", d, population_cost, (m, most, repeats)) for m in methods for d in (1, cores)]
@@ -82,8 +80,7 @@ def scaling(
     tasks += [("struts", cores, tower_cost, (m, n, repeats)) for m in methods for n in struts]
     tasks += [("single", 1, single_cost, (m, dtype, repeats)) for m in methods for dtype in ("float32", "float64")]
     tasks += [("compiled", 1, compiled, (m,)) for m in methods]
-    if limit is not None:
-        folder = limit.resolve()
+    if (folder := hand_written.programs()) is not None:
         tasks += [("C", 1, cost_in_c, (folder, m, most, 1, repeats)) for m in methods]
         tasks += [("C", cores, cost_in_c, (folder, m, n, cores, repeats)) for m in methods for n in sizes]
     parts: dict[str, list[Record]] = {part: [] for part in PARTS}

@@ -1,7 +1,7 @@
 """A gait that lasts by programs that share no code with jaxgrity: hand-written C, and MuJoCo with contacts of its own.
 
 Nothing was searched for on them. Robots that begin at different phases of the gait are rolled out; their speed is the
-displacement after they have settled. Extra: `peer` for MuJoCo; --limit names the folder of the built C programs.
+displacement after they have settled. Extra: `peer` for MuJoCo; C is there if there is a compiler.
 """
 
 from collections.abc import Callable, Iterator
@@ -33,7 +33,6 @@ def third_opinions(
     robots: int = 16,
     settled: float = 20.0,
     duration: float = 60.0,
-    limit: Path | None = None,
     mujoco: bool = True,
 ) -> Iterator[Record]:
     """A row for each program.
@@ -43,12 +42,11 @@ def third_opinions(
         robots: that begin at phases of their own
         settled: s, after which the displacement counts
         duration: s
-        limit: folder with the programs exact64 and limit64, built
         mujoco: by MuJoCo too, where it is installed
     """
     scene = with_gait(load_scene("exact"), load_gait(gait))
     phases = np.asarray(scene.gait.phase) + np.random.default_rng(0).uniform(0, 2 * np.pi, (robots, 1))
-    for name, ends in engines_of(scene, limit, mujoco).items():
+    for name, ends in engines_of(scene, mujoco).items():
         moved = ends(phases, duration) - ends(phases, settled)
         speeds = np.hypot(moved[:, 0], moved[:, 1]) / (duration - settled) / float(body_length(scene))
         mean, scatter, slowest = (float(f(speeds)) for f in (np.mean, np.std, np.min))
@@ -56,11 +54,11 @@ def third_opinions(
     return {"robots": robots}
 
 
-def engines_of(scene: Scene, programs: Path | None, mujoco: bool) -> dict[str, Ends]:
+def engines_of(scene: Scene, mujoco: bool) -> dict[str, Ends]:
     """What rolls the robots out, by its name: on rigid contact, then on springs, then by MuJoCo."""
     twin = contact_twin(scene)
     found = {"jaxgrity, exact": by_jaxgrity(scene), "jaxgrity, penalty": by_jaxgrity(twin)}
-    if programs is not None:
+    if (programs := hand_written.programs()) is not None:
         found["C, exact (exact64)"] = by_c(programs / "exact64", scene, 2.5e-3)
         found["C, penalty (limit64)"] = by_c(programs / "limit64", twin, 2e-4)
     if find_spec("mujoco") is not None and mujoco:

@@ -50,7 +50,7 @@ def cores() -> int:
 def measured() -> dict:
     """What every measurement says of itself: the command that made it, but for folders and --resume, and the cores."""
     words = [word for word in sys.argv[1:] if word not in ("--resume", "--restart")]
-    for option in ("--out", "--limit", "--beside"):
+    for option in ("--out", "--beside"):
         if option in words:
             words[words.index(option) + 1] = "FOLDER"
     if "--out" in words:
