@@ -53,6 +53,13 @@ def test_every_page_is_in_the_contents():
     assert pages | notebooks <= listed
 
 
+def test_every_picture_is_in_the_gallery():
+    """With a sentence below it."""
+    page = (ROOT / "docs" / "gallery.md").read_text("utf-8")
+    shown = re.findall(r"^!\[.+\]\(images/(.+)\)\n\n\S", page, re.MULTILINE)
+    assert sorted(shown) == sorted(path.name for path in (ROOT / "docs" / "images").iterdir())
+
+
 def test_links_between_pages_lead_somewhere():
     """To files that are there, and to headings that their pages have; Sphinx would say so too, but later."""
     pages = {path: path.read_text(encoding="utf-8") for path in (ROOT / "docs").glob("*.md")}

@@ -120,24 +120,25 @@ def rolls(row: dict[str, Any]) -> bool:
 
 @design_study.table
 def words(record: Record) -> str:
-    """The fastest design at each limit, and what it needs."""
-    rows = []
+    """The fastest design at each limit, what it needs, and its numbers as multiples of the scene's."""
+    rows, designs = [], []
     for row in record["rows"]:
         about = [row["kind"], f"{row['power']:g} W"]
         if not rolls(row):
-            rows.append([*about, "none rolls", *[""] * 9])
+            rows.append([*about, "none rolls", *[""] * 3])
             continue
         factors = [f"{factor:.2f}" for factor in row["factors"].values()]
         forces = f"{row['strut_force']:.0f} N, {row['cable_force']:.0f} N"
         asked = [f"{row['peak_power']:.0f} W", forces, f"{row['cost_of_transport']:.2f}"]
-        rows.append([*about, f"**{row['speed']:.3f}**", *asked, *factors[:2], ", ".join(factors[2:5]), *factors[5:]])
+        rows.append([*about, f"**{row['speed']:.3f}**", *asked])
+        designs.append([*about, *factors[:2], ", ".join(factors[2:5]), factors[5], ", ".join(factors[6:])])
     head = ["chosen", "power allowed", "steady speed, m/s", "power needed", "struts, cables", "cost of transport"]
-    head += ["cable stiffness, times", "rest length", "pairs of struts", "mass", "swing", "frequency"]
+    numbers = [*head[:2], "cable stiffness", "cable rest length", "pairs of struts", "mass", "swing, frequency"]
     minutes = f"{record['designs']} designs, {record['minutes']:.0f} minutes on {record['cores']} cores"
     took = f"{minutes}, {record['processor_minutes']:.0f} minutes of processor time"
     limits = f"{record['limits'][0]:g} N for struts, {record['limits'][1]:g} N for cables"
     about = table(["the study", "measured"], [["both searches", took], ["limits besides power", limits]])
-    return table(head, rows) + "\n\n" + about
+    return "\n\n".join([table(head, rows), table(numbers, designs), about])
 
 
 @design_study.figure

@@ -74,32 +74,27 @@ def settled_orbit(scene: Scene, duration: float, roughly: bool) -> dict[str, Any
 def words(record: Record) -> str:
     """The orbit of each gait, or that there is none."""
     head = [
-        "gait", "contact", "speed, body lengths/s", "slowest 10 s, m/s", "turning, °/s", "cycle, periods",
-        "shape returns to", "a disturbance is multiplied in a cycle by", "robots that return",
-        "settled after", "watched for",
+        "gait", "contact", "speed, body lengths/s", "turning, °/s", "periods per cycle", "Floquet multiplier",
+        "settles after",
     ]  # fmt: skip
     return table(head, [cells_of(row) for row in record["rows"]])
 
 
 def cells_of(row: Record) -> list[str]:
     """A line of the table."""
-    contact, watched = f"{row['contact']}, its own" if row["own"] else row["contact"], f"{row['verified_for']:.0f} s"
+    contact = f"{row['contact']}, its own" if row["own"] else row["contact"]
     if not row["settled"] or row["slowest_window"] is None:
-        return [row["gait"], contact, f"{row['body_lengths_per_second']:.2f}, no orbit", *["-"] * 7, watched]
+        return [row["gait"], contact, f"{row['body_lengths_per_second']:.2f}, no orbit", *["-"] * 4]
     bar = row["speed_error_bar"] / row["body_length"] if row["speed_error_bar"] is not None else np.inf
     grows = "-" if row["multiplier"] is None or not np.isfinite(row["multiplier"]) else f"{row['multiplier']:.2g}"
     return [
         row["gait"],
         contact,
         with_error(row["body_lengths_per_second"], bar, decimals=3),
-        f"{row['slowest_window']:.2f}",
         f"{round(np.degrees(row['turning']), 1) + 0.0:.1f}",
         f"{row['periods']}",
-        f"{1000 * row['residual']:.2g} mm",
         grows,
-        "-" if row["returned"] is None else f"{100 * row['returned']:.0f} %",
         f"{row['settled_after']:.0f} s",
-        watched,
     ]
 
 

@@ -149,17 +149,16 @@ def compared_ways(answers: list[Record], rollouts: int) -> list[Record]:
 def words(record: Record) -> str:
     """What each way gained, and what it could spend."""
     head = [
-        "goes on by", "fitness gained, body lengths/s: median", "quartiles", "better than its start", "worse",
-        "over the longer search", "beats it", "kept", "rollouts",
+        "continued by", "fitness gained, body lengths/s: median (quartiles)", "better than the start", "worse",
+        "beats a longer search", "kept", "rollouts",
     ]  # fmt: skip
     rows = [
         [
             row["way"],
-            f"{row['gain']:+.3f}",
-            f"{row['quartiles'][0]:+.3f} to {row['quartiles'][1]:+.3f}",
+            f"{row['gain']:+.3f} ({row['quartiles'][0]:+.3f} to {row['quartiles'][1]:+.3f})",
             f"{row['better']} of {record['seeds']}",
             f"{row['worse']}",
-            *(["-", "-"] if row["way"] == "search runs on" else [f"{row['beyond']:+.3f}", f"{row['beats']}"]),
+            "-" if row["way"] == "search runs on" else f"{row['beats']} of {record['seeds']}",
             "-" if row["kept"] is None else f"{row['kept']}",
             f"{row['spent']:.0f}",
         ]

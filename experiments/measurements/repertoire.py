@@ -100,20 +100,16 @@ def words(record: Record) -> str:
     rows = [
         [
             row["gait"] + (", a mirror image" if row["mirrored"] else ""),
-            f"{row['watched']}",
-            f"{row['attracting']}",
-            f"{row['elite_speed']:.2f}",
-            f"{row['elite_bend']:+.2f}",
+            f"{row['attracting']} of {row['watched']}",
+            f"{row['elite_speed']:.2f}, {row['elite_bend']:+.2f}",
             *([f"{row['speed']:.3f}", f"{row['bend']:+.3f}"] if row["settled"] else ["no orbit", "-"]),
             "-" if row["multiplier"] is None else f"{row['multiplier']:.2g}",
             "-" if row["returned"] is None else f"{row['returned']:.0%}",
-            f"{row['verified_for']:.0f} s",
         ]
         for row in record["rows"]
     ]
-    head = ["asked for", "watched", "on orbits that attract", "speed over its robots, body lengths/s"]
-    head += ["bend, rad per body length", "speed of its orbit", "bend of its orbit", "largest multiplier"]
-    head += ["robots that return", "watched for"]
+    head = ["asked for", "elites that attract", "elite: speed, bend", "orbit: speed", "orbit: bend"]
+    head += ["Floquet multiplier", "robots that return"]
     about = [f"{record['filled']} of {record['cells']}", str(record["rollouts"])]
     return f"{table(head, rows)}\n\n{table(['cells with a gait', 'rollouts'], [about])}"
 

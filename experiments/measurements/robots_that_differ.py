@@ -77,17 +77,15 @@ def words(record: Record) -> str:
     cells = {
         "gait": "{gait}",
         "contact": lambda row: f"{row['contact']}, its own" if row["own"] else row["contact"],
-        "its orbit's speed, own contact, body lengths/s": "{nominal:.3f}",
-        f"{record['robots']} robots that differ, along their paths: mean (standard deviation)": (
-            "{mean:.3f} ({standard_deviation:.2g})"
-        ),
-        "share of it": lambda row: "{:.0f} % ({:.0f} %)".format(
+        "speed along the path, body lengths/s": "{mean:.3f} ({standard_deviation:.2g})",
+        "share of the orbit's": lambda row: "{:.0f} % ({:.0f} %)".format(
             *(100 * (row[name] / row["nominal"]) for name in ("mean", "standard_deviation"))
         ),
-        "robots above 85 %": lambda row: f"{100 * row['rolling']:.0f} %",
-        "displacement over time": "{displacement:.3f} ({displacement_standard_deviation:.2g})",
-        "bend, ° per body length: median": lambda row: degrees(row["bend"]),
-        "quartiles": lambda row: " to ".join(map(degrees, row["bend_quartiles"])),
+        "robots above 85 % of it": lambda row: f"{100 * row['rolling']:.0f} %",
+        "displacement over time, body lengths/s": "{displacement:.3f} ({displacement_standard_deviation:.2g})",
+        "bend, ° per body length": lambda row: (
+            f"{degrees(row['bend'])} ({' to '.join(map(degrees, row['bend_quartiles']))})"
+        ),
     }
     return columns(record["rows"], cells)
 

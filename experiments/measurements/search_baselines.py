@@ -110,21 +110,18 @@ def words(record: Record) -> str:
     rows = []
     for row in record["methods"]:
         low, high = row["quartiles"]
-        ratio, beats = row["ratio_to_random"], [row["beats"].get(other) for other in OTHERS]
+        beats = [row["beats"].get(other) for other in OTHERS]
         rows.append(
             [
                 row["method"],
-                f"{row['median']:.3f}",
-                f"{low:.3f} to {high:.3f}",
-                f"{row['nominal']:.3f}",
+                f"{row['median']:.3f} ({low:.3f} to {high:.3f})",
                 f"{row['small_bars']} of {row['seeds']}",
-                "-" if ratio is None else f"{ratio:.2f}",
                 *("-" if count is None else f"{count[0]} of {count[1]}" for count in beats),
                 f"{row['polish_kept']} of {row['polished']}" if row["polished"] else "-",
             ]
         )
-    head = ["search", "robust distance, m: median", "quartiles", "nominal, m", f"error bar < {SURE:.0%}"]
-    head += ["times random search's", *(f"beats {other}" for other in OTHERS), "polish kept"]
+    head = ["search", "robust distance, m: median (quartiles)", f"error bar < {SURE:.0%}"]
+    head += [*(f"beats {other}" for other in OTHERS), "polish kept"]
     about = [str(record["rollouts"]), f"{record['duration']:g} s", f"{record['polished']:.0%}"]
     settings = table(["rollouts of each search", "duration of a rollout", "share for polish"], [about])
     return f"{table(head, rows)}\n\n{settings}"
