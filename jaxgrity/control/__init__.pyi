@@ -2,7 +2,7 @@ from .choices import GaitChoices, gait_choices
 from .closed_loop import Drive, Loop, drive, loop_start, roll_on, simulate_policy
 from .environments import Environment, EnvironmentState, Situation, environment
 from .feedback import PhaseLocked, sure_footed
-from .gymnasium_adapter import GymnasiumEnvironment
+from .gym import GymnasiumEnvironment, GymnasiumVectorEnvironment
 from .learned import Learned, episode, load_policy, save_policy, trials
 from .learning import learn, learner
 from .motor_limits import MotorLimits, contraction_reached
@@ -28,6 +28,7 @@ __all__ = [
     "Foresight",
     "GaitChoices",
     "GymnasiumEnvironment",
+    "GymnasiumVectorEnvironment",
     "Journey",
     "Learned",
     "Learner",

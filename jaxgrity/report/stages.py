@@ -102,9 +102,8 @@ class FollowingStage(Stage):
 
     @styled
     def __init__(self, scene: Scene, trajectory: Trajectory, width: int):
-        self._positions, self._times = np.asarray(trajectory.positions), np.asarray(trajectory.times)
-        self._centre = centre_path(scene, trajectory)
         self._scene, self._size = scene, robot_size(scene)
+        self.follow(trajectory)
         self._edges = [np.asarray(m.edges) for m in (scene.structure.struts, scene.structure.cables) if m is not None]
         figure = Figure(figsize=(6, 3.4), dpi=width / 6)
         self._canvas = FigureCanvasAgg(figure)
@@ -128,6 +127,11 @@ class FollowingStage(Stage):
         for artist in (self._grid, self._shadow, self._trail, *self._members, self._nodes):
             artist.set_clip_on(False)
         self._title = figure.text(0.5, 0.95, "", ha="center", va="top", fontsize=12)
+
+    def follow(self, trajectory: Trajectory) -> None:
+        """Pictures are of this motion from now on, from the side from which they were."""
+        self._positions, self._times = np.asarray(trajectory.positions), np.asarray(trajectory.times)
+        self._centre = centre_path(self._scene, trajectory)
 
     def picture(self, k: int) -> Image.Image:
         """The saved frame `k`."""
