@@ -210,3 +210,4 @@ def _documentation(body: list[ast.stmt], name: str) -> str | None:
 
 def test_the_version_is_that_of_the_project():
     assert f'version = "{jaxgrity.__version__}"' in (PACKAGE.parent / "pyproject.toml").read_text().splitlines()
+    assert f"version: {jaxgrity.__version__}" in (PACKAGE.parent / "CITATION.cff").read_text().splitlines()

@@ -30,7 +30,7 @@ VALUES = {
 SCALED = {"friction": lambda s: s.friction.mu, "cable stiffness": lambda s: s.structure.cables.stiffness}
 STIFF = (lambda s: s.ground.stiffness, lambda s: s.structure.struts.stiffness, lambda s: s.structure.struts.damping)
 """where a scene has the numbers of each quantity"""
-UNITS = {"slope": "downwards in the heading (°)", "stiffness of ground and struts": "factor of the penalty twin's"}
+UNITS = {"slope": "downhill (°)"}
 LOST, TURNED = 0.5, 45.0
 """of the speed on the gait's own scene, below which the orbit is another one; degrees, by which its heading is, on a
 slope"""
@@ -167,7 +167,7 @@ def figure(record: Record) -> Figure:
     """Of each quantity the speed in every one of the last periods, and the largest multiplier."""
     rows = [row | one for row in record["rows"] for one in row["each"]]
     names = list(dict.fromkeys(row["quantity"] for row in rows))
-    chart = Figure(figsize=(3.2 * len(names) + 0.6, 5), layout="constrained")
+    chart = Figure(figsize=(2.2 * len(names) + 0.6, 4.5), layout="constrained")
     grid = chart.subplots(2, len(names), sharex="col", sharey="row", squeeze=False)
     for column, name in enumerate(names):
         mine = [row for row in rows if row["quantity"] == name]
@@ -179,7 +179,7 @@ def figure(record: Record) -> Figure:
         )
         grid[1, column].semilogy(*np.array(held).T, "o-", markersize=3)
         grid[1, column].axhline(1, color="0.7", linewidth=0.8, zorder=0)
-        grid[0, column].set(title=name)
+        grid[0, column].set_title(name.replace(" of ", "\nof "), fontsize="medium")
         grid[1, column].set(xlabel=UNITS.get(name, "factor"))
         if name.startswith("stiffness of"):
             grid[1, column].set_xscale("log", base=2)

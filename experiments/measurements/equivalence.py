@@ -155,12 +155,12 @@ def figure(record: Record) -> Figure:
     for each, marker in zip(record["rows"], "o^s"):
         row = each["every"]
         apart.loglog(row["values"], row["distance"], f"{marker}-", label=f"{each['grows']}: slope {row['slope']:.2f}")
-    apart.set(xlabel="K, k_n (N/m)", ylabel="rms distance of the nodes, m", title=f"{record['motion']}: from exact")
+    apart.set(xlabel="K, k_n (N/m)", ylabel="rms distance of the nodes (m)", title=f"{record['motion']}: from exact")
     apart.legend()
     deep.loglog(row["values"], row["penetration_at_end"], "s", label="mean penetration at the end")
     known = [(v, w) for v, w in zip(row["values"], row["weight_over_n_k"]) if w is not None]
     deep.loglog(*zip(*known), "k-", lw=0.8, label="m g / (n k_n), at rest")
-    deep.set(xlabel="k_n (N/m)", ylabel="m")
+    deep.set(xlabel="k_n (N/m)", ylabel="depth in the ground (m)")
     deep.legend()
     return chart
 

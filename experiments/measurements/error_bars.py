@@ -86,16 +86,17 @@ def words(record: Record) -> str:
 def figure(record: Record) -> Figure:
     """Bar against true error, a panel for each case: below the line the bar is too short."""
     rows = record["rows"]
-    chart = Figure(figsize=(4 * len(rows), 4), layout="constrained")
-    for axes, row in zip(np.atleast_1d(chart.subplots(1, len(rows))), rows):
+    chart = Figure(figsize=(8.5, 3.6 * -(-len(rows) // 2)), layout="constrained")
+    for axes, row in zip(chart.subplots(-(-len(rows) // 2), 2).flat, rows):
         errors, bars = np.asarray(row["errors"]), np.asarray(row["bars"])
         short = bars < errors
         axes.loglog(errors[~short], bars[~short], "o", ms=4, color=plot.PATH)
         axes.loglog(errors[short], bars[short], "o", ms=4, color=plot.STRUT)
         ends = np.array([errors.min(), errors.max()])
-        axes.loglog(ends, ends, "k-", lw=0.8)
-        axes.loglog(ends, 5 * ends, "k:", lw=0.8)
-        axes.set(xlabel="true error, m", ylabel="error bar, m")
+        axes.loglog(ends, ends, "k-", lw=0.8, label="bar = error")
+        axes.loglog(ends, 5 * ends, "k:", lw=0.8, label="bar = 5 times the error")
+        axes.legend(fontsize="small")
+        axes.set(xlabel="true error (m)", ylabel="error bar (m)")
         axes.set_title(f"{row['scene']}, {row['duration']:g} s: {row['covered']:.0%} covered")
     return chart
 

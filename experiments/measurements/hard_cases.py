@@ -181,24 +181,23 @@ def judge(runs: list[Trajectory], true: Trajectory) -> Cell:
 
 @hard_cases.figure
 def figure(record: Record) -> Figure:
-    """The table as a picture: green is right, yellow flagged, grey refused, red silently wrong."""
+    """The verdicts of the table as colours, float64 above float32."""
     rows, methods = record["rows"], methods_of(record)
     names = list(dict.fromkeys(row["case"] for row in rows))
-    chart = Figure(figsize=(2.2 + 2.2 * len(methods), 1.2 + 0.55 * len(names)), layout="constrained")
+    chart = Figure(figsize=(8.5, 1.3 + 0.26 * len(names)), layout="constrained")
     axes = chart.subplots()
-    axes.set(xlim=(0, len(methods)), ylim=(len(names), 0), xticks=np.arange(len(methods)) + 0.5)
-    axes.set_xticklabels(methods)
+    axes.set(xlim=(0, len(methods)), ylim=(len(names), 0), title="top half: float64, bottom half: float32")
+    axes.set_xticks(np.arange(len(methods)) + 0.5, methods, rotation=20, ha="right")
     axes.set_yticks(np.arange(len(names)) + 0.5, names)
-    axes.xaxis.tick_top()
+    axes.grid(False)
     for row in rows:
         y = names.index(row["case"]) + (row["dtype"] == "float32") / 2
         for x, method in enumerate(methods):
             cell = row[method]
             verdict = cell.partition(":")[0] if isinstance(cell, str) else cell.get("verdict", "right")
             axes.add_patch(Rectangle((x, y), 1, 0.5, facecolor=COLOURS[verdict], edgecolor="white"))
-            label = verdict if isinstance(cell, str) else text(cell).rpartition(": ")[2]
-            axes.text(x + 0.5, y + 0.25, label, ha="center", va="center", fontsize=6.5)
-    axes.set_title("top: float64, bottom: float32; true error (error bar), m")
+    verdicts = [Rectangle((0, 0), 1, 1, facecolor=colour, label=verdict) for verdict, colour in COLOURS.items()]
+    chart.legend(handles=verdicts, loc="outside lower center", ncols=len(verdicts))
     return chart
 
 

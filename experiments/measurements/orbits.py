@@ -114,7 +114,7 @@ def figure(record: Record) -> Figure:
         axes.set(xlabel="x (m)", ylabel="y (m)", title=title)
         axes.set_aspect("equal", adjustable="datalim")
         if axes.lines:
-            axes.legend(fontsize="small", loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=3)
+            axes.legend(fontsize="small", loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=2)
     return chart
 
 

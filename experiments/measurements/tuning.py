@@ -144,11 +144,16 @@ def words(record: dict[str, Any]) -> str:
 
 
 def figure(record: dict[str, Any]) -> Figure:
-    """What the best, the mean and the start are worth, generation by generation."""
+    """Fitness of the best, the mean and the start in each generation."""
     chart = Figure(figsize=(5, 3.2), layout="constrained")
     axes = chart.subplots()
-    for name, label in (("best", "best candidate"), ("mean", "mean of the distribution"), ("start", "where it began")):
+    for name, label in (
+        ("best", "best candidate"),
+        ("mean", "mean of the distribution"),
+        ("start", "start of the search"),
+    ):
         axes.plot([row[name] for row in record["rows"]], label=label)
-    axes.set(xlabel="generation", ylabel="worth (m/s)", ylim=(0, None))
+    axes.set(xlabel="generation", ylabel="fitness (m/s)", ylim=(0, None))
+    axes.xaxis.get_major_locator().set_params(integer=True)
     axes.legend()
     return chart

@@ -42,7 +42,7 @@ FEW = 4
 """gaits for the implicit methods, whose steps cost much; costs are given per gait"""
 TARGET = 5e-3
 """m, at which the cost of methods is compared"""
-COLOURS = {name: f"C{k}" for k, name in enumerate((*EVALUATIONS, "mujoco Euler", "mujoco RK4"))}
+COLOURS = {name: f"C{k}" for k, name in enumerate((*EVALUATIONS, "mujoco Euler"))} | {"mujoco RK4": "saddlebrown"}
 
 
 @measurement(
@@ -210,8 +210,8 @@ def cost_at_target(rows: list[Record]) -> dict[str, float]:
 @work_precision.figure
 def figure(record: Record) -> Figure:
     """Error against wall time, and against force evaluations."""
-    chart = Figure(figsize=(12.5, 5.2), layout="constrained")
-    panels, apart = chart.subplots(1, 2, sharey=True), record["models_apart"]
+    chart = Figure(figsize=(8.5, 9.5), layout="constrained")
+    panels, apart = chart.subplots(2), record["models_apart"]
     known = [row for row in record["rows"] if row["error"] is not None]
     for method, dtype in dict.fromkeys((row["method"], row["dtype"]) for row in known):
         line = [row for row in known if (row["method"], row["dtype"]) == (method, dtype)]
@@ -220,14 +220,11 @@ def figure(record: Record) -> Figure:
             axes.loglog([row[cost] for row in line], [row["error"] for row in line], label=f"{method} {dtype}", **style)
     for axes in panels:
         axes.axhline(apart, color="k", ls="--", lw=0.8)
-        axes.text(0.02, apart, "models apart", transform=axes.get_yaxis_transform(), va="bottom", fontsize=8)
-        axes.grid(alpha=0.3)
-    panels[0].set(
-        xlabel="wall time per gait and simulated second (s)", ylabel=f"median error of {record['error_of']} (m)"
-    )
+        axes.text(0.02, apart, "models apart", transform=axes.get_yaxis_transform(), va="bottom")
+        axes.set(ylabel=f"median error of {record['error_of']} (m)")
+    panels[0].set(xlabel="wall time per gait and simulated second (s)", title=record["scene"])
     panels[1].set(xlabel="force evaluations per gait and simulated second")
-    panels[1].legend(fontsize=7, loc="center left", bbox_to_anchor=(1, 0.5))
-    chart.suptitle(record["scene"])
+    chart.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
     return chart
 
 

@@ -12,6 +12,7 @@ from jaxgrity.core.errors import unknown
 
 Chosen = (
     Annotated[settings.SimulateSettings, subcommand("simulate")]
+    | Annotated[settings.DemoSettings, subcommand("demo")]
     | Annotated[settings.SearchSettings, subcommand("search")]
     | Annotated[settings.CompareSettings, subcommand("compare")]
     | Annotated[settings.DiagnoseSettings, subcommand("diagnose")]

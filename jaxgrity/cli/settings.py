@@ -46,6 +46,18 @@ class SimulateSettings:
 
 
 @dataclass
+class DemoSettings:
+    """Watch a six-strut robot roll in the browser."""
+
+    browser: bool = True
+    """open the replay in a browser"""
+    out: Path = Path("results/demo")
+    """folder for the files of the simulation"""
+    quick: bool = False
+    """simulate at most 2 s"""
+
+
+@dataclass
 class ObjectiveSettings:
     kind: str = "steady speed"
     """steady speed, steady direction, steady turn, distance, direction, speed, cost of transport or straightness"""

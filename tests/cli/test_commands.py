@@ -30,7 +30,7 @@ from jaxgrity.search import Progress, robot_motions
 
 ROOT = Path(__file__).parents[2]
 ANSWERS = json.loads((ROOT / "tests" / "data" / "reference_answers.json").read_text())
-SUBCOMMANDS = ("simulate", "search", "compare", "diagnose", "train", "explore", "inspect", "catalogue")
+SUBCOMMANDS = ("demo", "simulate", "search", "compare", "diagnose", "train", "explore", "inspect", "catalogue")
 FREE = """
 [structure]
 kind = "icosahedron"
@@ -441,6 +441,18 @@ def test_help_names_the_subcommands(jaxgrity):
     done = jaxgrity("--help")
     assert done.code == 0
     assert all(name in done.out for name in SUBCOMMANDS)
+
+
+@pytest.mark.parametrize(("options", "opened"), [((), 1), (("--no-browser",), 0)])
+def test_the_demo_opens_the_replay_of_a_library_gait(jaxgrity, tmp_path, monkeypatch, options, opened):
+    """In a browser, unless it is asked not to."""
+    asked, pages = [], []
+    monkeypatch.setattr(simulate, "main", lambda chosen: (asked.append(chosen), (tmp_path / "replay.html").touch()))
+    monkeypatch.setattr("webbrowser.open", pages.append)
+    done = jaxgrity("demo", "--out", tmp_path, *options)
+    assert (done.code, done.errors) == (0, "")
+    assert (asked[0].scene, asked[0].gait, asked[0].out) == ("exact", "straight", tmp_path)
+    assert pages == [(tmp_path / "replay.html").as_uri()] * opened
 
 
 def test_no_subcommand_is_bad_input(jaxgrity):
