@@ -29,7 +29,7 @@ def _read(settings: ConvertSettings) -> Imported:
     find_format(settings.target)  # refuses what it does not know before anything is read
     ending = Path(settings.source).suffix.lower()
     if ending in (".yaml", ".yml"):
-        return read_ntrt(settings.source, settings.unit)
+        return read_ntrt(settings.source, settings.unit, settings.drop)
     if ending in (".xml", ".mjcf"):
         return read_mjcf(settings.source, settings.drop)
     return read_any(settings.source)

@@ -279,6 +279,7 @@ class ConvertSettings:
     unit: float = 0.1
     """length unit of NTRT files, m"""
     drop: tuple[str, ...] = ()
-    """parts of a MuJoCo model to leave out: contact, radius, friction, limits, damping, actuators, air, forces"""
+    """parts to leave out: contact, radius, friction, limits, damping, actuators, air, forces of a MuJoCo model; radius,
+    wrapping, friction of a NTRT file"""
     quick: bool = False
     """no effect, since this command is quick"""

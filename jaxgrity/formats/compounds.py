@@ -1,17 +1,16 @@
-"""Rods that share nodes as one rigid body, and rigid bodies as rods: what jaxgrity's struts, joined by pins, need."""
+"""Which nodes belong to one rigid body, whether struts hold it, and the points that say where it is."""
 
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import Edges
 from jaxgrity.statics.form_finding import equilibrium_matrix
 
 INDEPENDENT = 1e-6
 """A member resists another motion if others leave over this share of its column of A, at unit length."""
-MOST_NODES_OF_A_BODY = 60
-"""Most nodes of one rigid body: to brace it, each pair of them is tried."""
+FLAT_WITHIN = 0.05
+"""Share of a body's extent below which its nodes count as flat, so that further ones say where it is."""
 
 
 def bodies(edges: Edges, nodes: int) -> list[np.ndarray]:
@@ -23,28 +22,12 @@ def bodies(edges: Edges, nodes: int) -> list[np.ndarray]:
     return [np.flatnonzero(label == k) for k in np.unique(label[np.r_[i, j]])]
 
 
-def bracing(nodes: np.ndarray, edges: Edges) -> Edges:
-    """The struts that are missing for each connected set of `edges` to keep its shape, as few as will do.
-
-    Struts are added while they raise the rank of the equilibrium matrix, up to 3n - 6 for n nodes. Raises `InputError`
-    where no struts do it: the nodes of a set of three or more lie on a line, or of four or more in a plane.
-    """
-    added: list[tuple[int, int]] = []
-    for body in bodies(edges, len(nodes)):
-        if len(body) < 3:
-            continue
-        if len(body) > MOST_NODES_OF_A_BODY:
-            raise InputError(f"{len(body)} nodes belong to one rigid body; expected at most {MOST_NODES_OF_A_BODY}")
-        place = {int(node): k for k, node in enumerate(body)}
-        own = tuple((place[i], place[j]) for i, j in edges if i in place)
-        extra, rank = _independent(nodes[body], own)
-        if rank < 3 * len(body) - 6:
-            raise InputError(
-                f"rods that share nodes are one rigid body, but its {len(body)} nodes lie in a plane or on a line: "
-                "struts with pins between these nodes cannot hold it; expected nodes that span space"
-            )
-        added += [(int(body[i]), int(body[j])) for i, j in extra]
-    return tuple(added)
+def spanning_points(x: np.ndarray) -> np.ndarray:
+    """Further points, (k, 3), m, with which these of one body do not lie in a plane, or on a line."""
+    middle = x.mean(0)
+    _, size, axes = np.linalg.svd(x - middle, full_matrices=True)
+    size = np.r_[size, np.zeros(3)][:3]
+    return middle + size[0] / np.sqrt(len(x)) * axes[size < FLAT_WITHIN * size[0]]
 
 
 def is_rigid(nodes: np.ndarray, edges: Edges) -> bool:
@@ -79,12 +62,3 @@ def _extend(basis: list[np.ndarray], row: np.ndarray) -> bool:
     if size > INDEPENDENT:
         basis.append(row / size)
     return bool(size > INDEPENDENT)
-
-
-def _independent(nodes: np.ndarray, edges: Edges) -> tuple[Edges, int]:
-    """Which further pairs of nodes resist a motion that `edges` allow, and the rank with them."""
-    basis = _basis(_directions(nodes, edges))
-    joined = {frozenset(edge) for edge in edges}
-    pairs = [(i, j) for i in range(len(nodes)) for j in range(i) if frozenset((i, j)) not in joined]
-    extra = [pair for pair, row in zip(pairs, _directions(nodes, tuple(pairs))) if _extend(basis, row)] if pairs else []
-    return tuple(extra), len(basis)

@@ -1,7 +1,7 @@
 """What all readers and writers of other programs' files have in common."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -26,6 +26,27 @@ class Imported(NamedTuple):
     scene: Scene
     notes: tuple[str, ...]
     """sentences: units, what was taken how, what was left out"""
+
+
+class Losses:
+    """Notes on what is read how, and what the caller gives up of what a scene does not have."""
+
+    def __init__(self, drop: Collection[str], droppable: Collection[str], notes: list[str]):
+        """Raises `InputError` where `drop` has a name that is not among the `droppable`."""
+        unknown = sorted({drop} if isinstance(drop, str) else set(drop) - set(droppable))
+        if unknown:
+            raise InputError(f"drop = {unknown}: expected a list of some of {', '.join(droppable)}")
+        self.drop = frozenset(drop)
+        self.notes = notes
+
+    def note(self, sentence: str) -> None:
+        self.notes.append(sentence)
+
+    def lose(self, kind: str, what: str) -> None:
+        """Raises `InputError` unless the caller drops things of this kind; then a note says so."""
+        if kind not in self.drop:
+            raise InputError(f"{what}, which would be lost; drop={kind!r}, or --drop {kind}, reads the model without")
+        self.note(f"dropped: {what}")
 
 
 def read_limited(path: str | Path) -> str:

@@ -17,8 +17,6 @@ MASS_WITHIN, MASS_NOTED = 0.02, 1e-3
 """Largest relative errors of second moments where masses and rods replace a body: at all, and without a note."""
 LEAST_SHARE = 1e-3
 """Smallest share of a body's mass at each of its nodes, used where some node would have none."""
-FLAT_WITHIN = 0.05
-"""Share of a body's extent below which its nodes count as flat, so that further ones say where it is."""
 Rod = tuple[tuple[int, int], float]
 """The two nodes that a rod joins, and its mass in kg."""
 
@@ -62,14 +60,6 @@ def free_bodies_of_many(model: Any, carrier: np.ndarray) -> list[int]:
         if count > 2 and len(kinds) == 1 and kinds[0] == mujoco.mjtJoint.mjJNT_FREE:
             found.append(int(body))
     return found
-
-
-def spanning_points(x: np.ndarray) -> np.ndarray:
-    """Further points, (k, 3), m, with which these of one body do not lie in a plane, or on a line."""
-    middle = x.mean(0)
-    _, size, axes = np.linalg.svd(x - middle, full_matrices=True)
-    size = np.r_[size, np.zeros(3)][:3]
-    return middle + size[0] / np.sqrt(len(x)) * axes[size < FLAT_WITHIN * size[0]]
 
 
 def _as_body(moments: tuple[float, np.ndarray, np.ndarray], name: str, own: np.ndarray, x: np.ndarray) -> Body:

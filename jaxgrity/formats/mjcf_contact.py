@@ -7,7 +7,8 @@ import numpy as np
 from scipy.optimize import nnls
 
 from jaxgrity.core.errors import InputError
-from jaxgrity.formats.mjcf_losses import Losses, name_of
+from jaxgrity.formats.foreign import Losses
+from jaxgrity.formats.mjcf_losses import name_of
 from jaxgrity.model.friction import ConeFriction
 from jaxgrity.model.ground import ExactGround
 

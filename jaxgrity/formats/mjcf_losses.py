@@ -1,12 +1,12 @@
 """What a MuJoCo model has and a scene has not: named in a note, or refused unless the caller says to drop it."""
 
-from collections.abc import Collection
 from typing import Any
 
 import lazy_loader
 import numpy as np
 
 from jaxgrity.core.errors import InputError
+from jaxgrity.formats.foreign import Losses
 
 mujoco: Any = lazy_loader.load("mujoco")
 
@@ -23,27 +23,6 @@ DROPPABLE = {
 """What callers may drop although it changes the motion, with a description of each."""
 FAR = 10.0
 """A tendon's limit beyond this many times its length at the start counts as out of reach."""
-
-
-class Losses:
-    """Notes on what is read how, and what of the model the caller gives up."""
-
-    def __init__(self, drop: Collection[str], notes: list[str]):
-        """Raises `InputError` where `drop` has a name that is not in `DROPPABLE`."""
-        unknown = sorted({drop} if isinstance(drop, str) else set(drop) - set(DROPPABLE))
-        if unknown:
-            raise InputError(f"drop = {unknown}: expected a list of some of {', '.join(DROPPABLE)}")
-        self.drop = frozenset(drop)
-        self.notes = notes
-
-    def note(self, sentence: str) -> None:
-        self.notes.append(sentence)
-
-    def lose(self, kind: str, what: str) -> None:
-        """Raises `InputError` unless the caller drops things of this kind; then a note says so."""
-        if kind not in self.drop:
-            raise InputError(f"{what}, which would be lost; drop={kind!r}, or --drop {kind}, reads the model without")
-        self.note(f"dropped: {what}")
 
 
 def name_of(model: Any, kind: str, number: int) -> str:

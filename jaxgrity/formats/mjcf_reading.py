@@ -12,10 +12,10 @@ import numpy as np
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
-from jaxgrity.formats.foreign import MOST_NODES, Imported, read_limited
+from jaxgrity.formats.foreign import MOST_NODES, Imported, Losses, read_limited
 from jaxgrity.formats.mjcf_bodies import carried, free_bodies_of_many, rod_members
 from jaxgrity.formats.mjcf_contact import touched_plane
-from jaxgrity.formats.mjcf_losses import Losses, check_losses, name_of
+from jaxgrity.formats.mjcf_losses import DROPPABLE, check_losses, name_of
 from jaxgrity.formats.mjcf_rolling import touched_by_balls
 from jaxgrity.formats.mjcf_tendons import Spring, drag_of_sites, springs_of
 from jaxgrity.model.scene import Scene
@@ -100,7 +100,7 @@ def _imported(model: Any, drop: Collection[str]) -> Imported:
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     notes: list[str] = []
-    losses = Losses(drop, notes)
+    losses = Losses(drop, DROPPABLE, notes)
     check_losses(model, losses)
     tendons = springs_of(model, data, losses)
     nodes = _nodes(model, data, [site for tendon in tendons for site in tendon.ends])

@@ -5,9 +5,10 @@ from typing import Any
 import lazy_loader
 import numpy as np
 
-from jaxgrity.formats.mjcf_bodies import spanning_points
+from jaxgrity.formats.compounds import spanning_points
+from jaxgrity.formats.foreign import Losses
 from jaxgrity.formats.mjcf_contact import SAME_PLACE, GroundFound, Touching, is_within, lift_of, what_touches
-from jaxgrity.formats.mjcf_losses import Losses, name_of
+from jaxgrity.formats.mjcf_losses import name_of
 from jaxgrity.model.balls import Balls
 from jaxgrity.model.friction import ConeFriction
 from jaxgrity.model.ground import ExactGround

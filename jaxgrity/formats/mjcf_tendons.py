@@ -6,7 +6,8 @@ import lazy_loader
 import numpy as np
 
 from jaxgrity.core.errors import InputError
-from jaxgrity.formats.mjcf_losses import Losses, name_of
+from jaxgrity.formats.foreign import Losses
+from jaxgrity.formats.mjcf_losses import name_of
 
 mujoco: Any = lazy_loader.load("mujoco")
 

@@ -1,17 +1,21 @@
 """Structures of NASA's Tensegrity Robotics Toolkit (NTRT): its YAML files as scenes."""
 
-import math
+from collections.abc import Collection
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
-from jaxgrity.core.types import Edges
-from jaxgrity.formats.compounds import bracing
-from jaxgrity.formats.foreign import Imported, not_negative, positive
-from jaxgrity.formats.ntrt_tree import RIGID, Assembly, Pair, Part, table
+from jaxgrity.formats.compounds import spanning_points
+from jaxgrity.formats.foreign import Imported, Losses, positive
+from jaxgrity.formats.ntrt_bodies import Group, Shape, groups_of, moments_of, on_surface, shape_of
+from jaxgrity.formats.ntrt_builders import CABLES, RIGID, WRAPPING, Builder, builder_of
+from jaxgrity.formats.ntrt_tree import Assembly, Part
+from jaxgrity.model.balls import Balls
+from jaxgrity.model.bodies import Body, rigid_body
 from jaxgrity.model.friction import ConeFriction
 from jaxgrity.model.ground import ExactGround
 from jaxgrity.model.scene import Scene
@@ -20,55 +24,58 @@ from jaxgrity.model.structure import Members, Structure, check_edges, edge_lengt
 DECIMETRE = 0.1
 """Default unit of length of NTRT's files, m."""
 GROUND_FRICTION, GRAVITY = 0.5, 9.81
-"""Friction coefficient of the ground, and gravity (m/s^2): the files describe neither."""
+"""Friction of NTRT's ground, with which Bullet multiplies that of a rod, and gravity (m/s^2): files have neither."""
 SAME_PLACE = 1e-6
 """Largest distance between nodes that count as one, in the file's unit of length."""
-CABLES = (
-    "tgBasicActuatorInfo",
-    "tgBasicContactCableInfo",
-    "tgKinematicActuatorInfo",
-    "tgKinematicContactCableInfo",
-)
-DEFAULTS: dict[str, dict[str, float]] = {
-    "tgRodInfo": {"radius": 0.5, "density": 1.0},
-    "tgBoxInfo": {"width": 1.0, "height": 1.0, "density": 1.0},
-    "tgSphereInfo": {"radius": 0.5, "density": 1.0},
-    **{kind: {"stiffness": 1000.0, "damping": 10.0, "pretension": 0.0} for kind in CABLES},
+NTRT_DROPPABLE = {
+    "radius": "rods and boxes are lines, to which strings are tied at the nodes",
+    "wrapping": "strings that bodies deflect run straight through them",
+    "friction": "coefficients of the file",
 }
-"""NTRT's own defaults of the parameters that are used, in its units."""
-UNUSED = {
-    "friction", "roll_friction", "restitution", "history", "max_tension", "target_velocity", "min_actual_length",
-    "min_rest_length", "rotation", "moveCablePointAToEdge", "moveCablePointBToEdge", "radius", "motor_friction",
-    "motor_inertia", "back_drivable",
-}  # fmt: skip
-"""Parameters of contact, motors and cables' ends that have no counterpart here."""
+"""What callers may drop although it changes the motion, with a description of each."""
 
 
-class Builder(NamedTuple):
-    """How NTRT makes a rod, a string or a sphere of pairs and nodes with certain tags."""
+class Cable(NamedTuple):
+    """A string: its builder, and the nodes at its ends."""
 
-    kind: str
-    given: dict[str, float]
+    builder: Builder
+    ends: tuple[int, int]
 
 
-class Made(NamedTuple):
-    """Pairs of which the same kind of member is made."""
+@dataclass
+class Robot:
+    """What is put together of bodies and strings."""
 
-    edges: Edges
-    builders: tuple[Builder, ...]
+    x: np.ndarray
+    """(nodes, 3), m, z up"""
+    mass: dict[int, float] = field(default_factory=dict)
+    """kg, of nodes"""
+    fixed: list[int] = field(default_factory=list)
+    rods: list[Shape] = field(default_factory=list)
+    bodies: list[Body] = field(default_factory=list)
+    balls: dict[int, tuple[float, float]] = field(default_factory=dict)
+    """radius, m, and friction of what touches the ground, by its node"""
+
+    def add(self, points: np.ndarray) -> list[int]:
+        """Further nodes, and their numbers."""
+        first = len(self.x)
+        self.x = np.concatenate([self.x, np.reshape(points, (-1, 3))])
+        return list(range(first, len(self.x)))
 
 
 @typed
-def read_ntrt(path: str | Path, unit: float = DECIMETRE) -> Imported:
+def read_ntrt(path: str | Path, unit: float = DECIMETRE, drop: Collection[str] = ()) -> Imported:
     """A structure file of NTRT (YAML), with all files that it names, as a scene on level ground.
 
-    Rods are rigid and have mass; those that share nodes are one rigid body, as in NTRT, held in shape by struts without
-    mass. A string of stiffness K and pretension P has the rest length l - P/K. y is up in the file, z here:
-    (x, y, z) becomes (x, -z, y).
+    Rods, boxes and spheres are rigid bodies with the masses and inertias that NTRT gives them; those that share nodes
+    are one body, and one of density 0 is a support. A string of stiffness K and pretension P is fixed to the surfaces
+    of what it joins, as in NTRT, and has the rest length l - P/K. y is up in the file, z here: (x, y, z) becomes
+    (x, -z, y). With drop=["radius"] rods are struts, and strings end at the nodes: fewer nodes, and faster.
 
     Args:
         path: of the file.
         unit: m, of the file's unit of length; NTRT's examples use decimetres.
+        drop: kinds of what may be lost, of "radius", "wrapping" and "friction".
 
     Returns:
         The scene, with gravity, exact contact and Coulomb friction (which the files leave to the program that reads
@@ -81,105 +88,44 @@ def read_ntrt(path: str | Path, unit: float = DECIMETRE) -> Imported:
         >>> jaxgrity.formats.read_ntrt("SuperBall.yaml").scene  # doctest: +SKIP
     """
     unit = positive(unit, "unit")
+    losses = Losses(drop, NTRT_DROPPABLE, [])
     assembly = Assembly()
     part = assembly.read(Path(path))
+    losses.notes += dict.fromkeys(assembly.notes)
     try:
-        return _imported(assembly, part, unit)
+        return _imported(assembly, part, unit, losses)
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
 
 
-def _imported(assembly: Assembly, part: Part, unit: float) -> Imported:
-    builders = {tag: _builder(tag, given) for tag, given in assembly.builders.items()}
-    builders = {"rod": Builder("tgRodInfo", DEFAULTS["tgRodInfo"])} | builders
-    builders = {"string": Builder("tgBasicActuatorInfo", DEFAULTS["tgBasicActuatorInfo"])} | builders
-    notes, place = list(dict.fromkeys(assembly.notes)), _merged(assembly.x)
-    rods, strings, unbuilt = _made(part, builders, place)
-    if unbuilt:
-        notes.append(f"pairs that no builder matches are left out, as NTRT does: {', '.join(sorted(unbuilt))}")
-    mass = _sphere_masses(part, builders, place)
-    used = sorted({node for made in (rods, strings) for edge in made.edges for node in edge} | set(mass))
-    if not used:
-        raise InputError("no rod, string or sphere is built; expected some")
-    number = {node: k for k, node in enumerate(used)}
-    x = assembly.x[used]
-    nodes = np.stack([x[:, 0], -x[:, 2], x[:, 1]], axis=1) * unit
-    edges, cables = (tuple((number[i], number[j]) for i, j in made.edges) for made in (rods, strings))
-    extra = bracing(nodes, edges)
-    check_edges(nodes, (*edges, *extra), cables)
-    structure = Structure(
-        nodes - [0.0, 0.0, nodes[:, 2].min()],
-        np.array([mass.get(node, 0.0) for node in used]),
-        _struts(nodes, edges, extra, rods.builders, unit),
-        _cables(nodes, cables, strings.builders, unit),
-    )
-    scene = Scene(structure, GRAVITY, None, ExactGround(), ConeFriction(GROUND_FRICTION))
-    return Imported(scene, (*_conventions(unit, len(edges), len(extra), len(cables)), *notes))
+def _imported(assembly: Assembly, part: Part, unit: float, losses: Losses) -> Imported:
+    place = _merged(assembly.x)
+    x = np.stack([assembly.x[:, 0], -assembly.x[:, 2], assembly.x[:, 1]], axis=1) * unit
+    shapes, strings = _built(part, assembly.builders, place, losses)
+    groups = groups_of([shape_of(builder, nodes, x, unit) for builder, nodes in shapes], len(x))
+    if not groups:
+        raise InputError("no rod, box or sphere is built; expected some")
+    robot, thin = Robot(x), "radius" in losses.drop
+    cables = _tied(robot, groups, strings, thin, losses)
+    for group in groups:
+        _add_body(robot, group, thin)
+    ends = {node for cable in cables for node in cable.ends}
+    used = sorted({*ends, *robot.mass, *robot.fixed, *(k for body in robot.bodies for k in body.points)} | {
+        node for rod in robot.rods for node in rod.nodes
+    })  # fmt: skip
+    return Imported(_scene(robot, cables, used, unit, losses), (*_conventions(robot, cables, unit), *losses.notes))
 
 
-def _conventions(unit: float, rods: int, extra: int, cables: int) -> list[str]:
-    found = [
+def _conventions(robot: Robot, cables: list[Cable], unit: float) -> list[str]:
+    counts = {"rods are struts, thin, with mass": robot.rods, "bodies are rigid": robot.bodies}
+    return [
         f"one unit of length is {unit:g} m, kg and s are as they are; y, which is up in the file, is z here",
-        f"{rods} rods are rigid struts with mass, thin, and touch the ground at their ends",
-        f"{cables} strings are cables",
-        f"gravity ({GRAVITY:g} m/s^2), level ground and friction ({GROUND_FRICTION:g}) are added, which such files "
-        "leave to a program; the lowest node stands on the ground",
-        "friction, restitution and limits of motors in the file are not used; cables end at the nodes",
+        *(f"{len(found)} {what}" for what, found in counts.items() if found),
+        f"{len(cables)} strings are cables",
+        f"gravity ({GRAVITY:g} m/s^2), level ground and its friction ({GROUND_FRICTION:g}) are added, which such files "
+        "leave to a program; the lowest point stands on the ground",
+        "the ends of rods and boxes touch the ground with balls as thick as these; bodies do not touch each other",
     ]
-    return [*found, f"{extra} struts without mass keep rods that share nodes in shape"] if extra else found
-
-
-def _builder(tag: str, given: dict[str, Any]) -> Builder:
-    kind = given.get("class")
-    if kind not in DEFAULTS:
-        raise InputError(f"builders.{tag}.class = {kind!r}: expected one of {', '.join(DEFAULTS)}")
-    parameters = table(given.get("parameters"), f"builders.{tag}.parameters")
-    found = dict(DEFAULTS[kind])
-    for name, value in parameters.items():
-        if name in found:
-            check = not_negative if name in ("pretension", "damping") else positive
-            found[name] = check(value, f"builders.{tag}.parameters.{name}")
-        elif name not in UNUSED:
-            raise InputError(f"builders.{tag}.parameters has {name!r}; expected one of {', '.join(found)}")
-    return Builder(kind, found)
-
-
-def _matching(tags: str, builders: dict[str, Builder], where: str) -> Builder | None:
-    """The one builder all of whose tags are among these."""
-    found = [tag for tag in builders if set(tag.split()) <= set(tags.split())]
-    if len(found) > 1:
-        raise InputError(f"{where}: the builders {', '.join(found)} match the tags {tags!r}; expected one")
-    return builders[found[0]] if found else None
-
-
-def _made(part: Part, builders: dict[str, Builder], place: np.ndarray) -> tuple[Made, Made, set[str]]:
-    """Rods, strings, and the tags that no builder matches. Two equal strings side by side are one."""
-    rods: dict[tuple[int, int], Builder] = {}
-    strings: dict[tuple[int, int], Builder] = {}
-    unbuilt = set()
-    for pair in (pair for each in part.parts() for pair in each.pairs):
-        builder = _matching(pair.tags, builders, "builders")
-        if builder is None:
-            unbuilt.add(pair.tags)
-            continue
-        edge = _edge(pair, place)
-        made = rods if builder.kind in RIGID else strings
-        made[edge] = _doubled(made[edge], builder, pair) if edge in made else builder
-    return Made(tuple(rods), tuple(rods.values())), Made(tuple(strings), tuple(strings.values())), unbuilt
-
-
-def _edge(pair: Pair, place: np.ndarray) -> tuple[int, int]:
-    i, j = sorted((int(place[pair.first]), int(place[pair.second])))
-    return i, j
-
-
-def _doubled(first: Builder, second: Builder, pair: Pair) -> Builder:
-    """Two equal strings side by side: twice as stiff, and as tight each."""
-    if first.kind not in CABLES or first.given["pretension"] * second.given["stiffness"] != (
-        second.given["pretension"] * first.given["stiffness"]
-    ):
-        raise InputError(f"a pair tagged {pair.tags!r} is there twice; expected one member between two nodes")
-    return Builder(first.kind, {name: value + second.given[name] for name, value in first.given.items()})
 
 
 def _merged(x: np.ndarray) -> np.ndarray:
@@ -189,41 +135,150 @@ def _merged(x: np.ndarray) -> np.ndarray:
     return first[where.ravel()]
 
 
-def _sphere_masses(part: Part, builders: dict[str, Builder], place: np.ndarray) -> dict[int, float]:
-    """kg: a node whose name is the tag of a sphere's builder is one."""
-    found: dict[int, float] = {}
-    for name, node in ((name, node) for each in part.parts() for name, node in each.nodes.items()):
-        builder = builders.get(name)
-        if builder is not None and builder.kind == "tgSphereInfo":
-            r, density = builder.given["radius"], builder.given["density"]
-            found[int(place[node])] = found.get(int(place[node]), 0.0) + 4 / 3 * math.pi * r**3 * density
+def _built(
+    part: Part, builders: list[Builder], place: np.ndarray, losses: Losses
+) -> tuple[list[tuple[Builder, tuple[int, ...]]], list[Cable]]:
+    """Shapes with their nodes, and strings: what NTRT's builders make of nodes and pairs."""
+    shapes: list[tuple[Builder, tuple[int, ...]]] = []
+    strings: list[Cable] = []
+    unbuilt: set[str] = set()
+    for each in part.parts():
+        for name, node in each.nodes.items():
+            builder = builder_of(builders, frozenset(name.split()), each.tags, ("tgSphereInfo",))
+            if builder is not None:
+                shapes.append((builder, (int(place[node]),)))
+        for pair in each.pairs:
+            ends = int(place[pair.first]), int(place[pair.second])
+            if (builder := builder_of(builders, pair.tags, each.tags, RIGID)) is not None:
+                shapes.append((builder, ends))
+            elif (builder := builder_of(builders, pair.tags, each.tags, CABLES)) is not None:
+                if ends[0] == ends[1]:
+                    raise InputError(f"a string tagged {' '.join(sorted(pair.tags))!r} has no length; expected some")
+                strings.append(Cable(builder, ends))
+            else:
+                unbuilt.add(" ".join(sorted(pair.tags)))
+    if unbuilt:
+        losses.note(f"pairs that no builder matches are left out, as NTRT does: {', '.join(sorted(unbuilt))}")
+    if wrapping := sum(cable.builder.kind in WRAPPING for cable in strings):
+        losses.lose("wrapping", f"{wrapping} strings are deflected by bodies (tgBasicContactCableInfo or the like)")
+    return shapes, strings
+
+
+def _tied(robot: Robot, groups: list[Group], strings: list[Cable], thin: bool, losses: Losses) -> list[Cable]:
+    """The strings, from the surface of one shape to that of another: new nodes, of these shapes' bodies."""
+    at: dict[int, list[tuple[Group, Shape]]] = {}
+    for group in groups:
+        for shape in group.shapes:
+            for node in shape.nodes:
+                at.setdefault(node, []).append((group, shape))
+    found, moved = [], 0
+    for builder, pair in strings:
+        ends = list(pair)
+        for side, flag in enumerate(("moveCablePointAToEdge", "moveCablePointBToEdge")):
+            node, other = robot.x[pair[side]], robot.x[pair[1 - side]]
+            if pair[side] not in at:
+                place = (node.round(6) + 0.0).tolist()
+                raise InputError(
+                    f"a string ends at {place} m, where nothing is built; expected a rod, a box or a sphere"
+                )
+            group, shape = min(at[pair[side]], key=lambda each: np.linalg.norm(each[1].centre - node))
+            if shape.half[0] > 0 and (builder.given[flag] or builder.kind in WRAPPING):
+                moved += 1
+                if not thin:
+                    ends[side] = robot.add(on_surface(shape, node, other, builder.given["rotation"]))[0]
+                    group.nodes.append(ends[side])
+        found.append(Cable(builder, (ends[0], ends[1])))
+    if thin:
+        losses.note(f"dropped: the radius of rods and boxes; {moved} ends of strings are at nodes, not on surfaces")
     return found
 
 
-def _struts(
-    nodes: np.ndarray, edges: Edges, extra: Edges, builders: tuple[Builder, ...], unit: float
-) -> Members | None:
-    if not edges:
-        return None
-    section = [
-        math.pi * b.given["radius"] ** 2 if b.kind == "tgRodInfo" else 4 * b.given["width"] * b.given["height"]
-        for b in builders
-    ]
-    density = np.array([b.given["density"] for b in builders])
-    mass = density * section * edge_lengths(nodes, edges) / unit
-    every = (*edges, *extra)
-    return Members(every, None, edge_lengths(nodes, every), mass=np.r_[mass, np.zeros(len(extra))])
+def _add_body(robot: Robot, group: Group, thin: bool) -> None:
+    """A support, a rod, a node with mass, or a rigid body; and where it touches the ground."""
+    first, mass = group.shapes[0], group.mass
+    single = len(group.shapes) == 1
+    if not mass > 0:
+        robot.fixed += group.nodes
+        return
+    for shape in group.shapes:
+        for node in shape.nodes:
+            radius = 0.0 if thin else float(shape.half[:2].min())
+            robot.balls[node] = max(robot.balls.get(node, (0.0, 0.0)), (radius, shape.builder.given["friction"]))
+    if len(group.nodes) == 1:
+        robot.mass[group.nodes[0]] = mass
+    elif single and thin:
+        robot.rods.append(first)
+    else:
+        centre, inertia = moments_of(group)
+        if single and len(group.nodes) == 2 and len(first.nodes) == 2:
+            axis = first.turn[:, 2]  # all that acts on it acts on its axis, about which it need not turn
+            inertia = (np.trace(inertia) - axis @ inertia @ axis) / 2 * (np.eye(3) - np.outer(axis, axis))
+        else:
+            group.nodes.extend(robot.add(spanning_points(robot.x[group.nodes])))
+        robot.bodies.append(rigid_body(robot.x, group.nodes, mass, inertia, centre))
 
 
-def _cables(nodes: np.ndarray, edges: Edges, builders: tuple[Builder, ...], unit: float) -> Members | None:
-    if not edges:
+def _scene(robot: Robot, cables: list[Cable], used: list[int], unit: float, losses: Losses) -> Scene:
+    number = {node: k for k, node in enumerate(used)}
+    x = robot.x[used]
+    edges = tuple((number[i], number[j]) for i, j in (rod.nodes for rod in robot.rods))
+    rods = Members(edges, None, edge_lengths(x, edges), mass=np.array([r.mass for r in robot.rods])) if edges else None
+    touching = {number[node]: found for node, found in robot.balls.items()}
+    low = [x[node, 2] - radius for node, (radius, _) in touching.items()] + [x[number[k], 2] for k in robot.fixed]
+    structure = Structure(
+        x - [0.0, 0.0, min(low)],
+        np.array([robot.mass.get(node, 0.0) for node in used]),
+        rods,
+        _cables(x, cables, number, unit),
+        fixed=tuple((number[node], "xyz") for node in robot.fixed),
+        bodies=tuple(_renumbered(body, number) for body in robot.bodies),
+    )
+    all_alike = touching.keys() | {node for node, _ in structure.fixed} == set(range(len(used)))
+    radii = np.array([radius for radius, _ in touching.values()])
+    balls = None if all_alike and not radii.any() else Balls(tuple(touching), radii)
+    return Scene(structure, GRAVITY, None, ExactGround(balls=balls), _friction(touching, len(used), losses))
+
+
+def _renumbered(body: Body, number: dict[int, int]) -> Body:
+    return Body(tuple(number[k] for k in body.points), body.matrix, body.weights, body.lengths)
+
+
+def _friction(touching: dict[int, tuple[float, float]], nodes: int, losses: Losses) -> ConeFriction:
+    """One coefficient where all are equal; else one for each node."""
+    each = np.full(nodes, GROUND_FRICTION)
+    for node, (_, mu) in touching.items():
+        each[node] *= mu
+    if "friction" in losses.drop:
+        losses.note(f"dropped: coefficients of friction in the file; it is {GROUND_FRICTION:g} everywhere")
+        return ConeFriction(GROUND_FRICTION)
+    here = each[list(touching)]
+    return ConeFriction(float(here[0])) if len(here) and np.all(here == here[0]) else ConeFriction(each)
+
+
+def _cables(x: np.ndarray, cables: list[Cable], number: dict[int, int], unit: float) -> Members | None:
+    if not cables:
         return None
-    stiffness, damping, tension = (np.array([b.given[n] for b in builders]) for n in DEFAULTS[CABLES[0]])
-    rest = edge_lengths(nodes, edges) - tension * unit / stiffness
+    edges, given = _side_by_side([(tuple(sorted(number[k] for k in ends)), b.given) for b, ends in cables])
+    stiffness, damping, tension = (np.array([g[n] for g in given]) for n in ("stiffness", "damping", "pretension"))
+    check_edges(x, (), edges)
+    rest = edge_lengths(x, edges) - tension * unit / stiffness
     if not np.all(rest > 0):
         k = int(np.argmin(rest))
         raise InputError(
-            f"a string of {edge_lengths(nodes, edges)[k]:.4g} m needs a rest length of {rest[k]:.4g} m for its "
+            f"a string of {edge_lengths(x, edges)[k]:.4g} m needs a rest length of {rest[k]:.4g} m for its "
             "pretension; expected less pretension or a stiffer string"
         )
     return Members(edges, stiffness, rest, damping=damping if damping.any() else None)
+
+
+def _side_by_side(strings: list[tuple[tuple[int, ...], dict[str, float]]]) -> tuple[tuple, list[dict[str, float]]]:
+    """Edges and parameters; strings between the same two nodes that are stretched alike are one, as stiff as both."""
+    found: dict[tuple[int, ...], dict[str, float]] = {}
+    for edge, given in strings:
+        if edge in found:
+            first = found[edge]
+            if first["pretension"] * given["stiffness"] != given["pretension"] * first["stiffness"]:
+                raise InputError("two strings between the same two nodes differ in stretch; expected one")
+            given = {name: value + first[name] for name, value in given.items()}
+        found[edge] = given
+    return tuple(found), list(found.values())

@@ -1,6 +1,6 @@
-"""YAML of which every scalar is text, within limits: no aliases, no deep nesting, no key twice."""
+"""YAML of which every scalar is text, within limits, and the line of each value."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import yaml
 
@@ -8,59 +8,78 @@ from jaxgrity.core.errors import InputError
 
 DEEPEST = 20
 """Most levels of lists and tables within each other."""
-MOST_EVENTS = 30_000
-"""Most scalars, and beginnings and ends of lists and tables, in one file."""
+MOST_VALUES = 30_000
+"""Most scalars, lists and tables in one file, those that aliases repeat too."""
+PLAIN = {f"tag:yaml.org,2002:{kind}" for kind in ("str", "seq", "map")}
+"""What a value is where the file gives it no tag."""
 
 
-def parse_yaml(text: str) -> Any:
-    """Tables, lists and strings: `no` and `1e3` stay as they are written; None where there is nothing.
+class YamlText(NamedTuple):
+    """What a file says, and where."""
 
-    Raises `InputError`, with the line, where the text is no YAML, has aliases, tags or several documents, is nested too
-    deeply or too long, or gives a key twice, of which other readers take the last without a word.
+    value: Any
+    """tables, lists and strings: `no` and `1e3` stay as they are written; None where there is nothing"""
+    lines: dict[str, int]
+    """the line, from 1, of each value, by its place, such as `nodes.a[2]`"""
+
+
+class _Loader(yaml.BaseLoader):
+    """PyYAML's own, which stops where a file is deeper or longer than that of a robot."""
+
+    depth = count = 0
+
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        mark = self.peek_event().start_mark
+        self.depth, self.count = self.depth + 1, self.count + 1
+        if self.depth > DEEPEST:
+            raise yaml.MarkedYAMLError(problem=f"more than {DEEPEST} levels within each other", problem_mark=mark)
+        if self.count > MOST_VALUES:
+            raise yaml.MarkedYAMLError(problem=f"more than {MOST_VALUES} values", problem_mark=mark)
+        node = super().compose_node(parent, index)
+        self.depth -= 1
+        return node
+
+
+def parse_yaml(text: str) -> YamlText:
+    """Tables, lists and strings of a file, with their lines. A tab is a space, as in yaml-cpp, which NTRT uses.
+
+    Raises `InputError`, with the line, where the text is no YAML, has tags or several documents, is nested too deeply
+    or too long, or gives a key twice, of which other readers take the last without a word.
     """
-    found: list[Any] = []
-    open_ones: list[tuple[Any, list[str]]] = [(found, [])]
-    line = 1
     try:
-        for number, event in enumerate(yaml.parse(text, Loader=yaml.BaseLoader)):
-            line = event.start_mark.line + 1
-            if number > MOST_EVENTS:
-                raise InputError(f"line {line}: is too long; expected at most {MOST_EVENTS} values")
-            _take(event, open_ones, line)
+        node = _Loader(text.replace("\t", " ")).get_single_node()
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         problem = getattr(error, "problem", None) or str(error).splitlines()[0]
-        raise InputError(f"line {line if mark is None else mark.line + 1}: not YAML: {problem}") from error
-    if len(found) > 1:
-        raise InputError("has several documents; expected one")
-    return found[0] if found else None
+        raise InputError(f"{'' if mark is None else f'line {mark.line + 1}: '}not YAML: {problem}") from error
+    lines: dict[str, int] = {}
+    return YamlText(None if node is None else _plain(node, "", lines, 0), lines)
 
 
-def _take(event: yaml.Event, open_ones: list[tuple[Any, list[str]]], line: int) -> None:
-    """Put what an event brings into the innermost list or table that is open."""
-    if isinstance(event, yaml.AliasEvent):
-        raise InputError(f"line {line}: *{event.anchor} is an alias; expected what it stands for")
-    if isinstance(event, yaml.CollectionEndEvent):
-        open_ones.pop()
-    if not isinstance(event, yaml.ScalarEvent | yaml.CollectionStartEvent):
-        return
-    if event.tag is not None and event.tag != "!":
-        raise InputError(f"line {line}: {event.tag} is a tag; expected plain values")
-    value: Any = event.value if isinstance(event, yaml.ScalarEvent) else {}
-    if isinstance(event, yaml.SequenceStartEvent):
-        value = []
-    inside, key = open_ones[-1]
-    if isinstance(inside, list):
-        inside.append(value)
-    elif key:
-        inside[key.pop()] = value
-    elif not isinstance(value, str):
-        raise InputError(f"line {line}: a list or a table stands for a key; expected a name")
-    elif value in inside:
-        raise InputError(f"line {line}: {value!r} is there twice; expected each key once")
-    else:
-        key.append(value)
-    if isinstance(event, yaml.CollectionStartEvent):
-        open_ones.append((value, []))
-        if len(open_ones) > DEEPEST:
-            raise InputError(f"line {line}: lists or tables within each other, more than {DEEPEST} levels deep")
+def _plain(node: yaml.Node, place: str, lines: dict[str, int], depth: int) -> Any:
+    """A node and all within it; what aliases repeat is there as often."""
+    line = node.start_mark.line + 1
+    lines[place] = line
+    if node.tag not in PLAIN:
+        raise InputError(f"line {line}: {node.tag} is a tag; expected plain values")
+    if depth > DEEPEST or len(lines) > MOST_VALUES:
+        raise InputError(f"line {line}: aliases repeat more than {MOST_VALUES} values, or themselves; expected fewer")
+    if isinstance(node, yaml.ScalarNode):
+        return node.value
+    if isinstance(node, yaml.SequenceNode):
+        return [_plain(each, f"{place}[{k}]", lines, depth + 1) for k, each in enumerate(node.value)]
+    found: dict[str, Any] = {}
+    for key, value in node.value:
+        line = key.start_mark.line + 1
+        if not isinstance(key, yaml.ScalarNode):
+            raise InputError(f"line {line}: a list or a table stands for a key; expected a name")
+        if key.value in found:
+            raise InputError(f"line {line}: {key.value!r} is there twice; expected each key once")
+        found[key.value] = _plain(value, f"{place}.{key.value}" if place else key.value, lines, depth + 1)
+    return found
+
+
+def with_line(message: str, lines: dict[str, int]) -> str:
+    """A message that begins with the place of a value, after the line of that value."""
+    places = [place for place in lines if place and message.startswith(place)]
+    return f"line {lines[max(places, key=len)]}: {message}" if places else message

@@ -8,6 +8,7 @@ import numpy as np
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import NodeVectors, Scalar
+from jaxgrity.model.bodies import held_pairs
 from jaxgrity.model.clusters import pull
 from jaxgrity.model.structure import Members, Structure, edge_lengths
 
@@ -18,16 +19,27 @@ STIFF = 1e5
 def as_springs(structure: Structure) -> tuple[Structure, int]:
     """The structure with rigid struts as very stiff springs, and how many there are: so many modes are not real.
 
-    Raises `InputError` where there are rigid bodies.
+    Such springs, the last ones, join the basic points of rigid bodies too, which hold their shape.
     """
-    if structure.bodies:
-        raise InputError("statics knows no rigid bodies yet; expected a structure without, or rods as struts")
     struts, cables = structure.struts, structure.cables
-    if struts is None or not struts.rigid:
-        return structure, 0
     stiff = STIFF * float(np.max(cables.stiffness)) if cables is not None and cables.stiffness is not None else 1e8
-    springs = dataclasses.replace(struts, stiffness=np.full(len(struts.edges), stiff), damping=None)
-    return dataclasses.replace(structure, struts=springs), len(struts.edges)
+    count = 0
+    if struts is not None and struts.rigid:
+        count = len(struts.edges)
+        struts = dataclasses.replace(struts, stiffness=np.full(count, stiff), damping=None)
+    if structure.bodies:
+        pairs, lengths = held_pairs(structure.bodies)
+        K, L = np.full(len(pairs), stiff), np.asarray(lengths, float)
+        if struts is not None:
+            pairs, K, L = (*struts.edges, *pairs), np.r_[struts.stiffness, K], np.r_[struts.rest_length, L]
+        count, struts = count + len(lengths), Members(pairs, K, L)
+    return dataclasses.replace(structure, struts=struts) if count else structure, count
+
+
+def check_no_bodies(structure: Structure, what: str) -> None:
+    """Raises `InputError` where there are rigid bodies, which `what` does not know."""
+    if structure.bodies:
+        raise InputError(f"{what}: knows no rigid bodies yet; expected a structure without, or rods as struts")
 
 
 def spring_forces(members: Members, q: NodeVectors) -> np.ndarray:

@@ -16,8 +16,10 @@ from jaxgrity.core.primitives import edge_vectors, length
 from jaxgrity.core.tracing import refuse_traced
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import NodeVectors, Scalar
+from jaxgrity.model.bodies import carrying, independent_nodes
 from jaxgrity.model.scene import Scene
-from jaxgrity.model.springs import largest_force, largest_stiffness
+from jaxgrity.model.springs import check_no_bodies, largest_force, largest_stiffness
+from jaxgrity.model.structure import Structure
 from jaxgrity.statics.stiffness import (
     factor_if_definite,
     free_coordinates,
@@ -59,8 +61,8 @@ def resting_shape(
     takes seconds for a structure of thousands of members.
 
     Args:
-        scene: what acts; gaits as they are at t = 0. Rigid struts become very stiff springs. Its supports hold their
-            coordinates where they start.
+        scene: what acts; gaits as they are at t = 0. Rigid struts become very stiff springs, and those that keep the
+            shape of rigid bodies. Its supports hold their coordinates where they start.
         start: positions to start from, m; None: the structure's own.
         loads: (nodes, 3), constant forces, N; None: none.
         tolerance: N, the largest force left; None: 1e-11 of the largest force that any member can have.
@@ -82,23 +84,26 @@ def resting_shape(
     pull = np.zeros(q.shape) if loads is None else np.asarray(loads, float)
     if q.shape != np.shape(scene.structure.nodes) or pull.shape != q.shape:
         raise InputError(f"start has shape {q.shape} and loads {pull.shape}; expected a row for each node")
-    free = free_coordinates(len(q), scene.structure.supported)
+    whole, free = _coordinates(scene.structure)
     limit = max(1e-11 * largest_force(scene.structure), 100 * np.finfo(float).eps * largest_force(springs.structure))
     limit = limit if tolerance is None else tolerance
 
     def energy_and_force(x: np.ndarray) -> tuple[float, np.ndarray]:
         with jax.enable_x64(True):
             U, gradient = _energy_and_gradient(springs, jnp.asarray(x))
-        return float(U) - float(np.sum(pull * x)), pull - np.asarray(gradient)
+        return float(U) - float(np.sum(pull * x)), (whole.T @ (pull - np.asarray(gradient)).ravel()).reshape(x.shape)
 
-    q, steps = _descend(energy_and_force, lambda x: stiffness_matrix(springs, x), q, free, limit)
+    def stiffness(x: np.ndarray) -> sp.csc_array:
+        return sp.csc_array(whole.T @ stiffness_matrix(springs, x) @ whole)
+
+    q, steps = _descend(energy_and_force, stiffness, (whole, q), free, limit)
     force = energy_and_force(q)[1].ravel()
     residual = float(np.abs(force[free]).max(initial=0))
     if not residual <= limit:
         raise InputError(f"no equilibrium near the start: {residual:.3g} N are left after {steps} steps")
     reactions = -force
     reactions[free] = 0
-    K = stiffness_matrix(springs, q)[free][:, free]
+    K = stiffness(q)[free][:, free]
     stable = factor_if_definite(_shifted(K, 1e-9)) is not None
     return RestingShape(q, residual, stable, reactions.reshape(q.shape), steps)
 
@@ -113,8 +118,7 @@ def equilibrium_near(scene: Scene, shape: NodeVectors) -> NodeVectors:
     found, and held constant; coordinates that a support holds stay there. NaN where Newton's method does not converge.
     K is dense here, which suits some hundred nodes at most, and float64 is needed.
     """
-    if scene.structure.bodies:
-        raise InputError("equilibrium_near knows no rigid bodies yet; expected a structure without, or rods as struts")
+    check_no_bodies(scene.structure, "equilibrium_near")
     near = jax.lax.stop_gradient(jnp.asarray(shape))
     free = free_coordinates(len(near), scene.structure.supported)
     # U by the largest stiffness: one tolerance in metres then suits soft cables and stiff struts
@@ -143,16 +147,39 @@ def equilibrium_near(scene: Scene, shape: NodeVectors) -> NodeVectors:
     return jnp.where(found.result == optx.RESULTS.successful, placed(found.value), jnp.nan)
 
 
+def _coordinates(structure: Structure) -> tuple[sp.csc_array, np.ndarray]:
+    """What gives all coordinates from those of nodes that follow none, and which of these no support holds."""
+    nodes, bodies = len(structure.nodes), structure.bodies
+    place = sp.eye_array(nodes, format="csc")
+    carried: np.ndarray = np.zeros(0, int)
+    if bodies:
+        independent = list(independent_nodes(bodies, nodes))
+        columns = np.zeros((nodes, nodes))
+        columns[:, independent] = np.asarray(carrying(bodies, nodes), float)
+        place = sp.csc_array(columns)
+        carried = np.flatnonzero(~np.isin(np.arange(3 * nodes) // 3, independent))
+    free = np.setdiff1d(free_coordinates(nodes, structure.supported), carried)
+    return sp.kron(place, sp.eye_array(3), format="csc"), free
+
+
 @eqx.filter_jit
 def _energy_and_gradient(scene: Scene, q: NodeVectors) -> tuple[Scalar, NodeVectors]:
     return jax.value_and_grad(scene.potential_energy)(q, 0.0)
 
 
 def _descend(
-    energy_and_force: Callable, stiffness: Callable, q: np.ndarray, free: np.ndarray, limit: float
+    energy_and_force: Callable,
+    stiffness: Callable,
+    start: tuple[sp.csc_array, np.ndarray],
+    free: np.ndarray,
+    limit: float,
 ) -> tuple[np.ndarray, int]:
-    """Shifted Newton steps downhill until no force is above `limit` and a step hardly lowers them any more."""
-    shift, last = 1e-4, 0.0
+    """Shifted Newton steps downhill until no force is above `limit` and a step hardly lowers them any more.
+
+    `start` is what carries all coordinates with those of independent nodes, and the shape to start from.
+    """
+    whole, q = start
+    q, shift, last = (whole @ q.ravel()).reshape(q.shape), 1e-4, 0.0
     U, force = energy_and_force(q)
     for step in range(ITERATIONS):
         size = np.abs(force.ravel()[free]).max(initial=0)
@@ -165,6 +192,7 @@ def _descend(
             if factor is not None:
                 new = q.copy()
                 new.ravel()[free] += factor.solve(force.ravel()[free])
+                new = (whole @ new.ravel()).reshape(q.shape)
                 U_new, force_new = energy_and_force(new)
                 # near the end the energy cannot tell, but the forces can
                 smaller = np.abs(force_new.ravel()[free]).max() < size

@@ -9,7 +9,7 @@ from jaxgrity.core.typed import typed
 from jaxgrity.core.types import NodeVectors, PerMember, PerRow
 from jaxgrity.model.laws import EnergyTerm
 from jaxgrity.model.scene import Scene
-from jaxgrity.model.springs import as_springs, spring_forces
+from jaxgrity.model.springs import as_springs, check_no_bodies, spring_forces
 from jaxgrity.model.structure import Structure, edge_lengths
 from jaxgrity.statics.equilibrium import resting_shape
 from jaxgrity.statics.form_finding import Statics, prestress_stable, statics_of, super_stable
@@ -150,6 +150,7 @@ def inspect_structure(scene: Scene) -> StructureReport:
         (29, 1, 1)
     """
     structure = scene.structure
+    check_no_bodies(structure, "inspect")
     if structure.member_count == 0:
         raise InputError(
             "the structure has no members; expected struts or cables, with [struts] and [cables] in a scene file"
@@ -205,8 +206,8 @@ def member_forces(structure: Structure, q: NodeVectors) -> PerMember:
 
     Rigid struts count as very stiff springs. All segments of a cable that runs through several nodes have its tension.
     """
+    check_no_bodies(structure, "member_forces")
     springs = as_springs(structure)[0]
-
     found = [spring_forces(springs.struts, q)] if springs.struts is not None else []
     found += [np.maximum(spring_forces(springs.cables, q), 0)] if springs.cables is not None else []
     return np.concatenate(found)

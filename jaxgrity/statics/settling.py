@@ -31,7 +31,8 @@ class Settled(NamedTuple):
 def settled(scene: Scene) -> Settled:
     """The scene with its structure at rest without gravity, ground and gait, and set down on its ground.
 
-    Rigid struts keep their lengths; supports hold. Where there are supports, or no ground, nothing is set down.
+    Rigid struts and bodies keep their shapes; supports hold. Where there are supports, or no ground, nothing is
+    set down.
 
     Args:
         scene: what is to start at rest.
@@ -64,18 +65,31 @@ def settled(scene: Scene) -> Settled:
 
 def _at_rest(structure: Structure) -> np.ndarray:
     springs, count = as_springs(structure)
-    nodes = np.asarray(resting_shape(Scene(springs)).q, float)
+    nodes = np.asarray(resting_shape(Scene(structure)).q, float)
     if not count:
         return nodes
     assert springs.struts is not None, "as_springs made them"
-    wanted = np.asarray(springs.struts.rest_length, float)
+    edges, wanted = springs.struts.edges[-count:], np.asarray(springs.struts.rest_length, float)[-count:]
+    given = wanted
     for _ in range(ROUNDS):
-        missing = wanted - edge_lengths(nodes, springs.struts.edges)
+        missing = wanted - edge_lengths(nodes, edges)
         if np.all(np.abs(missing) <= STRUTS_WITHIN * wanted):
             return nodes
-        longer = dataclasses.replace(springs.struts, rest_length=springs.struts.rest_length + missing)
-        springs = dataclasses.replace(springs, nodes=nodes, struts=longer)
-        nodes = np.asarray(resting_shape(Scene(springs)).q, float)
+        given = given + missing
+        nodes = np.asarray(resting_shape(Scene(_with_lengths(structure, nodes, dict(zip(edges, given))))).q, float)
     raise InputError(
         f"rigid struts are off by {np.abs(missing).max():.3g} m at rest; expected lengths that fit together"
     )
+
+
+def _with_lengths(structure: Structure, nodes: np.ndarray, given: dict[tuple[int, int], float]) -> Structure:
+    """The structure at `nodes` whose rigid struts and bodies have these lengths, m."""
+    struts = structure.struts
+    if struts is not None and struts.rigid:
+        struts = dataclasses.replace(struts, rest_length=np.array([given[edge] for edge in struts.edges]))
+    by_ends = {frozenset(edge): length for edge, length in given.items()}
+    bodies = tuple(
+        dataclasses.replace(body, lengths=np.array([by_ends[frozenset(edge)] for edge in body.edges]))
+        for body in structure.bodies
+    )
+    return dataclasses.replace(structure, nodes=nodes, struts=struts, bodies=bodies)

@@ -14,7 +14,7 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, Edges, MassMatrix, NodeVectors
 from jaxgrity.model.scene import Scene
-from jaxgrity.model.springs import as_springs
+from jaxgrity.model.springs import as_springs, check_no_bodies
 from jaxgrity.model.structure import Structure, member_vectors, onto_nodes
 
 Fixed = Bool[AnyArray, "nodes 3"]
@@ -75,8 +75,7 @@ def sparse_mass_matrix(structure: Structure) -> sp.csc_array:
 
     Nodes are points; a member's mass m is spread along it, T = m/6 (v_p·v_p + v_p·v_q + v_q·v_q).
     """
-    if structure.bodies:
-        raise InputError("vibrations know no rigid bodies yet; expected a structure without, or rods as struts")
+    check_no_bodies(structure, "vibrations")
     nodes = len(structure.nodes)
     M = sp.diags_array(np.asarray(structure.node_mass, float))
     for mass, edges in structure.rod_masses:
