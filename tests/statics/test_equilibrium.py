@@ -10,6 +10,7 @@ import pytest
 import scipy.sparse as sp
 
 from jaxgrity import EnergyTerm, InputError, Members, Scene, Structure, edge_lengths, with_terms
+from jaxgrity.model import body_moments, rigid_body
 from jaxgrity.statics import equilibrium_near, prestressed, resting_shape, vibration_modes
 from jaxgrity.statics.stiffness import factor_if_definite, stiffness_matrix
 from jaxgrity.structures import prism, tower
@@ -55,6 +56,21 @@ def test_a_hanging_mass_is_lower_by_its_weight_over_the_stiffness():
     np.testing.assert_allclose(found.reactions, [[0, 0, 2.1 * 9.81], [0, 0, 0]], atol=1e-9)
     loaded = resting_shape(hanging(), loads=np.array([[0, 0, 0], [0, 0, -10.0]]))
     np.testing.assert_allclose(loaded.q[1, 2], -1 - (2 * 9.81 + 10) / 100, atol=1e-12)
+
+
+def test_a_hanging_body_turns_until_its_centre_is_below():
+    """It begins sideways. The cable holds it at a point that follows the basic ones."""
+    corners = np.array([[0.3, 0, 0], [0.5, 0, 0], [0.3, 0.4, 0], [0.3, 0, 0.6]]) - [0, 0, 1.2]
+    nodes = np.concatenate([[[0.0, 0, 0], [0, 0, -1.2]], corners])
+    body = rigid_body(nodes, (1, 2, 3, 4, 5), 2.0, [0.2, 0.3, 0.4], [0.3, 0.0, -1.2], basic=(2, 3, 4, 5))
+    cable = Members(((0, 1),), np.array([100.0]), np.ones(1))
+    structure = Structure(nodes, np.r_[0.1, np.zeros(5)], cables=cable, fixed=((0, "xyz"),), bodies=(body,))
+    found = resting_shape(Scene(structure, gravity=9.81))
+    eye = -1 - 2 * 9.81 / 100
+    _, centre, _ = body_moments(body, np.asarray(found.q))
+    np.testing.assert_allclose(found.q[1], [0, 0, eye], atol=1e-6)
+    np.testing.assert_allclose(centre, [0, 0, eye - 0.3], atol=1e-5)
+    np.testing.assert_allclose(found.reactions.sum(0), [0, 0, 2.1 * 9.81], atol=1e-6)
 
 
 def test_without_the_support_it_falls():
