@@ -43,7 +43,7 @@ class Cable(NamedTuple):
 
 
 @dataclass
-class Robot:
+class Built:
     """What is put together of bodies and strings."""
 
     x: np.ndarray
@@ -105,7 +105,7 @@ def _imported(assembly: Assembly, part: Part, unit: float, losses: Losses) -> Im
     groups = groups_of([shape_of(builder, nodes, x, unit) for builder, nodes in shapes], len(x))
     if not groups:
         raise InputError("no rod, box or sphere is built; expected some")
-    robot, thin = Robot(x), "radius" in losses.drop
+    robot, thin = Built(x), "radius" in losses.drop
     cables = _tied(robot, groups, strings, thin, losses)
     for group in groups:
         _add_body(robot, group, thin)
@@ -116,7 +116,7 @@ def _imported(assembly: Assembly, part: Part, unit: float, losses: Losses) -> Im
     return Imported(_scene(robot, cables, used, unit, losses), (*_conventions(robot, cables, unit), *losses.notes))
 
 
-def _conventions(robot: Robot, cables: list[Cable], unit: float) -> list[str]:
+def _conventions(robot: Built, cables: list[Cable], unit: float) -> list[str]:
     counts = {"rods are struts, thin, with mass": robot.rods, "bodies are rigid": robot.bodies}
     return [
         f"one unit of length is {unit:g} m, kg and s are as they are; y, which is up in the file, is z here",
@@ -164,7 +164,7 @@ def _built(
     return shapes, strings
 
 
-def _tied(robot: Robot, groups: list[Group], strings: list[Cable], thin: bool, losses: Losses) -> list[Cable]:
+def _tied(robot: Built, groups: list[Group], strings: list[Cable], thin: bool, losses: Losses) -> list[Cable]:
     """The strings, from the surface of one shape to that of another: new nodes, of these shapes' bodies."""
     at: dict[int, list[tuple[Group, Shape]]] = {}
     for group in groups:
@@ -193,7 +193,7 @@ def _tied(robot: Robot, groups: list[Group], strings: list[Cable], thin: bool, l
     return found
 
 
-def _add_body(robot: Robot, group: Group, thin: bool) -> None:
+def _add_body(robot: Built, group: Group, thin: bool) -> None:
     """A support, a rod, a node with mass, or a rigid body; and where it touches the ground."""
     first, mass = group.shapes[0], group.mass
     single = len(group.shapes) == 1
@@ -218,7 +218,7 @@ def _add_body(robot: Robot, group: Group, thin: bool) -> None:
         robot.bodies.append(rigid_body(robot.x, group.nodes, mass, inertia, centre))
 
 
-def _scene(robot: Robot, cables: list[Cable], used: list[int], unit: float, losses: Losses) -> Scene:
+def _scene(robot: Built, cables: list[Cable], used: list[int], unit: float, losses: Losses) -> Scene:
     number = {node: k for k, node in enumerate(used)}
     x = robot.x[used]
     edges = tuple((number[i], number[j]) for i, j in (rod.nodes for rod in robot.rods))
