@@ -1,4 +1,4 @@
-"""What evolves: genes in [0, 1], and the gaits that they stand for."""
+"""Genes in [0, 1], and the gaits that they encode."""
 
 import dataclasses
 import math
@@ -17,35 +17,35 @@ from jaxgrity.populations.population import gaits_of
 Genes = Float[AnyArray, "*population genes"]
 
 FAINT = 1e-3
-"""Coefficients of an overtone that is added to a gait, as shares of their range: at 0 its phase has no derivative."""
+"""Coefficients of a new overtone, as fractions of their range. At 0, its phase would have no derivative."""
 
 
 class Genome(eqx.Module):
-    """Genes in [0, 1): phases, which go round a circle, then what else has bounds.
+    """Encoding of gaits by genes in [0, 1): phases, which are angles, then quantities with bounds.
 
-    Genes are phase/2 pi for each actuator; then, where asked for, one amplitude each, one frequency for all, for every
-    overtone two Fourier coefficients each, and one rank each. What has no genes stays as the scene's gait says. Where
-    gaits are waves, the actuators of a group have these genes in common, and one gene says which of the waves it is.
+    The genes are phase/2 pi for each actuator and, on request, an amplitude for each actuator, one frequency, two
+    Fourier coefficients per overtone and actuator, and a rank for each actuator. Quantities without genes come from the
+    scene's gait. If gaits are waves, a group of actuators shares its genes, and one more gene selects the wave.
 
-    With theta the angle of a member's first sine, phase included, overtone h is a sin(h theta) + b cos(h theta): a
-    phase moves the wave and keeps its shape. Coefficients are smooth where a size and a phase are not, at no overtone.
+    Let theta be the angle of a member's first sine, phase included. Overtone h is a sin(h theta) + b cos(h theta). So a
+    phase moves the wave and keeps its shape. Unlike a size and a phase, the coefficients are smooth at zero.
     """
 
     actuators: int = eqx.field(static=True)
     amplitude: tuple[float, float] | None = eqx.field(static=True, default=None)
-    """bounds"""
+    """bounds of the amplitude; None: no genes"""
     frequency: tuple[float, float] | None = eqx.field(static=True, default=None)
-    """bounds, Hz"""
+    """bounds of the frequency, Hz; None: no gene"""
     overtones: int = eqx.field(static=True, default=0)
-    """how many follow the first sine of every member's Fourier series, with coefficients a, b up to half of it"""
+    """number of overtones of each member's Fourier series, with coefficients a, b up to half of the first sine"""
     active: int | None = eqx.field(static=True, default=None)
-    """how many of the actuators move, those that rank highest; the others keep their rest lengths"""
+    """number of actuators that move: those with the highest rank; None: all"""
     images: tuple[tuple[int, ...], ...] = eqx.field(static=True, default=())
-    """permutations of the actuators under which a gait is the same gait, seen from elsewhere (`gene_permutations`)"""
+    """permutations of the actuators that give symmetry-equivalent gaits (`gene_permutations`)"""
     waves: tuple[TravellingWave, ...] = eqx.field(static=True, default=())
-    """those that gaits may be (`travelling_waves`); empty: each actuator moves as it likes"""
+    """waves to choose from (`travelling_waves`); empty: actuators are independent"""
     quickest: tuple[float, ...] = eqx.field(static=True, default=())
-    """1/s, the largest |dL/dt| / L0 of each actuator, to which amplitudes are scaled down; empty: they are not"""
+    """bound on |dL/dt| / L0 of each actuator, 1/s, to which amplitudes are scaled down; empty: no scaling"""
 
     def __check_init__(self):
         for name, top in (("amplitude", 1.0), ("frequency", math.inf)):
@@ -65,12 +65,12 @@ class Genome(eqx.Module):
 
     @property
     def groups(self) -> int:
-        """How many actuators, or groups of them, have genes of their own."""
+        """Number of actuators, or groups of actuators, with their own genes."""
         return len(set(self.waves[0].groups)) if self.waves else self.actuators
 
     @property
     def blocks(self) -> dict[str, int]:
-        """How many genes each quantity has, in their order."""
+        """Number of genes of each quantity, in order."""
         n = self.groups
         found = {"phase": n}
         if len(self.waves) > 1:
@@ -100,9 +100,9 @@ class Genome(eqx.Module):
         return dict(zip(self.blocks, namespace_of(genes).split(genes, ends[:-1], axis=-1)))
 
     def gaits(self, gait: Gait | None, genes: Genes) -> Gait:
-        """The population of gaits that `genes` stand for, around the scene's own `gait`.
+        """The population of gaits that `genes` encode; `gait` is that of the scene.
 
-        Of NumPy's arrays it is one of NumPy's.
+        NumPy arrays give NumPy arrays.
         """
         xp = namespace_of(genes)
         parts = self._of_actuators(self.split(genes))
@@ -128,26 +128,26 @@ class Genome(eqx.Module):
         return gaits
 
     def with_overtones(self, genes: Genes, overtones: int) -> tuple["Genome", Genes]:
-        """The genome with so many overtones, no fewer than it has, and genes that stand for the same gaits in it."""
+        """The genome with at least so many overtones, and genes that encode the same gaits in it."""
         parts, n = self.split(genes), self.groups
         wider = dataclasses.replace(self, overtones=max(overtones, self.overtones))
         nothing = np.full((*np.shape(genes)[:-1], n), 0.5 + FAINT)
         return wider, np.concatenate([parts.get(name, nothing) for name in wider.blocks], axis=-1)
 
     def within(self, genes: Genes) -> Genes:
-        """Angles brought back to their circle, the rest to its bounds."""
+        """Genes with angles wrapped, and other genes clipped to their bounds."""
         return jnp.where(self.circular, genes % 1, jnp.clip(genes, 0, 1))
 
     def bounded(self, genes: Genes) -> Genes:
-        """Angles as they are, the rest brought back to its bounds."""
+        """Genes with angles unchanged, and other genes clipped to their bounds."""
         return jnp.where(self.circular, genes, jnp.clip(genes, 0, 1))
 
     def towards(self, a: AnyArray, b: AnyArray) -> AnyArray:
-        """b - a, the shorter way round where the gene is an angle: in [-1/2, 1/2) of a turn."""
+        """b - a; for angles the shorter way round, in [-1/2, 1/2) of a turn."""
         return jnp.where(self.circular, (b - a + 0.5) % 1 - 0.5, b - a)
 
     def nearest_image(self, a: Genes, b: Genes) -> Genes:
-        """Of the gaits that `b` is by symmetry, the one nearest to `a`; of waves, `b` itself."""
+        """The symmetry-equivalent image of `b` nearest to `a`; for waves, `b` itself."""
         if len(self.images) < 2 or self.waves:
             return b
         images = jnp.stack([b[..., self._permuted(image)] for image in self.images])
@@ -156,15 +156,15 @@ class Genome(eqx.Module):
         return jnp.take_along_axis(images, which[None, ..., None], axis=0)[0]
 
     def gap(self, a: Genes, b: Genes) -> AnyArray:
-        """The largest difference of any gene between `a` and the image of `b` nearest to it."""
+        """Largest difference of a gene between `a` and the nearest image of `b`."""
         return jnp.abs(self.towards(a, self.nearest_image(a, b))).max(-1)
 
     def _which(self, gene: AnyArray) -> AnyArray:
-        """The number of the wave that a gene stands for."""
+        """The number of the wave that a gene selects."""
         return (gene * len(self.waves)).astype(int).clip(0, len(self.waves) - 1)
 
     def _of_actuators(self, parts: dict[str, AnyArray]) -> dict[str, AnyArray]:
-        """Genes for each actuator, where there is one for each group; its phase is shifted as its wave says."""
+        """Genes for each actuator from those of its group, with the phase shifts of the wave."""
         if not self.waves:
             return parts
         shifts = namespace_of(parts["phase"]).array([wave.shifts for wave in self.waves], parts["phase"].dtype)
@@ -174,7 +174,7 @@ class Genome(eqx.Module):
         return found | {"phase": found["phase"] + shifts[which]}
 
     def _permuted(self, image: tuple[int, ...]) -> np.ndarray:
-        """The numbers of the genes in the order that permutes the actuators."""
+        """Order of the genes that permutes the actuators."""
         rows, first = [], 0
         for name, count in self.blocks.items():
             rows.append(first + (np.array(image) if name != "frequency" else np.arange(count)))

@@ -1,4 +1,4 @@
-"""How a gait is judged: by an ensemble of robots that differ, rolled out on one model or on both."""
+"""Fitness of gaits: ensembles of perturbed robots, rolled out on one contact model or on both."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -21,26 +21,26 @@ from jaxgrity.search.models import Model
 from jaxgrity.search.objectives import ActuatorBounds, Distance, Objective
 
 SMALLEST = 128
-"""Fewest rollouts in one call."""
+"""Smallest number of rollouts per call."""
 BEYOND_BOUNDS = 1e12
-"""Loss of fitness of a gait beyond its bounds: larger than any fitness, in its own unit."""
+"""Fitness that a gait beyond its bounds loses: more than any fitness, in the objective's unit."""
 FARTHEST = 1e6
-"""Gaits beyond this many times the bounds all count alike."""
+"""Excess, as a multiple of the bounds, beyond which all gaits rank the same."""
 LEAST_SKEWED = 1e-6
-"""Skewness of pairs of robots from which on it counts: below, its effect is rounding."""
+"""Smallest skewness over pairs of robots that matters. Below it, the effect is rounding."""
 ROUND = SMALLEST
-"""Number of robots with which the last judgement begins, and which it adds each time: fewer would take as long."""
+"""Number of robots that the final evaluation adds per round. Fewer robots would take as long."""
 
 
 class Fitness(eqx.Module):
-    """How a gait is judged: by the mean of an objective over an ensemble of robots, less some of its spread."""
+    """Fitness of a gait: mean of an objective over perturbed robots, less `caution` standard deviations."""
 
     objective: Objective = eqx.field(default_factory=Distance)
     uncertainty: Uncertainty = eqx.field(default_factory=Uncertainty)
     robots: int = eqx.field(static=True, default=1)
-    """in each gait's ensemble"""
+    """number of robots in each gait's ensemble"""
     caution: float = eqx.field(static=True, default=0.0)
-    """how many standard deviations of the ensemble are held against a gait: small perturbations that grow are spread"""
+    """number of standard deviations over the ensemble that are subtracted from the mean"""
     bounds: ActuatorBounds = eqx.field(default_factory=ActuatorBounds)
 
     def __check_init__(self):
@@ -55,59 +55,59 @@ class Fitness(eqx.Module):
 
     @property
     def needs_metrics(self) -> bool:
-        """Whether rollouts have to be measured step by step."""
+        """Whether rollouts must be measured step by step."""
         return self.objective.needs_metrics or self.bounds.needs_metrics
 
     @property
     def rollouts(self) -> int:
-        """That judge one gait: where nothing is uncertain, one says it all."""
+        """Number of rollouts per gait: 1 if nothing is uncertain."""
         return 1 if self.uncertainty.none else self.robots
 
     def worth(self, scene: Scene, gaits: Gait, outcomes: Outcomes, duration: Scalar) -> tuple[PerGait, PerGait]:
-        """(population,): the objective, and by how much the bounds are exceeded (`ActuatorBounds.excess`)."""
+        """(population,): the objective, and the excess over the bounds (`ActuatorBounds.excess`)."""
         rate = peak_rates(gaits, actuated_lengths(scene.structure, gaits.members)).max(-1)
         return self.objective.worth(scene, outcomes, duration), self.bounds.excess(rate, outcomes.metrics)
 
 
 @typed
 def with_robots(fitness: Fitness, robots: int) -> Fitness:
-    """The same fitness by an ensemble of another size."""
+    """The same fitness with another number of robots."""
     return Fitness(fitness.objective, fitness.uncertainty, robots, fitness.caution, fitness.bounds)
 
 
 @typed
 def without_measuring(fitness: Fitness) -> Fitness:
-    """The same fitness without bounds on force and power, for which rollouts are measured at several times the cost."""
+    """The same fitness without bounds on force and power, whose measurement multiplies the cost of rollouts."""
     bounds = ActuatorBounds(rate=fitness.bounds.rate)
     return Fitness(fitness.objective, fitness.uncertainty, fitness.robots, fitness.caution, bounds)
 
 
 class Scores(NamedTuple):
-    """Of each gait."""
+    """Scores of a population, one row per gait."""
 
     fitness: PerGait
-    """mean less caution times spread; -inf where a robot failed"""
+    """mean less caution times spread; -inf if a robot failed"""
     mean: PerGait
     spread: PerGait
-    """standard deviation over the ensemble"""
+    """standard deviation over the robots"""
     failed: Bool[AnyArray, " population"]
     """whether any robot of the ensemble failed"""
     each: Float[np.ndarray, "population robots"]
-    """the objective of every robot"""
+    """objective of each robot"""
     excess: Float[np.ndarray, "population robots"]
-    """by which share of them each exceeds the bounds on actuators, summed up; 0 within"""
+    """excess of each robot over the bounds on actuators, as a fraction summed over bounds; 0 within them"""
 
     @property
     def beyond(self) -> PerGait:
-        """Share of the robots that exceed a bound."""
+        """Fraction of robots that exceed a bound."""
         return (self.excess > 0).mean(1)
 
     @property
     def merit(self) -> PerGait:
-        """By which gaits are compared, a number without a unit: the fitness of those within the bounds on all robots.
+        """Number by which gaits are ranked: the fitness if all robots keep the bounds.
 
-        All others come after these, the further the more their robots exceed the bounds (Deb 2000,
-        doi:10.1016/S0045-7825(99)00389-8), and before those that failed.
+        Gaits beyond the bounds rank after these, by their excess (Deb 2000, doi:10.1016/S0045-7825(99)00389-8). Failed
+        gaits rank last.
         """
         over = self.excess.mean(1)
         merit = np.where(over > 0, -BEYOND_BOUNDS * (1 + over), self.fitness)
@@ -115,29 +115,29 @@ class Scores(NamedTuple):
 
 
 class Judging(NamedTuple):
-    """How gaits are judged: on which models, for how long, and by which fitness."""
+    """Settings of an evaluation: models, duration and fitness."""
 
     models: tuple[Model, ...]
-    """on each of which every robot is rolled out; all of one precision"""
+    """models on which every robot is rolled out; all of the same precision"""
     duration: float
-    """s"""
+    """simulated time, s"""
     fitness: Fitness
 
     @property
     def dtype(self) -> str:
-        """The precision of its models."""
+        """Precision of the models."""
         return self.models[0].options.dtype
 
     def by(self, robots: int) -> "Judging":
-        """The same with ensembles of another size."""
+        """The same with another number of robots."""
         return self._replace(fitness=with_robots(self.fitness, robots))
 
 
 @typed
 def judge(key, judging: Judging, gaits: Gait) -> Scores:
-    """Score every gait by its ensemble; on several models a robot is worth the mean of what it is worth on each.
+    """Score every gait by its ensemble. On several models, the objective of a robot is its mean over the models.
 
-    All models meet the same draws. What is compiled is shared by all calls on a model whose rollouts are about as many.
+    All models get the same draws. Calls with similar numbers of rollouts on a model share one compiled program.
     """
     _, duration, fitness = judging
     worth, excess = zip(*(_judged(key, model, gaits, duration, fitness) for model in judging.models))
@@ -145,7 +145,7 @@ def judge(key, judging: Judging, gaits: Gait) -> Scores:
 
 
 def _judged(key, model: Model, gaits: Gait, duration: float, fitness: Fitness) -> tuple[np.ndarray, np.ndarray]:
-    """(population, robots), what each robot's rollout is worth, and by how much it exceeds the bounds."""
+    """(population, robots): objective of each robot, and its excess over the bounds."""
     rows, parts = len(gaits.phase) * fitness.rollouts, fitness.objective.parts_of(model.scene, duration)
     gaits, outcomes = ensembles_rolled_out(key, model, gaits, duration, fitness, parts, fitness.needs_metrics)
     found = _worth(fitness, model.scene, gaits, outcomes, np.asarray(duration, float))
@@ -156,10 +156,10 @@ def _judged(key, model: Model, gaits: Gait, duration: float, fitness: Fitness) -
 def ensembles_rolled_out(
     key, model: Model, gaits: Gait, duration: float, fitness: Fitness, parts: int, with_metrics: bool
 ) -> tuple[Gait, Outcomes]:
-    """The rollouts of every gait's robots, those of the first gait first, and the gait of each.
+    """Rollouts of all robots of all gaits, in the order of the gaits, and the gait of each.
 
-    There are a whole number of `call_size` of them: the last one is repeated. Every call has that size, so that one
-    compiled program serves all stages of a search.
+    The last rollout is repeated to fill a whole number of calls. Every call has `call_size` rollouts, so one compiled
+    program serves all stages of a search.
     """
     (scene, options), count = model, fitness.rollouts
     dtype, rows = options.dtype, len(gaits.phase) * count
@@ -187,8 +187,8 @@ def _worth(
 
 
 def call_size(rows: int, model: Model) -> int:
-    """How many rollouts a call has, of so many that are asked for: as many as the cores integrate side by side, or a
-    smaller power of two, at least `SMALLEST`, which take hardly longer than few."""
+    """Number of rollouts per call for `rows` requested ones: as many as all cores integrate side by side, or a smaller
+    power of two, at least `SMALLEST`."""
     most = jax.device_count() * most_lanes(model.scene, model.options)
     return max(SMALLEST, min(most, 1 << (rows - 1).bit_length()))
 
@@ -198,7 +198,7 @@ def scored(
     caution: float,
     excess: Float[np.ndarray, "population robots"] | None = None,
 ) -> Scores:
-    """The scores of gaits of whose ensembles every robot was worth so much, and exceeded the bounds by so much."""
+    """Scores of gaits from the objective of each robot, and its excess over the bounds."""
     failed = ~np.isfinite(each).all(1)
     mean, spread = each.mean(1), each.std(1)
     worth = np.where(failed, -np.inf, mean - caution * spread)
@@ -209,10 +209,10 @@ def scored(
 def judge_until(
     judged: Callable[[int], Scores], robots: int, caution: float, enough: Callable[[np.ndarray], bool]
 ) -> Scores:
-    """Scores over more and more robots: `judged(k)` for k = 0, 1, ..., until `enough(each)`, or there are so many.
+    """Scores over a growing number of robots: rounds `judged(k)`, k = 0, 1, ..., until `enough(each)` or the limit.
 
-    Every round has other draws. Of a round's robots the second half has the opposite draws of the first; it is so in
-    what comes back too.
+    Every round has new draws. The second half of a round's robots has the opposite draws of the first half, and so it
+    is in the returned scores.
     """
     found = judged(0)
     count = found.each.shape[1]
@@ -227,11 +227,11 @@ def judge_until(
 
 
 def influences(each: Float[np.ndarray, "population robots"], caution: float) -> Float[np.ndarray, "population robots"]:
-    """What each robot says of its gait's fitness: their mean is mean - caution * spread, their standard error its own.
+    """Contribution of each robot to its gait's fitness. Their mean and standard error are those of the fitness.
 
-    To first order in 1/robots, as the spread s changes by ((x - mean)^2 - s^2)/(2 s) for each robot x (its influence
-    function: Hampel 1974, doi:10.1080/01621459.1974.10482962). Those of two gaits that met the same draws are
-    subtracted robot by robot.
+    This holds to first order in 1/robots: a robot x changes the spread s by ((x - mean)^2 - s^2)/(2 s), its influence
+    function (Hampel 1974, doi:10.1080/01621459.1974.10482962). To compare two gaits with the same draws, subtract the
+    contributions robot by robot.
     """
     off = each - each.mean(1, keepdims=True)
     spread = each.std(1, keepdims=True)
@@ -241,11 +241,11 @@ def influences(each: Float[np.ndarray, "population robots"], caution: float) -> 
 
 
 def standard_error(each: PerGait) -> float:
-    """Of the mean over robots whose second half has the opposite draws of the first, so that pairs are independent.
+    """Standard error of a mean over robots. The second half must have the opposite draws of the first half.
 
-    Where few robots fall far behind all others, an ensemble that has none of these scatters too little, and the usual
-    error is too small. So this is the error times what skewness adds to a range of `COVERING` errors to both sides, in
-    the mean of both (Hall 1992, On the removal of skewness by transformation, J. R. Stat. Soc. B 54, 221).
+    If a few robots fall far behind all others, an ensemble without them scatters too little, and the usual error is too
+    small. So the error is multiplied by a correction for skewness, the mean over both sides of a range of `COVERING`
+    errors (Hall 1992, On the removal of skewness by transformation, J. R. Stat. Soc. B 54, 221).
     """
     pairs = np.asarray(each.reshape(2, -1).mean(0) if each.size % 2 == 0 else each)
     if pairs.size < 2:

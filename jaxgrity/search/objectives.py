@@ -1,4 +1,4 @@
-"""What one rollout is worth, and the most that a gait may ask of its actuators."""
+"""Objectives of a search, and bounds on actuators."""
 
 from abc import abstractmethod
 from typing import ClassVar
@@ -16,31 +16,31 @@ from jaxgrity.search.paths import PARTS, parts_of_path, path_bend, steady_veloci
 
 
 class Objective(eqx.Module):
-    """What one rollout is worth; more is better."""
+    """A number for each rollout; more is better."""
 
     unit: eqx.AbstractClassVar[str]
-    """empty for a plain number"""
+    """unit of the objective; empty for a plain number"""
     needs_metrics: eqx.AbstractClassVar[bool]
-    """whether rollouts have to be measured step by step (`Outcomes.metrics`)"""
+    """whether rollouts must be measured step by step (`Outcomes.metrics`)"""
     any_heading: eqx.AbstractClassVar[bool]
-    """whether a rollout that is turned about the vertical is worth the same"""
+    """whether turning a rollout about the vertical keeps its objective"""
     either_hand: ClassVar[bool] = True
-    """whether its mirror image is"""
+    """whether mirroring a rollout keeps its objective"""
     parts: ClassVar[int] = 1
-    """into how many parts the path of the centre of mass has to be divided (`Outcomes.com_path`)"""
+    """number of parts into which the path of the centre of mass is divided (`Outcomes.com_path`)"""
 
     def parts_of(self, scene: Scene, duration: float) -> int:
-        """Into how many parts the path is divided in so many seconds."""
+        """Number of parts of the path for this duration, s."""
         return self.parts
 
     @property
     def steady(self) -> bool:
-        """Whether it looks at how the robot rolls once it has settled."""
+        """Whether it evaluates the settled motion."""
         return self.parts > 1
 
     @abstractmethod
     def worth(self, scene: Scene, outcomes: Outcomes, duration: Scalar) -> PerGait:
-        """(population,), in `unit`; NaN where the rollout failed. `duration` is in s."""
+        """(population,), objective in `unit`; NaN for failed rollouts. `duration` is in s."""
 
 
 class Distance(Objective):
@@ -58,7 +58,7 @@ class Direction(Objective):
     """Displacement of the centre of mass along one heading, m."""
 
     heading: float = eqx.field(static=True, default=0.0)
-    """rad from +x"""
+    """heading, rad from +x"""
     unit: ClassVar[str] = "m"
     needs_metrics: ClassVar[bool] = False
     any_heading: ClassVar[bool] = False
@@ -70,7 +70,7 @@ class Direction(Objective):
 
 
 class Speed(Objective):
-    """Distance over duration, in body lengths a second."""
+    """Distance over duration, in body lengths per second."""
 
     unit: ClassVar[str] = "body lengths/s"
     needs_metrics: ClassVar[bool] = False
@@ -81,10 +81,10 @@ class Speed(Objective):
 
 
 class SteadySpeed(Objective):
-    """Displacement over the settled part of a rollout, in body lengths a second.
+    """Displacement over the settled part of a rollout, divided by its time, in body lengths per second.
 
-    The settled part is the time but its first quarter. A gait that stalls, circles or loses its way later is worth
-    little, however fast it began.
+    The settled part is all but the first quarter of the time. A gait that later stalls, circles or loses its way gets a
+    small value, however fast it began.
     """
 
     unit: ClassVar[str] = "body lengths/s"
@@ -98,10 +98,10 @@ class SteadySpeed(Objective):
 
 
 class SteadyDirection(Objective):
-    """Displacement along one heading over the settled part of a rollout, in body lengths a second: uphill, say."""
+    """Displacement along a heading (such as uphill) over the settled part of a rollout, in body lengths per second."""
 
     heading: float = eqx.field(static=True, default=0.0)
-    """rad from +x"""
+    """heading, rad from +x"""
     unit: ClassVar[str] = "body lengths/s"
     needs_metrics: ClassVar[bool] = False
     any_heading: ClassVar[bool] = False
@@ -114,16 +114,16 @@ class SteadyDirection(Objective):
 
 
 class SteadyTurn(Objective):
-    """Speed along a path that turns as asked for, over the settled part of a rollout, in body lengths a second.
+    """Speed along a path with a given turning, over the settled part of a rollout, in body lengths per second.
 
-    The path is made of arcs through the centre of mass at the ends of parts of the time. What it turns by in a body
-    length, less what is asked for, is held against it.
+    Arcs through the centre of mass at the ends of parts of the time approximate the path. The difference between its
+    turning per body length and the requested one is subtracted, times `sharpness`.
     """
 
     turning: float = eqx.field(static=True, default=0.44)
-    """rad per body length, positive to the left"""
+    """requested turning, rad per body length, positive to the left"""
     sharpness: float = eqx.field(static=True, default=2.0)
-    """body lengths/s held against a gait for each rad per body length that it is off"""
+    """penalty, body lengths/s for each rad per body length of difference"""
     unit: ClassVar[str] = "body lengths/s"
     needs_metrics: ClassVar[bool] = False
     any_heading: ClassVar[bool] = True
@@ -140,10 +140,10 @@ class SteadyTurn(Objective):
 
 
 class CostOfTransport(Objective):
-    """-W/(m g d), W the actuators' own work without what is done on them, d the distance, since the gait began.
+    """-W/(m g d): W is the work that the actuators do (`Metrics.effort`), d the distance, since the gait began.
 
-    It is `Metrics.effort`: a strut that contracts releases prestress, and no motor stores it. Raises `InputError` on a
-    scene without gravity.
+    Work done on the actuators does not count: no motor stores the prestress that a contracting strut releases. Raises
+    `InputError` for a scene without gravity.
     """
 
     unit: ClassVar[str] = ""
@@ -157,7 +157,7 @@ class CostOfTransport(Objective):
 
 
 class Straightness(Objective):
-    """Distance over the length of the horizontal path of the centre of mass, since the gait began: at most 1."""
+    """Distance over the length of the horizontal path of the centre of mass since the gait began; at most 1."""
 
     unit: ClassVar[str] = ""
     needs_metrics: ClassVar[bool] = True
@@ -168,13 +168,13 @@ class Straightness(Objective):
 
 
 OBJECTIVES: dict[str, type[Objective]] = {}
-"""The objectives by the names that commands use."""
+"""Objectives, by their names in commands."""
 
 
 def register_objective(name: str, kind: type[Objective]) -> type[Objective]:
-    """Let commands search for an objective of one's own, by a name. Returns it.
+    """Register your own objective under a name for commands. Returns it.
 
-    Raises `InputError` where the name is taken.
+    Raises `InputError` if the name is taken.
     """
     if name in OBJECTIVES:
         raise InputError(f"objective = {name!r}: there is one of this name already; expected another name")
@@ -183,7 +183,7 @@ def register_objective(name: str, kind: type[Objective]) -> type[Objective]:
 
 
 def find_objective(name: str) -> type[Objective]:
-    """The objective of this name. Raises `InputError` where there is none."""
+    """The objective with this name. Raises `InputError` if there is none."""
     if name not in OBJECTIVES:
         raise InputError(f"objective = {name!r}: {unknown(name, OBJECTIVES)}; expected one of {', '.join(OBJECTIVES)}")
     return OBJECTIVES[name]
@@ -200,14 +200,14 @@ register_objective("steady turn", SteadyTurn)
 
 
 class ActuatorBounds(eqx.Module):
-    """The most that a gait may ask of any actuator; None: no bound. Gaits that ask for more come after all others."""
+    """Bounds on each actuator; None: no bound. Gaits beyond them rank after all others."""
 
     rate: float | None = eqx.field(static=True, default=None)
-    """|dL/dt|, m/s, once the gait's ramp is over: it follows from the gait itself (`peak_rates`)"""
+    """bound on |dL/dt| after the gait's ramp, m/s; it follows from the gait alone (`peak_rates`)"""
     force: float | None = eqx.field(static=True, default=None)
-    """N"""
+    """bound on the force, N"""
     power: float | None = eqx.field(static=True, default=None)
-    """W"""
+    """bound on the power, W"""
 
     def __check_init__(self):
         for name, bound in vars(self).items():
@@ -216,11 +216,12 @@ class ActuatorBounds(eqx.Module):
 
     @property
     def needs_metrics(self) -> bool:
-        """Whether rollouts have to be measured step by step, to see forces."""
+        """Whether rollouts must be measured step by step, for forces and powers."""
         return self.force is not None or self.power is not None
 
     def excess(self, rate: PerGait, metrics: Metrics | None) -> PerGait:
-        """By which share each gait exceeds the bounds, summed up over them; 0 within all. `rate`: its largest, m/s."""
+        """(population,), excess over the bounds, as a fraction summed over them; 0 within all. `rate`: largest rate,
+        m/s."""
         found = jnp.zeros_like(rate) if self.rate is None else jnp.maximum(rate / self.rate - 1, 0)
         for name in ("force", "power"):
             bound = getattr(self, name)
@@ -231,12 +232,12 @@ class ActuatorBounds(eqx.Module):
 
 
 def _moved(outcomes: Outcomes) -> PerGait:
-    """(population,), m: displacement since the gait began, as all metrics; NaN where the rollout failed."""
+    """(population,), displacement since the gait began, m; NaN for failed rollouts."""
     x, y = metrics_of(outcomes).moved_x, metrics_of(outcomes).moved_y
     return jnp.where(outcomes.failure == 0, jnp.sqrt(x * x + y * y), jnp.nan)
 
 
 def metrics_of(outcomes: Outcomes) -> Metrics:
-    """The metrics of rollouts for an objective that needs them."""
+    """Metrics of rollouts, for objectives that need them."""
     assert outcomes.metrics is not None, "rollouts for an objective that needs metrics have them"
     return outcomes.metrics

@@ -1,4 +1,4 @@
-"""The whole way to a gait: evolve, promote the best to finer models, polish by gradients, verify."""
+"""The complete search for a gait: evolve, compare the best on finer models, polish by gradients, verify."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -43,37 +43,37 @@ from jaxgrity.stepping.options import resolve
 from jaxgrity.stepping.step_limits import default_method, default_step
 
 UNSEEN = 10**6
-"""Number added to the seed of the last judgement, so that its draws are none by which gaits were chosen."""
+"""Number added to the seed for the final evaluation, so that its draws did not choose any gait."""
 Stage = Literal["evolving", "promoting", "polishing", "verifying"]
 
 
 class Progress(NamedTuple):
-    """How far a search is."""
+    """Progress of a search."""
 
     stage: Stage
     done: int
-    """generations, fidelity levels, steps of polish or judgements"""
+    """number of finished generations, fidelity levels, steps of polish or evaluations"""
     total: int | None
-    """of them; None: not known"""
+    """their total number; None: not known"""
     facts: dict[str, Any]
-    """what is known of the search at this moment"""
+    """current facts about the search, by name"""
 
 
 class SearchResult(NamedTuple):
-    """What a search found, and how."""
+    """Result of a search."""
 
     scene: Scene
-    """with the gait that was found"""
+    """the scene with the found gait"""
     gait: Gait
     problem: SearchProblem
     levels: tuple[FidelityLevel, ...]
     searches: tuple[Evolution, ...]
-    """on the levels where gaits evolve"""
+    """the evolution on each fidelity level"""
     promoted: Promoted
     polished: Polished | None
     verdict: Verdict
     seconds: dict[Stage, float]
-    """wall time of each stage, s, compilation included"""
+    """wall time of each stage, with compilation, s"""
 
     def _repr_html_(self) -> str:
         return of_report("notebook", "search_html")(self)
@@ -93,27 +93,27 @@ def search_gaits(
     on_progress: Listener | None = None,
     report: Callable[[SearchResult], None] | None = None,
 ) -> SearchResult:
-    """Search for a gait that rolls, and keeps rolling where robot and model differ; polish it, and verify it.
+    """Search for a gait that rolls on perturbed robots too, polish it by gradients, and verify it.
 
-    Thousands of rough rollouts screen gaits, the scene's own model goes on with the best, and few exact rollouts judge
-    what comes out. With a folder every generation is saved, and an interrupted search can be resumed to the very same
-    end.
+    Thousands of rough rollouts screen gaits. The scene's own model improves the best, and a few fine rollouts evaluate
+    the result. If you give a folder, every generation is saved, and you can resume an interrupted search to the same
+    result.
 
     Args:
-        scene: the robot, with a gait around which gaits are searched.
-        config: duration, population, objective, uncertainty and so on.
-        folder: where to save the search's states and its last population; nothing is saved where not given.
-        resume: go on with the search in the folder, which had the same scene and config.
-        restart: begin again where the folder holds an unfinished search.
-        on_progress: hears of every generation, level, step and judgement.
-        report: gets the result before the search in the folder counts as done, to leave files there.
+        scene: a scene with a gait. The search keeps what it does not vary of this gait.
+        config: settings of the search: duration, population, objective, uncertainty and so on.
+        folder: folder for the states of the search and its last population; by default nothing is saved.
+        resume: whether to continue the search in the folder; scene and config must be the same.
+        restart: whether to start again if the folder holds an unfinished search.
+        on_progress: called after every generation, level, step and evaluation.
+        report: called with the result before the search counts as finished, for example to write files.
 
     Returns:
-        The gait, and all that is known of it.
+        The gait, and everything known about it.
 
     Raises:
-        InputError: a scene without a gait, a config that cannot be searched with, a folder that is in use, cannot be
-            written to or holds another search; before anything compiles, as far as it can be known then.
+        InputError: a scene without a gait; a config that cannot work; a folder that is in use, cannot be written to, or
+            holds another search. If possible, it is raised before anything compiles.
 
     Example:
         >>> scene = jaxgrity.load_scene("exact")
@@ -139,7 +139,7 @@ def search_gaits(
 
 @dataclass(frozen=True)
 class _Search:
-    """A search under way: what its stages need."""
+    """A running search, as its stages need it."""
 
     problem: SearchProblem
     levels: tuple[FidelityLevel, ...]
@@ -150,13 +150,13 @@ class _Search:
 
     @property
     def plain(self) -> SearchProblem:
-        """The problem after evolution: what few gaits ask of their actuators is looked at once, since measuring costs
-        several times a plain rollout."""
+        """The problem after evolution. Forces and powers of the few remaining gaits are measured once, since a measured
+        rollout costs several times a plain one."""
         return self.problem._replace(fitness=without_measuring(self.problem.fitness))
 
     @property
     def bounds(self) -> ActuatorBounds:
-        """The most that a gait may ask of an actuator."""
+        """Bounds on the actuators."""
         return self.problem.fitness.bounds
 
 
@@ -169,7 +169,7 @@ def _begun(
     resume: bool,
     restart: bool,
 ) -> Iterator[_Search]:
-    """The search before its first stage, with the folder held. Refuses what a later stage could not do."""
+    """Prepare a search, and lock its folder. Refuses settings that a later stage could not use."""
     if (resume or restart) and folder is None:
         raise InputError("resume, restart: there is no folder to find a search in; expected folder")
     scene = with_actuated(scene, config.members)
@@ -187,7 +187,7 @@ def _begun(
 
 
 def _timed(stage: Stage) -> Callable[[Callable], Callable]:
-    """A stage of a search that notes how long it took."""
+    """Decorator that records the wall time of a stage."""
 
     def timed(run: Callable) -> Callable:
         @wraps(run)
@@ -243,7 +243,7 @@ def _promote(search: _Search, last: Evolution) -> Promoted:
 
 @_timed("polishing")
 def _polish(search: _Search, promoted: Promoted) -> Polished | None:
-    """The gradient stage, on the last level on which gaits evolved; None where it is not asked for."""
+    """The gradient stage, on the last level of the evolution; None if polish is off."""
     config, own, done = search.config, search_levels(search.levels)[-1], 0
     if config.polish is None:
         return None
@@ -269,7 +269,7 @@ def _polish(search: _Search, promoted: Promoted) -> Polished | None:
 
 
 def _best(search: _Search, promoted: Promoted, polished: Polished | None) -> Gait:
-    """The gait that polishing made better, or else the best that was promoted."""
+    """The polished gait if polishing improved it, otherwise the best promoted gait."""
     genome, genes = search.problem.genome, promoted.genes[0]
     if polished is not None and polished.improved:
         genome, genes = polished.genome, polished.genes
@@ -279,7 +279,7 @@ def _best(search: _Search, promoted: Promoted, polished: Polished | None) -> Gai
 
 @_timed("verifying")
 def _verify(search: _Search, gait: Gait) -> Verdict:
-    """What the gait is worth, by exact rollouts and draws that chose nothing."""
+    """Evaluate the gait by fine rollouts, with draws that did not choose it."""
 
     def heard(done: int, total: int) -> None:
         search.tell(Progress("verifying", done, total, {}))

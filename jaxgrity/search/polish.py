@@ -1,17 +1,18 @@
-"""Polish: better gaits by gradients, where gradients mean something.
+"""Polish: improve gaits by gradients.
 
-The pathwise gradient differentiates the rollouts; it is exact, and useless where they are too sensitive. The smoothed
-one (evolution strategies) is a regression on the ranks of perturbed gaits: noisy, and sound on any horizon. The orbit's
-is that of the steady speed of the robot as the scene says (`polish_orbit`).
+There are three gradients. The pathwise gradient differentiates the rollouts: it is exact, but useless if they are too
+sensitive. The smoothed gradient (evolution strategies) is a regression on the ranks of perturbed gaits: it is noisy,
+but works on any horizon. The orbit's gradient is that of the nominal robot's steady speed (`polish_orbit`).
 
-Each climb has the same share of the rollouts. Each of its steps is a gradient, turned into an update by optax
-(momentum, its length falling by a cosine). Smoothed gradients are of the fitness, but
-for bounds on forces and powers, which count when the ends are judged. Pathwise and combined ones are of the
-mean objective at a horizon: as far ahead as the measured sensitivity of the start stays below
-`PolishConfig.largest_sensitivity`, in the first half of the steps half way there. Where it does not let them look past
-the first period of full actuation they are not used; a combined polish climbs by smoothed gradients then. In the end
-the first of all starts and the best of all ends are judged by the same robots, until it is clear which is better, or by
-`PolishConfig.final_robots`; the better one is kept, however little better.
+Each climb gets the same share of the rollouts. Each step is a gradient that optax turns into an update (momentum, with
+a step length that falls by a cosine). Smoothed gradients are those of the fitness. Bounds on forces and powers count
+only when ends are compared. Pathwise and combined gradients are those of the mean objective at a horizon: the time up
+to which the sensitivity of the start stays below `PolishConfig.largest_sensitivity`. The first half of the steps uses
+half of this horizon. If the horizon ends before the first period of full actuation, they are not used, and a combined
+polish climbs by smoothed gradients.
+
+In the end the same robots evaluate the first start and the best end, until the better one is clear, or up to
+`PolishConfig.final_robots`. The better one is kept.
 """
 
 from collections.abc import Callable
@@ -49,41 +50,41 @@ from jaxgrity.stepping.options import Options, ResolvedOptions, SolverOptions, r
 from jaxgrity.trust.sensitivity import Sensitivity, sensitivity
 
 FOR_CLIMBS, FOR_COMPARISON, FOR_THE_END = range(3)
-"""Purposes for which random numbers are drawn. No draw serves two of them in one polish."""
+"""Purposes of random numbers. In one polish, no draw serves two of them."""
 CLEAR = 3.0
-"""Difference between two gaits, in standard errors, at which no more robots are needed to tell the better one."""
+"""Difference between two gaits, in standard errors, at which the better one is clear."""
 CLOSE_ENOUGH = 0.005
-"""Standard error of that difference, as a share of the fitness, within which no more robots are simulated."""
+"""Standard error of that difference, as a fraction of the fitness, at which the comparison stops."""
 
 
 class Polished(NamedTuple):
-    """What polishing did, and why."""
+    """Result of polishing."""
 
     genes: OneGait
-    """the better gait of the best start and the best end, by the last judgement"""
+    """genes of the better gait: the best start or the best end"""
     genome: Genome
-    """in which they are: in a search it may have more overtones than gaits evolved with"""
+    """genome of these genes; it may have more overtones than that of the search"""
     improved: bool
     before: Scores
     after: Scores
-    """of both, one row each, by one ensemble"""
+    """scores of the best start and the best end, by the same ensemble"""
     steps: tuple[ClimbStep, ...]
-    """of the climb that ended best"""
+    """steps of the climb that ended best"""
     horizon: float
-    """s, that its last gradient looked ahead"""
+    """horizon of its last gradient, s"""
     sensitivity: Sensitivity | None
-    """of the best start; None where no pathwise gradient was asked for"""
+    """sensitivity of the best start; None without pathwise gradients"""
     rollouts: int
-    """spent on the steps, in rollouts over the whole duration; the last judgement comes on top"""
+    """cost of the steps, in rollouts of the whole duration, without the final comparison"""
     reason: str
 
 
 class Routes(NamedTuple):
-    """Which climbs the starts allow, and what was found out about them."""
+    """Climbs that the starts allow, and facts about them."""
 
     routes: list[Route]
     sensitivity: Sensitivity | None
-    """of the first start"""
+    """sensitivity of the first start"""
     remarks: list[str]
 
 
@@ -98,25 +99,25 @@ def polish(
     seed: int = 0,
     on_step: Callable[[ClimbStep], None] | None = None,
 ) -> Polished:
-    """Climb from each of the gaits that `genes` stand for, best first, and keep what verifies.
+    """Improve gaits by gradients, and keep the result if an ensemble finds it better.
 
-    The module says how; `Polished.reason` says what was done, with the gain and two standard errors of it.
+    `Polished.reason` says what was done, with the gain and its two standard errors.
 
     Args:
         problem: scene, genome, duration (s) and fitness.
-        genes: (starts, genes) in [0, 1), best first; one row of genes for one start.
-        config: gradients, steps and what they may cost.
-        options: how to integrate the climbs, at a fixed step; in float32 where no precision is given.
-        final_options: how to integrate the last judgement; in float64 at half the step where not given.
+        genes: (starts, genes) in [0, 1), best start first.
+        config: settings of polishing.
+        options: solver options of the climbs, with a fixed step; by default in float32.
+        final_options: solver options of the final comparison; by default float64 at half the step.
         seed: seed of the random number generator.
-        on_step: gets each step as it is done.
+        on_step: called with each finished step.
 
     Returns:
-        The better gait, and what was done.
+        The better gait, and a record of the climbs.
 
     Raises:
-        InputError: bad options (see `resolve`), gradients that the fitness does not have, or rollouts that do not pay
-            for a step from each start.
+        InputError: bad options (see `resolve`), a gradient that the fitness does not have, or too few rollouts for a
+            step from each start.
 
     Example:
         >>> scene = jaxgrity.load_scene("exact")
@@ -153,7 +154,7 @@ def polish(
 def _resolved(
     problem: SearchProblem, options: Options, final_options: Options
 ) -> tuple[ResolvedOptions, ResolvedOptions]:
-    """How to integrate the climbs, and the last judgement."""
+    """Solver options of the climbs and of the final comparison."""
     given = SolverOptions() if options is None else options
     if isinstance(given, SolverOptions) and given.dtype is None:
         given = replace(given, dtype="float32")
@@ -165,13 +166,13 @@ def _resolved(
 
 
 def _told(found: Routes, best: Climb, before: Scores, after: Scores, caution: float) -> list[str]:
-    """What `Polished.reason` says."""
+    """Text of `Polished.reason`."""
     done = [f"{len(best.steps)} steps", _gain(before, after, caution)] if best.steps else []
     return [*found.remarks, *([best.remark] if best.remark else []), *done]
 
 
 def _gain(before: Scores, after: Scores, caution: float) -> str:
-    """In words, with two standard errors of the difference."""
+    """The gain in words, with two standard errors."""
     for name, scores in (("start", before), ("end", after)):
         if scores.failed[0]:
             outcome = "the polished gait is kept" if after.merit[0] > before.merit[0] else "the gait is kept as it was"
@@ -188,7 +189,7 @@ def _gain(before: Scores, after: Scores, caution: float) -> str:
 
 
 def _routes(problem: SearchProblem, genes, options: ResolvedOptions, config: PolishConfig) -> Routes:
-    """A route from each start by what its sensitivity allows."""
+    """A route from each start, as its sensitivity allows."""
     scene, genome, duration, _ = problem
     routes, growth, refused = [], [], 0
     gaits, bound = genome.gaits(scene.gait, genes), config.largest_sensitivity
@@ -221,7 +222,7 @@ def _climb_all(
     seed: int,
     on_step: Callable | None,
 ) -> tuple[Climb, int]:
-    """The climb that ended best, and what all of them cost."""
+    """The climb that ended best, and the cost of all climbs."""
     scene, fitness = as_dtype(problem.scene, options.dtype), without_measuring(problem.fitness)
     judging = problem.judging(options)
     rolled, unmeasured = problem._replace(scene=scene, fitness=fitness), judging._replace(fitness=fitness)
@@ -247,7 +248,7 @@ def _climb_all(
 
 
 def _side_by_side(routes: list[Route]) -> list[list[Route]]:
-    """Smoothed climbs all at once; others one by one, since each looks ahead as far as its start allows."""
+    """Groups of routes that climb together: all smoothed ones; others one by one, since their horizons differ."""
     smoothed = [route for route in routes if route.kind == "smoothed"]
     return [group for group in (smoothed, *([route] for route in routes if route.kind != "smoothed")) if group]
 
@@ -255,7 +256,7 @@ def _side_by_side(routes: list[Route]) -> list[list[Route]]:
 def _before_and_after(
     problem: SearchProblem, start: OneGait, end: OneGait, options: ResolvedOptions, config: PolishConfig, seed: int
 ) -> list[Scores]:
-    """The scores of the best start and the best end by one ensemble, one row each."""
+    """Scores of the best start and the best end, by the same ensemble."""
     pair = np.stack([start, end])
     judging = problem.judging(options).by(min(config.final_robots, ROUND))
 
@@ -273,7 +274,7 @@ def _before_and_after(
 
 
 def _judge_genes(key, problem: SearchProblem, genes, judging: Judging) -> Scores:
-    """`judge`, of a gait for each row of genes."""
+    """`judge` for a gait per row of genes."""
     return judge(key, judging, problem.genome.gaits(problem.scene.gait, np.asarray(genes, judging.dtype)))
 
 

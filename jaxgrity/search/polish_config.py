@@ -1,4 +1,4 @@
-"""What polishing may do and what that costs, checked before a search that it is to follow."""
+"""Settings of polishing and their cost, checked before the search."""
 
 import math
 from collections.abc import Sequence
@@ -12,41 +12,41 @@ from jaxgrity.search.objectives import SteadySpeed
 GradientKind = Literal["smoothed", "pathwise", "combined", "orbit"]
 
 COST = 6.0
-"""Cost of a pathwise gradient, in rollouts of its horizon: 4 to 6 were measured (docs/performance.md)."""
+"""Cost of a pathwise gradient, in rollouts of its horizon. We measured 4 to 6 (docs/performance.md)."""
 ORBIT_COST = 24.0
-"""Cost of an orbit and the gradient of its speed, in rollouts over 40 s: the most that was measured for waves."""
+"""Cost of an orbit and the gradient of its speed, in rollouts of 40 s. It is the largest measured cost for waves."""
 
 
 class PolishConfig(NamedTuple):
-    """How to polish."""
+    """Settings of polishing."""
 
     rollouts: int = 3072
-    """that all steps from all starts may cost together, in rollouts over the whole duration"""
+    """budget of all steps from all starts, in rollouts of the whole duration"""
     kind: GradientKind = "smoothed"
     samples: int = 32
-    """perturbed gaits for each smoothed gradient, robots for each pathwise one"""
+    """number of perturbed gaits per smoothed gradient, or of robots per pathwise gradient"""
     robots: int = 4
-    """in the ensemble that judges each of those"""
+    """number of robots that evaluate each perturbed gait"""
     width: tuple[float, float] = (0.012, 0.006)
-    """standard deviation of the smoothed gradient's perturbations in the first and in the last step, in turns of the
-    circle or shares of the bounds"""
+    """standard deviation of the perturbations in the first and in the last step, in turns (angles) or fractions of the
+    bounds"""
     learning_rate: float = 0.018
-    """length of the first step, in the same unit; the last has a fifth of it"""
+    """length of the first step, in the same unit; the last step has a fifth of it"""
     momentum: float = 0.5
     comparison_robots: int = 64
-    """in the ensemble by which the ends of all climbs are compared"""
+    """number of robots that compare the ends of all climbs"""
     final_robots: int = 256
-    """by which the best start and the best end are judged, at most"""
+    """largest number of robots that compare the best start with the best end"""
     largest_sensitivity: float = 3.0
-    """m/rad: beyond it a pathwise gradient describes less than a step's length of the landscape"""
+    """sensitivity beyond which pathwise gradients are not used, m/rad: they would hold for less than a step"""
     gaits: int = 1
     """number of the best gaits of a search that are polished"""
     overtones: int = 4
-    """number of overtones that are shaped of a search's gaits that are waves, or more where the search has more"""
+    """number of overtones that polishing shapes in waves; more if the search has more"""
 
 
 class Budget(NamedTuple):
-    """How the rollouts of a polish are spent."""
+    """Use of the rollouts of a polish."""
 
     each: int
     """rollouts for each climb"""
@@ -55,7 +55,7 @@ class Budget(NamedTuple):
 
 
 def cost_of_gradient(config: PolishConfig, fitness: Fitness, kind: GradientKind, share: float) -> float:
-    """Of one gradient that looks ahead for a share of the duration, in rollouts over the whole of it."""
+    """Cost of one gradient over a fraction of the duration, in rollouts of the whole duration."""
     robots = _robots(fitness, config.robots)
     if kind == "orbit":
         return ORBIT_COST + judges_of_a_step(config, fitness)
@@ -64,14 +64,14 @@ def cost_of_gradient(config: PolishConfig, fitness: Fitness, kind: GradientKind,
 
 
 def judges_of_a_step(config: PolishConfig, fitness: Fitness) -> int:
-    """Robots by which each step on an orbit is judged: half of those that a smoothed gradient takes."""
+    """Number of robots that evaluate each step on an orbit: half of those of a smoothed gradient."""
     return _robots(fitness, config.samples * config.robots // 2)
 
 
 def budget(config: PolishConfig, fitness: Fitness, costs: Sequence[float]) -> Budget:
-    """The budget of climbs of whose steps none costs more than these, in rollouts.
+    """The budget of climbs whose steps cost at most `costs` rollouts.
 
-    Raises `InputError` where it does not pay for a step of each climb.
+    Raises `InputError` if it does not pay for a step of each climb.
     """
     comparison = len(costs) * _robots(fitness, config.comparison_robots) if len(costs) > 1 else 0
     each = (config.rollouts - comparison) // len(costs)
@@ -83,9 +83,9 @@ def budget(config: PolishConfig, fitness: Fitness, costs: Sequence[float]) -> Bu
 
 @typed
 def check_polish(config: PolishConfig, fitness: Fitness, starts: int) -> None:
-    """Raise `InputError` for what no polish can do from so many starts.
+    """Raise `InputError` for settings that cannot work from so many starts.
 
-    What pathwise gradients cost depends on the sensitivity of the starts, which is not known before the search.
+    The cost of pathwise gradients depends on the sensitivity of the starts, which is unknown before the search.
     """
     if config.kind not in get_args(GradientKind):
         known = ", ".join(get_args(GradientKind))
@@ -108,5 +108,5 @@ def check_polish(config: PolishConfig, fitness: Fitness, starts: int) -> None:
 
 
 def _robots(fitness: Fitness, robots: int) -> int:
-    """In an ensemble that is asked to have so many: where nothing is uncertain one says it all."""
+    """Number of robots of an ensemble: 1 if nothing is uncertain."""
     return 1 if fitness.uncertainty.none else robots
