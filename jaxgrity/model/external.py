@@ -1,4 +1,4 @@
-"""Forces from outside: the wind, and pushes at nodes for a time."""
+"""External forces: wind, and pushes at nodes."""
 
 from typing import ClassVar
 
@@ -16,13 +16,13 @@ from jaxgrity.model.laws import DissipationTerm, Motion, unchanged_per_node
 class Wind(DissipationTerm):
     """R = sum c/3 |v - w|^3: drag on each node against its velocity past a uniform wind, F = -c |v - w| (v - w).
 
-    Made by `wind`. The energy audit books what the wind takes, or less than nothing where it drives.
+    Made by `wind`. The energy audit lists the energy that wind takes, which is negative if it drives the robot.
     """
 
     velocity: Vector = eqx.field(converter=as_float)
-    """w, m/s, (3,)"""
+    """(3,), velocity w of the wind, m/s"""
     drag: AnyPerNode = eqx.field(converter=as_float)
-    """c, kg/m, of each node: half the density of air times the coefficient of drag times the area"""
+    """(nodes,), drag c, kg/m: half of density times drag coefficient times area"""
     name: ClassVar[str] = "wind"
     cause: ClassVar[str] = "wind"
 
@@ -49,23 +49,23 @@ class Wind(DissipationTerm):
 
 
 class Push(DissipationTerm):
-    """A force F on each of some nodes, from `start` to `start + duration`: R = -s(t) F·v, so that -dR/dv = s F.
+    """A force F on some nodes from `start` to `start + duration`: R = -s(t) F·v, so that -dR/dv = s F.
 
-    s rises from 0 to 1 and falls again within `ramp` each; the impulse is F (duration - ramp). Complementarity stepping
-    gives all of it at any step; Runge-Kutta methods take steps that see it. It is a term of R and not of U, so that the
-    energy audit books its work as its own.
+    s rises from 0 to 1 within `ramp`, and falls within `ramp`. The impulse is F (duration - ramp). Complementarity
+    stepping gives the exact impulse at any step. Runge-Kutta methods take steps short enough to resolve it. The push is
+    a term of R, so the energy audit lists its work separately.
     """
 
     nodes: tuple[int, ...] = eqx.field(static=True)
-    """which are pushed"""
+    """numbers of the pushed nodes"""
     force: AnyNodeVectors = eqx.field(converter=as_float)
-    """F, N, a row for each of them"""
+    """force F on each of these nodes, N, one row per node"""
     start: Scalar = eqx.field(converter=as_float)
-    """s"""
+    """start of the push, s"""
     duration: Scalar = eqx.field(converter=as_float)
-    """s"""
+    """duration of the push, s"""
     ramp: Scalar = eqx.field(converter=as_float, default=0.01)
-    """s, at most half of the duration"""
+    """time in which the force rises, and falls, s; at most half of the duration"""
     name: ClassVar[str] = "push"
     cause: ClassVar[str] = "push"
 
@@ -98,7 +98,7 @@ class Push(DissipationTerm):
         return eqx.tree_at(lambda push: (push.force, push.start, push.duration, push.ramp), self, instead)
 
     def _integral(self, t: Scalar | AnyArray) -> AnyArray:
-        """Of s up to time t, s: over its rise, what is between, and its fall, each as long as it has lasted by then."""
+        """Integral of s up to time t, s: rise, constant part and fall."""
         since = t - self.start
         rising = jnp.clip(since, 0, self.ramp)
         falling = jnp.clip(since - self.duration + self.ramp, 0, self.ramp)
@@ -122,18 +122,18 @@ class Push(DissipationTerm):
 
 
 def wind(velocity, drag, nodes: int) -> Wind:
-    """A uniform wind on a structure of so many nodes.
+    """A uniform wind on all nodes of a structure.
 
     Args:
-        velocity: (3,), m/s.
-        drag: kg/m, of each node; one number for all, or one for each.
-        nodes: how many there are.
+        velocity: (3,), velocity of the wind, m/s.
+        drag: drag of each node, kg/m; one number for all nodes, or one per node.
+        nodes: number of nodes.
 
     Returns:
         The term, for `with_terms`.
 
     Raises:
-        InputError: where drag is negative, a number is not finite, or there is not one drag for each node.
+        InputError: negative drag, numbers that are not finite, or a wrong number of drags.
 
     Example:
         >>> calm = jaxgrity.load_scene("exact")

@@ -1,7 +1,7 @@
-"""Cables that are no linear springs: measured tables of force and stretch, and motors that give way at some force.
+"""Cables that are no linear springs: measured tables of force and stretch, and motors that yield at a force.
 
-Both change the stiffness of the cables' own springs from some stretch on: a force that is linear between the entries
-of a table is the sum of springs that begin to act one after the other. Dampers act as without them.
+Both change the stiffness of the cables beyond some stretch. A force that is linear between the entries of a table is a
+sum of springs that begin to act one after the other. Dampers do not change.
 """
 
 import dataclasses
@@ -22,18 +22,18 @@ from jaxgrity.model.structure import Members, per_member
 
 
 class ForceTable(EnergyTerm):
-    """U = sum a_j/2 max(0, l - L(t) - s_j)^2: from the table's entry j on, cables are stiffer by a_j.
+    """A measured force: U = sum a_j/2 max(0, l - L(t) - s_j)^2, where a_j is the change of the table's slope at s_j.
 
-    a_j is the change of the table's slope at s_j. The first slope is the cables' stiffness: where that differs, a_j
-    differs by the same factor, and a broken cable has no force. Made by `force_table`.
+    The first slope is the cables' stiffness. If a cable's stiffness changes, a_j changes by the same factor, so a
+    broken cable has no force. Made by `force_table`.
     """
 
     stretch: AnyArray = eqx.field(converter=as_float)
-    """(entries,), s, m"""
+    """(entries,), stretch s_j, m"""
     force: AnyArray = eqx.field(converter=as_float)
-    """(entries,), N"""
+    """(entries,), force, N"""
     factors: AnyRows | None = eqx.field(converter=as_float_or_none, default=None)
-    """by which each cable's force is multiplied, for reports; None: 1"""
+    """factor of each cable's force, for reports; None: 1"""
     name: ClassVar[str] = "table of cables' forces"
 
     def energy(self, at: Configuration) -> Scalar:
@@ -57,12 +57,12 @@ class ForceTable(EnergyTerm):
 
 
 class ForceLimit(EnergyTerm):
-    """U = -sum K/2 max(0, l - L(t) - F/K)^2, so that no cable's spring exceeds F. Made by `force_limit`."""
+    """A largest force F of each cable: U = -sum K/2 max(0, l - L(t) - F/K)^2. Made by `force_limit`."""
 
     largest: AnyRows = eqx.field(converter=as_float)
-    """F, N, of each cable"""
+    """largest force F of each cable, N"""
     factors: AnyRows | None = eqx.field(converter=as_float_or_none, default=None)
-    """by which each cable's force is multiplied, for reports; None: 1"""
+    """factor of each cable's force, for reports; None: 1"""
     name: ClassVar[str] = "largest force of cables"
 
     def energy(self, at: Configuration) -> Scalar:
@@ -82,20 +82,20 @@ class ForceLimit(EnergyTerm):
 
 @typed
 def force_table(cables: Members, stretch: Sequence[float], force: Sequence[float]) -> ForceTable:
-    """A measured force for all cables: linear between the entries of a table, and beyond the last one as before it.
+    """A measured force for all cables, linear between the entries of a table, with the last slope beyond it.
 
-    Of a cable that runs through several nodes, each segment is such a cord, so that all have the same force.
+    If a cable runs through several nodes, each segment follows the table, so all have the same force.
 
     Args:
-        cables: whose stiffness is the table's first slope.
-        stretch: l - L, m, ascending from 0.
-        force: N, from 0 on, not falling.
+        cables: the cables; their stiffness must be the table's first slope.
+        stretch: stretch l - L, m, ascending from 0.
+        force: force, N, starting at 0 and not falling.
 
     Returns:
         The term, for `with_terms`.
 
     Raises:
-        InputError: the table is no such table, or the cables' stiffness is not its first slope.
+        InputError: a bad table, or a stiffness of the cables that is not its first slope.
 
     Example:
         >>> scene = jaxgrity.load_scene("reference")
@@ -111,7 +111,7 @@ def force_table(cables: Members, stretch: Sequence[float], force: Sequence[float
 
 
 def first_slope(stretch: Sequence[float], force: Sequence[float]) -> float:
-    """The stiffness with which a table of forces begins, N/m. Raises `InputError` where it is no such table."""
+    """First slope of a table of forces, N/m. Raises `InputError` for a bad table."""
     s, f = np.asarray(stretch, float), np.asarray(force, float)
     shown = f"stretch = {s.tolist()}, force = {f.tolist()}"
     if s.shape != f.shape or s.ndim != 1 or len(s) < 2 or s[0] != 0 or f[0] != 0:
@@ -123,21 +123,21 @@ def first_slope(stretch: Sequence[float], force: Sequence[float]) -> float:
 
 @typed
 def force_limit(cables: Members, largest: float | Sequence[float]) -> ForceLimit:
-    """Cables whose motors give way: beyond a largest force they pay out, and wind in again, at that force.
+    """Cables with motors that yield: at the largest force they pay out, and wind in again at the same force.
 
-    It is what a motor without inertia and friction does whose torque is limited: how far it has paid out follows from
-    the length, L = l - F/K, so that it has a potential. The energy that it takes up counts as potential energy, since
-    it gives that back. How fast it pays out is not limited. Dampers pull beside it, beyond the limit too.
+    This models a motor with limited torque, without inertia and friction. The length determines how far it has paid
+    out, L = l - F/K, so the force has a potential. The energy that it stores counts as potential energy, since it is
+    given back. The rate is not limited. Dampers pull in addition, also at the limit.
 
     Args:
-        cables: whose motors they are.
-        largest: F, N; one number for all cables, or one for each, segments of one cable counting as one.
+        cables: the cables with such motors.
+        largest: largest force F, N; one number for all cables, or one per cable (segments of one cable count as one).
 
     Returns:
         The term, for `with_terms`.
 
     Raises:
-        InputError: a force is not positive, or there is not one for each cable.
+        InputError: a force that is not positive, or a wrong number of forces.
 
     Example:
         >>> scene = jaxgrity.load_scene("reference")

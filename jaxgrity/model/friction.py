@@ -19,29 +19,29 @@ Tangents = tuple[Direction, Direction]
 
 
 class Friction(eqx.Module):
-    """How the ground resists slip."""
+    """Interface of friction laws."""
 
     impulsive: eqx.AbstractClassVar[bool]
-    """whether it acts by impulses, beside those of exact contact, or by forces, beside those of penalty contact"""
+    """whether it acts by impulses (with exact contact) or by forces (with penalty contact)"""
     name: eqx.AbstractClassVar[str]
-    """as `describe` lists it"""
+    """name in `describe`"""
 
     @abstractmethod
     def law(self, ground: Ground) -> Law:
-        """What it does on this ground."""
+        """The law of this friction on a ground."""
 
     @property
     @abstractmethod
     def sliding_mu(self) -> PerNode | Scalar:
-        """The coefficient of a node that slides."""
+        """Friction coefficient of sliding nodes."""
 
 
 class SmoothFriction(Friction):
-    """F_t = -mu F_n v_t / sqrt(|v_t|^2 + eps^2): Coulomb's law but for slips slower than about eps."""
+    """F_t = -mu F_n v_t / sqrt(|v_t|^2 + eps^2): Coulomb's law, smoothed below a slip speed of about eps."""
 
     mu: PerNode | Scalar = eqx.field(converter=as_float)
     slip_speed: Scalar = eqx.field(converter=as_float)
-    """eps, m/s"""
+    """slip speed eps, m/s"""
     impulsive: ClassVar[bool] = False
     name: ClassVar[str] = "smooth friction"
 
@@ -58,15 +58,15 @@ class SmoothFriction(Friction):
 
 
 class SwitchFriction(Friction):
-    """Static or kinetic friction by a test of speed and force: Appendix B of the paper the project began from.
+    """Static or kinetic Coulomb friction, chosen by speed and force (Appendix B of the paper behind this project).
 
-    Raises `InputError` where mu_static is smaller than mu_kinetic: friction would grow as a node begins to slide.
+    Raises `InputError` if mu_static is smaller than mu_kinetic.
     """
 
     mu_static: PerNode | Scalar = eqx.field(converter=as_float)
     mu_kinetic: PerNode | Scalar = eqx.field(converter=as_float)
     slip_speed: Scalar = eqx.field(converter=as_float)
-    """eps, m/s: below it a node may stick"""
+    """speed eps below which a node may stick, m/s"""
     impulsive: ClassVar[bool] = False
     name: ClassVar[str] = "Coulomb switch"
 
@@ -91,7 +91,7 @@ class SwitchFriction(Friction):
 
 
 class ConeFriction(Friction):
-    """|p_t| <= mu p_n, sticking where it can: Coulomb's cone on the impulses of exact contact."""
+    """Coulomb's cone for the impulses of exact contact: |p_t| <= mu p_n; nodes stick if they can."""
 
     mu: PerNode | Scalar = eqx.field(converter=as_float)
     impulsive: ClassVar[bool] = True
@@ -179,11 +179,11 @@ def slip_dissipation(friction: SmoothFriction, tangents: Tangents, v: NodeVector
 def switch_force(
     friction: SwitchFriction, tangents: Tangents, v: NodeVectors, normal_force: PerNode, other_forces: NodeVectors
 ) -> NodeVectors:
-    """F_switch, N. A node sticks while |v_t| < eps and the force that would hold it is within mu_s F_n.
+    """(nodes, 3), F_switch, N. A node sticks while |v_t| < eps and the force that would hold it is at most mu_s F_n.
 
-    A sticking node gets that force, the opposite of the tangential part of all `other_forces`: it goes on at the speed,
-    below eps, with which it came. Any other node gets
-    mu_k F_n against its slip, or, while it is slower than eps, against the slip that `other_forces` are about to start.
+    A sticking node gets this force, the opposite of the tangential part of `other_forces`, so it keeps its speed below
+    eps. Any other node gets mu_k F_n against its slip. Below eps, it acts against the slip that `other_forces` would
+    cause.
     """
     slip = [component(v, tangent) for tangent in tangents]
     push = [component(other_forces, tangent) for tangent in tangents]
@@ -197,7 +197,7 @@ def switch_force(
 
 
 def _hypot(a: PerNode, b: PerNode) -> PerNode:
-    """sqrt(a^2 + b^2), with derivative 0 where both are 0."""
+    """sqrt(a^2 + b^2), with derivative 0 if both are 0."""
     square = a * a + b * b
     positive = (square > 0).astype(square.dtype)
     return positive * jnp.sqrt(square + (1 - positive))

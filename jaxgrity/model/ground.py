@@ -1,4 +1,4 @@
-"""The ground: how it pushes back, as a spring or as a constraint, where its plane or its surface is."""
+"""The ground: a plane or a surface that pushes back as a spring or as a constraint."""
 
 import math
 from abc import abstractmethod
@@ -23,15 +23,15 @@ from jaxgrity.model.surface import AXES, DistanceAndAxes, Frame, Slope, Surface,
 UnitVector = tuple[float, float, float]
 
 ROUNDING = 1e-12
-"""Depth added to that of a node at rest on penalty ground, m for a body of one metre: rounding must not lift it."""
+"""Depth added to that of a node at rest on penalty ground, m for a body of one metre, so rounding does not lift it."""
 TOUCHING = 1e-6
 """Largest gap at which exact ground holds a node at rest, m for a body of one metre."""
 
 
 class Ground(eqx.Module):
-    """A plane through the origin, level or falling towards +x: phi(x) = n·x, n = (sin theta, 0, cos theta).
+    """Interface of grounds: a plane through the origin that falls towards +x, or another `Surface`.
 
-    Or any other `Surface` in its place. Raises `InputError` where a surface comes with an incline.
+    The plane is phi(x) = n·x with n = (sin theta, 0, cos theta). Raises `InputError` for a surface with an incline.
     """
 
     if TYPE_CHECKING:  # type checkers would take an abstract variable for the first field of every ground
@@ -40,17 +40,17 @@ class Ground(eqx.Module):
         def incline(self) -> float: ...
     else:
         incline: eqx.AbstractVar[float]
-        """theta, rad"""
+        """angle theta of the plane, rad"""
     surface: Surface | None = eqx.field(default=None, kw_only=True)
-    """where the ground is; None: the plane"""
+    """shape of the ground; None: the plane"""
     offset: Vector | None = eqx.field(converter=as_float_or_none, default=None, kw_only=True)
-    """m, (3,): how far the surface has been moved; None: not at all"""
+    """(3,), shift of the surface, m; None: no shift"""
     balls: Balls | None = eqx.field(default=None, kw_only=True)
-    """the nodes that touch it, and their radii; None: all nodes, themselves"""
+    """nodes that touch the ground, with their radii; None: all nodes, as points"""
     impulsive: eqx.AbstractClassVar[bool]
-    """whether it pushes by impulses, as a constraint, or by forces, as a spring"""
+    """whether the ground pushes by impulses (a constraint) or by forces (a spring)"""
     touched_below: eqx.AbstractClassVar[float]
-    """m: a node of a body of one metre touches the ground, in the frames of a trajectory, where phi is less"""
+    """distance phi below which a node counts as touching in the frames of a motion, m for a body of one metre"""
 
     def __check_init__(self):
         check_all_finite(self, "ground")
@@ -65,7 +65,7 @@ class Ground(eqx.Module):
 
     @property
     def normal(self) -> UnitVector:
-        """Outward unit normal n of the plane. Raises `InputError` on a surface, where it varies: see `frame`."""
+        """Outward unit normal n of the plane. Raises `InputError` for a surface, whose normal varies (`frame`)."""
         if self.surface is not None:
             raise InputError("the normal of this ground differs from place to place; expected a plane")
         return (math.sin(self.incline), 0.0, math.cos(self.incline))
@@ -76,28 +76,29 @@ class Ground(eqx.Module):
         return (math.cos(self.incline), 0.0, -math.sin(self.incline)), (0.0, 1.0, 0.0)
 
     def signed_distance(self, q: NodeVectors) -> PerNode:
-        """phi, m: height of each node, or ball, along the ground's normal, negative inside; infinite of what passes."""
+        """(nodes,), distance phi of each node or ball from the ground, m, negative inside; infinite for nodes that
+        pass."""
         phi = component(q, self.normal) if self.surface is None else self.surface.signed_distance(self.relative(q))
         return phi if self.balls is None else self.balls.gaps(phi)
 
     def frame(self, q: NodeVectors) -> Frame:
-        """The normal and two tangents: constants on the plane, a row for each of the nodes at q on a surface."""
+        """Normal and two tangents: constant for the plane, one row per node for a surface."""
         if self.surface is None:
             return Frame(self.normal, self.tangents)
         return self.surface.frame(self.relative(q))
 
     def relative(self, q: NodeVectors) -> NodeVectors:
-        """The nodes q, m, as the surface that is not moved sees them."""
+        """Positions q relative to the shifted surface, m."""
         return q if self.offset is None else q - along(ones(component(q, AXES[0])), self.offset)
 
     def height(self, x: ArrayLike, y: ArrayLike) -> np.ndarray:
-        """m, z of the ground at places x, y, m; -infinity where there is none. For use before and after rollouts."""
+        """Height z of the ground at x, y, m; -infinity without ground. Do not use it in rollouts."""
         surface = Slope(self.incline) if self.surface is None else self.surface
         moved = np.zeros(3) if self.offset is None else np.asarray(self.offset, float)
         return height_at(surface, np.asarray(x, float) - moved[0], np.asarray(y, float) - moved[1]) + moved[2]
 
     def measured(self, q: np.ndarray) -> DistanceAndAxes:
-        """Distances and frames at positions `q` (..., nodes, 3), m, in float64: for use before and after rollouts."""
+        """Distances and frames at positions `q` (..., nodes, 3), m, in float64. Do not use it in rollouts."""
         if self.surface is None:
             axes = np.array([self.normal, *self.tangents])
             phi = q @ axes[0] if self.balls is None else np.asarray(self.balls.gaps(q @ axes[0]))
@@ -105,10 +106,11 @@ class Ground(eqx.Module):
         return measured_at(self, np.asarray(q, float))
 
     def set_down(self, q: np.ndarray, depth: float, size: float = 1.0) -> np.ndarray:
-        """(nodes, 3): the nodes q, m, of a body of `size` (`length_scale`), moved along the lowest one's normal until
-        that is so deep (m) in the ground.
+        """(nodes, 3), positions of a body set down, m: moved along the lowest node's normal until that node has
+        `depth`, m.
 
-        Where normals push it to and fro, as at an edge, it moves up or down. `InputError` where that does not help.
+        `size` is the body's `length_scale`. At an edge, where normals push it to and fro, the body moves up or down.
+        Raises `InputError` if that does not help.
         """
         moved, ended = down(np.asarray(q, float), depth, LARGEST_GAP / 10 * size, self.measured, self.surface is None)
         if not ended:
@@ -118,43 +120,43 @@ class Ground(eqx.Module):
         return moved
 
     def set_above(self, q: NodeVectors, distance: Scalar) -> NodeVectors:
-        """The nodes q, m, moved up or down until the nearest is `distance` (m) from the ground; it can be traced."""
+        """Positions q moved up or down until the nearest node has `distance` from the ground, m. JAX can trace it."""
         refuse_balls(self.balls)
         surface, moved = Slope(self.incline) if self.surface is None else self.surface, self.relative(q)
         return q + above(moved, distance, surface.signed_distance, surface.height) - moved
 
     def keeps(self, symmetry) -> bool:
-        """Whether the ground is the same after the map; of surfaces only what leaves every place where it is."""
+        """Whether the symmetry maps the ground on itself; for surfaces, only the identity does."""
         axes = [self.normal] if self.surface is None else AXES
         return all(map(symmetry.leaves, axes)) and (self.balls is None or self.balls.keep(symmetry.nodes))
 
     @abstractmethod
     def laws(self) -> tuple[Law, ...]:
-        """What the ground does to the nodes; friction is not among it."""
+        """Contact laws of the ground, without friction."""
 
     @abstractmethod
     def normal_force(self, q: NodeVectors, v: NodeVectors) -> PerNode | None:
-        """F_n >= 0, N, by which it presses on each node, where the state of the nodes says so; None: by impulses."""
+        """(nodes,), normal force F_n >= 0 on each node, N; None if contact acts by impulses."""
 
     @abstractmethod
     def resting_depth(self, weight: float, nodes: int) -> float:
-        """How deep, m, so many nodes stand in it that carry the weight (N)."""
+        """Depth of `nodes` nodes that carry the weight (N), m."""
 
     def touching_depth(self, weight: float, nodes: int, size: float) -> float:
-        """The same, m, of a body of `size` (`length_scale`); where ground pushes back, so deep that it is touched."""
+        """The same depth, m, for a body of `size` (`length_scale`), deep enough that the nodes count as touching."""
         return self.resting_depth(weight, nodes) + (0.0 if self.impulsive else ROUNDING * size)
 
 
 class PenaltyGround(Ground):
-    """A ground that pushes back as a spring: F_n = k_n pen max(0, 1 - alpha v_n), pen = max(0, -phi).
+    """Penalty contact: the ground is a spring, F_n = k_n pen max(0, 1 - alpha v_n), pen = max(0, -phi).
 
-    Raises `InputError` where stiffness or dissipation is not positive; None for a dissipation that is not modelled.
+    Raises `InputError` if stiffness or dissipation is not positive.
     """
 
     stiffness: Scalar = eqx.field(converter=as_float)
-    """k_n, N/m, per node"""
+    """stiffness k_n per node, N/m"""
     dissipation: Scalar | None = eqx.field(converter=as_float_or_none, default=None)
-    """alpha of Hunt and Crossley's law, s/m; None: not modelled"""
+    """dissipation alpha of Hunt and Crossley's law, s/m; None: no dissipation"""
     incline: float = eqx.field(static=True, converter=as_incline, default=0.0)
     impulsive: ClassVar[bool] = False
     touched_below: ClassVar[float] = 0.0
@@ -178,11 +180,11 @@ class PenaltyGround(Ground):
 
 
 class ExactGround(Ground):
-    """A ground that no node enters: phi >= 0, p_n >= 0, p_n phi = 0 (Signorini), p_n its impulses."""
+    """Exact contact: no node enters the ground. phi >= 0, p_n >= 0, p_n phi = 0 (Signorini), with impulses p_n."""
 
     incline: float = eqx.field(static=True, converter=as_incline, default=0.0)
     restitution: Scalar | None = eqx.field(converter=as_float_or_none, default=None)
-    """e: a node that hits the ground at speed v leaves it at e v; None: it stays"""
+    """coefficient e: a node that hits the ground at speed v leaves it at e v; None: 0"""
     impulsive: ClassVar[bool] = True
     touched_below: ClassVar[float] = 2e-3
 
@@ -218,7 +220,7 @@ class PenaltyContact(EnergyTerm):
 
 
 class ContactDissipation(DissipationTerm):
-    """R whose gradient turns k_n pen into Hunt and Crossley's k_n pen max(0, 1 - alpha v_n)."""
+    """Dissipation of penalty contact: with it, the force is k_n pen max(0, 1 - alpha v_n) (Hunt and Crossley)."""
 
     ground: PenaltyGround
     name: ClassVar[str] = "contact dissipation"
@@ -236,7 +238,7 @@ class ContactDissipation(DissipationTerm):
 
 
 class ExactContact(Constraint):
-    """phi >= 0 for every node, by impulses along the normal that only push."""
+    """phi >= 0 for every node, by impulses along the normal that never pull."""
 
     ground: ExactGround
     name: ClassVar[str] = "exact contact"
@@ -257,7 +259,7 @@ class ExactContact(Constraint):
 
 
 def held_directions(ground: Ground, axes: slice, q: np.ndarray, size: float) -> np.ndarray:
-    """(constraints, nodes, 3): some of the normal and the two tangents, for each node that touches the ground."""
+    """(constraints, nodes, 3): the chosen axes (normal, tangents) of each node that touches the ground."""
     rows, (distance, frames) = [], ground.measured(q)
     for node in np.flatnonzero(distance <= TOUCHING * size):
         for direction in frames[node, axes]:
@@ -274,7 +276,7 @@ def contact_energy(ground: PenaltyGround, phi: PerNode) -> Scalar:
 def contact_dissipation(ground: PenaltyGround, v_n: PerNode, phi: PerNode) -> Scalar:
     """R = sum k_n pen (alpha/2 c^2 + v_n - c), W, with c = min(v_n, 1/alpha) and pen = max(0, -phi).
 
-    Its gradient in v_n is k_n pen min(alpha v_n, 1): past 1/alpha the contact lets go, it never pulls. Hunt and
+    Its gradient with respect to v_n is k_n pen min(alpha v_n, 1): contact never pulls. Hunt and
     Crossley 1975, doi:10.1115/1.3423596.
     """
     alpha = ground.dissipation
@@ -286,7 +288,7 @@ def contact_dissipation(ground: PenaltyGround, v_n: PerNode, phi: PerNode) -> Sc
 
 
 def normal_force(ground: PenaltyGround, phi: PerNode, v_n: PerNode | None) -> PerNode:
-    """F_n = -dU/dphi - dR/dv_n >= 0, N: what friction is proportional to. `v_n` counts where the ground dissipates."""
+    """Normal force F_n = -dU/dphi - dR/dv_n >= 0, N; friction is proportional to it. `v_n` matters with dissipation."""
     elastic: AnyArray = jax.grad(contact_energy, argnums=1)(ground, phi)
     if ground.dissipation is None:
         return -elastic

@@ -1,7 +1,7 @@
-"""Motors that wind a member: rest lengths that go from one length asked for to the next, as fast as a motor can.
+"""Motors that wind members: rest lengths that follow a list of commanded lengths at a limited rate.
 
-A motor is an exact function of time, so that no method has to carry a state for it: what it does does not depend on
-the robot. A limit on the force is a law of its own (`force_laws.force_limit`).
+A motor is an exact function of time and does not depend on the robot, so methods carry no state for it. A limit on its
+force is a separate law (`force_laws.force_limit`).
 """
 
 import equinox as eqx
@@ -14,26 +14,26 @@ from jaxgrity.core.types import AnyArray, Scalar, as_float, as_float_or_none
 
 
 class Motor(eqx.Module):
-    """Winds a member towards each length asked for until it is there, or the next is asked for.
+    """A motor that winds a member towards each commanded length until it is there, or the next command comes.
 
-    The wound length w changes at `rate`, and stops at `smallest`; the rest length lags behind it, L' = (w - L)/lag.
-    Before the first time, both are the member's own rest length.
+    The wound length w changes at `rate`, and stops at `smallest`. The rest length lags behind: L' = (w - L)/lag. Before
+    the first command, both are the member's rest length.
 
-    Raises `InputError` where numbers do not fit.
+    Raises `InputError` if numbers do not fit.
     """
 
     member: int = eqx.field(static=True)
-    """which of the struts, or of the cables, from 0"""
+    """number of the member among the struts, or among the cables, from 0"""
     times: AnyArray = eqx.field(converter=as_float)
-    """(commands,), s, ascending: when a length is asked for"""
+    """(commands,), ascending times of the commands, s"""
     lengths: AnyArray = eqx.field(converter=as_float)
-    """(commands,), m, the rest lengths then asked for"""
+    """(commands,), commanded rest lengths, m"""
     rate: Scalar = eqx.field(converter=as_float)
-    """m/s, at which the motor winds in and pays out"""
+    """rate of winding in and paying out, m/s"""
     lag: Scalar | None = eqx.field(converter=as_float_or_none, default=None)
-    """s; None: none"""
+    """lag, s; None: no lag"""
     smallest: Scalar | None = eqx.field(converter=as_float_or_none, default=None)
-    """m, the length at which the spool stops; None: it does not"""
+    """smallest length, m, at which the spool stops; None: no limit"""
 
     def __check_init__(self):
         check_index("motor.member", self.member)
@@ -53,10 +53,10 @@ class Motor(eqx.Module):
 
 
 def wound(motor: Motor, start: Scalar, t: Scalar) -> Scalar:
-    """L(t) - L(0), m, of a member whose rest length is `start` at first.
+    """Change L(t) - L(0) of a rest length that is `start` at first, m.
 
-    Each command is a ramp of w: from where the last one ended, at the motor's rate, for as long as it takes. The lag's
-    answer to a ramp of slope 1 is s - lag (1 - exp(-s/lag)) after s seconds.
+    Each command is a ramp of w at the motor's rate, from the end of the last one. After s seconds, the lagged response
+    to a ramp of slope 1 is s - lag (1 - exp(-s/lag)).
     """
     change = 0 * start
     for begins, move in zip(motor.times, _moves(motor, start)):
@@ -69,13 +69,13 @@ def wound(motor: Motor, start: Scalar, t: Scalar) -> Scalar:
 
 
 def bends_of(motor: Motor, start: Scalar) -> AnyArray:
-    """(2 commands,), s: when the motor of a member whose rest length is `start` at first begins to wind, and ends."""
+    """(2 commands,), times at which the motor begins and ends to wind, s; `start` is the first rest length."""
     ends = [begins + jnp.abs(move) / motor.rate for begins, move in zip(motor.times, _moves(motor, start))]
     return jnp.concatenate([jnp.asarray(motor.times), jnp.stack(ends)])
 
 
 def _moves(motor: Motor, start: Scalar) -> list[Scalar]:
-    """m: by how much w changes after each command, until the next."""
+    """Change of w after each command until the next, m."""
     asked = motor.lengths if motor.smallest is None else jnp.maximum(motor.lengths, motor.smallest)
     commands, w, found = len(motor.times), start, []
     for k in range(commands):
@@ -89,6 +89,6 @@ def _moves(motor: Motor, start: Scalar) -> list[Scalar]:
 
 
 def _answer(s: Scalar, lag: Scalar | None) -> Scalar:
-    """To a ramp of slope 1 that begins at s = 0."""
+    """Response to a ramp of slope 1 that begins at s = 0."""
     s = jnp.maximum(s, 0)
     return s if lag is None else s + lag * jnp.expm1(-s / lag)

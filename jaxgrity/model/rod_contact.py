@@ -1,4 +1,4 @@
-"""Penalty contact between the ends of struts: points along each rod that the ground pushes as it pushes nodes."""
+"""Penalty contact at points along struts, between their ends."""
 
 from typing import Any, ClassVar
 
@@ -17,29 +17,29 @@ from jaxgrity.model.scene import Scene, with_terms
 
 
 class Points(eqx.Module):
-    """Points x_p = (1 - s) x_i + s x_j along struts: weights by position carry what moves, and back what pushes."""
+    """Points x_p = (1 - s) x_i + s x_j along struts. Positions and forces use the same weights."""
 
     struts: tuple[int, ...] = eqx.field(static=True)
-    """of each point"""
+    """strut of each point"""
     ends: tuple[tuple[int, ...], tuple[int, ...]] = eqx.field(static=True)
     """nodes i and j of each point"""
     share: AnyArray
-    """s, (points,)"""
+    """(points,), position s along the strut, from 0 to 1"""
     strength: AnyArray
-    """(points,), times the ground's stiffness"""
+    """(points,), factor of the ground's stiffness"""
 
     def of(self, x: NodeVectors) -> AnyArray:
-        """(points, 3): places or velocities of the points, of those of the nodes."""
+        """(points, 3), positions or velocities of the points, from those of the nodes."""
         i, j = (take_rows(x, ends) for ends in self.ends)
         return i + self.share[:, None] * (j - i)
 
     def on_nodes(self, force: AnyArray, nodes: int) -> NodeVectors:
-        """(nodes, 3), N: forces on the points, as forces on the nodes that do as much work."""
+        """(nodes, 3), forces on the nodes that do the same work as those on the points, N."""
         at_j = self.share[:, None] * force
         return place_rows(force - at_j, self.ends[0], nodes) + place_rows(at_j, self.ends[1], nodes)
 
     def ground(self, scene: Scene) -> PenaltyGround | None:
-        """The scene's ground as the points feel it; None where reports have taken it away."""
+        """The scene's ground with the stiffness at the points; None if a report has removed it."""
         ground = scene.ground
         if not isinstance(ground, PenaltyGround):
             return None
@@ -72,7 +72,7 @@ class RodContact(EnergyTerm):
 
 
 class RodContactDissipation(DissipationTerm):
-    """Hunt and Crossley's R at the points, as `ContactDissipation` is at the nodes."""
+    """Dissipation R at the points, like `ContactDissipation` at the nodes."""
 
     points: Points
     name: ClassVar[str] = "contact dissipation along struts"
@@ -93,7 +93,7 @@ class RodContactDissipation(DissipationTerm):
 
 
 class RodFriction(ForceLaw):
-    """Smooth friction at the points: F_t = -mu F_n v_t/sqrt(|v_t|^2 + eps^2), with mu between those of the ends."""
+    """Smooth friction at the points: F_t = -mu F_n v_t/sqrt(|v_t|^2 + eps^2), with mu interpolated between the ends."""
 
     points: Points
     name: ClassVar[str] = "smooth friction along struts"
@@ -118,21 +118,19 @@ class RodFriction(ForceLaw):
 def with_contact_along_struts(scene: Scene, count: int, struts: tuple[int, ...] | None = None) -> Scene:
     """The scene with `count` points of contact between the ends of its struts, evenly spaced.
 
-    A point x_p = (1 - s) x_i + s x_j gets the forces that a node would get there from a ground whose stiffness is
-    divided by `count`, and passes them to both ends by the same weights. So a rod meets edges, posts and crests
-    between its nodes (docs/terrain.md).
+    At a point x_p = (1 - s) x_i + s x_j the ground acts as on a node, with its stiffness divided by `count`. Both ends
+    get the force by the same weights. So a rod touches edges, posts and crests between its nodes (docs/terrain.md).
 
     Args:
-        scene: with penalty contact, whose friction, if any, is smooth.
-        count: points of each strut.
-        struts: which of them; all, where not given.
+        scene: a scene with penalty contact, and smooth friction or none.
+        count: number of points per strut.
+        struts: numbers of the struts; by default all.
 
     Returns:
-        The scene with `RodContact`, and with the dissipation and friction that its ground and friction have.
+        The scene with `RodContact`, and with dissipation and friction at the points if the scene has them.
 
     Raises:
-        InputError: exact contact, which is at nodes (`penalty_twin` makes penalty contact of it), another friction,
-            fewer points than one, or struts that there are not.
+        InputError: exact contact (use `penalty_twin`), another friction law, less than one point, or missing struts.
 
     Example:
         >>> scene = jaxgrity.with_contact_along_struts(jaxgrity.load_scene("reference"), 3)

@@ -17,26 +17,26 @@ from jaxgrity.model.structure import Structure
 
 
 class SupportMotion(eqx.Module):
-    """How far supports are from where they were at t = 0: all alike, along the axes in which they are fixed.
+    """Common displacement of all supports, along the axes in which they are fixed.
 
-    It begins at rest: displacement and velocity are 0 at t = 0. Methods integrate the acceleration, which JAX derives;
-    complementarity stepping takes supports to where they are at the end of each step.
+    It begins at rest: displacement and velocity are 0 at t = 0. Methods integrate the acceleration, which JAX derives.
+    Complementarity stepping moves supports to their positions at the end of each step.
     """
 
     @abstractmethod
     def displacement(self, t: Scalar) -> Vector:
-        """(3,), m."""
+        """(3,), displacement, m."""
 
     def velocity(self, t: Scalar) -> Vector:
-        """(3,), m/s."""
+        """(3,), velocity, m/s."""
         return jax.jvp(self.displacement, (t,), (jnp.ones_like(t),))[1]
 
     def bends(self) -> AnyArray:
-        """(times,), s: when it begins, ends, or bends otherwise; steps that adapt end there."""
+        """(times,), times at which the motion is not smooth, s; adaptive steps end there."""
         return np.zeros(0)
 
     def check(self, structure: Structure) -> None:
-        """Raises `InputError` where the structure has no supports, or the motion does not begin at rest."""
+        """Raises `InputError` if the structure has no supports, or the motion does not begin at rest."""
         if not structure.fixed:
             raise InputError("shaking moves supports, and nothing is fixed; expected a structure with supports")
         if structure.bodies:
@@ -50,19 +50,19 @@ class SupportMotion(eqx.Module):
 
 
 class Shaking(SupportMotion):
-    """s(t) = r(t) A sin(2 pi f (t - start)), where r rises smoothly from 0 at `start` to 1 after `ramp`.
+    """Sinusoidal shaking s(t) = r(t) A sin(2 pi f (t - start)); r rises smoothly from 0 at `start` to 1 after `ramp`.
 
-    Raises `InputError` where it does not begin at rest.
+    Raises `InputError` if it does not begin at rest.
     """
 
     amplitude: Vector = eqx.field(converter=as_float)
-    """A, (3,), m"""
+    """(3,), amplitude A, m"""
     frequency: Scalar = eqx.field(converter=as_float)
-    """f, Hz"""
+    """frequency f, Hz"""
     start: Scalar = eqx.field(converter=as_float, default=0.0)
-    """s, not negative"""
+    """start, s, not negative"""
     ramp: Scalar = eqx.field(converter=as_float, default=1.0)
-    """s"""
+    """time in which the amplitude rises, s"""
 
     def bends(self):
         return jnp.stack([self.start, self.start + self.ramp])
@@ -106,14 +106,14 @@ def support_velocity(motion: SupportMotion, structure: Structure, t: Scalar) -> 
 
 
 def with_supports(motion: SupportMotion | None, structure: Structure, t: Scalar, v: NodeVectors) -> NodeVectors:
-    """Velocities v, m/s, of which the fixed coordinates have those of the motion at t, s."""
+    """Velocities v with those of the supports at time t in the fixed coordinates, m/s."""
     return v if motion is None else v - held(structure, v) + support_velocity(motion, structure, t)
 
 
 def moved_along(motion: SupportMotion, structure: Structure, begin: Scalar, end: Scalar, v: NodeVectors) -> NodeVectors:
-    """Velocities v, m/s, of which the fixed coordinates have the mean that the motion has from `begin` to `end`, s.
+    """Velocities v with the mean velocity of the supports from `begin` to `end` (s) in the fixed coordinates, m/s.
 
-    What that changes of them, the members with mass pass on to the free coordinates.
+    Members with mass pass the change on to the free coordinates.
     """
     begin, end = (jnp.asarray(t, v.dtype) for t in (begin, end))
     mean = (motion.displacement(end) - motion.displacement(begin)) / (end - begin)
@@ -122,9 +122,9 @@ def moved_along(motion: SupportMotion, structure: Structure, begin: Scalar, end:
 
 
 def slips(motion: SupportMotion | None, structure: Structure, t: Scalar, v: AnyArray, allowed: Scalar) -> AnyArray:
-    """Where velocities (..., nodes, 3), m/s, of fixed coordinates are others than supports have at t, s.
+    """Fixed coordinates whose velocities (..., nodes, 3), m/s, differ from those of the supports at time t, s.
 
-    Of supports that move, by more than is `allowed`, m/s.
+    For moving supports, differences up to `allowed`, m/s, are accepted.
     """
     if motion is None:
         return (v != 0) & ~structure.free

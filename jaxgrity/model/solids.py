@@ -1,4 +1,4 @@
-"""Solids, signed distances in closed form: balls and bowls, boxes, cylinders, stairs."""
+"""Solids with closed-form signed distances: balls and bowls, boxes, cylinders, stairs."""
 
 import equinox as eqx
 import jax
@@ -13,17 +13,17 @@ from jaxgrity.core.types import AnyArray, PerNode, Scalar, as_float
 from jaxgrity.model.surface import Surface, length_of
 
 EDGE = 1e-12
-"""Distance, as a share of a solid's size, at which a vertical line beside it still meets its edge: room for
+"""Distance, as a fraction of a solid's size, at which a vertical line beside it still meets its edge: room for
 rounding."""
 
 
 class Sphere(Surface):
-    """f = |x - c| - r; hollow, the ground is all but the ball: a bowl, of which the lower half can be stood in."""
+    """A ball, f = |x - c| - r. If hollow, the ground is everything outside of it: a bowl for robots."""
 
     centre: AnyArray = eqx.field(converter=as_float)
-    """c, (3,), m"""
+    """(3,), centre c, m"""
     radius: Scalar = eqx.field(converter=as_float)
-    """r, m"""
+    """radius r, m"""
     hollow: bool = eqx.field(static=True, default=False)
     smooth = property(lambda self: self.hollow)
 
@@ -45,16 +45,16 @@ class Sphere(Surface):
 
 
 class Box(Surface):
-    """A block with its sides upright, turned about the vertical; its edges may be rounded."""
+    """An upright block, turned about the vertical; its edges may be rounded."""
 
     centre: AnyArray = eqx.field(converter=as_float)
-    """(3,), m"""
+    """(3,), centre, m"""
     size: AnyArray = eqx.field(converter=as_float)
-    """(3,), m, along its own axes"""
+    """(3,), size along its own axes, m"""
     turn: Scalar = eqx.field(converter=as_float, default=0.0)
-    """rad, about z, from x towards y"""
+    """turn about z, from x towards y, rad"""
     rounding: Scalar = eqx.field(converter=as_float, default=0.0)
-    """m, radius of its edges"""
+    """radius of its edges, m"""
 
     def __check_init__(self):
         for name in ("centre", "size"):
@@ -73,22 +73,22 @@ class Box(Surface):
         return self.centre[2] + self.size[2] / 2 - _fall(jnp.hypot(*beyond), self.rounding)
 
     def _turned(self, x, y):
-        """Along the box's own two level axes, from its centre."""
+        """Coordinates along the box's two level axes, from its centre."""
         x, y, cosine, sine = x - self.centre[0], y - self.centre[1], jnp.cos(self.turn), jnp.sin(self.turn)
         return cosine * x + sine * y, cosine * y - sine * x
 
 
 class Cylinder(Surface):
-    """A round bar with flat ends, such as a log that lies or a post that stands."""
+    """A round bar with flat ends, such as a log or a post."""
 
     start: AnyArray = eqx.field(converter=as_float)
-    """(3,), m, the middle of one end"""
+    """(3,), middle of one end, m"""
     end: AnyArray = eqx.field(converter=as_float)
-    """(3,), m, of the other"""
+    """(3,), middle of the other end, m"""
     radius: Scalar = eqx.field(converter=as_float)
-    """m"""
+    """radius, m"""
     rounding: Scalar = eqx.field(converter=as_float, default=0.0)
-    """m, radius of the edges of its ends"""
+    """radius of the edges of its ends, m"""
 
     def __check_init__(self):
         for name in ("start", "end"):
@@ -116,19 +116,19 @@ class Cylinder(Surface):
 
 
 class Stairs(Surface):
-    """Steps that rise along +x, each over the whole width; before the first the ground is level at 0."""
+    """Steps that rise along +x over the whole width; before the first step the ground is level at 0."""
 
     rise: Scalar = eqx.field(converter=as_float)
-    """m, of each step"""
+    """height of each step, m"""
     run: Scalar = eqx.field(converter=as_float)
-    """m, length of each step; the last one goes on for ever"""
+    """length of each step, m; the last step never ends"""
     steps: int = eqx.field(static=True, default=1)
     start: Scalar = eqx.field(converter=as_float, default=0.0)
-    """m, along the direction in which they rise, of the first step's face"""
+    """position of the first step's face along the direction of rise, m"""
     turn: Scalar = eqx.field(converter=as_float, default=0.0)
-    """rad, of that direction about z, from x towards y"""
+    """turn of that direction about z, from x towards y, rad"""
     rounding: Scalar = eqx.field(converter=as_float, default=0.0)
-    """m, radius of the steps' edges"""
+    """radius of the steps' edges, m"""
 
     def __check_init__(self):
         check_count("stairs.steps", self.steps, 1)
@@ -158,7 +158,7 @@ class Stairs(Surface):
 
 
 def _beyond_faces(outside: list[PerNode], rounding: Scalar) -> PerNode:
-    """Signed distance of a solid with faces at right angles, from how far `outside` of each a node is, m."""
+    """Signed distance of a solid with faces at right angles, from the distances `outside` of each face, m."""
     beyond = [way + rounding for way in outside]
     deepest = beyond[0]
     for way in beyond[1:]:
@@ -168,14 +168,14 @@ def _beyond_faces(outside: list[PerNode], rounding: Scalar) -> PerNode:
 
 
 def _fall(beyond: AnyArray, rounding: Scalar) -> AnyArray:
-    """By how much a rounded edge is lower than its top face, m, at places so far `beyond` where the face is flat."""
+    """Drop of a rounded edge below its top face, m, at a distance `beyond` the flat part."""
     return jnp.where(beyond > rounding, jnp.inf, rounding - jnp.sqrt(jnp.maximum(rounding**2 - beyond**2, 0)))
 
 
 def _from_above(solid: Surface, x: AnyArray, y: AnyArray, middle: Scalar, reach: Scalar) -> AnyArray:
-    """`Surface.height` of a convex solid within `reach` of a height `middle`, whose distance is convex along a line.
+    """`Surface.height` of a convex solid within `reach` of a height `middle`.
 
-    Its least value on a vertical line is looked for by thirds, and its zero above that by halves.
+    Its distance is convex along a vertical line: a ternary search finds the minimum, and bisection the zero above it.
     """
     f = solid.level
     low = jnp.broadcast_to(jnp.asarray(middle - reach, jnp.result_type(x, middle)), jnp.shape(x))

@@ -1,4 +1,4 @@
-"""Where the ground is: surfaces as signed distances. Any way to push back (`ground.py`) goes with any of them."""
+"""Shapes of the ground as signed distances. Every contact model (`ground.py`) works with every surface."""
 
 import math
 from abc import abstractmethod
@@ -17,29 +17,30 @@ from jaxgrity.core.types import AnyArray, NodeVectors, PerNode
 
 AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 Direction = tuple[float, float, float] | NodeVectors
-"""A unit vector: one for all nodes, or a row for each."""
+"""A unit vector for all nodes, or one row per node."""
 
 
 class Frame(NamedTuple):
-    """Three unit vectors at right angles: out of the ground, and two along it."""
+    """Three orthogonal unit vectors: the normal out of the ground, and two tangents."""
 
     normal: Direction
     tangents: tuple[Direction, Direction]
 
 
 class DistanceAndAxes(NamedTuple):
-    """Signed distance of positions from the ground, and the axes there, in NumPy."""
+    """Signed distances of positions from the ground, and the axes there, as NumPy arrays."""
 
     distance: np.ndarray
-    """(...,), m, signed"""
+    """(...,), signed distance, m"""
     axes: np.ndarray
-    """(..., 3, 3), the normal and two tangents"""
+    """(..., 3, 3), normal and two tangents"""
 
 
 class Surface(eqx.Module):
-    """Where the ground is, in place of a plane. Written for coordinates x, y, z, one number a node, element by element.
-    Signed distance phi = f/|grad f|, and normal n = grad f/|grad f|, with f = `level` and its gradient by `jax.grad`.
-    Where f is a distance itself, phi = f; elsewhere phi is one to first order near the surface.
+    """Interface of ground surfaces. You write f = `level`, element by element, for coordinates x, y, z of the nodes.
+
+    The signed distance is phi = f/|grad f|, and the normal is n = grad f/|grad f|. `jax.grad` gives the gradient. If f
+    is a distance, phi = f. Otherwise phi is a distance to first order near the surface.
     """
 
     def __check_init__(self):
@@ -47,11 +48,11 @@ class Surface(eqx.Module):
 
     @abstractmethod
     def level(self, x: PerNode, y: PerNode, z: PerNode) -> PerNode:
-        """f, m: 0 on the surface, positive above it, negative inside."""
+        """f, m: 0 on the surface, positive above, negative inside."""
 
     @abstractmethod
     def height(self, x: AnyArray, y: AnyArray) -> AnyArray:
-        """m, z of the highest point of the ground at (x, y); -infinity where there is none."""
+        """Highest z of the ground at (x, y), m; -infinity without ground."""
 
     @property
     def level_is_distance(self) -> bool:
@@ -60,24 +61,24 @@ class Surface(eqx.Module):
 
     @property
     def smooth(self) -> bool:
-        """Whether the normal changes little on a node's way in a step: no edges, and no bodies to pass through."""
+        """Whether the normal changes little over a step: no edges, and no thin bodies to pass through."""
         return False
 
     @property
     def solids(self) -> tuple["Surface", ...]:
-        """What it is made of, each of which a node enters by itself."""
+        """Parts of the surface that nodes can enter separately."""
         return (self,)
 
     def signed_distance(self, q: NodeVectors) -> PerNode:
-        """phi, m, of each node."""
+        """(nodes,), phi, m."""
         return self.distance(*coordinates(q))
 
     def frame(self, q: NodeVectors) -> Frame:
-        """n at each node, and two tangents."""
+        """Normal and two tangents at each node."""
         return frame_about(*self.normal(*coordinates(q)))
 
     def normal(self, x: PerNode, y: PerNode, z: PerNode) -> tuple[PerNode, PerNode, PerNode]:
-        """The three components of n at coordinates."""
+        """Components of the normal n at coordinates."""
         slopes = _gradient(self.level, x, y, z)
         size = length_of(*slopes)
         a, b, c = (over(slope, size) for slope in slopes)
@@ -93,7 +94,7 @@ class Slope(Surface):
     """A plane through the origin that falls towards +x: f = x sin theta + z cos theta."""
 
     incline: float = eqx.field(static=True, converter=as_incline, default=0.0)
-    """theta, rad"""
+    """angle theta, rad"""
     smooth: ClassVar[bool] = True
 
     def level(self, x, y, z):
@@ -104,8 +105,9 @@ class Slope(Surface):
 
 
 def frame_about(x: PerNode, y: PerNode, z: PerNode) -> Frame:
-    """The normal with these components, and two tangents that turn with it (Duff et al. 2017,
-    jcgt.org/published/0006/01/01).
+    """The normal with these components, and two tangents that vary smoothly with it.
+
+    Duff et al. 2017, jcgt.org/published/0006/01/01.
     """
     sign = 1 - 2 * (z < 0).astype(z.dtype)
     a = -1 / (sign + z)
@@ -127,12 +129,12 @@ def rows_of_xyz(x: PerNode, y: PerNode, z: PerNode) -> NodeVectors:
 
 
 def as_double(part):
-    """The same with every number in float64."""
+    """The part with all numbers in float64."""
     return jax.tree.map(lambda x: np.asarray(x, float), part)
 
 
 def height_at(surface: Surface, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """m, z of the highest point of the ground at places, m, in float64; not for use in rollouts."""
+    """Highest z of the ground at x, y, m, in float64. Do not use it in rollouts."""
     x, y = np.broadcast_arrays(x, y)
     with jax.enable_x64(True):
         z = _height(as_double(surface), _padded(x.ravel()), _padded(y.ravel()))
@@ -140,7 +142,7 @@ def height_at(surface: Surface, x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def measured_at(ground: Any, q: np.ndarray) -> DistanceAndAxes:
-    """Distances and frames of a `Ground` at positions `q` (..., nodes, 3), m, in float64; not for use in rollouts."""
+    """Distances and frames of a `Ground` at positions `q` (..., nodes, 3), m, in float64. Do not use it in rollouts."""
     rows = q.reshape(-1, *q.shape[-2:])
     with jax.enable_x64(True):
         phi, axes = (np.asarray(part)[: len(rows)] for part in _measured(as_double(ground), _padded(rows)))
@@ -148,7 +150,7 @@ def measured_at(ground: Any, q: np.ndarray) -> DistanceAndAxes:
 
 
 def _padded(rows: np.ndarray) -> np.ndarray:
-    """As many rows as the next power of two, so that a path that grows does not ask for a program at each length."""
+    """Rows padded to the next power of two, so that growing paths share compiled programs."""
     return np.resize(rows, (1 << max(len(rows) - 1, 0).bit_length(), *rows.shape[1:]))
 
 
@@ -167,12 +169,12 @@ def _measured(ground: Any, q: AnyArray) -> tuple[AnyArray, AnyArray]:
 
 
 def _gradient(f: Callable, *x: PerNode) -> tuple[PerNode, ...]:
-    """df/dx of an elementwise function of several arrays, each by itself."""
+    """Partial derivatives of an elementwise function of several arrays."""
     return jax.grad(lambda *x: inner(f(*x), ones(x[0])), tuple(range(len(x))))(*x)
 
 
 def length_of(*parts: PerNode) -> PerNode:
-    """The root of the sum of squares, with derivative 0 where all are 0."""
+    """Root of the sum of squares, with derivative 0 if all are 0."""
     first, *others = (part * part for part in parts)
     square = sum(others, first)
     positive = (square > 0).astype(square.dtype)

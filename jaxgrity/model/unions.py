@@ -1,4 +1,4 @@
-"""Several surfaces together, as an obstacle and the plane on which it stands."""
+"""Unions of surfaces, such as an obstacle on a plane."""
 
 import itertools
 from collections.abc import Iterator
@@ -16,20 +16,21 @@ from jaxgrity.model.solids import Box, Cylinder
 from jaxgrity.model.surface import Surface
 
 TOUCHING = 1e-6
-"""Largest gap between two surfaces that count as touching, as a share of the solid's size."""
+"""Largest gap between two surfaces that count as touching, as a fraction of the solid's size."""
 OPPOSITE = -0.999
 """Largest cosine of the angle between the normals of two faces that touch."""
 INNER = 0.98 * np.linspace(-1, 1, 5)
-"""Places on a face at which other faces are looked for, in halves of its size."""
+"""Positions on a face where other faces are searched, in halves of its size."""
 
 
 class Union(Surface):
-    """Several surfaces together: phi is the least of theirs, exact outside all.
+    """A union of surfaces: phi is the smallest of their distances, exact outside all of them.
 
-    Solids that meet have to overlap, by more than nodes sink into them: along a wall that two have in common phi is 0,
-    so that nodes would pass there. A step of exact contact knows one face of each node: one that lands in a corner may
-    sink into the other face for a step, and be thrown out of it. Walls have to be thicker than its way in a step.
-    Raises `InputError` where a face of a box or an end of a cylinder lies on another part.
+    Solids that touch must overlap by more than nodes sink into them. On a common wall phi is 0, and nodes would pass
+    through. A step of exact contact sees one face per node: a node that lands in a corner may sink into the other face
+    for a step, and be pushed out. Walls must be thicker than the distance that a node moves in a step.
+
+    Raises `InputError` if a face of a box or an end of a cylinder lies on another part.
     """
 
     parts: tuple[Surface, ...]
@@ -64,7 +65,7 @@ class Union(Surface):
 
 
 def _hint(part: Surface) -> str:
-    """A box with the same top that reaches down further, as one that stands on the ground may."""
+    """Text of a box with the same top that reaches further down, as a proposal."""
     if not isinstance(part, Box):
         return ""
     size = np.asarray(part.size, float)
@@ -78,9 +79,9 @@ def _name(part: Surface) -> str:
 
 
 def _touching(parts: tuple[Surface, ...]) -> Iterator[tuple[int, int, bool]]:
-    """Every part of which a face lies on another one, that one, and whether it is the face below.
+    """Pairs of parts of which a face of the first lies on the second, and whether it is the bottom face.
 
-    What lies within a third part is of no account.
+    Faces inside a third part do not count.
     """
     for (i, part), (j, other) in itertools.permutations(enumerate(parts), 2):
         faces = _faces(part)
@@ -104,7 +105,7 @@ def _met(surface: Surface, points: AnyArray) -> tuple[AnyArray, AnyArray]:
 
 
 def _faces(part: Surface) -> tuple[np.ndarray, np.ndarray, float] | None:
-    """Points on the flat faces of a solid, (points, 3), the normals there, and its size, m; None of other surfaces."""
+    """Points on the flat faces of a solid, (points, 3), normals there, and its size, m; None for other surfaces."""
     if isinstance(part, Box):
         half, turn = np.asarray(part.size, float) / 2, float(part.turn)
         a, b = (x.ravel() for x in np.meshgrid(INNER, INNER))
