@@ -36,7 +36,6 @@ AS_MEASURED = LearningConfig()
 def learner(environment: Environment, key: Any, config: LearningConfig = AS_MEASURED) -> Learner:
     """The start of learning. Raises `InputError` for what is no key, and for robots that devices cannot share."""
     check_key(key)
-    check_count("robots", config.robots, 1)
     if config.robots % jax.device_count():
         raise InputError(f"robots = {config.robots}: expected a multiple of the {jax.device_count()} devices")
     if jnp.issubdtype(key.dtype, jax.dtypes.prng_key):

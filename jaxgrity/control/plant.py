@@ -164,9 +164,8 @@ def side_by_side(plant: Plant, robots: int, differences: Differences | None = No
     robots = check_count("robots", robots, 1)
     if differences is not None and differences.velocities is not None:
         raise InputError("differences.velocities: a plant has none; expected them in the `start` of a rollout")
-    rows = {x.shape[0] for x in jax.tree.leaves(differences)} if differences is not None else set()
-    if rows - {robots}:
-        raise InputError(f"differences are those of {', '.join(map(str, sorted(rows)))} robots: expected {robots}")
+    if differences is not None:
+        differences.check(plant.scene, robots)
     nothing = jnp.zeros((len(plant.members), robots), plant.options.dtype)
     same = Gait(plant.members, nothing, nothing, nothing)
     if differences is not None:

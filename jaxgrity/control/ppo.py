@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import optax
 
 from jaxgrity.control.learned import Learned, standardised
+from jaxgrity.core.arguments import check_count, check_number
 from jaxgrity.core.types import AnyArray
 
 AXIS = "robots"
@@ -51,6 +52,15 @@ class LearningConfig:
     """of hidden layers"""
     depth: int = 2
     """number of hidden layers"""
+
+    def __post_init__(self):
+        for name in ("robots", "held", "decisions", "epochs", "batches", "width"):
+            check_count(name, getattr(self, name), 1)
+        check_count("depth", self.depth, 0)
+        for name in ("discount", "trace", "entropy"):
+            check_number(name, getattr(self, name), least=0.0, most=1.0)
+        for name in ("clip", "divergence"):
+            check_number(name, getattr(self, name), above=0.0)
 
 
 class Learner(NamedTuple):

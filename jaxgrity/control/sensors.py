@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from jaxgrity.core.arguments import check_count
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import edge_vectors, inverse, length, scale
 from jaxgrity.core.typed import typed
@@ -93,12 +94,8 @@ class Sensors(eqx.Module):
                 f"sensors: noise = {self.noise}, bias = {self.bias}; expected finite numbers, none negative, "
                 "and for contact at most 1"
             )
-        whole = all(isinstance(count, int | np.integer) for count in (self.every, self.delay))
-        if not whole or self.every < 1 or self.delay < 0:
-            raise InputError(
-                f"sensors: every = {self.every}, delay = {self.delay} control periods; "
-                "expected whole numbers, at least 1 and 0"
-            )
+        check_count("sensors.every", self.every, 1)
+        check_count("sensors.delay", self.delay, 0)
 
 
 @typed

@@ -7,6 +7,7 @@ import numpy as np
 
 from jaxgrity.control.policies import Memory, Policy
 from jaxgrity.control.sensors import Observation
+from jaxgrity.core.arguments import check_each, check_number
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.tracing import traced
 from jaxgrity.core.typed import typed
@@ -44,8 +45,10 @@ class Steered(Policy):
     """m/s, below which there is hardly a direction of travel, and steering fades: less for small robots"""
 
     def __check_init__(self):
-        if not self.slowest > 0:
-            raise InputError(f"slowest = {self.slowest:g} m/s: expected a positive number")
+        check_number("slowest", self.slowest, above=0.0, unit="m/s")
+        check_each("offsets", self.offsets)
+        check_each("full", self.full, above=0.0, unit="rad")
+        check_each("averaged", self.averaged, above=0.0, unit="s")
         if not traced(self.bend) and not np.all(np.abs(np.asarray(self.bend)) <= 1):
             raise InputError(f"bend = {np.asarray(self.bend).tolist()}: expected numbers between -1 and 1")
         if self.goal is not None and np.shape(self.goal)[:1] != (2,):
@@ -96,6 +99,7 @@ class Blend(Policy):
     def __check_init__(self):
         if self.one.members != self.other.members:
             raise InputError(f"other.members = {self.other.members}: expected {self.one.members}, those of the first")
+        check_each("share", self.share, least=0.0, most=1.0)
 
     @property
     def members(self) -> tuple[int, ...]:

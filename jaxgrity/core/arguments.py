@@ -10,6 +10,9 @@ import numpy as np
 
 from jaxgrity.core.errors import InputError
 
+UNIT_WITHIN = 1e-6
+"""Largest difference of a unit vector's length from 1: ten times what rounding to float32 leaves."""
+
 
 def is_number(value: Any) -> bool:
     """Whether it is one real number: no truth value, no text, no list."""
@@ -46,29 +49,51 @@ def check_indices(where: str, numbers: Any, count: int | None = None) -> tuple[i
     return found
 
 
-def check_number(where: str, value: Any, *, above: float = -np.inf, least: float = -np.inf, unit: str = "") -> float:
-    """One finite number, above and at least these bounds; else `InputError`."""
-    if not (is_number(value) and np.isfinite(value) and value > above and value >= least):
+def check_number(
+    where: str, value: Any, *, above: float = -np.inf, least: float = -np.inf, most: float = np.inf, unit: str = ""
+) -> float:
+    """One finite number, above and within these bounds; else `InputError`, also where it is being traced."""
+    if isinstance(value, jax.Array) and not isinstance(value, jax.core.Tracer):
+        value = np.asarray(value)
+    if not (is_number(value) and np.isfinite(value) and value > above and least <= value <= most):
         shown = f"{float(value):g}" if is_number(value) else repr(value)
-        expected = f"a finite number{f', at least {least:g}' if least > -np.inf else ''}"
-        if above > -np.inf:
-            expected = f"a finite number above {above:g}" if above else "a positive number"
-        raise InputError(f"{where} = {shown}{unit and ' ' + unit}: expected {expected}")
+        raise InputError(f"{where} = {shown}{unit and ' ' + unit}: expected {_within(above, least, most)}")
     return float(value)
 
 
-def check_vector(where: str, value: Any, size: int = 3) -> None:
-    """So many finite numbers; else `InputError`. What is traced is not looked at, but for its shape."""
-    if np.shape(value) != (size,):
-        raise InputError(f"{where} has shape {np.shape(value)}; expected ({size},)")
+def check_each(
+    where: str,
+    value: Any,
+    *,
+    shape: tuple[int, ...] | None = None,
+    above: float = -np.inf,
+    least: float = -np.inf,
+    most: float = np.inf,
+    unit: str = "",
+) -> None:
+    """Finite numbers of this shape, above and within these bounds, as far as they are known; else `InputError` with the
+    first that is not. None, which stands for what is not modelled, is fine.
+    """
+    if value is None:
+        return
+    if shape is not None and np.shape(value) != shape:
+        raise InputError(f"{where} has shape {np.shape(value)}; expected {shape or 'one number'}")
+    if isinstance(value, jax.Array):
+        return
     check_finite(where, value)
+    numbers = np.asarray(value)
+    beyond = ~((numbers > above) & (numbers >= least) & (numbers <= most))
+    if beyond.any():
+        at = tuple(np.argwhere(beyond)[0].tolist())
+        shown = f"{where}{_place(at)} = {numbers[at]:g}{unit and ' ' + unit}"
+        raise InputError(f"{shown}: expected {_within(above, least, most)}")
 
 
-def check_scalar(where: str, value: Any) -> None:
-    """One finite number, or one that is traced; else `InputError`."""
-    if np.shape(value) != ():
-        raise InputError(f"{where} has shape {np.shape(value)}; expected one number")
-    check_finite(where, value)
+def check_unit_vector(where: str, value: Any) -> None:
+    """Three finite numbers, 1 long; else `InputError`. None is fine, and what JAX holds is not looked at."""
+    check_each(where, value, shape=(3,))
+    if isinstance(value, np.ndarray) and abs(np.linalg.norm(value) - 1) > UNIT_WITHIN:
+        raise InputError(f"{where} = {value.tolist()}: {np.linalg.norm(value):.6g} long; expected a unit vector")
 
 
 def as_table(where: str, rows: Any) -> np.ndarray:
@@ -84,8 +109,7 @@ def check_finite(where: str, value: Any) -> None:
     if isinstance(value, jax.Array) or np.all(np.isfinite(value)):
         return
     at = tuple(np.argwhere(~np.isfinite(value))[0].tolist())
-    place = f"[{', '.join(map(str, at))}]" if at else ""
-    raise InputError(f"{where}{place} = {np.asarray(value)[at]}: expected a finite number")
+    raise InputError(f"{where}{_place(at)} = {np.asarray(value)[at]}: expected a finite number")
 
 
 def check_all_finite(tree: Any, where: str = "", *, on_devices: bool = False) -> None:
@@ -99,6 +123,19 @@ def check_all_finite(tree: Any, where: str = "", *, on_devices: bool = False) ->
             known = not isinstance(leaf, jax.core.Tracer) and jax.numpy.issubdtype(leaf.dtype, jax.numpy.floating)
         if known and _real(np.asarray(leaf)):
             check_finite(f"{where}{jax.tree_util.keystr(path)}".removeprefix("."), np.asarray(leaf))
+
+
+def _place(at: tuple[int, ...]) -> str:
+    return f"[{', '.join(map(str, at))}]" if at else ""
+
+
+def _within(above: float, least: float, most: float) -> str:
+    """What is expected of a number with these bounds."""
+    if above > -np.inf:
+        return f"a finite number above {above:g}" if above else "a positive number"
+    if most < np.inf:
+        return f"a number from {least:g} to {most:g}"
+    return f"a finite number{f', at least {least:g}' if least > -np.inf else ''}"
 
 
 def _real(value: np.ndarray) -> bool:

@@ -1,9 +1,13 @@
 """Shape aliases, all in one place. Everything is written for one robot; `jax.vmap` adds the population."""
 
+import reprlib
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
+
+from jaxgrity.core.errors import InputError
 
 AnyArray = jax.Array | np.ndarray
 
@@ -55,9 +59,18 @@ def namespace_of(array: object):
 def as_float(x: object) -> AnyArray:
     """A float64 NumPy array, unless `x` is a JAX array already (it may carry a gradient).
 
-    NumPy, so that a scene built before x64 is switched on loses no digits.
+    NumPy, so that a scene built before x64 is switched on loses no digits. Raises `InputError` for text, truth values
+    and whatever else are no real numbers, which NumPy would convert.
     """
-    return x if isinstance(x, jax.Array) else np.asarray(x, np.float64)
+    if isinstance(x, jax.Array):
+        return x
+    try:
+        found = np.asarray(x)
+    except ValueError as error:  # rows of different lengths
+        raise InputError(f"{reprlib.repr(x)}: {error}; expected numbers") from error
+    if found.dtype.kind not in "fiu":
+        raise InputError(f"{reprlib.repr(x)}: expected numbers")
+    return found.astype(np.float64, copy=False)
 
 
 def as_float_or_none(x: object) -> AnyArray | None:

@@ -20,6 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from jaxgrity.core.arguments import check_index
 from jaxgrity.core.display import COVERING
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
@@ -197,7 +198,7 @@ def profile_likelihood(
         InputError: as `identify`.
     """
     every = (measured,) if isinstance(measured, Measurement) else tuple(measured)
-    held = parameters[number]
+    held = parameters[check_index("number", number, len(parameters))]
     others = [*parameters[:number], *parameters[number + 1 :]]
     sums = []
     for each in np.asarray(z, float):

@@ -196,7 +196,7 @@ def speeds_of_robots(
     begun: Any = np.repeat(np.asarray(orbit.state[1])[None], robots, axis=0)
     differences = eqx.tree_at(lambda d: d.velocities, differences, begun, is_leaf=lambda x: x is None)
     assert chosen.dt is not None, "`in_step` gives a step"
-    cycles, places = SETTLING + WATCHED, _places(round(orbit.cycle / chosen.dt))
+    cycles, places = SETTLING + WATCHED, _places(round(orbit.cycle / float(chosen.dt)))
     outcomes = simulate_population(
         here, gaits, cycles * orbit.cycle, options=chosen, differences=differences, parts=cycles * places
     )

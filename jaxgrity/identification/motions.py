@@ -9,11 +9,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from jaxgrity.core.arguments import check_count, check_each
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, NodeHistory, Times
 from jaxgrity.identification.measurements import Measurement, Values, checked
 from jaxgrity.identification.observations import SeenQuantity
+from jaxgrity.model.rigidity import held_edges
 from jaxgrity.model.scales import length_scale, speed_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.stepping.discretisation import integrate
@@ -162,12 +164,12 @@ def measured_motion(
         raise InputError(f"times[{k}] = {times[k]:g} s after {times[k - 1]:g} s: expected times that increase")
     _check_path(path, (len(times), *np.shape(scene.structure.nodes)))
     intervals = len(times) - 1
-    if windows < 1 or intervals < windows or intervals % windows:
+    if check_count("windows", windows, 1) > intervals or intervals % windows:
         raise InputError(f"windows = {windows}: expected a divisor of the {intervals} steps from frame to frame")
     if starts.spread is None and windows > 1:
         raise InputError(f"windows = {windows}, spread = None: expected one window where the start is known")
-    if starts.spread is not None and scene.structure.struts is not None and scene.structure.struts.rigid:
-        raise InputError("spread: rigid struts leave no start free; expected None, or struts that are springs")
+    if starts.spread is not None and held_edges(scene):
+        raise InputError("spread: rigid struts and bodies leave no start free; expected None, or struts as springs")
     first = range(0, intervals, intervals // windows)
     cut = np.stack([times[k : k + intervals // windows + 1] for k in first])
     if starts.spread is None:
@@ -186,6 +188,9 @@ def measured_motion(
 def _deviations(scene: Scene, starts: Starts) -> tuple[np.ndarray, np.ndarray]:
     """Those of starts and of jumps, m and m/s."""
     size = np.array([float(length_scale(scene)), float(speed_scale(scene))])
+    if not isinstance(starts.spread, str):
+        check_each("spread", starts.spread, shape=(2,), least=0.0)
+    check_each("jump", starts.jump, shape=(2,), above=0.0)
     given = starts.spread or (0.0, 0.0)
     spread = size * SPREAD if isinstance(given, str) else np.array(given, float)
     return spread, size * JUMP if starts.jump is None else np.array(starts.jump, float)

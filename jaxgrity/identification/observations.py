@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from jaxgrity.core.arguments import check_index
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import length
 from jaxgrity.core.types import AnyArray, Edges, NodeVectors, Scalar
@@ -113,5 +114,4 @@ class SeenTogether(SeenQuantity):
 
 def _check_nodes(where: str, numbers, count: int, what: str = "node") -> None:
     for number in numbers:
-        if not 0 <= number < count:
-            raise InputError(f"{where}: there is no {what} {number}; expected 0 to {count - 1}")
+        check_index(f"{where}: {what}", number, count)

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from jaxgrity.core.arguments import check_indices, check_number
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray
@@ -67,12 +68,10 @@ def check_parameters(scene: Known, parameters: Sequence[Parameter]) -> None:
             raise InputError(f"{where}: kind = {parameter.kind!r}; expected one of {', '.join(KINDS)}")
         if parameter.parts == ():
             raise InputError(f"{where}: parts = (): expected numbers, or None for all")
-        if not (np.isfinite(parameter.spread) and parameter.spread > 0):
-            raise InputError(f"{where}: spread = {parameter.spread}; expected a positive, finite number")
+        check_number(f"{where}: spread", parameter.spread, above=0.0)
         if not eqx.is_inexact_array_like(leaf) or isinstance(leaf, float):
             raise InputError(f"{where}: the scene has no such numbers; expected a path such as structure.node_mass")
         rows = np.shape(leaf)[0] if np.ndim(leaf) else 0
-        if any(not 0 <= row < rows for row in parameter.parts or ()):
-            raise InputError(f"{where}: parts = {list(parameter.parts or ())}; expected rows from 0 to {rows - 1}")
+        check_indices(f"{where}: parts", parameter.parts or (), rows)
         if parameter in parameters[:k]:
             raise InputError(f"{where}: named twice; expected each parameter once")

@@ -5,7 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxgrity.core.arguments import check_all_finite, is_count
+from jaxgrity.core.arguments import check_all_finite, check_each, is_count
 from jaxgrity.core.display import of_report
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import place_rows, take_rows
@@ -24,8 +24,8 @@ class Overtone(eqx.Module):
     """phase of the sine, rad"""
 
     def __check_init__(self):
-        if isinstance(self.size, np.ndarray) and np.any(self.size < 0):
-            raise InputError(f"overtone.size = {self.size.min()}: expected none negative; move the phase by pi instead")
+        check_each("overtone.phase", self.phase)
+        check_each("overtone.size", self.size, least=0.0)
 
 
 class Gait(eqx.Module):
@@ -57,16 +57,15 @@ class Gait(eqx.Module):
     """fingerprint (`Structure.robot`) of the gait's robot; None: any robot with these members"""
 
     def __check_init__(self):
-        if isinstance(self.ramp, np.ndarray) and not np.all(self.ramp > 0):
-            raise InputError(f"gait.ramp = {self.ramp}: expected a positive time, s, however short")
+        check_each("gait.ramp", self.ramp, shape=(), above=0.0, unit="s")
         if isinstance(self.amplitude, np.ndarray) and np.any((self.amplitude < 0) | (self.amplitude >= 1)):
             worst = self.amplitude.min() if np.any(self.amplitude < 0) else self.amplitude.max()
             raise InputError(f"gait.amplitude = {worst}: expected 0 to less than 1; at 1 a rest length reaches zero")
-        if isinstance(self.frequency, np.ndarray) and np.any(self.frequency < 0):
-            raise InputError(f"gait.frequency = {self.frequency.min()} Hz: expected none negative")
+        check_each("gait.frequency", self.frequency, least=0.0, unit="Hz")
         for k in self.members:
             if not (is_count(k, 0) or is_count(-k, 0)):
                 raise InputError(f"gait.members = {list(self.members)}: expected whole numbers")
+        check_each("gait.start", self.start, shape=())
         check_all_finite(self, "gait")
 
     def _repr_html_(self) -> str:

@@ -11,7 +11,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from jaxgrity.core.arguments import is_count
+from jaxgrity.core.arguments import check_each, is_count
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, NodeVectors, PerRow, as_float, namespace_of
 from jaxgrity.model.bodies import Bodies
@@ -32,8 +32,7 @@ class Balls(eqx.Module):
             raise InputError(f"balls.nodes = {list(self.nodes)}: expected at least one node, and none twice")
         if np.shape(self.radius)[:1] != (len(self.nodes),):
             raise InputError(f"balls.radius has shape {np.shape(self.radius)}; expected ({len(self.nodes)},)")
-        if isinstance(self.radius, np.ndarray) and not np.all(self.radius >= 0):
-            raise InputError(f"balls.radius = {self.radius}: expected no negative number")
+        check_each("balls.radius", self.radius, least=0.0, unit="m")
 
     def check(self, nodes: int) -> None:
         """Raises `InputError` where a node is not there."""

@@ -13,7 +13,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from jaxgrity.core.arguments import is_count
+from jaxgrity.core.arguments import check_each, check_indices, is_count
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import place_rows
 from jaxgrity.core.tracing import traced
@@ -27,6 +27,7 @@ from jaxgrity.core.types import (
     Scalar,
     Vector,
     as_float,
+    as_float_or_none,
     namespace_of,
 )
 
@@ -114,14 +115,18 @@ def rigid_body(
         >>> jaxgrity.model.rigid_body(ends, (0, 1), 6.0, [0.0, 0.5, 0.5]).matrix.round(9).tolist()
         [[2.0, 1.0], [1.0, 2.0]]
     """
-    points, basic = tuple(int(k) for k in points), tuple(int(k) for k in basic)
-    x = np.asarray(nodes, float)
-    if not points or not all(0 <= k < len(x) for k in points) or not set(basic) <= set(points):
-        raise InputError(f"rigid_body: points = {list(points)}: expected nodes from 0 to {len(x) - 1}, basic ones too")
-    moments = as_float(inertia)
+    x = np.asarray(as_float(nodes))
+    check_each("rigid_body: nodes", x, shape=(len(x) if x.ndim else 0, 3))
+    points, basic = (check_indices("rigid_body: points", given, len(x)) for given in (points, basic))
+    mass, moments, middle = as_float(mass), as_float(inertia), as_float_or_none(centre)
+    check_each("rigid_body: mass", mass, shape=(), above=0.0, unit="kg")
+    check_each("rigid_body: centre", middle, shape=(3,))
+    check_each("rigid_body: inertia", moments)
+    if not points or not set(basic) <= set(points):
+        raise InputError(f"rigid_body: points = {list(points)}: expected some, the basic ones too")
     if np.shape(moments) not in ((3,), (3, 3)):
         raise InputError(f"rigid_body: inertia has shape {np.shape(moments)}; expected (3, 3), or (3,)")
-    return _body(x, points, (mass, moments, as_float(x[list(points)].mean(0) if centre is None else centre)), basic)
+    return _body(x, points, (mass, moments, x[list(points)].mean(0) if middle is None else middle), basic)
 
 
 def _body(x: np.ndarray, points: tuple, inertia: tuple, basic: tuple) -> Body:

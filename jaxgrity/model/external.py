@@ -6,7 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from jaxgrity.core.arguments import check_all_finite, check_count, check_indices, check_vector
+from jaxgrity.core.arguments import check_count, check_each, check_indices
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import along, dot, inner, length, norm_squared, ones, take_rows
 from jaxgrity.core.types import AnyArray, AnyNodeVectors, AnyPerNode, Scalar, Vector, as_float
@@ -27,11 +27,8 @@ class Wind(DissipationTerm):
     cause: ClassVar[str] = "wind"
 
     def __check_init__(self):
-        if isinstance(self.drag, np.ndarray) and not np.all(self.drag >= 0):
-            raise InputError(f"wind.drag = {self.drag.min()}: expected no negative number")
-        check_all_finite(self, "wind")
-        if np.shape(self.velocity) != (3,):
-            raise InputError(f"wind.velocity has shape {np.shape(self.velocity)}; expected (3,)")
+        check_each("wind.drag", self.drag, least=0.0, unit="kg/m")
+        check_each("wind.velocity", self.velocity, shape=(3,))
 
     def check(self, nodes: int):
         if len(self.drag) != nodes:
@@ -71,11 +68,10 @@ class Push(DissipationTerm):
 
     def __check_init__(self):
         check_indices("push.nodes", self.nodes)
-        check_all_finite(self, "push")
-        if np.shape(self.force) != (len(self.nodes), 3):
-            raise InputError(
-                f"push.force has shape {np.shape(self.force)}; expected ({len(self.nodes)}, 3), a row a node"
-            )
+        check_each("push.force", self.force, shape=(len(self.nodes), 3))
+        check_each("push.start", self.start, shape=())
+        check_each("push.duration", self.duration, shape=(), above=0.0, unit="s")
+        check_each("push.ramp", self.ramp, shape=(), above=0.0, unit="s")
         if isinstance(self.ramp, np.ndarray) and not 0 < self.ramp <= self.duration / 2:
             raise InputError(f"push.ramp = {self.ramp}: expected more than 0 and at most half of the duration")
 
@@ -142,7 +138,7 @@ def wind(velocity, drag, nodes: int) -> Wind:
         ['wind']
     """
     nodes = check_count("wind.nodes", nodes, 1)
-    check_vector("wind.velocity", velocity)
+    check_each("wind.velocity", velocity, shape=(3,))
     if np.shape(drag) not in ((), (nodes,)):
         raise InputError(f"wind.drag has shape {np.shape(drag)}; expected one number, or ({nodes},), one a node")
     return Wind(np.asarray(velocity, float), np.broadcast_to(np.asarray(drag, float), (nodes,)))

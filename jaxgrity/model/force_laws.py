@@ -12,6 +12,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from jaxgrity.core.arguments import check_each
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import half_squares, inverse, positive_part
 from jaxgrity.core.typed import typed
@@ -35,6 +36,11 @@ class ForceTable(EnergyTerm):
     factors: AnyRows | None = eqx.field(converter=as_float_or_none, default=None)
     """factor of each cable's force, for reports; None: 1"""
     name: ClassVar[str] = "table of cables' forces"
+
+    def __check_init__(self):
+        if isinstance(self.stretch, np.ndarray) and isinstance(self.force, np.ndarray):
+            first_slope(self.stretch, self.force)
+        check_each("force_table.factors", self.factors, least=0.0)
 
     def energy(self, at: Configuration) -> Scalar:
         cables = at.scene.structure.cables
@@ -64,6 +70,10 @@ class ForceLimit(EnergyTerm):
     factors: AnyRows | None = eqx.field(converter=as_float_or_none, default=None)
     """factor of each cable's force, for reports; None: 1"""
     name: ClassVar[str] = "largest force of cables"
+
+    def __check_init__(self):
+        check_each("largest_force", self.largest, above=0.0, unit="N")
+        check_each("force_limit.factors", self.factors, least=0.0)
 
     def energy(self, at: Configuration) -> Scalar:
         cables = at.scene.structure.cables
@@ -110,9 +120,11 @@ def force_table(cables: Members, stretch: Sequence[float], force: Sequence[float
     return ForceTable(np.asarray(stretch, float), np.asarray(force, float))
 
 
-def first_slope(stretch: Sequence[float], force: Sequence[float]) -> float:
+def first_slope(stretch: Sequence[float] | AnyArray, force: Sequence[float] | AnyArray) -> float:
     """First slope of a table of forces, N/m. Raises `InputError` for a bad table."""
     s, f = np.asarray(stretch, float), np.asarray(force, float)
+    check_each("stretch", s)
+    check_each("force", f)
     shown = f"stretch = {s.tolist()}, force = {f.tolist()}"
     if s.shape != f.shape or s.ndim != 1 or len(s) < 2 or s[0] != 0 or f[0] != 0:
         raise InputError(f"{shown}: expected as many numbers in each, two at least, and both from 0 on")
@@ -144,6 +156,4 @@ def force_limit(cables: Members, largest: float | Sequence[float]) -> ForceLimit
         >>> yielding = jaxgrity.with_terms(scene, jaxgrity.force_limit(scene.structure.cables, 150.0))
     """
     most = per_member(largest, len(cables_of(cables.clusters, len(cables.edges))), "largest_force")
-    if not np.all(most > 0):
-        raise InputError(f"largest_force = {most.min():g}: expected a positive one")
     return ForceLimit(most)

@@ -7,6 +7,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from jaxgrity.core.arguments import check_each
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import along, component, inner, inverse, root
 from jaxgrity.core.types import NodeVectors, PerNode, Scalar, as_float
@@ -46,8 +47,8 @@ class SmoothFriction(Friction):
     name: ClassVar[str] = "smooth friction"
 
     def __check_init__(self):
-        _check_positive("slip_speed", self.slip_speed)
-        _check_not_negative("mu", self.mu)
+        check_each("friction.slip_speed", self.slip_speed, shape=(), above=0.0, unit="m/s")
+        check_each("friction.mu", self.mu, least=0.0)
 
     def law(self, ground):
         return SlipDissipation(self, ground)
@@ -71,8 +72,9 @@ class SwitchFriction(Friction):
     name: ClassVar[str] = "Coulomb switch"
 
     def __check_init__(self):
-        _check_positive("slip_speed", self.slip_speed)
-        _check_not_negative("mu_kinetic", self.mu_kinetic)
+        check_each("friction.slip_speed", self.slip_speed, shape=(), above=0.0, unit="m/s")
+        check_each("friction.mu_static", self.mu_static, least=0.0)
+        check_each("friction.mu_kinetic", self.mu_kinetic, least=0.0)
         known = isinstance(self.mu_static, np.ndarray) and isinstance(self.mu_kinetic, np.ndarray)
         if known and not np.all(self.mu_static >= self.mu_kinetic):
             raise InputError(
@@ -98,7 +100,7 @@ class ConeFriction(Friction):
     name: ClassVar[str] = "Coulomb cone"
 
     def __check_init__(self):
-        _check_not_negative("mu", self.mu)
+        check_each("friction.mu", self.mu, least=0.0)
 
     def law(self, ground):
         return CoulombCone(self, ground)
@@ -201,13 +203,3 @@ def _hypot(a: PerNode, b: PerNode) -> PerNode:
     square = a * a + b * b
     positive = (square > 0).astype(square.dtype)
     return positive * jnp.sqrt(square + (1 - positive))
-
-
-def _check_positive(name: str, value: Scalar) -> None:
-    if isinstance(value, np.ndarray) and not np.all(value > 0):
-        raise InputError(f"friction.{name} = {value}: expected a positive number")
-
-
-def _check_not_negative(name: str, value: PerNode | Scalar) -> None:
-    if isinstance(value, np.ndarray) and not np.all(value >= 0):
-        raise InputError(f"friction.{name} = {value}: expected no negative number")

@@ -9,7 +9,7 @@ import jax
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jaxgrity.core.arguments import check_all_finite
+from jaxgrity.core.arguments import check_all_finite, check_each
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import along, component, half_squares, inner, ones, positive_part
 from jaxgrity.core.tracing import as_incline
@@ -60,8 +60,7 @@ class Ground(eqx.Module):
             raise InputError("ground.offset moves a surface; expected none on the plane")
         if self.balls is not None:
             self.balls.check_ground(self.surface)
-        if np.shape(self.offset) not in ((), (3,)):  # () is that of None
-            raise InputError(f"ground.offset has shape {np.shape(self.offset)}; expected (3,)")
+        check_each("ground.offset", self.offset, shape=(3,))
 
     @property
     def normal(self) -> UnitVector:
@@ -162,11 +161,10 @@ class PenaltyGround(Ground):
     touched_below: ClassVar[float] = 0.0
 
     def __check_init__(self):
-        for name in ("stiffness", "dissipation"):
-            value = getattr(self, name)
-            if isinstance(value, np.ndarray) and not np.all(value > 0):
-                absent = ", or None where it is not modelled" if name == "dissipation" else ""
-                raise InputError(f"ground.{name} = {value}: expected a positive number{absent}")
+        check_each("ground.stiffness", self.stiffness, shape=(), above=0.0, unit="N/m")
+        if isinstance(self.dissipation, np.ndarray) and self.dissipation.ndim == 0 and self.dissipation == 0:
+            raise InputError("ground.dissipation = 0 s/m: expected a positive number, or None where it is not modelled")
+        check_each("ground.dissipation", self.dissipation, shape=(), above=0.0, unit="s/m")
 
     def laws(self):
         return (PenaltyContact(self), *([] if self.dissipation is None else [ContactDissipation(self)]))
@@ -189,9 +187,7 @@ class ExactGround(Ground):
     touched_below: ClassVar[float] = 2e-3
 
     def __check_init__(self):
-        e = self.restitution
-        if isinstance(e, np.ndarray) and not np.all((e >= 0) & (e <= 1)):
-            raise InputError(f"ground.restitution = {e}: expected a number from 0 to 1")
+        check_each("ground.restitution", self.restitution, shape=(), least=0.0, most=1.0)
 
     def laws(self):
         return (ExactContact(self),)

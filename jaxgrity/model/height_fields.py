@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxgrity.core.arguments import as_table, check_count, check_finite, check_index, check_number, check_vector
+from jaxgrity.core.arguments import as_table, check_count, check_each, check_finite, check_index, check_number
 from jaxgrity.core.elementwise import clipped, sine
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import population_last
@@ -61,8 +61,7 @@ class Waves(HeightField):
         shapes = {name: np.shape(value) for name, value in vars(self).items()}
         if len(set(shapes.values())) > 1 or len(shapes["amplitude"]) != 1:
             raise InputError(f"waves: shapes {shapes}; expected one number a wave in each")
-        if isinstance(self.length, np.ndarray) and not np.all(self.length > 0):
-            raise InputError(f"waves.length = {self.length.tolist()}: expected positive numbers")
+        check_each("waves.length", self.length, above=0.0, unit="m")
 
     def height(self, x, y):
         found = 0 * x
@@ -119,6 +118,13 @@ class HeightMap(HeightField):
     spacing: AnyArray = eqx.field(converter=as_float)
     """(2,), m, between rows and between columns"""
 
+    def __check_init__(self):
+        if np.ndim(self.coefficients) != 2 or min(np.shape(self.coefficients)) < 6:
+            shape = np.shape(self.coefficients)
+            raise InputError(f"heights.coefficients has shape {shape}; expected a table, at least 6 by 6")
+        check_each("heights.corner", self.corner, shape=(2,))
+        check_each("heights.spacing", self.spacing, shape=(2,), above=0.0, unit="m")
+
     def height(self, x, y):
         rows, columns = self.coefficients.shape
         first, along_x = _cell((x - self.corner[0]) / self.spacing[0], rows - 2)
@@ -155,7 +161,7 @@ def height_map(heights, size: tuple[float, float], centre: tuple[float, float] =
     if h.ndim != 2 or min(h.shape) < 4:
         raise InputError(f"heights has shape {h.shape}; expected a table, at least 4 by 4")
     check_finite("heights", h)
-    check_vector("centre", np.asarray(centre, float), 2)
+    check_each("centre", centre, shape=(2,))
     if extent.shape != (2,) or not np.all((extent > 0) & np.isfinite(extent)):
         raise InputError(f"size = {size}: expected two positive numbers, m")
     coefficients = _coefficients(_coefficients(h).T).T

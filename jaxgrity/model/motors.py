@@ -8,7 +8,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from jaxgrity.core.arguments import check_all_finite, check_index, check_scalar
+from jaxgrity.core.arguments import check_each, check_index
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, Scalar, as_float, as_float_or_none
 
@@ -38,18 +38,15 @@ class Motor(eqx.Module):
     def __check_init__(self):
         check_index("motor.member", self.member)
         where = f"motor of member {self.member}"
-        check_all_finite(self, where)
-        for name in ("rate", "lag", "smallest"):
-            check_scalar(f"{where}.{name}", 0.0 if getattr(self, name) is None else getattr(self, name))
         if np.ndim(self.times) != 1 or np.shape(self.times) != np.shape(self.lengths) or not np.size(self.times):
             shapes = f"times has shape {np.shape(self.times)}, lengths {np.shape(self.lengths)}"
             raise InputError(f"{where}: {shapes}; expected a length for each time")
         if isinstance(self.times, np.ndarray) and np.any(np.diff(self.times) <= 0):
             raise InputError(f"{where}: times = {self.times.tolist()}; expected ascending ones")
-        for name in ("lengths", "rate", "lag", "smallest"):
-            value = getattr(self, name)
-            if isinstance(value, np.ndarray) and np.any(value <= 0):
-                raise InputError(f"{where}: {name} = {value.tolist()}; expected positive numbers")
+        check_each(f"{where}.times", self.times)
+        check_each(f"{where}.lengths", self.lengths, above=0.0, unit="m")
+        for name, unit in (("rate", "m/s"), ("lag", "s"), ("smallest", "m")):
+            check_each(f"{where}.{name}", getattr(self, name), shape=(), above=0.0, unit=unit)
 
 
 def wound(motor: Motor, start: Scalar, t: Scalar) -> Scalar:

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxgrity.core.arguments import check_all_finite
+from jaxgrity.core.arguments import check_all_finite, check_each, check_unit_vector
 from jaxgrity.core.display import of_report
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.functions import hold_functions
@@ -55,7 +55,7 @@ class Scene(eqx.Module):
 
     structure: Structure
     gravity: Scalar | None = eqx.field(converter=as_float_or_none, default=None)
-    """g, m/s^2, along -z; None: no gravity"""
+    """g, m/s^2, against `up`, not negative; None: no gravity"""
     node_damping: PerNode | None = eqx.field(converter=as_float_or_none, default=None)
     """damping c of each node, N s/m"""
     ground: Ground | None = None
@@ -74,16 +74,16 @@ class Scene(eqx.Module):
         check_fields(self)
         check_all_finite(self)
         nodes = len(self.structure.nodes)
-        for name, shape in (("node_damping", (nodes,)), ("up", (3,))):
-            value = getattr(self, name)
-            if value is not None and np.shape(value) != shape:
-                raise InputError(f"{name} has shape {np.shape(value)}; expected {shape}")
+        check_each("gravity", self.gravity, shape=(), least=0.0, unit="m/s^2")
+        check_each("node_damping", self.node_damping, shape=(nodes,), least=0.0, unit="N s/m")
+        check_unit_vector("up", self.up)
         for term in self.terms:
             _check_term(term)
             term.check(nodes)
         if self.friction is not None:
             if self.ground is None:
                 raise InputError("friction needs a ground to act on; expected [ground] beside [friction]")
+            check_each("friction.mu", self.friction.sliding_mu, shape=(nodes,) * np.ndim(self.friction.sliding_mu))
             if self.friction.impulsive != self.ground.impulsive:
                 goes = "expected a cone with exact contact, smooth friction or the switch with penalty contact"
                 raise InputError(f"friction.kind does not fit ground.contact: {goes}")

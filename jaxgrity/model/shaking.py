@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxgrity.core.arguments import check_scalar, check_vector
+from jaxgrity.core.arguments import check_each
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import place_rows
 from jaxgrity.core.tracing import evaluated, traced
@@ -68,16 +68,11 @@ class Shaking(SupportMotion):
         return jnp.stack([self.start, self.start + self.ramp])
 
     def __check_init__(self):
-        check_vector("shaking.amplitude", self.amplitude)
-        for name in ("frequency", "start", "ramp"):
-            check_scalar(f"shaking.{name}", getattr(self, name))
-        for name, fine, expected in (
-            ("start", lambda x: x >= 0, "0 or more, since supports begin at rest"),
-            ("ramp", lambda x: x > 0, "a positive number"),
-        ):
-            value = getattr(self, name)
-            if isinstance(value, np.ndarray) and not fine(value):
-                raise InputError(f"shaking.{name} = {value}: expected {expected}")
+        check_each("shaking.amplitude", self.amplitude, shape=(3,))
+        # supports begin at rest
+        check_each("shaking.start", self.start, shape=(), least=0.0, unit="s")
+        check_each("shaking.frequency", self.frequency, shape=(), above=0.0, unit="Hz")
+        check_each("shaking.ramp", self.ramp, shape=(), above=0.0, unit="s")
 
     def check(self, structure):
         super().check(structure)

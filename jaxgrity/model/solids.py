@@ -5,7 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxgrity.core.arguments import check_count, check_scalar, check_vector
+from jaxgrity.core.arguments import check_count, check_each
 from jaxgrity.core.elementwise import larger, magnitude, smaller
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import positive_part
@@ -28,9 +28,8 @@ class Sphere(Surface):
     smooth = property(lambda self: self.hollow)
 
     def __check_init__(self):
-        check_vector("sphere.centre", self.centre)
-        check_scalar("sphere.radius", self.radius)
-        _check_size("sphere", "radius", self.radius)
+        check_each("sphere.centre", self.centre, shape=(3,))
+        check_each("sphere.radius", self.radius, shape=(), above=0.0, unit="m")
 
     def level(self, x, y, z):
         f = length_of(x - self.centre[0], y - self.centre[1], z - self.centre[2]) - self.radius
@@ -57,11 +56,9 @@ class Box(Surface):
     """radius of its edges, m"""
 
     def __check_init__(self):
-        for name in ("centre", "size"):
-            check_vector(f"box.{name}", getattr(self, name))
-        for name in ("turn", "rounding"):
-            check_scalar(f"box.{name}", getattr(self, name))
-        _check_size("box", "size", self.size)
+        check_each("box.centre", self.centre, shape=(3,))
+        check_each("box.size", self.size, shape=(3,), above=0.0, unit="m")
+        check_each("box.turn", self.turn, shape=())
         _check_rounding("box", self.rounding, self.size)
 
     def level(self, x, y, z):
@@ -91,11 +88,9 @@ class Cylinder(Surface):
     """radius of the edges of its ends, m"""
 
     def __check_init__(self):
-        for name in ("start", "end"):
-            check_vector(f"cylinder.{name}", getattr(self, name))
-        for name in ("radius", "rounding"):
-            check_scalar(f"cylinder.{name}", getattr(self, name))
-        _check_size("cylinder", "radius", self.radius)
+        check_each("cylinder.start", self.start, shape=(3,))
+        check_each("cylinder.end", self.end, shape=(3,))
+        check_each("cylinder.radius", self.radius, shape=(), above=0.0, unit="m")
         _check_rounding("cylinder", self.rounding, self.radius * 2)
         if isinstance(self.start, np.ndarray) and isinstance(self.end, np.ndarray) and np.all(self.start == self.end):
             raise InputError(f"cylinder.end = {self.end.tolist()}: start is there too; expected two points apart")
@@ -132,10 +127,10 @@ class Stairs(Surface):
 
     def __check_init__(self):
         check_count("stairs.steps", self.steps, 1)
-        for name in ("rise", "run", "start", "turn", "rounding"):
-            check_scalar(f"stairs.{name}", getattr(self, name))
-        for name in ("rise", "run"):
-            _check_size("stairs", name, getattr(self, name))
+        check_each("stairs.rise", self.rise, shape=(), above=0.0, unit="m")
+        check_each("stairs.run", self.run, shape=(), above=0.0, unit="m")
+        check_each("stairs.start", self.start, shape=())
+        check_each("stairs.turn", self.turn, shape=())
         _check_rounding("stairs", self.rounding, np.inf if self.steps == 1 else self.run)
 
     def level(self, x, y, z):
@@ -197,12 +192,8 @@ def _from_above(solid: Surface, x: AnyArray, y: AnyArray, middle: Scalar, reach:
     return jnp.where(f(x, y, deepest) <= EDGE * reach, z, -jnp.inf)
 
 
-def _check_size(kind: str, name: str, value: AnyArray | Scalar) -> None:
-    if isinstance(value, np.ndarray) and not np.all(value > 0):
-        raise InputError(f"{kind}.{name} = {value.tolist()}: expected positive numbers")
-
-
 def _check_rounding(kind: str, value: Scalar, size: AnyArray | Scalar) -> None:
+    check_each(f"{kind}.rounding", value, shape=(), least=0.0, unit="m")
     known = isinstance(value, np.ndarray) and not isinstance(size, jax.Array)
     if known and not 0 <= value <= np.min(size) / 2:
         raise InputError(f"{kind}.rounding = {value}: expected a radius from 0 to half of its smallest side")

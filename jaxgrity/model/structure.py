@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import equinox as eqx
 import numpy as np
 
-from jaxgrity.core.arguments import is_count
+from jaxgrity.core.arguments import check_each, is_count
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import accumulate, edge_vectors, place_rows
 from jaxgrity.core.tracing import traced
@@ -62,9 +62,7 @@ class Members(eqx.Module):
             if value is not None and np.shape(value) != (len(self.edges),):
                 expected = f"expected ({len(self.edges)},), one number for each member"
                 raise InputError(f"members.{name} has shape {np.shape(value)}; {expected}")
-            if isinstance(value, np.ndarray) and np.any(value < 0):
-                k = int(np.argmin(value))
-                raise InputError(f"members.{name}[{k}] = {value[k]:g}: expected none negative")
+            check_each(f"members.{name}", value, least=0.0)
         _check_clusters_and_motors(self)
 
     @property
@@ -98,6 +96,8 @@ class Structure(eqx.Module):
             raise InputError(f"structure.nodes has shape {shape}; expected (nodes, 3), at least one node")
         if count != shape[:1]:
             raise InputError(f"structure.node_mass has shape {count}; expected ({shape[0]},), one mass for each node")
+        check_each("structure.nodes", self.nodes)
+        check_each("structure.node_mass", self.node_mass, least=0.0, unit="kg")
         for name, members in (("struts", self.struts), ("cables", self.cables)):
             for k, edge in enumerate(members.edges if members is not None else ()):
                 if not all(0 <= node < shape[0] for node in edge):

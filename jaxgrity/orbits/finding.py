@@ -19,7 +19,7 @@ from jaxgrity.model.actuation import Gait
 from jaxgrity.model.scales import time_scale
 from jaxgrity.model.scene import Scene, body_length, with_gait
 from jaxgrity.orbits.cycles import MOST_PERIODS, Plane, cycle, moved_onto, plane_of, shape, way_along
-from jaxgrity.stepping.options import Options, SolverOptions, resolve
+from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
 from jaxgrity.stepping.simulate import Trajectory, centre_path, simulate
 
 FRAMES = 20
@@ -160,7 +160,7 @@ def _first_period(gait: Gait | None) -> int:
     return int(np.ceil(float(gait.start + gait.ramp) / period_of(gait) - 1e-9))
 
 
-def in_step(scene: Scene, period: float, options: Options) -> SolverOptions:
+def in_step(scene: Scene, period: float, options: Options) -> ResolvedOptions:
     """The options, in float64, with a step of which each frame of the period has a whole number.
 
     The scene is as it is before it is on an orbit: a step that is fine there is taken on the orbit too.
@@ -170,20 +170,7 @@ def in_step(scene: Scene, period: float, options: Options) -> SolverOptions:
         raise InputError(f"method = {resolved.method.name!r} adapts its step; expected a fixed one (dt), for an orbit")
     # a whole number of steps in a frame: shapes are compared at one phase of actuation, and never interpolated
     steps = int(np.ceil(period / FRAMES / float(resolved.dt) - 1e-9))
-    tolerance = None if resolved.strut_tolerance is None else float(resolved.strut_tolerance)
-    sweeps = None if tolerance is not None or resolved.sweeps is None else int(resolved.sweeps)
-    dt = period / FRAMES / steps
-    together = resolved.together if resolved.method.constrained else None
-    return SolverOptions(
-        resolved.method.name,
-        dt=dt,
-        dtype="float64",
-        sweeps=sweeps,
-        strut_tolerance=tolerance,
-        together=together,
-        max_steps=resolved.max_steps,
-        any_step=True,
-    )
+    return replace(resolved, dt=float(period / FRAMES / steps))
 
 
 def _orbit(scene: Scene, trajectory: Trajectory, period: float, plane: Plane, first: int) -> Orbit:

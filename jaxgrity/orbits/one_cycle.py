@@ -12,7 +12,7 @@ from jaxgrity.populations.metrics import cost_of_transport
 from jaxgrity.populations.population import as_population, simulate_population
 from jaxgrity.populations.rolling import rolling
 from jaxgrity.populations.uncertainty import Differences
-from jaxgrity.stepping.options import Options, SolverOptions
+from jaxgrity.stepping.options import Options, ResolvedOptions
 from jaxgrity.stepping.simulate import simulate
 
 FRAME_RATE = 50.0
@@ -86,7 +86,7 @@ def orbit_cycle(scene: Scene, orbit: Orbit, *, options: Options = None) -> Orbit
     return OrbitCycle(orbit.cycle, distance, work, effort, cost, force, rate, power, _supports(here, orbit, chosen))
 
 
-def _supports(scene: Scene, orbit: Orbit, options: SolverOptions) -> tuple[tuple[int, ...], ...]:
+def _supports(scene: Scene, orbit: Orbit, options: ResolvedOptions) -> tuple[tuple[int, ...], ...]:
     """The faces of the cycle after the orbit's state, from which the scene begins."""
     if scene.ground is None:
         return ()

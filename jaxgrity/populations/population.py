@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
+from jaxgrity.core.arguments import check_number
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.functions import hold_functions
 from jaxgrity.core.remembered import remembered
@@ -24,7 +25,7 @@ from jaxgrity.model.scene import Scene, with_gait
 from jaxgrity.populations.lanes import most_lanes, roll_out_lanes
 from jaxgrity.populations.metrics import Metrics
 from jaxgrity.populations.uncertainty import Differences
-from jaxgrity.stepping.options import KEPT, Options, ResolvedOptions, check_positive, resolve
+from jaxgrity.stepping.options import KEPT, Options, ResolvedOptions, resolve
 from jaxgrity.stepping.starts import check_supports
 
 
@@ -144,9 +145,11 @@ def simulate_population(
         raise InputError(
             f"gaits.phase has shape {np.shape(gaits.phase)}; expected (gaits, actuators), one gait or more"
         )
-    check_positive({"duration": duration})
-    if differences is not None and differences.velocities is not None:
-        check_supports(scene, differences.velocities)
+    check_number("duration", duration, above=0.0, unit="s")
+    if differences is not None:
+        differences.check(scene, len(gaits.phase))
+        if differences.velocities is not None:
+            check_supports(scene, differences.velocities)
     x64 = bool(jax.config.jax_enable_x64)  # type: ignore[attr-defined]
     common = _common(scene, _at_start(gaits), options, x64)
     end, asked = np.asarray(duration, float), with_metrics

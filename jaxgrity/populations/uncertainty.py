@@ -10,10 +10,11 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxgrity.core import draws
+from jaxgrity.core.arguments import check_each, check_number
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import edge_vectors, length
 from jaxgrity.core.typed import typed
-from jaxgrity.core.types import AnyArray, namespace_of
+from jaxgrity.core.types import AnyArray, as_float_or_none, namespace_of
 from jaxgrity.model.actuation import Gait, waves_ahead
 from jaxgrity.model.scene import Scene
 
@@ -27,9 +28,22 @@ DIFFERING: dict[str, tuple[str, ...]] = {
 }
 """Parts of a scene that each of the `Differences` multiplies, if the scene has them."""
 
-
+ROWS: dict[str, tuple] = {
+    "friction": (),
+    "strut_rest_length": ("struts",),
+    "node_mass": ("nodes",),
+    "up": (3,),
+    "terrain": (3,),
+    "positions": ("nodes", 3),
+    "velocities": ("nodes", 3),
+}
+"""The shape of a robot's row of each of the `Differences`; that of those which are not here is ("cables",)."""
 PLACED = {"up": "up", "terrain": "ground.offset"}
 """Parts of a scene that other `Differences` replace."""
+
+
+def _numbers() -> Any:
+    return eqx.field(converter=as_float_or_none, default=None)
 
 
 class Differences(eqx.Module):
@@ -39,23 +53,41 @@ class Differences(eqx.Module):
     population's axis they describe one robot.
     """
 
-    friction: Float[AnyArray, "*population"] | None = None
+    friction: Float[AnyArray, "*population"] | None = _numbers()
     """factor of mu; with the Coulomb switch, of both coefficients"""
-    cable_stiffness: Float[AnyArray, "*population cables"] | None = None
+    cable_stiffness: Float[AnyArray, "*population cables"] | None = _numbers()
     """factor of the stiffness; 0 for a broken cable, whose damping is then 0 too"""
-    cable_damping: Float[AnyArray, "*population cables"] | None = None
-    cable_rest_length: Float[AnyArray, "*population cables"] | None = None
-    node_mass: Float[AnyArray, "*population nodes"] | None = None
-    up: Float[AnyArray, "*population 3"] | None = None
+    cable_damping: Float[AnyArray, "*population cables"] | None = _numbers()
+    cable_rest_length: Float[AnyArray, "*population cables"] | None = _numbers()
+    node_mass: Float[AnyArray, "*population nodes"] | None = _numbers()
+    up: Float[AnyArray, "*population 3"] | None = _numbers()
     """unit vector against gravity, for a different slope of the ground"""
-    positions: Float[AnyArray, "*population nodes 3"] | None = None
+    positions: Float[AnyArray, "*population nodes 3"] | None = _numbers()
     """positions of the nodes at the start, m"""
-    velocities: Float[AnyArray, "*population nodes 3"] | None = None
+    velocities: Float[AnyArray, "*population nodes 3"] | None = _numbers()
     """velocities of the nodes at the start, m/s"""
-    terrain: Float[AnyArray, "*population 3"] | None = None
+    terrain: Float[AnyArray, "*population 3"] | None = _numbers()
     """shift of the ground's surface, m"""
-    strut_rest_length: Float[AnyArray, "*population struts"] | None = None
+    strut_rest_length: Float[AnyArray, "*population struts"] | None = _numbers()
     """factor of the rest length; with rigid struts, `positions` must fit it"""
+
+    def __check_init__(self):
+        for name in DIFFERING:
+            check_each(f"differences.{name}", getattr(self, name), least=0.0)
+
+    def check(self, scene: Scene, robots: int) -> None:
+        """Raises `InputError` where these are not the differences of so many robots of the scene."""
+        structure = scene.structure
+        sizes = {"nodes": len(structure.nodes)}
+        for name, members in (("struts", structure.struts), ("cables", structure.cables)):
+            sizes[name] = 0 if members is None else len(members.edges)
+        for name, value in vars(self).items():
+            expected = (robots, *(sizes.get(size, size) for size in ROWS.get(name, ("cables",))))
+            # a number is common to all; what the scene lacks is refused by `differing`
+            if np.ndim(value) and 0 not in expected and np.shape(value) != expected:
+                raise InputError(
+                    f"differences.{name} has shape {np.shape(value)}; expected {expected}, a row for each robot"
+                )
 
 
 @typed
@@ -126,7 +158,8 @@ class Uncertainty(eqx.Module):
 
     def __check_init__(self):
         for name, value in vars(self).items():
-            if not 0 <= value < LESS_THAN.get(name, 1):
+            half_width = check_number(f"uncertainty.{name}", value, least=0.0)
+            if not half_width < LESS_THAN.get(name, 1):
                 raise InputError(
                     f"uncertainty.{name} = {value}: expected a half-width of at least 0 and below "
                     f"{LESS_THAN.get(name, 1):.3g}"

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from jaxgrity.core import draws
+from jaxgrity.core.arguments import check_count, check_each, check_number
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, PerGait, Scalar
@@ -73,19 +74,20 @@ class GAConfig(eqx.Module):
 
     def __check_init__(self):
         check_optimiser(self.optimiser)
-        least = fewest(self.optimiser)
-        if self.population < least:
-            raise InputError(f"population = {self.population}: expected at least {least} gaits")
-        if self.drawn is not None and self.drawn < self.population:
-            raise InputError(f"drawn = {self.drawn}: expected at least {self.population} gaits, the population")
-        if not 0 < self.elites < self.population:
+        check_count("population", self.population, fewest(self.optimiser))
+        check_count("generations", self.generations, 1)
+        check_count("tournament", self.tournament, 1)
+        check_count("elites", self.elites, 1)
+        for name, least in (("drawn", self.population), ("parents", 1), ("shrinking", 1)):
+            if getattr(self, name) is not None:
+                check_count(name, getattr(self, name), least)
+        check_number("mutation_rate", self.mutation_rate, least=0.0, most=1.0)
+        check_number("crossover", self.crossover, least=0.0, most=1.0)
+        check_each("mutation_size", self.mutation_size, shape=(2,), least=0.0)
+        if self.elites >= self.population:
             raise InputError(f"elites = {self.elites}: expected 1 to {self.population - 1}, fewer than the population")
-        if self.parents is not None and not 0 < self.parents <= self.population:
+        if self.parents is not None and self.parents > self.population:
             raise InputError(f"parents = {self.parents}: expected 1 to {self.population}, the population")
-        if self.generations < 1 or self.tournament < 1:
-            raise InputError(
-                f"generations = {self.generations}, tournament = {self.tournament}: expected at least 1 of each"
-            )
 
 
 class Generation(NamedTuple):

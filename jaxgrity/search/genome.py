@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from jaxgrity.core.arguments import check_count
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, namespace_of
 from jaxgrity.model.actuation import Gait, Overtone, peak_rates
@@ -52,15 +53,15 @@ class Genome(eqx.Module):
             bounds = getattr(self, name)
             if bounds is not None and not 0 <= bounds[0] < bounds[1] < top:
                 raise InputError(f"{name} = {bounds}: expected two ascending bounds from 0 on, below {top:g}")
-        if self.overtones < 0:
-            raise InputError(f"overtones = {self.overtones}: expected 0 or more")
+        check_count("actuators", self.actuators, 1)
+        check_count("overtones", self.overtones, 0)
         if self.quickest and (len(self.quickest) != self.actuators or not min(self.quickest) > 0):
             raise InputError(f"quickest = {self.quickest}: expected {self.actuators} positive numbers")
         if len({wave.groups for wave in self.waves}) > 1 or any(len(w.groups) != self.actuators for w in self.waves):
             raise InputError(f"waves: expected the same groups of {self.actuators} actuators in each")
         if self.waves and self.active is not None:
             raise InputError("waves, active: the actuators of a wave have no ranks; expected one of both")
-        if self.active is not None and not 1 <= self.active < self.actuators:
+        if self.active is not None and check_count("active", self.active, 1) >= self.actuators:
             raise InputError(f"active = {self.active}: expected 1 to {self.actuators - 1}, fewer than may be actuated")
 
     @property

@@ -8,6 +8,7 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Float
 
+from jaxgrity.core.arguments import check_count, check_number
 from jaxgrity.core.display import COVERING
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
@@ -44,8 +45,8 @@ class Fitness(eqx.Module):
     bounds: ActuatorBounds = eqx.field(default_factory=ActuatorBounds)
 
     def __check_init__(self):
-        if self.robots < 1:
-            raise InputError(f"robots = {self.robots}: expected at least 1")
+        check_count("robots", self.robots, 1)
+        check_number("caution", self.caution, least=0.0)
         if self.robots == 1 and self.caution:
             raise InputError(f"caution = {self.caution}: one robot has no spread; expected robots = 2 or more")
         if self.uncertainty.none and self.caution:

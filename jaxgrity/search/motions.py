@@ -7,6 +7,7 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
+from jaxgrity.core.arguments import check_number
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import PerGait
@@ -17,7 +18,7 @@ from jaxgrity.search.judging import Fitness, ensembles_rolled_out, standard_erro
 from jaxgrity.search.models import model_of
 from jaxgrity.search.objectives import SteadySpeed
 from jaxgrity.search.paths import parts_of, path_bend, steady_velocity, whole_cycles
-from jaxgrity.stepping.options import Options, check_positive
+from jaxgrity.stepping.options import Options
 
 
 class RobotMotions(NamedTuple):
@@ -84,7 +85,7 @@ def robot_motions(
         raise InputError("robot motions: the scene has no gait; expected with_gait(scene, gait)")
     if robots < 1:
         raise InputError(f"robots = {robots}: expected at least 1")
-    check_positive({"cycle": cycle})
+    check_number("cycle", cycle, above=0.0, unit="s")
     if cycle is None:
         parts, duration = parts_of(scene, scene.gait, duration)
     else:

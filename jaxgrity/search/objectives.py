@@ -1,12 +1,14 @@
 """Objectives of a search, and bounds on actuators."""
 
 from abc import abstractmethod
+from functools import partial
 from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from jaxgrity.core.arguments import check_number
 from jaxgrity.core.errors import InputError, unknown
 from jaxgrity.core.types import PerGait, Scalar
 from jaxgrity.model.scene import Scene, body_length
@@ -57,7 +59,7 @@ class Distance(Objective):
 class Direction(Objective):
     """Displacement of the centre of mass along one heading, m."""
 
-    heading: float = eqx.field(static=True, default=0.0)
+    heading: float = eqx.field(static=True, converter=partial(check_number, "heading"), default=0.0)
     """heading, rad from +x"""
     unit: ClassVar[str] = "m"
     needs_metrics: ClassVar[bool] = False
@@ -100,7 +102,7 @@ class SteadySpeed(Objective):
 class SteadyDirection(Objective):
     """Displacement along a heading (such as uphill) over the settled part of a rollout, in body lengths per second."""
 
-    heading: float = eqx.field(static=True, default=0.0)
+    heading: float = eqx.field(static=True, converter=partial(check_number, "heading"), default=0.0)
     """heading, rad from +x"""
     unit: ClassVar[str] = "body lengths/s"
     needs_metrics: ClassVar[bool] = False
@@ -120,9 +122,9 @@ class SteadyTurn(Objective):
     turning per body length and the requested one is subtracted, times `sharpness`.
     """
 
-    turning: float = eqx.field(static=True, default=0.44)
+    turning: float = eqx.field(static=True, converter=partial(check_number, "turning"), default=0.44)
     """requested turning, rad per body length, positive to the left"""
-    sharpness: float = eqx.field(static=True, default=2.0)
+    sharpness: float = eqx.field(static=True, converter=partial(check_number, "sharpness", least=0.0), default=2.0)
     """penalty, body lengths/s for each rad per body length of difference"""
     unit: ClassVar[str] = "body lengths/s"
     needs_metrics: ClassVar[bool] = False
@@ -211,8 +213,8 @@ class ActuatorBounds(eqx.Module):
 
     def __check_init__(self):
         for name, bound in vars(self).items():
-            if bound is not None and not bound > 0:
-                raise InputError(f"largest_{name} = {bound}: expected a positive number")
+            if bound is not None:
+                check_number(f"largest_{name}", bound, above=0.0)
 
     @property
     def needs_metrics(self) -> bool:

@@ -8,6 +8,7 @@ from typing import Any, Literal
 import jax
 import numpy as np
 
+from jaxgrity.core.arguments import check_count, check_number
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.model.actuation import Gait, actuated_lengths
@@ -103,6 +104,16 @@ class SearchConfig:
     # how the best are polished
     polish: PolishConfig | None = field(default_factory=lambda: PolishConfig(final_robots=FINAL_ROBOTS))
     """budget, gradient and number of gaits of polishing; None: no polish"""
+
+    def __post_init__(self):
+        check_number("duration", self.duration, above=0.0, unit="s")
+        check_number("caution", self.caution, least=0.0)
+        for name, least in (("population", 1), ("robots", 1), ("seed", 0), ("overtones", 0)):
+            check_count(name, getattr(self, name), least)
+        if self.active is not None:
+            check_count("active", self.active, 1)
+        if self.dt is not None:
+            check_number("dt", self.dt, above=0.0, unit="s")
 
 
 @typed

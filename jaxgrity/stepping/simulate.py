@@ -1,7 +1,6 @@
 """One rollout of one scene, by any method."""
 
 import math
-import warnings
 from dataclasses import replace
 from typing import Any
 
@@ -21,9 +20,8 @@ from jaxgrity.model.shaking import with_supports
 from jaxgrity.stepping.discretisation import even_step, failure_code, integrate, prepared, state_failure
 from jaxgrity.stepping.handover import at_rest, midway, velocities_at
 from jaxgrity.stepping.methods import find_method
-from jaxgrity.stepping.options import Options, ResolvedOptions, SolverOptions, resolve
+from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
 from jaxgrity.stepping.starts import check_supports, start_failure
-from jaxgrity.stepping.step_limits import step_fault
 
 ROOM = 2**16
 """Number of nodes in all saved frames up to which motions of a scene share one compiled program. The last frame is
@@ -159,8 +157,7 @@ def simulate(
         velocities: (nodes, 3), m/s, at the start; by default zero.
 
     Returns:
-        The motion from t = 0 to `duration`. A motion that fails is returned with its failure code. With `any_step`, a
-        step beyond the stable limit gives a warning.
+        The motion from t = 0 to `duration`. A motion that fails is returned with its failure code.
 
     Raises:
         InputError: bad options (see `resolve`), positions or velocities of the wrong shape, velocities of fixed
@@ -181,7 +178,6 @@ def simulate(
     if velocities is not None:
         check_supports(scene, velocities)
     resolved = resolve(scene, float(duration), options, positions=positions)
-    _warn_of_step(scene, options, resolved)
     times = frame_times(float(duration), frame_rate)
     q = scene.structure.nodes if positions is None else positions
     v = np.zeros(q.shape) if velocities is None else velocities
@@ -196,14 +192,6 @@ def simulate(
     if dt is not None and resolved.method.constrained:
         dt = float(even_step(np.asarray(dt, float), np.asarray(duration, float)))
     return replace(trajectory, dt=dt, scene=scene)  # type: ignore[arg-type]
-
-
-def _warn_of_step(scene: Scene, options: Options, resolved: ResolvedOptions) -> None:
-    """A motion of a step that is not stable may look like one, since friction and slack cables bound it."""
-    if isinstance(options, SolverOptions) and options.any_step and options.dt is not None and not traced(scene):
-        fault = step_fault(scene, resolved.method, options.dt)
-        if fault:
-            warnings.warn(f"{fault}; the motion is wrong, whether it fails or not", stacklevel=4)
 
 
 @eqx.filter_jit

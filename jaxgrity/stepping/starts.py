@@ -3,7 +3,7 @@
 import jax.numpy as jnp
 import numpy as np
 
-from jaxgrity.core.arguments import check_all_finite
+from jaxgrity.core.arguments import check_all_finite, check_finite
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.remembered import remembered
 from jaxgrity.core.tracing import evaluated, traced
@@ -33,6 +33,7 @@ def check_start(scene: Scene, positions: NodeVectors | None = None, since: Scala
     if traced((scene, positions, since)):
         return
     q = np.asarray(scene.structure.nodes if positions is None else positions, float)
+    check_finite("positions", q)
     for constraint in scene.constraints:
         gaps = np.asarray(constraint.gaps(q, since))
         if gaps.size and not gaps.max() <= LARGEST_GAP * float(length_scale(scene)):
@@ -43,10 +44,13 @@ def check_supports(scene: Scene, velocities: AnyArray, since: Scalar = 0.0) -> N
     """Refuse known velocities (m/s), of one robot or of many, with which supports would not move as they do.
 
     They are at rest, or have the speed at `since` (s) of the motion that shakes them. Points that follow others of
-    their bodies have the velocities that these give them.
+    their bodies have the velocities that these give them. Of one robot they are finite; of many, a robot with others
+    fails.
     """
     if traced((scene, velocities, since)):
         return
+    if np.ndim(velocities) == 2:
+        check_finite("velocities", np.asarray(velocities))
     if scene.structure.bodies:
         _check_bodies_move(scene, np.asarray(velocities, float))
     with evaluated():

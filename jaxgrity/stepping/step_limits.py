@@ -160,7 +160,7 @@ def limiting_part(scene: Scene, state: State, method: Method) -> str:
     worst = np.argmax(size)
     q, v = (np.asarray(x, float) for x in state)
     shape = np.stack([shapes[:, worst].real, shapes[:, worst].imag]).reshape(2, *q.shape)
-    with jax.enable_x64(True):
+    with jax.enable_x64(True), evaluated():
         shares = part_shares(as_dtype(scene, "float64"), q, v, shape, np.asarray(np.abs(values[worst])))
     names = [x for law in scene.laws if isinstance(law, ForceTerm) for x in named_parts(law, scene)]
     return names[int(np.argmax(np.abs(np.concatenate(shares))))]

@@ -479,7 +479,7 @@ class Short(control.Policy):
             lambda scene: control.side_by_side(
                 control.plant_of(scene, (0,)), 3, jaxgrity.Differences(friction=np.ones(2))
             ),
-            "differences are those of 2 robots: expected 3",
+            r"differences.friction has shape \(2,\); expected \(3,\), a row for each robot",
         ),
         (
             lambda scene: control.side_by_side(control.side_by_side(control.plant_of(scene, (0,)), 2), 2),
@@ -528,7 +528,7 @@ class Short(control.Policy):
         ),
         (
             lambda scene: control.Sensors(every=0),
-            "every = 0, delay = 0 control periods; expected whole numbers",
+            "sensors.every = 0: expected a whole number, at least 1",
         ),
         (lambda scene: centre_offsets(scene.structure, (0, 6)), "expected struts alone"),
         (lambda scene: control.plant_of(scene, (99,)), r"members\[0\] = 99: expected a whole number from 0 to 29"),

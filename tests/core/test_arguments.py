@@ -7,6 +7,7 @@ import pytest
 
 from jaxgrity import InputError
 from jaxgrity.core import arguments
+from jaxgrity.core.types import as_float
 
 
 @pytest.mark.parametrize("bad", [2.5, -1, "2", True, np.nan, None, [1]])
@@ -42,13 +43,32 @@ def test_bounds_of_a_number_are_said():
     assert arguments.check_number("x", np.array(3), above=2.0) == 3.0
 
 
-def test_vectors_have_a_length_and_finite_numbers():
+def test_arrays_have_a_shape_finite_numbers_and_bounds():
+    """None is fine, and so is what is being traced, but for its shape."""
     with pytest.raises(InputError, match=r"way has shape \(2,\); expected \(3,\)"):
-        arguments.check_vector("way", [1, 2])
+        arguments.check_each("way", [1, 2], shape=(3,))
+    with pytest.raises(InputError, match=r"way has shape \(1,\); expected one number"):
+        jax.jit(lambda x: arguments.check_each("way", x, shape=()))(np.ones(1))
     with pytest.raises(InputError, match=r"way\[1\] = nan: expected a finite number"):
-        arguments.check_vector("way", [1, np.nan, 2])
+        arguments.check_each("way", [1, np.nan, 2])
+    with pytest.raises(InputError, match=r"way\[0, 1\] = -1 m: expected a finite number, at least 0"):
+        arguments.check_each("way", [[1, -1]], least=0.0, unit="m")
+    with pytest.raises(InputError, match="share = 2: expected a number from 0 to 1"):
+        arguments.check_each("share", 2, least=0.0, most=1.0)
+    with pytest.raises(InputError, match=r"up = .*: 1.1 long; expected a unit vector"):
+        arguments.check_unit_vector("up", np.array([0, 0, 1.1]))
+    arguments.check_unit_vector("up", np.array([0, 0.6, 0.8]))
+    arguments.check_each("way", None, shape=(3,))
+    jax.jit(lambda x: arguments.check_each("way", x, shape=(), above=0.0))(-1.0)
     with pytest.raises(InputError, match="heights: expected rows of numbers, all of one length"):
         arguments.as_table("heights", [[1, 2], [3]])
+
+
+@pytest.mark.parametrize("bad", ["1.0", True, 1j, None, [[1], [1, 2]], [True]])
+def test_what_is_no_number_does_not_become_one(bad):
+    """NumPy would make 1.0 of text and of truth values."""
+    with pytest.raises(InputError, match="expected numbers"):
+        as_float(bad)
 
 
 def test_the_first_number_of_a_tree_that_is_none_is_named_by_its_path():

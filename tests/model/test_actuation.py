@@ -24,5 +24,5 @@ def test_peak_rates_are_those_of_the_rest_lengths():
 
 def test_a_ramp_of_no_time_is_refused():
     """It would divide by zero before the gait begins."""
-    with pytest.raises(InputError, match=r"^gait.ramp = 0.0: expected a positive time"):
+    with pytest.raises(InputError, match=r"^gait.ramp = 0 s: expected a positive number"):
         Gait((0,), [0.0], [0.1], [1.0], ramp=0.0)

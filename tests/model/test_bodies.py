@@ -130,11 +130,11 @@ TETRAHEDRON = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 1]]
         ("no body has this inertia", {"inertia": [[1.0, 0.5, 0], [0, 1, 0], [0, 0, 1]]}),
         ("lies 1 m beside the plane", {"inertia": [1.0, 1.0, 2.0]}),
         ("beside the line", {"inertia": [0.0, 1.0, 1.0]}),
-        ("expected both above 0", {"mass": 0.0}),
+        ("mass = 0 kg: expected a positive number", {"mass": 0.0}),
         ("expected both above 0", {"inertia": [0.0, 0.0, 0.0]}),
         ("inertia has shape", {"inertia": [1.0, 1.0]}),
-        ("expected nodes from 0 to 4", {"points": (0, 1, 2, 7)}),
-        ("expected nodes from 0 to 4", {"basic": (4,)}),
+        (r"points\[3\] = 7: expected a whole number from 0 to 4", {"points": (0, 1, 2, 7)}),
+        ("expected some, the basic ones too", {"basic": (4,)}),
     ],
 )
 def test_what_is_no_body_is_refused(words, how):

@@ -168,7 +168,7 @@ def test_a_gradient_in_the_terrain_is_that_of_finite_differences(central_differe
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (lambda: Sphere(np.zeros(3), -1.0), "sphere.radius = -1.0: expected positive numbers"),
+        (lambda: Sphere(np.zeros(3), -1.0), "sphere.radius = -1 m: expected a positive number"),
         (lambda: Box(np.zeros(3), np.array([1.0, 1.0, 0.0])), "box.size"),
         (lambda: Box(np.zeros(3), np.ones(3), rounding=0.6), "box.rounding = 0.6: expected a radius from 0 to half"),
         (lambda: Cylinder(np.zeros(3), np.zeros(3), 1.0), "expected two points apart"),

@@ -218,8 +218,8 @@ def test_bad_configs_are_refused():
     """Elites that fill the population; too few gaits, generations or gaits in a tournament."""
     with pytest.raises(InputError, match="elites = 8: expected 1 to 7"):
         GAConfig(population=8, elites=8)
-    with pytest.raises(InputError, match="population = 0: expected at least 2"):
+    with pytest.raises(InputError, match="population = 0: expected a whole number, at least 2"):
         GAConfig(population=0)
     for options in ({"generations": 0}, {"tournament": 0}):
-        with pytest.raises(InputError, match=r"= 0.*: expected at least 1 of each"):
+        with pytest.raises(InputError, match="= 0: expected a whole number, at least 1"):
             GAConfig(**options)

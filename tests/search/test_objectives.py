@@ -269,10 +269,10 @@ def test_without_uncertainty_one_robot_is_enough():
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: ActuatorBounds(rate=0.0), "largest_rate = 0.0: expected a positive number"),
-        (lambda: ActuatorBounds(force=-1.0), "largest_force = -1.0: expected a positive number"),
+        (lambda: ActuatorBounds(rate=0.0), "largest_rate = 0: expected a positive number"),
+        (lambda: ActuatorBounds(force=-1.0), "largest_force = -1: expected a positive number"),
         (lambda: ActuatorBounds(power=float("nan")), "largest_power = nan: expected a positive number"),
-        (lambda: Fitness(robots=0), "robots = 0: expected at least 1"),
+        (lambda: Fitness(robots=0), "robots = 0: expected a whole number, at least 1"),
         (lambda: Fitness(caution=1.0), "caution = 1.0: one robot has no spread; expected robots = 2 or more"),
         (lambda: Fitness(robots=2, caution=1.0), "caution = 1.0: nothing is uncertain, nothing spreads"),
     ],

@@ -80,7 +80,7 @@ def test_balls_are_read_and_written(tmp_path):
     [
         (lambda: Balls((), []), "expected at least one node"),
         (lambda: Balls((0,), [0.1, 0.1]), r"expected \(1,\)"),
-        (lambda: Balls((0,), [-0.1]), "expected no negative number"),
+        (lambda: Balls((0,), [-0.1]), r"balls.radius\[0\] = -0.1 m: expected a finite number, at least 0"),
         (lambda: Scene(Structure(np.ones((1, 3)), [1.0]), ground=ExactGround(balls=Balls((3,), [0.1]))), "from 0 to 0"),
         (
             lambda: (

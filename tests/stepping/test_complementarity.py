@@ -320,7 +320,7 @@ def test_lost_struts_are_a_failure(exact):
 
 def test_sweeps_and_tolerances_that_make_no_sense_are_refused(exact, reference):
     """In one line, before anything compiles."""
-    with pytest.raises(InputError, match="sweeps = 0: expected at least 1"):
+    with pytest.raises(InputError, match="sweeps = 0: expected a whole number, at least 1"):
         simulate(exact, 1.0, options=SolverOptions(sweeps=0))
     with pytest.raises(InputError, match="strut_tolerance = 1e-10 m: expected at least 1e-05 m in float32"):
         simulate(exact, 1.0, options=SolverOptions(strut_tolerance=1e-10, dtype="float32"))

@@ -2,10 +2,28 @@
 
 import dataclasses
 
+import jax
 import numpy as np
 import pytest
 
-from jaxgrity import METHODS, ConeFriction, InputError, Push, SolverOptions, final_state, simulate, with_terms
+from jaxgrity import (
+    METHODS,
+    ConeFriction,
+    Differences,
+    Gait,
+    InputError,
+    Members,
+    Push,
+    Scene,
+    SolverOptions,
+    Structure,
+    final_state,
+    gaits_of,
+    rollout,
+    simulate,
+    simulate_population,
+    with_terms,
+)
 from jaxgrity.model import exact_twin
 from jaxgrity.stepping import ResolvedOptions, resolve
 from jaxgrity.stepping.options import MOST_SWEEPS
@@ -23,7 +41,8 @@ from jaxgrity.stepping.step_limits import default_step, stable_step, standing
         ({"rtol": 1e-6}, r"rtol, atol: 'rk4' at a fixed step has no tolerances"),
         ({"rtol": 1e-6, "method": "tsit5", "dt": 1e-3}, r"'tsit5' at a fixed step"),
         ({"rtol": 1e-20, "method": "tsit5"}, r"rtol = 1e-20: float64 cannot meet it; expected at least 2e-15"),
-        ({"max_steps": 0, "method": "tsit5"}, r"max_steps = 0: expected a positive"),
+        ({"max_steps": 0, "method": "tsit5"}, r"max_steps = 0: expected a whole number, at least 1"),
+        ({"strut_tolerance": np.nan}, r"strut_tolerance = nan m: expected a positive number"),
         ({"dtype": "float16"}, r"'float16'"),
         ({"method": "verlet"}, r"without dissipation"),
     ],
@@ -54,6 +73,25 @@ def test_what_is_left_open_is_chosen_for_the_scene(reference, exact):
     adaptive = resolve(reference, 1.0, SolverOptions(method="tsit5", rtol=1e-6))
     assert (adaptive.dt, adaptive.rtol, adaptive.atol) == (None, 1e-6, 1e-8)
     assert resolve(exact, 1.0, SolverOptions(strut_tolerance=1e-9)).sweeps == MOST_SWEEPS
+
+
+def test_a_step_that_is_let_pass_warns_in_all_rollouts():
+    """Once, also while a function around it is traced: nothing compiles here but what predicts the step."""
+    spring, gait = Members(((0, 1),), [400.0], [1.0]), Gait((0,), [0.0], [0.0], [1.0])
+    scene = Scene(Structure([[0.0, 0, 0], [1.0, 0, 0]], [1.0, 1.0], spring), gait=gait)
+    given, v, times = SolverOptions("rk4", dt=0.2, any_step=True), np.zeros((2, 3)), np.array([0.0, 0.4])
+    gaits, start = gaits_of(gait, np.zeros((1, 1))), scene.structure.nodes
+    calls = (
+        lambda v, scene: rollout(scene, times, start=(start, v), options=given).ok,
+        lambda v, scene: (
+            simulate_population(scene, gaits, 0.4, options=given, differences=Differences(velocities=v[None])).failure
+        ),
+        lambda v, scene: final_state(scene, 0.4, resolve(scene, 0.4, given), (start, v)),
+    )
+    for k, call in enumerate(calls):
+        other = dataclasses.replace(scene, node_damping=[0.1 * k, 0.0])  # a scene is looked at once
+        with pytest.warns(UserWarning, match=r"dt = 0.2 s is too large for rk4 .*; the motion is wrong"):
+            jax.eval_shape(lambda v, call=call, other=other: call(v, other), v)
 
 
 def test_options_that_are_resolved_stay_as_they_are(reference):

@@ -184,7 +184,7 @@ def test_scene_files_shake(tmp_path):
 
 
 def test_supports_begin_at_rest():
-    with pytest.raises(InputError, match=r"shaking.start = -1.0: expected 0 or more"):
+    with pytest.raises(InputError, match=r"shaking.start = -1 s: expected a finite number, at least 0"):
         Shaking([0.1, 0.0, 0.0], 1.0, start=-1.0)
     with pytest.raises(InputError, match="expected a positive number"):
         Shaking([0.1, 0.0, 0.0], 1.0, ramp=0.0)

@@ -44,6 +44,28 @@ def test_known_starts_are_refused_by_all(wrong):
         rollout(SCENE, np.array([0.0, 0.1]), start=(wrong, STILL), options=options)
 
 
+@pytest.mark.parametrize("name", ["positions", "velocities"])
+def test_starts_that_are_no_numbers_are_refused_by_all(name):
+    """Before anything compiles."""
+    wrong = {"positions": NODES, "velocities": STILL, name: np.where(np.arange(3) == 1, np.nan, NODES)}
+    options, start = resolve(SCENE, 0.1, OPTIONS), (wrong["positions"], wrong["velocities"])
+    for call in (
+        lambda: simulate(SCENE, 0.1, options=OPTIONS, **wrong),
+        lambda: final_state(SCENE, 0.1, options, start),
+        lambda: rollout(SCENE, np.array([0.0, 0.1]), start=start, options=options),
+    ):
+        with pytest.raises(InputError, match=rf"^{name}\[0, 1\] = nan: expected a finite number"):
+            call()
+
+
+def test_differences_have_a_row_for_each_robot():
+    """Of all that differs; fewer rows would count as the last one, over and over."""
+    gaits = gaits_of(SCENE.gait, np.repeat(SCENE.gait.phase[None], 3, axis=0))
+    for name, shape in {"friction": (2,), "positions": (3, 2, 3), "node_mass": (3, 1), "cable_damping": (2,)}.items():
+        with pytest.raises(InputError, match=rf"differences.{name} has shape .*; expected \(3"):
+            simulate_population(SCENE, gaits, 0.1, options=OPTIONS, differences=Differences(**{name: np.ones(shape)}))
+
+
 def test_struts_have_their_lengths_of_the_time_of_the_start():
     """A gait has changed the strut by then."""
     options = resolve(SCENE, 0.1, OPTIONS)
@@ -68,18 +90,21 @@ def test_traced_starts_get_a_code():
 
 @pytest.mark.parametrize("dtype", ["float64", pytest.param("float32", marks=pytest.mark.slow)])
 def test_robots_of_a_population_that_start_so_fail_and_disturb_no_other(dtype):
-    """Placed below the ground, stretched, or with struts of another length; in float32 far from the origin too."""
+    """Below the ground, nowhere, stretched, or with struts of another length; in float32 far from the origin too."""
     away = 0.0 if dtype == "float64" else 20.0
     fine = NODES + np.array([away, 0, 0])
-    starts = np.stack([fine, fine - [0, 0, 0.28], fine * 1.3, fine])
-    lengths = np.array([[1.0], [1.0], [1.0], [0.9]])
-    gaits = gaits_of(SCENE.gait, np.repeat(SCENE.gait.phase[None], 4, axis=0))
-    differences = Differences(positions=starts, strut_rest_length=lengths)
+    nowhere = np.where(np.arange(3) == 1, np.nan, fine)
+    starts = np.stack([fine, fine - [0, 0, 0.28], fine * 1.3, fine, nowhere, fine])
+    lengths = np.array([[1.0], [1.0], [1.0], [0.9], [1.0], [1.0]])
+    speeds = np.zeros((6, 3, 3))
+    speeds[5, 1] = np.nan
+    gaits = gaits_of(SCENE.gait, np.repeat(SCENE.gait.phase[None], 6, axis=0))
+    differences = Differences(positions=starts, velocities=speeds, strut_rest_length=lengths)
     options = dataclasses.replace(OPTIONS, dtype=dtype)
     outcomes = simulate_population(SCENE, gaits, 0.1, options=options, differences=differences)
-    assert outcomes.failure.tolist() == [0, MISPLACED, MISPLACED, MISPLACED]
-    assert np.isnan(outcomes.distance()).tolist() == [False, True, True, True]
-    again = Differences(positions=np.stack([fine] * 4), strut_rest_length=np.ones((4, 1)))
+    assert outcomes.failure.tolist() == [0, MISPLACED, MISPLACED, MISPLACED, 1, 1]
+    assert np.isnan(outcomes.distance()).tolist() == [False, *[True] * 5]
+    again = Differences(positions=np.stack([fine] * 6), velocities=0 * speeds, strut_rest_length=np.ones((6, 1)))
     undisturbed = simulate_population(SCENE, gaits, 0.1, options=options, differences=again)
     np.testing.assert_array_equal(outcomes.positions[0], undisturbed.positions[0])
 
