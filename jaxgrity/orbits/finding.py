@@ -1,8 +1,8 @@
-"""The orbit that a rolling robot settles on: how fast it goes, how it turns, and whether it comes back when disturbed.
+"""The orbit that a rolling robot settles on: its speed, turning and period.
 
-A gait that lasts rolls on a relative periodic orbit: after some periods of actuation the robot is where it was, but for
-a planar motion, a shift along the ground and a turn about the vertical. Speed and turning of the orbit do not depend on
-where the robot started, and converge with the step where the positions of a long rollout do not.
+A gait that lasts rolls on a relative periodic orbit. After some periods of actuation the robot has the same shape
+again, apart from a planar motion (a shift along the ground and a turn about the vertical). Speed and turning of the
+orbit do not depend on the start. They converge with the step, unlike the positions of a long rollout.
 """
 
 from dataclasses import replace
@@ -23,47 +23,46 @@ from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
 from jaxgrity.stepping.simulate import Trajectory, centre_path, simulate
 
 FRAMES = 20
-"""Number of frames saved in each period of actuation."""
+"""Number of saved frames per period of actuation."""
 SETTLED = 0.1
 """Largest change of shape over a cycle, in body lengths. A robot has settled once no later cycle exceeds it."""
 HEADING = 0.2
-"""Largest turn of a robot on a slope since it settled, rad. A motion that goes on turning does not repeat itself
-there."""
+"""Largest turn of a robot on a slope since it settled, rad. A motion that keeps turning does not repeat there."""
 WINDOW = 10.0
 """Length of the windows over which the speed is averaged, s for a body of one metre."""
 
 
 class Orbit(NamedTuple):
-    """What a robot settled on, in the mean over the later half of the cycles since it settled."""
+    """An orbit: means over the later half of the cycles since the robot settled."""
 
     period: float
-    """s, of actuation"""
+    """period of actuation, s"""
     periods: int
-    """of actuation in a cycle"""
+    """number of periods of actuation per cycle"""
     speed: float
-    """m/s, of the centre of mass along its line, or about the centre that the motion turns about (`way_along`)"""
+    """speed of the centre of mass along its mean path, m/s (`way_along`)"""
     standard_error: float
-    """m/s, of the speed, from its scatter over cycles that do not overlap"""
+    """standard error of the speed from its scatter over separate cycles, m/s"""
     turning: float
-    """rad/s about the ground's normal, positive to the left; on a slope, where no motion that turns repeats itself,
-    `HEADING` at most over all of the time"""
+    """turning about the ground's normal, rad/s, positive to the left; on a slope, at most `HEADING` over all of the
+    time"""
     velocity: tuple[float, float]
-    """(along x, along y), m/s, horizontal displacement over time: less than the speed where the path bends"""
+    """horizontal displacement over time along x and y, m/s; less than the speed if the path bends"""
     residual: float
-    """m, by which the `shape` changes over a cycle at most; the median over cycles"""
+    """largest change of the `shape` over a cycle, m; median over cycles"""
     settled_after: float
-    """s, from which on shapes returned to `SETTLED` body lengths after each cycle; infinite where that was never so, or
-    too late for two of the longest cycles"""
+    """time from which shapes return to `SETTLED` body lengths after each cycle, s; infinite if never, or too late for
+    two of the longest cycles"""
     windows: np.ndarray
-    """(windows,), m/s, the mean over the cycles that begin in each `window` since the robot settled"""
+    """(windows,), mean speed over the cycles that begin in each `window` since the robot settled, m/s"""
     verified_for: float
-    """s, for which all this was watched, settling included; 0 where the rollout failed"""
+    """simulated time, with settling, s; 0 if the rollout failed"""
     state: State
-    """(q, v), in float64, at the end, a whole number of periods after t = 0"""
+    """(q, v) in float64 at the end, a whole number of periods after t = 0"""
     body_length: float
-    """m"""
+    """body length, m"""
     window: float = WINDOW
-    """s, `WINDOW` of this body"""
+    """length of a window for this body, s"""
 
     @property
     def cycle(self) -> float:
@@ -72,11 +71,11 @@ class Orbit(NamedTuple):
 
     @property
     def settled(self) -> bool:
-        """Whether the robot is on an orbit. One that bounces on the spot is too, on one of speed 0."""
+        """Whether the robot is on an orbit. A robot that bounces on the spot is on an orbit of speed 0."""
         return bool(np.isfinite(self.settled_after))
 
     def summary(self) -> dict[str, Any]:
-        """The numbers, as they go into a JSON file; SI units."""
+        """The numbers for a JSON file, in SI units."""
         found = {name: value for name, value in self._asdict().items() if name not in ("state", "windows")}
         slowest = float(self.windows.min()) if self.windows.size else None
         lengths = self.speed / self.body_length
@@ -84,7 +83,7 @@ class Orbit(NamedTuple):
 
 
 def period_of(gait: Gait | None) -> float:
-    """The period of actuation, s. Raises `InputError` where actuators have none in common."""
+    """Period of actuation, s. Raises `InputError` if actuators do not share one."""
     frequencies = np.unique(np.asarray(gait.frequency, float)) if gait is not None else np.zeros(0)
     if frequencies.size != 1 or not frequencies[0] > 0:
         raise InputError(f"frequencies {frequencies.tolist()} Hz: expected one that all actuators share, for an orbit")
@@ -92,7 +91,7 @@ def period_of(gait: Gait | None) -> float:
 
 
 def shortest_watch(gait: Gait | None) -> float:
-    """The shortest duration, s, that leaves two cycles of `MOST_PERIODS` in the later half of the gait's full swing.
+    """Shortest duration with two cycles of `MOST_PERIODS` in the later half of the gait's full swing, s.
 
     Raises `InputError` as `period_of` does.
     """
@@ -103,27 +102,27 @@ def shortest_watch(gait: Gait | None) -> float:
 def find_orbit(
     scene: Scene, duration: float = 120.0, *, options: Options = None, beginning: Orbit | None = None
 ) -> Orbit:
-    """Roll the scene's gait out, and find the orbit that the robot settles on.
+    """Simulate the scene's gait, and find the orbit that the robot settles on.
 
-    Shapes are compared once a period: heights of nodes above the plane and distances between them, which no planar
-    motion changes; on a slope, which a turn does not leave as it is, what no shift along it changes. The cycle is the
-    smallest number of periods after which they return nearly as closely as after any
-    other. Speed and turning are those of the planar motions that fit cycles best.
+    Shapes are compared once per period: the heights of nodes above the plane and the distances between them, which no
+    planar motion changes. On a slope only shifts are allowed. The cycle is the smallest number of periods after which
+    the shape returns nearly as closely as after any other. Speed and turning are those of the planar motions that fit
+    the cycles best.
 
     Args:
         scene: a scene with a gait whose actuators share one frequency.
-        duration: s, settling included.
-        options: how to integrate, at a fixed step, which is shortened so that steps divide the period; where not given,
-            the scene decides. The precision is float64 in any case.
-        beginning: an orbit to begin on, its state and with the gait in full swing, in place of the scene's own pose at
-            rest: that of a scene that differs a little, to follow the orbit from one to the other.
+        duration: simulated time, with settling, s.
+        options: solver options with a fixed step; by default the scene decides. The step is shortened to divide the
+            period. The precision is float64.
+        beginning: an orbit of a slightly different scene whose state is the start, with the gait in full swing; by
+            default the robot starts from its pose at rest.
 
     Returns:
         The orbit. `Orbit.settled` says whether there is one.
 
     Raises:
-        InputError: bad options (see `resolve`), no frequency that all actuators share, a ground that is no plane, or a
-            duration that leaves no two cycles to compare.
+        InputError: bad options (see `resolve`), actuators without a common frequency, a ground that is no plane, or a
+            duration too short for two cycles.
 
     Example:
         >>> scene = jaxgrity.with_gait(jaxgrity.load_scene("exact"), jaxgrity.load_gait("lasting"))
@@ -144,9 +143,9 @@ def find_orbit(
 
 @typed
 def restarted(scene: Scene, orbit: Orbit) -> Scene:
-    """The scene with nodes as they are on the orbit, `Orbit.state`, and with the gait at full amplitude at once.
+    """The scene with the nodes of `Orbit.state`, and with the gait at full amplitude from the start.
 
-    The state is a whole number of periods after t = 0, so that the gait goes on as it did.
+    The state is a whole number of periods after t = 0, so the gait continues as before.
     """
     assert scene.gait is not None, "an orbit has a gait"
     # the ramp ends nine periods before t = 0, so that all of the rollout is at full amplitude
@@ -161,9 +160,9 @@ def _first_period(gait: Gait | None) -> int:
 
 
 def in_step(scene: Scene, period: float, options: Options) -> ResolvedOptions:
-    """The options, in float64, with a step of which each frame of the period has a whole number.
+    """The options in float64, with a step that divides the time between frames.
 
-    The scene is as it is before it is on an orbit: a step that is fine there is taken on the orbit too.
+    The scene is the one before the orbit: a step that is stable there is used on the orbit too.
     """
     resolved = resolve(scene, period, options, dtype="float64")
     if resolved.dt is None:
@@ -174,7 +173,7 @@ def in_step(scene: Scene, period: float, options: Options) -> ResolvedOptions:
 
 
 def _orbit(scene: Scene, trajectory: Trajectory, period: float, plane: Plane, first: int) -> Orbit:
-    """From a trajectory with `FRAMES` frames in each period, at full amplitude after the `first` periods."""
+    """The orbit of a trajectory with `FRAMES` frames per period and full amplitude after `first` periods."""
     q, v = (np.asarray(x, float) for x in (trajectory.positions, trajectory.velocities))
     size, mass = float(body_length(scene)), np.asarray(scene.structure.lumped_mass, float)
     if trajectory.failed:

@@ -1,4 +1,4 @@
-"""What a rollout comes to: whether and when the motion settles, and by which name it goes."""
+"""The kind of motion of a rollout, and whether and when it settles."""
 
 from typing import Any, NamedTuple
 
@@ -15,18 +15,18 @@ from jaxgrity.stepping.simulate import Trajectory, centre_path
 
 
 class MotionReport(NamedTuple):
-    """What a robot does in a rollout."""
+    """Kind of motion of a rollout, and when it settles."""
 
     kind: str
-    """as by `rolling`; "stands" or "fell over" where it stays in the later half"""
+    """kind from `rolling`; "stands" or "fell over" if the robot stays in the later half"""
     settled_after: float
-    """s, from which on shapes return after each cycle, or nothing moves; infinite where that is not so by the end"""
+    """time from which shapes return after each cycle, or the robot rests, s; infinite if the motion does not settle"""
     periods: int
-    """of actuation in a cycle; 0 where there is no cycle"""
+    """number of periods of actuation per cycle; 0 without a cycle"""
     watched: float
-    """s"""
+    """simulated time, s"""
     rolling: Rolling
-    """faces, slips and flights"""
+    """support faces, slip and flight"""
 
     def summary(self) -> dict[str, Any]:
         """The numbers, as they go into a JSON file; SI units."""
@@ -35,7 +35,7 @@ class MotionReport(NamedTuple):
         return self.rolling.summary() | found
 
     def sentence(self) -> str:
-        """In a line, for people."""
+        """The report in one sentence."""
         if not np.isfinite(self.settled_after):
             return f"the robot {self.kind}; its motion has not settled after {self.watched:.3g} s"
         if not self.periods:
@@ -45,7 +45,7 @@ class MotionReport(NamedTuple):
 
 
 def motion_report(scene: Scene, trajectory: Trajectory) -> MotionReport | None:
-    """Of a finished rollout; None where it failed, where there is no ground to move on, or it was too short."""
+    """The report on a finished rollout; None if it failed, has no ground, or is too short."""
     try:
         seen = rolling(scene, trajectory)
     except InputError:
@@ -60,7 +60,7 @@ def motion_report(scene: Scene, trajectory: Trajectory) -> MotionReport | None:
 
 
 def _settled(scene: Scene, trajectory: Trajectory) -> tuple[float, int]:
-    """From when on, s, and after how many periods of actuation, shapes return; infinite, and 0, where they do not."""
+    """Time from which shapes return, s, and the number of periods per cycle; infinite and 0 if they do not return."""
     times, q = np.asarray(trajectory.times, float), np.asarray(trajectory.positions, float)
     size = SETTLED * float(body_length(scene))
     try:
@@ -94,7 +94,7 @@ def _full_swing(gait: Gait) -> float:
 
 
 def _at(moments: np.ndarray, times: np.ndarray, shapes: np.ndarray) -> np.ndarray:
-    """Shapes between two frames, m."""
+    """Shapes at moments between frames, m."""
     k = np.clip(np.searchsorted(times, moments), 1, len(times) - 1)
     share = ((moments - times[k - 1]) / (times[k] - times[k - 1]))[:, None]
     return shapes[k - 1] + share * (shapes[k] - shapes[k - 1])

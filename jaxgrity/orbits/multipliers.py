@@ -1,4 +1,4 @@
-"""Floquet multipliers: the eigenvalues of the derivative of the map that takes a robot from one cycle to the next."""
+"""Floquet multipliers: eigenvalues of the derivative of the map from one cycle to the next."""
 
 from typing import NamedTuple
 
@@ -20,30 +20,30 @@ from jaxgrity.stepping.loop import Carried, carried_at, numbered, repeated, stat
 from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
 
 NEUTRAL = ("shift x", "shift y", "turn")
-"""Names of the moves that change nothing on a plane: along x (down a slope), along y, and about the vertical."""
+"""Names of the neutral directions on a plane: along x (down a slope), along y, and about the vertical."""
 THIN = 1e-9
-"""Nodes this close to one vertical line, as a share of its length, do not say how far the robot has turned."""
+"""Distance of nodes from one vertical line, as a fraction of its length, below which a turn is undefined."""
 
 
 class FloquetMultipliers(NamedTuple):
-    """By how much small deviations from an orbit grow in a cycle."""
+    """Floquet multipliers of an orbit, per cycle."""
 
     neutral: dict[str, float]
-    """of those that only move the robot, by the names in `NEUTRAL`; no "turn" on a slope. They are 1, but for rounding,
-    where nothing in the scene tells one place or heading from another"""
+    """multipliers of translation and yaw, by the names in `NEUTRAL` (no "turn" on a slope). They are 1 to rounding if
+    the scene is the same at all places and headings"""
     others: Complex[np.ndarray, " others"]
-    """of all other directions, largest first; NaN where the derivative is not finite"""
+    """all other multipliers, largest first; NaN if the derivative is not finite"""
     directions: Complex[np.ndarray, "others 2 nodes 3"]
-    """deviations of positions, m, and of velocities, m/s, that grow so; each of length 1, centre and heading held"""
+    """their eigenvectors: deviations of positions, m, and velocities, m/s, of length 1, with centre and heading held"""
     residual: float
-    """m, by which a coordinate of a node misses itself after the cycle, at most, the planar motion taken out: they are
-    multipliers of an orbit where this is small"""
+    """largest difference of a node's coordinate after the cycle, without the planar motion, m; it must be small for an
+    orbit"""
     state: State
-    """(q, v) at the beginning of the cycle of which this is the derivative"""
+    """(q, v) at the beginning of the differentiated cycle"""
 
     @property
     def largest(self) -> float:
-        """The size of the largest of the others."""
+        """Size of the largest of the other multipliers."""
         return float(np.abs(self.others[0]))
 
 
@@ -51,32 +51,30 @@ class FloquetMultipliers(NamedTuple):
 def floquet_multipliers(
     scene: Scene, orbit: Orbit, *, options: Options = None, after: int | None = None
 ) -> FloquetMultipliers:
-    """The eigenvalues of the derivative of the map that takes the state (q, v) on an orbit over one cycle.
+    """Floquet multipliers from the derivative of the map of the state (q, v) over one cycle.
 
     With P the state after a cycle, and G(x) the shift and the turn that bring P(x) back to the place and the heading of
     the orbit's state x*, the map is R(x) = G(x) P(x), and maps states with that centre and heading on such. DP is
     computed by tangents in forward mode, one for each coordinate of the state, through the same steps as a rollout's.
-    DR follows from it, and has 6 eigenvalues for each node, less 3 (2 on a slope). Those that are left out belong to
-    the generators g of shifts and turns, for which DP g(x) = g(P(x)) where the scene is symmetric; `neutral` says how
-    well that holds.
+    DR follows from it, and has 6 eigenvalues for each node, less 3 (2 on a slope). The
+    generators g of shifts and turns are left out. For them DP g(x) = g(P(x)) if the scene is symmetric; `neutral` shows
+    how well this holds.
 
-    What is differentiated is the motion as it is stepped, with which node touches, sticks and slides, and which cable
-    is taut, in each step as on the orbit. With exact contact and rigid struts not every (q, v) is a state that a robot
-    can be in. A deviation that would change a strut's length, or move a node that touches, is undone by the impulses of
-    the first steps. So DP takes all deviations to such as are possible, eigenvectors of multipliers other than 0 among
-    them, and those that are not add multipliers of 0 alone. There the derivative is the slope of one of the map's
-    teeth, and may say little about robots that are disturbed by more than a tooth is wide (docs/gaits.md); `stability`
-    is about those.
+    The derivative is that of the stepped motion: contacts, sticking and taut cables are in each step as on the orbit.
+    With exact contact and rigid struts, some (q, v) are impossible. The impulses of the first steps undo deviations
+    that change a strut's length or move a touching node. So impossible deviations only add multipliers of 0. The
+    stepped map has teeth, and its derivative is the slope of one tooth (docs/gaits.md). For larger disturbances use
+    `stability`.
 
     Args:
-        scene: on a plane, with the gait of the orbit.
-        orbit: as from `find_orbit`, by the same options.
+        scene: a scene on a plane, with the gait of the orbit.
+        orbit: an orbit from `find_orbit` with the same options.
         options: solver options with a fixed step; by default the scene decides. The precision is float64.
-        after: periods of actuation after the orbit's state, at which the cycle begins. One cycle, where not given, so
-            that a method's memory of its last step is that of a robot on its way.
+        after: number of periods between the orbit's state and the beginning of the cycle; by default one cycle, so that
+            the method's memory of its last step has settled.
 
     Returns:
-        The multipliers, the neutral ones by name and the others apart.
+        The multipliers, neutral and others separately.
 
     Raises:
         InputError: bad options (see `resolve`), a method that adapts its step, an orbit whose rollout failed, a

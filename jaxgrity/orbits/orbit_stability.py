@@ -1,4 +1,4 @@
-"""What becomes of robots that are disturbed on an orbit: by how much deviations grow in a cycle, and who returns."""
+"""Stability of an orbit: growth of deviations per cycle, and the share of disturbed robots that return."""
 
 from typing import NamedTuple
 
@@ -16,52 +16,50 @@ from jaxgrity.stepping.options import Options
 DISTURBANCE = 0.1
 """Standard deviation of the disturbance of each coordinate of the nodes' velocities, m/s for a body of one metre."""
 MINOR = 0.1
-"""Share of the largest spread of disturbed robots. Directions in which they spread by less are not looked at."""
+"""Smallest spread of disturbed robots in a direction that counts, as a fraction of the largest spread."""
 DIRECTIONS = 3
-"""Most directions in which the spread of disturbed robots is looked at."""
+"""Largest number of directions in which the spread of disturbed robots is examined."""
 
 
 class Stability(NamedTuple):
-    """What becomes of robots that are disturbed on an orbit."""
+    """Floquet multipliers from disturbed robots, and the share that returns."""
 
     multipliers: np.ndarray
-    """(directions,), by which deviations grow in a cycle, complex, largest first; the neutral ones, of a shift along
-    the ground and a turn about the vertical, are taken out"""
+    """(directions,), complex Floquet multipliers per cycle, largest first; translation and yaw are excluded"""
     returned: float
-    """share of the robots of which no coordinate is more than 2 `SETTLED` body lengths off the orbit, after one cycle
-    and after two"""
+    """share of robots that are within 2 `SETTLED` body lengths of the orbit in every coordinate, after one cycle and
+    after two"""
     spread: float
-    """m, root mean square deviation of a node after one cycle, of those that returned"""
+    """root mean square deviation of a node after one cycle, for robots that return, m"""
 
     @property
     def largest(self) -> float:
-        """The largest multiplier's size; infinite where no more than half of the robots returned."""
+        """Size of the largest multiplier; infinite if at most half of the robots return."""
         return float(np.abs(self.multipliers).max()) if self.returned > 0.5 else np.inf
 
 
 @typed
 def stability(scene: Scene, orbit: Orbit, *, options: Options = None, robots: int = 128, seed: int = 0) -> Stability:
-    """Disturb robots on the orbit, and see what becomes of their deviations.
+    """Disturb robots on the orbit, and measure how their deviations grow.
 
-    The velocities of all nodes get normal deviates of `DISTURBANCE`. After one cycle robots differ by d1 from the
-    undisturbed one, after another by d2, planar motions taken out. The multipliers are the eigenvalues of the matrix A
-    for which d2 = A d1 holds best, in those few directions in which robots spread at all. They are
-    about positions, and about disturbances of that size. The derivative of a step-by-step method's own map is no such
-    thing: where impacts fall on whole steps, it describes by how much a touch-down moves within its step
-    (docs/gaits.md).
+    Velocities of all nodes get normal random numbers with the standard deviation `DISTURBANCE`. After one cycle robots
+    deviate by d1 from the undisturbed robot, after two by d2, without planar motions. The multipliers are the
+    eigenvalues of the matrix A that fits d2 = A d1 best, in the few directions in which robots spread. They describe
+    positions, for disturbances of this size. The derivative of the stepped map differs: impacts fall on whole steps, so
+    it describes how a touch-down moves within its step (docs/gaits.md).
 
     Args:
-        scene: with the gait of the orbit.
-        orbit: as from `find_orbit`, by the same options.
+        scene: the scene with the gait of the orbit.
+        orbit: an orbit from `find_orbit` with the same options.
         options: solver options; by default the scene decides.
-        robots: how many are disturbed.
+        robots: number of disturbed robots.
         seed: seed of the disturbances.
 
     Returns:
-        Multipliers, and how many robots returned.
+        Multipliers, and the share of robots that return.
 
     Raises:
-        InputError: bad options (see `resolve`), a scene without a gait.
+        InputError: bad options (see `resolve`), or a scene without a gait.
     """
     period_of(scene.gait)
     here, v = restarted(scene, orbit), orbit.state[1]
@@ -84,7 +82,7 @@ def stability(scene: Scene, orbit: Orbit, *, options: Options = None, robots: in
 
 
 def _stability(d1: np.ndarray, d2: np.ndarray, size: float) -> Stability:
-    """Of deviations (robots, nodes, 3), m, after one cycle and after two, of a robot so long."""
+    """Stability from deviations (robots, nodes, 3), m, after one cycle and after two; `size` is the body length."""
     near = np.nan_to_num(np.abs(d1), nan=np.inf).max((1, 2)) <= 2 * SETTLED * size
     back = near & (np.nan_to_num(np.abs(d2), nan=np.inf).max((1, 2)) <= 2 * SETTLED * size)
     # too few robots to fit a matrix between so many directions to

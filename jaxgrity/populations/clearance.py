@@ -1,4 +1,4 @@
-"""Where rods pass through uneven ground: contact is at nodes, and nothing stops what is between them."""
+"""Depth of rods in uneven ground between their nodes, where contact does not act."""
 
 import dataclasses
 
@@ -12,15 +12,15 @@ from jaxgrity.stepping.simulate import Trajectory
 
 @typed
 def rod_depths(scene: Scene, trajectory: Trajectory, points: int = 15) -> PerMember:
-    """How deep each strut was in the ground between its nodes, at most, along a motion.
+    """Largest depth of each strut in the ground between its nodes, along a motion.
 
     Args:
         scene: the scene of the motion.
-        trajectory: how, in its saved frames.
-        points: of each strut, evenly spaced between its nodes, that are looked at.
+        trajectory: the motion; its saved frames are checked.
+        points: number of checked points per strut, evenly spaced between its nodes.
 
     Returns:
-        (struts,), m; 0 of a strut that was above the ground throughout.
+        (struts,), m; 0 for a strut that stays above the ground.
 
     Example:
         >>> scene = jaxgrity.load_scene("exact")

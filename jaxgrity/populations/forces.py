@@ -1,4 +1,4 @@
-"""Forces along a finished trajectory: in every member, and of the ground and the supports on every node."""
+"""Forces along a finished motion: in every member, and of ground and supports on every node."""
 
 from typing import NamedTuple
 
@@ -20,40 +20,40 @@ from jaxgrity.stepping.simulate import Trajectory, driven, velocities_midway, wi
 
 
 class Forces(NamedTuple):
-    """The forces of one motion, frame by frame."""
+    """Forces of a motion in each frame."""
 
     tension: np.ndarray
-    """(frames, members), N, struts first; what pushes is negative; of a rod with mass the mean along it. Springs and
-    dampers together: a taut cable that shortens fast pushes by a few newtons, since its damper acts while it is taut"""
+    """(frames, members), tension of springs and dampers, N, struts first; negative if a member pushes. For a rod with
+    mass it is the mean along the rod. A taut cable that shortens fast may push by a few newtons, because of its
+    damper"""
     ground: np.ndarray
-    """(frames, nodes, 3), N, of the ground on each node"""
+    """(frames, nodes, 3), force of the ground on each node, N"""
     supports: np.ndarray
-    """(frames, nodes, 3), N, of the supports on the nodes that they hold"""
+    """(frames, nodes, 3), force of the supports on each node, N"""
 
 
 @typed
 def forces_along(scene: Scene, trajectory: Trajectory) -> Forces:
-    """The forces in the members, of the ground and of the supports along a trajectory, on any ground.
+    """Forces in members, of the ground and of supports along a motion.
 
-    Springs and dampers follow from q and v by the scene's own U and R. So do penalty contact, its friction, and
-    supports where no impulses act. Complementarity stepping acts by impulses, impacts among them. The motion is stepped
-    once more from frame to frame, and its impulses are divided by the time. Rigid struts, exact contact and supports
-    then have mean forces from each frame to the next, and in the last frame over one step more. Forces of the ground
-    and of supports, times these times, add up to the change of momentum.
+    Forces of springs, dampers and penalty contact follow from q and v by the scene's U and R. Complementarity stepping
+    acts by impulses: the motion is stepped again from frame to frame, and its impulses are divided by the time. So
+    rigid struts, exact contact and supports have mean forces from each frame to the next (in the last frame, over one
+    more step). Times these times, the forces of ground and supports add up to the change of momentum.
 
-    Where the ground holds both ends of a rigid strut, the strut's force and the ground's friction cannot be told apart:
-    they are those that the step found. Forces of contact along struts are on the struts' ends.
+    If the ground holds both ends of a rigid strut, its force and the friction are not unique: they are those of the
+    step. Forces of contact along struts act on the ends of the struts.
 
     Args:
         scene: the scene of the motion.
-        trajectory: how it moved; of complementarity stepping at least two frames. Rigid struts have the lengths that
-            they have in its frames, also where the scene does not say why.
+        trajectory: the motion, with at least two frames for complementarity stepping. Rigid struts take their lengths
+            from its frames.
 
     Returns:
         Tension of every member, and the forces of ground and supports on every node, in every frame.
 
     Raises:
-        InputError: a trajectory of fewer frames.
+        InputError: too few frames.
 
     Example:
         >>> scene = jaxgrity.load_scene("reference")
@@ -80,17 +80,17 @@ def forces_along(scene: Scene, trajectory: Trajectory) -> Forces:
 
 @typed
 def reactions(scene: Scene, trajectory: Trajectory) -> NodeHistory:
-    """The forces of the supports along a trajectory: those of `forces_along`.
+    """Forces of the supports along a motion, from `forces_along`.
 
     Args:
         scene: the scene of the motion.
-        trajectory: how, as `simulate` gave it for this scene.
+        trajectory: a motion of this scene.
 
     Returns:
-        (frames, nodes, 3), N.
+        (frames, nodes, 3), force of the supports on each node, N.
 
     Raises:
-        InputError: where the scene has no supports.
+        InputError: a scene without supports.
 
     Example:
         >>> rod = jaxgrity.Members(((0, 1),), None, [1.0], mass=[2.0])
@@ -107,7 +107,7 @@ def reactions(scene: Scene, trajectory: Trajectory) -> NodeHistory:
 
 @eqx.filter_jit
 def _by_forces(scene: Scene, t: AnyArray, q: AnyArray, v: AnyArray) -> tuple[AnyArray, AnyArray, AnyArray]:
-    """What follows from the state, by frames: tension of members, and forces of ground and supports on nodes."""
+    """Forces that follow from the state in each frame: tensions, and forces of ground and supports on nodes."""
     scene = prepared(scene)
     aloft = eqx.tree_at(lambda s: (s.ground, s.friction), scene, (None, None), is_leaf=lambda x: x is None)
 
@@ -120,7 +120,7 @@ def _by_forces(scene: Scene, t: AnyArray, q: AnyArray, v: AnyArray) -> tuple[Any
 
 
 def _tension(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors) -> AnyArray:
-    """Of every member, N, by springs and dampers; none of rigid members."""
+    """(members,), tension of springs and dampers, N; 0 for rigid members."""
     found = member_tensions(scene, t, q, v)
     kinds = (("struts", scene.structure.struts), ("cables", scene.structure.cables))
     parts = [found.get(name, jnp.zeros(len(members.edges))) for name, members in kinds if members is not None]

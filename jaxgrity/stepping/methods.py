@@ -1,4 +1,4 @@
-"""The methods that integrate the equations of motion, as diffrax solvers, by their names, and what each can do."""
+"""Integration methods by name, as diffrax solvers, with their properties."""
 
 import warnings
 from collections.abc import Callable
@@ -19,10 +19,10 @@ Build = Callable[[], diffrax.AbstractSolver]
 
 
 class Method(NamedTuple):
-    """One way to integrate, and what it can do; nothing in the library asks for a method's name.
+    """An integration method and its properties. The library asks for these properties, never for the name.
 
-    A method that is neither implicit nor symplectic nor constrained has a solver with a Butcher `tableau`, from which
-    its stability is predicted.
+    A method that is neither implicit nor symplectic nor constrained needs a solver with a Butcher `tableau`, which
+    predicts its stability.
     """
 
     name: str
@@ -30,31 +30,31 @@ class Method(NamedTuple):
     fixed: Build
     """builds the solver for steps of fixed size"""
     adaptive: Build | None = None
-    """builds it for steps that its own error estimate sets; None: it has none"""
+    """builds the solver for adaptive steps; None: no error estimate"""
     together: Build | None = None
-    """builds it to solve for struts and contacts together; None: it has one way to meet both, or meets neither"""
+    """builds the solver that solves struts and contacts together; None: no such variant"""
     implicit: bool = False
-    """whether it solves equations in each step: stable at any step, and robot by robot in a population"""
+    """whether it solves equations in each step; it is then stable at any step, and goes robot by robot"""
     symplectic: bool = False
-    """whether it needs forces that do not depend on velocity"""
+    """whether it needs forces that are independent of velocity"""
     constrained: bool = False
-    """whether it meets rigid struts and exact contact"""
+    """whether it solves rigid struts and exact contact"""
     recomputes: bool = False
-    """whether its step computes its stages again in reverse mode, so that no checkpoint is needed around it"""
+    """whether a step recomputes its stages in reverse mode, and so needs no checkpoint"""
 
 
 METHODS: dict[str, Method] = {}
-"""The integration methods by their names."""
+"""Integration methods, by name."""
 
 ALIASES = {"symplectic": "verlet"}
-"""Former names of methods, with the names that they have now."""
+"""Former names of methods, with their present names."""
 
 
 @typed
 def register_method(method: Method) -> Method:
-    """Let scenes be integrated by a method of one's own, under its name. Returns it.
+    """Register your own method. Returns it.
 
-    Raises `InputError` where the name is taken, or an explicit method has no tableau.
+    Raises `InputError` if the name is taken, or an explicit method has no tableau.
     """
     if method.name in METHODS or method.name in ALIASES:
         raise InputError(f"method = {method.name!r}: there is one of this name already; expected another name")
@@ -66,7 +66,7 @@ def register_method(method: Method) -> Method:
 
 
 def find_method(name: str) -> Method:
-    """The method called `name`. Raises `InputError` where there is none."""
+    """The method with this name. Raises `InputError` if there is none."""
     if name in ALIASES:
         warnings.warn(f"method {name!r} is now called {ALIASES[name]!r}", FutureWarning, stacklevel=2)
         name = ALIASES[name]
@@ -76,14 +76,14 @@ def find_method(name: str) -> Method:
 
 
 def constrained_method() -> Method:
-    """The first of the methods that meet rigid struts and exact contact."""
+    """The first method that solves rigid struts and exact contact."""
     return next(method for method in METHODS.values() if method.constrained)
 
 
 def amplification(method: Method, z: np.ndarray) -> np.ndarray:
-    """|R(z)|, by how much one explicit step of size h multiplies a mode y' = lambda y, z = h lambda.
+    """Factor |R(z)| of an explicit step of size h on a mode y' = lambda y, with z = h lambda.
 
-    Runge-Kutta: R(z) = 1 + z b^T (1 - z A)^-1 1. Verlet, on a mode of frequency |lambda|: 1 up to |z| = 2, then
+    Runge-Kutta: R(z) = 1 + z b^T (1 - z A)^-1 1. Verlet, for a mode of frequency |lambda|: 1 up to |z| = 2, then
     w + sqrt(w^2 - 1) with w = |z|^2/2 - 1.
     """
     z = np.atleast_1d(np.asarray(z, complex))
@@ -100,10 +100,10 @@ def amplification(method: Method, z: np.ndarray) -> np.ndarray:
 
 
 def _implicit(kind: type) -> tuple[Build, Build]:
-    """A Kvaerno method for fixed and for adapted steps, with full Newton iterations.
+    """A Kvaerno method for fixed and for adaptive steps, with full Newton iterations.
 
-    diffrax's default, which keeps one Jacobian for all iterations, converges so slowly where contact, friction and
-    cables switch that most steps are rejected. A tolerance much tighter than 1e-9 fails there in turn.
+    By default diffrax keeps one Jacobian for all iterations. Where contact, friction and cables switch, this converges
+    so slowly that most steps are rejected. A tolerance much tighter than 1e-9 fails there too.
     """
     by_error = diffrax.with_stepsize_controller_tols(optimistix.Newton)
     fixed: optimistix.Newton = optimistix.Newton(rtol=1e-9, atol=1e-9, norm=optimistix.max_norm)

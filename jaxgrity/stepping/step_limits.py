@@ -1,4 +1,4 @@
-"""The largest step that a method takes on a scene without blowing up, predicted from the linearised dynamics."""
+"""The largest stable step of a method on a scene, predicted from the linearised dynamics."""
 
 import dataclasses
 from typing import NamedTuple
@@ -21,29 +21,29 @@ from jaxgrity.stepping.dynamics import smooth_acceleration
 from jaxgrity.stepping.methods import METHODS, Method, amplification, constrained_method, find_method
 
 GROWTH = 1e-3
-"""Relative growth in a step, beyond the true one, that counts as stable: Tsit5 amplifies undamped motions always."""
+"""Relative growth per step, beyond the true growth, that counts as stable. Tsit5 always amplifies undamped motions."""
 STANDS_ON = 3
-"""Fewest nodes that carry a structure's weight on uneven ground, although only one touches as it is set down."""
+"""Smallest number of nodes that carry the weight on uneven ground, where only one touches at first."""
 LARGEST_STEP = 5e-3
-"""Largest step that is chosen, s for a body of one metre: the time at which a contact begins is known to a step."""
+"""Largest default step, s for a body of one metre. The time of an impact is known only to a step."""
 INDEPENDENT = 1e-9
-"""Constraints this much weaker than the strongest follow from the others: struts more than rigidity needs."""
+"""Relative strength below which a constraint follows from the others, as for redundant struts."""
 WIDEST = 1e2
 """Largest step that is examined, as a multiple of the time scale of the fastest mode."""
 
 
 class Linearised(NamedTuple):
-    """y'' = -K y - C y' for small motions q + B y about a state: n coordinates y, as many as the constraints leave."""
+    """Linearised motion y'' = -K y - C y' for q + B y, with the n coordinates y that constraints leave free."""
 
     stiffness: np.ndarray
-    """(n, n), K, 1/s^2"""
+    """(n, n), stiffness K, 1/s^2"""
     damping: np.ndarray
-    """(n, n), C, 1/s"""
+    """(n, n), damping C, 1/s"""
     basis: np.ndarray
-    """(3 nodes, n), B: mass-normalised where there are constraints, else the identity"""
+    """(3 nodes, n), basis B: mass-normalised with constraints, otherwise the identity"""
 
     def modes(self) -> tuple[np.ndarray, np.ndarray]:
-        """(2n,) eigenvalues, 1/s, of the motion, and (3 nodes, 2n) the displacements that go with them."""
+        """Eigenvalues of the motion, (2n,), 1/s, and their displacements, (3 nodes, 2n)."""
         n = len(self.stiffness)
         values, vectors = np.linalg.eig(np.block([[np.zeros((n, n)), np.eye(n)], [-self.stiffness, -self.damping]]))
         return values, self.basis @ vectors[:n]
@@ -51,9 +51,9 @@ class Linearised(NamedTuple):
 
 @typed
 def standing(scene: Scene) -> State:
-    """The structure at rest, undeformed, where its lowest nodes press on the ground by its weight, as it was posed.
+    """The undeformed structure at rest in its pose, with its lowest nodes pressed into the ground by its weight.
 
-    On exact ground they touch it; without ground, or on supports, the structure stays where it is.
+    On exact ground they touch it. Without ground, or on supports, the structure stays where it is.
     """
     q = np.asarray(scene.structure.nodes, float)
     if scene.ground is None or scene.structure.fixed:
@@ -69,9 +69,8 @@ def standing(scene: Scene) -> State:
 def linearise(scene: Scene, state: State) -> Linearised:
     """The equations of motion, linearised about `state` = (positions, velocities) at t = 0, in float64.
 
-    Rigid struts, nodes on exact ground and what the cone holds there are constraints: motions against them are left
-    out, and the struts' forces turn with the struts. Laws of force that have no derivative (the Coulomb switch) count
-    as absent.
+    Rigid struts, nodes on exact ground and nodes held by the cone are constraints. Motions against them are left out,
+    and the forces of struts turn with the struts. Force laws without a derivative (the Coulomb switch) are ignored.
     """
     with jax.enable_x64(True), evaluated():
         q, v = (np.asarray(x, float) for x in state)
@@ -95,20 +94,20 @@ def linearise(scene: Scene, state: State) -> Linearised:
 
 @eqx.filter_jit
 def _derivatives(scene: Scene, q: NodeVectors, v: NodeVectors):
-    """a, and (da/dq, da/dv), (nodes, 3, nodes, 3) each."""
+    """Acceleration a, and da/dq and da/dv, (nodes, 3, nodes, 3) each."""
     a = lambda q, v: smooth_acceleration(scene, 0.0, q, v)  # noqa: E731
     return a(q, v), jax.jacfwd(a, (0, 1))(q, v)
 
 
 def _constraints(scene: Scene, q: np.ndarray) -> np.ndarray:
-    """(constraints, 3 nodes): the direction in which each holds; those of rigid struts come first."""
+    """(constraints, 3 nodes): direction of each constraint, rigid struts first."""
     size = float(length_scale(scene))
     rows = (constraint.directions(q, size).reshape(-1, q.size) for constraint in scene.constraints)
     return np.concatenate([np.zeros((0, q.size)), *rows])
 
 
 def _turning(scene: Scene, q: np.ndarray, forces: np.ndarray) -> np.ndarray:
-    """(3 nodes, 3 nodes), N/m: change of the rigid struts' forces as the struts turn, (1 - u u^T) f / l."""
+    """(3 nodes, 3 nodes), change of the rigid struts' forces as they turn, (1 - u u^T) f / l, N/m."""
     change = np.zeros((*q.shape, *q.shape))
     for (i, j), force in zip(held_edges(scene), forces):
         d = q[i] - q[j]
@@ -120,9 +119,10 @@ def _turning(scene: Scene, q: np.ndarray, forces: np.ndarray) -> np.ndarray:
 
 @typed
 def stable_step(scene: Scene, state: State, method: Method | str) -> float:
-    """Largest step (s) at which no small motion about `state` grows by `GROWTH` a step more in `method` than in truth.
+    """Largest step at which no small motion about `state` grows more than its true growth plus `GROWTH` per step, s.
 
-    Infinite for implicit methods. It speaks of small motions: smooth friction chatters beyond it, and blows up later.
+    It is infinite for implicit methods. It holds for small motions: beyond it smooth friction first chatters, and blows
+    up later.
     """
     method = find_method(method) if isinstance(method, str) else method
     return np.inf if method.implicit else _largest(linearise(scene, state), method)
@@ -140,7 +140,7 @@ def _largest(linear: Linearised, method: Method) -> float:
 
 
 def _excess(linear: Linearised, values: np.ndarray, method: Method, h: float) -> np.ndarray:
-    """By how much more than in truth one step multiplies each mode; with constraints, each mode of the step."""
+    """Growth of each mode per step beyond its true growth; with constraints, of each mode of the step."""
     if not method.constrained:
         return amplification(method, h * values) * np.exp(-h * np.maximum(values.real, 0))
     one = np.eye(len(linear.stiffness))
@@ -153,7 +153,7 @@ def _excess(linear: Linearised, values: np.ndarray, method: Method, h: float) ->
 
 @typed
 def limiting_part(scene: Scene, state: State, method: Method) -> str:
-    """The member, contact or damping with the largest share in the motion that limits `stable_step`, by name."""
+    """Name of the member, contact or damper with the largest share in the motion that limits `stable_step`."""
     linear = linearise(scene, state)
     values, shapes = linear.modes()
     size = np.abs(values) if method.constrained else _excess(linear, values, method, 1.01 * _largest(linear, method))
@@ -168,9 +168,9 @@ def limiting_part(scene: Scene, state: State, method: Method) -> str:
 
 @eqx.filter_jit
 def part_shares(scene: Scene, q: NodeVectors, v: NodeVectors, shape: AnyArray, rate: Scalar) -> list[AnyArray]:
-    """For each term of U and R, the share of each of its parts in the motion `shape` (real and imaginary part).
+    """Share of each part of each term of U and R in the motion `shape` (real and imaginary part).
 
-    It is x·dF for the forces F of that part, with dF = dF/dq x + rate dF/dv x.
+    It is x·dF with the forces F of the part and dF = dF/dq x + rate dF/dv x.
     """
 
     def share(term: ForceTerm):
@@ -188,7 +188,7 @@ def part_shares(scene: Scene, q: NodeVectors, v: NodeVectors, shape: AnyArray, r
 
 
 def _force(term: ForceTerm, motion):
-    """N, (nodes, 3), of one term of U or R."""
+    """(nodes, 3), forces of one term of U or R, N."""
     scene, (q, t) = motion.at.scene, motion.at[:2]
     if isinstance(term, EnergyTerm):
         return -jax.grad(lambda q: term.energy(scene.configuration(q, t)))(q)
@@ -197,10 +197,10 @@ def _force(term: ForceTerm, motion):
 
 
 def aloft(scene: Scene) -> tuple[Scene, State]:
-    """The structure at rest and undeformed, away from any ground.
+    """The undeformed structure at rest, away from the ground.
 
-    It is lifted, so that the compiled program is that of the robot standing. Terms of one's own may depend on the
-    place, and uneven ground may be anywhere: where there are some, the ground is taken away instead.
+    It is lifted, so it shares the compiled program of the standing robot. If the scene has your own terms, which may
+    depend on the place, or uneven ground, the ground is removed instead.
     """
     q = np.asarray(scene.structure.nodes, float)
     if scene.terms or (scene.ground is not None and scene.ground.surface is not None):
@@ -209,7 +209,7 @@ def aloft(scene: Scene) -> tuple[Scene, State]:
 
 
 def all_taut(scene: Scene) -> Scene:
-    """The scene without its gait, and with rest lengths shortened until no cable is slack in the structure's shape."""
+    """The scene without its gait, with rest lengths shortened until no cable is slack."""
     scene, cables = with_gait(scene, None), scene.structure.cables
     if cables is None:
         return scene
@@ -219,10 +219,10 @@ def all_taut(scene: Scene) -> Scene:
 
 
 def strictest(scene: Scene, method: Method) -> tuple[float, Scene, State]:
-    """The smaller stable step (s) of the structure standing and aloft, all cables taut, and what it belongs to.
+    """The smaller of the stable steps standing and aloft, s, with all cables taut, and its case.
 
-    Penalty contact and friction limit it standing; exact contact holds nodes, and so lets it stand at larger steps.
-    Cables that are slack at first count, for in motion they may be taut.
+    Penalty contact and friction limit the standing robot. Exact contact holds nodes, and allows larger steps. Slack
+    cables count as taut, since they may become taut.
     """
     return min(((stable_step(*case, method), *case) for case in _cases(scene)), key=lambda x: x[0])
 
@@ -236,21 +236,21 @@ class StepLimit(NamedTuple):
     """The largest fixed step that a scene allows a method."""
 
     step: float
-    """s"""
+    """largest stable step, s"""
     set_by: str
-    """the member, contact or damping that sets it, by name"""
+    """name of the member, contact or damper that limits it"""
 
 
 @typed
 def step_limit(scene: Scene, method: Method | str) -> StepLimit:
-    """The largest stable step of a scene, standing and aloft, and what sets it; infinite where nothing does.
+    """The largest stable step of a scene, standing and aloft, and the part that limits it.
 
     Args:
         scene: the scene to simulate.
-        method: or its name.
+        method: a method, or its name.
 
     Raises:
-        InputError: no method of this name.
+        InputError: an unknown method.
 
     Example:
         >>> limit = jaxgrity.stepping.step_limit(jaxgrity.load_scene("exact"), "complementarity")
@@ -263,16 +263,16 @@ def step_limit(scene: Scene, method: Method | str) -> StepLimit:
 
 @typed
 def default_step(scene: Scene, method: Method) -> float:
-    """The largest of 1, 2, 5 times a power of ten (s) up to 0.4 of the stable step, and up to `LARGEST_STEP`.
+    """The default step: 1, 2 or 5 times a power of ten, s, at most 0.4 of the stable step and `LARGEST_STEP`.
 
-    Round, so that frames fall on steps: at another size, the same motion may get a step up to 2.5 times as small."""
+    It is round so that frames fall on steps. A scaled copy of a robot may get a step up to 2.5 times smaller."""
     target = min(0.4 * strictest(scene, method)[0], LARGEST_STEP * float(time_scale(scene)))
     power = 10.0 ** np.floor(np.log10(target))
     return float(max(m * power for m in (1, 2, 5) if m * power <= target * (1 + 1e-9)))
 
 
 def step_fault(scene: Scene, method: Method, dt: float) -> str:
-    """What is wrong where a fixed step `dt` would blow up: the largest stable step and what sets it; else no words."""
+    """Message for a fixed step `dt` that would blow up, with the largest stable step; empty if `dt` is stable."""
     if method.implicit or all(_surely_stable(*case, method, dt) for case in _cases(scene)):
         return ""
     limit, taut, state = strictest(scene, method)
@@ -284,7 +284,7 @@ def step_fault(scene: Scene, method: Method, dt: float) -> str:
 
 
 def _surely_stable(scene: Scene, state: State, method: Method, dt: float) -> bool:
-    """Whether `dt`, its half and its quarter are stable, and within `stable_step`'s range: a look, not a search."""
+    """Whether `dt`, its half and its quarter are stable and in the range of `stable_step`: a quick check."""
     linear = linearise(scene, state)
     values = linear.modes()[0]
     if not values.any():
@@ -295,5 +295,5 @@ def _surely_stable(scene: Scene, state: State, method: Method, dt: float) -> boo
 
 @typed
 def default_method(scene: Scene) -> Method:
-    """The first of the methods that meet constraints for scenes with rigid struts or exact contact, else the first."""
+    """The default method: the first that solves constraints if the scene has them, otherwise the first."""
     return constrained_method() if scene.constrained else next(iter(METHODS.values()))
