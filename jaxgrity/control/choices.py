@@ -34,7 +34,7 @@ class GaitChoices(NamedTuple):
     """of each; images of a gait have its name. The last one is `REST`"""
 
     def chosen(self, rows: AnyArray, bends: AnyArray) -> Steered:
-        """The policy of robots that use these gaits, (robots,), with these bends, (robots,), the robots last."""
+        """The policy of robots with these gaits, (robots,), and these bends, (robots,), the robots last."""
         taken = jax.tree.map(lambda x: x[..., jnp.asarray(rows)], self.policy)
         return replace(taken, bend=jnp.asarray(bends, taken.bend.dtype))
 
@@ -46,12 +46,12 @@ class GaitChoices(NamedTuple):
 
 @typed
 def gait_choices(structure: Structure, gaits: Mapping[str, PhaseLocked], dtype: str = "float32") -> GaitChoices:
-    """Gaits with feedback, all their images under the structure's symmetries, mirrors included, and one that rests.
+    """Gaits with feedback, all their images under the structure's symmetries, mirrors included, and one at rest.
 
-    An image that is the gait itself at another time is left out: a clock that jumps does the same. None of them has a
-    start or a ramp: a clock that shows another gait's angle would be thrown back into it.
+    An image that is the gait itself at another time is left out: a jump of the clock has the same effect. None of them
+    has a start or a ramp, since a clock with another gait's angle would fall back into it.
 
-    Raises `InputError` where there is none, one has several frequencies, or gaits differ in their members.
+    Raises `InputError` without a gait, for one of several frequencies, and for gaits with different members.
     """
     if not gaits or REST in gaits:
         raise InputError(f"gaits: {list(gaits)}; expected at least one, none of them called {REST!r}")
@@ -78,7 +78,7 @@ def gait_choices(structure: Structure, gaits: Mapping[str, PhaseLocked], dtype: 
 
 
 def _with_overtones(gait: Gait, harmonics: int) -> Gait:
-    """The gait with so many overtones, those that it lacks of size 0."""
+    """The gait with some number of overtones, missing ones of size 0."""
     none = np.zeros(len(gait.members))
     return replace(gait, overtones=gait.overtones + (Overtone(none, none),) * (harmonics - len(gait.overtones)))
 

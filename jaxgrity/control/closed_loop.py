@@ -24,7 +24,7 @@ from jaxgrity.stepping.simulate import Trajectory
 
 
 class Loop(NamedTuple):
-    """What a rollout in a closed loop has come to."""
+    """The state of a rollout in a closed loop."""
 
     plant: PlantState
     memory: Memory
@@ -32,7 +32,7 @@ class Loop(NamedTuple):
 
 
 class Drive(NamedTuple):
-    """Where robots got to in a closed loop."""
+    """Where robots are after a rollout in a closed loop."""
 
     path: AnyArray
     """(samples + 1, 3), or (samples + 1, 3, robots): the centre of mass at the start and after each sample, m"""
@@ -43,12 +43,12 @@ class Drive(NamedTuple):
 
 @typed
 def loop_start(plant: Plant, policy: Policy, key: Any, start: State | None = None, *, each: bool = False) -> Loop:
-    """At t = 0; from `start`, q and v, where given, else as the scene stands.
+    """The loop at t = 0: from `start`, q and v; by default the scene's own.
 
-    `each` says that all of the policy's arrays have the population last: every robot has parameters of its own.
-    Floating numbers of the memory take the plant's precision. Raises `InputError` for what is no policy or no key, a
-    policy that actuates other members than the plant, `each` of a plant of one robot or of a policy that has not as
-    many rows, and a start of another shape, or that is known and violates rigid struts or exact contact.
+    `each`: all of the policy's arrays have the population last; every robot has its own parameters. Floats of the
+    memory take the plant's precision. Raises `InputError` for what is no policy or no key; for other members than the
+    plant's; for `each` with a plant of one robot, or a policy with another number of rows; for a start of another
+    shape, or a known one that violates rigid struts or exact contact.
     """
     if not isinstance(policy, Policy):
         raise InputError(f"policy is a {type(policy).__name__}: expected a Policy, such as OpenLoop(gait)")
@@ -69,10 +69,10 @@ def loop_start(plant: Plant, policy: Policy, key: Any, start: State | None = Non
 def roll_on(
     plant: Plant, policy: Policy, loop: Loop, ticks: int, keep: Callable[[PlantState], Any], *, each: bool = False
 ) -> tuple[Loop, Any]:
-    """So many control periods later, and what `keep` took of the state after each of them, stacked in front.
+    """The loop after some control periods, and the results of `keep` after each of them, stacked in front.
 
-    In every control period the sensors are read, the policy is asked, and the motors move. It is a `lax.scan`: to be
-    jitted, and differentiated in forward and in reverse mode; of a rollout that fails, derivatives are not finite.
+    In every control period the sensors are read, the policy is asked, and the motors move. A `lax.scan`: it can be
+    jitted, and differentiated in forward and reverse mode. A failed rollout has no finite derivatives.
     """
     ask: Callable = type(policy).__call__
     policy = floats_as(policy, plant.options.dtype)
@@ -94,7 +94,7 @@ def roll_on(
 @eqx.filter_jit
 @typed
 def drive(plant: Plant, policy: Policy, loop: Loop, ticks: int, samples: int = 1, *, each: bool = False) -> Drive:
-    """Roll on for `samples` times so many control periods, and look at the centre of mass after each of them."""
+    """Roll on for `samples` times some control periods; the centre of mass is recorded after each."""
 
     def sample(loop: Loop, _):
         loop, _ = roll_on(plant, policy, loop, ticks, lambda state: None, each=each)
@@ -110,16 +110,15 @@ def places(plant: Plant, loop: Loop) -> AnyArray:
 
 
 def failures(plant: Plant, loop: Loop) -> AnyArray:
-    """Of each robot, the index into `FAILURES`; 0: it is where it can be."""
+    """The index into `FAILURES` of each robot; 0: no failure."""
     return plant.lift(state_failure, ("s", -1, -1))(plant.scene, *loop.plant.motion)
 
 
 def taken_over(model: Plant, loop: Loop, each: int) -> Loop:
-    """Where robots are, as the start of so many robots of a model for each of them, side by side.
+    """The robots' state as the start of some robots of a model for each of them, side by side.
 
-    The model knows motion, motors, time and memory; its sensors begin anew. Where both methods are complementarity
-    stepping, that of the model goes on from where the robots' is; else it begins anew. Of one robot `loop` has no axis
-    of robots.
+    The model takes over motion, motors, time and memory; its sensors begin anew. Where both methods are complementarity
+    stepping, the model's continues from the robots'; else it begins anew. For one robot `loop` has no axis of robots.
     """
     robots = loop.plant.motion[0].shape[2:]
 
@@ -146,18 +145,18 @@ def simulate_policy(
 
     Args:
         plant: the robot, its sensors and motors, as from `plant_of`.
-        policy: what its controller does.
+        policy: its controller.
         duration: s, rounded to whole control periods.
-        start: q (nodes, 3), m, and v, m/s; as the scene stands, at rest, where not given.
+        start: q (nodes, 3), m, and v, m/s; by default the scene's, at rest.
         seed: seed of the sensors' noise.
 
     Returns:
-        The motion, with a frame for each control period, and the contractions that the motors reached (`commands`),
-        by which forces and pictures know the rest lengths; its scene has no gait. One that fails has its failure code.
+        The motion, one frame for each control period, with the contractions of the motors (`commands`): forces and
+        pictures take the rest lengths from them. Its scene has no gait. A failed rollout has a failure code.
 
     Raises:
-        InputError: a plant of many robots, a policy that actuates other members than the plant, or a duration that is
-            not positive.
+        InputError: a plant of many robots, a policy for other members than the plant's, or a duration that is not
+            positive.
 
     Example:
         >>> scene = jaxgrity.load_scene("exact")
@@ -199,12 +198,12 @@ def _motion(plant: Plant, policy: Policy, loop: Loop, ticks: int):
 
 
 def frame(plant: Plant, state: PlantState) -> tuple[State, AnyArray]:
-    """Where the robot is, and by which fraction its motors have shortened their members."""
+    """The robot's places, and the contraction of each motor."""
     return whole_state(plant, state), state.contraction
 
 
 def _check_each(policy: Policy, robots: int) -> None:
-    """Raise `InputError` for a policy of which not every array has a row for each robot, as its last axis."""
+    """Raise `InputError` for a policy with an array whose last axis is not one for each robot."""
     sizes = {np.shape(x)[-1] for x in jax.tree.leaves(policy) if np.ndim(x)}
     if sizes - {robots}:
         found = f"the last axes have {', '.join(map(str, sorted(sizes)))} rows"

@@ -1,6 +1,6 @@
-"""Environments for reinforcement learning: pure `reset` and `step`, to be mapped, jitted and differentiated.
+"""Environments for reinforcement learning: pure `reset` and `step`, for `vmap`, `jit` and `grad`.
 
-They have the shape of those of Brax: a state goes in and a state comes out, with observation, reward and done in it.
+The interface is that of Brax: a state goes in and a state comes out, with observation, reward and done in it.
 """
 
 from dataclasses import dataclass, replace
@@ -47,7 +47,7 @@ on."""
 
 
 class Situation(NamedTuple):
-    """All that goes on from one step to the next: wrappers that begin episodes anew restore this."""
+    """The carry from one step to the next: wrappers that begin episodes anew restore it."""
 
     plant: PlantState
     aim: AnyArray
@@ -81,7 +81,7 @@ class EnvironmentState(eqx.Module):
 
 @dataclass(frozen=True, eq=False)
 class Environment:
-    """A robot with a task. Made by `environment`; its robot's numbers are constants of what is compiled of it."""
+    """A robot with a task. Made by `environment`; the robot's numbers are constants of the compiled program."""
 
     plant: Plant
     task: Task
@@ -92,16 +92,16 @@ class Environment:
 
     @property
     def action_size(self) -> int:
-        """How many members are actuated."""
+        """The number of actuated members."""
         return len(self.plant.members)
 
     @property
     def observation_size(self) -> int:
-        """How many numbers a policy sees."""
+        """The number of observed values."""
         return jax.eval_shape(self.reset, jax.random.key(0)).obs.shape[0]
 
     def reset(self, key: Any) -> EnvironmentState:
-        """The start of an episode, drawn by `key`, such as `jax.random.key(0)`; `InputError` where it is no key."""
+        """The start of an episode, drawn by `key`, such as `jax.random.key(0)`. Raises `InputError` without a key."""
         check_key(key)
         starts, aims, noise = jax.random.split(key, 3)
         state = plant_start(self.plant, noise, task_start(self.task, self.plant.scene, starts))
@@ -115,13 +115,12 @@ class Environment:
         return EnvironmentState(situation, self.sensed(state, seen, aim), zero, zero, metrics, info)
 
     def step(self, state: EnvironmentState, action: AnyArray) -> EnvironmentState:
-        """One control period later. Of an `action` (action_size,), -1 leaves a member as long as it is built, 1
-        shortens it by the motors' `stroke`, and what is beyond does not count.
+        """The state one control period later. In `action` (action_size,) -1 is a member's built length, 1 its
+        contraction by the motors' `stroke`; values beyond are cut.
 
-        A rollout that fails is done, with observation and reward of zero: numbers are always finite, but derivatives of
-        such a rollout are not. An action that is not a number fails at once. An episode that is over stays as it ended,
-        with rewards of zero. Raises `InputError` for an action of another shape, and for a known one that is not a
-        number.
+        A failed rollout is done, with observation and reward of zero: its numbers are finite, its derivatives are not.
+        An action of NaN fails at once. A finished episode stays as it is, with rewards of zero. Raises `InputError` for
+        an action of another shape, and for a known one that is not a number.
         """
         if jnp.shape(action) != (self.action_size,):
             raise InputError(f"action has shape {jnp.shape(action)}; expected ({self.action_size},), one a member")
@@ -159,8 +158,8 @@ class Environment:
         )
 
     def sensed(self, state: PlantState, seen: Observation, aim: AnyArray) -> AnyArray:
-        """All sensors' readings in the order of `Observation`, but for the place, then d, (2,), as the place that was
-        read says, and the contractions."""
+        """All sensors' readings in the order of `Observation`, without the place; then d, (2,), from the place as read,
+        and the contractions."""
         known = [*seen._replace(place=wanted_direction(self.task, aim, seen.place)), state.contraction]
         return jnp.concatenate([jnp.ravel(part) for part in known])
 
@@ -179,13 +178,13 @@ def environment(
     """An environment of one robot, commanded 100 times a second.
 
     Args:
-        task: one of `TASKS`: speed, heading, goal, slope, bumps or recover, at the robot's size.
-        scene: the robot, its ground and friction; its gait does not count, but for the members that it actuates.
-        sensors: how they err; where not given, they do not.
-        motors: what they can do; where not given, 1 m/s, and to shorten a member by half.
-        options: solver options; by default the scene decides.
-        seconds: of an episode, a multiple of 0.01 s.
-        effort_cost: m s: times the mean square rate of the contractions, what effort costs.
+        task: one of `TASKS`: speed, heading, goal, slope, bumps or recover, scaled to the robot.
+        scene: the robot, its ground and friction; of its gait only the actuated members count.
+        sensors: their errors; by default none.
+        motors: their limits; by default 1 m/s, and contraction by half.
+        options: solver options; by default the scene's.
+        seconds: s, the length of an episode, a multiple of 0.01.
+        effort_cost: m s, the cost of effort over the mean square rate of the contractions.
 
     Returns:
         The environment, whose `reset` and `step` are pure.

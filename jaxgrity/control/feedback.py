@@ -1,4 +1,4 @@
-"""Feedback that keeps a gait: its clock runs slower or faster with how the robot lies."""
+"""Feedback that keeps a gait: its clock runs slower or faster with the robot's orientation."""
 
 from dataclasses import replace
 
@@ -31,16 +31,16 @@ FASTEST_SWING = 3.0
 
 
 class PhaseLocked(Policy):
-    """A gait of struts whose clock c is kept in step with the robot's rolling: a phase-locked oscillator.
+    """A gait of struts with a clock c in step with the robot's rolling: a phase-locked oscillator.
 
     dc/dt = 1 + sum_h (a_h C_h + b_h S_h + a'_h C'_h + b'_h S'_h), within `SLOWEST` and `FASTEST`, with
 
         C_h = sum_k u_k^2 cos(h theta_k),         S_h = sum_k u_k^2 sin(h theta_k),   h = 1, 2,
         C'_h = sum_k u_k du_k/dt cos(h theta_k),  S'_h = sum_k u_k du_k/dt sin(h theta_k),
 
-    where u_k is the vertical component of strut k's direction, and theta_k = 2 pi f_k c + phase_k the angle at which
-    its actuator stands. A rotation that maps the gait on itself but for a shift of time leaves all these as they are,
-    so that one law serves on every face. With gains of zero it is the open loop.
+    where u_k is the vertical component of strut k's direction, and theta_k = 2 pi f_k c + phase_k its actuator's angle.
+    All these are invariant under a rotation that maps the gait on itself up to a shift of time: one law serves on every
+    face. With gains of zero it is the open loop.
     """
 
     gait: Gait
@@ -63,7 +63,7 @@ class PhaseLocked(Policy):
                 raise InputError(f"{name} = {np.asarray(own).tolist()}: expected finite numbers")
 
     def first(self) -> Memory:
-        """The clock and the time until which it has run, s."""
+        """The clock and its time, s."""
         return jnp.zeros(()), jnp.zeros(())
 
     def __call__(self, observation: Observation, t: Scalar, memory: Memory) -> tuple[PerActuator, Memory]:
@@ -86,8 +86,7 @@ class PhaseLocked(Policy):
 
 
 def one_frequency(gait: Gait) -> None:
-    """Raise `InputError` for a gait of several frequencies: where its clock jumps, it is not at another place of one
-    cycle."""
+    """Raise `InputError` for a gait of several frequencies: it has no common cycle in which a clock could jump."""
     if np.ptp(np.asarray(gait.frequency)) > 0:
         raise InputError(
             f"gait.frequency = {np.asarray(gait.frequency).tolist()}: expected the same for all members, "
@@ -97,12 +96,12 @@ def one_frequency(gait: Gait) -> None:
 
 @typed
 def sure_footed(gait: Gait) -> PhaseLocked:
-    """Feedback for uneven ground: a gait a little larger and faster, whose clock heeds how fast struts swing.
+    """Feedback for uneven ground: a slightly larger and faster gait; its clock depends on the struts' swing.
 
-    Gains, and the factors of amplitude and frequency, were found for the library's gait "lasting" on bumps of 2 cm;
-    what they are worth there, and on ground on which they were not found, is measured in docs/control.md.
+    Gains, and the factors of amplitude and frequency, were found for the library's gait "lasting" on bumps of 2 cm.
+    docs/control.md has the measured benefit there and on other ground.
 
-    Raises `InputError` where a member would be shortened by all of its length.
+    Raises `InputError` where a member would lose all of its length.
     """
     larger = SURE_AMPLITUDE * np.asarray(gait.amplitude)
     if not np.all(larger < 1):

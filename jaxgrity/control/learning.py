@@ -61,17 +61,17 @@ def learn(
     config: LearningConfig = AS_MEASURED,
     hear: Callable[[int, dict[str, float]], None] = lambda done, facts: None,
 ) -> Learner:
-    """Learn on for some updates, each of `decisions` x `held` control periods of all robots.
+    """Learn for some updates, each of `decisions` x `held` control periods of all robots.
 
     Args:
         environment: of `environment`, best in float32.
-        start: of `learner`, or what another call returned.
-        updates: how many.
-        config: as that with which the start was made.
-        hear: is told how many updates are done, and facts: "progress", m/s, the mean over all robots and decisions.
+        start: from `learner`, or from an earlier call.
+        updates: their number.
+        config: that of the start.
+        hear: called with the number of updates and facts: "progress", m/s, the mean over all robots and decisions.
 
     Returns:
-        What learning goes on from; its `policy` is what was learned.
+        The new state of learning; its `policy` is the learned one.
 
     Example:
         >>> env = jaxgrity.control.environment("speed", jaxgrity.load_scene("exact"), seconds=0.4)
@@ -88,19 +88,19 @@ def learn(
 
 
 def _begun(environment: Environment, keys: Any) -> Any:
-    """New episodes, whose time we keep, as wrappers of environments do (`EnvironmentState.info`)."""
+    """New episodes; their time is kept here, as in wrappers of environments (`EnvironmentState.info`)."""
     states = jax.vmap(environment.reset)(keys)
     return states.replace(info=states.info | {"steps": jnp.zeros(len(keys))})
 
 
 def _longest(environment: Environment, config: LearningConfig) -> int:
-    """Decisions of an episode."""
+    """The number of decisions of an episode."""
     return max(1, environment.episode // config.held)
 
 
 @eqx.filter_jit
 def _update(environment: Environment, config: LearningConfig, now: Learner) -> tuple[Learner, dict]:
-    """One update: try, judge, learn; on every device with its own robots, and with the mean of all gradients."""
+    """One update: try, judge, learn; every device has its own robots, and the gradients are averaged."""
 
     def update(now: Learner) -> tuple[Learner, dict]:
         key, of_all = jax.random.split(now.key)
@@ -120,7 +120,7 @@ def _update(environment: Environment, config: LearningConfig, now: Learner) -> t
 
 
 def _dealt() -> tuple[Mesh, Any]:
-    """The devices, and how each part of a learner is dealt among them."""
+    """The devices, and the sharding of each part of a learner."""
     parts: Any = dict.fromkeys(Learner._fields, PartitionSpec()) | dict.fromkeys(
         ("states", "ages"), PartitionSpec(AXIS)
     )
@@ -128,7 +128,7 @@ def _dealt() -> tuple[Mesh, Any]:
 
 
 def _placed(now: Learner) -> Learner:
-    """Where updates leave it, so that the first one is no program of its own."""
+    """The learner on the updates' devices, so that the first update compiles no program of its own."""
     mesh, parts = _dealt()
     arrays, rest = eqx.partition(now, eqx.is_array)
     there: Any = (jax.device_put(x, NamedSharding(mesh, part)) for x, part in zip(arrays, parts, strict=True))
@@ -140,7 +140,7 @@ def _arrays_of(result: tuple[Learner, dict]) -> tuple[Learner, dict]:
 
 
 def _tries(environment: Environment, config: LearningConfig, now: Learner, key: Any) -> tuple[Any, AnyArray, Tried]:
-    """Let all robots decide, and begin their episodes anew where these are over."""
+    """Decisions of all robots; finished episodes begin anew."""
     of_starts, of_decisions = jax.random.split(key)
     fresh = _begun(environment, jax.random.split(of_starts, len(now.ages)))
 

@@ -1,4 +1,4 @@
-"""Motors, between what a controller asks for and what members do: they lag, and are bounded in rate and in force."""
+"""Motors between a controller's commands and the members: lag, and bounds of rate and force."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -11,14 +11,13 @@ from jaxgrity.core.types import AnyArray
 
 
 class MotorLimits(eqx.Module):
-    """What the motors of all actuated members can do; by default nearly anything.
+    """The limits of the motors of all actuated members; by default nearly none.
 
-    Raises `InputError` where that is nothing.
+    Raises `InputError` for motors that cannot move.
 
-    Within a control period of length T a motor approaches the rest length that is asked for by the share
-    1 - exp(-T/lag) of what is missing, the exact answer of a first-order lag to a command that is held, yet by `rate` T
-    at most, and not at all against a member that pulls or pushes more than `force`. Commands beyond `stroke` count as
-    that.
+    Within a control period T a motor covers the share 1 - exp(-T/lag) of the way to the commanded rest length: the
+    exact response of a first-order lag to a held command. It moves by `rate` T at most, and not at all against a force
+    of its member above `force`. Commands are cut at `stroke`.
     """
 
     lag: float | None = eqx.field(static=True, default=None)
@@ -42,15 +41,15 @@ class MotorLimits(eqx.Module):
 def contraction_reached(
     motors: MotorLimits, now: AnyArray, wanted: AnyArray, period: float, lengths: AnyArray, tension: AnyArray | None
 ) -> AnyArray:
-    """The contraction that motors reach within a control period, (actuators,), or with the population last.
+    """The contraction of the motors after a control period, (actuators,), or with the population last.
 
     Args:
-        motors: what they can do.
-        now: by which fraction each member is shortened.
-        wanted: what is asked for.
+        motors: their limits.
+        now: the contraction of each member.
+        wanted: the commanded contraction.
         period: s.
         lengths: L0, m, of the members.
-        tension: N, with which each member pulls; needed where forces are bounded.
+        tension: N, of each member; needed where forces are bounded.
     """
     change = jnp.clip(wanted, -motors.stroke, motors.stroke) - now
     if motors.lag is not None:

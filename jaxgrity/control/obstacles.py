@@ -1,4 +1,4 @@
-"""Obstacles to be kept clear of: discs on the ground, how far a robot is from them, and ways round them to a goal."""
+"""Obstacles: discs on the ground, a robot's distance from them, and ways round them to a goal."""
 
 from typing import NamedTuple
 
@@ -29,7 +29,7 @@ SAME_REACH = 1e-6
 
 
 class Discs(NamedTuple):
-    """What a robot, seen from above, shall not touch."""
+    """The areas, seen from above, that a robot shall not touch."""
 
     centres: np.ndarray
     """(discs, 2), m"""
@@ -39,10 +39,10 @@ class Discs(NamedTuple):
 
 @typed
 def discs_of(ground: Ground | None) -> Discs:
-    """The discs about the obstacles of a scene's ground, seen from above; about a box that through its corners.
+    """The discs about the obstacles of a scene's ground, seen from above; about a box the disc through its corners.
 
-    Planes and height fields are what robots roll on: bumps and hills are no obstacles. Raises `InputError` where there
-    is no ground, and where a part of the surface is neither that nor a box, a ball or a cylinder.
+    Planes and height fields are ground: bumps and hills are no obstacles. Raises `InputError` without a ground, and for
+    a part of the surface that is neither ground nor a box, a ball or a cylinder.
     """
     if ground is None:
         raise InputError("ground: there is none; expected that of a scene with [ground]")
@@ -71,7 +71,7 @@ def discs_of(ground: Ground | None) -> Discs:
 
 @typed
 def reach_of(scene: Scene) -> float:
-    """m, how far the farthest node is from the centre of mass, as the robot is posed: it may lie any way up."""
+    """m, the distance of the farthest node from the centre of mass in the given pose, whichever way up."""
     q = np.asarray(scene.structure.nodes, float)
     mass = np.asarray(scene.structure.lumped_mass, float)
     return float(np.linalg.norm(q - mass @ q / mass.sum(), axis=1).max())
@@ -79,7 +79,8 @@ def reach_of(scene: Scene) -> float:
 
 @typed
 def room(discs: Discs, places: np.ndarray) -> np.ndarray:
-    """(...,), m, from each of `places` (..., 2) to the nearest disc's edge; negative inside; infinite without discs."""
+    """(...,), m, from each of `places` (..., 2) to the edge of the nearest disc; negative inside; infinite without
+    discs."""
     if not len(discs.radii):
         return np.full(places.shape[:-1], np.inf)
     away = np.linalg.norm(places[..., None, :] - discs.centres, axis=-1)
@@ -88,10 +89,10 @@ def room(discs: Discs, places: np.ndarray) -> np.ndarray:
 
 @typed
 def gap(discs: Discs, structure: Structure, q: np.ndarray) -> np.ndarray:
-    """(...,), m, between a robot at `q` (..., nodes, 3) and the nearest disc, seen from above; negative: it touches.
+    """(...,), m, between a robot at `q` (..., nodes, 3) and the nearest disc, seen from above; negative: a touch.
 
-    The robot is all its struts and cables, as straight lines. One that has a disc among its members counts by those:
-    nothing gets there without touching first.
+    The robot is all its struts and cables, as straight lines. A disc between its members counts by its distance from
+    those: nothing gets there without a touch.
     """
     if not len(discs.radii):
         return np.full(q.shape[:-2], np.inf)
@@ -107,7 +108,7 @@ def gap(discs: Discs, structure: Structure, q: np.ndarray) -> np.ndarray:
 
 
 class WayMap(NamedTuple):
-    """How far it is to a goal from everywhere, round all discs. Made by `way_map`."""
+    """The distance to a goal from everywhere, round all discs. Made by `way_map`."""
 
     discs: Discs
     goal: np.ndarray
@@ -170,18 +171,18 @@ def way_map(
     Args:
         discs: what to keep clear of.
         goal: (2,), m.
-        arena: the least x, the least y, the largest x and the largest y, m, between which ways are looked for.
-        robot: what goes there; ways that it is too wide for are refused.
-        reach: m, how far the robot sticks out from its centre of mass, which no way comes nearer to a disc; its own
-            where not given (`reach_of`), or `REACH` where no robot is given either.
-        comfort: m, on top of that, within which a way counts as longer, up to `CLOSE` times.
-        spacing: m, of the grid, at most half of `reach`.
+        arena: m, the least x, least y, largest x and largest y of ways.
+        robot: the robot on the way; ways too narrow for it are refused.
+        reach: m, from the robot's centre of mass to its farthest node: the least distance of a way from a disc; by
+            default the robot's own (`reach_of`), or `REACH` without a robot.
+        comfort: m, beyond the reach: nearer ways count as longer, up to `CLOSE` times.
+        spacing: m, of the grid; at most half of `reach`.
 
     Returns:
-        The distances. They are infinite where no way leads to the goal.
+        The distances, infinite where no way leads to the goal.
 
     Raises:
-        InputError: a goal outside the arena or too near to a disc, numbers that are not positive, a reach less than the
+        InputError: a goal outside the arena or too near to a disc, numbers that are not positive, a reach below the
             robot's own, or discs that are not (discs, 2) centres and as many radii.
     """
     reach = _reach_for(robot, reach)
@@ -218,7 +219,7 @@ def way_map(
 
 
 def _reach_for(robot: Scene | None, reach: float | None) -> float:
-    """The reach for which ways are looked for, m. Raises `InputError` where it is less than the robot's own."""
+    """The reach of ways, m. Raises `InputError` where it is below the robot's own."""
     own = 0.0 if robot is None else reach_of(robot)
     reach = (own or REACH) if reach is None else reach
     if reach < own * (1 - SAME_REACH):
@@ -227,7 +228,7 @@ def _reach_for(robot: Scene | None, reach: float | None) -> float:
 
 
 def _check_discs(discs: Discs) -> None:
-    """Raise `InputError` for shapes that do not fit, or radii that are not positive."""
+    """Raise `InputError` for other shapes, or radii that are not positive."""
     count = np.size(discs.radii)
     if (
         np.shape(discs.centres) != (count, 2)
@@ -241,7 +242,7 @@ def _check_discs(discs: Discs) -> None:
 
 
 def _shifted(number: np.ndarray, step: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
-    """Points of a grid and those that are a step further, where there are both."""
+    """The points of a grid and those one step further, where both exist."""
     (i, j), (m, n) = step, number.shape
     first = number[: m - i, max(0, -j) : n - max(0, j)]
     second = number[i:, max(0, j) : n + min(0, j)]

@@ -34,7 +34,7 @@ PERFECT, UNBOUNDED = Sensors(), MotorLimits()
 
 
 class PlantState(NamedTuple):
-    """All that a robot, its motors and its sensors carry from one control period to the next."""
+    """The carry of a robot, its motors and its sensors from one control period to the next."""
 
     tick: Any
     """control periods since the start"""
@@ -52,7 +52,7 @@ class PlantState(NamedTuple):
 
 
 class Plant(eqx.Module):
-    """A scene with motors and sensors, stepped at a fixed size. Made by `plant_of`."""
+    """A scene with motors and sensors, at a fixed step. Made by `plant_of`."""
 
     scene: Scene
     """without a gait; of many robots with the population last, as from `in_lanes`"""
@@ -69,12 +69,12 @@ class Plant(eqx.Module):
 
     @property
     def lift(self) -> Lift:
-        """How what is done for one robot is mapped over all; "s" stands for the scene's axes."""
+        """The map from one robot to all; "s" stands for the scene's axes."""
         return _lift_of(self, self.scene)
 
     @property
     def steps(self) -> int:
-        """Of the method, in a control period."""
+        """The number of the method's steps in a control period."""
         assert self.options.dt is not None, "`plant_of` refuses a method that adapts its step"
         return max(1, int(np.ceil(self.period / self.options.dt - 1e-6)))
 
@@ -86,7 +86,7 @@ def check_one(plant: Plant, where: str) -> None:
 
 
 def check_model(robot: Plant, model: Plant) -> None:
-    """Raise `InputError` where a model is not actuated as the robot is, or not as often."""
+    """Raise `InputError` where a model's members or control period are not the robot's."""
     if (model.members, model.period) != (robot.members, robot.period):
         own, other = (f"members {plant.members} every {plant.period:g} s" for plant in (robot, model))
         raise InputError(f"model: {other}; expected {own}, as the robot has")
@@ -100,7 +100,7 @@ def check_key(key: Any) -> None:
 
 
 def whole_number(name: str, seconds: float, part: float) -> int:
-    """How many times a part, s, goes into some seconds. Raises `InputError` where that is no whole number."""
+    """The number of parts, s, in some seconds. Raises `InputError` where it is not whole."""
     count = round(seconds / part) if is_number(seconds) and np.isfinite(seconds) else 0
     if count < 1 or abs(seconds / part - count) > 1e-6 * count:
         shown = f"{seconds:g}" if is_number(seconds) else repr(seconds)
@@ -118,22 +118,22 @@ def plant_of(
     motors: MotorLimits = UNBOUNDED,
     options: Options = None,
 ) -> Plant:
-    """A scene as a plant, of one robot; `side_by_side` makes many of it.
+    """A scene as a plant of one robot; `side_by_side` makes many of it.
 
     Args:
-        scene: what moves; its own gait, if it has one, does not count.
-        members: which are actuated, as in a `Gait`.
-        period: s, from one command to the next, in which the method takes steps of one size.
-        sensors: how they err; where not given, they do not.
-        motors: what they can do; where not given, anything.
-        options: solver options; by default the scene decides.
+        scene: the robot; its own gait does not count.
+        members: the actuated ones, as in a `Gait`.
+        period: s, from one command to the next; the method divides it into equal steps.
+        sensors: their errors; by default none.
+        motors: their limits; by default none.
+        options: solver options; by default the scene's.
 
     Returns:
-        The plant, of which `simulate_policy` makes a motion.
+        The plant, for `simulate_policy`.
 
     Raises:
-        InputError: bad options (see `resolve`), a method that adapts its step, no members or such as the structure
-            lacks, or a period that is not positive.
+        InputError: bad options (see `resolve`), a method with adaptive steps, no members or unknown ones, or a period
+            that is not positive.
 
     Example:
         >>> plant = jaxgrity.control.plant_of(jaxgrity.load_scene("exact"), members=(0, 1, 2, 3, 4, 5))
@@ -155,10 +155,10 @@ def plant_of(
 
 @typed
 def side_by_side(plant: Plant, robots: int, differences: Differences | None = None) -> Plant:
-    """The plant of so many robots, which differ; the rows of `differences` are robots.
+    """The plant of many robots; the rows of `differences` are robots.
 
-    Raises `InputError` for a plant of many robots, for fewer than one robot, for differences of another number of
-    robots, and for velocities that differ: `plant_start` is told those with the start.
+    Raises `InputError` for a plant of many robots, for fewer than one robot, for another number of differences, and for
+    differences of velocity: those belong to the start (`plant_start`).
     """
     check_one(plant, "side_by_side")
     robots = check_count("robots", robots, 1)
@@ -177,10 +177,10 @@ def side_by_side(plant: Plant, robots: int, differences: Differences | None = No
 
 @typed
 def plant_start(plant: Plant, key: Any, start: State | None = None) -> PlantState:
-    """At t = 0, with motors at rest and sensors awake; from `start`, q and v, where given, else as the scene stands.
+    """The state at t = 0, with motors at rest and sensors on: from `start`, q and v; by default the scene's own.
 
-    Raises `InputError` for a start of another shape, and for a key that is none; of one robot also for a known start
-    that violates rigid struts, exact contact or supports. Many robots, and starts that are traced, then fail.
+    Raises `InputError` for a start of another shape and for what is no key; for one robot also for a known start that
+    violates rigid struts, exact contact or supports. Many robots, and traced starts, then fail.
     """
     check_key(key)
     dtype = plant.options.dtype
@@ -193,7 +193,7 @@ def plant_start(plant: Plant, key: Any, start: State | None = None) -> PlantStat
 
 
 def begun(plant: Plant, key: Any, motion: State) -> PlantState:
-    """At t = 0, from q and v that robots have in the midst of a motion."""
+    """The state at t = 0, from q and v in the midst of a motion."""
     dtype = plant.options.dtype
     nothing = jnp.zeros((len(plant.members), *motion[0].shape[2:]), dtype)
     key, of_bias = jax.random.split(key)
@@ -208,7 +208,7 @@ def begun(plant: Plant, key: Any, motion: State) -> PlantState:
 
 
 def whole_state(plant: Plant, state: PlantState) -> State:
-    """q, m, and v, m/s, now: a start from which another rollout goes on as this one does."""
+    """q, m, and v, m/s, now: a start from which another rollout continues as this one."""
     scene, now = _commanded(plant, state, state.contraction), state.tick * plant.period
     carried = Carried(state.motion, state.solver)
     if plant.robots is None:
@@ -217,7 +217,7 @@ def whole_state(plant: Plant, state: PlantState) -> State:
 
 
 def sense_now(plant: Plant, state: PlantState) -> Observation:
-    """What sensors without any error say."""
+    """The readings of sensors without errors."""
     scene = _commanded(plant, state, state.contraction)
     axes = ("s", None, -1, -1)
     return _lift_of(plant, scene)(measure, axes)(scene, state.tick * plant.period, *state.motion)
@@ -225,7 +225,7 @@ def sense_now(plant: Plant, state: PlantState) -> Observation:
 
 @typed
 def observe(plant: Plant, state: PlantState) -> tuple[Observation, PlantState]:
-    """What sensors say, and the state after they were read: once in a control period, before `actuate`."""
+    """The sensors' readings, and the state afterwards: once in a control period, before `actuate`."""
     key, of_noise = jax.random.split(state.key)
     seen, readings = read(plant.sensors, sense_now(plant, state), state.readings, state.tick, of_noise)
     return seen, state._replace(readings=readings, key=key)
@@ -233,10 +233,10 @@ def observe(plant: Plant, state: PlantState) -> tuple[Observation, PlantState]:
 
 @typed
 def actuate(plant: Plant, state: PlantState, wanted: AnyArray) -> PlantState:
-    """One control period later: motors move towards the contractions that are `wanted`, at a constant rate.
+    """The state one control period later: motors move towards the `wanted` contractions at a constant rate.
 
-    Everything in it is differentiable in reverse mode, and computed again there step by step. Raises `InputError` for
-    another number of contractions than there are actuated members.
+    Differentiable in reverse mode, with recomputation step by step. Raises `InputError` for another number of
+    contractions than of actuated members.
     """
     if jnp.shape(wanted) != jnp.shape(state.contraction):
         shapes = f"{jnp.shape(wanted)}: expected {jnp.shape(state.contraction)}"
@@ -262,7 +262,7 @@ def actuate(plant: Plant, state: PlantState, wanted: AnyArray) -> PlantState:
 
 
 def _commanded(plant: Plant, state: PlantState, reached: AnyArray) -> Scene:
-    """The scene in which members move from where they are to what is reached at the end of the control period."""
+    """The scene with members that move from their present lengths to those at the end of the control period."""
     rate = (reached - state.contraction) / plant.period
     since = jnp.asarray(state.tick * plant.period, plant.options.dtype)
     command = Command(plant.members, state.contraction, rate, since)

@@ -1,4 +1,4 @@
-"""Policies: what a controller makes of what a robot senses."""
+"""Policies: from a robot's observations to its motors' commands."""
 
 from abc import abstractmethod
 from typing import TYPE_CHECKING, Any
@@ -15,7 +15,7 @@ Memory = Any
 
 
 class Policy(eqx.Module):
-    """A differentiable function from what a robot senses to what its motors shall do; its arrays are its parameters.
+    """A differentiable function from observations to commands; its arrays are its parameters.
 
     It is written for one robot. Rollouts map it over populations and differentiate it.
     """
@@ -34,17 +34,17 @@ class Policy(eqx.Module):
 
     @abstractmethod
     def __call__(self, observation: Observation, t: Scalar, memory: Memory) -> tuple[PerActuator, Memory]:
-        """By which fraction each member shall be shortened at time t, s, the end of the control period that begins."""
+        """The commanded contraction of each member at time t, s, the end of the coming control period."""
 
 
 def check_gait(gait: Gait) -> None:
-    """Raise `InputError` for what is no gait, such as a gait's name."""
+    """Raise `InputError` for another type than a gait, such as a gait's name."""
     if not isinstance(gait, Gait):
         raise InputError(f"gait = {gait!r}: expected a Gait, such as load_gait('lasting')")
 
 
 class OpenLoop(Policy):
-    """A gait, whatever the robot senses. Raises `InputError` for what is no gait."""
+    """A gait, independent of observations. Raises `InputError` for another type than a gait."""
 
     gait: Gait
 

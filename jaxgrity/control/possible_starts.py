@@ -1,4 +1,4 @@
-"""Whether robots can start where they are said to."""
+"""Whether robots can start from a given state."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -11,8 +11,7 @@ from jaxgrity.stepping.starts import check_start, check_supports, start_failure,
 
 
 def possible(scene: Scene, lift: Lift, start: State, *, one: bool) -> State:
-    """The start, q and v. Robots that constraints or supports do not let start so get velocities that are no numbers,
-    so that they fail.
+    """The start, q and v. Robots whose constraints or supports forbid it get velocities of NaN, so that they fail.
 
     Raises `InputError` for `one` robot whose numbers are known.
     """

@@ -1,7 +1,7 @@
-"""Proximal policy optimisation (PPO): what robots tried is weighed, and policy and critic follow.
+"""Proximal policy optimisation (PPO): updates of policy and critic from the robots' decisions.
 
-Schulman et al. 2017, arXiv:1707.06347, with generalised advantages (arXiv:1506.02438), and a learning rate that follows
-how far an update moves the policy (Rudin et al. 2021, arXiv:2109.11978).
+Schulman et al. 2017, arXiv:1707.06347, with generalised advantages (arXiv:1506.02438), and a learning rate adapted to
+the policy's change in an update (Rudin et al. 2021, arXiv:2109.11978).
 """
 
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ LARGEST_GRADIENT = 1.0
 
 @dataclass(frozen=True)
 class LearningConfig:
-    """How a policy is learned. All times are in decisions, of which each holds for `held` control periods."""
+    """Settings of learning. Times are in decisions; each holds for `held` control periods."""
 
     robots: int = 512
     """side by side, a multiple of the number of devices"""
@@ -64,7 +64,7 @@ class LearningConfig:
 
 
 class Learner(NamedTuple):
-    """All that learning goes on from: saved and loaded with `equinox.tree_serialise_leaves`."""
+    """The state of learning: saved and loaded with `equinox.tree_serialise_leaves`."""
 
     policy: Learned
     spread: AnyArray
@@ -84,7 +84,7 @@ class Learner(NamedTuple):
 
 
 class Tried(NamedTuple):
-    """What robots did in one decision."""
+    """One decision of all robots."""
 
     seen: AnyArray
     action: AnyArray
@@ -102,17 +102,17 @@ class Tried(NamedTuple):
 
 
 def optimiser() -> optax.GradientTransformation:
-    """Adam on gradients that are cut, without its learning rate."""
+    """Adam on clipped gradients, without its learning rate."""
     return optax.chain(optax.clip_by_global_norm(LARGEST_GRADIENT), optax.scale_by_adam())
 
 
 def likelihood(middle: AnyArray, spread: AnyArray, action: AnyArray) -> AnyArray:
-    """Logarithm of the normal density of an action before its tanh, but for a constant."""
+    """Logarithm of the normal density of an action before its tanh, without the constant."""
     return -jnp.sum(((action - middle) / jnp.exp(spread)) ** 2 / 2 + spread, axis=-1)
 
 
 def advantages(config: LearningConfig, now: Learner, tried: Tried) -> tuple[AnyArray, AnyArray]:
-    """By how much each decision was better than expected, and what is to be expected: (decisions, robots), m/s."""
+    """The advantage of each decision, and the critic's targets: (decisions, robots), m/s."""
     value = jax.vmap(jax.vmap(lambda seen: now.critic(standardised(now.policy, seen))))
     here, later = value(tried.seen), value(tried.later)
     better = (1 - config.discount) * tried.reward + config.discount * jnp.where(tried.ended, 0, later) - here
@@ -127,7 +127,7 @@ def advantages(config: LearningConfig, now: Learner, tried: Tried) -> tuple[AnyA
 
 
 def improved(config: LearningConfig, now: Learner, known: tuple, key: Any) -> tuple[Learner, dict]:
-    """Some times through what robots did, in batches, with a learning rate that follows the divergence."""
+    """Several passes over the robots' decisions, in batches, with a learning rate adapted to the divergence."""
     rows = jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), known)
     count = rows[1].shape[0] // config.batches
 
@@ -162,7 +162,7 @@ def improved(config: LearningConfig, now: Learner, known: tuple, key: Any) -> tu
 
 
 def _loss(parameters: tuple, config: LearningConfig, policy: Learned, known: tuple) -> tuple[AnyArray, AnyArray]:
-    """PPO's clipped loss, the critic's, and the entropy; and the divergence from the policy that tried."""
+    """PPO's clipped loss, the critic's loss and the entropy; and the divergence from the earlier policy."""
     (network, spread, critic), (tried, gains, values) = parameters, known
     seen = jax.vmap(lambda x: standardised(policy, x))(tried.seen)
     likely = likelihood(jax.vmap(network)(seen), spread, tried.action)

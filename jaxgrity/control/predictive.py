@@ -1,9 +1,9 @@
-"""Model-predictive control by sampling: a model of the robot tries out many ways of steering, and the best is taken.
+"""Model-predictive control by sampling: a model of the robot tries many ways of steering; the best is taken.
 
-Every so often the robot's state is given to as many robots of a model, side by side, as there are samples. Each is
-steered in its own way for a horizon: with bends of its own, between knots on straight lines, and from another place in
-the cycle of its gait. Where there are several rounds, later ones draw about the best of those before. The way that
-comes closest to the goal is followed until the controller is asked again; then what is left of it is tried first.
+At each choice the robot's state is the start of one robot of a model for each sample, side by side. Each sample has its
+own bends, on straight lines between knots, and its own place in the cycle of its gait. Later rounds draw about the best
+of earlier ones. The way that comes closest to the goal is followed until the next choice; there its rest is tried
+first.
 """
 
 import time
@@ -27,7 +27,7 @@ from jaxgrity.core.types import AnyArray, State
 
 
 class Sampling(NamedTuple):
-    """How a predictive controller looks ahead."""
+    """Settings of the look ahead of a predictive controller."""
 
     samples: int = 64
     """for each choice, in all its rounds"""
@@ -60,7 +60,7 @@ USUAL = Sampling()
 
 
 class Journey(NamedTuple):
-    """How a robot was led to a goal."""
+    """A robot's journey to a goal."""
 
     path: np.ndarray
     """(looks, 3), m, the centre of mass"""
@@ -86,24 +86,24 @@ def lead_to(
     seed: int = 0,
     sampling: Sampling = USUAL,
 ) -> Journey:
-    """Lead one robot to a goal by what a model of it says.
+    """Lead one robot to a goal by the predictions of a model.
 
     Args:
-        robot: what moves, as from `plant_of`.
-        model: what the controller takes it for, likewise, with the same members and period.
-        policy: how it rolls while it is not asked; its goal does not count.
+        robot: the robot, as from `plant_of`.
+        model: the controller's model of it, likewise, with the same members and period.
+        policy: its policy between choices; the policy's goal does not count.
         goal: (2,), m.
-        start: q and v of the robot; as its scene stands where not given.
+        start: q and v of the robot; by default its scene's.
         seed: of the samples, and of the sensors' noise.
-        sampling: how the controller looks ahead.
+        sampling: settings of the look ahead.
 
     Returns:
-        Its path, whether and when the goal was reached, and how fast choosing was.
+        Its path, whether and when it reached the goal, and the time per choice.
 
     Raises:
-        InputError: a policy or a model that actuates other members than the robot, a model with another period, a plant
-            of many robots, times that are no multiples of each other, a policy other than a steered `PhaseLocked` one
-            of one frequency, a goal that is no place, or a sampling that makes no sense.
+        InputError: a policy or a model with other members than the robot, a model with another period, a plant of many
+            robots, times that are no multiples of each other, a policy other than a steered `PhaseLocked` one of one
+            frequency, a goal that is no place, or invalid settings.
     """
     check_model(robot, model)
     for plant, name in ((robot, "robot"), (model, "model")):
@@ -138,7 +138,7 @@ def lead_to(
 
 
 def _check_policy(policy: Steered, goal: AnyArray) -> None:
-    """Raise `InputError` for a policy without bend or clock to choose, and for a goal that is no place."""
+    """Raise `InputError` for a policy without a bend or a clock, and for a goal that is no place."""
     if not (isinstance(policy, Steered) and isinstance(policy.policy, PhaseLocked)):
         found = f"Steered({type(policy.policy).__name__})" if isinstance(policy, Steered) else type(policy).__name__
         raise InputError(f"policy = {found}: expected a Steered(PhaseLocked), whose bend and clock are chosen")
@@ -148,7 +148,8 @@ def _check_policy(policy: Steered, goal: AnyArray) -> None:
 
 
 def _checked(sampling: Sampling, period: float) -> tuple[int, int, int]:
-    """Control periods of a look, looks from choice to choice, and choices. Raises `InputError` where nothing fits."""
+    """Control periods of a look, looks from choice to choice, and choices. Raises `InputError` where times do not
+    fit."""
     counts = sampling.samples, sampling.rounds, sampling.knots, sampling.per_second
     if not all(is_count(count, 1) for count in counts) or sampling.samples % sampling.rounds:
         found = f"samples = {counts[0]}, rounds = {counts[1]}, knots = {counts[2]}, per_second = {counts[3]}"
@@ -173,7 +174,7 @@ def between(sampling: Sampling) -> np.ndarray:
 
 
 def shifted(knots: np.ndarray, sampling: Sampling) -> np.ndarray:
-    """What is left of the knots one interval later; the last one stays."""
+    """The knots one interval later; the last one stays."""
     if len(knots) == 1:
         return knots
     times = np.linspace(0, sampling.horizon, len(knots))
@@ -193,7 +194,7 @@ def best(
     sampling: Sampling,
     before: np.ndarray,
 ) -> tuple[np.ndarray, float]:
-    """The best knots, and by how many turns the clock shall jump; the first sample goes on as `before`."""
+    """The best knots, and the clock's jump in turns; the first sample continues as `before`."""
     count, dtype = sampling.samples // sampling.rounds, many.options.dtype
     found: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
     for number in range(sampling.rounds):
@@ -213,7 +214,7 @@ def best(
 
 
 def _about_the_best(found: list, count: int, draw: np.random.Generator, sampling: Sampling):
-    """Knots and turns, normally distributed about those of the best of all rounds before, each as likely as another."""
+    """Knots and turns, normally distributed about those of the best of earlier rounds, all with equal weights."""
     knots, turns, cost = (np.concatenate(part, axis=-1) for part in zip(*found))
     elite = np.argsort(cost, kind="stable")[: max(1, len(cost) // ELITE)]
     chosen = draw.choice(elite, count)
@@ -223,9 +224,9 @@ def _about_the_best(found: list, count: int, draw: np.random.Generator, sampling
 
 @eqx.filter_jit
 def _tried(many: Plant, policy: Steered, loop: Loop, bends: AnyArray, shifts: AnyArray, look: int):
-    """(looks, 3, samples), m, and (samples,): where each sample gets to, and whether it fails.
+    """(looks, 3, samples), m, and (samples,): each sample's places, and whether it fails.
 
-    One compiled program from the robot's state on: what is not compiled takes longer than the rollouts do.
+    One compiled program from the robot's state on: uncompiled code takes longer than the rollouts.
     """
     count = bends.shape[-1]
     rows = lambda x: jnp.repeat(jnp.asarray(x, many.options.dtype)[..., None], count, axis=-1)  # noqa: E731
@@ -247,10 +248,10 @@ def followed(plant: Plant, policy: Steered, loop: Loop, bends: AnyArray, look: i
 
 
 def costs(path: np.ndarray, failure: np.ndarray, goal: np.ndarray, within: float = REACHED) -> np.ndarray:
-    """Of each sample, m: how far from the goal it ends, or where it gets there, how many looks that takes, less 1000.
+    """The cost of each sample, m: its final distance from the goal; where it arrives, the looks until then, less 1000.
 
-    Of a `path` (looks, 2, samples), m. A sample gets there at half of `within`, m, since the robot is not the model;
-    one that fails is worse than all others.
+    `path` (looks, 2, samples), m. A sample arrives at half of `within`, m, since the robot is not the model; a failed
+    one is worse than all others.
     """
     away = np.linalg.norm(path - goal[:, None], axis=1)
     arrives = np.where(away.min(0) < within / 2, (away < within / 2).argmax(0) - 1000.0, away[-1])

@@ -1,7 +1,6 @@
-"""What a robot senses: orientation and spin of its struts, lengths and tensions of its cables, contact, its place.
+"""Sensors: orientation and spin of struts, lengths and tensions of cables, contact, place.
 
-Sensors err: they add a bias that stays and noise that does not, are read less often than commands are given, and what
-they say arrives late.
+Sensors err: constant bias, random noise, a reading only every few control periods, and delay.
 """
 
 from typing import Any, NamedTuple
@@ -23,7 +22,7 @@ from jaxgrity.stepping.dynamics import centre_of_mass, member_tensions
 
 
 class Observation(NamedTuple):
-    """What sensors say of one robot."""
+    """The sensors' readings of one robot."""
 
     directions: Float[AnyArray, "struts 3"]
     """unit vectors along the struts, from the second end to the first, in the coordinates of the ground"""
@@ -40,7 +39,7 @@ class Observation(NamedTuple):
 
 
 class Errors(NamedTuple):
-    """How large the error of each part of an `Observation` is: a standard deviation, in the part's unit.
+    """The standard deviation of the error of each part of an `Observation`, in the part's unit.
 
     Directions stay unit vectors, and no tension is negative.
     """
@@ -56,7 +55,7 @@ class Errors(NamedTuple):
 
 
 class Readings(NamedTuple):
-    """What sensors carry from one control period to the next."""
+    """The carry of sensors from one control period to the next."""
 
     bias: Observation | None
     """None: the sensors have none"""
@@ -65,10 +64,10 @@ class Readings(NamedTuple):
 
 
 class Sensors(eqx.Module):
-    """How sensors err; by default they do not.
+    """The errors of sensors; by default none.
 
-    Raises `InputError` where a standard deviation is negative or not finite, a probability is above 1, a delay is
-    negative, or control periods are no whole numbers.
+    Raises `InputError` for a standard deviation that is negative or not finite, a probability above 1, a negative
+    delay, or a number of control periods that is not whole.
     """
 
     noise: Errors = eqx.field(static=True, default=Errors())
@@ -82,7 +81,7 @@ class Sensors(eqx.Module):
 
     @property
     def remember(self) -> bool:
-        """Whether anything is carried from one control period to the next: a bias, or readings held or late."""
+        """Whether there is a carry between control periods: a bias, or held or late readings."""
         return any(self.bias) or self.every > 1 or self.delay > 0
 
     def __check_init__(self):
@@ -100,7 +99,7 @@ class Sensors(eqx.Module):
 
 @typed
 def measure(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors) -> Observation:
-    """What sensors without any error say of a robot at time t, s, at `q`, m, with velocities `v`, m/s.
+    """The readings of sensors without errors at time t, s, at `q`, m, with velocities `v`, m/s.
 
     A strut along d = x_i - x_j spins by d × (v_i - v_j)/|d|². A cable pulls by its law: K max(0, l - L(t)), a table
     of forces, a limit, one tension in a cluster. A node touches the ground where phi < `Ground.touched_below`.
@@ -124,10 +123,9 @@ def measure(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors) -> Observat
 
 @typed
 def first_readings(sensors: Sensors, seen: Observation, key: Any) -> Readings:
-    """Before the first control period; `seen` is what sensors without error say, of one robot or of many.
+    """The readings before the first control period; `seen`: those without errors, of one robot or of many.
 
-    A robot that has stood still until then has been read before: late sensors begin with one such reading, which errs
-    as all others do.
+    A robot at rest until then has been read before: late sensors begin with one such reading, with its own error.
     """
     of_bias, of_noise = jax.random.split(key)
     bias = _drawn(sensors.bias, seen, of_bias) if any(sensors.bias) else None
@@ -140,9 +138,9 @@ def first_readings(sensors: Sensors, seen: Observation, key: Any) -> Readings:
 
 @typed
 def read(sensors: Sensors, seen: Observation, readings: Readings, tick: Any, key: Any) -> tuple[Observation, Readings]:
-    """What arrives in control period number `tick`, and what sensors carry on.
+    """The readings that arrive in control period number `tick`, and the sensors' carry.
 
-    Arithmetic is by elements, so that it is the same for one robot and for many with the population last.
+    All arithmetic is elementwise: the same for one robot and for many with the population last.
     """
     new = _erring(sensors, seen, readings.bias, key)
     if readings.recent is None:
@@ -164,7 +162,7 @@ def _erring(sensors: Sensors, seen: Observation, bias: Observation | None, key: 
 
 
 def _with_error(size: Errors, seen: Observation, error: Observation) -> Observation:
-    """Errors of contact turn a bit over; all others are added."""
+    """Errors of contact flip a bit; all others are added."""
     off = jax.tree.map(jnp.add, seen, error)
     off = off._replace(contact=jnp.abs(seen.contact - error.contact))
     if size.directions:
@@ -173,7 +171,7 @@ def _with_error(size: Errors, seen: Observation, error: Observation) -> Observat
 
 
 def _drawn(size: Errors, like: Observation, key: Any) -> Observation:
-    """Normal deviates, and 1 for contact that is wrong; zeros, without any drawing, where they have no size."""
+    """Normal deviates, and 1 for wrong contact; zeros, without a draw, where errors have no size."""
     keys = Observation(*jax.random.split(key, len(like)))
     normal = lambda s, x, k: s * jax.random.normal(k, x.shape, x.dtype) if s else jnp.zeros_like(x)  # noqa: E731
     drawn = Observation(*(normal(*part) for part in zip(size, like, keys)))

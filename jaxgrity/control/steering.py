@@ -1,5 +1,5 @@
-"""Steering: struts on one side of the robot move further than those on the other, and its path bends; and gaits that
-take each other's place."""
+"""Steering: struts on one side of the robot move further than those on the other, so that its path bends; and blends of
+gaits."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -19,14 +19,14 @@ SLOWEST_TRAVEL = 0.05
 
 
 class Steered(Policy):
-    """A policy whose commands are smaller on one side: c_k (1 - s y_k), with strut k so far to the left, y_k.
+    """A policy with smaller commands on one side: c_k (1 - s y_k), with y_k the distance of strut k to the left.
 
-    y_k is the distance of a strut's centre from the robot's, along the horizontal to the left of its direction of
-    travel, in units of the largest such distance as built. It follows from the struts' directions. Struts on the left
-    that stay longer make a path bend to the left (measured: docs/control.md). s is `bend`; where there is a goal, it is
-    `bend` times the angle from the direction of travel to the goal over `full`, within -1 and 1.
+    y_k is the distance of a strut's centre from the robot's, horizontally to the left of the direction of travel, in
+    units of the largest such distance as built. It follows from the struts' directions. Longer struts on the left make
+    a path bend to the left (measured: docs/control.md). s is `bend`; with a goal, `bend` times the angle from the
+    direction of travel to the goal over `full`, within -1 and 1.
 
-    Raises `InputError` for a bend beyond -1 and 1, a goal that is no place, and offsets of other members than the
+    Raises `InputError` for a bend beyond -1 and 1, a goal that is no place, and offsets for other members than the
     policy's.
     """
 
@@ -64,7 +64,7 @@ class Steered(Policy):
         return self.policy.members
 
     def first(self) -> Memory:
-        """That of the policy, the last place, m, the velocity of travel, m/s, and the time, s."""
+        """The policy's memory, the last place, m, the velocity of travel, m/s, and the time, s."""
         return self.policy.first(), jnp.zeros(2), jnp.zeros(2), jnp.zeros(())
 
     def __call__(self, observation: Observation, t: Scalar, memory: Memory) -> tuple[PerActuator, Memory]:
@@ -87,9 +87,8 @@ class Steered(Policy):
 
 
 class Blend(Policy):
-    """A mean of what two policies ask for, (1 - s) a + s b with s = `share`: one gait can take the place of another
-    little by little. The clocks of both run on, whatever the share. Raises `InputError` where they differ in their
-    members."""
+    """The mean of two policies' commands, (1 - s) a + s b with s = `share`: a gradual change from one gait to another.
+    Both clocks run on, whatever the share. Raises `InputError` for policies with different members."""
 
     one: Policy
     other: Policy
@@ -106,7 +105,7 @@ class Blend(Policy):
         return self.one.members
 
     def first(self) -> Memory:
-        """Those of both policies."""
+        """The memories of both policies."""
         return self.one.first(), self.other.first()
 
     def __call__(self, observation: Observation, t: Scalar, memory: Memory) -> tuple[PerActuator, Memory]:
@@ -115,16 +114,18 @@ class Blend(Policy):
 
 
 def clock_moved(memory: Memory, times: AnyArray | float, jump: AnyArray | float) -> Memory:
-    """The memory of a steered `PhaseLocked` policy whose clock shows so many times what it did, and `jump`, s, more."""
+    """The memory of a steered `PhaseLocked` policy with its clock multiplied by a factor, and advanced by `jump`, s."""
     (clock, until), *others = memory
     return ((clock * jnp.asarray(times, clock.dtype) + jnp.asarray(jump, clock.dtype), until), *others)
 
 
 @typed
 def centre_offsets(structure: Structure, members: tuple[int, ...]) -> np.ndarray:
-    """(actuators, struts): B with (B d)_k the offset of strut k's centre from the robot's, d the struts' directions.
+    """(actuators, struts): B, with (B d)_k the offset of strut k's centre from the robot's and d the struts'
+    directions.
 
-    By least squares in the built shape, in units of the largest offset. Raises `InputError` where a member is no strut.
+    By least squares in the built shape, in units of the largest offset. Raises `InputError` for a member that is no
+    strut.
     """
     struts = structure.struts
     if struts is None or max(members) >= len(struts.edges):

@@ -1,4 +1,4 @@
-"""Tasks: what a robot is rewarded for, on which ground, and from which starts."""
+"""Tasks: reward, ground and starts."""
 
 import dataclasses
 from typing import Any, NamedTuple
@@ -28,9 +28,9 @@ NEARBY = 1 / 30
 
 
 class Task(NamedTuple):
-    """What is asked of a robot. In every control period it is rewarded for its progress, m/s: for v·d, with the
-    velocity v of its centre of mass and the direction d that is wanted. Where no direction is, for |u| with
-    du/dt = (v - u)/T, T = `averaged`: shaking in place gets it nowhere."""
+    """A task for a robot. The reward of every control period is its progress, m/s: v·d, with the velocity v of its
+    centre of mass and the wanted direction d. Without a direction it is |u|, with du/dt = (v - u)/T and T = `averaged`:
+    shaking in place earns nothing."""
 
     towards: str
     """what d is: "anywhere", none; "heading", one drawn at the start; "goal", that to the goal; "uphill" """
@@ -61,7 +61,7 @@ TASKS: dict[str, Task] = {
 
 @typed
 def find_task(name: str, scene: Scene) -> Task:
-    """The task called `name`, its lengths and times those of the scene's robot. Raises `InputError` where none is."""
+    """The task called `name`, scaled to the scene's robot. Raises `InputError` for an unknown name."""
     if name not in TASKS:
         raise InputError(f"task = {name!r}: {unknown(name, TASKS)}; expected one of {', '.join(TASKS)}")
     found, size = TASKS[name], float(length_scale(scene))
@@ -77,9 +77,8 @@ def find_task(name: str, scene: Scene) -> Task:
 def ground_of(task: Task, scene: Scene, seed: int) -> Scene:
     """The scene on the task's ground, its robot just above it; bumps are drawn by `seed`.
 
-    A task that says nothing of the ground leaves the scene's own, and supports stay where they are. Raises `InputError`
-    where the scene has no ground, or one that is not level although the task brings its own, and where a robot that is
-    to fall has supports.
+    A task without a ground keeps the scene's own; supports stay where they are. Raises `InputError` for a scene without
+    ground, for one that is not level where the task has its own, and for supports of a robot that shall fall.
     """
     ground, size = scene.ground, float(length_scale(scene))
     if ground is None:
@@ -100,7 +99,8 @@ def ground_of(task: Task, scene: Scene, seed: int) -> Scene:
 
 @typed
 def task_start(task: Task, scene: Scene, key: Any) -> State:
-    """A start, q and v, drawn by `key`, turned anyhow: at rest just above the ground, or falling from the air.
+    """A start, q and v, drawn by `key`, in a random orientation: at rest just above the ground, or falling from the
+    air.
 
     A robot with supports starts as it is posed. The same key draws the same start in every precision.
     """
@@ -125,8 +125,8 @@ def _normal(key: Any, count: int) -> AnyArray:
 
 
 def wanted_direction(task: Task, aim: AnyArray, place: AnyArray) -> AnyArray:
-    """d, (2,), a unit vector, or shorter `NEARBY` the goal; `aim` is a heading or the goal's place. Where
-    no direction is wanted, zeros."""
+    """d, (2,), a unit vector, shorter `NEARBY` the goal; `aim`: a heading or the goal's place. Zeros where no direction
+    is wanted."""
     if task.towards == "heading":
         return aim
     if task.towards == "goal":
@@ -139,9 +139,9 @@ def wanted_direction(task: Task, aim: AnyArray, place: AnyArray) -> AnyArray:
 def progressed(
     task: Task, aim: AnyArray, before: AnyArray, place: AnyArray, period: float, average: AnyArray
 ) -> tuple[AnyArray, AnyArray]:
-    """How well a robot does that was at `before` one period, s, ago and is at `place`, (3,), m.
+    """The progress of a robot from `before` to `place`, (3,), m, in one period, s.
 
-    Returns its progress, m/s, and the averaged velocity u, (2,), m/s, which was `average` a period ago.
+    Returns the progress, m/s, and the averaged velocity u, (2,), m/s; `average` is its earlier value.
     """
     velocity = (place - before)[:2] / period
     average = average + -float(np.expm1(-period / task.averaged)) * (velocity - average)
@@ -158,7 +158,7 @@ def drawn_aim(task: Task, place: AnyArray, key: Any) -> AnyArray:
 
 
 def _any_turn(four: AnyArray) -> AnyArray:
-    """The rotation of a quaternion; of four normal deviates, one as likely as any other."""
+    """The rotation of a quaternion; uniform for four normal deviates."""
     w, x, y, z = four / jnp.sqrt(jnp.sum(four * four) + jnp.finfo(four.dtype).tiny)
     rows = (
         [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],

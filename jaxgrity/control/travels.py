@@ -1,7 +1,7 @@
-"""Travel round obstacles: many robots at once, each led by what a model says of all ways to go on from where it is.
+"""Travel round obstacles: many robots at once, each led by a model's predictions of many ways.
 
-What a gait does next depends on how the robot lies. So several robots of the model, which differ in friction, roll each
-way out from the pose that was measured; the one that clears all obstacles and leaves the shortest way is taken.
+The effect of a gait depends on the robot's orientation. So several robots of the model, with different friction, try
+each way from the measured pose. The way that clears all obstacles and leaves the shortest rest is taken.
 """
 
 import time
@@ -36,7 +36,7 @@ LOOKS = 10
 
 
 class Foresight(NamedTuple):
-    """How ways to go on are tried."""
+    """Settings of the trials of ways."""
 
     samples: int = 24
     """ways to go on, for each robot; the first is as before, the second is rest"""
@@ -67,7 +67,7 @@ FORESIGHT = Foresight()
 
 
 class Travels(NamedTuple):
-    """Where robots got to."""
+    """The robots' paths and arrivals."""
 
     nodes: np.ndarray
     """(frames, nodes, 3, robots), m, once in a control period"""
@@ -108,24 +108,24 @@ def travel(
     foresight: Foresight = FORESIGHT,
     on_choice: Callable[[int], object] | None = None,
 ) -> Travels:
-    """Lead many robots, each through a field of its own to a goal of its own, all in one population.
+    """Lead many robots, each through its own field to its own goal, all in one population.
 
     Args:
-        robots: what moves, as from `side_by_side`.
-        model: what the controller takes each of them for, as from `plant_of`, with the same members and period.
-        gaits: what there is to choose from.
-        maps: of each robot, as from `way_map`: its goal, its obstacles, and the way round them.
-        start: q and v with the robots last; as the scene stands where not given.
-        foresight: how ways to go on are tried.
+        robots: the robots, as from `side_by_side`.
+        model: the controller's model of each, as from `plant_of`, with the same members and period.
+        gaits: the choices.
+        maps: one for each robot, as from `way_map`: its goal, its obstacles, and the way round them.
+        start: q and v with the robots last; by default the scene's.
+        foresight: settings of the trials.
         on_choice: called with the number of each choice.
 
     Returns:
-        Paths, and which robots reached their goals without touching anything.
+        Paths, and which robots reached their goals without a touch.
 
     Raises:
-        InputError: not as many robots as maps, a policy or a model that actuates other members than the robots, a model
-            with another period, maps for a smaller reach than the robot's or the foresight's, times that are no
-            multiples of each other, or a foresight that makes no sense.
+        InputError: not as many robots as maps, a policy or a model with other members than the robots, a model with
+            another period, maps for a smaller reach than the robot's or the foresight's, times that are no multiples of
+            each other, or invalid settings.
     """
     ticks, looks, choices = _counts(robots, model, maps, foresight)
     count = len(maps)
@@ -204,13 +204,13 @@ def _drawn(draw: np.random.Generator, gaits: GaitChoices, rows: np.ndarray, bend
 
 
 def _with_clock(gaits: GaitChoices, loop: Loop, old: AnyArray, new: AnyArray, turns: AnyArray) -> Loop:
-    """The loop with clocks that show the same angle in another gait, and have jumped by so many turns."""
+    """The loop with clocks at the same angle in another gait, after a jump of some turns."""
     frequency = gaits.frequency
     return loop._replace(memory=clock_moved(loop.memory, frequency[old] / frequency[new], turns / frequency[new]))
 
 
 def _foreseen(many: Plant, gaits: GaitChoices, loop: Loop, tried, looks: int) -> _Fate:
-    """What becomes of all samples."""
+    """The paths of all samples, and which of them fail."""
     count, samples = tried[0].shape
     copies = cast(int, many.robots) // (count * samples)
     rows, bends, turns = (np.repeat(x.ravel(), copies) for x in tried)
@@ -222,7 +222,7 @@ def _foreseen(many: Plant, gaits: GaitChoices, loop: Loop, tried, looks: int) ->
 
 @eqx.filter_jit
 def _tried(many: Plant, policy, gaits: GaitChoices, loop: Loop, clocks, looks: int):
-    """(looks, 2, lanes), m, and (lanes,): where each lane gets to, and whether it fails."""
+    """(looks, 2, lanes), m, and (lanes,): each lane's places, and whether it fails."""
     each = clocks[0].shape[0] // loop.plant.motion[0].shape[-1]
     ahead = _with_clock(gaits, taken_over(many, loop, each), *clocks)
     there = drive(many, policy, ahead, round(1 / LOOKS / many.period), looks, each=True)
@@ -231,7 +231,7 @@ def _tried(many: Plant, policy, gaits: GaitChoices, loop: Loop, clocks, looks: i
 
 @eqx.filter_jit
 def _moved(robots: Plant, policy, loop: Loop, ticks: int):
-    """The loop after so many control periods, and nodes and centres of mass in each; NaN of robots that failed."""
+    """The loop after some control periods, and nodes and centres of mass in each; NaN for failed robots."""
     centre = robots.lift(centre_of_mass, ("s", -1))
     kept = lambda state: (state.motion[0], centre(robots.scene, state.motion[0]))  # noqa: E731
     loop, seen = roll_on(robots, policy, loop, ticks, kept, each=True)
@@ -239,11 +239,11 @@ def _moved(robots: Plant, policy, loop: Loop, ticks: int):
 
 
 def way_costs(path: np.ndarray, failed: np.ndarray, way: WayMap, foresight: Foresight) -> np.ndarray:
-    """(samples,), m: how far it is to the goal at the horizon, the mean of the mean and the worst of the copies.
+    """(samples,), m: the distance to the goal at the horizon, the mean of the copies' mean and worst.
 
-    One that gets there and keeps clear of obstacles until then counts the seconds until then, less `ARRIVING`; one that
-    comes too close to an obstacle counts `TOUCHING` times by how much, wherever it gets. Of a `path` (looks, 2,
-    samples, copies), m; one that `failed` (samples, copies) is worse than all others.
+    A sample that arrives clear of obstacles costs its seconds until then, less `ARRIVING`. One too close to an obstacle
+    costs `TOUCHING` times the missing distance, wherever it ends. `path` (looks, 2, samples, copies), m; one that
+    `failed` (samples, copies) is worse than all others.
     """
     path = np.moveaxis(path, 1, -1)
     failed = failed | ~np.isfinite(path).all((0, -1))
@@ -261,7 +261,7 @@ def way_costs(path: np.ndarray, failed: np.ndarray, way: WayMap, foresight: Fore
 
 
 def _expected(fate: _Fate, best: np.ndarray, foresight: Foresight) -> tuple[np.ndarray, np.ndarray]:
-    """Of the samples that were taken: the mean place at the next choice, (2, robots), and the spread at the horizon."""
+    """Of the chosen samples: the mean place at the next choice, (2, robots), and the spread at the horizon."""
     own = fate.path[:, :, np.arange(len(best)), best]
     # between two looks where a choice falls there
     when = foresight.interval * LOOKS - 1
@@ -283,8 +283,8 @@ def travels_of(
     spent: list[float],
     within: float = REACHED,
 ) -> Travels:
-    """What became of robots whose nodes and centres of mass were `seen`, (frames, nodes, 3, robots) and (frames, 3,
-    robots), NaN from where a rollout failed. A goal counts that was reached before a failure, with nothing touched."""
+    """The travels of robots from nodes and centres of mass `seen`, (frames, nodes, 3, robots) and (frames, 3, robots),
+    NaN after a failure. A goal counts if it was reached before a failure, without a touch."""
     nodes, path = seen
     near, fine = _near(path, maps, within), np.isfinite(nodes).all((1, 2))
     there = near & np.logical_and.accumulate(fine, axis=0)

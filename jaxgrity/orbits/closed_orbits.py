@@ -1,4 +1,4 @@
-"""Orbits closed by Newton's method, whose speed and turning have derivatives in everything in the scene."""
+"""Orbits closed by Newton's method; their speed and turning have derivatives in everything in the scene."""
 
 from typing import NamedTuple
 
@@ -23,7 +23,7 @@ CLOSED = 1e-9
 
 
 class ClosedOrbit(NamedTuple):
-    """A state that a cycle maps on itself, but for a planar motion."""
+    """A state that one cycle maps on itself, up to a planar motion."""
 
     q: NodeVectors
     """m, at the beginning of a period"""
@@ -39,25 +39,25 @@ class ClosedOrbit(NamedTuple):
 
 @typed
 def closed_orbit(scene: Scene, orbit: Orbit, options: ResolvedOptions) -> ClosedOrbit:
-    """The relative periodic orbit near one that `find_orbit` found, as a differentiable function of the scene.
+    """The relative periodic orbit near that of `find_orbit`, as a differentiable function of the scene.
 
-    With P the state after a cycle and G the planar motion by a shift s and an angle a about the centre of mass, it
-    solves P(x) = G(s, a) x for x, s and a, centre and heading held, by Newton's method. The derivatives of x, s and a
-    are those of the implicit function theorem (`jax.lax.custom_root`), in both modes: that of a long rollout, which
-    grows without end where motion is chaotic, is not needed.
+    P is the state after one cycle, G the planar motion by a shift s and an angle a about the centre of mass. Newton's
+    method solves P(x) = G(s, a) x for x, s and a, with centre and heading held. The derivatives of x, s and a are those
+    of the implicit function theorem (`jax.lax.custom_root`), in both modes. So the derivative of a long rollout is not
+    needed, which grows without bound in chaotic motion.
 
-    P is smooth where contacts, cables and friction are (penalty contact, smooth friction), but for corners that it
-    passes at single times. Complementarity stepping moves impacts to whole steps. Between two such moves its P is
-    smooth too, so that Newton's method closes the orbit of the motion as it is stepped; but derivatives in the scene's
-    numbers then lack what comes from the times of impacts, and are not those of the speed over a wider range.
+    With smooth laws (penalty contact, smooth friction) P is smooth, except at single corners. Complementarity stepping
+    moves impacts to whole steps. Between two such moves its P is smooth too, and Newton's method closes the orbit of
+    the stepped motion. But its derivatives lack the part of the impact times: they are not those of the speed over a
+    wider range.
 
     Args:
-        scene: on level ground, with the gait of the orbit; its arrays may carry derivatives.
+        scene: level ground, and the gait of the orbit; its arrays may carry derivatives.
         orbit: by `find_orbit`.
-        options: by `resolve`, at a fixed step, which is shortened so that steps divide the period.
+        options: by `resolve`, with a fixed step; it is shortened until it divides the period.
 
     Returns:
-        The orbit's state, speed and turning; NaN where Newton's method finds none.
+        The orbit's state, speed and turning; NaN where Newton's method does not converge.
 
     Raises:
         InputError: supports, or options as for `find_orbit`.

@@ -1,4 +1,4 @@
-"""Shapes that return: what no shift along the ground and no turn about its normal changes of a robot."""
+"""Shapes that return: what is invariant under shifts along the ground and turns about its normal."""
 
 from typing import NamedTuple
 
@@ -26,7 +26,7 @@ class Plane(NamedTuple):
 
 
 def plane_of(scene: Scene) -> Plane:
-    """The plane of a scene; a level one where it has no ground. Raises `InputError` where the ground is none."""
+    """The plane of a scene; a level one without ground. Raises `InputError` for a ground that is no plane."""
     if scene.ground is None:
         return Plane(np.eye(3), True)
     if scene.ground.surface is not None:
@@ -36,9 +36,9 @@ def plane_of(scene: Scene) -> Plane:
 
 
 def shape(q: NodeVectors, plane: Plane) -> np.ndarray:
-    """What no motion along the plane changes, m, of nodes in its axes: their heights, and distances between them.
+    """The invariants under motions along the plane, m, of nodes in its axes: their heights, and distances between them.
 
-    Where a turn does not leave the plane as it is, in place of distances where nodes are about their mean.
+    Where a turn changes the plane: the nodes' places about their mean instead of distances.
     """
     if not plane.turns:
         return np.concatenate([q[:, 2], (q - q.mean(0))[:, :2].ravel()])
@@ -47,9 +47,9 @@ def shape(q: NodeVectors, plane: Plane) -> np.ndarray:
 
 
 def cycle(shapes: Float[np.ndarray, "periods numbers"], path: Float[np.ndarray, "periods 2"]) -> int:
-    """After how many periods shapes return; `path` is where the robot was, m.
+    """The number of periods after which shapes return; `path`: the robot's places, m.
 
-    In a cycle the path bends by a semicircle at most: beyond that, which way it turned is not seen.
+    In a cycle the path bends by a semicircle at most: beyond that the direction of the turn is not seen.
     """
     steps, lags = np.diff(path, axis=0), range(1, MOST_PERIODS + 1)
     heading = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
@@ -63,7 +63,7 @@ def cycle(shapes: Float[np.ndarray, "periods numbers"], path: Float[np.ndarray, 
 
 
 def way_along(path: Float[AnyArray, "places 2"], angle: Scalar) -> Scalar:
-    """How far it is from one place to the next, in the mean, along a line or about the centre of a motion that turns.
+    """The mean distance from one place to the next, along a line or about the centre of a turning motion.
 
     A motion that turns by `angle` (rad) from place to place is c + exp(i angle k) w_k with its centre c, and w the same
     in every cycle. Turned back, the steps of a whole cycle have the mean angle |mean w|, but for the chord of one step:
@@ -78,8 +78,8 @@ def way_along(path: Float[AnyArray, "places 2"], angle: Scalar) -> Scalar:
 def moved_onto(
     mass: AnyArray, q: NodeVectors, other: NodeVectors, plane: Plane
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """Nodes moved along the plane so that they fit others best; the shift of the centre of mass from the others, (2,),
-    m; and the angle, rad, by which they had to be turned, where the plane allows that. Of nodes in the plane's axes."""
+    """Nodes moved along the plane onto others by the best fit; the shift of the centre of mass from the others, (2,),
+    m; and the angle of the turn, rad, where the plane allows one. Nodes are in the plane's axes."""
     share = np.asarray(mass) / np.sum(mass)
     centre, aim = share @ q, share @ other
     a, b = (q - centre)[:, :2], (other - aim)[:, :2]

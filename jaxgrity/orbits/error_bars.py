@@ -19,7 +19,7 @@ EXTENSIVE = ("duration", "distance", "work", "effort")
 
 
 class OrbitErrorBars(NamedTuple):
-    """By how much each number of an orbit at a step may be off; infinite where a rollout failed."""
+    """The error bar of each number of an orbit at a step; infinite where a rollout failed."""
 
     speed: float
     """m/s"""
@@ -35,8 +35,8 @@ class OrbitErrorBars(NamedTuple):
 def refined_orbit(scene: Scene, duration: float = 120.0, *, options: Options = None) -> tuple[Orbit, float]:
     """The orbit, and the error bar of its speed, m/s, from orbits at half and a quarter of the step.
 
-    The bar is that of `refinement_bar`, and two standard errors of the speed at the first step on top. It is infinite
-    where a rollout failed. Arguments and errors are those of `find_orbit`.
+    The bar is that of `refinement_bar`, plus two standard errors of the speed at the first step; infinite where a
+    rollout failed. Arguments and errors are those of `find_orbit`.
     """
     found = [orbit for orbit, _ in _refined(scene, duration, options)]
     return found[0], _speed_bar(found)
@@ -54,7 +54,7 @@ def orbit_error_bars(
     Args:
         scene: a scene with a gait whose actuators share one frequency.
         duration: s, as for `find_orbit`.
-        options: solver options; by default the scene decides.
+        options: solver options; by default the scene's.
 
     Returns:
         Orbit, cycle and bars; no cycle and infinite bars where a rollout failed.

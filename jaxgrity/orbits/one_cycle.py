@@ -1,4 +1,4 @@
-"""What a robot does and needs in one cycle of the orbit that it rolls on."""
+"""Energy, actuators and supports in one cycle of an orbit."""
 
 from typing import Any, NamedTuple
 
@@ -20,8 +20,7 @@ FRAME_RATE = 50.0
 
 
 class OrbitCycle(NamedTuple):
-    """One cycle; peaks are those of the actuator that has to give most, forces are moving means, as `Metrics` has
-    them."""
+    """One cycle. Peaks are those of the most loaded actuator; forces are moving means, as in `Metrics`."""
 
     duration: float
     """s"""
@@ -51,12 +50,12 @@ class OrbitCycle(NamedTuple):
 def orbit_cycle(scene: Scene, orbit: Orbit, *, options: Options = None) -> OrbitCycle:
     """Follow the robot for two cycles after `Orbit.state`, of which the second counts.
 
-    Forces are moving means, which the first one fills.
+    The first fills the moving means of forces.
 
     Args:
         scene: with the gait of the orbit.
         orbit: as from `find_orbit`, by the same options.
-        options: solver options; by default the scene decides.
+        options: solver options; by default the scene's.
 
     Returns:
         Energy and actuators in a cycle.
@@ -87,7 +86,7 @@ def orbit_cycle(scene: Scene, orbit: Orbit, *, options: Options = None) -> Orbit
 
 
 def _supports(scene: Scene, orbit: Orbit, options: ResolvedOptions) -> tuple[tuple[int, ...], ...]:
-    """The faces of the cycle after the orbit's state, from which the scene begins."""
+    """The faces in the cycle after the orbit's state, where the scene begins."""
     if scene.ground is None:
         return ()
     trajectory = simulate(

@@ -1,10 +1,10 @@
-"""How the steady speed of a rolling robot changes with its gait: tangents carried along the orbit until they settle.
+"""Derivatives of a robot's steady speed in its gait: tangents carried along the orbit until they settle.
 
-On an orbit x* = P(x*, p) that attracts, deviations shrink from cycle to cycle, and so do what is left of a tangent's
-beginning: dx/dp after a cycle is J dx/dp + dP/dp, whose limit is the derivative of the implicit function theorem,
-(I - J)^-1 dP/dp, in all directions but the neutral ones. Those, a shift along the ground and a turn about its normal,
-grow without changing the speed. So nothing has to be solved, no gauge to be fixed, and only as many tangents are
-carried as the gait has numbers, where the theorem needs all of J.
+On an attracting orbit x* = P(x*, p) deviations shrink from cycle to cycle, and a tangent forgets its start. After a
+cycle dx/dp is J dx/dp + dP/dp. Its limit is the derivative of the implicit function theorem, (I - J)^-1 dP/dp, in all
+directions but the neutral ones: a shift along the ground and a turn about its normal. Those grow, and do not change the
+speed. So nothing is solved and no gauge is fixed. There are as many tangents as the gait has numbers; the theorem needs
+all of J.
 """
 
 from dataclasses import replace
@@ -41,7 +41,7 @@ one metre."""
 
 
 class GaitNumbers(NamedTuple):
-    """The numbers of a gait whose actuators share one frequency, or derivatives with respect to them."""
+    """The numbers of a gait with one frequency, or derivatives in them."""
 
     phase: PerActuator
     """rad; of derivatives, per rad"""
@@ -53,7 +53,7 @@ class GaitNumbers(NamedTuple):
 
 
 class SpeedGradient(NamedTuple):
-    """What the orbit of a gait is worth, and what it would be worth with the gait changed a little."""
+    """Speed and turning of an orbit, and their derivatives in the gait's numbers."""
 
     speed: float
     """m/s, of the last cycle"""
@@ -71,7 +71,7 @@ class SpeedGradient(NamedTuple):
 
     @property
     def settled(self) -> bool:
-        """Whether the derivatives are those of an orbit. Where it repels, or there is none, tangents never settle."""
+        """Whether the derivatives are those of an orbit. Without an attracting orbit, tangents never settle."""
         return bool(self.change <= SETTLED_TO)
 
 
@@ -81,24 +81,24 @@ def speed_gradient(
 ) -> SpeedGradient:
     """The derivatives of an orbit's speed and turning in phases, amplitudes, frequency and overtones of its gait.
 
-    Tangents are carried from cycle to cycle, in forward mode, until they settle: then they are those of the implicit
-    function theorem (the module says why). The number of steps in a cycle is held, so that a change of frequency
-    changes the step with the period.
+    Tangents are carried from cycle to cycle, in forward mode, until they settle on those of the implicit function
+    theorem (see the module). The number of steps in a cycle is held: a change of frequency changes the step with the
+    period.
 
-    What is differentiated is the motion as it is stepped. Where contact, friction and cables switch on smooth
-    laws (penalty contact, smooth friction) these are the derivatives of the orbit's speed, but for corners at single
-    values of the numbers. With exact contact, touch-downs and the ends of sticking fall on whole steps: between two
-    values at which one of them moves to another step the speed is smooth, and these are its derivatives there; across
-    such values it jumps by about as much as a step changes, which no derivative sees (docs/gaits.md).
+    The stepped motion is differentiated. With smooth laws (penalty contact, smooth friction) these are the derivatives
+    of the orbit's speed, except at corners at single values of the numbers. With exact contact, touch-downs and ends of
+    sticking fall on whole steps. Where one of them moves to another step the speed jumps, by about as much as one step
+    changes; no derivative sees that (docs/gaits.md). Between two such values the speed is smooth, and these are its
+    derivatives.
 
     Args:
-        scene: on a plane, with the gait of the orbit.
+        scene: a plane ground, and the gait of the orbit.
         orbit: as from `find_orbit`, by the same options.
-        options: solver options with a fixed step; by default the scene decides. The precision is float64.
-        most_cycles: after so many, `SpeedGradient.settled` is false.
+        options: solver options with a fixed step; by default the scene's. The precision is float64.
+        most_cycles: the limit; beyond it `SpeedGradient.settled` is false.
 
     Returns:
-        Speed, turning and their derivatives; `SpeedGradient.settled` says whether they mean anything.
+        Speed, turning and their derivatives; they are valid where `SpeedGradient.settled`.
 
     Raises:
         InputError: bad options (see `resolve`), a method that adapts its step, an orbit whose rollout failed, fewer
@@ -145,7 +145,7 @@ def derivatives_along(
 ) -> Derivatives:
     """`speed_gradient` along directions in the space of the gait's numbers, in the order of `GaitNumbers`.
 
-    It costs as many tangents as there are directions. Raises `InputError` as `speed_gradient` does.
+    The cost is one tangent for each direction. Raises `InputError` as `speed_gradient` does.
     """
     if not orbit.verified_for:
         raise InputError("orbit: its rollout failed; expected one that was watched to the end")
@@ -183,7 +183,7 @@ def numbers_of(gait: Gait) -> GaitNumbers:
 
 
 def gait_with(gait: Gait, numbers: GaitNumbers) -> Gait:
-    """The gait with other numbers."""
+    """The gait with these numbers."""
     frequency = numbers.frequency * jnp.ones_like(gait.phase)
     parts: dict[str, Any] = {"phase": numbers.phase, "amplitude": numbers.amplitude, "frequency": frequency}
     return replace(gait, **parts, overtones=numbers.overtones)
@@ -198,10 +198,10 @@ def _change(new: np.ndarray, old: np.ndarray) -> float:
 
 
 def _first(scene: Scene, options: ResolvedOptions, orbit: Orbit) -> Carried:
-    """What is carried from step to step, from beside the orbit: the state, and what the method remembers.
+    """The carry of the first step, from a point beside the orbit: the state, and the method's memory.
 
-    Complementarity stepping begins with half a kick. Where a motion repeats itself to the last digit, nodes that just
-    touch have derivatives made of rounding; on the way back to the orbit, tangents settle before that.
+    Complementarity stepping begins with half a kick. In a motion that repeats itself to the last digit, the derivatives
+    of nodes that just touch are rounding; on the way back to the orbit, tangents settle before that.
     """
     assert options.dt is not None, "`in_step` gives a step"
     q, v = orbit.state
@@ -214,7 +214,7 @@ def _first(scene: Scene, options: ResolvedOptions, orbit: Orbit) -> Carried:
 
 @eqx.filter_jit
 def _advanced(scene: Scene, options: ResolvedOptions, steps: int, frame: Count, carried, tangents):
-    """What is carried, and its tangents along each of the directions, which come with them, a frame on."""
+    """The carry and its tangents along each direction, one frame later."""
     assert scene.gait is not None, "an orbit has a gait"
     at, unravel = ravel_pytree(numbers_of(scene.gait))
     moving, fixed = eqx.partition(carried, eqx.is_inexact_array)
@@ -233,7 +233,7 @@ def _advanced(scene: Scene, options: ResolvedOptions, steps: int, frame: Count, 
 
 
 def _rolled(scene: Scene, options: ResolvedOptions, steps: int, frame: Count, carried):
-    """What is carried, after so many steps, which make one of the `FRAMES` of a period."""
+    """The carry after the steps of one of the `FRAMES` of a period."""
     assert scene.gait is not None, "an orbit has a gait"
     # traced: by way of the step's size the tangent of the frequency reaches every step
     h = 1 / (scene.gait.frequency[0] * steps * FRAMES)
@@ -242,7 +242,7 @@ def _rolled(scene: Scene, options: ResolvedOptions, steps: int, frame: Count, ca
 
 
 def _mean_told(scene: Scene, plane: Plane, along: AnyArray, places: list) -> tuple[tuple[float, float], np.ndarray]:
-    """Speed and turning, and their derivatives, (directions, 2), from where the robot was in the frames of two cycles.
+    """Speed and turning, and their derivatives, (directions, 2), from the robot's places in the frames of two cycles.
 
     The turning is the mean over the cycles that begin with each of the periods, the speed that of the last cycle.
     """
@@ -271,6 +271,6 @@ def _told_rows(scene: Scene, axes: AnyArray, turns: bool, along: AnyArray, q, ta
 
 
 def _turned(share: AnyArray, before: NodeVectors, after: NodeVectors) -> AnyArray:
-    """The angle, rad, by which nodes turned about the normal, as `find_orbit` has it."""
+    """The angle, rad, of the nodes' turn about the normal, as in `find_orbit`."""
     a, b = (before - share @ before)[:, :2], (after - share @ after)[:, :2]
     return jnp.arctan2(share @ (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]), share @ jnp.sum(a * b, axis=1))

@@ -1,4 +1,4 @@
-"""The symmetry of an orbit: how soon the motion repeats itself with other nodes in the places of these."""
+"""The symmetry of an orbit: the shortest time after which the motion repeats itself with permuted nodes."""
 
 from fractions import Fraction
 from math import lcm
@@ -29,7 +29,7 @@ SETTLING = 4
 
 
 class Repetition(NamedTuple):
-    """How soon the motion repeats itself, but for a planar motion and a symmetry of the robot that the gait shares."""
+    """The time of a repetition, up to a planar motion and a common symmetry of robot and gait."""
 
     time: float
     """s; that of the whole cycle where no symmetry makes it shorter"""
@@ -41,21 +41,20 @@ class Repetition(NamedTuple):
 
 @typed
 def repetition(scene: Scene, orbit: Orbit, *, options: Options = None) -> Repetition:
-    """The shortest time after which the motion repeats itself with other nodes in the places of these.
+    """The shortest time after which the motion repeats itself with permuted nodes.
 
-    A symmetry g of the structure takes node i to g(i). Where a gait's phases satisfy p_g(k) = p_k - 2 pi s, member g(k)
-    does after the time s T what member k did (T the period), and the motion may do so too: x_g(i)(t + (m + s) T) =
-    G x_i(t), with G a planar motion, or its mirror image where g is one, and m whole periods. Whether it does is seen
-    from shapes, as in `find_orbit`, over a whole cycle.
+    A symmetry g of the structure takes node i to g(i). Let a gait's phases satisfy p_g(k) = p_k - 2 pi s. Then member
+    g(k) repeats member k after the time s T, with T the period. The motion may do so too: x_g(i)(t + (m + s) T) = G
+    x_i(t), with m whole periods and G a planar motion, or its mirror image for a mirror g. Shapes over a whole cycle
+    decide, as in `find_orbit`.
 
     Args:
         scene: with the gait of the orbit; its structure's own nodes decide the symmetries.
         orbit: as from `find_orbit`, by the same options.
-        options: solver options; by default the scene decides. The step is shortened so that steps divide the
-            times that are compared.
+        options: solver options; by default the scene's. The step is shortened until it divides the compared times.
 
     Returns:
-        The repetition; that of the whole cycle where there is none sooner, or where the rollout failed.
+        The repetition; the whole cycle where there is none sooner, or where the rollout failed.
 
     Raises:
         InputError: bad options (see `resolve`), positions that do not decide the symmetries (see `symmetries`).
@@ -95,11 +94,11 @@ def repetition(scene: Scene, orbit: Orbit, *, options: Options = None) -> Repeti
 def distance_from_orbit(
     scene: Scene, orbit: Orbit, positions: AnyArray, *, options: Options = None
 ) -> Float[np.ndarray, " robots"]:
-    """By how much robots' shapes differ from the nearest that the orbit goes through, or a symmetric image of it.
+    """The distance of robots' shapes from the nearest shape on the orbit, or a symmetric image of it.
 
-    Shapes are heights of nodes and distances between them, which no planar motion changes; images have other nodes in
-    the places of these, as the structure's symmetries say. The orbit is looked at `MOMENTS` times in a period, so that
-    a robot on it may be as far off as shapes change in half of the time between.
+    Shapes are heights of nodes and distances between them: no planar motion changes them. Images are permutations of
+    the nodes by the structure's symmetries. The orbit is sampled `MOMENTS` times in a period: a robot on it may be off
+    by as much as shapes change in half of the time between samples.
 
     Args:
         scene: with the gait of the orbit; its structure's own nodes decide the symmetries.
@@ -130,8 +129,8 @@ def distance_from_orbit(
 
 
 def _change(q: np.ndarray, plane: Plane, lag: int, nodes: tuple[int, ...]) -> float:
-    """By how much the shapes of the first half of (frames, nodes, 3) differ from those a lag later, node nodes[i] taken
-    for i, m.
+    """m: the difference of the shapes in the first half of (frames, nodes, 3) from those a lag later, with node
+    nodes[i] for i.
     """
     before = np.array([shape(x, plane) for x in q[: len(q) // 2]])
     after = np.array([shape(x[list(nodes)], plane) for x in q[lag : lag + len(before)]])
@@ -139,7 +138,7 @@ def _change(q: np.ndarray, plane: Plane, lag: int, nodes: tuple[int, ...]) -> fl
 
 
 def _shift(gait: Gait, places: tuple[tuple[int, ...], ...]) -> Fraction | None:
-    """The s in [0, 1) by which phases say that a gait follows a symmetry; None where it does not."""
+    """The s in [0, 1) of a gait that follows a symmetry, from its phases; None of one that does not."""
     if not places:
         return None
     phase, amplitude, image = np.asarray(gait.phase, float), np.asarray(gait.amplitude, float), list(places[0])

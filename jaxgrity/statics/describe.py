@@ -1,4 +1,4 @@
-"""A scene in words: what is modelled and what is not, with the prestress and the natural frequencies that it has."""
+"""A scene in words: what is modelled and what is not, its prestress and its natural frequencies."""
 
 import numpy as np
 
@@ -18,8 +18,8 @@ from jaxgrity.statics.vibrations import vibration_modes
 def describe(scene: Scene) -> str:
     """What is modelled and what is not, members, masses, prestress, lowest and highest natural frequency.
 
-    Prestress and frequencies are those of the structure alone, in the shape it takes without gravity, ground and gait,
-    as the line after them says.
+    Prestress and frequencies are those of the structure alone, at rest without gravity, ground and gait. The line after
+    them says so.
     """
     modelled = list(dict.fromkeys(law.name for law in scene.laws))
     absent = [kind.name for kind in (*KNOWN_LAWS, *KNOWN_FRICTIONS) if kind.name not in modelled]
@@ -119,7 +119,7 @@ def _describe_prestress(scene: Scene) -> list[tuple[str, str]]:
 
 
 def _frequencies(alone: Scene, shape: np.ndarray, stiff_modes: int) -> tuple[np.ndarray, bool]:
-    """Hz, ascending, without those of springs that stand for rigid struts; and whether these are all that there are."""
+    """Hz, ascending, without those of springs in the place of rigid struts; and whether these are all."""
     frequency = np.asarray(vibration_modes(alone, shape).frequency)
     rigid = rigid_motions(shape, alone.structure.supported).shape[1]
     real = len(free_coordinates(len(shape), alone.structure.supported)) - rigid - stiff_modes

@@ -1,4 +1,4 @@
-"""The shape in which a structure comes to rest, a minimum of U under loads and supports, and its derivatives."""
+"""The resting shape of a structure, a minimum of U under loads and supports, and its derivatives."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -54,24 +54,24 @@ def resting_shape(
     loads: NodeVectors | None = None,
     tolerance: float | None = None,
 ) -> RestingShape:
-    """A minimum of U(q, 0) - sum f·x near `start`: the shape that follows from rest lengths, loads and supports.
+    """A minimum of U(q, 0) - sum f·x near `start`: the shape under given rest lengths, loads and supports.
 
-    Newton's method with the sparse tangent stiffness, shifted until it is positive definite and U falls (Levenberg and
-    Marquardt's damping; Nocedal and Wright 2006, section 3.4), so that it ends in a minimum and not in a saddle. It
-    takes seconds for a structure of thousands of members.
+    Newton's method with the sparse tangent stiffness, shifted until it is positive definite and U falls: the damping of
+    Levenberg and Marquardt (Nocedal and Wright 2006, section 3.4). So it ends in a minimum, not in a saddle. A
+    structure of thousands of members takes seconds.
 
     Args:
-        scene: what acts; gaits as they are at t = 0. Rigid struts become very stiff springs, and those that keep the
-            shape of rigid bodies. Its supports hold their coordinates where they start.
+        scene: what acts; the gait at t = 0. Rigid struts, and the struts of rigid bodies, become very stiff springs.
+            Supports hold their coordinates where they start.
         start: positions to start from, m; None: the structure's own.
         loads: (nodes, 3), constant forces, N; None: none.
-        tolerance: N, the largest force left; None: 1e-11 of the largest force that any member can have.
+        tolerance: N, the largest force left; None: 1e-11 of the largest force of any member.
 
     Returns:
-        The shape, what is left of the forces, the supports' reactions, and whether it is a stable equilibrium.
+        The shape, the forces left, the supports' reactions, and whether the equilibrium is stable.
 
     Raises:
-        InputError: no equilibrium is found, such as for a robot that falls; or an array has another shape.
+        InputError: no equilibrium is found, as for a robot in free fall; or an array has another shape.
 
     Example:
         >>> scene = jaxgrity.load_scene("reference")
@@ -112,11 +112,11 @@ def resting_shape(
 def equilibrium_near(scene: Scene, shape: NodeVectors) -> NodeVectors:
     """The equilibrium close to `shape`, m, differentiable with respect to everything in the scene.
 
-    It is a stationary point of U(q, 0) + sum lambda (l - L), with a multiplier for every rigid strut, by Newton's
-    method (optimistix). Its derivatives are those of the implicit function theorem, dq/dp = -K^-1 d2U/dq dp without
-    rigid struts, by the least squares solution where rigid motions make K singular. `shape` is what `resting_shape`
-    found, and held constant; coordinates that a support holds stay there. NaN where Newton's method does not converge.
-    K is dense here, which suits some hundred nodes at most, and float64 is needed.
+    A stationary point of U(q, 0) + sum lambda (l - L), with a multiplier for every rigid strut, by Newton's method
+    (optimistix). The derivatives are those of the implicit function theorem: dq/dp = -K^-1 d2U/dq dp without rigid
+    struts. Where rigid motions make K singular, the least squares solution is taken. `shape` comes from `resting_shape`
+    and is held constant; so are supported coordinates. NaN where Newton's method does not converge. K is dense: some
+    hundred nodes at most. float64 is needed.
     """
     check_no_bodies(scene.structure, "equilibrium_near")
     near = jax.lax.stop_gradient(jnp.asarray(shape))
@@ -148,7 +148,7 @@ def equilibrium_near(scene: Scene, shape: NodeVectors) -> NodeVectors:
 
 
 def _coordinates(structure: Structure) -> tuple[sp.csc_array, np.ndarray]:
-    """What gives all coordinates from those of nodes that follow none, and which of these no support holds."""
+    """The map from the coordinates of independent nodes to all coordinates, and which of these no support holds."""
     nodes, bodies = len(structure.nodes), structure.bodies
     place = sp.eye_array(nodes, format="csc")
     carried: np.ndarray = np.zeros(0, int)
@@ -174,9 +174,9 @@ def _descend(
     free: np.ndarray,
     limit: float,
 ) -> tuple[np.ndarray, int]:
-    """Shifted Newton steps downhill until no force is above `limit` and a step hardly lowers them any more.
+    """Shifted Newton steps downhill, until no force is above `limit` and a step hardly lowers them.
 
-    `start` is what carries all coordinates with those of independent nodes, and the shape to start from.
+    `start`: the map from independent to all coordinates, and the first shape.
     """
     whole, q = start
     q, shift, last = (whole @ q.ravel()).reshape(q.shape), 1e-4, 0.0

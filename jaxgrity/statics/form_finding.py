@@ -1,4 +1,4 @@
-"""Force densities q = f/l (N/m, tension positive): self-stress, mechanisms, stability, and shapes that carry a stress.
+"""Force densities q = f/l (N/m, tension positive): self-stress, mechanisms, stability, and prestressed shapes.
 
 Equilibrium of a node is linear in the members' force densities, sum_j q_ij (x_i - x_j) = p_i, and for given densities
 linear in the positions (Schek 1974, doi:10.1016/0045-7825(74)90045-0). A (3 nodes, members) is the first matrix, the
@@ -37,7 +37,7 @@ class Statics(NamedTuple):
 
 
 def equilibrium_matrix(nodes: NodeVectors, edges: Edges) -> scipy.sparse.csc_array:
-    """A (3 nodes, members), m: A q are the forces that hold each node, the coordinates of a node next to each other."""
+    """A (3 nodes, members), m: A q are the loads in equilibrium with q, the coordinates of a node side by side."""
     x = np.asarray(nodes, float)
     C = incidence(edges, len(x))
     d = C @ x
@@ -53,10 +53,10 @@ def stress_matrix(force_density: PerMember, edges: Edges, nodes: int) -> scipy.s
 
 
 def statics_of(nodes: NodeVectors, edges: Edges, fixed: Fixed | None = None, tolerance: float = RANK) -> Statics:
-    """Rank, states of self-stress and mechanisms of bars that join `nodes`, m, from the singular values of A.
+    """Rank, states of self-stress and mechanisms of bars between `nodes`, m, from the singular values of A.
 
-    `fixed` (nodes, 3) says which coordinates supports hold; singular values below `tolerance` times the largest count
-    as zero, which says how exact the shape is taken to be. A matrix of more than some thousand rows takes minutes.
+    `fixed` (nodes, 3): the coordinates held by supports. Singular values below `tolerance` times the largest count as
+    zero: the assumed exactness of the shape. A matrix of more than some thousand rows takes minutes.
     """
     x = np.asarray(nodes, float)
     free = free_coordinates(len(x), fixed)
@@ -72,10 +72,10 @@ def statics_of(nodes: NodeVectors, edges: Edges, fixed: Fixed | None = None, tol
 
 
 def group_average(self_stress: Columns, permutations: tuple[tuple[int, ...], ...]) -> Columns:
-    """Those states of self-stress that a group of symmetries leaves as they are: orthonormal columns, maybe none.
+    """The states of self-stress invariant under a group of symmetries: orthonormal columns, maybe none.
 
-    `permutations` are all the group's, of the members, such as `Symmetry.members`; averaging over a group projects on
-    what it leaves invariant.
+    `permutations` of the members: all of the group, such as `Symmetry.members`. The average over a group is the
+    projection on what is invariant.
     """
     mean = np.mean([self_stress[list(moved)] for moved in permutations], axis=0)
     left, size, _ = np.linalg.svd(mean, full_matrices=False)
@@ -85,10 +85,10 @@ def group_average(self_stress: Columns, permutations: tuple[tuple[int, ...], ...
 def prestress(
     nodes: NodeVectors, struts: Edges, cables: Edges, tension: float, fixed: Fixed | None = None
 ) -> PerMember:
-    """Force densities, N/m, of the self-stress whose cables are most evenly tight, the tightest with `tension`, N.
+    """Force densities, N/m, of the self-stress with the most evenly tight cables, the tightest with `tension`, N.
 
-    Of all states of self-stress it maximises the smallest tension in a cable where the largest is given: a linear
-    program (HiGHS), also for thousands of members. Raises `InputError` where no self-stress has every cable in tension.
+    The smallest tension in a cable is maximised for a given largest one: a linear program (HiGHS), also for thousands
+    of members. Raises `InputError` where no self-stress has every cable in tension.
     """
     edges = (*struts, *cables)
     free = free_coordinates(len(nodes), fixed)
@@ -116,7 +116,7 @@ def prestress(
 
 
 def rest_lengths(nodes: NodeVectors, edges: Edges, stiffness: PerMember, force_density: PerMember) -> PerMember:
-    """L = l - q l/K, m: with them, springs of stiffness K at `nodes` have the force densities q. Differentiable.
+    """L = l - q l/K, m: the rest lengths of springs of stiffness K with force densities q at `nodes`. Differentiable.
 
     Raises `InputError` where a member would need a rest length that is not positive.
     """
@@ -132,9 +132,9 @@ def rest_lengths(nodes: NodeVectors, edges: Edges, stiffness: PerMember, force_d
 def shape_of_force_densities(
     force_density: PerMember, edges: Edges, nodes: NodeVectors, fixed: Fixed, loads: NodeVectors | None = None
 ) -> np.ndarray:
-    """The one shape in which given force densities balance `loads` (N), where supports hold coordinates of `nodes`, m.
+    """The one shape in which given force densities balance `loads`, N, with some coordinates of `nodes`, m, supported.
 
-    Omega_ff x_f = p_f - Omega_fs x_s, axis by axis (Schek 1974). Raises `InputError` where that has no single solution.
+    Omega_ff x_f = p_f - Omega_fs x_s, axis by axis (Schek 1974). Raises `InputError` without a unique solution.
     """
     x = np.array(nodes, float)
     Omega = stress_matrix(force_density, edges, len(x))
@@ -155,12 +155,11 @@ def shape_of_force_densities(
 def nearest_tensegrity(
     nodes: NodeVectors, struts: Edges, cables: Edges, iterations: int = 1000
 ) -> tuple[np.ndarray, np.ndarray]:
-    """A free-standing shape near `nodes`, m, that carries a self-stress, and its force densities (unit length).
+    """A free-standing shape near `nodes`, m, with a self-stress, and its force densities (of unit length).
 
-    Two linear problems in turn: the force densities that come closest to equilibrium of the shape among those near the
-    last, and the nearest shape in which they are in equilibrium, until both hold to rounding (as adaptive force
-    densities: Zhang and Ohsaki 2006). Raises `InputError` where that does not come about, or a cable ends in
-    compression.
+    Two linear problems in turn, until both hold to rounding (adaptive force densities: Zhang and Ohsaki 2006): the
+    force densities near the last ones that are closest to equilibrium, and the nearest shape in which they are in
+    equilibrium. Raises `InputError` without convergence, or with a cable in compression.
     """
     edges = (*struts, *cables)
     x = np.array(nodes, float)
@@ -199,10 +198,10 @@ def prestress_stable(mechanisms: Mechanisms, edges: Edges, force_density: PerMem
 
 
 def super_stable(nodes: NodeVectors, edges: Edges, force_density: PerMember) -> bool:
-    """Whether the shape is stable for any stiffness and any size of the self-stress (Connelly 1982).
+    """Whether the shape is stable for any stiffness and any size of self-stress (Connelly 1982).
 
-    Omega has no negative eigenvalue and rank nodes - 1 - d, where the nodes span d dimensions (3, in a plane 2), and no
-    affine map of these but rigid motions keeps all lengths.
+    Three conditions: Omega has no negative eigenvalue; its rank is nodes - 1 - d, with d the dimensions of the nodes'
+    span (3, in a plane 2); no affine map but a rigid motion keeps all lengths.
     """
     x = np.asarray(nodes, float)
     _, spread, axes = np.linalg.svd(x - x.mean(0), full_matrices=False)

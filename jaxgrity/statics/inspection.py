@@ -1,4 +1,4 @@
-"""A structure's statics in one report: its stress, mechanisms, stability, forces, and margins to slack and buckling."""
+"""A structure's statics in one report: stress, mechanisms, stability, forces, margins to slack and buckling."""
 
 from typing import Any, NamedTuple
 
@@ -27,7 +27,7 @@ SHOWN = 5
 
 
 class StructureReport(NamedTuple):
-    """What `inspect_structure` found."""
+    """The result of `inspect_structure`."""
 
     structure: Structure
     shape: NodeVectors
@@ -53,7 +53,7 @@ class StructureReport(NamedTuple):
 
     @property
     def loose(self) -> int:
-        """How many ways to move, beside rigid motions, meet no resistance at all."""
+        """The number of motions without any resistance, besides rigid motions."""
         return int(np.sum(self.frequencies == 0))
 
     @property
@@ -64,7 +64,7 @@ class StructureReport(NamedTuple):
         return () if cables is None else tuple(np.flatnonzero(forces <= 0).tolist())
 
     def buckling_margin(self, bending_stiffness: float) -> PerMember:
-        """Euler's load pi^2 EI/l^2 of each strut over its compression; infinite where it is pulled. EI in N m^2."""
+        """Euler's load pi^2 EI/l^2 of each strut over its compression; infinite in tension. EI in N m^2."""
         count = self.structure.first_cable
         length = edge_lengths(self.shape, all_edges(self.structure))[:count]
         compression = np.maximum(-self.forces[:count], 0)
@@ -132,14 +132,14 @@ class StructureReport(NamedTuple):
 def inspect_structure(scene: Scene) -> StructureReport:
     """Settle a structure and report on its statics: self-stress, mechanisms, forces, stability, frequencies.
 
-    The ground is left out, and so is gravity unless supports carry it: what is reported is the structure itself. A
-    rigid strut is a very stiff spring here.
+    The report is of the structure itself: without ground, and without gravity unless there are supports. A rigid strut
+    is a very stiff spring here.
 
     Args:
-        scene: whose structure is inspected, with the scene's gravity where it has supports.
+        scene: the structure, with the scene's gravity where it has supports.
 
     Returns:
-        The report; `table()` has it in words, `summary()` in numbers.
+        The report: `table()` in words, `summary()` in numbers.
 
     Raises:
         InputError: the structure has no members, or the scene a potential of another kind along them.
@@ -192,7 +192,7 @@ def inspect_structure(scene: Scene) -> StructureReport:
 
 
 def _that_count(structure: Structure, forces: PerMember) -> PerMember:
-    """The forces, those that are `NOTHING` but rounding taken for 0."""
+    """The forces; those below `NOTHING`, which are rounding, are 0."""
     springs = as_springs(structure)[0]
     kinds = [kind for kind in (springs.struts, springs.cables) if kind is not None]
     stretch = np.concatenate([(np.asarray(kind.stiffness, float) * kind.rest_length).ravel() for kind in kinds])

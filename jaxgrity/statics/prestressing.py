@@ -1,4 +1,4 @@
-"""A structure at rest in its own shape: rest lengths that put it under a stress in which all forces balance."""
+"""Prestress for a given shape: the rest lengths at which all forces balance."""
 
 import dataclasses
 
@@ -19,12 +19,12 @@ def prestressed(structure: Structure, tension: float, force_density: PerMember |
     L = l - f/K for springs, L = l for rigid struts, with the forces of `prestress`.
 
     Args:
-        structure: its shape is kept; its rest lengths are replaced. Supports balance what they hold.
+        structure: its shape is kept, its rest lengths are replaced. Supports balance the forces on their nodes.
         tension: of the tightest cable, N.
-        force_density: the self-stress to use, N/m, struts first; it is scaled. None: that whose cables are most even.
+        force_density: the self-stress, N/m, struts first; it is scaled. None: the one with the most even cables.
 
     Returns:
-        The structure, its rest lengths changed.
+        The structure with its new rest lengths.
 
     Raises:
         InputError: no self-stress has every cable in tension, or a rest length would not be positive.

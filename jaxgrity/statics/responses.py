@@ -1,4 +1,4 @@
-"""How a structure at rest gives way under small loads, and how much of them it bears until a cable is slack."""
+"""The displacements of a structure under small loads, and the load factor at which a cable goes slack."""
 
 from typing import NamedTuple
 
@@ -43,15 +43,15 @@ class StaticResponse(NamedTuple):
 
 @typed
 def static_response(scene: Scene, q: NodeVectors, loads: Loads) -> StaticResponse:
-    """K u = f about the equilibrium `q`, with the tangent stiffness K = d2U/dq2, prestress and all.
+    """K u = f about the equilibrium `q`, with the tangent stiffness K = d2U/dq2, prestress included.
 
     Args:
-        scene: what resists, and its supports; slack cables do not.
-        q: an equilibrium, m, such as `resting_shape` finds.
+        scene: the members and supports; slack cables do not resist.
+        q: an equilibrium, m, as from `resting_shape`.
         loads: (nodes, 3), N. Where supports leave rigid motions, they must balance each other.
 
     Returns:
-        Displacements, changes of the members' forces, and how far the nearest cable is from being slack.
+        Displacements, changes of the members' forces, and the margin of the nearest cable to slack.
 
     Raises:
         InputError: the loads do not balance, or nothing resists them.

@@ -1,4 +1,4 @@
-"""A robot in the shape in which it rests, set down on its ground: what files of other programs rarely hold."""
+"""A robot in its resting shape, set down on its ground. Files of other programs rarely start there."""
 
 import dataclasses
 from typing import NamedTuple
@@ -20,7 +20,7 @@ STRUTS_WITHIN = 1e-10
 
 
 class Settled(NamedTuple):
-    """What `settled` returns."""
+    """The result of `settled`."""
 
     scene: Scene
     moved: float
@@ -31,17 +31,16 @@ class Settled(NamedTuple):
 def settled(scene: Scene) -> Settled:
     """The scene with its structure at rest without gravity, ground and gait, and set down on its ground.
 
-    Rigid struts and bodies keep their shapes; supports hold. Where there are supports, or no ground, nothing is
-    set down.
+    Rigid struts and bodies keep their shapes; supports hold. With supports, or without ground, nothing is set down.
 
     Args:
-        scene: what is to start at rest.
+        scene: the scene to settle.
 
     Returns:
-        The same scene from there, and how far the nodes moved.
+        The scene at rest, and how far the nodes moved.
 
     Raises:
-        InputError: the structure finds no rest, or rigid struts cannot keep their lengths there.
+        InputError: no resting shape is found, or rigid struts cannot keep their lengths there.
 
     Example:
         >>> scene = jaxgrity.load_scene("exact")

@@ -29,14 +29,14 @@ def all_edges(structure: Structure) -> Edges:
 
 
 def incidence(edges: Edges, nodes: int) -> sp.csr_array:
-    """C (members, nodes): +1 at the first node of each member, -1 at the second, so that C q are the members' d."""
+    """C (members, nodes): +1 at the first node of each member, -1 at the second; C q are the members' d."""
     ends = np.asarray(edges, int).reshape(-1, 2)
     rows = np.repeat(np.arange(len(ends)), 2)
     return sp.csr_array((np.tile([1.0, -1.0], len(ends)), (rows, ends.ravel())), shape=(len(ends), nodes))
 
 
 def with_spring_struts(scene: Scene) -> Scene:
-    """The same scene with rigid struts as stiff springs. Raises `InputError` where its ground is no spring either."""
+    """The scene with stiff springs for rigid struts. Raises `InputError` where its ground is exact contact."""
     if scene.ground is not None and scene.ground.impulsive:
         raise InputError("statics needs forces, and exact contact has none; expected penalty contact, or no ground")
     return dataclasses.replace(scene, structure=as_springs(scene.structure)[0])
@@ -46,10 +46,10 @@ def with_spring_struts(scene: Scene) -> Scene:
 def stiffness_matrix(scene: Scene, q: NodeVectors) -> sp.csc_array:
     """K = d2U/dq2 at `q` and t = 0, N/m, (3 nodes, 3 nodes), from the scene's own potential energy.
 
-    U is a sum of functions of one member's d = x_i - x_j and of functions of one node's x, so its Hessian is one block
-    of 3 x 3 for each member and for each node. Three products with the Hessian give all of them at once, whatever the
-    size. Raises `InputError` where a term of U joins nodes in another way (one random product with the whole Hessian
-    shows it). Where cables run through several nodes, the Hessian is computed whole, which suits some hundred nodes.
+    U is a sum of functions of one member's d = x_i - x_j and of one node's x. So its Hessian is one 3 x 3 block for
+    each member and each node, and three products with the Hessian give all blocks, whatever the size. Raises
+    `InputError` where a term of U couples nodes in another way; one random product with the whole Hessian shows it.
+    With cables through several nodes the Hessian is computed whole: some hundred nodes at most.
     """
     cables = scene.structure.cables
     if cables is not None and cables.clusters:
@@ -87,7 +87,7 @@ def sparse_mass_matrix(structure: Structure) -> sp.csc_array:
 
 
 def free_coordinates(nodes: int, fixed: Fixed | None) -> np.ndarray:
-    """The numbers of those of the 3 nodes coordinates that no support holds. Raises `InputError` on another shape."""
+    """The indices of the unsupported ones of the 3 nodes coordinates. Raises `InputError` on another shape."""
     if fixed is None:
         return np.arange(3 * nodes)
     if np.shape(fixed) != (nodes, 3):
@@ -96,7 +96,7 @@ def free_coordinates(nodes: int, fixed: Fixed | None) -> np.ndarray:
 
 
 def rigid_motions(q: NodeVectors, fixed: Fixed | None = None) -> np.ndarray:
-    """Displacements that change no distance and no support: orthonormal columns, of the free coordinates alone.
+    """Displacements without a change of any distance or support: orthonormal columns, of the free coordinates.
 
     Six where nothing is held (five where all nodes lie on a line), fewer with supports.
     """
@@ -139,7 +139,7 @@ def _whole(scene: Scene, q: NodeVectors) -> MassMatrix:
 
 @eqx.filter_jit
 def _blocks(scene: Scene, q: NodeVectors) -> tuple:
-    """Blocks of d2U by member kind and by node; a random displacement, and the Hessian's product with it."""
+    """The blocks of d2U by kind of member and by node; a random displacement, and its product with the Hessian."""
     kinds = scene.structure.kinds
     vectors = member_vectors(q, kinds)
 

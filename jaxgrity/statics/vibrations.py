@@ -39,9 +39,9 @@ class Modes(NamedTuple):
     """how many of them are unstable: U falls in their direction"""
 
     def motion(self, q: NodeVectors, mode: int, amplitude: float, times: Times) -> Float[AnyArray, "frames nodes 3"]:
-        """Positions (frames, nodes, 3), m, of one mode whose largest displacement of a node is `amplitude`, m.
+        """Positions (frames, nodes, 3), m, of one mode; the largest displacement of a node is `amplitude`, m.
 
-        A mode of 0 Hz is shown with a period of 1 s.
+        A mode of 0 Hz gets a period of 1 s.
         """
         shape = self.shapes[mode] / np.linalg.norm(self.shapes[mode], axis=1).max()
         rate = 2 * np.pi * (float(self.frequency[mode]) or 1.0)
@@ -52,15 +52,14 @@ class Modes(NamedTuple):
 def vibration_modes(scene: Scene, q: NodeVectors | None = None, count: int | None = None) -> Modes:
     """The modes of K x = (2 pi f)^2 M x about `q`, with K = d2U/dq2 and the consistent mass matrix M.
 
-    Of structures with many nodes a sparse solver finds the lowest alone (shift and invert; ARPACK). Rigid motions that
-    supports leave are taken out beforehand, so that what is slow or unstable shows. Modes in which rigid struts, stiff
-    springs here, change their length are the highest, and mean nothing.
+    For many nodes a sparse solver finds only the lowest modes (shift and invert; ARPACK). Rigid motions are taken out
+    beforehand, so that slow or unstable modes show. Rigid struts are stiff springs here: the modes that change their
+    lengths are the highest, and have no meaning.
 
     Args:
-        scene: what resists, with its supports and the mass of its nodes and members; it is at rest at `q` and t = 0,
-            and damping is left out.
-        q: an equilibrium, m, such as `resting_shape` finds; None: the structure's own shape.
-        count: how many of the lowest; None: all of small structures, else `LOWEST`.
+        scene: members, supports and masses, at rest at `q` and t = 0. Damping is left out.
+        q: an equilibrium, m, as from `resting_shape`; None: the structure's own shape.
+        count: the number of lowest modes; None: all of a small structure, else `LOWEST`.
 
     Returns:
         Frequencies and shapes, in ascending order.
@@ -113,7 +112,7 @@ def _lowest_modes(
     to_momentum, to_push = np.linalg.inv(rigid.T @ momentum), np.linalg.inv(momentum.T @ pushed)
 
     def solve(x: np.ndarray) -> np.ndarray:
-        """y with (K - shift M) y = x + M R m, the multipliers m such that y has no momentum."""
+        """y with (K - shift M) y = x + M R m; the multipliers m make the momentum of y zero."""
         # what is of the form M R m may be left out of x, and would only cost digits
         y = inverse.solve(x - momentum @ (to_momentum @ (rigid.T @ x)))
         return y - pushed @ (to_push @ (momentum.T @ y))
