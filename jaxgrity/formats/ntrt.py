@@ -1,6 +1,6 @@
 """Structures of NASA's Tensegrity Robotics Toolkit (NTRT): its YAML files as scenes."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Sized
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
@@ -117,7 +117,7 @@ def _imported(assembly: Assembly, part: Part, unit: float, losses: Losses) -> Im
 
 
 def _conventions(robot: Built, cables: list[Cable], unit: float) -> list[str]:
-    counts = {"rods are struts, thin, with mass": robot.rods, "bodies are rigid": robot.bodies}
+    counts: dict[str, Sized] = {"rods are struts, thin, with mass": robot.rods, "bodies are rigid": robot.bodies}
     return [
         f"one unit of length is {unit:g} m, kg and s are as they are; y, which is up in the file, is z here",
         *(f"{len(found)} {what}" for what, found in counts.items() if found),
