@@ -13,7 +13,6 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax._src import compiler
 from matrix_uses import Case
 
 from jaxgrity import (
@@ -46,8 +45,10 @@ from jaxgrity.report import animate, plot, view
 from jaxgrity.statics import inspect_structure, resting_shape, settled, vibration_modes
 from jaxgrity.stepping import resolve
 
-LARGE = 60_000
-"""Characters of a program's text from which on it counts as one that takes long to compile."""
+LARGE = 120_000
+"""Size of a program's text, in bytes with its places in the source, from which on it takes long to compile."""
+ASKED_FOR = "/jax/compilation_cache/compile_requests_use_cache"
+"""The event by which JAX says that it has written a program down and looks for it among those that were compiled."""
 
 
 class CompilerReachedError(BaseException):
@@ -56,19 +57,26 @@ class CompilerReachedError(BaseException):
 
 @contextlib.contextmanager
 def nothing_large_compiles() -> Iterator[None]:
-    """Ends what would compile a large program by `CompilerReachedError`."""
-    usual = compiler.compile_or_get_cached
+    """Ends what would compile a large program by `CompilerReachedError`, where compiled programs are kept."""
+    with tempfile.TemporaryDirectory() as folder:
 
-    def refuse(backend, computation, *rest, **more):
-        if len(str(computation)) > LARGE:
-            raise CompilerReachedError
-        return usual(backend, computation, *rest, **more)
+        def refuse(event: str, **_) -> None:
+            if event != ASKED_FOR:
+                return
+            sizes = []
+            for text in Path(folder).iterdir():
+                sizes.append(text.stat().st_size)
+                text.unlink()
+            if max(sizes, default=0) > LARGE:
+                raise CompilerReachedError
 
-    compiler.compile_or_get_cached = refuse
-    try:
-        yield
-    finally:
-        compiler.compile_or_get_cached = usual
+        jax.config.update("jax_dump_ir_to", folder)
+        jax.monitoring.register_event_listener(refuse)
+        try:
+            yield
+        finally:
+            jax.monitoring.unregister_event_listener(refuse)
+            jax.config.update("jax_dump_ir_to", "")
 
 
 def reaching(call: Callable[[Case], object]) -> Callable[[Case], None]:

@@ -43,11 +43,9 @@ def rollout(
     It is differentiable in forward and reverse mode with respect to all numbers in these. To continue a motion, pass
     its last frame as the start.
 
-    A motion in pieces is the motion in one piece to rounding, if both take the same steps. Every interval between
-    frames has `steps` of them, as long as the interval asks: if intervals are unequal, pass the same `steps` for whole
-    and pieces. Complementarity stepping of a scene that dissipates then still differs, in second order of the step,
-    since the velocity on which dampers act where steps of two lengths meet is that of the middle of a kick in the
-    whole, and that of the frame between pieces: some 1e-6 m for a body of one metre where 5 ms and 1 ms meet.
+    A motion in pieces is the motion in one piece to rounding, if both take the same `steps` from frame to frame. Where
+    steps of two lengths meet, exact scenes that dissipate still differ, in second order: dampers act on the velocity in
+    the middle of a kick, or on that of a frame (1e-6 m for a body of one metre where 5 ms and 1 ms meet).
 
     Args:
         scene: the scene to simulate.
