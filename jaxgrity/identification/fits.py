@@ -1,14 +1,14 @@
-"""Parameters of a scene from measurements, with how sure they are: regularised least squares, linearised at its end.
+"""Parameters of a scene from measurements, with their uncertainty: regularised least squares, linearised at its end.
 
 The sum of squares is minimised by Levenberg and Marquardt's method. With J the residuals' Jacobian at the minimum, the
-covariance is that of a linear model with Gaussian noise, (J'J + 1)^-1 (Nocedal and Wright 2006, chapter 10); where the
-misfit is above 1, the noise counts as so many times as large. A parameter whose spread the data do not bring below half
-of what was plausible is not told.
+covariance is that of a linear model with Gaussian noise, (J'J + 1)^-1 (Nocedal and Wright 2006, chapter 10). A misfit
+above 1 is a factor of the noise. A parameter is identified where the data bring its spread below half of the plausible
+one.
 
-Residuals are tested (`ResidualTests`). Where they are correlated from row to row, intervals are those of the estimate
-under such noise, and there are none where the residuals say too little of it. Motions on the ground are fitted on the
-other contact model too (`TwinFit`). Where residuals are not like the noise that was said, and the twin fits no worse,
-what both disagree in counts as a further error.
+Residuals are tested (`ResidualTests`). With correlated rows, intervals are those of the estimate under such noise;
+there are none where the residuals say too little of it. Motions on the ground are fitted on the other contact model too
+(`TwinFit`). Where residuals differ from the stated noise, and the twin fits no worse, the disagreement of both counts
+as a further error.
 """
 
 from collections.abc import Sequence
@@ -36,7 +36,7 @@ TOLD = 0.5
 
 
 class Estimate(NamedTuple):
-    """What the data say of one parameter."""
+    """The estimate of one parameter."""
 
     name: str
     value: float | None
@@ -49,7 +49,7 @@ class Estimate(NamedTuple):
 
 
 class Identified(NamedTuple):
-    """The most probable scene, and how sure it is."""
+    """The most probable scene, and its uncertainty."""
 
     scene: Any
     estimates: tuple[Estimate, ...]
@@ -71,7 +71,7 @@ class Identified(NamedTuple):
 
     @property
     def untold(self) -> tuple[tuple[float, np.ndarray], ...]:
-        """Combinations of the z that the data cannot tell: what is left of their spread, and unit vectors."""
+        """Combinations of the z that the data leave open: their remaining spread, and unit vectors."""
         left, vectors = np.linalg.eigh(self.covariance)
         return tuple((float(np.sqrt(x)), v) for x, v in zip(left, vectors.T) if np.sqrt(max(x, 0.0)) > TOLD)
 
@@ -99,25 +99,24 @@ def identify(
     max_steps: int = 100,
     twin: bool = True,
 ) -> Identified:
-    """The parameters that make what a scene predicts fit what was measured, with their uncertainty.
+    """The parameters whose predictions fit the measurements best, with their uncertainty.
 
-    It minimises sum ((predicted - value)/noise)^2 + sum z^2, z the parameters in units of their plausible spreads. The
-    module says what covariance they have, how residuals are tested, and what the other contact model is for.
+    It minimises sum ((predicted - value)/noise)^2 + sum z^2, with z the parameters in units of their plausible spreads.
+    See the module for the covariance, the tests of residuals, and the other contact model.
 
     Args:
-        scene: the robot as far as it is known: a `Scene`, or a module of which `measured_poses` makes scenes.
-        parameters: what is not known, and how well.
-        measured: made by `measured_poses` or `measured_motion`; several together count as one.
-        tolerance: of the sum of squares: it ends where a full step would lower it by less, or hardly changes it.
-        max_steps: Jacobians, after which it gives up, and is not `converged`.
-        twin: whether to fit motions on the other contact model too, where there is ground; it takes as long again.
+        scene: the robot as known: a `Scene`, or a module from which `measured_poses` makes scenes.
+        parameters: the unknown ones, with their plausible spreads.
+        measured: from `measured_poses` or `measured_motion`; several count as one.
+        tolerance: of the sum of squares: the end is where a full step would lower it by less, or hardly change it.
+        max_steps: the largest number of Jacobians; beyond it the result is not `converged`.
+        twin: whether to fit motions on the ground also on the other contact model; it takes as long again.
 
     Returns:
-        The scene that fits best, estimates with standard errors and 95 % intervals, and what the data cannot tell.
+        The best fit, estimates with standard errors and 95 % intervals, and the combinations that the data leave open.
 
     Raises:
-        InputError: parameters that the scene does not have, fewer numbers measured than parameters, or values in
-            another unit.
+        InputError: unknown parameters, fewer measured numbers than parameters, or values in another unit.
 
     Example:
         >>> from jaxgrity.identification import Parameter, SeenPositions, identify, measured_poses
@@ -154,16 +153,16 @@ def identify(
 
 @typed
 def misfit_of(scene: Known, measured: Measurement, start: AnyArray | None = None) -> dict[str, np.ndarray]:
-    """How far a scene is from measurements that it was not fitted to, or was.
+    """The misfit of a scene to measurements, whether it was fitted to them or not.
 
     Args:
         scene: such as `Identified.scene`.
-        measured: made by `measured_poses` or `measured_motion`.
-        start: the further unknowns; their guess where not given.
+        measured: from `measured_poses` or `measured_motion`.
+        start: the further unknowns; by default their guess.
 
     Returns:
-        "rms": (columns,), root mean squares of predicted less measured, in SI units; "misfit": of all of them in
-        standard deviations of the noise.
+        "rms": (columns,), root mean squares of predicted less measured, SI units; "misfit": that of all, in standard
+        deviations of the noise.
     """
     guess = measured.starts()[0] if start is None else start
     difference = np.asarray(predicted(measured, scene, guess)) - measured.values
@@ -181,15 +180,15 @@ def profile_likelihood(
     number: int,
     z: AnyArray,
 ) -> np.ndarray:
-    """What the other parameters cannot make up for: the least sum of squares with one parameter held.
+    """The least sum of squares with one parameter held and all others fitted.
 
-    It rises by 1 from its minimum where that parameter is a standard deviation off; where it rises otherwise to both
-    sides, the intervals of `identify`, which take a parabola for granted, are wrong.
+    It rises by 1 from its minimum where that parameter is a standard deviation off. The intervals of `identify` assume
+    a parabola: where it rises otherwise, they are wrong.
 
     Args:
         scene, parameters, measured: as for `identify`.
-        number: of the parameter that is held, from 0; at least one other is left.
-        z: (points,), where it is held, in multiples of its plausible spread.
+        number: of the held parameter, from 0; at least one other is left.
+        z: (points,), its held values, in multiples of its plausible spread.
 
     Returns:
         (points,), the sum of squares, z^2 and those of the starts included.
@@ -212,7 +211,7 @@ def profile_likelihood(
 
 
 def _beside(found: Identified, there: Identified) -> Identified:
-    """The result with what the fit on the other contact model says, and what its disagreement adds to the errors."""
+    """The result with the fit on the other contact model, and errors widened by the disagreement."""
     compares, further = compared(found, there), disagreement(found, there)
     if not further.any():
         return found._replace(twin=compares)
@@ -224,7 +223,7 @@ def _beside(found: Identified, there: Identified) -> Identified:
 
 
 def _judged(problem: Problem, found: Found) -> Identified:
-    """What was found, with its covariance."""
+    """The result with its covariance."""
     (y, r, J), size = found.at, len(problem.parameters)
     told, plausible = J.T @ J, np.eye(len(y))
     freedom = _freedom(r, told, sum(int(np.isnan(each.values).sum()) for each in problem.every))
@@ -253,7 +252,8 @@ def _judged(problem: Problem, found: Found) -> Identified:
 
 
 def _series(problem: Problem, r: np.ndarray, J: np.ndarray) -> list[tuple[Series, np.ndarray, np.ndarray]]:
-    """Of each measurement its residuals, their slopes, (rows, columns, unknowns), and those of what goes with it."""
+    """For each measurement its residuals, their slopes, (rows, columns, unknowns), and those of its further
+    residuals."""
     found = []
     for each, (own, further) in zip(problem.every, problem.sizes_of_data):
         shape = each.values.shape
@@ -264,7 +264,7 @@ def _series(problem: Problem, r: np.ndarray, J: np.ndarray) -> list[tuple[Series
 
 
 def _check_all_units(problem: Problem, r: np.ndarray) -> None:
-    """From the residuals at the scene as it is given, which are computed by a program that is needed anyway."""
+    """From the residuals at the given scene, by a program that is needed anyway."""
     for each, sizes in zip(problem.every, problem.sizes_of_data):
         own, r = r[: sizes[0]].reshape(each.values.shape), r[sum(sizes) :]
         check_units(each, np.asarray(each.values + own * each.noise))

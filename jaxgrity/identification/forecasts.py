@@ -1,4 +1,4 @@
-"""How fast a gait will roll on a robot that measurements have told as well as they can, and what to measure next."""
+"""The speed of a gait on an identified robot, with its uncertainty, and what to measure next."""
 
 from typing import Any, NamedTuple
 
@@ -36,7 +36,7 @@ LINEAR = 0.8
 
 
 class SpeedForecast(NamedTuple):
-    """The steady speed of a gait over the robots that measurements leave plausible."""
+    """The steady speed of a gait over the robots plausible after measurements."""
 
     orbit: Orbit
     """of the most probable robot"""
@@ -65,14 +65,14 @@ class SpeedForecast(NamedTuple):
 
     @property
     def rolling(self) -> float:
-        """Share of the robots that reach `ROLLING` of the most probable one's speed."""
+        """Share of the robots above `ROLLING` of the most probable one's speed."""
         return float((self.speeds >= ROLLING * self.orbit.speed).mean())
 
     @property
     def shares(self) -> np.ndarray:
         """(parameters,), as `gradient_shares`, from the robots alone: squared correlations of speed and z.
 
-        Over n robots such a number is about 1/n where there is no correlation.
+        Without correlation such a number is about 1/n over n robots.
         """
         z, v = self.deviations - self.deviations.mean(0), self.speeds - self.speeds.mean()
         sizes = np.sum(z**2, axis=0) * np.sum(v**2)
@@ -80,7 +80,8 @@ class SpeedForecast(NamedTuple):
 
     @property
     def explained(self) -> float:
-        """Share of the variance over the robots that a linear function of all z has: near 1, shares say it all."""
+        """Share of the variance over the robots explained by a linear function of all z: near 1, the shares are
+        complete."""
         columns = np.column_stack([np.ones(len(self.speeds)), self.deviations])
         left = self.speeds - columns @ np.linalg.lstsq(columns, self.speeds, rcond=None)[0]
         return float(1 - left.var() / self.speeds.var()) if self.speeds.var() > 0 else 1.0
@@ -109,27 +110,27 @@ def speed_forecast(
     duration: float = 80.0,
     options: Options = None,
 ) -> SpeedForecast:
-    """How the steady speed of a gait varies over what measurements leave open, and what to measure to be surer.
+    """The spread of a gait's steady speed over robots plausible after measurements, and what to measure next.
 
-    With C the covariance of the z and s = d speed/d z on the orbit, the speed's variance is s'Cs. Where parameter k
-    becomes known exactly it falls by (s'C e_k)^2/C_kk, since what goes with the parameter is known with it; the shares
-    are that over s'Cs, and a further measurement whose variance is C_kk brings half of it. The same shares follow
-    without any derivative from the robots, which begin on the most probable one's orbit. The slopes know of that orbit
-    alone: where robots fall off it, the shares over the robots count (`SpeedForecast.explained`).
+    With C the covariance of the z and s = d speed/d z on the orbit, the speed's variance is s'Cs. Exact knowledge of
+    parameter k lowers it by (s'C e_k)^2/C_kk, since correlated parameters become known with it. The shares are that
+    over s'Cs; a further measurement of variance C_kk brings half of it. The same shares follow without derivatives from
+    robots that begin on the most probable one's orbit. The slopes are those of that orbit alone: where robots fall off
+    it, the shares over the robots count (`SpeedForecast.explained`).
 
     Args:
         key: of the robots.
-        found: by `identify`, from a `Scene`, of parameters in which robots of a population can differ.
-        gait: whose actuators share one frequency; the scene's own where not given.
-        robots: how many are drawn.
-        duration: s, for which the most probable robot is watched to find its orbit.
-        options: solver options with a fixed step; by default the scene decides.
+        found: from `identify` with a `Scene`, for parameters in which robots of a population can differ.
+        gait: of one frequency; by default the scene's own.
+        robots: the number of draws.
+        duration: s, of the most probable robot's rollout, to find its orbit.
+        options: solver options with a fixed step; by default the scene's.
 
     Returns:
         Speeds, slopes and shares.
 
     Raises:
-        InputError: no such gait, a gait that settles on no orbit, fewer than 5 robots, or as `posterior_robots` and
+        InputError: no such gait, a gait without an orbit, fewer than 5 robots, or as `posterior_robots` and
             `find_orbit`.
     """
     if robots < FEWEST:
@@ -186,9 +187,9 @@ def _speed_slopes(scene: Scene, parameters: tuple[Parameter, ...], orbit: Orbit,
 def speeds_of_robots(
     scene: Scene, orbit: Orbit, differences: Differences, robots: int, *, options: Options = None
 ) -> Float[np.ndarray, " robots"]:
-    """Steady speeds, m/s, of robots that differ, begun on the orbit of the scene; 0 where a rollout fails.
+    """Steady speeds, m/s, of perturbed robots from the scene's orbit; 0 where a rollout fails.
 
-    Over `WATCHED` cycles, after `SETTLING` cycles, along a line or about the centre of what turns, as an orbit's is.
+    Over `WATCHED` cycles, after `SETTLING` cycles, along a line or about the centre of a turn, as for an orbit.
     """
     here, chosen = restarted(scene, orbit), in_step(scene, orbit.period, options)
     assert here.gait is not None, "an orbit has a gait"
@@ -205,7 +206,7 @@ def speeds_of_robots(
 
 
 def steady_speeds(paths: Float[np.ndarray, "robots places 2"], each: int, cycle: float) -> Float[np.ndarray, " robots"]:
-    """m/s, of robots that were at these places, m, `each` of them in a cycle of so many seconds."""
+    """m/s, from places, m, `each` of them in a cycle of that many seconds."""
     x, y = np.diff(paths[:, ::each], axis=1).T
     along = x + 1j * y
     turned = np.angle((along[1:] * np.conj(along[:-1])).sum(0))
@@ -214,5 +215,5 @@ def steady_speeds(paths: Float[np.ndarray, "robots places 2"], each: int, cycle:
 
 
 def _places(steps: int) -> int:
-    """In a cycle of so many steps, at which to look: as many as `PLACES`, of which each is a whole number of steps."""
+    """The number of samples in a cycle of some steps: up to `PLACES`, a whole number of steps apart."""
     return max(count for count in range(1, PLACES + 1) if steps % count == 0)

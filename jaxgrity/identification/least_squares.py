@@ -1,4 +1,4 @@
-"""Residuals of a scene beside what was measured, and Levenberg and Marquardt's method for their squares."""
+"""Residuals of a scene's predictions, and Levenberg and Marquardt's method for their squares."""
 
 from typing import NamedTuple
 
@@ -26,7 +26,7 @@ LOOSE, LOOSE_STEPS = (1000.0, 100.0, 10.0), 2
 
 
 class Problem(eqx.Module):
-    """What is to be fitted. Its arrays are inputs of what is compiled, so that new data compile nothing."""
+    """A fit. Its arrays are inputs of the compiled program: new data compile nothing."""
 
     scene: eqx.Module
     parameters: tuple[Parameter, ...] = eqx.field(static=True)
@@ -63,7 +63,7 @@ class Problem(eqx.Module):
         return jnp.concatenate(found), jnp.concatenate(slopes)
 
     def residuals(self, y):
-        """Those of `misses` alone."""
+        """The residuals of `misses` alone."""
         z, *starts = self.split(y)
         found = []
         for each, start in zip(self.every, starts):
@@ -74,7 +74,7 @@ class Problem(eqx.Module):
 
     @property
     def sizes_of_data(self) -> list[tuple[int, int]]:
-        """Of each measurement: how many residuals of the data, and how many of what goes with them."""
+        """For each measurement: the number of residuals of the data, and of further residuals."""
         starts = (start for start, _ in self.starts)
         further = (jax.eval_shape(each.predict, self.scene, start)[1].size for each, start in zip(self.every, starts))
         return [(each.values.size, size) for each, size in zip(self.every, further)]
@@ -108,7 +108,7 @@ class Found(NamedTuple):
 
 
 class Weighted(NamedTuple):
-    """A problem whose residuals count more or less than they are."""
+    """A problem with weighted residuals."""
 
     problem: Problem
     weights: np.ndarray
@@ -121,17 +121,17 @@ class Weighted(NamedTuple):
         return np.asarray(residuals(y, self.problem)) * self.weights
 
     def reweighted(self, weights: np.ndarray, at: Point) -> tuple["Weighted", Point]:
-        """With other weights, and what has been computed there, with them."""
+        """The problem with other weights, and the point under them."""
         ratio = weights / self.weights
         return Weighted(self.problem, weights), Point(at.y, at.r * ratio, at.J * ratio[:, None])
 
 
 def least_squares(problem: Problem, y: np.ndarray, tolerance: float, max_steps: int) -> Found:
-    """The least sum of squares from y on, windows that must nearly meet at first let loose.
+    """The least sum of squares from y on, with windows at first left loose that must nearly meet.
 
-    Windows that may hardly miss each other make a narrow, curved valley, and where the first guess is far off, one
-    with side valleys. Let loose, each window follows its own data, and a few steps bring parameters near; so the jumps
-    that are allowed go from `LOOSE` times those asked for down to them. Raises `InputError` without derivatives.
+    Windows that must nearly meet make a narrow, curved valley, with side valleys for a first guess that is far off.
+    Loose windows follow their own data, and a few steps bring parameters near. So the allowed jumps go from `LOOSE`
+    times the wanted ones down to them. Raises `InputError` without derivatives.
     """
     jumps = np.concatenate([np.arange(sum(sizes)) >= sizes[0] for sizes in problem.sizes_of_data])
     levels = (*LOOSE, 1.0) if jumps.any() else (1.0,)
@@ -148,9 +148,9 @@ def least_squares(problem: Problem, y: np.ndarray, tolerance: float, max_steps: 
 
 
 def _descended(problem: Weighted, at: Point, tolerance: float, most: int) -> Found:
-    """Levenberg and Marquardt's method: steps that fail are tried again shorter, until they do not matter any more.
+    """Levenberg and Marquardt's method: failed steps are tried again, shorter, until they no longer matter.
 
-    From a point at which the derivatives are known; they are computed `most` times more.
+    From a point with known derivatives; they are computed up to `most` times more.
     """
     damping, steps = FIRST_DAMPING, 0
     while True:
@@ -178,8 +178,8 @@ def _descended(problem: Weighted, at: Point, tolerance: float, most: int) -> Fou
 def _advanced(problem: Weighted, at: Point, curvature: np.ndarray, damping: float) -> tuple[np.ndarray, float]:
     """The best of some steps by one Jacobian, and its sum of squares.
 
-    The first is that of Levenberg and Marquardt. Where windows have to meet, it leaves their jumps off by what the
-    motion is not linear, which alone would forbid all but tiny steps; the further ones correct that (second-order
+    The first is that of Levenberg and Marquardt. Where windows have to meet, the nonlinearity of the motion leaves
+    jumps after it, which alone would forbid all but tiny steps. The further ones correct that (second-order
     corrections, Nocedal and Wright 2006, section 15.6), and cost a rollout each, not a Jacobian.
     """
     factors = scipy.linalg.cho_factor(curvature + damping * np.diag(np.diag(curvature)))
@@ -195,7 +195,7 @@ def _advanced(problem: Weighted, at: Point, curvature: np.ndarray, damping: floa
 
 
 def _offset(size: int, curvature: np.ndarray, full: np.ndarray) -> float:
-    """Root mean square of what a full step would change so many parameters by, in standard errors."""
+    """Root mean square change of the parameters by a full step, in standard errors."""
     covariance = np.linalg.inv(curvature)[:size, :size]
     return float(np.sqrt(full[:size] @ np.linalg.solve(covariance, full[:size]) / size)) if size else 0.0
 
@@ -219,7 +219,7 @@ def linearised(y: np.ndarray, problem: Problem) -> tuple[np.ndarray, np.ndarray]
 
 @eqx.filter_jit
 def residuals(y: AnyArray, problem: Problem) -> AnyArray:
-    """Residuals of the data alone, for a hundredth of what their derivatives cost."""
+    """Residuals of the data alone, for a hundredth of the cost of their derivatives."""
     return problem.residuals(y)
 
 

@@ -1,4 +1,4 @@
-"""Measurement poses and motions, and what a scene predicts of them."""
+"""Measured poses and motions, and a scene's predictions of them."""
 
 from abc import abstractmethod
 from collections.abc import Callable
@@ -23,7 +23,7 @@ SCALE = 30.0
 
 
 class Measurement(eqx.Module):
-    """Measurement numbers, a row a pose or a frame, and how a scene predicts them."""
+    """Measured numbers, a row for each pose or frame, and a scene's predictions of them."""
 
     values: eqx.AbstractVar[Values]
     """NaN where missing"""
@@ -36,10 +36,10 @@ class Measurement(eqx.Module):
 
     @abstractmethod
     def predict(self, scene: Any, start: AnyArray) -> tuple[Values, AnyArray]:
-        """The numbers, and further residuals (any,), in standard deviations, that should be near 0."""
+        """The numbers, and further residuals (any,), in standard deviations, near 0 for a good fit."""
 
     def linearised(self, scene_at: Callable[[AnyArray], Any], z: AnyArray, start: AnyArray) -> tuple[tuple, tuple]:
-        """What `predict` gives of the scene at z, and its derivatives by z and `start`, a last axis for all of them."""
+        """The results of `predict` for the scene at z, and their derivatives by z and `start`, all on one last axis."""
 
         def both(y):
             found = self.predict(scene_at(y[: len(z)]), y[len(z) :])
@@ -84,19 +84,19 @@ def measured_poses(
     commands: Any,
     command: Callable[[Any, Any], Scene],
 ) -> MeasuredPoses:
-    """Poses in which a robot came to rest after commands.
+    """Poses of a robot at rest after commands.
 
     Args:
-        scene: what `identify` will be given: a scene, or any module with arrays from which `command` makes scenes.
+        scene: the argument of `identify`: a scene, or any module with arrays from which `command` makes scenes.
         values: (poses, columns of the observation), SI units; NaN where missing.
         noise: their standard deviation: one number, one for each column, or one for each value.
-        observation: what the columns are.
-        shapes: (poses, nodes, 3), m, near which each pose is looked for, such as `resting_shape` finds.
+        observation: the columns.
+        shapes: (poses, nodes, 3), m, a shape near each pose, as from `resting_shape`.
         commands: arrays with a row for each pose.
-        command: makes of `scene` and such a row the scene as commanded.
+        command: the commanded scene, from `scene` and such a row.
 
     Returns:
-        What `identify` takes.
+        The measurement, for `identify`.
 
     Raises:
         InputError: shapes do not fit each other, all values are missing, or the noise is not positive.
@@ -114,7 +114,7 @@ def measured_poses(
 
 
 def checked(scene: Scene, values, noise, observation: SeenQuantity) -> tuple[np.ndarray, np.ndarray]:
-    """Values and noise as arrays of one shape. Raises `InputError` where they make no sense."""
+    """Values and noise as arrays of one shape. Raises `InputError` for invalid ones."""
     values, columns = np.asarray(values, float), observation.columns(scene)
     if values.ndim != 2 or values.shape[1] != columns:
         raise InputError(f"values has shape {values.shape}; expected (rows, {columns}), {columns} columns")
@@ -134,12 +134,12 @@ def checked(scene: Scene, values, noise, observation: SeenQuantity) -> tuple[np.
 @eqx.filter_jit
 @typed
 def predicted(measured: Measurement, scene: Any, start: AnyArray) -> Values:
-    """What a scene predicts of measurements."""
+    """A scene's predictions of measurements."""
     return measured.predict(scene, start)[0]
 
 
 def check_units(measured: Measurement, expected: Values) -> None:
-    """Raise `InputError` where values are so much larger or smaller than predicted that their unit is another."""
+    """Raise `InputError` for values so much larger or smaller than predicted that their unit must be another."""
     there = np.isfinite(measured.values) & np.isfinite(expected)
     theirs, ours = (float(np.linalg.norm(np.asarray(x)[there])) for x in (measured.values, expected))
     if ours > 0 and theirs > 0 and not 1 / SCALE < theirs / ours < SCALE:

@@ -1,4 +1,4 @@
-"""Measured motions, cut into windows for multiple shooting, and what a scene predicts of them."""
+"""Measured motions, cut into windows for multiple shooting, and a scene's predictions of them."""
 
 from dataclasses import replace
 from typing import Literal, NamedTuple
@@ -30,7 +30,7 @@ FITTED_FRAMES = 8
 
 
 class MeasuredMotion(Measurement):
-    """A motion, cut into windows that each start from a state of their own. Made by `measured_motion`."""
+    """A motion, cut into windows, each with a start of its own. Made by `measured_motion`."""
 
     values: Values
     noise: Values
@@ -59,7 +59,7 @@ class MeasuredMotion(Measurement):
         return self._joined(*found, states)
 
     def linearised(self, scene_at, z, start):
-        """Window by window, since each depends on its own start alone: all starts at once would cost their square."""
+        """Window by window: each depends on its own start alone, and all starts at once would cost their square."""
         count, windows = len(z), len(self.state)
         own, states = len(self.unknown) // windows, self._states(start)
         places = np.array(self.unknown[:own], int)
@@ -85,7 +85,7 @@ class MeasuredMotion(Measurement):
         return states.ravel().at[np.array(self.unknown, int)].set(start).reshape(states.shape)
 
     def _window(self, scene, state, times):
-        """What is seen of a window, a row a frame, and the state at its end."""
+        """The observations in a window, a row for each frame, and the state at its end."""
         if self.steps:
             q, v = states_at(scene, (state[0], state[1]), times, self.steps, self.options)
         else:
@@ -93,7 +93,7 @@ class MeasuredMotion(Measurement):
         return jax.vmap(lambda q, t: self.observation.seen(scene, q, t))(q, times), jnp.stack([q[-1], v[-1]])
 
     def _joined(self, seen, ends, states):
-        """The rows of all windows, and by how much windows miss each other; a last axis more: derivatives of both."""
+        """The rows of all windows, and the jumps between windows; with one more axis, the derivatives of both."""
         rows = jnp.concatenate([seen[:, :-1].reshape(-1, *seen.shape[2:]), seen[-1, -1:]])
         allowed = jnp.asarray(self.jump).reshape(2, 1, 1, *[1] * (states.ndim - 4))
         jumps = (ends[:-1] - states[1:]) / allowed
@@ -110,7 +110,7 @@ def _spread_out(slopes: AnyArray, count: int) -> AnyArray:
 
 
 class Starts(NamedTuple):
-    """From where a measured motion starts, and into how many windows it is cut, each with a start of its own."""
+    """The start of a measured motion, and its number of windows, each with a start of its own."""
 
     path: NodeHistory
     """(frames, nodes, 3), m, a guess of the motion, such as what was measured, or a rollout"""
@@ -135,20 +135,20 @@ def measured_motion(
 ) -> MeasuredMotion:
     """A motion seen at known times.
 
-    Long rollouts that roll are chaotic, and their residuals have many minima. Cut into windows, each of which starts
-    from a state of its own, they are fitted by multiple shooting: jumps between windows count as residuals too.
+    Long rolling motions are chaotic, and their residuals have many minima. So the motion is cut into windows with
+    starts of their own (multiple shooting): jumps between windows count as residuals too.
 
     Args:
-        scene: the robot with its gait, to check the rest against.
+        scene: the robot with its gait, for checks of the other arguments.
         times: (frames,), s since the gait's t = 0, increasing.
         values: (frames, columns of the observation), SI units; NaN where missing.
         noise: their standard deviation: one number, one for each column, or one for each value.
-        observation: what the columns are.
-        starts: from where the motion starts, and how well that is known.
-        options: solver options; by default the scene decides. The precision is float64.
+        observation: the columns.
+        starts: the start of the motion, and its uncertainty.
+        options: solver options; by default the scene's. The precision is float64.
 
     Returns:
-        What `identify` takes.
+        The measurement, for `identify`.
 
     Raises:
         InputError: shapes do not fit each other, times do not increase, all values are missing, the noise is not
@@ -186,7 +186,7 @@ def measured_motion(
 
 
 def _deviations(scene: Scene, starts: Starts) -> tuple[np.ndarray, np.ndarray]:
-    """Those of starts and of jumps, m and m/s."""
+    """The standard deviations of starts and of jumps, m and m/s."""
     size = np.array([float(length_scale(scene)), float(speed_scale(scene))])
     if not isinstance(starts.spread, str):
         check_each("spread", starts.spread, shape=(2,), least=0.0)
@@ -197,7 +197,7 @@ def _deviations(scene: Scene, starts: Starts) -> tuple[np.ndarray, np.ndarray]:
 
 
 def with_options(motion: MeasuredMotion, options: ResolvedOptions) -> MeasuredMotion:
-    """The measurement, to be predicted by other means: as many steps from frame to frame as they need."""
+    """The measurement with other options, and the number of steps from frame to frame that they need."""
     longest = max(float(np.diff(times).max()) for times in np.asarray(motion.times))
     steps = None if options.dt is None else int(np.ceil(longest / options.dt - 1e-6))
     return replace(motion, options=options, steps=steps)
@@ -212,7 +212,8 @@ def _check_path(path: np.ndarray, expected: tuple[int, ...]) -> None:
 
 
 def _state_at(times: np.ndarray, path: np.ndarray, frame: int) -> np.ndarray:
-    """(2, nodes, 3): position and velocity of the straight line, or the parabola, that fits the next frames best."""
+    """(2, nodes, 3): position and velocity of the straight line or parabola through the next frames, by least
+    squares."""
     near = slice(frame, frame + FITTED_FRAMES)
     t = times[near] - times[frame]
     fitted = np.polynomial.polynomial.polyfit(t, path[near].reshape(len(t), -1), min(2, len(t) - 1))

@@ -1,4 +1,4 @@
-"""What a measurement sees of a robot: positions, distances, angles, forces in members."""
+"""Observations of a robot: positions, distances, angles, forces in members."""
 
 from abc import abstractmethod
 
@@ -22,7 +22,7 @@ class SeenQuantity(eqx.Module):
 
     @abstractmethod
     def columns(self, scene: Scene) -> int:
-        """How many numbers it gives. Raises `InputError` where the scene lacks what is to be seen."""
+        """The number of columns. Raises `InputError` where the scene lacks an observed part."""
 
     @abstractmethod
     def seen(self, scene: Scene, q: NodeVectors, t: Scalar) -> Seen:

@@ -1,4 +1,4 @@
-"""Unknown numbers of a scene, by the names of their places, and the scene in which they have changed."""
+"""Unknown numbers of a scene, by the names of their places, and the scene with changed ones."""
 
 from collections.abc import Sequence
 from functools import partial
@@ -24,7 +24,7 @@ Unknowns = Float[AnyArray, " unknowns"]
 
 
 class Parameter(NamedTuple):
-    """One unknown number. z times `spread` is the logarithm of a factor, or what is added."""
+    """One unknown number. z times `spread` is the logarithm of a factor, or an offset."""
 
     path: str
     """where it is, such as "structure.cables.stiffness" or "friction.mu": any array of numbers in the scene"""
@@ -41,7 +41,7 @@ class Parameter(NamedTuple):
         return self.path + ("" if self.parts is None else f"[{','.join(map(str, self.parts))}]")
 
     def value(self, z):
-        """The factor, or the offset, that z stands for."""
+        """The factor or the offset at z."""
         return jnp.exp(self.spread * z) if self.kind == "factor" else self.spread * z
 
 
@@ -59,7 +59,7 @@ def changed(scene: Known, parameters: Sequence[Parameter], z: Unknowns) -> Known
 
 
 def check_parameters(scene: Known, parameters: Sequence[Parameter]) -> None:
-    """Raise `InputError` where there is none, one is named twice, or one names what the scene does not have."""
+    """Raise `InputError` for no parameters, a name given twice, and a place that the scene does not have."""
     if not parameters:
         raise InputError("parameters: there are none; expected at least one")
     for k, parameter in enumerate(parameters):

@@ -1,4 +1,4 @@
-"""Robots drawn from what is left uncertain after measurements, for populations and searches."""
+"""Robots drawn from the uncertainty after measurements, for populations and searches."""
 
 import jax
 import jax.numpy as jnp
@@ -16,18 +16,18 @@ ROUNDING = 1e-9
 
 @typed
 def posterior_robots(key: jax.Array, found: Identified, count: int) -> Differences:
-    """So many robots that are as plausible as the measurements leave them, as factors of `Identified.scene`.
+    """Robots plausible after the measurements, as factors of `Identified.scene`.
 
-    Their z are drawn from the normal distribution of mean `Identified.z` and `Identified.covariance`, so that what the
-    data cannot tell varies as widely as it plausibly may, and combinations that they do tell stay together.
+    Their z are drawn from the normal distribution with mean `Identified.z` and `Identified.covariance`. So combinations
+    that the data leave open vary over their plausible range; identified combinations vary only within their errors.
 
     Args:
         key: of the draws.
-        found: by `identify`, from a `Scene`.
-        count: how many.
+        found: from `identify` with a `Scene`.
+        count: the number of robots.
 
     Returns:
-        What `simulate_population(found.scene, ...)` takes as `differences`.
+        The `differences` for `simulate_population(found.scene, ...)`.
 
     Raises:
         InputError: a parameter in which robots of a population cannot differ.
@@ -36,7 +36,7 @@ def posterior_robots(key: jax.Array, found: Identified, count: int) -> Differenc
 
 
 def deviates(key: jax.Array, found: Identified, count: int) -> np.ndarray:
-    """(count, parameters), by how much the z of robots drawn differ from `Identified.z`."""
+    """(count, parameters), the differences of drawn z from `Identified.z`."""
     none = jnp.zeros(len(found.z))
     return np.asarray(jax.random.multivariate_normal(key, none, jnp.asarray(found.covariance), (count,)))
 
@@ -61,7 +61,7 @@ def robots_at(found: Identified, drawn: np.ndarray) -> Differences:
 
 
 def _one_path(found: Identified, own: list[int]) -> str:
-    """Of parameters by which robots differ alike; refuses what a factor cannot say."""
+    """The common path of parameters; refuses what no factor can express."""
     paths = sorted({found.parameters[k].path for k in own})
     if len(paths) > 1:
         raise InputError(f"{', '.join(paths)}: robots differ alike in them; expected one of them")
@@ -72,7 +72,7 @@ def _one_path(found: Identified, own: list[int]) -> str:
 
 
 def _ratio(found: Identified, path: str, numbers: list[int], dz: np.ndarray) -> np.ndarray:
-    """By what a place of the identified scene is multiplied where some of its z change by so much."""
+    """The factor of a place of the identified scene for a change of some of its z."""
     known = np.asarray(part_of(found.scene, path))
     moved = np.asarray(part_of(changed(found.scene, [found.parameters[k] for k in numbers], dz[numbers]), path))
     # what has no mass has none in any robot
@@ -81,13 +81,13 @@ def _ratio(found: Identified, path: str, numbers: list[int], dz: np.ndarray) -> 
 
 @typed
 def uncertainty_of(found: Identified, **others: float) -> Uncertainty:
-    """What is left uncertain as half-widths of an `Uncertainty`, which searches accept.
+    """The remaining uncertainty as half-widths of an `Uncertainty`, for searches.
 
     A uniform number with the half-width of root 3 standard deviations has the same standard deviation. Correlations are
     lost: `posterior_robots` keeps them.
 
     Args:
-        found: by `identify`; friction and cable stiffness as factors of all nodes and cables are carried over.
+        found: from `identify`; friction and cable stiffness as factors of all nodes and cables are used.
         others: further half-widths of the `Uncertainty`, such as `phase=0.03`.
 
     Raises:

@@ -1,8 +1,7 @@
-"""What the residuals of a fit say of its noise: whether they are independent and as large as was said, and if not, how
-far parameters may be off.
+"""Tests of a fit's residuals: independent, and as large as stated? If not, wider errors of the parameters.
 
-Intervals of least squares take independent noise for granted. Noise that lasts from row to row, and what a model leaves
-out, tell as much as fewer rows would. Where tests find such, an autoregressive process is fitted to the residuals
+Intervals of least squares assume independent noise. With noise that lasts from row to row, or with model error, the
+rows tell as much as fewer independent ones. Where tests find that, an autoregressive process is fitted to the residuals
 (Burg's method), and the covariance is that of the estimate under it (the "sandwich" of econometrics).
 """
 
@@ -25,7 +24,7 @@ FEWEST_INDEPENDENT = 12
 
 
 class ResidualTests(NamedTuple):
-    """Whether residuals look like independent noise of the size that was said; NaN where there are too few rows."""
+    """Tests for independent noise of the stated size; NaN with too few rows."""
 
     autocorrelation: float
     """of residuals of neighbouring rows"""
@@ -45,22 +44,22 @@ class ResidualTests(NamedTuple):
 
     @property
     def correlated(self) -> bool:
-        """Whether one of the tests of independence failed, of residuals that are not small beside the noise."""
+        """Whether a test of independence failed, for residuals that are not small beside the noise."""
         return bool(min(self.independence, self.runs) < UNLIKELY and self.share < 1)
 
     @property
     def too_large(self) -> bool:
-        """Whether residuals are larger than the noise that was said."""
+        """Whether residuals are larger than the stated noise."""
         return bool(self.size_probability < UNLIKELY)
 
     @property
     def as_said(self) -> bool:
-        """Whether residuals are like independent noise of the size that was said."""
+        """Whether residuals are like independent noise of the stated size."""
         return not (self.correlated or self.too_large)
 
     @property
     def enough(self) -> bool:
-        """Whether residuals say how far parameters may be off."""
+        """Whether residuals suffice for errors of the parameters."""
         return not self.correlated or self.independent >= FEWEST_INDEPENDENT
 
     def summary(self) -> str:
@@ -121,7 +120,7 @@ def scores_covariance(series: Series, J: np.ndarray) -> np.ndarray:
 
 
 def _correlations(every: list[Series]) -> tuple[np.ndarray, np.ndarray]:
-    """Autocorrelations at lags from 1 on, pooled, and by how many pairs each is known."""
+    """Pooled autocorrelations at lags from 1 on, and the number of pairs of each."""
     found, pairs = [], []
     size = sum(np.sum(each.r**2) for each in every) / sum(each.seen.sum() for each in every)
     for lag in range(1, LAGS + 1):
@@ -166,7 +165,7 @@ def _process(series: Series) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _independent(series: Series) -> np.ndarray:
-    """How many independent numbers tell a mean as well as those of the series, and how many the mean of the squares."""
+    """The number of independent values with an equally exact mean, and the same for the mean of squares."""
     autocorrelation, across = _process(series)
     # columns that go together count as fewer
     columns = np.trace(across) ** 2 / max(np.sum(across**2), np.finfo(float).tiny)
@@ -178,7 +177,7 @@ def _independent(series: Series) -> np.ndarray:
 def _burg(r: np.ndarray, seen: np.ndarray) -> np.ndarray:
     """a of r_t = a_1 r_t-1 + a_2 r_t-2 + ... + noise, alike in all columns; the order by Akaike's criterion.
 
-    Errors of prediction count where all rows that they are made of were seen, and orders as long as a third of them do.
+    Errors of prediction count where all their rows were seen; orders count while a third of the errors do.
     """
     counts = np.maximum(seen.sum(0), 1)
     size = np.sqrt(np.maximum(np.sum(r**2, axis=0) / counts, np.finfo(float).tiny))
@@ -221,9 +220,9 @@ def _autocorrelations(a: np.ndarray, rows: int) -> np.ndarray:
 
 
 def widened(covariance: AnyArray, least: AnyArray, tests: ResidualTests) -> np.ndarray:
-    """A covariance of which no variance is less than those of `least`, for as few residuals as are independent.
+    """A covariance with no variance below those of `least`, for the number of independent residuals.
 
-    It is `least` where residuals do not say as much as a covariance.
+    It is `least` where residuals are too few for a covariance.
     """
     variances = np.diag(covariance)
     if not (np.isfinite(covariance).all() and np.all(variances > 0)):

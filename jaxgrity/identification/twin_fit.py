@@ -1,4 +1,4 @@
-"""The same fit on the other contact model: what both say of a parameter is no artefact of one."""
+"""The same fit on the other contact model: agreement on a parameter is no artefact of one model."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ from jaxgrity.stepping.options import resolve
 
 
 class TwinFit(NamedTuple):
-    """What the same measurements say of the parameters on the other contact model."""
+    """The fit of the same measurements on the other contact model."""
 
     values: dict[str, float]
     """by the names of the parameters that the twin has too: factors or offsets; empty where there is no fit"""
@@ -45,8 +45,8 @@ def twin_problem(
 ) -> tuple[Scene, list[Parameter], list[MeasuredMotion]] | str | None:
     """The scene, the parameters and the measurements on the other contact model.
 
-    None where there is no other: without ground, or of other measurements than motions. Words where there is one that
-    cannot be fitted.
+    None without another model: no ground, or other measurements than motions. A text where the other one cannot be
+    fitted.
     """
     if not isinstance(scene, Scene) or scene.ground is None:
         return None
@@ -64,7 +64,7 @@ def twin_problem(
 
 
 def compared(fit: Any, twin: Any) -> TwinFit:
-    """How far two results of `identify` disagree."""
+    """The disagreement of two results of `identify`."""
     own = [fit.parameters.index(p) for p in twin.parameters]
     z, variance = fit.z[own], np.diag(fit.covariance)[own]
     apart = np.abs(z - twin.z) / np.sqrt(variance + np.diag(twin.covariance))
@@ -73,9 +73,9 @@ def compared(fit: Any, twin: Any) -> TwinFit:
 
 
 def disagreement(fit: Any, twin: Any) -> np.ndarray:
-    """What the choice of the contact model adds to the covariance of z, where data do not speak for the fit's own.
+    """The contribution of the contact model to the covariance of z, where data do not favour the fit's own.
 
-    Nothing where residuals are like noise, and where the twin fits worse.
+    Zero where residuals are like noise, or the twin fits worse.
     """
     added = np.zeros_like(fit.covariance)
     if fit.residuals.as_said or twin.misfit > fit.misfit:
@@ -87,7 +87,7 @@ def disagreement(fit: Any, twin: Any) -> np.ndarray:
 
 
 def _on(twin: Scene, motion: MeasuredMotion) -> MeasuredMotion:
-    """The measurement of a motion, to be predicted by the twin; its starts are lifted out of exact ground."""
+    """The measurement of a motion for the twin; its starts are lifted out of exact ground."""
     struts = twin.structure.struts
     if motion.unknown and struts is not None and struts.rigid:
         raise InputError("its struts are rigid, and starts that are not known would stretch them")

@@ -1,6 +1,6 @@
 """Robots side by side: the population as the last axis in memory of every array, a chunk of it for each core.
 
-All that is computed for one robot is mapped over that axis here; `population.py` deals chunks to the devices.
+Computations for one robot are mapped over that axis here; `population.py` deals chunks to the devices.
 """
 
 from collections.abc import Callable
@@ -47,7 +47,7 @@ class LaneOutcomes(NamedTuple):
 
 
 class LaneEnd(NamedTuple):
-    """How rollouts ended."""
+    """The ends of rollouts."""
 
     state: State
     com_path: AnyArray
@@ -57,7 +57,7 @@ class LaneEnd(NamedTuple):
 
 
 def most_lanes(scene: Scene, options: ResolvedOptions) -> int:
-    """How many robots of this size a device integrates side by side: a power of two for a core, all on a GPU."""
+    """The number of robots that a device integrates side by side: a power of two for a core, all on a GPU."""
     if jax.default_backend() != "cpu":
         return MANY
     bytes_each = 3 * np.dtype(options.dtype).itemsize * max(scene.structure.member_count, 1)
@@ -77,8 +77,8 @@ def roll_out_lanes(
 ) -> LaneOutcomes:
     """The rollouts of one chunk: the arrays of `gaits` and `differences` have lanes last.
 
-    All arrays that come back have the lanes last. `parts` is as in `roll_out`. Where steps are all of one length it may
-    also say for how many parts there is room, and how many there are, which is an input: the others repeat the end.
+    All returned arrays have the lanes last. `parts` is as in `roll_out`. With equal steps it may also be the room for
+    parts and their number, an input of the program: unused ones repeat the end.
     """
     room, used = parts if isinstance(parts, tuple) else (parts, None)
     lanes = gaits.phase.shape[-1]
@@ -107,9 +107,9 @@ def roll_out_lanes(
 def _in_parts(
     start: State, duration: Scalar, scene: Scene, axes: Scene, options: ResolvedOptions, asked: tuple
 ) -> tuple[LaneEnd, Metrics | None]:
-    """The end at `duration`, after steps that are all of one length, and all robots' metrics.
+    """The end at `duration`, after equal steps, and all robots' metrics.
 
-    `asked` says for how many parts of the time, how many of them are used, and whether for metrics, or from when on.
+    `asked`: the number of parts of the time, the number in use, and metrics or not, or from when on.
     """
     room, used, with_metrics = asked
     measures, since = with_metrics is not False, None if isinstance(with_metrics, bool) else with_metrics
@@ -183,10 +183,10 @@ def over_lanes(function: Callable, in_axes: tuple) -> Callable:
 
 @typed
 def in_lanes(scene: Scene, gaits: Gait, differences: Differences | None = None) -> tuple[Scene, Scene]:
-    """The scene of many robots, with a last axis of lanes on every array but scalars, and the `in_axes` that say so.
+    """The scene of many robots, with a last axis of lanes on every array but scalars, and its `in_axes`.
 
-    `gaits` and `differences` have lanes last already. Where some arrays had the axis and others not, JAX's rules for
-    elementwise operations would move it to the front. So scales are those of the scene, one number for all robots.
+    `gaits` and `differences` have lanes last already. All arrays get the axis: with a mixture, JAX's rules for
+    elementwise operations would move it to the front. Scales are those of the scene, one number for all robots.
     """
     scene, lanes = with_scales(scene), gaits.phase.shape[-1]
     spread = jax.tree.map(lambda x: jnp.broadcast_to(x[..., None], (*x.shape, lanes)) if x.ndim else x, scene)
@@ -201,13 +201,13 @@ def in_lanes(scene: Scene, gaits: Gait, differences: Differences | None = None) 
 
 
 def step_axes(carried: Carried) -> Step:
-    """The `in_axes` of a `Step` of many robots, from what the method carries in it."""
+    """The `in_axes` of a `Step` of many robots, from the method's carry."""
     axes = last_axes(carried)
     return Step(None, None, axes, axes)  # type: ignore[arg-type]
 
 
 def lane_axes(scene: Scene) -> Scene:
-    """The `in_axes` of a scene with lanes: the last axis of every array but scalars, and but those of a surface."""
+    """The `in_axes` of a scene with lanes: the last axis of every array but scalars and a surface's arrays."""
     axes = last_axes(scene)
     if scene.ground is None or scene.ground.surface is None:
         return axes
@@ -220,10 +220,10 @@ def _surface(scene: Scene):
 
 
 def last_axes(x):
-    """The `in_axes` of what has the lanes last in every array but scalars."""
+    """The `in_axes` of a tree with the lanes last in every array but scalars."""
     return jax.tree.map(lambda x: -1 if jnp.ndim(x) else None, x)
 
 
 def lanes_last(rows):
-    """Of a population's gaits, or of what differs: the population as the last axis of every array."""
+    """A population's gaits, or differences, with the population as the last axis of every array."""
     return jax.tree.map(lambda x: jnp.moveaxis(x, 0, -1) if jnp.ndim(x) else x, rows)

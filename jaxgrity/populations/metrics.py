@@ -1,4 +1,4 @@
-"""What a rollout costs its actuators, and how it meets the ground: summed up step by step, for a whole population."""
+"""Actuators' energy and forces, and contact with the ground, summed step by step for a whole population."""
 
 from typing import NamedTuple
 
@@ -25,7 +25,8 @@ impulses, which have no peak."""
 
 
 class Metrics(NamedTuple):
-    """Since the gait began, or a later moment; forces are moving means, with weights that fall by e in a `WINDOW`."""
+    """Sums since the gait's start, or a later time; forces are moving means, with weights that fall by e in a
+    `WINDOW`."""
 
     path: Scalar
     """m, length of the horizontal path of the centre of mass"""
@@ -56,9 +57,9 @@ class Metrics(NamedTuple):
 
 
 def initial_metrics(scene: Scene, since: Scalar | None = None) -> Metrics:
-    """Before the first step; `since`, s, the gait begins where not given.
+    """The metrics before the first step; `since`, s, is the gait's start by default.
 
-    Raises `InputError` where the forces of actuators cannot be told apart.
+    Raises `InputError` where the forces of actuators have no unique solution.
     """
     if scene.gait is None:
         raise InputError("the scene has no gait; expected one, whose actuators can be measured")
@@ -103,7 +104,7 @@ def updated_metrics(scene: Scene, step: Step, so_far: Metrics) -> Metrics:
 
 
 def _contact(scene: Scene, step: Step) -> tuple[PerNode, PerNode]:
-    """Per node 1 where it touches the ground, and 1 where it moves along it."""
+    """For each node 1 where it touches the ground, and 1 where it slides."""
     ground, (q, v) = scene.ground, step.after.motion
     if ground is None:
         return jnp.zeros_like(q[:, 0]), jnp.zeros_like(q[:, 0])
@@ -124,14 +125,14 @@ def _lengths(scene: Scene, t: Scalar) -> PerActuator:
 
 
 def cost_of_transport(scene: Scene, energy: Scalar | PerGait, distance: Scalar | PerGait) -> AnyArray:
-    """energy / (m g distance), of J and m; infinite without gravity, and where the robot stays."""
+    """energy / (m g distance), from J and m; infinite without gravity or distance."""
     done = distance * (0.0 if scene.gravity is None else scene.structure.mass * scene.gravity)
     xp = namespace_of(done)
     return xp.where(done == 0, xp.inf, energy / xp.where(done == 0, 1, done))
 
 
 def actuator_tension(scene: Scene, step: Step) -> PerActuator:
-    """Of the actuated members, N: `member_tensions`, without dampers; of rigid struts by their impulses."""
+    """N, of the actuated members: `member_tensions` without dampers; of rigid struts from their impulses."""
     found = member_tensions(scene, step.t0 + step.h, step.after.motion[0])
     parts: list[AnyArray] = []
     for members, rows, _ in _actuated(scene):
@@ -146,7 +147,7 @@ def actuator_tension(scene: Scene, step: Step) -> PerActuator:
 
 
 def _actuated(scene: Scene):
-    """Members of each kind, which of them are actuated, in ascending order, and the number of the first."""
+    """The members of each kind, the actuated ones in ascending order, and the number of the first."""
     structure, gait = scene.structure, scene.gait
     assert gait is not None, "`initial_metrics` refuses a scene without a gait"
     for members, first in ((structure.struts, 0), (structure.cables, structure.first_cable)):
@@ -157,7 +158,7 @@ def _actuated(scene: Scene):
 
 
 def _in_order(scene: Scene, parts: list[AnyArray]) -> PerActuator:
-    """Struts' and cables' numbers, joined, in the order in which the gait names the members."""
+    """The numbers of struts and cables, joined in the gait's order of members."""
     joined = parts[0] if len(parts) == 1 else jnp.concatenate(parts)
     assert scene.gait is not None, "`initial_metrics` refuses a scene without a gait"
     order = tuple(int(k) for k in np.argsort(np.argsort(scene.gait.members)))

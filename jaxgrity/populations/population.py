@@ -161,10 +161,10 @@ def simulate_population(
 
 
 def _at_start(gaits: Gait) -> Gait:
-    """A gait whose rest lengths at t = 0 are those of the first, which rigid struts have to have at the start.
+    """A gait with the first one's rest lengths at t = 0: rigid struts must have them at the start.
 
-    It is that one where gaits may have begun by then. Else nothing moves yet, and its numbers are zeros, so that it is
-    the same for all populations.
+    It is the first one where gaits may have begun by then. Else nothing moves yet: its numbers are zeros, the same for
+    all populations.
     """
     first = one_gait(gaits, 0)
     known = not traced((gaits.start, gaits.ramp))
@@ -174,7 +174,7 @@ def _at_start(gaits: Gait) -> Gait:
 
 
 class _Common(NamedTuple):
-    """What all gaits of a call, and mostly those of the next call too, have in common."""
+    """The common part of all gaits of a call, and mostly of the next call too."""
 
     scene: Scene
     inputs: ResolvedOptions
@@ -184,9 +184,9 @@ class _Common(NamedTuple):
 
 @remembered(KEPT)
 def _common(scene: Scene, gait: Gait, options: Options, x64: bool) -> _Common:
-    """The scene in the precision of its options, and these resolved, with one gait in the place of those of a call.
+    """The scene in the precision of its options, the resolved options, and one gait in the place of the call's.
 
-    Its arrays are put on every device once, where they can be: that takes longer than a short rollout.
+    Its arrays are put on every device once, where possible: that takes longer than a short rollout.
     """
     scene = hold_functions(with_gait(scene, gait))
     resolved = resolve(scene, 1.0, options)  # the same for any duration
@@ -212,7 +212,7 @@ def roll_out(
     with_metrics: bool | Scalar = False,
     parts: int = 1,
 ) -> Outcomes:
-    """`simulate_population` without its checks, of a scene with one of the gaits, for other compiled functions."""
+    """`simulate_population` without checks, of a scene with one of the gaits, for other compiled functions."""
     if with_metrics is not False and (options.dt is None or options.method.implicit):
         raise InputError(f"method = {options.method.name!r}: expected an explicit one at a fixed step, for metrics")
     size = gaits.phase.shape[0]

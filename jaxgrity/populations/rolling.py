@@ -1,4 +1,4 @@
-"""How a robot moved, from a finished trajectory: the faces it stood on in turn; the name of its motion."""
+"""Classification of a finished trajectory: the support faces in turn; the name of the motion."""
 
 from typing import Any, NamedTuple
 
@@ -34,7 +34,7 @@ TIME_ROUNDING = 1e-4
 
 
 class Rolling(NamedTuple):
-    """How a robot moved from the gait's start on; without a gait, from t = 0 on."""
+    """A robot's motion from the gait's start on; without a gait, from t = 0 on."""
 
     supports: tuple[tuple[int, ...], ...]
     """the faces it stood on, in turn, by their nodes"""
@@ -56,7 +56,7 @@ class Rolling(NamedTuple):
     """s, for which all this was watched"""
 
     def summary(self) -> dict[str, Any]:
-        """The numbers, as they go into a JSON file; SI units."""
+        """The numbers for a JSON file; SI units."""
         faces = [list(face) for face in self.supports]
         return self._asdict() | {"supports": faces, "since": self.since.tolist()}
 
@@ -91,14 +91,14 @@ def faces(structure: Structure) -> tuple[tuple[int, ...], ...]:
 
 @typed
 def rolling(scene: Scene, trajectory: Trajectory) -> Rolling:
-    """Which faces the robot stood on, how much of the time it slipped or flew, and what that makes of its motion.
+    """The support faces, the shares of time with slip and in the air, and the kind of the motion.
 
-    The support is the hull's face whose mean signed distance is lowest, once it has been for `LASTING`, in every frame;
-    where a robot lies flat, of the faces that are equally low it is the one that was the lowest before. Frames further
-    apart than that miss changes, and where a robot rattles, more frames find fewer. Nodes touch the ground where
-    phi < `Ground.touched_below`: of a body of one metre 2 mm with exact contact, 0 with penalty contact. Lengths,
-    speeds and times are compared with the body's own (`scales.py`). Contact and slip are measured along the ground and
-    its normal, displacement and path in x and y. The first of these that applies is the `kind`:
+    The support is the hull's face with the lowest mean signed distance, once it has been the lowest for `LASTING`, in
+    every frame. Of equally low faces it is the earlier one. Frames further apart than that miss changes; for a robot
+    that rattles, more frames find fewer. Nodes touch the ground where phi < `Ground.touched_below`: for a body of one
+    metre 2 mm with exact contact, 0 with penalty contact. Lengths, speeds and times are relative to the body's own
+    (`scales.py`). Contact and slip are measured along the ground and its normal, displacement and path in x and y. The
+    `kind` is the first of these that applies:
 
     "hops": in the air for more than `HOPPING` of the time, also on the spot;
     "stays": its path is less than `STAYING` diameters wide, the longest distances between two built nodes;
@@ -153,7 +153,7 @@ def rolling(scene: Scene, trajectory: Trajectory) -> Rolling:
 
 
 def _lowest(heights: np.ndarray, margin: float) -> np.ndarray:
-    """In each frame (frames,), the lowest of the faces (frames, faces); another one only if lower by the margin, m."""
+    """The lowest of the faces (frames, faces) in each frame, (frames,); a new one only if lower by the margin, m."""
     lowest = heights.argmin(1)
     for k in range(1, len(lowest)):
         if heights[k, lowest[k - 1]] <= heights[k, lowest[k]] + margin:
@@ -162,7 +162,7 @@ def _lowest(heights: np.ndarray, margin: float) -> np.ndarray:
 
 
 def _changes(lowest: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """Frames in which a face that lasts, and is not the one that lasted before it, becomes the lowest.
+    """The frames in which a new lasting face becomes the lowest.
 
     `times` are those of a body of one metre.
     """
@@ -173,7 +173,8 @@ def _changes(lowest: np.ndarray, times: np.ndarray) -> np.ndarray:
 
 
 def name_of_motion(path: np.ndarray, supports: tuple[tuple[int, ...], ...], airborne_share: float) -> str:
-    """By the thresholds of `rolling`, of a path (frames, 2) in diameters of the robot, and the faces in turn."""
+    """The kind by the thresholds of `rolling`, from a path (frames, 2) in diameters of the robot, and the faces in
+    turn."""
     wide, rolls = width(path), len(supports) - 1
     if airborne_share > HOPPING:
         return "hops"
@@ -194,19 +195,19 @@ def width(path: np.ndarray) -> float:
 
 
 def _swept(path: np.ndarray) -> float:
-    """The area that the line from a path's middle to its end sweeps over, to the left less to the right."""
+    """The area swept by the line from a path's middle to its end, to the left less to the right."""
     (x, y), (dx, dy) = (path[:-1] - (path.min(0) + path.max(0)) / 2).T, np.diff(path, axis=0).T
     return abs(float(np.sum(x * dy - y * dx))) / 2
 
 
 def _further(path: np.ndarray) -> float:
-    """By how much the end of a path, or its later half in the mean, is farther on than its start, or its first half."""
+    """The advance of a path's end beyond its start, or of its later half beyond its first in the mean."""
     first, later = np.array_split(path, 2)
     return float(max(np.linalg.norm(later.mean(0) - first.mean(0)), np.linalg.norm(path[-1] - path[0])))
 
 
 def _way(path: np.ndarray) -> float:
-    """The length of a path in straight stretches of 1, which leave out how it wobbles, and of what is left."""
+    """The length of a path in straight stretches of 1, which ignore its wobble, and of the rest."""
     length, begun = 0.0, 0
     while True:
         away = np.linalg.norm(path[begun:] - path[begun], axis=1)

@@ -38,7 +38,7 @@ class Exerted(NamedTuple):
 
 
 class StepPlan(NamedTuple):
-    """The steps that a motion took, with room for more."""
+    """The steps of a motion, with room for more."""
 
     times: Times
     """(steps + 1,), s, at which they carried_at, and the last one ends"""
@@ -53,11 +53,10 @@ class StepPlan(NamedTuple):
 
 
 def impulses_along(scene: Scene, trajectory: Trajectory) -> Exerted:
-    """Mean forces, N, from each frame to the next, and from the last one over one step more.
+    """Mean forces, N, from each frame to the next, and over one more step after the last.
 
-    The motion is stepped again, as it was at first. Steps that begin at a saved frame take up its state, so that the
-    steps follow the motion however sensitive it is. The impulse of each step is spread evenly over it, as
-    frames between steps have it.
+    The motion is stepped again. Steps that begin at a saved frame start from its state: so they follow the motion,
+    however sensitive it is. The impulse of each step is spread evenly over it, as for frames between steps.
     """
     times = np.asarray(trajectory.times, float)
     dt, dtype = float(trajectory.dt), str(trajectory.positions.dtype)  # type: ignore[arg-type]
@@ -76,7 +75,7 @@ def impulses_along(scene: Scene, trajectory: Trajectory) -> Exerted:
     kicks = (sizes + np.append(first, sizes[:-1])) / 2
 
     def between(each):
-        """What all steps up to each end add up to, from one end to the next."""
+        """The sums over steps from one end to the next."""
         total = np.cumsum(each, axis=0)
         total = np.concatenate([0 * total[:1], total])
         share = ((ends - starts[before]) / sizes[before]).reshape(-1, *[1] * (total.ndim - 1))
@@ -87,7 +86,7 @@ def impulses_along(scene: Scene, trajectory: Trajectory) -> Exerted:
 
 
 def _plan(scene: Scene, trajectory: Trajectory, starts: np.ndarray) -> StepPlan:
-    """The steps that begin at `starts`, s, but for the last of these, where they end."""
+    """The steps from each of `starts`, s, to the next."""
     times, steps = np.asarray(trajectory.times, float), len(starts) - 1
     q, v = (np.asarray(x) for x in (trajectory.positions, trajectory.velocities))
     room = max(MOST, 2 ** math.ceil(math.log2(steps)))
@@ -150,7 +149,7 @@ def _stepped(scene: Scene, options: ResolvedOptions, plan: StepPlan, count: AnyA
 
 
 def _with_lengths(scene: Scene, t: Scalar, longer: PerMember) -> Scene:
-    """The scene with rigid struts as long as they should be at the time t, s, and `longer` by so much, m."""
+    """The scene with the lengths of rigid struts at the time t, s, plus `longer`, m."""
     struts = rigid_struts(scene)
     if struts is None:
         return scene

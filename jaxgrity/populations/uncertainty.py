@@ -76,7 +76,7 @@ class Differences(eqx.Module):
             check_each(f"differences.{name}", getattr(self, name), least=0.0)
 
     def check(self, scene: Scene, robots: int) -> None:
-        """Raises `InputError` where these are not the differences of so many robots of the scene."""
+        """Raises `InputError` where these are not the differences of that number of robots of the scene."""
         structure = scene.structure
         sizes = {"nodes": len(structure.nodes)}
         for name, members in (("struts", structure.struts), ("cables", structure.cables)):
@@ -167,7 +167,7 @@ class Uncertainty(eqx.Module):
 
     @property
     def none(self) -> bool:
-        """Whether everything is known."""
+        """Whether nothing is uncertain."""
         return not any(vars(self).values())
 
 
@@ -175,12 +175,10 @@ class Uncertainty(eqx.Module):
 def ensemble(
     key, scene: Scene, gaits: Gait, uncertainty: Uncertainty, count: int, common: bool = True
 ) -> tuple[Gait, Differences]:
-    """`count` robots for each of `gaits`, whose numbers and gaits are drawn from `uncertainty`: row i*count + k is the
-    k-th robot of gait i.
+    """`count` robots for each of `gaits`, drawn from `uncertainty`: row i*count + k is the k-th robot of gait i.
 
-    All gaits meet the same draws where these are `common`, so that their means compare. Draws come in pairs of opposite
-    signs, so that what is linear in them cancels from a mean. Raises `InputError` where the scene lacks what is
-    uncertain.
+    With `common` draws all gaits meet the same ones, so that their means compare. Draws come in pairs of opposite
+    signs: linear effects cancel from a mean. Raises `InputError` where the scene does not model an uncertain quantity.
     """
     dtype, (size, actuators) = gaits.phase.dtype, gaits.phase.shape
     rows = count if common else count * size
@@ -208,7 +206,7 @@ def ensemble(
 
 
 def _differences(key, scene: Scene, drawn: dict[str, AnyArray], dtype: np.dtype) -> dict[str, AnyArray]:
-    """What `Differences` have, by the draws of what is uncertain, a row for each robot."""
+    """The fields of `Differences` from the draws, a row for each robot."""
     found = {}
     if "friction" in drawn:
         if scene.friction is None:
@@ -233,14 +231,14 @@ def _differences(key, scene: Scene, drawn: dict[str, AnyArray], dtype: np.dtype)
 
 
 def _keys(key) -> dict[str, AnyArray]:
-    """One for each of the quantities that may be uncertain, by their names."""
+    """One key for each possibly uncertain quantity, by name."""
     return dict(zip(vars(Uncertainty()), jax.random.split(key, len(vars(Uncertainty())))))
 
 
 def _uniform(
     key, asked: tuple[str, ...], actuators: int, nodes: int, pairs: int, dtype: np.dtype
 ) -> dict[str, Float[AnyArray, "pairs ..."]]:
-    """Uniform numbers between -1 and 1, for each pair of robots, of the quantities that are asked for."""
+    """Uniform numbers between -1 and 1 for some quantities, for each pair of robots."""
     numbers: dict[str, tuple[int, ...]] = {"phase": (actuators,), "actuation": (actuators,), "node_mass": (nodes,)}
     numbers |= {"cable_stiffness": (1,), "prestress": (1,), "friction": (), "slope": (), "terrain": (2,)}
     keys = _keys(key)
@@ -248,21 +246,22 @@ def _uniform(
 
 
 def _slackened(scene: Scene, share: AnyArray) -> AnyArray:
-    """(robots, cables), factors of rest lengths by which tensions in the built shape grow by a share (robots, 1)."""
+    """(robots, cables), the factors of rest lengths that raise tensions in the built shape by a share (robots, 1)."""
     cables = _cables(scene)
     built = length(edge_vectors(jnp.asarray(scene.structure.nodes, share.dtype), cables.edges))
     return 1 - share * (built / cables.rest_length - 1)
 
 
 def _leaning(key, lean: AnyArray) -> AnyArray:
-    """(robots, 3): unit vectors against gravity that lean so far (robots,), rad; those of a pair in one direction."""
+    """(robots, 3): unit vectors against gravity, tilted by some angle (robots,), rad; those of a pair in one
+    direction."""
     heading = draws.uniform(key, (-(-len(lean) // 2),), lean.dtype, 0.0, 2 * np.pi)
     heading = jnp.concatenate([heading, heading])[: len(lean)]
     return jnp.stack([jnp.sin(lean) * jnp.cos(heading), jnp.sin(lean) * jnp.sin(heading), jnp.cos(lean)], 1)
 
 
 def _moved_ground(scene: Scene, moved: AnyArray) -> AnyArray:
-    """(robots, 3), m: where the surface is, moved so far (robots, 2), and up or down: starts are as high above it."""
+    """(robots, 3), m: the surface's place, moved by (robots, 2), and up or down: starts stay as high above it."""
     ground = scene.ground
     if ground is None or ground.surface is None:
         raise InputError(

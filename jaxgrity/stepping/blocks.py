@@ -1,7 +1,7 @@
-"""Nodes in blocks, and vectors by their components: how a step lays out exact contact and rigid struts in memory.
+"""Nodes in blocks, and vectors by components: the memory layout of exact contact and rigid struts in a step.
 
-Where no two struts share a node, their first ends are one block and their second ends another. All that a sweep does
-is then elementwise: neither gathers nor sums over nodes, and no loop over xyz.
+Where no two struts share a node, their first ends are one block and their second ends another. A sweep is then
+elementwise: no gathers or sums over nodes, and no loop over xyz.
 """
 
 from functools import lru_cache, reduce
@@ -47,7 +47,7 @@ class Vector(eqx.Module):
 
 
 class Blocks(NamedTuple):
-    """Which nodes are side by side in each block, and which struts a sweep meets at once."""
+    """The nodes of each block, and the struts that a sweep treats at once."""
 
     nodes: tuple[tuple[int, ...], ...]
     """of each block"""
@@ -58,17 +58,17 @@ class Blocks(NamedTuple):
 
     @property
     def by_struts(self) -> bool:
-        """Whether the first block holds every strut's first end, the second every strut's second end."""
+        """Whether the first block holds all first ends of struts, and the second all second ends."""
         return len(self.nodes) > 1
 
     def ends(self, values: tuple, group: tuple[int, ...]) -> tuple:
-        """Of vectors or numbers for each block, those at the first and at the second ends of the struts of a group."""
+        """Vectors or numbers at the first and at the second ends of a group's struts, from those of each block."""
         if self.by_struts:
             return values[0], values[1]
         return tuple(rows_of(values[0], tuple(self.edges[k][end] for k in group)) for end in (0, 1))
 
     def at_nodes(self, value: PerMember, group: tuple[int, ...]) -> tuple[PerRow, ...]:
-        """For the blocks that struts reach, the number of each node's strut; any number where it has none."""
+        """The number of each node's strut, for the blocks of struts; any number for a node without one."""
         if self.by_struts:
             return value, value
         strut_of = {node: row for row, strut in enumerate(group) for node in self.edges[strut]}
@@ -79,11 +79,11 @@ class Blocks(NamedTuple):
         return tuple(rows_of(vector(x, ground), rows) for rows in self.nodes)
 
     def numbers(self, x: AnyArray) -> tuple[AnyArray, ...]:
-        """A number for each node, one array for each block; a number that all nodes have in common, for each block."""
+        """A number for each node as one array for each block; a common number for each block."""
         return tuple(take_rows(x, rows) if x.ndim else x for rows in self.nodes)
 
     def joined(self, vectors: tuple[Vector, ...]) -> Vector:
-        """Of one `Vector` for each block, that for all nodes in their order."""
+        """One `Vector` for all nodes in their order, from one for each block."""
         if len(self.nodes) == 1:
             return vectors[0]
         count = sum(map(len, self.nodes))
@@ -99,7 +99,7 @@ def rows_of(x, rows: tuple[int, ...]):
 
 
 def axes_of(ground: Ground | None) -> tuple:
-    """The unit vectors along which `Vector` has its components: a plane's normal and tangents, or z, x and y."""
+    """The unit vectors of `Vector`'s components: a plane's normal and tangents, or z, x and y."""
     return WITHOUT_GROUND if ground is None or ground.surface is not None else (ground.normal, *ground.tangents)
 
 
@@ -117,7 +117,7 @@ def xyz(x: Vector, ground: Ground | None) -> AnyRows:
 # kept, since nearly every function of a step asks for it when it is traced
 @lru_cache
 def blocks(edges: Edges, nodes: int) -> Blocks:
-    """How these struts, and so many nodes, are laid out."""
+    """The layout of these struts and this number of nodes."""
     groups = disjoint_groups(edges)
     # more groups mean shared nodes: ends as arrays of their own would hold a shared node twice
     if len(groups) != 1:
@@ -128,7 +128,7 @@ def blocks(edges: Edges, nodes: int) -> Blocks:
 
 
 def disjoint_groups(edges: Edges) -> tuple[tuple[int, ...], ...]:
-    """The rows of `edges` in groups whose members share no node, so that each group is met all at once."""
+    """The rows of `edges` in groups without common nodes, so that each group is treated at once."""
     # in the order of `edges`, first come first served: sweeps, and so answers, are the same in every process
     rest, found = list(range(len(edges))), []
     while rest:

@@ -1,8 +1,8 @@
 """Exact contact and rigid struts: a time step whose velocities satisfy constraints.
 
-The scheme is Moreau's and Jean's: forces act on the velocity, impulses then make it satisfy the constraints at the end
-of the step. M. Jean 1999, doi:10.1016/S0045-7825(98)00383-1; Stewart and Trinkle 1996. Here is what its two solvers
-share: `swept.py` finds impulses by sweeps over struts with nodes of their own, `coupled_stepping.py` all at once.
+The scheme of Moreau and Jean: forces act on the velocity, then impulses make it satisfy the constraints at the end of
+the step. M. Jean 1999, doi:10.1016/S0045-7825(98)00383-1; Stewart and Trinkle 1996. Here is the common part of its two
+solvers: `swept.py` finds impulses by sweeps over struts without common nodes, `coupled_stepping.py` all at once.
 """
 
 import abc
@@ -32,7 +32,7 @@ def one_robot(function: Callable, in_axes: tuple) -> Callable:
 
 
 class ContactState(NamedTuple):
-    """What complementarity stepping carries from step to step, where impulses are found by sweeps."""
+    """The carry of complementarity stepping from step to step, with impulses by sweeps."""
 
     step_size: Scalar
     """of the last step, s; 0 before the first of a robot at rest; of many robots, common to all or of each"""
@@ -41,7 +41,7 @@ class ContactState(NamedTuple):
 
 
 class CoupledState(NamedTuple):
-    """The same where struts and contacts are solved together."""
+    """The same with struts and contacts solved together."""
 
     step_size: Scalar
     impulses: GroundImpulses
@@ -68,7 +68,7 @@ class Complementarity(diffrax.AbstractSolver):
     or ends to touch, stick or slip, and 1 there and where a node slides along a curve: friction acts against w, not the
     mean of v and w.
 
-    Where restitution and friction would make energy (`bounce_gains`), the impacts of the step are plastic.
+    Where restitution and friction would create energy (`bounce_gains`), the impacts of the step are plastic.
 
     No impulse lets a node end a step below the ground. A robot whose struts are off by more than
     `LARGEST_LENGTH_ERROR` of their lengths, or by more than the tolerance, at the end of a step gets NaN: no exception
@@ -84,7 +84,7 @@ class Complementarity(diffrax.AbstractSolver):
 
     @abc.abstractmethod
     def constrained(self, terms, ends, start, scene, memory) -> tuple[AnyArray, ContactMemory]:
-        """w, m/s, in the step from the first to the second of `ends`, s, and what is remembered of the step."""
+        """w, m/s, in the step from the first to the second of `ends`, s, and the memory of the step."""
 
     def order(self, terms):
         return 1
@@ -109,13 +109,13 @@ class Complementarity(diffrax.AbstractSolver):
 
 
 def kick_of(scene: Scene, ends: tuple[Scalar, Scalar], memory: ContactMemory) -> tuple[AnyArray | Scalar, Scene]:
-    """s, for which forces act on velocities, of many robots common to all or of each; and the scene with what acts for
-    a time in the mean of that time."""
+    """s, the time of the kick, common to many robots or of each; and the scene with temporary laws in their mean over
+    it."""
     (t0, t1), last = ends, memory.step_size
     return (last + (t1 - t0)) / 2, scene.during(t0 - last / 2, t0 + (t1 - t0) / 2)
 
 
 def first_memory(t0: Scalar, t1: Scalar, y0: State) -> ContactState:
-    """Before the first step of a robot at rest."""
+    """The memory before the first step of a robot at rest."""
     nothing = jnp.zeros_like(y0[1][:, 0])
     return ContactState(jnp.zeros_like(t1 - t0), GroundImpulses(nothing, (nothing, nothing)))

@@ -1,7 +1,7 @@
-"""Strut lengths, Signorini's law and Coulomb's cone as constraints on the velocities of one step, met in closed form.
+"""Strut lengths, Signorini's law and Coulomb's cone as constraints on a step's velocities, solved in closed form.
 
-Sweeps over all of them (projected Gauss-Seidel) couple them. A strut's impulse allows for what the ground will answer
-at both its ends, which makes sweeps Newton steps where each node belongs to one strut.
+Sweeps over all of them (projected Gauss-Seidel) couple them. A strut's impulse includes the ground's response at both
+its ends: so sweeps are Newton steps where each node belongs to one strut.
 """
 
 from typing import Any, NamedTuple, cast
@@ -41,7 +41,7 @@ Trials = tuple[Vector, ...]
 
 
 class GroundImpulses(NamedTuple):
-    """Change of each node's velocity by the ground, m/s."""
+    """The change of each node's velocity by the ground, m/s."""
 
     normal: PerNode
     """p_n >= 0, along the ground's normal"""
@@ -50,7 +50,7 @@ class GroundImpulses(NamedTuple):
 
 
 class StepProblem(NamedTuple):
-    """What stays the same through a step's sweeps; None where the scene has no such constraint."""
+    """The constants of a step's sweeps; None for constraints that the scene does not have."""
 
     vectors: Vector | None
     """(x_i - x_j)/h of the rigid struts at the start of the step, m/s"""
@@ -65,7 +65,7 @@ class StepProblem(NamedTuple):
 
 
 class LengthError(NamedTuple):
-    """How far the rigid struts will be from their lengths at the end of the step, at most."""
+    """The largest length error of the rigid struts at the end of the step."""
 
     largest: Scalar
     """m"""
@@ -87,14 +87,14 @@ def exact_ground(scene: Scene) -> ExactGround | None:
 def usual_sweeps(scene: Scene) -> int:
     """4 where each node belongs to one strut, so that sweeps are Newton steps; 16 where struts share nodes.
 
-    What four sweeps leave of the constraints is rounding on the robots of this library at their default steps. Struts
-    that slide flat over rough ground, very unequal masses and chains of struts need more: see `docs/numerics.md`.
+    After four sweeps the error of the constraints is rounding, for the robots of this library at their default steps.
+    Struts flat on rough ground, very unequal masses and chains of struts need more: see `docs/numerics.md`.
     """
     return 16 if len(blocks_of(scene).groups) > 1 else 4
 
 
 def blocks_of(scene: Scene) -> Blocks:
-    """How the scene's nodes are laid out in a step's sweeps."""
+    """The layout of the scene's nodes in a step's sweeps."""
     struts = rigid_struts(scene)
     return blocks(struts.edges if struts is not None else (), scene.structure.nodes.shape[0])
 
@@ -121,7 +121,7 @@ def prepare(scene: Scene, h: Scalar, t1: Scalar, q: NodeVectors, v: NodeVectors)
 
 
 def _push(scene: Scene, layout: Blocks, group: tuple[int, ...], directions: MemberVectors) -> tuple[Vector, ...]:
-    """How an impulse of 1 along each strut of a group moves the nodes of each block, where nothing answers."""
+    """The motion of each block's nodes by an impulse of 1 along each strut of a group, without a response."""
     inverse_mass, ground = 1 / scene.structure.node_mass, exact_ground(scene)
     if layout.by_struts:
         first, second = layout.ends(layout.numbers(inverse_mass), group)
@@ -133,12 +133,12 @@ def _push(scene: Scene, layout: Blocks, group: tuple[int, ...], directions: Memb
 
 
 def trials_of(scene: Scene, w: NodeVectors) -> Trials:
-    """Before the first sweep: velocities `w`, m/s, and no impulses of the ground."""
+    """The state before the first sweep: velocities `w`, m/s, and no impulses of the ground."""
     return tuple(part * -1 for part in blocks_of(scene).split(w, exact_ground(scene)))
 
 
 def pushed(scene: Scene, trials: Trials, change: NodeVectors) -> Trials:
-    """With `change`, m/s, added to the velocities by something else than the ground."""
+    """The state with `change`, m/s, added to the velocities by another cause than the ground."""
     changes = blocks_of(scene).split(change, exact_ground(scene))
     return tuple(trial - one for trial, one in zip(trials, changes))
 
@@ -150,7 +150,7 @@ def velocities(scene: Scene, problem: StepProblem, trials: Trials) -> NodeVector
 
 
 def impulses(scene: Scene, problem: StepProblem, trials: Trials) -> GroundImpulses:
-    """What the ground adds to the velocities of all nodes."""
+    """The change of all nodes' velocities by the ground."""
     contacts = _contacts(scene, problem)
     parts = map(ground_impulse, contacts, trials)
     p = blocks_of(scene).joined(tuple(map(along_own_axes, contacts, parts)))
@@ -168,8 +168,8 @@ def on_nodes(scene: Scene, h: Scalar, start: State, found: GroundImpulses) -> li
 def bounce_gains(scene: Scene, h: Scalar, start: State, w: NodeVectors, found: GroundImpulses) -> Any:
     """Whether the ground did work on a robot that had v before and has w after its impulses: p·(v + w)/2 > 0.
 
-    Newton's law prescribes normal velocities, and friction acts against w. Where that turns the sliding around, both
-    can make energy out of nothing (Kane and Levinson 1985).
+    Newton's law prescribes normal velocities, and friction acts against w. Where sliding is reversed, both can create
+    energy (Kane and Levinson 1985).
     """
     work = sum(inner(jnp.ones_like(w[:, 0]), dot(p, (start[1] + w) / 2)) for p in on_nodes(scene, h, start, found))
     turned_over = inner(scene.structure.borne_mass, dot(start[1], start[1]))
@@ -177,7 +177,7 @@ def bounce_gains(scene: Scene, h: Scalar, start: State, w: NodeVectors, found: G
 
 
 def sweep(scene: Scene, problem: StepProblem, trials: Trials) -> Trials:
-    """One pass over all rigid struts, group by group, each to its length; the ground answers at once."""
+    """One pass over all rigid struts, group by group, each to its length; the ground responds at once."""
     layout, contacts = blocks_of(scene), _contacts(scene, problem)
     # group after group, each on what the last one left: struts that share a node would overshoot if met at once
     for group, push in zip(layout.groups, problem.pushes):
@@ -213,10 +213,10 @@ def length_error(scene: Scene, h: Scalar, problem: StepProblem, trials: Trials) 
 
 
 def excess(scene: Scene, problem: StepProblem, trials: Trials) -> tuple[PerMember, PerMember]:
-    """By how much rigid struts, no two of which share a node, miss their lengths: F = (|d|^2 - (L/h)^2)/2, m^2/s^2.
+    """The length error of rigid struts without common nodes: F = (|d|^2 - (L/h)^2)/2, m^2/s^2.
 
-    And what an impulse along a strut adds to F, d·m, m^2/s^2 each N s, with d and m as in `_to_length`. Where the
-    ground holds both ends, so that none changes F, it is d·m of free ends.
+    And its slope by an impulse along the strut, d·m, m^2/s^2 per N s, with d and m as in `_to_length`. Where the ground
+    holds both ends, so that no impulse changes F, it is d·m of free ends.
     """
     layout = blocks_of(scene)
     strut = _strut(layout, problem, _contacts(scene, problem), layout.groups[0], problem.pushes[0], trials)
@@ -240,7 +240,7 @@ def rates_held(
 def rates_at_lengths(problem: StepProblem, held: Trials, missed: PerMember, slope: PerMember) -> Trials:
     """The derivative of trial impulses that keep struts at their lengths: `held`, and -missed/slope along each strut.
 
-    `missed` is how fast `excess` changes with impulses held, and `slope` what an impulse of 1 adds to it.
+    `missed` is the rate of `excess` with impulses held, and `slope` its change by an impulse of 1.
     """
     (pushes,) = problem.pushes
     change = over(missed, slope)
@@ -281,9 +281,9 @@ def _strut(
 def _to_length(struts: _Strut) -> PerMember:
     """Impulses along the struts of a group after which |d| = L/h at the end of the step, exactly, N s.
 
-    With d = (x_i - x_j)/h at the end, and an impulse of 1 along the strut moving it by m (with what the ground
-    answers), |d + s m| = L/h has the root s = (sqrt((d·m)^2 - m·m (d·d - (L/h)^2)) - d·m)/(m·m), also where forces
-    alone would have turned the strut around. Where the ground holds both ends, m is as if they were free.
+    With d = (x_i - x_j)/h at the end, and m its change by an impulse of 1 along the strut (with the ground's response),
+    |d + s m| = L/h has the root s = (sqrt((d·m)^2 - m·m (d·d - (L/h)^2)) - d·m)/(m·m), also where forces alone would
+    have turned the strut around. Where the ground holds both ends, m is as if they were free.
     """
     d, goal, free, moving = struts
     free_squared, moving_squared = free.dot(free), moving.dot(moving)

@@ -1,4 +1,4 @@
-"""Contacts that are coupled by a matrix: impulses of Signorini's law and Coulomb's cone at all nodes at once.
+"""Contacts coupled by a matrix: impulses of Signorini's law and Coulomb's cone at all nodes at once.
 
 Given G, b and c, find impulses p and velocities w with
 
@@ -37,7 +37,7 @@ HALVINGS = 8
 
 
 class ContactProblem(NamedTuple):
-    """What impulses at all nodes are asked to do; vectors along normal and tangents, all of it scaled by masses."""
+    """The conditions on impulses at all nodes; vectors along normal and tangents, all scaled by masses."""
 
     G: AnyArray
     """(3 nodes, 3 nodes), symmetric, positive semidefinite: the response to impulses"""
@@ -54,7 +54,7 @@ class ContactProblem(NamedTuple):
 
 
 class Solved(NamedTuple):
-    """What was found."""
+    """The solution."""
 
     trial: NodeVectors
     """z"""
@@ -63,7 +63,7 @@ class Solved(NamedTuple):
 
 
 def as_impulses(contact: Contact, z: NodeVectors) -> NodeVectors:
-    """P(z): the impulses that both laws make of trial impulses."""
+    """P(z): the impulses of both laws, from trial impulses."""
     p = ground_impulse(contact, Vector(z[:, 0], z[:, 1], z[:, 2]))
     return jnp.stack(p.parts, axis=1)
 
@@ -75,7 +75,7 @@ def missed(problem: ContactProblem, z: NodeVectors) -> NodeVectors:
 
 
 def solve_contacts(problem: ContactProblem, start: NodeVectors) -> Solved:
-    """Trial impulses near `start` that solve the problem; where none are found, the best, with their error."""
+    """Trial impulses near `start` that solve the problem; without a solution the best, with their error."""
     infinite = jnp.array(jnp.inf, start.dtype)
     p = as_impulses(problem.contact, start)
     splitting = _Splitting(p, 0 * p, jnp.ones((), start.dtype))
@@ -106,7 +106,7 @@ def _repeat(whether: AnyArray, times: int, step: Callable, state: "_Splitting") 
 
 
 def _newton(problem: ContactProblem, start: NodeVectors) -> Solved:
-    """Newton's method on H, each step as long as leaves least of it; of all points the best."""
+    """Newton's method on H, each step with the length of least |H|; the best of all points."""
     size, one = start.size, jnp.eye(start.size, dtype=start.dtype)
     ridge = 10 * jnp.finfo(start.dtype).eps
 
@@ -144,7 +144,7 @@ def _slope(contact: Contact, z: NodeVectors) -> AnyArray:
 
 
 class _Splitting(NamedTuple):
-    """Where the alternating direction method has come to."""
+    """The state of the alternating direction method."""
 
     impulse: NodeVectors
     """p, in the cones"""
@@ -159,7 +159,7 @@ def _prepared(problem: ContactProblem, state: _Splitting) -> _Splitting:
 
 
 def _shift(contact: Contact, w: NodeVectors) -> NodeVectors:
-    """mu |w_t| - c along the normals: with it, velocities are in the cone that is dual to the impulses'."""
+    """mu |w_t| - c along the normals: with it, velocities are in the dual cone of the impulses'."""
     mu = _friction(contact)
     return (mu * jnp.sqrt(w[:, 1] ** 2 + w[:, 2] ** 2) - contact.closing)[:, None] * jnp.eye(3, dtype=w.dtype)[0]
 

@@ -1,6 +1,6 @@
 """One step of rigid struts and exact contact for any structure: shared nodes, rods with mass, supports, any masses.
 
-All struts are met together. The impulses f along them and the ground's impulses p give the velocities
+All struts are solved together. The impulses f along them and the ground's impulses p give the velocities
 
     w = w0 + A (f + p),    f = J^T lambda,    |d(w)| = L/h,    d(w) = (x_i - x_j)/h + w_i - w_j,
 
@@ -55,7 +55,7 @@ a strut that turns more, an impulse along its first direction changes the length
 
 
 class Impulses(NamedTuple):
-    """What acted in one step, N s, (nodes, 3), and how well it meets the constraints."""
+    """The impulses of one step, N s, (nodes, 3), and their error in the constraints."""
 
     velocity: NodeVectors
     """w, m/s, after it"""
@@ -70,7 +70,7 @@ class Impulses(NamedTuple):
 
 
 class StepImpulses(NamedTuple):
-    """What a step leaves."""
+    """The result of a step."""
 
     velocity: NodeVectors
     """m/s"""
@@ -96,8 +96,8 @@ def coupled_impulses(
 ) -> StepImpulses:
     """Solve the step of `times` (its size h and its end, s) from `state` (q, m, and v, m/s).
 
-    `start` are the velocities that forces alone lead to, `near` some that are near those asked for; `last` are the
-    ground's impulses of the last step.
+    `start`: the velocities by forces alone; `near`: some near the solution; `last`: the ground's impulses of the last
+    step.
     """
     (h, t1), (q, v) = times, state
     mass, rows = scene.structure.borne_mass, touching_nodes(scene)
@@ -114,7 +114,7 @@ def coupled_impulses(
 
 
 class _Found(NamedTuple):
-    """What the rounds have come to."""
+    """The state of the rounds."""
 
     struts: NodeVectors
     """f, N s"""
@@ -135,7 +135,7 @@ def solve_step(problem: Coupled, guess: MemberVectors, near: NodeVectors) -> Imp
 
     Struts are linearised first about the velocities `near`, m/s.
 
-    Where none are found, those that come nearest, with what they miss.
+    Without a solution, the nearest ones, with their error.
     """
     # the search is not differentiated: `custom_root` takes the derivative at what it finds
     fixed = jax.tree.map(jax.lax.stop_gradient, problem)
@@ -168,7 +168,7 @@ def solve_step(problem: Coupled, guess: MemberVectors, near: NodeVectors) -> Imp
 
 
 def _search(problem: Coupled, guess: MemberVectors, near: NodeVectors) -> tuple[_Found, AnyArray, PerNode]:
-    """What solves the problem, the directions J of the last round, and the roots of the masses that scale contacts."""
+    """The solution, the directions J of the last round, and the roots of the masses that scale contacts."""
     dtype, nodes = problem.start.dtype, len(problem.start)
     free = response(problem, rows_of_struts(problem))[2]
     # scaled by what each node answers while struts keep their lengths, feet of a gramme and hulls of a kilogramme are
@@ -220,7 +220,7 @@ def _search(problem: Coupled, guess: MemberVectors, near: NodeVectors) -> tuple[
 
 
 def _round(problem: Coupled, root_mass: PerNode, parts: Elimination, found: _Found) -> _Found:
-    """Struts to their lengths, linearised about the velocities of now, and the contacts solved with them."""
+    """Struts to their lengths, linearised about the present velocities, and the contacts solved with them."""
     w, acted = found.velocity, acted_on(problem, found.struts, jnp.zeros_like(found.trial))
     base: NodeVectors = acted
     wanted: PerMember = jnp.zeros_like(found.pulls)

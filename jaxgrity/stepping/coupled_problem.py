@@ -1,4 +1,4 @@
-"""The constraints of one step where nodes are coupled, and the linear algebra of struts and nodes."""
+"""The constraints of one step with coupled nodes, and the linear algebra of struts and nodes."""
 
 import dataclasses
 from typing import Any, NamedTuple
@@ -35,7 +35,7 @@ rigidity needs make that matrix singular."""
 
 
 class Coupled(eqx.Module):
-    """The constraints of one step, and what solves them."""
+    """The constraints of one step, and the means of their solution."""
 
     A: AnyArray
     """(3 nodes, 3 nodes), 1/kg, along x, y and z"""
@@ -111,7 +111,7 @@ def touching_nodes(scene: Scene) -> np.ndarray | None:
 
 
 def _met(ground: ExactGround, size: Scalar, h: Scalar, start: State) -> Met:
-    """Where the nodes, or the balls, meet the ground."""
+    """The places where the nodes, or the balls, meet the ground."""
     if ground.balls is None:
         return where_met(ground, size, h, *start)
     rows = np.array(ground.balls.nodes)
@@ -134,7 +134,7 @@ def from_frames(problem: Coupled, x: MemberVectors) -> NodeVectors:
 
 
 def rate_to_length(problem: Coupled, J: AnyArray, w: NodeVectors) -> PerMember:
-    """By how much the struts' rates have to change, m/s, along their directions in J, for the lengths to be right."""
+    """The change of the struts' rates, m/s, along their directions in J, to right lengths."""
     d = problem.apart + edge_vectors(w, problem.edges)
     u = units(J, problem.edges)
     towards = jnp.sum(d * u, axis=1)
@@ -145,7 +145,7 @@ def rate_to_length(problem: Coupled, J: AnyArray, w: NodeVectors) -> PerMember:
 
 
 def eliminated(problem: Coupled, root_mass: PerNode, J: AnyArray) -> Elimination:
-    """What the directions J make of the struts and of the contacts, scaled by the roots of the masses."""
+    """The parts of struts and contacts for the directions J, scaled by the roots of the masses."""
     nodes, weight = len(root_mass), jnp.repeat(root_mass, 3)
     J, inverse, B = response(problem, J)
     if problem.reach is not None:
@@ -156,7 +156,7 @@ def eliminated(problem: Coupled, root_mass: PerNode, J: AnyArray) -> Elimination
 
 
 def response(problem: Coupled, J: AnyArray) -> tuple[AnyArray, AnyArray, AnyArray]:
-    """J, (J A J^T)^-1, kg, and B, 1/kg: how nodes move by impulses while struts keep their lengths."""
+    """J, (J A J^T)^-1, kg, and B, 1/kg: the nodes' motion by impulses at constant lengths of struts."""
     if not len(J):
         return J, jnp.zeros((0, 0), J.dtype), problem.A
     AJ = problem.A @ J.T
@@ -195,7 +195,7 @@ def lengths_after(problem: Coupled, w: NodeVectors) -> PerMember:
 def contact_of(problem: Coupled, root_mass: PerNode, z: MemberVectors) -> tuple[MemberVectors, MemberVectors]:
     """w, m/s, along x, y and z, and p, N s, along normal and tangents, of trial impulses z.
 
-    Of balls w is that of where they touch the ground, along normal and tangents.
+    For balls w is that of the point of contact, along normal and tangents.
     """
     scale = root_mass[:, None]
     if problem.contact is None:

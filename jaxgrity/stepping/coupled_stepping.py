@@ -1,6 +1,6 @@
 """Complementarity stepping with all struts and contacts solved together.
 
-Structures need it whose nodes belong to several rigid struts, or whose rods have mass, or that are supported.
+It is for structures with nodes of several rigid struts, rods with mass, or supports.
 """
 
 import equinox as eqx
@@ -26,7 +26,7 @@ and contacts are solved together."""
 
 
 class CoupledImpulses(Complementarity):
-    """Impulses of contacts and struts by Newton's method (`coupled.py`), which knows no sweeps."""
+    """Impulses of contacts and struts by Newton's method (`coupled.py`), without sweeps."""
 
     tolerance: Scalar | None = None
     lift: Lift = eqx.field(static=True, default=one_robot)
@@ -55,7 +55,7 @@ class CoupledImpulses(Complementarity):
         return w, CoupledState(taken, found.impulses, found.struts, found.error)
 
     def _carried(self, scene, t0, t1, v):
-        """Velocities with those of supports that move: where they are after the step is known."""
+        """Velocities with those of moving supports: their places after the step are known."""
         if scene.shaking is None:
             return v
         one = lambda scene, v: moved_along(scene.shaking, scene.structure, t0, t1, v)  # noqa: E731

@@ -1,4 +1,4 @@
-"""The equations of motion and a method for them, put into diffrax; and what became of a rollout."""
+"""The equations of motion and a method for them, in diffrax; and the failure codes of rollouts."""
 
 import dataclasses
 from typing import Any
@@ -36,7 +36,7 @@ TORN = 10.0
 
 @typed
 def discretise(options: ResolvedOptions, lift: Lift = one_robot) -> tuple[diffrax.AbstractTerm, diffrax.AbstractSolver]:
-    """The equations of motion and the solver for them, as diffrax takes them, for one robot or, by `lift`, for many."""
+    """The equations of motion and their solver, for diffrax, for one robot or, by `lift`, for many."""
     method = options.method
     build = method.fixed if options.dt is not None or method.adaptive is None else method.adaptive
     if options.together and method.together is not None:
@@ -61,10 +61,10 @@ def integrate(
     saveat: diffrax.SaveAt | None = None,
     problem: tuple[diffrax.AbstractTerm, diffrax.AbstractSolver] | None = None,
 ) -> diffrax.Solution:
-    """`diffeqsolve` from the first of `times` (s) to the last, saved at all of them unless `saveat` says otherwise.
+    """`diffeqsolve` from the first of `times` (s) to the last, saved at all of them, or by `saveat`.
 
-    `problem` is what `discretise` makes of the options, for one robot and `start` = (q, v), where not given. It can be
-    traced, and differentiated in forward mode. Velocities are those that the method carries (`handover.py`).
+    `problem` is by default that of `discretise`, for one robot and `start` = (q, v). It can be traced, and
+    differentiated in forward mode. Velocities are those of the method's carry (`handover.py`).
     """
     terms, solver = discretise(options) if problem is None else problem
     scene, remembered = prepared(scene), None
@@ -97,7 +97,7 @@ def integrate(
 
 
 def even_step(dt: Scalar, duration: Scalar) -> Scalar:
-    """s: the longest step, no longer than `dt`, of which the duration has a whole number."""
+    """s: the longest step, up to `dt`, that divides the duration."""
     xp, ratio = namespace_of(duration), duration / dt
     # relative, since so is rounding: 0.3/0.005 is more than 60 in float32
     count = xp.maximum(xp.ceil(ratio * (1 - 1e-6)), 1)
@@ -114,8 +114,8 @@ def _bends(scene: Scene) -> list[AnyArray]:
 
 
 def prepared(scene: Scene) -> Scene:
-    """The scene with what is computed once for all steps: its scales, and how forces accelerate nodes, where that is
-    not 1/m_i."""
+    """The scene with everything computed once for all steps: its scales, and the nodes' mobility where it is not
+    1/m_i."""
     scene = with_scales(scene)
     if not scene.structure.coupled or scene.structure.mobility is not None:
         return scene
@@ -123,7 +123,7 @@ def prepared(scene: Scene) -> Scene:
 
 
 def failure_code(result, state_failure):
-    """Index into `FAILURES`, from diffrax's result and what `state_failure` says of the last state."""
+    """Index into `FAILURES`, from diffrax's result and the last state's `state_failure`."""
     results = diffrax.RESULTS
     code = jnp.where(result == results.successful, state_failure, 4)
     code = jnp.where(result == results.max_steps_reached, 3, code)
@@ -131,7 +131,7 @@ def failure_code(result, state_failure):
 
 
 def state_failure(scene: Scene, q: NodeVectors, v: NodeVectors):
-    """1 where the state is not finite, 2 where a member is `TORN` times as long as it was built, else 0."""
+    """1 where the state is not finite, 2 where a member is `TORN` times its built length, else 0."""
     finite = jnp.all(jnp.isfinite(q)) & jnp.all(jnp.isfinite(v))
     torn = jnp.zeros((), bool)
     for members in (scene.structure.struts, scene.structure.cables):

@@ -1,4 +1,4 @@
-"""The equations of motion, M a = -dU/dq - dR/dv (+ F_switch), and the quantities that they conserve."""
+"""The equations of motion, M a = -dU/dq - dR/dv (+ F_switch), and their conserved quantities."""
 
 import jax
 import jax.numpy as jnp
@@ -14,7 +14,7 @@ from jaxgrity.model.structure import Members, member_vectors, onto_nodes
 
 @typed
 def acceleration(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors) -> NodeVectors:
-    """a = M^-1 (-dU/dq - dR/dv + F_switch), (nodes, 3), m/s^2; along fixed coordinates, as the supports move."""
+    """a = M^-1 (-dU/dq - dR/dv + F_switch), (nodes, 3), m/s^2; along fixed coordinates that of the supports."""
     return _accelerated(scene, t, total_force(scene, t, q, v))
 
 
@@ -30,7 +30,7 @@ def total_force(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors) -> Node
 
 
 def _accelerated(scene: Scene, t: Scalar, force: NodeVectors) -> NodeVectors:
-    """M^-1 F of the free coordinates, given how the others move, m/s^2."""
+    """M^-1 F of the free coordinates, for given motions of the others, m/s^2."""
     if scene.shaking is None:
         return inertia.accelerations(scene.structure, force)
     carried = support_acceleration(scene.shaking, scene.structure, t)
@@ -38,9 +38,9 @@ def _accelerated(scene: Scene, t: Scalar, force: NodeVectors) -> NodeVectors:
 
 
 def support_forces(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors) -> NodeVectors:
-    """M a - F along the fixed coordinates, (nodes, 3), N: what supports exert on the nodes, by forces alone.
+    """M a - F along the fixed coordinates, (nodes, 3), N: the supports' forces on the nodes, from forces alone.
 
-    Rigid struts and exact contact act by impulses, which are not in it: `reactions` knows both.
+    The impulses of rigid struts and exact contact are not in it: `reactions` has both.
     """
     force = total_force(scene, t, q, v)
     moved = inertia.momenta(scene.structure, _accelerated(scene, t, force))
@@ -48,7 +48,7 @@ def support_forces(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors) -> N
 
 
 def smooth_acceleration(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors) -> NodeVectors:
-    """M^-1 (-dU/dq - dR/dv), m/s^2: what of the acceleration has derivatives."""
+    """M^-1 (-dU/dq - dR/dv), m/s^2: the differentiable part of the acceleration."""
     return _accelerated(scene, t, smooth_force(scene, t, q, v, scene.normal_force(q, v)))
 
 
@@ -56,7 +56,7 @@ def smooth_acceleration(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors)
 def smooth_force(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors, normal_force: PerNode | None) -> NodeVectors:
     """-dU/dq - dR/dv, N: all forces but F_switch.
 
-    Springs and dampers act along the same members: what pulls on a member is put on its nodes once.
+    Springs and dampers act along the same members: the sum of a member's forces is put on its nodes once.
     """
     kinds = scene.structure.kinds
     force, pull = _gradients(scene, t, q, v, normal_force)
@@ -69,15 +69,15 @@ def outside_force(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors, norma
 
 
 def member_pull(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors) -> VectorsByKind:
-    """The part of dU/dq + dR/dv, N, that acts along members: with which each pulls its first node to its second."""
+    """The part of dU/dq + dR/dv, N, that acts along members: the pull of each first node towards the second."""
     return _gradients(scene, t, q, v, scene.normal_force(q, v))[1]
 
 
 def member_tensions(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors | None = None) -> dict[str, PerMember]:
-    """With how much each member pulls its ends together, N, by kind: by all of U, and where `v` is given by R too.
+    """The tension of each member, N, by kind: from all of U, and with `v` from R too.
 
-    So limits, tables, clusters and terms that users add are in it. Rigid members without dampers have no entry, and the
-    forces that keep a strut rigid are not in it.
+    Limits, tables, clusters and users' terms are in it. Rigid members without dampers have no entry; the constraint
+    forces of rigid struts are not in it.
     """
     vectors = member_vectors(q, scene.structure.kinds)
     of_springs = jax.grad(scene.potential_energy, argnums=2)
@@ -103,13 +103,13 @@ def _gradients(
 
 
 def _member_vectors(x: NodeVectors, kinds: dict[str, Members]) -> VectorsByKind:
-    """`member_vectors`, whose cotangents every node gathers from several members."""
+    """`member_vectors`; every node gathers its cotangents from several members."""
     return jax.tree.map(store_cotangent, member_vectors(x, kinds))
 
 
 @typed
 def vector_field(t: Scalar, state: State, scene: Scene) -> State:
-    """d/dt (q, v) = (v, a): the right-hand side that every method integrates; how supports move is known."""
+    """d/dt (q, v) = (v, a): the right-hand side of every method; the motion of supports is known."""
     q, v = state
     return with_supports(scene.shaking, scene.structure, t, v), acceleration(scene, t, q, v)
 

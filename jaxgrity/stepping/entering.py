@@ -1,4 +1,4 @@
-"""Where exact ground is linearised in a step: at the face that a node enters first, or where it is about to be."""
+"""The place where exact ground is linearised in a step: the face that a node enters first, or its next place."""
 
 from typing import Any, NamedTuple
 
@@ -91,12 +91,12 @@ def _chosen(which: AnyArray, rows: tuple[PerNode, ...]) -> PerNode:
 
 
 def frame_met(ground: ExactGround, size: Scalar, h: Scalar, start: State) -> Frame:
-    """Normal and tangents where each node meets the ground in that step."""
+    """Normal and tangents at each node's place of contact in that step."""
     return where_met(ground, size, h, *start).frame
 
 
 def closing_speed(ground: ExactGround, h: Scalar, v: NodeVectors, met: Met) -> PerNode:
-    """The normal velocity (m/s) at which each node reaches the ground in a step of size h (s), or leaves it."""
+    """The normal velocity (m/s) with which each node reaches or leaves the ground in a step of size h (s)."""
     phi, approach = met.distance, component(v, met.frame.normal)
     if ground.surface is not None:
         phi = phi - h * approach * met.share
@@ -117,7 +117,7 @@ class _Place(NamedTuple):
 
 
 class _Bracket(NamedTuple):
-    """What is known of each node's way."""
+    """The known bracket of each node's way."""
 
     before: _Place
     """outside, before the next"""

@@ -1,4 +1,4 @@
-"""Exact contact on a block of nodes: impulses of the ground, and how it lets nodes move, as functions of one vector.
+"""Exact contact on a block of nodes: the ground's impulses and the nodes' velocities as functions of one vector.
 
 With the ground's impulse p so far, and the velocity w, the trial impulse of a node is z = p - w. Let c be the normal
 velocity at which the node just touches the ground at the end of the step. Signorini's law (p_n >= 0, w_n >= c, one of
@@ -6,7 +6,7 @@ them an equality) and Coulomb's (|p_t| <= mu p_n, against the slip where it is l
 
     p_n = max(0, z_n + c),    p_t = min(1, mu p_n/|z_t|) z_t,    w = p - z,
 
-and an impulse from elsewhere, which changes w, changes nothing but z. P. Alart and A. Curnier 1991,
+and an impulse of another cause, which changes w, changes only z. P. Alart and A. Curnier 1991,
 doi:10.1016/0045-7825(91)90022-X. All of it is elementwise, in the components along the ground's normal and tangents;
 on uneven ground each node has its own, into which vectors are turned and from which they are turned back.
 """
@@ -27,7 +27,7 @@ SLOWEST = 1e-10
 
 
 class Contact(NamedTuple):
-    """What exact ground is to a block of nodes."""
+    """The exact ground at a block of nodes."""
 
     closing: PerRow
     """c, m/s"""
@@ -60,7 +60,7 @@ def _in_any_components(law: Callable) -> Callable:
 
 @_in_any_components
 def ground_impulse(contact: Contact | None, trial: Vector) -> Vector:
-    """p, m/s: by how much the ground changes the velocity of nodes with this trial impulse z."""
+    """p, m/s: the change of velocity by the ground of nodes with the trial impulse z."""
     if contact is None:
         return trial * 0
     pressed = positive_part(trial.normal + contact.closing)
@@ -72,7 +72,7 @@ def ground_impulse(contact: Contact | None, trial: Vector) -> Vector:
 
 @_in_any_components
 def velocity(contact: Contact | None, trial: Vector) -> Vector:
-    """w = p - z, m/s, of nodes with this trial impulse z; w_n >= c to the last bit."""
+    """w = p - z, m/s, of nodes with the trial impulse z; w_n >= c to the last bit."""
     if contact is None:
         return trial * -1
     p = ground_impulse(contact._replace(axes=None), trial)
@@ -83,11 +83,11 @@ def velocity(contact: Contact | None, trial: Vector) -> Vector:
 
 @_in_any_components
 def answered(contact: Contact | None, trial: Vector, push: Vector) -> Vector:
-    """dw: how the ground lets nodes move that would move by a small `push` without it; dz = -push.
+    """dw: the motion of nodes after a small `push`, which they would follow without the ground; dz = -push.
 
-    A node that is pressed on does not move along the normal. One that sticks does not move at all. One that slides, p_t
-    along e, moves on in its plane, its friction growing by mu times what presses it in; a push across its slip turns
-    friction with it, so that the share 1 - mu p_n/|z_t| of it passes.
+    A pressed node does not move along the normal. A sticking one does not move at all. A sliding one, with p_t along e,
+    moves on in its plane; its friction grows by mu times the normal push. A push across its slip turns the friction, so
+    that the share 1 - mu p_n/|z_t| of the push passes.
     """
     if contact is None:
         return push
@@ -106,7 +106,7 @@ def answered(contact: Contact | None, trial: Vector, push: Vector) -> Vector:
 
 
 def _share(mu: PerRow | Scalar, pressed: PerRow, size_squared: PerRow) -> PerRow:
-    """min(1, mu p_n/|z_t|): 1 where a node sticks, 0 where nothing presses on it."""
+    """min(1, mu p_n/|z_t|): 1 where a node sticks, 0 without normal pressure."""
     return jnp.minimum(1, mu * pressed * inverse_root(size_squared))
 
 

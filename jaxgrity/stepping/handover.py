@@ -1,9 +1,9 @@
-"""Between (q, v) at one time, and the velocities that a method carries from step to step.
+"""Between (q, v) at one time and the velocities of a method's carry.
 
-Complementarity stepping is a leapfrog, whose velocity w lives in the middle of its last step, of size h. What a rollout
-returns is the velocity at the time of the positions, half a step on by the forces there, v = w + h/2 a(q, v, t). What
-starts from there takes that half step back, and goes on as if it had never stopped. So (q, v) is all of a state, and a
-motion in pieces is the motion in one piece. The contacts and rigid struts of the step to come have not yet acted on v.
+Complementarity stepping is a leapfrog: its velocity w lives in the middle of its last step, of size h. A rollout
+returns the velocity at the time of the positions, half a step on by the forces there: v = w + h/2 a(q, v, t). A rollout
+from there takes that half step back, and continues without a break. So (q, v) is the whole state, and a motion in
+pieces is the motion in one piece. The contacts and rigid struts of the next step have not yet acted on v.
 """
 
 import jax
@@ -26,15 +26,15 @@ DIRECTIONS = 60
 
 
 def at_rest(v: AnyArray) -> AnyArray:
-    """Whether no node moves; of each of many robots side by side."""
+    """Whether no node moves; for each of many robots side by side."""
     return jnp.all(v == 0, axis=(0, 1))
 
 
 def velocity_at(scene: Scene, t: Scalar, q: NodeVectors, w: NodeVectors, later: Scalar) -> NodeVectors:
-    """v = w + later a(q, v, t), m/s: the velocity at t, of one robot that had w so many seconds before.
+    """v = w + later a(q, v, t), m/s: the velocity of one robot at t, from w at `later` seconds before.
 
-    Dissipative forces make it an equation, which has one solution, since they are gradients of a convex R. It is met
-    to rounding; its derivative is that of the solution, in both modes. Supports move as they say.
+    With dissipative forces it is an equation with one solution, since they are gradients of a convex R. It is solved to
+    rounding; its derivative is that of the solution, in both modes. Supports have their own velocities.
     """
     v = _later_velocity(scene.during(t - later, t), t, q, w, later)
     return with_supports(scene.shaking, scene.structure, t, v)
@@ -62,7 +62,7 @@ def _later_velocity(scene: Scene, t: Scalar, q: NodeVectors, w: NodeVectors, lat
 def velocities_at(
     scene: Scene, times: Times, motion: tuple[NodeHistory, NodeHistory], later: Times, frames: AnyArray | int
 ) -> NodeHistory:
-    """`velocity_at` of the first `frames` of a motion (q, w); those after them, with which it was filled up, stay."""
+    """`velocity_at` of the first `frames` of a motion (q, w); the filling after them stays."""
     q, w = motion
     size = min(FRAMES_AT_ONCE, len(times))
 
@@ -76,9 +76,9 @@ def velocities_at(
 
 
 def midway(scene: Scene, dt: Scalar, times: Times, positions: NodeHistory, velocities: NodeHistory) -> NodeHistory:
-    """w, m/s: the velocities in the middle of the step before each frame, which constraints let pass.
+    """w, m/s: the velocities in the middle of the step before each frame, which satisfy the constraints.
 
-    Of frames as a rollout by complementarity stepping returns them; those at rest stay so.
+    For the frames of a rollout by complementarity stepping; frames at rest stay so.
     """
 
     def frame(t, q, v):

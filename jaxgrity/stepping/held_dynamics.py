@@ -1,11 +1,11 @@
 """Rigid bodies and struts by multipliers: the equations of motion for methods without impulses.
 
-With g = (|d|^2 - L^2)/2 of every pair of nodes that keeps its distance, and J its derivative,
+With g = (|d|^2 - L^2)/2 of every pair of nodes at a constant distance, and J its derivative,
 
     a = M^-1 (F - J^T lambda),    J a + |d'|^2 = -2 rate g' - rate^2 g:
 
-the constraint is differentiated twice, and what the steps' errors leave of g dies out at the rate (Baumgarte 1972,
-doi:10.1016/0045-7825(72)90018-7). A method keeps its order, and the distances as exactly as it follows the motion.
+the constraint is differentiated twice, and the steps' errors in g decay at the rate (Baumgarte 1972,
+doi:10.1016/0045-7825(72)90018-7). A method keeps its order, and the distances are as exact as the motion.
 """
 
 import jax.numpy as jnp
@@ -26,7 +26,7 @@ RETURNS = 10.0
 
 
 def held_vector_field(t: Scalar, state: State, scene: Scene) -> State:
-    """`vector_field` of a scene whose rigid bodies and struts keep their distances; without any it is the same."""
+    """`vector_field` of a scene with rigid bodies and struts; without any it is the same."""
     edges = held_edges(scene)
     if not edges:
         return vector_field(t, state, scene)
@@ -41,7 +41,7 @@ def held_vector_field(t: Scalar, state: State, scene: Scene) -> State:
 
 
 def _multipliers(scene: Scene, d: NodeVectors, wanted: PerMember) -> PerMember:
-    """lambda, N/m, with J M^-1 J^T lambda = `wanted`; where constraints follow from others, one of those that do."""
+    """lambda, N/m, with J M^-1 J^T lambda = `wanted`; one of several solutions for dependent constraints."""
     structure, edges = scene.structure, held_edges(scene)
     signs = np.zeros((len(edges), len(structure.nodes)))
     for row, (i, j) in zip(signs, edges):

@@ -1,7 +1,7 @@
-"""The one loop in which motions are stepped: what a method carries from step to step, how it begins, goes on and ends.
+"""The one loop of all stepping: a method's carry from step to step, its start, its advance and its end.
 
-All that steps a motion does so by `carried_at`, `advance` (or `numbered`), and `state_of`. Only a rollout whose step
-may adapt, and its frames, are left to `diffrax.diffeqsolve`, which begins in the same way.
+All stepping is by `carried_at`, `advance` (or `numbered`) and `state_of`. Only adaptive rollouts, and their frames, are
+left to `diffrax.diffeqsolve`, which begins in the same way.
 """
 
 from collections.abc import Callable
@@ -26,7 +26,7 @@ Problem = tuple[diffrax.AbstractTerm, diffrax.AbstractSolver]
 
 
 class Carried(NamedTuple):
-    """All that a method takes from one step to the next."""
+    """The carry of a method from one step to the next."""
 
     motion: State
     """q, m, and v, m/s, (nodes, 3) each; v in the middle of the last step where memory is a `ContactMemory`"""
@@ -51,18 +51,18 @@ class Step(NamedTuple):
 
     @property
     def kick(self) -> Scalar:
-        """s, for which forces acted on the velocity: from the middle of the last step to the middle of this one."""
+        """s, the time of the kick: from the middle of the last step to the middle of this one."""
         return (self.before.memory.step_size + self.h) / 2
 
     def acting(self, scene: Scene) -> Scene:
-        """The scene with what acts for a time as it acts in the mean of these seconds."""
+        """The scene with temporary laws in their mean over these seconds."""
         return scene.during(self.t0 - self.before.memory.step_size / 2, self.t0 + self.h / 2)
 
 
 def carried_at(problem: Problem, scene: Scene, t: Scalar, h: Scalar, start: State) -> Carried:
-    """What the method carries at t (s), before a first step of size h (s), from `start` = (q, v) then.
+    """The method's carry at t (s), before a first step of size h (s), from `start` = (q, v) then.
 
-    Robots at rest begin with half a kick, as if nothing had acted before; those that move, with a whole one.
+    Robots at rest begin with half a kick, as if nothing had acted before; moving robots with a whole one.
     """
     terms, solver = problem
     first = solver.init(terms, t, t + h, start, scene)
@@ -83,7 +83,7 @@ def advance(problem: Problem, scene: Scene, ends: tuple[Scalar, Scalar], carried
 
 
 def numbered(problem: Problem, scene: Scene, h: Scalar, since: Scalar = 0.0) -> Callable[[Carried, Any], Carried]:
-    """`advance` as a function of what is carried and a number k, from `since` + k h to `since` + (k + 1) h, s."""
+    """`advance` as a function of the carry and a number k, from `since` + k h to `since` + (k + 1) h, s."""
 
     def step(carried, k):
         return advance(problem, scene, (since + k * h, since + (k + 1) * h), carried)
@@ -103,7 +103,7 @@ def recomputed(step: Callable, options: ResolvedOptions) -> Callable:
 
 
 def state_of(scene: Scene, t: Scalar, carried: Carried) -> State:
-    """(q, v) at t (s), of one robot, from what the method carries."""
+    """(q, v) at t (s), of one robot, from the method's carry."""
     (q, w), memory = carried
     if not isinstance(memory, ContactMemory):
         return q, with_supports(scene.shaking, scene.structure, t, w)

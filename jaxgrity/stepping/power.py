@@ -1,4 +1,4 @@
-"""Where energy and momentum come from and go to: the powers of forces, and the works of one step's impulses."""
+"""Sources and sinks of energy and momentum: the powers of forces, and the works of one step's impulses."""
 
 from typing import cast
 
@@ -30,9 +30,9 @@ Work = dict[str, jax.Array]
 
 
 def powers(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors) -> Work:
-    """W: of the actuators, dU/dt, and of each cause of dissipation, v·dR/dv, those that the scene has.
+    """W: of the actuators, dU/dt, and of each cause of dissipation in the scene, v·dR/dv.
 
-    Beside them "impulse" and "moment": the force, N, and the moment about the origin, N m, that come from outside.
+    Also "impulse" and "moment": the external force, N, and the external moment about the origin, N m.
     """
     normal_force = scene.normal_force(q, v)
     outside = outside_force(scene, t, q, v, normal_force)
@@ -53,7 +53,7 @@ def powers(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors) -> Work:
 
 
 def step_work(scene: Scene, step: Step) -> Work:
-    """What one step gained: by its impulses, or by the mean of the powers at both its ends."""
+    """The gains of one step: by its impulses, or by the mean of the powers at both its ends."""
     if step.impulsive:
         return impulsive_work(scene, step)
     rates = powers(scene, step.t0, *step.before.motion), powers(scene, step.t0 + step.h, *step.after.motion)
@@ -61,10 +61,10 @@ def step_work(scene: Scene, step: Step) -> Work:
 
 
 def impulsive_work(scene: Scene, step: Step) -> Work:
-    """What one step of complementarity stepping gained, each impulse times the mean of the velocities around it.
+    """The gains of one step of complementarity stepping: each impulse times the mean of the velocities around it.
 
-    Rigid struts do the work of the actuators that change their lengths. What else they seem to do, and what a node
-    loses that stays on a curved ground, is an error of the steps: "stepping".
+    Rigid struts do the work of the actuators that change their lengths. Their other work, and the loss of a node that
+    stays on a curved ground, is an error of the steps: "stepping".
     """
     (q, v), (_, w) = step.before.motion, step.after.motion
     mean = (v + w) / 2
@@ -98,19 +98,19 @@ def impulsive_work(scene: Scene, step: Step) -> Work:
 
 
 def _book(work: Work, cause: str, lost) -> None:
-    """Add what was lost to what a cause has lost already."""
+    """Add a loss to a cause's losses."""
     work[cause] = work[cause] + lost if cause in work else lost
 
 
 def _actuation(scene: Scene, step: Step) -> Scalar:
-    """J: the integral of dU/dt at fixed q over the time for which forces acted; dU/dt may jump within it."""
+    """J: the integral of dU/dt at fixed q over the time of the kick; dU/dt may jump within it."""
     end = step.t0 + step.h / 2
     q = step.before.motion[0]
     return scene.potential_energy(q, end) - scene.potential_energy(q, end - step.kick)
 
 
 def _strut_actuation(scene: Scene, step: Step, impulse: NodeVectors) -> Scalar:
-    """J: of the tensions of rigid struts, times how fast these become shorter, in the mean of two steps."""
+    """J: of the tensions of rigid struts times their rates of shortening, in the mean of two steps."""
     struts, (t, h, before) = rigid_struts(scene), (step.t0, step.h, step.before.memory.step_size)
     if struts is None or (scene.gait is None and not struts.motors):
         return jnp.zeros_like(h)
@@ -119,10 +119,10 @@ def _strut_actuation(scene: Scene, step: Step, impulse: NodeVectors) -> Scalar:
 
 
 def _staying(scene: Scene, step: Step) -> PerNode | None:
-    """1 of nodes that were on curved ground already and slide along it, else 0; None of a plane.
+    """1 for nodes that were on curved ground already and slide along it, else 0; None for a plane.
 
-    A node on one face that runs into another one arrives there, and so does one that meets it faster than the face's
-    turning in the step makes it do: an impact may take two steps.
+    A node on one face that runs into another arrives there. So does one that meets it faster than by the turning of the
+    face in the step: an impact may take two steps.
     """
     ground = exact_ground(scene)
     if ground is None or ground.surface is None:
@@ -136,13 +136,13 @@ def _staying(scene: Scene, step: Step) -> PerNode | None:
 
 
 def strut_tensions(scene: Scene, q: NodeVectors, impulse: NodeVectors) -> PerMember:
-    """The `tensions` of rigid struts, N s, which with those within rigid bodies make up the impulse."""
+    """The `tensions` of rigid struts, N s; with those within rigid bodies they make up the impulse."""
     struts = cast(Members, rigid_struts(scene))
     return tensions(held_edges(scene), q, impulse)[: len(struts.edges)]
 
 
 def tensions(edges: Edges, q: NodeVectors, impulse: NodeVectors) -> PerMember:
-    """The tensions T of struts, N s, whose sum on the nodes, J^T T, is the `impulse`, by least squares."""
+    """The tensions T of struts, N s, with the sum J^T T on the nodes equal to the `impulse`, by least squares."""
     nodes, d = q.shape[0], edge_vectors(q, edges)
     u = scale(d, inverse(length(d)))
     back = lambda T: -accumulate(scale(u, T), edges, nodes)  # noqa: E731
@@ -153,7 +153,7 @@ def tensions(edges: Edges, q: NodeVectors, impulse: NodeVectors) -> PerMember:
 
 
 def strut_impulses(scene: Scene, step: Step) -> NodeVectors:
-    """N s, on each node, of its rigid struts in one step: what neither forces nor the ground account for."""
+    """N s, on each node, of its rigid struts in one step: the rest after forces and the ground."""
     if isinstance(step.after.memory, CoupledState):
         return step.after.memory.struts
     (q, v), (_, w) = step.before.motion, step.after.motion
@@ -163,7 +163,7 @@ def strut_impulses(scene: Scene, step: Step) -> NodeVectors:
 
 
 def support_impulses(scene: Scene, step: Step) -> NodeVectors:
-    """N s, on each node, of its support in one step of complementarity stepping: what nothing else accounts for."""
+    """N s, on each node, of its support in one step of complementarity stepping: the rest after all else."""
     (q, v), (_, w) = step.before.motion, step.after.motion
     forces = step.kick * total_force(step.acting(scene), step.t0, q, (v + w) / 2)
     others = sum(ground_impulses(scene, step), forces + strut_impulses(scene, step))
@@ -171,7 +171,7 @@ def support_impulses(scene: Scene, step: Step) -> NodeVectors:
 
 
 def ground_impulses(scene: Scene, step: Step) -> list[NodeVectors]:
-    """N s, of exact contact on each node, along the normal and the two tangents, where the scene has it."""
+    """N s, of exact contact on each node, along the normal and the two tangents; of scenes that have it."""
     if exact_ground(scene) is None:
         return []
     return on_nodes(scene, step.h, step.before.motion, step.after.memory.impulses)

@@ -1,4 +1,4 @@
-"""Classical Runge-Kutta of order 4, its stages a loop that stores each of them once."""
+"""Classical Runge-Kutta of order 4; its stages are a loop that stores each once."""
 
 from collections.abc import Callable
 from typing import ClassVar

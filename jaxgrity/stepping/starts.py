@@ -1,4 +1,4 @@
-"""Whether a start is possible: positions that constraints let be, and velocities that supports have."""
+"""Checks of a start: positions within the constraints, and velocities equal to the supports'."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -24,10 +24,10 @@ KEPT = 64
 
 @remembered(KEPT)
 def check_start(scene: Scene, positions: NodeVectors | None = None, since: Scalar = 0.0) -> None:
-    """Refuse a start, at `since` (s), from which one step would have to jump onto its constraints.
+    """Refuse a start, at `since` (s), that one step would have to move onto its constraints.
 
-    Positions (nodes, 3), m, are the structure's own where not given. Numbers that are being traced are not looked at:
-    they get a failure code (`start_failure`). A scene with a known number that is not finite is refused too.
+    Positions (nodes, 3), m, are by default the structure's own. Traced numbers are not checked: they get a failure code
+    (`start_failure`). A scene with a known number that is not finite is refused too.
     """
     check_all_finite(scene, on_devices=True)
     if traced((scene, positions, since)):
@@ -41,11 +41,10 @@ def check_start(scene: Scene, positions: NodeVectors | None = None, since: Scala
 
 
 def check_supports(scene: Scene, velocities: AnyArray, since: Scalar = 0.0) -> None:
-    """Refuse known velocities (m/s), of one robot or of many, with which supports would not move as they do.
+    """Refuse known velocities (m/s), of one robot or of many, that differ from the supports'.
 
-    They are at rest, or have the speed at `since` (s) of the motion that shakes them. Points that follow others of
-    their bodies have the velocities that these give them. Of one robot they are finite; of many, a robot with others
-    fails.
+    Supports are at rest, or have the speed of their shaking at `since` (s). Points of rigid bodies follow the basic
+    points. For one robot they must be finite; of many, a robot with others fails.
     """
     if traced((scene, velocities, since)):
         return
@@ -74,7 +73,7 @@ def _check_bodies_move(scene: Scene, v: np.ndarray) -> None:
 
 
 def supports_slip(scene: Scene, v: AnyArray, since: Scalar) -> AnyArray:
-    """Where fixed coordinates have velocities (..., nodes, 3), m/s, that supports do not have at `since`, s."""
+    """Where velocities (..., nodes, 3), m/s, of fixed coordinates differ from the supports' at `since`, s."""
     return slips(scene.shaking, scene.structure, since, v, LARGEST_SLIP * speed_scale(scene))
 
 
@@ -86,7 +85,7 @@ def _expected(scene: Scene, since: Scalar) -> str:
 
 
 def start_failure(scene: Scene, q: NodeVectors, t: Scalar = 0.0):
-    """6 where a start at `q` violates a constraint by more than `check_start` lets pass, and rounding; else 0."""
+    """6 where a start at `q` violates a constraint by more than `check_start` allows, plus rounding; else 0."""
     allowed = LARGEST_GAP * length_scale(scene) + ROUNDED * jnp.finfo(q.dtype).eps * jnp.max(jnp.abs(q))
     gaps = [jnp.max(constraint.gaps(jnp.asarray(q), t), initial=0) for constraint in scene.constraints]
     return jnp.where(jnp.max(jnp.stack(gaps)) > allowed, 6, 0) if gaps else jnp.zeros((), int)

@@ -1,4 +1,4 @@
-"""Complementarity stepping by sweeps: where each node belongs to one rigid strut, whose impulses have a closed form."""
+"""Complementarity stepping by sweeps: each node belongs to one rigid strut, and its impulse has a closed form."""
 
 import equinox as eqx
 import jax
@@ -83,7 +83,7 @@ class SweptImpulses(Complementarity):
         return self.lift(length_error, ("s", None, -1, -1))(scene, h, problem, trials)
 
     def _constrain(self, scene, h, problem, trials, sweeps, tolerance=None, converged=True):
-        """Trial impulses after so many sweeps, or after as many as the tolerance needs.
+        """Trial impulses after a number of sweeps, or after as many as the tolerance needs.
 
         Where they have not `converged` to rounding, their derivative is through the last of them.
         """
@@ -128,7 +128,7 @@ class SweptImpulses(Complementarity):
         return differentiable(scene, h, problem, trials)
 
     def _rates(self, scene, problem, before, after, rates):
-        """The derivative of what sweeps converge to, where each node belongs to one strut.
+        """The derivative of the sweeps' limit, where each node belongs to one strut.
 
         Sweeps change the trial impulses by z = z0 - S u alone, with u the `pushes` of impulses of 1 along the struts,
         until F(z, ...) = 0, the struts' `excess`. By the implicit function theorem the derivative of S is that of F

@@ -1,4 +1,4 @@
-"""Velocity Verlet, the symplectic method, for scenes in which nothing dissipates."""
+"""Velocity Verlet, the symplectic method, for scenes without dissipation."""
 
 from collections.abc import Callable
 from typing import ClassVar
@@ -9,7 +9,7 @@ import jax.numpy as jnp
 
 
 class Verlet(diffrax.AbstractSolver):
-    """Velocity Verlet, symplectic, order 2, fixed step, for forces that depend on position and time alone.
+    """Velocity Verlet, symplectic, order 2, fixed step, for forces of position and time alone.
 
     v' = v + h/2 a(q, t); q1 = q + h v'; v1 = v' + h/2 a(q1, t1). One force evaluation a step: the solver's state is
     the acceleration at the end of the last one (Hairer, Lubich, Wanner 2006, section I.1.4).
