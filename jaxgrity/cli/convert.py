@@ -39,4 +39,5 @@ def counts(scene: Scene) -> str:
     """How large a robot is, in words."""
     structure = scene.structure
     struts, cables = (len(m.edges) if m is not None else 0 for m in (structure.struts, structure.cables))
-    return f"{len(structure.nodes)} nodes, {struts} struts, {cables} cables, {float(structure.mass):.4g} kg"
+    bodies = f"{len(structure.bodies)} rigid bodies, " if structure.bodies else ""
+    return f"{len(structure.nodes)} nodes, {bodies}{struts} struts, {cables} cables, {float(structure.mass):.4g} kg"

@@ -1,5 +1,6 @@
 """The bodies of a MuJoCo model as nodes with masses, supports, and rods: as heavy, and as hard to turn."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import lazy_loader
@@ -8,6 +9,7 @@ from scipy.optimize import nnls
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import Edges, Supports
+from jaxgrity.formats.mjcf_joints import Shared, points_of
 from jaxgrity.model.bodies import Bodies, Body, rigid_body
 from jaxgrity.model.structure import Members, edge_lengths
 
@@ -22,14 +24,12 @@ Rod = tuple[tuple[int, int], float]
 
 
 def carried(
-    model: Any, data: Any, x: np.ndarray, carrier: np.ndarray, notes: list[str]
+    model: Any, data: Any, at: tuple[np.ndarray, np.ndarray], shared: list[Shared], notes: list[str]
 ) -> tuple[np.ndarray, Supports, list[Rod], Bodies]:
-    """Masses of nodes, supports, rods with their masses, and rigid bodies, body by body."""
-    mass, fixed, rods, rigid = np.zeros(len(x)), [], [], []
-    for body in np.flatnonzero(model.body_jntnum).tolist():
-        if model.body_weldid[model.body_parentid[body]] != 0:
-            name = _name(model, body)
-            raise InputError(f"body {name}: moves on another body; expected bodies that are free of each other")
+    """Masses of nodes, supports, rods with their masses, and rigid bodies, of the nodes `at` and their carriers."""
+    x, carrier = at
+    mass, rods, rigid = np.zeros(len(x)), [], []
+    fixed = [(each.node, "xyz") for each in shared if 0 in each.bodies]
     for body in sorted(set(carrier.tolist())):
         own = np.flatnonzero(carrier == body)
         name = _name(model, body)
@@ -37,9 +37,12 @@ def carried(
         kinds = model.jnt_type[joints]
         if body == 0:
             fixed += [(int(node), "xyz") for node in own]
-        elif len(kinds) == 1 and kinds[0] == mujoco.mjtJoint.mjJNT_FREE and len(own) > 2:
+        elif own_joints := points_of(shared, body):
+            every = np.array([*own_joints, *sorted(set(own.tolist()) - set(own_joints))])
+            rigid.append(_as_body(_moments(model, data, body), name, every, x, own_joints))
+        elif is_free(model, body) and len(own) > 2:
             rigid.append(_as_body(_moments(model, data, body), name, own, x))
-        elif len(kinds) == 1 and kinds[0] == mujoco.mjtJoint.mjJNT_FREE:
+        elif is_free(model, body):
             found, shares = _as_rods(_moments(model, data, body), name, own, x, notes)
             rods += found
             mass[own] = shares
@@ -52,20 +55,42 @@ def carried(
     return mass, tuple(fixed), rods, tuple(rigid)
 
 
-def free_bodies_of_many(model: Any, carrier: np.ndarray) -> list[int]:
-    """The free bodies with more than two nodes, which are rigid bodies here; those of two are rods."""
-    found = []
-    for body, count in zip(*np.unique(carrier[carrier != 0], return_counts=True)):
-        kinds = model.jnt_type[model.body_weldid[model.jnt_bodyid] == body]
-        if count > 2 and len(kinds) == 1 and kinds[0] == mujoco.mjtJoint.mjJNT_FREE:
-            found.append(int(body))
-    return found
+def rigid_bodies(
+    model: Any, data: Any, at: tuple[np.ndarray, np.ndarray], shared: list[Shared], rods_too: bool
+) -> list[int]:
+    """The bodies that no strut stands for: with joints, with more than two nodes, or heavier beside their line."""
+    found = {body for each in shared for body in each.bodies if body}
+    for body in found:
+        if not np.any(at[1] == body):
+            raise InputError(f"body {_name(model, body)}: has a joint and no site; expected sites that say where it is")
+    counted = np.unique(at[1], return_counts=True)
+    for body, count in zip(*(each.tolist() for each in counted)):
+        if is_free(model, body) and (count > 2 or (count == 2 and (rods_too or not _is_rod(model, data, body, at)))):
+            found.add(body)
+    return sorted(found)
 
 
-def _as_body(moments: tuple[float, np.ndarray, np.ndarray], name: str, own: np.ndarray, x: np.ndarray) -> Body:
+def is_free(model: Any, body: int) -> bool:
+    """Whether nothing holds it."""
+    kinds = model.jnt_type[model.body_weldid[model.jnt_bodyid] == body]
+    return bool(body and len(kinds) == 1 and kinds[0] == mujoco.mjtJoint.mjJNT_FREE)
+
+
+def _is_rod(model: Any, data: Any, body: int, at: tuple[np.ndarray, np.ndarray]) -> bool:
+    """Whether point masses and a thin rod are as hard to turn."""
+    try:
+        _as_rods(_moments(model, data, body), _name(model, body), np.flatnonzero(at[1] == body), at[0], [])
+    except InputError:
+        return False
+    return True
+
+
+def _as_body(
+    moments: tuple[float, np.ndarray, np.ndarray], name: str, own: np.ndarray, x: np.ndarray, basic: Sequence[int] = ()
+) -> Body:
     total, centre, second = moments
     try:
-        return rigid_body(x, own.tolist(), total, np.trace(second) * np.eye(3) - second, centre)
+        return rigid_body(x, own.tolist(), total, np.trace(second) * np.eye(3) - second, centre, basic)
     except InputError as error:
         raise InputError(f"body {name}: {str(error).removeprefix('rigid_body: ')}") from error
 

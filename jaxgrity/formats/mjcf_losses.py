@@ -39,8 +39,6 @@ def check_losses(model: Any, losses: Losses) -> None:
         losses.lose("forces", f"body {_first(model, 'body', model.body_gravcomp)}: gravity compensation")
     if getattr(model, "nplastic", 0):
         losses.lose("forces", "plastic springs")
-    if model.nkey:
-        losses.note(f"{model.nkey} keyframes are not read: the robot starts where its bodies are placed")
 
 
 def _options(model: Any, losses: Losses) -> None:
@@ -55,10 +53,10 @@ def _options(model: Any, losses: Losses) -> None:
 
 
 def _joints(model: Any, losses: Losses) -> None:
-    free = model.jnt_type[model.dof_jntid] == mujoco.mjtJoint.mjJNT_FREE if model.nv else np.zeros(0, bool)
+    turns = model.jnt_type[model.dof_jntid] != mujoco.mjtJoint.mjJNT_SLIDE if model.nv else np.zeros(0, bool)
     for kind, values, what in (
-        ("damping", _with_terms(model, "dof_damping") * free, "damping of a free joint"),
-        ("damping", _terms(model, "dof_dampingpoly") * ~free, "damping that is not in proportion to speed"),
+        ("damping", _with_terms(model, "dof_damping") * turns, "damping, and is no slide"),
+        ("damping", _terms(model, "dof_dampingpoly") * ~turns, "damping that is not in proportion to speed"),
         ("friction", model.dof_frictionloss, "dry friction (frictionloss)"),
         ("forces", model.dof_armature, "armature"),
         ("forces", _with_terms(model, "jnt_stiffness")[model.dof_jntid] if model.nv else np.zeros(0), "a spring"),

@@ -1,36 +1,27 @@
 """MuJoCo models (MJCF) of tensegrity robots as scenes: free bodies, point masses and spatial tendons. Extra: `peer`."""
 
 import importlib.util
-import io
 from collections.abc import Collection
 from pathlib import Path
 from typing import Any, NamedTuple
-from xml.etree import ElementTree
 
 import lazy_loader
 import numpy as np
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
-from jaxgrity.formats.foreign import MOST_NODES, Imported, Losses, read_limited
-from jaxgrity.formats.mjcf_bodies import carried, free_bodies_of_many, rod_members
+from jaxgrity.formats.foreign import MOST_NODES, Imported, Losses
+from jaxgrity.formats.mjcf_bodies import carried, is_free, rigid_bodies, rod_members
 from jaxgrity.formats.mjcf_contact import touched_plane
+from jaxgrity.formats.mjcf_joints import Joint, Shared, joints_of
 from jaxgrity.formats.mjcf_losses import DROPPABLE, check_losses, name_of
 from jaxgrity.formats.mjcf_rolling import touched_by_balls
 from jaxgrity.formats.mjcf_tendons import Spring, drag_of_sites, springs_of
+from jaxgrity.formats.mjcf_text import mjcf_text
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import Members, Structure, check_edges, edge_lengths
 
 mujoco: Any = lazy_loader.load("mujoco")
-
-REFUSED = (
-    *("include", "replicate", "composite", "flexcomp", "flex", "hfield", "mesh", "skin", "plugin", "extension"),
-    *("equality", "size", "attach", "model"),
-)
-"""Elements that are refused: they name other files, make many parts of one, hold memory, or constrain what struts
-cannot."""
-DEEPEST = 50
-"""Most levels of XML elements within each other."""
 
 
 class _Nodes(NamedTuple):
@@ -44,14 +35,15 @@ class _Nodes(NamedTuple):
 
 
 @typed
-def read_mjcf(path: str | Path, drop: Collection[str] = ()) -> Imported:
+def read_mjcf(path: str | Path, drop: Collection[str] = (), keyframe: str = "") -> Imported:
     """A MuJoCo model of a tensegrity robot as a scene: what `save_mjcf` writes, and others of this kind.
 
     Sites at which tendons end, and others of the same bodies, become nodes. A free body with two of them becomes a
     rigid strut, with the body's mass as point masses and a thin rod; one with more a rigid body, whose balls have
-    their radii and roll. A body on three slides a point mass; what does not
-    move a support. A tendon whose spring range begins at 0, or whose actuator only pulls, is a cable, another one with
-    a spring a strut. Spheres, capsules and boxes that touch the plane are those of nodes, with one radius for all.
+    their radii and roll. Ball joints and hinges become shared points of bodies, or supports. A body on three slides
+    becomes a point mass; what does not move a support. A tendon whose spring range begins at 0, or whose actuator only
+    pulls, is a cable, another one with a spring a strut. Spheres, capsules and boxes that touch the plane are those of
+    nodes, with one radius for all.
 
     What would make the robot move otherwise is refused, unless `drop` names its kind: then it is left out, and a note
     says so.
@@ -60,6 +52,7 @@ def read_mjcf(path: str | Path, drop: Collection[str] = ()) -> Imported:
         path: of the file (.xml). MuJoCo itself reads it.
         drop: kinds of what may be lost, of "contact", "radius", "friction", "limits", "damping", "actuators", "air"
             and "forces".
+        keyframe: name of that in which the robot starts, at rest; none: as its bodies are placed.
 
     Returns:
         The scene, with gravity, the plane and its friction where the model has them, and what was read how.
@@ -72,38 +65,23 @@ def read_mjcf(path: str | Path, drop: Collection[str] = ()) -> Imported:
     """
     if importlib.util.find_spec("mujoco") is None:
         raise InputError(f"{path}: reading MuJoCo models needs mujoco; expected: pip install 'jaxgrity[peer]'")
-    text = read_limited(path)
     try:
-        _check_elements(text)
-        model = mujoco.MjModel.from_xml_string(text)
-        return _imported(model, drop)
+        model = mujoco.MjModel.from_xml_string(mjcf_text(Path(path)))
+        return _imported(model, drop, keyframe)
     except (ValueError, RuntimeError) as error:  # InputError is a ValueError; MuJoCo raises both
         raise InputError(f"{path}: {' '.join(str(error).split())}") from error
 
 
-def _check_elements(text: str) -> None:
-    if "<!DOCTYPE" in text or "<!ENTITY" in text:
-        raise InputError("has a document type or entities; expected plain elements")
-    depth = 0
-    try:
-        for event, element in ElementTree.iterparse(io.StringIO(text), ("start", "end")):
-            depth += 1 if event == "start" else -1
-            if depth > DEEPEST:
-                raise InputError(f"elements within each other, more than {DEEPEST} levels deep")
-            if element.tag in REFUSED:
-                raise InputError(f"has <{element.tag}>, which is not read; expected bodies, sites, tendons, actuators")
-    except ElementTree.ParseError as error:
-        raise InputError(f"not XML: {error}") from error
-
-
-def _imported(model: Any, drop: Collection[str]) -> Imported:
+def _imported(model: Any, drop: Collection[str], keyframe: str) -> Imported:
     data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
     notes: list[str] = []
     losses = Losses(drop, DROPPABLE, notes)
+    _set_start(model, data, keyframe, losses)
     check_losses(model, losses)
     tendons = springs_of(model, data, losses)
-    nodes = _nodes(model, data, [site for tendon in tendons for site in tendon.ends])
+    joints = joints_of(model, data, losses)
+    joined = {body for joint in joints for body in joint.bodies if body}
+    nodes = _nodes(model, data, [site for tendon in tendons for site in tendon.ends], joined)
     number = {site: k for k, site in enumerate(nodes.sites)}
     merged = _same_places(nodes)
     used = sorted(set(merged))
@@ -114,15 +92,18 @@ def _imported(model: Any, drop: Collection[str]) -> Imported:
         for tendon in tendons
     ]
     carrier, found = nodes.carrier[used], None
-    if many := free_bodies_of_many(model, carrier):
+    x, carrier, shared = _with_joints(x, carrier, joints)
+    if any(is_free(model, body) for body in carrier.tolist()):
+        springs = _as_cables(springs, x, notes)
+    pushing = [spring for spring in springs if spring.kind == "strut"]
+    # rods are rigid struts, beside which no strut is a spring: where some are, rods are bodies, too
+    many = rigid_bodies(model, data, (x, carrier), shared, bool(pushing))
+    if many:
         found = touched_by_balls(model, data, (x, carrier), many, losses)
         x, carrier = np.concatenate([x, found.more]), np.r_[carrier, found.carrier]
-        place |= {len(used) + k: len(used) + k for k in range(len(found.more))}
-    masses, fixed, rods, rigid = carried(model, data, x, carrier, notes)
-    pushing = [spring for spring in springs if spring.kind == "strut"]
-    if pushing and (rods or rigid):
-        springs, pushing = _as_cables(springs, x, notes), []
-    elif pushing:
+        place |= {k: k for k in range(len(used), len(x))}
+    masses, fixed, rods, rigid = carried(model, data, (x, carrier), shared, notes)
+    if pushing:
         notes.append(f"{len(pushing)} tendons push as well as pull, and are struts")
     struts = _members(pushing) if pushing else rod_members(x, rods)
     cables = _members([spring for spring in springs if spring.kind == "cable"])
@@ -134,8 +115,30 @@ def _imported(model: Any, drop: Collection[str]) -> Imported:
     return Imported(scene, ("SI units, z up, as in MuJoCo", *notes))
 
 
-def _nodes(model: Any, data: Any, sites: list[int]) -> _Nodes:
-    carriers = {int(model.body_weldid[model.site_bodyid[site]]) for site in sites} - {0}
+def _set_start(model: Any, data: Any, keyframe: str, losses: Losses) -> None:
+    """Where the bodies are placed, or where a keyframe has them."""
+    names = [name_of(model, "key", k) for k in range(model.nkey)]
+    if keyframe:
+        if keyframe not in names:
+            raise InputError(f"keyframe = {keyframe!r}: expected one of {', '.join(names) or 'none: there is none'}")
+        mujoco.mj_resetDataKeyframe(model, data, names.index(keyframe))
+        data.ctrl[:] = data.act[:] = 0
+    elif names:
+        losses.note(f"{len(names)} keyframes are not read: the robot starts where its bodies are placed")
+    mujoco.mj_forward(model, data)
+
+
+def _with_joints(
+    x: np.ndarray, carrier: np.ndarray, joints: list[Joint]
+) -> tuple[np.ndarray, np.ndarray, list[Shared]]:
+    """Nodes and carriers, with those of joints, and which these are."""
+    shared = [Shared(len(x) + k, joint.bodies) for k, joint in enumerate(joints)]
+    x = np.concatenate([x, np.reshape([joint.x for joint in joints], (-1, 3))])
+    return x, np.r_[carrier, [joint.bodies[0] for joint in joints]].astype(int), shared
+
+
+def _nodes(model: Any, data: Any, sites: list[int], joined: set[int]) -> _Nodes:
+    carriers = {int(model.body_weldid[model.site_bodyid[site]]) for site in sites} - {0} | joined
     every = range(model.nsite)
     found = set(sites) | {k for k in every if model.body_weldid[model.site_bodyid[k]] in carriers}
     chosen = sorted(found, key=lambda site: (_number(model, site), site))
@@ -160,12 +163,14 @@ def _same_places(nodes: _Nodes) -> list[int]:
 
 def _as_cables(springs: list[Spring], x: np.ndarray, notes: list[str]) -> list[Spring]:
     """Springs both ways beside rigid bodies: cables where they are stretched."""
-    pushing = [spring for spring in springs if spring.kind == "strut"]
-    for spring in pushing:
-        if edge_lengths(x, (spring.ends,))[0] < spring.rest_length:
-            raise InputError("a tendon that pushes is compressed at the start, beside free bodies; expected it to pull")
-    notes.append(f"{len(pushing)} tendons would push, too, if they went slack; here they are cables, which do not")
-    return [spring._replace(kind="cable") for spring in springs]
+    stretched = [
+        spring.kind == "strut" and edge_lengths(x, (spring.ends,))[0] >= spring.rest_length for spring in springs
+    ]
+    if any(stretched):
+        notes.append(
+            f"{sum(stretched)} tendons would push, too, if they went slack; here they are cables, which do not"
+        )
+    return [spring._replace(kind="cable") if pulls else spring for spring, pulls in zip(springs, stretched)]
 
 
 def _members(springs: list[Spring]) -> Members | None:

@@ -56,6 +56,8 @@ def springs_of(model: Any, data: Any, losses: Losses) -> list[Spring]:
             found.append(Spring("strut" if low == high else "cable", ends, K, float(high), c))
         else:
             raise InputError(f"tendon {name}: springlength {low:g} to {high:g}; expected one length, or from 0 on")
+    if not found:
+        raise InputError("no tendon has a spring, nor an actuator that is one; expected some that pull at control 0")
     if idle:
         names = f"{', '.join(idle[:5])}{'...' * (len(idle) > 5)}"
         losses.note(f"{len(idle)} tendons without a spring are left out: {names}")
@@ -76,34 +78,51 @@ def _ends(model: Any, tendon: int) -> tuple[int, int]:
 def _actuators(model: Any, data: Any, losses: Losses) -> dict[int, Driven]:
     """Of each tendon with an actuator that is a spring; actuators of other kinds than these and drags are lost."""
     found: dict[int, Driven] = {}
+    still = []
     for a in range(model.nu):
         if model.actuator_trntype[a] == mujoco.mjtTrn.mjTRN_SITE and _is_drag(model, a):
             continue
         tendon = int(model.actuator_trnid[a, 0])
         name = name_of(model, "actuator", a)
         spring = _spring(model, a)
+        if _is_still(model, a):
+            still.append(name)
+            continue
         if spring is None or tendon in found:
             losses.lose("actuators", f"actuator {name}: no spring of a tendon that has a rest length at control 0")
             continue
         found[tendon] = spring
         _beside(model, data, a, name, losses)
+    if still:
+        names = f"{', '.join(still[:5])}{'...' * (len(still) > 5)}"
+        losses.note(f"{len(still)} actuators have no force at control 0, and are left out: {names}")
     if found:
         losses.note(f"{len(found)} actuators are springs whose rest length their control changes; the gait is not read")
     return found
 
 
+def _is_still(model: Any, a: int) -> bool:
+    """Whether an actuator's force is in proportion to its control, and this may be 0."""
+    low, high = model.actuator_ctrlrange[a] if model.actuator_ctrllimited[a] else (0.0, 0.0)
+    fixed = model.actuator_gaintype[a] == mujoco.mjtGain.mjGAIN_FIXED
+    free = model.actuator_biastype[a] == mujoco.mjtBias.mjBIAS_NONE
+    lags = [getattr(mujoco.mjtDyn, f"mjDYN_{kind}") for kind in ("NONE", "INTEGRATOR", "FILTER", "FILTEREXACT")]
+    return bool(fixed and free and low <= 0 <= high and model.actuator_dyntype[a] in [int(kind) for kind in lags])
+
+
 def _spring(model: Any, a: int) -> Driven | None:
-    """The force gain u + b0 + b1 l + b2 l', with gain = -b1, as K (L - l) - c l' with L = (b0 + gain u)/K."""
+    """The force gain u + b0 + b1 l + b2 l' as K (L - l) - c l' with K = -b1 and L = (b0 + gain u)/K."""
     gain, bias = model.actuator_gainprm[a], model.actuator_biasprm[a]
     of_tendon = model.actuator_trntype[a] == mujoco.mjtTrn.mjTRN_TENDON and model.actuator_gear[a, 0] == 1
     fixed = model.actuator_gaintype[a] == mujoco.mjtGain.mjGAIN_FIXED
-    affine = model.actuator_biastype[a] == mujoco.mjtBias.mjBIAS_AFFINE and np.isclose(gain[0], -bias[1], rtol=1e-9)
-    if not (of_tendon and fixed and affine) or gain[0] <= 0 or bias[2] > 0:
+    affine = model.actuator_biastype[a] == mujoco.mjtBias.mjBIAS_AFFINE
+    K = float(-bias[1])
+    if not (of_tendon and fixed and affine) or K <= 0 or bias[2] > 0:
         return None
     u = float(np.clip(0.0, *model.actuator_ctrlrange[a])) if model.actuator_ctrllimited[a] else 0.0
-    rest = float(bias[0] / gain[0]) + u
+    rest = float(bias[0] + gain[0] * u) / K
     pulls = model.actuator_forcelimited[a] and model.actuator_forcerange[a, 1] <= 0
-    return Driven("cable" if pulls else "strut", float(gain[0]), rest, float(-bias[2])) if rest > 0 else None
+    return Driven("cable" if pulls else "strut", K, rest, float(-bias[2])) if rest > 0 else None
 
 
 def _beside(model: Any, data: Any, a: int, name: str, losses: Losses) -> None:

@@ -25,6 +25,7 @@ from jaxgrity.core.types import (
     NodeVectors,
     PerMember,
     Scalar,
+    Supports,
     Vector,
     as_float,
     as_float_or_none,
@@ -223,12 +224,17 @@ def body_energy(body: Body, v: NodeVectors) -> Scalar:
     return jnp.sum(basic * (body.matrix @ basic)) / 2
 
 
-def held_pairs(bodies: Bodies) -> tuple[Edges, PerMember]:
-    """The pairs of basic points that keep their distance, each once, and these distances, m."""
+def held_pairs(bodies: Bodies, fixed: Supports = ()) -> tuple[Edges, PerMember]:
+    """The pairs of basic points that keep their distance, each once, and these distances, m.
+
+    Those of two supports, which `fixed` names, are not among them: nothing can change these.
+    """
+    still = {node for node, axes in fixed if set(axes) == set("xyz")}
     first: dict[frozenset, tuple[tuple[int, int], AnyArray]] = {}
     for body in bodies:
         for edge, length in zip(body.edges, body.lengths):
-            first.setdefault(frozenset(edge), (edge, length))
+            if not set(edge) <= still:
+                first.setdefault(frozenset(edge), (edge, length))
     xp = jnp if any(namespace_of(body.lengths) is jnp for body in bodies) else np
     return tuple(edge for edge, _ in first.values()), xp.stack([length for _, length in first.values()])
 

@@ -63,7 +63,7 @@ def held_edges(scene: SceneParts) -> Edges:
     """The pairs of nodes whose distance is a constraint: the rigid struts, then the bodies' basic points."""
     structure = scene.structure
     struts = structure.struts.edges if structure.struts is not None and structure.struts.rigid else ()
-    return (*struts, *held_pairs(structure.bodies)[0]) if structure.bodies else struts
+    return (*struts, *held_pairs(structure.bodies, structure.fixed)[0]) if structure.bodies else struts
 
 
 def held_lengths(scene: SceneParts, t: Scalar) -> PerMember:
@@ -73,7 +73,7 @@ def held_lengths(scene: SceneParts, t: Scalar) -> PerMember:
         parts.append(rest_length(structure.struts, scene.gait, t, 0))
     if not structure.bodies:
         return parts[0]
-    return jnp.concatenate([*parts, held_pairs(structure.bodies)[1]])
+    return jnp.concatenate([*parts, held_pairs(structure.bodies, structure.fixed)[1]])
 
 
 def _same(body, places, nodes) -> bool:

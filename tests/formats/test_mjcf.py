@@ -261,17 +261,18 @@ def test_a_robot_of_another_hand(tmp_path):
 REFUSED = {
     "no XML": ("<mujoco>", "not XML: "),
     "entities": ('<!DOCTYPE a [<!ENTITY b "c">]><mujoco/>', "has a document type or entities"),
-    "other files": ('<mujoco><include file="a.xml"/></mujoco>', "has <include>, which is not read"),
-    "a million": ('<mujoco><worldbody><replicate count="1000000"/></worldbody></mujoco>', "has <replicate>"),
+    "no such file": ('<mujoco>\n<include file="a.xml"/></mujoco>', "line 2: <include file='a.xml'>: there is no"),
+    "itself": ('<mujoco><include file="robot.xml"/></mujoco>', "line 1: robot.xml: includes robot.xml twice"),
+    "a million": ('<mujoco><worldbody><replicate count="1000000"/></worldbody></mujoco>', "line 1: <replicate> makes"),
     "deep": ("<mujoco>" + "<body>" * 60 + "</body>" * 60 + "</mujoco>", "more than 50 levels deep"),
     "unknown": ("<mujoco><wheel/></mujoco>", "Schema violation"),
     "no tendons": ("<mujoco/>", "has no tendons; expected spatial tendons between sites"),
-    "a hinge": (
+    "two hinges": (
         '<mujoco><worldbody><site name="w"/>'
-        '<body><joint/><geom size="1"/><site name="s"/></body></worldbody>'
+        '<body><joint/><joint axis="1 0 0"/><geom size="1"/><site name="s"/></body></worldbody>'
         '<tendon><spatial stiffness="1" springlength="0 1"><site site="s"/><site site="w"/></spatial>'
         "</tendon></mujoco>",
-        "body 1: expected a free joint, or slides along axes",
+        "body 1: has several joints; expected one",
     ),
     "a slide across": (
         '<mujoco><worldbody><site name="w"/><body euler="0 0 45"><joint type="slide" axis="1 0 0"/>'
@@ -280,12 +281,19 @@ REFUSED = {
         "</tendon></mujoco>",
         "body 1: its slides are not along x, y or z",
     ),
-    "a body that swings from another": (
+    "a body that slides on another": (
         '<mujoco><worldbody><site name="w"/><body><joint type="slide" axis="1 0 0"/><geom size="1"/><site name="s"/>'
-        '<body name="bob"><joint/><geom size="1"/></body></body></worldbody>'
+        '<body name="bob"><joint type="slide"/><geom size="1"/></body></body></worldbody>'
         '<tendon><spatial stiffness="1" springlength="0 1"><site site="s"/><site site="w"/></spatial>'
         "</tendon></mujoco>",
-        "body bob: moves on another body; expected bodies that are free of each other",
+        "body bob: slides on another body; expected ball joints and hinges",
+    ),
+    "a weld": (
+        '<mujoco><worldbody><site name="w"/><body name="a" pos="0 0 1"><freejoint/><geom size="0.1"/><site name="s"/>'
+        '</body></worldbody><equality><weld body1="a"/></equality>'
+        '<tendon><spatial stiffness="1" springlength="0 1"><site site="s"/><site site="w"/></spatial>'
+        "</tendon></mujoco>",
+        "equality 0: a weld is not read; expected connect",
     ),
     "three sites": (
         '<mujoco><worldbody><site name="a"/><site name="b"/><site name="c"/></worldbody>'

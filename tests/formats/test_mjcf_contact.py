@@ -127,6 +127,7 @@ SERVO = '<position tendon="c0" kp="100"/>'
 WEAK = '<general tendon="c0" gainprm="600" biastype="affine" biasprm="60 -600 -6" forcerange="-20 0"/>'
 ROLLING = FLOOR + ' condim="6" friction="1 0.005 0.1"'
 SLACK = prism().replace(SPRING, 'stiffness="0"', 1)
+MOTOR = '<motor tendon="c0" ctrlrange="-9 -1" ctrllimited="true"/>'
 REFUSED = {
     "radii": (prism(apart=0.005), "radius", "radii from 0.01 to 0.02 m"),
     "cylinders": (prism(geoms=ROD.replace("capsule", "cylinder")), "radius", "the rims of a cylinder of 0.01 m"),
@@ -144,12 +145,12 @@ REFUSED = {
     "rolling friction": (prism().replace(FLOOR, ROLLING), "friction", "against what rolls, with an arm of 0.1 m"),
     "a limit": (prism().replace(TENDON, TENDON + ' limited="true" range="0 0.4"'), "limits", "limited to 0 to 0.4 m"),
     "dry friction": (prism().replace(TENDON, TENDON + ' frictionloss="1"'), "friction", "tendon c0: dry friction"),
-    "damped bodies": (prism(joint='<joint type="free" damping="0.5"/>'), "damping", "damping of a free joint"),
+    "damped bodies": (prism(joint='<joint type="free" damping="0.5"/>'), "damping", "its joint has damping, and"),
     "inertia": (prism(joint='<joint type="free" armature="0.5"/>'), "forces", "armature"),
     "air": (prism().replace("<option", '<option density="1.2" viscosity="2e-5"'), "air", "air of 1.2 kg/m^3"),
     "floats": (prism().replace('name="rod1"', 'name="rod1" gravcomp="1"'), "forces", "rod1: gravity compensation"),
     "a damper": (SLACK, "damping", "tendon c0: damping without a spring"),
-    "a motor": (with_actuator('<motor tendon="c0"/>', prism()), "actuators", "actuator 0: no spring"),
+    "a motor": (with_actuator(MOTOR, prism()), "actuators", "actuator 0: no spring"),
     "a servo": (with_actuator(SERVO, prism()), "actuators", "actuator 0: no spring"),
     "a weak spring": (with_actuator(WEAK, SLACK), "limits", "limited to the -20 N of the start"),
 }  # fmt: skip

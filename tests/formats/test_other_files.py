@@ -238,6 +238,8 @@ def test_the_command_says_what_was_read_and_what_is_lost(tmp_path, capsys):
     """From NTRT, in another unit, to a scene file, and on to a file that holds the structure alone."""
     source = Path(__file__).parents[1] / "data" / "ntrt" / "prism.yaml"
     main(ConvertSettings(str(source), tmp_path / "robot.toml", unit=1.0))
+    assert "30 nodes, 3 rigid bodies, 0 struts, 9 cables, 1.807 kg" in capsys.readouterr().out
+    main(ConvertSettings(str(source), tmp_path / "robot.toml", unit=1.0, drop=("radius",)))
     said = capsys.readouterr().out
     assert "6 nodes, 3 struts, 9 cables, 1.807 kg" in said
     assert "one unit of length is 1 m" in said

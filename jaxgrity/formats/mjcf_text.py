@@ -1,0 +1,124 @@
+"""The text of a MuJoCo model as MuJoCo's compiler is given it: included files in their places, pictures left out.
+
+Elements stay on their lines, so that messages of the compiler name these. What an included file holds stands on the
+line of the element that includes it.
+"""
+
+from pathlib import Path
+from typing import Any
+from xml.parsers import expat
+from xml.sax.saxutils import quoteattr
+
+from jaxgrity.core.errors import InputError
+from jaxgrity.formats.foreign import read_limited, short
+
+REFUSED = {
+    **dict.fromkeys(("replicate", "composite", "flexcomp", "flex", "attach"), "makes many parts of one"),
+    **dict.fromkeys(("hfield", "mesh", "skin", "model", "plugin", "extension"), "takes its shape from elsewhere"),
+    "size": "asks for memory",
+}
+"""Elements that are refused, and what they do."""
+PICTURES = ("asset", "visual", "statistic", "light", "camera", "sensor", "custom")
+"""Elements that move nothing. Meshes and fields of heights stand within assets, and are refused nevertheless."""
+NO_LONGER = ("sensornoise", "material")
+"""Attributes that move nothing, and that name what is left out, or that MuJoCo knew once."""
+TURNS = ("quat", "axisangle", "euler", "xyaxes", "zaxis")
+"""Attributes that turn a body."""
+DEEPEST = 50
+"""Most levels of XML elements within each other."""
+MOST_INCLUDED = 50
+"""Most files that one model includes."""
+
+
+class _Text:
+    """What is read so far."""
+
+    def __init__(self, main: Path):
+        self.main = main
+        self.seen: list[Path] = []
+        self.out: list[str] = []
+        self.everywhere = False
+        """whether positions are those in the world, as MuJoCo before 2.3.4 could have them"""
+
+    def read(self, path: Path, lines: bool) -> None:
+        """Add a file, with line breaks where it has them. Raises `InputError`, with the line, as `mjcf_text` does."""
+        if path.resolve() in self.seen or len(self.seen) > MOST_INCLUDED:
+            raise InputError(f"includes {path.name} twice, or more than {MOST_INCLUDED} files; expected each once")
+        self.seen.append(path.resolve())
+        parser = expat.ParserCreate()
+        one = _OneFile(self, parser, lines)
+        parser.StartElementHandler, parser.EndElementHandler = one.start, one.end
+        parser.StartDoctypeDeclHandler = one.refuse_doctype
+        try:
+            parser.Parse(read_limited(path), True)
+        except expat.ExpatError as error:
+            raise InputError(f"line {error.lineno}: not XML: {expat.ErrorString(error.code)}") from error
+        except InputError as error:
+            raise InputError(f"line {parser.CurrentLineNumber}: {error}") from error
+
+
+class _OneFile:
+    """The handlers of one file."""
+
+    def __init__(self, text: _Text, parser: Any, lines: bool):
+        self.text, self.parser, self.lines = text, parser, lines
+        self.open: list[str] = []
+        self.hidden = 0
+        self.line = 1
+
+    def refuse_doctype(self, *_: Any) -> None:
+        raise InputError("has a document type or entities; expected plain elements")
+
+    def start(self, tag: str, attributes: dict[str, str]) -> None:
+        self.open.append(tag)
+        if len(self.open) > DEEPEST:
+            raise InputError(f"elements within each other, more than {DEEPEST} levels deep")
+        if tag in REFUSED:
+            raise InputError(f"<{tag}> {REFUSED[tag]}; expected bodies, sites, tendons and actuators alone")
+        if tag == "include":
+            self._include(attributes.get("file", ""))
+        if self.hidden or tag in PICTURES or tag == "include":
+            self.hidden += 1
+        elif len(self.open) > 1 or self.lines:
+            if self.lines:
+                self.text.out.append("\n" * (self.parser.CurrentLineNumber - self.line))
+                self.line = self.parser.CurrentLineNumber
+            self.text.out.append(f"<{tag}{''.join(self._attributes(tag, attributes))}>")
+
+    def end(self, tag: str) -> None:
+        self.open.pop()
+        if self.hidden:
+            self.hidden -= 1
+        elif self.open or self.lines:
+            self.text.out.append(f"</{tag}>")
+
+    def _include(self, name: str) -> None:
+        folders = (self.text.main.parent, self.text.seen[-1].parent)
+        found = next((folder / name for folder in folders if (folder / name).is_file()), None)
+        if found is None:
+            raise InputError(f"<include file={short(name)}>: there is no such file")
+        try:
+            self.text.read(found, lines=False)
+        except InputError as error:
+            raise InputError(f"{found.name}: {error}") from error
+
+    def _attributes(self, tag: str, given: dict[str, str]) -> list[str]:
+        """As they are, but for pictures; where all positions are those in the world, bodies are at its origin."""
+        text = self.text
+        if tag == "compiler" and given.get("coordinate") == "global":
+            text.everywhere, given = True, {name: value for name, value in given.items() if name != "coordinate"}
+        placed = tag in ("geom", "site", "inertial", "joint") and "body" in self.open and given.get("type") != "free"
+        if text.everywhere and placed and not {"pos", "fromto"} & set(given):
+            raise InputError(f"<{tag}> has no place of its own, in a model with global coordinates; expected pos")
+        left_out = {*NO_LONGER, *(("pos", *TURNS) if text.everywhere and tag == "body" else ())}
+        return [f" {name}={quoteattr(value)}" for name, value in given.items() if name not in left_out]
+
+
+def mjcf_text(path: Path) -> str:
+    """A model with all that it includes, for MuJoCo's compiler.
+
+    Raises `InputError`, with the line, where a file is no XML or not there, or has what is refused.
+    """
+    text = _Text(path)
+    text.read(path, lines=True)
+    return "".join(text.out)

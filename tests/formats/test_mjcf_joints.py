@@ -1,0 +1,124 @@
+"""MuJoCo models of several files, with joints, with places in the world: the same robots as written plainly."""
+
+import numpy as np
+import pytest
+
+from jaxgrity import simulate
+from jaxgrity.formats import read_mjcf
+
+mujoco = pytest.importorskip("mujoco")
+
+BODY = """<body name="{name}" pos="{pos}" {turn}>{joint}
+<geom type="box" size="0.1 0.2 0.05" mass="2" contype="0" conaffinity="0"/>
+<site name="{name}0" pos="0.1 0.2 0.05"/><site name="{name}1" pos="-0.1 0 0"/>{inside}</body>"""
+MODEL = """<mujoco>{first}<option timestep="0.0005"/>
+<worldbody><site name="w" pos="0 0 1.5"/>{bodies}</worldbody>
+<tendon><spatial stiffness="50" springlength="0 0.4"><site site="w"/><site site="a0"/></spatial></tendon>
+{last}</mujoco>"""
+BALL, HINGE = '<joint type="ball" pos="-0.1 -0.2 0"/>', '<joint pos="-0.1 -0.2 0" axis="0.6 0 0.8"/>'
+
+
+def body(name="a", pos="0 0 1", joint="<freejoint/>", turn="", inside=""):
+    return BODY.format(name=name, pos=pos, joint=joint, turn=turn, inside=inside)
+
+
+def model(bodies, first="", last=""):
+    return MODEL.format(bodies=bodies, first=first, last=last)
+
+
+def found(folder, text, **how):
+    (folder / "robot.xml").write_text(text)
+    return read_mjcf(folder / "robot.xml", **how)
+
+
+CONNECT = '<equality><connect body1="a" body2="b" anchor="-0.1 -0.2 0"/></equality>'
+JOINED = {
+    "a ball on the world": (model(body(joint=BALL)), 1),
+    "a hinge on the world": (model(body(joint=HINGE)), 2),
+    "a hinge on a ball": (model(body(joint=BALL, inside=body("b", "0.1 0.2 0", HINGE))), 3),
+    "connect": (model(body() + body("b", "-0.3 -0.5 1", turn='euler="0 0 40"'), last=CONNECT), 1),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("text", "points"),
+    [pytest.param(*case, marks=[pytest.mark.campaign] * ("world" in name), id=name) for name, case in JOINED.items()],
+)
+def test_joined_bodies_move_as_in_mujoco(text, points, tmp_path):
+    """Under gravity and a spring, for 0.3 s: sites within a millimetre of a motion of decimetres."""
+    scene, notes = found(tmp_path, text)
+    assert any(f"{points} points of joints are rigid" in note for note in notes)
+    there = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(there)
+    mujoco.mj_forward(there, data)
+    start = data.site_xpos.copy()
+    nodes = np.asarray(scene.structure.nodes)
+    own = [int(np.argmin(np.linalg.norm(nodes - x, axis=1))) for x in start]
+    np.testing.assert_allclose(nodes[own], start, atol=1e-9)
+    mujoco.mj_step(there, data, 600)
+    end = np.asarray(simulate(scene, 0.3, frame_rate=10.0).positions[-1])[own]
+    assert np.linalg.norm(data.site_xpos - start, axis=1).max() > 0.05
+    np.testing.assert_allclose(end, data.site_xpos, rtol=0, atol=1e-3)
+
+
+def test_included_files_are_read_in_their_places(tmp_path):
+    """And pictures are left out, with the files that they need; messages name the line of the file that was given."""
+    (tmp_path / "parts").mkdir()
+    (tmp_path / "parts" / "sky.xml").write_text(
+        '<mujoco><asset><texture name="s" type="2d" file="none.png"/><material name="m" texture="s"/></asset></mujoco>'
+    )
+    (tmp_path / "parts" / "body.xml").write_text(f"<mujocoinclude>{body()}</mujocoinclude>")
+    plain = found(tmp_path, model(body())).scene.structure
+    text = model('<include file="parts/body.xml"/>', '<include file="parts/sky.xml"/>')
+    apart = found(tmp_path, text.replace("<site ", '<site material="m" ', 1)).scene.structure
+    np.testing.assert_array_equal(apart.nodes, plain.nodes)
+    np.testing.assert_array_equal(apart.bodies[0].matrix, plain.bodies[0].matrix)
+    wrong = text.replace("<spatial ", '<spatial colour="red" ')
+    with pytest.raises(ValueError, match=r"unrecognized attribute: 'colour'.*line 3"):
+        found(tmp_path, wrong)
+
+
+def test_global_coordinates_are_read(tmp_path):
+    """As MuJoCo took them before version 2.3.4: places in the world, whatever the body's is."""
+    placed = model(body(pos="0 0 0")).replace('mass="2"', 'mass="2" pos="0 0 0"')
+    text = placed.replace("<option", '<compiler coordinate="global"/><option')
+    text = text.replace('<body name="a" pos="0 0 0"', '<body name="a" pos="3 2 1" euler="10 20 30"')
+    local, everywhere = (found(tmp_path, each).scene.structure for each in (placed, text))
+    np.testing.assert_allclose(everywhere.nodes, local.nodes, atol=1e-12)
+    np.testing.assert_allclose(everywhere.bodies[0].matrix, local.bodies[0].matrix, atol=1e-9)
+    with pytest.raises(ValueError, match="<site> has no place of its own, in a model with global coordinates"):
+        found(tmp_path, text.replace(' pos="-0.1 0 0"', ""))
+
+
+def test_actuators_without_force_are_named(tmp_path):
+    """A motor pulls nothing at control 0; a spring's control may have another gain than its stiffness."""
+    motor = '<actuator><motor name="m" tendon="t" ctrlrange="-5 0" ctrllimited="true"/></actuator>'
+    text = model(body(), last=motor).replace("<spatial ", '<spatial name="t" ')
+    scene, notes = found(tmp_path, text)
+    assert "1 actuators have no force at control 0, and are left out: m" in notes
+    np.testing.assert_array_equal(scene.structure.cables.stiffness, [50])
+    spring = motor.replace("motor", "general").replace("/>", ' gainprm="60" biastype="affine" biasprm="30 -100 -2"/>')
+    text = model(body(), last=spring).replace('<spatial stiffness="50" springlength="0 0.4"', '<spatial name="t"')
+    cables = found(tmp_path, text).scene.structure.cables
+    assert (cables.stiffness[0], cables.rest_length[0], cables.damping[0]) == (100, 0.3, 2)
+
+
+def test_springs_that_are_compressed_push(tmp_path):
+    """Beside rigid bodies, those that are stretched are cables, and the others are struts."""
+    text = model(body()).replace('springlength="0 0.4"', 'springlength="0.9"')
+    scene, notes = found(tmp_path, text)
+    assert scene.structure.cables is None
+    assert scene.structure.struts.rest_length.tolist() == [0.9]
+    assert "1 tendons push as well as pull, and are struts" in notes
+
+
+def test_a_keyframe_is_a_start(tmp_path):
+    """Turned and moved as it says; an unknown one is refused, and those that are not asked for are named."""
+    key = '<keyframe><key name="up" qpos="0 0 3 0.7071067811865476 0.7071067811865476 0 0"/></keyframe>'
+    text = model(body(), last=key)
+    structure = found(tmp_path, text, keyframe="up").scene.structure
+    np.testing.assert_allclose(structure.nodes[1], [0.1, -0.05, 3.2], atol=1e-12)
+    assert "1 keyframes are not read: the robot starts where its bodies are placed" in found(tmp_path, text).notes
+    with pytest.raises(ValueError, match="keyframe = 'down': expected one of up"):
+        found(tmp_path, text, keyframe="down")
