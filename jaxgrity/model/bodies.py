@@ -225,10 +225,7 @@ def body_energy(body: Body, v: NodeVectors) -> Scalar:
 
 
 def held_pairs(bodies: Bodies, fixed: Supports = ()) -> tuple[Edges, PerMember]:
-    """The pairs of basic points that keep their distance, each once, and these distances, m.
-
-    Those of two supports, which `fixed` names, are not among them: nothing can change these.
-    """
+    """The pairs of basic points, but of two that are `fixed`, that keep their distance, and these distances, m."""
     still = {node for node, axes in fixed if set(axes) == set("xyz")}
     first: dict[frozenset, tuple[tuple[int, int], AnyArray]] = {}
     for body in bodies:
