@@ -1,4 +1,4 @@
-"""What everything else is made of."""
+"""Foundations: types, checks, primitives, compiled programs."""
 
 import lazy_loader
 

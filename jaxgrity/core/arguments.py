@@ -1,6 +1,6 @@
-"""One rule for each kind of argument: what is refused, and in which words.
+"""Checks of arguments: one rule, with one message, for each kind.
 
-Only known numbers are looked at, and only those that NumPy or Python hold: JAX's arrays may be traced.
+Only known numbers of NumPy or Python are checked: JAX's arrays may be traced.
 """
 
 from typing import Any
@@ -15,7 +15,7 @@ UNIT_WITHIN = 1e-6
 
 
 def is_number(value: Any) -> bool:
-    """Whether it is one real number: no truth value, no text, no list."""
+    """Whether it is one real number: no bool, text or list."""
     return isinstance(value, int | float | np.number | np.ndarray) and np.ndim(value) == 0 and _real(np.asarray(value))
 
 
@@ -71,8 +71,8 @@ def check_each(
     most: float = np.inf,
     unit: str = "",
 ) -> None:
-    """Finite numbers of this shape, above and within these bounds, as far as they are known; else `InputError` with the
-    first that is not. None, which stands for what is not modelled, is fine.
+    """Finite numbers of this shape, above and within these bounds, as far as known; else `InputError` with the first
+    bad one. None, for what is not modelled, is fine.
     """
     if value is None:
         return
@@ -90,7 +90,7 @@ def check_each(
 
 
 def check_unit_vector(where: str, value: Any) -> None:
-    """Three finite numbers, 1 long; else `InputError`. None is fine, and what JAX holds is not looked at."""
+    """Three finite numbers of norm 1; else `InputError`. None is fine; JAX's arrays are not checked."""
     check_each(where, value, shape=(3,))
     if isinstance(value, np.ndarray) and abs(np.linalg.norm(value) - 1) > UNIT_WITHIN:
         raise InputError(f"{where} = {value.tolist()}: {np.linalg.norm(value):.6g} long; expected a unit vector")
@@ -105,7 +105,7 @@ def as_table(where: str, rows: Any) -> np.ndarray:
 
 
 def check_finite(where: str, value: Any) -> None:
-    """Finite numbers, as far as they are known; else `InputError` with the first that is not."""
+    """Finite numbers, as far as known; else `InputError` with the first bad one."""
     if isinstance(value, jax.Array) or np.all(np.isfinite(value)):
         return
     at = tuple(np.argwhere(~np.isfinite(value))[0].tolist())
@@ -113,9 +113,9 @@ def check_finite(where: str, value: Any) -> None:
 
 
 def check_all_finite(tree: Any, where: str = "", *, on_devices: bool = False) -> None:
-    """All known numbers of a module are finite; else `InputError` with the path to the first that is not.
+    """Only finite known numbers in a module; else `InputError` with the path to the first bad one.
 
-    JAX's arrays are known too where nothing of them is traced; they are looked at where `on_devices` says so.
+    JAX's arrays are known too where nothing is traced; they are checked with `on_devices`.
     """
     for path, leaf in jax.tree_util.tree_leaves_with_path(tree):
         known = isinstance(leaf, np.ndarray | float)
@@ -130,7 +130,7 @@ def _place(at: tuple[int, ...]) -> str:
 
 
 def _within(above: float, least: float, most: float) -> str:
-    """What is expected of a number with these bounds."""
+    """The expected range of a number, in words."""
     if above > -np.inf:
         return f"a finite number above {above:g}" if above else "a positive number"
     if most < np.inf:

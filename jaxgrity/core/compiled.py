@@ -1,4 +1,4 @@
-"""Compiled programs that the next process need not compile again. Nothing here may import Equinox: see below."""
+"""Compiled programs kept for later processes. Nothing here may import Equinox: see below."""
 
 import os
 import sys
@@ -17,13 +17,13 @@ CACHE = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "jaxg
 def keep_compiled(folder: str | Path | None = None) -> Path:
     """Keep compiled programs in a folder, for other processes and for later ones.
 
-    Call it right after `import jaxgrity`. Run-time checks of diffrax then mark a rollout as failed (NaN) instead of
-    raising: a program that calls back into Python cannot be kept, and Equinox reads that setting (EQX_ON_ERROR) when
-    it is imported, which the first use of any other name of jaxgrity does. Bad options are refused before, as always.
+    Call it right after `import jaxgrity`. Run-time checks of diffrax then mark a rollout as failed (NaN) instead of an
+    error: a program with calls into Python cannot be kept. Equinox reads that setting (EQX_ON_ERROR) at its import,
+    which the first use of any other name of jaxgrity causes. Bad options are refused before, as always.
 
     Args:
-        folder: where; where not given, what JAX_COMPILATION_CACHE_DIR or JAX's configuration says, else
-            `~/.cache/jaxgrity`. It is made where it does not exist.
+        folder: by default that of JAX_COMPILATION_CACHE_DIR or JAX's configuration, else `~/.cache/jaxgrity`. A missing
+            one is made.
 
     Returns:
         The folder.

@@ -1,8 +1,8 @@
 """Small dense systems, solved without starting a thread.
 
-LAPACK starts threads from some size on. They wait for each other by spinning, which takes a hundred times as long where
-cores are busy (docs/performance.md). So larger matrices are eliminated in blocks so small that none of LAPACK's calls
-starts one; products of blocks are JAX's own.
+From some size on LAPACK starts threads. They spin while they wait for each other, which takes a hundred times as long
+on busy cores (docs/performance.md). So larger matrices are eliminated in small blocks, for which LAPACK starts none;
+products of blocks are JAX's own.
 """
 
 import itertools
@@ -42,7 +42,7 @@ def inverse_of(matrix: AnyArray) -> AnyArray:
 def solution(matrix: AnyArray, right: AnyArray) -> AnyArray:
     """x with matrix @ x = right, (rows,).
 
-    Pivots are sought within blocks alone, and one round of refinement makes up for what that costs.
+    Pivots are chosen within blocks only; one round of refinement makes up for the lost accuracy.
     """
     if len(matrix) <= SOLVED_AT_ONCE:
         return jnp.linalg.solve(matrix, right)
@@ -52,10 +52,10 @@ def solution(matrix: AnyArray, right: AnyArray) -> AnyArray:
 
 
 def least_solution(matrix: AnyArray, right: AnyArray) -> AnyArray:
-    """The x that misses matrix @ x = right by least, (columns,); of several such x a short one.
+    """The least squares solution of matrix @ x = right, (columns,); of several a short one.
 
     It is linear in `right`, for derivatives in both modes, and starts no thread for many right-hand sides either. The
-    matrix may be singular. What is missed is weighed by the inverse lengths of rows.
+    matrix may be singular. Residuals have weights: the inverse lengths of rows.
     """
     rows = _inverse_lengths(matrix.T)
     scaled = rows[:, None] * matrix
@@ -83,7 +83,7 @@ def _blocks(size: int) -> list[slice]:
 
 
 def _eliminated(matrix: AnyArray) -> list[tuple[AnyArray, AnyArray, AnyArray]]:
-    """For each block of rows: its own inverse, what is right of it, and what multiplies it in the rows below."""
+    """For each block of rows: its inverse, the part right of it, and its factors in the rows below."""
     found, rest = [], matrix
     for block in _blocks(len(matrix)):
         size = block.stop - block.start

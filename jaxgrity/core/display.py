@@ -1,4 +1,4 @@
-"""How numbers are said with their errors, and how the classes of the lower layers get shown in notebooks."""
+"""Numbers with their errors in words, and the display of the lower layers' classes in notebooks."""
 
 import math
 from collections.abc import Callable
@@ -16,16 +16,16 @@ SMALLEST = 8
 
 
 def of_report(module: str, function: str) -> Callable:
-    """A function of `jaxgrity.report`, imported when somebody looks at an object.
+    """A function of `jaxgrity.report`, imported when an object is displayed.
 
-    Scenes, gaits and trajectories have to have the methods that Jupyter asks for, and none of them needs a picture: so
-    this is the one way upward through the layers.
+    Scenes, gaits and trajectories have Jupyter's display methods, but need no pictures otherwise: this is the only
+    import from a higher layer.
     """
     return getattr(import_module(f"jaxgrity.report.{module}"), function)
 
 
 def significant(value: float, decimals: int = 3, digits: int = 3) -> str:
-    """A number with so many decimals, and more where it is so small that fewer digits than `digits` would be left."""
+    """A number with some decimals, and more for a small one, so that `digits` digits are left."""
     if not math.isfinite(value):
         return f"{value}"
     needed = digits - 1 - _exponent(value)
@@ -35,10 +35,10 @@ def significant(value: float, decimals: int = 3, digits: int = 3) -> str:
 def with_error(
     value: float, error: float | None, unit: str = "", digits: str = ".1g", decimals: int | None = None
 ) -> str:
-    """A number and its error, in words; where the error is infinite, None or no number, that it is not known.
+    """A number and its error, in words; an error that is infinite, None or NaN is "not known".
 
-    The error, which has so many `digits`, chooses the decimals of the number. There are at most `decimals`, if given,
-    and the error is then at least what rounding takes.
+    The error has `digits` digits, and decides the decimals of the number. There are at most `decimals`, if given; the
+    error is then at least that of rounding.
     """
     if error is None or not math.isfinite(error):
         return f"{significant(value) if decimals is None else _rounded(value, decimals)}{unit} (error not known)"
@@ -51,7 +51,7 @@ def with_error(
 
 
 def _exponent(value: float) -> int:
-    """Of ten in the number's first digit; 0 of nothing."""
+    """The power of ten of the number's first digit; 0 for zero."""
     return math.floor(math.log10(abs(value))) if value and math.isfinite(value) else 0
 
 
@@ -61,7 +61,7 @@ def _rounded(value: float, decimals: int) -> str:
 
 
 def mean_of_robots(robots: dict[str, Any], unit: str, mean: str = "mean") -> str:
-    """A mean over robots that differ, with `COVERING` standard errors, and their standard deviation, in words.
+    """A mean over perturbed robots, with `COVERING` standard errors, and their standard deviation, in words.
 
     From a record with "standard_error" (None of one robot), "standard_deviation", and the mean by its name.
     """

@@ -1,7 +1,7 @@
-"""Random numbers for use outside of compiled programs: those of `jax.random` to the last bit, with less to compile.
+"""Random numbers outside compiled programs: those of `jax.random` to the last bit, with less to compile.
 
-XLA compiles `jax.random.normal` for as long as a rollout, and for each shape anew. A number depends on the key and on
-its place alone: one program makes the bits of all draws up to a size, and NumPy makes numbers of them, as JAX does.
+XLA compiles `jax.random.normal` as long as a rollout, and anew for each shape. A number depends only on the key and its
+place: one program makes the bits of all draws up to a size, and NumPy turns them into numbers as JAX does.
 """
 
 from functools import partial
@@ -45,7 +45,7 @@ def _between(key, shape: tuple[int, ...], dtype: np.dtype, low: float, high: flo
 
 
 def _room(count: int) -> int:
-    """The power of two, at least `FEWEST`, of numbers that a program makes."""
+    """The size of a program's draw: a power of two, at least `FEWEST`."""
     return max(FEWEST, 1 << (count - 1).bit_length())
 
 

@@ -1,4 +1,4 @@
-"""Functions of one number, or of two, element by element, whose derivatives keep the population last.
+"""Elementwise functions of one or two numbers; their derivatives keep the population last.
 
 JAX's own rules for the derivatives of `jnp.maximum` and `jnp.minimum` choose between arrays without the population
 axis, and move it to the front (see `primitives.py`).
@@ -19,13 +19,13 @@ Numbers = Float[AnyArray, "..."]
 
 @jax.custom_jvp
 def larger(a: Numbers, b: Numbers) -> Numbers:
-    """The larger one of both; where they are equal, the derivative is that of the first."""
+    """The larger number; for equal ones the derivative is that of the first."""
     return jnp.maximum(a, b)
 
 
 @jax.custom_jvp
 def smaller(a: Numbers, b: Numbers) -> Numbers:
-    """The smaller one of both, likewise."""
+    """The smaller number, likewise."""
     return jnp.minimum(a, b)
 
 
@@ -70,7 +70,7 @@ magnitude.defjvps(lambda x_dot, value, x: jnp.sign(x) * x_dot)
 
 @partial(jax.custom_jvp, nondiff_argnums=(1, 2))
 def clipped(x: Numbers, low: float, high: float) -> Numbers:
-    """x, not below `low` and not above `high`."""
+    """x, cut at `low` and `high`."""
     return jnp.clip(x, low, high)
 
 
@@ -90,7 +90,7 @@ def _chosen(first, a_dot: Numbers, b_dot: Numbers) -> Numbers:
 def sine(x: Numbers) -> Numbers:
     """sin x within 3e-7 (float32) and 1e-15 (float64) for |x| up to 1e4, by products and sums alone.
 
-    XLA calls the C library for each element of `jnp.sin` on a CPU, and once more for each place where a loop uses it.
+    On a CPU XLA calls the C library for each element of `jnp.sin`, once for each use in a loop.
     """
     y = _within_half_a_turn(x)
     return _sine_near_zero(jnp.maximum(jnp.minimum(y, np.pi - y), -np.pi - y))
@@ -107,13 +107,13 @@ cosine.defjvps(lambda x_dot, value, x: -sine(x) * x_dot)
 
 
 def _within_half_a_turn(x: Numbers) -> Numbers:
-    """x less so many turns that it is from -pi to pi; a turn in two parts, of which the first has few digits."""
+    """x less whole turns, from -pi to pi; a turn is in two parts, the first with few digits."""
     turns = jnp.round(x / (2 * np.pi))
     return x - turns * 6.28125 - turns * 0.00193530717958647692529
 
 
 def _sine_near_zero(y: Numbers) -> Numbers:
-    """Taylor's series, whose first term that is left out is below the rounding error for |y| up to pi/2."""
+    """Taylor's series; its first omitted term is below the rounding error for |y| up to pi/2."""
     square, last = y * y, 5 if y.dtype == jnp.float32 else 10
     found = (-1) ** last / math.factorial(2 * last + 1) * square
     for k in range(last - 1, 0, -1):

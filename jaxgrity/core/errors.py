@@ -1,4 +1,4 @@
-"""The one error that users meet: bad input, refused in one line before anything compiles."""
+"""The one error for users: bad input, refused in one line before anything compiles."""
 
 import difflib
 from collections.abc import Iterable
@@ -9,6 +9,6 @@ class InputError(ValueError):
 
 
 def unknown(name: str, known: Iterable[str]) -> str:
-    """The word "unknown" for a message, with the known name that is spelt most like `name`, where one is close."""
+    """The word "unknown" for a message, with the known name closest to `name`, if one is close."""
     nearest = difflib.get_close_matches(name, list(known), n=1)
     return f"unknown; perhaps you meant {nearest[0]}" if nearest else "unknown"

@@ -1,4 +1,4 @@
-"""Functions that stand among the numbers of a law or a policy, such as the activation of a network."""
+"""Functions among the numbers of a law or a policy, such as the activation of a network."""
 
 from collections.abc import Callable
 from typing import Any
@@ -8,7 +8,7 @@ import jax
 
 
 class Held(eqx.Module):
-    """A function that is no leaf: transformations of numbers pass it by."""
+    """A function that is no leaf: transformations of numbers ignore it."""
 
     function: Callable = eqx.field(static=True)
 

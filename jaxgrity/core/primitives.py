@@ -1,4 +1,4 @@
-"""The few linear and bilinear maps that U and R are made of, as JAX primitives that keep the population last.
+"""The few linear and bilinear maps of U and R, as JAX primitives that keep the population last.
 
 JAX's own batching rules move a mapped axis to the front, where the inner loops over xyz and the gathers of a CPU
 program cannot be vectorised. The primitives here have jvp, transpose and batching rules that leave it last in memory,
@@ -68,8 +68,8 @@ def _accumulate(f, *, edges, nodes):
 def _gather(x, given):
     """Row n of the result is the sum of sign·x[k] over the (k, sign) in given[n].
 
-    No scatter: they are slow on GPUs, and keep a CPU's loop from being one kernel. Every row takes as many terms as the
-    one with the most, so a hub that many members meet at makes all nodes pay.
+    No scatter: it is slow on GPUs, and splits a CPU's loop into several kernels. Every row has as many terms as the
+    longest, so a hub of many members costs at all nodes.
     """
     most = max(map(len, given))
     table = np.array([rows + [(0, 0)] * (most - len(rows)) for rows in given]).swapaxes(0, 1)
@@ -160,13 +160,13 @@ def along(s: PerMember, direction: tuple[float, float, float] | AnyArray) -> Nod
 
 
 def take_rows(x: AnyRows, rows: tuple[int, ...]) -> Rows:
-    """The chosen rows of `x`, each as often as it is chosen."""
+    """The chosen rows of `x`, each as often as chosen."""
     check_rows(rows, x.shape[0])
     return _take_p.bind(x, rows=rows, size=x.shape[0])
 
 
 def place_rows(x: Rows, rows: tuple[int, ...], size: int) -> AnyRows:
-    """The transpose of `take_rows`: `size` rows, each the sum of those rows of `x` that are placed there."""
+    """The transpose of `take_rows`: `size` rows, each the sum of the rows of `x` placed there."""
     check_rows(rows, size)
     return _place_p.bind(x, rows=rows, size=size)
 
@@ -183,25 +183,25 @@ def scale(a: MemberVectors, s: PerMember) -> MemberVectors:
 
 
 def inner(a: PerMember, b: PerMember) -> Scalar:
-    """sum_k a_k b_k, the sum over members or nodes that makes an energy of its parts."""
+    """sum_k a_k b_k, the sum over members or nodes, from parts to an energy."""
     check_same_shape("inner", a, b)
     return _inner_p.bind(a, b)
 
 
 def ones(x: PerMember) -> PerMember:
-    """1 for each entry of `x`, and for each robot where x differs between them: what meets x later keeps its layout."""
+    """1 for each entry of `x`, and for each robot where x differs: later operands of x keep its layout."""
     return _ones_p.bind(jax.lax.stop_gradient(x))
 
 
 def population_last(x: AnyArray) -> AnyArray:
-    """The same numbers, after an operation whose batching rule moves the population to the front."""
+    """The same numbers with the population last, after an operation with a batching rule that moves it to the front."""
     return _lie_p.bind(x)
 
 
 def store_cotangent(x: AnyArray) -> AnyArray:
-    """x itself; in reverse mode its cotangent is stored, where XLA would compute it anew for each use.
+    """x itself; in reverse mode its cotangent is stored, instead of computed anew for each use.
 
-    It is divided by a 1 that XLA does not know, since XLA keeps quotients (see `over`).
+    It is divided by a 1 unknown to XLA, since XLA keeps quotients (see `over`).
     """
     return _same_p.bind(x)
 
@@ -213,7 +213,7 @@ def respond(a: Mobility, f: NodeVectors) -> NodeVectors:
 
 @jax.custom_jvp
 def half_squares(k: PerMember | Scalar, x: PerMember) -> Scalar:
-    """sum k x^2/2 over members or nodes. Its derivative is one product, not two that are the same."""
+    """sum k x^2/2 over members or nodes. Its derivative is one product, not two equal ones."""
     return inner(k * x, x) / 2
 
 
@@ -238,7 +238,7 @@ def _norm_squared_jvp(primals, tangents):
 
 @jax.custom_jvp
 def root(x: PerMember) -> PerMember:
-    """The square root of x > 0. Its derivative is a quotient, which XLA keeps (see `over`)."""
+    """The square root of x > 0. Its derivative is a quotient, kept by XLA (see `over`)."""
     return jnp.sqrt(x)
 
 
@@ -251,7 +251,7 @@ def _root_jvp(primals, tangents):
 
 @jax.custom_jvp
 def length(d: MemberVectors) -> PerMember:
-    """|d|, row by row. Its derivative at d = 0, where none exists, is taken as 0."""
+    """|d|, row by row. Its derivative at d = 0 is set to 0."""
     return jnp.sqrt(dot(d, d))
 
 
@@ -265,7 +265,7 @@ def _length_jvp(primals, tangents):
 def over(a: PerMember, b: PerMember) -> PerMember:
     """a/b, and a where b = 0, with finite derivatives there.
 
-    A division, not a product with 1/b: XLA keeps its result, where it would compute a product anew for each use.
+    A division, not a product with 1/b: XLA keeps a quotient, but computes a product anew for each use.
     """
     return a / (b + (b == 0).astype(b.dtype))
 
@@ -291,7 +291,7 @@ def _positive_part_jvp(primals, tangents):
 
 
 def largest(x: PerMember) -> Scalar:
-    """The largest entry, by halves: XLA's own reduction over the first of two axes is a loop without vectors."""
+    """The largest entry, by halving: XLA's own reduction over the first of two axes is not vectorised."""
     while x.shape[0] > 1:
         half = x.shape[0] // 2
         rest = take_rows(x, tuple(range(half, x.shape[0])))

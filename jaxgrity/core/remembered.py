@@ -1,4 +1,4 @@
-"""Functions that keep their last answers, by what is in their arguments."""
+"""Functions with a memory of their last results, by the contents of their arguments."""
 
 from collections.abc import Callable, Hashable
 from functools import lru_cache, wraps
@@ -26,10 +26,10 @@ class _Call(NamedTuple):
 
 
 def remembered(size: int) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """A decorator for functions that nothing but their arguments decides: the last `size` answers are kept.
+    """A decorator for pure functions: the last `size` results are kept.
 
-    Arguments are trees. Arrays count by their numbers, whether or not they are the same arrays as before. What is
-    raised is not kept, nor is anything that is being traced, since its numbers are not known.
+    Arguments are trees. Arrays count by their numbers, the same objects or not. Errors are not kept, nor are traced
+    results, since their numbers are unknown.
     """
 
     def decorate(function: Callable[P, R]) -> Callable[P, R]:
@@ -46,7 +46,7 @@ def remembered(size: int) -> Callable[[Callable[P, R]], Callable[P, R]]:
 
 
 def _contents(tree: Any) -> Hashable | None:
-    """What is in a tree, arrays by their numbers; None where it is being traced."""
+    """The contents of a tree, arrays by their numbers; None for a traced one."""
     if traced(tree):
         return None
     leaves, kind = jax.tree.flatten(tree)

@@ -1,4 +1,4 @@
-"""Whether numbers are known, or only stand for those of a function that is being differentiated or compiled."""
+"""Known numbers and tracers: the latter stand for numbers during differentiation or compilation."""
 
 from contextlib import AbstractContextManager, nullcontext
 from typing import Any
@@ -14,12 +14,12 @@ from jaxgrity.core.errors import InputError
 
 
 def traced(tree: Any) -> bool:
-    """Whether any number of it is a tracer, whose value is not known."""
+    """Whether any number of it is a tracer, of unknown value."""
     return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(tree))
 
 
 def refuse_traced(tree: Any, where: str, instead: str = "differentiate a `rollout` in its place") -> None:
-    """Raises `InputError` where a number of `tree` is being traced; `where` cannot take it, `instead` says what can."""
+    """Raises `InputError` for a traced number in `tree`: `where` cannot take it, `instead` can."""
     if traced(tree):
         raise InputError(f"{where}: its numbers have to be known, under grad, jit and vmap too; {instead}")
 
@@ -38,7 +38,7 @@ def as_incline(x: object) -> float:
 
 
 def evaluated() -> AbstractContextManager:
-    """Within it operations on known numbers have known results, also where a function around it is being compiled.
+    """A context in which known numbers have known results, also during the compilation of a function around it.
 
     Elsewhere it does nothing: `ensure_compile_time_eval` would make JAX run jitted functions operation by operation,
     which takes seconds.
@@ -47,7 +47,7 @@ def evaluated() -> AbstractContextManager:
 
 
 def forward_mode_only(tree: Any, instead: str) -> Any:
-    """The tree as it is; reverse mode through it raises `InputError` with these words, before it fails by others."""
+    """The tree itself; reverse mode through it raises `InputError` with this message, before a later failure."""
     return jax.tree.map(lambda x: _forward_only.bind(x, instead=instead), tree)
 
 

@@ -1,4 +1,4 @@
-"""Arguments of the wrong kind, refused in one line by the public functions that take a class of ours or a file."""
+"""Arguments of a wrong class, refused in one line by public functions."""
 
 import dataclasses
 import functools
@@ -36,9 +36,9 @@ Function = TypeVar("Function", bound=Callable)
 
 
 def typed(function: Function) -> Function:
-    """The function, which refuses arguments that are not of the kinds in its signature.
+    """The function with checks of its arguments' classes, from its signature.
 
-    It looks at arguments that are objects of this package, files, text or numbers; arrays have checks of their own.
+    Checked are objects of this package, files, text and numbers; arrays have checks of their own.
     """
     signature = inspect.signature(function)
     kinds = {name: found for name, given in signature.parameters.items() if (found := kinds_of(given.annotation))}
@@ -63,7 +63,7 @@ def typed(function: Function) -> Function:
 
 
 def kinds_of(annotation: Any) -> tuple[type, ...]:
-    """The classes that a parameter may be of, where they can be checked: ours, files, text, None and numbers."""
+    """The checkable classes of a parameter: ours, files, text, None and numbers."""
     if isinstance(annotation, TypeVar):
         annotation = annotation.__bound__
     union = isinstance(annotation, types.UnionType) or typing.get_origin(annotation) is typing.Union
@@ -96,7 +96,7 @@ def _refusal(name: str, value: Any, kinds: tuple[type, ...], others: dict[str, A
 
 
 def check_fields(module: Any) -> None:
-    """Raises `InputError` where a field of ours holds something that is not of its kind: for `__check_init__`."""
+    """Raises `InputError` for a field with a value of another class: for `__check_init__`."""
     for field in dataclasses.fields(module):
         value, kinds = getattr(module, field.name), kinds_of(field.type)
         if not _fits(value, kinds or (object,)):
@@ -104,7 +104,7 @@ def check_fields(module: Any) -> None:
 
 
 def _advice(value: Any, kinds: tuple[type, ...], others: dict[str, Any]) -> Iterator[str]:
-    """What to do about it, at most once."""
+    """Advice for the message, at most once."""
     ours = [kind for kind in kinds if kind.__module__.partition(".")[0] == PACKAGE]
     swapped = [other for other, x in others.items() if ours and isinstance(x, tuple(ours))]
     held = [part for part in _parts(value) if ours and isinstance(getattr(value, part), tuple(ours))]
@@ -138,7 +138,7 @@ def _shown(value: Any) -> str:
 
 
 def check_rows(rows: tuple[int, ...], size: int) -> None:
-    """Raises `InputError` for rows, of nodes or members, that are not there: JAX would take the last one."""
+    """Raises `InputError` for missing rows, of nodes or members: JAX would take the last one."""
     if traced(rows):
         raise InputError("its numbers of nodes or members are traced; expected them in a static field")
     if outside := [row for row in rows if not 0 <= row < size]:

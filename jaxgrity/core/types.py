@@ -59,8 +59,8 @@ def namespace_of(array: object):
 def as_float(x: object) -> AnyArray:
     """A float64 NumPy array, unless `x` is a JAX array already (it may carry a gradient).
 
-    NumPy, so that a scene built before x64 is switched on loses no digits. Raises `InputError` for text, truth values
-    and whatever else are no real numbers, which NumPy would convert.
+    NumPy, so that a scene built before x64 is on loses no digits. Raises `InputError` for text, bools and other values
+    that NumPy would convert to numbers.
     """
     if isinstance(x, jax.Array):
         return x
@@ -74,5 +74,5 @@ def as_float(x: object) -> AnyArray:
 
 
 def as_float_or_none(x: object) -> AnyArray | None:
-    """`as_float`, but for None, which stands for what is not modelled."""
+    """`as_float`; None, for what is not modelled, stays None."""
     return None if x is None else as_float(x)

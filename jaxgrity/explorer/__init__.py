@@ -1,1 +1,1 @@
-"""The explorer: a page whose sliders change a robot, its gait and its ground, and that shows the motion at once."""
+"""The explorer: a page with sliders for a robot, its gait and its ground, and the motion at once."""

@@ -1,4 +1,4 @@
-"""What the sliders of the explorer change: numbers of a scene, none of which is part of a compiled program."""
+"""The sliders of the explorer: numbers of a scene, none of them part of a compiled program."""
 
 import dataclasses
 from typing import NamedTuple
@@ -15,7 +15,7 @@ LARGEST_PHASE = 6.28
 
 
 class Knob(NamedTuple):
-    """One number that can be changed."""
+    """One number with a slider."""
 
     name: str
     low: float
@@ -27,7 +27,7 @@ class Knob(NamedTuple):
 
 
 def knobs(scene: Scene) -> tuple[Knob, ...]:
-    """What can be changed in a scene: only what it has. Raises `InputError` where it has no gait."""
+    """The adjustable numbers of a scene: only those it has. Raises `InputError` without a gait."""
     gait, cables = scene.gait, scene.structure.cables
     if gait is None:
         raise InputError("the scene has no [gait]; the explorer expected one to play with")
@@ -53,9 +53,9 @@ def knobs(scene: Scene) -> tuple[Knob, ...]:
 
 
 def adjusted(scene: Scene, values: dict[str, float]) -> Scene:
-    """The scene with the knobs at these values; knobs that are not named stay where they are.
+    """The scene with the knobs at these values; other knobs stay.
 
-    What changes are arrays of the same shapes, so that whatever is compiled for one setting serves all others.
+    Only arrays of the same shapes change: a program compiled for one setting serves all others.
     """
     own = {knob.name: knob.value for knob in knobs(scene)}
     ratio = {name: values.get(name, value) / value if value else 1.0 for name, value in own.items()}
@@ -89,7 +89,7 @@ def _prestrain(scene: Scene) -> float:
 
 
 def _tightened(scene: Scene, strain: float, stiffness: float):
-    """The cables with their prestrain and their stiffness times these."""
+    """The cables with their prestrain and stiffness times these factors."""
     cables = scene.structure.cables
     assert cables is not None, "a structure without cables has none to tighten"
     built = edge_lengths(scene.structure.nodes, cables.edges)

@@ -1,4 +1,4 @@
-"""What can be saved from the page: each file is sent to the browser, which asks where to put it."""
+"""Files from the page: each is sent to the browser, which asks for its place."""
 
 import dataclasses
 import json
@@ -23,7 +23,7 @@ Export = Callable[[Rolled, str], bytes]
 
 
 def gait_file(rolled: Rolled, scene: str) -> bytes:
-    """The gait, which every command takes as `--gait gait.json`."""
+    """The gait, for `--gait gait.json` of every command."""
     assert rolled.scene.gait is not None, "the explorer's scenes have a gait"
     return json.dumps(
         plain({"scene": scene, **gait_facts(rolled.scene.gait, rolled.scene.structure)}), indent=1
@@ -31,7 +31,7 @@ def gait_file(rolled: Rolled, scene: str) -> bytes:
 
 
 def scene_text_of(rolled: Rolled, scene: str) -> bytes:
-    """The robot, its ground and its gait; raises `InputError` where scene files have no words for something."""
+    """The robot, its ground and its gait. Raises `InputError` for a part without keys in scene files."""
     return scene_toml(upright(rolled.scene)).encode()
 
 

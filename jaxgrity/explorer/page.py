@@ -1,4 +1,4 @@
-"""The explorer's page: sliders at the right, the robot in 3D, and one worker that rolls out what was asked for last."""
+"""The explorer's page: sliders at the right, the robot in 3D, and one worker for the latest rollout."""
 
 import threading
 import time
@@ -73,7 +73,7 @@ class Page:
         self._threads = [threading.Thread(target=run, daemon=True) for run in (self._work, self._play)]
 
     def _add_tasks(self) -> None:
-        """Buttons for what takes long, and what it says."""
+        """Buttons of long tasks, and their messages."""
         gui = self._server.gui
         self._task_words = gui.add_markdown("", order=AFTER_SLIDERS)
         self.runner = Runner(self._tell)
@@ -88,7 +88,7 @@ class Page:
             thread.start()
 
     def stop(self) -> None:
-        """End with the rollout that is being done."""
+        """End after the present rollout."""
         self._over.set()
         self._wanted.set()
         self.runner.stop(wait=True)
@@ -97,12 +97,12 @@ class Page:
 
     @property
     def words(self) -> str:
-        """What the page says of what it shows."""
+        """The page's text."""
         return self._words.content
 
     @property
     def values(self) -> dict[str, float]:
-        """Where the sliders are; whatever a page says, within their bounds."""
+        """The sliders' values, cut at their bounds."""
         known = {} if self._robot is None else {knob.name: knob for knob in self._robot.knobs}
         return self._found | {
             name: float(np.clip(np.nan_to_num(slider.value, nan=known[name].value), known[name].low, known[name].high))
@@ -110,13 +110,13 @@ class Page:
         }
 
     def _choose(self, event: Any) -> None:
-        """Another robot; those choices that the page makes itself come without a client."""
+        """Another robot; the page's own choices come without a client."""
         if event.client is not None:
             self._other_robot = True
             self._wanted.set()
 
     def _work(self) -> None:
-        """Roll out what the sliders say, over and over; what they said in between is left out."""
+        """Roll out the sliders' values, over and over; values in between are skipped."""
         while True:
             self._wanted.wait()
             self._wanted.clear()
@@ -134,7 +134,7 @@ class Page:
                 raise
 
     def _change_robot(self) -> None:
-        """Compile for another robot, and give it sliders of its own."""
+        """Compile for another robot, and make its sliders."""
         self._words.content = "compiling …"
         for control in (self._scene, self._contact, self._gait):
             # a name that is none of the choices could be that of a file
@@ -196,7 +196,7 @@ class Page:
         self._frame(float(self._time.value))
 
     def _play(self) -> None:
-        """Move the robot in real time, while anybody looks."""
+        """Move the robot in real time, while a page is open."""
         while not self._over.wait(1 / SHOWN_RATE):
             if self.rolled is None or not self._server.get_clients():
                 continue
@@ -215,11 +215,11 @@ class Page:
             self._drawing.show(poses, frame)
 
     def _tell(self, words: str) -> None:
-        """Say how far a task is."""
+        """Show the progress of a task."""
         self._task_words.content = words
 
     def _begin(self, task: Callable, event: Any) -> None:
-        """Start a task from what is shown; what it finds is where the sliders go."""
+        """Start a task from the present values; the sliders move to its result."""
         shown = self.rolled
         if shown is not None:
             robot = self._robot
@@ -250,7 +250,7 @@ class Page:
 
 
 def _lengths(poses: Any, members: list[int]) -> tuple[Any, Any]:
-    """What uPlot draws of the members' lengths."""
+    """The members' lengths, for uPlot."""
     rows = [np.ascontiguousarray(poses.members.scale[:, k, 2], float) for k in members]
     shades = [matplotlib.colors.to_hex(f"C{k}") for k in range(len(members))]
     lines = [viser.uplot.Series(label=str(k), stroke=shade, width=1.5) for k, shade in zip(members, shades)]

@@ -1,4 +1,4 @@
-"""A viser server that answers pages of its own alone."""
+"""A viser server that answers only its own pages."""
 
 import contextlib
 import io
@@ -19,8 +19,8 @@ LOOPBACK = ("127.0.0.1", "localhost", "::1")
 def guarded_server(host: str, port: int) -> Any:
     """A viser server at `host` (at another port where this one is taken; 0: any) that refuses foreign requests.
 
-    A page elsewhere, open in the same browser, could otherwise reach a server on loopback: a request is answered only
-    where its Host is the server's own name, and its Origin, which browsers send, is that very address.
+    Otherwise a foreign page in the same browser could reach a server on loopback. A request is answered only if its
+    Host is the server's own name, and its Origin, which browsers send, is that address.
     """
     make_server, sockets = viser.ViserServer, websockets.asyncio.server
     serve = sockets.serve
@@ -44,7 +44,7 @@ def guarded_server(host: str, port: int) -> Any:
 
 
 def expected(hosts: list[str], origins: list[str], names: tuple[str, ...]) -> bool:
-    """Whether a request is for the server by one of its names, and from a page of its own, or from no page."""
+    """Whether a request has one of the server's names, and comes from its own page or from none."""
     if len(hosts) != 1 or len(origins) > 1:
         return False
     return urlsplit(f"//{hosts[0]}").hostname in names and all(origin == f"http://{hosts[0]}" for origin in origins)
@@ -52,6 +52,6 @@ def expected(hosts: list[str], origins: list[str], names: tuple[str, ...]) -> bo
 
 @contextlib.contextmanager
 def silent() -> Iterator[None]:
-    """Without what viser prints as it starts and ends."""
+    """Silence for viser's start and end."""
     with contextlib.redirect_stdout(io.StringIO()):
         yield

@@ -1,4 +1,4 @@
-"""What the explorer computes: one rollout at a time, by programs that are compiled once for a robot."""
+"""The explorer's computations: one rollout at a time, by programs compiled once for a robot."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -33,7 +33,7 @@ FRAME_RATE = 25.0
 
 
 class Rolled(NamedTuple):
-    """One rollout, ready to be shown."""
+    """One rollout, ready for display."""
 
     scene: Scene
     trajectory: Trajectory
@@ -45,7 +45,7 @@ class Rolled(NamedTuple):
     """of `CostOfTransport`: since the gait began; NaN where the robot has no weight, or the method no fixed step"""
 
     def words(self, error_bar: float | None, orbit: str = "") -> str:
-        """What is worth knowing, as Markdown; `orbit` says what the robot settles on."""
+        """The facts, as Markdown; `orbit`: the robot's orbit in words."""
         if self.poses is None:
             return f"**failed**: {FAILURES[int(self.trajectory.failure)]}"
         duration = float(self.trajectory.times[-1])
@@ -59,7 +59,7 @@ class Rolled(NamedTuple):
 
 
 class Robot3D(NamedTuple):
-    """The robot that the page is about, with all that stays the same while sliders move."""
+    """The page's robot, with everything constant while sliders move."""
 
     scene: Scene
     knobs: tuple[Knob, ...]
@@ -73,7 +73,7 @@ class Robot3D(NamedTuple):
 
 
 def gaits_for(scene: Scene) -> tuple[str, ...]:
-    """The scene's own gait, and those of the library that actuate members that the scene has."""
+    """The scene's own gait, and the library's gaits for its members."""
     fitting = [name for name in gait_names() if max(load_gait(name).members) < scene.structure.member_count]
     return (OWN, *fitting)
 
@@ -114,7 +114,7 @@ def chosen_robot(scene: str, contact: str, gait: str, duration: float) -> Robot3
 
 
 def orbit_words(scene: Scene, options: ResolvedOptions) -> str:
-    """What becomes of the robot later; as many periods for all gaits, so that none needs a program of its own."""
+    """The robot's long-run motion; the same number of periods for all gaits, so that none needs its own program."""
     try:
         period = period_of(scene.gait)
         found = find_orbit(scene, (WATCHED_PERIODS + 0.5) * period, options=options)
@@ -137,7 +137,7 @@ def _rolled(scene: Scene, trajectory: Trajectory, options: Options) -> Rolled:
 
 
 def _cost_of_transport(scene: Scene, duration: float, options: Options) -> float:
-    """As the objective of searches has it, from the steps and not from the frames; NaN where it has none."""
+    """As in searches, from the steps and not from the frames; NaN without one."""
     assert scene.gait is not None, "the explorer's scenes have a gait"
     try:
         outcomes = simulate_population(scene, as_population(scene.gait), duration, options=options, with_metrics=True)

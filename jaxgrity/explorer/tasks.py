@@ -1,4 +1,4 @@
-"""What takes minutes, says how far it is, and can be stopped: the search for a gait, and polishing it by gradients."""
+"""Tasks of minutes, with progress and a stop: the search for a gait, and its polishing by gradients."""
 
 import threading
 from collections.abc import Callable
@@ -32,11 +32,11 @@ Tell = Callable[[str], object]
 
 
 class StoppedError(Exception):
-    """Somebody asked a task to end early."""
+    """A task was stopped early."""
 
 
 def search_gait(scene: Scene, duration: float, tell: Tell) -> Gait:
-    """The scene's gait with phases that a genetic algorithm found; `tell` may raise to end it."""
+    """The scene's gait with phases from a genetic algorithm; `tell` may raise to end it."""
     problem = _problem(scene, duration)
     tell(f"searching: compiling for {SEARCH.population} gaits at once …")
 
@@ -49,7 +49,7 @@ def search_gait(scene: Scene, duration: float, tell: Tell) -> Gait:
 
 
 def polish_gait(scene: Scene, duration: float, tell: Tell) -> Gait:
-    """The scene's gait, its phases improved by smoothed gradients, where that verifies; `tell` may raise to end it."""
+    """The scene's gait with phases improved by smoothed gradients, if verified; `tell` may raise to end it."""
     problem = _problem(scene, duration)
     assert scene.gait is not None, "the explorer's scenes have a gait"
     turns = np.mod(np.asarray(scene.gait.phase, float) / (2 * np.pi), 1.0)
@@ -66,12 +66,12 @@ def polish_gait(scene: Scene, duration: float, tell: Tell) -> Gait:
 
 
 def _metres(distance: float) -> str:
-    """With at least two digits, of small robots too."""
+    """With at least two digits, for small robots too."""
     return f"{significant(float(distance), 2, 2)} m"
 
 
 def _problem(scene: Scene, duration: float) -> SearchProblem:
-    """Find phases; amplitudes and frequency stay as they are. Raises `InputError` where the gait barely begins."""
+    """A search over phases with fixed amplitudes and frequency. Raises `InputError` where the gait barely begins."""
     assert scene.gait is not None, "the explorer's scenes have a gait"
     if duration <= float(scene.gait.start):
         raise InputError(
@@ -94,11 +94,11 @@ class Runner:
 
     @property
     def busy(self) -> bool:
-        """Whether a task is being done."""
+        """Whether a task is running."""
         return self._thread is not None and self._thread.is_alive()
 
     def start(self, task: Callable[[Tell], None]) -> None:
-        """Do a task, unless one is being done; it hears of `stop` the next time that it tells how far it is."""
+        """Start a task, unless one is running; `stop` reaches it at its next report of progress."""
         if self.busy:
             return
         self._stop.clear()

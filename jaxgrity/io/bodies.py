@@ -16,7 +16,8 @@ PRODUCTS = ((0, 1), (0, 2), (1, 2))
 
 
 class BodyTable(Table, kw_only=True):
-    """A rigid body: its nodes, and its mass, its inertia about the centre and its centre as the file's nodes stand."""
+    """A rigid body: its nodes, its mass, its centre, and its inertia about the centre, in the pose of the file's
+    nodes."""
 
     nodes: Annotated[list[Number], Meta(min_length=2)]
     mass: Positive
@@ -27,7 +28,7 @@ class BodyTable(Table, kw_only=True):
 
 
 def build_bodies(tables: list[BodyTable], nodes: np.ndarray, fixed: Supports) -> Bodies:
-    """The bodies, for `nodes` as the file has them. Nodes of several bodies, and supports, are basic points.
+    """The bodies, for the file's `nodes`. Nodes of several bodies, and supports, are basic points.
 
     Raises `InputError` with the number of the table.
     """
@@ -52,7 +53,7 @@ def _body(number: int, tables: list[BodyTable], nodes: np.ndarray, fixed: set[in
 
 
 def bodies_tables(structure: Structure) -> list[BodyTable]:
-    """What a scene file says of the bodies, at the structure's own nodes: the same bodies, to rounding."""
+    """The bodies' tables of a scene file, at the structure's own nodes: the same bodies, to rounding."""
     return [_table(body, np.asarray(structure.nodes, float)) for body in structure.bodies]
 
 

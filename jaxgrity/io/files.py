@@ -1,4 +1,4 @@
-"""Files: gaits (CSV), results (JSON, npz). What is read is checked; what is written appears whole or not at all."""
+"""Files: gaits (CSV), results (JSON, npz). Input is checked; a file is written whole or not at all."""
 
 import json
 import math
@@ -18,7 +18,7 @@ PART = ".part"
 
 
 def read_text(path: str | Path) -> str:
-    """The file's text. Raises `InputError` where it cannot be read."""
+    """The file's text. Raises `InputError` for a file that cannot be read."""
     try:
         return Path(path).read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
@@ -28,7 +28,7 @@ def read_text(path: str | Path) -> str:
 def read_picture(path: str | Path) -> np.ndarray:
     """The brightness of a picture, (rows, columns), from 0, black, to 1, white; its first row is the upper one.
 
-    Raises `InputError` where it cannot be read, or has numbers of its own that are not from 0 to 1.
+    Raises `InputError` for a picture that cannot be read, or has floats beyond 0 to 1.
     """
     try:
         with Image.open(path) as picture:
@@ -71,7 +71,7 @@ def _is_finite(text: str) -> bool:
 
 
 def write_whole(path: str | Path, write: Callable[[IO[bytes]], object]) -> None:
-    """Let `write` fill a file that takes the place of `path` only when it is complete."""
+    """Let `write` fill a file; it replaces `path` only when complete."""
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     descriptor, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=PART)

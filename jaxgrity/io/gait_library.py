@@ -1,4 +1,4 @@
-"""Gaits as files, and those that come with the library."""
+"""Gaits as files, and the library's own gaits."""
 
 import json
 from importlib import resources
@@ -17,7 +17,7 @@ SHIPPED = resources.files("jaxgrity") / "data" / "gaits"
 
 
 def gait_names() -> tuple[str, ...]:
-    """The gaits that come with the library."""
+    """The names of the library's gaits."""
     return tuple(
         sorted(entry.name.removesuffix(".json") for entry in SHIPPED.iterdir() if entry.name.endswith(".json"))
     )
@@ -27,14 +27,14 @@ def gait_names() -> tuple[str, ...]:
 def load_gait(name: str | Path) -> Gait:
     """A gait of the library by its name, or one from a JSON file (`gait.json` of a search).
 
-    Raises `InputError` where there is none, or the file lacks something.
+    Raises `InputError` for an unknown name and an incomplete file.
     """
     return gait_of(gait_record(name), str(name))
 
 
 @typed
 def gait_record(name: str | Path) -> dict[str, Any]:
-    """All that is written down of a gait: besides the gait its scene, what it reaches, and the command that made it."""
+    """The record of a gait: the gait, its scene, its results, and its command."""
     if str(name) in gait_names():
         return json.loads((SHIPPED / f"{name}.json").read_text(encoding="utf-8"))
     if not Path(name).exists():
@@ -50,7 +50,7 @@ def gait_record(name: str | Path) -> dict[str, Any]:
 
 
 def gait_of(record: dict[str, Any], where: str = "gait") -> Gait:
-    """The gait that a record describes. Raises `InputError` where something is missing or does not fit."""
+    """The gait of a record. Raises `InputError` for a missing or a wrong part."""
     try:
         parts = {name: np.array(record[name], float) for name in ("phase", "amplitude", "frequency")}
         overtones = tuple(Overtone(np.array(o["size"]), np.array(o["phase"])) for o in record.get("overtones", []))
@@ -68,7 +68,7 @@ def gait_of(record: dict[str, Any], where: str = "gait") -> Gait:
 
 @typed
 def gait_facts(gait: Gait, structure: Structure | None = None) -> dict[str, Any]:
-    """The gait as it goes into a JSON file; with the structure that it moves, it is refused for others."""
+    """The gait for a JSON file; with its structure, it is refused for others."""
     robot = gait.robot if structure is None else structure.robot
     return {
         "robot": robot,

@@ -1,4 +1,4 @@
-"""The tables of a scene file that say where the ground is: a surface in place of the plane, and obstacles on it."""
+"""The ground tables of a scene file: a surface in place of the plane, and obstacles on it."""
 
 from pathlib import Path
 from typing import Annotated
@@ -79,7 +79,7 @@ class HeightsTable(Table, tag="heights", tag_field="kind"):
 
 
 class WavesTable(Table, tag="waves", tag_field="kind"):
-    """Waves one by one, as random bumps are made of them: heights, lengths, directions and phases."""
+    """Single waves, the parts of random bumps: heights, lengths, directions and phases."""
 
     amplitude: list[float]
     length: list[Positive]
@@ -91,7 +91,7 @@ class WavesTable(Table, tag="waves", tag_field="kind"):
 
 
 class SplineTable(Table, tag="spline", tag_field="kind"):
-    """The coefficients of a cubic spline, as measured heights are made into: rows along x, from a corner on."""
+    """The coefficients of a cubic spline, from measured heights: rows along x, from a corner on."""
 
     coefficients: list[list[float]]
     corner: tuple[float, float]

@@ -1,4 +1,4 @@
-"""The ground that a scene file's [ground] table describes."""
+"""The ground of a scene file's [ground] table."""
 
 from pathlib import Path
 from typing import Any
@@ -13,9 +13,9 @@ from jaxgrity.model.unions import Union
 
 
 def build_ground(table: GroundTable | None, folder: Path) -> Ground | None:
-    """The ground of a [ground] table, which names pictures as seen from the `folder`.
+    """The ground of a [ground] table; names of pictures are relative to the `folder`.
 
-    Raises `InputError` where its keys do not fit each other.
+    Raises `InputError` for keys that contradict each other.
     """
     if table is None:
         return None
@@ -45,7 +45,7 @@ def _balls(table: GroundTable) -> Balls | None:
 
 
 def _surface(table: GroundTable, folder: Path) -> Surface | None:
-    """What is there in place of the plane, with the obstacles on it; None: the plane alone."""
+    """The surface in place of the plane, with its obstacles; None: the plane alone."""
     surface = None if table.surface is None else table.surface.surface(folder)
     if not table.obstacles:
         return surface

@@ -1,4 +1,4 @@
-"""The keys that say what struts and cables are."""
+"""The keys of struts and cables."""
 
 from typing import Annotated
 
@@ -11,7 +11,7 @@ Some = Annotated[list[float], Meta(min_length=1)]
 
 
 class MotorTable(Table, kw_only=True):
-    """Winds a member to the rest lengths asked for, one after the other."""
+    """A motor that winds a member to given rest lengths, one after the other."""
 
     member: Number
     times: Some

@@ -19,7 +19,7 @@ from jaxgrity.model.structure import Members, edge_lengths, per_member
 def build_members(
     table: StrutsTable | CablesTable | None, edges: Edges, nodes: np.ndarray, kind: str
 ) -> Members | None:
-    """The struts or cables of a [struts] or [cables] table, which `kind` is; None where there is none.
+    """The struts or cables, by `kind`, of their table; None without one.
 
     Raises `InputError` where its keys do not fit each other, or not the edges.
     """
@@ -62,7 +62,7 @@ def build_members(
 
 
 def cable_laws(table: CablesTable | None, cables: Members | None) -> tuple[Law, ...]:
-    """What a [cables] table says of forces that are not linear. Raises `InputError` where it makes no law."""
+    """The nonlinear force laws of a [cables] table. Raises `InputError` for keys without a law."""
     if table is None or cables is None:
         return ()
     found: list[Law] = []
@@ -77,7 +77,7 @@ def cable_laws(table: CablesTable | None, cables: Members | None) -> tuple[Law, 
 
 
 def _stiffness(table: StrutsTable | CablesTable) -> float | list[float] | None:
-    """K, N/m, by its own key or by the slope with which a table of forces begins; None: rigid."""
+    """K, N/m, from its key or the first slope of a table of forces; None: rigid."""
     if isinstance(table, StrutsTable):
         if table.rigid and (table.stiffness is not None or np.any(_or_zero(table.damping))):
             raise InputError("struts.rigid = true: a rigid strut has no spring; expected neither stiffness nor damping")
@@ -100,7 +100,7 @@ def _stiffness(table: StrutsTable | CablesTable) -> float | list[float] | None:
 
 
 def member_numbers(chosen: list[int], count: int, where: str) -> tuple[int, ...]:
-    """Which of `count` members, in ascending order."""
+    """The chosen ones of `count` members, in ascending order."""
     if len(set(chosen)) != len(chosen) or any(k >= count for k in chosen):
         raise InputError(f"{where} = {shown(chosen)}: expected numbers from 0 to {count - 1}, none twice")
     return tuple(sorted(chosen))
@@ -113,7 +113,7 @@ def _or_zero(value: float | list[float] | None) -> float | list[float]:
 def members_table(members: Members | None, table: Callable, kind: str, forces: dict[str, Any] | None = None) -> Any:
     """The [struts] or [cables] table of members, with further keys of their `forces`.
 
-    Raises `InputError` where scene files have no keys for them.
+    Raises `InputError` for members without keys in scene files.
     """
     if members is None:
         return None
@@ -157,6 +157,6 @@ def _motor(motor: Motor) -> MotorTable:
 
 
 def one_or_all(values: AnyArray) -> float | list[float]:
-    """One number where all are alike, as files may give it."""
+    """One number where all are equal, as in files."""
     numbers = np.asarray(values, float)
     return float(numbers.flat[0]) if numbers.size and np.all(numbers == numbers.flat[0]) else numbers.tolist()

@@ -1,4 +1,4 @@
-"""Scene files: TOML, SI units, radians; every key checked, and errors that say where they are."""
+"""Scene files: TOML, SI units, radians; every key is checked, and errors name their place."""
 
 import math
 import re
@@ -45,16 +45,16 @@ SHIPPED = resources.files("jaxgrity") / "data" / "scenes"
 
 
 def scene_names() -> tuple[str, ...]:
-    """The scenes that come with the library."""
+    """The names of the library's scenes."""
     names = (entry.name for entry in SHIPPED.iterdir())
     return tuple(sorted(name.removesuffix(".toml") for name in names if name.endswith(".toml")))
 
 
 @typed
 def scene_text(scene: str | Path) -> str:
-    """What is written in a scene file: one of the library's by its name, or any by its path.
+    """The text of a scene file: one of the library's by its name, or any by its path.
 
-    Raises `InputError` where there is none, or it cannot be read.
+    Raises `InputError` for an unknown name, or a file that cannot be read.
     """
     if str(scene) in scene_names():
         return (SHIPPED / f"{scene}.toml").read_text(encoding="utf-8")
@@ -70,7 +70,7 @@ def load_scene(scene: str | Path) -> Scene:
     """Read a scene: one of the library's by its name, or any scene file (TOML, SI units, radians) by its path.
 
     Args:
-        scene: such as "reference", or the path of a file.
+        scene: a name, such as "reference", or the path of a file.
 
     Returns:
         The scene, every number as a NumPy array in float64.
@@ -87,7 +87,7 @@ def load_scene(scene: str | Path) -> Scene:
 
 
 def parse_scene(text: str, name: str = "scene") -> Scene:
-    """The scene that a scene file's text describes; `name` stands for the file in errors, as for `load_scene`."""
+    """The scene of a scene file's text; `name` stands for the file in errors, as for `load_scene`."""
     if DEEP_KEY.search(text):
         raise InputError(f"{name}: a key has more than {DEEPEST} parts; expected one of a scene file's")
     try:
@@ -106,9 +106,9 @@ def parse_scene(text: str, name: str = "scene") -> Scene:
 
 
 def build_scene(file: SceneFile, folder: Path = Path()) -> Scene:
-    """The scene of a validated scene file, which names other files as seen from the `folder`.
+    """The scene of a validated scene file; names of other files are relative to the `folder`.
 
-    Raises `InputError` where its parts do not fit each other.
+    Raises `InputError` for parts that contradict each other.
     """
     ground = build_ground(file.ground, folder)
     structure = _structure(file, ground)

@@ -1,4 +1,4 @@
-"""The tables of a scene file: their keys, with what each may hold."""
+"""The tables of a scene file: their keys, and the values of each."""
 
 import math
 from typing import Annotated, Literal
@@ -30,7 +30,7 @@ class FixedAxes(Table):
 
 
 class _Shape(Table, kw_only=True):
-    """What structures of every kind have, but custom ones, which need not be moved."""
+    """The common keys of structures, without custom ones, which need not be moved."""
 
     mass: Positive | None = None
     node_mass: list[NotNegative] | None = None
@@ -216,14 +216,14 @@ class RandomPhases(Table):
 
 
 class WindTable(Table):
-    """On every node, or on each with a drag of its own."""
+    """Wind on every node, or on each with its own drag."""
 
     velocity: tuple[float, float, float]
     drag: NotNegative | list[NotNegative]
 
 
 class PushTable(Table):
-    """Of each of the nodes, for a time."""
+    """A push on each of the nodes, for a time."""
 
     nodes: Annotated[list[Number], Meta(min_length=1)]
     force: tuple[float, float, float]
@@ -233,7 +233,7 @@ class PushTable(Table):
 
 
 class ShakingTable(Table):
-    """Of all supports: s(t) = amplitude sin(2 pi frequency (t - start)), rising smoothly for as long as `ramp`."""
+    """The motion of all supports: s(t) = amplitude sin(2 pi frequency (t - start)), with a smooth rise over `ramp`."""
 
     amplitude: tuple[float, float, float]
     frequency: Positive

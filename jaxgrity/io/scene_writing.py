@@ -1,4 +1,4 @@
-"""Scenes as scene files: what `load_scene` reads of one is the same scene to the last bit."""
+"""Scenes as scene files: `load_scene` reads the same scene, to the last bit."""
 
 import dataclasses
 import json
@@ -72,15 +72,15 @@ def save_scene(scene: Scene, path: str | Path) -> None:
 
     Rigid bodies are the same to rounding.
 
-    Structures of every kind are written with their nodes and members one by one, and random ground with its waves; so
-    the file needs no other, and does not change where a formula of the library does.
+    Structures of every kind are written with all nodes and members, and random ground with its waves. So the file needs
+    no other, and does not depend on a formula of the library.
 
     Args:
         scene: the scene to write.
-        path: of the file, which appears whole or not at all.
+        path: the file, written whole or not at all.
 
     Raises:
-        InputError: the scene has something that scene files have no key for, such as a law of one's own.
+        InputError: the scene has a part without a key in scene files, such as a user's own law.
 
     Example:
         >>> scene = jaxgrity.load_scene("reference")
@@ -164,7 +164,7 @@ def _ground(ground: Ground | None) -> GroundTable | None:
 
 
 def _where(surface: Surface | None) -> dict[str, Any]:
-    """The keys that say where the ground is."""
+    """The keys of the ground's place."""
     if surface is None:
         return {}
     if type(surface) is not Union:
@@ -189,7 +189,7 @@ def _surface(surface: Surface) -> SurfaceTable:
 
 
 def _numbers(part: Any) -> dict[str, Any]:
-    """The fields of a part that are arrays, as plain numbers and lists."""
+    """The array fields of a part, as plain numbers and lists."""
     if getattr(part, "hollow", False):
         raise _no_key("ground.obstacles", part)
     values = ((field.name, getattr(part, field.name)) for field in dataclasses.fields(part))
@@ -269,7 +269,7 @@ def _lines(tables: dict[str, Any]) -> Iterator[str]:
 
 
 def _value(value: Any) -> str:
-    """A value in TOML, which writes numbers, strings, true and false as JSON does."""
+    """A value in TOML, with numbers, strings, true and false as in JSON."""
     if isinstance(value, dict):
         return f"{{ {', '.join(f'{key} = {_value(item)}' for key, item in value.items() if item is not None)} }}"
     if not isinstance(value, (list, tuple)):

@@ -1,4 +1,4 @@
-"""What the tables of a scene file have in common: no unknown keys, and numbers within limits."""
+"""The common base of a scene file's tables: no unknown keys, and numbers within limits."""
 
 from typing import Annotated
 
@@ -14,4 +14,4 @@ Pair = tuple[int, int]
 
 
 class Table(msgspec.Struct, forbid_unknown_fields=True):
-    """Of a scene file; a key that it does not name is refused."""
+    """A table of a scene file; unknown keys are refused."""

@@ -31,7 +31,7 @@ GOT = {
 
 
 def explain(message: str, tables: dict, model: type) -> str:
-    """What msgspec's `message` says of `tables`, converted to `model`: key = value: what was expected.
+    """msgspec's `message` about `tables`, converted to `model`, as "key = value: expected ...".
 
     msgspec ends a message with the path to the place, such as "... - at `$.cables.stiffness[3]`".
     """
@@ -55,7 +55,7 @@ def explain(message: str, tables: dict, model: type) -> str:
 
 
 def place(steps: Sequence[str | int]) -> str:
-    """Where a value stands in the file, such as `cables.stiffness[3]`; a key that is no plain word is quoted."""
+    """The place of a value in the file, such as `cables.stiffness[3]`; a key that is no plain word is quoted."""
     text = ""
     for step in steps:
         if isinstance(step, int):
@@ -66,7 +66,7 @@ def place(steps: Sequence[str | int]) -> str:
 
 
 def not_finite(value: Any, steps: tuple[str | int, ...] = ()) -> Iterator[tuple[str, int | float]]:
-    """Where a file's numbers are infinite, not a number or too large for a float, and which they are."""
+    """The numbers of a file that are infinite, NaN or too large for a float, and their places."""
     if isinstance(value, (int, float)) and not abs(value) <= sys.float_info.max:
         yield place(steps), value
     items = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
@@ -75,7 +75,7 @@ def not_finite(value: Any, steps: tuple[str | int, ...] = ()) -> Iterator[tuple[
 
 
 class _Shown(reprlib.Repr):
-    """Values as the file writes them, the long ones shortened."""
+    """Values as in the file, long ones shortened."""
 
     def repr_bool(self, value: bool, level: int) -> str:
         return "true" if value else "false"
@@ -99,7 +99,7 @@ def _expected(kinds: Sequence[Any], many: bool = False) -> str:
 
 
 def _named(kind: Any, many: bool = False) -> str:
-    """What a user calls a type: `float` is a number, `list[int]` a list of whole numbers."""
+    """A type in a user's words: `float` is a number, `list[int]` a list of whole numbers."""
     origin, inner = typing.get_origin(kind), typing.get_args(kind)
     if origin is typing.Annotated:
         return _named(inner[0], many) + "".join(_limits(limit) for limit in inner[1:])
@@ -124,7 +124,7 @@ def _limits(limit: msgspec.Meta) -> str:
 
 
 def _inside(kinds: Sequence[Any], value: Any, step: str | int) -> list[Any]:
-    """What may stand at `step`, a key or an index, inside of a `value` that may be one of the `kinds`."""
+    """The allowed types at `step`, a key or an index, inside a `value` of one of the `kinds`."""
     found: list[Any] = []
     for kind in kinds:
         kind = typing.get_args(kind)[0] if typing.get_origin(kind) is typing.Annotated else kind
@@ -154,7 +154,7 @@ def _fits(kind: Any, value: dict) -> bool:
 
 
 def _parts(hint: Any) -> list[Any]:
-    """The types that a hint allows, each choice of an enumeration by itself, without None."""
+    """The types of a hint, each choice of an enumeration by itself, without None."""
     if typing.get_origin(hint) in (typing.Union, types.UnionType):
         return [part for member in typing.get_args(hint) for part in _parts(member)]
     if typing.get_origin(hint) is typing.Literal:

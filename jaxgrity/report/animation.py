@@ -39,24 +39,23 @@ def animate(
     width: int = 480,
     camera: str = "whole",
 ) -> None:
-    """Write a film of the motion in real time, seen from the side with the motion to the right.
+    """Write a film of the motion in real time, from the side, with the motion to the right.
 
-    It is a GIF, which plays over and over, or an MP4 where the file's name ends so and imageio-ffmpeg is installed.
+    A GIF in a loop, or an MP4 for a file name with that ending, with imageio-ffmpeg installed.
 
     It shows struts (red, thick), cables (dark, thin), nodes, ground and the path of the centre of mass as it grows,
     projected onto the ground, between axes in metres; the title gives time (s) and horizontal distance (m) from the
     start. The file appears whole or not at all.
 
     Arguments:
-        scene: what moves; the ground is drawn where the scene has one.
+        scene: the robot, and its ground where it has one.
         trajectory: the motion.
-        path: the file to write; its folder is made where there is none.
-        frame_rate: frames a second, of those that the trajectory saved the nearest. Beyond 100 it changes nothing,
-            since a GIF counts time in hundredths of a second.
-        width: pixels; the height is 0.7 of it, or 0.57 where the camera goes along.
-        camera: "whole" shows all of the ground that the robot crosses, between axes; "follow" goes along with the
-            robot, and shows it larger, with its shadow, over lines half a robot apart.
-        on_frame: called with how many frames have been drawn, and how many there are: at first, and after each.
+        path: the file to write; a missing folder is made.
+        frame_rate: frames a second; the nearest saved frames are shown. Beyond 100 it has no effect, since a GIF counts
+        time in hundredths of a second. width: pixels; the height is 0.7 of it, or 0.57 for a camera that follows.
+        camera: "whole" shows all of the crossed ground, between axes; "follow" moves with the robot, and shows it
+        larger, with its shadow, over lines half a robot apart. on_frame: called with the number of drawn frames, and of
+        all frames: at first, and after each.
 
     Returns:
         Nothing: the result is the file.
@@ -134,7 +133,7 @@ def _write_film(
 
 
 def _shown_frames(times: np.ndarray, frame_rate: float) -> tuple[list[int], list[int]]:
-    """The saved frames nearest to those asked for, by their indices, and how long each is shown, ms.
+    """The indices of the saved frames nearest to those shown, and the duration of each, ms.
 
     Durations are differences of rounded times, so that they add up to that of the motion, whatever the rate.
     """
@@ -150,13 +149,13 @@ def _shown_frames(times: np.ndarray, frame_rate: float) -> tuple[list[int], list
 
 
 def _shared_palette(pictures: list[Image.Image], colours: int) -> Image.Image:
-    """A picture whose palette fits those given."""
+    """A picture with a common palette of the given ones."""
     together = Image.fromarray(np.concatenate([np.asarray(picture) for picture in pictures]))
     return together.quantize(colours, Image.Quantize.MAXCOVERAGE)
 
 
 def _write_gif(file: IO[bytes], frames: Iterator[Image.Image], durations: list[int], colours: int) -> None:
-    """Write frames that have one palette, each as what changed since the one before; durations in ms."""
+    """Write frames with one palette, each as its change from the one before; durations in ms."""
     first = next(frames)
     first.save(
         file,

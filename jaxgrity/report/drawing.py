@@ -1,4 +1,4 @@
-"""A robot and its ground in a 3D scene of viser: parts that are made once, and moved from frame to frame."""
+"""A robot and its ground in a 3D scene of viser: parts are made once, and moved from frame to frame."""
 
 from typing import Any
 
@@ -30,7 +30,7 @@ def colour(name: str) -> tuple[int, int, int]:
 
 
 def turn_to_z(direction: np.ndarray) -> np.ndarray:
-    """The quaternion (w, x, y, z) that turns a unit vector, which does not point straight down, to z."""
+    """The quaternion (w, x, y, z) of the turn of a unit vector to z; not of one straight down."""
     turn = np.array([1 + direction[2], direction[1], -direction[0], 0.0])
     return turn / np.linalg.norm(turn)
 
@@ -62,7 +62,7 @@ class World:
             )
 
     def draw_ground(self, scene: Scene, places: np.ndarray) -> None:
-        """Uneven ground about `places`, (places, 3), m, as far as a robot sees; a plane is there already."""
+        """Uneven ground about `places`, (places, 3), m, out to a robot's horizon; a plane is there already."""
         if scene.ground is None or scene.ground.surface is None:
             return
         size = robot_size(scene)
@@ -104,7 +104,7 @@ class World:
         self._rotate = lambda p: p + 2 * np.cross(vector, np.cross(vector, p) + w * p)
 
     def look_at(self, point: np.ndarray) -> None:
-        """Move the world so that this point of it comes to where the camera looks."""
+        """Move this point of the world to the camera's aim."""
         self._frame.position = -self._rotate(np.asarray(point, float))
 
 
@@ -142,7 +142,7 @@ class RobotDrawing:
         self.draw_path(first)
 
     def draw_path(self, poses: RobotPoses) -> None:
-        """The way of the centre of mass, on the ground."""
+        """The path of the centre of mass, on the ground."""
         points = np.stack([poses.below[:-1], poses.below[1:]], axis=1).astype(np.float32)
         points[..., 2] += 4e-3
         self._path = self._api.add_line_segments(
@@ -150,7 +150,7 @@ class RobotDrawing:
         )
 
     def show(self, poses: RobotPoses, frame: int) -> None:
-        """Move everything to where it is in this frame."""
+        """Move everything to its place in this frame."""
         for kind, handle in self._members.items():
             rows = self._kinds[kind]
             _place(handle, _some(poses.members, rows), frame)

@@ -78,8 +78,8 @@ Ticker = Callable[[str, int, int | None], None]
 def write_report(result: SearchResult, origin: Origin, folder: Path, on_progress: Ticker) -> dict[str, str]:
     """Leave gait.json, trajectory.npz, summary.json, figures, an animation and a page in the folder.
 
-    Returns what was found, in words, by its headings. The summary's `reporting_seconds` are those of its longest
-    parts, which run side by side; drawing figures and keeping the replay are the rest.
+    Returns the results in words, by their headings. The summary's `reporting_seconds` are those of its longest parts,
+    which run side by side; figures and the replay are the rest.
     """
     scene, duration = result.scene, float(result.problem.duration)
     fine = SolverOptions(dt=result.verdict.verified.steps[0], dtype="float64")
@@ -129,7 +129,7 @@ def write_report(result: SearchResult, origin: Origin, folder: Path, on_progress
 def _side_by_side(result: SearchResult, fine: SolverOptions, folder: Path, tick: Callable[[], None]):
     """The motion, its diagnosis, what `gait_measured` finds, and the seconds that each took; an animation and a replay.
 
-    A program is compiled on one core, one robot rolls on one, and so do we draw.
+    Compilation, a rollout of one robot and drawing each use one core.
     """
     scene, duration, spent = result.scene, float(result.problem.duration), {}
 
@@ -156,13 +156,13 @@ def _side_by_side(result: SearchResult, fine: SolverOptions, folder: Path, tick:
 
 
 def finalist_facts(promoted: Promoted) -> dict[str, Any]:
-    """Among which gaits one was chosen, best first, as it goes into a JSON file."""
+    """The finalists, best first, for a JSON file."""
     multipliers = None if promoted.multipliers is None else promoted.multipliers.tolist()
     return {"fitness": np.asarray(promoted.finals.fitness).tolist(), "multipliers": multipliers}
 
 
 def polish_facts(polished: Polished) -> dict[str, Any]:
-    """What polishing did, as it goes into a JSON file."""
+    """The results of polishing, for a JSON file."""
     growth = polished.sensitivity
     return {
         "improved": polished.improved,
@@ -177,13 +177,13 @@ def polish_facts(polished: Polished) -> dict[str, Any]:
 
 
 def agreement_facts(agreement: Agreement) -> dict[str, Any]:
-    """How far the fidelity levels agree, as it goes into a JSON file."""
+    """The agreement of the fidelity levels, for a JSON file."""
     levels = [{"name": level.name, "dt": level.dt, "dtype": level.dtype} for level in agreement.levels]
     return {**agreement._asdict(), "levels": levels}
 
 
 def _ticker(on_progress: Ticker, parts: int) -> Callable[[], None]:
-    """What tells of one part more, whichever thread it was done by."""
+    """A callback for each finished part, from any thread."""
     done, turn = itertools.count(), threading.Lock()
 
     def tick() -> None:
@@ -194,7 +194,7 @@ def _ticker(on_progress: Ticker, parts: int) -> Callable[[], None]:
 
 
 def draw(result: SearchResult, trust: TrustReport, folder: Path) -> None:
-    """Figures of the search, and of where it got the robot."""
+    """Figures of the search and of its result."""
     scene, polished, verdict = result.scene, result.polished, result.verdict
     agreement = result.promoted.agreement
     unit, trajectory = result.problem.fitness.objective.unit, trust.trajectory
@@ -217,7 +217,7 @@ def draw(result: SearchResult, trust: TrustReport, folder: Path) -> None:
 
 
 def leave_figures(pictures: dict[str, Callable[[], Figure]], folder: Path) -> None:
-    """Leave figures by their names, in the place of earlier ones; one that fails costs this figure, with a line."""
+    """Write figures by their names, over earlier ones; a failure costs one figure, with a line."""
     for name, figure in pictures.items():
         (folder / name).unlink(missing_ok=True)
         plot.drawn(name, lambda name=name, figure=figure: plot.save(figure(), folder / name))  # type: ignore[misc]
@@ -244,7 +244,7 @@ def draw_motion(
 
 
 def write_page(out: Path, title: str, first: dict[str, str], rest: dict[str, str]) -> None:
-    """A table of what comes `first`, the pictures of the motion, the `rest`, and the other pictures in the folder."""
+    """The page: a table of `first` rows, pictures of the motion, the `rest`, and the other pictures in the folder."""
     shown, replay = {name: text for name, text in PICTURES.items() if (out / name).exists()}, ""
     if (out / REPLAY).exists():
         told = escape(shown.pop("animation.gif", PICTURES["animation.gif"]))

@@ -1,4 +1,4 @@
-"""What is measured of the gait that a search found, for its report."""
+"""Measurements of a search's gait, for its report."""
 
 from collections.abc import Callable
 from typing import Any
@@ -25,7 +25,7 @@ WATCHED = 7.5
 def gait_measured(
     result: SearchResult, fine: SolverOptions, tick: Callable[[], None]
 ) -> tuple[dict[str, Any] | None, list[dict[str, float]], dict[str, Any]]:
-    """How the gait lasts, by robots that differ as in the search; its directions, and what it asks of actuators."""
+    """Long-run behaviour of the gait and of perturbed robots; its directions; the loads of actuators."""
     scene, problem, steady = result.scene, result.problem, None
     duration = float(problem.duration)
     if problem.seeks_orbits:
@@ -49,7 +49,7 @@ def gait_measured(
 
 
 def directions(best: Scene, options: SolverOptions, duration: float) -> list[dict[str, float]]:
-    """Where the gait's images under the robot's symmetry lead from the same pose, verified one by one."""
+    """The directions of the gait's images under the robot's symmetry from the same pose, verified one by one."""
     gait = best.gait
     assert gait is not None, "a search finds a gait"
     images = [image(gait, symmetry) for symmetry in standing_symmetries(best) if maps_members(gait, symmetry)]
@@ -63,12 +63,12 @@ def directions(best: Scene, options: SolverOptions, duration: float) -> list[dic
 
 
 def maps_members(gait: Gait, symmetry: Symmetry) -> bool:
-    """Whether the image of the gait actuates the members that the gait does."""
+    """Whether the image of the gait has the same actuated members."""
     return {symmetry.members[k] for k in gait.members} == set(gait.members)
 
 
 def actuators(best: Scene, options: SolverOptions, duration: float) -> dict[str, Any]:
-    """What the gait asks of its actuators."""
+    """The loads of the gait's actuators."""
     assert best.gait is not None, "a search finds a gait"
     # from rest, and since when, said so that `orbit_cycle` shares the compiled program
     start = Differences(velocities=np.zeros((1, *best.structure.nodes.shape)))

@@ -1,4 +1,4 @@
-"""What Jupyter shows of scenes, motions, gaits and searches, as HTML with pictures in it."""
+"""The display of scenes, motions, gaits and searches in Jupyter, as HTML with pictures."""
 
 import base64
 import io
@@ -19,12 +19,12 @@ from jaxgrity.stepping.simulate import Trajectory, centre_path
 
 
 def scene_html(scene: Scene) -> str:
-    """The structure, and beside it what is modelled."""
+    """The structure, and beside it the model's parts."""
     return _side_by_side(plot.structure_figure(scene), describe(scene))
 
 
 def trajectory_html(trajectory: Trajectory) -> str:
-    """Where the robot began and ended, and how the motion was computed."""
+    """Start and end of the robot, and the method of the rollout."""
     times = np.asarray(trajectory.times)
     step = "steps of its own choice" if trajectory.dt is None else f"dt = {trajectory.dt:g} s"
     words = [
@@ -39,14 +39,14 @@ def trajectory_html(trajectory: Trajectory) -> str:
 
 
 def gait_html(gait: Gait) -> str:
-    """Which member is how long when; of a population of gaits, how many there are."""
+    """The rest lengths over time; for a population, the number of gaits."""
     if np.ndim(gait.phase) > 1:
         return _text(f"{len(gait.phase)} gaits of {len(gait.members)} members")
     return _picture(plot.gait_figure(gait))
 
 
 def search_html(result: SearchResult) -> str:
-    """The verdict on what was found, and its gait."""
+    """The verdict on the result, and its gait."""
     assert result.scene.gait is not None, "a search finds a gait"
     rows = {name: value for name, value in result.verdict.summary().items() if not isinstance(value, list | tuple)}
     return _side_by_side(plot.gait_figure(result.scene.gait), "\n".join(_rows(rows)))

@@ -1,4 +1,4 @@
-"""The figure of an orbit: one cycle of it, seen from a frame that goes along with the robot."""
+"""The figure of an orbit: one cycle of it, in a frame that moves with the robot."""
 
 import numpy as np
 import scipy
@@ -22,15 +22,14 @@ FRAMES, POLYGONS = 240, 60
 
 @styled
 def orbit_figure(scene: Scene, trajectory: Trajectory, cycle: float, turning: float = 0.0) -> Figure:
-    """The last cycle of a motion in a frame that goes steadily where the robot goes by steps.
+    """The last cycle of a motion in a frame of constant speed and turning rate.
 
-    The frame goes as far in the cycle as the centre of mass, at constant speed and turning at a constant rate: along a
-    line, or a circle where the robot turns. On an orbit the path that is seen from there is closed. On the left it is
-    drawn from above, with the polygons between the nodes that touch the ground; on the right against time, with the
-    height.
+    In the cycle the frame goes as far as the centre of mass, along a line, or a circle where the robot turns. In that
+    frame the path of an orbit is closed. On the left it is seen from above, with the polygons between the nodes on the
+    ground; on the right it is drawn against time, with the height.
 
     Args:
-        scene: what moved, on a ground.
+        scene: the robot, on a ground.
         trajectory: of a cycle or more, with a few dozen frames in each cycle.
         cycle: s, as `Orbit.period` times `Orbit.periods`.
         turning: rad/s about the vertical, positive to the left, as `Orbit.turning`.
@@ -39,7 +38,7 @@ def orbit_figure(scene: Scene, trajectory: Trajectory, cycle: float, turning: fl
         The figure.
 
     Raises:
-        InputError: no ground, or a trajectory that is shorter than a cycle.
+        InputError: no ground, or a trajectory shorter than a cycle.
 
     Example:
         >>> scene = jaxgrity.with_gait(jaxgrity.load_scene("exact"), jaxgrity.load_gait("lasting"))
@@ -91,7 +90,7 @@ def _flat(x: np.ndarray) -> Complex[np.ndarray, "..."]:
 def _moving_frame(
     path: Complex[np.ndarray, " frames"], angle: float
 ) -> tuple[Complex[np.ndarray, " frames"], Complex[np.ndarray, " frames"]]:
-    """Origin, m, and heading, of length 1, of a frame that goes as far as a path does, and turns by `angle`.
+    """Origin, m, and heading, of length 1, of a frame that goes as far as a path, and turns by `angle`.
 
     At constant speeds p(s) = p(0) + d (exp(i s a) - 1)/(exp(i a) - 1), for s from 0 to 1, so that p(1) = p(0) + d. The
     frame is shifted so that the path's mean is at its origin.

@@ -55,7 +55,8 @@ Result = TypeVar("Result")
 
 
 def drawn(name: str, draw: Callable[[], Result]) -> Result | None:
-    """What `draw` returns; None, after a line that says why, where it fails: one part of a report is missing then."""
+    """The result of `draw`; None, after a line with the reason, where it fails: one part of a report is missing
+    then."""
     try:
         return draw()
     except Exception as error:
@@ -65,7 +66,7 @@ def drawn(name: str, draw: Callable[[], Result]) -> Result | None:
 
 @styled
 def save(figure: Figure, path: str | Path) -> None:
-    """Write a figure, whole or not at all: as SVG where the file's name ends so, else as PNG."""
+    """Write a figure, whole or not at all: as SVG for a file name with that ending, else as PNG."""
     kind = "svg" if Path(path).suffix.lower() == ".svg" else "png"
     same = {"Date": None} if kind == "svg" else {}  # so that equal figures make equal files
     write_whole(path, lambda file: figure.savefig(file, format=kind, metadata=same))
@@ -73,9 +74,9 @@ def save(figure: Figure, path: str | Path) -> None:
 
 @styled
 def convergence_figure(searches: list[Evolution], names: tuple[str, ...] = (), unit: str = "m") -> Figure:
-    """Best and median fitness of each generation of the searches that followed each other, with their `names`.
+    """Best and median fitness of each generation of consecutive searches, with their `names`.
 
-    Hollow where no gait kept the bounds on actuators on all its robots: the best is the one least beyond then.
+    Hollow where no gait kept the bounds on actuators on all its robots: the best then has the least excess.
     """
     figure = Figure(figsize=(7, 4), layout="constrained")
     axes = figure.subplots()
@@ -113,7 +114,7 @@ def fidelity_figure(
     """Fitness of the same gaits on every fidelity level but the last, against the last; the first `evolved` columns
     evolved.
 
-    Gaits that ask too much of actuators, NaN, are counted and not shown.
+    Gaits beyond the bounds on actuators, NaN, are counted and not shown.
     `correlations` are the levels' rank correlations over all gaits, and over the evolved ones: two square arrays.
     """
     figure = Figure(figsize=(4.2 * (len(names) - 1), 4.4), layout="constrained")
@@ -164,7 +165,7 @@ def robust_figure(gaits: dict[str, np.ndarray], unit: str) -> Figure:
 
 @styled
 def outcomes_figure(com_start: np.ndarray, com_end: np.ndarray, failed: np.ndarray) -> Figure:
-    """Where each robot of a population got to, from above."""
+    """The end of each robot of a population, from above."""
     figure = Figure(figsize=(5.5, 5), layout="constrained")
     axes = figure.subplots()
     moved = (com_end - com_start)[~failed]

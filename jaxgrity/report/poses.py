@@ -1,4 +1,4 @@
-"""What a 3D replay shows of a robot, frame by frame, as numbers: places, turns, sizes and colours of its parts."""
+"""A robot in a 3D replay, frame by frame: places, turns, sizes and colours of its parts."""
 
 from typing import NamedTuple
 
@@ -36,7 +36,7 @@ class Rods(NamedTuple):
 
 
 class RobotPoses(NamedTuple):
-    """One robot in every frame that is shown."""
+    """One robot in every shown frame."""
 
     times: Times
     members: Rods
@@ -59,12 +59,12 @@ class RobotPoses(NamedTuple):
 
 
 def robot_size(scene: Scene) -> float:
-    """The longest side of the box around the structure as it is built, m."""
+    """The longest side of the box around the built structure, m."""
     return float(np.ptp(np.asarray(scene.structure.nodes), axis=0).max()) or 1.0
 
 
 def rods(start: np.ndarray, end: np.ndarray, radius: np.ndarray | float) -> Rods:
-    """Rods between points, (frames, rods, 3), as thick as `radius` says, m."""
+    """Rods between points, (frames, rods, 3), with a `radius`, m."""
     d = end - start
     length = np.linalg.norm(d, axis=-1)
     unit = d / np.maximum(length, 1e-12)[..., None]
@@ -114,7 +114,7 @@ def on_ground(scene: Scene, places: np.ndarray) -> np.ndarray:
 
 
 def check_motion(trajectory: Trajectory) -> None:
-    """Raises `InputError` where a position is not finite: there is nothing to show from there on."""
+    """Raises `InputError` for a position that is not finite: nothing can be shown from there on."""
     finite = np.isfinite(np.asarray(trajectory.positions)).all((1, 2))
     if not finite.all():
         since = float(trajectory.times[finite.argmin()])
@@ -143,7 +143,7 @@ def _member_looks(scene: Scene, tension: np.ndarray, size: float) -> tuple[np.nd
 
 
 def _support(scene: Scene, q: np.ndarray, moved: np.ndarray) -> np.ndarray:
-    """Where the robot could be put down without tipping over, just above the ground; elsewhere a point."""
+    """The support polygon, just above the ground; without one, a point."""
     if scene.ground is None:
         return np.repeat(q[:, :1], q.shape[1], axis=1)
     size = float(length_scale(scene))

@@ -20,7 +20,7 @@ from jaxgrity.trust.energy_audit import EnergyAudit
 
 
 def draw_robot(axes: Axes3D, scene: Scene, q: np.ndarray, number: bool = False) -> list:
-    """Struts (red, thick), cables (dark, thin) and nodes at positions `q` (nodes, 3); node numbers where asked."""
+    """Struts (red, thick), cables (dark, thin) and nodes at positions `q` (nodes, 3), with node numbers on request."""
     artists = []
     for members, colour, width in ((scene.structure.struts, STRUT, 3.5), (scene.structure.cables, CABLE, 1.0)):
         if members is not None:
@@ -34,7 +34,7 @@ def draw_robot(axes: Axes3D, scene: Scene, q: np.ndarray, number: bool = False) 
 
 @styled
 def structure_figure(scene: Scene) -> Figure:
-    """The structure as it starts, its nodes numbered."""
+    """The structure at its start, with node numbers."""
     figure = Figure(figsize=(5, 5), layout="constrained")
     axes = figure.add_subplot(projection="3d")
     q = np.asarray(scene.structure.nodes)
@@ -45,7 +45,7 @@ def structure_figure(scene: Scene) -> Figure:
 
 @styled
 def path_figure(scene: Scene, trajectory: Trajectory, error_bar: float | None = None) -> Figure:
-    """Where the centre of mass goes, from above, and its distance from the start against time."""
+    """The path of the centre of mass, from above, and its distance from the start against time."""
     path, times = centre_path(scene, trajectory), np.asarray(trajectory.times)
     figure = Figure(figsize=(10, 4.5), layout="constrained")
     above, against = figure.subplots(1, 2)
@@ -71,7 +71,7 @@ def path_figure(scene: Scene, trajectory: Trajectory, error_bar: float | None = 
 
 @styled
 def still_figure(scene: Scene, trajectory: Trajectory) -> Figure:
-    """The robot as it starts (pale) and as it ends, and the path of its centre of mass on the ground between."""
+    """The robot at its start (pale) and at its end, and the path of its centre of mass on the ground between."""
     figure = Figure(figsize=(6, 4), layout="constrained")
     axes = figure.add_subplot(projection="3d", computed_zorder=False)
     q, path = np.asarray(trajectory.positions), centre_path(scene, trajectory)
@@ -98,7 +98,7 @@ def still_figure(scene: Scene, trajectory: Trajectory) -> Figure:
 
 
 def _zoom_that_fits(axes: Axes3D, sides: np.ndarray, points: np.ndarray) -> float:
-    """By which factor a 3D picture of these points fills its figure, with a box of such sides around them."""
+    """The zoom with which a 3D picture of these points fills its figure, with a box of these sides around them."""
     axes.set_box_aspect(sides)
     axes.figure.draw_without_rendering()  # lays the figure out
     around, zoom = axes.bbox, 1.0
@@ -158,10 +158,10 @@ def force_figure(scene: Scene, trajectory: Trajectory) -> Figure:
 
 @styled
 def energy_figure(audit: EnergyAudit) -> Figure:
-    """Where the actuators' work goes, as stacked areas against time, J: potential, kinetic, lost by each cause.
+    """The uses of the actuators' work, as stacked areas against time, J: potential, kinetic, lost by each cause.
 
-    Potential energy counts from its lowest value, so that the areas add up to what there was at the start and what the
-    actuators did since (the line): what lies between the areas and the line is the error of the time steps.
+    Potential energy counts from its lowest value. So the areas add up to the energy at the start plus the actuators'
+    work since (the line); a gap between the areas and the line is the error of the time steps.
     """
     figure = Figure(figsize=(8, 4.4), layout="constrained")
     axes = figure.subplots()
@@ -178,10 +178,10 @@ def energy_figure(audit: EnergyAudit) -> Figure:
 
 @styled
 def gait_figure(gait: Gait, duration: float | None = None, motion: Rolling | None = None, begin: float = 0.0) -> Figure:
-    """Which actuated member is how long when, as a share of its built rest length; below, the faces it stands on.
+    """Rest lengths of the actuated members over time, as shares of the built ones; below, the support faces.
 
-    Two periods from when the gait is in full swing on, or all from `begin` to `duration`, s, where that is given:
-    `motion`, which names the faces, goes with that.
+    Two periods from the gait's full amplitude on, or all from `begin` to `duration`, s, where given; `motion`, with the
+    names of the faces, belongs to that.
     """
     full = float(gait.start + gait.ramp)
     begin, end = (full, full + 2 / float(np.min(gait.frequency))) if duration is None else (begin, duration)
@@ -206,7 +206,7 @@ def gait_figure(gait: Gait, duration: float | None = None, motion: Rolling | Non
 
 
 def _draw_supports(axes: Axes, motion: Rolling, begin: float, end: float) -> None:
-    """A strip of the faces that a robot stands on, one after the other, named where there is room."""
+    """A strip of the support faces in turn, with names where there is room."""
     until = [*motion.since[1:], end]
     for k, (face, since, to) in enumerate(zip(motion.supports, np.maximum(motion.since, begin), until)):
         share = (to - since) / (end - begin)

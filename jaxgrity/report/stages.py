@@ -1,4 +1,4 @@
-"""Where a motion is drawn, picture by picture: all of it between axes, or before a camera that goes along."""
+"""Drawing of a motion, picture by picture: all of it between axes, or before a camera that follows."""
 
 from abc import ABC, abstractmethod
 
@@ -34,7 +34,7 @@ class Stage(ABC):
 
 
 class WholeStage(Stage):
-    """A figure of which only what moves is drawn anew for each picture: axes and ground take most of the time."""
+    """A figure with only its moving parts drawn anew for each picture: axes and ground take most of the time."""
 
     @styled
     def __init__(self, scene: Scene, trajectory: Trajectory, width: int):
@@ -57,7 +57,7 @@ class WholeStage(Stage):
         self._background = self._canvas.copy_from_bbox(figure.bbox)
 
     def _empty_axes(self, figure: Figure) -> Axes3D:
-        """Axes that hold the whole motion, and the ground."""
+        """Axes around the whole motion, and the ground."""
         # Sorted by their depths, the ground could hide the robot that stands on it.
         axes = figure.add_subplot(projection="3d", computed_zorder=False)
         q, centre = self._positions, self._centre
@@ -98,7 +98,7 @@ class WholeStage(Stage):
 
 
 class FollowingStage(Stage):
-    """The robot large in the middle, its shadow, its path and lines on the ground, from a camera that goes along."""
+    """The robot large in the middle, its shadow, its path and lines on the ground, from a camera that follows."""
 
     @styled
     def __init__(self, scene: Scene, trajectory: Trajectory, width: int):
@@ -129,7 +129,7 @@ class FollowingStage(Stage):
         self._title = figure.text(0.5, 0.95, "", ha="center", va="top", fontsize=12)
 
     def follow(self, trajectory: Trajectory) -> None:
-        """Pictures are of this motion from now on, from the side from which they were."""
+        """Show this motion from now on, from the same side as before."""
         self._positions, self._times = np.asarray(trajectory.positions), np.asarray(trajectory.times)
         self._centre = centre_path(self._scene, trajectory)
 
@@ -157,7 +157,7 @@ class FollowingStage(Stage):
         return np.stack([x, y, z], axis=-1)
 
     def _show_ground(self, here: np.ndarray) -> None:
-        """Lines half a robot apart, which stay where they are and fade with their distance from the camera's aim."""
+        """Fixed lines half a robot apart; they fade with their distance from the camera's aim."""
         spacing, reach = self._size / 2, VIEW * self._size
         along = np.linspace(-reach, reach, 37)
         pieces = []
@@ -183,6 +183,6 @@ def caption(times: np.ndarray, centre: np.ndarray, k: int) -> str:
 
 
 def side_view(centre: np.ndarray) -> float:
-    """The azimuth, in degrees, from which the motion runs across the picture."""
+    """The azimuth, in degrees, with the motion across the picture."""
     x, y = (centre[-1] - centre[0])[:2]
     return float(np.degrees(np.arctan2(y, x))) - 75

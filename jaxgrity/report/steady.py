@@ -36,17 +36,16 @@ def steady_facts(
     heading: float | None = None,
     on_progress: Callable[[], None] = lambda: None,
 ) -> Facts:
-    """The orbit that a gait settles on, how stable it is, and how robots that differ move on both contact models.
+    """The orbit of a gait, its stability, and the motion of perturbed robots on both contact models.
 
     Args:
-        scene: with a gait whose actuators share one frequency.
-        uncertainty: by how much robots differ (`robot_motions`).
-        duration: s, for which the robot is watched; longer where cycles of this gait need it, and a whole number of
-            periods.
-        dt: s; the scene's own step where not given.
+        scene: with a gait of one frequency.
+        uncertainty: that of perturbed robots (`robot_motions`).
+        duration: s, of the rollout; longer where cycles of this gait need it, and a whole number of periods.
+        dt: s; by default the scene's own step.
         seed: seed of the draws of robots.
-        heading: rad from +x, along which the gait is to go, if along one; then how fast it does is told too.
-        on_progress: is called `PARTS` times.
+        heading: rad from +x, of the requested direction, if any; the speed along it is then given too.
+        on_progress: called `PARTS` times.
 
     Returns:
         Numbers by their names, in SI units: those of `Orbit`, `OrbitCycle` ("cycle"), their `OrbitErrorBars`,
@@ -82,7 +81,7 @@ def steady_facts(
 
 
 class _Robots(NamedTuple):
-    """Robots that differ, on the own model and on its contact twin."""
+    """Perturbed robots on the own model and on its contact twin."""
 
     own: RobotMotions
     other: RobotMotions
@@ -98,7 +97,7 @@ def _over_robots(
     seed: int,
     on_progress: Callable[[], None],
 ) -> _Robots:
-    """Robots that differ, on the own model and on its contact twin, for a minute."""
+    """Perturbed robots on the own model and on its contact twin, for a minute."""
     coarse, fine = (
         robot_motions(scene, uncertainty, cycle=cycle, seed=seed, options=SolverOptions(dt=dt, dtype="float32"))
         for dt in (step, step / 2)
@@ -112,7 +111,7 @@ def _over_robots(
 
 
 def _with_mean(robots: _Robots) -> Facts:
-    """Of the own model; the speed is the mean of what a search judges."""
+    """Robots of the own model; the speed is the mean of a search's."""
     found = robots.own.summary()
     return {"mean": found.pop("speed"), **found, "step_error": robots.step_error}
 

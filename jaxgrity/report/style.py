@@ -1,4 +1,4 @@
-"""How figures look: colours with a meaning, and Matplotlib's settings for all of them."""
+"""The style of figures: colours with a meaning, and Matplotlib's settings."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""3D replays: a motion as one HTML file that plays in any browser, from disk, without a network."""
+"""3D replays: a motion as one HTML file for any browser, from disk, without a network."""
 
 import contextlib
 import html
@@ -54,7 +54,7 @@ class Robot(NamedTuple):
 
 
 class Props(NamedTuple):
-    """What is shown beside robots."""
+    """Further objects of a replay."""
 
     solids: tuple[Box | Cylinder | Sphere, ...] = ()
     """obstacles"""
@@ -63,7 +63,7 @@ class Props(NamedTuple):
 
 
 class Replay:
-    """A motion in 3D: a page that shows itself in Jupyter, and can be saved or opened in a browser."""
+    """A motion in 3D: a page for Jupyter, a file or a browser."""
 
     def __init__(self, page: str):
         self.page = page
@@ -73,7 +73,7 @@ class Replay:
         write_whole(path, lambda file: file.write(self.page.encode()))
 
     def open(self) -> Path:
-        """Show the page in the computer's browser; returns the temporary file that it lies in."""
+        """Show the page in the computer's browser; returns its temporary file."""
         path = Path(tempfile.mkdtemp(prefix="jaxgrity-")) / "replay.html"
         self.save(path)
         webbrowser.open(path.as_uri())
@@ -85,7 +85,7 @@ class Replay:
 
 
 def available() -> bool:
-    """Whether the library is there that draws replays."""
+    """Whether the library for replays is installed."""
     return importlib.util.find_spec("viser") is not None
 
 
@@ -102,24 +102,24 @@ def replay(
     """A motion in 3D, in real time, with buttons to play, pause, scrub and change the speed.
 
     Struts are red; cables have the colour of their tension, slack ones are thin and pale. Arrows are the ground's
-    forces on the nodes that touch it (see `forces_along`); the green polygon is the convex hull of these nodes; the
-    line on the ground is the path of the centre of mass. The list of parts, at the lower right, hides each of them.
+    forces on touching nodes (see `forces_along`). The green polygon is the convex hull of these nodes. The line on the
+    ground is the path of the centre of mass. The list of parts, at the lower right, hides each of them.
 
     Arguments:
         scene: the scene to simulate.
         trajectory: the motion.
         others: further robots, beside the first or over it.
-        frame_rate: frames a second, at most; of those that the trajectory saved the nearest.
-        follow: whether the camera goes along with the first robot.
-        title: stands above the legend.
-        props: obstacles and lines to be shown, such as a plan; what the robot meets is not their business.
+        frame_rate: frames a second, at most; the nearest saved frames are shown.
+        follow: whether the camera follows the first robot.
+        title: the title above the legend.
+        props: obstacles and lines for show, such as a plan, without an effect on the robot.
 
     Returns:
-        The replay, which shows itself in Jupyter; `save` writes it, `open` shows it in a browser.
+        The replay: Jupyter displays it, `save` writes it, `open` shows it in a browser.
 
     Raises:
-        InputError: where viser is not installed, `frame_rate` is not a positive, finite number, or a position is not
-            finite.
+        InputError: without viser, or for a `frame_rate` or a position that is not finite, or a rate that is not
+            positive.
 
     Example:
         >>> scene = jaxgrity.load_scene("reference")
@@ -140,13 +140,13 @@ def replay(
 
 
 def save_html(scene: Scene, trajectory: Trajectory, path: str | Path, **how: Any) -> None:
-    """Write a replay as one HTML file, which needs neither a network nor other files.
+    """Write a replay as one HTML file, without need of a network or other files.
 
     Arguments:
         scene: the scene to simulate.
         trajectory: the motion.
         path: the file to write; it appears whole or not at all.
-        how: what `replay` takes: `others`, `frame_rate`, `follow`, `title`, `props`.
+        how: further arguments of `replay`: `others`, `frame_rate`, `follow`, `title`, `props`.
 
     Raises:
         InputError: as `replay` does.
@@ -159,7 +159,7 @@ def save_html(scene: Scene, trajectory: Trajectory, path: str | Path, **how: Any
 
 
 def keep_html(scene: Scene, trajectory: Trajectory, path: str | Path, **how: Any) -> bool:
-    """`save_html` where viser is installed, and whether it is; what an earlier run left there goes in any case."""
+    """`save_html` with viser installed, and whether it is; an earlier file is removed in any case."""
     Path(path).unlink(missing_ok=True)
     if available():
         save_html(scene, trajectory, path, **how)
@@ -168,7 +168,7 @@ def keep_html(scene: Scene, trajectory: Trajectory, path: str | Path, **how: Any
 
 @contextlib.contextmanager
 def quiet_server() -> Iterator[Any]:
-    """A viser server for as long as a recording takes, which this machine alone can reach; viser would print."""
+    """A silent viser server for one recording, reachable from this machine alone."""
     with contextlib.redirect_stdout(io.StringIO()):
         server = viser.ViserServer(host=LOOPBACK, port=0, verbose=False)
     try:
@@ -205,7 +205,7 @@ def _record(server: Any, robots: list[Robot], poses: list[RobotPoses], follow: b
 
 
 def camera_place(aim: np.ndarray, poses: RobotPoses, distance: float) -> np.ndarray:
-    """Where to look at `aim` from, so that the motion runs to the right."""
+    """The camera's place, with the motion to the right of `aim`."""
     heading = poses.centre[-1] - poses.centre[0]
     angle = np.arctan2(heading[1], heading[0]) if np.hypot(*heading[:2]) > 0.1 * distance else 0.0
     side = angle - np.radians(65)
@@ -221,7 +221,7 @@ def set_camera(server: Any, aim: np.ndarray, poses: RobotPoses, distance: float)
 
 
 def _with_legend(page: str, title: str, poses: RobotPoses) -> str:
-    """The page with what its colours mean."""
+    """The page with the meanings of its colours."""
     shades = matplotlib.colormaps[TENSION](np.linspace(0, 1, 8))
     ramp = "linear-gradient(90deg," + ",".join(matplotlib.colors.to_hex(shade) for shade in shades) + ")"
     marks = [

@@ -1,4 +1,4 @@
-"""Spherical structures: all nodes are images of one under a rotation group, and so are the members of each kind."""
+"""Spherical structures: all nodes are images of one under a rotation group; so are the members of each kind."""
 
 from typing import NamedTuple
 
@@ -14,7 +14,7 @@ Axis = tuple[float, float, float]
 
 
 class Ball(NamedTuple):
-    """One symmetric form: which rotations join a node to its neighbours."""
+    """One symmetric form: the rotations from a node to its neighbours."""
 
     face: tuple[Axis, int]
     """axis and order of the rotation around a face, along whose rim the cables of the first kind run"""
@@ -33,7 +33,7 @@ FORMS = {
 
 
 def ball(struts: int = 30, strut_length: float = 1.0) -> Geometry:
-    """A super-stable sphere-like structure of 6, 12 or 30 struts that do not touch, and three times as many cables.
+    """A super-stable ball of 6, 12 or 30 struts that do not touch, and three times as many cables.
 
     Nodes are the images g x of one node under a rotation group; cables join g x with g c x and g e x, struts with g s
     x. A node is in equilibrium where ((c + c' - 2) + (e - 1) + w (s - 1)) x = 0, both kinds of cables having the force
@@ -64,7 +64,7 @@ def rotation(axis: Axis, angle: float) -> np.ndarray:
 
 
 def _stressed_node(cables: np.ndarray, strut: np.ndarray) -> np.ndarray:
-    """x with (cables + w strut) x = 0, for the w < 0 nearest to 0 at which there is one."""
+    """x with (cables + w strut) x = 0, for the w < 0 nearest to 0 with a solution."""
     # det(cables + w strut) = 0: strut has eigenvalues 0, -2, -2, so this is a polynomial of degree 2, through 3 points
     at = np.array([-1.0, -0.5, 0.0])
     roots = np.roots(np.polyfit(at, [np.linalg.det(cables + w * strut) for w in at], 2))
@@ -81,6 +81,6 @@ def _generated(*generators: np.ndarray) -> list[np.ndarray]:
 
 
 def _place(group: list[np.ndarray], element: np.ndarray) -> int:
-    """The number of an element, or that which it would get."""
+    """The number of an element, or of a new one."""
     gaps = np.abs(np.array(group) - element).max((1, 2))
     return int(np.argmin(gaps)) if gaps.min() < 1e-9 else len(group)

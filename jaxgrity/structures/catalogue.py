@@ -1,4 +1,4 @@
-"""Structures with a name, by their geometry alone: nodes, struts and cables."""
+"""Named structures by geometry: nodes, struts and cables."""
 
 from itertools import combinations
 

@@ -1,4 +1,4 @@
-"""Scenes made by functions, where a file would not do: of a structure that is as large as one likes."""
+"""Scenes from functions instead of files: structures of any size."""
 
 import numpy as np
 
@@ -11,18 +11,18 @@ from jaxgrity.structures.catalogue import prism_tower_geometry
 
 
 def prism_tower(struts: int, exact: bool, prestrain: float = 0.02) -> Scene:
-    """A tower of three-strut prisms that stands on level ground, all its struts actuated: to see what size costs.
+    """A tower of three-strut prisms on level ground, all struts actuated: for the cost of size.
 
     Args:
-        struts: how many, a multiple of 3, three for each prism.
-        exact: whether with rigid struts and exact contact, or with springs and penalty contact.
+        struts: their number, a multiple of 3, three for each prism.
+        exact: rigid struts and exact contact, instead of springs and penalty contact.
         prestrain: of the cables, whose rest lengths are (1 - prestrain) times their lengths.
 
     Returns:
         The scene, with the nodes of the lowest prism at z = 0.
 
     Raises:
-        InputError: a number of struts that is no multiple of 3.
+        InputError: a number of struts that is not a multiple of 3.
 
     Example:
         >>> scene = jaxgrity.structures.prism_tower(12, exact=True)

@@ -1,4 +1,4 @@
-"""What every structure of the catalogue is: nodes, and which of them struts and cables join."""
+"""The geometry of the catalogue's structures: nodes, and the pairs joined by struts and cables."""
 
 from typing import NamedTuple
 
@@ -30,12 +30,12 @@ def joined(first: int, second: int, count: int, step: int = 0) -> Edges:
 
 
 def at_most(name: str, value: int, most: int) -> None:
-    """Raises `InputError` where a number of a structure is larger than can be computed."""
+    """Raises `InputError` for a number of a structure above its limit."""
     if value > most:
         raise InputError(f"{name} = {value}: expected at most {most}")
 
 
 def at_least(name: str, value: int, least: int) -> None:
-    """Raises `InputError` where a number of a structure is smaller than it can be."""
+    """Raises `InputError` for a number of a structure below its limit."""
     if not value >= least:
         raise InputError(f"{name} = {value}: expected at least {least}")

@@ -1,4 +1,4 @@
-"""Prisms and towers: rings of nodes about an axis, turned against each other by the angle that carries a stress."""
+"""Prisms and towers: rings of nodes about an axis, twisted against each other by the angle with a self-stress."""
 
 from collections.abc import Callable
 from itertools import pairwise
@@ -32,7 +32,7 @@ def prism(struts: int = 3, radius: float = 0.3, height: float = 0.6, upper_radiu
 
 
 def three_strut_robot(strut_length: float = 1.0) -> Geometry:
-    """The prism of three struts whose nine cables are equally long, as three-strut robots begin.
+    """The prism of three struts and nine cables of equal length, the start of three-strut robots.
 
     The topology of Paul, Valero-Cuevas and Lipson's walking robot (2006). With polygons of side
     a = sqrt(3) R, vertical cables span a chord 2 R sin(pi/12) over the height, struts 2 R sin(5 pi/12).
@@ -46,7 +46,7 @@ def three_strut_robot(strut_length: float = 1.0) -> Geometry:
 def tower(
     struts: int = 3, stages: int = 2, overlap: float = 0.3, radius: float = 0.3, stage_height: float = 0.6
 ) -> Geometry:
-    """Stages of n struts that turn left and right in turn, each reaching into the next: no two struts touch.
+    """Stages of n struts with alternating twist, each overlapping the next: no two struts touch.
 
     `overlap` is the share of its height by which a stage reaches into the next. Between them, saddle cables join
     upper ring and lower ring in a zigzag, and vertical cables lower with lower and upper with upper rings; each stage
@@ -97,7 +97,7 @@ def _cable_orbits(n: int, stages: int) -> list[Edges]:
 
 
 def _stressed_twist(shape: Callable[[float], np.ndarray], orbits: list[Edges], stages: int, n: int) -> float | None:
-    """The first twist at which the orbits carry a stress with tension in every cable, if there is any."""
+    """The first twist with a stress of the orbits and tension in every cable, if any."""
     # members at the first node of each ring stand for all others: (orbit, node, its neighbour)
     ends = [(k, *pair) for k, orbit in enumerate(orbits) for i, j in orbit for pair in ((i, j), (j, i))]
     orbit, node, neighbour = np.array([end for end in ends if end[1] % n == 0]).T
@@ -131,7 +131,7 @@ def _stressed_twist(shape: Callable[[float], np.ndarray], orbits: list[Edges], s
 
 
 def _stacked_prisms(n: int, stages: int, radius: float, height: float) -> Geometry:
-    """Prisms of which each stands on the upper polygon of the one below."""
+    """Prisms, each on the upper polygon of the one below."""
     turn = np.pi / 2 + np.pi / n
     nodes = np.concatenate([ring(n, radius, k * turn, k * height) for k in range(stages + 1)])
     struts = sum((joined(k * n, (k + 1) * n, n) for k in range(stages)), ())

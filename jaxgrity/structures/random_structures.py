@@ -1,4 +1,5 @@
-"""Random structures by seed, for tests and studies: no two struts meet, and all stand by their stress."""
+"""Random structures by seed, for tests and studies: no two struts share a node, and all are stable under
+self-stress."""
 
 from itertools import combinations
 
@@ -22,22 +23,22 @@ TAUT = 1e-3
 
 
 def random_tensegrity(struts: int = 6, seed: int = 0, strut_length: float = 1.0) -> Geometry:
-    """A stable structure of so many struts, each with nodes of its own, drawn at random.
+    """A random stable structure; each strut has its own two nodes.
 
     Nodes are drawn in a ball, paired by struts in turn, and joined by cables along the edges of their Delaunay
-    tetrahedra. Short cables then pull the structure together until U has a minimum: what is taut there carries a
-    self-stress, and what is slack is left out. Struts may pass through each other.
+    tetrahedra. Short cables then pull the structure together until U has a minimum. Taut members carry a self-stress
+    there; slack cables are removed. Struts may pass through each other.
 
     Args:
-        struts: how many, at least 3.
-        seed: another number, another structure; the same on every machine but for rounding.
-        strut_length: m, about: struts are compressed a little.
+        struts: their number, at least 3.
+        seed: of the draws; the same structure on every machine, to rounding.
+        strut_length: m, approximately: struts are slightly compressed.
 
     Returns:
         Nodes, struts and cables; node 2k and node 2k + 1 are the ends of strut k.
 
     Raises:
-        InputError: fewer than 3 struts, or none of a number of draws stands.
+        InputError: fewer than 3 struts, or no stable structure among the draws.
 
     Example:
         >>> geometry = jaxgrity.structures.random_tensegrity(struts=5, seed=1)

@@ -1,4 +1,4 @@
-"""Spines: stiff vertebrae that touch nowhere, held behind each other by cables."""
+"""Spines: stiff vertebrae in a row, without contact, held by cables."""
 
 import numpy as np
 
@@ -9,7 +9,7 @@ TETRAHEDRON = ((0, 1), (2, 3), (0, 2), (0, 3), (1, 2), (1, 3))
 
 
 def tetrahedral_spine(vertebrae: int = 3, width: float = 0.3, height: float = 0.3, spacing: float = 0.2) -> Geometry:
-    """Tetrahedra of six struts above each other, each pair joined by four vertical and four saddle cables.
+    """A stack of tetrahedra of six struts, each pair joined by four vertical and four saddle cables.
 
     Nodes 4k to 4k + 3 are vertebra k's: two low ones along x, two high ones along y, `width` apart, `height` m higher.
     With `spacing` less than `height` the next vertebra's low nodes hang in saddle cables from this one's high nodes,
@@ -43,5 +43,5 @@ def planar_spine(vertebrae: int = 3, length: float = 0.3, height: float = 0.3, s
 
 
 def _chain(edges: Edges, step: int, links: range) -> Edges:
-    """The same edges again, all numbers `step` higher with each link."""
+    """The same edges for each link, with all numbers `step` higher."""
     return tuple((i + step * k, j + step * k) for k in links for i, j in edges)

@@ -1,4 +1,4 @@
-"""Members made of members: D-bars and T-bars, which stand for one strut, and grids of prisms, which are plates."""
+"""Members made of members: D-bars and T-bars in place of a strut, and grids of prisms as plates."""
 
 import numpy as np
 
@@ -11,8 +11,8 @@ MOST_PRISMS = 10_000
 def d_bar(sides: int = 3, length: float = 1.0, radius: float = 0.15) -> Geometry:
     """A strut of `length` m, replaced by 2n struts from its ends to a ring of n nodes, its polygon and a long cable.
 
-    Two nodes make a diamond in a plane, which supports have to keep flat, with one cable across. Struts spread under
-    compression, which the ring holds: the "D-bar" of Skelton and de Oliveira (2009), Tensegrity Systems.
+    Two nodes make a diamond in a plane with one cable across; supports have to keep it flat. The ring holds the struts
+    together under compression: the "D-bar" of Skelton and de Oliveira (2009), Tensegrity Systems.
     """
     at_least("sides", sides, 2)
     nodes = np.concatenate([[[0, 0, 0], [0, 0, length]], ring(sides, radius, 0.0, length / 2)])
@@ -24,9 +24,8 @@ def d_bar(sides: int = 3, length: float = 1.0, radius: float = 0.15) -> Geometry
 def t_bar(sides: int = 3, length: float = 1.0, radius: float = 0.15) -> Geometry:
     """A strut of `length` m, cut in two at its middle, with n spokes there and 2n cables from their tips to its ends.
 
-    The "T-bar" of Skelton and de Oliveira (2009), Tensegrity Systems. Struts meet at the middle. With
-    joints that turn freely there, two mechanisms are left that the stress does not stiffen: the middle moves aside, or
-    the spokes do.
+    The "T-bar" of Skelton and de Oliveira (2009), Tensegrity Systems. Struts meet at the middle. With free joints
+    there, the stress does not stiffen two mechanisms: the middle moves aside, or the spokes do.
     """
     at_least("sides", sides, 2)
     nodes = np.concatenate([[[0, 0, 0], [0, 0, length], [0, 0, length / 2]], ring(sides, radius, 0.0, length / 2)])
@@ -49,7 +48,7 @@ def grid(rows: int = 2, columns: int = 2, side: float = 1.0, height: float = 0.6
     cables: dict[tuple[int, int], None] = {}
 
     def node(x: int, y: int, layer: int) -> int:
-        """By place, in half sides, so that prisms that meet share it."""
+        """The node at a place, in half sides; neighbouring prisms share it."""
         return number.setdefault((x, y, layer), len(number))
 
     for i in range(rows):
