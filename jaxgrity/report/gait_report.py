@@ -17,10 +17,11 @@ from jaxgrity.io.files import save_json, write_whole
 from jaxgrity.io.gait_library import gait_facts
 from jaxgrity.model.scales import time_scale
 from jaxgrity.model.scene import Scene
+from jaxgrity.populations.population import one_gait
 from jaxgrity.populations.rolling import Rolling, rolling
 from jaxgrity.report import plot, view
 from jaxgrity.report.animation import animate
-from jaxgrity.report.gait_rows import outcome_rows, search_rows
+from jaxgrity.report.gait_rows import leading_sentences, outcome_rows, search_rows
 from jaxgrity.report.measuring import gait_measured
 from jaxgrity.report.steady import PARTS
 from jaxgrity.search.pipeline import SearchResult
@@ -40,6 +41,7 @@ PICTURES = {
     "path.png": "path of the centre of mass; the bar at the end is the verified error bar",
     "robust.png": "objective of perturbed robots",
     "fidelity.png": "the same gaits on coarse and fine fidelity levels: how far to trust screening",
+    "polish.png": "what polishing did: the wave before and after, and the mean fitness around each step",
     "convergence.png": "fitness in each generation of the search, before verification",
     "members.png": "lengths of all members",
     "forces.png": "forces in all members",
@@ -122,7 +124,8 @@ def write_report(result: SearchResult, origin: Origin, folder: Path, on_progress
     }
     save_json(folder / "summary.json", summary)
     first, rest = outcome_rows(summary), search_rows(summary, motion, result.problem.fitness.objective.unit)
-    write_page(folder, f"A gait that {motion.kind}" if motion else "A gait", first, {**rest, "command": origin.command})
+    title, rows = f"A gait that {motion.kind}" if motion else "A gait", {**rest, "command": origin.command}
+    write_page(folder, title, leading_sentences(summary), first, rows)
     return {"how far to trust it": "\n" + trust.table(), **first, **rest}
 
 
@@ -213,6 +216,11 @@ def draw(result: SearchResult, trust: TrustReport, folder: Path) -> None:
         "robust.png": lambda: plot.robust_figure(seen, unit),
         "path.png": lambda: plot.path_figure(scene, trajectory, float(verdict.verified.error_bar[0])),
     }
+    (folder / "polish.png").unlink(missing_ok=True)
+    if polished is not None and polished.improved and polished.steps:
+        start = one_gait(result.problem.genome.gaits(scene.gait, result.promoted.genes[:1]), 0)
+        steps = [step.fitness for step in polished.steps]
+        pictures["polish.png"] = lambda: plot.polish_figure(start, result.gait, steps, unit)
     leave_figures(pictures, folder)
 
 
@@ -243,8 +251,8 @@ def draw_motion(
     leave_figures(pictures, folder)
 
 
-def write_page(out: Path, title: str, first: dict[str, str], rest: dict[str, str]) -> None:
-    """The page: a table of `first` rows, pictures of the motion, the `rest`, and the other pictures in the folder."""
+def write_page(out: Path, title: str, lead: tuple[str, ...], first: dict[str, str], rest: dict[str, str]) -> None:
+    """The page: sentences, `first` rows, pictures of the motion, the `rest`, and the other pictures in the folder."""
     shown, replay = {name: text for name, text in PICTURES.items() if (out / name).exists()}, ""
     if (out / REPLAY).exists():
         told = escape(shown.pop("animation.gif", PICTURES["animation.gif"]))
@@ -256,7 +264,7 @@ def write_page(out: Path, title: str, first: dict[str, str], rest: dict[str, str
     moving = replay + "".join(pictures.pop(name, "") for name in ("animation.gif", "orbit.png"))
     page = (
         f'<!doctype html><html lang="en"><meta charset="utf-8">{VIEWPORT}<title>{escape(title)}</title>'
-        f"<style>{STYLE}</style><h1>{escape(title)}</h1>{_table(first)}{moving}"
+        f"<style>{STYLE}</style><h1>{escape(title)}</h1><p>{escape(' '.join(lead))}</p>{_table(first)}{moving}"
         f"<h2>How it was found, and how far to trust it</h2>{_table(rest)}{''.join(pictures.values())}</html>\n"
     )
     write_whole(out / "index.html", lambda file: file.write(page.encode()))

@@ -10,6 +10,27 @@ from jaxgrity.report import plot
 from jaxgrity.report.steady import steady_rows
 
 
+def leading_sentences(summary: dict[str, Any]) -> tuple[str, ...]:
+    """How fast and how straight, how sure, and what it asks of actuators: what a reader should know first."""
+    steady, asked = summary["steady"], summary["actuators"]
+    needs = f"An actuator gives up to {asked['peak_force']:.3g} N, {asked['peak_rate']:.2g} m/s and "
+    needs += f"{asked['peak_power']:.3g} W."
+    if steady is None:
+        return f"The robot goes {distance_words(summary)}.", needs
+    if not steady["settled"]:
+        return "The robot settles on no orbit.", needs
+    lengths, size = steady["body_lengths_per_second"], steady["body_length"]
+    speed = with_error(lengths, steady["speed_error_bar"] / size, " body lengths per second")
+    bend, error = (np.degrees(steady[name]) / lengths for name in ("turning", "turning_error_bar"))
+    own, other = steady["robust"], steady["other_contact_model"]
+    return (
+        f"The robot rolls at {speed} and turns by {with_error(abs(float(bend)), float(error), '°')} per body length.",
+        f"{own['robots']} perturbed robots roll at {mean_of_robots(own, 'm/s')}, and on the other contact model at "
+        f"{mean_of_robots(other, 'm/s', 'speed')}.",
+        needs,
+    )
+
+
 def outcome_rows(summary: dict[str, Any]) -> dict[str, str]:
     """What the gait does and needs, in words, by row headings."""
     steady, asked = summary["steady"], summary["actuators"]

@@ -10,6 +10,7 @@ from matplotlib.ticker import MaxNLocator
 
 from jaxgrity.core.display import significant
 from jaxgrity.io.files import write_whole
+from jaxgrity.model.actuation import Gait, contraction
 from jaxgrity.report.orbit_plot import orbit_figure
 from jaxgrity.report.robot_plot import (
     draw_robot,
@@ -42,6 +43,7 @@ __all__ = [
     "orbit_figure",
     "outcomes_figure",
     "path_figure",
+    "polish_figure",
     "resting_force_figure",
     "robust_figure",
     "save",
@@ -105,6 +107,29 @@ def convergence_figure(searches: list[Evolution], names: tuple[str, ...] = (), u
 def ranked(correlation: float | None) -> str:
     """A rank correlation in words."""
     return "too few gaits" if correlation is None or not np.isfinite(correlation) else f"{correlation:.2f}"
+
+
+@styled
+def polish_figure(before: Gait, after: Gait, fitness: list[float], unit: str = "m") -> Figure:
+    """The first actuator's length over a period before and after polishing, and the fitness around each of its steps.
+
+    Periods begin where the actuator is longest.
+    """
+    figure = Figure(figsize=(8, 3.4), layout="constrained")
+    wave, steps = figure.subplots(1, 2)
+    share = np.linspace(0, 1, 241)
+    for gait, name, colour in ((before, "before", PATH), (after, "polished", STRUT)):
+        period = 1 / float(gait.frequency[0])
+        times = float(gait.start + gait.ramp) + period * share[:-1]
+        lengths = np.array([1 - float(contraction(gait, t)[0]) for t in times])
+        lengths = np.roll(lengths, -int(np.argmax(lengths)))
+        wave.plot(share, np.append(lengths, lengths[0]), color=colour, label=f"{name}, {period:.3g} s")
+    wave.set(xlabel="share of a period", ylabel="share of the built length")
+    wave.legend()
+    steps.plot(np.arange(1, len(fitness) + 1), fitness, "o-", markersize=3, color=STRUT)
+    steps.set(xlabel="step of polishing", ylabel=f"mean fitness of its gaits ({unit})" if unit else "mean fitness")
+    steps.xaxis.set_major_locator(MaxNLocator(integer=True))
+    return figure
 
 
 @styled

@@ -9,7 +9,7 @@ from jaxgrity.cli import compare
 from jaxgrity.core.display import significant
 from jaxgrity.report import plot
 from jaxgrity.report.gait_report import leave_figures, write_page
-from jaxgrity.report.gait_rows import _chosen, distance_words, outcome_rows
+from jaxgrity.report.gait_rows import _chosen, distance_words, leading_sentences, outcome_rows
 from jaxgrity.report.orbit_plot import _moving_frame
 from jaxgrity.report.steady import steady_rows
 
@@ -132,18 +132,34 @@ def test_the_rows_say_what_a_gait_is_worth():
     assert lost == {"orbit": "none: the shape still changes by 0.3 m over a cycle"}
 
 
+def test_sentences_say_what_to_know_first():
+    """How fast and straight, how sure, what actuators must give; without an orbit how far, or that there is none."""
+    needs = "An actuator gives up to 275 N, 0.99 m/s and 143 W."
+    known = {"steady": {**STEADY, "body_length": 1.0, "turning": -0.1}, "actuators": ACTUATORS}
+    assert leading_sentences(known) == (
+        "The robot rolls at 0.886 ± 0.004 body lengths per second and turns by 6.5 ± 0.2° per body length.",
+        "128 perturbed robots roll at 0.82 ± 0.02 m/s (standard deviation 0.14), and on the other contact model at "
+        "0.81 ± 0.03 m/s (standard deviation 0.18).",
+        needs,
+    )
+    lost = {**known, "steady": {**STEADY, "settled": False}}
+    assert leading_sentences(lost) == ("The robot settles on no orbit.", needs)
+    short = {"steady": None, "actuators": ACTUATORS, "distance": 2.0, "error_bar": 0.01, "duration": 8.0}
+    assert leading_sentences(short) == ("The robot goes 2.00 ± 0.01 m in 8 s.", needs)
+
+
 def test_the_page_leads_with_them(tmp_path):
-    """Then the replay, in place of the animation, and the orbit; the search and its figures come after."""
+    """Then the table, the replay, in place of the animation, and the orbit; the search and its figures come after."""
     for name in ("replay.html", "animation.gif", "orbit.png", "gait.png"):
         (tmp_path / name).touch()
-    write_page(tmp_path, "A gait", {"speed": "1 < 2 m/s"}, {"search": "many"})
+    write_page(tmp_path, "A gait", ("It rolls.", "5 < 6 W."), {"speed": "1 < 2 m/s"}, {"search": "many"})
     page = (tmp_path / "index.html").read_text()
-    parts = ["1 &lt; 2 m/s", "<iframe", "orbit.png", "<h2>", "many", "gait.png"]
+    parts = ["<p>It rolls. 5 &lt; 6 W.</p>", "1 &lt; 2 m/s", "<iframe", "orbit.png", "<h2>", "many", "gait.png"]
     places = [page.index(part) for part in parts]
     assert places == sorted(places)
     assert "animation.gif" not in page
     (tmp_path / "replay.html").unlink()
-    write_page(tmp_path, "A gait", {}, {})
+    write_page(tmp_path, "A gait", (), {}, {})
     assert "animation.gif" in (tmp_path / "index.html").read_text()
 
 

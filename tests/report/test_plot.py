@@ -35,6 +35,7 @@ def figures(motion):
         "members": plot.member_figure(scene, trajectory),
         "forces": plot.force_figure(scene, trajectory),
         "gait": plot.gait_figure(scene.gait),
+        "polish": plot.polish_figure(scene.gait, jaxgrity.load_gait("fast"), [0.5, 0.7], "body lengths/s"),
         "gait and faces": plot.gait_figure(scene.gait, 3.0, jaxgrity.rolling(scene, trajectory)),
         "orbit": plot.orbit_figure(scene, trajectory, 1.0),
         "energy": plot.energy_figure(jaxgrity.energy_audit(scene, 3.0, frame_rate=20.0)),
