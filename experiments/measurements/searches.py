@@ -138,7 +138,7 @@ def genetic_search(task: Task, budget: int, seed: int, then: str | None = None, 
         return Found(best, trace)
     last = 2 * task.weights[-1] * 2 * PAIR_ROBOTS  # float64 counts twice
     rollouts = int((task.polished * budget - last) / task.weights[-1])
-    config = PolishConfig(rollouts, then, final_robots=PAIR_ROBOTS)
+    config = PolishConfig(rollouts, then, robots=OWN_ROBOTS, final_robots=PAIR_ROBOTS)
     step = SolverOptions(dt=task.levels[-1].dt)
     polished = polish(problem, best[None], config, options=step, final_options=step, seed=draws + len(trace))
     judged = polished.after if polished.improved else polished.before

@@ -144,7 +144,7 @@ class SearchSettings:
     """number of actuated members; the search also chooses which; None: all of them"""
     polish: Literal["smoothed", "pathwise", "combined", "orbit"] = "smoothed"
     """gradient for polishing"""
-    polish_rollouts: int = 3072
+    polish_rollouts: int = 6144
     """number of simulations that polishing may use; 0: no polish"""
     polish_overtones: int = 4
     """number of overtones that polishing adds to gaits that are waves; at least those of the search"""

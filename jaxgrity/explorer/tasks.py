@@ -22,7 +22,7 @@ from jaxgrity.stepping.options import SolverOptions
 
 SEARCH = GAConfig(population=64, generations=16, elites=4)
 """The explorer's search: small, so that it ends while somebody waits."""
-POLISH = PolishConfig(rollouts=1024, final_robots=64)
+POLISH = PolishConfig(rollouts=1024, robots=4, final_robots=64)
 """The explorer's polish: a third of a search's own budget, for the same reason."""
 FITNESS = Fitness(uncertainty=Uncertainty(phase=0.03), robots=2)
 """Mean distance of robots whose phases are a little off, so that what is found does not depend on the last digit."""

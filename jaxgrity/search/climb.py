@@ -78,11 +78,9 @@ def climb(
     first = x = np.asarray(genes, task.options.dtype)
     state, path, spent = jax.vmap(optimiser.init)(x), [], 0.0
     found: list[list[ClimbStep]] = [[] for _ in routes]
-    widths = np.geomspace(*config.width, count).astype(task.options.dtype)
     for number in range(count):
         half = min(len(ahead) - 1, 2 * number // count)
-        now = task._replace(width=widths[number])
-        gradient, share = _gradients(jax.random.fold_in(key, number), x, now, kind, ahead[half], config)
+        gradient, share = _gradients(jax.random.fold_in(key, number), x, task, kind, ahead[half], config)
         spent += costs[half]
         moved, state = _moved(optimiser, genome, gradient, x, state)
         # NumPy: on all devices, as a step leaves it, x would have the next one compiled again

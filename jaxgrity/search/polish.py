@@ -44,7 +44,7 @@ from jaxgrity.search.judging import (
     with_robots,
     without_measuring,
 )
-from jaxgrity.search.polish_config import PolishConfig, budget, check_polish, cost_of_gradient
+from jaxgrity.search.polish_config import PolishConfig, ahead, budget, check_polish, cost_of_gradient
 from jaxgrity.search.polish_orbit import climb_on_orbit
 from jaxgrity.stepping.options import Options, ResolvedOptions, SolverOptions, resolve
 from jaxgrity.trust.sensitivity import Sensitivity, sensitivity
@@ -130,8 +130,7 @@ def polish(
     config, genes = config or PolishConfig(), np.atleast_2d(np.asarray(genes, float))
     check_polish(config, problem.fitness, len(genes))
     resolved, final = _resolved(problem, options, final_options)
-    every = Routes([Route(start, config.kind, problem.duration) for start in genes], None, [])
-    found = _routes(problem, genes, resolved, config) if config.kind in ("pathwise", "combined") else every
+    found = _routes(problem, genes, resolved, config)
     best, spent = Climb(genes[0], (), 0), 0
     if found.routes:
         best, spent = _climb_all(problem, resolved, config, found.routes, seed, on_step)
@@ -189,8 +188,11 @@ def _gain(before: Scores, after: Scores, caution: float) -> str:
 
 
 def _routes(problem: SearchProblem, genes, options: ResolvedOptions, config: PolishConfig) -> Routes:
-    """A route from each start, as its sensitivity allows."""
-    scene, genome, duration, _ = problem
+    """A route from each start: where gradients are pathwise, as far as its sensitivity allows."""
+    scene, genome, duration, fitness = problem
+    if config.kind not in ("pathwise", "combined"):
+        horizon = duration * ahead(config.kind, fitness)
+        return Routes([Route(start, config.kind, horizon) for start in genes], None, [])
     routes, growth, refused = [], [], 0
     gaits, bound = genome.gaits(scene.gait, genes), config.largest_sensitivity
     for k, start in enumerate(genes):
@@ -226,7 +228,7 @@ def _climb_all(
     scene, fitness = as_dtype(problem.scene, options.dtype), without_measuring(problem.fitness)
     judging = problem.judging(options)
     rolled, unmeasured = problem._replace(scene=scene, fitness=fitness), judging._replace(fitness=fitness)
-    task = ClimbTask(rolled, options, unmeasured, np.asarray(config.width[0], options.dtype))
+    task = ClimbTask(rolled, options, unmeasured, np.asarray(config.width, options.dtype))
     duration = problem.duration
     costs = [cost_of_gradient(config, fitness, route.kind, route.horizon / duration) for route in routes]
     each, comparison = budget(config, fitness, costs)

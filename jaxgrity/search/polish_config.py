@@ -15,17 +15,20 @@ COST = 6.0
 """Cost of a pathwise gradient, in rollouts of its horizon. We measured 4 to 6 (docs/performance.md)."""
 ORBIT_COST = 24.0
 """Cost of an orbit and the gradient of its speed, in rollouts of 40 s. It is the largest measured cost for waves."""
+STEADY_AHEAD = 0.5
+"""Fraction of the duration that smoothed gradients of a steady objective simulate. Twice the robots for half the time
+cost the same, and say more of the mean speed."""
 
 
 class PolishConfig(NamedTuple):
     """Settings of polishing."""
 
-    rollouts: int = 3072
+    rollouts: int = 6144
     """budget of all steps from all starts, in rollouts of the whole duration"""
     kind: GradientKind = "smoothed"
     samples: int = 32
     """number of perturbed gaits per smoothed gradient, or of robots per pathwise gradient"""
-    robots: int = 4
+    robots: int = 8
     """number of robots that evaluate each perturbed gait"""
     width: tuple[float, float] = (0.012, 0.006)
     """standard deviation of the perturbations in the first and in the last step, in turns (angles) or fractions of the
@@ -63,9 +66,14 @@ def cost_of_gradient(config: PolishConfig, fitness: Fitness, kind: GradientKind,
     return share * config.samples * each
 
 
+def ahead(kind: GradientKind, fitness: Fitness) -> float:
+    """Fraction of the duration that a gradient simulates, if no sensitivity limits it."""
+    return STEADY_AHEAD if kind == "smoothed" and fitness.objective.steady else 1.0
+
+
 def judges_of_a_step(config: PolishConfig, fitness: Fitness) -> int:
-    """Number of robots that evaluate each step on an orbit: half of those of a smoothed gradient."""
-    return _robots(fitness, config.samples * config.robots // 2)
+    """Number of robots that evaluate each step on an orbit: a quarter of those of a smoothed gradient."""
+    return _robots(fitness, config.samples * config.robots // 4)
 
 
 def budget(config: PolishConfig, fitness: Fitness, costs: Sequence[float]) -> Budget:
@@ -104,7 +112,8 @@ def check_polish(config: PolishConfig, fitness: Fitness, starts: int) -> None:
         if config.kind in ("pathwise", "combined") and asked:
             raise InputError(f"{what} has no pathwise gradient; expected a smoothed one")
     if config.kind in ("smoothed", "orbit"):
-        budget(config, fitness, [cost_of_gradient(config, fitness, config.kind, 1.0)] * starts)
+        cost = cost_of_gradient(config, fitness, config.kind, ahead(config.kind, fitness))
+        budget(config, fitness, [cost] * starts)
 
 
 def _robots(fitness: Fitness, robots: int) -> int:

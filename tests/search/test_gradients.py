@@ -22,7 +22,15 @@ from jaxgrity import (
     random_phases,
 )
 from jaxgrity.search import distance_and_gradient, distances
-from jaxgrity.search.gradients import ClimbTask, Gradient, combine, pathwise_gradient, smoothed_gradients, utilities
+from jaxgrity.search.gradients import (
+    ClimbTask,
+    Gradient,
+    combine,
+    pathwise_gradient,
+    right_angled,
+    smoothed_gradients,
+    utilities,
+)
 from jaxgrity.stepping import centre_of_mass, integrate, resolve
 
 DT = 1e-3
@@ -192,6 +200,15 @@ def test_objectives_may_read_all_that_came_of_a_rollout(swimmer):
     ]
     assert np.abs(found[0].mean).max() > 1e-6
     np.testing.assert_allclose(found[1].mean, found[0].mean, rtol=1e-9)
+
+
+def test_directions_are_at_right_angles():
+    """As many at a time as there are genes, so that their mean square is 1 in all directions; and drawn anew."""
+    found = np.asarray(right_angled(jax.random.key(0), (2, 7, 3), "float64"))
+    np.testing.assert_allclose(found[:, :3] @ found[:, :3].swapaxes(1, 2), [3 * np.eye(3)] * 2, atol=1e-12)
+    mean_square = np.einsum("kpi,kpj->kij", found[:, :6], found[:, :6]) / 6
+    np.testing.assert_allclose(mean_square, [np.eye(3)] * 2, atol=1e-12)
+    assert np.ptp(found, axis=(0, 1)).min() > 0.1
 
 
 ranked = jax.jit(utilities)
