@@ -3,7 +3,7 @@
 Short searches for steady speed, one for each seed, end with a gait. From there go on: polish by smoothed gradients,
 polish by the derivative of the orbit's own speed, and the search itself with more generations, both as it was and with
 the overtones that polishing shapes. Each may spend the same number of rollouts. All answers are judged by the same
-robots, which nothing was chosen by.
+robots, which nothing was chosen by, on the scene's own contact model and on the other one.
 """
 
 import dataclasses
@@ -17,7 +17,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from pages import table
 
-from jaxgrity import GAConfig, PolishConfig, SearchConfig, SearchProblem, load_scene, polish
+from jaxgrity import GAConfig, PolishConfig, SearchConfig, SearchProblem, contact_twin, load_scene, polish
 from jaxgrity.search import (
     FidelityLevel,
     SearchState,
@@ -68,8 +68,8 @@ def polish_comparison(
     seeds: int = 8,
     population: int = 48,
     generations: tuple[int, int] = (6, 2),
-    rollouts: int = PolishConfig().rollouts,
-    judges: int = 256,
+    rollouts: int = 3072,
+    judges: int = 128,
     final_robots: int = 64,
     duration: float = 40.0,
 ) -> Iterator[Record]:
@@ -79,8 +79,8 @@ def polish_comparison(
         seeds: searches, with seeds that nothing was tuned on
         population: gaits in a generation of the search
         generations: as in `jaxgrity search`
-        rollouts: that each way may spend
-        judges: robots by which all answers are judged
+        rollouts: that each way may spend, half of what a default search polishes with
+        judges: robots by which all answers are judged on each contact model
         final_robots: by which polish decides what it keeps
         duration: s
     """
@@ -89,6 +89,7 @@ def polish_comparison(
     problem = search_problem(scene, config)
     plain = problem._replace(fitness=without_measuring(problem.fitness))
     levels = fidelity_levels(scene, None, False, config.wide)
+    judged_on = levels[1], fidelity_levels(contact_twin(scene))[1]
     searched, configs = search_levels(levels), ga_configs(config, len(search_levels(levels)))
     for seed in range(100, 100 + seeds):
         states: dict[int, SearchState] = {}
@@ -106,26 +107,29 @@ def polish_comparison(
                 size = Size(rollouts, final_robots)
                 genes, more = gone_on(way, shaped, levels[1], begun._replace(genes=wider), size, seed)
             found[way] = genes, {**more, "seconds": perf_counter() - began}
-        judged = judgement(shaped, levels[1], [genes for genes, _ in found.values()], judges)
-        for (way, (_, more)), own in zip(found.items(), judged):
-            answers.append({"seed": seed, "way": way, **more, **own})
+        genes = np.stack([genes for genes, _ in found.values()])
+        own, other = (judgement(shaped, level, genes, judges) for level in judged_on)
+        for (way, (each, more)), mine, others in zip(found.items(), own, other):
+            answers.append({"seed": seed, "way": way, **more, "genes": each.tolist(), **mine, "other_model": others})
             yield answers[-1]
-    fitness = by_seed(answers, "fitness")["start"]
+    fitness = by_seed(answers)["start"]
     starts = {"start": float(np.median(list(fitness.values()))), "seeds": len(fitness)}
     return {"rollouts": rollouts, **starts, "rows": compared_ways(answers, rollouts), "answers": answers}
 
 
-def by_seed(answers: list[Record], name: str) -> dict[str, dict[int, float]]:
-    """A number of each way by seed."""
+def by_seed(answers: list[Record], other: bool = False) -> dict[str, dict[int, float]]:
+    """The fitness of each way by seed, on the scene's own contact model or on the other one."""
     ways = dict.fromkeys(row["way"] for row in answers)
-    return {way: {row["seed"]: row[name] for row in answers if row["way"] == way} for way in ways}
+    of = {(row["way"], row["seed"]): (row["other_model"] if other else row)["fitness"] for row in answers}
+    return {way: {seed: fitness for (name, seed), fitness in of.items() if name == way} for way in ways}
 
 
 def compared_ways(answers: list[Record], rollouts: int) -> list[Record]:
     """Of each way: what it gained over its start and over a longer search, seed by seed."""
-    fitness, mean, rows = by_seed(answers, "fitness"), by_seed(answers, "mean"), []
+    fitness, others, rows = by_seed(answers), by_seed(answers, other=True), []
     for way in WAYS:
         gains = [fitness[way][seed] - fitness["start"][seed] for seed in fitness["start"]]
+        on_other = [others[way][seed] - others["start"][seed] for seed in others["start"]]
         beyond = [fitness[way][seed] - fitness["search runs on"][seed] for seed in fitness["start"]]
         mine = [row for row in answers if row["way"] == way]
         rows.append(
@@ -133,7 +137,8 @@ def compared_ways(answers: list[Record], rollouts: int) -> list[Record]:
                 "way": way,
                 "gain": float(np.median(gains)),
                 "quartiles": [float(x) for x in np.quantile(gains, (0.25, 0.75))],
-                "gain_of_mean": float(np.median([mean[way][s] - mean["start"][s] for s in mean["start"]])),
+                "gain_on_other": float(np.median(on_other)),
+                "better_on_other": sum(gain > 0 for gain in on_other),
                 "better": sum(gain > 0 for gain in gains),
                 "worse": sum(gain < 0 for gain in gains),
                 "beyond": float(np.median(beyond)),
@@ -149,18 +154,18 @@ def compared_ways(answers: list[Record], rollouts: int) -> list[Record]:
 def words(record: Record) -> str:
     """What each way gained, and what it could spend."""
     head = [
-        "continued by", "fitness gained, body lengths/s: median (quartiles)", "better than the start", "worse",
-        "beats a longer search", "kept", "rollouts",
+        "continued by", "fitness gained, body lengths/s: median (quartiles)", "better than the start",
+        "beats a longer search", "gained on the other contact model", "better there", "kept",
     ]  # fmt: skip
     rows = [
         [
             row["way"],
             f"{row['gain']:+.3f} ({row['quartiles'][0]:+.3f} to {row['quartiles'][1]:+.3f})",
             f"{row['better']} of {record['seeds']}",
-            f"{row['worse']}",
             "-" if row["way"] == "search runs on" else f"{row['beats']} of {record['seeds']}",
+            f"{row['gain_on_other']:+.3f}",
+            f"{row['better_on_other']}",
             "-" if row["kept"] is None else f"{row['kept']}",
-            f"{row['spent']:.0f}",
         ]
         for row in record["rows"]
     ]
@@ -212,13 +217,13 @@ def compared(problem: SearchProblem, level: FidelityLevel, genes: np.ndarray, se
     return np.asarray(genes, float)[int(np.argmax(found.merit))]
 
 
-def judgement(problem: SearchProblem, level: FidelityLevel, genes: list[np.ndarray], judges: int) -> list[Record]:
+def judgement(problem: SearchProblem, level: FidelityLevel, genes: np.ndarray, judges: int) -> list[Record]:
     """Fitness and mean steady speed of every answer, body lengths/s, by the same robots."""
     more = problem._replace(fitness=with_robots(problem.fitness, judges))
-    found = judge_at(level, problem.genome.gaits(problem.scene.gait, np.stack(genes)), more, UNSEEN)
+    found = judge_at(level, problem.genome.gaits(problem.scene.gait, genes), more, UNSEEN)
     return [
-        {"genes": each.tolist(), "fitness": float(fit), "mean": float(mean), "spread": float(spread)}
-        for each, fit, mean, spread in zip(genes, found.fitness, found.mean, found.spread)
+        {"fitness": float(fit), "mean": float(mean), "spread": float(spread)}
+        for fit, mean, spread in zip(found.fitness, found.mean, found.spread)
     ]
 
 
@@ -226,7 +231,7 @@ def judgement(problem: SearchProblem, level: FidelityLevel, genes: list[np.ndarr
 def figure(record: Record) -> Figure:
     """What every way gained over its start on each seed, and the medians."""
     chart = Figure(figsize=(6, 4.2), layout="constrained")
-    axes, fitness = chart.subplots(), by_seed(record["answers"], "fitness")
+    axes, fitness = chart.subplots(), by_seed(record["answers"])
     for k, way in enumerate(WAYS):
         gains = [fitness[way][seed] - start for seed, start in fitness["start"].items()]
         axes.plot(k + np.linspace(-0.2, 0.2, len(gains)), gains, "o", color=f"C{k}")
