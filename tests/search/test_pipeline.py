@@ -86,7 +86,7 @@ def config():
         waves="none",
         both_models=False,
         wide=False,
-        polish=PolishConfig(128, final_robots=128),
+        polish=PolishConfig(128, robots=4, final_robots=128),
     )
 
 
