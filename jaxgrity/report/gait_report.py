@@ -218,7 +218,7 @@ def draw(result: SearchResult, trust: TrustReport, folder: Path) -> None:
     }
     (folder / "polish.png").unlink(missing_ok=True)
     if polished is not None and polished.improved and polished.steps:
-        start = one_gait(result.problem.genome.gaits(scene.gait, result.promoted.genes[:1]), 0)
+        start = one_gait(result.problem.genome.gaits(result.problem.scene.gait, result.promoted.genes[:1]), 0)
         steps = [step.fitness for step in polished.steps]
         pictures["polish.png"] = lambda: plot.polish_figure(start, result.gait, steps, unit)
     leave_figures(pictures, folder)

@@ -127,7 +127,7 @@ def polish_figure(before: Gait, after: Gait, fitness: list[float], unit: str = "
     wave.set(xlabel="share of a period", ylabel="share of the built length")
     wave.legend()
     steps.plot(np.arange(1, len(fitness) + 1), fitness, "o-", markersize=3, color=STRUT)
-    steps.set(xlabel="step of polishing", ylabel=f"mean fitness of its gaits ({unit})" if unit else "mean fitness")
+    steps.set(xlabel="step of polishing", ylabel=f"fitness ({unit})" if unit else "fitness")
     steps.xaxis.set_major_locator(MaxNLocator(integer=True))
     return figure
 

@@ -30,9 +30,9 @@ class PolishConfig(NamedTuple):
     """number of perturbed gaits per smoothed gradient, or of robots per pathwise gradient"""
     robots: int = 8
     """number of robots that evaluate each perturbed gait"""
-    width: tuple[float, float] = (0.012, 0.006)
-    """standard deviation of the perturbations in the first and in the last step, in turns (angles) or fractions of the
-    bounds"""
+    width: float = 0.012
+    """standard deviation of the perturbations, in turns (angles) or fractions of the bounds: the distance that a
+    polished gait keeps from gaits whose robots fall"""
     learning_rate: float = 0.018
     """length of the first step, in the same unit; the last step has a fifth of it"""
     momentum: float = 0.5
