@@ -13,7 +13,7 @@ SHARED = ("mass", "node_mass", "fixed", "pose", "aligned", "height", "prestress"
 
 
 def main(settings: CatalogueSettings) -> None:
-    """Print the kinds, and leave them as JSON with pictures."""
+    """Print the kinds, and write them as JSON with pictures."""
     entries, structures = [], {}
     for table in get_args(CatalogueTable):
         kind, example = table.__struct_config__.tag, table()
@@ -31,7 +31,7 @@ def main(settings: CatalogueSettings) -> None:
 
 
 def entry(kind: str, keys: dict[str, Any], geometry: Geometry) -> dict[str, Any]:
-    """What is listed of one kind: its keys with their defaults, and how large it then is."""
+    """The entry of one kind: its keys with their defaults, and its size with them."""
     return {
         "kind": kind,
         "keys": keys,
@@ -42,7 +42,7 @@ def entry(kind: str, keys: dict[str, Any], geometry: Geometry) -> dict[str, Any]
 
 
 def listed(entries: list[dict[str, Any]]) -> list[str]:
-    """A line for each kind."""
+    """The list: a line for each kind."""
     rows = [["kind", "nodes", "struts", "cables", "keys of [structure], with their defaults"]]
     for found in entries:
         keys = ", ".join(f"{key} = {'-' if value is None else value}" for key, value in found["keys"].items())

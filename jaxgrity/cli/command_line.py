@@ -1,4 +1,4 @@
-"""The settings that a command line asks for; nothing of JAX is imported to read them, or to show --help."""
+"""Settings from the command line; neither they nor --help import anything of JAX."""
 
 import contextlib
 import io
@@ -11,7 +11,7 @@ import tyro
 
 
 def from_command_line(settings: Any, **how: Any) -> Any:
-    """The settings that the command line asks for, by `tyro.cli`; what is wrong with it is said in one line."""
+    """The settings from the command line, by `tyro.cli`; errors are one line."""
     said = io.StringIO()
     try:
         with contextlib.redirect_stderr(said):
@@ -23,7 +23,7 @@ def from_command_line(settings: Any, **how: Any) -> Any:
 
 
 def in_one_line(box: str) -> str:
-    """The first paragraph of what tyro says in a box, and the first of the options that it proposes."""
+    """The first paragraph of tyro's box, and the first option it proposes."""
     plain = re.sub(
         r"\x1b\[[0-9;]*m", "", box
     )  # in a terminal it has colours, and no lines around it where letters are ASCII

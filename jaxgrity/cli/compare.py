@@ -18,13 +18,13 @@ from jaxgrity.search.objectives import find_objective
 
 
 def steady(summary: dict[str, Any]) -> str:
-    """The speed of the orbit, where there is one."""
+    """The speed of the orbit, if any."""
     found = summary.get("steady") or {"settled": False}
     return with_error(found["speed"], found["speed_error_bar"]) if found["settled"] else "-"
 
 
 def beyond(summary: dict[str, Any]) -> str:
-    """Whether it asks more of actuators than it may, or which share of the robots that differ does."""
+    """Whether the gait exceeds the bounds on actuators, or the share of perturbed robots beyond them."""
     if not summary["within_bounds"]:
         return "yes"
     return f"{100 * summary['beyond_bounds']:.3g} %"
@@ -46,12 +46,12 @@ COLUMNS = {
 
 
 def unit(summary: dict[str, Any]) -> str:
-    """Of the objective that a search was for."""
+    """The unit of a search's objective."""
     return find_objective(summary["objective"]).unit
 
 
 def main(settings: CompareSettings) -> None:
-    """Print a table of the searches, and leave it as JSON with a figure."""
+    """Print a table of the searches, and write it as JSON with a figure."""
     if not settings.runs:
         raise InputError("no runs: expected at least one result folder of a search")
     runs = {str(folder): load_summary(folder) for folder in settings.runs}
@@ -69,7 +69,7 @@ def main(settings: CompareSettings) -> None:
 
 
 def load_summary(folder: Path) -> dict[str, Any]:
-    """What a finished run says of itself. Raises `InputError` where it is not there, or not of a gait search."""
+    """The summary of a finished run. Raises `InputError` for a missing one, and for one of another command."""
     path = folder / "summary.json"
     text = read_text(path)
     try:
@@ -84,7 +84,7 @@ def load_summary(folder: Path) -> dict[str, Any]:
 
 
 def flat(settings: dict[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Settings within settings by their paths."""
+    """Nested settings by their paths."""
     found: dict[str, Any] = {}
     for name, value in settings.items():
         found |= flat(value, f"{prefix}{name}.") if isinstance(value, dict) else {f"{prefix}{name}": value}
@@ -92,7 +92,7 @@ def flat(settings: dict[str, Any], prefix: str = "") -> dict[str, Any]:
 
 
 def different_settings(runs: dict[str, dict[str, Any]]) -> list[str]:
-    """The settings in which the runs differ, but for how they were started."""
+    """The different settings of the runs, without those of their start."""
     every = [flat(run["settings"]) for run in runs.values()]
     keys = [key for key in every[0] if key not in ("resume", "restart")]
     return [key for key in keys if any(one.get(key) != every[0][key] for one in every)]

@@ -12,7 +12,7 @@ from jaxgrity.statics.settling import settled
 
 
 def main(settings: ConvertSettings) -> None:
-    """Read, settle if asked for, write, and say what was read how and what was lost."""
+    """Read, settle on request, write, and report what was read how and what was lost."""
     found = _read(settings)
     print(f"read {settings.source}: {counts(found.scene)}")
     print("\n".join(f"  {note}" for note in found.notes))
@@ -36,7 +36,7 @@ def _read(settings: ConvertSettings) -> Imported:
 
 
 def counts(scene: Scene) -> str:
-    """How large a robot is, in words."""
+    """The size of a robot, in words."""
     structure = scene.structure
     struts, cables = (len(m.edges) if m is not None else 0 for m in (structure.struts, structure.cables))
     bodies = f"{len(structure.bodies)} rigid bodies, " if structure.bodies else ""

@@ -7,7 +7,7 @@ from jaxgrity.cli.settings import DemoSettings, SimulateSettings
 
 
 def main(settings: DemoSettings) -> None:
-    """Simulate a gait of the library, open its replay, and say what to try next."""
+    """Simulate a gait of the library, open its replay, and propose the next command."""
     chosen = SimulateSettings("exact", gait="straight", diagnose=False, out=settings.out, quick=settings.quick)
     simulate.main(chosen)
     page = settings.out / "replay.html"

@@ -9,7 +9,7 @@ from jaxgrity.stepping.options import SolverOptions
 
 
 def main(settings: DiagnoseSettings) -> None:
-    """Print the report on trust, and leave it as JSON with a figure."""
+    """Print the report on trust, and write it as JSON with a figure."""
     scene = chosen_scene(settings.scene, settings.gait)
     print(describe(scene), end="\n\n", flush=True)
     duration = min(settings.duration, 2.0) if settings.quick else settings.duration

@@ -34,7 +34,7 @@ def main(settings: ExploreSettings) -> None:
 
 
 def check_address(host: str, port: int) -> None:
-    """Raises `InputError` where nobody can answer at it: the server itself would wait for ever."""
+    """Raises `InputError` for an unusable address: the server itself would wait for ever."""
     if not 0 <= port < 2**16:
         raise InputError(f"port = {port}: expected a number from 0 to {2**16 - 1}")
     try:
@@ -47,7 +47,7 @@ def check_address(host: str, port: int) -> None:
 def served(
     scenes: tuple[str, ...], duration: float, host: str = LOOPBACK[0], port: int = 0
 ) -> Iterator[tuple[Page, str]]:
-    """The page and its address, for as long as it is needed; port 0: any that is free."""
+    """The page and its address, as a context; port 0: any free one."""
     server = guarded_server(host, port)
     page = Page(server, scenes, duration)
     try:

@@ -9,7 +9,7 @@ from jaxgrity.statics.inspection import inspect_structure
 
 
 def main(settings: InspectSettings) -> None:
-    """Print the report, and leave it as JSON with a figure of the members' forces."""
+    """Print the report, and write it as JSON with a figure of the members' forces."""
     report = inspect_structure(load_scene(settings.scene))
     print(report.table())
     save_json(settings.out / "inspection.json", {"scene": scene_name(settings.scene), **report.summary()})

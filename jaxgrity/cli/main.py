@@ -26,7 +26,7 @@ Chosen = (
 
 
 def command_of(settings: type) -> str:
-    """The command whose settings they are."""
+    """The command of these settings."""
     return settings.__name__.removesuffix("Settings").lower()
 
 
@@ -35,7 +35,7 @@ COMMANDS = [command_of(get_args(each)[0]) for each in get_args(Chosen)]
 
 
 def main() -> None:
-    """What the command `jaxgrity` calls."""
+    """The entry point of the command `jaxgrity`."""
     first = sys.argv[1] if len(sys.argv) > 1 else ""
     # tyro proposes options that are spelt nearly so, but not commands
     if first[:1].isalpha() and first not in COMMANDS:

@@ -1,4 +1,4 @@
-"""How far a command is: a progress bar for each of its stages, which goes on while programs compile."""
+"""The progress of a command: a bar for each stage; its clock runs on while programs compile."""
 
 import sys
 import threading
@@ -30,7 +30,7 @@ TICK = 2.0
 
 
 class Bars:
-    """A progress bar for each stage, one after the other, whose clock goes on where a step takes long."""
+    """A progress bar for each stage, one after the other; its clock runs on during long steps."""
 
     def __init__(self) -> None:
         self.stage = ""
@@ -46,12 +46,12 @@ class Bars:
         self.bar.close()
 
     def tick(self) -> None:
-        """Show the time that passes while programs compile and judgements go on."""
+        """Show the time during compilation and judgements."""
         while not self.over.wait(TICK):
             self.bar.refresh()
 
     def hear(self, progress: "Progress") -> None:
-        """Show how far a search is."""
+        """Show the progress of a search."""
         self.show(progress.stage, progress.done, progress.total)
         facts = {
             SAID.get(name, name): significant(x) if isinstance(x, float) else x for name, x in progress.facts.items()
@@ -59,7 +59,7 @@ class Bars:
         self.bar.set_postfix(facts)
 
     def show(self, stage: str, done: int, total: int | None) -> None:
-        """Move the bar of a stage, which begins with the first call."""
+        """Move the bar of a stage; the first call begins it."""
         if stage != self.stage:
             self.bar.close()
             self.stage = stage

@@ -1,6 +1,6 @@
-"""What every command does first and last: set JAX up, read the settings, and turn bad input into one line.
+"""The frame of every command: set JAX up, read the settings, and report bad input in one line.
 
-Import it before anything else of jaxgrity: it says to Equinox what to do about failed checks, which reads that once.
+Import it before anything else of jaxgrity: it sets Equinox's reaction to failed checks, which Equinox reads once.
 """
 
 import contextlib
@@ -43,12 +43,12 @@ Settings = TypeVar("Settings")
 
 
 def cores() -> int:
-    """How many this process may use; all there are where the system does not say."""
+    """The number of cores for this process; all where the system does not say."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def measured() -> dict:
-    """What every measurement says of itself: the command that made it, but for folders and --resume, and the cores."""
+    """The header of every measurement: its command, without folders and --resume, and the cores."""
     words = [word for word in sys.argv[1:] if word not in ("--resume", "--restart")]
     for option in ("--out", "--beside"):
         if option in words:
@@ -63,7 +63,7 @@ def measured() -> dict:
 
 
 def configure() -> None:
-    """Float64 allowed, loops compiled whole, compiled programs kept: for scripts, and for processes that they start."""
+    """Float64 allowed, loops compiled whole, compiled programs kept: for scripts, and for their processes."""
     # what the user has set comes later, and wins
     flags = (LOOPS, VECTORS, FUSIONS if jax.__version_info__ < (0, 11) else "", os.environ.get("XLA_FLAGS", ""))
     os.environ["XLA_FLAGS"] = " ".join(filter(None, flags))
@@ -73,7 +73,7 @@ def configure() -> None:
 
 
 def join_hosts() -> None:
-    """Make one machine of all processes that SLURM, or whoever sets JAX_COORDINATOR_ADDRESS, started with this script.
+    """Make one machine of all processes started with this script by SLURM, or with JAX_COORDINATOR_ADDRESS.
 
     JAX_COORDINATOR_ADDRESS (HOST:PORT of the first), JAX_NUM_PROCESSES and JAX_PROCESS_ID go together: `InputError`
     where one is missing.
@@ -100,10 +100,10 @@ def run(main: Callable[[Settings], None], settings: type[Settings]) -> None:
 
 
 def execute(main: Callable[[Settings], None], chosen: Settings) -> None:
-    """Call `main` with the settings chosen: every core a device of its own, unless JAX_NUM_CPU_DEVICES says how many.
+    """Call `main` with the chosen settings: every core is a device, or as many as JAX_NUM_CPU_DEVICES says.
 
-    Of several processes that work as one, the first alone speaks and leaves files. Ends with exit code 2 and one clear
-    line on bad input, with 130 and one line on Ctrl-C.
+    Of several processes of one machine only the first prints and writes files. The exit code is 2 on bad input and 130
+    on Ctrl-C, each with one line.
     """
     platforms = jax.config.jax_platforms  # type: ignore[attr-defined]
     if "cpu" in (platforms or "cpu") and "JAX_NUM_CPU_DEVICES" not in os.environ:

@@ -23,7 +23,7 @@ from jaxgrity.statics.describe import describe
 
 
 def objective_of(settings: ObjectiveSettings) -> Objective:
-    """What they ask for. Raises `InputError` where it is unknown."""
+    """The objective of the settings. Raises `InputError` for an unknown one."""
     kind = find_objective(settings.kind)
     known = {part.name for part in dataclasses.fields(kind)}
     given = {"heading": settings.heading, "turning": settings.turning}
@@ -35,7 +35,7 @@ def objective_of(settings: ObjectiveSettings) -> Objective:
 
 
 def config_of(settings: SearchSettings) -> SearchConfig:
-    """How to search. Raises `InputError` where the objective is unknown."""
+    """The configuration of the search. Raises `InputError` for an unknown objective."""
     known = {part.name for part in dataclasses.fields(SearchConfig)}
     same: dict[str, Any] = {name: value for name, value in vars(settings).items() if name in known}
     asked = settings.objective
@@ -47,7 +47,7 @@ def config_of(settings: SearchSettings) -> SearchConfig:
 
 
 def polish_of(settings: SearchSettings) -> PolishConfig | None:
-    """How to polish; None where it may cost nothing."""
+    """The configuration of polishing; None without a budget."""
     if not settings.polish_rollouts:
         return None
     usual = cast(PolishConfig, SearchConfig().polish)
@@ -56,7 +56,7 @@ def polish_of(settings: SearchSettings) -> PolishConfig | None:
 
 
 def main(settings: SearchSettings) -> None:
-    """Search, and leave gait, figures and page."""
+    """Search, and write gait, figures and page."""
     began = time.perf_counter()
     if settings.quick:
         settings.duration, settings.population, settings.generations = min(settings.duration, 8.0), 16, (3, 2)
@@ -90,7 +90,7 @@ def main(settings: SearchSettings) -> None:
 
 
 def replaced_words(settings: SearchSettings) -> str:
-    """Which files of an earlier run the search replaces; nothing where it goes on with that run, or is refused."""
+    """The files of an earlier run that the search replaces, in words; none for one that continues or is refused."""
     folder = settings.out
     if settings.resume or (holds_unfinished(folder) and not settings.restart):
         return ""
@@ -102,5 +102,5 @@ def replaced_words(settings: SearchSettings) -> str:
 
 
 def told(settings: SearchSettings) -> dict[str, Any]:
-    """The settings that decide a search, as they go into its files."""
+    """The settings of a search, for its files."""
     return {name: value for name, value in asdict(settings).items() if name not in ("out", "scene")}

@@ -38,7 +38,7 @@ LEFT = (
 
 
 def main(settings: SimulateSettings) -> None:
-    """Roll out, and leave summary.json, figures and the trajectory."""
+    """Roll out, and write summary.json, figures and the trajectory."""
     scene = chosen_scene(settings.scene, settings.gait)
     print(describe(scene), flush=True)
     duration = min(settings.duration, 2.0) if settings.quick else settings.duration
@@ -52,17 +52,17 @@ def main(settings: SimulateSettings) -> None:
 
 
 def options_of(settings: SimulateSettings) -> SolverOptions:
-    """How to integrate."""
+    """The solver options of the settings."""
     return SolverOptions(method=settings.method, dt=settings.dt, dtype=settings.dtype, any_step=settings.any_step)
 
 
 def scene_name(scene: str) -> str:
-    """By which results name a scene: its own name, or that of its file."""
+    """The name of a scene in results: its own, or that of its file."""
     return Path(scene).name
 
 
 def chosen_scene(scene: str, gait: str | None) -> Scene:
-    """The scene, with a gait of the library or of a search where one is asked for."""
+    """The scene, with a gait of the library or of a search on request."""
     found = load_scene(scene)
     if gait is None:
         return found
@@ -74,13 +74,13 @@ def chosen_scene(scene: str, gait: str | None) -> Scene:
 
 
 def forget_earlier(folder: Path) -> None:
-    """Take away what an earlier run left; called once there is something new, for a refused run has no result."""
+    """Remove an earlier run's files; called once there is a new result, since a refused run has none."""
     for left in LEFT:
         (folder / left).unlink(missing_ok=True)
 
 
 def timed(function: Callable[[], Result], bars: Bars) -> tuple[Result, float, float]:
-    """The result of a second, warm call, its wall time, and what the first call took longer: compilation."""
+    """The result of a second, warm call, its wall time, and the extra time of the first call: compilation."""
     seconds: list[float] = []
     for number in range(2):
         bars.show("rolling out", number, 2)
@@ -92,7 +92,7 @@ def timed(function: Callable[[], Result], bars: Bars) -> tuple[Result, float, fl
 
 
 def diagnosed(scene: Scene, duration: float, options: SolverOptions) -> TrustReport:
-    """`diagnose`, with a bar that shows how far it is."""
+    """`diagnose`, with a progress bar."""
     with Bars() as bars:
         return diagnose(
             scene, duration, options=options, on_progress=lambda done, total: bars.show("diagnosing", done, total)
@@ -161,9 +161,9 @@ def conclusion(distance: float, error_bar: float | None, motion: MotionReport | 
 
 
 def leave_pictures(scene: Scene, trajectory: Trajectory, settings: SimulateSettings) -> bool:
-    """Leave all pictures of a rollout that need no diagnosis, and say whether there is a replay among them.
+    """Write all pictures of a rollout that need no diagnosis; returns whether there is a replay among them.
 
-    One that fails costs this picture, with a line, and nothing else of the rollout.
+    A failure costs one picture, with a line, and nothing else of the rollout.
     """
     out = settings.out
     if trajectory.failed:
@@ -181,7 +181,8 @@ def leave_pictures(scene: Scene, trajectory: Trajectory, settings: SimulateSetti
 
 
 def several(scene: Scene, phases: np.ndarray, duration: float, settings: SimulateSettings) -> dict[str, Any]:
-    """One rollout for each row of phases, all in one call; the report on trust is about the gait that goes furthest."""
+    """One rollout for each row of phases, all in one call; the report on trust is of the gait with the largest
+    distance."""
     options, gaits = options_of(settings), gaits_of(scene.gait, phases)
     with Bars() as bars:
         roll = lambda: simulate_population(scene, gaits, duration, options=options)  # noqa: E731

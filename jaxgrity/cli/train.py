@@ -30,7 +30,7 @@ QUICK = LearningConfig(robots=16, decisions=4, batches=1)
 
 
 def main(settings: TrainSettings) -> None:
-    """Learn, save every so often, judge on new episodes of this contact model, and leave what was found."""
+    """Learn, save at intervals, judge on new episodes of this contact model, and write the results."""
     out, scene = settings.out, chosen_scene(settings.scene, settings.gait)
     options = SolverOptions(dt=settings.dt, dtype="float32")
     env = environment(settings.task, scene, options=options)
@@ -62,7 +62,7 @@ def main(settings: TrainSettings) -> None:
 
 
 def resumed(env: Environment, config: LearningConfig, settings: TrainSettings, out: Path) -> tuple[list, Learner]:
-    """What learning begins from: what an earlier run saved, or nothing."""
+    """The start of learning: the state saved by an earlier run, or a new one."""
     first = learner(env, jax.random.key(settings.seed), config)
     if not settings.resume:
         return [], first
@@ -76,7 +76,7 @@ def resumed(env: Environment, config: LearningConfig, settings: TrainSettings, o
 def learned(
     env: Environment, config: LearningConfig, now: Learner, updates: int, curve: list[dict], out: Path
 ) -> Learner:
-    """Learn until so many updates are done, and save what learning goes on from."""
+    """Learn up to a number of updates, and save the state of learning."""
     spent = curve[-1]["seconds"] if curve else 0.0
     start = time.perf_counter()
     with Bars() as bars:
@@ -95,7 +95,7 @@ def learned(
 
 
 def curve_figure(curve: list[dict[str, Any]], periods: int) -> Figure:
-    """Progress of the policies that were tried, and what it cost."""
+    """Progress of the policies against the control periods of learning."""
     chart = Figure(figsize=(6, 3.5), layout="constrained")
     axes = chart.subplots()
     axes.plot(np.arange(1, len(curve) + 1) * periods / 1e6, [row["progress"] for row in curve])
