@@ -89,7 +89,13 @@ def contact_twin(scene: Scene) -> Scene:
 
     Raises `InputError` as `exact_twin` and `penalty_twin` do.
     """
-    return penalty_twin(scene) if scene.constrained else exact_twin(scene)
+    return penalty_twin(scene) if is_exact(scene) else exact_twin(scene)
+
+
+def is_exact(scene: Scene) -> bool:
+    """Whether struts or contact are constraints. Rigid bodies are the same on both contact models."""
+    struts, ground = scene.structure.struts, scene.ground
+    return (struts is not None and struts.rigid) or (ground is not None and ground.impulsive)
 
 
 def _check_starts_still(scene: Scene) -> None:

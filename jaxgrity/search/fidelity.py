@@ -14,7 +14,7 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray
 from jaxgrity.model.actuation import Gait
-from jaxgrity.model.contact_twin import contact_twin, exact_twin
+from jaxgrity.model.contact_twin import contact_twin, exact_twin, is_exact
 from jaxgrity.model.scene import Scene
 from jaxgrity.populations.population import as_population
 from jaxgrity.search.genetic_algorithm import Evolution, GAConfig, SearchProblem, SearchState, begin, evolve_on
@@ -84,8 +84,8 @@ def fidelity_levels(
     Raises `InputError` where the scene or its contact twin cannot be rolled out.
     """
     step = default_step(scene, default_method(scene)) if dt is None else dt
-    exact = scene if scene.constrained else exact_twin(scene)
-    own_step = step if scene.constrained else rough_step(scene, step)
+    exact = scene if is_exact(scene) else exact_twin(scene)
+    own_step = step if is_exact(scene) else rough_step(scene, step)
     screening = FidelityLevel("screening", exact, rough_step(exact), "float32", wide=wide)
     own = FidelityLevel("own model", scene, own_step, "float32")
     finest = FidelityLevel("verification", scene, step / 2, "float64")

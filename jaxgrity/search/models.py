@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 from jaxgrity.core.typed import typed
+from jaxgrity.model.contact_twin import is_exact
 from jaxgrity.model.scales import time_scale
 from jaxgrity.model.scene import Scene, as_dtype
 from jaxgrity.stepping.options import Options, ResolvedOptions, SolverOptions, resolve
@@ -36,7 +37,7 @@ def rough_step(scene: Scene, dt: float | None = None) -> float:
     """
     method = default_method(scene)
     own = default_step(scene, method) if dt is None else dt
-    wanted = SCREENING_STEP * float(time_scale(scene)) if scene.constrained else 2 * own
+    wanted = SCREENING_STEP * float(time_scale(scene)) if is_exact(scene) else 2 * own
     return wanted if wanted <= strictest(scene, method)[0] else own
 
 

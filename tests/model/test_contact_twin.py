@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from jaxgrity import InputError, SolverOptions, parse_scene, scene_text, simulate, with_gait
+from jaxgrity.model.bodies import rigid_body
 from jaxgrity.model.contact_twin import contact_twin, exact_twin, penalty_twin
 from jaxgrity.model.friction import ConeFriction, SmoothFriction, SwitchFriction
 
@@ -76,6 +77,17 @@ def test_a_twin_keeps_what_is_not_contact(name, request):
     assert (other.structure.struts.stuck, other.structure.cables.stuck) == ((2,), (5,))
     assert other.structure.struts.edges == scene.structure.struts.edges
     np.testing.assert_array_equal(other.structure.struts.rest_length, scene.structure.struts.rest_length)
+
+
+def test_a_scene_with_rigid_bodies_has_the_other_contact(reference, exact):
+    """Bodies keep their shapes on both: a payload makes no penalty scene an exact one."""
+    payload = rigid_body(exact.structure.nodes, (0, 1, 4, 5, 8), 2.0, [0.1, 0.1, 0.1])
+    for scene, other in ((reference, exact), (exact, reference)):
+        loaded = eqx.tree_at(lambda s: s.structure.bodies, scene, (payload,))
+        twin = contact_twin(loaded)
+        assert twin.ground.impulsive == other.ground.impulsive
+        assert twin.structure.struts.rigid == other.structure.struts.rigid
+        assert twin.structure.bodies == (payload,)
 
 
 def test_exact_twin_of_strained_struts_has_the_lengths_of_the_start(reference):
