@@ -8,7 +8,7 @@ from scipy.optimize import nnls
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.formats.foreign import Losses
-from jaxgrity.formats.mjcf_losses import name_of
+from jaxgrity.formats.mjcf_losses import check_spring, name_of
 from jaxgrity.model.friction import ConeFriction
 from jaxgrity.model.ground import ExactGround
 
@@ -17,8 +17,8 @@ mujoco: Any = lazy_loader.load("mujoco")
 SAME_PLACE = 1e-4
 """Largest difference of places, and of radii, that count as the same, as a share of the robot's size."""
 SMALL = 0.02
-"""Share of the robot's size below which notes omit two things: arms of spinning and rolling friction, and starts inside
-the plane."""
+"""Share of the robot's size below which notes omit arms of spinning and rolling friction, starts inside the plane, and
+how deep its weight presses it in."""
 LEAST_FRICTION = 1.01e-5
 """Friction written in place of none: MuJoCo accepts no smaller value."""
 
@@ -100,7 +100,8 @@ def _contacts(model: Any, data: Any) -> tuple[int | None, dict[int, list[Any]]]:
         contacts = [contact for contact in beyond.contact if plane in contact.geom]
         for contact in contacts:
             geom = int(contact.geom[0] if contact.geom[1] == plane else contact.geom[1])
-            kept = (int(contact.dim), np.array(contact.friction), float(contact.includemargin))
+            spring = (np.array(contact.solref), np.array(contact.solimp))
+            kept = (int(contact.dim), np.array(contact.friction), float(contact.includemargin), *spring)
             found.setdefault(geom, []).append(kept)
         touched += [plane] if contacts else []
     if len(touched) > 1:
@@ -127,7 +128,8 @@ def _moved(model: Any, way: np.ndarray) -> Any:
 
 def _friction(model: Any, geom: int, contacts: list[Any], size: float, losses: Losses) -> float:
     """mu of the contacts of a geom with the plane."""
-    dim, friction, _ = contacts[0]
+    dim, friction, _, *spring = contacts[0]
+    check_spring(model, geom, spring, SMALL * size, losses)
     if dim == 1:
         return 0.0
     name = f"geom {name_of(model, 'geom', geom)}"

@@ -21,6 +21,8 @@ DROPPABLE = {
     "forces": "springs of joints, gravity compensation, armature, nonlinear springs",
 }
 """What callers may drop although it changes the motion, with a description of each."""
+REBOUND = 0.1
+"""Share of its speed that a contact may give back and still count as one that gives back nothing."""
 FAR = 10.0
 """A tendon's limit beyond this many times its length at the start counts as out of reach."""
 
@@ -84,6 +86,27 @@ def _tendons(model: Any, losses: Losses) -> None:
             losses.lose("limits", f"tendon {name}: {reach}")
         else:
             losses.note(f"tendon {name}: {reach} there, and not at all here; it is {length:.4g} m long at the start")
+
+
+def check_spring(model: Any, geom: int, spring: list[np.ndarray], deep: float, losses: Losses) -> None:
+    """Loses what a geom's contact with the plane gives back, and where its weight presses it in by more than `deep`, m.
+
+    `spring` is the contact's `solref` and `solimp`. Exact contact is stiff, and gives nothing back. How deep it is
+    pressed in is known within a factor of two: many contacts share a weight, and grow stiffer with depth.
+    """
+    (time, ratio), impedance = spring[0].tolist(), float(spring[1][1])
+    period = time * ratio
+    if time <= 0:  # minus a stiffness, and minus a damping
+        period = 1 / np.sqrt(max(-time, 1e-300))
+        ratio = -ratio / 2 * period
+    name = f"geom {name_of(model, 'geom', geom)}"
+    back = np.exp(-np.pi * ratio / np.sqrt(1 - ratio**2)) if ratio < 1 else 0.0
+    if back > REBOUND:
+        losses.lose("contact", f"{name}: bounces off the plane at {back:.2g} times its speed (solref)")
+    off = model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
+    sinks = 0.0 if off else float(np.linalg.norm(model.opt.gravity)) * (1 - impedance) * period**2
+    if sinks > deep:
+        losses.lose("contact", f"{name}: its weight presses it some {sinks:.1g} m into the plane (solref, solimp)")
 
 
 def _first(model: Any, kind: str, values: np.ndarray) -> str:

@@ -126,6 +126,7 @@ FLOOR, TENDON, SPRING = 'size="1 1 1"', 'name="c0"', 'stiffness="400"'
 SERVO = '<position tendon="c0" kp="100"/>'
 WEAK = '<general tendon="c0" gainprm="600" biastype="affine" biasprm="60 -600 -6" forcerange="-20 0"/>'
 ROLLING = FLOOR + ' condim="6" friction="1 0.005 0.1"'
+STIFF = ' solmix="1e6"'
 SLACK = prism().replace(SPRING, 'stiffness="0"', 1)
 MOTOR = '<motor tendon="c0" ctrlrange="-9 -1" ctrllimited="true"/>'
 REFUSED = {
@@ -143,6 +144,8 @@ REFUSED = {
     "inside the plane": (prism(above=-0.05), "contact", "inside the plane"),
     "directions": (with_pairs(0.1, prism()).replace('"0.1 0.1"', '"0.1 0.3"', 1), "friction", "along two tangents"),
     "rolling friction": (prism().replace(FLOOR, ROLLING), "friction", "against what rolls, with an arm of 0.1 m"),
+    "a rebound": (prism().replace(FLOOR, FLOOR + STIFF + ' solref="-5000 -2"'), "contact", "at 0.96 times its speed"),
+    "a soft floor": (prism().replace(FLOOR, FLOOR + STIFF + ' solref="0.5 1"'), "contact", "some 0.1 m into the plane"),
     "a limit": (prism().replace(TENDON, TENDON + ' limited="true" range="0 0.4"'), "limits", "limited to 0 to 0.4 m"),
     "dry friction": (prism().replace(TENDON, TENDON + ' frictionloss="1"'), "friction", "tendon c0: dry friction"),
     "damped bodies": (prism(joint='<joint type="free" damping="0.5"/>'), "damping", "its joint has damping, and"),
