@@ -55,7 +55,7 @@ class Situation(NamedTuple):
     average: AnyArray
     """(2,), m/s, the averaged velocity of the task's progress"""
     ended: AnyArray
-    """index into `ENDS`, how the episode ended; 0: it goes on"""
+    """index into `ENDS`, the end of the episode; 0: none yet"""
 
 
 class EnvironmentState(eqx.Module):
@@ -63,9 +63,9 @@ class EnvironmentState(eqx.Module):
 
     pipeline_state: Situation
     obs: AnyArray
-    """(observation_size,), what the policy sees: see `Environment.sensed`"""
+    """(observation_size,), the policy's input: see `Environment.sensed`"""
     reward: AnyArray
-    """the task's progress, m/s, less what effort costs"""
+    """the task's progress, m/s, less the cost of effort"""
     done: AnyArray
     """1 from where the episode is over: the goal reached, the time up, or the rollout failed; else 0"""
     metrics: dict[str, AnyArray]
@@ -86,7 +86,7 @@ class Environment:
     plant: Plant
     task: Task
     effort_cost: float
-    """by which the mean square rate of the contractions, 1/s^2, counts against the reward, m/s"""
+    """factor of the mean square rate of the contractions, 1/s^2, in the reward, m/s"""
     episode: int
     """control periods, after which an episode is over where no wrapper counts them"""
 

@@ -21,7 +21,7 @@ class MotorLimits(eqx.Module):
     """
 
     lag: float | None = eqx.field(static=True, default=None)
-    """s; None: what is asked for is reached within a control period"""
+    """s; None: commands are reached within a control period"""
     rate: float | None = eqx.field(static=True, default=None)
     """m/s, the largest |dL/dt|; None: unbounded"""
     force: float | None = eqx.field(static=True, default=None)

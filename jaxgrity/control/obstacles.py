@@ -118,10 +118,10 @@ class WayMap(NamedTuple):
     spacing: float
     """m"""
     reach: float
-    """m, how far the robot sticks out from its centre of mass"""
+    """m, from the robot's centre of mass to its farthest node"""
     distance: np.ndarray
-    """(points along x, points along y), m, of which those near an obstacle count up to `CLOSE` times; infinite where no
-    way leads to the goal"""
+    """(points along x, points along y), m; metres near an obstacle count up to `CLOSE` times; infinite where no way
+    leads to the goal"""
 
     def to_go(self, places: np.ndarray) -> np.ndarray:
         """(...,), m, counted as in `distance`, from each of `places` (..., 2), by interpolation.

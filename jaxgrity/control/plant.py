@@ -41,9 +41,9 @@ class PlantState(NamedTuple):
     motion: State
     """q, m, and v, m/s, as the method carries them (`whole_state`)"""
     solver: Any
-    """what the method carries from step to step"""
+    """the method's carry"""
     contraction: AnyArray
-    """(actuators,), by which fraction each actuated member is shortened"""
+    """(actuators,), contraction of each actuated member"""
     tension: AnyArray | None
     """(actuators,), N, with which each of them pulled in the last step, where motors need to know"""
     readings: Readings
@@ -65,7 +65,7 @@ class Plant(eqx.Module):
     sensors: Sensors = Sensors()
     motors: MotorLimits = MotorLimits()
     robots: int | None = eqx.field(static=True, default=None)
-    """how many; None: one, without an axis for it"""
+    """number of robots; None: one, without an axis for it"""
 
     @property
     def lift(self) -> Lift:

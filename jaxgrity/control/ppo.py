@@ -35,7 +35,7 @@ class LearningConfig:
     decisions: int = 32
     """of each robot, between two updates"""
     epochs: int = 4
-    """times that an update goes through them"""
+    """passes of an update over them"""
     batches: int = 4
     """into which they are dealt, anew in each epoch"""
     discount: float = 0.97
@@ -43,7 +43,7 @@ class LearningConfig:
     trace: float = 0.95
     """lambda of generalised advantages"""
     clip: float = 0.2
-    """by which the ratio of probabilities may differ from 1 before it no longer counts"""
+    """largest counted difference of the ratio of probabilities from 1"""
     entropy: float = 1e-3
     """weight of the policy's entropy, against growing sure too early"""
     divergence: float = 0.015
@@ -75,7 +75,7 @@ class Learner(NamedTuple):
     rate: AnyArray
     """learning rate"""
     seen: AnyArray
-    """how many observations `Learned.mean` knows of"""
+    """number of observations in `Learned.mean`"""
     states: Any
     """of the environments, with robots in front"""
     ages: AnyArray

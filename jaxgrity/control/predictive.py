@@ -70,7 +70,7 @@ class Journey(NamedTuple):
     bends: np.ndarray
     """the first of each choice"""
     real_time: float
-    """seconds that pass for the robot, per second that choosing takes, in the middle, compilation left out"""
+    """seconds of the robot per second of a choice, median, without compilation"""
     spent: np.ndarray
     """s, that each choice took; the first of all compiles"""
 

@@ -50,7 +50,7 @@ class Errors(NamedTuple):
     cable_lengths: float = 0.0
     tensions: float = 0.0
     contact: float = 0.0
-    """the probability, not a standard deviation, with which a node's contact is told wrongly"""
+    """probability of a wrong reading of a node's contact (no standard deviation)"""
     place: float = 0.0
 
 

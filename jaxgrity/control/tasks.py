@@ -33,7 +33,7 @@ class Task(NamedTuple):
     shaking in place earns nothing."""
 
     towards: str
-    """what d is: "anywhere", none; "heading", one drawn at the start; "goal", that to the goal; "uphill" """
+    """the direction d: "anywhere", none; "heading", one drawn at the start; "goal", that to the goal; "uphill" """
     incline: float = 0.0
     """rad, of the ground"""
     bumps: float = 0.0

@@ -51,7 +51,7 @@ class Foresight(NamedTuple):
     usual: float = 0.6
     """share of the samples that use the first gait; the others use any, the first and all images included"""
     reach: float | None = None
-    """m, how far the robot sticks out from its centre of mass; None: as far as the maps say"""
+    """m, from the robot's centre of mass to its farthest node; None: that of the maps"""
     margin: float = 0.1
     """m, to be kept from obstacles beside that"""
     patience: float = 60.0
@@ -85,7 +85,7 @@ class Travels(NamedTuple):
     spread: np.ndarray
     """(choices, robots), m, standard deviation of the place at the horizon, of the way that was chosen"""
     surprise: np.ndarray
-    """(choices, robots), m, from where the model said that the robot would be at the next choice to where it was"""
+    """(choices, robots), m, from the place at the next choice as predicted to the real one"""
     seconds: float
     """in the middle, that choosing for all robots took, compilation left out where there were several choices"""
 

@@ -40,12 +40,11 @@ class Estimate(NamedTuple):
 
     name: str
     value: float | None
-    """the factor or the offset; None: the data cannot tell it"""
+    """the factor or the offset; None: not identified"""
     standard_error: float
-    """of the value; where the data cannot tell it, what is left of the plausible spread"""
+    """of the value; if not identified, the remaining plausible spread"""
     interval: tuple[float, float] | None
-    """in which the value is with a probability of 95 %; None: the data cannot tell it, or residuals are so alike from
-    row to row that they do not say how far it may be off"""
+    """95 % interval of the value; None: not identified, or residuals too correlated for an error"""
 
 
 class Identified(NamedTuple):
@@ -57,15 +56,15 @@ class Identified(NamedTuple):
     z: Unknowns
     """of the parameters: multiples of their plausible spreads"""
     covariance: Float[AnyArray, "parameters parameters"]
-    """of z: what is left of the plausible spreads, starts unknown as they are"""
+    """of z: the remaining plausible spreads, with unknown starts"""
     starts: tuple[AnyArray, ...]
-    """the further unknowns of each measurement, such as states at which windows start"""
+    """the further unknowns of each measurement, such as the starts of windows"""
     misfit: float
     """root mean square of the residuals in standard deviations of the noise: 1 where model and noise are right"""
     converged: bool
     steps: int
     residuals: ResidualTests | None = None
-    """whether they look like independent noise of the size that was said"""
+    """whether they look like independent noise of the stated size"""
     twin: TwinFit | None = None
     """the fit on the other contact model, where there is one"""
 

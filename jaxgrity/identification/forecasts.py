@@ -47,7 +47,7 @@ class SpeedForecast(NamedTuple):
     gradient_deviation: float | None
     """m/s, sqrt(s'Cs): the standard deviation of the speed by the slopes s and the covariance C of z"""
     gradient_shares: Float[np.ndarray, " parameters"] | None
-    """by the slopes, the share of the speed's variance that goes where a parameter becomes known exactly"""
+    """from the slopes, the share of the speed's variance removed by exact knowledge of a parameter"""
     deviations: Float[np.ndarray, "robots parameters"]
     """of the robots' z from those of the most probable one"""
     speeds: Float[np.ndarray, " robots"]

@@ -45,7 +45,7 @@ class MeasuredMotion(Measurement):
     unknown: tuple[int, ...] = eqx.field(static=True)
     """which numbers of the states are not known"""
     jump: Float[AnyArray, "2"]
-    """m and m/s, standard deviations of jumps from a window to the next: what the model leaves out in each"""
+    """m and m/s, standard deviations of jumps from a window to the next: the model's error in each"""
     steps: int | None = eqx.field(static=True)
     """from frame to frame; None: the method adapts its step"""
 
@@ -113,13 +113,13 @@ class Starts(NamedTuple):
     """The start of a measured motion, and its number of windows, each with a start of its own."""
 
     path: NodeHistory
-    """(frames, nodes, 3), m, a guess of the motion, such as what was measured, or a rollout"""
+    """(frames, nodes, 3), m, a guess of the motion, such as the measured one, or a rollout"""
     windows: int = 1
     spread: tuple[float, float] | Literal["usual"] | None = "usual"
     """m and m/s, standard deviations of the guess of each window's start, by default `SPREAD` of a body of this size;
     None: the motion starts at rest, where the path does, and this is known"""
     jump: tuple[float, float] | None = None
-    """m and m/s, by which the end of a window may plausibly miss the start of the next; None: `JUMP`, likewise"""
+    """m and m/s, plausible jump from the end of a window to the start of the next; None: `JUMP`, likewise"""
 
 
 @typed

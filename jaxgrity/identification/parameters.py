@@ -27,9 +27,9 @@ class Parameter(NamedTuple):
     """One unknown number. z times `spread` is the logarithm of a factor, or an offset."""
 
     path: str
-    """where it is, such as "structure.cables.stiffness" or "friction.mu": any array of numbers in the scene"""
+    """its place, such as "structure.cables.stiffness" or "friction.mu": any array of numbers in the scene"""
     spread: float
-    """by how much the scene may plausibly be wrong, before anything is measured: a standard deviation"""
+    """plausible error of the scene before measurements: a standard deviation"""
     kind: str = "factor"
     """"factor", which keeps the sign, with a relative spread; or "offset", with the spread in the place's own unit"""
     parts: tuple[int, ...] | None = None

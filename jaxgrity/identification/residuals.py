@@ -33,12 +33,12 @@ class ResidualTests(NamedTuple):
     runs: float
     """probability that the signs of independent ones change so rarely, or so often (Wald and Wolfowitz)"""
     size: float
-    """the misfit: 1 where noise is as large as was said"""
+    """the misfit: 1 for noise of the stated size"""
     size_probability: float
-    """that noise of the size that was said has residuals so large"""
+    """probability of residuals at least as large, for noise of the stated size"""
     independent: float
-    """residuals that are worth as much as independent ones: all, where they are so small that the noise that was said
-    allows for their correlation"""
+    """number of equivalent independent residuals; all, where they are small enough for the stated noise to cover their
+    correlation"""
     share: float = 1.0
     """of all residuals, that those are"""
 

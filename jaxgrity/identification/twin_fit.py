@@ -24,7 +24,7 @@ class TwinFit(NamedTuple):
     values: dict[str, float]
     """by the names of the parameters that the twin has too: factors or offsets; empty where there is no fit"""
     apart: dict[str, float]
-    """likewise, by how many standard errors of their difference both fits disagree"""
+    """likewise, disagreement of both fits in standard errors of their difference"""
     misfit: float
     """in standard deviations of the noise; NaN where there is no fit"""
     reason: str = ""

@@ -43,7 +43,7 @@ class Gait(eqx.Module):
     phase: PerActuator = eqx.field(converter=as_float)
     """phase of each actuated member, rad"""
     amplitude: PerActuator = eqx.field(converter=as_float)
-    """delta: largest fraction by which each member shortens, from 0 to less than 1"""
+    """delta: largest contraction of each member, from 0 to less than 1"""
     frequency: PerActuator = eqx.field(converter=as_float)
     """frequency f of each member, Hz, not negative"""
     start: Scalar = eqx.field(converter=as_float, default=0.0)
@@ -81,7 +81,7 @@ class Command(eqx.Module):
     members: tuple[int, ...] = eqx.field(static=True)
     """numbers of the actuated members, as in a `Gait`"""
     now: PerActuator
-    """fraction by which each member is shortened at `since`"""
+    """contraction of each member at `since`"""
     rate: PerActuator
     """growth rate of that fraction, 1/s"""
     since: Scalar
@@ -99,7 +99,7 @@ class Commands(eqx.Module):
     times: Times
     """(times,), s, ascending; two or more"""
     contraction: AnyArray
-    """(times, actuators), fraction by which each member is shortened"""
+    """(times, actuators), contraction of each member"""
 
 
 Actuation = Gait | Command | Commands

@@ -61,7 +61,7 @@ class Configuration(NamedTuple):
     t: Scalar
     """time, s"""
     known: VectorsByKind
-    """`vector` of those members along which the library's own forces act, by their kinds"""
+    """`vector` of the members with forces of the library, by kind"""
     scene: Any
     """the `Scene` that the law belongs to"""
 

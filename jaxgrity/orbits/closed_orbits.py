@@ -34,7 +34,7 @@ class ClosedOrbit(NamedTuple):
     turning: Scalar
     """rad/s about the vertical, positive to the left"""
     residual: Scalar
-    """m and m/s, of a body of one metre, by which the state misses itself; speed and turning are NaN above `CLOSED`"""
+    """m and m/s, for a body of one metre, gap of the closed state; speed and turning are NaN above `CLOSED`"""
 
 
 @typed

@@ -27,9 +27,9 @@ class OrbitCycle(NamedTuple):
     distance: float
     """m, of the centre of mass, along the line or the arc of `Orbit.speed`"""
     work: float
-    """J, done by the actuators, less what was done on them: on an orbit, what friction and damping take"""
+    """J, done by the actuators less done on them: on an orbit, the loss to friction and damping"""
     effort: float
-    """J, done by the actuators, each by itself; they get nothing back where work is done on them"""
+    """J, done by the actuators, each by itself, without recovery of work done on them"""
     cost_of_transport: float
     """effort / (m g distance); infinite without gravity or where the robot stays"""
     peak_force: float

@@ -36,7 +36,7 @@ class Repetition(NamedTuple):
     nodes: tuple[int, ...]
     """(nodes,): after that time node nodes[i] moves as node i did"""
     residual: float
-    """m, by which heights of nodes and distances between them then differ at most"""
+    """m, largest difference then of heights of nodes and distances between them"""
 
 
 @typed

@@ -31,9 +31,9 @@ class Metrics(NamedTuple):
     path: Scalar
     """m, length of the horizontal path of the centre of mass"""
     work: Scalar
-    """J, done by the actuators, as in the energy audit: less what was done on them"""
+    """J, done by the actuators less done on them, as in the energy audit"""
     effort: Scalar
-    """J, done by the actuators, each by itself; they get nothing back where work is done on them"""
+    """J, done by the actuators, each by itself, without recovery of work done on them"""
     contact: Scalar
     """s, summed over the nodes that touch the ground"""
     slip: Scalar

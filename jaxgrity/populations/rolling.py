@@ -43,7 +43,7 @@ class Rolling(NamedTuple):
     rolls: int
     """changes of support"""
     slip_share: float
-    """of the contact time, summed over nodes, that in which the node slips; 0 where nothing touches"""
+    """share of the contact time, summed over nodes, with slip; 0 without contact"""
     airborne_share: float
     """of the time, that in which no node touches"""
     straightness: float

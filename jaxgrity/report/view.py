@@ -48,7 +48,7 @@ class Robot(NamedTuple):
     name: str
     """under which the replay lists it"""
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """m, by which it is moved, to stand beside the others"""
+    """m, shift, for a place beside the others"""
     opacity: float = 1.0
     """less than 1: it can be seen through, as a ghost of the first"""
 

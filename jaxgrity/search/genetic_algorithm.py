@@ -29,7 +29,7 @@ class SearchProblem(NamedTuple):
     scene: Scene
     """the robot, and the gait around which gaits are searched"""
     genome: Genome
-    """what may vary"""
+    """the numbers to search over"""
     duration: float
     """s, over which a gait is judged"""
     fitness: Fitness
@@ -55,7 +55,7 @@ class GAConfig(eqx.Module):
     elites: int = eqx.field(static=True, default=8)
     """the best, which go on unchanged"""
     tournament: int = eqx.field(static=True, default=3)
-    """each parent is the best of so many drawn at random"""
+    """number of random gaits of which the best becomes a parent"""
     mutation_rate: float = eqx.field(static=True, default=0.3)
     """share of genes that mutate"""
     mutation_size: tuple[float, float] = eqx.field(static=True, default=(0.1, 0.02))
@@ -67,10 +67,10 @@ class GAConfig(eqx.Module):
     crossover: float = eqx.field(static=True, default=1.0)
     """share of children that have two parents; the others have one"""
     parents: int | None = eqx.field(static=True, default=None)
-    """parents are drawn from so many of the best gaits, all alike; None: by tournaments among all"""
+    """number of best gaits from which parents are drawn with equal probability; None: tournaments among all"""
     optimiser: str = eqx.field(static=True, default="genetic")
-    """ "cma-es": the next generation is asked of CMA-ES, which begins at the best gait of the first, as wide as its
-    mutations; elites, tournaments, crossover and parents do not count"""
+    """ "cma-es": the next generation comes from CMA-ES, which begins at the best gait of the first, as wide as its
+    mutations; elites, tournaments, crossover and parents have no effect"""
 
     def __check_init__(self):
         check_optimiser(self.optimiser)
@@ -99,7 +99,7 @@ class Generation(NamedTuple):
     spread: PerGait
     """standard deviation of the objective over each gait's ensemble"""
     failed: Int[AnyArray, ""]
-    """how many gaits failed"""
+    """number of failed gaits"""
 
 
 class Record(NamedTuple):
@@ -108,11 +108,11 @@ class Record(NamedTuple):
     best: Float[np.ndarray, " generations"]
     """fitness of the best gait"""
     median: Float[np.ndarray, " generations"]
-    """of the median gait, of those within the bounds on actuators where there are such"""
+    """of the median gait, among those within the bounds on actuators if any"""
     failed: Float[np.ndarray, " generations"]
-    """how many gaits failed"""
+    """number of failed gaits"""
     within: Float[np.ndarray, " generations"]
-    """how many kept the bounds on actuators on all their robots"""
+    """number of gaits within the bounds on actuators on all their robots"""
 
 
 class SearchState(NamedTuple):
@@ -129,7 +129,7 @@ class SearchState(NamedTuple):
     evaluated: Generation | None
     """the last generation; None before the first"""
     memory: AnyArray | None = None
-    """(numbers,), what CMA-ES has learnt; None before the second generation, and of a genetic algorithm"""
+    """(numbers,), memory of CMA-ES; None before the second generation, and of a genetic algorithm"""
 
 
 class Evolution(NamedTuple):
@@ -141,9 +141,9 @@ class Evolution(NamedTuple):
     median: np.ndarray
     """(generations,), of the median gait"""
     failed: np.ndarray
-    """(generations,), how many gaits failed"""
+    """(generations,), number of failed gaits"""
     within: np.ndarray
-    """(generations,), how many kept the bounds on actuators on all their robots; where none did, the best is none"""
+    """(generations,), number of gaits within the bounds on actuators on all their robots; where 0, there is no best"""
     rollouts: int
 
 

@@ -31,9 +31,9 @@ class ClimbTask(NamedTuple):
 
     problem: SearchProblem
     options: ResolvedOptions
-    """of the problem's own scene, with its step: reverse mode has to know it"""
+    """of the problem's own scene, with its step, needed by reverse mode"""
     judging: Judging
-    """by which smoothed gradients are taken"""
+    """for smoothed gradients"""
     width: Scalar
     """standard deviation s of the smoothed gradient's perturbations, as `PolishConfig.width`"""
 
@@ -95,7 +95,7 @@ class Gradient(NamedTuple):
     """An estimate of a gradient; of several at once, each array has a row for each."""
 
     value: AnyArray | float
-    """of what it is the gradient of, in the mean over the rollouts that it took"""
+    """of the differentiated quantity, mean over the gradient's rollouts"""
     mean: AnyArray
     """(genes,), per turn of the circle or per width of the bounds"""
     noise: AnyArray

@@ -28,7 +28,7 @@ class Agreement(NamedTuple):
 
     levels: tuple[FidelityLevel, ...]
     fitness: np.ndarray
-    """(levels, gaits); NaN of those beyond the bound on rates on any robot, whose fitness is nothing to rank"""
+    """(levels, gaits); NaN for gaits beyond the bound on rates on any robot, which have no rank"""
     evolved: int
     rank_correlation: np.ndarray
     """(levels, levels), over all gaits"""
@@ -44,9 +44,10 @@ class Promoted(NamedTuple):
     finals: Scores
     """of the finalists, best first, by many robots"""
     multipliers: Float[np.ndarray, " finalists"] | None
-    """by which a disturbance grows in a cycle of each finalist's orbit; infinite without one. None: not asked for"""
+    """largest Floquet multiplier of each finalist's orbit: the growth of a disturbance in a cycle; infinite without an
+    orbit. None: not requested"""
     within_bounds: bool
-    """whether the best asks no more of its actuators than it may, on a robot as the scene says"""
+    """whether the best gait keeps the bounds on actuators, on the scene's own robot"""
     agreement: Agreement
 
 

@@ -63,7 +63,7 @@ class SearchConfig:
     """whether screening begins with 4 times as many random gaits, and continues with mutations of the best eighth; the
     scene's own model then continues with an eighth of the population"""
     dt: float | None = None
-    """time step of the scene's own model, s; verification takes smaller steps too; None: the scene decides"""
+    """time step of the scene's own model, s; verification uses smaller steps too; None: the scene's"""
     seed: int = 0
     """seed of the random number generator"""
 

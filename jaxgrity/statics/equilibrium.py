@@ -43,7 +43,7 @@ class RestingShape(NamedTuple):
     stable: bool
     """whether U rises in every direction, or stays the same to rounding: a minimum, not a saddle"""
     reactions: NodeVectors
-    """N, what supports push with; 0 where nothing is held"""
+    """N, forces of supports; 0 at free coordinates"""
     steps: int
 
 

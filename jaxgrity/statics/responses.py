@@ -32,13 +32,13 @@ class StaticResponse(NamedTuple):
     """The first-order change under loads."""
 
     displacement: NodeVectors
-    """m; where supports leave rigid motions, that without any"""
+    """m; without any rigid motion that supports leave free"""
     force_change: PerMember
-    """N, by which each member's tension changes, struts first"""
+    """N, change of each member's tension, struts first"""
     compliance: float
-    """m/N, f·u/f·f: how far the loads' points of attack give way, for each newton"""
+    """m/N, f·u/f·f: displacement of the loaded nodes for each newton"""
     slack_margin: float
-    """by what the loads may be multiplied until the first cable is slack; infinite where they tighten all"""
+    """factor of the loads at which the first cable goes slack; infinite where they tighten all"""
 
 
 @typed

@@ -32,11 +32,11 @@ class Modes(NamedTuple):
     """Natural vibrations q + a shapes[k] sin(2 pi frequency[k] t), the slowest first, without rigid motions."""
 
     frequency: PerRow
-    """Hz; 0 where nothing resists the motion, or where the shape is no minimum and it grows"""
+    """Hz; 0 for a motion without resistance, or a growing one about a shape that is no minimum"""
     shapes: Float[AnyArray, "rows nodes 3"]
     """m, each with a kinetic energy of 1 J at a rate of 1/s and factor sqrt(2): shape' M shape = 1 kg m^2"""
     growing: int
-    """how many of them are unstable: U falls in their direction"""
+    """number of unstable modes: U falls in their direction"""
 
     def motion(self, q: NodeVectors, mode: int, amplitude: float, times: Times) -> Float[AnyArray, "frames nodes 3"]:
         """Positions (frames, nodes, 3), m, of one mode; the largest displacement of a node is `amplitude`, m.

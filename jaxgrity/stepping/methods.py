@@ -34,7 +34,7 @@ class Method(NamedTuple):
     together: Build | None = None
     """builds the solver that solves struts and contacts together; None: no such variant"""
     implicit: bool = False
-    """whether it solves equations in each step; it is then stable at any step, and goes robot by robot"""
+    """whether it solves equations in each step; it is then stable at any step, and computes robot by robot"""
     symplectic: bool = False
     """whether it needs forces that are independent of velocity"""
     constrained: bool = False

@@ -57,7 +57,7 @@ class SolverOptions:
     max_steps: int = 10**6
     """number of steps after which an adaptive method gives up, and the simulation fails"""
     any_step: bool = False
-    """whether a step beyond the stable limit is allowed; a warning then says so"""
+    """whether a step beyond the stable limit is allowed, with a warning"""
 
     def __post_init__(self):
         check_fields(self)
