@@ -154,18 +154,18 @@ def compared_ways(answers: list[Record], rollouts: int) -> list[Record]:
 def words(record: Record) -> str:
     """What each way gained, and what it could spend."""
     head = [
-        "continued by", "fitness gained, body lengths/s: median (quartiles)", "better than the start",
-        "beats a longer search", "gained on the other contact model", "better there", "kept",
+        "continued by", "fitness gained, body lengths/s: median (quartiles)", "better than the start", "worse",
+        "beats a longer search", "kept", "rollouts",
     ]  # fmt: skip
     rows = [
         [
             row["way"],
             f"{row['gain']:+.3f} ({row['quartiles'][0]:+.3f} to {row['quartiles'][1]:+.3f})",
             f"{row['better']} of {record['seeds']}",
+            f"{row['worse']}",
             "-" if row["way"] == "search runs on" else f"{row['beats']} of {record['seeds']}",
-            f"{row['gain_on_other']:+.3f}",
-            f"{row['better_on_other']}",
             "-" if row["kept"] is None else f"{row['kept']}",
+            f"{row['spent']:.0f}",
         ]
         for row in record["rows"]
     ]
