@@ -9,7 +9,7 @@ import run_notebooks
 NOTEBOOKS = sorted(run_notebooks.FOLDER.glob("*.ipynb"))
 
 
-def test_there_are_five():
+def test_there_are_six():
     """From a first roll to a robot of one's own."""
     assert [path.stem for path in NOTEBOOKS] == [
         "build_your_own_robot",
@@ -17,6 +17,7 @@ def test_there_are_five():
         "first_roll",
         "gradients_and_where_they_end",
         "speed_against_error",
+        "teach_it_to_roll",
     ]
 
 

@@ -3,7 +3,7 @@ from .closed_loop import Drive, Loop, drive, loop_start, roll_on, simulate_polic
 from .environments import Environment, EnvironmentState, Situation, environment
 from .feedback import PhaseLocked, sure_footed
 from .gym import GymnasiumEnvironment, GymnasiumVectorEnvironment
-from .learned import Learned, episode, load_policy, save_policy, trials
+from .learned import Learned, episode, load_policy, policy_names, save_policy, trials
 from .learning import learn, learner
 from .motor_limits import MotorLimits, contraction_reached
 from .obstacles import Discs, WayMap, discs_of, gap, reach_of, room, way_map
@@ -71,6 +71,7 @@ __all__ = [
     "observe",
     "plant_of",
     "plant_start",
+    "policy_names",
     "progressed",
     "reach_of",
     "read",

@@ -3,6 +3,7 @@
 import json
 from collections.abc import Callable
 from functools import partial
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from jaxgrity.control.closed_loop import frame, trajectory_of
 from jaxgrity.control.environments import ENDS, Environment
 from jaxgrity.control.plant import check_key
 from jaxgrity.core.arguments import check_count
-from jaxgrity.core.errors import InputError
+from jaxgrity.core.errors import InputError, unknown
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray
 from jaxgrity.io.files import write_whole
@@ -59,6 +60,9 @@ def untrained(environment: Environment, key: Any, width: int, depth: int, held: 
     return Learned(network, jnp.zeros(size, jnp.float32), jnp.ones(size, jnp.float32), held)
 
 
+SHIPPED = resources.files("jaxgrity") / "data" / "policies"
+
+
 @typed
 def save_policy(policy: Learned, path: str | Path) -> None:
     """Write a policy: a line of JSON with its sizes, then its arrays. The file appears whole or not at all."""
@@ -72,9 +76,28 @@ def save_policy(policy: Learned, path: str | Path) -> None:
     write_whole(path, write)
 
 
+def policy_names() -> tuple[str, ...]:
+    """The policies that come with the library: a task each, for the scene `exact`."""
+    return tuple(sorted(entry.name.removesuffix(".eqx") for entry in SHIPPED.iterdir() if entry.name.endswith(".eqx")))
+
+
 @typed
-def load_policy(path: str | Path) -> Learned:
-    """The policy that `save_policy` wrote. Raises `InputError` for a file that is not there, or is none."""
+def load_policy(name: str | Path) -> Learned:
+    """A policy of the library by its name, or one that `save_policy` wrote.
+
+    Raises `InputError` for a file that is not there, or is none.
+
+    Example:
+        >>> env = jaxgrity.control.environment("speed", jaxgrity.load_scene("exact"), seconds=0.1)
+        >>> policy = jaxgrity.control.load_policy("speed")
+        >>> jaxgrity.control.trials(env, policy, jax.random.key(0), episodes=2).shape
+        (2,)
+    """
+    names = policy_names()
+    if str(name) not in names and not Path(name).exists():
+        expected = f"expected a file, or one of {', '.join(names)}"
+        raise InputError(f"policy {str(name)!r}: {unknown(str(name), names)}; {expected}")
+    path = Path(str(SHIPPED / f"{name}.eqx")) if str(name) in names else Path(name)
     try:
         with open(path, "rb") as file:
             head = json.loads(file.readline())

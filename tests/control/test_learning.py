@@ -19,6 +19,7 @@ from jaxgrity.control import (
     load_policy,
     observe,
     plant_start,
+    policy_names,
     save_policy,
     trials,
 )
@@ -75,6 +76,22 @@ def test_an_episode_is_the_motion_that_trials_judge(env, first):
     np.testing.assert_allclose(progress, np.mean(found), rtol=1e-3, atol=1e-6)
 
 
+@pytest.mark.parametrize(
+    "name", [pytest.param("heading", marks=pytest.mark.slow), pytest.param("speed", marks=pytest.mark.campaign)]
+)
+def test_policies_of_the_library_roll(name):
+    """By steps that they were not trained on, from new starts; the start included, and along the way asked for."""
+    env = environment(name, load_scene("exact"), options=SolverOptions(dt=0.005, dtype="float32"), seconds=5.0)
+    assert trials(env, load_policy(name), jax.random.key(77), episodes=16).mean() > 0.5
+
+
+def test_policies_are_found_by_name():
+    """Or by file; a name that is nearly right is answered with the right one."""
+    assert policy_names() == ("heading", "speed")
+    with pytest.raises(InputError, match="policy 'spead': unknown; perhaps you meant speed; expected a file, or one of"):
+        load_policy("spead")
+
+
 def test_policies_are_kept(env, tmp_path):
     policy = untrained(env, jax.random.key(1), 8, 2, 4)
     save_policy(policy, tmp_path / "policy.eqx")
@@ -84,7 +101,9 @@ def test_policies_are_kept(env, tmp_path):
     (tmp_path / "other").write_text("{}")
     with pytest.raises(InputError, match="other: not a policy; expected a file that save_policy wrote"):
         load_policy(tmp_path / "other")
-    with pytest.raises(InputError, match="nowhere: cannot be read"):
+    with pytest.raises(InputError, match="cannot be read: Is a directory"):
+        load_policy(tmp_path)
+    with pytest.raises(InputError, match="nowhere': unknown; expected a file, or one of heading, speed"):
         load_policy(tmp_path / "nowhere")
 
 

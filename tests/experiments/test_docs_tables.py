@@ -19,7 +19,7 @@ MEASURED = ROOT / "docs" / "measured"
 BLOCKS = {
     "README.md": 3,
     "docs/conformance.md": 1,
-    "docs/control.md": 15,
+    "docs/control.md": 16,
     "docs/files.md": 1,
     "docs/gaits.md": 13,
     "docs/numerics.md": 12,

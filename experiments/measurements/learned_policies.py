@@ -1,0 +1,77 @@
+"""How well the library's learned policies do where they were not trained: contact, sensors, ground, falls, friction."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+from measurement import Record, measurement
+
+import jax
+from pages import columns
+
+from jaxgrity import Scene, bumps, contact_twin, load_scene, with_error
+from jaxgrity.control import Errors, Sensors, environment, load_policy, policy_names, trials
+from jaxgrity.control.environments import Environment
+
+BAD = Sensors(noise=Errors(directions=0.02, spins=0.1, cable_lengths=0.002, tensions=1.0, contact=0.01), delay=3)
+"""Noise of 0.02, 0.1 rad/s, 2 mm and 1 N, 1 % of contacts wrong, all of it 30 ms late."""
+
+
+@measurement(page="control.md", quick={"episodes": 2, "names": ("speed",)})
+def learned_policies(names: tuple[str, ...] = policy_names(), episodes: int = 256) -> Iterator[Record]:
+    """A row for each policy of the library.
+
+    Args:
+        names: of policies, which are those of tasks
+        episodes: new ones, each from another start, by which a policy is judged
+    """
+    for name in names:
+        policy, scene = load_policy(name), load_scene("exact")
+        for kind, env in kinds(name, scene).items():
+            progress = trials(env, policy, jax.random.key(2000), episodes)
+            yield {
+                "policy": name,
+                "kind": kind,
+                "progress": float(progress.mean()),
+                "error": 2 * float(progress.std(ddof=1)) / episodes**0.5,
+                "rolls": float((progress > 0.3).mean()),
+            }
+    return {"episodes": episodes}
+
+
+def kinds(task: str, scene: Scene) -> dict[str, Environment]:
+    """The same task where something is other than it was in training."""
+    rough = replace(scene, ground=replace(scene.ground, surface=bumps(0.02, 1.0, seed=0)))
+    slippery = replace(scene.friction, mu=0.6 * scene.friction.mu)
+    found = {
+        "as trained, steps of 5 ms in float64": environment(task, scene),
+        "the other contact model": environment(task, contact_twin(scene)),
+        "sensors that err, 30 ms late": environment(task, scene, sensors=BAD),
+        "bumps of 2 cm": environment(task, rough),
+        "friction 0.6 times as high": environment(task, replace(scene, friction=slippery)),
+    }
+    if task == "heading":
+        found["after falls from up to a metre"] = environment("recover", scene)
+    return found
+
+
+@learned_policies.table
+def words(record: Record) -> str:
+    """Progress of each policy, and the share of its episodes that roll."""
+    found = {(row["kind"], row["policy"]): row for row in record["rows"]}
+    names = dict.fromkeys(policy for _, policy in found)
+
+    def cell(name: str):
+        def told(kind: str) -> str:
+            row = found.get((kind, name))
+            return (
+                "-" if row is None else f"{with_error(row['progress'], row['error'], decimals=2)}, {row['rolls']:.0%}"
+            )
+
+        return told
+
+    cells = {"episodes": lambda kind: kind} | {f"`{name}`, m/s, that roll": cell(name) for name in names}
+    return columns(list(dict.fromkeys(kind for kind, _ in found)), cells)
+
+
+if __name__ == "__main__":
+    learned_policies.run()
