@@ -88,7 +88,9 @@ def test_policies_of_the_library_roll(name):
 def test_policies_are_found_by_name():
     """Or by file; a name that is nearly right is answered with the right one."""
     assert policy_names() == ("heading", "speed")
-    with pytest.raises(InputError, match="policy 'spead': unknown; perhaps you meant speed; expected a file, or one of"):
+    with pytest.raises(
+        InputError, match="policy 'spead': unknown; perhaps you meant speed; expected a file, or one of"
+    ):
         load_policy("spead")
 
 
