@@ -138,8 +138,8 @@ def damaged(key, shape: tuple[int, ...]):
 @pytest.mark.parametrize(
     ("task", "name", "robots", "ticks"),
     [
-        ("heading", "exact", 8, 12),
-        ("speed", "reference", 8, 12),
+        pytest.param("heading", "exact", 8, 12, marks=pytest.mark.slow),
+        pytest.param("speed", "reference", 8, 12, marks=pytest.mark.slow),
         *[
             pytest.param(task, name, 100, 100, marks=pytest.mark.campaign)
             for task in control.TASKS

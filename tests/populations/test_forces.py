@@ -24,6 +24,7 @@ def standing():
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["reference", "exact"])
 def test_the_ground_carries_the_weight(standing, name):
     """Of a robot at rest, by three nodes, straight up; each node is in balance."""

@@ -341,6 +341,7 @@ def test_only_a_folder_has_a_search_to_resume(exact, config, option):
         search_gaits(exact, config, **{option: True})
 
 
+@pytest.mark.campaign
 def test_a_random_structure_can_be_searched(exact, config):
     """A robot of five struts that nobody designed, on exact contact: its gait is worth what a rollout of it shows."""
     shape = random_tensegrity(struts=5, seed=1)
