@@ -14,7 +14,8 @@ LARGEST_FILE = 4_000_000
 """Largest text file that is read, bytes: a file beyond it does not describe a robot."""
 MOST_NODES = 10_000
 """Most nodes of a structure that is read: beyond it a file does not describe a robot."""
-
+LARGEST_NUMBER = 1e30
+"""Largest size of a number that is read: single precision holds none beyond 3e38, and a robot has none like it."""
 
 STRUCTURE_ALONE = "the file holds no gravity, ground or gait: the scene has none until you add them"
 """Note on what was read from formats that describe a structure alone."""
@@ -71,6 +72,8 @@ def finite(value: Any, where: str) -> float:
         raise InputError(f"{where} = {short(value)}: expected a number") from None
     if not math.isfinite(number):
         raise InputError(f"{where} = {short(value)}: expected a finite number")
+    if abs(number) > LARGEST_NUMBER:
+        raise InputError(f"{where} = {short(value)}: expected a number of at most {LARGEST_NUMBER:g}")
     return number
 
 

@@ -1,7 +1,5 @@
 """MATLAB files by the names of the public toolboxes for tensegrity: TsgFEM, MOTES and STEDY."""
 
-import struct
-import zlib
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +9,8 @@ from scipy.io import loadmat, savemat
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import Edges
-from jaxgrity.formats.foreign import LARGEST_FILE, MOST_NODES, STRUCTURE_ALONE, Imported, refuse_bodies
+from jaxgrity.formats.foreign import LARGEST_FILE, LARGEST_NUMBER, MOST_NODES, STRUCTURE_ALONE, Imported, refuse_bodies
+from jaxgrity.formats.matlab_elements import check_elements
 from jaxgrity.io.files import write_whole
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import Members, Structure, check_edges, edge_lengths
@@ -19,12 +18,8 @@ from jaxgrity.model.structure import Members, Structure, check_edges, edge_lengt
 AXES = ("X", "Y", "Z")
 MOST_MEMBERS = 100_000
 """Most members of a structure that is read: beyond it a file does not describe a robot."""
-LARGEST_UNPACKED = 200_000_000
-"""Largest size of a packed variable once it is unpacked, bytes."""
 LARGEST_MATRIX = 20_000_000
 """Most entries of a sparse matrix once it is dense."""
-COMPRESSED = 15
-"""Number by which a MATLAB file marks a packed variable."""
 
 
 @typed
@@ -99,22 +94,9 @@ def read_matlab(path: str | Path) -> Imported:
         raise InputError(f"{path}: {error}") from error
 
 
-def _check_size(data: bytes) -> None:
-    """Refuse compressed variables that unpack to more than a robot can be, before anything unpacks them."""
-    place, total = 128, 0
-    while place + 8 <= len(data):
-        kind, size = struct.unpack_from("<II" if data[126:128] == b"IM" else ">II", data, place)
-        if kind == COMPRESSED:
-            unpacker = zlib.decompressobj()
-            total += len(unpacker.decompress(data[place + 8 : place + 8 + size], LARGEST_UNPACKED))
-            if unpacker.unconsumed_tail or total > LARGEST_UNPACKED:
-                raise InputError(f"unpacks to more than {LARGEST_UNPACKED} bytes; expected a robot's file")
-        place += 8 + size
-
-
 def _loaded(path: str | Path) -> dict[str, Any]:
     try:
-        _check_size(Path(path).read_bytes())
+        check_elements(Path(path).read_bytes())
         found = loadmat(path, squeeze_me=False, struct_as_record=False, verify_compressed_data_integrity=True)
     except (InputError, OSError):
         raise
@@ -285,4 +267,7 @@ def _numeric(value: Any, name: str) -> np.ndarray:
     array = np.asarray(value)
     if array.dtype.kind not in "biuf":
         raise InputError(f"{name}: expected real numbers")
-    return array.astype(float)
+    found = array.astype(float)
+    if np.any(np.isfinite(found) & (np.abs(found) > LARGEST_NUMBER)):
+        raise InputError(f"{name}: expected numbers of at most {LARGEST_NUMBER:g}")
+    return found

@@ -3,7 +3,6 @@
 import json
 import re
 import struct
-import sys
 import tempfile
 import time
 import zlib
@@ -106,19 +105,15 @@ def packed_zeros(megabytes: int) -> bytes:
     return struct.pack("<II", 15, len(packed)) + packed
 
 
-def bad_files(folder: Path, count: int) -> Iterator[Path]:
-    """`count` of them: the bombs, and then robots with something wrong, all kinds of files in turn."""
-    yield from bombs(folder)
-    random, kinds = np.random.default_rng(0), good_files(folder)
-    sources = [path for paths in kinds.values() for path in paths]
+def damaged(folder: Path, ending: str, count: int) -> Iterator[Path]:
+    """A robot's files of one kind with one thing wrong each; each is there until the next one is asked for."""
+    random, sources = np.random.default_rng(0), good_files(folder)[ending]
     originals = {path: path.read_bytes() for path in sources}
-    for number in range(count - BOMBS):
+    for number in range(count):
         source = sources[number % len(sources)]
-        ending = ".csv" if source.suffix == ".csv" else source.suffix
-        path = folder / f"bad{ending}" if ending != ".csv" else folder / source.name.replace("a.", "bad.")
-        if ending == ".csv":
-            for other in kinds[".csv"]:
-                (folder / other.name.replace("a.", "bad.")).write_bytes(originals[other])
+        for other in sources:
+            (folder / other.name.replace("a.", "bad.")).write_bytes(originals[other])
+        path = folder / source.name.replace("a.", "bad.")
         path.write_bytes(spoilt(originals[source], random))
         yield path
 
@@ -127,7 +122,10 @@ def outcome(path: Path) -> dict:
     """What reading a file comes to: refused, read, or what must not be, and the processor seconds that it takes."""
     began, said = time.process_time(), ""
     try:
-        (read_ntrt if path.suffix == ".yaml" else read_any)(path)
+        if path.suffix == ".yaml":
+            read_ntrt(path, drop=["radius"])
+        else:
+            read_any(path)
         kind = "read"
     except InputError as error:
         said = str(error)
@@ -137,14 +135,10 @@ def outcome(path: Path) -> dict:
     return {"file": path.name, "kind": kind, "said": said, "seconds": time.process_time() - began}
 
 
-def main(count: int) -> None:
-    """Print the outcomes as JSON, with what the reading took of memory, bytes."""
+def main() -> None:
+    """Print the outcomes of all bombs as JSON, with what the reading took of memory, bytes."""
     with tempfile.TemporaryDirectory() as name:
-        folder, found = Path(name), []
-        for path in bad_files(folder, count):
-            kept = path.read_bytes()[:3000]
-            result = outcome(path)
-            found.append(result | ({"content": repr(kept)} if result["kind"] in ("broken", "unclear") else {}))
+        found = [outcome(path) for path in bombs(Path(name))]
     # of this program alone: what getrusage calls the largest may be that of the process that started this one
     status = Path("/proc/self/status").read_text(encoding="ascii")
     peak = 1024 * int(re.search(r"VmHWM:\s+(\d+) kB", status)[1])
@@ -152,4 +146,4 @@ def main(count: int) -> None:
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]))
+    main()
