@@ -78,6 +78,7 @@ SOURCES: dict[str, Source] = {
             "gait_search": Block(README, library.gait_search_table),
             "gait_search/all": Block(SEARCH, library.full_gait_search_table),
         },
+        {"polish.png": "polish.png"},
     ),
 }
 """by their names in docs/measured"""
