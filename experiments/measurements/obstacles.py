@@ -185,7 +185,7 @@ def told(found: Travels, field: Discs, robot: int) -> Record:
     end = int(found.arrived[robot])
     here = np.linalg.norm(found.path[end, :2, robot] - GOAL) < REACHED
     nodes = found.nodes[: end + 1, :, :, robot]
-    least = float(gap(field, load_scene("exact").structure, nodes).min())
+    least = float(gap(field, load_scene("exact"), nodes).min())
     path = found.path[: end + 1 : 10, :2, robot]
     return {
         "arrived": bool(here),

@@ -1,5 +1,6 @@
 """Obstacles: discs on the ground, a robot's distance from them, and ways round them to a goal."""
 
+import itertools
 from typing import NamedTuple
 
 import numpy as np
@@ -13,7 +14,6 @@ from jaxgrity.model.ground import Ground
 from jaxgrity.model.height_fields import HeightField
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.solids import Box, Cylinder, Sphere
-from jaxgrity.model.structure import Structure
 from jaxgrity.model.surface import Slope
 from jaxgrity.model.unions import Union
 
@@ -71,10 +71,13 @@ def discs_of(ground: Ground | None) -> Discs:
 
 @typed
 def reach_of(scene: Scene) -> float:
-    """m, the distance of the farthest node from the centre of mass in the given pose, whichever way up."""
+    """m, the distance of the farthest node, or ball, from the centre of mass in the given pose, whichever way up."""
     q = np.asarray(scene.structure.nodes, float)
     mass = np.asarray(scene.structure.lumped_mass, float)
-    return float(np.linalg.norm(q - mass @ q / mass.sum(), axis=1).max())
+    away = np.linalg.norm(q - mass @ q / mass.sum(), axis=1)
+    if scene.ground is not None and scene.ground.balls is not None:
+        away[list(scene.ground.balls.nodes)] += np.asarray(scene.ground.balls.radius, float)
+    return float(away.max())
 
 
 @typed
@@ -88,15 +91,19 @@ def room(discs: Discs, places: np.ndarray) -> np.ndarray:
 
 
 @typed
-def gap(discs: Discs, structure: Structure, q: np.ndarray) -> np.ndarray:
+def gap(discs: Discs, scene: Scene, q: np.ndarray) -> np.ndarray:
     """(...,), m, between a robot at `q` (..., nodes, 3) and the nearest disc, seen from above; negative: a touch.
 
-    The robot is all its struts and cables, as straight lines. A disc between its members counts by its distance from
-    those: nothing gets there without a touch.
+    The robot is all its struts and cables, as straight lines, lines between all points of a rigid body, and its balls.
+    A disc between its members counts by its distance from those: nothing gets there without a touch.
     """
     if not len(discs.radii):
         return np.full(q.shape[:-2], np.inf)
+    structure, balls = scene.structure, None if scene.ground is None else scene.ground.balls
     edges = [edge for kind in (structure.struts, structure.cables) if kind is not None for edge in kind.edges]
+    edges += [pair for body in structure.bodies for pair in itertools.combinations(body.points, 2)]
+    if not edges:
+        raise InputError("the robot has neither members nor bodies; expected some, to be kept from discs")
     i, j = np.array(edges).T
     a, along = q[..., i, :2], q[..., j, :2] - q[..., i, :2]
     least = np.full(q.shape[:-2], np.inf)
@@ -104,6 +111,9 @@ def gap(discs: Discs, structure: Structure, q: np.ndarray) -> np.ndarray:
         share = ((centre - a) * along).sum(-1) / np.maximum((along * along).sum(-1), 1e-12)
         near = a + np.clip(share, 0, 1)[..., None] * along
         least = np.minimum(least, np.linalg.norm(near - centre, axis=-1).min(-1) - radius)
+        if balls is not None:
+            away = np.linalg.norm(q[..., list(balls.nodes), :2] - centre, axis=-1) - np.asarray(balls.radius)
+            least = np.minimum(least, away.min(-1) - radius)
     return np.asarray(least)
 
 

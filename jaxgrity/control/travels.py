@@ -23,7 +23,7 @@ from jaxgrity.core.arguments import is_count
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, State
-from jaxgrity.model.structure import Structure
+from jaxgrity.model.scene import Scene
 from jaxgrity.populations.uncertainty import Differences
 from jaxgrity.stepping.dynamics import centre_of_mass
 
@@ -157,7 +157,7 @@ def travel(
         if over.all():
             break
     chosen, seen = [np.array(x) for x in zip(*said)], (np.concatenate(kept), np.concatenate(path))
-    return travels_of(robots.scene.structure, seen, maps, chosen, spent, foresight.within)
+    return travels_of(model.scene, seen, maps, chosen, spent, foresight.within)
 
 
 def _counts(robots: Plant, model: Plant, maps: Sequence[WayMap], foresight: Foresight) -> tuple[int, int, int]:
@@ -276,7 +276,7 @@ def _near(path: np.ndarray, maps: Sequence[WayMap], within: float) -> np.ndarray
 
 
 def travels_of(
-    structure: Structure,
+    scene: Scene,
     seen: tuple[np.ndarray, np.ndarray],
     maps: Sequence[WayMap],
     said: list[np.ndarray],
@@ -290,10 +290,7 @@ def travels_of(
     there = near & np.logical_and.accumulate(fine, axis=0)
     ended = np.where(there.any(0), there.argmax(0), np.where(fine.all(0), len(nodes) - 1, (~fine).argmax(0)))
     gaps = np.array(
-        [
-            np.nanmin(gap(way.discs, structure, nodes[: end + 1, ..., k]))
-            for k, (way, end) in enumerate(zip(maps, ended))
-        ]
+        [np.nanmin(gap(way.discs, scene, nodes[: end + 1, ..., k])) for k, (way, end) in enumerate(zip(maps, ended))]
     )
     rows, spread, surprise = said
     seconds = float(np.median(spent[1:] or spent))

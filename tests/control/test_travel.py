@@ -59,6 +59,22 @@ def test_there_is_no_way_through_a_wall():
     assert len(blocked.way(np.zeros(2))) == 1
 
 
+def test_the_gap_is_that_of_bodies_and_balls_too():
+    """A payload without members, over a post beside the line between two of its points; balls stick out."""
+    nodes = np.array([[0.0, 0, 0.1], [1.0, 0, 0.1], [0.5, 0.4, 0.1], [0.5, 0.2, 0.5]])
+    body = jaxgrity.model.rigid_body(nodes, range(4), 1.0, [0.1, 0.1, 0.1])
+    scene = jaxgrity.Scene(jaxgrity.Structure(nodes, np.zeros(4), bodies=(body,)), ground=jaxgrity.ExactGround())
+    post = Discs(np.array([[0.5, -0.3]]), np.array([0.1]))
+    assert control.gap(post, scene, nodes) == pytest.approx(0.2)
+    balls = jaxgrity.model.Balls((0, 1), [0.3, 0.55])
+    rolling = replace(scene, ground=jaxgrity.ExactGround(balls=balls))
+    assert control.gap(post, rolling, nodes) == pytest.approx(np.hypot(0.5, 0.3) - 0.55 - 0.1)
+    centre = nodes.mean(0)
+    assert control.reach_of(rolling) == pytest.approx(np.linalg.norm(nodes[1] - centre) + 0.55)
+    with pytest.raises(InputError, match="neither members nor bodies"):
+        control.gap(post, jaxgrity.Scene(jaxgrity.Structure(nodes, np.ones(4))), nodes)
+
+
 def test_outside_the_arena_it_is_further():
     """Nothing is gained by leaving it: a metre beyond its border counts more than one inside."""
     way = control.way_map(NOTHING, np.array([10.0, 0.0]), ARENA)
@@ -73,14 +89,14 @@ def test_the_gap_is_that_of_members_not_of_nodes(scene):
     i, j = scene.structure.struts.edges[0]
     middle, along = (q[i] + q[j])[:2] / 2, (q[i] - q[j])[:2]
     here = Discs(middle[None], np.array([0.05]))
-    assert control.gap(here, scene.structure, q) < 0
+    assert control.gap(here, scene, q) < 0
     assert np.linalg.norm(q[[i, j], :2] - middle, axis=1).min() > 0.05
     side = np.array([-along[1], along[0]]) / np.linalg.norm(along)
     far = q[:, :2] @ side
     beyond = Discs((middle + side * (far.max() - middle @ side + 0.3))[None], np.array([0.1]))
-    assert control.gap(beyond, scene.structure, q) == pytest.approx(0.2, abs=0.15)
-    assert control.gap(beyond, scene.structure, q) >= 0.2 - 1e-12
-    assert control.gap(NOTHING, scene.structure, q[None]).tolist() == [np.inf]
+    assert control.gap(beyond, scene, q) == pytest.approx(0.2, abs=0.15)
+    assert control.gap(beyond, scene, q) >= 0.2 - 1e-12
+    assert control.gap(NOTHING, scene, q[None]).tolist() == [np.inf]
 
 
 def test_obstacles_of_a_scene_are_discs(scene):
@@ -231,7 +247,7 @@ def test_a_goal_counts_that_was_reached_in_time_and_with_nothing_touched(scene):
     beside, amid = (Discs(np.array([[3.0, y]]), np.array([0.3])) for y in (2.0, 0.0))
     maps = [control.way_map(discs, goal, ARENA) for discs in (beside, amid, beside, beside)]
     said = [np.zeros((1, 4)), np.zeros((1, 4)), np.zeros((1, 4))]
-    found = travels_of(scene.structure, (nodes, path), maps, said, [1.0])
+    found = travels_of(scene, (nodes, path), maps, said, [1.0])
     assert found.reached.tolist() == [True, False, False, False]
     assert found.gap[0] > 0 > found.gap[1]
     assert found.arrived.tolist() == [23, 23, 10, 24]
@@ -268,7 +284,7 @@ def test_robots_are_led_to_goals_and_never_touch_without_being_told(scene):
     assert found.reached.tolist() == [True, False]
     end = found.arrived[0]
     assert np.linalg.norm(found.path[end, :2, 0] - [3.0, 0.0]) < 0.3
-    touched = [control.gap(ring, scene.structure, q) for q in found.nodes[: found.arrived[1] + 1, :, :, 1]]
+    touched = [control.gap(ring, scene, q) for q in found.nodes[: found.arrived[1] + 1, :, :, 1]]
     assert found.gap[1] == pytest.approx(min(touched))
     # the model is the robot, which starts from rest as the model does; later the robot's solver begins with the
     # impulses of the step before, of which the model is not told
