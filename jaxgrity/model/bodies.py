@@ -1,4 +1,4 @@
-"""Rigid bodies in natural coordinates: a few basic points of a body say where it is, and its other points follow.
+"""Rigid bodies in natural coordinates: a few basic points give a body's place, and its other points follow.
 
 A body that moves without changing shape moves each of its points as x = sum_a w_a x_a, with the same weights w at all
 times. So kinetic energy is a quadratic form of the basic points' velocities with a constant matrix, and rigidity is one
@@ -39,9 +39,9 @@ BESIDE_POINTS = 1e-6
 
 
 class Body(eqx.Module):
-    """A rigid body: its basic points, which nodes they are, and how its other points follow. See `rigid_body`.
+    """A rigid body: its basic points, their nodes, and the weights of its other points. See `rigid_body`.
 
-    Raises `InputError` where the arrays do not fit each other.
+    Raises `InputError` for arrays that contradict each other.
     """
 
     points: tuple[int, ...] = eqx.field(static=True)
@@ -67,12 +67,12 @@ class Body(eqx.Module):
 
     @property
     def basic(self) -> tuple[int, ...]:
-        """The nodes that say where the body is."""
+        """The nodes of the basic points."""
         return self.points[: np.shape(self.matrix)[0]]
 
     @property
     def carried(self) -> tuple[int, ...]:
-        """The nodes that follow."""
+        """The nodes of the other points."""
         return self.points[np.shape(self.matrix)[0] :]
 
     @property
@@ -93,23 +93,23 @@ def rigid_body(
     centre: AnyArray | Sequence[float] | None = None,
     basic: Sequence[int] = (),
 ) -> Body:
-    """The body to which some nodes are fixed, by its mass, its inertia and its centre of mass.
+    """A rigid body through some nodes, from its mass, its inertia and its centre of mass.
 
     Args:
-        nodes: all nodes of the structure, m, as they stand at the start.
-        points: the numbers of those that are fixed to the body: four or more that do not lie in a plane, of a flat
-            body three in its plane, of a straight one two on its line. Cables, struts, supports and contact act there.
+        nodes: all nodes of the structure at the start, m.
+        points: the numbers of the body's nodes: four or more that do not lie in a plane; three in the plane of a flat
+            body; two on the line of a straight one. Cables, struts, supports and contact act there.
         mass: kg.
         inertia: kg m^2 about the centre of mass along x, y and z at the start: (3, 3), or (3,) of principal axes.
             A plate has as much about its normal as about both other axes together, a rod nothing about its line.
-        centre: (3,), m, of mass; the mean of the points where not given.
-        basic: those of the points that have to be basic: nodes of several bodies (joints), and supports.
+        centre: (3,), m, of mass; by default the mean of the points.
+        basic: the points that must be basic: nodes of several bodies (joints), and supports.
 
     Returns:
         The body, one of `Structure.bodies`. It is the same in any pose; its numbers may be traced but for `nodes`.
 
     Raises:
-        InputError: no body has such an inertia, or the points do not say where the body is.
+        InputError: no body has such an inertia, or the points do not determine the body's pose.
 
     Example:
         >>> ends = np.array([[0.0, 0, 0], [1, 0, 0]])
@@ -169,7 +169,7 @@ def body_moments(body: Body, q: NodeVectors) -> tuple[Scalar, Vector, AnyArray]:
 
 
 def lumped(bodies: Bodies, nodes: int) -> AnyPerNode | float:
-    """kg at each node, of which some may be negative: what weight, momentum and the centre of mass see of bodies."""
+    """kg at each node, some maybe negative: the bodies' part in weight, momentum and centre of mass."""
     return sum((place_rows(body.matrix.sum(1), body.basic, nodes) for body in bodies), 0.0)
 
 
@@ -181,13 +181,13 @@ def shared_evenly(bodies: Bodies, nodes: int) -> AnyPerNode | float:
 
 
 def independent_nodes(bodies: Bodies, nodes: int) -> tuple[int, ...]:
-    """The nodes that do not follow others."""
+    """The independent nodes: those that follow no others."""
     following = {k for body in bodies for k in body.carried}
     return tuple(k for k in range(nodes) if k not in following)
 
 
 def carrying(bodies: Bodies, nodes: int) -> AnyArray:
-    """N, (nodes, independent nodes): every node's position is that sum of those of independent nodes."""
+    """N, (nodes, independent nodes): the weights of independent nodes in every node's position."""
     free = independent_nodes(bodies, nodes)
     xp = jnp if any(namespace_of(body.weights) is jnp for body in bodies) else np
     rows = xp.eye(nodes)
@@ -200,7 +200,7 @@ def carrying(bodies: Bodies, nodes: int) -> AnyArray:
 
 
 def following(bodies: Bodies, x: NodeVectors) -> NodeVectors:
-    """Positions, or velocities, in which the bodies' other points are where the basic ones carry them."""
+    """Positions, or velocities, with the bodies' other points from the basic ones."""
     for body in bodies:
         if body.carried:
             there = body.weights @ x[np.array(body.basic)]
@@ -209,7 +209,7 @@ def following(bodies: Bodies, x: NodeVectors) -> NodeVectors:
 
 
 def onto_basic(bodies: Bodies, forces: NodeVectors) -> NodeVectors:
-    """The transpose of `following`: forces at basic points, and at no others of the bodies, that do the same."""
+    """The transpose of `following`: equivalent forces at basic points alone."""
     for body in bodies:
         if body.carried:
             there = forces[np.array(body.carried)]
@@ -225,7 +225,7 @@ def body_energy(body: Body, v: NodeVectors) -> Scalar:
 
 
 def held_pairs(bodies: Bodies, fixed: Supports = ()) -> tuple[Edges, PerMember]:
-    """The pairs of basic points, but of two that are `fixed`, that keep their distance, and these distances, m."""
+    """The pairs of basic points at constant distance, without pairs of `fixed` ones, and these distances, m."""
     still = {node for node, axes in fixed if set(axes) == set("xyz")}
     first: dict[frozenset, tuple[tuple[int, int], AnyArray]] = {}
     for body in bodies:
@@ -237,7 +237,7 @@ def held_pairs(bodies: Bodies, fixed: Supports = ()) -> tuple[Edges, PerMember]:
 
 
 def check_bodies(bodies: Bodies, nodes: int, fixed: Sequence[int]) -> None:
-    """Raises `InputError` where bodies name nodes that are not there, or a point that follows one is held elsewhere."""
+    """Raises `InputError` for bodies with missing nodes, and for a carried point that is fixed or in another body."""
     for number, body in enumerate(bodies):
         if max(body.points) >= nodes:
             raise InputError(f"structure.bodies[{number}] has node {max(body.points)}; expected 0 to {nodes - 1}")
@@ -263,7 +263,7 @@ def _axes(spread: np.ndarray, mass: float) -> np.ndarray:
 
 
 def _check_beside(x: np.ndarray, points: tuple, middle: np.ndarray, axes: np.ndarray, size: float) -> None:
-    """Refuse points that a body without extent across its line or plane could not move."""
+    """Refuse points beside the line or plane of a body without extent across it."""
     r = x[list(points)] - middle
     off = np.linalg.norm(r - r @ axes.T @ axes, axis=1)
     if off.max() > BESIDE_POINTS * size:
@@ -275,7 +275,7 @@ def _check_beside(x: np.ndarray, points: tuple, middle: np.ndarray, axes: np.nda
 
 
 def _spanning(x: np.ndarray, points: tuple, axes: np.ndarray, given: tuple, size: float) -> tuple[int, ...]:
-    """The basic points: those that are `given`, then whatever lies farthest from the point, line or plane before."""
+    """The basic points: the `given` ones, then the farthest from the point, line or plane before."""
     chosen: list[int] = []
     left = x[list(points)] @ axes.T
     left = left - left.mean(0)

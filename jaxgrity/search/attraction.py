@@ -1,4 +1,4 @@
-"""Whether the orbits that gaits settle on attract: a search prefers those on which robots that are pushed come back."""
+"""Attraction of the gaits' orbits: a search prefers orbits to which disturbed robots return."""
 
 import numpy as np
 from jaxtyping import Float
@@ -13,9 +13,9 @@ from jaxgrity.stepping.step_limits import default_method, default_step
 
 
 def orbit_multipliers(scene: Scene, gaits: Gait, dt: float) -> Float[np.ndarray, " gaits"]:
-    """Of each gait the largest multiplier of the orbit that it settles on (`stability`); infinite without an orbit.
+    """The largest multiplier of each gait's orbit (`stability`); infinite without an orbit.
 
-    Steps are `dt` (s), or what the scene decides with a gait that needs smaller ones. Raises `InputError` as
+    Steps are `dt` (s), or the scene's for a gait that needs smaller ones. Raises `InputError` as
     `find_orbit` does.
     """
     return np.array([_multiplier(with_gait(scene, one_gait(gaits, k)), dt) for k in range(len(gaits.phase))])

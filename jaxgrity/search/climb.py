@@ -38,7 +38,7 @@ class ClimbStep(NamedTuple):
 
 
 class Route(NamedTuple):
-    """From where to climb, and how."""
+    """The start of a climb, and its kind."""
 
     genes: OneGait
     kind: GradientKind
@@ -47,7 +47,7 @@ class Route(NamedTuple):
 
 
 class Climb(NamedTuple):
-    """What became of a climb."""
+    """The result of a climb."""
 
     end: OneGait
     steps: tuple[ClimbStep, ...]
@@ -65,9 +65,9 @@ def climb(
     key,
     on_step: Callable[[ClimbStep], None] | None = None,
 ) -> list[Climb]:
-    """Climb from every start for as many steps as the rollouts pay for: `rollouts` are those of one climb.
+    """Climb from every start until the budget is spent: `rollouts` are those of one climb.
 
-    The routes have one kind and one horizon, and are climbed side by side: rollouts of few gaits cost more each.
+    The routes have one kind and one horizon, and are climbed side by side: rollouts of few gaits cost more for each.
     """
     genes, (_, kind, horizon) = np.stack([route.genes for route in routes]), routes[0]
     _, genome, duration, fitness = task.problem
@@ -99,7 +99,7 @@ def climb(
 
 @eqx.filter_jit
 def _moved(optimiser: optax.GradientTransformation, genome: Genome, gradient: Gradient, x: AnyArray, state):
-    """Every row of genes one step on; those without a gradient stay as they are."""
+    """Every row of genes one step on; rows without a gradient stay."""
     update, after = jax.vmap(optimiser.update)(gradient.mean / jnp.reshape(gradient.scale, (-1, 1)), state)
     moves = jnp.any(gradient.mean != 0, axis=1)
 
@@ -111,7 +111,7 @@ def _moved(optimiser: optax.GradientTransformation, genome: Genome, gradient: Gr
 
 
 def one_period(gait: Gait) -> float:
-    """The time, s, when every actuator has gone through a period at full amplitude."""
+    """The time, s, after a period of every actuator at full amplitude."""
     return float(gait.start + gait.ramp + 1 / np.max(gait.frequency))
 
 
@@ -121,7 +121,7 @@ def _shortest(task: ClimbTask, genes: OneGait) -> float:
 
 
 def _optimiser(config: PolishConfig, count: int) -> optax.GradientTransformation:
-    """Momentum, and steps whose length falls by a cosine."""
+    """Momentum, and a step length that falls by a cosine."""
     schedule = optax.cosine_decay_schedule(config.learning_rate, count, alpha=0.2)
     return optax.chain(
         optax.trace(config.momentum), optax.normalize_by_update_norm(), optax.scale_by_schedule(schedule)
@@ -131,7 +131,8 @@ def _optimiser(config: PolishConfig, count: int) -> optax.GradientTransformation
 def _gradients(
     key, genes: np.ndarray, task: ClimbTask, kind: GradientKind, ahead: float, config: PolishConfig
 ) -> tuple[Gradient, np.ndarray]:
-    """Of the fitness at the time `ahead` (s), a row for each of the genes, and the share of the pathwise ones in it."""
+    """Gradients of the fitness at the time `ahead` (s), a row for each of the genes, and the share of the pathwise
+    ones."""
     one, other = jax.random.split(key)
 
     def smoothed() -> Gradient:

@@ -1,7 +1,7 @@
-"""CMA-ES in the place of the genetic algorithm: how evosax (the extra `baselines`) makes the next generation.
+"""CMA-ES instead of the genetic algorithm: the next generation by evosax (the extra `baselines`).
 
-Hansen 2016, arXiv:1604.00772. Angles go on beyond a turn, and other genes beyond their bounds, in what CMA-ES sees; the
-gaits that are rolled out are those of the genes brought back.
+Hansen 2016, arXiv:1604.00772. CMA-ES works with angles beyond a turn, and with other genes beyond their bounds;
+rollouts use the genes brought back.
 """
 
 import importlib
@@ -26,7 +26,7 @@ Memory = Float[AnyArray, " numbers"]
 
 
 class Asked(NamedTuple):
-    """What CMA-ES wants to know next."""
+    """The next request of CMA-ES."""
 
     genes: Float[AnyArray, "population genes"]
     """its mean first, then draws around it; not brought back to circle and bounds"""
@@ -35,7 +35,7 @@ class Asked(NamedTuple):
 
 
 def check_optimiser(name: str) -> None:
-    """Raise `InputError` for an optimiser that is unknown, or whose extra is not installed."""
+    """Raise `InputError` for an unknown optimiser, or one without its extra."""
     if name not in OPTIMISERS:
         raise InputError(f"optimiser = {name!r}: {unknown(name, OPTIMISERS)}; expected one of {', '.join(OPTIMISERS)}")
     if name == "cma-es":
@@ -43,17 +43,17 @@ def check_optimiser(name: str) -> None:
 
 
 def fewest(name: str) -> int:
-    """Gaits that a generation of the optimiser needs: CMA-ES its mean, and four draws around it."""
+    """The fewest gaits of a generation: for CMA-ES its mean, and four draws around it."""
     return 2 if name == "genetic" else 5
 
 
 def asked_next(
     key, genes: Float[AnyArray, "gaits genes"], fitness: PerGait, memory: Memory | None, size: int, width: float
 ) -> Asked:
-    """What CMA-ES asks for, so many gaits, once it is told the fitness of those that it asked for last.
+    """The next gaits of CMA-ES, some number of them, from the fitness of the last ones.
 
-    Without a memory it begins: at the best of the gaits, with a standard deviation of `width` in every gene. Its mean
-    is rolled out beside the draws around it, but is no part of what it learns from.
+    Without a memory it begins at the best of the gaits, with a standard deviation of `width` in every gene. Its mean is
+    rolled out beside the draws, but it does not learn from the mean.
     """
     told, asked = jax.random.split(key)
     algorithm, parameters = _built(size - 1, genes.shape[1])

@@ -1,4 +1,4 @@
-"""From thousands of rough rollouts to a few exact ones: where gaits are searched, and how the best are verified."""
+"""From thousands of rough rollouts to a few exact ones: the levels of a search, and the verification of the best."""
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -61,7 +61,7 @@ class FidelityLevel(NamedTuple):
         return SolverOptions(dt=self.dt, dtype=self.dtype)
 
     def of(self, duration: float, fitness: Fitness) -> Judging:
-        """What judges gaits on it: its own model, and its twin's, if any, at a rough step.
+        """The judging of gaits on it: its own model, and its twin's, if any, at a rough step.
 
         Raises `InputError` as `resolve` does.
         """
@@ -74,12 +74,12 @@ class FidelityLevel(NamedTuple):
 def fidelity_levels(
     scene: Scene, dt: float | None = None, both: bool = False, wide: bool = False
 ) -> tuple[FidelityLevel, ...]:
-    """From rough to exact; `dt` (s) is the scene's own step where not given.
+    """The levels from rough to exact; `dt` (s) is by default the scene's own step.
 
     Screening is complementarity stepping at `SCREENING_STEP` in float32: of the scene itself where it is exact, else of
-    its contact twin. Then come the scene's own model in float32 (a penalty scene's at twice its step, where that is
-    stable), where gaits are tried on `both` contact models, this and the twin, and last the own model in float64 at
-    half its step. A `wide` search leaves bounds on forces and powers to the levels after screening.
+    its contact twin. Next is the scene's own model in float32 (for a penalty scene at twice its step, where stable);
+    `both` tests gaits on the twin too. Last is the own model in float64 at half its step. A `wide` search leaves bounds
+    on forces and powers to the levels after screening.
 
     Raises `InputError` where the scene or its contact twin cannot be rolled out.
     """
@@ -95,7 +95,7 @@ def fidelity_levels(
 
 
 def search_levels(levels: tuple[FidelityLevel, ...]) -> tuple[FidelityLevel, ...]:
-    """The levels on which gaits evolve: screening, and the own model where screening leaves something of it out."""
+    """The levels of evolution: screening, and the own model where screening simplifies it."""
     alike = levels[0].scene is levels[1].scene and not levels[0].wide
     return levels[:1] if alike else levels[:2]
 
@@ -110,10 +110,10 @@ def evolve_through(
     states: tuple[SearchState, ...] = (),
     on_generation: Callable[[int, SearchState], None] | None = None,
 ) -> list[Evolution]:
-    """Evolve on each of the levels in turn, the best of one going on to the next; the searches, one each.
+    """Evolve on each of the levels in turn, and carry the best over to the next; returns one search for each.
 
-    With `states`, as far as the searches got before, they go on from there. `on_generation` gets a search's number and
-    its state. Raises `InputError` where a population is larger than the one before it.
+    With `states` interrupted searches continue. `on_generation` is called with a search's number and its state. Raises
+    `InputError` for a population larger than the one before.
     """
     sizes = [config.population for config in configs]
     if sizes != sorted(sizes, reverse=True):
@@ -144,7 +144,7 @@ def excess_at(level: FidelityLevel, genes: Genes, problem: SearchProblem, bounds
 
 
 def rank_correlation(rows: Float[AnyArray, "levels gaits"]) -> np.ndarray:
-    """Spearman's, of every two fidelity levels, over the gaits that all of them could roll out; NaN of fewer than
+    """Spearman's correlation of every two fidelity levels, over the gaits that succeed on all; NaN for fewer than
     `FEWEST_RANKED`."""
     rows = np.asarray(rows)[:, np.isfinite(rows).all(0)]
     if rows.shape[1] < FEWEST_RANKED:
@@ -153,7 +153,7 @@ def rank_correlation(rows: Float[AnyArray, "levels gaits"]) -> np.ndarray:
 
 
 class Verdict(NamedTuple):
-    """What one gait is worth, in the end."""
+    """The final verdict on one gait."""
 
     verified: Verified
     """of the gait itself"""
@@ -169,7 +169,7 @@ class Verdict(NamedTuple):
     """share of `ROUND` robots that exceed a bound on their actuators"""
 
     def summary(self) -> dict[str, Any]:
-        """The numbers, as they go into a JSON file; SI units."""
+        """The numbers for a JSON file; SI units."""
         robust, other = self.robust.each[0], self.other_model.each[0]
 
         def spread(each: np.ndarray) -> dict[str, Any]:
@@ -203,13 +203,13 @@ def final_verdict(
     seed: int = 1,
     on_progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Verdict:
-    """Verify one gait, judge it by an ensemble, and roll it out on the contact twin, as closely as `PRECISION` asks.
+    """Verify one gait, judge it by an ensemble, and roll it out on the contact twin, all to `PRECISION`.
 
-    `bounds` are those by which robots are counted that exceed one; the problem may lack them.
+    `bounds`: robots beyond them are counted; the problem may lack them.
 
     The step is 2 `dt` (s) where its error is within `PRECISION`, else `dt`. Robots are added by `ROUND` until the
-    standard error of their mean is within it, or there are `robots`. `on_progress` gets how many of these judgements
-    are done, and how many there are.
+    standard error of their mean is within it, or there are `robots`. `on_progress` is called with the number of
+    finished judgements, and of all.
     """
     scene, gaits = problem.scene, as_population(gait)
     some = with_robots(problem.fitness, min(robots, ROUND))

@@ -1,4 +1,4 @@
-"""A genetic algorithm over gaits: which genes make the robot roll far, and keep it rolling when little is known."""
+"""A genetic algorithm over gaits: genes of fast gaits that also roll on perturbed robots."""
 
 import math
 from collections.abc import Callable
@@ -24,7 +24,7 @@ from jaxgrity.stepping.options import Options
 
 
 class SearchProblem(NamedTuple):
-    """What is searched for."""
+    """The problem of a search."""
 
     scene: Scene
     """the robot, and the gait around which gaits are searched"""
@@ -37,18 +37,17 @@ class SearchProblem(NamedTuple):
 
     @property
     def seeks_orbits(self) -> bool:
-        """Whether gaits are asked for the orbit that they settle on: on uneven ground there is none."""
+        """Whether the gaits' orbits are computed: on uneven ground there is none."""
         ground = self.scene.ground
         return self.fitness.objective.steady and (ground is None or ground.surface is None)
 
     def judging(self, options: Options = None) -> Judging:
-        """How its gaits are judged: on the scene's own model, integrated as `options` say; `InputError` as `resolve`
-        raises it."""
+        """The judging of its gaits: on the scene's own model, by `options`. Raises `InputError` as `resolve` does."""
         return Judging((model_of(self.scene, self.duration, options),), self.duration, self.fitness)
 
 
 class GAConfig(eqx.Module):
-    """How one generation makes the next."""
+    """Settings of the step from one generation to the next."""
 
     population: int = eqx.field(static=True, default=128)
     generations: int = eqx.field(static=True, default=16)
@@ -103,7 +102,7 @@ class Generation(NamedTuple):
 
 
 class Record(NamedTuple):
-    """What remains of each generation."""
+    """The record of each generation."""
 
     best: Float[np.ndarray, " generations"]
     """fitness of the best gait"""
@@ -116,7 +115,7 @@ class Record(NamedTuple):
 
 
 class SearchState(NamedTuple):
-    """A search between two generations: all that it takes to go on, to the very same end."""
+    """A search between two generations: enough to continue it to the same end."""
 
     number: int
     """of the generation that comes next"""
@@ -133,7 +132,7 @@ class SearchState(NamedTuple):
 
 
 class Evolution(NamedTuple):
-    """A finished search: its last generation, and how it got there."""
+    """A finished search: its last generation, and the record of all."""
 
     last: Generation
     best: np.ndarray
@@ -148,7 +147,7 @@ class Evolution(NamedTuple):
 
 
 def begin(genome: Genome, config: GAConfig, seed: int, dtype: str) -> SearchState:
-    """A search before its first generation: genes at random."""
+    """A search before its first generation: random genes."""
     key, first = jax.random.split(jax.random.key(seed))
     genes = draws.uniform(first, (config.drawn or config.population, genome.size), dtype)
     nothing = Record(*(np.zeros(0) for _ in Record._fields))
@@ -167,16 +166,16 @@ def evolve(
 ) -> Evolution:
     """Evolve gaits by a genetic algorithm, or by CMA-ES, a whole population in one call for each generation.
 
-    Every generation, elites too, meets new draws of what is uncertain. The same seed gives the same search, and so does
-    a `state` of it to go on from.
+    Every generation, elites included, meets new perturbations. The same seed gives the same search; so does its
+    continuation from a `state`.
 
     Args:
         problem: scene, genome, duration (s) and fitness.
-        config: population, generations and how they breed.
-        seed: of all random numbers; not looked at where a state is given.
-        options: solver options; by default the scene decides.
-        state: of a search that was interrupted, to go on from.
-        on_generation: gets the state after each generation.
+        config: population, generations and breeding.
+        seed: of all random numbers; without effect for a given state.
+        options: solver options; by default the scene's.
+        state: of an interrupted search, to continue it.
+        on_generation: called with the state after each generation.
 
     Returns:
         The last generation, best gait first, and the record of all generations.
@@ -204,7 +203,7 @@ def evolve_on(
     state: SearchState | None = None,
     on_generation: Callable[[SearchState], None] | None = None,
 ) -> Evolution:
-    """`evolve`, judged on whatever models, about the gait of the first one's scene."""
+    """`evolve`, judged on any models, about the gait of the first one's scene."""
     state = state or begin(genome, config, seed, judging.dtype)
     while state.number < config.generations:
         state = _advance(state, judging, genome, config)
@@ -243,9 +242,9 @@ def _advance(state: SearchState, judging: Judging, genome: Genome, config: GACon
 def breed(key, generation: Generation, progress: Scalar, genome: Genome, config: GAConfig) -> Genes:
     """The genes of the next generation: elites, and children of one parent or of two.
 
-    A child of two takes each gene from a point between its parents, or a little beyond, along the shorter way round the
-    circle where the gene is an angle, and mutates some by a normal deviate. Of the gaits that the second parent is by
-    symmetry, the one nearest to the first counts.
+    A child of two takes each gene from a point between its parents, or a little beyond; for an angle along the shorter
+    way round the circle. Some genes mutate by a normal deviate. Of the symmetric images of the second parent the one
+    nearest to the first counts.
     """
     draw, blend, which, mutate, crossed = jax.random.split(key, 5)
     genes, dtype = generation.genes, generation.genes.dtype
@@ -269,8 +268,8 @@ _breed = eqx.filter_jit(breed)
 
 @typed
 def distinct(generation: Generation, genome: Genome, count: int, apart: float = 0.02) -> Genes:
-    """The best `count` gaits of a generation that differ from each other by at least `apart` in some gene, whichever
-    way the robot is turned."""
+    """The best `count` gaits of a generation that differ from each other, and from all images, by at least `apart` in
+    some gene."""
     chosen: list[int] = []
     genes = np.asarray(generation.genes)
     for k in np.flatnonzero(np.isfinite(generation.fitness)):

@@ -1,4 +1,4 @@
-"""How robots that differ from the model move in the long run: how fast each is, and how its path bends."""
+"""Long-run motion of perturbed robots: the speed of each, and the bend of its path."""
 
 from typing import Any, NamedTuple
 
@@ -22,7 +22,7 @@ from jaxgrity.stepping.options import Options
 
 
 class RobotMotions(NamedTuple):
-    """Of every robot, over the settled part of its rollout: the time but its first quarter."""
+    """The motion of every robot after the first quarter of its rollout."""
 
     speed: PerGait
     """(robots,), m/s along the path of the centre of mass, as that of an orbit is; 0 where the rollout failed"""
@@ -32,7 +32,7 @@ class RobotMotions(NamedTuple):
     """(robots,), rad to the left in a body length of the path; NaN where the rollout failed"""
 
     def summary(self) -> dict[str, Any]:
-        """Means and standard deviations, m/s; of the bend the median and the quartiles, None where all failed."""
+        """Means and standard deviations, m/s; for the bend the median and the quartiles, None where all failed."""
         known = self.bend[np.isfinite(self.bend)]
         quartiles = np.quantile(known, (0.25, 0.5, 0.75)).tolist() if known.size else [None] * 3
         return {
@@ -58,22 +58,22 @@ def robot_motions(
     seed: int = 0,
     options: Options = None,
 ) -> RobotMotions:
-    """Roll the scene's gait out on robots that differ from the scene in what is uncertain.
+    """Roll the scene's gait out on perturbed robots.
 
     Args:
         scene: with a gait.
-        uncertainty: by how much robots differ; draws come in pairs of opposite signs.
-        robots: how many.
-        duration: s, of which the first quarter is left to settling; longer, where whole cycles are.
-        cycle: s, of the gait's orbit, within which robots sway; a period of actuation where not given.
+        uncertainty: half-widths of the perturbations; draws come in pairs of opposite signs.
+        robots: their number.
+        duration: s, with the first quarter for settling; rounded up to whole cycles.
+        cycle: s, of the gait's orbit, in which robots sway; by default a period of actuation.
         seed: seed of the draws.
-        options: solver options; by default the scene decides.
+        options: solver options; by default the scene's.
 
     Returns:
         The motion of every robot.
 
     Raises:
-        InputError: no gait, no robots, a scene that lacks what is uncertain, or bad options (see `resolve`).
+        InputError: no gait, no robots, a scene without an uncertain quantity, or bad options (see `resolve`).
 
     Example:
         >>> scene = jaxgrity.with_gait(jaxgrity.load_scene("exact"), jaxgrity.load_gait("lasting"))
