@@ -14,6 +14,8 @@ from jaxgrity.model.ground import ExactGround
 
 mujoco: Any = lazy_loader.load("mujoco")
 
+WATCHED, MOST_WATCHED = 1.0, 5000
+"""How long, s, and for how many steps at most MuJoCo moves a robot to see whether its bodies touch each other."""
 SAME_PLACE = 1e-4
 """Largest difference of places, and of radii, that count as the same, as a share of the robot's size."""
 SMALL = 0.02
@@ -265,7 +267,26 @@ def _others_that_touch(model: Any, data: Any, losses: Losses) -> None:
     if beside or any(_meets(model, one, moving) for one in standing):
         losses.lose("contact", "bodies touch what stands beside the plane")
     if len(pairs) or any(_meets(model, one, moving[k + 1 :]) for k, one in enumerate(moving)):
-        losses.note("bodies that meet each other touch there; here they pass through each other")
+        met = _met(model, data, body) or "bodies that meet each other touch"
+        losses.note(f"{met} there; here they pass through each other")
+
+
+def _met(model: Any, data: Any, body: np.ndarray) -> str:
+    """Which bodies touch each other first while MuJoCo moves the robot for a while; nothing where none do."""
+    moved = mujoco.MjData(model)
+    moved.qpos[:] = data.qpos
+    mujoco.set_mju_user_warning(lambda _: None)  # of unstable steps; else they are written to a file
+    try:
+        for _ in range(min(MOST_WATCHED, round(WATCHED / model.opt.timestep))):
+            mujoco.mj_step(model, moved)
+            pairs = body[moved.contact.geom]
+            both = pairs[(pairs > 0).all(1)] if len(pairs) else pairs
+            if len(both):
+                names = " and ".join(name_of(model, "body", int(b)) for b in both[0])
+                return f"bodies {names} touch each other {moved.time:.3g} s after the start"
+    finally:
+        mujoco.set_mju_user_warning(None)
+    return ""
 
 
 def _meets(model: Any, one: np.ndarray, others: np.ndarray) -> bool:

@@ -183,7 +183,7 @@ def test_what_has_no_effect_is_a_note(read):
         "its force is limited to -900 to 0 N there",
         "1 keyframes are not read",
         "tendon c1: its length is limited to 0 to 9 m there",
-        "bodies that meet each other touch there",
+        "here they pass through each other",
         "the damping of tendons acts there while they are slack, too",
     ):
         assert any(said in note for note in notes), said

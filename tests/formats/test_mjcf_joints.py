@@ -1,5 +1,7 @@
 """MuJoCo models of several files, with joints, with places in the world: the same robots as written plainly."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -111,6 +113,17 @@ def test_springs_that_are_compressed_push(tmp_path):
     assert scene.structure.cables is None
     assert scene.structure.struts.rest_length.tolist() == [0.9]
     assert "1 tendons push as well as pull, and are struts" in notes
+
+
+def test_bodies_that_hit_each_other_are_named(tmp_path):
+    """MuJoCo shows whether they do: two that a spring pulls together do, and do not where it is slack."""
+    ball = '<geom type="sphere" size="0.05" pos="0 0 {}" mass="0.1"/>'
+    bodies = body(inside=ball.format(-0.1)) + body("b", "0 0 0.4", inside=ball.format(0.1))
+    text = model(bodies).replace('site="w"', 'site="b1"').replace('site="a0"', 'site="a1"')
+    (said,) = (note for note in found(tmp_path, text).notes if "pass through each other" in note)
+    assert re.match(r"bodies a and b touch each other 0\.\d+ s after the start there; here they pass", said)
+    slack = found(tmp_path, text.replace('springlength="0 0.4"', 'springlength="0 0.7"'))
+    assert "bodies that meet each other touch there; here they pass through each other" in slack.notes
 
 
 def test_a_keyframe_is_a_start(tmp_path):
