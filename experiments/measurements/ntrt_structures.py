@@ -16,7 +16,7 @@ from jaxgrity.statics import settled
 from jaxgrity.stepping import velocities_midway
 
 NASA = Path(__file__).parents[2] / "tests" / "data" / "ntrt" / "nasa"
-FILES = ("3Prism", "3PrismSymmetric", "Double3Prism", "SuperBall", "Tetrahedron", "TetrahedralSpine")
+FILES = ("3Prism", "3PrismSymmetric", "Double3Prism", "SuperBall", "TetrahedralSpine")
 
 
 @measurement(page="files.md", quick={"files": FILES[:2], "duration": 0.5})
