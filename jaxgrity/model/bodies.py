@@ -190,12 +190,12 @@ def carrying(bodies: Bodies, nodes: int) -> AnyArray:
     """N, (nodes, independent nodes): the weights of independent nodes in every node's position."""
     free = independent_nodes(bodies, nodes)
     xp = jnp if any(namespace_of(body.weights) is jnp for body in bodies) else np
-    rows = xp.eye(nodes)
+    one = np.eye(nodes, dtype=bodies[0].weights.dtype if bodies else float)  # float64 would spread from here
+    rows = xp.asarray(one)
     for body in bodies:
-        own = np.eye(nodes)[list(body.basic)]
         if body.carried:
-            put = np.eye(nodes)[:, list(body.carried)]
-            rows = rows + put @ (body.weights @ own - np.eye(nodes)[list(body.carried)])
+            put = one[:, list(body.carried)]
+            rows = rows + put @ (body.weights @ one[list(body.basic)] - one[list(body.carried)])
     return rows[:, np.array(free)]
 
 

@@ -60,7 +60,8 @@ def standing(scene: Scene) -> State:
         return q, 0 * q
     height, size = scene.ground.measured(q).distance, float(length_scale(scene))
     lowest = np.isclose(height, height.min(), atol=1e-6 * np.ptp(q, axis=0).max() + 1e-12 * size)
-    weight = float(scene.structure.mass) * float(scene.gravity or 0.0)
+    with evaluated():
+        weight = float(scene.structure.mass) * float(scene.gravity or 0.0)
     carrying = int(lowest.sum()) if scene.ground.surface is None else max(int(lowest.sum()), min(STANDS_ON, len(q)))
     depth = scene.ground.touching_depth(weight, carrying, size)
     return scene.ground.set_down(q, depth, size), 0 * q

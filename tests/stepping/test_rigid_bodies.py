@@ -2,12 +2,13 @@
 
 import dataclasses
 
+import jax
 import numpy as np
 import pytest
 import scipy
 from scipy.spatial.transform import Rotation
 
-from jaxgrity import ConeFriction, ExactGround, InputError, Scene, SolverOptions, Structure, simulate
+from jaxgrity import ConeFriction, ExactGround, InputError, Scene, SolverOptions, Structure, rollout, simulate
 from jaxgrity.model import energy_of_motion, rigid_body
 from jaxgrity.stepping.dynamics import angular_momentum
 
@@ -103,6 +104,15 @@ def test_a_top_on_its_tip_precesses_as_lagrange_says():
     expected = Rotation.from_rotvec([0, 0, slow]).as_matrix() @ nodes[4]
     np.testing.assert_allclose(end[4], expected, atol=1e-6)
     np.testing.assert_allclose(end[0], 0, atol=1e-12)
+
+
+def test_bodies_move_in_single_precision_and_within_compiled_functions():
+    """Their numbers have the precision of the options, and are known while a function around them is traced."""
+    scene = box(Rotation.identity(), 0.1, 9.81)
+    options, start = SolverOptions(dt=2e-3, dtype="float32"), scene.structure.nodes
+    times = np.array([0.0, 0.1])
+    found = jax.eval_shape(lambda v: rollout(scene, times, start=(start, v), options=options), np.zeros(start.shape))
+    assert {str(x.dtype) for x in (found.positions, found.velocities)} == {"float32"}
 
 
 def test_velocities_that_bend_a_body_are_refused():
