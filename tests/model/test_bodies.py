@@ -11,7 +11,7 @@ from jaxgrity import InputError, Members, Scene, Shaking, Structure
 from jaxgrity.model import Body, energy_of_motion, mass_matrix, mobility, momenta, rigid_body, symmetries
 from jaxgrity.model.bodies import carrying, independent_nodes
 from jaxgrity.model.inertia import held
-from jaxgrity.model.rigidity import RigidBodies
+from jaxgrity.model.rigidity import RigidBodies, held_edges, held_lengths
 from jaxgrity.stepping.dynamics import angular_momentum, centre_of_mass
 
 INERTIA = {"space": [1.0, 2.0, 2.5], "plate": [1.0, 1.5, 2.5], "rod": [0.0, 1.5, 1.5]}
@@ -156,3 +156,14 @@ def test_points_that_follow_belong_to_one_body_and_are_free():
         Structure(TETRAHEDRON[:4], np.ones(4), bodies=(body,))
     with pytest.raises(InputError, match="weights has shape"):
         Body(body.points, body.matrix, np.zeros((2, 4)), body.lengths)
+
+
+def test_two_points_that_are_held_keep_their_distance_anyway():
+    """It is no constraint beside those of the supports: a body on a hinge has five."""
+    nodes = np.array([[0.0, 0, 0], [0, 1, 0], [1, 0.5, 0], [0.3, 0.5, 0.8]])
+    body = rigid_body(nodes, (0, 1, 2, 3), 2.0, [0.2, 0.3, 0.4], [0.5, 0.5, 0.2], basic=(0, 1))
+    hinge = Structure(nodes, np.zeros(4), bodies=(body,), fixed=((0, "xyz"), (1, "xyz")))
+    free = Structure(nodes, np.zeros(4), bodies=(body,), fixed=((0, "xyz"), (1, "xz")))
+    assert len(held_edges(Scene(free))) == 6
+    assert set(held_edges(Scene(free))) - set(held_edges(Scene(hinge))) == {(0, 1)}
+    assert len(held_lengths(Scene(hinge), 0.0)) == 5
