@@ -149,7 +149,7 @@ class Uncertainty(eqx.Module):
     prestress: float = eqx.field(static=True, default=0.0)
     """half-width of the cable tension in the given shape, as a fraction; one value for all cables of a robot"""
     node_mass: float = eqx.field(static=True, default=0.0)
-    """half-width of the mass of each node, as a fraction"""
+    """half-width of the mass of each node, as a fraction; masses of members and bodies are exact"""
     slope: float = eqx.field(static=True, default=0.0)
     """largest extra slope of the ground, in a random direction, rad"""
     terrain: float = eqx.field(static=True, default=0.0)
