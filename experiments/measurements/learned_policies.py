@@ -9,8 +9,7 @@ import jax
 from pages import columns
 
 from jaxgrity import Scene, bumps, contact_twin, load_scene, with_error
-from jaxgrity.control import Errors, Sensors, environment, load_policy, policy_names, trials
-from jaxgrity.control.environments import Environment
+from jaxgrity.control import Environment, Errors, Sensors, environment, load_policy, policy_names, trials
 
 BAD = Sensors(noise=Errors(directions=0.02, spins=0.1, cable_lengths=0.002, tensions=1.0, contact=0.01), delay=3)
 """Noise of 0.02, 0.1 rad/s, 2 mm and 1 N, 1 % of contacts wrong, all of it 30 ms late."""

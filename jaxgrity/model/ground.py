@@ -92,9 +92,10 @@ class Ground(eqx.Module):
 
     def height(self, x: ArrayLike, y: ArrayLike) -> np.ndarray:
         """Height z of the ground at x, y, m; -infinity without ground. Do not use it in rollouts."""
-        surface = Slope(self.incline) if self.surface is None else self.surface
+        if self.surface is None:
+            return -math.tan(self.incline) * (np.asarray(x, float) + 0 * np.asarray(y, float))
         moved = np.zeros(3) if self.offset is None else np.asarray(self.offset, float)
-        return height_at(surface, np.asarray(x, float) - moved[0], np.asarray(y, float) - moved[1]) + moved[2]
+        return height_at(self.surface, np.asarray(x, float) - moved[0], np.asarray(y, float) - moved[1]) + moved[2]
 
     def measured(self, q: np.ndarray) -> DistanceAndAxes:
         """Distances and frames at positions `q` (..., nodes, 3), m, in float64. Do not use it in rollouts."""

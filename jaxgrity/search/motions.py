@@ -85,11 +85,10 @@ def robot_motions(
         raise InputError("robot motions: the scene has no gait; expected with_gait(scene, gait)")
     if robots < 1:
         raise InputError(f"robots = {robots}: expected at least 1")
-    check_number("cycle", cycle, above=0.0, unit="s")
     if cycle is None:
         parts, duration = parts_of(scene, scene.gait, duration)
     else:
-        parts, duration = whole_cycles(scene, duration, cycle)
+        parts, duration = whole_cycles(scene, duration, check_number("cycle", cycle, above=0.0, unit="s"))
     model = model_of(scene, duration, options)
     fitness = Fitness(SteadySpeed(), uncertainty, robots)
     _, outcomes = ensembles_rolled_out(

@@ -123,7 +123,7 @@ def frame_times(duration: float, frame_rate: float, at_most: float = math.inf) -
     Raises `InputError` if the rate is not positive and finite.
     """
     if not (frame_rate > 0 and math.isfinite(frame_rate)):
-        raise InputError(f"frame_rate = {frame_rate}: expected a positive, finite number of frames per second")
+        raise InputError(f"frame_rate = {frame_rate}: expected a positive, finite number of frames a second")
     return np.linspace(0, duration, max(1, round(duration * min(frame_rate, at_most))) + 1)
 
 

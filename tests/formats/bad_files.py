@@ -129,7 +129,7 @@ def outcome(path: Path) -> dict:
         kind = "read"
     except InputError as error:
         said = str(error)
-        kind = "refused" if said.isprintable() and len(said) < 600 else "unclear"
+        kind = "refused" if said.isprintable() and len(said.replace(str(path), path.name)) < 600 else "unclear"
     except Exception as error:
         kind, said = "broken", f"{type(error).__name__}: {error}"
     return {"file": path.name, "kind": kind, "said": said, "seconds": time.process_time() - began}

@@ -54,7 +54,11 @@ def test_bodies_are_read_as_the_nodes_of_the_file_stand(tmp_path):
     ("old", "new", "words"),
     [
         ("inertia = [0.3, 0.4, 0.5]", "inertia = [0.3, 0.4, 0.8]", r"bodies\[0\]: no body has this inertia"),
-        ("nodes = [5, 6]\nmass", "nodes = [5, 9]\nmass", r"bodies\[1\]: points = \[5, 9\]: expected nodes from 0 to 6"),
+        (
+            "nodes = [5, 6]\nmass",
+            "nodes = [5, 9]\nmass",
+            r"bodies\[1\]: points\[1\] = 9: expected a whole number from 0 to 6",
+        ),
         ("mass = 1.0", "mass = 0.0", r"bodies\[1\].mass = 0.0: expected a number > 0"),
         ("[0.1, 0.0, 0.1, 0.0", "[0.1, 0.0", r"bodies\[1\].inertia has 4 numbers; expected xx, yy, zz"),
         ("mass = 1.0", "weight = 1.0", r"bodies\[1\].weight = 1.0: unknown key"),

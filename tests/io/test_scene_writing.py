@@ -267,7 +267,7 @@ REFUSED |= {
     ),
     "ground that differs": (
         lambda scene: dataclasses.replace(scene, ground=PenaltyGround(np.arange(1.0, 13.0))),
-        "ground.stiffness has a number for each node",
+        "ground.stiffness has shape (12,); expected one number",
     ),
 }
 

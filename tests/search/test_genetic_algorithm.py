@@ -172,7 +172,7 @@ def test_a_wide_first_generation_hands_on_its_best(problem):
     level = FidelityLevel("", problem.scene, OPTIONS.dt, "float32")
     worth = judge_at(level, problem.genome.gaits(problem.scene.gait, drawn), problem, 0).fitness
     np.testing.assert_array_equal(seen[0].evaluated.genes, drawn[np.argsort(-worth, kind="stable")[:6]])
-    with pytest.raises(InputError, match="drawn = 4: expected at least 6 gaits, the population"):
+    with pytest.raises(InputError, match="drawn = 4: expected a whole number, at least 6"):
         GAConfig(population=6, elites=2, drawn=4)
     with pytest.raises(InputError, match="parents = 7: expected 1 to 6, the population"):
         GAConfig(population=6, elites=2, parents=7)

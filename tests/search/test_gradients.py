@@ -164,8 +164,10 @@ def climbing(scene, duration, objective=None):
     "body", [pytest.param("swimmer", marks=pytest.mark.slow), pytest.param("exact", marks=pytest.mark.campaign)]
 )
 def test_smoothed_and_pathwise_gradients_agree(body, request):
-    """In the first second of a gait, where the distance is smooth: within two standard errors of the first one,
-    which are a fifth of it at most."""
+    """In the first second of a gait, where the distance is smooth: in the same direction.
+
+    For two genes, whose directions are all of one length, ranks make the smoothed one a third longer.
+    """
     task = climbing(request.getfixturevalue(body), 2.0)
     genes = jnp.asarray(random_phases(1, task.problem.genome.size, seed=7)[0] / (2 * np.pi))
     row = smoothed_gradients(jax.random.key(0), genes[None], task, 2.0, 512, 1)
@@ -175,7 +177,9 @@ def test_smoothed_and_pathwise_gradients_agree(body, request):
     assert float(smoothed.value) == pytest.approx(float(pathwise.value), abs=1e-4)
     error = float(np.sqrt(smoothed.noise))
     assert error < 0.2 * np.linalg.norm(pathwise.mean)
-    assert np.linalg.norm(smoothed.mean - pathwise.mean) < 2 * error
+    longer = np.linalg.norm(smoothed.mean) / np.linalg.norm(pathwise.mean)
+    assert np.linalg.norm(smoothed.mean / longer - pathwise.mean) < 2 * error
+    assert 1.0 < longer < 1.5
 
 
 class DistanceOfNodes(Objective):
