@@ -17,7 +17,7 @@ import jax
 import numpy as np
 from matplotlib.figure import Figure
 from pages import table
-from scaling import METHODS
+from scaling_costs import METHODS
 
 from jaxgrity import Outcomes, SolverOptions, gaits_of, load_scene, random_phases, simulate_population
 from jaxgrity.io.files import read_text

@@ -190,9 +190,8 @@ def environment(
         The environment, whose `reset` and `step` are pure.
 
     Raises:
-        InputError: an unknown task, a scene without a ground or without a gait, or with another ground than a level
-            plane for a task that brings its own, bad options (see `resolve`), seconds that are no multiple of 0.01,
-            or an effort cost that is negative or not finite.
+        InputError: an unknown task; a scene without ground or gait; uneven ground for a task with its own ground; bad
+            options (see `resolve`); seconds that are no multiple of 0.01; a negative effort cost, or one not finite.
 
     Example:
         >>> import jax

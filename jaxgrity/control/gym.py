@@ -72,15 +72,15 @@ class GymnasiumEnvironment(gymnasium.Env):
         """The first observation of an episode that `seed`, or else the last one's random numbers, draw."""
         super().reset(seed=seed)
         self._places, self._stage = [], None
-        return self._heard(self._reset(jax.random.key(int(self.np_random.integers(2**31)))))
+        return self._entered(self._reset(jax.random.key(int(self.np_random.integers(2**31)))))
 
     def step(self, action):
         """Observation, reward, whether the episode terminated, whether it was truncated, and the metrics.
 
         Raises Gymnasium's `ResetNeeded` before the first reset.
         """
-        observation, told = self._heard(self._step(self._begun("step"), action))
-        state = self._begun("step")
+        state = self._step(self._begun("step"), action)
+        observation, told = self._entered(state)
         over = bool(told["reached"] or told["failed"])
         return observation, float(state.reward), over, bool(state.done) and not over, told
 
@@ -103,8 +103,8 @@ class GymnasiumEnvironment(gymnasium.Env):
             raise gymnasium.error.ResetNeeded(f"{method}: expected a reset before it")
         return self._state
 
-    def _heard(self, state: EnvironmentState) -> tuple[np.ndarray, dict[str, float]]:
-        """The observation and the metrics of the state, which is the present one from now on."""
+    def _entered(self, state: EnvironmentState) -> tuple[np.ndarray, dict[str, float]]:
+        """The observation and the metrics of a state, which is the present one from now on."""
         self._state = state
         if self.render_mode is not None:
             self._places.append(np.asarray(state.pipeline_state.plant.motion[0]))
@@ -176,21 +176,22 @@ def _moved(environment: Environment, places: list[np.ndarray]) -> Trajectory:
     return Trajectory(times, q, np.zeros_like(q), none, none, none, method="", dt=None)
 
 
-def _made(task: str, scene: Scene | str = "exact", render_mode: str | None = None, **settings: Any):
-    """A `GymnasiumEnvironment` of a library scene's name or a scene; `settings` go to `environment`."""
-    known = load_scene(scene) if isinstance(scene, str) else scene
-    return GymnasiumEnvironment(environment(task, known, **settings), render_mode)
+def _named(task: str, scene: Scene | str, settings: dict[str, Any]) -> Environment:
+    """The environment of a task, with a scene or the name of one."""
+    return environment(task, load_scene(scene) if isinstance(scene, str) else scene, **settings)
 
 
-def _made_many(task: str, num_envs: int = 64, scene: Scene | str = "exact", **settings: Any):
-    """A `GymnasiumVectorEnvironment` likewise."""
-    known = load_scene(scene) if isinstance(scene, str) else scene
-    return GymnasiumVectorEnvironment(environment(task, known, **settings), num_envs)
+def _one(task: str, scene: Scene | str = "exact", render_mode: str | None = None, **settings: Any):
+    return GymnasiumEnvironment(_named(task, scene, settings), render_mode)
+
+
+def _many(task: str, num_envs: int = 64, scene: Scene | str = "exact", **settings: Any):
+    return GymnasiumVectorEnvironment(_named(task, scene, settings), num_envs)
 
 
 for _name in TASKS:
     gymnasium.register(
         f"jaxgrity/{_name.title()}-v0",
-        entry_point=partial(_made, _name),
-        vector_entry_point=partial(_made_many, _name),
+        entry_point=partial(_one, _name),
+        vector_entry_point=partial(_many, _name),
     )

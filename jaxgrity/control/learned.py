@@ -3,7 +3,6 @@
 import json
 from collections.abc import Callable
 from functools import partial
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +16,10 @@ from jaxgrity.control.closed_loop import frame, trajectory_of
 from jaxgrity.control.environments import ENDS, Environment
 from jaxgrity.control.plant import check_key
 from jaxgrity.core.arguments import check_count
-from jaxgrity.core.errors import InputError, unknown
+from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray
-from jaxgrity.io.files import write_whole
+from jaxgrity.io.files import found_file, shipped, write_whole
 from jaxgrity.stepping.simulate import Trajectory
 
 WIDEST = 5.0
@@ -60,9 +59,6 @@ def untrained(environment: Environment, key: Any, width: int, depth: int, held: 
     return Learned(network, jnp.zeros(size, jnp.float32), jnp.ones(size, jnp.float32), held)
 
 
-SHIPPED = resources.files("jaxgrity") / "data" / "policies"
-
-
 @typed
 def save_policy(policy: Learned, path: str | Path) -> None:
     """Write a policy: a line of JSON with its sizes, then its arrays. The file appears whole or not at all."""
@@ -78,7 +74,7 @@ def save_policy(policy: Learned, path: str | Path) -> None:
 
 def policy_names() -> tuple[str, ...]:
     """The policies that come with the library: a task each, for the scene `exact`."""
-    return tuple(sorted(entry.name.removesuffix(".eqx") for entry in SHIPPED.iterdir() if entry.name.endswith(".eqx")))
+    return tuple(shipped("policies"))
 
 
 @typed
@@ -93,11 +89,7 @@ def load_policy(name: str | Path) -> Learned:
         >>> jaxgrity.control.trials(env, policy, jax.random.key(0), episodes=2).shape
         (2,)
     """
-    names = policy_names()
-    if str(name) not in names and not Path(name).exists():
-        expected = f"expected a file, or one of {', '.join(names)}"
-        raise InputError(f"policy {str(name)!r}: {unknown(str(name), names)}; {expected}")
-    path = Path(str(SHIPPED / f"{name}.eqx")) if str(name) in names else Path(name)
+    path = found_file("policy", "policies", name)
     try:
         with open(path, "rb") as file:
             head = json.loads(file.readline())

@@ -131,11 +131,12 @@ def _place(at: tuple[int, ...]) -> str:
 
 def _within(above: float, least: float, most: float) -> str:
     """The expected range of a number, in words."""
-    if above > -np.inf:
-        return f"a finite number above {above:g}" if above else "a positive number"
-    if most < np.inf:
-        return f"a number from {least:g} to {most:g}"
-    return f"a finite number{f', at least {least:g}' if least > -np.inf else ''}"
+    if above == 0 and most == np.inf:
+        return "a positive number"
+    low = f" above {above:g}" if above > -np.inf else f", at least {least:g}" if least > -np.inf else ""
+    if most == np.inf:
+        return f"a finite number{low}"
+    return f"a number{low}, at most {most:g}" if above > -np.inf else f"a number from {least:g} to {most:g}"
 
 
 def _real(value: np.ndarray) -> bool:

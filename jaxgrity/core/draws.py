@@ -7,10 +7,9 @@ place: one program makes the bits of all draws up to a size, and NumPy turns the
 from functools import partial
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
-from jaxgrity.core.tracing import traced
+from jaxgrity.core.tracing import compiling, traced
 from jaxgrity.core.types import AnyArray
 
 FEWEST = 4096
@@ -19,14 +18,14 @@ FEWEST = 4096
 
 def uniform(key, shape: tuple[int, ...], dtype, low: float = 0.0, high: float = 1.0) -> AnyArray:
     """`jax.random.uniform`: from `low` to `high`."""
-    if traced((key, jnp.zeros(()))):  # in a function that is being compiled
+    if traced(key) or compiling():
         return jax.random.uniform(key, shape, dtype, low, high)
     return _between(key, shape, np.dtype(dtype), low, high)
 
 
 def normal(key, shape: tuple[int, ...], dtype) -> AnyArray:
     """`jax.random.normal`: of mean 0 and variance 1."""
-    if traced((key, jnp.zeros(()))):
+    if traced(key) or compiling():
         return jax.random.normal(key, shape, dtype)
     dtype = np.dtype(dtype)
     count = int(np.prod(shape))

@@ -37,13 +37,18 @@ def as_incline(x: object) -> float:
     return incline
 
 
+def compiling() -> bool:
+    """Whether a function around the caller is being compiled, so that operations on known numbers are traced too."""
+    return traced(jnp.zeros(()))
+
+
 def evaluated() -> AbstractContextManager:
     """A context in which known numbers have known results, also during the compilation of a function around it.
 
     Elsewhere it does nothing: `ensure_compile_time_eval` would make JAX run jitted functions operation by operation,
     which takes seconds.
     """
-    return jax.ensure_compile_time_eval() if traced(jnp.zeros(())) else nullcontext()
+    return jax.ensure_compile_time_eval() if compiling() else nullcontext()
 
 
 def forward_mode_only(tree: Any, instead: str) -> Any:

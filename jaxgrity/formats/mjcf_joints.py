@@ -11,6 +11,9 @@ from jaxgrity.formats.mjcf_losses import name_of
 
 mujoco: Any = lazy_loader.load("mujoco")
 
+APART = 1e-6
+"""Largest distance between the two points of a joint at the start, in sizes of the model."""
+
 
 class Joint(NamedTuple):
     """A point of two bodies."""
@@ -57,7 +60,7 @@ def _connected(model: Any, data: Any, e: int) -> Joint:
     else:
         x = data.xpos[one] + data.xmat[one].reshape(3, 3) @ model.eq_data[e, :3]
         there = data.xpos[other] + data.xmat[other].reshape(3, 3) @ model.eq_data[e, 3:6]
-    if np.linalg.norm(x - there) > 1e-6 * model.stat.extent:
+    if np.linalg.norm(x - there) > APART * model.stat.extent:
         raise InputError(f"equality {name}: its points are {np.linalg.norm(x - there):.3g} m apart; expected one place")
     bodies = int(model.body_weldid[one]), int(model.body_weldid[other])
     return Joint(x.copy(), bodies if bodies[0] else bodies[::-1])

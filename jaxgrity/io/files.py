@@ -5,16 +5,32 @@ import math
 import os
 import tempfile
 from collections.abc import Callable
+from importlib import resources
 from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
 from PIL import Image
 
-from jaxgrity.core.errors import InputError
+from jaxgrity.core.errors import InputError, unknown
 
 PART = ".part"
 """Ending of a file that is not complete yet. A process that is killed leaves it behind."""
+
+
+def shipped(kind: str) -> dict[str, Path]:
+    """The files of a folder of jaxgrity/data, by their names in the library, in order."""
+    folder = Path(str(resources.files("jaxgrity"))) / "data" / kind
+    return {path.stem: path for path in sorted(folder.iterdir())}
+
+
+def found_file(what: str, kind: str, name: str | Path) -> Path:
+    """The library's file of that name, or else the one at that path. Raises `InputError` if there is neither."""
+    known = shipped(kind)
+    if str(name) not in known and not Path(name).exists():
+        expected = f"expected a file, or one of {', '.join(known)}"
+        raise InputError(f"{what} {str(name)!r}: {unknown(str(name), tuple(known))}; {expected}")
+    return known.get(str(name), Path(name))
 
 
 def read_text(path: str | Path) -> str:

@@ -1,26 +1,21 @@
 """Gaits as files, and the library's own gaits."""
 
 import json
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from jaxgrity.core.errors import InputError, unknown
+from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
-from jaxgrity.io.files import read_text
+from jaxgrity.io.files import found_file, read_text, shipped
 from jaxgrity.model.actuation import Gait, Overtone
 from jaxgrity.model.structure import Structure
-
-SHIPPED = resources.files("jaxgrity") / "data" / "gaits"
 
 
 def gait_names() -> tuple[str, ...]:
     """The names of the library's gaits."""
-    return tuple(
-        sorted(entry.name.removesuffix(".json") for entry in SHIPPED.iterdir() if entry.name.endswith(".json"))
-    )
+    return tuple(shipped("gaits"))
 
 
 @typed
@@ -35,16 +30,11 @@ def load_gait(name: str | Path) -> Gait:
 @typed
 def gait_record(name: str | Path) -> dict[str, Any]:
     """The record of a gait: the gait, its scene, its results, and its command."""
-    if str(name) in gait_names():
-        return json.loads((SHIPPED / f"{name}.json").read_text(encoding="utf-8"))
-    if not Path(name).exists():
-        names = gait_names()
-        expected = f"expected a file, or one of {', '.join(names)}"
-        raise InputError(f"gait {str(name)!r}: {unknown(str(name), names)}; {expected}")
-    if Path(name).is_dir():
-        raise InputError(f"gait {str(name)!r}: a folder; expected a file, such as {Path(name) / 'gait.json'}")
+    path = found_file("gait", "gaits", name)
+    if path.is_dir():
+        raise InputError(f"gait {str(name)!r}: a folder; expected a file, such as {path / 'gait.json'}")
     try:
-        return json.loads(read_text(name))
+        return json.loads(read_text(path))
     except ValueError as error:
         raise InputError(f"{name}: not JSON: {error}") from error
 

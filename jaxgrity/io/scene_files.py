@@ -3,16 +3,15 @@
 import math
 import re
 import tomllib
-from importlib import resources
 from pathlib import Path
 
 import msgspec
 import numpy as np
 
-from jaxgrity.core.errors import InputError, unknown
+from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.io.bodies import build_bodies
-from jaxgrity.io.files import read_text
+from jaxgrity.io.files import found_file, read_text, shipped
 from jaxgrity.io.grounds import build_ground
 from jaxgrity.io.members import build_members, cable_laws, member_numbers
 from jaxgrity.io.scene_tables import (
@@ -41,13 +40,11 @@ DEEPEST = 50
 """Most parts of a key: far more than the keys of any scene file have."""
 DEEP_KEY = re.compile(rf"(?:[\w-]+\.){{{DEEPEST}}}")
 """Pattern of keys with too many parts: the TOML reader would take minutes, and gigabytes, for one."""
-SHIPPED = resources.files("jaxgrity") / "data" / "scenes"
 
 
 def scene_names() -> tuple[str, ...]:
     """The names of the library's scenes."""
-    names = (entry.name for entry in SHIPPED.iterdir())
-    return tuple(sorted(name.removesuffix(".toml") for name in names if name.endswith(".toml")))
+    return tuple(shipped("scenes"))
 
 
 @typed
@@ -56,13 +53,7 @@ def scene_text(scene: str | Path) -> str:
 
     Raises `InputError` for an unknown name, or a file that cannot be read.
     """
-    if str(scene) in scene_names():
-        return (SHIPPED / f"{scene}.toml").read_text(encoding="utf-8")
-    if not Path(scene).exists():
-        names = scene_names()
-        expected = f"expected a file, or one of {', '.join(names)}"
-        raise InputError(f"scene {str(scene)!r}: {unknown(str(scene), names)}; {expected}")
-    return read_text(scene)
+    return read_text(found_file("scene", "scenes", scene))
 
 
 @typed

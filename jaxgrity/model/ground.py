@@ -93,7 +93,7 @@ class Ground(eqx.Module):
     def height(self, x: ArrayLike, y: ArrayLike) -> np.ndarray:
         """Height z of the ground at x, y, m; -infinity without ground. Do not use it in rollouts."""
         if self.surface is None:
-            return -math.tan(self.incline) * (np.asarray(x, float) + 0 * np.asarray(y, float))
+            return Slope(self.incline).height(*np.broadcast_arrays(np.asarray(x, float), np.asarray(y, float)))
         moved = np.zeros(3) if self.offset is None else np.asarray(self.offset, float)
         return height_at(self.surface, np.asarray(x, float) - moved[0], np.asarray(y, float) - moved[1]) + moved[2]
 

@@ -142,7 +142,7 @@ def height_at(surface: Surface, x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def measured_at(ground: Any, q: np.ndarray) -> DistanceAndAxes:
-    """Distances and frames of a `Ground` at positions `q` (..., nodes, 3), m, in float64. Do not use it in rollouts."""
+    """Distances and frames at positions `q` (..., nodes, 3), m, in float64, of a ground or a surface."""
     rows = q.reshape(-1, *q.shape[-2:])
     with jax.enable_x64(True):
         phi, axes = (np.asarray(part)[: len(rows)] for part in _measured(as_double(ground), _padded(rows)))

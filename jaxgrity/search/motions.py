@@ -7,7 +7,7 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
-from jaxgrity.core.arguments import check_number
+from jaxgrity.core.arguments import check_count, check_number
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import PerGait
@@ -83,8 +83,7 @@ def robot_motions(
     """
     if scene.gait is None:
         raise InputError("robot motions: the scene has no gait; expected with_gait(scene, gait)")
-    if robots < 1:
-        raise InputError(f"robots = {robots}: expected at least 1")
+    check_count("robots", robots, 1)
     if cycle is None:
         parts, duration = parts_of(scene, scene.gait, duration)
     else:

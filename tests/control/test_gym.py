@@ -1,12 +1,12 @@
 """Environments by Gymnasium's names: one robot with pictures, and many in one call whose episodes begin anew."""
 
 import gymnasium
+import jax
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
 from jaxgrity import InputError, SolverOptions, control
-from jaxgrity.control import gym
 
 SETTINGS = {"options": SolverOptions(dt=0.01, dtype="float32"), "seconds": 0.03}
 """cheap, and episodes of three control periods"""
@@ -44,7 +44,7 @@ def test_many_robots_are_one_call_and_begin_anew():
     assert np.abs(first[0] - first[1]).max() > 0.1
     again, _ = envs.reset(seed=1)
     np.testing.assert_array_equal(first, again)
-    alone = envs.environment.step(gym.jax.tree.map(lambda x: x[2], envs._state), np.full(6, 0.5, np.float32))
+    alone = envs.environment.step(jax.tree.map(lambda x: x[2], envs._state), np.full(6, 0.5, np.float32))
     bad = np.full((3, 6), 0.5, np.float32)
     bad[1] = np.nan
     told = [envs.step(bad if k == 0 else np.nan_to_num(bad)) for k in range(7)]

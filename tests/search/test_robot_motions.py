@@ -94,7 +94,7 @@ def test_robots_differ_by_what_is_uncertain(swimmer):
     ("change", "robots", "words"),
     [
         (lambda scene: jaxgrity.with_gait(scene, None), 4, "the scene has no gait; expected with_gait"),
-        (lambda scene: scene, 0, "robots = 0: expected at least 1"),
+        (lambda scene: scene, 0, "robots = 0: expected a whole number, at least 1"),
     ],
 )
 def test_bad_input_is_one_line(exact, change, robots, words):
