@@ -160,9 +160,9 @@ def for_sweeps(scene: Scene) -> Scene:
     )
 
 
-def judged(scene: Scene, gaits: Gait, differences: Differences, duration: float, together: bool) -> Verdict:
+def judged(scene: Scene, gaits: Gait, differences: Differences, duration: float, coupled: bool) -> Verdict:
     """Roll out all variants side by side, and watch each step."""
-    options = SolverOptions(dt=STEP, dtype="float64", any_step=True, together=together)
+    options = SolverOptions(dt=STEP, dtype="float64", any_step=True, coupled=coupled)
     resolved = resolve(scene, duration, options)
     single = as_dtype(scene, "float64")
     gaits, differences = jax.tree.map(lambda x: jnp.asarray(x, float), (gaits, differences))
@@ -177,7 +177,7 @@ def judged(scene: Scene, gaits: Gait, differences: Differences, duration: float,
         q = y1[0]
         wanted = over_lanes(lambda s: rest_length(s.structure.struts, s.gait, (k + 1) * STEP, 0), (axes,))(many)
         lengths = jnp.linalg.norm(q[edges[0]] - q[edges[1]], axis=1)
-        residual = after.residual if together else jnp.zeros(q.shape[-1])
+        residual = after.residual if coupled else jnp.zeros(q.shape[-1])
         now = jnp.stack([residual, jnp.max(jnp.abs(lengths / wanted - 1), axis=0), jnp.max(-q[:, 2], axis=0)])
         fine = jnp.isfinite(q).all(axis=(0, 1))
         return ((y1, after), jnp.where(fine, jnp.maximum(worst, now), worst)), fine
@@ -200,8 +200,8 @@ def structure_row(seed: int, count: int, duration: float) -> dict:
     scene = random_scene(seed)
     gaits, differences = varied(scene, count, seed)
     row = {"seed": seed, "struts": len(scene.structure.struts.edges), "nodes": len(scene.structure.nodes)}
-    for name, case in (("together", scene), ("sweeps", for_sweeps(scene))):
-        row[name] = judged(case, gaits, differences, duration, name == "together")._asdict()
+    for name, case in (("coupled", scene), ("sweeps", for_sweeps(scene))):
+        row[name] = judged(case, gaits, differences, duration, name == "coupled")._asdict()
     return row
 
 
@@ -241,7 +241,7 @@ def random_structures(
     struts = [row["struts"] for row in rows]
     about = {"duration": duration, "step": STEP, "variants": variants, "structures": len(rows)}
     about |= {"struts": [min(struts), max(struts)]}
-    return about | {name: facts_of([row[name] for row in rows]) for name in ("together", "sweeps")}
+    return about | {name: facts_of([row[name] for row in rows]) for name in ("coupled", "sweeps")}
 
 
 @random_structures.table
@@ -252,7 +252,7 @@ def words(record: Record) -> str:
         f"{record['structures']} structures of {fewest} to {most} struts, "
         f"{record['duration']:g} s at {record['step']:g} s"
     )
-    solvers = {"solved together": record["together"], "sweeps alone": record["sweeps"]}
+    solvers = {"solved together": record["coupled"], "sweeps alone": record["sweeps"]}
     cells = {
         what: "{name}",
         "flagged": "{flagged} of {rollouts}",

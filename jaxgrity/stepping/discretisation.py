@@ -39,8 +39,8 @@ def discretise(options: ResolvedOptions, lift: Lift = one_robot) -> tuple[diffra
     """The equations of motion and their solver, for diffrax, for one robot or, by `lift`, for many."""
     method = options.method
     build = method.fixed if options.dt is not None or method.adaptive is None else method.adaptive
-    if options.together and method.together is not None:
-        build = method.together
+    if options.coupled and method.coupled is not None:
+        build = method.coupled
     solver = build()
     if method.constrained:
         chosen: dict = {"tolerance": options.strut_tolerance, "lift": lift}

@@ -31,7 +31,7 @@ class Method(NamedTuple):
     """builds the solver for steps of fixed size"""
     adaptive: Build | None = None
     """builds the solver for adaptive steps; None: no error estimate"""
-    together: Build | None = None
+    coupled: Build | None = None
     """builds the solver that solves struts and contacts together; None: no such variant"""
     implicit: bool = False
     """whether it solves equations in each step; it is then stable at any step, and computes robot by robot"""
@@ -117,6 +117,6 @@ for _method in (
     Method("kvaerno3", 3, *_implicit(diffrax.Kvaerno3), implicit=True),
     Method("kvaerno5", 5, *_implicit(diffrax.Kvaerno5), implicit=True),
     Method("verlet", 2, Verlet, symplectic=True),
-    Method("complementarity", 1, SweptImpulses, together=CoupledImpulses, constrained=True),
+    Method("complementarity", 1, SweptImpulses, coupled=CoupledImpulses, constrained=True),
 ):
     register_method(_method)

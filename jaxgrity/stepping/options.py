@@ -49,10 +49,10 @@ class SolverOptions:
     atol: float | None = None
     """absolute tolerance of an adaptive method, m and m/s; None: as `rtol`, times the body's length or speed scale"""
     sweeps: int | None = None
-    """number of sweeps over all constraints per complementarity step; None: `usual_sweeps`; refused with `together`"""
+    """number of sweeps over all constraints per complementarity step; None: `usual_sweeps`; refused with `coupled`"""
     strut_tolerance: float | None = None
     """largest error of a rigid strut's length, m; sweeps stop below it, or after `sweeps` of them (by default 1000)"""
-    together: bool | None = None
+    coupled: bool | None = None
     """whether complementarity stepping solves struts and contacts together; None: only if sweeps might not converge"""
     max_steps: int = 10**6
     """number of steps after which an adaptive method gives up, and the simulation fails"""
@@ -80,7 +80,7 @@ class ResolvedOptions(eqx.Module):
     atol: Scalar
     sweeps: Count | None = None
     strut_tolerance: Scalar | None = None
-    together: bool = eqx.field(static=True, default=False)
+    coupled: bool = eqx.field(static=True, default=False)
     max_steps: int = eqx.field(static=True, default=10**6)
 
     def as_inputs(self) -> "ResolvedOptions":
@@ -120,7 +120,7 @@ def resolve(
         duration: simulated time, s.
         options: options of the user; resolved ones are returned unchanged if their method suits the scene. If JAX
             traces the friction, the faster sweeps are chosen. They may fail at mu = 1 or more (`rollout` is then not
-            `ok`): pass `SolverOptions(together=True)` for such friction.
+            `ok`): pass `SolverOptions(coupled=True)` for such friction.
         dtype: precision; replaces that of the options.
         positions: (nodes, 3), m, at the start; by default those of the structure.
         since: time of the start, s; rigid struts must have their lengths at that time.
@@ -164,20 +164,20 @@ def _resolved(scene: Scene, options: Options, dtype: str | None, x64: bool) -> R
             _check_seen(scene, method, dt)
     # no NumPy numbers: those are inputs of what is compiled
     dt, rtol, atol = jax.tree.map(float, (dt, rtol, atol))
-    together = _together(scene, given, method, concrete)
-    if together and given.sweeps is not None:
-        without = "none" if scene.structure.coupled else "none, or together = False"
+    coupled = _coupled(scene, given, method, concrete)
+    if coupled and given.sweeps is not None:
+        without = "none" if scene.structure.coupled else "none, or coupled = False"
         raise InputError(
             f"sweeps = {given.sweeps}: this scene's struts and contacts are solved together; expected {without}"
         )
-    return ResolvedOptions(method, dt, dtype, rtol, atol, sweeps, given.strut_tolerance, together, given.max_steps)
+    return ResolvedOptions(method, dt, dtype, rtol, atol, sweeps, given.strut_tolerance, coupled, given.max_steps)
 
 
 def check_options(scene: Scene, options: ResolvedOptions) -> None:
     """Refuse options that were resolved for a scene of another kind. The step is not looked at for what is stable."""
     method = options.method
     _check_method(scene, method)
-    if method.constrained and not options.together and (scene.structure.coupled or _has_balls(scene)):
+    if method.constrained and not options.coupled and (scene.structure.coupled or _has_balls(scene)):
         raise InputError(
             "options: sweeps handle no rods with mass, supports, bodies or balls, and this scene has some; expected "
             "options that `resolve` makes for this scene"
@@ -215,8 +215,8 @@ def options_anew(scene: Scene, method: str, dt: float, dtype: str) -> ResolvedOp
     """The options of a motion of the scene, whose start has been checked: its method, its step (s), its precision."""
     given, chosen = SolverOptions(), find_method(method)
     rtol, atol = _tolerances(given, chosen, dtype, 1.0)  # which steps of one size have no use for
-    together = _together(scene, given, chosen, not traced(scene))
-    return ResolvedOptions(chosen, dt, dtype, rtol, atol, together=together)
+    coupled = _coupled(scene, given, chosen, not traced(scene))
+    return ResolvedOptions(chosen, dt, dtype, rtol, atol, coupled=coupled)
 
 
 def _dtype(given: str | None, x64: bool) -> str:
@@ -273,18 +273,18 @@ def _has_balls(scene: Scene) -> bool:
     return scene.ground is not None and scene.ground.balls is not None
 
 
-def _together(scene: Scene, given: SolverOptions, method: Method, concrete: bool) -> bool:
+def _coupled(scene: Scene, given: SolverOptions, method: Method, concrete: bool) -> bool:
     """Whether struts and contacts are solved together: by request, where they must be, or where sweeps may fail."""
     if not method.constrained:
-        if given.together is not None:
-            raise InputError(f"together: only complementarity stepping has it, not {method.name!r}")
+        if given.coupled is not None:
+            raise InputError(f"coupled: only complementarity stepping has it, not {method.name!r}")
         return False
-    if given.together is not None:
-        if not given.together and (scene.structure.coupled or _has_balls(scene)):
+    if given.coupled is not None:
+        if not given.coupled and (scene.structure.coupled or _has_balls(scene)):
             raise InputError(
-                "together = False: sweeps handle no rods with mass, supports, bodies or balls; expected None"
+                "coupled = False: sweeps handle no rods with mass, supports, bodies or balls; expected None"
             )
-        return given.together
+        return given.coupled
     struts, must = rigid_struts(scene), scene.structure.coupled or _has_balls(scene)
     if must or struts is None:
         return must

@@ -53,7 +53,7 @@ def rollout(
         start: positions, m, and velocities, m/s, (nodes, 3) each, at the first time; by default the structure's nodes
             at rest.
         options: solver options with a fixed step; by default the scene decides. If JAX traces the scene, pass options
-            that `resolve` made for a scene with known numbers, with `SolverOptions(together=True)` if friction reaches
+            that `resolve` made for a scene with known numbers, with `SolverOptions(coupled=True)` if friction reaches
             mu = 1.
         steps: number of steps between frames; by default as many as the longest interval needs.
 

@@ -43,7 +43,7 @@ def test_least_solutions_are_those_by_singular_values(size, rank, condition):
 
 
 def end_of(scene, push):
-    options = resolve(scene, 4e-3, SolverOptions(dt=2e-3, any_step=True, together=True))
+    options = resolve(scene, 4e-3, SolverOptions(dt=2e-3, any_step=True, coupled=True))
     weights = jnp.cos(jnp.arange(scene.structure.nodes.size))
 
     def end(gravity):

@@ -194,7 +194,7 @@ EXAMPLES = [
         atol=(1e-6, POSITIVE),
         sweeps=(8, COUNT),
         strut_tolerance=(1e-6, POSITIVE),
-        together=(None, OTHER),
+        coupled=(None, OTHER),
         max_steps=(100, COUNT),
         any_step=(False, OTHER),
     ),

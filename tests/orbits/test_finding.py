@@ -239,9 +239,9 @@ def test_the_speed_is_that_about_the_centre_whatever_the_moment(radius, turning,
     assert float(way_along(straight, 0.0)) * frames == pytest.approx(1, rel=1e-12)
 
 
-@pytest.mark.parametrize("together", [True, False])
-def test_a_step_in_time_with_the_period_keeps_the_other_options(exact, together):
+@pytest.mark.parametrize("coupled", [True, False])
+def test_a_step_in_time_with_the_period_keeps_the_other_options(exact, coupled):
     """Whether struts and contacts are solved together, and how many steps there may be."""
-    chosen = in_step(exact, 0.7, SolverOptions(dt=2e-3, together=together, max_steps=12345))
-    assert (chosen.together, chosen.max_steps) == (together, 12345)
+    chosen = in_step(exact, 0.7, SolverOptions(dt=2e-3, coupled=coupled, max_steps=12345))
+    assert (chosen.coupled, chosen.max_steps) == (coupled, 12345)
     assert 0.7 / chosen.dt == pytest.approx(round(0.7 / chosen.dt))

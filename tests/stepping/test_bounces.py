@@ -54,11 +54,11 @@ def starts() -> tuple[np.ndarray, np.ndarray]:
     return q, v + np.stack([stretch, -stretch], axis=1)
 
 
-def works(robots: int, roughest: float, together: bool) -> tuple[np.ndarray, np.ndarray]:
+def works(robots: int, roughest: float, coupled: bool) -> tuple[np.ndarray, np.ndarray]:
     """(robots, steps): what the ground did in each step of robots with a friction, a restitution and masses of their
     own, and what was gained in all, as shares of their energy before the step."""
     scene = prepared(as_dtype(thrown(), "float64"))
-    options = resolve(scene, 1.0, SolverOptions(dt=DT, together=together))
+    options = resolve(scene, 1.0, SolverOptions(dt=DT, coupled=coupled))
     random = np.random.default_rng(1)
     numbers = random.uniform(size=(robots, 2)) * [roughest, 1.0], np.exp(random.normal(size=(robots, 2)))
 
@@ -84,16 +84,16 @@ def works(robots: int, roughest: float, together: bool) -> tuple[np.ndarray, np.
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("robots", "roughest", "together"),
+    ("robots", "roughest", "coupled"),
     [(10_000, 1.0, False), pytest.param(1000, 3.0, True, marks=pytest.mark.campaign)],
 )
-def test_no_impact_makes_energy(robots, roughest, together):
+def test_no_impact_makes_energy(robots, roughest, coupled):
     """With any friction, restitution and masses: by the law of Newton some would (Kane and Levinson 1985).
 
     Ends go along chords: of a rod that turns by an angle in a step that is known to the square of the angle. Where
     friction is nearly 1, sweeps may fail, which is said by a velocity that is none.
     """
-    by_ground, gained = works(robots, roughest, together)
+    by_ground, gained = works(robots, roughest, coupled)
     turned = DT * np.linalg.norm(np.diff(starts()[1], axis=1), axis=2).max()
     assert np.isnan(by_ground).any(1).sum() < robots / 1000
     assert np.sum(by_ground < -1e-3) > robots / 2
@@ -122,12 +122,12 @@ def test_where_nothing_is_gained_the_law_is_that_of_newton():
     np.testing.assert_allclose(v, [[3.0 - 0.2 * 1.5 * 2.0, 0.0, 1.0]], rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize("together", [False, pytest.param(True, marks=pytest.mark.slow)])
-def test_populations_bounce_as_each_robot_does(together):
+@pytest.mark.parametrize("coupled", [False, pytest.param(True, marks=pytest.mark.slow)])
+def test_populations_bounce_as_each_robot_does(coupled):
     """With restitution and friction, whose law is chosen robot by robot."""
     q, v = starts()
     gait = Gait((0,), [0.0], [0.0], [1.0])
-    scene, options = dataclasses.replace(thrown(), gait=gait), SolverOptions(dt=DT, together=together)
+    scene, options = dataclasses.replace(thrown(), gait=gait), SolverOptions(dt=DT, coupled=coupled)
     gaits, own = gaits_of(gait, np.zeros((3, 1))), Differences(positions=q[:3], velocities=v[:3])
     many = simulate_population(scene, gaits, 0.1, options=options, differences=own, with_metrics=True)
     for k in range(3):

@@ -162,7 +162,7 @@ def test_a_rod_falls_from_nearly_upright(mu, law):
         on_ice = (G / 2 * sine - sine * cosine / 4 * y[1] ** 2) / (1 / 12 + sine**2 / 4)
         return [y[1], on_ice if law == ON_ICE else 1.5 * G * sine]
 
-    motion = simulate(scene, duration, frame_rate=1 / duration, options=SolverOptions(dt=1e-3, together=True))
+    motion = simulate(scene, duration, frame_rate=1 / duration, options=SolverOptions(dt=1e-3, coupled=True))
     d = np.asarray(motion.positions[-1, 1] - motion.positions[-1, 0])
     assert np.arctan2(d[0], d[2]) == pytest.approx(falling(rates, duration, tilt), abs=2e-5)
     held = float(motion.positions[-1, 0, 0]) if law == HELD else float(motion.positions[-1].mean(0)[0])
@@ -278,7 +278,7 @@ def test_more_struts_than_rigidity_needs(nodes, duration):
 @pytest.mark.campaign
 def test_solved_together_the_six_strut_robot_moves_as_by_sweeps(exact):
     """Both satisfy the same conditions in each step."""
-    ends = [simulate(exact, 1.0, options=SolverOptions(together=way)).positions[-1] for way in (False, True)]
+    ends = [simulate(exact, 1.0, options=SolverOptions(coupled=way)).positions[-1] for way in (False, True)]
     np.testing.assert_allclose(*ends, rtol=0, atol=1e-8)
 
 
@@ -355,10 +355,10 @@ def test_the_nearest_point_of_a_cone():
 def test_what_makes_no_sense_is_refused(reference, exact):
     """In one line."""
     with pytest.raises(InputError, match="only complementarity stepping has it"):
-        simulate(reference, 1.0, options=SolverOptions(together=True))
+        simulate(reference, 1.0, options=SolverOptions(coupled=True))
     held = dataclasses.replace(exact.structure, fixed=((0, "xyz"),))
     with pytest.raises(InputError, match="sweeps handle no rods with mass, supports"):
-        simulate(dataclasses.replace(exact, structure=held), 1.0, options=SolverOptions(together=False))
+        simulate(dataclasses.replace(exact, structure=held), 1.0, options=SolverOptions(coupled=False))
     with pytest.raises(InputError, match="expected 0 where the node is fixed"):
         simulate(dataclasses.replace(exact, structure=held), 1.0, velocities=np.ones((12, 3)))
     with pytest.raises(InputError, match="nothing is fixed"):
@@ -385,7 +385,7 @@ def test_what_makes_no_sense_is_refused(reference, exact):
 def test_float32_stays_float32(structure):
     """Rods with mass and the ground: the same motion as in float64, as far as single precision goes."""
     scene = on_ground(structure, 0.5)
-    options = SolverOptions("complementarity", dt=5e-3, any_step=True, together=True)
+    options = SolverOptions("complementarity", dt=5e-3, any_step=True, coupled=True)
     moved = [
         simulate(scene, 0.3, options=dataclasses.replace(options, dtype=dtype)) for dtype in ("float32", "float64")
     ]

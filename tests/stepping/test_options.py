@@ -105,14 +105,14 @@ def test_sweeps_are_refused_where_nothing_is_swept(exact):
     """Where struts and contacts are solved together by request, because friction is strong, or since they must be."""
     rough = dataclasses.replace(exact, friction=ConeFriction(1.2))
     held = dataclasses.replace(exact, structure=dataclasses.replace(exact.structure, fixed=((0, "xyz"),)))
-    for scene, together, expected in (
-        (exact, True, ", or together"),
-        (rough, None, ", or together"),
+    for scene, coupled, expected in (
+        (exact, True, ", or coupled"),
+        (rough, None, ", or coupled"),
         (held, None, "$"),
     ):
         with pytest.raises(InputError, match=f"sweeps = 9: .* solved together; expected none{expected}"):
-            resolve(scene, 1.0, SolverOptions(dt=5e-3, any_step=True, sweeps=9, together=together))
-    assert resolve(rough, 1.0, SolverOptions(dt=5e-3, any_step=True, sweeps=9, together=False)).sweeps == 9
+            resolve(scene, 1.0, SolverOptions(dt=5e-3, any_step=True, sweeps=9, coupled=coupled))
+    assert resolve(rough, 1.0, SolverOptions(dt=5e-3, any_step=True, sweeps=9, coupled=False)).sweeps == 9
 
 
 def test_a_start_that_violates_constraints_is_refused(exact):

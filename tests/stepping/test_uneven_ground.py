@@ -317,6 +317,6 @@ def test_solved_together_the_robot_moves_on_bumps_as_by_sweeps(exact):
     ground = dataclasses.replace(exact.ground, surface=bumps(0.03, 0.6, seed=2))
     nodes = ground.set_down(np.asarray(exact.structure.nodes), 0.0)
     there = dataclasses.replace(exact, ground=ground, structure=dataclasses.replace(exact.structure, nodes=nodes))
-    ends = [simulate(there, 0.4, options=SolverOptions(together=way)).positions[-1] for way in (False, True)]
+    ends = [simulate(there, 0.4, options=SolverOptions(coupled=way)).positions[-1] for way in (False, True)]
     assert np.abs(ends[0] - nodes).max() > 0.01
     np.testing.assert_allclose(*ends, rtol=0, atol=1e-8)
