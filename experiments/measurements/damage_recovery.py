@@ -144,7 +144,7 @@ def evolved(intact: Scene, robot: Scene, config: SearchConfig, seed: int) -> Gai
         robot = of_cables(robot)
     whole = intact if config.waves == "every" else robot  # waves follow from rotations, of which damage leaves none
     problem = search_problem(whole, config)._replace(scene=robot)
-    (search,) = evolve_through(fidelity_levels(robot, wide=True)[:1], problem, ga_configs(config, 1), seed=seed)
+    (search,) = evolve_through(fidelity_levels(robot, unmeasured=True)[:1], problem, ga_configs(config, 1), seed=seed)
     finalists = distinct(search.last, problem.genome, FINALISTS)
     return of_every_member(robot, problem.genome.gaits(robot.gait, finalists))
 

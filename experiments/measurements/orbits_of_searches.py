@@ -51,7 +51,7 @@ def orbits_of_searches(searches: int = 64, population: int = 64, generations: in
 def searched(scene: Scene, seed: int, population: int, generations: int) -> Gait:
     """The best gait of a short search by rough rollouts alone, as the default search begins."""
     config = SearchConfig(population=population, generations=(generations, 0))
-    problem, levels = search_problem(scene, config), fidelity_levels(scene, wide=True)
+    problem, levels = search_problem(scene, config), fidelity_levels(scene, unmeasured=True)
     (found,) = evolve_through(levels[:1], problem, ga_configs(config, 1), seed=seed)
     return one_gait(problem.genome.gaits(scene.gait, distinct(found.last, problem.genome, 1)), 0)
 

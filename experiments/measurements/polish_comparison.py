@@ -88,7 +88,7 @@ def polish_comparison(
     config = SearchConfig(duration, population, generations)
     problem = search_problem(scene, config)
     plain = problem._replace(fitness=without_measuring(problem.fitness))
-    levels = fidelity_levels(scene, None, False, config.wide)
+    levels = fidelity_levels(scene, None, False, unmeasured=config.wide)
     judged_on = levels[1], fidelity_levels(contact_twin(scene))[1]
     searched, configs = search_levels(levels), ga_configs(config, len(search_levels(levels)))
     for seed in range(100, 100 + seeds):

@@ -77,8 +77,9 @@ def roll_out_lanes(
 ) -> LaneOutcomes:
     """The rollouts of one chunk: the arrays of `gaits` and `differences` have lanes last.
 
-    All returned arrays have the lanes last. `parts` is as in `roll_out`. With equal steps it may also be the room for
-    parts and their number, an input of the program: unused ones repeat the end.
+    All returned arrays have the lanes last. `parts` is as in `roll_out`, or (room, number). The number is then an input
+    of the program, so that one program serves up to `room` parts; the path's rows beyond it repeat the end. Steps have
+    to be equal.
     """
     room, used = parts if isinstance(parts, tuple) else (parts, None)
     lanes = gaits.phase.shape[-1]
@@ -86,10 +87,10 @@ def roll_out_lanes(
     start = start_of(scene)
     if differences is not None and differences.velocities is not None:
         start = start[0], differences.velocities
-    # robots that share their steps go through one `diffeqsolve`: a map over it takes 2.5 times as long (measured)
+    # robots that share their steps go through one loop: a map over robots' own takes 2.5 times as long (measured)
     metrics, together = None, options.dt is not None and not options.method.implicit
     if with_metrics is not False or (together and room > 1):
-        end, metrics = _in_parts(start, duration, scene, axes, options, (room, used, with_metrics))
+        end, metrics = _in_parts(start, duration, scene, axes, options, (room, used), with_metrics)
     elif together:
         centre = over_lanes(centre_of_mass, (axes, -1))
         end = _last(start, duration, scene, options, room, centre, discretise_lanes(options, axes))
@@ -105,19 +106,26 @@ def roll_out_lanes(
 
 
 def _in_parts(
-    start: State, duration: Scalar, scene: Scene, axes: Scene, options: ResolvedOptions, asked: tuple
+    start: State,
+    duration: Scalar,
+    scene: Scene,
+    axes: Scene,
+    options: ResolvedOptions,
+    parts: tuple[int, Count | None],
+    with_metrics: bool | Scalar,
 ) -> tuple[LaneEnd, Metrics | None]:
     """The end at `duration`, after equal steps, and all robots' metrics.
 
-    `asked`: the number of parts of the time, the number in use, and metrics or not, or from when on.
+    `parts`: how many the program has room for, and how many are used (None: all). `with_metrics`: whether, or the time
+    (s) since when.
     """
-    room, used, with_metrics = asked
+    room, used = parts
     measures, since = with_metrics is not False, None if isinstance(with_metrics, bool) else with_metrics
-    parts = room if used is None else used
+    count = room if used is None else used
     problem = discretise_lanes(options, axes)
     # less a thousandth of a step: rounding in float32 would add a whole one
-    each = jnp.ceil(duration / parts / jnp.asarray(options.dt, options.dtype) - 1e-3).astype(int)
-    h = duration / (parts * each)
+    each = jnp.ceil(duration / count / jnp.asarray(options.dt, options.dtype) - 1e-3).astype(int)
+    h = duration / (count * each)
     centre = over_lanes(centre_of_mass, (axes, -1))
     held = over_lanes(initial_metrics, (axes, None))(scene, since) if measures else None
     # stepped by a loop of our own: metrics need the impulses of every step, which diffrax does not hand out
@@ -139,7 +147,7 @@ def _in_parts(
     path: AnyArray = jnp.concatenate([centre(scene, first.motion[0])[None], ends])
     lanes_of = path.shape[-1]
     done: Any = diffrax.RESULTS.successful
-    return LaneEnd(last.motion, path, done, jnp.full(lanes_of, parts * each), jnp.zeros(lanes_of, int)), held
+    return LaneEnd(last.motion, path, done, jnp.full(lanes_of, count * each), jnp.zeros(lanes_of, int)), held
 
 
 def _last(

@@ -41,7 +41,7 @@ class StepPlan(NamedTuple):
     """The steps of a motion, with room for more."""
 
     times: Times
-    """(steps + 1,), s, at which they carried_at, and the last one ends"""
+    """(steps + 1,), s, at which they begin, and the last one ends"""
     taken_up: AnyArray
     """(steps,), whether a saved frame is at the step's beginning, from which it starts"""
     positions: NodeHistory

@@ -52,7 +52,7 @@ class FidelityLevel(NamedTuple):
     dtype: str
     twin: Scene | None = None
     """its contact twin, where gaits are tried on both contact models"""
-    wide: bool = False
+    unmeasured: bool = False
     """whether gaits are tried without bounds on forces and powers, which cost much to measure"""
 
     @property
@@ -72,21 +72,25 @@ class FidelityLevel(NamedTuple):
 
 @typed
 def fidelity_levels(
-    scene: Scene, dt: float | None = None, both: bool = False, wide: bool = False
+    scene: Scene, dt: float | None = None, both: bool = False, unmeasured: bool = False
 ) -> tuple[FidelityLevel, ...]:
     """The levels from rough to exact; `dt` (s) is by default the scene's own step.
 
-    Screening is complementarity stepping at `SCREENING_STEP` in float32: of the scene itself where it is exact, else of
-    its contact twin. Next is the scene's own model in float32 (for a penalty scene at twice its step, where stable);
-    `both` tests gaits on the twin too. Last is the own model in float64 at half its step. A `wide` search leaves bounds
-    on forces and powers to the levels after screening.
+    | level | model | step | precision | what it is for |
+    |---|---|---|---|---|
+    | screening | exact: the scene, or its contact twin | `SCREENING_STEP` | float32 | evolution |
+    | own model | the scene | its own; on penalty ground twice that, if stable | float32 | evolution, polish |
+    | both models | the scene and its contact twin, if `both` | as above | float32 | the choice of finalists |
+    | verification | the scene | half of its own | float64 | step of the verdict; the choice, without `both` |
+
+    With `unmeasured`, bounds on forces and powers are left to the levels after screening.
 
     Raises `InputError` where the scene or its contact twin cannot be rolled out.
     """
     step = default_step(scene, default_method(scene)) if dt is None else dt
     exact = scene if is_exact(scene) else exact_twin(scene)
     own_step = step if is_exact(scene) else rough_step(scene, step)
-    screening = FidelityLevel("screening", exact, rough_step(exact), "float32", wide=wide)
+    screening = FidelityLevel("screening", exact, rough_step(exact), "float32", unmeasured=unmeasured)
     own = FidelityLevel("own model", scene, own_step, "float32")
     finest = FidelityLevel("verification", scene, step / 2, "float64")
     if not both:
@@ -95,8 +99,8 @@ def fidelity_levels(
 
 
 def search_levels(levels: tuple[FidelityLevel, ...]) -> tuple[FidelityLevel, ...]:
-    """The levels of evolution: screening, and the own model where screening simplifies it."""
-    alike = levels[0].scene is levels[1].scene and not levels[0].wide
+    """The levels of evolution: screening, and the own model where screening is of another or leaves out bounds."""
+    alike = levels[0].scene is levels[1].scene and not levels[0].unmeasured
     return levels[:1] if alike else levels[:2]
 
 
@@ -124,7 +128,7 @@ def evolve_through(
         if found and number >= len(states):
             state = state._replace(genes=found[-1].last.genes[: config.population])
         told = None if on_generation is None else lambda state, n=number: on_generation(n, state)
-        fitness = without_measuring(problem.fitness) if level.wide else problem.fitness
+        fitness = without_measuring(problem.fitness) if level.unmeasured else problem.fitness
         here = level.of(problem.duration, fitness)
         found.append(evolve_on(here, problem.genome, config, state=state, on_generation=told))
     return found
@@ -207,7 +211,8 @@ def final_verdict(
 
     `bounds`: robots beyond them are counted; the problem may lack them.
 
-    The step is 2 `dt` (s) where its error is within `PRECISION`, else `dt`. Robots are added by `ROUND` until the
+    The ensemble has the step 2 `dt` (s) where its mean then changes by at most `PRECISION`, else `dt`. So has the
+    rollout of the robot as the scene says, by its own error bar. Robots are added by `ROUND` until the
     standard error of their mean is within it, or there are `robots`. `on_progress` is called with the number of
     finished judgements, and of all.
     """

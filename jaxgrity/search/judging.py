@@ -141,8 +141,8 @@ def judge(key, judging: Judging, gaits: Gait) -> Scores:
     All models get the same draws. Calls with similar numbers of rollouts on a model share one compiled program.
     """
     _, duration, fitness = judging
-    worth, excess = zip(*(_judged(key, model, gaits, duration, fitness) for model in judging.models))
-    return scored(np.mean(worth, axis=0), fitness.caution, np.max(excess, axis=0))
+    each, excess = zip(*(_judged(key, model, gaits, duration, fitness) for model in judging.models))
+    return scored(np.mean(each, axis=0), fitness.caution, np.max(excess, axis=0))
 
 
 def _judged(key, model: Model, gaits: Gait, duration: float, fitness: Fitness) -> tuple[np.ndarray, np.ndarray]:
@@ -150,8 +150,8 @@ def _judged(key, model: Model, gaits: Gait, duration: float, fitness: Fitness) -
     rows, parts = len(gaits.phase) * fitness.rollouts, fitness.objective.parts_of(model.scene, duration)
     gaits, outcomes = ensembles_rolled_out(key, model, gaits, duration, fitness, parts, fitness.needs_metrics)
     found = _worth(fitness, model.scene, gaits, outcomes, np.asarray(duration, float))
-    worth, excess = (np.asarray(each)[:rows].reshape(-1, fitness.rollouts) for each in found)
-    return worth, excess
+    objective, excess = (np.asarray(each)[:rows].reshape(-1, fitness.rollouts) for each in found)
+    return objective, excess
 
 
 def ensembles_rolled_out(
@@ -202,9 +202,9 @@ def scored(
     """Scores of gaits from the objective of each robot, and its excess over the bounds."""
     failed = ~np.isfinite(each).all(1)
     mean, spread = each.mean(1), each.std(1)
-    worth = np.where(failed, -np.inf, mean - caution * spread)
+    fitness = np.where(failed, -np.inf, mean - caution * spread)
     over = np.zeros_like(each) if excess is None else np.where(np.isnan(excess), 0, np.minimum(excess, FARTHEST))
-    return Scores(worth, mean, spread, failed, each, over)
+    return Scores(fitness, mean, spread, failed, each, over)
 
 
 def judge_until(

@@ -1,4 +1,4 @@
-"""The complete search for a gait: evolve, compare the best on finer models, polish by gradients, verify."""
+"""The complete search for a gait: evolve, compare the best on both contact models, polish by gradients, verify."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -112,8 +112,9 @@ def search_gaits(
         The gait, and everything known about it.
 
     Raises:
-        InputError: a scene without a gait; a config that cannot work; a folder that is in use, cannot be written to, or
-            holds another search. If possible, it is raised before anything compiles.
+        InputError: a scene without a gait; a config that cannot work; JAX's x64 mode is off, without which nothing can
+            be verified; a folder that is in use, cannot be written to, or holds another search. If possible, it is
+            raised before anything compiles.
 
     Example:
         >>> scene = jaxgrity.load_scene("exact")
@@ -150,8 +151,9 @@ class _Search:
 
     @property
     def plain(self) -> SearchProblem:
-        """The problem after evolution. Forces and powers of the few remaining gaits are measured once, since a measured
-        rollout costs several times a plain one."""
+        """The problem after evolution without bounds on forces and powers: measured rollouts cost several times more.
+        Gaits that are chosen are measured on one robot (`promote`, `allowed`), the last one on many (`final_verdict`).
+        """
         return self.problem._replace(fitness=without_measuring(self.problem.fitness))
 
     @property
@@ -174,10 +176,10 @@ def _begun(
         raise InputError("resume, restart: there is no folder to find a search in; expected folder")
     scene = with_actuated(scene, config.members)
     problem = search_problem(scene, config)
-    levels = fidelity_levels(scene, config.dt, config.both_models, config.wide)
+    levels = fidelity_levels(scene, config.dt, config.both_models, unmeasured=config.wide)
     for level in levels:
         resolve(level.scene, config.duration, level.options)
-    ga_configs(config, len(search_levels(levels)))
+    ga_configs(config, len(search_levels(levels)))  # for what it refuses
     with ExitStack() as held:
         checkpoint = None
         if folder is not None:
@@ -233,7 +235,7 @@ def _evolve(search: _Search) -> tuple[Evolution, ...]:
 
 @_timed("promoting")
 def _promote(search: _Search, last: Evolution) -> Promoted:
-    """The best gaits of the last evolution, by finer models and more robots."""
+    """The best gaits of the last evolution, on both contact models and by more robots."""
 
     def heard(done: int, total: int, facts: dict[str, str]) -> None:
         search.tell(Progress("promoting", done, total, facts))
@@ -255,17 +257,18 @@ def _polish(search: _Search, promoted: Promoted) -> Polished | None:
         search.tell(Progress("polishing", done, None, {"fitness": step.fitness}))
 
     genome, starts = genome_to_polish(search.problem, promoted.genes, config)
-    wider, options = search.plain._replace(genome=genome), own.options
+    problem = search.plain._replace(genome=genome)
     found = polish(
-        wider._replace(scene=own.scene),
+        problem,
         starts,
         config.polish,
-        options=options,
-        final_options=options,
+        options=own.options,
+        # start and end have the same step's error, and the verdict's steps are smaller: half of it would say no more
+        final_options=own.options,
         seed=config.seed,
         on_step=heard,
     )
-    return allowed(wider, search.bounds, search.levels, (promoted, starts[0]), found)
+    return allowed(problem, search.bounds, search.levels, promoted, starts[0], found)
 
 
 def _best(search: _Search, promoted: Promoted, polished: Polished | None) -> Gait:

@@ -5,11 +5,11 @@ sensitive. The smoothed gradient (evolution strategies) is a regression on the r
 but works on any horizon. The orbit's gradient is that of the nominal robot's steady speed (`polish_orbit`).
 
 Each climb gets the same share of the rollouts. Each step is a gradient that optax turns into an update (momentum, with
-a step length that falls by a cosine). Smoothed gradients are those of the fitness. Bounds on forces and powers count
-only when ends are compared. Pathwise and combined gradients are those of the mean objective at a horizon: the time up
-to which the sensitivity of the start stays below `PolishConfig.largest_sensitivity`. The first half of the steps uses
-half of this horizon. If the horizon ends before the first period of full actuation, they are not used, and a combined
-polish climbs by smoothed gradients.
+a step length that falls by a cosine). Smoothed gradients are those of the fitness. Bounds on forces and powers, if
+the problem has any, count only when ends are compared (a search leaves them to `promotion.allowed`). Pathwise and
+combined gradients are those of the mean objective at a horizon: the time up to which the sensitivity of the start stays
+below `PolishConfig.largest_sensitivity`. The first half of the steps uses half of this horizon. If the horizon ends
+before the first period of full actuation, they are not used, and a combined polish climbs by smoothed gradients.
 
 In the end the same robots evaluate the first start and the best end, until the better one is clear, or up to
 `PolishConfig.final_robots`. The better one is kept.

@@ -26,6 +26,8 @@ class PolishConfig(NamedTuple):
     rollouts: int = 6144
     """budget of all steps from all starts, in rollouts of the whole duration"""
     kind: GradientKind = "smoothed"
+    """gradient of the climbs: by perturbed gaits (smoothed), by derivatives of rollouts (pathwise), by both (combined),
+    or that of an orbit's speed; `polish.py` compares them"""
     samples: int = 32
     """number of perturbed gaits per smoothed gradient, or of robots per pathwise gradient"""
     robots: int = 8
@@ -36,6 +38,7 @@ class PolishConfig(NamedTuple):
     learning_rate: float = 0.018
     """length of the first step, in the same unit; the last step has a fifth of it"""
     momentum: float = 0.5
+    """share of the last update that the next one keeps"""
     comparison_robots: int = 64
     """number of robots that compare the ends of all climbs"""
     final_robots: int = 256

@@ -1,4 +1,4 @@
-"""From the gaits that a search ends with to the one that goes on: judged on finer models, and by more robots."""
+"""From the gaits that a search ends with to the one that goes on: judged on both contact models, by more robots."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -18,7 +18,7 @@ from jaxgrity.search.polish import Polished
 from jaxgrity.search.search_config import COMPARED, SearchConfig
 
 FINALISTS = 4
-"""Number of gaits of the last fidelity level that are compared over more robots."""
+"""Number of gaits that are compared once more, over more robots: a few robots rank close gaits by chance."""
 FINALIST_ROBOTS = 16
 """Number of robots per finalist, as a multiple of the robots per gait in a generation."""
 
@@ -76,21 +76,20 @@ def promote(
         raise InputError("every rollout of the last generation failed; expected a scene that can be integrated")
     chance = np.random.default_rng(config.seed).uniform(size=(COMPARED, genome.size))
     gaits = genome.gaits(problem.scene.gait, np.concatenate([genes, chance]))
-    step = 2 * levels[-1].dt
+    _, own, *_, finest = levels
     decisive = next((k for k, level in enumerate(levels) if level.twin is not None), len(levels) - 1)
-    levels = levels[: decisive + 1]
-    rows: list[np.ndarray] = []
-    for level in levels:
-        on_level(len(rows), len(levels), {"level": level.name})
-        scores = judge_at(level, gaits, problem, config.seed + 2)
-        rows.append(np.where(scores.excess.any(1), np.nan, scores.fitness))
-    on_level(len(rows), len(levels), {"level": "finalists"})
-    first, table = len(genes), np.array(rows)
-    agreement = Agreement(levels, table, first, rank_correlation(table), rank_correlation(table[:, :first]))
-    excess = excess_at(levels[1], genes, problem, bounds)
-    best = np.lexsort((-scores.merit[:first], excess))[: max(FINALISTS, wanted)]
-    finals = _finals(problem, levels[-1], genes[best], config)
-    multipliers = multipliers_of(problem, genes[best], step) if config.attracting else None
+    tried = levels[: decisive + 1]
+    scores: list[Scores] = []
+    for level in tried:
+        on_level(len(scores), len(tried), {"level": level.name})
+        scores.append(judge_at(level, gaits, problem, config.seed + 2))
+    on_level(len(tried), len(tried), {"level": "finalists"})
+    first, table = len(genes), np.array([np.where(each.excess.any(1), np.nan, each.fitness) for each in scores])
+    agreement = Agreement(tried, table, first, rank_correlation(table), rank_correlation(table[:, :first]))
+    excess = excess_at(own, genes, problem, bounds)
+    best = np.lexsort((-scores[-1].merit[:first], excess))[: max(FINALISTS, wanted)]
+    finals = _finals(problem, tried[-1], genes[best], config)
+    multipliers = multipliers_of(problem, genes[best], 2 * finest.dt) if config.attracting else None
     repels = np.zeros(len(best), bool) if multipliers is None else multipliers >= 1
     order = np.lexsort((-finals.merit, repels, excess[best]))
     best, finals = best[order], Scores(*(np.asarray(part)[order] for part in finals))
@@ -118,24 +117,25 @@ def allowed(
     problem: SearchProblem,
     bounds: ActuatorBounds,
     levels: tuple[FidelityLevel, ...],
-    start: tuple[Promoted, np.ndarray],
+    promoted: Promoted,
+    start: np.ndarray,
     polished: Polished,
 ) -> Polished:
     """The polished gait, or the one before where that alone keeps the bounds, or is on an orbit that attracts.
 
-    The start's genes are those of the polished genome.
+    `start` are the genes of the best promoted gait, in the polished genome.
     """
     if not polished.improved:
         return polished
-    promoted, first = start
+    _, own, *_, finest = levels
     genes, before, but = polished.genes[None], promoted.multipliers, ""
-    if promoted.within_bounds and excess_at(levels[1], genes, problem, bounds)[0] > 0:
+    if promoted.within_bounds and excess_at(own, genes, problem, bounds)[0] > 0:
         but = "it is beyond a bound on actuators"
     elif before is not None and before[0] < 1:
-        after = multipliers_of(problem, genes, 2 * levels[-1].dt)
+        after = multipliers_of(problem, genes, 2 * finest.dt)
         if after is not None and after[0] >= 1:
             but = f"its orbit multiplies a disturbance in one cycle by {after[0]:.2g}, not {before[0]:.2g}"
     if not but:
         return polished
     reason = f"{polished.reason}; but {but}: the gait is kept as it was"
-    return polished._replace(genes=first, improved=False, reason=reason)
+    return polished._replace(genes=start, improved=False, reason=reason)

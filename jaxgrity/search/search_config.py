@@ -38,7 +38,8 @@ NO_GAIT = (
 FINAL_ROBOTS = 128
 """Most robots that judge what polishing gained: the verdict, which follows, takes more."""
 COMPARED = 16
-"""Number of evolved gaits, and of random ones, that are judged on all fidelity levels to compare their ranks."""
+"""Number of evolved gaits, and of random ones, that are judged on all fidelity levels. The ranks of both show how far
+levels agree (`fidelity.png`): those of evolved gaits alone are too close to say."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +56,7 @@ class SearchConfig:
     population: int = 128
     """number of gaits per generation"""
     generations: tuple[int, int] = (10, 2)
-    """numbers of generations: of screening, and then on the scene's own model if screening simplifies it"""
+    """numbers of generations: of screening, and then on the scene's own model (`search_levels` says when)"""
     optimiser: Literal["genetic", "cma-es"] = "genetic"
     """search method: a genetic algorithm, or CMA-ES (the extra `baselines`), which starts from the best gait of the
     first generation"""
@@ -127,7 +128,17 @@ def ga_configs(config: SearchConfig, levels: int) -> tuple[GAConfig, ...]:
     sizes, drawn = (size, max(fewest(config.optimiser), size // 8)), (DRAWN * size, None)
     best = [max(1, each // 8) for each in sizes]
     return tuple(
-        GAConfig(each, count, few, 1, 1.0, width, drawn=first, crossover=0.0, parents=few, optimiser=config.optimiser)
+        GAConfig(
+            each,
+            count,
+            elites=few,
+            mutation_rate=1.0,
+            mutation_size=width,
+            drawn=first,
+            crossover=0.0,
+            parents=few,
+            optimiser=config.optimiser,
+        )
         for each, count, few, width, first in zip(sizes, counts, best, MUTATIONS, drawn)
     )
 

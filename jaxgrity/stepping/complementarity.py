@@ -62,7 +62,8 @@ class Complementarity(diffrax.AbstractSolver):
 
         w = v + (h0 + h)/2 M^-1 F(q, (v + w)/2, t0) + impulses,    q1 = q + h w.
 
-    A robot at rest starts from v at t0 (h0 = 0); one that moves as if there had been a step before (`loop.py`).
+    A robot that starts at rest has v at t0 (h0 = 0). One that starts in motion is taken as if a step had just ended
+    (`loop.py`).
     Laws that act for a time are taken in their mean over that of the kick. Dissipative forces need w: a first round,
     with F(q, v, t0), predicts it, and the last round uses the prediction. The order is 2 where nothing begins
     or ends to touch, stick or slip, and 1 there and where a node slides along a curve: friction acts against w, not the

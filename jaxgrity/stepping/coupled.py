@@ -6,7 +6,7 @@ All struts are solved together. The impulses f along them and the ground's impul
 
 with A the mobility of the nodes (`inertia.mobility`) and J the directions of the struts at the start of the step, as in
 `constraints.py`. The struts' Delassus matrix J A J^T is factorised once; what is left, B = A - A J^T (J A J^T)^-1 J A,
-couples the contacts, which `contact_problem.py` solves. Some rounds of both make up for the turning of struts within
+couples the contacts, which `coupled_contacts.py` solves. Some rounds of both make up for the turning of struts within
 the step. Where a strut turns so far that no impulse along its direction at the start meets its length (a light node
 between heavy ones snaps through, say), directions at the end take their place: velocities are then projected on the
 constraints step by step, as by Gauss and Newton, which loses some energy and has a solution.
@@ -25,7 +25,7 @@ from jaxgrity.core.primitives import edge_vectors, inverse, length
 from jaxgrity.core.types import AnyArray, MemberVectors, NodeVectors, PerMember, PerNode, Scalar, State
 from jaxgrity.model.scene import Scene
 from jaxgrity.stepping.constraints import GroundImpulses
-from jaxgrity.stepping.contact_problem import ContactProblem, as_impulses, solve_contacts
+from jaxgrity.stepping.coupled_contacts import ContactProblem, as_impulses, solve_contacts
 from jaxgrity.stepping.coupled_problem import (
     Coupled,
     Elimination,

@@ -19,7 +19,7 @@ from jaxgrity.model.scene import Scene
 from jaxgrity.model.surface import Frame
 from jaxgrity.stepping.blocks import WITHOUT_GROUND
 from jaxgrity.stepping.constraints import exact_ground
-from jaxgrity.stepping.contact_problem import as_impulses
+from jaxgrity.stepping.coupled_contacts import as_impulses
 from jaxgrity.stepping.entering import Met, closing_speed, where_met
 from jaxgrity.stepping.ground_response import SLOWEST, Contact
 

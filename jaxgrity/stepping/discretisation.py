@@ -31,7 +31,8 @@ FAILURES = (
 )
 """What became of a rollout, by its failure code."""
 TORN = 10.0
-"""Length of a member, as a multiple of its length as built, at which a motion has blown up, finite or not."""
+"""Length of a member, as a multiple of its length as built, at which a motion has blown up, finite or not. Cables that
+somebody would build break far below it; a step that is unstable passes it within some steps."""
 
 
 @typed
@@ -67,7 +68,7 @@ def integrate(
     differentiated in forward mode. Velocities are those of the method's carry (`handover.py`).
     """
     terms, solver = discretise(options) if problem is None else problem
-    scene, remembered = prepared(scene), None
+    scene, memory = prepared(scene), None
     fixed = options.dt is not None
     smallest = 16 * jnp.finfo(times.dtype).eps * times[-1]
     dt0, rtol, atol = jax.tree.map(lambda x: jnp.asarray(x, times.dtype), (options.dt, options.rtol, options.atol))
@@ -77,7 +78,7 @@ def integrate(
         adaptive = diffrax.ClipStepSizeController(adaptive, step_ts=jnp.sort(jnp.concatenate(bends)))
     if options.method.constrained:
         dt0 = even_step(dt0, times[-1] - times[0])
-        start, remembered = carried_at((terms, solver), scene, times[0], dt0, start)
+        start, memory = carried_at((terms, solver), scene, times[0], dt0, start)
     controller = diffrax.ConstantStepSize() if fixed else adaptive
     return diffrax.diffeqsolve(
         terms,
@@ -89,7 +90,7 @@ def integrate(
         scene,
         saveat=diffrax.SaveAt(ts=jnp.asarray(times)) if saveat is None else saveat,
         stepsize_controller=controller,
-        solver_state=remembered,
+        solver_state=memory,
         adjoint=diffrax.ForwardMode(),
         max_steps=None if fixed else options.max_steps,
         throw=False,
@@ -105,7 +106,7 @@ def even_step(dt: Scalar, duration: Scalar) -> Scalar:
 
 
 def _bends(scene: Scene) -> list[AnyArray]:
-    """s: when laws, motors and supports carried_at, end, or bend otherwise."""
+    """s: when laws, motors and supports begin, end, or bend otherwise."""
     found = [term.bends() for term in scene.terms if type(term).bends is not Law.bends]
     for members in (scene.structure.struts, scene.structure.cables):
         motors = () if members is None else members.motors

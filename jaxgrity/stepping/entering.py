@@ -42,11 +42,12 @@ class Met(NamedTuple):
 def where_met(ground: ExactGround, size: Scalar, h: Scalar, q: NodeVectors, v: NodeVectors) -> Met:
     """Where exact ground is linearised in a step of h (s) from q (m) with v (m/s).
 
-    `size` is that of the body (`length_scale`). On the plane at the nodes. On uneven ground where they would be after
-    the step: there the gap's error is of the second order in what the step changes of their ways, and a node that
-    stands meets the wall that it runs into. A node whose way leads into ground with edges meets it where it enters:
-    farther on another face may be nearer. Of several solids it meets the one in which it would end deepest, but before
-    any other one out of which it would come on another side: where it lies on one, it may run into the next.
+    `size` is that of the body (`length_scale`). A plane is met at the nodes. Uneven ground is met where nodes would be
+    after the step without impulses: impulses move them a little from there, and the gap is wrong by the square of that.
+    And a node that stands meets the wall that it runs into. A node whose way leads into ground with edges meets it
+    where it enters: farther on another face may be nearer. Of several solids it meets the one in which it would end
+    deepest, but before any other one out of which it would come on another side: where it lies on one, it may run into
+    the next.
     """
     surface = ground.surface
     if surface is None or surface.smooth:

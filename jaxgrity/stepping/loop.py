@@ -1,7 +1,8 @@
-"""The one loop of all stepping: a method's carry from step to step, its start, its advance and its end.
+"""Steps one by one: what a method carries from step to step, its start, its advance and its end.
 
-All stepping is by `carried_at`, `advance` (or `numbered`) and `state_of`. Only adaptive rollouts, and their frames, are
-left to `diffrax.diffeqsolve`, which begins in the same way.
+`diffrax.diffeqsolve` (`discretisation.integrate`) makes rollouts that give frames or an end alone: those of `simulate`,
+and of populations without parts. What has to see every step, or has derivatives in reverse mode, steps here with the
+same solver: metrics, audits, ground impulses, `final_state`, orbits, closed loops. Both begin by `carried_at`.
 """
 
 from collections.abc import Callable

@@ -147,6 +147,7 @@ def _resolved(scene: Scene, options: Options, dtype: str | None, x64: bool) -> R
     given = options or SolverOptions()
     method = find_method(given.method) if given.method is not None else default_method(scene)
     dtype = _dtype(dtype or given.dtype, x64)
+    # tolerances are plain numbers, which traced scales are not: those of a robot of one metre then
     size, speed = (float(length_scale(scene)), float(speed_scale(scene))) if concrete else (1.0, 1.0)
     rtol, atol = _tolerances(given, method, dtype, min(size, speed))
     _check_method(scene, method)

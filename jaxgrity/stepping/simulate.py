@@ -25,7 +25,8 @@ from jaxgrity.stepping.starts import check_supports, start_failure
 
 ROOM = 2**16
 """Number of nodes in all saved frames up to which motions of a scene share one compiled program. The last frame is
-repeated to fill it, unless the motion is differentiated."""
+repeated to fill it, unless the motion is differentiated. A minute of a robot with ten nodes, at 100 frames a second,
+fits in; positions and velocities of so many nodes are 3 MB."""
 
 REVERSE = "simulate has derivatives in forward mode alone (jax.jacfwd, jax.jvp); for reverse mode use jaxgrity.rollout"
 """Message where reverse mode meets `simulate`."""
@@ -196,6 +197,7 @@ def simulate(
 
 @eqx.filter_jit
 def _simulate(scene: Scene, start: State, times: Times, frames: int | AnyArray, options: ResolvedOptions) -> Trajectory:
+    """`simulate` at these times (s), of which the first `frames` differ, and the others repeat the last."""
     times = jnp.asarray(times, options.dtype)
     start = jax.tree.map(lambda x: jnp.asarray(x, options.dtype), start)
     solution = integrate(start, times, scene, options)
@@ -205,7 +207,7 @@ def _simulate(scene: Scene, start: State, times: Times, frames: int | AnyArray, 
         assert options.dt is not None, "complementarity stepping has steps of a fixed size"
         later = _later(times, start, stats["num_accepted_steps"])
         v = velocities_at(prepared(scene), times, (q, v), later, frames)
-        misplaced = start_failure(scene, start[0])
+        misplaced = start_failure(scene, start[0])  # of traced numbers, which `resolve` could not check
         failure = jnp.where(misplaced != 0, misplaced, failure)
     elif scene.shaking is not None:
         v = jax.vmap(lambda t, v: with_supports(scene.shaking, scene.structure, t, v))(times, v)

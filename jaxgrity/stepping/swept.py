@@ -33,7 +33,7 @@ from jaxgrity.stepping.constraints import (
 
 SWEPT = "swept"
 """Name under which reverse mode keeps what the sweeps of a step have found, where each node belongs to one strut. So
-sweeps are not run again (but for the last one of a round that predicts)."""
+sweeps are not run again. The last sweep of the first round is, which predicts velocities for dissipative forces."""
 
 
 class SweptImpulses(Complementarity):
@@ -54,13 +54,14 @@ class SweptImpulses(Complementarity):
     def constrained(self, terms, ends, start, scene, memory):
         (q, v), (t0, t1) = start, ends
         h, (kick, forces) = t1 - t0, kick_of(scene, ends, memory)
+        # "s" and -1 say which axis of each argument counts robots (`Lift`)
         problem = jax.tree.map(store_cotangent, self.lift(prepare, ("s", None, None, -1, -1))(scene, h, t1, q, v))
         found = self.lift(velocities, ("s", -1, -1))
         accelerated = lambda v: store_cotangent(terms.vf(t0, (q, v), forces)[1])  # noqa: E731
         a = accelerated(v)
         trials = self.lift(trials_of, ("s", -1))(scene, v + kick * a)
         if scene.dissipates:
-            # no tolerance here: what this round misses changes the answer by way of the dissipative forces alone
+            # no tolerance here: an error of this round reaches the answer only through the dissipative forces
             trials = self._constrain(scene, h, problem, trials, usual_sweeps(scene), converged=False)
             corrected = accelerated((v + found(scene, problem, trials)) / 2)
             # the impulses found so far stay, so that the last round begins near its answer

@@ -32,7 +32,7 @@ from jaxgrity import (
 )
 from jaxgrity.model import rest_length
 from jaxgrity.stepping import discretise, integrate, resolve
-from jaxgrity.stepping.contact_problem import onto_cone
+from jaxgrity.stepping.coupled_contacts import onto_cone
 
 G = 9.81
 ANSWERS = json.loads((Path(__file__).parents[1] / "data" / "rod_answers.json").read_text())
