@@ -97,10 +97,18 @@ def words(record: Record) -> str:
     found, methods = [table(list(counts), [[str(count) for count in counts.values()]])], methods_of(record)
     for dtype in ("float64", "float32"):
         rows = [row for row in record["rows"] if row["dtype"] == dtype]
-        cells = [[row["case"], *(text(row[method]) for method in methods)] for row in rows]
-        found.append(f"**{dtype}**, error in m\n\n{table(['case', *methods], cells)}")
+        for step, some in steps_of(methods).items():
+            cells = [[row["case"], *(text(row[method]) for method in some)] for row in rows]
+            found.append(f"**{dtype}, {step}**, error in m\n\n{table(['case', *some], cells)}")
     found.append(table(["refuses", "reason"], [[row["method"], row["reason"]] for row in record["refused"]]))
     return "\n\n".join(found)
+
+
+def steps_of(methods: list[str]) -> dict[str, list[str]]:
+    """Methods whose step is fixed, and those that adapt it; only kinds that there are."""
+    adapted = [each for each in methods if find_method(each).adaptive is not None]
+    found = {"fixed step": [each for each in methods if each not in adapted], "adapted step": adapted}
+    return {kind: some for kind, some in found.items() if some}
 
 
 def methods_of(record: Record) -> list[str]:

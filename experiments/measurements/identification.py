@@ -120,13 +120,13 @@ def words(record: Record) -> str:
         converged = f"{case['converged']} of {case['trials']}, {case['seconds']:.0f} s, {case['longest']:.0f} s"
         for each in case["parameters"]:
             told = each["told"]
-            cells = [
-                f"{each[key]:.2%}" if told else "cannot be told" for key in ("standard_error", "median", "largest")
-            ]
+            cells = ["cannot be told"] * 2
+            if told:
+                cells = [f"{each['standard_error']:.2%}", f"{each['median']:.2%}, {each['largest']:.2%}"]
             counts = [f"{each[key]} of {case['trials']}" if told else "" for key in ("within_2_percent", "covered")]
             rows.append([about, converged, f"`{each['name']}`", *cells, *counts])
             about = converged = ""
-    head = ["the robot", "converged, a fit takes, the longest", "parameter", "standard error", "off by, median", "most"]
+    head = ["the robot", "converged, a fit takes, the longest", "parameter", "standard error", "off by: median, most"]
     return table([*head, "within 2 %", "inside its interval"], rows)
 
 

@@ -1,7 +1,7 @@
 """The tables of README and docs/search.md about the default search's gait and the library's."""
 
 import numpy as np
-from pages import made_by, table, whole_zero
+from pages import columns, made_by, table, whole_zero
 
 from jaxgrity import gait_names, gait_record, with_error
 
@@ -124,35 +124,60 @@ def gaits_table() -> str:
 
 
 def full_gaits_table() -> str:
-    """All numbers about the library's gaits, a column each."""
-    columns = [_facts_of(name) for name in gait_names()]
-    rows = [[quantity, *(column[quantity] for column in columns)] for quantity in columns[0]]
-    return table(["", *(f"`{name}`" for name in gait_names())], rows)
+    """All numbers about the library's gaits, a line each: how they go, on which robots, and what a cycle takes."""
+    told = [_facts_of(name) for name in gait_names()]
+    return "\n\n".join(columns(told, {"gait": "`{gait}`"} | cells) for cells in (GOING, ROBOTS, CYCLE))
 
 
-def _facts_of(name: str) -> dict[str, str]:
+GOING = {
+    "scene": "{scene}",
+    "steady speed, body lengths/s": "{speed}",
+    "turning, °/body length": "{turning}",
+    "settles after": "{settled_after:.0f} s",
+    "verified for": "{verified_for:.0f} s",
+    "slowest 10 s, share of the speed": "{slowest:.0f} %",
+}
+"""What the first table says of a gait: the head of each column, and a format of what is known of the gait."""
+ROBOTS = {
+    "largest Floquet multiplier per cycle": "{multiplier}",
+    "perturbed robots, body lengths/s": "{own}",
+    "the same on the other contact model": "{twin}",
+    "median turning of both, °/body length": "{bends}",
+    "share of contact time spent slipping": "{slipping:.0f} %",
+}
+"""The second table."""
+CYCLE = {
+    "faces it stands on per cycle": "{faces}",
+    "symmetry-equivalent segments per cycle": "{segments}",
+    **{f"peak {kind}": f"{{peak_{kind}}}" for kind, _, _ in PEAKS},
+    "cost of transport": "{transport}",
+}
+"""The third table."""
+
+
+def _facts_of(name: str) -> Facts:
     record = gait_record(name)
     steady, size = record["steady"], record["steady"]["body_length"]
     cycle, along = steady["cycle"], steady.get("along_heading")
     own, twin = (_of_robots(mean / size, robots, size) for mean, robots in _ensembles(steady))
     bends = (f"{whole_zero(round(np.degrees(steady[kind]['bend']))):.0f}" for kind in ("robust", "other_contact_model"))
     return {
+        "gait": name,
         "scene": record["scene"],
-        "steady speed, body lengths/s": _speed(steady),
-        "of it uphill": "-" if along is None else f"{along['speed'] / size:.3f}",
-        "verified for, s": f"{steady['verified_for']:.0f}",
-        "settles after, s": f"{steady['settled_after']:.0f}",
-        "slowest 10 s, share of the speed": f"{100 * steady['slowest_window'] / steady['speed']:.0f} %",
-        "turning, °/body length": _bend(steady) if along is None else "-",
-        "largest Floquet multiplier per cycle": _multiplier(steady),
-        "perturbed robots, body lengths/s": own,
-        "the same on the other contact model": twin,
-        "median turning of both, °/body length": ", ".join(bends),
-        "faces it stands on per cycle": f"{len(cycle['supports'])}",
-        "symmetry-equivalent segments per cycle": f"{_repeats(steady)}",
-        **{f"peak {kind}": _with_bar(cycle, f"peak_{kind}", decimals) + unit for kind, decimals, unit in PEAKS},
-        "cost of transport": _with_bar(cycle, "cost_of_transport", 1),
-        "share of contact time spent slipping": f"{100 * record['motion']['slip_share']:.0f} %",
+        "speed": _speed(steady) + ("" if along is None else f", {along['speed'] / size:.3f} of it uphill"),
+        "turning": _bend(steady) if along is None else "-",
+        "settled_after": steady["settled_after"],
+        "verified_for": steady["verified_for"],
+        "slowest": 100 * steady["slowest_window"] / steady["speed"],
+        "multiplier": _multiplier(steady),
+        "own": own,
+        "twin": twin,
+        "bends": ", ".join(bends),
+        "slipping": 100 * record["motion"]["slip_share"],
+        "faces": len(cycle["supports"]),
+        "segments": _repeats(steady),
+        **{f"peak_{kind}": _with_bar(cycle, f"peak_{kind}", decimals) + unit for kind, decimals, unit in PEAKS},
+        "transport": _with_bar(cycle, "cost_of_transport", 1),
     }
 
 

@@ -67,8 +67,7 @@ def words(record: Record) -> str:
     cells = {
         "file": "{file}.yaml",
         "nodes, rods, bodies, strings": "{nodes}, {rods}, {bodies}, {strings}",
-        "mass": "{mass:.3f} kg",
-        "size": "{size:.2f} m",
+        "mass, size": "{mass:.3f} kg, {size:.2f} m",
         "moved as it settled": lambda row: f"{1e3 * row['moved']:.0f} mm",
         "height then": lambda row: f"{row['exact']['start']:.2f} m",
         f"after {record['duration']:g} s, exact contact": lambda row: ending(row["exact"]),

@@ -105,8 +105,7 @@ def words(record: Record) -> str:
         "shape returns to 1 mm": "{closed} of {settled}",
         "speed within 1 % of that at 1/8 of the step": lambda row: f"{100 * row['within_a_hundredth']:.0f} %",
         "within the error bar": lambda row: f"{100 * row['covered']:.0f} %",
-        "off by, in the median": lambda row: f"{100 * row['median_off']:.2g} %",
-        "error bar, in the median": lambda row: f"{100 * row['median_bar']:.2g} %",
+        "medians: off by, error bar": lambda row: f"{100 * row['median_off']:.2g} %, {100 * row['median_bar']:.2g} %",
         "order: median (quartiles)": lambda row: "{1:.1f} ({0:.1f} to {2:.1f})".format(*row["order"]),
     }
     return columns(record["rows"], cells)

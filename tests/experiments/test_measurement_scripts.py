@@ -400,7 +400,7 @@ def test_multipliers_are_told_of_an_orbit_that_attracts_and_of_one_that_strays(t
     assert straight["disturbed"]["0.01"] < 1e-8
     assert first["disturbed"]["0.01"] > 1e-5
     assert 1e-4 < first["strays"] < 0.02
-    assert "| straight | exact | 2 |" in words("multipliers", facts)
+    assert "| straight, exact | 2 |" in words("multipliers", facts)
 
 
 @pytest.mark.campaign
