@@ -16,6 +16,9 @@ from jaxgrity.populations.metrics import Metrics, cost_of_transport
 from jaxgrity.populations.population import Outcomes
 from jaxgrity.search.paths import PARTS, parts_of_path, path_bend, steady_velocity
 
+INSIDE = 1 - 1e-5
+"""Share of the bound on rates that is used, so that no rounding carries a gait beyond the bound."""
+
 
 class Objective(eqx.Module):
     """A number for each rollout; more is better."""

@@ -24,6 +24,7 @@ from jaxgrity.search.climb import Climb, ClimbStep, OneGait
 from jaxgrity.search.genetic_algorithm import SearchProblem
 from jaxgrity.search.genome import Genome
 from jaxgrity.search.judging import Judging, Scores, judge
+from jaxgrity.search.objectives import INSIDE
 from jaxgrity.search.polish_config import PolishConfig, judges_of_a_step
 from jaxgrity.stepping.options import ResolvedOptions
 
@@ -35,8 +36,6 @@ SHORTEST = 1 / 16
 """A climb ends where steps are shorter than this share of its first step."""
 PULLS = 4
 """Number of corrections that bring a gait back within the bound on rates."""
-INSIDE = 1 - 1e-5
-"""Share of the bound on rates that is used, so that no rounding carries a gait beyond the bound."""
 
 
 class OrbitSlope(NamedTuple):

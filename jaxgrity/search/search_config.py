@@ -21,7 +21,7 @@ from jaxgrity.search.cma_es import fewest
 from jaxgrity.search.genetic_algorithm import GAConfig, SearchProblem
 from jaxgrity.search.genome import Genes, Genome
 from jaxgrity.search.judging import Fitness
-from jaxgrity.search.objectives import ActuatorBounds, Objective, SteadySpeed
+from jaxgrity.search.objectives import INSIDE, ActuatorBounds, Objective, SteadySpeed
 from jaxgrity.search.polish_config import PolishConfig, check_polish
 
 UNCERTAIN = Uncertainty(phase=0.03, actuation=0.02, friction=0.2, cable_stiffness=0.05, node_mass=0.05)
@@ -217,7 +217,9 @@ def _quickest(scene: Scene, config: SearchConfig) -> tuple[float, ...]:
         raise InputError("scaled: there is no bound on the rate of actuators; expected one to scale amplitudes to")
     assert scene.gait is not None, "`search_problem` refuses a scene without a gait"
     lengths = np.asarray(actuated_lengths(scene.structure, scene.gait.members), float)
-    return tuple((config.bounds.rate / (1 + config.uncertainty.actuation) / lengths).tolist())
+    # no draw is at the end of its range; a certain amplitude is at the bound, where rounding would exceed it
+    share = 1 / (1 + config.uncertainty.actuation) if config.uncertainty.actuation else INSIDE
+    return tuple((config.bounds.rate * share / lengths).tolist())
 
 
 def _check_frequency(gait: Gait, bounds: tuple[float, float] | None) -> None:

@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import jax
 import numpy as np
 import pytest
 
@@ -13,6 +14,7 @@ from jaxgrity import (
     SearchConfig,
     SteadySpeed,
     SteadyTurn,
+    Uncertainty,
     load_scene,
     parse_scene,
     scene_text,
@@ -48,6 +50,18 @@ def test_scaled_gaits_stay_within_the_bound_on_the_rate(exact):
     gaits = problem.genome.gaits(exact.gait, np.random.default_rng(0).uniform(size=(64, problem.genome.size)))
     rates = peak_rates(gaits, actuated_lengths(exact.structure, exact.gait.members))
     assert float(rates.max()) == pytest.approx(config.bounds.rate / (1 + config.uncertainty.actuation))
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_scaled_gaits_do_not_exceed_the_bound_by_rounding(exact, dtype):
+    """With certain amplitudes they are at the bound, and would rank after all gaits within it."""
+    config = SearchConfig(scaled=True, waves="none", frequency=(0.3, 3.0), uncertainty=Uncertainty(), caution=0.0)
+    problem = search_problem(exact, config)
+    genes = np.random.default_rng(0).uniform(size=(256, problem.genome.size)).astype(dtype)
+    gaits = jax.tree.map(lambda x: np.asarray(x, dtype), problem.genome.gaits(exact.gait, genes))
+    rates = peak_rates(gaits, np.asarray(actuated_lengths(exact.structure, gaits.members), dtype)).max(-1)
+    assert np.median(rates) == pytest.approx(config.bounds.rate, rel=1e-4)
+    np.testing.assert_array_equal(ActuatorBounds(rate=config.bounds.rate).excess(rates, None), 0)
 
 
 def test_polishing_shapes_overtones_of_waves(exact):
