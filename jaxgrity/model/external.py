@@ -93,6 +93,9 @@ class Push(DissipationTerm):
         instead = (self.force * mean, end - longest - 1, longest + 2, jnp.ones_like(longest))
         return eqx.tree_at(lambda push: (push.force, push.start, push.duration, push.ramp), self, instead)
 
+    def later(self, seconds):
+        return eqx.tree_at(lambda push: push.start, self, self.start - seconds)
+
     def _integral(self, t: Scalar | AnyArray) -> AnyArray:
         """Integral of s up to time t, s: rise, constant part and fall."""
         since = t - self.start

@@ -130,6 +130,13 @@ class Law(eqx.Module):
         """
         return self
 
+    def later(self, seconds: float) -> "Law":
+        """The law that does at time t what this one does at t + `seconds`; itself, if it does not know the time.
+
+        A motion that goes on from the state of an orbit begins at t = 0 again.
+        """
+        return self
+
     def bends(self) -> AnyArray:
         """(times,), s: when it begins, ends, or bends otherwise; steps that adapt end there."""
         return np.zeros(0)

@@ -6,6 +6,7 @@ orbit do not depend on the start. They converge with the step, unlike the positi
 """
 
 from dataclasses import replace
+from operator import attrgetter
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -121,8 +122,8 @@ def find_orbit(
         The orbit. `Orbit.settled` says whether there is one.
 
     Raises:
-        InputError: bad options (see `resolve`), actuators without a common frequency, a ground that is no plane, or a
-            duration too short for two cycles.
+        InputError: bad options (see `resolve`), actuators without a common frequency, a ground that is no plane,
+            supports that move, or a duration too short for two cycles.
 
     Example:
         >>> scene = jaxgrity.with_gait(jaxgrity.load_scene("exact"), jaxgrity.load_gait("lasting"))
@@ -132,6 +133,8 @@ def find_orbit(
     """
     refuse_traced((scene, duration), "find_orbit")
     period = period_of(scene.gait)
+    if scene.shaking is not None:
+        raise InputError("shaking: supports that move keep no time with the gait; expected none, for an orbit")
     if duration < (least := shortest_watch(scene.gait)):
         raise InputError(f"duration = {duration:g} s: expected at least {least:.4g} s, to see cycles of this gait")
     count, plane, first = int(duration / period + 1e-9), plane_of(scene), _first_period(scene.gait)
@@ -145,12 +148,24 @@ def find_orbit(
 def restarted(scene: Scene, orbit: Orbit) -> Scene:
     """The scene with the nodes of `Orbit.state`, and with the gait at full amplitude from the start.
 
-    The state is a whole number of periods after t = 0, so the gait continues as before.
+    The state is a whole number of periods after t = 0, so the gait continues as before. So do motors and pushes, and
+    laws of your own that say what they do `later`.
     """
+    scene = _later(scene, orbit.verified_for)
     assert scene.gait is not None, "an orbit has a gait"
     # the ramp ends nine periods before t = 0, so that all of the rollout is at full amplitude
     running = replace(scene.gait, start=np.array(-10.0 * orbit.period), ramp=np.array(orbit.period))
     return with_gait(eqx.tree_at(lambda s: s.structure.nodes, with_gait(scene, None), orbit.state[0]), running)
+
+
+def _later(scene: Scene, seconds: float) -> Scene:
+    """The scene whose motors and terms do at time t what those of the given one do at t + `seconds`."""
+    for kind in ("struts", "cables"):
+        members = getattr(scene.structure, kind)
+        if members is not None and members.motors:
+            motors = tuple(replace(motor, times=motor.times - seconds) for motor in members.motors)
+            scene = eqx.tree_at(attrgetter(f"structure.{kind}.motors"), scene, motors)
+    return replace(scene, terms=tuple(term.later(seconds) for term in scene.terms)) if scene.terms else scene
 
 
 def _first_period(gait: Gait | None) -> int:

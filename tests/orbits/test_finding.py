@@ -3,12 +3,13 @@
 from dataclasses import replace
 from fractions import Fraction
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import jaxgrity
-from jaxgrity import Gait, InputError, SolverOptions, Trajectory, load_gait, with_gait
+from jaxgrity import Gait, InputError, Motor, Push, SolverOptions, Trajectory, load_gait, with_gait, with_terms
 from jaxgrity.model import symmetries, travelling_waves
 from jaxgrity.model.symmetry import gene_permutations
 from jaxgrity.orbits import (
@@ -26,6 +27,7 @@ from jaxgrity.orbits.cycles import MOST_PERIODS, Plane, plane_of, way_along
 from jaxgrity.orbits.finding import in_step, restarted
 from jaxgrity.populations.population import as_population, simulate_population
 from jaxgrity.populations.uncertainty import Differences
+from jaxgrity.stepping.dynamics import total_force
 
 PERIOD, SPEED, TURNING = 0.5, 0.8, 0.3
 LEVEL = Plane(np.eye(3), True)
@@ -44,6 +46,22 @@ def made_by_hand(scene, wobble: int, noise: float = 0.0, turning: float = TURNIN
     q = np.concatenate([plane + arc[:, None], high[..., None]], axis=-1)
     q = q + noise * np.random.default_rng(0).normal(size=q.shape)
     return Trajectory(times, q, 0 * q, jnp.array(0), jnp.array(1), jnp.array(0), "rk4", 1e-3)
+
+
+def test_pushes_and_motors_go_on_from_an_orbit(exact):
+    """What was over when the orbit was found does not begin again, and what was to come comes at its time."""
+    orbit = finding._orbit(exact, made_by_hand(exact, 1), PERIOD, LEVEL, 6)
+    pushes = [Push((3,), np.array([[60.0, 0, 0]]), start, 0.2) for start in (0.1, 30.1)]
+    motor = Motor(0, np.array([1.0, 30.05]), np.array([0.4, 0.3]), 1.0, lag=0.1)
+    cables = replace(exact.structure.cables, motors=(motor,))
+    scene = with_terms(replace(exact, structure=replace(exact.structure, cables=cables)), *pushes)
+    here, q, v = restarted(scene, orbit), *orbit.state
+    own, found = (replace(s, gait=None, ground=None, friction=None) for s in (scene, here))
+    assert orbit.verified_for == pytest.approx(30.0)
+    forces = jax.jit(total_force)
+    for t in (0.0, 0.15, 0.6):
+        np.testing.assert_allclose(forces(found, t, q, v), forces(own, t + orbit.verified_for, q, v), atol=1e-8)
+    assert np.abs(forces(found, 0.15, q, v) - forces(own, 0.15, q, v)).max() > 1
 
 
 @pytest.mark.parametrize("wobble", [1, 3, 5])
