@@ -147,7 +147,8 @@ class SearchSettings:
     polish_rollouts: int = 6144
     """number of simulations that polishing may use; 0: no polish"""
     polish_overtones: int = 4
-    """number of overtones that polishing adds to gaits that are waves; at least those of the search"""
+    """number of overtones that polishing adds to gaits that are waves; at least those of the search; none if the gait
+    of the scene has its own"""
     polish_gaits: int = 1
     """number of the best gaits that are polished"""
     dt: float | None = None

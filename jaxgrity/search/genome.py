@@ -4,6 +4,7 @@ import dataclasses
 import math
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
@@ -11,7 +12,7 @@ from jaxtyping import Float
 from jaxgrity.core.arguments import check_count
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, namespace_of
-from jaxgrity.model.actuation import Gait, Overtone, peak_rates
+from jaxgrity.model.actuation import Gait, Overtone, peak_rates, waves_ahead
 from jaxgrity.model.waves import TravellingWave
 from jaxgrity.populations.population import gaits_of
 
@@ -26,7 +27,8 @@ class Genome(eqx.Module):
 
     The genes are phase/2 pi for each actuator and, on request, an amplitude for each actuator, one frequency, two
     Fourier coefficients per overtone and actuator, and a rank for each actuator. Quantities without genes come from the
-    scene's gait. If gaits are waves, a group of actuators shares its genes, and one more gene selects the wave.
+    scene's gait; its overtones move with the phases. If gaits are waves, a group of actuators shares its genes, and
+    what the scene's gait has for its first one. One more gene selects the wave.
 
     Let theta be the angle of a member's first sine, phase included. Overtone h is a sin(h theta) + b cos(h theta). So a
     phase moves the wave and keeps its shape. Unlike a size and a phase, the coefficients are smooth at zero.
@@ -108,11 +110,18 @@ class Genome(eqx.Module):
         xp = namespace_of(genes)
         parts = self._of_actuators(self.split(genes))
         amplitude = frequency = None
+        if gait is not None and self.waves:
+            firsts = np.array([self.waves[0].groups.index(group) for group in self.waves[0].groups])
+            gait = jax.tree.map(lambda x: x[firsts] if np.ndim(x) else x, gait)
         if self.amplitude:
             amplitude = _between(self.amplitude, parts["amplitude"])
         if self.frequency:
             frequency = xp.broadcast_to(_between(self.frequency, parts["frequency"]), parts["phase"].shape)
         gaits = gaits_of(gait, 2 * np.pi * parts["phase"], amplitude, frequency)
+        if gait is not None and gait.overtones and not self.overtones:
+            shaped = waves_ahead(gait, gaits.phase - gait.phase)
+            phases = [xp.asarray(each.phase, gaits.phase.dtype) for each in shaped.overtones]
+            gaits = eqx.tree_at(lambda g: [each.phase for each in g.overtones], gaits, phases)
         if self.overtones:
             extra = tuple(
                 _overtone(h, gaits.phase, parts[f"sine {h}"] - 0.5, parts[f"cosine {h}"] - 0.5)

@@ -48,7 +48,8 @@ class PolishConfig(NamedTuple):
     gaits: int = 1
     """number of the best gaits of a search that are polished"""
     overtones: int = 4
-    """number of overtones that polishing shapes in waves; more if the search has more"""
+    """number of overtones that polishing shapes in waves; more if the search has more. Overtones of the scene's gait
+    that the search does not vary are kept instead"""
 
 
 class Budget(NamedTuple):

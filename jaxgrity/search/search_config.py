@@ -200,13 +200,15 @@ def search_problem(scene: Scene, config: SearchConfig) -> SearchProblem:
 def genome_to_polish(problem: SearchProblem, genes: Genes, config: SearchConfig) -> tuple[Genome, np.ndarray]:
     """The genome in which polishing climbs, and what its first gaits' genes are there.
 
-    Waves get the overtones of `config.polish`. Amplitudes are scaled down to the bound on the rate, so that no step
-    leads beyond it.
+    Waves get the overtones of `config.polish`, but keep those of the scene's gait where these do not evolve. Amplitudes
+    are scaled down to the bound on the rate, so that no step leads beyond it.
     """
     genome = problem.genome
     if config.bounds.rate is not None:
         genome = dataclasses.replace(genome, quickest=_quickest(problem.scene, config))
-    overtones = config.polish.overtones if genome.waves and config.polish is not None else 0
+    assert problem.scene.gait is not None, "`search_problem` refuses a scene without a gait"
+    shaped = not genome.overtones and problem.scene.gait.overtones
+    overtones = 0 if config.polish is None or shaped or not genome.waves else config.polish.overtones
     wider, genes = genome.with_overtones(genes, overtones)
     return wider, np.asarray(genes)
 

@@ -1,5 +1,7 @@
 """Genes: their blocks and bounds, the circle that phases go round, images by symmetry, and the gaits they stand for."""
 
+import dataclasses
+
 import jax
 import numpy as np
 import pytest
@@ -287,6 +289,23 @@ def test_actuators_of_a_wave_follow_each_other(seed):
     sine, cosine = genes[[6, 6, 7, 7]] - 0.5, genes[[8, 8, 9, 9]] - 0.5
     np.testing.assert_allclose(gait.overtones[0].phase, 2 * gait.phase + np.arctan2(cosine, sine))
     np.testing.assert_allclose(gait.overtones[0].size, np.hypot(sine, cosine))
+
+
+@given(seeds)
+def test_a_wave_takes_its_shape_from_the_first_of_each_group(seed):
+    """Overtones and amplitudes of the scene's gait that do not evolve: members follow each other all the same, and a
+    free gait keeps the shape of each member's sine."""
+    draw, wave = np.random.default_rng(seed), TravellingWave((0, 1, 0, 1), (0.0, 0.0, 0.5, 0.25))
+    own = Gait((0, 1, 2, 3), draw.uniform(0, 6, 4), draw.uniform(0.1, 0.4, 4), np.full(4, 0.5), -2.0, 1e-3)
+    own = dataclasses.replace(own, overtones=(Overtone(draw.uniform(0, 0.5, 4), draw.uniform(0, 6, 4)),))
+    waved = one_gait(Genome(4, waves=(wave,)).gaits(own, draw.uniform(size=(1, 2))), 0)
+    free = one_gait(Genome(4).gaits(own, draw.uniform(size=(1, 4))), 0)
+    early = (np.asarray(free.phase) - own.phase) / np.pi  # s, at half a period a second
+    for t in (0.0, 0.3, 1.1):
+        first, later = contraction(waved, t), [contraction(waved, t + shift / 0.5) for shift in (0.5, 0.25)]
+        np.testing.assert_allclose([first[2], first[3]], [later[0][0], later[1][1]], atol=1e-12)
+        of_own = [contraction(own, t + early[k])[k] for k in range(4)]
+        np.testing.assert_allclose(contraction(free, t), of_own, atol=1e-12)
 
 
 @given(seeds)

@@ -15,6 +15,7 @@ from jaxgrity import (
     SteadySpeed,
     SteadyTurn,
     Uncertainty,
+    load_gait,
     load_scene,
     parse_scene,
     scene_text,
@@ -66,7 +67,7 @@ def test_scaled_gaits_do_not_exceed_the_bound_by_rounding(exact, dtype):
 
 def test_polishing_shapes_overtones_of_waves(exact):
     """Of the same gait, but for faint ones; amplitudes stay within the bound on the rate. Gaits that are no waves have
-    none, and as many genes as before."""
+    none, and as many genes as before; those of a scene whose gait has overtones keep these."""
     config = SearchConfig(bounds=ActuatorBounds(rate=0.5), polish=PolishConfig(overtones=2))
     problem = search_problem(exact, config)
     genes = np.random.default_rng(0).uniform(size=(16, problem.genome.size))
@@ -77,6 +78,8 @@ def test_polishing_shapes_overtones_of_waves(exact):
     assert max(np.abs(each.size).max() for each in after.overtones) < 2e-3
     rates = np.asarray(peak_rates(after, actuated_lengths(exact.structure, exact.gait.members)))
     assert rates.max() <= 0.5
+    shaped = with_gait(exact, load_gait("fast"))
+    assert genome_to_polish(search_problem(shaped, config), genes, config)[0].overtones == 0
     free = SearchConfig(waves="none", polish=PolishConfig(overtones=2))
     assert genome_to_polish(search_problem(exact, free), np.zeros((1, 13)), free)[0].overtones == 0
 
