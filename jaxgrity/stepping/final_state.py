@@ -10,12 +10,14 @@ from jaxgrity.core.typed import typed
 from jaxgrity.core.types import Scalar, State, Times
 from jaxgrity.model.scene import Scene, as_dtype, start_of
 from jaxgrity.stepping.discretisation import discretise, prepared
-from jaxgrity.stepping.loop import Carried, Problem, advance, carried_at, numbered, recomputed, repeated, state_of
+from jaxgrity.stepping.loop import Carried, Problem, carried_at, numbered, recomputed, repeated, state_of
 from jaxgrity.stepping.options import ResolvedOptions, check_options
 from jaxgrity.stepping.starts import check_start, check_supports
 
 LONGER = 1.01
 """Factor by which steps may exceed the step of the options if their number is given: room for rounding."""
+ROUNDED = 0.1
+"""Largest rounding of a time, as a share of the step: methods stay stable where steps differ by that."""
 
 
 @typed
@@ -68,6 +70,7 @@ def final_state(
     if not (traced(duration) or float(duration) > 0):
         raise InputError(f"duration = {duration} s: expected a positive number")
     count = _counted(duration, options, steps)
+    check_times(since + duration, options)
     check_options(scene, options)
     check_start(scene, None if start is None else start[0], since)
     q, v = start_of(scene) if start is None else start
@@ -124,6 +127,18 @@ def enough_steps(since: Scalar, until: Scalar, options: ResolvedOptions, given: 
     return given
 
 
+def check_times(latest: Scalar, options: ResolvedOptions) -> None:
+    """Raises `InputError` where known times up to `latest`, s, are rounded by as much as a share of the steps."""
+    if traced((latest, options)):
+        return
+    apart, dt = float(jnp.finfo(options.dtype).eps) * abs(float(latest)), float(options.dt)  # type: ignore[arg-type]
+    if apart > ROUNDED * dt:
+        raise InputError(
+            f"times up to {float(latest):g} s are {apart:.2g} s apart in {options.dtype}, for steps of {dt:g} s; "
+            "expected times nearer to 0, or float64"
+        )
+
+
 def steps_between(since: Scalar, until: Scalar, options: ResolvedOptions) -> int:
     """How many steps, no longer than the options say."""
     return max(1, int(np.ceil((float(until) - float(since)) / float(options.dt) - 1e-6)))  # type: ignore[arg-type]
@@ -143,12 +158,7 @@ def states_at(
     times = jnp.asarray(times, options.dtype)
 
     def frame(carried, ends):
-        h = (ends[1] - ends[0]) / steps
-
-        def step(carried, k):
-            t = ends[0] + k * h
-            return advance(problem, scene, (t, t + h), carried)
-
+        step = numbered(problem, scene, (ends[1] - ends[0]) / steps, ends[0])
         kept = recomputed(step, options) if reverse else step
         carried = repeated(kept, carried, jnp.arange(steps, dtype=options.dtype))
         return carried, carried

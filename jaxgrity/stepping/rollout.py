@@ -13,7 +13,7 @@ from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, NodeHistory, Scalar, State, Times
 from jaxgrity.model.scene import Scene, as_dtype, start_of
 from jaxgrity.stepping.discretisation import state_failure
-from jaxgrity.stepping.final_state import LONGER, enough_steps, states_at
+from jaxgrity.stepping.final_state import LONGER, check_times, enough_steps, states_at
 from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
 from jaxgrity.stepping.starts import check_supports, start_failure, supports_slip
 
@@ -73,8 +73,8 @@ def rollout(
         >>> jax.jit(jax.vmap(jax.grad(height)))(jnp.array([0.3, 0.5])).shape
         (2,)
     """
-    if np.ndim(times) != 1 or np.shape(times)[0] < 2 or not (traced(times) or np.all(np.diff(times) > 0)):
-        raise InputError(f"times of shape {np.shape(times)}; expected two or more ascending times, (frames,)")
+    if np.ndim(times) != 1 or np.shape(times)[0] < 2 or not (traced(times) or _ascend(times)):
+        raise InputError(f"times of shape {np.shape(times)}; expected two or more ascending, finite times, (frames,)")
     q, v = start_of(scene) if start is None else start
     q, v = (x if isinstance(x, jax.Array) else np.asarray(x, float) for x in (q, v))
     for name, given in (("positions", q), ("velocities", v)):
@@ -88,8 +88,13 @@ def rollout(
     if resolved.dt is None:
         raise InputError(f"method = {resolved.method.name!r} adapts its step; expected a fixed one (dt)")
     if not traced((times, resolved)):
+        check_times(max(times, key=abs), resolved)
         steps = enough_steps(0.0, float(np.diff(times).max()), resolved, steps)
     return _rolled(as_dtype(scene, resolved.dtype), (q, v), times, cast(int, steps), resolved.as_inputs())
+
+
+def _ascend(times: Times) -> bool:
+    return bool(np.isfinite(times).all() and np.all(np.diff(times) > 0))
 
 
 @eqx.filter_jit

@@ -193,3 +193,17 @@ def _slope(function):
 def _simulated(mu):
     there = eqx.tree_at(lambda s: s.friction.mu, SCENE, mu)
     return simulate(there, 0.1, options=OPTIONS, frame_rate=20.0).positions[-1].sum()
+
+
+def test_times_that_begin_late_in_single_precision():
+    """Free fall: the steps between two frames take as long as there is between these, however times are rounded."""
+    falling = Scene(Structure([[0.0, 0, 0]], [1.0]), gravity=9.81)
+    options = resolve(falling, 1.0, SolverOptions(method="rk4", dt=5e-4, dtype="float32"))
+    times = np.array([128.0, 128.5])
+    np.testing.assert_allclose(rollout(falling, times, options=options).positions[-1, 0, 2], -9.81 / 8, rtol=1e-4)
+    with pytest.raises(InputError, match="apart in float32, for steps of 0.0005 s; expected times nearer to 0"):
+        rollout(falling, times + 2000, options=options)
+    with pytest.raises(InputError, match="apart in float32"):
+        final_state(falling, 0.5, options, since=2000.0)
+    with pytest.raises(InputError, match="ascending, finite times"):
+        rollout(falling, np.array([0.0, np.inf]), options=options)
