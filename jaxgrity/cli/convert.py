@@ -3,10 +3,11 @@
 from pathlib import Path
 
 from jaxgrity.cli.settings import ConvertSettings
+from jaxgrity.core.errors import InputError
 from jaxgrity.formats.conversion import find_format, read_any, write_any
 from jaxgrity.formats.foreign import Imported
 from jaxgrity.formats.mjcf_reading import read_mjcf
-from jaxgrity.formats.ntrt import read_ntrt
+from jaxgrity.formats.ntrt import DECIMETRE, read_ntrt
 from jaxgrity.model.scene import Scene
 from jaxgrity.statics.settling import settled
 
@@ -27,11 +28,16 @@ def main(settings: ConvertSettings) -> None:
 
 def _read(settings: ConvertSettings) -> Imported:
     find_format(settings.target)  # refuses what it does not know before anything is read
-    ending = Path(settings.source).suffix.lower()
+    ending, unit = Path(settings.source).suffix.lower(), settings.unit
     if ending in (".yaml", ".yml"):
-        return read_ntrt(settings.source, settings.unit, settings.drop)
+        return read_ntrt(settings.source, DECIMETRE if unit is None else unit, settings.drop)
+    if unit is not None:
+        raise InputError(f"--unit {unit:g}: {settings.source} is read in metres; expected --unit with NTRT files alone")
     if ending in (".xml", ".mjcf"):
         return read_mjcf(settings.source, settings.drop)
+    if settings.drop:
+        found = f"--drop {' '.join(settings.drop)}: {settings.source} is read whole"
+        raise InputError(f"{found}; expected --drop with NTRT files and MuJoCo models alone")
     return read_any(settings.source)
 
 

@@ -277,8 +277,8 @@ class ConvertSettings:
     """file to write (.toml, .xml, .mat, .csv, .glb, .obj)"""
     settle: bool = False
     """first let the structure come to rest without gravity, and set it down on its ground"""
-    unit: float = 0.1
-    """length unit of NTRT files, m"""
+    unit: float | None = None
+    """length unit of an NTRT file, m; by default 0.1. Other files are in metres"""
     drop: tuple[str, ...] = ()
     """parts to leave out: contact, radius, friction, limits, damping, actuators, air, forces of a MuJoCo model; radius,
     wrapping, friction of a NTRT file"""

@@ -204,5 +204,5 @@ def _gravity(model: Any) -> float:
     if model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_GRAVITY):
         return 0.0
     if x or y or z > 0:
-        raise InputError(f"gravity is {[x, y, z]} m/s^2; expected it along -z")
+        raise InputError(f"gravity is {[float(a) for a in (x, y, z)]} m/s^2; expected it along -z")
     return float(-z)

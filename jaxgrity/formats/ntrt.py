@@ -118,13 +118,15 @@ def _imported(assembly: Assembly, part: Part, unit: float, losses: Losses) -> Im
 
 def _conventions(robot: Built, cables: list[Cable], unit: float) -> list[str]:
     counts: dict[str, Sized] = {"rods are struts, thin, with mass": robot.rods, "bodies are rigid": robot.bodies}
+    thick = any(radius for radius, _ in robot.balls.values())
+    contact = "with balls as thick as these" if thick else "as points"
     return [
         f"one unit of length is {unit:g} m, kg and s are as they are; y, which is up in the file, is z here",
         *(f"{len(found)} {what}" for what, found in counts.items() if found),
         f"{len(cables)} strings are cables",
         f"gravity ({GRAVITY:g} m/s^2), level ground and its friction ({GROUND_FRICTION:g}) are added, which such files "
         "leave to a program; the lowest point stands on the ground",
-        "the ends of rods and boxes touch the ground with balls as thick as these; bodies do not touch each other",
+        f"the ends of rods and boxes touch the ground {contact}; bodies do not touch each other",
     ]
 
 

@@ -243,11 +243,16 @@ def test_the_command_says_what_was_read_and_what_is_lost(tmp_path, capsys):
     said = capsys.readouterr().out
     assert "6 nodes, 3 struts, 9 cables, 1.807 kg" in said
     assert "one unit of length is 1 m" in said
+    assert "the ends of rods and boxes touch the ground as points" in said
     assert said.endswith("robot.toml\n  nothing is lost\n")
     main(ConvertSettings(str(tmp_path / "robot.toml"), tmp_path / "robot.mat"))
     assert "such a file holds the structure alone: gravity, ground, friction" in capsys.readouterr().out
     with pytest.raises(InputError, match=r"x.doc: unknown ending"):
         main(ConvertSettings("reference", Path("x.doc")))
+    with pytest.raises(InputError, match=r"--unit 0.001: robot.mat is read in metres; expected --unit with NTRT files"):
+        main(ConvertSettings("robot.mat", tmp_path / "robot.toml", unit=1e-3))
+    with pytest.raises(InputError, match=r"--drop radius: exact is read whole; expected --drop with NTRT files and"):
+        main(ConvertSettings("exact", tmp_path / "robot.toml", drop=("radius",)))
 
 
 def test_the_command_settles(tmp_path, capsys):
