@@ -32,13 +32,14 @@ def final_state(
 ) -> State:
     """The state (q, v) after a simulation by fixed steps, differentiable in forward and reverse mode.
 
-    You can differentiate with respect to every array of the scene and its gait, and the start. docs/identification.md
-    says where the motion is smooth, and what the derivative is where contact, cables or friction switch. You can pass
-    the returned state as the next start. Traced numbers are not checked: `rollout` says whether the motion is valid.
+    You can differentiate with respect to every array of the scene and its gait, and the start; docs/numerics.md says
+    what the derivative is where something switches. Traced numbers are not checked (`rollout` has `ok`).
 
-    Derivatives grow as small deviations do. After some seconds of rolling they are still exact for the steps, but say
-    little about longer motions (`sensitivity`). Differentiate the speed of an orbit instead (`closed_orbit`), or the
-    mean over many robots.
+    With rigid struts or on exact contact, keep the returned velocities out of a loss: constraints have not acted on
+    them yet, and they can be off by more than 1 m/s. Positions one step apart give (q_end - q_before)/h instead.
+
+    After some seconds of rolling, derivatives are exact for the steps, but say little about longer motions
+    (`sensitivity`). Differentiate the speed of an orbit instead (`closed_orbit`), or the mean over many robots.
 
     Args:
         scene: the scene to simulate.
@@ -50,7 +51,7 @@ def final_state(
         since: time of the start, s. Gaits, motors and pushes follow this time.
 
     Returns:
-        Positions and velocities at the end, (nodes, 3) each; velocities as in a `Trajectory`.
+        Positions, m, and velocities, m/s, at the end, (nodes, 3) each.
 
     Raises:
         InputError: a method that adapts its step, or options for another kind of scene; a start that violates rigid

@@ -24,7 +24,7 @@ class RolledOut(NamedTuple):
     positions: NodeHistory
     """(frames, nodes, 3), m"""
     velocities: NodeHistory
-    """(frames, nodes, 3), m/s, as in a `Trajectory`"""
+    """(frames, nodes, 3), m/s. On exact contact or with rigid struts, the constraints have not acted on them yet"""
     ok: AnyArray
     """whether start and end satisfy the constraints and the motion is finite; if False, do not use the rest"""
 
@@ -40,8 +40,8 @@ def rollout(
 ) -> RolledOut:
     """Simulate a scene by fixed steps, as a pure function of the scene, the times and the start.
 
-    It is differentiable in forward and reverse mode with respect to all numbers in these. To continue a motion, pass
-    its last frame as the start.
+    You can differentiate it in forward and reverse mode, with respect to all numbers in these. To continue a motion,
+    pass its last frame as the start. Keep velocities out of a loss on exact contact or rigid struts (`final_state`).
 
     A motion in pieces is the motion in one piece to rounding, if both take the same `steps` from frame to frame. Where
     steps of two lengths meet, exact scenes that dissipate still differ, in second order: dampers act on the velocity in
