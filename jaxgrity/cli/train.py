@@ -3,7 +3,6 @@
 import json
 import time
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import equinox as eqx
@@ -31,19 +30,20 @@ QUICK = LearningConfig(robots=16, decisions=4, batches=1)
 
 def main(settings: TrainSettings) -> None:
     """Learn, save at intervals, judge on new episodes of this contact model, and write the results."""
-    out, scene = settings.out, chosen_scene(settings.scene, settings.gait)
+    out, curve = settings.out, earlier_curve(settings)
+    scene = chosen_scene(settings.scene, settings.gait)
     options = SolverOptions(dt=settings.dt, dtype="float32")
     env = environment(settings.task, scene, options=options)
     config = QUICK if settings.quick else LearningConfig(robots=settings.robots)
     updates, episodes = (2, 4) if settings.quick else (settings.updates, settings.episodes)
-    curve, now = resumed(env, config, settings, out)
+    now = resumed(env, config, settings)
     periods = config.robots * config.decisions * config.held
     print(
         f"{settings.task}: {updates} updates of {periods} control periods, by {config.robots} robots. "
         f"Results go to {out}/. After Ctrl-C, the same command with --resume continues.",
         flush=True,
     )
-    now = learned(env, config, now, updates, curve, out)
+    now = learned(env, config, now, updates, curve, settings)
     save_policy(now.policy, out / "policy.eqx")
     progress = trials(env, now.policy, jax.random.key(settings.seed + 1), episodes)
     error = 2 * float(progress.std(ddof=1)) / len(progress) ** 0.5
@@ -61,20 +61,41 @@ def main(settings: TrainSettings) -> None:
     print(f"wrote {out}/summary.json and {out}/policy.eqx")
 
 
-def resumed(env: Environment, config: LearningConfig, settings: TrainSettings, out: Path) -> tuple[list, Learner]:
+def what_is_learned(settings: TrainSettings) -> dict[str, Any]:
+    """The settings that a resumed run has in common with the earlier one."""
+    names = ("task", "scene", "gait", "robots", "dt", "seed", "quick")
+    return {name: getattr(settings, name) for name in names}
+
+
+def earlier_curve(settings: TrainSettings) -> list[dict]:
+    """The learning curve of the run that is resumed; empty for a new run. Raises `InputError` for other settings."""
+    if not settings.resume:
+        return []
+    try:
+        saved = json.loads(read_text(settings.out / "curve.json"))
+        before, curve = saved["settings"], saved["curve"]
+    except (ValueError, KeyError, TypeError) as error:
+        raise InputError(f"{settings.out}: nothing to resume; expected an earlier run") from error
+    now = what_is_learned(settings)
+    differ = [f"{name} = {before.get(name)}, not {value}" for name, value in now.items() if before.get(name) != value]
+    if differ:
+        raise InputError(f"{settings.out}: its run has {', '.join(differ)}; expected the same to resume it")
+    return curve
+
+
+def resumed(env: Environment, config: LearningConfig, settings: TrainSettings) -> Learner:
     """The start of learning: the state saved by an earlier run, or a new one."""
     first = learner(env, jax.random.key(settings.seed), config)
     if not settings.resume:
-        return [], first
+        return first
     try:
-        curve = json.loads(read_text(out / "curve.json"))
-        return curve, eqx.tree_deserialise_leaves(out / "learner.eqx", first)
+        return eqx.tree_deserialise_leaves(settings.out / "learner.eqx", first)
     except (OSError, RuntimeError, ValueError) as error:
-        raise InputError(f"{out}: nothing to resume; expected an earlier run with the same settings") from error
+        raise InputError(f"{settings.out}: nothing to resume; expected an earlier run with the same robot") from error
 
 
 def learned(
-    env: Environment, config: LearningConfig, now: Learner, updates: int, curve: list[dict], out: Path
+    env: Environment, config: LearningConfig, now: Learner, updates: int, curve: list[dict], settings: TrainSettings
 ) -> Learner:
     """Learn up to a number of updates, and save the state of learning."""
     spent = curve[-1]["seconds"] if curve else 0.0
@@ -89,8 +110,8 @@ def learned(
                 bars.bar.set_postfix({"progress": f"{facts['progress']:.3f} m/s"})
 
             now = learn(env, now, min(SAVED, updates - len(curve)), config, hear)
-            write_whole(out / "learner.eqx", partial(eqx.tree_serialise_leaves, pytree=now))
-            save_json(out / "curve.json", curve)
+            write_whole(settings.out / "learner.eqx", partial(eqx.tree_serialise_leaves, pytree=now))
+            save_json(settings.out / "curve.json", {"settings": what_is_learned(settings), "curve": curve})
     return now
 
 

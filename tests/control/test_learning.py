@@ -1,6 +1,7 @@
 """Policies are learned, judged, kept and seen; the pieces of the method against their definitions."""
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import equinox as eqx
@@ -10,6 +11,8 @@ import numpy as np
 import pytest
 
 from jaxgrity import InputError, SolverOptions, centre_path, load_scene
+from jaxgrity.cli import train
+from jaxgrity.cli.settings import TrainSettings
 from jaxgrity.control import (
     LearningConfig,
     environment,
@@ -25,6 +28,7 @@ from jaxgrity.control import (
 )
 from jaxgrity.control.learned import untrained
 from jaxgrity.control.ppo import AXIS, Learner, Tried, advantages, with_observations
+from jaxgrity.io.files import save_json
 
 SMALL = LearningConfig(robots=4, decisions=3, held=2, batches=2, epochs=2, width=8)
 
@@ -187,3 +191,13 @@ def learner_of(env):
     critic = eqx.nn.MLP(env.observation_size, "scalar", 8, 2, jnp.tanh, dtype=jnp.float32, key=jax.random.key(2))
     nothing = jnp.zeros((), jnp.float32)
     return Learner(policy, nothing, critic, None, nothing, nothing, None, None, None)
+
+
+def test_a_run_of_another_task_is_not_resumed(tmp_path):
+    """What was learned for bumps is no policy for headings: refused before anything is compiled."""
+    settings = TrainSettings("heading", resume=True, out=tmp_path)
+    earlier = train.what_is_learned(replace(settings, task="bumps", seed=1))
+    save_json(tmp_path / "curve.json", {"settings": earlier, "curve": [{"progress": 0.1, "seconds": 1.0}]})
+    with pytest.raises(InputError, match="its run has task = bumps, not heading, seed = 1, not 0; expected the same"):
+        train.main(settings)
+    assert len(train.earlier_curve(replace(settings, task="bumps", seed=1, updates=7))) == 1
