@@ -63,8 +63,16 @@ def _rounded(value: float, decimals: int) -> str:
 def mean_of_robots(robots: dict[str, Any], unit: str, mean: str = "mean") -> str:
     """A mean over perturbed robots, with `COVERING` standard errors, and their standard deviation, in words.
 
-    From a record with "standard_error" (None of one robot), "standard_deviation", and the mean by its name.
+    From a record with "standard_error" (None of one robot), "standard_deviation", and the mean by its name. Where
+    robots do not differ, the mean is all.
     """
+    if not robots["standard_deviation"]:
+        return f"{significant(robots[mean])} {unit}".rstrip()
     error = robots["standard_error"]
     known = with_error(robots[mean], None if error is None else COVERING * error, f" {unit}".rstrip())
     return f"{known} (standard deviation {robots['standard_deviation']:.2g})"
+
+
+def counted_robots(count: int) -> str:
+    """How many robots a mean is of, in words."""
+    return f"{count} perturbed robots" if count > 1 else "one robot, as nothing is uncertain"

@@ -120,11 +120,12 @@ def orbit_words(scene: Scene, options: ResolvedOptions) -> str:
         found = find_orbit(scene, (WATCHED_PERIODS + 0.5) * period, options=options)
     except InputError as error:
         return f"orbit: {error}"
+    watched = significant(found.verified_for, 0, 2)
     if not found.settled:
-        return f"no orbit after {found.verified_for:.0f} s"
+        return f"no orbit after {watched} s"
     turning = np.degrees(found.turning)
     speed = f"{significant(found.speed)} m/s"
-    return f"settles on an orbit: {speed}, turning by {turning:.1f}°/s, seen for {found.verified_for:.0f} s"
+    return f"settles on an orbit: {speed}, turning by {turning:.1f}°/s, seen for {watched} s"
 
 
 def _rolled(scene: Scene, trajectory: Trajectory, options: Options) -> Rolled:

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxgrity.core.display import mean_of_robots, significant, with_error
+from jaxgrity.core.display import counted_robots, mean_of_robots, significant, with_error
 from jaxgrity.populations.rolling import Rolling
 from jaxgrity.report import plot
 from jaxgrity.report.steady import steady_rows
@@ -21,11 +21,14 @@ def leading_sentences(summary: dict[str, Any]) -> tuple[str, ...]:
         return "The robot settles on no orbit.", needs
     lengths, size = steady["body_lengths_per_second"], steady["body_length"]
     speed = with_error(lengths, steady["speed_error_bar"] / size, " body lengths per second")
-    bend, error = (np.degrees(steady[name]) / lengths for name in ("turning", "turning_error_bar"))
+    turning, error = (float(np.degrees(steady[name])) for name in ("turning", "turning_error_bar"))
+    # of a circle narrower than two body lengths, as about the spot, the time says more than the way
+    travels = abs(steady["turning"]) < lengths
+    turn = with_error(abs(turning) / lengths, error / lengths, "°") if travels else with_error(abs(turning), error, "°")
     own, other = steady["robust"], steady["other_contact_model"]
     return (
-        f"The robot rolls at {speed} and turns by {with_error(abs(float(bend)), float(error), '°')} per body length.",
-        f"{own['robots']} perturbed robots roll at {mean_of_robots(own, 'm/s')}, and on the other contact model at "
+        f"The robot moves at {speed} and turns by {turn} per {'body length' if travels else 'second'}.",
+        f"The speed of {counted_robots(own['robots'])} is {mean_of_robots(own, 'm/s')}, and on the other contact model "
         f"{mean_of_robots(other, 'm/s', 'speed')}.",
         needs,
     )
@@ -73,8 +76,8 @@ def search_rows(summary: dict[str, Any], motion: Rolling | None, unit: str) -> d
         "directions": ", ".join(
             f"{significant(d['distance'], 2)} m towards {np.degrees(d['heading']):.0f}°" for d in summary["directions"]
         ),
-        "objective": f"{mean_of_robots(robust, unit)} over {robust['robots']} perturbed robots, error of the time step "
-        f"{robust['step_error']:.1g}; {mean_of_robots(other, unit)} on the other contact model",
+        "objective": f"{mean_of_robots(robust, unit)} over {counted_robots(robust['robots'])}, error of the time "
+        f"step {robust['step_error']:.1g}; {mean_of_robots(other, unit)} on the other contact model",
         "search": f"{rollouts} rollouts; rank correlation (Spearman) of screening with {last}: {plot.ranked(ranks)}; "
         f"among evolved gaits {plot.ranked(among)}",
         **_chosen(**summary["finalists"]),

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jaxgrity.core.display import mean_of_robots, significant, with_error
+from jaxgrity.core.display import counted_robots, mean_of_robots, significant, with_error
 from jaxgrity.core.typed import typed
 from jaxgrity.model.contact_twin import contact_twin
 from jaxgrity.model.scene import Scene
@@ -140,7 +140,8 @@ def steady_rows(steady: Facts) -> dict[str, str]:
     return {
         "speed": with_error(steady["speed"], steady["speed_error_bar"], " m/s")
         + f" ({significant(lengths)} body lengths/s)",
-        "lasts": f"watched for {steady['verified_for']:.0f} s; settles after {since:.0f} s; "
+        "lasts": f"watched for {significant(steady['verified_for'], 0, 2)} s; settles after "
+        f"{significant(since, 0, 2)} s; "
         f"slowest {steady.get('window', WINDOW):.3g} s after that: {significant(slowest)} m/s",
         "turning": with_error(
             float(np.degrees(steady["turning"])), float(np.degrees(steady["turning_error_bar"])), " °/s"
@@ -148,11 +149,12 @@ def steady_rows(steady: Facts) -> dict[str, str]:
         + f"; perturbed robots bend by {_bends(own)} per body length, on the other contact model by {_bends(other)}",
         **_headed(steady["along_heading"]),
         "stability": (held if np.isfinite(steady["multiplier"]) else "") + back,
-        "cycle": f"{cycle:.2f} s, {steady['periods']} periods of actuation; shapes one cycle apart differ by "
+        "cycle": f"{significant(cycle, 2)} s, {steady['periods']} period{'s' * (steady['periods'] != 1)} of actuation; "
+        "shapes one cycle apart differ by "
         f"{1000 * steady['residual']:.2g} mm"
         + _repeats(steady["repetition"], cycle)
         + (f"; stands on the faces {_faces(steady['cycle'])} in turn" if steady["cycle"] else ""),
-        "both contact models": f"{mean_of_robots(own, 'm/s')} over {own['robots']} perturbed robots; "
+        "both contact models": f"{mean_of_robots(own, 'm/s')} over {counted_robots(own['robots'])}; "
         f"{mean_of_robots(other, 'm/s', 'speed')} on the other contact model",
     }
 

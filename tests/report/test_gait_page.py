@@ -128,6 +128,12 @@ def test_the_rows_say_what_a_gait_is_worth():
     robots = {name: {"mean": 0.6, "standard_deviation": 0.1} for name in ("robust", "other_contact_model")}
     uphill = steady_rows({**STEADY, "along_heading": {"heading": 3.1, "speed": 0.67, **robots}})
     assert uphill["along its heading"].startswith("0.670 m/s; perturbed robots 0.600 (standard deviation 0.1) m/s")
+    small = steady_rows({**STEADY, "verified_for": 8.44, "settled_after": 0.32, "period": 0.05, "periods": 1})
+    assert small["lasts"].startswith("watched for 8.4 s; settles after 0.32 s")
+    assert small["cycle"].startswith("0.0500 s, 1 period of actuation")
+    one = {"standard_deviation": 0.0, "standard_error": None, "robots": 1}
+    alike = steady_rows({**STEADY, "robust": {**STEADY["robust"], **one}})["both contact models"]
+    assert alike.startswith("0.824 m/s over one robot, as nothing is uncertain; 0.81")
     lost = steady_rows({**STEADY, "settled": False, "residual": 0.3})
     assert lost == {"orbit": "none: the shape still changes by 0.3 m over a cycle"}
 
@@ -137,11 +143,14 @@ def test_sentences_say_what_to_know_first():
     needs = "An actuator gives up to 275 N, 0.99 m/s and 143 W."
     known = {"steady": {**STEADY, "body_length": 1.0, "turning": -0.1}, "actuators": ACTUATORS}
     assert leading_sentences(known) == (
-        "The robot rolls at 0.886 ± 0.004 body lengths per second and turns by 6.5 ± 0.2° per body length.",
-        "128 perturbed robots roll at 0.82 ± 0.02 m/s (standard deviation 0.14), and on the other contact model at "
-        "0.81 ± 0.03 m/s (standard deviation 0.18).",
+        "The robot moves at 0.886 ± 0.004 body lengths per second and turns by 6.5 ± 0.2° per body length.",
+        "The speed of 128 perturbed robots is 0.82 ± 0.02 m/s (standard deviation 0.14), and on the other contact "
+        "model 0.81 ± 0.03 m/s (standard deviation 0.18).",
         needs,
     )
+    on_the_spot = {**known["steady"], "body_lengths_per_second": 0.0, "speed_error_bar": 1e-4, "turning": -0.5}
+    told = "The robot moves at 0.0000 ± 0.0001 body lengths per second and turns by 28.6 ± 0.2° per second."
+    assert leading_sentences({**known, "steady": on_the_spot})[0] == told
     lost = {**known, "steady": {**STEADY, "settled": False}}
     assert leading_sentences(lost) == ("The robot settles on no orbit.", needs)
     short = {"steady": None, "actuators": ACTUATORS, "distance": 2.0, "error_bar": 0.01, "duration": 8.0}
