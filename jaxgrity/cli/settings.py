@@ -141,7 +141,7 @@ class SearchSettings:
     members: Literal["scene", "struts", "cables"] = "scene"
     """members to actuate: those of the scene's gait, all struts, or all cables"""
     active: int | None = None
-    """number of actuated members; the search also chooses which; None: all of them"""
+    """number of actuated members; the search also chooses which, and gaits are no waves; None: all of them"""
     polish: Literal["smoothed", "pathwise", "combined", "orbit"] = "smoothed"
     """gradient for polishing"""
     polish_rollouts: int = 6144

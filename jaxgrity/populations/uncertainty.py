@@ -178,7 +178,8 @@ def ensemble(
     """`count` robots for each of `gaits`, drawn from `uncertainty`: row i*count + k is the k-th robot of gait i.
 
     With `common` draws all gaits meet the same ones, so that their means compare. Draws come in pairs of opposite
-    signs: linear effects cancel from a mean. Raises `InputError` where the scene does not model an uncertain quantity.
+    signs: linear effects cancel from a mean. Raises `InputError` where the scene does not model an uncertain quantity,
+    and where an uncertain amplitude may reach 1.
     """
     dtype, (size, actuators) = gaits.phase.dtype, gaits.phase.shape
     rows = count if common else count * size
@@ -199,10 +200,21 @@ def ensemble(
     if uncertainty.phase:
         many = waves_ahead(many, each(draw("phase")))
     if uncertainty.actuation:
+        check_strokes(gaits.amplitude, uncertainty)
         scaled = many.amplitude * each((1 + draw("actuation")).astype(dtype))
         many = eqx.tree_at(lambda g: g.amplitude, many, scaled)
     found = _differences(key, scene, {name: draw(name) for name in asked}, dtype)
     return many, Differences(**{name: each(drawn) for name, drawn in found.items()})
+
+
+def check_strokes(amplitude: AnyArray | float, uncertainty: Uncertainty) -> None:
+    """Raises `InputError` if some robot's rest length may reach zero; amplitudes that are traced are not looked at."""
+    most = 0.0 if isinstance(amplitude, jax.Array) else float(np.max(amplitude))
+    if not most * (1 + uncertainty.actuation) < 1:
+        raise InputError(
+            f"amplitude = {most:g}: with uncertainty.actuation = {uncertainty.actuation:g} robots reach "
+            f"{most * (1 + uncertainty.actuation):.3g}; expected less than 1, where a rest length is zero"
+        )
 
 
 def _differences(key, scene: Scene, drawn: dict[str, AnyArray], dtype: np.dtype) -> dict[str, AnyArray]:

@@ -16,7 +16,7 @@ from jaxgrity.model.scene import Scene, with_gait
 from jaxgrity.model.symmetry import gene_permutations, standing_symmetries
 from jaxgrity.model.waves import travelling_waves
 from jaxgrity.orbits.finding import period_of
-from jaxgrity.populations.uncertainty import Uncertainty
+from jaxgrity.populations.uncertainty import Uncertainty, check_strokes
 from jaxgrity.search.cma_es import fewest
 from jaxgrity.search.genetic_algorithm import GAConfig, SearchProblem
 from jaxgrity.search.genome import Genes, Genome
@@ -72,7 +72,7 @@ class SearchConfig:
     members: Literal["scene", "struts", "cables"] = "scene"
     """members to actuate: those of the scene's gait, all struts, or all cables"""
     active: int | None = None
-    """number of actuated members; evolution also chooses which; None: all of `members`"""
+    """number of actuated members; evolution also chooses which, and gaits are no waves; None: all of `members`"""
     amplitude: tuple[float, float] | None = (0.05, 0.5)
     """bounds of each member's amplitude; None: the amplitudes of the scene's gait are kept"""
     scaled: bool = False
@@ -81,7 +81,7 @@ class SearchConfig:
     """bounds of the gait's frequency, Hz; None: the frequency of the scene's gait is kept"""
     waves: Literal["every", "axis", "none"] = "every"
     """symmetry of the gaits (`travelling_waves`): all rotations of the robot, those about one axis (then the robot can
-    turn), or none; robots without rotations have no waves"""
+    turn), or none; robots without rotations have no waves, nor have searches with `active`"""
     overtones: int = 0
     """number of further sines in each member's Fourier series"""
 
@@ -173,11 +173,14 @@ def search_problem(scene: Scene, config: SearchConfig) -> SearchProblem:
         if not 1 <= config.polish.gaits <= COMPARED:
             raise InputError(f"polish: gaits = {config.polish.gaits}; expected 1 to {COMPARED}")
         check_polish(config.polish, fitness, config.polish.gaits)
+    check_strokes(scene.gait.amplitude if config.amplitude is None else config.amplitude[1], config.uncertainty)
     members = scene.gait.members
     # which gaits are the same depends on where the objective leads
     turned = standing_symmetries(scene) if config.objective.any_heading else ()
     handed = (each for each in turned if config.objective.either_hand or np.linalg.det(each.matrix) > 0)
     images = gene_permutations(members, tuple(handed))
+    if config.waves == "axis" and config.active is not None:
+        raise InputError(f"active = {config.active}, waves = 'axis': all members of a wave move; expected one of both")
     free = config.waves == "none" or config.active is not None
     waves = () if free else travelling_waves(scene.structure, members, one_axis=config.waves == "axis")
     genome = Genome(

@@ -340,6 +340,14 @@ def test_a_slope_is_not_added_to_another_one(exact):
         ensemble(jax.random.key(0), leaning, gaits(exact, 1), Uncertainty(slope=0.1), 2)
 
 
+def test_no_robot_has_a_rest_length_below_zero(exact):
+    """Uncertain amplitudes may not reach 1: such robots would roll out with members that push, or fail."""
+    strong = dataclasses.replace(gaits(exact, 1), amplitude=np.full((1, 6), 0.9))
+    assert ensemble(jax.random.key(0), exact, strong, Uncertainty(actuation=0.1), 8)[0].amplitude.max() < 1
+    with pytest.raises(InputError, match=r"amplitude = 0\.9: with uncertainty\.actuation = 0\.3 robots reach 1\.17"):
+        ensemble(jax.random.key(0), exact, strong, Uncertainty(actuation=0.3), 8)
+
+
 @pytest.mark.parametrize("name", ["friction", "cable_stiffness", "prestress"])
 def test_what_a_scene_lacks_cannot_be_uncertain(exact, name):
     """It is refused before anything is rolled out."""

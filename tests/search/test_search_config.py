@@ -103,6 +103,14 @@ def test_a_wide_search_draws_many_and_goes_on_with_the_best_eighth():
             SearchConfig(scaled=True, frequency=(0.3, 1.0), bounds=ActuatorBounds()),
             "scaled: there is no bound on the rate of actuators",
         ),
+        (
+            SearchConfig(active=3, waves="axis", frequency=(0.3, 1.0)),
+            "active = 3, waves = 'axis': all members of a wave",
+        ),
+        (
+            SearchConfig(amplitude=(0.05, 0.9), frequency=(0.3, 1.0), uncertainty=Uncertainty(actuation=0.2)),
+            r"amplitude = 0\.9: with uncertainty\.actuation = 0\.2 robots reach 1\.08; expected less than 1",
+        ),
         (SearchConfig(polish=PolishConfig(gaits=0)), "polish: gaits = 0; expected 1 to 16"),
         (
             SearchConfig(polish=PolishConfig(kind="pathwise"), caution=0.0),
