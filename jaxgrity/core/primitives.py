@@ -14,6 +14,7 @@ import numpy as np
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 
+from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import check_rows, check_same_shape
 from jaxgrity.core.types import AnyArray, AnyRows, Edges, MemberVectors, Mobility, NodeVectors, PerMember, Rows, Scalar
 
@@ -147,9 +148,13 @@ def accumulate(f: MemberVectors, edges: Edges, nodes: int) -> NodeVectors:
     return _accumulate_p.bind(f, edges=edges, nodes=nodes)
 
 
-def component(x: NodeVectors, direction: tuple[float, float, float] | NodeVectors) -> PerMember:
-    """n·x for each row of `x`, along one constant direction n, or along one for each row."""
-    return _component_p.bind(x, direction=direction) if isinstance(direction, tuple) else dot(x, direction)
+def component(x: NodeVectors, direction: tuple[float, float, float] | AnyArray) -> PerMember:
+    """n·x for each row of `x`: along one direction n, a constant or an array (3,), or along one for each row."""
+    if isinstance(direction, tuple):
+        return _component_p.bind(x, direction=direction)
+    if np.ndim(direction) == 1:
+        direction = along(ones(component(x, (1.0, 0.0, 0.0))), direction)
+    return dot(x, direction)
 
 
 def along(s: PerMember, direction: tuple[float, float, float] | AnyArray) -> NodeVectors:
@@ -178,12 +183,17 @@ def dot(a: MemberVectors, b: MemberVectors) -> PerMember:
 
 
 def scale(a: MemberVectors, s: PerMember) -> MemberVectors:
-    """s a, row by row."""
+    """s a, row by row: vectors first, (n, 3), then a number for each, (n,)."""
+    if np.ndim(a) != np.ndim(s) + 1 or np.shape(a)[:1] != np.shape(s)[:1]:
+        raise InputError(f"primitives.scale has arrays {np.shape(a)}, {np.shape(s)}; expected (n, 3), then (n,)")
     return _scale_p.bind(a, s)
 
 
-def inner(a: PerMember, b: PerMember) -> Scalar:
-    """sum_k a_k b_k, the sum over members or nodes, from parts to an energy."""
+def inner(a: PerMember | Scalar, b: PerMember | Scalar) -> Scalar:
+    """sum_k a_k b_k, the sum over members or nodes, from parts to an energy; one of them may be one number for all."""
+    for one, each in ((a, b), (b, a)):
+        if np.ndim(one) == 0 and np.ndim(each) == 1:
+            return one * inner(ones(jnp.asarray(each)), each)
     check_same_shape("inner", a, b)
     return _inner_p.bind(a, b)
 
@@ -288,13 +298,3 @@ def _positive_part_jvp(primals, tangents):
     (x,), (x_dot,) = primals, tangents
     # what is not a number stays so: a slack cable would hide it
     return positive_part(x), (1 - jnp.greater_equal(0, x).astype(x.dtype)) * x_dot
-
-
-def largest(x: PerMember) -> Scalar:
-    """The largest entry, by halving: XLA's own reduction over the first of two axes is not vectorised."""
-    while x.shape[0] > 1:
-        half = x.shape[0] // 2
-        rest = take_rows(x, tuple(range(half, x.shape[0])))
-        pairs = jnp.maximum(take_rows(x, tuple(range(half))), take_rows(rest, tuple(range(half))))
-        x = pairs if 2 * half == x.shape[0] else jnp.maximum(pairs, take_rows(rest, (half,) * half))
-    return take_rows(x, (0,))[0]

@@ -1,7 +1,7 @@
 """Laws of one's own, tried on shapes alone before anything compiles: what they return, which nodes they name."""
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import equinox as eqx
@@ -19,15 +19,17 @@ OUTSIDE = "out of bounds"
 """Part of NumPy's message where an array has no such row. JAX takes the last row without a message."""
 
 
-def check_law(law: Law, scene: Any) -> None:
-    """Raises `InputError`, with the law's name, where it cannot act in the scene; a scene of traced numbers passes."""
+def check_own_laws(laws: Sequence[Law], scene: Any) -> None:
+    """Raises `InputError`, with the law's name, where one cannot act in the scene; a scene of traced numbers passes."""
+    for law in laws:
+        _check_static(law)  # of all first: an array in one law's static field makes trouble where others are tried
+    for law in laws:
+        _check_law(law, scene)
+
+
+def _check_law(law: Law, scene: Any) -> None:
     if not isinstance(law, EnergyTerm | DissipationTerm | ForceLaw) or traced(scene):
         return
-    for field in dataclasses.fields(law):
-        if field.metadata.get("static") and any(
-            isinstance(x, AnyArray) for x in jax.tree.leaves(getattr(law, field.name))
-        ):
-            raise InputError(f"{_who(law)}: its static field {field.name} has an array; leave static=True out")
     number = jnp.result_type(float)
     shapes = jax.tree.map(lambda x: jax.ShapeDtypeStruct(np.shape(x), number), hold_functions((law, scene)))
     rows = jax.ShapeDtypeStruct(np.shape(scene.structure.nodes), number)
@@ -38,6 +40,23 @@ def check_law(law: Law, scene: Any) -> None:
     if not isinstance(law, ForceLaw):
         _tried(law, jax.grad(_value, (2, 3)), *shapes, rows, rows)
     _check_rows(law, shapes, np.zeros(rows.shape))
+
+
+def _check_static(law: Law) -> None:
+    """Raises `InputError` for a static field that JAX cannot compare: an array, or a list."""
+    for field in dataclasses.fields(law):
+        value = getattr(law, field.name)
+        if not field.metadata.get("static") or _comparable(value):
+            continue
+        kind = "a list" if isinstance(value, list) else "an array"
+        advice = "give a tuple of whole numbers" if _whole(value) else "leave static=True out, and give an array"
+        raise InputError(f"{_who(law)}: its static field {field.name} has {kind}; {advice}")
+
+
+def _comparable(value: Any) -> bool:
+    if isinstance(value, tuple):
+        return all(map(_comparable, value))
+    return not isinstance(value, list | AnyArray)
 
 
 def _value(law: Law, scene: Any, q: Any, v: Any) -> Any:
@@ -70,8 +89,12 @@ def _check_rows(law: Law, shapes: tuple, known: np.ndarray) -> None:
 def _refusal(law: Law, error: Exception) -> InputError:
     first = str(error).strip().partition("\n")[0]
     what = first if isinstance(error, InputError | IndexError) else f"{type(error).__name__}: {first}"
-    whole = [x.name for x in dataclasses.fields(law) if not x.metadata.get("static") and _whole(getattr(law, x.name))]
+    own = {x.name: getattr(law, x.name) for x in dataclasses.fields(law) if not x.metadata.get("static")}
+    whole = [name for name, value in own.items() if _whole(value)]
+    shapes = ", ".join(f"{name} {np.shape(value)}" for name, value in own.items() if eqx.is_array_like(value))
     advice = f"; declare {whole[0]}, which has whole numbers, as eqx.field(static=True)" if whole else ""
+    if not advice and "shape" in what and shapes:
+        advice = f"; its fields have the shapes {shapes}"
     return InputError(f"{_who(law)} cannot act in this scene: {what}{advice}")
 
 

@@ -29,7 +29,7 @@ from jaxgrity.model.dissipation import CableDamping, NodeDamping, StrutDamping
 from jaxgrity.model.energy import CableSprings, Gravity, StrutSprings
 from jaxgrity.model.friction import ConeFriction, CoulombCone, Friction, SmoothFriction, SwitchFriction
 from jaxgrity.model.ground import ContactDissipation, ExactContact, Ground, PenaltyContact
-from jaxgrity.model.law_checks import check_law
+from jaxgrity.model.law_checks import check_own_laws
 from jaxgrity.model.laws import Configuration, Constraint, DissipationTerm, EnergyTerm, ForceLaw, Law, Motion
 from jaxgrity.model.rigidity import RIGID
 from jaxgrity.model.scales import Scales, scales_of
@@ -244,9 +244,7 @@ def with_terms(scene: Scene, *terms: Law) -> Scene:
 
 def check_laws(scene: Scene) -> None:
     """Raises `InputError` if a law beyond the library's usual ones cannot act in the scene."""
-    for law in scene.laws:
-        if type(law) not in KNOWN_LAWS:
-            check_law(law, scene)
+    check_own_laws([law for law in scene.laws if type(law) not in KNOWN_LAWS], scene)
 
 
 Module = TypeVar("Module", bound=eqx.Module)

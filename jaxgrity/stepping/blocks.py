@@ -9,9 +9,10 @@ from operator import add
 from typing import NamedTuple
 
 import equinox as eqx
+import jax.numpy as jnp
 
 from jaxgrity.core.primitives import along, component, place_rows, take_rows
-from jaxgrity.core.types import AnyArray, AnyRows, Edges, PerMember, PerRow
+from jaxgrity.core.types import AnyArray, AnyRows, Edges, PerMember, PerRow, Scalar
 from jaxgrity.model.ground import Ground
 
 WITHOUT_GROUND = ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
@@ -141,3 +142,13 @@ def disjoint_groups(edges: Edges) -> tuple[tuple[int, ...], ...]:
         rest = [k for k in rest if k not in group]
         found.append(tuple(group))
     return tuple(found)
+
+
+def largest(x: PerMember) -> Scalar:
+    """The largest entry, by halving: XLA's own reduction over the first of two axes is not vectorised."""
+    while x.shape[0] > 1:
+        half = x.shape[0] // 2
+        rest = take_rows(x, tuple(range(half, x.shape[0])))
+        pairs = jnp.maximum(take_rows(x, tuple(range(half))), take_rows(rest, tuple(range(half))))
+        x = pairs if 2 * half == x.shape[0] else jnp.maximum(pairs, take_rows(rest, (half,) * half))
+    return take_rows(x, (0,))[0]

@@ -15,7 +15,6 @@ from jaxgrity.core.primitives import (
     edge_vectors,
     inner,
     inverse,
-    largest,
     length,
     over,
     scale,
@@ -27,7 +26,7 @@ from jaxgrity.model.ground import ExactGround
 from jaxgrity.model.scales import length_scale, speed_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import Members
-from jaxgrity.stepping.blocks import Blocks, Vector, blocks, rows_of, vector, xyz
+from jaxgrity.stepping.blocks import Blocks, Vector, blocks, largest, rows_of, vector, xyz
 from jaxgrity.stepping.entering import closing_speed, frame_met, where_met
 from jaxgrity.stepping.ground_response import SLOWEST, Contact, along_own_axes, answered, ground_impulse, velocity
 

@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jaxgrity.core.primitives import accumulate, edge_vectors, largest, store_cotangent, take_rows
+from jaxgrity.core.primitives import accumulate, edge_vectors, store_cotangent, take_rows
+from jaxgrity.stepping.blocks import largest
 
 NODES = 6
 pairs = st.tuples(st.integers(0, NODES - 1), st.integers(0, NODES - 1)).filter(lambda pair: pair[0] != pair[1])
