@@ -67,18 +67,18 @@ def words(record: Record) -> str:
     cells = {
         "file": "{file}.yaml",
         "nodes, rods, bodies, strings": "{nodes}, {rods}, {bodies}, {strings}",
-        "mass, size": "{mass:.3f} kg, {size:.2f} m",
-        "moved as it settled": lambda row: f"{1e3 * row['moved']:.0f} mm",
-        "height then": lambda row: f"{row['exact']['start']:.2f} m",
-        f"after {record['duration']:g} s, exact contact": lambda row: ending(row["exact"]),
-        f"after {record['duration']:g} s, penalty contact": lambda row: ending(row["penalty"]),
+        "mass, kg": "{mass:.3f}",
+        "settling moves nodes, mm": lambda row: f"{1e3 * row['moved']:.0f}",
+        "settled height, m": lambda row: f"{row['exact']['start']:.2f}",
+        f"height after {record['duration']:g} s, exact contact": lambda row: ending(row["exact"]),
+        "the same, penalty contact": lambda row: ending(row["penalty"]),
     }
     return columns(record["rows"], cells)
 
 
 def ending(end: Record) -> str:
     """The height in the end, or what became of the rollout."""
-    return f"{end['end']:.2f} m" if end["outcome"] == "succeeded" else end["outcome"]
+    return f"{end['end']:.2f}" if end["outcome"] == "succeeded" else end["outcome"]
 
 
 if __name__ == "__main__":
