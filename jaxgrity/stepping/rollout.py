@@ -73,8 +73,7 @@ def rollout(
         >>> jax.jit(jax.vmap(jax.grad(height)))(jnp.array([0.3, 0.5])).shape
         (2,)
     """
-    if np.ndim(times) != 1 or np.shape(times)[0] < 2 or not (traced(times) or _ascend(times)):
-        raise InputError(f"times of shape {np.shape(times)}; expected two or more ascending, finite times, (frames,)")
+    _check_frames(times)
     q, v = start_of(scene) if start is None else start
     q, v = (x if isinstance(x, jax.Array) else np.asarray(x, float) for x in (q, v))
     for name, given in (("positions", q), ("velocities", v)):
@@ -93,8 +92,10 @@ def rollout(
     return _rolled(as_dtype(scene, resolved.dtype), (q, v), times, cast(int, steps), resolved.as_inputs())
 
 
-def _ascend(times: Times) -> bool:
-    return bool(np.isfinite(times).all() and np.all(np.diff(times) > 0))
+def _check_frames(times: Times) -> None:
+    ascend = traced(times) or (np.isfinite(times).all() and np.all(np.diff(times) > 0))
+    if np.ndim(times) != 1 or np.shape(times)[0] < 2 or not ascend:
+        raise InputError(f"times of shape {np.shape(times)}; expected two or more ascending, finite times, (frames,)")
 
 
 @eqx.filter_jit
