@@ -16,7 +16,7 @@ from measurement import Record, measurement
 import equinox as eqx
 import numpy as np
 from matplotlib.figure import Figure
-from pages import table
+from pages import short, table
 
 from jaxgrity import Members, PenaltyGround, Scene, SmoothFriction, SolverOptions, load_scene, simulate, with_gait
 
@@ -64,17 +64,17 @@ def words(record: Record) -> str:
     rows = [
         [
             row["grows"],
-            f"{row['values'][0]:g} to {row['values'][1]:g} N/m",
-            f"{row['distance'][0]:.1e} to {row['distance'][1]:.1e} m",
+            f"{row['values'][0]:.0e} to {row['values'][1]:.0e}",
+            f"{short(1e3 * row['distance'][0])} to {short(1e3 * row['distance'][1])}",
             f"{row['slope']:.2f}",
         ]
         for row in record["rows"]
     ]
-    said = table(["grows", "from, to", "distance between the models, rms", "slope"], rows)
+    said = table(["stiffened", "stiffness, N/m", "distance, mm", "slope"], rows)
     if record["motion"] != "settle":
         return said
-    depth = f"{record['depth_over_expected']:.3f} m g/(n k_n)"
-    return said + "\n\n" + table(["how deep the robot stands in the ground at the highest k_n"], [[depth]])
+    depth = ["at the largest k_n", f"{record['depth_over_expected']:.3f}"]
+    return said + "\n\n" + table(["mean depth at rest", "over m g/(n k_n)"], [depth])
 
 
 def drop(scene: Scene) -> Scene:

@@ -23,12 +23,12 @@ from jaxgrity.stepping import resolve
 def error_bars(
     gaits: int = 64, groups: int = 8, durations: tuple[float, ...] = (4.0, 10.0), seed: int = 2028
 ) -> Iterator[Record]:
-    """A row for each scene and horizon.
+    """A row for each scene and duration.
 
     Args:
         gaits: random gaits on each model
         groups: values of the friction coefficient
-        durations: horizons, s
+        durations: of the rollouts, s
         seed: of gaits, frequencies and friction; the rule for the bars was chosen with seeds 11, 12 and 2027
     """
     for name, duration in product(("reference", "exact"), durations):
@@ -72,12 +72,12 @@ def words(record: Record) -> str:
     """How many true errors the bars cover."""
     cells = {
         "scene": "{scene}",
-        "horizon": "{duration:g} s",
-        "step": "{dt:g} s",
-        "covered": "{covered:.0%}",
-        "median error": "{median_error:.1e} m",
-        "median bar": "{median_bar:.1e} m",
-        "median of bar / error": "{median_ratio:.1f}",
+        "duration, s": "{duration:g}",
+        "step, ms": lambda row: f"{1e3 * row['dt']:g}",
+        "rollouts covered": lambda row: f"{round(row['covered'] * row['gaits'])} of {row['gaits']}",
+        "median error, m": "{median_error:.1e}",
+        "median bar, m": "{median_bar:.1e}",
+        "median bar/error": "{median_ratio:.1f}",
     }
     return columns(record["rows"], cells)
 

@@ -92,9 +92,15 @@ def hard_cases(methods: tuple[str, ...] = tuple(METHODS), cases: tuple[str, ...]
 
 @hard_cases.table
 def words(record: Record) -> str:
-    """How many cells are what, all cells, and why some cases are refused."""
-    counts = record["counts"] | {"steps allowed to implicit methods": record["most_implicit_steps"]}
-    found, methods = [table(list(counts), [[str(count) for count in counts.values()]])], methods_of(record)
+    """How many rollouts have which verdict."""
+    counts = {name.lower(): count for name, count in record["counts"].items()}
+    return table(list(counts), [[str(count) for count in counts.values()]])
+
+
+@hard_cases.table(part="all")
+def every(record: Record) -> str:
+    """Every rollout, and why some cases are refused."""
+    found, methods = [], methods_of(record)
     for dtype in ("float64", "float32"):
         rows = [row for row in record["rows"] if row["dtype"] == dtype]
         for step, some in steps_of(methods).items():

@@ -46,6 +46,11 @@ def made_by(facts: dict, name: str, page: str = "") -> str:
     return f"\n\n`{facts['command']}`, [{folder}/{name}.json]({folder}/{name}.json)."
 
 
+def short(value: float) -> str:
+    """Two digits, without an exponent where the number is large."""
+    return f"{float(f'{value:.2g}'):g}"
+
+
 def whole_zero(value: float) -> float:
     """Without a sign where it is rounding alone."""
     return 0.0 if abs(value) < 1e-6 else value

@@ -247,19 +247,15 @@ def random_structures(
 @random_structures.table
 def words(record: Record) -> str:
     """How many rollouts each solver gives up, and how far struts are off in the others."""
-    fewest, most = record["struts"]
-    what = (
-        f"{record['structures']} structures of {fewest} to {most} struts, "
-        f"{record['duration']:g} s at {record['step']:g} s"
-    )
-    solvers = {"solved together": record["coupled"], "sweeps alone": record["sweeps"]}
+    solvers = {"coupled": record["coupled"], "sweeps": record["sweeps"]}
     cells = {
-        what: "{name}",
-        "flagged": "{flagged} of {rollouts}",
-        "not flagged, a strut off by more than 1e-6": "{off_by_more_than_1e-6}",
-        "largest share off": "{largest_stretch:.0e}",
-        "largest residual": lambda row: (
-            f"{row['largest_residual']:.0e} m/s" if row["name"] == "solved together" else "not known"
+        "solver": "{name}",
+        "rollouts": "{rollouts}",
+        "failed": "{flagged}",
+        "off": "{off_by_more_than_1e-6}",
+        "largest length error": "{largest_stretch:.0e}",
+        "largest residual, m/s": lambda row: (
+            f"{row['largest_residual']:.0e}" if row["name"] == "coupled" else "not computed"
         ),
     }
     return columns([{"name": name} | facts for name, facts in solvers.items()], cells)

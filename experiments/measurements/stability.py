@@ -158,10 +158,10 @@ def words(record: Record) -> str:
     cells = {
         "scene": "{scene}",
         "method": "{method}",
-        "largest stable step": lambda row: f"{1e3 * row['step']:.3g} ms",
+        "largest stable step, ms": lambda row: f"{1e3 * row['step']:.3g}",
         "set by": "{set_by}",
     }
-    worst = table(["method", f"largest deviation, {record['scenes']} scenes"], rows)
+    worst = table(["method", f"largest deviation, {record['scenes']} random scenes"], rows)
     return worst + "\n\n" + columns(record["limits"], cells)
 
 

@@ -83,8 +83,8 @@ def words(record: Record) -> str:
             "method": "{method}",
             "steps": "{steps}",
             "rejected": "{rejected}",
-            "wall time": "{seconds:.2f} s",
-            "error": "{error:.0e} m",
+            "wall time, s": "{seconds:.2f}",
+            "error, m": "{error:.0e}",
         },
     )
 

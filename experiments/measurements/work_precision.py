@@ -16,7 +16,7 @@ import equinox as eqx
 import jax
 import numpy as np
 from matplotlib.figure import Figure
-from pages import table
+from pages import short, table
 from work_precision_tasks import Task, tasks
 
 from jaxgrity import METHODS, Outcomes, SolverOptions, simulate_population
@@ -95,10 +95,14 @@ def words(record: Record) -> str:
     """What was allowed, and the cheapest setting of each method within that."""
     costs = record["cost_at_target"]
     cheapest = min(costs.values())
-    head = ["error of", "allowed, in the median", "distance of the two models' converged answers"]
-    about = [record["error_of"], f"{1e3 * record['target']:g} mm", f"{record['models_apart']:.1e} m"]
-    rows = [[name, f"{1e3 * cost:.3f}", f"{cost / cheapest:.1f}"] for name, cost in costs.items()]
-    costs_head = ["cheapest setting", "ms per gait and simulated second", "times the cheapest"]
+    head = ["error of", "allowed median, mm", "models apart, mm"]
+    about = [record["error_of"], f"{1e3 * record['target']:g}", short(1e3 * record["models_apart"])]
+    rows = []
+    for method in dict.fromkeys(name.rpartition(" ")[0] for name in costs):
+        found = [costs.get(f"{method} {dtype}") for dtype in ("float32", "float64")]
+        best = min(cost for cost in found if cost is not None) / cheapest
+        rows.append([method, *("-" if cost is None else short(1e3 * cost) for cost in found), short(best)])
+    costs_head = ["method", "float32, ms", "float64, ms", "best over the cheapest"]
     return f"{table(head, [about])}\n\n{table(costs_head, rows)}"
 
 

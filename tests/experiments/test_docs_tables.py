@@ -22,7 +22,7 @@ BLOCKS = {
     "docs/control.md": 16,
     "docs/files.md": 1,
     "docs/gaits.md": 13,
-    "docs/numerics.md": 12,
+    "docs/numerics.md": 13,
     "docs/terrain.md": 1,
     "docs/performance.md": 6,
     "docs/scaling.md": 3,
