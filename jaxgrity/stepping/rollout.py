@@ -50,8 +50,7 @@ def rollout(
     Args:
         scene: the scene to simulate.
         times: (frames,), s: two or more ascending times of the frames. Gaits, motors and pushes follow these times.
-        start: positions, m, and velocities, m/s, (nodes, 3) each, at the first time; by default the structure's nodes
-            at rest.
+        start: positions, m, and velocities, m/s, (nodes, 3) each, at the first time; by default the nodes at rest.
         options: solver options with a fixed step; by default the scene decides. If JAX traces the scene, pass options
             that `resolve` made for a scene with known numbers, with `SolverOptions(coupled=True)` if friction reaches
             mu = 1.
