@@ -27,8 +27,6 @@ from jaxgrity import InputError
 from jaxgrity.io.files import read_text
 
 HERE = Path(__file__).parent
-COMMAND = "python experiments/measurements/first_commands.py"
-MEASURED = HERE.parents[1] / "docs" / "measured" / "first_commands.json"
 COMMANDS = {
     "help": ("--help",),
     "simulate exact": ("simulate", "exact"),
@@ -41,29 +39,27 @@ COMMANDS = {
 """arguments of `jaxgrity`, by their names in the table; none: the first example of README.md"""
 ENDLESS = {"explore": re.compile(rb"shown after|Ctrl-C to stop")}
 """what says that a command without an end has done what a user waits for; it is interrupted then"""
-WAITED = ("first_word", "seconds", "cpu", "tracing", "compiling", "programs")
+WAITED = ("seconds", "cpu", "compiling", "programs")
 """what the table has of each: seconds, and the number of programs that were made or read"""
 
 
 @measurement(page="performance.md", quick={"commands": ("help", "README's gradient")}, raw=("rows",))
-def first_commands(commands: tuple[str, ...] = tuple(COMMANDS), before: Path | None = None) -> Iterator[Record]:
+def first_commands(commands: tuple[str, ...] = tuple(COMMANDS)) -> Iterator[Record]:
     """A row for each command, with nothing compiled before and then with what that left.
 
     Args:
         commands: names of those that are measured
-        before: first_commands.json of an earlier version, kept beside the new numbers; None: the one that is there
     """
     unknown = set(commands) - set(COMMANDS)
     if unknown:
         raise InputError(f"commands = {sorted(unknown)}: expected names among {list(COMMANDS)}")
-    others, rows = earlier(before), []
+    rows = []
     with tempfile.TemporaryDirectory() as folder:
         for name in commands:
             for state, numbers in cold_and_warm(name, Path(folder)):
                 rows.append({"name": name, "state": state, **numbers})
                 yield rows[-1]
-    # the command without its options: what is there before is found by everybody
-    return {"command": COMMAND, "commands": quoted(rows), "before": quoted(others)}
+    return {"commands": quoted(rows)}
 
 
 def quoted(rows: list[Record]) -> list[Record]:
@@ -73,26 +69,19 @@ def quoted(rows: list[Record]) -> list[Record]:
 
 @first_commands.table
 def words(record: Record) -> str:
-    """Each command cold and warm; where an earlier version was measured too, its numbers come first."""
-    head = ["command", "first word (s)", "to the end (s)", "processor (s)", "tracing (s)", "compiling (s)", "programs"]
+    """Each command, cold and warm."""
+    head = ["command", "cold, s", "warm, s", "processor cold, s", "processor warm, s", "compiling cold, s", "programs"]
+    found = {(row["name"], row["state"]): row for row in record["commands"]}
     rows = []
-    before = {(row["name"], row["state"]): row for row in record["before"]}
-    for now in record["commands"]:
-        was = before.get((now["name"], now["state"]), {})
-        cells = ((f"{to_read(was[key])} → " if was else "") + to_read(now[key]) for key in WAITED)
-        rows.append([f"{now['name']}, {now['state']}", *cells])
+    for name in dict.fromkeys(row["name"] for row in record["commands"]):
+        cold, warm = found[name, "cold"], found[name, "warm"]
+        waited = cold["seconds"], warm["seconds"], cold["cpu"], warm["cpu"], cold["compiling"], cold["programs"]
+        rows.append([name, *map(to_read, waited)])
     return table(head, rows)
 
 
 def to_read(number: float) -> str:
     return f"{number:.0f}" if number >= 10 or number == int(number) else f"{number:.1f}"
-
-
-def earlier(path: Path | None) -> list[Record]:
-    """What was measured of an earlier version; without its file, what the documentation has of one."""
-    if path is not None:
-        return json.loads(read_text(path))["commands"]
-    return json.loads(read_text(MEASURED))["before"] if MEASURED.exists() else []
 
 
 def cold_and_warm(name: str, folder: Path) -> Iterator[tuple[str, dict]]:

@@ -75,12 +75,12 @@ def words(record: Record) -> str:
     head = [f"time in rollouts of {record['short']:g} s", *map(label, cases)]
     first = record["long"][0]
     long_head = [
-        f"checkpointed reverse, {first['gaits']} gaits, {first['horizon']:g} s",
+        f"checkpointed reverse, {first['gaits']} gaits",
         *(f"{row['parameters']} parameters, {row['method']}" for row in record["long"]),
     ]
-    long = ["time in rollouts", *(f"{row['rollouts']:.1f}" for row in record["long"])]
-    memory = [[name, *(f"{x / 2**20:.1f} MiB" for x in found)] for name, found in record["memory"].items()]
-    memory_head = ["memory beside the state", *(f"{t:g} s" for t in record["lengths"])]
+    long = [f"time in rollouts of {first['horizon']:g} s", *(f"{row['rollouts']:.1f}" for row in record["long"])]
+    memory = [[name, *(f"{x / 2**20:.1f}" for x in found)] for name, found in record["memory"].items()]
+    memory_head = ["memory, MiB", *(f"rollout of {t:g} s" for t in record["lengths"])]
     return "\n\n".join([table(head, rows), table(long_head, [long]), table(memory_head, memory)])
 
 

@@ -97,14 +97,14 @@ def scattered() -> Scene:
 @threads.table
 def words(record: Record) -> str:
     """What a step costs beside other work."""
-    said = {"spine": "a spine of tetrahedra on the ground", "random": "random struts with cables"}
+    said = {"spine": "spine of tetrahedra", "random": "random structure"}
     rows = []
     for scene, solver in dict.fromkeys((row["scene"], row["solver"]) for row in record["rows"]):
         mine = [row for row in record["rows"] if (row["scene"], row["solver"]) == (scene, solver)]
-        size = f"{said[scene]}: {mine[0]['struts']} struts between {mine[0]['nodes']} nodes"
+        size = f"{said[scene]}, {mine[0]['struts']} struts"
         rows.append([size, solver, *(f"{row['milliseconds']:.2f}" for row in mine)])
-    beside = f"with {record['cores']} busy processes beside it"
-    return table(["structure", "dense systems", "ms a step, idle machine", beside], rows)
+    beside = f"beside {record['cores']} busy processes, ms/step"
+    return table(["structure", "systems solved", "idle machine, ms/step", beside], rows)
 
 
 if __name__ == "__main__":
