@@ -14,6 +14,11 @@ from jaxgrity.core.types import AnyArray, PerActuator, PerMember, Scalar, Times,
 from jaxgrity.model.motors import wound
 from jaxgrity.model.structure import Members, Structure
 
+SAMPLES = 96
+"""Fewest samples of a wave in which its steepest slope is sought."""
+SAMPLES_OF_A_SINE = 19
+"""Fewest samples in a period of its highest overtone: the slope is then right to a thousandth."""
+
 
 class Overtone(eqx.Module):
     """One more sine in every member's rest length, at a multiple of the gait's frequency."""
@@ -208,16 +213,16 @@ def check_fit(gait: Gait, structure: Structure) -> None:
             )
 
 
-def peak_rates(gait: Gait, rest_lengths: PerMember, samples: int = 96) -> PerActuator:
+def peak_rates(gait: Gait, rest_lengths: PerMember) -> PerActuator:
     """Largest |dL/dt| of each actuated member over a period after the ramp, m/s; also for a population.
 
     It is L0 delta/2 2 pi f max |s'|, with the wave's derivative s' with respect to its angle. For a single sine,
-    max |s'| is 1. With overtones it comes from `samples` of the wave, and parabolas through them. Samples begin at the
+    max |s'| is 1. With overtones it comes from samples of the wave, and parabolas through them. Samples begin at the
     phase of the first harmonic, so the result depends only on the wave's shape. `rest_lengths` are L0, (actuators,), m.
     """
     steepest: PerActuator | float = 1.0
     if gait.overtones:
-        xp = namespace_of(gait.phase)
+        xp, samples = namespace_of(gait.phase), max(SAMPLES, SAMPLES_OF_A_SINE * (1 + len(gait.overtones)))
         angles = np.linspace(0, 2 * np.pi, samples, endpoint=False).reshape(-1, *[1] * np.ndim(gait.phase))
         angles = angles.astype(gait.phase.dtype)
         slope = xp.cos(angles) + 0 * gait.phase

@@ -9,7 +9,8 @@ from jaxgrity.model.actuation import Overtone, contraction, peak_rates
 
 
 def test_peak_rates_are_those_of_the_rest_lengths():
-    """max |dL/dt| over a period by small differences in time: of single sines, and of Fourier series; of many gaits."""
+    """max |dL/dt| over a period by small differences in time: of single sines, and of Fourier series,
+    short and long; of many gaits."""
     amplitude, frequency, lengths = np.array([0.3, 0.1]), np.array([0.5, 0.8]), np.array([1.0, 0.6])
     overtone = Overtone(np.array([0.4, 0.2]), np.array([0.3, 2.0]))
     for overtones in ((), (overtone,)):
@@ -18,6 +19,12 @@ def test_peak_rates_are_those_of_the_rest_lengths():
         shortened = np.asarray(jax.vmap(lambda t, gait=gait: contraction(gait, t))(times))
         steepest = lengths * np.abs(np.diff(shortened, axis=0)).max(0) / (times[1] - times[0])
         np.testing.assert_allclose(peak_rates(gait, lengths), steepest, rtol=2e-4)
+    draw, angle = np.random.default_rng(0), np.linspace(0, 2 * np.pi, 40001)[:, None]
+    many = tuple(Overtone(draw.uniform(0, 0.7, 2), draw.uniform(0, 6, 2)) for _ in range(20))
+    slope = np.cos(angle) + sum(h * each.size * np.cos(h * angle + each.phase) for h, each in enumerate(many, start=2))
+    steepest = np.abs(slope).max(0) / (1 + sum(each.size for each in many))
+    rich = Gait((0, 1), np.zeros(2), amplitude, frequency, overtones=many)
+    np.testing.assert_allclose(peak_rates(rich, lengths), lengths * amplitude * np.pi * frequency * steepest, rtol=1e-3)
     several = jax.tree.map(lambda x: np.stack([x, x]) if np.ndim(x) else x, gait)
     np.testing.assert_array_equal(peak_rates(several, lengths), np.stack([peak_rates(gait, lengths)] * 2))
 
