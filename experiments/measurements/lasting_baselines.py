@@ -118,24 +118,36 @@ def told(answers: list[Record]) -> list[Record]:
 
 @lasting_baselines.table
 def words(record: Record) -> str:
-    """Steady speeds of each search's answers, and how much each could try."""
+    """Steady speeds of each search's answers, before and after either polish, and how much each could try."""
+    found = {(row["freedom"], row["method"]): row for row in record["rows"]}
     rows = [
         [
-            row["method"],
-            {"waves": "waves", "free": "any"}[row["freedom"]],
-            f"{row['stood']} of {row['seeds']}",
-            f"{row['median']:.3f}",
-            f"{row['quartiles'][0]:.3f} to {row['quartiles'][1]:.3f}",
+            {"waves": "waves", "free": "free"}[freedom],
+            method,
+            f"{row['median']:.3f} ({row['quartiles'][0]:.3f} to {row['quartiles'][1]:.3f})",
             f"{row['other']:.3f}",
-            "" if row["kept"] is None else f"{row['kept']} of {row['seeds']}",
+            *(polished(found.get((freedom, f"{method}, polish {kind}"))) for kind in POLISH),
         ]
-        for row in record["rows"]
+        for (freedom, method), row in found.items()
+        if row["kept"] is None
     ]
-    head = ["search", "gaits", "seeds, no robot failed", "steady speed, body lengths/s: median", "quartiles"]
-    head += ["on the other model: median", "polish kept"]
-    about = [str(record["gaits"]), f"{record['duration']:g} s", str(record["polish"])]
-    settings = table(["gaits that each search tries", "duration", "rollouts for polish"], [about])
+    head = ["gaits", "search", "steady speed, body lengths/s (quartiles)", "on the other contact model"]
+    head += [f"after polish, {kind}" for kind in POLISH]
+    stood, seeds = (sum(row[name] for row in record["rows"]) for name in ("stood", "seeds"))
+    about = [str(record["gaits"]), f"{record['duration']:g} s", str(record["polish"]), f"{stood} of {seeds}"]
+    head_of = [
+        "gaits that each search tries",
+        "duration",
+        "rollouts for each polish",
+        "answers of which no robot failed",
+    ]
+    settings = table(head_of, [about])
     return f"{table(head, rows)}\n\n{settings}"
+
+
+def polished(row: Record | None) -> str:
+    """The median speed, and on how many seeds the polished gait was kept."""
+    return "-" if row is None else f"{row['median']:.3f} (kept: {row['kept']} of {row['seeds']})"
 
 
 def tried(problem: SearchProblem, genes: np.ndarray, seed: int) -> np.ndarray:

@@ -49,8 +49,8 @@ def words(record: Record) -> str:
     """What each search found, and the speed of the library's gait."""
     cells = {
         "search of": "`{gait}`",
-        "the library's gait then, body lengths/s": "{library:.3f}",
-        "found by its command": lambda row: "no orbit" if row["found"] is None else f"{row['found']:.3f}",
+        "steady speed found, body lengths/s": lambda row: "no orbit" if row["found"] is None else f"{row['found']:.3f}",
+        "as a share of the library's gait at that time": lambda row: f"{(row['found'] or 0) / row['library']:.0%}",
     }
     return columns(record["rows"], cells)
 

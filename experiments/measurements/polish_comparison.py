@@ -154,15 +154,15 @@ def compared_ways(answers: list[Record], rollouts: int) -> list[Record]:
 def words(record: Record) -> str:
     """What each way gained, and what it could spend."""
     head = [
-        "continued by", "fitness gained, body lengths/s: median (quartiles)", "better than the start", "worse",
-        "beats a longer search", "kept", "rollouts",
+        "continued by", "fitness gained, body lengths/s: median (quartiles)", "mean speed gained: median",
+        "better, worse than the start", "beats a longer search", "kept", "rollouts",
     ]  # fmt: skip
     rows = [
         [
             row["way"],
             f"{row['gain']:+.3f} ({row['quartiles'][0]:+.3f} to {row['quartiles'][1]:+.3f})",
-            f"{row['better']} of {record['seeds']}",
-            f"{row['worse']}",
+            f"{row['gain_of_mean']:+.3f}",
+            f"{row['better']}, {row['worse']} of {record['seeds']}",
             "-" if row["way"] == "search runs on" else f"{row['beats']} of {record['seeds']}",
             "-" if row["kept"] is None else f"{row['kept']}",
             f"{row['spent']:.0f}",

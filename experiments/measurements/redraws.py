@@ -124,12 +124,13 @@ def fitness_of(each: np.ndarray) -> np.ndarray:
 
 @redraws.table
 def words(record: Record) -> str:
-    """How many of the ranges cover, by statistic and contact model; 95 % are meant to."""
+    """How many of the ranges cover the truth, by statistic and contact model; 95 % should."""
     covered: dict[str, dict[str, float]] = {}
     for row in record["rows"]:
         covered.setdefault(row["statistic"], {})[row["contact"]] = row["covered"]
     contacts = list(dict.fromkeys(row["contact"] for row in record["rows"]))
-    head = [f"of {record['draws']} ensembles of {record['robots']} robots, ranges that cover", "meant to", *contacts]
+    about = f"{record['draws']} ensembles of {record['robots']} robots"
+    head = ["range of", "should cover the truth", *(f"covers it ({contact} contact, {about})" for contact in contacts)]
     return table(head, [[name, "95 %", *(f"{100 * x[c]:.0f} %" for c in contacts)] for name, x in covered.items()])
 
 

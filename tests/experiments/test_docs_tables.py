@@ -12,7 +12,8 @@ import update_docs
 from compact_json import laid_out, rounded, save_compact
 from pages import filled, table
 
-from jaxgrity import InputError, gait_record, load_gait
+from jaxgrity import InputError, SearchConfig, gait_record, load_gait
+from jaxgrity.cli.settings import UncertaintySettings
 
 ROOT = Path(__file__).parents[2]
 MEASURED = ROOT / "docs" / "measured"
@@ -63,6 +64,14 @@ def test_every_block_is_a_table_or_a_list_of_commands():
     for mark, words in blocks.items():
         for line in words.splitlines():
             assert re.fullmatch(known, line), (mark, line)
+
+
+def test_half_widths_of_the_page_are_the_defaults():
+    """What "robust" means on docs/search.md is what a search and its command take."""
+    page = (ROOT / "docs" / "search.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\|.*\| `--uncertainty\.(\S+)` \| ([\d.]+)", page, re.MULTILINE)
+    written = {name.replace("-", "_"): float(value) for name, value in rows}
+    assert written == vars(SearchConfig().uncertainty) == vars(UncertaintySettings())
 
 
 def test_measured_files_hold_what_pages_quote():
