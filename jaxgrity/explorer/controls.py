@@ -7,6 +7,7 @@ import equinox as eqx
 import numpy as np
 
 from jaxgrity.core.errors import InputError
+from jaxgrity.core.types import AnyArray
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import edge_lengths
 
@@ -25,6 +26,16 @@ class Knob(NamedTuple):
     """as the scene has it"""
     hint: str
 
+    @property
+    def place(self) -> float:
+        """Where its slider stands at first: on a step, within the ends."""
+        return float(np.clip(np.round(self.value / self.step) * self.step, self.low, self.high))
+
+    def at(self, slider: float) -> float:
+        """The number for a place of the slider: the scene's own, to the last bit, while it has not been moved."""
+        unmoved = slider == self.place or not np.isfinite(slider)
+        return self.value if unmoved else float(np.clip(slider, self.low, self.high))
+
 
 def knobs(scene: Scene) -> tuple[Knob, ...]:
     """The adjustable numbers of a scene: only those it has. Raises `InputError` without a gait."""
@@ -33,23 +44,37 @@ def knobs(scene: Scene) -> tuple[Knob, ...]:
         raise InputError("the scene has no [gait]; the explorer expected one to play with")
     most, fastest = float(np.max(gait.amplitude)), float(np.max(gait.frequency))
     found = [
-        Knob("amplitude", 0.0, max(0.6, most), 0.01, most, "of the strongest member; the others go along"),
-        Knob("frequency (Hz)", 0.1, max(2.0, 2 * fastest), 0.01, fastest, "of the fastest member"),
+        Knob("amplitude", 0.0, max(0.6, most), _step(most), most, "of the strongest member; the others go along"),
+        Knob(
+            "frequency (Hz)",
+            min(0.1, fastest / 2),
+            max(2.0, 2 * fastest),
+            _step(fastest),
+            fastest,
+            "of the fastest member",
+        ),
     ]
     if scene.friction is not None:
         mu = float(np.max(np.asarray(scene.friction.sliding_mu)))
-        found.append(Knob("friction", 0.0, max(1.5, 2 * mu), 0.01, mu, "coefficient of a node that slides"))
+        found.append(Knob("friction", 0.0, max(1.5, 2 * mu), _step(mu), mu, "coefficient of a node that slides"))
     if scene.gravity is not None and scene.up is None:
         found.append(Knob("incline (degrees)", -15.0, 15.0, 0.5, 0.0, "more than the scene's own; it falls towards +x"))
     if cables is not None:
         strain = _prestrain(scene)
         if strain > 0:
-            found.append(Knob("prestress", 0.0, min(0.8, 2 * strain), 0.01, strain, "strain of the cables as built"))
+            found.append(
+                Knob("prestress", 0.0, min(0.8, 2 * strain), _step(strain), strain, "strain of the cables as built")
+            )
         found.append(Knob("cable stiffness", 0.5, 2.0, 0.05, 1.0, "times what the scene says"))
     phases = np.mod(np.asarray(gait.phase, float), 2 * np.pi)
     for member, phase in zip(gait.members, phases) if len(phases) <= 12 else ():
         found.append(Knob(f"phase of {member} (rad)", 0.0, LARGEST_PHASE, 0.01, float(phase), "of this member's sine"))
     return tuple(found)
+
+
+def _step(value: float) -> float:
+    """Step of a slider: 0.01, or less where the scene's own number is small, so that it is some 20 steps from 0."""
+    return min(0.01, float(10.0 ** np.floor(np.log10(value / 20)))) if value > 0 else 0.01
 
 
 def adjusted(scene: Scene, values: dict[str, float]) -> Scene:
@@ -58,22 +83,29 @@ def adjusted(scene: Scene, values: dict[str, float]) -> Scene:
     Only arrays of the same shapes change: a program compiled for one setting serves all others.
     """
     own = {knob.name: knob.value for knob in knobs(scene)}
-    ratio = {name: values.get(name, value) / value if value else 1.0 for name, value in own.items()}
+
+    def scaled(numbers: AnyArray, name: str) -> np.ndarray:
+        """The numbers in the knob's ratio to the scene's own; all of them the knob's where these are 0."""
+        to, numbers = values.get(name, own[name]), np.asarray(numbers)
+        return np.asarray(numbers * (to / own[name])) if own[name] else np.full_like(numbers, to)
+
     gait, friction, structure = scene.gait, scene.friction, scene.structure
     assert gait is not None, "`knobs` refuses a scene without a gait"
     phase = [values.get(f"phase of {m} (rad)", p) for m, p in zip(gait.members, np.asarray(gait.phase, float))]
     gait = dataclasses.replace(
         gait,
         phase=np.array(phase),
-        amplitude=np.asarray(gait.amplitude) * ratio["amplitude"],
-        frequency=np.asarray(gait.frequency) * ratio["frequency (Hz)"],
+        amplitude=scaled(gait.amplitude, "amplitude"),
+        frequency=scaled(gait.frequency, "frequency (Hz)"),
     )
-    if "friction" in ratio and friction is not None:
+    if "friction" in own and friction is not None:
         names = [field.name for field in dataclasses.fields(friction) if field.name.startswith("mu")]
-        rough = {name: np.asarray(getattr(friction, name)) * ratio["friction"] for name in names}
-        friction = dataclasses.replace(friction, **rough)
+        friction = dataclasses.replace(
+            friction, **{name: scaled(getattr(friction, name), "friction") for name in names}
+        )
     if structure.cables is not None:
-        cables = _tightened(scene, ratio.get("prestress", 1.0), ratio["cable stiffness"])
+        strain = values.get("prestress", own["prestress"]) / own["prestress"] if "prestress" in own else 1.0
+        cables = _tightened(scene, strain, values.get("cable stiffness", 1.0))
         structure = eqx.tree_at(lambda s: s.cables, structure, cables)
     up = scene.up
     if "incline (degrees)" in own:

@@ -14,7 +14,9 @@ from jaxgrity.explorer.session import Rolled
 from jaxgrity.io.files import plain
 from jaxgrity.io.gait_library import gait_facts
 from jaxgrity.io.scene_writing import scene_toml
+from jaxgrity.model.external import Push, Wind
 from jaxgrity.model.scene import Scene
+from jaxgrity.model.shaking import Shaking
 from jaxgrity.report.animation import animate
 from jaxgrity.report.view import replay
 
@@ -38,7 +40,8 @@ def scene_text_of(rolled: Rolled, scene: str) -> bytes:
 def upright(scene: Scene) -> Scene:
     """The scene turned about the y axis until up is z again; its plane is inclined by as much more.
 
-    A scene whose gravity leans another way, or whose ground is no plane, is left as it is where it leans at all.
+    Winds, pushes and shaking turn with it. A scene whose gravity leans another way, whose ground is no plane, or with
+    supports along some axes alone, is left as it is where it leans at all.
     """
     if scene.up is None:
         return scene
@@ -46,13 +49,24 @@ def upright(scene: Scene) -> Scene:
     lean = math.atan2(-x, z)
     if lean == 0 and y == 0:
         return dataclasses.replace(scene, up=None)
-    if y or scene.ground is None or scene.ground.surface is not None:
+    free = scene.structure.free
+    if y or scene.ground is None or scene.ground.surface is not None or np.any(free.any(1) & ~free.all(1)):
         return scene
     turn = np.array([[math.cos(lean), 0, math.sin(lean)], [0, 1, 0], [-math.sin(lean), 0, math.cos(lean)]])
     structure = dataclasses.replace(scene.structure, nodes=np.asarray(scene.structure.nodes) @ turn.T)
     inclined: dict[str, Any] = {"incline": scene.ground.incline + lean}
     ground = dataclasses.replace(scene.ground, **inclined)
-    return dataclasses.replace(scene, structure=structure, ground=ground, up=None)
+    terms = tuple(_turned(term, turn) for term in scene.terms)
+    shaking = _turned(scene.shaking, turn)
+    return dataclasses.replace(scene, structure=structure, ground=ground, up=None, terms=terms, shaking=shaking)
+
+
+def _turned(part: Any, turn: np.ndarray) -> Any:
+    """A law, or the motion of supports, with its direction turned."""
+    for kind, name in ((Wind, "velocity"), (Push, "force"), (Shaking, "amplitude")):
+        if isinstance(part, kind):
+            return dataclasses.replace(part, **{name: np.asarray(getattr(part, name)) @ turn.T})
+    return part
 
 
 def replay_file(rolled: Rolled, scene: str) -> bytes:

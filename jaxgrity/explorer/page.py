@@ -102,12 +102,9 @@ class Page:
 
     @property
     def values(self) -> dict[str, float]:
-        """The sliders' values, cut at their bounds."""
+        """The sliders' values, cut at their bounds; the scene's own where a slider has not been moved."""
         known = {} if self._robot is None else {knob.name: knob for knob in self._robot.knobs}
-        return self._found | {
-            name: float(np.clip(np.nan_to_num(slider.value, nan=known[name].value), known[name].low, known[name].high))
-            for name, slider in self.sliders.items()
-        }
+        return self._found | {name: known[name].at(slider.value) for name, slider in self.sliders.items()}
 
     def _choose(self, event: Any) -> None:
         """Another robot; the page's own choices come without a client."""
@@ -154,8 +151,7 @@ class Page:
                 self.sliders = {knob.name: self._slider(knob) for knob in robot.knobs}
 
     def _slider(self, knob: Any) -> Any:
-        value = float(np.clip(np.round(knob.value / knob.step) * knob.step, knob.low, knob.high))
-        slider = self._server.gui.add_slider(knob.name, knob.low, knob.high, knob.step, value, hint=knob.hint)
+        slider = self._server.gui.add_slider(knob.name, knob.low, knob.high, knob.step, knob.place, hint=knob.hint)
         slider.on_update(lambda event: self._wanted.set())
         return slider
 

@@ -41,6 +41,11 @@ def page(server):
     made.stop()
 
 
+def held(structure, axes):
+    """The structure with a support at node 0."""
+    return dataclasses.replace(structure, fixed=((0, axes),))
+
+
 def settled(page):
     """Once the error bar of the last rollout is there."""
     wait_for(lambda: "±" in page.words and "…" not in page.words, "a rollout with its error bar")
@@ -91,6 +96,28 @@ def test_knobs_reach_what_the_scene_has(exact):
     fast = dataclasses.replace(exact.gait, frequency=np.full(6, 9.0), amplitude=np.full(6, 0.7))
     for knob in knobs(jaxgrity.with_gait(exact, fast)):
         assert knob.low <= knob.value <= knob.high, knob
+
+
+def test_sliders_that_nobody_moved_show_the_scene(exact):
+    """A slow gait of small strokes and hardly any prestress are between the steps of sliders; zeros can be raised."""
+    cables, phase = exact.structure.cables, np.linspace(0.003, 6.282, 6)
+    built = jaxgrity.edge_lengths(exact.structure.nodes, cables.edges)
+    slow = dataclasses.replace(exact.gait, frequency=np.full(6, 0.0407), amplitude=np.full(6, 0.0033), phase=phase)
+    structure = dataclasses.replace(exact.structure, cables=dataclasses.replace(cables, rest_length=0.9963 * built))
+    scene = dataclasses.replace(exact, structure=structure, gait=slow)
+    known = {knob.name: knob for knob in knobs(scene)}
+    shown = adjusted(scene, {name: knob.at(knob.place) for name, knob in known.items()})
+    for part in ("frequency", "amplitude", "phase"):
+        np.testing.assert_array_equal(getattr(shown.gait, part), getattr(slow, part))
+    np.testing.assert_allclose(shown.structure.cables.rest_length, 0.9963 * built, rtol=1e-15)
+    assert known["frequency (Hz)"].low < 0.0407
+    assert all(knob.place > 0 for name, knob in known.items() if not name.startswith(("phase", "incline")))
+
+    smooth = dataclasses.replace(exact, friction=jaxgrity.ConeFriction(0.0))
+    still = jaxgrity.with_gait(smooth, dataclasses.replace(exact.gait, amplitude=np.zeros(6)))
+    raised = adjusted(still, {"friction": 0.4, "amplitude": 0.2})
+    assert float(raised.friction.mu) == 0.4
+    np.testing.assert_array_equal(raised.gait.amplitude, np.full(6, 0.2))
 
 
 def test_the_incline_leads_downhill(exact):
@@ -258,7 +285,11 @@ def test_a_scene_that_leans_is_saved_with_an_inclined_plane(exact):
     """It moves as the one that is shown does, seen from a frame that is turned."""
     lean = np.radians(10.0)
     up = np.array([-np.sin(lean), 0.0, np.cos(lean)])
-    leaning = dataclasses.replace(exact, up=up)
+    blown = jaxgrity.with_terms(
+        exact, jaxgrity.wind([3.0, 1.0, 0.0], np.full(12, 0.05), 12), jaxgrity.Push((0,), [[9.0, 0, 0]], 0.1, 0.2)
+    )
+    leaning = dataclasses.replace(blown, up=up)
+    assert upright(dataclasses.replace(leaning, structure=held(exact.structure, "z"))).up is not None
     saved = jaxgrity.parse_scene(scene_toml(upright(leaning)))
     assert saved.up is None
     ends = [np.asarray(jaxgrity.simulate(scene, 1.5).positions[-1]) for scene in (leaning, saved)]
