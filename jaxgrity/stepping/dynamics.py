@@ -37,12 +37,15 @@ def _accelerated(scene: Scene, t: Scalar, force: NodeVectors) -> NodeVectors:
     return carried + inertia.accelerations(scene.structure, force - inertia.momenta(scene.structure, carried))
 
 
-def support_forces(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors) -> NodeVectors:
+def support_forces(
+    scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors, held: NodeVectors | float = 0.0
+) -> NodeVectors:
     """M a - F along the fixed coordinates, (nodes, 3), N: the supports' forces on the nodes, from forces alone.
 
-    The impulses of rigid struts and exact contact are not in it: `reactions` has both.
+    Of rigid struts and bodies it has the forces that are `held` (`held_forces`). The impulses of these and of exact
+    contact are not in it: `reactions` has both.
     """
-    force = total_force(scene, t, q, v)
+    force = total_force(scene, t, q, v) + held
     moved = inertia.momenta(scene.structure, _accelerated(scene, t, force))
     return inertia.held(scene.structure, moved - force)
 

@@ -27,17 +27,32 @@ RETURNS = 10.0
 
 def held_vector_field(t: Scalar, state: State, scene: Scene) -> State:
     """`vector_field` of a scene with rigid bodies and struts; without any it is the same."""
-    edges = held_edges(scene)
-    if not edges:
+    if not held_edges(scene):
         return vector_field(t, state, scene)
-    q, v = state
     velocity, a = vector_field(t, state, scene)
+    return velocity, a + accelerations(scene.structure, _forces(scene, state, held_pulls(scene, t, state, a)))
+
+
+def held_forces(scene: Scene, t: Scalar, state: State) -> NodeVectors | float:
+    """(nodes, 3), N: the forces that keep rigid bodies and struts, on the nodes; 0.0 where there are none."""
+    if not held_edges(scene):
+        return 0.0
+    return _forces(scene, state, held_pulls(scene, t, state, vector_field(t, state, scene)[1]))
+
+
+def held_pulls(scene: Scene, t: Scalar, state: State, a: NodeVectors) -> PerMember:
+    """lambda, N/m, of `held_edges`: the tension of each over its length, where other forces accelerate nodes by `a`."""
+    (q, v), edges = state, held_edges(scene)
     d, rates = edge_vectors(q, edges), edge_vectors(v, edges)
     rate = RETURNS / time_scale(scene)
     off, growing = (dot(d, d) - held_lengths(scene, t) ** 2) / 2, dot(d, rates)
     wanted = dot(d, edge_vectors(a, edges)) + dot(rates, rates) + 2 * rate * growing + rate**2 * off
-    pulls = _multipliers(scene, d, wanted)
-    return velocity, a - accelerations(scene.structure, accumulate(scale(d, pulls), edges, len(q)))
+    return _multipliers(scene, d, wanted)
+
+
+def _forces(scene: Scene, state: State, pulls: PerMember) -> NodeVectors:
+    (q, _), edges = state, held_edges(scene)
+    return -accumulate(scale(edge_vectors(q, edges), pulls), edges, len(q))
 
 
 def _multipliers(scene: Scene, d: NodeVectors, wanted: PerMember) -> PerMember:

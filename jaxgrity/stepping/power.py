@@ -29,10 +29,11 @@ Work = dict[str, jax.Array]
 """J of the actuators and of each cause of dissipation; N s and N m s, (3,), of the forces from outside"""
 
 
-def powers(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors) -> Work:
+def powers(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors, pulled: NodeVectors | float = 0.0) -> Work:
     """W: of the actuators, dU/dt, and of each cause of dissipation in the scene, v·dR/dv.
 
-    Also "impulse" and "moment": the external force, N, and the external moment about the origin, N m.
+    `pulled` are the forces of rigid struts and bodies on nodes (`held_forces`). Also "impulse" and "moment": the
+    external force, N, and the external moment about the origin, N m.
     """
     normal_force = scene.normal_force(q, v)
     outside = outside_force(scene, t, q, v, normal_force)
@@ -45,7 +46,7 @@ def powers(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors) -> Work:
             _book(found, law.cause, -inner(jnp.ones_like(v[:, 0]), dot(v, force)))
             outside = outside + force
     if scene.structure.fixed:
-        reaction = support_forces(scene, t, q, v)
+        reaction = support_forces(scene, t, q, v, pulled)
         outside = outside + reaction
         if scene.shaking is not None:
             _book(found, "supports", -inner(jnp.ones_like(v[:, 0]), dot(v, reaction)))

@@ -119,6 +119,21 @@ def test_a_rod_that_hangs_carries_itself_and_what_hangs_from_it():
     np.testing.assert_allclose(jaxgrity.reactions(scene, motion), forces.supports)
 
 
+@pytest.mark.slow
+def test_a_rod_that_swings_pulls_as_its_multiplier_says():
+    """A rod of 2 kg with 1 kg at its end, let go level: by its energy, w^2 = 2.4 g sin(angle) for a length of 1 m."""
+    scene = Scene(rod([[0, 0, 0], [1, 0, 0]], [0.0, 1.0], 2.0, fixed=((0, "xyz"),)), G)
+    options = SolverOptions(method="rk4", dt=STEP)
+    motion = jaxgrity.simulate(scene, 0.5, options=options)
+    forces, down = jaxgrity.forces_along(scene, motion), -np.asarray(motion.positions)[:, 1, 2]
+    np.testing.assert_allclose(forces.tension[:, 0], 6 * G * down, atol=1e-5)
+    along = np.einsum("fk,fk->f", forces.supports[:, 0], np.asarray(motion.positions)[:, 1])
+    np.testing.assert_allclose(along, -7.8 * G * down, atol=1e-5)
+    np.testing.assert_allclose(forces.supports[0, 0], [0, 0, 0.6 * G], atol=1e-9)
+    audit = jaxgrity.energy_audit(scene, 0.5, options=options)
+    assert max(audit.momentum_residual.max(), audit.angular_residual.max()) < 1e-6
+
+
 @pytest.mark.parametrize(
     "dtype", [pytest.param("float32", marks=pytest.mark.campaign), pytest.param("float64", marks=pytest.mark.slow)]
 )
