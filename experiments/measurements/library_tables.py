@@ -3,7 +3,8 @@
 import numpy as np
 from pages import columns, made_by, table, whole_zero
 
-from jaxgrity import gait_names, gait_record, with_error
+from jaxgrity import Gait, gait_names, gait_record, load_gait, load_scene, with_error
+from jaxgrity.model.actuation import contraction
 
 Facts = dict
 
@@ -28,11 +29,9 @@ def gait_search_table(facts: Facts) -> str:
     steady, size = facts["steady"], facts["steady"]["body_length"]
     perturbed = [_of_robots(mean / size, robots, size) for mean, robots in _ensembles(steady)]
     rows = [
-        ["steady speed", f"**{_speed(steady)} body lengths/s**"],
-        ["settles after", f"{steady['settled_after']:.0f} s"],
-        ["128 perturbed robots, mean (standard deviation)", f"{perturbed[0]} body lengths/s"],
-        ["the same on the other contact model", f"{perturbed[1]} body lengths/s"],
-        ["peaks of an actuator", _peaks(steady["cycle"])],
+        ["steady speed", f"**{_speed(steady)} body lengths/s**, after {steady['settled_after']:.0f} s"],
+        ["128 perturbed robots, on exact and on penalty contact", ", ".join(perturbed)],
+        ["a motor needs in a cycle, and from the start on", f"{_peaks(steady['cycle'])}; {_peaks(facts['actuators'])}"],
     ]  # fmt: skip
     return table(["the gait that `make gait` finds", "measured"], rows) + made_by(facts, "gait_search", "README.md")
 
@@ -101,19 +100,33 @@ def _multiplier(steady: Facts) -> str:
 def gaits_table() -> str:
     """The most important numbers of the gaits that come with the library, from their records in the package."""
     head = [
-        "gait", "speed, body lengths/s", "turning, °/body length", "settles after, s", "peak power, W",
-        "perturbed robots, body lengths/s",
+        "gait", "motion, largest stroke", "speed, body lengths/s", "turning, °/body length", "settles after, s",
+        "peak power, W", "128 perturbed robots",
     ]  # fmt: skip
     rows = []
-    for name in gait_names():
-        steady, size = gait_record(name)["steady"], gait_record(name)["steady"]["body_length"]
+    # those that roll first, the fastest of each kind first
+    order = lambda name: (gait_record(name)["motion"]["kind"] != "rolls", -gait_record(name)["steady"]["speed"])  # noqa: E731
+    for name in sorted(gait_names(), key=order):
+        record, gait = gait_record(name), load_gait(name)
+        steady, size = record["steady"], record["steady"]["body_length"]
         mean, robots = _ensembles(steady)[0]
-        uphill = "along_heading" in steady and steady["along_heading"] is not None
+        along = steady.get("along_heading")
+        scene = load_scene(record["scene"])
+        slope = np.degrees(scene.ground.incline)
+        moved = "struts" if gait.members[0] < scene.structure.first_cable else "cables"
         rows.append([
-            f"`{name}`", _speed(steady), "-" if uphill else _bend(steady), f"{steady['settled_after']:.0f}",
-            _with_bar(steady["cycle"], "peak_power", 0), _of_robots(mean / size, robots, size) + " uphill" * uphill,
+            f"`{name}`", f"{record['motion']['kind']}; {moved}, {100 * _stroke(gait):.0f} %",
+            _speed(steady) if along is None else f"{along['speed'] / size:.2f} up {slope:.0f}°",
+            "-" if along is not None else _bend(steady), f"{steady['settled_after']:.0f}",
+            _with_bar(steady["cycle"], "peak_power", 0), _of_robots(mean / size, robots, size),
         ])  # fmt: skip
     return table(head, rows)
+
+
+def _stroke(gait: Gait) -> float:
+    """By which share of its length the member that moves most is shortened at most."""
+    times = float(gait.start + gait.ramp) + np.arange(200) / 200 / float(np.min(gait.frequency))
+    return max(float(np.max(contraction(gait, t))) for t in times)
 
 
 def full_gaits_table() -> str:
