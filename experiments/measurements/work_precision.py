@@ -102,7 +102,7 @@ def words(record: Record) -> str:
         found = [costs.get(f"{method} {dtype}") for dtype in ("float32", "float64")]
         best = min(cost for cost in found if cost is not None) / cheapest
         rows.append([method, *("-" if cost is None else short(1e3 * cost) for cost in found), short(best)])
-    costs_head = ["method", "float32, ms", "float64, ms", "best over the cheapest"]
+    costs_head = ["method", "float32, ms", "float64, ms", "times the cheapest"]
     return f"{table(head, [about])}\n\n{table(costs_head, rows)}"
 
 

@@ -115,6 +115,9 @@ def resolve(
 ) -> ResolvedOptions:
     """Complete the options for a scene, and refuse those that cannot work before anything compiles.
 
+    Call it once, outside `jit` and `grad`: it chooses method and step from known numbers, which traced ones do not
+    change later.
+
     Args:
         scene: the scene to simulate.
         duration: simulated time, s.
