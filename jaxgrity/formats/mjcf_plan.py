@@ -34,6 +34,8 @@ class Plan(NamedTuple):
     node_mass: np.ndarray
     """kg, without the rods of bodies"""
     actuated: tuple[int, ...]
+    balls: dict[int, float]
+    """radius, m, of each node that can touch the ground"""
 
 
 @typed
@@ -81,7 +83,7 @@ def plan_of(scene: Scene) -> tuple[Plan, list[str]]:
     mass = np.asarray(structure.node_mass, float)
     nodes, held = np.asarray(structure.nodes, float), {node for node, _ in structure.fixed}
     if struts is None:
-        return Plan(structure, frozenset(), (), _with_halves(mass, structure.cables), actuated), notes
+        return Plan(structure, frozenset(), (), _with_halves(mass, structure.cables), actuated, _balls(scene)), notes
     rod = np.zeros(len(struts.edges)) if struts.mass is None else np.asarray(struts.mass, float)
     may = [
         k for k in range(len(rod)) if (struts.rigid or rod[k]) and k not in actuated and not held & {*struts.edges[k]}
@@ -108,7 +110,17 @@ def plan_of(scene: Scene) -> tuple[Plan, list[str]]:
         notes.append("the mass of cables, and of struts that are springs there, is at their ends, half at each")
     mass = _with_halves(_with_halves(mass, kept), structure.cables)
     springs = Structure(nodes, np.ones(len(mass)), struts, structure.cables, fixed=structure.fixed)
-    return Plan(springs, frozenset(rigid), tuple(found), mass, actuated), notes
+    balls = _balls(scene)
+    if any(balls.get(node) for body in found for node in body):
+        notes.append("balls at the ends of rods turn with these there, and slide here")
+    return Plan(springs, frozenset(rigid), tuple(found), mass, actuated, balls), notes
+
+
+def _balls(scene: Scene) -> dict[int, float]:
+    balls = None if scene.ground is None else scene.ground.balls
+    if balls is None:
+        return dict.fromkeys(range(len(scene.structure.nodes)), 0.0)
+    return dict(zip(balls.nodes, np.asarray(balls.radius, float).tolist()))
 
 
 def _has_mass(members: Members | None) -> bool:

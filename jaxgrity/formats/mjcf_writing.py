@@ -12,7 +12,7 @@ from jaxgrity.io.files import write_whole
 from jaxgrity.model.scene import Scene
 
 RADIUS = 1e-3
-"""Radius of the spheres at nodes that touch the ground, m. The ground lies lower by as much."""
+"""Radius of the spheres at nodes that touch the ground, m, beyond that of balls. The ground lies lower by as much."""
 STRONGEST = 1e9
 """Limit of a cable's force in an MJCF file, N: no cable of a robot reaches it."""
 
@@ -118,7 +118,7 @@ def _body(world: ElementTree.Element, plan: Plan, nodes: np.ndarray, number: int
         size = [THICKNESS * np.linalg.norm(ends[1] - ends[0])]
         _add(body, "geom", type="capsule", fromto=ends.ravel(), size=size, contype=0, conaffinity=0, mass=0)
     for node in nodes:
-        _node(body, int(node), x[node] - centre, 0.0)
+        _node(body, plan, int(node), x[node] - centre, 0.0)
 
 
 def _point(world: ElementTree.Element, plan: Plan, node: int, drag: float) -> None:
@@ -130,11 +130,12 @@ def _point(world: ElementTree.Element, plan: Plan, node: int, drag: float) -> No
     body = _add(world, "body", name=f"node{node}", pos=x)
     for axis in np.flatnonzero(free):
         _add(body, "joint", type="slide", axis=np.eye(3)[axis], damping=drag)
-    _node(body, node, np.zeros(3), plan.node_mass[node])
+    _node(body, plan, node, np.zeros(3), plan.node_mass[node])
 
 
-def _node(body: ElementTree.Element, node: int, at: np.ndarray, mass: float) -> None:
-    _add(body, "geom", size=[RADIUS], pos=at, mass=mass, contype=1, conaffinity=0)
+def _node(body: ElementTree.Element, plan: Plan, node: int, at: np.ndarray, mass: float) -> None:
+    size, touches = RADIUS + plan.balls.get(node, 0.0), int(node in plan.balls)
+    _add(body, "geom", size=[size], pos=at, mass=mass, contype=touches, conaffinity=0)
     _add(body, "site", name=f"n{node}", pos=at)
 
 

@@ -3,6 +3,7 @@
 import dataclasses
 from typing import get_args
 
+import equinox as eqx
 import jax
 import numpy as np
 import pytest
@@ -17,10 +18,10 @@ from conformance_dynamics import (
     resting,
 )
 
-from jaxgrity import InputError, SolverOptions, load_gait, load_scene, parse_scene, simulate, with_gait
+from jaxgrity import ExactGround, InputError, SolverOptions, load_gait, load_scene, parse_scene, simulate, with_gait
 from jaxgrity.formats import mjcf_controls, mujoco_model, read_mjcf, save_mjcf
 from jaxgrity.io.scene_tables import CatalogueTable
-from jaxgrity.model import energy_of_motion, penalty_twin
+from jaxgrity.model import Balls, energy_of_motion, penalty_twin
 from jaxgrity.statics import settled
 
 mujoco = pytest.importorskip("mujoco")
@@ -146,6 +147,22 @@ def test_gravity_leans_as_in_the_scene(reference):
     np.testing.assert_allclose(model.opt.gravity, -9.81 * up, rtol=1e-6)
     with pytest.raises(InputError, match=r"up has shape \(12, 3\); expected \(3,\)"):
         dataclasses.replace(reference, up=np.tile(up, (12, 1)))
+
+
+def test_balls_touch_with_their_radii(exact):
+    """And nodes without one do not touch: the contacts that MuJoCo finds are as deep as the gaps of the scene."""
+    feet = Balls((0, 1, 4, 6), [0.05, 0.0, 0.2, 0.3])
+    scene = dataclasses.replace(with_gait(exact, None), ground=ExactGround(balls=feet))
+    gaps = scene.ground.measured(np.asarray(scene.structure.nodes)).distance
+    lowered = eqx.tree_at(lambda s: s.structure.nodes, scene, scene.structure.nodes - [0, 0, np.sort(gaps)[2] + 0.01])
+    written = mujoco_model(lowered)
+    model = mujoco.MjModel.from_xml_string(written.xml)
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    expected = lowered.ground.measured(np.asarray(lowered.structure.nodes)).distance
+    np.testing.assert_allclose(np.sort(data.contact.dist), np.sort(expected[expected < 0]), atol=1e-6)
+    assert data.ncon == 3
+    assert "balls at the ends of rods turn with these there, and slide here" in written.notes
 
 
 def test_frictions_that_differ_become_the_largest(reference):
