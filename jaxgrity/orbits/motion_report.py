@@ -74,6 +74,8 @@ def _settled(scene: Scene, trajectory: Trajectory) -> tuple[float, int]:
         last = int(np.flatnonzero(off)[-1]) + 1 if off.any() else 0
         return (float(times[last]), 0) if times[last] < times[-1] / 2 else (np.inf, 0)
     moving = times >= start
+    if not moving.any():  # the rollout ends before the gait is in full swing
+        return np.inf, 0
     times, levelled = times[moving], q[moving] @ plane.axes
     shapes = np.array([shape(x, plane) for x in levelled])
     for periods in range(1, MOST_PERIODS + 1):

@@ -72,6 +72,13 @@ def test_a_motion_that_repeats_after_two_periods_has_settled(exact):
     assert short.summary()["settled_after"] is None
 
 
+def test_a_motion_that_ends_before_the_gait_is_in_full_swing_has_not_settled(exact):
+    """Its gait is in full swing after 2 s."""
+    times = TIMES[:80]
+    found = motion_report(exact, motion(np.tile(np.asarray(exact.structure.nodes), (len(times), 1, 1)), times))
+    assert (found.settled_after, found.periods) == (np.inf, 0)
+
+
 def test_there_is_no_report_where_nothing_can_be_said(exact):
     """Of failed motions, and without ground."""
     q = np.tile(np.asarray(exact.structure.nodes), (501, 1, 1))
