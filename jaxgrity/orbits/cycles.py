@@ -7,6 +7,8 @@ from jaxtyping import Float
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, NodeVectors, Scalar, namespace_of
+from jaxgrity.model.external import Push
+from jaxgrity.model.laws import Symmetry
 from jaxgrity.model.scene import Scene
 
 MOST_PERIODS = 12
@@ -15,6 +17,9 @@ RETURNED = 1.5
 """Factor on the least change of shape over any number of periods. The cycle is the smallest number with a change within
 it: two cycles come back as closely as one."""
 
+TURN = np.array([[0.6, -0.8, 0.0], [0.8, 0.6, 0.0], [0.0, 0.0, 1.0]])
+"""A turn about the vertical, by no part of a circle, that laws without a direction keep."""
+
 
 class Plane(NamedTuple):
     """The ground on which a robot moves."""
@@ -22,17 +27,25 @@ class Plane(NamedTuple):
     axes: Float[np.ndarray, "3 3"]
     """its columns: down the slope, across it, and the normal"""
     turns: bool
-    """whether a robot that is turned about the normal moves alike: where the plane is level"""
+    """whether a robot that is turned about the normal moves alike: where the plane is level, and no wind blows along"""
 
 
 def plane_of(scene: Scene) -> Plane:
-    """The plane of a scene; a level one without ground. Raises `InputError` for a ground that is no plane."""
+    """The plane of a scene; a level one without ground. Raises `InputError` for a ground that is no plane.
+
+    Laws of your own that do not say which symmetries they keep are taken for laws without a direction. Pushes end.
+    """
+    nodes, members = range(len(scene.structure.nodes)), range(scene.structure.member_count)
+    turn = Symmetry(tuple(nodes), TURN, tuple(members))
+    directed = [law for law in scene.terms if not isinstance(law, Push) and law.keeps(turn) is False]
     if scene.ground is None:
-        return Plane(np.eye(3), True)
+        return Plane(np.eye(3), not directed)
     if scene.ground.surface is not None:
         raise InputError("ground.surface: expected a plane, on which a motion can repeat itself, for an orbit")
     s, c = np.sin(scene.ground.incline), np.cos(scene.ground.incline)
-    return Plane(np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]), not scene.ground.incline and scene.up is None)
+    return Plane(
+        np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]), not scene.ground.incline and scene.up is None and not directed
+    )
 
 
 def shape(q: NodeVectors, plane: Plane) -> np.ndarray:

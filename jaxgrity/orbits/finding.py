@@ -106,9 +106,9 @@ def find_orbit(
     """Simulate the scene's gait, and find the orbit that the robot settles on.
 
     Shapes are compared once per period: the heights of nodes above the plane and the distances between them, which no
-    planar motion changes. On a slope only shifts are allowed. The cycle is the smallest number of periods after which
-    the shape returns nearly as closely as after any other. Speed and turning are those of the planar motions that fit
-    the cycles best.
+    planar motion changes. On a slope and in wind only shifts are allowed. The cycle is the smallest number of periods
+    after which the shape returns nearly as closely as after any other. Speed and turning are those of the planar
+    motions that fit the cycles best.
 
     Args:
         scene: a scene with a gait whose actuators share one frequency.

@@ -9,6 +9,7 @@ from jaxgrity.core.display import counted_robots, mean_of_robots, significant, w
 from jaxgrity.core.typed import typed
 from jaxgrity.model.contact_twin import contact_twin
 from jaxgrity.model.scene import Scene
+from jaxgrity.orbits.cycles import plane_of
 from jaxgrity.orbits.error_bars import orbit_error_bars
 from jaxgrity.orbits.finding import WINDOW, Orbit, period_of, shortest_watch
 from jaxgrity.orbits.orbit_stability import stability
@@ -67,6 +68,7 @@ def steady_facts(
         **orbit.summary(),
         "speed_error_bar": bars.speed,
         "turning_error_bar": bars.turning,
+        "yaw_excluded": plane_of(scene).turns,
         "multiplier": None if held is None else held.largest,
         "multiplier_error_bar": bars.multiplier,
         "multipliers": None if held is None else np.abs(held.multipliers).tolist(),
@@ -133,9 +135,8 @@ def steady_rows(steady: Facts) -> dict[str, str]:
     slowest, since = steady["slowest_window"], steady["settled_after"]
     lengths = steady["body_lengths_per_second"]
     multiplier = with_error(steady["multiplier"], steady["multiplier_error_bar"])
-    held = (
-        f"largest Floquet multiplier {multiplier} per cycle (translation and yaw excluded; measured over two cycles); "
-    )
+    neutral = "translation and yaw" if steady.get("yaw_excluded", True) else "translation"
+    held = f"largest Floquet multiplier {multiplier} per cycle ({neutral} excluded; measured over two cycles); "
     back = f"{100 * steady['returned']:.0f} % of disturbed robots return"
     return {
         "speed": with_error(steady["speed"], steady["speed_error_bar"], " m/s")

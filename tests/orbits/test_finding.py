@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import jaxgrity
-from jaxgrity import Gait, InputError, Motor, Push, SolverOptions, Trajectory, load_gait, with_gait, with_terms
+from jaxgrity import Gait, InputError, Motor, Push, SolverOptions, Trajectory, load_gait, wind, with_gait, with_terms
 from jaxgrity.model import symmetries, travelling_waves
 from jaxgrity.model.symmetry import gene_permutations
 from jaxgrity.orbits import (
@@ -46,6 +46,16 @@ def made_by_hand(scene, wobble: int, noise: float = 0.0, turning: float = TURNIN
     q = np.concatenate([plane + arc[:, None], high[..., None]], axis=-1)
     q = q + noise * np.random.default_rng(0).normal(size=q.shape)
     return Trajectory(times, q, 0 * q, jnp.array(0), jnp.array(1), jnp.array(0), "rk4", 1e-3)
+
+
+def test_a_turn_changes_a_motion_on_a_slope_and_in_wind(exact):
+    """So headings are no planar motions there; in wind from above, and after a push, they are."""
+    winds = {velocity: with_terms(exact, wind(velocity, 0.05, 12)) for velocity in ((0.0, 4.0, 0.0), (0.0, 0.0, 4.0))}
+    pushed = with_terms(exact, Push((3,), np.array([[60.0, 0, 0]]), 0.1, 0.2))
+    slope = replace(exact, ground=replace(exact.ground, incline=0.1))
+    aloft = replace(winds[0.0, 4.0, 0.0], ground=None, friction=None)
+    turns = [plane_of(scene).turns for scene in (exact, *winds.values(), pushed, slope, aloft)]
+    assert turns == [True, False, True, True, False, False]
 
 
 def test_pushes_and_motors_go_on_from_an_orbit(exact):

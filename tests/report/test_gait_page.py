@@ -117,6 +117,7 @@ def test_the_rows_say_what_a_gait_is_worth():
     )
     assert rows["stability"].startswith("largest Floquet multiplier 0.09 ± 0.02 per cycle (translation")
     assert rows["stability"].endswith("over two cycles); 100 % of disturbed robots return")
+    assert "(translation excluded;" in steady_rows({**STEADY, "yaw_excluded": False})["stability"]
     assert "; 2 symmetry-equivalent segments per cycle, which differ by 0 mm" in rows["cycle"]
     assert rows["cycle"].endswith("stands on the faces 6-9-11, 0-6-9 in turn")
     assert rows["both contact models"] == (
