@@ -115,8 +115,7 @@ def resolve(
 ) -> ResolvedOptions:
     """Complete the options for a scene, and refuse those that cannot work before anything compiles.
 
-    Call it once, outside `jit` and `grad`: it chooses method and step from known numbers, which traced ones do not
-    change later.
+    Call it once, outside `jit` and `grad`: traced numbers do not change the step that it has chosen.
 
     Args:
         scene: the scene to simulate.
