@@ -12,6 +12,7 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.model.ground import Ground
 from jaxgrity.model.height_fields import HeightField
+from jaxgrity.model.scales import length_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.solids import Box, Cylinder, Sphere
 from jaxgrity.model.surface import Slope
@@ -24,6 +25,9 @@ CLOSE = 8.0
 
 REACH = 0.6
 """Default distance from a robot's centre to its outermost point, m, for the library's robots of one metre."""
+COMFORT, SPACING = 0.4, 0.1
+"""Default room beyond the reach within which ways count as longer, and default spacing of the grid of ways, m for a
+robot of one metre."""
 SAME_REACH = 1e-6
 """Relative amount by which rounding may make a given reach smaller than the robot's own."""
 
@@ -146,7 +150,7 @@ class WayMap(NamedTuple):
         return (map_coordinates(table, inside, order=1) + CLOSE * beyond).reshape(places.shape[:-1])
 
     def way(self, start: np.ndarray) -> np.ndarray:
-        """(points, 2), m: a way downhill on the distances from `start` (2,), within about a per cent of the shortest.
+        """(points, 2), m: a way downhill on the distances from `start` (2,), at most 3 % longer than the shortest.
 
         That place alone where there is none. Raises `InputError` where `start` is no place."""
         if np.shape(start) != (2,) or not np.isfinite(start).all():
@@ -173,8 +177,8 @@ def way_map(
     *,
     robot: Scene | None = None,
     reach: float | None = None,
-    comfort: float = 0.4,
-    spacing: float = 0.1,
+    comfort: float | None = None,
+    spacing: float | None = None,
 ) -> WayMap:
     """Distances to a goal round all discs, by Dijkstra's method on a grid of 16 directions.
 
@@ -185,8 +189,9 @@ def way_map(
         robot: the robot on the way; ways too narrow for it are refused.
         reach: m, from the robot's centre of mass to its farthest node: the least distance of a way from a disc; by
             default the robot's own (`reach_of`), or `REACH` without a robot.
-        comfort: m, beyond the reach: nearer ways count as longer, up to `CLOSE` times.
-        spacing: m, of the grid; at most half of `reach`.
+        comfort: m, beyond the reach: nearer ways count as longer, up to `CLOSE` times; by default `COMFORT` at the
+            robot's size.
+        spacing: m, of the grid; at most half of `reach`; by default `SPACING` at the robot's size.
 
     Returns:
         The distances, infinite where no way leads to the goal.
@@ -195,7 +200,10 @@ def way_map(
         InputError: a goal outside the arena or too near to a disc, numbers that are not positive, a reach below the
             robot's own, or discs that are not (discs, 2) centres and as many radii.
     """
-    reach = _reach_for(robot, reach)
+    reach, size = _reach_for(robot, reach), 1.0 if robot is None else float(length_scale(robot))
+    comfort, spacing = (
+        own * size if given is None else given for given, own in ((comfort, COMFORT), (spacing, SPACING))
+    )
     _check_discs(discs)
     if np.shape(arena) != (4,) or not np.isfinite(arena).all():
         raise InputError(f"arena = {arena}: expected four numbers: the least x and y, and the largest x and y, m")

@@ -19,7 +19,7 @@ from jaxgrity.control.closed_loop import Loop, failures, loop_start, places, rol
 from jaxgrity.control.feedback import PhaseLocked, one_frequency
 from jaxgrity.control.plant import Plant, check_model, check_one, side_by_side, whole_number
 from jaxgrity.control.steering import Steered, clock_moved
-from jaxgrity.control.tasks import REACHED
+from jaxgrity.control.tasks import REACHED, near_goal
 from jaxgrity.core.arguments import is_count
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
@@ -47,8 +47,8 @@ class Sampling(NamedTuple):
     """looks at the distance to the goal"""
     patience: float = 60.0
     """s, after which the goal is given up"""
-    within: float = REACHED
-    """m, from the goal, where it counts as reached"""
+    within: float | None = None
+    """m, from the goal, where it counts as reached; None: `REACHED` at the size of the robot"""
 
 
 ELITE = 8
@@ -110,6 +110,7 @@ def lead_to(
         check_one(plant, name)
     _check_policy(policy, goal)
     look, looks, choices = _checked(sampling, robot.period)
+    within = near_goal(sampling.within, robot.scene)
     draw, goal, policy = np.random.default_rng(seed), np.asarray(goal, float), replace(policy, goal=None)
     many = side_by_side(model, sampling.samples // sampling.rounds)
     loop = loop_start(robot, policy, jax.random.key(seed), start)
@@ -126,7 +127,7 @@ def lead_to(
         loop, path, failed = followed(robot, policy, loop, bend[:looks], look)
         path = np.asarray(path)[bool(choice) :]
         bends.append(float(bend[0]))
-        near = np.linalg.norm(path[:, :2] - goal, axis=1) < sampling.within
+        near = np.linalg.norm(path[:, :2] - goal, axis=1) < within
         paths.append(path[: near.argmax() + 1] if near.any() else path)
         if near.any() or failed:
             break
@@ -157,7 +158,7 @@ def _checked(sampling: Sampling, period: float) -> tuple[int, int, int]:
     if not (0 < sampling.widest <= 1 and 0 <= sampling.jumping <= 1):
         found = f"widest = {sampling.widest:g}, jumping = {sampling.jumping:g}"
         raise InputError(f"{found}: expected a bend above 0, and at most 1, and a share")
-    if not sampling.within > 0:
+    if sampling.within is not None and not sampling.within > 0:
         raise InputError(f"within = {sampling.within:g} m: expected a positive distance")
     look = whole_number("1 / per_second", 1 / sampling.per_second, period)
     looks = whole_number("interval", sampling.interval, 1 / sampling.per_second)
@@ -207,7 +208,8 @@ def best(
         bends, shifts = between(sampling) @ knots, turns / _frequency(policy)
         look = round(1 / sampling.per_second / many.period)
         path, failure = _tried(many, policy, loop, jnp.asarray(bends, dtype), jnp.asarray(shifts, dtype), look)
-        found.append((knots, turns, costs(np.asarray(path)[:, :2], np.asarray(failure), goal, sampling.within)))
+        cost = costs(np.asarray(path)[:, :2], np.asarray(failure), goal, near_goal(sampling.within, many.scene))
+        found.append((knots, turns, cost))
     knots, turns, cost = (np.concatenate(part, axis=-1) for part in zip(*found))
     first = int(np.argmin(cost))
     return knots[:, first], float(turns[first])

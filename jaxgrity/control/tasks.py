@@ -74,6 +74,12 @@ def find_task(name: str, scene: Scene) -> Task:
 
 
 @typed
+def near_goal(within: float | None, scene: Scene) -> float:
+    """m, from a goal, where it counts as reached: the given distance, or `REACHED` at the size of the robot."""
+    return REACHED * float(np.max(np.asarray(length_scale(scene)))) if within is None else within
+
+
+@typed
 def ground_of(task: Task, scene: Scene, seed: int) -> Scene:
     """The scene on the task's ground, its robot just above it; bumps are drawn by `seed`.
 

@@ -10,6 +10,7 @@ import pytest
 import jaxgrity
 from jaxgrity import Cylinder, InputError, Slope, SolverOptions, Union, control
 from jaxgrity.control import Discs, Foresight, PhaseLocked
+from jaxgrity.control.tasks import near_goal
 from jaxgrity.control.travels import travels_of, way_costs
 
 ARENA = (-2.0, -4.0, 12.0, 4.0)
@@ -47,6 +48,22 @@ def test_comfort_keeps_ways_away_from_obstacles():
         for comfort in (1e-6, 0.8)
     ]
     assert rooms[1] > rooms[0] + 0.3
+
+
+def test_ways_and_goals_are_of_the_robots_size(scene):
+    """A robot of 5 cm meets at 5 cm what one of a metre meets at a metre: maps, and when a goal counts as reached."""
+    built = scene.structure
+    struts = replace(built.struts, rest_length=0.05 * built.struts.rest_length)
+    small = replace(scene, structure=replace(built, nodes=0.05 * built.nodes, struts=struts))
+    disc, goal = Discs(np.array([[5.0, 0.0]]), np.array([1.0])), np.array([10.0, 0.0])
+    tiny = Discs(0.05 * disc.centres, 0.05 * disc.radii)
+    way = control.way_map(disc, goal, ARENA, robot=scene)
+    less = control.way_map(tiny, 0.05 * goal, tuple(0.05 * side for side in ARENA), robot=small)
+    places = np.array([[0.0, 0.0], [4.0, 2.0]])
+    np.testing.assert_allclose(less.to_go(0.05 * places), 0.05 * way.to_go(places), rtol=1e-6)
+    assert near_goal(None, scene) == pytest.approx(0.3)
+    assert near_goal(None, small) == pytest.approx(0.015)
+    assert near_goal(0.2, small) == 0.2
 
 
 def test_there_is_no_way_through_a_wall():
