@@ -8,6 +8,7 @@ import numpy as np
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray
+from jaxgrity.model.actuation import waves_ahead
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import edge_lengths
 
@@ -68,7 +69,7 @@ def knobs(scene: Scene) -> tuple[Knob, ...]:
         found.append(Knob("cable stiffness", 0.5, 2.0, 0.05, 1.0, "times what the scene says"))
     phases = np.mod(np.asarray(gait.phase, float), 2 * np.pi)
     for member, phase in zip(gait.members, phases) if len(phases) <= 12 else ():
-        found.append(Knob(f"phase of {member} (rad)", 0.0, LARGEST_PHASE, 0.01, float(phase), "of this member's sine"))
+        found.append(Knob(f"phase of {member} (rad)", 0.0, LARGEST_PHASE, 0.01, float(phase), "of this member's wave"))
     return tuple(found)
 
 
@@ -93,7 +94,7 @@ def adjusted(scene: Scene, values: dict[str, float]) -> Scene:
     assert gait is not None, "`knobs` refuses a scene without a gait"
     phase = [values.get(f"phase of {m} (rad)", p) for m, p in zip(gait.members, np.asarray(gait.phase, float))]
     gait = dataclasses.replace(
-        gait,
+        waves_ahead(gait, np.array(phase) - np.asarray(gait.phase, float)),
         phase=np.array(phase),
         amplitude=scaled(gait.amplitude, "amplitude"),
         frequency=scaled(gait.frequency, "frequency (Hz)"),

@@ -46,7 +46,8 @@ class Outcomes(eqx.Module):
     """measurements of actuators and contact; None if not requested"""
     method: str = eqx.field(static=True)
     dt: float | None = eqx.field(static=True)
-    """fixed step, s; None: adaptive, or unknown inside compiled functions"""
+    """fixed step, s, shortened until steps divide each part of the time; None: adaptive, or unknown inside compiled
+    functions"""
 
     @property
     def com_start(self) -> Vectors:

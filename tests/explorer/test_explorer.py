@@ -17,6 +17,7 @@ from jaxgrity.explorer.page import Page
 from jaxgrity.explorer.server import expected, guarded_server, silent
 from jaxgrity.explorer.session import OTHER, OWN, chosen_robot, orbit_words
 from jaxgrity.io.scene_writing import scene_toml
+from jaxgrity.model.actuation import contraction
 from jaxgrity.orbits.finding import period_of
 
 DURATION = 1.5
@@ -89,6 +90,18 @@ def test_each_knob_changes_what_it_says(reference):
     np.testing.assert_allclose(changed.gait.frequency, reference.gait.frequency)
     slack = adjusted(reference, {"prestress": 0.0}).structure
     np.testing.assert_allclose(slack.cables.rest_length, jaxgrity.edge_lengths(slack.nodes, slack.cables.edges))
+
+
+def test_a_phase_moves_the_whole_wave_of_its_member(exact):
+    """Overtones too, so that the sliders show the gait that a search on the page has found."""
+    scene = jaxgrity.with_gait(exact, jaxgrity.load_gait("fast"))
+    assert scene.gait.overtones
+    own = next(knob.value for knob in knobs(scene) if knob.name == "phase of 2 (rad)")
+    moved = adjusted(scene, {"phase of 2 (rad)": own + 0.7}).gait
+    early = 0.7 / (2 * np.pi * float(scene.gait.frequency[2]))
+    for t in (3.0, 3.3):
+        before, later = contraction(scene.gait, t), contraction(scene.gait, t + early)
+        np.testing.assert_allclose(contraction(moved, t), [*before[:2], later[2], *before[3:]], atol=1e-12)
 
 
 def test_knobs_reach_what_the_scene_has(exact):
