@@ -105,24 +105,15 @@ def multipliers(
 @multipliers.table
 def words(record: Record) -> str:
     """Multipliers by the derivative, beside those by disturbed robots."""
-    sizes = next(row["disturbed"] for row in record["rows"] if row["disturbed"])
-    neutral = max(row["neutral_off"] for row in record["rows"])
     cells = {
         "gait, contact": lambda row: (
             f"{row['gait']}, {row['contact']}" + ("" if row["part"] == 1 else f", 1/{row['part']} of the step")
         ),
         "cycle, periods": "{periods}",
-        "shape returns to; strays by, at most": lambda row: (
-            f"{1e3 * row['residual']:.2g}; {1e3 * row['strays']:.2g} mm"
-        ),
-        f"largest but the neutral ones (1 within {neutral:.0e}), by the derivative (moments)": lambda row: (
-            f"{span(row['derivative'])} ({row['moments']})"
-        ),
-        "second": lambda row: span(row["second"]),
-        "by robots off by 0.1 m/s": lambda row: "-" if row["by_disturbance"] is None else span(row["by_disturbance"]),
-        f"off by {', '.join(sizes)} m/s: left after {record['followed']} cycles": lambda row: (
-            f"{', '.join(f'{1e3 * value:.1g}' for value in row['disturbed'].values())} mm" if row["disturbed"] else "-"
-        ),
+        "residual, mm": lambda row: f"{1e3 * row['residual']:.2g}",
+        "cycles examined": "{moments}",
+        "largest multiplier by the derivative": lambda row: span(row["derivative"]),
+        "by disturbed robots": lambda row: "-" if row["by_disturbance"] is None else span(row["by_disturbance"]),
     }
     return columns(record["rows"], cells)
 
