@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.ndimage import map_coordinates
-from scipy.sparse import coo_matrix
+from scipy.sparse import coo_matrix, csr_matrix
 from scipy.sparse.csgraph import dijkstra
 
 from jaxgrity.core.errors import InputError
@@ -218,6 +218,18 @@ def way_map(
     free = room(discs, np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)) - reach
     weight = np.where(free > 0, 1 + (CLOSE - 1) * np.clip(1 - free / comfort, 0, 1), np.inf)
     number = np.arange(weight.size).reshape(shape)
+    nearest = np.rint((np.asarray(goal) - low) / spacing).astype(int)
+    if not np.isfinite(weight[tuple(nearest)]):
+        near = float(free[tuple(nearest)]) + reach
+        raise InputError(
+            f"goal = {np.asarray(goal).tolist()}: {near:.2g} m from a disc; expected more than reach, {reach:g} m"
+        )
+    distance = dijkstra(_links(number, weight, spacing), directed=False, indices=int(number[tuple(nearest)]))
+    return WayMap(discs, np.asarray(goal, float), low, spacing, reach, distance.reshape(shape))
+
+
+def _links(number: np.ndarray, weight: np.ndarray, spacing: float) -> csr_matrix:
+    """The length of each step between points of the grid, m, by their numbers; each metre counts with its weight."""
     ends, costs = [], []
     for step in STEPS:
         a, b = _shifted(number, step)
@@ -225,15 +237,7 @@ def way_map(
         ends.append(np.stack([a, b])[:, np.isfinite(cost)])
         costs.append(cost[np.isfinite(cost)])
     (a, b), cost = np.concatenate(ends, axis=1), np.concatenate(costs)
-    graph = coo_matrix((cost, (a, b)), shape=(weight.size, weight.size)).tocsr()
-    nearest = np.rint((np.asarray(goal) - low) / spacing).astype(int)
-    if not np.isfinite(weight[tuple(nearest)]):
-        near = float(free[tuple(nearest)]) + reach
-        raise InputError(
-            f"goal = {np.asarray(goal).tolist()}: {near:.2g} m from a disc; expected more than reach, {reach:g} m"
-        )
-    distance = dijkstra(graph, directed=False, indices=int(number[tuple(nearest)]))
-    return WayMap(discs, np.asarray(goal, float), low, spacing, reach, distance.reshape(shape))
+    return coo_matrix((cost, (a, b)), shape=(weight.size, weight.size)).tocsr()
 
 
 def _reach_for(robot: Scene | None, reach: float | None) -> float:
