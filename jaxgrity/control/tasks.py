@@ -90,7 +90,7 @@ def ground_of(task: Task, scene: Scene, seed: int) -> Scene:
     if ground is None:
         raise InputError("this scene has no ground to roll on; expected [ground]")
     if task.incline or task.bumps:
-        if ground.surface is not None or float(ground.incline) != 0:
+        if ground.surface is not None or float(ground.incline) != 0 or scene.up is not None:
             raise InputError("ground: this task brings its own; expected a scene on a level plane")
         surface = bumps(task.bumps, BUMPS * size, seed) if task.bumps else None
         ground = dataclasses.replace(ground, incline=task.incline, surface=surface)  # type: ignore[call-arg]

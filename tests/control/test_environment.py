@@ -204,9 +204,10 @@ def test_tasks_keep_the_ground_that_they_do_not_bring(scene):
     """A heading may be asked for on a scene's own slope; a slope of the task's own may not, and is not dropped."""
     steep = replace(scene, ground=replace(scene.ground, incline=0.1))
     assert control.ground_of(TASKS["heading"], steep, seed=0).ground.incline == 0.1
-    for task in ("slope", "bumps"):
+    leaning = replace(scene, up=np.array([0.0, np.sin(0.1), np.cos(0.1)]))
+    for task, other in itertools.product(("slope", "bumps"), (steep, leaning)):
         with pytest.raises(InputError, match="this task brings its own; expected a scene on a level plane"):
-            control.environment(task, steep)
+            control.environment(task, other)
 
 
 @pytest.mark.slow
