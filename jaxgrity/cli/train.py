@@ -57,7 +57,7 @@ def main(settings: TrainSettings) -> None:
     if plot.drawn("replay.html", lambda: view.keep_html(env.plant.scene, trajectory, out / "replay.html")):
         print(f"to watch an episode in 3D, open {out}/replay.html in a browser")
     named = {"task": settings.task, "scene": scene_name(settings.scene), "seed": settings.seed}
-    save_json(out / "summary.json", named | facts | {"seconds": wall, "periods": periods, "curve": curve})
+    save_json(out / "summary.json", named | facts | {"seconds": wall, "periods": len(curve) * periods, "curve": curve})
     print(f"wrote {out}/summary.json and {out}/policy.eqx")
 
 

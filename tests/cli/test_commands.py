@@ -413,6 +413,7 @@ def test_learning_goes_on_where_it_was_interrupted(jaxgrity, tmp_path):
     assert {"policy.eqx", "learner.eqx", "curve.json", "learning.png", "summary.json"} <= left
     first = json.loads((tmp_path / "summary.json").read_text())
     assert len(first["curve"]) == 2
+    assert first["periods"] == 2 * 16 * 4 * 4
     again = jaxgrity("train", "speed", "--quick", "--resume", "--out", tmp_path)
     assert again.code == 0, again.errors
     assert json.loads((tmp_path / "summary.json").read_text()) == first
