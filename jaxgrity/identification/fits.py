@@ -20,7 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from jaxgrity.core.arguments import check_index
+from jaxgrity.core.arguments import check_count, check_index, check_number
 from jaxgrity.core.display import COVERING
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
@@ -115,7 +115,8 @@ def identify(
         The best fit, estimates with standard errors and 95 % intervals, and the combinations that the data leave open.
 
     Raises:
-        InputError: unknown parameters, fewer measured numbers than parameters, or values in another unit.
+        InputError: unknown parameters, fewer measured numbers than parameters, values in another unit, a negative
+            tolerance, or no steps.
 
     Example:
         >>> from jaxgrity.identification import Parameter, SeenPositions, identify, measured_poses
@@ -133,6 +134,8 @@ def identify(
         1.100
     """
     every = (measured,) if isinstance(measured, Measurement) else tuple(measured)
+    check_number("tolerance", tolerance, least=0.0)
+    check_count("max_steps", max_steps, 1)
     check_parameters(scene, parameters)
     count = sum(int(np.isfinite(each.values).sum()) for each in every)
     if count < len(parameters):

@@ -66,11 +66,12 @@ class MeasuredPoses(Measurement):
         return np.zeros(0), np.zeros(0)
 
     def predict(self, scene, start):
-        def one(command, shape):
+        def one(command, shape, measured):
             commanded = self.command(scene, command)
-            return self.observation.seen(commanded, equilibrium_near(commanded, shape), 0.0)
+            seen = self.observation.seen(commanded, equilibrium_near(commanded, shape), 0.0)
+            return self.observation.near(commanded, seen, measured)
 
-        return jax.vmap(one)(self.commands, self.shapes), jnp.zeros(0)
+        return jax.vmap(one)(self.commands, self.shapes, jnp.asarray(self.values)), jnp.zeros(0)
 
 
 @typed

@@ -56,7 +56,7 @@ class MeasuredMotion(Measurement):
     def predict(self, scene, start):
         states = self._states(start)
         found = jax.lax.map(lambda one: self._window(scene, *one), (states, jnp.asarray(self.times)))
-        return self._joined(*found, states)
+        return self._nearest(scene, *self._joined(*found, states))
 
     def linearised(self, scene_at, z, start):
         """Window by window: each depends on its own start alone, and all starts at once would cost their square."""
@@ -77,7 +77,11 @@ class MeasuredMotion(Measurement):
 
         y = jnp.concatenate([jnp.broadcast_to(z, (windows, count)), start.reshape(windows, own)], axis=1)
         found, slopes = jax.lax.map(window, (states, jnp.asarray(self.times), y))
-        return self._joined(*found), self._joined(*(_spread_out(slope, count) for slope in slopes))
+        slopes = self._joined(*(_spread_out(slope, count) for slope in slopes))
+        return self._nearest(scene_at(z), *self._joined(*found)), slopes
+
+    def _nearest(self, scene, rows, jumps):
+        return self.observation.near(scene, rows, self.values), jumps
 
     def _states(self, start):
         """The states at the windows' starts, those that are not known as given."""
@@ -144,7 +148,7 @@ def measured_motion(
         values: (frames, columns of the observation), SI units; NaN where missing.
         noise: their standard deviation: one number, one for each column, or one for each value.
         observation: the columns.
-        starts: the start of the motion, and its uncertainty.
+        starts: the start of the motion, and its uncertainty. Supports start where the structure has them.
         options: solver options; by default the scene's. The precision is float64.
 
     Returns:
@@ -176,7 +180,7 @@ def measured_motion(
         check_start(scene, path[0], times[0])
         state = np.stack([path[:1], 0 * path[:1]], axis=1)
     else:
-        state = np.stack([_state_at(times, path, k) for k in first])
+        state = np.stack([_with_supports(scene, times[k], _state_at(times, path, k)) for k in first])
     deviations, jump = _deviations(scene, starts)
     spread = np.ones(state.shape) * deviations[:, None, None] * scene.structure.free
     unknown = tuple(np.flatnonzero(spread > 0).tolist())
@@ -218,3 +222,13 @@ def _state_at(times: np.ndarray, path: np.ndarray, frame: int) -> np.ndarray:
     t = times[near] - times[frame]
     fitted = np.polynomial.polynomial.polyfit(t, path[near].reshape(len(t), -1), min(2, len(t) - 1))
     return fitted[:2].reshape(2, *path.shape[1:])
+
+
+def _with_supports(scene: Scene, t: float, state: np.ndarray) -> np.ndarray:
+    """The state with supports where the structure has them at `t`, s: their measured places are no more than noise."""
+    q, v = np.asarray(scene.structure.nodes, float), np.zeros(3)
+    if scene.shaking is not None:
+        with jax.enable_x64(True):
+            now = jnp.asarray(t)
+            q, v = q + np.asarray(scene.shaking.displacement(now)), np.asarray(scene.shaking.velocity(now))
+    return np.where(scene.structure.free, state, np.stack([q, np.broadcast_to(v, q.shape)]))

@@ -28,6 +28,10 @@ class SeenQuantity(eqx.Module):
     def seen(self, scene: Scene, q: NodeVectors, t: Scalar) -> Seen:
         """The numbers, at positions q (m) and time t (s)."""
 
+    def near(self, scene: Scene, seen: AnyArray, measured: AnyArray) -> AnyArray:
+        """Of the equal values of (..., columns) numbers, those nearest to measured ones: angles differ by turns."""
+        return seen
+
 
 class SeenPositions(SeenQuantity):
     """Coordinates of nodes, m: of the first node along each of `axes`, then of the next."""
@@ -63,7 +67,10 @@ class SeenDistances(SeenQuantity):
 
 
 class SeenAngles(SeenQuantity):
-    """The angle of x_j - x_i in a plane, rad, of pairs (i, j) of nodes: atan2 of its second axis over its first."""
+    """The angle of x_j - x_i in a plane, rad, of pairs (i, j) of nodes: atan2 of its second axis over its first.
+
+    Measured ones may have any number of whole turns more or less.
+    """
 
     pairs: Edges = eqx.field(static=True)
     plane: str = eqx.field(static=True, default="xz")
@@ -78,6 +85,9 @@ class SeenAngles(SeenQuantity):
         i, j = np.array(self.pairs).T
         first, second = (q[j, axis] - q[i, axis] for axis in map("xyz".index, self.plane))
         return jnp.arctan2(second, first)
+
+    def near(self, scene, seen, measured):
+        return seen + 2 * jnp.pi * jnp.round(jnp.nan_to_num((measured - seen) / (2 * jnp.pi)))
 
 
 class SeenTensions(SeenQuantity):
@@ -110,6 +120,11 @@ class SeenTogether(SeenQuantity):
 
     def seen(self, scene, q, t):
         return jnp.concatenate([each.seen(scene, q, t) for each in self.all])
+
+    def near(self, scene, seen, measured):
+        ends = np.cumsum([each.columns(scene) for each in self.all])[:-1]
+        parts = zip(self.all, jnp.split(seen, ends, -1), jnp.split(jnp.asarray(measured), ends, -1))
+        return jnp.concatenate([each.near(scene, *part) for each, *part in parts], -1)
 
 
 def _check_nodes(where: str, numbers, count: int, what: str = "node") -> None:

@@ -203,6 +203,10 @@ def test_observations_see_what_they_say():
     seen = jax.jit(lambda q: everything.seen(scene, q, 0.0))(nodes)
     np.testing.assert_allclose(seen, [4, 3, 0, 3, 5, 4, np.arctan2(4, 3), 10, 0], atol=1e-12)
     assert everything.columns(scene) == 9
+    # an angle may be a turn away, where it is not missing; a length may not
+    measured = np.array([4, 3, 0, 3, 5 + 7, 4, np.arctan2(4, 3) - 6, 10, np.nan])
+    near = everything.near(scene, jnp.asarray(seen), measured)
+    np.testing.assert_allclose(near, np.asarray(seen) - 2 * np.pi * (np.arange(9) == 6))
 
 
 def test_parameters_change_what_they_name():
@@ -256,6 +260,15 @@ def test_a_known_start_is_the_first_place():
     np.testing.assert_array_equal(motion.state[0], [path[0], 0 * path[0]])
 
 
+def test_supports_start_where_they_are_and_not_where_they_were_seen():
+    """At rest, in every window; the other coordinates start as they were seen."""
+    path = np.asarray(hanging().structure.nodes) + np.random.default_rng(0).normal(0, 0.01, (11, 2, 3))
+    state = measured_motion(hanging(), TIMES, np.zeros((11, 1)), 1e-3, HEIGHT, Starts(path, windows=2)).state
+    free, nodes = np.asarray(hanging().structure.free), hanging().structure.nodes
+    np.testing.assert_array_equal(state[:, :, ~free], np.stack([[nodes[~free], 0 * nodes[~free]]] * 2))
+    assert np.all(state[:, :, free] != np.stack([nodes[free], 0 * nodes[free]]))
+
+
 def motion_of(times, values, **how):
     path = np.broadcast_to(hanging().structure.nodes, (len(times), 2, 3))
     return measured_motion(hanging(), times, values, 1e-3, HEIGHT, Starts(path, **how))
@@ -293,6 +306,11 @@ BAD = {
     "unknown place": (
         lambda: identify(hanging(), [Parameter("structure.cables.colour", 0.1)], poses(heights(100.0))),
         "the scene has no such numbers",
+    ),
+    "no steps": (lambda: identify(hanging(), [STIFFNESS], poses(heights(100.0)), max_steps=0), "max_steps = 0: "),
+    "no tolerance": (
+        lambda: identify(hanging(), [STIFFNESS], poses(heights(100.0)), tolerance=np.nan),
+        "tolerance = nan",
     ),
     "no spread": (lambda: identify(hanging(), [Parameter("gravity", 0.0)], poses(heights(100.0))), "spread = 0: "),
 }  # fmt: skip
