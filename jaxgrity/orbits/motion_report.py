@@ -7,7 +7,8 @@ from scipy.spatial.distance import pdist
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.model.actuation import Gait
-from jaxgrity.model.scene import Scene, body_length
+from jaxgrity.model.scales import length_scale
+from jaxgrity.model.scene import Scene
 from jaxgrity.orbits.cycles import MOST_PERIODS, plane_of, shape
 from jaxgrity.orbits.finding import SETTLED, period_of
 from jaxgrity.populations.rolling import STAYING, Rolling, rolling, width
@@ -62,7 +63,7 @@ def motion_report(scene: Scene, trajectory: Trajectory) -> MotionReport | None:
 def _settled(scene: Scene, trajectory: Trajectory) -> tuple[float, int]:
     """Time from which shapes return, s, and the number of periods per cycle; infinite and 0 if they do not return."""
     times, q = np.asarray(trajectory.times, float), np.asarray(trajectory.positions, float)
-    size = SETTLED * float(body_length(scene))
+    size = SETTLED * float(length_scale(scene))
     try:
         plane = plane_of(scene)
         period, start = (0.0, 0.0) if scene.gait is None else (period_of(scene.gait), _full_swing(scene.gait))

@@ -1,13 +1,16 @@
 """Classification of a finished trajectory: the support faces in turn; the name of the motion."""
 
+import dataclasses
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 from scipy.spatial.distance import pdist
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
+from jaxgrity.model.balls import touching_velocities
 from jaxgrity.model.scales import length_scale, speed_scale, time_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import Structure
@@ -96,8 +99,8 @@ def rolling(scene: Scene, trajectory: Trajectory) -> Rolling:
     The support is the hull's face with the lowest mean signed distance, once it has been the lowest for `LASTING`, in
     every frame. Of equally low faces it is the earlier one. Frames further apart than that miss changes; for a robot
     that rattles, more frames find fewer. Nodes touch the ground where phi < `Ground.touched_below`: for a body of one
-    metre 2 mm with exact contact, 0 with penalty contact. Lengths, speeds and times are relative to the body's own
-    (`scales.py`). Contact and slip are measured along the ground and its normal, displacement and path in x and y. The
+    metre 2 mm with exact contact, 0 with penalty contact. A ball slips at the point where it touches. Lengths, speeds
+    and times are relative to the body's own (`scales.py`). Contact and slip are measured along the ground and its normal, displacement and path in x and y. The
     `kind` is the first of these that applies:
 
     "hops": in the air for more than `HOPPING` of the time, also on the spot;
@@ -128,9 +131,12 @@ def rolling(scene: Scene, trajectory: Trajectory) -> Rolling:
             f"the trajectory's frames are up to {apart:.3g} s apart, in which a robot of this size may roll; expected "
             f"a frame_rate of at least {1 / longest:.4g}"
         )
-    phi, axes = ground.measured(np.asarray(trajectory.positions, float)[moving])
+    q = np.asarray(trajectory.positions, float)[moving]
+    phi, axes = ground.measured(q)
     touching = phi < ground.touched_below * size
-    along = np.einsum("fnk,fnak->fna", velocities_midway(scene, trajectory)[moving], axes[..., 1:, :])
+    along = np.einsum(
+        "fnk,fnak->fna", _at_ground(scene, q, velocities_midway(scene, trajectory)[moving]), axes[..., 1:, :]
+    )
     slipping = touching & (np.linalg.norm(along, axis=-1) > SLIPPING * speed)
     contact = np.trapezoid(touching.sum(1), times)
     slip_share = float(np.trapezoid(slipping.sum(1), times) / contact) if contact > 0 else 0.0
@@ -142,6 +148,8 @@ def rolling(scene: Scene, trajectory: Trajectory) -> Rolling:
     straightness = displacement / path_length if path_length > 0 else 0.0
     hull = faces(scene.structure)
     diameter = float(pdist(np.asarray(scene.structure.nodes, float)).max())
+    if ground.balls is not None:  # nodes without balls pass through the ground, and are part of faces
+        phi = np.where(np.isfinite(phi), phi, dataclasses.replace(ground, balls=None).measured(q).distance)
     lowest = _lowest(np.stack([phi[:, list(face)].mean(1) for face in hull], 1), FLAT * size)
     begins = _changes(lowest, times / time)
     supports = tuple(hull[face] for face in lowest[begins])
@@ -150,6 +158,15 @@ def rolling(scene: Scene, trajectory: Trajectory) -> Rolling:
     return Rolling(
         supports, times[begins], rolls, slip_share, airborne_share, straightness, path_length, kind, duration
     )
+
+
+def _at_ground(scene: Scene, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Velocities (frames, nodes, 3), m/s, of what touches the ground: a ball that rolls does not slip."""
+    ground, bodies = scene.ground, scene.structure.bodies
+    if ground is None or ground.balls is None:
+        return v
+    with jax.enable_x64(True):
+        return np.asarray(jax.jit(jax.vmap(lambda q, v: touching_velocities(ground, bodies, q, v)))(q, v))
 
 
 def _lowest(heights: np.ndarray, margin: float) -> np.ndarray:

@@ -21,6 +21,9 @@ from jaxgrity import (
     simulate,
     with_gait,
 )
+from jaxgrity.model import rigid_body
+from jaxgrity.model.balls import Balls
+from jaxgrity.orbits.motion_report import motion_report
 from jaxgrity.populations.rolling import Rolling, faces, name_of_motion, rolling
 
 BODY = np.sqrt(5) / 2
@@ -351,3 +354,20 @@ def test_the_gaits_of_the_library_have_their_names(scene_name):
         there = with_gait(scene, load_gait(gait))
         named = {rolling(there, simulate(there, duration)).kind for duration in (8.0, 20.0)}
         assert named == {"hops" if gait in HOPPING_GAITS else "rolls"}, gait
+
+
+def test_a_ball_that_rolls_does_not_slip_and_one_that_is_pushed_does():
+    """1 m in 2 s on one ball of 0.1 m about the middle of a body; its other nodes pass, and make the faces."""
+    nodes = 0.05 * np.array([[0.0, 0, 0], [1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]])
+    body = rigid_body(nodes, range(5), 1.0, np.full(3, 0.004))
+    ground = ExactGround(balls=Balls((0,), [0.1]))
+    scene = Scene(Structure(nodes, np.zeros(5), bodies=(body,)), gravity=9.81, ground=ground)
+    times = np.linspace(0, 2, 201)
+    centre, speed = np.stack([0.5 * times, 0 * times, 0 * times + 0.1], 1), np.array([0.5, 0, 0])
+    for spin, share in ((0.5 / 0.1, 0.0), (0.0, 1.0)):
+        turned = np.stack([Rotation.from_rotvec([0, spin * t, 0]).apply(nodes) for t in times])
+        moved = motion(times, turned + centre[:, None], speed + np.cross([0, spin, 0], turned))
+        seen = rolling(scene, moved)
+        assert seen.slip_share == share
+        assert (seen.rolls > 0) == (spin > 0)
+        assert motion_report(scene, moved).kind == seen.kind  # of a body without members too
