@@ -6,6 +6,7 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray
 from jaxgrity.model.actuation import Gait
+from jaxgrity.model.laws import EnergyTerm
 from jaxgrity.model.scene import KNOWN_FRICTIONS, KNOWN_LAWS, Scene
 from jaxgrity.model.springs import as_springs, spring_forces
 from jaxgrity.model.structure import Members, Structure, edge_lengths
@@ -99,6 +100,8 @@ def _describe_prestress(scene: Scene) -> list[tuple[str, str]]:
     structure = scene.structure
     if structure.member_count == 0 or structure.bodies:  # statics knows none yet
         return []
+    if others := [term.name for term in scene.terms if isinstance(term, EnergyTerm)]:
+        return [("prestress", f"not listed beside {', '.join(others)}; `resting_shape` knows all of U")]
     alone = Scene(structure)
     try:
         shape, where = np.asarray(resting_shape(alone).q), ""

@@ -4,12 +4,16 @@ import dataclasses
 
 import numpy as np
 
+from jaxgrity.core.arguments import check_number
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import PerMember
 from jaxgrity.model.structure import Members, Structure, edge_lengths
 from jaxgrity.statics.form_finding import prestress, rest_lengths
-from jaxgrity.statics.stiffness import all_edges
+from jaxgrity.statics.stiffness import all_edges, incidence
+
+BALANCED = 1e-4
+"""Largest force left at a node, as a share of the largest in a member, that a table's digits explain."""
 
 
 @typed
@@ -27,7 +31,8 @@ def prestressed(structure: Structure, tension: float, force_density: PerMember |
         The structure with its new rest lengths.
 
     Raises:
-        InputError: no self-stress has every cable in tension, or a rest length would not be positive.
+        InputError: no self-stress has every cable in tension, forces that do not balance, a tension that is not
+            positive, or a rest length that would not be.
 
     Example:
         >>> scene = jaxgrity.load_scene("reference")
@@ -35,6 +40,7 @@ def prestressed(structure: Structure, tension: float, force_density: PerMember |
         >>> [f"{length:.4f}" for length in structure.cables.rest_length[:2]]
         ['0.4457', '0.4457']
     """
+    check_number("tension", tension, above=0.0, unit="N")
     if structure.cables is None or structure.cables.stiffness is None:
         raise InputError("prestress needs cables that are springs; expected a structure with cables")
     if structure.cables.clusters:
@@ -45,13 +51,25 @@ def prestressed(structure: Structure, tension: float, force_density: PerMember |
     if force_density is None:
         q = np.asarray(prestress(nodes, struts, cables, tension, structure.supported))
     else:
-        forces = np.asarray(force_density, float) * edge_lengths(nodes, edges)
-        q = np.asarray(force_density, float) * (tension / forces[len(struts) :].max())
+        q = np.asarray(force_density, float)
+        forces = q * edge_lengths(nodes, edges)
+        _check_balance(structure, q, forces)
+        q = q * (tension / forces[len(struts) :].max())
     return dataclasses.replace(
         structure,
         struts=_at_rest(structure.struts, nodes, q[: len(struts)]),
         cables=_at_rest(structure.cables, nodes, q[len(struts) :]),
     )
+
+
+def _check_balance(structure: Structure, q: np.ndarray, forces: np.ndarray) -> None:
+    C, nodes = incidence(all_edges(structure), len(structure.nodes)), np.asarray(structure.nodes, float)
+    left = (C.T @ (q[:, None] * (C @ nodes)))[np.asarray(structure.free)]
+    slack = np.flatnonzero(forces[structure.first_cable :] <= 0)
+    if slack.size:
+        raise InputError(f"force_density: cable {slack[0]} would push; expected positive numbers for cables")
+    if not np.abs(left).max(initial=0) <= BALANCED * np.abs(forces).max():
+        raise InputError(f"force_density: {np.abs(left).max():.3g} N are left at a node; expected forces that balance")
 
 
 def _at_rest(members: Members | None, nodes: np.ndarray, force_density: np.ndarray) -> Members | None:

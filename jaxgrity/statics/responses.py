@@ -18,8 +18,8 @@ from jaxgrity.statics.stiffness import (
     all_edges,
     free_coordinates,
     incidence,
-    rigid_motions,
     stiffness_matrix,
+    unresisted_motions,
     with_spring_struts,
 )
 
@@ -48,7 +48,7 @@ def static_response(scene: Scene, q: NodeVectors, loads: Loads) -> StaticRespons
     Args:
         scene: the members and supports; slack cables do not resist.
         q: an equilibrium, m, as from `resting_shape`.
-        loads: (nodes, 3), N. Where supports leave rigid motions, they must balance each other.
+        loads: (nodes, 3), N. Where nothing resists rigid motions, they must balance each other.
 
     Returns:
         Displacements, changes of the members' forces, and the margin of the nearest cable to slack.
@@ -67,10 +67,12 @@ def static_response(scene: Scene, q: NodeVectors, loads: Loads) -> StaticRespons
     q, f = np.asarray(q, float), np.asarray(loads, float)
     if f.shape != q.shape:
         raise InputError(f"loads has shape {f.shape}; expected {q.shape}, a force for each node")
-    held = scene.structure.supported
-    free, rigid = free_coordinates(len(q), held), rigid_motions(q, held)
+    free = free_coordinates(len(q), scene.structure.supported)
     K = stiffness_matrix(springs, q)[free][:, free]
+    rigid = unresisted_motions(springs, q, K)
     pull = f.ravel()[free]
+    if not np.isfinite(f).all() or not pull.any():
+        raise InputError("loads: expected finite numbers, and a load on a coordinate that no support holds")
     if np.abs(rigid.T @ pull).max(initial=0) > BALANCE * np.linalg.norm(pull):
         raise InputError("loads: they do not balance; expected supports, or loads that do")
     size = float(K.diagonal().max(initial=1.0))

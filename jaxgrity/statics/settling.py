@@ -7,6 +7,7 @@ import numpy as np
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
+from jaxgrity.model.laws import EnergyTerm
 from jaxgrity.model.scales import length_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.springs import as_springs
@@ -31,7 +32,8 @@ class Settled(NamedTuple):
 def settled(scene: Scene) -> Settled:
     """The scene with its structure at rest without gravity, ground and gait, and set down on its ground.
 
-    Rigid struts and bodies keep their shapes; supports hold. With supports, or without ground, nothing is set down.
+    Rigid struts and bodies keep their shapes; supports hold; measured forces of cables, limits and your own terms of U
+    act. With supports, or without ground, nothing is set down.
 
     Args:
         scene: the scene to settle.
@@ -49,7 +51,7 @@ def settled(scene: Scene) -> Settled:
     """
     structure = scene.structure
     given = np.asarray(structure.nodes, float)
-    nodes = _at_rest(structure)
+    nodes = _at_rest(Scene(structure, terms=tuple(term for term in scene.terms if isinstance(term, EnergyTerm))))
     moved = nodes - given
     if not structure.fixed:
         moved = moved - moved.mean(0)
@@ -62,9 +64,10 @@ def settled(scene: Scene) -> Settled:
     return Settled(dataclasses.replace(scene, structure=dataclasses.replace(structure, nodes=nodes)), largest)
 
 
-def _at_rest(structure: Structure) -> np.ndarray:
+def _at_rest(alone: Scene) -> np.ndarray:
+    structure = alone.structure
     springs, count = as_springs(structure)
-    nodes = np.asarray(resting_shape(Scene(structure)).q, float)
+    nodes = np.asarray(resting_shape(alone).q, float)
     if not count:
         return nodes
     assert springs.struts is not None, "as_springs made them"
@@ -75,7 +78,8 @@ def _at_rest(structure: Structure) -> np.ndarray:
         if np.all(np.abs(missing) <= STRUTS_WITHIN * wanted):
             return nodes
         given = given + missing
-        nodes = np.asarray(resting_shape(Scene(_with_lengths(structure, nodes, dict(zip(edges, given))))).q, float)
+        longer = _with_lengths(structure, nodes, dict(zip(edges, given)))
+        nodes = np.asarray(resting_shape(dataclasses.replace(alone, structure=longer)).q, float)
     raise InputError(
         f"rigid struts are off by {np.abs(missing).max():.3g} m at rest; expected lengths that fit together"
     )

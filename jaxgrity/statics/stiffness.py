@@ -13,12 +13,15 @@ from jaxtyping import Bool, Float
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, Edges, MassMatrix, NodeVectors
+from jaxgrity.model.laws import EnergyTerm
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.springs import as_springs, check_no_bodies
 from jaxgrity.model.structure import Structure, member_vectors, onto_nodes
 
 Fixed = Bool[AnyArray, "nodes 3"]
 """Whether supports hold each coordinate of each node."""
+UNRESISTED = 1e-11
+"""Stiffness of a rigid motion, as a share of the largest, that is an error of the shape and of arithmetic."""
 SEPARABLE = 1e-6
 """Largest relative difference between the whole Hessian and one made of blocks."""
 
@@ -112,6 +115,20 @@ def rigid_motions(q: NodeVectors, fixed: Fixed | None = None) -> np.ndarray:
         columns = columns @ rows[int(np.sum(size > 1e-9)) :].T
     basis, size, _ = np.linalg.svd(columns[free], full_matrices=False)
     return basis[:, size > 1e-9]
+
+
+def unresisted_motions(scene: Scene, q: NodeVectors, K: sp.csc_array) -> np.ndarray:
+    """Those of the rigid motions that nothing in the scene resists, likewise; `K` is that of the free coordinates.
+
+    Members resist none. Gravity resists the swinging of what hangs, and soft ground what sinks in or tilts.
+    """
+    rigid = rigid_motions(q, scene.structure.supported)
+    hangs = scene.gravity is not None and bool(scene.structure.fixed)
+    stands = scene.ground is not None and bool((scene.ground.measured(np.asarray(q)).distance < 0).any())
+    if not (hangs or stands or any(isinstance(term, EnergyTerm) for term in scene.terms)):
+        return rigid
+    resistance, turned = np.linalg.eigh(rigid.T @ (K @ rigid))
+    return rigid @ turned[:, np.abs(resistance) <= UNRESISTED * abs(K).max()]
 
 
 def factor_if_definite(A: sp.csc_array) -> spla.SuperLU | None:

@@ -8,15 +8,16 @@ import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 from jaxtyping import Float
 
+from jaxgrity.core.arguments import check_count, check_each
 from jaxgrity.core.tracing import refuse_traced
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, NodeVectors, PerRow, Times
 from jaxgrity.model.scene import Scene
 from jaxgrity.statics.stiffness import (
     free_coordinates,
-    rigid_motions,
     sparse_mass_matrix,
     stiffness_matrix,
+    unresisted_motions,
     with_spring_struts,
 )
 
@@ -52,9 +53,9 @@ class Modes(NamedTuple):
 def vibration_modes(scene: Scene, q: NodeVectors | None = None, count: int | None = None) -> Modes:
     """The modes of K x = (2 pi f)^2 M x about `q`, with K = d2U/dq2 and the consistent mass matrix M.
 
-    For many nodes a sparse solver finds only the lowest modes (shift and invert; ARPACK). Rigid motions are taken out
-    beforehand, so that slow or unstable modes show. Rigid struts are stiff springs here: the modes that change their
-    lengths are the highest, and have no meaning.
+    For many nodes a sparse solver finds only the lowest modes (shift and invert; ARPACK). Rigid motions that nothing
+    resists are taken out beforehand, so that slow or unstable modes show. Rigid struts are stiff springs here: the
+    modes that change their lengths are the highest, and have no meaning.
 
     Args:
         scene: members, supports and masses, at rest at `q` and t = 0. Damping is left out.
@@ -65,7 +66,8 @@ def vibration_modes(scene: Scene, q: NodeVectors | None = None, count: int | Non
         Frequencies and shapes, in ascending order.
 
     Raises:
-        InputError: the scene's ground is exact contact, which has no stiffness.
+        InputError: the scene's ground is exact contact, which has no stiffness; `q` of another shape, or not finite; a
+            `count` below 1.
 
     Example:
         >>> modes = jaxgrity.statics.vibration_modes(jaxgrity.load_scene("reference"), count=3)
@@ -75,11 +77,14 @@ def vibration_modes(scene: Scene, q: NodeVectors | None = None, count: int | Non
     refuse_traced((scene, q), "vibration_modes", "take eigenvalues of jax.hessian of the scene's potential_energy")
     scene = with_spring_struts(scene)
     q = np.asarray(scene.structure.nodes if q is None else q, float)
+    check_each("q", q, shape=np.shape(scene.structure.nodes))
+    if count is not None:
+        check_count("count", count, 1)
     held = scene.structure.supported
     free = free_coordinates(len(q), held)
     K = stiffness_matrix(scene, q)[free][:, free]
     M = sparse_mass_matrix(scene.structure)[free][:, free]
-    rigid = rigid_motions(q, held)
+    rigid = unresisted_motions(scene, q, K)
     real = free.size - rigid.shape[1]
     wanted = min(real, count if count is not None else (real if free.size <= DENSE else LOWEST))
     dense = free.size <= DENSE or wanted + rigid.shape[1] > free.size // 3

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from jaxgrity import EnergyTerm, InputError, Members, Scene, Structure, edge_lengths, with_terms
+from jaxgrity import EnergyTerm, InputError, Members, Scene, Structure, describe, edge_lengths, force_limit, with_terms
 from jaxgrity.model import body_moments, rigid_body
-from jaxgrity.statics import equilibrium_near, prestressed, resting_shape, vibration_modes
+from jaxgrity.statics import equilibrium_near, prestressed, resting_shape, settled, vibration_modes
 from jaxgrity.statics.stiffness import factor_if_definite, stiffness_matrix
 from jaxgrity.structures import prism, tower
 
@@ -71,6 +71,18 @@ def test_a_hanging_body_turns_until_its_centre_is_below():
     np.testing.assert_allclose(found.q[1], [0, 0, eye], atol=1e-6)
     np.testing.assert_allclose(centre, [0, 0, eye - 0.3], atol=1e-5)
     np.testing.assert_allclose(found.reactions.sum(0), [0, 0, 2.1 * 9.81], atol=1e-6)
+
+
+def test_settling_knows_the_cables_forces():
+    """A mass between two cables rests where both pull alike, or where one pulls with the limit of the other, 5 N."""
+    cables = Members(((0, 1), (1, 2)), np.full(2, 100.0), np.array([0.7, 0.9]))
+    row = Structure(
+        np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0]]), np.ones(3), cables=cables, fixed=((0, "xyz"), (2, "xyz"))
+    )
+    limited = with_terms(Scene(row), force_limit(cables, [5.0, 1e3]))
+    np.testing.assert_allclose(settled(Scene(row)).scene.structure.nodes[1], [0.9, 0, 0], atol=1e-9)
+    np.testing.assert_allclose(settled(limited).scene.structure.nodes[1], [2 - 0.95, 0, 0], atol=1e-9)
+    assert "not listed beside largest force of cables" in describe(limited)
 
 
 def test_without_the_support_it_falls():
@@ -189,3 +201,18 @@ def test_a_tower_of_600_struts_takes_seconds():
     modes = vibration_modes(scene, found.q, count=8)
     assert modes.growing == 0
     assert np.all(modes.frequency > 0)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"tension": -1.0}, "tension = -1 N"),
+        ({"tension": 50.0, "force_density": np.ones(12)}, "N are left at a node"),
+        ({"tension": 50.0, "force_density": -np.ones(12)}, "cable 0 would push"),
+    ],
+)
+def test_stress_that_cannot_be_is_refused(given, message):
+    with pytest.raises(InputError, match=message):
+        prestressed(sprung(prism(3)), **given)
+    with pytest.raises(InputError, match="tolerance = 0 N"):
+        resting_shape(hanging(), tolerance=0.0)

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxgrity import Members, Scene, SolverOptions, Structure, simulate
+from jaxgrity import InputError, Members, PenaltyGround, Scene, SolverOptions, Structure, simulate
 from jaxgrity.model import mass_matrix
 from jaxgrity.statics import prestressed, resting_shape, sparse_mass_matrix, vibration_modes, vibrations
 from jaxgrity.statics.stiffness import rigid_motions, stiffness_matrix
@@ -134,3 +134,26 @@ def test_a_rollout_about_the_equilibrium_swings_as_the_mode_says():
     size = np.sum((np.asarray(swung.positions) - structure.nodes) * (start - structure.nodes), axis=(1, 2))
     expected = np.cos(2 * np.pi * modes.frequency[0] * np.asarray(swung.times))
     np.testing.assert_allclose(size / size[0], expected, atol=1e-4)
+
+
+def test_what_hangs_swings_and_what_stands_on_soft_ground_rocks():
+    """A mass under a strut: sqrt(g/l) both ways, growing where it stands on it. Two masses on ground of stiffness k:
+    2 k/m for each, up and down together and in turn."""
+    strut = Members(((0, 1),), np.array([1e4]), np.ones(1))
+    for side in (-1.0, 1.0):
+        structure = Structure(np.array([[0.0, 0, 0], [0, 0, side]]), np.array([0.0, 2.0]), strut, fixed=((0, "xyz"),))
+        q = resting_shape(Scene(structure, gravity=9.81)).q
+        found = vibration_modes(Scene(structure, gravity=9.81), q)
+        assert found.growing == (0 if side < 0 else 2)
+        expected = np.sqrt(9.81 / abs(q[1, 2])) / (2 * np.pi) if side < 0 else 0
+        np.testing.assert_allclose(found.frequency[:2], expected, rtol=1e-9)
+    lying = Structure(np.array([[0.0, 0, -0.01], [1, 0, -0.01]]), np.full(2, 2.0), strut)
+    found = vibration_modes(Scene(lying, gravity=9.81, ground=PenaltyGround(2 * 9.81 / 0.01)))
+    np.testing.assert_allclose(found.frequency[:2], np.sqrt(9.81 / 0.01) / (2 * np.pi), rtol=1e-9)
+
+
+@pytest.mark.parametrize("given", [{"count": 0}, {"count": -1}, {"q": np.full((3, 3), np.nan)}])
+def test_arguments_that_mean_nothing_are_refused(given):
+    string = Structure(np.eye(3), np.ones(3), cables=Members(((0, 1), (1, 2)), np.ones(2), np.ones(2)))
+    with pytest.raises(InputError, match=next(iter(given))):
+        vibration_modes(Scene(string), **given)
