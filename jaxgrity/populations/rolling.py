@@ -100,8 +100,8 @@ def rolling(scene: Scene, trajectory: Trajectory) -> Rolling:
     every frame. Of equally low faces it is the earlier one. Frames further apart than that miss changes; for a robot
     that rattles, more frames find fewer. Nodes touch the ground where phi < `Ground.touched_below`: for a body of one
     metre 2 mm with exact contact, 0 with penalty contact. A ball slips at the point where it touches. Lengths, speeds
-    and times are relative to the body's own (`scales.py`). Contact and slip are measured along the ground and its normal, displacement and path in x and y. The
-    `kind` is the first of these that applies:
+    and times are relative to the body's own (`scales.py`). Contact and slip are measured along the ground and its
+    normal, displacement and path in x and y. The `kind` is the first of these that applies:
 
     "hops": in the air for more than `HOPPING` of the time, also on the spot;
     "stays": its path is less than `STAYING` diameters wide, the longest distances between two built nodes;
