@@ -134,9 +134,7 @@ def identify(
         1.100
     """
     every = (measured,) if isinstance(measured, Measurement) else tuple(measured)
-    check_number("tolerance", tolerance, least=0.0)
-    check_count("max_steps", max_steps, 1)
-    check_parameters(scene, parameters)
+    _check_given(scene, parameters, tolerance, max_steps)
     count = sum(int(np.isfinite(each.values).sum()) for each in every)
     if count < len(parameters):
         raise InputError(f"{count} numbers measured for {len(parameters)} parameters; expected at least as many")
@@ -210,6 +208,12 @@ def profile_likelihood(
         moved = ((start - guess) / spread for start, (guess, spread) in zip(fitted.starts, reached.starts))
         sums.append(float(r @ r + fitted.z @ fitted.z + each**2 + sum(np.sum(y**2) for y in moved)))
     return np.array(sums)
+
+
+def _check_given(scene: Known, parameters: Sequence[Parameter], tolerance: float, max_steps: int) -> None:
+    check_parameters(scene, parameters)
+    check_number("tolerance", tolerance, least=0.0)
+    check_count("max_steps", max_steps, 1)
 
 
 def _beside(found: Identified, there: Identified) -> Identified:

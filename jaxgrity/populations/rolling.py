@@ -11,6 +11,7 @@ from scipy.spatial.distance import pdist
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.model.balls import touching_velocities
+from jaxgrity.model.ground import Ground
 from jaxgrity.model.scales import length_scale, speed_scale, time_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import Structure
@@ -131,12 +132,9 @@ def rolling(scene: Scene, trajectory: Trajectory) -> Rolling:
             f"the trajectory's frames are up to {apart:.3g} s apart, in which a robot of this size may roll; expected "
             f"a frame_rate of at least {1 / longest:.4g}"
         )
-    q = np.asarray(trajectory.positions, float)[moving]
-    phi, axes = ground.measured(q)
+    phi, heights, axes = _distances(ground, np.asarray(trajectory.positions, float)[moving])
     touching = phi < ground.touched_below * size
-    along = np.einsum(
-        "fnk,fnak->fna", _at_ground(scene, q, velocities_midway(scene, trajectory)[moving]), axes[..., 1:, :]
-    )
+    along = np.einsum("fnk,fnak->fna", _at_ground(scene, trajectory)[moving], axes[..., 1:, :])
     slipping = touching & (np.linalg.norm(along, axis=-1) > SLIPPING * speed)
     contact = np.trapezoid(touching.sum(1), times)
     slip_share = float(np.trapezoid(slipping.sum(1), times) / contact) if contact > 0 else 0.0
@@ -148,9 +146,7 @@ def rolling(scene: Scene, trajectory: Trajectory) -> Rolling:
     straightness = displacement / path_length if path_length > 0 else 0.0
     hull = faces(scene.structure)
     diameter = float(pdist(np.asarray(scene.structure.nodes, float)).max())
-    if ground.balls is not None:  # nodes without balls pass through the ground, and are part of faces
-        phi = np.where(np.isfinite(phi), phi, dataclasses.replace(ground, balls=None).measured(q).distance)
-    lowest = _lowest(np.stack([phi[:, list(face)].mean(1) for face in hull], 1), FLAT * size)
+    lowest = _lowest(np.stack([heights[:, list(face)].mean(1) for face in hull], 1), FLAT * size)
     begins = _changes(lowest, times / time)
     supports = tuple(hull[face] for face in lowest[begins])
     rolls = max(0, len(supports) - 1)
@@ -160,13 +156,24 @@ def rolling(scene: Scene, trajectory: Trajectory) -> Rolling:
     )
 
 
-def _at_ground(scene: Scene, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+def _distances(ground: Ground, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(frames, nodes), m: distances of what touches the ground, infinite where a node passes it, and of all nodes of
+    faces; and the ground's axes there."""
+    phi, axes = ground.measured(q)
+    if ground.balls is None:
+        return phi, phi, axes
+    nodes = dataclasses.replace(ground, balls=None).measured(q).distance
+    return phi, np.where(np.isfinite(phi), phi, nodes), axes
+
+
+def _at_ground(scene: Scene, trajectory: Trajectory) -> np.ndarray:
     """Velocities (frames, nodes, 3), m/s, of what touches the ground: a ball that rolls does not slip."""
-    ground, bodies = scene.ground, scene.structure.bodies
+    v, ground, bodies = velocities_midway(scene, trajectory), scene.ground, scene.structure.bodies
     if ground is None or ground.balls is None:
         return v
     with jax.enable_x64(True):
-        return np.asarray(jax.jit(jax.vmap(lambda q, v: touching_velocities(ground, bodies, q, v)))(q, v))
+        at_ground = jax.jit(jax.vmap(lambda q, v: touching_velocities(ground, bodies, q, v)))
+        return np.asarray(at_ground(np.asarray(trajectory.positions, float), v))
 
 
 def _lowest(heights: np.ndarray, margin: float) -> np.ndarray:

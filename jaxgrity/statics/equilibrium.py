@@ -11,7 +11,7 @@ import numpy as np
 import optimistix as optx
 import scipy.sparse as sp
 
-from jaxgrity.core.arguments import check_each, check_number
+from jaxgrity.core.arguments import check_each
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import edge_vectors, length
 from jaxgrity.core.tracing import refuse_traced
@@ -84,12 +84,9 @@ def resting_shape(
     springs = with_spring_struts(scene)
     q = np.array(scene.structure.nodes if start is None else start, float)
     pull = np.zeros(q.shape) if loads is None else np.asarray(loads, float)
-    if q.shape != np.shape(scene.structure.nodes) or pull.shape != q.shape:
-        raise InputError(f"start has shape {q.shape} and loads {pull.shape}; expected a row for each node")
-    check_each("start", q)
-    check_each("loads", pull)
-    if tolerance is not None:
-        check_number("tolerance", tolerance, above=0.0, unit="N")
+    for name, given in (("start", q), ("loads", pull)):
+        check_each(name, given, shape=np.shape(scene.structure.nodes))
+    check_each("tolerance", tolerance, shape=(), above=0.0, unit="N")
     whole, free = _coordinates(scene.structure)
     limit = max(1e-11 * largest_force(scene.structure), 100 * np.finfo(float).eps * largest_force(springs.structure))
     limit = limit if tolerance is None else tolerance

@@ -12,7 +12,7 @@ from jaxgrity.model.scene import Scene, as_dtype, start_of
 from jaxgrity.stepping.discretisation import discretise, prepared
 from jaxgrity.stepping.loop import Carried, Problem, carried_at, numbered, recomputed, repeated, state_of
 from jaxgrity.stepping.options import ResolvedOptions, check_options
-from jaxgrity.stepping.starts import check_start, check_supports
+from jaxgrity.stepping.starts import check_start, check_velocities
 
 LONGER = 1.01
 """Factor by which steps may exceed the step of the options if their number is given: room for rounding."""
@@ -75,7 +75,7 @@ def final_state(
     check_options(scene, options)
     check_start(scene, None if start is None else start[0], since)
     q, v = start_of(scene) if start is None else start
-    check_supports(scene, v, since)
+    check_velocities(scene, (q, v), since, options.method.constrained)
     # numbers that are known stay so: nothing has to be computed of a start at rest
     v = np.asarray(v, options.dtype) if isinstance(v, np.ndarray) else jnp.asarray(v, options.dtype)
     scene, first = prepared(as_dtype(scene, options.dtype)), (jnp.asarray(q, options.dtype), v)

@@ -15,7 +15,7 @@ from jaxgrity.model.scene import Scene, as_dtype, start_of
 from jaxgrity.stepping.discretisation import state_failure
 from jaxgrity.stepping.final_state import LONGER, check_times, enough_steps, states_at
 from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
-from jaxgrity.stepping.starts import check_supports, start_failure, supports_slip
+from jaxgrity.stepping.starts import check_velocities, start_failure, supports_slip
 
 
 class RolledOut(NamedTuple):
@@ -79,12 +79,12 @@ def rollout(
         if np.shape(given) != scene.structure.nodes.shape:
             expected = f"{scene.structure.nodes.shape}, a row for each node"
             raise InputError(f"start: {name} have shape {np.shape(given)}; expected {expected}")
-    check_supports(scene, v, times[0])
     if steps is None and traced(times):
         raise InputError("times are being traced; pass `steps`, the number of steps between frames")
     resolved = resolve(scene, 1.0, options, positions=q, since=times[0])
     if resolved.dt is None:
         raise InputError(f"method = {resolved.method.name!r} adapts its step; expected a fixed one (dt)")
+    check_velocities(scene, (q, v), times[0], resolved.method.constrained)
     if not traced((times, resolved)):
         check_times(max(times, key=abs), resolved)
         steps = enough_steps(0.0, float(np.diff(times).max()), resolved, steps)

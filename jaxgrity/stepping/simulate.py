@@ -21,7 +21,7 @@ from jaxgrity.stepping.discretisation import even_step, failure_code, integrate,
 from jaxgrity.stepping.handover import at_rest, midway, velocities_at
 from jaxgrity.stepping.methods import find_method
 from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
-from jaxgrity.stepping.starts import check_supports, start_failure
+from jaxgrity.stepping.starts import check_velocities, start_failure
 
 ROOM = 2**16
 """Number of nodes in all saved frames up to which motions of a scene share one compiled program. The last frame is
@@ -162,7 +162,8 @@ def simulate(
 
     Raises:
         InputError: bad options (see `resolve`), positions or velocities of the wrong shape, velocities of fixed
-            coordinates, or a frame rate that is not positive and finite.
+            coordinates or, for a method without impulses, such as stretch what is rigid, or a frame rate that is not
+            positive and finite.
 
     Example:
         >>> scene = jaxgrity.load_scene("reference")
@@ -176,12 +177,11 @@ def simulate(
         expected = np.shape(scene.structure.nodes)
         if given is not None and np.shape(given) != expected:
             raise InputError(f"{name} has shape {np.shape(given)}; expected {expected}, a row for each node")
-    if velocities is not None:
-        check_supports(scene, velocities)
     resolved = resolve(scene, float(duration), options, positions=positions)
     times = frame_times(float(duration), frame_rate)
     q = scene.structure.nodes if positions is None else positions
     v = np.zeros(q.shape) if velocities is None else velocities
+    check_velocities(scene, (q, v), 0.0, resolved.method.constrained)
     saved = times
     if not traced((scene, q, v)):
         saved = with_room(times, len(q))

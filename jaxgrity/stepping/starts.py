@@ -7,9 +7,10 @@ from jaxgrity.core.arguments import check_all_finite, check_finite
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.remembered import remembered
 from jaxgrity.core.tracing import evaluated, traced
-from jaxgrity.core.types import AnyArray, NodeVectors, Scalar
+from jaxgrity.core.types import AnyArray, NodeVectors, Scalar, State
 from jaxgrity.model.bodies import carrying, independent_nodes
 from jaxgrity.model.rigid_struts import LARGEST_GAP
+from jaxgrity.model.rigidity import held_edges
 from jaxgrity.model.scales import length_scale, speed_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.shaking import slips
@@ -58,6 +59,26 @@ def check_supports(scene: Scene, velocities: AnyArray, since: Scalar = 0.0) -> N
         where = np.argwhere(off)[0]
         node, found = int(where[-2]), np.asarray(velocities)[tuple(where[:-1])]
         raise InputError(f"velocities[{node}] = {found}: {_expected(scene, since)} where the node is fixed")
+
+
+def check_velocities(scene: Scene, start: State, since: Scalar, constrained: bool) -> None:
+    """`check_supports` of one robot's start; and refuse known velocities that change lengths of rigid struts or bodies.
+
+    A `constrained` method takes these: its impulses give every length, and its own frames lack the next ones.
+    """
+    edges = held_edges(scene)
+    check_supports(scene, start[1], since)
+    if constrained or not edges or traced((scene, start, since)):
+        return
+    i, j = np.array(edges).T
+    d, rates = (np.asarray(x, float)[i] - np.asarray(x, float)[j] for x in start)
+    growing = np.abs(np.sum(d * rates, axis=1)) / np.linalg.norm(d, axis=1)
+    if growing.max() > LARGEST_SLIP * float(speed_scale(scene)):
+        k = int(growing.argmax())
+        raise InputError(
+            f"velocities: nodes {list(edges[k])} move apart or together by {growing[k]:.3g} m/s, and their distance is "
+            "constant; expected velocities that keep it, or method = 'complementarity'"
+        )
 
 
 def _check_bodies_move(scene: Scene, v: np.ndarray) -> None:

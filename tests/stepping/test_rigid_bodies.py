@@ -8,7 +8,7 @@ import pytest
 import scipy
 from scipy.spatial.transform import Rotation
 
-from jaxgrity import ConeFriction, ExactGround, InputError, Scene, SolverOptions, Structure, rollout, simulate
+from jaxgrity import ConeFriction, ExactGround, InputError, Members, Scene, SolverOptions, Structure, rollout, simulate
 from jaxgrity.model import energy_of_motion, rigid_body
 from jaxgrity.stepping.dynamics import angular_momentum
 
@@ -121,6 +121,17 @@ def test_velocities_that_bend_a_body_are_refused():
     (body,) = scene.structure.bodies
     with pytest.raises(InputError, match=rf"velocities\[{body.carried[0]}\]: 1 m/s beside that of its rigid body"):
         simulate(scene, 0.1, velocities=np.eye(8)[:, [body.carried[0]]] * np.array([1.0, 0, 0]))
+
+
+def test_velocities_that_stretch_what_is_rigid_are_refused_where_nothing_takes_them_back():
+    """A rod that grows by 0.1 m/s: impulses stop that in the first step, multipliers keep the rate they find."""
+    rod = Scene(Structure([[0.0, 0, 0], [1, 0, 0]], [1.0, 1.0], Members(((0, 1),), None, [1.0])))
+    growing = np.array([[0.0, 0.3, 0], [0.1, 0.3, 0]])
+    for method in ("rk4", "dopri8"):
+        with pytest.raises(InputError, match="m/s, and their distance is constant"):
+            simulate(rod, 0.1, velocities=growing, options=SolverOptions(method, dt=0.01 if method == "rk4" else None))
+    found = simulate(rod, 0.1, velocities=growing, options=SolverOptions(dt=0.01)).positions[-1]
+    np.testing.assert_allclose(np.linalg.norm(found[1] - found[0]), 1, atol=1e-9)
 
 
 def test_starts_that_bend_a_body_are_refused():
