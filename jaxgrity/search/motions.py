@@ -17,7 +17,7 @@ from jaxgrity.populations.uncertainty import Uncertainty
 from jaxgrity.search.judging import Fitness, ensembles_rolled_out, standard_error
 from jaxgrity.search.models import model_of
 from jaxgrity.search.objectives import SteadySpeed
-from jaxgrity.search.paths import parts_of, path_bend, steady_velocity, whole_cycles
+from jaxgrity.search.paths import SETTLING, parts_of, path_bend, steady_velocity, whole_cycles
 from jaxgrity.stepping.options import Options
 
 
@@ -64,7 +64,8 @@ def robot_motions(
         scene: with a gait.
         uncertainty: half-widths of the perturbations; draws come in pairs of opposite signs.
         robots: their number.
-        duration: s, with the first quarter for settling; rounded up to whole cycles.
+        duration: s, with the first quarter for settling; rounded up to whole cycles, and longer for a gait that is in
+            full swing only after that quarter.
         cycle: s, of the gait's orbit, in which robots sway; by default a period of actuation.
         seed: seed of the draws.
         options: solver options; by default the scene's.
@@ -84,6 +85,7 @@ def robot_motions(
     if scene.gait is None:
         raise InputError("robot motions: the scene has no gait; expected with_gait(scene, gait)")
     check_count("robots", robots, 1)
+    duration = max(duration, float(scene.gait.start + scene.gait.ramp) / SETTLING)
     if cycle is None:
         parts, duration = parts_of(scene, scene.gait, duration)
     else:

@@ -54,6 +54,21 @@ def test_speeds_are_those_along_paths(exact, monkeypatch, duration):
     assert facts["robots"] == 4
 
 
+def test_a_late_gait_is_watched_in_full_swing(exact, monkeypatch):
+    """Time in which the robot stands before its gait begins is no part of its speed."""
+    gait = dataclasses.replace(jaxgrity.load_gait("lasting"), start=30.0, ramp=2.0)
+
+    def late(key, model, gaits, duration, fitness, parts, with_metrics):
+        gone = 0.1 * np.maximum(np.linspace(0, duration, parts + 1) - 32.0, 0)
+        path, none = np.stack([gone, 0 * gone, 0 * gone], -1)[None], np.zeros(1, int)
+        rest = {"positions": path[:, -1:], "steps": none, "rejected": none}
+        return gaits, jaxgrity.Outcomes(com_path=path, failure=none, metrics=None, method="", dt=None, **rest)
+
+    monkeypatch.setattr(module, "ensembles_rolled_out", late)
+    found = jaxgrity.search.robot_motions(jaxgrity.with_gait(exact, gait), KNOWN, robots=1)
+    np.testing.assert_allclose(found.speed, 0.1, rtol=1e-6)
+
+
 def test_swaying_is_no_speed_and_a_slope_is_looked_at_along_it(exact, monkeypatch):
     """Of a robot that stays where it is, and of one that goes down a slope, both swaying by a decimetre in a cycle."""
     scene = jaxgrity.with_gait(exact, jaxgrity.load_gait("lasting"))
