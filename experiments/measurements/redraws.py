@@ -129,9 +129,10 @@ def words(record: Record) -> str:
     for row in record["rows"]:
         covered.setdefault(row["statistic"], {})[row["contact"]] = row["covered"]
     contacts = list(dict.fromkeys(row["contact"] for row in record["rows"]))
+    told = lambda share: "-" if share is None else f"{100 * share:.0f} %"  # noqa: E731
     about = f"{record['draws']} ensembles of {record['robots']} robots"
     head = ["range of", "should cover the truth", *(f"covers it ({contact} contact, {about})" for contact in contacts)]
-    return table(head, [[name, "95 %", *(f"{100 * x[c]:.0f} %" for c in contacts)] for name, x in covered.items()])
+    return table(head, [[name, "95 %", *(told(x.get(c)) for c in contacts)] for name, x in covered.items()])
 
 
 @redraws.figure
