@@ -29,6 +29,8 @@ ROUND = 0.5
 """A robot goes round if its centre sweeps, on balance in one direction, over this share of the disc about its path."""
 COMING_BACK = 0.25
 """A robot comes and goes if the end and the mean of the later half of its path are within this share of its width."""
+GRIP = 0.5
+"""A robot on balls rolls if they slip for less than this share of the contact time, however often its faces change."""
 FLAT = 1e-6
 """Share of the structure's size: nodes of a flat face are no further off its plane, lower faces lower by more."""
 ANGLES = 36
@@ -108,7 +110,7 @@ def rolling(scene: Scene, trajectory: Trajectory) -> Rolling:
     "stays": its path is less than `STAYING` diameters wide, the longest distances between two built nodes;
     "turns on the spot": its path is less than a diameter wide, and goes round (`ROUND`), over more faces than one;
     "rocks": its path is less than a diameter wide, and it stood on a face again, or comes and goes (`COMING_BACK`);
-    "slides": rolls fewer times than its way is diameters long, in straight stretches of a diameter each;
+    "slides": rolls fewer times than its way is diameters long, in straight stretches of one, without balls that grip;
     "rolls", straight on or in circles.
 
     Raises `InputError` without ground, where the trajectory failed, has no two frames after the gait's start, or frames
@@ -150,7 +152,7 @@ def rolling(scene: Scene, trajectory: Trajectory) -> Rolling:
     begins = _changes(lowest, times / time)
     supports = tuple(hull[face] for face in lowest[begins])
     rolls = max(0, len(supports) - 1)
-    kind = name_of_motion(path / diameter, supports, airborne_share)
+    kind = name_of_motion(path / diameter, supports, airborne_share, ground.balls is not None and slip_share < GRIP)
     return Rolling(
         supports, times[begins], rolls, slip_share, airborne_share, straightness, path_length, kind, duration
     )
@@ -196,9 +198,11 @@ def _changes(lowest: np.ndarray, times: np.ndarray) -> np.ndarray:
     return lasting[np.diff(lowest[lasting], prepend=-1) != 0]
 
 
-def name_of_motion(path: np.ndarray, supports: tuple[tuple[int, ...], ...], airborne_share: float) -> str:
+def name_of_motion(
+    path: np.ndarray, supports: tuple[tuple[int, ...], ...], airborne_share: float, grips: bool = False
+) -> str:
     """The kind by the thresholds of `rolling`, from a path (frames, 2) in diameters of the robot, and the faces in
-    turn."""
+    turn; `grips`: whether balls touch the ground, and mostly do not slip."""
     wide, rolls = width(path), len(supports) - 1
     if airborne_share > HOPPING:
         return "hops"
@@ -209,7 +213,7 @@ def name_of_motion(path: np.ndarray, supports: tuple[tuple[int, ...], ...], airb
         return "turns on the spot"
     if wide < 1 and (len(set(supports)) < len(supports) or (_further(path) < COMING_BACK * wide and not goes_round)):
         return "rocks"
-    return "slides" if rolls < _way(path) else "rolls"
+    return "slides" if rolls < _way(path) and not grips else "rolls"
 
 
 def width(path: np.ndarray) -> float:

@@ -4,7 +4,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from jaxgrity.core.arguments import check_number
 from jaxgrity.core.errors import InputError
+from jaxgrity.core.tracing import refuse_traced
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import NodeVectors, PerMember, PerRow
 from jaxgrity.model.laws import EnergyTerm
@@ -65,6 +67,7 @@ class StructureReport(NamedTuple):
 
     def buckling_margin(self, bending_stiffness: float) -> PerMember:
         """Euler's load pi^2 EI/l^2 of each strut over its compression; infinite in tension. EI in N m^2."""
+        check_number("bending_stiffness", bending_stiffness, above=0.0, unit="N m^2")
         count = self.structure.first_cable
         length = edge_lengths(self.shape, all_edges(self.structure))[:count]
         compression = np.maximum(-self.forces[:count], 0)
@@ -207,6 +210,7 @@ def member_forces(structure: Structure, q: NodeVectors) -> PerMember:
     Rigid struts count as very stiff springs. All segments of a cable that runs through several nodes have its tension.
     """
     check_no_bodies(structure, "member_forces")
+    refuse_traced((structure, q), "member_forces", "take `jax.grad` of the scene's potential_energy")
     springs = as_springs(structure)[0]
     found = [spring_forces(springs.struts, q)] if springs.struts is not None else []
     found += [np.maximum(spring_forces(springs.cables, q), 0)] if springs.cables is not None else []

@@ -9,6 +9,7 @@ import scipy.sparse.linalg as spla
 from jaxtyping import Float
 
 from jaxgrity.core.errors import InputError
+from jaxgrity.core.tracing import refuse_traced
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, NodeVectors, PerMember
 from jaxgrity.model.clusters import pull
@@ -63,6 +64,7 @@ def static_response(scene: Scene, q: NodeVectors, loads: Loads) -> StaticRespons
         >>> response.displacement.shape
         (12, 3)
     """
+    refuse_traced((scene, q, loads), "static_response", "`equilibrium_near` has derivatives of a shape")
     springs = with_spring_struts(scene)
     q, f = np.asarray(q, float), np.asarray(loads, float)
     if f.shape != q.shape:

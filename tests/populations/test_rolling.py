@@ -370,4 +370,5 @@ def test_a_ball_that_rolls_does_not_slip_and_one_that_is_pushed_does():
         seen = rolling(scene, moved)
         assert seen.slip_share == share
         assert (seen.rolls > 0) == (spin > 0)
+        assert seen.kind == ("rolls" if spin else "slides")
         assert motion_report(scene, moved).kind == seen.kind  # of a body without members too

@@ -1,5 +1,6 @@
 """Small loads on structures at rest: against closed forms, and against the shape that the loads lead to."""
 
+import jax
 import numpy as np
 import pytest
 
@@ -57,3 +58,18 @@ def test_loads_that_nothing_balances_are_refused(robot):
     loose = Scene(Structure(np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0]]), np.ones(3), cables=cables, fixed=BOTH_ENDS))
     with pytest.raises(InputError, match="loads: nothing resists them"):
         static_response(loose, loose.structure.nodes, np.array([[0.0, 0, 0], [0, 1, 0], [0, 0, 0]]))
+
+
+def test_what_hangs_gives_way_to_the_side():
+    """A mass on a strut: u = f l/(m g). Loads on supports alone, or that are not numbers, are refused."""
+    strut = Members(((0, 1),), np.array([1e4]), np.ones(1))
+    structure = Structure(np.array([[0.0, 0, 0], [0, 0, -1]]), np.array([0.0, 2.0]), strut, fixed=((0, "xyz"),))
+    scene = Scene(structure, gravity=9.81)
+    q, loads = resting_shape(scene).q, np.array([[0.0, 0, 0], [0.1, 0, 0]])
+    found = static_response(scene, q, loads)
+    np.testing.assert_allclose(found.displacement[1], [-0.1 * q[1, 2] / (2 * 9.81), 0, 0], rtol=1e-9, atol=1e-15)
+    for bad in (loads[::-1], np.nan * loads):
+        with pytest.raises(InputError, match="expected finite numbers, and a load on a coordinate that no support"):
+            static_response(scene, q, bad)
+    with pytest.raises(InputError, match="static_response: its numbers have to be known"):
+        jax.jit(lambda f: static_response(scene, q, f).displacement)(loads)
