@@ -15,13 +15,14 @@ from jaxgrity.core.tracing import forward_mode_only, traced
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, NodeHistory, NodeVectors, Scalar, State, Times
 from jaxgrity.model.actuation import Commands
+from jaxgrity.model.rigidity import held_edges
 from jaxgrity.model.scene import Scene, as_dtype
 from jaxgrity.model.shaking import with_supports
 from jaxgrity.stepping.discretisation import even_step, failure_code, integrate, prepared, state_failure
 from jaxgrity.stepping.handover import at_rest, midway, velocities_at
 from jaxgrity.stepping.methods import find_method
 from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
-from jaxgrity.stepping.starts import check_velocities, start_failure
+from jaxgrity.stepping.starts import check_velocities, start_failure, stretches
 
 ROOM = 2**16
 """Number of nodes in all saved frames up to which motions of a scene share one compiled program. The last frame is
@@ -211,6 +212,8 @@ def _simulate(scene: Scene, start: State, times: Times, frames: int | AnyArray, 
         failure = jnp.where(misplaced != 0, misplaced, failure)
     elif scene.shaking is not None:
         v = jax.vmap(lambda t, v: with_supports(scene.shaking, scene.structure, t, v))(times, v)
+    if held_edges(scene) and not options.method.constrained:
+        failure = jnp.where(stretches(scene, start), 1, failure)
     q, v = forward_mode_only((q, v), REVERSE)
     return Trajectory(
         times=times,

@@ -7,7 +7,7 @@ from jaxgrity.core.arguments import check_all_finite, check_finite
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.remembered import remembered
 from jaxgrity.core.tracing import evaluated, traced
-from jaxgrity.core.types import AnyArray, NodeVectors, Scalar, State
+from jaxgrity.core.types import AnyArray, Edges, NodeVectors, Scalar, State
 from jaxgrity.model.bodies import carrying, independent_nodes
 from jaxgrity.model.rigid_struts import LARGEST_GAP
 from jaxgrity.model.rigidity import held_edges
@@ -70,15 +70,25 @@ def check_velocities(scene: Scene, start: State, since: Scalar, constrained: boo
     check_supports(scene, start[1], since)
     if constrained or not edges or traced((scene, start, since)):
         return
-    i, j = np.array(edges).T
-    d, rates = (np.asarray(x, float)[i] - np.asarray(x, float)[j] for x in start)
-    growing = np.abs(np.sum(d * rates, axis=1)) / np.linalg.norm(d, axis=1)
+    growing = np.asarray(_growing(tuple(np.asarray(x, float) for x in start), edges))
     if growing.max() > LARGEST_SLIP * float(speed_scale(scene)):
         k = int(growing.argmax())
         raise InputError(
             f"velocities: nodes {list(edges[k])} move apart or together by {growing[k]:.3g} m/s, and their distance is "
             "constant; expected velocities that keep it, or method = 'complementarity'"
         )
+
+
+def stretches(scene: Scene, start: State) -> AnyArray:
+    """Whether velocities change lengths of rigid struts or bodies by more than `check_velocities` allows."""
+    return jnp.any(_growing(start, held_edges(scene)) > LARGEST_SLIP * speed_scale(scene))
+
+
+def _growing(start: State, edges: Edges) -> AnyArray:
+    """m/s, by which each distance between two nodes changes."""
+    i, j = np.array(edges).T
+    d, rates = (x[i] - x[j] for x in start)
+    return abs((d * rates).sum(1)) / (d * d).sum(1) ** 0.5
 
 
 def _check_bodies_move(scene: Scene, v: np.ndarray) -> None:

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from jaxgrity import ConeFriction, ExactGround, InputError, Members, Scene, SolverOptions, Structure, rollout, simulate
 from jaxgrity.model import energy_of_motion, rigid_body
+from jaxgrity.stepping import resolve
 from jaxgrity.stepping.dynamics import angular_momentum
 
 SIZE, MASS = np.array([0.5, 0.3, 0.2]), 2.0
@@ -130,6 +131,10 @@ def test_velocities_that_stretch_what_is_rigid_are_refused_where_nothing_takes_t
     for method in ("rk4", "dopri8"):
         with pytest.raises(InputError, match="m/s, and their distance is constant"):
             simulate(rod, 0.1, velocities=growing, options=SolverOptions(method, dt=0.01 if method == "rk4" else None))
+    options = resolve(rod, 0.1, SolverOptions("rk4", dt=0.01))
+    start = lambda v: (rod.structure.nodes, v)  # noqa: E731
+    ok = jax.vmap(lambda v: rollout(rod, np.array([0.0, 0.1]), start=start(v), options=options).ok)
+    np.testing.assert_array_equal(ok(np.stack([growing, growing[[0, 0]]])), [False, True])
     found = simulate(rod, 0.1, velocities=growing, options=SolverOptions(dt=0.01)).positions[-1]
     np.testing.assert_allclose(np.linalg.norm(found[1] - found[0]), 1, atol=1e-9)
 
