@@ -70,7 +70,7 @@ def check_velocities(scene: Scene, start: State, since: Scalar, constrained: boo
     check_supports(scene, start[1], since)
     if constrained or not edges or traced((scene, start, since)):
         return
-    growing = np.asarray(_growing(tuple(np.asarray(x, float) for x in start), edges))
+    growing = np.asarray(_growing((np.asarray(start[0], float), np.asarray(start[1], float)), edges))
     if growing.max() > LARGEST_SLIP * float(speed_scale(scene)):
         k = int(growing.argmax())
         raise InputError(
