@@ -4,22 +4,35 @@ Scenes of four nodes show every pair of kinds. What takes little time is done on
 many that it meets every kind. A use ends right, by its check, or refuses in one line; all else is a fault.
 """
 
+import json
 import re
 from collections import Counter
 from collections.abc import Iterator
+from pathlib import Path
 
 from measurement import Record, measurement
 
+import jax
 from matrix_calls import CALLS, reaching
 from matrix_commands import COMMANDS
 from matrix_scenes import IMPOSSIBLE, KINDS, Row, covering, pairs
 from matrix_uses import MOVING, STILL, Case, tried
 from pages import columns
 
+from jaxgrity.io.files import read_text
+
 CALLED = {f"{name} (call)": reaching(call) for name, call in CALLS.items()}
 USES = {**STILL, **CALLED, **MOVING, **COMMANDS}
 """All uses by their names."""
-STAGES = {"still": tuple(STILL), "call": tuple(CALLED), "moving": tuple(MOVING), "command": tuple(COMMANDS)}
+SEARCH = "jaxgrity search --quick"
+"""The command that takes minutes on each scene."""
+STAGES = {
+    "still": tuple(STILL),
+    "call": tuple(CALLED),
+    "moving": tuple(MOVING),
+    "command": tuple(name for name in COMMANDS if name != SEARCH),
+    "search": (SEARCH,),
+}
 
 
 def jobs(rows: list[Row], uses: tuple[str, ...]) -> list[tuple[int, str]]:
@@ -36,20 +49,29 @@ def jobs(rows: list[Row], uses: tuple[str, ...]) -> list[tuple[int, str]]:
 
 
 @measurement(page="matrix.md", quick={"stages": ("still",), "scenes": 4}, raw=("rows",))
-def matrix(stages: tuple[str, ...] = tuple(STAGES), scenes: int = 10_000) -> Iterator[Record]:
+def matrix(
+    stages: tuple[str, ...] = tuple(STAGES), scenes: int = 10_000, known: Path | None = None
+) -> Iterator[Record]:
     """A row for each use of a scene.
 
     Args:
-        stages: which uses: "still" compiles little, "call" ends at the compiler, "moving" and "command" compile
+        stages: which uses: "still" compiles little, "call" ends at the compiler, the others compile
         scenes: how many of the scenes, the first ones
+        known: record of a run that was interrupted, or of other stages; what it has tried is not tried again
     """
     rows = covering(KINDS)[:scenes]
-    last, done = -1, []
+    done = [] if known is None else json.loads(read_text(known))["rows"]
+    yield from done
+    tried_before = {(each["scene"], each["use"]) for each in done}
+    last = -1
     for k, use in jobs(rows, tuple(use for stage in stages for use in STAGES[stage])):
+        if (k, use) in tried_before:
+            continue
         if k != last:
             last, case = k, Case(rows[k])
-        done.append({"scene": k, "use": use, **tried(USES[use], case)})
-        yield rows[k] | done[-1]
+            jax.clear_caches()  # the programs of the scene before: together they fill the memory
+        done.append(rows[k] | {"scene": k, "use": use, **tried(USES[use], case)})
+        yield done[-1]
     return {
         "scenes": len(rows),
         "pairs": len(set().union(*map(pairs, rows))),
@@ -57,6 +79,7 @@ def matrix(stages: tuple[str, ...] = tuple(STAGES), scenes: int = 10_000) -> Ite
         "seconds": sum(each["seconds"] for each in done),
         "uses": [used(use, done) for use in USES if any(each["use"] == use for each in done)],
         "refusals": refusals([*impossible(), *done]),
+        "commands": list(commanded(done)),
     }
 
 
@@ -66,6 +89,18 @@ def used(use: str, done: list[Record]) -> Record:
     ends = Counter(each["end"] for each in own)
     counts = {"right": ends["right"], "refused": ends["refused"], "faults": ends["wrong"] + ends["raw"]}
     return {"use": use, "scenes": len(own), **counts, "seconds": sum(each["seconds"] for each in own)}
+
+
+def commanded(done: list[Record]) -> Iterator[Record]:
+    """How every command ended on every kind of scene, as "2 of 3": so many right, the others refused in one line."""
+    for name in ("ground", "contact", "struts", "cables", "beside", "gait"):
+        for kind in KINDS[name]:
+            row = {"kind": f"{name}: {kind}"}
+            for use in COMMANDS:
+                ends = [each["end"] for each in done if each["use"] == use and each[name] == kind]
+                told = f"{ends.count('right')} of {len(ends)}" if ends else "-"
+                row[use] = told if set(ends) <= {"right", "refused"} else "wrong"
+            yield row
 
 
 def impossible() -> Iterator[Record]:
@@ -102,6 +137,13 @@ def words(record: Record) -> str:
     told = {"use": lambda row: ", ".join(row["uses"]), "refused in one line": "{sentence}"}
     tables = columns([record], sums), columns(record["uses"], cells), columns(record["refusals"], told)
     return "\n\n".join(tables)
+
+
+@matrix.table(part="commands")
+def words_of_commands(record: Record) -> str:
+    """How every command ended on every kind of scene."""
+    heads = {name.removeprefix("jaxgrity "): "{" + name + "}" for name in COMMANDS}
+    return columns(record["commands"], {"kind": "{kind}"} | heads)
 
 
 if __name__ == "__main__":
