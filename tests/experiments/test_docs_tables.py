@@ -30,7 +30,7 @@ BLOCKS = {
     "docs/identification.md": 4,
     "docs/search.md": 10,
     "docs/validation.md": 4,
-    "docs/matrix.md": 1,
+    "docs/matrix.md": 2,
 }
 
 
