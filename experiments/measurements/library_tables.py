@@ -3,8 +3,8 @@
 import numpy as np
 from pages import columns, made_by, table, whole_zero
 
-from jaxgrity import Gait, gait_names, gait_record, load_gait, load_scene, with_error
-from jaxgrity.model.actuation import contraction
+from jaxgrity import Gait, Members, gait_names, gait_record, load_gait, load_scene, with_error
+from jaxgrity.model import rest_length
 
 Facts = dict
 
@@ -113,9 +113,11 @@ def gaits_table() -> str:
         along = steady.get("along_heading")
         scene = load_scene(record["scene"])
         slope = np.degrees(scene.ground.incline)
-        moved = "struts" if gait.members[0] < scene.structure.first_cable else "cables"
+        first = scene.structure.first_cable
+        moved, count = ("struts", 0) if gait.members[0] < first else ("cables", first)
+        stroke = _stroke(gait, getattr(scene.structure, moved), count)
         rows.append([
-            f"`{name}`", f"{record['motion']['kind']}; {moved}, {100 * _stroke(gait):.0f} %",
+            f"`{name}`", f"{record['motion']['kind']}; {moved}, {100 * stroke:.0f} %",
             _speed(steady) if along is None else f"{along['speed'] / size:.2f} up {slope:.0f}°",
             "-" if along is not None else _bend(steady), f"{steady['settled_after']:.0f}",
             _with_bar(steady["cycle"], "peak_power", 0), _of_robots(mean / size, robots, size),
@@ -123,10 +125,11 @@ def gaits_table() -> str:
     return table(head, rows)
 
 
-def _stroke(gait: Gait) -> float:
+def _stroke(gait: Gait, members: Members, first: int) -> float:
     """By which share of its length the member that moves most is shortened at most."""
     times = float(gait.start + gait.ramp) + np.arange(200) / 200 / float(np.min(gait.frequency))
-    return max(float(np.max(contraction(gait, t))) for t in times)
+    shares = [1 - np.asarray(rest_length(members, gait, t, first)) / members.rest_length for t in times]
+    return float(np.max(shares))
 
 
 def full_gaits_table() -> str:

@@ -212,8 +212,9 @@ def judged(exact):
     """32 gaits by four robots each, the second of which tears its own apart, with what they were judged by."""
     doubts = Uncertainty(0.3, 0.1, 0.4, 0.1, 0.1, 0.05, 0.05)
     fitness = Fitness(Direction(heading=0.7), doubts, robots=4, caution=1.5)
-    amplitude = np.array([0.3, 30.0, *np.full(30, 0.2)])[:, None] * np.ones((32, 6))
-    gaits = gaits_of(exact.gait, random_phases(32, 6, seed=0), jnp.asarray(amplitude))
+    amplitude = np.array([0.3, 0.9, *np.full(30, 0.2)])[:, None] * np.ones((32, 6))
+    frequency = np.array([0.5, 47.0, *np.full(30, 0.5)])[:, None] * np.ones((32, 6))
+    gaits = gaits_of(exact.gait, random_phases(32, 6, seed=0), jnp.asarray(amplitude), jnp.asarray(frequency))
     problem = SearchProblem(exact, Genome(6), 2.5, fitness)
     return problem, gaits, judge_at(FidelityLevel("", exact, 1e-2, "float64"), gaits, problem, seed=5)
 
