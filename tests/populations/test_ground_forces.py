@@ -18,6 +18,7 @@ from jaxgrity import (
     SolverOptions,
     Structure,
 )
+from jaxgrity.stepping.methods import find_method
 
 G = 9.81
 STEP = 5e-3
@@ -173,3 +174,15 @@ def test_a_node_that_rests_has_its_weight_whatever_the_duration(duration):
     scene = Scene(structure, G, ground=ExactGround(), friction=ConeFriction(0.5))
     motion = jaxgrity.simulate(scene, duration, options=SolverOptions(dt=STEP), frame_rate=200.0)
     np.testing.assert_allclose(jaxgrity.forces_along(scene, motion).ground[1:, 0, 2], G, rtol=1e-9)
+
+
+@pytest.mark.slow
+def test_penalty_contact_pushes_on_rigid_struts_as_their_momentum_says():
+    """Frames in every step, for which balances hold to one step of the largest force: a tilted rod falls on its end."""
+    ground, friction = PenaltyGround(2e3, 1.0), SmoothFriction(0.4, 0.01)
+    scene = Scene(rod(TILTED, [1.0, 1.0]), G, ground=ground, friction=friction)
+    motion = jaxgrity.simulate(scene, 0.3, frame_rate=1000.0, options=SolverOptions(dt=1e-3))
+    forces = jaxgrity.forces_along(scene, motion)
+    assert find_method(motion.method).constrained
+    assert (forces.ground[:, 0, 2] > G).any()
+    np.testing.assert_allclose(unbalanced(scene, motion, forces), 0, atol=motion.dt * forces.ground.max())
