@@ -159,7 +159,8 @@ def simulate(
         velocities: (nodes, 3), m/s, at the start; by default zero.
 
     Returns:
-        The motion from t = 0 to `duration`. A motion that fails is returned with its failure code.
+        The motion from t = 0 to `duration`. A motion that fails is returned with its failure code. On exact contact,
+        use `velocities_midway` for energies and slip (see `Trajectory.velocities`).
 
     Raises:
         InputError: bad options (see `resolve`), positions or velocities of the wrong shape, velocities of fixed
