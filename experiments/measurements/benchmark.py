@@ -144,7 +144,8 @@ def short(record: Record) -> str:
         ]
         for cost in [cost for cost in record["costs"] if cost["engine"] == ours][:1]
     ]
-    head = f"{record['gaits']} robots at once on {record['cores']} cores: rollouts of {record['duration']:g} s a second"
+    each = f"{record['duration']:g} s each"
+    head = f"{record['gaits']} robots at once on {record['cores']} cores: rollouts per second ({each})"
     return table([head, "measured"], rows)
 
 

@@ -50,7 +50,8 @@ def words(record: Record) -> str:
     cells = {
         "search of": "`{gait}`",
         "steady speed found, body lengths/s": lambda row: "no orbit" if row["found"] is None else f"{row['found']:.3f}",
-        "as a share of the library's gait at that time": lambda row: f"{(row['found'] or 0) / row['library']:.0%}",
+        "the library's gait at that time": "{library:.3f}",
+        "share of it": lambda row: f"{(row['found'] or 0) / row['library']:.0%}",
     }
     return columns(record["rows"], cells)
 

@@ -31,7 +31,7 @@ def gait_search_table(facts: Facts) -> str:
     rows = [
         ["steady speed", f"**{_speed(steady)} body lengths/s**, after {steady['settled_after']:.0f} s"],
         ["128 perturbed robots, on exact and on penalty contact", ", ".join(perturbed)],
-        ["a motor needs in a cycle, and from the start on", f"{_peaks(steady['cycle'])}; {_peaks(facts['actuators'])}"],
+        ["peaks of a motor in a cycle; start included", f"{_peaks(steady['cycle'])}; {_peaks(facts['actuators'])}"],
     ]  # fmt: skip
     return table(["the gait that `make gait` finds", "measured"], rows) + made_by(facts, "gait_search", "README.md")
 
@@ -57,7 +57,7 @@ def full_gait_search_table(facts: Facts) -> str:
         ["peaks of an actuator from the start on", _peaks(facts["actuators"])],
         ["cost of transport", _with_bar(steady["cycle"], "cost_of_transport", 2)],
         ["share of contact time spent slipping", f"{100 * facts['slip_share']:.0f} %"],
-        ["rollouts of the search", f"{facts['rollouts']}"],
+        ["rollouts of the evolution (polish comes on top)", f"{facts['rollouts']}"],
         ["polish", facts["polish"]],
         ["wall time", f"{facts['wall_seconds']:.0f} s: {stages}"],
     ]
@@ -173,7 +173,7 @@ def _facts_of(name: str) -> Facts:
     return {
         "gait": name,
         "scene": record["scene"],
-        "speed": _speed(steady) + ("" if along is None else f", {along['speed'] / size:.3f} of it uphill"),
+        "speed": _speed(steady) + ("" if along is None else f", {along['speed'] / size:.3f} uphill"),
         "turning": _bend(steady) if along is None else "-",
         "settled_after": steady["settled_after"],
         "verified_for": steady["verified_for"],

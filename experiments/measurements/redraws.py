@@ -131,7 +131,7 @@ def words(record: Record) -> str:
     contacts = list(dict.fromkeys(row["contact"] for row in record["rows"]))
     told = lambda share: "-" if share is None else f"{100 * share:.0f} %"  # noqa: E731
     about = f"{record['draws']} ensembles of {record['robots']} robots"
-    head = ["range of", "should cover the truth", *(f"covers it ({contact} contact, {about})" for contact in contacts)]
+    head = ["± of", "should cover the truth", *(f"covers it ({contact} contact, {about})" for contact in contacts)]
     return table(head, [[name, "95 %", *(told(x.get(c)) for c in contacts)] for name, x in covered.items()])
 
 
