@@ -179,7 +179,7 @@ def ensemble(
 
     With `common` draws all gaits meet the same ones, so that their means compare. Draws come in pairs of opposite
     signs: linear effects cancel from a mean. Raises `InputError` where the scene does not model an uncertain quantity,
-    and where an uncertain amplitude may reach 1.
+    where an uncertain amplitude may reach 1, and for uncertain terrain beside balls.
     """
     dtype, (size, actuators) = gaits.phase.dtype, gaits.phase.shape
     rows = count if common else count * size
@@ -278,6 +278,10 @@ def _moved_ground(scene: Scene, moved: AnyArray) -> AnyArray:
     if ground is None or ground.surface is None:
         raise InputError(
             "terrain: robots cannot differ in it, since the ground is a plane or missing; expected a surface"
+        )
+    if ground.balls is not None:
+        raise InputError(
+            "uncertainty.terrain: no start is found beside ground.balls; expected terrain = 0"
         )
     own = jnp.asarray(np.zeros(3) if ground.offset is None else ground.offset, moved.dtype)
     x, y, z = jnp.asarray(scene.structure.nodes, moved.dtype).T - own[:, None]

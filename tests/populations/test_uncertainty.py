@@ -17,6 +17,7 @@ from jaxgrity import (
     InputError,
     Overtone,
     Scene,
+    Slope,
     SolverOptions,
     Structure,
     SwitchFriction,
@@ -32,6 +33,7 @@ from jaxgrity import (
     simulate_population,
     with_gait,
 )
+from jaxgrity.model import Balls
 from jaxgrity.model.actuation import peak_rates
 from jaxgrity.model.scene import as_dtype
 from jaxgrity.model.structure import edge_lengths
@@ -367,3 +369,11 @@ def test_bad_half_widths_are_refused(name, value):
         InputError, match=rf"uncertainty\.{name} = .*: expected (a half-width of at least 0 and b|a finite)"
     ):
         Uncertainty(**{name: value})
+
+
+def test_terrain_is_not_uncertain_beside_balls(exact):
+    """Their robots would start in the ground."""
+    ground = ExactGround(surface=Slope(0.1), balls=Balls((0,), np.array([0.05])))
+    scene = dataclasses.replace(exact, ground=ground)
+    with pytest.raises(InputError, match=r"uncertainty\.terrain: no start is found beside ground\.balls"):
+        ensemble(jax.random.key(0), scene, gaits(exact, 1), Uncertainty(terrain=0.1), 2)
