@@ -46,7 +46,7 @@ class Losses:
     def lose(self, kind: str, what: str) -> None:
         """Raises `InputError` unless the caller drops things of this kind; then a note says so."""
         if kind not in self.drop:
-            raise InputError(f"{what}, which would be lost; drop={kind!r}, or --drop {kind}, reads the model without")
+            raise InputError(f"{what}, which would be lost; drop=[{kind!r}], or --drop {kind}, reads the model without")
         self.note(f"dropped: {what}")
 
 

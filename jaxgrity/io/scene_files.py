@@ -126,7 +126,8 @@ def _structure(file: SceneFile, ground: Ground | None) -> Structure:
     massive = bool(file.bodies) or any(m is not None and m.mass is not None for m in parts.values())
     mass = _node_mass(table, len(nodes), massive)
     fixed = tuple((each, "xyz") if isinstance(each, int) else (each.node, each.axes) for each in table.fixed)
-    posed = _posed(nodes, table, ground)
+    # on ground with obstacles the plane is one of its parts, and the ground's own incline is 0
+    posed = _posed(nodes, table, ground, file.ground.incline if file.ground else 0.0)
     bodies = build_bodies(file.bodies, nodes, fixed)
     found = Structure(posed, mass, parts["struts"], parts["cables"], fixed=fixed, bodies=bodies)
     if table.prestress is None:
@@ -159,11 +160,11 @@ def _node_mass(table: StructureTable, count: int, massive: bool) -> np.ndarray:
     return np.full(count, table.mass / count) if table.mass is not None else np.array(table.node_mass, float)
 
 
-def _posed(nodes: np.ndarray, table: StructureTable, ground: Ground | None) -> np.ndarray:
+def _posed(nodes: np.ndarray, table: StructureTable, ground: Ground | None, incline: float) -> np.ndarray:
     if table.pose == "face":
         nodes = rest_on_face(nodes)
     if table.aligned and ground is not None:
-        cosine, sine = math.cos(ground.incline), math.sin(ground.incline)
+        cosine, sine = math.cos(incline), math.sin(incline)
         nodes = nodes @ np.array([[cosine, 0, -sine], [0, 1, 0], [sine, 0, cosine]])
     if table.height is None:
         return nodes

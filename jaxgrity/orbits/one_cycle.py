@@ -1,5 +1,6 @@
 """Energy, actuators and supports in one cycle of an orbit."""
 
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -82,14 +83,17 @@ def orbit_cycle(scene: Scene, orbit: Orbit, *, options: Options = None) -> Orbit
     cost = float(cost_of_transport(scene, effort, distance))
     force, rate, power = (float(np.max(each)) for each in (metrics.peak_force, metrics.peak_rate, metrics.peak_power))
     work = float(np.asarray(metrics.work)[0])
-    return OrbitCycle(orbit.cycle, distance, work, effort, cost, force, rate, power, _supports(here, orbit, chosen))
+    return OrbitCycle(
+        orbit.cycle, distance, work, effort, cost, force, rate, power, _supports(scene, here, orbit, chosen)
+    )
 
 
-def _supports(scene: Scene, orbit: Orbit, options: ResolvedOptions) -> tuple[tuple[int, ...], ...]:
-    """The faces in the cycle after the orbit's state, where the scene begins."""
+def _supports(scene: Scene, here: Scene, orbit: Orbit, options: ResolvedOptions) -> tuple[tuple[int, ...], ...]:
+    """The faces of the built robot in the cycle after the orbit's state, where `here` begins."""
     if scene.ground is None:
         return ()
     trajectory = simulate(
-        scene, orbit.cycle, options=options, frame_rate=FRAME_RATE / float(time_scale(scene)), velocities=orbit.state[1]
+        here, orbit.cycle, options=options, frame_rate=FRAME_RATE / float(time_scale(scene)), velocities=orbit.state[1]
     )
-    return () if trajectory.failed else rolling(scene, trajectory).supports
+    built = replace(here, structure=scene.structure)  # the pose of the moment may be flat
+    return () if trajectory.failed else rolling(built, trajectory).supports

@@ -17,6 +17,7 @@ from jaxgrity.core.primitives import edge_vectors, length
 from jaxgrity.core.tracing import refuse_traced
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import NodeVectors, Scalar
+from jaxgrity.model.actuation import rest_length
 from jaxgrity.model.bodies import carrying, independent_nodes
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.springs import check_no_bodies, largest_force, largest_stiffness
@@ -136,7 +137,7 @@ def equilibrium_near(scene: Scene, shape: NodeVectors) -> NodeVectors:
         struts = scene.structure.struts
         if struts is None or not struts.rigid:
             return energy
-        return energy + multiplier @ (length(edge_vectors(q, struts.edges)) - struts.rest_length)
+        return energy + multiplier @ (length(edge_vectors(q, struts.edges)) - rest_length(struts, scene.gait, 0.0, 0))
 
     struts = scene.structure.struts
     multipliers = len(struts.edges) if struts is not None and struts.rigid else 0

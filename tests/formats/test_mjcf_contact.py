@@ -165,7 +165,7 @@ def test_another_motion_is_refused_unless_it_may_be(text, kind, reason, read):
     with pytest.raises(InputError) as caught:
         read(text)
     assert reason in str(caught.value)
-    assert f"drop='{kind}'" in str(caught.value)
+    assert f"drop=['{kind}']" in str(caught.value)
     found = read(text, drop=[kind])
     assert any(note.startswith("dropped: ") and reason in note for note in found.notes)
 

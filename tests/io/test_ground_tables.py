@@ -90,3 +90,24 @@ def test_an_incline_goes_with_obstacles_and_with_no_other_surface():
     bowl = with_ground('surface = { kind = "bowl", radius = 2.0 }').replace("incline = 0.0", "incline = 0.2")
     with pytest.raises(InputError, match=r"ground.incline = 0.2: it is that of the plane"):
         parse_scene(bowl)
+
+
+def test_robots_stand_along_an_incline_with_obstacles_as_on_one_without():
+    plain = """
+        [structure]
+        kind = "icosahedron"
+        mass = 6.0
+        pose = "face"
+        aligned = true
+        [struts]
+        rigid = true
+        [cables]
+        stiffness = 600.0
+        prestrain = 0.3
+        [ground]
+        contact = "complementarity"
+        incline = 0.3
+    """
+    beside = plain + 'obstacles = [{kind = "sphere", centre = [9.0, 0.0, 0.0], radius = 0.2}]'
+    alone, together = (parse_scene(text).structure.nodes for text in (plain, beside))
+    np.testing.assert_allclose(together, alone, atol=1e-12)

@@ -9,7 +9,19 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from jaxgrity import EnergyTerm, InputError, Members, Scene, Structure, describe, edge_lengths, force_limit, with_terms
+from jaxgrity import (
+    EnergyTerm,
+    InputError,
+    Members,
+    Motor,
+    Scene,
+    Structure,
+    describe,
+    edge_lengths,
+    force_limit,
+    load_scene,
+    with_terms,
+)
 from jaxgrity.model import body_moments, rigid_body
 from jaxgrity.statics import equilibrium_near, prestressed, resting_shape, settled, vibration_modes
 from jaxgrity.statics.stiffness import factor_if_definite, stiffness_matrix
@@ -216,3 +228,13 @@ def test_stress_that_cannot_be_is_refused(given, message):
         prestressed(sprung(prism(3)), **given)
     with pytest.raises(InputError, match="tolerance = 0 N"):
         resting_shape(hanging(), tolerance=0.0)
+
+
+def test_equilibrium_near_knows_what_a_motor_has_wound_from_rigid_struts():
+    """1 m as built, 0.8 m at t = 0."""
+    structure = load_scene("exact").structure
+    wound = dataclasses.replace(structure.struts, motors=(Motor(0, [-9.0], [0.8], 1.0),))
+    scene = Scene(dataclasses.replace(structure, struts=wound))
+    q = resting_shape(scene).q
+    lengths = edge_lengths(equilibrium_near(scene, q), structure.struts.edges)
+    np.testing.assert_allclose(lengths, [0.8, 1, 1, 1, 1, 1], atol=1e-9)
