@@ -34,9 +34,9 @@ class Losses:
 
     def __init__(self, drop: Collection[str], droppable: Collection[str], notes: list[str]):
         """Raises `InputError` where `drop` has a name that is not among the `droppable`."""
-        unknown = sorted({drop} if isinstance(drop, str) else set(drop) - set(droppable))
+        unknown = drop if isinstance(drop, str) else sorted(set(drop) - set(droppable))
         if unknown:
-            raise InputError(f"drop = {unknown}: expected a list of some of {', '.join(droppable)}")
+            raise InputError(f"drop = {unknown!r}: expected a list of some of {', '.join(droppable)}")
         self.drop = frozenset(drop)
         self.notes = notes
 

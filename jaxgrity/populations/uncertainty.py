@@ -280,7 +280,9 @@ def _moved_ground(scene: Scene, moved: AnyArray) -> AnyArray:
             "terrain: robots cannot differ in it, since the ground is a plane or missing; expected a surface"
         )
     if ground.balls is not None:
-        raise InputError("uncertainty.terrain: no start is found beside ground.balls; expected terrain = 0")
+        raise InputError(
+            "terrain: robots with balls would start in the ground; expected terrain = 0, or no ground.balls"
+        )
     own = jnp.asarray(np.zeros(3) if ground.offset is None else ground.offset, moved.dtype)
     x, y, z = jnp.asarray(scene.structure.nodes, moved.dtype).T - own[:, None]
     above = z - ground.surface.height(x, y)

@@ -186,7 +186,8 @@ REFUSED = {
     "wrapping": (
         "nodes: {a: [0, 0, 0], b: [1, 0, 0], c: [0, 9, 0]}\npair_groups: {rod: [[a, b]], string: [[a, b]]}\n"
         "builders: {string: {class: tgBasicContactCableInfo}}",
-        "1 strings are deflected by bodies (tgBasicContactCableInfo or the like), which would be lost; drop=['",
+        "1 strings are deflected by bodies (tgBasicContactCableInfo or the like), which would be lost; "
+        "drop=['wrapping'], or --drop wrapping,",
     ),
     "too tight": (
         "nodes: {a: [0, 0, 0], b: [1, 0, 0]}\npair_groups: {tight: [[a, b]], rod: [[a, b]]}\n"

@@ -375,5 +375,5 @@ def test_terrain_is_not_uncertain_beside_balls(exact):
     """Their robots would start in the ground."""
     ground = ExactGround(surface=Slope(0.1), balls=Balls((0,), np.array([0.05])))
     scene = dataclasses.replace(exact, ground=ground)
-    with pytest.raises(InputError, match=r"uncertainty\.terrain: no start is found beside ground\.balls"):
+    with pytest.raises(InputError, match=r"^terrain: robots with balls would start in the ground"):
         ensemble(jax.random.key(0), scene, gaits(exact, 1), Uncertainty(terrain=0.1), 2)
