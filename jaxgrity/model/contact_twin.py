@@ -93,7 +93,7 @@ def contact_twin(scene: Scene) -> Scene:
 
 
 def is_exact(scene: Scene) -> bool:
-    """Whether struts or contact are constraints. Rigid bodies are the same on both contact models."""
+    """Whether its contact model is the exact one: rigid struts or exact contact. Rigid bodies are in both models."""
     struts, ground = scene.structure.struts, scene.ground
     return (struts is not None and struts.rigid) or (ground is not None and ground.impulsive)
 

@@ -135,7 +135,7 @@ class Scene(eqx.Module):
 
     @property
     def constrained(self) -> bool:
-        """Whether struts or contact are constraints."""
+        """Whether the scene has any `Constraint`: rigid struts or bodies, or exact contact."""
         return bool(self.constraints)
 
     def potential_energy(self, q: NodeVectors, t: Scalar, vectors: VectorsByKind | None = None) -> Scalar:

@@ -190,7 +190,7 @@ def _common(scene: Scene, gait: Gait, options: Options, x64: bool) -> _Common:
     Its arrays are put on every device once, where possible: that takes longer than a short rollout.
     """
     scene = hold_functions(with_gait(scene, gait))
-    resolved = resolve(scene, 1.0, options)  # the same for any duration
+    resolved = resolve(scene, options=options)
     # copies, since the caller may change the numbers of NumPy's arrays
     cast = lambda x: namespace_of(x).array(x, resolved.dtype)  # noqa: E731
     with evaluated():

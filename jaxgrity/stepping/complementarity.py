@@ -2,7 +2,7 @@
 
 The scheme of Moreau and Jean: forces act on the velocity, then impulses make it satisfy the constraints at the end of
 the step. M. Jean 1999, doi:10.1016/S0045-7825(98)00383-1; Stewart and Trinkle 1996. Here is the common part of its two
-solvers: `swept.py` finds impulses by sweeps over struts without common nodes, `coupled_stepping.py` all at once.
+solvers: `swept.py` finds impulses by sweeps over struts and contacts, `coupled_stepping.py` all at once.
 """
 
 import abc

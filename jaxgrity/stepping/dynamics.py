@@ -1,4 +1,7 @@
-"""The equations of motion, M a = -dU/dq - dR/dv (+ F_switch), and their conserved quantities."""
+"""The equations of motion, M a = -dU/dq - dR/dv (+ F_laws), and their conserved quantities.
+
+F_laws is the sum of `Scene.force_laws`, which have no potential: the Coulomb switch, friction of rods, users' own.
+"""
 
 import jax
 import jax.numpy as jnp
@@ -14,12 +17,12 @@ from jaxgrity.model.structure import Members, member_vectors, onto_nodes
 
 @typed
 def acceleration(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors) -> NodeVectors:
-    """a = M^-1 (-dU/dq - dR/dv + F_switch), (nodes, 3), m/s^2; along fixed coordinates that of the supports."""
+    """a = M^-1 (-dU/dq - dR/dv + F_laws), (nodes, 3), m/s^2; along fixed coordinates that of the supports."""
     return _accelerated(scene, t, total_force(scene, t, q, v))
 
 
 def total_force(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors) -> NodeVectors:
-    """-dU/dq - dR/dv + F_switch, (nodes, 3), N: all forces but those of supports."""
+    """-dU/dq - dR/dv + F_laws, (nodes, 3), N: all forces but those of supports."""
     normal_force = scene.normal_force(q, v)
     force = smooth_force(scene, t, q, v, normal_force)
     laws = scene.force_laws
@@ -57,7 +60,7 @@ def smooth_acceleration(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors)
 
 @typed
 def smooth_force(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors, normal_force: PerNode | None) -> NodeVectors:
-    """-dU/dq - dR/dv, N: all forces but F_switch.
+    """-dU/dq - dR/dv, N: all forces but those of force laws.
 
     Springs and dampers act along the same members: the sum of a member's forces is put on its nodes once.
     """

@@ -38,7 +38,8 @@ class Method(NamedTuple):
     symplectic: bool = False
     """whether it needs forces that are independent of velocity"""
     constrained: bool = False
-    """whether it solves rigid struts and exact contact"""
+    """whether impulses satisfy the constraints in each step: exact contact, and rigid struts that a gait or motors
+    move. Other methods keep distances that are constant"""
     recomputes: bool = False
     """whether a step recomputes its stages in reverse mode, and so needs no checkpoint"""
 
@@ -76,7 +77,7 @@ def find_method(name: str) -> Method:
 
 
 def constrained_method() -> Method:
-    """The first method that solves rigid struts and exact contact."""
+    """The first method whose impulses satisfy constraints."""
     return next(method for method in METHODS.values() if method.constrained)
 
 

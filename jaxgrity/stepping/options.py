@@ -24,7 +24,7 @@ from jaxgrity.stepping.starts import check_start
 from jaxgrity.stepping.step_limits import default_method, default_step, step_fault
 
 KEPT = 64
-"""Number of pairs of scene and options that are remembered as compatible. The check takes longer than a short
+"""Number of calls of `resolve` whose result is remembered: choosing and checking a step takes longer than a short
 rollout."""
 MASS_RATIO = 50
 """Largest ratio of the masses at a strut's ends at which sweeps are sure to converge on the ground."""
@@ -106,7 +106,7 @@ Options = SolverOptions | ResolvedOptions | None
 @typed
 def resolve(
     scene: Scene,
-    duration: float,
+    duration: float = 1.0,
     options: Options = None,
     *,
     dtype: str | None = None,
@@ -119,7 +119,7 @@ def resolve(
 
     Args:
         scene: the scene to simulate.
-        duration: simulated time, s.
+        duration: simulated time, s. It has to be positive; method and step do not depend on it.
         options: options of the user; resolved ones are returned unchanged if their method suits the scene. If JAX
             traces the friction, the faster sweeps are chosen. They may fail at mu = 1 or more (`rollout` is then not
             `ok`): pass `SolverOptions(coupled=True)` for such friction.
@@ -128,7 +128,7 @@ def resolve(
         since: time of the start, s; rigid struts must have their lengths at that time.
 
     Raises:
-        InputError: an unknown method or precision; a duration that is not positive and finite; a step too large for the
+        InputError: an unknown method or precision; a duration that is not positive and finite; a `dt` too large for the
             scene (a warning with `any_step`); a method that cannot satisfy the scene's constraints, or a start that
             violates them; a symplectic method for a scene that dissipates; sweeps, or a tolerance for them, for a
             method without sweeps; a tolerance finer than the precision; float64 while JAX's x64 mode is off.
@@ -190,11 +190,11 @@ def check_options(scene: Scene, options: ResolvedOptions) -> None:
 
 
 def _check_seen(scene: Scene, method: Method, dt: float) -> None:
-    finest = _seen_by(scene, method)
-    if dt > 2 * finest:
+    longest = 2 * _seen_by(scene, method)  # twice the default step: rough rollouts of a search take that
+    if dt > longest:
         raise InputError(
             f"dt = {dt:g} s: a push or another short force would be lost between the steps of {method.name}; "
-            f"expected at most {finest:g} s"
+            f"expected at most {longest:g} s"
         )
 
 
@@ -210,7 +210,7 @@ def _default_step(scene: Scene, method: Method) -> float:
     except (jax.errors.ConcretizationTypeError, jax.errors.TracerArrayConversionError) as error:
         raise InputError(
             "dt: the scene's numbers are being traced, so no step can be chosen; pass a dt, or options = "
-            "jaxgrity.stepping.resolve(scene, duration) of a scene with known numbers"
+            "jaxgrity.stepping.resolve(scene) of a scene with known numbers"
         ) from error
 
 

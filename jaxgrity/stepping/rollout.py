@@ -82,7 +82,7 @@ def rollout(
             raise InputError(f"start: {name} have shape {np.shape(given)}; expected {expected}")
     if steps is None and traced(times):
         raise InputError("times are being traced; pass `steps`, the number of steps between frames")
-    resolved = resolve(scene, 1.0, options, positions=q, since=times[0])
+    resolved = resolve(scene, options=options, positions=q, since=times[0])
     if resolved.dt is None:
         raise InputError(f"method = {resolved.method.name!r} adapts its step; expected a fixed one (dt)")
     check_velocities(scene, (q, v), times[0], resolved.method.constrained)

@@ -120,7 +120,7 @@ def some_frames(trajectory: Trajectory, frames: np.ndarray | slice) -> Trajector
 
 
 def frame_times(duration: float, frame_rate: float, at_most: float = math.inf) -> np.ndarray:
-    """(frames,), s: at least two times from 0 to `duration`, `frame_rate` per second, or `at_most` per second.
+    """(frames,), s: even times from 0 to `duration`, two or more, about `frame_rate` per second, or `at_most`.
 
     Raises `InputError` if the rate is not positive and finite.
     """
@@ -154,13 +154,14 @@ def simulate(
         scene: the scene to simulate.
         duration: simulated time, s.
         options: solver options; by default the scene decides.
-        frame_rate: saved frames per second.
+        frame_rate: saved frames per second, rounded so that evenly spaced frames end at `duration`.
         positions: (nodes, 3), m, at the start; by default those of the structure.
         velocities: (nodes, 3), m/s, at the start; by default zero.
 
     Returns:
-        The motion from t = 0 to `duration`. A motion that fails is returned with its failure code. On exact contact,
-        use `velocities_midway` for energies and slip (see `Trajectory.velocities`).
+        The motion from t = 0 to `duration`. Its `dt` is the step taken: complementarity stepping shortens the step
+        until it divides the duration. A motion that fails is returned with its failure code. On exact contact, use
+        `velocities_midway` for energies and slip (see `Trajectory.velocities`).
 
     Raises:
         InputError: bad options (see `resolve`), positions or velocities of the wrong shape, velocities of fixed
