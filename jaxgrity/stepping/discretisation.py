@@ -64,8 +64,8 @@ def integrate(
 ) -> diffrax.Solution:
     """`diffeqsolve` from the first of `times` (s) to the last, saved at all of them, or by `saveat`.
 
-    `problem` is by default that of `discretise`, for one robot and `start` = (q, v). It can be traced, and
-    differentiated in forward mode. Velocities are those of the method's carry (`handover.py`).
+    The solution can be traced, and differentiated in forward mode. `problem` is by default that of `discretise`, for
+    one robot and `start` = (q, v). Velocities are those of the method's carry (`handover.py`).
     """
     terms, solver = discretise(options) if problem is None else problem
     scene, memory = prepared(scene), None

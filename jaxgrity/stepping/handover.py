@@ -2,8 +2,9 @@
 
 Complementarity stepping is a leapfrog: its velocity w lives in the middle of its last step, of size h. A rollout
 returns the velocity at the time of the positions, half a step on by the forces there: v = w + h/2 a(q, v, t). A rollout
-from there takes that half step back, and continues without a break. So (q, v) is the whole state, and a motion in
-pieces is the motion in one piece. The contacts and rigid struts of the next step have not yet acted on v.
+from there takes that half step back, and continues without a break; one from rest begins with half a kick (`loop.py`).
+So (q, v) is the whole state, and a motion in pieces is the motion in one piece. The contacts and rigid struts of the
+next step have not yet acted on v.
 """
 
 import jax

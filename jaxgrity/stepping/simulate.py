@@ -1,4 +1,4 @@
-"""One rollout of one scene, by any method."""
+"""Simulation of one scene with saved frames, by any method; `rollout.py` has the pure function for reverse mode."""
 
 import math
 from dataclasses import replace
@@ -41,9 +41,9 @@ class Trajectory(eqx.Module):
     positions: NodeHistory
     """(frames, nodes, 3), m"""
     velocities: NodeHistory
-    """(frames, nodes, 3), m/s, at the time of each frame. Complementarity stepping saves them before contact and rigid
-    struts act in the next step: the velocity of a node at rest is then h/2m times all other forces on it, prestress
-    included. Use `velocities_midway` for energies and slip"""
+    """(frames, nodes, 3), m/s, at the time of each frame. Those of complementarity stepping are before the constraints
+    of the next step act: a node at rest has h/2 F/m, not 0, with F the other forces on it, those of prestress included.
+    Use `velocities_midway` for energies and slip"""
     failure: jax.Array
     """index into `FAILURES`; 0: succeeded"""
     steps: jax.Array
@@ -164,9 +164,9 @@ def simulate(
         `velocities_midway` for energies and slip (see `Trajectory.velocities`).
 
     Raises:
-        InputError: bad options (see `resolve`), positions or velocities of the wrong shape, velocities of fixed
-            coordinates or, for a method without impulses, such as stretch what is rigid, or a frame rate that is not
-            positive and finite.
+        InputError: bad options (see `resolve`), positions or velocities of the wrong shape, velocities that move
+            supports, or that stretch rigid struts where the method has no impulses to correct them, or a frame rate
+            that is not positive and finite.
 
     Example:
         >>> scene = jaxgrity.load_scene("reference")

@@ -64,7 +64,8 @@ def check_supports(scene: Scene, velocities: AnyArray, since: Scalar = 0.0) -> N
 def check_velocities(scene: Scene, start: State, since: Scalar, constrained: bool) -> None:
     """`check_supports` of one robot's start; and refuse known velocities that change lengths of rigid struts or bodies.
 
-    A `constrained` method takes these: its impulses give every length, and its own frames lack the next ones.
+    A `constrained` method takes these. Impulses correct such velocities in the first step. Frames of an earlier motion
+    do have them: the impulses of the step after a frame are not in its velocities.
     """
     edges = held_edges(scene)
     check_supports(scene, start[1], since)

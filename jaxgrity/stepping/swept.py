@@ -135,9 +135,10 @@ class SweptImpulses(Complementarity):
     def _rates(self, scene, problem, before, after, rates):
         """The derivative of the sweeps' limit, where each node belongs to one strut.
 
-        Sweeps change the trial impulses by z = z0 - S u alone, with u the `pushes` of impulses of 1 along the struts,
-        until F(z, ...) = 0, the struts' `excess`. By the implicit function theorem the derivative of S is that of F
-        with S held, over -dF/dS: it costs less than one sweep's, and needs none of those before.
+        Sweeps change the trial impulses to z = z0 - S u, until F(z) = 0. S are the impulses along the struts, u the
+        nodes' motion by impulses of 1 (`pushes`), and F the error of the squared lengths (`excess`). By the implicit
+        function theorem, the derivative of S is the derivative of F at constant S, divided by -dF/dS. It costs less
+        than the derivative of one sweep, and no earlier sweep is needed for it.
         """
         scene_dot, problem_dot, before_dot = rates
         held = self.lift(rates_held, (-1, -1, -1, -1, -1))(problem, problem_dot, before, before_dot, after)
