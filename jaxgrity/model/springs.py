@@ -1,4 +1,4 @@
-"""Members as springs, rigid struts as very stiff ones, for equilibrium shapes, modes and members' forces."""
+"""Members' forces from U, and rigid struts as very stiff springs, for equilibrium shapes and modes."""
 
 import dataclasses
 
@@ -7,10 +7,13 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxgrity.core.errors import InputError
-from jaxgrity.core.types import NodeVectors, Scalar
+from jaxgrity.core.primitives import dot, inverse, length
+from jaxgrity.core.types import NodeVectors, PerMember, Scalar
+from jaxgrity.model.actuation import rest_length
 from jaxgrity.model.bodies import held_pairs
 from jaxgrity.model.clusters import pull
-from jaxgrity.model.structure import Members, Structure, edge_lengths
+from jaxgrity.model.scene import Scene
+from jaxgrity.model.structure import Members, Structure, edge_lengths, member_vectors
 
 STIFF = 1e5
 """Stiffness of the springs that replace rigid struts, as a multiple of the cables' stiffness."""
@@ -42,10 +45,20 @@ def check_no_bodies(structure: Structure, what: str) -> None:
         raise InputError(f"{what}: knows no rigid bodies yet; expected a structure without, or rods as struts")
 
 
+def elastic_tensions(scene: Scene, t: Scalar, q: NodeVectors) -> dict[str, PerMember]:
+    """The tension of each member, N, by kind, from all of U at time t, s: gait, motors, tables, limits, own terms."""
+    vectors = member_vectors(q, scene.structure.kinds)
+    pulls = jax.grad(scene.potential_energy, argnums=2)(q, t, vectors)
+    return {kind: dot(pulls[kind], d) * inverse(length(d)) for kind, d in vectors.items()}
+
+
 def spring_forces(members: Members, q: NodeVectors) -> np.ndarray:
-    """K (l - L) of each member at `q`, N, tension positive: of cables too, which cannot push; in float64."""
-    longer = edge_lengths(q, members.edges) - np.asarray(members.rest_length, float)
+    """K (l - L(0)) of linear springs at `q`, N, tension positive: of cables too, which cannot push; in float64.
+
+    L(0) has what motors wound before t = 0. `elastic_tensions` knows all of U, and costs a compiled program.
+    """
     with jax.enable_x64(True):
+        longer = edge_lengths(q, members.edges) - np.asarray(rest_length(members, None, 0.0, 0), float)
         return np.asarray(pull(np.asarray(members.stiffness, float), longer, members.clusters))
 
 

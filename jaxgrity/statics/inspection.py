@@ -205,9 +205,10 @@ def _that_count(structure: Structure, forces: PerMember) -> PerMember:
 
 @typed
 def member_forces(structure: Structure, q: NodeVectors) -> PerMember:
-    """K (l - L) of each member at `q`, N, tension positive, struts first; a slack cable has none.
+    """K (l - L) of each member at `q` and t = 0, N, tension positive, struts first; a slack cable has none.
 
-    Rigid struts count as very stiff springs. All segments of a cable that runs through several nodes have its tension.
+    L has what motors wound before t = 0. Rigid struts count as very stiff springs. All segments of a cable that runs
+    through several nodes have its tension.
     """
     check_no_bodies(structure, "member_forces")
     refuse_traced((structure, q), "member_forces", "take `jax.grad` of the scene's potential_energy")

@@ -2,7 +2,9 @@
 
 from typing import NamedTuple
 
+import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 import scipy.sparse as sp
 import scipy.sparse.linalg as spla
@@ -12,13 +14,10 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.tracing import refuse_traced
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, NodeVectors, PerMember
-from jaxgrity.model.clusters import pull
 from jaxgrity.model.scene import Scene
-from jaxgrity.statics.inspection import member_forces
+from jaxgrity.model.springs import check_no_bodies, elastic_tensions
 from jaxgrity.statics.stiffness import (
-    all_edges,
     free_coordinates,
-    incidence,
     stiffness_matrix,
     unresisted_motions,
     with_spring_struts,
@@ -65,6 +64,7 @@ def static_response(scene: Scene, q: NodeVectors, loads: Loads) -> StaticRespons
         (12, 3)
     """
     refuse_traced((scene, q, loads), "static_response", "`equilibrium_near` has derivatives of a shape")
+    check_no_bodies(scene.structure, "static_response")
     springs = with_spring_struts(scene)
     q, f = np.asarray(q, float), np.asarray(loads, float)
     if f.shape != q.shape:
@@ -88,22 +88,20 @@ def static_response(scene: Scene, q: NodeVectors, loads: Loads) -> StaticRespons
         raise InputError(loose)
     displacement = np.zeros(q.shape)
     displacement.ravel()[free] = u
-    change = _force_change(springs, q, displacement)
-    first, tension = springs.structure.first_cable, member_forces(springs.structure, q)
+    first, (tension, change) = springs.structure.first_cable, _tensions(springs, q, displacement)
     slackening = (np.arange(len(tension)) >= first) & (tension > 0) & (change < 0)
     margin = float((tension[slackening] / -change[slackening]).min(initial=np.inf))
     return StaticResponse(displacement, change, float(pull @ u / (pull @ pull)), margin)
 
 
-def _force_change(scene: Scene, q: np.ndarray, displacement: np.ndarray) -> np.ndarray:
-    """K times the rate of length of each member; none in slack cables."""
-    structure = scene.structure
-    C = incidence(all_edges(structure), len(q))
-    d = C @ q
-    longer = np.sum(d * (C @ displacement), axis=1) / np.linalg.norm(d, axis=1)
-    taut = np.r_[np.ones(structure.first_cable, bool), member_forces(structure, q)[structure.first_cable :] > 0]
-    kinds = [m for m in (structure.struts, structure.cables) if m is not None]
-    rates = np.split(longer, [structure.first_cable]) if len(kinds) == 2 else [longer]
+def _tensions(scene: Scene, q: np.ndarray, displacement: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The members' tensions at `q` and t = 0, N, struts first, and their first-order change."""
     with jax.enable_x64(True):
-        changes = [pull(np.asarray(m.stiffness, float), rate, m.clusters) for m, rate in zip(kinds, rates)]
-    return np.where(taut, np.concatenate(changes), 0.0)
+        by_kind = _along(scene, jnp.asarray(q), jnp.asarray(displacement))
+    tension, change = (np.concatenate([found[kind] for kind in scene.structure.kinds]) for found in by_kind)
+    return tension, change
+
+
+@eqx.filter_jit
+def _along(scene: Scene, q: NodeVectors, displacement: NodeVectors) -> tuple:
+    return jax.jvp(lambda x: elastic_tensions(scene, 0.0, x), (q,), (displacement,))

@@ -12,6 +12,7 @@ from jaxgrity.core.types import NodeVectors, PerMember, PerNode, Scalar, State, 
 from jaxgrity.model import inertia
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.shaking import support_acceleration, with_supports
+from jaxgrity.model.springs import elastic_tensions
 from jaxgrity.model.structure import Members, member_vectors, onto_nodes
 
 
@@ -85,9 +86,9 @@ def member_tensions(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors | No
     Limits, tables, clusters and users' terms are in it. Rigid members without dampers have no entry; the constraint
     forces of rigid struts are not in it.
     """
-    vectors = member_vectors(q, scene.structure.kinds)
-    of_springs = jax.grad(scene.potential_energy, argnums=2)
-    pull = of_springs(q, t, vectors) if v is None else member_pull(scene, t, q, v)
+    if v is None:
+        return elastic_tensions(scene, t, q)
+    pull, vectors = member_pull(scene, t, q, v), member_vectors(q, scene.structure.kinds)
     return {kind: dot(pull[kind], d) * inverse(length(d)) for kind, d in vectors.items()}
 
 

@@ -1,10 +1,12 @@
 """Small loads on structures at rest: against closed forms, and against the shape that the loads lead to."""
 
+import dataclasses
+
 import jax
 import numpy as np
 import pytest
 
-from jaxgrity import InputError, Members, Scene, Structure
+from jaxgrity import Gait, InputError, Members, Motor, Scene, Structure, force_table
 from jaxgrity.statics import member_forces, resting_shape, static_response
 
 BOTH_ENDS = ((0, "xyz"), (2, "xyz"))
@@ -29,6 +31,24 @@ def test_a_string_gives_way_as_its_stiffness_says():
     np.testing.assert_allclose(found.force_change, [2, -2], rtol=1e-12)
     np.testing.assert_allclose(found.slack_margin, K * (1 - rest) / 2, rtol=1e-12)
     np.testing.assert_allclose(found.compliance, (16 / (2 * K) + 9 / (2 * K * (1 - rest))) / 25, rtol=1e-12)
+
+
+def test_forces_are_those_that_each_cable_has_at_the_start():
+    """A node between two cables that a gait has shortened from 0.8 m to 0.72 m, on the table's slope of 500 N/m.
+
+    They pull with 10 + 500 * 0.18 N; along them each takes half of the load. Motors wind to 0.7 m in place of the gait.
+    """
+    x = np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0]])
+    cables = Members(((0, 1), (1, 2)), np.full(2, 100.0), np.full(2, 0.8))
+    structure = Structure(x, np.ones(3), cables=cables, fixed=BOTH_ENDS)
+    gait = Gait((0, 1), np.zeros(2), np.full(2, 0.2), np.ones(2), start=-9.0)
+    scene = Scene(structure, gait=gait, terms=(force_table(cables, [0.0, 0.1, 0.3], [0.0, 10.0, 110.0]),))
+    found = static_response(scene, x, np.array([[0.0, 0, 0], [4, 0, 0], [0, 0, 0]]))
+    np.testing.assert_allclose(found.force_change, [2, -2], rtol=1e-12)
+    np.testing.assert_allclose(found.slack_margin, 100 / 2, rtol=1e-12)
+    motors = tuple(Motor(k, np.full(1, -9.0), np.full(1, 0.7), rate=1.0) for k in range(2))
+    wound = dataclasses.replace(structure, cables=dataclasses.replace(cables, motors=motors))
+    np.testing.assert_allclose(member_forces(wound, x), 100 * 0.3, rtol=1e-12)
 
 
 def test_small_loads_lead_where_the_shape_at_rest_goes(robot):
