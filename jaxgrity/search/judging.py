@@ -17,7 +17,7 @@ from jaxgrity.model.actuation import Gait, actuated_lengths, peak_rates
 from jaxgrity.model.scene import Scene
 from jaxgrity.populations.lanes import most_lanes
 from jaxgrity.populations.population import Outcomes, roll_out
-from jaxgrity.populations.uncertainty import Uncertainty, ensemble
+from jaxgrity.populations.uncertainty import Differences, Uncertainty, differing, ensemble
 from jaxgrity.search.models import Model
 from jaxgrity.search.objectives import ActuatorBounds, Distance, Objective
 
@@ -64,10 +64,18 @@ class Fitness(eqx.Module):
         """Number of rollouts per gait: 1 if nothing is uncertain."""
         return 1 if self.uncertainty.none else self.robots
 
-    def worth(self, scene: Scene, gaits: Gait, outcomes: Outcomes, duration: Scalar) -> tuple[PerGait, PerGait]:
-        """(population,): the objective, and the excess over the bounds (`ActuatorBounds.excess`)."""
+    def worth(
+        self, scene: Scene, gaits: Gait, outcomes: Outcomes, duration: Scalar, masses: PerGait | None = None
+    ) -> tuple[PerGait, PerGait]:
+        """(population,): the objective, and the excess over the bounds (`ActuatorBounds.excess`).
+
+        `masses` are those of the robots, kg; None: the scene's.
+        """
         rate = peak_rates(gaits, actuated_lengths(scene.structure, gaits.members)).max(-1)
-        return self.objective.worth(scene, outcomes, duration), self.bounds.excess(rate, outcomes.metrics)
+        worth = self.objective.worth(scene, outcomes, duration)
+        if masses is not None and self.objective.per_mass:
+            worth = worth * (scene.structure.mass / masses)
+        return worth, self.bounds.excess(rate, outcomes.metrics)
 
 
 @typed
@@ -148,16 +156,19 @@ def judge(key, judging: Judging, gaits: Gait) -> Scores:
 def _judged(key, model: Model, gaits: Gait, duration: float, fitness: Fitness) -> tuple[np.ndarray, np.ndarray]:
     """(population, robots): objective of each robot, and its excess over the bounds."""
     rows, parts = len(gaits.phase) * fitness.rollouts, fitness.objective.parts_of(model.scene, duration)
-    gaits, outcomes = ensembles_rolled_out(key, model, gaits, duration, fitness, parts, fitness.needs_metrics)
-    found = _worth(fitness, model.scene, gaits, outcomes, np.asarray(duration, float))
+    gaits, differences, outcomes = ensembles_rolled_out(
+        key, model, gaits, duration, fitness, parts, fitness.needs_metrics
+    )
+    factors = differences.node_mass if differences is not None and fitness.objective.per_mass else None
+    found = _worth(fitness, model.scene, gaits, outcomes, np.asarray(duration, float), factors)
     objective, excess = (np.asarray(each)[:rows].reshape(-1, fitness.rollouts) for each in found)
     return objective, excess
 
 
 def ensembles_rolled_out(
     key, model: Model, gaits: Gait, duration: float, fitness: Fitness, parts: int, with_metrics: bool
-) -> tuple[Gait, Outcomes]:
-    """Rollouts of all robots of all gaits, in the order of the gaits, and the gait of each.
+) -> tuple[Gait, Differences | None, Outcomes]:
+    """Rollouts of all robots of all gaits, in the order of the gaits, with the gait and the differences of each.
 
     The last rollout is repeated to fill a whole number of calls. Every call has `call_size` rollouts, so one compiled
     program serves all stages of a search.
@@ -177,14 +188,23 @@ def ensembles_rolled_out(
         roll_out(scene, robots, end, options, differ, with_metrics=with_metrics, parts=parts)
         for robots, differ in map(some, filled.reshape(-1, size))
     ]
-    return some(filled)[0], jax.tree.map(lambda *found: np.concatenate(found), *calls)
+    return *some(filled), jax.tree.map(lambda *found: np.concatenate(found), *calls)
 
 
 @eqx.filter_jit
 def _worth(
-    fitness: Fitness, scene: Scene, gaits: Gait, outcomes: Outcomes, duration: Scalar
+    fitness: Fitness,
+    scene: Scene,
+    gaits: Gait,
+    outcomes: Outcomes,
+    duration: Scalar,
+    node_mass: Float[AnyArray, "population nodes"] | None,
 ) -> tuple[PerGait, PerGait]:
-    return fitness.worth(scene, gaits, outcomes, duration)
+    """`Fitness.worth` of robots whose nodes' masses differ by these factors."""
+    masses = None
+    if node_mass is not None:
+        masses = jax.vmap(lambda row: differing(scene, Differences(node_mass=row)).structure.mass)(node_mass)
+    return fitness.worth(scene, gaits, outcomes, duration, masses)
 
 
 def call_size(rows: int, model: Model) -> int:

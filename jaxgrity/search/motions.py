@@ -92,7 +92,7 @@ def robot_motions(
         parts, duration = whole_cycles(scene, duration, check_number("cycle", cycle, above=0.0, unit="s"))
     model = model_of(scene, duration, options)
     fitness = Fitness(SteadySpeed(), uncertainty, robots)
-    _, outcomes = ensembles_rolled_out(
+    *_, outcomes = ensembles_rolled_out(
         jax.random.key(seed), model, as_population(scene.gait), duration, fitness, parts, False
     )
     outcomes = jax.tree.map(lambda x: x[: fitness.rollouts], outcomes)

@@ -31,6 +31,8 @@ class Objective(eqx.Module):
     """whether turning a rollout about the vertical keeps its objective"""
     either_hand: ClassVar[bool] = True
     """whether mirroring a rollout keeps its objective"""
+    per_mass: ClassVar[bool] = False
+    """whether it is inversely proportional to the mass, so that each perturbed robot's own mass counts"""
     parts: ClassVar[int] = 1
     """number of parts into which the path of the centre of mass is divided (`Outcomes.com_path`)"""
 
@@ -154,6 +156,7 @@ class CostOfTransport(Objective):
     unit: ClassVar[str] = ""
     needs_metrics: ClassVar[bool] = True
     any_heading: ClassVar[bool] = True
+    per_mass: ClassVar[bool] = True
 
     def worth(self, scene, outcomes, duration):
         if scene.gravity is None:

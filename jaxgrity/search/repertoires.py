@@ -171,7 +171,7 @@ def _tried(key, problem: SearchProblem, model: Model, genes: Genes) -> _Tried:
     gaits = problem.genome.gaits(problem.scene.gait, np.asarray(genes, model.options.dtype))
     rate = np.asarray(peak_rates(gaits, actuated_lengths(scene.structure, gaits.members)).max(-1))
     parts, duration = parts_of(scene, gaits, problem.duration)
-    _, outcomes = ensembles_rolled_out(key, model, gaits, duration, fitness, parts, False)
+    *_, outcomes = ensembles_rolled_out(key, model, gaits, duration, fitness, parts, False)
     found = _path(scene, outcomes, np.asarray(duration, float))
     speed, bend = (np.asarray(x)[: len(genes) * fitness.rollouts].reshape(len(genes), -1) for x in found)
     allowed = rate <= (np.inf if fitness.bounds.rate is None else fitness.bounds.rate)

@@ -39,7 +39,8 @@ from jaxgrity import (
     with_gait,
 )
 from jaxgrity.model import body_length
-from jaxgrity.search import OBJECTIVES, FidelityLevel, find_objective, judge_at
+from jaxgrity.populations.uncertainty import Differences
+from jaxgrity.search import OBJECTIVES, FidelityLevel, find_objective, judge_at, judging
 from jaxgrity.search.judging import Scores, scored
 
 MOVED = np.array([[3.0, 4.0, 7.0], [-0.6, 0.8, 0.0], [0.0, -2.0, 1.0]])
@@ -142,6 +143,20 @@ def test_cost_of_transport_needs_a_weight(reference):
     weightless = eqx.tree_at(lambda s: s.gravity, reference, None)
     with pytest.raises(InputError, match="cost of transport needs gravity"):
         CostOfTransport().worth(weightless, outcomes(), 8.0)
+
+
+def test_cost_of_transport_is_per_weight_of_each_robot(reference, monkeypatch):
+    """Perturbed robots have masses of their own: 3, 6 and 12 kg do the same work over the same way."""
+    factors = np.array([0.5, 1.0, 2.0])[:, None] * np.ones((3, 12))
+    gaits = Gait((0, 1), 0 * RATE, RATE / np.pi, 1 + 0 * RATE)
+    alike = jax.tree.map(lambda x: x[[1, 1, 1]], outcomes())
+    rolled = lambda *_: (gaits, Differences(node_mass=factors), alike)  # noqa: E731
+    monkeypatch.setattr(judging, "ensembles_rolled_out", rolled)
+    fitness = Fitness(CostOfTransport(), Uncertainty(node_mass=0.9), robots=3)
+    asked = judging.Judging((judging.Model(reference, None),), 8.0, fitness)
+    one = gaits_of(one_gait(gaits, 0), RATE[:1])
+    expected = [-5 / (9.81 * mass) for mass in (3, 6, 12)]
+    np.testing.assert_allclose(judging.judge(jax.random.key(0), asked, one).each, [expected], rtol=1e-12)
 
 
 def test_objectives_say_what_they_need():

@@ -28,7 +28,7 @@ def arcs(turns, failure, sway=0.0, frequency=1.0, steep=0.0):
         failed = np.array(failure)
         path[failed != 0] = np.nan
         rest = {"positions": path[:, -1:], "steps": failed, "rejected": failed}
-        return gaits, jaxgrity.Outcomes(com_path=path, failure=failed, metrics=None, method="", dt=None, **rest)
+        return gaits, None, jaxgrity.Outcomes(com_path=path, failure=failed, metrics=None, method="", dt=None, **rest)
 
     return rolled
 
@@ -62,7 +62,7 @@ def test_a_late_gait_is_watched_in_full_swing(exact, monkeypatch):
         gone = 0.1 * np.maximum(np.linspace(0, duration, parts + 1) - 32.0, 0)
         path, none = np.stack([gone, 0 * gone, 0 * gone], -1)[None], np.zeros(1, int)
         rest = {"positions": path[:, -1:], "steps": none, "rejected": none}
-        return gaits, jaxgrity.Outcomes(com_path=path, failure=none, metrics=None, method="", dt=None, **rest)
+        return gaits, None, jaxgrity.Outcomes(com_path=path, failure=none, metrics=None, method="", dt=None, **rest)
 
     monkeypatch.setattr(module, "ensembles_rolled_out", late)
     found = jaxgrity.search.robot_motions(jaxgrity.with_gait(exact, gait), KNOWN, robots=1)
