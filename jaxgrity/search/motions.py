@@ -74,7 +74,7 @@ def robot_motions(
         The motion of every robot.
 
     Raises:
-        InputError: no gait, no robots, a scene without an uncertain quantity, or bad options (see `resolve`).
+        InputError: no gait, no robots, no time, a scene without an uncertain quantity, or bad options (see `resolve`).
 
     Example:
         >>> scene = jaxgrity.with_gait(jaxgrity.load_scene("exact"), jaxgrity.load_gait("lasting"))
@@ -85,7 +85,10 @@ def robot_motions(
     if scene.gait is None:
         raise InputError("robot motions: the scene has no gait; expected with_gait(scene, gait)")
     check_count("robots", robots, 1)
-    duration = max(duration, float(scene.gait.start + scene.gait.ramp) / SETTLING)
+    check_count("seed", seed, 0)
+    duration = max(
+        check_number("duration", duration, above=0.0, unit="s"), float(scene.gait.start + scene.gait.ramp) / SETTLING
+    )
     if cycle is None:
         parts, duration = parts_of(scene, scene.gait, duration)
     else:

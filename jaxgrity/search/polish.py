@@ -23,6 +23,7 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
+from jaxgrity.core.arguments import check_each
 from jaxgrity.core.display import COVERING, significant, with_error
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
@@ -116,8 +117,8 @@ def polish(
         The better gait, and a record of the climbs.
 
     Raises:
-        InputError: bad options (see `resolve`), a gradient that the fitness does not have, or too few rollouts for a
-            step from each start.
+        InputError: genes of another genome, bad settings or options (see `resolve`), a gradient that the fitness does
+            not have, or too few rollouts for a step from each start.
 
     Example:
         >>> scene = jaxgrity.load_scene("exact")
@@ -128,6 +129,7 @@ def polish(
         ((6,), 2)
     """
     config, genes = config or PolishConfig(), np.atleast_2d(np.asarray(genes, float))
+    check_each("genes", genes, shape=(max(1, len(genes)), problem.genome.size))
     check_polish(config, problem.fitness, len(genes))
     resolved, final = _resolved(problem, options, final_options)
     found = _routes(problem, genes, resolved, config)

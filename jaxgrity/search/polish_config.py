@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 from typing import Literal, NamedTuple, get_args
 
+from jaxgrity.core.arguments import check_count, check_number, is_count
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.search.judging import Fitness
@@ -102,8 +103,7 @@ def check_polish(config: PolishConfig, fitness: Fitness, starts: int) -> None:
     if config.kind not in get_args(GradientKind):
         known = ", ".join(get_args(GradientKind))
         raise InputError(f"polishing by {config.kind!r}: unknown; expected one of {known}")
-    if config.samples < 4 or config.samples % 2:
-        raise InputError(f"samples = {config.samples}: expected an even number, 4 or more")
+    _check_numbers(config)
     if config.kind == "orbit" and not isinstance(fitness.objective, SteadySpeed):
         said = f"the objective {type(fitness.objective).__name__} is not the speed of an orbit"
         raise InputError(f"polishing by 'orbit': {said}; expected SteadySpeed, or another gradient")
@@ -118,6 +118,19 @@ def check_polish(config: PolishConfig, fitness: Fitness, starts: int) -> None:
     if config.kind in ("smoothed", "orbit"):
         cost = cost_of_gradient(config, fitness, config.kind, ahead(config.kind, fitness))
         budget(config, fitness, [cost] * starts)
+
+
+def _check_numbers(config: PolishConfig) -> None:
+    """Raise `InputError` for a number out of its range."""
+    for name in ("rollouts", "robots", "comparison_robots", "final_robots", "gaits"):
+        check_count(f"polish: {name}", getattr(config, name), 1)
+    check_count("polish: overtones", config.overtones, 0)
+    if not is_count(config.samples, 4) or config.samples % 2:
+        raise InputError(f"polish: samples = {config.samples}: expected an even number, 4 or more")
+    for name in ("width", "largest_sensitivity"):
+        check_number(f"polish: {name}", getattr(config, name), above=0.0)
+    check_number("polish: learning_rate", config.learning_rate, least=0.0)
+    check_number("polish: momentum", config.momentum, least=0.0, most=1.0)
 
 
 def _robots(fitness: Fitness, robots: int) -> int:

@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from jaxgrity.core.arguments import check_count, check_each, check_number
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, PerGait
@@ -70,8 +71,13 @@ class Repertoire(NamedTuple):
     ) -> Float[np.ndarray, "count genes"]:
         """The genes of the elites whose speed and bend come nearest, at most so many, nearest first.
 
-        Differences of speed and bend count by `weights`. Raises `InputError` where all cells are empty.
+        Differences of speed and bend count by `weights`. Raises `InputError` where all cells are empty, or an argument
+        is out of its range.
         """
+        check_number("speed", speed)
+        check_number("bend", bend)
+        check_count("count", count, 1)
+        check_each("weights", np.asarray(weights), shape=(2,), least=0.0)
         off = (weights[0] * (self.speed - speed)) ** 2 + (weights[1] * (self.bend - bend)) ** 2
         if not np.isfinite(off).any():
             raise InputError("repertoire: all cells are empty; expected an elite in some cell")
@@ -111,7 +117,7 @@ def repertoire(
         The elites.
 
     Raises:
-        InputError: cells or rounds that are not positive, bounds that do not ascend, bad options (see `resolve`).
+        InputError: cells, rounds or widths out of their range, bounds that do not ascend, bad options (see `resolve`).
 
     Example:
         >>> scene = jaxgrity.load_scene("exact")
@@ -123,6 +129,7 @@ def repertoire(
     """
     config = config or RepertoireConfig()
     _check(config)
+    check_count("seed", seed, 0)
     model, size = model_of(problem.scene, problem.duration, options), problem.genome.size
     empty = np.full(config.cells, np.nan)
     found = Repertoire(np.full((*config.cells, size), np.nan), empty, empty, empty, (), 0)
@@ -143,14 +150,17 @@ def repertoire(
 
 def _check(config: RepertoireConfig) -> None:
     for name in ("speed", "bend"):
+        check_each(name, np.asarray(getattr(config, name)), shape=(2,))
         low, high = getattr(config, name)
         if not low < high:
             raise InputError(f"{name} = {(low, high)}: expected two ascending bounds")
-    for name, value in (("cells", min(config.cells)), ("drawn", config.drawn), ("batch", config.batch)):
-        if value < 1:
-            raise InputError(f"{name} = {getattr(config, name)}: expected 1 or more")
-    if config.rounds < 0:
-        raise InputError(f"rounds = {config.rounds}: expected 0 or more")
+    speeds, bends = config.cells
+    counts = {"cells[0]": speeds, "cells[1]": bends, "drawn": config.drawn, "batch": config.batch}
+    for name, value in counts.items():
+        check_count(name, value, 1)
+    check_count("rounds", config.rounds, 0)
+    check_number("width", config.width, least=0.0)
+    check_number("line", config.line, least=0.0)
 
 
 def _varied(

@@ -8,7 +8,7 @@ from typing import Any, Literal
 import jax
 import numpy as np
 
-from jaxgrity.core.arguments import check_count, check_number
+from jaxgrity.core.arguments import check_count, check_number, is_count
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.model.actuation import Gait, actuated_lengths
@@ -170,7 +170,7 @@ def search_problem(scene: Scene, config: SearchConfig) -> SearchProblem:
         _check_frequency(scene.gait, config.frequency)
     fitness = Fitness(config.objective, config.uncertainty, config.robots, config.caution, config.bounds)
     if config.polish is not None:
-        if not 1 <= config.polish.gaits <= COMPARED:
+        if not is_count(config.polish.gaits, 1) or config.polish.gaits > COMPARED:
             raise InputError(f"polish: gaits = {config.polish.gaits}; expected 1 to {COMPARED}")
         check_polish(config.polish, fitness, config.polish.gaits)
     check_strokes(scene.gait.amplitude if config.amplitude is None else config.amplitude[1], config.uncertainty)

@@ -164,8 +164,38 @@ def test_bad_polish_configs_are_refused(exact):
         polished(exact, SMALL._replace(kind="combined"), fitness=cautious)
     with pytest.raises(InputError, match="a steady objective has no pathwise gradient"):
         polished(exact, SMALL._replace(kind="pathwise"), fitness=Fitness(SteadySpeed()))
-    with pytest.raises(InputError, match="samples = 5: expected an even number"):
-        polished(exact, SMALL._replace(samples=5))
+    for samples in (5, 4.0):
+        with pytest.raises(InputError, match=f"polish: samples = {samples}: expected an even number"):
+            polished(exact, SMALL._replace(samples=samples))
+
+
+@pytest.mark.parametrize(
+    ("bad", "message"),
+    [
+        ({"robots": 0}, "robots = 0: expected a whole number, at least 1"),
+        ({"comparison_robots": 0}, "comparison_robots = 0: expected a whole number, at least 1"),
+        ({"final_robots": 8.5}, "final_robots = 8.5: expected a whole number, at least 1"),
+        ({"overtones": -1}, "overtones = -1: expected a whole number, at least 0"),
+        ({"gaits": 0}, "gaits = 0: expected a whole number, at least 1"),
+        ({"width": 0.0}, "width = 0: expected a positive number"),
+        ({"learning_rate": -1.0}, "learning_rate = -1: expected a finite number, at least 0"),
+        ({"momentum": 2.0}, "momentum = 2: expected a number from 0 to 1"),
+        ({"largest_sensitivity": np.nan}, "largest_sensitivity = nan: expected a positive number"),
+    ],
+)
+def test_settings_out_of_their_range_are_refused(bad, message):
+    """By their names, each alone."""
+    with pytest.raises(InputError, match=f"^polish: {message}$"):
+        check_polish(SMALL._replace(**bad), ROBUST, 1)
+
+
+@pytest.mark.parametrize(
+    "rows", [np.zeros((1, 1)), np.zeros((0, 2)), np.full((1, 2), np.nan)], ids=["one", "none", "nan"]
+)
+def test_genes_of_another_genome_are_refused(swimmer, rows):
+    """One start or more, of as many numbers as the genome has."""
+    with pytest.raises(InputError, match=r"^genes(\[0, 0\] = nan|.* expected \(1, 2\)$)"):
+        polish(SearchProblem(swimmer, Genome(2), 4.0, ROBUST), rows, SMALL)
 
 
 class Rolling(NamedTuple):

@@ -63,6 +63,9 @@ def test_the_nearest_elite_is_asked_for_by_speed_and_bend(found):
     np.testing.assert_array_equal(some[0], elites.genes[cell])
     assert len(some) == elites.filled[-1]
     assert np.isfinite(some).all()
+    for asked in ((0.1, 0.0, -1), (np.nan, 0.0), (0.1, 0.0, 1, (1.0, -1.0))):
+        with pytest.raises(InputError, match=r"expected a (whole|finite) number"):
+            elites.nearest(*asked)
     with pytest.raises(InputError, match="all cells are empty"):
         elites._replace(speed=np.full((8, 3), np.nan)).nearest(0.5, 0.0)
 
@@ -71,8 +74,11 @@ def test_the_nearest_elite_is_asked_for_by_speed_and_bend(found):
     ("change", "message"),
     [
         ({"speed": (1.0, 1.0)}, r"speed = \(1.0, 1.0\): expected two ascending bounds"),
-        ({"cells": (0, 3)}, r"cells = \(0, 3\): expected 1 or more"),
-        ({"rounds": -1}, "rounds = -1: expected 0 or more"),
+        ({"bend": (0.0, np.inf)}, r"bend\[1\] = inf: expected a finite number"),
+        ({"cells": (0, 3)}, r"cells\[0\] = 0: expected a whole number, at least 1"),
+        ({"cells": (2, 2.5)}, r"cells\[1\] = 2.5: expected a whole number, at least 1"),
+        ({"rounds": -1}, "rounds = -1: expected a whole number, at least 0"),
+        ({"line": -1.0}, "line = -1: expected a finite number, at least 0"),
     ],
 )
 def test_bad_cells_are_refused(problem, change, message):

@@ -106,14 +106,17 @@ def test_robots_differ_by_what_is_uncertain(swimmer):
 
 
 @pytest.mark.parametrize(
-    ("change", "robots", "words"),
+    ("gait", "bad", "words"),
     [
-        (lambda scene: jaxgrity.with_gait(scene, None), 4, "the scene has no gait; expected with_gait"),
-        (lambda scene: scene, 0, "robots = 0: expected a whole number, at least 1"),
+        (None, {}, "the scene has no gait; expected with_gait"),
+        ("lasting", {"robots": 0}, "robots = 0: expected a whole number, at least 1"),
+        ("lasting", {"duration": 0.0}, "duration = 0 s: expected a positive number"),
+        ("lasting", {"duration": np.nan}, "duration = nan s: expected a positive number"),
+        ("lasting", {"seed": -1}, "seed = -1: expected a whole number, at least 0"),
     ],
 )
-def test_bad_input_is_one_line(exact, change, robots, words):
-    """No gait, no robots."""
-    scene = change(jaxgrity.with_gait(exact, jaxgrity.load_gait("lasting")))
+def test_bad_input_is_one_line(exact, gait, bad, words):
+    """No gait, no robots, no time."""
+    scene = jaxgrity.with_gait(exact, None if gait is None else jaxgrity.load_gait(gait))
     with pytest.raises(jaxgrity.InputError, match=words):
-        jaxgrity.search.robot_motions(scene, FRICTION, robots=robots)
+        jaxgrity.search.robot_motions(scene, FRICTION, **bad)
