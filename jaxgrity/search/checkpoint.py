@@ -2,22 +2,31 @@
 
 import contextlib
 import fcntl
+import hashlib
+import inspect
 import json
+import re
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
+from types import CodeType, FunctionType, MethodType
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.io.files import PART, read_text, save_arrays, save_json, write_whole
+from jaxgrity.model.scene import Scene
 from jaxgrity.search.genetic_algorithm import Generation, Record, SearchState
 
 SETTINGS, STATE, RESULTS = "run.json", "state_{}.npz", ("summary.json", "gait.json", "population.npz")
 PROBE, ROOM = ".probe", 2**20
 """Name and size (bytes) of a file that shows whether there is room for what a search writes."""
+ADDRESS = re.compile(" at 0x[0-9a-fA-F]+")
+"""Part of the text of a function that differs between processes."""
 
 
 class Checkpoint(NamedTuple):
@@ -136,3 +145,60 @@ def load_states(folder: Path) -> tuple[SearchState, ...]:
             memory = saved.get("memory")
             found.append(SearchState(int(saved["number"]), saved["key"], genes, record, evaluated, memory))
     return tuple(found)
+
+
+def fingerprint(scene: Scene) -> str:
+    """A hash of everything that a scene says, by which a search knows its scene again, in another process too.
+
+    Functions count by their names and by what they are made of (`_identity`), without the functions that they call.
+    """
+    leaves, structure = jax.tree.flatten(scene)
+    digest = hashlib.sha256(ADDRESS.sub("", str(structure)).encode())
+    for held in _held(structure):
+        digest.update(_identity(held).encode())
+    for leaf in leaves:
+        digest.update(np.asarray(leaf, float).tobytes())
+    return digest.hexdigest()
+
+
+def _held(structure: Any) -> Iterator[Any]:
+    """Static values of a tree's nodes whose text has an address."""
+    data = structure.node_data()
+    if data is not None and ADDRESS.search(repr(data[1])):
+        yield data[1]
+    for child in structure.children():
+        yield from _held(child)
+
+
+def _identity(value: Any, within: tuple[int, ...] = ()) -> str:
+    """A text that all processes agree on: of a function its module, name, code, defaults and closure.
+
+    `within` are the values, by their `id`, that hold this one.
+    """
+    value = inspect.unwrap(value) if callable(value) else value
+    parts: Any
+    if id(value) in within:
+        return "itself"
+    if isinstance(value, FunctionType):
+        closed = tuple(cell.cell_contents for cell in value.__closure__ or ())
+        parts = value.__module__, value.__qualname__, value.__code__, value.__defaults__, value.__kwdefaults__, closed
+    elif isinstance(value, MethodType):
+        parts = value.__func__, value.__self__
+    elif isinstance(value, CodeType):
+        parts = value.co_code, value.co_names, value.co_consts
+    elif isinstance(value, partial):
+        parts = value.func, value.args, value.keywords
+    elif isinstance(value, np.ndarray | jax.Array):
+        parts = str(value.dtype), value.shape, np.asarray(value).tobytes()
+    elif isinstance(value, dict):
+        parts = tuple(value.items())
+    elif isinstance(value, set | frozenset):
+        return f"{{{','.join(sorted(_identity(part, within) for part in value))}}}"
+    elif isinstance(value, tuple | list):
+        parts = value
+    elif ADDRESS.search(repr(value)) and hasattr(value, "__dict__") and not isinstance(value, type):
+        kind, called = type(value), type(value).__call__ if callable(value) else None
+        parts = kind.__module__, kind.__qualname__, vars(value), called
+    else:
+        return ADDRESS.sub("", repr(value))
+    return f"({','.join(_identity(part, (*within, id(value))) for part in parts)})"

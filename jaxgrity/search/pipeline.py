@@ -15,7 +15,7 @@ from jaxgrity.io.files import save_arrays
 from jaxgrity.model.actuation import Gait
 from jaxgrity.model.scene import Scene, with_gait
 from jaxgrity.populations.population import one_gait
-from jaxgrity.search.checkpoint import Checkpoint, open_checkpoint
+from jaxgrity.search.checkpoint import Checkpoint, fingerprint, open_checkpoint
 from jaxgrity.search.fidelity import (
     FidelityLevel,
     Verdict,
@@ -31,7 +31,6 @@ from jaxgrity.search.polish import Polished, polish
 from jaxgrity.search.promotion import Promoted, allowed, promote
 from jaxgrity.search.search_config import (
     SearchConfig,
-    fingerprint,
     ga_configs,
     genome_to_polish,
     plain_config,

@@ -1,7 +1,6 @@
 """What a search for gaits may vary and how it judges, and the problem that this makes of a scene."""
 
 import dataclasses
-import hashlib
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -241,15 +240,6 @@ def without_idle(gait: Gait) -> Gait:
     # start and ramp, which all actuators share, are the arrays without an axis
     moving = jax.tree.map(lambda x: np.asarray(x)[rows] if np.ndim(x) else x, gait)
     return dataclasses.replace(moving, members=tuple(gait.members[k] for k in rows))
-
-
-def fingerprint(scene: Scene) -> str:
-    """A hash of everything that a scene says, by which a search knows its scene again."""
-    leaves, structure = jax.tree.flatten(scene)
-    digest = hashlib.sha256(str(structure).encode())
-    for leaf in leaves:
-        digest.update(np.asarray(leaf, float).tobytes())
-    return digest.hexdigest()
 
 
 def plain_config(config: SearchConfig) -> dict[str, Any]:

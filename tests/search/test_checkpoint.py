@@ -2,14 +2,16 @@
 
 from pathlib import Path
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from jaxgrity import GAConfig, Genome, InputError
+from jaxgrity.model.height_fields import HeightFunction
 from jaxgrity.search import load_states, open_checkpoint
-from jaxgrity.search.checkpoint import holds_unfinished, left_over
+from jaxgrity.search.checkpoint import fingerprint, holds_unfinished, left_over
 from jaxgrity.search.genetic_algorithm import Generation, Record, SearchState, begin
 
 SETTINGS = {"scene": Path("robot.toml"), "bounds": (0.1, 0.3), "seed": 3, "dt": None}
@@ -194,3 +196,27 @@ def test_a_folder_that_cannot_be_made_is_refused(tmp_path, deeper):
     assert message.startswith(f"{folder}: ")
     assert message.isprintable()
     assert (tmp_path / "file").read_text() == "in the way"
+
+
+HILL = """
+def hills(height, power=2):
+    def hill(x, y):
+        return height * jnp.sin(x) ** power + (lambda z: 0.01 * z)(y)
+    return hill
+hill = hills(0.05)
+"""
+
+
+def test_a_scene_with_a_function_is_known_again(exact):
+    """Made anew, as in another process, where it has another address; with another number it is another scene."""
+
+    def told(text):
+        made = {"jnp": jnp, "__name__": "hills"}
+        exec(text, made)
+        ground = HeightFunction(made["hill"])
+        return fingerprint(eqx.tree_at(lambda s: s.ground.surface, exact, ground, is_leaf=lambda x: x is None))
+
+    changes = (("hills(0.05)", "hills(0.06)"), ("power=2", "power=3"), ("0.01 *", "0.02 *"), ("sin", "cos"))
+    others = {told(HILL.replace(*change)) for change in changes}
+    assert told(HILL) == told(HILL)
+    assert len(others | {told(HILL), fingerprint(exact)}) == len(changes) + 2
