@@ -47,7 +47,7 @@ def outcome_rows(summary: dict[str, Any]) -> dict[str, str]:
 def _cost_of_transport(summary: dict[str, Any]) -> str:
     """Along the path of the orbit, where there is one."""
     steady = summary["steady"]
-    if steady is not None and steady["cycle"] is not None:
+    if steady is not None and steady["settled"] and steady["cycle"] is not None:
         return f"{steady['cycle']['cost_of_transport']:.2g} (work of every actuator / (m g d), d along the path)"
     by_distance = summary["actuators"]["cost_of_transport_by_effort"]
     return f"{by_distance:.2g} (work of every actuator / (m g d), d from the start)"

@@ -126,6 +126,8 @@ def test_the_rows_say_what_a_gait_is_worth():
     )
     assert rows["actuators need"].startswith("up to 275 N, 0.99 m/s, 143 W; cost of transport 3.8 (")
     assert rows["actuators need"].endswith("d along the path)")
+    wandering = outcome_rows({**known, "steady": {**STEADY, "settled": False}})["actuators need"]
+    assert wandering.endswith("cost of transport 5.4 (work of every actuator / (m g d), d from the start)")
     robots = {name: {"mean": 0.6, "standard_deviation": 0.1} for name in ("robust", "other_contact_model")}
     uphill = steady_rows({**STEADY, "along_heading": {"heading": 3.1, "speed": 0.67, **robots}})
     assert uphill["along its heading"].startswith("0.670 m/s; perturbed robots 0.600 (standard deviation 0.1) m/s")
