@@ -8,6 +8,7 @@ from jaxgrity.core.display import counted_robots, mean_of_robots, significant, w
 from jaxgrity.populations.rolling import Rolling
 from jaxgrity.report import plot
 from jaxgrity.report.steady import steady_rows
+from jaxgrity.search.attraction import multiplier_words
 
 
 def leading_sentences(summary: dict[str, Any]) -> tuple[str, ...]:
@@ -90,7 +91,7 @@ def _chosen(fitness: list[float], multipliers: list[float] | None) -> dict[str, 
     """Floquet multipliers of the finalists, the chosen one first; whether it has the best fitness."""
     if multipliers is None:
         return {}
-    known = [f"{each:.2g}" for each in multipliers if np.isfinite(each)]
+    known = [multiplier_words(each) for each in multipliers if np.isfinite(each)]
     lost, most = len(multipliers) - len(known), max(fitness)
     first = (
         "has the best fitness"

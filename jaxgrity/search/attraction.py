@@ -21,6 +21,12 @@ def orbit_multipliers(scene: Scene, gaits: Gait, dt: float) -> Float[np.ndarray,
     return np.array([_multiplier(with_gait(scene, one_gait(gaits, k)), dt) for k in range(len(gaits.phase))])
 
 
+def multiplier_words(multiplier: float) -> str:
+    """A Floquet multiplier with two digits, or with as many as tell it from 1, beyond which an orbit repels."""
+    shown = (f"{multiplier:.{digits}g}" for digits in range(2, 17))
+    return next((each for each in shown if float(each) != 1), "1")
+
+
 def _multiplier(scene: Scene, dt: float) -> float:
     assert scene.gait is not None, "it was given"
     options = SolverOptions(dt=min(dt, default_step(scene, default_method(scene))))

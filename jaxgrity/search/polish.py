@@ -56,6 +56,8 @@ CLEAR = 3.0
 """Difference between two gaits, in standard errors, at which the better one is clear."""
 CLOSE_ENOUGH = 0.005
 """Standard error of that difference, as a fraction of the fitness, at which the comparison stops."""
+KEPT, AS_IT_WAS = "the polished gait is kept", "the gait is kept as it was"
+"""Outcomes of polishing, in words."""
 
 
 class Polished(NamedTuple):
@@ -174,16 +176,15 @@ def _told(found: Routes, best: Climb, before: Scores, after: Scores, caution: fl
 
 def _gain(before: Scores, after: Scores, caution: float) -> str:
     """The gain in words, with two standard errors."""
+    outcome = KEPT if after.merit[0] > before.merit[0] else AS_IT_WAS
     for name, scores in (("start", before), ("end", after)):
         if scores.failed[0]:
-            outcome = "the polished gait is kept" if after.merit[0] > before.merit[0] else "the gait is kept as it was"
             return f"a robot failed with the {name}'s gait: {outcome}"
     gain = np.subtract(*(influences(scores.each, caution)[0] for scores in (after, before)))
     difference = float(after.fitness[0] - before.fitness[0])
     told = significant(abs(difference))
     if gain.size > 1:
         told = with_error(abs(difference), COVERING * standard_error(gain), digits=".2g") + f" over {gain.size} robots"
-    outcome = "the polished gait is kept" if after.merit[0] > before.merit[0] else "the gait is kept as it was"
     way = "up" if difference > 0 else "down"
     beyond = f"; {100 * after.beyond[0]:.0f} % of them beyond a bound on actuators" if after.beyond[0] > 0 else ""
     return f"fitness {way} by {told}{beyond}: {outcome}"

@@ -8,13 +8,13 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxgrity.core.errors import InputError
-from jaxgrity.search.attraction import orbit_multipliers
+from jaxgrity.search.attraction import multiplier_words, orbit_multipliers
 from jaxgrity.search.fidelity import FidelityLevel, excess_at, judge_at, rank_correlation
 from jaxgrity.search.genetic_algorithm import Evolution, SearchProblem, distinct
 from jaxgrity.search.genome import Genes
 from jaxgrity.search.judging import Scores, judge
 from jaxgrity.search.objectives import ActuatorBounds
-from jaxgrity.search.polish import Polished
+from jaxgrity.search.polish import AS_IT_WAS, KEPT, Polished
 from jaxgrity.search.search_config import COMPARED, SearchConfig
 
 FINALISTS = 4
@@ -134,8 +134,9 @@ def allowed(
     elif before is not None and before[0] < 1:
         after = multipliers_of(problem, genes, 2 * finest.dt)
         if after is not None and after[0] >= 1:
-            but = f"its orbit multiplies a disturbance in one cycle by {after[0]:.2g}, not {before[0]:.2g}"
+            but = f"its orbit multiplies a disturbance in one cycle by {multiplier_words(after[0])}, not "
+            but += multiplier_words(before[0])
     if not but:
         return polished
-    reason = f"{polished.reason}; but {but}: the gait is kept as it was"
+    reason = f"{polished.reason.removesuffix(f': {KEPT}')}; but {but}: {AS_IT_WAS}"
     return polished._replace(genes=start, improved=False, reason=reason)

@@ -23,8 +23,10 @@ from jaxgrity import (
     with_gait,
 )
 from jaxgrity.model.actuation import actuated_lengths, peak_rates
-from jaxgrity.search import check_polish
+from jaxgrity.search import FidelityLevel, check_polish, promotion
 from jaxgrity.search.gradients import smoothed_gradients
+from jaxgrity.search.judging import scored
+from jaxgrity.search.polish import KEPT, Polished
 
 OPTIONS = SolverOptions(dt=1e-2)
 ROBUST = Fitness(uncertainty=Uncertainty(phase=0.03), robots=4)
@@ -196,6 +198,19 @@ def test_genes_of_another_genome_are_refused(swimmer, rows):
     """One start or more, of as many numbers as the genome has."""
     with pytest.raises(InputError, match=r"^genes(\[0, 0\] = nan|.* expected \(1, 2\)$)"):
         polish(SearchProblem(swimmer, Genome(2), 4.0, ROBUST), rows, SMALL)
+
+
+def test_a_polished_gait_whose_orbit_repels_is_not_kept(swimmer, monkeypatch):
+    """The reason says so once, with digits that tell the multipliers from 1."""
+    monkeypatch.setattr(promotion, "multipliers_of", lambda *_: np.array([1.6]))
+    problem, level = SearchProblem(swimmer, Genome(2), 4.0, Fitness()), FidelityLevel("", swimmer, 1e-2, "float64")
+    start, worth = np.zeros(2), scored(np.zeros((1, 1)), 0.0)
+    promoted = promotion.Promoted(start[None], worth, np.array([0.9974]), False, None)
+    better = Polished(start + 0.5, problem.genome, True, worth, worth, (), 4.0, None, 8, f"up by 0.1: {KEPT}")
+    found = promotion.allowed(problem, ActuatorBounds(), (level,) * 3, promoted, start, better)
+    np.testing.assert_array_equal(found.genes, start)
+    said = "its orbit multiplies a disturbance in one cycle by 1.6, not 0.997"
+    assert found.reason == f"up by 0.1; but {said}: the gait is kept as it was"
 
 
 class Rolling(NamedTuple):
