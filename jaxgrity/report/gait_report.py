@@ -123,7 +123,7 @@ def write_report(result: SearchResult, origin: Origin, folder: Path, on_progress
         "wall_seconds": sum(seconds.values()),
     }
     save_json(folder / "summary.json", summary)
-    first, rest = outcome_rows(summary), search_rows(summary, motion, result.problem.fitness.objective.unit)
+    first, rest = outcome_rows(summary), search_rows(summary, motion, result.problem.fitness.objective)
     title, rows = f"A gait that {motion.kind}" if motion else "A gait", {**rest, "command": origin.command}
     write_page(folder, title, leading_sentences(summary), first, rows)
     return {"how far to trust it": "\n" + trust.table(), **first, **rest}

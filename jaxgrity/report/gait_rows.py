@@ -9,6 +9,8 @@ from jaxgrity.populations.rolling import Rolling
 from jaxgrity.report import plot
 from jaxgrity.report.steady import steady_rows
 from jaxgrity.search.attraction import multiplier_words
+from jaxgrity.search.objectives import Objective
+from jaxgrity.search.paths import SETTLING
 
 
 def leading_sentences(summary: dict[str, Any]) -> tuple[str, ...]:
@@ -63,9 +65,9 @@ def _beyond(summary: dict[str, Any]) -> str:
     return f"; {told} % of perturbed robots exceed a bound on actuators" if share else ""
 
 
-def search_rows(summary: dict[str, Any], motion: Rolling | None, unit: str) -> dict[str, str]:
-    """How the gait was found, and how far to trust it, in words; `unit` is the unit of the objective."""
-    robust, other = summary["robust"], summary["other_contact_model"]
+def search_rows(summary: dict[str, Any], motion: Rolling | None, objective: Objective) -> dict[str, str]:
+    """How the gait was found, and how far to trust it, in words."""
+    robust, other, unit = summary["robust"], summary["other_contact_model"], objective.unit
     ranks = summary["fidelity"]["rank_correlation"][0][-1]
     among = summary["fidelity"]["rank_correlation_of_the_evolved"][0][-1]
     last = summary["fidelity"]["levels"][-1]["name"]
@@ -78,13 +80,23 @@ def search_rows(summary: dict[str, Any], motion: Rolling | None, unit: str) -> d
             f"{significant(d['distance'], 2)} m towards {np.degrees(d['heading']):.0f}°" for d in summary["directions"]
         ),
         "objective": f"{mean_of_robots(robust, unit)} over {counted_robots(robust['robots'])}, error of the time "
-        f"step {robust['step_error']:.1g}; {mean_of_robots(other, unit)} on the other contact model",
+        f"step {robust['step_error']:.1g}; {mean_of_robots(other, unit)} on the other contact model"
+        + (_late(summary) if objective.steady else ""),
         "search": f"{rollouts} rollouts; rank correlation (Spearman) of screening with {last}: {plot.ranked(ranks)}; "
         f"among evolved gaits {plot.ranked(among)}",
         **_chosen(**summary["finalists"]),
         "polish": "none" if summary["polish"] is None else summary["polish"]["reason"],
         "sensitivity at the end": f"{summary['diagnosis'].get('sensitivity', np.nan):.3g} m/rad",
     }
+
+
+def _late(summary: dict[str, Any]) -> str:
+    """Whether the settled part of the rollouts begins before the gait is in full swing, in words."""
+    swing, settled = summary["start"] + summary["ramp"], SETTLING * summary["duration"]
+    if swing <= settled:
+        return ""
+    told = f"it counts the time from {settled:.3g} s on, but the gait is in full swing from {swing:.3g} s on"
+    return f"; {told}: search with a duration of {swing / SETTLING:.3g} s or more"
 
 
 def _chosen(fitness: list[float], multipliers: list[float] | None) -> dict[str, str]:

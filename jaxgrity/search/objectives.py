@@ -90,8 +90,8 @@ class Speed(Objective):
 class SteadySpeed(Objective):
     """Displacement over the settled part of a rollout, divided by its time, in body lengths per second.
 
-    The settled part is all but the first quarter of the time. A gait that later stalls, circles or loses its way gets a
-    small value, however fast it began.
+    The settled part is all but the first quarter of the time, in which the gait should come into full swing. A gait
+    that later stalls, circles or loses its way gets a small value, however fast it began.
     """
 
     unit: ClassVar[str] = "body lengths/s"

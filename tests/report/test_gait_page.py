@@ -9,7 +9,7 @@ from jaxgrity.cli import compare
 from jaxgrity.core.display import significant
 from jaxgrity.report import plot
 from jaxgrity.report.gait_report import leave_figures, write_page
-from jaxgrity.report.gait_rows import _chosen, distance_words, leading_sentences, outcome_rows
+from jaxgrity.report.gait_rows import _chosen, distance_words, leading_sentences, outcome_rows, search_rows
 from jaxgrity.report.orbit_plot import _moving_frame
 from jaxgrity.report.steady import steady_rows
 
@@ -51,6 +51,7 @@ STEADY = {
 ACTUATORS = {"peak_force": 275.1, "peak_rate": 0.988, "peak_power": 143.4, "cost_of_transport_by_effort": 5.41}
 
 
+RANKS = ("rank_correlation", "rank_correlation_of_the_evolved")
 LOST = "settle on no orbit that attracts disturbed robots; the chosen one"
 
 
@@ -139,6 +140,22 @@ def test_the_rows_say_what_a_gait_is_worth():
     assert alike.startswith("0.824 m/s over one robot, as nothing is uncertain; 0.81")
     lost = steady_rows({**STEADY, "settled": False, "residual": 0.3})
     assert lost == {"orbit": "none: the shape still changes by 0.3 m over a cycle"}
+
+
+def test_the_row_of_the_objective_says_that_a_gait_is_late():
+    """Where steady objectives count time before full swing; a quick search of 8 s, with starts as usual, does not."""
+    robots = {**STEADY["robust"], "step_error": 1e-3}
+    known = {"steady": None, "robust": robots, "other_contact_model": robots, "directions": [], "searches": []}
+    known |= {"fidelity": {"levels": [{"name": "own"}], **{name: [[1.0]] for name in RANKS}}, "polish": None}
+    known |= {"finalists": {"fitness": [1.0], "multipliers": None}, "diagnosis": {}, "ramp": 1.0}
+    row = lambda objective, **when: search_rows({**known, **when}, None, objective)["objective"]  # noqa: E731
+    late = row(jaxgrity.SteadySpeed(), start=10.0, duration=20.0)
+    assert late.endswith(
+        "on the other contact model; it counts the time from 5 s on, but the gait is in full swing from 11 s on: "
+        "search with a duration of 44 s or more"
+    )
+    assert row(jaxgrity.SteadySpeed(), start=1.0, duration=8.0).endswith("on the other contact model")
+    assert row(jaxgrity.Distance(), start=10.0, duration=20.0).endswith("on the other contact model")
 
 
 def test_sentences_say_what_to_know_first():
