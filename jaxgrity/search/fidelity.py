@@ -39,7 +39,7 @@ from jaxgrity.trust.error_bars import Verified, verify
 FEWEST_RANKED = 5
 """Fewest gaits for which a rank correlation is computed: two always rank alike or opposite."""
 PRECISION = 0.01
-"""Step error and standard error that a gait's last judgement aims at, as shares of its fitness."""
+"""Step error and standard error that a gait's final verdict aims at, as shares of its fitness."""
 
 
 class FidelityLevel(NamedTuple):
@@ -81,8 +81,9 @@ def fidelity_levels(
     | screening | exact: the scene, or its contact twin | `SCREENING_STEP` | float32 | evolution |
     | own model | the scene | its own; on penalty ground twice that, if stable | float32 | evolution, polish |
     | both models | the scene and its contact twin, if `both` | as above | float32 | the choice of finalists |
-    | verification | the scene | half of its own | float64 | step of the verdict; the choice, without `both` |
+    | verification | the scene | half of its own | float64 | the choice, without `both`; step of the verdict |
 
+    The verdict begins at twice the step of verification, and its ensembles are in float32 (`final_verdict`).
     With `unmeasured`, bounds on forces and powers are left to the levels after screening.
 
     Raises `InputError` where the scene or its contact twin cannot be rolled out.
@@ -99,7 +100,8 @@ def fidelity_levels(
 
 
 def search_levels(levels: tuple[FidelityLevel, ...]) -> tuple[FidelityLevel, ...]:
-    """The levels of evolution: screening, and the own model where screening is of another or leaves out bounds."""
+    """The levels of evolution: screening, and the own model where screening is of the contact twin, or `unmeasured`, as
+    in every wide search."""
     alike = levels[0].scene is levels[1].scene and not levels[0].unmeasured
     return levels[:1] if alike else levels[:2]
 
@@ -162,7 +164,7 @@ class Verdict(NamedTuple):
     verified: Verified
     """of the gait itself"""
     robust: Scores
-    """over an ensemble, one row, in float32: what a mean over robots loses by it is far below its standard error"""
+    """scores of an ensemble, one row. In float32: rounding is far below the standard error"""
     robust_step: float
     """s, at which they are"""
     step_error: float
@@ -207,14 +209,15 @@ def final_verdict(
     seed: int = 1,
     on_progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Verdict:
-    """Verify one gait, judge it by an ensemble, and roll it out on the contact twin, all to `PRECISION`.
+    """Verify one gait, judge it by an ensemble, both to `PRECISION` where `dt` and `robots` suffice, and roll out one
+    `ROUND` of robots on the contact twin.
 
     `bounds`: robots beyond them are counted; the problem may lack them.
 
-    The ensemble has the step 2 `dt` (s) where its mean then changes by at most `PRECISION`, else `dt`. So has the
-    rollout of the robot as the scene says, by its own error bar. Robots are added by `ROUND` until the
-    standard error of their mean is within it, or there are `robots`. `on_progress` is called with the number of
-    finished judgements, and of all.
+    The ensemble has the step 2 `dt` (s) where its mean then changes by at most `PRECISION`, else `dt`. The nominal
+    robot's step is chosen likewise, by its error bar. Robots are added by `ROUND` until the standard error of their
+    mean is within `PRECISION`, or there are `robots`. `on_progress` is called with the number of finished judgements,
+    and of all.
     """
     scene, gaits = problem.scene, as_population(gait)
     some = with_robots(problem.fitness, min(robots, ROUND))

@@ -203,7 +203,7 @@ def evolve_on(
     state: SearchState | None = None,
     on_generation: Callable[[SearchState], None] | None = None,
 ) -> Evolution:
-    """`evolve`, judged on any models, about the gait of the first one's scene."""
+    """`evolve` on given models. What genes do not vary is that of the gait of the first model's scene."""
     state = state or begin(genome, config, seed, judging.dtype)
     while state.number < config.generations:
         state = _advance(state, judging, genome, config)
@@ -268,8 +268,8 @@ _breed = eqx.filter_jit(breed)
 
 @typed
 def distinct(generation: Generation, genome: Genome, count: int, apart: float = 0.02) -> Genes:
-    """The best `count` gaits of a generation that differ from each other, and from all images, by at least `apart` in
-    some gene."""
+    """The best `count` gaits of a generation that differ by at least `apart` in some gene, each from the nearest
+    symmetric image of each other; waves have no images."""
     chosen: list[int] = []
     genes = np.asarray(generation.genes)
     for k in np.flatnonzero(np.isfinite(generation.fitness)):

@@ -33,7 +33,7 @@ def model_of(scene: Scene, duration: float, options: Options = None) -> Model:
 def rough_step(scene: Scene, dt: float | None = None) -> float:
     """The step for rough rollouts, s: `SCREENING_STEP` on an exact scene, twice `dt` on another, where that is stable.
 
-    Else, and in place of a `dt` that is not given, it is the scene's own step.
+    Where that is not stable, it is `dt`, or the scene's own step without a `dt`.
     """
     method = default_method(scene)
     own = default_step(scene, method) if dt is None else dt

@@ -94,9 +94,10 @@ def search_gaits(
 ) -> SearchResult:
     """Search for a gait that rolls on perturbed robots too, polish it by gradients, and verify it.
 
-    Thousands of rough rollouts screen gaits. The scene's own model improves the best, and a few fine rollouts evaluate
-    the result. If you give a folder, every generation is saved, and you can resume an interrupted search to the same
-    result.
+    Thousands of rough rollouts screen gaits, and the scene's own model improves them. The best are compared on both
+    contact models, gradients polish them, and some hundred fine rollouts evaluate the result. If you give a folder,
+    every generation is saved, and you can resume an interrupted search to the same result. Stages after evolution are
+    then run again.
 
     Args:
         scene: a scene with a gait. The search keeps what it does not vary of this gait.
@@ -104,7 +105,7 @@ def search_gaits(
         folder: folder for the states of the search and its last population; by default nothing is saved.
         resume: whether to continue the search in the folder; scene and config must be the same.
         restart: whether to start again if the folder holds an unfinished search.
-        on_progress: called after every generation, level, step and evaluation.
+        on_progress: called at the beginning of each stage, and after every generation, level, step and evaluation.
         report: called with the result before the search counts as finished, for example to write files.
 
     Returns:
@@ -150,8 +151,10 @@ class _Search:
 
     @property
     def plain(self) -> SearchProblem:
-        """The problem after evolution without bounds on forces and powers: measured rollouts cost several times more.
-        Gaits that are chosen are measured on one robot (`promote`, `allowed`), the last one on many (`final_verdict`).
+        """The problem without bounds on force and power, for stages after evolution: to measure them multiplies costs.
+
+        They are measured on one robot where a gait is chosen (`promote`, `allowed`), on many at the end
+        (`final_verdict`).
         """
         return self.problem._replace(fitness=without_measuring(self.problem.fitness))
 

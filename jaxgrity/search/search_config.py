@@ -60,10 +60,12 @@ class SearchConfig:
     """search method: a genetic algorithm, or CMA-ES (the extra `baselines`), which starts from the best gait of the
     first generation"""
     wide: bool = True
-    """whether screening begins with 4 times as many random gaits, and continues with mutations of the best eighth; the
-    scene's own model then continues with an eighth of the population"""
+    """whether screening begins with 4 times as many random gaits, and continues with mutations of the best eighth. It
+    leaves out bounds on force and power. The scene's own model then continues with an eighth of the population, within
+    all bounds"""
     dt: float | None = None
-    """time step of the scene's own model, s; verification uses smaller steps too; None: the scene's"""
+    """time step of the scene's own model, s; None: the scene's. On penalty ground evolution and polish take twice that,
+    if stable; verification takes its half and its quarter, too"""
     seed: int = 0
     """seed of the random number generator"""
 
@@ -88,7 +90,7 @@ class SearchConfig:
     objective: Objective = field(default_factory=SteadySpeed)
     """objective of the search"""
     bounds: ActuatorBounds = field(default_factory=lambda: ActuatorBounds(rate=1.0, power=200.0))
-    """bounds on the rate, force and power of each actuator"""
+    """bounds on the rate, force and power of each actuator; a `wide` screening leaves out force and power"""
     uncertainty: Uncertainty = field(default_factory=lambda: UNCERTAIN)
     """half-widths by which perturbed robots differ"""
     robots: int = 4
