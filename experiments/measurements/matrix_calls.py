@@ -190,7 +190,8 @@ def saved(case: Case) -> None:
 
 def varied(case: Case):
     """Robots that differ in all that may differ."""
-    parts = {"phase": 0.1, "actuation": 0.1, "cable_stiffness": 0.1, "prestress": 0.1, "node_mass": 0.1}
+    parts = {"phase": 0.1, "actuation": 0.1, "cable_stiffness": 0.1, "node_mass": 0.1}
+    parts |= {} if case.row["cables"] in ("limits", "table") else {"prestress": 0.1}
     parts |= {} if case.scene.ground is None else {"friction": 0.1, "slope": 0.02}
     if case.scene.ground is not None and case.scene.ground.surface is not None:
         parts |= {"terrain": 0.1 * case.at.length}

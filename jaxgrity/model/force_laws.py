@@ -15,11 +15,13 @@ import numpy as np
 from jaxgrity.core.arguments import check_each
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import half_squares, inverse, positive_part
+from jaxgrity.core.tracing import evaluated, traced
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, AnyRows, Scalar, as_float, as_float_or_none
 from jaxgrity.model.clusters import added_up, cables_of, in_series
 from jaxgrity.model.laws import Configuration, EnergyTerm, member_names
-from jaxgrity.model.structure import Members, per_member
+from jaxgrity.model.scene import Scene, with_gait
+from jaxgrity.model.structure import Members, edge_lengths, per_member
 
 
 class ForceTable(EnergyTerm):
@@ -131,6 +133,28 @@ def first_slope(stretch: Sequence[float] | AnyArray, force: Sequence[float] | An
     if np.any(np.diff(s) <= 0) or np.any(np.diff(f) < 0) or f[1] == 0:
         raise InputError(f"{shown}: expected an ascending stretch, and a force that rises at first and never falls")
     return float(f[1] / s[1])
+
+
+def check_linear(scene: Scene, farther: float, what: str) -> None:
+    """Raises `InputError` if a table or limit bends the force of a cable stretched `farther` times as far as as built.
+
+    Gaits do not count. The numbers of a scene that is traced are not looked at.
+    """
+    bent = [term for term in scene.terms if isinstance(term, ForceTable | ForceLimit)]
+    if traced(scene) or not bent:
+        return
+    cables = scene.structure.cables
+    built = edge_lengths(scene.structure.nodes, cables.edges)
+    with evaluated():
+        tight = jnp.asarray(built - farther * (built - np.asarray(cables.rest_length)))
+        tightened = eqx.tree_at(lambda s: s.structure.cables.rest_length, with_gait(scene, None), tight)
+        at = tightened.configuration(jnp.asarray(scene.structure.nodes), 0.0)
+        bends = any(bool(term.energy(at) != 0) for term in bent)
+    if bends:
+        raise InputError(
+            f"{what}: stretched {farther:g} times as far as built, cables leave the first slope of their table or "
+            "reach their largest force; expected less, or linear cables"
+        )
 
 
 @typed

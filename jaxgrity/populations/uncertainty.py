@@ -16,6 +16,7 @@ from jaxgrity.core.primitives import edge_vectors, length
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, as_float_or_none, namespace_of
 from jaxgrity.model.actuation import Gait, waves_ahead
+from jaxgrity.model.force_laws import check_linear
 from jaxgrity.model.scene import Scene
 
 DIFFERING: dict[str, tuple[str, ...]] = {
@@ -179,7 +180,7 @@ def ensemble(
 
     With `common` draws all gaits meet the same ones, so that their means compare. Draws come in pairs of opposite
     signs: linear effects cancel from a mean. Raises `InputError` where the scene does not model an uncertain quantity,
-    where an uncertain amplitude may reach 1, and for uncertain terrain beside balls.
+    where an amplitude may reach 1, for terrain beside balls, and for prestress of cables that are not linear there.
     """
     dtype, (size, actuators) = gaits.phase.dtype, gaits.phase.shape
     rows = count if common else count * size
@@ -203,6 +204,8 @@ def ensemble(
         check_strokes(gaits.amplitude, uncertainty)
         scaled = many.amplitude * each((1 + draw("actuation")).astype(dtype))
         many = eqx.tree_at(lambda g: g.amplitude, many, scaled)
+    if uncertainty.prestress:
+        check_linear(scene, 1 + uncertainty.prestress, f"uncertainty.prestress = {uncertainty.prestress:g}")
     found = _differences(key, scene, {name: draw(name) for name in asked}, dtype)
     return many, Differences(**{name: each(drawn) for name, drawn in found.items()})
 

@@ -1,5 +1,7 @@
 """Tables of forces and largest forces of cables: the force by hand, clusters, scene files, what is refused."""
 
+import dataclasses
+
 import equinox as eqx
 import jax
 import numpy as np
@@ -12,8 +14,11 @@ from jaxgrity import (
     Scene,
     SolverOptions,
     Structure,
+    Uncertainty,
+    as_population,
     describe,
     energy_audit,
+    ensemble,
     force_limit,
     force_table,
     load_scene,
@@ -59,6 +64,21 @@ def test_the_force_is_that_of_the_table(segments):
     s = np.array([-0.1, 0.004, 0.02, 0.044, 0.06])
     expected = np.interp(s, [*STRETCH, 0.07], [*FORCE, 50.0])
     np.testing.assert_allclose(pull_of(scene, segments * s), expected, atol=1e-9)
+
+
+@pytest.mark.parametrize("law", ["table", "limit"])
+def test_prestress_is_uncertain_only_where_cables_are_linear(law):
+    """Built 5 mm long, from 600 N/m: up to 10 mm or 6 N any share will do, beyond it tensions do not scale."""
+    scene = cord()
+    cables = dataclasses.replace(scene.structure.cables, rest_length=np.full(1, 0.995))
+    term = force_table(cables, STRETCH, FORCE) if law == "table" else force_limit(cables, 6.0)
+    stretched = dataclasses.replace(scene.structure, cables=cables)
+    scene = Scene(stretched, gait=Gait((0,), [0.0], [0.3], [1.0], start=-5.0), terms=(term,))
+    gaits = as_population(scene.gait)
+    ensemble(jax.random.key(0), scene, gaits, Uncertainty(prestress=0.9), 2)
+    built = eqx.tree_at(lambda s: s.structure.cables.rest_length, scene, np.full(1, 0.994))
+    with pytest.raises(InputError, match=r"uncertainty\.prestress = 0\.9: stretched 1\.9 times as far as built"):
+        ensemble(jax.random.key(0), built, gaits, Uncertainty(prestress=0.9), 2)
 
 
 @pytest.mark.parametrize("segments", [1, 2])
