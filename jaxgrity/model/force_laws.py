@@ -140,10 +140,9 @@ def check_linear(scene: Scene, farther: float, what: str) -> None:
 
     Gaits do not count. The numbers of a scene that is traced are not looked at.
     """
-    bent = [term for term in scene.terms if isinstance(term, ForceTable | ForceLimit)]
-    if traced(scene) or not bent:
+    bent, cables = [term for term in scene.terms if isinstance(term, ForceTable | ForceLimit)], scene.structure.cables
+    if cables is None or not bent or traced(scene):
         return
-    cables = scene.structure.cables
     built = edge_lengths(scene.structure.nodes, cables.edges)
     with evaluated():
         tight = jnp.asarray(built - farther * (built - np.asarray(cables.rest_length)))
