@@ -6,7 +6,9 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray
 from jaxgrity.model.actuation import Gait
+from jaxgrity.model.friction import SwitchFriction
 from jaxgrity.model.laws import EnergyTerm
+from jaxgrity.model.rigidity import held_edges
 from jaxgrity.model.scene import KNOWN_FRICTIONS, KNOWN_LAWS, Scene
 from jaxgrity.model.springs import as_springs, spring_forces
 from jaxgrity.model.structure import Members, Structure, edge_lengths
@@ -30,6 +32,7 @@ def describe(scene: Scene) -> str:
         ("not modelled", ", ".join(absent) or "-"),
         ("nodes", f"{len(scene.structure.nodes)}, {float(scene.structure.mass):.4g} kg in all"),
         *_describe_ground(scene),
+        *_describe_friction(scene),
         *_describe_supports(scene),
         *_describe_members(scene.structure),
         *_describe_bodies(scene.structure),
@@ -56,6 +59,14 @@ def _describe_ground(scene: Scene) -> list[tuple[str, str]]:
         return [*touch, ("ground", ", ".join(type(solid).__name__.lower() for solid in scene.ground.surface.solids))]
     incline = np.degrees(scene.ground.incline)
     return [*touch, ("ground", f"plane that falls by {incline:.4g}° towards +x" if incline else "level plane")]
+
+
+def _describe_friction(scene: Scene) -> list[tuple[str, str]]:
+    if not isinstance(scene.friction, SwitchFriction) or not held_edges(scene):
+        return []
+    speed = float(scene.friction.slip_speed)
+    creep = f"nodes that should stick creep at up to {speed:g} m/s; spring struts, or exact contact, hold them"
+    return [("friction", f"the switch does not know the forces of rigid struts and bodies: {creep}")]
 
 
 def _describe_supports(scene: Scene) -> list[tuple[str, str]]:

@@ -6,7 +6,21 @@ import re
 import numpy as np
 import pytest
 
-from jaxgrity import Box, ExactGround, Slope, Union, describe, load_scene, parse_scene
+from jaxgrity import (
+    Box,
+    ExactGround,
+    PenaltyGround,
+    Scene,
+    Slope,
+    SmoothFriction,
+    Structure,
+    SwitchFriction,
+    Union,
+    describe,
+    load_scene,
+    parse_scene,
+)
+from jaxgrity.model import rigid_body
 
 CUSTOM = """
 [structure]
@@ -67,6 +81,16 @@ def test_what_is_modelled_and_what_is_not():
     assert "both without" not in bare
     assert bare["modelled"] == "strut springs, cables (tension only)"
     assert "gravity" in bare["not modelled"]
+
+
+def test_the_switch_creeps_beside_what_is_rigid():
+    """A body on springy ground; nothing is said of smooth friction."""
+    ends = np.array([[0.0, 0, 0], [1, 0, 0]])
+    rod = Structure(ends, np.zeros(2), bodies=(rigid_body(ends, (0, 1), 6.0, [0.0, 0.5, 0.5]),))
+    on_ground = Scene(rod, ground=PenaltyGround(1e4), friction=SwitchFriction(0.6, 0.5, 0.02))
+    assert "nodes that should stick creep at up to 0.02 m/s" in described(on_ground)["friction"]
+    smooth = dataclasses.replace(on_ground, friction=SmoothFriction(0.5, 0.02))
+    assert "friction" not in described(smooth)
 
 
 FLOPPY = """
