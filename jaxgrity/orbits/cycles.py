@@ -14,8 +14,12 @@ from jaxgrity.model.scene import Scene
 MOST_PERIODS = 12
 """Most periods of actuation that a cycle may have."""
 RETURNED = 1.5
-"""Factor on the least change of shape over any number of periods. The cycle is the smallest number with a change within
-it: two cycles come back as closely as one."""
+"""Factor on the least change of shape over any number of periods. A number of periods with a change within it is a
+cycle: two cycles come back as closely as one."""
+ALIKE = 1e-4
+"""Change of shape, in body lengths, that counts as a return even where more periods come back more closely. Orbits of
+the library come back within 3e-6 after a cycle, except `left` on exact contact (1e-3). After a part of a cycle, shapes
+differ by 8e-3 or more; by 1e-3 in the longest cycle that we know, of 12 periods."""
 
 TURN = np.array([[0.6, -0.8, 0.0], [0.8, 0.6, 0.0], [0.0, 0.0, 1.0]])
 """A turn about the vertical, by no part of a circle, that laws without a direction keep."""
@@ -59,10 +63,20 @@ def shape(q: NodeVectors, plane: Plane) -> np.ndarray:
     return np.concatenate([q[:, 2], np.linalg.norm(q[i] - q[j], axis=1)])
 
 
-def cycle(shapes: Float[np.ndarray, "periods numbers"], path: Float[np.ndarray, "periods 2"]) -> int:
-    """The number of periods after which shapes return; `path`: the robot's places, m.
+def cycle(shapes: Float[np.ndarray, "periods numbers"], path: Float[np.ndarray, "periods 2"], size: float) -> int:
+    """The smallest number of periods after which shapes return.
 
-    In a cycle the path bends by a semicircle at most: beyond that the direction of the turn is not seen.
+    They return if their change is below `ALIKE`, or within `RETURNED` of the least over any number of periods.
+    Smaller differences between numbers of periods are what is left of settling. In a cycle the path bends by a
+    semicircle at most: beyond that the direction of the turn is not seen.
+
+    Args:
+        shapes: by `shape`, m.
+        path: the robot's places, m.
+        size: body length, m.
+
+    Returns:
+        The number, at most `MOST_PERIODS`.
     """
     steps, lags = np.diff(path, axis=0), range(1, MOST_PERIODS + 1)
     heading = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
@@ -70,9 +84,7 @@ def cycle(shapes: Float[np.ndarray, "periods numbers"], path: Float[np.ndarray, 
     changes = np.array([np.median(np.abs(shapes[n:] - shapes[:-n]).max(1)) for n in lags])
     # a single period always stays, so that there is a cycle in any case
     changes[1:][bends[1:] > np.pi] = np.inf
-    # for motions that return to the last digit, where the least change is rounding
-    rounding = 1e-9 * np.abs(shapes).max()
-    return int(np.argmax(changes <= RETURNED * np.min(changes) + rounding)) + 1
+    return int(np.argmax(changes <= max(RETURNED * changes.min(), ALIKE * size))) + 1
 
 
 def way_along(path: Float[AnyArray, "places 2"], angle: Scalar) -> Scalar:

@@ -107,8 +107,8 @@ def find_orbit(
 
     Shapes are compared once per period: the heights of nodes above the plane and the distances between them, which no
     planar motion changes. On a slope and in wind only shifts are allowed. The cycle is the smallest number of periods
-    after which the shape returns nearly as closely as after any other. Speed and turning are those of the planar
-    motions that fit the cycles best.
+    after which the shape returns: to 0.0001 body lengths, or nearly as closely as after any other. Speed and turning
+    are those of the planar motions that fit the cycles best.
 
     Args:
         scene: a scene with a gait whose actuators share one frequency.
@@ -198,7 +198,7 @@ def _orbit(scene: Scene, trajectory: Trajectory, period: float, plane: Plane, fi
     path = centre_path(scene, trajectory)[first * FRAMES :]
     places, path = path[::FRAMES], (path @ plane.axes)[:, :2]
     shapes, half = np.array([shape(x, plane) for x in once]), len(once) // 2
-    periods = cycle(shapes[half:], (places @ plane.axes)[half:, :2])
+    periods = cycle(shapes[half:], (places @ plane.axes)[half:, :2], size)
     changes = np.abs(shapes[periods:] - shapes[:-periods]).max(1)
     beyond = np.flatnonzero(changes > SETTLED * size)
     since = int(beyond[-1]) + 1 if beyond.size else 0

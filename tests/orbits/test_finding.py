@@ -88,6 +88,18 @@ def test_a_motion_made_by_hand_has_its_speed_and_turning(exact, wobble):
     assert orbit.summary()["body_lengths_per_second"] == pytest.approx(orbit.speed)
 
 
+@pytest.mark.parametrize(("doubled", "periods"), [(1e-6, 2), (1e-3, 4)])
+def test_a_cycle_is_longer_only_if_shapes_differ_visibly(exact, doubled, periods):
+    """Cycles of 2 periods that differ in turn, by micrometres or by millimetres: what is left of settling, or twice the
+    period. Micrometres too are far more than the change over 4 periods."""
+    motion = made_by_hand(exact, 2)
+    high = doubled * np.cos(2 * np.pi * np.asarray(motion.times) / (4 * PERIOD))
+    motion = replace(motion, positions=motion.positions + high[:, None, None] * np.array([0, 0, 1.0]))
+    orbit = finding._orbit(exact, motion, PERIOD, LEVEL, 6)
+    assert orbit.periods == periods
+    assert orbit.speed == pytest.approx(SPEED, rel=1e-9)
+
+
 def test_a_cycle_is_no_more_than_a_semicircle(exact):
     """Where nearly equal cycles follow each other: a whole circle's chord is nothing, however fast the robot went."""
     orbit = finding._orbit(exact, made_by_hand(exact, 3, noise=1e-4, turning=0.7), PERIOD, LEVEL, 6)
