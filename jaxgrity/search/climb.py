@@ -34,7 +34,7 @@ class ClimbStep(NamedTuple):
     pathwise_share: float
     """weight of the pathwise gradient, 0 to 1"""
     fitness: float
-    """at the horizon, in the mean over what the gradient was taken from"""
+    """at the horizon: mean over the gaits of which the gradient was taken; on an orbit, of the gait that is kept"""
 
 
 class Route(NamedTuple):

@@ -265,7 +265,7 @@ def _polish(search: _Search, promoted: Promoted) -> Polished | None:
         starts,
         config.polish,
         options=own.options,
-        # start and end have the same step's error, and the verdict's steps are smaller: half of it would say no more
+        # in float64, at the same step: start and end share its error, and the verdict's steps are smaller
         final_options=own.options,
         seed=config.seed,
         on_step=heard,

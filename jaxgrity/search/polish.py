@@ -111,7 +111,7 @@ def polish(
         genes: (starts, genes) in [0, 1), best start first.
         config: settings of polishing.
         options: solver options of the climbs, with a fixed step; by default in float32.
-        final_options: solver options of the final comparison; by default float64 at half the step.
+        final_options: solver options of the final comparison, in float64 whatever they say; by default half the step.
         seed: seed of the random number generator.
         on_step: called with each finished step.
 

@@ -45,7 +45,7 @@ class Promoted(NamedTuple):
     """of the finalists, best first, by many robots"""
     multipliers: Float[np.ndarray, " finalists"] | None
     """largest Floquet multiplier of each finalist's orbit: the growth of a disturbance in a cycle; infinite without an
-    orbit. None: not requested"""
+    orbit. None: not requested, or no orbit is sought for the objective or the ground"""
     within_bounds: bool
     """whether the best gait keeps the bounds on actuators, on the scene's own robot"""
     agreement: Agreement
@@ -62,10 +62,11 @@ def promote(
     """The best gaits of the search.
 
     Evolved and random gaits are judged on every level by the same draws, up to the one that tries both contact models,
-    where there is one. The best few by the last of them are finalists. These are judged there again by more robots,
-    since a few do not tell how often a gait fails. Those whose orbit does not attract (a multiplier of 1 or more) come
-    after those whose orbit does, where that is asked for. Gaits beyond a bound on actuators come last, the farther the
-    later: bounds on forces and powers on a robot as the scene says, the one on rates on all robots.
+    where there is one. Finalists are the best few: least excess over bounds on the nominal robot, then most merit on
+    the last of these levels. They are judged there again by more robots, since a few do not tell how often a gait
+    fails. Where that is asked for, finalists whose orbit does not attract (a multiplier of 1 or more) come after those
+    whose orbit does. Gaits beyond a bound on actuators come last, the farther the later: bounds on forces and powers on
+    the nominal robot, the one on rates on all robots.
 
     Raises `InputError` where every rollout of the last generation failed. `on_level` gets how many levels are done, how
     many there are, and the name of the next.
