@@ -1,7 +1,7 @@
 """jaxgrity: tensegrity robots, simulated differentiably, and the gaits that make them roll.
 
 The names that most users need stand in `__init__.pyi`, in groups; each module is imported when one of its names is
-first used. The rooms have further names: `jaxgrity.control`, `formats`, `identification`, `model`, `orbits`,
+first used. Sub-packages have further names: `jaxgrity.control`, `formats`, `identification`, `model`, `orbits`,
 `populations`, `report`, `search`, `statics`, `stepping`, `structures`.
 """
 
@@ -12,7 +12,7 @@ from jaxgrity.core.errors import unknown
 from jaxgrity.core.public_names import public_names
 
 _found, _, _names = public_names(__name__, __file__)
-ROOMS = (
+SUB_PACKAGES = (
     "control",
     "formats",
     "identification",
@@ -25,13 +25,13 @@ ROOMS = (
     "stepping",
     "structures",
 )
-"""Names of the rooms (sub-packages) that have public names."""
-__all__ = [name for name in _names if name not in ROOMS]
+"""Sub-packages that have public names."""
+__all__ = [name for name in _names if name not in SUB_PACKAGES]
 RENAMED = {"Motors": "MotorLimits", "Wave": "TravellingWave"}
-"""Names that were at the top, with the names that they have in their rooms."""
+"""Names that were at the top, with the names that they have in their sub-packages."""
 NEVER_HERE = ("Body", "Judging", "MotorLimits", "TravellingWave", "body_moments", "genome_to_polish", "load_trajectory")
 NEVER_HERE += ("reach_of", "rigid_body", "statics_of")
-"""Names that only rooms have had."""
+"""Names that only sub-packages have had."""
 
 
 def __getattr__(name: str):
@@ -40,7 +40,7 @@ def __getattr__(name: str):
     if name in _names or name.startswith("_"):
         return _found(name)
     now = RENAMED.get(name, name)
-    rooms = {each: room for room in ROOMS for each in import_module(f"{__name__}.{room}").__all__}
+    rooms = {each: room for room in SUB_PACKAGES for each in import_module(f"{__name__}.{room}").__all__}
     if name in NEVER_HERE:
         raise AttributeError(f"{__name__}.{name}: expected {__name__}.{rooms[name]}.{name}")
     if now not in rooms:
@@ -53,4 +53,4 @@ def __getattr__(name: str):
 
 
 def __dir__() -> list[str]:
-    return [*__all__, *ROOMS]
+    return [*__all__, *SUB_PACKAGES]

@@ -64,7 +64,7 @@ def names_imported(package: str) -> dict[str, str]:
         for node in STUBS[package].body
         if isinstance(node, ast.ImportFrom)
         for alias in node.names
-        if alias.name not in jaxgrity.ROOMS
+        if alias.name not in jaxgrity.SUB_PACKAGES
     }
 
 
@@ -137,11 +137,11 @@ def test_the_public_names_are_those_that_the_stub_imports(package):
 
 def test_each_public_name_has_one_home():
     """At the top, or in one room; no module of a room has the name of something in it, which it would hide."""
-    assert set(STUBS) == {"jaxgrity", *(f"jaxgrity.{room}" for room in jaxgrity.ROOMS)}
+    assert set(STUBS) == {"jaxgrity", *(f"jaxgrity.{room}" for room in jaxgrity.SUB_PACKAGES)}
     homes = [name for package in STUBS for name in names_listed(package)]
     assert not [name for name in homes if homes.count(name) > 1]
     assert len(names_listed("jaxgrity")) <= MOST_AT_THE_TOP
-    for room in jaxgrity.ROOMS:
+    for room in jaxgrity.SUB_PACKAGES:
         modules = {path.stem for path in (PACKAGE / room).glob("*.py")} - {"plot", "view"}
         assert not modules & set(names_listed(f"jaxgrity.{room}"))
 
@@ -151,7 +151,7 @@ def test_rooms_are_found_where_one_looks():
     imported = {
         alias.name for node in STUBS["jaxgrity"].body if isinstance(node, ast.ImportFrom) for alias in node.names
     }
-    assert set(jaxgrity.ROOMS) <= imported & set(dir(jaxgrity))
+    assert set(jaxgrity.SUB_PACKAGES) <= imported & set(dir(jaxgrity))
 
 
 def test_names_that_moved_warn_and_are_there():

@@ -77,7 +77,7 @@ def test_rooms_read_the_stubs_of_the_wheel(wheel, installed, tmp_path):
     stubs = {path.relative_to(ROOT).as_posix() for path in (ROOT / "jaxgrity").rglob("*.pyi")}
     assert "jaxgrity/stepping/__init__.pyi" in stubs
     assert stubs <= set(zipfile.ZipFile(wheel).namelist())
-    program = "import jaxgrity\nfor room in jaxgrity.ROOMS:\n    print(room, len(getattr(jaxgrity, room).__all__))"
+    program = "import jaxgrity as j\nfor name in j.SUB_PACKAGES:\n    print(name, len(getattr(j, name).__all__))"
     said = _python("-c", program, cwd=tmp_path, PYTHONPATH=str(installed)).splitlines()
     assert len(stubs) == len(said) + 1
     assert all(int(line.split()[1]) > 0 for line in said)

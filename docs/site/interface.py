@@ -35,7 +35,7 @@ def groups() -> tuple[Group, ...]:
     stub = _stub(jaxgrity)
     parts = re.split(r"^    # (.*)$", stub.partition("__all__ = [")[2], flags=re.MULTILINE)[1:]
     found = [Group(title, _names(text), "jaxgrity", stub) for title, text in zip(parts[::2], parts[1::2])]
-    for name in jaxgrity.ROOMS:
+    for name in jaxgrity.SUB_PACKAGES:
         room, text = getattr(jaxgrity, name), _stub(getattr(jaxgrity, name))
         title = f"{room.__name__}: {room.__doc__[0].lower()}{room.__doc__[1:].rstrip('.')}"
         found.append(Group(title, _names(text.partition("__all__ = [")[2]), room.__name__, text))

@@ -17,7 +17,7 @@ from jaxgrity.core.types import AnyArray, State
 from jaxgrity.model.actuation import Commands
 from jaxgrity.model.scene import floats_as
 from jaxgrity.populations.lanes import over_lanes
-from jaxgrity.stepping.complementarity import ContactMemory
+from jaxgrity.stepping.complementarity import ImpulseState
 from jaxgrity.stepping.discretisation import state_failure
 from jaxgrity.stepping.dynamics import centre_of_mass
 from jaxgrity.stepping.simulate import Trajectory
@@ -129,7 +129,7 @@ def taken_over(model: Plant, loop: Loop, each: int) -> Loop:
     motion = jax.tree.map(spread, loop.plant.motion)
     state = begun(model, loop.plant.key, motion)
     last, own = loop.plant.solver, state.solver
-    if isinstance(last, ContactMemory) and isinstance(own, ContactMemory):
+    if isinstance(last, ImpulseState) and isinstance(own, ImpulseState):
         # velocities that lie half of the robots' last step before, and not at the time of the start
         taken = spread(jnp.broadcast_to(last.step_size, robots))
         state = state._replace(motion=motion, solver=own._replace(step_size=taken))

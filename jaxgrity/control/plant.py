@@ -25,7 +25,7 @@ from jaxgrity.populations.lanes import in_lanes, lane_axes, lanes_last, last_axe
 from jaxgrity.populations.metrics import actuator_tension
 from jaxgrity.populations.uncertainty import Differences
 from jaxgrity.stepping.complementarity import Lift, one_robot
-from jaxgrity.stepping.discretisation import discretise, prepared
+from jaxgrity.stepping.discretisation import discretise, with_scales_and_mobility
 from jaxgrity.stepping.loop import Carried, Step, advance, carried_at, state_of
 from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
 
@@ -149,7 +149,7 @@ def plant_of(
     resolved = resolve(scene, period, options)
     if resolved.dt is None or resolved.method.implicit:
         raise InputError(f"method = {resolved.method.name!r}: expected an explicit one at a fixed step, for control")
-    bare = as_dtype(prepared(with_gait(scene, None)), resolved.dtype)
+    bare = as_dtype(with_scales_and_mobility(with_gait(scene, None)), resolved.dtype)
     return Plant(bare, members, resolved, float(period), sensors, motors)
 
 
@@ -197,8 +197,8 @@ def begun(plant: Plant, key: Any, motion: State) -> PlantState:
     dtype = plant.options.dtype
     nothing = jnp.zeros((len(plant.members), *motion[0].shape[2:]), dtype)
     key, of_bias = jax.random.split(key)
-    problem, step = discretise(plant.options, plant.lift), jnp.asarray(plant.period / plant.steps, dtype)
-    motion, first = carried_at(problem, plant.scene, jnp.zeros((), dtype), step, motion)
+    scheme, step = discretise(plant.options, plant.lift), jnp.asarray(plant.period / plant.steps, dtype)
+    motion, first = carried_at(scheme, plant.scene, jnp.zeros((), dtype), step, motion)
     motion = jnp.asarray(motion[0]), jnp.asarray(motion[1])
     tension = nothing if plant.motors.force is not None else None
     state = PlantState(jnp.asarray(0), motion, first, nothing, tension, Readings(None, None), key)
@@ -244,13 +244,13 @@ def actuate(plant: Plant, state: PlantState, wanted: AnyArray) -> PlantState:
     lengths = plant.lift(lambda scene: actuated_lengths(scene.structure, plant.members), ("s",))(plant.scene)
     reached = contraction_reached(plant.motors, state.contraction, wanted, plant.period, lengths, state.tension)
     scene = _commanded(plant, state, reached)
-    problem = discretise(plant.options, _lift_of(plant, scene))
+    scheme = discretise(plant.options, _lift_of(plant, scene))
     h = jnp.asarray(plant.period / plant.steps, plant.options.dtype)
 
     def step(carry, k):
         before, _ = carry
         t0 = (state.tick * plant.steps + k) * h
-        after = advance(problem, scene, (t0, t0 + h), before)
+        after = advance(scheme, scene, (t0, t0 + h), before)
         tension = None if plant.motors.force is None else _tension(plant, scene, Step(t0, h, before, after))
         return (after, tension), None
 

@@ -7,7 +7,7 @@ from jaxgrity.core.tracing import traced
 from jaxgrity.core.types import AnyArray, NodeVectors, State
 from jaxgrity.model.scene import Scene
 from jaxgrity.stepping.complementarity import Lift
-from jaxgrity.stepping.starts import check_start, check_supports, start_failure, supports_slip
+from jaxgrity.stepping.starts import check_known_velocities, check_start, start_failure, supports_slip
 
 
 def possible(scene: Scene, lift: Lift, start: State, *, one: bool) -> State:
@@ -22,7 +22,7 @@ def possible(scene: Scene, lift: Lift, start: State, *, one: bool) -> State:
             return start
         if one:
             check_start(scene, q)
-            check_supports(scene, v)
+            check_known_velocities(scene, v)
     return q, jnp.where(off, jnp.nan, v)
 
 

@@ -107,7 +107,7 @@ class Push(DissipationTerm):
     def bends(self):
         return self.start + jnp.stack([0 * self.ramp, self.ramp, self.duration - self.ramp, self.duration])
 
-    def finest(self):
+    def longest_step(self):
         return float(self.ramp) / 2
 
     def misplaced(self, h):

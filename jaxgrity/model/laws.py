@@ -141,7 +141,7 @@ class Law(eqx.Module):
         """(times,), s: when it begins, ends, or bends otherwise; steps that adapt end there."""
         return np.zeros(0)
 
-    def finest(self) -> float:
+    def longest_step(self) -> float:
         """s, the largest fixed step of Runge-Kutta methods that sees all of it; infinite where any does."""
         return np.inf
 

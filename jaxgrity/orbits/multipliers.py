@@ -15,7 +15,7 @@ from jaxgrity.core.types import AnyArray, State
 from jaxgrity.model.scene import Scene, as_dtype
 from jaxgrity.orbits.cycles import Plane, moved_onto, plane_of
 from jaxgrity.orbits.finding import Orbit, in_step, period_of, restarted
-from jaxgrity.stepping.discretisation import discretise, prepared
+from jaxgrity.stepping.discretisation import discretise, with_scales_and_mobility
 from jaxgrity.stepping.loop import Carried, carried_at, numbered, repeated, state_of
 from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
 
@@ -111,10 +111,10 @@ def _linearised(
 ) -> tuple[AnyArray, AnyArray, AnyArray]:
     """The states (2, nodes, 3) after `ahead` steps from the start and after `steps` more, in the plane's axes; and the
     derivative, (6 nodes, 6 nodes), of the one by the other."""
-    scene, problem, h = prepared(scene), discretise(options), jnp.asarray(options.dt)
+    scene, scheme, h = with_scales_and_mobility(scene), discretise(options), jnp.asarray(options.dt)
 
-    step = numbered(problem, scene, h)
-    first = carried_at(problem, scene, 0 * h, h, (jnp.asarray(start[0]), jnp.asarray(start[1])))
+    step = numbered(scheme, scene, h)
+    first = carried_at(scheme, scene, 0 * h, h, (jnp.asarray(start[0]), jnp.asarray(start[1])))
     there = jax.lax.fori_loop(0, ahead, lambda k, carried: step(carried, k.astype(float)), first)
     at, unravel = ravel_pytree(jnp.stack(state_of(scene, ahead * h, there)) @ axes)
 
@@ -122,7 +122,7 @@ def _linearised(
         numbers = ahead + jnp.arange(steps, dtype=float)
         q, v = unravel(x) @ axes.T
         # what the method remembers of its last step is held: deviations are those of q and v alone
-        motion = carried_at(problem, scene, ahead * h, h, (q, v)).motion
+        motion = carried_at(scheme, scene, ahead * h, h, (q, v)).motion
         carried = repeated(step, Carried(motion, there.memory), numbers)
         end = jnp.stack(state_of(scene, (ahead + steps) * h, carried)) @ axes
         return end.ravel(), end

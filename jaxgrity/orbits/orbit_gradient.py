@@ -25,8 +25,8 @@ from jaxgrity.model.scales import speed_scale, time_scale
 from jaxgrity.model.scene import Scene, as_dtype, with_gait
 from jaxgrity.orbits.cycles import Plane, plane_of, way_along
 from jaxgrity.orbits.finding import FRAMES, Orbit, in_step, period_of, restarted
-from jaxgrity.stepping.complementarity import ContactMemory
-from jaxgrity.stepping.discretisation import discretise, prepared
+from jaxgrity.stepping.complementarity import ImpulseState
+from jaxgrity.stepping.discretisation import discretise, with_scales_and_mobility
 from jaxgrity.stepping.loop import Carried, carried_at, numbered, repeated
 from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
 
@@ -206,8 +206,8 @@ def _first(scene: Scene, options: ResolvedOptions, orbit: Orbit) -> Carried:
     assert options.dt is not None, "`in_step` gives a step"
     q, v = orbit.state
     start = jnp.asarray(q, float), jnp.asarray(v, float)
-    motion, memory = carried_at(discretise(options), prepared(scene), 0.0, options.dt, start)
-    if isinstance(memory, ContactMemory):
+    motion, memory = carried_at(discretise(options), with_scales_and_mobility(scene), 0.0, options.dt, start)
+    if isinstance(memory, ImpulseState):
         memory = memory._replace(step_size=jnp.zeros_like(memory.step_size))
     return jax.tree.map(jnp.asarray, Carried(motion, memory))
 
@@ -237,7 +237,7 @@ def _rolled(scene: Scene, options: ResolvedOptions, steps: int, frame: Count, ca
     assert scene.gait is not None, "an orbit has a gait"
     # traced: by way of the step's size the tangent of the frequency reaches every step
     h = 1 / (scene.gait.frequency[0] * steps * FRAMES)
-    step = numbered(discretise(options), prepared(scene), h)
+    step = numbered(discretise(options), with_scales_and_mobility(scene), h)
     return repeated(step, carried, frame * steps + jnp.arange(steps, dtype=float))
 
 

@@ -16,7 +16,7 @@ from jaxgrity.model.rigidity import held_edges
 from jaxgrity.model.scene import Scene, as_dtype
 from jaxgrity.populations.step_impulses import impulses_along
 from jaxgrity.stepping.constraints import rigid_struts
-from jaxgrity.stepping.discretisation import prepared
+from jaxgrity.stepping.discretisation import with_scales_and_mobility
 from jaxgrity.stepping.dynamics import acceleration, member_tensions, support_forces, total_force
 from jaxgrity.stepping.held_dynamics import held_forces, held_pulls
 from jaxgrity.stepping.methods import find_method
@@ -121,7 +121,7 @@ def _by_forces(scene: Scene, held: bool, t: AnyArray, q: AnyArray, v: AnyArray) 
 
     `held`: whether those of rigid struts and bodies do too, since the method has multipliers for them.
     """
-    scene = prepared(scene)
+    scene = with_scales_and_mobility(scene)
     aloft = eqx.tree_at(lambda s: (s.ground, s.friction), scene, (None, None), is_leaf=lambda x: x is None)
 
     def frame(t: Scalar, q: NodeVectors, v: NodeVectors):

@@ -122,14 +122,14 @@ def _in_parts(
     room, used = parts
     measures, since = with_metrics is not False, None if isinstance(with_metrics, bool) else with_metrics
     count = room if used is None else used
-    problem = discretise_lanes(options, axes)
+    scheme = discretise_lanes(options, axes)
     # less a thousandth of a step: rounding in float32 would add a whole one
     each = jnp.ceil(duration / count / jnp.asarray(options.dt, options.dtype) - 1e-3).astype(int)
     h = duration / (count * each)
     centre = over_lanes(centre_of_mass, (axes, -1))
     held = over_lanes(initial_metrics, (axes, None))(scene, since) if measures else None
     # stepped by a loop of our own: metrics need the impulses of every step, which diffrax does not hand out
-    first, step = carried_at(problem, scene, 0 * h, h, start), numbered(problem, scene, h)
+    first, step = carried_at(scheme, scene, 0 * h, h, start), numbered(scheme, scene, h)
     update = over_lanes(updated_metrics, (axes, step_axes(first), -1))
 
     def measured_step(k, carry):
@@ -157,18 +157,18 @@ def _last(
     options: ResolvedOptions,
     parts: int,
     centre: Callable,
-    problem: tuple | None = None,
+    scheme: tuple | None = None,
 ) -> LaneEnd:
-    """The end at `duration` of one robot, or by `problem` of all of them at once."""
+    """The end at `duration` of one robot, or by `scheme` of all of them at once."""
     times = jnp.stack([jnp.zeros_like(duration), duration])
     end = diffrax.SubSaveAt(t1=True)
     if parts == 1:
-        solution = integrate(start, times, scene, options, diffrax.SaveAt(subs=end), problem)
+        solution = integrate(start, times, scene, options, diffrax.SaveAt(subs=end), scheme)
         last = jax.tree.map(lambda x: x[0], solution.ys)
         path = jnp.stack([centre(scene, start[0]), centre(scene, last[0])])
     else:
         between = diffrax.SubSaveAt(ts=jnp.linspace(0, duration, parts + 1), fn=lambda t, y, s: centre(s, y[0]))
-        solution = integrate(start, times, scene, options, diffrax.SaveAt(subs=[end, between]), problem)
+        solution = integrate(start, times, scene, options, diffrax.SaveAt(subs=[end, between]), scheme)
         last, path = jax.tree.map(lambda x: x[0], solution.ys[0]), solution.ys[1]  # type: ignore[index]
     steps, rejected = (solution.stats[f"num_{kind}_steps"] for kind in ("accepted", "rejected"))
     return LaneEnd(last, path, solution.result, steps, rejected)

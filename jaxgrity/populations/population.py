@@ -26,7 +26,7 @@ from jaxgrity.populations.lanes import most_lanes, roll_out_lanes
 from jaxgrity.populations.metrics import Metrics
 from jaxgrity.populations.uncertainty import Differences
 from jaxgrity.stepping.options import KEPT, Options, ResolvedOptions, resolve
-from jaxgrity.stepping.starts import check_supports
+from jaxgrity.stepping.starts import check_known_velocities
 
 
 class Outcomes(eqx.Module):
@@ -150,7 +150,7 @@ def simulate_population(
     if differences is not None:
         differences.check(scene, len(gaits.phase))
         if differences.velocities is not None:
-            check_supports(scene, differences.velocities)
+            check_known_velocities(scene, differences.velocities)
     x64 = bool(jax.config.jax_enable_x64)  # type: ignore[attr-defined]
     common = _common(scene, _at_start(gaits), options, x64)
     end, asked = np.asarray(duration, float), with_metrics

@@ -14,7 +14,7 @@ from jaxgrity.core.types import AnyArray, NodeHistory, PerMember, Scalar, Times
 from jaxgrity.model.actuation import rest_length, rest_lengths_along
 from jaxgrity.model.scene import Scene, as_dtype
 from jaxgrity.stepping.constraints import rigid_struts
-from jaxgrity.stepping.discretisation import discretise, prepared
+from jaxgrity.stepping.discretisation import discretise, with_scales_and_mobility
 from jaxgrity.stepping.loop import Carried, Step, advance, carried_at
 from jaxgrity.stepping.options import ResolvedOptions, options_anew
 from jaxgrity.stepping.power import ground_impulses, strut_impulses, strut_tensions, support_impulses
@@ -120,8 +120,8 @@ def _padded(rows: np.ndarray, size: int) -> np.ndarray:
 @eqx.filter_jit
 def _stepped(scene: Scene, options: ResolvedOptions, plan: StepPlan, count: AnyArray) -> Exerted:
     """The impulses of the first `count` steps of the plan, in front; zeros after them."""
-    scene = prepared(scene)
-    problem = discretise(options)
+    scene = with_scales_and_mobility(scene)
+    scheme = discretise(options)
     nodes = scene.structure.nodes
     times = plan.times.astype(nodes.dtype)
 
@@ -129,16 +129,16 @@ def _stepped(scene: Scene, options: ResolvedOptions, plan: StepPlan, count: AnyA
         before, found = carry
         t, h = times[k], (plan.times[k + 1] - plan.times[k]).astype(nodes.dtype)
         here = _with_lengths(scene, t + h, plan.longer[k + 1])
-        saved, anew = carried_at(problem, here, t, h, (plan.positions[k], plan.velocities[k]))
+        saved, anew = carried_at(scheme, here, t, h, (plan.positions[k], plan.velocities[k]))
         # only at its very start does a motion have half a kick
         anew = anew._replace(step_size=jnp.where(k > 0, h, anew.step_size), impulses=before.memory.impulses)
         new = plan.taken_up[k]
         before = jax.tree.map(lambda a, b: jnp.where(new, a, b), Carried(saved, anew), before)
-        after = advance(problem, here, (t, t + h), before)
+        after = advance(scheme, here, (t, t + h), before)
         impulses = _impulses(here, Step(t, h, before, after))
         return after, jax.tree.map(lambda rows, row: rows.at[k].set(row), found, impulses)
 
-    first = carried_at(problem, scene, times[0], times[1] - times[0], (plan.positions[0], plan.velocities[0]))
+    first = carried_at(scheme, scene, times[0], times[1] - times[0], (plan.positions[0], plan.velocities[0]))
     struts = rigid_struts(scene)
     room = len(plan.taken_up)
     empty = (

@@ -23,8 +23,8 @@ from jaxgrity.model.scene import Scene
 from jaxgrity.search.genetic_algorithm import Generation, Record, SearchState
 
 SETTINGS, STATE, RESULTS = "run.json", "state_{}.npz", ("summary.json", "gait.json", "population.npz")
-PROBE, ROOM = ".probe", 2**20
-"""Name and size (bytes) of a file that shows whether there is room for what a search writes."""
+PROBE, SPACE = ".probe", 2**20
+"""Name and size (bytes) of a file that shows whether there is space for what a search writes."""
 ADDRESS = re.compile(" at 0x[0-9a-fA-F]+")
 """Part of the text of a function that differs between processes."""
 
@@ -74,7 +74,7 @@ def open_checkpoint(
                 left.unlink()
             found = _begin(folder, json.loads(json.dumps(settings, default=str)), resume, restart)
             # a disk that is full is found now, not after the first generation
-            write_whole(folder / PROBE, lambda file: file.write(bytes(ROOM)))
+            write_whole(folder / PROBE, lambda file: file.write(bytes(SPACE)))
             (folder / PROBE).unlink()
         except OSError as error:
             said = error.strerror or error

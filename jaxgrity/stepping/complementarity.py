@@ -31,7 +31,7 @@ def one_robot(function: Callable, in_axes: tuple) -> Callable:
     return function
 
 
-class ContactState(NamedTuple):
+class SweptState(NamedTuple):
     """The carry of complementarity stepping from step to step, with impulses by sweeps."""
 
     step_size: Scalar
@@ -51,7 +51,7 @@ class CoupledState(NamedTuple):
     """m/s, by which velocities miss what the impulses make of them, at most"""
 
 
-ContactMemory = ContactState | CoupledState
+ImpulseState = SweptState | CoupledState
 """what remembers the size of a step: its velocities are those in the middle of that step"""
 
 
@@ -84,19 +84,19 @@ class Complementarity(diffrax.AbstractSolver):
     interpolation_cls: ClassVar[Callable] = diffrax.LocalLinearInterpolation
 
     @abc.abstractmethod
-    def constrained(self, terms, ends, start, scene, memory) -> tuple[AnyArray, ContactMemory]:
+    def velocity_after_impulses(self, terms, ends, start, scene, memory) -> tuple[AnyArray, ImpulseState]:
         """w, m/s, in the step from the first to the second of `ends`, s, and the memory of the step."""
 
     def order(self, terms):
         return 1
 
     def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
-        w, after = self.constrained(terms, (t0, t1), y0, args, solver_state)
+        w, after = self.velocity_after_impulses(terms, (t0, t1), y0, args, solver_state)
         ground = exact_ground(args)
         if ground is not None and ground.restitution is not None and args.friction is not None:
             # both are computed: mapped over a population, a condition would compute both too
             still = eqx.tree_at(lambda scene: scene.ground.restitution, args, 0 * ground.restitution)
-            plastic = self.constrained(terms, (t0, t1), y0, still, solver_state)
+            plastic = self.velocity_after_impulses(terms, (t0, t1), y0, still, solver_state)
             gains = self.lift(bounce_gains, ("s", None, -1, -1, -1))(args, t1 - t0, y0, w, after.impulses)
             taken = after.step_size
             w, after = jax.tree.map(lambda a, b: jnp.where(gains, a, b), plastic, (w, after))
@@ -109,14 +109,14 @@ class Complementarity(diffrax.AbstractSolver):
         return terms.vf(t0, y0, args)
 
 
-def kick_of(scene: Scene, ends: tuple[Scalar, Scalar], memory: ContactMemory) -> tuple[AnyArray | Scalar, Scene]:
+def kick_of(scene: Scene, ends: tuple[Scalar, Scalar], memory: ImpulseState) -> tuple[AnyArray | Scalar, Scene]:
     """s, the time of the kick, common to many robots or of each; and the scene with temporary laws in their mean over
     it."""
     (t0, t1), last = ends, memory.step_size
     return (last + (t1 - t0)) / 2, scene.during(t0 - last / 2, t0 + (t1 - t0) / 2)
 
 
-def first_memory(t0: Scalar, t1: Scalar, y0: State) -> ContactState:
+def first_memory(t0: Scalar, t1: Scalar, y0: State) -> SweptState:
     """The memory before the first step of a robot at rest."""
     nothing = jnp.zeros_like(y0[1][:, 0])
-    return ContactState(jnp.zeros_like(t1 - t0), GroundImpulses(nothing, (nothing, nothing)))
+    return SweptState(jnp.zeros_like(t1 - t0), GroundImpulses(nothing, (nothing, nothing)))

@@ -98,7 +98,7 @@ def blocks_of(scene: Scene) -> Blocks:
     return blocks(struts.edges if struts is not None else (), scene.structure.nodes.shape[0])
 
 
-def prepare(scene: Scene, h: Scalar, t1: Scalar, q: NodeVectors, v: NodeVectors) -> StepProblem:
+def step_problem(scene: Scene, h: Scalar, t1: Scalar, q: NodeVectors, v: NodeVectors) -> StepProblem:
     """The problem of a step of size h (s) that ends at t1, from positions `q` (m) and velocities `v` (m/s)."""
     struts, ground, layout = rigid_struts(scene), exact_ground(scene), blocks_of(scene)
     vectors = lengths = closing = axes = None
@@ -211,7 +211,7 @@ def length_error(scene: Scene, h: Scalar, problem: StepProblem, trials: Trials) 
     return LengthError(h * largest(off), largest(off / problem.lengths))
 
 
-def excess(scene: Scene, problem: StepProblem, trials: Trials) -> tuple[PerMember, PerMember]:
+def length_gap(scene: Scene, problem: StepProblem, trials: Trials) -> tuple[PerMember, PerMember]:
     """The length error of rigid struts without common nodes: F = (|d|^2 - (L/h)^2)/2, m^2/s^2.
 
     And its slope by an impulse along the strut, d·m, m^2/s^2 per N s, with d and m as in `_to_length`. Where the ground
@@ -239,7 +239,7 @@ def rates_held(
 def rates_at_lengths(problem: StepProblem, held: Trials, missed: PerMember, slope: PerMember) -> Trials:
     """The derivative of trial impulses that keep struts at their lengths: `held`, and -missed/slope along each strut.
 
-    `missed` is the rate of `excess` with impulses held, and `slope` its change by an impulse of 1.
+    `missed` is the rate of `length_gap` with impulses held, and `slope` its change by an impulse of 1.
     """
     (pushes,) = problem.pushes
     change = over(missed, slope)
@@ -267,8 +267,8 @@ def _strut(
     push: tuple[Vector, ...],
     trials: Trials,
 ) -> _Strut:
-    assert problem.vectors is not None, "`prepare` sets it where struts are rigid"
-    assert problem.lengths is not None, "`prepare` sets it where struts are rigid"
+    assert problem.vectors is not None, "`step_problem` sets it where struts are rigid"
+    assert problem.lengths is not None, "`step_problem` sets it where struts are rigid"
     first, second = layout.ends(tuple(map(velocity, contacts, trials)), group)
     d, goal = rows_of(problem.vectors, group) + (first - second), rows_of(problem.lengths, group)
     first, second = layout.ends(push, group)
@@ -289,11 +289,11 @@ def _to_length(struts: _Strut) -> PerMember:
     moves = moving_squared > HELD * HELD * free_squared
     d_m = jnp.where(moves, d.dot(moving), d.dot(free))
     m_m = jnp.where(moves, moving_squared, free_squared)
-    excess = d.dot(d) - goal * goal
+    length_gap = d.dot(d) - goal * goal
     # below 0 no impulse reaches the length: a tiny number keeps the derivative of the root finite there
-    under = d_m * d_m - m_m * excess
+    under = d_m * d_m - m_m * length_gap
     towards = d_m > 0
     # |d·m| + sqrt(...), by which the root of either sign has a form that does not cancel; what takes the square root
     # once is one loop, where XLA would compute all that is before it once more for each use
     larger = jnp.where(towards, d_m, -d_m) + jnp.sqrt(jnp.maximum(under, jnp.finfo(under.dtype).tiny))
-    return jnp.where(towards, -excess, larger) / jnp.where(towards, larger, m_m)
+    return jnp.where(towards, -length_gap, larger) / jnp.where(towards, larger, m_m)

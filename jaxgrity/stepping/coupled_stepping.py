@@ -34,7 +34,7 @@ class CoupledImpulses(Complementarity):
     def init(self, terms, t0, t1, y0, args):
         return CoupledState(*first_memory(t0, t1, y0), 0 * y0[1], jnp.zeros_like(y0[1][0, 0]))
 
-    def constrained(self, terms, ends, start, scene, memory):
+    def velocity_after_impulses(self, terms, ends, start, scene, memory):
         (q, v), (t0, t1) = start, ends
         h, (kick, forces) = t1 - t0, kick_of(scene, ends, memory)
         solve = self.lift(coupled_impulses, ("s", None, -1, -1, -1, -1))

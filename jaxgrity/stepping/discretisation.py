@@ -60,15 +60,15 @@ def integrate(
     scene: Scene,
     options: ResolvedOptions,
     saveat: diffrax.SaveAt | None = None,
-    problem: tuple[diffrax.AbstractTerm, diffrax.AbstractSolver] | None = None,
+    scheme: tuple[diffrax.AbstractTerm, diffrax.AbstractSolver] | None = None,
 ) -> diffrax.Solution:
     """`diffeqsolve` from the first of `times` (s) to the last, saved at all of them, or by `saveat`.
 
-    The solution can be traced, and differentiated in forward mode. `problem` is by default that of `discretise`, for
+    The solution can be traced, and differentiated in forward mode. `scheme` is by default that of `discretise`, for
     one robot and `start` = (q, v). Velocities are those of the method's carry (`handover.py`).
     """
-    terms, solver = discretise(options) if problem is None else problem
-    scene, memory = prepared(scene), None
+    terms, solver = discretise(options) if scheme is None else scheme
+    scene, memory = with_scales_and_mobility(scene), None
     fixed = options.dt is not None
     smallest = 16 * jnp.finfo(times.dtype).eps * times[-1]
     dt0, rtol, atol = jax.tree.map(lambda x: jnp.asarray(x, times.dtype), (options.dt, options.rtol, options.atol))
@@ -114,7 +114,7 @@ def _bends(scene: Scene) -> list[AnyArray]:
     return found if scene.shaking is None else [*found, scene.shaking.bends()]
 
 
-def prepared(scene: Scene) -> Scene:
+def with_scales_and_mobility(scene: Scene) -> Scene:
     """The scene with everything computed once for all steps: its scales, and the nodes' mobility where it is not
     1/m_i."""
     scene = with_scales(scene)

@@ -9,8 +9,8 @@ from jaxgrity.core.tracing import traced
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import Scalar, State, Times
 from jaxgrity.model.scene import Scene, as_dtype, start_of
-from jaxgrity.stepping.discretisation import discretise, prepared
-from jaxgrity.stepping.loop import Carried, Problem, carried_at, numbered, recomputed, repeated, state_of
+from jaxgrity.stepping.discretisation import discretise, with_scales_and_mobility
+from jaxgrity.stepping.loop import Carried, Scheme, carried_at, numbered, recomputed, repeated, state_of
 from jaxgrity.stepping.options import ResolvedOptions, check_options
 from jaxgrity.stepping.starts import check_start, check_velocities
 
@@ -78,7 +78,7 @@ def final_state(
     check_velocities(scene, (q, v), since, options.method.constrained)
     # numbers that are known stay so: nothing has to be computed of a start at rest
     v = np.asarray(v, options.dtype) if isinstance(v, np.ndarray) else jnp.asarray(v, options.dtype)
-    scene, first = prepared(as_dtype(scene, options.dtype)), (jnp.asarray(q, options.dtype), v)
+    scene, first = with_scales_and_mobility(as_dtype(scene, options.dtype)), (jnp.asarray(q, options.dtype), v)
     end = stepped(scene, first, (since, since + duration), options, discretise(options), count)
     return state_of(scene, since + duration, end)
 
@@ -88,26 +88,26 @@ def stepped(
     start: State,
     times: tuple[Scalar, Scalar],
     options: ResolvedOptions,
-    problem: Problem,
+    scheme: Scheme,
     steps: int | None = None,
 ) -> Carried:
-    """What the method of `problem` carries at the second of `times`, s, from the start at the first one.
+    """What the method of `scheme` carries at the second of `times`, s, from the start at the first one.
 
     It is stepped inside two nested scans.
-    On the way back the inner scan is run again, stretch by stretch; a method that recomputes its stages then does so
+    On the way back the inner scan is run again, segment by segment; a method that recomputes its stages then does so
     once more, any other is run again step by step, but for sweeps whose results are kept (`SWEPT`). Where the steps do
     not divide into two such scans there are a few more of them, as much smaller.
     """
     since, until = times
     if steps is None:
         steps = steps_between(since, until, options)
-    stretches, steps = _divide(steps)
-    h = (until - since) / (stretches * steps)
+    segments, steps = _divide(steps)
+    h = (until - since) / (segments * steps)
 
-    step = recomputed(numbered(problem, scene, h, since), options)
-    numbers = jnp.arange(stretches * steps, dtype=options.dtype).reshape(stretches, steps)
-    stretch = jax.checkpoint(lambda carried, numbers: repeated(step, carried, numbers))
-    return repeated(stretch, carried_at(problem, scene, since, h, start), numbers)
+    step = recomputed(numbered(scheme, scene, h, since), options)
+    numbers = jnp.arange(segments * steps, dtype=options.dtype).reshape(segments, steps)
+    segment = jax.checkpoint(lambda carried, numbers: repeated(step, carried, numbers))
+    return repeated(segment, carried_at(scheme, scene, since, h, start), numbers)
 
 
 def _counted(duration: Scalar, options: ResolvedOptions, given: int | None) -> int:
@@ -155,17 +155,17 @@ def states_at(
     costs two thirds of a `diffeqsolve` with saved frames, and compiles in less than half of the time. With `reverse`
     it is made for reverse mode: frames are stored, and what is between them is run again.
     """
-    scene, problem = prepared(scene), discretise(options)
+    scene, scheme = with_scales_and_mobility(scene), discretise(options)
     times = jnp.asarray(times, options.dtype)
 
     def frame(carried, ends):
-        step = numbered(problem, scene, (ends[1] - ends[0]) / steps, ends[0])
+        step = numbered(scheme, scene, (ends[1] - ends[0]) / steps, ends[0])
         kept = recomputed(step, options) if reverse else step
         carried = repeated(kept, carried, jnp.arange(steps, dtype=options.dtype))
         return carried, carried
 
     start = jax.tree.map(lambda x: jnp.asarray(x, options.dtype), start)
-    first = carried_at(problem, scene, times[0], (times[1] - times[0]) / steps, start)
+    first = carried_at(scheme, scene, times[0], (times[1] - times[0]) / steps, start)
     between = jnp.stack([times[:-1], times[1:]], axis=1)
     _, later = jax.lax.scan(jax.checkpoint(frame) if reverse else frame, first, between)
     later = jax.vmap(lambda t, carried: state_of(scene, t, carried))(times[1:], later)

@@ -31,21 +31,21 @@ def at_rest(v: AnyArray) -> AnyArray:
     return jnp.all(v == 0, axis=(0, 1))
 
 
-def velocity_at(scene: Scene, t: Scalar, q: NodeVectors, w: NodeVectors, later: Scalar) -> NodeVectors:
-    """v = w + later a(q, v, t), m/s: the velocity of one robot at t, from w at `later` seconds before.
+def velocity_at(scene: Scene, t: Scalar, q: NodeVectors, w: NodeVectors, since_midstep: Scalar) -> NodeVectors:
+    """v = w + since_midstep a(q, v, t), m/s: the velocity of one robot at t, from w at `since_midstep` seconds before.
 
     With dissipative forces it is an equation with one solution, since they are gradients of a convex R. It is solved to
     rounding; its derivative is that of the solution, in both modes. Supports have their own velocities.
     """
-    v = _later_velocity(scene.during(t - later, t), t, q, w, later)
+    v = _velocity_after(scene.during(t - since_midstep, t), t, q, w, since_midstep)
     return with_supports(scene.shaking, scene.structure, t, v)
 
 
-def _later_velocity(scene: Scene, t: Scalar, q: NodeVectors, w: NodeVectors, later: Scalar) -> NodeVectors:
+def _velocity_after(scene: Scene, t: Scalar, q: NodeVectors, w: NodeVectors, since_midstep: Scalar) -> NodeVectors:
     """`velocity_at` of the scene in the mean of that time."""
 
     def changed(v):
-        return w + later * acceleration(scene, t, q, v)
+        return w + since_midstep * acceleration(scene, t, q, v)
 
     if not scene.dissipates:
         return changed(w)
@@ -61,7 +61,7 @@ def _later_velocity(scene: Scene, t: Scalar, q: NodeVectors, w: NodeVectors, lat
 
 
 def velocities_at(
-    scene: Scene, times: Times, motion: tuple[NodeHistory, NodeHistory], later: Times, frames: AnyArray | int
+    scene: Scene, times: Times, motion: tuple[NodeHistory, NodeHistory], since_midstep: Times, frames: AnyArray | int
 ) -> NodeHistory:
     """`velocity_at` of the first `frames` of a motion (q, w); the filling after them stays."""
     q, w = motion
@@ -69,7 +69,7 @@ def velocities_at(
 
     def some(k, found):
         first = jnp.minimum(k * size, len(times) - size)
-        part = [jax.lax.dynamic_slice_in_dim(x, first, size) for x in (times, q, w, later)]
+        part = [jax.lax.dynamic_slice_in_dim(x, first, size) for x in (times, q, w, since_midstep)]
         new = jax.vmap(lambda *frame: velocity_at(scene, *frame))(*part)
         return jax.lax.dynamic_update_slice_in_dim(found, new, first, 0)
 

@@ -18,12 +18,12 @@ from jaxgrity.core.tracing import traced
 from jaxgrity.core.types import AnyArray, Scalar, State
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.shaking import with_supports
-from jaxgrity.stepping.complementarity import ContactMemory
+from jaxgrity.stepping.complementarity import ImpulseState
 from jaxgrity.stepping.handover import at_rest, velocity_at
 from jaxgrity.stepping.options import ResolvedOptions
 from jaxgrity.stepping.swept import SWEPT
 
-Problem = tuple[diffrax.AbstractTerm, diffrax.AbstractSolver]
+Scheme = tuple[diffrax.AbstractTerm, diffrax.AbstractSolver]
 """what `discretise` makes of options"""
 
 
@@ -31,7 +31,7 @@ class Carried(NamedTuple):
     """The carry of a method from one step to the next."""
 
     motion: State
-    """q, m, and v, m/s, (nodes, 3) each; v in the middle of the last step where memory is a `ContactMemory`"""
+    """q, m, and v, m/s, (nodes, 3) each; v in the middle of the last step where memory is an `ImpulseState`"""
     memory: Any
     """what the method remembers of its last step"""
 
@@ -49,7 +49,7 @@ class Step(NamedTuple):
     @property
     def impulsive(self) -> bool:
         """Whether it is a step of complementarity stepping."""
-        return isinstance(self.after.memory, ContactMemory)
+        return isinstance(self.after.memory, ImpulseState)
 
     @property
     def kick(self) -> Scalar:
@@ -61,15 +61,15 @@ class Step(NamedTuple):
         return scene.during(self.t0 - self.before.memory.step_size / 2, self.t0 + self.h / 2)
 
 
-def carried_at(problem: Problem, scene: Scene, t: Scalar, h: Scalar, start: State) -> Carried:
+def carried_at(scheme: Scheme, scene: Scene, t: Scalar, h: Scalar, start: State) -> Carried:
     """The method's carry at t (s), before a first step of size h (s), from `start` = (q, v) then.
 
     Robots at rest begin with half a kick, as if nothing had acted before; moving robots with a whole one.
     """
-    terms, solver = problem
+    terms, solver = scheme
     first = solver.init(terms, t, t + h, start, scene)
     q, v = start
-    if not isinstance(first, ContactMemory) or not (traced(v) or np.any(np.asarray(v))):
+    if not isinstance(first, ImpulseState) or not (traced(v) or np.any(np.asarray(v))):
         return Carried(start, first)
     _, a = terms.vf(t, start, scene.during(t - h / 2, t))
     still = at_rest(v)
@@ -77,18 +77,18 @@ def carried_at(problem: Problem, scene: Scene, t: Scalar, h: Scalar, start: Stat
     return Carried((q, w), first._replace(step_size=jnp.where(still, 0, h).astype(q.dtype)))
 
 
-def advance(problem: Problem, scene: Scene, ends: tuple[Scalar, Scalar], carried: Carried) -> Carried:
+def advance(scheme: Scheme, scene: Scene, ends: tuple[Scalar, Scalar], carried: Carried) -> Carried:
     """One step on, from the first to the second of its `ends`, s. They are given: (k + 1) h and k h + h round apart."""
-    (terms, solver), (t0, t1) = problem, ends
+    (terms, solver), (t0, t1) = scheme, ends
     motion, _, _, memory, _ = solver.step(terms, t0, t1, carried.motion, scene, carried.memory, False)
     return Carried(motion, memory)
 
 
-def numbered(problem: Problem, scene: Scene, h: Scalar, since: Scalar = 0.0) -> Callable[[Carried, Any], Carried]:
+def numbered(scheme: Scheme, scene: Scene, h: Scalar, since: Scalar = 0.0) -> Callable[[Carried, Any], Carried]:
     """`advance` as a function of the carry and a number k, from `since` + k h to `since` + (k + 1) h, s."""
 
     def step(carried, k):
-        return advance(problem, scene, (since + k * h, since + (k + 1) * h), carried)
+        return advance(scheme, scene, (since + k * h, since + (k + 1) * h), carried)
 
     return step
 
@@ -107,6 +107,6 @@ def recomputed(step: Callable, options: ResolvedOptions) -> Callable:
 def state_of(scene: Scene, t: Scalar, carried: Carried) -> State:
     """(q, v) at t (s), of one robot, from the method's carry."""
     (q, w), memory = carried
-    if not isinstance(memory, ContactMemory):
+    if not isinstance(memory, ImpulseState):
         return q, with_supports(scene.shaking, scene.structure, t, w)
     return q, velocity_at(scene, t, q, w, memory.step_size / 2)

@@ -201,7 +201,7 @@ def _check_seen(scene: Scene, method: Method, dt: float) -> None:
 def _seen_by(scene: Scene, method: Method) -> float:
     """s, the largest step that sees all that acts for a short time, such as a push."""
     acting = () if method.constrained or traced(scene) else scene.terms
-    return min((term.finest() for term in acting), default=np.inf)
+    return min((term.longest_step() for term in acting), default=np.inf)
 
 
 def _default_step(scene: Scene, method: Method) -> float:
@@ -232,9 +232,9 @@ def _dtype(given: str | None, x64: bool) -> str:
 
 
 def _tolerances(given: SolverOptions, method: Method, dtype: str, least: float) -> tuple[float, float]:
-    rtol, atol, finest = given.rtol, given.atol, 10 * float(np.finfo(dtype).eps)
-    if rtol is not None and rtol < finest:
-        raise InputError(f"rtol = {rtol:g}: {dtype} cannot meet it; expected at least {finest:.1g}")
+    rtol, atol, tightest = given.rtol, given.atol, 10 * float(np.finfo(dtype).eps)
+    if rtol is not None and rtol < tightest:
+        raise InputError(f"rtol = {rtol:g}: {dtype} cannot meet it; expected at least {tightest:.1g}")
     if (rtol is not None or atol is not None) and (given.dt is not None or not method.adaptive):
         raise InputError(f"rtol, atol: {method.name!r} at a fixed step has no tolerances; expected none, or no dt")
     usual = 1e-8 if dtype == "float64" else 1e-5
@@ -266,9 +266,9 @@ def _sweeps(given: SolverOptions, method: Method, dtype: str, size: float) -> in
         raise InputError(f"sweeps, strut_tolerance: only complementarity stepping has them, not {method.name!r}")
     if tolerance is None:
         return sweeps
-    finest = 100 * float(np.finfo(dtype).eps) * size
-    if not tolerance >= finest:
-        raise InputError(f"strut_tolerance = {tolerance:g} m: expected at least {finest:.1g} m in {dtype}")
+    tightest = 100 * float(np.finfo(dtype).eps) * size
+    if not tolerance >= tightest:
+        raise InputError(f"strut_tolerance = {tolerance:g} m: expected at least {tightest:.1g} m in {dtype}")
     return MOST_SWEEPS if sweeps is None else sweeps
 
 

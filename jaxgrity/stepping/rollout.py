@@ -16,7 +16,7 @@ from jaxgrity.model.scene import Scene, as_dtype, start_of
 from jaxgrity.stepping.discretisation import state_failure
 from jaxgrity.stepping.final_state import LONGER, check_times, enough_steps, states_at
 from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
-from jaxgrity.stepping.starts import check_velocities, start_failure, stretches, supports_slip
+from jaxgrity.stepping.starts import check_velocities, start_failure, supports_slip, velocities_stretch
 
 
 class RolledOut(NamedTuple):
@@ -105,7 +105,7 @@ def _rolled(scene: Scene, start: State, times: Times, steps: int, options: Resol
     q, v = states_at(scene, start, times, steps, options, reverse=True)
     held = ~jnp.any(supports_slip(scene, start[1], times[0]))
     if held_edges(scene) and not options.method.constrained:
-        held = held & ~stretches(scene, start)
+        held = held & ~velocities_stretch(scene, start)
     apart, rounding = jnp.diff(times), 4 * jnp.finfo(times.dtype).eps * jnp.max(jnp.abs(times))
     fit = jnp.all(apart > 0) & jnp.all(apart <= LONGER * steps * cast(Scalar, options.dt) + rounding)
     fit = fit & held & (start_failure(scene, start[0], times[0]) == 0) & (start_failure(scene, q[-1], times[-1]) == 0)

@@ -18,16 +18,16 @@ from jaxgrity.model.actuation import Commands
 from jaxgrity.model.rigidity import held_edges
 from jaxgrity.model.scene import Scene, as_dtype
 from jaxgrity.model.shaking import with_supports
-from jaxgrity.stepping.discretisation import even_step, failure_code, integrate, prepared, state_failure
+from jaxgrity.stepping.discretisation import even_step, failure_code, integrate, state_failure, with_scales_and_mobility
 from jaxgrity.stepping.handover import at_rest, midway, velocities_at
 from jaxgrity.stepping.methods import find_method
 from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
-from jaxgrity.stepping.starts import check_velocities, start_failure, stretches
+from jaxgrity.stepping.starts import check_velocities, start_failure, velocities_stretch
 
-ROOM = 2**16
-"""Number of nodes in all saved frames up to which motions of a scene share one compiled program. The last frame is
-repeated to fill it, unless the motion is differentiated. A minute of a robot with ten nodes, at 100 frames a second,
-fits in; positions and velocities of so many nodes are 3 MB."""
+SHARED_POSITIONS = 2**16
+"""Number of saved positions (frames x nodes) up to which motions of a scene share one compiled program. The last frame
+is repeated to fill it, unless the motion is differentiated. A minute of a robot with ten nodes, at 100 frames a second,
+fits in; so many positions and velocities are 3 MB."""
 
 REVERSE = "simulate has derivatives in forward mode alone (jax.jacfwd, jax.jvp); for reverse mode use jaxgrity.rollout"
 """Message where reverse mode meets `simulate`."""
@@ -80,7 +80,9 @@ def driven(scene: Scene, trajectory: Trajectory) -> Scene:
     if trajectory.commands is None:
         return scene
     # scales are those of the scene as it is: commands have no frequency
-    return eqx.tree_at(lambda s: s.gait, prepared(scene), trajectory.commands, is_leaf=lambda x: x is None)
+    return eqx.tree_at(
+        lambda s: s.gait, with_scales_and_mobility(scene), trajectory.commands, is_leaf=lambda x: x is None
+    )
 
 
 @typed
@@ -107,7 +109,7 @@ def velocities_midway(scene: Scene, trajectory: Trajectory) -> np.ndarray:
 
 @eqx.filter_jit
 def _midway(scene: Scene, dt: Scalar, times: Times, positions: NodeHistory, velocities: NodeHistory) -> NodeHistory:
-    return midway(prepared(scene), dt, times, positions, velocities)
+    return midway(with_scales_and_mobility(scene), dt, times, positions, velocities)
 
 
 def some_frames(trajectory: Trajectory, frames: np.ndarray | slice) -> Trajectory:
@@ -130,8 +132,8 @@ def frame_times(duration: float, frame_rate: float, at_most: float = math.inf) -
 
 
 def with_room(frames: AnyArray, nodes: int) -> np.ndarray:
-    """The same frames, the last one over and over until `ROOM` is full, so that motions share compiled programs."""
-    more = max(0, ROOM // nodes - len(frames))
+    """The same frames, the last one repeated up to `SHARED_POSITIONS`, so that motions share compiled programs."""
+    more = max(0, SHARED_POSITIONS // nodes - len(frames))
     return np.pad(frames, [(0, more), *[(0, 0)] * (np.ndim(frames) - 1)], mode="edge")
 
 
@@ -208,14 +210,14 @@ def _simulate(scene: Scene, start: State, times: Times, frames: int | AnyArray, 
     stats, failure = solution.stats, failure_code(solution.result, state_failure(scene, q[-1], v[-1]))
     if options.method.constrained:
         assert options.dt is not None, "complementarity stepping has steps of a fixed size"
-        later = _later(times, start, stats["num_accepted_steps"])
-        v = velocities_at(prepared(scene), times, (q, v), later, frames)
+        since_midstep = _seconds_since_midstep(times, start, stats["num_accepted_steps"])
+        v = velocities_at(with_scales_and_mobility(scene), times, (q, v), since_midstep, frames)
         misplaced = start_failure(scene, start[0])  # of traced numbers, which `resolve` could not check
         failure = jnp.where(misplaced != 0, misplaced, failure)
     elif scene.shaking is not None:
         v = jax.vmap(lambda t, v: with_supports(scene.shaking, scene.structure, t, v))(times, v)
     if held_edges(scene) and not options.method.constrained:
-        failure = jnp.where(stretches(scene, start), 1, failure)
+        failure = jnp.where(velocities_stretch(scene, start), 1, failure)
     q, v = forward_mode_only((q, v), REVERSE)
     return Trajectory(
         times=times,
@@ -229,7 +231,7 @@ def _simulate(scene: Scene, start: State, times: Times, frames: int | AnyArray, 
     )
 
 
-def _later(times: Times, start: State, steps: AnyArray) -> Times:
+def _seconds_since_midstep(times: Times, start: State, steps: AnyArray) -> Times:
     """(frames,), s: by how much later each frame is than the velocities that complementarity stepping has there.
 
     At the end of a step that is half of its size, and 0 at the start of a robot at rest; in the first step it changes

@@ -41,7 +41,7 @@ def check_start(scene: Scene, positions: NodeVectors | None = None, since: Scala
             raise InputError(constraint.complaint(q, float(since), int(gaps.argmax())))
 
 
-def check_supports(scene: Scene, velocities: AnyArray, since: Scalar = 0.0) -> None:
+def check_known_velocities(scene: Scene, velocities: AnyArray, since: Scalar = 0.0) -> None:
     """Refuse known velocities (m/s), of one robot or of many, that differ from the supports'.
 
     Supports are at rest, or have the speed of their shaking at `since` (s). Points of rigid bodies follow the basic
@@ -62,13 +62,13 @@ def check_supports(scene: Scene, velocities: AnyArray, since: Scalar = 0.0) -> N
 
 
 def check_velocities(scene: Scene, start: State, since: Scalar, constrained: bool) -> None:
-    """`check_supports` of one robot's start; and refuse known velocities that change lengths of rigid struts or bodies.
+    """`check_known_velocities` of one robot's start; and refuse those that change lengths of rigid struts or bodies.
 
     A `constrained` method takes these. Impulses correct such velocities in the first step. Frames of an earlier motion
     do have them: the impulses of the step after a frame are not in its velocities.
     """
     edges = held_edges(scene)
-    check_supports(scene, start[1], since)
+    check_known_velocities(scene, start[1], since)
     if constrained or not edges or traced((scene, start, since)):
         return
     growing = np.asarray(_growing((np.asarray(start[0], float), np.asarray(start[1], float)), edges))
@@ -80,7 +80,7 @@ def check_velocities(scene: Scene, start: State, since: Scalar, constrained: boo
         )
 
 
-def stretches(scene: Scene, start: State) -> AnyArray:
+def velocities_stretch(scene: Scene, start: State) -> AnyArray:
     """Whether velocities change lengths of rigid struts or bodies by more than `check_velocities` allows."""
     return jnp.any(_growing(start, held_edges(scene)) > LARGEST_SLIP * speed_scale(scene))
 

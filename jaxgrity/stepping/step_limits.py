@@ -136,11 +136,11 @@ def _largest(linear: Linearised, method: Method) -> float:
     low, high = 1e-3 / fastest, WIDEST / fastest
     for _ in range(26):
         middle = np.sqrt(low * high)
-        low, high = (middle, high) if np.all(_excess(linear, values, method, middle) <= 1 + GROWTH) else (low, middle)
+        low, high = (middle, high) if np.all(_growth(linear, values, method, middle) <= 1 + GROWTH) else (low, middle)
     return float(low)
 
 
-def _excess(linear: Linearised, values: np.ndarray, method: Method, h: float) -> np.ndarray:
+def _growth(linear: Linearised, values: np.ndarray, method: Method, h: float) -> np.ndarray:
     """Growth of each mode per step beyond its true growth; with constraints, of each mode of the step."""
     if not method.constrained:
         return amplification(method, h * values) * np.exp(-h * np.maximum(values.real, 0))
@@ -157,7 +157,7 @@ def limiting_part(scene: Scene, state: State, method: Method) -> str:
     """Name of the member, contact or damper with the largest share in the motion that limits `stable_step`."""
     linear = linearise(scene, state)
     values, shapes = linear.modes()
-    size = np.abs(values) if method.constrained else _excess(linear, values, method, 1.01 * _largest(linear, method))
+    size = np.abs(values) if method.constrained else _growth(linear, values, method, 1.01 * _largest(linear, method))
     worst = np.argmax(size)
     q, v = (np.asarray(x, float) for x in state)
     shape = np.stack([shapes[:, worst].real, shapes[:, worst].imag]).reshape(2, *q.shape)
@@ -290,7 +290,7 @@ def _surely_stable(scene: Scene, state: State, method: Method, dt: float) -> boo
     values = linear.modes()[0]
     if not values.any():
         return True
-    stable = all(np.all(_excess(linear, values, method, h) <= 1 + GROWTH) for h in (dt, dt / 2, dt / 4))
+    stable = all(np.all(_growth(linear, values, method, h) <= 1 + GROWTH) for h in (dt, dt / 2, dt / 4))
     return stable and bool(dt * np.abs(values).max() < WIDEST)
 
 

@@ -14,21 +14,21 @@ from jaxgrity.core.types import Count, Scalar
 from jaxgrity.stepping.complementarity import (
     LARGEST_LENGTH_ERROR,
     Complementarity,
-    ContactState,
     Lift,
+    SweptState,
     first_memory,
     kick_of,
     one_robot,
 )
 from jaxgrity.stepping.constraints import (
     blocks_of,
-    excess,
     impulses,
     length_error,
-    prepare,
+    length_gap,
     pushed,
     rates_at_lengths,
     rates_held,
+    step_problem,
     sweep,
     trials_of,
     usual_sweeps,
@@ -55,11 +55,11 @@ class SweptImpulses(Complementarity):
     def init(self, terms, t0, t1, y0, args):
         return first_memory(t0, t1, y0)
 
-    def constrained(self, terms, ends, start, scene, memory):
+    def velocity_after_impulses(self, terms, ends, start, scene, memory):
         (q, v), (t0, t1) = start, ends
         h, (kick, forces) = t1 - t0, kick_of(scene, ends, memory)
         # "s" and -1 say which axis of each argument counts robots (`Lift`)
-        problem = jax.tree.map(store_cotangent, self.lift(prepare, ("s", None, None, -1, -1))(scene, h, t1, q, v))
+        problem = jax.tree.map(store_cotangent, self.lift(step_problem, ("s", None, None, -1, -1))(scene, h, t1, q, v))
         found = self.lift(velocities, ("s", -1, -1))
         accelerated = lambda v: store_cotangent(terms.vf(t0, (q, v), forces)[1])  # noqa: E731
         a = accelerated(v)
@@ -73,7 +73,7 @@ class SweptImpulses(Complementarity):
         trials = self._constrain(scene, h, problem, trials, self._most_sweeps(scene), self.tolerance)
         w = found(scene, problem, trials)
         taken = jnp.broadcast_to(h, jnp.shape(memory.step_size))
-        after = ContactState(taken, self.lift(impulses, ("s", -1, -1))(scene, problem, trials))
+        after = SweptState(taken, self.lift(impulses, ("s", -1, -1))(scene, problem, trials))
         if problem.lengths is not None:
             error = self._length_error(scene, h, problem, trials)
             met = error.relative <= LARGEST_LENGTH_ERROR if self.tolerance is None else error.largest <= self.tolerance
@@ -136,12 +136,12 @@ class SweptImpulses(Complementarity):
         """The derivative of the sweeps' limit, where each node belongs to one strut.
 
         Sweeps change the trial impulses to z = z0 - S u, until F(z) = 0. S are the impulses along the struts, u the
-        nodes' motion by impulses of 1 (`pushes`), and F the error of the squared lengths (`excess`). By the implicit
-        function theorem, the derivative of S is the derivative of F at constant S, divided by -dF/dS. It costs less
-        than the derivative of one sweep, and no earlier sweep is needed for it.
+        nodes' motion by impulses of 1 (`pushes`), and F the error of the squared lengths (`length_gap`). By the
+        implicit function theorem, the derivative of S is the derivative of F at constant S, divided by -dF/dS. It costs
+        less than the derivative of one sweep, and no earlier sweep is needed for it.
         """
         scene_dot, problem_dot, before_dot = rates
         held = self.lift(rates_held, (-1, -1, -1, -1, -1))(problem, problem_dot, before, before_dot, after)
         at, along = (scene, problem, after), (scene_dot, problem_dot, held)
-        _, missed, slope = jax.jvp(self.lift(excess, ("s", -1, -1)), at, along, has_aux=True)
+        _, missed, slope = jax.jvp(self.lift(length_gap, ("s", -1, -1)), at, along, has_aux=True)
         return self.lift(rates_at_lengths, (-1, -1, -1, -1))(problem, held, missed, slope)

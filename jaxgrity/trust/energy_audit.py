@@ -15,7 +15,7 @@ from jaxgrity.core.types import Count, NodeHistory, NodeVectors, Scalar, Times
 from jaxgrity.model.scales import time_scale
 from jaxgrity.model.scene import Scene, as_dtype, start_of
 from jaxgrity.stepping.complementarity import CoupledState
-from jaxgrity.stepping.discretisation import discretise, integrate, prepared
+from jaxgrity.stepping.discretisation import discretise, integrate, with_scales_and_mobility
 from jaxgrity.stepping.dynamics import angular_momentum, kinetic_energy, momentum
 from jaxgrity.stepping.held_dynamics import held_forces, held_vector_field
 from jaxgrity.stepping.loop import Step, carried_at, numbered
@@ -148,8 +148,8 @@ def _beside(scene: Scene, times: Times, options: ResolvedOptions) -> tuple[Amoun
 
     nothing = jax.tree.map(jnp.zeros_like, powers(scene, 0.0, *start))
     _, solver = discretise(options)
-    problem = (diffrax.ODETerm(field), solver)
-    (q, v), work = integrate((start, nothing), jnp.asarray(times), scene, options, problem=problem).ys  # type: ignore[misc]
+    scheme = (diffrax.ODETerm(field), solver)
+    (q, v), work = integrate((start, nothing), jnp.asarray(times), scene, options, scheme=scheme).ys  # type: ignore[misc]
     if options.dt is not None:
         work["actuation"] += _one_sided(scene, jnp.asarray(times), q, solver.tableau, options.dt)  # type: ignore[attr-defined]
     return _amounts(scene, jnp.asarray(times), q, v), work
@@ -195,10 +195,10 @@ def _step_by_step(
     `counts` are the steps from one frame to the next, and the frames; `times` has room for more of these.
     """
     count, frames = counts
-    scene = prepared(scene)
-    problem = discretise(options)
+    scene = with_scales_and_mobility(scene)
+    scheme = discretise(options)
     h = jnp.asarray(times[1] / count)
-    first, step = carried_at(problem, scene, 0 * h, h, start_of(scene)), numbered(problem, scene, h)
+    first, step = carried_at(scheme, scene, 0 * h, h, start_of(scene)), numbered(scheme, scene, h)
 
     def booked_step(k, carry):
         before, work, missed = carry

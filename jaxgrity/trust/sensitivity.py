@@ -17,7 +17,7 @@ from jaxgrity.populations.uncertainty import Differences
 from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
 from jaxgrity.stepping.simulate import frame_times
 
-ROOM = 128
+SHARED_FRAMES = 128
 """Frames of a motion are padded to multiples of this number, so that short motions share compiled programs."""
 
 
@@ -75,7 +75,7 @@ def sensitivity(scene: Scene, duration: float, *, options: Options = None, frame
     if resolved.dt is None or resolved.method.implicit:
         found = _com_jacobian_of_one(exact, end, inputs, parts)
     else:
-        found = _com_jacobian(exact, end, inputs, ROOM * -(-parts // ROOM), np.asarray(parts))
+        found = _com_jacobian(exact, end, inputs, SHARED_FRAMES * -(-parts // SHARED_FRAMES), np.asarray(parts))
     jacobian = np.asarray(found)[: len(times)]
     norm = np.where(np.isfinite(jacobian).all((1, 2)), np.linalg.norm(np.nan_to_num(jacobian), 2, axis=(1, 2)), np.inf)
     return Sensitivity(times, norm, "m/rad" if scene.gait is not None else "m/(m/s)")

@@ -13,7 +13,7 @@ import jaxgrity
 from jaxgrity import InputError, Scene, SolverOptions, load_gait, load_scene, rollout, save_scene, simulate, with_gait
 from jaxgrity.core.typed import kinds_of, typed
 
-ROOMS = ["jaxgrity", *(f"jaxgrity.{room}" for room in jaxgrity.ROOMS)]
+ROOMS = ["jaxgrity", *(f"jaxgrity.{room}" for room in jaxgrity.SUB_PACKAGES)]
 
 
 def _looked_at(kind):

@@ -83,7 +83,7 @@ def test_commands_of_the_library_are_commands(name):
     assert settings.objective.kind == record["objective"]
 
 
-PUBLIC = ("jaxgrity", *(f"jaxgrity.{room}" for room in jaxgrity.ROOMS))
+PUBLIC = ("jaxgrity", *(f"jaxgrity.{room}" for room in jaxgrity.SUB_PACKAGES))
 BEHIND_COMMANDS = "jaxgrity.explorer.session", "jaxgrity.orbits.motion_report"
 """Modules that commands stand on, which the matrix tries on every kind of scene."""
 
@@ -95,7 +95,7 @@ def test_no_experiment_imports_what_is_not_public(path):
         if isinstance(node, ast.Import):
             assert not any(name.name.startswith("jaxgrity.") for name in node.names), ast.unparse(node)
         elif isinstance(node, ast.ImportFrom) and node.module in PUBLIC:
-            rooms = jaxgrity.ROOMS if node.module == "jaxgrity" else ()
+            rooms = jaxgrity.SUB_PACKAGES if node.module == "jaxgrity" else ()
             known = {*import_module(node.module).__all__, *rooms}
             assert {name.name for name in node.names} <= known, ast.unparse(node)
         elif isinstance(node, ast.ImportFrom) and (node.module or "").startswith("jaxgrity."):

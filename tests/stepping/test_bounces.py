@@ -29,7 +29,7 @@ from jaxgrity import (
 )
 from jaxgrity.model.scene import as_dtype
 from jaxgrity.stepping import complementarity, resolve
-from jaxgrity.stepping.discretisation import discretise, prepared
+from jaxgrity.stepping.discretisation import discretise, with_scales_and_mobility
 from jaxgrity.stepping.loop import Step, carried_at, numbered
 from jaxgrity.stepping.power import ground_impulses
 
@@ -57,7 +57,7 @@ def starts() -> tuple[np.ndarray, np.ndarray]:
 def works(robots: int, roughest: float, coupled: bool) -> tuple[np.ndarray, np.ndarray]:
     """(robots, steps): what the ground did in each step of robots with a friction, a restitution and masses of their
     own, and what was gained in all, as shares of their energy before the step."""
-    scene = prepared(as_dtype(thrown(), "float64"))
+    scene = with_scales_and_mobility(as_dtype(thrown(), "float64"))
     options = resolve(scene, 1.0, SolverOptions(dt=DT, coupled=coupled))
     random = np.random.default_rng(1)
     numbers = random.uniform(size=(robots, 2)) * [roughest, 1.0], np.exp(random.normal(size=(robots, 2)))

@@ -35,7 +35,7 @@ from jaxgrity.model.structure import Members, Structure, edge_lengths
 from jaxgrity.stepping import constraints, velocities_midway
 from jaxgrity.stepping.blocks import Blocks, disjoint_groups
 from jaxgrity.stepping.complementarity import LARGEST_LENGTH_ERROR
-from jaxgrity.stepping.constraints import impulses, length_error, prepare, sweep, trials_of, velocities
+from jaxgrity.stepping.constraints import impulses, length_error, step_problem, sweep, trials_of, velocities
 from jaxgrity.stepping.discretisation import FAILURES, integrate
 from jaxgrity.stepping.options import resolve
 from jaxgrity.stepping.swept import SweptImpulses
@@ -161,7 +161,7 @@ def test_the_error_of_a_strut_is_relative_to_its_own_length():
     struts = Members(((0, 1), (2, 3)), None, np.array([1.0, 0.01]))
     scene = as_dtype(Scene(Structure(nodes, np.ones(4), struts)), "float64")
     stretching = jnp.array([[0.0, 0, 0], [5e-4, 0, 0], [0, 0, 0], [2e-5, 0, 0]])
-    problem = prepare(scene, 1.0, 1.0, scene.structure.nodes, stretching)
+    problem = step_problem(scene, 1.0, 1.0, scene.structure.nodes, stretching)
     error = length_error(scene, 1.0, problem, trials_of(scene, stretching))
     assert float(error.largest) == pytest.approx(5e-4, rel=1e-9)
     assert float(error.relative) == pytest.approx(2e-3, rel=1e-9)
@@ -189,7 +189,7 @@ def test_laid_out_by_struts_a_sweep_does_the_same(exact, incline, monkeypatch):
     for by_struts in (True, False):
         if not by_struts:
             monkeypatch.setattr(constraints, "blocks", lambda *_: by_nodes)
-        problem = prepare(scene, 0.01, 1.5, q, w)
+        problem = step_problem(scene, 0.01, 1.5, q, w)
         assert len(problem.closing) == (3 if by_struts else 1)
         trials = trials_of(scene, w)
         for _ in range(3):
@@ -223,7 +223,7 @@ def after_a_step(exact, ground, friction) -> tuple:
     def number(sweeps, q, w, mass, factor):
         changed = eqx.tree_at(lambda s: s.structure.node_mass, scene, mass)
         changed = eqx.tree_at(lambda s: s.structure.struts.rest_length, changed, replace_fn=lambda x: factor * x)
-        problem = prepare(changed, 0.01, 1.5, q, w)
+        problem = step_problem(changed, 0.01, 1.5, q, w)
         trials = sweeps(changed, problem, trials_of(changed, w), 8)
         pressed = impulses(changed, problem, trials).normal
         return jnp.vdot(weights[0], velocities(changed, problem, trials)) + jnp.vdot(weights[1, :, 0], pressed)
@@ -287,7 +287,7 @@ def test_the_derivative_is_right_where_a_light_end_sticks():
     v = jnp.array([[0.0, 0, 0], [-0.3 * np.sin(angle), 0.1, 0.3 * np.cos(angle)]]) - jnp.array([0.0, 0, 2e-3 * G])
 
     def after(factor):
-        problem = prepare(scene, 2e-3, 2e-3, nodes, factor * v)
+        problem = step_problem(scene, 2e-3, 2e-3, nodes, factor * v)
         trials = converged(scene, problem, trials_of(scene, factor * v), 3000)
         assert traced(trials) or float(length_error(scene, 2e-3, problem, trials).relative) < 1e-12
         return velocities(scene, problem, trials)
@@ -303,7 +303,7 @@ def test_struts_do_not_turn_around():
     struts = Members(((0, 1),), None, np.ones(1))
     scene = as_dtype(Scene(Structure(np.array([[0.0, 0, 0], [1, 0, 0]]), np.ones(2), struts)), "float64")
     q, w = scene.structure.nodes, jnp.array([[30.0, 1, 0], [-30, 0, 0]])
-    problem = prepare(scene, 0.1, 0.1, q, w)
+    problem = step_problem(scene, 0.1, 0.1, q, w)
     ends = q + 0.1 * velocities(scene, problem, sweep(scene, problem, trials_of(scene, w)))
     np.testing.assert_allclose(ends[1] - ends[0], [np.sqrt(1 - 0.01), -0.1, 0], rtol=0, atol=1e-15)
 
