@@ -27,7 +27,7 @@ SUB_PACKAGES = (
 )
 """Sub-packages that have public names."""
 __all__ = [name for name in _names if name not in SUB_PACKAGES]
-RENAMED = {"Motors": "MotorLimits", "Wave": "TravellingWave"}
+RENAMED = {"Motors": "MotorLimits", "SearchState": "EvolutionState", "Wave": "TravellingWave"}
 """Names that were at the top, with the names that they have in their sub-packages."""
 NEVER_HERE = ("Body", "Judging", "MotorLimits", "TravellingWave", "body_moments", "genome_to_polish", "load_trajectory")
 NEVER_HERE += ("reach_of", "rigid_body", "statics_of")

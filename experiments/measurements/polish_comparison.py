@@ -19,8 +19,8 @@ from pages import table
 
 from jaxgrity import GAConfig, PolishConfig, SearchConfig, SearchProblem, contact_twin, load_scene, polish
 from jaxgrity.search import (
+    EvolutionState,
     FidelityLevel,
-    SearchState,
     distinct,
     evolve_through,
     fidelity_levels,
@@ -46,7 +46,7 @@ class Begun(NamedTuple):
     """From where the ways go on."""
 
     genes: np.ndarray
-    state: SearchState
+    state: EvolutionState
     """of the search that found them"""
     config: GAConfig
     """of its last level"""
@@ -92,7 +92,7 @@ def polish_comparison(
     judged_on = levels[1], fidelity_levels(contact_twin(scene))[1]
     searched, configs = search_levels(levels), ga_configs(config, len(search_levels(levels)))
     for seed in range(100, 100 + seeds):
-        states: dict[int, SearchState] = {}
+        states: dict[int, EvolutionState] = {}
         searches = evolve_through(searched, plain, configs, seed=seed, on_generation=states.__setitem__)
         start = compared(plain, levels[1], distinct(searches[-1].last, plain.genome, FINALISTS), seed)
         begun = Begun(start, states[max(states)], configs[-1])
@@ -187,7 +187,7 @@ def gone_on(
     return np.asarray(found.genes), about
 
 
-def wider_state(problem: SearchProblem, state: SearchState) -> SearchState:
+def wider_state(problem: SearchProblem, state: EvolutionState) -> EvolutionState:
     """The state of a search whose gaits had fewer overtones."""
 
     def wider(genes):

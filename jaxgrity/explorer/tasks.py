@@ -13,7 +13,7 @@ from jaxgrity.model.scene import Scene
 from jaxgrity.populations.population import one_gait
 from jaxgrity.populations.uncertainty import Uncertainty
 from jaxgrity.search.climb import ClimbStep
-from jaxgrity.search.genetic_algorithm import GAConfig, SearchProblem, SearchState, evolve
+from jaxgrity.search.genetic_algorithm import EvolutionState, GAConfig, SearchProblem, evolve
 from jaxgrity.search.genome import Genome
 from jaxgrity.search.judging import Fitness
 from jaxgrity.search.polish import polish
@@ -40,7 +40,7 @@ def search_gait(scene: Scene, duration: float, tell: Tell) -> Gait:
     problem = _problem(scene, duration)
     tell(f"searching: compiling for {SEARCH.population} gaits at once …")
 
-    def after_generation(state: SearchState) -> None:
+    def after_generation(state: EvolutionState) -> None:
         tell(f"searching: generation {state.number} of {SEARCH.generations}, best {_metres(state.record.best[-1])}")
 
     found = evolve(problem, SEARCH, options=SolverOptions(dtype="float32"), on_generation=after_generation)

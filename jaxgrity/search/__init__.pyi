@@ -10,7 +10,7 @@ from .fidelity import (
     rank_correlation,
     search_levels,
 )
-from .genetic_algorithm import Generation, SearchState, distinct
+from .genetic_algorithm import EvolutionState, Generation, distinct
 from .gradients import checkpointed_end, distance_and_gradient, distances
 from .judging import Judging, Scores, influences, judge, standard_error, with_robots, without_measuring
 from .models import Model, model_of, rough_step
@@ -28,6 +28,7 @@ __all__ = [
     "Agreement",
     "Checkpoint",
     "ClimbStep",
+    "EvolutionState",
     "FidelityLevel",
     "Generation",
     "Judging",
@@ -38,7 +39,6 @@ __all__ = [
     "RepertoireConfig",
     "RobotMotions",
     "Scores",
-    "SearchState",
     "Verdict",
     "check_polish",
     "checkpointed_end",

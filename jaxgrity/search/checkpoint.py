@@ -20,7 +20,7 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.io.files import PART, read_text, save_arrays, save_json, write_whole
 from jaxgrity.model.scene import Scene
-from jaxgrity.search.genetic_algorithm import Generation, Record, SearchState
+from jaxgrity.search.genetic_algorithm import EvolutionState, Generation, Record
 
 SETTINGS, STATE, RESULTS = "run.json", "state_{}.npz", ("summary.json", "gait.json", "population.npz")
 PROBE, SPACE = ".probe", 2**20
@@ -33,11 +33,11 @@ class Checkpoint(NamedTuple):
     """The folder of a search that is under way."""
 
     folder: Path
-    states: tuple[SearchState, ...]
-    """of its searches, as far as they got"""
+    states: tuple[EvolutionState, ...]
+    """of its evolutions, as far as they got"""
 
-    def save(self, number: int, state: SearchState) -> None:
-        """Keep the state of one of the searches, in place of the one before."""
+    def save(self, number: int, state: EvolutionState) -> None:
+        """Keep the state of one of the evolutions, in place of the one before."""
         evaluated = {} if state.evaluated is None else state.evaluated._asdict()
         save_arrays(
             self.folder / STATE.format(number),
@@ -130,9 +130,9 @@ def left_over(folder: Path) -> list[Path]:
 
 
 @typed
-def load_states(folder: Path) -> tuple[SearchState, ...]:
+def load_states(folder: Path) -> tuple[EvolutionState, ...]:
     """The states of a run's searches, as far as they got."""
-    found: list[SearchState] = []
+    found: list[EvolutionState] = []
     while (path := folder / STATE.format(len(found))).exists():
         with np.load(path) as saved:
             if missing := [name for name in Record._fields if f"record_{name}" not in saved]:
@@ -143,7 +143,7 @@ def load_states(folder: Path) -> tuple[SearchState, ...]:
                 evaluated = Generation(*(jnp.asarray(saved[f"evaluated_{name}"]) for name in Generation._fields))
             genes = jnp.asarray(saved["genes"])
             memory = saved.get("memory")
-            found.append(SearchState(int(saved["number"]), saved["key"], genes, record, evaluated, memory))
+            found.append(EvolutionState(int(saved["number"]), saved["key"], genes, record, evaluated, memory))
     return tuple(found)
 
 

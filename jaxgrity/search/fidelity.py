@@ -17,7 +17,7 @@ from jaxgrity.model.actuation import Gait
 from jaxgrity.model.contact_twin import contact_twin, exact_twin, is_exact
 from jaxgrity.model.scene import Scene
 from jaxgrity.populations.population import as_population
-from jaxgrity.search.genetic_algorithm import Evolution, GAConfig, SearchProblem, SearchState, begin, evolve_on
+from jaxgrity.search.genetic_algorithm import Evolution, EvolutionState, GAConfig, SearchProblem, begin, evolve_on
 from jaxgrity.search.genome import Genes
 from jaxgrity.search.judging import (
     ROUND,
@@ -60,7 +60,7 @@ class FidelityLevel(NamedTuple):
         """Its step and its precision."""
         return SolverOptions(dt=self.dt, dtype=self.dtype)
 
-    def of(self, duration: float, fitness: Fitness) -> Judging:
+    def judging(self, duration: float, fitness: Fitness) -> Judging:
         """The judging of gaits on it: its own model, and its twin's, if any, at a rough step.
 
         Raises `InputError` as `resolve` does.
@@ -93,10 +93,10 @@ def fidelity_levels(
     own_step = step if is_exact(scene) else rough_step(scene, step)
     screening = FidelityLevel("screening", exact, rough_step(exact), "float32", unmeasured=unmeasured)
     own = FidelityLevel("own model", scene, own_step, "float32")
-    finest = FidelityLevel("verification", scene, step / 2, "float64")
+    verification = FidelityLevel("verification", scene, step / 2, "float64")
     if not both:
-        return screening, own, finest
-    return screening, own, FidelityLevel("both models", scene, own_step, "float32", contact_twin(scene)), finest
+        return screening, own, verification
+    return screening, own, FidelityLevel("both models", scene, own_step, "float32", contact_twin(scene)), verification
 
 
 def search_levels(levels: tuple[FidelityLevel, ...]) -> tuple[FidelityLevel, ...]:
@@ -113,12 +113,12 @@ def evolve_through(
     configs: tuple[GAConfig, ...],
     *,
     seed: int = 0,
-    states: tuple[SearchState, ...] = (),
-    on_generation: Callable[[int, SearchState], None] | None = None,
+    states: tuple[EvolutionState, ...] = (),
+    on_generation: Callable[[int, EvolutionState], None] | None = None,
 ) -> list[Evolution]:
-    """Evolve on each of the levels in turn, and carry the best over to the next; returns one search for each.
+    """Evolve on each of the levels in turn, and carry the best over to the next; returns the evolution on each.
 
-    With `states` interrupted searches continue. `on_generation` is called with a search's number and its state. Raises
+    With `states` interrupted ones continue. `on_generation` is called with an evolution's number and its state. Raises
     `InputError` for a population larger than the one before.
     """
     sizes = [config.population for config in configs]
@@ -131,7 +131,7 @@ def evolve_through(
             state = state._replace(genes=found[-1].last.genes[: config.population])
         told = None if on_generation is None else lambda state, n=number: on_generation(n, state)
         fitness = without_measuring(problem.fitness) if level.unmeasured else problem.fitness
-        here = level.of(problem.duration, fitness)
+        here = level.judging(problem.duration, fitness)
         found.append(evolve_on(here, problem.genome, config, state=state, on_generation=told))
     return found
 
@@ -139,13 +139,13 @@ def evolve_through(
 @typed
 def judge_at(level: FidelityLevel, gaits: Gait, problem: SearchProblem, seed: int) -> Scores:
     """`judge` on a fidelity level, by the problem's duration and fitness."""
-    return judge(jax.random.key(seed), level.of(problem.duration, problem.fitness), gaits)
+    return judge(jax.random.key(seed), level.judging(problem.duration, problem.fitness), gaits)
 
 
 def excess_at(level: FidelityLevel, genes: Genes, problem: SearchProblem, bounds: ActuatorBounds) -> np.ndarray:
     """(gaits,), `ActuatorBounds.excess` on a robot that is as the level's own model says; infinite where it failed."""
     fitness, gaits = Fitness(problem.fitness.objective, bounds=bounds), problem.genome.gaits(problem.scene.gait, genes)
-    found = judge(jax.random.key(0), level._replace(twin=None).of(problem.duration, fitness), gaits)
+    found = judge(jax.random.key(0), level._replace(twin=None).judging(problem.duration, fitness), gaits)
     return np.where(found.failed, np.inf, found.excess[:, 0])
 
 
@@ -203,21 +203,21 @@ def final_verdict(
     problem: SearchProblem,
     gait: Gait,
     *,
-    dt: float,
+    own_step: float,
     bounds: ActuatorBounds,
     robots: int = 256,
     seed: int = 1,
     on_progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Verdict:
-    """Verify one gait, judge it by an ensemble, both to `PRECISION` where `dt` and `robots` suffice, and roll out one
+    """Verify one gait, judge it by an ensemble, both to `PRECISION` where steps and `robots` suffice, and roll out one
     `ROUND` of robots on the contact twin.
 
     `bounds`: robots beyond them are counted; the problem may lack them.
 
-    The ensemble has the step 2 `dt` (s) where its mean then changes by at most `PRECISION`, else `dt`. The nominal
-    robot's step is chosen likewise, by its error bar. Robots are added by `ROUND` until the standard error of their
-    mean is within `PRECISION`, or there are `robots`. `on_progress` is called with the number of finished judgements,
-    and of all.
+    The ensemble has the step `own_step` (s) where half of it changes the mean by at most `PRECISION`, else that half.
+    The nominal robot's step is chosen likewise, by its error bar. Robots are added by `ROUND` until the standard error
+    of their mean is within `PRECISION`, or there are `robots`. `on_progress` is called with the number of finished
+    judgements, and of all.
     """
     scene, gaits = problem.scene, as_population(gait)
     some = with_robots(problem.fitness, min(robots, ROUND))
@@ -226,15 +226,16 @@ def final_verdict(
         return verify(scene, gaits, problem.duration, options=SolverOptions(dt=step))
 
     def judged(step: float, number: int = 0, within: ActuatorBounds = problem.fitness.bounds) -> Scores:
-        level = FidelityLevel("", scene, step, "float32").of(problem.duration, replace(some, bounds=within))
+        level = FidelityLevel("", scene, step, "float32").judging(problem.duration, replace(some, bounds=within))
         return judge(jax.random.key(seed + number), level, gaits)
 
     on_progress(0, 4)
     with ThreadPoolExecutor() as beside:  # one robot rolls on one core
-        verifying = beside.submit(verified_at, 2 * dt)
-        fine, coarse = judged(dt), judged(2 * dt)
+        verifying = beside.submit(verified_at, own_step)
+        fine, coarse = judged(own_step / 2), judged(own_step)
         step_error = abs(float(fine.mean[0] - coarse.mean[0]))
-        step, first = (2 * dt, coarse) if step_error <= PRECISION * abs(float(fine.mean[0])) else (dt, fine)
+        exact_enough = step_error <= PRECISION * abs(float(fine.mean[0]))
+        step, first = (own_step, coarse) if exact_enough else (own_step / 2, fine)
         on_progress(1, 4)
         robust = judge_until(
             lambda number: judged(step, number) if number else first,
@@ -245,11 +246,11 @@ def final_verdict(
         on_progress(2, 4)
         other = contact_twin(scene)
         level = FidelityLevel("", other, default_step(other, default_method(other)), "float32")
-        seen = judge(jax.random.key(seed), level.of(problem.duration, some), gaits)
+        seen = judge(jax.random.key(seed), level.judging(problem.duration, some), gaits)
         on_progress(3, 4)
         beyond = judged(step, within=bounds).beyond if bounds.needs_metrics else robust.beyond
         verified = verifying.result()
     if not verified.error_bar[0] <= PRECISION * verified.distance[0]:
-        verified = verified_at(dt)
+        verified = verified_at(own_step / 2)
     on_progress(4, 4)
     return Verdict(verified, robust, step, step_error, seen, float(beyond[0]))

@@ -114,8 +114,8 @@ class Record(NamedTuple):
     """number of gaits within the bounds on actuators on all their robots"""
 
 
-class SearchState(NamedTuple):
-    """A search between two generations: enough to continue it to the same end."""
+class EvolutionState(NamedTuple):
+    """An evolution between two generations: enough to continue it to the same end."""
 
     number: int
     """of the generation that comes next"""
@@ -132,7 +132,7 @@ class SearchState(NamedTuple):
 
 
 class Evolution(NamedTuple):
-    """A finished search: its last generation, and the record of all."""
+    """A finished evolution on one level: its last generation, and the record of all."""
 
     last: Generation
     best: np.ndarray
@@ -146,12 +146,12 @@ class Evolution(NamedTuple):
     rollouts: int
 
 
-def begin(genome: Genome, config: GAConfig, seed: int, dtype: str) -> SearchState:
-    """A search before its first generation: random genes."""
+def begin(genome: Genome, config: GAConfig, seed: int, dtype: str) -> EvolutionState:
+    """An evolution before its first generation: random genes."""
     key, first = jax.random.split(jax.random.key(seed))
     genes = draws.uniform(first, (config.drawn or config.population, genome.size), dtype)
     nothing = Record(*(np.zeros(0) for _ in Record._fields))
-    return SearchState(0, jax.random.key_data(key), genes, nothing, None)
+    return EvolutionState(0, jax.random.key_data(key), genes, nothing, None)
 
 
 @typed
@@ -161,12 +161,12 @@ def evolve(
     *,
     seed: int = 0,
     options: Options = None,
-    state: SearchState | None = None,
-    on_generation: Callable[[SearchState], None] | None = None,
+    state: EvolutionState | None = None,
+    on_generation: Callable[[EvolutionState], None] | None = None,
 ) -> Evolution:
     """Evolve gaits by a genetic algorithm, or by CMA-ES, a whole population in one call for each generation.
 
-    Every generation, elites included, meets new perturbations. The same seed gives the same search; so does its
+    Every generation, elites included, meets new perturbations. The same seed gives the same evolution; so does its
     continuation from a `state`.
 
     Args:
@@ -174,7 +174,7 @@ def evolve(
         config: population, generations and breeding.
         seed: of all random numbers; without effect for a given state.
         options: solver options; by default the scene's.
-        state: of an interrupted search, to continue it.
+        state: of an interrupted evolution, to continue it.
         on_generation: called with the state after each generation.
 
     Returns:
@@ -200,8 +200,8 @@ def evolve_on(
     config: GAConfig,
     *,
     seed: int = 0,
-    state: SearchState | None = None,
-    on_generation: Callable[[SearchState], None] | None = None,
+    state: EvolutionState | None = None,
+    on_generation: Callable[[EvolutionState], None] | None = None,
 ) -> Evolution:
     """`evolve` on given models. What genes do not vary is that of the gait of the first model's scene."""
     state = state or begin(genome, config, seed, judging.dtype)
@@ -216,7 +216,7 @@ def evolve_on(
     return Evolution(state.evaluated, best, median, failed.astype(int), within.astype(int), rollouts)
 
 
-def _advance(state: SearchState, judging: Judging, genome: Genome, config: GAConfig) -> SearchState:
+def _advance(state: EvolutionState, judging: Judging, genome: Genome, config: GAConfig) -> EvolutionState:
     key, now = jax.random.split(jax.random.wrap_key_data(jnp.asarray(state.key)))
     drawn, bred = jax.random.split(now)
     # NumPy: on all devices, as breeding leaves them, genes would have the next rollouts compiled again
@@ -236,7 +236,7 @@ def _advance(state: SearchState, judging: Judging, genome: Genome, config: GACon
     median = _median(generation.fitness[within] if within.any() else generation.fitness)
     newest = (float(generation.fitness[0]), median, float(generation.failed), float(within.sum()))
     record = Record(*(np.append(so_far, x) for so_far, x in zip(state.record, newest)))
-    return SearchState(state.number + 1, jax.random.key_data(key), children, record, generation, memory)
+    return EvolutionState(state.number + 1, jax.random.key_data(key), children, record, generation, memory)
 
 
 def breed(key, generation: Generation, progress: Scalar, genome: Genome, config: GAConfig) -> Genes:

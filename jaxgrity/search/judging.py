@@ -137,7 +137,7 @@ class Judging(NamedTuple):
         """Precision of the models."""
         return self.models[0].options.dtype
 
-    def by(self, robots: int) -> "Judging":
+    def with_robots(self, robots: int) -> "Judging":
         """The same with another number of robots."""
         return self._replace(fitness=with_robots(self.fitness, robots))
 

@@ -28,7 +28,7 @@ from jaxgrity.search.genetic_algorithm import Evolution, SearchProblem
 from jaxgrity.search.judging import without_measuring
 from jaxgrity.search.objectives import ActuatorBounds
 from jaxgrity.search.polish import Polished, polish
-from jaxgrity.search.promotion import Promoted, allowed, promote
+from jaxgrity.search.promotion import Promoted, kept_or_undone, promote
 from jaxgrity.search.search_config import (
     SearchConfig,
     ga_configs,
@@ -124,12 +124,12 @@ def search_gaits(
         ((6,), True)
     """
     with _begun(scene, config or SearchConfig(), on_progress, folder, resume, restart) as search:
-        searches = _evolve(search)
-        promoted = _promote(search, searches[-1])
+        evolutions = _evolve(search)
+        promoted = _promote(search, evolutions[-1])
         polished = _polish(search, promoted)
         gait = _best(search, promoted, polished)
         verdict = _verify(search, gait)
-        scene, found = with_gait(search.problem.scene, gait), (searches, promoted, polished, verdict)
+        scene, found = with_gait(search.problem.scene, gait), (evolutions, promoted, polished, verdict)
         result = SearchResult(scene, gait, search.problem, search.levels, *found, search.seconds)
         if report is not None:
             report(result)
@@ -150,11 +150,10 @@ class _Search:
     seconds: dict[Stage, float]
 
     @property
-    def plain(self) -> SearchProblem:
+    def unmeasured(self) -> SearchProblem:
         """The problem without bounds on force and power, for stages after evolution: to measure them multiplies costs.
 
-        They are measured on one robot where a gait is chosen (`promote`, `allowed`), on many at the end
-        (`final_verdict`).
+        They are measured on one robot to choose a gait (`promote`, `kept_or_undone`), on many by `final_verdict`.
         """
         return self.problem._replace(fitness=without_measuring(self.problem.fitness))
 
@@ -179,15 +178,20 @@ def _begun(
     scene = with_actuated(scene, config.members)
     problem = search_problem(scene, config)
     levels = fidelity_levels(scene, config.dt, config.both_models, unmeasured=config.wide)
-    for level in levels:
-        resolve(level.scene, config.duration, level.options)
-    ga_configs(config, len(search_levels(levels)))  # for what it refuses
+    _refuse_unusable(levels, config)
     with ExitStack() as held:
         checkpoint = None
         if folder is not None:
             settings = {**plain_config(config), "fingerprint of the scene": fingerprint(scene)}
             checkpoint = held.enter_context(open_checkpoint(Path(folder), settings, resume, restart))
         yield _Search(problem, levels, config, checkpoint, listener or (lambda progress: None), {})
+
+
+def _refuse_unusable(levels: tuple[FidelityLevel, ...], config: SearchConfig) -> None:
+    """Raise `InputError` where a level cannot be rolled out, as without x64 for verification, or a generation bred."""
+    for level in levels:
+        resolve(level.scene, config.duration, level.options)
+    ga_configs(config, len(search_levels(levels)))
 
 
 def _timed(stage: Stage) -> Callable[[Callable], Callable]:
@@ -242,7 +246,7 @@ def _promote(search: _Search, last: Evolution) -> Promoted:
     def heard(done: int, total: int, facts: dict[str, str]) -> None:
         search.tell(Progress("promoting", done, total, facts))
 
-    return promote(search.plain, search.bounds, search.levels, last, search.config, heard)
+    return promote(search.unmeasured, search.bounds, search.levels, last, search.config, heard)
 
 
 @_timed("polishing")
@@ -259,7 +263,7 @@ def _polish(search: _Search, promoted: Promoted) -> Polished | None:
         search.tell(Progress("polishing", done, None, {"fitness": step.fitness}))
 
     genome, starts = genome_to_polish(search.problem, promoted.genes, config)
-    problem = search.plain._replace(genome=genome)
+    problem = search.unmeasured._replace(genome=genome)
     found = polish(
         problem,
         starts,
@@ -270,7 +274,7 @@ def _polish(search: _Search, promoted: Promoted) -> Polished | None:
         seed=config.seed,
         on_step=heard,
     )
-    return allowed(problem, search.bounds, search.levels, promoted, starts[0], found)
+    return kept_or_undone(problem, search.bounds, search.levels, promoted, starts[0], found)
 
 
 def _best(search: _Search, promoted: Promoted, polished: Polished | None) -> Gait:
@@ -291,5 +295,5 @@ def _verify(search: _Search, gait: Gait) -> Verdict:
 
     found, seed = with_gait(search.problem.scene, gait), search.config.seed + UNSEEN
     # a stronger gait than the scene's own may need a smaller step
-    dt = min(search.levels[-1].dt, default_step(found, default_method(found)) / 2)
-    return final_verdict(search.plain, gait, dt=dt, bounds=search.bounds, seed=seed, on_progress=heard)
+    step = min(2 * search.levels[-1].dt, default_step(found, default_method(found)))
+    return final_verdict(search.unmeasured, gait, own_step=step, bounds=search.bounds, seed=seed, on_progress=heard)

@@ -6,8 +6,8 @@ but works on any horizon. The orbit's gradient is that of the nominal robot's st
 
 Each climb gets the same share of the rollouts. Each step is a gradient that optax turns into an update (momentum, with
 a step length that falls by a cosine). Smoothed gradients are those of the fitness. Bounds on forces and powers, if
-the problem has any, count only when ends are compared (a search leaves them to `promotion.allowed`). Pathwise and
-combined gradients are those of the mean objective at a horizon: the time up to which the sensitivity of the start stays
+the problem has any, count only when ends are compared (a search leaves them to `promotion.kept_or_undone`). Pathwise
+and combined gradients are those of the mean objective at a horizon: the time up to which the start's sensitivity stays
 below `PolishConfig.largest_sensitivity`. The first half of the steps uses half of this horizon. If the horizon ends
 before the first period of full actuation, they are not used, and a combined polish climbs by smoothed gradients.
 
@@ -133,7 +133,7 @@ def polish(
     config, genes = config or PolishConfig(), np.atleast_2d(np.asarray(genes, float))
     check_each("genes", genes, shape=(max(1, len(genes)), problem.genome.size))
     check_polish(config, problem.fitness, len(genes))
-    resolved, final = _resolved(problem, options, final_options)
+    resolved, final = _options_of_stages(problem, options, final_options)
     found = _routes(problem, genes, resolved, config)
     best, spent = Climb(genes[0], (), 0), 0
     if found.routes:
@@ -154,7 +154,7 @@ def polish(
     )
 
 
-def _resolved(
+def _options_of_stages(
     problem: SearchProblem, options: Options, final_options: Options
 ) -> tuple[ResolvedOptions, ResolvedOptions]:
     """Solver options of the climbs and of the final comparison."""
@@ -248,7 +248,7 @@ def _climb_all(
         return climbs[0], spent
     ends = np.stack([done.end for done in climbs])
     key = _key(seed, FOR_COMPARISON)
-    scores = _judge_genes(key, problem, ends, judging.by(config.comparison_robots))
+    scores = _judge_genes(key, problem, ends, judging.with_robots(config.comparison_robots))
     return climbs[int(np.argmax(scores.merit))], spent
 
 
@@ -263,7 +263,7 @@ def _before_and_after(
 ) -> list[Scores]:
     """Scores of the best start and the best end, by the same ensemble."""
     pair = np.stack([start, end])
-    judging = problem.judging(options).by(min(config.final_robots, ROUND))
+    judging = problem.judging(options).with_robots(min(config.final_robots, ROUND))
 
     def judged(number: int) -> Scores:
         return _judge_genes(_key(seed, FOR_THE_END, number), problem, pair, judging)

@@ -65,7 +65,7 @@ def climb_on_orbit(
     """Climb from one gait for as long as the rollouts pay: `start` is its genes, and how many they are."""
     genes: OneGait = np.asarray(start[0], float)
     rollouts = start[1]
-    judges = judging.by(judges_of_a_step(config, judging.fitness))
+    judges = judging.with_robots(judges_of_a_step(config, judging.fitness))
     price = judges.fitness.rollouts
     optimiser = optax.chain(optax.trace(config.momentum), optax.normalize_by_update_norm())
 

@@ -55,11 +55,11 @@ def promote(
     problem: SearchProblem,
     bounds: ActuatorBounds,
     levels: tuple[FidelityLevel, ...],
-    search: Evolution,
+    evolution: Evolution,
     config: SearchConfig,
     on_level: Callable[[int, int, dict[str, str]], None],
 ) -> Promoted:
-    """The best gaits of the search.
+    """The best gaits of an evolution.
 
     Evolved and random gaits are judged on every level by the same draws, up to the one that tries both contact models,
     where there is one. Finalists are the best few: least excess over bounds on the nominal robot, then most merit on
@@ -72,12 +72,12 @@ def promote(
     many there are, and the name of the next.
     """
     genome, wanted = problem.genome, 1 if config.polish is None else config.polish.gaits
-    genes = distinct(search.last, genome, COMPARED)
+    genes = distinct(evolution.last, genome, COMPARED)
     if not len(genes):
         raise InputError("every rollout of the last generation failed; expected a scene that can be integrated")
     chance = np.random.default_rng(config.seed).uniform(size=(COMPARED, genome.size))
     gaits = genome.gaits(problem.scene.gait, np.concatenate([genes, chance]))
-    _, own, *_, finest = levels
+    _, own, *_, verification = levels
     decisive = next((k for k, level in enumerate(levels) if level.twin is not None), len(levels) - 1)
     tried = levels[: decisive + 1]
     scores: list[Scores] = []
@@ -90,7 +90,7 @@ def promote(
     excess = excess_at(own, genes, problem, bounds)
     best = np.lexsort((-scores[-1].merit[:first], excess))[: max(FINALISTS, wanted)]
     finals = _finals(problem, tried[-1], genes[best], config)
-    multipliers = multipliers_of(problem, genes[best], 2 * finest.dt) if config.attracting else None
+    multipliers = multipliers_of(problem, genes[best], 2 * verification.dt) if config.attracting else None
     repels = np.zeros(len(best), bool) if multipliers is None else multipliers >= 1
     order = np.lexsort((-finals.merit, repels, excess[best]))
     best, finals = best[order], Scores(*(np.asarray(part)[order] for part in finals))
@@ -110,11 +110,11 @@ def multipliers_of(problem: SearchProblem, genes: Genes, step: float) -> np.ndar
 def _finals(problem: SearchProblem, level: FidelityLevel, genes: Genes, config: SearchConfig) -> Scores:
     """The finalists' scores by `FINALIST_ROBOTS` times as many robots as in a generation, where robots differ."""
     robots = config.robots * (FINALIST_ROBOTS if config.robots > 1 else 1)
-    gaits = problem.genome.gaits(problem.scene.gait, genes)
-    return judge(jax.random.key(config.seed + 3), level.of(problem.duration, problem.fitness).by(robots), gaits)
+    judging = level.judging(problem.duration, problem.fitness).with_robots(robots)
+    return judge(jax.random.key(config.seed + 3), judging, problem.genome.gaits(problem.scene.gait, genes))
 
 
-def allowed(
+def kept_or_undone(
     problem: SearchProblem,
     bounds: ActuatorBounds,
     levels: tuple[FidelityLevel, ...],
@@ -122,18 +122,18 @@ def allowed(
     start: np.ndarray,
     polished: Polished,
 ) -> Polished:
-    """The polished gait, or the one before where that alone keeps the bounds, or is on an orbit that attracts.
+    """The polished gait; or its start, where polishing left the bounds or the attracting orbit that the start had.
 
     `start` are the genes of the best promoted gait, in the polished genome.
     """
     if not polished.improved:
         return polished
-    _, own, *_, finest = levels
+    _, own, *_, verification = levels
     genes, before, but = polished.genes[None], promoted.multipliers, ""
     if promoted.within_bounds and excess_at(own, genes, problem, bounds)[0] > 0:
         but = "it is beyond a bound on actuators"
     elif before is not None and before[0] < 1:
-        after = multipliers_of(problem, genes, 2 * finest.dt)
+        after = multipliers_of(problem, genes, 2 * verification.dt)
         if after is not None and after[0] >= 1:
             but = f"its orbit multiplies a disturbance in one cycle by {multiplier_words(after[0])}, not "
             but += multiplier_words(before[0])

@@ -123,10 +123,10 @@ def with_scales_and_mobility(scene: Scene) -> Scene:
     return dataclasses.replace(scene, structure=with_mobility(scene.structure))
 
 
-def failure_code(result, state_failure):
+def failure_code(result, of_state):
     """Index into `FAILURES`, from diffrax's result and the last state's `state_failure`."""
     results = diffrax.RESULTS
-    code = jnp.where(result == results.successful, state_failure, 4)
+    code = jnp.where(result == results.successful, of_state, 4)
     code = jnp.where(result == results.max_steps_reached, 3, code)
     return jnp.where(result == results.dt_min_reached, 5, code)
 

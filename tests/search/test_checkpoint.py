@@ -12,13 +12,13 @@ from jaxgrity import GAConfig, Genome, InputError
 from jaxgrity.model.height_fields import HeightFunction
 from jaxgrity.search import load_states, open_checkpoint
 from jaxgrity.search.checkpoint import fingerprint, holds_unfinished, left_over
-from jaxgrity.search.genetic_algorithm import Generation, Record, SearchState, begin
+from jaxgrity.search.genetic_algorithm import EvolutionState, Generation, Record, begin
 
 SETTINGS = {"scene": Path("robot.toml"), "bounds": (0.1, 0.3), "seed": 3, "dt": None}
 GENOME, CONFIG = Genome(3), GAConfig(population=4, elites=1)
 
 
-def state(seed: int, dtype: str = "float32", generations: int = 2) -> SearchState:
+def state(seed: int, dtype: str = "float32", generations: int = 2) -> EvolutionState:
     """Of a search after so many generations, with numbers at random."""
     first = begin(GENOME, CONFIG, seed, dtype)
     random = np.random.default_rng(seed)

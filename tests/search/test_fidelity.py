@@ -222,7 +222,7 @@ def test_the_final_verdict_is_made_of_what_it_says(precision, factor, monkeypatc
     feeling = Fitness(Distance(), Uncertainty(friction=0.1), robots=4, bounds=ActuatorBounds(force=1e-3))
     forces = 1e-3 * (1 + judge_at(level, gaits, problem._replace(fitness=feeling), 3).excess[0])
     bounds = ActuatorBounds(force=float(np.sort(forces)[2]) * (1 + 1e-6))
-    verdict = final_verdict(problem, scene.gait, dt=dt, bounds=bounds, robots=4, seed=3, on_progress=tell)
+    verdict = final_verdict(problem, scene.gait, own_step=2 * dt, bounds=bounds, robots=4, seed=3, on_progress=tell)
     assert verdict.beyond == 0.25
     assert heard == [(done, 4) for done in range(5)]
     distance, robust = verdict.verified.distance[0], verdict.robust.each[0]
