@@ -139,8 +139,8 @@ def short(record: Record) -> str:
     ]
     rows += [
         [
-            f"jaxgrity, {1e3 * cost['dt']:g} ms, {cost['dtype']}: robot steps a second",
-            f"{1e-6 / (cost['seconds'] * cost['dt']):.1f} million",
+            f"jaxgrity with {1e3 * cost['dt']:g} ms, {cost['dtype']}",
+            f"{1e-6 / (cost['seconds'] * cost['dt']):.1f} million robot steps/s",
         ]
         for cost in [cost for cost in record["costs"] if cost["engine"] == ours][:1]
     ]
@@ -179,10 +179,10 @@ def about_table(record: Record) -> str:
     off, gradient = record["largest_difference_from_C"], record["gradient"]
     cells = {
         "population": f"{record['gaits']} gaits, {record['duration']:g} s",
-        "rounds (median)": str(record["repeats"]),
-        "sweeps per step, C": str(record["C_sweeps"]),
-        "`rk4` against C, m": "-" if off is None else f"{off:.0e}",
-        f"gradient in {gradient['phases']} phases, rollouts": f"{gradient['reverse']:.1f}",
+        "rounds timed": str(record["repeats"]),
+        "sweeps per step in C": str(record["C_sweeps"]),
+        "largest difference of `rk4` from C, m": "-" if off is None else f"{off:.0e}",
+        f"gradient in {gradient['phases']} phases costs, rollouts": f"{gradient['reverse']:.1f}",
     }
     return table(list(cells), [list(cells.values())])
 

@@ -66,7 +66,7 @@ def words(record: Record) -> str:
     friction = ", ".join(f"{mu:.2g}" for mu in record["friction"])
     every = range(len(record["friction"]))
     steepest = [", ".join(steepest_climbed(record["rows"], name, k) for k in every) for name in ways]
-    rows.append([f"steepest with {CLIMBS} m/s", *steepest])
+    rows.append([f"steepest climbed at {CLIMBS} m/s, from {OWN_SLOPE:g}° up", *steepest])
     head = ["slope", f"m/s uphill, exact contact, friction {friction}", "at half the step", "penalty contact"]
     return table(head, rows)
 

@@ -74,7 +74,7 @@ def words(record: Record) -> str:
     if record["motion"] != "settle":
         return said
     depth = ["at the largest k_n", f"{record['depth_over_expected']:.3f}"]
-    return said + "\n\n" + table(["mean depth at rest", "over m g/(n k_n)"], [depth])
+    return said + "\n\n" + table(["mean depth at rest", "divided by m g/(n k_n)"], [depth])
 
 
 def drop(scene: Scene) -> Scene:

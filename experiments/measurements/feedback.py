@@ -131,7 +131,7 @@ def words(record: Record) -> str:
         label = "speed on bumps, of that on level ground" + (f", {motors}" if motors else "")
         rows.append([label, *(f"{100 * share:.0f} %" for share in shares)])
     first, *others = policies
-    return table(["case", f"{first}: robots that roll, mean speed", *others], rows)
+    return table(["case", f"{first}: robots that roll, mean speed of all", *others], rows)
 
 
 def keep_replay(plant: Plant, many: Dropped, path: Path) -> None:

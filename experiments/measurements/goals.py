@@ -109,7 +109,7 @@ def words(record: Record) -> str:
         ["led by a model with nominal friction", share["reached"] + median],
         ["the gait with feedback, which does not know of the goal", share["feedback"]],
         ["the gait as it is", share["open_loop"]],
-        [f"choosing from {looked}", f"{record['real_time']:.2g} times as fast as the robot moves"],
+        [f"choosing from {looked}", f"{record['real_time']:.2g} times faster than the time between choices"],
     ]
     return table([f"within {record['within']:g} m of the goal, in at most {record['patience']:.0f} s", "trials"], rows)
 

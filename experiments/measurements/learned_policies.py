@@ -71,7 +71,8 @@ def words(record: Record) -> str:
 
         return told
 
-    cells = {"episodes": lambda kind: kind} | {f"`{name}`, m/s, that roll": cell(name) for name in names}
+    cells = {"episodes": lambda kind: kind}
+    cells |= {f"`{name}`: progress, m/s; episodes that roll": cell(name) for name in names}
     return columns(list(dict.fromkeys(kind for kind, _ in found)), cells)
 
 

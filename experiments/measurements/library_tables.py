@@ -30,7 +30,7 @@ def gait_search_table(facts: Facts) -> str:
     perturbed = [_of_robots(mean / size, robots, size) for mean, robots in _ensembles(steady)]
     rows = [
         ["steady speed", f"**{_speed(steady)} body lengths/s**, after {steady['settled_after']:.0f} s"],
-        ["128 perturbed robots, on exact and on penalty contact", ", ".join(perturbed)],
+        ["128 perturbed robots, body lengths/s: exact; penalty contact", "; ".join(perturbed)],
         ["peaks of a motor in a cycle; start included", f"{_peaks(steady['cycle'])}; {_peaks(facts['actuators'])}"],
     ]  # fmt: skip
     return table(["the gait that `make gait` finds", "measured"], rows) + made_by(facts, "gait_search", "README.md")

@@ -127,8 +127,8 @@ def words(record: Record) -> str:
         ["a way round obstacles, median", f"{record['seconds']:.0f} s, {record['length']:.0f} m"],
         ["nearest to an obstacle, of robots that arrived", f"{100 * record['gap']:.0f} cm"],
         ["gaits that were chosen", shares],
-        [f"spread of the model's robots on a chosen way after {record['horizon']:g} s, median", apart],
-        [f"from there to the robot after {record['interval']:g} s, median", off],
+        [f"spread of the model's robots on the chosen way after {record['horizon']:g} s, median", apart],
+        [f"distance from the predicted place after {record['interval']:g} s, median", off],
         [f"a choice for all {count} robots", f"{record['seconds_a_choice']:.1f} s"],
     ]
     return table(head, rows) + "\n\n" + table(["of these ways", "measured"], more)

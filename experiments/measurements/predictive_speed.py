@@ -56,9 +56,9 @@ def words(record: Record) -> str:
     """How long a choice takes, beside the time between two of them."""
     cells = {
         f"rollouts of {record['horizon']:g} s": "{samples}",
-        "a choice takes, in the middle": "{milliseconds:.0f} ms",
-        "and 95 of 100 at most": "{slowest:.0f} ms",
-        f"real time, at {record['rate']:g} choices a second": "{real_time:.2g} times",
+        "time of a choice, median": "{milliseconds:.0f} ms",
+        "95th percentile": "{slowest:.0f} ms",
+        f"times faster than real time, at {record['rate']:g} choices a second": "{real_time:.2g}",
     }
     return columns(record["rows"], cells)
 

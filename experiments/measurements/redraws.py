@@ -35,6 +35,8 @@ COVERING = 2.0
 """standard errors in a range"""
 CAUTION = 1.0
 """standard deviations that the fitness holds against a gait, as in a default search"""
+GAIN = "gain from the first to the second"
+"""name in the record of the second gait's fitness less the first one's"""
 
 
 @measurement(
@@ -113,7 +115,7 @@ def statistics(each: np.ndarray, gaits: tuple[str, str]) -> dict[str, tuple[np.n
         found[f"fitness of {name}"] = values, ranges, float(pooled[k])
     ranges = np.array([COVERING * standard_error(np.subtract(*influences(one, CAUTION)[::-1])) for one in each])
     values = np.array([np.subtract(*fitness_of(one)[::-1]) for one in each])
-    found["gain from the first to the second"] = values, ranges, float(np.subtract(*pooled[::-1]))
+    found[GAIN] = values, ranges, float(np.subtract(*pooled[::-1]))
     return found
 
 
@@ -130,9 +132,14 @@ def words(record: Record) -> str:
         covered.setdefault(row["statistic"], {})[row["contact"]] = row["covered"]
     contacts = list(dict.fromkeys(row["contact"] for row in record["rows"]))
     told = lambda share: "-" if share is None else f"{100 * share:.0f} %"  # noqa: E731
+    first, second = (name for name in covered if name.startswith("fitness of "))
+    written = {GAIN: f"{second} less that of {first.removeprefix('fitness of ')}"}
     about = f"{record['draws']} ensembles of {record['robots']} robots"
-    head = ["± of", "should cover the truth", *(f"covers it ({contact} contact, {about})" for contact in contacts)]
-    return table(head, [[name, "95 %", *(told(x.get(c)) for c in contacts)] for name, x in covered.items()])
+    head = ["± of", "should contain the true value", *(f"contains it ({c} contact, {about})" for c in contacts)]
+    rows = [
+        [written.get(name, name), "95 %", *(told(shares.get(c)) for c in contacts)] for name, shares in covered.items()
+    ]
+    return table(head, rows)
 
 
 @redraws.figure

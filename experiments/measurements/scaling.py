@@ -146,11 +146,11 @@ def words(record: Record) -> str:
     populations, struts = (", ".join(str(size) for size in first[name]) for name in ("populations", "struts"))
     head = [
         "method",
-        f"{first['devices']} devices, {first['gaits']} gaits",
-        f"{populations} gaits, a gait and simulated second",
-        f"{struts} struts, a step",
-        "cost ~ struts^",
-        "one rollout, float32 and float64: times real time",
+        f"speedup by {first['devices']} devices ({first['gaits']} gaits)",
+        f"time per gait and simulated second, for {populations} gaits",
+        f"time per step, for {struts} struts",
+        "p, if cost grows as struts^p",
+        "one rollout, times faster than real time: float32, float64",
     ]
     return table(head, rows)
 

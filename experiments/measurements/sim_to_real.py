@@ -84,9 +84,9 @@ def words(record: Record) -> str:
     head = [
         "plausible robots",
         f"steady speed of {record['robots']}, m/s (standard deviation)",
-        "of the most probable (by the gradient)",
+        "speed of the most probable robot, m/s (standard deviation by the gradient)",
     ]
-    return table([*head, "roll", "of the variance linear"], rows)
+    return table([*head, "robots that roll", "share of the variance that a linear model explains"], rows)
 
 
 @partial(sim_to_real.table, part="shares")
@@ -99,8 +99,8 @@ def shares(record: Record) -> str:
             parts = [f"{each[key]:.0%}" for key in ("gradient_share", "share")]
             rows.append([about, f"`{each['name']}`", f"{each['spread']:.1%}", f"{each['slope']:+.4f}", *parts])
             about = ""
-    head = ["identification", "parameter", "not known by", "speed per plausible spread, m/s"]
-    last = ["variance that goes once known: by the gradient", "over the robots"]
+    head = ["identification", "parameter", "plausible spread", "change of speed per spread, m/s"]
+    last = ["share of the variance removed if known: by the gradient", "by the robots"]
     return table([*head, *last], rows)
 
 

@@ -93,7 +93,7 @@ def words(record: Record) -> str:
         ["motors move", f"from {begin:.2f} s after the command is logged, for {duration:.2f} s"],
         ["scatter of the clocks", f"{abs(scatter):.3f} s"],
         ["damping ratios tried", f"{record['tried'][0]:g} to {record['tried'][1]:g}"],
-        ["sum of squares over them", f"{min(squares):.2f} to {max(squares):.2f}"],
+        ["sum of squared residuals, in standard errors, over these", f"{min(squares):.2f} to {max(squares):.2f}"],
         ["damping ratios that cannot be told apart", f"{record['ratios'][0]:g} to {record['ratios'][1]:g}"],
     ]
     return table(["mean response to a command", "measured"], rows)

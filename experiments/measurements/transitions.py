@@ -156,7 +156,7 @@ def words(record: Record) -> str:
         shares = [f"{100 * row['went_on']:.0f} %, {100 * row['came_back']:.0f} %" for row in own]
         rows.append([name, f"{own[0]['expected']:.2f} m/s", f"{100 * own[0]['anew']:.0f} %", *shares])
     first, *others = ["at once" if seconds == 0 else f"over {seconds:g} s" for seconds in over]
-    head = ["the other gait", "its speed", "as fast, with it from the drop on", f"go on, come back: {first}", *others]
+    head = ["the other gait", "its speed", "robots as fast after a drop with it", f"go on, come back: {first}", *others]
     return table(head, rows)
 
 

@@ -139,7 +139,7 @@ def words(record: dict[str, Any]) -> str:
         told = [f"{100 * row[where]['rolling']:.0f} %, {row[where]['speed']:.2f} m/s" for where in ("level", "bumps")]
         both = [", ".join(f"{x + 0:.2f}" for x in numbers) for numbers in (gains, swings)]
         rows.append([row["name"], *both, f"{larger:.2f}, {faster:.2f}", *told])
-    head = ["feedback", "gains", "swings, s", "times the gait's amplitude and frequency"]
+    head = ["feedback", "gains", "swings, s", "factors of the gait's amplitude and frequency"]
     return table([*head, "level ground", "bumps of 2 cm"], rows)
 
 

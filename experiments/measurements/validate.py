@@ -109,8 +109,8 @@ def words(record: Record) -> str:
                 f"{seen['middle_least']:.2f} to {seen['middle_most']:.2f} {unit}",
             ]
         )
-    head = ["", "from the authors' poses, at most", "from the camera's, rms of a run", "in the mean"]
-    head += ["the robot from run to run", "from frames 0.5 to 1.4 s after a command"]
+    head = ["", "largest difference from the authors' poses", "difference from the camera, rms of a run"]
+    head += ["mean difference", "the robot from run to run", "rms of a run, frames 0.5 to 1.4 s after a command"]
     return table(head, rows)
 
 
