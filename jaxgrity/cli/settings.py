@@ -66,7 +66,7 @@ class ObjectiveSettings:
     turning: float | None = None
     """turning for steady turn, rad per body length, positive to the left"""
     largest_rate: float | None = 1.0
-    """bound on the rate |dL/dt| of each actuator, m/s; None: no bound"""
+    """bound on the rate |dL/dt| of each actuator after the gait's ramp, m/s; None: no bound"""
     largest_force: float | None = None
     """bound on the force of each actuator, N; None: no bound"""
     largest_power: float | None = 200.0

@@ -43,7 +43,9 @@ def outcome_rows(summary: dict[str, Any]) -> dict[str, str]:
     return {
         **({"verified distance": distance_words(summary)} if steady is None else steady_rows(steady)),
         "actuators need": f"up to {asked['peak_force']:.3g} N, {asked['peak_rate']:.2g} m/s, "
-        f"{asked['peak_power']:.3g} W; cost of transport {_cost_of_transport(summary)}" + _beyond(summary),
+        f"{asked['peak_power']:.3g} W; cost of transport {_cost_of_transport(summary)}"
+        + _in_the_ramp(summary)
+        + _beyond(summary),
     }
 
 
@@ -54,6 +56,14 @@ def _cost_of_transport(summary: dict[str, Any]) -> str:
         return f"{steady['cycle']['cost_of_transport']:.2g} (work of every actuator / (m g d), d along the path)"
     by_distance = summary["actuators"]["cost_of_transport_by_effort"]
     return f"{by_distance:.2g} (work of every actuator / (m g d), d from the start)"
+
+
+def _in_the_ramp(summary: dict[str, Any]) -> str:
+    """Whether a gait within the bounds, which count after the ramp, exceeds that on the rate before, in words."""
+    peak, bound = (summary["actuators"][name] for name in ("peak_rate", "rate_bound"))
+    if bound is None or peak <= bound or not summary["within_bounds"]:
+        return ""
+    return f"; the rate exceeds its bound of {bound:.3g} m/s, but only in the gait's ramp"
 
 
 def _beyond(summary: dict[str, Any]) -> str:

@@ -25,7 +25,8 @@ WATCHED = 7.5
 def gait_measured(
     result: SearchResult, fine: SolverOptions, tick: Callable[[], None]
 ) -> tuple[dict[str, Any] | None, list[dict[str, float]], dict[str, Any]]:
-    """Long-run behaviour of the gait and of perturbed robots; its directions; the loads of actuators."""
+    """Long-run behaviour of the gait and of perturbed robots; its directions; the loads of actuators,
+    and the bound on their rate, m/s or None."""
     scene, problem, steady = result.scene, result.problem, None
     duration = float(problem.duration)
     if problem.seeks_orbits:
@@ -43,7 +44,7 @@ def gait_measured(
         )
     found = directions(scene, fine, duration)
     tick()
-    given = actuators(scene, fine, duration)
+    given = {**actuators(scene, fine, duration), "rate_bound": problem.fitness.bounds.rate}
     tick()
     return steady, found, given
 

@@ -161,14 +161,14 @@ def steady_rows(steady: Facts) -> dict[str, str]:
 
 
 def _headed(along: Facts | None) -> dict[str, str]:
-    """Speed of a gait along the requested heading, in words; empty if no heading was requested."""
+    """Horizontal speed of a gait along the requested heading, in words; empty if no heading was requested."""
     if along is None:
         return {}
     own, other = (
         f"{significant(along[k]['mean'])} (standard deviation {along[k]['standard_deviation']:.2g})" for k in MODELS
     )
     return {
-        "along its heading": f"{significant(along['speed'])} m/s; perturbed robots {own} m/s, "
+        "along its heading": f"{significant(along['speed'])} m/s, horizontally; perturbed robots {own} m/s, "
         f"on the other contact model {other} m/s"
     }
 

@@ -105,7 +105,10 @@ class SteadySpeed(Objective):
 
 
 class SteadyDirection(Objective):
-    """Displacement along a heading (such as uphill) over the settled part of a rollout, in body lengths per second."""
+    """Horizontal displacement along a heading over the settled part of a rollout, in body lengths per second.
+
+    On a slope it is less than the displacement along the slope.
+    """
 
     heading: float = eqx.field(static=True, converter=partial(check_number, "heading"), default=0.0)
     """heading, rad from +x"""

@@ -16,6 +16,7 @@ from jaxgrity.orbits import (
     distance_from_orbit,
     find_orbit,
     finding,
+    one_cycle,
     orbit_cycle,
     orbit_error_bars,
     orbit_stability,
@@ -26,6 +27,7 @@ from jaxgrity.orbits import (
 from jaxgrity.orbits.cycles import MOST_PERIODS, Plane, plane_of, way_along
 from jaxgrity.orbits.finding import in_step, restarted
 from jaxgrity.populations.population import as_population, simulate_population
+from jaxgrity.populations.rolling import rolling
 from jaxgrity.populations.uncertainty import Differences
 from jaxgrity.stepping.dynamics import total_force
 
@@ -72,6 +74,17 @@ def test_pushes_and_motors_go_on_from_an_orbit(exact):
     for t in (0.0, 0.15, 0.6):
         np.testing.assert_allclose(forces(found, t, q, v), forces(own, t + orbit.verified_for, q, v), atol=1e-8)
     assert np.abs(forces(found, 0.15, q, v) - forces(own, 0.15, q, v)).max() > 1
+
+
+def test_a_robot_that_lies_flat_on_its_orbit_stands_on_the_faces_it_is_built_with(exact, monkeypatch):
+    """At the moment at which the cycle begins, its nodes lie in a plane, and so have no faces."""
+    motion = made_by_hand(exact, 1)
+    orbit = finding._orbit(exact, motion, PERIOD, LEVEL, 6)
+    flat = orbit._replace(state=(orbit.state[0] * np.array([1, 1, 0]), orbit.state[1]))
+    monkeypatch.setattr(one_cycle, "simulate", lambda *_, **__: motion)
+    found = one_cycle._supports(exact, restarted(exact, flat), flat, in_step(exact, PERIOD, None))
+    assert found == rolling(exact, motion).supports
+    assert len(found) == 1
 
 
 @pytest.mark.parametrize("wobble", [1, 3, 5])

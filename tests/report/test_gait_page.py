@@ -49,6 +49,7 @@ STEADY = {
     },
 }
 ACTUATORS = {"peak_force": 275.1, "peak_rate": 0.988, "peak_power": 143.4, "cost_of_transport_by_effort": 5.41}
+ACTUATORS |= {"rate_bound": 1.0}
 
 
 RANKS = ("rank_correlation", "rank_correlation_of_the_evolved")
@@ -99,6 +100,12 @@ def test_the_rows_say_what_a_gait_is_worth():
     rows = outcome_rows(known)
     strained = outcome_rows({**known, "beyond_bounds": 0.2})["actuators need"]
     assert strained.endswith("; 20 % of perturbed robots exceed a bound on actuators")
+    quick = {**known, "actuators": {**ACTUATORS, "peak_rate": 1.133}}
+    in_ramp = "; the rate exceeds its bound of 1 m/s, but only in the gait's ramp"
+    assert outcome_rows(quick)["actuators need"].endswith("along the path)" + in_ramp)
+    assert in_ramp not in outcome_rows({**quick, "within_bounds": False})["actuators need"]
+    unbounded = {**quick, "actuators": {**quick["actuators"], "rate_bound": None}}
+    assert in_ramp not in outcome_rows(unbounded)["actuators need"]
     lost = outcome_rows({**known, "within_bounds": False})["actuators need"]
     assert lost.endswith("; no gait within the bounds on actuators was found")
     assert list(rows) == [
@@ -131,7 +138,7 @@ def test_the_rows_say_what_a_gait_is_worth():
     assert wandering.endswith("cost of transport 5.4 (work of every actuator / (m g d), d from the start)")
     robots = {name: {"mean": 0.6, "standard_deviation": 0.1} for name in ("robust", "other_contact_model")}
     uphill = steady_rows({**STEADY, "along_heading": {"heading": 3.1, "speed": 0.67, **robots}})
-    assert uphill["along its heading"].startswith("0.670 m/s; perturbed robots 0.600 (standard deviation 0.1) m/s")
+    assert uphill["along its heading"].startswith("0.670 m/s, horizontally; perturbed robots 0.600 (standard deviation")
     small = steady_rows({**STEADY, "verified_for": 8.44, "settled_after": 0.32, "period": 0.05, "periods": 1})
     assert small["lasts"].startswith("watched for 8.4 s; settles after 0.32 s")
     assert small["cycle"].startswith("0.0500 s, 1 period of actuation")
@@ -222,7 +229,9 @@ def test_a_small_robot_has_as_many_digits(size):
     speed, slowest, headed, robots = told[size]
     assert rows["speed"] == f"{speed} m/s (0.886 body lengths/s)"
     assert rows["lasts"].endswith(f"after that: {slowest} m/s")
-    assert rows["along its heading"].startswith(f"{headed} m/s; perturbed robots {significant(0.8 * size)} (")
+    assert rows["along its heading"].startswith(
+        f"{headed} m/s, horizontally; perturbed robots {significant(0.8 * size)} ("
+    )
     assert rows["both contact models"].startswith(f"{robots} m/s (standard deviation {0.14 * size:.2g})")
     found = {"distance": 0.5 * size, "error_bar": size, "duration": 8.0}
     assert distance_words(found).startswith(f"{significant(0.5 * size, 2, 2)} m in 8 s at this time step")
