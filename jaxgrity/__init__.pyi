@@ -49,8 +49,8 @@ from .model.surface import Slope
 from .model.unions import Union
 from .populations.forces import Forces, forces_along, reactions
 from .populations.metrics import Metrics
+from .populations.motion_kinds import Rolling, rolling
 from .populations.population import Outcomes, as_population, gaits_of, one_gait, simulate_population
-from .populations.rolling import Rolling, rolling
 from .populations.uncertainty import Differences, Uncertainty, differing, ensemble
 from .search.genetic_algorithm import Evolution, GAConfig, SearchProblem, evolve
 from .search.genome import Genome

@@ -15,7 +15,7 @@ from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, NodeHistory, Times
 from jaxgrity.identification.measurements import Measurement, Values, checked
 from jaxgrity.identification.observations import SeenQuantity
-from jaxgrity.model.rigidity import held_edges
+from jaxgrity.model.rigidity import rigid_pairs
 from jaxgrity.model.scales import length_scale, speed_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.stepping.discretisation import integrate
@@ -172,7 +172,7 @@ def measured_motion(
         raise InputError(f"windows = {windows}: expected a divisor of the {intervals} steps from frame to frame")
     if starts.spread is None and windows > 1:
         raise InputError(f"windows = {windows}, spread = None: expected one window where the start is known")
-    if starts.spread is not None and held_edges(scene):
+    if starts.spread is not None and rigid_pairs(scene):
         raise InputError("spread: rigid struts and bodies leave no start free; expected None, or struts as springs")
     first = range(0, intervals, intervals // windows)
     cut = np.stack([times[k : k + intervals // windows + 1] for k in first])

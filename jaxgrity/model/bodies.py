@@ -224,7 +224,7 @@ def body_energy(body: Body, v: NodeVectors) -> Scalar:
     return jnp.sum(basic * (body.matrix @ basic)) / 2
 
 
-def held_pairs(bodies: Bodies, fixed: Supports = ()) -> tuple[Edges, PerMember]:
+def body_pairs(bodies: Bodies, fixed: Supports = ()) -> tuple[Edges, PerMember]:
     """The pairs of basic points at constant distance, without pairs of `fixed` ones, and these distances, m."""
     still = {node for node, axes in fixed if set(axes) == set("xyz")}
     first: dict[frozenset, tuple[tuple[int, int], AnyArray]] = {}

@@ -106,7 +106,7 @@ def accelerations(structure: Structure, force: NodeVectors) -> NodeVectors:
     return respond(mobility(structure) if structure.mobility is None else structure.mobility, force)
 
 
-def held(structure: Structure, x: NodeVectors) -> NodeVectors:
+def along_fixed(structure: Structure, x: NodeVectors) -> NodeVectors:
     """The part of vectors at nodes that lies along fixed coordinates: M a - F there is the reaction of a support."""
     x = onto_basic(structure.bodies, x)
     fixed = [(node, "xyz".index(axis)) for node, axes in structure.fixed for axis in axes]

@@ -8,7 +8,7 @@ import numpy as np
 from jaxgrity.core.primitives import edge_vectors, length
 from jaxgrity.core.types import Edges, PerMember, Scalar, namespace_of
 from jaxgrity.model.actuation import rest_length
-from jaxgrity.model.bodies import Bodies, carrying, following, held_pairs, independent_nodes
+from jaxgrity.model.bodies import Bodies, body_pairs, carrying, following, independent_nodes
 from jaxgrity.model.laws import SAME, Constraint, SceneParts
 from jaxgrity.model.rigid_struts import RigidStruts
 from jaxgrity.model.structure import edge_lengths
@@ -29,7 +29,7 @@ class RigidBodies(Constraint):
         return all(_same(body, places, symmetry.nodes) for body in self.bodies)
 
     def directions(self, q, size):
-        edges, _ = held_pairs(self.bodies)
+        edges, _ = body_pairs(self.bodies)
         rows = np.zeros((len(edges), *q.shape))
         for row, (i, j) in zip(rows, edges):
             row[i] = (q[i] - q[j]) / np.linalg.norm(q[i] - q[j])
@@ -37,7 +37,7 @@ class RigidBodies(Constraint):
         return rows
 
     def gaps(self, q, t):
-        (edges, lengths), xp = held_pairs(self.bodies), namespace_of(q)
+        (edges, lengths), xp = body_pairs(self.bodies), namespace_of(q)
         if xp is jnp:
             now, off = length(edge_vectors(q, edges)), q - following(self.bodies, q)
         else:
@@ -46,7 +46,7 @@ class RigidBodies(Constraint):
         return xp.concatenate([xp.abs(now - lengths), xp.sqrt((off * off).sum(1))])
 
     def complaint(self, q, t, part):
-        edges, lengths = held_pairs(self.bodies)
+        edges, lengths = body_pairs(self.bodies)
         if part < len(edges):
             found = edge_lengths(q, edges)[part]
             return (
@@ -59,21 +59,21 @@ RIGID = (RigidStruts, RigidBodies)
 """The constraints on distances."""
 
 
-def held_edges(scene: SceneParts) -> Edges:
+def rigid_pairs(scene: SceneParts) -> Edges:
     """The pairs of nodes whose distance is a constraint: the rigid struts, then the bodies' basic points."""
     structure = scene.structure
     struts = structure.struts.edges if structure.struts is not None and structure.struts.rigid else ()
-    return (*struts, *held_pairs(structure.bodies, structure.fixed)[0]) if structure.bodies else struts
+    return (*struts, *body_pairs(structure.bodies, structure.fixed)[0]) if structure.bodies else struts
 
 
-def held_lengths(scene: SceneParts, t: Scalar) -> PerMember:
+def rigid_lengths(scene: SceneParts, t: Scalar) -> PerMember:
     """Their distances at the time t, m."""
     structure, parts = scene.structure, []
     if structure.struts is not None and structure.struts.rigid:
         parts.append(rest_length(structure.struts, scene.gait, t, 0))
     if not structure.bodies:
         return parts[0]
-    return jnp.concatenate([*parts, held_pairs(structure.bodies, structure.fixed)[1]])
+    return jnp.concatenate([*parts, body_pairs(structure.bodies, structure.fixed)[1]])
 
 
 def _same(body, places, nodes) -> bool:

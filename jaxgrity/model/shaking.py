@@ -12,7 +12,7 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import place_rows
 from jaxgrity.core.tracing import evaluated, traced
 from jaxgrity.core.types import AnyArray, NodeVectors, Scalar, Vector, as_float
-from jaxgrity.model.inertia import accelerations, held, momenta
+from jaxgrity.model.inertia import accelerations, along_fixed, momenta
 from jaxgrity.model.structure import Structure
 
 
@@ -102,7 +102,7 @@ def support_velocity(motion: SupportMotion, structure: Structure, t: Scalar) -> 
 
 def with_supports(motion: SupportMotion | None, structure: Structure, t: Scalar, v: NodeVectors) -> NodeVectors:
     """Velocities v with those of the supports at time t in the fixed coordinates, m/s."""
-    return v if motion is None else v - held(structure, v) + support_velocity(motion, structure, t)
+    return v if motion is None else v - along_fixed(structure, v) + support_velocity(motion, structure, t)
 
 
 def moved_along(motion: SupportMotion, structure: Structure, begin: Scalar, end: Scalar, v: NodeVectors) -> NodeVectors:
@@ -112,7 +112,7 @@ def moved_along(motion: SupportMotion, structure: Structure, begin: Scalar, end:
     """
     begin, end = (jnp.asarray(t, v.dtype) for t in (begin, end))
     mean = (motion.displacement(end) - motion.displacement(begin)) / (end - begin)
-    change = _of_supports(structure, mean) - held(structure, v)
+    change = _of_supports(structure, mean) - along_fixed(structure, v)
     return v + change - accelerations(structure, momenta(structure, change))
 
 
@@ -128,4 +128,4 @@ def slips(motion: SupportMotion | None, structure: Structure, t: Scalar, v: AnyA
 
 def _of_supports(structure: Structure, x: Vector) -> NodeVectors:
     moving = tuple(node for node, _ in structure.fixed)
-    return held(structure, place_rows(jnp.broadcast_to(x, (len(moving), 3)), moving, len(structure.nodes)))
+    return along_fixed(structure, place_rows(jnp.broadcast_to(x, (len(moving), 3)), moving, len(structure.nodes)))

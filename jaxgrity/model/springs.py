@@ -10,7 +10,7 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import dot, inverse, length
 from jaxgrity.core.types import NodeVectors, PerMember, Scalar
 from jaxgrity.model.actuation import rest_length
-from jaxgrity.model.bodies import held_pairs
+from jaxgrity.model.bodies import body_pairs
 from jaxgrity.model.clusters import pull
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import Members, Structure, edge_lengths, member_vectors
@@ -31,7 +31,7 @@ def as_springs(structure: Structure) -> tuple[Structure, int]:
         count = len(struts.edges)
         struts = dataclasses.replace(struts, stiffness=np.full(count, stiff), damping=None)
     if structure.bodies:
-        pairs, lengths = held_pairs(structure.bodies)
+        pairs, lengths = body_pairs(structure.bodies)
         K, L = np.full(len(pairs), stiff), np.asarray(lengths, float)
         if struts is not None:
             pairs, K, L = (*struts.edges, *pairs), np.r_[struts.stiffness, K], np.r_[struts.rest_length, L]

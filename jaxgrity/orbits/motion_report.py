@@ -11,7 +11,7 @@ from jaxgrity.model.scales import length_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.orbits.cycles import MOST_PERIODS, plane_of, shape
 from jaxgrity.orbits.finding import SETTLED, period_of
-from jaxgrity.populations.rolling import STAYING, Rolling, rolling, width
+from jaxgrity.populations.motion_kinds import STAYING, Rolling, rolling, width
 from jaxgrity.stepping.simulate import Trajectory, centre_path
 
 

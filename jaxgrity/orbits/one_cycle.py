@@ -10,8 +10,8 @@ from jaxgrity.model.scales import time_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.orbits.finding import Orbit, in_step, restarted
 from jaxgrity.populations.metrics import cost_of_transport
+from jaxgrity.populations.motion_kinds import rolling
 from jaxgrity.populations.population import as_population, simulate_population
-from jaxgrity.populations.rolling import rolling
 from jaxgrity.populations.uncertainty import Differences
 from jaxgrity.stepping.options import Options, ResolvedOptions
 from jaxgrity.stepping.simulate import simulate

@@ -12,14 +12,14 @@ from jaxgrity.core.primitives import edge_vectors, length
 from jaxgrity.core.tracing import refuse_traced
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, NodeHistory, NodeVectors, Scalar
-from jaxgrity.model.rigidity import held_edges
+from jaxgrity.model.rigidity import rigid_pairs
 from jaxgrity.model.scene import Scene, as_dtype
 from jaxgrity.populations.step_impulses import impulses_along
 from jaxgrity.stepping.constraints import rigid_struts
 from jaxgrity.stepping.discretisation import with_scales_and_mobility
 from jaxgrity.stepping.dynamics import acceleration, member_tensions, support_forces, total_force
-from jaxgrity.stepping.held_dynamics import held_forces, held_pulls
 from jaxgrity.stepping.methods import find_method
+from jaxgrity.stepping.rigid_multipliers import rigid_forces, rigid_pulls
 from jaxgrity.stepping.simulate import Trajectory, driven, velocities_midway, with_room
 
 
@@ -72,8 +72,8 @@ def forces_along(scene: Scene, trajectory: Trajectory) -> Forces:
     scene = as_dtype(driven(scene, trajectory), dtype)
     v = velocities_midway(scene, trajectory)
     frames = (with_room(np.asarray(x, dtype), v.shape[1]) for x in (trajectory.times, trajectory.positions, v))
-    held = held_edges(scene) if not find_method(trajectory.method).constrained else ()
-    found = Forces(*(np.asarray(x, float)[: len(v)] for x in _by_forces(scene, bool(held), *frames)))
+    rigid = rigid_pairs(scene) if not find_method(trajectory.method).constrained else ()
+    found = Forces(*(np.asarray(x, float)[: len(v)] for x in _by_forces(scene, bool(rigid), *frames)))
     if not find_method(trajectory.method).constrained:
         return found
     if len(trajectory.times) < 2:
@@ -116,28 +116,28 @@ def reactions(scene: Scene, trajectory: Trajectory) -> NodeHistory:
 
 
 @eqx.filter_jit
-def _by_forces(scene: Scene, held: bool, t: AnyArray, q: AnyArray, v: AnyArray) -> tuple[AnyArray, AnyArray, AnyArray]:
+def _by_forces(scene: Scene, rigid: bool, t: AnyArray, q: AnyArray, v: AnyArray) -> tuple[AnyArray, AnyArray, AnyArray]:
     """Forces that follow from the state in each frame: tensions, and forces of ground and supports on nodes.
 
-    `held`: whether those of rigid struts and bodies do too, since the method has multipliers for them.
+    `rigid`: whether those of rigid struts and bodies do too, since the method has multipliers for them.
     """
     scene = with_scales_and_mobility(scene)
     aloft = eqx.tree_at(lambda s: (s.ground, s.friction), scene, (None, None), is_leaf=lambda x: x is None)
 
     def frame(t: Scalar, q: NodeVectors, v: NodeVectors):
         ground = total_force(scene, t, q, v) - total_force(aloft, t, q, v) if scene.ground is not None else 0 * q
-        pulled = held_forces(scene, t, (q, v)) if held else 0.0
+        pulled = rigid_forces(scene, t, (q, v)) if rigid else 0.0
         supports = support_forces(scene, t, q, v, pulled) if scene.structure.fixed else 0 * q
-        return _tension(scene, t, q, v, held), ground, supports
+        return _tension(scene, t, q, v, rigid), ground, supports
 
     return jax.vmap(frame)(t, q, v)
 
 
-def _tension(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors, held: bool) -> AnyArray:
+def _tension(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors, rigid: bool) -> AnyArray:
     """(members,), tension of springs and dampers, N, and of rigid struts by their multipliers; else 0 for these."""
     found, struts = member_tensions(scene, t, q, v), rigid_struts(scene)
-    if held and struts is not None:
-        pulls = held_pulls(scene, t, (q, v), acceleration(scene, t, q, v))[: len(struts.edges)]
+    if rigid and struts is not None:
+        pulls = rigid_pulls(scene, t, (q, v), acceleration(scene, t, q, v))[: len(struts.edges)]
         found = found | {"struts": found.get("struts", 0.0) + pulls * length(edge_vectors(q, struts.edges))}
     kinds = (("struts", scene.structure.struts), ("cables", scene.structure.cables))
     parts = [found.get(name, jnp.zeros(len(members.edges))) for name, members in kinds if members is not None]

@@ -127,15 +127,15 @@ def _in_parts(
     each = jnp.ceil(duration / count / jnp.asarray(options.dt, options.dtype) - 1e-3).astype(int)
     h = duration / (count * each)
     centre = over_lanes(centre_of_mass, (axes, -1))
-    held = over_lanes(initial_metrics, (axes, None))(scene, since) if measures else None
+    measured = over_lanes(initial_metrics, (axes, None))(scene, since) if measures else None
     # stepped by a loop of our own: metrics need the impulses of every step, which diffrax does not hand out
     first, step = carried_at(scheme, scene, 0 * h, h, start), numbered(scheme, scene, h)
     update = over_lanes(updated_metrics, (axes, step_axes(first), -1))
 
     def measured_step(k, carry):
-        before, held = carry
+        before, measured = carry
         after = step(before, k)
-        return after, update(scene, Step(k * h, h, before, after), held) if measures else None
+        return after, update(scene, Step(k * h, h, before, after), measured) if measures else None
 
     def part(carry, number):
         # parts beyond `used` have no steps, so that one program serves any number of parts up to `room`
@@ -143,11 +143,11 @@ def _in_parts(
         carry = jax.lax.fori_loop(number * each, after * each, measured_step, carry)
         return carry, centre(scene, carry[0].motion[0])
 
-    (last, held), ends = jax.lax.scan(part, (first, held), jnp.arange(room))
+    (last, measured), ends = jax.lax.scan(part, (first, measured), jnp.arange(room))
     path: AnyArray = jnp.concatenate([centre(scene, first.motion[0])[None], ends])
     lanes_of = path.shape[-1]
     done: Any = diffrax.RESULTS.successful
-    return LaneEnd(last.motion, path, done, jnp.full(lanes_of, count * each), jnp.zeros(lanes_of, int)), held
+    return LaneEnd(last.motion, path, done, jnp.full(lanes_of, count * each), jnp.zeros(lanes_of, int)), measured
 
 
 def _last(

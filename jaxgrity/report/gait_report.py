@@ -17,8 +17,8 @@ from jaxgrity.io.files import save_json, write_whole
 from jaxgrity.io.gait_library import gait_facts
 from jaxgrity.model.scales import time_scale
 from jaxgrity.model.scene import Scene
+from jaxgrity.populations.motion_kinds import Rolling, rolling
 from jaxgrity.populations.population import one_gait
-from jaxgrity.populations.rolling import Rolling, rolling
 from jaxgrity.report import plot, view
 from jaxgrity.report.animation import animate
 from jaxgrity.report.gait_rows import leading_sentences, outcome_rows, search_rows

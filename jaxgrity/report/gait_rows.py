@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from jaxgrity.core.display import counted_robots, mean_of_robots, significant, with_error
-from jaxgrity.populations.rolling import Rolling
+from jaxgrity.populations.motion_kinds import Rolling
 from jaxgrity.report import plot
 from jaxgrity.report.steady import steady_rows
 from jaxgrity.search.attraction import multiplier_words

@@ -12,7 +12,7 @@ from jaxgrity.model.actuation import Gait, contraction, rest_lengths_along
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import edge_lengths
 from jaxgrity.populations.forces import forces_along
-from jaxgrity.populations.rolling import Rolling
+from jaxgrity.populations.motion_kinds import Rolling
 from jaxgrity.report.poses import on_ground
 from jaxgrity.report.style import CABLE, GROUND, PATH, STRUT, styled
 from jaxgrity.stepping.simulate import Trajectory, centre_path, driven, with_room

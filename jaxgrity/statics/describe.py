@@ -8,7 +8,7 @@ from jaxgrity.core.types import AnyArray
 from jaxgrity.model.actuation import Gait
 from jaxgrity.model.friction import SwitchFriction
 from jaxgrity.model.laws import EnergyTerm
-from jaxgrity.model.rigidity import held_edges
+from jaxgrity.model.rigidity import rigid_pairs
 from jaxgrity.model.scene import KNOWN_FRICTIONS, KNOWN_LAWS, Scene
 from jaxgrity.model.springs import as_springs, spring_forces
 from jaxgrity.model.structure import Members, Structure, edge_lengths
@@ -62,7 +62,7 @@ def _describe_ground(scene: Scene) -> list[tuple[str, str]]:
 
 
 def _describe_friction(scene: Scene) -> list[tuple[str, str]]:
-    if not isinstance(scene.friction, SwitchFriction) or not held_edges(scene):
+    if not isinstance(scene.friction, SwitchFriction) or not rigid_pairs(scene):
         return []
     speed = float(scene.friction.slip_speed)
     creep = f"nodes that should stick creep at up to {speed:g} m/s; spring struts, or exact contact, hold them"

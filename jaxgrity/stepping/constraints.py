@@ -224,10 +224,10 @@ def length_gap(scene: Scene, problem: StepProblem, trials: Trials) -> tuple[PerM
     return (strut.d.dot(strut.d) - strut.goal * strut.goal) / 2, rate
 
 
-def rates_held(
+def rates_at_impulses(
     problem: StepProblem, problem_rates: StepProblem, before: Trials, before_rates: Trials, after: Trials
 ) -> Trials:
-    """The derivative of trial impulses z = z0 - S u with the impulses S, N s, held: dz0 - S du, with u the pushes."""
+    """The derivative of trial impulses z = z0 - S u at constant impulses S, N s: dz0 - S du, with u the pushes."""
     (pushes,), (push_rates,) = problem.pushes, problem_rates.pushes
     found = (
         rate - push_rate * ((z0 - z).dot(u) * inverse(u.dot(u)))
@@ -236,14 +236,14 @@ def rates_held(
     return (*found, *before_rates[len(pushes) :])
 
 
-def rates_at_lengths(problem: StepProblem, held: Trials, missed: PerMember, slope: PerMember) -> Trials:
-    """The derivative of trial impulses that keep struts at their lengths: `held`, and -missed/slope along each strut.
+def rates_at_lengths(problem: StepProblem, partial: Trials, missed: PerMember, slope: PerMember) -> Trials:
+    """The derivative of trial impulses that keep struts at their lengths: `partial`, and -missed/slope along each.
 
-    `missed` is the rate of `length_gap` with impulses held, and `slope` its change by an impulse of 1.
+    `missed` is the rate of `length_gap` at constant impulses, and `slope` its change by an impulse of 1.
     """
     (pushes,) = problem.pushes
     change = over(missed, slope)
-    return (*(rate + u * change for rate, u in zip(held, pushes)), *held[len(pushes) :])
+    return (*(rate + u * change for rate, u in zip(partial, pushes)), *partial[len(pushes) :])
 
 
 class _Strut(NamedTuple):

@@ -13,7 +13,7 @@ from jaxgrity.core.types import AnyArray, Edges, MemberVectors, NodeVectors, Per
 from jaxgrity.model.bodies import following
 from jaxgrity.model.ground import ExactGround
 from jaxgrity.model.inertia import mobility
-from jaxgrity.model.rigidity import held_edges, held_lengths
+from jaxgrity.model.rigidity import rigid_lengths, rigid_pairs
 from jaxgrity.model.scales import length_scale, mass_scale, speed_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.surface import Frame
@@ -71,14 +71,14 @@ class Elimination(NamedTuple):
 
 def problem_of(scene: Scene, h: Scalar, t1: Scalar, q: NodeVectors, v: NodeVectors, start: NodeVectors) -> Coupled:
     """The constraints of a step of size h (s) that ends at t1, from `q` (m) and `v` (m/s); `start` is w0 (m/s)."""
-    edges, ground, structure = held_edges(scene), exact_ground(scene), scene.structure
+    edges, ground, structure = rigid_pairs(scene), exact_ground(scene), scene.structure
     own = mobility(structure) if structure.mobility is None else structure.mobility
     A = jnp.einsum("ijk,kl->ikjl", own, jnp.eye(3, dtype=q.dtype)).reshape(q.size, q.size)
     apart = goal = contact = None
     speed = speed_scale(scene)
     axes = Frame(WITHOUT_GROUND[0], WITHOUT_GROUND[1:])
     if edges:
-        apart, goal = edge_vectors(q, edges) / h, held_lengths(scene, t1) / h
+        apart, goal = edge_vectors(q, edges) / h, rigid_lengths(scene, t1) / h
     if structure.bodies:
         # what follows the basic points of a body is led back to its place, so that roundings do not add up
         start = following(structure.bodies, start) + (following(structure.bodies, q) - q) / h

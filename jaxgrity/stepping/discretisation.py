@@ -16,9 +16,9 @@ from jaxgrity.model.motors import bends_of
 from jaxgrity.model.scene import Scene, with_scales
 from jaxgrity.stepping.complementarity import Lift, one_robot
 from jaxgrity.stepping.dynamics import vector_field
-from jaxgrity.stepping.held_dynamics import held_vector_field
 from jaxgrity.stepping.loop import carried_at
 from jaxgrity.stepping.options import ResolvedOptions
+from jaxgrity.stepping.rigid_multipliers import held_vector_field
 
 FAILURES = (
     "succeeded",

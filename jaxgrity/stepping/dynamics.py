@@ -42,16 +42,16 @@ def _accelerated(scene: Scene, t: Scalar, force: NodeVectors) -> NodeVectors:
 
 
 def support_forces(
-    scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors, held: NodeVectors | float = 0.0
+    scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors, rigid: NodeVectors | float = 0.0
 ) -> NodeVectors:
     """M a - F along the fixed coordinates, (nodes, 3), N: the supports' forces on the nodes, from forces alone.
 
-    Of rigid struts and bodies it has the forces that are `held` (`held_forces`). The impulses of these and of exact
+    Of rigid struts and bodies it has the forces `rigid` (`rigid_forces`). The impulses of these and of exact
     contact are not in it: `reactions` has both.
     """
-    force = total_force(scene, t, q, v) + held
+    force = total_force(scene, t, q, v) + rigid
     moved = inertia.momenta(scene.structure, _accelerated(scene, t, force))
-    return inertia.held(scene.structure, moved - force)
+    return inertia.along_fixed(scene.structure, moved - force)
 
 
 def smooth_acceleration(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors) -> NodeVectors:

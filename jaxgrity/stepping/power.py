@@ -8,8 +8,8 @@ import jax.numpy as jnp
 from jaxgrity.core.primitives import accumulate, dot, edge_vectors, inner, inverse, length, scale
 from jaxgrity.core.types import Edges, NodeVectors, PerMember, PerNode, Scalar
 from jaxgrity.model.actuation import rest_length
-from jaxgrity.model.inertia import held, momenta
-from jaxgrity.model.rigidity import held_edges
+from jaxgrity.model.inertia import along_fixed, momenta
+from jaxgrity.model.rigidity import rigid_pairs
 from jaxgrity.model.scales import length_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import Members
@@ -32,7 +32,7 @@ Work = dict[str, jax.Array]
 def powers(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors, pulled: NodeVectors | float = 0.0) -> Work:
     """W: of the actuators, dU/dt, and of each cause of dissipation in the scene, v·dR/dv.
 
-    `pulled` are the forces of rigid struts and bodies on nodes (`held_forces`). Also "impulse" and "moment": the
+    `pulled` are the forces of rigid struts and bodies on nodes (`rigid_forces`). Also "impulse" and "moment": the
     external force, N, and the external moment about the origin, N m.
     """
     normal_force = scene.normal_force(q, v)
@@ -81,7 +81,7 @@ def impulsive_work(scene: Scene, step: Step) -> Work:
             _book(gained, "stepping", -work(ground[0] - arriving))
         if scene.friction is not None:
             _book(gained, "friction", -work(ground[1] + ground[2]))
-    if held_edges(scene):
+    if rigid_pairs(scene):
         done = strut_impulses(scene, step)
         given = _strut_actuation(scene, step, done)
         gained["actuation"] = gained["actuation"] + given
@@ -139,7 +139,7 @@ def _staying(scene: Scene, step: Step) -> PerNode | None:
 def strut_tensions(scene: Scene, q: NodeVectors, impulse: NodeVectors) -> PerMember:
     """The `tensions` of rigid struts, N s; with those within rigid bodies they make up the impulse."""
     struts = cast(Members, rigid_struts(scene))
-    return tensions(held_edges(scene), q, impulse)[: len(struts.edges)]
+    return tensions(rigid_pairs(scene), q, impulse)[: len(struts.edges)]
 
 
 def tensions(edges: Edges, q: NodeVectors, impulse: NodeVectors) -> PerMember:
@@ -168,7 +168,7 @@ def support_impulses(scene: Scene, step: Step) -> NodeVectors:
     (q, v), (_, w) = step.before.motion, step.after.motion
     forces = step.kick * total_force(step.acting(scene), step.t0, q, (v + w) / 2)
     others = sum(ground_impulses(scene, step), forces + strut_impulses(scene, step))
-    return held(scene.structure, momenta(scene.structure, w - v) - others)
+    return along_fixed(scene.structure, momenta(scene.structure, w - v) - others)
 
 
 def ground_impulses(scene: Scene, step: Step) -> list[NodeVectors]:

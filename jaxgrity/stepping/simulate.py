@@ -15,7 +15,7 @@ from jaxgrity.core.tracing import forward_mode_only, traced
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, NodeHistory, NodeVectors, Scalar, State, Times
 from jaxgrity.model.actuation import Commands
-from jaxgrity.model.rigidity import held_edges
+from jaxgrity.model.rigidity import rigid_pairs
 from jaxgrity.model.scene import Scene, as_dtype
 from jaxgrity.model.shaking import with_supports
 from jaxgrity.stepping.discretisation import even_step, failure_code, integrate, state_failure, with_scales_and_mobility
@@ -216,7 +216,7 @@ def _simulate(scene: Scene, start: State, times: Times, frames: int | AnyArray, 
         failure = jnp.where(misplaced != 0, misplaced, failure)
     elif scene.shaking is not None:
         v = jax.vmap(lambda t, v: with_supports(scene.shaking, scene.structure, t, v))(times, v)
-    if held_edges(scene) and not options.method.constrained:
+    if rigid_pairs(scene) and not options.method.constrained:
         failure = jnp.where(velocities_stretch(scene, start), 1, failure)
     q, v = forward_mode_only((q, v), REVERSE)
     return Trajectory(

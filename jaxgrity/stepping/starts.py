@@ -10,7 +10,7 @@ from jaxgrity.core.tracing import evaluated, traced
 from jaxgrity.core.types import AnyArray, Edges, NodeVectors, Scalar, State
 from jaxgrity.model.bodies import carrying, independent_nodes
 from jaxgrity.model.rigid_struts import LARGEST_GAP
-from jaxgrity.model.rigidity import held_edges
+from jaxgrity.model.rigidity import rigid_pairs
 from jaxgrity.model.scales import length_scale, speed_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.shaking import slips
@@ -67,7 +67,7 @@ def check_velocities(scene: Scene, start: State, since: Scalar, constrained: boo
     A `constrained` method takes these. Impulses correct such velocities in the first step. Frames of an earlier motion
     do have them: the impulses of the step after a frame are not in its velocities.
     """
-    edges = held_edges(scene)
+    edges = rigid_pairs(scene)
     check_known_velocities(scene, start[1], since)
     if constrained or not edges or traced((scene, start, since)):
         return
@@ -82,7 +82,7 @@ def check_velocities(scene: Scene, start: State, since: Scalar, constrained: boo
 
 def velocities_stretch(scene: Scene, start: State) -> AnyArray:
     """Whether velocities change lengths of rigid struts or bodies by more than `check_velocities` allows."""
-    return jnp.any(_growing(start, held_edges(scene)) > LARGEST_SLIP * speed_scale(scene))
+    return jnp.any(_growing(start, rigid_pairs(scene)) > LARGEST_SLIP * speed_scale(scene))
 
 
 def _growing(start: State, edges: Edges) -> AnyArray:

@@ -13,7 +13,7 @@ from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, NodeVectors, Scalar, State
 from jaxgrity.model.inertia import independent_coordinates, mass_matrix
 from jaxgrity.model.laws import DissipationTerm, EnergyTerm, ForceTerm, named_parts
-from jaxgrity.model.rigidity import held_edges
+from jaxgrity.model.rigidity import rigid_pairs
 from jaxgrity.model.scales import length_scale, time_scale
 from jaxgrity.model.scene import Scene, as_dtype, with_gait
 from jaxgrity.model.structure import edge_lengths
@@ -110,7 +110,7 @@ def _constraints(scene: Scene, q: np.ndarray) -> np.ndarray:
 def _turning(scene: Scene, q: np.ndarray, forces: np.ndarray) -> np.ndarray:
     """(3 nodes, 3 nodes), change of the rigid struts' forces as they turn, (1 - u u^T) f / l, N/m."""
     change = np.zeros((*q.shape, *q.shape))
-    for (i, j), force in zip(held_edges(scene), forces):
+    for (i, j), force in zip(rigid_pairs(scene), forces):
         d = q[i] - q[j]
         across = force / np.linalg.norm(d) * (np.eye(3) - np.outer(d, d) / (d @ d))
         for a, b, sign in ((i, i, 1), (j, j, 1), (i, j, -1), (j, i, -1)):

@@ -26,8 +26,8 @@ from jaxgrity.stepping.constraints import (
     length_error,
     length_gap,
     pushed,
+    rates_at_impulses,
     rates_at_lengths,
-    rates_held,
     step_problem,
     sweep,
     trials_of,
@@ -141,7 +141,7 @@ class SweptImpulses(Complementarity):
         less than the derivative of one sweep, and no earlier sweep is needed for it.
         """
         scene_dot, problem_dot, before_dot = rates
-        held = self.lift(rates_held, (-1, -1, -1, -1, -1))(problem, problem_dot, before, before_dot, after)
-        at, along = (scene, problem, after), (scene_dot, problem_dot, held)
+        partial = self.lift(rates_at_impulses, (-1, -1, -1, -1, -1))(problem, problem_dot, before, before_dot, after)
+        at, along = (scene, problem, after), (scene_dot, problem_dot, partial)
         _, missed, slope = jax.jvp(self.lift(length_gap, ("s", -1, -1)), at, along, has_aux=True)
-        return self.lift(rates_at_lengths, (-1, -1, -1, -1))(problem, held, missed, slope)
+        return self.lift(rates_at_lengths, (-1, -1, -1, -1))(problem, partial, missed, slope)

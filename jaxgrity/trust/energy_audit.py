@@ -17,10 +17,10 @@ from jaxgrity.model.scene import Scene, as_dtype, start_of
 from jaxgrity.stepping.complementarity import CoupledState
 from jaxgrity.stepping.discretisation import discretise, integrate, with_scales_and_mobility
 from jaxgrity.stepping.dynamics import angular_momentum, kinetic_energy, momentum
-from jaxgrity.stepping.held_dynamics import held_forces, held_vector_field
 from jaxgrity.stepping.loop import Step, carried_at, numbered
 from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
 from jaxgrity.stepping.power import Work, powers, step_work
+from jaxgrity.stepping.rigid_multipliers import held_vector_field, rigid_forces
 from jaxgrity.stepping.simulate import frame_times, with_room
 
 BESIDE = 1e-9
@@ -144,7 +144,7 @@ def _beside(scene: Scene, times: Times, options: ResolvedOptions) -> tuple[Amoun
     start = start_of(scene)
 
     def field(t, y, scene):
-        return held_vector_field(t, y[0], scene), powers(scene, t, *y[0], held_forces(scene, t, y[0]))
+        return held_vector_field(t, y[0], scene), powers(scene, t, *y[0], rigid_forces(scene, t, y[0]))
 
     nothing = jax.tree.map(jnp.zeros_like, powers(scene, 0.0, *start))
     _, solver = discretise(options)

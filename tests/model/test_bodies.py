@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 from jaxgrity import InputError, Members, Scene, Shaking, Structure
 from jaxgrity.model import Body, energy_of_motion, mass_matrix, mobility, momenta, rigid_body, symmetries
 from jaxgrity.model.bodies import carrying, independent_nodes
-from jaxgrity.model.inertia import held
-from jaxgrity.model.rigidity import RigidBodies, held_edges, held_lengths
+from jaxgrity.model.inertia import along_fixed
+from jaxgrity.model.rigidity import RigidBodies, rigid_lengths, rigid_pairs
 from jaxgrity.stepping.dynamics import angular_momentum, centre_of_mass
 
 INERTIA = {"space": [1.0, 2.0, 2.5], "plate": [1.0, 1.5, 2.5], "rod": [0.0, 1.5, 1.5]}
@@ -89,7 +89,9 @@ def test_supports_take_what_acts_at_points_that_follow():
     pinned = dataclasses.replace(structure, bodies=(body,), fixed=((node, "xyz"),))
     force = np.random.default_rng(2).normal(size=(7, 3))
     row = independent_nodes(pinned.bodies, 7).index(node)
-    np.testing.assert_allclose(held(pinned, force)[node], (carrying(pinned.bodies, 7).T @ force)[row], rtol=1e-12)
+    np.testing.assert_allclose(
+        along_fixed(pinned, force)[node], (carrying(pinned.bodies, 7).T @ force)[row], rtol=1e-12
+    )
     with pytest.raises(InputError, match="shaking moves no rigid bodies yet"):
         Scene(pinned, shaking=Shaking([0.1, 0, 0], 1.0, 0.0, 1.0))
 
@@ -164,6 +166,6 @@ def test_two_points_that_are_held_keep_their_distance_anyway():
     body = rigid_body(nodes, (0, 1, 2, 3), 2.0, [0.2, 0.3, 0.4], [0.5, 0.5, 0.2], basic=(0, 1))
     hinge = Structure(nodes, np.zeros(4), bodies=(body,), fixed=((0, "xyz"), (1, "xyz")))
     free = Structure(nodes, np.zeros(4), bodies=(body,), fixed=((0, "xyz"), (1, "xz")))
-    assert len(held_edges(Scene(free))) == 6
-    assert set(held_edges(Scene(free))) - set(held_edges(Scene(hinge))) == {(0, 1)}
-    assert len(held_lengths(Scene(hinge), 0.0)) == 5
+    assert len(rigid_pairs(Scene(free))) == 6
+    assert set(rigid_pairs(Scene(free))) - set(rigid_pairs(Scene(hinge))) == {(0, 1)}
+    assert len(rigid_lengths(Scene(hinge), 0.0)) == 5

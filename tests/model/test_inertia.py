@@ -9,7 +9,7 @@ import pytest
 
 from jaxgrity import InputError, Members, Structure, describe, parse_scene
 from jaxgrity.model import energy_of_motion, mass_matrix, mobility, momenta, symmetries
-from jaxgrity.model.inertia import accelerations, held
+from jaxgrity.model.inertia import accelerations, along_fixed
 
 
 def test_kinetic_energy_is_that_of_mass_spread_along_a_rod():
@@ -32,7 +32,7 @@ def test_momenta_are_the_mass_matrix_times_velocities(published_tower):
     a = np.asarray(accelerations(published_tower, force)).ravel()
     assert np.all(a[~free] == 0)
     np.testing.assert_allclose(M[np.ix_(free, free)] @ a[free], force.ravel()[free], rtol=1e-9, atol=1e-12)
-    np.testing.assert_array_equal(held(published_tower, force).ravel(), np.where(free, 0, force.ravel()))
+    np.testing.assert_array_equal(along_fixed(published_tower, force).ravel(), np.where(free, 0, force.ravel()))
 
 
 def test_nodes_alone_have_the_diagonal_mass_matrix(reference):

@@ -24,7 +24,7 @@ from jaxgrity import (
 from jaxgrity.model import rigid_body
 from jaxgrity.model.balls import Balls
 from jaxgrity.orbits.motion_report import motion_report
-from jaxgrity.populations.rolling import Rolling, faces, name_of_motion, rolling
+from jaxgrity.populations.motion_kinds import Rolling, faces, name_of_motion, rolling
 
 BODY = np.sqrt(5) / 2
 """m, from one node of the icosahedron to the one opposite"""

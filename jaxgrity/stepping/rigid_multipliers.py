@@ -15,7 +15,7 @@ from jaxgrity.core.dense import inverse_of
 from jaxgrity.core.primitives import accumulate, dot, edge_vectors, scale
 from jaxgrity.core.types import AnyArray, NodeVectors, PerMember, Scalar, State
 from jaxgrity.model.inertia import accelerations, mobility
-from jaxgrity.model.rigidity import held_edges, held_lengths
+from jaxgrity.model.rigidity import rigid_lengths, rigid_pairs
 from jaxgrity.model.scales import time_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.stepping.coupled_problem import REDUNDANT
@@ -27,37 +27,37 @@ RETURNS = 10.0
 
 def held_vector_field(t: Scalar, state: State, scene: Scene) -> State:
     """`vector_field` of a scene with rigid bodies and struts; without any it is the same."""
-    if not held_edges(scene):
+    if not rigid_pairs(scene):
         return vector_field(t, state, scene)
     velocity, a = vector_field(t, state, scene)
-    return velocity, a + accelerations(scene.structure, _forces(scene, state, held_pulls(scene, t, state, a)))
+    return velocity, a + accelerations(scene.structure, _forces(scene, state, rigid_pulls(scene, t, state, a)))
 
 
-def held_forces(scene: Scene, t: Scalar, state: State) -> NodeVectors | float:
+def rigid_forces(scene: Scene, t: Scalar, state: State) -> NodeVectors | float:
     """(nodes, 3), N: the forces that keep rigid bodies and struts, on the nodes; 0.0 where there are none."""
-    if not held_edges(scene):
+    if not rigid_pairs(scene):
         return 0.0
-    return _forces(scene, state, held_pulls(scene, t, state, vector_field(t, state, scene)[1]))
+    return _forces(scene, state, rigid_pulls(scene, t, state, vector_field(t, state, scene)[1]))
 
 
-def held_pulls(scene: Scene, t: Scalar, state: State, a: NodeVectors) -> PerMember:
-    """lambda, N/m, of `held_edges`: the tension of each over its length, where other forces accelerate nodes by `a`."""
-    (q, v), edges = state, held_edges(scene)
+def rigid_pulls(scene: Scene, t: Scalar, state: State, a: NodeVectors) -> PerMember:
+    """lambda, N/m, of `rigid_pairs`: tension over length of each, where other forces accelerate nodes by `a`."""
+    (q, v), edges = state, rigid_pairs(scene)
     d, rates = edge_vectors(q, edges), edge_vectors(v, edges)
     rate = RETURNS / time_scale(scene)
-    off, growing = (dot(d, d) - held_lengths(scene, t) ** 2) / 2, dot(d, rates)
+    off, growing = (dot(d, d) - rigid_lengths(scene, t) ** 2) / 2, dot(d, rates)
     wanted = dot(d, edge_vectors(a, edges)) + dot(rates, rates) + 2 * rate * growing + rate**2 * off
     return _multipliers(scene, d, wanted)
 
 
 def _forces(scene: Scene, state: State, pulls: PerMember) -> NodeVectors:
-    (q, _), edges = state, held_edges(scene)
+    (q, _), edges = state, rigid_pairs(scene)
     return -accumulate(scale(edge_vectors(q, edges), pulls), edges, len(q))
 
 
 def _multipliers(scene: Scene, d: NodeVectors, wanted: PerMember) -> PerMember:
     """lambda, N/m, with J M^-1 J^T lambda = `wanted`; one of several solutions for dependent constraints."""
-    structure, edges = scene.structure, held_edges(scene)
+    structure, edges = scene.structure, rigid_pairs(scene)
     signs = np.zeros((len(edges), len(structure.nodes)))
     for row, (i, j) in zip(signs, edges):
         row[i], row[j] = 1, -1
