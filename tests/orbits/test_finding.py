@@ -26,8 +26,8 @@ from jaxgrity.orbits import (
 )
 from jaxgrity.orbits.cycles import MOST_PERIODS, Plane, plane_of, way_along
 from jaxgrity.orbits.finding import in_step, restarted
+from jaxgrity.populations.motion_kinds import rolling
 from jaxgrity.populations.population import as_population, simulate_population
-from jaxgrity.populations.rolling import rolling
 from jaxgrity.populations.uncertainty import Differences
 from jaxgrity.stepping.dynamics import total_force
 
