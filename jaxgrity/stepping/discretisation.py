@@ -73,7 +73,7 @@ def integrate(
     smallest = 16 * jnp.finfo(times.dtype).eps * times[-1]
     dt0, rtol, atol = jax.tree.map(lambda x: jnp.asarray(x, times.dtype), (options.dt, options.rtol, options.atol))
     adaptive: Any = diffrax.PIDController(rtol=rtol, atol=atol, dtmin=smallest, force_dtmin=False)
-    if bends := _bends(scene):
+    if not fixed and (bends := _bends(scene)):  # lanes, at fixed steps, may have bends of their own
         # an error estimate sees nothing of a push that lies between two of its stages
         adaptive = diffrax.ClipStepSizeController(adaptive, step_ts=jnp.sort(jnp.concatenate(bends)))
     if options.method.constrained:

@@ -16,6 +16,8 @@ from jaxgrity import (
     Gait,
     InputError,
     Members,
+    Motor,
+    Push,
     Scene,
     SolverOptions,
     Structure,
@@ -211,6 +213,17 @@ def test_amplitude_and_frequency_vary_too(swimmer):
         gait = Gait(swimmer.gait.members, phases[k], amplitude[k], frequency[k], 0.0, 0.5)
         trajectory = simulate(with_gait(swimmer, gait), 0.5, options=AT_ONCE)
         np.testing.assert_allclose(outcomes.com_end[k], trajectory.positions[-1].mean(0), rtol=0, atol=1e-10)
+
+
+def test_robots_have_motors_and_pushes_at_once():
+    """Cables stay slack, so the push alone moves the centre of mass: by its impulse over 6 kg, from its middle on."""
+    cables = Members(((0, 1), (1, 2)), np.ones(2), np.full(2, 3.0), motors=(Motor(0, [0.01], [2.9], rate=1.0),))
+    structure = Structure(np.eye(3), np.array([1.0, 2.0, 3.0]), cables=cables)
+    push = Push((0,), np.array([[12.0, 0.0, -6.0]]), start=0.01, duration=0.02, ramp=0.01)
+    scene = Scene(structure, gait=Gait((1,), [0.0], [0.1], [1.0]), terms=(push,))
+    found = simulate_population(scene, gaits_of(scene.gait, np.zeros((2, 1))), 0.05, options=AT_ONCE)
+    moved = np.array([2.0, 0.0, -1.0]) * 0.01 * (0.05 - 0.02)
+    np.testing.assert_allclose(found.com_end - found.com_start, [moved, moved], rtol=1e-9, atol=1e-15)
 
 
 def test_bad_gaits_are_refused(reference):
