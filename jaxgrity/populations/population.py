@@ -152,7 +152,7 @@ def simulate_population(
         if differences.velocities is not None:
             check_known_velocities(scene, differences.velocities)
     x64 = bool(jax.config.jax_enable_x64)  # type: ignore[attr-defined]
-    common = _common(scene, _at_start(gaits), options, x64)
+    common = _common(scene, _at_start(scene, gaits), options, x64)
     end, asked = np.asarray(duration, float), with_metrics
     if not isinstance(asked, bool) and not 0 <= float(asked) < float(duration):
         raise InputError(f"with_metrics = {asked}: expected True, False, or a time, s, from 0 to before the end")
@@ -161,17 +161,19 @@ def simulate_population(
     return replace(outcomes, dt=common.dt)  # type: ignore[arg-type]
 
 
-def _at_start(gaits: Gait) -> Gait:
+def _at_start(scene: Scene, gaits: Gait) -> Gait:
     """A gait with the first one's rest lengths at t = 0: rigid struts must have them at the start.
 
     It is the first one where gaits may have begun by then. Else nothing moves yet: its numbers are zeros, the same for
-    all populations.
+    all populations, but for the frequency of the scene's own gait: the time scale without weights and springs.
     """
     first = one_gait(gaits, 0)
     known = not traced((gaits.start, gaits.ramp))
     if not known or np.any(np.less(gaits.start, 0)) or np.any(np.less_equal(gaits.ramp, 0)):
         return first
-    return replace(jax.tree.map(lambda x: np.zeros(np.shape(x)), first), start=first.start, ramp=first.ramp)
+    still = jax.tree.map(lambda x: np.zeros(np.shape(x)), first)
+    fastest = (gaits if scene.gait is None else scene.gait).frequency.max()
+    return replace(still, start=first.start, ramp=first.ramp, frequency=still.frequency + fastest)
 
 
 class _Common(NamedTuple):
