@@ -272,7 +272,7 @@ def test_a_gait_that_does_not_fit_is_refused(reference):
 def test_what_gaits_share_is_prepared_once(swimmer, monkeypatch):
     """Other gaits and durations need nothing of it anew, another scene does; answers are those of rollouts alone."""
     prepared = []
-    resolved = lambda *args: prepared.append(args) or resolve(*args)  # noqa: E731
+    resolved = lambda *args, **named: prepared.append(args) or resolve(*args, **named)  # noqa: E731
     monkeypatch.setattr(population, "resolve", resolved)
     monkeypatch.setattr(population, "_common", remembered(KEPT)(population._common.__wrapped__))
     scenes = [eqx.tree_at(lambda s: s.node_damping, swimmer, factor * swimmer.node_damping) for factor in (1.5, 2.5)]
