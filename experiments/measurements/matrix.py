@@ -48,7 +48,7 @@ def jobs(rows: list[Row], uses: tuple[str, ...]) -> list[tuple[int, str]]:
     return sorted(found)
 
 
-@measurement(page="matrix.md", quick={"stages": ("still",), "scenes": 4}, raw=("rows",))
+@measurement(page="matrix.md", quick={"stages": ("still",), "scenes": 4})
 def matrix(
     stages: tuple[str, ...] = tuple(STAGES), scenes: int = 10_000, known: Path | None = None
 ) -> Iterator[Record]:
@@ -57,7 +57,8 @@ def matrix(
     Args:
         stages: which uses: "still" compiles little, "call" ends at the compiler, the others compile
         scenes: how many of the scenes, the first ones
-        known: record of a run that was interrupted, or of other stages; what it has tried is not tried again
+        known: record of a run that was interrupted, or of other stages; what it has tried is not tried again. A run of
+            all takes many hours, so `docs/measured/matrix.json` keeps every row
     """
     rows = covering(KINDS)[:scenes]
     done = [] if known is None else json.loads(read_text(known))["rows"]
@@ -70,7 +71,7 @@ def matrix(
         if k != last:
             last, case = k, Case(rows[k])
             jax.clear_caches()  # the programs of the scene before: together they fill the memory
-        done.append(rows[k] | {"scene": k, "use": use, **tried(USES[use], case)})
+        done.append({"scene": k, "use": use, **tried(USES[use], case)})
         yield done[-1]
     return {
         "scenes": len(rows),
@@ -79,7 +80,7 @@ def matrix(
         "seconds": sum(each["seconds"] for each in done),
         "uses": [used(use, done) for use in USES if any(each["use"] == use for each in done)],
         "refusals": refusals([*impossible(), *done]),
-        "commands": list(commanded(done)),
+        "commands": list(commanded(done, rows)),
     }
 
 
@@ -91,13 +92,13 @@ def used(use: str, done: list[Record]) -> Record:
     return {"use": use, "scenes": len(own), **counts, "seconds": sum(each["seconds"] for each in own)}
 
 
-def commanded(done: list[Record]) -> Iterator[Record]:
+def commanded(done: list[Record], rows: list[Row]) -> Iterator[Record]:
     """How every command ended on every kind of scene, as "2 of 3": so many right, the others refused in one line."""
     for name in ("ground", "contact", "struts", "cables", "beside", "gait"):
         for kind in KINDS[name]:
             row = {"kind": f"{name}: {kind}"}
             for use in COMMANDS:
-                ends = [each["end"] for each in done if each["use"] == use and each[name] == kind]
+                ends = [each["end"] for each in done if each["use"] == use and rows[each["scene"]][name] == kind]
                 told = f"{ends.count('right')} of {len(ends)}" if ends else "-"
                 row[use] = told if set(ends) <= {"right", "refused"} else "wrong"
             yield row

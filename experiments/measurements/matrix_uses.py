@@ -240,4 +240,5 @@ def tried(use: Callable[[Case], None], case: Case | Row) -> dict[str, Any]:
         end, words = "raw", f"{type(error).__name__}: {error} ({Path(place.filename).name}:{place.lineno})"
     if end == "refused" and "\n" in words:
         end = "wrong"
-    return {"end": end, "words": words[:400], "seconds": time.perf_counter() - began}
+    found: dict[str, Any] = {"end": end, "seconds": time.perf_counter() - began}
+    return found | {"words": words[:400]} if words else found

@@ -59,8 +59,8 @@ def engines_of(scene: Scene, mujoco: bool) -> dict[str, Ends]:
     twin = contact_twin(scene)
     found = {"jaxgrity, exact": by_jaxgrity(scene), "jaxgrity, penalty": by_jaxgrity(twin)}
     if (programs := hand_written.programs()) is not None:
-        found["C, exact (exact64)"] = by_c(programs / "exact64", scene, 2.5e-3)
-        found["C, penalty (limit64)"] = by_c(programs / "limit64", twin, 2e-4)
+        found["C, exact contact"] = by_c(programs / "exact64", scene, 2.5e-3)
+        found["C, penalty contact"] = by_c(programs / "limit64", twin, 2e-4)
     if find_spec("mujoco") is not None and mujoco:
         found["MuJoCo"] = by_mujoco(twin)
     return found
@@ -98,7 +98,7 @@ def by_mujoco(scene: Scene) -> Ends:
 def words(record: Record) -> str:
     """Speeds by program."""
     cells = {
-        "program": "{engine}",
+        "program": lambda row: row["engine"].partition(" (")[0],
         f"steady speed of {record['robots']} robots, body lengths/s": "{mean:.3f}",
         "standard deviation": "{standard_deviation:.2g}",
         "slowest": "{slowest:.3f}",
