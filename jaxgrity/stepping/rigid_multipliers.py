@@ -18,6 +18,7 @@ from jaxgrity.model.inertia import accelerations, mobility
 from jaxgrity.model.rigidity import rigid_lengths, rigid_pairs
 from jaxgrity.model.scales import time_scale
 from jaxgrity.model.scene import Scene
+from jaxgrity.model.shaking import with_supports
 from jaxgrity.stepping.coupled_problem import REDUNDANT
 from jaxgrity.stepping.dynamics import vector_field
 
@@ -26,7 +27,12 @@ RETURNS = 10.0
 
 
 def held_vector_field(t: Scalar, state: State, scene: Scene) -> State:
-    """`vector_field` of a scene with rigid bodies and struts; without any it is the same."""
+    """`vector_field` of a scene with rigid bodies and struts, for methods without impulses.
+
+    Forces see the supports' own velocity: the integrated one keeps the steps' errors where their acceleration jumps.
+    """
+    q, v = state
+    state = q, with_supports(scene.shaking, scene.structure, t, v)
     if not rigid_pairs(scene):
         return vector_field(t, state, scene)
     velocity, a = vector_field(t, state, scene)

@@ -14,6 +14,7 @@ from jaxgrity.core.typed import typed
 from jaxgrity.core.types import Count, NodeHistory, NodeVectors, Scalar, Times
 from jaxgrity.model.scales import time_scale
 from jaxgrity.model.scene import Scene, as_dtype, start_of
+from jaxgrity.model.shaking import with_supports
 from jaxgrity.stepping.complementarity import CoupledState
 from jaxgrity.stepping.discretisation import discretise, integrate, with_scales_and_mobility
 from jaxgrity.stepping.dynamics import angular_momentum, kinetic_energy, momentum
@@ -144,7 +145,8 @@ def _beside(scene: Scene, times: Times, options: ResolvedOptions) -> tuple[Amoun
     start = start_of(scene)
 
     def field(t, y, scene):
-        return held_vector_field(t, y[0], scene), powers(scene, t, *y[0], rigid_forces(scene, t, y[0]))
+        q, v = y[0][0], with_supports(scene.shaking, scene.structure, t, y[0][1])
+        return held_vector_field(t, y[0], scene), powers(scene, t, q, v, rigid_forces(scene, t, (q, v)))
 
     nothing = jax.tree.map(jnp.zeros_like, powers(scene, 0.0, *start))
     _, solver = discretise(options)
