@@ -12,8 +12,10 @@ from jaxgrity.cli.settings import ObjectiveSettings, SearchSettings
 from jaxgrity.cli.simulate import scene_name
 from jaxgrity.core.errors import InputError
 from jaxgrity.io.scene_files import load_scene
+from jaxgrity.model.scene import Scene
 from jaxgrity.populations.uncertainty import Uncertainty
 from jaxgrity.report.gait_report import FILES, Origin, write_report
+from jaxgrity.report.gait_rows import late_words
 from jaxgrity.search.checkpoint import holds_unfinished, left_over
 from jaxgrity.search.objectives import ActuatorBounds, Objective, find_objective
 from jaxgrity.search.pipeline import SearchResult, search_gaits
@@ -67,7 +69,7 @@ def main(settings: SearchSettings) -> None:
         f"the best.\nThe winner is polished by gradients, and verified. Compiling takes a minute the first time.\n"
         f"Results go to {settings.out}/. After Ctrl-C, the same command with --resume continues.\n"
     )
-    print(replaced_words(settings), end="")
+    print(replaced_words(settings) + standstill_words(scene, config), end="")
     print(describe(scene), end="\n\n", flush=True)
     found: dict[str, str] = {}
     with Bars() as bars:
@@ -99,6 +101,14 @@ def replaced_words(settings: SearchSettings) -> str:
         return ""
     others = f" and {len(replaced) - 1} more files there" if replaced[1:] else ""
     return f"{replaced[0]}{others} will be replaced; set another --out to keep what {folder}/ holds.\n\n"
+
+
+def standstill_words(scene: Scene, config: SearchConfig) -> str:
+    """That the objective counts time before the gait is in full swing, in words; none where it does not."""
+    if scene.gait is None or not config.objective.steady:
+        return ""
+    late = late_words(float(scene.gait.start + scene.gait.ramp), config.duration)
+    return f"The objective {late}.\n\n" if late else ""
 
 
 def told(settings: SearchSettings) -> dict[str, Any]:

@@ -83,6 +83,7 @@ def search_rows(summary: dict[str, Any], motion: Rolling | None, objective: Obje
     last = summary["fidelity"]["levels"][-1]["name"]
     rollouts = sum(search["rollouts"] for search in summary["searches"])
     verified = {} if summary["steady"] is None else {"verified distance": distance_words(summary)}
+    late = late_words(summary["start"] + summary["ramp"], summary["duration"])
     return {
         **verified,
         "motion": "no ground, or no motion" if motion is None else motion.sentence(),
@@ -91,7 +92,7 @@ def search_rows(summary: dict[str, Any], motion: Rolling | None, objective: Obje
         ),
         "objective": f"{mean_of_robots(robust, unit)} over {counted_robots(robust['robots'])}, error of the time "
         f"step {robust['step_error']:.1g}; {mean_of_robots(other, unit)} on the other contact model"
-        + (_late(summary) if objective.steady else ""),
+        + (f"; it {late}" if objective.steady and late else ""),
         "search": f"{rollouts} rollouts; rank correlation (Spearman) of screening with {last}: {plot.ranked(ranks)}; "
         f"among evolved gaits {plot.ranked(among)}",
         **_chosen(**summary["finalists"]),
@@ -100,13 +101,13 @@ def search_rows(summary: dict[str, Any], motion: Rolling | None, objective: Obje
     }
 
 
-def _late(summary: dict[str, Any]) -> str:
-    """Whether the settled part of the rollouts begins before the gait is in full swing, in words."""
-    swing, settled = summary["start"] + summary["ramp"], SETTLING * summary["duration"]
+def late_words(swing: float, duration: float) -> str:
+    """What a steady objective counts for a gait that is in full swing too late, in words; times are in s."""
+    settled = SETTLING * duration
     if swing <= settled:
         return ""
-    told = f"it counts the time from {settled:.3g} s on, but the gait is in full swing from {swing:.3g} s on"
-    return f"; {told}: search with a duration of {swing / SETTLING:.3g} s or more"
+    told = f"counts the time from {settled:.3g} s on, but the gait is in full swing from {swing:.3g} s on"
+    return f"{told}: search with a duration of {swing / SETTLING:.3g} s or more"
 
 
 def _chosen(fitness: list[float], multipliers: list[float] | None) -> dict[str, str]:

@@ -19,11 +19,21 @@ import equinox as eqx
 import numpy as np
 import pytest
 
-from jaxgrity import InputError, Sensitivity, load_gait, load_scene, random_phases, scene_text, with_gait
+from jaxgrity import (
+    Distance,
+    InputError,
+    SearchConfig,
+    Sensitivity,
+    load_gait,
+    load_scene,
+    random_phases,
+    scene_text,
+    with_gait,
+)
 from jaxgrity import simulate as roll_out
 from jaxgrity.cli import command_line, progress, script, simulate
 from jaxgrity.cli import main as command
-from jaxgrity.cli.search import replaced_words
+from jaxgrity.cli.search import replaced_words, standstill_words
 from jaxgrity.cli.settings import SearchSettings, SimulateSettings
 from jaxgrity.formats import load_trajectory
 from jaxgrity.search import Progress, robot_motions
@@ -289,6 +299,20 @@ def test_a_search_says_what_it_replaces(tmp_path):
     (tmp_path / "run.json").write_text('{"settings": {}, "done": true}')
     assert "and 2 more files there" in replaced_words(settings)
     assert replaced_words(replace(settings, resume=True)) == ""
+
+
+def test_a_search_says_before_it_begins_that_its_gaits_are_late():
+    """Where a steady objective counts time before full swing; a quick search of a scene of the library does not."""
+    scene = load_scene("exact")
+    late = with_gait(scene, replace(scene.gait, start=10.0))
+    assert standstill_words(late, SearchConfig(duration=20.0)) == (
+        "The objective counts the time from 5 s on, but the gait is in full swing from 11 s on: search with a duration "
+        "of 44 s or more.\n\n"
+    )
+    assert standstill_words(late, SearchConfig(duration=20.0, objective=Distance())) == ""
+    assert standstill_words(late, SearchConfig(duration=44.0)) == ""
+    for name in ("exact", "reference", "uphill"):
+        assert standstill_words(load_scene(name), SearchConfig(duration=8.0)) == "", name
 
 
 def test_there_has_to_be_a_search_to_resume(jaxgrity, tmp_path):
