@@ -103,13 +103,13 @@ def words(record: Record) -> str:
             f"{row['attracting']} of {row['watched']}",
             f"{row['elite_speed']:.2f}, {row['elite_bend']:+.2f}",
             *([f"{row['speed']:.3f}", f"{row['bend']:+.3f}"] if row["settled"] else ["no orbit", "-"]),
-            "-" if row["multiplier"] is None else f"{row['multiplier']:.2g}",
+            "-" if row["multiplier"] is None else f"{row['multiplier']:.2g} ({row['periods']})",
             "-" if row["returned"] is None else f"{row['returned']:.0%}",
         ]
         for row in record["rows"]
     ]
     head = ["asked for", "elites that attract", "elite: speed, bend", "orbit: speed", "orbit: bend"]
-    head += ["Floquet multiplier", "robots that return"]
+    head += ["Floquet multiplier (periods per cycle)", "robots that return"]
     about = [f"{record['filled']} of {record['cells']}", str(record["rollouts"])]
     return f"{table(head, rows)}\n\n{table(['cells with a gait', 'rollouts'], [about])}"
 
@@ -172,6 +172,7 @@ def watched(scene: Scene) -> dict[str, Any]:
         "settled": orbit.settled,
         "speed": orbit.speed / size,
         "bend": orbit.turning / max(orbit.speed / size, 1e-9),
+        "periods": orbit.periods,
         "multiplier": held.largest if held is not None and np.isfinite(held.largest) else None,
         "returned": held.returned if held is not None else None,
         "verified_for": orbit.verified_for,
