@@ -15,7 +15,7 @@ from jaxgrity.model.scene import Scene
 from jaxgrity.stepping.blocks import disjoint_groups
 from jaxgrity.stepping.constraints import rigid_struts
 from jaxgrity.stepping.dynamics import centre_of_mass, member_tensions
-from jaxgrity.stepping.power import Step, step_work, strut_impulses
+from jaxgrity.stepping.power import Step, step_work, strut_impulses, strut_tensions
 
 SLIPPING = 0.02
 """Speed above which a touching node counts as slipping, m/s for a body of one metre."""
@@ -136,7 +136,11 @@ def actuator_tension(scene: Scene, step: Step) -> PerActuator:
     found = member_tensions(scene, step.t0 + step.h, step.after.motion[0])
     parts: list[AnyArray] = []
     for members, rows, _ in _actuated(scene):
-        if members.rigid:
+        if members.rigid and scene.structure.bodies:
+            # nodes of bodies also have the impulses that keep their shape
+            tensions = strut_tensions(scene, step.before.motion[0], strut_impulses(scene, step))
+            parts.append(take_rows(tensions, rows) / step.kick)
+        elif members.rigid:
             edges = tuple(members.edges[k] for k in rows)
             vectors = edge_vectors(step.before.motion[0], edges)
             on_first = take_rows(strut_impulses(scene, step), tuple(i for i, _ in edges))

@@ -23,9 +23,11 @@ from jaxgrity import (
     with_gait,
 )
 from jaxgrity import simulate_population as roll
+from jaxgrity.model import rigid_body
 from jaxgrity.model.scene import as_dtype
-from jaxgrity.populations.metrics import WINDOW, initial_metrics, updated_metrics
+from jaxgrity.populations.metrics import WINDOW, actuator_tension, initial_metrics, updated_metrics
 from jaxgrity.search.objectives import CostOfTransport, Straightness
+from jaxgrity.stepping.complementarity import CoupledState
 from jaxgrity.stepping.loop import Carried, Step
 
 G, CARRIED = 9.81, 2.0
@@ -214,6 +216,20 @@ def test_forces_stand_in_the_gaits_order(reference):
     np.testing.assert_allclose(metrics.peak_force, np.abs(forces), rtol=1e-10)
     np.testing.assert_allclose(metrics.peak_rate, rates, rtol=1e-10)
     np.testing.assert_allclose(metrics.peak_power, np.abs(np.multiply(forces, rates)), rtol=1e-10)
+
+
+def test_the_force_of_a_strut_at_a_body_is_its_own():
+    """A strut pulls a rod at one end with 3 N for 10 ms; the rod's two ends push each other apart with 50 N."""
+    nodes = np.array([[-1.0, 0, 0], [1, 0, 0], [0, 0, 0], [0, 0, -1]])
+    rod = rigid_body(nodes, (0, 1), 2.0, [0.0, 0.2, 0.2])
+    gait = Gait((0,), [0.0], [0.1], [1.0])
+    scene = Scene(Structure(nodes, [0, 0, 1.0, 1.0], Members(((0, 3),), None, [np.sqrt(2)]), bodies=(rod,)), gait=gait)
+    along = (nodes[3] - nodes[0]) / np.sqrt(2)
+    impulses = 0.01 * (3 * np.outer([1, 0, 0, -1], along) + 50 * np.outer([-1, 1, 0, 0], [1, 0, 0]))
+    state = (nodes, 0 * nodes)
+    memory = CoupledState(np.asarray(0.01), None, impulses, np.zeros(()))
+    step = Step(np.asarray(0.0), np.asarray(0.01), Carried(state, memory), Carried(state, memory))
+    np.testing.assert_allclose(actuator_tension(scene, step), [3.0], rtol=1e-6)
 
 
 @pytest.mark.slow
