@@ -66,6 +66,8 @@ def as_float(x: object) -> AnyArray:
         return x
     try:
         found = np.asarray(x)
+    except jax.errors.TracerArrayConversionError:  # a list of traced numbers
+        return jnp.asarray(x)  # type: ignore[arg-type]
     except ValueError as error:  # rows of different lengths
         raise InputError(f"{reprlib.repr(x)}: {error}; expected numbers") from error
     if found.dtype.kind not in "fiu":

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxgrity import InputError
+from jaxgrity import InputError, Members
 from jaxgrity.core import arguments
 from jaxgrity.core.types import as_float
 
@@ -69,6 +69,16 @@ def test_what_is_no_number_does_not_become_one(bad):
     """NumPy would make 1.0 of text and of truth values."""
     with pytest.raises(InputError, match="expected numbers"):
         as_float(bad)
+
+
+def test_lists_of_traced_numbers_are_numbers():
+    """The derivative of a sum of 3 k and of k + 0.5 goes through the lists."""
+
+    def total(k):
+        made = Members(((0, 1), (1, 2)), [k, 2 * k], [k, 0.5])
+        return jnp.sum(made.stiffness) + jnp.sum(made.rest_length)
+
+    assert jax.grad(total)(1.0) == 4.0
 
 
 def test_the_first_number_of_a_tree_that_is_none_is_named_by_its_path():
