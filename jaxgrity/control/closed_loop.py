@@ -16,7 +16,7 @@ from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, State
 from jaxgrity.model.actuation import Commands
 from jaxgrity.model.scene import floats_as
-from jaxgrity.populations.lanes import over_lanes
+from jaxgrity.populations.lanes import last_axes, over_lanes
 from jaxgrity.stepping.complementarity import ImpulseState
 from jaxgrity.stepping.discretisation import state_failure
 from jaxgrity.stepping.dynamics import centre_of_mass
@@ -59,7 +59,7 @@ def loop_start(plant: Plant, policy: Policy, key: Any, start: State | None = Non
         raise InputError("each = True: the plant has one robot; expected many, of `side_by_side`")
     if robots is not None and each:
         _check_each(policy, robots)
-        memory = jax.vmap(type(policy).first, in_axes=(_last(policy),), out_axes=-1)(policy)
+        memory = jax.vmap(type(policy).first, in_axes=(last_axes(policy),), out_axes=-1)(policy)
     elif robots is not None:
         memory = jax.tree.map(lambda x, count=robots: jnp.repeat(jnp.asarray(x)[..., None], count, axis=-1), memory)
     return Loop(plant_start(plant, key, start), floats_as(memory, plant.options.dtype))
@@ -79,7 +79,7 @@ def roll_on(
     if plant.robots is not None:
         if each:
             _check_each(policy, plant.robots)
-        ask = over_lanes(ask, (_last(policy) if each else None, -1, None, -1))
+        ask = over_lanes(ask, (last_axes(policy) if each else None, -1, None, -1))
 
     def tick(loop: Loop, _):
         seen, state = observe(plant, loop.plant)
@@ -208,8 +208,3 @@ def _check_each(policy: Policy, robots: int) -> None:
     if sizes - {robots}:
         found = f"the last axes have {', '.join(map(str, sorted(sizes)))} rows"
         raise InputError(f"each = True: {found}; expected {robots}, one for each robot, in all arrays of the policy")
-
-
-def _last(policy: Policy):
-    """The `in_axes` of a policy whose arrays, but for scalars, have the population last."""
-    return jax.tree.map(lambda x: -1 if jnp.ndim(x) else None, policy)

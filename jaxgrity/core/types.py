@@ -5,7 +5,7 @@ import reprlib
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from jaxgrity.core.errors import InputError
 
@@ -27,7 +27,6 @@ AnyPerNode = Float[AnyArray, "nodes *population"]
 AnyNodeVectors = Float[AnyArray, "nodes 3 *population"]
 """One vector per node, of one robot or of many with the population last."""
 Mobility = Float[AnyArray, "nodes nodes 3"]
-PerCoordinate = Float[AnyArray, " coordinates"]
 MassMatrix = Float[AnyArray, "coordinates coordinates"]
 MemberVectors = Float[AnyArray, "members 3"]
 Vector = Float[AnyArray, "3 *population"]
@@ -40,7 +39,6 @@ Phases = Float[AnyArray, "population actuators"]
 Table = Float[AnyArray, "_ _"]
 PerGait = Float[AnyArray, " population"]
 Failures = Int[AnyArray, " population"]
-Mask = Bool[AnyArray, " population"]
 FinalPositions = Float[AnyArray, "population nodes 3"]
 VectorsByKind = dict[str, Float[AnyArray, "_ 3"]]
 """One vector for each of the "struts" and each of the "cables", where a structure has them."""

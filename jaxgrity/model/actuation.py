@@ -1,4 +1,5 @@
-"""Gaits: rest lengths that change with time."""
+"""Gaits: rest lengths of the actuated members as periodic functions of time. A `Motor` (`motors.py`) is something else:
+it winds one member towards commanded lengths."""
 
 import equinox as eqx
 import jax

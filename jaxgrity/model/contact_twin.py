@@ -11,7 +11,7 @@ from jaxgrity.model.ground import ExactGround, PenaltyGround
 from jaxgrity.model.rigid_struts import LARGEST_GAP
 from jaxgrity.model.scales import length_scale, speed_scale, time_scale
 from jaxgrity.model.scene import Scene
-from jaxgrity.model.structure import Members, Structure, edge_lengths
+from jaxgrity.model.structure import Members, edge_lengths
 
 DEPTH = 2e-3
 """Depth to which three nodes that carry the weight sink into penalty ground, as a fraction of the body length."""
@@ -38,7 +38,8 @@ def exact_twin(scene: Scene) -> Scene:
     nodes, ground, friction, size = structure.nodes, scene.ground, scene.friction, float(length_scale(scene))
     if struts is not None and not struts.rigid:
         rest = _built_lengths(struts, nodes, size)
-        structure = _with_struts(structure, dataclasses.replace(struts, stiffness=None, damping=None, rest_length=rest))
+        rigid = dataclasses.replace(struts, stiffness=None, damping=None, rest_length=rest)
+        structure = dataclasses.replace(structure, struts=rigid)
     if ground is not None and not ground.impulsive:
         lowest = -float(ground.measured(np.asarray(nodes, float)).distance.min())
         if lowest > LARGEST_GAP * size:
@@ -74,7 +75,7 @@ def penalty_twin(scene: Scene) -> Scene:
     if struts is not None and struts.rigid:
         each = np.full(len(struts.edges), 2 * stiffness)
         springs = dataclasses.replace(struts, stiffness=each, damping=RELAXATION * float(time_scale(scene)) * each)
-        structure = _with_struts(structure, springs)
+        structure = dataclasses.replace(structure, struts=springs)
     if ground is not None and ground.impulsive:
         friction = None if friction is None else SmoothFriction(friction.sliding_mu, SLIP_SPEED * speed)
         alpha, incline, surface = DISSIPATION / speed, ground.incline, ground.surface
@@ -111,7 +112,3 @@ def _built_lengths(struts: Members, nodes, size: float) -> np.ndarray:
     """Rest lengths of the struts, m; for struts that start strained, their lengths at the start."""
     built, rest = edge_lengths(nodes, struts.edges), struts.rest_length
     return np.where(np.abs(built - rest) > LARGEST_GAP * size, built, rest)
-
-
-def _with_struts(structure: Structure, struts: Members) -> Structure:
-    return dataclasses.replace(structure, struts=struts)

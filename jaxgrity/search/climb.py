@@ -71,24 +71,24 @@ def climb(
     """
     genes, (_, kind, horizon) = np.stack([route.genes for route in routes]), routes[0]
     _, genome, duration, fitness = task.problem
-    ahead = [horizon] if kind == "smoothed" else [(horizon + _shortest(task, genes[0])) / 2, horizon]
-    costs = [cost_of_gradient(config, fitness, kind, reach / duration) for reach in ahead]
+    horizons = [horizon] if kind == "smoothed" else [(horizon + _shortest(task, genes[0])) / 2, horizon]
+    costs = [cost_of_gradient(config, fitness, kind, each / duration) for each in horizons]
     count = int(rollouts / np.mean(costs))
     optimiser = _optimiser(config, count)
     first = x = np.asarray(genes, task.options.dtype)
     state, path, spent = jax.vmap(optimiser.init)(x), [], 0.0
     found: list[list[ClimbStep]] = [[] for _ in routes]
     for number in range(count):
-        half = min(len(ahead) - 1, 2 * number // count)
-        gradient, share = _gradients(jax.random.fold_in(key, number), x, task, kind, ahead[half], config)
-        spent += costs[half]
+        stage = min(len(horizons) - 1, 2 * number // count)
+        gradient, share = _gradients(jax.random.fold_in(key, number), x, task, kind, horizons[stage], config)
+        spent += costs[stage]
         moved, state = _moved(optimiser, genome, gradient, x, state)
         # NumPy: on all devices, as a step leaves it, x would have the next one compiled again
         x = np.asarray(moved)
         path.append(x)
         norms = np.linalg.norm(gradient.mean, axis=1)
         for steps, norm, weight, value in zip(found, norms, share, np.asarray(gradient.value)):
-            steps.append(ClimbStep(ahead[half], float(norm), float(weight), float(value)))
+            steps.append(ClimbStep(horizons[stage], float(norm), float(weight), float(value)))
             if on_step is not None:
                 on_step(steps[-1])
     last = np.stack(path[-math.ceil(AVERAGED * count) :])
@@ -129,18 +129,18 @@ def _optimiser(config: PolishConfig, count: int) -> optax.GradientTransformation
 
 
 def _gradients(
-    key, genes: np.ndarray, task: ClimbTask, kind: GradientKind, ahead: float, config: PolishConfig
+    key, genes: np.ndarray, task: ClimbTask, kind: GradientKind, horizon: float, config: PolishConfig
 ) -> tuple[Gradient, np.ndarray]:
-    """Gradients of the fitness at the time `ahead` (s), a row for each of the genes, and the share of the pathwise
+    """Gradients of the fitness at the time `horizon` (s), a row for each of the genes, and the share of the pathwise
     ones."""
     one, other = jax.random.split(key)
 
     def smoothed() -> Gradient:
-        return smoothed_gradients(one, genes, task, ahead, config.samples, config.robots)
+        return smoothed_gradients(one, genes, task, horizon, config.samples, config.robots)
 
     if kind == "smoothed":
         return smoothed(), np.zeros(len(genes))
-    rows = [pathwise_gradient(other, each, task, ahead, config.samples) for each in genes]
+    rows = [pathwise_gradient(other, each, task, horizon, config.samples) for each in genes]
     pathwise = jax.tree.map(lambda *parts: jnp.stack([jnp.asarray(part) for part in parts]), *rows)
     if kind == "pathwise":
         return pathwise, np.ones(len(genes))

@@ -46,7 +46,7 @@ class Genome(eqx.Module):
     images: tuple[tuple[int, ...], ...] = eqx.field(static=True, default=())
     """permutations of the actuators that give symmetry-equivalent gaits (`gene_permutations`)"""
     waves: tuple[TravellingWave, ...] = eqx.field(static=True, default=())
-    """waves to choose from (`travelling_waves`); empty: actuators are independent"""
+    """travelling waves to choose from, not the ground's `Waves`; empty: actuators are independent"""
     quickest: tuple[float, ...] = eqx.field(static=True, default=())
     """bound on |dL/dt| / L0 of each actuator, 1/s, to which amplitudes are scaled down; empty: no scaling"""
 

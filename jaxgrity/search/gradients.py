@@ -119,7 +119,7 @@ def combine(smoothed: Gradient, pathwise: Gradient) -> tuple[Gradient, Scalar]:
 
 
 def smoothed_gradients(
-    key, genes: Float[AnyArray, "starts genes"], task: ClimbTask, ahead: float, samples: int, robots: int
+    key, genes: Float[AnyArray, "starts genes"], task: ClimbTask, horizon: float, samples: int, robots: int
 ) -> Gradient:
     """g = c mean of (u(x + s e) - u(x - s e))/(2 s) e over pairs of perturbed gaits; u are their utilities.
 
@@ -135,7 +135,7 @@ def smoothed_gradients(
     scene, genome, *_ = task.problem
     perturbed = genome.bounded(genes[:, None] + task.width * jnp.concatenate([e, -e], axis=1))
     gaits = genome.gaits(scene.gait, np.asarray(perturbed).reshape(-1, size))
-    scores = judge(disturbed, task.judging.with_robots(robots)._replace(duration=ahead), gaits)
+    scores = judge(disturbed, task.judging.with_robots(robots)._replace(duration=horizon), gaits)
     value, merit = (np.asarray(each).reshape(starts, samples) for each in (scores.fitness, scores.merit))
     return _estimates(value, merit, e, task.width)
 
@@ -184,7 +184,7 @@ def utilities(fitness: PerGait) -> tuple[PerGait, Scalar]:
 
 
 @eqx.filter_jit
-def pathwise_gradient(key, genes, task: ClimbTask, ahead: float, robots: int) -> Gradient:
+def pathwise_gradient(key, genes, task: ClimbTask, horizon: float, robots: int) -> Gradient:
     """The mean gradient of the objective over an ensemble of robots, by reverse mode."""
 
     scene, genome, _, fitness = task.problem
@@ -192,12 +192,12 @@ def pathwise_gradient(key, genes, task: ClimbTask, ahead: float, robots: int) ->
     def total(each):
         gaits = genome.gaits(scene.gait, each)
         many, differences = ensemble(key, scene, gaits, fitness.uncertainty, 1, common=False)
-        start, end, q = ends(scene, many, differences, ahead, task.options)
+        start, end, q = ends(scene, many, differences, horizon, task.options)
         failure = jnp.where(jnp.isfinite(q).all((1, 2)), 0, 1)
-        steps = jnp.full(robots, round(ahead / task.options.dt))
+        steps = jnp.full(robots, round(horizon / task.options.dt))
         name = task.options.method.name
         outcomes = Outcomes(jnp.stack([start, end], 1), q, failure, steps, 0 * steps, None, name, None)
-        worth = fitness.objective.worth(scene, outcomes, ahead)
+        worth = fitness.objective.worth(scene, outcomes, horizon)
         return jnp.sum(worth), worth
 
     gradients, worth = jax.grad(total, has_aux=True)(jnp.tile(genes, (robots, 1)))

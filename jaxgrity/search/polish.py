@@ -45,7 +45,7 @@ from jaxgrity.search.judging import (
     with_robots,
     without_measuring,
 )
-from jaxgrity.search.polish_config import PolishConfig, ahead, budget, check_polish, cost_of_gradient
+from jaxgrity.search.polish_config import PolishConfig, budget, check_polish, cost_of_gradient, share_simulated
 from jaxgrity.search.polish_orbit import climb_on_orbit
 from jaxgrity.stepping.options import Options, ResolvedOptions, SolverOptions, resolve
 from jaxgrity.trust.sensitivity import Sensitivity, sensitivity
@@ -194,7 +194,7 @@ def _routes(problem: SearchProblem, genes, options: ResolvedOptions, config: Pol
     """A route from each start: where gradients are pathwise, as far as its sensitivity allows."""
     scene, genome, duration, fitness = problem
     if config.kind not in ("pathwise", "combined"):
-        horizon = duration * ahead(config.kind, fitness)
+        horizon = duration * share_simulated(config.kind, fitness)
         return Routes([Route(start, config.kind, horizon) for start in genes], None, [])
     routes, growth, refused = [], [], 0
     gaits, bound = genome.gaits(scene.gait, genes), config.largest_sensitivity

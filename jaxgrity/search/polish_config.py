@@ -71,7 +71,7 @@ def cost_of_gradient(config: PolishConfig, fitness: Fitness, kind: GradientKind,
     return share * config.samples * each
 
 
-def ahead(kind: GradientKind, fitness: Fitness) -> float:
+def share_simulated(kind: GradientKind, fitness: Fitness) -> float:
     """Fraction of the duration that a gradient simulates, if no sensitivity limits it."""
     return STEADY_AHEAD if kind == "smoothed" and fitness.objective.steady else 1.0
 
@@ -116,7 +116,7 @@ def check_polish(config: PolishConfig, fitness: Fitness, starts: int) -> None:
         if config.kind in ("pathwise", "combined") and asked:
             raise InputError(f"{what} has no pathwise gradient; expected a smoothed one")
     if config.kind in ("smoothed", "orbit"):
-        cost = cost_of_gradient(config, fitness, config.kind, ahead(config.kind, fitness))
+        cost = cost_of_gradient(config, fitness, config.kind, share_simulated(config.kind, fitness))
         budget(config, fitness, [cost] * starts)
 
 

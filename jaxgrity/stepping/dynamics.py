@@ -121,16 +121,6 @@ def vector_field(t: Scalar, state: State, scene: Scene) -> State:
     return with_supports(scene.shaking, scene.structure, t, v), acceleration(scene, t, q, v)
 
 
-def kinetic_energy(scene: Scene, v: NodeVectors) -> Scalar:
-    """T, J, of the nodes and of the members with mass: see `inertia.energy_of_motion`."""
-    return inertia.energy_of_motion(scene.structure, v)
-
-
-def mechanical_energy(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors) -> Scalar:
-    """T + U, J."""
-    return kinetic_energy(scene, v) + scene.potential_energy(q, t)
-
-
 @typed
 def centre_of_mass(scene: Scene, q: NodeVectors):
     """sum m x / sum m, (3,), m; of velocities: its velocity."""

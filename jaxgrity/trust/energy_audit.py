@@ -12,12 +12,13 @@ import numpy as np
 from jaxgrity.core.tracing import refuse_traced
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import Count, NodeHistory, NodeVectors, Scalar, Times
+from jaxgrity.model.inertia import energy_of_motion
 from jaxgrity.model.scales import time_scale
 from jaxgrity.model.scene import Scene, as_dtype, start_of
 from jaxgrity.model.shaking import with_supports
 from jaxgrity.stepping.complementarity import CoupledState
 from jaxgrity.stepping.discretisation import discretise, integrate, with_scales_and_mobility
-from jaxgrity.stepping.dynamics import angular_momentum, kinetic_energy, momentum
+from jaxgrity.stepping.dynamics import angular_momentum, momentum
 from jaxgrity.stepping.loop import Step, carried_at, numbered
 from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
 from jaxgrity.stepping.power import Work, powers, step_work
@@ -181,7 +182,7 @@ def _amounts(scene: Scene, times: Times, q: NodeHistory, v: NodeHistory) -> Amou
     return Amounts(
         times=times,
         positions=q,
-        kinetic=jnp.asarray(jax.vmap(lambda v: kinetic_energy(scene, v))(v)),
+        kinetic=jnp.asarray(jax.vmap(lambda v: energy_of_motion(scene.structure, v))(v)),
         potential=jnp.asarray(jax.vmap(scene.potential_energy)(q, times)),
         momentum=jax.vmap(lambda v: momentum(scene, v))(v),
         angular_momentum=jax.vmap(lambda q, v: angular_momentum(scene, q, v))(q, v),
