@@ -19,7 +19,7 @@ from jaxgrity.control.closed_loop import Loop, failures, loop_start, places, rol
 from jaxgrity.control.feedback import PhaseLocked, one_frequency
 from jaxgrity.control.plant import Plant, check_model, check_one, side_by_side, whole_number
 from jaxgrity.control.steering import Steered, clock_moved
-from jaxgrity.control.tasks import REACHED, near_goal
+from jaxgrity.control.tasks import REACHED, at_size
 from jaxgrity.core.arguments import is_count
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
@@ -110,7 +110,7 @@ def lead_to(
         check_one(plant, name)
     _check_policy(policy, goal)
     look, looks, choices = _checked(sampling, robot.period)
-    within = near_goal(sampling.within, robot.scene)
+    within = at_size(sampling.within, REACHED, robot.scene)
     draw, goal, policy = np.random.default_rng(seed), np.asarray(goal, float), replace(policy, goal=None)
     many = side_by_side(model, sampling.samples // sampling.rounds)
     loop = loop_start(robot, policy, jax.random.key(seed), start)
@@ -208,7 +208,7 @@ def best(
         bends, shifts = between(sampling) @ knots, turns / _frequency(policy)
         look = round(1 / sampling.per_second / many.period)
         path, failure = _tried(many, policy, loop, jnp.asarray(bends, dtype), jnp.asarray(shifts, dtype), look)
-        cost = costs(np.asarray(path)[:, :2], np.asarray(failure), goal, near_goal(sampling.within, many.scene))
+        cost = costs(np.asarray(path)[:, :2], np.asarray(failure), goal, at_size(sampling.within, REACHED, many.scene))
         found.append((knots, turns, cost))
     knots, turns, cost = (np.concatenate(part, axis=-1) for part in zip(*found))
     first = int(np.argmin(cost))

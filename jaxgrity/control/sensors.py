@@ -27,7 +27,7 @@ class Observation(NamedTuple):
     directions: Float[AnyArray, "struts 3"]
     """unit vectors along the struts, from the second end to the first, in the coordinates of the ground"""
     spins: Float[AnyArray, "struts 3"]
-    """rad/s, angular velocity of each strut; none about itself"""
+    """rad/s, angular velocity of each strut, none about itself; with complementarity stepping half a step earlier"""
     cable_lengths: Float[AnyArray, " cables"]
     """m"""
     tensions: Float[AnyArray, " cables"]

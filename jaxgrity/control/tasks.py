@@ -74,9 +74,9 @@ def find_task(name: str, scene: Scene) -> Task:
 
 
 @typed
-def near_goal(within: float | None, scene: Scene) -> float:
-    """m, from a goal, where it counts as reached: the given distance, or `REACHED` at the size of the robot."""
-    return REACHED * float(np.max(np.asarray(length_scale(scene)))) if within is None else within
+def at_size(given: float | None, usual: float, scene: Scene) -> float:
+    """The given distance, m; by default the one that is usual for a robot of one metre, at the size of the robot."""
+    return usual * float(np.max(np.asarray(length_scale(scene)))) if given is None else given
 
 
 @typed

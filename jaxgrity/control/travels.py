@@ -1,7 +1,7 @@
 """Travel round obstacles: many robots at once, each led by a model's predictions of many ways.
 
-The effect of a gait depends on the robot's orientation. So several robots of the model, with different friction, try
-each way from the measured pose. The way that clears all obstacles and leaves the shortest rest is taken.
+A gait's effect depends on the robot's orientation. So several robots of the model, with different friction, try each
+way from the measured pose. The way that clears all obstacles and leaves the shortest rest is taken.
 """
 
 import time
@@ -18,7 +18,7 @@ from jaxgrity.control.closed_loop import Loop, drive, failures, loop_start, plac
 from jaxgrity.control.obstacles import SAME_REACH, WayMap, gap, reach_of, room
 from jaxgrity.control.plant import Plant, check_model, check_one, side_by_side, whole_number
 from jaxgrity.control.steering import clock_moved
-from jaxgrity.control.tasks import REACHED
+from jaxgrity.control.tasks import REACHED, at_size
 from jaxgrity.core.arguments import is_count
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
@@ -31,6 +31,8 @@ TOUCHING = 100.0
 """Length added to a way for each metre by which the robot comes too close to an obstacle, m."""
 ARRIVING = 1000.0
 """Number taken off the seconds of a way that reaches the goal and touches nothing: it beats all that do not."""
+MARGIN = 0.1
+"""Default distance to be kept from obstacles beyond the reach, m for a robot of one metre."""
 LOOKS = 10
 """Number of times per second at which planned ways are compared with obstacles."""
 
@@ -52,12 +54,12 @@ class Foresight(NamedTuple):
     """share of the samples that use the first gait; the others use any, the first and all images included"""
     reach: float | None = None
     """m, from the robot's centre of mass to its farthest node; None: that of the maps"""
-    margin: float = 0.1
-    """m, to be kept from obstacles beside that"""
+    margin: float | None = None
+    """m, to be kept from obstacles beside that; None: `MARGIN` at the size of the robot"""
     patience: float = 60.0
     """s, after which the goal is given up"""
-    within: float = REACHED
-    """m, from the goal, where it counts as reached"""
+    within: float | None = None
+    """m, from the goal, where it counts as reached; None: `REACHED` at the size of the robot"""
     seed: int = 0
     """of the samples, and of the sensors' noise"""
 
@@ -78,16 +80,15 @@ class Travels(NamedTuple):
     arrived: np.ndarray
     """(robots,), frames until the goal was reached, the rollout failed or the time was up"""
     gap: np.ndarray
-    """(robots,), m, the smallest distance of the robot from an obstacle until then, seen from above; negative:
-    it touched one"""
+    """(robots,), m, smallest distance from an obstacle until then, seen from above; negative: the robot touched one"""
     gaits: np.ndarray
     """(choices, robots), rows of the gaits to choose from"""
     spread: np.ndarray
-    """(choices, robots), m, standard deviation of the place at the horizon, of the way that was chosen"""
+    """(choices, robots), m, standard deviation of the place at the horizon, of the chosen way"""
     surprise: np.ndarray
     """(choices, robots), m, from the place at the next choice as predicted to the real one"""
     seconds: float
-    """in the middle, that choosing for all robots took, compilation left out where there were several choices"""
+    """median time of a choice for all robots, without compilation where there were several choices"""
 
 
 class _Fate(NamedTuple):
@@ -123,10 +124,10 @@ def travel(
         Paths, and which robots reached their goals without a touch.
 
     Raises:
-        InputError: not as many robots as maps, a policy or a model with other members than the robots, a model with
-            another period, maps for a smaller reach than the robot's or the foresight's, times that are no multiples of
-            each other, or invalid settings.
+        InputError: robots, policy, model and maps that do not fit, times that are no multiples of each other, or
+            invalid settings.
     """
+    foresight = sized(foresight, model.scene)
     ticks, looks, choices = _counts(robots, model, maps, foresight)
     count = len(maps)
     draw, copies = np.random.default_rng(foresight.seed), len(foresight.friction)
@@ -144,14 +145,14 @@ def travel(
         costs = [way_costs(fate.path[:, :, k], fate.failed[k], way, foresight) for k, way in enumerate(maps)]
         best = np.array(costs).argmin(1)
         spent.append(time.perf_counter() - began)
-        old, each = rows, np.arange(count)
-        rows, bends, turns = (x[each, best] for x in tried)
+        old = rows
+        rows, bends, turns = (x[np.arange(count), best] for x in tried)
         expected = _expected(fate, best, foresight)
         loop, nodes, went = _moved(robots, gaits.chosen(rows, bends), _with_clock(gaits, loop, old, rows, turns), ticks)
         kept.append(np.asarray(nodes))
         path.append(np.asarray(went))
         said.append((rows, expected[1], np.linalg.norm(expected[0] - path[-1][-1, :2], axis=0)))
-        over |= _near(path[-1], maps, foresight.within).any(0) | ~np.isfinite(kept[-1]).all((0, 1, 2))
+        over |= _near(path[-1], maps, cast(float, foresight.within)).any(0) | ~np.isfinite(kept[-1]).all((0, 1, 2))
         if on_choice is not None:
             on_choice(choice)
         if over.all():
@@ -160,12 +161,16 @@ def travel(
     return travels_of(model.scene, seen, maps, chosen, spent, foresight.within)
 
 
+def sized(foresight: Foresight, scene: Scene) -> Foresight:
+    """The foresight with distances for the scene's robot where it has none, m."""
+    margin, within = (at_size(*each, scene) for each in ((foresight.margin, MARGIN), (foresight.within, REACHED)))
+    return foresight._replace(margin=margin, within=within)
+
+
 def _counts(robots: Plant, model: Plant, maps: Sequence[WayMap], foresight: Foresight) -> tuple[int, int, int]:
-    """Control periods between choices, looks ahead, and choices. Raises `InputError` where robots, model, maps and
-    times do not fit."""
+    """Control periods between choices, looks ahead, and choices. Raises `InputError` where they do not fit."""
     if robots.robots is None or robots.robots != len(maps):
-        found = f"maps: there are {len(maps)}, for {robots.robots} robots"
-        raise InputError(f"{found}; expected one for each, of `side_by_side`")
+        raise InputError(f"maps: {len(maps)} for {robots.robots} robots; expected one for each, of `side_by_side`")
     least, reach = min(way.reach for way in maps), foresight.reach
     needed = max(reach_of(model.scene), 0.0 if reach is None else reach)
     if least < needed * (1 - SAME_REACH):
@@ -179,15 +184,14 @@ def _counts(robots: Plant, model: Plant, maps: Sequence[WayMap], foresight: Fore
         raise InputError(f"{found}: expected at least 2 samples, and factors that are not negative")
     if not (0 <= foresight.widest <= 1 and 0 <= foresight.usual <= 1):
         raise InputError(f"widest = {foresight.widest:g}, usual = {foresight.usual:g}: expected numbers from 0 to 1")
-    if not ((reach is None or reach > 0) and foresight.margin >= 0 and foresight.within > 0):
-        own = least if reach is None else reach
-        found = f"reach, margin, within = {own:g}, {foresight.margin:g}, {foresight.within:g} m"
+    lengths = np.array([least if reach is None else reach, foresight.margin, foresight.within], float)
+    if not ((lengths >= 0).all() and lengths[0] > 0 and lengths[2] > 0):
+        found = "reach, margin, within = {:g}, {:g}, {:g} m".format(*lengths)
         raise InputError(f"{found}: expected a positive reach, and a positive distance from the goal")
     ticks = whole_number("interval", foresight.interval, robots.period)
     looks = whole_number("horizon", foresight.horizon, 1 / LOOKS)
     if foresight.horizon < foresight.interval:
-        found = f"horizon = {foresight.horizon:g} s"
-        raise InputError(f"{found}: expected at least the interval, {foresight.interval:g} s")
+        raise InputError(f"horizon = {foresight.horizon:g} s: expected at least the interval, {foresight.interval:g} s")
     return ticks, looks, whole_number("patience", foresight.patience, foresight.interval)
 
 
@@ -248,10 +252,10 @@ def way_costs(path: np.ndarray, failed: np.ndarray, way: WayMap, foresight: Fore
     path = np.moveaxis(path, 1, -1)
     failed = failed | ~np.isfinite(path).all((0, -1))
     path = np.where(np.isfinite(path), path, 0.0)
-    near = np.linalg.norm(path - way.goal, axis=-1) < foresight.within / 2
+    near = np.linalg.norm(path - way.goal, axis=-1) < cast(float, foresight.within) / 2
     there, first = near.any(0), near.argmax(0)
     reach = way.reach if foresight.reach is None else foresight.reach
-    close = np.maximum(reach + foresight.margin - room(way.discs, path), 0)
+    close = np.maximum(reach + cast(float, foresight.margin) - room(way.discs, path), 0)
     before = np.arange(len(path))[:, None, None] <= np.where(there, first, len(path))
     touching = (close * before).max(0)
     arrives = there & (touching == 0)
@@ -281,12 +285,12 @@ def travels_of(
     maps: Sequence[WayMap],
     said: list[np.ndarray],
     spent: list[float],
-    within: float = REACHED,
+    within: float | None = None,
 ) -> Travels:
     """The travels of robots from nodes and centres of mass `seen`, (frames, nodes, 3, robots) and (frames, 3, robots),
     NaN after a failure. A goal counts if it was reached before a failure, without a touch."""
     nodes, path = seen
-    near, fine = _near(path, maps, within), np.isfinite(nodes).all((1, 2))
+    near, fine = _near(path, maps, at_size(within, REACHED, scene)), np.isfinite(nodes).all((1, 2))
     there = near & np.logical_and.accumulate(fine, axis=0)
     ended = np.where(there.any(0), there.argmax(0), np.where(fine.all(0), len(nodes) - 1, (~fine).argmax(0)))
     gaps = np.array(

@@ -7,11 +7,12 @@ import jax.numpy as jnp
 
 from jaxgrity.core.dense import least_solution
 from jaxgrity.core.errors import InputError
+from jaxgrity.core.tracing import traced
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, NodeVectors, Scalar
 from jaxgrity.model.scales import length_scale, speed_scale
 from jaxgrity.model.scene import Scene
-from jaxgrity.orbits.cycles import way_along
+from jaxgrity.orbits.cycles import plane_of, way_along
 from jaxgrity.orbits.finding import FRAMES, Orbit, in_step, restarted
 from jaxgrity.stepping.final_state import final_state, states_at
 from jaxgrity.stepping.options import ResolvedOptions, resolve
@@ -60,7 +61,7 @@ def closed_orbit(scene: Scene, orbit: Orbit, options: ResolvedOptions) -> Closed
         The orbit's state, speed and turning; NaN where Newton's method does not converge.
 
     Raises:
-        InputError: supports, or options as for `find_orbit`.
+        InputError: supports, a slope, a steady wind or another law with a direction, or options as for `find_orbit`.
 
     Example:
         >>> scene = jaxgrity.with_gait(jaxgrity.load_scene("reference"), jaxgrity.load_gait("lasting"))
@@ -73,6 +74,9 @@ def closed_orbit(scene: Scene, orbit: Orbit, options: ResolvedOptions) -> Closed
     """
     if scene.structure.fixed:
         raise InputError("closed_orbit: the structure has supports, and moves nowhere; expected one without")
+    if not traced((scene.ground, scene.up, scene.terms)) and not plane_of(scene).turns:
+        found = "closed_orbit: the ground slopes, or a law such as wind has a direction, so that turned orbits are none"
+        raise InputError(f"{found}; expected level ground, and laws without a direction")
     running = restarted(scene, orbit)
     chosen = in_step(scene, orbit.period, options)
     return _closed(running, orbit, resolve(running, orbit.period, chosen))

@@ -10,7 +10,7 @@ import pytest
 import jaxgrity
 from jaxgrity import Cylinder, InputError, Slope, SolverOptions, Union, control
 from jaxgrity.control import Discs, Foresight, PhaseLocked
-from jaxgrity.control.tasks import near_goal
+from jaxgrity.control.tasks import REACHED, at_size
 from jaxgrity.control.travels import travels_of, way_costs
 
 ARENA = (-2.0, -4.0, 12.0, 4.0)
@@ -61,9 +61,9 @@ def test_ways_and_goals_are_of_the_robots_size(scene):
     less = control.way_map(tiny, 0.05 * goal, tuple(0.05 * side for side in ARENA), robot=small)
     places = np.array([[0.0, 0.0], [4.0, 2.0]])
     np.testing.assert_allclose(less.to_go(0.05 * places), 0.05 * way.to_go(places), rtol=1e-6)
-    assert near_goal(None, scene) == pytest.approx(0.3)
-    assert near_goal(None, small) == pytest.approx(0.015)
-    assert near_goal(0.2, small) == 0.2
+    assert at_size(None, REACHED, scene) == pytest.approx(0.3)
+    assert at_size(None, REACHED, small) == pytest.approx(0.015)
+    assert at_size(0.2, REACHED, small) == 0.2
 
 
 def test_there_is_no_way_through_a_wall():
@@ -242,7 +242,7 @@ def test_arriving_does_not_make_up_for_touching():
     detour = np.stack([3 * share, 1.5 * np.sin(np.pi * np.minimum(share, 0.8))], axis=1)
     paths = np.stack([straight, soon, detour, still, straight], axis=-1)[..., None]
     failed = np.array([False] * 4 + [True])[:, None]
-    foresight, goal = Foresight(reach=0.3), np.array([3.0, 0.0])
+    foresight, goal = Foresight(reach=0.3, margin=0.1, within=0.3), np.array([3.0, 0.0])
     disc = Discs(np.array([[2.2, 0.0]]), np.array([0.3]))
     ways = [control.way_map(discs, goal, ARENA, reach=0.3) for discs in (NOTHING, disc)]
     free, blocked = (way_costs(paths, failed, way, foresight) for way in ways)

@@ -1,6 +1,7 @@
 """Orbits closed by Newton's method, and the derivatives of their speed."""
 
 import re
+from dataclasses import replace
 from functools import partial
 
 import equinox as eqx
@@ -8,7 +9,7 @@ import jax
 import numpy as np
 import pytest
 
-from jaxgrity import InputError, load_gait, load_scene, with_gait
+from jaxgrity import InputError, load_gait, load_scene, wind, with_gait, with_terms
 from jaxgrity.core.dense import INVERTED_AT_ONCE
 from jaxgrity.identification import speed_slopes
 from jaxgrity.orbits import closed_orbit, find_orbit
@@ -91,6 +92,16 @@ def test_newton_closes_an_orbit_on_exact_contact(exact):
         np.testing.assert_allclose(found.speed, closed[0].speed, rtol=1e-8)
         np.testing.assert_allclose(found.speed, orbit.speed, rtol=1e-3)
         np.testing.assert_allclose(found.turning, orbit.turning, atol=1e-3)
+
+
+def test_closed_orbits_are_those_of_level_ground(crawler):
+    """On a slope or in wind an orbit that is turned is none, so Newton's equations do not hold."""
+    scene, orbit, options = crawler
+    leaning = replace(scene, ground=replace(scene.ground, incline=0.1))
+    windy = with_terms(scene, wind((1.0, 0.0, 0.0), 0.1, len(scene.structure.nodes)))
+    for other in (leaning, windy):
+        with pytest.raises(InputError, match=r"^closed_orbit: the ground slopes, or a law"):
+            closed_orbit(other, orbit, options)
 
 
 def test_scenes_without_slopes_of_speed_are_refused(crawler):
