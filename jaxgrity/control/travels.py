@@ -296,6 +296,5 @@ def travels_of(
     gaps = np.array(
         [np.nanmin(gap(way.discs, scene, nodes[: end + 1, ..., k])) for k, (way, end) in enumerate(zip(maps, ended))]
     )
-    rows, spread, surprise = said
     seconds = float(np.median(spent[1:] or spent))
-    return Travels(nodes, path, there.any(0) & (gaps > 0), ended, gaps, rows, spread, surprise, seconds)
+    return Travels(nodes, path, there.any(0) & (gaps > 0), ended, gaps, *said, seconds)
