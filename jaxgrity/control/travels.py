@@ -296,5 +296,5 @@ def travels_of(
     gaps = np.array(
         [np.nanmin(gap(way.discs, scene, nodes[: end + 1, ..., k])) for k, (way, end) in enumerate(zip(maps, ended))]
     )
-    seconds = float(np.median(spent[1:] or spent))
-    return Travels(nodes, path, there.any(0) & (gaps > 0), ended, gaps, *said, seconds)
+    reached, seconds = there.any(0) & (gaps > 0), float(np.median(spent[1:] or spent))
+    return Travels(nodes, path, reached, ended, gaps, said[0], said[1], said[2], seconds)
