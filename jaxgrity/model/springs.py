@@ -19,13 +19,15 @@ STIFF = 1e5
 """Stiffness of the springs that replace rigid struts, as a multiple of the cables' stiffness."""
 
 
-def as_springs(structure: Structure) -> tuple[Structure, int]:
+def as_springs(structure: Structure, stiff: float | None = None) -> tuple[Structure, int]:
     """The structure with rigid struts as very stiff springs, and how many there are: so many modes are not real.
 
-    Such springs, the last ones, join the basic points of rigid bodies too, which hold their shape.
+    Such springs, the last ones, join the basic points of rigid bodies too, which hold their shape. `stiff` is their
+    stiffness, N/m, where it is not to be the usual one.
     """
     struts, cables = structure.struts, structure.cables
-    stiff = STIFF * float(np.max(cables.stiffness)) if cables is not None and cables.stiffness is not None else 1e8
+    if stiff is None:
+        stiff = STIFF * float(np.max(cables.stiffness)) if cables is not None and cables.stiffness is not None else 1e8
     count = 0
     if struts is not None and struts.rigid:
         count = len(struts.edges)

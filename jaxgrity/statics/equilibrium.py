@@ -31,6 +31,8 @@ from jaxgrity.statics.stiffness import (
 
 ITERATIONS = 500
 """Most iterations of the solver, after which a shape counts as not found."""
+GIVING = 100.0
+"""Stiffness of springs in place of rigid struts that give way, in loads over the structure's size: by a hundredth."""
 SMALLEST_SHIFT, LARGEST_SHIFT = 1e-12, 1e6
 """Limits of the shift of the stiffness matrix, as shares of its largest diagonal entry."""
 
@@ -92,15 +94,13 @@ def resting_shape(
     limit = max(1e-11 * largest_force(scene.structure), 100 * np.finfo(float).eps * largest_force(springs.structure))
     limit = limit if tolerance is None else tolerance
 
-    def energy_and_force(x: np.ndarray) -> tuple[float, np.ndarray]:
-        with jax.enable_x64(True):
-            U, gradient = _energy_and_gradient(springs, jnp.asarray(x))
-        return float(U) - float(np.sum(pull * x)), (whole.T @ (pull - np.asarray(gradient)).ravel()).reshape(x.shape)
-
-    def stiffness(x: np.ndarray) -> sp.csc_array:
-        return sp.csc_array(whole.T @ stiffness_matrix(springs, x) @ whole)
-
-    q, steps = _descend(energy_and_force, stiffness, (whole, q), free, limit)
+    energy_and_force, stiffness = springs_forces = _forces_of(springs, whole, pull)
+    given, softer = q, _softer(scene, pull)
+    q, steps = _descend(*springs_forces, (whole, given), free, limit)
+    if steps == ITERATIONS and softer is not None:
+        q, some = _descend(*_forces_of(softer, whole, pull), (whole, given), free, limit)
+        q, more = _descend(*springs_forces, (whole, q), free, limit)
+        steps += some + more
     force = energy_and_force(q)[1].ravel()
     residual = float(np.abs(force[free]).max(initial=0))
     if not residual <= limit:
@@ -149,6 +149,33 @@ def equilibrium_near(scene: Scene, shape: NodeVectors) -> NodeVectors:
         jax.grad(lagrangian), solver, start, scene, adjoint=adjoint, throw=False, max_steps=50
     )
     return jnp.where(found.result == optx.RESULTS.successful, placed(found.value), jnp.nan)
+
+
+def _forces_of(springs: Scene, whole: sp.csc_array, pull: np.ndarray) -> tuple[Callable, Callable]:
+    """Of a shape: U less the loads' work, J, and the force of independent nodes, N; and the stiffness matrix."""
+
+    def energy_and_force(x: np.ndarray) -> tuple[float, np.ndarray]:
+        with jax.enable_x64(True):
+            U, gradient = _energy_and_gradient(springs, jnp.asarray(x))
+        return float(U) - float(np.sum(pull * x)), (whole.T @ (pull - np.asarray(gradient)).ravel()).reshape(x.shape)
+
+    def stiffness(x: np.ndarray) -> sp.csc_array:
+        return sp.csc_array(whole.T @ stiffness_matrix(springs, x) @ whole)
+
+    return energy_and_force, stiffness
+
+
+def _softer(scene: Scene, loads: np.ndarray) -> Scene | None:
+    """The scene with rigid struts and bodies as springs that give way, from whose shape the stiff ones are near.
+
+    None without loads, and beside cables, by which the stiffness goes.
+    """
+    structure = scene.structure
+    load = float(structure.mass) * float(scene.gravity or 0.0) + float(np.abs(loads).sum())
+    if structure.cables is not None or not load:
+        return None
+    size = float(np.linalg.norm(np.ptp(np.asarray(structure.nodes), axis=0)))
+    return with_spring_struts(scene, GIVING * load / size)
 
 
 def _coordinates(structure: Structure) -> tuple[sp.csc_array, np.ndarray]:

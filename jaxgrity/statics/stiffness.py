@@ -38,11 +38,14 @@ def incidence(edges: Edges, nodes: int) -> sp.csr_array:
     return sp.csr_array((np.tile([1.0, -1.0], len(ends)), (rows, ends.ravel())), shape=(len(ends), nodes))
 
 
-def with_spring_struts(scene: Scene) -> Scene:
-    """The scene with stiff springs for rigid struts. Raises `InputError` where its ground is exact contact."""
+def with_spring_struts(scene: Scene, stiff: float | None = None) -> Scene:
+    """The scene with stiff springs for rigid struts, as `as_springs` has them.
+
+    Raises `InputError` where its ground is exact contact.
+    """
     if scene.ground is not None and scene.ground.impulsive:
         raise InputError("statics needs forces, and exact contact has none; expected penalty contact, or no ground")
-    return dataclasses.replace(scene, structure=as_springs(scene.structure)[0])
+    return dataclasses.replace(scene, structure=as_springs(scene.structure, stiff)[0])
 
 
 @typed

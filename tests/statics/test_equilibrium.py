@@ -85,6 +85,17 @@ def test_a_hanging_body_turns_until_its_centre_is_below():
     np.testing.assert_allclose(found.reactions.sum(0), [0, 0, 2.1 * 9.81], atol=1e-6)
 
 
+def test_a_chain_of_rigid_struts_hangs_though_it_starts_level(monkeypatch):
+    """Straight down by its four metres; the support carries its five kilogrammes. The stiff chain alone creeps."""
+    monkeypatch.setattr("jaxgrity.statics.equilibrium.ITERATIONS", 60)
+    nodes = np.arange(5.0)[:, None] * np.array([1.0, 0, 0])
+    struts = Members(tuple((k, k + 1) for k in range(4)), None, np.ones(4))
+    found = resting_shape(Scene(Structure(nodes, np.ones(5), struts, fixed=((0, "xyz"),)), gravity=9.81))
+    np.testing.assert_allclose(found.q[-1], [0, 0, -4], atol=1e-5)
+    np.testing.assert_allclose(found.reactions[0], [0, 0, 5 * 9.81], atol=1e-6)
+    assert found.stable
+
+
 def test_settling_knows_the_cables_forces():
     """A mass between two cables rests where both pull alike, or where one pulls with the limit of the other, 5 N."""
     cables = Members(((0, 1), (1, 2)), np.full(2, 100.0), np.array([0.7, 0.9]))
