@@ -11,6 +11,7 @@ import numpy as np
 from jaxgrity.core.tracing import evaluated
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, NodeVectors, Scalar, State
+from jaxgrity.model.actuation import rest_length
 from jaxgrity.model.inertia import independent_coordinates, mass_matrix
 from jaxgrity.model.laws import DissipationTerm, EnergyTerm, ForceTerm, named_parts
 from jaxgrity.model.rigidity import rigid_pairs
@@ -210,13 +211,12 @@ def aloft(scene: Scene) -> tuple[Scene, State]:
 
 
 def all_taut(scene: Scene) -> Scene:
-    """The scene without its gait, with rest lengths shortened until no cable is slack."""
+    """The scene without gait and cables' motors, with rest lengths at t = 0 shortened until no cable is slack."""
     scene, cables = with_gait(scene, None), scene.structure.cables
     if cables is None:
         return scene
-    lengths = edge_lengths(scene.structure.nodes, cables.edges)
-    taut = np.minimum(np.asarray(cables.rest_length, float), (1 - 1e-9) * lengths)
-    return eqx.tree_at(lambda s: s.structure.cables.rest_length, scene, taut)
+    taut = np.minimum(rest_length(cables, None, 0.0, 0), (1 - 1e-9) * edge_lengths(scene.structure.nodes, cables.edges))
+    return eqx.tree_at(lambda s: s.structure.cables, scene, dataclasses.replace(cables, rest_length=taut, motors=()))
 
 
 def strictest(scene: Scene, method: Method) -> tuple[float, Scene, State]:

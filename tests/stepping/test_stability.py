@@ -13,6 +13,7 @@ from jaxgrity import (
     ExactGround,
     InputError,
     Members,
+    Motor,
     Scene,
     SolverOptions,
     Structure,
@@ -113,6 +114,15 @@ def test_cables_that_are_slack_at_first_count(reference):
     limit, taut, state = strictest(slack, METHODS["rk4"])
     assert limit < 0.5 * stable_step(slack, state, "rk4")
     assert "cable" in limiting_part(taut, state, METHODS["rk4"])
+
+
+def test_cables_that_motors_have_paid_out_count():
+    """A mass between two cables, one stiff and slack at t = 0: rk4's 2.83 over sqrt(K/m) of both, as it may wind in."""
+    nodes = np.array([[-1.0, 0, 0], [0, 0, 0], [1, 0, 0]])
+    motor = Motor(0, [-9.0], [2.0], rate=1.0)
+    cables = Members(((0, 1), (1, 2)), [1e4, 100.0], [0.8, 0.8], motors=(motor,))
+    scene = Scene(Structure(nodes, [0.0, 1, 0], cables=cables, fixed=((0, "xyz"), (2, "xyz"))))
+    assert step_limit(scene, "rk4").step == pytest.approx(8**0.5 / np.sqrt(1e4 + 100.0), rel=1e-3)
 
 
 @pytest.mark.slow
