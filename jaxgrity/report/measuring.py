@@ -14,8 +14,9 @@ from jaxgrity.populations.uncertainty import Differences
 from jaxgrity.report.steady import steady_facts
 from jaxgrity.search.objectives import SteadyDirection
 from jaxgrity.search.pipeline import UNSEEN, SearchResult
+from jaxgrity.stepping.methods import default_method
 from jaxgrity.stepping.options import SolverOptions
-from jaxgrity.stepping.step_limits import default_method, default_step
+from jaxgrity.stepping.step_limits import default_step
 from jaxgrity.trust.error_bars import verify
 
 WATCHED = 7.5

@@ -16,8 +16,9 @@ from jaxgrity.orbits.orbit_stability import stability
 from jaxgrity.orbits.orbit_symmetry import repetition
 from jaxgrity.populations.uncertainty import Uncertainty
 from jaxgrity.search.motions import RobotMotions, robot_motions
+from jaxgrity.stepping.methods import default_method
 from jaxgrity.stepping.options import SolverOptions
-from jaxgrity.stepping.step_limits import default_method, default_step
+from jaxgrity.stepping.step_limits import default_step
 
 Facts = dict[str, Any]
 MODELS = ("robust", "other_contact_model")

@@ -8,8 +8,9 @@ from jaxgrity.model.scene import Scene, with_gait
 from jaxgrity.orbits.finding import find_orbit, shortest_watch
 from jaxgrity.orbits.orbit_stability import stability
 from jaxgrity.populations.population import one_gait
+from jaxgrity.stepping.methods import default_method
 from jaxgrity.stepping.options import SolverOptions
-from jaxgrity.stepping.step_limits import default_method, default_step
+from jaxgrity.stepping.step_limits import default_step
 
 
 def orbit_multipliers(scene: Scene, gaits: Gait, dt: float) -> Float[np.ndarray, " gaits"]:

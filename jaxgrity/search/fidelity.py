@@ -32,8 +32,9 @@ from jaxgrity.search.judging import (
 )
 from jaxgrity.search.models import model_of, rough_step, twin_model
 from jaxgrity.search.objectives import ActuatorBounds
+from jaxgrity.stepping.methods import default_method
 from jaxgrity.stepping.options import SolverOptions
-from jaxgrity.stepping.step_limits import default_method, default_step
+from jaxgrity.stepping.step_limits import default_step
 from jaxgrity.trust.error_bars import Verified, verify
 
 FEWEST_RANKED = 5

@@ -6,8 +6,9 @@ from jaxgrity.core.typed import typed
 from jaxgrity.model.contact_twin import is_exact
 from jaxgrity.model.scales import time_scale
 from jaxgrity.model.scene import Scene, as_dtype
+from jaxgrity.stepping.methods import default_method
 from jaxgrity.stepping.options import Options, ResolvedOptions, SolverOptions, resolve
-from jaxgrity.stepping.step_limits import default_method, default_step, strictest
+from jaxgrity.stepping.step_limits import default_step, strictest
 
 SCREENING_STEP = 0.01
 """Step of complementarity stepping in screening, s for a body of one metre: half of it ranks gaits the same way."""

@@ -38,8 +38,9 @@ from jaxgrity.search.search_config import (
     with_actuated,
     without_idle,
 )
+from jaxgrity.stepping.methods import default_method
 from jaxgrity.stepping.options import resolve
-from jaxgrity.stepping.step_limits import default_method, default_step
+from jaxgrity.stepping.step_limits import default_step
 
 UNSEEN = 10**6
 """Number added to the seed for the final evaluation, so that its draws did not choose any gait."""

@@ -1,11 +1,11 @@
 from .discretisation import discretise, integrate
 from .dynamics import acceleration, centre_of_mass, smooth_force, vector_field
 from .final_state import states_at
-from .methods import Method, find_method, register_method
+from .methods import Method, default_method, find_method, register_method
 from .options import ResolvedOptions, resolve
 from .rollout import RolledOut
 from .simulate import velocities_midway
-from .step_limits import StepLimit, default_method, default_step, limiting_part, standing, step_limit
+from .step_limits import StepLimit, default_step, limiting_part, standing, step_limit
 
 __all__ = [
     "Method",

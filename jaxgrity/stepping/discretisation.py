@@ -18,7 +18,7 @@ from jaxgrity.stepping.complementarity import Lift, one_robot
 from jaxgrity.stepping.dynamics import vector_field
 from jaxgrity.stepping.loop import carried_at
 from jaxgrity.stepping.options import ResolvedOptions
-from jaxgrity.stepping.rigid_multipliers import held_vector_field
+from jaxgrity.stepping.rigid_multipliers import vector_field_with_multipliers
 
 FAILURES = (
     "succeeded",
@@ -49,7 +49,7 @@ def discretise(options: ResolvedOptions, lift: Lift = one_robot) -> tuple[diffra
             chosen["sweeps"] = options.sweeps
         solver = dataclasses.replace(solver, **chosen)  # type: ignore[type-var]
     # jit, so that it is traced once for all its uses in a step
-    field = vector_field if method.constrained else held_vector_field
+    field = vector_field if method.constrained else vector_field_with_multipliers
     return diffrax.ODETerm(jax.jit(lift(field, (None, -1, "s")))), solver
 
 
@@ -65,7 +65,7 @@ def integrate(
     """`diffeqsolve` from the first of `times` (s) to the last, saved at all of them, or by `saveat`.
 
     The solution can be traced, and differentiated in forward mode. `scheme` is by default that of `discretise`, for
-    one robot and `start` = (q, v). Velocities are those of the method's carry (`handover.py`).
+    one robot and `start` = (q, v). Velocities are those of the method's carry (`frame_velocities.py`).
     """
     terms, solver = discretise(options) if scheme is None else scheme
     scene, memory = with_scales_and_mobility(scene), None

@@ -19,7 +19,7 @@ from jaxgrity.core.types import AnyArray, Scalar, State
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.shaking import with_supports
 from jaxgrity.stepping.complementarity import ImpulseState
-from jaxgrity.stepping.handover import at_rest, velocity_at
+from jaxgrity.stepping.frame_velocities import at_rest, velocity_at
 from jaxgrity.stepping.options import ResolvedOptions
 from jaxgrity.stepping.swept import SWEPT
 

@@ -10,6 +10,7 @@ import optimistix
 
 from jaxgrity.core.errors import InputError, unknown
 from jaxgrity.core.typed import typed
+from jaxgrity.model.scene import Scene
 from jaxgrity.stepping.coupled_stepping import CoupledImpulses
 from jaxgrity.stepping.runge_kutta import RK4
 from jaxgrity.stepping.swept import SweptImpulses
@@ -79,6 +80,12 @@ def find_method(name: str) -> Method:
 def constrained_method() -> Method:
     """The first method whose impulses satisfy constraints."""
     return next(method for method in METHODS.values() if method.constrained)
+
+
+@typed
+def default_method(scene: Scene) -> Method:
+    """The default method: complementarity if the scene has constraints, otherwise rk4."""
+    return constrained_method() if scene.constrained else next(iter(METHODS.values()))
 
 
 def amplification(method: Method, z: np.ndarray) -> np.ndarray:

@@ -19,9 +19,9 @@ from jaxgrity.model.scales import length_scale, speed_scale
 from jaxgrity.model.scene import Scene, check_laws
 from jaxgrity.stepping.blocks import disjoint_groups
 from jaxgrity.stepping.constraints import exact_ground, rigid_struts
-from jaxgrity.stepping.methods import Method, constrained_method, find_method
+from jaxgrity.stepping.methods import Method, constrained_method, default_method, find_method
 from jaxgrity.stepping.starts import check_start
-from jaxgrity.stepping.step_limits import default_method, default_step, step_fault
+from jaxgrity.stepping.step_limits import default_step, step_fault
 
 KEPT = 64
 """Number of calls of `resolve` whose result is remembered: choosing and checking a step takes longer than a short

@@ -26,7 +26,7 @@ RETURNS = 10.0
 """Rate, 1/s of a body of one metre on Earth, at which distances return: slower than steps, faster than errors grow."""
 
 
-def held_vector_field(t: Scalar, state: State, scene: Scene) -> State:
+def vector_field_with_multipliers(t: Scalar, state: State, scene: Scene) -> State:
     """`vector_field` of a scene with rigid bodies and struts, for methods without impulses.
 
     Forces see the supports' own velocity: the integrated one keeps the steps' errors where their acceleration jumps.

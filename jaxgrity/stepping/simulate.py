@@ -19,7 +19,7 @@ from jaxgrity.model.rigidity import rigid_pairs
 from jaxgrity.model.scene import Scene, as_dtype
 from jaxgrity.model.shaking import with_supports
 from jaxgrity.stepping.discretisation import even_step, failure_code, integrate, state_failure, with_scales_and_mobility
-from jaxgrity.stepping.handover import at_rest, midway, velocities_at
+from jaxgrity.stepping.frame_velocities import at_rest, midway, velocities_at
 from jaxgrity.stepping.methods import find_method
 from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
 from jaxgrity.stepping.starts import check_velocities, start_failure, velocities_stretch

@@ -19,7 +19,7 @@ from jaxgrity.model.scales import length_scale, time_scale
 from jaxgrity.model.scene import Scene, as_dtype, with_gait
 from jaxgrity.model.structure import edge_lengths
 from jaxgrity.stepping.dynamics import smooth_acceleration
-from jaxgrity.stepping.methods import METHODS, Method, amplification, constrained_method, find_method
+from jaxgrity.stepping.methods import Method, amplification, find_method
 
 GROWTH = 1e-3
 """Relative growth per step, beyond the true growth, that counts as stable. Tsit5 always amplifies undamped motions."""
@@ -292,9 +292,3 @@ def _surely_stable(scene: Scene, state: State, method: Method, dt: float) -> boo
         return True
     stable = all(np.all(_growth(linear, values, method, h) <= 1 + GROWTH) for h in (dt, dt / 2, dt / 4))
     return stable and bool(dt * np.abs(values).max() < WIDEST)
-
-
-@typed
-def default_method(scene: Scene) -> Method:
-    """The default method: the first that solves constraints if the scene has them, otherwise the first."""
-    return constrained_method() if scene.constrained else next(iter(METHODS.values()))

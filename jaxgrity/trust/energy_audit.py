@@ -22,7 +22,7 @@ from jaxgrity.stepping.dynamics import angular_momentum, momentum
 from jaxgrity.stepping.loop import Step, carried_at, numbered
 from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
 from jaxgrity.stepping.power import Work, powers, step_work
-from jaxgrity.stepping.rigid_multipliers import held_vector_field, rigid_forces
+from jaxgrity.stepping.rigid_multipliers import rigid_forces, vector_field_with_multipliers
 from jaxgrity.stepping.simulate import frame_times, with_room
 
 BESIDE = 1e-9
@@ -147,7 +147,7 @@ def _beside(scene: Scene, times: Times, options: ResolvedOptions) -> tuple[Amoun
 
     def field(t, y, scene):
         q, v = y[0][0], with_supports(scene.shaking, scene.structure, t, y[0][1])
-        return held_vector_field(t, y[0], scene), powers(scene, t, q, v, rigid_forces(scene, t, (q, v)))
+        return vector_field_with_multipliers(t, y[0], scene), powers(scene, t, q, v, rigid_forces(scene, t, (q, v)))
 
     nothing = jax.tree.map(jnp.zeros_like, powers(scene, 0.0, *start))
     _, solver = discretise(options)

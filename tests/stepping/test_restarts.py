@@ -25,7 +25,7 @@ from jaxgrity import (
 )
 from jaxgrity.stepping import resolve, velocities_midway
 from jaxgrity.stepping.dynamics import acceleration
-from jaxgrity.stepping.handover import velocity_at
+from jaxgrity.stepping.frame_velocities import velocity_at
 
 STEPS, DT = 120, 5e-3
 ALL = {

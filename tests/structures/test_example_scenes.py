@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from jaxgrity import InputError, SolverOptions, simulate
-from jaxgrity.stepping.step_limits import default_method, default_step
+from jaxgrity.stepping.methods import default_method
+from jaxgrity.stepping.step_limits import default_step
 from jaxgrity.structures import prism_tower
 from jaxgrity.structures.catalogue import PRISM_HEIGHT, prism_tower_geometry
 

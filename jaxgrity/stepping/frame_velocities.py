@@ -1,4 +1,4 @@
-"""Between (q, v) at one time and the velocities of a method's carry.
+"""Velocities at frames, from those that a method carries, and back.
 
 Complementarity stepping is a leapfrog: its velocity w lives in the middle of its last step, of size h. A rollout
 returns the velocity at the time of the positions, half a step on by the forces there: v = w + h/2 a(q, v, t). A rollout
