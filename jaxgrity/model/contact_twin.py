@@ -9,6 +9,7 @@ from jaxgrity.core.typed import typed
 from jaxgrity.model.friction import ConeFriction, SmoothFriction
 from jaxgrity.model.ground import ExactGround, PenaltyGround
 from jaxgrity.model.rigid_struts import LARGEST_GAP
+from jaxgrity.model.rod_contact import ALONG_STRUTS
 from jaxgrity.model.scales import length_scale, speed_scale, time_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import Members, edge_lengths
@@ -29,7 +30,7 @@ def exact_twin(scene: Scene) -> Scene:
 
     It is the limit of stiff struts, a stiff ground without rebound, and a slip speed of zero. The Coulomb switch keeps
     its kinetic friction. If struts start strained, the rigid struts have their lengths at the start. A start below the
-    ground is lifted until it touches.
+    ground is lifted until it touches. Contact along struts is left out, since exact contact is at nodes.
 
     Raises `InputError` if struts move at t = 0, since each gait then needs its own start.
     """
@@ -47,7 +48,8 @@ def exact_twin(scene: Scene) -> Scene:
         cone = None if friction is None else ConeFriction(friction.sliding_mu)
         surface, offset, balls = ground.surface, ground.offset, ground.balls
         ground, friction = ExactGround(ground.incline, surface=surface, offset=offset, balls=balls), cone
-    return dataclasses.replace(scene, structure=structure, ground=ground, friction=friction)
+    terms = tuple(law for law in scene.terms if not isinstance(law, ALONG_STRUTS))
+    return dataclasses.replace(scene, structure=structure, ground=ground, friction=friction, terms=terms)
 
 
 @typed

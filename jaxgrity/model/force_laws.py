@@ -52,10 +52,11 @@ class ForceTable(EnergyTerm):
         factors = 1 if self.factors is None else self.factors
         slopes = jnp.diff(self.force) / jnp.diff(self.stretch)
         shares = jnp.diff(slopes) / slopes[0]
-        return sum(
+        parts = [
             half_squares(factors * shares[j] * stiffness, positive_part(longer - cords * self.stretch[j + 1]))
             for j in range(len(shares))
-        )
+        ]
+        return sum(parts, jnp.zeros((), longer.dtype))  # of a straight line there are none
 
     def parts(self, scene):
         return member_names("table of cable", scene.structure.cables)

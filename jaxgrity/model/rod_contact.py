@@ -1,11 +1,13 @@
 """Penalty contact at points along struts, between their ends."""
 
+import dataclasses
 from typing import Any, ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from jaxgrity.core.arguments import check_count
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import place_rows, take_rows
 from jaxgrity.core.typed import typed
@@ -39,11 +41,13 @@ class Points(eqx.Module):
         return place_rows(force - at_j, self.ends[0], nodes) + place_rows(at_j, self.ends[1], nodes)
 
     def ground(self, scene: Scene) -> PenaltyGround | None:
-        """The scene's ground with the stiffness at the points; None if a report has removed it."""
+        """The scene's ground with the stiffness at the points, without balls, which are at nodes; None if a report has
+        removed it."""
         ground = scene.ground
         if not isinstance(ground, PenaltyGround):
             return None
-        return eqx.tree_at(lambda g: g.stiffness, ground, jnp.broadcast_to(ground.stiffness, ()) * self.strength)
+        stiffness = jnp.broadcast_to(ground.stiffness, ()) * self.strength
+        return eqx.tree_at(lambda g: g.stiffness, dataclasses.replace(ground, balls=None), stiffness)
 
     def names(self, what: str) -> tuple[str, ...]:
         return tuple(f"{what} strut {k} at {s:.2g} of its length" for k, s in zip(self.struts, np.asarray(self.share)))
@@ -114,12 +118,17 @@ class RodFriction(ForceLaw):
         return self.points.on_nodes(-(mu * pressed / speed)[:, None] * slip, nodes)
 
 
+ALONG_STRUTS = RodContact, RodContactDissipation, RodFriction
+"""The laws of contact along struts."""
+
+
 @typed
 def with_contact_along_struts(scene: Scene, count: int, struts: tuple[int, ...] | None = None) -> Scene:
     """The scene with `count` points of contact between the ends of its struts, evenly spaced.
 
-    At a point x_p = (1 - s) x_i + s x_j the ground acts as on a node, with its stiffness divided by `count`. Both ends
-    get the force by the same weights. So a rod touches edges, posts and crests between its nodes (docs/terrain.md).
+    At a point x_p = (1 - s) x_i + s x_j the ground acts as on a node without a ball, with its stiffness divided by
+    `count`. Both ends get the force by the same weights. So a rod touches edges, posts and crests between its nodes
+    (docs/terrain.md).
 
     Args:
         scene: a scene with penalty contact, and smooth friction or none.
@@ -148,8 +157,7 @@ def with_contact_along_struts(scene: Scene, count: int, struts: tuple[int, ...] 
     chosen = tuple(known) if struts is None else tuple(struts)
     if members is None or not chosen or not set(chosen) <= set(known) or len(set(chosen)) < len(chosen):
         raise InputError(f"struts = {list(chosen)}: expected some of the scene's {len(known)}, each once")
-    if count < 1:
-        raise InputError(f"count = {count}: expected at least 1 point on each strut")
+    check_count("count", count, 1)
     each = tuple(k for k in chosen for _ in range(count))
     share = np.tile(np.arange(1, count + 1) / (count + 1), len(chosen))
     i, j = (tuple(members.edges[k][end] for k in each) for end in (0, 1))

@@ -65,13 +65,12 @@ def _settled(scene: Scene, trajectory: Trajectory) -> tuple[float, int]:
     times, q = np.asarray(trajectory.times, float), np.asarray(trajectory.positions, float)
     size = SETTLED * float(length_scale(scene))
     try:
-        plane = plane_of(scene)
         period, start = (0.0, 0.0) if scene.gait is None else (period_of(scene.gait), _full_swing(scene.gait))
+        plane = plane_of(scene) if period else None
     except InputError:  # no plane, or several frequencies: nothing that returns
         return np.inf, 0
-    if not period:
-        shapes = np.array([shape(x @ plane.axes, plane) for x in q])
-        off = np.abs(shapes - shapes[-1]).max(1) > size
+    if plane is None:  # a robot that slides or rolls on keeps its shape, and does not rest
+        off = np.abs(q - q[-1]).max((1, 2)) > size
         last = int(np.flatnonzero(off)[-1]) + 1 if off.any() else 0
         return (float(times[last]), 0) if times[last] < times[-1] / 2 else (np.inf, 0)
     moving = times >= start

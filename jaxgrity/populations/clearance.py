@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 
+from jaxgrity.core.arguments import check_count
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import PerMember
 from jaxgrity.model.scene import Scene
@@ -22,19 +23,24 @@ def rod_depths(scene: Scene, trajectory: Trajectory, points: int = 15) -> PerMem
     Returns:
         (struts,), m; 0 for a strut that stays above the ground.
 
+    Raises:
+        InputError: less than one point.
+
     Example:
         >>> scene = jaxgrity.load_scene("exact")
         >>> depths = jaxgrity.populations.rod_depths(scene, jaxgrity.simulate(scene, 0.1))
         >>> bool(depths.max() < 1e-9)  # m: no rod enters a plane that no node enters
         True
     """
+    check_count("points", points, 1)
     struts, ground = scene.structure.struts, scene.ground
     if struts is None or ground is None:
         return np.zeros(0 if struts is None else len(struts.edges))
     i, j = np.array(struts.edges).T
     q = np.asarray(trajectory.positions, float)[:, :, None]
     if ground.offset is not None:
-        ground, q = dataclasses.replace(ground, offset=None), q - np.asarray(ground.offset, float)
+        q = q - np.asarray(ground.offset, float)
+    ground = dataclasses.replace(ground, offset=None, balls=None)  # balls are at nodes
     share = np.linspace(0, 1, points + 2)[1:-1, None]
     along = (1 - share) * q[:, i] + share * q[:, j]
     distance = ground.measured(along.reshape(len(q), -1, 3)).distance.reshape(along.shape[:-1])

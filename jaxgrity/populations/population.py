@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
-from jaxgrity.core.arguments import check_number
+from jaxgrity.core.arguments import check_count, check_number
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.functions import hold_functions
 from jaxgrity.core.remembered import remembered
@@ -147,6 +147,7 @@ def simulate_population(
             f"gaits.phase has shape {np.shape(gaits.phase)}; expected (gaits, actuators), one gait or more"
         )
     check_number("duration", duration, above=0.0, unit="s")
+    check_count("parts", parts, 1)
     if differences is not None:
         differences.check(scene, len(gaits.phase))
         if differences.velocities is not None:

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxgrity.core import draws
-from jaxgrity.core.arguments import check_each, check_number
+from jaxgrity.core.arguments import check_count, check_each, check_number, check_unit_vector
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import edge_vectors, length
 from jaxgrity.core.typed import typed
@@ -75,6 +75,8 @@ class Differences(eqx.Module):
     def __check_init__(self):
         for name in DIFFERING:
             check_each(f"differences.{name}", getattr(self, name), least=0.0)
+        for row in self.up.reshape(-1, 3) if isinstance(self.up, np.ndarray) else ():
+            check_unit_vector("differences.up", row)
 
     def check(self, scene: Scene, robots: int) -> None:
         """Raises `InputError` where these are not the differences of that number of robots of the scene."""
@@ -86,9 +88,10 @@ class Differences(eqx.Module):
             expected = (robots, *(sizes.get(size, size) for size in ROWS.get(name, ("cables",))))
             # a number is common to all; what the scene lacks is refused by `differing`
             if np.ndim(value) and 0 not in expected and np.shape(value) != expected:
-                raise InputError(
-                    f"differences.{name} has shape {np.shape(value)}; expected {expected}, a row for each robot"
-                )
+                found = f"differences.{name} has shape {np.shape(value)}"
+                raise InputError(f"{found}; expected {expected}, a row for each robot")
+        if self.terrain is not None and getattr(scene.ground, "surface", None) is None:
+            raise InputError("differences.terrain: the scene's ground has no surface to move; expected one")
 
 
 @typed
@@ -110,9 +113,7 @@ def differing(scene: Scene, differences: Differences | None) -> Scene:
             continue
         parts = [part for part in DIFFERING[name] if part_of(scene, part) is not None]
         if not parts:
-            raise InputError(
-                f"{name}: robots cannot differ in it, since the scene does not model it; expected it there"
-            )
+            raise InputError(f"{name}: robots cannot differ in it, since the scene lacks it; expected it there")
         nodes = len(scene.structure.nodes)
         factor = jnp.broadcast_to(value[None], (nodes, *jnp.shape(value))) if name == "friction" else value
         for part in parts:
@@ -179,9 +180,10 @@ def ensemble(
     """`count` robots for each of `gaits`, drawn from `uncertainty`: row i*count + k is the k-th robot of gait i.
 
     With `common` draws all gaits meet the same ones, so that their means compare. Draws come in pairs of opposite
-    signs: linear effects cancel from a mean. Raises `InputError` where the scene does not model an uncertain quantity,
-    where an amplitude may reach 1, for terrain beside balls, and for prestress of cables that are not linear there.
+    signs: linear effects cancel from a mean. Raises `InputError` for less than one robot, an uncertain quantity that
+    the scene lacks, amplitudes that may reach 1, terrain beside balls, and prestress of cables that are not linear.
     """
+    check_count("count", count, 1)
     dtype, (size, actuators) = gaits.phase.dtype, gaits.phase.shape
     rows = count if common else count * size
     asked = tuple(name for name, half_width in vars(uncertainty).items() if half_width)
@@ -225,9 +227,7 @@ def _differences(key, scene: Scene, drawn: dict[str, AnyArray], dtype: np.dtype)
     found = {}
     if "friction" in drawn:
         if scene.friction is None:
-            raise InputError(
-                "friction: robots cannot differ in it, since the scene does not model it; expected [friction]"
-            )
+            raise InputError("friction: robots cannot differ in it, since the scene lacks it; expected [friction]")
         found["friction"] = (1 + drawn["friction"]).astype(dtype)
     if "cable_stiffness" in drawn:
         factors = (1 + drawn["cable_stiffness"]).astype(dtype)

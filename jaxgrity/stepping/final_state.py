@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxgrity.core.arguments import check_finite
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.tracing import traced
 from jaxgrity.core.typed import typed
@@ -12,7 +13,7 @@ from jaxgrity.model.scene import Scene, as_dtype, start_of
 from jaxgrity.stepping.discretisation import discretise, with_scales_and_mobility
 from jaxgrity.stepping.loop import Carried, Scheme, carried_at, numbered, recomputed, repeated, state_of
 from jaxgrity.stepping.options import ResolvedOptions, check_options
-from jaxgrity.stepping.starts import check_start, check_velocities
+from jaxgrity.stepping.starts import check_shapes, check_start, check_velocities
 
 LONGER = 1.01
 """Factor by which steps may exceed the step of the options if their number is given: room for rounding."""
@@ -54,8 +55,8 @@ def final_state(
         Positions, m, and velocities, m/s, at the end, (nodes, 3) each.
 
     Raises:
-        InputError: a method that adapts its step, or options for another kind of scene; a start that violates rigid
-            struts or exact contact; a traced duration without `steps`.
+        InputError: a method that adapts its step, or options for another kind of scene; a start of another shape, or
+            that violates rigid struts or exact contact; a traced duration without `steps`.
 
     Example:
         >>> scene = jaxgrity.load_scene("reference")
@@ -70,6 +71,9 @@ def final_state(
         raise InputError(f"method = {options.method.name!r} adapts its step; expected a fixed one (dt)")
     if not (traced(duration) or float(duration) > 0):
         raise InputError(f"duration = {duration} s: expected a positive number")
+    check_finite("since", since)
+    if start is not None:
+        check_shapes(scene, start)
     count = _counted(duration, options, steps)
     check_times(since + duration, options)
     check_options(scene, options)

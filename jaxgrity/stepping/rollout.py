@@ -16,7 +16,7 @@ from jaxgrity.model.scene import Scene, as_dtype, start_of
 from jaxgrity.stepping.discretisation import state_failure
 from jaxgrity.stepping.final_state import LONGER, check_times, enough_steps, states_at
 from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
-from jaxgrity.stepping.starts import check_velocities, start_failure, supports_slip, velocities_stretch
+from jaxgrity.stepping.starts import check_shapes, check_velocities, start_failure, supports_slip, velocities_stretch
 
 
 class RolledOut(NamedTuple):
@@ -76,10 +76,7 @@ def rollout(
     _check_frames(times)
     q, v = start_of(scene) if start is None else start
     q, v = (x if isinstance(x, jax.Array) else np.asarray(x, float) for x in (q, v))
-    for name, given in (("positions", q), ("velocities", v)):
-        if np.shape(given) != scene.structure.nodes.shape:
-            expected = f"{scene.structure.nodes.shape}, a row for each node"
-            raise InputError(f"start: {name} have shape {np.shape(given)}; expected {expected}")
+    check_shapes(scene, (q, v))
     if steps is None and traced(times):
         raise InputError("times are being traced; pass `steps`, the number of steps between frames")
     resolved = resolve(scene, options=options, positions=q, since=times[0])

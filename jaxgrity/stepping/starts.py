@@ -41,6 +41,15 @@ def check_start(scene: Scene, positions: NodeVectors | None = None, since: Scala
             raise InputError(constraint.complaint(q, float(since), int(gaps.argmax())))
 
 
+def check_shapes(scene: Scene, start: State) -> None:
+    """Refuse positions and velocities that are not a row for each node; traced ones too."""
+    expected = scene.structure.nodes.shape
+    for name, given in zip(("positions", "velocities"), start):
+        if np.shape(given) != expected:
+            found = f"start: {name} have shape {np.shape(given)}"
+            raise InputError(f"{found}; expected {expected}, a row for each node")
+
+
 def check_known_velocities(scene: Scene, velocities: AnyArray, since: Scalar = 0.0) -> None:
     """Refuse known velocities (m/s), of one robot or of many, that differ from the supports'.
 

@@ -66,6 +66,13 @@ def test_the_force_is_that_of_the_table(segments):
     np.testing.assert_allclose(pull_of(scene, segments * s), expected, atol=1e-9)
 
 
+def test_a_straight_table_is_a_spring():
+    """Two entries have one slope, which is the cables' stiffness."""
+    scene = cord()
+    straight = with_terms(scene, force_table(scene.structure.cables, [0.0, 0.05], [0.0, 30.0]))
+    np.testing.assert_allclose(pull_of(straight, np.array([-0.1, 0.02, 0.1])), [0.0, 12.0, 60.0], atol=1e-12)
+
+
 @pytest.mark.parametrize("law", ["table", "limit"])
 def test_prestress_is_uncertain_only_where_cables_are_linear(law):
     """Built 5 mm long, from 600 N/m: up to 10 mm or 6 N any share will do, beyond it tensions do not scale."""

@@ -1,5 +1,7 @@
 """Points of contact along struts: a rod across an obstacle, against closed forms and nodes in the same place."""
 
+from dataclasses import replace
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -19,10 +21,13 @@ from jaxgrity import (
     SolverOptions,
     Sphere,
     Structure,
+    Trajectory,
     energy_audit,
     simulate,
     with_contact_along_struts,
 )
+from jaxgrity.model import exact_twin
+from jaxgrity.model.balls import Balls
 from jaxgrity.populations import rod_depths
 from jaxgrity.stepping.dynamics import total_force
 
@@ -57,6 +62,30 @@ def test_a_rod_rests_on_what_is_between_its_nodes(surface):
     depth = 0.3 - np.asarray(resting.positions[-1, :, 2])
     np.testing.assert_allclose(depth, 2 * MASS * G / (STIFFNESS / 3), rtol=1e-6)
     assert rod_depths(scene, fallen, 3).max() > 10 * rod_depths(held, resting, 3).max()
+
+
+def test_balls_of_nodes_are_none_of_the_points():
+    """A rod with a large foot: its points, and the depths of its parts, are those of a thin rod."""
+    scene = across(surface=None)
+    feet = replace(scene, ground=replace(scene.ground, balls=Balls((1,), [0.3])))
+    for z in (0.2, -0.04):
+        q = scene.structure.nodes * [1.0, 1.0, 0.0] + [0.0, 0.0, z]
+        thin, footed = (
+            with_contact_along_struts(each, 3).potential_energy(q, 0.0) - each.potential_energy(q, 0.0)
+            for each in (scene, feet)
+        )
+        expected = 3 * (STIFFNESS / 3) / 2 * min(z, 0.0) ** 2
+        np.testing.assert_allclose([thin, footed], expected, rtol=1e-12)
+        none = jnp.array(0)
+        still = Trajectory(np.array([0.0]), q[None], 0 * q[None], none, none, none, "rk4", 1e-3, feet)
+        np.testing.assert_allclose(rod_depths(feet, still, 3), max(-z, 0.0), rtol=1e-12)
+
+
+def test_the_exact_twin_says_that_contact_is_at_nodes():
+    """It has no laws that act nowhere."""
+    scene = with_contact_along_struts(across(SmoothFriction(0.4, 0.01)), 3)
+    assert len(scene.terms) == 3
+    assert not exact_twin(scene).terms
 
 
 def test_a_point_gets_what_a_node_gets_there():
@@ -136,7 +165,7 @@ def test_gradients_agree_with_central_differences():
     ("scene", "arguments", "message"),
     [
         (lambda: jaxgrity.load_scene("exact"), (3,), "contact along struts needs penalty contact"),
-        (across, (0,), "count = 0: expected at least 1 point"),
+        (across, (0,), "count = 0: expected a whole number, at least 1"),
         (across, (1, (1,)), r"struts = \[1\]: expected some of the scene's 1"),
     ],
 )

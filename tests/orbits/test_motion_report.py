@@ -41,6 +41,13 @@ def test_a_robot_that_does_not_move_stands(still):
     assert found.sentence() == "the robot stands; it is at rest after 0 s"
 
 
+def test_a_robot_that_slides_on_is_not_at_rest(still):
+    """Its shape stays as it is, and its place does not."""
+    scene, q = still
+    found = motion_report(scene, motion(q + TIMES[:, None, None] * [1.0, 0.0, 0.0]))
+    assert (found.kind, found.settled_after) == ("slides", np.inf)
+
+
 def test_a_robot_that_tips_once_fell_over(still):
     """Within a second, to another face; at rest since then. Later than half of the time it has not settled."""
     scene, q = still

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from jaxgrity import (
+    Differences,
     Gait,
     InputError,
     Members,
@@ -234,6 +235,27 @@ def test_bad_gaits_are_refused(reference):
         gaits_of(with_gait(reference, None).gait, np.zeros((3, 6)))
     with pytest.raises(InputError, match="amplitude has 2 rows; expected 3"):
         gaits_of(reference.gait, np.zeros((3, 6)), amplitude=np.zeros((2, 6)))
+
+
+@pytest.mark.parametrize(
+    ("how", "message"),
+    [
+        (lambda: {"parts": 0}, "parts = 0: expected a whole number, at least 1"),
+        (
+            lambda: {"differences": Differences(up=[[0, 0, 2.0], [0, 0, 1.0]])},
+            "differences.up = .*: 2 long; expected a unit vector",
+        ),
+        (
+            lambda: {"differences": Differences(terrain=np.zeros((2, 3)))},
+            "differences.terrain: the scene's ground has no surface",
+        ),
+    ],
+)
+def test_what_would_mean_nothing_is_refused(reference, how, message):
+    """No part, gravity of another size, and a plane that is moved along itself."""
+    gaits = gaits_of(reference.gait, np.zeros((2, 6)))
+    with pytest.raises(InputError, match=message):
+        simulate_population(reference, gaits, 1.0, **how())
 
 
 def test_a_population_of_none_is_refused(reference):
