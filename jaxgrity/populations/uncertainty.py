@@ -113,7 +113,8 @@ def differing(scene: Scene, differences: Differences | None) -> Scene:
             continue
         parts = [part for part in DIFFERING[name] if part_of(scene, part) is not None]
         if not parts:
-            raise InputError(f"{name}: robots cannot differ in it, since the scene lacks it; expected it there")
+            lacking = "robots cannot differ in it, since the scene does not model it"
+            raise InputError(f"{name}: {lacking}; expected it there")
         nodes = len(scene.structure.nodes)
         factor = jnp.broadcast_to(value[None], (nodes, *jnp.shape(value))) if name == "friction" else value
         for part in parts:
@@ -227,7 +228,7 @@ def _differences(key, scene: Scene, drawn: dict[str, AnyArray], dtype: np.dtype)
     found = {}
     if "friction" in drawn:
         if scene.friction is None:
-            raise InputError("friction: robots cannot differ in it, since the scene lacks it; expected [friction]")
+            raise InputError("friction: robots cannot differ in it, since the scene does not model it; expected it")
         found["friction"] = (1 + drawn["friction"]).astype(dtype)
     if "cable_stiffness" in drawn:
         factors = (1 + drawn["cable_stiffness"]).astype(dtype)

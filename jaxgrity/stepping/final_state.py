@@ -39,24 +39,23 @@ def final_state(
     With rigid struts or on exact contact, keep the returned velocities out of a loss: constraints have not acted on
     them yet, and they can be off by more than 1 m/s. Positions one step apart give (q_end - q_before)/h instead.
 
-    After some seconds of rolling, derivatives are exact for the steps, but say little about longer motions
-    (`sensitivity`). Differentiate the speed of an orbit instead (`closed_orbit`), or the mean over many robots.
+    After some seconds of rolling, derivatives say little about longer motions (`sensitivity`). Differentiate the speed
+    of an orbit instead (`closed_orbit`), or the mean over many robots.
 
     Args:
         scene: the scene to simulate.
         duration: simulated time, s. All steps are equal, no longer than the options say, and the last ends there.
         options: options from `resolve`, with a step; not from `as_inputs`, since reverse mode must count the steps.
         start: positions, m, and velocities, m/s, (nodes, 3) each; by default the structure's nodes at rest.
-        steps: number of steps; by default the options decide. If given, you can differentiate with respect to the
-            duration.
+        steps: number of steps; by default the options decide. Needed for derivatives with respect to the duration.
         since: time of the start, s. Gaits, motors and pushes follow this time.
 
     Returns:
         Positions, m, and velocities, m/s, at the end, (nodes, 3) each.
 
     Raises:
-        InputError: a method that adapts its step, or options for another kind of scene; a start of another shape, or
-            that violates rigid struts or exact contact; a traced duration without `steps`.
+        InputError: a method that adapts its step, options for another kind of scene, a start of another shape or that
+            violates rigid struts or exact contact, a traced duration without `steps`.
 
     Example:
         >>> scene = jaxgrity.load_scene("reference")
@@ -71,14 +70,12 @@ def final_state(
         raise InputError(f"method = {options.method.name!r} adapts its step; expected a fixed one (dt)")
     if not (traced(duration) or float(duration) > 0):
         raise InputError(f"duration = {duration} s: expected a positive number")
-    check_finite("since", since)
-    if start is not None:
-        check_shapes(scene, start)
     count = _counted(duration, options, steps)
     check_times(since + duration, options)
     check_options(scene, options)
-    check_start(scene, None if start is None else start[0], since)
     q, v = start_of(scene) if start is None else start
+    check_shapes(scene, (q, v))
+    check_start(scene, None if start is None else q, since)
     check_velocities(scene, (q, v), since, options.method.constrained)
     # numbers that are known stay so: nothing has to be computed of a start at rest
     v = np.asarray(v, options.dtype) if isinstance(v, np.ndarray) else jnp.asarray(v, options.dtype)
@@ -136,6 +133,7 @@ def check_times(latest: Scalar, options: ResolvedOptions) -> None:
     """Raises `InputError` where known times up to `latest`, s, are rounded by as much as a share of the steps."""
     if traced((latest, options)):
         return
+    check_finite("time", float(latest))
     apart, dt = float(jnp.finfo(options.dtype).eps) * abs(float(latest)), float(options.dt)  # type: ignore[arg-type]
     if apart > ROUNDED * dt:
         raise InputError(

@@ -163,7 +163,7 @@ def test_steps_are_as_fine_as_the_options_say():
         ("times are being traced; pass `steps`", lambda: jax.jit(lambda t: rollout(SCENE, t).ok)(TIMES)),
         ("start: velocities have shape", lambda: rollout(SCENE, TIMES, start=(SCENE.structure.nodes, np.zeros(3)))),
         ("start: positions have shape", lambda: final_state(SCENE, 0.1, resolve(SCENE), (np.zeros(3), np.zeros(3)))),
-        ("since = nan: expected a finite number", lambda: final_state(SCENE, 0.1, resolve(SCENE), since=np.nan)),
+        ("time = nan: expected a finite number", lambda: final_state(SCENE, 0.1, resolve(SCENE), since=np.nan)),
         ("adapts its step", lambda: rollout(swept(stiff=False), TIMES, options=SolverOptions("tsit5"))),
         ("no step can be chosen; pass a dt", lambda: jax.jit(_with_gravity)(9.81)),
         ("duration is being traced", lambda: jax.jit(lambda T: simulate(SCENE, T).positions)(0.1)),
