@@ -143,8 +143,9 @@ def phase_locked(case: Case):
 
 def led(case: Case):
     """By predictive control, to a place."""
-    offsets = control.centre_offsets(case.scene.structure, case.scene.gait.members)
-    steered = control.Steered(control.PhaseLocked(case.scene.gait), np.array(0.0), offsets)
+    inner = control.PhaseLocked(case.scene.gait)
+    offsets = control.centre_offsets(case.scene.structure, inner.members)
+    steered = control.Steered(inner, np.array(0.0), offsets)
     robot = plant(case)
     return control.lead_to(robot, robot, steered, np.array([1.0, 0.0]) * case.at.length)
 

@@ -8,6 +8,7 @@ from mpl_toolkits.mplot3d.art3d import Line3DCollection
 from mpl_toolkits.mplot3d.proj3d import proj_transform
 
 from jaxgrity.core.display import significant
+from jaxgrity.core.typed import typed
 from jaxgrity.model.actuation import Gait, contraction, rest_lengths_along
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import edge_lengths
@@ -177,6 +178,7 @@ def energy_figure(audit: EnergyAudit) -> Figure:
 
 
 @styled
+@typed
 def gait_figure(gait: Gait, duration: float | None = None, motion: Rolling | None = None, begin: float = 0.0) -> Figure:
     """Rest lengths of the actuated members over time, as shares of the built ones; below, the support faces.
 

@@ -88,6 +88,11 @@ def test_the_gait_diagram_shows_rest_lengths():
     np.testing.assert_allclose(picture.min(1), 1 - gait.amplitude, atol=2e-3)
 
 
+def test_a_scene_without_a_gait_has_no_gait_diagram():
+    with pytest.raises(jaxgrity.InputError, match="gait_figure: gait is None; expected a Gait"):
+        plot.gait_figure(None)
+
+
 @pytest.mark.parametrize("name", ["a.png", "a.svg"])
 def test_files_are_what_their_names_say(tmp_path, name):
     """Equal figures make equal files."""
