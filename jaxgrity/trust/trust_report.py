@@ -215,12 +215,12 @@ def _penetration(scene: Scene, trajectory: Trajectory) -> float:
 
 
 def _strut_strain(scene: Scene, trajectory: Trajectory) -> float:
-    """In frames at which a step ends: between them positions are interpolated, and lengths are not."""
+    """Of rigid struts in frames at which a step ends: positions between them are interpolated, and lengths are not."""
     struts = scene.structure.struts
     if struts is None:
         return 0.0
     times, dt = np.asarray(trajectory.times, float), trajectory.dt
-    ends = np.abs(times / dt - np.round(times / dt)) < 1e-3 if dt is not None else np.ones(len(times), bool)
+    ends = np.abs(times / dt - np.round(times / dt)) < 1e-3 if dt and struts.rigid else np.ones(len(times), bool)
     wanted = np.asarray(rest_lengths_along(struts, scene.gait, with_room(times, len(scene.structure.nodes)), 0))
     wanted = wanted[: len(times)][ends]
     i, j = np.array(struts.edges).T
