@@ -33,7 +33,7 @@ class Metrics(NamedTuple):
     work: Scalar
     """J, done by the actuators less done on them, as in the energy audit"""
     effort: Scalar
-    """J, done by the actuators, each by itself, without recovery of work done on them"""
+    """J, done by the gait's actuators, each by itself, without recovery; motors are in `work` alone"""
     contact: Scalar
     """s, summed over the nodes that touch the ground"""
     slip: Scalar
