@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxgrity.core.arguments import check_finite
+from jaxgrity.core.arguments import check_count, check_finite
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.tracing import traced
 from jaxgrity.core.typed import typed
@@ -124,6 +124,7 @@ def enough_steps(since: Scalar, until: Scalar, options: ResolvedOptions, given: 
     needed = steps_between(since, until, options)
     if given is None:
         return needed
+    check_count("steps", given, 1)
     if float(until) - float(since) > LONGER * given * float(options.dt):  # type: ignore[arg-type]
         raise InputError(f"steps = {given}: they would be longer than options.dt; expected {needed} or more")
     return given

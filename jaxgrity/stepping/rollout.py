@@ -90,8 +90,8 @@ def rollout(
 
 
 def _check_frames(times: Times) -> None:
-    ascend = traced(times) or (np.isfinite(times).all() and np.all(np.diff(times) > 0))
-    if np.ndim(times) != 1 or np.shape(times)[0] < 2 or not ascend:
+    listed = np.ndim(times) == 1 and np.shape(times)[0] > 1
+    if not (listed and (traced(times) or (np.isfinite(times).all() and np.all(np.diff(times) > 0)))):
         raise InputError(f"times of shape {np.shape(times)}; expected two or more ascending, finite times, (frames,)")
 
 

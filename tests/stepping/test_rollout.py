@@ -160,6 +160,7 @@ def test_steps_are_as_fine_as_the_options_say():
     ("message", "call"),
     [
         ("times of shape", lambda: rollout(SCENE, np.array([0.1, 0.0]))),
+        ("steps = 0: expected a whole number, at least 1", lambda: rollout(SCENE, TIMES, steps=0)),
         ("times are being traced; pass `steps`", lambda: jax.jit(lambda t: rollout(SCENE, t).ok)(TIMES)),
         ("start: velocities have shape", lambda: rollout(SCENE, TIMES, start=(SCENE.structure.nodes, np.zeros(3)))),
         ("start: positions have shape", lambda: final_state(SCENE, 0.1, resolve(SCENE), (np.zeros(3), np.zeros(3)))),
