@@ -101,9 +101,9 @@ def lead_to(
         Its path, whether and when it reached the goal, and the time per choice.
 
     Raises:
-        InputError: a policy or a model with other members than the robot, a model with another period, a plant of many
-            robots, times that are no multiples of each other, a policy other than a steered `PhaseLocked` one of one
-            frequency, a goal that is no place, or invalid settings.
+        InputError: invalid settings, or a goal that is no place; a plant of many robots; a model or policy with other
+            members than the robot, or another period; a policy that is not `PhaseLocked` at one frequency and
+            `Steered`; times that are no multiples of each other.
     """
     check_model(robot, model)
     for plant, name in ((robot, "robot"), (model, "model")):

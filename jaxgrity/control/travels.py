@@ -128,8 +128,7 @@ def travel(
             invalid settings.
     """
     foresight = sized(foresight, model.scene)
-    ticks, looks, choices = _counts(robots, model, maps, foresight)
-    count = len(maps)
+    (ticks, looks, choices), count = _counts(robots, model, maps, foresight), len(maps)
     draw, copies = np.random.default_rng(foresight.seed), len(foresight.friction)
     lanes = count * foresight.samples * copies
     many = side_by_side(model, lanes, Differences(friction=np.tile(foresight.friction, count * foresight.samples)))
@@ -147,8 +146,8 @@ def travel(
         spent.append(time.perf_counter() - began)
         old = rows
         rows, bends, turns = (x[np.arange(count), best] for x in tried)
-        expected = _expected(fate, best, foresight)
-        loop, nodes, went = _moved(robots, gaits.chosen(rows, bends), _with_clock(gaits, loop, old, rows, turns), ticks)
+        expected, turned = _expected(fate, best, foresight), _with_clock(gaits, loop, old, rows, turns)
+        loop, nodes, went = _moved(robots, gaits.chosen(rows, bends), turned, ticks)
         kept.append(np.asarray(nodes))
         path.append(np.asarray(went))
         said.append((rows, expected[1], np.linalg.norm(expected[0] - path[-1][-1, :2], axis=0)))
@@ -297,4 +296,5 @@ def travels_of(
         [np.nanmin(gap(way.discs, scene, nodes[: end + 1, ..., k])) for k, (way, end) in enumerate(zip(maps, ended))]
     )
     reached, seconds = there.any(0) & (gaps > 0), float(np.median(spent[1:] or spent))
-    return Travels(nodes, path, reached, ended, gaps, said[0], said[1], said[2], seconds)
+    rows, spread, surprise = said
+    return Travels(nodes, path, reached, ended, gaps, rows, spread, surprise, seconds)

@@ -184,8 +184,8 @@ def _tried(key, problem: SearchProblem, model: Model, genes: Genes) -> _Tried:
     *_, outcomes = ensembles_rolled_out(key, model, gaits, duration, fitness, parts, False)
     found = _path(scene, outcomes, np.asarray(duration, float))
     speed, bend = (np.asarray(x)[: len(genes) * fitness.rollouts].reshape(len(genes), -1) for x in found)
-    kept_or_undone = rate <= (np.inf if fitness.bounds.rate is None else fitness.bounds.rate)
-    kept = np.where(kept_or_undone & np.isfinite(speed).all(1) & np.isfinite(bend).all(1), 1.0, np.nan)
+    within = rate <= (np.inf if fitness.bounds.rate is None else fitness.bounds.rate)
+    kept = np.where(within & np.isfinite(speed).all(1) & np.isfinite(bend).all(1), 1.0, np.nan)
     return _Tried(genes, kept * speed.mean(1), kept * bend.mean(1), -kept * (speed.std(1) + bend.std(1)))
 
 

@@ -94,12 +94,12 @@ def resting_shape(
     limit = max(1e-11 * largest_force(scene.structure), 100 * np.finfo(float).eps * largest_force(springs.structure))
     limit = limit if tolerance is None else tolerance
 
-    energy_and_force, stiffness = springs_forces = _forces_of(springs, whole, pull)
+    energy_and_force, stiffness = _forces_of(springs, whole, pull)
     given, softer = q, _softer(scene, pull)
-    q, steps = _descend(*springs_forces, (whole, given), free, limit)
+    q, steps = _descend(energy_and_force, stiffness, (whole, given), free, limit)
     if steps == ITERATIONS and softer is not None:
         q, some = _descend(*_forces_of(softer, whole, pull), (whole, given), free, limit)
-        q, more = _descend(*springs_forces, (whole, q), free, limit)
+        q, more = _descend(energy_and_force, stiffness, (whole, q), free, limit)
         steps += some + more
     force = energy_and_force(q)[1].ravel()
     residual = float(np.abs(force[free]).max(initial=0))

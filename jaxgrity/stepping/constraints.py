@@ -289,11 +289,11 @@ def _to_length(struts: _Strut) -> PerMember:
     moves = moving_squared > HELD * HELD * free_squared
     d_m = jnp.where(moves, d.dot(moving), d.dot(free))
     m_m = jnp.where(moves, moving_squared, free_squared)
-    length_gap = d.dot(d) - goal * goal
+    longer = d.dot(d) - goal * goal
     # below 0 no impulse reaches the length: a tiny number keeps the derivative of the root finite there
-    under = d_m * d_m - m_m * length_gap
+    under = d_m * d_m - m_m * longer
     towards = d_m > 0
     # |d·m| + sqrt(...), by which the root of either sign has a form that does not cancel; what takes the square root
     # once is one loop, where XLA would compute all that is before it once more for each use
     larger = jnp.where(towards, d_m, -d_m) + jnp.sqrt(jnp.maximum(under, jnp.finfo(under.dtype).tiny))
-    return jnp.where(towards, -length_gap, larger) / jnp.where(towards, larger, m_m)
+    return jnp.where(towards, -longer, larger) / jnp.where(towards, larger, m_m)
