@@ -178,7 +178,7 @@ def words(record: Record) -> str:
         penalty, higher, back = (row[name] and told(row[name]) for name in ("penalty", "climbed", "back"))
         rows.append([*about, penalty, higher, f"{row['kept']} of {row['steps']}", back or ""])
     head = ["power allowed", "by the search, exact contact, m/s", "the same on penalty contact, power needed"]
-    head += ["after the climb there", "steps that were worth it", "back on exact contact"]
+    head += ["after the climb there", "steps kept", "back on exact contact"]
     return table(head, rows)
 
 
@@ -206,7 +206,7 @@ def figure(record: Record) -> Figure:
         axes.set_yticks(range(len(NAMES)), NAMES if axes is speed else [""] * len(NAMES))
         axes.invert_yaxis()
         axes.set(xlabel="% for 1 % of the number", title=f"What {name} depends on")
-    climb.set(xlabel="steps that were worth it", ylabel="steady speed (m/s)", ylim=(0, None), title="Penalty contact")
+    climb.set(xlabel="steps kept", ylabel="steady speed (m/s)", ylim=(0, None), title="Penalty contact")
     climb.xaxis.get_major_locator().set_params(integer=True)
     speed.legend(title="allowed")
     return chart

@@ -128,7 +128,7 @@ def words(record: Record) -> str:
     for level, rough in zip(levels, roughs):
         shares = (found[rough, policy]["speed"] / found[level, policy]["speed"] for policy in policies)
         _, _, motors = rough.partition(", ")
-        label = "speed on bumps, of that on level ground" + (f", {motors}" if motors else "")
+        label = "speed on bumps, as a share of that on level ground" + (f", {motors}" if motors else "")
         rows.append([label, *(f"{100 * share:.0f} %" for share in shares)])
     first, *others = policies
     return table(["case", f"{first}: robots that roll, mean speed of all", *others], rows)

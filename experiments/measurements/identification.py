@@ -120,7 +120,7 @@ def words(record: Record) -> str:
         converged = f"{case['converged']} of {case['trials']}, {case['seconds']:.0f} s, {case['longest']:.0f} s"
         for each in case["parameters"]:
             told = each["told"]
-            cells = ["cannot be told"] * 2
+            cells = ["not determined"] * 2
             if told:
                 cells = [f"{each['standard_error']:.2%}", f"{each['median']:.2%}, {each['largest']:.2%}"]
             counts = [f"{each[key]} of {case['trials']}" if told else "" for key in ("within_2_percent", "covered")]

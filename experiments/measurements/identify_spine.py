@@ -111,7 +111,7 @@ def parameters(record: Record) -> str:
     for row in record["statics"]:
         size, unit = (1.0, "") if row["kind"] == "factor" else (1e3, " mm")
         error = f"{2 * size * row['standard_error']:.2g}{unit}"
-        value = "cannot be told" if row["value"] is None else f"{size * row['value']:.3g}{unit} ± {error}"
+        value = "not determined" if row["value"] is None else f"{size * row['value']:.3g}{unit} ± {error}"
         plausible = f"1 ({row['spread']:g})" if row["kind"] == "factor" else f"0{unit} ({size * row['spread']:g}{unit})"
         cells.append([row["name"].removeprefix("scene."), row["kind"], plausible, value])
     return table(["parameter", "", "plausible before (standard deviation)", "identified"], cells)

@@ -73,8 +73,8 @@ def words(record: Record) -> str:
     cells = {
         "contact": "{contact}",
         "step": lambda row: f"{1e3 * row['dt']:.3g} ms",
-        "largest residual of the audit": "{missed:.2%}",
-        "of the energy turned over": "{turned_over:.2f} J",
+        "largest residual of the audit, share of the energy turned over": "{missed:.2%}",
+        "energy turned over": "{turned_over:.2f} J",
     }
     return columns(record["rows"], cells)
 
