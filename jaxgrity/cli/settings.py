@@ -111,7 +111,8 @@ class SearchSettings:
     population: int = 128
     """number of gaits per generation"""
     generations: tuple[int, int] = (10, 2)
-    """numbers of generations: of screening, and then, if screening uses the contact twin, on the scene's own model"""
+    """numbers of generations: of screening, and then on the scene's own model. With --no-wide, the second number
+    counts only if screening uses the contact twin"""
     optimiser: Literal["genetic", "cma-es"] = "genetic"
     """search method; cma-es needs evosax (pip install 'jaxgrity[baselines]')"""
     robots: int = 4
