@@ -133,20 +133,18 @@ def short(record: Record) -> str:
     """Rollouts a second beside the others', and steps a second of all robots together."""
     near, ours = record["rollouts_per_second"][0], "complementarity"
     rows = [
-        [written, f"{near['rates'][name]:,.0f}"]
-        for name, written in {ours: "jaxgrity, complementarity stepping", **WRITTEN}.items()
+        [written, f"{near['rates'][name]:,.0f} simulations of {record['duration']:g} s per second"]
+        for name, written in {ours: "jaxgrity, exact contact", **WRITTEN}.items()
         if name in near["rates"] and name in (ours, "exact", "mujoco Euler")
     ]
     rows += [
         [
-            f"jaxgrity with {1e3 * cost['dt']:g} ms, {cost['dtype']}",
-            f"{1e-6 / (cost['seconds'] * cost['dt']):.1f} million robot steps/s",
+            f"jaxgrity with a step of {1e3 * cost['dt']:g} ms, {cost['dtype']}",
+            f"{1e-6 / (cost['seconds'] * cost['dt']):.1f} million steps of a robot per second",
         ]
         for cost in [cost for cost in record["costs"] if cost["engine"] == ours][:1]
     ]
-    each = f"{record['duration']:g} s each"
-    head = f"{record['gaits']} robots at once on {record['cores']} cores: rollouts per second ({each})"
-    return table([head, "measured"], rows)
+    return table([f"{record['gaits']} robots at once on {record['cores']} cores", "measured"], rows)
 
 
 def costs_table(record: Record) -> str:

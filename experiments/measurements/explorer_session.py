@@ -89,12 +89,12 @@ def words(record: Record) -> str:
     """How soon it answers, and what it keeps."""
     rows = [
         ["rollouts in one session", f"{record['rollouts']}, of {record['duration']:g} s each"],
-        ["until the first one is shown, with its error bar", f"{record['first_picture_seconds']:.0f} s"],
-        ["from a slider to its rollout, median", f"{record['median_answer']:.2f} s"],
-        ["the slowest of them", f"{record['slowest_answer']:.2f} s"],
+        ["until the first rollout is shown, with its error bar", f"{record['first_picture_seconds']:.0f} s"],
+        ["from a slider to its rollout: median", f"{record['median_answer']:.2f} s"],
+        ["from a slider to its rollout: slowest", f"{record['slowest_answer']:.2f} s"],
         ["programs compiled after the first 20 rollouts", str(record["compiled_later"])],
         ["memory after 20 rollouts", f"{record['megabytes_settled']:.0f} MB"],
-        ["largest growth later", f"{record['largest_growth']:.1%}"],
+        ["largest growth of memory after these", f"{record['largest_growth']:.1%}"],
     ]
     return table(["a long session", "measured"], rows)
 

@@ -27,11 +27,13 @@ def gait_search_facts(raw: Facts) -> Facts:
 def gait_search_table(facts: Facts) -> str:
     """The most important numbers, of which all stand in docs/search.md."""
     steady, size = facts["steady"], facts["steady"]["body_length"]
-    perturbed = [_of_robots(mean / size, robots, size) for mean, robots in _ensembles(steady)]
+    exact, penalty = (_of_robots(mean / size, robots, size) for mean, robots in _ensembles(steady))
     rows = [
         ["steady speed", f"**{_speed(steady)} body lengths/s**, after {steady['settled_after']:.0f} s"],
-        ["128 perturbed robots, body lengths/s: exact; penalty contact", "; ".join(perturbed)],
-        ["peaks of a motor in a cycle; start included", f"{_peaks(steady['cycle'])}; {_peaks(facts['actuators'])}"],
+        ["128 perturbed robots, exact contact", f"{exact} body lengths/s"],
+        ["128 perturbed robots, penalty contact", f"{penalty} body lengths/s"],
+        ["peaks of a motor in a cycle", _peaks(steady["cycle"])],
+        ["peaks of a motor from the start on", _peaks(facts["actuators"])],
     ]  # fmt: skip
     return table(["the gait that `make gait` finds", "measured"], rows) + made_by(facts, "gait_search", "README.md")
 
