@@ -105,7 +105,7 @@ def words(record: Record) -> str:
             costs = (f"{1e6 * cost_of[size]:.3g}" if size in cost_of else "-" for size in sizes)
             apart = "-" if machine is here else f"{1e3 * record['apart'][f'{method} {dtype}']:.1g} mm"
             rows.append([f"{method}, {dtype}", device, *costs, apart])
-    head = ["us a gait and simulated second", "device", *(f"{size:,} gaits" for size in sizes), "ends apart by"]
+    head = ["method", "device", *(f"{size:,} gaits, us" for size in sizes), "distance of ends"]
     return table(head, rows)
 
 

@@ -115,44 +115,38 @@ def in_c(mine: list[Record], sizes: list[int]) -> Record:
 
 
 def microseconds(seconds: float) -> str:
-    return f"{1e6 * seconds:.0f} us"
+    return f"{1e6 * seconds:.0f}"
 
 
 @scaling.table
 def words(record: Record) -> str:
-    """What each method costs, and the C program that does the same."""
-    rows = [
+    """What populations cost by each method, and by the C program that does the same; then structures, and one robot."""
+    known = [(row["method"], row) for row in record["methods"]]
+    known += [(f"hand-written C, as {name}", row["in_C"]) for name, row in known if row["in_C"]]
+    first = record["methods"][0]
+    populations = [
+        [name, f"{row['speed_up']:.2f}", *map(microseconds, row["per_gait_and_simulated_second"])]
+        for name, row in known
+    ]
+    others = [
         [
             row["method"],
-            f"{row['speed_up']:.2f} times as fast as one",
-            ", ".join(microseconds(cost) for cost in row["per_gait_and_simulated_second"]),
-            f"{1e6 * row['per_gait_and_step'][0]:.2f} and {1e6 * row['per_gait_and_step'][1]:.0f} us",
+            *(f"{1e6 * cost:.2g}" for cost in row["per_gait_and_step"]),
             f"{row['exponent']:.2f}",
-            " and ".join(f"{times:.0f}" for times in row["times_real_time"]),
+            *(f"{times:.0f}" for times in row["times_real_time"]),
         ]
         for row in record["methods"]
     ]
-    rows += [
-        [
-            f"hand-written C, as {row['method']}",
-            f"{row['in_C']['speed_up']:.2f} times",
-            ", ".join(microseconds(cost) for cost in row["in_C"]["per_gait_and_simulated_second"]),
-            *3 * ["-"],
-        ]
-        for row in record["methods"]
-        if row["in_C"]
-    ]
-    first = record["methods"][0]
-    populations, struts = (", ".join(str(size) for size in first[name]) for name in ("populations", "struts"))
-    head = [
-        "method",
-        f"speedup by {first['devices']} devices ({first['gaits']} gaits)",
-        f"time per gait and simulated second, for {populations} gaits",
-        f"time per step, for {struts} struts",
-        "p, if cost grows as struts^p",
-        "one rollout, times faster than real time: float32, float64",
-    ]
-    return table(head, rows)
+    by_size = table(
+        ["method", f"speedup by {first['devices']} devices"] + [f"{size} gaits, us" for size in first["populations"]],
+        populations,
+    )
+    by_struts = table(
+        ["method", *(f"step, {struts} struts, us" for struts in first["struts"]), "exponent p"]
+        + [f"{dtype}, times real time" for dtype in ("float32", "float64")],
+        others,
+    )
+    return f"{by_size}\n\n{by_struts}"
 
 
 @partial(scaling.table, part="million")
@@ -162,7 +156,7 @@ def million(record: Record) -> str:
     for row in record["methods"]:
         cost = row["per_gait_and_simulated_second"][-1]
         rows.append([row["method"], microseconds(cost), f"{1e6 * 10 * cost / 60:.0f} minutes"])
-    head = ["method", "a gait and simulated second, float32", f"10^6 rollouts of 10 s on {record['cores']} cores"]
+    head = ["float32", "us per gait and simulated second", f"10^6 rollouts of 10 s on {record['cores']} cores"]
     return table(head, rows)
 
 
@@ -173,7 +167,7 @@ def loops(record: Record) -> str:
     for found in record["compiled"]:
         counts = [", ".join(f"{n} {kind}" for kind, n in loop["instructions"].items()) for loop in found["loops"]]
         rows.append([found["method"], "; ".join(counts), "; ".join(str(loop["roots"]) for loop in found["loops"])])
-    head = ["method", "instructions, loop by loop", "roots per gait"]
+    head = ["method", "instructions, loop by loop", "square roots per gait"]
     return table(head, rows)
 
 
