@@ -3,6 +3,8 @@
 import re
 from pathlib import Path
 
+from jaxgrity import load_scene
+
 ROOT = Path(__file__).parents[1]
 PLAN = (ROOT / "docs" / "design.md").read_text(encoding="utf-8")
 
@@ -19,6 +21,14 @@ def test_floor_plan_is_in_the_order_of_the_layers_contract():
     project = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
     (layers,) = re.findall(r"^layers = \[([^]]*)\]", project, re.MULTILINE)
     assert re.findall(r"^\| \*\*(\w+)\*\* \|", PLAN, re.MULTILINE) == re.findall(r"\w+", layers)[::-1]
+
+
+def test_scene_file_of_the_page_loads(tmp_path):
+    """With every table and key that is not a comment there."""
+    (found,) = re.findall(r"```toml\n(.*?)```", PLAN, re.DOTALL)
+    path = tmp_path / "scene.toml"
+    path.write_text(found, encoding="utf-8")
+    assert [law.name for law in load_scene(path).terms] == ["wind", "push", "largest force of cables"]
 
 
 def test_links_of_the_pages_lead_somewhere():

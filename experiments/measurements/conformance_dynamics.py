@@ -103,7 +103,7 @@ def slide() -> Iterator[Case]:
     motion = simulate(scene, duration, frame_rate=1.0, options=SolverOptions(dt=1e-3))
     theirs = (np.sin(incline) - mu * np.cos(incline)) * G * duration**2 / 2
     ours = np.linalg.norm(np.asarray(motion.positions)[-1, 0])
-    yield Case("point on a slope of 0.5 rad, mu = 0.3, way after 1 s", CLOSED, theirs, float(ours), "m")
+    yield Case("slope of 0.5 rad, mu = 0.3, displacement of a point after 1 s", CLOSED, theirs, float(ours), "m")
 
 
 def c_programs(quick: bool) -> Iterator[Case]:

@@ -36,18 +36,23 @@ def statics_cases(quick: bool) -> Iterator[Case]:
 
 
 def prisms(quick: bool) -> Iterator[Case]:
-    """Twist from a spoilt start, force densities, ranks."""
+    """Twist from a disturbed start, force densities, ranks."""
     for n in (3, 4) if quick else range(3, 13):
         nodes, struts, cables = prism(n, 0.7, 1.1)
         spoilt = nodes + 0.01 * np.random.default_rng(3).normal(size=nodes.shape)
         found = np.asarray(resting_shape(Scene(sprung(nodes, struts, cables)), spoilt).q)
         yield Case(
-            f"prism of {n}, twist found from a spoilt start", CLOSED, np.pi / 2 + np.pi / n, twist(found, n), "rad"
+            f"prism of {n}, twist found from a disturbed start", CLOSED, np.pi / 2 + np.pi / n, twist(found, n), "rad"
         )
         ratio = 2 * np.sin(np.pi / n)
         own = statics_of(nodes, (*struts, *cables))
         stress = own.self_stress[:, 0]
-        yield Case(f"prism of {n}, force density of sides over polygons", CLOSED, ratio, stress[3 * n] / stress[n])
+        yield Case(
+            f"prism of {n}, ratio of force densities, sides to polygons",
+            CLOSED,
+            ratio,
+            stress[3 * n] / stress[n],
+        )
         yield Case(f"prism of {n}, rank of the equilibrium matrix", CLOSED, 4 * n - 1, own.rank)
         yield Case(f"prism of {n}, mechanisms", CLOSED, 2 * n - 5, len(own.mechanisms))
 
@@ -72,7 +77,7 @@ def icosahedra() -> Iterator[Case]:
     nodes, struts, cables = icosahedron(1.0)
     found = statics_of(nodes, (*struts, *cables))
     q = found.self_stress[:, 0]
-    yield Case("icosahedron, force density of struts over cables", CLOSED, -1.5, q[0] / q[6])
+    yield Case("icosahedron, ratio of force densities, struts to cables", CLOSED, -1.5, q[0] / q[6])
     yield Case("icosahedron, rank of the equilibrium matrix", CLOSED, 29, found.rank)
     yield Case("icosahedron, states of self-stress", CLOSED, 1, found.self_stress.shape[1])
     yield Case("icosahedron, mechanisms", CLOSED, 1, len(found.mechanisms))

@@ -219,7 +219,7 @@ CALLS: dict[str, Callable[[Case], object]] = {
     "population with metrics": lambda case: simulate_population(
         case.scene, as_population(case.scene.gait), case.duration, options=case.options, with_metrics=True
     ),
-    "robots that differ": varied,
+    "perturbed robots": varied,
     "energy_audit": lambda case: energy_audit(case.scene, case.duration, options=SolverOptions()),
     "diagnose": lambda case: diagnose(case.scene, case.duration, options=case.options),
     "verify": lambda case: verify(case.scene, as_population(case.scene.gait), case.duration, options=case.options),

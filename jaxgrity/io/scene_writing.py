@@ -257,7 +257,7 @@ def _laws(scene: Scene) -> tuple[WindTable | None, list[PushTable], dict[str, An
 
 
 def _no_key(where: str, part: Any) -> InputError:
-    return InputError(f"{where} is a {type(part).__name__} that scene files have no key for; expected one that they do")
+    return InputError(f"{where} is a {type(part).__name__}; expected a part for which scene files have a key")
 
 
 def _lines(tables: dict[str, Any]) -> Iterator[str]:

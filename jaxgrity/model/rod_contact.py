@@ -149,7 +149,7 @@ def with_contact_along_struts(scene: Scene, count: int, struts: tuple[int, ...] 
     members, ground = scene.structure.struts, scene.ground
     if not isinstance(ground, PenaltyGround):
         raise InputError(
-            "contact along struts needs penalty contact; expected such a ground, as of `penalty_twin(scene)`"
+            "contact along struts needs penalty contact; expected a scene with it, such as `penalty_twin(scene)`"
         )
     if scene.friction is not None and not isinstance(scene.friction, SmoothFriction):
         raise InputError(f"friction: {type(scene.friction).__name__} along struts; expected smooth friction, or none")

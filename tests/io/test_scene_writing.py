@@ -217,7 +217,7 @@ def test_the_file_is_short_and_plain(reference):
 REFUSED = {
     "a law of one's own": (
         lambda scene: with_terms(scene, Push((0, 1), np.eye(3)[:2], 1.0, 1.0)),
-        "terms[0] is a Push that scene files have no key for",
+        "terms[0] is a Push; expected a part for which scene files have a key",
     ),
     "laws in another order": (
         lambda scene: with_terms(scene, force_limit(scene.structure.cables, 90.0), wind([1.0, 0, 0], 0.1, nodes=12)),
@@ -229,7 +229,7 @@ REFUSED = {
     ),
     "a function": (
         lambda scene: dataclasses.replace(scene, ground=PenaltyGround(1e4, surface=HeightFunction(np.sin))),
-        "ground.surface is a HeightFunction that scene files have no key for",
+        "ground.surface is a HeightFunction; expected a part for which scene files have a key",
     ),
     "a slope that is a surface": (
         lambda scene: dataclasses.replace(scene, friction=None, ground=ExactGround(surface=Slope(0.1))),
