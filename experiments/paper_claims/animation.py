@@ -65,7 +65,7 @@ def row(name: str, found: dict) -> Row:
     rolls = found["turned"] >= ROLLED and not found["failed"]
     known = abs(found["distance"] - found["distance_finer"]) < 0.1 * found["distance"]
     why = "it turns onto other faces: it rolls" if rolls else "it does not turn onto another face: it hops or slides"
-    why += "" if known else "; where to, no step of this size can tell"
+    why += "" if known else ". With this step, the place at the end is unknown"
     claim = "it settles, then actuation makes it roll, partly by 8 s"
     return Row(claim, "8, Fig. 5", name, measured, verdict(rolls and known, rolls), why)
 

@@ -72,12 +72,12 @@ def drift_row(name: str, found: dict) -> Row:
 
 def adequate_row(name: str, found: dict) -> Row:
     measured = f"the balance of energy, work and dissipation is off by {significant(found['residual'], 'J')}, "
-    measured += f"{found['residual_share']:.1%} of what is turned over"
+    measured += f"{found['residual_share']:.1%} of its largest part"
     small = found["residual_share"] < ADEQUATE
     why = (
         "RK4 accounts for the energy to within a percent"
         if small
-        else "more is booked as dissipated than is lost: each stage of a step that switches friction books another work"
+        else "more counts as dissipated than is lost: in a step that switches friction, the stages disagree on the work"
         if found["residual"] > 0
         else "energy is lost that no force takes: RK4 damps what vibrates near its stability limit"
     )

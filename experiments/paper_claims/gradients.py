@@ -119,7 +119,7 @@ def rows(facts: dict) -> list[Row]:
             "random nodes",
             f"normal off by {facts['normal']:.0e}, gradient by {facts['6.3']:.0e}",
             verdict(facts["normal"] < tight and facts["6.3"] < tight),
-            "n is (-sin theta, cos theta, 0); what it pulls along n by is the gradient, the force pushes",
+            "n is (-sin theta, cos theta, 0). The formula is the gradient, and the force is minus the gradient",
         ),
         Row(
             "Phi' is discontinuous at l = L0",

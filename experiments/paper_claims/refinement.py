@@ -100,9 +100,9 @@ def slope_row(name: str, case: Case, found: dict) -> Row:
     if near:
         why = "the error falls at the order of the method to the end"
     elif found["neighbours_apart"] > LOST:
-        why = "motions part: at the end no slope is left, and early on what kinks and jumps of the forces leave of it"
+        why = "chaos leaves no slope at the end; early on, the slope depends on how smooth the forces are"
     else:
-        why = "kinks and jumps of the forces cost orders; motions do not part, so the error goes on falling"
+        why = "kinks and jumps of the forces lower the order; without chaos the error goes on falling"
     return Row(f"the error falls with slope {order} ({case.method})", "5.2, Fig. 2", name, measured, verdict(near), why)
 
 
@@ -149,7 +149,7 @@ def gain_row(name: str, found: dict) -> Row:
     parted = found["neighbours_apart"] > LOST
     near = 3.5 <= gain <= 14
     why = (
-        "where motions part, the ratio of two errors is an accident"
+        "in chaos, the ratio of two errors is chance"
         if parted
         else f"a method of order 4 would gain {4**4}, of order 1 {4}"
     )

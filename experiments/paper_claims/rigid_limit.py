@@ -108,8 +108,9 @@ def mass_row(name: str, found: dict) -> Row:
     measured += f"{found['off_diagonal']:.0e}; J_s has eigenvalues "
     measured += ", ".join(significant(x) for x in found["inertia"]) + f" kg m^2, rank {found['rank']}"
     why = (
-        "six lengths are gone, so it is m I_30, in a basis that turns with the struts; in (p, R) it is diag(2 m I_3, "
-        "J_s), and spin about a strut's own axis moves no mass: five degrees of freedom a strut, J_s singular"
+        "six constraints leave 30 coordinates, so it is m I_30, in a basis that turns with the struts. With a centre p "
+        "and a rotation R for each strut it is diag(2 m I_3, J_s), with the inertia J_s about the centre. Spin about a "
+        "strut's own axis moves no mass, so J_s is singular"
     )
     return Row("the reduced mass matrix is still m I_36", "A.3, 3.5", name, measured, verdict(found["size"] == 36), why)
 

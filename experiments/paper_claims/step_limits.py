@@ -52,7 +52,7 @@ def edge_row(name: str, found: list[dict], values: tuple[float, ...]) -> Row:
     )
     steps = np.array([f["measured"] for f in found])
     on_edge = (steps > 0.8 * STEP) & (steps < 1.5 * STEP)
-    why = "the limit falls as 1/sqrt(K): 1e-3 s is on the edge where it is within half of the step, beyond it above"
+    why = "the limit falls as 1/sqrt(K): 1e-3 s is on the edge only where the limit is 0.8 to 1.5 ms"
     if steps.min() > 1.5 * STEP:
         why = "heavier nodes vibrate more slowly: here 1e-3 s is far from the struts' limit"
     claim = "RK4 with 1e-3 s is on the edge of stability for stiffnesses of 1e5 to 1e6"
