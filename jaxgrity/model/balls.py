@@ -13,7 +13,7 @@ import numpy as np
 
 from jaxgrity.core.arguments import check_each, is_count
 from jaxgrity.core.errors import InputError
-from jaxgrity.core.types import AnyArray, NodeVectors, PerRow, as_float, namespace_of
+from jaxgrity.core.types import AnyArray, NodeVectors, PerNode, PerRow, as_float, namespace_of
 from jaxgrity.model.bodies import Bodies
 
 
@@ -52,6 +52,10 @@ class Balls(eqx.Module):
             gaps[..., rows] = phi[..., rows] - np.asarray(self.radius)
             return gaps
         return jnp.full(phi.shape, jnp.inf, phi.dtype).at[rows].set(phi[rows] - self.radius)
+
+    def radii(self, q: NodeVectors) -> PerNode:
+        """m, of the balls about nodes at q; 0 for nodes without one."""
+        return jnp.zeros_like(q[:, 0]).at[np.array(self.nodes)].set(self.radius)
 
     def keep(self, nodes: Sequence[int]) -> bool:
         """Whether each ball takes the place of one as large, where node i goes where nodes[i] was."""

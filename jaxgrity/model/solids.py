@@ -1,5 +1,7 @@
 """Solids with closed-form signed distances: balls and bowls, boxes, cylinders, stairs."""
 
+from typing import ClassVar
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -25,6 +27,7 @@ class Sphere(Surface):
     radius: Scalar = eqx.field(converter=as_float)
     """radius r, m"""
     hollow: bool = eqx.field(static=True, default=False)
+    curved: ClassVar[bool] = True
     smooth = property(lambda self: self.hollow)
 
     def __check_init__(self):
@@ -77,6 +80,8 @@ class Box(Surface):
 
 class Cylinder(Surface):
     """A round bar with flat ends, such as a log or a post."""
+
+    curved: ClassVar[bool] = True
 
     start: AnyArray = eqx.field(converter=as_float)
     """(3,), middle of one end, m"""

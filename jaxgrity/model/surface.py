@@ -65,6 +65,11 @@ class Surface(eqx.Module):
         return False
 
     @property
+    def curved(self) -> bool:
+        """Whether it has faces that are neither flat nor `smooth`, such as a ball's: nodes then follow them."""
+        return False
+
+    @property
     def solids(self) -> tuple["Surface", ...]:
         """Parts of the surface that nodes can enter separately."""
         return (self,)

@@ -66,8 +66,8 @@ class Complementarity(diffrax.AbstractSolver):
     (`loop.py`).
     Laws that act for a time are taken in their mean over that of the kick. Dissipative forces need w: a first round,
     with F(q, v, t0), predicts it, and the last round uses the prediction. The order is 2 where nothing begins
-    or ends to touch, stick or slip, and 1 there and where a node slides along a curve: friction acts against w, not the
-    mean of v and w.
+    or ends to touch, stick or slip, also along curved ground without friction. It is 1 there, and where the direction
+    of slip turns: friction acts against w, not the mean of v and w.
 
     Where restitution and friction would create energy (`bounce_gains`), the impacts of the step are plastic.
 

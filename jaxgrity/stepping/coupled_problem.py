@@ -1,9 +1,9 @@
 """The constraints of one step with coupled nodes, and the linear algebra of struts and nodes."""
 
-import dataclasses
 from typing import Any, NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -112,11 +112,13 @@ def touching_nodes(scene: Scene) -> np.ndarray | None:
 
 def _met(ground: ExactGround, size: Scalar, h: Scalar, start: State) -> Met:
     """The places where the nodes, or the balls, meet the ground."""
+    met = where_met(ground, size, h, *start)
     if ground.balls is None:
-        return where_met(ground, size, h, *start)
+        return met
     rows = np.array(ground.balls.nodes)
-    met = where_met(dataclasses.replace(ground, balls=None), size, h, *(x[rows] for x in start))
-    return met._replace(distance=met.distance - ground.balls.radius)
+    if ground.surface is None:
+        return met._replace(distance=met.distance[rows])
+    return jax.tree.map(lambda x: x[rows], met)
 
 
 def in_frames(problem: Coupled, x: NodeVectors) -> MemberVectors:

@@ -5,10 +5,10 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from jaxgrity.core.primitives import component
+from jaxgrity.core.primitives import component, over
 from jaxgrity.core.types import AnyArray, NodeVectors, PerNode, Scalar, State
 from jaxgrity.model.ground import ExactGround
-from jaxgrity.model.surface import Frame, Surface, coordinates, frame_about, rows_of_xyz
+from jaxgrity.model.surface import Frame, Surface, coordinates, frame_about, length_of
 
 INSIDE = 1e-9
 """Depth, m for a body of one metre, from which on a node counts as inside the ground. There the nearest face still is
@@ -28,6 +28,10 @@ FOUND = 4
 that depth."""
 
 
+Place = tuple[PerNode, ...]
+"""x, y and z of each node, m"""
+
+
 class Met(NamedTuple):
     """The exact ground that each node meets in a step, as a plane."""
 
@@ -42,30 +46,64 @@ class Met(NamedTuple):
 def where_met(ground: ExactGround, size: Scalar, h: Scalar, q: NodeVectors, v: NodeVectors) -> Met:
     """Where exact ground is linearised in a step of h (s) from q (m) with v (m/s).
 
-    `size` is that of the body (`length_scale`). A plane is met at the nodes. Uneven ground is met where nodes would be
-    after the step without impulses: impulses move them a little from there, and the gap is wrong by the square of that.
-    And a node that stands meets the wall that it runs into. A node whose way leads into ground with edges meets it
-    where it enters: farther on another face may be nearer. Of several solids it meets the one in which it would end
-    deepest, but before any other one out of which it would come on another side: where it lies on one, it may run into
-    the next.
+    `size` is that of the body (`length_scale`). A plane is met at the nodes, and ground without edges where nodes, or
+    balls about them, touch it first (`_followed`). Impulses move nodes a little from their way, and the gap is wrong by
+    the square of that. A node whose way leads into ground with edges meets it where it enters: farther on another face
+    may be nearer. One that stands meets the wall that it runs into. Of several solids it meets the one in which it
+    would end deepest, but before any other one out of which it would come on another side: where it lies on one, it may
+    run into the next.
     """
     surface = ground.surface
-    if surface is None or surface.smooth:
-        at, share_of_all = (q, 0.0) if surface is None else (q + h * v, 1.0)
-        return Met(ground.frame(at), ground.signed_distance(at), share_of_all)
+    if surface is None:
+        return Met(ground.frame(q), ground.signed_distance(q), 0.0)
     start, way = coordinates(ground.relative(q)), coordinates(h * v)
+    if surface.smooth:
+        radius = 0.0 if ground.balls is None else ground.balls.radii(q)
+        *normal, distance, share = _followed(surface, size, start, way, radius)
+        return Met(frame_about(*normal), distance, share)
     shares = _shares(surface, size, start, way)
     if len(surface.solids) == 1:
-        share = jnp.where(shares[0] > 0, shares[0], 1)
-        at = rows_of_xyz(*(x + share * a for x, a in zip(start, way)))
-        return Met(surface.frame(at), surface.signed_distance(at), share)
-    each = [_met_of(solid, share, start, way) for solid, share in zip(surface.solids, shares)]
+        shares = jnp.where(shares > 0, shares, 1)
+    each = [_met_of(solid, size, share, start, way) for solid, share in zip(surface.solids, shares)]
     which = jnp.argmin(jnp.stack([ends for ends, *_ in each]), axis=0)
     *normal, distance, at = (_chosen(which, rows) for rows in zip(*(met for _, *met in each)))
     return Met(frame_about(*normal), distance, at)
 
 
-def _met_of(solid: Surface, share: PerNode, start: tuple[PerNode, ...], way: tuple[PerNode, ...]) -> list[PerNode]:
+def _followed(
+    surface: Surface,
+    size: Scalar,
+    start: Place,
+    way: Place,
+    radius: PerNode | float = 0.0,
+    known: PerNode | float = 1.0,
+) -> list[PerNode]:
+    """The normal where nodes touch ground without edges, its distance, and the share of their ways at which they do.
+
+    The share is `known`, or where that is 1, of flat ground: 0 in contact, 1 where nodes do not reach it. The distance
+    is that of the place where they end if they follow the ground from there. So a node in contact has the normal at its
+    place, and ends the step on the ground again: its impulse is that of a constraint phi(q1) = 0 (SHAKE; Ryckaert,
+    Ciccotti and Berendsen 1977, doi:10.1016/0021-9991(77)90098-5), which keeps the energy of a node that slides along a
+    curve. The normal at its next place would brake it.
+    """
+    before = surface.normal(*start)
+    approach = _along(way, before)
+    gap = surface.distance(*start) - radius - _depth(size, start[0].dtype)
+    first = jnp.where(jnp.abs(approach) >= gap, jnp.maximum(over(gap, jnp.abs(approach)), 0), 1)
+    share = jnp.where(known < 1, known, first)
+    end = tuple(x + a - (1 - share) * approach * n for x, a, n in zip(start, way, before))
+    # between the normals at both places: to look at the ground where it is touched would cost half as much again
+    between = tuple((1 - share) * a + share * b for a, b in zip(before, surface.normal(*end)))
+    normal = tuple(over(x, length_of(*between)) for x in between)
+    turned = (1 - share) * (_along(way, normal) - approach * _along(before, normal))
+    return [*normal, surface.distance(*end) - radius - turned, share]
+
+
+def _along(way: Place, normal: Place) -> PerNode:
+    return sum((a * n for a, n in zip(way[1:], normal[1:])), way[0] * normal[0])
+
+
+def _met_of(solid: Surface, size: Scalar, share: PerNode, start: Place, way: Place) -> list[PerNode]:
     """How far from one solid of several nodes would end without it, m, negative inside; and where they meet it: its
     normal, distance, and share.
 
@@ -77,7 +115,13 @@ def _met_of(solid: Surface, share: PerNode, start: tuple[PerNode, ...], way: tup
     share = jnp.where(turns | (share > 0), share, 1)
     normal = [jnp.where(share < 1, a, b) for a, b in zip(first, last)]
     distance = solid.distance(*place(share))
-    ends = distance + (1 - share) * sum(a * n for a, n in zip(way, normal))
+    if solid.curved:
+        # where it touches its face first, unless the way leads from there to another face
+        *there, farther, touched = _followed(solid, size, start, way, known=share)
+        same = ~turns & (_along(tuple(there), last) >= SAME_SIDE)
+        normal = [jnp.where(same, a, b) for a, b in zip(there, normal)]
+        distance, share = jnp.where(same, farther, distance), jnp.where(same, touched, share)
+    ends = distance + (1 - share) * _along(way, tuple(normal))
     deepest = ends - DEEPEST * (jnp.abs(distance) + sum(map(jnp.abs, way)))
     return [jnp.where(turns, deepest, ends), *normal, distance, share]
 

@@ -160,13 +160,13 @@ CURVES = {
 
 @pytest.mark.parametrize("curve", CURVES)
 def test_what_is_lost_on_a_curve_is_no_impact(curve):
-    """A node without friction that slides along keeps its energy: what the steps lose of it halves with them."""
+    """A node without friction that slides along keeps its energy: at least as the square of the step."""
     surface, start = CURVES[curve]
     scene = Scene(Structure([start], [1.0]), gravity=9.81, ground=ExactGround(surface=surface))
     lost = [energy_audit(scene, 0.5, options=SolverOptions(dt=dt)).dissipated for dt in (2e-3, 1e-3)]
     stepping, impacts = (np.array([each[cause][-1] for each in lost]) for cause in ("stepping", "impacts"))
-    assert np.all(np.abs(stepping) > 1e-4)
-    assert stepping[0] / stepping[1] == pytest.approx(2, rel=0.1)
+    assert 1e-12 < abs(stepping[0]) < 2e-4
+    assert stepping[0] / stepping[1] > 3.7
     assert np.all(np.abs(impacts) < 2e-2 * np.abs(stepping))
 
 

@@ -20,6 +20,7 @@ from jaxgrity import (
     bumps,
     simulate,
 )
+from jaxgrity.model import Balls
 from jaxgrity.stepping.entering import where_met
 
 G, DT = 9.81, 5e-3
@@ -178,14 +179,49 @@ def test_a_small_ball_does_not_let_a_node_through():
     assert q[-1, 2, 0] < -0.01
 
 
-def test_where_the_normal_is_smooth_nothing_is_looked_for():
-    """Height fields, slopes and bowls are linearised where a node would be at the end of the step, to the last bit."""
+CURVES = {
+    "slope": Slope(0.2),
+    "bumps": bumps(0.1, 0.5, seed=0),
+    "bowl": Sphere([0.0, 0.0, 2.0], 2.0, hollow=True),
+    "ball": Sphere([0.0, 0.0, -2.0], 2.0),
+    "log": Cylinder([0.0, -3.0, -2.0], [0.0, 3.0, -2.0], 2.0),
+}
+
+
+@pytest.mark.parametrize("name", CURVES)
+def test_the_normal_on_a_curve_is_where_a_node_touches_it_first(name):
+    """Of a node in contact at its place, of one that lands where it does, of one that does not reach the ground at the
+    end of its way."""
+    ground = ExactGround(surface=CURVES[name])
+    place = jnp.array([[0.1, 0.2, float(ground.height(np.array([0.1]), np.array([0.2]))[0])]] * 3)
+    n = ground.frame(place).normal[0]
+    along = jnp.cross(n, jnp.array([0.0, 1.0, 0.0]))
+    v = jnp.stack([2 * along, along - 3 * n, along + n])
+    # the second is half of its way away, the third on its way up
+    q = place + jnp.array([0.0, 1.5 * DT, 0.05])[:, None] * n
+    met = where_met(ground, 1.0, DT, q, v)
+    np.testing.assert_allclose(met.share, [0, 0.5, 1], atol=2e-2)
+    touches = q + DT * met.share[:, None] * v
+    turn = np.linalg.norm(ground.frame(q + DT * v).normal[1] - n)
+    np.testing.assert_allclose(met.frame.normal, ground.frame(touches).normal, atol=0.5 * turn + 1e-9)
+    np.testing.assert_allclose(met.frame.normal[0], n, atol=1e-9)
+    assert abs(ground.signed_distance(touches)[1]) < 1e-4
+    follows = v[0] - met.frame.normal[0] * (met.frame.normal[0] @ v[0])
+    np.testing.assert_allclose(met.distance[0], ground.signed_distance((q[0] + DT * follows)[None])[0], atol=1e-12)
+
+
+def test_balls_touch_a_curve_by_their_radius():
+    """A ball that rests on the ground has the normal at its place; one that passes through it has none of it."""
+    bowl = Sphere([0.0, 0.0, 2.0], 2.0, hollow=True)
+    q, v = jnp.array([[0.0, 0.0, 0.1], [0.3, 0.0, 0.5]]), jnp.array([[1.0, 0.0, 0.0]] * 2)
+    met = where_met(ExactGround(surface=bowl, balls=Balls((0,), [0.1])), 1.0, DT, q, v)
+    np.testing.assert_allclose(met.share, [0, 1])
+    np.testing.assert_allclose(met.frame.normal[0], [0, 0, 1], atol=1e-12)
+    assert met.distance[0] == pytest.approx(2 - np.hypot(1.9, DT) - 0.1)
+
+
+def test_a_plane_is_met_at_the_nodes():
     q, v = jnp.array([[0.1, 0.2, 0.3], [0.4, 0.0, -0.1]]), jnp.array([[0.3, 0.1, -5.0], [0.0, 0.0, -4.0]])
-    for surface in (Slope(0.2), bumps(0.1, 0.5, seed=0), Sphere(np.array([0.0, 0, 2]), 2.0, hollow=True)):
-        ground = ExactGround(surface=surface)
-        met = where_met(ground, 1.0, DT, q, v)
-        np.testing.assert_array_equal(met.distance, ground.signed_distance(q + DT * v))
-        assert met.share == 1.0
     plane = ExactGround(0.2)
     np.testing.assert_array_equal(where_met(plane, 1.0, DT, q, v).distance, plane.signed_distance(q))
 

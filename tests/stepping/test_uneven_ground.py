@@ -53,19 +53,19 @@ def moved(scene, duration, dt, speed=(0.0, 0.0, 0.0), frame_rate=100.0, **how):
 
 @pytest.mark.slow
 def test_a_node_in_a_bowl_is_a_pendulum():
-    """Large swings, 1 rad, against the pendulum's own equation: the error is of first order in the step.
+    """Large swings, 1 rad, against the pendulum's own equation: the error is of second order in the step.
 
     Under the surface the node is by much less than it is off along it.
     """
-    swing = solve_ivp(lambda t, y: [y[1], -G / RADIUS * np.sin(y[0])], (0, 3), [1.0, 0.0], rtol=1e-10, atol=1e-12)
+    swing = solve_ivp(lambda t, y: [y[1], -G / RADIUS * np.sin(y[0])], (0, 10), [1.0, 0.0], rtol=1e-10, atol=1e-12)
     expected = RADIUS * np.sin(swing.y[0, -1])
     start = node(ExactGround(surface=BOWL), RADIUS * np.sin(1.0))
-    paths = [moved(start, 3.0, dt) for dt in (4e-3, 2e-3)]
+    paths = [moved(start, 10.0, dt) for dt in (4e-3, 2e-3)]
     errors = [path[-1, 0] - expected for path in paths]
-    np.testing.assert_allclose(errors[1], errors[0] / 2, rtol=0.02)
-    assert abs(2 * errors[1] - errors[0]) < 1e-3
+    assert abs(errors[0]) < 5e-3
+    np.testing.assert_allclose(errors[1], errors[0] / 4, rtol=0.1)
     depths = [-start.ground.measured(path[:, None]).distance.min() for path in paths]
-    assert depths[0] < 1e-8
+    assert depths[0] < 1e-6
     assert depths[1] < depths[0] / 4
 
 
@@ -264,7 +264,9 @@ def test_robots_of_an_ensemble_start_alike_on_ground_of_their_own(exact):
 
 @pytest.mark.campaign
 def test_a_rod_with_mass_slides_in_a_bowl_as_its_equation_says():
-    """Across the way it goes, its ends on the bowl, it turns about the bowl's centre: to first order in the step.
+    """Across the way it goes, its ends on the bowl, it turns about the bowl's centre.
+
+    Without friction it does to second order in the step; with friction it is nearly as near.
 
     With d from the rod's middle to the centre, and mu R/d times the radial force for friction, since the two normals
     point inwards; where mu is large, it stays.
@@ -291,8 +293,9 @@ def test_a_rod_with_mass_slides_in_a_bowl_as_its_equation_says():
 
         exact = solve_ivp(rates, (0, duration), [angle, 0.0], rtol=1e-10, atol=1e-12).y[0, -1]
         errors = [ends(mu, dt) - exact for dt in (2e-3, 1e-3)]
-        assert abs(errors[1]) < 2e-3
-        np.testing.assert_allclose(errors[1], errors[0] / 2, rtol=0.02)
+        assert abs(errors[1]) < 1e-5
+        if mu == 0:
+            np.testing.assert_allclose(errors[1], errors[0] / 4, rtol=0.1)
     assert abs(ends(3.0, 2e-3) - angle) < 1e-9
 
 
