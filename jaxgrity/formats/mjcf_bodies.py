@@ -9,7 +9,7 @@ from scipy.optimize import nnls
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import Edges, Supports
-from jaxgrity.formats.mjcf_joints import Shared, points_of
+from jaxgrity.formats.mjcf_joints import Shared, outer_joints, points_of
 from jaxgrity.model.bodies import Bodies, Body, rigid_body
 from jaxgrity.model.structure import Members, edge_lengths
 
@@ -33,7 +33,7 @@ def carried(
     for body in sorted(set(carrier.tolist())):
         own = np.flatnonzero(carrier == body)
         name = _name(model, body)
-        joints = np.flatnonzero(model.body_weldid[model.jnt_bodyid] == body)
+        joints = outer_joints(model, body)
         kinds = model.jnt_type[joints]
         if body == 0:
             fixed += [(int(node), "xyz") for node in own]
@@ -72,8 +72,8 @@ def rigid_bodies(
 
 def is_free(model: Any, body: int) -> bool:
     """Whether nothing holds it."""
-    kinds = model.jnt_type[model.body_weldid[model.jnt_bodyid] == body]
-    return bool(body and len(kinds) == 1 and kinds[0] == mujoco.mjtJoint.mjJNT_FREE)
+    kinds = model.jnt_type[outer_joints(model, body)]
+    return bool(body and len(kinds) and np.all(kinds == mujoco.mjtJoint.mjJNT_FREE))
 
 
 def _is_rod(model: Any, data: Any, body: int, at: tuple[np.ndarray, np.ndarray]) -> bool:

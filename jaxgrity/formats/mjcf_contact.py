@@ -8,7 +8,7 @@ from scipy.optimize import nnls
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.formats.foreign import Losses
-from jaxgrity.formats.mjcf_losses import check_spring, name_of
+from jaxgrity.formats.mjcf_losses import SMALL, check_spring, name_of
 from jaxgrity.model.friction import ConeFriction
 from jaxgrity.model.ground import ExactGround
 
@@ -18,9 +18,6 @@ WATCHED, MOST_WATCHED = 1.0, 5000
 """How long, s, and for how many steps at most MuJoCo moves a robot to see whether its bodies touch each other."""
 SAME_PLACE = 1e-4
 """Largest difference of places, and of radii, that count as the same, as a share of the robot's size."""
-SMALL = 0.02
-"""Share of the robot's size below which notes omit arms of spinning and rolling friction, starts inside the plane, and
-how deep its weight presses it in."""
 LEAST_FRICTION = 1.01e-5
 """Friction written in place of none: MuJoCo accepts no smaller value."""
 
@@ -255,11 +252,11 @@ def _others_that_touch(model: Any, data: Any, losses: Losses) -> None:
     body = model.body_weldid[model.geom_bodyid]
     for contact in data.contact:
         first, second = (int(body[geom]) for geom in contact.geom)
-        if first and second:
+        if first and second and first != second:
             names = " and ".join(name_of(model, "body", b) for b in (first, second))
             losses.lose("contact", f"bodies {names} touch each other at the start")
     plane = model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
-    masks = np.stack([model.geom_contype, model.geom_conaffinity, body], 1)
+    masks = np.stack([model.geom_contype, model.geom_conaffinity, body, model.geom_bodyid], 1)
     standing = np.unique(masks[(body == 0) & ~plane], axis=0)
     moving = np.unique(masks[body != 0], axis=0)
     pairs = [(int(a), int(b)) for a, b in zip(model.pair_geom1, model.pair_geom2) if not plane[a] and not plane[b]]
@@ -273,6 +270,7 @@ def _others_that_touch(model: Any, data: Any, losses: Losses) -> None:
 
 def _met(model: Any, data: Any, body: np.ndarray) -> str:
     """Which bodies touch each other first while MuJoCo moves the robot for a while; nothing where none do."""
+    model = data.model  # in which welds hold bodies
     moved = mujoco.MjData(model)
     moved.qpos[:] = data.qpos
     mujoco.set_mju_user_warning(lambda _: None)  # of unstable steps; else they are written to a file
@@ -280,7 +278,7 @@ def _met(model: Any, data: Any, body: np.ndarray) -> str:
         for _ in range(min(MOST_WATCHED, round(WATCHED / model.opt.timestep))):
             mujoco.mj_step(model, moved)
             pairs = body[moved.contact.geom]
-            both = pairs[(pairs > 0).all(1)] if len(pairs) else pairs
+            both = pairs[(pairs > 0).all(1) & (pairs[:, 0] != pairs[:, 1])] if len(pairs) else pairs
             if len(both):
                 names = " and ".join(name_of(model, "body", int(b)) for b in both[0])
                 return f"bodies {names} touch each other {moved.time:.3g} s after the start"
@@ -292,6 +290,6 @@ def _met(model: Any, data: Any, body: np.ndarray) -> str:
 def _meets(model: Any, one: np.ndarray, others: np.ndarray) -> bool:
     """Whether masks let a body touch one of others."""
     others = others[others[:, 2] != one[2]]
-    low, high = np.minimum(others[:, 2], one[2]), np.maximum(others[:, 2], one[2])
+    low, high = np.minimum(others[:, 3], one[3]), np.maximum(others[:, 3], one[3])
     excluded = np.isin((low.astype(int) << 16) + high, model.exclude_signature.astype(int))
     return bool(np.any((((one[0] & others[:, 1]) | (others[:, 0] & one[1])) != 0) & ~excluded))

@@ -1,5 +1,9 @@
-"""Joints of MuJoCo models as points that two bodies share: ball joints one, hinges two; `connect` is a ball joint."""
+"""Joints of MuJoCo models as points that two bodies share: ball joints one, hinges two; `connect` is a ball joint.
 
+Bodies that `weld` holds to each other are one body.
+"""
+
+from copy import copy
 from typing import Any, NamedTuple
 
 import lazy_loader
@@ -7,12 +11,13 @@ import numpy as np
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.formats.foreign import Losses
-from jaxgrity.formats.mjcf_losses import name_of
+from jaxgrity.formats.mjcf_losses import SMALL, gravity_of, name_of
 
 mujoco: Any = lazy_loader.load("mujoco")
 
 APART = 1e-6
-"""Largest distance between the two points of a joint at the start, in sizes of the model."""
+"""Largest distance between the two points of a joint at the start, in sizes of the model. For welds also the largest
+angle, rad, between the pose at the start and the pose that the weld holds."""
 
 
 class Joint(NamedTuple):
@@ -24,46 +29,143 @@ class Joint(NamedTuple):
     """0: the world, to which the point is fixed"""
 
 
+def merge_welded(model: Any, data: Any, losses: Losses) -> Any:
+    """The model with welded bodies as one: in `body_weldid` they have the number of the first, or 0 with the world.
+
+    MuJoCo has this number for bodies without joints of their own. It is for reading alone: `data` keeps the model as
+    MuJoCo moves it.
+
+    Raises `InputError` where a weld holds its bodies in another pose than at the start, or locks a body that slides.
+    """
+    welds = [e for e in _active(model, data) if model.eq_type[e] == mujoco.mjtEq.mjEQ_WELD]
+    merged = copy(model) if welds else model
+    for e in welds:
+        _check_pose(model, data, e)
+        one, other = (int(merged.body_weldid[body]) for body in _ends(model, e))
+        merged.body_weldid[np.isin(merged.body_weldid, (one, other))] = min(one, other)
+    for e in welds:
+        joints = outer_joints(merged, int(merged.body_weldid[_ends(model, e)[0]]))
+        slides = joints[model.jnt_type[joints] == mujoco.mjtJoint.mjJNT_SLIDE]
+        if len(slides):
+            name = name_of(model, "body", int(model.jnt_bodyid[slides[0]]))
+            raise InputError(
+                f"equality {name_of(model, 'equality', e)}: welds body {name}, which slides, to another; "
+                "expected free bodies, or joints that turn"
+            )
+    if welds:
+        losses.note(f"{len(welds)} welds make one body of two")
+    return merged
+
+
+def _active(model: Any, data: Any) -> list[int]:
+    """The equalities that hold at the start."""
+    off = model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_EQUALITY | mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+    return [] if off else np.flatnonzero(data.eq_active).tolist()
+
+
+def _ends(model: Any, e: int) -> tuple[int, int]:
+    """The two bodies of a `connect` or a `weld`, which may be given by sites."""
+    one, other = int(model.eq_obj1id[e]), int(model.eq_obj2id[e])
+    if model.eq_objtype[e] == mujoco.mjtObj.mjOBJ_SITE:
+        return int(model.site_bodyid[one]), int(model.site_bodyid[other])
+    return one, other
+
+
+def _rows(data: Any, e: int) -> np.ndarray:
+    """The rows of MuJoCo's constraints that an equality has; none where its bodies cannot move."""
+    kind = mujoco.mjtConstraint.mjCNSTR_EQUALITY
+    return np.flatnonzero((data.efc_type[: data.nefc] == kind) & (data.efc_id[: data.nefc] == e))
+
+
+def _check_pose(model: Any, data: Any, e: int) -> None:
+    """Raises `InputError` where a weld turns or moves its bodies at the start, or leaves them free to turn."""
+    name, arm = name_of(model, "equality", e), float(model.eq_data[e, 10])
+    if arm == 0:
+        raise InputError(f"equality {name}: a weld with torquescale 0 lets its bodies turn; expected connect")
+    off = np.r_[data.efc_pos[_rows(data, e)], np.zeros(6)][:6]  # three of the place; three of half the angle, by `arm`
+    away, turned = np.linalg.norm(off[:3]), 2 * np.linalg.norm(off[3:] / arm)
+    if away > APART * model.stat.extent or turned > APART:
+        raise InputError(
+            f"equality {name}: holds its bodies {away:.3g} m and {turned:.3g} rad away from their pose at the start; "
+            "expected this pose, which MuJoCo takes where there is no relpose"
+        )
+
+
+def outer_joints(model: Any, body: int) -> np.ndarray:
+    """The joints by which a body, with all that is welded to it, moves."""
+    own, parent = model.body_weldid[model.jnt_bodyid], model.body_weldid[model.body_parentid[model.jnt_bodyid]]
+    return np.flatnonzero((own == body) & (parent != body) & (body != 0))
+
+
 def joints_of(model: Any, data: Any, losses: Losses) -> list[Joint]:
     """The shared points. Raises `InputError` where bodies are joined in other ways."""
     found = []
     for j in range(model.njnt):
-        body = int(model.jnt_bodyid[j])
-        parent = int(model.body_weldid[model.body_parentid[body]])
+        own = int(model.jnt_bodyid[j])
+        body, parent = int(model.body_weldid[own]), int(model.body_weldid[model.body_parentid[own]])
+        if body == parent:
+            continue
         hinge = model.jnt_type[j] == mujoco.mjtJoint.mjJNT_HINGE
         if not hinge and model.jnt_type[j] != mujoco.mjtJoint.mjJNT_BALL:
             if parent:
                 raise InputError(
-                    f"body {name_of(model, 'body', body)}: slides on another body; expected ball joints and hinges"
+                    f"body {name_of(model, 'body', own)}: slides on another body; expected ball joints and hinges"
                 )
             continue
-        if model.body_jntnum[body] > 1:
-            raise InputError(f"body {name_of(model, 'body', body)}: has several joints; expected one")
-        arm = np.sqrt(model.body_inertia[body].sum() / model.body_mass[body]) * data.xaxis[j] if hinge else np.zeros(3)
+        if model.body_jntnum[own] > 1:
+            raise InputError(f"body {name_of(model, 'body', own)}: has several joints; expected one")
+        arm = np.sqrt(model.body_inertia[own].sum() / model.body_mass[own]) * data.xaxis[j] if hinge else np.zeros(3)
         ends = (data.xanchor[j] - arm, data.xanchor[j] + arm) if hinge else (data.xanchor[j],)
-        found += [Joint(x.copy(), (body, parent)) for x in ends]
-    for e in np.flatnonzero(data.eq_active).tolist():
-        found.append(_connected(model, data, e))
+        found += [Joint(x.copy(), _world_last(body, parent)) for x in ends]
+    active = _active(model, data)
+    found += [joint for e in active if (joint := _connected(model, data, e))]
     if found:
-        losses.note(f"{len(found)} points of joints are rigid, where those of MuJoCo's constraints give way a little")
+        losses.note(f"{len(found)} points of joints are rigid")
+    _note_softness(model, data, active, losses)
     return found
 
 
-def _connected(model: Any, data: Any, e: int) -> Joint:
+def _world_last(one: int, other: int) -> tuple[int, int]:
+    return (one, other) if one else (other, one)
+
+
+def _connected(model: Any, data: Any, e: int) -> Joint | None:
+    """The point that a `connect` holds; none within one body, nor of a `weld`."""
     one, other, name = int(model.eq_obj1id[e]), int(model.eq_obj2id[e]), name_of(model, "equality", e)
+    if model.eq_type[e] == mujoco.mjtEq.mjEQ_WELD:
+        return None
     if model.eq_type[e] != mujoco.mjtEq.mjEQ_CONNECT:
         kind = mujoco.mjtEq(int(model.eq_type[e])).name.removeprefix("mjEQ_").lower()
-        raise InputError(f"equality {name}: a {kind} is not read; expected connect, or one body in place of two")
+        raise InputError(f"equality {name}: a {kind} is not read; expected connect or weld")
     if model.eq_objtype[e] == mujoco.mjtObj.mjOBJ_SITE:
         x, there = data.site_xpos[one], data.site_xpos[other]
-        one, other = int(model.site_bodyid[one]), int(model.site_bodyid[other])
     else:
         x = data.xpos[one] + data.xmat[one].reshape(3, 3) @ model.eq_data[e, :3]
         there = data.xpos[other] + data.xmat[other].reshape(3, 3) @ model.eq_data[e, 3:6]
     if np.linalg.norm(x - there) > APART * model.stat.extent:
         raise InputError(f"equality {name}: its points are {np.linalg.norm(x - there):.3g} m apart; expected one place")
-    bodies = int(model.body_weldid[one]), int(model.body_weldid[other])
-    return Joint(x.copy(), bodies if bodies[0] else bodies[::-1])
+    first, second = (int(model.body_weldid[body]) for body in _ends(model, e))
+    return None if first == second else Joint(x.copy(), _world_last(first, second))
+
+
+def _note_softness(model: Any, data: Any, active: list[int], losses: Losses) -> None:
+    """Loses equalities that give way by over `SMALL` of the model's size under its weight and the forces at the start.
+
+    At rest MuJoCo's constraint has stiffness k and regularization R with R f = k r: r is how far force f moves it.
+    """
+    most, size = 0.0, float(model.stat.extent)
+    for e in active:
+        rows = _rows(data, e)
+        k, _, impedance, _ = data.efc_KBIP[rows].T
+        away = data.efc_R[rows] * np.abs(data.efc_force[rows]) / k
+        away[3:] *= 2 * size / model.eq_data[e, 10]  # of a weld: half the angle, by its arm
+        away += gravity_of(model) * (1 - impedance) / impedance / k
+        if np.any(away > SMALL * size):
+            name, reach = name_of(model, "equality", e), f"{away.max():.1g} m in {size:.2g} m"
+            losses.lose("forces", f"equality {name}: gives way by some {reach} (solref, solimp)")
+        most = max(most, float(away.max(initial=0.0)))
+    if most > 0:
+        losses.note(f"connect and weld give way there, at the start by some {most:.1g} m; here they are rigid")
 
 
 class Shared(NamedTuple):

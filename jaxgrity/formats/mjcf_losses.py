@@ -18,11 +18,14 @@ DROPPABLE = {
     "damping": "of free joints, and of tendons without a spring",
     "actuators": "those that are no springs of tendons",
     "air": "density, viscosity and wind",
-    "forces": "springs of joints, gravity compensation, armature, nonlinear springs",
+    "forces": "springs of joints, gravity compensation, armature, nonlinear springs, soft equalities",
 }
 """What callers may drop although it changes the motion, with a description of each."""
 REBOUND = 0.1
 """Share of its speed that a contact may give back and still count as one that gives back nothing."""
+SMALL = 0.02
+"""Share of the robot's size below which notes omit arms of spinning and rolling friction and starts inside the plane.
+Contact, `connect` and `weld` that give way by more than this share are lost."""
 FAR = 10.0
 """A tendon's limit beyond this many times its length at the start counts as out of reach."""
 
@@ -103,10 +106,15 @@ def check_spring(model: Any, geom: int, spring: list[np.ndarray], deep: float, l
     back = np.exp(-np.pi * ratio / np.sqrt(1 - ratio**2)) if ratio < 1 else 0.0
     if back > REBOUND:
         losses.lose("contact", f"{name}: bounces off the plane at {back:.2g} times its speed (solref)")
-    off = model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
-    sinks = 0.0 if off else float(np.linalg.norm(model.opt.gravity)) * (1 - impedance) * period**2
+    sinks = gravity_of(model) * (1 - impedance) * period**2
     if sinks > deep:
         losses.lose("contact", f"{name}: its weight presses it some {sinks:.1g} m into the plane (solref, solimp)")
+
+
+def gravity_of(model: Any) -> float:
+    """m/s^2, 0 where it is disabled."""
+    off = model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
+    return 0.0 if off else float(np.linalg.norm(model.opt.gravity))
 
 
 def _first(model: Any, kind: str, values: np.ndarray) -> str:

@@ -13,8 +13,8 @@ from jaxgrity.core.typed import typed
 from jaxgrity.formats.foreign import MOST_NODES, Imported, Losses
 from jaxgrity.formats.mjcf_bodies import carried, is_free, rigid_bodies, rod_members
 from jaxgrity.formats.mjcf_contact import touched_plane
-from jaxgrity.formats.mjcf_joints import Joint, Shared, joints_of
-from jaxgrity.formats.mjcf_losses import DROPPABLE, check_losses, name_of
+from jaxgrity.formats.mjcf_joints import Joint, Shared, joints_of, merge_welded, outer_joints
+from jaxgrity.formats.mjcf_losses import DROPPABLE, check_losses, gravity_of, name_of
 from jaxgrity.formats.mjcf_rolling import touched_by_balls
 from jaxgrity.formats.mjcf_tendons import Spring, drag_of_sites, springs_of
 from jaxgrity.formats.mjcf_text import mjcf_text
@@ -79,6 +79,7 @@ def _imported(model: Any, drop: Collection[str], keyframe: str) -> Imported:
     _set_start(model, data, keyframe, losses)
     check_losses(model, losses)
     tendons = springs_of(model, data, losses)
+    model = merge_welded(model, data, losses)
     joints = joints_of(model, data, losses)
     joined = {body for joint in joints for body in joint.bodies if body}
     nodes = _nodes(model, data, [site for tendon in tendons for site in tendon.ends], joined)
@@ -184,7 +185,7 @@ def _drag(model: Any, nodes: _Nodes, merged: list[int], place: dict[int, int], l
     """N s/m, of slides, and of actuators that push against the velocity of a site."""
     drag = np.zeros(len(place))
     for k, body in enumerate(nodes.carrier):
-        joints = np.flatnonzero(model.body_weldid[model.jnt_bodyid] == body)
+        joints = outer_joints(model, int(body))
         if body and len(joints) and model.jnt_type[joints[0]] == mujoco.mjtJoint.mjJNT_SLIDE:
             each = model.dof_damping[model.jnt_dofadr[joints]]
             if np.ptp(each):
@@ -201,8 +202,6 @@ def _drag(model: Any, nodes: _Nodes, merged: list[int], place: dict[int, int], l
 
 def _gravity(model: Any) -> float:
     x, y, z = model.opt.gravity
-    if model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_GRAVITY):
-        return 0.0
-    if x or y or z > 0:
+    if gravity_of(model) and (x or y or z > 0):
         raise InputError(f"gravity is {[float(a) for a in (x, y, z)]} m/s^2; expected it along -z")
-    return float(-z)
+    return gravity_of(model)
