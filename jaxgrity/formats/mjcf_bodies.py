@@ -56,16 +56,18 @@ def carried(
 
 
 def rigid_bodies(
-    model: Any, data: Any, at: tuple[np.ndarray, np.ndarray], shared: list[Shared], rods_too: bool
+    model: Any, data: Any, at: tuple[np.ndarray, np.ndarray], shared: list[Shared], solid: set[int]
 ) -> list[int]:
-    """The bodies that no strut stands for: with joints, with more than two nodes, or heavier beside their line."""
+    """The bodies that no strut stands for: `solid`, with joints, of more than two nodes, heavier beside their line."""
     found = {body for each in shared for body in each.bodies if body}
     for body in found:
         if not np.any(at[1] == body):
             raise InputError(f"body {_name(model, body)}: has a joint and no site; expected sites that say where it is")
     counted = np.unique(at[1], return_counts=True)
     for body, count in zip(*(each.tolist() for each in counted)):
-        if is_free(model, body) and (count > 2 or (count == 2 and (rods_too or not _is_rod(model, data, body, at)))):
+        if is_free(model, body) and (
+            count > 2 or (count == 2 and (body in solid or not _is_rod(model, data, body, at)))
+        ):
             found.add(body)
     return sorted(found)
 

@@ -1,6 +1,7 @@
 """MuJoCo models (MJCF) of tensegrity robots as scenes: free bodies, point masses and spatial tendons. Extra: `peer`."""
 
 import importlib.util
+import itertools
 from collections.abc import Collection
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -10,6 +11,7 @@ import numpy as np
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
+from jaxgrity.core.types import Edges
 from jaxgrity.formats.foreign import MOST_NODES, Imported, Losses
 from jaxgrity.formats.mjcf_bodies import carried, is_free, rigid_bodies, rod_members
 from jaxgrity.formats.mjcf_contact import touched_plane
@@ -77,28 +79,26 @@ def _imported(model: Any, drop: Collection[str], keyframe: str) -> Imported:
     notes: list[str] = []
     losses = Losses(drop, DROPPABLE, notes)
     _set_start(model, data, keyframe, losses)
+    model = merge_welded(model, data, losses)
     check_losses(model, losses)
     tendons = springs_of(model, data, losses)
-    model = merge_welded(model, data, losses)
     joints = joints_of(model, data, losses)
     joined = {body for joint in joints for body in joint.bodies if body}
-    nodes = _nodes(model, data, [site for tendon in tendons for site in tendon.ends], joined)
+    nodes = _nodes(model, data, [site for tendon in tendons for site in tendon.path], joined)
     number = {site: k for k, site in enumerate(nodes.sites)}
     merged = _same_places(nodes)
     used = sorted(set(merged))
     place = {node: k for k, node in enumerate(used)}
     x = nodes.x[used]
-    springs = [
-        tendon._replace(ends=(place[merged[number[tendon.ends[0]]]], place[merged[number[tendon.ends[1]]]]))
-        for tendon in tendons
-    ]
     carrier, found = nodes.carrier[used], None
+    springs = [_along([place[merged[number[site]]] for site in each.path], each, x, carrier) for each in tendons]
     x, carrier, shared = _with_joints(x, carrier, joints)
     if any(is_free(model, body) for body in carrier.tolist()):
         springs = _as_cables(springs, x, notes)
     pushing = [spring for spring in springs if spring.kind == "strut"]
-    # rods are rigid struts, beside which no strut is a spring: where some are, rods are bodies, too
-    many = rigid_bodies(model, data, (x, carrier), shared, bool(pushing))
+    # rods are rigid struts, beside which no strut is a spring, and no cable runs along one: these rods are bodies, too
+    solid = set(carrier.tolist()) if pushing else _crossed(springs, carrier)
+    many = rigid_bodies(model, data, (x, carrier), shared, solid)
     if many:
         found = touched_by_balls(model, data, (x, carrier), many, losses)
         x, carrier = np.concatenate([x, found.more]), np.r_[carrier, found.carrier]
@@ -106,9 +106,10 @@ def _imported(model: Any, drop: Collection[str], keyframe: str) -> Imported:
     masses, fixed, rods, rigid = carried(model, data, (x, carrier), shared, notes)
     if pushing:
         notes.append(f"{len(pushing)} tendons push as well as pull, and are struts")
-    struts = _members(pushing) if pushing else rod_members(x, rods)
-    cables = _members([spring for spring in springs if spring.kind == "cable"])
-    check_edges(x, () if struts is None else struts.edges, () if cables is None else cables.edges)
+    pulling = [spring for spring in springs if spring.kind == "cable"]
+    check_edges(x, _segments(pushing) or tuple(edge for edge, _ in rods), _segments(pulling))
+    struts = _members(pushing, x) if pushing else rod_members(x, rods)
+    cables = _members(pulling, x)
     drag = _drag(model, nodes, merged, place, losses)
     found = found or touched_plane(model, data, x, carrier, losses)
     structure = Structure(x - found.lift, masses, struts, cables, fixed=fixed, bodies=rigid)
@@ -162,10 +163,34 @@ def _same_places(nodes: _Nodes) -> list[int]:
     return [seen.setdefault(key, k) for k, key in enumerate(keys)]
 
 
+def _along(path: list[int], spring: Spring, x: np.ndarray, carrier: np.ndarray) -> Spring:
+    """A tendon over the nodes of its sites, without segments of length 0, and without those within its end bodies."""
+    nodes, rest = [path[0], *(b for a, b in itertools.pairwise(path) if a != b or len(path) == 2)], spring.rest_length
+    for _ in range(2):  # at the start, then at the end
+        while len(nodes) > 2 and carrier[nodes[0]] == carrier[nodes[1]]:
+            within = float(edge_lengths(x, ((nodes[0], nodes[1]),))[0])
+            if within >= rest:
+                break
+            nodes, rest = nodes[1:], rest - within
+        nodes = nodes[::-1]
+    return spring._replace(path=tuple(nodes), rest_length=rest)
+
+
+def _crossed(springs: list[Spring], carrier: np.ndarray) -> set[int]:
+    """The bodies that tendons run through from one node to another."""
+    pairs = {pair for spring in springs if len(spring.path) > 2 for pair in itertools.pairwise(spring.path)}
+    return {int(carrier[a]) for a, b in pairs if carrier[a] == carrier[b]}
+
+
+def _segments(springs: list[Spring]) -> Edges:
+    return tuple(pair for spring in springs for pair in itertools.pairwise(spring.path))
+
+
 def _as_cables(springs: list[Spring], x: np.ndarray, notes: list[str]) -> list[Spring]:
     """Springs both ways beside rigid bodies: cables where they are stretched."""
     stretched = [
-        spring.kind == "strut" and edge_lengths(x, (spring.ends,))[0] >= spring.rest_length for spring in springs
+        spring.kind == "strut" and edge_lengths(x, _segments([spring])).sum() >= spring.rest_length
+        for spring in springs
     ]
     if any(stretched):
         notes.append(
@@ -174,11 +199,24 @@ def _as_cables(springs: list[Spring], x: np.ndarray, notes: list[str]) -> list[S
     return [spring._replace(kind="cable") if pulls else spring for spring, pulls in zip(springs, stretched)]
 
 
-def _members(springs: list[Spring]) -> Members | None:
+def _members(springs: list[Spring], x: np.ndarray) -> Members | None:
+    """Tendons over several nodes have segments in series, which stretch alike: shares of rest length as of length."""
+    laws: list[np.ndarray] = []
+    clusters = []
+    for spring in springs:
+        if len(spring.path) > 2 and spring.kind == "strut":
+            raise InputError(
+                f"tendon {spring.name}: pushes along {len(spring.path)} sites; expected springlength from 0 on"
+            )
+        lengths = edge_lengths(x, _segments([spring]))
+        if len(lengths) > 1:
+            clusters.append(tuple(range(len(laws), len(laws) + len(lengths))))
+        share = lengths / lengths.sum()
+        laws += list(np.stack([spring.stiffness / share, spring.rest_length * share, spring.damping / share], 1))
     if not springs:
         return None
-    K, L, c = (np.array([spring[k] for spring in springs], float) for k in (2, 3, 4))
-    return Members(tuple(spring.ends for spring in springs), K, L, damping=c if c.any() else None)
+    K, L, c = np.array(laws).T
+    return Members(_segments(springs), K, L, damping=c if c.any() else None, clusters=tuple(clusters))
 
 
 def _drag(model: Any, nodes: _Nodes, merged: list[int], place: dict[int, int], losses: Losses) -> np.ndarray:

@@ -15,10 +15,11 @@ mujoco: Any = lazy_loader.load("mujoco")
 class Spring(NamedTuple):
     """A tendon, as a member."""
 
+    name: str
     kind: str
     """strut: it pushes, too; cable: it does not"""
-    ends: tuple[int, int]
-    """sites, later nodes"""
+    path: tuple[int, ...]
+    """sites, later nodes, over which it slides between the first and the last"""
     stiffness: float
     rest_length: float
     damping: float
@@ -40,20 +41,20 @@ def springs_of(model: Any, data: Any, losses: Losses) -> list[Spring]:
     driven = _actuators(model, data, losses)
     found, idle = [], []
     for t in range(model.ntendon):
-        name, ends = name_of(model, "tendon", t), _ends(model, t)
+        name, path = name_of(model, "tendon", t), _path(model, t)
         K, c = float(model.tendon_stiffness[t]), float(model.tendon_damping[t])
         low, high = model.tendon_lengthspring[t]
         if t in driven and K:
             raise InputError(f"tendon {name}: has a spring and an actuator with one; expected one of them")
         if t in driven:
             own = driven[t]
-            found.append(Spring(own.kind, ends, own.stiffness, own.rest_length, own.damping + c))
+            found.append(Spring(name, own.kind, path, own.stiffness, own.rest_length, own.damping + c))
         elif not K:
             idle.append(name)
             if c:
                 losses.lose("damping", f"tendon {name}: damping without a spring")
         elif low == high or low == 0:
-            found.append(Spring("strut" if low == high else "cable", ends, K, float(high), c))
+            found.append(Spring(name, "strut" if low == high else "cable", path, K, float(high), c))
         else:
             raise InputError(f"tendon {name}: springlength {low:g} to {high:g}; expected one length, or from 0 on")
     if not found:
@@ -66,13 +67,13 @@ def springs_of(model: Any, data: Any, losses: Losses) -> list[Spring]:
     return found
 
 
-def _ends(model: Any, tendon: int) -> tuple[int, int]:
+def _path(model: Any, tendon: int) -> tuple[int, ...]:
     first, count = model.tendon_adr[tendon], model.tendon_num[tendon]
     wraps = range(first, first + count)
-    if count != 2 or any(model.wrap_type[w] != mujoco.mjtWrap.mjWRAP_SITE for w in wraps):
+    if count < 2 or any(model.wrap_type[w] != mujoco.mjtWrap.mjWRAP_SITE for w in wraps):
         name = name_of(model, "tendon", tendon)
-        raise InputError(f"tendon {name}: expected two sites, and nothing that it wraps about")
-    return int(model.wrap_objid[first]), int(model.wrap_objid[first + 1])
+        raise InputError(f"tendon {name}: expected two or more sites, without pulleys and geoms between them")
+    return tuple(int(model.wrap_objid[w]) for w in wraps)
 
 
 def _actuators(model: Any, data: Any, losses: Losses) -> dict[int, Driven]:

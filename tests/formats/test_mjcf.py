@@ -305,19 +305,6 @@ REFUSED = {
         "</tendon></mujoco>",
         "body bob: slides on another body; expected ball joints and hinges",
     ),
-    "a weld": (
-        '<mujoco><worldbody><site name="w"/><body name="a" pos="0 0 1"><freejoint/><geom size="0.1"/><site name="s"/>'
-        '</body></worldbody><equality><weld body1="a"/></equality>'
-        '<tendon><spatial stiffness="1" springlength="0 1"><site site="s"/><site site="w"/></spatial>'
-        "</tendon></mujoco>",
-        "equality 0: a weld is not read; expected connect",
-    ),
-    "three sites": (
-        '<mujoco><worldbody><site name="a"/><site name="b"/><site name="c"/></worldbody>'
-        '<tendon><spatial stiffness="1"><site site="a"/><site site="b"/><site site="c"/></spatial>'
-        "</tendon></mujoco>",
-        "tendon 0: expected two sites",
-    ),
 }  # fmt: skip
 
 
