@@ -41,7 +41,9 @@ class Losses:
         self.notes = notes
 
     def note(self, sentence: str) -> None:
-        self.notes.append(sentence)
+        """Keep a sentence, once."""
+        if sentence not in self.notes:
+            self.notes.append(sentence)
 
     def lose(self, kind: str, what: str) -> None:
         """Raises `InputError` unless the caller drops things of this kind; then a note says so."""

@@ -21,8 +21,8 @@ DROPPABLE = {
     "forces": "springs of joints, gravity compensation, armature, nonlinear springs, soft equalities",
 }
 """What callers may drop although it changes the motion, with a description of each."""
-REBOUND = 0.1
-"""Share of its speed that a contact may give back and still count as one that gives back nothing."""
+REBOUND, REBOUND_NOTED = 0.25, 0.01
+"""Largest shares of its speed that a contact may give back: at all, and without a note. MuJoCo's default is 0.14."""
 SMALL = 0.02
 """Share of the robot's size below which notes omit arms of spinning and rolling friction and starts inside the plane.
 Contact, `connect` and `weld` that give way by more than this share are lost."""
@@ -102,13 +102,25 @@ def check_spring(model: Any, geom: int, spring: list[np.ndarray], deep: float, l
     if time <= 0:  # minus a stiffness, and minus a damping
         period = 1 / np.sqrt(max(-time, 1e-300))
         ratio = -ratio / 2 * period
-    name = f"geom {name_of(model, 'geom', geom)}"
-    back = np.exp(-np.pi * ratio / np.sqrt(1 - ratio**2)) if ratio < 1 else 0.0
+    name, back = f"geom {name_of(model, 'geom', geom)}", _rebound(ratio)
     if back > REBOUND:
         losses.lose("contact", f"{name}: bounces off the plane at {back:.2g} times its speed (solref)")
+    elif back > REBOUND_NOTED:
+        losses.note(f"contact bounces off the plane at {back:.2g} times its speed there (solref), and not at all here")
     sinks = gravity_of(model) * (1 - impedance) * period**2
     if sinks > deep:
         losses.lose("contact", f"{name}: its weight presses it some {sinks:.1g} m into the plane (solref, solimp)")
+
+
+def _rebound(ratio: float) -> float:
+    """The share of its speed with which a mass leaves a damped spring that pushes and does not pull.
+
+    It leaves where the force is 0, at the phase 2 acos(ratio) of the oscillation: before the spring has its length.
+    """
+    if abs(ratio - 1) < 1e-6:
+        return float(np.exp(-2.0))
+    phase = np.arccos(complex(ratio))
+    return float(np.exp(-2 * ratio * phase / np.sin(phase)).real)
 
 
 def gravity_of(model: Any) -> float:
