@@ -12,6 +12,7 @@ from jaxgrity.core.types import Times
 from jaxgrity.formats.compounds import bodies, is_rigid
 from jaxgrity.formats.foreign import refuse_bodies
 from jaxgrity.model.actuation import Gait, rest_length
+from jaxgrity.model.clusters import cables_of
 from jaxgrity.model.contact_twin import penalty_twin
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import Members, Structure
@@ -34,6 +35,7 @@ class Plan(NamedTuple):
     node_mass: np.ndarray
     """kg, without the rods of bodies"""
     actuated: tuple[int, ...]
+    """members that a gait moves; of a cluster the first one"""
     balls: dict[int, float]
     """radius, m, of each node that can touch the ground"""
 
@@ -59,16 +61,19 @@ def mjcf_controls(scene: Scene, times: Times, gait: Gait | None = None) -> np.nd
         if members is not None:
             lengths = np.asarray(jax.vmap(lambda t, m=members, k=first: rest_length(m, moved, t, k))(np.asarray(times)))
             change = np.broadcast_to(lengths, (len(times), len(members.edges))) - np.asarray(members.rest_length)
-            columns |= {first + k: change[:, k] for k in range(len(members.edges))}
+            cords = cables_of(members.clusters, len(members.edges))
+            columns |= {first + min(cord): change[:, list(cord)].sum(1) for cord in cords}
     return np.stack([columns[k] for k in actuated_members(structure, moved)], axis=1)
 
 
 def actuated_members(structure: Structure, gait: Gait | None) -> tuple[int, ...]:
-    """Members that a gait moves, but for those that are stuck, in ascending order."""
-    stuck = set() if structure.struts is None else set(structure.struts.stuck)
-    if structure.cables is not None:
-        stuck |= {structure.first_cable + k for k in structure.cables.stuck}
-    return () if gait is None else tuple(sorted(set(gait.members) - stuck))
+    """Members that a gait moves, but for those that are stuck, in ascending order; the first one of a cluster."""
+    found: set[int] = set()
+    for members, first in ((structure.struts, 0), (structure.cables, structure.first_cable)):
+        if members is not None and gait is not None:
+            moved = {k - first for k in gait.members} - set(members.stuck)
+            found |= {first + min(cord) for cord in cables_of(members.clusters, len(members.edges)) if moved & {*cord}}
+    return tuple(sorted(found))
 
 
 def plan_of(scene: Scene) -> tuple[Plan, list[str]]:
@@ -76,8 +81,6 @@ def plan_of(scene: Scene) -> tuple[Plan, list[str]]:
     refuse_bodies(structure, "MuJoCo models that are written")
     if structure.driven:
         raise InputError(f"members {list(structure.driven)} have motors, which MuJoCo models lack; expected a gait")
-    if structure.cables is not None and structure.cables.clusters:
-        raise InputError("cables run through several nodes; expected a scene for MuJoCo whose cables join two each")
     actuated = actuated_members(structure, scene.gait)
     notes: list[str] = []
     mass = np.asarray(structure.node_mass, float)

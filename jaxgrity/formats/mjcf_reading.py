@@ -42,10 +42,10 @@ def read_mjcf(path: str | Path, drop: Collection[str] = (), keyframe: str = "") 
 
     Sites at which tendons end, and others of the same bodies, become nodes. A free body with two of them becomes a
     rigid strut, with the body's mass as point masses and a thin rod; one with more a rigid body, whose balls have
-    their radii and roll. Ball joints and hinges become shared points of bodies, or supports. Welded bodies become one. A
-    body on three slides becomes a point mass; what does not move a support. A tendon whose spring range begins at 0, or
-    whose actuator only pulls, is a cable, another one with a spring a strut. A cable over several sites slides over
-    their nodes (`Members.clusters`). Spheres, capsules and boxes that touch the plane are those of nodes, with one
+    their radii and roll. Ball joints and hinges become shared points of bodies, or supports. Welded bodies become one
+    body. A body on three slides becomes a point mass; what does not move a support. A tendon whose spring range begins
+    at 0, or whose actuator only pulls, is a cable, another one with a spring a strut. A cable over several sites slides
+    over their nodes (`Members.clusters`). Spheres, capsules and boxes that touch the plane are those of nodes, with one
     radius for all.
 
     What would make the robot move otherwise is refused, unless `drop` names its kind: then it is left out, and a note

@@ -7,8 +7,10 @@ from xml.etree import ElementTree
 import numpy as np
 
 from jaxgrity.core.typed import typed
+from jaxgrity.core.types import PerMember
 from jaxgrity.formats.mjcf_plan import THICKNESS, Plan, amplitudes, inertia_of, plan_of, safe_step
 from jaxgrity.io.files import write_whole
+from jaxgrity.model.clusters import cables_of, nodes_along
 from jaxgrity.model.scene import Scene
 
 RADIUS = 1e-3
@@ -25,7 +27,7 @@ class MuJoCoModel(NamedTuple):
     notes: tuple[str, ...]
     """sentences: what is modelled otherwise there, or not at all"""
     actuated: tuple[int, ...]
-    """members in the order of the model's first actuators: struts from 0, then cables"""
+    """members in the order of the model's first actuators: struts from 0, then cables; of a cluster the first one"""
 
 
 @typed
@@ -34,9 +36,9 @@ def save_mjcf(scene: Scene, path: str | Path, timestep: float | None = None, int
 
     Struts that are rigid, or have mass, are free bodies with their thin rods' moments of inertia; other nodes are point
     masses on three slides. Cables, and struts that are springs, are spatial tendons between sites: a cable's spring
-    range is [0, L0], so that it only pulls. Members that the gait moves are actuators on their tendons instead, with
-    the force K (L0 + u - l) - c l', where the control u is the change of rest length, m (`mjcf_controls`); those of
-    cables only pull. Contact is MuJoCo's own, between nodes and the plane.
+    range is [0, L0], so that it only pulls. A cluster is one tendon over several sites. Members that the gait moves are
+    actuators on their tendons instead, with the force K (L0 + u - l) - c l', where the control u is the change of rest
+    length, m (`mjcf_controls`); those of cables only pull. Contact is MuJoCo's own, between nodes and the plane.
 
     Args:
         scene: the scene to write.
@@ -49,7 +51,7 @@ def save_mjcf(scene: Scene, path: str | Path, timestep: float | None = None, int
 
     Raises:
         InputError: a rigid strut has to become a spring, and no gravity says how stiff one may be; or the scene has
-            motors, or cables that run through several nodes.
+            motors.
 
     Example:
         >>> model = jaxgrity.formats.save_mjcf(jaxgrity.load_scene("reference"), "my_robot.xml")
@@ -145,29 +147,39 @@ def _members(root: ElementTree.Element, scene: Scene, plan: Plan) -> list[str]:
     structure, damped = plan.structure, False
     size = amplitudes(scene.gait)
     for kind, members, first in (("strut", structure.struts, 0), ("cable", structure.cables, structure.first_cable)):
-        for k, edge in enumerate(members.edges if members is not None else ()):
+        for cord in () if members is None else cables_of(members.clusters, len(members.edges)):
+            k = min(cord)
             if kind == "strut" and k in plan.rigid:
                 continue
             assert members is not None, "it has edges"
             assert members.stiffness is not None, "springs, by the plan"
-            K, L = float(members.stiffness[k]), float(members.rest_length[k])
-            c = 0.0 if members.damping is None else float(members.damping[k])
+            K, L = _in_series(members.stiffness, cord), float(np.sum(members.rest_length[list(cord)]))
+            c = 0.0 if members.damping is None else _in_series(members.damping, cord)
             spring: dict[str, Any] = {"stiffness": K, "damping": c, "springlength": [0.0, L] if kind == "cable" else L}
             if first + k in plan.actuated:
                 spring = {}
                 limits = {"forcelimited": "true", "forcerange": [-STRONGEST, 0.0]} if kind == "cable" else {}
-                reach = {"ctrllimited": "true", "ctrlrange": [-size[first + k] * L, 0.0]} if size[first + k] else {}
+                most = sum(size.get(first + part, 0.0) * float(members.rest_length[part]) for part in cord)
+                reach = {"ctrllimited": "true", "ctrlrange": [-most, 0.0]} if most else {}
                 law = {"gainprm": K, "biastype": "affine", "biasprm": [K * L, -K, -c]}
                 _add(actuators, "general", name=f"{kind}{k}", tendon=f"{kind}{k}", **law, **limits, **reach)
             damped = damped or bool(spring and kind == "cable" and c)
             tendon = _add(tendons, "spatial", name=f"{kind}{k}", **spring)
-            for node in edge:
+            for node in nodes_along(tuple(members.edges[part] for part in cord)):
                 _add(tendon, "site", site=f"n{node}")
     notes = ["cables are damped there while they are slack, too"] if damped else []
     moved = (
         f"{len(plan.actuated)} actuators change rest lengths by their controls (m); the gait itself is no part of it"
     )
     return [*notes, *([moved] if plan.actuated else [])]
+
+
+def _in_series(values: PerMember, cord: tuple[int, ...]) -> float:
+    """Of springs or dampers one after the other: 0 where one of them is."""
+    own = np.asarray(values, float)[list(cord)]
+    if len(own) == 1 or not np.all(own):
+        return float(np.min(own))
+    return float(1 / np.sum(1 / own))
 
 
 def _drag_on_bodies(root: ElementTree.Element, drag: dict[int, float]) -> None:

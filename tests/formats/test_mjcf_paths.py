@@ -1,10 +1,13 @@
 """MuJoCo models whose tendons run over several sites: cables that slide over nodes, with the law that MuJoCo has."""
 
+import dataclasses
+
 import numpy as np
 import pytest
+from conformance_dynamics import SPRINGS, by_both, flying
 
-from jaxgrity import InputError, SolverOptions, simulate
-from jaxgrity.formats import read_mjcf
+from jaxgrity import InputError, SolverOptions, parse_scene, scene_text, simulate
+from jaxgrity.formats import mjcf_controls, mujoco_model, read_mjcf, save_mjcf
 
 mujoco = pytest.importorskip("mujoco")
 
@@ -77,7 +80,7 @@ def whole_cables(cables):
     """Stiffness, rest length and damping of each cable: its segments are in series."""
     every = [k for cluster in cables.clusters for k in cluster]
     rows = [*cables.clusters, *((k,) for k in range(len(cables.edges)) if k not in every)]
-    rows = [np.array(row) for row in sorted(rows)]
+    rows = [np.array(row) for row in sorted(rows, key=min)]
     K, c = ([1 / np.sum(1 / x[row]) for row in rows] for x in (cables.stiffness, cables.damping))
     return K, [cables.rest_length[row].sum() for row in rows], c, [len(row) for row in rows]
 
@@ -180,3 +183,59 @@ def test_a_tendon_that_pushes_over_sites_is_refused(tmp_path):
     scene, notes = found(tmp_path, beside)
     assert "6 tendons would push, too, if they went slack; here they are cables, which do not" in notes
     assert len(scene.structure.cables.clusters) == 2
+
+
+CLUSTERS = ((0, 3), (22, 20, 1))
+
+
+def test_clusters_are_written_and_read(tmp_path):
+    """As one tendon each, whose law is that of the whole cable; what is read has this law again."""
+    scene = parse_scene(scene_text("reference").replace("prestrain", "clusters = [[0, 3], [22, 20, 1]]\nprestrain", 1))
+    written = save_mjcf(scene, tmp_path / "robot.xml")
+    there, ours = mujoco.MjModel.from_xml_string(written.xml), scene.structure.cables
+    assert there.ntendon == 6 + 21
+    K, L, c, count = whole_cables(ours)
+    assert sorted(count) == [1] * 19 + [2, 3]
+    tendons = [there.tendon(f"cable{k}").id for k in (0, 1, 2)]
+    np.testing.assert_array_equal(there.tendon_num[tendons], [3, 4, 2])
+    np.testing.assert_allclose(there.tendon_stiffness[tendons], K[:3])
+    np.testing.assert_allclose(there.tendon_lengthspring[tendons, 1], L[:3])
+    again = read_mjcf(tmp_path / "robot.xml").scene.structure.cables
+    for theirs, own in zip(whole_cables(again), (K, L, c, count)):
+        np.testing.assert_allclose(theirs, own, rtol=1e-12)
+    paths = {frozenset(ours.edges[k] for k in cluster) for cluster in ours.clusters}
+    assert {frozenset(tuple(sorted(again.edges[k])) for k in cluster) for cluster in again.clusters} == paths
+
+
+def test_a_gait_moves_such_a_cable_as_a_whole():
+    """One actuator, by the sum of what its segments are shortened, and as far as their amplitudes allow."""
+    text = scene_text("reference").replace("prestrain", "clusters = [[0, 3], [22, 20, 1]]\nprestrain", 1)
+    text = text.replace('members = "struts"', "members = [6, 9, 7, 12]")
+    text = text.replace("phase = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]", "phase = [0.0, 0.5, 2.0, 3.0]")
+    scene = parse_scene(text)
+    written = mujoco_model(scene)
+    assert written.actuated == (6, 7, 12)
+    there = mujoco.MjModel.from_xml_string(written.xml)
+    assert (there.nu, there.ntendon) == (3, 27)
+    times, rest = np.linspace(0, 6, 200), scene.structure.cables.rest_length
+    alone = dataclasses.replace(scene.structure.cables, clusters=())
+    apart = mjcf_controls(
+        dataclasses.replace(scene, structure=dataclasses.replace(scene.structure, cables=alone)), times
+    )
+    controls = mjcf_controls(scene, times)
+    np.testing.assert_allclose(controls, np.stack([apart[:, 0] + apart[:, 2], apart[:, 1], apart[:, 3]], 1))
+    np.testing.assert_allclose(
+        there.actuator_ctrlrange[:, 0], [-0.3 * (rest[0] + rest[3]), -0.3 * rest[1], -0.3 * rest[6]]
+    )
+    assert np.all(controls >= there.actuator_ctrlrange[:, 0] - 1e-12)
+
+
+@pytest.mark.campaign
+def test_clusters_fly_as_they_are_written():
+    """RK4 at 1e-4 s in both, 0.5 s: within 1e-6 m."""
+    scene = flying("icosahedron", SPRINGS)
+    cables = dataclasses.replace(scene.structure.cables, clusters=CLUSTERS)
+    scene = dataclasses.replace(scene, structure=dataclasses.replace(scene.structure, cables=cables))
+    theirs, ours, _ = by_both(scene, 0.5, 1e-4, SolverOptions(method="rk4", dt=1e-4))
+    np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-6)
+    assert np.abs(ours - scene.structure.nodes).max() > 0.01
