@@ -109,13 +109,14 @@ def _contacts(model: Any, data: Any) -> tuple[int | None, dict[int, list[Any]]]:
 
 
 def _moved(model: Any, way: np.ndarray) -> Any:
-    """MuJoCo's data with every body that stands on the world moved by `way`, m."""
+    """MuJoCo's data with every body that stands on the world, or on what is fixed to it, moved by `way`, m."""
     data, places = mujoco.MjData(model), model.body_pos.copy()
+    mujoco.mj_kinematics(model, data)
     free = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_FREE)
     for k in range(3):
         data.qpos[model.jnt_qposadr[free] + k] += way[k]
-    roots = np.flatnonzero((model.body_parentid == 0) & (model.body_weldid != 0))
-    model.body_pos[roots] += way
+    for body in np.flatnonzero((model.body_weldid != 0) & (model.body_weldid[model.body_parentid] == 0)):
+        model.body_pos[body] += data.xmat[model.body_parentid[body]].reshape(3, 3).T @ way
     mujoco.mj_kinematics(model, data)
     mujoco.mj_comPos(model, data)
     mujoco.mj_collision(model, data)

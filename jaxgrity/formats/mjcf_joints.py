@@ -59,7 +59,7 @@ def merge_welded(model: Any, data: Any, losses: Losses) -> Any:
 
 def _active(model: Any, data: Any) -> list[int]:
     """The equalities that hold at the start."""
-    off = model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_EQUALITY | mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+    off = model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_EQUALITY)
     return [] if off else np.flatnonzero(data.eq_active).tolist()
 
 

@@ -50,7 +50,7 @@ def _options(model: Any, losses: Losses) -> None:
     if model.opt.density or model.opt.viscosity:
         losses.lose("air", f"air of {model.opt.density:g} kg/m^3 and {model.opt.viscosity:g} Pa s")
     flags = mujoco.mjtDisableBit
-    for name in ("SPRING", "DAMPER", "PASSIVE", "ACTUATION"):
+    for name in ("SPRING", "DAMPER", "PASSIVE", "ACTUATION", "CONSTRAINT"):
         if model.opt.disableflags & int(getattr(flags, f"mjDSBL_{name}", 0)):
             raise InputError(f"option flag {name.lower()} is disabled; expected it to be enabled")
     if model.opt.disableactuator:

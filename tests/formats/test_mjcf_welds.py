@@ -145,6 +145,22 @@ def test_what_does_not_hold_is_ignored(tmp_path):
         assert not any("weld" in note for note in notes)
 
 
+FOOT = '<geom type="sphere" size="0.05" pos="0 0 -0.3" mass="0.1" friction="0.6"/>'
+
+
+@pytest.mark.parametrize("base", ["", FREE, BALL])
+def test_what_hangs_on_a_support_touches_the_plane(base, tmp_path):
+    """On a body without a joint, and on one that is welded to the world, which is turned."""
+    robot = Robot(0)
+    floor = '<geom type="plane" size="5 5 1" pos="0 0 -3" friction="0.1"/>'
+    arm = robot.body(1, BALL, FOOT, within=0)
+    text = MODEL.format(bodies=floor + robot.body(0, base, arm) + robot.body(2), equality=f'<weld body1="a" {STIFF}/>')
+    scene = found(tmp_path, text).scene
+    assert len(scene.ground.balls.nodes) == 1
+    assert float(np.max(scene.friction.mu)) == 0.6
+    assert_same(scene.structure, found(tmp_path, text.replace(base, "", 1)).scene.structure)
+
+
 HOLLOW = '<geom type="sphere" size="0.3" mass="0"/><site name="{name}0"'
 
 
