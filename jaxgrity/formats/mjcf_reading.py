@@ -108,6 +108,7 @@ def _imported(model: Any, drop: Collection[str], keyframe: str) -> Imported:
     if pushing:
         notes.append(f"{len(pushing)} tendons push as well as pull, and are struts")
     pulling = [spring for spring in springs if spring.kind == "cable"]
+    _refuse_shared_pairs(springs)
     check_edges(x, _segments(pushing) or tuple(edge for edge, _ in rods), _segments(pulling))
     struts = _members(pushing, x) if pushing else rod_members(x, rods)
     cables = _members(pulling, x)
@@ -166,7 +167,8 @@ def _same_places(nodes: _Nodes) -> list[int]:
 
 def _along(path: list[int], spring: Spring, x: np.ndarray, carrier: np.ndarray) -> Spring:
     """A tendon over the nodes of its sites, without segments of length 0, and without those within its end bodies."""
-    nodes, rest = [path[0], *(b for a, b in itertools.pairwise(path) if a != b or len(path) == 2)], spring.rest_length
+    nodes, rest = [path[0], *(b for a, b in itertools.pairwise(path) if a != b)], spring.rest_length
+    nodes = nodes if len(nodes) > 1 else path[:2]
     for _ in range(2):  # at the start, then at the end
         while len(nodes) > 2 and carrier[nodes[0]] == carrier[nodes[1]]:
             within = float(edge_lengths(x, ((nodes[0], nodes[1]),))[0])
@@ -185,6 +187,18 @@ def _crossed(springs: list[Spring], carrier: np.ndarray) -> set[int]:
 
 def _segments(springs: list[Spring]) -> Edges:
     return tuple(pair for spring in springs for pair in itertools.pairwise(spring.path))
+
+
+def _refuse_shared_pairs(springs: list[Spring]) -> None:
+    """Raises `InputError`, with names, where two tendons, or two parts of one, join the same nodes."""
+    seen: dict[frozenset[int], str] = {}
+    for spring in springs:
+        for pair in map(frozenset, _segments([spring])):
+            if pair in seen:
+                raise InputError(
+                    f"tendon {spring.name}: joins two sites that tendon {seen[pair]} joins, too; expected one of them"
+                )
+            seen[pair] = spring.name
 
 
 def _as_cables(springs: list[Spring], x: np.ndarray, notes: list[str]) -> list[Spring]:

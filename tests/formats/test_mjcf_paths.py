@@ -157,17 +157,18 @@ def test_actuators_of_such_tendons_are_springs(tmp_path):
 
 
 PUSHING = model(*ROBOTS["points"][:2]).replace('springlength="0 ', 'springlength="')
-A, B = '<site site="a0"/>', '<site site="b0"/>'
+A, B, U, W = (f'<site site="{site}"/>' for site in ("a0", "b0", "u", "w"))
 REFUSED = {
     "a pulley": (A + B, A + '<pulley divisor="2"/>' + B, "tendon t0: expected two or more sites, without pulleys"),
     "a geom": (A + B, A + '<geom geom="g"/>' + B, "tendon t0: expected two or more sites, without pulleys and geoms"),
-    "there and back": (B + '<site site="v"/>', '<site site="w"/>', "cables[0] joins these nodes already"),
+    "there and back": (B + '<site site="v"/>', W, "tendon t0: joins two sites that tendon t0 joins, too"),
+    "side by side": (U + A, W + A, "tendon t2: joins two sites that tendon t0 joins, too; expected one of them"),
 }  # fmt: skip
 
 
 @pytest.mark.parametrize(("before", "after", "reason"), REFUSED.values(), ids=REFUSED)
 def test_other_paths_are_refused(before, after, reason, tmp_path):
-    """In one line: pulleys, what deflects a tendon, and a path that returns by the same two nodes."""
+    """In one line: pulleys, what deflects a tendon, and two tendons, or parts of one, between the same two nodes."""
     text = model(*ROBOTS["points"][:2]).replace(before, after, 1).replace('mass="0.4"', 'mass="0.4" name="g"', 1)
     with pytest.raises(InputError) as caught:
         found(tmp_path, text)
