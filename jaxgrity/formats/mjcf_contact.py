@@ -8,14 +8,12 @@ from scipy.optimize import nnls
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.formats.foreign import Losses
-from jaxgrity.formats.mjcf_losses import SMALL, check_spring, name_of
+from jaxgrity.formats.mjcf_losses import SMALL, check_spring, name_of, watched
 from jaxgrity.model.friction import ConeFriction
 from jaxgrity.model.ground import ExactGround
 
 mujoco: Any = lazy_loader.load("mujoco")
 
-WATCHED, MOST_WATCHED = 1.0, 5000
-"""How long, s, and for how many steps at most MuJoCo moves a robot to see whether its bodies touch each other."""
 SAME_PLACE = 1e-4
 """Largest difference of places, and of radii, that count as the same, as a share of the robot's size."""
 LEAST_FRICTION = 1.01e-5
@@ -271,20 +269,12 @@ def _others_that_touch(model: Any, data: Any, losses: Losses) -> None:
 
 def _met(model: Any, data: Any, body: np.ndarray) -> str:
     """Which bodies touch each other first while MuJoCo moves the robot for a while; nothing where none do."""
-    model = data.model  # in which welds hold bodies
-    moved = mujoco.MjData(model)
-    moved.qpos[:] = data.qpos
-    mujoco.set_mju_user_warning(lambda _: None)  # of unstable steps; else they are written to a file
-    try:
-        for _ in range(min(MOST_WATCHED, round(WATCHED / model.opt.timestep))):
-            mujoco.mj_step(model, moved)
-            pairs = body[moved.contact.geom]
-            both = pairs[(pairs > 0).all(1) & (pairs[:, 0] != pairs[:, 1])] if len(pairs) else pairs
-            if len(both):
-                names = " and ".join(name_of(model, "body", int(b)) for b in both[0])
-                return f"bodies {names} touch each other {moved.time:.3g} s after the start"
-    finally:
-        mujoco.set_mju_user_warning(None)
+    for moved in watched(data):
+        pairs = body[moved.contact.geom]
+        both = pairs[(pairs > 0).all(1) & (pairs[:, 0] != pairs[:, 1])] if len(pairs) else pairs
+        if len(both):
+            names = " and ".join(name_of(model, "body", int(b)) for b in both[0])
+            return f"bodies {names} touch each other {moved.time:.3g} s after the start"
     return ""
 
 

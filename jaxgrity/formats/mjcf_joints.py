@@ -11,7 +11,7 @@ import numpy as np
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.formats.foreign import Losses
-from jaxgrity.formats.mjcf_losses import SMALL, gravity_of, name_of
+from jaxgrity.formats.mjcf_losses import SMALL, name_of, watched
 
 mujoco: Any = lazy_loader.load("mujoco")
 
@@ -73,8 +73,7 @@ def _ends(model: Any, e: int) -> tuple[int, int]:
 
 def _rows(data: Any, e: int) -> np.ndarray:
     """The rows of MuJoCo's constraints that an equality has; none where its bodies cannot move."""
-    kind = mujoco.mjtConstraint.mjCNSTR_EQUALITY
-    return np.flatnonzero((data.efc_type[: data.nefc] == kind) & (data.efc_id[: data.nefc] == e))
+    return np.flatnonzero(data.efc_id[: data.ne] == e)
 
 
 def _check_pose(model: Any, data: Any, e: int) -> None:
@@ -149,23 +148,22 @@ def _connected(model: Any, data: Any, e: int) -> Joint | None:
 
 
 def _note_softness(model: Any, data: Any, active: list[int], losses: Losses) -> None:
-    """Loses equalities that give way by over `SMALL` of the model's size under its weight and the forces at the start.
-
-    At rest MuJoCo's constraint has stiffness k and regularization R with R f = k r: r is how far force f moves it.
-    """
-    most, size = 0.0, float(model.stat.extent)
+    """Loses equalities that give way by over `SMALL` of the model's size while MuJoCo moves it for a while."""
+    size, number = float(model.stat.extent), data.efc_id[: data.ne].copy()
+    scale, away, time = np.ones(data.ne), np.zeros(data.ne), 0.0
     for e in active:
-        rows = _rows(data, e)
-        k, _, impedance, _ = data.efc_KBIP[rows].T
-        away = data.efc_R[rows] * np.abs(data.efc_force[rows]) / k
-        away[3:] *= 2 * size / model.eq_data[e, 10]  # of a weld: half the angle, by its arm
-        away += gravity_of(model) * (1 - impedance) / impedance / k
-        if np.any(away > SMALL * size):
-            name, reach = name_of(model, "equality", e), f"{away.max():.1g} m in {size:.2g} m"
-            losses.lose("forces", f"equality {name}: gives way by some {reach} (solref, solimp)")
-        most = max(most, float(away.max(initial=0.0)))
-    if most > 0:
-        losses.note(f"connect and weld give way there, at the start by some {most:.1g} m; here they are rigid")
+        if model.eq_type[e] == mujoco.mjtEq.mjEQ_WELD:  # half the angle, by an arm: what that moves across the model
+            scale[_rows(data, e)[3:]] = 2 * size / model.eq_data[e, 10]
+    for moved in watched(data) if active else ():
+        away, time = np.maximum(away, scale * np.abs(moved.efc_pos[: moved.ne])), moved.time
+    for e in active:
+        own = float(away[number == e].max(initial=0.0))
+        if own > SMALL * size:
+            name = name_of(model, "equality", e)
+            losses.lose("forces", f"equality {name}: gives way by {own:.1g} m of {size:.2g} m (solref, solimp)")
+    if np.any(away):
+        most = f"{away.max():.1g} m within {time:.2g} s"
+        losses.note(f"connect and weld give way there, by up to {most} after the start; here they are rigid")
 
 
 class Shared(NamedTuple):

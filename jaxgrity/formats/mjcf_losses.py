@@ -1,5 +1,6 @@
 """What a MuJoCo model has and a scene has not: named in a note, or refused unless the caller says to drop it."""
 
+from collections.abc import Iterator
 from typing import Any
 
 import lazy_loader
@@ -26,6 +27,8 @@ REBOUND, REBOUND_NOTED = 0.25, 0.01
 SMALL = 0.02
 """Share of the robot's size below which notes omit arms of spinning and rolling friction and starts inside the plane.
 Contact, `connect` and `weld` that give way by more than this share are lost."""
+WATCHED, MOST_WATCHED = 1.0, 5000
+"""How long, s, and for how many steps at most MuJoCo moves a robot to see what gives way, and which bodies touch."""
 FAR = 10.0
 """A tendon's limit beyond this many times its length at the start counts as out of reach."""
 
@@ -33,6 +36,19 @@ FAR = 10.0
 def name_of(model: Any, kind: str, number: int) -> str:
     """As errors name a part: by the name that the file gives it, or by its number."""
     return mujoco.mj_id2name(model, getattr(mujoco.mjtObj, f"mjOBJ_{kind.upper()}"), number) or str(number)
+
+
+def watched(data: Any) -> Iterator[Any]:
+    """MuJoCo's data after each step of a while, from the start on, in which it moves the robot without controls."""
+    model, moved = data.model, mujoco.MjData(data.model)
+    moved.qpos[:] = data.qpos
+    mujoco.set_mju_user_warning(lambda _: None)  # of unstable steps; else they are written to a file
+    try:
+        for _ in range(min(MOST_WATCHED, round(WATCHED / model.opt.timestep))):
+            mujoco.mj_step(model, moved)
+            yield moved
+    finally:
+        mujoco.set_mju_user_warning(None)
 
 
 def check_losses(model: Any, losses: Losses) -> None:

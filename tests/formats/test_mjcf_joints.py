@@ -126,6 +126,17 @@ def test_bodies_that_hit_each_other_are_named(tmp_path):
     assert "bodies that meet each other touch there; here they pass through each other" in slack.notes
 
 
+def test_parts_of_bodies_that_are_excluded_do_not_touch(tmp_path):
+    """By the name of the part, which moves with the body around it."""
+    ball = '<geom type="sphere" size="0.05" pos="0 0 {}" mass="0.1"/>'
+    part = f'<body name="part">{ball.format(-0.1)}</body>'
+    bodies = body(inside=part) + body("b", "0 0 0.4", inside=ball.format(0.1))
+    for names, touch in (('body1="part" body2="b"', False), ('body1="a" body2="b"', True)):
+        last = f"<contact><exclude {names}/></contact>"
+        notes = found(tmp_path, model(bodies, last=last)).notes
+        assert any("pass through each other" in note for note in notes) == touch
+
+
 def test_a_keyframe_is_a_start(tmp_path):
     """Turned and moved as it says; an unknown one is refused, and those that are not asked for are named."""
     key = '<keyframe><key name="up" qpos="0 0 3 0.7071067811865476 0.7071067811865476 0 0"/></keyframe>'

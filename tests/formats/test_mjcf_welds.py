@@ -145,6 +145,31 @@ def test_what_does_not_hold_is_ignored(tmp_path):
         assert not any("weld" in note for note in notes)
 
 
+@pytest.mark.parametrize("kind", ["weld", "connect"])
+def test_how_far_it_gives_way_is_named(kind, tmp_path):
+    """As far as MuJoCo moves a body that it holds to the world, in the reach of a robot; a soft one is refused."""
+    robot = Robot(0)
+    arm = "" if kind == "weld" else 'anchor="0 0 0.1"'
+    held = robot.apart(f'<{kind} body1="a" {arm} solref="0.01 1" solimp="0.98 0.98 0.001"/>')
+    (said,) = (note for note in found(tmp_path, held).notes if note.startswith("connect and weld give way there"))
+    model = mujoco.MjModel.from_xml_string(held)
+    data, (place, turn) = mujoco.MjData(model), ([], [])
+    mujoco.mj_kinematics(model, data)
+    point, start = [0, 0, 0.1 * (kind == "connect")], data.xquat[1].copy()
+    x = data.xpos[1] + data.xmat[1].reshape(3, 3) @ point
+    for _ in range(5000):
+        mujoco.mj_step(model, data)
+        place.append(np.abs(data.xpos[1] + data.xmat[1].reshape(3, 3) @ point - x).max())
+        turned = np.zeros(3)
+        mujoco.mju_subQuat(turned, data.xquat[1], start)
+        turn.append(np.abs(turned).max() * model.stat.extent * (kind == "weld"))
+    assert float(said.split()[9]) == pytest.approx(max(*place, *turn), rel=0.5)
+    with pytest.raises(InputError, match=r"equality 0: gives way by .* m of .*drop=\['forces'\]"):
+        found(
+            tmp_path, held.replace('solref="0.01 1" solimp="0.98 0.98 0.001"', 'solref="0.3 1" solimp="0.3 0.3 0.001"')
+        )
+
+
 FOOT = '<geom type="sphere" size="0.05" pos="0 0 -0.3" mass="0.1" friction="0.6"/>'
 
 
