@@ -22,11 +22,11 @@ assert 0.3 < far < 3 and abs(slope).max() > 0.1
 
 @pytest.mark.slow
 def test_library_example_runs():
-    """In a process of its own, from the repository's root, as a reader would run it; its gradient is right."""
+    """In a process of its own, as a reader would run it: it prints what it says, and its gradient is right."""
     (example,) = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
     done = subprocess.run([sys.executable, "-c", example + CHECK], cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    assert re.fullmatch(r"\d\.\d\d m; d/d phase: \[.*\] m/rad\n", done.stdout)
+    assert done.stdout.strip() == example.strip().rsplit("# ", 1)[1]
 
 
 def test_pictures_and_links_are_there():

@@ -19,7 +19,7 @@ DEFAULTS = "double precision, 5 ms"
 """what `environment` takes where nothing else is said"""
 
 
-@measurement(page="control.md", quick={"tasks": ("heading",), "steps": 800, "robots": 8})
+@measurement(page="environments.md", quick={"tasks": ("heading",), "steps": 800, "robots": 8})
 def environments(
     tasks: tuple[str, ...] = tuple(TASKS), steps: int = 10_000_000, robots: int = 256, seed: int = 0
 ) -> Iterator[Record]:

@@ -18,7 +18,7 @@ ROLLS = 0.3
 """Mean progress from which an episode counts as rolling, m/s: a third of what such policies reach."""
 
 
-@measurement(page="control.md", quick={"episodes": 2, "names": ("speed",)})
+@measurement(page="environments.md", quick={"episodes": 2, "names": ("speed",)})
 def learned_policies(names: tuple[str, ...] = policy_names(), episodes: int = 256) -> Iterator[Record]:
     """A row for each policy of the library.
 

@@ -14,7 +14,7 @@ from jaxgrity import SolverOptions, contact_twin, load_scene, with_error
 from jaxgrity.control import LearningConfig, environment, learn, learner, trials
 
 
-@measurement(page="control.md", quick={"updates": 2, "robots": 8, "episodes": 2}, raw=("curve",))
+@measurement(page="environments.md", quick={"updates": 2, "robots": 8, "episodes": 2}, raw=("curve",))
 def learning(
     tasks: tuple[str, ...] = ("speed",),
     seeds: tuple[int, ...] = (0, 1, 2),

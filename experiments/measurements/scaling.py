@@ -17,7 +17,6 @@ from matplotlib.figure import Figure
 from pages import table
 from scaling_costs import (
     METHODS,
-    compiled,
     cost_in_c,
     exponents,
     in_process,
@@ -33,13 +32,13 @@ LARGEST = 1024
 """Gaits at most with which numbers of devices are compared."""
 SEARCHED = 256
 """Population between the smallest and the largest that is quoted too."""
-PARTS = ("devices", "population", "struts", "single", "compiled", "C")
+PARTS = ("devices", "population", "struts", "single", "C")
 
 
 @measurement(
     page="scaling.md",
     quick={"methods": ("complementarity",), "sizes": (16,), "struts": (6, 12), "repeats": 1, "shared": True},
-    raw=tuple(part for part in PARTS if part != "compiled"),
+    raw=PARTS,
     listed=False,
 )
 def scaling(
@@ -63,7 +62,6 @@ def scaling(
     tasks += [("population", cores, population_cost, (m, n, repeats)) for m in methods for n in sizes]
     tasks += [("struts", cores, tower_cost, (m, n, repeats)) for m in methods for n in struts]
     tasks += [("single", 1, single_cost, (m, dtype, repeats)) for m in methods for dtype in ("float32", "float64")]
-    tasks += [("compiled", 1, compiled, (m,)) for m in methods]
     if (folder := hand_written.programs()) is not None:
         tasks += [("C", 1, cost_in_c, (folder, m, most, 1, repeats)) for m in methods]
         tasks += [("C", cores, cost_in_c, (folder, m, n, cores, repeats)) for m in methods for n in sizes]
@@ -72,7 +70,7 @@ def scaling(
         pools = functools.cache(lambda devices: running.enter_context(process(devices)))
         for name, devices, function, arguments in tqdm(tasks, unit="run"):
             found = pools(devices).apply(function, arguments) if shared else in_process(devices, function, arguments)
-            parts[name].append(found if name == "compiled" else {"devices": devices, **found})
+            parts[name].append({"devices": devices, **found})
     start = start_up(min(3, repeats), warm=not shared)
     return {"methods": quoted(parts), "start": start, **parts}
 
@@ -157,17 +155,6 @@ def million(record: Record) -> str:
         cost = row["per_gait_and_simulated_second"][-1]
         rows.append([row["method"], microseconds(cost), f"{1e6 * 10 * cost / 60:.0f} minutes"])
     head = ["float32", "us per gait and simulated second", f"10^6 rollouts of 10 s on {record['cores']} cores"]
-    return table(head, rows)
-
-
-@partial(scaling.table, part="compiled", page="performance.md")
-def loops(record: Record) -> str:
-    """What a step compiles to."""
-    rows = []
-    for found in record["compiled"]:
-        counts = [", ".join(f"{n} {kind}" for kind, n in loop["instructions"].items()) for loop in found["loops"]]
-        rows.append([found["method"], "; ".join(counts), "; ".join(str(loop["roots"]) for loop in found["loops"])])
-    head = ["method", "instructions, loop by loop", "square roots per gait"]
     return table(head, rows)
 
 

@@ -2,12 +2,10 @@
 
 import multiprocessing
 import os
-import re
 import subprocess
 import sys
 import tempfile
 import time
-from collections import Counter
 from collections.abc import Callable
 from multiprocessing.pool import Pool
 from pathlib import Path
@@ -19,9 +17,7 @@ import limit as hand_written
 import numpy as np
 from engines import AT_LEAST, C_SWEEPS
 
-from jaxgrity import Scene, SolverOptions, as_dtype, gaits_of, load_scene, random_phases, simulate, simulate_population
-from jaxgrity.populations import roll_out
-from jaxgrity.stepping import resolve
+from jaxgrity import Scene, SolverOptions, gaits_of, load_scene, random_phases, simulate, simulate_population
 from jaxgrity.structures import prism_tower
 
 METHODS = {"rk4": ("reference", 5e-4), "complementarity": ("exact", 5e-3)}
@@ -110,41 +106,6 @@ def single_cost(method: str, dtype: str, repeats: int) -> dict:
     options = SolverOptions(method=method, dt=dt, dtype=dtype)
     seconds, compilation = median_time(lambda: simulate(scene, 10.0, options=options), repeats)
     return {"method": method, "dtype": dtype, "times_real_time": 10.0 / seconds, "compile_seconds": compilation}
-
-
-def compiled(method: str) -> dict:
-    """Of each loop's body, for 128 gaits, innermost loops first: its instructions, and the roots that a gait takes.
-
-    Instructions are a kernel each, unless loops are compiled whole. A root inside of a fusion is computed once for each
-    number that comes out of it: if lengths were computed anew for each use, these would be more than there are lengths.
-    """
-    name, dt = METHODS[method]
-    scene = load_scene(name)
-    rows = gaits_of(scene.gait, random_phases(128, 6, seed=0))
-    options = resolve(scene, 1.0, SolverOptions(method=method, dt=dt, dtype="float32", any_step=True)).as_inputs()
-    program = roll_out.lower(as_dtype(scene, "float32"), rows, np.asarray(1.0), options).compile().compiled
-    text = program.as_text()
-    bodies = dict(re.findall(r"^%?([\w.\-]+) .*?\{\n(.*?)^\}", text, re.MULTILINE | re.DOTALL))
-    names = re.findall(r" while\(.*?body=%?([\w.\-]+)", text)
-    return {
-        "method": method,
-        "loops": [{"instructions": instructions(bodies[b]), "roots": roots(bodies, b)} for b in names],
-    }
-
-
-def instructions(body: str) -> dict[str, int]:
-    """How many of each kind, but for those that cost nothing."""
-    free = ("parameter", "constant", "tuple", "get-tuple-element", "bitcast")
-    return dict(Counter(kind for kind in re.findall(r" = .*? ([a-z][a-z-]*)\(", body) if kind not in free))
-
-
-def roots(bodies: dict[str, str], body: str) -> int:
-    """Square roots taken in one pass, of one gait, not in loops inside; in a fusion one for each number out."""
-    found = 0
-    for shape, fused in re.findall(r" = \w+\[([\d,]+)\]\S* (?:sqrt|fusion\(.*?calls=%?([\w.\-]+))", bodies[body]):
-        *rows, _ = map(int, shape.split(","))  # the robots are last
-        found += int(np.prod(rows)) * (len(re.findall(r" sqrt\(", bodies[fused])) if fused else 1)
-    return found
 
 
 def exponents(rows: list[dict]) -> dict[str, float]:

@@ -54,7 +54,7 @@ class Training(NamedTuple):
 
 
 @measurement(
-    page="control.md",
+    page="environments.md",
     quick={"tasks": ("heading",), "generations": 1, "candidates": 6, "episodes": 2, "led": 0, "seconds": 1.0},
 )
 def task_baselines(

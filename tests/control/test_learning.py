@@ -129,8 +129,8 @@ def test_policies_of_other_robots_are_refused(env, policy, said):
 
 
 def test_the_page_says_what_is_observed(env):
-    """Each row of the table in docs/control.md, by the sizes of what sensors say of this robot."""
-    page = (Path(__file__).parents[2] / "docs" / "control.md").read_text(encoding="utf-8")
+    """Each row of the table in docs/environments.md, by the sizes of what sensors say of this robot."""
+    page = (Path(__file__).parents[2] / "docs" / "environments.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| (\d+) to (\d+) \| (.*?) \|", page, re.MULTILINE)
     seen = jax.eval_shape(lambda key: observe(env.plant, plant_start(env.plant, key))[0], jax.random.key(0))
     sizes = [np.prod(part.shape, dtype=int) for part in seen._replace(place=jnp.zeros(2))] + [env.action_size]

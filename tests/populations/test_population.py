@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -403,3 +404,23 @@ def test_answers_do_not_depend_on_how_kernels_are_made(name, dtype):
         np.frombuffer(bytes.fromhex(x), dtype) for x in (usual, printed("--xla_cpu_use_fusion_emitters=true"))
     )
     np.testing.assert_allclose(places, others, rtol=0, atol=1e-3 if dtype == "float32" else 1e-10)
+
+
+@pytest.mark.slow
+def test_a_sweep_computes_no_length_twice(exact):
+    """Of 128 gaits: a root for each of 12 nodes and 6 struts, in both loops over sweeps.
+
+    A root inside of a fusion is computed once for each number that comes out of it.
+    """
+    rows = gaits_of(exact.gait, np.zeros((128, 6)))
+    options = resolve(exact, 1.0, SolverOptions(dt=5e-3, dtype="float32")).as_inputs()
+    lowered = population.roll_out.lower(as_dtype(exact, "float32"), rows, np.asarray(1.0), options)
+    program = lowered.compile().compiled.as_text()
+    bodies = dict(re.findall(r"^%?([\w.\-]+) .*?\{\n(.*?)^\}", program, re.MULTILINE | re.DOTALL))
+
+    def roots(body):
+        taken = re.findall(r" = \w+\[([\d,]+)\]\S* (?:sqrt|fusion\(.*?calls=%?([\w.\-]+))", bodies[body])
+        each = [len(re.findall(r" sqrt\(", bodies[fused])) if fused else 1 for _, fused in taken]
+        return sum(n * np.prod([int(x) for x in shape.split(",")[:-1]]) for n, (shape, _) in zip(each, taken))
+
+    assert [roots(body) for body in re.findall(r" while\(.*?body=%?([\w.\-]+)", program)][:2] == [18, 18]
