@@ -105,7 +105,10 @@ def test_site_is_built_without_a_warning(tmp_path):
     "page",
     [
         *(pytest.param(page, marks=pytest.mark.slow) for page in ("getting_started", "howto")),
-        *(pytest.param(page, marks=pytest.mark.campaign) for page in ("cables", "control", "environments", "identification")),
+        *(
+            pytest.param(page, marks=pytest.mark.campaign)
+            for page in ("cables", "control", "environments", "identification")
+        ),
     ],
 )
 def test_examples_of_the_pages_run(page):

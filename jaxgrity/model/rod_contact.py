@@ -139,7 +139,8 @@ def with_contact_along_struts(scene: Scene, count: int, struts: tuple[int, ...] 
         The scene with `RodContact`, and with dissipation and friction at the points if the scene has them.
 
     Raises:
-        InputError: exact contact (use `penalty_twin`), another friction law, less than one point, or missing struts.
+        InputError: exact contact (use `penalty_twin`), another friction law, less than one point; struts that are not
+            there, or have such contact already.
 
     Example:
         >>> scene = jaxgrity.with_contact_along_struts(jaxgrity.load_scene("reference"), 3)
@@ -158,6 +159,10 @@ def with_contact_along_struts(scene: Scene, count: int, struts: tuple[int, ...] 
     if members is None or not chosen or not set(chosen) <= set(known) or len(set(chosen)) < len(chosen):
         raise InputError(f"struts = {list(chosen)}: expected some of the scene's {len(known)}, each once")
     check_count("count", count, 1)
+    if twice := sorted(
+        set(chosen) & {k for law in scene.terms if isinstance(law, RodContact) for k in law.points.struts}
+    ):
+        raise InputError(f"struts = {list(chosen)}: the scene has contact along {twice} already; expected others")
     each = tuple(k for k in chosen for _ in range(count))
     share = np.tile(np.arange(1, count + 1) / (count + 1), len(chosen))
     i, j = (tuple(members.edges[k][end] for k in each) for end in (0, 1))

@@ -75,7 +75,7 @@ class Differences(eqx.Module):
     def __check_init__(self):
         for name in DIFFERING:
             check_each(f"differences.{name}", getattr(self, name), least=0.0)
-        for row in self.up.reshape(-1, 3) if isinstance(self.up, np.ndarray) else ():
+        for row in self.up.reshape(-1, 3) if isinstance(self.up, np.ndarray) and self.up.shape[-1:] == (3,) else ():
             check_unit_vector("differences.up", row)
 
     def check(self, scene: Scene, robots: int) -> None:
@@ -86,8 +86,9 @@ class Differences(eqx.Module):
             sizes[name] = 0 if members is None else len(members.edges)
         for name, value in vars(self).items():
             expected = (robots, *(sizes.get(size, size) for size in ROWS.get(name, ("cables",))))
-            # a number is common to all; what the scene lacks is refused by `differing`
-            if np.ndim(value) and 0 not in expected and np.shape(value) != expected:
+            # a factor that is one number is common to all; what the scene lacks is refused by `differing`
+            allowed = (expected, ()) if name in DIFFERING else (expected,)
+            if value is not None and 0 not in expected and np.shape(value) not in allowed:
                 found = f"differences.{name} has shape {np.shape(value)}"
                 raise InputError(f"{found}; expected {expected}, a row for each robot")
         if self.terrain is not None and getattr(scene.ground, "surface", None) is None:

@@ -167,6 +167,11 @@ def test_gradients_agree_with_central_differences():
         (lambda: jaxgrity.load_scene("exact"), (3,), "contact along struts needs penalty contact"),
         (across, (0,), "count = 0: expected a whole number, at least 1"),
         (across, (1, (1,)), r"struts = \[1\]: expected some of the scene's 1"),
+        (
+            lambda: with_contact_along_struts(across(), 1),
+            (2,),
+            r"struts = \[0\]: the scene has contact along \[0\] already",
+        ),
     ],
 )
 def test_what_cannot_be_is_refused(scene, arguments, message):

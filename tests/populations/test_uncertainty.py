@@ -377,3 +377,11 @@ def test_terrain_is_not_uncertain_beside_balls(exact):
     scene = dataclasses.replace(exact, ground=ground)
     with pytest.raises(InputError, match=r"^terrain: robots with balls would start in the ground"):
         ensemble(jax.random.key(0), scene, gaits(exact, 1), Uncertainty(terrain=0.1), 2)
+
+
+@pytest.mark.parametrize("name", ["positions", "velocities", "up"])
+def test_a_place_is_no_factor(exact, name):
+    """One number for all coordinates is refused, as a factor would not be."""
+    with pytest.raises(InputError, match=rf"differences.{name} has shape \(\); expected \(2, .*3\), a row for each"):
+        Differences(**{name: np.array(1.0)}).check(exact, 2)
+    Differences(friction=np.array(0.5)).check(exact, 2)
