@@ -38,7 +38,7 @@ ROWS: dict[str, tuple] = {
     "positions": ("nodes", 3),
     "velocities": ("nodes", 3),
 }
-"""The shape of a robot's row of each of the `Differences`; that of those which are not here is ("cables",)."""
+"""The shape of a robot's row of each of the `Differences`; ("cables",) for others."""
 PLACED = {"up": "up", "terrain": "ground.offset"}
 """Parts of a scene that other `Differences` replace."""
 
@@ -89,8 +89,8 @@ class Differences(eqx.Module):
             # a factor that is one number is common to all; what the scene lacks is refused by `differing`
             allowed = (expected, ()) if name in DIFFERING else (expected,)
             if value is not None and 0 not in expected and np.shape(value) not in allowed:
-                found = f"differences.{name} has shape {np.shape(value)}"
-                raise InputError(f"{found}; expected {expected}, a row for each robot")
+                said = f"expected {expected}, a row for each robot"
+                raise InputError(f"differences.{name} has shape {np.shape(value)}; {said}")
         if self.terrain is not None and getattr(scene.ground, "surface", None) is None:
             raise InputError("differences.terrain: the scene's ground has no surface to move; expected one")
 
@@ -270,8 +270,7 @@ def _slackened(scene: Scene, share: AnyArray) -> AnyArray:
 
 
 def _leaning(key, lean: AnyArray) -> AnyArray:
-    """(robots, 3): unit vectors against gravity, tilted by some angle (robots,), rad; those of a pair in one
-    direction."""
+    """(robots, 3): unit vectors against gravity, tilted by an angle (robots,), rad; those of a pair in one direction."""
     heading = draws.uniform(key, (-(-len(lean) // 2),), lean.dtype, 0.0, 2 * np.pi)
     heading = jnp.concatenate([heading, heading])[: len(lean)]
     return jnp.stack([jnp.sin(lean) * jnp.cos(heading), jnp.sin(lean) * jnp.sin(heading), jnp.cos(lean)], 1)
