@@ -270,7 +270,7 @@ def _slackened(scene: Scene, share: AnyArray) -> AnyArray:
 
 
 def _leaning(key, lean: AnyArray) -> AnyArray:
-    """(robots, 3): unit vectors against gravity, tilted by an angle (robots,), rad; those of a pair in one direction."""
+    """(robots, 3): unit vectors against gravity, tilted by an angle (robots,), rad; a pair leans in one direction."""
     heading = draws.uniform(key, (-(-len(lean) // 2),), lean.dtype, 0.0, 2 * np.pi)
     heading = jnp.concatenate([heading, heading])[: len(lean)]
     return jnp.stack([jnp.sin(lean) * jnp.cos(heading), jnp.sin(lean) * jnp.sin(heading), jnp.cos(lean)], 1)
