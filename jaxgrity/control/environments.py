@@ -63,7 +63,7 @@ class EnvironmentState(eqx.Module):
 
     pipeline_state: Situation
     obs: AnyArray
-    """(observation_size,), the policy's input: see `Environment.sensed`"""
+    """(observation_size,), the policy's input: see `sensed`"""
     reward: AnyArray
     """the task's progress, m/s, less the cost of effort"""
     done: AnyArray
@@ -112,7 +112,8 @@ class Environment:
         metrics: dict[str, AnyArray] = dict.fromkeys(("progress", "effort", "reached", "failed"), zero)
         situation = Situation(state, aim, jnp.zeros_like(place[:2]), jnp.zeros((), jnp.int32))
         info = {"truncation": zero}
-        return EnvironmentState(situation, self.sensed(state, seen, aim), zero, zero, metrics, info)
+        obs = sensed(seen, wanted_direction(self.task, aim, seen.place))
+        return EnvironmentState(situation, obs, zero, zero, metrics, info)
 
     def step(self, state: EnvironmentState, action: AnyArray) -> EnvironmentState:
         """The state one control period later. In `action` (action_size,) -1 is a member's built length, 1 its
@@ -126,15 +127,14 @@ class Environment:
             raise InputError(f"action has shape {jnp.shape(action)}; expected ({self.action_size},), one a member")
         if not traced(action) and np.isnan(action).any():
             raise InputError(f"action = {np.asarray(action).tolist()}: expected numbers from -1 to 1, one a member")
-        dtype = self.plant.options.dtype
-        wanted = self.plant.motors.stroke * (1 + jnp.clip(jnp.asarray(action, dtype), -1, 1)) / 2
         old, aim, average, ended = state.pipeline_state
-        after = actuate(self.plant, old, wanted)
+        after = actuate(self.plant, old, self.commanded(jnp.asarray(action, self.plant.options.dtype)))
         before, place = (centre_of_mass(self.plant.scene, s.motion[0]) for s in (old, after))
         progress, average = progressed(self.task, aim, before, place, self.plant.period, average)
         effort = jnp.mean(((after.contraction - old.contraction) / self.plant.period) ** 2)
         seen, after = observe(self.plant, after)
-        obs, reward = self.sensed(after, seen, aim), progress - self.effort_cost * effort
+        obs = sensed(seen, wanted_direction(self.task, aim, seen.place))
+        reward = progress - self.effort_cost * effort
         finite = jnp.isfinite(reward) & jnp.all(jnp.isfinite(obs))
         failed = (state_failure(self.plant.scene, *after.motion) != 0) | ~finite
         reached = (self.task.towards == "goal") & (jnp.sum((aim - place[:2]) ** 2) < self.task.reached**2)
@@ -157,11 +157,25 @@ class Environment:
             info=state.info | {"truncation": which["late"]},
         )
 
-    def sensed(self, state: PlantState, seen: Observation, aim: AnyArray) -> AnyArray:
-        """All sensors' readings in the order of `Observation`, without the place; then d, (2,), from the place as read,
-        and the contractions."""
-        known = [*seen._replace(place=wanted_direction(self.task, aim, seen.place)), state.contraction]
-        return jnp.concatenate([jnp.ravel(part) for part in known])
+    def commanded(self, action: AnyArray) -> AnyArray:
+        """The contraction of each member that an action commands, (action_size,)."""
+        return self.plant.motors.stroke * (1 + jnp.clip(action, -1, 1)) / 2
+
+    def reset_where(self, over: AnyArray, states: EnvironmentState, keys: Any) -> EnvironmentState:
+        """The states of many episodes, with the start of a new one, drawn by its key, in place of each that is `over`.
+
+        `over`, such as `states.done > 0`, and `keys` have the shape (episodes,); states have episodes in front.
+        """
+        fresh = jax.lax.cond(over.any(), jax.vmap(self.reset), lambda _: states, keys)
+        return jax.tree.map(
+            lambda new, old: jnp.where(over.reshape(-1, *[1] * (old.ndim - 1)), new, old), fresh, states
+        )
+
+
+def sensed(seen: Observation, direction: AnyArray) -> AnyArray:
+    """The observation of an environment: all readings in their order, with the wanted direction d, (2,), for the
+    place."""
+    return jnp.concatenate([jnp.ravel(part) for part in seen._replace(place=direction)])
 
 
 @typed

@@ -162,10 +162,7 @@ class GymnasiumVectorEnvironment(gymnasium.vector.VectorEnv):
 
 def _stepped_or_begun(environment: Environment, states: EnvironmentState, actions: AnyArray, keys: AnyArray):
     """The states one control period later, and the starts of new episodes in place of those that are over."""
-    over = states.done > 0
-    after = jax.vmap(environment.step)(states, actions)
-    fresh = jax.lax.cond(over.any(), jax.vmap(environment.reset), lambda _: after, keys)
-    return jax.tree.map(lambda new, old: jnp.where(over.reshape(-1, *[1] * (old.ndim - 1)), new, old), fresh, after)
+    return environment.reset_where(states.done > 0, jax.vmap(environment.step)(states, actions), keys)
 
 
 def _moved(environment: Environment, places: list[np.ndarray]) -> Trajectory:

@@ -1,4 +1,4 @@
-"""Sensors: orientation and spin of struts, lengths and tensions of cables, contact, place.
+"""Sensors: orientation and spin of struts, lengths and tensions of cables, contact, place, positions of motors.
 
 Sensors err: constant bias, random noise, a reading only every few control periods, and delay.
 """
@@ -16,6 +16,7 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import edge_vectors, inverse, length, scale
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, NodeVectors, Scalar
+from jaxgrity.model.actuation import contraction
 from jaxgrity.model.scales import length_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.stepping.dynamics import centre_of_mass, member_tensions
@@ -36,6 +37,8 @@ class Observation(NamedTuple):
     """1 where a node touches the ground, else 0"""
     place: Float[AnyArray, "3"]
     """m, of the centre of mass, as a camera above the ground or a radio beacon tells it"""
+    contraction: Float[AnyArray, " actuators"]
+    """fraction by which each actuated member is shortened, as the encoders of its motors tell it"""
 
 
 class Errors(NamedTuple):
@@ -52,6 +55,7 @@ class Errors(NamedTuple):
     contact: float = 0.0
     """probability of a wrong reading of a node's contact (no standard deviation)"""
     place: float = 0.0
+    contraction: float = 0.0
 
 
 class Readings(NamedTuple):
@@ -103,6 +107,7 @@ def measure(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors) -> Observat
 
     A strut along d = x_i - x_j spins by d × (v_i - v_j)/|d|². A cable pulls by its law: K max(0, l - L(t)), a table
     of forces, a limit, one tension in a cluster. A node touches the ground where phi < `Ground.touched_below`.
+    Contractions are those of the scene's gait.
     """
     nothing: AnyArray = jnp.zeros((0, 3), q.dtype)
     directions, spins, lengths, tensions = nothing, nothing, nothing[:, 0], nothing[:, 0]
@@ -118,7 +123,8 @@ def measure(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors) -> Observat
         tensions = member_tensions(scene, t, q)["cables"]
     if scene.ground is not None:
         contact = (scene.ground.signed_distance(q) < scene.ground.touched_below * length_scale(scene)).astype(q.dtype)
-    return Observation(directions, spins, lengths, tensions, contact, centre_of_mass(scene, q))
+    shortened = nothing[:, 0] if scene.gait is None else contraction(scene.gait, t)
+    return Observation(directions, spins, lengths, tensions, contact, centre_of_mass(scene, q), shortened)
 
 
 @typed

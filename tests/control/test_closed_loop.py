@@ -326,7 +326,7 @@ def test_a_motor_that_is_too_weak_does_not_shorten_its_strut(scene):
 
 
 def seen(value: float) -> Observation:
-    return Observation(*(np.full(shape, value) for shape in ((6, 3), (6, 3), (24,), (24,), (12,), (3,))))
+    return Observation(*(np.full(shape, value) for shape in ((6, 3), (6, 3), (24,), (24,), (12,), (3,), (6,))))
 
 
 def readings_of(sensors: Sensors, values) -> list[Observation]:
@@ -408,6 +408,7 @@ def test_tensions_are_those_of_cables_that_are_wound_up(scene):
     wound = cables.rest_length[0] * (1 - 0.2 * (1 + np.sin(np.pi / 2)))
     assert read.tensions[0] == pytest.approx(cables.stiffness[0] * (length - wound), rel=1e-9)
     assert read.tensions[0] > 1.5 * read.tensions[1]
+    np.testing.assert_allclose(read.contraction, [0.4], rtol=1e-9)
 
 
 def test_tensions_are_those_of_the_law_of_a_cable(scene):

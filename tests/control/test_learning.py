@@ -133,12 +133,12 @@ def test_the_page_says_what_is_observed(env):
     page = (Path(__file__).parents[2] / "docs" / "environments.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| (\d+) to (\d+) \| (.*?) \|", page, re.MULTILINE)
     seen = jax.eval_shape(lambda key: observe(env.plant, plant_start(env.plant, key))[0], jax.random.key(0))
-    sizes = [np.prod(part.shape, dtype=int) for part in seen._replace(place=jnp.zeros(2))] + [env.action_size]
+    sizes = [np.prod(part.shape, dtype=int) for part in seen._replace(place=jnp.zeros(2))]
     ends = np.cumsum(sizes)
     assert [(int(a), int(b)) for a, b, _ in rows] == list(zip(ends - sizes, ends - 1, strict=True))
     words = ["direction of each", "angular velocity", "length", "tension", "touches", "is wanted", "shortened"]
     assert all(word in said for word, (_, _, said) in zip(words, rows, strict=True))
-    assert seen._fields == ("directions", "spins", "cable_lengths", "tensions", "contact", "place")
+    assert seen._fields == ("directions", "spins", "cable_lengths", "tensions", "contact", "place", "contraction")
     assert ends[-1] == env.observation_size == 104
 
 
