@@ -3,7 +3,7 @@ from .closed_loop import Drive, Loop, drive, loop_start, roll_on, simulate_polic
 from .environments import Environment, EnvironmentState, Situation, environment
 from .feedback import PhaseLocked, sure_footed
 from .gym import GymnasiumEnvironment, GymnasiumVectorEnvironment
-from .learned import Learned, episode, load_policy, policy_names, save_policy, trials
+from .learned import Deployed, Learned, episode, load_policy, policy_names, save_policy, trials
 from .learning import learn, learner
 from .motor_limits import MotorLimits, contraction_reached
 from .obstacles import Discs, WayMap, discs_of, gap, reach_of, room, way_map
@@ -20,6 +20,7 @@ __all__ = [
     "REACHED",
     "TASKS",
     "Blend",
+    "Deployed",
     "Discs",
     "Drive",
     "Environment",

@@ -13,12 +13,16 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxgrity.control.closed_loop import frame, trajectory_of
-from jaxgrity.control.environments import ENDS, Environment
+from jaxgrity.control.environments import ENDS, Environment, sensed
 from jaxgrity.control.plant import check_key
+from jaxgrity.control.policies import Memory, Policy
+from jaxgrity.control.sensors import Observation
+from jaxgrity.control.tasks import wanted_direction
 from jaxgrity.core.arguments import check_count
 from jaxgrity.core.errors import InputError
-from jaxgrity.core.typed import typed
-from jaxgrity.core.types import AnyArray
+from jaxgrity.core.tracing import traced
+from jaxgrity.core.typed import check_fields, typed
+from jaxgrity.core.types import AnyArray, PerActuator, Scalar, as_float_or_none
 from jaxgrity.io.files import found_file, shipped, write_whole
 from jaxgrity.stepping.simulate import Trajectory
 
@@ -30,7 +34,10 @@ Acting = Callable[[AnyArray], AnyArray]
 
 
 class Learned(eqx.Module):
-    """A policy: action = tanh(network((observation - mean)/deviation)), held for some control periods."""
+    """A policy: action = tanh(network((observation - mean)/deviation)), held for some control periods.
+
+    `Deployed` makes it the controller of a plant.
+    """
 
     network: eqx.nn.MLP
     mean: AnyArray
@@ -141,6 +148,74 @@ def trials(environment: Environment, policy: Acting, key: Any, episodes: int = 6
     check_key(key)
     keys = jax.random.split(key, check_count("episodes", episodes, 1))
     return np.asarray(_trials(environment, policy, keys))
+
+
+class Deployed(Policy):
+    """A learned policy as the controller of a plant, for `simulate_policy`, `roll_on` and `drive`.
+
+    The policy gets what an environment observes, with the direction that you want. Each action is held for as many
+    control periods as in learning, and commands contractions up to the `stroke` of the environment's motors.
+
+    Raises `InputError` for a policy that does not fit the environment; for a direction where the task has none, or none
+    where it has one; and in the rollout, before anything compiles, for a plant with other sensors' readings.
+
+    Example:
+        >>> env = jaxgrity.control.environment("heading", jaxgrity.load_scene("exact"))
+        >>> policy = jaxgrity.control.Deployed(env, jaxgrity.control.load_policy("heading"), goal=[3.0, 1.0])
+        >>> jaxgrity.control.simulate_policy(env.plant, policy, 0.1).positions.shape
+        (11, 12, 3)
+    """
+
+    environment: Environment = eqx.field(static=True)
+    """of the task that was learned; the plant may have other ground, contact, sensors and motors"""
+    policy: Acting
+    """a `Learned`, or any function in JAX from an observation to an action"""
+    heading: AnyArray | None = eqx.field(converter=as_float_or_none, default=None)
+    """(2,), the wanted direction, of any length"""
+    goal: AnyArray | None = eqx.field(converter=as_float_or_none, default=None)
+    """(2,), m, the place that is wanted, in place of a heading"""
+
+    def __check_init__(self):
+        check_fields(self)
+        check_acting(self.environment, self.policy)
+        given = {name: x for name in ("heading", "goal") if (x := getattr(self, name)) is not None}
+        for name, x in given.items():
+            if np.shape(x)[:1] != (2,):
+                raise InputError(f"{name} has the shape {np.shape(x)}: expected (2,), x and y")
+            if not traced(x) and not (np.isfinite(x).all() and (name == "goal" or np.any(x, axis=0).all())):
+                raise InputError(f"{name} = {np.asarray(x).tolist()}: expected finite numbers, for a heading not all 0")
+        wants = self.environment.task.towards != "anywhere"
+        if len(given) != wants:
+            expected = "one of heading and goal" if wants else "neither"
+            found = " and ".join(given) or "neither heading nor goal"
+            words = f"the environment's task wants {'a' if wants else 'no'} direction"
+            raise InputError(f"Deployed: {found} given; expected {expected}, since {words}")
+
+    @property
+    def members(self) -> tuple[int, ...]:
+        return self.environment.plant.members
+
+    def first(self) -> Memory:
+        """The last action, and the number of control periods so far."""
+        return jnp.zeros(len(self.members)), jnp.zeros((), jnp.int32)
+
+    def __call__(self, observation: Observation, t: Scalar, memory: Memory) -> tuple[PerActuator, Memory]:
+        action, count = memory
+        seen = sensed(observation, self._direction(observation.place))
+        if len(seen) != self.environment.observation_size:
+            expected = f"{self.environment.observation_size}, as in the policy's environment"
+            raise InputError(f"plant: its sensors tell {len(seen)} numbers; expected {expected}")
+        due = count % getattr(self.policy, "held", 1) == 0
+        action = jnp.where(due, self.policy(seen).astype(action.dtype), action)
+        return self.environment.commanded(action), (action, count + 1)
+
+    def _direction(self, place: AnyArray) -> AnyArray:
+        """d, (2,), as in an environment: zeros where none is wanted."""
+        if self.goal is not None:
+            return wanted_direction(self.environment.task._replace(towards="goal"), self.goal, place)
+        if self.heading is None:
+            return jnp.zeros_like(place[:2])
+        return self.heading / jnp.linalg.norm(self.heading)
 
 
 def check_acting(environment: Environment, policy: Acting) -> None:

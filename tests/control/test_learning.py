@@ -7,6 +7,7 @@ from pathlib import Path
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import jaxtyping
 import numpy as np
 import pytest
 
@@ -14,16 +15,23 @@ from jaxgrity import InputError, SolverOptions, centre_path, load_scene
 from jaxgrity.cli import train
 from jaxgrity.cli.settings import TrainSettings
 from jaxgrity.control import (
+    Deployed,
     LearningConfig,
+    MotorLimits,
+    drive,
     environment,
     episode,
     learn,
     learner,
     load_policy,
+    loop_start,
     observe,
+    plant_of,
     plant_start,
     policy_names,
     save_policy,
+    side_by_side,
+    simulate_policy,
     trials,
 )
 from jaxgrity.control.learned import untrained
@@ -201,3 +209,89 @@ def test_a_run_of_another_task_is_not_resumed(tmp_path):
     with pytest.raises(InputError, match="its run has task = bumps, not heading, seed = 1, not 0; expected the same"):
         train.main(settings)
     assert len(train.earlier_curve(replace(settings, task="bumps", seed=1, updates=7))) == 1
+
+
+@pytest.fixture(scope="module")
+def travelling():
+    """An environment for headings, with episodes of half a second, and the library's policy for them."""
+    env = environment("heading", load_scene("exact"), options=SolverOptions(dt=0.01, dtype="float32"), seconds=0.5)
+    return env, load_policy("heading")
+
+
+@pytest.fixture(scope="module")
+def expected(travelling):
+    """One episode, and its heading."""
+    env, policy = travelling
+    return episode(env, policy, jax.random.key(4)), env.reset(jax.random.key(4)).pipeline_state.aim
+
+
+def start_of(motion):
+    return motion.positions[0], motion.velocities[0]
+
+
+@pytest.mark.slow
+def test_a_deployed_policy_moves_as_in_its_episode(travelling, expected):
+    """From the same start, for the heading that was drawn, of whatever length, and for a goal far along it."""
+    (env, policy), (expected, aim) = travelling, expected
+    for way in ({"heading": 3 * aim}, {"goal": 1e5 * aim}):
+        motion = simulate_policy(env.plant, Deployed(env, policy, **way), 0.5, start=start_of(expected))
+        assert motion.positions.dtype == np.float32
+        np.testing.assert_allclose(motion.commands.contraction, expected.commands.contraction, atol=1e-5)
+        np.testing.assert_allclose(motion.positions, expected.positions, atol=1e-5)
+    other = simulate_policy(env.plant, Deployed(env, policy, heading=-aim), 0.5, start=start_of(expected))
+    assert np.abs(other.positions[-1] - expected.positions[-1]).max() > 0.05
+
+
+@pytest.mark.slow
+def test_a_deployed_policy_for_any_direction_moves_as_in_its_episode():
+    """In double precision, with motors that lag and stall, whose positions follow from no command."""
+    motors = MotorLimits(rate=1.0, lag=0.03, force=20.0, stroke=0.4)
+    env = environment("speed", load_scene("exact"), options=SolverOptions(dt=0.01), seconds=0.5, motors=motors)
+    policy = load_policy("speed")
+    expected = episode(env, policy, jax.random.key(4))
+    motion = simulate_policy(env.plant, Deployed(env, policy), 0.5, start=start_of(expected))
+    np.testing.assert_allclose(motion.positions, expected.positions, atol=1e-7)
+    assert np.abs(expected.commands.contraction).max() > 0.1
+
+
+@pytest.mark.slow
+def test_a_deployed_policy_drives_many_robots_as_one(travelling, expected):
+    (env, policy), (expected, aim) = travelling, expected
+    many, deployed = side_by_side(env.plant, 8), Deployed(env, policy, heading=aim)
+    start = tuple(np.repeat(x[..., None], 8, axis=-1) for x in start_of(expected))
+    end = drive(many, deployed, loop_start(many, deployed, jax.random.key(0), start), 50)
+    path = centre_path(expected.scene, expected)
+    np.testing.assert_allclose(end.path[-1], np.repeat(path[-1][:, None], 8, axis=1), atol=1e-5)
+
+
+def test_deployed_policies_that_do_not_fit_are_refused(travelling):
+    env, policy = travelling
+    for said, kwargs in (
+        ("neither heading nor goal given; expected one of heading and goal, since the environment's task wants a", {}),
+        ("Deployed: heading and goal given", {"heading": [1.0, 0.0], "goal": [1.0, 0.0]}),
+        (r"heading = \[0.0, 0.0\]: expected finite numbers, for a heading not all 0", {"heading": [0.0, 0.0]}),
+        (r"goal = \[nan, 0.0\]: expected finite numbers", {"goal": [np.nan, 0.0]}),
+        (r"goal has the shape \(3,\): expected \(2,\)", {"goal": [1.0, 2.0, 3.0]}),
+    ):
+        with pytest.raises(InputError, match=said):
+            Deployed(env, policy, **kwargs)
+    anywhere = environment("speed", load_scene("exact"))
+    with pytest.raises(InputError, match="heading given; expected neither, since the environment's task wants no"):
+        Deployed(anywhere, policy, heading=[1.0, 0.0])
+    jaxtyping.config.update("jaxtyping_disable", True)  # which users do not have; of this test alone
+    with pytest.raises(InputError, match="Deployed: environment is 'heading'; expected a"):
+        Deployed("heading", policy, heading=[1.0, 0.0])
+
+
+def test_a_deployed_policy_of_another_robot_is_refused(travelling):
+    """Where it is made; on a plant with other members; and, before anything compiles, with other sensors' readings."""
+    env, policy = travelling
+    smaller = eqx.tree_at(lambda p: p.network, policy, eqx.nn.MLP(7, 6, 8, 1, key=jax.random.key(0)))
+    with pytest.raises(InputError, match="policy: takes observations of 7 numbers; expected 104"):
+        Deployed(env, smaller, heading=[1.0, 0.0])
+    deployed = Deployed(env, policy, heading=[1.0, 0.0])
+    with pytest.raises(InputError, match=r"policy.members = \(0, 1, .*: expected \(0, 1\)"):
+        simulate_policy(plant_of(load_scene("exact"), (0, 1)), deployed, 0.1)
+    more_cables = plant_of(load_scene("paper_program"), env.plant.members)
+    with pytest.raises(InputError, match="plant: its sensors tell 116 numbers; expected 104, as in the policy's"):
+        simulate_policy(more_cables, deployed, 0.1)

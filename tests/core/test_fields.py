@@ -282,6 +282,13 @@ EXAMPLES = [
         share=(0.5, NOT_NEGATIVE, ROWS),
     ),
     _of(
+        control.Deployed,
+        environment=(control.environment("heading", jaxgrity.load_scene("exact")), OTHER),
+        policy=(lambda seen: seen[:6], OTHER),
+        heading=(np.ones(2), ANY, ROWS),
+        goal=(None, OTHER),
+    ),
+    _of(
         control.Sensors,
         noise=(control.Errors(), OTHER),
         bias=(control.Errors(), OTHER),
