@@ -164,8 +164,8 @@ class Environment:
     def reset_where(self, over: AnyArray, states: EnvironmentState, keys: Any) -> EnvironmentState:
         """The states of many episodes, with the start of a new one, drawn by its key, in place of each that is `over`.
 
-        `over`, such as `states.done > 0`, and `keys` have the shape (episodes,). States are those of `reset` and `step`,
-        with episodes in front.
+        `over`, such as `states.done > 0`, and `keys` have the shape (episodes,). States are of `reset` and `step`, with
+        episodes in front.
         """
         fresh = jax.lax.cond(over.any(), jax.vmap(self.reset), lambda _: states, keys)
         return jax.tree.map(
