@@ -130,7 +130,8 @@ def _staying(scene: Scene, step: Step) -> PerNode | None:
         return None
     (q, v), met = step.before.motion, frame_met(ground, length_scale(scene), step.h, step.before.motion)
     before, now = cast(NodeVectors, ground.frame(q).normal), cast(NodeVectors, met.normal)
-    turned, approach = length(ground.frame(q + step.h * v).normal - before), -dot(v, now)
+    ahead = cast(NodeVectors, ground.frame(q + step.h * v).normal)
+    turned, approach = length(ahead - before), -dot(v, now)
     slides = approach <= (2 * turned + BESIDE) * length(v)
     stays = (step.before.memory.impulses.normal > 0) & (dot(before, now) > SAME_FACE) & slides
     return stays.astype(step.before.motion[0].dtype)
