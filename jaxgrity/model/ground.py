@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, ClassVar
 import equinox as eqx
 import jax
 import numpy as np
+import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
 from jaxgrity.core.arguments import check_all_finite, check_each
@@ -255,14 +256,14 @@ class ExactContact(Constraint):
         return f"node {part} starts {depth:.3g} m below the ground; expected: on exact contact, on or above it"
 
 
-def held_directions(ground: Ground, axes: slice, q: np.ndarray, size: float) -> np.ndarray:
-    """(constraints, nodes, 3): the chosen axes (normal, tangents) of each node that touches the ground."""
-    rows, (distance, frames) = [], ground.measured(q)
-    for node in np.flatnonzero(distance <= TOUCHING * size):
-        for direction in frames[node, axes]:
-            rows.append(np.zeros(q.shape))
-            rows[-1][node] = direction
-    return np.array(rows).reshape(-1, *q.shape)
+def held_directions(ground: Ground, axes: slice, q: np.ndarray, size: float) -> sp.csr_array:
+    """(constraints, 3 nodes): the chosen axes (normal, tangents) of each node that touches the ground."""
+    distance, frames = ground.measured(q)
+    touching = np.flatnonzero(distance <= TOUCHING * size)
+    directions = frames[touching, axes].reshape(-1, 3)
+    nodes = np.repeat(touching, len(range(3)[axes]))
+    columns, first = (3 * nodes[:, None] + np.arange(3)).ravel(), 3 * np.arange(len(nodes) + 1)
+    return sp.csr_array((directions.ravel(), columns, first), shape=(len(nodes), q.size))
 
 
 def contact_energy(ground: PenaltyGround, phi: PerNode) -> Scalar:

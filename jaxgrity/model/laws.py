@@ -10,6 +10,7 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import equinox as eqx
 import numpy as np
+import scipy.sparse as sp
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import dot, edge_vectors, length, over
@@ -206,9 +207,9 @@ class Constraint(Law):
         """Whether the constraint is the same after the map."""
 
     @abstractmethod
-    def directions(self, q: np.ndarray, size: float) -> np.ndarray:
-        """(constraints, nodes, 3): the directions in which it holds nodes at `q` (nodes, 3), m, of a body of `size`
-        (`length_scale`)."""
+    def directions(self, q: np.ndarray, size: float) -> sp.csr_array:
+        """(constraints, 3 nodes): the directions in which it holds nodes at `q` (nodes, 3), m, of a body of `size`
+        (`length_scale`). Sparse: each constraint holds one node or two."""
 
     @abstractmethod
     def gaps(self, q: NodeVectors, t: Scalar) -> AnyArray:

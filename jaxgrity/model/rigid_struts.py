@@ -5,15 +5,25 @@ from typing import ClassVar
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy.sparse as sp
 
 from jaxgrity.core.primitives import edge_vectors, length
 from jaxgrity.core.tracing import evaluated
+from jaxgrity.core.types import Edges
 from jaxgrity.model.actuation import Actuation, rest_length, rest_lengths_along
 from jaxgrity.model.laws import Constraint, SceneParts, moved_members, same_roles, unchanged
 from jaxgrity.model.structure import Members, edge_lengths
 
 LARGEST_GAP = 1e-6
 """Largest violation of a constraint at the start, m for a body of one metre."""
+
+
+def directions_between(q: np.ndarray, edges: Edges) -> sp.csr_array:
+    """(edges, 3 nodes): the unit vector from the second node of each edge to the first, and its opposite."""
+    units = np.array([(q[i] - q[j]) / np.linalg.norm(q[i] - q[j]) for i, j in edges]).reshape(-1, 3)
+    ends = np.array(edges, int).reshape(-1, 2)
+    columns, first = (3 * ends[:, :, None] + np.arange(3)).ravel(), 6 * np.arange(len(edges) + 1)
+    return sp.csr_array((np.hstack([units, -units]).ravel(), columns, first), shape=(len(edges), q.size))
 
 
 class RigidStruts(Constraint):
@@ -33,11 +43,7 @@ class RigidStruts(Constraint):
         return unchanged(self.struts.rest_length, moved) and same_roles(self.struts, moved)
 
     def directions(self, q, size):
-        rows = np.zeros((len(self.struts.edges), *q.shape))
-        for row, (i, j) in zip(rows, self.struts.edges):
-            row[i] = (q[i] - q[j]) / np.linalg.norm(q[i] - q[j])
-            row[j] = -row[i]
-        return rows
+        return directions_between(q, self.struts.edges)
 
     def gaps(self, q, t):
         if isinstance(q, np.ndarray):

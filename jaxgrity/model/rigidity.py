@@ -10,7 +10,7 @@ from jaxgrity.core.types import Edges, PerMember, Scalar, namespace_of
 from jaxgrity.model.actuation import rest_length
 from jaxgrity.model.bodies import Bodies, body_pairs, carrying, following, independent_nodes
 from jaxgrity.model.laws import SAME, Constraint, SceneParts
-from jaxgrity.model.rigid_struts import RigidStruts
+from jaxgrity.model.rigid_struts import RigidStruts, directions_between
 from jaxgrity.model.structure import edge_lengths
 
 
@@ -29,12 +29,7 @@ class RigidBodies(Constraint):
         return all(_same(body, places, symmetry.nodes) for body in self.bodies)
 
     def directions(self, q, size):
-        edges, _ = body_pairs(self.bodies)
-        rows = np.zeros((len(edges), *q.shape))
-        for row, (i, j) in zip(rows, edges):
-            row[i] = (q[i] - q[j]) / np.linalg.norm(q[i] - q[j])
-            row[j] = -row[i]
-        return rows
+        return directions_between(q, body_pairs(self.bodies)[0])
 
     def gaps(self, q, t):
         (edges, lengths), xp = body_pairs(self.bodies), namespace_of(q)

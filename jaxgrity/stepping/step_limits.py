@@ -12,42 +12,20 @@ from jaxgrity.core.tracing import evaluated
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, NodeVectors, Scalar, State
 from jaxgrity.model.actuation import rest_length
-from jaxgrity.model.inertia import independent_coordinates, mass_matrix
 from jaxgrity.model.laws import DissipationTerm, EnergyTerm, ForceTerm, named_parts
-from jaxgrity.model.rigidity import rigid_pairs
 from jaxgrity.model.scales import length_scale, time_scale
 from jaxgrity.model.scene import Scene, as_dtype, with_gait
 from jaxgrity.model.structure import edge_lengths
-from jaxgrity.stepping.dynamics import smooth_acceleration
-from jaxgrity.stepping.methods import Method, amplification, find_method
+from jaxgrity.stepping.leading_modes import SparseMotion, leading_modes, sparse_motion, surely_stable
+from jaxgrity.stepping.linearised import GROWTH, WIDEST, Linearised, growth, largest_step, linearise
+from jaxgrity.stepping.methods import Method, find_method
 
-GROWTH = 1e-3
-"""Relative growth per step, beyond the true growth, that counts as stable. Tsit5 always amplifies undamped motions."""
 STANDS_ON = 3
 """Smallest number of nodes that carry the weight on uneven ground, where only one touches at first."""
+DENSE = 150
+"""Most coordinates for which all motions are computed. Beyond, a sparse solver finds those that limit the step."""
 LARGEST_STEP = 5e-3
 """Largest default step, s for a body of one metre. The time of an impact is known only to a step."""
-INDEPENDENT = 1e-9
-"""Relative strength below which a constraint follows from the others, as for redundant struts."""
-WIDEST = 1e2
-"""Largest step that is examined, as a multiple of the time scale of the fastest mode."""
-
-
-class Linearised(NamedTuple):
-    """Linearised motion y'' = -K y - C y' for q + B y, with the n coordinates y that constraints leave free."""
-
-    stiffness: np.ndarray
-    """(n, n), stiffness K, 1/s^2"""
-    damping: np.ndarray
-    """(n, n), damping C, 1/s"""
-    basis: np.ndarray
-    """(3 nodes, n), basis B: mass-normalised with constraints, otherwise the identity"""
-
-    def modes(self) -> tuple[np.ndarray, np.ndarray]:
-        """Eigenvalues of the motion, (2n,), 1/s, and their displacements, (3 nodes, 2n)."""
-        n = len(self.stiffness)
-        values, vectors = np.linalg.eig(np.block([[np.zeros((n, n)), np.eye(n)], [-self.stiffness, -self.damping]]))
-        return values, self.basis @ vectors[:n]
 
 
 @typed
@@ -68,57 +46,6 @@ def standing(scene: Scene) -> State:
     return scene.ground.set_down(q, depth, size), 0 * q
 
 
-def linearise(scene: Scene, state: State) -> Linearised:
-    """The equations of motion, linearised about `state` = (positions, velocities) at t = 0, in float64.
-
-    Rigid struts, nodes on exact ground and nodes held by the cone are constraints. Motions against them are left out,
-    and the forces of struts turn with the struts. Force laws without a derivative (the Coulomb switch) are ignored.
-    """
-    with jax.enable_x64(True), evaluated():
-        q, v = (np.asarray(x, float) for x in state)
-        a, slopes = _derivatives(as_dtype(scene, "float64"), q, v)
-    moves, place = independent_coordinates(scene.structure)
-    onto = (lambda x: x @ place) if scene.structure.bodies else (lambda x: x[:, moves])
-    stiffness, damping = (onto(-np.asarray(d).reshape(q.size, q.size)[moves]) for d in slopes)
-    rows = onto(_constraints(scene, q))
-    if not len(rows):
-        return Linearised(stiffness, damping, place)
-    with jax.enable_x64(True), evaluated():
-        mass = onto(onto(np.asarray(mass_matrix(scene.structure))).T)
-    forces = np.linalg.lstsq(rows.T, -mass @ np.asarray(a).ravel()[moves], rcond=INDEPENDENT)[0]
-    stiffness = stiffness - np.linalg.solve(mass, onto(onto(_turning(scene, q, forces)).T).T)
-    root = np.linalg.cholesky(mass)
-    _, strengths, axes = np.linalg.svd(np.linalg.solve(root, rows.T).T)
-    basis = np.linalg.solve(root.T, axes[np.sum(strengths > INDEPENDENT * strengths[0]) :].T)
-    reduce = basis.T @ mass
-    return Linearised(reduce @ stiffness @ basis, reduce @ damping @ basis, place @ basis)
-
-
-@eqx.filter_jit
-def _derivatives(scene: Scene, q: NodeVectors, v: NodeVectors):
-    """Acceleration a, and da/dq and da/dv, (nodes, 3, nodes, 3) each."""
-    a = lambda q, v: smooth_acceleration(scene, 0.0, q, v)  # noqa: E731
-    return a(q, v), jax.jacfwd(a, (0, 1))(q, v)
-
-
-def _constraints(scene: Scene, q: np.ndarray) -> np.ndarray:
-    """(constraints, 3 nodes): direction of each constraint, rigid struts first."""
-    size = float(length_scale(scene))
-    rows = (constraint.directions(q, size).reshape(-1, q.size) for constraint in scene.constraints)
-    return np.concatenate([np.zeros((0, q.size)), *rows])
-
-
-def _turning(scene: Scene, q: np.ndarray, forces: np.ndarray) -> np.ndarray:
-    """(3 nodes, 3 nodes), change of the rigid struts' forces as they turn, (1 - u u^T) f / l, N/m."""
-    change = np.zeros((*q.shape, *q.shape))
-    for (i, j), force in zip(rigid_pairs(scene), forces):
-        d = q[i] - q[j]
-        across = force / np.linalg.norm(d) * (np.eye(3) - np.outer(d, d) / (d @ d))
-        for a, b, sign in ((i, i, 1), (j, j, 1), (i, j, -1), (j, i, -1)):
-            change[a, :, b] += sign * across
-    return change.reshape(q.size, q.size)
-
-
 @typed
 def stable_step(scene: Scene, state: State, method: Method | str) -> float:
     """Largest step at which no small motion about `state` grows more than its true growth plus `GROWTH` per step, s.
@@ -127,38 +54,25 @@ def stable_step(scene: Scene, state: State, method: Method | str) -> float:
     up later.
     """
     method = find_method(method) if isinstance(method, str) else method
-    return np.inf if method.implicit else _largest(linearise(scene, state), method)
+    return np.inf if method.implicit else largest_step(_limiting_motions(scene, state, method), method)
 
 
-def _largest(linear: Linearised, method: Method) -> float:
-    values = linear.modes()[0]
-    if not (fastest := np.abs(values).max(initial=0)):
-        return np.inf
-    low, high = 1e-3 / fastest, WIDEST / fastest
-    for _ in range(26):
-        middle = np.sqrt(low * high)
-        low, high = (middle, high) if np.all(_growth(linear, values, method, middle) <= 1 + GROWTH) else (low, middle)
-    return float(low)
+def _limiting_motions(scene: Scene, state: State, method: Method) -> Linearised:
+    """The linearised motion, of large structures that in the span of the motions that limit the step."""
+    motion = _sparse_if_large(scene, state)
+    return linearise(scene, state) if motion is None else leading_modes(motion, method)
 
 
-def _growth(linear: Linearised, values: np.ndarray, method: Method, h: float) -> np.ndarray:
-    """Growth of each mode per step beyond its true growth; with constraints, of each mode of the step."""
-    if not method.constrained:
-        return amplification(method, h * values) * np.exp(-h * np.maximum(values.real, 0))
-    one = np.eye(len(linear.stiffness))
-    kick, drag = -h * linear.stiffness, -h * linear.damping
-    # w0 = v + kick q + drag v predicts w = v + kick q + drag (v + w0)/2
-    from_q, from_v = kick + drag @ kick / 2, one + drag + drag @ drag / 2
-    step = np.block([[one + h * from_q, h * from_v], [from_q, from_v]])
-    return np.abs(np.linalg.eigvals(step)) * np.exp(-h * max(0, values.real.max()))
+def _sparse_if_large(scene: Scene, state: State) -> SparseMotion | None:
+    return sparse_motion(scene, state) if np.count_nonzero(scene.structure.free) > DENSE else None
 
 
 @typed
 def limiting_part(scene: Scene, state: State, method: Method) -> str:
     """Name of the member, contact or damper with the largest share in the motion that limits `stable_step`."""
-    linear = linearise(scene, state)
+    linear = _limiting_motions(scene, state, method)
     values, shapes = linear.modes()
-    size = np.abs(values) if method.constrained else _growth(linear, values, method, 1.01 * _largest(linear, method))
+    size = np.abs(values) if method.constrained else growth(linear, values, method, 1.01 * largest_step(linear, method))
     worst = np.argmax(size)
     q, v = (np.asarray(x, float) for x in state)
     shape = np.stack([shapes[:, worst].real, shapes[:, worst].imag]).reshape(2, *q.shape)
@@ -225,7 +139,12 @@ def strictest(scene: Scene, method: Method) -> tuple[float, Scene, State]:
     Penalty contact and friction limit the standing robot. Exact contact holds nodes, and allows larger steps. Slack
     cables count as taut, since they may become taut.
     """
-    return min(((stable_step(*case, method), *case) for case in _cases(scene)), key=lambda x: x[0])
+    first, second = _cases(scene)
+    found = stable_step(*first, method), *first
+    motion = _sparse_if_large(*second)
+    if motion is not None and np.isfinite(found[0]) and surely_stable(motion, method, found[0]):
+        return found
+    return min(found, (stable_step(*second, method), *second), key=lambda x: x[0])
 
 
 def _cases(scene: Scene) -> list[tuple[Scene, State]]:
@@ -286,9 +205,12 @@ def step_fault(scene: Scene, method: Method, dt: float) -> str:
 
 def _surely_stable(scene: Scene, state: State, method: Method, dt: float) -> bool:
     """Whether `dt`, its half and its quarter are stable and in the range of `stable_step`: a quick check."""
+    motion = _sparse_if_large(scene, state)
+    if motion is not None:
+        return surely_stable(motion, method, dt)
     linear = linearise(scene, state)
     values = linear.modes()[0]
     if not values.any():
         return True
-    stable = all(np.all(_growth(linear, values, method, h) <= 1 + GROWTH) for h in (dt, dt / 2, dt / 4))
+    stable = all(np.all(growth(linear, values, method, h) <= 1 + GROWTH) for h in (dt, dt / 2, dt / 4))
     return stable and bool(dt * np.abs(values).max() < WIDEST)
