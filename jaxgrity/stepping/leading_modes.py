@@ -34,7 +34,7 @@ ABOVE = (1.1, 1.001)
 then close to the limit, where no other motion grows more than the one that sets it."""
 SEEN, RESTARTS = 40, 20
 """Size of the space in which Arnoldi's method looks for motions, and most of its restarts."""
-DEPENDENT = 1e-10
+DEPENDENT = 1e-8
 """Relative strength below which a motion follows from the others."""
 SAME_LIMIT = 1e-7
 """Relative change of the limit from one round to the next at which it counts as found."""
@@ -74,7 +74,8 @@ class SparseMotion(NamedTuple):
         strengths, axes = np.linalg.eigh(basis.T @ (self.mass @ basis))
         kept = strengths > DEPENDENT * strengths.max(initial=0)
         basis = basis @ (axes[:, kept] / np.sqrt(strengths[kept]))
-        # once more: rounding has been divided by the smallest strength
+        # once more, without what violates constraints: rounding has been divided by the smallest strength
+        basis = np.stack([self.solve(x) for x in (self.mass @ basis).T], axis=1)
         root = np.linalg.cholesky(basis.T @ (self.mass @ basis))
         basis = np.linalg.solve(root, basis.T).T
         stiffness, damping = (basis.T @ (x @ basis) for x in (self.stiffness, self.damping))
