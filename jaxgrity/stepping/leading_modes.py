@@ -6,24 +6,15 @@ these alone.
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
 import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 
-from jaxgrity.core.tracing import evaluated
-from jaxgrity.core.types import AnyArray, NodeVectors, State
-from jaxgrity.model.inertia import momenta
-from jaxgrity.model.scene import Scene, as_dtype
-from jaxgrity.model.shaking import support_acceleration
-from jaxgrity.statics.stiffness import all_edges, factor_if_definite, sparse_mass_matrix
-from jaxgrity.stepping.dynamics import smooth_force
-from jaxgrity.stepping.linearised import GROWTH, Linearised, constraint_rows, largest_step, turning
+from jaxgrity.statics.stiffness import factor_if_definite
+from jaxgrity.stepping.linearised import GROWTH, Linearised, largest_step
 from jaxgrity.stepping.methods import Method, amplification
+from jaxgrity.stepping.sparse_motion import SparseMotion, constrained_inverse
 
 MODES = 8
 """Number of motions that are sought in each round. Motions of equal parts of a structure are equally fast."""
@@ -34,52 +25,8 @@ ABOVE = (1.1, 1.001)
 then close to the limit, where no other motion grows more than the one that sets it."""
 SEEN, RESTARTS = 40, 20
 """Size of the space in which Arnoldi's method looks for motions, and most of its restarts."""
-DEPENDENT = 1e-8
-"""Relative strength below which a motion follows from the others."""
 SAME_LIMIT = 1e-7
 """Relative change of the limit from one round to the next at which it counts as found."""
-SINGULAR = 1e-12
-"""Relative compliance of constraints, so that redundant ones have a solution too."""
-SEPARATE = 1e-9
-"""Largest relative difference between a product with the whole Jacobian and with the sparse one."""
-
-
-class SparseMotion(NamedTuple):
-    """Linearised motion M y'' = -K y - C y' + J' f with J y = 0, for the n coordinates y that no support holds."""
-
-    mass: sp.csc_array
-    """(n, n), kg"""
-    stiffness: sp.csr_array
-    """(n, n), N/m, with what the constraints' forces add as they turn"""
-    damping: sp.csr_array
-    """(n, n), N s/m"""
-    solve: Callable[[np.ndarray], np.ndarray]
-    """acceleration (n,), m/s^2, that forces (n,), N, cause along the constraints"""
-    rows: sp.csr_array
-    """(constraints, n), J"""
-    place: sp.csr_array
-    """(3 nodes, n), where these coordinates are among all"""
-
-    def bounds(self) -> tuple[float, float]:
-        """Upper bounds for x'Kx / x'Mx, 1/s^2, and x'Cx / x'Mx, 1/s, by Gershgorin's theorem."""
-        least = self.mass.diagonal()
-        # a member's mass: [[2, 1], [1, 2]] is at least half of its diagonal
-        least = least if abs(self.mass).sum() == least.sum() else least / 2
-        return tuple(float((abs(x).sum(axis=1) / least).max(initial=0)) for x in (self.stiffness, self.damping))
-
-    def reduced(self, motions: np.ndarray) -> Linearised:
-        """The motion within the span of displacements, (n, k)."""
-        size = np.linalg.norm(motions, axis=0)
-        basis = motions[:, size > 0] / size[size > 0]
-        strengths, axes = np.linalg.eigh(basis.T @ (self.mass @ basis))
-        kept = strengths > DEPENDENT * strengths.max(initial=0)
-        basis = basis @ (axes[:, kept] / np.sqrt(strengths[kept]))
-        # once more, without what violates constraints: rounding has been divided by the smallest strength
-        basis = np.stack([self.solve(x) for x in (self.mass @ basis).T], axis=1)
-        root = np.linalg.cholesky(basis.T @ (self.mass @ basis))
-        basis = np.linalg.solve(root, basis.T).T
-        stiffness, damping = (basis.T @ (x @ basis) for x in (self.stiffness, self.damping))
-        return Linearised(stiffness, damping, self.place @ basis)
 
 
 def leading_modes(motion: SparseMotion, method: Method) -> Linearised:
@@ -136,7 +83,7 @@ def _growing(motion: SparseMotion, bound: float) -> np.ndarray:
     shift, definite = next((x, K) for x, K in zip(shifts, shifted) if factor_if_definite(K) is not None)
     if shift == shifts[0]:
         return np.zeros((n, 0))
-    inverse = spla.LinearOperator((n, n), matvec=response(definite, motion.rows), dtype=float)
+    inverse = spla.LinearOperator((n, n), matvec=constrained_inverse(definite, motion.rows), dtype=float)
     start = inverse @ np.ones(n)
     try:
         return spla.eigsh(motion.stiffness, 4, motion.mass, -shift, OPinv=inverse, v0=start, tol=1e-6)[1]
@@ -210,110 +157,3 @@ def safe_radius(method: Method) -> float:
     z = radius[:, None] * np.exp(1j * angle)
     safe = np.all(amplification(method, z.ravel()).reshape(z.shape) <= 1 + GROWTH, axis=1)
     return 0.95 * float(radius[int(np.argmin(safe)) - 1]) if not safe.all() and safe[0] else 0.0
-
-
-def sparse_motion(scene: Scene, state: State) -> SparseMotion | None:
-    """`linearise` with sparse matrices; None where forces join nodes otherwise than by members, and for bodies."""
-    structure = scene.structure
-    if structure.bodies:
-        return None
-    with jax.enable_x64(True), evaluated():
-        q, v = (np.asarray(x, float) for x in state)
-        found = _force_and_slopes(as_dtype(scene, "float64"), q, v)
-    if found is None:
-        return None
-    force, K, C = found
-    free = np.flatnonzero(structure.free.ravel())
-    M, J = sparse_mass_matrix(structure)[free][:, free], constraint_rows(scene, q)[:, free]
-    place = sp.csr_array((np.ones(len(free)), (free, np.arange(len(free)))), shape=(q.size, len(free)))
-    if J.shape[0]:
-        K = K - turning(scene, q, _constraint_forces(J, force.ravel()[free]))
-    K, C = (sp.csr_array(sp.csr_array(x)[free][:, free]) for x in (K, C))
-    for x in (K, C):
-        x.eliminate_zeros()
-    return SparseMotion(sp.csc_array(M), K, C, response(M, J), J, place)
-
-
-def _constraint_forces(J: sp.csr_array, force: np.ndarray) -> np.ndarray:
-    """(constraints,), N: the smallest forces f for which J' f is nearest to -`force`."""
-    S, wanted = J @ J.T, -(J @ force)
-    solve = spla.splu(sp.csc_matrix(S + 1e-8 * sp.eye_array(S.shape[0]))).solve
-    found = solve(wanted)
-    # what the shift takes off is given back
-    for _ in range(2):
-        found = found + solve(wanted - S @ found)
-    return found
-
-
-def response(M: sp.csc_array, J: sp.csr_array) -> Callable[[np.ndarray], np.ndarray]:
-    """The map from forces to accelerations that keep J a = 0."""
-    n, count = M.shape[0], J.shape[0]
-    soft = SINGULAR / np.abs(M.diagonal()).max(initial=0) * sp.eye_array(count)
-    whole = sp.block_array([[M, J.T], [J, -soft]], format="csc") if count else M
-    factor, rest = spla.splu(sp.csc_matrix(whole)), np.zeros(count)
-    return lambda force: factor.solve(np.concatenate([force, rest]))[:n]
-
-
-def _neighbours(scene: Scene) -> sp.csr_array:
-    """(nodes, nodes): which nodes' forces depend on which nodes' places, by members or by cables in clusters."""
-    structure = scene.structure
-    pairs = [(node, node) for node in range(len(structure.nodes))] + list(all_edges(structure))
-    for members in (structure.struts, structure.cables):
-        for cluster in () if members is None else members.clusters:
-            along = sorted({node for k in cluster for node in members.edges[k]})
-            pairs += [(i, j) for i in along for j in along if i < j]
-    i, j = np.array(pairs).T
-    size = len(structure.nodes)
-    joined = sp.csr_array((np.ones(len(pairs)), (i, j)), shape=(size, size))
-    joined = sp.csr_array(joined + joined.T)
-    joined.sort_indices()
-    return joined
-
-
-def _colours(joined: sp.csr_array) -> np.ndarray:
-    """(nodes,): numbers such that no node has two neighbours of the same, itself among them."""
-    near, colours = sp.csr_array(joined @ joined), np.full(joined.shape[0], -1)
-    for node in range(len(colours)):
-        taken = set(colours[near.indices[near.indptr[node] : near.indptr[node + 1]]].tolist())
-        colours[node] = next(k for k in range(len(taken) + 1) if k not in taken)
-    return colours
-
-
-def _force_and_slopes(scene: Scene, q: np.ndarray, v: np.ndarray) -> tuple | None:
-    """Force, N, -dF/dq and -dF/dv; nodes of one colour move together, since no force depends on two of them.
-
-    One random motion more shows whether forces depend on other nodes too; None then.
-    """
-    joined = _neighbours(scene)
-    colours = _colours(joined)
-    count, nodes = colours.max() + 1, len(q)
-    units = np.zeros((count, 3, nodes, 3))
-    units[colours, :, np.arange(nodes)] = np.eye(3)
-    probe = np.random.default_rng(0).normal(size=q.shape)
-    moves = np.concatenate([units.reshape(-1, nodes, 3), probe[None]])
-    force, *changes = (np.asarray(x) for x in _pushes(scene, q, v, moves))
-    rows, matrices = np.repeat(np.arange(nodes), np.diff(joined.indptr)), []
-    for change in changes:
-        whole = change[:-1].reshape(count, 3, nodes, 3)
-        blocks = -whole[colours[joined.indices], :, rows].swapaxes(1, 2)
-        matrix = sp.csr_array(sp.bsr_array((blocks, joined.indices, joined.indptr), shape=(q.size, q.size)))
-        if np.abs(matrix @ probe.ravel() + change[-1].ravel()).max() > SEPARATE * np.abs(change[-1]).max():
-            return None
-        matrices.append(matrix)
-    return force, *matrices
-
-
-@eqx.filter_jit
-def _pushes(scene: Scene, q: NodeVectors, v: NodeVectors, moves: AnyArray):
-    """Force, N, and its changes with displacements and with velocities `moves` (moves, nodes, 3)."""
-
-    def total(q, v):
-        force = smooth_force(scene, 0.0, q, v, scene.normal_force(q, v))
-        if scene.shaking is None:
-            return force
-        return force - momenta(scene.structure, support_acceleration(scene.shaking, scene.structure, 0.0))
-
-    force, push = jax.linearize(total, q, v)
-    still = jnp.zeros_like(q)
-    by_place = jax.lax.map(lambda x: push(x, still), moves)
-    return force, by_place, jax.lax.map(lambda x: push(still, x), moves)

@@ -16,9 +16,10 @@ from jaxgrity.model.laws import DissipationTerm, EnergyTerm, ForceTerm, named_pa
 from jaxgrity.model.scales import length_scale, time_scale
 from jaxgrity.model.scene import Scene, as_dtype, with_gait
 from jaxgrity.model.structure import edge_lengths
-from jaxgrity.stepping.leading_modes import SparseMotion, leading_modes, sparse_motion, surely_stable
+from jaxgrity.stepping.leading_modes import leading_modes, surely_stable
 from jaxgrity.stepping.linearised import GROWTH, WIDEST, Linearised, growth, largest_step, linearise
 from jaxgrity.stepping.methods import Method, find_method
+from jaxgrity.stepping.sparse_motion import SparseMotion, sparse_motion
 
 STANDS_ON = 3
 """Smallest number of nodes that carry the weight on uneven ground, where only one touches at first."""

@@ -20,8 +20,9 @@ from jaxgrity import (
 from jaxgrity.model.scene import with_gait
 from jaxgrity.stepping import resolve, standing
 from jaxgrity.stepping import step_limits as limits
-from jaxgrity.stepping.leading_modes import leading_modes, sparse_motion, surely_stable
+from jaxgrity.stepping.leading_modes import leading_modes, surely_stable
 from jaxgrity.stepping.linearised import largest_step, linearise
+from jaxgrity.stepping.sparse_motion import sparse_motion
 from jaxgrity.structures import prism_tower
 
 SAME = 1e-6
