@@ -122,7 +122,7 @@ def _step(motion: SparseMotion, method: Method, h: float) -> Callable[[np.ndarra
     tableau = method.fixed().tableau  # type: ignore[attr-defined]
 
     def staged(x: np.ndarray) -> np.ndarray:
-        x, slopes = x.ravel(), []
+        x, slopes = x.ravel(), list[np.ndarray]()
         for row in ([], *tableau.a_lower):
             slopes.append(rate(x + sum((a * k for a, k in zip(row, slopes)), np.zeros(x.size))))
         return x + sum(b * k for b, k in zip(tableau.b_sol, slopes))

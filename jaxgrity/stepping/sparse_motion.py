@@ -48,7 +48,8 @@ class SparseMotion(NamedTuple):
         least = self.mass.diagonal()
         # a member's mass: [[2, 1], [1, 2]] is at least half of its diagonal
         least = least if abs(self.mass).sum() == least.sum() else least / 2
-        return tuple(float((abs(x).sum(axis=1) / least).max(initial=0)) for x in (self.stiffness, self.damping))
+        K, C = (float((abs(x).sum(axis=1) / least).max(initial=0)) for x in (self.stiffness, self.damping))
+        return K, C
 
     def reduced(self, motions: np.ndarray) -> Linearised:
         """The motion within the span of displacements, (n, k)."""
@@ -111,8 +112,8 @@ def _neighbours(scene: Scene) -> sp.csr_array:
     """(nodes, nodes): which nodes' forces depend on which nodes' places, by members or by cables in clusters."""
     structure = scene.structure
     pairs = [(node, node) for node in range(len(structure.nodes))] + list(all_edges(structure))
-    for members in (structure.struts, structure.cables):
-        for cluster in () if members is None else members.clusters:
+    for members in filter(None, (structure.struts, structure.cables)):
+        for cluster in members.clusters:
             along = sorted({node for k in cluster for node in members.edges[k]})
             pairs += [(i, j) for i in along for j in along if i < j]
     i, j = np.array(pairs).T
