@@ -12,7 +12,7 @@ import numpy as np
 
 from jaxgrity.core.arguments import check_all_finite
 from jaxgrity.core.primitives import along, component, inner, ones, over
-from jaxgrity.core.tracing import as_incline
+from jaxgrity.core.tracing import as_incline, evaluated
 from jaxgrity.core.types import AnyArray, NodeVectors, PerNode
 
 AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -141,7 +141,7 @@ def as_double(part):
 def height_at(surface: Surface, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Highest z of the ground at x, y, m, in float64. Do not use it in rollouts."""
     x, y = np.broadcast_arrays(x, y)
-    with jax.enable_x64(True):
+    with jax.enable_x64(True), evaluated():
         z = _height(as_double(surface), _padded(x.ravel()), _padded(y.ravel()))
     return np.asarray(z)[: x.size].reshape(x.shape)
 
@@ -149,7 +149,7 @@ def height_at(surface: Surface, x: np.ndarray, y: np.ndarray) -> np.ndarray:
 def measured_at(ground: Any, q: np.ndarray) -> DistanceAndAxes:
     """Distances and frames at positions `q` (..., nodes, 3), m, in float64, of a ground or a surface."""
     rows = q.reshape(-1, *q.shape[-2:])
-    with jax.enable_x64(True):
+    with jax.enable_x64(True), evaluated():
         phi, axes = (np.asarray(part)[: len(rows)] for part in _measured(as_double(ground), _padded(rows)))
     return DistanceAndAxes(phi.reshape(q.shape[:-1]), axes.reshape(*q.shape[:-1], 3, 3))
 

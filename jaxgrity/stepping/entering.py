@@ -89,7 +89,9 @@ def _followed(
     before = surface.normal(*start)
     approach = _along(way, before)
     gap = surface.distance(*start) - radius - _depth(size, start[0].dtype)
-    first = jnp.where(jnp.abs(approach) >= gap, jnp.maximum(over(gap, jnp.abs(approach)), 0), 1)
+    # the quotient of what is chosen alone: another one may have an infinite derivative
+    lands = (gap > 0) & (jnp.abs(approach) >= gap)
+    first = jnp.where(lands, gap / jnp.where(lands, jnp.abs(approach), 1), (gap > 0).astype(gap.dtype))
     share = jnp.where(known < 1, known, first)
     end = tuple(x + a - (1 - share) * approach * n for x, a, n in zip(start, way, before))
     # between the normals at both places: to look at the ground where it is touched would cost half as much again

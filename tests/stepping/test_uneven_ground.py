@@ -28,10 +28,11 @@ from jaxgrity import (
     edge_lengths,
     energy_audit,
     ensemble,
+    final_state,
     gaits_of,
     simulate,
 )
-from jaxgrity.stepping import step_limit
+from jaxgrity.stepping import resolve, step_limit
 
 G, RADIUS = 9.81, 2.0
 BOWL = Sphere(np.array([0.0, 0.0, RADIUS]), RADIUS, hollow=True)
@@ -323,3 +324,18 @@ def test_solved_together_the_robot_moves_on_bumps_as_by_sweeps(exact):
     ends = [simulate(there, 0.4, options=SolverOptions(coupled=way)).positions[-1] for way in (False, True)]
     assert np.abs(ends[0] - nodes).max() > 0.01
     np.testing.assert_allclose(*ends, rtol=0, atol=1e-8)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_the_derivative_is_finite_where_a_node_comes_to_rest_on_a_curve(dtype):
+    """It lands in a bowl, slides and sticks: against differences."""
+    start = node(ExactGround(surface=BOWL), 0.4, 0.1, ConeFriction(0.3), above=0.02)
+    options = resolve(start, options=SolverOptions(dt=5e-3, dtype=dtype))
+    end = jax.jit(lambda v: final_state(start, 0.6, options, (start.structure.nodes, v))[0].sum())
+    v, h = jnp.array([[1.0, 0.3, -0.5]]), 1e-6
+    slope = jax.jit(jax.grad(end))(v)
+    assert np.all(np.isfinite(slope))
+    if dtype == "float64":
+        beside = [(end(v + h * e) - end(v - h * e)) / (2 * h) for e in np.eye(3)]
+        np.testing.assert_allclose(slope[0], beside, atol=1e-7)
