@@ -156,8 +156,9 @@ class Deployed(Policy):
     The policy gets what an environment observes, with the direction that you want. Each action is held for as many
     control periods as in learning, and commands contractions up to the `stroke` of the environment's motors.
 
-    Raises `InputError` for a policy that does not fit the environment; for a direction where the task has none, or none
-    where it has one; and in the rollout, before anything compiles, for a plant with other sensors' readings.
+    Raises `InputError` for a policy that does not fit the environment. A task with a direction needs `heading` or
+    `goal`, and another task refuses both. The rollout refuses a plant whose sensors tell other numbers, before anything
+    compiles.
 
     Example:
         >>> env = jaxgrity.control.environment("heading", jaxgrity.load_scene("exact"))

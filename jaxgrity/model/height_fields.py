@@ -20,6 +20,7 @@ class HeightField(Surface):
     """f = z - h(x, y), with the `height` h that a subclass gives: a distance to first order near the ground alone."""
 
     smooth: ClassVar[bool] = True
+    curved: ClassVar[bool] = True
 
     @property
     def level_is_distance(self):

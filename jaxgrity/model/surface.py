@@ -66,7 +66,7 @@ class Surface(eqx.Module):
 
     @property
     def curved(self) -> bool:
-        """Whether it has faces that are neither flat nor `smooth`, such as a ball's: nodes then follow them."""
+        """Whether it has faces that are not flat, such as a ball's: nodes in contact follow them within a step."""
         return False
 
     @property

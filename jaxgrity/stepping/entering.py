@@ -1,4 +1,4 @@
-"""The place where exact ground is linearised in a step: the face that a node enters first, or its next place."""
+"""The place where exact ground is linearised in a step: where a node touches it first, or its next place."""
 
 from typing import Any, NamedTuple
 
@@ -28,7 +28,7 @@ FOUND = 4
 that depth."""
 
 
-Place = tuple[PerNode, ...]
+Coordinates = tuple[PerNode, ...]
 """x, y and z of each node, m"""
 
 
@@ -73,39 +73,40 @@ def where_met(ground: ExactGround, size: Scalar, h: Scalar, q: NodeVectors, v: N
 def _followed(
     surface: Surface,
     size: Scalar,
-    start: Place,
-    way: Place,
+    start: Coordinates,
+    way: Coordinates,
     radius: PerNode | float = 0.0,
-    known: PerNode | float = 1.0,
+    entry: PerNode | float = 1.0,
 ) -> list[PerNode]:
-    """The normal where nodes touch ground without edges, its distance, and the share of their ways at which they do.
+    """The normal where nodes touch a curved face first, its distance, and the share of their ways at which they do.
 
-    The share is `known`, or where that is 1, of flat ground: 0 in contact, 1 where nodes do not reach it. The distance
-    is that of the place where they end if they follow the ground from there. So a node in contact has the normal at its
-    place, and ends the step on the ground again: its impulse is that of a constraint phi(q1) = 0 (SHAKE; Ryckaert,
-    Ciccotti and Berendsen 1977, doi:10.1016/0021-9991(77)90098-5), which keeps the energy of a node that slides along a
-    curve. The normal at its next place would brake it.
+    The share is `entry` where that is below 1. Else it is as on flat ground: 0 in contact, 1 where nodes do not reach
+    the face. The distance is that of the place where they end if they follow the face from there. So a node in contact
+    has the normal at its place, and ends the step on the ground again: its impulse is that of a constraint phi(q1) = 0
+    (SHAKE; Ryckaert, Ciccotti and Berendsen 1977, doi:10.1016/0021-9991(77)90098-5), which keeps the energy of a node
+    that slides along a curve. The normal at its next place would brake it.
     """
     before = surface.normal(*start)
     approach = _along(way, before)
     gap = surface.distance(*start) - radius - _depth(size, start[0].dtype)
-    # the quotient of what is chosen alone: another one may have an infinite derivative
     lands = (gap > 0) & (jnp.abs(approach) >= gap)
+    # divided where it is chosen alone: elsewhere the quotient may have an infinite derivative, and 0 times it is NaN
     first = jnp.where(lands, gap / jnp.where(lands, jnp.abs(approach), 1), (gap > 0).astype(gap.dtype))
-    share = jnp.where(known < 1, known, first)
+    share = jnp.where(entry < 1, entry, first)
     end = tuple(x + a - (1 - share) * approach * n for x, a, n in zip(start, way, before))
     # between the normals at both places: to look at the ground where it is touched would cost half as much again
     between = tuple((1 - share) * a + share * b for a, b in zip(before, surface.normal(*end)))
-    normal = tuple(over(x, length_of(*between)) for x in between)
+    norm = length_of(*between)
+    normal = tuple(over(x, norm) for x in between)
     turned = (1 - share) * (_along(way, normal) - approach * _along(before, normal))
     return [*normal, surface.distance(*end) - radius - turned, share]
 
 
-def _along(way: Place, normal: Place) -> PerNode:
+def _along(way: Coordinates, normal: Coordinates) -> PerNode:
     return sum((a * n for a, n in zip(way[1:], normal[1:])), way[0] * normal[0])
 
 
-def _met_of(solid: Surface, size: Scalar, share: PerNode, start: Place, way: Place) -> list[PerNode]:
+def _met_of(solid: Surface, size: Scalar, share: PerNode, start: Coordinates, way: Coordinates) -> list[PerNode]:
     """How far from one solid of several nodes would end without it, m, negative inside; and where they meet it: its
     normal, distance, and share.
 
@@ -119,7 +120,7 @@ def _met_of(solid: Surface, size: Scalar, share: PerNode, start: Place, way: Pla
     distance = solid.distance(*place(share))
     if solid.curved:
         # where it touches its face first, unless the way leads from there to another face
-        *there, farther, touched = _followed(solid, size, start, way, known=share)
+        *there, farther, touched = _followed(solid, size, start, way, entry=share)
         same = ~turns & (_along(tuple(there), last) >= SAME_SIDE)
         normal = [jnp.where(same, a, b) for a, b in zip(there, normal)]
         distance, share = jnp.where(same, farther, distance), jnp.where(same, touched, share)

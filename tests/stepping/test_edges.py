@@ -210,6 +210,18 @@ def test_the_normal_on_a_curve_is_where_a_node_touches_it_first(name):
     np.testing.assert_allclose(met.distance[0], ground.signed_distance((q[0] + DT * follows)[None])[0], atol=1e-12)
 
 
+def test_in_a_union_nodes_follow_curves_too():
+    """Bumps beside a box that is far away are as bumps alone, for nodes in contact and for one that lands."""
+    hills, far = CURVES["bumps"], Box([50.0, 0.0, 0.0], [1.0, 1.0, 1.0])
+    x, y = np.array([0.1, -0.2]), np.array([0.2, 0.3])
+    q = jnp.stack([x, y, hills.height(x, y) + np.array([0.0, 1e-3])], axis=1)
+    v = jnp.array([[2.0, 1.0, 0.0], [1.0, 0.0, -2.0]])
+    alone, beside = (where_met(ExactGround(surface=s), 1.0, DT, q, v) for s in (hills, Union((hills, far))))
+    np.testing.assert_allclose(beside.frame.normal[0], alone.frame.normal[0], atol=1e-9)
+    np.testing.assert_allclose(beside.frame.normal[1], alone.frame.normal[1], atol=0.05)
+    np.testing.assert_allclose(beside.distance, alone.distance, atol=1e-4)
+
+
 def test_balls_touch_a_curve_by_their_radius():
     """A ball that rests on the ground has the normal at its place; one that passes through it has none of it."""
     bowl = Sphere([0.0, 0.0, 2.0], 2.0, hollow=True)
