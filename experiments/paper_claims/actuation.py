@@ -86,7 +86,10 @@ def slow_row(name: str, found: dict, frequencies: tuple[float, ...]) -> Row:
     measured = f"at {frequencies[-1]:g} Hz struts move it {significant(struts[-1], 'm')}, cables "
     measured += f"{significant(cables[-1], 'm')} in {PERIODS} periods; at {frequencies[0]:g} Hz "
     measured += f"{significant(struts[0], 'm')} and {significant(cables[0], 'm')}"
-    why = "which way the robot tips depends on which members change, however slowly, and without damping on its bounces"
+    why = (
+        "which way the robot tips depends on the members that change, however slowly they change. Without damping it "
+        "depends on the bounces too"
+    )
     if alike:
         why = f"both displacements agree to {ALIKE:.0%}"
     elif longer < 0.1 * np.ptp(np.asarray(scenes()[name].structure.nodes), axis=0).max():

@@ -77,7 +77,8 @@ def adequate_row(name: str, found: dict) -> Row:
     why = (
         "RK4 accounts for the energy to within a percent"
         if small
-        else "more counts as dissipated than is lost: in a step that switches friction, the stages disagree on the work"
+        else "the audit counts more dissipation than energy is lost: if friction switches within a step, the stages of "
+        "RK4 disagree on its work"
         if found["residual"] > 0
         else "energy is lost that no force takes: RK4 damps what vibrates near its stability limit"
     )

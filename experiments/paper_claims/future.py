@@ -40,7 +40,7 @@ def check(quick: bool) -> Report:
             f"smooth, switch and cone slide {', '.join(significant(s, 'm') for s in slips.values())} in 5 s; exact "
             f"{significant(exact, 'm')}",
             HOLDS,
-            "there: `jaxgrity/model/friction.py`; one friction coefficient each",
+            "jaxgrity has them (`jaxgrity/model/friction.py`), here with one friction coefficient each",
         ),
         Row(
             "multi-step rolling path planning with obstacles",
@@ -49,7 +49,7 @@ def check(quick: bool) -> Report:
             f"the {spread['gaits']} gaits tried leave into {spread['sectors']} of 8 sectors of 45 degrees; by the plan "
             f"{planned['reached']} of {robots} robots reach a goal round obstacles, and touch nothing",
             verdict(planned["reached"] == robots, planned["reached"] > 0),
-            "there: `jaxgrity.control.travel` (`docs/control.md`)",
+            "jaxgrity has it: `jaxgrity.control.travel` (`docs/control.md`)",
         ),
         Row(
             "real-time feedback control for strut reconfiguration",
@@ -59,7 +59,7 @@ def check(quick: bool) -> Report:
             f"{significant(growth.norm[-1], 'm/rad')}; of {dropped['feedback']['counted']} dropped robots "
             f"{dropped['open loop']['rolled']} roll without feedback, {dropped['feedback']['rolled']} with it",
             verdict(False, dropped["feedback"]["rolled"] > dropped["open loop"]["rolled"]),
-            "there in simulation (`docs/control.md`); no real robot has been driven",
+            "jaxgrity has it in simulation (`docs/control.md`); no real robot has been driven",
         ),
         Row(
             "higher-level locomotion in unstructured terrain",
@@ -70,8 +70,8 @@ def check(quick: bool) -> Report:
             f"with `sure_footed` feedback {bumpy['sure-footed']['rolled']} roll on bumps of 2 cm, "
             f"{uphill['sure-footed']['rolled']} up a slope of 5 degrees",
             verdict(min(row["sure-footed"]["rolling"] for row in (bumpy, uphill)) > 0.9),
-            "there: planes, stairs, bumps, measured heights and obstacles (`docs/terrain.md`), and feedback for them "
-            "(`docs/control.md`)",
+            "jaxgrity has planes, stairs, bumps, measured heights and obstacles (`docs/terrain.md`), and feedback for "
+            "them (`docs/control.md`)",
         ),
     ]
     return Report("Future directions", rows, {"future": figure(spread)}, {"slips": slips, "turning": spread})

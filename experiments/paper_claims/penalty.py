@@ -88,9 +88,9 @@ def half_millimetre_row(name: str, found: dict[str, float], weight: float) -> Ro
     )
     measured += f"three nodes m g/(3 k_n) = {significant(still, 'm')}"
     holds, at_some_step = coarse < PAPER_BAR, any(depth < PAPER_BAR for depth in found.values())
-    why = "the impact sets the depth, about v sqrt(m/k_n), and not the weight over k_n, nor the step"
+    why = "the impact sets the depth, about v sqrt(m/k_n). The weight over k_n and the step do not"
     if not at_some_step:
-        why = f"every landing goes deeper, at every step: {why}; it is less at rest alone"
+        why = f"every landing goes deeper, at every step: {why}. Only the depth at rest is less"
     claim = "penetration stays below 0.5 mm at k_n = 1e5, dt = 1e-3 s"
     return Row(claim, "6.1", name, measured, verdict(holds, at_some_step), why)
 

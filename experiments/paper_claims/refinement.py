@@ -151,7 +151,7 @@ def gain_row(name: str, found: dict) -> Row:
     why = (
         "in chaos, the ratio of two errors is chance"
         if parted
-        else f"a method of order 4 would gain {4**4}, of order 1 {4}"
+        else f"a method of order 4 would gain a factor of {4**4}, one of order 1 a factor of {4}"
     )
     measured = f"errors at the end {significant(found['error_at_end'][0], 'm')} and "
     measured += f"{significant(found['error_at_end'][2], 'm')}: a factor of {gain:.3g}"

@@ -101,7 +101,7 @@ def search_gaits(
     then run again.
 
     Args:
-        scene: a scene with a gait. The search keeps what it does not vary of this gait.
+        scene: a scene with a gait. What the search does not vary stays as in this gait.
         config: settings of the search: duration, population, objective, uncertainty and so on.
         folder: folder for the states of the search and its last population; by default nothing is saved.
         resume: whether to continue the search in the folder; scene and config must be the same.

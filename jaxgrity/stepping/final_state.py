@@ -37,7 +37,7 @@ def final_state(
     what the derivative is where something switches. Traced numbers are not checked (`rollout` has `ok`).
 
     With rigid struts or on exact contact, keep the returned velocities out of a loss: constraints have not acted on
-    them yet, and they can be off by more than 1 m/s. Positions one step apart give (q_end - q_before)/h instead.
+    them yet, and they can be off by more than 1 m/s. Use (q_end - q_before)/h of positions a step h apart.
 
     After some seconds of rolling, derivatives say little about longer motions (`sensitivity`). Differentiate the speed
     of an orbit instead (`closed_orbit`), or the mean over many robots.
@@ -45,7 +45,7 @@ def final_state(
     Args:
         scene: the scene to simulate.
         duration: simulated time, s. All steps are equal, no longer than the options say, and the last ends there.
-        options: options from `resolve`, with a step; not from `as_inputs`, since reverse mode must count the steps.
+        options: options from `resolve`, with a fixed step, as constants: if JAX traces them, give `steps`.
         start: positions, m, and velocities, m/s, (nodes, 3) each; by default the structure's nodes at rest.
         steps: number of steps; by default the options decide. Needed for derivatives with respect to the duration.
         since: time of the start, s. Gaits, motors and pushes follow this time.

@@ -41,9 +41,9 @@ class Trajectory(eqx.Module):
     positions: NodeHistory
     """(frames, nodes, 3), m"""
     velocities: NodeHistory
-    """(frames, nodes, 3), m/s, at the time of each frame. Those of complementarity stepping are before the constraints
-    of the next step act: a node at rest has h/2 F/m, not 0, with F the other forces on it, those of prestress included.
-    Use `velocities_midway` for energies and slip"""
+    """(frames, nodes, 3), m/s, at the time of each frame. Those of complementarity stepping lack the impulses of struts
+    and ground in the last half step, h/2: a node at rest has h/2 F/m, not 0, where F is the sum of its other
+    forces. Use `velocities_midway` for energies and slip"""
     failure: jax.Array
     """index into `FAILURES`; 0: succeeded"""
     steps: jax.Array

@@ -56,10 +56,10 @@ class TrustReport(NamedTuple):
 
     @property
     def horizon(self) -> float:
-        """Time up to which the centre of mass is known to `predictable`, s.
+        """Time up to which the error of the centre of mass stays within `predictable`, s.
 
-        Until then neither its error bar nor an error of `UNCERTAIN` in the gait (or in the start) exceeds
-        `predictable`. If this holds to the end of the simulation, the horizon is that end.
+        Until then neither the error bar exceeds it, nor the effect of an error `UNCERTAIN` in the phases (without a
+        gait, in the initial velocities). If this holds to the end of the simulation, the horizon is that end.
         """
         times = np.asarray(self.trajectory.times)
         beyond = ~(self.error_bars <= self.predictable)
