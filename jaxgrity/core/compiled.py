@@ -17,9 +17,9 @@ CACHE = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "jaxg
 def keep_compiled(folder: str | Path | None = None) -> Path:
     """Keep compiled programs in a folder, for other processes and for later ones.
 
-    Call it right after `import jaxgrity`. Run-time checks of diffrax then mark a rollout as failed (NaN) instead of an
-    error: a program with calls into Python cannot be kept. Equinox reads that setting (EQX_ON_ERROR) at its import,
-    which the first use of any other name of jaxgrity causes. Bad options are refused before, as always.
+    Call it right after `import jaxgrity`. Run-time checks of diffrax then mark a rollout as failed (NaN) instead of
+    raising an error: a program with calls into Python cannot be kept. Equinox reads that setting (EQX_ON_ERROR) at its
+    import, which the first use of any other name of jaxgrity causes. Bad options are refused before, as always.
 
     Args:
         folder: by default that of JAX_COMPILATION_CACHE_DIR or JAX's configuration, else `~/.cache/jaxgrity`. A missing

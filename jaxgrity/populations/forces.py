@@ -40,12 +40,12 @@ class Forces(NamedTuple):
 def forces_along(scene: Scene, trajectory: Trajectory) -> Forces:
     """Forces in members, of the ground and of supports along a motion.
 
-    Forces of springs, dampers and penalty contact follow from q and v by the scene's U and R, and so do those of rigid
-    struts and bodies where a method has multipliers for them. Complementarity stepping
-    acts by impulses: the motion is stepped again from frame to frame, and its impulses are divided by the time. So
-    rigid struts, exact contact and supports have mean forces from each frame to the next (in the last frame, over one
-    more step). Times these times, the forces of ground and supports add up to the change of momentum. Forces of
-    penalty contact are those at the frames: their sum approaches the change of momentum as frames become dense.
+    Forces of springs, dampers and penalty contact follow from q and v by the scene's U and R. Methods without impulses
+    have multipliers, which give the forces of rigid struts and bodies at the frames. Complementarity stepping acts by
+    impulses: the motion is stepped again from frame to frame, and its impulses are divided by the time. So rigid
+    struts, exact contact and supports have mean forces from each frame to the next (in the last frame, over one more
+    step). These mean forces of ground and supports agree with the change of momentum. Forces of penalty contact are
+    those at the frames: their sum approaches the change of momentum as frames become dense.
 
     If the ground holds both ends of a rigid strut, its force and the friction are not unique: they are those of the
     step. Forces of contact along struts act on the ends of the struts.

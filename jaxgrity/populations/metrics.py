@@ -25,8 +25,7 @@ impulses, which have no peak."""
 
 
 class Metrics(NamedTuple):
-    """Sums since the gait's start, or a later time; forces are moving means, with weights that fall by e in a
-    `WINDOW`."""
+    """Sums from the time `since` on. Forces, and so powers, are moving means with the time constant `WINDOW`."""
 
     path: Scalar
     """m, length of the horizontal path of the centre of mass"""
@@ -35,9 +34,9 @@ class Metrics(NamedTuple):
     effort: Scalar
     """J, done by the gait's actuators, each by itself, without recovery; motors are in `work` alone"""
     contact: Scalar
-    """s, summed over the nodes that touch the ground"""
+    """s, time of contact, summed over the nodes"""
     slip: Scalar
-    """s, of them those that slip"""
+    """s, time of contact with slip, summed over the nodes"""
     flight: Scalar
     """s, in which no node touches the ground"""
     force: PerActuator
@@ -53,7 +52,7 @@ class Metrics(NamedTuple):
     moved_y: Scalar
     """m, and along y"""
     since: Scalar
-    """s, from when on all this counts"""
+    """s, the time from which everything is counted: the gait's start, or a later one"""
 
 
 def initial_metrics(scene: Scene, since: Scalar | None = None) -> Metrics:

@@ -100,17 +100,17 @@ def rolling(scene: Scene, trajectory: Trajectory) -> Rolling:
     """The support faces, the shares of time with slip and in the air, and the kind of the motion.
 
     The support is the hull's face with the lowest mean signed distance, once it has been the lowest for `LASTING`, in
-    every frame. Of equally low faces it is the earlier one. Frames further apart than that miss changes; for a robot
-    that rattles, more frames find fewer. Nodes touch the ground where phi < `Ground.touched_below`: for a body of one
-    metre 2 mm with exact contact, 0 with penalty contact. A ball slips at the point where it touches. Lengths, speeds
-    and times are relative to the body's own (`scales.py`). Contact and slip are measured along the ground and its
-    normal, displacement and path in x and y. The `kind` is the first of these that applies:
+    every frame. Of equally low faces it is the earlier one. Frames further apart than `LASTING` miss changes of face.
+    Of a robot that rattles, more frames show fewer changes. Nodes touch the ground where phi < `Ground.touched_below`:
+    for a body of one metre 2 mm with exact contact, 0 with penalty contact. A ball slips at the point where it touches.
+    Lengths, speeds and times are relative to the body's own (`scales.py`). Contact and slip are measured along the
+    ground and its normal, displacement and path in x and y. The `kind` is the first of these that applies:
 
     "hops": in the air for more than `HOPPING` of the time, also on the spot;
     "stays": its path is less than `STAYING` diameters wide, the longest distances between two built nodes;
     "turns on the spot": its path is less than a diameter wide, and goes round (`ROUND`), over more faces than one;
     "rocks": its path is less than a diameter wide, and it stood on a face again, or comes and goes (`COMING_BACK`);
-    "slides": rolls fewer times than its way is diameters long, in straight stretches of one, without balls that grip;
+    "slides": changes face less than once for each diameter of its way, without balls that grip;
     "rolls", straight on or in circles.
 
     Raises `InputError` without ground, where the trajectory failed, has no two frames after the gait's start, or frames

@@ -86,7 +86,7 @@ class ResolvedOptions(eqx.Module):
     def as_inputs(self) -> "ResolvedOptions":
         """The same with step, sweeps and tolerances as arrays: a function is compiled once for all their values.
 
-        As numbers they are part of the compiled program; reverse mode, which has to count the steps, needs them so.
+        Plain numbers would be part of the compiled program. Reverse mode needs plain ones, to count the steps.
         """
         return jax.tree.map(lambda x: np.asarray(x, int if isinstance(x, int) else float), self)
 

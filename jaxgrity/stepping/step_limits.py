@@ -49,7 +49,7 @@ def standing(scene: Scene) -> State:
 
 @typed
 def stable_step(scene: Scene, state: State, method: Method | str) -> float:
-    """Largest step at which no small motion about `state` grows more than its true growth plus `GROWTH` per step, s.
+    """Largest step, s, at which small motions about `state` grow by at most `GROWTH` per step beyond their true growth.
 
     It is infinite for implicit methods. It holds for small motions: beyond it smooth friction first chatters, and blows
     up later.
