@@ -51,6 +51,10 @@ class Metrics(NamedTuple):
     """m, displacement of the centre of mass along x"""
     moved_y: Scalar
     """m, and along y"""
+    moved_z: Scalar
+    """m, and upwards"""
+    rise: Scalar
+    """m, the largest `moved_z` so far"""
     since: Scalar
     """s, the time from which everything is counted: the gait's start, or a later one"""
 
@@ -70,7 +74,7 @@ def initial_metrics(scene: Scene, since: Scalar | None = None) -> Metrics:
     zero = jnp.zeros_like(scene.structure.nodes[0, 0])
     none = jnp.zeros_like(scene.gait.phase)
     begins = jnp.asarray(scene.gait.start if since is None else since, zero.dtype)
-    return Metrics(*[zero] * 6, *[none] * 4, *[zero] * 3)._replace(since=zero + begins)
+    return Metrics(*[zero] * 6, *[none] * 4, *[zero] * 5)._replace(since=zero + begins)
 
 
 def updated_metrics(scene: Scene, step: Step, so_far: Metrics) -> Metrics:
@@ -79,14 +83,14 @@ def updated_metrics(scene: Scene, step: Step, so_far: Metrics) -> Metrics:
     # a step counts that ends later than that, by more than rounding
     on = jnp.asarray(step.t0 + 0.999 * h > so_far.since).astype(q.dtype)
     work = step_work(scene, step)["actuation"]
-    moved = centre_of_mass(scene, q) - centre_of_mass(scene, q0)
-    way = jnp.sqrt(moved[0] * moved[0] + moved[1] * moved[1])
+    moved = on * (centre_of_mass(scene, q) - centre_of_mass(scene, q0))
+    way, up = jnp.sqrt(moved[0] * moved[0] + moved[1] * moved[1]), so_far.moved_z + moved[2]
     touching, slipping = _contact(scene, step)
     rate = (_lengths(scene, step.t0 + h) - _lengths(scene, step.t0)) / h
     tension = actuator_tension(scene, step)
     force = so_far.force + jnp.minimum(1, h / (WINDOW * time_scale(scene))) * (tension - so_far.force)
     return Metrics(
-        path=so_far.path + on * way,
+        path=so_far.path + way,
         work=so_far.work + on * work,
         effort=so_far.effort + on * h * jnp.sum(jnp.maximum(0, -tension * rate), axis=0),
         contact=so_far.contact + on * h * jnp.sum(touching, axis=0),
@@ -96,8 +100,10 @@ def updated_metrics(scene: Scene, step: Step, so_far: Metrics) -> Metrics:
         peak_force=jnp.maximum(so_far.peak_force, on * jnp.abs(force)),
         peak_rate=jnp.maximum(so_far.peak_rate, on * jnp.abs(rate)),
         peak_power=jnp.maximum(so_far.peak_power, on * jnp.abs(force * rate)),
-        moved_x=so_far.moved_x + on * moved[0],
-        moved_y=so_far.moved_y + on * moved[1],
+        moved_x=so_far.moved_x + moved[0],
+        moved_y=so_far.moved_y + moved[1],
+        moved_z=up,
+        rise=jnp.maximum(so_far.rise, up),
         since=so_far.since,
     )
 

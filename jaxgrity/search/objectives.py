@@ -178,6 +178,17 @@ class Straightness(Objective):
         return _moved(outcomes) / metrics_of(outcomes).path
 
 
+class JumpHeight(Objective):
+    """How far the centre of mass rises above its place when the gait began, m: the height of the highest jump."""
+
+    unit: ClassVar[str] = "m"
+    needs_metrics: ClassVar[bool] = True
+    any_heading: ClassVar[bool] = True
+
+    def worth(self, scene, outcomes, duration):
+        return jnp.where(outcomes.failure == 0, metrics_of(outcomes).rise, jnp.nan)
+
+
 OBJECTIVES: dict[str, type[Objective]] = {}
 """Objectives, by their names in commands."""
 
@@ -205,6 +216,7 @@ register_objective("direction", Direction)
 register_objective("speed", Speed)
 register_objective("cost of transport", CostOfTransport)
 register_objective("straightness", Straightness)
+register_objective("jump height", JumpHeight)
 register_objective("steady speed", SteadySpeed)
 register_objective("steady direction", SteadyDirection)
 register_objective("steady turn", SteadyTurn)

@@ -23,7 +23,7 @@ BLOCKS = {
     "docs/control.md": 12,
     "docs/environments.md": 4,
     "docs/files.md": 1,
-    "docs/gaits.md": 13,
+    "docs/gaits.md": 14,
     "docs/numerics.md": 13,
     "docs/terrain.md": 1,
     "docs/performance.md": 5,

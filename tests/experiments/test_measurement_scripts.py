@@ -345,6 +345,10 @@ def test_the_lasting_gait_is_followed_from_drops_and_on_other_robots(tmp_path):
     (steep,) = (row for row in climbed["rows"] if row["slope"] == 15)
     assert min(steep["own"]) > 0.3
     assert f"| 15° | {steep['own'][0]:.2f}, " in words("climbing", climbed)
+    jumps = quick("measurements/jumps.py", tmp_path / "jumps")
+    (jump,) = jumps["rows"]
+    assert jump["robust"]["mean"] > 0.01
+    assert f"| 2 | {jump['robust']['mean']:.3f} (" in words("jumps", jumps)
     scans = quick("measurements/ranges.py", tmp_path / "ranges")
     every = [one for row in scans["rows"] for one in row["scan"]]
     assert len(every) == 3 * len(scans["rows"])

@@ -26,7 +26,7 @@ from jaxgrity import simulate_population as roll
 from jaxgrity.model import rigid_body
 from jaxgrity.model.scene import as_dtype
 from jaxgrity.populations.metrics import WINDOW, actuator_tension, initial_metrics, updated_metrics
-from jaxgrity.search.objectives import CostOfTransport, Straightness
+from jaxgrity.search.objectives import CostOfTransport, JumpHeight, Straightness
 from jaxgrity.stepping.complementarity import CoupledState
 from jaxgrity.stepping.loop import Carried, Step
 
@@ -145,6 +145,26 @@ def test_a_strut_that_lifts_a_load_by_hand():
         np.testing.assert_array_equal(getattr(metrics, name), 0, err_msg=name)
 
 
+@pytest.mark.slow
+def test_a_jump_is_as_high_as_the_load_was_lifted():
+    """Above the place where counting begins, at the highest point: strokes that go down alone have none."""
+    amplitude, frequency = np.array([0.3, 0.2, 0.2, 0.0]), np.array([0.5, 1.0, 0.25, 0.5])
+    found = roll(
+        column(rigid=True), strokes(amplitude, frequency), 1.75, with_metrics=0.5, options=SolverOptions(dt=STEP)
+    )
+    times = np.arange(0.5, 1.75 + STEP / 2, STEP)
+    length = 1 - amplitude * (1 - np.cos(2 * np.pi * times[:, None] * frequency)) / 2
+    share = CARRIED / (1 + CARRIED)
+    np.testing.assert_allclose(
+        JumpHeight().worth(column(rigid=True), found, 1.75),
+        share * np.ptp(np.maximum(length, length[0]), axis=0),
+        rtol=0,
+        atol=1e-12,
+    )
+    np.testing.assert_allclose(found.metrics.moved_z, share * (length[-1] - length[0]), rtol=0, atol=1e-12)
+    assert 2 * float(found.metrics.moved_z[1]) == pytest.approx(float(found.metrics.rise[1]), rel=1e-9)
+
+
 @pytest.mark.parametrize("method", ["rk4", "tsit5"])
 @pytest.mark.slow
 def test_a_spring_that_carries_a_load_by_hand(method):
@@ -249,7 +269,7 @@ def test_counting_may_begin_later(exact):
         roll(exact, gaits, until, with_metrics=since, options=options).metrics
         for until, since in ((1.5, 1.0), (2.0, 1.0), (2.0, 1.5))
     )
-    for name in ("path", "work", "effort", "contact", "slip", "flight", "moved_x", "moved_y"):
+    for name in ("path", "work", "effort", "contact", "slip", "flight", "moved_x", "moved_y", "moved_z"):
         parts = (np.asarray(getattr(metrics, name)) for metrics in (half, rest, whole))
         first, second, together = parts
         np.testing.assert_allclose(first + second, together, rtol=1e-9, atol=1e-9, err_msg=name)

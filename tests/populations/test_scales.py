@@ -50,7 +50,7 @@ REPORTS: dict[str, dict[str, tuple]] = {
     "Metrics": {
         "path": LENGTH, "work": ENERGY, "effort": ENERGY, "contact": TIME, "slip": TIME, "flight": TIME,
         "force": FORCE, "peak_force": FORCE, "peak_rate": SPEED, "peak_power": POWER,
-        "moved_x": LENGTH, "moved_y": LENGTH, "since": TIME,
+        "moved_x": LENGTH, "moved_y": LENGTH, "moved_z": LENGTH, "rise": LENGTH, "since": TIME,
     },
     "Forces": {"tension": FORCE, "ground": FORCE},
     "EnergyAudit": {

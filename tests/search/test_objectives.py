@@ -17,6 +17,7 @@ from jaxgrity import (
     Gait,
     Genome,
     InputError,
+    JumpHeight,
     Members,
     Metrics,
     Outcomes,
@@ -46,13 +47,14 @@ from jaxgrity.search.judging import Scores, scored
 MOVED = np.array([[3.0, 4.0, 7.0], [-0.6, 0.8, 0.0], [0.0, -2.0, 1.0]])
 """m, of three robots; the last fails"""
 PATH, EFFORT = np.array([10.0, 2.5, 4.0]), np.array([20.0, 5.0, 1.0])
+RISE = np.array([7.5, 0.2, 1.5])
 RATE = np.array([[0.1, 0.5], [0.4, 0.3], [0.2, 0.2]])
 
 
 def outcomes(measured: bool = True) -> Outcomes:
     """Three robots that moved as above."""
     start, zero = np.array([[1.0, 2.0, 0.5]] * 3), np.zeros(3)
-    metrics = Metrics(PATH, zero, EFFORT, zero, zero, zero, 0 * RATE, 100 * RATE, RATE, 10 * RATE, *MOVED.T[:2], zero)
+    metrics = Metrics(PATH, zero, EFFORT, zero, zero, zero, 0 * RATE, 100 * RATE, RATE, 10 * RATE, *MOVED.T, RISE, zero)
     code, steps = np.array([0, 0, 1]), np.full(3, 5)
     nodes = np.zeros((3, 12, 3))
     path = np.stack([start, start + MOVED], axis=1)
@@ -69,6 +71,7 @@ def outcomes(measured: bool = True) -> Outcomes:
         (Speed(), [5.0 / 8, 1.0 / 8]),
         (CostOfTransport(), [-20 / (6 * 9.81 * 5), -5 / (6 * 9.81 * 1)]),
         (Straightness(), [0.5, 0.4]),
+        (JumpHeight(), [7.5, 0.2]),
     ],
     ids=str,
 )
@@ -99,7 +102,8 @@ def judged_by_bounds(reference, kind, **bounds) -> Scores:
     return scored(np.asarray(worth)[:, None], 0.0, np.asarray(excess)[:, None])
 
 
-every_objective = pytest.mark.parametrize("kind", [Distance, Direction, Speed, CostOfTransport, Straightness])
+MEASURED = [CostOfTransport, Straightness, JumpHeight]
+every_objective = pytest.mark.parametrize("kind", [Distance, Direction, Speed, *MEASURED])
 
 
 @every_objective
@@ -162,7 +166,7 @@ def test_cost_of_transport_is_per_weight_of_each_robot(reference, monkeypatch):
 def test_objectives_say_what_they_need():
     """Work, paths and bounds need metrics; distances come without. Objectives of distance have their units."""
     assert [kind().needs_metrics for kind in (Distance, Direction, Speed)] == [False] * 3
-    assert [kind().needs_metrics for kind in (CostOfTransport, Straightness)] == [True] * 2
+    assert [kind().needs_metrics for kind in MEASURED] == [True] * 3
     assert not Fitness().needs_metrics
     assert Fitness(Straightness()).needs_metrics
     assert Fitness(bounds=ActuatorBounds(power=1.0)).needs_metrics
