@@ -19,21 +19,22 @@ from tqdm import tqdm
 
 from jaxgrity import Cylinder, Differences, Scene, SolverOptions, Trajectory, contact_twin, load_gait, load_scene
 from jaxgrity.control import (
+    CAUTIOUS,
     REACHED,
     Discs,
-    Foresight,
     GaitChoices,
+    Journey,
     MotorLimits,
     PhaseLocked,
     Plant,
-    Travels,
+    Sampling,
     WayMap,
     gait_choices,
     gap,
+    lead_to,
     plant_of,
     room,
     side_by_side,
-    travel,
     way_map,
 )
 from jaxgrity.report import view
@@ -48,6 +49,8 @@ DISCS, RADII, ACROSS = 9, (0.25, 0.6), 3.0
 REACH, SPARE, NEAR = 0.6, 0.3, 0.05
 """m, how far a robot sticks out from its centre of mass, how much wider than that a free way of a field is on both
 sides, and how near to obstacles plans may lead on top of it"""
+MARGIN = 0.05
+"""m, that robots keep from obstacles beyond the reach of these plans"""
 UNKNOWN = 0.25
 """share of the friction, within which it is drawn"""
 GAITS = ("lasting", "fast", "left", "right")
@@ -76,31 +79,31 @@ def obstacles(
     """
     scene, drawn = load_scene("exact"), drawn_fields(fields, seed)
     maps = [way_map(field, GOAL, ARENA, reach=REACH + NEAR) for field in drawn]
-    foresight = Foresight(samples=samples, patience=patience, reach=REACH, seed=seed)
+    sampling = CAUTIOUS._replace(samples=samples, patience=patience, margin=MARGIN, seed=seed)
     robot, choices = contact_twin(scene) if twin else scene, gaits_of(scene)
-    found = led(scene, robot, choices, maps, foresight)
+    found = led(scene, robot, choices, maps, sampling)
     nothing = Discs(np.zeros((0, 2)), np.zeros(0))
-    blind = led(scene, robot, choices, [way_map(nothing, GOAL, ARENA)] * fields, foresight)
+    blind = led(scene, robot, choices, [way_map(nothing, GOAL, ARENA)] * fields, sampling)
     rows = [
         {"centres": field.centres, "radii": field.radii, "plan": way.way(found.path[0, :2, k])}
         | {"planned": told(found, field, k), "blind": told(blind, field, k)}
         for k, (field, way) in enumerate(zip(drawn, maps))
     ]
     arrived = [row["planned"] for row in rows if row["planned"]["reached"]]
-    going = np.arange(len(found.gaits))[:, None] * round(foresight.interval / PERIOD) < found.arrived
+    going = np.arange(len(found.gaits))[:, None] * round(sampling.interval / PERIOD) < found.arrived
     names = np.array(choices.names)
     shown = int(np.argmax([row["planned"]["reached"] for row in rows]))
     keep_replay(scene, drawn[shown], maps[shown], found, shown, out / "replay.html")
     return {
         "patience": patience,
         "samples": samples,
-        "copies": len(foresight.friction),
-        "interval": foresight.interval,
-        "horizon": foresight.horizon,
+        "copies": len(sampling.friction),
+        "interval": sampling.interval,
+        "horizon": sampling.horizon,
         "gaits": {name: float(np.mean(names[found.gaits[going]] == name)) for name in dict.fromkeys(names)},
         "spread": float(np.nanmedian(found.spread[going])),
         "surprise": float(np.nanmedian(found.surprise[going])),
-        "seconds_a_choice": found.seconds,
+        "seconds_a_choice": sampling.interval / found.real_time,
         "fields": fields,
         **{way: {kind: sum(row[way][kind] for row in rows) for kind in KINDS} for way in ("planned", "blind")},
         "seconds": float(np.median([row["seconds"] for row in arrived])) if arrived else None,
@@ -156,20 +159,20 @@ def gaits_of(scene: Scene) -> GaitChoices:
     return gait_choices(scene.structure, locked)
 
 
-def led(scene: Scene, robot: Scene, choices: GaitChoices, maps: list[WayMap], foresight: Foresight) -> Travels:
+def led(scene: Scene, robot: Scene, choices: GaitChoices, maps: list[WayMap], sampling: Sampling) -> Journey:
     """All robots, from drops anyhow about the origin, by a model of the scene."""
-    count, seed = len(maps), foresight.seed
+    count, seed = len(maps), sampling.seed
     friction = 1 + np.random.default_rng(seed + 1).uniform(-UNKNOWN, UNKNOWN, count)
     q, v = drops(scene, count, seed)
     above = scene.ground.height(q[..., 0], q[..., 1]).max(1)[:, None, None] * np.array([0, 0, 1])
-    with tqdm(total=round(foresight.patience / foresight.interval), unit="choice") as bar:
-        return travel(
+    with tqdm(total=round(sampling.patience / sampling.interval), unit="choice") as bar:
+        return lead_to(
             side_by_side(bounded(robot), count, Differences(friction=friction)),
             bounded(scene),
             choices,
             maps,
             start=(np.moveaxis(q + above, 0, -1), np.moveaxis(v, 0, -1)),
-            foresight=foresight,
+            sampling=sampling,
             on_choice=lambda _: bar.update(),
         )
 
@@ -180,7 +183,7 @@ def bounded(scene: Scene) -> Plant:
     return plant_of(scene, load_gait("lasting").members, motors=MotorLimits(rate=1.2), options=options)
 
 
-def told(found: Travels, field: Discs, robot: int) -> Record:
+def told(found: Journey, field: Discs, robot: int) -> Record:
     """Of one robot, judged by the field that is there; its path ten times a second."""
     end = int(found.arrived[robot])
     here = np.linalg.norm(found.path[end, :2, robot] - GOAL) < REACHED
@@ -198,7 +201,7 @@ def told(found: Travels, field: Discs, robot: int) -> Record:
     }
 
 
-def keep_replay(scene: Scene, field: Discs, way: WayMap, found: Travels, robot: int, path: Path) -> None:
+def keep_replay(scene: Scene, field: Discs, way: WayMap, found: Journey, robot: int, path: Path) -> None:
     """A page with the robot, its obstacles as posts, and the way that was planned from the start."""
     posts = tuple(Cylinder([*c, 0.0], [*c, 1.0], r) for c, r in zip(field.centres, field.radii))
     twin = contact_twin(scene) if scene.constrained else scene  # whose forces follow from where the nodes are

@@ -40,8 +40,9 @@ def sampling_ways(
     """
     for name, count in product(WAYS, knots):
         sampling = Sampling(samples=samples, knots=count, patience=patience, **WAYS[name])
+        policy, goal = goals.feedback(), goals.GOAL
         led = [
-            lead_to(t.robot, t.model, goals.feedback(), goals.GOAL, start=t.start, seed=number, sampling=sampling)
+            lead_to(t.robot, t.model, policy, goal, start=t.start, sampling=sampling._replace(seed=number))
             for number, t in enumerate(goals.drawn_trials("slope", trials, twin, seed))
         ]
         seconds = [each.seconds for each in led]

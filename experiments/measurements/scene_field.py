@@ -12,12 +12,12 @@ from measurement import Record, measurement
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
-from obstacles import ARENA, GAITS, GOAL, NEAR, REACH, led, told
+from obstacles import ARENA, GAITS, GOAL, MARGIN, NEAR, REACH, led, told
 from pages import table
 
 from jaxgrity import contact_twin, load_gait, load_scene
 from jaxgrity.control import (
-    Foresight,
+    CAUTIOUS,
     PhaseLocked,
     discs_of,
     gait_choices,
@@ -51,17 +51,17 @@ def scene_field(
     model = load_scene(scene)
     field = discs_of(model.ground)
     way = way_map(field, GOAL, ARENA, reach=REACH + NEAR)
-    foresight = Foresight(samples=samples, patience=patience, reach=REACH, seed=seed)
+    sampling = CAUTIOUS._replace(samples=samples, patience=patience, margin=MARGIN, seed=seed)
     gaits = {name: PhaseLocked(load_gait(name), np.zeros((2, 2))) for name in GAITS}
     gaits["lasting"] = sure_footed(load_gait("lasting"))
     robot, choices = model if itself else contact_twin(model), gait_choices(model.structure, gaits)
-    found = led(model, robot, choices, [way] * robots, foresight)
+    found = led(model, robot, choices, [way] * robots, sampling)
     rows = [told(found, field, k) for k in range(robots)]
     arrived = [row for row in rows if row["reached"]]
     return {
         "patience": patience,
         "obstacles": len(field.radii),
-        "seconds_a_choice": found.seconds,
+        "seconds_a_choice": sampling.interval / found.real_time,
         "robots": robots,
         **{name: sum(row[name] for row in rows) for name in ("reached", "arrived", "touched")},
         "seconds": float(np.median([row["seconds"] for row in arrived])) if arrived else None,

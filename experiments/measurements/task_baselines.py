@@ -224,10 +224,11 @@ def predicted(env: Environment, training: Training, led: int) -> np.ndarray:
     policy = controller(np.asarray(known_controllers()[FEEDBACK], np.float32))
     for number, key in enumerate(keys(training, 10**6)[:led]):
         state = env.reset(key)
-        plant, aim, average = state.pipeline_state
+        plant, aim, average, *_ = state.pipeline_state
         goal = np.asarray(wanted(env, aim), float)
-        sampling = Sampling(patience=env.episode * env.plant.period, per_second=round(1 / env.plant.period))
-        there = lead_to(env.plant, env.plant, policy, goal, start=plant.motion, seed=number, sampling=sampling)
+        period = env.plant.period
+        sampling = Sampling(patience=env.episode * period, per_second=round(1 / period), seed=number)
+        there = lead_to(env.plant, env.plant, policy, goal, start=plant.motion, sampling=sampling)
         told = []
         for before, place in pairwise(there.path):
             progress, average = progressed(env.task, aim, before, place, env.plant.period, average)

@@ -49,7 +49,7 @@ def check(quick: bool) -> Report:
             f"the {spread['gaits']} gaits tried leave into {spread['sectors']} of 8 sectors of 45 degrees; by the plan "
             f"{planned['reached']} of {robots} robots reach a goal round obstacles, and touch nothing",
             verdict(planned["reached"] == robots, planned["reached"] > 0),
-            "jaxgrity has it: `jaxgrity.control.travel` (`docs/control.md`)",
+            "jaxgrity has it: `jaxgrity.control.lead_to` (`docs/control.md`)",
         ),
         Row(
             "real-time feedback control for strut reconfiguration",

@@ -10,13 +10,14 @@ from .obstacles import Discs, WayMap, discs_of, gap, reach_of, room, way_map
 from .plant import Plant, PlantState, actuate, observe, plant_of, plant_start, side_by_side
 from .policies import OpenLoop, Policy
 from .ppo import Learner, LearningConfig
-from .predictive import Journey, Sampling, costs, lead_to
+from .predictive import Journey, lead_to
+from .samples import CAUTIOUS, Sampling, costs
 from .sensors import Errors, Observation, Readings, Sensors, first_readings, measure, read
 from .steering import Blend, Steered, centre_offsets
 from .tasks import REACHED, TASKS, Task, find_task, ground_of, progressed, task_start
-from .travels import Foresight, Travels, travel
 
 __all__ = [
+    "CAUTIOUS",
     "REACHED",
     "TASKS",
     "Blend",
@@ -26,7 +27,6 @@ __all__ = [
     "Environment",
     "EnvironmentState",
     "Errors",
-    "Foresight",
     "GaitChoices",
     "GymnasiumEnvironment",
     "GymnasiumVectorEnvironment",
@@ -48,7 +48,6 @@ __all__ = [
     "Situation",
     "Steered",
     "Task",
-    "Travels",
     "WayMap",
     "actuate",
     "centre_offsets",
@@ -83,7 +82,6 @@ __all__ = [
     "simulate_policy",
     "sure_footed",
     "task_start",
-    "travel",
     "trials",
     "way_map",
 ]

@@ -35,13 +35,24 @@ class GaitChoices(NamedTuple):
 
     def chosen(self, rows: AnyArray, bends: AnyArray) -> Steered:
         """The policy of robots with these gaits, (robots,), and these bends, (robots,), the robots last."""
-        taken = jax.tree.map(lambda x: x[..., jnp.asarray(rows)], self.policy)
+        taken = jax.tree.map(lambda x: jnp.asarray(x)[..., jnp.asarray(rows)], self.policy)
         return replace(taken, bend=jnp.asarray(bends, taken.bend.dtype))
 
-    @property
-    def frequency(self) -> AnyArray:
-        """Hz, (gaits,), of the first actuator."""
-        return self.policy.policy.gait.frequency[0]  # type: ignore[attr-defined]
+    def clocks(self, before: np.ndarray, after: np.ndarray, turns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Factors on the clocks of robots that change from one gait to another at the same angle, and the seconds by
+        which those clocks advance for some turns."""
+        frequency = np.atleast_2d(self.policy.policy.gait.frequency)[0]  # type: ignore[attr-defined]
+        return frequency[before] / frequency[after], turns.astype(frequency.dtype) / frequency[after]
+
+
+def one_choice(policy: Steered) -> GaitChoices:
+    """A policy alone, without its goal. Raises `InputError` where it has no bend, or no clock of one frequency."""
+    if not (isinstance(policy, Steered) and isinstance(policy.policy, PhaseLocked)):
+        found = f"Steered({type(policy.policy).__name__})" if isinstance(policy, Steered) else type(policy).__name__
+        raise InputError(f"policy = {found}: expected a Steered(PhaseLocked), whose bend and clock are chosen")
+    one_frequency(policy.policy.gait)
+    alone = jax.tree.map(lambda x: np.asarray(x, float)[..., None], replace(policy, goal=None))
+    return GaitChoices(alone, ("",))
 
 
 @typed

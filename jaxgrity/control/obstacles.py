@@ -169,6 +169,24 @@ class WayMap(NamedTuple):
         return np.array(found)
 
 
+class StraightWay(NamedTuple):
+    """The distance to a goal where there is nothing to go round."""
+
+    goal: np.ndarray
+    """(2,), m"""
+    discs: Discs = Discs(np.zeros((0, 2)), np.zeros(0))
+    reach: float = 0.0
+    """m, as nothing can be touched"""
+
+    def to_go(self, places: np.ndarray) -> np.ndarray:
+        """(...,), m, from each of `places` (..., 2)."""
+        return np.asarray(np.linalg.norm(places - self.goal, axis=-1))
+
+
+Way = WayMap | StraightWay
+"""The distance to a goal from everywhere."""
+
+
 @typed
 def way_map(
     discs: Discs,

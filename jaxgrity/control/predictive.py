@@ -1,260 +1,225 @@
-"""Model-predictive control by sampling: a model of the robot tries many ways of steering; the best is taken.
+"""Model-predictive control by sampling: a model of the robot tries many ways to go on; the best is taken.
 
-At each choice the robot's state is the start of one robot of a model for each sample, side by side. Each sample has its
-own bends, on straight lines between knots, and its own place in the cycle of its gait. Later rounds draw about the best
-of earlier ones. The way that comes closest to the goal is followed until the next choice; there its rest is tried
-first.
+At each choice the state of each robot is the start of robots of a model, for each sample (see `samples`). The sample
+that comes closest to the goal, and clears all obstacles, is followed until the next choice. Its rest is tried first
+there.
 """
 
+import math
 import time
-from dataclasses import replace
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple, cast
 
-import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 
-from jaxgrity.control.closed_loop import Loop, failures, loop_start, places, roll_on, taken_over
-from jaxgrity.control.feedback import PhaseLocked, one_frequency
+from jaxgrity.control.choices import GaitChoices, one_choice
+from jaxgrity.control.closed_loop import Loop, loop_start
+from jaxgrity.control.obstacles import SAME_REACH, StraightWay, Way, WayMap, gap, reach_of
 from jaxgrity.control.plant import Plant, check_model, check_one, side_by_side, whole_number
+from jaxgrity.control.samples import Sampled, Sampling, best, between, followed, shifted, sized
 from jaxgrity.control.steering import Steered, clock_moved
-from jaxgrity.control.tasks import REACHED, at_size
 from jaxgrity.core.arguments import is_count
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, State
+from jaxgrity.model.scene import Scene
+from jaxgrity.populations.uncertainty import Differences
 
-
-class Sampling(NamedTuple):
-    """Settings of the look ahead of a predictive controller."""
-
-    samples: int = 64
-    """for each choice, in all its rounds"""
-    horizon: float = 3.0
-    """s, for which each of them is rolled out"""
-    interval: float = 0.5
-    """s, from one choice to the next"""
-    widest: float = 0.6
-    """the largest bend, see `Steered`"""
-    jumping: float = 0.5
-    """share of the samples of the first round whose clocks jump to another place in the cycle"""
-    knots: int = 3
-    """bends over the horizon, between which it changes along straight lines; 1: it stays"""
-    rounds: int = 2
-    """in which samples are drawn, as many in each: the first at random, others about the best before"""
-    per_second: int = 10
-    """looks at the distance to the goal"""
-    patience: float = 60.0
-    """s, after which the goal is given up"""
-    within: float | None = None
-    """m, from the goal, where it counts as reached; None: `REACHED` at the size of the robot"""
-
-
-ELITE = 8
-"""Number of samples of all earlier rounds for each one that guides the next round: the best eighth does."""
-NARROW, LATER = 0.3, 0.05
-"""Standard deviations of later rounds: as a share of the largest bend, and in turns of the clock."""
 USUAL = Sampling()
-"""Sampling that a predictive policy uses by default."""
+"""Sampling that a predictive controller uses by default."""
 
 
 class Journey(NamedTuple):
-    """A robot's journey to a goal."""
+    """The journeys of robots to their goals. All arrays but `spent` have the robots last; those of one robot, of
+    `plant_of`, have no such axis."""
 
+    nodes: np.ndarray
+    """(frames, nodes, 3, robots), m, once in a control period, until the last robot has arrived or all time is up"""
     path: np.ndarray
-    """(looks, 3), m, the centre of mass"""
-    reached: bool
-    seconds: float
-    """until the goal was reached, or the time was up"""
+    """(frames, 3, robots), m, the centre of mass"""
+    reached: np.ndarray
+    """(robots,): whether the goal was reached in time, without touching anything and without a failure"""
+    arrived: np.ndarray
+    """(robots,), frames until the goal was reached, the rollout failed or the time was up"""
+    seconds: np.ndarray
+    """(robots,), s, until then"""
+    gap: np.ndarray
+    """(robots,), m, smallest distance from an obstacle until then, seen from above; negative: the robot touched one"""
+    gaits: np.ndarray
+    """(choices, robots), rows of the gaits to choose from; 0 where there is one"""
     bends: np.ndarray
-    """the first of each choice"""
-    real_time: float
-    """seconds of the robot per second of a choice, median, without compilation"""
+    """(choices, robots), the first of each choice"""
+    spread: np.ndarray
+    """(choices, robots), m, standard deviation of the place at the horizon, of the chosen sample"""
+    surprise: np.ndarray
+    """(choices, robots), m, from the place at the next choice as predicted to the real one"""
     spent: np.ndarray
-    """s, that each choice took; the first of all compiles"""
+    """(choices,), s, that each choice took, for all robots; the first of all compiles"""
+    real_time: float
+    """seconds between choices per second of a choice, median, without compilation"""
 
 
 @typed
 def lead_to(
     robot: Plant,
     model: Plant,
-    policy: Steered,
-    goal: AnyArray,
+    policy: Steered | GaitChoices,
+    goal: AnyArray | WayMap | Sequence,
     *,
     start: State | None = None,
-    seed: int = 0,
     sampling: Sampling = USUAL,
+    on_choice: Callable[[int], object] | None = None,
 ) -> Journey:
-    """Lead one robot to a goal by the predictions of a model.
+    """Lead robots to their goals, also round obstacles, by the predictions of a model.
 
     Args:
-        robot: the robot, as from `plant_of`.
-        model: the controller's model of it, likewise, with the same members and period.
-        policy: its policy between choices; the policy's goal does not count.
-        goal: (2,), m.
-        start: q and v of the robot; by default its scene's.
-        seed: of the samples, and of the sensors' noise.
-        sampling: settings of the look ahead.
+        robot: one robot, as from `plant_of`, or many, as from `side_by_side`, each of which goes its own way.
+        model: the controller's model of each, as from `plant_of`, with the same members and period.
+        policy: a gait with feedback that can be steered; its own goal does not count. Or several to choose from, as
+            from `gait_choices`.
+        goal: (2,), m, on ground without obstacles; or the way round obstacles to it, as from `way_map`. For many
+            robots one for each.
+        start: q and v, for many robots with the robots last; by default the scene's.
+        sampling: settings of the look ahead; `CAUTIOUS` suits ways round obstacles.
+        on_choice: called with the number of each choice.
 
     Returns:
-        Its path, whether and when it reached the goal, and the time per choice.
+        Paths, which robots reached their goals without a touch, and the time per choice.
 
     Raises:
-        InputError: invalid settings, or a goal that is no place; a plant of many robots; a model or policy with other
-            members than the robot, or another period; a policy that is not `PhaseLocked` at one frequency and
-            `Steered`; times that are no multiples of each other.
+        InputError: invalid settings, or a goal that is no place; maps for a smaller robot, or not one for each; a model
+            or policy with other members than the robot, or another period; a policy that is not `PhaseLocked` at one
+            frequency and `Steered`; times that are no multiples of each other.
     """
-    check_model(robot, model)
-    for plant, name in ((robot, "robot"), (model, "model")):
-        check_one(plant, name)
-    _check_policy(policy, goal)
-    look, looks, choices = _checked(sampling, robot.period)
-    within = at_size(sampling.within, REACHED, robot.scene)
-    draw, goal, policy = np.random.default_rng(seed), np.asarray(goal, float), replace(policy, goal=None)
-    many = side_by_side(model, sampling.samples // sampling.rounds)
-    loop = loop_start(robot, policy, jax.random.key(seed), start)
-    knots = np.full(sampling.knots, float(policy.bend))
-    paths: list[np.ndarray] = []
-    bends: list[float] = []
-    spent: list[float] = []
-    for choice in range(choices):
+    choices = policy if isinstance(policy, GaitChoices) else one_choice(policy)
+    ways, sampling = _ways(robot, goal), sized(sampling, model.scene)
+    count = _checked(robot, model, choices, ways, sampling)
+    draw, many = np.random.default_rng(sampling.seed), _trying(model, len(ways), sampling)
+    gaits, knots = np.zeros(len(ways), int), np.full((sampling.knots, len(ways)), float(choices.policy.bend[0]))
+    first, key = choices.chosen(_own(robot, gaits), _own(robot, knots[0])), jax.random.key(sampling.seed)
+    loop = loop_start(robot, first, key, start, each=robot.robots is not None)
+    frames, said, spent, over = [], [], [], np.zeros(len(ways), bool)
+    for choice in range(count):
         began = time.perf_counter()
-        knots, turns = best(many, policy, loop, goal, draw, sampling, knots)
+        chosen = best(many, choices, loop, ways, draw, sampling, (gaits, knots))
         spent.append(time.perf_counter() - began)
-        loop = loop._replace(memory=clock_moved(loop.memory, 1.0, turns / _frequency(policy)))
-        bend = between(sampling) @ knots
-        loop, path, failed = followed(robot, policy, loop, bend[:looks], look)
-        path = np.asarray(path)[bool(choice) :]
-        bends.append(float(bend[0]))
-        near = np.linalg.norm(path[:, :2] - goal, axis=1) < within
-        paths.append(path[: near.argmax() + 1] if near.any() else path)
-        if near.any() or failed:
+        loop, (nodes, path) = _moved(robot, choices, loop, gaits, chosen, sampling)
+        frames.append([x[bool(choice) :] for x in (nodes, path)])
+        said.append((chosen.gaits, (between(sampling) @ chosen.knots)[0], *_told(chosen.path, path[-1], sampling)))
+        gaits, knots = chosen.gaits, shifted(chosen.knots, sampling)
+        over |= _near(frames[-1][1], ways, sampling).any(0) | ~np.isfinite(nodes).all((0, 1, 2))
+        if on_choice is not None:
+            on_choice(choice)
+        if over.all():
             break
-        knots = shifted(knots, sampling)
-    path = np.concatenate(paths)
-    typical = float(np.median(spent[1:] or spent))
-    passed = (len(path) - 1) / sampling.per_second
-    return Journey(path, bool(near.any()), passed, np.array(bends), sampling.interval / typical, np.array(spent))
+    nodes, path = (np.concatenate(part) for part in zip(*frames))
+    reached, arrived, gaps = arrivals(model.scene, nodes, path, ways, sampling)
+    end, real_time = arrived.max() + 1, sampling.interval / float(np.median(spent[1:] or spent))
+    found = nodes[:end], path[:end], reached, arrived, arrived * robot.period, gaps, *map(np.array, zip(*said))
+    return Journey(*(_own(robot, x) for x in found), np.array(spent), real_time)
 
 
-def _check_policy(policy: Steered, goal: AnyArray) -> None:
-    """Raise `InputError` for a policy without a bend or a clock, and for a goal that is no place."""
-    if not (isinstance(policy, Steered) and isinstance(policy.policy, PhaseLocked)):
-        found = f"Steered({type(policy.policy).__name__})" if isinstance(policy, Steered) else type(policy).__name__
-        raise InputError(f"policy = {found}: expected a Steered(PhaseLocked), whose bend and clock are chosen")
-    one_frequency(policy.policy.gait)
-    if np.shape(goal) != (2,) or not np.isfinite(np.asarray(goal)).all():
-        raise InputError(f"goal = {np.asarray(goal).tolist()}: expected a place (x, y), m")
+def _own(robot: Plant, x: Any) -> Any:
+    """An array without the axis of robots where the plant has none."""
+    return x[..., 0] if robot.robots is None else x
 
 
-def _checked(sampling: Sampling, period: float) -> tuple[int, int, int]:
-    """Control periods of a look, looks from choice to choice, and choices. Raises `InputError` where times do not
-    fit."""
-    counts = sampling.samples, sampling.rounds, sampling.knots, sampling.per_second
-    if not all(is_count(count, 1) for count in counts) or sampling.samples % sampling.rounds:
-        found = f"samples = {counts[0]}, rounds = {counts[1]}, knots = {counts[2]}, per_second = {counts[3]}"
+def _ways(robot: Plant, goal: Any) -> list[Way]:
+    """The way of each robot. Raises `InputError` where there is not one for each, or a goal is no place."""
+    several = robot.robots is not None and np.iterable(goal) and not isinstance(goal, WayMap)
+    goals = list(goal) if several else [goal]
+    if len(goals) != (robot.robots or 1):
+        raise InputError(f"goal: {len(goals)} for {robot.robots or 1} robots; expected one for each, of `side_by_side`")
+    ways: list[Way] = []
+    for each in goals:
+        if not isinstance(each, WayMap):
+            place = np.array(each, float) if np.shape(each) == (2,) else np.full(2, np.nan)
+            if not np.isfinite(place).all():
+                raise InputError(f"goal = {each}: expected a place (x, y), m, or a `way_map`")
+            each = StraightWay(place)
+        ways.append(each)
+    return ways
+
+
+def _checked(robot: Plant, model: Plant, choices: GaitChoices, ways: list[Way], sampling: Sampling) -> int:
+    """The number of choices. Raises `InputError` for another model than the robot's, and for settings that make no
+    sense, or do not fit maps or times."""
+    check_model(robot, model)
+    check_one(model, "model")
+    counts = {name: getattr(sampling, name) for name in ("samples", "rounds", "knots", "per_second")}
+    if not all(is_count(count, 1) for count in counts.values()) or sampling.samples % sampling.rounds:
+        found = ", ".join(f"{name} = {count}" for name, count in counts.items())
         raise InputError(f"{found}: expected whole numbers, at least 1, and as many samples in each round")
-    if not (0 < sampling.widest <= 1 and 0 <= sampling.jumping <= 1):
-        found = f"widest = {sampling.widest:g}, jumping = {sampling.jumping:g}"
-        raise InputError(f"{found}: expected a bend above 0, and at most 1, and a share")
-    if sampling.within is not None and not sampling.within > 0:
-        raise InputError(f"within = {sampling.within:g} m: expected a positive distance")
-    look = whole_number("1 / per_second", 1 / sampling.per_second, period)
-    looks = whole_number("interval", sampling.interval, 1 / sampling.per_second)
-    if whole_number("horizon", sampling.horizon, 1 / sampling.per_second) < looks:
+    if sampling.drawn == 1 < len(choices.names):
+        raise InputError(f"samples = {sampling.samples}: expected at least 2 in each round, to choose from gaits")
+    shares = {name: getattr(sampling, name) for name in ("widest", "jumping", "usual")}
+    if not all(0 <= share <= 1 for share in shares.values()):
+        found = ", ".join(f"{name} = {share:g}" for name, share in shares.items())
+        raise InputError(f"{found}: expected numbers from 0 to 1")
+    friction = np.array(sampling.friction, float)
+    if friction.ndim != 1 or not friction.size or not (np.isfinite(friction) & (friction >= 0)).all():
+        raise InputError(f"friction = {sampling.friction}: expected factors that are not negative, at least one")
+    within, margin = cast(float, sampling.within), cast(float, sampling.margin)
+    if not (0 < within < np.inf and np.isfinite(margin)):
+        raise InputError(f"within, margin = {within:g}, {margin:g} m: expected finite numbers, the first above 0")
+    least, needed = min((way.reach for way in ways if len(way.discs.radii)), default=np.inf), reach_of(model.scene)
+    if least + min(margin, 0) < needed * (1 - SAME_REACH):
+        found = f"maps: made for a reach of {least:g} m, margin = {margin:g} m"
+        raise InputError(f"{found}; expected at least {needed:.3g} m in all, as the robot has")
+    whole_number("1 / per_second", 1 / sampling.per_second, model.period)
+    whole_number("interval", sampling.interval, model.period)
+    whole_number("horizon", sampling.horizon, 1 / sampling.per_second)
+    if sampling.horizon < sampling.interval:
         raise InputError(f"horizon = {sampling.horizon:g} s: expected at least the interval, {sampling.interval:g} s")
-    return look, looks, whole_number("patience", sampling.patience, sampling.interval)
+    return whole_number("patience", sampling.patience, sampling.interval)
 
 
-def between(sampling: Sampling) -> np.ndarray:
-    """(looks, knots): the weight of each knot in the middle of each look, on straight lines between knots."""
-    looks = round(sampling.horizon * sampling.per_second)
-    place = (np.arange(looks) + 0.5) / looks * (sampling.knots - 1)
-    return np.maximum(0, 1 - np.abs(place[:, None] - np.arange(sampling.knots)))
+def _trying(model: Plant, robots: int, sampling: Sampling) -> Plant:
+    """The robots of the model that try all samples of a round."""
+    tries = robots * sampling.drawn
+    if set(sampling.friction) == {1.0}:
+        return side_by_side(model, tries * len(sampling.friction))
+    differences = Differences(friction=np.tile(sampling.friction, tries))
+    return side_by_side(model, tries * len(sampling.friction), differences)
 
 
-def shifted(knots: np.ndarray, sampling: Sampling) -> np.ndarray:
-    """The knots one interval later; the last one stays."""
-    if len(knots) == 1:
-        return knots
-    times = np.linspace(0, sampling.horizon, len(knots))
-    return np.interp(times + sampling.interval, times, knots)
+def _moved(robot: Plant, choices: GaitChoices, loop: Loop, before: np.ndarray, chosen: Sampled, sampling: Sampling):
+    """The loop at the next choice; nodes and centres of mass from this one on, (frames, ..., robots), NaN for robots
+    that fail."""
+    clocks = (_own(robot, x) for x in choices.clocks(before, chosen.gaits, chosen.turns))
+    loop = loop._replace(memory=clock_moved(loop.memory, *clocks))
+    ticks, look = (round(seconds / robot.period) for seconds in (sampling.interval, 1 / sampling.per_second))
+    held = math.gcd(ticks, look)
+    bends = (between(sampling) @ chosen.knots)[np.arange(0, ticks, held) // look]
+    loop, *seen, failed = followed(robot, choices, _own(robot, chosen.gaits), loop, _own(robot, bends), held)
+    lanes = [np.asarray(x) if robot.robots is not None else np.asarray(x)[..., None] for x in seen]
+    return loop, [np.where(failed, np.nan, x) for x in lanes]
 
 
-def _frequency(policy: Steered) -> float:
-    return float(np.max(policy.policy.gait.frequency))  # type: ignore[attr-defined]
+def _told(path: np.ndarray, place: np.ndarray, sampling: Sampling) -> tuple[np.ndarray, np.ndarray]:
+    """The spread of the chosen samples at the horizon, and the distance of each robot's `place` from that foreseen."""
+    # between two looks where a choice falls there
+    when = sampling.interval * sampling.per_second
+    k = min(int(when + 1e-9), len(path) - 2)
+    soon = (path[k] + (when - k) * (path[k + 1] - path[k])).mean(1)
+    return np.sqrt(path[-1].var(1).sum(0)), np.linalg.norm(soon - place[:2], axis=0)
 
 
-def best(
-    many: Plant,
-    policy: Steered,
-    loop: Loop,
-    goal: np.ndarray,
-    draw: np.random.Generator,
-    sampling: Sampling,
-    before: np.ndarray,
-) -> tuple[np.ndarray, float]:
-    """The best knots, and the clock's jump in turns; the first sample continues as `before`."""
-    count, dtype = sampling.samples // sampling.rounds, many.options.dtype
-    found: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
-    for number in range(sampling.rounds):
-        if number:
-            knots, turns = _about_the_best(found, count, draw, sampling)
-        else:
-            knots = draw.uniform(-sampling.widest, sampling.widest, (len(before), count))
-            turns = draw.uniform(0, 1, count) * (draw.uniform(size=count) < sampling.jumping)
-            knots[:, 0], turns[0] = before, 0
-        bends, shifts = between(sampling) @ knots, turns / _frequency(policy)
-        look = round(1 / sampling.per_second / many.period)
-        path, failure = _tried(many, policy, loop, jnp.asarray(bends, dtype), jnp.asarray(shifts, dtype), look)
-        cost = costs(np.asarray(path)[:, :2], np.asarray(failure), goal, at_size(sampling.within, REACHED, many.scene))
-        found.append((knots, turns, cost))
-    knots, turns, cost = (np.concatenate(part, axis=-1) for part in zip(*found))
-    first = int(np.argmin(cost))
-    return knots[:, first], float(turns[first])
+def _near(path: np.ndarray, ways: list[Way], sampling: Sampling) -> np.ndarray:
+    """(frames, robots): whether the centre of mass is at the goal."""
+    goals = np.array([way.goal for way in ways]).T
+    return np.linalg.norm(path[:, :2] - goals, axis=1) < cast(float, sampling.within)
 
 
-def _about_the_best(found: list, count: int, draw: np.random.Generator, sampling: Sampling):
-    """Knots and turns, normally distributed about those of the best of earlier rounds, all with equal weights."""
-    knots, turns, cost = (np.concatenate(part, axis=-1) for part in zip(*found))
-    elite = np.argsort(cost, kind="stable")[: max(1, len(cost) // ELITE)]
-    chosen = draw.choice(elite, count)
-    moved = knots[:, chosen] + NARROW * sampling.widest * draw.normal(size=(len(knots), count))
-    return np.clip(moved, -sampling.widest, sampling.widest), turns[chosen] + LATER * draw.normal(size=count)
+def arrivals(scene: Scene, nodes: np.ndarray, path: np.ndarray, ways: list[Way], sampling: Sampling):
+    """Whether each robot reached its goal, the frame in which its journey was over, and the smallest gap until then, m.
 
-
-@eqx.filter_jit
-def _tried(many: Plant, policy: Steered, loop: Loop, bends: AnyArray, shifts: AnyArray, look: int):
-    """(looks, 3, samples), m, and (samples,): each sample's places, and whether it fails.
-
-    One compiled program from the robot's state on: uncompiled code takes longer than the rollouts.
+    `nodes` (frames, nodes, 3, robots) and `path` (frames, 3, robots), m, are NaN after a failure. A goal counts if it
+    was reached before a failure, without a touch.
     """
-    count = bends.shape[-1]
-    rows = lambda x: jnp.repeat(jnp.asarray(x, many.options.dtype)[..., None], count, axis=-1)  # noqa: E731
-    ahead = taken_over(many, loop, count)
-    ahead = ahead._replace(memory=clock_moved(ahead.memory, 1.0, shifts))
-    return followed(many, jax.tree.map(rows, policy), ahead, bends, look, each=True)[1:]
-
-
-@eqx.filter_jit
-def followed(plant: Plant, policy: Steered, loop: Loop, bends: AnyArray, look: int, *, each: bool = False):
-    """The loop after bends (looks,), or (looks, robots), the path with its start, (looks + 1, 3), and the failure."""
-
-    def one(loop: Loop, bend):
-        loop, _ = roll_on(plant, replace(policy, bend=bend), loop, look, lambda state: None, each=each)
-        return loop, places(plant, loop)
-
-    end, path = jax.lax.scan(one, loop, jnp.asarray(bends, plant.options.dtype))
-    return end, jnp.concatenate([places(plant, loop)[None], path]), failures(plant, end)
-
-
-def costs(path: np.ndarray, failure: np.ndarray, goal: np.ndarray, within: float = REACHED) -> np.ndarray:
-    """The cost of each sample, m: its final distance from the goal; where it arrives, the looks until then, less 1000.
-
-    `path` (looks, 2, samples), m. A sample arrives at half of `within`, m, since the robot is not the model; a failed
-    one is worse than all others.
-    """
-    away = np.linalg.norm(path - goal[:, None], axis=1)
-    arrives = np.where(away.min(0) < within / 2, (away < within / 2).argmax(0) - 1000.0, away[-1])
-    return np.where((failure == 0) & np.isfinite(arrives), arrives, np.inf)
+    near, fine = _near(path, ways, sampling), np.isfinite(nodes).all((1, 2))
+    there = near & np.logical_and.accumulate(fine, axis=0)
+    ended = np.where(there.any(0), there.argmax(0), np.where(fine.all(0), len(nodes) - 1, (~fine).argmax(0)))
+    gaps = [np.nanmin(gap(way.discs, scene, nodes[: end + 1, ..., k])) for k, (way, end) in enumerate(zip(ways, ended))]
+    return there.any(0) & (np.array(gaps) > 0), ended, np.array(gaps)

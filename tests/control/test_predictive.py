@@ -9,7 +9,9 @@ import pytest
 import jaxgrity
 from jaxgrity import InputError, SolverOptions, control
 from jaxgrity.control import PhaseLocked, Sampling, Steered, centre_offsets
-from jaxgrity.control.predictive import best, between, followed, shifted
+from jaxgrity.control.choices import one_choice
+from jaxgrity.control.obstacles import StraightWay
+from jaxgrity.control.samples import best, between, followed, shifted, sized
 from jaxgrity.control.steering import clock_moved
 
 HASTY = Sampling(samples=2, horizon=0.1, interval=0.1)
@@ -29,11 +31,16 @@ def walker():
 def test_costs_prefer_early_arrivals_and_refuse_failures():
     """Of samples that end 2 m away, arrive at the third look, at the second, and fail on the spot."""
     x = np.array([[3.0, 3.0, 3.0, 0.0], [2.5, 1.0, 0.1, 0.0], [2.0, 0.1, 4.0, 0.0]])
-    path = np.stack([x, np.zeros_like(x)], axis=1)
-    found = control.costs(path, np.array([0, 0, 0, 1]), np.zeros(2))
+    path, failed = np.stack([x, np.zeros_like(x)], axis=1)[:, :, None], np.array([[False, False, False, True]])
+    found = control.costs(path, failed, StraightWay(np.zeros(2)), Sampling(within=0.3, margin=0.1))
     np.testing.assert_array_equal(np.argsort(found), [2, 1, 0, 3])
     assert found[0] == 2.0
-    assert found[3] == np.inf
+    assert found[3] == 1e6
+
+
+def straight_on(sampling):
+    """One robot's gait and bends before its first choice."""
+    return np.zeros(1, int), np.zeros((sampling.knots, 1))
 
 
 @pytest.mark.slow
@@ -48,32 +55,41 @@ def test_a_robot_that_is_led_to_a_goal_comes_closer_than_one_that_is_not(walker)
     assert away(led.path) < away(alone) - 2
     near = np.linalg.norm(led.path[:, :2] - goal, axis=1) < 0.3
     assert led.reached == near.any()
-    assert led.seconds == pytest.approx((len(led.path) - 1) / 10)
+    assert led.seconds == pytest.approx((len(led.path) - 1) / 100)
+    assert led.arrived == len(led.path) - 1
     assert near.sum() == led.reached == near[-1]  # the path ends where the goal is reached
     assert len(led.bends) == np.ceil(led.seconds / 0.5)
 
 
-def test_rounds_about_the_best_find_better_ways_of_a_cart(walker, monkeypatch):
-    """Of a cart at 0.5 m/s that turns as it is bent, with its goal out of reach: the last distance is the cost."""
+@pytest.mark.parametrize("several", [False, True])
+def test_rounds_about_the_best_find_better_ways_of_a_cart(walker, monkeypatch, several):
+    """Of a cart at 0.5 m/s that turns as it is bent, with its goal out of reach: the last distance is the cost.
+
+    Of several gaits the first turns to the right, the second to the left, where the goal is, and the last one goes
+    straight on. Most of the first round turn to the right.
+    """
     plant, policy = walker
     loop, goal = control.loop_start(plant, policy, jax.random.key(0)), np.array([-1.0, 1.5])
+    choices = one_choice(policy)
+    if several:
+        choices = control.GaitChoices(jax.tree.map(lambda x: np.repeat(x, 3, axis=-1), choices.policy), ("", "", ""))
 
-    def tried(many, policy, loop, bends, shifts, look):
-        heading = np.cumsum(np.asarray(bends), axis=0) * 0.1
-        steps = 0.05 * np.stack([np.cos(heading), np.sin(heading), 0 * heading], axis=1)
-        return np.cumsum(steps, axis=0), np.zeros(bends.shape[-1], int)
+    def rolled_out(many, choices, gaits, loop, clocks, bends, ticks):
+        turning = np.array([-0.5, 0.5, 0.0])[gaits] if several else 0.0
+        heading = np.cumsum(np.concatenate([0 * bends[:1], bends + turning]), axis=0) * 0.1
+        steps = 0.05 * np.stack([np.cos(heading), np.sin(heading)], axis=1)
+        return np.cumsum(steps, axis=0) - steps[0], np.zeros(bends.shape[-1], bool)
 
-    monkeypatch.setattr("jaxgrity.control.predictive._tried", tried)
+    monkeypatch.setattr("jaxgrity.control.samples._rolled_out", rolled_out)
 
     def away(seed, rounds):
-        sampling, draw = Sampling(samples=64, rounds=rounds, horizon=3.0), np.random.default_rng(seed)
-        knots, _ = best(plant, policy, loop, goal, draw, sampling, np.zeros(sampling.knots))
-        path, _ = tried(None, None, None, (between(sampling) @ knots)[:, None], None, 10)
-        return np.linalg.norm(path[-1, :2, 0] - goal)
+        sampling, draw = sized(Sampling(rounds=rounds), plant.scene), np.random.default_rng(seed)
+        found = best(plant, choices, loop, [StraightWay(goal)], draw, sampling, straight_on(sampling))
+        return np.linalg.norm(found.path[-1, :, 0, 0] - goal)
 
-    once, several = (np.mean([away(seed, rounds) for seed in range(30)]) for rounds in (1, 4))
+    once, more = (np.mean([away(seed, rounds) for seed in range(30)]) for rounds in (1, 4))
     straight = np.linalg.norm(goal - [1.5, 0.0])
-    assert several < once < straight - 0.3
+    assert more < once < straight - 0.3
 
 
 @pytest.mark.campaign
@@ -85,12 +101,12 @@ def test_rounds_about_the_best_find_better_ways(walker):
     goal = np.array([-1.0, 1.5])
 
     def reached(seed, **how):
-        sampling, draw = Sampling(horizon=3.0, **how), np.random.default_rng(seed)
-        many = control.side_by_side(plant, sampling.samples // sampling.rounds)
-        knots, turns = best(many, policy, loop, goal, draw, sampling, np.zeros(sampling.knots))
-        bends = between(sampling) @ knots
-        moved = loop._replace(memory=clock_moved(loop.memory, 1.0, turns / float(policy.policy.gait.frequency[0])))
-        _, path, _ = followed(plant, policy, moved, bends, 10)
+        sampling, draw = sized(Sampling(**how), plant.scene), np.random.default_rng(seed)
+        many, choices = control.side_by_side(plant, sampling.drawn), one_choice(policy)
+        found = best(many, choices, loop, [StraightWay(goal)], draw, sampling, straight_on(sampling))
+        jump = float(found.turns[0]) / float(policy.policy.gait.frequency[0])
+        moved = loop._replace(memory=clock_moved(loop.memory, 1.0, jump))
+        _, _, path, _ = followed(plant, choices, 0, moved, between(sampling) @ found.knots[:, 0], 10)
         return np.linalg.norm(np.asarray(path)[-1, :2] - goal)
 
     once = [reached(seed, samples=64, rounds=1) for seed in range(6)]
@@ -102,11 +118,12 @@ def test_what_is_left_of_a_way_is_tried_first(walker):
     """Of one sample for each choice nothing else is tried."""
     plant, policy = walker
     loop = control.loop_start(plant, policy, jax.random.key(0))
-    sampling, before = HASTY._replace(samples=1, rounds=1), np.array([0.1, -0.2, 0.3])
-    many = control.side_by_side(plant, 1)
-    knots, turns = best(many, policy, loop, np.ones(2), np.random.default_rng(0), sampling, before)
-    np.testing.assert_array_equal(knots, before)
-    assert turns == 0
+    sampling = sized(HASTY._replace(samples=1, rounds=1), plant.scene)
+    before = np.zeros(1, int), np.array([[0.1], [-0.2], [0.3]])
+    many, way = control.side_by_side(plant, 1), StraightWay(np.ones(2))
+    found = best(many, one_choice(policy), loop, [way], np.random.default_rng(0), sampling, before)
+    np.testing.assert_array_equal(found.knots, before[1])
+    assert found.turns == 0
 
 
 def test_bends_change_along_straight_lines_between_knots():
@@ -115,7 +132,9 @@ def test_bends_change_along_straight_lines_between_knots():
     bends = between(sampling) @ np.array([0.0, 0.5, 0.1])
     np.testing.assert_allclose(bends, [0.05, 0.15, 0.25, 0.35, 0.45, 0.46, 0.38, 0.30, 0.22, 0.14])
     np.testing.assert_allclose(between(Sampling(horizon=1.0, knots=1)) @ np.array([0.3]), 0.3)
-    np.testing.assert_allclose(shifted(np.array([0.0, 0.5, 0.1]), sampling), [0.5, 0.1, 0.1])
+    knots = np.array([[0.0, 0.3], [0.5, 0.3], [0.1, 0.0]])
+    np.testing.assert_allclose(shifted(knots, sampling), [[0.5, 0.3], [0.1, 0.0], [0.1, 0.0]])
+    np.testing.assert_array_equal(shifted(np.array([[0.2, -0.1]]), sampling), [[0.2, -0.1]])
 
 
 def test_a_journey_makes_no_choice_beyond_its_patience(walker):
@@ -137,6 +156,61 @@ def test_gaits_of_several_frequencies_have_no_cycle_to_jump_in(walker):
         control.gait_choices(jaxgrity.load_scene("exact").structure, {"odd": odd.policy})
 
 
+def test_one_robot_is_led_as_many_of_one(walker):
+    """And has no axis of robots in its journey."""
+    plant, policy = walker
+    sampling, goal = HASTY._replace(patience=0.6), np.array([0.5, 0.5])
+    alone = control.lead_to(plant, plant, policy, goal, sampling=sampling)
+    many = control.lead_to(control.side_by_side(plant, 1), plant, policy, [goal], sampling=sampling)
+    for name in ("nodes", "path", "arrived", "bends", "gaits", "spread"):
+        one, other = getattr(alone, name), getattr(many, name)
+        assert other.shape == (*one.shape, 1)
+        np.testing.assert_allclose(other[..., 0], one, atol=1e-4)
+    assert alone.path.shape == (61, 3)
+    assert np.ptp(alone.path[:, :2], axis=0).max() > 1e-3
+
+
+def test_all_settings_go_together(walker):
+    """Two robots, one in the open and one beside a post; several gaits, frictions, knots and rounds."""
+    plant, policy = walker
+    gaits = control.gait_choices(jaxgrity.load_scene("exact").structure, {"lasting": policy.policy})
+    post = control.Discs(np.array([[1.0, 2.0]]), np.array([0.3]))
+    goals = [np.array([3.0, 0.0]), control.way_map(post, np.array([-3.0, 0.0]), (-5.0, -5.0, 5.0, 5.0))]
+    sampling = Sampling(samples=8, horizon=0.5, interval=0.25, patience=0.5, friction=(0.5, 1.5), seed=3)
+    seen: list[int] = []
+    led = control.lead_to(control.side_by_side(plant, 2), plant, gaits, goals, sampling=sampling, on_choice=seen.append)
+    assert seen == [0, 1]
+    assert led.path.shape == (51, 3, 2)
+    assert led.nodes.shape == (51, 12, 3, 2)
+    assert {np.shape(x) for x in (led.gaits, led.bends, led.spread, led.surprise)} == {(2, 2)}
+    assert led.gap[0] == np.inf
+    assert 1.0 < led.gap[1] < 2.0
+    assert not led.reached.any()
+    assert led.spread.max() > 0
+    assert led.surprise.max() < 0.05
+
+
+@pytest.mark.parametrize(
+    ("goal", "message"),
+    [
+        (np.ones(3), r"goal = \[1. 1. 1.\]: expected a place"),
+        (np.array([1.0, np.nan]), r"goal = \[ 1. nan\]: expected a place"),
+        ("there", "goal = there: expected a place"),
+        ([1.0, 2.0, 3.0], "goal = .*: expected a place"),
+    ],
+)
+def test_goals_that_are_no_places_are_refused(walker, goal, message):
+    plant, policy = walker
+    with pytest.raises(InputError, match=message):
+        control.lead_to(plant, plant, policy, goal)
+
+
+def test_many_robots_have_a_goal_each(walker):
+    plant, policy = walker
+    with pytest.raises(InputError, match="goal: 1 for 2 robots; expected one for each"):
+        control.lead_to(control.side_by_side(plant, 2), plant, policy, np.ones((1, 2)))
+
+
 def test_a_policy_of_another_goal_is_led_as_one_without(walker):
     """What it was going to does not count."""
     plant, policy = walker
@@ -153,10 +227,11 @@ def test_a_policy_of_another_goal_is_led_as_one_without(walker):
 @pytest.mark.parametrize(
     ("how", "message"),
     [
-        ({"interval": 0.05}, "interval = 0.05 s: expected a multiple of 0.1 s"),
-        ({"interval": 0.25}, "interval = 0.25 s: expected a multiple of 0.1 s"),
+        ({"interval": 0.005}, "interval = 0.005 s: expected a multiple of 0.01 s"),
+        ({"interval": 0.255, "horizon": 2.0}, "interval = 0.255 s: expected a multiple of 0.01 s"),
+        ({"horizon": 1.05}, "horizon = 1.05 s: expected a multiple of 0.1 s"),
         ({"per_second": 200}, "1 / per_second = 0.005 s: expected a multiple of 0.01 s"),
-        ({"within": 0.0}, "within = 0 m: expected a positive distance"),
+        ({"within": 0.0}, "within, margin = 0, 0.1 m: expected finite numbers, the first above 0"),
         ({"patience": 0.0}, "patience = 0 s: expected a multiple of 0.5 s"),
         ({"patience": np.nan}, "patience = nan s: expected a multiple of 0.5 s"),
         ({"patience": 0.7}, "patience = 0.7 s: expected a multiple of 0.5 s"),
@@ -166,7 +241,10 @@ def test_a_policy_of_another_goal_is_led_as_one_without(walker):
         ({"samples": 64.0}, "samples = 64.0, .*: expected whole numbers"),
         ({"knots": 0}, "knots = 0, .*: expected whole numbers, at least 1"),
         ({"per_second": 0}, "per_second = 0: expected whole numbers, at least 1"),
-        ({"widest": -1.0}, "widest = -1, jumping = 0.5: expected a bend above 0"),
+        ({"widest": -1.0}, "widest = -1, jumping = 0.5, usual = 0.6: expected numbers from 0 to 1"),
+        ({"usual": np.nan}, "widest = 0.6, jumping = 0.5, usual = nan: expected numbers from 0 to 1"),
+        ({"friction": ()}, r"friction = \(\): expected factors that are not negative, at least one"),
+        ({"friction": (1.0, -0.5)}, r"friction = \(1.0, -0.5\): expected factors that are not negative"),
     ],
 )
 def test_samplings_that_make_no_sense_are_refused(walker, how, message):
@@ -182,10 +260,8 @@ def test_a_model_that_acts_at_other_times_is_refused(walker):
         control.lead_to(plant, model, policy, np.ones(2))
 
 
-def test_policies_without_a_clock_and_goals_that_are_no_places_are_refused(walker):
+def test_policies_without_a_clock_are_refused(walker):
     plant, policy = walker
     blind = replace(policy, policy=control.OpenLoop(policy.policy.gait))
     with pytest.raises(InputError, match=r"policy = Steered\(OpenLoop\): expected a Steered\(PhaseLocked\)"):
         control.lead_to(plant, plant, blind, np.ones(2))
-    with pytest.raises(InputError, match=r"goal = \[1.0, 1.0, 1.0\]: expected a place"):
-        control.lead_to(plant, plant, policy, np.ones(3))

@@ -9,13 +9,13 @@ import pytest
 
 import jaxgrity
 from jaxgrity import Cylinder, InputError, Slope, SolverOptions, Union, control
-from jaxgrity.control import Discs, Foresight, PhaseLocked
+from jaxgrity.control import CAUTIOUS, Discs, PhaseLocked, Sampling
+from jaxgrity.control.predictive import arrivals
 from jaxgrity.control.tasks import REACHED, at_size
-from jaxgrity.control.travels import travels_of, way_costs
 
 ARENA = (-2.0, -4.0, 12.0, 4.0)
 NOTHING = Discs(np.zeros((0, 2)), np.zeros(0))
-NEAR = Foresight(samples=6, interval=0.5, horizon=1.5, patience=6.0)
+NEAR = CAUTIOUS._replace(samples=6, interval=0.5, horizon=1.5, patience=6.0)
 """what serves several tests by the same programs, with two frictions"""
 
 
@@ -216,7 +216,7 @@ def test_bad_input_is_refused(scene, make, message):
         make(scene)
 
 
-def led(scene, discs: list[Discs], foresight: Foresight):
+def led(scene, discs: list[Discs], sampling: Sampling):
     """Robots that stand at the origin, with goals 3 m away along x."""
     gaits = control.gait_choices(scene.structure, {"lasting": PhaseLocked(jaxgrity.load_gait("lasting"))})
     model = control.plant_of(scene, gaits.policy.members, options=SolverOptions(dt=0.01, dtype="float32"))
@@ -225,8 +225,8 @@ def led(scene, discs: list[Discs], foresight: Foresight):
     start = q, np.zeros_like(q)
     many = control.side_by_side(model, len(discs))
     with pytest.raises(InputError, match="expected one for each"):
-        control.travel(many, model, gaits, maps[:-1])
-    return control.travel(many, model, gaits, maps, start=start, foresight=foresight)
+        control.lead_to(many, model, gaits, maps[:-1])
+    return control.lead_to(many, model, gaits, maps, start=start, sampling=sampling)
 
 
 def test_arriving_does_not_make_up_for_touching():
@@ -240,12 +240,12 @@ def test_arriving_does_not_make_up_for_touching():
     soon = np.stack([np.minimum(6 * share, 3.0), 0 * share], axis=1)
     still = 0 * straight
     detour = np.stack([3 * share, 1.5 * np.sin(np.pi * np.minimum(share, 0.8))], axis=1)
-    paths = np.stack([straight, soon, detour, still, straight], axis=-1)[..., None]
-    failed = np.array([False] * 4 + [True])[:, None]
-    foresight, goal = Foresight(reach=0.3, margin=0.1, within=0.3), np.array([3.0, 0.0])
+    paths = np.stack([straight, soon, detour, still, straight], axis=-1)[:, :, None]
+    failed = np.array([[False] * 4 + [True]])
+    sampling, goal = Sampling(margin=0.1, within=0.3), np.array([3.0, 0.0])
     disc = Discs(np.array([[2.2, 0.0]]), np.array([0.3]))
     ways = [control.way_map(discs, goal, ARENA, reach=0.3) for discs in (NOTHING, disc)]
-    free, blocked = (way_costs(paths, failed, way, foresight) for way in ways)
+    free, blocked = (control.costs(paths, failed, way, sampling) for way in ways)
     assert free.argmin() == 1
     assert free.argmax() == blocked.argmax() == 4
     assert blocked[2] < blocked[0]
@@ -263,11 +263,10 @@ def test_a_goal_counts_that_was_reached_in_time_and_with_nothing_touched(scene):
     path = nodes.mean(1)
     beside, amid = (Discs(np.array([[3.0, y]]), np.array([0.3])) for y in (2.0, 0.0))
     maps = [control.way_map(discs, goal, ARENA) for discs in (beside, amid, beside, beside)]
-    said = [np.zeros((1, 4)), np.zeros((1, 4)), np.zeros((1, 4))]
-    found = travels_of(scene, (nodes, path), maps, said, [1.0])
-    assert found.reached.tolist() == [True, False, False, False]
-    assert found.gap[0] > 0 > found.gap[1]
-    assert found.arrived.tolist() == [23, 23, 10, 24]
+    reached, arrived, gaps = arrivals(scene, nodes, path, maps, Sampling(within=0.3))
+    assert reached.tolist() == [True, False, False, False]
+    assert gaps[0] > 0 > gaps[1]
+    assert arrived.tolist() == [23, 23, 10, 24]
 
 
 @pytest.mark.campaign
@@ -281,15 +280,29 @@ def test_where_a_robot_is_does_not_depend_on_what_it_is_taken_for(scene):
     )
     maps = [control.way_map(NOTHING, np.array([3.0, 0.0]), ARENA)]
     quick = NEAR._replace(friction=(1.0, 1.0), patience=0.5)
-    found = control.travel(control.side_by_side(robot, 1), model, gaits, maps, foresight=quick)
+    found = control.lead_to(control.side_by_side(robot, 1), model, gaits, maps, sampling=quick)
     own = jaxgrity.stepping.centre_of_mass(robot.scene, found.nodes[-1, ..., 0])
     np.testing.assert_allclose(found.path[-1, :, 0], own, atol=1e-5)
     assert np.abs(own - found.nodes[-1, ..., 0].mean(0)).max() > 0.01
 
 
 def test_maps_for_a_smaller_robot_are_refused(scene):
-    with pytest.raises(InputError, match=r"maps: made for a reach of 0.6 m; expected at least 0.9 m"):
-        led(scene, [NOTHING], Foresight(reach=0.9))
+    gaits = control.gait_choices(scene.structure, {"lasting": PhaseLocked(jaxgrity.load_gait("lasting"))})
+    post = Discs(np.array([[1.0, 2.0]]), np.array([0.3]))
+    way = control.way_map(post, np.array([3.0, 0.0]), ARENA)
+    built = scene.structure
+    struts = replace(built.struts, rest_length=2 * built.struts.rest_length)
+    large = replace(scene, structure=replace(built, nodes=2 * built.nodes, struts=struts))
+    for one, margin, found in ((large, None, "0.2"), (scene, -0.1, "-0.1")):
+        robot, sampling = control.plant_of(one, gaits.policy.members), CAUTIOUS._replace(margin=margin)
+        with pytest.raises(InputError, match=rf"made for a reach of 0.6 m, margin = {found} m; expected at least"):
+            control.lead_to(robot, robot, gaits, way, sampling=sampling)
+
+
+def test_one_sample_is_no_choice_of_gaits(scene):
+    """As before, or rest."""
+    with pytest.raises(InputError, match="samples = 4: expected at least 2 in each round, to choose from gaits"):
+        led(scene, [NOTHING], CAUTIOUS._replace(samples=4, rounds=4))
 
 
 @pytest.mark.slow
@@ -297,7 +310,8 @@ def test_robots_are_led_to_goals_and_never_touch_without_being_told(scene):
     """One in the open arrives; one whose goal is walled in does not, and keeps clear of the wall or is told not to."""
     angle = np.linspace(0, 2 * np.pi, 16, endpoint=False)
     ring = Discs(np.array([3.0, 0.0]) + 1.2 * np.stack([np.cos(angle), np.sin(angle)], axis=1), np.full(16, 0.25))
-    found = led(scene, [NOTHING, ring], Foresight(samples=16, friction=(1.0,), interval=0.5, patience=25.0))
+    sampling = CAUTIOUS._replace(samples=16, friction=(1.0,), interval=0.5, patience=25.0)
+    found = led(scene, [NOTHING, ring], sampling)
     assert found.reached.tolist() == [True, False]
     end = found.arrived[0]
     assert np.linalg.norm(found.path[end, :2, 0] - [3.0, 0.0]) < 0.3
@@ -315,24 +329,6 @@ def test_ways_spread_where_robots_of_the_model_differ(scene):
     spreads = [led(scene, [NOTHING], NEAR._replace(friction=friction)).spread for friction in ((1.0, 1.0), (0.5, 1.5))]
     assert spreads[0].max() == 0
     assert spreads[1].max() > 0.01
-
-
-@pytest.mark.parametrize(
-    ("how", "message"),
-    [
-        ({"samples": 1}, "samples = 1, friction = (0.75, 1.0, 1.25): expected at least 2 samples"),
-        ({"friction": ()}, "samples = 24, friction = (): expected at least 2 samples, and factors"),
-        ({"patience": 0.5}, "patience = 0.5 s: expected a multiple of 0.75 s"),
-        ({"widest": np.nan}, "widest = nan, usual = 0.6: expected numbers from 0 to 1"),
-        ({"reach": 0.0}, "reach, margin, within = 0, 0.1, 0.3 m: expected a positive reach"),
-        ({"horizon": 0.5}, "horizon = 0.5 s: expected at least the interval, 0.75 s"),
-        ({"interval": 0.755}, "interval = 0.755 s: expected a multiple of 0.01 s"),
-        ({"horizon": 0.05}, "horizon = 0.05 s: expected a multiple of 0.1 s"),
-    ],
-)
-def test_foresight_that_makes_no_sense_is_refused(scene, how, message):
-    with pytest.raises(InputError, match=re.escape(message)):
-        led(scene, [NOTHING], Foresight(**how))
 
 
 def test_the_clock_heeds_how_fast_struts_swing(scene):
