@@ -2,14 +2,17 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from jaxgrity.control.feedback import PhaseLocked, one_frequency
-from jaxgrity.control.steering import Steered, centre_offsets
+from jaxgrity.control.learned import Deployed
+from jaxgrity.control.policies import Memory, Policy
+from jaxgrity.control.steering import Steered, centre_offsets, clock_moved
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray
@@ -35,8 +38,13 @@ class GaitChoices(NamedTuple):
 
     def chosen(self, rows: AnyArray, bends: AnyArray) -> Steered:
         """The policy of robots with these gaits, (robots,), and these bends, (robots,), the robots last."""
-        taken = jax.tree.map(lambda x: jnp.asarray(x)[..., jnp.asarray(rows)], self.policy)
+        taken = _rows(self.policy, rows)
         return replace(taken, bend=jnp.asarray(bends, taken.bend.dtype))
+
+    @property
+    def bend(self) -> float:
+        """The bend before the first choice."""
+        return float(np.ravel(self.policy.bend)[0])
 
     def clocks(self, before: np.ndarray, after: np.ndarray, turns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Factors on the clocks of robots that change from one gait to another at the same angle, and the seconds by
@@ -44,15 +52,63 @@ class GaitChoices(NamedTuple):
         frequency = np.atleast_2d(self.policy.policy.gait.frequency)[0]  # type: ignore[attr-defined]
         return frequency[before] / frequency[after], turns.astype(frequency.dtype) / frequency[after]
 
+    def moved(self, memory: Memory, factors: AnyArray, seconds: AnyArray) -> Memory:
+        """The memory with its clock changed as `clocks` says."""
+        return clock_moved(memory, factors, seconds)
 
-def one_choice(policy: Steered) -> GaitChoices:
-    """A policy alone, without its goal. Raises `InputError` where it has no bend, or no clock of one frequency."""
+
+class Headings(NamedTuple):
+    """A learned policy whose heading is chosen, in place of a gait's bend; it has no clock that could jump."""
+
+    policy: Deployed
+    """its arrays have one row, as the last axis"""
+    names: tuple[str, ...] = ("",)
+    bend: float = 0.0
+
+    def chosen(self, rows: AnyArray, bends: AnyArray) -> Deployed:
+        """The policy of robots whose headings are turned to the left, (robots,), by half a turn for a bend of 1."""
+        taken = _rows(self.policy, rows)
+        angle = jnp.pi * jnp.asarray(bends, taken.heading.dtype)
+        (x, y), c, s = taken.heading, jnp.cos(angle), jnp.sin(angle)
+        # no `replace`, which would check the policy with the observation of one robot
+        return eqx.tree_at(lambda own: own.heading, taken, jnp.stack([c * x - s * y, s * x + c * y]))
+
+    def clocks(self, before: np.ndarray, after: np.ndarray, turns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Without an effect."""
+        return np.ones(turns.shape), np.zeros(turns.shape)
+
+    def moved(self, memory: Memory, factors: AnyArray, seconds: AnyArray) -> Memory:
+        """The memory as it is."""
+        return memory
+
+
+Choices = GaitChoices | Headings
+"""What a predictive controller chooses from."""
+
+
+def choices_of(policy: Policy | GaitChoices) -> Choices:
+    """A policy alone, without its goal. Raises `InputError` for one without a bend and a clock of one frequency, or a
+    heading."""
+    if isinstance(policy, GaitChoices):
+        return policy
+    if isinstance(policy, Deployed) and policy.heading is not None:
+        return Headings(jax.tree.map(_one_row, policy))
     if not (isinstance(policy, Steered) and isinstance(policy.policy, PhaseLocked)):
         found = f"Steered({type(policy.policy).__name__})" if isinstance(policy, Steered) else type(policy).__name__
-        raise InputError(f"policy = {found}: expected a Steered(PhaseLocked), whose bend and clock are chosen")
+        expected = "a Steered(PhaseLocked), whose bend and clock are chosen, or a Deployed with a heading"
+        raise InputError(f"policy = {found}: expected {expected}")
     one_frequency(policy.policy.gait)
-    alone = jax.tree.map(lambda x: np.asarray(x, float)[..., None], replace(policy, goal=None))
-    return GaitChoices(alone, ("",))
+    return GaitChoices(jax.tree.map(_one_row, replace(policy, goal=None)), ("",))
+
+
+def _one_row(x: Any) -> Any:
+    """An array with a last axis of one row; what is no array stays as it is."""
+    return np.asarray(x, float)[..., None] if eqx.is_array_like(x) else x
+
+
+def _rows(tree: Any, rows: AnyArray) -> Any:
+    """The tree with these rows of all its arrays."""
+    return jax.tree.map(lambda x: jnp.asarray(x)[..., jnp.asarray(rows)] if eqx.is_array_like(x) else x, tree)
 
 
 @typed

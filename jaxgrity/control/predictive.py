@@ -13,12 +13,13 @@ from typing import Any, NamedTuple, cast
 import jax
 import numpy as np
 
-from jaxgrity.control.choices import GaitChoices, one_choice
+from jaxgrity.control.choices import Choices, GaitChoices, choices_of
 from jaxgrity.control.closed_loop import Loop, loop_start
+from jaxgrity.control.learned import Deployed
 from jaxgrity.control.obstacles import SAME_REACH, StraightWay, Way, WayMap, gap, reach_of
 from jaxgrity.control.plant import Plant, check_model, check_one, side_by_side, whole_number
 from jaxgrity.control.samples import Sampled, Sampling, best, between, followed, shifted, sized
-from jaxgrity.control.steering import Steered, clock_moved
+from jaxgrity.control.steering import Steered
 from jaxgrity.core.arguments import is_count
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
@@ -64,7 +65,7 @@ class Journey(NamedTuple):
 def lead_to(
     robot: Plant,
     model: Plant,
-    policy: Steered | GaitChoices,
+    policy: Steered | Deployed | GaitChoices,
     goal: AnyArray | WayMap | Sequence,
     *,
     start: State | None = None,
@@ -77,7 +78,8 @@ def lead_to(
         robot: one robot, as from `plant_of`, or many, as from `side_by_side`, each of which goes its own way.
         model: the controller's model of each, as from `plant_of`, with the same members and period.
         policy: a gait with feedback that can be steered; its own goal does not count. Or several to choose from, as
-            from `gait_choices`.
+            from `gait_choices`. Or a learned policy with a heading, which each bend turns to the left, by half a turn
+            for a bend of 1.
         goal: (2,), m, on ground without obstacles; or the way round obstacles to it, as from `way_map`. For many
             robots one for each.
         start: q and v, for many robots with the robots last; by default the scene's.
@@ -89,14 +91,17 @@ def lead_to(
 
     Raises:
         InputError: invalid settings, or a goal that is no place; maps for a smaller robot, or not one for each; a model
-            or policy with other members than the robot, or another period; a policy that is not `PhaseLocked` at one
-            frequency and `Steered`; times that are no multiples of each other.
+            or policy with other members than the robot, or another period; a policy without a bend and a clock, or a
+            heading; times that are no multiples of each other.
     """
-    choices = policy if isinstance(policy, GaitChoices) else one_choice(policy)
+    choices = choices_of(policy)
     ways, sampling = _ways(robot, goal), sized(sampling, model.scene)
     count = _checked(robot, model, choices, ways, sampling)
     draw, many = np.random.default_rng(sampling.seed), _trying(model, len(ways), sampling)
-    gaits, knots = np.zeros(len(ways), int), np.full((sampling.knots, len(ways)), float(choices.policy.bend[0]))
+    gaits, knots = (
+        np.zeros(len(ways), int),
+        np.full((sampling.knots, len(ways)), choices.bend),
+    )
     first, key = choices.chosen(_own(robot, gaits), _own(robot, knots[0])), jax.random.key(sampling.seed)
     loop = loop_start(robot, first, key, start, each=robot.robots is not None)
     frames, said, spent, over = [], [], [], np.zeros(len(ways), bool)
@@ -117,7 +122,7 @@ def lead_to(
     reached, arrived, gaps = arrivals(model.scene, nodes, path, ways, sampling)
     end, real_time = arrived.max() + 1, sampling.interval / float(np.median(spent[1:] or spent))
     found = nodes[:end], path[:end], reached, arrived, arrived * robot.period, gaps, *map(np.array, zip(*said))
-    return Journey(*(_own(robot, x) for x in found), np.array(spent), real_time)
+    return Journey(*(_own(robot, x) for x in found), spent=np.array(spent), real_time=real_time)
 
 
 def _own(robot: Plant, x: Any) -> Any:
@@ -142,7 +147,7 @@ def _ways(robot: Plant, goal: Any) -> list[Way]:
     return ways
 
 
-def _checked(robot: Plant, model: Plant, choices: GaitChoices, ways: list[Way], sampling: Sampling) -> int:
+def _checked(robot: Plant, model: Plant, choices: Choices, ways: list[Way], sampling: Sampling) -> int:
     """The number of choices. Raises `InputError` for another model than the robot's, and for settings that make no
     sense, or do not fit maps or times."""
     check_model(robot, model)
@@ -184,11 +189,11 @@ def _trying(model: Plant, robots: int, sampling: Sampling) -> Plant:
     return side_by_side(model, tries * len(sampling.friction), differences)
 
 
-def _moved(robot: Plant, choices: GaitChoices, loop: Loop, before: np.ndarray, chosen: Sampled, sampling: Sampling):
+def _moved(robot: Plant, choices: Choices, loop: Loop, before: np.ndarray, chosen: Sampled, sampling: Sampling):
     """The loop at the next choice; nodes and centres of mass from this one on, (frames, ..., robots), NaN for robots
     that fail."""
     clocks = (_own(robot, x) for x in choices.clocks(before, chosen.gaits, chosen.turns))
-    loop = loop._replace(memory=clock_moved(loop.memory, *clocks))
+    loop = loop._replace(memory=choices.moved(loop.memory, *clocks))
     ticks, look = (round(seconds / robot.period) for seconds in (sampling.interval, 1 / sampling.per_second))
     held = math.gcd(ticks, look)
     bends = (between(sampling) @ chosen.knots)[np.arange(0, ticks, held) // look]

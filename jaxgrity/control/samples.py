@@ -6,7 +6,6 @@ have different friction.
 """
 
 import math
-from dataclasses import replace
 from typing import NamedTuple, cast
 
 import equinox as eqx
@@ -14,11 +13,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxgrity.control.choices import GaitChoices
+from jaxgrity.control.choices import Choices
 from jaxgrity.control.closed_loop import Loop, failures, roll_on, taken_over
 from jaxgrity.control.obstacles import Way, room
 from jaxgrity.control.plant import Plant
-from jaxgrity.control.steering import clock_moved
 from jaxgrity.control.tasks import REACHED, at_size
 from jaxgrity.core.types import AnyArray
 from jaxgrity.model.scene import Scene
@@ -109,7 +107,7 @@ Drawn = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 def best(
     many: Plant,
-    choices: GaitChoices,
+    choices: Choices,
     loop: Loop,
     ways: list[Way],
     draw: np.random.Generator,
@@ -130,7 +128,7 @@ def best(
     return Sampled(*(x[..., np.arange(len(ways)), first] for x in tried))
 
 
-def _first(draw: np.random.Generator, choices: GaitChoices, before, sampling: Sampling) -> Drawn:
+def _first(draw: np.random.Generator, choices: Choices, before, sampling: Sampling) -> Drawn:
     """Samples at random; the first one goes on as `before`, and the second of several gaits is rest."""
     shape, several = (len(before[0]), sampling.drawn), len(choices.names) > 1
     gaits = np.zeros(shape, int)
@@ -141,7 +139,7 @@ def _first(draw: np.random.Generator, choices: GaitChoices, before, sampling: Sa
     if several:
         knots = knots * (draw.uniform(size=shape) < BENT)
     turns = draw.uniform(0, 1, shape) * (draw.uniform(size=shape) < sampling.jumping)
-    gaits[:, 0], knots[..., 0], turns[:, 0] = *before, 0
+    (gaits[:, 0], knots[..., 0]), turns[:, 0] = before, 0
     if several:
         gaits[:, 1], knots[..., 1], turns[:, 1] = len(choices.names) - 1, 0, 0
     return gaits, knots, turns
@@ -171,7 +169,7 @@ def shifted(knots: np.ndarray, sampling: Sampling) -> np.ndarray:
     return np.stack([np.interp(times + sampling.interval, times, each) for each in knots.T], axis=-1)
 
 
-def _foreseen(many: Plant, choices: GaitChoices, loop: Loop, before: np.ndarray, drawn: Drawn, sampling: Sampling):
+def _foreseen(many: Plant, choices: Choices, loop: Loop, before: np.ndarray, drawn: Drawn, sampling: Sampling):
     """The paths of all samples, as in `Sampled`, and which of them fail, (copies, robots, samples)."""
     gaits, knots, turns = drawn
     copies = len(sampling.friction)
@@ -186,26 +184,25 @@ def _foreseen(many: Plant, choices: GaitChoices, loop: Loop, before: np.ndarray,
 
 
 @eqx.filter_jit
-def _rolled_out(many: Plant, choices: GaitChoices, gaits, loop: Loop, clocks, bends, ticks: int):
+def _rolled_out(many: Plant, choices: Choices, gaits, loop: Loop, clocks, bends, ticks: int):
     """(looks + 1, 2, lanes), m, and (lanes,): the places of each robot of the model, and whether it fails.
 
     One compiled program from the robots' states on: uncompiled code takes longer than the rollouts.
     """
     ahead = taken_over(many, loop, cast(int, many.robots) // math.prod(loop.plant.motion[0].shape[2:]))
-    ahead = ahead._replace(memory=clock_moved(ahead.memory, *clocks))
+    ahead = ahead._replace(memory=choices.moved(ahead.memory, *clocks))
     _, _, path, failed = followed(many, choices, gaits, ahead, bends, ticks)
     return path[::ticks, :2], failed
 
 
 @eqx.filter_jit
-def followed(plant: Plant, choices: GaitChoices, gaits: AnyArray, loop: Loop, bends: AnyArray, ticks: int):
+def followed(plant: Plant, choices: Choices, gaits: AnyArray, loop: Loop, bends: AnyArray, ticks: int):
     """The loop after `bends`, (parts,) or (parts, robots), each held for some control periods; nodes and centres of
     mass at the start and after each period, and whether each robot failed."""
-    policy, each = choices.chosen(gaits, bends[0]), plant.robots is not None
-    centre = plant.lift(centre_of_mass, ("s", -1))
+    centre, each = plant.lift(centre_of_mass, ("s", -1)), plant.robots is not None
     seen = lambda state: (state.motion[0], centre(plant.scene, state.motion[0]))  # noqa: E731
-    part = lambda loop, bend: roll_on(plant, replace(policy, bend=bend), loop, ticks, seen, each=each)  # noqa: E731
-    end, later = jax.lax.scan(part, loop, jnp.asarray(bends, policy.bend.dtype))
+    part = lambda loop, bend: roll_on(plant, choices.chosen(gaits, bend), loop, ticks, seen, each=each)  # noqa: E731
+    end, later = jax.lax.scan(part, loop, jnp.asarray(bends, plant.options.dtype))
     each_tick = (x.reshape(-1, *x.shape[2:]) for x in later)
     nodes, path = (jnp.concatenate([a[None], b]) for a, b in zip(seen(loop.plant), each_tick))
     return end, nodes, path, failures(plant, end) != 0

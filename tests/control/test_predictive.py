@@ -9,7 +9,7 @@ import pytest
 import jaxgrity
 from jaxgrity import InputError, SolverOptions, control
 from jaxgrity.control import PhaseLocked, Sampling, Steered, centre_offsets
-from jaxgrity.control.choices import one_choice
+from jaxgrity.control.choices import choices_of
 from jaxgrity.control.obstacles import StraightWay
 from jaxgrity.control.samples import best, between, followed, shifted, sized
 from jaxgrity.control.steering import clock_moved
@@ -70,7 +70,7 @@ def test_rounds_about_the_best_find_better_ways_of_a_cart(walker, monkeypatch, s
     """
     plant, policy = walker
     loop, goal = control.loop_start(plant, policy, jax.random.key(0)), np.array([-1.0, 1.5])
-    choices = one_choice(policy)
+    choices = choices_of(policy)
     if several:
         choices = control.GaitChoices(jax.tree.map(lambda x: np.repeat(x, 3, axis=-1), choices.policy), ("", "", ""))
 
@@ -102,7 +102,7 @@ def test_rounds_about_the_best_find_better_ways(walker):
 
     def reached(seed, **how):
         sampling, draw = sized(Sampling(**how), plant.scene), np.random.default_rng(seed)
-        many, choices = control.side_by_side(plant, sampling.drawn), one_choice(policy)
+        many, choices = control.side_by_side(plant, sampling.drawn), choices_of(policy)
         found = best(many, choices, loop, [StraightWay(goal)], draw, sampling, straight_on(sampling))
         jump = float(found.turns[0]) / float(policy.policy.gait.frequency[0])
         moved = loop._replace(memory=clock_moved(loop.memory, 1.0, jump))
@@ -121,7 +121,7 @@ def test_what_is_left_of_a_way_is_tried_first(walker):
     sampling = sized(HASTY._replace(samples=1, rounds=1), plant.scene)
     before = np.zeros(1, int), np.array([[0.1], [-0.2], [0.3]])
     many, way = control.side_by_side(plant, 1), StraightWay(np.ones(2))
-    found = best(many, one_choice(policy), loop, [way], np.random.default_rng(0), sampling, before)
+    found = best(many, choices_of(policy), loop, [way], np.random.default_rng(0), sampling, before)
     np.testing.assert_array_equal(found.knots, before[1])
     assert found.turns == 0
 
@@ -188,6 +188,37 @@ def test_all_settings_go_together(walker):
     assert not led.reached.any()
     assert led.spread.max() > 0
     assert led.surprise.max() < 0.05
+
+
+@pytest.fixture(scope="module")
+def learned():
+    """A robot, and a learned policy that goes along x."""
+    options = SolverOptions(dt=0.01, dtype="float32")
+    env = control.environment("heading", jaxgrity.load_scene("exact"), options=options)
+    return env.plant, control.Deployed(env, control.load_policy("heading"), heading=[1.0, 0.0])
+
+
+def test_a_bend_turns_the_heading_of_a_learned_policy(learned):
+    """To the left, by half a turn for a bend of 1; all else stays as it is."""
+    plant, policy = learned
+    turned = choices_of(policy).chosen(np.zeros(3, int), np.array([0.0, 0.5, -1.0]))
+    np.testing.assert_allclose(turned.heading, [[1, 0, -1], [0, 1, 0]], atol=1e-6)
+    np.testing.assert_array_equal(turned.policy.mean, np.repeat(policy.policy.mean[:, None], 3, axis=1))
+    goal = control.Deployed(policy.environment, policy.policy, goal=[1.0, 0.0])
+    with pytest.raises(InputError, match=r"policy = Deployed: expected .* or a Deployed with a heading"):
+        control.lead_to(plant, plant, goal, np.ones(2))
+
+
+@pytest.mark.slow
+def test_a_learned_policy_is_led_to_a_goal_beside_its_heading(learned):
+    """Which it passes at a distance where it is not led."""
+    plant, policy = learned
+    goal, loop = np.array([0.0, -1.5]), control.loop_start(plant, policy, jax.random.key(0))
+    alone = np.asarray(control.drive(plant, policy, loop, 10, 60).path)[:, :2]
+    sampling = Sampling(samples=16, patience=6.0, widest=1.0)
+    led = control.lead_to(plant, plant, policy, goal, sampling=sampling)
+    assert np.linalg.norm(alone - goal, axis=1).min() > 1.0
+    assert led.reached
 
 
 @pytest.mark.parametrize(
