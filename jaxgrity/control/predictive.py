@@ -77,9 +77,8 @@ def lead_to(
     Args:
         robot: one robot, as from `plant_of`, or many, as from `side_by_side`, each of which goes its own way.
         model: the controller's model of each, as from `plant_of`, with the same members and period.
-        policy: a gait with feedback that can be steered; its own goal does not count. Or several to choose from, as
-            from `gait_choices`. Or a learned policy with a heading, which each bend turns to the left, by half a turn
-            for a bend of 1.
+        policy: a gait with feedback, steered; its own goal does not count. Or several gaits, as from `gait_choices`. Or
+            a learned policy with a heading, which each bend turns to the left, by half a turn for a bend of 1.
         goal: (2,), m, on ground without obstacles; or the way round obstacles to it, as from `way_map`. For many
             robots one for each.
         start: q and v, for many robots with the robots last; by default the scene's.
