@@ -64,6 +64,7 @@ class Headings(NamedTuple):
     """its arrays have one row, as the last axis"""
     names: tuple[str, ...] = ("",)
     bend: float = 0.0
+    """before the first choice"""
 
     def chosen(self, rows: AnyArray, bends: AnyArray) -> Deployed:
         """The policy of robots whose headings are turned to the left, (robots,), by half a turn for a bend of 1."""

@@ -97,10 +97,7 @@ def lead_to(
     ways, sampling = _ways(robot, goal), sized(sampling, model.scene)
     count = _checked(robot, model, choices, ways, sampling)
     draw, many = np.random.default_rng(sampling.seed), _trying(model, len(ways), sampling)
-    gaits, knots = (
-        np.zeros(len(ways), int),
-        np.full((sampling.knots, len(ways)), choices.bend),
-    )
+    gaits, knots = np.zeros(len(ways), int), np.full((sampling.knots, len(ways)), choices.bend)
     first, key = choices.chosen(_own(robot, gaits), _own(robot, knots[0])), jax.random.key(sampling.seed)
     loop = loop_start(robot, first, key, start, each=robot.robots is not None)
     frames, said, spent, over = [], [], [], np.zeros(len(ways), bool)
@@ -121,7 +118,7 @@ def lead_to(
     reached, arrived, gaps = arrivals(model.scene, nodes, path, ways, sampling)
     end, real_time = arrived.max() + 1, sampling.interval / float(np.median(spent[1:] or spent))
     found = nodes[:end], path[:end], reached, arrived, arrived * robot.period, gaps, *map(np.array, zip(*said))
-    return Journey(*(_own(robot, x) for x in found), spent=np.array(spent), real_time=real_time)
+    return Journey._make([*(_own(robot, x) for x in found), np.array(spent), real_time])
 
 
 def _own(robot: Plant, x: Any) -> Any:
