@@ -1,8 +1,8 @@
 """Model-predictive control by sampling: a model of the robot tries many ways to go on; the best is taken.
 
-At each choice the state of each robot is the start of robots of a model, for each sample (see `samples`). The sample
-that comes closest to the goal, and clears all obstacles, is followed until the next choice. Its rest is tried first
-there.
+At each choice, robots of a model start from the state of each robot, one or more for each sample (see `samples`). The
+robot follows the sample that clears all obstacles and comes closest to the goal, until the next choice. There the rest
+of this sample is tried first.
 """
 
 import math

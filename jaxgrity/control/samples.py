@@ -1,8 +1,8 @@
 """Samples of a predictive controller: ways to go on are drawn, rolled out by a model, and compared by their costs.
 
 A sample is a gait, bends on straight lines between knots, and a jump of the gait's clock. All samples of all robots
-start from the robots' present states, and are rolled out side by side; each by several robots of the model where those
-have different friction.
+start from the robots' present states, and are rolled out side by side. Several robots of the model try each sample if
+their friction differs.
 """
 
 import math
@@ -139,7 +139,8 @@ def _first(draw: np.random.Generator, choices: Choices, before, sampling: Sampli
     if several:
         knots = knots * (draw.uniform(size=shape) < BENT)
     turns = draw.uniform(0, 1, shape) * (draw.uniform(size=shape) < sampling.jumping)
-    (gaits[:, 0], knots[..., 0]), turns[:, 0] = before, 0
+    gaits[:, 0], knots[..., 0] = before
+    turns[:, 0] = 0
     if several:
         gaits[:, 1], knots[..., 1], turns[:, 1] = len(choices.names) - 1, 0, 0
     return gaits, knots, turns
