@@ -12,7 +12,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from pages import columns
 
-from jaxgrity import ActuatorBounds, JumpHeight, SearchConfig, centre_path, load_scene, search_gaits, simulate
+from jaxgrity import ActuatorBounds, SearchConfig, centre_path, load_scene, search_gaits, simulate
+from jaxgrity.search import JumpHeight
 from jaxgrity.stepping import resolve
 
 RATES = (1.0, 2.0, 4.0)

@@ -15,7 +15,7 @@ from .gradients import checkpointed_end, distance_and_gradient, distances
 from .judging import Judging, Scores, influences, judge, standard_error, with_robots, without_measuring
 from .models import Model, model_of, rough_step
 from .motions import RobotMotions, robot_motions
-from .objectives import OBJECTIVES, find_objective
+from .objectives import OBJECTIVES, JumpHeight, find_objective
 from .paths import path_bend
 from .pipeline import Progress
 from .polish_config import check_polish
@@ -32,6 +32,7 @@ __all__ = [
     "FidelityLevel",
     "Generation",
     "Judging",
+    "JumpHeight",
     "Model",
     "Progress",
     "Promoted",

@@ -17,7 +17,6 @@ from jaxgrity import (
     Gait,
     Genome,
     InputError,
-    JumpHeight,
     Members,
     Metrics,
     Outcomes,
@@ -41,7 +40,7 @@ from jaxgrity import (
 )
 from jaxgrity.model import body_length
 from jaxgrity.populations.uncertainty import Differences
-from jaxgrity.search import OBJECTIVES, FidelityLevel, find_objective, judge_at, judging
+from jaxgrity.search import OBJECTIVES, FidelityLevel, JumpHeight, find_objective, judge_at, judging
 from jaxgrity.search.judging import Scores, scored
 
 MOVED = np.array([[3.0, 4.0, 7.0], [-0.6, 0.8, 0.0], [0.0, -2.0, 1.0]])
