@@ -76,5 +76,11 @@ def largest_stiffness(structure: Structure) -> Scalar:
     return jnp.max(jnp.stack(found)) if found else jnp.ones(())
 
 
+def smallest_stiffness(structure: Structure) -> float:
+    """N/m: that of the softest member that is a spring; 0 where none is."""
+    found = np.concatenate([np.asarray(m.stiffness, float) for m in _springs(structure)] or [np.zeros(0)])
+    return float(found[found > 0].min()) if np.any(found > 0) else 0.0
+
+
 def _springs(structure: Structure) -> list[Members]:
     return [m for m in (structure.struts, structure.cables) if m is not None and m.stiffness is not None]

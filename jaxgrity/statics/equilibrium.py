@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from typing import NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import lineax as lx
@@ -16,18 +15,13 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import edge_vectors, length
 from jaxgrity.core.tracing import refuse_traced
 from jaxgrity.core.typed import typed
-from jaxgrity.core.types import NodeVectors, Scalar
+from jaxgrity.core.types import NodeVectors
 from jaxgrity.model.actuation import rest_length
 from jaxgrity.model.bodies import carrying, independent_nodes
 from jaxgrity.model.scene import Scene
-from jaxgrity.model.springs import check_no_bodies, largest_force, largest_stiffness
+from jaxgrity.model.springs import check_no_bodies, largest_force, largest_stiffness, smallest_stiffness
 from jaxgrity.model.structure import Structure
-from jaxgrity.statics.stiffness import (
-    factor_if_definite,
-    free_coordinates,
-    stiffness_matrix,
-    with_spring_struts,
-)
+from jaxgrity.statics.stiffness import factor_if_definite, free_coordinates, tangent_of, with_spring_struts
 
 ITERATIONS = 500
 """Most iterations of the solver, after which a shape counts as not found."""
@@ -35,6 +29,9 @@ GIVING = 100.0
 """Stiffness of springs in place of rigid struts that give way, in loads over the structure's size: by a hundredth."""
 SMALLEST_SHIFT, LARGEST_SHIFT = 1e-12, 1e6
 """Limits of the shift of the stiffness matrix, as shares of its largest diagonal entry."""
+RESISTANCE = 1e-8
+"""Smallest shift as a share of the softest member's stiffness: where no member resists a motion, rounding of the forces
+moves nodes by less than what then tightens slack cables."""
 
 
 class RestingShape(NamedTuple):
@@ -94,22 +91,21 @@ def resting_shape(
     limit = max(1e-11 * largest_force(scene.structure), 100 * np.finfo(float).eps * largest_force(springs.structure))
     limit = limit if tolerance is None else tolerance
 
-    energy_and_force, stiffness = _forces_of(springs, whole, pull)
-    given, softer = q, _softer(scene, pull)
-    q, steps = _descend(energy_and_force, stiffness, (whole, given), free, limit)
+    least = RESISTANCE * smallest_stiffness(springs.structure)
+    place, descent = whole[:, free], _descent_of(springs, whole, free, pull)
+    given, softer = (whole @ q.ravel()).reshape(q.shape), _softer(scene, pull)
+    here, steps = _descend(descent, place, given, limit, least)
     if steps == ITERATIONS and softer is not None:
-        q, some = _descend(*_forces_of(softer, whole, pull), (whole, given), free, limit)
-        q, more = _descend(energy_and_force, stiffness, (whole, q), free, limit)
+        here, some = _descend(_descent_of(softer, whole, free, pull), place, given, limit, least)
+        here, more = _descend(descent, place, here.q, limit, least)
         steps += some + more
-    force = energy_and_force(q)[1].ravel()
-    residual = float(np.abs(force[free]).max(initial=0))
-    if not residual <= limit:
-        raise InputError(f"no equilibrium near the start: {residual:.3g} N are left after {steps} steps")
-    reactions = -force
+    if not here.residual <= limit:
+        raise InputError(f"no equilibrium near the start: {here.residual:.3g} N are left after {steps} steps")
+    reactions = -here.force
     reactions[free] = 0
-    K = stiffness(q)[free][:, free]
-    stable = factor_if_definite(_shifted(K, 1e-9)) is not None
-    return RestingShape(q, residual, stable, reactions.reshape(q.shape), steps)
+    K = here.stiffness()
+    stable = factor_if_definite(_shifted(K, 1e-9 * _size(K))) is not None
+    return RestingShape(here.q, here.residual, stable, reactions.reshape(q.shape), steps)
 
 
 @typed
@@ -151,18 +147,42 @@ def equilibrium_near(scene: Scene, shape: NodeVectors) -> NodeVectors:
     return jnp.where(found.result == optx.RESULTS.successful, placed(found.value), jnp.nan)
 
 
-def _forces_of(springs: Scene, whole: sp.csc_array, pull: np.ndarray) -> tuple[Callable, Callable]:
-    """Of a shape: U less the loads' work, J, and the force of independent nodes, N; and the stiffness matrix."""
+class _Here(NamedTuple):
+    """A shape on the way down."""
 
-    def energy_and_force(x: np.ndarray) -> tuple[float, np.ndarray]:
-        with jax.enable_x64(True):
-            U, gradient = _energy_and_gradient(springs, jnp.asarray(x))
-        return float(U) - float(np.sum(pull * x)), (whole.T @ (pull - np.asarray(gradient)).ravel()).reshape(x.shape)
+    q: np.ndarray
+    energy: float
+    """U less the loads' work, J"""
+    force: np.ndarray
+    """(3 nodes,), that of independent nodes, N; along free coordinates it has to vanish"""
+    free: np.ndarray
+    """(coordinates,), that along the free ones"""
+    stiffness: Callable[[], sp.csc_array]
+    """gives K of the free coordinates, N/m"""
 
-    def stiffness(x: np.ndarray) -> sp.csc_array:
-        return sp.csc_array(whole.T @ stiffness_matrix(springs, x) @ whole)
+    @property
+    def residual(self) -> float:
+        return float(np.abs(self.free).max(initial=0))
 
-    return energy_and_force, stiffness
+
+def _descent_of(
+    springs: Scene, whole: sp.csc_array, free: np.ndarray, pull: np.ndarray
+) -> Callable[[np.ndarray], _Here]:
+    """The map from shapes to what is known there."""
+    tangent, place = tangent_of(springs), whole[:, free]
+    all_free = (place != sp.eye_array(*place.shape)).nnz == 0
+
+    def at(q: np.ndarray) -> _Here:
+        here = tangent(q)
+        force = whole.T @ (pull - here.gradient).ravel()
+
+        def stiffness() -> sp.csc_array:
+            K = here.stiffness()
+            return K if all_free else sp.csc_array(place.T @ K @ place)
+
+        return _Here(q, here.energy - float(np.sum(pull * q)), force, force[free], stiffness)
+
+    return at
 
 
 def _softer(scene: Scene, loads: np.ndarray) -> Scene | None:
@@ -193,50 +213,45 @@ def _coordinates(structure: Structure) -> tuple[sp.csc_array, np.ndarray]:
     return sp.kron(place, sp.eye_array(3), format="csc"), free
 
 
-@eqx.filter_jit
-def _energy_and_gradient(scene: Scene, q: NodeVectors) -> tuple[Scalar, NodeVectors]:
-    return jax.value_and_grad(scene.potential_energy)(q, 0.0)
-
-
 def _descend(
-    energy_and_force: Callable,
-    stiffness: Callable,
-    start: tuple[sp.csc_array, np.ndarray],
-    free: np.ndarray,
-    limit: float,
-) -> tuple[np.ndarray, int]:
-    """Shifted Newton steps downhill, until no force is above `limit` and a step hardly lowers them.
+    at: Callable[[np.ndarray], _Here], place: sp.csc_array, start: np.ndarray, limit: float, least: float
+) -> tuple[_Here, int]:
+    """Shifted Newton steps downhill, until no force is above `limit`, N, and a step hardly lowers them.
 
-    `start`: the map from independent to all coordinates, and the first shape.
+    `place`: the map from free coordinates to all; `least`: the smallest shift, N/m.
     """
-    whole, q = start
-    q, shift, last = (whole @ q.ravel()).reshape(q.shape), 1e-4, 0.0
-    U, force = energy_and_force(q)
+    here, shift, last = at(start), 1e-4, 0.0
     for step in range(ITERATIONS):
-        size = np.abs(force.ravel()[free]).max(initial=0)
-        if size <= limit and size >= last / 10:
-            return q, step
-        last = size
-        K = stiffness(q)[free][:, free]
+        if here.residual <= limit and here.residual >= last / 10:
+            return here, step
+        last, K = here.residual, here.stiffness()
+        size = _size(K)
+        shift = max(shift, least / size)
         while shift <= LARGEST_SHIFT:
-            factor = factor_if_definite(_shifted(K, shift))
+            factor = factor_if_definite(_shifted(K, shift * size))
             if factor is not None:
-                new = q.copy()
-                new.ravel()[free] += factor.solve(force.ravel()[free])
-                new = (whole @ new.ravel()).reshape(q.shape)
-                U_new, force_new = energy_and_force(new)
+                new = at(here.q + (place @ factor.solve(here.free)).reshape(here.q.shape))
                 # near the end the energy cannot tell, but the forces can
-                smaller = np.abs(force_new.ravel()[free]).max() < size
-                if U_new < U or (smaller and U_new <= U + 1e-12 * abs(U)):
+                smaller = new.residual < here.residual and new.energy <= here.energy + 1e-12 * abs(here.energy)
+                if new.energy < here.energy or smaller:
                     break
             shift = 10 * shift
         else:
-            return q, step
-        q, U, force = new, U_new, force_new
-        shift = max(shift / 30, SMALLEST_SHIFT)
-    return q, ITERATIONS
+            return here, step
+        here, shift = new, max(shift / 30, SMALLEST_SHIFT)
+    return here, ITERATIONS
 
 
-def _shifted(K: sp.csc_array, share: float) -> sp.csc_array:
-    size = max(float(K.diagonal().max(initial=0)), np.finfo(float).tiny)
-    return sp.csc_array(K + share * size * sp.eye_array(K.shape[0], format="csc"))
+def _size(K: sp.csc_array) -> float:
+    """The largest diagonal entry, N/m."""
+    return max(float(K.diagonal().max(initial=0)), np.finfo(float).tiny)
+
+
+def _shifted(K: sp.csc_array, shift: float) -> sp.csc_array:
+    """K + shift 1, N/m."""
+    diagonal = np.flatnonzero(K.indices == np.repeat(np.arange(K.shape[0]), np.diff(K.indptr)))
+    if len(diagonal) < K.shape[0]:
+        return sp.csc_array(K + shift * sp.eye_array(K.shape[0], format="csc"))
+    data = K.data.copy()
+    data[diagonal] += shift
+    return sp.csc_array((data, K.indices, K.indptr), shape=K.shape)

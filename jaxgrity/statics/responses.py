@@ -2,7 +2,6 @@
 
 from typing import NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -11,6 +10,7 @@ import scipy.sparse.linalg as spla
 from jaxtyping import Float
 
 from jaxgrity.core.errors import InputError
+from jaxgrity.core.quick import compiled_quickly
 from jaxgrity.core.tracing import refuse_traced
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, NodeVectors, PerMember
@@ -102,6 +102,6 @@ def _tensions(scene: Scene, q: np.ndarray, displacement: np.ndarray) -> tuple[np
     return tension, change
 
 
-@eqx.filter_jit
+@compiled_quickly
 def _along(scene: Scene, q: NodeVectors, displacement: NodeVectors) -> tuple:
     return jax.jvp(lambda x: elastic_tensions(scene, 0.0, x), (q,), (displacement,))

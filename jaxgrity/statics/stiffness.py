@@ -1,20 +1,22 @@
 """Sparse matrices of a scene at one shape: tangent stiffness d2U/dq2, from its own U, and consistent mass."""
 
 import dataclasses
+from collections.abc import Callable
+from typing import NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import scipy.sparse as sp
 import scipy.sparse.linalg as spla
-from jaxtyping import Bool, Float
+from jaxtyping import Bool
 
 from jaxgrity.core.errors import InputError
+from jaxgrity.core.quick import compiled_quickly
 from jaxgrity.core.typed import typed
-from jaxgrity.core.types import AnyArray, Edges, MassMatrix, NodeVectors
+from jaxgrity.core.types import AnyArray, Edges, NodeVectors
 from jaxgrity.model.laws import EnergyTerm
-from jaxgrity.model.scene import Scene
+from jaxgrity.model.scene import Scene, as_dtype
 from jaxgrity.model.springs import as_springs, check_no_bodies
 from jaxgrity.model.structure import Structure, member_vectors, onto_nodes
 
@@ -48,6 +50,17 @@ def with_spring_struts(scene: Scene, stiff: float | None = None) -> Scene:
     return dataclasses.replace(scene, structure=as_springs(scene.structure, stiff)[0])
 
 
+class Tangent(NamedTuple):
+    """U about one shape."""
+
+    energy: float
+    """U, J"""
+    gradient: np.ndarray
+    """(nodes, 3), dU/dq, N"""
+    stiffness: Callable[[], sp.csc_array]
+    """gives K = d2U/dq2, N/m, (3 nodes, 3 nodes)"""
+
+
 @typed
 def stiffness_matrix(scene: Scene, q: NodeVectors) -> sp.csc_array:
     """K = d2U/dq2 at `q` and t = 0, N/m, (3 nodes, 3 nodes), from the scene's own potential energy.
@@ -57,22 +70,41 @@ def stiffness_matrix(scene: Scene, q: NodeVectors) -> sp.csc_array:
     `InputError` where a term of U couples nodes in another way; one random product with the whole Hessian shows it.
     With cables through several nodes the Hessian is computed whole: some hundred nodes at most.
     """
-    cables = scene.structure.cables
-    if cables is not None and cables.clusters:
-        with jax.enable_x64(True):
-            return sp.csc_array(np.asarray(_whole(scene, jnp.asarray(q, float))))
+    return tangent_of(scene)(q).stiffness()
+
+
+def tangent_of(scene: Scene) -> Callable[[NodeVectors], Tangent]:
+    """The map from shapes to U, its gradient and its Hessian at t = 0, from one compiled program; see
+    `stiffness_matrix`."""
+    cables, nodes = scene.structure.cables, len(scene.structure.nodes)
     with jax.enable_x64(True):
-        q = jnp.asarray(q, float)
-        by_member, by_node, probe, product = jax.tree.map(np.asarray, _blocks(scene, q))
-    edges = [edge for kind in by_member for edge in scene.structure.kinds[kind].edges]
-    K = _block_diagonal(by_node)
-    if edges:
-        C = sp.kron(incidence(tuple(edges), len(q)), sp.eye_array(3), format="csr")
-        K = K + C.T @ _block_diagonal(np.concatenate([by_member[kind] for kind in by_member])) @ C
-    error = np.abs(K @ probe.ravel() - product.ravel()).max()
-    if error > SEPARABLE * max(np.abs(product).max(), np.finfo(float).tiny):
-        raise InputError("a term of U joins nodes otherwise than by members; expected terms of single members or nodes")
-    return sp.csc_array(K)
+        known = as_dtype(scene, "float64")
+    if cables is not None and cables.clusters:
+
+        def whole(q: NodeVectors) -> Tangent:
+            with jax.enable_x64(True):
+                U, slope, K = jax.tree.map(np.asarray, _whole(known, jnp.asarray(q, float)))
+            return Tangent(float(U), slope, lambda: sp.csc_array(K))
+
+        return whole
+    pattern, probe = _pattern(scene.structure), np.random.default_rng(0).normal(size=(nodes, 3))
+
+    def parted(q: NodeVectors) -> Tangent:
+        with jax.enable_x64(True):
+            U, slope, blocks, product = jax.tree.map(np.asarray, _blocks(known, jnp.asarray(q, float), probe))
+
+        def stiffness() -> sp.csc_array:
+            K = pattern.matrix(blocks)
+            error = np.abs(K @ probe.ravel() - product.ravel()).max()
+            if error > SEPARABLE * max(np.abs(product).max(), np.finfo(float).tiny):
+                raise InputError(
+                    "a term of U joins nodes otherwise than by members; expected terms of single members or nodes"
+                )
+            return K
+
+        return Tangent(float(U), slope, stiffness)
+
+    return parted
 
 
 @typed
@@ -148,31 +180,62 @@ def factor_if_definite(A: sp.csc_array) -> spla.SuperLU | None:
     return None if pivoted or not np.all(found.U.diagonal() > 0) else found
 
 
-def _block_diagonal(blocks: Float[AnyArray, "count 3 3"]) -> sp.csr_array:
-    return sp.csr_array(sp.bsr_array((blocks, np.arange(len(blocks)), np.arange(len(blocks) + 1))))
+class _Pattern(NamedTuple):
+    """Where the entries of a Hessian's blocks are in a sparse matrix: the same for every shape of a structure."""
+
+    place: np.ndarray
+    """(entries,), number of each entry of each block among the matrix's; several entries may have the same"""
+    indices: np.ndarray
+    indptr: np.ndarray
+
+    def matrix(self, blocks: AnyArray) -> sp.csc_array:
+        """The matrix with these blocks (blocks, 3, 3), of members first, then of nodes."""
+        by_member, by_node = np.split(blocks, [len(blocks) - (len(self.indptr) - 1) // 3])
+        entries = np.concatenate([by_member, by_member, -by_member, -by_member, by_node]).ravel()
+        data, size = np.bincount(self.place, entries, len(self.indices)), len(self.indptr) - 1
+        return sp.csc_array((data, self.indices, self.indptr), shape=(size, size))
 
 
-@eqx.filter_jit
-def _whole(scene: Scene, q: NodeVectors) -> MassMatrix:
-    return jax.hessian(scene.potential_energy)(q, 0.0).reshape(q.size, q.size)
+def _pattern(structure: Structure) -> _Pattern:
+    edges = [edge for members in structure.kinds.values() for edge in members.edges]
+    (i, j), each = np.asarray(edges, int).reshape(-1, 2).T, np.arange(len(structure.nodes))
+    rows, columns = np.concatenate([i, j, i, j, each]), np.concatenate([i, j, j, i, each])
+    axes, size = np.indices((3, 3)), 3 * len(each)
+    keys = (3 * columns[:, None, None] + axes[1]) * size + 3 * rows[:, None, None] + axes[0]
+    found, place = np.unique(keys.ravel(), return_inverse=True)
+    return _Pattern(place.ravel(), found % size, np.searchsorted(found, size * np.arange(size + 1)))
 
 
-@eqx.filter_jit
-def _blocks(scene: Scene, q: NodeVectors) -> tuple:
-    """The blocks of d2U by kind of member and by node; a random displacement, and its product with the Hessian."""
+@compiled_quickly
+def _whole(scene: Scene, q: NodeVectors) -> tuple:
+    U, slope = jax.value_and_grad(scene.potential_energy)(q, 0.0)
+    return U, slope, jax.hessian(scene.potential_energy)(q, 0.0).reshape(q.size, q.size)
+
+
+@compiled_quickly
+def _blocks(scene: Scene, q: NodeVectors, probe: NodeVectors) -> tuple:
+    """U, its gradient, the blocks of its Hessian, of members first, and the Hessian's product with `probe`."""
     kinds = scene.structure.kinds
     vectors = member_vectors(q, kinds)
 
     def energy(x, d):
         return scene.potential_energy(x, 0.0, d)
 
-    def units(tree):
-        return jax.tree.map(lambda x: jnp.broadcast_to(jnp.eye(3), (len(x), 3, 3)), tree)
+    (U, slope), push = jax.linearize(jax.value_and_grad(energy, argnums=(0, 1)), q, vectors)
+    # side by side: unit displacements of all members, then of all nodes, then the probe
+    members, nodes = _side_by_side(member_vectors(probe, kinds), 0), _side_by_side(probe, 3)
+    _, (at_nodes, along) = jax.vmap(push, in_axes=-1, out_axes=-1)(nodes, members)
+    blocks = jnp.concatenate([*(along[kind][..., :3] for kind in kinds), at_nodes[..., 3:6]])
+    changes = [(slope[0], slope[1]), (at_nodes[..., 6], {kind: along[kind][..., 6] for kind in kinds})]
+    whole = [x + (onto_nodes(d, kinds, len(q)) if kinds else 0) for x, d in changes]
+    return U, whole[0], blocks, whole[1]
 
-    _, push = jax.linearize(jax.grad(energy, argnums=(0, 1)), q, vectors)
-    still = jax.tree.map(jnp.zeros_like, (q, vectors))
-    by_member = jax.vmap(lambda d: push(still[0], d)[1], in_axes=-1, out_axes=-1)(units(vectors)) if vectors else {}
-    by_node = jax.vmap(lambda x: push(x, still[1])[0], in_axes=-1, out_axes=-1)(units(q))
-    probe = jax.random.normal(jax.random.key(0), q.shape, q.dtype)
-    on_nodes, on_members = push(probe, member_vectors(probe, kinds))
-    return by_member, by_node, probe, on_nodes + (onto_nodes(on_members, kinds, len(q)) if vectors else 0)
+
+def _side_by_side(probe: AnyArray | dict, first: int) -> AnyArray | dict:
+    """Seven displacements (..., 3, 7): from `first` on the three unit ones, `probe` at the end, 0 elsewhere."""
+
+    def each(x):
+        units = jnp.broadcast_to(jnp.eye(3, dtype=x.dtype), (*x.shape, 3))
+        return jnp.concatenate([*(units if k == first else 0 * units for k in (0, 3)), x[..., None]], axis=-1)
+
+    return jax.tree.map(each, probe)

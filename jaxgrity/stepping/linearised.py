@@ -2,11 +2,11 @@
 
 from typing import NamedTuple
 
-import equinox as eqx
 import jax
 import numpy as np
 import scipy.sparse as sp
 
+from jaxgrity.core.quick import compiled_quickly
 from jaxgrity.core.tracing import evaluated
 from jaxgrity.core.types import NodeVectors, State
 from jaxgrity.model.inertia import independent_coordinates, mass_matrix
@@ -67,7 +67,7 @@ def linearise(scene: Scene, state: State) -> Linearised:
     return Linearised(reduce @ stiffness @ basis, reduce @ damping @ basis, place @ basis)
 
 
-@eqx.filter_jit
+@compiled_quickly
 def _derivatives(scene: Scene, q: NodeVectors, v: NodeVectors):
     """Acceleration a, and da/dq and da/dv, (nodes, 3, nodes, 3) each."""
     a = lambda q, v: smooth_acceleration(scene, 0.0, q, v)  # noqa: E731

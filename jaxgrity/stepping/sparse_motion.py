@@ -3,13 +3,13 @@
 from collections.abc import Callable
 from typing import NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 
+from jaxgrity.core.quick import compiled_quickly
 from jaxgrity.core.tracing import evaluated
 from jaxgrity.core.types import AnyArray, NodeVectors, State
 from jaxgrity.model.inertia import momenta
@@ -157,7 +157,7 @@ def _force_and_slopes(scene: Scene, q: np.ndarray, v: np.ndarray) -> tuple | Non
     return force, *matrices
 
 
-@eqx.filter_jit
+@compiled_quickly
 def _pushes(scene: Scene, q: NodeVectors, v: NodeVectors, moves: AnyArray):
     """Force, N, and its changes with displacements and with velocities `moves` (moves, nodes, 3)."""
 

@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxgrity.core.quick import compiled_quickly
 from jaxgrity.core.tracing import evaluated
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, NodeVectors, Scalar, State
@@ -83,7 +84,7 @@ def limiting_part(scene: Scene, state: State, method: Method) -> str:
     return names[int(np.argmax(np.abs(np.concatenate(shares))))]
 
 
-@eqx.filter_jit
+@compiled_quickly
 def part_shares(scene: Scene, q: NodeVectors, v: NodeVectors, shape: AnyArray, rate: Scalar) -> list[AnyArray]:
     """Share of each part of each term of U and R in the motion `shape` (real and imaginary part).
 
