@@ -45,7 +45,9 @@ def linearise(scene: Scene, state: State) -> Linearised:
     """The equations of motion, linearised about `state` = (positions, velocities) at t = 0, in float64.
 
     Rigid struts, nodes on exact ground and nodes held by the cone are constraints. Motions against them are left out,
-    and the forces of struts turn with the struts. Force laws without a derivative (the Coulomb switch) are ignored.
+    and the forces of struts turn with the struts. These forces are those that keep the constraints of a body at rest,
+    J M^-1 (F + J' f) = 0, also where it is not in equilibrium. Force laws without a derivative (the Coulomb switch) are
+    ignored.
     """
     with jax.enable_x64(True), evaluated():
         q, v = (np.asarray(x, float) for x in state)
@@ -58,11 +60,14 @@ def linearise(scene: Scene, state: State) -> Linearised:
         return Linearised(stiffness, damping, place)
     with jax.enable_x64(True), evaluated():
         mass = onto(onto(np.asarray(mass_matrix(scene.structure))).T)
-    forces = np.linalg.lstsq(rows.T, -mass @ np.asarray(a).ravel()[moves], rcond=INDEPENDENT)[0]
-    stiffness = stiffness - np.linalg.solve(mass, onto(onto(turning(scene, q, forces).toarray()).T).T)
     root = np.linalg.cholesky(mass)
-    _, strengths, axes = np.linalg.svd(np.linalg.solve(root, rows.T).T)
-    basis = np.linalg.solve(root.T, axes[np.sum(strengths > INDEPENDENT * strengths[0]) :].T)
+    sides, strengths, axes = np.linalg.svd(np.linalg.solve(root, rows.T).T)
+    kept = int(np.sum(strengths > INDEPENDENT * strengths[0]))
+    # J M^-1 J' f = -J a, the smallest of its solutions: nothing accelerates along a constraint
+    along = (root.T @ np.asarray(a).ravel()[moves])[:, None]
+    forces = -(sides[:, :kept] @ (axes[:kept] @ along / strengths[:kept, None]))[:, 0]
+    stiffness = stiffness - np.linalg.solve(mass, onto(onto(turning(scene, q, forces).toarray()).T).T)
+    basis = np.linalg.solve(root.T, axes[kept:].T)
     reduce = basis.T @ mass
     return Linearised(reduce @ stiffness @ basis, reduce @ damping @ basis, place @ basis)
 

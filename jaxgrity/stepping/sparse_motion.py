@@ -23,6 +23,8 @@ DEPENDENT = 1e-8
 """Relative strength below which a motion follows from the others."""
 SINGULAR = 1e-12
 """Relative compliance of constraints, so that redundant ones have a solution too."""
+SHARED = 1e-8
+"""Likewise where it decides how redundant constraints share a force: rounding is divided by it."""
 SEPARATE = 1e-9
 """Largest relative difference between a product with the whole Jacobian and with the sparse one."""
 
@@ -81,31 +83,44 @@ def sparse_motion(scene: Scene, state: State) -> SparseMotion | None:
     M, J = sparse_mass_matrix(structure)[free][:, free], constraint_rows(scene, q)[:, free]
     place = sp.csr_array((np.ones(len(free)), (free, np.arange(len(free)))), shape=(q.size, len(free)))
     if J.shape[0]:
-        K = K - turning(scene, q, _constraint_forces(J, force.ravel()[free]))
+        K = K - turning(scene, q, _constraint_forces(M, J, force.ravel()[free]))
     K, C = (sp.csr_array(sp.csr_array(x)[free][:, free]) for x in (K, C))
     for x in (K, C):
         x.eliminate_zeros()
     return SparseMotion(sp.csc_array(M), K, C, constrained_inverse(M, J), J, place)
 
 
-def _constraint_forces(J: sp.csr_array, force: np.ndarray) -> np.ndarray:
-    """(constraints,), N: the smallest forces f for which J' f is nearest to -`force`."""
-    S, wanted = J @ J.T, -(J @ force)
-    solve = spla.splu(sp.csc_matrix(S + 1e-8 * sp.eye_array(S.shape[0]))).solve
-    found = solve(wanted)
-    # what the shift takes off is given back
+def _constraint_forces(M: sp.csc_array, J: sp.csr_array, force: np.ndarray) -> np.ndarray:
+    """(constraints,), N: the smallest forces f with J M^-1 (`force` + J' f) = 0."""
+    solve = _with_constraints(M, J, SHARED)
+    a, f = solve(force)
+    # what the compliance of the constraints let pass
     for _ in range(2):
-        found = found + solve(wanted - S @ found)
-    return found
+        more, of_these = solve(np.zeros(len(force)), J @ a)
+        a, f = a + more, f + of_these
+    return f
 
 
 def constrained_inverse(M: sp.csc_array, J: sp.csr_array) -> Callable[[np.ndarray], np.ndarray]:
     """The map from forces to accelerations that keep J a = 0."""
+    solve = _with_constraints(M, J, SINGULAR)
+    return lambda force: solve(force)[0]
+
+
+def _with_constraints(
+    M: sp.csc_array, J: sp.csr_array, compliance: float
+) -> Callable[..., tuple[np.ndarray, np.ndarray]]:
+    """The map from forces (and an acceleration that constraints take back) to accelerations and constraints' forces."""
     n, count = M.shape[0], J.shape[0]
-    soft = SINGULAR / np.abs(M.diagonal()).max(initial=0) * sp.eye_array(count)
+    soft = compliance / np.abs(M.diagonal()).max(initial=0) * sp.eye_array(count)
     whole = sp.block_array([[M, J.T], [J, -soft]], format="csc") if count else M
     factor, rest = spla.splu(sp.csc_matrix(whole)), np.zeros(count)
-    return lambda force: factor.solve(np.concatenate([force, rest]))[:n]
+
+    def solve(force: np.ndarray, taken: np.ndarray = rest) -> tuple[np.ndarray, np.ndarray]:
+        found = factor.solve(np.concatenate([force, -taken]))
+        return found[:n], -found[n:]
+
+    return solve
 
 
 def _neighbours(scene: Scene) -> sp.csr_array:

@@ -24,6 +24,7 @@ from jaxgrity.core.primitives import inner, norm_squared
 from jaxgrity.model.scene import with_gait
 from jaxgrity.stepping import resolve, step_limit
 from jaxgrity.stepping.methods import METHODS
+from jaxgrity.stepping.sparse_motion import sparse_motion
 from jaxgrity.stepping.step_limits import limiting_part, linearise, stable_step, standing, strictest
 
 TRIED = np.array([0.5, 0.65, 0.8, 0.899, 1.099])
@@ -81,6 +82,36 @@ def test_a_pendulum_of_a_rigid_strut_swings_at_its_frequency():
     values, _ = linearise(scene, (column.nodes, 0 * column.nodes)).modes()
     frequencies = np.abs(values.imag[np.abs(values.real) < 1e-6])
     assert np.any(np.isclose(frequencies, np.sqrt(9.81), rtol=1e-6))
+
+
+@pytest.mark.parametrize(("cart", "bob", "angle"), [(3.0, 0.5, 0.7), (0.2, 5.0, 0.4), (0.2, 5.0, 2.5)])
+def test_the_strut_of_a_pendulum_on_a_cart_has_its_force_at_rest(cart, bob, angle):
+    """Let go from an angle, no equilibrium: F = m g cos / (1 + m/M sin^2) for a bob m under a cart M on a rail.
+
+    Across the plane of the rail the bob swings at omega^2 = F/(m l), or falls over, whatever happens within it. Dense
+    and sparse matrices agree in the plane too.
+    """
+    size, g = 2.0, 9.81
+    nodes = np.array([[0.0, 0, 0], [size * np.sin(angle), 0, -size * np.cos(angle)]])
+    strut = Members(((0, 1),), None, [size])
+    scene = Scene(Structure(nodes, [cart, bob], strut, fixed=((0, "yz"),)), gravity=g)
+    state = standing(scene)
+    values, shapes = linearise(scene, state).modes()
+    across = np.abs(shapes[4]) > np.abs(shapes[[0, 3, 5]]).max(0)
+    expected = -g * np.cos(angle) / size / (1 + bob / cart * np.sin(angle) ** 2)
+    np.testing.assert_allclose(values[across] ** 2, [expected, expected], rtol=1e-9)
+    motion = sparse_motion(scene, state)
+    free = np.stack([motion.solve(x) for x in np.random.default_rng(0).normal(size=(3, 4))], axis=1)
+    sparse = np.sort(np.linalg.eigvals(-motion.reduced(free).stiffness).real)
+    np.testing.assert_allclose(sparse, np.sort((values**2).real)[::2], rtol=1e-9, atol=1e-9)
+
+
+def test_nothing_strains_a_rod_in_free_fall():
+    """Two unequal masses, which fall alike: no force of the strut, so nothing turns them."""
+    nodes = np.array([[0.0, 0, 0], [0.3, 0, 0.4]])
+    scene = Scene(Structure(nodes, [1.0, 7.0], Members(((0, 1),), None, [0.5])), gravity=9.81)
+    np.testing.assert_allclose(linearise(scene, standing(scene)).stiffness, 0, atol=1e-12)
+    assert abs(sparse_motion(scene, standing(scene)).stiffness).max() < 1e-12
 
 
 def changed(part, value):
