@@ -13,8 +13,7 @@ from jaxgrity.model.scene import KNOWN_FRICTIONS, KNOWN_LAWS, Scene
 from jaxgrity.model.springs import as_springs, spring_forces
 from jaxgrity.model.structure import Members, Structure, edge_lengths
 from jaxgrity.statics.equilibrium import resting_shape
-from jaxgrity.statics.stiffness import free_coordinates, rigid_motions
-from jaxgrity.statics.vibrations import vibration_modes
+from jaxgrity.statics.vibrations import frequency_range
 
 
 @typed
@@ -121,23 +120,14 @@ def _describe_prestress(scene: Scene) -> list[tuple[str, str]]:
     springs, stiff_modes = as_springs(structure)
     kinds = [(name, m) for name, m in (("struts", springs.struts), ("cables", springs.cables)) if m is not None]
     forces = ", ".join(f"{name} {_span(_tension(m, shape, name == 'cables'), 'N')}" for name, m in kinds)
-    frequency, of_all = _frequencies(alone, shape, stiff_modes)
-    floppy, stiff = int(np.sum(frequency == 0)), frequency[frequency > 0]
-    texts = [f"{floppy} of 0 Hz (nothing resists the motion)"] if floppy else []
-    texts += [_span(stiff, "Hz") + ("" if of_all else f" (the lowest {len(frequency)})")] if stiff.size else []
+    zero, *ends = frequency_range(alone, shape, stiff_modes)
+    texts = [f"{zero} of 0 Hz (nothing resists the motion)"] if zero else []
+    texts += [_span(ends, "Hz")] if np.all(np.isfinite(ends)) else []
     lines = [("prestress", f"{forces} (tension positive){where}")]
     lines += [("natural frequencies", ", ".join(texts) + where)] if texts else []
     left_out = {"gravity": scene.gravity, "ground": scene.ground, "gait": scene.gait}
     absent = [name for name, part in left_out.items() if part is not None]
     return lines + ([("both without", ", ".join(absent))] if absent else [])
-
-
-def _frequencies(alone: Scene, shape: np.ndarray, stiff_modes: int) -> tuple[np.ndarray, bool]:
-    """Hz, ascending, without those of springs in the place of rigid struts; and whether these are all."""
-    frequency = np.asarray(vibration_modes(alone, shape).frequency)
-    rigid = rigid_motions(shape, alone.structure.supported).shape[1]
-    real = len(free_coordinates(len(shape), alone.structure.supported)) - rigid - stiff_modes
-    return frequency[:real], len(frequency) >= real
 
 
 def _tension(members: Members, shape: np.ndarray, only_pull: bool) -> np.ndarray:

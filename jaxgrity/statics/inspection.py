@@ -52,11 +52,8 @@ class StructureReport(NamedTuple):
     """likewise: whether it is stable for any stiffness"""
     frequencies: PerRow
     """Hz, the lowest, of vibrations about `shape`"""
-
-    @property
-    def loose(self) -> int:
-        """The number of motions without any resistance, besides rigid motions."""
-        return int(np.sum(self.frequencies == 0))
+    loose: int
+    """number of motions without any resistance, besides rigid motions"""
 
     @property
     def slack(self) -> tuple[int, ...]:
@@ -180,6 +177,7 @@ def inspect_structure(scene: Scene) -> StructureReport:
     density = forces / edge_lengths(shape, edges)
     judged = counted is not None and at_rest and not loaded and (np.any(forces) or len(counted.mechanisms) > 0)
     stressed = counted if judged else None
+    modes = vibration_modes(alone, shape)
     return StructureReport(
         structure=structure,
         shape=shape,
@@ -190,7 +188,8 @@ def inspect_structure(scene: Scene) -> StructureReport:
         statics=counted,
         prestress_stable=prestress_stable(stressed.mechanisms, edges, density) if stressed else None,
         super_stable=super_stable(shape, edges, density) if stressed else None,
-        frequencies=np.asarray(vibration_modes(alone, shape).frequency),
+        frequencies=np.asarray(modes.frequency),
+        loose=modes.zero,
     )
 
 

@@ -4,8 +4,6 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg
-import scipy.sparse as sp
-import scipy.sparse.linalg as spla
 from jaxtyping import Float
 
 from jaxgrity.core.arguments import check_count, check_each
@@ -13,6 +11,7 @@ from jaxgrity.core.tracing import refuse_traced
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, NodeVectors, PerRow, Times
 from jaxgrity.model.scene import Scene
+from jaxgrity.statics.spectrum import Spectrum
 from jaxgrity.statics.stiffness import (
     free_coordinates,
     sparse_mass_matrix,
@@ -23,8 +22,9 @@ from jaxgrity.statics.stiffness import (
 
 ROUNDING = 1e-9
 """Squared frequencies below this share of the largest are errors of the shape and of arithmetic."""
-DENSE = 900
+DENSE = 450
 """Most coordinates for which all modes are computed at once. Beyond, a sparse solver finds the lowest alone."""
+EPS = float(np.finfo(float).eps)
 LOWEST = 30
 """Default number of lowest modes where not all are computed."""
 
@@ -38,6 +38,8 @@ class Modes(NamedTuple):
     """m, each with a kinetic energy of 1 J at a rate of 1/s and factor sqrt(2): shape' M shape = 1 kg m^2"""
     growing: int
     """number of unstable modes: U falls in their direction"""
+    zero: int = 0
+    """number of modes of 0 Hz, growing ones too, of all that the structure has"""
 
     def motion(self, q: NodeVectors, mode: int, amplitude: float, times: Times) -> Float[AnyArray, "frames nodes 3"]:
         """Positions (frames, nodes, 3), m, of one mode; the largest displacement of a node is `amplitude`, m.
@@ -80,50 +82,73 @@ def vibration_modes(scene: Scene, q: NodeVectors | None = None, count: int | Non
     check_each("q", q, shape=np.shape(scene.structure.nodes))
     if count is not None:
         check_count("count", count, 1)
-    held = scene.structure.supported
-    free = free_coordinates(len(q), held)
-    K = stiffness_matrix(scene, q)[free][:, free]
-    M = sparse_mass_matrix(scene.structure)[free][:, free]
-    rigid = unresisted_motions(scene, q, K)
-    real = free.size - rigid.shape[1]
+    free, spectrum = _spectrum(scene, q)
+    real = free.size - spectrum.rigid.shape[1]
     wanted = min(real, count if count is not None else (real if free.size <= DENSE else LOWEST))
-    dense = free.size <= DENSE or wanted + rigid.shape[1] > free.size // 3
-    squares, x, stiffest = (_all_modes if dense else _lowest_modes)(K, M, rigid, wanted)
-    rounding = max(ROUNDING * squares.max(initial=0), 100 * np.finfo(float).eps * stiffest)
+    dense = free.size <= DENSE or wanted + spectrum.rigid.shape[1] > free.size // 3
+    squares, x, rounding, zero, growing = (_all_modes if dense else _lowest_modes)(spectrum, wanted)
     shapes = np.zeros((len(squares), q.size))
     shapes[:, free] = x.T
     frequency = np.sqrt(np.where(squares > rounding, squares, 0)) / (2 * np.pi)
-    return Modes(frequency, shapes.reshape(-1, *q.shape), int(np.sum(squares < -rounding)))
+    return Modes(frequency, shapes.reshape(-1, *q.shape), growing, zero)
 
 
-def _all_modes(K: sp.csc_array, M: sp.csc_array, rigid: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray, float]:
-    """Squared frequencies, 1/s^2, modes as columns, and the largest squared frequency of all."""
+class FrequencyRange(NamedTuple):
+    """The natural frequencies of a structure in three numbers."""
+
+    zero: int
+    """number of modes of 0 Hz"""
+    lowest: float
+    """Hz, of all other modes; NaN where there are none"""
+    highest: float
+    """Hz, likewise"""
+
+
+def frequency_range(scene: Scene, q: NodeVectors, unreal: int = 0) -> FrequencyRange:
+    """What `vibration_modes` finds of a structure of any size; without the `unreal` highest modes, those of springs in
+    the place of rigid struts."""
+    scene = with_spring_struts(scene)
+    free, spectrum = _spectrum(scene, np.asarray(q, float))
+    real = free.size - spectrum.rigid.shape[1] - unreal
+    if free.size <= DENSE:
+        squares, _, rounding, _, _ = _all_modes(spectrum, real + unreal)
+        found = np.sqrt(squares[:real][squares[:real] > rounding]) / (2 * np.pi)
+        return FrequencyRange(real - len(found), *(map(float, (found[0], found[-1])) if len(found) else (np.nan,) * 2))
+    rounding = ROUNDING * spectrum.stiffest()
+    zero = min(spectrum.below(rounding), real)
+    if zero == real:
+        return FrequencyRange(zero, np.nan, np.nan)
+    ends = spectrum.next_above(rounding), spectrum.last_below(real) if unreal else spectrum.largest()
+    return FrequencyRange(zero, *(float(np.sqrt(square)) / (2 * np.pi) for square in ends))
+
+
+def _spectrum(scene: Scene, q: np.ndarray) -> tuple[np.ndarray, Spectrum]:
+    """The numbers of the free coordinates, and stiffness, mass and rigid motions in these."""
+    free = free_coordinates(len(q), scene.structure.supported)
+    K = stiffness_matrix(scene, q)[free][:, free]
+    M = sparse_mass_matrix(scene.structure)[free][:, free]
+    return free, Spectrum(K, M, unresisted_motions(scene, q, K))
+
+
+Found = tuple[np.ndarray, np.ndarray, float, int, int]
+"""Squared frequencies, 1/s^2, modes as columns, the square below which one is zero, numbers of zero and growing modes."""
+
+
+def _all_modes(spectrum: Spectrum, count: int) -> Found:
+    K, M, rigid = spectrum
     momentum = M @ rigid
     # motions without momentum: those that are orthogonal to rigid ones with respect to M
     basis = scipy.linalg.null_space(momentum.T) if rigid.shape[1] else np.eye(K.shape[0])
     squares, y = scipy.linalg.eigh(basis.T @ (K @ basis), basis.T @ (M @ basis))
-    return squares[:count], basis @ y[:, :count], float(np.abs(squares).max(initial=0))
+    rounding = max(ROUNDING * squares[:count].max(initial=0), 100 * EPS * float(np.abs(squares).max(initial=0)))
+    zero, growing = (int(np.sum(squares < side)) for side in (rounding, -rounding))
+    return squares[:count], basis @ y[:, :count], rounding, zero, growing
 
 
-def _lowest_modes(
-    K: sp.csc_array, M: sp.csc_array, rigid: np.ndarray, count: int
-) -> tuple[np.ndarray, np.ndarray, float]:
-    """The same by shift and invert, among motions without momentum: R' M y = 0, R the rigid ones."""
-    stiffest = float(spla.eigsh(K, k=1, M=M, which="LM", return_eigenvectors=False, tol=1e-3)[0])
-    shift = -1e-7 * stiffest
-    inverse = spla.splu(sp.csc_matrix(K - shift * M))
-    momentum = M @ rigid
-    pushed = inverse.solve(momentum)
-    to_momentum, to_push = np.linalg.inv(rigid.T @ momentum), np.linalg.inv(momentum.T @ pushed)
-
-    def solve(x: np.ndarray) -> np.ndarray:
-        """y with (K - shift M) y = x + M R m; the multipliers m make the momentum of y zero."""
-        # what is of the form M R m may be left out of x, and would only cost digits
-        y = inverse.solve(x - momentum @ (to_momentum @ (rigid.T @ x)))
-        return y - pushed @ (to_push @ (momentum.T @ y))
-
-    operator = spla.LinearOperator(K.shape, matvec=solve, dtype=float)
-    start = solve(np.ones(K.shape[0]))
-    squares, x = spla.eigsh(K, k=count, M=M, sigma=shift, OPinv=operator, which="LM", v0=start)
-    order = np.argsort(squares)
-    return squares[order], x[:, order], stiffest
+def _lowest_modes(spectrum: Spectrum, count: int) -> Found:
+    """The same by shift and invert, for a structure of any size."""
+    stiffest = spectrum.stiffest()
+    loose = spectrum.below(ROUNDING * stiffest) >= count
+    squares, x = (spectrum.without_resistance if loose else spectrum.lowest)(count, -1e-7 * stiffest)
+    rounding = max(ROUNDING * squares.max(initial=0), 100 * EPS * stiffest)
+    return squares, x, rounding, spectrum.below(rounding), spectrum.below(-rounding)
