@@ -131,7 +131,7 @@ def _spectrum(scene: Scene, q: np.ndarray) -> tuple[np.ndarray, Spectrum]:
 
 
 Found = tuple[np.ndarray, np.ndarray, float, int, int]
-"""Squared frequencies, 1/s^2, modes as columns, the square below which one is zero, numbers of zero and growing modes."""
+"""Squared frequencies, 1/s^2, modes as columns, the square below which one is 0, numbers of zero and growing ones."""
 
 
 def _all_modes(spectrum: Spectrum, count: int) -> Found:

@@ -25,6 +25,8 @@ ABOVE = (1.1, 1.001)
 then close to the limit, where no other motion grows more than the one that sets it."""
 SEEN, RESTARTS = 40, 20
 """Size of the space in which Arnoldi's method looks for motions, and most of its restarts."""
+AGAINST = 10.0
+"""Stiffness against constraints, as a multiple of the largest otherwise, where growth along them is looked for."""
 SAME_LIMIT = 1e-7
 """Relative change of the limit from one round to the next at which it counts as found."""
 
@@ -141,14 +143,20 @@ def surely_stable(motion: SparseMotion, method: Method, h: float) -> bool:
     if any(abs(x - x.T).max() > 1e-9 * abs(x).max() for x in (motion.stiffness, motion.damping)):
         return False
     k, c = motion.bounds()
-    if method.constrained:
-        small = h * c <= 1 and h * h * k + 2 * h * c <= 4
-    else:
-        small = h * (c / 2 + np.sqrt(c * c / 4 + k)) <= safe_radius(method)
     # slow growth is reproduced to second order: up to h^2 |k| = GROWTH it makes no difference
     shifted = [(motion.stiffness, GROWTH / h**2), (motion.damping, 1e-9 * c)]
-    definite = (factor_if_definite(sp.csc_array(x + shift * motion.mass)) for x, shift in shifted if x.nnz)
-    return bool(small) and all(factor is not None for factor in definite)
+    # motions against constraints do not count: any stiffness may be added there
+    against = AGAINST * k * abs(motion.mass).max() * (motion.rows.T @ motion.rows)
+    definite = (factor_if_definite(sp.csc_array(x + shift * motion.mass + against)) for x, shift in shifted if x.nnz)
+    small = _within(method, h, k, c) or _within(method, h, *motion.closer_bounds())
+    return small and all(factor is not None for factor in definite)
+
+
+def _within(method: Method, h: float, k: float, c: float) -> bool:
+    """Whether steps of h (s) are stable with stiffness and damping up to k, 1/s^2, and c, 1/s."""
+    if method.constrained:
+        return h * c <= 1 and h * h * k + 2 * h * c <= 4
+    return h * (c / 2 + np.sqrt(c * c / 4 + k)) <= safe_radius(method)
 
 
 def safe_radius(method: Method) -> float:

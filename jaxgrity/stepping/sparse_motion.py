@@ -25,6 +25,8 @@ SINGULAR = 1e-12
 """Relative compliance of constraints, so that redundant ones have a solution too."""
 SHARED = 1e-8
 """Likewise where it decides how redundant constraints share a force: rounding is divided by it."""
+MARGIN = 1.01
+"""Factor by which bounds from Lanczos' method are larger than what it finds, which is at least 0.999 of the largest."""
 SEPARATE = 1e-9
 """Largest relative difference between a product with the whole Jacobian and with the sparse one."""
 
@@ -52,6 +54,20 @@ class SparseMotion(NamedTuple):
         least = least if abs(self.mass).sum() == least.sum() else least / 2
         K, C = (float((abs(x).sum(axis=1) / least).max(initial=0)) for x in (self.stiffness, self.damping))
         return K, C
+
+    def closer_bounds(self) -> tuple[float, float]:
+        """The same among motions that keep the constraints, by Lanczos' method, with a margin for its error."""
+        n = self.mass.shape[0]
+        inverse = spla.LinearOperator((n, n), matvec=self.solve, dtype=float)
+        start = self.solve(np.random.default_rng(0).normal(size=n))
+
+        def largest(A: sp.csr_array) -> float:
+            if not A.nnz:
+                return 0.0
+            found = spla.eigsh(A, 1, self.mass, which="LA", Minv=inverse, v0=start, return_eigenvectors=False, tol=1e-3)
+            return MARGIN * max(0.0, float(found[0]))
+
+        return largest(self.stiffness), largest(self.damping)
 
     def reduced(self, motions: np.ndarray) -> Linearised:
         """The motion within the span of displacements, (n, k)."""

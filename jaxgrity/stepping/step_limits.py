@@ -135,18 +135,23 @@ def all_taut(scene: Scene) -> Scene:
     return eqx.tree_at(lambda s: s.structure.cables, scene, dataclasses.replace(cables, rest_length=taut, motors=()))
 
 
-def strictest(scene: Scene, method: Method) -> tuple[float, Scene, State]:
-    """The smaller of the stable steps standing and aloft, s, with all cables taut, and its case.
+def strictest(scene: Scene, method: Method, enough: float = np.inf) -> tuple[float, Scene, State]:
+    """The smaller of the stable steps standing and aloft, s, with all cables taut, and its case; at most `enough`, s.
 
     Penalty contact and friction limit the standing robot. Exact contact holds nodes, and allows larger steps. Slack
     cables count as taut, since they may become taut.
     """
-    first, second = _cases(scene)
-    found = stable_step(*first, method), *first
-    motion = _sparse_if_large(*second)
-    if motion is not None and np.isfinite(found[0]) and surely_stable(motion, method, found[0]):
-        return found
-    return min(found, (stable_step(*second, method), *second), key=lambda x: x[0])
+    cases = _cases(scene)
+    if method.implicit:
+        return enough, *cases[0]
+    limit, strict = enough, cases[0]
+    for case in cases:
+        motion = _sparse_if_large(*case)
+        if motion is not None and np.isfinite(limit) and surely_stable(motion, method, limit):
+            continue
+        found = largest_step(linearise(*case) if motion is None else leading_modes(motion, method), method)
+        limit, strict = (found, case) if found < limit else (limit, strict)
+    return limit, *strict
 
 
 def _cases(scene: Scene) -> list[tuple[Scene, State]]:
@@ -188,9 +193,14 @@ def default_step(scene: Scene, method: Method) -> float:
     """The default step: 1, 2 or 5 times a power of ten, s, at most 0.4 of the stable step and `LARGEST_STEP`.
 
     It is round so that frames fall on steps. A scaled copy of a robot may get a step up to 2.5 times smaller."""
-    target = min(0.4 * strictest(scene, method)[0], LARGEST_STEP * float(time_scale(scene)))
-    power = 10.0 ** np.floor(np.log10(target))
-    return float(max(m * power for m in (1, 2, 5) if m * power <= target * (1 + 1e-9)))
+    most = _rounded(LARGEST_STEP * float(time_scale(scene)))
+    return _rounded(0.4 * strictest(scene, method, most / 0.4)[0])
+
+
+def _rounded(step: float) -> float:
+    """The largest of 1, 2 and 5 times powers of ten that is at most `step`."""
+    power = 10.0 ** np.floor(np.log10(step))
+    return float(max(m * power for m in (1, 2, 5) if m * power <= step * (1 + 1e-9)))
 
 
 def step_fault(scene: Scene, method: Method, dt: float) -> str:
