@@ -18,6 +18,7 @@ from jaxgrity.core.typed import typed
 from jaxgrity.core.types import NodeVectors
 from jaxgrity.model.actuation import rest_length
 from jaxgrity.model.bodies import carrying, independent_nodes
+from jaxgrity.model.rigidity import rigid_pairs
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.springs import check_no_bodies, largest_force, largest_stiffness, smallest_stiffness
 from jaxgrity.model.structure import Structure
@@ -25,8 +26,11 @@ from jaxgrity.statics.stiffness import factor_if_definite, free_coordinates, tan
 
 ITERATIONS = 500
 """Most iterations of the solver, after which a shape counts as not found."""
+PATIENCE = 30
+"""Most steps with rigid struts from where they are given; from there on by way of struts that give way."""
 GIVING = 100.0
-"""Stiffness of springs in place of rigid struts that give way, in loads over the structure's size: by a hundredth."""
+"""Stiffness of springs in place of rigid struts that give way, as a multiple of the stiffest cable's; without cables in
+loads over the structure's size: by a hundredth."""
 SMALLEST_SHIFT, LARGEST_SHIFT = 1e-12, 1e6
 """Limits of the shift of the stiffness matrix, as shares of its largest diagonal entry."""
 RESISTANCE = 1e-8
@@ -94,10 +98,11 @@ def resting_shape(
     least = RESISTANCE * smallest_stiffness(springs.structure)
     place, descent = whole[:, free], _descent_of(springs, whole, free, pull)
     given, softer = (whole @ q.ravel()).reshape(q.shape), _softer(scene, pull)
-    here, steps = _descend(descent, place, given, limit, least)
-    if steps == ITERATIONS and softer is not None:
-        here, some = _descend(_descent_of(softer, whole, free, pull), place, given, limit, least)
-        here, more = _descend(descent, place, here.q, limit, least)
+    first = ITERATIONS if softer is None else min(PATIENCE, ITERATIONS)
+    here, steps = _descend(descent, place, given, (limit, least), first)
+    if steps == first and softer is not None:
+        here, some = _descend(_descent_of(softer, whole, free, pull), place, given, (limit, least), ITERATIONS)
+        here, more = _descend(descent, place, here.q, (limit, least), ITERATIONS)
         steps += some + more
     if not here.residual <= limit:
         raise InputError(f"no equilibrium near the start: {here.residual:.3g} N are left after {steps} steps")
@@ -188,14 +193,16 @@ def _descent_of(
 def _softer(scene: Scene, loads: np.ndarray) -> Scene | None:
     """The scene with rigid struts and bodies as springs that give way, from whose shape the stiff ones are near.
 
-    None without loads, and beside cables, by which the stiffness goes.
+    None where there are no such struts, or nothing pulls.
     """
     structure = scene.structure
-    load = float(structure.mass) * float(scene.gravity or 0.0) + float(np.abs(loads).sum())
-    if structure.cables is not None or not load:
+    if not rigid_pairs(scene):
         return None
+    if structure.cables is not None:
+        return with_spring_struts(scene, GIVING * float(np.max(structure.cables.stiffness)))
+    load = float(structure.mass) * float(scene.gravity or 0.0) + float(np.abs(loads).sum())
     size = float(np.linalg.norm(np.ptp(np.asarray(structure.nodes), axis=0)))
-    return with_spring_struts(scene, GIVING * load / size)
+    return with_spring_struts(scene, GIVING * load / size) if load else None
 
 
 def _coordinates(structure: Structure) -> tuple[sp.csc_array, np.ndarray]:
@@ -214,14 +221,14 @@ def _coordinates(structure: Structure) -> tuple[sp.csc_array, np.ndarray]:
 
 
 def _descend(
-    at: Callable[[np.ndarray], _Here], place: sp.csc_array, start: np.ndarray, limit: float, least: float
+    at: Callable[[np.ndarray], _Here], place: sp.csc_array, start: np.ndarray, limits: tuple[float, float], most: int
 ) -> tuple[_Here, int]:
-    """Shifted Newton steps downhill, until no force is above `limit`, N, and a step hardly lowers them.
+    """At most so many shifted Newton steps downhill, until no force is above the limit and a step hardly lowers them.
 
-    `place`: the map from free coordinates to all; `least`: the smallest shift, N/m.
+    `place`: the map from free coordinates to all; `limits`: the largest force, N, and the smallest shift, N/m.
     """
-    here, shift, last = at(start), 1e-4, 0.0
-    for step in range(ITERATIONS):
+    (limit, least), here, shift, last = limits, at(start), 1e-4, 0.0
+    for step in range(most):
         if here.residual <= limit and here.residual >= last / 10:
             return here, step
         last, K = here.residual, here.stiffness()
@@ -239,7 +246,7 @@ def _descend(
         else:
             return here, step
         here, shift = new, max(shift / 30, SMALLEST_SHIFT)
-    return here, ITERATIONS
+    return here, most
 
 
 def _size(K: sp.csc_array) -> float:
