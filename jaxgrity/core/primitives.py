@@ -6,47 +6,15 @@ so that energies written for one robot stay fast under plain `jax.vmap(..., in_a
 Elementwise arithmetic keeps the layout as long as every operand has the population axis (`populations/lanes.py`).
 """
 
-from collections.abc import Callable
-
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.extend.core import Primitive
-from jax.interpreters import ad, batching, mlir
+from jax.interpreters import ad
 
 from jaxgrity.core.errors import InputError
+from jaxgrity.core.making_primitives import linear_pair, primitive
 from jaxgrity.core.typed import check_rows, check_same_shape
 from jaxgrity.core.types import AnyArray, AnyRows, Edges, MemberVectors, Mobility, NodeVectors, PerMember, Rows, Scalar
-
-
-def _primitive(name: str, implementation: Callable) -> Primitive:
-    primitive = Primitive(name)
-    primitive.def_impl(implementation)
-
-    def abstract(*arrays, **static):
-        shapes = [jax.ShapeDtypeStruct(a.shape, a.dtype) for a in arrays]
-        out = jax.eval_shape(lambda *xs: implementation(*xs, **static), *shapes)
-        return jax.core.ShapedArray(out.shape, out.dtype)
-
-    def batch(arrays, axes, **static):
-        size = next(a.shape[axis] for a, axis in zip(arrays, axes) if axis is not None)
-        # all operands get the axis: implementations count axes from the front, and one without it would not line up
-        last = [
-            jnp.broadcast_to(a[..., None], (*a.shape, size)) if axis is None else jnp.moveaxis(a, axis, -1)
-            for a, axis in zip(arrays, axes)
-        ]
-        out = primitive.bind(*last, **static)
-        return out, out.ndim - 1
-
-    primitive.def_abstract_eval(abstract)
-    batching.primitive_batchers[primitive] = batch
-    mlir.register_lowering(primitive, mlir.lower_fun(implementation, multiple_results=False))
-    return primitive
-
-
-def _linear_pair(forward: Primitive, transposed: Primitive) -> None:
-    ad.deflinear2(forward, lambda ct, _, **static: [transposed.bind(ct, **static)])
-    ad.deflinear2(transposed, lambda ct, _, **static: [forward.bind(ct, **static)])
 
 
 def _ends(edges: Edges) -> np.ndarray:
@@ -103,28 +71,28 @@ def _adjacent(rows):
     return rows == tuple(range(rows[0], rows[-1] + 1))
 
 
-_difference_p = _primitive("edge_difference", _difference)
-_accumulate_p = _primitive("edge_accumulate", _accumulate)
-_component_p = _primitive("component", _component)
-_extend_p = _primitive("extend", _extend)
-_take_p = _primitive("take_rows", _take)
-_place_p = _primitive("place_rows", _place)
-_dot_p = _primitive("dot", lambda a, b: a[:, 0] * b[:, 0] + a[:, 1] * b[:, 1] + a[:, 2] * b[:, 2])
-_scale_p = _primitive("scale", lambda a, s: a * s[:, None])
-_inner_p = _primitive("inner", lambda a, b: jnp.sum(a * b, axis=0))
-_weigh_p = _primitive("weigh", lambda a, s: a * s)
-_respond_p = _primitive("respond", lambda a, f, *, of: jnp.sum(a * jnp.expand_dims(f, of), axis=1 - of))
-_outer_p = _primitive("outer", lambda a, b: a[:, None] * b[None])
-_ones_p = _primitive("ones", jnp.ones_like)
-_lie_p = _primitive("population_last", lambda x: x)
-_same_p = _primitive("same", lambda x: x)
-_stored_p = _primitive("stored", lambda x: x / (x == x).astype(x.dtype))
+_difference_p = primitive("edge_difference", _difference)
+_accumulate_p = primitive("edge_accumulate", _accumulate)
+_component_p = primitive("component", _component)
+_extend_p = primitive("extend", _extend)
+_take_p = primitive("take_rows", _take)
+_place_p = primitive("place_rows", _place)
+_dot_p = primitive("dot", lambda a, b: a[:, 0] * b[:, 0] + a[:, 1] * b[:, 1] + a[:, 2] * b[:, 2])
+_scale_p = primitive("scale", lambda a, s: a * s[:, None])
+_inner_p = primitive("inner", lambda a, b: jnp.sum(a * b, axis=0))
+_weigh_p = primitive("weigh", lambda a, s: a * s)
+_respond_p = primitive("respond", lambda a, f, *, of: jnp.sum(a * jnp.expand_dims(f, of), axis=1 - of))
+_outer_p = primitive("outer", lambda a, b: a[:, None] * b[None])
+_ones_p = primitive("ones", jnp.ones_like)
+_lie_p = primitive("population_last", lambda x: x)
+_same_p = primitive("same", lambda x: x)
+_stored_p = primitive("stored", lambda x: x / (x == x).astype(x.dtype))
 
-_linear_pair(_difference_p, _accumulate_p)
-_linear_pair(_component_p, _extend_p)
-_linear_pair(_take_p, _place_p)
-_linear_pair(_lie_p, _lie_p)
-_linear_pair(_same_p, _stored_p)
+linear_pair(_difference_p, _accumulate_p)
+linear_pair(_component_p, _extend_p)
+linear_pair(_take_p, _place_p)
+linear_pair(_lie_p, _lie_p)
+linear_pair(_same_p, _stored_p)
 ad.defbilinear(_dot_p, lambda ct, a, b: _scale_p.bind(b, ct), lambda ct, a, b: _scale_p.bind(a, ct))
 ad.defbilinear(_scale_p, lambda ct, a, s: _scale_p.bind(ct, s), lambda ct, a, s: _dot_p.bind(ct, a))
 ad.defbilinear(_inner_p, lambda ct, a, b: _weigh_p.bind(b, ct), lambda ct, a, b: _weigh_p.bind(a, ct))
