@@ -24,6 +24,8 @@ ROUNDING = 1e-9
 """Squared frequencies below this share of the largest are errors of the shape and of arithmetic."""
 DENSE = 450
 """Most coordinates for which all modes are computed at once. Beyond, a sparse solver finds the lowest alone."""
+BELOW = 1e-7
+"""Shift below the lowest mode, as a share of the largest squared frequency, where no mode grows."""
 EPS = float(np.finfo(float).eps)
 LOWEST = 30
 """Default number of lowest modes where not all are computed."""
@@ -147,8 +149,16 @@ def _all_modes(spectrum: Spectrum, count: int) -> Found:
 
 def _lowest_modes(spectrum: Spectrum, count: int) -> Found:
     """The same by shift and invert, for a structure of any size."""
-    stiffest = spectrum.stiffest()
-    loose = spectrum.below(ROUNDING * stiffest) >= count
-    squares, x = (spectrum.without_resistance if loose else spectrum.lowest)(count, -1e-7 * stiffest)
+    stiffest, shift = spectrum.stiffest(), -BELOW
+    while spectrum.below(shift * stiffest):  # the nearest to a shift below all are the lowest
+        shift = 10 * shift
+    many = spectrum.below(ROUNDING * stiffest) >= count
+    squares, x = (spectrum.without_resistance if many else spectrum.lowest)(count, shift * stiffest)
     rounding = max(ROUNDING * squares.max(initial=0), 100 * EPS * stiffest)
-    return squares, x, rounding, spectrum.below(rounding), spectrum.below(-rounding)
+    zero, growing = (int(np.sum(squares < side)) for side in (rounding, -rounding))
+    # where these are all that was asked for, there may be more
+    zero, growing = (
+        spectrum.below(sign * ROUNDING * stiffest) if found == count else found
+        for sign, found in ((1, zero), (-1, growing))
+    )
+    return squares, x, rounding, max(zero, growing), growing

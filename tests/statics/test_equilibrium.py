@@ -24,8 +24,8 @@ from jaxgrity import (
 )
 from jaxgrity.model import body_moments, rigid_body
 from jaxgrity.statics import equilibrium_near, prestressed, resting_shape, settled, vibration_modes
-from jaxgrity.statics.stiffness import factor_if_definite, stiffness_matrix
-from jaxgrity.structures import prism, tower
+from jaxgrity.statics.stiffness import factor_if_definite, stiffness_matrix, tangent_of
+from jaxgrity.structures import prism, prism_tower, tower
 
 
 def sprung(geometry, tension=50.0) -> Structure:
@@ -94,6 +94,27 @@ def test_a_chain_of_rigid_struts_hangs_though_it_starts_level(monkeypatch):
     np.testing.assert_allclose(found.q[-1], [0, 0, -4], atol=1e-5)
     np.testing.assert_allclose(found.reactions[0], [0, 0, 5 * 9.81], atol=1e-6)
     assert found.stable
+
+
+def test_a_tower_of_rigid_struts_far_from_rest_settles():
+    """Cables of 98 % of their lengths pull its prisms together and turn them. With stiff struts alone it creeps."""
+    structure = prism_tower(9, exact=True).structure
+    found = resting_shape(Scene(structure))
+    assert found.steps < 120
+    assert np.linalg.norm(found.q - structure.nodes, axis=1).max() > 0.02
+    np.testing.assert_allclose(edge_lengths(found.q, structure.struts.edges), structure.struts.rest_length, rtol=1e-5)
+
+
+def test_one_program_gives_energy_force_and_stiffness(reference):
+    """Those of U by automatic differentiation, deep in the ground and beside it."""
+    scene = dataclasses.replace(reference, gait=None)
+    for q in (scene.structure.nodes, scene.structure.nodes - [0, 0, 0.05]):
+        found = tangent_of(scene)(q)
+        U, slope = jax.value_and_grad(scene.potential_energy)(jnp.asarray(q), 0.0)
+        np.testing.assert_allclose(found.energy, U, rtol=1e-13)
+        np.testing.assert_allclose(found.gradient, slope, rtol=1e-9, atol=1e-11)
+        hessian = jax.hessian(scene.potential_energy)(jnp.asarray(q), 0.0).reshape(q.size, q.size)
+        np.testing.assert_allclose(found.stiffness().toarray(), hessian, rtol=1e-9, atol=1e-9)
 
 
 def test_settling_knows_the_cables_forces():

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxgrity import InputError, Members, PenaltyGround, Scene, SolverOptions, Structure, simulate
+from jaxgrity import InputError, Members, PenaltyGround, Scene, SolverOptions, Structure, edge_lengths, simulate
 from jaxgrity.model import mass_matrix
 from jaxgrity.statics import prestressed, resting_shape, sparse_mass_matrix, vibration_modes, vibrations
 from jaxgrity.statics.stiffness import rigid_motions, stiffness_matrix
@@ -97,6 +97,52 @@ def test_sparse_and_dense_solvers_agree(monkeypatch):
     sparse = vibration_modes(scene, count=10)
     assert sparse.growing == dense.growing
     np.testing.assert_allclose(sparse.frequency, dense.frequency, rtol=1e-6)
+
+
+def hollow_tower(rigid: bool, fixed=()) -> Scene:
+    """With mass in its cables, slack at two nodes. One hangs on a strut; a compressed strut ends at the other."""
+    geometry = tower(3, 4, 0.3)
+    lengths = [edge_lengths(geometry.nodes, edges) for edges in (geometry.struts, geometry.cables)]
+    ends = geometry.struts[0][0], geometry.struts[-1][1]
+    slack = np.isin(geometry.cables, ends).any(1)
+    compression = np.where(np.arange(12) == 11, 1e-7 if rigid else 1e-2, 0.0)
+    struts = Members(geometry.struts, None if rigid else np.full(12, 2e4), (1 + compression) * lengths[0])
+    rest, count = np.where(slack, 1.1, 0.9) * lengths[1], len(geometry.cables)
+    cables = Members(geometry.cables, np.full(count, 500.0), rest, mass=np.full(count, 0.01))
+    return Scene(Structure(geometry.nodes, np.linspace(0.1, 0.2, 24), struts, cables, fixed=fixed))
+
+
+@pytest.mark.parametrize("rigid", [False, True])
+@pytest.mark.parametrize("fixed", [(), ((3, "xyz"), (4, "xz"))])
+def test_the_ends_of_the_spectrum_are_those_of_all_modes(monkeypatch, rigid, fixed):
+    """Counted by pivots and found beside shifts, in a shape where some motions grow and some meet no resistance."""
+    scene = hollow_tower(rigid, fixed)
+    q, unreal = np.asarray(scene.structure.nodes), 12 if rigid else 0
+    dense, few = vibrations.frequency_range(scene, q, unreal), vibration_modes(scene, q, count=4)
+    monkeypatch.setattr(vibrations, "DENSE", 0)
+    sparse, also_few = vibrations.frequency_range(scene, q, unreal), vibration_modes(scene, q, count=4)
+    assert dense.zero == sparse.zero > 0
+    np.testing.assert_allclose(sparse[1:], dense[1:], rtol=1e-6)
+    assert (also_few.zero, also_few.growing) == (few.zero, few.growing)
+    assert few.growing > 0
+
+
+def test_many_motions_without_resistance_are_found_and_counted(monkeypatch):
+    """Three prisms beside each other: the twelve rigid motions of two of them, more than are asked for."""
+    geometry, apart = prism(3), np.array([5.0, 0, 0])
+    nodes = np.concatenate([geometry.nodes + k * apart for k in range(3)])
+    edges = [tuple((i + 6 * k, j + 6 * k) for k in range(3) for i, j in e) for e in (geometry.struts, geometry.cables)]
+    struts, cables = (Members(e, np.full(len(e), K), np.ones(len(e))) for e, K in zip(edges, (2e3, 500.0)))
+    structure = Structure(nodes, np.linspace(0.3, 0.5, 18), struts, cables)
+    scene = Scene(prestressed(structure, 40.0))
+    dense = vibration_modes(scene)
+    monkeypatch.setattr(vibrations, "DENSE", 0)
+    sparse = vibration_modes(scene, count=10)
+    assert dense.zero == sparse.zero == 12
+    np.testing.assert_array_equal(sparse.frequency, 0)
+    x = sparse.shapes.reshape(10, -1)
+    np.testing.assert_allclose(x @ (sparse_mass_matrix(scene.structure) @ x.T), np.eye(10), atol=1e-9)
+    assert abs(stiffness_matrix(scene, nodes) @ x.T).max() < 1e-3
 
 
 def test_rigid_motions_are_those_that_supports_leave():

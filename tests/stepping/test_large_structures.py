@@ -17,6 +17,7 @@ from jaxgrity import (
     SolverOptions,
     Structure,
 )
+from jaxgrity.model.scales import time_scale
 from jaxgrity.model.scene import with_gait
 from jaxgrity.stepping import resolve, standing
 from jaxgrity.stepping import step_limits as limits
@@ -66,6 +67,25 @@ def test_both_ways_find_the_same_limit(name):
             motion = sparse_motion(*case)
             assert largest_step(leading_modes(motion, method), method) == pytest.approx(dense, rel=SAME), method.name
             assert not surely_stable(motion, method, 1.01 * dense), method.name
+
+
+@pytest.mark.parametrize("name", ["exact", "rigid", "held, with mass in cables"])
+def test_closer_bounds_are_those_of_the_dense_motion(name):
+    """The largest stiffness and damping among motions that keep the constraints, at most 2 % more."""
+    for case in limits._cases(SCENES[name]()):
+        linear, bounds = linearise(*case), sparse_motion(*case).closer_bounds()
+        for bound, dense in zip(bounds, linear[:2]):
+            largest = np.linalg.eigvals(dense).real.max()
+            assert largest <= bound <= 1.02 * largest + 1e-9
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["penalty", "exact"])
+def test_a_default_step_that_a_bound_shows_is_that_of_the_eigenvalues(name):
+    """All steps of 1, 2 and 5 times a power of ten below 0.4 of the limit and the largest default one."""
+    scene, method = SCENES[name](), METHODS["complementarity" if name == "exact" else "rk4"]
+    most = limits.LARGEST_STEP * float(time_scale(scene))
+    assert limits.default_step(scene, method) == limits._rounded(min(0.4 * limits.strictest(scene, method)[0], most))
 
 
 def test_a_bound_shows_that_a_small_step_is_stable():
