@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxgrity.core.primitives import place_rows
 from jaxgrity.core.types import Scalar
 from jaxgrity.model.laws import SceneParts
 
@@ -87,10 +88,11 @@ def fastest_mode(scene: SceneParts) -> Scalar:
     stiffness = xp.zeros(len(structure.nodes))
     for members in (structure.struts, structure.cables):
         if members is not None and members.stiffness is not None:
-            for ends in np.array(members.edges).T:
-                place = np.zeros((len(structure.nodes), len(ends)))
-                place[ends, np.arange(len(ends))] = 1
-                stiffness = stiffness + place @ members.stiffness
+            for ends in zip(*members.edges):
+                if xp is np:
+                    stiffness = stiffness + np.bincount(ends, members.stiffness, len(structure.nodes))
+                else:
+                    stiffness = stiffness + place_rows(members.stiffness, ends, len(structure.nodes))
     moves = structure.free.any(1) & (mass > 0)
     fastest = xp.sqrt(2 * xp.max(xp.where(moves, stiffness / xp.where(moves, mass, 1.0), 0.0)))
     rate = 0.0 if scene.gait is None else 2 * np.pi * scene.gait.frequency.max()

@@ -155,8 +155,8 @@ def surely_stable(motion: SparseMotion, method: Method, h: float) -> bool:
 def _within(method: Method, h: float, k: float, c: float) -> bool:
     """Whether steps of h (s) are stable with stiffness and damping up to k, 1/s^2, and c, 1/s."""
     if method.constrained:
-        return h * c <= 1 and h * h * k + 2 * h * c <= 4
-    return h * (c / 2 + np.sqrt(c * c / 4 + k)) <= safe_radius(method)
+        return bool(h * c <= 1 and h * h * k + 2 * h * c <= 4)
+    return bool(h * (c / 2 + np.sqrt(c * c / 4 + k)) <= safe_radius(method))
 
 
 def safe_radius(method: Method) -> float:

@@ -199,6 +199,7 @@ def _pushes(scene: Scene, q: NodeVectors, v: NodeVectors, moves: AnyArray):
         return force - momenta(scene.structure, support_acceleration(scene.shaking, scene.structure, 0.0))
 
     force, push = jax.linearize(total, q, v)
-    still = jnp.zeros_like(q)
-    by_place = jax.lax.map(lambda x: push(x, still), moves)
-    return force, by_place, jax.lax.map(lambda x: push(still, x), moves)
+    # one loop for both, which halves the time to compile
+    still = jnp.zeros_like(moves)
+    changes = jax.lax.map(lambda x: push(*x), (jnp.concatenate([moves, still]), jnp.concatenate([still, moves])))
+    return force, changes[: len(moves)], changes[len(moves) :]
