@@ -172,11 +172,9 @@ def inspect_structure(scene: Scene) -> StructureReport:
     edges = all_edges(structure)
     forces = _that_count(structure, member_forces(structure, shape))
     slides = structure.cables is not None and structure.cables.clusters
-    countable = len(edges) <= LARGEST and not slides
-    counted = statics_of(shape, edges, structure.supported, EXACT) if countable else None
+    counted = None if slides or len(edges) > LARGEST else statics_of(shape, edges, structure.supported, EXACT)
     density = forces / edge_lengths(shape, edges)
-    judged = counted is not None and at_rest and not loaded and (np.any(forces) or len(counted.mechanisms) > 0)
-    stressed = counted if judged else None
+    stressed = counted if counted and at_rest and not loaded and (forces.any() or len(counted.mechanisms)) else None
     modes = vibration_modes(alone, shape)
     return StructureReport(
         structure=structure,
