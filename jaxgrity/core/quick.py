@@ -25,7 +25,8 @@ def compiled_quickly(function: Callable[P, R]) -> Callable[P, R]:
     options for whole programs only.
     """
     options = OPTIONS | (OLDER_KERNELS if jax.__version_info__ < (0, 11) else {})
-    usual, quick = eqx.filter_jit(function), eqx.filter_jit(function, compiler_options=options)
+    usual = eqx.filter_jit(function)
+    quick = eqx.filter_jit(function, compiler_options=options)  # type: ignore[call-overload]
 
     @wraps(function)
     def run(*args: P.args, **kwargs: P.kwargs) -> R:

@@ -198,8 +198,9 @@ def _softer(scene: Scene, loads: np.ndarray) -> Scene | None:
     structure = scene.structure
     if not rigid_pairs(scene):
         return None
-    if structure.cables is not None:
-        return with_spring_struts(scene, GIVING * float(np.max(structure.cables.stiffness)))
+    cables = structure.cables
+    if cables is not None and cables.stiffness is not None:
+        return with_spring_struts(scene, GIVING * float(np.max(cables.stiffness)))
     load = float(structure.mass) * float(scene.gravity or 0.0) + float(np.abs(loads).sum())
     size = float(np.linalg.norm(np.ptp(np.asarray(structure.nodes), axis=0)))
     return with_spring_struts(scene, GIVING * load / size) if load else None

@@ -68,7 +68,8 @@ class Spectrum(NamedTuple):
 
     def without_resistance(self, count: int, shift: float) -> tuple[np.ndarray, np.ndarray]:
         """The same for so many motions without resistance that ARPACK, which begins with one, finds them slowly."""
-        inverse, x = self.inverse(shift), np.random.default_rng(0).normal(size=(self.K.shape[0], count))
+        inverse = self.inverse(shift)
+        x: np.ndarray = np.random.default_rng(0).normal(size=(self.K.shape[0], count))
         for _ in range(ROUNDS):
             x = np.linalg.qr(inverse @ (self.M @ x))[0]
         root = np.linalg.cholesky(x.T @ (self.M @ x))
