@@ -17,6 +17,7 @@ import jax.numpy as jnp
 from jaxgrity.core.types import AnyArray, NodeVectors, Scalar, State
 from jaxgrity.model.scene import Scene
 from jaxgrity.stepping.constraints import GroundImpulses, bounce_gains, exact_ground
+from jaxgrity.stepping.impact_times import impact_times, moved_on, without_bounces
 
 LARGEST_LENGTH_ERROR = 1e-3
 """Largest share of its length by which a strut may be off at the end of a step. A robot beyond it gets NaN, and needs
@@ -91,19 +92,41 @@ class Complementarity(diffrax.AbstractSolver):
         return 1
 
     def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
-        w, after = self.velocity_after_impulses(terms, (t0, t1), y0, args, solver_state)
-        ground = exact_ground(args)
-        if ground is not None and ground.restitution is not None and args.friction is not None:
+        ground, ends = exact_ground(args), (t0, t1)
+        bounces = ground is not None and ground.restitution is not None
+        start, times = self._at_impacts(terms, ends, y0, args, solver_state) if bounces else (y0, None)
+        w, after = self.velocity_after_impulses(terms, ends, start, args, solver_state)
+        if bounces and args.friction is not None:
             # both are computed: mapped over a population, a condition would compute both too
             still = eqx.tree_at(lambda scene: scene.ground.restitution, args, 0 * ground.restitution)
-            plastic = self.velocity_after_impulses(terms, (t0, t1), y0, still, solver_state)
-            gains = self.lift(bounce_gains, ("s", None, -1, -1, -1))(args, t1 - t0, y0, w, after.impulses)
+            plastic = self.velocity_after_impulses(terms, ends, start, still, solver_state)
+            gains = self.lift(bounce_gains, ("s", None, -1, -1, -1))(args, t1 - t0, start, w, after.impulses)
             taken = after.step_size
             w, after = jax.tree.map(lambda a, b: jnp.where(gains, a, b), plastic, (w, after))
             # of a population one number for all robots
             after = after._replace(step_size=taken)
-        y1 = (y0[0] + (t1 - t0) * w, w)
+        y1 = (start[0] + (t1 - t0) * w, w)
+        if times is not None:
+            # back along the motion after the impacts
+            accelerations = self._unhindered(terms, (t1, t1 + (t1 - t0)), y1, args, after)
+            y1 = self.lift(moved_on, ("s", -1, -1, -1))(args, -times, y1, accelerations)
         return y1, None, {"y0": y0, "y1": y1}, after, diffrax.RESULTS.successful
+
+    def _at_impacts(self, terms, ends, start, scene, memory) -> tuple[State, AnyArray]:
+        """The start of a step with its derivative at the impacts, and their times. Programs without derivatives leave
+        out all that this takes."""
+        accelerations = self._unhindered(terms, ends, start, scene, memory)
+        times = self.lift(impact_times, ("s", None, -1, -1))(scene, ends[1] - ends[0], start, accelerations)
+        return self.lift(moved_on, ("s", -1, -1, -1))(scene, times, start, accelerations), times
+
+    def _unhindered(self, terms, ends, start, scene, memory) -> AnyArray:
+        """m/s^2: the accelerations in a step in which nodes pass through the ground where they would bounce."""
+        ends, start, memory = jax.lax.stop_gradient((ends, start, memory))
+        scene = without_bounces(scene)
+        w, _ = self.velocity_after_impulses(terms, ends, start, scene, memory)
+        gained = (w - start[1]) / kick_of(scene, ends, memory)[0]
+        # a failure is that of the step itself
+        return jnp.where(jnp.isfinite(gained), gained, 0)
 
     def func(self, terms, t0, y0, args):
         return terms.vf(t0, y0, args)

@@ -111,8 +111,9 @@ def step_problem(scene: Scene, h: Scalar, t1: Scalar, q: NodeVectors, v: NodeVec
         vectors = vector(apart, ground) * (1 / h)
         lengths = rest_length(struts, scene.gait, t1, 0) / h
     if ground is not None:
-        met = where_met(ground, length_scale(scene), h, q, v)
-        closing = layout.numbers(closing_speed(ground, h, v, met))
+        size = length_scale(scene)
+        met = where_met(ground, size, h, q, v)
+        closing = layout.numbers(closing_speed(ground, size, h, v, met))
         if ground.surface is not None:
             rows = cast(tuple[NodeVectors, ...], (met.frame.normal, *met.frame.tangents))
             axes = tuple(zip(*(layout.split(axis, ground) for axis in rows)))

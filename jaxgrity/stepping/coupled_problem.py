@@ -87,13 +87,15 @@ def problem_of(scene: Scene, h: Scalar, t1: Scalar, q: NodeVectors, v: NodeVecto
     if ground is not None:
         never = np.where(structure.free.any(1), 0.0, NEVER).astype(q.dtype) * speed
         mu = None if scene.friction is None else jnp.asarray(scene.friction.sliding_mu)
-        met = _met(ground, length_scale(scene), h, (q, v))
+        size = length_scale(scene)
+        met = _met(ground, size, h, (q, v))
         axes = met.frame
         # velocities are compared with it that are multiplied by roots of masses
         least = jnp.asarray(jnp.square(SLOWEST * speed) * mass_scale(scene), q.dtype)
         if rows is not None:
             never, mu = never[rows], mu if mu is None or mu.ndim == 0 else mu[rows]
-        contact = Contact(closing_speed(ground, h, v if rows is None else v[rows], met) - never, mu, None, least)
+        closing = closing_speed(ground, size, h, v if rows is None else v[rows], met)
+        contact = Contact(closing - never, mu, None, least)
     columns = [jnp.broadcast_to(jnp.asarray(axis, q.dtype), at.shape) for axis in (axes.normal, *axes.tangents)]
     frame = jnp.stack(columns, axis=1)
     if ground is not None and ground.balls is not None:

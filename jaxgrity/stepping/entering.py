@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
+from jaxgrity.core.elementwise import derived_as
 from jaxgrity.core.primitives import component, over
 from jaxgrity.core.types import AnyArray, NodeVectors, PerNode, Scalar, State
 from jaxgrity.model.ground import ExactGround
@@ -26,6 +27,10 @@ TRIALS = 16
 FOUND = 4
 """The search ends at a place that is inside, but beyond the depth where the inside begins by less than this many times
 that depth."""
+
+HARD = 2.0
+"""Smallest speed of a hard impact, in units of the speed that a step's acceleration gives. A slower bounce lasts for a
+step or two, and steps do not resolve its time."""
 
 
 Coordinates = tuple[PerNode, ...]
@@ -143,16 +148,33 @@ def frame_met(ground: ExactGround, size: Scalar, h: Scalar, start: State) -> Fra
     return where_met(ground, size, h, *start).frame
 
 
-def closing_speed(ground: ExactGround, h: Scalar, v: NodeVectors, met: Met) -> PerNode:
-    """The normal velocity (m/s) with which each node reaches or leaves the ground in a step of size h (s)."""
+def landings(
+    ground: ExactGround, size: Scalar, h: Scalar, v: NodeVectors, met: Met
+) -> tuple[PerNode, PerNode, AnyArray]:
+    """Of each node its distance from the ground that it meets, m, its normal velocity, m/s, and whether it arrives
+    there in a step of size h (s): a node at rest does not."""
     phi, approach = met.distance, component(v, met.frame.normal)
-    if ground.surface is not None:
-        phi = phi - h * approach * met.share
-    closing = -phi / h
+    gap = phi if ground.surface is None else phi - h * approach * met.share
+    way = -h * approach
+    return gap, approach, (way > gap) & (way > _depth(size, gap.dtype))
+
+
+def closing_speed(ground: ExactGround, size: Scalar, h: Scalar, v: NodeVectors, met: Met) -> PerNode:
+    """The normal velocity (m/s) with which each node reaches or leaves the ground in a step of size h (s).
+
+    A negative restitution lets nodes that arrive pass (`impact_times.py`).
+    """
+    gap, approach, arrives = landings(ground, size, h, v, met)
+    closing = -gap / h
     if ground.restitution is None:
         return closing
-    hits = ((phi + h * approach < 0) & (approach < 0)).astype(phi.dtype)
-    return jnp.maximum(closing, -ground.restitution * approach * hits + closing * (1 - hits))
+    # forces bring it there at the very end of the step, and it bounces in the next: that is when its impact has a time,
+    # and until then derivatives are those of its flight
+    late = ~arrives & (-h * approach > _depth(size, gap.dtype)) & (gap / h + approach < -approach / HARD)
+    closing = jnp.where(late, derived_as(closing, approach), closing)
+    hits = (gap + h * approach < 0) & (approach < 0)
+    after = jnp.where(hits, -ground.restitution * approach, closing)
+    return jnp.where((ground.restitution < 0) & arrives, after, jnp.maximum(closing, after))
 
 
 class _Place(NamedTuple):

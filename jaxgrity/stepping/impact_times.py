@@ -1,0 +1,98 @@
+"""Derivatives through the times of impacts with restitution (saltation).
+
+A step gives the whole impulse of a bounce, whenever in the step it is. So a derivative through such a step has no trace
+of the impact's time, while the motion in continuous time has one. An impact that comes later by dt leaves (v - w) dt in
+the positions, with v the velocities before it and w those after it, and likewise a difference in the velocities. M. A.
+Aizerman and F. R. Gantmakher 1958, doi:10.1093/qjmam/11.4.525.
+
+Here such a step gets the derivative of the motion in continuous time. It leads along the motion before the impact to
+its time, through the step, and back along the motion after it. Values do not change.
+"""
+
+from functools import lru_cache
+from typing import cast
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxgrity.core.dense import least_solution
+from jaxgrity.core.elementwise import derived_as
+from jaxgrity.core.primitives import dot, edge_vectors, inverse, length, scale
+from jaxgrity.core.types import AnyArray, Edges, NodeVectors, PerNode, Scalar, State
+from jaxgrity.model.ground import ExactGround
+from jaxgrity.model.rigidity import rigid_pairs
+from jaxgrity.model.scales import length_scale
+from jaxgrity.model.scene import Scene
+from jaxgrity.stepping.constraints import exact_ground
+from jaxgrity.stepping.entering import HARD, landings, where_met
+
+PASSING = -1e3
+"""Restitution with which nodes pass through the ground: one that arrives may get a thousand times as fast in a step."""
+
+
+def impact_times(scene: Scene, h: Scalar, start: State, accelerations: NodeVectors) -> PerNode:
+    """s since the start of a step of h (s): the time of the hard impact that sets each node in motion; 0 without one.
+
+    `accelerations` (m/s^2) are those before the impacts.
+    """
+    (q, v), ground, size = start, cast(ExactGround, exact_ground(scene)), length_scale(scene)
+    gap, approach, arrives = landings(ground, size, h, v, where_met(ground, size, h, q, v))
+    gained = h * length(accelerations)
+    speed = jnp.where(arrives & _stopped(scene, ground) & (-approach > HARD * gained), -approach, 0)
+    # two ends of a rod share one time, the mean by speed: of impacts in one step the order is not known
+    together = _moving_together(scene)
+    speeds = together @ speed
+    return together @ jnp.where(speed > 0, gap, 0) / jnp.where(speeds > 0, speeds, 1)
+
+
+def moved_on(scene: Scene, times: PerNode, state: State, accelerations: NodeVectors) -> State:
+    """The state, with its derivative along the motion for `times` (s), node by node."""
+    q, v = state
+    along = _turning(scene, *jax.lax.stop_gradient(state))
+    return derived_as(q, q + scale(along, times)), derived_as(v, v + scale(accelerations, times))
+
+
+def without_bounces(scene: Scene) -> Scene:
+    """The scene whose nodes pass through the ground where they would bounce. No derivative leads through it."""
+    held = jax.tree.map(lambda x: jax.lax.stop_gradient(x) if eqx.is_inexact_array(x) else x, scene)
+    return eqx.tree_at(lambda s: s.ground.restitution, held, 0 * held.ground.restitution + PASSING)  # type: ignore[union-attr]
+
+
+def _stopped(scene: Scene, ground: ExactGround) -> AnyArray:
+    """(nodes,): whether the ground acts on it."""
+    touching = scene.structure.free.any(1)
+    if ground.balls is not None:
+        touching = touching & np.isin(np.arange(len(touching)), ground.balls.nodes)
+    return touching
+
+
+def _moving_together(scene: Scene) -> AnyArray:
+    """(nodes, nodes): 1 where an impulse on one node changes the velocity of the other at once, else 0."""
+    rods = tuple(edge for _, edges in scene.structure.rod_masses for edge in edges)
+    nodes = scene.structure.nodes
+    return jnp.asarray(_connected(rigid_pairs(scene) + rods, nodes.shape[0]), nodes.dtype)
+
+
+@lru_cache
+def _connected(edges: Edges, nodes: int) -> np.ndarray:
+    found = np.eye(nodes, dtype=bool)
+    for edge in edges:
+        found[np.ix_(edge, edge)] = True
+    while (more := found @ found).sum() > found.sum():
+        found = more
+    return found
+
+
+def _turning(scene: Scene, q: NodeVectors, v: NodeVectors) -> NodeVectors:
+    """The part of velocities (m/s) that leaves rigid struts their lengths: a step sets these at its end, whenever the
+    impact is."""
+    edges = rigid_pairs(scene)
+    if not edges:
+        return v
+    d = edge_vectors(q, edges)
+    units = scale(d, inverse(length(d)))
+    rates = lambda v: dot(units, edge_vectors(v, edges))  # noqa: E731
+    matrix = jax.jacfwd(rates)(jnp.zeros_like(v)).reshape(len(edges), -1)
+    return v - least_solution(matrix, rates(v)).reshape(v.shape)
