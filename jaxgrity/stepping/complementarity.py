@@ -109,7 +109,7 @@ class Complementarity(diffrax.AbstractSolver):
         if times is not None:
             # back along the motion after the impacts
             accelerations = self._unhindered(terms, (t1, t1 + (t1 - t0)), y1, args, after)
-            y1 = self.lift(moved_on, ("s", -1, -1, -1))(args, -times, y1, accelerations)
+            y1 = self.lift(moved_on, ("s", None, -1, -1, -1))(args, (t1, t1), -times, y1, accelerations)
         return y1, None, {"y0": y0, "y1": y1}, after, diffrax.RESULTS.successful
 
     def _at_impacts(self, terms, ends, start, scene, memory) -> tuple[State, AnyArray]:
@@ -117,7 +117,7 @@ class Complementarity(diffrax.AbstractSolver):
         out all that this takes."""
         accelerations = self._unhindered(terms, ends, start, scene, memory)
         times = self.lift(impact_times, ("s", None, -1, -1))(scene, ends[1] - ends[0], start, accelerations)
-        return self.lift(moved_on, ("s", -1, -1, -1))(scene, times, start, accelerations), times
+        return self.lift(moved_on, ("s", None, -1, -1, -1))(scene, ends, times, start, accelerations), times
 
     def _unhindered(self, terms, ends, start, scene, memory) -> AnyArray:
         """m/s^2: the accelerations in a step in which nodes pass through the ground where they would bounce."""

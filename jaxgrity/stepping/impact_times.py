@@ -22,7 +22,7 @@ from jaxgrity.core.elementwise import derived_as
 from jaxgrity.core.primitives import dot, edge_vectors, inverse, length, scale
 from jaxgrity.core.types import AnyArray, Edges, NodeVectors, PerNode, Scalar, State
 from jaxgrity.model.ground import ExactGround
-from jaxgrity.model.rigidity import rigid_pairs
+from jaxgrity.model.rigidity import rigid_lengths, rigid_pairs
 from jaxgrity.model.scales import length_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.stepping.constraints import exact_ground
@@ -47,10 +47,15 @@ def impact_times(scene: Scene, h: Scalar, start: State, accelerations: NodeVecto
     return together @ jnp.where(speed > 0, gap, 0) / jnp.where(speeds > 0, speeds, 1)
 
 
-def moved_on(scene: Scene, times: PerNode, state: State, accelerations: NodeVectors) -> State:
-    """The state, with its derivative along the motion for `times` (s), node by node."""
+def moved_on(
+    scene: Scene, ends: tuple[Scalar, Scalar], times: PerNode, state: State, accelerations: NodeVectors
+) -> State:
+    """The state, with its derivative along the motion for `times` (s), node by node.
+
+    It is that at the first of `ends` (s), of a step that leads to the second.
+    """
     q, v = state
-    along = _turning(scene, *jax.lax.stop_gradient(state))
+    along = jax.lax.stop_gradient(_turning(scene, ends, q, v))
     return derived_as(q, q + scale(along, times)), derived_as(v, v + scale(accelerations, times))
 
 
@@ -85,9 +90,12 @@ def _connected(edges: Edges, nodes: int) -> np.ndarray:
     return found
 
 
-def _turning(scene: Scene, q: NodeVectors, v: NodeVectors) -> NodeVectors:
-    """The part of velocities (m/s) that leaves rigid struts their lengths: a step sets these at its end, whenever the
-    impact is."""
+def _turning(scene: Scene, ends: tuple[Scalar, Scalar], q: NodeVectors, v: NodeVectors) -> NodeVectors:
+    """Velocities (m/s) without the part that changes the lengths of rigid struts.
+
+    A step sets these at its end, whenever the impact is. The rates by which actuated struts change them in the step are
+    those of the impact's time all the same: lengths at the start differ by so much.
+    """
     edges = rigid_pairs(scene)
     if not edges:
         return v
@@ -95,4 +103,5 @@ def _turning(scene: Scene, q: NodeVectors, v: NodeVectors) -> NodeVectors:
     units = scale(d, inverse(length(d)))
     rates = lambda v: dot(units, edge_vectors(v, edges))  # noqa: E731
     matrix = jax.jacfwd(rates)(jnp.zeros_like(v)).reshape(len(edges), -1)
-    return v - least_solution(matrix, rates(v)).reshape(v.shape)
+    first, last = (jax.jvp(lambda t: rigid_lengths(scene, t), (t,), (jnp.ones_like(t),))[1] for t in ends)
+    return v - least_solution(matrix, rates(v) + last - first).reshape(v.shape)

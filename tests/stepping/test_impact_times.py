@@ -24,8 +24,8 @@ from jaxgrity import (
     final_state,
     gaits_of,
 )
-from jaxgrity.search import checkpointed_end, distances
 from jaxgrity.model.scene import as_dtype
+from jaxgrity.search import checkpointed_end, distances
 from jaxgrity.stepping import resolve
 
 START = jnp.array([0.3, 9.81, -0.4])
@@ -109,27 +109,22 @@ def test_differences_agree_over_many_steps_but_not_within_one():
     slopes, difference = over_heights(end, START, 0.1)
     np.testing.assert_allclose(slopes.mean(0)[[1, 3]], difference[[1, 3]], rtol=0.05, atol=0.03)
     _, small = over_heights(end, START, 1e-7)
-    assert abs(small[1] - slopes[0, 1]) > 0.5
-    assert abs(small[3] - slopes[0, 3]) > 5
+    assert difference[3] > 5
+    assert abs(small[3]) < 0.1
 
 
 @pytest.mark.slow
-def test_forward_and_reverse_mode_agree_through_bounces():
-    """Also where a node without restitution stops, and on a slope as a surface."""
-    for scene in (ball(0.5, 0.2), ball(0.0, 0.2), ball(0.5, 0.2, Slope(0.1))):
-        end = thrown(scene, 4e-3, until=1.0)
-        forward, reverse = (jax.jit(of(end))(START) for of in (jax.jacfwd, jax.jacrev))
-        assert np.abs(forward).max() > 0.1
-        np.testing.assert_allclose(reverse, forward, rtol=1e-9, atol=1e-12)
-
-
-@pytest.mark.slow
-def test_on_a_slope_as_a_surface_the_derivative_is_that_on_the_plane():
-    """A restitution turns the velocity there by the angle; the same slope is a surface, or the plane's incline."""
+def test_reverse_mode_agrees_on_a_slope_as_a_surface_with_forward_mode_on_the_plane():
+    """Two bounces down the slope. Where a node with a restitution of 0 stops, both modes agree too."""
     plane = dataclasses.replace(ball(0.5, 0.2), ground=ExactGround(0.1, restitution=0.5))
-    found = [jax.jit(jax.jacfwd(thrown(scene, 2e-3)))(START) for scene in (plane, ball(0.5, 0.2, Slope(0.1)))]
-    assert np.abs(found[0]).max() > 1
-    np.testing.assert_allclose(found[0], found[1], rtol=1e-6, atol=1e-8)
+    ends = [thrown(scene, 2e-3, until=0.6) for scene in (plane, ball(0.5, 0.2, Slope(0.1)))]
+    forward, reverse = jax.jit(jax.jacfwd(ends[0]))(START), jax.jit(jax.jacrev(ends[1]))(START)
+    assert np.abs(forward).max() > 1
+    np.testing.assert_allclose(reverse, forward, rtol=1e-6, atol=1e-8)
+    end = thrown(ball(0.0, 0.2), 4e-3)
+    forward, reverse = (jax.jit(of(end))(START) for of in (jax.jacfwd, jax.jacrev))
+    assert np.abs(forward[0]).min() > 0.01
+    np.testing.assert_allclose(reverse, forward, rtol=1e-9, atol=1e-12)
 
 
 def slid(start):
@@ -146,9 +141,7 @@ def slid(start):
 def test_through_a_landing_that_slides_the_derivative_is_that_of_the_closed_form(coupled):
     """Without restitution the step itself has it: the impulse of an impact is dealt out to two steps by its time."""
     end = lambda dt: lambda x: thrown(ball(None, 0.3), dt, coupled)(x)[:2]  # noqa: E731
-    found = errors(end, slid, STEPS, START + HEIGHTS)
-    assert found[1] < 0.01
-    assert 0.8 < order(STEPS, found) < 1.3
+    assert errors(end, slid, STEPS[:1], START + HEIGHTS)[0] < 1e-9
 
 
 @pytest.mark.slow
@@ -226,14 +219,15 @@ def test_through_a_bounce_of_a_spinning_rod_the_derivative_is_that_of_the_closed
 def test_actuated_rods_have_their_lengths_whenever_the_impact_is():
     """A rod that lengthens fast as it bounces: gradients agree with differences over many steps in the mean."""
     gait = Gait((0,), [0.0], [0.3], [2.0], start=0.0, ramp=0.01)
-    end = tumbling(rod(gait), 5e-4)
-    slopes, difference = over_heights(end, jnp.array([0.45, 9.81, -0.3]), 0.1)
-    size = np.abs(difference).max()
-    assert size > 1
-    np.testing.assert_allclose(slopes.mean(0), difference, atol=0.02 * size)
+    end = tumbling(rod(gait), 5e-4, until=0.2)
+    slopes, difference = over_heights(end, jnp.array([0.45, 9.81, -0.3]), 0.03)
+    for rows in (slice(4), slice(4, 8)):
+        size = np.abs(difference[rows]).max()
+        assert size > 1
+        np.testing.assert_allclose(slopes.mean(0)[rows], difference[rows], atol=0.03 * size)
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_gradients_of_populations_are_those_of_each_robot():
     """Side by side in memory, with dampers, friction and restitution."""
     scene = as_dtype(swept(), "float64")
