@@ -71,6 +71,7 @@ class Complementarity(diffrax.AbstractSolver):
     of slip turns: friction acts against w, not the mean of v and w.
 
     Where restitution and friction would create energy (`bounce_gains`), the impacts of the step are plastic.
+    Derivatives through bounces are those of the motion in continuous time (`impact_times.py`).
 
     No impulse lets a node end a step below the ground. A robot whose struts are off by more than
     `LARGEST_LENGTH_ERROR` of their lengths, or by more than the tolerance, at the end of a step gets NaN: no exception

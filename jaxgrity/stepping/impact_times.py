@@ -67,10 +67,10 @@ def without_bounces(scene: Scene) -> Scene:
 
 def _stopped(scene: Scene, ground: ExactGround) -> AnyArray:
     """(nodes,): whether the ground acts on it."""
-    touching = scene.structure.free.any(1)
-    if ground.balls is not None:
-        touching = touching & np.isin(np.arange(len(touching)), ground.balls.nodes)
-    return touching
+    touching = np.asarray(scene.structure.free).any(axis=1)
+    if ground.balls is None:
+        return cast(np.ndarray, touching)
+    return touching & np.isin(np.arange(len(scene.structure.free)), ground.balls.nodes)
 
 
 def _moving_together(scene: Scene) -> AnyArray:

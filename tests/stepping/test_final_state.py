@@ -98,11 +98,10 @@ def test_through_a_bounce_the_derivative_is_that_of_the_motion():
     np.testing.assert_allclose(forward, (moved[0] - moved[1]) / 2e-4, rtol=1e-3)
 
 
-def test_through_an_exact_impact_the_derivative_lacks_the_time_of_the_impact():
-    """What is returned, documented: a point that falls and stays, thrown along x with nothing that slows it.
+def test_through_an_exact_landing_the_derivative_is_that_of_the_motion():
+    """A point that falls and stays, thrown along x with nothing that slows it.
 
-    Where it lands is x = v t, and its height is 0 from the impact on: those derivatives are right. Between two steps
-    the step of the impact does not move, so that the height just after carries none of the fall's dependence.
+    Where it ends is x = v t, and its height is 0 from the impact on, whatever it fell from.
     """
     scene = ball(0.02, exact=True)
     options = resolve(scene, 0.2, SolverOptions(dt=1e-3))

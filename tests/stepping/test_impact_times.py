@@ -83,7 +83,11 @@ def order(steps, found) -> float:
 
 @pytest.mark.parametrize(
     ("mu", "coupled"),
-    [(0.2, False), *(pytest.param(*each, marks=pytest.mark.slow) for each in ((None, False), (0.2, True)))],
+    [
+        (0.2, False),
+        pytest.param(None, False, marks=pytest.mark.slow),
+        pytest.param(0.2, True, marks=pytest.mark.campaign),
+    ],
 )
 def test_through_a_bounce_of_a_node_the_derivative_is_that_of_the_closed_form(mu, coupled):
     """By height, gravity and velocity at the start, of position and velocity at the end, for many robots at once."""
