@@ -135,12 +135,14 @@ def tables(facts: dict[str, Any]) -> dict[str, str]:
 
 
 def claim_table(claim: dict[str, Any]) -> str:
-    """A row for each robot or case, and the command that measures them."""
-    rows = [
-        [row["claim"], row["section"], row["scene"], row["measured"], f"**{row['verdict']}**", row["why"]]
-        for row in claim["rows"]
-    ]
-    head = ["claim", "section", "robot or case", "measured", "verdict", "why"]
+    """A row for each robot or case, and the command that measures them. A claim or reason as above is left out."""
+    rows, above = [], {"claim": "", "why": ""}
+    for row in claim["rows"]:
+        about = f"{row['claim']} [{row['section']}]" if row["claim"] != above["claim"] else ""
+        why = row["why"] if about or row["why"] != above["why"] else ""
+        rows.append([about, row["scene"], row["measured"], f"**{row['verdict']}**", why])
+        above = row
+    head = ["claim [section of the paper]", "robot or case", "measured", "verdict", "why"]
     found = table(head, [[cell.replace("|", "\\|") for cell in row] for row in rows])
     return f"{found}\n\n`python experiments/paper.py --claims {claim['number']}`"
 

@@ -57,18 +57,17 @@ def climbing(
 
 @climbing.table
 def words(record: Record) -> str:
-    """Speeds by slope, and the steepest slope that is climbed."""
-    ways = ("own", "finer", "other")
-    rows = [
-        [f"{row['slope']:g}°", *(", ".join(f"{speed + 0:.2f}" for speed in row[name]) for name in ways)]
-        for row in record["rows"]
+    """Speeds by slope and friction on each contact model, and the steepest slope that is climbed."""
+    rows, frictions = record["rows"], [f"friction {mu:.2g}" for mu in record["friction"]]
+    ways = {"own": "exact contact", "finer": "exact contact, half the step", "other": "penalty contact"}
+    steepest = [
+        [title, *(steepest_climbed(rows, name, k) for k in range(len(frictions)))] for name, title in ways.items()
     ]
-    friction = ", ".join(f"{mu:.2g}" for mu in record["friction"])
-    every = range(len(record["friction"]))
-    steepest = [", ".join(steepest_climbed(record["rows"], name, k) for k in every) for name in ways]
-    rows.append([f"steepest climbed at {CLIMBS} m/s, from {OWN_SLOPE:g}° up", *steepest])
-    head = ["slope", f"m/s uphill, exact contact, friction {friction}", "at half the step", "penalty contact"]
-    return table(head, rows)
+    tables = [table([f"steepest slope climbed at {CLIMBS} m/s", *frictions], steepest)]
+    for name in ("own", "other"):
+        speeds = [[f"{row['slope']:g}°", *(f"{round(speed, 2) + 0:.2f}" for speed in row[name])] for row in rows]
+        tables.append(table([f"{ways[name]}, m/s uphill", *frictions], speeds))
+    return "\n\n".join(tables)
 
 
 def steepest_climbed(rows: list[Record], way: str, k: int) -> str:

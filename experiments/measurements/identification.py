@@ -113,21 +113,23 @@ def identification(
 
 @identification.table
 def words(record: Record) -> str:
-    """Of each case, parameter by parameter, how far estimates are off."""
-    rows = []
+    """The fits of each case, and how far estimates are off, parameter by parameter."""
+    fits, rows = [], []
     for name, case in record["cases"].items():
-        about = f"{CASES[name].words}, {case['duration']:g} s, {case['windows']} window{'s' * (case['windows'] > 1)}"
-        converged = f"{case['converged']} of {case['trials']}, {case['seconds']:.0f} s, {case['longest']:.0f} s"
+        about, count = CASES[name].words, case["trials"]
+        numbers = [f"{case[key]:{form}}" for key, form in (("duration", "g"), ("windows", ""))]
+        times = [f"{case[key]:.0f}" for key in ("seconds", "longest")]
+        fits.append([about, *numbers, f"{case['converged']} of {count}", *times])
         for each in case["parameters"]:
-            told = each["told"]
-            cells = ["not determined"] * 2
-            if told:
-                cells = [f"{each['standard_error']:.2%}", f"{each['median']:.2%}, {each['largest']:.2%}"]
-            counts = [f"{each[key]} of {case['trials']}" if told else "" for key in ("within_2_percent", "covered")]
-            rows.append([about, converged, f"`{each['name']}`", *cells, *counts])
-            about = converged = ""
-    head = ["the robot", "converged, a fit takes, the longest", "parameter", "standard error", "off by: median, most"]
-    return table([*head, "within 2 %", "inside its interval"], rows)
+            cells = ["not determined", *4 * [""]]
+            if each["told"]:
+                shares = [f"{100 * each[key]:.2f}" for key in ("standard_error", "median", "largest")]
+                cells = [*shares, *(f"{each[key]} of {count}" for key in ("within_2_percent", "covered"))]
+            rows.append([about, f"`{each['name']}`", *cells])
+            about = ""
+    head = ["the robot", "seen for, s", "windows", "fits that converged", "time of a fit: median, s", "longest, s"]
+    errors = ["standard error, %", "median error, %", "largest error, %", "within 2 %", "inside its interval"]
+    return "\n\n".join([table(head, fits), table(["the robot", "parameter", *errors], rows)])
 
 
 def facts_of(case: Case, rows: list[Record]) -> Record:

@@ -135,32 +135,33 @@ def _stroke(gait: Gait, members: Members, first: int) -> float:
 
 
 def full_gaits_table() -> str:
-    """All numbers about the library's gaits, a line each: how they go, on which robots, and what a cycle takes."""
+    """All numbers about the library's gaits, a line each: their orbits, perturbed robots, and what a cycle takes."""
     told = [_facts_of(name) for name in gait_names()]
-    return "\n\n".join(columns(told, {"gait": "`{gait}`"} | cells) for cells in (GOING, ROBOTS, CYCLE))
+    return "\n\n".join(columns(told, {"gait": "`{gait}`"} | cells) for cells in (ORBIT, ROBOTS, CYCLE))
 
 
-GOING = {
-    "scene": "{scene}",
+ORBIT = {
     "steady speed, body lengths/s": "{speed}",
     "turning, °/body length": "{turning}",
-    "settles after": "{settled_after:.0f} s",
-    "verified for": "{verified_for:.0f} s",
-    "slowest 10 s, share of the speed": "{slowest:.0f} %",
+    "settles after, s": "{settled_after:.0f}",
+    "slowest 10 s, % of the speed": "{slowest:.0f}",
+    "Floquet multiplier": "{multiplier}",
+    "slipping, % of contact time": "{slipping:.0f}",
 }
 """What the first table says of a gait: the head of each column, and a format of what is known of the gait."""
 ROBOTS = {
-    "largest Floquet multiplier per cycle": "{multiplier}",
-    "perturbed robots, body lengths/s": "{own}",
-    "the same on the other contact model": "{twin}",
-    "median turning of both, °/body length": "{bends}",
-    "share of contact time spent slipping": "{slipping:.0f} %",
+    "perturbed robots: mean speed, body lengths/s": "{own[0]}",
+    "standard deviation": "{own[1]}",
+    "median turning, °/body length": "{own[2]}",
+    "other contact model: mean speed": "{twin[0]}",
+    "its standard deviation": "{twin[1]}",
+    "its median turning": "{twin[2]}",
 }
 """The second table."""
 CYCLE = {
-    "faces it stands on per cycle": "{faces}",
-    "symmetry-equivalent segments per cycle": "{segments}",
-    **{f"peak {kind}": f"{{peak_{kind}}}" for kind, _, _ in PEAKS},
+    "faces per cycle": "{faces}",
+    "symmetry-equivalent segments": "{segments}",
+    **{f"peak {kind}, {unit.strip()}": f"{{peak_{kind}}}" for kind, _, unit in PEAKS},
     "cost of transport": "{transport}",
 }
 """The third table."""
@@ -170,24 +171,28 @@ def _facts_of(name: str) -> Facts:
     record = gait_record(name)
     steady, size = record["steady"], record["steady"]["body_length"]
     cycle, along = steady["cycle"], steady.get("along_heading")
-    own, twin = (_of_robots(mean / size, robots, size) for mean, robots in _ensembles(steady))
-    bends = (f"{whole_zero(round(np.degrees(steady[kind]['bend']))):.0f}" for kind in ("robust", "other_contact_model"))
+    ensembles = zip(_ensembles(steady), (steady["robust"], steady["other_contact_model"]))
+    own, twin = (
+        (
+            f"{mean / size:.3f}",
+            f"{robots['standard_deviation'] / size:.2g}",
+            f"{whole_zero(round(np.degrees(path['bend']))):.0f}",
+        )
+        for (mean, robots), path in ensembles
+    )
     return {
         "gait": name,
-        "scene": record["scene"],
         "speed": _speed(steady) + ("" if along is None else f", {along['speed'] / size:.3f} uphill"),
         "turning": _bend(steady) if along is None else "-",
         "settled_after": steady["settled_after"],
-        "verified_for": steady["verified_for"],
         "slowest": 100 * steady["slowest_window"] / steady["speed"],
         "multiplier": _multiplier(steady),
         "own": own,
         "twin": twin,
-        "bends": ", ".join(bends),
         "slipping": 100 * record["motion"]["slip_share"],
         "faces": len(cycle["supports"]),
         "segments": _repeats(steady),
-        **{f"peak_{kind}": _with_bar(cycle, f"peak_{kind}", decimals) + unit for kind, decimals, unit in PEAKS},
+        **{f"peak_{kind}": _with_bar(cycle, f"peak_{kind}", decimals) for kind, decimals, _ in PEAKS},
         "transport": _with_bar(cycle, "cost_of_transport", 1),
     }
 

@@ -73,20 +73,19 @@ def words(record: Record) -> str:
     rows = [
         [
             f"{name} identification",
-            f"{each['mean']:.4f} ({each['standard_deviation']:.2g})",
-            f"{each['speed']:.4f} ({each['by_gradient']:.2g})",
+            f"{each['mean']:.4f}",
+            f"{each['standard_deviation']:.2g}",
+            f"{each['speed']:.4f}",
+            f"{each['by_gradient']:.2g}",
             f"{each['rolling']:.0%}",
             f"{each['explained']:.0%}",
         ]
         for name, each in record["forecasts"].items()
     ]
-    rows.append(["the robot itself", f"{record['true']:.4f}", "", "", ""])
-    head = [
-        "plausible robots",
-        f"steady speed of {record['robots']}, m/s (standard deviation)",
-        "speed of the most probable robot, m/s (standard deviation by the gradient)",
-    ]
-    return table([*head, "robots that roll", "share of the variance that a linear model explains"], rows)
+    rows.append(["the robot itself", "", "", f"{record['true']:.4f}", "", "", ""])
+    robots = [f"mean speed of {record['robots']} robots, m/s", "standard deviation, m/s"]
+    probable = ["most probable robot, m/s", "standard deviation by the gradient, m/s"]
+    return table(["plausible robots", *robots, *probable, "robots that roll", "variance explained"], rows)
 
 
 @partial(sim_to_real.table, part="shares")
@@ -100,8 +99,7 @@ def shares(record: Record) -> str:
             rows.append([about, f"`{each['name']}`", f"{each['spread']:.1%}", f"{each['slope']:+.4f}", *parts])
             about = ""
     head = ["identification", "parameter", "plausible spread", "change of speed per spread, m/s"]
-    last = ["share of the variance removed if known: by the gradient", "by the robots"]
-    return table([*head, *last], rows)
+    return table([*head, "variance removed, by the gradient", "by the robots"], rows)
 
 
 def throw_and_identify(scene: Scene, truth: Scene, duration: float, random: np.random.Generator) -> Identified:

@@ -153,10 +153,11 @@ def words(record: Record) -> str:
     rows = []
     for name in dict.fromkeys(row["gait"] for row in record["rows"]):
         own = [found[name, seconds] for seconds in over]
-        shares = [f"{100 * row['went_on']:.0f} %, {100 * row['came_back']:.0f} %" for row in own]
-        rows.append([name, f"{own[0]['expected']:.2f} m/s", f"{100 * own[0]['anew']:.0f} %", *shares])
-    first, *others = ["at once" if seconds == 0 else f"over {seconds:g} s" for seconds in over]
-    head = ["the other gait", "its speed", "robots as fast after a drop with it", f"go on, come back: {first}", *others]
+        shares = [f"{100 * share:.0f}" for share in (own[0]["anew"], *(row["went_on"] for row in own))]
+        back = min(row["came_back"] for row in own)
+        rows.append([name, f"{own[0]['expected']:.2f}", *shares, f"{100 * back:.0f}"])
+    switched = ["go on: at once, %" if seconds == 0 else f"over {seconds:g} s, %" for seconds in over]
+    head = ["the other gait", "its speed, m/s", "fast enough after a drop, %", *switched, "come back, at least, %"]
     return table(head, rows)
 
 
@@ -167,13 +168,17 @@ def figure(record: Record) -> Figure:
     names, over = list(dict.fromkeys(row["gait"] for row in rows)), list(dict.fromkeys(row["over"] for row in rows))
     chart = Figure(figsize=(7, 4.2), layout="constrained")
     panes = chart.subplots(1, 2, sharey=True)
-    for axes, what, title in zip(panes, ("went_on", "came_back"), ("to the other gait", "and back")):
+    shown = (
+        ("went_on", "to the other gait", "robots that go on (%)"),
+        ("came_back", "and back", "robots that come back (%)"),
+    )
+    for axes, (what, title, xlabel) in zip(panes, shown):
         for k, seconds in enumerate(over):
             own = [100 * row[what] for row in rows if row["over"] == seconds]
             places = np.arange(len(names)) + 0.27 * (k - (len(over) - 1) / 2)
             axes.barh(places, own, height=0.25, label="at once" if seconds == 0 else f"over {seconds:g} s")
         axes.set_yticks(range(len(names)), names)
-        axes.set(title=title, xlabel="robots that go on (%)", xlim=(0, 103))
+        axes.set(title=title, xlabel=xlabel, xlim=(0, 103))
         axes.grid(axis="y", visible=False)
     panes[0].invert_yaxis()
     chart.legend(*panes[0].get_legend_handles_labels(), loc="outside upper center", ncols=len(over))

@@ -344,7 +344,7 @@ def test_the_lasting_gait_is_followed_from_drops_and_on_other_robots(tmp_path):
     climbed = quick("measurements/climbing.py", tmp_path / "climbing")
     (steep,) = (row for row in climbed["rows"] if row["slope"] == 15)
     assert min(steep["own"]) > 0.3
-    assert f"| 15° | {steep['own'][0]:.2f}, " in words("climbing", climbed)
+    assert f"| 15° | {steep['own'][0]:.2f} | " in words("climbing", climbed)
     jumps = quick("measurements/jumps.py", tmp_path / "jumps")
     (jump,) = jumps["rows"]
     assert jump["robust"]["mean"] > 0.01
