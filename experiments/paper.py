@@ -140,7 +140,7 @@ def claim_table(claim: dict[str, Any]) -> str:
     for row in claim["rows"]:
         about = f"{row['claim']} [{row['section']}]" if row["claim"] != above["claim"] else ""
         why = row["why"] if about or row["why"] != above["why"] else ""
-        rows.append([about, row["scene"], row["measured"], f"**{row['verdict']}**", why])
+        rows.append([about, row["scene"], row["measured"].replace("; ", ";<br>"), f"**{row['verdict']}**", why])
         above = row
     head = ["claim [section of the paper]", "robot or case", "measured", "verdict", "why"]
     found = table(head, [[cell.replace("|", "\\|") for cell in row] for row in rows])

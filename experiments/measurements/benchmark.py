@@ -155,7 +155,7 @@ def costs_table(record: Record) -> str:
         over = ("-" if cost["over_C"] is None else f"{cost['over_C']:.1f}" for cost in mine)
         rows.append([engine, f"{1e3 * mine[0]['dt']:g}", *(f"{1e6 * cost['seconds']:.0f}" for cost in mine), *over])
     rows.append(["`rk4` as a NumPy loop", "0.5", "-", f"{round(1e6 * record['numpy_seconds'], -5):.0f}", "-", "-"])
-    return table(["method", "step, ms", "float32, us", "float64, us", "float32/C", "float64/C"], rows)
+    return table(["method", "step, ms", "float32, µs", "float64, µs", "float32/C", "float64/C"], rows)
 
 
 def rates_table(record: Record) -> str:
@@ -288,9 +288,9 @@ def figure(record: Record) -> Figure:
         )
     axes.axvline(record["numpy_seconds"], color="k", ls="--", lw=0.8, label="NumPy loop, RK4 at 5e-4 s")
     axes.axvline(1, color="k", ls=":", lw=0.8, label="real time")
-    axes.set(xlabel="wall time per gait and simulated second (s)", ylabel="median error after the rollout (m)")
+    axes.set(xlabel="wall time per gait and simulated second (s)", ylabel="median error of the last centre of mass (m)")
     axes.grid(alpha=0.3)
-    axes.legend(fontsize=8, loc="center left", bbox_to_anchor=(1, 0.5))
+    axes.legend(loc="center left", bbox_to_anchor=(1, 0.5))
     return chart
 
 

@@ -81,7 +81,7 @@ def steepest_climbed(rows: list[Record], way: str, k: int) -> str:
 def figure(record: Record) -> Figure:
     """Speed uphill against the slope, for each coefficient of friction."""
     rows, friction = record["rows"], record["friction"]
-    chart = Figure(figsize=(7, 3.2), layout="constrained")
+    chart = Figure(figsize=(8, 3.2), layout="constrained")
     panes = chart.subplots(1, 2, sharey=True)
     for axes, name, title in zip(panes, ("own", "other"), ("exact contact", "penalty contact")):
         speeds = np.array([row[name] for row in rows])
@@ -90,7 +90,7 @@ def figure(record: Record) -> Figure:
         axes.axhline(0, color="black", linewidth=0.8)
         axes.set(title=title, xlabel="slope (degrees)")
     panes[0].set_ylabel("speed uphill (m/s)")
-    panes[0].legend(loc="lower left", fontsize="small")
+    chart.legend(*panes[0].get_legend_handles_labels(), loc="outside right upper")
     return chart
 
 

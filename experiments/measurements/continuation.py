@@ -172,8 +172,10 @@ def figure(record: Record) -> Figure:
     for column, name in enumerate(names):
         mine = [row for row in rows if row["quantity"] == name]
         for row in mine:
-            colour = "C0" if row["on_orbit"] else "0.6"
-            grid[0, column].plot([row["value"]] * len(row["each"]), row["each"], ".", markersize=3, color=colour)
+            look = (
+                {"color": "C0", "label": "on the orbit"} if row["on_orbit"] else {"color": "0.6", "label": "orbit lost"}
+            )
+            grid[0, column].plot([row["value"]] * len(row["each"]), row["each"], ".", markersize=3, **look)
         held = sorted(
             (row["value"], row["multiplier"]) for row in mine if row["on_orbit"] and row["multiplier"] is not None
         )
@@ -185,6 +187,8 @@ def figure(record: Record) -> Figure:
             grid[1, column].set_xscale("log", base=2)
     grid[0, 0].set(ylabel="speed in each period\n(body lengths/s)", ylim=(0, None))
     grid[1, 0].set(ylabel="largest multiplier")
+    named = {label: line for axes in grid[0] for line, label in zip(*axes.get_legend_handles_labels())}
+    chart.legend(named.values(), named, loc="outside upper right", ncols=2)
     return chart
 
 

@@ -28,7 +28,7 @@ from jaxgrity.model import symmetries
 
 ENOUGH = 0.7
 """Share of what the intact robot reaches from which on a gait counts as recovered."""
-OTHER, BEYOND = "on the other contact model", "asks more of actuators than it may"
+OTHER, BEYOND = "on the other contact model", "beyond actuator bounds"
 
 
 @measurement(
@@ -155,7 +155,7 @@ def recovered(cases: dict[str, Ways], intact: Ways, kind: str) -> dict[str, Any]
 def figure(record: Record) -> Figure:
     """Steady speed of each robot on each of the ways, and what counts as recovered."""
     robots, top = {"intact": record["intact"]} | record["damaged"], fastest(record["intact"])["own"]["mean"]
-    chart = Figure(figsize=(12, 5), layout="constrained")
+    chart = Figure(figsize=(10.5, 5), layout="constrained")
     axes = chart.subplots()
     x, width = np.arange(len(robots)), 0.85 / len(WAYS)
     for k, way in enumerate(WAYS):
@@ -170,9 +170,9 @@ def figure(record: Record) -> Figure:
     axes.axvline(0.5, color="grey", lw=0.8)
     axes.grid(visible=False, axis="x")
     axes.set_xticks(x, list(robots), rotation=90 if len(robots) > 10 else 0)
-    title = "the gait as it was, the best of the library, and the best of three short searches"
-    axes.set(xlim=(-0.5, len(x) - 0.5), ylim=(0, None), ylabel="steady speed, body lengths/s", title=title)
-    chart.legend(ncols=4, fontsize="small", loc="outside lower center")
+    title = "mean speed of perturbed robots, and its standard deviation"
+    axes.set(xlim=(-0.5, len(x) - 0.5), ylim=(0, None), ylabel="steady speed (body lengths/s)", title=title)
+    chart.legend(ncols=4, loc="outside lower center")
     return chart
 
 

@@ -193,7 +193,7 @@ def figure(record: Record) -> Figure:
     rows = record["rows"]
     chart = Figure(figsize=(11, 3.6), layout="constrained")
     speed, power, climb = chart.subplots(1, 3)
-    some = [row for row in rows if "slopes" in row]
+    some = [row for row in rows if row["each"] and "slopes" in row]  # a record that keeps no steps is refused
     for k, row in enumerate(some):
         place = np.arange(len(NAMES)) + 0.8 * (k - (len(some) - 1) / 2) / max(len(some), 1)
         for axes, name in ((speed, "speed"), (power, "power")):
@@ -208,7 +208,7 @@ def figure(record: Record) -> Figure:
         axes.set(xlabel="% for 1 % of the number", title=f"What {name} depends on")
     climb.set(xlabel="steps kept", ylabel="steady speed (m/s)", ylim=(0, None), title="Penalty contact")
     climb.xaxis.get_major_locator().set_params(integer=True)
-    speed.legend(title="allowed")
+    chart.legend(*speed.get_legend_handles_labels(), title="power allowed", loc="outside right upper")
     return chart
 
 

@@ -125,14 +125,15 @@ def words(record: Record) -> str:
     for row in record["rows"]:
         about = [row["kind"], f"{row['power']:g} W"]
         if not rolls(row):
-            rows.append([*about, "none rolls", *[""] * 3])
+            rows.append([*about, "none rolls", *[""] * 4])
             continue
         factors = [f"{factor:.2f}" for factor in row["factors"].values()]
-        forces = f"{row['strut_force']:.0f} N, {row['cable_force']:.0f} N"
-        asked = [f"{row['peak_power']:.0f} W", forces, f"{row['cost_of_transport']:.2f}"]
+        asked = [f"{row[name]:.0f}" for name in ("peak_power", "strut_force", "cable_force")]
+        asked.append(f"{row['cost_of_transport']:.2f}")
         rows.append([*about, f"**{row['speed']:.3f}**", *asked])
         designs.append([*about, *factors[:2], ", ".join(factors[2:5]), factors[5], ", ".join(factors[6:])])
-    head = ["chosen", "power allowed", "steady speed, m/s", "power needed", "struts, cables", "cost of transport"]
+    needed = ["power needed, W", "force of struts, N", "of cables, N", "cost of transport"]
+    head = ["chosen", "power allowed", "steady speed, m/s", *needed]
     numbers = [*head[:2], "cable stiffness", "cable rest length", "pairs of struts", "mass", "swing, frequency"]
     minutes = f"{record['designs']} designs, {record['minutes']:.0f} minutes on {record['cores']} cores"
     took = f"{minutes}, {record['processor_minutes']:.0f} minutes of processor time"
@@ -145,7 +146,7 @@ def words(record: Record) -> str:
 def figure(record: Record) -> Figure:
     """Speed and cost of transport over the power that an actuator may give, and the designs."""
     rows = record["rows"]
-    chart = Figure(figsize=(12, 3.4), layout="constrained")
+    chart = Figure(figsize=(11, 3.6), layout="constrained")
     speed, cost, design = chart.subplots(1, 3)
     found = [row for row in rows if rolls(row)]
     for kind, look in zip(KINDS, ("s", "o-")):
@@ -160,14 +161,16 @@ def figure(record: Record) -> Figure:
         design.plot([row["power"] for row in built], [row["factors"][name] for row in built], "o-", label=name)
     limits = sorted({row["power"] for row in rows})
     for axes in (speed, cost, design):
-        axes.set(xscale="log", xlabel="power of an actuator, at most (W)")
+        axes.set(xscale="log", xlabel="power allowed per actuator (W)")
         axes.set_xticks(limits, [f"{limit:g}" for limit in limits])
         axes.set_xticks([], minor=True)
-    speed.set(ylabel="steady speed (m/s)", ylim=(0, None), title="How fast")
-    cost.set(ylabel="cost of transport", ylim=(0, None), title="At what cost")
-    design.set(ylabel="times the scene's", ylim=(0, None), title="Robot and gait")
+    speed.set(ylabel="steady speed (m/s)", title="How fast")
+    cost.set(ylabel="cost of transport", title="At what cost")
+    design.set(ylabel="times the scene's number", title="Design of robot and gait")
+    for axes in (speed, cost, design):
+        axes.set_ylim(0, 1.08 * axes.get_ylim()[1])  # room for a mark at the top
     speed.legend()
-    design.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize="small")
+    design.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
     return chart
 
 

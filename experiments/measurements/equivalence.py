@@ -155,7 +155,11 @@ def figure(record: Record) -> Figure:
     for each, marker in zip(record["rows"], "o^s"):
         row = each["every"]
         apart.loglog(row["values"], row["distance"], f"{marker}-", label=f"{each['grows']}: slope {row['slope']:.2f}")
-    apart.set(xlabel="K, k_n (N/m)", ylabel="rms distance of the nodes (m)", title=f"{record['motion']}: from exact")
+    apart.set(
+        xlabel="stiffness of struts K or ground k_n (N/m)",
+        ylabel="root mean square distance of nodes (m)",
+        title=f"{record['motion']}: distance from the exact model",
+    )
     apart.legend()
     deep.loglog(row["values"], row["penetration_at_end"], "s", label="mean penetration at the end")
     known = [(v, w) for v, w in zip(row["values"], row["weight_over_n_k"]) if w is not None]

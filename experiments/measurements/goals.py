@@ -172,6 +172,8 @@ def figure(record: Record) -> Figure:
     for row in record["rows"]:
         axes.plot(row["path"][:, 1], row["path"][:, 0], linewidth=0.9, alpha=0.8)
     axes.plot(*GOAL[::-1], "o", markersize=9, markerfacecolor="none", color="black")
+    axes.plot(0, 0, "s", markersize=7, markerfacecolor="none", color="black")
+    axes.annotate("start", (0, 0), textcoords="offset points", xytext=(8, 8))
     axes.annotate("goal", GOAL[::-1], textcoords="offset points", xytext=(8, 8))
     across, downhill = (
         ("y, across the slope (m)", "x, downhill (m)") if record["ground"] == "slope" else ("y (m)", "x (m)")

@@ -246,14 +246,14 @@ def figure(record: Record) -> Figure:
         left.barh(np.arange(len(names)) + 0.2 * k, heights, 0.18, label=label(case))
     left.set_yticks(np.arange(len(names)) + 0.1 * (len(cases) - 1), names)
     left.invert_yaxis()
-    left.set(xscale="log", xlabel="time of a gradient, in rollouts")
-    left.legend(fontsize=8)
+    left.set(xscale="log", xlim=(1, None), xlabel="time of a gradient, in rollouts")
+    left.legend()
     for name, found in record["memory"].items():
         right.loglog(record["lengths"], np.array(found) / 2**20, "o-", label=name)
     right.set(xlabel="length of the rollout (s)", ylabel="memory (MiB)", title=f"{cases[-1][0]} gaits, 6 phases")
     right.set_xticks(record["lengths"], [f"{t:g}" for t in record["lengths"]])
     right.minorticks_off()
-    right.legend(fontsize=8)
+    right.legend()
     right.grid(alpha=0.3)
     return chart
 

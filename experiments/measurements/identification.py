@@ -218,7 +218,10 @@ def figure(record: Record) -> Figure:
                     axes.errorbar(off, trial, xerr=half, fmt=".", color="C0" if row["inside"][k] else "C1", linewidth=1)
             axes.axvline(0, color="black", linewidth=0.8)
             title = FOUR[k].path.removeprefix("structure.").replace(".", " ").replace("_", " ")
-            axes.set(title=title, xlabel="off by (%)", ylabel=f"throw, {name}" if k == 0 else "")
+            axes.set(title=title, xlabel="error (%)", ylabel=f"throw, {name}" if k == 0 else "")
+    for colour, label in (("C0", "interval of 95 % contains the truth"), ("C1", "interval misses the truth")):
+        chart.axes[0].plot([], [], ".-", color=colour, label=label)
+    chart.legend(loc="outside upper center", ncols=2)
     return chart
 
 

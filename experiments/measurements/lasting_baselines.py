@@ -225,10 +225,10 @@ def figure(record: Record) -> Figure:
         methods = list(dict.fromkeys(row["method"] for row in rows if row["freedom"] == freedom))
         for k, method in enumerate(methods):
             found = [row["own"] for row in rows if (row["freedom"], row["method"]) == (freedom, method)]
-            axes.plot(k + np.linspace(-0.15, 0.15, len(found)), found, "o", ms=4, color=f"C{k}")
-            axes.hlines(np.nanmedian(found), k - 0.3, k + 0.3, color=f"C{k}")
+            axes.plot(k + np.linspace(-0.15, 0.15, len(found)), found, "o", ms=4, color="C0")
+            axes.hlines(np.nanmedian(found), k - 0.3, k + 0.3, color="black")
         axes.set_xticks(range(len(methods)), methods, rotation=30, ha="right")
-        axes.set(title={"waves": "gaits are waves", "free": "each actuator as it likes"}[freedom], ylim=(0, None))
+        axes.set(title={"waves": "waves", "free": "free gaits"}[freedom], ylim=(0, None))
         axes.set_ylabel("steady speed (body lengths/s)")
     return chart
 

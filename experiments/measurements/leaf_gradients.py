@@ -249,10 +249,10 @@ def figure(record: Record) -> Figure:
         y = [names.index(row["robot"]) + above for row in rows if row["derivative"]]
         label = {"reverse": "reverse mode", "differences": "central differences"}[kind]
         axes.plot(x, y, ".", color=colour, label=label, alpha=0.7)
-    axes.axvline(1e-6, color="black", linewidth=0.8)
-    axes.set(xscale="log", xlabel="off forward mode, relative", yticks=range(len(names)), yticklabels=names)
+    axes.axvline(1e-6, color="black", linewidth=0.8, label="limit of the tests")
+    axes.set(xscale="log", xlabel="relative difference from forward mode", yticks=range(len(names)), yticklabels=names)
     axes.invert_yaxis()
-    axes.legend(fontsize=8)
+    chart.legend(*axes.get_legend_handles_labels(), loc="outside upper center", ncols=3)
     return chart
 
 

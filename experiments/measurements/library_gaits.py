@@ -67,7 +67,7 @@ def figure(record: Record) -> Figure:
     rows = record["rows"]
     chart = Figure(figsize=(5.5, 0.5 * len(rows) + 1.5), layout="constrained")
     axes = chart.subplots()
-    for k, (name, label) in enumerate((("library", "in the library"), ("found", "found here"))):
+    for k, (name, label) in enumerate((("library", "in the library"), ("found", "found again"))):
         axes.barh(np.arange(len(rows)) + 0.4 * k - 0.2, [row[name] or 0 for row in rows], height=0.35, label=label)
     axes.set_yticks(range(len(rows)), [row["gait"] for row in rows])
     axes.set(xlabel="steady speed (body lengths/s)")

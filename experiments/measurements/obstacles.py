@@ -227,13 +227,13 @@ def figure(record: Record) -> Figure:
     for axes, row in zip(panes, every):
         for centre, radius in zip(row["centres"], row["radii"]):
             axes.add_patch(Circle(centre, radius, color="#b9b2a3"))
-        axes.plot(*row["blind"]["path"].T, label="blind", color="#c5522f", lw=0.7)
-        axes.plot(*row["planned"]["path"].T, label="led", lw=1.4)
+        axes.plot(*row["blind"]["path"].T, label="straight to the goal, blind", color="#c5522f", lw=0.7)
+        axes.plot(*row["planned"]["path"].T, label="by the plan", lw=1.4)
         axes.plot(*row["plan"].T, ":", color="black", lw=0.8, label="first plan")
         axes.plot(*GOAL, "o", markersize=5, markerfacecolor="none", color="black")
-        axes.set(aspect="equal", xlim=(-2, 12), ylim=(-5, 5))
+        axes.set(aspect="equal", xlim=(-2, 12), ylim=(-5.8, 5.8))
         own = row["planned"]
-        axes.set_title("reached" if own["reached"] else "touched" if own["touched"] else "not reached", size=8)
+        axes.set_title("reached" if own["reached"] else "touched" if own["touched"] else "not reached", size=9)
     for axes in panes[len(every) :]:
         axes.set_visible(False)
     chart.legend(*panes[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)

@@ -130,7 +130,7 @@ def figure(record: Record) -> Figure:
     bars.loglog(ends, ends, "k--", lw=1, label="off by the error bar")
     bars.set(xlabel="error bar (m/s)", ylabel=f"difference from 1/{PARTS[-1]} of the step (m/s)")
     bars.set_title("At the default step, and the error bars")
-    steps.set(xlabel="step (default steps)", ylabel=f"difference from 1/{PARTS[-1]} of the step (m/s)")
+    steps.set(xlabel="step / default step", ylabel=f"difference from 1/{PARTS[-1]} of the step (m/s)")
     steps.set_title("Over the step: every gait, and the median")
     steps.set_xticks(1 / np.array(PARTS[:-1]), ["1", "1/2", "1/4"])
     steps.minorticks_off()

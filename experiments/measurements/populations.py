@@ -105,7 +105,7 @@ def words(record: Record) -> str:
             costs = (f"{1e6 * cost_of[size]:.3g}" if size in cost_of else "-" for size in sizes)
             apart = "-" if machine is here else f"{1e3 * record['apart'][f'{method} {dtype}']:.1g} mm"
             rows.append([f"{method}, {dtype}", device, *costs, apart])
-    head = ["method", "device", *(f"{size:,} gaits, us" for size in sizes), "distance of ends"]
+    head = ["method", "device", *(f"{size:,} gaits, µs" for size in sizes), "distance of ends"]
     return table(head, rows)
 
 
@@ -123,7 +123,7 @@ def figure(record: Record) -> Figure:
         axes.set(xlabel="gaits", title=method)
         axes.grid(alpha=0.3, which="both")
         axes.legend()
-    chart.axes[0].set_ylabel("us per gait and simulated second")
+    chart.axes[0].set_ylabel("µs per gait and simulated second")
     return chart
 
 

@@ -157,15 +157,15 @@ def figure(record: Record) -> Figure:
             low, mid, high = (
                 np.array([np.nan if row[k] is None else row[k] for row in mine]) for k in ("slowest", "mean", "fastest")
             )
-            grid[0, column].plot(x, mid, marker="o", markersize=3, label=contact)
-            grid[0, column].fill_between(x, low, high, alpha=0.25)
+            grid[0, column].plot(x, mid, marker="o", markersize=3, label=f"{contact}, mean")
+            grid[0, column].fill_between(x, low, high, alpha=0.25, label=f"{contact}, slowest to fastest")
             grid[1, column].plot(x, [100 * row["rolling"] for row in mine], marker="o", markersize=3)
         grid[0, column].set(title=name)
         grid[1, column].set(xlabel="factor", ylim=(-3, 103))
         grid[0, column].axvline(1, color="0.7", linewidth=0.8, zorder=0)
     grid[0, 0].set(ylabel="speed of those that roll\n(body lengths/s)", ylim=(0, None))
     grid[1, 0].set(ylabel="robots that roll (%)")
-    grid[0, 0].legend()
+    chart.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
     return chart
 
 

@@ -151,7 +151,11 @@ def figure(record: Record) -> Figure:
     for k, off in enumerate(errors.values()):
         axes.plot(off, np.full(off.shape, k), "o", color=plot.PATH, alpha=0.5, markersize=4)
     axes.axvspan(-1, 1, color=plot.GROUND, alpha=0.5, lw=0)
-    axes.set(yticks=range(len(errors)), yticklabels=list(errors), xlabel="error of a draw, in ranges of ±")
+    axes.set(
+        yticks=range(len(errors)),
+        yticklabels=list(errors),
+        xlabel="error of each ensemble's statistic, in half-widths of its range",
+    )
     return chart
 
 

@@ -188,15 +188,22 @@ def figure(record: Record) -> Figure:
     extent = (*ranges["bend"], *ranges["speed"])
     look = {"origin": "lower", "aspect": "auto", "cmap": "viridis", "alpha": 0.7}
     shown = axes.imshow(-elites["quality"], extent=extent, **look)
-    chart.colorbar(shown, label="spread of speed and bend over robots, added up")
+    chart.colorbar(shown, label="spread over robots: of speed plus of bend")
     full = np.isfinite(elites["speed"])
-    axes.plot(elites["bend"][full], elites["speed"][full], "k.", markersize=3)
+    axes.plot(elites["bend"][full], elites["speed"][full], "k.", markersize=3, label="elite")
     for k, row in enumerate(row for row in record["rows"] if row["settled"]):
-        axes.plot(row["bend"], row["speed"], "o", color=f"C{k}", markersize=8, markeredgecolor="k", label=row["gait"])
+        axes.plot(
+            row["bend"],
+            row["speed"],
+            "o",
+            color=f"C{k}",
+            markersize=8,
+            markeredgecolor="k",
+            label=f"orbit: {row['gait']}",
+        )
     axes.set(xlabel="bend (rad per body length, to the left)", ylabel="speed (body lengths/s)")
     axes.set(xlim=ranges["bend"], ylim=ranges["speed"])
-    if axes.get_legend_handles_labels()[0]:
-        axes.legend(title="orbits", loc="upper right")
+    chart.legend(loc="outside upper center", ncols=3)
     return chart
 
 

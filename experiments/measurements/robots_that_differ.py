@@ -107,7 +107,7 @@ def figure(record: Record) -> Figure:
         line = {"color": f"C{gaits.index(gait)}", "linestyle": "-" if contact == "exact" else "--"}
         axes.plot(np.linspace(0, 100, len(found)), np.sort(found), label=name, **line)
     axes.set(xlabel="robots (%), slowest first", ylabel="speed along the path (body lengths/s)", ylim=(0, None))
-    axes.set_title("Robots that differ from the model")
+    axes.set_title("Perturbed robots")
     chart.legend(loc="outside right upper")
     return chart
 

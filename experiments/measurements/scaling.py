@@ -136,11 +136,11 @@ def words(record: Record) -> str:
         for row in record["methods"]
     ]
     by_size = table(
-        ["method", f"speedup by {first['devices']} devices"] + [f"{size} gaits, us" for size in first["populations"]],
+        ["method", f"speedup by {first['devices']} devices"] + [f"{size} gaits, µs" for size in first["populations"]],
         populations,
     )
     by_struts = table(
-        ["method", *(f"step, {struts} struts, us" for struts in first["struts"]), "exponent p"]
+        ["method", *(f"step, {struts} struts, µs" for struts in first["struts"]), "exponent p"]
         + [f"{dtype}, times real time" for dtype in ("float32", "float64")],
         others,
     )
@@ -154,7 +154,7 @@ def million(record: Record) -> str:
     for row in record["methods"]:
         cost = row["per_gait_and_simulated_second"][-1]
         rows.append([row["method"], microseconds(cost), f"{1e6 * 10 * cost / 60:.0f} minutes"])
-    head = ["float32", "us per gait and simulated second", f"10^6 rollouts of 10 s on {record['cores']} cores"]
+    head = ["float32", "µs per gait and simulated second", f"10^6 rollouts of 10 s on {record['cores']} cores"]
     return table(head, rows)
 
 
@@ -184,8 +184,8 @@ def figure(record: Record) -> Figure:
         x, y = ([row[key] for row in ours] for key in ("struts", "per_gait_and_step"))
         line = right.loglog(x, 1e6 * np.array(y), "o-", label=method)[0]
         right.loglog(x, 1e6 * y[0] * np.array(x) / x[0], ":", color=line.get_color(), lw=1)
-    left.set(xlabel="gaits", ylabel="us per gait and simulated second", title="size of the population")
-    right.set(xlabel="struts", ylabel="us per gait and step", title="size of the structure (dotted: linear)")
+    left.set(xlabel="gaits", ylabel="µs per gait and simulated second", title="size of the population")
+    right.set(xlabel="struts", ylabel="µs per gait and step", title="size of the structure (dotted: linear)")
     for axes in (left, right):
         axes.grid(alpha=0.3, which="both")
         axes.legend()

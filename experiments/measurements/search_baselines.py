@@ -36,8 +36,8 @@ JUDGES = 256
 VERIFIED = 1 / 8
 """share of the default step that is the largest of the three steps by which a nominal gait is verified"""
 QUARTILES = (0.25, 0.5, 0.75)
-COLOURS = {name: f"C{k}" for k, name in enumerate(get_args(Method))}
-"""the same on every figure"""
+COLOURS = dict(zip(get_args(Method), [*(f"C{k}" for k in range(8)), "#8c564b"], strict=True))
+"""of searches, the same on every figure; the style has eight"""
 
 
 OTHERS = ("GA+more", "GA", "CMA-ES")
@@ -196,7 +196,7 @@ def told(runs: list[Record]) -> list[Record]:
 def figure(record: Record) -> Figure:
     """How far the best of each search rolled, by its own ensemble, against what it had spent; and the answers."""
     name, runs = record["scene"], record["rows"]
-    chart = Figure(figsize=(12, 4.5), layout="constrained")
+    chart = Figure(figsize=(10.5, 5), layout="constrained")
     left, right = chart.subplots(1, 2, sharey=True)
     for k, (method, answers) in enumerate(by_seed(runs).items()):
         traces = [one["trace"] for one in runs if one["method"] == method]
@@ -209,7 +209,7 @@ def figure(record: Record) -> Figure:
         right.plot(k + np.linspace(-0.15, 0.15, len(answers)), [*answers.values()], "o", ms=4, color=colour)
         right.hlines(np.median([*answers.values()]), k - 0.3, k + 0.3, color=colour, label=method)
     left.set(xlabel="rollouts", ylabel="mean distance of an ensemble (m)", title=f"{name}: by its own ensemble")
-    left.legend(fontsize=8)
+    chart.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=5)
     right.set(title=f"{name}: answers, by {JUDGES} robots")
     right.set_xticks(range(k + 1), by_seed(runs), rotation=30, ha="right")
     return chart

@@ -175,9 +175,9 @@ def figure(record: Record) -> Figure:
         mine = [row for row in rows if row["method"] == name]
         axes.loglog([r["predicted"] for r in mine], [r["measured"] for r in mine], "o", alpha=0.6, label=name)
     ends = np.array([min(r["predicted"] for r in rows), max(r["predicted"] for r in rows)])
-    axes.loglog(ends, ends, "k-", lw=0.8)
+    axes.loglog(ends, ends, "k-", lw=0.8, label="equal")
     axes.fill_between(ends, 0.9 * ends, 1.1 * ends, color="k", alpha=0.1, label="within 10 %")
-    axes.set(xlabel="predicted largest stable step, s", ylabel="measured blow-up, s")
+    axes.set(xlabel="predicted largest stable step (s)", ylabel="smallest step that diverges (s)")
     axes.legend()
     return chart
 

@@ -133,7 +133,7 @@ def figure(record: Record) -> Figure:
     left, right = chart.subplots(1, 2)
     spread = [np.degrees(row["turning_spread"]) for row in rows]
     left.errorbar(bends, [np.degrees(row["turning"]) for row in rows], spread, fmt="o-", capsize=2)
-    left.set(xlabel="bend", ylabel="turning (°/s)")
+    left.set(xlabel="bend", ylabel="turning (°/s), median,\nand standard deviation")
     right.plot(bends, [row["speed"] for row in rows], "o-")
     right.set(xlabel="bend", ylabel="speed (m/s)", ylim=(0, None))
     return chart

@@ -246,12 +246,12 @@ def figure(record: Record) -> Figure:
     names = (OPEN, FEEDBACK, SURE, TRAINED, PREDICTIVE)
     for k, name in enumerate(names):
         there = [(place, row) for place, row in enumerate(rows) if name in row["progress"]]
-        own = [(place, row["progress"][name], row["error"][name]) for place, row in there]
+        own = [(place, row["progress"][name], 2 * row["error"][name]) for place, row in there]
         if own:
             places, sizes, errors = (np.array(x) for x in zip(*own))
             axes.barh(places + 0.16 * (k - 2), sizes, height=0.15, xerr=errors, label=name, error_kw={"lw": 0.8})
     axes.set_yticks(range(len(rows)), [row["task"] for row in rows])
-    axes.set(xlabel="progress (m/s)")
+    axes.set(xlabel="progress (m/s), with two standard errors")
     axes.grid(axis="y", visible=False)
     axes.invert_yaxis()
     chart.legend(loc="outside upper center", ncols=3)

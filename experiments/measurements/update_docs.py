@@ -1,7 +1,7 @@
 """Write the tables of README and docs anew, from docs/measured.
 
 Where measurements left results, what the pages quote of them goes to docs/measured first, and their pictures to
-docs/images.
+docs/images. --redraw draws figures anew whose measurement need not run again.
 """
 
 import json
@@ -22,6 +22,7 @@ from registry import measurements
 
 from jaxgrity import InputError
 from jaxgrity.io.files import read_text
+from jaxgrity.report import plot
 
 ROOT = Path(__file__).parents[2]
 README, SEARCH = "README.md", "docs/search.md"
@@ -90,6 +91,8 @@ class Settings:
     """folder in which the scripts left their results, each in a folder of its own name"""
     docs: Path = ROOT
     """folder with README.md and docs/"""
+    redraw: tuple[str, ...] = ()
+    """names of records in docs/measured that hold all that their figures show: their figures are drawn anew"""
     quick: bool = False
     """it is quick already"""
 
@@ -99,6 +102,8 @@ def main(settings: Settings) -> None:
         if (settings.results / source.raw).exists():
             condense(name, source, settings)
             print(f"docs/measured/{name}.json: from {settings.results / source.raw}")
+    for name in settings.redraw:
+        redraw(name, settings.docs / "docs")
     for page, blocks in pages(settings.docs).items():
         fill_page(settings.docs / page, blocks)
         print(f"{page}: {', '.join(blocks)}")
@@ -114,6 +119,19 @@ def condense(name: str, source: Source, settings: Settings) -> None:
     save_compact(docs / "measured" / f"{name}.json", facts)
     for picture, target in source.pictures.items():
         shutil.copyfile(path.parent / picture, docs / "images" / target)
+
+
+def redraw(name: str, docs: Path) -> None:
+    """Draw the figure of a kept record anew. Raises `InputError` where there is no figure, or the record lacks data."""
+    drawing = {each: found.draw for found in measurements().values() for each in found.names}
+    if (draw := drawing.get(name)) is None:
+        raise InputError(f"redraw = {name!r}: no measurement with a figure; expected a name such as 'climbing'")
+    path = docs / "measured" / f"{name}.json"
+    try:
+        figure = draw(json.loads(read_text(path)))
+    except (KeyError, TypeError) as error:
+        raise InputError(f"{path}: holds less than its figure shows ({error!r}); measure again") from error
+    plot.save(figure, docs / "images" / f"{name}.png")
 
 
 def pages(root: Path) -> dict[str, dict[str, str]]:

@@ -88,7 +88,7 @@ def figure(record: Record) -> Figure:
         axes.set_ylabel(f"{name} ({unit})")
         axes.tick_params(labelbottom=k == 2)
         if k == 0:
-            axes.set_title("Camera less simulation, mean and deviation of the runs")
+            axes.set_title("Camera less simulation: mean, standard deviation")
     axes.set_xlabel("command")
     return chart
 

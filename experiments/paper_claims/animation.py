@@ -2,6 +2,7 @@
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from jaxgrity import Scene, SolverOptions, Trajectory, centre_path, simulate
 from jaxgrity.report import plot
@@ -74,7 +75,7 @@ def row(name: str, found: dict) -> Row:
 def frames(scene: Scene, motion: Trajectory) -> Figure:
     times, q = np.asarray(motion.times), np.asarray(motion.positions)
     path = centre_path(scene, motion)
-    figure = Figure(figsize=(14, 5), layout="constrained")
+    figure = Figure(figsize=(10.5, 3.6))
     shown = [0, min(len(times) - 1, 50), min(len(times) - 1, int(np.searchsorted(times, MOMENT)))]
     for place, k in enumerate(shown):
         axes = figure.add_subplot(1, 3, place + 1, projection="3d", computed_zorder=False)
@@ -86,5 +87,9 @@ def frames(scene: Scene, motion: Trajectory) -> Figure:
         plot.draw_robot(axes, scene, q[k])
         axes.set(xlim=(x - 0.8, x + 0.8), ylim=(y - 0.8, y + 0.8), zlim=(0, 1.2))
         axes.set(xlabel="x (m)", ylabel="y (m)", zlabel="z (m)", title=f"t = {times[k]:.1f} s")
-        axes.set_box_aspect((1.6, 1.6, 1.2))
+        axes.set_box_aspect((1.6, 1.6, 1.2), zoom=0.95)
+        axes.patch.set_visible(False)  # it would cover the labels of the axes to the left
+        for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
+            axis.set_major_locator(MaxNLocator(4, prune="both"))
+    figure.subplots_adjust(left=0.0, right=0.96, bottom=0.04, top=0.92, wspace=0.1)  # 3D labels count in no layout
     return figure

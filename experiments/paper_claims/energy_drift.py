@@ -130,7 +130,7 @@ def method_rows(found: dict) -> list[Row]:
 
 @plot.styled
 def figure(audits: dict[str, EnergyAudit]) -> Figure:
-    chart = Figure(figsize=(5 * len(audits), 6.5), layout="constrained")
+    chart = Figure(figsize=(3.5 * len(audits), 6.5), layout="constrained")
     for (name, audit), above, below in zip(audits.items(), *chart.subplots(2, len(audits), squeeze=False)):
         above.plot(audit.times, audit.kinetic + audit.potential, "k", lw=1.5, label="mechanical energy T + U")
         above.plot(audit.times, audit.kinetic, color="C0", lw=1, label="kinetic T")
@@ -143,9 +143,7 @@ def figure(audits: dict[str, EnergyAudit]) -> Figure:
         below.semilogy(
             audit.times[1:], np.abs(audit.residual[1:]) + 1e-16, color="C4", label="|residual of the balance|"
         )
-        below.set(xlabel="time (s)", ylabel="J")
+        below.set(xlabel="time (s)", ylabel="residual of the balance (J)")
         below.grid(alpha=0.3)
-        below.legend(fontsize=8)
-        if above.get_subplotspec().is_first_col():
-            above.legend(fontsize=8)
+    chart.legend(*above.get_legend_handles_labels(), loc="outside lower center", ncols=3)
     return chart

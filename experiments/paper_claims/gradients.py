@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from jaxgrity import Members, PenaltyGround, Scene, Structure
 from jaxgrity.report import plot
@@ -152,4 +153,5 @@ def figure(cable: dict) -> Figure:
     for axes in (force, stiffness):
         axes.grid(alpha=0.3)
         axes.legend()
+        axes.xaxis.set_major_locator(MaxNLocator(5))
     return chart

@@ -116,7 +116,7 @@ def kkt_row(name: str, landing: dict[str, float], exact: float) -> Row:
 
 @plot.styled
 def figure(resting: dict, landing: dict, by_step: dict) -> Figure:
-    chart = Figure(figsize=(11, 4.5), layout="constrained")
+    chart = Figure(figsize=(10, 5.5), layout="constrained")
     against, steps = chart.subplots(1, 2)
     k_n = np.array([float(k) for k in resting])
     against.loglog(k_n, list(resting.values()), "ko", label="block at rest")
@@ -125,10 +125,11 @@ def figure(resting: dict, landing: dict, by_step: dict) -> Figure:
         against.loglog(k_n, list(found.values()), "s-", label=f"{name}, landing")
     for name, found in by_step.items():
         steps.loglog([float(dt) for dt in found], list(found.values()), "s-", label=name)
-    steps.axhline(PAPER_BAR, color="k", lw=0.8, ls=":", label="0.5 mm")
+    steps.axhline(PAPER_BAR, color="k", lw=0.8, ls=":", label="0.5 mm (the paper)")
     against.set(xlabel="k_n (N/m)", ylabel="deepest penetration (m)")
     steps.set(xlabel="step (s)", ylabel="deepest penetration (m)", title="k_n = 1e5 N/m")
     for axes in (against, steps):
         axes.grid(alpha=0.3)
-        axes.legend(fontsize=8)
+        axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.18))
+        axes.yaxis.set_minor_formatter("")
     return chart

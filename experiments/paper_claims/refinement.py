@@ -161,7 +161,7 @@ def gain_row(name: str, found: dict) -> Row:
 
 @plot.styled
 def figure(cases: dict[str, Case], facts: dict) -> Figure:
-    chart = Figure(figsize=(15, 6), layout="constrained")
+    chart = Figure(figsize=(11, 5.5), layout="constrained")
     end, early, apart = chart.subplots(1, 3)
     for k, (name, found) in enumerate(facts.items()):
         style = "s--" if cases[name].method == "complementarity" else "o-"
@@ -172,10 +172,10 @@ def figure(cases: dict[str, Case], facts: dict) -> Figure:
     for axes, title in ((end, "at the end"), (early, "early on, at 0.1 to 0.5 s")):
         h = np.array([1e-4, 1e-3])
         axes.loglog(h, 1e-6 * (h / 1e-3) ** 4, "k--", lw=0.8)
-        axes.annotate("slope 4", (h[0], 1e-10), fontsize=9)
+        axes.annotate("slope 4", (h[1], 1e-7), ha="right", va="bottom", xytext=(-6, 8), textcoords="offset points")
         axes.set(xlabel="step (s)", ylabel="largest error of a node (m)", title=title, ylim=(1e-16, 10))
         axes.grid(alpha=0.3)
-    chart.legend(fontsize=9, loc="outside lower center", ncols=4)
+    chart.legend(loc="outside lower center", ncols=4)
     apart.set(xlabel="time (s)", ylabel="distance of neighbours (m)", ylim=(1e-14, 10))
     apart.set_title(f"neighbours {NEARBY:g} m apart")
     apart.grid(alpha=0.3)

@@ -74,11 +74,19 @@ def figure(facts: dict) -> Figure:
     axes = chart.subplots()
     for k, (name, found) in enumerate(facts.items()):
         generations = np.arange(1, len(found["best"]) + 1)
-        axes.plot(generations, found["best"], "-", color=f"C{k}", label=name)
-        axes.plot(generations, found["median"], "--", color=f"C{k}", lw=0.8)
+        axes.plot(generations, found["best"], "-", color=f"C{k}", label=f"{name}: best")
+        axes.plot(generations, found["median"], "--", color=f"C{k}", lw=0.8, label=f"{name}: median")
         bar = found["error_bar"] if np.isfinite(found["error_bar"]) else 0.0
-        axes.errorbar(generations[-1] + 0.5 + 0.15 * k, found["distance"], bar, fmt="o", color=f"C{k}", capsize=3)
+        axes.errorbar(
+            generations[-1] + 0.5 + 0.15 * k,
+            found["distance"],
+            bar,
+            fmt="o",
+            color=f"C{k}",
+            capsize=3,
+            label=f"{name}: the best, verified",
+        )
     axes.set(xlabel="generation", ylabel="distance in a rollout (m)", ylim=(0, None))
     axes.grid(alpha=0.3)
-    axes.legend(fontsize=8)
+    chart.legend(loc="outside lower center", ncols=3)
     return chart

@@ -2,6 +2,7 @@
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from jaxgrity import Scene
 from jaxgrity.report import plot
@@ -30,7 +31,7 @@ def check(quick: bool) -> Report:
                 "edges are cables",
             )
         )
-    figure = Figure(figsize=(11, 5.2), layout="constrained")
+    figure = Figure(figsize=(10.5, 5))
     for place, name in enumerate((REFERENCE, PROGRAM)):
         axes = figure.add_subplot(1, 2, place + 1, projection="3d")
         q = np.asarray(known[name].structure.nodes)
@@ -38,7 +39,11 @@ def check(quick: bool) -> Report:
         half = np.ptp(q, axis=0).max() / 1.7
         for axis, middle in zip("xyz", q.mean(0)):
             axes.set(**{f"{axis}lim": (middle - half, middle + half), f"{axis}label": f"{axis} (m)"})
+        for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
+            axis.set_major_locator(MaxNLocator(5))
+            axis.labelpad = 8
         axes.set_title(f"{name}: {facts[name]['struts']} struts (red), {facts[name]['cables']} cables (dark)")
+    figure.subplots_adjust(left=0.0, right=0.95, bottom=0.06, top=0.93, wspace=0.1)  # 3D labels count in no layout
     return Report("The structure", rows, {"structure": figure}, facts)
 
 

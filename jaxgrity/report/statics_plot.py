@@ -4,6 +4,7 @@ import numpy as np
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import TwoSlopeNorm
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
 from jaxgrity.report.style import CABLE, STRUT, styled
@@ -20,7 +21,8 @@ def geometry_figure(structures: dict[str, Geometry]) -> Figure:
     """Struts (red, thick) and cables (dark, thin) of one structure, or of many beside each other, by their names."""
     columns = min(len(structures), 5)
     rows = -(-len(structures) // columns)
-    figure = Figure(figsize=(2.3 * columns, 3 * rows), layout="constrained")
+    figure = Figure(figsize=(2.2 * columns, 2.7 * rows), layout="constrained")
+    figure.get_layout_engine().set(h_pad=0.1)  # inches
     for number, (name, geometry) in enumerate(structures.items(), start=1):
         axes = figure.add_subplot(rows, columns, number, projection="3d")
         q = np.asarray(geometry.nodes)
@@ -46,6 +48,9 @@ def resting_force_figure(report: StructureReport) -> Figure:
     axes.add_collection3d(Line3DCollection(q[edges], array=forces, cmap=COLOURS, norm=norm, linewidths=widths))
     _fit(axes, q)
     axes.set(xlabel="x (m)", ylabel="y (m)", zlabel="z (m)")
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_locator(MaxNLocator(4))
+        axis.labelpad = 8
     axes.set_title("at rest" if report.at_rest else "as given: no equilibrium found", fontsize="medium")
     shown = ScalarMappable(norm, COLOURS)
     figure.colorbar(shown, ax=axes, label="force (N), tension positive", shrink=0.7, pad=0.1)

@@ -1,5 +1,6 @@
 """The tables of README and docs are those of docs/measured, which holds no more than they quote."""
 
+import functools
 import json
 import re
 import shutil
@@ -112,6 +113,19 @@ def test_a_result_that_lacks_something_is_refused(copied, tmp_path):
     with pytest.raises(InputError, match=r"stiff.json: not what the script leaves: KeyError\('rows'\)"):
         update_docs.main(update_docs.Settings(results=tmp_path / "results", docs=copied))
     assert (copied / "docs" / "numerics.md").read_bytes() == (ROOT / "docs" / "numerics.md").read_bytes()
+
+
+def test_a_figure_is_drawn_anew_from_a_whole_record(copied, tmp_path):
+    """Without a measurement; a record that keeps less than its figure shows, and an unknown one, are refused."""
+    again = functools.partial(update_docs.Settings, results=tmp_path / "none", docs=copied)
+    picture = copied / "docs" / "images" / "climbing.png"
+    picture.write_bytes(b"")
+    update_docs.main(again(redraw=("climbing",)))
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    with pytest.raises(InputError, match=r"basin.json: holds less than its figure shows \(KeyError\('shares'\)\)"):
+        update_docs.main(again(redraw=("basin",)))
+    with pytest.raises(InputError, match=r"redraw = 'conformance': no measurement with a figure"):
+        update_docs.main(again(redraw=("conformance",)))
 
 
 @pytest.mark.parametrize("page", ["no marks", 2 * "<!-- measured: a -->\nold\n<!-- end -->\n"])
