@@ -4,6 +4,7 @@ import numpy as np
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import TwoSlopeNorm
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
@@ -21,8 +22,8 @@ def geometry_figure(structures: dict[str, Geometry]) -> Figure:
     """Struts (red, thick) and cables (dark, thin) of one structure, or of many beside each other, by their names."""
     columns = min(len(structures), 5)
     rows = -(-len(structures) // columns)
-    figure = Figure(figsize=(2.2 * columns, 2.7 * rows), layout="constrained")
-    figure.get_layout_engine().set(h_pad=0.1)  # inches
+    apart = ConstrainedLayoutEngine(h_pad=0.1)  # inches
+    figure = Figure(figsize=(2.2 * columns, 2.7 * rows), layout=apart)
     for number, (name, geometry) in enumerate(structures.items(), start=1):
         axes = figure.add_subplot(rows, columns, number, projection="3d")
         q = np.asarray(geometry.nodes)
