@@ -1,4 +1,4 @@
-"""The floor plan of docs/design.md is that of the package."""
+"""The floor plan of docs/layout.md is that of the package, and the scene file of docs/design.md loads."""
 
 import re
 from pathlib import Path
@@ -6,7 +6,7 @@ from pathlib import Path
 from jaxgrity import load_scene
 
 ROOT = Path(__file__).parents[1]
-PLAN = (ROOT / "docs" / "design.md").read_text(encoding="utf-8")
+PLAN, PAGE = ((ROOT / "docs" / name).read_text(encoding="utf-8") for name in ("layout.md", "design.md"))
 
 
 def test_floor_plan_names_every_module_once_and_no_other():
@@ -25,7 +25,7 @@ def test_floor_plan_is_in_the_order_of_the_layers_contract():
 
 def test_scene_file_of_the_page_loads(tmp_path):
     """With every table and key that is not a comment there."""
-    (found,) = re.findall(r"```toml\n(.*?)```", PLAN, re.DOTALL)
+    (found,) = re.findall(r"```toml\n(.*?)```", PAGE, re.DOTALL)
     path = tmp_path / "scene.toml"
     path.write_text(found, encoding="utf-8")
     assert [law.name for law in load_scene(path).terms] == ["wind", "push", "largest force of cables"]
@@ -33,7 +33,7 @@ def test_scene_file_of_the_page_loads(tmp_path):
 
 def test_links_of_the_pages_lead_somewhere():
     """Of those for contributors and newcomers."""
-    for page in ("docs/design.md", "docs/extending.md", "docs/glossary.md", "CONTRIBUTING.md", "CHANGELOG.md"):
+    for page in ("docs/design.md", "docs/layout.md", "docs/extending.md", "docs/glossary.md", "CONTRIBUTING.md", "CHANGELOG.md"):
         text = (ROOT / page).read_text(encoding="utf-8")
         for target in re.findall(r"\]\(((?!http)[^)#]+)\)", text):
             assert ((ROOT / page).parent / target).exists(), f"{page}: {target}"
