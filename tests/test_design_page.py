@@ -33,7 +33,14 @@ def test_scene_file_of_the_page_loads(tmp_path):
 
 def test_links_of_the_pages_lead_somewhere():
     """Of those for contributors and newcomers."""
-    for page in ("docs/design.md", "docs/layout.md", "docs/extending.md", "docs/glossary.md", "CONTRIBUTING.md", "CHANGELOG.md"):
+    for page in (
+        "docs/design.md",
+        "docs/layout.md",
+        "docs/extending.md",
+        "docs/glossary.md",
+        "CONTRIBUTING.md",
+        "CHANGELOG.md",
+    ):
         text = (ROOT / page).read_text(encoding="utf-8")
         for target in re.findall(r"\]\(((?!http)[^)#]+)\)", text):
             assert ((ROOT / page).parent / target).exists(), f"{page}: {target}"

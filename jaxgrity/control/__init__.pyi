@@ -11,7 +11,7 @@ from .plant import Plant, PlantState, actuate, observe, plant_of, plant_start, s
 from .policies import OpenLoop, Policy
 from .ppo import Learner, LearningConfig
 from .predictive import Journey, lead_to
-from .samples import CAUTIOUS, Sampling, costs
+from .samples import CAUTIOUS, Sampling
 from .sensors import Errors, Observation, Readings, Sensors, first_readings, measure, read
 from .steering import Blend, Steered, centre_offsets
 from .tasks import REACHED, TASKS, Task, find_task, ground_of, progressed, task_start
@@ -52,7 +52,6 @@ __all__ = [
     "actuate",
     "centre_offsets",
     "contraction_reached",
-    "costs",
     "discs_of",
     "drive",
     "environment",

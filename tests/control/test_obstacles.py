@@ -11,6 +11,7 @@ import jaxgrity
 from jaxgrity import Cylinder, InputError, Slope, SolverOptions, Union, control
 from jaxgrity.control import CAUTIOUS, Discs, PhaseLocked, Sampling
 from jaxgrity.control.predictive import arrivals
+from jaxgrity.control.samples import costs
 from jaxgrity.control.tasks import REACHED, at_size
 
 ARENA = (-2.0, -4.0, 12.0, 4.0)
@@ -245,7 +246,7 @@ def test_arriving_does_not_make_up_for_touching():
     sampling, goal = Sampling(margin=0.1, within=0.3), np.array([3.0, 0.0])
     disc = Discs(np.array([[2.2, 0.0]]), np.array([0.3]))
     ways = [control.way_map(discs, goal, ARENA, reach=0.3) for discs in (NOTHING, disc)]
-    free, blocked = (control.costs(paths, failed, way, sampling) for way in ways)
+    free, blocked = (costs(paths, failed, way, sampling) for way in ways)
     assert free.argmin() == 1
     assert free.argmax() == blocked.argmax() == 4
     assert blocked[2] < blocked[0]

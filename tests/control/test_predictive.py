@@ -11,7 +11,7 @@ from jaxgrity import InputError, SolverOptions, control
 from jaxgrity.control import PhaseLocked, Sampling, Steered, centre_offsets
 from jaxgrity.control.choices import choices_of
 from jaxgrity.control.obstacles import StraightWay
-from jaxgrity.control.samples import best, between, followed, shifted, sized
+from jaxgrity.control.samples import best, between, costs, followed, shifted, sized
 from jaxgrity.control.steering import clock_moved
 
 HASTY = Sampling(samples=2, horizon=0.1, interval=0.1)
@@ -32,7 +32,7 @@ def test_costs_prefer_early_arrivals_and_refuse_failures():
     """Of samples that end 2 m away, arrive at the third look, at the second, and fail on the spot."""
     x = np.array([[3.0, 3.0, 3.0, 0.0], [2.5, 1.0, 0.1, 0.0], [2.0, 0.1, 4.0, 0.0]])
     path, failed = np.stack([x, np.zeros_like(x)], axis=1)[:, :, None], np.array([[False, False, False, True]])
-    found = control.costs(path, failed, StraightWay(np.zeros(2)), Sampling(within=0.3, margin=0.1))
+    found = costs(path, failed, StraightWay(np.zeros(2)), Sampling(within=0.3, margin=0.1))
     np.testing.assert_array_equal(np.argsort(found), [2, 1, 0, 3])
     assert found[0] == 2.0
     assert found[3] == 1e6
