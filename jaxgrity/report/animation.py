@@ -47,15 +47,16 @@ def animate(
     projected onto the ground, between axes in metres; the title gives time (s) and horizontal distance (m) from the
     start. The file appears whole or not at all.
 
-    Arguments:
+    Args:
         scene: the robot, and its ground where it has one.
         trajectory: the motion.
         path: the file to write; a missing folder is made.
-        frame_rate: frames a second; the nearest saved frames are shown. Beyond 100 it has no effect, since a GIF counts
-        time in hundredths of a second. width: pixels; the height is 0.7 of it, or 0.57 for a camera that follows.
-        camera: "whole" shows all of the crossed ground, between axes; "follow" moves with the robot, and shows it
-        larger, with its shadow, over lines half a robot apart. on_frame: called with the number of drawn frames, and of
-        all frames: at first, and after each.
+        frame_rate: frames per second; the nearest saved frames are shown. Above 100 it has no effect, since a GIF
+            counts time in hundredths of a second.
+        on_frame: called with the numbers of drawn frames and of all frames, at first and after each frame.
+        width: pixels; the height is 0.7 of it, or 0.57 for a camera that follows.
+        camera: "whole" shows all of the crossed ground, between axes. "follow" moves with the robot, and shows it
+            larger, with its shadow, over lines half a robot apart.
 
     Returns:
         Nothing: the result is the file.

@@ -105,7 +105,7 @@ def replay(
     forces on touching nodes (see `forces_along`). The green polygon is the convex hull of these nodes. The line on the
     ground is the path of the centre of mass. The list of parts, at the lower right, hides each of them.
 
-    Arguments:
+    Args:
         scene: the scene to simulate.
         trajectory: the motion.
         others: further robots, beside the first or over it.
@@ -142,7 +142,7 @@ def replay(
 def save_html(scene: Scene, trajectory: Trajectory, path: str | Path, **how: Any) -> None:
     """Write a replay as one HTML file, without need of a network or other files.
 
-    Arguments:
+    Args:
         scene: the scene to simulate.
         trajectory: the motion.
         path: the file to write; it appears whole or not at all.

@@ -40,7 +40,7 @@ def impact_times(scene: Scene, h: Scalar, start: State, accelerations: NodeVecto
     (q, v), ground, size = start, cast(ExactGround, exact_ground(scene)), length_scale(scene)
     gap, approach, arrives = landings(ground, size, h, v, where_met(ground, size, h, q, v))
     gained = h * length(accelerations)
-    speed = jnp.where(arrives & _stopped(scene, ground) & (-approach > HARD * gained), -approach, 0)
+    speed = jnp.where(arrives & _may_touch(scene, ground) & (-approach > HARD * gained), -approach, 0)
     # two ends of a rod share one time, the mean by speed: of impacts in one step the order is not known
     together = _moving_together(scene)
     speeds = together @ speed
@@ -65,8 +65,8 @@ def without_bounces(scene: Scene) -> Scene:
     return eqx.tree_at(lambda s: s.ground.restitution, held, 0 * held.ground.restitution + PASSING)  # type: ignore[union-attr]
 
 
-def _stopped(scene: Scene, ground: ExactGround) -> AnyArray:
-    """(nodes,): whether the ground acts on it."""
+def _may_touch(scene: Scene, ground: ExactGround) -> AnyArray:
+    """(nodes,): whether the ground can act on it."""
     touching = np.asarray(scene.structure.free).any(axis=1)
     if ground.balls is None:
         return cast(np.ndarray, touching)
