@@ -8,6 +8,7 @@ import numpy as np
 
 from jaxgrity.core.arguments import check_all_finite, check_each, is_count
 from jaxgrity.core.display import of_report
+from jaxgrity.core.elementwise import derived_as
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import place_rows, take_rows
 from jaxgrity.core.typed import typed
@@ -53,8 +54,8 @@ class Gait(eqx.Module):
     frequency: PerActuator = eqx.field(converter=as_float)
     """frequency f of each member, Hz, not negative"""
     start: Scalar = eqx.field(converter=as_float, default=0.0)
-    """time at which the gait begins, s. If a step ends there, as with library gaits, derivatives with respect to it
-    differ on both sides"""
+    """time at which the gait begins, s. If a step ends there, as with library gaits, the derivative with respect to it
+    is the mean of two that differ"""
     ramp: Scalar = eqx.field(converter=as_float, default=1.0)
     """time in which the gait reaches its full amplitude, s"""
     overtones: tuple[Overtone, ...] = ()
@@ -132,7 +133,7 @@ def contraction(gait: Actuation, t: Scalar) -> PerActuator:
         k = jnp.clip(jnp.searchsorted(gait.times, t, side="right") - 1, 0, gait.times.shape[0] - 2)
         (t0, t1), (c0, c1) = gait.times[k + jnp.arange(2)], gait.contraction[k + jnp.arange(2)]
         return c0 + (c1 - c0) * ((t - t0) / (t1 - t0))
-    r = jnp.clip((t - gait.start) / gait.ramp, 0, 1)
+    r = _ramp(gait, t)
     angle = 2 * jnp.pi * t * gait.frequency
     wave = jnp.sin(angle + gait.phase)
     if gait.overtones:
@@ -140,6 +141,18 @@ def contraction(gait: Actuation, t: Scalar) -> PerActuator:
             wave = wave + overtone.size * jnp.sin(h * angle + overtone.phase)
         wave = wave / (1 + sum(overtone.size for overtone in gait.overtones))
     return gait.amplitude / 2 * r * (1 + wave)
+
+
+def _ramp(gait: Gait, t: Scalar) -> Scalar:
+    """r(t); at a corner its derivative is the mean of both sides.
+
+    Steps may end at a corner, and sums of steps miss it by their rounding: what is within that is at the corner.
+    """
+    share = (t - gait.start) / gait.ramp
+    from_corner = jnp.minimum(share, 1 - share)
+    rounding = 16 * jnp.finfo(share.dtype).eps * (1 + jnp.abs(t) / gait.ramp)
+    sides = jnp.where(jnp.abs(from_corner) < rounding, 0.5, from_corner > 0)
+    return derived_as(jnp.clip(share, 0, 1), share * jax.lax.stop_gradient(sides))
 
 
 def waves_ahead(gait: Gait, angle: AnyArray) -> Gait:

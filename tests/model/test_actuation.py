@@ -1,6 +1,7 @@
 """What a gait asks of its actuators."""
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -27,6 +28,27 @@ def test_peak_rates_are_those_of_the_rest_lengths():
     np.testing.assert_allclose(peak_rates(rich, lengths), lengths * amplitude * np.pi * frequency * steepest, rtol=1e-3)
     several = jax.tree.map(lambda x: np.stack([x, x]) if np.ndim(x) else x, gait)
     np.testing.assert_array_equal(peak_rates(several, lengths), np.stack([peak_rates(gait, lengths)] * 2))
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_at_a_corner_of_the_ramp_the_derivative_is_the_mean_of_both_sides(dtype):
+    """The corners are at 0.3 and 0.8 s; sums of steps of 0.1 s miss both by their rounding.
+
+    Beside a corner it is that of its side, and values are those of the formula to the last bit.
+    """
+
+    def shortened(start, t):
+        gait = Gait((0,), np.zeros(1, dtype), np.full(1, 0.5, dtype), np.zeros(1, dtype), start, jnp.asarray(0.5, dtype))
+        return contraction(gait, t)[0]
+
+    sums = np.cumsum(np.full(8, 0.1, dtype), dtype=dtype)
+    start = dtype(0.3)
+    values, slopes = jax.vmap(jax.value_and_grad(shortened), (None, 0))(start, sums)
+    assert np.any(sums[[2, 7]] != np.array([0.3, 0.8], dtype))
+    np.testing.assert_array_equal(values, np.clip((sums - start) / dtype(0.5), 0, 1) / 4)
+    np.testing.assert_allclose(slopes, [0, 0, -0.25, -0.5, -0.5, -0.5, -0.5, -0.25], rtol=1e-6)
+    beside = np.array([0.2999, 0.3001, 0.7999, 0.8001], dtype)
+    np.testing.assert_allclose(jax.vmap(jax.grad(shortened), (None, 0))(start, beside), [0, -0.5, -0.5, 0], rtol=1e-6)
 
 
 def test_a_ramp_of_no_time_is_refused():
