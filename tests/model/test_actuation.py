@@ -38,7 +38,8 @@ def test_at_a_corner_of_the_ramp_the_derivative_is_the_mean_of_both_sides(dtype)
     """
 
     def shortened(start, t):
-        gait = Gait((0,), np.zeros(1, dtype), np.full(1, 0.5, dtype), np.zeros(1, dtype), start, jnp.asarray(0.5, dtype))
+        one, half = np.ones(1, dtype), jnp.asarray(0.5, dtype)
+        gait = Gait((0,), 0 * one, 0.5 * one, 0 * one, start, half)
         return contraction(gait, t)[0]
 
     sums = np.cumsum(np.full(8, 0.1, dtype), dtype=dtype)
