@@ -148,7 +148,7 @@ def _ramp(gait: Gait, t: Scalar) -> Scalar:
 
     Steps may end at a corner, and sums of steps miss it by their rounding: what is within that is at the corner.
     """
-    share = (t - gait.start) / gait.ramp
+    share = jnp.asarray((t - gait.start) / gait.ramp)
     from_corner = jnp.minimum(share, 1 - share)
     rounding = 16 * jnp.finfo(share.dtype).eps * (1 + jnp.abs(t) / gait.ramp)
     sides = jnp.where(jnp.abs(from_corner) < rounding, 0.5, from_corner > 0)
