@@ -10,8 +10,15 @@ import numpy as np
 
 from jaxgrity import Members, Scene, Structure, load_scene
 from jaxgrity.formats import read_ntrt
-from jaxgrity.statics import member_forces, prestressed, resting_shape, statics_of, vibration_modes
-from jaxgrity.structures import icosahedron, prism
+from jaxgrity.statics import (
+    form_of_topology,
+    member_forces,
+    prestressed,
+    resting_shape,
+    statics_of,
+    vibration_modes,
+)
+from jaxgrity.structures import ball, icosahedron, prism
 
 ROOT = Path(__file__).parents[2]
 DATA = ROOT / "tests" / "data"
@@ -44,6 +51,10 @@ def prisms(quick: bool) -> Iterator[Case]:
         yield Case(
             f"prism of {n}, twist found from a disturbed start", CLOSED, np.pi / 2 + np.pi / n, twist(found, n), "rad"
         )
+        drawn = counterclockwise(form_of_topology(struts, cables)[0], n)
+        yield Case(
+            f"prism of {n}, twist found without coordinates", CLOSED, np.pi / 2 + np.pi / n, twist(drawn, n), "rad"
+        )
         ratio = 2 * np.sin(np.pi / n)
         own = statics_of(nodes, (*struts, *cables))
         stress = own.self_stress[:, 0]
@@ -65,6 +76,11 @@ def sprung(nodes: np.ndarray, struts: tuple, cables: tuple) -> Structure:
     return prestressed(Structure(nodes, np.full(len(nodes), 0.1), strong, weak), 50.0)
 
 
+def counterclockwise(nodes: np.ndarray, n: int) -> np.ndarray:
+    """The shape or its mirror image: that whose lower nodes run counterclockwise, seen from the upper ones."""
+    return nodes * np.sign(np.linalg.det([nodes[0] - nodes[2], nodes[1] - nodes[2], nodes[n:].mean(0) - nodes[2]]))
+
+
 def twist(nodes: np.ndarray, n: int) -> float:
     """rad, between the two polygons about the line of their centres, of that pair of nodes that is furthest off."""
     low, high = nodes[:n] - nodes[:n].mean(0), nodes[n:] - nodes[n:].mean(0)
@@ -81,6 +97,12 @@ def icosahedra() -> Iterator[Case]:
     yield Case("icosahedron, rank of the equilibrium matrix", CLOSED, 29, found.rank)
     yield Case("icosahedron, states of self-stress", CLOSED, 1, found.self_stress.shape[1])
     yield Case("icosahedron, mechanisms", CLOSED, 1, len(found.mechanisms))
+    q = form_of_topology(struts, cables)[1]
+    yield Case("icosahedron without coordinates, ratio of force densities", CLOSED, -1.5, q[0] / q[6])
+    _, struts, cables = ball(6)
+    q = form_of_topology(struts, cables)[1]
+    equal = (np.sqrt(41) - 11) / 8  # at a node of the truncated tetrahedron, with one force density in all cables
+    yield Case("truncated tetrahedron without coordinates, ratio of force densities", CLOSED, equal, q[0] / q[6])
 
 
 def published_tower() -> Structure:

@@ -17,6 +17,7 @@ from .prestressing import prestressed
 from .responses import StaticResponse, static_response
 from .settling import Settled, settled
 from .stiffness import sparse_mass_matrix, stiffness_matrix
+from .topology import alike_members, form_of_topology
 from .vibrations import Modes, vibration_modes
 
 __all__ = [
@@ -26,8 +27,10 @@ __all__ = [
     "StaticResponse",
     "Statics",
     "StructureReport",
+    "alike_members",
     "equilibrium_matrix",
     "equilibrium_near",
+    "form_of_topology",
     "group_average",
     "inspect_structure",
     "member_forces",
