@@ -1,4 +1,4 @@
-"""Convert a robot between file formats: TOML, NTRT (YAML), MuJoCo (XML), MATLAB, CSV, GLB, OBJ."""
+"""Convert a robot between file formats: TOML, NTRT (YAML), MuJoCo (XML), MATLAB, CSV, URDF, GLB, OBJ."""
 
 from pathlib import Path
 
@@ -8,6 +8,7 @@ from jaxgrity.formats.conversion import find_format, read_any, write_any
 from jaxgrity.formats.foreign import Imported
 from jaxgrity.formats.mjcf_reading import read_mjcf
 from jaxgrity.formats.ntrt import DECIMETRE, read_ntrt
+from jaxgrity.formats.spreadsheets import read_tables
 from jaxgrity.model.scene import Scene
 from jaxgrity.statics.settling import settled
 
@@ -29,6 +30,8 @@ def main(settings: ConvertSettings) -> None:
 def _read(settings: ConvertSettings) -> Imported:
     find_format(settings.target)  # refuses what it does not know before anything is read
     ending, unit = Path(settings.source).suffix.lower(), settings.unit
+    if settings.columns and ending != ".csv":
+        raise InputError(f"--columns {' '.join(settings.columns)}: expected --columns with tables (.csv) alone")
     if ending in (".yaml", ".yml"):
         return read_ntrt(settings.source, DECIMETRE if unit is None else unit, settings.drop)
     if unit is not None:
@@ -38,6 +41,8 @@ def _read(settings: ConvertSettings) -> Imported:
     if settings.drop:
         found = f"--drop {' '.join(settings.drop)}: {settings.source} is read whole"
         raise InputError(f"{found}; expected --drop with NTRT files and MuJoCo models alone")
+    if ending == ".csv":
+        return read_tables(settings.source, dict(pair.rpartition("=")[::2] for pair in settings.columns))
     return read_any(settings.source)
 
 

@@ -270,12 +270,12 @@ class TrainSettings:
 
 @dataclass
 class ConvertSettings:
-    """Convert a robot between file formats: TOML, NTRT (YAML), MuJoCo (XML), MATLAB, CSV, GLB, OBJ."""
+    """Convert a robot between file formats: TOML, NTRT (YAML), MuJoCo (XML), MATLAB, CSV, URDF, GLB, OBJ."""
 
     source: Annotated[str, Positional]
     """file to read (.toml, .yaml, .xml, .mat, .csv), or name of a library scene"""
     target: Annotated[Path, Positional]
-    """file to write (.toml, .xml, .mat, .csv, .glb, .obj)"""
+    """file to write (.toml, .xml, .mat, .csv, .urdf, .glb, .obj)"""
     settle: bool = False
     """first let the structure come to rest without gravity, and set it down on its ground"""
     unit: float | None = None
@@ -283,5 +283,7 @@ class ConvertSettings:
     drop: tuple[str, ...] = ()
     """parts to leave out: contact, radius, friction, limits, damping, actuators, air, forces of a MuJoCo model; radius,
     wrapping, friction of a NTRT file"""
+    columns: tuple[str, ...] = ()
+    """your names of a table's columns, such as X=x_m; colour= leaves out a column"""
     quick: bool = False
     """no effect, since this command is quick"""

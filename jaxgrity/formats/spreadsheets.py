@@ -2,7 +2,7 @@
 
 import csv
 import io
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import IO
@@ -58,39 +58,60 @@ def save_tables(scene: Scene, path: str | Path) -> tuple[str, ...]:
     for kind, members in zip(KINDS, (structure.struts, structure.cables)):
         columns = () if members is None else (members.rest_length, members.stiffness, members.damping, members.mass)
         for k, edge in enumerate(members.edges if members is not None else ()):
-            rows.append([kind, *map(str, edge), *(_cell(column, k) for column in columns)])
+            rows.append([kind, *map(str, edge), *(cell(column, k) for column in columns)])
     for place, head, content in zip(table_paths(path), (NODES, MEMBERS), (nodes, rows)):
-        text = io.StringIO()
-        csv.writer(text, lineterminator="\n").writerows([head, *content])
-        write_whole(place, partial(_put, text.getvalue()))
+        save_rows(place, head, content)
     stuck = any(m is not None and m.stuck for m in (structure.struts, structure.cables))
     return (*beside_the_structure(scene), *(["members that are stuck are written as others"] if stuck else []))
+
+
+def save_rows(path: Path, head: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
+    """Write a table (CSV), which appears whole or not at all."""
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows([head, *rows])
+    write_whole(path, partial(_put, text.getvalue()))
 
 
 def _put(text: str, file: IO[bytes]) -> None:
     file.write(text.encode())
 
 
-def _cell(column: AnyArray | None, k: int) -> str:
+def cell(column: AnyArray | None, k: int) -> str:
+    """A member's number to the last bit; empty where its kind has none."""
     return "" if column is None else repr(float(column[k]))
 
 
 @typed
-def read_tables(path: str | Path) -> Imported:
+def read_tables(path: str | Path, columns: Mapping[str, str] | None = None) -> Imported:
     """A structure from the two tables that `save_tables` writes; columns may be in any order.
 
-    mass_kg, fixed, damping_N_s_per_m and mass_kg of members may be left out. Raises `InputError`: one line with the
-    file, the row and what was expected.
+    mass_kg, fixed, damping_N_s_per_m and mass_kg of members may be left out.
+
+    Args:
+        path: of the tables, `robot.csv` or the name of either file.
+        columns: what your own names of columns mean, such as {"X": "x_m"}. "" leaves a column out. Units are those of
+            `save_tables`.
+
+    Raises:
+        InputError: one line with the file, the row and what was expected.
     """
     first, second = table_paths(path)
-    nodes = _rows(first, NODES, ("x_m", "y_m", "z_m"))
+    names = dict(columns or {})
+    for name, meant in names.items():
+        if meant not in ("", *NODES, *MEMBERS):
+            raise InputError(f"columns[{name!r}] = {meant!r}: expected '', or one of {', '.join((*NODES, *MEMBERS))}")
+    unused = set(names)
+    nodes = _rows(first, NODES, ("x_m", "y_m", "z_m"), names, unused)
     if not nodes or len(nodes) > MOST_NODES:
         raise InputError(f"{first}: has {len(nodes)} nodes; expected 1 to {MOST_NODES}")
     x = np.array([[finite(row[axis], f"{where}.{axis}") for axis in NODES[:3]] for where, row in nodes])
     mass = np.array([not_negative(row.get("mass_kg") or 0, f"{where}.mass_kg") for where, row in nodes])
     fixed = tuple((k, row["fixed"].strip()) for k, (_, row) in enumerate(nodes) if row.get("fixed", "").strip())
     kinds: dict[str, list] = {kind: [] for kind in KINDS}
-    for where, row in _rows(second, MEMBERS, MEMBERS[:4]):
+    members = _rows(second, MEMBERS, MEMBERS[:4], names, unused)
+    if unused:
+        raise InputError(f"columns: neither {first.name} nor {second.name} has a column {sorted(unused)[0]!r}")
+    for where, row in members:
         if row["kind"] not in kinds:
             raise InputError(f"{where}.kind = {short(row['kind'])}: expected strut or cable")
         kinds[row["kind"]].append((where, row))
@@ -103,16 +124,22 @@ def read_tables(path: str | Path) -> Imported:
     return Imported(Scene(structure), ("SI units, z up; nodes count from 0", STRUCTURE_ALONE))
 
 
-def _rows(path: Path, known: Sequence[str], needed: Sequence[str]) -> list[tuple[str, dict[str, str]]]:
-    """Where each row stands, and its cells by the names of their columns."""
+def _rows(
+    path: Path, known: Sequence[str], needed: Sequence[str], names: Mapping[str, str], unused: set[str]
+) -> list[tuple[str, dict[str, str]]]:
+    """Where each row stands, and its cells by the names of their columns. Takes those that occur from `unused`."""
     try:
         table = list(csv.reader(io.StringIO(read_limited(path)), strict=True))
     except csv.Error as error:
         raise InputError(f"{path}: not CSV: {error}") from error
     head = [name.strip() for name in table[0]] if table else []
+    unused.difference_update(head)
+    head = [names.get(name, name) for name in head]
     for name in head:
-        if name not in known or head.count(name) > 1:
-            raise InputError(f"{path}: has a column {short(name)}; expected {', '.join(known)}, each once")
+        if (name or "" not in names.values()) and (name not in known or head.count(name) > 1):
+            raise InputError(
+                f"{path}: has a column {short(name)}; expected {', '.join(known)}, each once, or other names in columns"
+            )
     missing = [name for name in needed if name not in head]
     if missing:
         raise InputError(f"{path}: has no column {missing[0]}; expected {', '.join(known)}")

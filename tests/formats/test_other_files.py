@@ -179,6 +179,47 @@ def test_tables_refusals(nodes, members, reason, tmp_path):
     assert str(caught.value).isprintable()
 
 
+def renamed(tmp_path):
+    """A robot's tables with other names of columns, and one more column."""
+    scene = parse_scene(PRISM)
+    save_tables(scene, tmp_path / "robot.csv")
+    nodes = tmp_path / "robot.nodes.csv"
+    head, *rows = nodes.read_text().splitlines()
+    assert head == "x_m,y_m,z_m,mass_kg,fixed"
+    nodes.write_text("\n".join(["X,Y,z_m,weight [kg],fixed,colour", *(f"{row},red" for row in rows)]))
+    return scene
+
+
+COLUMNS = {"X": "x_m", "Y": "y_m", "weight [kg]": "mass_kg", "colour": ""}
+
+
+def test_tables_with_names_of_the_user(tmp_path):
+    """Columns that are named are those of the library, and one without a name is left out."""
+    scene = renamed(tmp_path)
+    found = read_tables(tmp_path / "robot.csv", COLUMNS)
+    assert_alike(found.scene.structure, scene.structure, 0)
+    columns = tuple(f"{name}={meant}" for name, meant in COLUMNS.items())
+    main(ConvertSettings(str(tmp_path / "robot.csv"), tmp_path / "robot.toml", columns=columns))
+    assert_alike(load_scene(tmp_path / "robot.toml").structure, scene.structure, 0)
+
+
+@pytest.mark.parametrize(
+    ("columns", "reason"),
+    [
+        ({}, "robot.nodes.csv: has a column 'X'; expected x_m, y_m, z_m, mass_kg, fixed, each once, or other names"),
+        (COLUMNS | {"Z": "z_m"}, "columns: neither robot.nodes.csv nor robot.members.csv has a column 'Z'"),
+        (COLUMNS | {"X": "x_mm"}, r"columns\['X'\] = 'x_mm': expected '', or one of x_m, y_m"),
+        (COLUMNS | {"X": "y_m"}, "robot.nodes.csv: has a column 'y_m'; expected x_m"),
+        (COLUMNS | {"X": ""}, "robot.nodes.csv: has no column x_m"),
+    ],
+)
+def test_names_of_columns_that_are_refused(columns, reason, tmp_path):
+    """In one line, with the name."""
+    renamed(tmp_path)
+    with pytest.raises(InputError, match=reason):
+        read_tables(tmp_path / "robot.csv", columns)
+
+
 def test_meshes_have_the_shape(reference, tmp_path):
     """A GLB with struts and cables apart, y up; an OBJ, z up: as wide as the robot and its bars."""
     trimesh = pytest.importorskip("trimesh")
@@ -251,6 +292,8 @@ def test_the_command_says_what_was_read_and_what_is_lost(tmp_path, capsys):
         main(ConvertSettings("reference", Path("x.doc")))
     with pytest.raises(InputError, match=r"--unit 0.001: robot.mat is read in metres; expected --unit with NTRT files"):
         main(ConvertSettings("robot.mat", tmp_path / "robot.toml", unit=1e-3))
+    with pytest.raises(InputError, match=r"--columns X=x_m: expected --columns with tables \(.csv\) alone"):
+        main(ConvertSettings("robot.mat", tmp_path / "robot.toml", columns=("X=x_m",)))
     with pytest.raises(InputError, match=r"--drop radius: exact is read whole; expected --drop with NTRT files and"):
         main(ConvertSettings("exact", tmp_path / "robot.toml", drop=("radius",)))
 
