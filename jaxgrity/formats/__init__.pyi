@@ -8,6 +8,7 @@ from .mjcf_writing import MuJoCoModel, mujoco_model, save_mjcf
 from .ntrt import read_ntrt
 from .spreadsheets import read_tables, save_tables
 from .trajectories import load_trajectory, save_trajectory
+from .urdf import save_urdf
 
 __all__ = [
     "FORMATS",
@@ -27,5 +28,6 @@ __all__ = [
     "save_mjcf",
     "save_tables",
     "save_trajectory",
+    "save_urdf",
     "write_any",
 ]

@@ -13,6 +13,7 @@ from jaxgrity.formats.mjcf_reading import read_mjcf
 from jaxgrity.formats.mjcf_writing import save_mjcf
 from jaxgrity.formats.ntrt import read_ntrt
 from jaxgrity.formats.spreadsheets import read_tables, save_tables
+from jaxgrity.formats.urdf import save_urdf
 from jaxgrity.io.scene_files import load_scene, scene_names
 from jaxgrity.io.scene_writing import save_scene
 from jaxgrity.model.scene import Scene
@@ -47,6 +48,7 @@ FORMATS = (
     Format("MuJoCo model (MJCF)", (".xml", ".mjcf"), read_mjcf, _write_mjcf),
     Format("MATLAB file", (".mat",), read_matlab, save_matlab),
     Format("tables (CSV)", (".csv",), read_tables, save_tables),
+    Format("robot description (URDF)", (".urdf",), None, save_urdf),
     Format("mesh", (".glb", ".obj"), None, save_mesh),
 )
 """All kinds of files that hold a robot."""

@@ -4,6 +4,9 @@ import math
 from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
+from xml.etree import ElementTree
+
+import numpy as np
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.io.files import read_text
@@ -106,3 +109,16 @@ def short(value: Any) -> str:
     """A value as errors show it."""
     text = repr(value)
     return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def add_element(parent: ElementTree.Element, tag: str, **given: Any) -> ElementTree.Element:
+    """A new element of an XML file, numbers to the last bit."""
+    return ElementTree.SubElement(parent, tag, {name: _attribute(value) for name, value in given.items()})
+
+
+def _attribute(value: Any) -> str:
+    if isinstance(value, str):
+        return value
+    return " ".join(
+        repr(float(x)) if isinstance(x, float) else str(x) for x in np.atleast_1d(np.asarray(value)).tolist()
+    )

@@ -10,7 +10,6 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import Times
 from jaxgrity.formats.compounds import bodies, is_rigid
-from jaxgrity.formats.foreign import refuse_bodies
 from jaxgrity.model.actuation import Gait, rest_length
 from jaxgrity.model.clusters import cables_of
 from jaxgrity.model.contact_twin import penalty_twin
@@ -77,8 +76,8 @@ def actuated_members(structure: Structure, gait: Gait | None) -> tuple[int, ...]
 
 
 def plan_of(scene: Scene) -> tuple[Plan, list[str]]:
+    """The plan, and notes on what differs. Rigid bodies of the structure are no part of it."""
     structure, struts = scene.structure, scene.structure.struts
-    refuse_bodies(structure, "MuJoCo models that are written")
     if structure.driven:
         raise InputError(f"members {list(structure.driven)} have motors, which MuJoCo models lack; expected a gait")
     actuated = actuated_members(structure, scene.gait)

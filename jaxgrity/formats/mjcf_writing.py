@@ -8,6 +8,7 @@ import numpy as np
 
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import PerMember
+from jaxgrity.formats.foreign import add_element, refuse_bodies
 from jaxgrity.formats.mjcf_plan import THICKNESS, Plan, amplitudes, inertia_of, plan_of, safe_step
 from jaxgrity.io.files import write_whole
 from jaxgrity.model.clusters import cables_of, nodes_along
@@ -66,13 +67,14 @@ def save_mjcf(scene: Scene, path: str | Path, timestep: float | None = None, int
 @typed
 def mujoco_model(scene: Scene, timestep: float | None = None, integrator: str = "RK4") -> MuJoCoModel:
     """What `save_mjcf` writes. Raises as it does."""
+    refuse_bodies(scene.structure, "MuJoCo models that are written")
     plan, notes = plan_of(scene)
     root = ElementTree.Element("mujoco", model="jaxgrity")
     g = 0.0 if scene.gravity is None else float(scene.gravity)
     step = safe_step(plan) if timestep is None else timestep
     up = np.array([0.0, 0.0, 1.0]) if scene.up is None else np.asarray(scene.up, float)
-    _add(root, "option", timestep=step, integrator=integrator, gravity=(-g * up + 0.0).tolist(), cone="elliptic")
-    world = _add(root, "worldbody")
+    add_element(root, "option", timestep=step, integrator=integrator, gravity=(-g * up + 0.0).tolist(), cone="elliptic")
+    world = add_element(root, "worldbody")
     notes += _ground(world, scene)
     drag = np.zeros(len(plan.node_mass)) if scene.node_damping is None else np.asarray(scene.node_damping, float)
     in_bodies = {int(node) for nodes in plan.bodies for node in nodes}
@@ -98,7 +100,7 @@ def _ground(world: ElementTree.Element, scene: Scene) -> list[str]:
     n = scene.ground.normal
     at = [-RADIUS * axis for axis in n]
     flags = {"contype": 0, "conaffinity": 1, "priority": 1, "friction": [mu, 0.0, 0.0]}
-    _add(world, "geom", name="ground", type="plane", size=[0, 0, 1], zaxis=list(n), pos=at, **flags)
+    add_element(world, "geom", name="ground", type="plane", size=[0, 0, 1], zaxis=list(n), pos=at, **flags)
     differ = scene.friction is not None and np.ptp(scene.friction.sliding_mu) > 0
     which = "the largest of the nodes' friction coefficients" if differ else "the friction coefficient of the scene"
     return [f"contact is MuJoCo's own: soft, with its default stiffness, and with {which}"]
@@ -111,14 +113,14 @@ def _body(world: ElementTree.Element, plan: Plan, nodes: np.ndarray, number: int
     own = [k for k in sorted(plan.rigid) if struts.edges[k][0] in nodes]
     rods = [(struts.edges[k], 0.0 if struts.mass is None else float(struts.mass[k])) for k in own]
     mass, centre, inertia = inertia_of(x, {int(n): plan.node_mass[n] for n in nodes}, rods)
-    body = _add(world, "body", name=f"body{number}", pos=centre)
-    _add(body, "freejoint")
+    body = add_element(world, "body", name=f"body{number}", pos=centre)
+    add_element(body, "freejoint")
     entries = [inertia[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
-    _add(body, "inertial", pos=[0.0, 0.0, 0.0], mass=mass, fullinertia=entries)
+    add_element(body, "inertial", pos=[0.0, 0.0, 0.0], mass=mass, fullinertia=entries)
     for k in own:
         ends = x[list(struts.edges[k])] - centre
         size = [THICKNESS * np.linalg.norm(ends[1] - ends[0])]
-        _add(body, "geom", type="capsule", fromto=ends.ravel(), size=size, contype=0, conaffinity=0, mass=0)
+        add_element(body, "geom", type="capsule", fromto=ends.ravel(), size=size, contype=0, conaffinity=0, mass=0)
     for node in nodes:
         _node(body, plan, int(node), x[node] - centre, 0.0)
 
@@ -127,23 +129,23 @@ def _point(world: ElementTree.Element, plan: Plan, node: int, drag: float) -> No
     """A point mass on slides along the axes that no support holds, or a site of the world."""
     x, free = np.asarray(plan.structure.nodes, float)[node], plan.structure.free[node]
     if not free.any():
-        _add(world, "site", name=f"n{node}", pos=x)
+        add_element(world, "site", name=f"n{node}", pos=x)
         return
-    body = _add(world, "body", name=f"node{node}", pos=x)
+    body = add_element(world, "body", name=f"node{node}", pos=x)
     for axis in np.flatnonzero(free):
-        _add(body, "joint", type="slide", axis=np.eye(3)[axis], damping=drag)
+        add_element(body, "joint", type="slide", axis=np.eye(3)[axis], damping=drag)
     _node(body, plan, node, np.zeros(3), plan.node_mass[node])
 
 
 def _node(body: ElementTree.Element, plan: Plan, node: int, at: np.ndarray, mass: float) -> None:
     size, touches = RADIUS + plan.balls.get(node, 0.0), int(node in plan.balls)
-    _add(body, "geom", size=[size], pos=at, mass=mass, contype=touches, conaffinity=0)
-    _add(body, "site", name=f"n{node}", pos=at)
+    add_element(body, "geom", size=[size], pos=at, mass=mass, contype=touches, conaffinity=0)
+    add_element(body, "site", name=f"n{node}", pos=at)
 
 
 def _members(root: ElementTree.Element, scene: Scene, plan: Plan) -> list[str]:
     """Tendons with springs, and with actuators where a gait moves them."""
-    tendons, actuators = _add(root, "tendon"), _add(root, "actuator")
+    tendons, actuators = add_element(root, "tendon"), add_element(root, "actuator")
     structure, damped = plan.structure, False
     size = amplitudes(scene.gait)
     for kind, members, first in (("strut", structure.struts, 0), ("cable", structure.cables, structure.first_cable)):
@@ -162,11 +164,11 @@ def _members(root: ElementTree.Element, scene: Scene, plan: Plan) -> list[str]:
                 most = sum(size.get(first + part, 0.0) * float(members.rest_length[part]) for part in cord)
                 reach = {"ctrllimited": "true", "ctrlrange": [-most, 0.0]} if most else {}
                 law = {"gainprm": K, "biastype": "affine", "biasprm": [K * L, -K, -c]}
-                _add(actuators, "general", name=f"{kind}{k}", tendon=f"{kind}{k}", **law, **limits, **reach)
+                add_element(actuators, "general", name=f"{kind}{k}", tendon=f"{kind}{k}", **law, **limits, **reach)
             damped = damped or bool(spring and kind == "cable" and c)
-            tendon = _add(tendons, "spatial", name=f"{kind}{k}", **spring)
+            tendon = add_element(tendons, "spatial", name=f"{kind}{k}", **spring)
             for node in nodes_along(tuple(members.edges[part] for part in cord)):
-                _add(tendon, "site", site=f"n{node}")
+                add_element(tendon, "site", site=f"n{node}")
     notes = ["cables are damped there while they are slack, too"] if damped else []
     moved = (
         f"{len(plan.actuated)} actuators change rest lengths by their controls (m); the gait itself is no part of it"
@@ -190,16 +192,4 @@ def _drag_on_bodies(root: ElementTree.Element, drag: dict[int, float]) -> None:
         for axis in range(3):
             gear = [*np.eye(3)[axis], 0.0, 0.0, 0.0]
             bias = {"biastype": "affine", "biasprm": [0.0, 0.0, -c], "gainprm": 0.0}
-            _add(actuators, "general", name=f"drag{node}{'xyz'[axis]}", site=f"n{node}", gear=gear, **bias)
-
-
-def _add(parent: ElementTree.Element, tag: str, **given: Any) -> ElementTree.Element:
-    return ElementTree.SubElement(parent, tag, {name: _text(value) for name, value in given.items()})
-
-
-def _text(value: Any) -> str:
-    if isinstance(value, str):
-        return value
-    return " ".join(
-        repr(float(x)) if isinstance(x, float) else str(x) for x in np.atleast_1d(np.asarray(value)).tolist()
-    )
+            add_element(actuators, "general", name=f"drag{node}{'xyz'[axis]}", site=f"n{node}", gear=gear, **bias)
