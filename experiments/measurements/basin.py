@@ -114,8 +114,8 @@ def words(record: Record) -> str:
         "gait": "{gait}",
         "contact": lambda row: f"{row['contact']}, its own" if row["own"] else row["contact"],
         "robots that roll after 15 s": lambda row: f"{100 * row['rolling_after_15_s']:.0f} %",
-        "in the end": lambda row: f"{100 * row['rolling']:.0f} %",
-        "in the end on the orbit, by their shapes": lambda row: f"{100 * row['on_the_orbit']:.0f} %",
+        "after a minute": lambda row: f"{100 * row['rolling']:.0f} %",
+        "on the orbit after a minute": lambda row: f"{100 * row['on_the_orbit']:.0f} %",
         "median time until they roll": "{median_seconds_until:.0f} s",
     }
     return columns(record["rows"], cells)

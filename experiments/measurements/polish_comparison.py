@@ -155,7 +155,7 @@ def words(record: Record) -> str:
     """What each way gained, and what it could spend."""
     head = [
         "continued by", "fitness gained, body lengths/s: median (quartiles)", "mean speed gained: median",
-        "better, worse than the start", "beats a longer search", "kept", "rollouts",
+        "seeds: better, worse than the start", "beats a longer search", "kept", "rollouts",
     ]  # fmt: skip
     rows = [
         [
