@@ -95,7 +95,7 @@ def words(record: Record) -> str:
     """What was allowed, and the cheapest setting of each method within that."""
     costs = record["cost_at_target"]
     cheapest = min(costs.values())
-    head = ["error of", "allowed median, mm", "models apart, mm"]
+    head = ["error of", "largest median allowed, mm", "distance of the two models, mm"]
     about = [record["error_of"], f"{1e3 * record['target']:g}", short(1e3 * record["models_apart"])]
     rows = []
     for method in dict.fromkeys(name.rpartition(" ")[0] for name in costs):

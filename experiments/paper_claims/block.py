@@ -146,7 +146,7 @@ def angle_row(law: str, found: dict) -> Row:
     off = max(abs(row["slid"] - row["exact"]) for angle, row in found.items() if float(angle) > FRICTION_ANGLE)
     measured = (
         f"below the friction angle ({FRICTION_ANGLE:.2f} degrees) it slides {significant(creep, 'm')} in "
-        f"{DURATION:g} s, above it errs by {significant(off, 'm')}"
+        f"{DURATION:g} s, above it the distance is wrong by {significant(off, 'm')}"
     )
     holds = creep < 1e-6 and off < 1e-3
     why = {

@@ -101,7 +101,7 @@ def rows(facts: dict) -> list[Row]:
             "grad U = K (l - L) dl/dx, dl/dx_q = d_pq, dl/dx_p = -d_pq",
             "A.1",
             scene,
-            f"off by {facts['A.1']:.2g} of the largest force; with the sign reversed by "
+            f"off by {facts['A.1']:.2g} times the largest force; with the sign reversed by "
             f"{facts['A.1, sign reversed']:.0e}",
             verdict(facts["A.1"] < tight),
             "d_pq = (x_p - x_q)/l is dl/dx_p: the signs of both rows are exchanged",
