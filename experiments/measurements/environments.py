@@ -84,7 +84,7 @@ def words(record: Record) -> str:
     """How fast each environment was, and what went wrong."""
     cells = {
         "task": "{task}",
-        "steps": "{steps}",
+        "control periods": "{steps}",
         "wall time for a million": lambda row: f"{1e6 * row['seconds'] / row['steps']:.1f} s",
         "processor time for a million": lambda row: f"{1e6 * row['processor_seconds'] / row['steps']:.1f} s",
         "episodes": "{episodes}",

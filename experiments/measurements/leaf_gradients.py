@@ -263,7 +263,7 @@ def words(record: Record) -> str:
         [name, f"{each['matter']} of {each['arrays']}", f"{each['reverse']:.0e}", f"{each['differences']:.0e}"]
         for name, each in record["robots"].items()
     ]
-    head = ["what", "arrays that matter", "reverse mode off forward mode", "central differences off forward mode"]
+    head = ["what", "arrays with an effect", "reverse mode", "central differences"]
     return table(head, rows)
 
 
