@@ -11,7 +11,7 @@ import numpy as np
 
 from jaxgrity.cli.progress import Bars
 from jaxgrity.cli.settings import SimulateSettings
-from jaxgrity.core.display import significant, with_error
+from jaxgrity.core.display import finite_or, significant, with_error
 from jaxgrity.formats.trajectories import save_trajectory
 from jaxgrity.io.files import load_phases, save_json
 from jaxgrity.io.gait_library import gait_record, load_gait
@@ -26,7 +26,7 @@ from jaxgrity.stepping.discretisation import FAILURES
 from jaxgrity.stepping.options import SolverOptions
 from jaxgrity.stepping.simulate import Trajectory, centre_path, simulate
 from jaxgrity.trust.error_bars import verify
-from jaxgrity.trust.trust_report import TrustReport, diagnose
+from jaxgrity.trust.trust_report import UNKNOWN_BAR, TrustReport, diagnose
 
 Result = TypeVar("Result")
 
@@ -204,7 +204,7 @@ def several(scene: Scene, phases: np.ndarray, duration: float, settings: Simulat
         verified = verify(scene, gaits, duration, options=options)
         furthest = with_gait(scene, one_gait(gaits, int(np.nanargmax(distance))))
         trust = diagnosed(furthest, duration, options)
-        median = f"{np.median(verified.error_bar):.2g} m (median)"
+        median = finite_or(float(np.median(verified.error_bar)), "m (median)", "of most gaits " + UNKNOWN_BAR)
         print(f"error bars: {median}; report on the gait that goes furthest:\n{trust.table()}")
     steps = np.asarray(outcomes.steps)
     return {

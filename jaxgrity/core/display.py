@@ -50,6 +50,11 @@ def with_error(
     return f"{_rounded(value, max(0, known))} ± {error:{digits}}{unit}"
 
 
+def finite_or(value: float, unit: str, otherwise: str) -> str:
+    """A number of two digits with its unit, or other words where it is not finite."""
+    return f"{value:.2g} {unit}" if math.isfinite(value) else otherwise
+
+
 def _exponent(value: float) -> int:
     """The power of ten of the number's first digit; 0 for zero."""
     return math.floor(math.log10(abs(value))) if value and math.isfinite(value) else 0

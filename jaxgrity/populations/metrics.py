@@ -32,7 +32,7 @@ class Metrics(NamedTuple):
     work: Scalar
     """J, done by the actuators less done on them, as in the energy audit"""
     effort: Scalar
-    """J, done by the gait's actuators, each by itself, without recovery; motors are in `work` alone"""
+    """J, done by the actuators of the gait and by motors, each by itself, without recovery"""
     contact: Scalar
     """s, time of contact, summed over the nodes"""
     slip: Scalar
@@ -86,13 +86,15 @@ def updated_metrics(scene: Scene, step: Step, so_far: Metrics) -> Metrics:
     moved = on * (centre_of_mass(scene, q) - centre_of_mass(scene, q0))
     way, up = jnp.sqrt(moved[0] * moved[0] + moved[1] * moved[1]), so_far.moved_z + moved[2]
     touching, slipping = _contact(scene, step)
-    rate = (_lengths(scene, step.t0 + h) - _lengths(scene, step.t0)) / h
-    tension = actuator_tension(scene, step)
+    numbers = _members_that_move(scene)
+    rates = (_lengths(scene, step.t0 + h, numbers) - _lengths(scene, step.t0, numbers)) / h
+    tensions = actuator_tension(scene, step, numbers)
+    rate, tension = (x[: len(so_far.force)] for x in (rates, tensions))
     force = so_far.force + jnp.minimum(1, h / (WINDOW * time_scale(scene))) * (tension - so_far.force)
     return Metrics(
         path=so_far.path + way,
         work=so_far.work + on * work,
-        effort=so_far.effort + on * h * jnp.sum(jnp.maximum(0, -tension * rate), axis=0),
+        effort=so_far.effort + on * h * jnp.sum(jnp.maximum(0, -tensions * rates), axis=0),
         contact=so_far.contact + on * h * jnp.sum(touching, axis=0),
         slip=so_far.slip + on * h * jnp.sum(touching * slipping, axis=0),
         flight=so_far.flight + on * h * (1 - jnp.max(touching, axis=0)),
@@ -121,12 +123,18 @@ def _contact(scene: Scene, step: Step) -> tuple[PerNode, PerNode]:
     return (pressed > 0).astype(q.dtype), slipping.astype(q.dtype)
 
 
-def _lengths(scene: Scene, t: Scalar) -> PerActuator:
-    """L(t) of the actuated members, m."""
+def _members_that_move(scene: Scene) -> tuple[int, ...]:
+    """Numbers of the members that the gait actuates, and after them of those with motors."""
+    assert scene.gait is not None, "`initial_metrics` refuses a scene without a gait"
+    return (*scene.gait.members, *scene.structure.driven)
+
+
+def _lengths(scene: Scene, t: Scalar, numbers: tuple[int, ...]) -> PerActuator:
+    """L(t) of some members, m."""
     parts = []
-    for members, rows, first in _actuated(scene):
+    for members, rows, first in _by_kind(scene, numbers):
         parts.append(take_rows(rest_length(members, scene.gait, t, first), rows))
-    return _in_order(scene, parts)
+    return _in_order(numbers, parts)
 
 
 def cost_of_transport(scene: Scene, energy: Scalar | PerGait, distance: Scalar | PerGait) -> AnyArray:
@@ -136,11 +144,14 @@ def cost_of_transport(scene: Scene, energy: Scalar | PerGait, distance: Scalar |
     return xp.where(done == 0, xp.inf, energy / xp.where(done == 0, 1, done))
 
 
-def actuator_tension(scene: Scene, step: Step) -> PerActuator:
-    """N, of the actuated members: `member_tensions` without dampers; of rigid struts from their impulses."""
+def actuator_tension(scene: Scene, step: Step, numbers: tuple[int, ...] | None = None) -> PerActuator:
+    """N, of some members, by default of the gait's: `member_tensions` without dampers; of rigid struts from their
+    impulses."""
+    assert scene.gait is not None, "`initial_metrics` refuses a scene without a gait"
+    numbers = scene.gait.members if numbers is None else numbers
     found = member_tensions(scene, step.t0 + step.h, step.after.motion[0])
     parts: list[AnyArray] = []
-    for members, rows, _ in _actuated(scene):
+    for members, rows, _ in _by_kind(scene, numbers):
         if members.rigid and scene.structure.bodies:
             # nodes of bodies also have the impulses that keep their shape
             tensions = strut_tensions(scene, step.before.motion[0], strut_impulses(scene, step))
@@ -152,23 +163,21 @@ def actuator_tension(scene: Scene, step: Step) -> PerActuator:
             parts.append(-dot(on_first, vectors) * inverse(length(vectors)) / step.kick)
         else:
             parts.append(take_rows(found["struts" if members is scene.structure.struts else "cables"], rows))
-    return _in_order(scene, parts)
+    return _in_order(numbers, parts)
 
 
-def _actuated(scene: Scene):
-    """The members of each kind, the actuated ones in ascending order, and the number of the first."""
-    structure, gait = scene.structure, scene.gait
-    assert gait is not None, "`initial_metrics` refuses a scene without a gait"
+def _by_kind(scene: Scene, numbers: tuple[int, ...]):
+    """The members of each kind, those with the given numbers in ascending order, and the number of the first."""
+    structure = scene.structure
     for members, first in ((structure.struts, 0), (structure.cables, structure.first_cable)):
         if members is not None:
-            rows = tuple(k for k in range(len(members.edges)) if first + k in gait.members)
+            rows = tuple(k for k in range(len(members.edges)) if first + k in numbers)
             if rows:
                 yield members, rows, first
 
 
-def _in_order(scene: Scene, parts: list[AnyArray]) -> PerActuator:
-    """The numbers of struts and cables, joined in the gait's order of members."""
+def _in_order(numbers: tuple[int, ...], parts: list[AnyArray]) -> PerActuator:
+    """Values of struts and of cables, joined in the order of the members' numbers."""
     joined = parts[0] if len(parts) == 1 else jnp.concatenate(parts)
-    assert scene.gait is not None, "`initial_metrics` refuses a scene without a gait"
-    order = tuple(int(k) for k in np.argsort(np.argsort(scene.gait.members)))
+    order = tuple(int(k) for k in np.argsort(np.argsort(numbers)))
     return joined if order == tuple(range(len(order))) else take_rows(joined, order)

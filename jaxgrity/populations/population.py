@@ -67,7 +67,7 @@ class Outcomes(eqx.Module):
 
 @typed
 def gaits_of(gait: Gait | None, phase: Phases, amplitude: Table | None = None, frequency: Table | None = None) -> Gait:
-    """A population of gaits as one `Gait`, whose arrays have a row per robot. Arrays not given come from `gait`.
+    """A population of gaits as one `Gait`, whose arrays have a row per robot. All else comes from `gait`.
 
     Raises `InputError` if the scene has no gait, if a row does not have one number per actuated member, or if the
     arrays have no rows or different numbers of rows.
@@ -88,7 +88,7 @@ def gaits_of(gait: Gait | None, phase: Phases, amplitude: Table | None = None, f
             raise InputError(f"{name} has {len(given)} rows; expected {len(phase)}, as many as phase has")
     varied = rows(amplitude, gait.amplitude), rows(frequency, gait.frequency)
     overtones = tuple(Overtone(rows(None, o.size), rows(None, o.phase)) for o in gait.overtones)
-    return Gait(gait.members, phase, *varied, gait.start, gait.ramp, overtones)
+    return Gait(gait.members, phase, *varied, gait.start, gait.ramp, overtones, gait.robot)
 
 
 @typed

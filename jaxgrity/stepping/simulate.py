@@ -212,12 +212,12 @@ def _simulate(scene: Scene, start: State, times: Times, frames: int | AnyArray, 
         assert options.dt is not None, "complementarity stepping has steps of a fixed size"
         since_midstep = _seconds_since_midstep(times, start, stats["num_accepted_steps"])
         v = velocities_at(with_scales_and_mobility(scene), times, (q, v), since_midstep, frames)
-        misplaced = start_failure(scene, start[0])  # of traced numbers, which `resolve` could not check
-        failure = jnp.where(misplaced != 0, misplaced, failure)
     elif scene.shaking is not None:
         v = jax.vmap(lambda t, v: with_supports(scene.shaking, scene.structure, t, v))(times, v)
     if rigid_pairs(scene) and not options.method.constrained:
         failure = jnp.where(velocities_stretch(scene, start), 1, failure)
+    misplaced = start_failure(scene, start[0])  # of traced numbers, which `resolve` could not check
+    failure = jnp.where(misplaced != 0, misplaced, failure)
     q, v = forward_mode_only((q, v), REVERSE)
     return Trajectory(
         times=times,

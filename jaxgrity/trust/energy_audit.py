@@ -1,6 +1,7 @@
 """The balance of energy and momentum along a simulation."""
 
 import math
+import warnings
 from typing import NamedTuple
 
 import diffrax
@@ -17,7 +18,13 @@ from jaxgrity.model.scales import time_scale
 from jaxgrity.model.scene import Scene, as_dtype, start_of
 from jaxgrity.model.shaking import with_supports
 from jaxgrity.stepping.complementarity import CoupledState
-from jaxgrity.stepping.discretisation import discretise, integrate, with_scales_and_mobility
+from jaxgrity.stepping.discretisation import (
+    FAILURES,
+    discretise,
+    integrate,
+    state_failure,
+    with_scales_and_mobility,
+)
 from jaxgrity.stepping.dynamics import angular_momentum, momentum
 from jaxgrity.stepping.loop import Step, carried_at, numbered
 from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
@@ -90,8 +97,8 @@ def energy_audit(scene: Scene, duration: float, *, options: Options = None, fram
     dE/dt = dU/dt - v·dR/dv + v·F_switch, and dp/dt is the sum of the external forces; angular momentum changes by
     their moments. The method integrates these equations together with those of motion. Symplectic methods and
     complementarity stepping sum the works step by step instead: forces and impulses times the mean velocity of the
-    step. Their steps are shortened to fit the frames. If the simulation fails, later numbers are NaN or meaningless
-    (`simulate` reports a failure).
+    step. Their steps are shortened to fit the frames. If the motion fails, a warning says how, and from when on numbers
+    mean nothing.
 
     Args:
         scene: the scene to simulate.
@@ -122,6 +129,7 @@ def energy_audit(scene: Scene, duration: float, *, options: Options = None, fram
     else:
         (amounts, work), missed = _beside(exact, saved, resolved.as_inputs()), jnp.zeros(())
     amounts, work = jax.tree.map(lambda x: np.asarray(x)[: len(times)], (amounts, work))
+    _warn_of_failure(exact, amounts)
     actuation, impulse, moment = (work.pop(name) for name in ("actuation", "impulse", "moment"))
     return EnergyAudit(
         times=amounts.times,
@@ -136,8 +144,18 @@ def energy_audit(scene: Scene, duration: float, *, options: Options = None, fram
     )
 
 
+def _warn_of_failure(scene: Scene, found: Amounts) -> None:
+    """Say in a line that the motion fails, since nothing else in the balance does."""
+    codes = np.asarray(jax.vmap(lambda q: state_failure(scene, q, q))(found.positions))
+    if codes.any():
+        first = int(np.argmax(codes > 0))
+        why, when = FAILURES[codes[first]], f"{found.times[first]:.3g} s"
+        warnings.warn(f"energy_audit: {why} at {when}; numbers from then on mean nothing", stacklevel=4)
+
+
 def _residual(momenta: np.ndarray, gained: np.ndarray) -> Times:
-    return np.linalg.norm(momenta - momenta[0] - gained, axis=1)
+    with np.errstate(over="ignore", invalid="ignore"):  # of a motion that failed
+        return np.linalg.norm(momenta - momenta[0] - gained, axis=1)
 
 
 @eqx.filter_jit

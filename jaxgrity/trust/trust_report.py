@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
+from jaxgrity.core.display import finite_or
 from jaxgrity.core.tracing import refuse_traced
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import Times
@@ -28,6 +29,8 @@ PREDICTABLE = 0.01
 
 SLOPES = 10.0
 """Rate at which the sensitivity of a body of one metre is sampled, 1/s."""
+UNKNOWN_BAR = "not known, since a rollout failed"
+"""Words for an error bar that is infinite."""
 MEASUREMENTS = 5
 """Number of measurements in a report: rollouts at three steps, the energy audit and the sensitivity."""
 
@@ -107,7 +110,7 @@ class TrustReport(NamedTuple):
         """The report as text, one number per line."""
         facts, rows = self.summary(), {}
         rows["outcome"] = facts["outcome"]
-        rows["error bar of the centre of mass"] = f"{facts['error_bar']:.2g} m"
+        rows["error bar of the centre of mass"] = finite_or(facts["error_bar"], "m", UNKNOWN_BAR)
         if self.audit is not None:
             energy = facts["energy"]
             rows["energy"] = f"work of actuators {energy['actuation']:.4g} J, kinetic at the end "
@@ -126,7 +129,8 @@ class TrustReport(NamedTuple):
         if self.sensitivity is not None:
             rate = facts["sensitivity_growth_rate"]
             growing = f", growing by {rate:.2g} 1/s" if np.isfinite(rate) else ""
-            rows["sensitivity at the end"] = f"{facts['sensitivity']:.2g} {self.sensitivity.unit}{growing}"
+            size = finite_or(facts["sensitivity"], self.sensitivity.unit, "not known, since it is not finite")
+            rows["sensitivity at the end"] = f"{size}{growing}"
         lasting = "at least " if facts["predictable_up_to"] >= np.asarray(self.trajectory.times)[-1] else ""
         rows[f"predictable to {100 * self.predictable:.3g} cm up to"] = f"{lasting}{facts['predictable_up_to']:.3g} s"
         wide = max(map(len, rows))

@@ -5,7 +5,16 @@ import dataclasses
 import numpy as np
 import pytest
 
-from jaxgrity import Gait, InputError, gait_names, load_gait, with_gait
+from jaxgrity import (
+    Gait,
+    InputError,
+    as_population,
+    gait_names,
+    gaits_of,
+    load_gait,
+    simulate_population,
+    with_gait,
+)
 from jaxgrity.cli.simulate import chosen_scene
 from jaxgrity.io.files import save_json
 from jaxgrity.io.gait_library import gait_facts
@@ -26,11 +35,14 @@ def test_gaits_of_the_library_know_their_robot(exact):
 
 
 def test_a_gait_of_another_robot_is_refused(prism):
-    """By `with_gait`, by a scene that is made with it, and by the commands; told to, it may be tried."""
+    """By `with_gait`, by a scene that is made with it, and by populations; told to, it may be tried."""
     for gait in (load_gait("straight"), load_gait("cables")):
         for make in (lambda g: with_gait(prism, g), lambda g: dataclasses.replace(prism, gait=g)):
             with pytest.raises(InputError, match="made for a robot of 12 nodes, 6 struts, 24 cables"):
                 make(gait)
+        for gaits in (gaits_of(gait, np.zeros((2, len(gait.members)))), as_population(gait)):
+            with pytest.raises(InputError, match="made for a robot of 12 nodes, 6 struts, 24 cables"):
+                simulate_population(prism, gaits, 0.1)
     free = dataclasses.replace(load_gait("straight"), robot=None)
     assert with_gait(prism, free).gait.members == tuple(range(6))
 

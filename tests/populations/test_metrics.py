@@ -12,6 +12,7 @@ from jaxgrity import (
     Gait,
     InputError,
     Members,
+    Motor,
     PenaltyGround,
     Scene,
     SolverOptions,
@@ -143,6 +144,21 @@ def test_a_strut_that_lifts_a_load_by_hand():
     np.testing.assert_allclose(metrics.contact, 2.0, rtol=1e-12)
     for name in ("path", "slip", "flight"):
         np.testing.assert_array_equal(getattr(metrics, name), 0, err_msg=name)
+
+
+@pytest.mark.slow
+def test_motors_beside_a_gait_cost_what_they_lift():
+    """Two columns: a motor makes one of them longer by 0.09 m in a second, up to 0.1 m/s, and gaits move the other."""
+    alone = column(rigid=True)
+    nodes = np.concatenate([alone.structure.nodes, alone.structure.nodes + [1.0, 0, 0]])
+    motor = Motor(1, [0.0], [1.2], rate=0.1, lag=0.1)
+    struts = Members(((0, 1), (2, 3)), None, np.ones(2), motors=(motor,))
+    two = Scene(Structure(nodes, [1.0, CARRIED] * 2, struts), G, ground=ExactGround())
+    gaits = strokes(np.array([0.0, 0.2]), np.array([1.0, 1.0]))
+    metrics = roll(two, gaits, 1.0, with_metrics=True, options=SolverOptions(dt=STEP)).metrics
+    assert metrics.force.shape == (2, 1), "forces are those of the gait's actuators"
+    lifted = CARRIED * G * np.array([0.09, 0.09 + 0.2])
+    np.testing.assert_allclose(metrics.effort, lifted + CARRIED / 2 * 0.1**2, rtol=0.012)
 
 
 @pytest.mark.slow

@@ -88,6 +88,14 @@ def test_traced_starts_get_a_code():
     assert rolled(starts).tolist() == [0, MISPLACED, MISPLACED, 0, 0]
 
 
+def test_traced_starts_get_a_code_from_methods_without_impulses():
+    """Which keep rigid struts at the lengths that they start with."""
+    scene = dataclasses.replace(swept(ground=False), gait=None)
+    options = resolve(scene, 0.1, SolverOptions("rk4", dt=5e-3))
+    rolled = jax.jit(lambda q: simulate(scene, 0.1, options=options, frame_rate=10.0, positions=q).failure)
+    assert [int(rolled(jnp.asarray(q))) for q in (NODES, WRONG["longer struts"])] == [0, MISPLACED]
+
+
 @pytest.mark.parametrize("dtype", ["float64", pytest.param("float32", marks=pytest.mark.slow)])
 def test_robots_of_a_population_that_start_so_fail_and_disturb_no_other(dtype):
     """Below the ground, nowhere, stretched, or with struts of another length; in float32 far from the origin too."""

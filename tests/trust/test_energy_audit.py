@@ -63,6 +63,19 @@ def test_a_gait_that_begins_at_once_is_balanced(reference, method):
     assert np.abs(audit.residual).max() < 1e-6 * audit.turned_over
 
 
+@pytest.mark.slow
+def test_a_motion_that_fails_is_said_to(reference):
+    """With the moment from which numbers mean nothing; those before it are finite."""
+    with pytest.warns(UserWarning, match="energy_audit: .* at .* s; numbers from then on mean nothing") as told:
+        audit = energy_audit(reference, 0.5, options=at_step(0.1))
+    when = next(
+        float(str(w.message).split(" at ")[1].split(" s;")[0]) for w in told if "energy_audit" in str(w.message)
+    )
+    first = int(np.argmin(np.abs(audit.times - when)))
+    assert 0 < first < len(audit.times)
+    assert np.isfinite(audit.residual[:first]).all()
+
+
 @pytest.mark.campaign
 def test_a_conservative_scene_loses_nothing(reference):
     """Without damping, friction and gait there is no cause, and energy stays."""
