@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from typing import ClassVar
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -137,24 +138,29 @@ def first_slope(stretch: Sequence[float] | AnyArray, force: Sequence[float] | An
 
 
 def check_linear(scene: Scene, farther: float, what: str) -> None:
-    """Raises `InputError` if a table or limit bends the force of a cable stretched `farther` times as far as as built.
+    """Raises `InputError` if a law bends the force of a cable stretched `farther` times as far as as built.
 
-    Gaits do not count. The numbers of a scene that is traced are not looked at.
+    That is a law, one of the user's too, whose energy depends on the cables' rest lengths there, such as a table or
+    limit within reach. Gaits do not count. The numbers of a scene that is traced are not looked at.
     """
-    bent, cables = [term for term in scene.terms if isinstance(term, ForceTable | ForceLimit)], scene.structure.cables
-    if cables is None or not bent or traced(scene):
+    cables, terms = scene.structure.cables, [term for term in scene.terms if isinstance(term, EnergyTerm)]
+    if cables is None or not terms or traced(scene):
         return
-    built = edge_lengths(scene.structure.nodes, cables.edges)
+    nodes, still = jnp.asarray(scene.structure.nodes, float), with_gait(scene, None)
+
+    def added(rest: AnyArray, term: EnergyTerm) -> Scalar:
+        there = eqx.tree_at(lambda s: s.structure.cables.rest_length, still, rest)
+        return term.energy(there.configuration(nodes, 0.0))
+
     with evaluated():
+        built = edge_lengths(nodes, cables.edges)
         tight = jnp.asarray(built - farther * (built - np.asarray(cables.rest_length)))
-        tightened = eqx.tree_at(lambda s: s.structure.cables.rest_length, with_gait(scene, None), tight)
-        at = tightened.configuration(jnp.asarray(scene.structure.nodes), 0.0)
-        bends = any(bool(term.energy(at) != 0) for term in bent)
-    if bends:
-        raise InputError(
-            f"{what}: stretched {farther:g} times as far as built, cables leave the first slope of their table or "
-            "reach their largest force; expected less, or linear cables"
-        )
+        for term in terms:
+            if bool(jnp.any(jax.grad(added)(tight, term) != 0)):
+                raise InputError(
+                    f"{what}: stretched {farther:g} times as far as built, cables do not pull in proportion, because "
+                    f"of {term.name!r}; expected less, or linear cables"
+                )
 
 
 @typed

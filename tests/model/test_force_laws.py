@@ -1,6 +1,7 @@
 """Tables of forces and largest forces of cables: the force by hand, clusters, scene files, what is refused."""
 
 import dataclasses
+from typing import ClassVar
 
 import equinox as eqx
 import jax
@@ -8,6 +9,7 @@ import numpy as np
 import pytest
 
 from jaxgrity import (
+    EnergyTerm,
     Gait,
     InputError,
     Members,
@@ -23,6 +25,7 @@ from jaxgrity import (
     force_table,
     load_scene,
     parse_scene,
+    primitives,
     save_scene,
     scene_text,
     with_terms,
@@ -73,18 +76,28 @@ def test_a_straight_table_is_a_spring():
     np.testing.assert_allclose(pull_of(straight, np.array([-0.1, 0.02, 0.1])), [0.0, 12.0, 60.0], atol=1e-12)
 
 
-@pytest.mark.parametrize("law", ["table", "limit"])
+class Bumper(EnergyTerm):
+    """Springs beside cables that begin to act at a stretch of 1 cm."""
+
+    name: ClassVar[str] = "bumpers of cables"
+
+    def energy(self, at):
+        return primitives.half_squares(1e5, primitives.positive_part(at.stretch("cables") - 0.01))
+
+
+@pytest.mark.parametrize("law", ["table of cables' forces", "largest force of cables", "bumpers of cables"])
 def test_prestress_is_uncertain_only_where_cables_are_linear(law):
     """Built 5 mm long, from 600 N/m: up to 10 mm or 6 N any share will do, beyond it tensions do not scale."""
     scene = cord()
     cables = dataclasses.replace(scene.structure.cables, rest_length=np.full(1, 0.995))
-    term = force_table(cables, STRETCH, FORCE) if law == "table" else force_limit(cables, 6.0)
+    terms = (force_table(cables, STRETCH, FORCE), force_limit(cables, 6.0), Bumper())
+    term = next(term for term in terms if term.name == law)
     stretched = dataclasses.replace(scene.structure, cables=cables)
     scene = Scene(stretched, gait=Gait((0,), [0.0], [0.3], [1.0], start=-5.0), terms=(term,))
     gaits = as_population(scene.gait)
     ensemble(jax.random.key(0), scene, gaits, Uncertainty(prestress=0.9), 2)
     built = eqx.tree_at(lambda s: s.structure.cables.rest_length, scene, np.full(1, 0.994))
-    with pytest.raises(InputError, match=r"uncertainty\.prestress = 0\.9: stretched 1\.9 times as far as built"):
+    with pytest.raises(InputError, match=rf"prestress = 0\.9: stretched 1\.9 times as far as built, .*{law}"):
         ensemble(jax.random.key(0), built, gaits, Uncertainty(prestress=0.9), 2)
 
 

@@ -150,7 +150,7 @@ def test_a_strut_that_lifts_a_load_by_hand():
 def test_motors_beside_a_gait_cost_what_they_lift():
     """Two columns: a motor makes one of them longer by 0.09 m in a second, up to 0.1 m/s, and gaits move the other."""
     alone = column(rigid=True)
-    nodes = np.concatenate([alone.structure.nodes, alone.structure.nodes + [1.0, 0, 0]])
+    nodes = np.concatenate([alone.structure.nodes, np.add(alone.structure.nodes, [1.0, 0, 0])])
     motor = Motor(1, [0.0], [1.2], rate=0.1, lag=0.1)
     struts = Members(((0, 1), (2, 3)), None, np.ones(2), motors=(motor,))
     two = Scene(Structure(nodes, [1.0, CARRIED] * 2, struts), G, ground=ExactGround())
