@@ -16,6 +16,11 @@ mujoco: Any = lazy_loader.load("mujoco")
 
 SAME_PLACE = 1e-4
 """Largest difference of places, and of radii, that count as the same, as a share of the robot's size."""
+PYRAMID = (
+    "friction there is a pyramid (option cone): between the two tangents it is up to 29 % weaker; here it is a cone, "
+    "alike in all directions"
+)
+"""Note on the pyramidal cone, MuJoCo's default: along a tangent the friction is mu, half-way between two mu/sqrt(2)."""
 LEAST_FRICTION = 1.01e-5
 """Friction written in place of none: MuJoCo accepts no smaller value."""
 
@@ -78,6 +83,8 @@ def what_touches(model: Any, data: Any, size: float, losses: Losses) -> tuple[in
     if abs(n[1]) > 1e-9 or n[2] <= 0:
         raise InputError(f"the plane's normal is {n.round(4).tolist()}; expected one that falls along x, or none")
     mu = {geom: _friction(model, geom, found, size, losses) for geom, found in contacts.items()}
+    if any(mu.values()) and model.opt.cone == mujoco.mjtCone.mjCONE_PYRAMIDAL:
+        losses.note(PYRAMID)
     balls = [ball for geom, found in contacts.items() for ball in _balls(model, data, geom, found[0], mu[geom], losses)]
     return plane, n, balls
 

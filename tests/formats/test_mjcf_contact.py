@@ -138,6 +138,29 @@ def test_what_contact_gives_back_is_named(spring, read):
     assert float(said.split()[6]) == pytest.approx(max(speeds[hit:]) / -speeds[hit], rel=0.05)
 
 
+SLIDING = """<mujoco><option cone="{cone}"/><worldbody><geom type="plane" size="1 1 1" friction="0.5"/>
+<body pos="0 0 0.1"><joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 1 0"/>
+<joint type="slide" axis="0 0 1"/><geom size="0.1" mass="1" friction="0.5"/></body></worldbody></mujoco>"""
+
+
+def test_a_pyramid_of_friction_is_named(read):
+    """By as much as MuJoCo's is weaker between its tangents: a ball slides farther there. A cone is read as it is."""
+    weaker = []
+    for cone in ("pyramidal", "elliptic"):
+        model = mujoco.MjModel.from_xml_string(SLIDING.format(cone=cone))
+        slid = []
+        for way in ([1.0, 0.0], [0.5**0.5, 0.5**0.5]):
+            data = mujoco.MjData(model)
+            data.qvel[:2] = way
+            mujoco.mj_step(model, data, 1000)
+            slid.append(np.hypot(*data.qpos[:2]))
+        weaker.append(1 - slid[0] / slid[1])
+        notes = read(prism().replace("<option", f'<option cone="{cone}"')).notes
+        said = [float(note.split("up to ")[1].split()[0]) for note in notes if "friction there is a pyramid" in note]
+        assert said == ([pytest.approx(100 * weaker[0], abs=1)] if cone == "pyramidal" else [])
+    assert abs(weaker[1]) < 1e-3
+
+
 BALL = '<geom type="sphere" size="SIZE" pos="0.{k} 0.3 0.2" mass="0" contype="MASK" conaffinity="MASK"/>'
 BOX = '<geom type="box" size="0.01 0.01 0.01" pos="{a}" mass="0"/>'
 STEP = '<geom type="box" size="1 1 0.1" pos="1 0 0"/>'
