@@ -256,6 +256,7 @@ def lift_of(n: np.ndarray, plane: np.ndarray, radius: float, x: np.ndarray, size
 def _others_that_touch(model: Any, data: Any, losses: Losses) -> None:
     """Contact that a scene does not have: of bodies with each other, and with what stands beside the plane."""
     body = model.body_weldid[model.geom_bodyid]
+    body = np.where(model.body_mocapid[body] >= 0, 0, body)  # bodies that only a program moves stand still
     for contact in data.contact:
         first, second = (int(body[geom]) for geom in contact.geom)
         if first and second and first != second:

@@ -88,6 +88,7 @@ def _imported(model: Any, drop: Collection[str], keyframe: str) -> Imported:
     nodes = _nodes(model, data, [site for tendon in tendons for site in tendon.path], joined)
     number = {site: k for k, site in enumerate(nodes.sites)}
     merged = _same_places(nodes)
+    _note_left_out(model, nodes.carrier, losses)
     used = sorted(set(merged))
     place = {node: k for k, node in enumerate(used)}
     x = nodes.x[used]
@@ -126,6 +127,8 @@ def _set_start(model: Any, data: Any, keyframe: str, losses: Losses) -> None:
         if keyframe not in names:
             raise InputError(f"keyframe = {keyframe!r}: expected one of {', '.join(names) or 'none: there is none'}")
         mujoco.mj_resetDataKeyframe(model, data, names.index(keyframe))
+        if np.any(data.qvel):
+            losses.note(f"keyframe {keyframe}: its bodies move there; here they start at rest")
         data.ctrl[:] = data.act[:] = 0
     elif names:
         losses.note(f"{len(names)} keyframes are not read: the robot starts where its bodies are placed")
@@ -150,6 +153,14 @@ def _nodes(model: Any, data: Any, sites: list[int], joined: set[int]) -> _Nodes:
         raise InputError(f"{len(chosen)} sites with tendons; expected at most {MOST_NODES}")
     body = model.body_weldid[model.site_bodyid[chosen]]
     return _Nodes(chosen, data.site_xpos[chosen].copy(), body)
+
+
+def _note_left_out(model: Any, carrier: np.ndarray, losses: Losses) -> None:
+    """Bodies that move, and to which no tendon or joint leads."""
+    moving = set(model.body_weldid[model.body_mocapid[model.body_weldid] < 0].tolist()) - {0}
+    if alone := sorted(moving - set(carrier.tolist())):
+        names = ", ".join(name_of(model, "body", body) for body in alone[:5])
+        losses.note(f"{len(alone)} bodies that no tendon moves are left out: {names}{'...' * (len(alone) > 5)}")
 
 
 def _number(model: Any, site: int) -> int:

@@ -164,6 +164,7 @@ def test_a_pyramid_of_friction_is_named(read):
 BALL = '<geom type="sphere" size="SIZE" pos="0.{k} 0.3 0.2" mass="0" contype="MASK" conaffinity="MASK"/>'
 BOX = '<geom type="box" size="0.01 0.01 0.01" pos="{a}" mass="0"/>'
 STEP = '<geom type="box" size="1 1 0.1" pos="1 0 0"/>'
+MOVED = '<body mocap="true" pos="1 0 0"><geom type="box" size="1 1 0.1"/></body>'
 FLOOR, TENDON, SPRING = 'size="1 1 1"', 'name="c0"', 'stiffness="400"'
 SERVO = '<position tendon="c0" kp="100"/>'
 WEAK = '<general tendon="c0" gainprm="600" biastype="affine" biasprm="60 -600 -6" forcerange="-20 0"/>'
@@ -180,6 +181,9 @@ REFUSED = {
     "corners": (prism(geoms=UNTOUCHED + BOX), "contact", "where its body has no site"),
     "one end": (prism(geoms=UNTOUCHED + BALLS.split("/>")[1] + "/>"), "contact", "touches nothing, but nodes touch"),
     "a step": (prism().replace("<body", STEP + "<body", 1), "contact", "bodies touch what stands beside the plane"),
+    "a moved step": (
+        prism().replace("<body", MOVED + "<body", 1), "contact", "bodies touch what stands beside the plane",
+    ),
     "overlaps": (
         prism(geoms=ROD + BALL.replace("SIZE", "0.2").replace("MASK", "2")), "contact", "touch each other at the start",
     ),
@@ -213,7 +217,7 @@ def test_another_motion_is_refused_unless_it_may_be(text, kind, reason, read):
 
 
 def test_what_has_no_effect_is_a_note(read):
-    """Lags, keyframes, a limit out of reach, bodies that could meet, damping while slack."""
+    """Lags, keyframes, a limit out of reach, bodies that could meet or are not joined, damping while slack."""
     spring = '<general tendon="c0" gainprm="600" biastype="affine" biasprm="60 -600 -6" {more}/>'
     lagging = spring.format(more='dyntype="filter" dynprm="0.1" forcerange="-900 0"')
     text = with_actuator(lagging, SLACK)
@@ -231,8 +235,14 @@ def test_what_has_no_effect_is_a_note(read):
         assert any(said in note for note in notes), said
     assert scene.structure.cables.damping[-1] == 2
     # the control that is nearest to 0 within its range counts
-    moved = with_actuator(spring.format(more='ctrlrange="0.05 0.2"'), SLACK)
-    np.testing.assert_allclose(read(moved).scene.structure.cables.rest_length[0], 0.15)
+    filtered = 'dyntype="filter" dynprm="0.1" actlimited="true" actrange="0.05 0.2"'
+    for more in ('ctrlrange="0.05 0.2"', filtered):
+        moved = with_actuator(spring.format(more=more), SLACK)
+        np.testing.assert_allclose(read(moved).scene.structure.cables.rest_length[0], 0.15)
+    other = '<body name="other" pos="0 0 1"><freejoint/><geom size="0.1" contype="0" conaffinity="0"/></body>'
+    assert (
+        "1 bodies that no tendon moves are left out: other" in read(prism().replace("<body", other + "<body", 1)).notes
+    )
 
 
 def test_kinds_that_may_be_dropped_are_named(read):
