@@ -13,11 +13,14 @@ from jaxgrity.formats.compounds import bodies, is_rigid
 from jaxgrity.model.actuation import Gait, rest_length
 from jaxgrity.model.clusters import cables_of
 from jaxgrity.model.contact_twin import penalty_twin
+from jaxgrity.model.scales import length_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import Members, Structure
 
 THICKNESS = 0.01
 """Radius of a rod over its length, for pictures and for its moment of inertia about its own axis."""
+RADIUS = 1e-3
+"""Radius of the spheres at nodes, m for a body of one metre, beyond that of balls. The ground lies lower by as much."""
 LARGEST_STEP = 2e-3
 """Largest time step written to an MJCF file, s."""
 
@@ -37,6 +40,8 @@ class Plan(NamedTuple):
     """members that a gait moves; of a cluster the first one"""
     balls: dict[int, float]
     """radius, m, of each node that can touch the ground"""
+    radius: float
+    """m, by which the spheres at nodes are larger, and the ground lies lower"""
 
 
 @typed
@@ -82,10 +87,11 @@ def plan_of(scene: Scene) -> tuple[Plan, list[str]]:
         raise InputError(f"members {list(structure.driven)} have motors, which MuJoCo models lack; expected a gait")
     actuated = actuated_members(structure, scene.gait)
     notes: list[str] = []
-    mass = np.asarray(structure.node_mass, float)
+    mass, radius = np.asarray(structure.node_mass, float), RADIUS * float(length_scale(scene))
     nodes, held = np.asarray(structure.nodes, float), {node for node, _ in structure.fixed}
     if struts is None:
-        return Plan(structure, frozenset(), (), _with_halves(mass, structure.cables), actuated, _balls(scene)), notes
+        heavy = _with_halves(mass, structure.cables)
+        return Plan(structure, frozenset(), (), heavy, actuated, _balls(scene), radius), notes
     rod = np.zeros(len(struts.edges)) if struts.mass is None else np.asarray(struts.mass, float)
     may = [
         k for k in range(len(rod)) if (struts.rigid or rod[k]) and k not in actuated and not held & {*struts.edges[k]}
@@ -115,7 +121,7 @@ def plan_of(scene: Scene) -> tuple[Plan, list[str]]:
     balls = _balls(scene)
     if any(balls.get(node) for body in found for node in body):
         notes.append("balls at the ends of rods turn with these there, and slide here")
-    return Plan(springs, frozenset(rigid), tuple(found), mass, actuated, balls), notes
+    return Plan(springs, frozenset(rigid), tuple(found), mass, actuated, balls, radius), notes
 
 
 def _balls(scene: Scene) -> dict[int, float]:

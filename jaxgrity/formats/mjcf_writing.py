@@ -14,8 +14,6 @@ from jaxgrity.io.files import write_whole
 from jaxgrity.model.clusters import cables_of, nodes_along
 from jaxgrity.model.scene import Scene
 
-RADIUS = 1e-3
-"""Radius of the spheres at nodes that touch the ground, m, beyond that of balls. The ground lies lower by as much."""
 STRONGEST = 1e9
 """Limit of a cable's force in an MJCF file, N: no cable of a robot reaches it."""
 
@@ -75,7 +73,7 @@ def mujoco_model(scene: Scene, timestep: float | None = None, integrator: str = 
     up = np.array([0.0, 0.0, 1.0]) if scene.up is None else np.asarray(scene.up, float)
     add_element(root, "option", timestep=step, integrator=integrator, gravity=(-g * up + 0.0).tolist(), cone="elliptic")
     world = add_element(root, "worldbody")
-    notes += _ground(world, scene)
+    notes += _ground(world, scene, plan.radius)
     drag = np.zeros(len(plan.node_mass)) if scene.node_damping is None else np.asarray(scene.node_damping, float)
     in_bodies = {int(node) for nodes in plan.bodies for node in nodes}
     for number, nodes in enumerate(plan.bodies):
@@ -91,14 +89,14 @@ def mujoco_model(scene: Scene, timestep: float | None = None, integrator: str = 
     return MuJoCoModel(ElementTree.tostring(root, encoding="unicode") + "\n", tuple(notes), plan.actuated)
 
 
-def _ground(world: ElementTree.Element, scene: Scene) -> list[str]:
+def _ground(world: ElementTree.Element, scene: Scene, radius: float) -> list[str]:
     if scene.ground is None:
         return []
     if scene.ground.surface is not None:
         return ["the ground is no plane, and is left out"]
     mu = 0.0 if scene.friction is None else float(np.max(scene.friction.sliding_mu))
     n = scene.ground.normal
-    at = [-RADIUS * axis for axis in n]
+    at = [-radius * axis for axis in n]
     flags = {"contype": 0, "conaffinity": 1, "priority": 1, "friction": [mu, 0.0, 0.0]}
     add_element(world, "geom", name="ground", type="plane", size=[0, 0, 1], zaxis=list(n), pos=at, **flags)
     differ = scene.friction is not None and np.ptp(scene.friction.sliding_mu) > 0
@@ -138,7 +136,7 @@ def _point(world: ElementTree.Element, plan: Plan, node: int, drag: float) -> No
 
 
 def _node(body: ElementTree.Element, plan: Plan, node: int, at: np.ndarray, mass: float) -> None:
-    size, touches = RADIUS + plan.balls.get(node, 0.0), int(node in plan.balls)
+    size, touches = plan.radius + plan.balls.get(node, 0.0), int(node in plan.balls)
     add_element(body, "geom", size=[size], pos=at, mass=mass, contype=touches, conaffinity=0)
     add_element(body, "site", name=f"n{node}", pos=at)
 

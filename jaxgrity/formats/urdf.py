@@ -12,7 +12,6 @@ from jaxgrity.core.typed import typed
 from jaxgrity.formats.foreign import add_element
 from jaxgrity.formats.matlab import beside_the_structure
 from jaxgrity.formats.mjcf_plan import THICKNESS, Plan, inertia_of, plan_of
-from jaxgrity.formats.mjcf_writing import RADIUS
 from jaxgrity.formats.spreadsheets import KINDS, cell, save_rows
 from jaxgrity.io.files import write_whole
 from jaxgrity.model.bodies import Body, body_moments
@@ -78,7 +77,7 @@ def save_urdf(scene: Scene, path: str | Path) -> tuple[str, ...]:
     moved = scene.gait is not None and any(k in plan.rigid for k in scene.gait.members)
     return (
         f"cables and spring struts are in {table.name}: URDF has none, and your program applies their forces",
-        f"nodes that touch the ground are spheres there, {RADIUS * 1e3:g} mm larger than here",
+        f"nodes that touch the ground are spheres there, {plan.radius * 1e3:.3g} mm larger than here",
         *notes,
         *(["rigid struts that the gait moves keep their lengths there"] if moved else []),
         *beside_the_structure(scene),
@@ -106,7 +105,7 @@ def _links(plan: Plan, bodies: tuple[Body, ...], x: np.ndarray) -> list[Link]:
     for node in np.flatnonzero(plan.structure.free.any(1)).tolist():
         if node not in inside:
             point = float(plan.node_mass[node])
-            ball = 0.4 * point * (RADIUS + plan.balls.get(node, 0.0)) ** 2 * np.eye(3)
+            ball = 0.4 * point * (plan.radius + plan.balls.get(node, 0.0)) ** 2 * np.eye(3)
             found.append(Link(f"node{node}", (node,), point, x[node], ball, ()))
     return found
 
@@ -128,7 +127,7 @@ def _write(root: ElementTree.Element, link: Link, plan: Plan, x: np.ndarray) -> 
     for node in sorted({*link.nodes} & {*plan.balls}):
         collision = add_element(part, "collision")
         add_element(collision, "origin", xyz=x[node] - link.centre)
-        add_element(add_element(collision, "geometry"), "sphere", radius=RADIUS + plan.balls[node])
+        add_element(add_element(collision, "geometry"), "sphere", radius=plan.radius + plan.balls[node])
     joint = add_element(root, "joint", name=f"{link.name}_free", type="floating")
     add_element(joint, "origin", xyz=link.centre)
     add_element(joint, "parent", link=WORLD)

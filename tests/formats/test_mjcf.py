@@ -165,6 +165,15 @@ def test_balls_touch_with_their_radii(exact):
     assert "balls at the ends of rods turn with these there, and slide here" in written.notes
 
 
+def test_spheres_at_nodes_are_as_small_as_the_robot(exact):
+    """A thousandth of it, and the plane is lower by as much: of a robot of a centimetre, too."""
+    lengths = lambda s: (s.structure.nodes, s.structure.struts.rest_length, s.structure.cables.rest_length)  # noqa: E731
+    small = eqx.tree_at(lengths, with_gait(exact, None), [0.01 * np.asarray(x) for x in lengths(exact)])
+    model = mujoco.MjModel.from_xml_string(mujoco_model(small).xml)
+    np.testing.assert_allclose(model.geom_size[model.geom_contype == 1, 0], 1e-5, rtol=1e-9)
+    np.testing.assert_allclose(model.geom("ground").pos, [0, 0, -1e-5], rtol=1e-9, atol=1e-15)
+
+
 def test_frictions_that_differ_become_the_largest(reference):
     """MuJoCo has one coefficient for the pair of ground and node here, and the notes say which."""
     mu = np.linspace(0.2, 0.7, 12)
