@@ -215,6 +215,11 @@ class Constraint(Law):
     def gaps(self, q: NodeVectors, t: Scalar) -> AnyArray:
         """(parts,), m: by how much a start at `q` violates each part of it at time t, also of traced numbers."""
 
+    @property
+    def left_by_steps(self) -> float:
+        """Largest violation at the end of a step, m for a body of one metre. A start may violate it by as much."""
+        return 0.0
+
     @abstractmethod
     def complaint(self, q: np.ndarray, t: float, part: int) -> str:
         """Words for how a start at `q` (nodes, 3) violates that part."""

@@ -36,8 +36,8 @@ def check_start(scene: Scene, positions: NodeVectors | None = None, since: Scala
     q = np.asarray(scene.structure.nodes if positions is None else positions, float)
     check_finite("positions", q)
     for constraint in scene.constraints:
-        gaps = np.asarray(constraint.gaps(q, since))
-        if gaps.size and not gaps.max() <= LARGEST_GAP * float(length_scale(scene)):
+        gaps, allowed = np.asarray(constraint.gaps(q, since)), LARGEST_GAP + constraint.left_by_steps
+        if gaps.size and not gaps.max() <= allowed * float(length_scale(scene)):
             raise InputError(constraint.complaint(q, float(since), int(gaps.argmax())))
 
 
@@ -128,5 +128,8 @@ def _expected(scene: Scene, since: Scalar) -> str:
 def start_failure(scene: Scene, q: NodeVectors, t: Scalar = 0.0):
     """6 where a start at `q` violates a constraint by more than `check_start` allows, plus rounding; else 0."""
     allowed = LARGEST_GAP * length_scale(scene) + ROUNDED * jnp.finfo(q.dtype).eps * jnp.max(jnp.abs(q))
-    gaps = [jnp.max(constraint.gaps(jnp.asarray(q), t), initial=0) for constraint in scene.constraints]
+    gaps = [
+        jnp.max(constraint.gaps(jnp.asarray(q), t), initial=0) - constraint.left_by_steps * length_scale(scene)
+        for constraint in scene.constraints
+    ]
     return jnp.where(jnp.max(jnp.stack(gaps)) > allowed, 6, 0) if gaps else jnp.zeros((), int)
