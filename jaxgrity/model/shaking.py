@@ -116,6 +116,21 @@ def moved_along(motion: SupportMotion, structure: Structure, begin: Scalar, end:
     return v + change - accelerations(structure, momenta(structure, change))
 
 
+def left_by_step(
+    motion: SupportMotion | None, structure: Structure, t: Scalar, h: Scalar, v: NodeVectors
+) -> NodeVectors:
+    """Velocities v at t (s) with those of the supports as a step of h (s) before it leaves them, m/s.
+
+    That is their mean in the step, and half a step of their acceleration. It differs from their velocity at t in second
+    order.
+    """
+    if motion is None:
+        return v
+    mean = (motion.displacement(t) - motion.displacement(t - h)) / h
+    change = _of_supports(structure, mean) - along_fixed(structure, v)
+    return v + change + h / 2 * support_acceleration(motion, structure, t)
+
+
 def slips(motion: SupportMotion | None, structure: Structure, t: Scalar, v: AnyArray, allowed: Scalar) -> AnyArray:
     """Fixed coordinates whose velocities (..., nodes, 3), m/s, differ from those of the supports at time t, s.
 

@@ -14,7 +14,7 @@ from jaxgrity.core.dense import least_solution
 from jaxgrity.core.types import AnyArray, NodeHistory, NodeVectors, Scalar, Times
 from jaxgrity.model.inertia import momenta
 from jaxgrity.model.scene import Scene
-from jaxgrity.model.shaking import with_supports
+from jaxgrity.model.shaking import left_by_step, with_supports
 from jaxgrity.model.structure import Structure
 from jaxgrity.stepping.dynamics import acceleration
 
@@ -83,7 +83,9 @@ def midway(scene: Scene, dt: Scalar, times: Times, positions: NodeHistory, veloc
     """
 
     def frame(t, q, v):
-        return jnp.where(at_rest(v), v, v - dt / 2 * acceleration(scene.during(t - dt / 2, t), t, q, v))
+        shaken = left_by_step(scene.shaking, scene.structure, t, dt, v)
+        before = shaken - dt / 2 * acceleration(scene.during(t - dt / 2, t), t, q, shaken)
+        return jnp.where(at_rest(v), v, before)
 
     return jax.vmap(frame)(times, positions, velocities)
 

@@ -17,7 +17,7 @@ import numpy as np
 from jaxgrity.core.tracing import traced
 from jaxgrity.core.types import AnyArray, Scalar, State
 from jaxgrity.model.scene import Scene
-from jaxgrity.model.shaking import with_supports
+from jaxgrity.model.shaking import left_by_step, with_supports
 from jaxgrity.stepping.complementarity import ImpulseState
 from jaxgrity.stepping.frame_velocities import at_rest, velocity_at
 from jaxgrity.stepping.options import ResolvedOptions
@@ -71,8 +71,11 @@ def carried_at(scheme: Scheme, scene: Scene, t: Scalar, h: Scalar, start: State)
     q, v = start
     if not isinstance(first, ImpulseState) or not (traced(v) or np.any(np.asarray(v))):
         return Carried(start, first)
-    _, a = terms.vf(t, start, scene.during(t - h / 2, t))
     still = at_rest(v)
+    if scene.shaking is not None:
+        shaken = lambda scene, v: left_by_step(scene.shaking, scene.structure, t, h, v)  # noqa: E731
+        v = jnp.where(still, v, solver.lift(shaken, ("s", -1))(scene, v))  # type: ignore[attr-defined]
+    _, a = terms.vf(t, (q, v), scene.during(t - h / 2, t))
     w = jnp.where(still, v, v - h / 2 * a)
     return Carried((q, w), first._replace(step_size=jnp.where(still, 0, h).astype(q.dtype)))
 

@@ -14,6 +14,7 @@ from jaxgrity import (
     ExactGround,
     Members,
     Scene,
+    Shaking,
     SolverOptions,
     Sphere,
     Structure,
@@ -42,13 +43,22 @@ ALL = {
 BOWL = Sphere([0.0, 0.0, 1.0], 1.0, hollow=True)
 SWINGING = Structure([[np.sin(1.0), 0, 1 - np.cos(1.0)]], [1.0])
 ALL["in a bowl"] = Scene(SWINGING, 9.81, ground=ExactGround(surface=BOWL)), None
+HANGING = np.array([[0.0, 0, 2], [0.3, 0, 1], [0.3, 0.2, 0.5]])
+SHAKEN = Structure(
+    HANGING,
+    [0.0, 1.0, 0.5],
+    Members(((0, 1),), None, [np.sqrt(1.09)], mass=[1.0]),
+    Members(((0, 2), (1, 2)), [300.0, 300.0], [0.9, 0.5], damping=[5.0, 5.0]),
+    fixed=((0, "xyz"),),
+)
+ALL["shaken"] = Scene(SHAKEN, 9.81, shaking=Shaking([0.05, 0, 0], 2.0, ramp=0.3)), None
 undamped = eqx.tree_at(
     lambda s: (s.structure.struts.damping, s.structure.cables.damping), ALL["verlet"][0], (None, None)
 )
 ALL["verlet"] = undamped, "verlet"
 
 
-MARKS = {"swept": (), **dict.fromkeys(("with restitution", "rk4", "tsit5", "in a bowl"), pytest.mark.slow)}
+MARKS = {"swept": (), **dict.fromkeys(("with restitution", "rk4", "tsit5", "in a bowl", "shaken"), pytest.mark.slow)}
 """of those cut into single steps"""
 
 
@@ -73,7 +83,8 @@ def in_pieces(scene: Scene, options, pieces: int):
     ],
 )
 def test_a_motion_in_pieces_is_that_in_one_piece(name, pieces):
-    """With and without contact, with dampers, gaits, shared nodes and restitution, by every method of fixed steps.
+    """With and without contact, with dampers, gaits, shared nodes, restitution and moving supports, by every method of
+    fixed steps.
 
     In a bowl each step ends a little below the ground: by 2e-6 m, and starts there again.
     """
