@@ -151,7 +151,7 @@ def _ramp(gait: Gait, t: Scalar) -> Scalar:
     share = jnp.asarray((t - gait.start) / gait.ramp)
     from_corner = jnp.minimum(share, 1 - share)
     rounding = 16 * jnp.finfo(share.dtype).eps * (1 + jnp.abs(t) / gait.ramp)
-    sides = jnp.where(jnp.abs(from_corner) < rounding, 0.5, from_corner > 0)
+    sides = ((from_corner > rounding).astype(share.dtype) + (from_corner > -rounding).astype(share.dtype)) / 2
     return derived_as(jnp.clip(share, 0, 1), share * jax.lax.stop_gradient(sides))
 
 
