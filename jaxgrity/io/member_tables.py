@@ -28,26 +28,33 @@ class ForceKeys(Table):
     force: Annotated[list[float], Meta(min_length=2)]
 
 
-class StrutsTable(Table):
+class _MembersTable(Table):
+    """The common keys of struts and cables."""
+
     stiffness: Positive | list[Positive] | None = None
     mass: NotNegative | list[NotNegative] | None = None
-    rigid: bool = False
     damping: NotNegative | list[NotNegative] | None = None
     prestrain: Prestrain | list[Prestrain] | None = None
     rest_length: Positive | list[Positive] | None = None
     stuck: list[Number] = []
     motors: list[MotorTable] = []
+    material: str | None = None
+    youngs_modulus: Positive | list[Positive] | None = None
+    density: Positive | list[Positive] | None = None
+    yield_stress: Positive | list[Positive] | None = None
+    diameter: Positive | list[Positive] | None = None
+    wall: Positive | list[Positive] | None = None
+    area: Positive | list[Positive] | None = None
+    yield_force: NotNegative | list[NotNegative] | None = None
+    bending_stiffness: NotNegative | list[NotNegative] | None = None
 
 
-class CablesTable(Table):
-    stiffness: Positive | list[Positive] | None = None
-    mass: NotNegative | list[NotNegative] | None = None
-    damping: NotNegative | list[NotNegative] | None = None
-    prestrain: Prestrain | list[Prestrain] | None = None
-    rest_length: Positive | list[Positive] | None = None
-    stuck: list[Number] = []
+class StrutsTable(_MembersTable):
+    rigid: bool = False
+
+
+class CablesTable(_MembersTable):
     broken: list[Number] = []
     clusters: list[list[Number]] = []
-    motors: list[MotorTable] = []
     force: ForceKeys | None = None
     largest_force: Positive | list[Positive] | None = None

@@ -1,5 +1,6 @@
 """The struts and cables of a scene file, and their laws of force, read and written."""
 
+import dataclasses
 from collections.abc import Callable
 from typing import Any
 
@@ -8,6 +9,7 @@ import numpy as np
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, Edges
+from jaxgrity.io.member_sizes import has_sizes, members_of_sizes
 from jaxgrity.io.member_tables import CablesTable, MotorTable, StrutsTable
 from jaxgrity.io.validation import shown
 from jaxgrity.model.force_laws import first_slope, force_limit, force_table
@@ -29,7 +31,9 @@ def build_members(
         return None
     if table is None:
         return None
-    given = _stiffness(table)
+    sprung = table.stiffness is not None or np.any(_or_zero(table.damping))
+    if isinstance(table, StrutsTable) and table.rigid and sprung:
+        raise InputError("struts.rigid = true: a rigid strut has no spring; expected neither stiffness nor damping")
     if table.prestrain is not None and table.rest_length is not None:
         strained = f"{kind}.prestrain = {shown(table.prestrain)}"
         raise InputError(f"{strained}: rest_length is given too; expected one of them")
@@ -40,17 +44,16 @@ def build_members(
         prestrain = per_member(_or_zero(table.prestrain), count, f"{kind}.prestrain")
         rest = (1 - prestrain) * edge_lengths(nodes, edges)
     damping = per_member(_or_zero(table.damping), count, f"{kind}.damping")
-    stiffness = None if given is None else per_member(given, count, f"{kind}.stiffness")
+    known = members_of_sizes(table, edges, rest, kind) if has_sizes(table) else _given_members(table, edges, rest, kind)
+    stiffness = known.stiffness
     broken = member_numbers(table.broken, count, "cables.broken") if isinstance(table, CablesTable) else ()
     if stiffness is not None and broken:
         damping[list(broken)] = stiffness[list(broken)] = 0.0
-    mass = per_member(_or_zero(table.mass), count, f"{kind}.mass")
+    mass = known.mass if known.mass is not None else per_member(_or_zero(table.mass), count, f"{kind}.mass")
     stuck = member_numbers(table.stuck, count, f"{kind}.stuck")
     try:
-        return Members(
-            edges=edges,
-            stiffness=stiffness,
-            rest_length=rest,
+        return dataclasses.replace(
+            known,
             damping=damping if damping.any() else None,
             stuck=stuck,
             mass=mass if mass.any() else None,
@@ -59,6 +62,14 @@ def build_members(
         )
     except InputError as error:
         raise InputError(f"{kind}: {error}") from error
+
+
+def _given_members(table: StrutsTable | CablesTable, edges: Edges, rest: np.ndarray, kind: str) -> Members:
+    """Members of the stiffness and strength in their table."""
+    given = {"stiffness": _stiffness(table), "yield_force": table.yield_force}
+    given["bending_stiffness"] = table.bending_stiffness
+    numbers = {k: None if x is None else per_member(x, len(edges), f"{kind}.{k}") for k, x in given.items()}
+    return Members(edges, rest_length=rest, **numbers)
 
 
 def cable_laws(table: CablesTable | None, cables: Members | None) -> tuple[Law, ...]:
@@ -79,8 +90,6 @@ def cable_laws(table: CablesTable | None, cables: Members | None) -> tuple[Law, 
 def _stiffness(table: StrutsTable | CablesTable) -> float | list[float] | None:
     """K, N/m, from its key or the first slope of a table of forces; None: rigid."""
     if isinstance(table, StrutsTable):
-        if table.rigid and (table.stiffness is not None or np.any(_or_zero(table.damping))):
-            raise InputError("struts.rigid = true: a rigid strut has no spring; expected neither stiffness nor damping")
         if table.stiffness is None and not table.rigid:
             raise InputError("struts.stiffness: missing; expected a stiffness (N/m) or rigid = true")
         return table.stiffness
@@ -134,7 +143,7 @@ def members_table(members: Members | None, table: Callable, kind: str, forces: d
             given["broken"] = broken
             stiffness = np.where(np.asarray(stiffness) == 0, 1.0, stiffness)
         given["stiffness"] = one_or_all(stiffness)
-    for name in ("damping", "mass"):
+    for name in ("damping", "mass", "yield_force", "bending_stiffness"):
         value = getattr(members, name)
         if value is not None:
             given[name] = one_or_all(value)

@@ -1,5 +1,6 @@
 """Scene files: TOML, SI units, radians; every key is checked, and errors name their place."""
 
+import dataclasses
 import math
 import re
 import tomllib
@@ -13,6 +14,7 @@ from jaxgrity.core.typed import typed
 from jaxgrity.io.bodies import build_bodies
 from jaxgrity.io.files import found_file, read_text, shipped
 from jaxgrity.io.grounds import build_ground
+from jaxgrity.io.member_sizes import has_sizes, with_sizes_kept
 from jaxgrity.io.members import build_members, cable_laws, member_numbers
 from jaxgrity.io.scene_tables import (
     CustomTable,
@@ -29,6 +31,7 @@ from jaxgrity.model.external import Push, wind
 from jaxgrity.model.friction import ConeFriction, Friction, SmoothFriction, SwitchFriction
 from jaxgrity.model.ground import Ground
 from jaxgrity.model.laws import Law
+from jaxgrity.model.load_cases import LoadCase
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.shaking import Shaking
 from jaxgrity.model.structure import Structure, per_member
@@ -111,6 +114,7 @@ def build_scene(file: SceneFile, folder: Path = Path()) -> Scene:
         ground=ground,
         friction=_friction(file.friction),
         gait=_gait(file.gait, structure),
+        loads=_loads(file, len(structure.nodes)),
         shaking=Shaking(**msgspec.structs.asdict(file.shaking)) if file.shaking else None,
         terms=(*_forces_from_outside(file, len(structure.nodes)), *cable_laws(file.cables, structure.cables)),
     )
@@ -136,7 +140,13 @@ def _structure(file: SceneFile, ground: Ground | None) -> Structure:
         if members is not None and (members.prestrain is not None or members.rest_length is not None):
             given = f"structure.prestress = {table.prestress:g} decides all rest lengths"
             raise InputError(f"{given}; expected neither {kind}.prestrain nor {kind}.rest_length")
-    return prestressed(found, table.prestress)
+    found = prestressed(found, table.prestress)
+    kept = {
+        kind: with_sizes_kept(getattr(found, kind), posed)
+        for kind, members in (("struts", file.struts), ("cables", file.cables))
+        if has_sizes(members) and not getattr(found, kind).rigid
+    }
+    return dataclasses.replace(found, **kept)
 
 
 def _geometry(table: StructureTable) -> Geometry:
@@ -181,6 +191,18 @@ def _forces_from_outside(file: SceneFile, nodes: int) -> tuple[Law, ...]:
         rows = member_numbers(table.nodes, nodes, f"pushes[{k}].nodes")
         found.append(Push(rows, np.tile(table.force, (len(rows), 1)), table.start, table.duration, table.ramp))
     return tuple(found)
+
+
+def _loads(file: SceneFile, nodes: int) -> tuple[LoadCase, ...]:
+    """The load cases, in the order of their names' first tables."""
+    rows: dict[str, list[tuple[int, tuple[float, float, float]]]] = {}
+    for k, table in enumerate(file.loads):
+        chosen = member_numbers(table.nodes, nodes, f"loads[{k}].nodes")
+        rows.setdefault(table.name, []).extend((node, table.force) for node in chosen)
+    return tuple(
+        LoadCase(name, tuple(node for node, _ in each), np.array([force for _, force in each]))
+        for name, each in rows.items()
+    )
 
 
 def _friction(table: FrictionTable | None) -> Friction | None:

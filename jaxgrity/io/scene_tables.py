@@ -232,6 +232,14 @@ class PushTable(Table):
     ramp: Positive = 0.01
 
 
+class LoadTable(Table):
+    """A static force on each of the nodes; tables of one name are one load case."""
+
+    name: str
+    nodes: Annotated[list[Number], Meta(min_length=1)]
+    force: tuple[float, float, float]
+
+
 class ShakingTable(Table):
     """The motion of all supports: s(t) = amplitude sin(2 pi frequency (t - start)), with a smooth rise over `ramp`."""
 
@@ -271,3 +279,4 @@ class SceneFile(Table):
     shaking: ShakingTable | None = None
     bodies: list[BodyTable] = []
     gait: GaitTable | None = None
+    loads: list[LoadTable] = []

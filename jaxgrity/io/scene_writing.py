@@ -37,6 +37,7 @@ from jaxgrity.io.scene_tables import (
     GaitTable,
     GravityTable,
     GroundTable,
+    LoadTable,
     OvertoneTable,
     PushTable,
     SceneFile,
@@ -118,6 +119,11 @@ def scene_file(scene: Scene) -> SceneFile:
         shaking=_shaking(scene.shaking),
         bodies=bodies_tables(structure),
         gait=_gait(scene.gait),
+        loads=[
+            LoadTable(case.name, [node], tuple(row))
+            for case in scene.loads
+            for node, row in zip(case.nodes, np.asarray(case.force, float).tolist())
+        ],
     )
     tables = msgspec.to_builtins(file)
     for where, value in not_finite(tables):

@@ -5,18 +5,23 @@ from .contact_twin import exact_twin, penalty_twin
 from .friction import Friction
 from .ground import Ground
 from .inertia import energy_of_motion, mass_matrix, mobility, momenta
+from .load_cases import LoadCase
 from .scene import body_length
+from .sizes import MATERIALS, Material, sized_members
 from .surface import Frame, Surface
 from .symmetry import gene_permutations, image, standing_symmetries, symmetries
 from .waves import TravellingWave, travelling_waves
 
 __all__ = [
+    "MATERIALS",
     "Balls",
     "Body",
     "Command",
     "Frame",
     "Friction",
     "Ground",
+    "LoadCase",
+    "Material",
     "Surface",
     "TravellingWave",
     "body_length",
@@ -32,6 +37,7 @@ __all__ = [
     "random_members",
     "rest_length",
     "rigid_body",
+    "sized_members",
     "standing_symmetries",
     "symmetries",
     "travelling_waves",

@@ -31,6 +31,7 @@ from jaxgrity.model.friction import ConeFriction, CoulombCone, Friction, SmoothF
 from jaxgrity.model.ground import ContactDissipation, ExactContact, Ground, PenaltyContact
 from jaxgrity.model.law_checks import check_own_laws
 from jaxgrity.model.laws import Configuration, Constraint, DissipationTerm, EnergyTerm, ForceLaw, Law, Motion
+from jaxgrity.model.load_cases import LoadCase, check_load_cases
 from jaxgrity.model.rigidity import RIGID
 from jaxgrity.model.scales import Scales, scales_of
 from jaxgrity.model.shaking import SupportMotion
@@ -69,6 +70,8 @@ class Scene(eqx.Module):
     """your own laws: further terms of U and R (docs/extending.md)"""
     scales: Scales | None = None
     """scales that a rollout computes once for all steps; None: they are computed when needed"""
+    loads: tuple[LoadCase, ...] = ()
+    """load cases for statics; motions ignore them"""
 
     def __check_init__(self):
         check_fields(self)
@@ -87,6 +90,7 @@ class Scene(eqx.Module):
             if self.friction.impulsive != self.ground.impulsive:
                 goes = "expected a cone with exact contact, smooth friction or the switch with penalty contact"
                 raise InputError(f"friction.kind does not fit ground.contact: {goes}")
+        check_load_cases(self.loads, nodes)
         for law in self.constraints:
             if type(law) not in CONSTRAINTS_MET:
                 known = ", ".join(kind.name for kind in CONSTRAINTS_MET)
@@ -182,8 +186,7 @@ class Scene(eqx.Module):
 
     def configuration(self, q: NodeVectors, t: Scalar, vectors: VectorsByKind | None = None) -> Configuration:
         """The argument of the terms of U."""
-        d = member_vectors(q, self.structure.kinds) if vectors is None else vectors
-        return Configuration(q, t, d, self)
+        return Configuration(q, t, member_vectors(q, self.structure.kinds) if vectors is None else vectors, self)
 
     def motion(
         self,
@@ -272,8 +275,7 @@ def with_scales(scene: Scene) -> Scene:
 
 def start_of(scene: Scene) -> State:
     """The structure's nodes at rest. Velocities are NumPy zeros, which stay known when JAX traces the rest."""
-    q = scene.structure.nodes
-    return q, np.zeros(q.shape, q.dtype)
+    return (q := scene.structure.nodes), np.zeros(q.shape, q.dtype)
 
 
 @typed

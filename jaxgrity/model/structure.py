@@ -50,6 +50,10 @@ class Members(eqx.Module):
     """cables that slide through several nodes: for each, the numbers (from 0) of its segments in order"""
     motors: tuple[Motor, ...] = ()
     """motors that wind members"""
+    yield_force: PerMember | None = eqx.field(converter=as_float_or_none, default=None)
+    """force at which each member yields, N, for margins in statics; None: no limit"""
+    bending_stiffness: PerMember | None = eqx.field(converter=as_float_or_none, default=None)
+    """bending stiffness EI of each member, N m^2, for struts' margins to Euler's load; None: they do not buckle"""
 
     def __check_init__(self):
         if not self.edges:
@@ -57,7 +61,7 @@ class Members(eqx.Module):
         for k, edge in enumerate(self.edges):
             if len(edge) != 2 or not all(isinstance(node, int | np.integer) for node in edge) or edge[0] == edge[1]:
                 raise InputError(f"members.edges[{k}] = {edge}: expected two nodes, as whole numbers")
-        for name in ("stiffness", "rest_length", "damping", "mass"):
+        for name in ("stiffness", "rest_length", "damping", "mass", "yield_force", "bending_stiffness"):
             value = getattr(self, name)
             if value is not None and np.shape(value) != (len(self.edges),):
                 expected = f"expected ({len(self.edges)},), one number for each member"
@@ -279,7 +283,7 @@ def check_edges(nodes: np.ndarray, struts: Edges, cables: Edges, where: str = "s
             seen[pair] = f"{kind}[{k}]"
 
 
-def per_member(value: float | Sequence[float], count: int, where: str) -> np.ndarray:
+def per_member(value: float | Sequence[float] | AnyArray, count: int, where: str) -> np.ndarray:
     """An array of `count` numbers, from one number for all members or a list with one per member.
 
     Raises `InputError` if a list has another length.

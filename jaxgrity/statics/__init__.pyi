@@ -13,6 +13,7 @@ from .form_finding import (
     super_stable,
 )
 from .inspection import StructureReport, inspect_structure, member_forces
+from .load_reports import LoadEvent, LoadReport, load_report
 from .prestressing import prestressed
 from .responses import StaticResponse, static_response
 from .settling import Settled, settled
@@ -21,6 +22,8 @@ from .topology import alike_members, form_of_topology
 from .vibrations import Modes, vibration_modes
 
 __all__ = [
+    "LoadEvent",
+    "LoadReport",
     "Modes",
     "RestingShape",
     "Settled",
@@ -33,6 +36,7 @@ __all__ = [
     "form_of_topology",
     "group_average",
     "inspect_structure",
+    "load_report",
     "member_forces",
     "nearest_tensegrity",
     "prestress",

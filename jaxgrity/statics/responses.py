@@ -88,13 +88,18 @@ def static_response(scene: Scene, q: NodeVectors, loads: Loads) -> StaticRespons
         raise InputError(loose)
     displacement = np.zeros(q.shape)
     displacement.ravel()[free] = u
-    first, (tension, change) = springs.structure.first_cable, _tensions(springs, q, displacement)
+    first, (tension, change) = springs.structure.first_cable, _both(springs, q, displacement)
     slackening = (np.arange(len(tension)) >= first) & (tension > 0) & (change < 0)
     margin = float((tension[slackening] / -change[slackening]).min(initial=np.inf))
     return StaticResponse(displacement, change, float(pull @ u / (pull @ pull)), margin)
 
 
-def _tensions(scene: Scene, q: np.ndarray, displacement: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def tensions_at(scene: Scene, q: NodeVectors) -> np.ndarray:
+    """The members' tensions at `q` and t = 0, N, struts first, from all of U; rigid struts as stiff springs."""
+    return _both(with_spring_struts(scene), np.asarray(q, float), np.zeros(np.shape(q)))[0]
+
+
+def _both(scene: Scene, q: np.ndarray, displacement: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The members' tensions at `q` and t = 0, N, struts first, and their first-order change."""
     with jax.enable_x64(True):
         by_kind = _along(scene, jnp.asarray(q), jnp.asarray(displacement))

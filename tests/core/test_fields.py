@@ -44,6 +44,8 @@ EXAMPLES = [
         mass=(ONES, NOT_NEGATIVE),
         clusters=((), OTHER),
         motors=((), OTHER),
+        yield_force=(ONES, NOT_NEGATIVE),
+        bending_stiffness=(ONES, NOT_NEGATIVE),
     ),
     _of(
         jaxgrity.Structure,
@@ -76,6 +78,7 @@ EXAMPLES = [
         shaking=(None, OTHER),
         terms=((), OTHER),
         scales=(None, OTHER),
+        loads=((), OTHER),
     ),
     _of(
         jaxgrity.Gait,
@@ -176,6 +179,7 @@ EXAMPLES = [
         factors=(ONES, NOT_NEGATIVE, ROWS),
     ),
     _of(jaxgrity.ForceLimit, largest=(ONES, POSITIVE, ROWS), factors=(ONES, NOT_NEGATIVE, ROWS)),
+    _of(model.LoadCase, name=("snow", OTHER), nodes=((0, 1), OTHER), force=(np.ones((2, 3)), ANY)),
     _of(model.Balls, nodes=((0, 1), OTHER), radius=(ONES, NOT_NEGATIVE, ROWS)),
     _of(
         model.rigid_body,

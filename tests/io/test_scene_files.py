@@ -245,7 +245,7 @@ def bad(old: str, new: str, *words: str):
         bad(
             "stiffness = 2e4",
             "stifness = 2e4",
-            "struts.stifness = 20000.0: unknown key; expected one of stiffness, mass, rigid, damping, prestrain, rest",
+            "struts.stifness = 20000.0: unknown key; expected one of stiffness, mass, damping, prestrain, rest",
         ),
         bad("mass = 6.0", "weight = 6", "structure.weight = 6: unknown key; expected one of kind, strut_length, mass"),
         bad("[struts]", "[strutz]", "strutz: unknown table; expected one of structure, struts, cables, gravity"),

@@ -1,0 +1,133 @@
+"""The equilibria of a structure whose loads grow, past limit points, and where on the way something happens."""
+
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+import scipy.sparse as sp
+import scipy.sparse.linalg as spla
+
+from jaxgrity.core.errors import InputError
+from jaxgrity.core.types import NodeVectors
+from jaxgrity.model.scene import Scene
+from jaxgrity.model.springs import largest_force, smallest_stiffness
+from jaxgrity.statics.stiffness import factor_if_definite, free_coordinates, tangent_of, with_spring_struts
+
+FIRST, LONGEST = 0.05, 0.02
+"""First step as a share of the whole loads, and the longest one as a share of the structure's size."""
+GROWTH, SHORTEST, QUICK = 1.5, 1e-6, 5
+"""Factor by which steps grow after at most `QUICK` Newton iterations; the shortest step as a share of the longest."""
+ITERATIONS, STEPS, HALVINGS = 12, 2000, 40
+"""Most Newton iterations for a point, steps of a path, and halvings of the step in which something happens."""
+RESISTED = 1e-8
+"""Stiffness of a motion that counts as none, as a share of the softest member's."""
+
+
+class PathPoint(NamedTuple):
+    """An equilibrium under a share of the loads."""
+
+    q: NodeVectors
+    """m"""
+    factor: float
+    """load factor"""
+    stable: bool
+    """whether U less the loads' work rises in every direction"""
+    direction: np.ndarray
+    """unit vector along the path: free coordinates, and the load factor times `LoadPath.scale`, m"""
+    iterations: int
+
+
+class LoadPath:
+    """The equilibria K(q) dq = f d(factor) from a shape at rest on, by the length of the path (Riks 1979,
+    doi:10.1016/0020-7683(79)90081-7).
+
+    Raises `InputError` where the structure at rest lets a motion go without resistance.
+    """
+
+    def __init__(self, scene: Scene, rest: NodeVectors, loads: NodeVectors):
+        springs = with_spring_struts(scene)
+        self._tangent = tangent_of(springs)
+        self._free = free_coordinates(len(rest), scene.structure.supported)
+        self._pull = np.asarray(loads, float).ravel()[self._free]
+        self._rounding = 100 * np.finfo(float).eps * largest_force(springs.structure)
+        self._limit = max(1e-10 * largest_force(scene.structure), self._rounding)
+        self._least = RESISTED * smallest_stiffness(springs.structure)
+        self.size = float(np.linalg.norm(np.ptp(np.asarray(rest), axis=0)))
+        K = self._tangent(np.asarray(rest, float)).stiffness()[self._free][:, self._free]
+        if not self._resists(K):
+            raise InputError(
+                "the structure at rest does not resist every motion; expected supports (structure.fixed) that hold it, "
+                "and prestress where it has mechanisms"
+            )
+        first = spla.splu(sp.csc_matrix(K)).solve(self._pull)
+        self.scale = float(np.linalg.norm(first)) or self.size
+        """m for a load factor of 1"""
+        along = np.r_[first, self.scale]
+        self.start = PathPoint(np.asarray(rest, float), 0.0, True, along / np.linalg.norm(along), 0)
+
+    def points(self) -> Iterator[PathPoint]:
+        """Points of the path, one after the other, until no next one is found."""
+        longest = LONGEST * self.size
+        here, step = self.start, min(FIRST * np.sqrt(2) * self.scale, longest)
+        yield here
+        for _ in range(STEPS):
+            new = self._next(here, here.direction, step)
+            while new is None and step > SHORTEST * longest:
+                step /= 4
+                new = self._next(here, here.direction, step)
+            if new is None:
+                return
+            step = min(step * (GROWTH if new.iterations <= QUICK else 1.0), longest)
+            here = new
+            yield here
+
+    def between(self, before: PathPoint, after: PathPoint, happened: Callable[[PathPoint], bool]) -> PathPoint:
+        """The first point of the step after which something has happened, to rounding."""
+        chord = np.r_[(after.q - before.q).ravel()[self._free], self.scale * (after.factor - before.factor)]
+        length = float(np.linalg.norm(chord))
+        low, high, found = 0.0, 1.0, after
+        for _ in range(HALVINGS):
+            middle = (low + high) / 2
+            new = self._next(before, chord / length, middle * length)
+            if new is None or happened(new):
+                high, found = middle, new or found
+            else:
+                low = middle
+        return found
+
+    def _next(self, here: PathPoint, direction: np.ndarray, step: float) -> PathPoint | None:
+        """The equilibrium in the plane that is `step`, m, further; None where Newton's method finds none."""
+        q, ahead = here.q.copy(), step * direction
+        q.ravel()[self._free] += ahead[:-1]
+        factor = here.factor + ahead[-1] / self.scale
+        last = np.inf
+        for iteration in range(ITERATIONS):
+            tangent = self._tangent(q)
+            force = factor * self._pull - tangent.gradient.ravel()[self._free]
+            left = float(np.abs(force).max())
+            K = tangent.stiffness()[self._free][:, self._free]
+            solve = self._bordered(K, direction)
+            if solve is None or not np.isfinite(left):
+                return None
+            if left <= self._limit and left >= last / 10:
+                along = solve(np.r_[np.zeros(len(force)), 1.0])
+                return PathPoint(q, factor, self._resists(K), along / np.linalg.norm(along), iteration)
+            last, change = left, solve(np.r_[force, 0.0])
+            q = q.copy()
+            q.ravel()[self._free] += change[:-1]
+            factor += change[-1] / self.scale
+        return None
+
+    def _bordered(self, K: sp.csc_array, direction: np.ndarray) -> Callable | None:
+        column = sp.csc_array(-self._pull[:, None] / self.scale)
+        row, corner = sp.csc_array(direction[None, :-1]), sp.csc_array(direction[None, -1:])
+        weight = float(K.diagonal().max(initial=1.0))
+        whole = sp.csc_matrix(sp.block_array([[K, column], [weight * row, weight * corner]]))
+        try:
+            solve = spla.splu(whole).solve
+        except RuntimeError:  # exactly singular
+            return None
+        return lambda right: solve(np.r_[right[:-1], weight * right[-1]])
+
+    def _resists(self, K: sp.csc_array) -> bool:
+        return factor_if_definite(sp.csc_array(K - self._least * sp.eye_array(K.shape[0], format="csc"))) is not None

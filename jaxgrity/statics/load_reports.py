@@ -1,0 +1,233 @@
+"""What loads do to a structure: displacements, forces, reactions, margins, and what fails first."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from jaxgrity.core.arguments import check_number
+from jaxgrity.core.errors import InputError
+from jaxgrity.core.tracing import refuse_traced
+from jaxgrity.core.typed import typed
+from jaxgrity.core.types import NodeVectors, PerMember
+from jaxgrity.model.laws import EnergyTerm
+from jaxgrity.model.load_cases import LoadCase
+from jaxgrity.model.scene import Scene
+from jaxgrity.model.springs import check_no_bodies
+from jaxgrity.model.structure import Structure, edge_lengths
+from jaxgrity.statics.equilibrium import resting_shape
+from jaxgrity.statics.load_paths import LoadPath, PathPoint
+from jaxgrity.statics.responses import static_response, tensions_at
+
+SLACK, YIELDS, BUCKLES = "goes slack", "yields", "buckles"
+"""What happens to a member."""
+SNAPS, DIVERGES = "snaps through", "loses its stability"
+"""What happens to a structure: no equilibrium under more load is near, or the equilibria go on, but are unstable."""
+
+
+class LoadEvent(NamedTuple):
+    """Something that happens as the loads grow."""
+
+    factor: float
+    """load factor at which it happens"""
+    what: str
+    """what happens: a member goes slack, yields or buckles, the structure snaps through or loses its stability"""
+    where: int
+    """number of the member, struts first; of the structure, the node that moves most"""
+
+    def words(self, structure: Structure) -> str:
+        """The event in words."""
+        first = structure.first_cable
+        if self.what in (SNAPS, DIVERGES):
+            who = "the structure"
+        else:
+            who = f"strut {self.where}" if self.where < first else f"cable {self.where - first}"
+        more = f" (node {self.where} moves most)" if who == "the structure" else ""
+        return f"{who} {self.what} at {self.factor:.4g} times the loads{more}"
+
+
+class LoadReport(NamedTuple):
+    """The result of `load_report`."""
+
+    name: str
+    structure: Structure
+    shape: NodeVectors
+    """m, the equilibrium under the whole loads"""
+    displacement: NodeVectors
+    """m, from the shape at rest to `shape`"""
+    forces: PerMember
+    """N in `shape`, tension positive, struts first"""
+    reactions: NodeVectors
+    """N, forces of supports in `shape`"""
+    margins: PerMember
+    """strength of each member, its yield force or Euler's load, over its force in `shape`; infinite without either"""
+    linear: tuple[LoadEvent, ...]
+    """the first event of each kind by the response to small loads"""
+    path: tuple[LoadEvent, ...]
+    """the same along the equilibria under growing loads, and the loss of stability; the earliest first"""
+    reached: float
+    """load factor up to which equilibria were followed"""
+
+    @property
+    def slack(self) -> tuple[int, ...]:
+        """Cables, from 0, without tension under the whole loads."""
+        return tuple(np.flatnonzero(self.forces[self.structure.first_cable :] <= 0).tolist())
+
+    def table(self) -> str:
+        """The report in words, a line for each fact."""
+        moved, held = (np.linalg.norm(x, axis=1) for x in (self.displacement, self.reactions))
+        weakest = int(np.argmin(self.margins))
+        first = self.structure.first_cable
+        member = f"strut {weakest}" if weakest < first else f"cable {weakest - first}"
+        margin = f"{self.margins[weakest]:.4g} in {member}, the smallest" if np.isfinite(self.margins[weakest]) else ""
+        by_kind = {"struts": self.forces[:first], "cables": self.forces[first:]}
+        forces = [f"{kind} {f.min():.4g} to {f.max():.4g} N" for kind, f in by_kind.items() if f.size]
+        followed = "; ".join(event.words(self.structure) for event in self.path) or "nothing"
+        lines = [
+            ("load case", self.name),
+            ("displacement", f"up to {moved.max():.4g} m (node {int(moved.argmax())})"),
+            ("forces", f"{', '.join(forces)} (tension positive)"),
+            ("reactions", f"up to {held.max():.4g} N (node {int(held.argmax())})"),
+            ("slack cables", ", ".join(map(str, self.slack)) or "none"),
+            ("margin of strength", margin),
+            ("by small loads", "; ".join(event.words(self.structure) for event in self.linear)),
+            ("by growing loads", f"{followed} (followed up to {self.reached:.4g} times the loads)"),
+        ]
+        return "\n".join(f"{name:<20} {text}" for name, text in lines if text)
+
+    def summary(self) -> dict[str, Any]:
+        """The same as numbers, for JSON."""
+        plain = {name: value for name, value in self._asdict().items() if name not in ("structure", "linear", "path")}
+        events = {name: [event._asdict() for event in getattr(self, name)] for name in ("linear", "path")}
+        return {**plain, "margins": [m if np.isfinite(m) else None for m in self.margins.tolist()], **events}
+
+
+@typed
+def load_report(scene: Scene, case: LoadCase | str, most: float = 10.0) -> LoadReport:
+    """What a load case does to a structure, at small and at large displacement.
+
+    The structure is at rest first, without ground, and with gravity where it has supports. Then the loads grow, up to
+    `most` times the whole loads, or until the structure loses its stability. Members stay elastic throughout: beyond
+    the first failure the path is that of stronger members of the same stiffness. A structure that snaps through before
+    the whole loads act is reported where it lands.
+
+    Args:
+        scene: the structure, with supports that hold it. Members without strength do not fail.
+        case: the loads, or the name of one of the scene's load cases.
+        most: the load factor up to which equilibria are followed.
+
+    Returns:
+        Displacements, forces, reactions and margins under the whole loads, and the load factors of what happens first.
+
+    Raises:
+        InputError: an unknown case, a structure that does not resist every motion, or no equilibrium under the loads.
+
+    Example:
+        >>> structure = jaxgrity.Structure([[0, 0, 0], [0, 0, 1.0]], [0, 0], fixed=((0, "xyz"), (1, "xy")),
+        ...     struts=jaxgrity.model.sized_members(((0, 1),), np.ones(1), "steel", diameter=0.01))
+        >>> down = jaxgrity.model.LoadCase("down", (1,), [[0, 0, -500.0]])
+        >>> report = jaxgrity.statics.load_report(jaxgrity.Scene(structure), down)
+        >>> report.linear[0].words(structure)
+        'strut 0 buckles at 2.035 times the loads'
+    """
+    refuse_traced((scene, case), "load_report", "`equilibrium_near` has derivatives of a shape")
+    check_no_bodies(scene.structure, "load_report")
+    check_number("most", most, least=1.0)
+    case = _case(scene, case)
+    structure, where = scene.structure, f"load case {case.name!r}"
+    terms = tuple(term for term in scene.terms if isinstance(term, EnergyTerm))
+    alone = Scene(structure, gravity=scene.gravity if structure.fixed else None, terms=terms)
+    loads = case.on_nodes(len(structure.nodes))
+    try:
+        rest = np.asarray(resting_shape(alone).q)
+        path = LoadPath(alone, rest, loads)
+        small = _small_events(
+            structure, rest, tensions_at(alone, rest), static_response(alone, rest, loads).force_change
+        )
+        points, events = _follow(alone, path, most)
+        last = max((point for point in points if point.factor <= 1), key=lambda point: point.factor)
+        found = resting_shape(alone, last.q, loads)
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from error
+    shape, forces = np.asarray(found.q), tensions_at(alone, found.q)
+    upper, lower, _ = _strengths(structure, shape)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        margins = np.where(forces > 0, upper / forces, np.where(forces < 0, lower / -forces, np.inf))
+    reached = max(point.factor for point in points)
+    return LoadReport(
+        case.name, structure, shape, shape - rest, forces, found.reactions, margins, small, events, reached
+    )
+
+
+def _case(scene: Scene, case: LoadCase | str) -> LoadCase:
+    if isinstance(case, LoadCase):
+        return Scene(scene.structure, loads=(case,)).loads[0]  # which checks its nodes
+    known = {each.name: each for each in scene.loads}
+    if case not in known:
+        raise InputError(f"case = {case!r}: unknown; expected one of {', '.join(known) or 'none, the scene has none'}")
+    return known[case]
+
+
+def _strengths(structure: Structure, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The largest tension and the largest compression of each member at `q`, N, and whether it would buckle first."""
+    kinds = [members for members in (structure.struts, structure.cables) if members is not None]
+    upper = np.concatenate([np.full(len(m.edges), np.inf) if m.yield_force is None else m.yield_force for m in kinds])
+    euler = np.full(len(upper), np.inf)
+    struts = structure.struts
+    if struts is not None and struts.bending_stiffness is not None:
+        length = edge_lengths(q, struts.edges)
+        euler[: len(length)] = np.pi**2 * np.asarray(struts.bending_stiffness) / length**2
+    return upper, np.minimum(upper, euler), euler < upper
+
+
+def _small_events(
+    structure: Structure, q: np.ndarray, tension: np.ndarray, change: np.ndarray
+) -> tuple[LoadEvent, ...]:
+    """The first event of each kind if forces change in proportion to the loads."""
+    upper, lower, buckles = _strengths(structure, q)
+    cables = np.arange(len(tension)) >= structure.first_cable
+    floor = np.where(cables, 0.0, -lower)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        up = np.where(change > 0, (upper - tension) / change, np.inf)
+        down = np.where((change < 0) & (tension > floor), (floor - tension) / change, np.inf)
+    factors = {
+        SLACK: np.where(cables, down, np.inf),
+        YIELDS: np.minimum(up, np.where(cables | buckles, np.inf, down)),
+        BUCKLES: np.where(cables | ~buckles, np.inf, down),
+    }
+    found = [LoadEvent(max(0.0, float(x.min())), what, int(x.argmin())) for what, x in factors.items()]
+    return tuple(sorted(event for event in found if np.isfinite(event.factor)))
+
+
+def _follow(scene: Scene, path: LoadPath, most: float) -> tuple[list[PathPoint], tuple[LoadEvent, ...]]:
+    """Points of the path, and the first event of each kind, as far as `load_report` says."""
+    structure = scene.structure
+    slack_at_rest = tensions_at(scene, path.start.q) <= 0
+
+    def members_in(what: str, point: PathPoint) -> np.ndarray:
+        tension = tensions_at(scene, point.q)
+        upper, lower, buckles = _strengths(structure, point.q)
+        cables = np.arange(len(tension)) >= structure.first_cable
+        if what == SLACK:
+            return np.flatnonzero(cables & (tension <= 0) & ~slack_at_rest)
+        if what == BUCKLES:
+            return np.flatnonzero(~cables & buckles & (-tension > lower))
+        return np.flatnonzero((tension > upper) | (~cables & ~buckles & (-tension > lower)))
+
+    points: list[PathPoint] = []
+    events: list[LoadEvent] = []
+    for point in path.points():
+        points.append(point)
+        for what in (SLACK, YIELDS, BUCKLES):
+            if all(event.what != what for event in events) and members_in(what, point).size:
+                at = path.between(points[-2], point, lambda x, what=what: bool(members_in(what, x).size))
+                events.append(LoadEvent(at.factor, what, int(members_in(what, at)[0])))
+        if not point.stable:
+            at = path.between(points[-2], point, lambda x: not x.stable)
+            moved = np.linalg.norm(point.q - points[-2].q, axis=1)
+            what = DIVERGES if point.factor > at.factor * (1 + 1e-9) else SNAPS
+            events.append(LoadEvent(at.factor, what, int(moved.argmax())))
+            points[-1] = at
+            break
+        if point.factor >= most:
+            break
+    return points, tuple(sorted(events))
