@@ -8,7 +8,7 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import Edges, PerMember
 from jaxgrity.io.member_tables import CablesTable, StrutsTable
 from jaxgrity.io.validation import shown
-from jaxgrity.model.sizes import MATERIALS, Material, sized_members
+from jaxgrity.model.sizes import Material, material_of, sized_members
 from jaxgrity.model.structure import Members, edge_lengths
 
 NUMBERS = ("youngs_modulus", "density", "yield_stress")
@@ -31,10 +31,10 @@ def members_of_sizes(table: StrutsTable | CablesTable, edges: Edges, rest_length
     numbers = {key: given[key] for key in NUMBERS if key in given}
     material = Material(**({"youngs_modulus": None} | numbers))
     if "material" in given:
-        name = given["material"]
-        if name not in MATERIALS:
-            raise InputError(f"{kind}.material = {name!r}: unknown; expected one of {', '.join(MATERIALS)}")
-        material = MATERIALS[name]._replace(**numbers)
+        try:
+            material = material_of(given["material"])._replace(**numbers)
+        except InputError as error:
+            raise InputError(f"{kind}.{error}") from error
     if material.youngs_modulus is None:
         raise InputError(f"{kind}.material: missing; expected a material, or youngs_modulus (Pa), beside {min(given)}")
     follows = {"stiffness": True, "mass": material.density is not None, "force": True, "bending_stiffness": True}

@@ -69,11 +69,7 @@ def sized_members(
         >>> f"{tubes.stiffness[0]:.4g} N/m, {tubes.mass[0]:.3g} kg"
         '4.178e+06 N/m, 0.161 kg'
     """
-    if isinstance(material, str):
-        if material not in MATERIALS:
-            names = ", ".join(MATERIALS)
-            raise InputError(f"material = {material!r}: {unknown(material, MATERIALS)}; expected one of {names}")
-        material = MATERIALS[material]
+    material = material_of(material)
     count = len(edges)
     A, second = _section(count, diameter, wall, area)
     L = np.asarray(rest_length, float)
@@ -89,6 +85,16 @@ def sized_members(
         yield_force=None if stress is None else stress * A,
         bending_stiffness=E * second,
     )
+
+
+def material_of(material: Material | str) -> Material:
+    """The material, or that of this name; raises `InputError` for an unknown name."""
+    if isinstance(material, Material):
+        return material
+    if material not in MATERIALS:
+        names = ", ".join(MATERIALS)
+        raise InputError(f"material = {material!r}: {unknown(material, MATERIALS)}; expected one of {names}")
+    return MATERIALS[material]
 
 
 def _section(count: int, diameter: Any, wall: Any, area: Any) -> tuple[np.ndarray, np.ndarray]:

@@ -13,6 +13,7 @@ from .form_finding import (
     super_stable,
 )
 from .inspection import StructureReport, inspect_structure, member_forces
+from .least_mass import LeastMass, least_mass
 from .load_reports import LoadEvent, LoadReport, load_report
 from .prestressing import prestressed
 from .responses import StaticResponse, static_response
@@ -22,6 +23,7 @@ from .topology import alike_members, form_of_topology
 from .vibrations import Modes, vibration_modes
 
 __all__ = [
+    "LeastMass",
     "LoadEvent",
     "LoadReport",
     "Modes",
@@ -36,6 +38,7 @@ __all__ = [
     "form_of_topology",
     "group_average",
     "inspect_structure",
+    "least_mass",
     "load_report",
     "member_forces",
     "nearest_tensegrity",

@@ -16,6 +16,7 @@ from jaxgrity.model.structure import Structure, edge_lengths
 from jaxgrity.statics.equilibrium import resting_shape
 from jaxgrity.statics.form_finding import Statics, prestress_stable, statics_of, super_stable
 from jaxgrity.statics.stiffness import all_edges
+from jaxgrity.statics.strength import strength_of
 from jaxgrity.statics.vibrations import vibration_modes
 
 LARGEST = 1500
@@ -62,6 +63,11 @@ class StructureReport(NamedTuple):
         forces = self.forces[self.structure.first_cable :]
         return () if cables is None else tuple(np.flatnonzero(forces <= 0).tolist())
 
+    @property
+    def margins(self) -> PerMember:
+        """Strength of each member, its yield force or Euler's load, over its force; infinite without either."""
+        return strength_of(self.structure, self.shape).margins(self.forces)
+
     def buckling_margin(self, bending_stiffness: float) -> PerMember:
         """Euler's load pi^2 EI/l^2 of each strut over its compression; infinite in tension. EI in N m^2."""
         check_number("bending_stiffness", bending_stiffness, above=0.0, unit="N m^2")
@@ -78,7 +84,7 @@ class StructureReport(NamedTuple):
 
     def summary(self) -> dict[str, Any]:
         """The same as numbers, for JSON."""
-        counted = self.statics
+        counted, margin = self.statics, self.margins.min(initial=np.inf)
         return {
             "nodes": len(self.shape),
             "members": len(self.forces),
@@ -94,6 +100,7 @@ class StructureReport(NamedTuple):
             "shape": self.shape,
             "forces": self.forces,
             "slack_cables": list(self.slack),
+            "smallest_margin": float(margin) if np.isfinite(margin) else None,
             "loose": self.loose,
             "frequencies": self.frequencies,
         }
@@ -115,6 +122,7 @@ class StructureReport(NamedTuple):
             "cables": self.forces[self.structure.first_cable :],
         }
         forces = [f"{name} {f.min():.4g} to {f.max():.4g} N" for name, f in kinds.items() if f.size]
+        margin = self.margins.min(initial=np.inf)
         words = {True: "yes", False: "no", None: ""}
         lowest = ", ".join(f"{f:.4g}" for f in self.frequencies[:SHOWN])
         return [
@@ -122,6 +130,7 @@ class StructureReport(NamedTuple):
             ("equilibrium", where),
             ("forces", f"{', '.join(forces)} (tension positive)"),
             ("slack cables", ", ".join(map(str, self.slack)) or "none"),
+            ("smallest margin", f"{margin:.4g}" if np.isfinite(margin) else ""),
             ("prestress stable", words[self.prestress_stable]),
             ("super-stable", words[self.super_stable]),
             ("lowest frequencies", f"{lowest} Hz" if lowest else ""),

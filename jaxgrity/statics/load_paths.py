@@ -13,11 +13,11 @@ from jaxgrity.model.scene import Scene
 from jaxgrity.model.springs import largest_force, smallest_stiffness
 from jaxgrity.statics.stiffness import factor_if_definite, free_coordinates, tangent_of, with_spring_struts
 
-FIRST, LONGEST = 0.05, 0.02
+FIRST, LONGEST = 0.05, 0.05
 """First step as a share of the whole loads, and the longest one as a share of the structure's size."""
 GROWTH, SHORTEST, QUICK = 1.5, 1e-6, 5
 """Factor by which steps grow after at most `QUICK` Newton iterations; the shortest step as a share of the longest."""
-ITERATIONS, STEPS, HALVINGS = 12, 2000, 40
+ITERATIONS, STEPS, HALVINGS = 12, 2000, 30
 """Most Newton iterations for a point, steps of a path, and halvings of the step in which something happens."""
 RESISTED = 1e-8
 """Stiffness of a motion that counts as none, as a share of the softest member's."""
@@ -31,7 +31,7 @@ class PathPoint(NamedTuple):
     factor: float
     """load factor"""
     stable: bool
-    """whether U less the loads' work rises in every direction"""
+    """whether U less the loads' work rises in every direction, and the loads grow along the path"""
     direction: np.ndarray
     """unit vector along the path: free coordinates, and the load factor times `LoadPath.scale`, m"""
     iterations: int
@@ -71,10 +71,10 @@ class LoadPath:
         here, step = self.start, min(FIRST * np.sqrt(2) * self.scale, longest)
         yield here
         for _ in range(STEPS):
-            new = self._next(here, here.direction, step)
+            new = self._next(here, step * here.direction, step)
             while new is None and step > SHORTEST * longest:
                 step /= 4
-                new = self._next(here, here.direction, step)
+                new = self._next(here, step * here.direction, step)
             if new is None:
                 return
             step = min(step * (GROWTH if new.iterations <= QUICK else 1.0), longest)
@@ -88,31 +88,33 @@ class LoadPath:
         low, high, found = 0.0, 1.0, after
         for _ in range(HALVINGS):
             middle = (low + high) / 2
-            new = self._next(before, chord / length, middle * length)
+            new = self._next(before, middle * chord, length)
             if new is None or happened(new):
                 high, found = middle, new or found
             else:
                 low = middle
         return found
 
-    def _next(self, here: PathPoint, direction: np.ndarray, step: float) -> PathPoint | None:
-        """The equilibrium in the plane that is `step`, m, further; None where Newton's method finds none."""
-        q, ahead = here.q.copy(), step * direction
+    def _next(self, here: PathPoint, ahead: np.ndarray, within: float) -> PathPoint | None:
+        """The equilibrium in the plane at the end of, and normal to, the vector `ahead`, m; None where Newton's method
+        finds none `within` a distance, m, of that end."""
+        direction, last, moved = ahead / np.linalg.norm(ahead), np.inf, np.zeros(len(ahead))
+        q, factor = here.q.copy(), here.factor + ahead[-1] / self.scale
         q.ravel()[self._free] += ahead[:-1]
-        factor = here.factor + ahead[-1] / self.scale
-        last = np.inf
         for iteration in range(ITERATIONS):
             tangent = self._tangent(q)
             force = factor * self._pull - tangent.gradient.ravel()[self._free]
             left = float(np.abs(force).max())
             K = tangent.stiffness()[self._free][:, self._free]
             solve = self._bordered(K, direction)
-            if solve is None or not np.isfinite(left):
+            if solve is None or not np.isfinite(left) or np.linalg.norm(moved) > within:
                 return None
             if left <= self._limit and left >= last / 10:
                 along = solve(np.r_[np.zeros(len(force)), 1.0])
-                return PathPoint(q, factor, self._resists(K), along / np.linalg.norm(along), iteration)
+                stable = along[-1] > 0 and self._resists(K)
+                return PathPoint(q, factor, stable, along / np.linalg.norm(along), iteration)
             last, change = left, solve(np.r_[force, 0.0])
+            moved = moved + change
             q = q.copy()
             q.ravel()[self._free] += change[:-1]
             factor += change[-1] / self.scale

@@ -1,5 +1,6 @@
 """What loads do to a structure: displacements, forces, reactions, margins, and what fails first."""
 
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,15 +14,18 @@ from jaxgrity.model.laws import EnergyTerm
 from jaxgrity.model.load_cases import LoadCase
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.springs import check_no_bodies
-from jaxgrity.model.structure import Structure, edge_lengths
+from jaxgrity.model.structure import Structure
 from jaxgrity.statics.equilibrium import resting_shape
 from jaxgrity.statics.load_paths import LoadPath, PathPoint
 from jaxgrity.statics.responses import static_response, tensions_at
+from jaxgrity.statics.strength import strength_of
 
 SLACK, YIELDS, BUCKLES = "goes slack", "yields", "buckles"
 """What happens to a member."""
 SNAPS, DIVERGES = "snaps through", "loses its stability"
 """What happens to a structure: no equilibrium under more load is near, or the equilibria go on, but are unstable."""
+LEVEL = 1e-9
+"""Relative rise of the load over the step in which stability is lost, up to which the load counts as at its peak."""
 
 
 class LoadEvent(NamedTuple):
@@ -36,13 +40,9 @@ class LoadEvent(NamedTuple):
 
     def words(self, structure: Structure) -> str:
         """The event in words."""
-        first = structure.first_cable
-        if self.what in (SNAPS, DIVERGES):
-            who = "the structure"
-        else:
-            who = f"strut {self.where}" if self.where < first else f"cable {self.where - first}"
-        more = f" (node {self.where} moves most)" if who == "the structure" else ""
-        return f"{who} {self.what} at {self.factor:.4g} times the loads{more}"
+        whole = self.what in (SNAPS, DIVERGES)
+        who = f"the structure (most of all node {self.where})" if whole else _member(structure, self.where)
+        return f"{who} {self.what} at {self.factor:.4g} times the loads"
 
 
 class LoadReport(NamedTuple):
@@ -75,22 +75,20 @@ class LoadReport(NamedTuple):
     def table(self) -> str:
         """The report in words, a line for each fact."""
         moved, held = (np.linalg.norm(x, axis=1) for x in (self.displacement, self.reactions))
-        weakest = int(np.argmin(self.margins))
-        first = self.structure.first_cable
-        member = f"strut {weakest}" if weakest < first else f"cable {weakest - first}"
-        margin = f"{self.margins[weakest]:.4g} in {member}, the smallest" if np.isfinite(self.margins[weakest]) else ""
-        by_kind = {"struts": self.forces[:first], "cables": self.forces[first:]}
-        forces = [f"{kind} {f.min():.4g} to {f.max():.4g} N" for kind, f in by_kind.items() if f.size]
-        followed = "; ".join(event.words(self.structure) for event in self.path) or "nothing"
+        weakest, first = int(np.argmin(self.margins)), self.structure.first_cable
+        known = bool(np.isfinite(self.margins[weakest]))
+        kinds = {"struts": self.forces[:first], "cables": self.forces[first:]}
+        forces = [f"{kind} {f.min():.4g} to {f.max():.4g} N" for kind, f in kinds.items() if f.size]
         lines = [
             ("load case", self.name),
             ("displacement", f"up to {moved.max():.4g} m (node {int(moved.argmax())})"),
             ("forces", f"{', '.join(forces)} (tension positive)"),
             ("reactions", f"up to {held.max():.4g} N (node {int(held.argmax())})"),
             ("slack cables", ", ".join(map(str, self.slack)) or "none"),
-            ("margin of strength", margin),
-            ("by small loads", "; ".join(event.words(self.structure) for event in self.linear)),
-            ("by growing loads", f"{followed} (followed up to {self.reached:.4g} times the loads)"),
+            ("smallest margin", f"{self.margins[weakest]:.4g}, of {_member(self.structure, weakest)}" if known else ""),
+            *zip(["by small loads", *[""] * len(self.linear)], (event.words(self.structure) for event in self.linear)),
+            *zip(["by growing loads", *[""] * len(self.path)], (event.words(self.structure) for event in self.path)),
+            ("followed", f"up to {self.reached:.4g} times the loads"),
         ]
         return "\n".join(f"{name:<20} {text}" for name, text in lines if text)
 
@@ -144,18 +142,20 @@ def load_report(scene: Scene, case: LoadCase | str, most: float = 10.0) -> LoadR
             structure, rest, tensions_at(alone, rest), static_response(alone, rest, loads).force_change
         )
         points, events = _follow(alone, path, most)
-        last = max((point for point in points if point.factor <= 1), key=lambda point: point.factor)
-        found = resting_shape(alone, last.q, loads)
+        found = resting_shape(alone, _under_whole_loads(path, points).q, loads)
     except InputError as error:
         raise InputError(f"{where}: {error}") from error
     shape, forces = np.asarray(found.q), tensions_at(alone, found.q)
-    upper, lower, _ = _strengths(structure, shape)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        margins = np.where(forces > 0, upper / forces, np.where(forces < 0, lower / -forces, np.inf))
+    margins = strength_of(structure, shape).margins(forces)
     reached = max(point.factor for point in points)
     return LoadReport(
         case.name, structure, shape, shape - rest, forces, found.reactions, margins, small, events, reached
     )
+
+
+def _member(structure: Structure, number: int) -> str:
+    first = structure.first_cable
+    return f"strut {number}" if number < first else f"cable {number - first}"
 
 
 def _case(scene: Scene, case: LoadCase | str) -> LoadCase:
@@ -167,23 +167,19 @@ def _case(scene: Scene, case: LoadCase | str) -> LoadCase:
     return known[case]
 
 
-def _strengths(structure: Structure, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The largest tension and the largest compression of each member at `q`, N, and whether it would buckle first."""
-    kinds = [members for members in (structure.struts, structure.cables) if members is not None]
-    upper = np.concatenate([np.full(len(m.edges), np.inf) if m.yield_force is None else m.yield_force for m in kinds])
-    euler = np.full(len(upper), np.inf)
-    struts = structure.struts
-    if struts is not None and struts.bending_stiffness is not None:
-        length = edge_lengths(q, struts.edges)
-        euler[: len(length)] = np.pi**2 * np.asarray(struts.bending_stiffness) / length**2
-    return upper, np.minimum(upper, euler), euler < upper
+def _under_whole_loads(path: LoadPath, points: list[PathPoint]) -> PathPoint:
+    """The point of the path at load factor 1, or the last one where it ends before."""
+    for before, after in pairwise(points):
+        if after.factor >= 1:
+            return path.between(before, after, lambda point: point.factor >= 1)
+    return points[-1]
 
 
 def _small_events(
     structure: Structure, q: np.ndarray, tension: np.ndarray, change: np.ndarray
 ) -> tuple[LoadEvent, ...]:
     """The first event of each kind if forces change in proportion to the loads."""
-    upper, lower, buckles = _strengths(structure, q)
+    upper, lower, buckles = strength_of(structure, q)
     cables = np.arange(len(tension)) >= structure.first_cable
     floor = np.where(cables, 0.0, -lower)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -201,33 +197,30 @@ def _small_events(
 def _follow(scene: Scene, path: LoadPath, most: float) -> tuple[list[PathPoint], tuple[LoadEvent, ...]]:
     """Points of the path, and the first event of each kind, as far as `load_report` says."""
     structure = scene.structure
-    slack_at_rest = tensions_at(scene, path.start.q) <= 0
+    cables = np.arange(structure.member_count) >= structure.first_cable
+    tight = cables & (tensions_at(scene, path.start.q) > 0)
 
-    def members_in(what: str, point: PathPoint) -> np.ndarray:
+    def happened(point: PathPoint) -> dict[str, np.ndarray]:
+        """The members that are slack, yield or buckle."""
         tension = tensions_at(scene, point.q)
-        upper, lower, buckles = _strengths(structure, point.q)
-        cables = np.arange(len(tension)) >= structure.first_cable
-        if what == SLACK:
-            return np.flatnonzero(cables & (tension <= 0) & ~slack_at_rest)
-        if what == BUCKLES:
-            return np.flatnonzero(~cables & buckles & (-tension > lower))
-        return np.flatnonzero((tension > upper) | (~cables & ~buckles & (-tension > lower)))
+        upper, lower, buckles = strength_of(structure, point.q)
+        crushed = ~cables & (-tension > lower)
+        found = {SLACK: tight & (tension <= 0), YIELDS: (tension > upper) | (crushed & ~buckles)}
+        return {what: np.flatnonzero(x) for what, x in (found | {BUCKLES: crushed & buckles}).items() if x.any()}
 
     points: list[PathPoint] = []
-    events: list[LoadEvent] = []
+    events: dict[str, LoadEvent] = {}
     for point in path.points():
         points.append(point)
-        for what in (SLACK, YIELDS, BUCKLES):
-            if all(event.what != what for event in events) and members_in(what, point).size:
-                at = path.between(points[-2], point, lambda x, what=what: bool(members_in(what, x).size))
-                events.append(LoadEvent(at.factor, what, int(members_in(what, at)[0])))
+        for what in happened(point).keys() - events.keys():
+            at = path.between(points[-2], point, lambda x, what=what: what in happened(x))
+            events[what] = LoadEvent(at.factor, what, int(happened(at)[what][0]))
         if not point.stable:
             at = path.between(points[-2], point, lambda x: not x.stable)
             moved = np.linalg.norm(point.q - points[-2].q, axis=1)
-            what = DIVERGES if point.factor > at.factor * (1 + 1e-9) else SNAPS
-            events.append(LoadEvent(at.factor, what, int(moved.argmax())))
+            what = DIVERGES if point.factor > at.factor * (1 + LEVEL) else SNAPS
+            events[what] = LoadEvent(at.factor, what, int(moved.argmax()))
             points[-1] = at
+        if not point.stable or point.factor >= most:
             break
-        if point.factor >= most:
-            break
-    return points, tuple(sorted(events))
+    return points, tuple(sorted(events.values()))
