@@ -233,7 +233,7 @@ def _descend(
         if here.residual <= limit and here.residual >= last / 10:
             return here, step
         last, K = here.residual, here.stiffness()
-        size = _size(K)
+        size = max(_size(K), least / RESISTANCE)  # where nothing resists, a step is as long as the softest member says
         shift = max(shift, least / size)
         while shift <= LARGEST_SHIFT:
             factor = factor_if_definite(_shifted(K, shift * size))

@@ -82,10 +82,10 @@ def least_mass(
 
     Unknown are forces N that balance the loads in each case, and members' masses m: minimise sum m with
     m >= density l |N|/yield stress, and for struts in compression m >= density l^2 (|N|/(E k))^(1/2)/pi, Euler's load
-    with I = k A^2. Without buckling this is a linear programme (Dorn, Gomory, Greenberg 1964; HiGHS). Buckling makes it
-    concave: as in Nagase and Skelton 2014 (Minimal mass design of tensegrity structures) it is linearised about the
-    last solution, and solved again until the mass stays. Each round lowers the mass; the end is a local minimum. Gravity
-    acts on members' and nodes' masses where there are supports.
+    with I = k A^2. Without buckling this is a linear programme (Dorn, Gomory and Greenberg 1964; HiGHS). Buckling makes
+    it concave. As in Nagase and Skelton 2014 (Minimal mass design of tensegrity structures) it is linearised about the
+    last solution, and solved again until the mass stays. Each round lowers the mass; the end is a local minimum.
+    Gravity acts on members' and nodes' masses where there are supports.
 
     This is plastic design: forces only have to balance. Where a structure is statically indeterminate, each load case
     may have its own self-stress, so several cases may need rest lengths that change. Stiffness and stability are left

@@ -38,32 +38,33 @@ class PathPoint(NamedTuple):
 
 
 class LoadPath:
-    """The equilibria K(q) dq = f d(factor) from a shape at rest on, by the length of the path (Riks 1979,
+    """The equilibria K(q) dq = f d(factor) from one on, by the length of the path (Riks 1979,
     doi:10.1016/0020-7683(79)90081-7).
 
-    Raises `InputError` where the structure at rest lets a motion go without resistance.
+    Raises `InputError` where a motion meets no resistance there.
     """
 
-    def __init__(self, scene: Scene, rest: NodeVectors, loads: NodeVectors):
+    def __init__(self, scene: Scene, first: NodeVectors, loads: NodeVectors, factor: float = 0.0):
         springs = with_spring_struts(scene)
         self._tangent = tangent_of(springs)
-        self._free = free_coordinates(len(rest), scene.structure.supported)
+        self._free = free_coordinates(len(first), scene.structure.supported)
         self._pull = np.asarray(loads, float).ravel()[self._free]
         self._rounding = 100 * np.finfo(float).eps * largest_force(springs.structure)
         self._limit = max(1e-10 * largest_force(scene.structure), self._rounding)
         self._least = RESISTED * smallest_stiffness(springs.structure)
-        self.size = float(np.linalg.norm(np.ptp(np.asarray(rest), axis=0)))
-        K = self._tangent(np.asarray(rest, float)).stiffness()[self._free][:, self._free]
+        q = np.asarray(first, float)
+        self.size = float(np.linalg.norm(np.ptp(q, axis=0)))
+        K = self._tangent(q).stiffness()[self._free][:, self._free]
         if not self._resists(K):
             raise InputError(
-                "the structure at rest does not resist every motion; expected supports (structure.fixed) that hold it, "
-                "and prestress where it has mechanisms"
+                "the structure does not resist every motion; expected supports (structure.fixed) that hold it, and "
+                "prestress where it has mechanisms"
             )
-        first = spla.splu(sp.csc_matrix(K)).solve(self._pull)
-        self.scale = float(np.linalg.norm(first)) or self.size
+        along = spla.splu(sp.csc_matrix(K)).solve(self._pull)
+        self.scale = float(np.linalg.norm(along)) or self.size
         """m for a load factor of 1"""
-        along = np.r_[first, self.scale]
-        self.start = PathPoint(np.asarray(rest, float), 0.0, True, along / np.linalg.norm(along), 0)
+        along = np.r_[along, self.scale]
+        self.start = PathPoint(q, factor, True, along / np.linalg.norm(along), 0)
 
     def points(self) -> Iterator[PathPoint]:
         """Points of the path, one after the other, until no next one is found."""

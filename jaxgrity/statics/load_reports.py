@@ -24,6 +24,8 @@ SLACK, YIELDS, BUCKLES = "goes slack", "yields", "buckles"
 """What happens to a member."""
 SNAPS, DIVERGES = "snaps through", "loses its stability"
 """What happens to a structure: no equilibrium under more load is near, or the equilibria go on, but are unstable."""
+TAUT = 1e-3
+"""Share of the loads under which a path begins where the structure without loads is loose."""
 LEVEL = 1e-9
 """Relative rise of the load over the step in which stability is lost, up to which the load counts as at its peak."""
 
@@ -106,7 +108,8 @@ def load_report(scene: Scene, case: LoadCase | str, most: float = 10.0) -> LoadR
     The structure is at rest first, without ground, and with gravity where it has supports. Then the loads grow, up to
     `most` times the whole loads, or until the structure loses its stability. Members stay elastic throughout: beyond
     the first failure the path is that of stronger members of the same stiffness. A structure that snaps through before
-    the whole loads act is reported where it lands.
+    the whole loads act is reported where it lands. A structure that only the loads make taut begins under 0.001 of
+    them.
 
     Args:
         scene: the structure, with supports that hold it. Members without strength do not fail.
@@ -137,10 +140,9 @@ def load_report(scene: Scene, case: LoadCase | str, most: float = 10.0) -> LoadR
     loads = case.on_nodes(len(structure.nodes))
     try:
         rest = np.asarray(resting_shape(alone).q)
-        path = LoadPath(alone, rest, loads)
-        small = _small_events(
-            structure, rest, tensions_at(alone, rest), static_response(alone, rest, loads).force_change
-        )
+        path = _path(alone, rest, loads)
+        change = static_response(alone, path.start.q, loads).force_change
+        small = _small_events(structure, path.start, tensions_at(alone, path.start.q), change)
         points, events = _follow(alone, path, most)
         found = resting_shape(alone, _under_whole_loads(path, points).q, loads)
     except InputError as error:
@@ -175,11 +177,22 @@ def _under_whole_loads(path: LoadPath, points: list[PathPoint]) -> PathPoint:
     return points[-1]
 
 
+def _path(scene: Scene, rest: np.ndarray, loads: np.ndarray) -> LoadPath:
+    """The path from rest on, or from under a share of the loads where only these make the structure taut."""
+    try:
+        return LoadPath(scene, rest, loads)
+    except InputError as error:
+        try:
+            return LoadPath(scene, resting_shape(scene, rest, TAUT * loads).q, loads, TAUT)
+        except InputError:
+            raise error from None
+
+
 def _small_events(
-    structure: Structure, q: np.ndarray, tension: np.ndarray, change: np.ndarray
+    structure: Structure, start: PathPoint, tension: np.ndarray, change: np.ndarray
 ) -> tuple[LoadEvent, ...]:
     """The first event of each kind if forces change in proportion to the loads."""
-    upper, lower, buckles = strength_of(structure, q)
+    upper, lower, buckles = strength_of(structure, start.q)
     cables = np.arange(len(tension)) >= structure.first_cable
     floor = np.where(cables, 0.0, -lower)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -190,7 +203,8 @@ def _small_events(
         YIELDS: np.minimum(up, np.where(cables | buckles, np.inf, down)),
         BUCKLES: np.where(cables | ~buckles, np.inf, down),
     }
-    found = [LoadEvent(max(0.0, float(x.min())), what, int(x.argmin())) for what, x in factors.items()]
+    least = {what: start.factor + max(0.0, float(x.min())) for what, x in factors.items()}
+    found = [LoadEvent(least[what], what, int(x.argmin())) for what, x in factors.items()]
     return tuple(sorted(event for event in found if np.isfinite(event.factor)))
 
 
