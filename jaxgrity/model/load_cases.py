@@ -32,7 +32,10 @@ class LoadCase(eqx.Module):
 
 
 def check_load_cases(cases: tuple[LoadCase, ...], nodes: int) -> None:
-    """Raises `InputError` for two cases of one name, or a node that a structure of so many does not have."""
+    """Raises `InputError` for what is no load case, two of one name, or a node that a structure of so many lacks."""
+    for case in cases:
+        if not isinstance(case, LoadCase):
+            raise InputError(f"loads has {case!r}; expected a LoadCase")
     names = [case.name for case in cases]
     if len(set(names)) < len(names):
         raise InputError(f"loads are called {', '.join(names)}; expected another name for each load case")

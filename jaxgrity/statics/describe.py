@@ -37,6 +37,11 @@ def describe(scene: Scene) -> str:
         *_describe_bodies(scene.structure),
         *_describe_prestress(scene),
         *_describe_gait(scene.gait),
+        *(
+            [("load cases", f"{', '.join(case.name for case in scene.loads)} (motions ignore them)")]
+            if scene.loads
+            else []
+        ),
     ]
     return "\n".join(f"{name:<20} {text}" for name, text in lines)
 

@@ -49,8 +49,8 @@ class LoadPath:
         self._tangent = tangent_of(springs)
         self._free = free_coordinates(len(first), scene.structure.supported)
         self._pull = np.asarray(loads, float).ravel()[self._free]
-        self._rounding = 100 * np.finfo(float).eps * largest_force(springs.structure)
-        self._limit = max(1e-10 * largest_force(scene.structure), self._rounding)
+        rounding = 100 * np.finfo(float).eps * largest_force(springs.structure)
+        self._limit = max(1e-10 * largest_force(scene.structure), rounding)
         self._least = RESISTED * smallest_stiffness(springs.structure)
         q = np.asarray(first, float)
         self.size = float(np.linalg.norm(np.ptp(q, axis=0)))
@@ -84,22 +84,33 @@ class LoadPath:
 
     def between(self, before: PathPoint, after: PathPoint, happened: Callable[[PathPoint], bool]) -> PathPoint:
         """The first point of the step after which something has happened, to rounding."""
-        chord = np.r_[(after.q - before.q).ravel()[self._free], self.scale * (after.factor - before.factor)]
-        length = float(np.linalg.norm(chord))
-        low, high, found = 0.0, 1.0, after
         for _ in range(HALVINGS):
-            middle = (low + high) / 2
-            new = self._next(before, middle * chord, length)
-            if new is None or happened(new):
-                high, found = middle, new or found
-            else:
-                low = middle
-        return found
+            chord = self._chord(before, after)
+            new = self._next(before, chord / 2, float(np.linalg.norm(chord)))
+            if new is None:
+                break
+            before, after = (before, new) if happened(new) else (new, after)
+        return after
 
-    def _next(self, here: PathPoint, ahead: np.ndarray, within: float) -> PathPoint | None:
-        """The equilibrium in the plane at the end of, and normal to, the vector `ahead`, m; None where Newton's method
-        finds none `within` a distance, m, of that end."""
-        direction, last, moved = ahead / np.linalg.norm(ahead), np.inf, np.zeros(len(ahead))
+    def at(self, factor: float, before: PathPoint, after: PathPoint) -> PathPoint:
+        """The point of the step at this load factor; its begin where none is found."""
+        chord = self._chord(before, after)
+        share = (factor - before.factor) / (after.factor - before.factor)
+        loads = np.eye(1, len(chord), len(chord) - 1)[0]
+        return self._next(before, share * chord, float(np.linalg.norm(chord)), loads) or before
+
+    def _chord(self, before: PathPoint, after: PathPoint) -> np.ndarray:
+        return np.r_[(after.q - before.q).ravel()[self._free], self.scale * (after.factor - before.factor)]
+
+    def _next(
+        self, here: PathPoint, ahead: np.ndarray, within: float, normal: np.ndarray | None = None
+    ) -> PathPoint | None:
+        """The equilibrium in the plane at the end of the vector `ahead`, m, normal to it or to another unit vector.
+
+        None where Newton's method finds none `within` a distance, m, of that end.
+        """
+        direction = ahead / np.linalg.norm(ahead) if normal is None else normal
+        last, moved = np.inf, np.zeros(len(ahead))
         q, factor = here.q.copy(), here.factor + ahead[-1] / self.scale
         q.ravel()[self._free] += ahead[:-1]
         for iteration in range(ITERATIONS):
@@ -113,7 +124,7 @@ class LoadPath:
             if left <= self._limit and left >= last / 10:
                 along = solve(np.r_[np.zeros(len(force)), 1.0])
                 stable = along[-1] > 0 and self._resists(K)
-                return PathPoint(q, factor, stable, along / np.linalg.norm(along), iteration)
+                return PathPoint(q, float(factor), stable, along / np.linalg.norm(along), iteration)
             last, change = left, solve(np.r_[force, 0.0])
             moved = moved + change
             q = q.copy()

@@ -173,7 +173,7 @@ def _under_whole_loads(path: LoadPath, points: list[PathPoint]) -> PathPoint:
     """The point of the path at load factor 1, or the last one where it ends before."""
     for before, after in pairwise(points):
         if after.factor >= 1:
-            return path.between(before, after, lambda point: point.factor >= 1)
+            return path.at(1.0, before, after)
     return points[-1]
 
 
