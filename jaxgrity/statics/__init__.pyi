@@ -13,11 +13,11 @@ from .form_finding import (
     super_stable,
 )
 from .inspection import StructureReport, inspect_structure, member_forces
-from .least_mass import LeastMass, least_mass
 from .load_reports import LoadEvent, LoadReport, load_report
 from .prestressing import prestressed
 from .responses import StaticResponse, static_response
 from .settling import Settled, settled
+from .sizing import LeastMass, least_mass
 from .stiffness import sparse_mass_matrix, stiffness_matrix
 from .topology import alike_members, form_of_topology
 from .vibrations import Modes, vibration_modes

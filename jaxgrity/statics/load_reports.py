@@ -198,12 +198,13 @@ def _small_events(
     with np.errstate(divide="ignore", invalid="ignore"):
         up = np.where(change > 0, (upper - tension) / change, np.inf)
         down = np.where((change < 0) & (tension > floor), (floor - tension) / change, np.inf)
+    up, down = np.where(tension > upper, 0, up), np.where(tension < floor, 0, down)  # what has failed before
     factors = {
         SLACK: np.where(cables, down, np.inf),
         YIELDS: np.minimum(up, np.where(cables | buckles, np.inf, down)),
         BUCKLES: np.where(cables | ~buckles, np.inf, down),
     }
-    least = {what: start.factor + max(0.0, float(x.min())) for what, x in factors.items()}
+    least = {what: start.factor + float(x.min()) for what, x in factors.items()}
     found = [LoadEvent(least[what], what, int(x.argmin())) for what, x in factors.items()]
     return tuple(sorted(event for event in found if np.isfinite(event.factor)))
 
@@ -227,7 +228,7 @@ def _follow(scene: Scene, path: LoadPath, most: float) -> tuple[list[PathPoint],
     for point in path.points():
         points.append(point)
         for what in happened(point).keys() - events.keys():
-            at = path.between(points[-2], point, lambda x, what=what: what in happened(x))
+            at = path.between(points[-2], point, lambda x, what=what: what in happened(x)) if points[1:] else point
             events[what] = LoadEvent(at.factor, what, int(happened(at)[what][0]))
         if not point.stable:
             at = path.between(points[-2], point, lambda x: not x.stable)

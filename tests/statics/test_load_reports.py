@@ -45,7 +45,7 @@ def reports(prism):
 
 
 def test_the_page_shows_what_is_printed(reports):
-    assert reports["payload"].table() in PAGE
+    assert reports["wind"].table() in PAGE
 
 
 def test_supports_bear_the_loads(prism, reports):
@@ -101,6 +101,14 @@ def test_events_happen_where_the_report_says(prism, reports, name):
         force = rest.forces[event.where] + event.factor * change[event.where]
         strength = (report.margins * np.abs(report.forces))[event.where]
         np.testing.assert_allclose(abs(force), 0 if event.what == "goes slack" else strength, rtol=0.01, atol=1e-6)
+
+
+def test_what_fails_without_loads_fails_at_once(prism):
+    """Struts that the prestress alone makes buckle."""
+    struts = dataclasses.replace(prism.structure.struts, bending_stiffness=np.full(3, 1.0))
+    weak = dataclasses.replace(prism, structure=dataclasses.replace(prism.structure, struts=struts))
+    report = load_report(weak, "wind", most=1.0)
+    assert [event[:2] for event in (report.linear[0], report.path[0])] == [(0.0, "buckles")] * 2
 
 
 def test_a_column_buckles_at_eulers_load():

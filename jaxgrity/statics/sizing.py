@@ -114,16 +114,8 @@ def least_mass(
         >>> f"{jaxgrity.statics.least_mass(pole, 'steel', 'steel').mass:.2f} kg"
         '2.45 kg'
     """
-    refuse_traced(scene, "least_mass", "its programme is solved outside of JAX")
-    check_no_bodies(scene.structure, "least_mass")
-    check_number("least_tension", least_tension, least=0.0, unit="N")
-    if not 0 <= check_number("hollow", hollow, least=0.0) < 1:
-        raise InputError(f"hollow = {hollow:g}: expected a number from 0, below 1")
-    materials = _checked("struts", struts), _checked("cables", cables)
-    if not scene.loads or not any(np.any(case.force) for case in scene.loads):
-        raise InputError("the scene has no loads; expected load cases ([[loads]] in a scene file)")
-    if scene.structure.cables is not None and scene.structure.cables.clusters:
-        raise InputError("least_mass: knows no cables through several nodes; expected a cable for each segment")
+    _check(scene, least_tension, hollow)
+    materials = _complete("struts", struts), _complete("cables", cables)
     programme = _Programme(scene, materials, least_tension, hollow)
     rounds, last = 1, np.inf
     forces = programme.solve(None if not buckling else np.full(programme.forces_shape, programme.size))
@@ -135,7 +127,19 @@ def least_mass(
     return LeastMass(scene, materials, hollow, area, programme.mass(area), forces, rounds)
 
 
-def _checked(name: str, given: Material | str) -> Material:
+def _check(scene: Scene, least_tension: float, hollow: float) -> None:
+    refuse_traced(scene, "least_mass", "its programme is solved outside of JAX")
+    check_no_bodies(scene.structure, "least_mass")
+    check_number("least_tension", least_tension, least=0.0, unit="N")
+    if not check_number("hollow", hollow, least=0.0) < 1:
+        raise InputError(f"hollow = {hollow:g}: expected a number from 0, below 1")
+    if not any(np.any(case.force) for case in scene.loads):
+        raise InputError("the scene has no loads; expected load cases ([[loads]] in a scene file)")
+    if scene.structure.cables is not None and scene.structure.cables.clusters:
+        raise InputError("least_mass: knows no cables through several nodes; expected a cable for each segment")
+
+
+def _complete(name: str, given: Material | str) -> Material:
     material = material_of(given)
     for key, value in material._asdict().items():
         if value is None:
