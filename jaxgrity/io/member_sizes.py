@@ -56,6 +56,8 @@ def with_sizes_kept(members: Members, nodes: np.ndarray) -> Members:
 
     N = EA (l - L)/L = K (l - L') has L = l EA/(EA + N).
     """
+    if members.stiffness is None:
+        return members
     length = edge_lengths(nodes, members.edges)
     EA = np.asarray(members.stiffness) * length
     rest = length * EA / (EA + EA / length * (length - np.asarray(members.rest_length)))

@@ -66,10 +66,17 @@ def build_members(
 
 def _given_members(table: StrutsTable | CablesTable, edges: Edges, rest: np.ndarray, kind: str) -> Members:
     """Members of the stiffness and strength in their table."""
-    given = {"stiffness": _stiffness(table), "yield_force": table.yield_force}
-    given["bending_stiffness"] = table.bending_stiffness
-    numbers = {k: None if x is None else per_member(x, len(edges), f"{kind}.{k}") for k, x in given.items()}
-    return Members(edges, rest_length=rest, **numbers)
+
+    def each(name: str, value: float | list[float] | None) -> np.ndarray | None:
+        return None if value is None else per_member(value, len(edges), f"{kind}.{name}")
+
+    return Members(
+        edges,
+        each("stiffness", _stiffness(table)),
+        rest,
+        yield_force=each("yield_force", table.yield_force),
+        bending_stiffness=each("bending_stiffness", table.bending_stiffness),
+    )
 
 
 def cable_laws(table: CablesTable | None, cables: Members | None) -> tuple[Law, ...]:

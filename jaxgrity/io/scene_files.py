@@ -141,12 +141,11 @@ def _structure(file: SceneFile, ground: Ground | None) -> Structure:
             given = f"structure.prestress = {table.prestress:g} decides all rest lengths"
             raise InputError(f"{given}; expected neither {kind}.prestrain nor {kind}.rest_length")
     found = prestressed(found, table.prestress)
-    kept = {
-        kind: with_sizes_kept(getattr(found, kind), posed)
-        for kind, members in (("struts", file.struts), ("cables", file.cables))
-        if has_sizes(members) and not getattr(found, kind).rigid
-    }
-    return dataclasses.replace(found, **kept)
+    kept = [
+        with_sizes_kept(members, posed) if members is not None and has_sizes(table) else members
+        for members, table in ((found.struts, file.struts), (found.cables, file.cables))
+    ]
+    return dataclasses.replace(found, struts=kept[0], cables=kept[1])
 
 
 def _geometry(table: StructureTable) -> Geometry:

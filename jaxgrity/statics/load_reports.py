@@ -1,5 +1,7 @@
 """What loads do to a structure: displacements, forces, reactions, margins, and what fails first."""
 
+from collections.abc import Callable
+from functools import partial
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -189,7 +191,7 @@ def _path(scene: Scene, rest: np.ndarray, loads: np.ndarray) -> LoadPath:
 
 
 def _small_events(
-    structure: Structure, start: PathPoint, tension: np.ndarray, change: np.ndarray
+    structure: Structure, start: PathPoint, tension: PerMember, change: PerMember
 ) -> tuple[LoadEvent, ...]:
     """The first event of each kind if forces change in proportion to the loads."""
     upper, lower, buckles = strength_of(structure, start.q)
@@ -207,6 +209,10 @@ def _small_events(
     least = {what: start.factor + float(x.min()) for what, x in factors.items()}
     found = [LoadEvent(least[what], what, int(x.argmin())) for what, x in factors.items()]
     return tuple(sorted(event for event in found if np.isfinite(event.factor)))
+
+
+def _within(happened: Callable[[PathPoint], dict[str, np.ndarray]], what: str, point: PathPoint) -> bool:
+    return what in happened(point)
 
 
 def _follow(scene: Scene, path: LoadPath, most: float) -> tuple[list[PathPoint], tuple[LoadEvent, ...]]:
@@ -228,7 +234,8 @@ def _follow(scene: Scene, path: LoadPath, most: float) -> tuple[list[PathPoint],
     for point in path.points():
         points.append(point)
         for what in happened(point).keys() - events.keys():
-            at = path.between(points[-2], point, lambda x, what=what: what in happened(x)) if points[1:] else point
+            has = partial(_within, happened, what)
+            at = path.between(points[-2], point, has) if points[1:] else point
             events[what] = LoadEvent(at.factor, what, int(happened(at)[what][0]))
         if not point.stable:
             at = path.between(points[-2], point, lambda x: not x.stable)

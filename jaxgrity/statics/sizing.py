@@ -222,6 +222,7 @@ class _Programme:
             bounds=np.stack([lower, upper], axis=1),
         )
         if not found.success:
-            raise InputError(f"no forces balance the loads: {found.message.split('.')[0]}; expected members that can")
+            why = found.message.split(".")[0]
+            raise InputError(f"no forces balance the loads in the given shape: {why}; expected no loaded mechanism")
         both = found.x[: 2 * cases * count].reshape(cases, 2, count) * self.size
         return both[:, 0] - both[:, 1]
