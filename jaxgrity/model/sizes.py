@@ -65,6 +65,7 @@ def sized_members(
         InputError: an unknown material, no section or two, or a number that is not positive.
 
     Example:
+        >>> import numpy as np
         >>> tubes = jaxgrity.model.sized_members(((0, 1),), np.array([1.0]), "aluminium", diameter=0.02, wall=0.001)
         >>> f"{tubes.stiffness[0]:.4g} N/m, {tubes.mass[0]:.3g} kg"
         '4.178e+06 N/m, 0.161 kg'

@@ -125,6 +125,7 @@ def load_report(scene: Scene, case: LoadCase | str, most: float = 10.0) -> LoadR
         InputError: an unknown case, a structure that does not resist every motion, or no equilibrium under the loads.
 
     Example:
+        >>> import numpy as np
         >>> structure = jaxgrity.Structure([[0, 0, 0], [0, 0, 1.0]], [0, 0], fixed=((0, "xyz"), (1, "xy")),
         ...     struts=jaxgrity.model.sized_members(((0, 1),), np.ones(1), "steel", diameter=0.01))
         >>> down = jaxgrity.model.LoadCase("down", (1,), [[0, 0, -500.0]])
