@@ -443,7 +443,7 @@ def test_learning_goes_on_where_it_was_interrupted(jaxgrity, tmp_path):
     assert json.loads((tmp_path / "summary.json").read_text()) == first
     other = jaxgrity("train", "speed", "--resume", "--out", tmp_path / "nothing")
     assert other.code == 2
-    assert "curve.json: cannot be read" in other.errors
+    assert "nothing: nothing to resume" in other.errors
 
 
 @pytest.mark.parametrize("name", SUBCOMMANDS)
