@@ -4,9 +4,9 @@ from typing import Any, get_args
 
 from jaxgrity.cli.settings import CatalogueSettings
 from jaxgrity.io.files import save_json
-from jaxgrity.io.scene_tables import CatalogueTable
+from jaxgrity.io.structure_tables import CatalogueTable, RobotTable
 from jaxgrity.report import plot
-from jaxgrity.structures.geometry import Geometry
+from jaxgrity.structures.geometry import Robot
 
 SHARED = ("mass", "node_mass", "fixed", "pose", "aligned", "height", "prestress")
 """Keys of `[structure]` that every kind has, and which say nothing about its geometry."""
@@ -15,9 +15,9 @@ SHARED = ("mass", "node_mass", "fixed", "pose", "aligned", "height", "prestress"
 def main(settings: CatalogueSettings) -> None:
     """Print the kinds, and write them as JSON with pictures."""
     entries, structures = [], {}
-    for table in get_args(CatalogueTable):
+    for table in get_args(CatalogueTable | RobotTable):
         kind, example = table.__struct_config__.tag, table()
-        geometry = Geometry(*example.geometry())
+        geometry = Robot(*example.geometry())
         keys = {key: getattr(example, key) for key in table.__struct_fields__ if key not in SHARED}
         entries.append(entry(kind, keys, geometry))
         structures[kind] = geometry
@@ -30,7 +30,7 @@ def main(settings: CatalogueSettings) -> None:
     print(f"wrote {settings.out}/")
 
 
-def entry(kind: str, keys: dict[str, Any], geometry: Geometry) -> dict[str, Any]:
+def entry(kind: str, keys: dict[str, Any], geometry: Robot) -> dict[str, Any]:
     """The entry of one kind: its keys with their defaults, and its size with them."""
     return {
         "kind": kind,
@@ -38,14 +38,16 @@ def entry(kind: str, keys: dict[str, Any], geometry: Geometry) -> dict[str, Any]
         "nodes": len(geometry.nodes),
         "struts": len(geometry.struts),
         "cables": len(geometry.cables),
+        "bodies": len(geometry.bodies),
     }
 
 
 def listed(entries: list[dict[str, Any]]) -> list[str]:
     """The list: a line for each kind."""
-    rows = [["kind", "nodes", "struts", "cables", "keys of [structure], with their defaults"]]
+    counts = ("nodes", "struts", "cables", "bodies")
+    rows = [["kind", *counts, "keys of [structure], with their defaults"]]
     for found in entries:
         keys = ", ".join(f"{key} = {'-' if value is None else value}" for key, value in found["keys"].items())
-        rows.append([*(str(found[name]) for name in ("kind", "nodes", "struts", "cables")), keys])
+        rows.append([*(str(found[name]) for name in ("kind", *counts)), keys])
     widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
     return ["  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths)).rstrip() for row in rows]

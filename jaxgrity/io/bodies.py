@@ -6,10 +6,9 @@ import numpy as np
 from msgspec import Meta
 
 from jaxgrity.core.errors import InputError
-from jaxgrity.core.types import Supports
+from jaxgrity.core.types import NodeVectors, Supports
 from jaxgrity.io.table_types import Number, Positive, Table
 from jaxgrity.model.bodies import Bodies, Body, body_moments, rigid_body
-from jaxgrity.model.structure import Structure
 
 PRODUCTS = ((0, 1), (0, 2), (1, 2))
 """The rows and columns of the fourth number of an inertia and of those after it."""
@@ -52,9 +51,9 @@ def _body(number: int, tables: list[BodyTable], nodes: np.ndarray, fixed: set[in
         raise InputError(f"bodies[{number}]: {str(error).removeprefix('rigid_body: ')}") from error
 
 
-def bodies_tables(structure: Structure) -> list[BodyTable]:
-    """The bodies' tables of a scene file, at the structure's own nodes: the same bodies, to rounding."""
-    return [_table(body, np.asarray(structure.nodes, float)) for body in structure.bodies]
+def bodies_tables(bodies: Bodies, nodes: NodeVectors) -> list[BodyTable]:
+    """The bodies' tables of a scene file with these nodes: the same bodies, to rounding."""
+    return [_table(body, np.asarray(nodes, float)) for body in bodies]
 
 
 def _table(body: Body, nodes: np.ndarray) -> BodyTable:

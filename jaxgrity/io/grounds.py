@@ -12,8 +12,10 @@ from jaxgrity.model.surface import Slope, Surface
 from jaxgrity.model.unions import Union
 
 
-def build_ground(table: GroundTable | None, folder: Path) -> Ground | None:
+def build_ground(table: GroundTable | None, folder: Path, balls: Balls | None = None) -> Ground | None:
     """The ground of a [ground] table; names of pictures are relative to the `folder`.
+
+    Without a key of its own, the robot's `balls` touch it.
 
     Raises `InputError` for keys that contradict each other.
     """
@@ -22,7 +24,7 @@ def build_ground(table: GroundTable | None, folder: Path) -> Ground | None:
     incline, surface = table.incline, _surface(table, folder)
     if surface is not None and table.surface is None:
         incline = 0.0  # the plane is one of the surfaces then
-    where: dict[str, Any] = {"surface": surface, "balls": _balls(table)}
+    where: dict[str, Any] = {"surface": surface, "balls": _balls(table) or balls}
     if table.contact == "complementarity":
         if table.stiffness is not None or table.dissipation is not None:
             raise InputError(

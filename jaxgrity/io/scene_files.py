@@ -11,20 +11,19 @@ import numpy as np
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
-from jaxgrity.io.bodies import build_bodies
+from jaxgrity.io.bodies import bodies_tables, build_bodies
 from jaxgrity.io.files import found_file, read_text, shipped
 from jaxgrity.io.grounds import build_ground
 from jaxgrity.io.member_sizes import has_sizes, with_sizes_kept
 from jaxgrity.io.members import build_members, cable_laws, member_numbers
 from jaxgrity.io.scene_tables import (
-    CustomTable,
     FrictionTable,
     GaitTable,
     RandomMembers,
     RandomPhases,
     SceneFile,
-    StructureTable,
 )
+from jaxgrity.io.structure_tables import CustomTable, StructureTable
 from jaxgrity.io.validation import explain, not_finite, shown
 from jaxgrity.model.actuation import Gait, Overtone, random_members, random_phases
 from jaxgrity.model.external import Push, wind
@@ -37,7 +36,7 @@ from jaxgrity.model.shaking import Shaking
 from jaxgrity.model.structure import Structure, per_member
 from jaxgrity.statics.prestressing import prestressed
 from jaxgrity.structures.catalogue import rest_on_face
-from jaxgrity.structures.geometry import Geometry
+from jaxgrity.structures.geometry import Robot
 
 DEEPEST = 50
 """Most parts of a key: far more than the keys of any scene file have."""
@@ -104,8 +103,9 @@ def build_scene(file: SceneFile, folder: Path = Path()) -> Scene:
 
     Raises `InputError` for parts that contradict each other.
     """
-    ground = build_ground(file.ground, folder)
-    structure = _structure(file, ground)
+    robot = _geometry(file.structure)
+    ground = build_ground(file.ground, folder, robot.balls)
+    structure = _structure(file, robot, ground)
     damping = per_member(file.damping.node, len(structure.nodes), "damping.node") if file.damping else None
     return Scene(
         structure=structure,
@@ -120,20 +120,21 @@ def build_scene(file: SceneFile, folder: Path = Path()) -> Scene:
     )
 
 
-def _structure(file: SceneFile, ground: Ground | None) -> Structure:
-    table = file.structure
-    nodes, struts, cables = _geometry(table)
+def _structure(file: SceneFile, robot: Robot, ground: Ground | None) -> Structure:
+    table, nodes, own = file.structure, robot.nodes, bodies_tables(robot.bodies, robot.nodes)
+    # the basic points follow from joints and supports, as those of the file's own bodies
+    bodies = [*(msgspec.structs.replace(body, basic=[]) for body in own), *file.bodies]
     parts = {
-        "struts": build_members(file.struts, struts, nodes, "struts"),
-        "cables": build_members(file.cables, cables, nodes, "cables"),
+        "struts": build_members(file.struts, robot.struts, nodes, "struts"),
+        "cables": build_members(file.cables, robot.cables, nodes, "cables"),
     }
-    massive = bool(file.bodies) or any(m is not None and m.mass is not None for m in parts.values())
+    massive = bool(bodies) or any(m is not None and m.mass is not None for m in parts.values())
     mass = _node_mass(table, len(nodes), massive)
     fixed = tuple((each, "xyz") if isinstance(each, int) else (each.node, each.axes) for each in table.fixed)
     # on ground with obstacles the plane is one of its parts, and the ground's own incline is 0
-    posed = _posed(nodes, table, ground, file.ground.incline if file.ground else 0.0)
-    bodies = build_bodies(file.bodies, nodes, fixed)
-    found = Structure(posed, mass, parts["struts"], parts["cables"], fixed=fixed, bodies=bodies)
+    posed = _posed(robot, table, ground, file.ground.incline if file.ground else 0.0)
+    made = build_bodies(bodies, nodes, fixed)
+    found = Structure(posed, mass, parts["struts"], parts["cables"], fixed=fixed, bodies=made)
     if table.prestress is None:
         return found
     for kind, members in (("struts", file.struts), ("cables", file.cables)):
@@ -148,11 +149,11 @@ def _structure(file: SceneFile, ground: Ground | None) -> Structure:
     return dataclasses.replace(found, struts=kept[0], cables=kept[1])
 
 
-def _geometry(table: StructureTable) -> Geometry:
+def _geometry(table: StructureTable) -> Robot:
     if isinstance(table, CustomTable):
-        return Geometry(*table.geometry())
+        return Robot(*table.geometry())
     try:
-        return Geometry(*table.geometry())
+        return Robot(*table.geometry())
     except InputError as error:
         raise InputError(f"structure.{error}") from error  # it begins with the key
 
@@ -169,16 +170,18 @@ def _node_mass(table: StructureTable, count: int, massive: bool) -> np.ndarray:
     return np.full(count, table.mass / count) if table.mass is not None else np.array(table.node_mass, float)
 
 
-def _posed(nodes: np.ndarray, table: StructureTable, ground: Ground | None, incline: float) -> np.ndarray:
-    if table.pose == "face":
-        nodes = rest_on_face(nodes)
+def _posed(robot: Robot, table: StructureTable, ground: Ground | None, incline: float) -> np.ndarray:
+    nodes = rest_on_face(robot.nodes) if table.pose == "face" else robot.nodes
     if table.aligned and ground is not None:
         cosine, sine = math.cos(incline), math.sin(incline)
         nodes = nodes @ np.array([[cosine, 0, -sine], [0, 1, 0], [sine, 0, cosine]])
     if table.height is None:
         return nodes
     above = nodes[:, 2] if ground is None else nodes[:, 2] - ground.height(nodes[:, 0], nodes[:, 1])
-    return nodes + np.array([0.0, 0.0, table.height - above.min()])
+    lowest = (
+        above.min() if robot.balls is None else robot.balls.gaps(above * math.cos(incline)).min() / math.cos(incline)
+    )
+    return nodes + np.array([0.0, 0.0, table.height - lowest])
 
 
 def _forces_from_outside(file: SceneFile, nodes: int) -> tuple[Law, ...]:

@@ -30,9 +30,7 @@ from jaxgrity.io.members import members_table, one_or_all
 from jaxgrity.io.scene_tables import (
     BallsKeys,
     CablesTable,
-    CustomTable,
     DampingTable,
-    FixedAxes,
     FrictionTable,
     GaitTable,
     GravityTable,
@@ -45,6 +43,7 @@ from jaxgrity.io.scene_tables import (
     StrutsTable,
     WindTable,
 )
+from jaxgrity.io.structure_tables import CustomTable, FixedAxes
 from jaxgrity.io.validation import not_finite
 from jaxgrity.model.actuation import Gait
 from jaxgrity.model.external import Push, Wind
@@ -117,7 +116,7 @@ def scene_file(scene: Scene) -> SceneFile:
         wind=wind,
         pushes=pushes,
         shaking=_shaking(scene.shaking),
-        bodies=bodies_tables(structure),
+        bodies=bodies_tables(structure.bodies, structure.nodes),
         gait=_gait(scene.gait),
         loads=[
             LoadTable(case.name, [node], tuple(row))

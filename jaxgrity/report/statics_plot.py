@@ -1,5 +1,7 @@
 """Pictures of structures at rest: the catalogue, and the forces in members."""
 
+from itertools import combinations
+
 import numpy as np
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import TwoSlopeNorm
@@ -11,15 +13,15 @@ from mpl_toolkits.mplot3d.art3d import Line3DCollection
 from jaxgrity.report.style import CABLE, STRUT, styled
 from jaxgrity.statics.inspection import StructureReport
 from jaxgrity.statics.stiffness import all_edges
-from jaxgrity.structures.geometry import Geometry
+from jaxgrity.structures.geometry import Robot
 
 COLOURS = "coolwarm_r"
 """Name of Matplotlib's colour map that shows compression red and tension blue."""
 
 
 @styled
-def geometry_figure(structures: dict[str, Geometry]) -> Figure:
-    """Struts (red, thick) and cables (dark, thin) of one structure, or of many beside each other, by their names."""
+def geometry_figure(structures: dict[str, Robot]) -> Figure:
+    """Struts and bodies (red) and cables (dark) of one structure, or of many beside each other, by their names."""
     columns = min(len(structures), 5)
     rows = -(-len(structures) // columns)
     apart = ConstrainedLayoutEngine(h_pad=0.1)  # inches
@@ -27,11 +29,14 @@ def geometry_figure(structures: dict[str, Geometry]) -> Figure:
     for number, (name, geometry) in enumerate(structures.items(), start=1):
         axes = figure.add_subplot(rows, columns, number, projection="3d")
         q = np.asarray(geometry.nodes)
-        for edges, colour, width in ((geometry.struts, STRUT, 2.5), (geometry.cables, CABLE, 0.9)):
+        lines = tuple(pair for body in geometry.bodies for pair in combinations(body.points, 2))
+        kinds = ((geometry.struts, STRUT, 2.5), (lines, STRUT, 0.8), (geometry.cables, CABLE, 0.9))
+        for edges, colour, width in (kind for kind in kinds if kind[0]):
             axes.add_collection3d(Line3DCollection(q[np.asarray(edges)], colors=colour, linewidths=width))
         _fit(axes, q)
         axes.set_axis_off()
-        counts = f"{len(q)} nodes,\n{len(geometry.struts)} struts, {len(geometry.cables)} cables"
+        rigid = f"{len(geometry.bodies)} bodies" if geometry.bodies else f"{len(geometry.struts)} struts"
+        counts = f"{len(q)} nodes,\n{rigid}, {len(geometry.cables)} cables"
         axes.set_title(f"{name}\n{counts}", fontsize=11)
     return figure
 

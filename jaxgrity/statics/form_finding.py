@@ -14,6 +14,7 @@ from jaxtyping import Float
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, Edges, NodeVectors, PerMember
+from jaxgrity.model.bodies import Bodies, body_pairs, carrying, independent_nodes
 from jaxgrity.model.structure import edge_lengths
 from jaxgrity.statics.stiffness import Fixed, free_coordinates, incidence, rigid_motions
 
@@ -83,18 +84,28 @@ def group_average(self_stress: Columns, permutations: tuple[tuple[int, ...], ...
 
 
 def prestress(
-    nodes: NodeVectors, struts: Edges, cables: Edges, tension: float, fixed: Fixed | None = None
+    nodes: NodeVectors,
+    struts: Edges,
+    cables: Edges,
+    tension: float,
+    fixed: Fixed | None = None,
+    bodies: Bodies = (),
 ) -> PerMember:
     """Force densities, N/m, of the self-stress with the most evenly tight cables, the tightest with `tension`, N.
 
     The smallest tension in a cable is maximised for a given largest one: a linear program (HiGHS), also for thousands
-    of members. Raises `InputError` where no self-stress has every cable in tension.
+    of members. Rigid `bodies` carry any forces that balance on them. Raises `InputError` where no self-stress has every
+    cable in tension.
     """
-    edges = (*struts, *cables)
-    free = free_coordinates(len(nodes), fixed)
+    held = body_pairs(bodies)[0] if bodies else ()
+    edges = (*held, *struts, *cables)
     length = edge_lengths(nodes, edges)
-    A = equilibrium_matrix(nodes, edges)[free] @ scipy.sparse.diags_array(1 / length)
-    first, count = len(struts), len(edges)
+    A = equilibrium_matrix(nodes, edges) @ scipy.sparse.diags_array(1 / length)
+    if bodies:
+        A = scipy.sparse.kron(carrying(bodies, len(nodes)).T, np.eye(3), format="csc") @ A
+        fixed = None if fixed is None else fixed[list(independent_nodes(bodies, len(nodes)))]
+    A = A[free_coordinates(A.shape[0] // 3, fixed)]
+    first, count = len(edges) - len(cables), len(edges)
     # unknowns: members' forces, and the smallest of the cables', which is what is to be large
     none = scipy.sparse.csc_array((A.shape[0], 1))
     pull = scipy.sparse.eye_array(count, format="csc")[first:]
@@ -107,12 +118,12 @@ def prestress(
         A_ub=slack,
         b_ub=np.zeros(count - first),
         A_eq=scipy.sparse.hstack([A, none]),
-        b_eq=np.zeros(len(free)),
+        b_eq=np.zeros(A.shape[0]),
         bounds=bounds,
     )
     if not found.success or not cables or found.x[-1] <= RANK:
         raise InputError("no self-stress has every cable in tension: expected a structure that can be prestressed")
-    return tension * found.x[:-1] / found.x[first:-1].max() / length
+    return (tension * found.x[:-1] / found.x[first:-1].max() / length)[len(held) :]
 
 
 def rest_lengths(nodes: NodeVectors, edges: Edges, stiffness: PerMember, force_density: PerMember) -> PerMember:

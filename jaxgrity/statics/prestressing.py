@@ -49,7 +49,7 @@ def prestressed(structure: Structure, tension: float, force_density: PerMember |
     struts, cables = (m.edges if m is not None else () for m in (structure.struts, structure.cables))
     nodes, edges = np.asarray(structure.nodes, float), all_edges(structure)
     if force_density is None:
-        q = np.asarray(prestress(nodes, struts, cables, tension, structure.supported))
+        q = np.asarray(prestress(nodes, struts, cables, tension, structure.supported, structure.bodies))
     else:
         q = np.asarray(force_density, float)
         forces = q * edge_lengths(nodes, edges)

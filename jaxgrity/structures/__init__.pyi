@@ -1,17 +1,19 @@
 from .balls import ball
 from .catalogue import icosahedron, rest_on_face
 from .example_scenes import prism_tower
-from .geometry import Geometry
+from .geometry import Geometry, Robot
 from .prisms import prism, three_strut_robot, tower
 from .random_structures import random_tensegrity
-from .spines import planar_spine, tetrahedral_spine
+from .spines import hinged_spine, planar_spine, tetrahedral_spine
 from .trusses import d_bar, grid, t_bar
 
 __all__ = [
     "Geometry",
+    "Robot",
     "ball",
     "d_bar",
     "grid",
+    "hinged_spine",
     "icosahedron",
     "planar_spine",
     "prism",

@@ -1,4 +1,4 @@
-"""The geometry of the catalogue's structures: nodes, and the pairs joined by struts and cables."""
+"""The geometry of the catalogue's structures: nodes, pairs joined by struts and cables, and rigid bodies."""
 
 from typing import NamedTuple
 
@@ -7,6 +7,8 @@ from jaxtyping import Float
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import Edges
+from jaxgrity.model.balls import Balls
+from jaxgrity.model.bodies import Bodies
 
 
 class Geometry(NamedTuple):
@@ -16,6 +18,18 @@ class Geometry(NamedTuple):
     """m"""
     struts: Edges
     cables: Edges
+
+
+class Robot(NamedTuple):
+    """A structure with rigid bodies, without springs."""
+
+    nodes: Float[np.ndarray, "nodes 3"]
+    """m"""
+    struts: Edges
+    cables: Edges
+    bodies: Bodies = ()
+    balls: Balls | None = None
+    """the nodes that touch the ground; None: all do"""
 
 
 def ring(count: int, radius: float, turn: float, height: float) -> np.ndarray:

@@ -3,7 +3,8 @@
 import numpy as np
 
 from jaxgrity.core.types import Edges
-from jaxgrity.structures.geometry import Geometry, at_least
+from jaxgrity.model.bodies import rigid_body
+from jaxgrity.structures.geometry import Geometry, Robot, at_least
 
 TETRAHEDRON = ((0, 1), (2, 3), (0, 2), (0, 3), (1, 2), (1, 3))
 
@@ -40,6 +41,34 @@ def planar_spine(vertebrae: int = 3, length: float = 0.3, height: float = 0.3, s
     struts = _chain(((0, 1), (0, 2), (1, 2)), 3, range(vertebrae))
     cables = ((0, 3), (1, 4), (2, 3), (2, 4))
     return Geometry(nodes, struts, _chain(cables, 3, range(vertebrae - 1)))
+
+
+def hinged_spine(vertebrae: int = 3, height: float = 0.1, mass: float = 0.1) -> Robot:
+    """A column of rigid vertebrae with a hinge and two cables between neighbours. It stands on its lowest four nodes.
+
+    Hinges turn about x and about y in turn, like the joints of a snake robot (Hirose 1993, "Biologically inspired
+    robots"). Their two ends are nodes of both vertebrae. A cable on either side of each hinge holds it, as muscles hold
+    the joints of a backbone (Levin 2002, "The tensegrity-truss as a model for spine mechanics", J. Mech. Med. Biol. 2).
+    Vertebrae are `height` m apart, and have `mass` kg and the inertia of a solid cylinder as wide as it is high. Nodes
+    6k and 6k + 1 are the lower hinge of vertebra k, 6k + 2 and 6k + 3 the lower ends of the cables beside it, 6k + 4
+    and 6k + 5 the lower ends of cables to the next vertebra. Raises `InputError` for fewer than two vertebrae.
+    """
+    at_least("vertebrae", vertebrae, 2)
+    inertia = mass * height**2 * np.array([7, 7, 6]) / 48
+    x, y, z = np.eye(3) * height
+    ends, rows, middles = np.array([[-1.0], [1.0]]), [], []
+    for k in range(vertebrae + 1):
+        hinge, arm = (x, y) if k % 2 == 0 else (y, x)
+        rows += [k * z + ends * hinge / 4]
+        if k < vertebrae:
+            rows += [k * z + ends * arm / 2, (k + 2 / 3) * z + ends * hinge / 2]
+            middles += [(k + 1 / 2) * z]
+    nodes = np.concatenate(rows)
+    bodies = tuple(
+        rigid_body(nodes, range(6 * k, 6 * k + 8), mass, inertia, middle, (6 * k, 6 * k + 1, 6 * k + 6, 6 * k + 7))
+        for k, middle in enumerate(middles)
+    )
+    return Robot(nodes, (), _chain(((4, 8), (5, 9)), 6, range(vertebrae - 1)), bodies)
 
 
 def _chain(edges: Edges, step: int, links: range) -> Edges:

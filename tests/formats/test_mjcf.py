@@ -20,7 +20,7 @@ from conformance_dynamics import (
 
 from jaxgrity import ExactGround, InputError, SolverOptions, load_gait, load_scene, parse_scene, simulate, with_gait
 from jaxgrity.formats import mjcf_controls, mujoco_model, read_mjcf, save_mjcf
-from jaxgrity.io.scene_tables import CatalogueTable
+from jaxgrity.io.structure_tables import CatalogueTable
 from jaxgrity.model import Balls, energy_of_motion, penalty_twin
 from jaxgrity.statics import settled
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from jaxgrity import InputError, load_scene, parse_scene, scene_names, scene_text
-from jaxgrity.io.scene_tables import CatalogueTable
+from jaxgrity.io.structure_tables import CatalogueTable
 from jaxgrity.model.actuation import contraction, rest_length
 from jaxgrity.model.friction import ConeFriction, SmoothFriction, SwitchFriction
 from jaxgrity.model.structure import edge_lengths

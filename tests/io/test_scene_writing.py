@@ -31,8 +31,8 @@ from jaxgrity import (
     with_gait,
     with_terms,
 )
-from jaxgrity.io.scene_tables import CatalogueTable
 from jaxgrity.io.scene_writing import scene_toml
+from jaxgrity.io.structure_tables import CatalogueTable
 
 BODY = """
 [structure]

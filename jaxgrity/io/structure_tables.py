@@ -1,0 +1,176 @@
+"""The keys of structures in scene files: a table for each kind of the catalogue, and one for custom structures."""
+
+from typing import Annotated, Literal
+
+import numpy as np
+from msgspec import Meta
+
+from jaxgrity.core.types import Edges
+from jaxgrity.io.table_types import NotNegative, Number, Pair, Positive, Share, Table
+from jaxgrity.model.structure import check_edges
+from jaxgrity.structures.balls import ball
+from jaxgrity.structures.catalogue import icosahedron
+from jaxgrity.structures.geometry import Geometry, Robot
+from jaxgrity.structures.prisms import prism, three_strut_robot, tower
+from jaxgrity.structures.spines import hinged_spine, planar_spine, tetrahedral_spine
+from jaxgrity.structures.trusses import d_bar, grid, t_bar
+
+Count = Annotated[int, Meta(ge=1, le=10_000)]
+
+
+class FixedAxes(Table):
+    """A node that does not move along some axes: any of "x", "y" and "z", such as "xz"."""
+
+    node: Number
+    axes: str
+
+
+class _Shape(Table, kw_only=True):
+    """The common keys of structures, without custom ones, which need not be moved."""
+
+    mass: Positive | None = None
+    node_mass: list[NotNegative] | None = None
+    fixed: list[Number | FixedAxes] = []
+    pose: Literal["face", "strut"] = "strut"
+    aligned: bool = False
+    height: float = 0.0
+    prestress: Positive | None = None
+
+
+class IcosahedronTable(_Shape, tag="icosahedron", tag_field="kind"):
+    strut_length: Positive = 1.0
+
+    def geometry(self) -> tuple[np.ndarray, Edges, Edges]:
+        """Nodes (nodes, 3), m, struts and cables."""
+        return icosahedron(self.strut_length)
+
+
+class PrismTable(_Shape, tag="prism", tag_field="kind"):
+    struts: Count = 3
+    radius: Positive = 0.3
+    prism_height: Positive = 0.6
+    upper_radius: Positive | None = None
+
+    def geometry(self) -> Geometry:
+        return prism(self.struts, self.radius, self.prism_height, self.upper_radius)
+
+
+class ThreeStrutTable(_Shape, tag="three_strut_robot", tag_field="kind"):
+    strut_length: Positive = 1.0
+
+    def geometry(self) -> Geometry:
+        return three_strut_robot(self.strut_length)
+
+
+class TowerTable(_Shape, tag="tower", tag_field="kind"):
+    struts: Count = 3
+    stages: Count = 2
+    overlap: Share = 0.3
+    radius: Positive = 0.3
+    stage_height: Positive = 0.6
+
+    def geometry(self) -> Geometry:
+        return tower(self.struts, self.stages, self.overlap, self.radius, self.stage_height)
+
+
+class BallTable(_Shape, tag="ball", tag_field="kind"):
+    struts: Count = 30
+    strut_length: Positive = 1.0
+
+    def geometry(self) -> Geometry:
+        return ball(self.struts, self.strut_length)
+
+
+class TetrahedralSpineTable(_Shape, tag="tetrahedral_spine", tag_field="kind"):
+    vertebrae: Count = 3
+    width: Positive = 0.3
+    vertebra_height: Positive = 0.3
+    spacing: Positive = 0.2
+
+    def geometry(self) -> Geometry:
+        return tetrahedral_spine(self.vertebrae, self.width, self.vertebra_height, self.spacing)
+
+
+class PlanarSpineTable(_Shape, tag="planar_spine", tag_field="kind"):
+    vertebrae: Count = 3
+    length: Positive = 0.3
+    vertebra_height: Positive = 0.3
+    spacing: Positive = 0.2
+
+    def geometry(self) -> Geometry:
+        return planar_spine(self.vertebrae, self.length, self.vertebra_height, self.spacing)
+
+
+class DBarTable(_Shape, tag="d_bar", tag_field="kind"):
+    sides: Count = 3
+    length: Positive = 1.0
+    radius: Positive = 0.15
+
+    def geometry(self) -> Geometry:
+        return d_bar(self.sides, self.length, self.radius)
+
+
+class TBarTable(_Shape, tag="t_bar", tag_field="kind"):
+    sides: Count = 3
+    length: Positive = 1.0
+    radius: Positive = 0.15
+
+    def geometry(self) -> Geometry:
+        return t_bar(self.sides, self.length, self.radius)
+
+
+class GridTable(_Shape, tag="grid", tag_field="kind"):
+    rows: Count = 2
+    columns: Count = 2
+    side: Positive = 1.0
+    thickness: Positive = 0.6
+
+    def geometry(self) -> Geometry:
+        return grid(self.rows, self.columns, self.side, self.thickness)
+
+
+class HingedSpineTable(_Shape, tag="hinged_spine", tag_field="kind"):
+    vertebrae: Count = 3
+    vertebra_height: Positive = 0.1
+    vertebra_mass: Positive = 0.1
+
+    def geometry(self) -> Robot:
+        return hinged_spine(self.vertebrae, self.vertebra_height, self.vertebra_mass)
+
+
+class CustomTable(Table, tag="custom", tag_field="kind"):
+    nodes: Annotated[list[tuple[float, float, float]], Meta(min_length=1)]
+    struts: list[Pair] = []
+    cables: list[Pair] = []
+    mass: Positive | None = None
+    node_mass: list[NotNegative] | None = None
+    fixed: list[Number | FixedAxes] = []
+    pose: Literal["face", "strut"] = "strut"
+    aligned: bool = False
+    height: float | None = None
+    prestress: Positive | None = None
+
+    def geometry(self) -> tuple[np.ndarray, Edges, Edges]:
+        """Nodes (nodes, 3), m, struts and cables."""
+        nodes, struts, cables = np.array(self.nodes, float), tuple(self.struts), tuple(self.cables)
+        check_edges(nodes, struts, cables)
+        return nodes, struts, cables
+
+
+CatalogueTable = (
+    IcosahedronTable
+    | PrismTable
+    | ThreeStrutTable
+    | TowerTable
+    | BallTable
+    | TetrahedralSpineTable
+    | PlanarSpineTable
+    | DBarTable
+    | TBarTable
+    | GridTable
+)
+"""Tables of the kinds of structures that are made by formula, of struts and cables."""
+RobotTable = HingedSpineTable
+"""Tables of the kinds that have rigid bodies."""
+StructureTable = CatalogueTable | RobotTable | CustomTable
+"""Tables of all kinds of structures, which differ in their key `kind`."""
