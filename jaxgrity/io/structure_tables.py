@@ -12,6 +12,7 @@ from jaxgrity.structures.balls import ball
 from jaxgrity.structures.catalogue import icosahedron
 from jaxgrity.structures.geometry import Geometry, Robot
 from jaxgrity.structures.prisms import prism, three_strut_robot, tower
+from jaxgrity.structures.robots import capped_robot, quadruped, superball
 from jaxgrity.structures.spines import hinged_spine, planar_spine, tetrahedral_spine
 from jaxgrity.structures.trusses import d_bar, grid, t_bar
 
@@ -138,6 +139,35 @@ class HingedSpineTable(_Shape, tag="hinged_spine", tag_field="kind"):
         return hinged_spine(self.vertebrae, self.vertebra_height, self.vertebra_mass)
 
 
+class CappedTable(_Shape, tag="capped_robot", tag_field="kind"):
+    strut_length: Positive = 1.0
+    rod_mass: Positive = 0.4
+    cap_mass: Positive = 0.1
+    payload_mass: Positive = 1.0
+
+    def geometry(self) -> Robot:
+        return capped_robot(self.strut_length, self.rod_mass, self.cap_mass, self.payload_mass)
+
+
+class SuperballTable(_Shape, tag="superball", tag_field="kind"):
+    strut_length: Positive = 1.7
+    rod_mass: Positive = 1.0
+    cap_mass: Positive = 1.25
+
+    def geometry(self) -> Robot:
+        return superball(self.strut_length, self.rod_mass, self.cap_mass)
+
+
+class QuadrupedTable(_Shape, tag="quadruped", tag_field="kind"):
+    vertebrae: Count = 3
+    width: Positive = 0.2
+    vertebra_mass: Positive = 0.2
+    leg_mass: Positive = 0.1
+
+    def geometry(self) -> Robot:
+        return quadruped(self.vertebrae, self.width, self.vertebra_mass, self.leg_mass)
+
+
 class CustomTable(Table, tag="custom", tag_field="kind"):
     nodes: Annotated[list[tuple[float, float, float]], Meta(min_length=1)]
     struts: list[Pair] = []
@@ -170,7 +200,7 @@ CatalogueTable = (
     | GridTable
 )
 """Tables of the kinds of structures that are made by formula, of struts and cables."""
-RobotTable = HingedSpineTable
+RobotTable = HingedSpineTable | QuadrupedTable | CappedTable | SuperballTable
 """Tables of the kinds that have rigid bodies."""
 StructureTable = CatalogueTable | RobotTable | CustomTable
 """Tables of all kinds of structures, which differ in their key `kind`."""

@@ -4,6 +4,7 @@ from .example_scenes import prism_tower
 from .geometry import Geometry, Robot
 from .prisms import prism, three_strut_robot, tower
 from .random_structures import random_tensegrity
+from .robots import capped_robot, quadruped, superball
 from .spines import hinged_spine, planar_spine, tetrahedral_spine
 from .trusses import d_bar, grid, t_bar
 
@@ -11,6 +12,7 @@ __all__ = [
     "Geometry",
     "Robot",
     "ball",
+    "capped_robot",
     "d_bar",
     "grid",
     "hinged_spine",
@@ -18,8 +20,10 @@ __all__ = [
     "planar_spine",
     "prism",
     "prism_tower",
+    "quadruped",
     "random_tensegrity",
     "rest_on_face",
+    "superball",
     "t_bar",
     "tetrahedral_spine",
     "three_strut_robot",

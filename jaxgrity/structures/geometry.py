@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from jaxgrity.core.arguments import check_number
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import Edges
 from jaxgrity.model.balls import Balls
@@ -53,3 +54,9 @@ def at_least(name: str, value: int, least: int) -> None:
     """Raises `InputError` for a number of a structure below its limit."""
     if not value >= least:
         raise InputError(f"{name} = {value}: expected at least {least}")
+
+
+def check_positive(**values: float) -> None:
+    """Raises `InputError` for a length, m, or a mass, kg, that is not positive."""
+    for name, value in values.items():
+        check_number(name, value, above=0.0, unit="kg" if name.endswith("mass") else "m")

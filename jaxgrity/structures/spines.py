@@ -4,7 +4,7 @@ import numpy as np
 
 from jaxgrity.core.types import Edges
 from jaxgrity.model.bodies import rigid_body
-from jaxgrity.structures.geometry import Geometry, Robot, at_least
+from jaxgrity.structures.geometry import Geometry, Robot, at_least, check_positive
 
 TETRAHEDRON = ((0, 1), (2, 3), (0, 2), (0, 3), (1, 2), (1, 3))
 
@@ -51,9 +51,11 @@ def hinged_spine(vertebrae: int = 3, height: float = 0.1, mass: float = 0.1) -> 
     the joints of a backbone (Levin 2002, "The tensegrity-truss as a model for spine mechanics", J. Mech. Med. Biol. 2).
     Vertebrae are `height` m apart, and have `mass` kg and the inertia of a solid cylinder as wide as it is high. Nodes
     6k and 6k + 1 are the lower hinge of vertebra k, 6k + 2 and 6k + 3 the lower ends of the cables beside it, 6k + 4
-    and 6k + 5 the lower ends of cables to the next vertebra. Raises `InputError` for fewer than two vertebrae.
+    and 6k + 5 the lower ends of cables to the next vertebra. Raises `InputError` for fewer than two vertebrae, and
+    for a height or a mass that is not positive.
     """
     at_least("vertebrae", vertebrae, 2)
+    check_positive(height=height, mass=mass)
     inertia = mass * height**2 * np.array([7, 7, 6]) / 48
     x, y, z = np.eye(3) * height
     ends, rows, middles = np.array([[-1.0], [1.0]]), [], []
