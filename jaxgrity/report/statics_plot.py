@@ -1,14 +1,13 @@
 """Pictures of structures at rest: the catalogue, and the forces in members."""
 
-from itertools import combinations
-
 import numpy as np
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import TwoSlopeNorm
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import MaxNLocator
-from mpl_toolkits.mplot3d.art3d import Line3DCollection
+from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
+from scipy.spatial import ConvexHull
 
 from jaxgrity.report.style import CABLE, STRUT, styled
 from jaxgrity.statics.inspection import StructureReport
@@ -29,10 +28,13 @@ def geometry_figure(structures: dict[str, Robot]) -> Figure:
     for number, (name, geometry) in enumerate(structures.items(), start=1):
         axes = figure.add_subplot(rows, columns, number, projection="3d")
         q = np.asarray(geometry.nodes)
-        lines = tuple(pair for body in geometry.bodies for pair in combinations(body.points, 2))
-        kinds = ((geometry.struts, STRUT, 2.5), (lines, STRUT, 0.8), (geometry.cables, CABLE, 0.9))
-        for edges, colour, width in (kind for kind in kinds if kind[0]):
-            axes.add_collection3d(Line3DCollection(q[np.asarray(edges)], colors=colour, linewidths=width))
+        for edges, colour, width in ((geometry.struts, STRUT, 2.5), (geometry.cables, CABLE, 0.9)):
+            lines = q[np.asarray(edges, int).reshape(-1, 2)]
+            axes.add_collection3d(Line3DCollection(lines, colors=colour, linewidths=width))
+        for body in geometry.bodies:
+            points = q[list(body.points)]
+            hull = points[ConvexHull(points).simplices]
+            axes.add_collection3d(Poly3DCollection(hull, facecolors=STRUT, alpha=0.4))
         _fit(axes, q)
         axes.set_axis_off()
         rigid = f"{len(geometry.bodies)} bodies" if geometry.bodies else f"{len(geometry.struts)} struts"

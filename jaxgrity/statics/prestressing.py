@@ -23,7 +23,8 @@ def prestressed(structure: Structure, tension: float, force_density: PerMember |
     L = l - f/K for springs, L = l for rigid struts, with the forces of `prestress`.
 
     Args:
-        structure: its shape is kept, its rest lengths are replaced. Supports balance the forces on their nodes.
+        structure: its shape is kept, its rest lengths are replaced. Supports balance the forces on their nodes,
+            and rigid bodies carry forces that balance on them.
         tension: of the tightest cable, N.
         force_density: the self-stress, N/m, struts first; it is scaled. None: the one with the most even cables.
 
