@@ -6,7 +6,7 @@ from jaxgrity.cli.settings import CatalogueSettings
 from jaxgrity.io.files import save_json
 from jaxgrity.io.structure_tables import CatalogueTable, RobotTable
 from jaxgrity.report import plot
-from jaxgrity.structures.geometry import Robot
+from jaxgrity.structures.geometry import RobotGeometry
 
 SHARED = ("mass", "node_mass", "fixed", "pose", "aligned", "height", "prestress")
 """Keys of `[structure]` that every kind has, and which say nothing about its geometry."""
@@ -17,7 +17,7 @@ def main(settings: CatalogueSettings) -> None:
     entries, structures = [], {}
     for table in get_args(CatalogueTable | RobotTable):
         kind, example = table.__struct_config__.tag, table()
-        geometry = Robot(*example.geometry())
+        geometry = RobotGeometry(*example.geometry())
         keys = {key: getattr(example, key) for key in table.__struct_fields__ if key not in SHARED}
         entries.append(entry(kind, keys, geometry))
         structures[kind] = geometry
@@ -30,7 +30,7 @@ def main(settings: CatalogueSettings) -> None:
     print(f"wrote {settings.out}/")
 
 
-def entry(kind: str, keys: dict[str, Any], geometry: Robot) -> dict[str, Any]:
+def entry(kind: str, keys: dict[str, Any], geometry: RobotGeometry) -> dict[str, Any]:
     """The entry of one kind: its keys with their defaults, and its size with them."""
     return {
         "kind": kind,

@@ -36,7 +36,7 @@ from jaxgrity.model.shaking import Shaking
 from jaxgrity.model.structure import Structure, per_member
 from jaxgrity.statics.prestressing import prestressed
 from jaxgrity.structures.catalogue import rest_on_face
-from jaxgrity.structures.geometry import Robot
+from jaxgrity.structures.geometry import RobotGeometry
 
 DEEPEST = 50
 """Most parts of a key: far more than the keys of any scene file have."""
@@ -120,7 +120,7 @@ def build_scene(file: SceneFile, folder: Path = Path()) -> Scene:
     )
 
 
-def _structure(file: SceneFile, robot: Robot, ground: Ground | None) -> Structure:
+def _structure(file: SceneFile, robot: RobotGeometry, ground: Ground | None) -> Structure:
     table, nodes, own = file.structure, robot.nodes, bodies_tables(robot.bodies, robot.nodes)
     # the basic points follow from joints and supports, as those of the file's own bodies
     bodies = [*(msgspec.structs.replace(body, basic=[]) for body in own), *file.bodies]
@@ -149,11 +149,11 @@ def _structure(file: SceneFile, robot: Robot, ground: Ground | None) -> Structur
     return dataclasses.replace(found, struts=kept[0], cables=kept[1])
 
 
-def _geometry(table: StructureTable) -> Robot:
+def _geometry(table: StructureTable) -> RobotGeometry:
     if isinstance(table, CustomTable):
-        return Robot(*table.geometry())
+        return RobotGeometry(*table.geometry())
     try:
-        return Robot(*table.geometry())
+        return RobotGeometry(*table.geometry())
     except InputError as error:
         raise InputError(f"structure.{error}") from error  # it begins with the key
 
@@ -170,7 +170,7 @@ def _node_mass(table: StructureTable, count: int, massive: bool) -> np.ndarray:
     return np.full(count, table.mass / count) if table.mass is not None else np.array(table.node_mass, float)
 
 
-def _posed(robot: Robot, table: StructureTable, ground: Ground | None, incline: float) -> np.ndarray:
+def _posed(robot: RobotGeometry, table: StructureTable, ground: Ground | None, incline: float) -> np.ndarray:
     nodes = rest_on_face(robot.nodes) if table.pose == "face" else robot.nodes
     if table.aligned and ground is not None:
         cosine, sine = math.cos(incline), math.sin(incline)

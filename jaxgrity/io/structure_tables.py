@@ -10,7 +10,7 @@ from jaxgrity.io.table_types import NotNegative, Number, Pair, Positive, Share, 
 from jaxgrity.model.structure import check_edges
 from jaxgrity.structures.balls import ball
 from jaxgrity.structures.catalogue import icosahedron
-from jaxgrity.structures.geometry import Geometry, Robot
+from jaxgrity.structures.geometry import Geometry, RobotGeometry
 from jaxgrity.structures.prisms import prism, three_strut_robot, tower
 from jaxgrity.structures.robots import capped_robot, quadruped, superball
 from jaxgrity.structures.spines import hinged_spine, planar_spine, tetrahedral_spine
@@ -135,7 +135,7 @@ class HingedSpineTable(_Shape, tag="hinged_spine", tag_field="kind"):
     vertebra_height: Positive = 0.1
     vertebra_mass: Positive = 0.1
 
-    def geometry(self) -> Robot:
+    def geometry(self) -> RobotGeometry:
         return hinged_spine(self.vertebrae, self.vertebra_height, self.vertebra_mass)
 
 
@@ -145,7 +145,7 @@ class CappedTable(_Shape, tag="capped_robot", tag_field="kind"):
     cap_mass: Positive = 0.1
     payload_mass: Positive = 1.0
 
-    def geometry(self) -> Robot:
+    def geometry(self) -> RobotGeometry:
         return capped_robot(self.strut_length, self.rod_mass, self.cap_mass, self.payload_mass)
 
 
@@ -154,7 +154,7 @@ class SuperballTable(_Shape, tag="superball", tag_field="kind"):
     rod_mass: Positive = 1.0
     cap_mass: Positive = 1.25
 
-    def geometry(self) -> Robot:
+    def geometry(self) -> RobotGeometry:
         return superball(self.strut_length, self.rod_mass, self.cap_mass)
 
 
@@ -164,7 +164,7 @@ class QuadrupedTable(_Shape, tag="quadruped", tag_field="kind"):
     vertebra_mass: Positive = 0.2
     leg_mass: Positive = 0.1
 
-    def geometry(self) -> Robot:
+    def geometry(self) -> RobotGeometry:
         return quadruped(self.vertebrae, self.width, self.vertebra_mass, self.leg_mass)
 
 

@@ -12,14 +12,14 @@ from scipy.spatial import ConvexHull
 from jaxgrity.report.style import CABLE, STRUT, styled
 from jaxgrity.statics.inspection import StructureReport
 from jaxgrity.statics.stiffness import all_edges
-from jaxgrity.structures.geometry import Robot
+from jaxgrity.structures.geometry import RobotGeometry
 
 COLOURS = "coolwarm_r"
 """Name of Matplotlib's colour map that shows compression red and tension blue."""
 
 
 @styled
-def geometry_figure(structures: dict[str, Robot]) -> Figure:
+def geometry_figure(structures: dict[str, RobotGeometry]) -> Figure:
     """Struts and bodies (red) and cables (dark) of one structure, or of many beside each other, by their names."""
     columns = min(len(structures), 5)
     rows = -(-len(structures) // columns)
@@ -29,12 +29,12 @@ def geometry_figure(structures: dict[str, Robot]) -> Figure:
         axes = figure.add_subplot(rows, columns, number, projection="3d")
         q = np.asarray(geometry.nodes)
         for edges, colour, width in ((geometry.struts, STRUT, 2.5), (geometry.cables, CABLE, 0.9)):
-            lines = q[np.asarray(edges, int).reshape(-1, 2)]
-            axes.add_collection3d(Line3DCollection(lines, colors=colour, linewidths=width))
+            if edges:
+                axes.add_collection3d(Line3DCollection(q[np.asarray(edges)], colors=colour, linewidths=width))
         for body in geometry.bodies:
             points = q[list(body.points)]
             hull = points[ConvexHull(points).simplices]
-            axes.add_collection3d(Poly3DCollection(hull, facecolors=STRUT, alpha=0.4))
+            axes.add_collection3d(Poly3DCollection(hull, facecolors=STRUT, edgecolors=STRUT, linewidths=0.6, alpha=0.3))
         _fit(axes, q)
         axes.set_axis_off()
         rigid = f"{len(geometry.bodies)} bodies" if geometry.bodies else f"{len(geometry.struts)} struts"

@@ -1,7 +1,7 @@
 from .balls import ball
 from .catalogue import icosahedron, rest_on_face
 from .example_scenes import prism_tower
-from .geometry import Geometry, Robot
+from .geometry import Geometry, RobotGeometry
 from .prisms import prism, three_strut_robot, tower
 from .random_structures import random_tensegrity
 from .robots import capped_robot, quadruped, superball
@@ -10,7 +10,7 @@ from .trusses import d_bar, grid, t_bar
 
 __all__ = [
     "Geometry",
-    "Robot",
+    "RobotGeometry",
     "ball",
     "capped_robot",
     "d_bar",

@@ -21,7 +21,7 @@ class Geometry(NamedTuple):
     cables: Edges
 
 
-class Robot(NamedTuple):
+class RobotGeometry(NamedTuple):
     """A structure with rigid bodies, without springs."""
 
     nodes: Float[np.ndarray, "nodes 3"]

@@ -9,7 +9,7 @@ from jaxgrity.core.types import Edges
 from jaxgrity.model.balls import Balls
 from jaxgrity.model.bodies import Body, rigid_body
 from jaxgrity.structures.catalogue import icosahedron
-from jaxgrity.structures.geometry import Robot, at_least, check_positive
+from jaxgrity.structures.geometry import RobotGeometry, at_least, check_positive
 from jaxgrity.structures.spines import tetrahedral_spine
 
 CAP = 0.03
@@ -29,7 +29,7 @@ rod, as shares of the rod's length."""
 
 def capped_robot(
     strut_length: float = 1.0, rod_mass: float = 0.4, cap_mass: float = 0.1, payload_mass: float = 1.0
-) -> Robot:
+) -> RobotGeometry:
     """Six rods with spherical end caps in 24 cables, and a payload that hangs in their middle in twelve more.
 
     A probe that carries its instruments inside (SunSpiral, Agogino and Atkinson 2015, "Super Ball Bot - structures for
@@ -45,7 +45,7 @@ def capped_robot(
     return _six_rods(strut_length, rod_mass, cap_mass, (0.0, CAP), (0.0, CAP), payload_mass)
 
 
-def superball(strut_length: float = 1.7, rod_mass: float = 1.0, cap_mass: float = 1.25) -> Robot:
+def superball(strut_length: float = 1.7, rod_mass: float = 1.0, cap_mass: float = 1.25) -> RobotGeometry:
     """Six rods that carry a motor with a spool for each of 24 cables, as on NASA's SUPERball v2.
 
     The idea, a motor at one end of each cable, is that of Vespignani, Friesen, SunSpiral and Bruce 2018, "Design of
@@ -60,7 +60,9 @@ def superball(strut_length: float = 1.7, rod_mass: float = 1.0, cap_mass: float 
     return _six_rods(strut_length, rod_mass, cap_mass, (SPOOL, CAP), (0.0, 0.0))
 
 
-def quadruped(vertebrae: int = 3, width: float = 0.2, vertebra_mass: float = 0.2, leg_mass: float = 0.1) -> Robot:
+def quadruped(
+    vertebrae: int = 3, width: float = 0.2, vertebra_mass: float = 0.2, leg_mass: float = 0.1
+) -> RobotGeometry:
     """A tetrahedral spine along x, whose first and last vertebra stand on two stiff legs each.
 
     The idea is that of Laika (Sabelhaus et al. 2018, "Design, simulation, and testing of a flexible actuated spine for
@@ -87,12 +89,12 @@ def quadruped(vertebrae: int = 3, width: float = 0.2, vertebra_mass: float = 0.2
         rods += [(nodes[i], nodes[j], leg_mass) for i, j in legs]
         bodies.append(_body(nodes, [*own, *(foot for _, foot in legs)], rods))
     balls = Balls(tuple(range(len(corners), len(nodes))), np.full(4, FOOT * width))
-    return Robot(nodes, (), cables, tuple(bodies), balls)
+    return RobotGeometry(nodes, (), cables, tuple(bodies), balls)
 
 
 def _six_rods(
     length: float, rod_mass: float, cap_mass: float, start: Fixing, stop: Fixing, payload_mass: float = 0.0
-) -> Robot:
+) -> RobotGeometry:
     """The robot of six rods, whose cables are fixed to it as `start` and `stop` say."""
     check_positive(strut_length=length, rod_mass=rod_mass, cap_mass=cap_mass)
     pairs, ends, places = _balanced(start, stop, PULL if payload_mass else 0.0)
@@ -116,7 +118,7 @@ def _six_rods(
     ]
     if payload_mass:
         bodies.append(_body(x, points[-1], [], [(np.zeros(3), payload_mass, PAYLOAD * length)]))
-    return Robot(x, (), tuple(cables), tuple(bodies), Balls(tuple(range(12)), np.full(12, CAP * length)))
+    return RobotGeometry(x, (), tuple(cables), tuple(bodies), Balls(tuple(range(12)), np.full(12, CAP * length)))
 
 
 def _balanced(start: Fixing, stop: Fixing, pull: float) -> tuple[Edges, np.ndarray, np.ndarray]:

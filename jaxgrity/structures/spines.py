@@ -4,7 +4,7 @@ import numpy as np
 
 from jaxgrity.core.types import Edges
 from jaxgrity.model.bodies import rigid_body
-from jaxgrity.structures.geometry import Geometry, Robot, at_least, check_positive
+from jaxgrity.structures.geometry import Geometry, RobotGeometry, at_least, check_positive
 
 TETRAHEDRON = ((0, 1), (2, 3), (0, 2), (0, 3), (1, 2), (1, 3))
 
@@ -43,7 +43,7 @@ def planar_spine(vertebrae: int = 3, length: float = 0.3, height: float = 0.3, s
     return Geometry(nodes, struts, _chain(cables, 3, range(vertebrae - 1)))
 
 
-def hinged_spine(vertebrae: int = 3, height: float = 0.1, mass: float = 0.1) -> Robot:
+def hinged_spine(vertebrae: int = 3, height: float = 0.1, mass: float = 0.1) -> RobotGeometry:
     """A column of rigid vertebrae with a hinge and two cables between neighbours. It stands on its lowest four nodes.
 
     Hinges turn about x and about y in turn, like the joints of a snake robot (Hirose 1993, "Biologically inspired
@@ -70,7 +70,7 @@ def hinged_spine(vertebrae: int = 3, height: float = 0.1, mass: float = 0.1) -> 
         rigid_body(nodes, range(6 * k, 6 * k + 8), mass, inertia, middle, (6 * k, 6 * k + 1, 6 * k + 6, 6 * k + 7))
         for k, middle in enumerate(middles)
     )
-    return Robot(nodes, (), _chain(((4, 8), (5, 9)), 6, range(vertebrae - 1)), bodies)
+    return RobotGeometry(nodes, (), _chain(((4, 8), (5, 9)), 6, range(vertebrae - 1)), bodies)
 
 
 def _chain(edges: Edges, step: int, links: range) -> Edges:

@@ -17,7 +17,7 @@ from jaxgrity import (
     save_scene,
 )
 from jaxgrity.model import body_moments
-from jaxgrity.structures import Robot, capped_robot, hinged_spine, quadruped, superball
+from jaxgrity.structures import RobotGeometry, capped_robot, hinged_spine, quadruped, superball
 
 ROBOTS = {
     "hinged_spine": hinged_spine(),
@@ -70,7 +70,7 @@ def standing(kind: str, more: str = "") -> Scene:
     return parse_scene(text + more)
 
 
-def moments(robot: Robot) -> tuple[float, np.ndarray]:
+def moments(robot: RobotGeometry) -> tuple[float, np.ndarray]:
     """Mass and centre of all bodies."""
     each = [body_moments(body, robot.nodes)[:2] for body in robot.bodies]
     mass = sum(m for m, _ in each)
