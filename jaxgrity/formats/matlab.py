@@ -62,6 +62,7 @@ def beside_the_structure(scene: Scene) -> tuple[str, ...]:
         "friction": scene.friction,
         "gait": scene.gait,
         "further forces": scene.terms or None,
+        "load cases": scene.loads or None,
         "motion of supports": scene.shaking,
         "motors": scene.structure.driven or None,
     }

@@ -43,7 +43,7 @@ class GroundFound(NamedTuple):
     ground: ExactGround | None
     friction: ConeFriction | None
     lift: np.ndarray
-    """(3,), m, by which nodes are moved, so that they touch a plane through the origin as their balls touch that one"""
+    """(3,), m: shift of the nodes, which then touch a plane through the origin as their balls touched the model's"""
     more: np.ndarray = np.zeros((0, 3))
     """(k, 3), m: further nodes, at the centres of balls of rigid bodies, or so that these are not flat"""
     carrier: np.ndarray = np.zeros(0, int)
@@ -92,8 +92,8 @@ def what_touches(model: Any, data: Any, size: float, losses: Losses) -> tuple[in
 def _contacts(model: Any, data: Any) -> tuple[int | None, dict[int, list[Any]]]:
     """The plane that moving bodies touch, and of each of their geoms what MuJoCo makes of its contacts with it.
 
-    For that all bodies are moved through the plane, so that MuJoCo itself says what touches: masks, pairs, priorities,
-    exclusions, margins and overrides are its own.
+    All bodies are moved through the plane, and MuJoCo itself says what touches. So masks, pairs, priorities,
+    exclusions, margins and overrides count as they do there.
     """
     found: dict[int, list[Any]] = {}
     touched = []

@@ -52,10 +52,11 @@ def read_mjcf(path: str | Path, drop: Collection[str] = (), keyframe: str = "") 
     says so.
 
     Args:
-        path: of the file (.xml). MuJoCo itself reads it.
-        drop: kinds of what may be lost, of "contact", "radius", "friction", "limits", "damping", "actuators", "air"
+        path: the file (.xml), which MuJoCo itself reads.
+        drop: parts that you let go, any of "contact", "radius", "friction", "limits", "damping", "actuators", "air"
             and "forces".
-        keyframe: name of that in which the robot starts, at rest; none: as its bodies are placed.
+        keyframe: name of the keyframe in which the robot starts, at rest. Without it, bodies start where the model
+            places them.
 
     Returns:
         The scene, with gravity, the plane and its friction where the model has them, and what was read how.

@@ -35,14 +35,15 @@ def save_mjcf(scene: Scene, path: str | Path, timestep: float | None = None, int
 
     Struts that are rigid, or have mass, are free bodies with their thin rods' moments of inertia; other nodes are point
     masses on three slides. Cables, and struts that are springs, are spatial tendons between sites: a cable's spring
-    range is [0, L0], so that it only pulls. A cluster is one tendon over several sites. Members that the gait moves are
-    actuators on their tendons instead, with the force K (L0 + u - l) - c l', where the control u is the change of rest
-    length, m (`mjcf_controls`); those of cables only pull. Contact is MuJoCo's own, between nodes and the plane.
+    range is [0, L0], so that it only pulls. A cluster is one tendon over several sites. Members that the gait moves
+    have actuators on their tendons in place of springs. Their force is K (L0 + u - l) - c l', and cables only pull.
+    The control u is the change of rest length, m (`mjcf_controls`). Contact is MuJoCo's own, between nodes and the
+    plane.
 
     Args:
         scene: the scene to write.
-        path: of the file (.xml), which appears whole or not at all.
-        timestep: s; None: one that suits the stiffest spring.
+        path: the file (.xml), which appears whole or not at all.
+        timestep: s; by default one that suits the stiffest spring.
         integrator: Euler, RK4, implicit or implicitfast.
 
     Returns:
@@ -85,6 +86,7 @@ def mujoco_model(scene: Scene, timestep: float | None = None, integrator: str = 
     _drag_on_bodies(root, {node: drag[node] for node in sorted(in_bodies) if drag[node]})
     ElementTree.indent(root)
     notes += ["laws that have no counterpart in MuJoCo are left out"] if scene.terms else []
+    notes += ["load cases are left out"] if scene.loads else []
     notes += ["supports do not move there"] if scene.shaking is not None else []
     return MuJoCoModel(ElementTree.tostring(root, encoding="unicode") + "\n", tuple(notes), plan.actuated)
 

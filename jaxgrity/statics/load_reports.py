@@ -13,7 +13,7 @@ from jaxgrity.core.tracing import refuse_traced
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import NodeVectors, PerMember
 from jaxgrity.model.laws import EnergyTerm
-from jaxgrity.model.load_cases import LoadCase
+from jaxgrity.model.load_cases import LoadCase, check_load_cases
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.springs import check_no_bodies
 from jaxgrity.model.structure import Structure
@@ -165,7 +165,8 @@ def _member(structure: Structure, number: int) -> str:
 
 def _case(scene: Scene, case: LoadCase | str) -> LoadCase:
     if isinstance(case, LoadCase):
-        return Scene(scene.structure, loads=(case,)).loads[0]  # which checks its nodes
+        check_load_cases((case,), len(scene.structure.nodes))
+        return case
     known = {each.name: each for each in scene.loads}
     if case not in known:
         raise InputError(f"case = {case!r}: unknown; expected one of {', '.join(known) or 'none, the scene has none'}")

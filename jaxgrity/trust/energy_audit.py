@@ -17,13 +17,12 @@ from jaxgrity.model.inertia import energy_of_motion
 from jaxgrity.model.scales import time_scale
 from jaxgrity.model.scene import Scene, as_dtype, start_of
 from jaxgrity.model.shaking import with_supports
-from jaxgrity.model.structure import edge_lengths
 from jaxgrity.stepping.complementarity import CoupledState
 from jaxgrity.stepping.discretisation import (
     FAILURES,
-    TORN,
     discretise,
     integrate,
+    state_failure,
     with_scales_and_mobility,
 )
 from jaxgrity.stepping.dynamics import angular_momentum, momentum
@@ -49,6 +48,8 @@ class Amounts(NamedTuple):
     """(frames, 3), N s"""
     angular_momentum: NodeVectors
     """(frames, 3), N m s"""
+    failure: jax.Array | np.ndarray
+    """(frames,), index into `FAILURES`, 0 before the motion fails"""
 
 
 class EnergyAudit(NamedTuple):
@@ -130,7 +131,7 @@ def energy_audit(scene: Scene, duration: float, *, options: Options = None, fram
     else:
         (amounts, work), missed = _beside(exact, saved, resolved.as_inputs()), jnp.zeros(())
     amounts, work = jax.tree.map(lambda x: np.asarray(x)[: len(times)], (amounts, work))
-    _warn_of_failure(exact, amounts)
+    _warn_of_failure(amounts)
     actuation, impulse, moment = (work.pop(name) for name in ("actuation", "impulse", "moment"))
     return EnergyAudit(
         times=amounts.times,
@@ -145,20 +146,11 @@ def energy_audit(scene: Scene, duration: float, *, options: Options = None, fram
     )
 
 
-def _warn_of_failure(scene: Scene, found: Amounts) -> None:
-    """Say in a line that the motion fails, since nothing else in the balance does. In NumPy: it is no program more."""
-    structure, q = scene.structure, found.positions
-    codes = np.where(np.isfinite(q).all((1, 2)), 0, 1)
-    for members in (structure.struts, structure.cables):
-        if members is not None:
-            i, j = np.reshape(members.edges, (-1, 2)).T.astype(int)
-            built = edge_lengths(np.asarray(structure.nodes), members.edges)
-            with np.errstate(over="ignore", invalid="ignore"):
-                torn = (np.linalg.norm(q[:, i] - q[:, j], axis=2) > TORN * built).any(1)
-            codes = np.where((codes == 0) & torn, 2, codes)
-    if codes.any():
-        first = int(np.argmax(codes > 0))
-        why, when = FAILURES[codes[first]], f"{found.times[first]:.3g} s"
+def _warn_of_failure(found: Amounts) -> None:
+    """Say in a line that the motion fails, since nothing else in the balance does."""
+    if found.failure.any():
+        first = int(np.argmax(found.failure > 0))
+        why, when = FAILURES[found.failure[first]], f"{found.times[first]:.3g} s"
         warnings.warn(f"energy_audit: {why} at {when}; numbers from then on mean nothing", stacklevel=4)
 
 
@@ -213,6 +205,7 @@ def _amounts(scene: Scene, times: Times, q: NodeHistory, v: NodeHistory) -> Amou
         potential=jnp.asarray(jax.vmap(scene.potential_energy)(q, times)),
         momentum=jax.vmap(lambda v: momentum(scene, v))(v),
         angular_momentum=jax.vmap(lambda q, v: angular_momentum(scene, q, v))(q, v),
+        failure=jax.vmap(lambda q, v: state_failure(scene, q, v))(q, v),
     )
 
 

@@ -24,6 +24,7 @@ from jaxgrity.formats import (
     write_any,
 )
 from jaxgrity.io.scene_writing import scene_toml
+from jaxgrity.model import LoadCase
 
 PRISM = """
 [structure]
@@ -307,3 +308,11 @@ def test_the_command_settles(tmp_path, capsys):
     np.testing.assert_allclose(shrunk, shrunk.mean(), rtol=1e-9)  # struts give way, all alike
     assert 0.98 < shrunk.mean() < 0.99
     assert after.cables.edges == before.cables.edges
+
+
+@pytest.mark.parametrize("name", ["robot.csv", "robot.mat", "robot.urdf", "robot.xml"])
+def test_load_cases_are_named_among_what_is_lost(name, tmp_path):
+    """Since files of other programs hold none."""
+    scene = replace(load_scene("reference"), loads=(LoadCase("down", (0,), [[0.0, 0.0, -1.0]]),))
+    assert any("load cases" in note for note in write_any(scene, tmp_path / name))
+    assert not any("load cases" in note for note in write_any(replace(scene, loads=()), tmp_path / name))
