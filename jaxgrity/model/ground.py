@@ -16,6 +16,7 @@ from jaxgrity.core.primitives import along, component, half_squares, inner, ones
 from jaxgrity.core.tracing import as_incline
 from jaxgrity.core.types import AnyArray, NodeVectors, PerNode, Scalar, Vector, as_float, as_float_or_none
 from jaxgrity.model.balls import Balls, refuse_balls
+from jaxgrity.model.capsules import Capsules
 from jaxgrity.model.laws import Configuration, Constraint, DissipationTerm, EnergyTerm, Law, Motion, node_names
 from jaxgrity.model.placing import above, check_placed, down
 from jaxgrity.model.rigid_struts import LARGEST_GAP
@@ -187,6 +188,8 @@ class ExactGround(Ground):
     incline: float = eqx.field(static=True, converter=as_incline, default=0.0)
     restitution: Scalar | None = eqx.field(converter=as_float_or_none, default=None)
     """coefficient e: a node that hits the ground at speed v leaves it at e v; None: 0"""
+    capsules: Capsules | None = eqx.field(default=None, kw_only=True)
+    """struts that touch uneven ground between their ends; None: none does"""
     impulsive: ClassVar[bool] = True
     touched_below: ClassVar[float] = 2e-3
 

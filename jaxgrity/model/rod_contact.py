@@ -12,8 +12,9 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import place_rows, take_rows
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, NodeVectors, Scalar
-from jaxgrity.model.friction import SmoothFriction
-from jaxgrity.model.ground import PenaltyGround, contact_dissipation, contact_energy, normal_force
+from jaxgrity.model.capsules import Capsules
+from jaxgrity.model.friction import ConeFriction, SmoothFriction
+from jaxgrity.model.ground import ExactGround, PenaltyGround, contact_dissipation, contact_energy, normal_force
 from jaxgrity.model.laws import Configuration, DissipationTerm, EnergyTerm, ForceLaw, Motion
 from jaxgrity.model.scene import Scene, with_terms
 
@@ -148,11 +149,9 @@ def with_contact_along_struts(scene: Scene, count: int, struts: tuple[int, ...] 
         'penalty contact along struts'
     """
     members, ground = scene.structure.struts, scene.ground
-    if not isinstance(ground, PenaltyGround):
-        raise InputError(
-            "contact along struts needs penalty contact; expected a scene with it, such as `penalty_twin(scene)`"
-        )
-    if scene.friction is not None and not isinstance(scene.friction, SmoothFriction):
+    if ground is None:
+        raise InputError("contact along struts needs a ground; expected a scene with one")
+    if scene.friction is not None and not isinstance(scene.friction, SmoothFriction | ConeFriction):
         raise InputError(f"friction: {type(scene.friction).__name__} along struts; expected smooth friction, or none")
     known = range(0 if members is None else len(members.edges))
     chosen = tuple(known) if struts is None else tuple(struts)
@@ -163,6 +162,10 @@ def with_contact_along_struts(scene: Scene, count: int, struts: tuple[int, ...] 
         set(chosen) & {k for law in scene.terms if isinstance(law, RodContact) for k in law.points.struts}
     ):
         raise InputError(f"struts = {list(chosen)}: the scene has contact along {twice} already; expected others")
+    if isinstance(ground, ExactGround):
+        ends = tuple(tuple(members.edges[k][end] for k in chosen) for end in (0, 1))
+        capsules = Capsules(chosen, ends, count, np.zeros(len(chosen)))
+        return dataclasses.replace(scene, ground=dataclasses.replace(ground, capsules=capsules))
     each = tuple(k for k in chosen for _ in range(count))
     share = np.tile(np.arange(1, count + 1) / (count + 1), len(chosen))
     i, j = (tuple(members.edges[k][end] for k in each) for end in (0, 1))

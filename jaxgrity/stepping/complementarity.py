@@ -16,7 +16,8 @@ import jax.numpy as jnp
 
 from jaxgrity.core.types import AnyArray, NodeVectors, Scalar, State
 from jaxgrity.model.scene import Scene
-from jaxgrity.stepping.constraints import GroundImpulses, bounce_gains, exact_ground
+from jaxgrity.stepping.constraints import GroundImpulses, exact_ground
+from jaxgrity.stepping.ground_impulses import bounce_gains
 from jaxgrity.stepping.impact_times import impact_times, moved_on, without_bounces
 
 LARGEST_LENGTH_ERROR = 1e-3

@@ -10,31 +10,24 @@ import jax.numpy as jnp
 
 from jaxgrity.core.primitives import (
     accumulate,
-    along,
-    dot,
     edge_vectors,
-    inner,
     inverse,
     length,
     over,
     scale,
 )
-from jaxgrity.core.types import MemberVectors, NodeVectors, PerMember, PerNode, PerRow, Scalar, State
+from jaxgrity.core.types import MemberVectors, NodeVectors, PerMember, PerNode, PerRow, Scalar
 from jaxgrity.model.actuation import rest_length
-from jaxgrity.model.balls import acting_on_nodes
 from jaxgrity.model.ground import ExactGround
 from jaxgrity.model.scales import length_scale, speed_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import Members
 from jaxgrity.stepping.blocks import Blocks, Vector, blocks, largest, rows_of, vector, xyz
-from jaxgrity.stepping.entering import closing_speed, frame_met, where_met
+from jaxgrity.stepping.entering import closing_speed, where_met
 from jaxgrity.stepping.ground_response import SLOWEST, Contact, along_own_axes, answered, ground_impulse, velocity
 
 HELD = 1e-2
 """Share of its free response to an impulse below which a strut counts as held by the ground at both ends."""
-ROUNDINGS = 100
-"""Work of the ground's impulses counts as none up to this many roundings of twice the kinetic energy."""
-
 Trials = tuple[Vector, ...]
 """of each block, the nodes' trial impulses z, m/s (see `ground_response.py`): all that sweeps change"""
 
@@ -46,6 +39,8 @@ class GroundImpulses(NamedTuple):
     """p_n >= 0, along the ground's normal"""
     tangential: tuple[PerNode, PerNode]
     """p_t, along its two tangents"""
+    along_struts: Any = None
+    """(points, 3), N s, along normal and tangents of points of struts (`capsules.py`); None: struts have none"""
 
 
 class StepProblem(NamedTuple):
@@ -155,25 +150,6 @@ def impulses(scene: Scene, problem: StepProblem, trials: Trials) -> GroundImpuls
     parts = map(ground_impulse, contacts, trials)
     p = blocks_of(scene).joined(tuple(map(along_own_axes, contacts, parts)))
     return GroundImpulses(p.normal, (p.first, p.second))
-
-
-def on_nodes(scene: Scene, h: Scalar, start: State, found: GroundImpulses) -> list[NodeVectors]:
-    """The impulses of exact ground on each node, N s, in a step of size h (s): along the normal and both tangents."""
-    frame = frame_met(cast(ExactGround, exact_ground(scene)), length_scale(scene), h, start)
-    speeds, directions = (found.normal, *found.tangential), (frame.normal, *frame.tangents)
-    forces = [scale(along(p, n), scene.structure.borne_mass) for p, n in zip(speeds, directions)]
-    return acting_on_nodes(scene.ground, scene.structure.bodies, start[0], forces)
-
-
-def bounce_gains(scene: Scene, h: Scalar, start: State, w: NodeVectors, found: GroundImpulses) -> Any:
-    """Whether the ground did work on a robot that had v before and has w after its impulses: p·(v + w)/2 > 0.
-
-    Newton's law prescribes normal velocities, and friction acts against w. Where sliding is reversed, both can create
-    energy (Kane and Levinson 1985).
-    """
-    work = sum(inner(jnp.ones_like(w[:, 0]), dot(p, (start[1] + w) / 2)) for p in on_nodes(scene, h, start, found))
-    turned_over = inner(scene.structure.borne_mass, dot(start[1], start[1]))
-    return work > ROUNDINGS * jnp.finfo(w.dtype).eps * turned_over
 
 
 def sweep(scene: Scene, problem: StepProblem, trials: Trials) -> Trials:

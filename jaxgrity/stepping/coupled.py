@@ -62,7 +62,7 @@ class Impulses(NamedTuple):
     struts: NodeVectors
     """f, along x, y and z"""
     ground: MemberVectors
-    """p, along the ground's normal and tangents, of each contact: all nodes, or the balls"""
+    """p, along the ground's normal and tangents, of each contact: all nodes, or the balls, and struts"""
     error: Scalar
     """m/s: the largest |w - w0 - A (f + p)|; contact and cone hold exactly"""
     stretch: Scalar
@@ -103,13 +103,17 @@ def coupled_impulses(
     mass, rows = scene.structure.borne_mass, touching_nodes(scene)
     problem = problem_of(scene, h, t1, q, v, start)
     guess = jnp.stack([last.normal, *last.tangential], axis=1) * mass[:, None]
-    found = solve_step(problem, guess if rows is None else guess[rows], near)
-    exerted = found.ground if rows is None else jnp.zeros_like(q).at[rows].set(found.ground)
+    guess, along = guess if rows is None else guess[rows], last.along_struts
+    found = solve_step(problem, guess if along is None else jnp.concatenate([guess, along]), near)
+    at_nodes = found.ground
+    if along is not None:
+        at_nodes, along = at_nodes[: len(guess)], at_nodes[len(guess) :]
+    exerted = at_nodes if rows is None else jnp.zeros_like(q).at[rows].set(at_nodes)
     p = exerted * inverse(mass)[:, None]
     off: Scalar = jnp.zeros_like(found.error)
     if problem.apart is not None:
         off = h * jnp.max(jnp.abs(lengths_after(problem, found.velocity) - problem.goal))
-    impulses = GroundImpulses(p[:, 0], (p[:, 1], p[:, 2]))
+    impulses = GroundImpulses(p[:, 0], (p[:, 1], p[:, 2]), along)
     return StepImpulses(found.velocity, impulses, found.struts, found.error, found.stretch, off)
 
 

@@ -1,6 +1,6 @@
 """The constraints of one step with coupled nodes, and the linear algebra of struts and nodes."""
 
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import equinox as eqx
 import jax
@@ -11,6 +11,7 @@ from jaxgrity.core.dense import inverse_of
 from jaxgrity.core.primitives import edge_vectors, length
 from jaxgrity.core.types import AnyArray, Edges, MemberVectors, NodeVectors, PerMember, PerNode, Scalar, State
 from jaxgrity.model.bodies import following
+from jaxgrity.model.capsules import Capsules
 from jaxgrity.model.ground import ExactGround
 from jaxgrity.model.inertia import mobility
 from jaxgrity.model.rigidity import rigid_lengths, rigid_pairs
@@ -18,6 +19,7 @@ from jaxgrity.model.scales import length_scale, mass_scale, speed_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.surface import Frame
 from jaxgrity.stepping.blocks import WITHOUT_GROUND
+from jaxgrity.stepping.capsules import capsules_of, ends_of, points_of, touching_points, weights_of
 from jaxgrity.stepping.constraints import exact_ground
 from jaxgrity.stepping.coupled_contacts import as_impulses
 from jaxgrity.stepping.entering import Met, closing_speed, where_met
@@ -52,8 +54,8 @@ class Coupled(eqx.Module):
     slow: Scalar
     """m/s, `SLOW` of this body"""
     reach: AnyArray | None
-    """(balls, 3, nodes, 3): of where balls touch the ground, the velocity along normal and tangents by those of nodes;
-    None: all nodes themselves touch"""
+    """(contacts, 3, nodes, 3): of where balls and struts touch the ground, the velocity along normal and tangents by
+    those of nodes; None: all nodes themselves touch, and nothing else does"""
     edges: Edges = eqx.field(static=True)
     """of the rigid struts"""
 
@@ -102,6 +104,8 @@ def problem_of(scene: Scene, h: Scalar, t1: Scalar, q: NodeVectors, v: NodeVecto
         own = jnp.eye(len(q), dtype=q.dtype)[rows]
         moved_with = own + ground.balls.turning(structure.bodies, q, frame[:, 0])
         reach = frame[:, :, None, :] * jnp.stack([own, moved_with, moved_with], axis=1)[..., None]
+    if contact is not None and capsules_of(scene) is not None:
+        contact, frame, reach = _and_struts(scene, h, (q, v), contact, frame, reach)
     slow = jnp.asarray(SLOW * speed, q.dtype)
     return Coupled(A, start, apart, goal, contact, frame, slow, reach, edges)
 
@@ -121,6 +125,27 @@ def _met(ground: ExactGround, size: Scalar, h: Scalar, start: State) -> Met:
     if ground.surface is None:
         return met._replace(distance=met.distance[rows])
     return jax.tree.map(lambda x: x[rows], met)
+
+
+def _and_struts(
+    scene: Scene, h: Scalar, start: State, contact: Contact, frame: AnyArray, reach: AnyArray | None
+) -> tuple[Contact, AnyArray, AnyArray]:
+    """The contacts of nodes, or balls, and after them those of struts between their ends."""
+    ground, capsules, size = cast(ExactGround, scene.ground), cast(Capsules, capsules_of(scene)), length_scale(scene)
+    nodes, dtype = len(start[0]), frame.dtype
+    touching, (i, j) = touching_points(scene, size, h, start), ends_of(capsules)
+    closing = closing_speed(ground, size, h, points_of(touching, capsules, start[1]), touching.met)
+    moves = touching.found & scene.structure.free.any(1)[[i, j]].any(0)
+    closing = jnp.where(moves, closing, -NEVER * speed_scale(scene))
+    mu, each = contact.mu, None if scene.friction is None else jnp.asarray(scene.friction.sliding_mu)
+    if each is not None and each.ndim:
+        mu = jnp.concatenate([mu, each[i] + touching.share * (each[j] - each[i])])
+    axes = jnp.stack([touching.met.frame.normal, *touching.met.frame.tangents], axis=1)
+    if reach is None:
+        reach = frame[:, :, None, :] * jnp.eye(nodes, dtype=dtype)[:, None, :, None]
+    along = axes[:, :, None, :] * weights_of(touching, capsules, nodes)[:, None, :, None]
+    contact = contact._replace(closing=jnp.concatenate([contact.closing, closing]), mu=mu)
+    return contact, jnp.concatenate([frame, axes]), jnp.concatenate([reach, along])
 
 
 def in_frames(problem: Coupled, x: NodeVectors) -> MemberVectors:

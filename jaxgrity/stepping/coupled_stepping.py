@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from jaxgrity.core.types import Scalar
 from jaxgrity.model.scales import speed_scale
 from jaxgrity.model.shaking import moved_along
+from jaxgrity.stepping.capsules import capsules_of, ends_of
 from jaxgrity.stepping.complementarity import (
     LARGEST_LENGTH_ERROR,
     Complementarity,
@@ -32,7 +33,11 @@ class CoupledImpulses(Complementarity):
     lift: Lift = eqx.field(static=True, default=one_robot)
 
     def init(self, terms, t0, t1, y0, args):
-        return CoupledState(*first_memory(t0, t1, y0), 0 * y0[1], jnp.zeros_like(y0[1][0, 0]))
+        step_size, impulses = first_memory(t0, t1, y0)
+        if (capsules := capsules_of(args)) is not None:
+            points = len(ends_of(capsules)[0])
+            impulses = impulses._replace(along_struts=jnp.zeros_like(y0[1], shape=(points, *y0[1].shape[1:])))
+        return CoupledState(step_size, impulses, 0 * y0[1], jnp.zeros_like(y0[1][0, 0]))
 
     def velocity_after_impulses(self, terms, ends, start, scene, memory):
         (q, v), (t0, t1) = start, ends

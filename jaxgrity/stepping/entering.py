@@ -93,7 +93,7 @@ def _followed(
     """
     before = surface.normal(*start)
     approach = _along(way, before)
-    gap = surface.distance(*start) - radius - _depth(size, start[0].dtype)
+    gap = surface.distance(*start) - radius - depth_inside(size, start[0].dtype)
     lands = (gap > 0) & (jnp.abs(approach) >= gap)
     # divided where it is chosen alone: elsewhere the quotient may have an infinite derivative, and 0 times it is NaN
     first = jnp.where(lands, gap / jnp.where(lands, jnp.abs(approach), 1), (gap > 0).astype(gap.dtype))
@@ -156,7 +156,7 @@ def landings(
     phi, approach = met.distance, component(v, met.frame.normal)
     gap = phi if ground.surface is None else phi - h * approach * met.share
     way = -h * approach
-    return gap, approach, (way > gap) & (way > _depth(size, gap.dtype))
+    return gap, approach, (way > gap) & (way > depth_inside(size, gap.dtype))
 
 
 def closing_speed(ground: ExactGround, size: Scalar, h: Scalar, v: NodeVectors, met: Met) -> PerNode:
@@ -170,7 +170,7 @@ def closing_speed(ground: ExactGround, size: Scalar, h: Scalar, v: NodeVectors, 
         return closing
     # forces bring it there at the very end of the step, and it bounces in the next: that is when its impact has a time,
     # and until then derivatives are those of its flight
-    late = ~arrives & (-h * approach > _depth(size, gap.dtype)) & (gap / h + approach < -approach / HARD)
+    late = ~arrives & (-h * approach > depth_inside(size, gap.dtype)) & (gap / h + approach < -approach / HARD)
     closing = jnp.where(late, derived_as(closing, approach), closing)
     hits = (gap + h * approach < 0) & (approach < 0)
     after = jnp.where(hits, -ground.restitution * approach, closing)
@@ -215,7 +215,7 @@ def _shares(surface: Surface, size: Scalar, start: tuple[PerNode, ...], way: tup
     along a line; the first secant falls as fast as any distance can. Where one leads nowhere, along a face, the bracket
     about the root is halved.
     """
-    deep = _depth(size, start[0].dtype)
+    deep = depth_inside(size, start[0].dtype)
     at = lambda s: _Place(s, _distances(surface, *(x + s * a for x, a in zip(start, way))) + deep)  # noqa: E731
     none = jnp.zeros((len(surface.solids), *start[0].shape), start[0].dtype)
     first, last = at(none), at(none + 1)
@@ -235,7 +235,8 @@ def _shares(surface: Surface, size: Scalar, start: tuple[PerNode, ...], way: tup
     return jnp.where(first.f < 0, 0, jnp.where(inside.f < 0, inside.s, 1))
 
 
-def _depth(size: Scalar, dtype: Any) -> Scalar:
+def depth_inside(size: Scalar, dtype: Any) -> Scalar:
+    """m, from which on a point counts as inside the ground of a body of this `size`, m."""
     return jnp.asarray(size * max(INSIDE, ROUNDINGS * float(jnp.finfo(dtype).eps)), dtype)
 
 

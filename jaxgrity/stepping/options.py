@@ -18,6 +18,7 @@ from jaxgrity.model.rigidity import RIGID
 from jaxgrity.model.scales import length_scale, speed_scale
 from jaxgrity.model.scene import Scene, check_laws
 from jaxgrity.stepping.blocks import disjoint_groups
+from jaxgrity.stepping.capsules import capsules_of
 from jaxgrity.stepping.constraints import exact_ground, rigid_struts
 from jaxgrity.stepping.methods import Method, constrained_method, default_method, find_method
 from jaxgrity.stepping.starts import check_start
@@ -169,7 +170,7 @@ def _resolved(scene: Scene, options: Options, dtype: str | None, x64: bool) -> R
     dt, rtol, atol = jax.tree.map(float, (dt, rtol, atol))
     coupled = _coupled(scene, given, method, concrete)
     if coupled and given.sweeps is not None:
-        without = "none" if scene.structure.coupled else "none, or coupled = False"
+        without = "none" if _must_be_coupled(scene) else "none, or coupled = False"
         raise InputError(
             f"sweeps = {given.sweeps}: this scene's struts and contacts are solved together; expected {without}"
         )
@@ -180,9 +181,9 @@ def check_options(scene: Scene, options: ResolvedOptions) -> None:
     """Refuse options that were resolved for a scene of another kind. The step is not looked at for what is stable."""
     method = options.method
     _check_method(scene, method)
-    if method.constrained and not options.coupled and (scene.structure.coupled or _has_balls(scene)):
+    if method.constrained and not options.coupled and _must_be_coupled(scene):
         raise InputError(
-            "options: sweeps handle no rods with mass, supports, bodies or balls, and this scene has some; expected "
+            "options: sweeps handle no rods with mass, supports, bodies or balls, and no contact along struts; expected "
             "options that `resolve` makes for this scene"
         )
     if options.dt is not None and not traced((scene, options)):
@@ -272,8 +273,10 @@ def _sweeps(given: SolverOptions, method: Method, dtype: str, size: float) -> in
     return MOST_SWEEPS if sweeps is None else sweeps
 
 
-def _has_balls(scene: Scene) -> bool:
-    return scene.ground is not None and scene.ground.balls is not None
+def _must_be_coupled(scene: Scene) -> bool:
+    """Whether sweeps cannot solve it."""
+    balls = scene.ground is not None and scene.ground.balls is not None
+    return scene.structure.coupled or balls or capsules_of(scene) is not None
 
 
 def _coupled(scene: Scene, given: SolverOptions, method: Method, concrete: bool) -> bool:
@@ -283,12 +286,13 @@ def _coupled(scene: Scene, given: SolverOptions, method: Method, concrete: bool)
             raise InputError(f"coupled: only complementarity stepping has it, not {method.name!r}")
         return False
     if given.coupled is not None:
-        if not given.coupled and (scene.structure.coupled or _has_balls(scene)):
+        if not given.coupled and _must_be_coupled(scene):
             raise InputError(
-                "coupled = False: sweeps handle no rods with mass, supports, bodies or balls; expected None"
+                "coupled = False: sweeps handle no rods with mass, supports, bodies or balls, and no contact along "
+                "struts; expected None"
             )
         return given.coupled
-    struts, must = rigid_struts(scene), scene.structure.coupled or _has_balls(scene)
+    struts, must = rigid_struts(scene), _must_be_coupled(scene)
     if must or struts is None:
         return must
     if len(disjoint_groups(struts.edges)) > 1:

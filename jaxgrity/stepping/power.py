@@ -14,9 +14,10 @@ from jaxgrity.model.scales import length_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import Members
 from jaxgrity.stepping.complementarity import CoupledState
-from jaxgrity.stepping.constraints import exact_ground, on_nodes, rigid_struts
+from jaxgrity.stepping.constraints import exact_ground, rigid_struts
 from jaxgrity.stepping.dynamics import acceleration, outside_force, smooth_force, support_forces, total_force
 from jaxgrity.stepping.entering import frame_met
+from jaxgrity.stepping.ground_impulses import on_nodes
 from jaxgrity.stepping.loop import Step
 
 SAME_FACE = 0.99

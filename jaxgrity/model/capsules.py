@@ -1,0 +1,130 @@
+"""Struts that touch exact ground between their ends, with a radius: where each of them is nearest to it.
+
+Along a strut x(s) = (1 - s) a + s b the distance phi(x(s)) has a smallest value. At the edge of a solid it has a kink
+there: on one side it falls towards one face, on the other towards another. Of the normals on both sides, the mean that
+is perpendicular to the strut is the normal of a rod on that edge. Divided by its length, the phi where the tangents of
+both sides meet is the distance of the rod from the edge. Where phi is smooth, both sides have the same normal.
+"""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from jaxgrity.core.arguments import check_each
+from jaxgrity.core.primitives import inverse, length
+from jaxgrity.core.types import AnyArray, NodeVectors, PerMember, as_float
+from jaxgrity.model.surface import Surface
+
+SAMPLES = 16
+"""Number of intervals of each part of a strut. A minimum of phi is seen where its slope changes sign within one."""
+NARROWINGS = 7
+"""Number of times that such an interval is narrowed, each time at least to its half."""
+NARROWEST = 0.45
+"""Power of the precision, the share of a strut to which it is narrowed about a smooth minimum (9e-8 in float64):
+normals at both ends must differ by more than rounding, since derivatives are in their difference."""
+LEVEL = 8
+"""Largest change of the slope of phi, in roundings, at which a strut counts as parallel to what is below it."""
+KINK = 0.1
+"""Smallest change of the slope of phi within the narrowed interval that is the kink of an edge."""
+
+
+class Capsules(eqx.Module):
+    """The struts that touch exact ground with their whole length, and their radius."""
+
+    struts: tuple[int, ...] = eqx.field(static=True)
+    ends: tuple[tuple[int, ...], tuple[int, ...]] = eqx.field(static=True)
+    """nodes i and j of each strut"""
+    parts: int = eqx.field(static=True)
+    """number of equal parts of a strut, each of which touches edges by itself"""
+    radius: AnyArray = eqx.field(converter=as_float)
+    """(struts,), m"""
+
+    def __check_init__(self):
+        check_each("radius", self.radius, shape=(len(self.struts),), least=0.0, unit="m")
+
+
+class Nearest(NamedTuple):
+    """The point of each strut that is nearest to the ground, or deepest in it."""
+
+    share: PerMember
+    """s, its position along the strut, from 0 to 1"""
+    normal: NodeVectors
+    """(struts, 3), normal n of the ground there"""
+    distance: PerMember
+    """m, from the strut's axis along n, negative inside"""
+    found: AnyArray
+    """whether the distance has a minimum between the ends; else an end is nearest"""
+
+
+def nearest(surface: Surface, a: NodeVectors, b: NodeVectors, part: AnyArray, leaning: AnyArray) -> Nearest:
+    """The nearest points of struts from `a` to `b`, (struts, 3), m, within a `part` (2, struts) of each: s from, s to.
+
+    `leaning`, (struts,), is a slope that is added to that of phi: of a rod that lies on a face, a small one of either
+    sign finds one end of what lies there.
+    """
+    d = b - a
+    size = length(d)
+    leaning = leaning * size
+    *ends, found = jax.lax.stop_gradient(_interval(surface, a, d, part, leaning))
+    s = jnp.stack(ends)
+    f, slope, normal = _look(surface, a, d, s)
+    level = slope[1] - slope[0] <= LEVEL * jnp.finfo(s.dtype).eps * size
+    weight = jnp.where(level, 0.5, jnp.clip(slope[1] / jnp.where(level, 1, slope[1] - slope[0]), 0, 1))
+    weights = jnp.stack([weight, 1 - weight])
+    meet, root = _meet(s, f + leaning * s, slope + leaning)
+    share = jnp.where(slope[1] - slope[0] > KINK * size, meet, root)
+    n = jnp.sum(weights[..., None] * normal, axis=0)
+    size = inverse(length(n))
+    return Nearest(share, n * size[:, None], jnp.sum(weights * (f + slope * (share - s)), axis=0) * size, found)
+
+
+def _look(surface: Surface, a: NodeVectors, d: NodeVectors, s: AnyArray) -> tuple[AnyArray, AnyArray, AnyArray]:
+    """phi, m, its slope along the strut, m, and the normals, at a + s d of (places, struts) s."""
+    x = (a + s[..., None] * d).reshape(-1, 3).T
+    normal = jnp.stack(surface.normal(*x), axis=1).reshape(*s.shape, 3)
+    return surface.distance(*x).reshape(s.shape), jnp.sum(normal * d, axis=-1), normal
+
+
+def _meet(s: AnyArray, f: AnyArray, slope: AnyArray) -> tuple[AnyArray, AnyArray]:
+    """Where the tangents at both ends s (2, ...) meet, and where a slope that changes evenly between them is 0."""
+    change = slope[1] - slope[0]
+    rises = change > 0
+    change = jnp.where(rises, change, 1)
+    middle = (s[0] + s[1]) / 2
+    both = (f[0] - f[1] + slope[1] * s[1] - slope[0] * s[0]) / change, (slope[1] * s[0] - slope[0] * s[1]) / change
+    meet, root = (jnp.where(rises, jnp.clip(x, s[0], s[1]), middle) for x in both)
+    return meet, root
+
+
+def _interval(
+    surface: Surface, a: NodeVectors, d: NodeVectors, part: AnyArray, leaning: AnyArray
+) -> tuple[AnyArray, AnyArray, AnyArray]:
+    """Two shares of each strut about its lowest minimum within its part, and whether there is one."""
+    s = part[0] + (part[1] - part[0]) * jnp.linspace(0, 1, SAMPLES + 1, dtype=a.dtype)[:, None]
+    f, slope, _ = _look(surface, a, d, s)
+    f, slope = f + leaning * s, slope + leaning
+    ends, values, slopes = (jnp.stack([x[:-1], x[1:]]) for x in (s, f, slope))
+    meet, _ = _meet(ends, values, slopes)
+    there = (slopes[0] <= 0) & (slopes[1] >= 0)
+    lowest = jnp.argmin(jnp.where(there, values[0] + slopes[0] * (meet - ends[0]), jnp.inf), axis=0)[None]
+    low, high = (jnp.take_along_axis(x, lowest, 0)[0] for x in ends)
+
+    def narrowed(_, ends):
+        low, high = ends
+        s = jnp.stack(ends)
+        f, slope, _ = _look(surface, a, d, s)
+        meet, root = _meet(s, f + leaning * s, slope + leaning)
+        # an edge is where tangents meet; about the root of the slope the interval shrinks to its square
+        wide = high - low
+        beside = jnp.maximum(jnp.minimum(wide / 4, 4 * wide * wide), jnp.finfo(s.dtype).eps ** NARROWEST / 2)
+        tries = jnp.sort(jnp.clip(jnp.stack([meet, root - beside, root + beside, (low + high) / 2]), low, high), axis=0)
+        rises = _look(surface, a, d, tries)[1] + leaning >= 0
+        every = jnp.concatenate([low[None], tries, high[None]])
+        first = 1 + jnp.argmax(jnp.concatenate([rises, jnp.ones_like(rises[:1])]), axis=0)[None]
+        below, above = (jnp.take_along_axis(every, k, 0)[0] for k in (first - 1, first))
+        return below, above
+
+    low, high = jax.lax.fori_loop(0, NARROWINGS, narrowed, (low, high))
+    return low, high, jnp.any(there, axis=0)
