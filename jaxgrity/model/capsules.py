@@ -6,6 +6,7 @@ is perpendicular to the strut is the normal of a rod on that edge. Divided by it
 both sides meet is the distance of the rod from the edge. Where phi is smooth, both sides have the same normal.
 """
 
+import math
 from typing import NamedTuple
 
 import equinox as eqx
@@ -19,11 +20,9 @@ from jaxgrity.model.surface import Surface
 
 SAMPLES = 16
 """Number of intervals of each part of a strut. A minimum of phi is seen where its slope changes sign within one."""
-NARROWINGS = 7
-"""Number of times that such an interval is narrowed, each time at least to its half."""
 NARROWEST = 0.45
-"""Power of the precision, the share of a strut to which it is narrowed about a smooth minimum (9e-8 in float64):
-normals at both ends must differ by more than rounding, since derivatives are in their difference."""
+"""Power of the precision, the share of a strut to which such an interval is narrowed (9e-8 in float64). At a smooth
+minimum the normals at its ends must differ by more than rounding, since derivatives are in their difference."""
 LEVEL = 8
 """Largest change of the slope of phi, in roundings, at which a strut counts as parallel to what is below it."""
 KINK = 0.1
@@ -111,20 +110,18 @@ def _interval(
     lowest = jnp.argmin(jnp.where(there, values[0] + slopes[0] * (meet - ends[0]), jnp.inf), axis=0)[None]
     low, high = (jnp.take_along_axis(x, lowest, 0)[0] for x in ends)
 
+    inner = jnp.arange(1, SAMPLES + 1, dtype=a.dtype)[:, None] / (SAMPLES + 1)
+
     def narrowed(_, ends):
         low, high = ends
-        s = jnp.stack(ends)
-        f, slope, _ = _look(surface, a, d, s)
-        meet, root = _meet(s, f + leaning * s, slope + leaning)
-        # an edge is where tangents meet; about the root of the slope the interval shrinks to its square
-        wide = high - low
-        beside = jnp.maximum(jnp.minimum(wide / 4, 4 * wide * wide), jnp.finfo(s.dtype).eps ** NARROWEST / 2)
-        tries = jnp.sort(jnp.clip(jnp.stack([meet, root - beside, root + beside, (low + high) / 2]), low, high), axis=0)
+        tries = low + inner * (high - low)
         rises = _look(surface, a, d, tries)[1] + leaning >= 0
         every = jnp.concatenate([low[None], tries, high[None]])
         first = 1 + jnp.argmax(jnp.concatenate([rises, jnp.ones_like(rises[:1])]), axis=0)[None]
         below, above = (jnp.take_along_axis(every, k, 0)[0] for k in (first - 1, first))
         return below, above
 
-    low, high = jax.lax.fori_loop(0, NARROWINGS, narrowed, (low, high))
+    narrowest = float(jnp.finfo(a.dtype).eps) ** NARROWEST
+    times = math.ceil(-math.log(SAMPLES * narrowest) / math.log(SAMPLES + 1))
+    low, high = jax.lax.fori_loop(0, times, narrowed, (low, high))
     return low, high, jnp.any(there, axis=0)
