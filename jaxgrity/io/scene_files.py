@@ -31,6 +31,7 @@ from jaxgrity.model.friction import ConeFriction, Friction, SmoothFriction, Swit
 from jaxgrity.model.ground import Ground
 from jaxgrity.model.laws import Law
 from jaxgrity.model.load_cases import LoadCase
+from jaxgrity.model.rod_contact import with_contact_along_struts
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.shaking import Shaking
 from jaxgrity.model.structure import Structure, per_member
@@ -107,7 +108,7 @@ def build_scene(file: SceneFile, folder: Path = Path()) -> Scene:
     ground = build_ground(file.ground, folder, robot.balls)
     structure = _structure(file, robot, ground)
     damping = per_member(file.damping.node, len(structure.nodes), "damping.node") if file.damping else None
-    return Scene(
+    scene = Scene(
         structure=structure,
         gravity=file.gravity.g if file.gravity else None,
         node_damping=damping,
@@ -117,6 +118,12 @@ def build_scene(file: SceneFile, folder: Path = Path()) -> Scene:
         loads=_loads(file, len(structure.nodes)),
         shaking=Shaking(**msgspec.structs.asdict(file.shaking)) if file.shaking else None,
         terms=(*_forces_from_outside(file, len(structure.nodes)), *cable_laws(file.cables, structure.cables)),
+    )
+    if file.ground is None or file.ground.along_struts is None:
+        return scene
+    keys = file.ground.along_struts
+    return with_contact_along_struts(
+        scene, keys.count, None if keys.struts is None else tuple(keys.struts), keys.radius
     )
 
 

@@ -27,6 +27,14 @@ class BallsKeys(Table):
     radius: NotNegative | list[NotNegative] = 0.0
 
 
+class AlongStrutsKeys(Table):
+    """Contact along struts: points or parts of each, by default of all of them, and their radius."""
+
+    count: Annotated[int, Meta(ge=1, le=1000)]
+    struts: Annotated[list[Number], Meta(min_length=1)] | None = None
+    radius: NotNegative | list[NotNegative] = 0.0
+
+
 class GroundTable(Table):
     contact: Literal["penalty", "complementarity"] = "penalty"
     incline: Annotated[float, Meta(gt=-math.pi / 2, lt=math.pi / 2)] = 0.0
@@ -34,6 +42,7 @@ class GroundTable(Table):
     dissipation: NotNegative | None = None
     restitution: Annotated[float, Meta(ge=0, le=1)] | None = None
     balls: BallsKeys | None = None
+    along_struts: AlongStrutsKeys | None = None
     surface: SurfaceTable | None = None
     obstacles: list[BoxTable | SphereTable | CylinderTable] = []
 

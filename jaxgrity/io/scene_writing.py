@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import equinox as eqx
 import jax
 import msgspec
 import numpy as np
@@ -28,6 +29,7 @@ from jaxgrity.io.ground_tables import (
 from jaxgrity.io.member_tables import ForceKeys
 from jaxgrity.io.members import members_table, one_or_all
 from jaxgrity.io.scene_tables import (
+    AlongStrutsKeys,
     BallsKeys,
     CablesTable,
     DampingTable,
@@ -51,6 +53,7 @@ from jaxgrity.model.force_laws import ForceLimit, ForceTable
 from jaxgrity.model.friction import ConeFriction, Friction, SmoothFriction, SwitchFriction
 from jaxgrity.model.ground import ExactGround, Ground, PenaltyGround
 from jaxgrity.model.height_fields import HeightMap, Waves
+from jaxgrity.model.rod_contact import ALONG_STRUTS, RodContact, radii_along_struts, with_contact_along_struts
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.shaking import Shaking, SupportMotion
 from jaxgrity.model.solids import Box, Cylinder, Sphere, Stairs
@@ -61,7 +64,7 @@ from jaxgrity.model.unions import Union
 WIDTH = 120
 """Most characters in a line of lists. A longer list of lists takes one line for each."""
 OBSTACLES = {Box: BoxTable, Sphere: SphereTable, Cylinder: CylinderTable}
-PLACES: dict[type, int] = {Wind: 0, Push: 1, ForceTable: 2, ForceLimit: 2}
+PLACES: dict[type, int] = {Wind: 0, Push: 1, ForceTable: 2, ForceLimit: 2, **dict.fromkeys(ALONG_STRUTS, 3)}
 """Order in which `load_scene` adds terms; of the first kind and of the last it adds one at most."""
 FRICTIONS = {SmoothFriction: "smooth", SwitchFriction: "switch", ConeFriction: "cone"}
 
@@ -111,7 +114,7 @@ def scene_file(scene: Scene) -> SceneFile:
         cables=members_table(structure.cables, CablesTable, "cables", forces),
         gravity=None if scene.gravity is None else GravityTable(float(scene.gravity)),
         damping=None if scene.node_damping is None else DampingTable(one_or_all(scene.node_damping)),
-        ground=_ground(scene.ground),
+        ground=_ground(scene.ground, _along_struts(scene)),
         friction=_friction(scene.friction),
         wind=wind,
         pushes=pushes,
@@ -148,7 +151,21 @@ def _fixed(supports: Supports) -> list[int | FixedAxes]:
     return [node if axes == "xyz" else FixedAxes(node, axes) for node, axes in supports]
 
 
-def _ground(ground: Ground | None) -> GroundTable | None:
+def _along_struts(scene: Scene) -> AlongStrutsKeys | None:
+    radii = radii_along_struts(scene)
+    if not radii:
+        return None
+    points = [law.points for law in scene.terms if isinstance(law, RodContact)]
+    count = len(points[0].struts) // len(radii) if points else scene.ground.capsules.parts  # type: ignore[union-attr]
+    bare = dataclasses.replace(scene, terms=tuple(law for law in scene.terms if not isinstance(law, ALONG_STRUTS)))
+    if points and not eqx.tree_equal(
+        with_contact_along_struts(bare, max(count, 1), tuple(radii), [*radii.values()]).terms, scene.terms
+    ):
+        raise InputError("contact along struts: expected evenly spaced points, as many on each strut, as files have")
+    return AlongStrutsKeys(count, list(radii), one_or_all(np.array([*radii.values()])))
+
+
+def _ground(ground: Ground | None, along_struts: AlongStrutsKeys | None) -> GroundTable | None:
     if ground is None:
         return None
     if ground.offset is not None:
@@ -156,7 +173,7 @@ def _ground(ground: Ground | None) -> GroundTable | None:
     balls = None
     if ground.balls is not None:
         balls = BallsKeys(list(ground.balls.nodes), one_or_all(ground.balls.radius))
-    given = {"incline": ground.incline, "balls": balls, **_where(ground.surface)}
+    given = {"incline": ground.incline, "balls": balls, "along_struts": along_struts, **_where(ground.surface)}
     if type(ground) is ExactGround:
         e = None if ground.restitution is None else _scalar("ground.restitution", ground.restitution)
         return GroundTable(contact="complementarity", restitution=e, **given)
@@ -256,7 +273,7 @@ def _laws(scene: Scene) -> tuple[WindTable | None, list[PushTable], dict[str, An
             forces = {"force": ForceKeys(*(np.asarray(x).tolist() for x in (term.stretch, term.force)))}
         elif type(term) is ForceLimit:
             forces = {"largest_force": one_or_all(term.largest)}
-        else:
+        elif not isinstance(term, ALONG_STRUTS):
             raise _no_key(f"terms[{number}]", term)
     return wind, pushes, forces
 

@@ -15,6 +15,7 @@ from jaxgrity.core.arguments import check_each, is_count
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, NodeVectors, PerNode, PerRow, as_float, namespace_of
 from jaxgrity.model.bodies import Bodies
+from jaxgrity.model.surface import Surface
 
 
 class Balls(eqx.Module):
@@ -39,11 +40,6 @@ class Balls(eqx.Module):
         if max(self.nodes) >= nodes:
             raise InputError(f"balls.nodes has {max(self.nodes)}; expected nodes from 0 to {nodes - 1}")
 
-    def check_ground(self, surface: Any) -> None:
-        """Raises `InputError` where the ground has edges, on which a ball's centre has another surface."""
-        if surface is not None and not surface.smooth and np.any(np.asarray(self.radius) > 0):
-            raise InputError("ground.balls: on ground with edges balls have no radius; expected 0, or smooth ground")
-
     def gaps(self, phi: AnyArray) -> AnyArray:
         """m, (..., nodes), of nodes at these distances from the ground: infinite where a node does not touch it."""
         rows = np.array(self.nodes)
@@ -56,6 +52,10 @@ class Balls(eqx.Module):
     def radii(self, q: NodeVectors) -> PerNode:
         """m, of the balls about nodes at q; 0 for nodes without one."""
         return jnp.zeros_like(q[:, 0]).at[np.array(self.nodes)].set(self.radius)
+
+    def around(self, surface: Surface, q: NodeVectors) -> Surface:
+        """The surface on which centres of balls are when the balls touch this one."""
+        return Thickened(surface, self.radii(q))
 
     def keep(self, nodes: Sequence[int]) -> bool:
         """Whether each ball takes the place of one as large, where node i goes where nodes[i] was."""
@@ -80,6 +80,26 @@ class Balls(eqx.Module):
             rows = jnp.concatenate([-shares.sum(1, keepdims=True), shares], axis=1)
             weights = weights.at[np.ix_(own, np.array(body.basic))].set(rows)
         return weights
+
+
+class Thickened(Surface):
+    """A surface whose distance from each node is less by a radius."""
+
+    surface: Surface
+    radius: PerNode
+    """m"""
+    smooth = property(lambda self: self.surface.smooth)
+    curved = property(lambda self: self.surface.curved)
+    solids = property(lambda self: tuple(Thickened(solid, self.radius) for solid in self.surface.solids))
+
+    def level(self, x, y, z):
+        return self.surface.distance(x, y, z) - self.radius
+
+    def normal(self, x, y, z):
+        return self.surface.normal(x, y, z)
+
+    def height(self, x, y):
+        return self.surface.height(x, y) + self.radius
 
 
 def refuse_balls(balls: Balls | None) -> None:

@@ -7,16 +7,17 @@ both sides meet is the distance of the rod from the edge. Where phi is smooth, b
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 
-from jaxgrity.core.arguments import check_each
 from jaxgrity.core.primitives import inverse, length
-from jaxgrity.core.types import AnyArray, NodeVectors, PerMember, as_float
-from jaxgrity.model.surface import Surface
+from jaxgrity.core.tracing import evaluated
+from jaxgrity.core.types import AnyArray, NodeVectors, PerMember, PerNode, as_float
+from jaxgrity.model.surface import Surface, as_double
 
 SAMPLES = 16
 """Number of intervals of each part of a strut. A minimum of phi is seen where its slope changes sign within one."""
@@ -39,9 +40,6 @@ class Capsules(eqx.Module):
     """number of equal parts of a strut, each of which touches edges by itself"""
     radius: AnyArray = eqx.field(converter=as_float)
     """(struts,), m"""
-
-    def __check_init__(self):
-        check_each("radius", self.radius, shape=(len(self.struts),), least=0.0, unit="m")
 
 
 class Nearest(NamedTuple):
@@ -77,6 +75,25 @@ def nearest(surface: Surface, a: NodeVectors, b: NodeVectors, part: AnyArray, le
     n = jnp.sum(weights[..., None] * normal, axis=0)
     size = inverse(length(n))
     return Nearest(share, n * size[:, None], jnp.sum(weights * (f + slope * (share - s)), axis=0) * size, found)
+
+
+def and_of_struts(gaps: PerNode, ground: Any, q: NodeVectors) -> AnyArray:
+    """m: `gaps` by which nodes at q are in the `ground`, and after them those of its capsules between their ends."""
+    if ground.capsules is None or ground.surface is None:
+        return gaps
+    if not isinstance(q, np.ndarray):
+        return jnp.concatenate([gaps, _depths(ground, q)])
+    with jax.enable_x64(True), evaluated():
+        return np.concatenate([gaps, np.asarray(_depths(as_double(ground), np.asarray(q, float)))])
+
+
+@eqx.filter_jit
+def _depths(ground: Any, q: NodeVectors) -> PerMember:
+    capsules, q = ground.capsules, ground.relative(q)
+    i, j = map(np.array, capsules.ends)
+    whole = jnp.array([[0.0], [1.0]], q.dtype) * jnp.ones(len(i), q.dtype)
+    found = nearest(ground.surface, q[i], q[j], whole, 0 * whole[0])
+    return jnp.where(found.found, capsules.radius - found.distance, -jnp.inf)
 
 
 def _look(surface: Surface, a: NodeVectors, d: NodeVectors, s: AnyArray) -> tuple[AnyArray, AnyArray, AnyArray]:

@@ -9,7 +9,7 @@ from jaxgrity.core.typed import typed
 from jaxgrity.model.friction import ConeFriction, SmoothFriction
 from jaxgrity.model.ground import ExactGround, PenaltyGround
 from jaxgrity.model.rigid_struts import LARGEST_GAP
-from jaxgrity.model.rod_contact import ALONG_STRUTS
+from jaxgrity.model.rod_contact import ALONG_STRUTS, radii_along_struts, with_contact_along_struts
 from jaxgrity.model.scales import length_scale, speed_scale, time_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import Members, edge_lengths
@@ -20,6 +20,8 @@ RELAXATION = 1.8e-3
 """Ratio c/K of the springs that replace rigid struts, s for a body of one metre."""
 DISSIPATION = 2.0
 """Coefficient alpha of Hunt and Crossley's law, s/m for a body of one metre."""
+POINTS = 5
+"""Number of points of penalty contact along a strut that touches exact ground between its ends."""
 SLIP_SPEED = 0.01
 """Slip speed eps of smooth friction, m/s for a body of one metre."""
 
@@ -30,7 +32,7 @@ def exact_twin(scene: Scene) -> Scene:
 
     It is the limit of stiff struts, a stiff ground without rebound, and a slip speed of zero. The Coulomb switch keeps
     its kinetic friction. If struts start strained, the rigid struts have their lengths at the start. A start below the
-    ground is lifted until it touches. Contact along struts is left out, since exact contact is at nodes.
+    ground is lifted until it touches. Struts that touch between their ends do so at one point each.
 
     Raises `InputError` if struts move at t = 0, since each gait then needs its own start.
     """
@@ -49,7 +51,8 @@ def exact_twin(scene: Scene) -> Scene:
         surface, offset, balls = ground.surface, ground.offset, ground.balls
         ground, friction = ExactGround(ground.incline, surface=surface, offset=offset, balls=balls), cone
     terms = tuple(law for law in scene.terms if not isinstance(law, ALONG_STRUTS))
-    return dataclasses.replace(scene, structure=structure, ground=ground, friction=friction, terms=terms)
+    twin = dataclasses.replace(scene, structure=structure, ground=ground, friction=friction, terms=terms)
+    return _touching_along_struts(twin, radii_along_struts(scene), 1)
 
 
 @typed
@@ -83,7 +86,8 @@ def penalty_twin(scene: Scene) -> Scene:
         alpha, incline, surface = DISSIPATION / speed, ground.incline, ground.surface
         offset, balls = ground.offset, ground.balls
         ground = PenaltyGround(stiffness, alpha, incline, surface=surface, offset=offset, balls=balls)
-    return dataclasses.replace(scene, structure=structure, ground=ground, friction=friction)
+    twin = dataclasses.replace(scene, structure=structure, ground=ground, friction=friction)
+    return _touching_along_struts(twin, radii_along_struts(scene), POINTS)
 
 
 @typed
@@ -108,6 +112,13 @@ def _check_starts_still(scene: Scene) -> None:
             f"gait.start = {float(gait.start):g}: struts move at t = 0, so rigid struts cannot start from the "
             "same pose in every gait; expected 0 or later"
         )
+
+
+def _touching_along_struts(scene: Scene, radii: dict[int, float], count: int) -> Scene:
+    """The scene in which these struts touch the ground between their ends; itself if they do already."""
+    if not radii or radii_along_struts(scene):
+        return scene
+    return with_contact_along_struts(scene, count, tuple(radii), list(radii.values()))
 
 
 def _built_lengths(struts: Members, nodes, size: float) -> np.ndarray:

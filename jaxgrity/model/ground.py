@@ -16,7 +16,7 @@ from jaxgrity.core.primitives import along, component, half_squares, inner, ones
 from jaxgrity.core.tracing import as_incline
 from jaxgrity.core.types import AnyArray, NodeVectors, PerNode, Scalar, Vector, as_float, as_float_or_none
 from jaxgrity.model.balls import Balls, refuse_balls
-from jaxgrity.model.capsules import Capsules
+from jaxgrity.model.capsules import Capsules, and_of_struts
 from jaxgrity.model.laws import Configuration, Constraint, DissipationTerm, EnergyTerm, Law, Motion, node_names
 from jaxgrity.model.placing import above, check_placed, down
 from jaxgrity.model.rigid_struts import LARGEST_GAP
@@ -62,8 +62,6 @@ class Ground(eqx.Module):
             raise InputError(f"ground.incline = {self.incline}: it is that of the plane; expected none with a surface")
         if self.surface is None and self.offset is not None:
             raise InputError("ground.offset moves a surface; expected none on the plane")
-        if self.balls is not None:
-            self.balls.check_ground(self.surface)
         check_each("ground.offset", self.offset, shape=(3,))
 
     @property
@@ -254,7 +252,8 @@ class ExactContact(Constraint):
 
     def gaps(self, q, t):
         known = isinstance(q, np.ndarray)
-        return -(self.ground.measured(q).distance if known else self.ground.signed_distance(q))
+        gaps = -(self.ground.measured(q).distance if known else self.ground.signed_distance(q))
+        return and_of_struts(gaps, self.ground, q)
 
     @property
     def left_by_steps(self) -> float:
@@ -262,6 +261,9 @@ class ExactContact(Constraint):
         return DEEP_ON_CURVES if surface is not None and any(solid.curved for solid in surface.solids) else 0.0
 
     def complaint(self, q, t, part):
+        if part >= len(q):
+            strut, depth = self.ground.capsules.struts[part - len(q)], self.gaps(q, t)[part]
+            return f"strut {strut} starts {depth:.3g} m in the ground between its ends; expected: above it, or on it"
         depth = -self.ground.measured(q).distance[part]
         return f"node {part} starts {depth:.3g} m below the ground; expected: on exact contact, on or above it"
 

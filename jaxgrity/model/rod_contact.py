@@ -1,22 +1,25 @@
-"""Penalty contact at points along struts, between their ends."""
+"""Contact along struts, between their ends; and the laws of penalty contact at points there."""
 
 import dataclasses
-from typing import Any, ClassVar
+from collections.abc import Sequence
+from typing import Any, ClassVar, cast
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from jaxgrity.core.arguments import check_count
+from jaxgrity.core.arguments import check_count, check_each
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import place_rows, take_rows
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, NodeVectors, Scalar
+from jaxgrity.model.balls import Balls
 from jaxgrity.model.capsules import Capsules
-from jaxgrity.model.friction import ConeFriction, SmoothFriction
-from jaxgrity.model.ground import ExactGround, PenaltyGround, contact_dissipation, contact_energy, normal_force
+from jaxgrity.model.friction import SmoothFriction
+from jaxgrity.model.ground import ExactGround, Ground, PenaltyGround, contact_dissipation, contact_energy, normal_force
 from jaxgrity.model.laws import Configuration, DissipationTerm, EnergyTerm, ForceLaw, Motion
 from jaxgrity.model.scene import Scene, with_terms
+from jaxgrity.model.structure import Members, per_member
 
 
 class Points(eqx.Module):
@@ -30,6 +33,8 @@ class Points(eqx.Module):
     """(points,), position s along the strut, from 0 to 1"""
     strength: AnyArray
     """(points,), factor of the ground's stiffness"""
+    radius: AnyArray
+    """(points,), m, of the strut at the point"""
 
     def of(self, x: NodeVectors) -> AnyArray:
         """(points, 3), positions or velocities of the points, from those of the nodes."""
@@ -40,6 +45,10 @@ class Points(eqx.Module):
         """(nodes, 3), forces on the nodes that do the same work as those on the points, N."""
         at_j = self.share[:, None] * force
         return place_rows(force - at_j, self.ends[0], nodes) + place_rows(at_j, self.ends[1], nodes)
+
+    def distances(self, ground: PenaltyGround, x: AnyArray) -> AnyArray:
+        """(points,), m, of the struts from the `ground`, where points of their axes are at x."""
+        return ground.signed_distance(x) - self.radius
 
     def ground(self, scene: Scene) -> PenaltyGround | None:
         """The scene's ground with the stiffness at the points, without balls, which are at nodes; None if a report has
@@ -67,7 +76,7 @@ class RodContact(EnergyTerm):
         ground = self.points.ground(at.scene)
         if ground is None:
             return jnp.zeros((), at.q.dtype)
-        return contact_energy(ground, ground.signed_distance(self.points.of(at.q)))
+        return contact_energy(ground, self.points.distances(ground, self.points.of(at.q)))
 
     def parts(self, scene):
         return self.points.names("contact of")
@@ -88,7 +97,7 @@ class RodContactDissipation(DissipationTerm):
         if ground is None or ground.dissipation is None:
             return jnp.zeros((), motion.v.dtype)
         x, v = self.points.of(motion.at.q), self.points.of(motion.v)
-        return contact_dissipation(ground, jnp.sum(v * _normals(ground, x), axis=1), ground.signed_distance(x))
+        return contact_dissipation(ground, jnp.sum(v * _normals(ground, x), axis=1), self.points.distances(ground, x))
 
     def parts(self, scene):
         return self.points.names("contact dissipation of")
@@ -113,7 +122,7 @@ class RodFriction(ForceLaw):
         normals = _normals(ground, x)
         v_n = jnp.sum(v * normals, axis=1)
         slip = v - v_n[:, None] * normals
-        pressed = normal_force(ground, ground.signed_distance(x), v_n)
+        pressed = normal_force(ground, self.points.distances(ground, x), v_n)
         mu = self.points.of(jnp.broadcast_to(scene.friction.mu, (nodes,))[:, None] * jnp.ones((1, 3), x.dtype))[:, 0]
         speed = jnp.sqrt(jnp.sum(slip * slip, axis=1) + scene.friction.slip_speed**2)
         return self.points.on_nodes(-(mu * pressed / speed)[:, None] * slip, nodes)
@@ -124,56 +133,94 @@ ALONG_STRUTS = RodContact, RodContactDissipation, RodFriction
 
 
 @typed
-def with_contact_along_struts(scene: Scene, count: int, struts: tuple[int, ...] | None = None) -> Scene:
-    """The scene with `count` points of contact between the ends of its struts, evenly spaced.
+def with_contact_along_struts(
+    scene: Scene, count: int, struts: tuple[int, ...] | None = None, radius: Scalar | Sequence[float] = 0.0
+) -> Scene:
+    """The scene whose struts touch the ground between their ends, too.
 
-    At a point x_p = (1 - s) x_i + s x_j the ground acts as on a node without a ball, with its stiffness divided by
-    `count`. Both ends get the force by the same weights. So a rod touches edges, posts and crests between its nodes
-    (docs/terrain.md).
+    So a rod touches edges, posts and crests between its nodes (docs/terrain.md). A strut with a radius r is a capsule:
+    all that is within r of it. Its axis has the distance phi = r from the ground where it touches. Its ends become
+    balls of that radius. Both ends get the force on a point x = (1 - s) x_i + s x_j by the same weights.
+
+    - Penalty contact acts at `count` evenly spaced points between the ends, with the ground's stiffness divided by
+      `count`.
+    - Exact contact acts at points that move along the strut: each of `count` equal parts has the nearest one to the
+      ground, found anew in each step. Where the strut lies along a face, it has the other end of what lies there, too.
+      All struts and contacts are then solved together. On a plane the ends touch first, so nothing is added.
 
     Args:
-        scene: a scene with penalty contact, and smooth friction or none.
-        count: number of points per strut.
+        scene: a scene with ground; on penalty contact with smooth friction or none.
+        count: number of points, or parts, per strut.
         struts: numbers of the struts; by default all.
+        radius: r, m, of all of them or of each; 0: a thin rod.
 
     Returns:
-        The scene with `RodContact`, and with dissipation and friction at the points if the scene has them.
+        The scene whose ground has `capsules` (exact contact), or the scene with `RodContact`, and with dissipation and
+        friction at the points if the scene has them (penalty contact).
 
     Raises:
-        InputError: exact contact (use `penalty_twin`), another friction law, less than one point; struts that are not
-            there, or have such contact already.
+        InputError: no ground, another friction law, less than one point; struts that are not there, or have such
+            contact already; a radius that is negative, or not one for each strut.
 
     Example:
         >>> scene = jaxgrity.with_contact_along_struts(jaxgrity.load_scene("reference"), 3)
         >>> [law.name for law in scene.terms][0]
         'penalty contact along struts'
     """
+    chosen = _chosen_struts(scene, count, struts)
+    edges, ground = cast(Members, scene.structure.struts).edges, cast(Ground, scene.ground)
+    radii = per_member(radius, len(chosen), "radius")
+    check_each("radius", radii, least=0.0, unit="m")
+    ends = tuple(tuple(edges[k][end] for k in chosen) for end in (0, 1))
+    if radii.any():
+        ground = dataclasses.replace(ground, balls=_balls(ground.balls, ends, radii, len(scene.structure.nodes)))
+    if isinstance(ground, ExactGround):
+        ground = dataclasses.replace(ground, capsules=Capsules(chosen, ends, count, radii))
+        return dataclasses.replace(scene, ground=ground)
+    each = np.repeat(np.arange(len(chosen)), count)
+    share = np.tile(np.arange(1, count + 1) / (count + 1), len(chosen))
+    i, j = (tuple(nodes[k] for k in each) for nodes in ends)
+    points = Points(tuple(chosen[k] for k in each), (i, j), share, np.full(len(each), 1 / count), radii[each])
+    laws: list[Any] = [RodContact(points)]
+    laws += [] if ground.dissipation is None else [RodContactDissipation(points)]
+    laws += [] if scene.friction is None else [RodFriction(points)]
+    return with_terms(dataclasses.replace(scene, ground=ground), *laws)
+
+
+def radii_along_struts(scene: Scene) -> dict[int, float]:
+    """Radius, m, of each strut that touches the ground between its ends."""
+    capsules = getattr(scene.ground, "capsules", None)
+    pairs = [] if capsules is None else [(capsules.struts, capsules.radius)]
+    pairs += [(law.points.struts, law.points.radius) for law in scene.terms if isinstance(law, RodContact)]
+    return {k: float(r) for struts, radii in pairs for k, r in zip(struts, np.asarray(radii))}
+
+
+def _chosen_struts(scene: Scene, count: int, struts: tuple[int, ...] | None) -> tuple[int, ...]:
+    """The struts of `with_contact_along_struts`, which are refused as it says."""
     members, ground = scene.structure.struts, scene.ground
-    if ground is None:
-        raise InputError("contact along struts needs a ground; expected a scene with one")
-    if scene.friction is not None and not isinstance(scene.friction, SmoothFriction | ConeFriction):
+    if not isinstance(ground, PenaltyGround | ExactGround):
+        raise InputError("contact along struts needs a ground; expected a scene with penalty or exact contact")
+    if not ground.impulsive and scene.friction is not None and not isinstance(scene.friction, SmoothFriction):
         raise InputError(f"friction: {type(scene.friction).__name__} along struts; expected smooth friction, or none")
     known = range(0 if members is None else len(members.edges))
     chosen = tuple(known) if struts is None else tuple(struts)
     if members is None or not chosen or not set(chosen) <= set(known) or len(set(chosen)) < len(chosen):
         raise InputError(f"struts = {list(chosen)}: expected some of the scene's {len(known)}, each once")
     check_count("count", count, 1)
-    if twice := sorted(
-        set(chosen) & {k for law in scene.terms if isinstance(law, RodContact) for k in law.points.struts}
-    ):
+    had = radii_along_struts(scene)
+    if twice := sorted(set(chosen) & set(had)):
         raise InputError(f"struts = {list(chosen)}: the scene has contact along {twice} already; expected others")
-    if isinstance(ground, ExactGround):
-        ends = tuple(tuple(members.edges[k][end] for k in chosen) for end in (0, 1))
-        capsules = Capsules(chosen, ends, count, np.zeros(len(chosen)))
-        return dataclasses.replace(scene, ground=dataclasses.replace(ground, capsules=capsules))
-    each = tuple(k for k in chosen for _ in range(count))
-    share = np.tile(np.arange(1, count + 1) / (count + 1), len(chosen))
-    i, j = (tuple(members.edges[k][end] for k in each) for end in (0, 1))
-    points = Points(each, (i, j), share, np.full(len(each), 1 / count))
-    laws: list[Any] = [RodContact(points)]
-    laws += [] if ground.dissipation is None else [RodContactDissipation(points)]
-    laws += [] if scene.friction is None else [RodFriction(points)]
-    return with_terms(scene, *laws)
+    if had and ground.impulsive:
+        raise InputError(f"struts = {list(chosen)}: the scene has contact along others already; expected all at once")
+    return chosen
+
+
+def _balls(balls: Balls | None, ends: tuple[tuple[int, ...], ...], radii: np.ndarray, nodes: int) -> Balls:
+    """The balls of a ground, and those at the `ends` of capsules."""
+    found = dict.fromkeys(range(nodes), 0.0) if balls is None else dict(zip(balls.nodes, np.asarray(balls.radius)))
+    for node, radius in zip(ends[0] + ends[1], np.tile(radii, 2)):
+        found[node] = max(found.get(node, 0.0), radius)
+    return Balls(tuple(found), np.array(list(found.values())))
 
 
 def _normals(ground: PenaltyGround, x: AnyArray) -> AnyArray:

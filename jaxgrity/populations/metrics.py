@@ -38,7 +38,7 @@ class Metrics(NamedTuple):
     slip: Scalar
     """s, time of contact with slip, summed over the nodes"""
     flight: Scalar
-    """s, in which no node touches the ground"""
+    """s, in which neither a node nor a strut touches the ground"""
     force: PerActuator
     """N, (actuators,), now; tension is positive"""
     peak_force: PerActuator
@@ -86,6 +86,8 @@ def updated_metrics(scene: Scene, step: Step, so_far: Metrics) -> Metrics:
     moved = on * (centre_of_mass(scene, q) - centre_of_mass(scene, q0))
     way, up = jnp.sqrt(moved[0] * moved[0] + moved[1] * moved[1]), so_far.moved_z + moved[2]
     touching, slipping = _contact(scene, step)
+    along_struts = step.after.memory.impulses.along_struts if step.impulsive else None
+    supported = touching if along_struts is None else jnp.concatenate([touching, along_struts[:, 0] > 0])
     numbers = _members_that_move(scene)
     rates = (_lengths(scene, step.t0 + h, numbers) - _lengths(scene, step.t0, numbers)) / h
     tensions = actuator_tension(scene, step, numbers)
@@ -97,7 +99,7 @@ def updated_metrics(scene: Scene, step: Step, so_far: Metrics) -> Metrics:
         effort=so_far.effort + on * h * jnp.sum(jnp.maximum(0, -tensions * rates), axis=0),
         contact=so_far.contact + on * h * jnp.sum(touching, axis=0),
         slip=so_far.slip + on * h * jnp.sum(touching * slipping, axis=0),
-        flight=so_far.flight + on * h * (1 - jnp.max(touching, axis=0)),
+        flight=so_far.flight + on * h * (1 - jnp.max(supported, axis=0)),
         force=force,
         peak_force=jnp.maximum(so_far.peak_force, on * jnp.abs(force)),
         peak_rate=jnp.maximum(so_far.peak_rate, on * jnp.abs(rate)),

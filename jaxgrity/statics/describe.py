@@ -9,6 +9,7 @@ from jaxgrity.model.actuation import Gait
 from jaxgrity.model.friction import SwitchFriction
 from jaxgrity.model.laws import EnergyTerm
 from jaxgrity.model.rigidity import rigid_pairs
+from jaxgrity.model.rod_contact import radii_along_struts
 from jaxgrity.model.scene import KNOWN_FRICTIONS, KNOWN_LAWS, Scene
 from jaxgrity.model.springs import as_springs, spring_forces
 from jaxgrity.model.structure import Members, Structure, edge_lengths
@@ -59,6 +60,8 @@ def _describe_ground(scene: Scene) -> list[tuple[str, str]]:
         touch = [("touched by", f"{len(scene.ground.balls.nodes)} balls of {_span(scene.ground.balls.radius, 'm')}")]
     else:
         touch = []
+    if radii := radii_along_struts(scene):
+        touch.append(("contact along", f"{len(radii)} struts of radius {_span(list(radii.values()), 'm')}"))
     if scene.ground.surface is not None:
         return [*touch, ("ground", ", ".join(type(solid).__name__.lower() for solid in scene.ground.surface.solids))]
     incline = np.degrees(scene.ground.incline)

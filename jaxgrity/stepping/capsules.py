@@ -14,8 +14,9 @@ from jaxgrity.model.surface import frame_about
 from jaxgrity.stepping.constraints import exact_ground
 from jaxgrity.stepping.entering import Met, depth_inside
 
-LEANING = 0.02
-"""Slope of a rod to the ground, rad, up to which both ends of what lies along it are points of contact."""
+LEANING = 0.005
+"""Slope of a rod to the ground, rad, up to which both ends of what lies along it are points of contact. A rod that
+rocks in a step by more than that meets one end after the other."""
 APART = 1e-6
 """Smallest distance of two points of contact of one rod, as a share of its length."""
 

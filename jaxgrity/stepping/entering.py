@@ -62,9 +62,10 @@ def where_met(ground: ExactGround, size: Scalar, h: Scalar, q: NodeVectors, v: N
     if surface is None:
         return Met(ground.frame(q), ground.signed_distance(q), 0.0)
     start, way = coordinates(ground.relative(q)), coordinates(h * v)
+    if ground.balls is not None:
+        surface = ground.balls.around(surface, q)
     if surface.smooth:
-        radius = 0.0 if ground.balls is None else ground.balls.radii(q)
-        *normal, distance, share = _followed(surface, size, start, way, radius)
+        *normal, distance, share = _followed(surface, size, start, way)
         return Met(frame_about(*normal), distance, share)
     shares = _shares(surface, size, start, way)
     if len(surface.solids) == 1:
@@ -80,7 +81,6 @@ def _followed(
     size: Scalar,
     start: Coordinates,
     way: Coordinates,
-    radius: PerNode | float = 0.0,
     entry: PerNode | float = 1.0,
 ) -> list[PerNode]:
     """The normal where nodes touch a curved face first, its distance, and the share of their ways at which they do.
@@ -93,7 +93,7 @@ def _followed(
     """
     before = surface.normal(*start)
     approach = _along(way, before)
-    gap = surface.distance(*start) - radius - depth_inside(size, start[0].dtype)
+    gap = surface.distance(*start) - depth_inside(size, start[0].dtype)
     lands = (gap > 0) & (jnp.abs(approach) >= gap)
     # divided where it is chosen alone: elsewhere the quotient may have an infinite derivative, and 0 times it is NaN
     first = jnp.where(lands, gap / jnp.where(lands, jnp.abs(approach), 1), (gap > 0).astype(gap.dtype))
@@ -104,7 +104,7 @@ def _followed(
     norm = length_of(*between)
     normal = tuple(over(x, norm) for x in between)
     turned = (1 - share) * (_along(way, normal) - approach * _along(before, normal))
-    return [*normal, surface.distance(*end) - radius - turned, share]
+    return [*normal, surface.distance(*end) - turned, share]
 
 
 def _along(way: Coordinates, normal: Coordinates) -> PerNode:

@@ -31,6 +31,7 @@ MASS_RATIO = 50
 """Largest ratio of the masses at a strut's ends at which sweeps are sure to converge on the ground."""
 ROUGH = 1.0
 """Smallest friction coefficient mu at which sweeps may not converge."""
+UNSWEPT = "sweeps handle no rods with mass, supports, bodies or balls, and no contact along struts"
 MOST_SWEEPS = 1000
 """Largest number of sweeps per complementarity step if a tolerance is given."""
 
@@ -182,10 +183,7 @@ def check_options(scene: Scene, options: ResolvedOptions) -> None:
     method = options.method
     _check_method(scene, method)
     if method.constrained and not options.coupled and _must_be_coupled(scene):
-        raise InputError(
-            "options: sweeps handle no rods with mass, supports, bodies or balls, and no contact along struts; expected "
-            "options that `resolve` makes for this scene"
-        )
+        raise InputError(f"options: {UNSWEPT}; expected options that `resolve` makes for this scene")
     if options.dt is not None and not traced((scene, options)):
         _check_seen(scene, method, float(options.dt))
 
@@ -287,10 +285,7 @@ def _coupled(scene: Scene, given: SolverOptions, method: Method, concrete: bool)
         return False
     if given.coupled is not None:
         if not given.coupled and _must_be_coupled(scene):
-            raise InputError(
-                "coupled = False: sweeps handle no rods with mass, supports, bodies or balls, and no contact along "
-                "struts; expected None"
-            )
+            raise InputError(f"coupled = False: {UNSWEPT}; expected None")
         return given.coupled
     struts, must = rigid_struts(scene), _must_be_coupled(scene)
     if must or struts is None:
