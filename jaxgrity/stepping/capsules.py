@@ -6,11 +6,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxgrity.core.primitives import length
 from jaxgrity.core.types import AnyArray, MemberVectors, NodeVectors, PerMember, Scalar, State
 from jaxgrity.model.capsules import Capsules, Nearest, nearest
+from jaxgrity.model.ground import ExactGround
 from jaxgrity.model.scales import length_scale
 from jaxgrity.model.scene import Scene
-from jaxgrity.model.surface import frame_about
+from jaxgrity.model.surface import Surface, frame_about
 from jaxgrity.stepping.constraints import exact_ground
 from jaxgrity.stepping.entering import Met, depth_inside
 
@@ -44,58 +46,90 @@ def ends_of(capsules: Capsules) -> tuple[np.ndarray, np.ndarray]:
     return i, j
 
 
-def touching_points(scene: Scene, size: Scalar, h: Scalar, start: State) -> Touching:
+def touching_points(scene: Scene, h: Scalar, start: State) -> Touching:
     """The points of struts that may touch in a step of h (s) from `start`, q, m, and v, m/s.
 
-    Each strut has the nearest one, and where it lies along a face within `LEANING`, the other end of what lies there.
-    In contact the plane has the normal at the start of the step, and the distance where the strut is if it follows the
-    ground. A strut that arrives meets the plane where it first touches. Impulses are divided among both ends by 1 - s
-    and s.
+    Each part of a strut has two. The first is the nearest one. In contact its plane has the normal at the start of the
+    step, and the distance where the strut is if it follows the ground. If the strut arrives in the step, it is the
+    plane that it touches first. The second point is where a strut in contact would end in the ground at another place;
+    or the other end of what lies along a face, of a strut that leans to it by less than `LEANING`.
     """
-    ground, capsules = exact_ground(scene), cast(Capsules, capsules_of(scene))
-    q, way = ground.relative(start[0]), h * start[1]
-    shape = len(capsules.struts), capsules.parts, 3
-    rows = np.repeat(np.arange(shape[0]), shape[1] * shape[2])
-    edges = np.tile(np.repeat(np.arange(shape[1]), 3), shape[0]) / capsules.parts
-    part = jnp.asarray(np.stack([edges, edges + 1 / capsules.parts]), q.dtype)
-    leaning = jnp.asarray(np.tile([0, LEANING, -LEANING], shape[0] * shape[1]), q.dtype)
-    (i, j), radius = (np.array(nodes)[rows] for nodes in capsules.ends), capsules.radius[rows]
-    a, b, way_a, way_b = q[i], q[j], way[i], way[j]
-
-    def at(a, b) -> tuple[Nearest, AnyArray]:
-        near = nearest(ground.surface, a, b, part, leaning)
-        moves = way_a + near.share[:, None] * (way_b - way_a)
-        return near._replace(distance=near.distance - radius), jnp.sum(moves * near.normal, axis=1)
-
-    first, approach = at(a, b)
-    gap = first.distance - depth_inside(size, q.dtype)
+    size, rows = length_scale(scene), _rows(scene, h, start)
+    first, approach = rows.at(jnp.zeros_like(rows.way[0]), jnp.zeros_like(rows.way[1]))
+    gap = first.distance - depth_inside(size, rows.a.dtype)
     # a strut in contact ends a step on the ground but for the square of its way
-    moved = jnp.maximum(jnp.sum(way_a * way_a, axis=1), jnp.sum(way_b * way_b, axis=1))
+    moved = sum(jnp.sum(way * way, axis=1) for way in rows.way)
     held = first.found & (gap <= moved / size)
     lands = first.found & (gap < -approach)
     share = jnp.where(lands, gap / jnp.where(lands, -approach, 1), 1)
     follows = -approach[:, None] * first.normal
-    shift = lambda x: jnp.where(held[:, None], x + follows, share[:, None] * x)  # noqa: E731
-    last, _ = at(a + shift(way_a), b + shift(way_b))
-    last = last._replace(distance=jnp.where(last.found, last.distance, first.distance))
-    # the plane at the start, at the distance at the end
-    point = jax.tree.map(lambda x, y: jnp.where(held.reshape(-1, *[1] * (x.ndim - 1)), x, y), first, last)
-    point = point._replace(distance=jnp.where(held, last.distance, point.distance))
-    return _pairs(point, jnp.where(held, 0, share))
+    last, _ = rows.at(*(jnp.where(held[:, None], way + follows, share[:, None] * way) for way in rows.way))
+    elsewhere = held & last.found & (length(rows.b - rows.a) * jnp.abs(last.share - first.share) > 2 * jnp.sqrt(moved))
+    # the distance there is that of a strut that moves as it did, not as it follows the ground
+    turned = jnp.where(held, approach * jnp.sum(first.normal * last.normal, axis=1), 0)
+    late = _Planes(last._replace(distance=last.distance + turned), jnp.where(held, 1, share))
+    followed = jnp.where(last.found & ~elsewhere, last.distance, first.distance)
+    on_time = _Planes(first._replace(distance=followed), jnp.zeros_like(share))
+    kept = held & ~(elsewhere & (rows.leaning != 0))
+    return _pairs(_chosen(kept, on_time, late), late._replace(near=late.near._replace(found=elsewhere)))
 
 
-def _pairs(points: Nearest, share: AnyArray) -> Touching:
-    """Of three points of each part, one for each leaning, the first and what is farther from it of the others."""
-    each = jax.tree.map(lambda x: x.reshape(-1, 3, *x.shape[1:]), (points, share))
-    s, found = each[0].share, each[0].found
-    apart = jnp.where(found, jnp.abs(s - s[:, :1]), -1)
-    other = jnp.where(apart[:, 1] >= apart[:, 2], 1, 2)
-    chosen = jnp.stack([jnp.zeros_like(other), other], axis=1)
+class _Planes(NamedTuple):
+    """What struts meet at their nearest points."""
+
+    near: Nearest
+    share: AnyArray
+    """of the way in the step, at which that is"""
+
+
+class _Rows(NamedTuple):
+    """All parts of struts, each of them thrice: as it is, and leaning to either side."""
+
+    surface: Surface
+    a: NodeVectors
+    b: NodeVectors
+    way: tuple[NodeVectors, NodeVectors]
+    """m, of both ends in the step"""
+    part: AnyArray
+    leaning: AnyArray
+    radius: AnyArray
+
+    def at(self, shift_a: NodeVectors, shift_b: NodeVectors) -> tuple[Nearest, AnyArray]:
+        """The nearest points when the ends have moved by that, and the ways of these points along the normal, m."""
+        near = nearest(self.surface, self.a + shift_a, self.b + shift_b, self.part, self.leaning)
+        moves = self.way[0] + near.share[:, None] * (self.way[1] - self.way[0])
+        return near._replace(distance=near.distance - self.radius), jnp.sum(moves * near.normal, axis=1)
+
+
+def _rows(scene: Scene, h: Scalar, start: State) -> _Rows:
+    ground, capsules = cast(ExactGround, scene.ground), cast(Capsules, capsules_of(scene))
+    q, way, parts = ground.relative(start[0]), h * start[1], capsules.parts
+    strut, part, leaning = (x.ravel() for x in np.indices((len(capsules.struts), parts, 3)))
+    (i, j), dtype = (np.array(nodes)[strut] for nodes in capsules.ends), q.dtype
+    edges = jnp.asarray(np.stack([part, part + 1]) / parts, dtype)
+    leanings = jnp.asarray(np.array([0, LEANING, -LEANING])[leaning], dtype)
+    surface = cast(Surface, ground.surface)
+    return _Rows(surface, q[i], q[j], (way[i], way[j]), edges, leanings, capsules.radius[strut])
+
+
+def _chosen(which: AnyArray, one: _Planes, other: _Planes) -> _Planes:
+    return jax.tree.map(lambda x, y: jnp.where(which.reshape(-1, *[1] * (x.ndim - 1)), x, y), one, other)
+
+
+def _pairs(planes: _Planes, elsewhere: _Planes) -> Touching:
+    """Of each part the first of three rows, and of both others and what the first meets `elsewhere` the farthest."""
+    three, more = (jax.tree.map(lambda x: x.reshape(-1, 3, *x.shape[1:]), each) for each in (planes, elsewhere))
+    four = jax.tree.map(lambda x, y: jnp.concatenate([x, y[:, :1]], axis=1), three, more)
+    s, found = four.near.share, four.near.found
+    apart = jnp.where(found, jnp.abs(s - s[:, :1]), -1)[:, 1:]
+    second = 1 + jnp.argmax(apart, axis=1)
+    chosen = jnp.stack([jnp.zeros_like(second), second], axis=1)
     two = lambda x: jnp.take_along_axis(x, chosen.reshape(*chosen.shape, *[1] * (x.ndim - 2)), 1)  # noqa: E731
-    near, share = jax.tree.map(lambda x: two(x).reshape(-1, *x.shape[2:]), each)
     # one point is not to count twice
-    again = jnp.stack([jnp.zeros_like(other, bool), (two(apart)[:, 1] < APART) & found[:, 0]], axis=1).ravel()
-    return Touching(Met(frame_about(*near.normal.T), near.distance, share), near.share, near.found & ~again)
+    counts = jnp.stack([found[:, 0], (jnp.max(apart, axis=1) >= APART) | ~found[:, 0]], axis=1)
+    near, share = jax.tree.map(lambda x: two(x).reshape(-1, *x.shape[2:]), four)
+    met = Met(frame_about(*near.normal.T), near.distance, share)
+    return Touching(met, near.share, near.found & counts.ravel())
 
 
 def points_of(touching: Touching, capsules: Capsules, x: NodeVectors) -> MemberVectors:
@@ -113,7 +147,7 @@ def weights_of(touching: Touching, capsules: Capsules, nodes: int) -> AnyArray:
 
 def on_ends(scene: Scene, h: Scalar, start: State, impulses: AnyArray) -> list[NodeVectors]:
     """The `impulses` of the ground on the points, (points, 3), N s, on nodes: along the normal and both tangents."""
-    touching = touching_points(scene, length_scale(scene), h, start)
+    touching = touching_points(scene, h, start)
     weights = weights_of(touching, cast(Capsules, capsules_of(scene)), len(start[0]))
     axes = touching.met.frame.normal, *touching.met.frame.tangents
     return [weights.T @ (impulses[:, k, None] * axis) for k, axis in enumerate(axes)]

@@ -24,6 +24,7 @@ from jaxgrity.core.dense import least_solution
 from jaxgrity.core.primitives import edge_vectors, inverse, length
 from jaxgrity.core.types import AnyArray, MemberVectors, NodeVectors, PerMember, PerNode, Scalar, State
 from jaxgrity.model.scene import Scene
+from jaxgrity.stepping.capsules import Touching
 from jaxgrity.stepping.constraints import GroundImpulses
 from jaxgrity.stepping.coupled_contacts import ContactProblem, as_impulses, solve_contacts
 from jaxgrity.stepping.coupled_problem import (
@@ -93,15 +94,16 @@ def coupled_impulses(
     start: NodeVectors,
     near: NodeVectors,
     last: GroundImpulses,
+    touching: Touching | None,
 ) -> StepImpulses:
     """Solve the step of `times` (its size h and its end, s) from `state` (q, m, and v, m/s).
 
     `start`: the velocities by forces alone; `near`: some near the solution; `last`: the ground's impulses of the last
-    step.
+    step; `touching`: points of struts that may touch.
     """
-    (h, t1), (q, v) = times, state
+    (h, _), (q, _) = times, state
     mass, rows = scene.structure.borne_mass, touching_nodes(scene)
-    problem = problem_of(scene, h, t1, q, v, start)
+    problem = problem_of(scene, times, state, start, touching)
     guess = jnp.stack([last.normal, *last.tangential], axis=1) * mass[:, None]
     guess, along = guess if rows is None else guess[rows], last.along_struts
     found = solve_step(problem, guess if along is None else jnp.concatenate([guess, along]), near)

@@ -19,7 +19,7 @@ from jaxgrity.model.scales import length_scale, mass_scale, speed_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.surface import Frame
 from jaxgrity.stepping.blocks import WITHOUT_GROUND
-from jaxgrity.stepping.capsules import capsules_of, ends_of, points_of, touching_points, weights_of
+from jaxgrity.stepping.capsules import Touching, capsules_of, ends_of, points_of, weights_of
 from jaxgrity.stepping.constraints import exact_ground
 from jaxgrity.stepping.coupled_contacts import as_impulses
 from jaxgrity.stepping.entering import Met, closing_speed, where_met
@@ -71,8 +71,15 @@ class Elimination(NamedTuple):
     """(3 contacts, 3 contacts): B along normals and tangents, scaled by masses"""
 
 
-def problem_of(scene: Scene, h: Scalar, t1: Scalar, q: NodeVectors, v: NodeVectors, start: NodeVectors) -> Coupled:
-    """The constraints of a step of size h (s) that ends at t1, from `q` (m) and `v` (m/s); `start` is w0 (m/s)."""
+def problem_of(
+    scene: Scene, times: tuple[Scalar, Scalar], state: State, start: NodeVectors, touching: Touching | None = None
+) -> Coupled:
+    """The constraints of a step of size h that ends at t1 (`times`, s), from `state`, q (m) and v (m/s); `start` is w0
+    (m/s).
+
+    `touching`: the points of struts that may touch.
+    """
+    (h, t1), (q, v) = times, state
     edges, ground, structure = rigid_pairs(scene), exact_ground(scene), scene.structure
     own = mobility(structure) if structure.mobility is None else structure.mobility
     A = jnp.einsum("ijk,kl->ikjl", own, jnp.eye(3, dtype=q.dtype)).reshape(q.size, q.size)
@@ -104,8 +111,8 @@ def problem_of(scene: Scene, h: Scalar, t1: Scalar, q: NodeVectors, v: NodeVecto
         own = jnp.eye(len(q), dtype=q.dtype)[rows]
         moved_with = own + ground.balls.turning(structure.bodies, q, frame[:, 0])
         reach = frame[:, :, None, :] * jnp.stack([own, moved_with, moved_with], axis=1)[..., None]
-    if contact is not None and capsules_of(scene) is not None:
-        contact, frame, reach = _and_struts(scene, h, (q, v), contact, frame, reach)
+    if contact is not None and touching is not None:
+        contact, frame, reach = _and_struts(scene, h, v, touching, contact, frame, reach)
     slow = jnp.asarray(SLOW * speed, q.dtype)
     return Coupled(A, start, apart, goal, contact, frame, slow, reach, edges)
 
@@ -128,13 +135,18 @@ def _met(ground: ExactGround, size: Scalar, h: Scalar, start: State) -> Met:
 
 
 def _and_struts(
-    scene: Scene, h: Scalar, start: State, contact: Contact, frame: AnyArray, reach: AnyArray | None
+    scene: Scene,
+    h: Scalar,
+    v: NodeVectors,
+    touching: Touching,
+    contact: Contact,
+    frame: AnyArray,
+    reach: AnyArray | None,
 ) -> tuple[Contact, AnyArray, AnyArray]:
     """The contacts of nodes, or balls, and after them those of struts between their ends."""
     ground, capsules, size = cast(ExactGround, scene.ground), cast(Capsules, capsules_of(scene)), length_scale(scene)
-    nodes, dtype = len(start[0]), frame.dtype
-    touching, (i, j) = touching_points(scene, size, h, start), ends_of(capsules)
-    closing = closing_speed(ground, size, h, points_of(touching, capsules, start[1]), touching.met)
+    nodes, dtype, (i, j) = len(v), frame.dtype, ends_of(capsules)
+    closing = closing_speed(ground, size, h, points_of(touching, capsules, v), touching.met)
     moves = touching.found & scene.structure.free.any(1)[[i, j]].any(0)
     closing = jnp.where(moves, closing, -NEVER * speed_scale(scene))
     mu, each = contact.mu, None if scene.friction is None else jnp.asarray(scene.friction.sliding_mu)

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jaxgrity.core.types import Scalar
 from jaxgrity.model.scales import speed_scale
 from jaxgrity.model.shaking import moved_along
-from jaxgrity.stepping.capsules import capsules_of, ends_of
+from jaxgrity.stepping.capsules import capsules_of, ends_of, touching_points
 from jaxgrity.stepping.complementarity import (
     LARGEST_LENGTH_ERROR,
     Complementarity,
@@ -42,15 +42,18 @@ class CoupledImpulses(Complementarity):
     def velocity_after_impulses(self, terms, ends, start, scene, memory):
         (q, v), (t0, t1) = start, ends
         h, (kick, forces) = t1 - t0, kick_of(scene, ends, memory)
-        solve = self.lift(coupled_impulses, ("s", None, -1, -1, -1, -1))
+        solve = self.lift(coupled_impulses, ("s", None, -1, -1, -1, -1, -1))
+        touching = None
+        if capsules_of(scene) is not None:
+            touching = self.lift(touching_points, ("s", None, -1))(scene, h, start)
         _, a = terms.vf(t0, start, forces)
         free = self._carried(scene, t0, t1, v + kick * a)
         # robots that rest or slide need nearly the impulses of their last step: Newton's method begins there
-        found = solve(scene, (h, t1), start, free, free, memory.impulses)
+        found = solve(scene, (h, t1), start, free, free, memory.impulses, touching)
         if scene.dissipates:
             _, a = terms.vf(t0, (q, (v + found.velocity) / 2), forces)
             free = self._carried(scene, t0, t1, v + kick * a)
-            found = solve(scene, (h, t1), start, free, found.velocity, found.impulses)
+            found = solve(scene, (h, t1), start, free, found.velocity, found.impulses, touching)
         fastest = LARGEST_SPEED_ERROR * speed_scale(scene)
         met = (found.stretch <= LARGEST_LENGTH_ERROR) & (found.error <= fastest)
         if self.tolerance is not None:
