@@ -17,16 +17,20 @@ from jaxgrity import (
     Members,
     PenaltyGround,
     Scene,
+    Slope,
     SmoothFriction,
     SolverOptions,
     Sphere,
     Structure,
+    SwitchFriction,
     Trajectory,
+    Union,
     energy_audit,
     simulate,
     with_contact_along_struts,
 )
-from jaxgrity.model import exact_twin
+from jaxgrity.io.scene_writing import scene_toml
+from jaxgrity.model import exact_twin, penalty_twin
 from jaxgrity.model.balls import Balls
 from jaxgrity.populations import rod_depths
 from jaxgrity.stepping.dynamics import total_force
@@ -81,11 +85,32 @@ def test_balls_of_nodes_are_none_of_the_points():
         np.testing.assert_allclose(rod_depths(feet, still, 3), max(-z, 0.0), rtol=1e-12)
 
 
-def test_the_exact_twin_says_that_contact_is_at_nodes():
-    """It has no laws that act nowhere."""
-    scene = with_contact_along_struts(across(SmoothFriction(0.4, 0.01)), 3)
+def test_contact_twins_touch_along_the_same_struts():
+    """With their radii: by laws at points on one model, by the ground's capsules on the other."""
+    scene = with_contact_along_struts(across(SmoothFriction(0.4, 0.01)), 3, radius=0.02)
+    exact = exact_twin(scene)
     assert len(scene.terms) == 3
-    assert not exact_twin(scene).terms
+    assert not exact.terms
+    assert exact.ground.capsules.struts == (0,)
+    np.testing.assert_array_equal(exact.ground.capsules.radius, [0.02])
+    np.testing.assert_array_equal(exact.ground.balls.radius, [0.02, 0.02])
+    np.testing.assert_array_equal(penalty_twin(exact).terms[0].points.radius, np.full(5, 0.02))
+
+
+@pytest.mark.parametrize("radius", [0.0, 0.02])
+def test_scene_files_have_it(radius):
+    """Read and written, of both contact models; points at other places have no key."""
+    soft = with_contact_along_struts(
+        across(SmoothFriction(0.4, 0.01), surface=Union((Slope(), POST))), 3, radius=radius
+    )
+    for scene in (soft, exact_twin(soft)):
+        text = scene_toml(scene)
+        assert "along_struts = { count = " in text
+        again = jaxgrity.parse_scene(text)
+        assert jax.tree.all(jax.tree.map(np.array_equal, again, scene))
+    elsewhere = eqx.tree_at(lambda s: s.terms[0].points.share, soft, np.array([0.1, 0.2, 0.3]))
+    with pytest.raises(InputError, match="expected evenly spaced points, as many on each strut"):
+        scene_toml(elsewhere)
 
 
 def test_a_point_gets_what_a_node_gets_there():
@@ -164,7 +189,19 @@ def test_gradients_agree_with_central_differences():
 @pytest.mark.parametrize(
     ("scene", "arguments", "message"),
     [
-        (lambda: jaxgrity.load_scene("exact"), (3,), "contact along struts needs penalty contact"),
+        (lambda: replace(across(), ground=None), (3,), "contact along struts needs a ground"),
+        (
+            lambda: across(SwitchFriction(0.4, 0.3, 0.01)),
+            (3,),
+            "friction: SwitchFriction along struts; expected smooth",
+        ),
+        (across, (1, None, -0.1), "radius = -0.1 m: expected a finite number, at least 0"),
+        (across, (1, None, [0.1, 0.1]), "radius has 2 numbers; expected one, or 1"),
+        (
+            lambda: with_contact_along_struts(exact_twin(across(damping=1.0)), 1),
+            (2,),
+            r"struts = \[0\]: the scene has contact along \[0\] already",
+        ),
         (across, (0,), "count = 0: expected a whole number, at least 1"),
         (across, (1, (1,)), r"struts = \[1\]: expected some of the scene's 1"),
         (
