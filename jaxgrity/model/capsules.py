@@ -64,7 +64,8 @@ def nearest(surface: Surface, a: NodeVectors, b: NodeVectors, part: AnyArray, le
     d = b - a
     size = length(d)
     leaning = leaning * size
-    *ends, found = jax.lax.stop_gradient(_interval(surface, a, d, part, leaning))
+    held = lambda x: jax.lax.stop_gradient(x) if eqx.is_inexact_array(x) else x  # noqa: E731
+    *ends, found = _interval(*jax.tree.map(held, (surface, a, d, part, leaning)))
     s = jnp.stack(ends)
     f, slope, normal = _look(surface, a, d, s)
     level = slope[1] - slope[0] <= LEVEL * jnp.finfo(s.dtype).eps * size

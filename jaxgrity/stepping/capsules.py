@@ -19,8 +19,9 @@ from jaxgrity.stepping.entering import Met, depth_inside
 LEANING = 0.005
 """Slope of a rod to the ground, rad, up to which both ends of what lies along it are points of contact. A rod that
 rocks in a step by more than that meets one end after the other."""
-APART = 1e-6
-"""Smallest distance of two points of contact of one rod, as a share of its length."""
+APART = 0.02
+"""Smallest distance of two points of contact of one part, as a share of the strut's length. On a log, or about an edge
+of a capsule, points that differ by `LEANING` are nearer than that. There the rod rocks, and has one point."""
 
 
 class Touching(NamedTuple):
@@ -125,7 +126,6 @@ def _pairs(planes: _Planes, elsewhere: _Planes) -> Touching:
     second = 1 + jnp.argmax(apart, axis=1)
     chosen = jnp.stack([jnp.zeros_like(second), second], axis=1)
     two = lambda x: jnp.take_along_axis(x, chosen.reshape(*chosen.shape, *[1] * (x.ndim - 2)), 1)  # noqa: E731
-    # one point is not to count twice
     counts = jnp.stack([found[:, 0], (jnp.max(apart, axis=1) >= APART) | ~found[:, 0]], axis=1)
     near, share = jax.tree.map(lambda x: two(x).reshape(-1, *x.shape[2:]), four)
     met = Met(frame_about(*near.normal.T), near.distance, share)

@@ -107,11 +107,13 @@ def pendulum(radius: float, beyond: float, duration: float) -> tuple[float, np.n
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("radius", [0.0, pytest.param(0.05, marks=pytest.mark.campaign)])
-def test_a_rod_tips_over_an_edge_as_its_equations_say(radius):
-    """At second order, from where it lies flat; its axis stays a radius from the edge."""
+@pytest.mark.parametrize(
+    ("radius", "order"), [(0.0, 2), pytest.param(0.05, 1, marks=pytest.mark.campaign)], ids=["rod", "capsule"]
+)
+def test_a_rod_tips_over_an_edge_as_its_equations_say(radius, order):
+    """At second order, and a capsule at first; from where it lies flat. Its axis stays a radius from the edge."""
     angle, middle = pendulum(radius, 0.12, 0.3)
-    assert angle > 0.2
+    assert angle > 0.15
     errors = []
     for dt in (1e-2, 5e-3):
         motion = simulate(
@@ -121,8 +123,8 @@ def test_a_rod_tips_over_an_edge_as_its_equations_say(radius):
         d = q[1] - q[0]
         errors.append([math.atan2(-d[2], d[0]) - angle, *(q.mean(0) - EDGE)[[0, 2]] - middle])
     errors = abs(np.array(errors))
-    np.testing.assert_allclose(errors[1], 0.0, atol=2e-5)
-    assert errors[1].max() < errors[0].max() / 3
+    np.testing.assert_allclose(errors[1], 0.0, atol={2: 5e-6, 1: 5e-5}[order])
+    assert errors[1].max() < errors[0].max() / 1.7**order
 
 
 @pytest.mark.slow
@@ -206,7 +208,7 @@ def test_the_balance_of_a_sliding_capsule():
 @pytest.mark.campaign
 def test_stiff_penalty_contact_agrees():
     """A frictionless rod that tips over a log, with many points of contact along it."""
-    q = tilted(0.0, 0.12) - EDGE + [0.0, 0.0, 0.3]
+    q = np.asarray(tilted(0.0, 0.12)) - EDGE + np.array([0.0, 0.0, 0.3])
     exact = replace(rod(surface=LOG), structure=replace(rod().structure, nodes=q))
     springs = Members(((0, 1),), [1e6], [1.0], damping=[50.0])
     soft = Scene(Structure(q, [1.0, 1.0], springs), G, None, PenaltyGround(4e6, 1.0, surface=LOG))
