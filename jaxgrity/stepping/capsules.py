@@ -24,7 +24,7 @@ APART = 0.02
 of a capsule, points that differ by `LEANING` are nearer than that. There the rod rocks, and has one point."""
 
 
-class Touching(NamedTuple):
+class TouchingPoints(NamedTuple):
     """The points of struts that may touch the ground in a step."""
 
     met: Met
@@ -47,7 +47,7 @@ def ends_of(capsules: Capsules) -> tuple[np.ndarray, np.ndarray]:
     return i, j
 
 
-def touching_points(scene: Scene, h: Scalar, start: State) -> Touching:
+def touching_points(scene: Scene, h: Scalar, start: State) -> TouchingPoints:
     """The points of struts that may touch in a step of h (s) from `start`, q, m, and v, m/s.
 
     Each part of a strut has two. The first is the nearest one. In contact its plane has the normal at the start of the
@@ -117,7 +117,7 @@ def _chosen(which: AnyArray, one: _Planes, other: _Planes) -> _Planes:
     return jax.tree.map(lambda x, y: jnp.where(which.reshape(-1, *[1] * (x.ndim - 1)), x, y), one, other)
 
 
-def _pairs(planes: _Planes, elsewhere: _Planes) -> Touching:
+def _pairs(planes: _Planes, elsewhere: _Planes) -> TouchingPoints:
     """Of each part the first of three rows, and of both others and what the first meets `elsewhere` the farthest."""
     three, more = (jax.tree.map(lambda x: x.reshape(-1, 3, *x.shape[1:]), each) for each in (planes, elsewhere))
     four = jax.tree.map(lambda x, y: jnp.concatenate([x, y[:, :1]], axis=1), three, more)
@@ -129,16 +129,16 @@ def _pairs(planes: _Planes, elsewhere: _Planes) -> Touching:
     counts = jnp.stack([found[:, 0], (jnp.max(apart, axis=1) >= APART) | ~found[:, 0]], axis=1)
     near, share = jax.tree.map(lambda x: two(x).reshape(-1, *x.shape[2:]), four)
     met = Met(frame_about(*near.normal.T), near.distance, share)
-    return Touching(met, near.share, near.found & counts.ravel())
+    return TouchingPoints(met, near.share, near.found & counts.ravel())
 
 
-def points_of(touching: Touching, capsules: Capsules, x: NodeVectors) -> MemberVectors:
+def of_points(touching: TouchingPoints, capsules: Capsules, x: NodeVectors) -> MemberVectors:
     """Positions or velocities of the points, from those of the nodes."""
     i, j = ends_of(capsules)
     return x[i] + touching.share[:, None] * (x[j] - x[i])
 
 
-def weights_of(touching: Touching, capsules: Capsules, nodes: int) -> AnyArray:
+def weights_of(touching: TouchingPoints, capsules: Capsules, nodes: int) -> AnyArray:
     """(points, nodes): the share that each node has in the motion of a point."""
     (i, j), rows = ends_of(capsules), np.arange(len(touching.share))
     none = jnp.zeros((len(rows), nodes), touching.share.dtype)

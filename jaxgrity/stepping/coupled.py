@@ -24,7 +24,7 @@ from jaxgrity.core.dense import least_solution
 from jaxgrity.core.primitives import edge_vectors, inverse, length
 from jaxgrity.core.types import AnyArray, MemberVectors, NodeVectors, PerMember, PerNode, Scalar, State
 from jaxgrity.model.scene import Scene
-from jaxgrity.stepping.capsules import Touching
+from jaxgrity.stepping.capsules import TouchingPoints
 from jaxgrity.stepping.constraints import GroundImpulses
 from jaxgrity.stepping.coupled_contacts import ContactProblem, as_impulses, solve_contacts
 from jaxgrity.stepping.coupled_problem import (
@@ -94,7 +94,7 @@ def coupled_impulses(
     start: NodeVectors,
     near: NodeVectors,
     last: GroundImpulses,
-    touching: Touching | None,
+    touching: TouchingPoints | None,
 ) -> StepImpulses:
     """Solve the step of `times` (its size h and its end, s) from `state` (q, m, and v, m/s).
 

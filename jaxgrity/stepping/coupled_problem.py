@@ -19,7 +19,7 @@ from jaxgrity.model.scales import length_scale, mass_scale, speed_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.surface import Frame
 from jaxgrity.stepping.blocks import WITHOUT_GROUND
-from jaxgrity.stepping.capsules import Touching, capsules_of, ends_of, points_of, weights_of
+from jaxgrity.stepping.capsules import TouchingPoints, capsules_of, ends_of, of_points, weights_of
 from jaxgrity.stepping.constraints import exact_ground
 from jaxgrity.stepping.coupled_contacts import as_impulses
 from jaxgrity.stepping.entering import Met, closing_speed, where_met
@@ -72,7 +72,7 @@ class Elimination(NamedTuple):
 
 
 def problem_of(
-    scene: Scene, times: tuple[Scalar, Scalar], state: State, start: NodeVectors, touching: Touching | None = None
+    scene: Scene, times: tuple[Scalar, Scalar], state: State, start: NodeVectors, touching: TouchingPoints | None = None
 ) -> Coupled:
     """The constraints of a step of size h that ends at t1 (`times`, s), from `state`, q (m) and v (m/s); `start` is w0
     (m/s).
@@ -138,7 +138,7 @@ def _and_struts(
     scene: Scene,
     h: Scalar,
     v: NodeVectors,
-    touching: Touching,
+    touching: TouchingPoints,
     contact: Contact,
     frame: AnyArray,
     reach: AnyArray | None,
@@ -146,7 +146,7 @@ def _and_struts(
     """The contacts of nodes, or balls, and after them those of struts between their ends."""
     ground, capsules, size = cast(ExactGround, scene.ground), cast(Capsules, capsules_of(scene)), length_scale(scene)
     nodes, dtype, (i, j) = len(v), frame.dtype, ends_of(capsules)
-    closing = closing_speed(ground, size, h, points_of(touching, capsules, v), touching.met)
+    closing = closing_speed(ground, size, h, of_points(touching, capsules, v), touching.met)
     moves = touching.found & scene.structure.free.any(1)[[i, j]].any(0)
     closing = jnp.where(moves, closing, -NEVER * speed_scale(scene))
     mu, each = contact.mu, None if scene.friction is None else jnp.asarray(scene.friction.sliding_mu)

@@ -195,7 +195,7 @@ def test_gradients_agree_with_central_differences():
             (3,),
             "friction: SwitchFriction along struts; expected smooth",
         ),
-        (across, (1, None, -0.1), "radius = -0.1 m: expected a finite number, at least 0"),
+        (across, (1, None, -0.1), r"radius\[0\] = -0.1 m: expected a finite number, at least 0"),
         (across, (1, None, [0.1, 0.1]), "radius has 2 numbers; expected one, or 1"),
         (
             lambda: with_contact_along_struts(exact_twin(across(damping=1.0)), 1),
