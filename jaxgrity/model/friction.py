@@ -12,8 +12,9 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import along, component, inner, inverse, root
 from jaxgrity.core.types import NodeVectors, PerNode, Scalar, as_float
 from jaxgrity.model.balls import touching_velocities
-from jaxgrity.model.ground import Ground, held_directions
+from jaxgrity.model.ground import Ground
 from jaxgrity.model.laws import Constraint, DissipationTerm, ForceLaw, Law, Motion, node_names, unchanged_per_node
+from jaxgrity.model.placing import held_directions
 from jaxgrity.model.surface import Direction
 
 Tangents = tuple[Direction, Direction]

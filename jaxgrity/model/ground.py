@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, ClassVar
 import equinox as eqx
 import jax
 import numpy as np
-import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
 from jaxgrity.core.arguments import check_all_finite, check_each
@@ -18,7 +17,7 @@ from jaxgrity.core.types import AnyArray, NodeVectors, PerNode, Scalar, Vector, 
 from jaxgrity.model.balls import Balls, refuse_balls
 from jaxgrity.model.capsules import Capsules, and_of_struts
 from jaxgrity.model.laws import Configuration, Constraint, DissipationTerm, EnergyTerm, Law, Motion, node_names
-from jaxgrity.model.placing import above, check_placed, down
+from jaxgrity.model.placing import above, check_placed, down, held_directions
 from jaxgrity.model.rigid_struts import LARGEST_GAP
 from jaxgrity.model.surface import AXES, DistanceAndAxes, Frame, Slope, Surface, height_at, measured_at
 
@@ -26,10 +25,9 @@ UnitVector = tuple[float, float, float]
 
 ROUNDING = 1e-12
 """Depth added to that of a node at rest on penalty ground, m for a body of one metre, so rounding does not lift it."""
-TOUCHING = 1e-6
-"""Largest gap at which exact ground holds a node at rest, m for a body of one metre."""
 DEEP_ON_CURVES = 5e-4
-"""Depth in curved ground at which nodes may start, m for a body of one metre. Steps of 10 ms end 4e-5 deep in bowls."""
+"""Depth in curved ground at which nodes may start, m for a body of one metre. Steps of 10 ms end 4e-5 deep in bowls.
+Struts too may start at that depth in edges."""
 
 
 class Ground(eqx.Module):
@@ -251,14 +249,14 @@ class ExactContact(Constraint):
         return held_directions(self.ground, slice(1), q, size)
 
     def gaps(self, q, t):
-        known = isinstance(q, np.ndarray)
-        gaps = -(self.ground.measured(q).distance if known else self.ground.signed_distance(q))
-        return and_of_struts(gaps, self.ground, q)
+        phi = self.ground.measured(q).distance if isinstance(q, np.ndarray) else self.ground.signed_distance(q)
+        return and_of_struts(-phi, self.ground, q)
 
     @property
     def left_by_steps(self) -> float:
-        surface = self.ground.surface
-        return DEEP_ON_CURVES if surface is not None and any(solid.curved for solid in surface.solids) else 0.0
+        surface, capsules = self.ground.surface, self.ground.capsules
+        curved = surface is not None and any(solid.curved for solid in surface.solids)
+        return DEEP_ON_CURVES if curved or capsules is not None else 0.0
 
     def complaint(self, q, t, part):
         if part >= len(q):
@@ -266,16 +264,6 @@ class ExactContact(Constraint):
             return f"strut {strut} starts {depth:.3g} m in the ground between its ends; expected: above it, or on it"
         depth = -self.ground.measured(q).distance[part]
         return f"node {part} starts {depth:.3g} m below the ground; expected: on exact contact, on or above it"
-
-
-def held_directions(ground: Ground, axes: slice, q: np.ndarray, size: float) -> sp.csr_array:
-    """(constraints, 3 nodes): the chosen axes (normal, tangents) of each node that touches the ground."""
-    distance, frames = ground.measured(q)
-    touching = np.flatnonzero(distance <= TOUCHING * size)
-    directions = frames[touching, axes].reshape(-1, 3)
-    nodes = np.repeat(touching, len(range(3)[axes]))
-    columns, first = (3 * nodes[:, None] + np.arange(3)).ravel(), 3 * np.arange(len(nodes) + 1)
-    return sp.csr_array((directions.ravel(), columns, first), shape=(len(nodes), q.size))
 
 
 def contact_energy(ground: PenaltyGround, phi: PerNode) -> Scalar:

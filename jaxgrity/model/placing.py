@@ -1,11 +1,15 @@
-"""How a body is set on a ground of any shape: moved until it is as far above it, or as deep in it, as it should be."""
+"""How a body is set on a ground of any shape: moved until it is as far above it, or as deep in it, as it should be.
+
+And the directions in which it then holds nodes."""
 
 from collections.abc import Callable
+from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy.sparse as sp
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, NodeVectors, PerNode, Scalar
@@ -14,6 +18,8 @@ from jaxgrity.model.surface import DistanceAndAxes, coordinates
 
 SETTLED_WITHIN = 100
 """Most moves along the normal that set a structure down on uneven ground."""
+TOUCHING = 1e-6
+"""Largest gap at which exact ground holds a node at rest, m for a body of one metre."""
 DOUBLINGS, HALVINGS = 24, 60
 """Number of doublings that find a height far enough up, and of halvings that then narrow the range of heights."""
 
@@ -76,3 +82,13 @@ def check_placed(distance: np.ndarray, depth: float, size: float) -> None:
             f"ground: the lowest node cannot be set down {depth:.3g} m deep in it, but for {missed:.3g} m; "
             "expected finite nodes, and ground below them"
         )
+
+
+def held_directions(ground: Any, axes: slice, q: np.ndarray, size: float) -> sp.csr_array:
+    """(constraints, 3 nodes): the chosen axes (normal, tangents) of each node that touches the ground."""
+    distance, frames = ground.measured(q)
+    touching = np.flatnonzero(distance <= TOUCHING * size)
+    directions = frames[touching, axes].reshape(-1, 3)
+    nodes = np.repeat(touching, len(range(3)[axes]))
+    columns, first = (3 * nodes[:, None] + np.arange(3)).ravel(), 3 * np.arange(len(nodes) + 1)
+    return sp.csr_array((directions.ravel(), columns, first), shape=(len(nodes), q.size))
