@@ -152,15 +152,13 @@ def _fixed(supports: Supports) -> list[int | FixedAxes]:
 
 
 def _along_struts(scene: Scene) -> AlongStrutsKeys | None:
-    radii = radii_along_struts(scene)
-    if not radii:
+    if not (radii := radii_along_struts(scene)):
         return None
     points = [law.points for law in scene.terms if isinstance(law, RodContact)]
     count = len(points[0].struts) // len(radii) if points else scene.ground.capsules.parts  # type: ignore[union-attr]
     bare = dataclasses.replace(scene, terms=tuple(law for law in scene.terms if not isinstance(law, ALONG_STRUTS)))
-    if points and not eqx.tree_equal(
-        with_contact_along_struts(bare, max(count, 1), tuple(radii), [*radii.values()]).terms, scene.terms
-    ):
+    again = with_contact_along_struts(bare, max(count, 1), tuple(radii), [*radii.values()]) if points else scene
+    if not eqx.tree_equal(again.terms, scene.terms):
         raise InputError("contact along struts: expected evenly spaced points, as many on each strut, as files have")
     return AlongStrutsKeys(count, list(radii), one_or_all(np.array([*radii.values()])))
 

@@ -61,11 +61,12 @@ def touching_points(scene: Scene, h: Scalar, start: State) -> TouchingPoints:
     # a strut in contact ends a step on the ground but for the square of its way
     moved = sum(jnp.sum(way * way, axis=1) for way in rows.way)
     held = first.found & (gap <= moved / size)
-    lands = first.found & (gap < -approach)
+    lands = first.found & ~held & (gap < -approach)
     share = jnp.where(lands, gap / jnp.where(lands, -approach, 1), 1)
     follows = -approach[:, None] * first.normal
     last, _ = rows.at(*(jnp.where(held[:, None], way + follows, share[:, None] * way) for way in rows.way))
-    elsewhere = held & last.found & (length(rows.b - rows.a) * jnp.abs(last.share - first.share) > 2 * jnp.sqrt(moved))
+    along = length(rows.b - rows.a) * (last.share - first.share)
+    elsewhere = held & last.found & (along * along > 4 * moved)
     # the distance there is that of a strut that moves as it did, not as it follows the ground
     turned = jnp.where(held, approach * jnp.sum(first.normal * last.normal, axis=1), 0)
     late = _Planes(last._replace(distance=last.distance + turned), jnp.where(held, 1, share))
