@@ -53,7 +53,7 @@ from jaxgrity.model.force_laws import ForceLimit, ForceTable
 from jaxgrity.model.friction import ConeFriction, Friction, SmoothFriction, SwitchFriction
 from jaxgrity.model.ground import ExactGround, Ground, PenaltyGround
 from jaxgrity.model.height_fields import HeightMap, Waves
-from jaxgrity.model.rod_contact import ALONG_STRUTS, RodContact, radii_along_struts, with_contact_along_struts
+from jaxgrity.model.rod_contact import ALONG_STRUTS, laws_along, radii_along_struts
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.shaking import Shaking, SupportMotion
 from jaxgrity.model.solids import Box, Cylinder, Sphere, Stairs
@@ -154,13 +154,11 @@ def _fixed(supports: Supports) -> list[int | FixedAxes]:
 def _along_struts(scene: Scene) -> AlongStrutsKeys | None:
     if not (radii := radii_along_struts(scene)):
         return None
-    points = [law.points for law in scene.terms if isinstance(law, RodContact)]
-    count = len(points[0].struts) // len(radii) if points else scene.ground.capsules.parts  # type: ignore[union-attr]
-    bare = dataclasses.replace(scene, terms=tuple(law for law in scene.terms if not isinstance(law, ALONG_STRUTS)))
-    again = with_contact_along_struts(bare, max(count, 1), tuple(radii), [*radii.values()]) if points else scene
-    if not eqx.tree_equal(again.terms, scene.terms):
+    each, laws = np.array([*radii.values()]), tuple(law for law in scene.terms if isinstance(law, ALONG_STRUTS))
+    count = len(laws[0].points.struts) // len(radii) if laws else scene.ground.capsules.parts  # type: ignore[union-attr]
+    if laws and not eqx.tree_equal(laws_along(scene, count, tuple(radii), each), laws):
         raise InputError("contact along struts: expected evenly spaced points, as many on each strut, as files have")
-    return AlongStrutsKeys(count, list(radii), one_or_all(np.array([*radii.values()])))
+    return AlongStrutsKeys(count, list(radii), one_or_all(each))
 
 
 def _ground(ground: Ground | None, along_struts: AlongStrutsKeys | None) -> GroundTable | None:

@@ -83,13 +83,14 @@ def and_of_struts(gaps: PerNode, ground: Any, q: NodeVectors) -> AnyArray:
     if ground.capsules is None or ground.surface is None:
         return gaps
     if not isinstance(q, np.ndarray):
-        return jnp.concatenate([gaps, _depths(ground, q)])
+        return jnp.concatenate([gaps, depths(ground, q)])
     with jax.enable_x64(True), evaluated():
-        return np.concatenate([gaps, np.asarray(_depths(as_double(ground), np.asarray(q, float)))])
+        return np.concatenate([gaps, np.asarray(depths(as_double(ground), np.asarray(q, float)))])
 
 
 @eqx.filter_jit
-def _depths(ground: Any, q: NodeVectors) -> PerMember:
+def depths(ground: Any, q: NodeVectors) -> PerMember:
+    """m, (struts,), of the capsules of a `ground` in it, where nodes are at q; -inf where an end is nearest."""
     capsules, q = ground.capsules, ground.relative(q)
     i, j = map(np.array, capsules.ends)
     whole = jnp.array([[0.0], [1.0]], q.dtype) * jnp.ones(len(i), q.dtype)

@@ -14,7 +14,7 @@ from jaxgrity.core.primitives import place_rows, take_rows
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, NodeVectors, Scalar
 from jaxgrity.model.balls import Balls
-from jaxgrity.model.capsules import Capsules
+from jaxgrity.model.capsules import Capsules, depths
 from jaxgrity.model.friction import SmoothFriction
 from jaxgrity.model.ground import ExactGround, Ground, PenaltyGround, contact_dissipation, contact_energy, normal_force
 from jaxgrity.model.laws import Configuration, DissipationTerm, EnergyTerm, ForceLaw, Motion
@@ -177,14 +177,22 @@ def with_contact_along_struts(
     if isinstance(ground, ExactGround):
         ground = dataclasses.replace(ground, capsules=Capsules(chosen, ends, count, radii))
         return dataclasses.replace(scene, ground=ground)
-    each = np.repeat(np.arange(len(chosen)), count)
-    share = np.tile(np.arange(1, count + 1) / (count + 1), len(chosen))
-    i, j = (tuple(nodes[k] for k in each) for nodes in ends)
-    points = Points(tuple(chosen[k] for k in each), (i, j), share, np.full(len(each), 1 / count), radii[each])
-    laws: list[Any] = [RodContact(points)]
-    laws += [] if ground.dissipation is None else [RodContactDissipation(points)]
-    laws += [] if scene.friction is None else [RodFriction(points)]
-    return with_terms(dataclasses.replace(scene, ground=ground), *laws)
+    scene = dataclasses.replace(scene, ground=ground)
+    return with_terms(scene, *laws_along(scene, count, chosen, radii))
+
+
+def laws_along(scene: Scene, count: int, struts: tuple[int, ...], radii: np.ndarray) -> tuple[Any, ...]:
+    """The laws of penalty contact at `count` evenly spaced points along each of these struts."""
+    edges, ground = cast(Members, scene.structure.struts).edges, cast(PenaltyGround, scene.ground)
+    each = tuple(k for k in struts for _ in range(count))
+    share = np.tile(np.arange(1, count + 1) / (count + 1), len(struts))
+    i, j = (tuple(edges[k][end] for k in each) for end in (0, 1))
+    points = Points(each, (i, j), share, np.full(len(each), 1 / count), np.repeat(radii, count))
+    return (
+        RodContact(points),
+        *([] if ground.dissipation is None else [RodContactDissipation(points)]),
+        *([] if scene.friction is None else [RodFriction(points)]),
+    )
 
 
 def radii_along_struts(scene: Scene) -> dict[int, float]:
@@ -193,6 +201,20 @@ def radii_along_struts(scene: Scene) -> dict[int, float]:
     pairs = [] if capsules is None else [(capsules.struts, capsules.radius)]
     pairs += [(law.points.struts, law.points.radius) for law in scene.terms if isinstance(law, RodContact)]
     return {k: float(r) for struts, radii in pairs for k, r in zip(struts, np.asarray(radii))}
+
+
+def struts_touch(scene: Scene, q: NodeVectors, within: float) -> AnyArray:
+    """Whether a strut touches the ground between its ends, at positions q, m.
+
+    On penalty contact one of its points is in the ground; on exact contact it is no more than `within`, m, above it.
+    """
+    ground, found = scene.ground, [jnp.zeros(1, bool)]
+    if getattr(ground, "capsules", None) is not None and ground.surface is not None:
+        found.append(depths(ground, q) >= -within)
+    for points in (law.points for law in scene.terms if isinstance(law, RodContact)):
+        at_points = points.ground(scene)
+        found += [] if at_points is None else [points.distances(at_points, points.of(q)) < 0]
+    return jnp.any(jnp.concatenate(found))
 
 
 def _chosen_struts(scene: Scene, count: int, struts: tuple[int, ...] | None) -> tuple[int, ...]:

@@ -10,6 +10,7 @@ from jaxgrity.core.primitives import component, dot, edge_vectors, inverse, leng
 from jaxgrity.core.types import AnyArray, PerActuator, PerGait, PerNode, Scalar, namespace_of
 from jaxgrity.model.actuation import rest_length
 from jaxgrity.model.balls import touching_velocities
+from jaxgrity.model.rod_contact import struts_touch
 from jaxgrity.model.scales import speed_scale, time_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.stepping.blocks import disjoint_groups
@@ -87,7 +88,7 @@ def updated_metrics(scene: Scene, step: Step, so_far: Metrics) -> Metrics:
     way, up = jnp.sqrt(moved[0] * moved[0] + moved[1] * moved[1]), so_far.moved_z + moved[2]
     touching, slipping = _contact(scene, step)
     along_struts = step.after.memory.impulses.along_struts if step.impulsive else None
-    supported = touching if along_struts is None else jnp.concatenate([touching, along_struts[:, 0] > 0])
+    on_struts = struts_touch(scene, q, 0.0) if along_struts is None else jnp.any(along_struts[:, 0] > 0)
     numbers = _members_that_move(scene)
     rates = (_lengths(scene, step.t0 + h, numbers) - _lengths(scene, step.t0, numbers)) / h
     tensions = actuator_tension(scene, step, numbers)
@@ -99,7 +100,7 @@ def updated_metrics(scene: Scene, step: Step, so_far: Metrics) -> Metrics:
         effort=so_far.effort + on * h * jnp.sum(jnp.maximum(0, -tensions * rates), axis=0),
         contact=so_far.contact + on * h * jnp.sum(touching, axis=0),
         slip=so_far.slip + on * h * jnp.sum(touching * slipping, axis=0),
-        flight=so_far.flight + on * h * (1 - jnp.max(supported, axis=0)),
+        flight=so_far.flight + on * h * (1 - jnp.maximum(jnp.max(touching, axis=0), on_struts)),
         force=force,
         peak_force=jnp.maximum(so_far.peak_force, on * jnp.abs(force)),
         peak_rate=jnp.maximum(so_far.peak_rate, on * jnp.abs(rate)),

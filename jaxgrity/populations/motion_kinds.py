@@ -12,6 +12,7 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.model.balls import touching_velocities
 from jaxgrity.model.ground import Ground
+from jaxgrity.model.rod_contact import radii_along_struts, struts_touch
 from jaxgrity.model.scales import length_scale, speed_scale, time_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import Structure
@@ -51,7 +52,7 @@ class Rolling(NamedTuple):
     slip_share: float
     """share of the contact time, summed over nodes, with slip; 0 without contact"""
     airborne_share: float
-    """of the time, that in which no node touches"""
+    """of the time, that in which nothing touches the ground"""
     straightness: float
     """horizontal displacement / horizontal path length of the centre of mass; 0 where it does not move"""
     path_length: float
@@ -141,7 +142,8 @@ def rolling(scene: Scene, trajectory: Trajectory) -> Rolling:
     contact = np.trapezoid(touching.sum(1), times)
     slip_share = float(np.trapezoid(slipping.sum(1), times) / contact) if contact > 0 else 0.0
     duration = float(times[-1] - times[0])
-    airborne_share = float(np.trapezoid(~touching.any(1) * 1.0, times)) / duration
+    supported = touching.any(1) | _on_struts(scene, trajectory)[moving]
+    airborne_share = float(np.trapezoid(~supported * 1.0, times)) / duration
     path = centre_path(scene, trajectory)[moving, :2]
     path_length = float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
     displacement = float(np.linalg.norm(path[-1] - path[0]))
@@ -176,6 +178,16 @@ def _at_ground(scene: Scene, trajectory: Trajectory) -> np.ndarray:
     with jax.enable_x64(True):
         at_ground = jax.jit(jax.vmap(lambda q, v: touching_velocities(ground, bodies, q, v)))
         return np.asarray(at_ground(np.asarray(trajectory.positions, float), v))
+
+
+def _on_struts(scene: Scene, trajectory: Trajectory) -> np.ndarray:
+    """(frames,): whether a strut touches the ground between its ends."""
+    q, ground = np.asarray(trajectory.positions, float), scene.ground
+    if ground is None or not radii_along_struts(scene):
+        return np.zeros(len(q), bool)
+    with jax.enable_x64(True):
+        within = ground.touched_below * float(length_scale(scene))
+        return np.asarray(jax.jit(jax.vmap(lambda q: struts_touch(scene, q, within)))(q))
 
 
 def _lowest(heights: np.ndarray, margin: float) -> np.ndarray:

@@ -17,6 +17,7 @@ from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, as_float_or_none, namespace_of
 from jaxgrity.model.actuation import Gait, waves_ahead
 from jaxgrity.model.force_laws import check_linear
+from jaxgrity.model.rod_contact import radii_along_struts
 from jaxgrity.model.scene import Scene
 
 DIFFERING: dict[str, tuple[str, ...]] = {
@@ -182,8 +183,8 @@ def ensemble(
     """`count` robots for each of `gaits`, drawn from `uncertainty`: row i*count + k is the k-th robot of gait i.
 
     With `common` draws all gaits meet the same ones, so that their means compare. Draws come in pairs of opposite
-    signs: linear effects cancel from a mean. Raises `InputError` for less than one robot, an uncertain quantity that
-    the scene lacks, amplitudes that may reach 1, terrain beside balls, and prestress of cables that are not linear.
+    signs: linear effects cancel from a mean. Raises `InputError` for less than one robot, a quantity that the scene
+    lacks, amplitudes that may reach 1, terrain beside balls or contact along struts, prestress of nonlinear cables.
     """
     check_count("count", count, 1)
     dtype, (size, actuators) = gaits.phase.dtype, gaits.phase.shape
@@ -283,10 +284,9 @@ def _moved_ground(scene: Scene, moved: AnyArray) -> AnyArray:
         raise InputError(
             "terrain: robots cannot differ in it, since the ground is a plane or missing; expected a surface"
         )
-    if ground.balls is not None:
-        raise InputError(
-            "terrain: robots with balls would start in the ground; expected terrain = 0, or no ground.balls"
-        )
+    if ground.balls is not None or radii_along_struts(scene):
+        what = "balls" if ground.balls is not None else "contact along struts"
+        raise InputError(f"terrain: robots with {what} would start in the ground; expected terrain = 0, or no {what}")
     own = jnp.asarray(np.zeros(3) if ground.offset is None else ground.offset, moved.dtype)
     x, y, z = jnp.asarray(scene.structure.nodes, moved.dtype).T - own[:, None]
     above = z - ground.surface.height(x, y)

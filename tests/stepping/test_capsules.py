@@ -32,6 +32,7 @@ from jaxgrity import (
 from jaxgrity.model import Balls
 from jaxgrity.model.capsules import nearest
 from jaxgrity.populations import rod_depths
+from jaxgrity.populations.motion_kinds import rolling
 
 G = 9.81
 POST = Box((0.0, 0.0, 0.0), (0.2, 2.0, 0.6))
@@ -193,6 +194,35 @@ def test_on_a_plane_a_capsule_is_its_two_balls():
     there, here = (simulate(each, 0.5, options=SolverOptions(dt=5e-3)) for each in (scene, balls))
     np.testing.assert_array_equal(there.positions, here.positions)
     np.testing.assert_allclose(there.positions[-1, :, 2], 0.04, atol=1e-12)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("contact", ["exact", "penalty"])
+def test_reports_see_that_a_robot_rests_on_a_strut(contact):
+    """Of a tetrahedron that lies across the post, with no node near the ground; and populations, of a rod."""
+    nodes = np.array([[-0.5, 0.0, 0.3], [0.5, 0.0, 0.3], [0.0, -0.3, 0.5], [0.0, 0.3, 0.5]])
+    edges = ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3))
+    struts = Members(edges, None, [math.dist(nodes[i], nodes[j]) for i, j in edges])
+    body = Scene(Structure(nodes, [0.5] * 4, struts), G, None, ExactGround(surface=POST))
+    gait = Gait((0,), [0.0], [1e-3], [2.0], start=0.0, ramp=0.1)
+    one = rod(along=False)
+    one = replace(one, structure=replace(one.structure, nodes=one.structure.nodes - [0.0, 0.0, 0.01]), gait=gait)
+    if contact == "penalty":
+        body, one = jaxgrity.model.penalty_twin(body), jaxgrity.model.penalty_twin(one)
+    body, one = (with_contact_along_struts(each, 1) for each in (body, one))
+    options = SolverOptions(dt=2e-3 if contact == "exact" else None)
+    assert rolling(body, simulate(body, 0.3, options=options)).airborne_share < 0.05
+    gaits = jaxgrity.gaits_of(gait, np.zeros((1, 1)))
+    measured = jaxgrity.simulate_population(one, gaits, 0.3, options=options, with_metrics=True).metrics
+    assert measured.flight[0] < 0.05
+
+
+def test_robots_with_contact_along_struts_do_not_differ_in_their_ground():
+    """They would be set down by their nodes, with struts in the ground."""
+    scene = replace(rod(), gait=Gait((0,), [0.0], [1e-3], [2.0], start=0.0, ramp=0.1))
+    gaits = jaxgrity.gaits_of(scene.gait, np.zeros((1, 1)))
+    with pytest.raises(jaxgrity.InputError, match="robots with contact along struts would start in the ground"):
+        jaxgrity.ensemble(jax.random.key(0), scene, gaits, jaxgrity.Uncertainty(terrain=0.1), 2)
 
 
 @pytest.mark.campaign
