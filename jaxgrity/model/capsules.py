@@ -74,8 +74,12 @@ def nearest(surface: Surface, a: NodeVectors, b: NodeVectors, part: AnyArray, le
     meet, root = _meet(s, f + leaning * s, slope + leaning)
     share = jnp.where(slope[1] - slope[0] > KINK * size, meet, root)
     n = jnp.sum(weights[..., None] * normal, axis=0)
-    size = inverse(length(n))
-    return Nearest(share, n * size[:, None], jnp.sum(weights * (f + slope * (share - s)), axis=0) * size, found)
+    shorter = inverse(length(n))
+    n, distance = n * shorter[:, None], jnp.sum(weights * (f + slope * (share - s)), axis=0) * shorter
+    # a leaning finds a point with a leaning normal: from the ground's point below it, the strut itself is reached here
+    off = jnp.sum(n * d, axis=1) * inverse(size * size)
+    n = n - off[:, None] * d
+    return Nearest(share - off * distance, n * inverse(length(n))[:, None], distance * length(n), found)
 
 
 def and_of_struts(gaps: PerNode, ground: Any, q: NodeVectors) -> AnyArray:

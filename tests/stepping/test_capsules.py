@@ -108,11 +108,9 @@ def pendulum(radius: float, beyond: float, duration: float) -> tuple[float, np.n
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("radius", "order"), [(0.0, 2), pytest.param(0.05, 1, marks=pytest.mark.campaign)], ids=["rod", "capsule"]
-)
-def test_a_rod_tips_over_an_edge_as_its_equations_say(radius, order):
-    """At second order, and a capsule at first; from where it lies flat. Its axis stays a radius from the edge."""
+@pytest.mark.parametrize("radius", [0.0, 0.05], ids=["rod", "capsule"])
+def test_a_rod_tips_over_an_edge_as_its_equations_say(radius):
+    """At second order, from where it lies flat. Its axis stays a radius from the edge."""
     angle, middle = pendulum(radius, 0.12, 0.3)
     assert angle > 0.15
     errors = []
@@ -124,8 +122,8 @@ def test_a_rod_tips_over_an_edge_as_its_equations_say(radius, order):
         d = q[1] - q[0]
         errors.append([math.atan2(-d[2], d[0]) - angle, *(q.mean(0) - EDGE)[[0, 2]] - middle])
     errors = abs(np.array(errors))
-    np.testing.assert_allclose(errors[1], 0.0, atol={2: 5e-6, 1: 5e-5}[order])
-    assert errors[1].max() < errors[0].max() / 1.7**order
+    np.testing.assert_allclose(errors[1], 0.0, atol=5e-6)
+    assert errors[1].max() < errors[0].max() / 3
 
 
 @pytest.mark.slow
