@@ -263,7 +263,7 @@ def test_scaling_measures(tmp_path):
     assert [row["devices"] for row in facts["devices"]][:1] == [1]
     assert all(row["per_gait_and_step"] > 0 for row in facts["population"] + facts["struts"])
     told = words("scaling", facts)
-    assert told.count("| complementarity |") == 4
+    assert told.count("| complementarity |") == 3
     assert "real time" in told
     facts["C"] = []  # where there is no C compiler
     facts["methods"] = scaling.quoted(facts)
