@@ -10,6 +10,7 @@ import multiprocessing
 import os
 from dataclasses import dataclass
 from pathlib import Path
+from string import ascii_lowercase
 from typing import Any
 
 from jaxgrity.cli.script import configure, run
@@ -127,24 +128,52 @@ def load_facts(docs: Path) -> dict[str, Any]:
 
 
 def tables(facts: dict[str, Any]) -> dict[str, str]:
-    """The page's tables by the names of their marks: how many verdicts of each kind, and the rows of every claim."""
-    rows = [row for claim in facts["claims"] for row in claim["rows"]]
+    """What the page quotes, by the names of its marks: all verdicts, and the cases of every claim by section."""
+    rows = [row for section in facts["claims"] for row in section["rows"]]
     counts = {verdict: sum(row["verdict"] == verdict for row in rows) for verdict in VERDICTS}
     found = {"paper/verdicts": table(list(counts), [[str(count) for count in counts.values()]])}
-    return found | {f"paper/{claim['number']}": claim_table(claim) for claim in facts["claims"]}
+    found["paper/claims"] = overview(facts["claims"])
+    return found | {f"paper/{section['number']}": section_words(section) for section in facts["claims"]}
 
 
-def claim_table(claim: dict[str, Any]) -> str:
-    """A row for each robot or case, and the command that measures them. A claim or reason as above is left out."""
-    rows, above = [], {"claim": "", "why": ""}
-    for row in claim["rows"]:
-        about = f"{row['claim']} [{row['section']}]" if row["claim"] != above["claim"] else ""
-        why = row["why"] if about or row["why"] != above["why"] else ""
-        rows.append([about, row["scene"], row["measured"].replace("; ", ";<br>"), f"**{row['verdict']}**", why])
-        above = row
-    head = ["claim [section of the paper]", "robot or case", "measured", "verdict", "why"]
-    found = table(head, [[cell.replace("|", "\\|") for cell in row] for row in rows])
-    return f"{found}\n\n`python experiments/paper.py --claims {claim['number']}`"
+def overview(sections: list[dict[str, Any]]) -> str:
+    """A row for each claim, with a link to its section."""
+    rows = []
+    for section in sections:
+        slug = f"#{section['number']}-{section['title'].lower().replace(' ', '-')}"
+        for label, (claim, cases) in claims_of(section).items():
+            cell = claim.replace("|", "\\|")
+            rows.append([f"[{label}]({slug})", cell, cases[0]["section"], short_verdict(cases)])
+    return table(["", "claim", "in the paper", "verdict"], rows)
+
+
+def claims_of(section: dict[str, Any]) -> dict[str, tuple[str, list[dict[str, str]]]]:
+    """The claims of a section, each with its cases, by the number of the section and a letter."""
+    claims = list(dict.fromkeys(row["claim"] for row in section["rows"]))
+    cases = [[row for row in section["rows"] if row["claim"] == claim] for claim in claims]
+    return {f"{section['number']}{letter}": found for letter, found in zip(ascii_lowercase, zip(claims, cases))}
+
+
+def short_verdict(cases: list[dict[str, str]]) -> str:
+    """One verdict for all cases, or in how many the claim holds."""
+    holds, conditional, fails = (sum(case["verdict"] == each for case in cases) for each in VERDICTS)
+    if len(cases) in (holds, conditional, fails):
+        return cases[0]["verdict"]
+    if not holds:
+        return f"holds with a condition in {conditional} of {len(cases)}"
+    return f"holds in {holds} of {len(cases)}" + (f", with a condition in {conditional}" if conditional else "")
+
+
+def section_words(section: dict[str, Any]) -> str:
+    """A heading for each claim, its cases with their verdicts, below them the reason, and the command that measures."""
+    found = []
+    for label, (claim, cases) in claims_of(section).items():
+        found += [f"### {label}: {claim}"]
+        for why in dict.fromkeys(case["why"] for case in cases):
+            same = [case for case in cases if case["why"] == why]
+            found += ["\n".join(f"- **{case['verdict']}** ({case['scene']}): {case['measured']}" for case in same)]
+            found += [f"Why: {why}."]
+    return "\n\n".join([*found, f"`python experiments/paper.py --claims {section['number']}`"])
 
 
 if __name__ == "__main__":
